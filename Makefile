@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: MIT
+# Each command installs what it needs first; `make` alone lists them.
+.PHONY: help demo test coverage check format firmware sim bench bench-nano setup clean
+.DEFAULT_GOAL := help
+
+PYTHON ?= python3
+BOARD ?= nano
+export PATH := $(CURDIR)/.venv/bin:$(PATH)
+export PLATFORMIO_SETTING_ENABLE_TELEMETRY := no
+export PLATFORMIO_DISABLE_UPGRADE_CHECK := true
+unexport PLATFORMIO_CORE_DIR
+asan := IMU_ASAN=1 ASAN_OPTIONS=detect_leaks=0 \
+	LD_PRELOAD=$$(gcc -print-file-name=libasan.so)
+
+help: ## this list
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 14
+
+demo: ## a virtual probe, the daemon and a subscriber, live (SECONDS=15 to stop)
+	@$(PYTHON) tools/setup.py demo
+	@python tools/demo.py --board $(BOARD) $(if $(SECONDS),--seconds $(SECONDS))
+
+test: ## all tests; those of the C once more under the address sanitizer
+	@$(PYTHON) tools/setup.py test
+	@$(asan) python -m pytest -q -m native
+	@python -m pytest
+
+coverage: ## lines of the firmware's portable C that no test runs
+	@$(PYTHON) tools/setup.py coverage
+	@rm -rf build/native && IMU_COVERAGE=1 python -m pytest -q -m native
+	@gcovr --root . --filter firmware/core/ build/native
+
+check: ## formatting, lints, types, the rules of the house; all three compilers
+	@$(PYTHON) tools/setup.py check
+	@python tools/check.py
+
+format: ## lays out C and Python
+	@$(PYTHON) tools/setup.py check
+	@python tools/check.py --format
+
+firmware: ## the image for the Nano: .pio/build/nano/firmware.hex
+	@$(PYTHON) tools/setup.py demo
+	@pio run --environment nano
+
+sim: ## the virtual Nano: build/sim/nano
+	@$(PYTHON) tools/setup.py demo
+
+bench: ## accuracy on recordings, throughput and latency: tables and JSON
+	@$(PYTHON) tools/setup.py bench
+	@for file in benchmarks/*.py; do python $$file || exit; done
+
+bench-nano: ## cycles, stack, flash and RAM of the image
+	@$(PYTHON) tools/setup.py bench
+	@python benchmarks/nano.py
+
+setup: ## everything any of these needs
+	@$(PYTHON) tools/setup.py check
+	@$(PYTHON) tools/setup.py bench
+
+clean: ## removes what was built; .venv stays
+	@rm -rf build .pio

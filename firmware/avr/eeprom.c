@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: MIT
+// The EEPROM as memory for settings.
+#include <avr/io.h>
+#include <util/atomic.h>
+
+#include "../board.h"
+
+_Static_assert(2 * SETTINGS_SLOT <= E2END + 1, "both slots must fit the EEPROM");
+
+static bool is_ready(void *port) {
+    (void)port;
+    return (EECR & _BV(EEPE)) == 0;
+}
+
+static uint8_t read_byte(void *port, uint16_t offset) {
+    (void)port;
+    EEAR = offset;
+    EECR = _BV(EERE);
+    return EEDR;
+}
+
+// Erases and writes one byte, which takes the hardware 3.4 ms. The write must follow its
+// permission within four cycles ("The EEPROM Control Register").
+static void write_byte(void *port, uint16_t offset, uint8_t value) {
+    (void)port;
+    EEAR = offset;
+    EEDR = value;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
+        EECR = _BV(EEMPE);
+        EECR |= _BV(EEPE);
+    }
+}
+
+const struct settings_storage *board_storage(void) {
+    static const struct settings_storage storage = {read_byte, write_byte, is_ready, 0};
+    return &storage;
+}

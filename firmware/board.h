@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: MIT
+// What a board provides to main.c. Chosen at link time by the folder that is compiled.
+// Every function returns within 5 ms; none is called from an interrupt.
+#ifndef BOARD_H
+#define BOARD_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "core/bus.h"
+#include "core/sensor.h"
+#include "core/settings.h"
+
+enum board_sample_result {
+    BOARD_SAMPLE_OK = 0,
+    BOARD_SAMPLE_NONE = 1,     // none has come since the last one taken
+    BOARD_SAMPLE_FAILED = -1,  // a burst failed; the bus needs recovering
+};
+
+struct board_sample {
+    uint8_t bytes[BUS_BURST_MAX];
+    uint32_t time_us;         // of the data-ready edge
+    uint16_t missed;          // data-ready edges without a burst of their own before it
+    enum bus_result failure;  // why, where the result is BOARD_SAMPLE_FAILED
+};
+
+// Clocks, pins, interrupts. The device clock runs from reset.
+void board_init(void);
+
+// Device time, microseconds since reset, wraps after 71.6 min.
+uint32_t board_time_us(void);
+
+// Who this board is: enum board of the protocol, its reset cause (flags reset_cause),
+// and processor cycles a microsecond.
+uint8_t board_kind(void);
+uint8_t board_reset_cause(void);
+uint8_t board_cycles_per_us(void);
+
+// Fills an id that the silicon is born with and returns true, or returns false.
+bool board_unique_id(uint8_t id[8]);
+// Some unpredictable bits, for an id where the silicon has none.
+uint16_t board_entropy(void);
+
+// The sensor soldered to this board, and its bus for set-up (not while sampling).
+const struct sensor_driver *board_sensor(void);
+const struct bus_device *board_bus(void);
+// Frees a held bus by clocking it, then a STOP. BUS_OK when both lines are high.
+enum bus_result board_bus_recover(void) MUST_CHECK;
+
+// From now on each data-ready edge stamps the time and starts `burst` by interrupt.
+void board_sampling_start(struct bus_burst burst);
+void board_sampling_stop(void);
+enum board_sample_result board_sample_take(struct board_sample *out) MUST_CHECK;
+// Data-ready edges seen since reset.
+uint32_t board_samples_ready(void);
+
+// The wire. Sends all `length` bytes or, where there is no room, none.
+bool board_send(const uint8_t *bytes, uint8_t length) MUST_CHECK;
+// True when everything handed over has left.
+bool board_send_is_idle(void);
+// The next received byte, or -1.
+int16_t board_receive(void);
+// Received bytes lost for want of room since reset.
+uint16_t board_receive_lost(void);
+
+bool board_button_is_down(void);
+void board_led_set(bool on);
+
+// Memory that survives power; see core/settings.h.
+const struct settings_storage *board_storage(void);
+
+// Supply in mV, 0 where it can't be known. Bytes of stack never used yet.
+uint16_t board_supply_mv(void);
+uint16_t board_stack_free(void);
+
+void board_watchdog_kick(void);
+// Sleeps until an interrupt, unless one has brought work since the last call.
+void board_idle(void);
+// Restarts at once, as software reset.
+_Noreturn void board_reset(void);
+
+#endif

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: MIT
+// Counts to physical units in the body frame, and the gyroscope's bias at start-up.
+#ifndef CALIBRATE_H
+#define CALIBRATE_H
+
+#include "sample.h"
+#include "sensor.h"
+#include "vector.h"
+
+// v = matrix * (counts - bias), then the sensor's scale. The sum of magnitudes of each
+// row must not exceed 1.7, |bias| not 16384 counts: then no step overflows.
+struct calibration_of_sensor {
+    q18_14_t bias[3];      // counts
+    q2_14_t matrix[3][3];  // rows
+};
+
+struct calibration {
+    struct calibration_of_sensor acc, gyr, mag;
+};
+
+extern const struct calibration calibration_identity;
+
+// True where the bounds above hold.
+bool calibration_is_valid(const struct calibration *calibration);
+
+// One sample in physical units, body frame.
+struct measurement {
+    struct vector gyr_rad_s_q25;  // q7_25, each held within +-38 rad/s
+    struct vector acc_m_s2_q21;   // q11_21, |acc| < 470 m/s2
+    struct vector mag_ut_q18;     // q14_18, each held within +-2048 uT; where has_mag
+    bool has_mag;
+};
+
+// Scales of one count, derived from the sensor's identity.
+struct calibration_scale {
+    q2_30_t gyr, acc, mag;
+};
+
+struct calibration_scale calibration_scale_of(const struct sensor_identity *identity);
+
+void calibrate(const struct calibration *calibration,
+               const struct calibration_scale *scale, const struct sample *sample,
+               struct measurement *out);
+
+// The rate, q7_25 rad/s, that mean counts of the gyroscope stand for.
+void calibrate_rate(const struct calibration *calibration,
+                    const struct calibration_scale *scale,
+                    const q18_14_t mean_counts[3], struct vector *out);
+
+// The start-up calibration: 512 samples at rest give the gyroscope's bias.
+enum calibrator_result {
+    CALIBRATOR_DONE = 0,
+    CALIBRATOR_PENDING = 1,
+    CALIBRATOR_MOVED = -1,  // refused: the window starts over
+};
+
+enum { CALIBRATOR_SAMPLES = 512 };
+
+struct gyro_calibrator {
+    int32_t sum[3];      // of the rates, counts
+    int32_t acc_sum[3];  // first half less second half of the specific force, counts
+    int16_t low[3], high[3];
+    uint16_t count;
+    uint16_t span_counts;  // of the widest axis when it was last refused
+};
+
+void gyro_calibrator_begin(struct gyro_calibrator *calibrator);
+
+// Takes a sample. DONE writes the mean counts; MOVED says that the probe is not at rest:
+// a rate spans more than 3 deg/s peak to peak (5 times what the chip's noise gives in a
+// window), or exceeds 20 deg/s, or the vertical turns by more than half a degree
+// between the halves of the window.
+enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
+                                            const struct sample *sample,
+                                            const struct sensor_identity *identity,
+                                            q18_14_t mean_counts[3]);
+
+#endif

@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: MIT
+// Fixed-point numbers: every multiplication, shift, rounding and saturation of them.
+//
+// qM_N_t has M integer bits, the sign included, and N fraction bits.
+//
+// | type      | range        | LSB           | used for                               |
+// |-----------|--------------|---------------|----------------------------------------|
+// | q2_30_t   | +-2          | 9.3e-10       | unit vectors, quaternions, rotation a  |
+// |           |              |               | step in rad, gains, variances in rad2  |
+// | q7_25_t   | +-64 rad/s   | 3.0e-8 rad/s  | angular rate                           |
+// | q11_21_t  | +-1024 m/s2  | 4.8e-7 m/s2   | specific force                         |
+// | q14_18_t  | +-8192       | 3.8e-6        | magnetic field in uT, (rad/s)^2        |
+// | q18_14_t  | +-131072     | 6.1e-5        | sensor counts less their bias          |
+// | q2_14_t   | +-2          | 6.1e-5        | elements of calibration matrices       |
+// | q12_20_t  | +-2048       | 9.5e-7        | bias variance over rest variance       |
+// | turn32_t  | +-half turn  | 1.5e-9 rad    | angles that wrap where they overflow   |
+//
+// Products round to nearest, ties towards +infinity; `_floor` says otherwise.
+#ifndef FIXED_H
+#define FIXED_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+_Static_assert((-1 >> 1) == -1, "right shifts of negatives must be arithmetic");
+
+typedef int32_t q2_30_t;
+typedef int32_t q7_25_t;
+typedef int32_t q11_21_t;
+typedef int32_t q14_18_t;
+typedef int32_t q18_14_t;
+typedef int16_t q2_14_t;
+typedef int32_t q12_20_t;
+typedef int32_t turn32_t;
+
+#define Q2_30_ONE INT32_C(1073741824)
+#define TURN32_DEGREE INT32_C(11930465)  // 2^32 / 360
+
+// round(a * b / 2^30). Keeps the format of one factor where the other is q2_30.
+// The product over 2^30 must fit 32 bits.
+int32_t fixed_mul_q30(int32_t a, int32_t b);
+
+// round(a * b / 2^32); always fits.
+int32_t fixed_mul_q32(int32_t a, int32_t b);
+
+// The high word of the unsigned product, floored.
+uint32_t fixed_umul_q32(uint32_t a, uint32_t b);
+
+static inline int32_t fixed_saturate(int64_t value) {
+    return value > INT32_MAX   ? INT32_MAX
+           : value < INT32_MIN ? INT32_MIN
+                               : (int32_t)value;
+}
+
+// a + b and a - b, held at the ends of the range.
+static inline int32_t fixed_add_sat(int32_t a, int32_t b) {
+    int32_t sum;
+    return __builtin_add_overflow(a, b, &sum) ? (a < 0 ? INT32_MIN : INT32_MAX) : sum;
+}
+
+static inline int32_t fixed_sub_sat(int32_t a, int32_t b) {
+    int32_t difference;
+    return __builtin_sub_overflow(a, b, &difference) ? (a < 0 ? INT32_MIN : INT32_MAX)
+                                                     : difference;
+}
+
+static inline int32_t fixed_clamp(int32_t value, int32_t limit) {
+    return value > limit ? limit : value < -limit ? -limit : value;
+}
+
+// |value|; the most negative number gives 2^31.
+static inline uint32_t fixed_magnitude(int32_t value) {
+    return value < 0 ? 0u - (uint32_t)value : (uint32_t)value;
+}
+
+// value * 2^bits; the result must fit.
+static inline int32_t fixed_scale_up(int32_t value, uint8_t bits) {
+    return (int32_t)((uint32_t)value << bits);
+}
+
+// round(value / 2^bits), bits 1 to 30; value + 2^(bits-1) must fit.
+static inline int32_t fixed_scale_down(int32_t value, uint8_t bits) {
+    return (value + (INT32_C(1) << (bits - 1))) >> bits;
+}
+
+// value / 2, rounded down: exact where one bit of headroom is wanted.
+static inline int32_t fixed_half_floor(int32_t value) {
+    return value >> 1;
+}
+
+// Angles wrap: the sum is taken modulo one turn.
+static inline turn32_t turn32_add(turn32_t a, turn32_t b) {
+    return (turn32_t)((uint32_t)a + (uint32_t)b);
+}
+
+static inline turn32_t turn32_sub(turn32_t a, turn32_t b) {
+    return (turn32_t)((uint32_t)a - (uint32_t)b);
+}
+
+// numerator / denominator as q2_30, floored. Needs numerator < 2 * denominator and
+// denominator in 1..2^31; both in any one format.
+q2_30_t fixed_ratio(uint32_t numerator, uint32_t denominator);
+
+// 1 / sqrt(x / 2^32) as q2_30, for x in [2^30, 2^32): the result is in (1, 2], 2 held
+// at its last step below. Error below 5e-9.
+q2_30_t fixed_rsqrt(uint32_t x);
+
+// sqrt(x), floored.
+uint16_t fixed_sqrt(uint32_t x);
+
+// Leading zero bits of a number that is not zero.
+uint8_t fixed_leading_zeros(uint32_t x);
+
+// The angle of the point (x, y) from the x axis towards the y axis; 0 at the origin.
+// Error below 3e-6 rad.
+turn32_t fixed_atan2(int32_t y, int32_t x);
+
+// Sine and cosine of an angle, within 5e-9.
+void fixed_sincos(turn32_t angle, q2_30_t *sine, q2_30_t *cosine);
+
+#endif

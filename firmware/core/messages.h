@@ -1,0 +1,282 @@
+// SPDX-License-Identifier: MIT
+// Messages to content bytes and back. Generated from schema.toml by
+// protocol/generate.py; what each field means is in PROTOCOL.md.
+#ifndef MESSAGES_H
+#define MESSAGES_H
+
+#include <stdint.h>
+
+#define SCHEMA_FINGERPRINT 0xcf7119d6u
+#define SCHEMA_SEED 0x19d6u  // CRC of all messages but hello
+
+enum {
+    PROTOCOL_VERSION = 1,
+    MESSAGE_CONTENT_MAX = 84,  // the longest message
+};
+
+enum message_id {
+    MESSAGE_HELLO = 0x03,
+    MESSAGE_RAW = 0x05,
+    MESSAGE_POSE = 0x06,
+    MESSAGE_EVENT = 0x09,
+    MESSAGE_STATUS = 0x0a,
+    MESSAGE_COMMAND = 0x0c,
+    MESSAGE_REPLY = 0x0f,
+};
+
+enum board {
+    BOARD_NANO = 1,
+    BOARD_F405 = 2,
+};
+
+enum sensor {
+    SENSOR_NONE = 0,
+    SENSOR_MPU9250 = 1,
+    SENSOR_MPU6500 = 2,
+    SENSOR_LSM9DS0 = 3,
+};
+
+enum state {
+    STATE_IDLE = 0,
+    STATE_CALIBRATING = 1,
+    STATE_STREAMING = 2,
+    STATE_FAULT = 3,
+};
+
+enum event {
+    EVENT_STREAM_STARTED = 1,
+    EVENT_STREAM_STOPPED = 2,
+    EVENT_BUTTON_PRESSED = 3,
+    EVENT_BUTTON_RELEASED = 4,
+    EVENT_BUS_FAULT = 5,
+    EVENT_BUS_RECOVERED = 6,
+    EVENT_OVERRUN = 7,
+    EVENT_CALIBRATION_DONE = 8,
+    EVENT_CALIBRATION_REFUSED = 9,
+    EVENT_SENSOR_FAULT = 10,
+    EVENT_SETTINGS_RESTORED = 11,
+    EVENT_TARED = 12,
+    EVENT_SETTINGS_FAILED = 13,
+};
+
+enum cause {
+    CAUSE_NONE = 0,
+    CAUSE_BUTTON = 1,
+    CAUSE_COMMAND = 2,
+    CAUSE_BOOT = 3,
+    CAUSE_NACK = 4,
+    CAUSE_TIMEOUT = 5,
+    CAUSE_STUCK_BUS = 6,
+    CAUSE_NO_DATA_READY = 7,
+    CAUSE_WRONG_CHIP = 8,
+    CAUSE_MOTION = 9,
+    CAUSE_LATE = 10,
+    CAUSE_SELF_TEST = 11,
+};
+
+enum command {
+    COMMAND_START = 1,
+    COMMAND_STOP = 2,
+    COMMAND_RATE = 3,
+    COMMAND_FIELDS = 4,
+    COMMAND_HELLO = 5,
+    COMMAND_TARE = 6,
+    COMMAND_RESET = 7,
+};
+
+enum result {
+    RESULT_OK = 0,
+    RESULT_UNKNOWN_COMMAND = 1,
+    RESULT_BAD_ARGUMENT = 2,
+    RESULT_NOT_READY = 3,
+};
+
+enum {
+    RESET_CAUSE_POWER_ON = 1u << 0,
+    RESET_CAUSE_EXTERNAL = 1u << 1,
+    RESET_CAUSE_BROWN_OUT = 1u << 2,
+    RESET_CAUSE_WATCHDOG = 1u << 3,
+    RESET_CAUSE_SOFTWARE = 1u << 4,
+    RESET_CAUSE_HARD_FAULT = 1u << 5,
+};
+
+enum {
+    SELF_TEST_ACC_PASSED = 1u << 0,
+    SELF_TEST_GYR_PASSED = 1u << 1,
+    SELF_TEST_MAG_PASSED = 1u << 2,
+    SELF_TEST_ACC_FAILED = 1u << 4,
+    SELF_TEST_GYR_FAILED = 1u << 5,
+    SELF_TEST_MAG_FAILED = 1u << 6,
+};
+
+enum {
+    SAMPLE_MAG_OVERFLOW = 1u << 0,
+    SAMPLE_ACC_CLIPPED = 1u << 1,
+    SAMPLE_GYR_CLIPPED = 1u << 2,
+    SAMPLE_GAP = 1u << 3,
+};
+
+enum {
+    POSE_STARTING = 1u << 0,
+    POSE_UNCALIBRATED = 1u << 1,
+    POSE_AT_REST = 1u << 2,
+    POSE_MAG_DISTURBED = 1u << 3,
+    POSE_MAG_ABSENT = 1u << 4,
+    POSE_CLIPPED = 1u << 5,
+    POSE_HEADING_FREE = 1u << 6,
+    POSE_GAP = 1u << 7,
+    POSE_TARED = 1u << 8,
+};
+
+enum {
+    STREAM_POSE = 1u << 0,
+    STREAM_RAW = 1u << 1,
+};
+
+// Wire numbers that say "not available", in every value of a field.
+#define RAW_MAG_NULL INT16_MIN
+#define RAW_TEMPERATURE_NULL INT16_MIN
+#define POSE_POSITION_NULL INT32_MIN
+#define POSE_NORMAL_NULL INT16_MIN
+#define POSE_TILT_SIGMA_NULL UINT16_MAX
+#define POSE_HEADING_SIGMA_NULL UINT16_MAX
+#define STATUS_STACK_FREE_NULL UINT16_MAX
+#define STATUS_SUPPLY_NULL UINT16_MAX
+
+enum message_result {
+    MESSAGE_OK = 0,
+    MESSAGE_MISSING_FIELD = -1,
+    MESSAGE_DOUBLED_FIELD = -2,
+    MESSAGE_UNKNOWN_FIELD = -3,  // a tag that is not of this message
+    MESSAGE_OUT_OF_ORDER = -4,
+    MESSAGE_WRONG_LENGTH = -5,  // the content ends in its header or in a value
+    MESSAGE_WRONG_ID = -6,
+};
+
+struct message_header {
+    uint8_t id;
+    uint32_t sequence;
+    uint32_t time_us;
+};
+
+// encode() writes to `content` (MESSAGE_CONTENT_MAX bytes) and returns the
+// length. decode() leaves `header` and `out` untouched unless MESSAGE_OK.
+
+struct message_hello {
+    uint8_t protocol_version;
+    uint32_t schema_fingerprint;
+    char firmware[16];
+    uint8_t board;  // enum board
+    uint8_t probe_id[8];
+    uint8_t sensor;  // enum sensor
+    uint8_t who_am_i[2];
+    uint8_t mag_adjust[3];
+    uint8_t self_test;     // SELF_TEST_ flags
+    uint16_t sample_rate;  // Hz
+    uint16_t pose_rate;    // Hz
+    uint16_t raw_rate;     // Hz
+    uint32_t acc_lsb;      // 1e-9 m/s2
+    uint32_t gyr_lsb;      // 1e-9 rad/s
+    uint32_t mag_lsb;      // 1e-6 uT
+    uint16_t boot_count;
+    uint8_t reset_cause;  // RESET_CAUSE_ flags
+};
+
+uint8_t message_hello_encode(const struct message_hello *message, uint32_t sequence,
+                             uint32_t time_us, uint8_t *content);
+enum message_result message_hello_decode(const uint8_t *content, uint8_t length,
+                                         struct message_header *header,
+                                         struct message_hello *out);
+
+struct message_raw {
+    int16_t acc[3];        // counts
+    int16_t gyr[3];        // counts
+    int16_t mag[3];        // counts
+    int16_t temperature;   // 0.01 degC
+    uint8_t sample_flags;  // SAMPLE_ flags
+};
+
+uint8_t message_raw_encode(const struct message_raw *message, uint32_t sequence,
+                           uint32_t time_us, uint8_t *content);
+enum message_result message_raw_decode(const uint8_t *content, uint8_t length,
+                                       struct message_header *header,
+                                       struct message_raw *out);
+
+struct message_pose {
+    int32_t q[4];            // 2^-30
+    int32_t position[3];     // 1e-6 m
+    int16_t normal[3];       // 2^-14
+    uint16_t tilt_sigma;     // 0.01 deg
+    uint16_t heading_sigma;  // 0.01 deg
+    uint16_t pose_flags;     // POSE_ flags
+};
+
+uint8_t message_pose_encode(const struct message_pose *message, uint32_t sequence,
+                            uint32_t time_us, uint8_t *content);
+enum message_result message_pose_decode(const uint8_t *content, uint8_t length,
+                                        struct message_header *header,
+                                        struct message_pose *out);
+
+struct message_event {
+    uint8_t event;  // enum event
+    uint8_t cause;  // enum cause
+    int32_t detail;
+};
+
+uint8_t message_event_encode(const struct message_event *message, uint32_t sequence,
+                             uint32_t time_us, uint8_t *content);
+enum message_result message_event_decode(const uint8_t *content, uint8_t length,
+                                         struct message_header *header,
+                                         struct message_event *out);
+
+struct message_status {
+    uint32_t uptime;  // s
+    uint8_t state;    // enum state
+    uint32_t samples_ready;
+    uint32_t samples_read;
+    uint32_t samples_fused;
+    uint32_t overruns;
+    uint16_t bus_faults;
+    uint16_t bus_recoveries;
+    uint32_t messages_sent;
+    uint32_t messages_dropped;
+    uint16_t commands_received;
+    uint16_t commands_bad;
+    uint32_t cycles_mean;
+    uint32_t cycles_worst;
+    uint16_t stack_free;  // bytes
+    uint16_t supply;      // mV
+};
+
+uint8_t message_status_encode(const struct message_status *message, uint32_t sequence,
+                              uint32_t time_us, uint8_t *content);
+enum message_result message_status_decode(const uint8_t *content, uint8_t length,
+                                          struct message_header *header,
+                                          struct message_status *out);
+
+struct message_command {
+    uint8_t command;  // enum command
+    uint16_t token;
+    int32_t arguments[2];
+};
+
+uint8_t message_command_encode(const struct message_command *message, uint32_t sequence,
+                               uint32_t time_us, uint8_t *content);
+enum message_result message_command_decode(const uint8_t *content, uint8_t length,
+                                           struct message_header *header,
+                                           struct message_command *out);
+
+struct message_reply {
+    uint8_t replied_command;  // enum command
+    uint16_t replied_token;
+    uint8_t result;  // enum result
+    int32_t value[2];
+};
+
+uint8_t message_reply_encode(const struct message_reply *message, uint32_t sequence,
+                             uint32_t time_us, uint8_t *content);
+enum message_result message_reply_decode(const uint8_t *content, uint8_t length,
+                                         struct message_header *header,
+                                         struct message_reply *out);
+
+#endif

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: MIT
+// Sample to pose; see pose.h.
+#include "pose.h"
+
+void pose_begin(struct pose_tracker *tracker, const struct calibration *calibration,
+                const struct sensor_identity *identity) {
+    tracker->calibration = calibration;
+    tracker->identity = identity;
+    tracker->scale = calibration_scale_of(identity);
+    tracker->calibrator = (struct gyro_calibrator){.count = 0};
+    fuse_init(&tracker->fuse, identity->rate_hz, identity->gyr_delay_us);
+    pose_set_origin(tracker, POSE_ORIGIN_NONE);
+    tracker->latched_flags = 0;
+    tracker->is_calibrated = false;
+    tracker->has_sample = false;
+}
+
+static enum pose_result calibrate_at_rest(struct pose_tracker *tracker,
+                                          const struct sample *sample) {
+    q18_14_t mean_counts[3];
+    struct vector bias;
+    switch (gyro_calibrator_step(&tracker->calibrator, sample, tracker->identity,
+                                 mean_counts)) {
+    case CALIBRATOR_DONE:
+        tracker->is_calibrated = true;
+        calibrate_rate(tracker->calibration, &tracker->scale, mean_counts, &bias);
+        fuse_set_bias(&tracker->fuse, &bias);
+        return POSE_CALIBRATED;
+    case CALIBRATOR_MOVED:
+        return POSE_MOVED;
+    default:
+        return POSE_OK;
+    }
+}
+
+enum pose_result pose_step(struct pose_tracker *tracker, const struct sample *sample) {
+    enum pose_result result = POSE_OK;
+    struct measurement measurement;
+    uint32_t interval_us = sample->time_us - tracker->last_us;
+    if (!tracker->has_sample) {
+        tracker->has_sample = true;
+        interval_us = UINT32_C(1000000) / tracker->identity->rate_hz;
+    }
+    tracker->last_us = sample->time_us;
+    if (!tracker->is_calibrated) {
+        result = calibrate_at_rest(tracker, sample);
+    }
+    if (sample->acc_clipped || sample->gyr_clipped) {
+        tracker->latched_flags |= POSE_CLIPPED;
+    }
+    if (sample->has_gap) {
+        tracker->latched_flags |= POSE_GAP;
+    }
+    calibrate(tracker->calibration, &tracker->scale, sample, &measurement);
+    fuse_step(&tracker->fuse, &measurement, interval_us);
+    return result;
+}
+
+void pose_read(struct pose_tracker *tracker, struct message_pose *out) {
+    struct fuse_quality quality;
+    struct quat q;
+    fuse_orientation(&tracker->fuse, &q);
+    fuse_quality(&tracker->fuse, &quality);
+    if (tracker->is_tared) {
+        quat_multiply(&tracker->before_origin, &q, &q);
+        quat_multiply(&q, &tracker->after_origin, &q);
+        quat_renormalise(&q);
+    }
+    *out = (struct message_pose){
+        .q = {q.w, q.x, q.y, q.z},
+        .position = {POSE_POSITION_NULL, POSE_POSITION_NULL, POSE_POSITION_NULL},
+        .normal = {POSE_NORMAL_NULL, POSE_NORMAL_NULL, POSE_NORMAL_NULL},
+        .tilt_sigma = quality.tilt_sigma_cdeg,
+        .heading_sigma = quality.heading_sigma_cdeg,
+        .pose_flags = (uint16_t)(tracker->latched_flags |
+                                 (quality.is_starting ? POSE_STARTING : 0) |
+                                 (tracker->is_calibrated ? 0 : POSE_UNCALIBRATED) |
+                                 (quality.is_at_rest ? POSE_AT_REST : 0) |
+                                 (quality.is_mag_disturbed ? POSE_MAG_DISTURBED : 0) |
+                                 (quality.is_mag_absent ? POSE_MAG_ABSENT : 0) |
+                                 (quality.is_heading_free ? POSE_HEADING_FREE : 0) |
+                                 (tracker->is_tared ? POSE_TARED : 0)),
+    };
+    tracker->latched_flags = 0;
+}
+
+void pose_set_origin(struct pose_tracker *tracker, enum pose_origin origin) {
+    struct quat q;
+    tracker->is_tared = origin != POSE_ORIGIN_NONE;
+    tracker->before_origin = QUAT_IDENTITY;
+    tracker->after_origin = QUAT_IDENTITY;
+    fuse_orientation(&tracker->fuse, &q);
+    if (origin == POSE_ORIGIN_FULL) {
+        quat_conjugate(&q, &tracker->after_origin);
+    } else if (origin == POSE_ORIGIN_HEADING) {
+        quat_from_heading(turn32_sub(0, quat_heading(&q)), &tracker->before_origin);
+    }
+}

@@ -1,0 +1,408 @@
+// SPDX-License-Identifier: MIT
+// The probe's states and messages; see probe.h.
+#include "probe.h"
+
+#include <stddef.h>
+#include <string.h>
+
+enum {
+    // Room for the longest frame; COBS code, CRC and delimiter around the content.
+    FRAME_ROOM = MESSAGE_CONTENT_MAX + FRAME_BYTES_MAX - FRAME_CONTENT_MAX,
+    ENTROPY_READINGS = 64,
+};
+
+#define SECOND_US UINT32_C(1000000)
+#define HELLO_PHASE_US UINT32_C(500000)  // half a second from status: never both at once
+#define REFUSAL_PERIOD_US UINT32_C(5000000)
+
+// Frames content and hands it to the wire. The sequence number is spent either way, so
+// that a message which found no room leaves a visible hole.
+static void send(struct probe *probe, const uint8_t *content, uint8_t length) {
+    uint8_t bytes[FRAME_ROOM];
+    const uint16_t seed = content[0] == MESSAGE_HELLO ? FRAME_HELLO_SEED : SCHEMA_SEED;
+    const uint8_t size = frame_encode(seed, content, length, bytes);
+    ++probe->sequence;
+    if (probe->port->send(bytes, size)) {
+        ++probe->counters.messages_sent;
+    } else {
+        ++probe->counters.messages_dropped;
+    }
+}
+
+static void send_event(struct probe *probe, enum event event, enum cause cause,
+                       int32_t detail, uint32_t now_us) {
+    uint8_t content[MESSAGE_CONTENT_MAX];
+    const struct message_event message = {(uint8_t)event, (uint8_t)cause, detail};
+    send(probe, content,
+         message_event_encode(&message, probe->sequence, now_us, content));
+}
+
+static void send_hello(struct probe *probe, uint32_t now_us) {
+    uint8_t content[MESSAGE_CONTENT_MAX];
+    const struct sensor_identity *identity = probe->identity;
+    struct message_hello message = {
+        .protocol_version = PROTOCOL_VERSION,
+        .schema_fingerprint = SCHEMA_FINGERPRINT,
+        .board = probe->board.kind,
+        .pose_rate = probe->settings.pose_rate_hz,
+        .raw_rate = probe->settings.raw_rate_hz,
+        .boot_count = probe->settings.boot_count,
+        .reset_cause = probe->board.reset_cause,
+    };
+    for (uint8_t i = 0; i < sizeof message.firmware && probe->board.firmware[i]; ++i) {
+        message.firmware[i] = probe->board.firmware[i];
+    }
+    memcpy(message.probe_id, probe->settings.probe_id, sizeof message.probe_id);
+    if (identity != NULL) {
+        message.sensor = identity->kind;
+        memcpy(message.who_am_i, identity->who_am_i, sizeof message.who_am_i);
+        memcpy(message.mag_adjust, identity->mag_adjust, sizeof message.mag_adjust);
+        message.self_test = identity->self_test;
+        message.sample_rate = identity->rate_hz;
+        message.acc_lsb = identity->acc_lsb_nm_s2;
+        message.gyr_lsb = identity->gyr_lsb_nrad_s;
+        message.mag_lsb = identity->mag_lsb_pt;
+    }
+    send(probe, content,
+         message_hello_encode(&message, probe->sequence, now_us, content));
+}
+
+static void send_status(struct probe *probe, uint32_t now_us) {
+    uint8_t content[MESSAGE_CONTENT_MAX];
+    const struct probe_counters *counters = &probe->counters;
+    const uint16_t supply_mv = probe->port->supply_mv();
+    const struct message_status message = {
+        .uptime = probe->uptime_s,
+        .state = (uint8_t)probe_state(probe),
+        .samples_ready = probe->port->samples_ready(),
+        .samples_read = counters->samples_read,
+        .samples_fused = counters->samples_fused,
+        .overruns = counters->overruns,
+        .bus_faults = counters->bus_faults,
+        .bus_recoveries = counters->bus_recoveries,
+        .messages_sent = counters->messages_sent + 1,
+        .messages_dropped = counters->messages_dropped,
+        .commands_received = counters->commands_received,
+        .commands_bad = counters->commands_bad,
+        .cycles_mean =
+            probe->load.samples > 0 ? probe->load.cycles_sum / probe->load.samples : 0,
+        .cycles_worst = probe->load.cycles_worst,
+        .stack_free = probe->port->stack_free(),
+        .supply = supply_mv > 0 ? supply_mv : STATUS_SUPPLY_NULL,
+    };
+    probe->load = (struct probe_load){0, 0, 0};
+    send(probe, content,
+         message_status_encode(&message, probe->sequence, now_us, content));
+}
+
+static void make_id(struct probe *probe) {
+    uint8_t *id = probe->settings.probe_id;
+    if (probe->board.unique_id != NULL) {
+        memcpy(id, probe->board.unique_id, sizeof probe->settings.probe_id);
+        return;
+    }
+    uint16_t words[4] = {1, 2, 3, 4};
+    for (uint8_t i = 0; i < ENTROPY_READINGS; ++i) {
+        const uint16_t reading = probe->port->entropy();
+        const uint8_t bytes[2] = {(uint8_t)(reading % 256), (uint8_t)(reading / 256)};
+        words[i % 4] = frame_crc(words[i % 4], bytes, sizeof bytes);
+    }
+    words[0] |= 1;  // all zeros would mean that there is none
+    memcpy(id, words, sizeof words);
+}
+
+void probe_begin(struct probe *probe, const struct probe_port *port,
+                 const struct probe_board *board, uint32_t now_us) {
+    static const uint8_t no_id[8];
+    memset(probe, 0, sizeof *probe);
+    probe->port = port;
+    probe->board = *board;
+    probe->second_us = now_us;
+    frame_decoder_init(&probe->decoder, SCHEMA_SEED, MESSAGE_HELLO);
+    const enum settings_result loaded =
+        settings_load(port->storage, &probe->settings, &probe->writer);
+    if (memcmp(probe->settings.probe_id, no_id, sizeof no_id) == 0) {
+        make_id(probe);
+    }
+    ++probe->settings.boot_count;
+    settings_save(&probe->writer);
+    send_hello(probe, now_us);
+    if (loaded != SETTINGS_OK) {
+        send_event(probe, EVENT_SETTINGS_RESTORED, CAUSE_BOOT, loaded, now_us);
+    }
+}
+
+void probe_sensor_ready(struct probe *probe, const struct sensor_identity *identity,
+                        uint32_t now_us) {
+    if (probe->identity == NULL) {
+        pose_begin(&probe->tracker, &probe->settings.calibration, identity);
+    }
+    if (probe->is_faulty) {
+        ++probe->counters.bus_recoveries;
+        send_event(probe, EVENT_BUS_RECOVERED, CAUSE_NONE,
+                   probe->counters.bus_recoveries, now_us);
+    }
+    probe->identity = identity;
+    probe->is_faulty = false;
+    send_hello(probe, now_us);
+}
+
+void probe_sensor_failed(struct probe *probe, enum event event, enum cause cause,
+                         int32_t detail, bool is_over, uint32_t now_us) {
+    ++probe->counters.bus_faults;
+    send_event(probe, event, cause, detail, now_us);
+    if (is_over) {
+        probe->is_faulty = true;
+    }
+}
+
+void probe_overrun(struct probe *probe, uint16_t missed, uint32_t now_us) {
+    probe->counters.overruns += missed;
+    send_event(probe, EVENT_OVERRUN, CAUSE_LATE, missed, now_us);
+}
+
+static void send_raw(struct probe *probe, const struct sample *sample) {
+    uint8_t content[MESSAGE_CONTENT_MAX];
+    struct message_raw message = {
+        .acc = {sample->acc.x, sample->acc.y, sample->acc.z},
+        .gyr = {sample->gyr.x, sample->gyr.y, sample->gyr.z},
+        .mag = {RAW_MAG_NULL, RAW_MAG_NULL, RAW_MAG_NULL},
+        .temperature = sample->temperature_cdeg,
+        .sample_flags = (uint8_t)((sample->mag_overflow ? SAMPLE_MAG_OVERFLOW : 0) |
+                                  (sample->acc_clipped ? SAMPLE_ACC_CLIPPED : 0) |
+                                  (sample->gyr_clipped ? SAMPLE_GYR_CLIPPED : 0) |
+                                  (sample->has_gap ? SAMPLE_GAP : 0)),
+    };
+    if (sample->has_mag) {
+        message.mag[0] = sample->mag.x;
+        message.mag[1] = sample->mag.y;
+        message.mag[2] = sample->mag.z;
+    }
+    send(probe, content,
+         message_raw_encode(&message, probe->sequence, sample->time_us, content));
+}
+
+static void send_pose(struct probe *probe, uint32_t time_us) {
+    uint8_t content[MESSAGE_CONTENT_MAX];
+    struct message_pose message;
+    pose_read(&probe->tracker, &message);
+    send(probe, content,
+         message_pose_encode(&message, probe->sequence, time_us, content));
+}
+
+// True `rate_hz` times in `of_hz` calls, evenly.
+static bool is_due(uint16_t *phase, uint16_t rate_hz, uint16_t of_hz) {
+    *phase = (uint16_t)(*phase + rate_hz);
+    if (*phase < of_hz) {
+        return false;
+    }
+    *phase = (uint16_t)(*phase - of_hz);
+    return true;
+}
+
+void probe_sample(struct probe *probe, const struct sample *sample) {
+    const uint16_t rate_hz = probe->identity->rate_hz;
+    ++probe->counters.samples_read;
+    const enum pose_result result = pose_step(&probe->tracker, sample);
+    ++probe->counters.samples_fused;
+    if (result == POSE_CALIBRATED) {
+        send_event(probe, EVENT_CALIBRATION_DONE, CAUSE_NONE, CALIBRATOR_SAMPLES,
+                   sample->time_us);
+    } else if (result == POSE_MOVED &&
+               (!probe->has_told_refusal ||
+                sample->time_us - probe->refused_us >= REFUSAL_PERIOD_US)) {
+        probe->has_told_refusal = true;
+        probe->refused_us = sample->time_us;
+        send_event(probe, EVENT_CALIBRATION_REFUSED, CAUSE_MOTION,
+                   probe->tracker.calibrator.span_counts, sample->time_us);
+    }
+    // The phases run on while nothing streams, so that the instants of a rate's messages
+    // do not depend on when the button was pressed.
+    const bool raw_is_due = is_due(&probe->raw_phase, probe->settings.raw_rate_hz, rate_hz);
+    const bool pose_is_due =
+        is_due(&probe->pose_phase, probe->settings.pose_rate_hz, rate_hz);
+    if (!probe->is_streaming) {
+        return;
+    }
+    if (raw_is_due && (probe->settings.streams & STREAM_RAW) != 0) {
+        send_raw(probe, sample);
+    }
+    if (pose_is_due && (probe->settings.streams & STREAM_POSE) != 0) {
+        send_pose(probe, sample->time_us);
+    }
+}
+
+void probe_worked(struct probe *probe, uint32_t cycles) {
+    probe->load.cycles_sum += cycles;
+    ++probe->load.samples;
+    if (cycles > probe->load.cycles_worst) {
+        probe->load.cycles_worst = cycles;
+    }
+}
+
+static void set_streaming(struct probe *probe, bool is_streaming, enum cause cause,
+                          uint32_t now_us) {
+    if (probe->is_streaming == is_streaming) {
+        return;
+    }
+    probe->is_streaming = is_streaming;
+    send_event(probe, is_streaming ? EVENT_STREAM_STARTED : EVENT_STREAM_STOPPED, cause, 0,
+               now_us);
+}
+
+static enum result set_rate(struct probe *probe, int32_t value[2]) {
+    uint16_t *rate_hz =
+        value[0] == 1 ? &probe->settings.raw_rate_hz : &probe->settings.pose_rate_hz;
+    const int32_t wanted = value[1];
+    value[1] = *rate_hz;
+    if (value[0] < 0 || value[0] > 1 || wanted < 1 || wanted > SETTINGS_RATE_MAX_HZ ||
+        (probe->identity != NULL && wanted > probe->identity->rate_hz)) {
+        return RESULT_BAD_ARGUMENT;
+    }
+    *rate_hz = (uint16_t)wanted;
+    value[1] = wanted;
+    settings_save(&probe->writer);
+    return RESULT_OK;
+}
+
+static enum result set_fields(struct probe *probe, int32_t value[2]) {
+    const int32_t wanted = value[0];
+    value[0] = probe->settings.streams;
+    if (wanted < 1 || wanted > (STREAM_POSE | STREAM_RAW)) {
+        return RESULT_BAD_ARGUMENT;
+    }
+    probe->settings.streams = (uint8_t)wanted;
+    value[0] = wanted;
+    settings_save(&probe->writer);
+    return RESULT_OK;
+}
+
+static enum result set_origin(struct probe *probe, const int32_t value[2],
+                              uint32_t now_us) {
+    if (value[0] < POSE_ORIGIN_FULL || value[0] > POSE_ORIGIN_NONE) {
+        return RESULT_BAD_ARGUMENT;
+    }
+    if (probe->identity == NULL || !probe->tracker.has_sample) {
+        return RESULT_NOT_READY;
+    }
+    pose_set_origin(&probe->tracker, (enum pose_origin)value[0]);
+    send_event(probe, EVENT_TARED, CAUSE_COMMAND, value[0], now_us);
+    return RESULT_OK;
+}
+
+static enum result carry_out(struct probe *probe, const struct message_command *command,
+                             uint32_t now_us) {
+    int32_t *value = probe->last_value;
+    value[0] = command->arguments[0];
+    value[1] = command->arguments[1];
+    switch (command->command) {
+    case COMMAND_START:
+        set_streaming(probe, true, CAUSE_COMMAND, now_us);
+        return RESULT_OK;
+    case COMMAND_STOP:
+        set_streaming(probe, false, CAUSE_COMMAND, now_us);
+        return RESULT_OK;
+    case COMMAND_RATE:
+        return set_rate(probe, value);
+    case COMMAND_FIELDS:
+        return set_fields(probe, value);
+    case COMMAND_HELLO:
+        send_hello(probe, now_us);
+        return RESULT_OK;
+    case COMMAND_TARE:
+        return set_origin(probe, value, now_us);
+    case COMMAND_RESET:
+        probe->wants_reset = true;
+        return RESULT_OK;
+    default:
+        return RESULT_UNKNOWN_COMMAND;
+    }
+}
+
+void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us) {
+    uint8_t content[MESSAGE_CONTENT_MAX];
+    struct message_header header;
+    struct message_command command;
+    uint8_t length;
+    const enum frame_result framed = frame_decode(&probe->decoder, byte, &length);
+    if (framed == FRAME_PENDING) {
+        return;
+    }
+    if (framed != FRAME_OK || message_command_decode(probe->decoder.bytes, length, &header,
+                                                     &command) != MESSAGE_OK) {
+        ++probe->counters.commands_bad;
+        return;
+    }
+    ++probe->counters.commands_received;
+    // A command whose reply was lost comes again with its token: it gets the reply, and
+    // is not carried out twice.
+    if (command.token == 0 || command.token != probe->last_token) {
+        probe->last_result = (uint8_t)carry_out(probe, &command, now_us);
+        probe->last_token = command.token;
+    }
+    const struct message_reply reply = {
+        .replied_command = command.command,
+        .replied_token = command.token,
+        .result = probe->last_result,
+        .value = {probe->last_value[0], probe->last_value[1]},
+    };
+    send(probe, content, message_reply_encode(&reply, probe->sequence, now_us, content));
+}
+
+static void follow_button(struct probe *probe, bool is_down, uint32_t now_us) {
+    switch (button_step(&probe->button, is_down, now_us)) {
+    case BUTTON_PRESSED:
+        send_event(probe, EVENT_BUTTON_PRESSED, CAUSE_BUTTON, 0, now_us);
+        break;
+    case BUTTON_RELEASED:
+        send_event(probe, EVENT_BUTTON_RELEASED, CAUSE_BUTTON, 0, now_us);
+        set_streaming(probe, !probe->is_streaming, CAUSE_BUTTON, now_us);
+        break;
+    default:
+        break;
+    }
+}
+
+void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
+    follow_button(probe, is_button_down, now_us);
+    if (settings_step(&probe->writer, probe->port->storage, &probe->settings) ==
+        SETTINGS_FAILED) {
+        send_event(probe, EVENT_SETTINGS_FAILED, CAUSE_NONE, probe->writer.offset, now_us);
+    }
+    if (!probe->has_said_hello && now_us - probe->second_us >= HELLO_PHASE_US) {
+        probe->has_said_hello = true;
+        send_hello(probe, now_us);
+    }
+    if (now_us - probe->second_us >= SECOND_US) {
+        probe->second_us += SECOND_US;
+        ++probe->uptime_s;
+        probe->has_said_hello = false;
+        send_status(probe, now_us);
+    }
+}
+
+enum state probe_state(const struct probe *probe) {
+    if (probe->is_faulty) {
+        return STATE_FAULT;
+    }
+    if (probe->is_streaming) {
+        return STATE_STREAMING;
+    }
+    return probe->identity != NULL && probe->tracker.is_calibrated ? STATE_IDLE
+                                                                    : STATE_CALIBRATING;
+}
+
+bool probe_led(const struct probe *probe, uint32_t now_us) {
+    const uint16_t phase_ms = (uint16_t)(now_us / 1000 % 2000);
+    switch (probe_state(probe)) {
+    case STATE_STREAMING:
+        return true;
+    case STATE_CALIBRATING:
+        return phase_ms % 200 < 100;
+    case STATE_FAULT:
+        return phase_ms % 1000 < 80 ||
+               (phase_ms % 1000 >= 200 && phase_ms % 1000 < 280);
+    default:
+        return phase_ms < 50;
+    }
+}

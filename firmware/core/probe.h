@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: MIT
+// The probe: samples, button and received bytes in, frames out. Its states, its
+// messages, what it counts; no hardware and no clock of its own.
+#ifndef PROBE_H
+#define PROBE_H
+
+#include "button.h"
+#include "frame.h"
+#include "messages.h"
+#include "pose.h"
+#include "settings.h"
+
+// What the probe asks of a board.
+struct probe_port {
+    // Takes all `length` bytes or, where there is no room, none.
+    bool (*send)(const uint8_t *bytes, uint8_t length);
+    uint32_t (*samples_ready)(void);
+    uint16_t (*stack_free)(void);  // bytes, UINT16_MAX: not known
+    uint16_t (*supply_mv)(void);   // 0: not known
+    uint16_t (*entropy)(void);
+    const struct settings_storage *storage;
+};
+
+struct probe_board {
+    uint8_t kind;         // enum board
+    uint8_t reset_cause;  // flags reset_cause
+    const char *firmware;     // build text, at most 16 characters count
+    const uint8_t *unique_id;  // 8 bytes that the silicon is born with, or NULL
+};
+
+struct probe_counters {
+    uint32_t samples_read, samples_fused, overruns;
+    uint32_t messages_sent, messages_dropped;
+    uint16_t bus_faults, bus_recoveries;
+    uint16_t commands_received, commands_bad;
+};
+
+// Work done for the samples of one second.
+struct probe_load {
+    uint32_t cycles_sum, cycles_worst;
+    uint16_t samples;
+};
+
+struct probe {
+    const struct probe_port *port;
+    struct probe_board board;
+    struct settings settings;
+    struct settings_writer writer;
+    const struct sensor_identity *identity;  // NULL until the sensor was found
+    struct pose_tracker tracker;
+    struct button button;
+    struct frame_decoder decoder;
+    struct probe_counters counters;
+    struct probe_load load;
+    uint32_t sequence;
+    uint32_t second_us;  // start of the second that runs
+    uint32_t uptime_s;
+    uint32_t refused_us;  // when a refused calibration was last told
+    uint16_t pose_phase, raw_phase;
+    uint16_t last_token;
+    uint8_t last_result;
+    int32_t last_value[2];
+    bool is_streaming;
+    bool is_faulty;      // the sensor does not deliver
+    bool has_said_hello;  // in the second that runs
+    bool has_told_refusal;
+    bool wants_reset;
+};
+
+// Loads the settings, counts the boot, makes the probe's id where it has none.
+void probe_begin(struct probe *probe, const struct probe_port *port,
+                 const struct probe_board *board, uint32_t now_us);
+
+// The sensor is set up and samples will come, for the first time or again.
+void probe_sensor_ready(struct probe *probe, const struct sensor_identity *identity,
+                        uint32_t now_us);
+
+// The sensor or its bus failed; `detail` goes into the event. `is_over`: samples have
+// stopped until probe_sensor_ready(); otherwise one sample was lost.
+void probe_sensor_failed(struct probe *probe, enum event event, enum cause cause,
+                         int32_t detail, bool is_over, uint32_t now_us);
+
+// Data-ready edges were missed: their samples are lost.
+void probe_overrun(struct probe *probe, uint16_t missed, uint32_t now_us);
+
+void probe_sample(struct probe *probe, const struct sample *sample);
+
+// What a sample cost, all work for it included.
+void probe_worked(struct probe *probe, uint32_t cycles);
+
+void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us);
+
+// Button, periodic messages, settings. Call it every 10 ms or oftener.
+void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us);
+
+enum state probe_state(const struct probe *probe);
+
+// Idle: a flash of 50 ms every 2 s. Calibrating: 5 blinks a second. Streaming: on.
+// Fault: two short flashes a second.
+bool probe_led(const struct probe *probe, uint32_t now_us);
+
+#endif

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: MIT
+// Unit quaternions, Hamilton, w x y z, as q2_30.
+#ifndef QUAT_H
+#define QUAT_H
+
+#include "vector.h"
+
+struct quat {
+    q2_30_t w, x, y, z;
+};
+
+#define QUAT_IDENTITY ((struct quat){Q2_30_ONE, 0, 0, 0})
+
+// a * b; `out` may be either. Needs norms whose product is at most 1.2: then no
+// component leaves q2_30 and each is within 2 steps.
+void quat_multiply(const struct quat *a, const struct quat *b, struct quat *out);
+
+// The opposite rotation.
+void quat_conjugate(const struct quat *q, struct quat *out);
+
+// Scales q to norm 1 by one Newton step: an error e of |q| becomes at most 1.65 e^2 and
+// 3 steps. For |e| <= 0.3.
+void quat_renormalise(struct quat *q);
+
+// The rotation by the vector `angle_rad_q30`, |angle| <= 0.55, to third order of its
+// half: error below |angle|^4 / 384 and 2 steps.
+void quat_from_small_angle(const struct vector *angle_rad_q30, struct quat *out);
+
+// v turned by q, in v's format; `out` may be v. Needs |v| <= 1.07e9 and |q| <= 1.
+void quat_rotate(const struct quat *q, const struct vector *v, struct vector *out);
+
+// The rotation about z by an angle, and q's own angle about z: the heading of x's image
+// (0 where x points up or down).
+void quat_from_heading(turn32_t heading, struct quat *out);
+turn32_t quat_heading(const struct quat *q);
+
+#endif

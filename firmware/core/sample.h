@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: MIT
+// What a sensor driver hands on: one instant of all sensors, in the probe's body frame.
+#ifndef SAMPLE_H
+#define SAMPLE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+enum { SAMPLE_NO_TEMPERATURE = INT16_MIN };
+
+struct counts {
+    int16_t x, y, z;
+};
+
+struct sample {
+    uint32_t time_us;  // device time of the data-ready edge, wraps after 71.6 min
+    struct counts acc;  // specific force, +1 g up at rest
+    struct counts gyr;
+    struct counts mag;  // factory adjustment applied; only where has_mag
+    int16_t temperature_cdeg;  // 0.01 degC, or SAMPLE_NO_TEMPERATURE
+    bool has_mag;              // a magnetometer reading that was not there before
+    bool mag_overflow;
+    bool acc_clipped;
+    bool gyr_clipped;
+    bool has_gap;  // data-ready edges were missed before this one
+};
+
+#endif

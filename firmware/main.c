@@ -1,0 +1,193 @@
+// SPDX-License-Identifier: MIT
+// Init, then forever: sensor to probe, probe to wire. All that knows a chip is behind
+// board.h; all that knows a probe is in core/.
+#include <stddef.h>
+
+#include "board.h"
+#include "core/probe.h"
+
+enum {
+    STEP_US = 5000,              // of the button, the periodic messages and the LED
+    NO_DATA_READY_US = 50000,    // ten samples at 200 Hz
+    RETRY_US = 200000,           // between two attempts to bring the sensor up
+    BURSTS_FAILED_MAX = 5,       // in a row, before the sensor is set up again
+};
+
+// Where the sensor is on its way to samples.
+enum acquisition_phase {
+    PHASE_WAITING,  // before the next attempt
+    PHASE_SETUP,
+    PHASE_SAMPLING,
+};
+
+static struct probe probe;
+
+static struct {
+    enum acquisition_phase phase;
+    uint32_t since_us;  // start of the wait, or the last sample
+    uint8_t failed;     // bursts in a row
+    bool has_gap;       // samples were lost before the next one
+} acquisition;
+
+static enum cause cause_of(enum bus_result result) {
+    switch (result) {
+    case BUS_NACK:
+        return CAUSE_NACK;
+    case BUS_STUCK:
+        return CAUSE_STUCK_BUS;
+    default:
+        return CAUSE_TIMEOUT;
+    }
+}
+
+// Stops sampling, says why, frees the bus, and starts over a moment later.
+static void give_up(enum event event, enum cause cause, int32_t detail,
+                    uint32_t now_us) {
+    board_sampling_stop();
+    if (board_bus_recover() != BUS_OK) {
+        cause = CAUSE_STUCK_BUS;
+    }
+    probe_sensor_failed(&probe, event, cause, detail, true, now_us);
+    acquisition.phase = PHASE_WAITING;
+    acquisition.since_us = now_us;
+    acquisition.has_gap = true;
+}
+
+static void begin_setup(void) {
+    const struct sensor_driver *sensor = board_sensor();
+    sensor->begin(sensor->state);
+    acquisition.phase = PHASE_SETUP;
+    acquisition.failed = 0;
+}
+
+static void set_up(uint32_t now_us) {
+    const struct sensor_driver *sensor = board_sensor();
+    switch (sensor->setup(sensor->state, board_bus(), now_us)) {
+    case SENSOR_OK:
+        board_sampling_start(sensor->burst(sensor->state));
+        probe_sensor_ready(&probe, sensor->identity(sensor->state), now_us);
+        acquisition.phase = PHASE_SAMPLING;
+        acquisition.since_us = now_us;
+        break;
+    case SENSOR_BUSY:
+        break;
+    case SENSOR_WRONG_CHIP:
+        give_up(EVENT_SENSOR_FAULT, CAUSE_WRONG_CHIP,
+                sensor->identity(sensor->state)->who_am_i[0], now_us);
+        break;
+    case SENSOR_STUCK:
+        give_up(EVENT_SENSOR_FAULT, CAUSE_TIMEOUT, 0, now_us);
+        break;
+    default:
+        give_up(EVENT_BUS_FAULT, CAUSE_NACK, 0, now_us);
+        break;
+    }
+}
+
+// A burst failed: one sample is lost. Frees the bus and goes on, or sets the sensor up
+// again when that does not help.
+static void survive_burst(enum bus_result failure, uint32_t now_us) {
+    const struct sensor_driver *sensor = board_sensor();
+    ++acquisition.failed;
+    acquisition.has_gap = true;
+    if (acquisition.failed >= BURSTS_FAILED_MAX) {
+        give_up(EVENT_BUS_FAULT, cause_of(failure), acquisition.failed, now_us);
+        return;
+    }
+    board_sampling_stop();
+    if (board_bus_recover() != BUS_OK) {
+        give_up(EVENT_BUS_FAULT, CAUSE_STUCK_BUS, acquisition.failed, now_us);
+        return;
+    }
+    probe_sensor_failed(&probe, EVENT_BUS_FAULT, cause_of(failure), acquisition.failed,
+                        false, now_us);
+    board_sampling_start(sensor->burst(sensor->state));
+}
+
+static void use_sample(const struct board_sample *taken, uint32_t now_us) {
+    const struct sensor_driver *sensor = board_sensor();
+    struct sample sample;
+    sensor->parse(sensor->state, taken->bytes, taken->time_us, &sample);
+    if (taken->missed > 0) {
+        probe_overrun(&probe, taken->missed, now_us);
+        acquisition.has_gap = true;
+    }
+    sample.has_gap = acquisition.has_gap;
+    acquisition.has_gap = false;
+    acquisition.failed = 0;
+    acquisition.since_us = now_us;
+    probe_sample(&probe, &sample);
+}
+
+// Returns true where a sample was worked on.
+static bool acquire(uint32_t now_us) {
+    struct board_sample taken;
+    switch (acquisition.phase) {
+    case PHASE_WAITING:
+        if (now_us - acquisition.since_us >= RETRY_US) {
+            begin_setup();
+        }
+        return false;
+    case PHASE_SETUP:
+        set_up(now_us);
+        return false;
+    default:
+        break;
+    }
+    switch (board_sample_take(&taken)) {
+    case BOARD_SAMPLE_OK:
+        use_sample(&taken, now_us);
+        return true;
+    case BOARD_SAMPLE_FAILED:
+        survive_burst(taken.failure, now_us);
+        return false;
+    default:
+        if (now_us - acquisition.since_us >= NO_DATA_READY_US) {
+            give_up(EVENT_SENSOR_FAULT, CAUSE_NO_DATA_READY, 0, now_us);
+        }
+        return false;
+    }
+}
+
+int main(void) {
+    board_init();
+    uint8_t id[8];
+    const bool has_id = board_unique_id(id);
+    const struct probe_port port = {
+        .send = board_send,
+        .samples_ready = board_samples_ready,
+        .stack_free = board_stack_free,
+        .supply_mv = board_supply_mv,
+        .entropy = board_entropy,
+        .storage = board_storage(),
+    };
+    const struct probe_board board = {
+        .kind = board_kind(),
+        .reset_cause = board_reset_cause(),
+        .firmware = FIRMWARE_BUILD,
+        .unique_id = has_id ? id : NULL,
+    };
+    uint32_t stepped_us = board_time_us();
+    probe_begin(&probe, &port, &board, stepped_us);
+    begin_setup();
+    for (;;) {
+        board_watchdog_kick();
+        const uint32_t now_us = board_time_us();
+        const bool worked = acquire(now_us);
+        for (int16_t byte = board_receive(); byte >= 0; byte = board_receive()) {
+            probe_receive(&probe, (uint8_t)byte, now_us);
+        }
+        if (now_us - stepped_us >= STEP_US) {
+            stepped_us = now_us;
+            probe_step(&probe, board_button_is_down(), now_us);
+            board_led_set(probe_led(&probe, now_us));
+        }
+        if (worked) {
+            probe_worked(&probe, (board_time_us() - now_us) * board_cycles_per_us());
+        }
+        if (probe.wants_reset && board_send_is_idle()) {
+            board_reset();
+        }
+        board_idle();
+    }
+}

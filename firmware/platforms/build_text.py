@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: MIT
+"""Gives main.c FIRMWARE_BUILD, the text that the probe's hello carries: the version
+of pyproject.toml, `+`, the git revision, and `-d` where the sources differ from it.
+
+Only main.c is compiled with it, so that a commit rebuilds one file."""
+
+import os
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+TEXT_MAX = 16  # bytes of the field `firmware` in hello
+
+Import("env")  # type: ignore[name-defined]  # noqa: F821  SCons puts it there
+env: Any = globals()["env"]
+root = Path(env.subst("$PROJECT_DIR"))
+
+
+def git(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(  # noqa: S603  fixed arguments
+        ["git", *arguments],  # noqa: S607  git is wherever the user has it
+        cwd=root,
+        env={**os.environ, "GIT_OPTIONAL_LOCKS": "0"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def build_text() -> str:
+    project = (root / "pyproject.toml").read_text(encoding="utf-8")
+    version = re.search(r'^version\s*=\s*"([^"]+)"', project, re.MULTILINE)
+    if version is None:
+        raise SystemExit("pyproject.toml has no line: version = \"...\"")
+    text = version[1]
+    try:
+        revision = git("rev-parse", "--short=7", "HEAD")
+        changes = git("diff", "--quiet", "HEAD", "--", "firmware", "platformio.ini")
+    except FileNotFoundError:  # no git: a source archive
+        return text[:TEXT_MAX]
+    if revision.returncode != 0:  # not a repository, or nothing committed
+        return text[:TEXT_MAX]
+    mark = "-d" if changes.returncode == 1 else ""
+    return f"{text}+{revision.stdout.strip()}"[: TEXT_MAX - len(mark)] + mark
+
+
+def with_build_text(middleware_env: Any, node: Any) -> Any:
+    return middleware_env.Object(
+        node,
+        CPPDEFINES=[
+            *middleware_env["CPPDEFINES"],
+            ("FIRMWARE_BUILD", middleware_env.StringifyMacro(build_text())),
+        ],
+    )
+
+
+env.AddBuildMiddleware(with_build_text, "*main.c")

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""imud: the pose of an imu-probe as a network service."""

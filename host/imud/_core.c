@@ -1,0 +1,228 @@
+// SPDX-License-Identifier: MIT
+// The firmware's own C for Python: the host frames, checks and computes with the very
+// functions that run on a probe. Limited API, so one build serves Python 3.11 and on.
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+
+#include "frame.h"
+
+// Takes a 16-bit CRC seed or an 8-bit id apart from other integers.
+static int number_in_range(const char *name, long value, long limit) {
+    if (value >= 0 && value <= limit) {
+        return 1;
+    }
+    PyErr_Format(PyExc_ValueError, "%s must be 0 to %ld, not %ld", name, limit, value);
+    return 0;
+}
+
+struct decoder {
+    PyObject_HEAD
+    struct frame_decoder frames;
+    unsigned long long good;
+    unsigned long long bad_cobs;
+    unsigned long long bad_crc;
+    unsigned long long too_long;
+    unsigned long long too_short;
+};
+
+static PyObject *decoder_new(PyTypeObject *type, PyObject *args, PyObject *kwargs) {
+    static char *names[] = {"seed", "hello_id", NULL};
+    long seed = 0;
+    long hello_id = 0;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "ll:FrameDecoder", names, &seed,
+                                     &hello_id) ||
+        !number_in_range("seed", seed, UINT16_MAX) ||
+        !number_in_range("hello_id", hello_id, UINT8_MAX)) {
+        return NULL;
+    }
+    const allocfunc allocate = (allocfunc)PyType_GetSlot(type, Py_tp_alloc);
+    PyObject *self = allocate(type, 0);  // all counters zero
+    if (self == NULL) {
+        return NULL;
+    }
+    frame_decoder_init(&((struct decoder *)self)->frames, (uint16_t)seed,
+                       (uint8_t)hello_id);
+    return self;
+}
+
+// An instance of a heap type owns a reference to its type, which is all it owns.
+static int decoder_traverse(PyObject *self, visitproc visit, void *arg) {
+    Py_VISIT(Py_TYPE(self));
+    return 0;
+}
+
+static void decoder_dealloc(PyObject *self) {
+    PyTypeObject *type = Py_TYPE(self);
+    PyObject_GC_UnTrack(self);
+    const freefunc release = (freefunc)PyType_GetSlot(type, Py_tp_free);
+    release(self);
+    Py_DECREF(type);
+}
+
+// Appends the content of one good frame; 0 on success, as in Python's own API.
+static int append_content(PyObject *list, const uint8_t *content, uint8_t length) {
+    PyObject *bytes = PyBytes_FromStringAndSize((const char *)content, length);
+    if (bytes == NULL) {
+        return -1;
+    }
+    const int failed = PyList_Append(list, bytes);
+    Py_DECREF(bytes);
+    return failed;
+}
+
+// Counts what the decoder says of one byte; -1 where Python has no memory.
+static int decoder_take(struct decoder *self, uint8_t byte, PyObject *contents) {
+    uint8_t length = 0;
+    switch (frame_decode(&self->frames, byte, &length)) {
+    case FRAME_OK:
+        self->good++;
+        return append_content(contents, self->frames.bytes, length);
+    case FRAME_BAD_COBS:
+        self->bad_cobs++;
+        break;
+    case FRAME_BAD_CRC:
+        self->bad_crc++;
+        break;
+    case FRAME_TOO_LONG:
+        self->too_long++;
+        break;
+    case FRAME_TOO_SHORT:
+        self->too_short++;
+        break;
+    case FRAME_PENDING:
+        break;
+    }
+    return 0;
+}
+
+static PyObject *decoder_feed(PyObject *self, PyObject *data) {
+    Py_buffer view;
+    if (PyObject_GetBuffer(data, &view, PyBUF_SIMPLE) != 0) {
+        return NULL;
+    }
+    PyObject *contents = PyList_New(0);
+    const uint8_t *bytes = view.buf;
+    for (Py_ssize_t i = 0; contents != NULL && i < view.len; i++) {
+        if (decoder_take((struct decoder *)self, bytes[i], contents) != 0) {
+            Py_CLEAR(contents);
+        }
+    }
+    PyBuffer_Release(&view);
+    return contents;
+}
+
+static PyObject *decoder_stats(PyObject *self, PyObject *Py_UNUSED(none)) {
+    const struct decoder *decoder = (const struct decoder *)self;
+    return Py_BuildValue("{s:K,s:K,s:K,s:K,s:K}", "ok", decoder->good, "bad_cobs",
+                         decoder->bad_cobs, "bad_crc", decoder->bad_crc, "too_long",
+                         decoder->too_long, "too_short", decoder->too_short);
+}
+
+static PyMethodDef decoder_methods[] = {
+    {"feed", decoder_feed, METH_O,
+     "feed($self, data, /)\n--\n\nTake received bytes; return the content of each good "
+     "frame that they complete."},
+    {"stats", decoder_stats, METH_NOARGS,
+     "stats($self, /)\n--\n\nFrames so far, good and bad by reason."},
+    {NULL, NULL, 0, NULL},
+};
+
+static PyType_Slot decoder_slots[] = {
+    {Py_tp_doc, "FrameDecoder(seed, hello_id)\n--\n\nTurns received bytes into the "
+                "content of frames, whatever the chunks they arrive in."},
+    {Py_tp_new, decoder_new},
+    {Py_tp_dealloc, decoder_dealloc},
+    {Py_tp_traverse, decoder_traverse},
+    {Py_tp_methods, decoder_methods},
+    {0, NULL},
+};
+
+static PyType_Spec decoder_spec = {
+    .name = "imud._core.FrameDecoder",
+    .basicsize = sizeof(struct decoder),
+    .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC | Py_TPFLAGS_IMMUTABLETYPE,
+    .slots = decoder_slots,
+};
+
+static PyObject *core_crc16(PyObject *Py_UNUSED(module), PyObject *args) {
+    long seed = 0;
+    Py_buffer view;
+    if (!PyArg_ParseTuple(args, "ly*:crc16", &seed, &view)) {
+        return NULL;
+    }
+    PyObject *result = NULL;
+    if (number_in_range("seed", seed, UINT16_MAX)) {
+        uint16_t crc = (uint16_t)seed;
+        const uint8_t *bytes = view.buf;
+        // In blocks, because the probe counts a frame's bytes in 8 bits.
+        for (Py_ssize_t left = view.len; left > 0;) {
+            const uint8_t length = (uint8_t)(left < UINT8_MAX ? left : UINT8_MAX);
+            crc = frame_crc(crc, bytes, length);
+            bytes += length;
+            left -= length;
+        }
+        result = PyLong_FromLong(crc);
+    }
+    PyBuffer_Release(&view);
+    return result;
+}
+
+static PyObject *core_encode_frame(PyObject *Py_UNUSED(module), PyObject *args) {
+    long seed = 0;
+    Py_buffer view;
+    if (!PyArg_ParseTuple(args, "ly*:encode_frame", &seed, &view)) {
+        return NULL;
+    }
+    PyObject *result = NULL;
+    if (view.len < 1 || view.len > FRAME_CONTENT_MAX) {
+        PyErr_Format(PyExc_ValueError, "content must be 1 to %d bytes, not %zd",
+                     FRAME_CONTENT_MAX, view.len);
+    } else if (number_in_range("seed", seed, UINT16_MAX)) {
+        uint8_t out[FRAME_BYTES_MAX];
+        const uint8_t length =
+            frame_encode((uint16_t)seed, view.buf, (uint8_t)view.len, out);
+        result = PyBytes_FromStringAndSize((const char *)out, length);
+    }
+    PyBuffer_Release(&view);
+    return result;
+}
+
+static PyMethodDef core_functions[] = {
+    {"crc16", core_crc16, METH_VARARGS,
+     "crc16(seed, data, /)\n--\n\nCRC of data that follows what gave the seed."},
+    {"encode_frame", core_encode_frame, METH_VARARGS,
+     "encode_frame(seed, content, /)\n--\n\nThe frame of content, delimiter included."},
+    {NULL, NULL, 0, NULL},
+};
+
+static int core_exec(PyObject *module) {
+    PyObject *type = PyType_FromModuleAndSpec(module, &decoder_spec, NULL);
+    if (type == NULL) {
+        return -1;
+    }
+    const int failed = PyModule_AddObjectRef(module, "FrameDecoder", type);
+    Py_DECREF(type);
+    return failed != 0 ||
+                   PyModule_AddIntConstant(module, "CONTENT_MAX", FRAME_CONTENT_MAX) ||
+                   PyModule_AddIntConstant(module, "HELLO_SEED", FRAME_HELLO_SEED)
+               ? -1
+               : 0;
+}
+
+static PyModuleDef_Slot core_slots[] = {
+    {Py_mod_exec, core_exec},
+    {0, NULL},
+};
+
+static struct PyModuleDef core_module = {
+    PyModuleDef_HEAD_INIT,
+    .m_name = "imud._core",
+    .m_doc = "The firmware's portable C.",
+    .m_size = 0,
+    .m_methods = core_functions,
+    .m_slots = core_slots,
+};
+
+PyMODINIT_FUNC PyInit__core(void) {
+    return PyModuleDef_Init(&core_module);
+}

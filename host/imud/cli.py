@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: MIT
+"""The command line. Each command imports what it needs when it runs."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imud.errors import ImudError
+
+if TYPE_CHECKING:
+    from imud.client import Client
+
+# Loopback only; 7447 is Zenoh's own port.
+ENDPOINT = "tcp/127.0.0.1:7447"
+
+PREFIX = "imud"
+
+
+class _Version(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from imud.version import version
+
+        parser.exit(message=f"imud {version()}\n")
+
+
+def _command(
+    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+    name: str,
+    text: str,
+    example: str,
+) -> argparse.ArgumentParser:
+    return commands.add_parser(
+        name,
+        help=text,
+        description=f"{text[0].upper()}{text[1:]}.",
+        epilog=f"example: {example}",
+    )
+
+
+def _probe(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "probe",
+        metavar="PROBE",
+        nargs="?",
+        help="its id or name; not needed where there is just one",
+    )
+
+
+def _network(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        default=ENDPOINT,
+        help="where imud run listens (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--prefix",
+        metavar="KEY",
+        default=PREFIX,
+        help="first part of its keys (default: %(default)s)",
+    )
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0 < seconds < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
+    return seconds
+
+
+def build_parser() -> argparse.ArgumentParser:
+    from imud import sim
+
+    parser = argparse.ArgumentParser(
+        prog="imud",
+        description="Makes the pose of imu-probes a network service.",
+        epilog="example: imud run /dev/ttyUSB0, and in another terminal: imud listen",
+    )
+    parser.add_argument(
+        "--version", action=_Version, nargs=0, help="say which imud this is and exit"
+    )
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+
+    run = _command(
+        commands,
+        "run",
+        "read probes, publish what they say, and log it",
+        "imud run /dev/ttyUSB0 --log logs",
+    )
+    run.add_argument("ports", metavar="PORT", nargs="*", help="serial port of a probe")
+    run.add_argument("--config", metavar="FILE", type=Path, help="settings as TOML")
+    log = run.add_mutually_exclusive_group()
+    log.add_argument(
+        "--log", metavar="DIR", type=Path, help="where logs go (default: logs)"
+    )
+    log.add_argument("--no-log", action="store_true", help="keep no log")
+    run.add_argument(
+        "--listen",
+        metavar="ENDPOINT",
+        help=f"where subscribers connect to (default: {ENDPOINT})",
+    )
+    run.set_defaults(run=_run)
+
+    sim.add_parser(commands)
+
+    listen = _command(
+        commands,
+        "listen",
+        "print poses as they come over the network",
+        "imud listen --seconds 10",
+    )
+    _probe(listen)
+    listen.add_argument(
+        "--json", action="store_true", help="one JSON object a line, as published"
+    )
+    listen.add_argument("--seconds", metavar="N", type=_seconds, help="stop after N")
+    _network(listen)
+    listen.set_defaults(run=_listen)
+
+    listing = _command(
+        commands, "list", "show the probes and how they do", "imud list --json"
+    )
+    listing.add_argument(
+        "--json", action="store_true", help="one status object a line, as published"
+    )
+    _network(listing)
+    listing.set_defaults(run=_list)
+
+    for name, text in (
+        ("start", "make a probe stream"),
+        ("stop", "make a probe stop streaming"),
+        ("tare", "take a probe's orientation as its origin"),
+    ):
+        command = _command(commands, name, text, f"imud {name}")
+        _probe(command)
+        if name == "tare":
+            what = command.add_mutually_exclusive_group()
+            what.add_argument(
+                "--heading", action="store_true", help="only the heading; keep the tilt"
+            )
+            what.add_argument(
+                "--undo", action="store_true", help="go back to east, north, up"
+            )
+        _network(command)
+        command.set_defaults(run=_order, command=name)
+
+    decode = _command(
+        commands,
+        "decode",
+        "print the messages of a capture of UART bytes or of a log",
+        "imud decode logs/imud-20260102T030405Z.mcap --json",
+    )
+    decode.add_argument("file", metavar="FILE", type=Path)
+    decode.add_argument(
+        "--json", action="store_true", help="one JSON object a line for each message"
+    )
+    decode.set_defaults(run=_decode)
+    return parser
+
+
+def _run(args: argparse.Namespace) -> int:
+    from imud import config, daemon
+
+    settings = config.load(
+        args.config,
+        ports=args.ports,
+        listen=args.listen,
+        log_dir=args.log,
+        is_logging=not args.no_log,
+    )
+    return daemon.run(settings)
+
+
+def _client(args: argparse.Namespace) -> Client:
+    from imud.client import Client
+
+    return Client(args.connect, args.prefix)
+
+
+def _listen(args: argparse.Namespace) -> int:
+    from imud import view
+
+    with _client(args) as client:
+        return view.listen(client, args.probe, args.seconds, as_json=args.json)
+
+
+def _list(args: argparse.Namespace) -> int:
+    from imud import view
+
+    with _client(args) as client:
+        return view.show_probes(client, as_json=args.json)
+
+
+def _order(args: argparse.Namespace) -> int:
+    arguments = {}
+    if args.command == "tare" and args.heading:
+        arguments["what"] = "heading"
+    if args.command == "tare" and args.undo:
+        arguments["what"] = "undo"
+    with _client(args) as client:
+        probe = client.only_probe(args.probe)
+        client.command(probe, args.command, **arguments)
+    sys.stdout.write(f"{probe}: {args.command} done\n")
+    return 0
+
+
+def _decode(args: argparse.Namespace) -> int:
+    from imud import decode
+
+    return decode.run(args.file, as_json=args.json)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    args = build_parser().parse_args(argv)
+    try:
+        status: int = args.run(args)
+        sys.stdout.flush()
+    except ImudError as error:
+        sys.stderr.write(f"imud: {error}\n")
+        return 1
+    except BrokenPipeError:
+        # The reader of a pipe has gone, as `head` does; its end is ours.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        return 130  # 128 + SIGINT, as shells say it
+    return status

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: MIT
+"""Poses and commands over the network, for programs: no serial port, no protocol.
+
+`with Client() as client: for pose in client.poses(seconds=10): ...` is all it takes.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import time
+from collections.abc import Callable, Iterator
+from types import TracebackType
+from typing import Any, Self
+
+import zenoh
+
+from imud.errors import CommandRefused, DaemonNotFound, NoReply, ProbeUnknown
+
+# A daemon on this machine answers within milliseconds, one across a network in tens.
+CONNECT_TIMEOUT_MS = 2000
+QUERY_TIMEOUT_S = 2.0
+
+# The daemon asks a probe three times, a second each.
+COMMAND_TIMEOUT_S = 4.0
+
+# Messages that may wait for a slow reader of poses(): 30 s of them.
+WAITING_MAX = 3000
+
+
+class Client:
+    """A connection to a daemon. Use it in a `with`, or close() it."""
+
+    def __init__(
+        self, endpoint: str = "tcp/127.0.0.1:7447", prefix: str = "imud"
+    ) -> None:
+        self._prefix = prefix
+        self._endpoint = endpoint
+        config = zenoh.Config()
+        for key, value in {
+            "mode": "client",
+            "connect/endpoints": [endpoint],
+            "connect/timeout_ms": CONNECT_TIMEOUT_MS,
+            "connect/exit_on_failure": True,
+            "scouting/multicast/enabled": False,
+        }.items():
+            try:
+                config.insert_json5(key, json.dumps(value))
+            except zenoh.ZError as error:
+                raise DaemonNotFound(
+                    f"{endpoint} is no endpoint; try tcp/127.0.0.1:7447"
+                ) from error
+        try:
+            self._session = zenoh.open(config)
+        except zenoh.ZError as error:
+            raise DaemonNotFound(
+                f"no imud at {endpoint}; start one with imud run PORT, or say where "
+                "it is with --connect"
+            ) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._session.close()
+
+    @property
+    def endpoint(self) -> str:
+        return self._endpoint
+
+    def subscribe(
+        self, topic: str, probe: str | None, callback: Callable[[str, bytes], None]
+    ) -> Callable[[], None]:
+        """Calls back with probe and payload, in a thread of its own, until the
+        function that is returned is called.
+        """
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            name = str(sample.key_expr).split("/")[-2]
+            callback(name, sample.payload.to_bytes())
+
+        key = f"{self._prefix}/{probe or '*'}/{topic}"
+        subscriber = self._session.declare_subscriber(key, on_sample)
+        return subscriber.undeclare
+
+    def poses(
+        self, probe: str | None = None, *, seconds: float | None = None
+    ) -> Iterator[dict[str, Any]]:
+        """Poses as they come, of one probe or of all, for some time or for ever."""
+        waiting: queue.Queue[bytes] = queue.Queue()
+
+        def keep(_: str, payload: bytes) -> None:
+            if waiting.qsize() < WAITING_MAX:
+                waiting.put(payload)
+
+        undeclare = self.subscribe("pose", probe, keep)
+        until = None if seconds is None else time.monotonic() + seconds
+        try:
+            while until is None or time.monotonic() < until:
+                left = 1.0 if until is None else max(0.0, until - time.monotonic())
+                try:
+                    yield json.loads(waiting.get(timeout=min(left, 1.0)))
+                except queue.Empty:
+                    continue
+        finally:
+            undeclare()
+
+    def statuses(self, probe: str | None = None) -> list[dict[str, Any]]:
+        """The last status of each probe, sorted by name."""
+        key = f"{self._prefix}/{probe or '*'}/status"
+        replies = self._session.get(key, timeout=QUERY_TIMEOUT_S)
+        found = [json.loads(r.ok.payload.to_bytes()) for r in replies if r.ok]
+        return sorted(found, key=lambda status: str(status["probe"]))
+
+    def alive(self) -> list[str]:
+        """The probes that are there."""
+        key = f"{self._prefix}/*/alive"
+        replies = self._session.liveliness().get(key, timeout=QUERY_TIMEOUT_S)
+        return sorted(str(r.ok.key_expr).split("/")[-2] for r in replies if r.ok)
+
+    def only_probe(self, probe: str | None = None) -> str:
+        """The probe of that name, or the only one there is."""
+        alive = self.alive()
+        if probe is not None:
+            if probe not in alive:
+                raise ProbeUnknown(f"no probe {probe} is there; {_choice(alive)}")
+            return probe
+        if len(alive) != 1:
+            raise ProbeUnknown(
+                "no probe is there; plug one in, or look at imud run"
+                if not alive
+                else f"there are {len(alive)} probes; {_choice(alive)}"
+            )
+        return alive[0]
+
+    def command(self, probe: str, name: str, **arguments: str) -> dict[str, Any]:
+        """Has the probe do something; returns the daemon's answer."""
+        selector = f"{self._prefix}/{probe}/cmd/{name}"
+        if arguments:
+            selector += "?" + ";".join(f"{k}={v}" for k, v in arguments.items())
+        for reply in self._session.get(selector, timeout=COMMAND_TIMEOUT_S):
+            if reply.ok:
+                answer: dict[str, Any] = json.loads(reply.ok.payload.to_bytes())
+                return answer
+            if reply.err:
+                raise CommandRefused(reply.err.payload.to_string())
+        raise NoReply(f"nobody answered {name} for probe {probe}; imud list")
+
+
+def _choice(names: list[str]) -> str:
+    return f"name one: {', '.join(names)}" if names else "plug it in"

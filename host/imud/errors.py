@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: MIT
+"""What a caller of imud may have to act on. Noise on the wire is counted, not raised.
+
+ImudError
+├── ConfigError         a configuration file or an argument that makes no sense
+├── LinkError           a serial port
+│   ├── PortNotFound
+│   ├── PortBusy
+│   ├── PortRefused     no permission, or not a serial port
+│   └── PortLost
+├── DeviceError         a probe
+│   ├── ProbeUnknown    no such probe, or more than one to choose from
+│   ├── VersionMismatch
+│   ├── CommandRefused
+│   └── NoReply
+├── NetworkError        Zenoh
+│   ├── ListenFailed
+│   └── DaemonNotFound
+└── FileError           a capture or a log that can't be read or written
+
+Each message says what was being done, to what, and what to do next, on one line.
+"""
+
+
+class ImudError(Exception):
+    """Anything imud raises on purpose."""
+
+
+class ConfigError(ImudError):
+    """A configuration file or an argument that makes no sense."""
+
+
+class LinkError(ImudError):
+    """A serial port that doesn't serve."""
+
+
+class PortNotFound(LinkError):
+    """No port of that name."""
+
+
+class PortBusy(LinkError):
+    """Another program holds the port."""
+
+
+class PortRefused(LinkError):
+    """No permission, or not a serial port."""
+
+
+class PortLost(LinkError):
+    """The port vanished while it was open."""
+
+
+class DeviceError(ImudError):
+    """A probe that doesn't do what it was asked."""
+
+
+class ProbeUnknown(DeviceError):
+    """No such probe, or more than one to choose from."""
+
+
+class VersionMismatch(DeviceError):
+    """The probe speaks another schema than this imud."""
+
+
+class CommandRefused(DeviceError):
+    """The probe answered that it will not."""
+
+
+class NoReply(DeviceError):
+    """The probe did not answer in time."""
+
+
+class NetworkError(ImudError):
+    """Zenoh can't be reached or opened."""
+
+
+class ListenFailed(NetworkError):
+    """The daemon can't listen where it was told to."""
+
+
+class DaemonNotFound(NetworkError):
+    """No daemon answers there."""
+
+
+class FileError(ImudError):
+    """A capture or a log that can't be read or written."""

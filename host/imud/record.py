@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: MIT
+"""A message as the object that subscribers, logs and `imud decode` all see, and what
+of it flows through the hub to the sinks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from imud.messages import Message, Value
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One thing said by or about a probe, made ready once for all sinks."""
+
+    probe: str  # its name in keys
+    topic: str  # last part of the key of `payload`: pose, raw, event, status...
+    payload: bytes  # JSON; empty where only the frame is of interest
+    content: bytes  # the frame as received; empty where there was none
+    sequence: int
+    t_ns: int
+    hello: bytes = b""  # content of the hello in force: what scales raw counts
+
+
+@dataclass(frozen=True, slots=True)
+class Presence:
+    """A probe came or went."""
+
+    probe: str
+    is_alive: bool
+
+
+def describe(
+    message: Message,
+    probe: str,
+    t_device_us: int,
+    t_ns: int | None,
+    hello: Mapping[str, Value],
+) -> dict[str, Any]:
+    """Plain values for JSON; `hello` holds what scales raw counts, or is empty."""
+    fields = message.fields
+    head: dict[str, Any] = {
+        "type": message.name,
+        "probe": probe,
+        "seq": message.sequence,
+        "t_device_us": t_device_us,
+        "t_ns": t_ns,
+    }
+    if message.name == "pose":
+        return head | {
+            "q": fields["q"],
+            "position_m": fields["position"],
+            "normal": fields["normal"],
+            "tilt_sigma_deg": fields["tilt_sigma"],
+            "heading_sigma_deg": fields["heading_sigma"],
+            "flags": fields["pose_flags"],
+        }
+    if message.name == "raw":
+        return head | {
+            "acc_m_s2": _scaled(fields["acc"], hello.get("acc_lsb")),
+            "gyr_rad_s": _scaled(fields["gyr"], hello.get("gyr_lsb")),
+            "mag_uT": _scaled(fields["mag"], hello.get("mag_lsb")),
+            "temperature_c": fields["temperature"],
+            "acc_counts": fields["acc"],
+            "gyr_counts": fields["gyr"],
+            "mag_counts": fields["mag"],
+            "flags": fields["sample_flags"],
+        }
+    return head | {name: plain(value) for name, value in fields.items()}
+
+
+def plain(value: Value) -> Any:
+    """Bytes as hexadecimal digits, all else as it is."""
+    return value.hex() if isinstance(value, bytes) else value
+
+
+def euler_deg(q: list[float]) -> tuple[float, float, float]:
+    """Yaw, pitch and roll (z, y', x'' intrinsic) of a world_from_body quaternion."""
+    w, x, y, z = q
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    return math.degrees(yaw), math.degrees(pitch), math.degrees(roll)
+
+
+def _scaled(counts: Value, lsb: Value) -> list[float] | None:
+    if not isinstance(counts, tuple) or not isinstance(lsb, float):
+        return None
+    return [float(count) * lsb for count in counts]

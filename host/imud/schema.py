@@ -1,0 +1,279 @@
+# SPDX-License-Identifier: MIT
+"""The wire as data: what schema.toml says, for messages.py to work from.
+
+Generated from schema.toml by protocol/generate.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from typing import Literal
+
+PROTOCOL_VERSION = 1
+FINGERPRINT = 0xCF7119D6
+SEED = 0x19D6  # of the CRC of all messages but hello
+HELLO_SEED = 0xFFFF
+HEADER = "<BII"  # id, sequence, time_us
+
+
+class Board(IntEnum):
+    NANO = 1
+    F405 = 2
+
+
+class Sensor(IntEnum):
+    NONE = 0
+    MPU9250 = 1
+    MPU6500 = 2
+    LSM9DS0 = 3
+
+
+class State(IntEnum):
+    IDLE = 0
+    CALIBRATING = 1
+    STREAMING = 2
+    FAULT = 3
+
+
+class Event(IntEnum):
+    STREAM_STARTED = 1
+    STREAM_STOPPED = 2
+    BUTTON_PRESSED = 3
+    BUTTON_RELEASED = 4
+    BUS_FAULT = 5
+    BUS_RECOVERED = 6
+    OVERRUN = 7
+    CALIBRATION_DONE = 8
+    CALIBRATION_REFUSED = 9
+    SENSOR_FAULT = 10
+    SETTINGS_RESTORED = 11
+    TARED = 12
+    SETTINGS_FAILED = 13
+
+
+class Cause(IntEnum):
+    NONE = 0
+    BUTTON = 1
+    COMMAND = 2
+    BOOT = 3
+    NACK = 4
+    TIMEOUT = 5
+    STUCK_BUS = 6
+    NO_DATA_READY = 7
+    WRONG_CHIP = 8
+    MOTION = 9
+    LATE = 10
+    SELF_TEST = 11
+
+
+class Command(IntEnum):
+    START = 1
+    STOP = 2
+    RATE = 3
+    FIELDS = 4
+    HELLO = 5
+    TARE = 6
+    RESET = 7
+
+
+class Result(IntEnum):
+    OK = 0
+    UNKNOWN_COMMAND = 1
+    BAD_ARGUMENT = 2
+    NOT_READY = 3
+
+
+class ResetCauseFlags(IntFlag):
+    POWER_ON = 1 << 0
+    EXTERNAL = 1 << 1
+    BROWN_OUT = 1 << 2
+    WATCHDOG = 1 << 3
+    SOFTWARE = 1 << 4
+    HARD_FAULT = 1 << 5
+
+
+class SelfTestFlags(IntFlag):
+    ACC_PASSED = 1 << 0
+    GYR_PASSED = 1 << 1
+    MAG_PASSED = 1 << 2
+    ACC_FAILED = 1 << 4
+    GYR_FAILED = 1 << 5
+    MAG_FAILED = 1 << 6
+
+
+class SampleFlags(IntFlag):
+    MAG_OVERFLOW = 1 << 0
+    ACC_CLIPPED = 1 << 1
+    GYR_CLIPPED = 1 << 2
+    GAP = 1 << 3
+
+
+class PoseFlags(IntFlag):
+    STARTING = 1 << 0
+    UNCALIBRATED = 1 << 1
+    AT_REST = 1 << 2
+    MAG_DISTURBED = 1 << 3
+    MAG_ABSENT = 1 << 4
+    CLIPPED = 1 << 5
+    HEADING_FREE = 1 << 6
+    GAP = 1 << 7
+    TARED = 1 << 8
+
+
+class StreamFlags(IntFlag):
+    POSE = 1 << 0
+    RAW = 1 << 1
+
+
+# Field has a member `type`, inside which the builtin is out of reach.
+Enums = type[IntEnum]
+Flags = type[IntFlag]
+
+# The struct code of one value.
+CODES = {
+    "u8": "B",
+    "i8": "b",
+    "u16": "H",
+    "i16": "h",
+    "u32": "I",
+    "i32": "i",
+    "text": "s",
+    "bytes": "s",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A field; a wire number times `scale` is in `unit`."""
+
+    name: str
+    tag: int
+    type: str
+    count: int = 1
+    scale: float = 1.0
+    unit: str = ""
+    null: int | None = None  # the wire number, in all values, for "not available"
+    enum: Enums | None = None
+    flags: Flags | None = None
+    format: Literal["", "hex"] = ""
+
+    @property
+    def code(self) -> str:
+        """The struct code of all its values, such as "3h" or "16s"."""
+        return f"{self.count}{CODES[self.type]}"
+
+
+@dataclass(frozen=True, slots=True)
+class MessageType:
+    name: str
+    id: int
+    direction: Literal["probe", "host"]
+    fields: tuple[Field, ...]
+
+
+MESSAGES = (
+    MessageType(
+        "hello",
+        0x03,
+        "probe",
+        (
+            Field("protocol_version", 1, "u8"),
+            Field("schema_fingerprint", 2, "u32", format="hex"),
+            Field("firmware", 3, "text", 16),
+            Field("board", 4, "u8", enum=Board),
+            Field("probe_id", 5, "bytes", 8),
+            Field("sensor", 6, "u8", enum=Sensor),
+            Field("who_am_i", 7, "u8", 2, format="hex"),
+            Field("mag_adjust", 8, "u8", 3),
+            Field("self_test", 9, "u8", flags=SelfTestFlags),
+            Field("sample_rate", 10, "u16", unit="Hz"),
+            Field("pose_rate", 11, "u16", unit="Hz"),
+            Field("raw_rate", 12, "u16", unit="Hz"),
+            Field("acc_lsb", 13, "u32", scale=1e-9, unit="m/s2"),
+            Field("gyr_lsb", 14, "u32", scale=1e-9, unit="rad/s"),
+            Field("mag_lsb", 15, "u32", scale=1e-6, unit="uT"),
+            Field("boot_count", 16, "u16"),
+            Field("reset_cause", 17, "u8", flags=ResetCauseFlags),
+        ),
+    ),
+    MessageType(
+        "raw",
+        0x05,
+        "probe",
+        (
+            Field("acc", 20, "i16", 3, unit="counts"),
+            Field("gyr", 21, "i16", 3, unit="counts"),
+            Field("mag", 22, "i16", 3, unit="counts", null=-32768),
+            Field("temperature", 23, "i16", scale=0.01, unit="degC", null=-32768),
+            Field("sample_flags", 24, "u8", flags=SampleFlags),
+        ),
+    ),
+    MessageType(
+        "pose",
+        0x06,
+        "probe",
+        (
+            Field("q", 30, "i32", 4, scale=2.0**-30),
+            Field("position", 31, "i32", 3, scale=1e-6, unit="m", null=-2147483648),
+            Field("normal", 32, "i16", 3, scale=2.0**-14, null=-32768),
+            Field("tilt_sigma", 33, "u16", scale=0.01, unit="deg", null=65535),
+            Field("heading_sigma", 34, "u16", scale=0.01, unit="deg", null=65535),
+            Field("pose_flags", 35, "u16", flags=PoseFlags),
+        ),
+    ),
+    MessageType(
+        "event",
+        0x09,
+        "probe",
+        (
+            Field("event", 40, "u8", enum=Event),
+            Field("cause", 41, "u8", enum=Cause),
+            Field("detail", 42, "i32"),
+        ),
+    ),
+    MessageType(
+        "status",
+        0x0A,
+        "probe",
+        (
+            Field("uptime", 50, "u32", unit="s"),
+            Field("state", 51, "u8", enum=State),
+            Field("samples_ready", 52, "u32"),
+            Field("samples_read", 53, "u32"),
+            Field("samples_fused", 54, "u32"),
+            Field("overruns", 55, "u32"),
+            Field("bus_faults", 56, "u16"),
+            Field("bus_recoveries", 57, "u16"),
+            Field("messages_sent", 58, "u32"),
+            Field("messages_dropped", 59, "u32"),
+            Field("commands_received", 60, "u16"),
+            Field("commands_bad", 61, "u16"),
+            Field("cycles_mean", 62, "u32"),
+            Field("cycles_worst", 63, "u32"),
+            Field("stack_free", 64, "u16", unit="bytes", null=65535),
+            Field("supply", 65, "u16", unit="mV", null=65535),
+        ),
+    ),
+    MessageType(
+        "command",
+        0x0C,
+        "host",
+        (
+            Field("command", 70, "u8", enum=Command),
+            Field("token", 71, "u16"),
+            Field("arguments", 72, "i32", 2),
+        ),
+    ),
+    MessageType(
+        "reply",
+        0x0F,
+        "probe",
+        (
+            Field("replied_command", 80, "u8", enum=Command),
+            Field("replied_token", 81, "u16"),
+            Field("result", 82, "u8", enum=Result),
+            Field("value", 83, "i32", 2),
+        ),
+    ),
+)

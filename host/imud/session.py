@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: MIT
+"""What one opening of a port says: bytes in, events out. No I/O; time is an argument.
+
+A message is only passed on once its probe is known, that is after a hello; those
+before it wait. Everything that is not passed on is counted, here or in the account.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from imud import messages, schema
+from imud.frame import FrameDecoder
+from imud.ledger import Account, Heard, Judged, Verdict, difference_32
+from imud.messages import Message, Skew, Value
+
+# Messages that wait for a hello, which comes every second: 200 raw and 100 poses a
+# second, three times over.
+WAITING_MAX = 1024
+
+# A hello and a status come every second, so this long with nothing good is a fault.
+SILENT_NS = 3_000_000_000
+
+# Fewer bytes than this without a good frame may be the rest of one or line noise at
+# power-on; more is another baud rate or another device.
+NOISE_BYTES = 256
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeFound:
+    """A probe said hello on this port for the first time, or it began a boot."""
+
+    probe_id: str
+    hello: Message
+    is_restart: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """A good message, in its order."""
+
+    probe: Probe
+    message: Message
+    content: bytes
+    t_device_us: int
+    t_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A frame that passed its CRC and is not passed on."""
+
+    probe_id: str
+    verdict: Verdict
+    skew: Skew | None
+
+
+@dataclass(frozen=True, slots=True)
+class OtherSchema:
+    """A probe that this imud can't read beyond its hello."""
+
+    probe_id: str
+    fingerprint: int
+    firmware: str
+    hello: Message
+
+
+@dataclass(frozen=True, slots=True)
+class OnlyNoise:
+    """Bytes come, but no frames."""
+
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Silent:
+    """A port is open and nothing is heard."""
+
+    seconds: float
+
+
+Event = ProbeFound | Received | Refused | OtherSchema | OnlyNoise | Silent
+
+
+@dataclass(slots=True)
+class _DeviceClock:
+    """Unrolls the 32 bits of device time, which wrap after 71.6 minutes."""
+
+    t_us: int | None = None
+    t_ns: int | None = None
+
+    def unroll(self, time_us: int, t_ns: int | None) -> int:
+        if self.t_us is None:
+            unrolled = time_us
+        else:
+            expected = self.t_us
+            if t_ns is not None and self.t_ns is not None:
+                # Tells how often it wrapped in a long silence.
+                expected += (t_ns - self.t_ns) // 1000
+            unrolled = expected + difference_32(time_us, expected)
+        if self.t_us is None or unrolled > self.t_us:
+            self.t_us, self.t_ns = unrolled, t_ns
+        return unrolled
+
+
+class Probe:
+    """What is known of one probe, whichever port it speaks on."""
+
+    def __init__(self, probe_id: str) -> None:
+        self.probe_id = probe_id
+        self.account = Account()
+        self.clock = _DeviceClock()
+        self.hello: dict[str, Value] = {}
+        self.hello_content = b""
+
+    def learn(self, hello: Message, content: bytes) -> None:
+        self.hello, self.hello_content = dict(hello.fields), content
+
+
+class Session:
+    """One opening of one port. `probes` is shared by all sessions of a daemon."""
+
+    def __init__(
+        self,
+        probes: Callable[[str], Probe],
+        t_ns: int | None = None,
+        presumed: Probe | None = None,
+    ) -> None:
+        self._find = probes
+        self._decoder = FrameDecoder()
+        self._has_delimiter = False
+        self._waiting: deque[Heard] = deque()
+        self._is_foreign = False
+        self._tallied = Counter[str]()
+        self._heard_ns = t_ns
+        self._good_ns = t_ns
+        self._bytes_since_good = 0
+        self._is_warned = False
+        self.probe = presumed
+        self.bytes = 0
+        self.corrupt = Counter[str]()  # bad frames that nothing below explains
+        self.partial = 0  # the frame in whose middle the port was opened
+        self.foreign = 0  # of a probe that speaks another schema
+        self.unnamed = 0  # good messages for which no hello came in time
+        self.headless: Counter[str] = Counter()  # skewed, with no number to account for
+
+    def counts(self) -> dict[str, Any]:
+        return {
+            "bytes": self.bytes,
+            "frames": self._decoder.stats.ok,
+            "corrupt": self.corrupt.total(),
+            "corrupt_kinds": dict(sorted(self.corrupt.items())),
+            "partial": self.partial,
+            "foreign": self.foreign,
+            "unnamed": self.unnamed,
+            "headless": dict(sorted(self.headless.items())),
+        }
+
+    def receive(self, data: bytes, t_ns: int | None) -> list[Event]:
+        events: list[Event] = []
+        self.bytes += len(data)
+        self._heard_ns = t_ns
+        if not self._has_delimiter:
+            end = data.find(0) + 1
+            head, data = (data[:end], data[end:]) if end else (data, b"")
+            self._feed(head, t_ns, events)
+            self._has_delimiter = end > 0
+            self.partial += self._newly_bad().total()
+        self._feed(data, t_ns, events)
+        if self._is_foreign:
+            self.foreign += self._newly_bad().total()
+        else:
+            self.corrupt += self._newly_bad()
+        return events
+
+    def _newly_bad(self) -> Counter[str]:
+        bad = Counter(self._decoder.stats.bad)
+        fresh, self._tallied = bad - self._tallied, bad
+        return fresh
+
+    def check(self, t_ns: int) -> list[Event]:
+        """What has not come by now. To be called about every second."""
+        if self._is_warned or self._heard_ns is None or self._good_ns is None:
+            return []
+        silence_ns = t_ns - self._heard_ns
+        is_noise = self._bytes_since_good > NOISE_BYTES
+        event: Event
+        if silence_ns > SILENT_NS:
+            event = Silent(silence_ns / 1e9)
+        elif is_noise and t_ns - self._good_ns > SILENT_NS:
+            event = OnlyNoise(self._bytes_since_good)
+        else:
+            return []
+        self._is_warned = True
+        return [event]
+
+    def close(self) -> list[Event]:
+        """Ends the opening: nothing more will come to decide what waits."""
+        events: list[Event] = []
+        if self.probe is not None:
+            for judged in self.probe.account.close():
+                self._tell(self.probe, judged, events)
+        self.unnamed += len(self._waiting)
+        self._waiting.clear()
+        return events
+
+    def _feed(self, data: bytes, t_ns: int | None, events: list[Event]) -> None:
+        self._bytes_since_good += len(data)
+        for content in self._decoder.feed(data):
+            self._bytes_since_good = 0
+            self._good_ns = t_ns
+            self._is_warned = False
+            events.extend(self.take(content, t_ns))
+
+    def take(self, content: bytes, t_ns: int | None) -> list[Event]:
+        """What one frame's content means, once its CRC is known to be good."""
+        events: list[Event] = []
+        said = messages.decode(content)
+        if isinstance(said, Message) and not said.is_from_probe:
+            detail = f"{said.name} comes from the wrong side"
+            said = Skew("unknown_message", detail, said.sequence, said.time_us)
+        if said.sequence is None or said.time_us is None:
+            if isinstance(said, Skew):
+                self.headless[said.kind] += 1
+            return events
+        heard = Heard(content, said, said.sequence, said.time_us, t_ns)
+        if isinstance(said, Message) and said.name == "hello":
+            self._take_hello(heard, said, events)
+        elif self.probe is None:
+            if len(self._waiting) == WAITING_MAX:
+                self._waiting.popleft()
+                self.unnamed += 1
+            self._waiting.append(heard)
+        else:
+            self._note(self.probe, heard, events)
+        return events
+
+    def _take_hello(self, heard: Heard, hello: Message, events: list[Event]) -> None:
+        probe_id = hello.fields["probe_id"]
+        fingerprint = hello.fields["schema_fingerprint"]
+        if not isinstance(probe_id, bytes) or not isinstance(fingerprint, int):
+            self.headless["impossible_value"] += 1
+            return
+        if fingerprint != schema.FINGERPRINT:
+            if not self._is_foreign:
+                self._is_foreign = True
+                if self.probe is None:
+                    # What was bad so far was this probe, unreadable.
+                    self.foreign += self.corrupt.total()
+                    self.corrupt.clear()
+                firmware = str(hello.fields["firmware"])
+                events.append(OtherSchema(probe_id.hex(), fingerprint, firmware, hello))
+            return
+        self._is_foreign = False
+        is_first = self.probe is None or self.probe.probe_id != probe_id.hex()
+        if is_first:
+            if self.probe is not None:
+                events.extend(self.close())
+            self.probe = self._find(probe_id.hex())
+        probe = self.probe
+        if probe is None:
+            return
+        if not probe.hello:
+            probe.learn(hello, heard.content)
+        waiting = [*self._waiting, heard]
+        self._waiting.clear()
+        boots = probe.account.boots
+        told: list[Event] = []
+        for each in waiting:
+            self._note(probe, each, told)
+        is_restart = boots > 0 and probe.account.boots > boots
+        is_heard = any(isinstance(e, Received) and e.message is hello for e in told)
+        if is_heard:
+            probe.learn(hello, heard.content)
+        if is_first or is_restart:
+            events.append(ProbeFound(probe.probe_id, hello, is_restart))
+        events.extend(told)
+
+    def _note(self, probe: Probe, heard: Heard, events: list[Event]) -> None:
+        for judged in probe.account.note(heard):
+            self._tell(probe, judged, events)
+
+    def _tell(self, probe: Probe, judged: Judged, events: list[Event]) -> None:
+        heard = judged.heard
+        if judged.begins_boot:
+            probe.clock = _DeviceClock()
+        if judged.verdict is Verdict.GOOD and isinstance(heard.said, Message):
+            t_device_us = probe.clock.unroll(heard.time_us, heard.t_ns)
+            events.append(
+                Received(probe, heard.said, heard.content, t_device_us, heard.t_ns)
+            )
+        else:
+            skew = heard.said if isinstance(heard.said, Skew) else None
+            events.append(Refused(probe.probe_id, judged.verdict, skew))

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: MIT
+// The far end of the probe's USB cable: a pseudo terminal behind a symbolic link.
+#ifndef SIM_CABLE_H
+#define SIM_CABLE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+// What a host's serial driver holds for a slow reader.
+enum { CABLE_HELD = 65536 };
+
+struct cable {
+    int master;
+    int keeper;  // keeps the line's settings while nobody has it open; -1: none
+    int watch;   // says who opens and closes it; -1: can't be known
+    int listeners;
+    char link[4096];
+    char name[128];
+    uint8_t held[CABLE_HELD];
+    size_t held_head, held_count;
+    uint64_t dropped;  // bytes that a listener was too slow for
+    uint64_t unheard;  // bytes sent while nobody listened, as on a real wire
+};
+
+// Null, or what is wrong.
+const char *cable_open(struct cable *cable, const char *link);
+void cable_close(struct cable *cable);
+// Takes a byte. Where the reader is slow: waits if told so (false: a signal came),
+// drops and counts otherwise.
+bool cable_put(struct cable *cable, uint8_t byte, bool waits);
+// Hands over what it holds as far as the reader takes it.
+void cable_flush(struct cable *cable);
+// Reads what came from the other side; 0 for nothing.
+size_t cable_get(struct cable *cable, uint8_t *bytes, size_t room);
+
+#endif

@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: MIT
+// Reads the list of faults: as much of JSON as it needs.
+#include "faults.h"
+
+#include <ctype.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const char *const chip_kinds[] = {
+    [MPU9250_CHIP_NACK] = "nack",
+    [MPU9250_CHIP_STUCK_SDA] = "stuck_sda",
+    [MPU9250_CHIP_NO_DATA_READY] = "no_data_ready",
+    [MPU9250_CHIP_WRONG_WHO_AM_I] = "wrong_who_am_i",
+    [MPU9250_CHIP_NO_AK8963] = "no_ak8963",
+    [MPU9250_CHIP_GYR_SELF_TEST] = "gyr_self_test",
+    [MPU9250_CHIP_ACC_SELF_TEST] = "acc_self_test",
+    [MPU9250_CHIP_FROZEN] = "frozen",
+};
+static const struct {
+    const char *name;
+    enum fault_target target;
+} board_kinds[] = {
+    {"reset", FAULT_RESET},
+    {"brown_out", FAULT_BROWN_OUT},
+    {"power_cut", FAULT_POWER_CUT},
+};
+
+static bool fail(struct faults *faults, const char *format, ...) {
+    va_list list;
+    va_start(list, format);
+    (void)vsnprintf(faults->problem, sizeof faults->problem, format, list);
+    va_end(list);
+    return false;
+}
+
+static const char *skip(const char *at) {
+    while (isspace((unsigned char)*at)) {
+        at++;
+    }
+    return at;
+}
+
+static bool read_word(struct faults *faults, const char **at, char *word, size_t room) {
+    const char *from = skip(*at);
+    const char *end = *from == '"' ? strchr(from + 1, '"') : NULL;
+    if (end == NULL || (size_t)(end - from) > room) {
+        return fail(faults, "a short word in quotes is missing at: %.20s", from);
+    }
+    const size_t length = (size_t)(end - from) - 1;
+    memcpy(word, from + 1, length);
+    word[length] = '\0';
+    *at = skip(end + 1);
+    return true;
+}
+
+static bool set_kind(struct faults *faults, struct fault *fault, const char *kind) {
+    for (size_t i = 0; i < sizeof chip_kinds / sizeof *chip_kinds; i++) {
+        if (strcmp(kind, chip_kinds[i]) == 0) {
+            fault->target = FAULT_CHIP;
+            fault->chip.kind = (enum mpu9250_chip_fault_kind)i;
+            return true;
+        }
+    }
+    for (size_t i = 0; i < sizeof board_kinds / sizeof *board_kinds; i++) {
+        if (strcmp(kind, board_kinds[i].name) == 0) {
+            fault->target = board_kinds[i].target;
+            return true;
+        }
+    }
+    return fail(faults, "no such kind of fault: %s", kind);
+}
+
+static bool set_number(struct faults *faults, struct fault *fault, const char *name,
+                       uint64_t value) {
+    const bool is_byte = strcmp(name, "byte") == 0 || strcmp(name, "clocks") == 0 ||
+                         strcmp(name, "value") == 0;
+    if (is_byte && value > UINT8_MAX) {
+        return fail(faults, "%s is above 255", name);
+    }
+    if (strcmp(name, "at_us") == 0) {
+        fault->at_us = value;
+    } else if (strcmp(name, "for_us") == 0) {
+        fault->chip.for_ns = value * 1000;
+    } else if (strcmp(name, "after_us") == 0) {
+        fault->after_us = value;
+    } else if (strcmp(name, "write") == 0) {
+        fault->write = value;
+    } else if (strcmp(name, "transaction") == 0) {
+        fault->chip.first = value;
+        if (fault->chip.transactions == 0) {
+            fault->chip.transactions = 1;
+        }
+    } else if (strcmp(name, "transactions") == 0) {
+        fault->chip.transactions = value;
+    } else if (strcmp(name, "byte") == 0) {
+        fault->chip.at_byte = (uint8_t)value;
+    } else if (strcmp(name, "clocks") == 0) {
+        fault->chip.clocks = (uint8_t)value;
+    } else if (strcmp(name, "value") == 0) {
+        fault->chip.value = (uint8_t)value;
+    } else {
+        return fail(faults, "no such key: %s", name);
+    }
+    return true;
+}
+
+static bool read_fault(struct faults *faults, const char **at, struct fault *fault) {
+    bool has_kind = false;
+    memset(fault, 0, sizeof *fault);
+    if (**at != '{') {
+        return fail(faults, "an object in braces is missing at: %.20s", *at);
+    }
+    do {
+        char name[24];
+        (*at)++;
+        if (!read_word(faults, at, name, sizeof name)) {
+            return false;
+        }
+        if (**at != ':') {
+            return fail(faults, "a colon is missing after %s", name);
+        }
+        *at = skip(*at + 1);
+        if (strcmp(name, "kind") == 0) {
+            char kind[24];
+            has_kind = true;
+            if (!read_word(faults, at, kind, sizeof kind) ||
+                !set_kind(faults, fault, kind)) {
+                return false;
+            }
+        } else {
+            char *end = NULL;
+            const uint64_t value = strtoull(*at, &end, 10);
+            if (end == *at || **at == '-' || *end == '.' || *end == 'e') {
+                return fail(faults, "%s is no whole number of 0 or more", name);
+            }
+            *at = skip(end);
+            if (!set_number(faults, fault, name, value)) {
+                return false;
+            }
+        }
+    } while (**at == ',');
+    if (**at != '}') {
+        return fail(faults, "a closing brace is missing at: %.20s", *at);
+    }
+    *at = skip(*at + 1);
+    return has_kind || fail(faults, "a fault has no kind");
+}
+
+bool faults_parse(struct faults *faults, const char *text) {
+    const char *at = skip(text);
+    memset(faults, 0, sizeof *faults);
+    if (*at != '[') {
+        return fail(faults, "a list in brackets is missing");
+    }
+    at = skip(at + 1);
+    while (*at != ']') {
+        if (faults->count == FAULTS_MAX) {
+            return fail(faults, "more than %d faults", FAULTS_MAX);
+        }
+        if (!read_fault(faults, &at, &faults->list[faults->count])) {
+            return false;
+        }
+        faults->count++;
+        if (*at == ',') {
+            at = skip(at + 1);
+        } else if (*at != ']') {
+            return fail(faults, "a comma or bracket is missing at: %.20s", at);
+        }
+    }
+    return true;
+}
+
+bool faults_load(struct faults *faults, const char *path) {
+    memset(faults, 0, sizeof *faults);
+    FILE *file = fopen(path, "rb");
+    if (file == NULL) {
+        return fail(faults, "can't be opened");
+    }
+    static char text[65536];
+    const size_t length = fread(text, 1, sizeof text - 1, file);
+    (void)fclose(file);
+    text[length] = '\0';
+    return faults_parse(faults, text);
+}

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: MIT
+"""The scorer against angles known by hand, and against published results."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import scoring
+
+from imud import motion, rotation
+
+vqf = pytest.importorskip("vqf", reason="the PyPI package vqf is not installed")
+
+
+def turned(*degrees: float) -> rotation.FloatArray:
+    return rotation.from_rotation_vector(np.radians(np.array([degrees])))
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 3.0, -90.0, 179.0])
+@pytest.mark.parametrize("tilt_deg", [0.0, 1.0, -60.0])
+def test_heading_and_inclination_come_apart(
+    heading_deg: float, tilt_deg: float
+) -> None:
+    truth = turned(20.0, -130.0, 70.0)
+    error = rotation.multiply(turned(0.0, 0.0, heading_deg), turned(0.0, tilt_deg, 0.0))
+    found = scoring.errors(rotation.multiply(error, truth), truth)
+    half = math.cos(math.radians(heading_deg) / 2) * math.cos(
+        math.radians(tilt_deg) / 2
+    )
+    assert found.heading[0] == pytest.approx(abs(heading_deg), abs=1e-6)
+    assert found.inclination[0] == pytest.approx(abs(tilt_deg), abs=1e-6)
+    assert found.total[0] == pytest.approx(2 * math.degrees(math.acos(half)), abs=1e-6)
+
+
+def test_a_quaternion_and_its_negative_score_the_same() -> None:
+    truth, estimate = turned(20.0, -130.0, 70.0), turned(25.0, -120.0, 60.0)
+    positive, negative = (
+        scoring.errors(sign * estimate, truth) for sign in (1.0, -1.0)
+    )
+    assert negative.total == pytest.approx(positive.total)
+    assert negative.heading == pytest.approx(positive.heading)
+    assert negative.inclination == pytest.approx(positive.inclination)
+
+
+def test_a_pose_is_compared_with_the_truth_of_its_own_moment() -> None:
+    made = motion.generate(12.0, seed=5, rate_hz=250.0, errors=motion.NO_ERRORS)
+    assert made.quat is not None
+    known = np.arange(len(made)) / made.rate_hz
+    times = np.arange(0.001, 11.9, 0.0037)
+    truth = rotation.interpolate(times, known, made.quat)
+    assert scoring.score_at(times, truth, made).total < 1e-6
+    late = scoring.score_at(times + 0.02, truth, made)
+    assert late.total > 0.3
+
+
+def test_only_movement_with_truth_counts() -> None:
+    count = 100
+    quat = np.tile(turned(0.0, 0.0, 0.0), (count, 1))
+    quat[80:90] = np.nan
+    zeros = np.zeros((count, 3))
+    moving = np.arange(count) >= 50
+    truth = motion.Motion(100.0, zeros, zeros, zeros, quat=quat, movement=moving)
+    estimate = np.tile(turned(0.0, 0.0, 0.0), (count, 1))
+    estimate[:50] = turned(0.0, 90.0, 0.0)
+    estimate[80:90] = turned(0.0, 90.0, 0.0)
+    times = np.arange(count) / 100.0
+    assert scoring.score_at(times, estimate, truth).total == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(
+    ("every", "expected"),
+    [(1, (2.46, 2.31, 0.72)), (3, (2.62, 2.39, 0.88))],
+    ids=["full_rate", "95_hz"],
+)
+def test_vqf_scores_on_broad_as_published(
+    every: int, expected: tuple[float, float, float]
+) -> None:
+    if not scoring.RECORDINGS.is_dir():
+        pytest.skip(f"no recordings at {scoring.RECORDINGS}")
+    # Trials 13, 19 and 37 come from another source than the published figures.
+    trials = [
+        trial
+        for trial in scoring.load_trials([scoring.RECORDINGS])
+        if trial.name[:2] not in {"13", "19", "37"}
+    ]
+    assert len(trials) == 18
+    scores = [score_reduced(trial.motion, every) for trial in trials]
+    mean = scoring.Score.mean(scores)
+    assert (mean.total, mean.heading, mean.inclination) == pytest.approx(
+        expected, abs=0.006
+    )
+
+
+def score_reduced(recording: motion.Motion, every: int) -> scoring.Score:
+    """VQF at defaults on means of `every` samples, stamped with their last."""
+    count = len(recording) // every
+    gyr, acc, mag = (
+        np.ascontiguousarray(
+            values[: count * every].reshape(count, every, 3).mean(axis=1)
+        )
+        for values in (recording.gyr, recording.acc, recording.mag)
+    )
+    estimate = vqf.VQF(every / recording.rate_hz).updateBatch(gyr, acc, mag)["quat9D"]
+    times = (np.arange(count) * every + every - 1) / recording.rate_hz
+    return scoring.score_at(times, estimate, recording)

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: MIT
+"""What tests share: where things are, and how hypothesis behaves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import hypothesis
+import pytest
+
+import native
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# The same examples on every run and every machine.
+hypothesis.settings.register_profile(
+    "imud", derandomize=True, database=None, deadline=None, print_blob=True
+)
+hypothesis.settings.load_profile("imud")
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Mark what reaches the C through cffi, wherever it stands."""
+    if isinstance(item, pytest.Function) and any(
+        value is native or getattr(value, "__module__", "") == native.__name__
+        for value in vars(item.module).values()
+    ):
+        item.add_marker(pytest.mark.native)
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The project's folder."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Recordings with optical truth that are not part of the project."""
+    data = ROOT.parent / "shared" / "data"
+    if not data.is_dir():
+        pytest.skip("the recordings of ../shared/data are not here")
+    return data
+
+
+@pytest.fixture(scope="session")
+def image() -> Path:
+    """The image that a user flashes on a Nano."""
+    return built(ROOT / ".pio" / "build" / "nano" / "firmware.elf", "make firmware")
+
+
+@pytest.fixture(scope="session")
+def nano() -> Path:
+    """The virtual Nano."""
+    return built(ROOT / "build" / "sim" / "nano", "make sim")
+
+
+def built(path: Path, command: str) -> Path:
+    if not path.exists():
+        pytest.fail(f"{path.relative_to(ROOT)} is not there: {command}", pytrace=False)
+    return path

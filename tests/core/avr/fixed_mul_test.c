@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: MIT
+// Runs firmware/avr/fixed_mul.S over a sequence of factors that test_fixed_mul_avr.py
+// knows too, and prints what came out: cycles, then hashes of the results.
+#include <avr/io.h>
+#include <stdint.h>
+#include <stdio.h>
+
+#include "core/fixed.h"
+
+enum { BATCHES = 32, BATCH = 4096 };
+
+static const int32_t edges[] = {
+    0,
+    1,
+    -1,
+    2,
+    -2,
+    32767,
+    32768,
+    -32768,
+    65535,
+    65536,
+    0x1FFFFFFF,
+    0x20000000,
+    -0x20000000,
+    0x3FFFFFFF,
+    0x40000000,
+    -0x40000000,
+    0x00FF00FF,
+    -0x00FF0100,
+    INT32_MAX,
+    INT32_MIN,
+    INT32_MIN + 1,
+};
+
+static uint32_t hashes[3];
+
+static int put(char byte, FILE *file) {
+    (void)file;
+    while ((UCSR0A & _BV(UDRE0)) == 0) {
+    }
+    UDR0 = (uint8_t)byte;
+    return 0;
+}
+
+static void mix(uint32_t *hash, uint32_t result) {
+    *hash = (*hash << 7 | *hash >> 25) + result;
+}
+
+static void multiply(uint32_t a, uint32_t b) {
+    mix(&hashes[0], (uint32_t)fixed_mul_q30((int32_t)a, (int32_t)b));
+    mix(&hashes[1], (uint32_t)fixed_mul_q32((int32_t)a, (int32_t)b));
+    mix(&hashes[2], fixed_umul_q32(a, b));
+}
+
+// Marsaglia's xorshift32.
+static uint32_t draw(uint32_t *state) {
+    *state ^= *state << 13;
+    *state ^= *state >> 17;
+    *state ^= *state << 5;
+    return *state;
+}
+
+static void report(uint8_t batch) {
+    printf("%u %08lx %08lx %08lx\n", batch, hashes[0], hashes[1], hashes[2]);
+}
+
+// Cycles of a function of two 32-bit arguments, `ret` included: the low byte of Timer1
+// before and after, less one `lds` of 2 cycles and the `call` of 4.
+#define CYCLES_OF(function)                                                            \
+    __extension__({                                                                    \
+        uint8_t before;                                                                \
+        uint8_t after;                                                                 \
+        __asm__ volatile("lds %0, %2\n\t"                                              \
+                         "call " #function "\n\t"                                      \
+                         "lds %1, %2"                                                  \
+                         : "=&l"(before), "=&l"(after)                                 \
+                         : "n"(_SFR_MEM_ADDR(TCNT1L))                                  \
+                         : "r18", "r19", "r20", "r21", "r22", "r23", "r24", "r25",     \
+                           "r26", "r27", "r30", "r31", "memory");                      \
+        (uint8_t)(after - before - 6);                                                 \
+    })
+
+int main(void) {
+    static FILE uart = FDEV_SETUP_STREAM(put, NULL, _FDEV_SETUP_WRITE);
+    stdout = &uart;
+    TCCR1B = _BV(CS10);
+    UCSR0A = _BV(U2X0);
+    UCSR0B = _BV(TXEN0);
+    UBRR0 = 3;
+
+    printf("cycles %u %u %u\n", CYCLES_OF(fixed_mul_q30), CYCLES_OF(fixed_mul_q32),
+           CYCLES_OF(fixed_umul_q32));
+
+    for (uint8_t i = 0; i < sizeof edges / sizeof edges[0]; i++) {
+        for (uint8_t k = 0; k < sizeof edges / sizeof edges[0]; k++) {
+            multiply((uint32_t)edges[i], (uint32_t)edges[k]);
+        }
+    }
+    report(0);
+
+    uint32_t state = 0x12345678;
+    for (uint8_t batch = 1; batch <= BATCHES; batch++) {
+        for (uint16_t i = 0; i < BATCH; i++) {
+            const uint32_t a = draw(&state);
+            multiply(a, draw(&state));
+        }
+        report(batch);
+    }
+    puts("done");
+    for (;;) {
+    }
+}

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: MIT
+// Functions of firmware/core/ over whole arrays, for tests that ask thousands of times.
+#ifndef LOOPS_H
+#define LOOPS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "fixed.h"
+#include "fuse.h"
+#include "pose.h"
+#include "quat.h"
+#include "vector.h"
+
+void loop_mul_q30(int count, const int32_t *a, const int32_t *b, int32_t *out);
+void loop_mul_q32(int count, const int32_t *a, const int32_t *b, int32_t *out);
+void loop_umul_q32(int count, const uint32_t *a, const uint32_t *b, uint32_t *out);
+void loop_ratio(int count, const uint32_t *numerator, const uint32_t *denominator,
+                q2_30_t *out);
+void loop_rsqrt(int count, const uint32_t *x, q2_30_t *out);
+void loop_sqrt(int count, const uint32_t *x, uint16_t *out);
+void loop_atan2(int count, const int32_t *y, const int32_t *x, turn32_t *out);
+void loop_sincos(int count, const turn32_t *angle, q2_30_t *sine, q2_30_t *cosine);
+
+void loop_square_q30(int count, const struct vector *v, int32_t *out);
+void loop_square_q32(int count, const struct vector *v, uint32_t *out);
+void loop_normalise(int count, const struct vector *v, struct vector *unit,
+                    int32_t *norm);
+void loop_scale(int count, const struct vector *v, const q2_30_t *gain,
+                struct vector *out);
+
+void loop_multiply(int count, const struct quat *a, const struct quat *b,
+                   struct quat *out);
+void loop_renormalise(int count, struct quat *q);
+void loop_small_angle(int count, const struct vector *angle, struct quat *out);
+void loop_rotate(int count, const struct quat *q, const struct vector *v,
+                 struct vector *out);
+void loop_from_heading(int count, const turn32_t *heading, struct quat *out);
+void loop_heading(int count, const struct quat *q, turn32_t *out);
+
+void loop_calibrate(const struct calibration *calibration,
+                    const struct calibration_scale *scale, int count,
+                    const struct sample *samples, struct measurement *out);
+
+// One step a measurement; `level` is level_from_body, which no field may tilt.
+void loop_fuse(struct fuse *fuse, int count, const struct measurement *measurements,
+               const uint32_t *interval_us, struct quat *orientation,
+               struct quat *level, struct fuse_quality *quality);
+
+// One step and one pose a sample; `results` as pose_step() gave them.
+void loop_pose(struct pose_tracker *tracker, int count, const struct sample *samples,
+               struct message_pose *poses, int32_t *results);
+
+#endif

@@ -1,0 +1,300 @@
+# SPDX-License-Identifier: MIT
+"""Every function of fixed.h against exact integers, or doubles where it approximates.
+
+The bounds are those that fixed.h promises.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import native
+from core import desk
+from core.desk import INT32_MAX, INT32_MIN, ONE, TURN
+
+# The products as the firmware has them, not the guarded ones of the desk.
+ffi, lib = native.load(["tests/core/loops.c"], ["tests/core/loops.h"])
+
+EDGES = sorted(
+    {
+        sign * (2**bits + off)
+        for bits in (0, 1, 2, 14, 15, 16, 28, 29, 30, 31)
+        for off in (-1, 0, 1)
+        for sign in (-1, 1)
+        if INT32_MIN <= sign * (2**bits + off) <= INT32_MAX
+    }
+)
+UNSIGNED_EDGES = sorted(
+    {
+        2**bits + off
+        for bits in range(33)
+        for off in (-2, -1, 0, 1, 2)
+        if 0 <= 2**bits + off < 2**32
+    }
+)
+
+int32s = st.integers(INT32_MIN, INT32_MAX) | st.sampled_from(EDGES)
+uint32s = st.integers(0, 2**32 - 1) | st.sampled_from(UNSIGNED_EDGES)
+
+
+def nearest(numerator: int, bits: int) -> int:
+    """numerator / 2^bits, ties towards +infinity."""
+    return (2 * numerator + 2**bits) // 2 ** (bits + 1)
+
+
+def fits(value: int) -> bool:
+    return INT32_MIN <= value <= INT32_MAX
+
+
+def held(value: int) -> int:
+    return max(INT32_MIN, min(INT32_MAX, value))
+
+
+def away(angles: Any, truth: Any) -> Any:
+    """How far turn32 angles are from radians, the short way round."""
+    return np.abs(np.remainder(angles / TURN - truth + np.pi, 2 * np.pi) - np.pi)
+
+
+def test_products_of_all_edges_equal_exact_integers():
+    pairs = [(a, b) for a, b in product(EDGES, EDGES) if fits(nearest(a * b, 30))]
+    assert (INT32_MIN, 2**30) in pairs
+    assert (INT32_MIN, INT32_MIN) not in pairs
+    for a, b in pairs:
+        assert lib.fixed_mul_q30(a, b) == nearest(a * b, 30), (a, b)
+    for a, b in product(EDGES, EDGES):
+        assert lib.fixed_mul_q32(a, b) == nearest(a * b, 32), (a, b)
+    for a, b in product(UNSIGNED_EDGES, UNSIGNED_EDGES):
+        assert lib.fixed_umul_q32(a, b) == a * b >> 32, (a, b)
+
+
+def test_the_largest_product_that_fits_32_bits_is_exact():
+    assert nearest(INT32_MAX * 2**30, 30) == INT32_MAX
+    assert lib.fixed_mul_q30(INT32_MAX, 2**30) == INT32_MAX
+    assert lib.fixed_mul_q30(2**30, INT32_MAX) == INT32_MAX
+    assert lib.fixed_mul_q30(INT32_MIN, 2**30) == INT32_MIN
+    assert lib.fixed_mul_q30(INT32_MAX, -(2**30)) == -INT32_MAX
+
+
+def test_products_round_ties_towards_plus_infinity():
+    for odd in (1, 3, 5, 2**20 + 1, 2**30 - 1):
+        assert lib.fixed_mul_q30(odd, 2**29) == (odd + 1) // 2
+        assert lib.fixed_mul_q30(-odd, 2**29) == (1 - odd) // 2
+        assert lib.fixed_mul_q30(2**29, -odd) == (1 - odd) // 2
+    for odd in (1, 3, 5, 2**20 + 1):
+        assert lib.fixed_mul_q32(odd * 2**8, 2**23) == (odd + 1) // 2
+        assert lib.fixed_mul_q32(-odd * 2**8, 2**23) == (1 - odd) // 2
+
+
+@given(int32s, int32s)
+def test_products_of_any_numbers_equal_exact_integers(a, b):
+    if fits(nearest(a * b, 30)):
+        assert lib.fixed_mul_q30(a, b) == nearest(a * b, 30)
+    assert lib.fixed_mul_q32(a, b) == nearest(a * b, 32)
+    assert lib.fixed_umul_q32(a % 2**32, b % 2**32) == (a % 2**32) * (b % 2**32) >> 32
+
+
+def test_loops_over_arrays_call_the_functions_they_are_named_after():
+    a, b = np.array([7, -5, INT32_MAX], np.int32), np.array([2**29] * 3, np.int32)
+    for name in ("mul_q30", "mul_q32"):
+        out = desk.mapped(getattr(desk.lib, f"loop_{name}"), a, b)
+        wanted = [
+            getattr(lib, f"fixed_{name}")(*pair) for pair in zip(a, b, strict=True)
+        ]
+        assert out.tolist() == wanted
+    unsigned = [array.astype(np.uint32) for array in (a, b)]
+    out = desk.mapped(desk.lib.loop_umul_q32, *unsigned, dtype=np.uint32)
+    assert out.tolist() == [
+        lib.fixed_umul_q32(*pair) for pair in zip(*unsigned, strict=True)
+    ]
+
+
+def test_sums_and_differences_are_held_at_the_ends_of_the_range():
+    for a, b in product(EDGES, EDGES):
+        assert lib.fixed_add_sat(a, b) == held(a + b), (a, b)
+        assert lib.fixed_sub_sat(a, b) == held(a - b), (a, b)
+
+
+@given(st.integers(-(2**63), 2**63 - 1) | int32s)
+def test_saturation_keeps_what_fits_and_holds_the_rest(value):
+    assert lib.fixed_saturate(value) == held(value)
+
+
+@given(int32s, st.integers(0, INT32_MAX))
+def test_a_clamp_holds_the_value_within_plus_and_minus_the_limit(value, limit):
+    assert lib.fixed_clamp(value, limit) == max(-limit, min(limit, value))
+
+
+def test_a_clamp_holds_the_most_negative_number():
+    assert lib.fixed_clamp(INT32_MIN, INT32_MAX) == -INT32_MAX
+    assert lib.fixed_clamp(INT32_MIN, 0) == 0
+
+
+def test_magnitude_is_exact_even_for_the_most_negative_number():
+    for value in EDGES:
+        assert lib.fixed_magnitude(value) == abs(value)
+    assert lib.fixed_magnitude(INT32_MIN) == 2**31
+
+
+@given(int32s, st.integers(0, 31))
+def test_scaling_up_multiplies_by_a_power_of_two(value, bits):
+    if fits(value * 2**bits):
+        assert lib.fixed_scale_up(value, bits) == value * 2**bits
+
+
+@given(int32s, st.integers(1, 30))
+def test_scaling_down_rounds_to_nearest_ties_up(value, bits):
+    if fits(value + 2 ** (bits - 1)):
+        assert lib.fixed_scale_down(value, bits) == nearest(value, bits)
+
+
+@pytest.mark.parametrize("bits", range(1, 31))
+def test_scaling_down_is_exact_where_its_rounding_just_fits(bits):
+    largest = INT32_MAX - 2 ** (bits - 1)
+    for value in (largest, largest - 1, INT32_MIN, INT32_MIN + 1):
+        assert lib.fixed_scale_down(value, bits) == nearest(value, bits)
+
+
+def test_halves_are_rounded_down():
+    for value in EDGES:
+        assert lib.fixed_half_floor(value) == value // 2
+
+
+@given(int32s, int32s)
+def test_angles_wrap_at_half_a_turn(a, b):
+    def wrap(value: int) -> int:
+        return (value + 2**31) % 2**32 - 2**31
+
+    assert lib.turn32_add(a, b) == wrap(a + b)
+    assert lib.turn32_sub(a, b) == wrap(a - b)
+
+
+def test_half_a_turn_and_a_step_is_minus_half_a_turn():
+    assert lib.turn32_add(INT32_MAX, 1) == INT32_MIN
+    assert lib.turn32_sub(INT32_MIN, 1) == INT32_MAX
+    assert lib.turn32_sub(0, INT32_MIN) == INT32_MIN
+
+
+def ratio_is_floored(numerator: int, denominator: int) -> bool:
+    return bool(
+        lib.fixed_ratio(numerator, denominator) == numerator * 2**30 // denominator
+    )
+
+
+def test_ratios_at_their_limits_are_floored():
+    for denominator in (1, 2, 3, 2**15, 2**30, 2**31 - 1, 2**31):
+        for numerator in (0, 1, denominator - 1, denominator, 2 * denominator - 1):
+            assert ratio_is_floored(numerator, denominator), (numerator, denominator)
+
+
+@given(st.integers(1, 2**31), st.data())
+def test_a_ratio_below_two_is_floored(denominator, data):
+    assert ratio_is_floored(data.draw(st.integers(0, 2 * denominator - 1)), denominator)
+
+
+def test_reciprocal_roots_are_within_5e_9_from_end_to_end():
+    x = np.unique(
+        np.concatenate(
+            [
+                np.linspace(2**30, 2**32 - 1, 400_000).astype(np.uint32),
+                np.arange(2**30, 2**30 + 5_000, dtype=np.uint32),
+                np.arange(2**32 - 5_000, 2**32, dtype=np.uint32),
+            ]
+        )
+    )
+    y = desk.mapped(desk.lib.loop_rsqrt, x)
+    assert np.abs(y / ONE - 1 / np.sqrt(x / 2.0**32)).max() < 5e-9
+    # 2 itself does not fit: it is held at the last step below.
+    assert INT32_MAX - 8 <= y.max() <= INT32_MAX
+
+
+def test_roots_are_floored_at_every_edge():
+    roots = [0, 1, 2, 3, 255, 256, 2**15, 2**16 - 2, 2**16 - 1]
+    squares = {root**2 + off for root in roots for off in (-1, 0, 1)}
+    for x in {x for x in squares if x >= 0} | set(UNSIGNED_EDGES):
+        assert lib.fixed_sqrt(x) == math.isqrt(x), x
+
+
+@given(uint32s)
+def test_any_root_is_floored(x):
+    assert lib.fixed_sqrt(x) == math.isqrt(x)
+
+
+@given(uint32s.filter(bool))
+def test_leading_zeros_are_counted(x):
+    assert lib.fixed_leading_zeros(x) == 32 - x.bit_length()
+
+
+def test_leading_zeros_are_counted_at_every_edge():
+    for x in UNSIGNED_EDGES[1:]:
+        assert lib.fixed_leading_zeros(x) == 32 - x.bit_length()
+
+
+def test_the_origin_has_the_angle_zero():
+    assert lib.fixed_atan2(0, 0) == 0
+
+
+@pytest.mark.parametrize("radius", [1, 2, 1000, 2**30, INT32_MAX])
+def test_axes_and_diagonals_have_their_angles(radius):
+    quarter = 2**30
+    assert lib.fixed_atan2(0, radius) == 0
+    assert lib.fixed_atan2(radius, 0) == quarter
+    assert lib.fixed_atan2(0, -radius) == INT32_MIN  # half a turn
+    assert lib.fixed_atan2(-radius, 0) == -quarter
+    bound = 3e-6 * TURN
+    for index, (x, y) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
+        angle = lib.fixed_atan2(y * radius, x * radius) % 2**32
+        assert abs(angle - (2 * index + 1) * quarter / 2) < bound
+
+
+def test_angles_of_points_at_the_edges_are_within_3e_6():
+    y, x = np.array(list(product(EDGES, EDGES)), np.int32).T.copy()
+    angles = desk.mapped(desk.lib.loop_atan2, y, x)
+    assert away(angles, np.arctan2(y, x)).max() < 3e-6
+    assert INT32_MIN in x
+    assert INT32_MIN in y
+
+
+def test_angles_in_all_octants_are_within_3e_6():
+    random = np.random.default_rng(20)
+    truth = random.uniform(-np.pi, np.pi, 200_000)
+    radius = 2.0 ** random.uniform(0, 31, truth.size)
+    y = np.clip(np.round(radius * np.sin(truth)), INT32_MIN, INT32_MAX).astype(np.int32)
+    x = np.clip(np.round(radius * np.cos(truth)), INT32_MIN, INT32_MAX).astype(np.int32)
+    angles = desk.mapped(desk.lib.loop_atan2, y, x)
+    assert away(angles, np.arctan2(y, x)).max() < 3e-6
+
+
+def test_sines_and_cosines_are_within_5e_9_also_where_quadrants_meet():
+    eighth = 2**29
+    edges = [
+        turn * eighth + off
+        for turn in range(-4, 4)
+        for off in (*range(-50, 51), 2**28)
+        if fits(turn * eighth + off)
+    ]
+    grid = np.linspace(INT32_MIN, INT32_MAX, 400_000).astype(np.int64)
+    angle = np.concatenate([edges, [INT32_MIN, INT32_MAX], grid]).astype(np.int32)
+    sine, cosine = np.zeros_like(angle), np.zeros_like(angle)
+    desk.call(desk.lib.loop_sincos, len(angle), angle, sine, cosine)
+    assert np.abs(sine / ONE - np.sin(angle / TURN)).max() < 5e-9
+    assert np.abs(cosine / ONE - np.cos(angle / TURN)).max() < 5e-9
+
+
+def test_sine_and_cosine_of_whole_quarters_are_exact_and_never_above_one():
+    sine, cosine = ffi.new("int32_t *"), ffi.new("int32_t *")
+    one = 2**30
+    for quarters, wanted in (
+        (0, (0, one)),
+        (1, (one, 0)),
+        (-1, (-one, 0)),
+        (-2, (0, -one)),
+    ):
+        lib.fixed_sincos(quarters * one, sine, cosine)
+        assert (sine[0], cosine[0]) == wanted

@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: MIT
+"""A probe made of Python, a port made of a pty, and a daemon of its own process."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+import re
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import tty
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from imud import schema
+from imud.frame import FrameDecoder, encode_frame
+from imud.messages import Message, decode, encode
+
+# A busy machine may take long; what goes well takes none of it.
+PATIENCE_S = 30.0
+
+HELLO: dict[str, Any] = {
+    "protocol_version": schema.PROTOCOL_VERSION,
+    "schema_fingerprint": schema.FINGERPRINT,
+    "firmware": "0.1.0+fake",
+    "board": "nano",
+    "probe_id": bytes.fromhex("00112233445566aa"),
+    "sensor": "mpu9250",
+    "who_am_i": (0x71, 0x48),
+    "mag_adjust": (176, 178, 166),
+    "self_test": ("acc_passed", "gyr_passed"),
+    "sample_rate": 200,
+    "pose_rate": 100,
+    "raw_rate": 0,
+    "acc_lsb": 0.004788403,
+    "gyr_lsb": 0.001065264,
+    "mag_lsb": 0.15,
+    "boot_count": 7,
+    "reset_cause": ("power_on",),
+}
+POSE: dict[str, Any] = {
+    "q": (0.5, 0.5, -0.5, 0.5),
+    "position": None,
+    "normal": None,
+    "tilt_sigma": 0.37,
+    "heading_sigma": 1.25,
+    "pose_flags": ("at_rest",),
+}
+RAW: dict[str, Any] = {
+    "acc": (0, -16, 2048),
+    "gyr": (1, -2, 3),
+    "mag": (10, -20, 300),
+    "temperature": 23.45,
+    "sample_flags": (),
+}
+EVENT: dict[str, Any] = {"event": "stream_started", "cause": "button", "detail": 0}
+STATUS: dict[str, Any] = {
+    "uptime": 5,
+    "state": "streaming",
+    "samples_ready": 1000,
+    "samples_read": 1000,
+    "samples_fused": 1000,
+    "overruns": 0,
+    "bus_faults": 0,
+    "bus_recoveries": 0,
+    "messages_sent": 500,
+    "messages_dropped": 0,
+    "commands_received": 0,
+    "commands_bad": 0,
+    "cycles_mean": 46000,
+    "cycles_worst": 50000,
+    "stack_free": 700,
+    "supply": None,
+}
+REPLY: dict[str, Any] = {
+    "replied_command": "start",
+    "replied_token": 1,
+    "result": "ok",
+    "value": (0, 0),
+}
+COMMAND: dict[str, Any] = {"command": "start", "token": 1, "arguments": (0, 0)}
+EXAMPLES: dict[str, dict[str, Any]] = {
+    "hello": HELLO,
+    "raw": RAW,
+    "pose": POSE,
+    "event": EVENT,
+    "status": STATUS,
+    "command": COMMAND,
+    "reply": REPLY,
+}
+
+
+class FakeProbe:
+    """Says what a probe says, in its order: one count for all its messages."""
+
+    def __init__(self, **hello: Any) -> None:
+        self.hello_fields = HELLO | hello
+        self.sequence = 0
+        self.time_us = 0
+        self.results: dict[str, str] = {}
+        self.commands: list[Mapping[str, Any]] = []
+        self._decoder = FrameDecoder()
+        self._replied: tuple[int, dict[str, Any]] | None = None
+
+    @property
+    def name(self) -> str:
+        return str(self.hello_fields["probe_id"].hex())
+
+    def content(self, name: str, **fields: Any) -> bytes:
+        example = self.hello_fields if name == "hello" else EXAMPLES[name]
+        content = encode(name, example | fields, self.sequence, self.time_us)
+        self.sequence = (self.sequence + 1) & 0xFFFFFFFF
+        self.time_us = (self.time_us + 5000) & 0xFFFFFFFF
+        return content
+
+    def say(self, name: str, **fields: Any) -> bytes:
+        return encode_frame(self.content(name, **fields))
+
+    def poses(self, count: int) -> bytes:
+        return b"".join(self.say("pose") for _ in range(count))
+
+    def restart(self) -> None:
+        self.sequence = self.time_us = 0
+        boots = self.hello_fields["boot_count"] + 1
+        self.hello_fields = self.hello_fields | {"boot_count": boots}
+
+    def hear(self, data: bytes) -> bytes:
+        """The answers to commands among these bytes."""
+        said = b""
+        for content in self._decoder.feed(data):
+            message = decode(content)
+            if isinstance(message, Message) and message.name == "command":
+                said += self._obey(message.fields)
+        return said
+
+    def _obey(self, fields: Mapping[str, Any]) -> bytes:
+        said = b""
+        token = fields["token"]
+        if self._replied is None or self._replied[0] != token:
+            self.commands.append(fields)
+            result = self.results.get(fields["command"], "ok")
+            reply = {
+                "replied_command": fields["command"],
+                "replied_token": token,
+                "result": result,
+                "value": fields["arguments"],
+            }
+            self._replied = token, reply
+            if fields["command"] == "hello":
+                said = self.say("hello")
+        return said + self.say("reply", **self._replied[1])
+
+
+class Port:
+    """A pty: the daemon opens `path`, the test writes and reads the other end."""
+
+    def __init__(self, link: Path) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self.path = link
+        link.unlink(missing_ok=True)
+        link.symlink_to(os.ttyname(self._slave))
+
+    def write(self, data: bytes) -> None:
+        while data:
+            written = os.write(self._master, data)
+            data = data[written:]
+
+    def read(self) -> bytes:
+        """Some bytes, as soon as there are any."""
+        ready, _, _ = select.select([self._master], [], [], PATIENCE_S)
+        assert ready, "the daemon wrote nothing"
+        return os.read(self._master, 4096)
+
+    def vanish(self) -> None:
+        self.path.unlink(missing_ok=True)
+        for descriptor in (self._master, self._slave):
+            with contextlib.suppress(OSError):
+                os.close(descriptor)
+
+    def serve(self, probe: FakeProbe, commands: int) -> None:
+        """Lets the probe answer until it has heard so many commands."""
+        until = len(probe.commands) + commands
+        while len(probe.commands) < until:
+            self.write(probe.hear(self.read()))
+
+
+def free_endpoint() -> str:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+
+
+class DaemonProcess:
+    """`imud run` as a user runs it. Its lines are read as they come."""
+
+    def __init__(self, *arguments: object, directory: Path, log: bool = True) -> None:
+        self.endpoint = free_endpoint()
+        self.logs = directory / "logs"
+        command = [sys.executable, "-m", "imud", "run", *map(str, arguments)]
+        command += ["--listen", self.endpoint]
+        command += ["--log", str(self.logs)] if log else ["--no-log"]
+        self.process = subprocess.Popen(
+            command, stderr=subprocess.PIPE, text=True, cwd=directory
+        )
+        self.lines: list[str] = []
+        self._fresh: queue.Queue[str | None] = queue.Queue()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            self._fresh.put(line.rstrip("\n"))
+        self._fresh.put(None)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        self._reader.join()
+        if self.process.stderr is not None:
+            self.process.stderr.close()
+
+    def expect(self, pattern: str) -> str:
+        """The next line that matches."""
+        until = time.monotonic() + PATIENCE_S
+        while (left := until - time.monotonic()) > 0:
+            try:
+                line = self._fresh.get(timeout=left)
+            except queue.Empty:
+                break
+            if line is None:
+                break
+            self.lines.append(line)
+            if re.search(pattern, line):
+                return line
+        raise AssertionError(f"no line matches {pattern!r} in {self.lines}")
+
+    def stop(self) -> float:
+        """Asks it to end and returns the seconds that it took."""
+        begin = time.monotonic()
+        self.process.send_signal(signal.SIGTERM)
+        assert self.process.wait(PATIENCE_S) == 0
+        seconds = time.monotonic() - begin
+        self.lines += self.rest()
+        return seconds
+
+    def rest(self) -> Iterator[str]:
+        """All lines up to its end."""
+        while (line := self._fresh.get(timeout=PATIENCE_S)) is not None:
+            yield line
+
+    @property
+    def log(self) -> Path:
+        (path,) = self.logs.glob("*.mcap")
+        return path

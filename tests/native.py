@@ -1,0 +1,393 @@
+# SPDX-License-Identifier: MIT
+"""The firmware's C, compiled for this machine under sanitizers, as a cffi library.
+
+Prototypes, structs and enums come from the headers themselves, so that a test can
+never believe in another layout than the firmware's.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import functools
+import hashlib
+import importlib.util
+import io
+import os
+import re
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import cffi
+
+ROOT = Path(__file__).resolve().parent.parent
+CORE = ROOT / "firmware" / "core"
+CACHE = ROOT / "build" / "native"
+
+WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror")
+
+# On the compile line: at the link alone -fsanitize instruments nothing.
+UNDEFINED = ("-fsanitize=undefined", "-fno-sanitize-recover=undefined")
+
+
+class NativeBuildError(Exception):
+    """A compiler's message: the C could not be built for the tests."""
+
+
+def sanitizers() -> tuple[str, ...]:
+    """Compiler flags in force; IMU_ASAN=1 adds the address sanitizer.
+
+    The interpreter must then start with LD_PRELOAD of libasan.so.
+    """
+    if os.environ.get("IMU_ASAN") == "1":
+        return (*UNDEFINED, "-fsanitize=address", "-fno-omit-frame-pointer")
+    return UNDEFINED
+
+
+def compile_flags() -> tuple[str, ...]:
+    """What every C file is compiled with, warnings aside."""
+    return ("-std=gnu11", "-O1", "-g", "-fPIC", *sanitizers())
+
+
+def coverage() -> tuple[str, ...]:
+    """IMU_COVERAGE=1 has the firmware's files, not cffi's, count their lines."""
+    return ("--coverage",) if os.environ.get("IMU_COVERAGE") == "1" else ()
+
+
+def load(
+    extra_sources: Iterable[str | Path] = (),
+    extra_headers: Iterable[str | Path] = (),
+    defines: Iterable[str] = (),
+    *,
+    core: bool = True,
+) -> tuple[Any, Any]:
+    """Return (ffi, lib) of firmware/core and of extra files, built if need be.
+
+    Paths are relative to the project's root; a define is "NAME" or "NAME=VALUE".
+    """
+    return _load(
+        tuple((ROOT / path).resolve() for path in extra_sources),
+        tuple((ROOT / path).resolve() for path in extra_headers),
+        tuple(defines),
+        core,
+        compile_flags(),
+        coverage(),
+    )
+
+
+@functools.cache
+def _load(
+    extra_sources: tuple[Path, ...],
+    extra_headers: tuple[Path, ...],
+    defines: tuple[str, ...],
+    core: bool,
+    flags: tuple[str, ...],
+    counting: tuple[str, ...],
+) -> tuple[Any, Any]:
+    ours = [*sorted(CORE.glob("*.c"))] if core else []
+    headers = [*sorted(CORE.glob("*.h"))] if core else []
+    headers += extra_headers
+    build = _Build([*ours, *extra_sources], headers, defines, flags, counting)
+    spec = importlib.util.spec_from_file_location(build.name, build.library())
+    if spec is None or spec.loader is None:
+        raise NativeBuildError(f"{build.name} is no extension module")
+    module = importlib.util.module_from_spec(spec)
+    # Functions that are declared but live in a file left out are bound when called.
+    before = sys.getdlopenflags()
+    sys.setdlopenflags(os.RTLD_LAZY | os.RTLD_LOCAL)
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        sys.setdlopenflags(before)
+    return module.ffi, module.lib
+
+
+def forget() -> None:
+    """Look at the files again on the next load()."""
+    _load.cache_clear()
+
+
+class _Build:
+    """One library: its files, its flags, and the name that its content gives it."""
+
+    def __init__(
+        self,
+        sources: Sequence[Path],
+        headers: Sequence[Path],
+        defines: Sequence[str],
+        flags: Sequence[str],
+        counting: Sequence[str],
+    ) -> None:
+        self.sources = sources
+        self.headers = headers
+        folders = {path.parent for path in (*sources, *headers)}
+        # Beside each file, so that a library may bring headers it does not export.
+        self.seen = sorted(
+            {*headers, *(p for f in folders for p in f.glob("*.h"))}
+            | {ROOT / "firmware" / "board.h"} & {*(ROOT / "firmware").glob("*.h")}
+        )
+        self.folders = [ROOT, *folders]
+        self.flags = (
+            *flags,
+            *(f"-D{define}" for define in defines),
+            *(f"-I{folder}" for folder in (CORE, CORE.parent)),
+        )
+        self.object_flags = (*self.flags, *counting, *WARNINGS)
+        self.libraries = ("-lgcov", "-lm") if counting else ("-lm",)
+        self.name = "_native_" + self._digest(
+            *sources, *self.seen, Path(__file__), text=" ".join(self.object_flags)
+        )
+
+    def library(self) -> Path:
+        """Return the extension module's path, building it where it is not there."""
+        target = CACHE / f"{self.name}.so"
+        if target.exists():
+            return target
+        CACHE.mkdir(parents=True, exist_ok=True)
+        with _locked(CACHE / ".lock"):
+            if not target.exists():
+                self._build(target)
+        return target
+
+    def _build(self, target: Path) -> None:
+        headers = [path for path in self.headers if self._is_whole(path)]
+        self._refuse_twins(headers)
+        seam = "".join(f'#include "{path}"\n' for path in headers)
+        objects = [
+            made for path in self.sources if (made := self._object(path)) is not None
+        ]
+        defined = _defined_symbols(objects)
+        cdef = "\n".join(_declarations(self._preprocess(seam), self.folders, defined))
+        ffi = cffi.FFI()
+        try:
+            ffi.cdef(cdef)
+        except cffi.CDefError as error:
+            raise NativeBuildError(f"cffi on the headers: {error}") from error
+        ffi.set_source(self.name, seam)
+        with tempfile.TemporaryDirectory(dir=CACHE) as room:
+            glue = Path(room) / "glue.c"
+            with contextlib.redirect_stdout(io.StringIO()):  # it names its file
+                ffi.emit_c_code(str(glue))
+            made = Path(room) / target.name
+            # cffi's own code, so without our warnings; the headers' inline functions
+            # are in it, so with the sanitizers.
+            _run(
+                "gcc",
+                *self.flags,
+                f"-I{sysconfig.get_path('include')}",
+                "-shared",
+                "-Wl,-Bsymbolic",
+                *(str(path) for path in (glue, *objects)),
+                *self.libraries,
+                "-o",
+                str(made),
+            )
+            made.rename(target)
+
+    def _object(self, source: Path) -> Path | None:
+        """Compile one file with warnings as errors, or find it compiled."""
+        key = self._digest(source, *self.seen, text=" ".join(self.object_flags))
+        target = CACHE / f"{source.stem}-{key}.o"
+        if target.exists():
+            return target
+        # In its final folder, because coverage writes its notes beside it.
+        made = target.with_suffix(".part.o")
+        try:
+            _run("gcc", *self.object_flags, "-c", str(source), "-o", str(made))
+        except NativeBuildError as error:
+            if not _is_partial():
+                raise
+            sys.stderr.write(f"{source.name} is left out: {error}\n")
+            return None
+        made.rename(target)
+        return target
+
+    def _is_whole(self, header: Path) -> bool:
+        """Tell whether a header compiles by itself; raise unless a part will do."""
+        seam = f'#include "{header}"\n'
+        strict = (*self.flags, *WARNINGS, "-fsyntax-only", "-xc", "-")
+        try:
+            _run("gcc", *strict, stdin=seam)
+        except NativeBuildError as error:
+            if not _is_partial():
+                raise
+            sys.stderr.write(f"{header.name} is left out: {error}\n")
+            return False
+        return True
+
+    @staticmethod
+    def _refuse_twins(headers: Sequence[Path]) -> None:
+        """Two headers with one guard would hide one another without a word."""
+        guards: dict[str, Path] = {}
+        for header in headers:
+            guard = re.search(r"^#ifndef (\w+)", header.read_text(), re.MULTILINE)
+            if guard and guards.setdefault(guard[1], header) != header:
+                other = guards[guard[1]]
+                raise NativeBuildError(f"{header} and {other} both guard by {guard[1]}")
+
+    def _preprocess(self, seam: str) -> str:
+        return _run("gcc", *self.flags, "-E", "-dD", "-xc", "-", stdin=seam)
+
+    @staticmethod
+    def _digest(*files: Path, text: str) -> str:
+        digest = hashlib.sha256(text.encode())
+        for path in files:
+            digest.update(f"\0{path}\0".encode())
+            digest.update(path.read_bytes())
+        return digest.hexdigest()[:16]
+
+
+def _is_partial() -> bool:
+    return os.environ.get("IMU_NATIVE_PARTIAL") == "1"
+
+
+def _run(*command: str, stdin: str | None = None) -> str:
+    # The sanitizer that this process was started with is not for the compiler.
+    environment = {k: v for k, v in os.environ.items() if k != "LD_PRELOAD"}
+    done = subprocess.run(
+        command,
+        input=stdin,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        hint = "" if _is_partial() else "\n(IMU_NATIVE_PARTIAL=1 leaves such files out)"
+        raise NativeBuildError(f"{' '.join(command)}\n{done.stderr}{hint}")
+    return done.stdout
+
+
+@contextlib.contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Let one process at a time build; the others find its work done."""
+    with path.open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def _defined_symbols(objects: Sequence[Path]) -> set[str]:
+    if not objects:
+        return set()
+    listing = _run("nm", "-g", "--defined-only", *(str(path) for path in objects))
+    return set(re.findall(r"^[0-9a-f]+ [A-Z] (\w+)$", listing, re.MULTILINE))
+
+
+def _declarations(
+    text: str, folders: Sequence[Path], defined: set[str]
+) -> Iterator[str]:
+    """Turn preprocessed headers into what cffi's parser accepts."""
+    code: list[str] = []
+    macros: dict[str, str] = {}
+    is_ours = False
+    for line in text.splitlines():
+        marker = re.match(r'# \d+ "(.*?)"', line)
+        if marker:
+            is_ours = any(Path(marker[1]).is_relative_to(path) for path in folders)
+        elif is_ours and line.startswith("#"):
+            macro = re.match(r"#define (\w+)(?!\()\s+(\S.*)", line)
+            if macro:
+                macros[macro[1]] = macro[2]
+        elif is_ours:
+            code.append(line)
+    constants: set[str] = set()
+    for item in _top_level(_without_attributes("\n".join(code))):
+        declaration = _declaration(item, defined, constants)
+        if declaration:
+            yield declaration
+    for name, value in macros.items():
+        if _is_integer(value, constants):
+            constants.add(name)
+            yield f"#define {name} ..."
+
+
+def _without_attributes(code: str) -> str:
+    code = re.sub(r"\b(_Noreturn|__extension__)\b", "", code)
+    while found := re.search(r"\b(__attribute__|_Static_assert)\s*\(", code):
+        end = _closing(code, found.end() - 1)
+        code = code[: found.start()] + code[end + 1 :]
+    return code
+
+
+def _closing(code: str, start: int) -> int:
+    """Return the index of the bracket that closes the one at `start`."""
+    depth = 0
+    for index in range(start, len(code)):
+        if code[index] in "([{":
+            depth += 1
+        elif code[index] in ")]}":
+            depth -= 1
+            if depth == 0:
+                return index
+    raise NativeBuildError(f"an unclosed bracket: {code[start : start + 60]}")
+
+
+def _top_level(code: str) -> Iterator[str]:
+    """Split at the ends of top-level declarations; function bodies are left out."""
+    start = index = 0
+    while index < len(code):
+        if code[index] in "([{":
+            end = _closing(code, index)
+            head = code[start:index].strip()
+            if code[index] == "{" and head.endswith(")"):
+                yield head
+                start = end + 1
+            index = end + 1
+        elif code[index] == ";":
+            yield code[start:index].strip()
+            start = index = index + 1
+        else:
+            index += 1
+
+
+def _declaration(item: str, defined: set[str], constants: set[str]) -> str:
+    if not item:
+        return ""
+    is_static = bool(re.match(r"(static|inline)\b", item))
+    item = re.sub(r"^((static|inline|extern|__inline__)\s+)+", "", item)
+    item = re.sub(r"\benum\b\s*\w*\s*\{[^}]*\}", _open_enum(constants), item)
+    if re.match(r"(struct|union|enum)\s+\w*\s*\{", item):
+        is_type = not item[_closing(item, item.index("{")) + 1 :].strip()
+    else:
+        is_type = bool(re.fullmatch(r"(struct|union|enum)\s+\w+", item))
+    item = re.sub(r"\[([^\]]*)\]", _open_length, item)
+    if item.startswith("typedef") or is_type:
+        return item + ";"
+    item = re.sub(r"\s*=.*", "", item, flags=re.DOTALL)
+    call = re.match(r"[^(\[]*?\b(\w+)\s*(\(|\[|$)", item)
+    if call is None or not (is_static or call[1] in defined):
+        return ""  # declared here, defined in no file of this library
+    if call[2] == "(":
+        return item.replace("[...]", "[]") + ";"
+    return "extern " + item.replace("[]", "[...]") + ";"
+
+
+def _open_enum(constants: set[str]) -> Any:
+    """Leave an enum's values to the compiler: names only, then dots."""
+
+    def opened(match: re.Match[str]) -> str:
+        head, body = match[0].rstrip("}").split("{", 1)
+        names = re.findall(r"(?:^|,)\s*(\w+)", re.sub(r"\([^()]*\)", "", body))
+        constants.update(names)
+        return f"{head}{{ {', '.join(names)}, ... }}"
+
+    return opened
+
+
+def _open_length(match: re.Match[str]) -> str:
+    length = match[1].strip()
+    return match[0] if not length or length.isdecimal() else "[...]"
+
+
+def _is_integer(value: str, constants: set[str]) -> bool:
+    words = re.findall(r"[A-Za-z_]\w*|\d[\w.]*", value)
+    has_sense = all(
+        word in constants or re.fullmatch(r"(0[xX][\da-fA-F]+|\d+)[uUlL]*", word)
+        for word in words
+    )
+    return bool(words) and has_sense and not re.search(r"[\"'{};?=,]", value)

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: MIT
+"""The firmware's frame.c and messages.c in Python's words, and the vectors as data."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import native
+
+ROOT = Path(__file__).resolve().parents[2]
+VECTORS: dict[str, list[dict[str, Any]]] = tomllib.loads(
+    (ROOT / "protocol" / "vectors.toml").read_text("utf-8")
+)
+
+ffi, lib = native.load()
+
+HELLO_ID = lib.MESSAGE_HELLO
+HEADER_SIZE = 9
+FRAME_FAULTS = {
+    lib.FRAME_BAD_COBS: "bad_cobs",
+    lib.FRAME_BAD_CRC: "bad_crc",
+    lib.FRAME_TOO_LONG: "too_long",
+    lib.FRAME_TOO_SHORT: "too_short",
+}
+RESULTS = {
+    lib.MESSAGE_OK: "ok",
+    lib.MESSAGE_MISSING_FIELD: "missing",
+    lib.MESSAGE_DOUBLED_FIELD: "doubled",
+    lib.MESSAGE_UNKNOWN_FIELD: "unknown",
+    lib.MESSAGE_OUT_OF_ORDER: "out_of_order",
+    lib.MESSAGE_WRONG_LENGTH: "wrong_length",
+    lib.MESSAGE_WRONG_ID: "wrong_id",
+}
+IDS = {
+    name: getattr(lib, f"MESSAGE_{name.upper()}")
+    for name in ("hello", "raw", "pose", "event", "status", "command", "reply")
+}
+
+# What stands behind a buffer that the C must not touch.
+GUARD = b"\xa5" * 8
+
+
+def unhex(text: str) -> bytes:
+    return bytes.fromhex(text)
+
+
+def seed_of(content: bytes, seed: int) -> int:
+    """The seed of this content's frame, where `seed` is the schema's."""
+    return lib.FRAME_HELLO_SEED if content[0] == HELLO_ID else seed
+
+
+def crc(seed: int, data: bytes) -> int:
+    return int(lib.frame_crc(seed, data, len(data)))
+
+
+def encode_frame(seed: int, content: bytes) -> bytes:
+    room = ffi.new("uint8_t[]", lib.FRAME_BYTES_MAX + len(GUARD))
+    ffi.memmove(room + lib.FRAME_BYTES_MAX, GUARD, len(GUARD))
+    length = lib.frame_encode(seed, content, len(content), room)
+    assert bytes(room[lib.FRAME_BYTES_MAX : len(room)]) == GUARD
+    return bytes(room[0:length])
+
+
+class Decoder:
+    """frame_decode() over chunks: contents as bytes, faults by name."""
+
+    def __init__(self, seed: int) -> None:
+        self.c = ffi.new("struct frame_decoder *")
+        self._length = ffi.new("uint8_t *")
+        lib.frame_decoder_init(self.c, seed, HELLO_ID)
+
+    def feed(self, data: Iterable[int]) -> list[bytes | str]:
+        found: list[bytes | str] = []
+        for byte in data:
+            result = lib.frame_decode(self.c, byte, self._length)
+            if result == lib.FRAME_OK:
+                found.append(bytes(self.c.bytes[0 : self._length[0]]))
+            elif result != lib.FRAME_PENDING:
+                found.append(FRAME_FAULTS[result])
+        return found
+
+
+def good(found: Iterable[bytes | str]) -> list[bytes]:
+    return [item for item in found if isinstance(item, bytes)]
+
+
+def field_types(name: str) -> list[tuple[str, Any]]:
+    return [
+        (field, entry.type)
+        for field, entry in ffi.typeof(f"struct message_{name}").fields
+    ]
+
+
+def is_characters(kind: Any) -> bool:
+    return kind.kind == "array" and kind.item.cname == "char"
+
+
+def encode_message(
+    name: str, fields: Mapping[str, Any], sequence: int, time_us: int
+) -> bytes:
+    """The C's content; fields are wire numbers, text as str, bytes as hex."""
+    message = ffi.new(f"struct message_{name} *")
+    for field, kind in field_types(name):
+        value = fields[field]
+        if is_characters(kind):
+            value = value.encode("ascii").ljust(kind.length, b"\0")
+        elif isinstance(value, str):
+            value = list(bytes.fromhex(value))
+        setattr(message, field, value)
+    room = ffi.new("uint8_t[]", lib.MESSAGE_CONTENT_MAX + len(GUARD))
+    ffi.memmove(room + lib.MESSAGE_CONTENT_MAX, GUARD, len(GUARD))
+    encode = getattr(lib, f"message_{name}_encode")
+    length = encode(message, sequence, time_us, room)
+    assert bytes(room[lib.MESSAGE_CONTENT_MAX : len(room)]) == GUARD
+    return bytes(room[0:length])
+
+
+def decode_message(
+    name: str, content: bytes, behind: bytes = GUARD
+) -> tuple[str, tuple[int, int, int], dict[str, Any]]:
+    """The C's result, its header and its fields as wire numbers, text stripped.
+
+    `behind` are the bytes that follow in memory and must not be read.
+    """
+    header = ffi.new("struct message_header *")
+    message = ffi.new(f"struct message_{name} *")
+    ffi.memmove(header, b"\xa5" * ffi.sizeof(header[0]), ffi.sizeof(header[0]))
+    ffi.memmove(message, b"\xa5" * ffi.sizeof(message[0]), ffi.sizeof(message[0]))
+    decode = getattr(lib, f"message_{name}_decode")
+    data = ffi.new("uint8_t[]", content + behind)
+    result = RESULTS[decode(data, len(content), header, message)]
+    if result != "ok":
+        assert bytes(ffi.buffer(header)) == b"\xa5" * ffi.sizeof(header[0])
+        assert bytes(ffi.buffer(message)) == b"\xa5" * ffi.sizeof(message[0])
+    fields: dict[str, Any] = {}
+    for field, kind in field_types(name):
+        value = getattr(message, field)
+        if is_characters(kind):
+            fields[field] = bytes(ffi.buffer(value)).rstrip(b"\0").decode("latin-1")
+        else:
+            fields[field] = list(value) if kind.kind == "array" else value
+    return result, (header.id, header.sequence, header.time_us), fields

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: MIT
+"""The rules of the house that no compiler knows: who may include whom, what the
+portable C may use, and that it compiles without a warning wherever it must run."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from native import WARNINGS
+
+ROOT = Path(__file__).resolve().parent.parent
+FIRMWARE = ROOT / "firmware"
+CORE = FIRMWARE / "core"
+CHIPS = ROOT / "sim" / "chips"
+
+STANDARD = {"stdbool.h", "stddef.h", "stdint.h", "string.h"}
+FOLDERS = ("benchmarks", "firmware", "host", "protocol", "sim", "tests", "tools")
+SOURCES = ("*.c", "*.h", "*.ld", "*.py", "*.pyi", "*.S", "*.sh")
+
+# Byte order and register fields, not numbers of a Q format, are shifted here.
+BYTE_SHUFFLERS = {"frame.c", "messages.c", "mpu9250.c", "settings.c"}
+
+COMPILERS = {
+    "gcc": ("-O2",),
+    "avr-gcc": ("-mmcu=atmega328p", "-Os"),
+    "arm-none-eabi-gcc": ("-mthumb", "-mcpu=cortex-m4", "-mfloat-abi=soft", "-Os"),
+}
+# Names for arithmetic on float and double: libgcc's (sf, df), then those of the ARM
+# run-time ABI (IHI0043, 4.1.2), whose integer division must not be taken for one.
+FLOAT_HELPER = re.compile(
+    r"__(add|sub|mul|div|neg|cmp|eq|ne|lt|le|gt|ge|unord|fix|float|extend|trunc)"
+    r"\w*[sd]f\w*"
+    r"|__aeabi_([fd](add|r?sub|mul|div|neg|cmp\w*|2\w+)|c[fd]\w+|u?[il]2[fd])"
+)
+
+
+def files(*folders: Path, kinds: tuple[str, ...] = SOURCES) -> list[Path]:
+    return sorted(
+        path
+        for folder in folders
+        for kind in kinds
+        for path in folder.rglob(kind)
+        if "__pycache__" not in path.parts
+    )
+
+
+def includes(path: Path) -> list[tuple[str, str]]:
+    """Return each include of a file as its opening, `<` or `"`, and its name."""
+    found = re.findall(r'^\s*#\s*include\s*([<"])([^>"]+)', path.read_text(), re.M)
+    return [(opening, name) for opening, name in found]
+
+
+def identified(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+core_files = pytest.mark.parametrize(
+    "path", files(CORE, kinds=("*.c", "*.h")), ids=identified
+)
+core_sources = pytest.mark.parametrize(
+    "path", files(CORE, kinds=("*.c",)), ids=identified
+)
+
+
+@core_files
+def test_core_includes_core_and_four_standard_headers_only(path):
+    for opening, name in includes(path):
+        if opening == "<":
+            assert name in STANDARD
+        else:
+            assert (CORE / name).is_file(), f"{name} is no header of core/"
+
+
+@pytest.mark.parametrize(("one", "other"), [("avr", "stm32"), ("stm32", "avr")])
+def test_no_board_sees_another(one, other):
+    for path in files(FIRMWARE / one):
+        assert not re.search(rf"include.*\b{other}\b", path.read_text()), path
+
+
+def test_nothing_but_boards_and_their_emulators_knows_a_chip():
+    knowing = ("avr/", "util/", "cmsis", "stm32f4")
+    for path in files(CORE, FIRMWARE / "main.c", FIRMWARE / "board.h"):
+        assert not [name for _, name in includes(path) if name.startswith(knowing)]
+
+
+def test_chip_models_never_include_the_firmware():
+    paths = files(CHIPS, kinds=("*.c", "*.h"))
+    assert paths, "no chip model was found"
+    for path in paths:
+        for opening, name in includes(path):
+            if opening == '"':
+                # A quoted name is looked for beside the file first.
+                assert (path.parent / name).is_file(), f"{path.name}: {name}"
+
+
+@pytest.mark.parametrize("folder", [f for f in FOLDERS if f != "sim"])
+def test_emulators_under_the_gpl_stay_in_sim(folder):
+    used = re.compile(
+        r'#\s*include\s*[<"](simavr|unicorn)|^\s*(import|from) unicorn'
+        r"|-l(simavr|unicorn)",
+        re.M,
+    )
+    for path in files(ROOT / folder):
+        if path != Path(__file__) and path.name != "setup.py":
+            assert not used.search(path.read_text()), identified(path)
+
+
+@pytest.mark.parametrize("path", files(*(ROOT / f for f in FOLDERS)), ids=identified)
+def test_a_source_file_opens_with_its_licence(path):
+    opening = path.read_text().splitlines()[:2]  # the second line after a #!
+    assert any("SPDX-License-Identifier: MIT" in line for line in opening)
+
+
+def test_no_file_holds_an_open_end_or_a_place_of_its_own():
+    words = ("TO" + "DO", "FIX" + "ME", "XX" + "X", "HA" + "CK")
+    forbidden = [rf"\b{word}\b" for word in words]
+    forbidden += [r"/home/\w", r"/ro" + r"ot/\w"]
+    if len(ROOT.parts) > 2:
+        forbidden.append(re.escape(f"{ROOT.parent}/"))
+    pattern = re.compile("|".join(forbidden))
+    kinds = (*SOURCES, "*.md", "*.toml", "*.ini", "*.json", "Makefile")
+    for path in files(*(ROOT / f for f in (*FOLDERS, "docs")), kinds=kinds):
+        found = pattern.search(path.read_text())
+        assert not found, f"{identified(path)}: {found and found[0]}"
+
+
+@core_sources
+def test_numbers_are_shifted_in_fixed_alone(path):
+    if path.name in BYTE_SHUFFLERS or path.name.startswith("fixed"):
+        return
+    code = re.sub(r"//.*|/\*.*?\*/", "", path.read_text())
+    assert not re.search(r"<<|>>", code)
+
+
+@core_sources
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_core_compiles_without_a_warning_and_without_floats(compiler, path, tmp_path):
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed; make check installs it")
+    made = compiled(compiler, path, tmp_path)
+    prefix = compiler.removesuffix("gcc")
+    symbols = subprocess.run(
+        [f"{prefix}nm", made], capture_output=True, text=True, check=True
+    ).stdout
+    wanted = re.findall(r" U (\w+)", symbols)
+    assert not [name for name in wanted if FLOAT_HELPER.fullmatch(name)]
+    assert not {"malloc", "calloc", "realloc", "free"} & set(wanted)
+    # State is in structs that the caller owns: nothing writable, nothing zeroed. On the
+    # AVR constants live in RAM too, so it cannot tell.
+    if compiler != "avr-gcc":
+        assert not re.findall(r" [bBdDC] (\w+)", symbols)
+
+
+def compiled(compiler: str, path: Path, folder: Path) -> Path:
+    made = folder / "core.o"
+    command = (
+        *(compiler, "-std=gnu11", *COMPILERS[compiler], *WARNINGS, "-Wvla"),
+        *(f"-I{CORE}", "-c", path, "-o", made),
+    )
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return made
+
+
+@pytest.mark.parametrize(
+    "symbol", ["__mulsidi3", "__udivmodsi4", "__aeabi_idiv", "__aeabi_uldivmod"]
+)
+def test_the_float_check_lets_integers_pass(symbol):
+    assert not FLOAT_HELPER.fullmatch(symbol)
+
+
+@pytest.mark.parametrize(
+    ("code", "symbol"),
+    [
+        ("float f(float a, float b) { return a * b; }", "__mulsf3"),
+        ("double f(long a) { return (double)a; }", "__floatsisf"),
+        ("long f(float a) { return (long)a; }", "__fixsfsi"),
+        ("int f(float a, float b) { return a < b; }", "__ltsf2"),
+    ],
+)
+def test_the_float_check_sees_a_planted_float(code, symbol, tmp_path):
+    planted = tmp_path / "planted.c"
+    planted.write_text(code)
+    made = tmp_path / "planted.o"
+    subprocess.run(
+        ["avr-gcc", "-mmcu=atmega328p", "-Os", "-c", planted, "-o", made], check=True
+    )
+    symbols = subprocess.run(
+        ["avr-nm", "-u", made], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert symbol in symbols
+    assert FLOAT_HELPER.fullmatch(symbol)

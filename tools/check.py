@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: MIT
+"""Everything that can be said of the source without running it; --format lays it out.
+
+All checks run, so that one look shows all that is wrong.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+CORE = Path("firmware/core")
+C_FOLDERS = ("firmware", "host/imud", "sim")
+INCLUDES = ("-Ifirmware/core", "-Ifirmware", "-Isim", "-Isim/chips")
+
+CPPCHECK = (
+    "cppcheck",
+    "--quiet",
+    "--std=c11",
+    "--enable=warning,performance,portability",
+    "--inline-suppr",
+    "--error-exitcode=1",
+    # The compilers say what is missing; here it only narrows what is seen.
+    "--suppress=missingIncludeSystem",
+    # Asserted there of each compiler: right shifts of negatives are arithmetic.
+    "--suppress=shiftNegativeLHS:firmware/core/fixed.h",
+)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="tools/check.py", description=__doc__)
+    parser.add_argument("--format", action="store_true", help="lay out, do not check")
+    if parser.parse_args().format:
+        run("clang-format", "-i", *sources(*C_FOLDERS))
+        run("ruff", "format", "--quiet")
+        return
+    failed = [name for name, command in checks() if not passes(name, command)]
+    if failed:
+        sys.exit(f"\nnot passed: {', '.join(failed)}")
+
+
+def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
+    python = sys.executable
+    portable = sources(str(CORE), kinds=("*.c",))
+    chips = sources("sim/chips", kinds=("*.c",))
+    avr = sources("firmware/avr", kinds=("*.c",))
+    yield (
+        "layout of C",
+        ("clang-format", "--dry-run", "-Werror", *sources(*C_FOLDERS)),
+    )
+    yield "layout of Python", ("ruff", "format", "--check", "--quiet")
+    yield "lint of Python", ("ruff", "check", "--quiet")
+    yield "types", ("mypy",)
+    yield "imports", ("lint-imports",)
+    yield "generated files", (python, "protocol/generate.py", "--check")
+    yield (
+        "clang-tidy",
+        ("clang-tidy", "--quiet", *portable, *chips, "--", "-std=gnu11", *INCLUDES),
+    )
+    yield "cppcheck", (*CPPCHECK, *INCLUDES, *portable, *chips)
+    yield (
+        "cppcheck, avr",
+        (*CPPCHECK, "--platform=avr8", "--library=avr", *INCLUDES, *avr),
+    )
+    yield "rules of the house", (python, "-m", "pytest", "-q", "tests/test_house.py")
+
+
+def sources(*folders: str, kinds: tuple[str, ...] = ("*.c", "*.h")) -> list[str]:
+    return sorted(
+        str(path.relative_to(ROOT))
+        for folder in folders
+        for kind in kinds
+        for path in (ROOT / folder).rglob(kind)
+    )
+
+
+def passes(name: str, command: tuple[str, ...]) -> bool:
+    sys.stdout.write(f"{name:<22}")
+    sys.stdout.flush()
+    start = time.monotonic()
+    done = subprocess.run(
+        command,
+        cwd=ROOT,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    is_good = done.returncode == 0
+    word = "" if is_good else "  not passed"
+    sys.stdout.write(f"{time.monotonic() - start:7.1f} s{word}\n")
+    if not is_good:
+        sys.stdout.write(f"{done.stdout}\n")
+    return is_good
+
+
+def run(program: str, *arguments: str) -> None:
+    if shutil.which(program) is None:
+        sys.exit(f"{program} is not there: make setup")
+    subprocess.run([program, *arguments], cwd=ROOT, check=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: MIT
+"""The whole chain on one machine: a virtual probe runs the image that is flashed, the
+daemon reads its serial port, and a subscriber shows poses as they come over Zenoh.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any, NoReturn
+
+from imud.client import Client
+from imud.errors import ImudError
+
+ROOT = Path(__file__).resolve().parent.parent
+ROOM = ROOT / "build" / "demo"
+IMUD = (sys.executable, "-m", "imud")
+
+# Poses a second that the probe promises, and how far the clocks of a busy machine may
+# be off over some seconds.
+RATE_HZ = 100.0
+RATE_TOLERANCE_HZ = 5.0
+
+START_S = 15.0  # for the serial port and the daemon to be there
+FIRST_POSE_S = 20.0  # the probe calibrates its gyroscope first
+STOP_S = 5.0
+
+
+class DemoError(Exception):
+    """Why the chain does not run, and what to do."""
+
+
+class Tally:
+    """Counts poses as they arrive; one that is missing shows in the device's time."""
+
+    def __init__(self) -> None:
+        self.poses = 0
+        self.missing = 0
+        self.has_begun = threading.Event()
+        self._first_s = self._last_s = 0.0
+        self._last_us: int | None = None
+
+    def take(self, _probe: str, payload: bytes) -> None:
+        self._last_s = time.monotonic()
+        time_us = int(json.loads(payload)["t_device_us"])
+        if self._last_us is None:
+            self._first_s = self._last_s
+        else:
+            steps = round((time_us - self._last_us) * 1e-6 * RATE_HZ)
+            self.missing += max(0, steps - 1)
+        self._last_us = time_us
+        self.poses += 1
+        self.has_begun.set()
+
+    @property
+    def seconds(self) -> float:
+        return self._last_s - self._first_s
+
+    @property
+    def rate_hz(self) -> float:
+        return (self.poses - 1) / self.seconds if self.seconds > 0 else 0.0
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="tools/demo.py", description=__doc__)
+    parser.add_argument("--board", default="nano", choices=["nano"])
+    parser.add_argument("--seconds", type=float, help="stop after that many of poses")
+    parser.add_argument("--port", type=int, default=7447, help="of Zenoh, on loopback")
+    args = parser.parse_args()
+    signal.signal(signal.SIGTERM, interrupted)
+    try:
+        return run(args.board, args.seconds, args.port)
+    except (DemoError, ImudError) as error:
+        sys.stderr.write(f"demo: {error}\n")
+        return 1
+    except KeyboardInterrupt:
+        return 130  # 128 + SIGINT, as shells say it; before there was a pose
+
+
+def interrupted(_number: int, _frame: FrameType | None) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+def run(board: str, seconds: float | None, port: int) -> int:
+    ROOM.mkdir(parents=True, exist_ok=True)
+    endpoint = f"tcp/127.0.0.1:{port}"
+    serial = ROOM / board
+    refuse_taken(port)
+    serial.unlink(missing_ok=True)  # a run that was killed leaves it
+    begun_s = time.time()
+    with ExitStack() as stack:
+        probe = stack.enter_context(
+            child(f"virtual {board}", "sim", board, "--stream", "--link", str(serial))
+        )
+        wait_for(serial.exists, START_S, probe, f"no serial port at {serial}")
+        daemon = stack.enter_context(
+            child(
+                *("imud run", "run", str(serial)),
+                *("--log", str(ROOM), "--listen", endpoint),
+            )
+        )
+        wait_for(lambda: answers(port), START_S, daemon, f"nothing at {endpoint}")
+        client = stack.enter_context(Client(endpoint))
+        tally = Tally()
+        stack.callback(client.subscribe("pose", None, tally.take))
+        sys.stdout.write(
+            f"virtual {board} -> {serial.relative_to(ROOT)} -> imud -> Zenoh "
+            f"{endpoint} -> imud listen\nthe probe lies still for a moment to "
+            "calibrate its gyroscope\n"
+        )
+        sys.stdout.flush()
+        wait_for(tally.has_begun.is_set, FIRST_POSE_S, daemon, "no pose came")
+        listened = listen(endpoint, seconds)
+        statuses = client.statuses()
+        ended = [process.name for process in (probe, daemon) if not process.is_alive()]
+        logs = sorted(p for p in ROOM.glob("*.mcap") if p.stat().st_mtime >= begun_s)
+    faults = [f"{name} ended by itself; see {ROOM}" for name in ended]
+    faults += [] if listened == 0 else [f"imud listen ended with {listened}"]
+    faults += judge(tally, statuses)
+    return report(tally, logs, faults)
+
+
+def refuse_taken(port: int) -> None:
+    with socket.socket() as probe:
+        # As the daemon does: connections of the last run that linger do no harm.
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as error:
+            raise DemoError(
+                f"port {port} of 127.0.0.1 is taken, likely by another imud or demo; "
+                "stop that one and run this again"
+            ) from error
+
+
+def answers(port: int) -> bool:
+    try:
+        socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
+    except OSError:
+        return False
+    return True
+
+
+class Child:
+    """A process of the chain, what it says kept in a file."""
+
+    def __init__(self, name: str, process: subprocess.Popen[bytes], log: Path) -> None:
+        self.name = name
+        self.log = log
+        self._process = process
+
+    def is_alive(self) -> bool:
+        return self._process.poll() is None
+
+    def last_words(self) -> str:
+        lines = self.log.read_text(errors="replace").splitlines()
+        return "\n  ".join(["", *lines[-8:]])
+
+    def end(self) -> None:
+        self._process.terminate()
+        try:
+            self._process.wait(STOP_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+@contextmanager
+def child(name: str, *arguments: str) -> Iterator[Child]:
+    log = ROOM / f"{arguments[0]}.log"
+    with log.open("wb") as file:
+        # In a session of its own, so that Ctrl-C is the demo's to pass on, in order.
+        process = subprocess.Popen(
+            [*IMUD, *arguments],
+            cwd=ROOT,
+            stdin=subprocess.DEVNULL,
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        started = Child(name, process, log)
+        try:
+            yield started
+        finally:
+            started.end()
+
+
+def wait_for(
+    is_there: Callable[[], bool], seconds: float, needed: Child, complaint: str
+) -> None:
+    until_s = time.monotonic() + seconds
+    while not is_there():
+        if not needed.is_alive():
+            raise DemoError(f"{needed.name} ended by itself:{needed.last_words()}")
+        if time.monotonic() > until_s:
+            raise DemoError(f"{complaint} in {seconds:.0f} s;{needed.last_words()}")
+        time.sleep(0.05)
+
+
+def listen(endpoint: str, seconds: float | None) -> int:
+    """Show what a subscriber sees, until its time is up or Ctrl-C."""
+    limit = () if seconds is None else ("--seconds", str(seconds))
+    listener = subprocess.Popen(
+        [*IMUD, "listen", "--connect", endpoint, *limit], cwd=ROOT
+    )
+    try:
+        return listener.wait()
+    except KeyboardInterrupt:
+        listener.send_signal(signal.SIGINT)  # a terminal has sent it one, a kill not
+        return listener.wait(STOP_S)
+    finally:
+        listener.kill()
+        listener.wait()
+
+
+def judge(tally: Tally, statuses: Sequence[dict[str, Any]]) -> list[str]:
+    """Say what is not as it should be."""
+    faults = []
+    if abs(tally.rate_hz - RATE_HZ) > RATE_TOLERANCE_HZ:
+        faults.append(f"{tally.rate_hz:.1f} poses a second, not {RATE_HZ:.0f}")
+    if tally.missing:
+        faults.append(f"{tally.missing} poses did not arrive")
+    if len(statuses) != 1:
+        faults.append(f"{len(statuses)} probes have a status, not one")
+    for status in statuses:
+        ledger = status["ledger"]
+        counts = {
+            "lost": ledger["lost"] + ledger["earlier_boots"]["lost"],
+            "corrupt": ledger["corrupt"],
+            "skewed": sum(ledger["skewed"].values()),
+            "dropped": sum(ledger["dropped"].values()),
+        }
+        faults += [f"{count} {what}" for what, count in counts.items() if count]
+    return faults
+
+
+def report(tally: Tally, logs: Sequence[Path], faults: Sequence[str]) -> int:
+    is_plain = not sys.stdout.isatty() or "NO_COLOR" in os.environ
+    red, green, end = ("", "", "") if is_plain else ("\x1b[31m", "\x1b[32m", "\x1b[0m")
+    verdict = f"{red}not as it should be{end}" if faults else f"{green}all well{end}"
+    sys.stdout.write(
+        f"\n{verdict}: {tally.poses} poses in {tally.seconds:.1f} s, "
+        f"{tally.rate_hz:.1f} Hz, {tally.missing} missing\n"
+    )
+    for fault in faults:
+        sys.stdout.write(f"  {fault}\n")
+    for log in logs:
+        path = os.path.relpath(log)
+        sys.stdout.write(
+            f"log: {path} ({log.stat().st_size / 1000:.0f} kB)\n"
+            f"look at it: .venv/bin/imud decode {path}\n"
+        )
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
