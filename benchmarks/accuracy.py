@@ -20,9 +20,10 @@ from typing import Any
 import scoring
 from capture import RunFailed, run_nano
 from engines import ENGINES
+from scoring import Score, Trial
+
 from imud.errors import ImudError
 from imud.progress import Progress
-from scoring import Score, Trial
 
 OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "accuracy.json"
 
@@ -132,7 +133,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measures, prints the table, writes the JSON; 1 where anything crashed or is lost."""
+    """Prints the table, writes the JSON; 1 where a run crashed or lost something."""
     args = parse(argv)
     absent = [path for path in args.paths if not path.exists()]
     if absent:

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
 from engines import Samples
+
 from imud import decode
 from imud.rotation import FloatArray
 
@@ -77,10 +77,8 @@ def read(record: Path, summary: dict[str, Any]) -> Capture:
     )
     steps = np.rint(np.diff(sample_times) * SAMPLE_RATE_HZ)
     unsent = int((steps - 1).sum())
-    unheard = sum(
-        probe.account.counts()["sent"] - probe.account.counts()["received"]
-        for probe in tally.probes.values()
-    )
+    accounts: list[Any] = [probe.account.counts() for probe in tally.probes.values()]
+    unheard = sum(account["sent"] - account["received"] for account in accounts)
     return Capture(
         samples=samples,
         sample_times_s=sample_times,

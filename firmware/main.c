@@ -107,7 +107,10 @@ static void survive_burst(enum bus_result failure, uint32_t now_us) {
 static void use_sample(const struct board_sample *taken, uint32_t now_us) {
     const struct sensor_driver *sensor = board_sensor();
     struct sample sample;
-    sensor->parse(sensor->state, taken->bytes, taken->time_us, &sample);
+    if (!sensor->parse(sensor->state, taken->bytes, taken->time_us, &sample)) {
+        survive_burst(BUS_STUCK, now_us);
+        return;
+    }
     if (taken->missed > 0) {
         probe_overrun(&probe, taken->missed, now_us);
         acquisition.has_gap = true;
@@ -188,6 +191,8 @@ int main(void) {
         if (probe.wants_reset && board_send_is_idle()) {
             board_reset();
         }
-        board_idle();
+        if (acquisition.phase != PHASE_SETUP) {
+            board_idle();  // set-up waits for no interrupt
+        }
     }
 }

@@ -9,8 +9,18 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/inotify.h>
+#include <sys/ioctl.h>
 #include <termios.h>
 #include <unistd.h>
+
+static struct termios raw_settings(void) {
+    struct termios raw;
+    memset(&raw, 0, sizeof raw);
+    cfmakeraw(&raw);
+    raw.c_cflag |= CREAD | CLOCAL;
+    (void)cfsetspeed(&raw, B500000);
+    return raw;
+}
 
 const char *cable_open(struct cable *cable, const char *link) {
     memset(cable, 0, sizeof *cable);
@@ -18,11 +28,7 @@ const char *cable_open(struct cable *cable, const char *link) {
     if (strlen(link) + 16 > sizeof cable->link) {
         return "is too long a path";
     }
-    struct termios raw;
-    memset(&raw, 0, sizeof raw);
-    cfmakeraw(&raw);
-    raw.c_cflag |= CREAD | CLOCAL;
-    (void)cfsetspeed(&raw, B500000);
+    const struct termios raw = raw_settings();
     if (openpty(&cable->master, &cable->keeper, cable->name, &raw, NULL) != 0) {
         return "can't have a pseudo terminal";
     }
@@ -65,11 +71,15 @@ void cable_close(struct cable *cable) {
     cable->watch = cable->keeper = cable->master = -1;
 }
 
-// Nothing of an earlier listener's bytes is for a later one.
+// Nothing that an earlier listener left unread, or set, is for a later one. What it
+// wrote is still on its way to us.
 static void forget(struct cable *cable) {
+    const struct termios raw = raw_settings();
     cable->unheard += cable->held_count;
     cable->held_count = 0;
-    (void)tcflush(cable->keeper, TCIOFLUSH);
+    (void)tcflush(cable->keeper, TCIFLUSH);
+    (void)tcsetattr(cable->keeper, TCSANOW, &raw);
+    (void)ioctl(cable->keeper, TIOCNXCL);
 }
 
 static void follow_listeners(struct cable *cable) {
@@ -89,9 +99,6 @@ static void follow_listeners(struct cable *cable) {
             memcpy(&event, got.bytes + at, sizeof event);
             at += (ssize_t)(sizeof event + event.len);
             if (event.mask & IN_OPEN) {
-                if (cable->listeners == 0) {
-                    forget(cable);
-                }
                 cable->listeners++;
             } else if ((event.mask & IN_CLOSE) && cable->listeners > 0) {
                 cable->listeners--;

@@ -458,6 +458,11 @@ static void after_reset(struct machine *machine, uint8_t cause) {
     }
 }
 
+static void paint_stack(struct machine *machine) {
+    const unsigned from = machine->stack.heap_start;
+    memset(machine->avr->data + from, MACHINE_PAINT, MACHINE_SRAM_END + 1 - from);
+}
+
 void machine_reset(struct machine *machine, enum machine_reset cause) {
     avr_t *avr = machine->avr;
     const uint8_t causes = avr->data[REG_MCUSR];
@@ -465,9 +470,10 @@ void machine_reset(struct machine *machine, enum machine_reset cause) {
     if (cause == MACHINE_BROWN_OUT) {
         // SRAM has lost its hold, the sensor its supply, an EEPROM write its power.
         machine_cut_eeprom(machine);
-        for (unsigned i = 0; i <= avr->ramend; i++) {
+        for (unsigned i = 0; i < machine->stack.heap_start; i++) {
             avr->data[i] = (uint8_t)machine_random(machine);
         }
+        paint_stack(machine);
         mpu9250_chip_power_cycle(machine->chip, machine_ns(avr->cycle));
     }
     avr_reset(avr);
@@ -525,8 +531,7 @@ bool machine_init(struct machine *machine, struct mpu9250_chip *chip, uint64_t s
             machine->vectors[vector->vector] = vector;
         }
     }
-    memset(avr->data + MACHINE_SRAM_START, MACHINE_PAINT,
-           MACHINE_SRAM_END + 1 - MACHINE_SRAM_START);
+    paint_stack(machine);
     memset(machine->eeprom.bytes, 0xFF, sizeof machine->eeprom.bytes);
 
     // simavr's UART prints to the console and sleeps when polled, both unasked.
@@ -596,6 +601,9 @@ static void sleep_for(struct machine *machine, avr_cycle_count_t cycles) {
     if (!machine_fixes(machine, FIX_SLEEP)) {
         avr_callback_sleep_raw(avr, cycles);
     }
+    if (avr->cycle + cycles > machine->until) {
+        cycles = machine->until > avr->cycle ? machine->until - avr->cycle : 0;
+    }
     avr->cycle += cycles;
     machine->asleep += cycles;
 }
@@ -641,6 +649,9 @@ bool machine_run(struct machine *machine, uint64_t until_cycle) {
     while (avr->cycle < machine->until) {
         const uint64_t left = machine->until - avr->cycle;
         avr->run_cycle_limit = left < RUN_LIMIT ? left : RUN_LIMIT;
+        if (avr->run_cycle_count > avr->run_cycle_limit) {
+            avr->run_cycle_count = avr->run_cycle_limit;
+        }
         step(machine);
         if (avr->state == cpu_Crashed || avr->state == cpu_Done || machine->is_stuck) {
             return false;

@@ -2,6 +2,7 @@
 // The virtual Nano: runs the image that a user flashes, with the modelled sensor, and
 // says at the end what it saw. Links libsimavr (GPL-3) and libelf: this program and
 // nothing else of the project does, and it is not part of any package.
+#include <elf.h>
 #include <errno.h>
 #include <inttypes.h>
 #include <math.h>
@@ -25,6 +26,7 @@
 
 enum {
     EVENTS_MAX = 512,
+    WAITING_MAX = 8,
     LIST_MAX = 64,              // of --press, and of --send
     TICK_CYCLES = 16000,        // 1 ms: how often the outside is looked at
     SETTLE_US = 20000,          // after the last record, for its frames to leave
@@ -84,9 +86,12 @@ struct run {
 
     uint64_t bytes, frames, chunk;
     uint64_t data_ready;  // edges on INT0
-    // Which edge a sample belongs to: the last before its burst's START, ready for work
-    // from the burst's STOP on.
-    uint64_t burst_edge, ready_edge, work_edge, worked_edge;
+    // Which edge a sample belongs to: the last before its burst's START. From the
+    // burst's STOP on it waits for work, first come first served.
+    uint64_t burst_edge, last_edge, work_edge, worked_edge;
+    uint64_t waiting[WAITING_MAX];
+    unsigned waiting_count;
+    uint64_t waiting_asleep;  // cycles slept when the last one came
     bool is_working;
     uint64_t mark_cycle, first_mark_cycle, first_mark_asleep;
     uint64_t samples, late, cycles_sum, cycles_worst;
@@ -126,14 +131,37 @@ static void on_data_ready(void *context, uint64_t cycle) {
     ((struct run *)context)->data_ready++;
 }
 
+static uint64_t take_waiting(struct run *run) {
+    if (run->waiting_count == 0) {
+        return run->last_edge;
+    }
+    const uint64_t edge = run->waiting[0];
+    run->waiting_count--;
+    memmove(run->waiting, run->waiting + 1, run->waiting_count * sizeof edge);
+    return edge;
+}
+
 static void on_bus(void *context, uint64_t cycle, bool is_start) {
     (void)cycle;
     struct run *run = context;
     if (is_start) {
         run->burst_edge = run->data_ready;
-    } else {
-        run->ready_edge = run->burst_edge;
+        return;
     }
+    if (run->burst_edge == run->last_edge) {
+        return;  // no sample's burst: one of set-up
+    }
+    // Who sleeps has no sample to work on: what waits was no sample either.
+    if (!run->is_working && run->machine.asleep != run->waiting_asleep) {
+        run->waiting_count = 0;
+    }
+    run->last_edge = run->burst_edge;
+    run->waiting_asleep = run->machine.asleep;
+    if (run->waiting_count == WAITING_MAX) {
+        (void)take_waiting(run);
+        run->late++;
+    }
+    run->waiting[run->waiting_count++] = run->burst_edge;
 }
 
 // GPIOR0: 1 when work on a sample starts, 0 when it is done. A sample is late when, at
@@ -148,7 +176,7 @@ static void on_mark(void *context, uint64_t cycle, uint8_t value) {
         }
         run->is_working = true;
         run->mark_cycle = cycle;
-        run->work_edge = run->ready_edge;
+        run->work_edge = take_waiting(run);
         return;
     }
     if (!run->is_working) {
@@ -175,6 +203,7 @@ static void on_reset(void *context, enum machine_reset cause) {
     struct run *run = context;
     run->is_working = false;
     run->worked_edge = 0;
+    run->waiting_count = 0;
 }
 
 static void on_eeprom_write(void *context, uint64_t number) {
@@ -339,10 +368,24 @@ static int parse_options(char **rest, struct options *options) {
     return 0;
 }
 
+// What the ELF's header says, before libsimavr believes it.
+static bool is_avr_image(const char *path) {
+    uint8_t header[20] = {0};
+    FILE *file = fopen(path, "rb");
+    if (file == NULL) {
+        return false;
+    }
+    const bool is_whole = fread(header, 1, sizeof header, file) == sizeof header;
+    (void)fclose(file);
+    const unsigned machine = header[18] | ((unsigned)header[19] << 8);
+    return is_whole && memcmp(header, ELFMAG, SELFMAG) == 0 && machine == EM_AVR;
+}
+
 static bool load_image(struct run *run) {
     elf_firmware_t firmware;
     memset(&firmware, 0, sizeof firmware);
-    if (elf_read_firmware(run->options.image, &firmware) != 0 ||
+    if (!is_avr_image(run->options.image) ||
+        elf_read_firmware(run->options.image, &firmware) != 0 ||
         firmware.flashsize == 0) {
         return false;
     }
@@ -375,9 +418,11 @@ static bool load_eeprom(struct run *run) {
     }
     uint8_t *bytes = run->machine.eeprom.bytes;
     memset(bytes, 0xFF, MACHINE_EEPROM_SIZE);
-    const size_t got = fread(bytes, 1, MACHINE_EEPROM_SIZE, file);
+    const bool good =
+        fread(bytes, 1, MACHINE_EEPROM_SIZE, file) == MACHINE_EEPROM_SIZE &&
+        fgetc(file) == EOF;
     (void)fclose(file);
-    return got == MACHINE_EEPROM_SIZE;
+    return good;
 }
 
 static bool save_eeprom(const struct run *run) {

@@ -15,7 +15,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
@@ -218,7 +218,9 @@ def listen(endpoint: str, seconds: float | None) -> int:
         return listener.wait()
     except KeyboardInterrupt:
         listener.send_signal(signal.SIGINT)  # a terminal has sent it one, a kill not
-        return listener.wait(STOP_S)
+        with suppress(subprocess.TimeoutExpired):  # a shell's & has it ignore SIGINT
+            return listener.wait(STOP_S)
+        return 0
     finally:
         listener.kill()
         listener.wait()

@@ -17,7 +17,7 @@ enum {
     PRECISE = _BV(ADEN) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0),
     COARSE = _BV(ADEN) | _BV(ADPS2),
     ENTROPY_CONVERSIONS = 64,  // of 13 us: 0.9 ms; four for each bit
-    WAIT_MAX = 255,            // turns of 5 cycles or more; a conversion takes 400 at most
+    WAIT_MAX = 255,            // turns of 5 cycles or more; a conversion takes 400
 };
 
 static bool is_settled;  // the conversion under way began with a charged bandgap
@@ -28,8 +28,8 @@ void adc_init(void) {
     is_settled = false;
 }
 
-// Each call hands out the conversion that the call before it began, so that nobody waits.
-// The first began while the bandgap charged and is not used.
+// Each call hands out the conversion that the call before it began, so that nobody
+// waits. The first began while the bandgap charged and is not used.
 uint16_t board_supply_mv(void) {
     if ((ADCSRA & _BV(ADSC)) != 0) {
         return 0;

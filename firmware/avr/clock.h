@@ -16,7 +16,8 @@ void clock_init(void);
 
 // Device time for interrupt handlers: interrupts must be off. An overflow whose handler
 // has not run is known by its flag, and came before a reading from the lower half.
-static inline uint32_t clock_us_masked(void) {
+// Inline without choice: a call would have the handler save all registers first.
+__attribute__((always_inline)) static inline uint32_t clock_us_masked(void) {
     const uint16_t ticks = TCNT1;
     uint32_t us = clock_overflow_us + ticks / CLOCK_TICKS_PER_US;
     if ((TIFR1 & _BV(TOV1)) != 0 && ticks < 0x8000) {
@@ -25,8 +26,9 @@ static inline uint32_t clock_us_masked(void) {
     return us;
 }
 
-// Ticks of 0.5 us, wrap after 32.8 ms: for short waits. 16-bit registers are read through
-// a byte that all handlers share ("Accessing 16-bit Registers"), hence the block.
+// Ticks of 0.5 us, wrap after 32.8 ms: for short waits. 16-bit registers are read
+// through a byte that all handlers share ("Accessing 16-bit Registers"), hence the
+// block.
 static inline uint16_t clock_ticks(void) {
     uint16_t ticks;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {

@@ -19,8 +19,8 @@ static uint8_t read_byte(void *port, uint16_t offset) {
     return EEDR;
 }
 
-// Erases and writes one byte, which takes the hardware 3.4 ms. The write must follow its
-// permission within four cycles ("The EEPROM Control Register").
+// Erases and writes one byte, which takes the hardware 3.4 ms. The write must follow
+// its permission within four cycles ("The EEPROM Control Register").
 static void write_byte(void *port, uint16_t offset, uint8_t value) {
     (void)port;
     EEAR = offset;

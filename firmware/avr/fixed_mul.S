@@ -2,8 +2,8 @@
 ; The products of fixed.h, exact, column by column of bytes. Cycles, `ret` included and
 ; the call of 3 or 4 not: fixed_mul_q30 108, fixed_mul_q32 98, fixed_umul_q32 90.
 ;
-; Calling convention: a arrives in r25..r22, b in r21..r18, the result leaves in r25..r22;
-; r18 to r27, r30 and r31 are free to use, r1 must be zero at the return.
+; Calling convention: a arrives in r25..r22, b in r21..r18, the result leaves in
+; r25..r22; r18 to r27, r30 and r31 are free to use, r1 must be zero at the return.
 
 #define A0 r22
 #define A1 r23
@@ -23,9 +23,9 @@
 #define P4 r26
 #define P5 r27
 
-; Column k collects the products whose bytes' places add up to k, in three bytes: its own
-; place, the next, and the carries. A signed column has a signed third byte: at most four
-; products of 16 bits, so it is within -4..4.
+; Column k collects the products whose bytes' places add up to k, in three bytes: its
+; own place, the next, and the carries. A signed column has a signed third byte: at most
+; four products of 16 bits, so it is within -4..4.
 
     ; \x:\y:\z += product of two unsigned bytes.
     .macro add_unsigned a, b, x, y, z

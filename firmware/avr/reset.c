@@ -9,7 +9,8 @@
 #include "reset.h"
 #include "start.h"
 
-_Static_assert(RESET_CAUSE_POWER_ON == _BV(PORF) && RESET_CAUSE_EXTERNAL == _BV(EXTRF) &&
+_Static_assert(RESET_CAUSE_POWER_ON == _BV(PORF) &&
+                   RESET_CAUSE_EXTERNAL == _BV(EXTRF) &&
                    RESET_CAUSE_BROWN_OUT == _BV(BORF) &&
                    RESET_CAUSE_WATCHDOG == _BV(WDRF),
                "the protocol numbers the causes as MCUSR does");

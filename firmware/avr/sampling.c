@@ -25,8 +25,8 @@ enum {
     GO_STOP = _BV(TWINT) | _BV(TWEN) | _BV(TWSTO),
 };
 
-// Shared with the handlers. The main loop reads the slots from `taken` to `filled`, both
-// single bytes that one side writes; all else it touches with interrupts off.
+// Shared with the handlers. The main loop reads the slots from `taken` to `filled`,
+// both single bytes that one side writes; all else it touches with interrupts off.
 static struct board_sample slots[SLOTS];
 static volatile uint8_t filled;  // slots completed, by the handlers
 static volatile uint8_t taken;   // slots handed over, by the main loop
@@ -121,7 +121,8 @@ ISR(TWI_vect) {
     idle_has_work = true;
 }
 
-// True once no burst is on the bus. One that takes too long is ended. Interrupts are off.
+// True once no burst is on the bus. One that takes too long is ended. Interrupts are
+// off.
 static bool is_over(void) {
     if (is_running && failure == BUS_OK &&
         clock_us_masked() - slots[filled % SLOTS].time_us > BURST_US_MAX) {

@@ -18,9 +18,9 @@ enum {
     // the clock.
     TRANSFER_TICKS_MAX = 4000 * CLOCK_TICKS_PER_US,
     // Recovery: half a clock at 100 kHz, which every device follows; and how many of
-    // them a device may hold SCL.
+    // them a device may hold SCL down.
     HALF_CLOCK_US = 5,
-    STRETCH_MAX = 100,
+    STRETCH_MAX = 50,
     RECOVERY_CLOCKS = 9,  // eight bits and their acknowledge (UM10204, "Bus clear")
 };
 
@@ -157,8 +157,8 @@ static bool clock_rises(void) {
     return false;
 }
 
-// A device that was interrupted while it sent a 0 holds SDA until it has seen the rest of
-// its byte clocked. Takes 0.7 ms at most.
+// A device that was interrupted while it sent a 0 holds SDA until it has seen the rest
+// of its byte clocked. Takes 3 ms at most, 0.1 ms where nobody holds SCL.
 enum bus_result board_bus_recover(void) {
     (void)twi_abort();
     bool is_free = clock_rises();

@@ -37,10 +37,9 @@ q2_30_t fixed_ratio(uint32_t numerator, uint32_t denominator) {
 
 q2_30_t fixed_rsqrt(uint32_t x) {
     // A line within 8.7 % on [1/4, 1), then Newton's y(3 - xy^2)/2: the relative error
-    // goes 8.7e-2, 1.2e-2, 2e-4, 6e-8, below rounding. y is q2_30 and at most 2, held
-    // below 2^31.
+    // goes 8.7e-2, 1.2e-2, 2e-4, 6e-8. y is q2_30 and at most 2, held below 2^31.
     uint32_t y = UINT32_C(2289217568) - fixed_umul_q32(x, UINT32_C(1306743800));
-    for (uint8_t round = 0; round < 4; ++round) {
+    for (uint8_t round = 0; round < 3; ++round) {
         if (y > INT32_MAX) {
             y = INT32_MAX;
         }

@@ -102,7 +102,7 @@ static inline turn32_t turn32_sub(turn32_t a, turn32_t b) {
 q2_30_t fixed_ratio(uint32_t numerator, uint32_t denominator);
 
 // 1 / sqrt(x / 2^32) as q2_30, for x in [2^30, 2^32): the result is in (1, 2], 2 held
-// at its last step below. Error below 5e-9.
+// at its last step below. Error below 1e-7.
 q2_30_t fixed_rsqrt(uint32_t x);
 
 // sqrt(x), floored.

@@ -28,7 +28,7 @@ uint8_t frame_encode(uint16_t seed, const uint8_t *content, uint8_t length,
     const uint8_t crc_bytes[FRAME_CRC] = {(uint8_t)crc, (uint8_t)(crc >> 8)};
     const uint8_t total = (uint8_t)(length + FRAME_CRC);
     // A code is the distance to the next one; content is too short for a code of 0xFF,
-    // the one that stands for no zero.
+    // the one that stands for no zero. Content at out + 1 is read before it is written.
     uint8_t code_at = 0;
     uint8_t at = 1;
     for (uint8_t i = 0; i < total; i++) {
@@ -95,9 +95,6 @@ enum frame_result frame_decode(struct frame_decoder *decoder, uint8_t byte,
         decoder->remaining = 0;
         decoder->error = 0;
         return result;
-    }
-    if (decoder->error != 0) {
-        return FRAME_PENDING;
     }
     if (decoder->remaining > 0) {
         append(decoder, byte);

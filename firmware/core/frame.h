@@ -25,7 +25,8 @@ enum frame_result {
 uint16_t frame_crc(uint16_t seed, const uint8_t *bytes, uint8_t length);
 
 // Writes the frame of `content` (1 to FRAME_CONTENT_MAX bytes) to `out`
-// (FRAME_BYTES_MAX bytes) and returns its length, delimiter included.
+// (length + FRAME_BYTES_MAX - FRAME_CONTENT_MAX bytes) and returns its length, delimiter
+// included. `content` may be out + 1: then it is framed in place.
 uint8_t frame_encode(uint16_t seed, const uint8_t *content, uint8_t length,
                      uint8_t *out);
 

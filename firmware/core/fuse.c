@@ -17,6 +17,7 @@ enum {
     STEPS_MAX = 8,
     REST_MS = 1500,   // VQF's rest: 1.5 s within 2 deg/s and 0.5 m/s2 of the mean
     FIELD_ONE = 16384,  // 1 of a squared distance
+    SAMPLES_HELD = 4095,  // above every settling time; 16 k - 1
 };
 
 #define REST_RATE_Q25 INT32_C(1171299)    // 2 deg/s
@@ -85,13 +86,13 @@ void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us) {
             {
                 .rate_hz = rate_hz,
                 .level = lowpass_gain_of(rate_hz, LEVEL_TAU_MS),
-                .rest = lowpass_gain_of(rate_hz, REST_TAU_MS),
+                .rest = lowpass_gain_of(rate_hz / 2, REST_TAU_MS),
                 .field = lowpass_gain_of(FIELD_RATE_HZ, FIELD_TAU_MS),
                 .rate_square_gain = Q2_30_ONE / 3 / rate_hz,
                 // VQF: bias wanders 0.1 deg/s in 100 s, a reading at rest has 0.03
                 // deg/s: 0.01 / 100 / 0.0009 a second.
-                .bias_forgetting = 116508 / rate_hz,
-                .rest_needed = (uint16_t)((uint32_t)rate_hz * REST_MS / 1000),
+                .bias_forgetting = 2 * INT32_C(116508) / rate_hz,
+                .rest_needed = (uint16_t)((uint32_t)rate_hz * REST_MS / 2000),
                 .field_lag = (uint16_t)((uint32_t)rate_hz * FIELD_LAG / 5),
                 // A mean rate over the sample period would be half a period old.
                 .lead_s_q35 =
@@ -136,9 +137,10 @@ static void follow_rest(struct fuse *fuse, const struct measurement *measurement
     struct vector *bias = &fuse->bias_rad_s_q25;
     struct vector rate;
     struct vector wander;
+    const uint16_t count = fuse->samples / 2;
     vector_clamp(&measurement->gyr_rad_s_q25, REST_RATE_LIMIT_Q25, &rate);
-    lowpass_step(&fuse->rest_rate, &coefficients->rest, &rate, fuse->samples);
-    lowpass_step(&fuse->rest_force, &coefficients->rest, force, fuse->samples);
+    lowpass_step(&fuse->rest_rate, &coefficients->rest, &rate, count);
+    lowpass_step(&fuse->rest_force, &coefficients->rest, force, count);
     vector_subtract(mean_rate, &fuse->calibrated_rad_s_q25, &wander);
     if (!is_near(&rate, mean_rate, REST_RATE_Q25) ||
         !is_near(force, &fuse->rest_force.level, REST_FORCE_Q21) ||
@@ -172,17 +174,20 @@ static void integrate(struct fuse *fuse, const struct vector *rate_q25,
         vector_scale(rate_q25, seconds_q35((int32_t)part), &angle);
         quat_from_small_angle(&angle, &turn);
         quat_multiply(&fuse->inertial_from_body, &turn, &fuse->inertial_from_body);
-        quat_renormalise(&fuse->inertial_from_body);
     }
 }
 
+static void filter_force(struct fuse *fuse, const struct vector *force_body_q21) {
+    struct vector force;
+    quat_rotate(&fuse->inertial_from_body, force_body_q21, &force);
+    lowpass_step(&fuse->force, &fuse->coefficients.level, &force, fuse->samples);
+}
+
 // Turns the level frame so that the low-passed specific force points up.
-static void follow_gravity(struct fuse *fuse, const struct vector *force_body_q21) {
+static void follow_gravity(struct fuse *fuse) {
     struct quat *level = &fuse->level_from_inertial;
     struct vector up;
     int32_t norm;
-    quat_rotate(&fuse->inertial_from_body, force_body_q21, &up);
-    lowpass_step(&fuse->force, &fuse->coefficients.level, &up, fuse->samples);
     quat_rotate(level, &fuse->force.level, &up);
     if (!vector_normalise(&up, &up, &norm) || norm < FORCE_MIN_Q21) {
         return;
@@ -206,7 +211,6 @@ static void follow_gravity(struct fuse *fuse, const struct vector *force_body_q2
                               fixed_mul_q30(up.y, half_inverse),
                               -fixed_mul_q30(up.x, half_inverse), 0};
     quat_multiply(&turn, level, level);
-    quat_renormalise(level);
 }
 
 // The orientation of FIELD_LAG_US ago, between two that are remembered.
@@ -314,14 +318,24 @@ static void follow_field(struct fuse *fuse, const struct vector *field_body_q18)
 
 void fuse_step(struct fuse *fuse, const struct measurement *measurement,
                uint32_t interval_us) {
-    if (fuse->samples < UINT16_MAX) {
-        ++fuse->samples;
-    }
-    follow_rest(fuse, measurement);
+    // Held where it no longer matters, in steps that keep its turn.
+    fuse->samples = (uint16_t)(fuse->samples < SAMPLES_HELD ? fuse->samples + 1
+                                                            : SAMPLES_HELD - 15);
     struct vector *rate = &fuse->rate_rad_s_q25;
     vector_subtract(&measurement->gyr_rad_s_q25, &fuse->bias_rad_s_q25, rate);
     integrate(fuse, rate, interval_us);
-    follow_gravity(fuse, &measurement->acc_m_s2_q21);
+    filter_force(fuse, &measurement->acc_m_s2_q21);
+    // What is slow takes turns, so that no sample carries all of it.
+    if (fuse->samples % 2 == 0) {
+        follow_rest(fuse, measurement);
+    } else {
+        follow_gravity(fuse);
+    }
+    if (fuse->samples % 16 == 0) {
+        quat_renormalise(&fuse->inertial_from_body);
+    } else if (fuse->samples % 16 == 8) {
+        quat_renormalise(&fuse->level_from_inertial);
+    }
     remember_orientation(fuse);
     // Known less and less while nothing corrects it; a second at most is added at once.
     const uint32_t drift_us = interval_us > 1000000 ? 1000000 : interval_us;
@@ -344,8 +358,15 @@ void fuse_step(struct fuse *fuse, const struct measurement *measurement,
 void fuse_orientation(const struct fuse *fuse, struct quat *out) {
     struct vector angle;
     struct quat turn;
-    quat_from_heading(fuse->heading, out);
-    quat_multiply(out, &fuse->level_from_body, out);
+    q2_30_t s;
+    q2_30_t c;
+    // The heading's turn about z, which has but two parts.
+    const struct quat *level = &fuse->level_from_body;
+    fixed_sincos(fuse->heading / 2, &s, &c);
+    *out = (struct quat){fixed_mul_q30(c, level->w) - fixed_mul_q30(s, level->z),
+                         fixed_mul_q30(c, level->x) - fixed_mul_q30(s, level->y),
+                         fixed_mul_q30(c, level->y) + fixed_mul_q30(s, level->x),
+                         fixed_mul_q30(c, level->z) + fixed_mul_q30(s, level->w)};
     // The gyroscope's low-pass still holds back the last few milliseconds: they are made
     // up with the last rate.
     vector_scale(&fuse->rate_rad_s_q25, fuse->coefficients.lead_s_q35, &angle);

@@ -32,7 +32,7 @@ struct fuse_coefficients {
     struct lowpass_gain field;       // of the field's norm and vertical part
     q2_30_t rate_square_gain;        // of the mean square of the rate
     q12_20_t bias_forgetting;        // of the rest bias' variance, a sample
-    uint16_t rest_needed;            // still samples that make a rest
+    uint16_t rest_needed;            // still looks, one every other sample, for a rest
     uint16_t field_lag;              // of a field reading, 256ths of a sample
     int32_t lead_s_q35;              // of the motion before what was integrated
     uint8_t history_stride;          // samples between the orientations remembered
@@ -62,7 +62,7 @@ struct fuse {
     q2_30_t field_weight;        // of the last reading
     uint32_t field_age_us;       // since the last reading
     q14_18_t rate_square;        // (rad/s)^2, mean over 3 s
-    uint16_t samples;            // since the start, held at the top
+    uint16_t samples;            // since the start, held where it no longer matters
 };
 
 // The quality of what the filter says.

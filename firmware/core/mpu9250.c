@@ -214,6 +214,7 @@ static enum sensor_result identify(struct mpu9250 *chip, const struct bus_device
         return SENSOR_WRONG_CHIP;
     }
     identity->rate_hz = MPU9250_RATE_HZ;
+    identity->gyr_delay_us = MPU9250_GYR_DELAY_US;
     identity->gyr_lsb_nrad_s = 1065264;  // 2000 deg/s / 32768
     identity->acc_lsb_nm_s2 = 4788403;   // 16 * 9.80665 m/s2 / 32768
     identity->mag_lsb_pt = 150000;       // AK 5: 0.15 uT
@@ -291,7 +292,7 @@ static bool axis_passes(int32_t response, uint8_t code, bool is_gyr) {
         return is_gyr ? size >= GYRO_RESPONSE_MIN
                       : size >= ACC_RESPONSE_MIN && size <= ACC_RESPONSE_MAX;
     }
-    const int32_t half = factory_trim(code) * INT32_C(TEST_SAMPLES / 2);
+    const int32_t half = (int32_t)factory_trim(code) * (TEST_SAMPLES / 2);
     return response > half && (is_gyr || response < 3 * half);
 }
 
@@ -622,23 +623,25 @@ static void parse_mag(struct mpu9250 *chip, const uint8_t *block, struct sample 
     out->mag = (struct counts){field[1], field[0], (int16_t)-field[2]};
 }
 
-void mpu9250_parse(void *state, const uint8_t *bytes, uint32_t time_us,
+bool mpu9250_parse(void *state, const uint8_t *bytes, uint32_t time_us,
                    struct sample *out) {
     struct mpu9250 *chip = state;
-    const bool is_wrong = is_no_reading(bytes);
+    if (is_no_reading(bytes)) {
+        return false;
+    }
     out->time_us = time_us;
-    out->acc_clipped = take_axes(bytes, &out->acc) || is_wrong;
-    out->gyr_clipped = take_axes(bytes + 8, &out->gyr) || is_wrong;
+    out->acc_clipped = take_axes(bytes, &out->acc);
+    out->gyr_clipped = take_axes(bytes + 8, &out->gyr);
     // RM 65: TEMP_OUT / 333.87 + 21 degC; 19629 is 100 / 333.87 * 2^16.
-    const int32_t cdeg =
-        fixed_scale_down(big_endian(bytes + 6) * INT32_C(19629), 16) + 2100;
-    out->temperature_cdeg = (int16_t)(is_wrong ? SAMPLE_NO_TEMPERATURE : cdeg);
+    out->temperature_cdeg = (int16_t)(
+        fixed_scale_down(big_endian(bytes + 6) * INT32_C(19629), 16) + 2100);
     out->mag = (struct counts){0, 0, 0};
     out->has_mag = false;
     out->mag_overflow = false;
     if (chip->has_mag) {
         parse_mag(chip, bytes + INERTIAL_BYTES, out);
     }
+    return true;
 }
 
 const struct sensor_identity *mpu9250_identity(const void *state) {

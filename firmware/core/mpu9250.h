@@ -12,6 +12,7 @@
 enum {
     MPU9250_ADDRESS = 0x68,  // pin AD0 low
     MPU9250_RATE_HZ = 200,
+    MPU9250_GYR_DELAY_US = 3900,  // RM 4.6: DLPF_CFG 2, 92 Hz
 };
 
 // Starts zeroed. Private to the driver.
@@ -47,8 +48,8 @@ struct mpu9250 {
 void mpu9250_begin(void *state);
 enum sensor_result mpu9250_setup(void *state, const struct bus_device *bus,
                                  uint32_t now_us) MUST_CHECK;
-void mpu9250_parse(void *state, const uint8_t *bytes, uint32_t time_us,
-                   struct sample *out);
+bool mpu9250_parse(void *state, const uint8_t *bytes, uint32_t time_us,
+                   struct sample *out) MUST_CHECK;
 const struct sensor_identity *mpu9250_identity(const void *state);
 struct bus_burst mpu9250_burst(const void *state);
 

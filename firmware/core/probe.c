@@ -11,16 +11,20 @@ enum {
     ENTROPY_READINGS = 64,
 };
 
-#define SECOND_US UINT32_C(1000000)
-#define HELLO_PHASE_US UINT32_C(500000)  // half a second from status: never both at once
+#define SECOND_US INT32_C(1000000)
+#define HELLO_PHASE_US INT32_C(500000)  // half a second from status: never both at once
+#define PATIENCE_US UINT32_C(50000)
 #define REFUSAL_PERIOD_US UINT32_C(5000000)
 
-// Frames content and hands it to the wire. The sequence number is spent either way, so
-// that a message which found no room leaves a visible hole.
-static void send(struct probe *probe, const uint8_t *content, uint8_t length) {
-    uint8_t bytes[FRAME_ROOM];
-    const uint16_t seed = content[0] == MESSAGE_HELLO ? FRAME_HELLO_SEED : SCHEMA_SEED;
-    const uint8_t size = frame_encode(seed, content, length, bytes);
+// Each message's buffers are on the stack only while it is made, not all at once.
+#define NOINLINE __attribute__((noinline))
+
+// Frames the content at bytes + 1, in place, and hands it to the wire. The sequence
+// number is spent either way, so that a message which found no room leaves a visible
+// hole.
+static void send(struct probe *probe, uint8_t *bytes, uint8_t length) {
+    const uint16_t seed = bytes[1] == MESSAGE_HELLO ? FRAME_HELLO_SEED : SCHEMA_SEED;
+    const uint8_t size = frame_encode(seed, bytes + 1, length, bytes);
     ++probe->sequence;
     if (probe->port->send(bytes, size)) {
         ++probe->counters.messages_sent;
@@ -29,16 +33,15 @@ static void send(struct probe *probe, const uint8_t *content, uint8_t length) {
     }
 }
 
-static void send_event(struct probe *probe, enum event event, enum cause cause,
+NOINLINE static void send_event(struct probe *probe, enum event event, enum cause cause,
                        int32_t detail, uint32_t now_us) {
-    uint8_t content[MESSAGE_CONTENT_MAX];
+    uint8_t bytes[FRAME_ROOM];
     const struct message_event message = {(uint8_t)event, (uint8_t)cause, detail};
-    send(probe, content,
-         message_event_encode(&message, probe->sequence, now_us, content));
+    send(probe, bytes, message_event_encode(&message, probe->sequence, now_us, bytes + 1));
 }
 
-static void send_hello(struct probe *probe, uint32_t now_us) {
-    uint8_t content[MESSAGE_CONTENT_MAX];
+NOINLINE static void send_hello(struct probe *probe, uint32_t now_us) {
+    uint8_t bytes[FRAME_ROOM];
     const struct sensor_identity *identity = probe->identity;
     struct message_hello message = {
         .protocol_version = PROTOCOL_VERSION,
@@ -63,12 +66,11 @@ static void send_hello(struct probe *probe, uint32_t now_us) {
         message.gyr_lsb = identity->gyr_lsb_nrad_s;
         message.mag_lsb = identity->mag_lsb_pt;
     }
-    send(probe, content,
-         message_hello_encode(&message, probe->sequence, now_us, content));
+    send(probe, bytes, message_hello_encode(&message, probe->sequence, now_us, bytes + 1));
 }
 
-static void send_status(struct probe *probe, uint32_t now_us) {
-    uint8_t content[MESSAGE_CONTENT_MAX];
+NOINLINE static void send_status(struct probe *probe, uint32_t now_us) {
+    uint8_t bytes[FRAME_ROOM];
     const struct probe_counters *counters = &probe->counters;
     const uint16_t supply_mv = probe->port->supply_mv();
     const struct message_status message = {
@@ -91,8 +93,7 @@ static void send_status(struct probe *probe, uint32_t now_us) {
         .supply = supply_mv > 0 ? supply_mv : STATUS_SUPPLY_NULL,
     };
     probe->load = (struct probe_load){0, 0, 0};
-    send(probe, content,
-         message_status_encode(&message, probe->sequence, now_us, content));
+    send(probe, bytes, message_status_encode(&message, probe->sequence, now_us, bytes + 1));
 }
 
 static void make_id(struct probe *probe) {
@@ -161,8 +162,8 @@ void probe_overrun(struct probe *probe, uint16_t missed, uint32_t now_us) {
     send_event(probe, EVENT_OVERRUN, CAUSE_LATE, missed, now_us);
 }
 
-static void send_raw(struct probe *probe, const struct sample *sample) {
-    uint8_t content[MESSAGE_CONTENT_MAX];
+NOINLINE static void send_raw(struct probe *probe, const struct sample *sample) {
+    uint8_t bytes[FRAME_ROOM];
     struct message_raw message = {
         .acc = {sample->acc.x, sample->acc.y, sample->acc.z},
         .gyr = {sample->gyr.x, sample->gyr.y, sample->gyr.z},
@@ -178,16 +179,14 @@ static void send_raw(struct probe *probe, const struct sample *sample) {
         message.mag[1] = sample->mag.y;
         message.mag[2] = sample->mag.z;
     }
-    send(probe, content,
-         message_raw_encode(&message, probe->sequence, sample->time_us, content));
+    send(probe, bytes, message_raw_encode(&message, probe->sequence, sample->time_us, bytes + 1));
 }
 
-static void send_pose(struct probe *probe, uint32_t time_us) {
-    uint8_t content[MESSAGE_CONTENT_MAX];
+NOINLINE static void send_pose(struct probe *probe, uint32_t time_us) {
+    uint8_t bytes[FRAME_ROOM];
     struct message_pose message;
     pose_read(&probe->tracker, &message);
-    send(probe, content,
-         message_pose_encode(&message, probe->sequence, time_us, content));
+    send(probe, bytes, message_pose_encode(&message, probe->sequence, time_us, bytes + 1));
 }
 
 // True `rate_hz` times in `of_hz` calls, evenly.
@@ -203,6 +202,7 @@ static bool is_due(uint16_t *phase, uint16_t rate_hz, uint16_t of_hz) {
 void probe_sample(struct probe *probe, const struct sample *sample) {
     const uint16_t rate_hz = probe->identity->rate_hz;
     ++probe->counters.samples_read;
+    probe->is_heavy = sample->has_mag;
     const enum pose_result result = pose_step(&probe->tracker, sample);
     ++probe->counters.samples_fused;
     if (result == POSE_CALIBRATED) {
@@ -319,8 +319,19 @@ static enum result carry_out(struct probe *probe, const struct message_command *
     }
 }
 
+NOINLINE static void send_reply(struct probe *probe, const struct message_command *command,
+                                uint32_t now_us) {
+    uint8_t bytes[FRAME_ROOM];
+    const struct message_reply message = {
+        .replied_command = command->command,
+        .replied_token = command->token,
+        .result = probe->last_result,
+        .value = {probe->last_value[0], probe->last_value[1]},
+    };
+    send(probe, bytes, message_reply_encode(&message, probe->sequence, now_us, bytes + 1));
+}
+
 void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us) {
-    uint8_t content[MESSAGE_CONTENT_MAX];
     struct message_header header;
     struct message_command command;
     uint8_t length;
@@ -340,13 +351,7 @@ void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us) {
         probe->last_result = (uint8_t)carry_out(probe, &command, now_us);
         probe->last_token = command.token;
     }
-    const struct message_reply reply = {
-        .replied_command = command.command,
-        .replied_token = command.token,
-        .result = probe->last_result,
-        .value = {probe->last_value[0], probe->last_value[1]},
-    };
-    send(probe, content, message_reply_encode(&reply, probe->sequence, now_us, content));
+    send_reply(probe, &command, now_us);
 }
 
 static void follow_button(struct probe *probe, bool is_down, uint32_t now_us) {
@@ -369,11 +374,14 @@ void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
         SETTINGS_FAILED) {
         send_event(probe, EVENT_SETTINGS_FAILED, CAUSE_NONE, probe->writer.offset, now_us);
     }
-    if (!probe->has_said_hello && now_us - probe->second_us >= HELLO_PHASE_US) {
+    // What is not urgent waits a little for a sample that was less work.
+    const uint32_t elapsed_us =
+        now_us - probe->second_us - (probe->is_heavy ? PATIENCE_US : 0);
+    if (!probe->has_said_hello && (int32_t)elapsed_us >= HELLO_PHASE_US) {
         probe->has_said_hello = true;
         send_hello(probe, now_us);
     }
-    if (now_us - probe->second_us >= SECOND_US) {
+    if ((int32_t)elapsed_us >= SECOND_US) {
         probe->second_us += SECOND_US;
         ++probe->uptime_s;
         probe->has_said_hello = false;

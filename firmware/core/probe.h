@@ -63,6 +63,7 @@ struct probe {
     bool is_streaming;
     bool is_faulty;      // the sensor does not deliver
     bool has_said_hello;  // in the second that runs
+    bool is_heavy;        // the last sample was more work than others
     bool has_told_refusal;
     bool wants_reset;
 };

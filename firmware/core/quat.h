@@ -22,8 +22,8 @@ void quat_conjugate(const struct quat *q, struct quat *out);
 // 3 steps. For |e| <= 0.3.
 void quat_renormalise(struct quat *q);
 
-// The rotation by the vector `angle_rad_q30`, |angle| <= 0.55, to third order of its
-// half: error below |angle|^4 / 384 and 2 steps.
+// The rotation by the vector `angle_rad_q30`, |angle| <= 0.55, to fourth order of its
+// half: error below |angle|^5 / 3840 and 2 steps.
 void quat_from_small_angle(const struct vector *angle_rad_q30, struct quat *out);
 
 // v turned by q, in v's format; `out` may be v. Needs |v| <= 1.07e9 and |q| <= 1.

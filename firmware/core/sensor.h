@@ -4,6 +4,7 @@
 #ifndef SENSOR_H
 #define SENSOR_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "bus.h"
@@ -37,8 +38,9 @@ struct sensor_driver {
     // On a failure call begin() again, after the bus has been recovered.
     enum sensor_result (*setup)(void *state, const struct bus_device *bus,
                                 uint32_t now_us);
-    // Turns the bytes of one burst into a sample; fills everything but has_gap.
-    void (*parse)(void *state, const uint8_t *bytes, uint32_t time_us,
+    // Turns the bytes of one burst into a sample; fills everything but has_gap. False
+    // where they can't be a reading: then nothing is written.
+    bool (*parse)(void *state, const uint8_t *bytes, uint32_t time_us,
                   struct sample *out);
     const struct sensor_identity *(*identity)(const void *state);
     struct bus_burst (*burst)(const void *state);

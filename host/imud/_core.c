@@ -4,6 +4,7 @@
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 
+#include "_replay.h"
 #include "frame.h"
 
 // Takes a 16-bit CRC seed or an 8-bit id apart from other integers.
@@ -16,8 +17,7 @@ static int number_in_range(const char *name, long value, long limit) {
 }
 
 struct decoder {
-    PyObject_HEAD
-    struct frame_decoder frames;
+    PyObject_HEAD struct frame_decoder frames;
     unsigned long long good;
     unsigned long long bad_cobs;
     unsigned long long bad_crc;
@@ -195,14 +195,19 @@ static PyMethodDef core_functions[] = {
     {NULL, NULL, 0, NULL},
 };
 
-static int core_exec(PyObject *module) {
-    PyObject *type = PyType_FromModuleAndSpec(module, &decoder_spec, NULL);
+static int add_type(PyObject *module, const char *name, PyType_Spec *spec) {
+    PyObject *type = PyType_FromModuleAndSpec(module, spec, NULL);
     if (type == NULL) {
         return -1;
     }
-    const int failed = PyModule_AddObjectRef(module, "FrameDecoder", type);
+    const int failed = PyModule_AddObjectRef(module, name, type);
     Py_DECREF(type);
-    return failed != 0 ||
+    return failed;
+}
+
+static int core_exec(PyObject *module) {
+    return add_type(module, "FrameDecoder", &decoder_spec) != 0 ||
+                   add_type(module, "Replay", &replay_spec) != 0 ||
                    PyModule_AddIntConstant(module, "CONTENT_MAX", FRAME_CONTENT_MAX) ||
                    PyModule_AddIntConstant(module, "HELLO_SEED", FRAME_HELLO_SEED)
                ? -1

@@ -10,7 +10,7 @@ import secrets
 import signal
 import sys
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -59,7 +59,9 @@ TRIES = 3
 # At the end of a run: what waits is handed over and the log is finished.
 CLOSE_S = 0.8
 
-# One kind of line about one thing is written this often at most; the rest is counted.
+# Of one kind of line about one thing so many are written in so many seconds; the rest
+# is counted.
+BURST = 3
 QUIET_S = 10.0
 
 # Published as JSON under their own names; all else goes out as frames only.
@@ -77,20 +79,23 @@ logger = logging.getLogger("imud")
 
 
 class Limiter:
-    """Lets a line through when it is the first of its kind for a while."""
+    """Lets a few lines of a kind through in a while and counts the others."""
 
-    def __init__(self, quiet_s: float = QUIET_S) -> None:
+    def __init__(self, quiet_s: float = QUIET_S, burst: int = BURST) -> None:
         self._quiet_s = quiet_s
-        self._spoken_s: dict[object, float] = {}
+        self._burst = burst
+        self._spoken_s: dict[object, deque[float]] = {}
         self._withheld: Counter[object] = Counter()
 
     def allow(self, kind: object, now_s: float) -> str | None:
         """What to add to the line, or None to withhold it."""
-        last = self._spoken_s.get(kind)
-        if last is not None and now_s - last < self._quiet_s:
+        spoken = self._spoken_s.setdefault(kind, deque())
+        while spoken and now_s - spoken[0] >= self._quiet_s:
+            spoken.popleft()
+        if len(spoken) >= self._burst:
             self._withheld[kind] += 1
             return None
-        self._spoken_s[kind] = now_s
+        spoken.append(now_s)
         withheld = self._withheld.pop(kind, 0)
         return f" (and {withheld} like it before)" if withheld else ""
 
@@ -176,7 +181,7 @@ class _Port:
 
     def _opened(self) -> None:
         if self._fault is not None:
-            logger.info("%s: open", self.name)
+            self._daemon.say(("open", self.name), f"{self.name}: open")
         self._fault = None
         self.session = Session(self._daemon.probe, time.time_ns())
         # Says at once who is there, instead of within a second. A port that is lost
@@ -195,7 +200,8 @@ class _Port:
             type(error) is self._fault or self._fault is PortLost
         )
         if not is_known:
-            logger.warning("%s", error)
+            kind = ("fault", self.name, type(error))
+            self._daemon.say(kind, str(error), is_warning=True)
             self._fault = type(error)
 
     def _tell(self, events: list[Event]) -> None:
@@ -203,7 +209,9 @@ class _Port:
             if isinstance(event, OtherSchema):
                 self._daemon.take_other(event, self)
             elif isinstance(event, OnlyNoise | Silent):
-                logger.warning("%s", port_problem(self.name, event, self._baud))
+                text = port_problem(self.name, event, self._baud)
+                kind = ("problem", self.name, type(event))
+                self._daemon.say(kind, text, is_warning=True)
             else:
                 self._daemon.take(event, self)
 
@@ -336,7 +344,7 @@ class Daemon:
     def _found(self, event: ProbeFound, port: _Port) -> None:
         watched = self._probes[event.probe_id]
         if watched.port is not None and watched.port is not port:
-            self._say(
+            self.say(
                 ("twice", event.probe_id),
                 f"probe {watched.name} is on {watched.port.name} and on {port.name}; "
                 "are there two with one id?",
@@ -360,8 +368,9 @@ class Daemon:
             f"firmware {hello['firmware']}, {hello['sensor']}, {rates}, "
             f"boot {hello['boot_count']} ({cause})"
         )
-        self._say(("found", event.probe_id, what), text, is_warning=event.is_restart)
+        self.say(("found", event.probe_id, what), text, is_warning=event.is_restart)
         self._set_alive(watched, is_alive=True)
+        self._publish_status(watched)
 
     def _received(self, event: Received) -> None:
         watched = self._probes[event.probe.probe_id]
@@ -402,14 +411,14 @@ class Daemon:
     def _refused(self, event: Refused) -> None:
         watched = self._probes[event.probe_id]
         if event.skew is not None:
-            self._say(
+            self.say(
                 ("skew", event.probe_id, event.skew.kind),
                 f"probe {watched.name}: skewed message ({event.skew.kind}): "
                 f"{event.skew.detail}",
                 is_warning=True,
             )
         elif event.verdict is not Verdict.DUPLICATE:
-            self._say(
+            self.say(
                 ("stray", event.probe_id),
                 f"probe {watched.name}: a message out of its order is left out",
                 is_warning=True,
@@ -421,13 +430,13 @@ class Daemon:
         cause = "" if fields["cause"] == "none" else f" ({fields['cause']})"
         detail = f", {fields['detail']}" if fields["detail"] else ""
         text = f"probe {watched.name}: {name.replace('_', ' ')}{cause}{detail}"
-        self._say(("event", watched.name, name, cause), text, is_warning=name in FAULTS)
+        self.say(("event", watched.name, name, cause), text, is_warning=name in FAULTS)
 
     def _put(self, watched: _Watched, record: Record) -> None:
         watched.published[record.topic] += 1
         self._hub.put(record)
 
-    def _say(self, kind: object, text: str, *, is_warning: bool = False) -> None:
+    def say(self, kind: object, text: str, *, is_warning: bool = False) -> None:
         more = self._limiter.allow(kind, time.monotonic())
         if more is not None:
             level = logging.WARNING if is_warning else logging.INFO

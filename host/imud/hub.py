@@ -53,6 +53,7 @@ class Lane:
         self._dropped: Counter[str] = Counter()
         self._failures = 0
         self._broken_until: float | None = None
+        self._is_told = False
         # A daemon thread: one stuck in its library must not keep the process alive.
         self._thread = threading.Thread(
             target=self._run, name=f"imud-{sink.name}", daemon=True
@@ -130,7 +131,9 @@ class Lane:
             if isinstance(item, Record):
                 with self._wake:
                     self._taken[item.probe, item.topic] += 1
-        self._attempt(self.sink.flush)
+        if self._attempt(self.sink.flush) and items and self._is_told:
+            self._is_told = False
+            logger.info("%s works again", self.sink.name)
 
     def _is_usable(self) -> bool:
         if self._broken_until is None:
@@ -139,17 +142,15 @@ class Lane:
             return False
         self._attempt(self.sink.close)
         self._broken_until = None
-        if not self._attempt(self.sink.open):
-            return False
-        logger.info("%s works again", self.sink.name)
-        return True
+        return self._attempt(self.sink.open)
 
     def _attempt(self, action: Callable[[], None]) -> bool:
         try:
             action()
         except Exception as error:  # noqa: BLE001 - a sink's fault stays in its lane
             self._failures += 1
-            if self._broken_until is None:
+            if not self._is_told:
+                self._is_told = True
                 logger.warning("%s fails and is tried again: %s", self.sink.name, error)
             self._broken_until = time.monotonic() + RETRY_S
             return False

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 # buffer of 4 KiB holds in messages of 40 bytes.
 WINDOW = 1024
 
+# Messages that a kernel's serial buffer may hold from before a restart.
+BUFFERED = 100
+
 # Device times of messages sent one after the other differ little from the order of
 # their numbers: a sample waits for its turn for some milliseconds.
 TIME_SLACK_US = 1_000_000
@@ -206,24 +209,22 @@ class Account:
         if self.boots == 0:
             return [self._begin(heard)] if skew is None else [self._unplaced(heard)]
 
-        is_next = heard.sequence == (self.boot.last + 1) & _MASK
         boot_count = _boot_count(heard)
-        if not is_next and self._is_copy_of_before(heard):
-            return [Judged(heard, Verdict.DUPLICATE)]
         place = self.boot.place(heard)
-        if place is _Place.COPY:
+        is_far_ahead = place is _Place.AHEAD and self._step(heard) > CONTINUES_WITHIN
+        is_doubtful = is_far_ahead or place is _Place.ODD
+        if is_doubtful and self._is_copy_of_before(heard):
+            return [Judged(heard, Verdict.DUPLICATE)]
+        if place is _Place.COPY and not self._is_next_of_suspect(heard):
             self.boot.duplicated += 1
             return [Judged(heard, Verdict.DUPLICATE)]
-        if skew is not None and (
-            place is _Place.ODD
-            or self.boot.number(heard.sequence) - self.boot.last > WINDOW
-        ):
+        if skew is not None and (place is _Place.ODD or self._step(heard) > WINDOW):
             # A frame that is damaged and yet passes its CRC is not believed about
             # its number, lest a million messages count as lost.
             return [self._unplaced(heard)]
         if self._is_other_boot(boot_count):
             return self._restart(heard)
-        if place is _Place.ODD:
+        if place is _Place.ODD or self._is_next_of_suspect(heard):
             return self._suspect_restart(heard, boot_count)
         judged = self.close()
         if place is _Place.LATE and skew is None:
@@ -265,10 +266,30 @@ class Account:
         known = self.boot.boot_count
         return boot_count is not None and known is not None and boot_count != known
 
+    def _step(self, heard: Heard) -> int:
+        return self.boot.number(heard.sequence) - self.boot.last
+
+    def _is_next_of_suspect(self, heard: Heard) -> bool:
+        suspect = self._suspect
+        return (
+            suspect is not None
+            and not hasattr(heard.said, "kind")
+            and difference_32(heard.sequence, suspect.sequence) == 1
+            and _continues(suspect, heard)
+        )
+
     def _is_copy_of_before(self, heard: Heard) -> bool:
-        if self._before is None:
+        """A copy from the end of the boot before, out of a buffer, soon after a restart.
+
+        Not to be looked for any longer or further back: a probe that does the same in
+        each boot, as an emulated one does, says the same under the same numbers.
+        """
+        before = self._before
+        if before is None or self.boot.sent > BUFFERED:
             return False
-        if not self._before.is_copy(heard.sequence, heard.content):
+        if before.last - before.number(heard.sequence) >= BUFFERED:
+            return False
+        if not before.is_copy(heard.sequence, heard.content):
             return False
         self._earlier.duplicated += 1
         return True

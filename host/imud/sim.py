@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 SIMULATOR = Path("build/sim/nano")
 IMAGE = Path(".pio/build/nano/firmware.elf")
 
-# Device time of what is done for the user. The button is down for longer than the
-# firmware's debounce of 50 ms and up again before the sensor has started; commands
-# come one after the other, far enough apart to be carried out.
-PRESS_US = (300_000, 400_000)
-FIRST_COMMAND_US = 150_000
+# Device time of what is done for the user. The button is down for several times the
+# firmware's debounce of 50 ms, which runs slower while the sensor is set up, and is up
+# again long before the first sample; commands follow, each in good time after the last.
+PRESS_US = (200_000, 500_000)
+FIRST_COMMAND_US = 600_000
 NEXT_COMMAND_US = 20_000
 
 SAMPLE_RATE_HZ = 200  # the firmware samples, and can send, so many a second

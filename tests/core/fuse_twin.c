@@ -95,7 +95,7 @@ void fuse_twin_run(int count, int rate_hz, double gyr_delay_s, const double *gyr
     int fields = 0;
     int phase = 0;
     const int stride = (rate_hz + 199) / 200;
-    const int rest_needed = rate_hz * 3 / 2;
+    const int rest_needed = rate_hz * 3 / 4;
     memcpy(inertial, one, sizeof one);
     memcpy(level, one, sizeof one);
     for (int k = 0; k < count; ++k) {
@@ -107,43 +107,45 @@ void fuse_twin_run(int count, int rate_hz, double gyr_delay_s, const double *gyr
         }
         for (int i = 0; i < 3; ++i) {
             limited[i] = clamp(gyr[3 * k + i], 10);
-        }
-        lowpass(&rest_rate, rate_hz, 0.5, limited, k + 1);
-        lowpass(&rest_force, rate_hz, 0.5, acc + 3 * k, k + 1);
-        bool is_still = distance(limited, rest_rate.level) < 2 * degree &&
-                        distance(acc + 3 * k, rest_force.level) < 0.5;
-        for (int i = 0; i < 3; ++i) {
-            is_still = is_still && fabs(rest_rate.level[i] - calibrated[i]) <= 2 * degree;
-        }
-        rest = is_still ? (rest < rest_needed ? rest + 1 : rest) : 0;
-        ratio = fmin(ratio + 0.01 / 100 / 0.0009 / rate_hz, pow(0.5 / 0.03, 2));
-        if (rest == rest_needed) {
-            const double gain = ratio / (ratio + 1);
-            ratio -= ratio * gain;
-            for (int i = 0; i < 3; ++i) {
-                bias[i] += (rest_rate.level[i] - bias[i]) * gain;
-            }
-        }
-        for (int i = 0; i < 3; ++i) {
             rate[i] = gyr[3 * k + i] - bias[i];
         }
         turn_by(rate, interval_s[k], turn);
         multiply(inertial, turn, inertial);
-
         rotate(inertial, acc + 3 * k, v);
         lowpass(&force, rate_hz, 3, v, k + 1);
-        rotate(level, force.level, v);
-        const double norm = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-        if (norm >= 1) {
-            if (v[2] < 0) {
-                const double half[4] = {0, 1, 0, 0};
-                multiply(half, level, level);
-                v[1] = -v[1];
-                v[2] = -v[2];
+        if (k % 2 == 1) {
+            const int count_at_rest = (k + 1) / 2;
+            lowpass(&rest_rate, rate_hz / 2.0, 0.5, limited, count_at_rest);
+            lowpass(&rest_force, rate_hz / 2.0, 0.5, acc + 3 * k, count_at_rest);
+            bool is_still = distance(limited, rest_rate.level) < 2 * degree &&
+                            distance(acc + 3 * k, rest_force.level) < 0.5;
+            for (int i = 0; i < 3; ++i) {
+                is_still =
+                    is_still && fabs(rest_rate.level[i] - calibrated[i]) <= 2 * degree;
             }
-            const double c = sqrt((1 + v[2] / norm) / 2);
-            const double up[4] = {c, v[1] / norm / (2 * c), -v[0] / norm / (2 * c), 0};
-            multiply(up, level, level);
+            rest = is_still ? (rest < rest_needed ? rest + 1 : rest) : 0;
+            ratio = fmin(ratio + 2 * 0.01 / 100 / 0.0009 / rate_hz, pow(0.5 / 0.03, 2));
+            if (rest == rest_needed) {
+                const double gain = ratio / (ratio + 1);
+                ratio -= ratio * gain;
+                for (int i = 0; i < 3; ++i) {
+                    bias[i] += (rest_rate.level[i] - bias[i]) * gain;
+                }
+            }
+        } else {
+            rotate(level, force.level, v);
+            const double norm = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+            if (norm >= 1) {
+                if (v[2] < 0) {
+                    const double half[4] = {0, 1, 0, 0};
+                    multiply(half, level, level);
+                    v[1] = -v[1];
+                    v[2] = -v[2];
+                }
+                const double c = sqrt((1 + v[2] / norm) / 2);
+                const double up[4] = {c, v[1] / norm / (2 * c), -v[0] / norm / (2 * c), 0};
+                multiply(up, level, level);
+            }
         }
         multiply(level, inertial, product);
         for (int i = 0; k == 0 && i < HISTORY; ++i) {

@@ -126,9 +126,7 @@ def test_the_comparison_with_doubles_would_see_a_missing_correction():
     assert rms(desk.apart_deg(found, twin(felt))) > 0.1
 
 
-@pytest.mark.parametrize(
-    "start", STARTS, ids=lambda q: np.round(q, 2).tolist().__str__()
-)
+@pytest.mark.parametrize("start", STARTS, ids=lambda q: str(np.round(q, 2)))
 def test_from_any_start_at_rest_level_and_heading_are_found_in_5_s(start):
     felt = scene(at_rest(5, 200, start), 200, seed=1)
     found, _, quality = centred(200).feel(felt)
@@ -345,7 +343,9 @@ def test_clipped_sensors_leave_a_sound_quaternion_and_the_level_comes_back():
     felt.acc[1000:1400] = -16 * G
     felt.gyr[1400:] = 0
     felt.acc[1400:] = (0, 0, G)
-    found, _, _ = centred(200).feel(felt)
+    found, _, quality = centred(200).feel(felt)
+    # 0.221 deg a 100 deg/s, of the 3464 deg/s of a corner, half forgotten by the mean.
+    assert 450 < quality["tilt_sigma_cdeg"][1399] < 650
     assert np.abs(desk.norms(found) / ONE - 1).max() < 1e-6
     assert desk.tilt_deg(found[-1:], LEVEL[None])[0] < 0.5
 
@@ -387,8 +387,8 @@ def test_a_rate_is_integrated_over_its_interval_up_to_60_ms(
     interval_us, integrated_us, rate_deg_s
 ):
     wanted = abs(rate_deg_s) * integrated_us / 1e6
-    # Third order: a^5/480 of each part's angle a, 2.5e-6 rad at 2000 deg/s and 7.5 ms.
-    assert turned_by(interval_us, rate_deg_s) == pytest.approx(wanted, abs=0.001)
+    # Fourth order costs a^5/1920 of each part's angle a: 8 times 4e-5 deg at most.
+    assert turned_by(interval_us, rate_deg_s) == pytest.approx(wanted, abs=0.0005)
 
 
 def test_the_clock_may_wrap_between_two_samples():
@@ -443,7 +443,7 @@ def wild_samples(random: np.random.Generator, count: int) -> desk.Array:
     return samples
 
 
-@settings(max_examples=60)
+@settings(max_examples=150)
 @given(
     seed=st.integers(0, 2**32 - 1),
     rate_hz=st.sampled_from([100, 200, 250, 380, 499, 760, 800]),
@@ -539,11 +539,11 @@ def read_by_the_chip(recording: motion.Motion, rate_hz: int = 200) -> Scene:
 @pytest.mark.parametrize(
     ("name", "total_deg", "inclination_deg"),
     [
-        ("07_undisturbed_fast_rotation_B", 3.4, 1.4),
-        ("28_disturbed_stationary_magnet_A", 3.4, 1.4),
+        ("07_undisturbed_fast_rotation_B", 1.5, 0.7),
+        ("28_disturbed_stationary_magnet_A", 2.5, 1.2),
     ],
 )
-def test_a_recording_is_followed_as_well_as_the_limits_say(
+def test_a_recording_is_followed_within_degrees(
     shared_data, name, total_deg, inclination_deg
 ):
     recording = motion.load(shared_data / "broad" / f"{name}.npz")
@@ -558,6 +558,5 @@ def test_a_recording_is_followed_as_well_as_the_limits_say(
     assert lib.POSE_CALIBRATED in results
     times_s = np.arange(len(samples)) / felt.rate_hz
     score = scoring.score_at(times_s, poses["q"] / ONE, recording)
-    print(score)
     assert score.total < total_deg
     assert score.inclination < inclination_deg

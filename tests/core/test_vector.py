@@ -31,12 +31,12 @@ def normalised(v: desk.Array) -> tuple[desk.Array, desk.Array]:
 def assert_normalised(v: desk.Array) -> None:
     unit, norm = normalised(v)
     length = desk.norms(v)
-    assert desk.norms(unit / ONE - v / length[:, None]).max() < 2e-8
+    assert desk.norms(unit / ONE - v / length[:, None]).max() < 7e-8
     held = np.minimum(length, INT32_MAX)
-    assert (np.abs(norm - held) <= 1 + 1.2e-8 * held).all()
+    assert (np.abs(norm - held) <= 1 + 7e-8 * held).all()
 
 
-def test_directions_are_within_2e_8_whatever_the_length():
+def test_directions_are_within_7e_8_whatever_the_length():
     random = np.random.default_rng(1)
     length = 2.0 ** random.uniform(2, 31.5, (200_000, 1))
     v = np.round(desk.unit_rows(random, len(length), 3) * length)
@@ -57,8 +57,8 @@ def test_a_vector_along_an_axis_is_that_axis():
             unit, norm = normalised(v)
             wanted = np.zeros(3)
             wanted[axis] = sign
-            assert np.abs(unit[0] / ONE - wanted).max() < 2e-8
-            assert abs(int(norm[0]) - length) <= 1 + 1.2e-8 * length
+            assert np.abs(unit[0] / ONE - wanted).max() < 7e-8
+            assert abs(int(norm[0]) - length) <= 1 + 7e-8 * length
 
 
 def test_vectors_at_the_edges_of_the_range_are_normalised():

@@ -77,6 +77,13 @@ def test_content_goes_round_and_its_frame_has_one_zero(
     assert Decoder(seed).feed(frame) == [content]
 
 
+@given(contents | sparse, seeds)
+def test_content_framed_in_place_gives_the_same_frame(
+    content: bytes, seed: int
+) -> None:
+    assert wire.encode_frame_in_place(seed, content) == encode_frame(seed, content)
+
+
 @pytest.mark.parametrize("length", range(1, CONTENT_MAX + 1))
 def test_every_length_goes_round(length: int) -> None:
     for content in (bytes(length), b"\xff" * length, bytes(range(1, length + 1))):

@@ -57,10 +57,18 @@ def crc(seed: int, data: bytes) -> int:
 
 
 def encode_frame(seed: int, content: bytes) -> bytes:
-    room = ffi.new("uint8_t[]", lib.FRAME_BYTES_MAX + len(GUARD))
-    ffi.memmove(room + lib.FRAME_BYTES_MAX, GUARD, len(GUARD))
+    size = len(content) + lib.FRAME_BYTES_MAX - lib.FRAME_CONTENT_MAX
+    room = ffi.new("uint8_t[]", size + len(GUARD))
+    ffi.memmove(room + size, GUARD, len(GUARD))
     length = lib.frame_encode(seed, content, len(content), room)
-    assert bytes(room[lib.FRAME_BYTES_MAX : len(room)]) == GUARD
+    assert bytes(room[size : len(room)]) == GUARD
+    return bytes(room[0:length])
+
+
+def encode_frame_in_place(seed: int, content: bytes) -> bytes:
+    size = len(content) + lib.FRAME_BYTES_MAX - lib.FRAME_CONTENT_MAX
+    room = ffi.new("uint8_t[]", b"\xa5" + content + GUARD[: size - len(content) - 1])
+    length = lib.frame_encode(seed, room + 1, len(content), room)
     return bytes(room[0:length])
 
 

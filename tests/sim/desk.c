@@ -3,14 +3,17 @@
 // reports the button, and does what some bytes ask for.
 #include <avr/io.h>
 #include <avr/sleep.h>
+#include <stdbool.h>
 
 enum {
-    COMMAND_EEPROM = 0xE0,  // write 4 bytes, 0xA0 to 0xA3, to addresses 8 to 11
-    COMMAND_WILD = 0xE1,    // read where nothing is
-    COMMAND_DEEP = 0xE2,    // use 300 bytes of stack
-    COMMAND_ASLEEP = 0xE3,  // sleep with interrupts off
-    COMMAND_WORK = 0xE4,    // mark 1000 cycles of work
-    COMMAND_FLOOD = 0xE5,   // send 60000 bytes as fast as the line goes
+    COMMAND_EEPROM = 0xE0,    // write 4 bytes, 0xA0 to 0xA3, to addresses 8 to 11
+    COMMAND_WILD = 0xE1,      // read where nothing is
+    COMMAND_DEEP = 0xE2,      // use 300 bytes of stack
+    COMMAND_ASLEEP = 0xE3,    // sleep with interrupts off
+    COMMAND_WORK = 0xE4,      // mark 1000 cycles of work
+    COMMAND_SAMPLES = 0xE6,   // 100 samples at 200 Hz, 40000 cycles of work each
+    COMMAND_TOO_MUCH = 0xE7,  // the same with 88000: more than there is time for
+    COMMAND_FLOOD = 0xE5,     // send 60000 bytes as fast as the line goes
 };
 
 static void send(uint8_t byte) {
@@ -28,6 +31,62 @@ static void write_eeprom(void) {
         while (EECR & (1 << EEPE)) {
         }
     }
+}
+
+static void twi_go(uint8_t control) {
+    TWCR = (uint8_t)(control | (1 << TWINT) | (1 << TWEN));
+    while (!(TWCR & (1 << TWINT))) {
+    }
+}
+
+static void twi_send(uint8_t byte) {
+    TWDR = byte;
+    twi_go(0);
+}
+
+static void twi_stop(void) {
+    TWCR = (1 << TWINT) | (1 << TWSTO) | (1 << TWEN);
+    while (TWCR & (1 << TWSTO)) {
+    }
+}
+
+static void set_register(uint8_t reg, uint8_t value) {
+    twi_go(1 << TWSTA);
+    twi_send(0xD0);
+    twi_send(reg);
+    twi_send(value);
+    twi_stop();
+}
+
+static void take_samples(bool too_much) {
+    TWBR = 12;
+    set_register(26, 1);  // CONFIG: DLPF on
+    set_register(25, 4);  // SMPLRT_DIV: 200 Hz
+    set_register(56, 1);  // INT_ENABLE: data ready
+    EICRA = (1 << ISC01) | (1 << ISC00);
+    EIFR = 1 << INTF0;
+    for (uint8_t sample = 0; sample < 100; sample++) {
+        while (!(EIFR & (1 << INTF0))) {
+        }
+        EIFR = 1 << INTF0;
+        twi_go(1 << TWSTA);
+        twi_send(0xD0);
+        twi_send(59);
+        twi_go(1 << TWSTA);
+        twi_send(0xD1);
+        for (uint8_t i = 0; i < 14; i++) {
+            twi_go(i < 13 ? 1 << TWEA : 0);
+        }
+        twi_stop();
+        GPIOR0 = 1;
+        if (too_much) {
+            __builtin_avr_delay_cycles(88000);
+        } else {
+            __builtin_avr_delay_cycles(40000);
+        }
+        GPIOR0 = 0;
+    }
+    set_register(56, 0);
 }
 
 static void go_deep(void) {
@@ -56,6 +115,10 @@ static void obey(uint8_t byte) {
         GPIOR0 = 1;
         __builtin_avr_delay_cycles(999);  // and 1 for the OUT that ends it
         GPIOR0 = 0;
+        break;
+    case COMMAND_SAMPLES:
+    case COMMAND_TOO_MUCH:
+        take_samples(byte == COMMAND_TOO_MUCH);
         break;
     case COMMAND_FLOOD:
         for (uint16_t i = 0; i < 60000; i++) {

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import struct
 import time
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -17,6 +18,7 @@ from io import BufferedWriter
 from pathlib import Path
 from typing import Any
 
+import zstandard
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message, Metadata
 from mcap.stream_reader import CRCValidationError, StreamReader
@@ -33,6 +35,22 @@ FLUSH_S = 0.1
 
 # A file per hour: the writer keeps an index entry for each flush in memory.
 ROTATE_S = 3600.0
+
+# More than a chunk of ours can be: a longer record is damage, not to be allocated.
+RECORD_MAX = 64 << 20
+
+# What the reader's library says of a file that is cut off or changed.
+DAMAGE = (
+    McapError,
+    CRCValidationError,
+    EOFError,
+    MemoryError,  # a length that was struck
+    OverflowError,
+    KeyError,
+    ValueError,
+    struct.error,
+    zstandard.ZstdError,
+)
 
 # Content of a frame: id, sequence, time and tagged fields, as PROTOCOL.md says.
 FRAME_ENCODING = "x-imud-frame"
@@ -231,7 +249,10 @@ def read_log(path: Path) -> Iterator[LogHead | Logged]:
     count = 0
     with path.open("rb") as file:
         try:
-            for record in StreamReader(file, validate_crcs=True).records:
+            reader = StreamReader(
+                file, validate_crcs=True, record_size_limit=RECORD_MAX
+            )
+            for record in reader.records:
                 if isinstance(record, Channel):
                     channels[record.id] = _split(record.topic)
                 elif isinstance(record, Message):
@@ -246,7 +267,7 @@ def read_log(path: Path) -> Iterator[LogHead | Logged]:
                 elif isinstance(record, Metadata) and record.name == "hello":
                     content = bytes.fromhex(record.metadata["content"])
                     yield Logged(record.metadata["probe"], "hello", content, 0)
-        except (McapError, CRCValidationError, EOFError, KeyError, ValueError) as error:
+        except DAMAGE as error:
             raise FileError(
                 f"{path} ends without an end, after {count} messages: imud was killed "
                 "or the file is damaged"

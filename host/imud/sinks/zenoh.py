@@ -70,7 +70,7 @@ class ZenohSink:
         if isinstance(record, Presence):
             self._set_alive(self._session, record)
             return
-        if record.topic == "status":
+        if record.topic == "status" and record.payload:
             self._status[record.probe] = record.payload
         if record.content:
             self._put(self._session, record.probe, "frame", record.content)

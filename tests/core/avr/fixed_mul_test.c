@@ -7,30 +7,16 @@
 
 #include "core/fixed.h"
 
-enum { BATCHES = 32, BATCH = 4096 };
+enum { BATCHES = 25, BATCH = 4096 };
 
 static const int32_t edges[] = {
-    0,
-    1,
-    -1,
-    2,
-    -2,
-    32767,
-    32768,
-    -32768,
-    65535,
-    65536,
-    0x1FFFFFFF,
-    0x20000000,
-    -0x20000000,
-    0x3FFFFFFF,
-    0x40000000,
-    -0x40000000,
-    0x00FF00FF,
-    -0x00FF0100,
-    INT32_MAX,
-    INT32_MIN,
-    INT32_MIN + 1,
+    0,           1,          -1,
+    2,           -2,         32767,
+    32768,       -32768,     65535,
+    65536,       0x1FFFFFFF, 0x20000000,
+    -0x20000000, 0x3FFFFFFF, 0x40000000,
+    -0x40000000, 0x00FF00FF, -0x00FF0100,
+    INT32_MAX,   INT32_MIN,  INT32_MIN + 1,
 };
 
 static uint32_t hashes[3];

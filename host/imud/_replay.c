@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: MIT
+// A probe's computation once more, from its raw messages: _core.Replay.
+#include "_replay.h"
+
+#include "messages.h"
+#include "mpu9250.h"
+#include "pose.h"
+
+struct replay {
+    PyObject_HEAD
+    struct sensor_identity identity;
+    struct calibration calibration;
+    struct pose_tracker tracker;
+};
+
+static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs) {
+    static char *names[] = {"hello", NULL};
+    Py_buffer view;
+    struct message_header header;
+    struct message_hello hello;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "y*:Replay", names, &view)) {
+        return NULL;
+    }
+    const bool is_hello =
+        view.len <= UINT8_MAX && message_hello_decode(view.buf, (uint8_t)view.len,
+                                                      &header, &hello) == MESSAGE_OK;
+    PyBuffer_Release(&view);
+    if (!is_hello || hello.sample_rate < 100 || hello.sample_rate > 800) {
+        PyErr_SetString(PyExc_ValueError, "not the hello of a probe whose sensor runs");
+        return NULL;
+    }
+    if (hello.sensor != SENSOR_MPU9250 && hello.sensor != SENSOR_MPU6500) {
+        PyErr_Format(PyExc_ValueError, "sensor %d is not one that can be replayed",
+                     hello.sensor);
+        return NULL;
+    }
+    const allocfunc allocate = (allocfunc)PyType_GetSlot(type, Py_tp_alloc);
+    PyObject *self = allocate(type, 0);
+    if (self == NULL) {
+        return NULL;
+    }
+    struct replay *replay = (struct replay *)self;
+    replay->identity = (struct sensor_identity){
+        .kind = hello.sensor,
+        .rate_hz = hello.sample_rate,
+        .gyr_delay_us = MPU9250_GYR_DELAY_US,
+        .gyr_lsb_nrad_s = hello.gyr_lsb,
+        .acc_lsb_nm_s2 = hello.acc_lsb,
+        .mag_lsb_pt = hello.mag_lsb,
+    };
+    replay->calibration = calibration_identity;
+    pose_begin(&replay->tracker, &replay->calibration, &replay->identity);
+    return self;
+}
+
+// An instance of a heap type owns a reference to its type, which is all it owns.
+static int replay_traverse(PyObject *self, visitproc visit, void *arg) {
+    Py_VISIT(Py_TYPE(self));
+    return 0;
+}
+
+static void replay_dealloc(PyObject *self) {
+    PyTypeObject *type = Py_TYPE(self);
+    PyObject_GC_UnTrack(self);
+    const freefunc release = (freefunc)PyType_GetSlot(type, Py_tp_free);
+    release(self);
+    Py_DECREF(type);
+}
+
+static struct counts counts_of(const int16_t values[3]) {
+    return (struct counts){values[0], values[1], values[2]};
+}
+
+static PyObject *replay_step(PyObject *self, PyObject *content) {
+    Py_buffer view;
+    struct message_header header;
+    struct message_raw raw;
+    if (PyObject_GetBuffer(content, &view, PyBUF_SIMPLE) != 0) {
+        return NULL;
+    }
+    const bool is_raw =
+        view.len <= UINT8_MAX &&
+        message_raw_decode(view.buf, (uint8_t)view.len, &header, &raw) == MESSAGE_OK;
+    PyBuffer_Release(&view);
+    if (!is_raw) {
+        PyErr_SetString(PyExc_ValueError, "not a raw message");
+        return NULL;
+    }
+    const bool has_mag = raw.mag[0] != RAW_MAG_NULL;
+    const struct sample sample = {
+        .time_us = header.time_us,
+        .acc = counts_of(raw.acc),
+        .gyr = counts_of(raw.gyr),
+        .mag = has_mag ? counts_of(raw.mag) : (struct counts){0, 0, 0},
+        .temperature_cdeg = raw.temperature,
+        .has_mag = has_mag,
+        .mag_overflow = (raw.sample_flags & SAMPLE_MAG_OVERFLOW) != 0,
+        .acc_clipped = (raw.sample_flags & SAMPLE_ACC_CLIPPED) != 0,
+        .gyr_clipped = (raw.sample_flags & SAMPLE_GYR_CLIPPED) != 0,
+        .has_gap = (raw.sample_flags & SAMPLE_GAP) != 0,
+    };
+    (void)pose_step(&((struct replay *)self)->tracker, &sample);
+    Py_RETURN_NONE;
+}
+
+static PyObject *replay_pose(PyObject *self, PyObject *args) {
+    unsigned long sequence = 0;
+    unsigned long time_us = 0;
+    uint8_t content[MESSAGE_CONTENT_MAX];
+    struct message_pose pose;
+    if (!PyArg_ParseTuple(args, "kk:pose", &sequence, &time_us)) {
+        return NULL;
+    }
+    pose_read(&((struct replay *)self)->tracker, &pose);
+    const uint8_t length =
+        message_pose_encode(&pose, (uint32_t)sequence, (uint32_t)time_us, content);
+    return PyBytes_FromStringAndSize((const char *)content, length);
+}
+
+static PyMethodDef replay_methods[] = {
+    {"step", replay_step, METH_O,
+     "step($self, raw, /)\n--\n\nTake the content of the next raw message."},
+    {"pose", replay_pose, METH_VARARGS,
+     "pose($self, sequence, time_us, /)\n--\n\nThe content of the pose message that the "
+     "probe sends after the last step: equal to it in every bit."},
+    {NULL, NULL, 0, NULL},
+};
+
+static PyType_Slot replay_slots[] = {
+    {Py_tp_doc, "Replay(hello)\n--\n\nComputes a probe's poses again from its hello and "
+                "all raw messages since its sensor started."},
+    {Py_tp_new, replay_new},
+    {Py_tp_dealloc, replay_dealloc},
+    {Py_tp_traverse, replay_traverse},
+    {Py_tp_methods, replay_methods},
+    {0, NULL},
+};
+
+PyType_Spec replay_spec = {
+    .name = "imud._core.Replay",
+    .basicsize = sizeof(struct replay),
+    .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC | Py_TPFLAGS_IMMUTABLETYPE,
+    .slots = replay_slots,
+};

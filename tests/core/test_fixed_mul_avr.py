@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: MIT
+"""firmware/avr/fixed_mul.S against exact integers, in the virtual Nano.
+
+The program avr/fixed_mul_test.c multiplies factors that are known here too and prints
+a hash of all results of each batch.
+"""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+BATCHES, BATCH = 25, 4096
+SECONDS = 11  # the program takes 10.6 s
+
+EDGES = (
+    *(0, 1, -1, 2, -2, 32767, 32768, -32768, 65535, 65536),
+    *(0x1FFFFFFF, 0x20000000, -0x20000000, 0x3FFFFFFF, 0x40000000, -0x40000000),
+    *(0x00FF00FF, -0x00FF0100, 2**31 - 1, -(2**31), -(2**31) + 1),
+)
+
+WORD = 2**32 - 1
+
+
+def signed(word: int) -> int:
+    return word - 2**32 if word & 2**31 else word
+
+
+class Hashes:
+    """Three running hashes, as `mix` in the program makes them."""
+
+    def __init__(self) -> None:
+        self.values = [0, 0, 0]
+
+    def multiply(self, a: int, b: int) -> None:
+        product = signed(a) * signed(b)
+        results = (
+            (product + 2**29) >> 30,
+            (product + 2**31) >> 32,
+            (a * b) >> 32,
+        )
+        for i, result in enumerate(results):
+            value = self.values[i]
+            self.values[i] = ((value << 7 | value >> 25) + result) & WORD
+
+    def line(self, batch: int) -> str:
+        return f"{batch} " + " ".join(f"{value:08x}" for value in self.values)
+
+
+def drawn(state: int) -> Iterator[int]:
+    """Marsaglia's xorshift32."""
+    while True:
+        state ^= state << 13 & WORD
+        state ^= state >> 17
+        state ^= state << 5 & WORD
+        yield state
+
+
+def expected() -> Iterator[str]:
+    hashes = Hashes()
+    for a in EDGES:
+        for b in EDGES:
+            hashes.multiply(a & WORD, b & WORD)
+    yield hashes.line(0)
+    factors = drawn(0x12345678)
+    for batch in range(1, BATCHES + 1):
+        for _ in range(BATCH):
+            hashes.multiply(next(factors), next(factors))
+        yield hashes.line(batch)
+
+
+@pytest.fixture(scope="module")
+def printed(
+    root: Path, nano: Path, tmp_path_factory: pytest.TempPathFactory
+) -> list[str]:
+    """What the program printed, line by line."""
+    folder = tmp_path_factory.mktemp("fixed_mul")
+    program, record = folder / "program.elf", folder / "record"
+    subprocess.run(
+        [
+            *("avr-gcc", "-mmcu=atmega328p", "-std=gnu11", "-Os"),
+            *("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"),
+            *("-I", root / "firmware", "-o", program),
+            root / "tests" / "core" / "avr" / "fixed_mul_test.c",
+            root / "firmware" / "avr" / "fixed_mul.S",
+        ],
+        check=True,
+    )
+    subprocess.run(
+        [
+            *(nano, "--image", program, "--record", record),
+            *("--fast", "--seconds", str(SECONDS)),
+        ],
+        check=True,
+        capture_output=True,
+    )
+    return record.read_text(encoding="ascii").splitlines()
+
+
+def test_the_avr_multiplies_exactly_at_the_edges_and_100_k_times_between(
+    printed: list[str],
+) -> None:
+    assert printed[1:] == [*expected(), "done"]
+
+
+def test_the_avr_multiplies_in_the_cycles_that_the_source_says(
+    printed: list[str], root: Path
+) -> None:
+    source = (root / "firmware" / "avr" / "fixed_mul.S").read_text(encoding="utf-8")
+    cycles = printed[0].removeprefix("cycles ").split()
+    names = ("fixed_mul_q30", "fixed_mul_q32", "fixed_umul_q32")
+    said = ", ".join(f"{name} {n}" for name, n in zip(names, cycles, strict=True))
+    assert said in source.replace("\n; ", " ")

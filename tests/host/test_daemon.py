@@ -1,0 +1,573 @@
+# SPDX-License-Identifier: MIT
+"""`imud run` as a process: a fake probe on a pty, subscribers on loopback."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import reference
+from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_endpoint
+from imud import _core, cli, daemon, schema
+from imud.client import Client
+from imud.daemon import Limiter, arguments_of
+from imud.errors import CommandRefused, DaemonNotFound, NoReply, ProbeUnknown
+from imud.session import Session
+
+KINDS = ("pose", "raw", "event", "status", "frame")
+
+
+class Chain:
+    """A probe, its port, a daemon that found it, and a client of that daemon."""
+
+    def __init__(self, directory: Path, *arguments: object) -> None:
+        self.probe = FakeProbe()
+        self.port = Port(directory / "port")
+        self.daemon = DaemonProcess(self.port.path, *arguments, directory=directory)
+        self.daemon.expect("listens on")
+        self.port.serve(self.probe, commands=1)
+        self.daemon.expect("found on")
+        self.client = Client(self.daemon.endpoint)
+
+    def hear(self, topic: str) -> queue.Queue[bytes]:
+        """What is published on a topic from here on, surely from its next message."""
+        heard: queue.Queue[bytes] = queue.Queue()
+        self.client.subscribe(topic, None, lambda _, payload: heard.put(payload))
+        return heard
+
+    def command(self, name: str, **arguments: str) -> dict[str, Any]:
+        """A command, while the probe answers it on its side."""
+        server = threading.Thread(target=self.port.serve, args=(self.probe, 1))
+        server.start()
+        try:
+            return self.client.command(self.probe.name, name, **arguments)
+        finally:
+            server.join(PATIENCE_S)
+
+    def status_when(self, is_so: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        """The first status from here on of which that is true."""
+        heard = self.hear("status")
+        while True:
+            status: dict[str, Any] = json.loads(heard.get(timeout=PATIENCE_S))
+            if is_so(status):
+                return status
+
+    def close(self) -> None:
+        self.client.close()
+        self.daemon.__exit__(None, None, None)
+        self.port.vanish()
+
+
+@pytest.fixture
+def chain(tmp_path: Path) -> Iterator[Chain]:
+    made = Chain(tmp_path)
+    yield made
+    made.close()
+
+
+def drain(heard: queue.Queue[bytes], last: bytes) -> list[bytes]:
+    found = [heard.get(timeout=PATIENCE_S)]
+    while found[-1] != last:
+        found.append(heard.get(timeout=PATIENCE_S))
+    return found
+
+
+def subscribed(chain: Chain, topic: str) -> queue.Queue[bytes]:
+    """Subscribes, and waits until the daemon knows: a sample comes."""
+    heard = chain.hear(topic)
+    name = {"frame": "pose"}.get(topic, topic)
+    while heard.empty():
+        chain.port.write(chain.probe.say(name))
+        try:
+            heard.get(timeout=0.2)
+        except queue.Empty:
+            continue
+        break
+    return heard
+
+
+def test_poses_and_frames_reach_a_subscriber_whole_and_in_order(chain: Chain) -> None:
+    poses, frames = subscribed(chain, "pose"), subscribed(chain, "frame")
+    sent = [chain.probe.content("pose") for _ in range(500)]
+    chain.port.write(b"".join(_core.encode_frame(schema.SEED, c) for c in sent))
+    got = drain(frames, sent[-1])[-500:]
+    assert got == sent
+    first = chain.probe.sequence - 500
+    while True:
+        pose = json.loads(poses.get(timeout=PATIENCE_S))
+        if pose["seq"] >= first:
+            break
+    for number in range(first, first + 500):
+        assert pose["seq"] == number
+        assert list(pose) == [
+            "type",
+            "probe",
+            "seq",
+            "t_device_us",
+            "t_ns",
+            "q",
+            "position_m",
+            "normal",
+            "tilt_sigma_deg",
+            "heading_sigma_deg",
+            "flags",
+        ]
+        assert pose["t_device_us"] == number * 5000
+        if number < first + 499:
+            pose = json.loads(poses.get(timeout=PATIENCE_S))
+
+
+def test_raw_and_events_have_keys_of_their_own(chain: Chain) -> None:
+    raw = json.loads(subscribed_first(chain, "raw"))
+    assert raw["acc_counts"] == [0, -16, 2048]
+    assert raw["mag_uT"] == pytest.approx([1.5, -3.0, 45.0])
+    event = json.loads(subscribed_first(chain, "event"))
+    assert (event["event"], event["cause"]) == ("stream_started", "button")
+    chain.daemon.expect("stream started \\(button\\)")
+
+
+def subscribed_first(chain: Chain, topic: str) -> bytes:
+    heard = chain.hear(topic)
+    while True:
+        chain.port.write(chain.probe.say(topic))
+        try:
+            return heard.get(timeout=0.2)
+        except queue.Empty:
+            continue
+
+
+def test_the_ledger_of_the_status_adds_up(chain: Chain) -> None:
+    probe = chain.probe
+    doubled = probe.say("pose")
+    lost = probe.say("pose")
+    flipped = bytearray(probe.say("pose"))
+    flipped[-8] ^= 0x10
+    (content,) = reference.contents(probe.say("pose"))
+    torn = _core.encode_frame(schema.SEED, content[:-3])
+    chain.port.write(doubled * 2 + bytes(flipped) + torn + probe.poses(10))
+    assert lost
+    status = chain.status_when(lambda s: s["ledger"]["received"] >= 13)
+    ledger = status["ledger"]
+    assert ledger["sent"] == 16  # hello, its reply, four that were struck, ten
+    assert ledger["received"] == 13
+    assert ledger["lost"] == 2
+    assert ledger["skewed"] == {"missing": 1}
+    assert (ledger["duplicated"], ledger["corrupt"]) == (1, 1)
+    assert ledger["published"]["pose"] == 11
+    assert ledger["dropped"] == {"log": 0, "zenoh": 0}
+    assert ledger["sent"] == (
+        ledger["received"] + sum(ledger["skewed"].values()) + ledger["lost"]
+    )
+    chain.daemon.expect("skewed message \\(missing\\): pose: pose_flags is missing")
+    chain.daemon.expect("2 lost, 1 corrupt, 1 duplicated")
+    assert status["hello"]["firmware"] == "0.1.0+fake"
+    assert status["state"] == "unknown"  # it said no status yet
+    chain.port.write(probe.say("status", state="idle"))
+    status = chain.status_when(lambda s: s["state"] != "unknown")
+    assert (status["state"], status["counters"]["uptime"]) == ("idle", 5)
+
+
+def test_late_joiners_ask_for_status_and_see_who_is_alive(chain: Chain) -> None:
+    (status,) = chain.client.statuses()
+    assert status["probe"] == chain.probe.name
+    assert chain.client.alive() == [chain.probe.name]
+    assert chain.client.only_probe() == chain.probe.name
+    with pytest.raises(ProbeUnknown, match="no probe stylus is there; name one: 0011"):
+        chain.client.only_probe("stylus")
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "numbers"),
+    [
+        ("start", {}, (0, 0)),
+        ("stop", {}, (0, 0)),
+        ("tare", {}, (0, 0)),
+        ("tare", {"what": "heading"}, (1, 0)),
+        ("tare", {"what": "undo"}, (2, 0)),
+        ("rate", {"stream": "raw", "hz": "200"}, (1, 200)),
+        ("fields", {"streams": "pose,raw"}, (3, 0)),
+        ("hello", {}, (0, 0)),
+        ("reset", {}, (0, 0)),
+    ],
+)
+def test_commands_become_two_numbers(
+    name: str, arguments: dict[str, str], numbers: tuple[int, int]
+) -> None:
+    assert arguments_of(name, arguments) == numbers
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "words"),
+    [
+        ("start", {"fast": "1"}, "start knows no fast"),
+        ("tare", {"what": "all of it"}, "tare needs what=all, heading or undo"),
+        ("rate", {"stream": "pose"}, "rate needs stream"),
+        ("rate", {"stream": "pose", "hz": "fast"}, "rate needs stream"),
+        ("fields", {"streams": "mag"}, "fields needs streams"),
+    ],
+)
+def test_commands_that_make_no_sense_are_refused(
+    name: str, arguments: dict[str, str], words: str
+) -> None:
+    with pytest.raises(CommandRefused, match=words):
+        arguments_of(name, arguments)
+
+
+def test_a_command_reaches_the_probe_and_its_answer_comes_back(chain: Chain) -> None:
+    answer = chain.command("tare", what="heading")
+    assert answer == {
+        "ok": True,
+        "probe": chain.probe.name,
+        "command": "tare",
+        "value": [1, 0],
+    }
+    assert chain.probe.commands[-1]["arguments"] == (1, 0)
+
+
+def test_a_refusal_says_why(chain: Chain) -> None:
+    chain.probe.results["start"] = "not_ready"
+    with pytest.raises(CommandRefused, match="refused start: not ready"):
+        chain.command("start")
+    with pytest.raises(CommandRefused, match="no command 'dance', only fields, hello"):
+        chain.client.command(chain.probe.name, "dance")
+    with pytest.raises(CommandRefused, match="hz can't be|arguments can't be"):
+        chain.client.command(chain.probe.name, "rate", stream="pose", hz="99999999999")
+    with pytest.raises(NoReply, match="nobody answered start for probe stylus"):
+        chain.client.command("stylus", "start")
+
+
+def test_a_command_is_repeated_with_its_token_and_carried_out_once(
+    chain: Chain,
+) -> None:
+    heard: list[bytes] = []
+
+    def be_deaf_once() -> None:
+        chain.probe.hear(data := chain.port.read())
+        heard.append(data)
+        again = chain.port.read()
+        heard.append(again)
+        chain.port.write(chain.probe.hear(again))
+
+    server = threading.Thread(target=be_deaf_once)
+    server.start()
+    answer = chain.client.command(chain.probe.name, "start")
+    server.join(PATIENCE_S)
+    assert answer["ok"]
+    assert [c["command"] for c in chain.probe.commands] == ["hello", "start"]
+    tokens = {reference.contents(data)[0][12:14] for data in heard}
+    assert len(tokens) == 1
+
+
+def test_a_probe_that_does_not_answer_is_an_error_after_three_tries(
+    chain: Chain,
+) -> None:
+    with pytest.raises(CommandRefused, match="did not answer stop, 3 times"):
+        chain.client.command(chain.probe.name, "stop")
+    data = b""
+    while data.count(bytes([0])) < 6:
+        data += chain.port.read()
+    assert len(reference.contents(data)) == 3
+
+
+def test_it_stops_within_a_second_and_finishes_its_log(chain: Chain) -> None:
+    sent = [chain.probe.content("pose") for _ in range(50)]
+    chain.port.write(b"".join(_core.encode_frame(schema.SEED, c) for c in sent))
+    chain.port.write(chain.probe.say("event"))
+    chain.daemon.expect("stream started")
+    seconds = chain.daemon.stop()
+    assert seconds < 1.0
+    assert (
+        "stopped; probe 00112233445566aa: 53 received, 0 lost"
+        in (chain.daemon.lines[-1])
+    )
+    decoded = subprocess.run(
+        [sys.executable, "-m", "imud", "decode", str(chain.daemon.log), "--json"],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    items = [json.loads(line) for line in decoded.stdout.splitlines()]
+    assert [i["seq"] for i in items] == list(range(chain.probe.sequence))
+    assert "53 sent = 53 received" in decoded.stderr
+    assert "ends without" not in decoded.stderr
+
+
+def test_a_probe_has_the_name_that_the_configuration_gives_it(tmp_path: Path) -> None:
+    file = tmp_path / "imud.toml"
+    file.write_text('prefix = "lab/a"\n[names]\n00112233445566aa = "stylus"\n')
+    made = Chain(tmp_path, "--config", file)
+    try:
+        with Client(made.daemon.endpoint, "lab/a") as client:
+            assert client.only_probe("stylus") == "stylus"
+    finally:
+        made.close()
+
+
+# What goes wrong with a port: one clear line each, and the daemon goes on.
+
+
+def test_an_absent_port_is_told_once_and_taken_up_when_it_comes(
+    tmp_path: Path,
+) -> None:
+    with DaemonProcess(tmp_path / "port", directory=tmp_path, log=False) as process:
+        process.expect("port is not there; it is taken up when it comes")
+        probe, port = FakeProbe(), Port(tmp_path / "port")
+        process.expect(": open$")
+        port.serve(probe, commands=1)
+        process.expect("found on")
+        process.stop()
+        port.vanish()
+        assert sum("is not there" in line for line in process.lines) == 1
+
+
+def test_a_port_that_vanishes_is_told_once_and_counted_over(tmp_path: Path) -> None:
+    made = Chain(tmp_path)
+    made.port.write(made.probe.poses(5) + made.probe.say("event"))
+    made.daemon.expect("stream started")
+    made.port.vanish()
+    made.daemon.expect("port vanished; it is taken up when it is back")
+    made.probe.poses(4)
+    made.port = Port(made.port.path)
+    made.daemon.expect(": open$")
+    made.port.serve(made.probe, commands=1)
+    made.daemon.expect("found on")
+    status = made.status_when(lambda s: s["port"] is not None)
+    assert status["ledger"]["lost"] == 4
+    made.daemon.stop()
+    made.close()
+    lines = [line for line in made.daemon.lines if "port" in line]
+    assert sum("vanished" in line for line in lines) == 1
+    assert sum("is not there" in line for line in lines) == 0
+
+
+def test_a_busy_port_is_told_once_and_taken_up_when_it_is_free(tmp_path: Path) -> None:
+    port = Port(tmp_path / "port")
+    holder = os.open(port.path, os.O_RDWR | os.O_NOCTTY)
+    fcntl.flock(holder, fcntl.LOCK_EX)
+    with DaemonProcess(port.path, directory=tmp_path, log=False) as process:
+        process.expect("port is held by another program")
+        fcntl.flock(holder, fcntl.LOCK_UN)
+        process.expect(": open$")
+        process.stop()
+        assert sum("held by" in line for line in process.lines) == 1
+    os.close(holder)
+    port.vanish()
+
+
+def test_a_file_that_is_no_port_is_told_once(tmp_path: Path) -> None:
+    file = tmp_path / "port"
+    file.touch()
+    with DaemonProcess(file, directory=tmp_path, log=False) as process:
+        process.expect("port can't be opened: is it a serial port\\?")
+        process.stop()
+        assert sum("serial port" in line for line in process.lines) == 1
+
+
+def test_a_stream_of_noise_is_told_once_and_ends_nothing(tmp_path: Path) -> None:
+    port, probe = Port(tmp_path / "port"), FakeProbe()
+    with DaemonProcess(port.path, directory=tmp_path, log=False) as process:
+        process.expect("listens on")
+        port.read()
+        noise = bytes(range(1, 256)) * 2
+        port.write(noise)
+        process.expect("510 bytes and no message among them; is it a probe, at 500000")
+        port.write(noise + b"\0" + probe.say("hello"))
+        process.expect("found on")
+        process.stop()
+        assert sum("no message among" in line for line in process.lines) == 1
+    port.vanish()
+
+
+def test_a_probe_of_another_schema_is_told_once_and_listed(tmp_path: Path) -> None:
+    port = Port(tmp_path / "port")
+    probe = FakeProbe(
+        schema_fingerprint=schema.FINGERPRINT ^ 0x1234, firmware="0.0.9+old"
+    )
+    with DaemonProcess(port.path, directory=tmp_path, log=False) as process:
+        process.expect("listens on")
+        port.read()
+        for _ in range(20):
+            content = probe.content("pose")
+            port.write(_core.encode_frame(schema.SEED ^ 0x1234, content))
+            port.write(probe.say("hello"))
+        line = process.expect("speaks schema")
+        assert f"{schema.FINGERPRINT ^ 0x1234:#010x} (firmware 0.0.9+old)" in line
+        assert "update one of them" in line
+        with Client(process.endpoint) as client:
+            heard: queue.Queue[bytes] = queue.Queue()
+            client.subscribe("status", None, lambda _, payload: heard.put(payload))
+            status = json.loads(heard.get(timeout=PATIENCE_S))
+            assert status["state"] == "other schema"
+            assert status["hello"]["firmware"] == "0.0.9+old"
+            assert status["link"]["corrupt"] == 0
+            assert status["link"]["foreign"] + status["link"]["partial"] == 20
+            with pytest.raises(CommandRefused, match="speaks another schema"):
+                client.command(probe.name, "start")
+        process.stop()
+        assert sum("schema" in line for line in process.lines) == 1
+        assert not any("corrupt" in line for line in process.lines)
+    port.vanish()
+
+
+def test_two_daemons_on_one_endpoint_are_told_apart(chain: Chain) -> None:
+    second = subprocess.run(
+        [
+            *(sys.executable, "-m", "imud", "run", "/dev/none", "--no-log"),
+            *("--listen", chain.daemon.endpoint),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=PATIENCE_S,
+    )
+    assert second.returncode == 1
+    (line,) = second.stderr.splitlines()
+    assert line.startswith(f"imud: can't listen on {chain.daemon.endpoint}")
+
+
+# What users see.
+
+
+def test_listen_prints_what_is_published_and_sums_up(
+    chain: Chain, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stop = threading.Event()
+
+    def stream() -> None:
+        while not stop.wait(0.005):
+            chain.port.write(chain.probe.say("pose"))
+
+    streamer = threading.Thread(target=stream)
+    streamer.start()
+    connect = ["--connect", chain.daemon.endpoint]
+    try:
+        assert cli.main(["listen", "--seconds", "0.6", "--json", *connect]) == 0
+        printed = capsys.readouterr()
+        assert cli.main(["listen", chain.probe.name, "--seconds", "2.5", *connect]) == 0
+        shown = capsys.readouterr()
+        assert cli.main(["list", *connect]) == 0
+        listed = capsys.readouterr()
+    finally:
+        stop.set()
+        streamer.join()
+    poses = [json.loads(line) for line in printed.out.splitlines()]
+    first, count = poses[0]["seq"], len(poses)
+    assert [pose["seq"] for pose in poses] == list(range(first, first + count))
+    assert f"{count} poses received" in printed.err
+    assert "0 messages missing by sequence" in printed.err
+    lines = shown.out.splitlines()
+    assert lines[0].split()[:4] == ["probe", "yaw", "pitch", "roll"]
+    assert lines[1].startswith(chain.probe.name)
+    assert "at_rest" in lines[1]
+    assert any("sent = " in line and " 0 lost;" in line for line in lines)
+    assert "0 messages missing by sequence" in lines[-1]
+    assert shown.err == ""
+    assert listed.out.splitlines()[0].split()[:3] == ["probe", "state", "board"]
+    assert "0 of " in listed.out
+
+
+def test_list_as_json_is_the_status(
+    chain: Chain, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["list", "--json", "--connect", chain.daemon.endpoint]) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    assert json.loads(line)["probe_id"] == chain.probe.name
+
+
+def test_tare_from_the_command_line(
+    chain: Chain, capsys: pytest.CaptureFixture[str]
+) -> None:
+    server = threading.Thread(target=chain.port.serve, args=(chain.probe, 1))
+    server.start()
+    assert cli.main(["tare", "--undo", "--connect", chain.daemon.endpoint]) == 0
+    server.join(PATIENCE_S)
+    assert capsys.readouterr().out == f"{chain.probe.name}: tare done\n"
+    assert chain.probe.commands[-1]["arguments"] == (2, 0)
+
+
+def test_no_pose_is_one_line(chain: Chain, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["listen", "--seconds", "0.2", "--connect", chain.daemon.endpoint]
+    assert cli.main(arguments) == 1
+    assert capsys.readouterr().err == (
+        "imud: no pose came; is a probe streaming? imud list, and imud start\n"
+    )
+
+
+@pytest.mark.parametrize("command", ["listen", "list", "start"])
+def test_no_daemon_is_one_line(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    endpoint = free_endpoint()
+    assert cli.main([command, "--connect", endpoint]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"imud: no imud at {endpoint}; start one with imud run")
+
+
+def test_an_endpoint_that_is_none_is_one_line() -> None:
+    with pytest.raises(DaemonNotFound, match="here is no endpoint"):
+        Client("here")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [[], ["run"], ["listen"], ["list"], ["start"], ["stop"], ["tare"], ["decode"]],
+)
+def test_every_command_has_help_with_an_example(
+    command: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main([*command, "--help"])
+    assert ended.value.code == 0
+    assert "example: imud " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "command",
+    [[], ["fly"], ["listen", "--seconds", "0"], ["run", "--log", "a", "--no-log"]],
+)
+def test_wrong_usage_is_exit_code_2(
+    command: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(command)
+    assert ended.value.code == 2
+    assert "usage: imud" in capsys.readouterr().err
+
+
+def test_no_port_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["run"]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("imud: no port is named; imud run /dev/ttyUSB0")
+
+
+def test_a_kind_of_line_is_written_once_in_a_while() -> None:
+    limiter = Limiter(quiet_s=10.0, burst=2)
+    said = [limiter.allow("a", t) for t in (0.0, 1.0, 2.0, 9.9, 10.0, 10.5, 11.0)]
+    assert said == [
+        "",
+        "",
+        None,
+        None,
+        " (and 2 like it before)",
+        None,
+        " (and 1 like it before)",
+    ]
+    assert limiter.allow("b", 11.0) == ""
+
+
+def test_the_status_names_only_what_the_schema_knows() -> None:
+    known = {m.name for m in schema.MESSAGES}
+    assert known >= daemon.JSON_TOPICS
+    events = {member.name.lower() for member in schema.Event}
+    assert events >= daemon.FAULTS
+    assert set(Session(lambda _: None, 0).counts()) >= {"corrupt", "foreign"}  # type: ignore[arg-type,return-value] # none is found here

@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: MIT
+"""`imud decode`: captures and logs, whole and damaged, for people and as JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fakes import FakeProbe
+from imud import cli, schema
+from imud.record import Record, euler_deg
+from imud.sinks.log import LogSink
+
+
+def decoded(
+    path: Path, capsys: pytest.CaptureFixture[str]
+) -> tuple[list[dict[str, Any]], str]:
+    assert cli.main(["decode", str(path), "--json"]) == 0
+    captured = capsys.readouterr()
+    return [json.loads(line) for line in captured.out.splitlines()], captured.err
+
+
+def capture(path: Path, data: bytes) -> Path:
+    file = path / "capture.bin"
+    file.write_bytes(data)
+    return file
+
+
+def test_a_pose_is_as_promised_to_the_letter(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    probe = FakeProbe()
+    data = probe.say("pose") + probe.say(
+        "pose",
+        q=(1.0, 0.0, 0.0, 0.0),
+        position=(0.001, -0.25, 1.5),
+        normal=(0.0, 0.0, 1.0),
+        tilt_sigma=None,
+        heading_sigma=None,
+        pose_flags=("starting", "tared"),
+    )
+    cli.main(["decode", str(capture(tmp_path, data + probe.say("hello"))), "--json"])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == (
+        '{"type":"pose","probe":"00112233445566aa","seq":0,"t_device_us":0,'
+        '"t_ns":null,"q":[0.5,0.5,-0.5,0.5],"position_m":null,"normal":null,'
+        '"tilt_sigma_deg":0.37,"heading_sigma_deg":1.25,"flags":["at_rest"]}'
+    )
+    assert lines[1] == (
+        '{"type":"pose","probe":"00112233445566aa","seq":1,"t_device_us":5000,'
+        '"t_ns":null,"q":[1.0,0.0,0.0,0.0],"position_m":[0.001,-0.25,1.5],'
+        '"normal":[0.0,0.0,1.0],"tilt_sigma_deg":null,"heading_sigma_deg":null,'
+        '"flags":["starting","tared"]}'
+    )
+
+
+def test_raw_is_in_si_and_in_counts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    probe = FakeProbe()
+    data = probe.say("raw") + probe.say("raw", mag=None) + probe.say("hello")
+    (first, second, _), _ = decoded(capture(tmp_path, data), capsys)
+    assert first == {
+        "type": "raw",
+        "probe": probe.name,
+        "seq": 0,
+        "t_device_us": 0,
+        "t_ns": None,
+        "acc_m_s2": pytest.approx([0, -16 * 0.004788403, 2048 * 0.004788403]),
+        "gyr_rad_s": pytest.approx([0.001065264, -0.002130528, 0.003195792]),
+        "mag_uT": pytest.approx([1.5, -3.0, 45.0]),
+        "temperature_c": 23.45,
+        "acc_counts": [0, -16, 2048],
+        "gyr_counts": [1, -2, 3],
+        "mag_counts": [10, -20, 300],
+        "flags": [],
+    }
+    assert (second["mag_uT"], second["mag_counts"]) == (None, None)
+
+
+def test_without_a_hello_raw_has_no_scale_and_the_probe_no_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    probe = FakeProbe()
+    data = probe.say("raw") + probe.say("pose")
+    (raw, pose), _ = decoded(capture(tmp_path, data), capsys)
+    assert (raw["acc_m_s2"], raw["acc_counts"]) == (None, [0, -16, 2048])
+    assert raw["probe"] == pose["probe"] == "unknown"
+
+
+@pytest.mark.parametrize(
+    ("name", "field", "value"),
+    [
+        ("hello", "probe_id", "00112233445566aa"),
+        ("hello", "reset_cause", ["power_on"]),
+        ("event", "event", "stream_started"),
+        ("event", "cause", "button"),
+        ("status", "state", "streaming"),
+        ("status", "supply", None),
+        ("reply", "result", "ok"),
+        ("reply", "value", [0, 0]),
+    ],
+)
+def test_all_else_goes_by_the_names_of_the_schema(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    field: str,
+    value: Any,
+) -> None:
+    data = FakeProbe().say(name)
+    (item,), _ = decoded(capture(tmp_path, data), capsys)
+    assert list(item)[:5] == ["type", "probe", "seq", "t_device_us", "t_ns"]
+    assert list(item)[5:] == [
+        f.name for m in schema.MESSAGES if m.name == name for f in m.fields
+    ]
+    assert item["type"] == name
+    assert item[field] == value
+
+
+def test_damage_is_counted_at_the_end_and_ends_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    probe = FakeProbe()
+    whole = probe.say("hello") + probe.poses(5)
+    struck = bytearray(probe.say("pose"))
+    struck[-8] ^= 0x10
+    data = b"\x05junk\0" + whole + bytes(struck) + b"\x09\0" + probe.poses(2) * 2
+    items, report = decoded(capture(tmp_path, data), capsys)
+    assert [item["seq"] for item in items] == [0, 1, 2, 3, 4, 5, 7, 8]
+    assert report.splitlines() == [
+        f"{probe.name}: 9 sent = 8 received + 0 skewed + 1 lost; 2 duplicated, "
+        "0 stray, 1 boot",
+        f"{len(data)} bytes, 10 frames, 2 corrupt (1 bad_cobs, 1 bad_crc), "
+        "the first cut off",
+    ]
+
+
+def test_a_log_gives_the_very_same_and_the_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    probe, other = FakeProbe(), FakeProbe()
+    hello = other.content("hello")
+    sink = LogSink(tmp_path / "logs", "imud")
+    sink.open()
+    data = probe.say("hello")
+    for name in ("raw", "pose", "event", "status"):
+        data += probe.say(name)
+        sequence, content = other.sequence, other.content(name)
+        t_ns = 1000 + sequence
+        payload = b"{}" if name == "pose" else b""
+        sink.take(Record("stylus", name, payload, content, sequence, t_ns, hello))
+    sink.close()
+    assert sink.path is not None
+    from_capture, _ = decoded(capture(tmp_path, data), capsys)
+    from_log, report = decoded(sink.path, capsys)
+    assert [item["t_ns"] for item in from_log] == [1001, 1002, 1003, 1004]
+    for item in from_log:
+        item.update(t_ns=None, probe=probe.name)
+    assert from_log == from_capture[1:]
+    assert report == (
+        "stylus: 4 sent = 4 received + 0 skewed + 0 lost; "
+        "0 duplicated, 0 stray, 1 boot\n"
+    )
+
+
+def test_a_log_that_was_cut_says_so_and_gives_the_rest(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    probe = FakeProbe()
+    sink = LogSink(tmp_path, "imud")
+    sink.open()
+    hello = probe.content("hello")
+    sink.take(Record("p", "pose", b"{}", probe.content("pose"), 1, 5, hello))
+    sink.flush()
+    assert sink.path is not None
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(sink.path.read_bytes())
+    sink.close()
+    items, report = decoded(cut, capsys)
+    assert len(items) == 1
+    assert "ends without an end" in report
+
+
+def test_a_capture_of_another_schema_is_explained(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    probe = FakeProbe(schema_fingerprint=schema.FINGERPRINT ^ 1)
+    items, report = decoded(capture(tmp_path, probe.say("hello")), capsys)
+    assert items == []
+    assert (
+        f"speaks schema {schema.FINGERPRINT ^ 1:#010x} (firmware 0.1.0+fake)" in report
+    )
+
+
+def test_words_for_people(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    probe = FakeProbe()
+    data = probe.say("hello") + probe.say("event") + probe.say("raw")
+    data += probe.say("pose", q=(1.0, 0.0, 0.0, 0.0), position=(0.1, 0.2, 0.3))
+    path = capture(tmp_path, data)
+    assert cli.main(["decode", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "firmware 0.1.0+fake, board nano" in lines[0]
+    assert lines[1].endswith("event stream_started, cause button, detail 0")
+    assert "acc (0.000, -0.077, 9.807) m/s2" in lines[2]
+    assert "23.4 degC" in lines[2] or "23.5 degC" in lines[2]
+    assert "yaw    0.00  pitch   0.00  roll    0.00 deg  tilt ±  0.37" in lines[3]
+    assert "at (0.1000, 0.2000, 0.3000) m  at_rest" in lines[3]
+
+
+def test_a_file_that_can_not_be_read_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["decode", str(tmp_path / "none")]) == 1
+    captured = capsys.readouterr()
+    assert captured.err == (
+        f"imud: can't read {tmp_path / 'none'}: No such file or directory\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("q", "angles"),
+    [
+        ([1.0, 0.0, 0.0, 0.0], (0, 0, 0)),
+        ([0.5**0.5, 0.0, 0.0, 0.5**0.5], (90, 0, 0)),
+        ([0.75**0.5, 0.0, 0.5, 0.0], (0, 60, 0)),
+        ([0.5**0.5, 0.5**0.5, 0.0, 0.0], (0, 0, 90)),
+    ],
+)
+def test_yaw_pitch_and_roll(q: list[float], angles: tuple[float, ...]) -> None:
+    assert euler_deg(q) == pytest.approx(angles, abs=1e-4)

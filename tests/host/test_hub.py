@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: MIT
+"""A sink that is slow or broken is felt by nobody else, and what it misses is counted."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+from collections.abc import Callable
+
+import pytest
+
+from imud import hub
+from imud.errors import FileError
+from imud.hub import Hub, Item, Lane
+from imud.record import Presence, Record
+
+PATIENCE_S = 30.0
+
+
+def record(number: int, probe: str = "p", topic: str = "pose") -> Record:
+    return Record(probe, topic, b"{}", b"", number, 0)
+
+
+class FakeSink:
+    """Takes records one by one as the test lets it."""
+
+    period_s = 0.0
+
+    def __init__(self, name: str = "fake") -> None:
+        self.name = name
+        self.taken: queue.Queue[int] = queue.Queue()
+        self.gate = threading.Event()
+        self.gate.set()
+        self.entered = threading.Event()
+        self.fault: Callable[[], None] = lambda: None
+        self.opened = 0
+        self.closed = 0
+        self.flushed = 0
+
+    def open(self) -> None:
+        self.opened += 1
+
+    def take(self, item: Item) -> None:
+        self.entered.set()
+        assert self.gate.wait(PATIENCE_S)
+        self.fault()
+        if isinstance(item, Record):
+            self.taken.put(item.sequence)
+
+    def flush(self) -> None:
+        self.flushed += 1
+
+    def close(self) -> None:
+        self.closed += 1
+
+    def numbers(self, count: int) -> list[int]:
+        return [self.taken.get(timeout=PATIENCE_S) for _ in range(count)]
+
+
+def test_records_arrive_in_order_at_every_sink() -> None:
+    sinks = [FakeSink("a"), FakeSink("b")]
+    whole = Hub()
+    lanes = [whole.add(sink) for sink in sinks]
+    for number in range(100):
+        whole.put(record(number))
+    whole.put(Presence("p", is_alive=True))
+    whole.close(PATIENCE_S)
+    for sink, lane in zip(sinks, lanes, strict=True):
+        assert sink.numbers(100) == list(range(100))
+        assert (sink.opened, sink.closed) == (1, 1)
+        assert lane.taken("p") == {"pose": 100}
+    assert whole.dropped("p") == {"a": 0, "b": 0}
+
+
+def test_a_stuck_sink_loses_its_oldest_and_holds_up_nobody() -> None:
+    stuck, free = FakeSink("stuck"), FakeSink("free")
+    stuck.gate.clear()
+    lanes = [Lane(stuck, capacity=10), Lane(free, capacity=100)]
+    for lane in lanes:
+        lane.start()
+    lanes[0].put(record(0))
+    assert stuck.entered.wait(PATIENCE_S)
+    for number in range(1, 31):
+        for lane in lanes:
+            lane.put(record(number))
+    assert free.numbers(30) == list(range(1, 31))
+    assert lanes[0].dropped("p") == 20
+    assert lanes[1].dropped("p") == 0
+    stuck.gate.set()
+    assert all(lane.close(PATIENCE_S) for lane in lanes)
+    assert stuck.numbers(11) == [0, *range(21, 31)]
+    assert lanes[0].taken("p") == {"pose": 11}
+
+
+def test_a_sink_that_never_returns_does_not_hold_up_the_end() -> None:
+    stuck = FakeSink()
+    stuck.gate.clear()
+    lane = Lane(stuck)
+    lane.start()
+    lane.put(record(0))
+    assert stuck.entered.wait(PATIENCE_S)
+    assert not lane.close(0.01)
+    stuck.gate.set()
+    assert lane.close(PATIENCE_S)
+
+
+def test_a_failing_sink_is_told_once_and_opened_again(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "imud")
+    monkeypatch.setattr(hub, "RETRY_S", 0.0)
+    sink = FakeSink("disk")
+    failed = threading.Event()
+
+    def fail() -> None:
+        failed.set()
+        raise OSError("No space left on device")
+
+    sink.fault = fail
+    lane = Lane(sink)
+    lane.start()
+    for number in range(3):
+        failed.clear()
+        lane.put(record(number))
+        assert failed.wait(PATIENCE_S)
+    sink.fault = lambda: None
+    lane.put(record(3))
+    assert sink.numbers(1) == [3]
+    assert lane.close(PATIENCE_S)
+    assert lane.dropped("p") == 3
+    assert lane.failures == 3
+    assert sink.opened == 4
+    assert [entry.message for entry in caplog.records] == [
+        "disk fails and is tried again: No space left on device",
+        "disk works again",
+    ]
+
+
+def test_a_sink_that_can_not_be_opened_is_the_callers_to_tell() -> None:
+    class Closed(FakeSink):
+        def open(self) -> None:
+            raise FileError("can't log there")
+
+    with pytest.raises(FileError):
+        Hub().add(Closed())
+
+
+def test_a_sink_with_a_period_is_flushed_without_records() -> None:
+    flushed = threading.Event()
+
+    class Timed(FakeSink):
+        period_s = 0.01
+
+        def flush(self) -> None:
+            super().flush()
+            if self.flushed == 3:
+                flushed.set()
+
+    lane = Lane(Timed())
+    lane.start()
+    assert flushed.wait(PATIENCE_S)
+    assert lane.close(PATIENCE_S)

@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: MIT
+"""The log: what goes in comes out, to the end or to a quarter second before a kill."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from fakes import FakeProbe
+from imud import schema
+from imud.errors import FileError
+from imud.record import Presence, Record
+from imud.sinks import log
+from imud.sinks.log import JSON_SCHEMAS, Logged, LogHead, LogSink, read_log
+
+# Puts records through the hub as the daemon does, 200 a second, and says the time of
+# each as soon as it has put it.
+WRITER = """
+import sys, time
+from pathlib import Path
+from fakes import FakeProbe
+from imud.hub import Hub
+from imud.record import Record
+from imud.sinks.log import LogSink
+
+hub, probe = Hub(), FakeProbe()
+hub.add(LogSink(Path(sys.argv[1]), "imud"))
+hello = probe.content("hello")
+while True:
+    t_ns = time.time_ns()
+    payload = b'{"type":"pose","t_ns":%d}' % t_ns
+    sequence = probe.sequence
+    content = probe.content("pose")
+    hub.put(Record(probe.name, "pose", payload, content, sequence, t_ns, hello))
+    sys.stdout.write(f"{t_ns}\\n")
+    sys.stdout.flush()
+    time.sleep(0.005)
+"""
+
+
+def records(probe: FakeProbe, count: int) -> Iterator[Record]:
+    hello = probe.content("hello")
+    for number in range(count):
+        content = probe.content("pose")
+        payload = json.dumps({"n": number}).encode()
+        yield Record(probe.name, "pose", payload, content, number, number + 1, hello)
+
+
+def logged(path: Path, topic: str) -> list[Logged]:
+    found = [record for record in read_log(path) if isinstance(record, Logged)]
+    return [record for record in found if record.topic == topic]
+
+
+def test_what_is_logged_is_read_back_with_who_wrote_it(tmp_path: Path) -> None:
+    sink, probe = LogSink(tmp_path / "deep" / "logs", "imud"), FakeProbe()
+    sink.open()
+    assert sink.path is not None
+    put = list(records(probe, 50))
+    for record in put:
+        sink.take(record)
+    sink.take(Presence(probe.name, is_alive=False))
+    sink.take(Record(probe.name, "status", b"{}", b"", 0, 99))
+    sink.take(Record(probe.name, "reply", b"", put[0].content, 0, 99))
+    sink.flush()
+    sink.close()
+    head = next(read_log(sink.path))
+    assert isinstance(head, LogHead)
+    assert head.fingerprint == schema.FINGERPRINT
+    assert [r.data for r in logged(sink.path, "pose")] == [r.payload for r in put]
+    assert [(r.data, r.t_ns) for r in logged(sink.path, "frame")] == [
+        *((r.content, r.t_ns) for r in put),
+        (put[0].content, 99),
+    ]
+    assert [r.data for r in logged(sink.path, "hello")] == [put[0].hello]
+    assert len(logged(sink.path, "status")) == 1
+
+
+def test_other_peoples_tools_find_json_with_a_schema(tmp_path: Path) -> None:
+    sink, probe = LogSink(tmp_path, "imud"), FakeProbe()
+    sink.open()
+    for record in records(probe, 3):
+        sink.take(record)
+    sink.close()
+    assert sink.path is not None
+    with sink.path.open("rb") as file:
+        found = list(
+            make_reader(file).iter_messages(topics=[f"imud/{probe.name}/pose"])
+        )
+        assert len(found) == 3
+        spec, channel, message = found[0]
+        assert spec is not None
+        assert (spec.encoding, channel.message_encoding) == ("jsonschema", "json")
+        assert json.loads(spec.data) == JSON_SCHEMAS["pose"]
+        assert json.loads(message.data) == {"n": 0}
+
+
+def test_a_log_that_is_cut_anywhere_gives_what_is_whole(tmp_path: Path) -> None:
+    sink, probe = LogSink(tmp_path, "imud"), FakeProbe()
+    sink.open()
+    assert sink.path is not None
+    sizes = []
+    for count, record in enumerate(records(probe, 12), 1):
+        sink.take(record)
+        sink.flush()
+        sizes.append((sink.path.stat().st_size, count))
+    sink.close()
+    whole = sink.path.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    for size in range(8, sizes[-1][0], 7):
+        cut.write_bytes(whole[:size])
+        found: list[Logged | LogHead] = []
+        with pytest.raises(FileError, match="ends without an end"):
+            for record in read_log(cut):
+                found.append(record)  # noqa: PERF402 - what came before the error
+        frames = [r for r in found if isinstance(r, Logged) and r.topic == "frame"]
+        assert len(frames) >= max((n for at, n in sizes if at <= size), default=0)
+
+
+def test_a_log_with_a_flipped_bit_gives_what_is_good(tmp_path: Path) -> None:
+    sink, probe = LogSink(tmp_path, "imud"), FakeProbe()
+    sink.open()
+    assert sink.path is not None
+    put = list(records(probe, 6))
+    for record in put:
+        sink.take(record)
+        sink.flush()
+    sink.close()
+    whole = sink.path.read_bytes()
+    good = {record.content for record in put}
+    for place in range(8, len(whole), 5):
+        changed = bytearray(whole)
+        changed[place] ^= 1 << place % 8
+        sink.path.write_bytes(changed)
+        with contextlib.suppress(FileError):
+            for record in read_log(sink.path):
+                if isinstance(record, Logged) and record.topic == "frame":
+                    assert record.data in good
+
+
+def test_two_logs_of_one_second_do_not_overwrite_each_other(tmp_path: Path) -> None:
+    sinks = [LogSink(tmp_path, "imud") for _ in range(3)]
+    for sink in sinks:
+        sink.open()
+    for sink in sinks:
+        sink.close()
+    assert len({sink.path for sink in sinks}) == 3
+
+
+def test_a_file_an_hour_and_each_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(log, "ROTATE_S", 0.0)
+    sink, probe = LogSink(tmp_path, "imud"), FakeProbe()
+    sink.open()
+    put = list(records(probe, 4))
+    for record in put:
+        sink.take(record)
+        sink.flush()
+    sink.close()
+    frames = [r for path in tmp_path.iterdir() for r in logged(path, "frame")]
+    assert sorted(r.t_ns for r in frames) == [r.t_ns for r in put]
+    assert len(list(tmp_path.iterdir())) == 5
+
+
+def test_a_place_that_takes_no_log_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.touch()
+    with pytest.raises(FileError, match=r"can't log to .*file.*--log DIR"):
+        LogSink(file, "imud").open()
+
+
+@pytest.mark.parametrize("count", [150, 187, 231])
+def test_at_most_a_quarter_second_is_lost_by_kill_9(tmp_path: Path, count: int) -> None:
+    here = Path(__file__).resolve().parent.parent
+    environment = os.environ | {"PYTHONPATH": str(here)}
+    writer = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(tmp_path)],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+    assert writer.stdout is not None
+    with writer, writer.stdout:
+        put = [int(writer.stdout.readline()) for _ in range(count)]
+        writer.send_signal(signal.SIGKILL)
+        put += [int(line) for line in writer.stdout if line.endswith("\n")]
+    (path,) = tmp_path.iterdir()
+    found = []
+    with pytest.raises(FileError, match="ends without an end"):
+        for record in read_log(path):
+            if isinstance(record, Logged) and record.topic == "frame":
+                found.append(record.t_ns)
+    assert found == put[: len(found)]
+    assert (put[-1] - found[-1]) / 1e9 <= 0.25

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: MIT
+"""Content to messages and back, and every way in which content can be skewed."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fakes import EXAMPLES, HELLO, POSE, FakeProbe
+from imud import schema
+from imud.messages import Message, Skew, decode, encode
+
+HEADER = 9
+
+
+def fields_of(content: bytes, name: str) -> list[bytes]:
+    """A message's content cut into its fields, tag and value."""
+    message = next(m for m in schema.MESSAGES if m.name == name)
+    parts, offset = [], HEADER
+    for field in message.fields:
+        size = 1 + struct.calcsize("<" + field.code)
+        parts.append(content[offset : offset + size])
+        offset += size
+    assert offset == len(content)
+    return parts
+
+
+def kind_of(content: bytes) -> str:
+    said = decode(content)
+    assert isinstance(said, Skew), said
+    return said.kind
+
+
+def approx(value: Any) -> Any:
+    return pytest.approx(value) if isinstance(value, float | tuple) else value
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_a_message_comes_back_as_it_was(name: str) -> None:
+    said = decode(encode(name, EXAMPLES[name], 0x89ABCDEF, 0xFEDCBA98))
+    assert isinstance(said, Message)
+    assert (said.name, said.sequence, said.time_us) == (name, 0x89ABCDEF, 0xFEDCBA98)
+    assert list(said.fields) == [
+        f.name for m in schema.MESSAGES if m.name == name for f in m.fields
+    ]
+    for field, value in EXAMPLES[name].items():
+        if value and isinstance(value, tuple) and isinstance(value[0], str):
+            assert said.fields[field] == value
+        else:
+            assert said.fields[field] == approx(value)
+
+
+@given(st.lists(st.integers(-(2**30), 2**30), min_size=4, max_size=4))
+def test_a_quaternion_is_exact_in_doubles(wire: list[int]) -> None:
+    norm = sum(number * number for number in wire) ** 0.5 / 2**30
+    content = encode("pose", POSE, 0, 0)
+    at = HEADER + 1
+    said = decode(content[:at] + struct.pack("<4i", *wire) + content[at + 16 :])
+    if abs(norm - 1) < 1e-3:
+        assert isinstance(said, Message)
+        assert said.fields["q"] == tuple(number / 2**30 for number in wire)
+    else:
+        assert isinstance(said, Skew)
+        assert said.kind == "impossible_value"
+
+
+def test_a_decimal_scale_gives_the_decimal() -> None:
+    said = decode(encode("pose", POSE | {"tilt_sigma": 0.07}, 0, 0))
+    assert isinstance(said, Message)
+    assert said.fields["tilt_sigma"] == 0.07
+
+
+@pytest.mark.parametrize(
+    ("name", "field"),
+    [(m.name, f.name) for m in schema.MESSAGES for f in m.fields if f.null is not None],
+)
+def test_not_available_is_none_in_all_of_a_field_or_in_none(
+    name: str, field: str
+) -> None:
+    example = EXAMPLES[name] | {field: None}
+    said = decode(encode(name, example, 0, 0))
+    assert isinstance(said, Message)
+    assert said.fields[field] is None
+    spec = next(
+        f
+        for m in schema.MESSAGES
+        if m.name == name
+        for f in m.fields
+        if f.name == field
+    )
+    if spec.count > 1:
+        content = bytearray(encode(name, example, 0, 0))
+        parts = fields_of(bytes(content), name)
+        index = [f.tag for m in schema.MESSAGES if m.name == name for f in m.fields]
+        place = HEADER + sum(map(len, parts[: index.index(spec.tag)])) + 1
+        size = struct.calcsize("<" + spec.code)
+        content[place : place + size // spec.count] = bytes(size // spec.count)
+        assert kind_of(bytes(content)) == "impossible_value"
+
+
+@pytest.mark.parametrize("name", [name for name in EXAMPLES if name != "hello"])
+def test_every_fault_of_every_field_is_named(name: str) -> None:
+    content = encode(name, EXAMPLES[name], 7, 8)
+    head, parts = content[:HEADER], fields_of(content, name)
+
+    def join(*changed: bytes) -> bytes:
+        return head + b"".join(changed)
+
+    for i in range(len(parts)):
+        without = parts[:i] + parts[i + 1 :]
+        assert kind_of(join(*without)) == "missing"
+        twice = [*parts[: i + 1], *parts[i:]]
+        assert kind_of(join(*twice)) == "doubled"
+        strange = [*parts[:i], b"\xff\x00", *parts[i:]]
+        assert kind_of(join(*strange)) == "unknown"
+        if i + 1 < len(parts):
+            swapped = [*parts[:i], parts[i + 1], parts[i], *parts[i + 2 :]]
+            assert kind_of(join(*swapped)) in ("out_of_order", "missing")
+    for end in range(HEADER + 1, len(content)):
+        assert kind_of(content[:end]) in ("missing", "wrong_length")
+    assert kind_of(content + b"\xff") == "unknown"
+
+
+@pytest.mark.parametrize("length", range(HEADER))
+def test_less_than_a_header_has_no_number(length: int) -> None:
+    said = decode(bytes(length))
+    assert isinstance(said, Skew)
+    assert (said.kind, said.sequence) == ("wrong_length", None)
+
+
+def test_an_id_that_is_no_message_keeps_its_number() -> None:
+    said = decode(b"\x77" + struct.pack("<II", 5, 6))
+    assert isinstance(said, Skew)
+    assert (said.kind, said.sequence, said.time_us) == ("unknown_message", 5, 6)
+
+
+@pytest.mark.parametrize(
+    ("name", "field"),
+    [
+        (m.name, f.name)
+        for m in schema.MESSAGES
+        for f in m.fields
+        if f.enum is not None or f.flags is not None
+    ],
+)
+def test_an_unknown_name_is_impossible(name: str, field: str) -> None:
+    content = encode(name, EXAMPLES[name], 0, 0)
+    offset = HEADER
+    for spec in next(m for m in schema.MESSAGES if m.name == name).fields:
+        size = struct.calcsize("<" + spec.code)
+        if spec.name == field:
+            wrong = (
+                content[: offset + 1] + b"\xff" * size + content[offset + 1 + size :]
+            )
+            assert kind_of(wrong) == "impossible_value"
+        offset += 1 + size
+
+
+def test_text_that_is_not_text_is_impossible() -> None:
+    content = encode("hello", HELLO, 0, 0)
+    for wrong in (b"0.1.0\x07fake", b"0.1.0\xe9fake"):
+        assert kind_of(content.replace(b"0.1.0+fake", wrong)) == "impossible_value"
+
+
+def test_a_hello_of_a_later_schema_is_read_as_far_as_it_is_known() -> None:
+    other = FakeProbe(schema_fingerprint=schema.FINGERPRINT ^ 1).content("hello")
+    said = decode(other + b"\xf0\x01\x02")
+    assert isinstance(said, Message)
+    assert said.fields["firmware"] == "0.1.0+fake"
+    board = other.index(bytes([4, 1]), HEADER + 20)
+    said = decode(other[: board + 1] + b"\xee" + other[board + 2 :])
+    assert isinstance(said, Message)
+    assert said.fields["board"] is None
+
+
+def test_a_hello_of_an_older_schema_is_read_if_it_says_who_it_is() -> None:
+    other = FakeProbe(schema_fingerprint=schema.FINGERPRINT ^ 1).content("hello")
+    parts = fields_of(other, "hello")
+    said = decode(other[:HEADER] + b"".join(parts[:5]))
+    assert isinstance(said, Message)
+    assert list(said.fields)[-1] == "probe_id"
+    assert kind_of(other[:HEADER] + b"".join(parts[:4])) == "missing"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"q": None}, "q can't be None"),
+        ({"q": (1.0, 0.0, 0.0)}, "4 numbers"),
+        ({"q": (9.0, 0.0, 0.0, 0.0)}, "q can't be"),
+        ({"pose_flags": ("sleepy",)}, "pose_flags can't be"),
+        ({"tilt_sigma": "1"}, "tilt_sigma can't be"),
+        ({"sigma": 1}, "don't belong"),
+    ],
+)
+def test_what_can_not_be_sent_is_an_error(change: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        encode("pose", POSE | change, 0, 0)
+
+
+def test_text_that_is_too_long_is_an_error() -> None:
+    with pytest.raises(ValueError, match="at most 16 bytes"):
+        encode("hello", HELLO | {"firmware": "0" * 17}, 0, 0)

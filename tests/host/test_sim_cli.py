@@ -1,0 +1,308 @@
+# SPDX-License-Identifier: MIT
+"""`imud sim nano`: finds what it runs, feeds it, passes on what it says."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from imud import cli, decode, messages, motion, sim
+from imud.errors import FileError
+from imud.frame import FrameDecoder
+
+PYTHON = sys.executable
+
+# Stands in for the emulator: says what it was told, and how much motion came.
+ECHO = """
+import json, sys
+data = sys.stdin.buffer.read()
+print(json.dumps([sys.argv[1:], len(data), data[:24].hex()]), file=sys.stderr)
+sys.exit(3)
+"""
+
+# Never reads its motion and runs until it is asked to stop.
+STUBBORN = """
+import signal, sys
+def end(*_):
+    print("summary in words", file=sys.stderr, flush=True)
+    sys.exit(0)
+signal.signal(signal.SIGTERM, end)
+print("ready /tmp/some-link", file=sys.stderr, flush=True)
+while True:
+    signal.pause()
+"""
+
+
+def parse(*words: object) -> argparse.Namespace:
+    return cli.build_parser().parse_args(["sim", "nano", *map(str, words)])
+
+
+@pytest.fixture
+def stand_in(tmp_path: Path) -> Any:
+    """Makes an emulator from a script, and the options that choose it."""
+
+    def make(script: str) -> list[str]:
+        program = tmp_path / "nano"
+        program.write_text(f"#!{PYTHON}\n{script}")
+        program.chmod(0o755)
+        image = tmp_path / "firmware.elf"
+        image.write_bytes(b"")
+        return ["--simulator", str(program), "--image", str(image)]
+
+    return make
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    path = tmp_path / "hand.npz"
+    motion.generate(1.0, seed=1).save(path)
+    return path
+
+
+# Finding.
+
+
+def test_a_build_is_found_from_any_folder_below(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built = tmp_path / sim.SIMULATOR
+    built.parent.mkdir(parents=True)
+    built.write_bytes(b"")
+    below = tmp_path / "a" / "b"
+    below.mkdir(parents=True)
+    monkeypatch.chdir(below)
+    monkeypatch.delenv("IMUD_SIM", raising=False)
+    assert sim.find(None, "IMUD_SIM", sim.SIMULATOR) == built
+
+
+def test_a_build_is_found_beside_the_virtual_environment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built = tmp_path / "project" / sim.IMAGE
+    built.parent.mkdir(parents=True)
+    built.write_bytes(b"")
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    monkeypatch.delenv("IMUD_IMAGE", raising=False)
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "project" / ".venv"))
+    assert sim.find(None, "IMUD_IMAGE", sim.IMAGE) == built
+
+
+def test_an_option_goes_before_the_environment_and_that_before_the_build(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given, named, built = (tmp_path / name for name in ("given", "named", "built"))
+    for path in (given, named, built):
+        path.write_bytes(b"")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("IMUD_SIM", str(named))
+    assert sim.find(given, "IMUD_SIM", Path("built")) == given
+    assert sim.find(None, "IMUD_SIM", Path("built")) == named
+    monkeypatch.setenv("IMUD_SIM", "")
+    assert sim.find(None, "IMUD_SIM", Path("built")) == built
+
+
+def test_what_is_missing_is_said_in_one_line_with_what_to_do(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / ".venv"))
+    monkeypatch.delenv("IMUD_SIM", raising=False)
+    assert cli.main(["sim", "nano"]) == 1
+    said = capsys.readouterr().err
+    assert said == "imud: build/sim/nano is not built yet; run `make firmware sim`\n"
+
+
+def test_a_named_file_that_is_not_there_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"none is not there; run `make firmware sim`"):
+        sim.find(tmp_path / "none", "IMUD_SIM", sim.SIMULATOR)
+
+
+# Arguments.
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--record", "a.bin"],
+        ["--record", "a.bin", "--link", "b", "--seconds", "1"],
+        ["--seconds", "0"],
+        ["--seconds", "inf"],
+        ["--seconds", "soon"],
+        ["--rate", "0"],
+        ["--rate", "201"],
+        ["--seed", "-1"],
+        ["--save-motion", "a.npz"],
+        ["--save-motion", "a.npz", "--seconds", "1", "--motion", "b.npz"],
+        ["--faster"],
+    ],
+)
+def test_arguments_that_make_no_sense_are_usage_errors(words: list[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        cli.main(["sim", "nano", *words])
+    assert end.value.code == 2
+
+
+def test_a_bad_recording_is_one_line(
+    tmp_path: Path, stand_in: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text("t_s\n0\n")
+    words = ["sim", "nano", *stand_in(ECHO), "--motion", str(path)]
+    assert cli.main(words) == 1
+    said = capsys.readouterr().err
+    assert said.startswith(f"imud: {path}:1: no column gyr_x_rad_s,")
+    assert said.count("\n") == 1
+
+
+def test_options_become_the_emulators(stand_in: Any, tmp_path: Path) -> None:
+    words = stand_in(ECHO)
+    args = parse(
+        *words,
+        *("--seconds", "2.5", "--faults", "f.json", "--eeprom", "e.bin"),
+        *("--summary", "s.json", "--seed", "7", "--fast", "--stream"),
+    )
+    assert sim.command_line(args, Path("link")) == [
+        str(tmp_path / "nano"),
+        *("--image", str(tmp_path / "firmware.elf")),
+        *("--motion", "-", "--seed", "7", "--pty", "link"),
+        *("--seconds", "2.5", "--faults", "f.json", "--eeprom", "e.bin"),
+        *("--summary", "s.json", "--fast", "--press", "200000:500000"),
+    ]
+
+
+def sent(*words: str) -> list[messages.Message]:
+    args = parse(*words)
+    frames = sim.commands_us(wants_raw=args.raw, rate_hz=args.rate)
+    decoder = FrameDecoder()
+    decoded = []
+    for at_us, frame in frames:
+        assert at_us >= sim.PRESS_US[1]
+        decoded += [messages.decode(content) for content in decoder.feed(frame)]
+    assert all(isinstance(message, messages.Message) for message in decoded)
+    return [each for each in decoded if isinstance(each, messages.Message)]
+
+
+def test_raw_and_rate_are_commands_as_the_firmware_reads_them() -> None:
+    raw_rate, fields, pose_rate = sent("--raw", "--rate", "50")
+    assert raw_rate.fields == {"command": "rate", "token": 1, "arguments": (1, 200)}
+    assert fields.fields == {"command": "fields", "token": 2, "arguments": (3, 0)}
+    assert pose_rate.fields == {"command": "rate", "token": 3, "arguments": (0, 50)}
+    assert [each.sequence for each in (raw_rate, fields, pose_rate)] == [0, 1, 2]
+    assert sent() == []
+
+
+# Running, with a stand-in.
+
+
+def test_motion_goes_in_words_come_out_and_the_exit_code_is_passed_on(
+    stand_in: Any, recording: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--motion", str(recording), "--record", "a.bin"]
+    assert cli.main(["sim", "nano", *stand_in(ECHO), *words]) == 3
+    arguments, length, header = json.loads(capfd.readouterr().err)
+    assert arguments[2:4] == ["--motion", "-"]
+    assert length == 24 + 1000 * 36
+    assert bytes.fromhex(header)[:8] == motion.STREAM_MAGIC
+
+
+def test_the_hand_is_saved_as_it_is_felt(
+    stand_in: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "kept.npz"
+    words = ["--seconds", "2", "--seed", "5", "--save-motion", str(path)]
+    assert cli.main(["sim", "nano", *stand_in(ECHO), *words]) == 3
+    _, length, _ = json.loads(capfd.readouterr().err)
+    kept = motion.load(path)
+    assert length == 24 + len(kept) * 36
+    assert np.allclose(kept.gyr, motion.generate(2.0, seed=5).gyr, atol=1e-6)
+    assert kept.quat is not None
+
+
+@pytest.fixture
+def running(stand_in: Any) -> Iterator[subprocess.Popen[str]]:
+    """`imud sim nano` over an emulator that goes on until it is asked to stop."""
+    words = [PYTHON, "-m", "imud", "sim", "nano", *stand_in(STUBBORN)]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
+        yield process
+        process.kill()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_with_the_summary(
+    running: subprocess.Popen[str], number: signal.Signals
+) -> None:
+    assert running.stderr is not None
+    ready = running.stderr.readline()
+    assert ready == ("ready /tmp/some-link (imud run /tmp/some-link; Ctrl-C ends it)\n")
+    running.send_signal(number)
+    assert running.stderr.read() == "summary in words\n"
+    assert running.wait() == 0
+
+
+# Running, for real.
+
+
+def test_it_streams_pose_and_raw_of_a_recording(
+    nano: Path, image: Path, tmp_path: Path
+) -> None:
+    path, record, summary = (tmp_path / name for name in ("m.npz", "r.bin", "s.json"))
+    motion.generate(4.0, seed=2).save(path)
+    words = ["--simulator", nano, "--image", image, "--motion", path, "--fast"]
+    words += ["--stream", "--raw", "--record", record, "--summary", summary]
+    assert cli.main(["sim", "nano", *map(str, words)]) == 0
+    found = json.loads(summary.read_text())
+    assert found["crashed"] is False
+    assert found["motion_start_us"] == 100_000
+    tally = decode.Tally()
+    heard = list(decode.decode_file(record, tally))
+    kinds = {kind: [m for m in heard if m["type"] == kind] for kind in ("pose", "raw")}
+    assert len(kinds["raw"]) > 300
+    # Every second sample's pose is sent.
+    assert abs(len(kinds["raw"]) - 2 * len(kinds["pose"])) <= 2
+    replies = [m for m in heard if m["type"] == "reply"]
+    assert [m["result"] for m in replies] == ["ok", "ok"]
+    started = [m["cause"] for m in heard if m.get("event") == "stream_started"]
+    assert started == ["button"]
+
+
+def test_its_serial_port_appears_speaks_and_goes(
+    nano: Path, image: Path, tmp_path: Path
+) -> None:
+    link = tmp_path / "port"
+    words = ["--simulator", nano, "--image", image, "--link", link]
+    with subprocess.Popen(
+        [PYTHON, "-m", "imud", "sim", "nano", *map(str, words)],
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stderr is not None
+        assert process.stderr.readline().startswith(f"ready {link} ")
+        port = os.open(link, os.O_RDWR | os.O_NOCTTY)
+        try:
+            tty.setraw(port)
+            decoder = FrameDecoder()
+            contents: list[bytes] = []
+            while not contents:
+                contents += decoder.feed(os.read(port, 4096))
+        finally:
+            os.close(port)
+        process.terminate()
+        assert "samples" in process.stderr.read()
+        assert process.wait() == 0
+    said = messages.decode(contents[0])
+    assert isinstance(said, messages.Message)
+    assert not link.is_symlink()
