@@ -33,8 +33,12 @@ const char *motion_open(struct motion *motion, const char *path) {
     if (fread(magic, 1, sizeof magic, motion->file) != sizeof magic ||
         memcmp(magic, "IMUMOT1", sizeof magic) != 0 ||
         fread(&motion->rate_hz, sizeof motion->rate_hz, 1, motion->file) != 1 ||
-        fread(&motion->count, sizeof motion->count, 1, motion->file) != 1) {
-        return "is no motion stream: it should begin with IMUMOT1, rate and count";
+        fread(&motion->count, sizeof motion->count, 1, motion->file) != 1 ||
+        fread(&motion->flags, sizeof motion->flags, 1, motion->file) != 1) {
+        return "is no motion stream: it should begin with IMUMOT1, rate, count, flags";
+    }
+    if ((motion->flags & ~(uint64_t)MOTION_RECORDED) != 0) {
+        return "has flags of a later version";
     }
     if (!(motion->rate_hz > 0.0) || motion->rate_hz > MOTION_RATE_MAX_HZ) {
         return "has a rate outside 0 to 100000 Hz";

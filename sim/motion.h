@@ -21,10 +21,13 @@ enum {
         100000  // the longest window, 89 ms, fits twice in what is kept
 };
 
+enum motion_flag { MOTION_RECORDED = 1 };
+
 struct motion {
     FILE *file;
     double rate_hz;
     uint64_t count;  // 0: until the end of the stream
+    uint64_t flags;  // enum motion_flag
     uint64_t read;   // records read so far
     bool is_ended;   // there are no more
     bool has_start;

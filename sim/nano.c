@@ -766,6 +766,7 @@ static int set_up(struct run *run) {
         if (problem != NULL) {
             return complain(options->motion, problem);
         }
+        config.is_recorded = (run->motion.flags & MOTION_RECORDED) != 0;
         config.motion = motion_mean;
         config.context = &run->motion;
     }

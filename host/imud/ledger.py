@@ -279,7 +279,7 @@ class Account:
         )
 
     def _is_copy_of_before(self, heard: Heard) -> bool:
-        """A copy from the end of the boot before, out of a buffer, soon after a restart.
+        """A copy from the end of the boot before, out of a buffer, after a restart.
 
         Not to be looked for any longer or further back: a probe that does the same in
         each boot, as an emulated one does, says the same under the same numbers.

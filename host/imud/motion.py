@@ -29,7 +29,9 @@ BoolArray = npt.NDArray[np.bool_]
 GRAVITY_M_S2 = 9.80665  # standard gravity, as the probe's own scale has it
 
 STREAM_MAGIC = b"IMUMOT1\0"
-STREAM_HEADER = struct.Struct("<8sdQ")  # magic, rate in Hz, records or 0: until the end
+# Magic, rate in Hz, records or 0: until the end, flags.
+STREAM_HEADER = struct.Struct("<8sdQQ")
+STREAM_RECORDED = 1
 
 # Five records a sample of the chip at 200 Hz: its averaging sees a smooth motion.
 HAND_RATE_HZ = 1000.0
@@ -50,6 +52,7 @@ class Motion:
     """Records at a constant rate, with the truth about them where it is known.
 
     `quat` is world_from_body, world east-north-up; NaN where it was not seen.
+    `is_recorded`: a sensor's low-pass is in it, which the simulator leaves out then.
     """
 
     rate_hz: float
@@ -63,6 +66,7 @@ class Motion:
     movement: BoolArray | None = None  # to be scored: after the rest at the start
     is_rest: BoolArray | None = None  # lies still
     is_stroke: BoolArray | None = None  # the tip runs along the surface
+    is_recorded: bool = True
 
     def __len__(self) -> int:
         return len(self.gyr)
@@ -82,7 +86,10 @@ class Motion:
 
     def save(self, path: Path) -> None:
         """Writes a `.npz` that `load` and the benchmarks read."""
-        arrays: dict[str, Any] = {"sampling_rate": np.array(self.rate_hz)}
+        arrays: dict[str, Any] = {
+            "sampling_rate": np.array(self.rate_hz),
+            "is_recorded": np.array(self.is_recorded),
+        }
         for name, key in NPZ_KEYS.items():
             value = getattr(self, name)
             if value is not None:
@@ -159,7 +166,8 @@ def load_npz(path: Path) -> Motion:
                 f"{path}: {key} has shape {stored[key].shape}, not {shape}"
             )
         arrays[name] = stored[key].astype(np.float64 if width else np.bool_)
-    return Motion(rate_hz=rate_hz, **arrays)
+    is_recorded = bool(np.all(stored.get("is_recorded", True)))
+    return Motion(rate_hz=rate_hz, is_recorded=is_recorded, **arrays)
 
 
 def load_csv(path: Path) -> Motion:
@@ -226,7 +234,8 @@ def write_stream(file: IO[bytes], motions: Iterable[Motion], count: int = 0) -> 
     is_begun = False
     for piece in motions:
         if not is_begun:
-            file.write(STREAM_HEADER.pack(STREAM_MAGIC, piece.rate_hz, count))
+            flags = STREAM_RECORDED if piece.is_recorded else 0
+            file.write(STREAM_HEADER.pack(STREAM_MAGIC, piece.rate_hz, count, flags))
             is_begun = True
         records = np.hstack([piece.gyr, piece.acc, piece.mag]).astype("<f4")
         file.write(records.tobytes())
@@ -621,6 +630,7 @@ class _Probe:
             movement=np.full(count, begun > 0),
             is_rest=np.full(count, leg.is_rest),
             is_stroke=np.full(count, leg.is_stroke),
+            is_recorded=False,
         )
 
     def _attitude(self, leg: _Leg, t: FloatArray, step: _Curve) -> _Turning:

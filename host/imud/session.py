@@ -188,10 +188,10 @@ class Session:
         silence_ns = t_ns - self._heard_ns
         is_noise = self._bytes_since_good > NOISE_BYTES
         event: Event
-        if silence_ns > SILENT_NS:
-            event = Silent(silence_ns / 1e9)
-        elif is_noise and t_ns - self._good_ns > SILENT_NS:
+        if is_noise and t_ns - self._good_ns > SILENT_NS:
             event = OnlyNoise(self._bytes_since_good)
+        elif silence_ns > SILENT_NS:
+            event = Silent(silence_ns / 1e9)
         else:
             return []
         self._is_warned = True

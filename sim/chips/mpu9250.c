@@ -513,29 +513,54 @@ static void restart_clock(struct mpu9250_chip *chip) {
     set_next_tick(chip);
 }
 
-// -3 dB bandwidth, RM 4.6: the gyroscope's, by FCHOICE_B and DLPF_CFG.
-static double gyro_bandwidth_hz(const struct mpu9250_chip *chip) {
-    static const double dlpf_hz[8] = {250, 184, 92, 41, 20, 10, 5, 3600};
+// A setting of a digital low-pass: its -3 dB bandwidth and the delay it brings.
+struct lowpass_setting {
+    double bandwidth_hz;
+    double delay_ms;
+};
+
+// RM 4.6: the gyroscope's, by FCHOICE_B and DLPF_CFG.
+static struct lowpass_setting gyro_lowpass(const struct mpu9250_chip *chip) {
+    static const struct lowpass_setting dlpf[8] = {{250, 0.97}, {184, 2.9},  {92, 3.9},
+                                                   {41, 5.9},   {20, 9.9},   {10, 17.85},
+                                                   {5, 33.48},  {3600, 0.17}};
     const uint8_t fchoice_b = chip->reg[REG_GYRO_CONFIG] & GYRO_FCHOICE_B;
     if (fchoice_b & 1) {
-        return 8800.0;  // FCHOICE x0
+        return (struct lowpass_setting){8800, 0.064};  // FCHOICE x0
     }
     if (fchoice_b == 2) {
-        return 3600.0;  // FCHOICE 01
+        return (struct lowpass_setting){3600, 0.11};  // FCHOICE 01
     }
-    return dlpf_hz[chip->reg[REG_CONFIG] & DLPF];
+    return dlpf[chip->reg[REG_CONFIG] & DLPF];
 }
 
 // RM 4.8, rev 1.6: the accelerometer's, by ACCEL_FCHOICE_B and A_DLPF_CFG.
-static double accel_bandwidth_hz(const struct mpu9250_chip *chip) {
-    static const double dlpf_hz[8] = {218.1, 218.1, 99, 44.8, 21.2, 10.2, 5.05, 420};
+static struct lowpass_setting accel_lowpass(const struct mpu9250_chip *chip) {
+    static const struct lowpass_setting dlpf[8] = {
+        {218.1, 1.88}, {218.1, 1.88},  {99, 2.88},     {44.8, 4.88},
+        {21.2, 8.87},  {10.2, 16.83}, {5.05, 32.48}, {420, 1.38}};
     const uint8_t config = chip->reg[REG_ACCEL_CONFIG_2];
-    return config & ACCEL_FCHOICE_B ? 1046.0 : dlpf_hz[config & DLPF];
+    return config & ACCEL_FCHOICE_B ? (struct lowpass_setting){1046, 0.503}
+                                    : dlpf[config & DLPF];
 }
 
-// A moving average over w has its -3 dB point at 0.443 / w.
-static int64_t window_ns(double bandwidth_hz) {
-    return (int64_t)llround(0.443e9 / bandwidth_hz);
+// What the registers of a die would hold now. A moving average over w has its -3 dB
+// point at 0.443 / w; it is centred on the delay, later where it would see the future.
+// Motion recorded behind such a low-pass is only brought to the sample rate.
+static void low_passed(struct mpu9250_chip *chip, enum mpu9250_chip_quantity quantity,
+                       struct lowpass_setting setting, double mean[3]) {
+    const int64_t now = (int64_t)chip->now_ns;
+    if (chip->config.is_recorded) {
+        const int64_t half = (int64_t)llround(0.5 * sample_period_ns(chip));
+        mean_motion(chip, quantity, now - half, now + half, mean);
+        return;
+    }
+    const int64_t half = (int64_t)llround(0.5 * 0.443e9 / setting.bandwidth_hz);
+    int64_t delay = (int64_t)llround(setting.delay_ms * 1e6);
+    if (delay < half) {
+        delay = half;
+    }
+    mean_motion(chip, quantity, now - delay - half, now - delay + half, mean);
 }
 
 // ST 3.2: factory trim in counts at the smallest range.
@@ -548,10 +573,8 @@ static void sample_gyro(struct mpu9250_chip *chip) {
     const int range = (config >> RANGE_SHIFT) & 3;
     // RM 4.3: 2^16 counts over 500 deg/s at FS_SEL 0.
     const double counts_per_rad_s = 65536.0 / 500.0 / RAD_PER_DEG / (1 << range);
-    const int64_t now = (int64_t)chip->now_ns;
     double mean[3];
-    mean_motion(chip, MPU9250_CHIP_GYR, now - window_ns(gyro_bandwidth_hz(chip)), now,
-                mean);
+    low_passed(chip, MPU9250_CHIP_GYR, gyro_lowpass(chip), mean);
     const double response =
         find_fault(chip, MPU9250_CHIP_GYR_SELF_TEST) != NULL ? 0.1 : 1.0;
     for (int axis = 0; axis < 3; axis++) {
@@ -575,10 +598,8 @@ static void sample_accel(struct mpu9250_chip *chip) {
     const uint8_t config = chip->reg[REG_ACCEL_CONFIG];
     const int range = (config >> RANGE_SHIFT) & 3;
     const double counts_per_m_s2 = 16384.0 / STANDARD_GRAVITY / (1 << range);  // PS 3.2
-    const int64_t now = (int64_t)chip->now_ns;
     double mean[3];
-    mean_motion(chip, MPU9250_CHIP_ACC, now - window_ns(accel_bandwidth_hz(chip)), now,
-                mean);
+    low_passed(chip, MPU9250_CHIP_ACC, accel_lowpass(chip), mean);
     const double response =
         find_fault(chip, MPU9250_CHIP_ACC_SELF_TEST) != NULL ? 0.1 : 1.0;
     for (int axis = 0; axis < 3; axis++) {

@@ -77,5 +77,5 @@ def test_a_mistake_is_named_on_one_line(tmp_path: Path, text: str, words: str) -
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="can't read .*none.toml: No such file"):
+    with pytest.raises(ConfigError, match=r"can't read .*none\.toml: No such file"):
         load(tmp_path / "none.toml")

@@ -240,7 +240,7 @@ def test_a_refusal_says_why(chain: Chain) -> None:
         chain.command("start")
     with pytest.raises(CommandRefused, match="no command 'dance', only fields, hello"):
         chain.client.command(chain.probe.name, "dance")
-    with pytest.raises(CommandRefused, match="hz can't be|arguments can't be"):
+    with pytest.raises(CommandRefused, match="arguments can't be"):
         chain.client.command(chain.probe.name, "rate", stream="pose", hz="99999999999")
     with pytest.raises(NoReply, match="nobody answered start for probe stylus"):
         chain.client.command("stylus", "start")
@@ -414,7 +414,7 @@ def test_a_probe_of_another_schema_is_told_once_and_listed(tmp_path: Path) -> No
             with pytest.raises(CommandRefused, match="speaks another schema"):
                 client.command(probe.name, "start")
         process.stop()
-        assert sum("schema" in line for line in process.lines) == 1
+        assert sum("speaks schema" in line for line in process.lines) == 1
         assert not any("corrupt" in line for line in process.lines)
     port.vanish()
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -18,7 +20,7 @@ def feed(data: bytes, cuts: list[int]) -> tuple[list[bytes], FrameStats]:
     decoder = FrameDecoder()
     contents = []
     edges = [0, *sorted(min(cut, len(data)) for cut in cuts), len(data)]
-    for start, end in zip(edges, edges[1:], strict=False):
+    for start, end in itertools.pairwise(edges):
         contents += decoder.feed(data[start:end])
     return contents, decoder.stats
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A sink that is slow or broken is felt by nobody else, and what it misses is counted."""
+"""A slow or broken sink is felt by nobody else, and what it misses is counted."""
 
 from __future__ import annotations
 

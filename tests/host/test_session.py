@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import reference
 from fakes import COMMAND, HELLO, FakeProbe
-from imud import schema
+from imud import _core, schema
 from imud.frame import encode_frame
 from imud.messages import Message, decode, encode
 from imud.session import (
@@ -47,10 +47,8 @@ def names(events: list[Event]) -> list[str]:
     return [event.message.name for event in of(Received, events)]
 
 
-def other(probe: FakeProbe, data: bytes) -> bytes:
+def other(data: bytes) -> bytes:
     """The same content under the CRC of another schema."""
-    from imud import _core
-
     (content,) = reference.contents(data)
     return _core.encode_frame(schema.SEED ^ 0x1234, content)
 
@@ -177,9 +175,9 @@ def test_a_long_silence_is_measured_by_the_host() -> None:
 def test_a_probe_of_another_schema_is_named_once_and_not_called_corrupt() -> None:
     probe = FakeProbe(schema_fingerprint=schema.FINGERPRINT ^ 1, firmware="0.9.0")
     session = Session(registry(), 0)
-    stream = other(probe, probe.say("pose")) + other(probe, probe.say("pose"))
+    stream = other(probe.say("pose")) + other(probe.say("pose"))
     events = session.receive(stream + probe.say("hello"), 1)
-    events += session.receive(other(probe, probe.say("pose")) + probe.say("hello"), 2)
+    events += session.receive(other(probe.say("pose")) + probe.say("hello"), 2)
     (event,) = events
     assert isinstance(event, OtherSchema)
     assert (event.firmware, event.probe_id) == ("0.9.0", probe.name)
@@ -190,7 +188,7 @@ def test_a_probe_of_another_schema_is_named_once_and_not_called_corrupt() -> Non
 
 
 def test_a_probe_that_is_updated_in_place_is_found() -> None:
-    find, session = registry(), Session(registry(), 0)
+    find = registry()
     old = FakeProbe(schema_fingerprint=schema.FINGERPRINT ^ 1)
     session = Session(find, 0)
     assert len(of(OtherSchema, session.receive(old.say("hello"), 1))) == 1

@@ -383,7 +383,7 @@ ffi, lib = native.load(
 
 
 def stream(rate_hz: float, count: int, records: list[list[float]]) -> bytes:
-    head = b"IMUMOT1\x00" + struct.pack("<dQ", rate_hz, count)
+    head = b"IMUMOT1\x00" + struct.pack("<dQQ", rate_hz, count, 0)
     return head + b"".join(struct.pack("<9f", *record) for record in records)
 
 

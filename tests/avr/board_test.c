@@ -1,0 +1,225 @@
+// SPDX-License-Identifier: MIT
+// firmware/avr by hand: each received letter calls one function of board.h, or does
+// something that must end in a reset, and prints a line. test_board.py sends them.
+#include "board.h"
+
+#include <avr/interrupt.h>
+#include <stdio.h>
+#include <string.h>
+
+enum { ADDRESS = 0x68, ABSENT = 0x22, WHO_AM_I = 0x75, FIRST_DATA = 0x3B };
+
+static const struct bus_burst burst = {ADDRESS, FIRST_DATA, 14};
+
+static void say(const char *text) {
+    while (!board_send((const uint8_t *)text, (uint8_t)strlen(text))) {
+        board_watchdog_kick();
+        board_idle();
+    }
+}
+
+#define SAY(...)                                                                       \
+    do {                                                                               \
+        char line[64];                                                                 \
+        (void)snprintf(line, sizeof line, __VA_ARGS__);                                \
+        say(line);                                                                     \
+    } while (0)
+
+static void read_chip(uint8_t address) {
+    uint8_t value = 0;
+    const struct bus_device *bus = board_bus();
+    const uint32_t begun = board_time_us();
+    const enum bus_result result = bus->read(bus->port, address, WHO_AM_I, &value, 1);
+    SAY("read %d %02x %lu\n", result, value, board_time_us() - begun);
+}
+
+static void recover(void) {
+    const uint32_t begun = board_time_us();
+    const enum bus_result result = board_bus_recover();
+    SAY("recover %d %lu\n", result, board_time_us() - begun);
+}
+
+// 200 samples a second, each a pulse on INT.
+static void set_chip_up(void) {
+    static const uint8_t rate[] = {4, 2, 0x18, 0x18, 2};  // SMPLRT_DIV and on
+    static const uint8_t pulse[] = {0, 1};                // INT_PIN_CFG, INT_ENABLE
+    const struct bus_device *bus = board_bus();
+    const enum bus_result first = bus->write(bus->port, ADDRESS, 0x19, rate, 5);
+    const enum bus_result second = bus->write(bus->port, ADDRESS, 0x37, pulse, 2);
+    SAY("set up %d %d\n", first, second);
+}
+
+static void take_all(void) {
+    struct board_sample sample;
+    uint16_t taken = 0;
+    uint16_t missed = 0;
+    enum board_sample_result result = board_sample_take(&sample);
+    for (; result == BOARD_SAMPLE_OK; result = board_sample_take(&sample)) {
+        taken++;
+        missed = (uint16_t)(missed + sample.missed);
+    }
+    SAY("took %u missed %u ready %lu then %d %d\n", taken, missed,
+        board_samples_ready(), result,
+        result == BOARD_SAMPLE_FAILED ? sample.failure : 0);
+}
+
+static void one_sample(void) {
+    struct board_sample sample;
+    while (board_sample_take(&sample) != BOARD_SAMPLE_OK) {
+        board_idle();
+    }
+    SAY("sample %02x%02x at %lu\n", sample.bytes[4], sample.bytes[5], sample.time_us);
+}
+
+static void wait_us(uint32_t us) {
+    const uint32_t begun = board_time_us();
+    while (board_time_us() - begun < us) {
+    }
+}
+
+// More than the ring holds, in two parts that fit and one that does not.
+static void fill_wire(void) {
+    static uint8_t bytes[200];
+    while (!board_send_is_idle()) {
+        board_idle();
+    }
+    memset(bytes, '.', sizeof bytes);
+    const bool first = board_send(bytes, 200);
+    const bool second = board_send(bytes, 100);
+    const bool third = board_send(bytes, 50);
+    const bool is_idle = board_send_is_idle();
+    while (!board_send_is_idle()) {
+        board_idle();
+    }
+    SAY("\nsent %d %d %d idle %d\n", first, second, third, is_idle);
+}
+
+static void use_eeprom(void) {
+    const struct settings_storage *storage = board_storage();
+    uint8_t differences = 0;
+    for (uint16_t offset = 500; offset < 520; offset++) {
+        storage->write(storage->port, offset, (uint8_t)(offset * 7));
+        while (!storage->is_ready(storage->port)) {
+            board_watchdog_kick();
+        }
+    }
+    for (uint16_t offset = 500; offset < 520; offset++) {
+        if (storage->read(storage->port, offset) != (uint8_t)(offset * 7)) {
+            differences++;
+        }
+    }
+    SAY("eeprom %u %02x\n", differences, storage->read(storage->port, 520));
+}
+
+// The clock across at least one overflow of its timer, read with interrupts on and off.
+static void watch_clock(void) {
+    uint32_t longest = 0;
+    uint32_t before = board_time_us();
+    const uint32_t begun = before;
+    for (uint16_t i = 0; before - begun < 100000; i++) {
+        if ((i & 1) != 0) {
+            cli();
+        }
+        const uint32_t now = board_time_us();
+        sei();
+        longest = now - before > longest ? now - before : longest;
+        before = now;
+    }
+    SAY("clock %lu\n", longest);
+}
+
+__attribute__((noinline)) static void go_deep(void) {
+    volatile uint8_t bytes[300];
+    for (uint16_t i = 0; i < sizeof bytes; i++) {
+        bytes[i] = 0;
+    }
+}
+
+static void obey(char letter) {
+    switch (letter) {
+    case 'r':
+        read_chip(ADDRESS);
+        break;
+    case 'n':
+        read_chip(ABSENT);
+        break;
+    case 'v':
+        recover();
+        break;
+    case 'u':
+        set_chip_up();
+        break;
+    case 's':
+        board_sampling_start(burst);
+        say("started\n");
+        break;
+    case 'p':
+        board_sampling_stop();
+        say("stopped\n");
+        break;
+    case 't':
+        take_all();
+        break;
+    case 'o':
+        one_sample();
+        break;
+    case 'w':
+        wait_us(52000);
+        say("waited\n");
+        break;
+    case 'l':
+        SAY("lost %u\n", board_receive_lost());
+        break;
+    case 'f':
+        fill_wire();
+        break;
+    case 'e':
+        use_eeprom();
+        break;
+    case 'x':
+        SAY("entropy %04x %04x\n", board_entropy(), board_entropy());
+        break;
+    case 'm':
+        SAY("supply %u\n", board_supply_mv());
+        break;
+    case 'c':
+        watch_clock();
+        break;
+    case 'd':
+        SAY("stack %u ", board_stack_free());
+        go_deep();
+        SAY("%u\n", board_stack_free());
+        break;
+    case 'b':
+        SAY("button %d\n", board_button_is_down());
+        break;
+    case 'R':
+        board_reset();
+    case 'H':  // hangs, interrupts on
+        for (;;) {
+        }
+    case 'I':  // an interrupt that nobody handles
+        TIMSK0 = _BV(TOIE0);
+        TCCR0B = _BV(CS00);
+        for (;;) {
+            board_watchdog_kick();
+        }
+    default:
+        SAY("what is %c\n", letter);
+        break;
+    }
+}
+
+int main(void) {
+    board_init();
+    SAY("start %02x\n", board_reset_cause());
+    for (;;) {
+        board_watchdog_kick();
+        const int16_t byte = board_receive();
+        if (byte >= 0) {
+            obey((char)byte);
+        } else {
+            board_idle();
+        }
+    }
+}
