@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 # Each command installs what it needs first; `make` alone lists them.
-.PHONY: help demo test coverage check format firmware sim bench bench-nano setup clean
+.PHONY: help demo test coverage check format firmware sim bench bench-nano pictures setup clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= python3
@@ -51,6 +51,10 @@ bench: ## accuracy on recordings with optical truth, beside VQF: tables and JSON
 bench-nano: ## cycles, stack, flash and RAM of the image
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/nano.py
+
+pictures: ## docs/pictures, from what `make bench` has measured
+	@$(PYTHON) tools/setup.py bench
+	@python benchmarks/picture.py
 
 setup: ## everything any of these needs
 	@$(PYTHON) tools/setup.py check

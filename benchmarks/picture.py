@@ -106,9 +106,10 @@ def draw_hand(axes: Axes, made: Motion, capture: Capture, theme: Theme) -> None:
     for stretch in stretches:
         path = seen(made.tip[stretch])
         axes.plot(*path.T, color=theme.other, lw=2.4, solid_capstyle="round", zorder=2)
-    for middle in spread([(each.start + each.stop) // 2 for each in stretches], made.tip):
-        at = np.searchsorted(capture.pose_times_s, middle / made.rate_hz)
-        pose = int(min(at, len(capture.poses) - 1))
+    middles = [(each.start + each.stop) // 2 for each in stretches]
+    for middle in spread(middles, made.tip):
+        at = int(np.searchsorted(capture.pose_times_s, middle / made.rate_hz))
+        pose = min(at, len(capture.poses) - 1)
         draw_probe(axes, made.tip[middle], capture.poses[pose], theme)
     axes.set_aspect("equal")
     axes.axis("off")

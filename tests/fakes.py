@@ -253,10 +253,10 @@ class DaemonProcess:
                 return line
         raise AssertionError(f"no line matches {pattern!r} in {self.lines}")
 
-    def stop(self) -> float:
+    def stop(self, by: signal.Signals = signal.SIGTERM) -> float:
         """Asks it to end and returns the seconds that it took."""
         begin = time.monotonic()
-        self.process.send_signal(signal.SIGTERM)
+        self.process.send_signal(by)
         assert self.process.wait(PATIENCE_S) == 0
         seconds = time.monotonic() - begin
         self.lines += self.rest()

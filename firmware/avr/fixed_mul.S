@@ -173,3 +173,106 @@ fixed_umul_q32:
     clr     r1
     ret
     .size   fixed_umul_q32, . - fixed_umul_q32
+
+; One term of a dot product: r23..r18 += *X+ (32 bits) * *Z+ (16 bits), modulo 2^48. The
+; bytes multiply as unsigned; a negative factor then takes the other off, shifted.
+#define FACTOR r16
+#define NAUGHT r17
+
+    .section .text.fixed_dot3_q14, "ax", @progbits
+add_term:
+    ld      r24, Z+
+    ld      r25, Z+
+    ld      FACTOR, X+
+    mul     FACTOR, r24
+    add     r18, r0
+    adc     r19, r1
+    adc     r20, NAUGHT
+    adc     r21, NAUGHT
+    adc     r22, NAUGHT
+    adc     r23, NAUGHT
+    mul     FACTOR, r25
+    add     r19, r0
+    adc     r20, r1
+    adc     r21, NAUGHT
+    adc     r22, NAUGHT
+    adc     r23, NAUGHT
+    ld      FACTOR, X+
+    mul     FACTOR, r24
+    add     r19, r0
+    adc     r20, r1
+    adc     r21, NAUGHT
+    adc     r22, NAUGHT
+    adc     r23, NAUGHT
+    mul     FACTOR, r25
+    add     r20, r0
+    adc     r21, r1
+    adc     r22, NAUGHT
+    adc     r23, NAUGHT
+    ld      FACTOR, X+
+    mul     FACTOR, r24
+    add     r20, r0
+    adc     r21, r1
+    adc     r22, NAUGHT
+    adc     r23, NAUGHT
+    mul     FACTOR, r25
+    add     r21, r0
+    adc     r22, r1
+    adc     r23, NAUGHT
+    ld      FACTOR, X+
+    mul     FACTOR, r24
+    add     r21, r0
+    adc     r22, r1
+    adc     r23, NAUGHT
+    mul     FACTOR, r25
+    add     r22, r0
+    adc     r23, r1
+    sbrs    FACTOR, 7
+    rjmp    1f
+    sub     r22, r24
+    sbc     r23, r25
+1:  sbrs    r25, 7
+    ret
+    sbiw    r26, 4
+    ld      r0, X+
+    sub     r20, r0
+    ld      r0, X+
+    sbc     r21, r0
+    ld      r0, X+
+    sbc     r22, r0
+    ld      r0, X+
+    sbc     r23, r0
+    ret
+
+; int32_t fixed_dot3_q14(const int32_t v[3], const int16_t m[3]): bits 45 to 14 of the
+; sum of products plus 2^13. v arrives in r25:r24, m in r23:r22.
+    .global fixed_dot3_q14
+    .type   fixed_dot3_q14, @function
+fixed_dot3_q14:
+    push    r16
+    push    r17
+    movw    r26, r24
+    movw    r30, r22
+    clr     NAUGHT
+    clr     r18
+    ldi     r19, 0x20       ; 2^13
+    clr     r20
+    clr     r21
+    movw    r22, r20
+    rcall   add_term
+    rcall   add_term
+    rcall   add_term
+    .rept   2
+    lsl     r19
+    rol     r20
+    rol     r21
+    rol     r22
+    rol     r23
+    .endr
+    movw    r24, r22
+    movw    r22, r20
+    clr     r1
+    pop     r17
+    pop     r16
+    ret
+    .size   fixed_dot3_q14, . - fixed_dot3_q14

@@ -43,6 +43,8 @@ void board_watchdog_kick(void) {
 _Noreturn void board_reset(void) {
     cli();
     asked = ASKED_FOR;
+    // Off first: libsimavr keeps a running watchdog's time-out when it is shortened.
+    wdt_disable();
     wdt_enable(WDTO_15MS);
     for (;;) {
     }

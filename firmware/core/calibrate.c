@@ -60,16 +60,15 @@ struct calibration_scale calibration_scale_of(const struct sensor_identity *iden
 static void apply(const struct calibration_of_sensor *sensor,
                   const q18_14_t counts[3], q2_30_t scale, int32_t limit,
                   struct vector *out) {
-    int32_t result[3];
-    for (uint8_t row = 0; row < 3; ++row) {
-        int32_t sum = 0;
-        for (uint8_t column = 0; column < 3; ++column) {
-            sum += fixed_mul_q30(counts[column] - sensor->bias[column],
-                                 sensor->matrix[row][column] * INT32_C(65536));
-        }
-        result[row] = fixed_clamp(fixed_mul_q30(sum, scale), limit) * 2;
+    int32_t centred[3];
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        centred[axis] = counts[axis] - sensor->bias[axis];
     }
-    *out = (struct vector){result[0], result[1], result[2]};
+    int32_t *const result[3] = {&out->x, &out->y, &out->z};
+    for (uint8_t row = 0; row < 3; ++row) {
+        const int32_t sum = fixed_dot3_q14(centred, sensor->matrix[row]);
+        *result[row] = fixed_clamp(fixed_mul_q30(sum, scale), limit) * 2;
+    }
 }
 
 static void apply_to_counts(const struct calibration_of_sensor *sensor,

@@ -43,6 +43,10 @@ int32_t fixed_mul_q30(int32_t a, int32_t b);
 // round(a * b / 2^32); always fits.
 int32_t fixed_mul_q32(int32_t a, int32_t b);
 
+// round((v0 m0 + v1 m1 + v2 m2) / 2^14): a row of a q2_14 matrix times a vector. The
+// result must fit 32 bits.
+int32_t fixed_dot3_q14(const int32_t v[3], const int16_t m[3]);
+
 // The high word of the unsigned product, floored.
 uint32_t fixed_umul_q32(uint32_t a, uint32_t b);
 

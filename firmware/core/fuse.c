@@ -38,6 +38,7 @@ enum {
 #define HEADING_FREE_Q30 INT32_C(294380000)           // (30 deg)^2
 // 0.3 deg2/s of heading variance: rad2 as q2_30 a microsecond, a fraction of 2^32.
 #define HEADING_DRIFT UINT32_C(421440000)
+#define ONE_THIRD_Q30 INT32_C(357913941)
 #define SQRT2_Q30 INT32_C(1518500250)
 
 static struct lowpass_gain lowpass_gain_of(uint16_t rate_hz, uint16_t tau_ms) {
@@ -50,10 +51,10 @@ static struct lowpass_gain lowpass_gain_of(uint16_t rate_hz, uint16_t tau_ms) {
 }
 
 static void lowpass_axis(int32_t *band, int32_t *level, const struct lowpass_gain *gain,
-                         int32_t input, uint16_t count) {
+                         int32_t input, q2_30_t share) {
     const int32_t error = input - *level;
-    if (count <= gain->settle) {
-        *level += error / count;
+    if (share != 0) {
+        *level += fixed_mul_q30(error, share);
         return;
     }
     const int32_t middle = fixed_mul_q30(*band + fixed_mul_q30(error, gain->integrator),
@@ -66,9 +67,11 @@ static void lowpass_axis(int32_t *band, int32_t *level, const struct lowpass_gai
 // the largest input.
 static void lowpass_step(struct lowpass *filter, const struct lowpass_gain *gain,
                          const struct vector *input, uint16_t count) {
-    lowpass_axis(&filter->band.x, &filter->level.x, gain, input->x, count);
-    lowpass_axis(&filter->band.y, &filter->level.y, gain, input->y, count);
-    lowpass_axis(&filter->band.z, &filter->level.z, gain, input->z, count);
+    // Of a mean as long as it settles.
+    const q2_30_t share = count <= gain->settle ? Q2_30_ONE / count : 0;
+    lowpass_axis(&filter->band.x, &filter->level.x, gain, input->x, share);
+    lowpass_axis(&filter->band.y, &filter->level.y, gain, input->y, share);
+    lowpass_axis(&filter->band.z, &filter->level.z, gain, input->z, share);
 }
 
 // Seconds times 2^35, so that rad/s q7_25 gives rad q2_30; |us| <= 10000 stay below
@@ -137,10 +140,12 @@ static void follow_rest(struct fuse *fuse, const struct measurement *measurement
     struct vector *bias = &fuse->bias_rad_s_q25;
     struct vector rate;
     struct vector wander;
-    const uint16_t count = fuse->samples / 2;
+    if (fuse->rest_looks < coefficients->rest.settle + 1U) {
+        ++fuse->rest_looks;
+    }
     vector_clamp(&measurement->gyr_rad_s_q25, REST_RATE_LIMIT_Q25, &rate);
-    lowpass_step(&fuse->rest_rate, &coefficients->rest, &rate, count);
-    lowpass_step(&fuse->rest_force, &coefficients->rest, force, count);
+    lowpass_step(&fuse->rest_rate, &coefficients->rest, &rate, fuse->rest_looks);
+    lowpass_step(&fuse->rest_force, &coefficients->rest, force, fuse->rest_looks);
     vector_subtract(mean_rate, &fuse->calibrated_rad_s_q25, &wander);
     if (!is_near(&rate, mean_rate, REST_RATE_Q25) ||
         !is_near(force, &fuse->rest_force.level, REST_FORCE_Q21) ||
@@ -267,8 +272,10 @@ static q2_30_t weigh_field(struct fuse *fuse, const struct vector *norm_and_up_q
     const int32_t norm_away = fuse->field.level.x - reference->x;
     const int32_t up_away = fuse->field.level.y - reference->y;
     // In units of d, 22 fraction bits: / 3 and / 6, times 16.
-    const int32_t norm_d = fixed_clamp(norm_away, FIELD_FAR_Q18) / 3 * 16;
-    const int32_t up_d = fixed_clamp(up_away, 2 * FIELD_FAR_Q18) / 6 * 16;
+    const int32_t norm_d =
+        fixed_mul_q30(fixed_clamp(norm_away, FIELD_FAR_Q18), ONE_THIRD_Q30) * 16;
+    const int32_t up_d =
+        fixed_mul_q30(fixed_clamp(up_away, 2 * FIELD_FAR_Q18), ONE_THIRD_Q30) * 8;
     // d^2 with 14 fraction bits, at most 2 * 30^2.
     const uint32_t d2 =
         (uint32_t)(fixed_mul_q30(norm_d, norm_d) + fixed_mul_q30(up_d, up_d));
@@ -316,6 +323,29 @@ static void follow_field(struct fuse *fuse, const struct vector *field_body_q18)
     fuse->heading_variance -= fixed_mul_q30(fuse->heading_variance, gain);
 }
 
+// What is slow takes turns, rest one sample and the vertical the next, and waits one
+// sample for a field that comes: no sample carries all of it.
+static void share_out(struct fuse *fuse, const struct measurement *measurement) {
+    if (fuse->samples % 2 == 0) {
+        fuse->is_rest_due = true;
+    } else {
+        fuse->is_level_due = true;
+    }
+    if (measurement->has_mag && !fuse->has_waited) {
+        fuse->has_waited = true;
+        return;
+    }
+    fuse->has_waited = false;
+    if (fuse->is_rest_due) {
+        fuse->is_rest_due = false;
+        follow_rest(fuse, measurement);
+    }
+    if (fuse->is_level_due) {
+        fuse->is_level_due = false;
+        follow_gravity(fuse);
+    }
+}
+
 void fuse_step(struct fuse *fuse, const struct measurement *measurement,
                uint32_t interval_us) {
     // Held where it no longer matters, in steps that keep its turn.
@@ -325,12 +355,7 @@ void fuse_step(struct fuse *fuse, const struct measurement *measurement,
     vector_subtract(&measurement->gyr_rad_s_q25, &fuse->bias_rad_s_q25, rate);
     integrate(fuse, rate, interval_us);
     filter_force(fuse, &measurement->acc_m_s2_q21);
-    // What is slow takes turns, so that no sample carries all of it.
-    if (fuse->samples % 2 == 0) {
-        follow_rest(fuse, measurement);
-    } else {
-        follow_gravity(fuse);
-    }
+    share_out(fuse, measurement);
     if (fuse->samples % 16 == 0) {
         quat_renormalise(&fuse->inertial_from_body);
     } else if (fuse->samples % 16 == 8) {

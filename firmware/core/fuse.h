@@ -53,7 +53,9 @@ struct fuse {
     struct vector calibrated_rad_s_q25;  // the bias that the start-up calibration found
     struct vector rate_rad_s_q25;        // of the last sample, bias removed
     q12_20_t bias_variance;        // over that of one reading at rest
-    uint16_t rest_samples;
+    uint16_t rest_samples;  // looks in a row that saw no motion
+    uint16_t rest_looks;    // up to one more than the low-pass takes to settle
+    bool is_rest_due, is_level_due, has_waited;
     struct lowpass field;           // x: its norm, y: its vertical part
     struct vector reference_ut_q18;  // the same, undisturbed
     uint16_t field_samples;      // up to the length of the reference's mean

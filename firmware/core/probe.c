@@ -11,8 +11,8 @@ enum {
     ENTROPY_READINGS = 64,
 };
 
-#define SECOND_US INT32_C(1000000)
-#define HELLO_PHASE_US INT32_C(500000)  // half a second from status: never both at once
+#define SECOND_US UINT32_C(1000000)
+#define HELLO_PHASE_US UINT32_C(500000)  // half a second from status: never both at once
 #define PATIENCE_US UINT32_C(50000)
 #define REFUSAL_PERIOD_US UINT32_C(5000000)
 
@@ -202,7 +202,6 @@ static bool is_due(uint16_t *phase, uint16_t rate_hz, uint16_t of_hz) {
 void probe_sample(struct probe *probe, const struct sample *sample) {
     const uint16_t rate_hz = probe->identity->rate_hz;
     ++probe->counters.samples_read;
-    probe->is_heavy = sample->has_mag;
     const enum pose_result result = pose_step(&probe->tracker, sample);
     ++probe->counters.samples_fused;
     if (result == POSE_CALIBRATED) {
@@ -230,6 +229,7 @@ void probe_sample(struct probe *probe, const struct sample *sample) {
     if (pose_is_due && (probe->settings.streams & STREAM_POSE) != 0) {
         send_pose(probe, sample->time_us);
     }
+    probe->is_heavy = sample->has_mag && pose_is_due;
 }
 
 void probe_worked(struct probe *probe, uint32_t cycles) {
@@ -368,24 +368,31 @@ static void follow_button(struct probe *probe, bool is_down, uint32_t now_us) {
     }
 }
 
-void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
-    follow_button(probe, is_button_down, now_us);
+static void save_settings(struct probe *probe, uint32_t now_us) {
     if (settings_step(&probe->writer, probe->port->storage, &probe->settings) ==
         SETTINGS_FAILED) {
         send_event(probe, EVENT_SETTINGS_FAILED, CAUSE_NONE, probe->writer.offset, now_us);
     }
-    // What is not urgent waits a little for a sample that was less work.
-    const uint32_t elapsed_us =
-        now_us - probe->second_us - (probe->is_heavy ? PATIENCE_US : 0);
-    if (!probe->has_said_hello && (int32_t)elapsed_us >= HELLO_PHASE_US) {
-        probe->has_said_hello = true;
-        send_hello(probe, now_us);
+}
+
+void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
+    follow_button(probe, is_button_down, now_us);
+    // What is not urgent waits a little for a sample that was less work, and goes one at
+    // a time.
+    const uint32_t elapsed_us = now_us - probe->second_us;
+    if (probe->is_heavy && elapsed_us < SECOND_US + PATIENCE_US) {
+        return;
     }
-    if ((int32_t)elapsed_us >= SECOND_US) {
+    if (elapsed_us >= SECOND_US) {
         probe->second_us += SECOND_US;
         ++probe->uptime_s;
         probe->has_said_hello = false;
         send_status(probe, now_us);
+    } else if (!probe->has_said_hello && elapsed_us >= HELLO_PHASE_US) {
+        probe->has_said_hello = true;
+        send_hello(probe, now_us);
+    } else {
+        save_settings(probe, now_us);
     }
 }
 

@@ -34,14 +34,15 @@ void quat_renormalise(struct quat *q) {
     q->z = fixed_mul_q30(q->z, gain);
 }
 
+#define ONE_48TH INT32_C(22369621)  // 1/48 as q2_30
+
 void quat_from_small_angle(const struct vector *angle_rad_q30, struct quat *out) {
     // cos(a/2) = 1 - a^2/8 + a^4/384, sin(a/2)/a = 1/2 - a^2/48 + ..., and what is
     // missing of the norm's square is a^6/9216: there is no need to renormalise often.
     const q2_30_t square = vector_square_q30(angle_rad_q30);
     const q2_30_t eighth = fixed_scale_down(square, 3);
-    const q2_30_t gain =
-        Q2_30_ONE / 2 - fixed_mul_q30(square, 22369621);  // 1/48 as q2_30
-    out->w = Q2_30_ONE - eighth + fixed_mul_q30(square, eighth) / 48;
+    const q2_30_t gain = Q2_30_ONE / 2 - fixed_mul_q30(square, ONE_48TH);
+    out->w = Q2_30_ONE - eighth + fixed_mul_q30(fixed_mul_q30(square, eighth), ONE_48TH);
     out->x = fixed_mul_q30(angle_rad_q30->x, gain);
     out->y = fixed_mul_q30(angle_rad_q30->y, gain);
     out->z = fixed_mul_q30(angle_rad_q30->z, gain);

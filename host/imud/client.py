@@ -126,6 +126,28 @@ class Client:
         replies = self._session.liveliness().get(key, timeout=QUERY_TIMEOUT_S)
         return sorted(str(r.ok.key_expr).split("/")[-2] for r in replies if r.ok)
 
+    def wait_for(self, probe: str | None = None, *, seconds: float = 10.0) -> str:
+        """The first probe that is there, or that one, as soon as it is."""
+        arrived: queue.SimpleQueue[str] = queue.SimpleQueue()
+
+        def on_token(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.PUT:
+                arrived.put(str(sample.key_expr).split("/")[-2])
+
+        key = f"{self._prefix}/{probe or '*'}/alive"
+        watch = self._session.liveliness().declare_subscriber(
+            key, on_token, history=True
+        )
+        try:
+            return arrived.get(timeout=seconds)
+        except queue.Empty:
+            raise ProbeUnknown(
+                f"no probe{f' {probe}' if probe else ''} came in {seconds:g} s; "
+                "plug it in, or look at imud run"
+            ) from None
+        finally:
+            watch.undeclare()
+
     def only_probe(self, probe: str | None = None) -> str:
         """The probe of that name, or the only one there is."""
         alive = self.alive()

@@ -116,6 +116,26 @@ def port_problem(port: str, event: OnlyNoise | Silent | OtherSchema, baud: int) 
     )
 
 
+def who(hello: Message) -> str:
+    """What a probe says of itself, for people."""
+    fields = {name: plain(value) for name, value in hello.fields.items()}
+    rates = ", ".join(
+        f"{label} {fields[name]} Hz" if fields[name] else f"{label} off"
+        for label, name in (
+            ("samples", "sample_rate"),
+            ("pose", "pose_rate"),
+            ("raw", "raw_rate"),
+        )
+    )
+    has_sensor = fields["sensor"] != "none"
+    sensor = f"{fields['sensor']}, {rates}" if has_sensor else "no sensor yet"
+    cause = ", ".join(fields["reset_cause"]).replace("_", " ")
+    return (
+        f"{fields['board']}, firmware {fields['firmware']}, {sensor}, "
+        f"boot {fields['boot_count']} ({cause or 'no cause known'})"
+    )
+
+
 def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
     """The two numbers of a command; CommandRefused where they can't be."""
     known = {"tare": {"what"}, "rate": {"stream", "hz"}, "fields": {"streams"}}
@@ -225,6 +245,7 @@ class _Watched:
         self.port: _Port | None = None
         self.other: OtherSchema | None = None  # why it can't be read
         self.is_alive = False
+        self.told_who = ""
         self.counters: dict[str, Any] = {}
         self.pose: dict[str, Any] = {}
         self.poses = 0
@@ -232,7 +253,6 @@ class _Watched:
         self.pose_rate_hz = 0.0
         self.last_heard_ns = 0
         self.t_device_us = 0
-        self.published: Counter[str] = Counter()
         self.corrupt_before = 0
         self.told: tuple[int, int, int, int] = (0, 0, 0, 0)
         self.commanding = asyncio.Lock()
@@ -275,9 +295,9 @@ class Daemon:
 
         zenoh = ZenohSink(self._config.listen, self._config.prefix, on_command)
         try:
+            self._hub.add(zenoh)
             if self._log is not None:
                 self._hub.add(self._log)
-            self._hub.add(zenoh)
             logger.info("%s", self._greeting())
             serving = [asyncio.create_task(port.link.run()) for port in self._ports]
             serving.append(asyncio.create_task(self._watch()))
@@ -352,22 +372,9 @@ class Daemon:
             )
         watched.port = port
         watched.other = None
-        hello = {name: plain(value) for name, value in event.hello.fields.items()}
+        watched.told_who = who(event.hello)
         what = "restarted" if event.is_restart else "found"
-        rates = ", ".join(
-            f"{label} {hello[name]} Hz" if hello[name] else f"{label} off"
-            for label, name in (
-                ("samples", "sample_rate"),
-                ("pose", "pose_rate"),
-                ("raw", "raw_rate"),
-            )
-        )
-        cause = _listed(hello["reset_cause"]) or "no cause known"
-        text = (
-            f"probe {watched.name} {what} on {port.name}: {hello['board']}, "
-            f"firmware {hello['firmware']}, {hello['sensor']}, {rates}, "
-            f"boot {hello['boot_count']} ({cause})"
-        )
+        text = f"probe {watched.name} {what} on {port.name}: {watched.told_who}"
         self.say(("found", event.probe_id, what), text, is_warning=event.is_restart)
         self._set_alive(watched, is_alive=True)
         self._publish_status(watched)
@@ -387,11 +394,11 @@ class Daemon:
             if message.name == "pose":
                 watched.poses += 1
                 watched.pose = described
-        self._put(
-            watched,
+        self._hub.put(
             Record(
                 watched.name,
-                message.name,
+                # `status` is the key of what the daemon says of a probe.
+                "counters" if message.name == "status" else message.name,
                 payload,
                 event.content,
                 message.sequence,
@@ -405,6 +412,10 @@ class Daemon:
             self._tell_event(watched, message)
         elif message.name == "reply":
             self._take_reply(message)
+        elif message.name == "hello" and who(message) != watched.told_who:
+            watched.told_who = who(message)
+            text = f"probe {watched.name} is {watched.told_who}"
+            self.say(("who", watched.name), text)
         if not watched.is_alive:
             self._set_alive(watched, is_alive=True)
 
@@ -431,10 +442,6 @@ class Daemon:
         detail = f", {fields['detail']}" if fields["detail"] else ""
         text = f"probe {watched.name}: {name.replace('_', ' ')}{cause}{detail}"
         self.say(("event", watched.name, name, cause), text, is_warning=name in FAULTS)
-
-    def _put(self, watched: _Watched, record: Record) -> None:
-        watched.published[record.topic] += 1
-        self._hub.put(record)
 
     def say(self, kind: object, text: str, *, is_warning: bool = False) -> None:
         more = self._limiter.allow(kind, time.monotonic())
@@ -519,7 +526,8 @@ class Daemon:
             "ledger": {
                 **probe.account.counts(),
                 "corrupt": self._corrupt(watched),
-                "published": dict(sorted(watched.published.items())),
+                "published": self._hub.taken(watched.name, ZenohSink.name),
+                "logged": self._hub.taken(watched.name, LogSink.name),
                 "dropped": self._hub.dropped(watched.name),
             },
             "link": session.counts() if session is not None else None,
@@ -532,7 +540,7 @@ class Daemon:
             "imud": version(),
         }
         payload = self._encoder.encode(status)
-        self._put(watched, Record(watched.name, "status", payload, b"", 0, t_ns))
+        self._hub.put(Record(watched.name, "status", payload, b"", 0, t_ns))
 
     def _start_command(
         self, name: str, command: str, parameters: dict[str, str], answer: Answer
@@ -635,10 +643,6 @@ class Daemon:
             parts.append(f"probe {watched.name}: {received} received, {lost} lost")
         log = f"; log {self._log.path}" if self._log is not None else ""
         return f"stopped; {'; '.join(parts) or 'no probe was heard'}{log}"
-
-
-def _listed(names: object) -> str:
-    return ", ".join(names).replace("_", " ") if isinstance(names, tuple) else ""
 
 
 def run(config: Config) -> int:

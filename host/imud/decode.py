@@ -41,6 +41,8 @@ class Tally:
         return self.probes.setdefault(probe_id, Probe(probe_id))
 
     def lines(self) -> Iterator[str]:
+        if self.messages == 0:
+            yield "no message in it"
         for probe in self.probes.values():
             counts: Any = probe.account.counts()
             earlier = counts["earlier_boots"]

@@ -186,6 +186,11 @@ class Hub:
     def dropped(self, probe: str) -> dict[str, int]:
         return {lane.sink.name: lane.dropped(probe) for lane in self._lanes}
 
+    def taken(self, probe: str, sink: str) -> dict[str, int]:
+        """Records of a probe that a sink has taken, by topic."""
+        lanes = [lane for lane in self._lanes if lane.sink.name == sink]
+        return dict(sorted(lanes[0].taken(probe).items())) if lanes else {}
+
     def close(self, timeout_s: float) -> None:
         until = time.monotonic() + timeout_s
         for lane in self._lanes:

@@ -68,7 +68,8 @@ static void one_sample(void) {
     while (board_sample_take(&sample) != BOARD_SAMPLE_OK) {
         board_idle();
     }
-    SAY("sample %02x%02x at %lu\n", sample.bytes[4], sample.bytes[5], sample.time_us);
+    SAY("sample 0x%02x%02x at %lu missed %u ready %lu\n", sample.bytes[4],
+        sample.bytes[5], sample.time_us, sample.missed, board_samples_ready());
 }
 
 static void wait_us(uint32_t us) {
@@ -83,6 +84,11 @@ static void fill_wire(void) {
     while (!board_send_is_idle()) {
         board_idle();
     }
+    const bool one = board_send((const uint8_t *)"-", 1);  // at once in the hardware
+    const bool is_gone = board_send_is_idle();
+    while (!board_send_is_idle()) {
+        board_idle();
+    }
     memset(bytes, '.', sizeof bytes);
     const bool first = board_send(bytes, 200);
     const bool second = board_send(bytes, 100);
@@ -91,7 +97,8 @@ static void fill_wire(void) {
     while (!board_send_is_idle()) {
         board_idle();
     }
-    SAY("\nsent %d %d %d idle %d\n", first, second, third, is_idle);
+    SAY("\nsent %d %d %d %d gone %d idle %d\n", one, first, second, third, is_gone,
+        is_idle);
 }
 
 static void use_eeprom(void) {

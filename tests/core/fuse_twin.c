@@ -92,6 +92,10 @@ void fuse_twin_run(int count, int rate_hz, double gyr_delay_s, const double *gyr
     double variance = heading_max;
     bool is_heading_known = false;
     int rest = 0;
+    int looks = 0;
+    bool rest_is_due = false;
+    bool level_is_due = false;
+    bool has_waited = false;
     int fields = 0;
     int phase = 0;
     const int stride = (rate_hz + 199) / 200;
@@ -114,9 +118,16 @@ void fuse_twin_run(int count, int rate_hz, double gyr_delay_s, const double *gyr
         rotate(inertial, acc + 3 * k, v);
         lowpass(&force, rate_hz, 3, v, k + 1);
         if (k % 2 == 1) {
-            const int count_at_rest = (k + 1) / 2;
-            lowpass(&rest_rate, rate_hz / 2.0, 0.5, limited, count_at_rest);
-            lowpass(&rest_force, rate_hz / 2.0, 0.5, acc + 3 * k, count_at_rest);
+            rest_is_due = true;
+        } else {
+            level_is_due = true;
+        }
+        has_waited = has_mag[k] && !has_waited;
+        if (rest_is_due && !has_waited) {
+            rest_is_due = false;
+            ++looks;
+            lowpass(&rest_rate, rate_hz / 2.0, 0.5, limited, looks);
+            lowpass(&rest_force, rate_hz / 2.0, 0.5, acc + 3 * k, looks);
             bool is_still = distance(limited, rest_rate.level) < 2 * degree &&
                             distance(acc + 3 * k, rest_force.level) < 0.5;
             for (int i = 0; i < 3; ++i) {
@@ -132,7 +143,9 @@ void fuse_twin_run(int count, int rate_hz, double gyr_delay_s, const double *gyr
                     bias[i] += (rest_rate.level[i] - bias[i]) * gain;
                 }
             }
-        } else {
+        }
+        if (level_is_due && !has_waited) {
+            level_is_due = false;
             rotate(level, force.level, v);
             const double norm = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
             if (norm >= 1) {

@@ -104,6 +104,29 @@ def test_products_of_any_numbers_equal_exact_integers(a, b):
     assert lib.fixed_umul_q32(a % 2**32, b % 2**32) == (a % 2**32) * (b % 2**32) >> 32
 
 
+@given(st.tuples(*[int32s] * 3), st.tuples(*[st.integers(-(2**15), 2**15 - 1)] * 3))
+def test_a_row_times_a_vector_is_rounded_once(v, m):
+    exact = nearest(sum(a * b for a, b in zip(v, m, strict=True)), 14)
+    if fits(exact):
+        assert lib.fixed_dot3_q14(v, m) == exact
+
+
+def test_a_row_times_a_vector_is_exact_at_its_edges():
+    edges = (-(2**15), -1, 0, 1, 2**14, 2**15 - 1)
+    large = (INT32_MIN, -(2**30), -1, 0, 8191, 8192, 2**30, INT32_MAX)
+    checked = 0
+    for v in product(large, repeat=3):
+        for m in product(edges, repeat=3):
+            exact = nearest(sum(a * b for a, b in zip(v, m, strict=True)), 14)
+            if fits(exact):
+                checked += 1
+                assert lib.fixed_dot3_q14(v, m) == exact, (v, m)
+    assert checked > 10_000
+    # Ties go towards +infinity.
+    assert lib.fixed_dot3_q14((8192, 0, 0), (1, 0, 0)) == 1
+    assert lib.fixed_dot3_q14((0, 8192, 0), (0, -1, 0)) == 0
+
+
 def test_loops_over_arrays_call_the_functions_they_are_named_after():
     a, b = np.array([7, -5, INT32_MAX], np.int32), np.array([2**29] * 3, np.int32)
     for name in ("mul_q30", "mul_q32"):

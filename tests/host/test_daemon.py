@@ -7,6 +7,7 @@ import fcntl
 import json
 import os
 import queue
+import signal
 import subprocess
 import sys
 import threading
@@ -30,14 +31,17 @@ KINDS = ("pose", "raw", "event", "status", "frame")
 class Chain:
     """A probe, its port, a daemon that found it, and a client of that daemon."""
 
-    def __init__(self, directory: Path, *arguments: object) -> None:
+    def __init__(
+        self, directory: Path, *arguments: object, prefix: str = "imud"
+    ) -> None:
         self.probe = FakeProbe()
         self.port = Port(directory / "port")
         self.daemon = DaemonProcess(self.port.path, *arguments, directory=directory)
         self.daemon.expect("listens on")
         self.port.serve(self.probe, commands=1)
         self.daemon.expect("found on")
-        self.client = Client(self.daemon.endpoint)
+        self.client = Client(self.daemon.endpoint, prefix)
+        self.client.wait_for(seconds=PATIENCE_S)
 
     def hear(self, topic: str) -> queue.Queue[bytes]:
         """What is published on a topic from here on, surely from its next message."""
@@ -146,6 +150,13 @@ def subscribed_first(chain: Chain, topic: str) -> bytes:
             continue
 
 
+def logged(status: dict[str, Any]) -> int:
+    """Messages of the probe itself that are in the log."""
+    by_topic = status["ledger"]["logged"]
+    own = ("hello", "reply", "pose", "raw", "event")
+    return sum(by_topic.get(topic, 0) for topic in own)
+
+
 def test_the_ledger_of_the_status_adds_up(chain: Chain) -> None:
     probe = chain.probe
     doubled = probe.say("pose")
@@ -156,14 +167,15 @@ def test_the_ledger_of_the_status_adds_up(chain: Chain) -> None:
     torn = _core.encode_frame(schema.SEED, content[:-3])
     chain.port.write(doubled * 2 + bytes(flipped) + torn + probe.poses(10))
     assert lost
-    status = chain.status_when(lambda s: s["ledger"]["received"] >= 13)
+    status = chain.status_when(
+        lambda s: (s["ledger"]["published"].get("pose"), logged(s)) == (11, 13)
+    )
     ledger = status["ledger"]
     assert ledger["sent"] == 16  # hello, its reply, four that were struck, ten
     assert ledger["received"] == 13
     assert ledger["lost"] == 2
     assert ledger["skewed"] == {"missing": 1}
     assert (ledger["duplicated"], ledger["corrupt"]) == (1, 1)
-    assert ledger["published"]["pose"] == 11
     assert ledger["dropped"] == {"log": 0, "zenoh": 0}
     assert ledger["sent"] == (
         ledger["received"] + sum(ledger["skewed"].values()) + ledger["lost"]
@@ -178,6 +190,10 @@ def test_the_ledger_of_the_status_adds_up(chain: Chain) -> None:
 
 
 def test_late_joiners_ask_for_status_and_see_who_is_alive(chain: Chain) -> None:
+    frames = subscribed(chain, "frame")
+    content = chain.probe.content("status")
+    chain.port.write(_core.encode_frame(schema.SEED, content))
+    drain(frames, content)
     (status,) = chain.client.statuses()
     assert status["probe"] == chain.probe.name
     assert chain.client.alive() == [chain.probe.name]
@@ -279,12 +295,15 @@ def test_a_probe_that_does_not_answer_is_an_error_after_three_tries(
     assert len(reference.contents(data)) == 3
 
 
-def test_it_stops_within_a_second_and_finishes_its_log(chain: Chain) -> None:
+@pytest.mark.parametrize("by", [signal.SIGTERM, signal.SIGINT])
+def test_it_stops_within_a_second_and_finishes_its_log(
+    chain: Chain, by: signal.Signals
+) -> None:
     sent = [chain.probe.content("pose") for _ in range(50)]
     chain.port.write(b"".join(_core.encode_frame(schema.SEED, c) for c in sent))
     chain.port.write(chain.probe.say("event"))
     chain.daemon.expect("stream started")
-    seconds = chain.daemon.stop()
+    seconds = chain.daemon.stop(by)
     assert seconds < 1.0
     assert (
         "stopped; probe 00112233445566aa: 53 received, 0 lost"
@@ -305,10 +324,11 @@ def test_it_stops_within_a_second_and_finishes_its_log(chain: Chain) -> None:
 def test_a_probe_has_the_name_that_the_configuration_gives_it(tmp_path: Path) -> None:
     file = tmp_path / "imud.toml"
     file.write_text('prefix = "lab/a"\n[names]\n00112233445566aa = "stylus"\n')
-    made = Chain(tmp_path, "--config", file)
+    made = Chain(tmp_path, "--config", file, prefix="lab/a")
     try:
-        with Client(made.daemon.endpoint, "lab/a") as client:
-            assert client.only_probe("stylus") == "stylus"
+        assert made.client.only_probe("stylus") == "stylus"
+        with pytest.raises(ProbeUnknown, match=r"no probe needle came in 0\.1 s"):
+            made.client.wait_for("needle", seconds=0.1)
     finally:
         made.close()
 

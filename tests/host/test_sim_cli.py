@@ -215,7 +215,7 @@ def test_motion_goes_in_words_come_out_and_the_exit_code_is_passed_on(
     assert cli.main(["sim", "nano", *stand_in(ECHO), *words]) == 3
     arguments, length, header = json.loads(capfd.readouterr().err)
     assert arguments[2:4] == ["--motion", "-"]
-    assert length == 24 + 1000 * 36
+    assert length == 32 + 1000 * 36
     assert bytes.fromhex(header)[:8] == motion.STREAM_MAGIC
 
 
@@ -227,7 +227,7 @@ def test_the_hand_is_saved_as_it_is_felt(
     assert cli.main(["sim", "nano", *stand_in(ECHO), *words]) == 3
     _, length, _ = json.loads(capfd.readouterr().err)
     kept = motion.load(path)
-    assert length == 24 + len(kept) * 36
+    assert length == 32 + len(kept) * 36
     assert np.allclose(kept.gyr, motion.generate(2.0, seed=5).gyr, atol=1e-6)
     assert kept.quat is not None
 

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: MIT
+"""A port in the loop: all bytes come and go, whatever the port takes at a time."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import termios
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import pytest
+
+from fakes import PATIENCE_S, Port
+from imud.errors import LinkError, PortLost
+from imud.link import PENDING_MAX, Link
+
+
+class Opened:
+    """A link on a pty in a loop, and what it told."""
+
+    def __init__(self, directory: Path) -> None:
+        self.port = Port(directory / "port")
+        self.data = b""
+        self.fault: asyncio.Future[LinkError] = (
+            asyncio.get_running_loop().create_future()
+        )
+        self.is_open = asyncio.Event()
+        self.heard = asyncio.Event()
+        self.link = Link(
+            str(self.port.path),
+            500_000,
+            on_open=self.is_open.set,
+            on_data=self._keep,
+            on_fault=self._fail,
+        )
+        self.task = asyncio.create_task(self.link.run())
+
+    def _keep(self, data: bytes, _: int) -> None:
+        self.data += data
+        self.heard.set()
+
+    def _fail(self, error: LinkError) -> None:
+        if not self.fault.done():
+            self.fault.set_result(error)
+
+
+def with_link(path: Path, check: Callable[[Opened], Awaitable[None]]) -> None:
+    async def run() -> None:
+        opened = Opened(path)
+        await asyncio.wait_for(opened.is_open.wait(), PATIENCE_S)
+        await asyncio.wait_for(check(opened), PATIENCE_S)
+        opened.task.cancel()
+        await asyncio.gather(opened.task, return_exceptions=True)
+        opened.port.vanish()
+
+    asyncio.run(run())
+
+
+def test_a_port_that_takes_bytes_slowly_gets_them_all_in_order(tmp_path: Path) -> None:
+    async def check(opened: Opened) -> None:
+        sent = b""
+        with pytest.raises(PortLost, match="takes no bytes; unplug it"):
+            for number in range(1000):
+                block = number.to_bytes(2, "little") * 64
+                opened.link.write(block)
+                sent += block
+        assert len(sent) > PENDING_MAX
+        received = b""
+        while len(received) < len(sent):
+            received += opened.port.read()
+            await asyncio.sleep(0)  # lets the loop write what has room by then
+        assert received == sent
+
+    with_link(tmp_path, check)
+
+
+def test_bytes_come_as_they_were_sent(tmp_path: Path) -> None:
+    async def check(opened: Opened) -> None:
+        sent = bytes(range(256)) * 3
+        opened.port.write(sent)
+        while len(opened.data) < len(sent):
+            await opened.heard.wait()
+            opened.heard.clear()
+        assert opened.data == sent
+
+    with_link(tmp_path, check)
+
+
+def test_a_hang_up_is_a_fault_and_writing_then_is_one_too(tmp_path: Path) -> None:
+    async def check(opened: Opened) -> None:
+        opened.port.vanish()
+        assert isinstance(await opened.fault, PortLost)
+        assert not opened.link.is_open
+        with pytest.raises(PortLost, match="is not open"):
+            opened.link.write(b"x")
+
+    with_link(tmp_path, check)
+
+
+def test_dtr_is_left_active_so_that_a_board_is_not_reset_again(tmp_path: Path) -> None:
+    async def check(opened: Opened) -> None:
+        other = os.open(opened.port.path, os.O_RDWR | os.O_NOCTTY)
+        flags = termios.tcgetattr(other)[2]
+        os.close(other)
+        assert not flags & termios.HUPCL
+
+    with_link(tmp_path, check)
