@@ -12,7 +12,7 @@ CONTENT_MAX = 120
 
 
 def cobs_decode(block: bytes) -> bytes | None:
-    """The bytes of one frame without its delimiter, or None where its codes are wrong."""
+    """The bytes of a frame without its delimiter, or None where a code is wrong."""
     out = b""
     while block:
         code, block = block[0], block[1:]

@@ -157,6 +157,9 @@ void board_sampling_stop(void) {
             is_quiet = is_over();
         }
     } while (!is_quiet);
+    // Its STOP takes 3 us and would be cut short by the next transfer.
+    for (uint8_t turn = 0; turn < UINT8_MAX && (TWCR & _BV(TWSTO)) != 0; turn++) {
+    }
 }
 
 enum board_sample_result board_sample_take(struct board_sample *out) {

@@ -9,11 +9,11 @@ enum {
     // Room for the longest frame; COBS code, CRC and delimiter around the content.
     FRAME_ROOM = MESSAGE_CONTENT_MAX + FRAME_BYTES_MAX - FRAME_CONTENT_MAX,
     ENTROPY_READINGS = 64,
+    WAITS_MAX = 10,  // steps in a row that what is not urgent waits
 };
 
 #define SECOND_US UINT32_C(1000000)
 #define HELLO_PHASE_US UINT32_C(500000)  // half a second from status: never both at once
-#define PATIENCE_US UINT32_C(50000)
 #define REFUSAL_PERIOD_US UINT32_C(5000000)
 
 // Each message's buffers are on the stack only while it is made, not all at once.
@@ -220,6 +220,7 @@ void probe_sample(struct probe *probe, const struct sample *sample) {
     const bool raw_is_due = is_due(&probe->raw_phase, probe->settings.raw_rate_hz, rate_hz);
     const bool pose_is_due =
         is_due(&probe->pose_phase, probe->settings.pose_rate_hz, rate_hz);
+    probe->is_heavy = probe->is_streaming && pose_is_due && sample->has_mag;
     if (!probe->is_streaming) {
         return;
     }
@@ -229,7 +230,6 @@ void probe_sample(struct probe *probe, const struct sample *sample) {
     if (pose_is_due && (probe->settings.streams & STREAM_POSE) != 0) {
         send_pose(probe, sample->time_us);
     }
-    probe->is_heavy = sample->has_mag && pose_is_due;
 }
 
 void probe_worked(struct probe *probe, uint32_t cycles) {
@@ -379,10 +379,12 @@ void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
     follow_button(probe, is_button_down, now_us);
     // What is not urgent waits a little for a sample that was less work, and goes one at
     // a time.
-    const uint32_t elapsed_us = now_us - probe->second_us;
-    if (probe->is_heavy && elapsed_us < SECOND_US + PATIENCE_US) {
+    if (probe->is_heavy && probe->waits < WAITS_MAX) {
+        ++probe->waits;
         return;
     }
+    probe->waits = 0;
+    const uint32_t elapsed_us = now_us - probe->second_us;
     if (elapsed_us >= SECOND_US) {
         probe->second_us += SECOND_US;
         ++probe->uptime_s;

@@ -64,6 +64,7 @@ struct probe {
     bool is_faulty;      // the sensor does not deliver
     bool has_said_hello;  // in the second that runs
     bool is_heavy;        // the last sample was more work than others
+    uint8_t waits;        // steps since then
     bool has_told_refusal;
     bool wants_reset;
 };

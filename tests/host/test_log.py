@@ -119,8 +119,8 @@ def test_a_log_that_is_cut_anywhere_gives_what_is_whole(tmp_path: Path) -> None:
         cut.write_bytes(whole[:size])
         found: list[Logged | LogHead] = []
         with pytest.raises(FileError, match="ends without an end"):
-            for record in read_log(cut):
-                found.append(record)
+            for item in read_log(cut):
+                found.append(item)
         frames = [r for r in found if isinstance(r, Logged) and r.topic == "frame"]
         assert len(frames) >= max((n for at, n in sizes if at <= size), default=0)
 
@@ -141,9 +141,9 @@ def test_a_log_with_a_flipped_bit_gives_what_is_good(tmp_path: Path) -> None:
         changed[place] ^= 1 << place % 8
         sink.path.write_bytes(changed)
         with contextlib.suppress(FileError):
-            for record in read_log(sink.path):
-                if isinstance(record, Logged) and record.topic == "frame":
-                    assert record.data in good
+            for item in read_log(sink.path):
+                if isinstance(item, Logged) and item.topic == "frame":
+                    assert item.data in good
 
 
 def test_two_logs_of_one_second_do_not_overwrite_each_other(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ static const int32_t edges[] = {
     INT32_MAX,   INT32_MIN,  INT32_MIN + 1,
 };
 
-static uint32_t hashes[3];
+static uint32_t hashes[4];
 
 static int put(char byte, FILE *file) {
     (void)file;
@@ -37,6 +37,9 @@ static void multiply(uint32_t a, uint32_t b) {
     mix(&hashes[0], (uint32_t)fixed_mul_q30((int32_t)a, (int32_t)b));
     mix(&hashes[1], (uint32_t)fixed_mul_q32((int32_t)a, (int32_t)b));
     mix(&hashes[2], fixed_umul_q32(a, b));
+    const int32_t v[3] = {(int32_t)a, (int32_t)b, (int32_t)(a ^ b)};
+    const int16_t m[3] = {(int16_t)(b >> 8), (int16_t)a, (int16_t)(a + b)};
+    mix(&hashes[3], (uint32_t)fixed_dot3_q14(v, m));
 }
 
 // Marsaglia's xorshift32.
@@ -48,7 +51,8 @@ static uint32_t draw(uint32_t *state) {
 }
 
 static void report(uint8_t batch) {
-    printf("%u %08lx %08lx %08lx\n", batch, hashes[0], hashes[1], hashes[2]);
+    printf("%u %08lx %08lx %08lx %08lx\n", batch, hashes[0], hashes[1], hashes[2],
+           hashes[3]);
 }
 
 // Cycles of a function of two 32-bit arguments, `ret` included: the low byte of Timer1

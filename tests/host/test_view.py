@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: MIT
+"""What `imud listen` draws, and what it calls missing."""
+
+from __future__ import annotations
+
+import io
+import json
+from typing import Any
+
+import pytest
+
+from fakes import FakeProbe
+from imud.view import PIPE_S, TERMINAL_S, Heard, Screen
+
+POSE: dict[str, Any] = {
+    "q": [1.0, 0.0, 0.0, 0.0],
+    "tilt_sigma_deg": 0.375,
+    "heading_sigma_deg": None,
+    "flags": ["at_rest", "heading_free"],
+}
+LEDGER: dict[str, Any] = {"sent": 9, "received": 6, "lost": 2, "duplicated": 1}
+EARLIER: dict[str, Any] = {"sent": 5, "received": 5, "lost": 0, "duplicated": 0}
+STATUS: dict[str, Any] = {
+    "ledger": LEDGER
+    | {
+        "skewed": {"missing": 1},
+        "corrupt": 3,
+        "dropped": {"log": 0, "zenoh": 4},
+        "earlier_boots": EARLIER | {"skewed": {}},
+    }
+}
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def heard() -> Heard:
+    one = Heard(status=STATUS)
+    for number in range(101):
+        one.take_pose(json.dumps(POSE).encode(), number * 0.01)
+    return one
+
+
+def test_a_terminal_is_drawn_over_in_place() -> None:
+    out = Terminal()
+    screen = Screen(out)
+    assert screen.period_s == TERMINAL_S
+    screen.draw({"p": heard()}, 1.0)
+    first = out.getvalue()
+    screen.draw({"p": heard()}, 1.0)
+    assert out.getvalue() == first + "\x1b[3F" + first
+    assert first.count("\n") == 3
+
+
+def test_a_pipe_gets_plain_lines_under_one_heading() -> None:
+    out = io.StringIO()
+    screen = Screen(out)
+    assert screen.period_s == PIPE_S
+    screen.draw({}, 0.0)
+    assert out.getvalue() == ""
+    for _ in range(2):
+        screen.draw({"p": heard()}, 1.0)
+    lines = out.getvalue().splitlines()
+    assert "\x1b" not in out.getvalue()
+    assert len(lines) == 5
+    assert lines[1].split() == [
+        *("p", "0.00", "0.00", "0.00", "±0.38", "free", "101", "Hz"),
+        *("at_rest", "heading_free"),
+    ]
+    assert lines[2] == (
+        "  14 sent = 11 received + 1 skewed + 2 lost; "
+        "3 corrupt, 1 duplicated, 4 dropped"
+    )
+
+
+def test_the_rate_is_that_of_the_last_second() -> None:
+    one = heard()
+    assert one.mean_hz == pytest.approx(100.0)
+    assert one.rate_hz(1.5) == 51
+    assert one.rate_hz(9.0) == 0
+
+
+def test_missing_numbers_are_counted_and_a_restart_is_none() -> None:
+    one, probe = Heard(), FakeProbe()
+    contents = [probe.content("pose") for _ in range(10)]
+    for content in contents[:3] + contents[5:]:
+        one.take_frame(content)
+    assert one.missing == 2
+    probe.restart()
+    for _ in range(3):
+        one.take_frame(probe.content("pose"))
+    assert one.missing == 2

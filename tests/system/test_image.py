@@ -1,0 +1,324 @@
+# SPDX-License-Identifier: MIT
+"""The image as flashed, in its emulator: button, commands, faults, settings, budget."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from imud import _core, motion, schema
+from system.virtual import FIELDS_ALL, Run, Stub, run, send
+
+CLICK = ("--press", "200000:300000")  # before the sensor is ready
+RAW_TOO = ("--send", f"320000:{FIELDS_ALL}")
+SAMPLE_CYCLES = 80_000  # 16 MHz at 200 Hz
+
+
+def write_hand(path: Path, seconds: float, seed: int = 3) -> Path:
+    """A hand that moves the probe, as the simulator's stream."""
+    hand = motion.generate(seconds, seed=seed)
+    with path.open("wb") as file:
+        motion.write_stream(file, [hand], count=len(hand))
+    return path
+
+
+def assert_nothing_is_lost(done: Run) -> None:
+    summary = done.summary
+    assert not summary["crashed"]
+    assert summary["firmware_complaint"] is None
+    assert summary["sensor_complaint"] is None
+    assert summary["late"] == 0
+    assert done.last_status["overruns"] == 0
+    assert done.last_status["messages_dropped"] == 0
+    assert done.account["lost"] == 0
+    assert len(done.contents) == summary["frames"]
+
+
+# The button and commands.
+
+
+def test_a_click_starts_the_stream_and_the_next_one_stops_it(stub: Stub) -> None:
+    done = run(stub, 4, *CLICK, "--press", "2000000:2100000")
+    assert done.events[1:5] == [
+        ("button_pressed", "button"),
+        ("button_released", "button"),
+        ("stream_started", "button"),
+        ("button_pressed", "button"),
+    ]
+    assert done.events[5:7] == [
+        ("button_released", "button"),
+        ("stream_stopped", "button"),
+    ]
+    stopped_us = done.named("event")[6].time_us
+    times = [pose.time_us for pose in done.named("pose")]
+    assert times[0] < 900_000
+    assert 2_140_000 < times[-1] <= stopped_us < 2_170_000
+    assert_nothing_is_lost(done)
+
+
+def test_bounce_never_toggles(stub: Stub) -> None:
+    bounces = [f"{start}:{start + 15_000}" for start in range(1_000_000, 1_300_000, 30_000)]
+    options = itertools.chain.from_iterable(("--press", span) for span in bounces)
+    done = run(stub, 2, *options)
+    assert done.events == [("settings_restored", "boot")]
+    assert not done.named("pose")
+
+
+def test_poses_come_at_100_hz_by_default(stub: Stub) -> None:
+    done = run(stub, 6, *CLICK)
+    steps = np.diff([pose.time_us for pose in done.named("pose")])
+    assert np.all(np.abs(steps - 10_000) < 20)
+    assert len(steps) > 500
+    assert_nothing_is_lost(done)
+
+
+@pytest.mark.parametrize("rate_hz", [1, 7, 150, 200])
+def test_a_rate_is_kept_evenly(stub: Stub, rate_hz: int) -> None:
+    done = run(stub, 5, *CLICK, "--send", f"350000:{send('rate', 0, rate_hz)}")
+    (reply,) = done.named("reply")
+    assert (reply.fields["result"], reply.fields["value"]) == ("ok", (0, rate_hz))
+    times = np.array([pose.time_us for pose in done.named("pose")])
+    assert abs(len(times) - 4.15 * rate_hz) <= 1
+    assert np.all(np.abs(np.diff(times) - 1e6 / rate_hz) <= 5_020)
+    assert_nothing_is_lost(done)
+
+
+def test_commands_start_stop_tare_and_reset(stub: Stub) -> None:
+    words = [("start", 1_500_000), ("tare", 2_000_000), ("stop", 2_500_000)]
+    words += [("hello", 2_600_000), ("reset", 3_000_000)]
+    options = itertools.chain.from_iterable(
+        ("--send", f"{at}:{send(name, token=i + 1)}") for i, (name, at) in enumerate(words)
+    )
+    done = run(stub, 5, *options)
+    replies = [(r.fields["replied_command"], r.fields["result"]) for r in done.named("reply")]
+    assert replies == [(name, "ok") for name, _ in words]
+    assert ("stream_started", "command") in done.events
+    assert ("stream_stopped", "command") in done.events
+    poses = done.named("pose")
+    tared = [pose for pose in poses if "tared" in pose.fields["pose_flags"]]
+    assert poses[0] not in tared
+    assert tared[0].fields["q"] == pytest.approx((1, 0, 0, 0), abs=1e-4)
+    hellos = done.named("hello")
+    assert hellos[0].fields["reset_cause"] == ("power_on",)
+    assert hellos[-1].fields["reset_cause"] == ("software",)
+    assert hellos[-1].fields["boot_count"] == hellos[0].fields["boot_count"] + 1
+    assert done.summary["resets"] == 1
+
+
+def test_noise_on_the_wire_is_counted_and_a_command_behind_it_obeyed(stub: Stub) -> None:
+    noise = bytes(np.random.default_rng(5).integers(0, 256, 600, np.uint8)).hex()
+    done = run(
+        stub, 3, "--send", f"1000000:{noise}", "--send", f"1500000:{send('start', token=9)}"
+    )
+    assert ("stream_started", "command") in done.events
+    assert done.last_status["commands_bad"] > 0
+    assert done.last_status["commands_received"] == 1
+
+
+# The same bits everywhere.
+
+
+def test_the_host_computes_a_minute_of_poses_to_the_last_bit(stub: Stub) -> None:
+    hand = write_hand(stub.folder / "hand", 62)
+    done = run(stub, 62, "--motion", hand, *CLICK, *RAW_TOO)
+    assert_nothing_is_lost(done)
+    replay = None
+    compared = 0
+    for content in done.contents:
+        kind = content[0]
+        if kind == schema.MESSAGES["hello"].id and replay is None:
+            ready = [m for m in done.named("hello") if m.fields["sample_rate"]]
+            if content == done.contents[done.messages.index(ready[0])]:
+                replay = _core.Replay(content)
+        elif kind == schema.MESSAGES["raw"].id:
+            assert replay is not None
+            replay.step(content)
+        elif kind == schema.MESSAGES["pose"].id:
+            assert replay is not None
+            sequence, time_us = (
+                int.from_bytes(content[at : at + 4], "little") for at in (1, 5)
+            )
+            assert replay.pose(sequence, time_us) == content, f"pose #{sequence}"
+            compared += 1
+    assert compared > 6000
+
+
+# The budget, promise 4.
+
+
+def test_nothing_is_late_with_all_streams_at_200_hz(stub: Stub) -> None:
+    hand = write_hand(stub.folder / "hand", 20)
+    done = run(
+        *(stub, 20, "--motion", hand, *CLICK, *RAW_TOO),
+        *("--send", f"350000:{send('rate', 0, 200, token=8)}"),
+    )
+    assert_nothing_is_lost(done)
+    assert len(done.named("pose")) == len(done.named("raw")) > 3800
+    summary = done.summary
+    assert summary["cycles_worst"] <= SAMPLE_CYCLES
+    assert summary["flash"] <= 30 * 1024
+    assert summary["ram"] + summary["stack_max"] <= 2048 - 128
+    assert done.last_status["stack_free"] >= 128
+
+
+def test_the_image_tells_its_cycles_and_stack_as_the_emulator_does(stub: Stub) -> None:
+    done = run(stub, 5, *CLICK)
+    status = done.last_status
+    # The probe's own clock starts when it takes a sample and does not see the sleep's end.
+    assert status["cycles_mean"] == pytest.approx(done.summary["cycles_mean"], rel=0.1)
+    assert status["stack_free"] == pytest.approx(
+        2048 - done.summary["ram"] - done.summary["stack_max"], abs=24
+    )
+
+
+# Faults: an event and a retry instead of a hang, and nothing lost in silence.
+
+
+def poses_after(done: Run, time_us: int) -> int:
+    return sum(pose.time_us > time_us for pose in done.named("pose"))
+
+
+def assert_it_came_back(done: Run) -> None:
+    assert done.last_status["state"] == "streaming"
+    assert done.summary["resets"] == 0
+    assert not done.summary["crashed"]
+    end_us = done.messages[-1].time_us
+    assert poses_after(done, end_us - 500_000) >= 48
+
+
+def test_one_nack_costs_one_sample(stub: Stub) -> None:
+    fault = {"kind": "nack", "at_us": 2_000_000, "for_us": 4_000}
+    done = run(stub, 4, *CLICK, *RAW_TOO, faults=[fault])
+    assert ("bus_fault", "nack") in done.events
+    steps = np.diff([raw.time_us for raw in done.named("raw")])
+    assert np.sum(steps > 7_500) == 1
+    assert steps.max() < 12_000
+    gap = [raw for raw in done.named("raw") if "gap" in raw.fields["sample_flags"]]
+    assert len(gap) == 1
+    assert done.last_status["bus_faults"] == 1
+    assert_it_came_back(done)
+
+
+@pytest.mark.parametrize("byte", range(0, 24, 4))
+def test_a_nack_at_any_byte_is_survived(stub: Stub, byte: int) -> None:
+    fault = {"kind": "nack", "transaction": 900, "byte": byte}
+    done = run(stub, 4, *CLICK, faults=[fault])
+    assert_it_came_back(done)
+
+
+def test_a_stuck_wire_is_clocked_free(stub: Stub) -> None:
+    fault = {"kind": "stuck_sda", "transaction": 900, "byte": 9, "clocks": 5}
+    done = run(stub, 5, *CLICK, faults=[fault])
+    assert any(event == "bus_fault" for event, _ in done.events)
+    assert_it_came_back(done)
+
+
+def test_a_wire_held_for_a_second_is_a_fault_until_it_is_let_go(stub: Stub) -> None:
+    fault = {"kind": "stuck_sda", "at_us": 2_000_000, "for_us": 1_000_000}
+    done = run(stub, 6, *CLICK, faults=[fault])
+    assert ("bus_fault", "stuck_bus") in done.events
+    states = [status.fields["state"] for status in done.named("status")]
+    assert "fault" in states
+    assert any(event == "bus_recovered" for event, _ in done.events)
+    assert_it_came_back(done)
+
+
+def test_stopped_data_ready_is_told_and_the_sensor_set_up_again(stub: Stub) -> None:
+    fault = {"kind": "no_data_ready", "at_us": 2_000_000, "for_us": 300_000}
+    done = run(stub, 6, *CLICK, faults=[fault])
+    assert ("sensor_fault", "no_data_ready") in done.events
+    assert any(event == "bus_recovered" for event, _ in done.events)
+    assert_it_came_back(done)
+
+
+def test_a_wrong_chip_is_refused_by_name(stub: Stub) -> None:
+    fault = {"kind": "wrong_who_am_i", "value": 0x12}
+    done = run(stub, 3, *CLICK, faults=[fault])
+    refused = [m for m in done.named("event") if m.fields["cause"] == "wrong_chip"]
+    assert refused
+    assert refused[0].fields["detail"] == 0x12
+    assert done.last_status["state"] == "fault"
+    assert not done.named("pose")
+
+
+def test_without_its_magnetometer_a_probe_has_six_axes_and_says_so(stub: Stub) -> None:
+    done = run(stub, 6, *CLICK, faults=[{"kind": "no_ak8963"}])
+    pose = done.named("pose")[-1].fields
+    assert "mag_absent" in pose["pose_flags"]
+    assert "heading_free" in pose["pose_flags"]
+    assert pose["heading_sigma"] is None
+    assert pose["tilt_sigma"] is not None
+    assert_nothing_is_lost(done)
+
+
+@pytest.mark.parametrize("part", ["gyr", "acc"])
+def test_a_failing_self_test_is_in_the_hello(stub: Stub, part: str) -> None:
+    done = run(stub, 2, faults=[{"kind": f"{part}_self_test"}])
+    verdict = done.named("hello")[-1].fields["self_test"]
+    assert f"{part}_failed" in verdict
+    assert f"{part}_passed" not in verdict
+
+
+def test_a_brown_out_is_in_the_next_hello(stub: Stub) -> None:
+    done = run(stub, 5, faults=[{"kind": "brown_out", "at_us": 2_000_000}])
+    hellos = done.named("hello")
+    assert hellos[-1].fields["reset_cause"] == ("brown_out",)
+    assert hellos[-1].fields["boot_count"] == hellos[0].fields["boot_count"] + 1
+    assert done.last_status["state"] in ("calibrating", "idle")
+
+
+def test_start_up_calibration_refuses_motion(stub: Stub) -> None:
+    turning = np.zeros((6000, 3))
+    turning[:, 2] = np.deg2rad(15) * np.sin(np.arange(6000) * 0.01)
+    still = motion.Motion(
+        1000.0,
+        gyr=turning,
+        acc=np.tile([0.0, 0.0, 9.80665], (6000, 1)),
+        mag=np.tile([0.0, 20.0, -40.0], (6000, 1)),
+    )
+    path = stub.folder / "turning"
+    with path.open("wb") as file:
+        motion.write_stream(file, [still], count=6000)
+    done = run(stub, 5, "--motion", path, *CLICK)
+    assert ("calibration_refused", "motion") in done.events
+    assert ("calibration_done", "none") not in done.events
+    assert "uncalibrated" in done.named("pose")[-1].fields["pose_flags"]
+
+
+# Settings.
+
+
+def boot_of(done: Run) -> tuple[Any, int]:
+    fields = done.named("hello")[-1].fields
+    return fields["probe_id"], fields["boot_count"]
+
+
+def test_a_probe_keeps_its_id_and_settings_and_counts_its_boots(stub: Stub) -> None:
+    memory = ("--eeprom", stub.folder / "eeprom")
+    first = run(stub, 2, *memory, "--send", f"500000:{send('rate', 0, 50)}")
+    second = run(stub, 2, *memory)
+    assert first.events == [("settings_restored", "boot")]
+    assert second.events == []
+    assert boot_of(second) == (boot_of(first)[0], boot_of(first)[1] + 1)
+    assert second.named("hello")[-1].fields["pose_rate"] == 50
+
+
+def test_two_probes_have_two_ids(stub: Stub) -> None:
+    ids = {boot_of(run(stub, 1, "--seed", seed))[0] for seed in range(1, 6)}
+    assert len(ids) == 5
+
+
+@pytest.mark.parametrize("write", [*range(1, 8), *range(8, 24, 5)])
+def test_power_cut_at_an_eeprom_write_leaves_one_good_slot(stub: Stub, write: int) -> None:
+    memory = ("--eeprom", stub.folder / "eeprom")
+    first = run(stub, 2, *memory)
+    kept, boots = boot_of(first)
+    cut = run(stub, 2, *memory, faults=[{"kind": "power_cut", "write": write, "after_us": 900}])
+    after = run(stub, 2, *memory)
+    assert ("settings_restored", "boot") not in after.events
+    assert boot_of(after)[0] == kept
+    assert boot_of(after)[1] in ((boots + 1, boots + 2) if cut.summary["power_cut"] else (boots + 2,))

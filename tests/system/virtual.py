@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: MIT
+"""Runs of the virtual probe: the image as flashed, in its emulator."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from imud import decode, schema
+from imud.frame import FrameDecoder, encode_frame
+from imud.messages import Message, encode
+from imud.messages import decode as decode_content
+
+
+@dataclass(frozen=True, slots=True)
+class Stub:
+    """Where a run's files are and what the simulator needs to start."""
+
+    nano: Path
+    image: Path
+    folder: Path
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a run left behind."""
+
+    record: Path
+    summary: dict[str, Any]
+    code: int
+
+    @cached_property
+    def contents(self) -> list[bytes]:
+        """The good frames' contents, in order."""
+        return FrameDecoder().feed(self.record.read_bytes())
+
+    @cached_property
+    def messages(self) -> list[Message]:
+        """All messages; a skewed one fails the test."""
+        decoded = [decode_content(content) for content in self.contents]
+        assert all(isinstance(message, Message) for message in decoded)
+        return [message for message in decoded if isinstance(message, Message)]
+
+    def named(self, name: str) -> list[Message]:
+        return [message for message in self.messages if message.name == name]
+
+    @cached_property
+    def events(self) -> list[tuple[Any, Any]]:
+        """Event and cause, in order."""
+        return [(m.fields["event"], m.fields["cause"]) for m in self.named("event")]
+
+    @property
+    def last_status(self) -> Mapping[str, Any]:
+        return self.named("status")[-1].fields
+
+    @property
+    def account(self) -> dict[str, Any]:
+        tally = decode.Tally()
+        for _ in decode.decode_file(self.record, tally):
+            pass
+        (probe,) = tally.probes.values()
+        return probe.account.counts()
+
+
+def send(name: str, first: int = 0, second: int = 0, token: int = 1) -> str:
+    """A command for --send, in hex: after a zero, as a host sends it."""
+    fields = {"command": name, "token": token, "arguments": (first, second)}
+    return (b"\0" + encode_frame(encode("command", fields, token, 0))).hex()
+
+
+FIELDS_ALL = send("fields", schema.Stream.POSE | schema.Stream.RAW, token=7)
+
+
+def run(
+    stub: Stub,
+    seconds: float,
+    *options: object,
+    faults: Sequence[Mapping[str, Any]] = (),
+    code: int = 0,
+) -> Run:
+    """Runs the image for some seconds, as fast as it goes."""
+    record, summary = stub.folder / "uart.bin", stub.folder / "summary.json"
+    words = ["--image", stub.image, "--record", record, "--summary", summary]
+    words += ["--fast", "--seconds", seconds, *options]
+    if faults:
+        listed = stub.folder / "faults.json"
+        listed.write_text(json.dumps(list(faults)))
+        words += ["--faults", listed]
+    done = subprocess.run(
+        [str(stub.nano), *map(str, words)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == code, done.stderr
+    return Run(record, json.loads(summary.read_text()), done.returncode)
