@@ -50,18 +50,7 @@ int32_t fixed_dot3_q14(const int32_t v[3], const int16_t m[3]);
 // The high word of the unsigned product, floored.
 uint32_t fixed_umul_q32(uint32_t a, uint32_t b);
 
-static inline int32_t fixed_saturate(int64_t value) {
-    return value > INT32_MAX   ? INT32_MAX
-           : value < INT32_MIN ? INT32_MIN
-                               : (int32_t)value;
-}
-
-// a + b and a - b, held at the ends of the range.
-static inline int32_t fixed_add_sat(int32_t a, int32_t b) {
-    int32_t sum;
-    return __builtin_add_overflow(a, b, &sum) ? (a < 0 ? INT32_MIN : INT32_MAX) : sum;
-}
-
+// a - b, held at the ends of the range.
 static inline int32_t fixed_sub_sat(int32_t a, int32_t b) {
     int32_t difference;
     return __builtin_sub_overflow(a, b, &difference) ? (a < 0 ? INT32_MIN : INT32_MAX)
@@ -80,6 +69,11 @@ static inline uint32_t fixed_magnitude(int32_t value) {
 // value * 2^bits; the result must fit.
 static inline int32_t fixed_scale_up(int32_t value, uint8_t bits) {
     return (int32_t)((uint32_t)value << bits);
+}
+
+// value * 2^bits, held at INT32_MAX.
+static inline int32_t fixed_scale_up_sat(uint32_t value, uint8_t bits) {
+    return value > (uint32_t)INT32_MAX >> bits ? INT32_MAX : (int32_t)(value << bits);
 }
 
 // round(value / 2^bits), bits 1 to 30; value + 2^(bits-1) must fit.

@@ -324,14 +324,15 @@ static void follow_field(struct fuse *fuse, const struct vector *field_body_q18)
 }
 
 // What is slow takes turns, rest one sample and the vertical the next, and waits one
-// sample for a field that comes: no sample carries all of it.
+// sample for a field that comes: no sample carries all of it. Only the first does not
+// wait, since its field needs a level.
 static void share_out(struct fuse *fuse, const struct measurement *measurement) {
     if (fuse->samples % 2 == 0) {
         fuse->is_rest_due = true;
     } else {
         fuse->is_level_due = true;
     }
-    if (measurement->has_mag && !fuse->has_waited) {
+    if (measurement->has_mag && !fuse->has_waited && fuse->samples > 1) {
         fuse->has_waited = true;
         return;
     }

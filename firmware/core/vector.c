@@ -44,10 +44,7 @@ bool vector_normalise(const struct vector *v, struct vector *unit, int32_t *norm
     if (up > quarter) {
         *norm = fixed_scale_down((int32_t)length, (uint8_t)(up - quarter));
     } else {
-        const uint8_t grow = (uint8_t)(quarter - up);
-        *norm = length > (uint32_t)INT32_MAX >> grow
-                    ? INT32_MAX
-                    : fixed_scale_up((int32_t)length, grow);
+        *norm = fixed_scale_up_sat(length, (uint8_t)(quarter - up));
     }
     return true;
 }

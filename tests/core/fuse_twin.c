@@ -122,7 +122,7 @@ void fuse_twin_run(int count, int rate_hz, double gyr_delay_s, const double *gyr
         } else {
             level_is_due = true;
         }
-        has_waited = has_mag[k] && !has_waited;
+        has_waited = k > 0 && has_mag[k] && !has_waited;
         if (rest_is_due && !has_waited) {
             rest_is_due = false;
             ++looks;

@@ -127,9 +127,15 @@ def test_the_comparison_with_doubles_would_see_a_missing_correction():
 
 
 @pytest.mark.parametrize("start", STARTS, ids=lambda q: str(np.round(q, 2)))
-def test_from_any_start_at_rest_level_and_heading_are_found_in_5_s(start):
+@pytest.mark.parametrize("has_mag_first", [False, True], ids=["later", "at once"])
+def test_from_any_start_at_rest_level_and_heading_are_found_in_5_s(
+    start, has_mag_first
+):
     felt = scene(at_rest(5, 200, start), 200, seed=1)
+    if has_mag_first:
+        felt.has_mag = ~felt.has_mag
     found, _, quality = centred(200).feel(felt)
+    assert desk.tilt_deg(found, felt.quat)[0] < 3
     assert desk.tilt_deg(found, felt.quat)[-1] < 0.5
     assert desk.heading_deg(found, felt.quat)[-1] < 1.5
     assert quality["is_starting"][:599].all()

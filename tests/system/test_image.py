@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imud import _core, motion, schema
+from imud import _core, motion
 from system.virtual import FIELDS_ALL, Run, Stub, run, send
 
 CLICK = ("--press", "200000:300000")  # before the sensor is ready
@@ -126,23 +126,15 @@ def test_the_host_computes_a_minute_of_poses_to_the_last_bit(stub: Stub) -> None
     hand = write_hand(stub.folder / "hand", 62)
     done = run(stub, 62, "--motion", hand, *CLICK, *RAW_TOO)
     assert_nothing_is_lost(done)
-    replay = None
     compared = 0
-    for content in done.contents:
-        kind = content[0]
-        if kind == schema.MESSAGES["hello"].id and replay is None:
-            ready = [m for m in done.named("hello") if m.fields["sample_rate"]]
-            if content == done.contents[done.messages.index(ready[0])]:
-                replay = _core.Replay(content)
-        elif kind == schema.MESSAGES["raw"].id:
-            assert replay is not None
+    for content, message in zip(done.contents, done.messages, strict=True):
+        if message.name == "hello" and message.fields["sample_rate"] and not compared:
+            replay = _core.Replay(content)
+        elif message.name == "raw":
             replay.step(content)
-        elif kind == schema.MESSAGES["pose"].id:
-            assert replay is not None
-            sequence, time_us = (
-                int.from_bytes(content[at : at + 4], "little") for at in (1, 5)
-            )
-            assert replay.pose(sequence, time_us) == content, f"pose #{sequence}"
+        elif message.name == "pose":
+            again = replay.pose(message.sequence, message.time_us)
+            assert again == content, f"pose #{message.sequence}"
             compared += 1
     assert compared > 6000
 
@@ -157,7 +149,8 @@ def test_nothing_is_late_with_all_streams_at_200_hz(stub: Stub) -> None:
         *("--send", f"350000:{send('rate', 0, 200, token=8)}"),
     )
     assert_nothing_is_lost(done)
-    assert len(done.named("pose")) == len(done.named("raw")) > 3800
+    assert len(done.named("pose")) > 3800
+    assert len(done.named("raw")) > 3800
     summary = done.summary
     assert summary["cycles_worst"] <= SAMPLE_CYCLES
     assert summary["flash"] <= 30 * 1024

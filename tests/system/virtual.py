@@ -73,7 +73,7 @@ def send(name: str, first: int = 0, second: int = 0, token: int = 1) -> str:
     return (b"\0" + encode_frame(encode("command", fields, token, 0))).hex()
 
 
-FIELDS_ALL = send("fields", schema.Stream.POSE | schema.Stream.RAW, token=7)
+FIELDS_ALL = send("fields", schema.StreamFlags.POSE | schema.StreamFlags.RAW, token=7)
 
 
 def run(
@@ -84,7 +84,9 @@ def run(
     code: int = 0,
 ) -> Run:
     """Runs the image for some seconds, as fast as it goes."""
-    record, summary = stub.folder / "uart.bin", stub.folder / "summary.json"
+    number = len(list(stub.folder.glob("uart-*.bin")))
+    record = stub.folder / f"uart-{number}.bin"
+    summary = stub.folder / "summary.json"
     words = ["--image", stub.image, "--record", record, "--summary", summary]
     words += ["--fast", "--seconds", seconds, *options]
     if faults:
