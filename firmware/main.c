@@ -7,10 +7,10 @@
 #include "core/probe.h"
 
 enum {
-    STEP_US = 5000,              // of the button, the periodic messages and the LED
-    NO_DATA_READY_US = 50000,    // ten samples at 200 Hz
-    RETRY_US = 200000,           // between two attempts to bring the sensor up
-    BURSTS_FAILED_MAX = 5,       // in a row, before the sensor is set up again
+    STEP_US = 5000,            // of the button, the periodic messages and the LED
+    NO_DATA_READY_US = 50000,  // ten samples at 200 Hz
+    RETRY_US = 200000,         // between two attempts to bring the sensor up
+    BURSTS_FAILED_MAX = 5,     // in a row, before the sensor is set up again
 };
 
 // Where the sensor is on its way to samples.

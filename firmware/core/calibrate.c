@@ -57,9 +57,8 @@ struct calibration_scale calibration_scale_of(const struct sensor_identity *iden
 // matrix * (counts - bias), then twice the scale. |counts - bias| <= 2^29 + 2^28, a row
 // of at most 1.7 and a scale of at most 1.26 keep each step below 2^31; `limit` bounds
 // the result before it is doubled.
-static void apply(const struct calibration_of_sensor *sensor,
-                  const q18_14_t counts[3], q2_30_t scale, int32_t limit,
-                  struct vector *out) {
+static void apply(const struct calibration_of_sensor *sensor, const q18_14_t counts[3],
+                  q2_30_t scale, int32_t limit, struct vector *out) {
     int32_t centred[3];
     for (uint8_t axis = 0; axis < 3; ++axis) {
         centred[axis] = counts[axis] - sensor->bias[axis];
@@ -138,11 +137,11 @@ enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
         if (is_first || gyr[axis] > calibrator->high[axis]) {
             calibrator->high[axis] = gyr[axis];
         }
-        const int32_t span =
-            (int32_t)calibrator->high[axis] - calibrator->low[axis];
-        const bool is_out =
-            span > span_max || gyr[axis] > bias_max || gyr[axis] < -bias_max ||
-            (is_last && fixed_magnitude(calibrator->acc_sum[axis]) > (uint32_t)turn_max);
+        const int32_t span = (int32_t)calibrator->high[axis] - calibrator->low[axis];
+        const bool is_out = span > span_max || gyr[axis] > bias_max ||
+                            gyr[axis] < -bias_max ||
+                            (is_last && fixed_magnitude(calibrator->acc_sum[axis]) >
+                                            (uint32_t)turn_max);
         if (is_out) {
             has_moved = true;
         }

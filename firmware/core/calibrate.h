@@ -66,10 +66,10 @@ struct gyro_calibrator {
 
 void gyro_calibrator_begin(struct gyro_calibrator *calibrator);
 
-// Takes a sample. DONE writes the mean counts; MOVED says that the probe is not at rest:
-// a rate spans more than 3 deg/s peak to peak (5 times what the chip's noise gives in a
-// window), or exceeds 20 deg/s, or the vertical turns by more than half a degree
-// between the halves of the window.
+// Takes a sample. DONE writes the mean counts; MOVED says that the probe is not at
+// rest: a rate spans more than 3 deg/s peak to peak (5 times what the chip's noise
+// gives in a window), or exceeds 20 deg/s, or the vertical turns by more than half a
+// degree between the halves of the window.
 enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
                                             const struct sample *sample,
                                             const struct sensor_identity *identity,

@@ -98,8 +98,7 @@ void fixed_sincos(turn32_t angle, q2_30_t *sine, q2_30_t *cosine) {
     // The nearest quarter turn, and what is left of it: u in [-1/2, 1/2) quarter turns.
     const uint32_t shifted = (uint32_t)angle + UINT32_C(0x20000000);
     const uint8_t quadrant = (uint8_t)(shifted >> 30);
-    const q2_30_t u =
-        (q2_30_t)(shifted & UINT32_C(0x3FFFFFFF)) - INT32_C(0x20000000);
+    const q2_30_t u = (q2_30_t)(shifted & UINT32_C(0x3FFFFFFF)) - INT32_C(0x20000000);
     const q2_30_t square = fixed_mul_q30(u, u);
     q2_30_t s = 169635;
     s = -5026337 + fixed_mul_q30(s, square);

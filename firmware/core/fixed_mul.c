@@ -18,6 +18,7 @@ uint32_t fixed_umul_q32(uint32_t a, uint32_t b) {
 }
 
 int32_t fixed_dot3_q14(const int32_t v[3], const int16_t m[3]) {
-    const int64_t sum = (int64_t)v[0] * m[0] + (int64_t)v[1] * m[1] + (int64_t)v[2] * m[2];
+    const int64_t sum =
+        (int64_t)v[0] * m[0] + (int64_t)v[1] * m[1] + (int64_t)v[2] * m[2];
     return (int32_t)((sum + (1 << 13)) >> 14);
 }

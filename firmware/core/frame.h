@@ -25,8 +25,8 @@ enum frame_result {
 uint16_t frame_crc(uint16_t seed, const uint8_t *bytes, uint8_t length);
 
 // Writes the frame of `content` (1 to FRAME_CONTENT_MAX bytes) to `out`
-// (length + FRAME_BYTES_MAX - FRAME_CONTENT_MAX bytes) and returns its length, delimiter
-// included. `content` may be out + 1: then it is framed in place.
+// (length + FRAME_BYTES_MAX - FRAME_CONTENT_MAX bytes) and returns its length,
+// delimiter included. `content` may be out + 1: then it is framed in place.
 uint8_t frame_encode(uint16_t seed, const uint8_t *content, uint8_t length,
                      uint8_t *out);
 
@@ -44,8 +44,7 @@ struct frame_decoder {
     uint8_t bytes[FRAME_CONTENT_MAX + FRAME_CRC];
 };
 
-void frame_decoder_init(struct frame_decoder *decoder, uint16_t seed,
-                        uint8_t hello_id);
+void frame_decoder_init(struct frame_decoder *decoder, uint16_t seed, uint8_t hello_id);
 
 // Takes one received byte. FRAME_OK: the content is bytes[0..content_length), valid
 // until the next call. Empty frames (zeros in a row) are FRAME_PENDING.

@@ -15,17 +15,17 @@ enum {
     FIELD_REFERENCE = 200,  // readings whose mean is the reference: 2 s
     STEP_MAX_US = 7500,     // 38 rad/s an axis turn 0.5 rad in it
     STEPS_MAX = 8,
-    REST_MS = 1500,   // VQF's rest: 1.5 s within 2 deg/s and 0.5 m/s2 of the mean
-    FIELD_ONE = 16384,  // 1 of a squared distance
+    REST_MS = 1500,       // VQF's rest: 1.5 s within 2 deg/s and 0.5 m/s2 of the mean
+    FIELD_ONE = 16384,    // 1 of a squared distance
     SAMPLES_HELD = 4095,  // above every settling time; 16 k - 1
 };
 
-#define REST_RATE_Q25 INT32_C(1171299)    // 2 deg/s
-#define REST_FORCE_Q21 INT32_C(1048576)   // 0.5 m/s2
+#define REST_RATE_Q25 INT32_C(1171299)          // 2 deg/s
+#define REST_FORCE_Q21 INT32_C(1048576)         // 0.5 m/s2
 #define REST_RATE_LIMIT_Q25 INT32_C(335544320)  // 10 rad/s: keeps the low-pass in range
 #define BIAS_LIMIT_Q25 INT32_C(134217728)  // 4 rad/s: 42 rad/s of rate turn 0.55 rad
 #define BIAS_VARIANCE_MAX_Q20 INT32_C(291271111)  // (0.5 deg/s)^2 over (0.03 deg/s)^2
-#define FORCE_MIN_Q21 INT32_C(2097152)    // 1 m/s2: in free fall nothing levels
+#define FORCE_MIN_Q21 INT32_C(2097152)            // 1 m/s2: in free fall nothing levels
 #define FIELD_ABSENT_US UINT32_C(1000000)
 #define FIELD_HORIZONTAL_MIN_Q18 INT32_C(262144)  // 1 uT
 #define FIELD_FAR_Q18 INT32_C(23592960)           // 30 * 3 uT
@@ -57,14 +57,14 @@ static void lowpass_axis(int32_t *band, int32_t *level, const struct lowpass_gai
         *level += fixed_mul_q30(error, share);
         return;
     }
-    const int32_t middle = fixed_mul_q30(*band + fixed_mul_q30(error, gain->integrator),
-                                         gain->feedback);
+    const int32_t middle =
+        fixed_mul_q30(*band + fixed_mul_q30(error, gain->integrator), gain->feedback);
     *level += 2 * fixed_mul_q30(middle, gain->integrator);
     *band = 2 * middle - *band;
 }
 
-// Takes the `count`th input (from 1). Needs |input| <= 1e9; the states stay below 1.1 of
-// the largest input.
+// Takes the `count`th input (from 1). Needs |input| <= 1e9; the states stay below 1.1
+// of the largest input.
 static void lowpass_step(struct lowpass *filter, const struct lowpass_gain *gain,
                          const struct vector *input, uint16_t count) {
     // Of a mean as long as it settles.
@@ -78,8 +78,8 @@ static void lowpass_step(struct lowpass *filter, const struct lowpass_gain *gain
 // 2^29. 2^35 / 1e6 = 34359 + 3171275686 / 2^32.
 static int32_t seconds_q35(int32_t us) {
     const uint32_t magnitude = fixed_magnitude(us);
-    const int32_t seconds = (int32_t)(magnitude * 34359 +
-                                      fixed_umul_q32(magnitude, UINT32_C(3171275686)));
+    const int32_t seconds =
+        (int32_t)(magnitude * 34359 + fixed_umul_q32(magnitude, UINT32_C(3171275686)));
     return us < 0 ? -seconds : seconds;
 }
 
@@ -159,9 +159,8 @@ static void follow_rest(struct fuse *fuse, const struct measurement *measurement
     if (fuse->rest_samples < coefficients->rest_needed) {
         return;
     }
-    const q2_30_t gain =
-        fixed_ratio((uint32_t)fuse->bias_variance,
-                    (uint32_t)fuse->bias_variance + UINT32_C(1048576));
+    const q2_30_t gain = fixed_ratio((uint32_t)fuse->bias_variance,
+                                     (uint32_t)fuse->bias_variance + UINT32_C(1048576));
     fuse->bias_variance -= fixed_mul_q30(fuse->bias_variance, gain);
     struct vector step;
     vector_subtract(mean_rate, bias, &step);
@@ -393,8 +392,8 @@ void fuse_orientation(const struct fuse *fuse, struct quat *out) {
                          fixed_mul_q30(c, level->x) - fixed_mul_q30(s, level->y),
                          fixed_mul_q30(c, level->y) + fixed_mul_q30(s, level->x),
                          fixed_mul_q30(c, level->z) + fixed_mul_q30(s, level->w)};
-    // The gyroscope's low-pass still holds back the last few milliseconds: they are made
-    // up with the last rate.
+    // The gyroscope's low-pass still holds back the last few milliseconds: they are
+    // made up with the last rate.
     vector_scale(&fuse->rate_rad_s_q25, fuse->coefficients.lead_s_q35, &angle);
     quat_from_small_angle(&angle, &turn);
     quat_multiply(out, &turn, out);
@@ -406,7 +405,8 @@ void fuse_quality(const struct fuse *fuse, struct fuse_quality *out) {
     out->is_starting = fuse->samples < coefficients->level.settle;
     out->is_at_rest = fuse->rest_samples == coefficients->rest_needed;
     out->is_mag_absent = fuse->field_age_us >= FIELD_ABSENT_US;
-    out->is_mag_disturbed = !out->is_mag_absent && fuse->field_weight < FIELD_DISTURBED_Q30;
+    out->is_mag_disturbed =
+        !out->is_mag_absent && fuse->field_weight < FIELD_DISTURBED_Q30;
     out->is_heading_free = fuse->heading_variance > HEADING_FREE_Q30;
     // 0.312^2 + (0.221 W / 100 deg/s)^2 deg2, W the rms rate over 3 s, as 1e-4 deg2:
     // 973 + 160.3 (rad/s)^2. Fitted to recordings with optical truth.
@@ -416,7 +416,6 @@ void fuse_quality(const struct fuse *fuse, struct fuse_quality *out) {
     // q2_30 to 1e-4 deg2 is 0.030573.
     const uint32_t heading =
         22500 + fixed_umul_q32((uint32_t)fuse->heading_variance, 131310000);
-    out->heading_sigma_cdeg = out->is_starting || out->is_heading_free
-                                  ? UINT16_MAX
-                                  : fixed_sqrt(heading);
+    out->heading_sigma_cdeg =
+        out->is_starting || out->is_heading_free ? UINT16_MAX : fixed_sqrt(heading);
 }

@@ -12,8 +12,8 @@
 #include "calibrate.h"
 #include "quat.h"
 
-// Second-order Butterworth low-pass of a vector as two trapezoidal integrators, which needs no more
-// precision than its input has. Mean of its input until tau has passed.
+// Second-order Butterworth low-pass of a vector as two trapezoidal integrators, which
+// needs no more precision than its input has. Mean of its input until tau has passed.
 struct lowpass {
     struct vector band, level;
 };
@@ -27,44 +27,44 @@ struct lowpass_gain {
 // Derived from the sample rate, once.
 struct fuse_coefficients {
     uint16_t rate_hz;
-    struct lowpass_gain level;       // of the specific force, almost-inertial frame
-    struct lowpass_gain rest;        // of rates and force, body frame
-    struct lowpass_gain field;       // of the field's norm and vertical part
-    q2_30_t rate_square_gain;        // of the mean square of the rate
-    q12_20_t bias_forgetting;        // of the rest bias' variance, a sample
-    uint16_t rest_needed;            // still looks, one every other sample, for a rest
-    uint16_t field_lag;              // of a field reading, 256ths of a sample
-    int32_t lead_s_q35;              // of the motion before what was integrated
-    uint8_t history_stride;          // samples between the orientations remembered
+    struct lowpass_gain level;  // of the specific force, almost-inertial frame
+    struct lowpass_gain rest;   // of rates and force, body frame
+    struct lowpass_gain field;  // of the field's norm and vertical part
+    q2_30_t rate_square_gain;   // of the mean square of the rate
+    q12_20_t bias_forgetting;   // of the rest bias' variance, a sample
+    uint16_t rest_needed;       // still looks, one every other sample, for a rest
+    uint16_t field_lag;         // of a field reading, 256ths of a sample
+    int32_t lead_s_q35;         // of the motion before what was integrated
+    uint8_t history_stride;     // samples between the orientations remembered
 };
 
 enum { FUSE_HISTORY = 4 };
 
 struct fuse {
     struct fuse_coefficients coefficients;
-    struct quat inertial_from_body;   // integrated gyroscope
-    struct quat level_from_inertial;  // the correction of its tilt
-    struct quat level_from_body;      // their product
+    struct quat inertial_from_body;     // integrated gyroscope
+    struct quat level_from_inertial;    // the correction of its tilt
+    struct quat level_from_body;        // their product
     struct quat history[FUSE_HISTORY];  // it and earlier ones, latest first
     uint8_t history_phase;              // samples since the latest of them
-    struct lowpass force;  // inertial frame
+    struct lowpass force;               // inertial frame
     struct lowpass rest_rate, rest_force;
     struct vector bias_rad_s_q25;
     struct vector calibrated_rad_s_q25;  // the bias that the start-up calibration found
     struct vector rate_rad_s_q25;        // of the last sample, bias removed
-    q12_20_t bias_variance;        // over that of one reading at rest
-    uint16_t rest_samples;  // looks in a row that saw no motion
-    uint16_t rest_looks;    // up to one more than the low-pass takes to settle
+    q12_20_t bias_variance;              // over that of one reading at rest
+    uint16_t rest_samples;               // looks in a row that saw no motion
+    uint16_t rest_looks;  // up to one more than the low-pass takes to settle
     bool is_rest_due, is_level_due, has_waited;
-    struct lowpass field;           // x: its norm, y: its vertical part
+    struct lowpass field;            // x: its norm, y: its vertical part
     struct vector reference_ut_q18;  // the same, undisturbed
-    uint16_t field_samples;      // up to the length of the reference's mean
-    turn32_t heading;            // of the almost-inertial frame's y axis, from north
-    q2_30_t heading_variance;    // rad2; 1: no field has told the heading yet
-    q2_30_t field_weight;        // of the last reading
-    uint32_t field_age_us;       // since the last reading
-    q14_18_t rate_square;        // (rad/s)^2, mean over 3 s
-    uint16_t samples;            // since the start, held where it no longer matters
+    uint16_t field_samples;          // up to the length of the reference's mean
+    turn32_t heading;          // of the almost-inertial frame's y axis, from north
+    q2_30_t heading_variance;  // rad2; 1: no field has told the heading yet
+    q2_30_t field_weight;      // of the last reading
+    uint32_t field_age_us;     // since the last reading
+    q14_18_t rate_square;      // (rad/s)^2, mean over 3 s
+    uint16_t samples;          // since the start, held where it no longer matters
 };
 
 // The quality of what the filter says.
@@ -87,9 +87,9 @@ void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us);
 void fuse_step(struct fuse *fuse, const struct measurement *measurement,
                uint32_t interval_us);
 
-// A calibration at rest has found the gyroscope's bias. The filter follows it from there
-// by at most 2 deg/s; before, it believes in a bias of at most 2 deg/s. Each axis is
-// held within +-4 rad/s, ten times what the calibration takes for a bias.
+// A calibration at rest has found the gyroscope's bias. The filter follows it from
+// there by at most 2 deg/s; before, it believes in a bias of at most 2 deg/s. Each axis
+// is held within +-4 rad/s, ten times what the calibration takes for a bias.
 void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25);
 
 // Unit quaternion, world_from_body, at the time of the last sample; world is east,

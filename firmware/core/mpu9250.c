@@ -633,8 +633,8 @@ bool mpu9250_parse(void *state, const uint8_t *bytes, uint32_t time_us,
     out->acc_clipped = take_axes(bytes, &out->acc);
     out->gyr_clipped = take_axes(bytes + 8, &out->gyr);
     // RM 65: TEMP_OUT / 333.87 + 21 degC; 19629 is 100 / 333.87 * 2^16.
-    out->temperature_cdeg = (int16_t)(
-        fixed_scale_down(big_endian(bytes + 6) * INT32_C(19629), 16) + 2100);
+    out->temperature_cdeg =
+        (int16_t)(fixed_scale_down(big_endian(bytes + 6) * INT32_C(19629), 16) + 2100);
     out->mag = (struct counts){0, 0, 0};
     out->has_mag = false;
     out->mag_overflow = false;

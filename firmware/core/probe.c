@@ -13,7 +13,8 @@ enum {
 };
 
 #define SECOND_US UINT32_C(1000000)
-#define HELLO_PHASE_US UINT32_C(500000)  // half a second from status: never both at once
+#define HELLO_PHASE_US                                                                 \
+    UINT32_C(500000)  // half a second from status: never both at once
 #define REFUSAL_PERIOD_US UINT32_C(5000000)
 
 // Each message's buffers are on the stack only while it is made, not all at once.
@@ -34,10 +35,11 @@ static void send(struct probe *probe, uint8_t *bytes, uint8_t length) {
 }
 
 NOINLINE static void send_event(struct probe *probe, enum event event, enum cause cause,
-                       int32_t detail, uint32_t now_us) {
+                                int32_t detail, uint32_t now_us) {
     uint8_t bytes[FRAME_ROOM];
     const struct message_event message = {(uint8_t)event, (uint8_t)cause, detail};
-    send(probe, bytes, message_event_encode(&message, probe->sequence, now_us, bytes + 1));
+    send(probe, bytes,
+         message_event_encode(&message, probe->sequence, now_us, bytes + 1));
 }
 
 NOINLINE static void send_hello(struct probe *probe, uint32_t now_us) {
@@ -66,7 +68,8 @@ NOINLINE static void send_hello(struct probe *probe, uint32_t now_us) {
         message.gyr_lsb = identity->gyr_lsb_nrad_s;
         message.mag_lsb = identity->mag_lsb_pt;
     }
-    send(probe, bytes, message_hello_encode(&message, probe->sequence, now_us, bytes + 1));
+    send(probe, bytes,
+         message_hello_encode(&message, probe->sequence, now_us, bytes + 1));
 }
 
 NOINLINE static void send_status(struct probe *probe, uint32_t now_us) {
@@ -93,7 +96,8 @@ NOINLINE static void send_status(struct probe *probe, uint32_t now_us) {
         .supply = supply_mv > 0 ? supply_mv : STATUS_SUPPLY_NULL,
     };
     probe->load = (struct probe_load){0, 0, 0};
-    send(probe, bytes, message_status_encode(&message, probe->sequence, now_us, bytes + 1));
+    send(probe, bytes,
+         message_status_encode(&message, probe->sequence, now_us, bytes + 1));
 }
 
 static void make_id(struct probe *probe) {
@@ -179,14 +183,16 @@ NOINLINE static void send_raw(struct probe *probe, const struct sample *sample) 
         message.mag[1] = sample->mag.y;
         message.mag[2] = sample->mag.z;
     }
-    send(probe, bytes, message_raw_encode(&message, probe->sequence, sample->time_us, bytes + 1));
+    send(probe, bytes,
+         message_raw_encode(&message, probe->sequence, sample->time_us, bytes + 1));
 }
 
 NOINLINE static void send_pose(struct probe *probe, uint32_t time_us) {
     uint8_t bytes[FRAME_ROOM];
     struct message_pose message;
     pose_read(&probe->tracker, &message);
-    send(probe, bytes, message_pose_encode(&message, probe->sequence, time_us, bytes + 1));
+    send(probe, bytes,
+         message_pose_encode(&message, probe->sequence, time_us, bytes + 1));
 }
 
 // True `rate_hz` times in `of_hz` calls, evenly.
@@ -215,9 +221,10 @@ void probe_sample(struct probe *probe, const struct sample *sample) {
         send_event(probe, EVENT_CALIBRATION_REFUSED, CAUSE_MOTION,
                    probe->tracker.calibrator.span_counts, sample->time_us);
     }
-    // The phases run on while nothing streams, so that the instants of a rate's messages
-    // do not depend on when the button was pressed.
-    const bool raw_is_due = is_due(&probe->raw_phase, probe->settings.raw_rate_hz, rate_hz);
+    // The phases run on while nothing streams, so that the instants of a rate's
+    // messages do not depend on when the button was pressed.
+    const bool raw_is_due =
+        is_due(&probe->raw_phase, probe->settings.raw_rate_hz, rate_hz);
     const bool pose_is_due =
         is_due(&probe->pose_phase, probe->settings.pose_rate_hz, rate_hz);
     probe->is_heavy = probe->is_streaming && pose_is_due && sample->has_mag;
@@ -246,8 +253,8 @@ static void set_streaming(struct probe *probe, bool is_streaming, enum cause cau
         return;
     }
     probe->is_streaming = is_streaming;
-    send_event(probe, is_streaming ? EVENT_STREAM_STARTED : EVENT_STREAM_STOPPED, cause, 0,
-               now_us);
+    send_event(probe, is_streaming ? EVENT_STREAM_STARTED : EVENT_STREAM_STOPPED, cause,
+               0, now_us);
 }
 
 static enum result set_rate(struct probe *probe, int32_t value[2]) {
@@ -319,7 +326,8 @@ static enum result carry_out(struct probe *probe, const struct message_command *
     }
 }
 
-NOINLINE static void send_reply(struct probe *probe, const struct message_command *command,
+NOINLINE static void send_reply(struct probe *probe,
+                                const struct message_command *command,
                                 uint32_t now_us) {
     uint8_t bytes[FRAME_ROOM];
     const struct message_reply message = {
@@ -328,7 +336,8 @@ NOINLINE static void send_reply(struct probe *probe, const struct message_comman
         .result = probe->last_result,
         .value = {probe->last_value[0], probe->last_value[1]},
     };
-    send(probe, bytes, message_reply_encode(&message, probe->sequence, now_us, bytes + 1));
+    send(probe, bytes,
+         message_reply_encode(&message, probe->sequence, now_us, bytes + 1));
 }
 
 void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us) {
@@ -339,8 +348,8 @@ void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us) {
     if (framed == FRAME_PENDING) {
         return;
     }
-    if (framed != FRAME_OK || message_command_decode(probe->decoder.bytes, length, &header,
-                                                     &command) != MESSAGE_OK) {
+    if (framed != FRAME_OK || message_command_decode(probe->decoder.bytes, length,
+                                                     &header, &command) != MESSAGE_OK) {
         ++probe->counters.commands_bad;
         return;
     }
@@ -371,14 +380,15 @@ static void follow_button(struct probe *probe, bool is_down, uint32_t now_us) {
 static void save_settings(struct probe *probe, uint32_t now_us) {
     if (settings_step(&probe->writer, probe->port->storage, &probe->settings) ==
         SETTINGS_FAILED) {
-        send_event(probe, EVENT_SETTINGS_FAILED, CAUSE_NONE, probe->writer.offset, now_us);
+        send_event(probe, EVENT_SETTINGS_FAILED, CAUSE_NONE, probe->writer.offset,
+                   now_us);
     }
 }
 
 void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
     follow_button(probe, is_button_down, now_us);
-    // What is not urgent waits a little for a sample that was less work, and goes one at
-    // a time.
+    // What is not urgent waits a little for a sample that was less work, and goes one
+    // at a time.
     if (probe->is_heavy && probe->waits < WAITS_MAX) {
         ++probe->waits;
         return;
@@ -406,7 +416,7 @@ enum state probe_state(const struct probe *probe) {
         return STATE_STREAMING;
     }
     return probe->identity != NULL && probe->tracker.is_calibrated ? STATE_IDLE
-                                                                    : STATE_CALIBRATING;
+                                                                   : STATE_CALIBRATING;
 }
 
 bool probe_led(const struct probe *probe, uint32_t now_us) {

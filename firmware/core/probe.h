@@ -22,9 +22,9 @@ struct probe_port {
 };
 
 struct probe_board {
-    uint8_t kind;         // enum board
-    uint8_t reset_cause;  // flags reset_cause
-    const char *firmware;     // build text, at most 16 characters count
+    uint8_t kind;              // enum board
+    uint8_t reset_cause;       // flags reset_cause
+    const char *firmware;      // build text, at most 16 characters count
     const uint8_t *unique_id;  // 8 bytes that the silicon is born with, or NULL
 };
 
@@ -61,7 +61,7 @@ struct probe {
     uint8_t last_result;
     int32_t last_value[2];
     bool is_streaming;
-    bool is_faulty;      // the sensor does not deliver
+    bool is_faulty;       // the sensor does not deliver
     bool has_said_hello;  // in the second that runs
     bool is_heavy;        // the last sample was more work than others
     uint8_t waits;        // steps since then

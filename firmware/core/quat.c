@@ -42,7 +42,8 @@ void quat_from_small_angle(const struct vector *angle_rad_q30, struct quat *out)
     const q2_30_t square = vector_square_q30(angle_rad_q30);
     const q2_30_t eighth = fixed_scale_down(square, 3);
     const q2_30_t gain = Q2_30_ONE / 2 - fixed_mul_q30(square, ONE_48TH);
-    out->w = Q2_30_ONE - eighth + fixed_mul_q30(fixed_mul_q30(square, eighth), ONE_48TH);
+    out->w =
+        Q2_30_ONE - eighth + fixed_mul_q30(fixed_mul_q30(square, eighth), ONE_48TH);
     out->x = fixed_mul_q30(angle_rad_q30->x, gain);
     out->y = fixed_mul_q30(angle_rad_q30->y, gain);
     out->z = fixed_mul_q30(angle_rad_q30->z, gain);

@@ -13,10 +13,10 @@ struct counts {
 };
 
 struct sample {
-    uint32_t time_us;  // device time of the data-ready edge, wraps after 71.6 min
+    uint32_t time_us;   // device time of the data-ready edge, wraps after 71.6 min
     struct counts acc;  // specific force, +1 g up at rest
     struct counts gyr;
-    struct counts mag;  // factory adjustment applied; only where has_mag
+    struct counts mag;         // factory adjustment applied; only where has_mag
     int16_t temperature_cdeg;  // 0.01 degC, or SAMPLE_NO_TEMPERATURE
     bool has_mag;              // a magnetometer reading that was not there before
     bool mag_overflow;

@@ -16,8 +16,8 @@ int32_t vector_square_q30(const struct vector *v);
 uint32_t vector_square_q32(const struct vector *v);
 
 // v / |v| as q2_30, within 7e-8, and |v| in the format of v to *norm, within 7e-8 of it
-// and a step, held at INT32_MAX. `unit` may be v. Returns false and writes nothing for a
-// zero vector. No component may be INT32_MIN.
+// and a step, held at INT32_MAX. `unit` may be v. Returns false and writes nothing for
+// a zero vector. No component may be INT32_MIN.
 bool vector_normalise(const struct vector *v, struct vector *unit, int32_t *norm);
 
 // v * gain, gain q2_30; v keeps its format. `out` may be v, here and below.

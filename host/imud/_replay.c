@@ -7,8 +7,7 @@
 #include "pose.h"
 
 struct replay {
-    PyObject_HEAD
-    struct sensor_identity identity;
+    PyObject_HEAD struct sensor_identity identity;
     struct calibration calibration;
     struct pose_tracker tracker;
 };
@@ -121,14 +120,16 @@ static PyMethodDef replay_methods[] = {
     {"step", replay_step, METH_O,
      "step($self, raw, /)\n--\n\nTake the content of the next raw message."},
     {"pose", replay_pose, METH_VARARGS,
-     "pose($self, sequence, time_us, /)\n--\n\nThe content of the pose message that the "
+     "pose($self, sequence, time_us, /)\n--\n\nThe content of the pose message that "
+     "the "
      "probe sends after the last step: equal to it in every bit."},
     {NULL, NULL, 0, NULL},
 };
 
 static PyType_Slot replay_slots[] = {
-    {Py_tp_doc, "Replay(hello)\n--\n\nComputes a probe's poses again from its hello and "
-                "all raw messages since its sensor started."},
+    {Py_tp_doc,
+     "Replay(hello)\n--\n\nComputes a probe's poses again from its hello and "
+     "all raw messages since its sensor started."},
     {Py_tp_new, replay_new},
     {Py_tp_dealloc, replay_dealloc},
     {Py_tp_traverse, replay_traverse},

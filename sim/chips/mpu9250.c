@@ -521,9 +521,9 @@ struct lowpass_setting {
 
 // RM 4.6: the gyroscope's, by FCHOICE_B and DLPF_CFG.
 static struct lowpass_setting gyro_lowpass(const struct mpu9250_chip *chip) {
-    static const struct lowpass_setting dlpf[8] = {{250, 0.97}, {184, 2.9},  {92, 3.9},
-                                                   {41, 5.9},   {20, 9.9},   {10, 17.85},
-                                                   {5, 33.48},  {3600, 0.17}};
+    static const struct lowpass_setting dlpf[8] = {
+        {250, 0.97}, {184, 2.9},  {92, 3.9},  {41, 5.9},
+        {20, 9.9},   {10, 17.85}, {5, 33.48}, {3600, 0.17}};
     const uint8_t fchoice_b = chip->reg[REG_GYRO_CONFIG] & GYRO_FCHOICE_B;
     if (fchoice_b & 1) {
         return (struct lowpass_setting){8800, 0.064};  // FCHOICE x0
@@ -537,7 +537,7 @@ static struct lowpass_setting gyro_lowpass(const struct mpu9250_chip *chip) {
 // RM 4.8, rev 1.6: the accelerometer's, by ACCEL_FCHOICE_B and A_DLPF_CFG.
 static struct lowpass_setting accel_lowpass(const struct mpu9250_chip *chip) {
     static const struct lowpass_setting dlpf[8] = {
-        {218.1, 1.88}, {218.1, 1.88},  {99, 2.88},     {44.8, 4.88},
+        {218.1, 1.88}, {218.1, 1.88}, {99, 2.88},    {44.8, 4.88},
         {21.2, 8.87},  {10.2, 16.83}, {5.05, 32.48}, {420, 1.38}};
     const uint8_t config = chip->reg[REG_ACCEL_CONFIG_2];
     return config & ACCEL_FCHOICE_B ? (struct lowpass_setting){1046, 0.503}

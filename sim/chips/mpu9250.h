@@ -33,8 +33,8 @@ typedef void (*mpu9250_chip_motion)(void *context, enum mpu9250_chip_quantity qu
 struct mpu9250_chip_config {
     mpu9250_chip_motion motion;  // null: what mpu9250_chip_hold() said
     void *context;
-    bool is_recorded;  // the motion has been through a sensor's low-pass already
-    double rate_error_ppm;      // of the sample clock; positive is fast
+    bool is_recorded;       // the motion has been through a sensor's low-pass already
+    double rate_error_ppm;  // of the sample clock; positive is fast
     double mag_rate_error_ppm;  // of the AK8963's own clock
     double temperature_c;
     uint64_t startup_ns;       // from power-up or H_RESET until registers answer

@@ -139,7 +139,7 @@ def tumble(
     while begun < seconds:
         lasts = random.uniform(0.4, 1.5)
         peak = np.exp(random.uniform(np.log(30), np.log(2000))) * DEGREE
-        axis = rotation.rotate(rotation.IDENTITY, random.standard_normal(3))
+        axis = random.standard_normal(3)
         axis /= np.linalg.norm(axis)
         u = np.clip((t - begun) / lasts, 0, 1)
         # Least jerk: its peak is 15/8 of its mean.

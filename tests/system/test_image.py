@@ -61,7 +61,9 @@ def test_a_click_starts_the_stream_and_the_next_one_stops_it(stub: Stub) -> None
 
 
 def test_bounce_never_toggles(stub: Stub) -> None:
-    bounces = [f"{start}:{start + 15_000}" for start in range(1_000_000, 1_300_000, 30_000)]
+    bounces = [
+        f"{start}:{start + 15_000}" for start in range(1_000_000, 1_300_000, 30_000)
+    ]
     options = itertools.chain.from_iterable(("--press", span) for span in bounces)
     done = run(stub, 2, *options)
     assert done.events == [("settings_restored", "boot")]
@@ -91,10 +93,13 @@ def test_commands_start_stop_tare_and_reset(stub: Stub) -> None:
     words = [("start", 1_500_000), ("tare", 2_000_000), ("stop", 2_500_000)]
     words += [("hello", 2_600_000), ("reset", 3_000_000)]
     options = itertools.chain.from_iterable(
-        ("--send", f"{at}:{send(name, token=i + 1)}") for i, (name, at) in enumerate(words)
+        ("--send", f"{at}:{send(name, token=i + 1)}")
+        for i, (name, at) in enumerate(words)
     )
     done = run(stub, 5, *options)
-    replies = [(r.fields["replied_command"], r.fields["result"]) for r in done.named("reply")]
+    replies = [
+        (r.fields["replied_command"], r.fields["result"]) for r in done.named("reply")
+    ]
     assert replies == [(name, "ok") for name, _ in words]
     assert ("stream_started", "command") in done.events
     assert ("stream_stopped", "command") in done.events
@@ -109,10 +114,17 @@ def test_commands_start_stop_tare_and_reset(stub: Stub) -> None:
     assert done.summary["resets"] == 1
 
 
-def test_noise_on_the_wire_is_counted_and_a_command_behind_it_obeyed(stub: Stub) -> None:
+def test_noise_on_the_wire_is_counted_and_a_command_behind_it_obeyed(
+    stub: Stub,
+) -> None:
     noise = bytes(np.random.default_rng(5).integers(0, 256, 600, np.uint8)).hex()
     done = run(
-        stub, 3, "--send", f"1000000:{noise}", "--send", f"1500000:{send('start', token=9)}"
+        stub,
+        3,
+        "--send",
+        f"1000000:{noise}",
+        "--send",
+        f"1500000:{send('start', token=9)}",
     )
     assert ("stream_started", "command") in done.events
     assert done.last_status["commands_bad"] > 0
@@ -306,12 +318,21 @@ def test_two_probes_have_two_ids(stub: Stub) -> None:
 
 
 @pytest.mark.parametrize("write", [*range(1, 8), *range(8, 24, 5)])
-def test_power_cut_at_an_eeprom_write_leaves_one_good_slot(stub: Stub, write: int) -> None:
+def test_power_cut_at_an_eeprom_write_leaves_one_good_slot(
+    stub: Stub, write: int
+) -> None:
     memory = ("--eeprom", stub.folder / "eeprom")
     first = run(stub, 2, *memory)
     kept, boots = boot_of(first)
-    cut = run(stub, 2, *memory, faults=[{"kind": "power_cut", "write": write, "after_us": 900}])
+    cut = run(
+        stub,
+        2,
+        *memory,
+        faults=[{"kind": "power_cut", "write": write, "after_us": 900}],
+    )
     after = run(stub, 2, *memory)
     assert ("settings_restored", "boot") not in after.events
     assert boot_of(after)[0] == kept
-    assert boot_of(after)[1] in ((boots + 1, boots + 2) if cut.summary["power_cut"] else (boots + 2,))
+    assert boot_of(after)[1] in (
+        (boots + 1, boots + 2) if cut.summary["power_cut"] else (boots + 2,)
+    )

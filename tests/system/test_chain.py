@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: MIT
+"""The whole chain: the image in its emulator, a pty, the daemon, a subscriber, a log."""
+
+from __future__ import annotations
+
+import json
+import queue
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import reference
+from fakes import PATIENCE_S, DaemonProcess, Port
+from imud import _core, decode, schema
+from imud.client import Client
+from imud.messages import Message
+from imud.messages import decode as decode_content
+from system.virtual import FIELDS_ALL, Stub, run
+
+CLICK = ("--press", "200000:300000")
+RAW_TOO = ("--send", f"320000:{FIELDS_ALL}")
+
+
+class LiveProbe:
+    """A virtual Nano on a pty, in real time."""
+
+    def __init__(self, stub: Stub, *options: object) -> None:
+        self.port = stub.folder / "probe"
+        self.summary = stub.folder / "live.json"
+        words = ["--image", stub.image, "--pty", self.port, "--summary", self.summary]
+        self.process = subprocess.Popen(
+            [str(stub.nano), *map(str, [*words, *options])],
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert self.process.stderr is not None
+        assert self.process.stderr.readline().startswith("ready")
+
+    def end(self, by: signal.Signals = signal.SIGTERM) -> dict[str, Any]:
+        """Ends it and returns its summary."""
+        self.process.send_signal(by)
+        self.process.wait(PATIENCE_S)
+        if self.process.stderr is not None:
+            self.process.stderr.close()
+        if by == signal.SIGKILL:
+            self.port.unlink(missing_ok=True)
+            return {}
+        found: dict[str, Any] = json.loads(self.summary.read_text())
+        return found
+
+
+def hear(client: Client, topic: str) -> queue.Queue[dict[str, Any]]:
+    heard: queue.Queue[dict[str, Any]] = queue.Queue()
+    client.subscribe(topic, None, lambda _, payload: heard.put(json.loads(payload)))
+    return heard
+
+
+def take(heard: queue.Queue[dict[str, Any]], count: int) -> list[dict[str, Any]]:
+    return [heard.get(timeout=PATIENCE_S) for _ in range(count)]
+
+
+def drained(heard: queue.Queue[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    while not heard.empty():
+        yield heard.get()
+
+
+def damage(data: bytes, seed: int) -> bytes:
+    """Drops, doubles and flips bytes, but for the first and the last 4000."""
+    chance = np.random.default_rng(seed)
+    head, middle, tail = data[:4000], data[4000:-4000], data[-4000:]
+    worse = bytearray()
+    for byte, luck in zip(middle, chance.random(len(middle)), strict=True):
+        if luck < 0.0005:
+            continue
+        worse.append(byte ^ (1 << chance.integers(8)) if luck < 0.0010 else byte)
+        if luck > 0.9995:
+            worse.append(byte)
+    return head + bytes(worse) + tail
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_damage_on_the_wire_adds_up_to_the_frame(stub: Stub, seed: int) -> None:
+    done = run(stub, 12, *CLICK, *RAW_TOO)
+    received = damage(done.record.read_bytes(), seed)
+    good = reference.contents(received)
+    whole = set(done.contents)
+    assert set(good) <= whole, "a damaged frame passed as good"
+    port = Port(stub.folder / "port")
+    with DaemonProcess(port.path, directory=stub.folder) as daemon:
+        port.read()  # it has opened the port and asks who is there
+        with Client(daemon.endpoint) as client:
+            # In pieces that no kernel buffer refuses; the daemon reads as they come.
+            for at in range(0, len(received), 2048):
+                port.write(received[at : at + 2048])
+            statuses = hear(client, "status")
+            last = done.messages[-1].sequence
+            while True:
+                ledger = statuses.get(timeout=PATIENCE_S)["ledger"]
+                counts = [ledger[at].get("frame") for at in ("published", "logged")]
+                if ledger["sent"] == last + 1 and counts == [len(good)] * 2:
+                    break
+        assert daemon.stop() < 5
+    assert ledger["sent"] == done.summary["frames"]
+    assert ledger["received"] == len(good)
+    assert ledger["lost"] == done.summary["frames"] - len(good)
+    assert ledger["lost"] > 50
+    assert ledger["skewed"] == {}
+    logged = [
+        item
+        for item in decode.decode_file(daemon.log, decode.Tally())
+        if item["type"] == "pose"
+    ]
+    named = [decode_content(content) for content in good]
+    poses = [m.sequence for m in named if isinstance(m, Message) and m.name == "pose"]
+    assert [item["seq"] for item in logged] == poses
+    assert ledger["published"]["pose"] == ledger["logged"]["pose"] == len(poses)
+    port.vanish()
+
+
+def test_a_live_probe_reaches_a_subscriber_with_nothing_lost(stub: Stub) -> None:
+    probe = LiveProbe(stub, "--press", "1500000:1700000")
+    with DaemonProcess(probe.port, directory=stub.folder) as daemon:
+        daemon.expect("found on")
+        with Client(daemon.endpoint) as client:
+            name = client.wait_for(seconds=PATIENCE_S)
+            poses = hear(client, "pose")
+            got = take(poses, 300)
+            assert client.command(name, "stop")["ok"]
+            got += list(drained(poses))
+            (status,) = client.statuses()
+        summary = probe.end()
+        daemon.stop()
+    assert not summary["crashed"]
+    assert summary["late"] == 0
+    assert status["ledger"]["lost"] == 0
+    assert status["ledger"]["corrupt"] == 0
+    numbers = [pose["seq"] for pose in got]
+    steps = np.diff([pose["t_device_us"] for pose in got])
+    assert np.all(np.abs(steps - 10_000) < 20)
+    assert numbers == sorted(numbers)
+    assert set(got[0]) == {
+        *("type", "probe", "seq", "t_device_us", "t_ns", "q", "position_m", "normal"),
+        *("tilt_sigma_deg", "heading_sigma_deg", "flags"),
+    }
+
+
+def test_a_killed_daemon_leaves_all_but_a_quarter_second(stub: Stub) -> None:
+    probe = LiveProbe(stub, "--press", "300000:500000")
+    with DaemonProcess(probe.port, directory=stub.folder) as daemon:
+        daemon.expect("found on")
+        with Client(daemon.endpoint) as client:
+            client.wait_for(seconds=PATIENCE_S)
+            poses = hear(client, "pose")
+            take(poses, 250)
+            killed_ns = time.time_ns()
+            daemon.process.send_signal(signal.SIGKILL)
+            daemon.process.wait(PATIENCE_S)
+        log = daemon.log
+    probe.end()
+    shown = subprocess.run(
+        [sys.executable, "-m", "imud", "decode", str(log), "--json"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    items = [json.loads(line) for line in shown.stdout.splitlines()]
+    logged = [item for item in items if item["type"] == "pose"]
+    assert len(logged) >= 220
+    assert (killed_ns - logged[-1]["t_ns"]) / 1e9 <= 0.25
+    numbers = [item["seq"] for item in logged]
+    assert numbers == sorted(set(numbers))
+
+
+def test_a_yanked_probe_is_found_again_under_its_own_name(stub: Stub) -> None:
+    memory = ("--eeprom", stub.folder / "eeprom")
+    probe = LiveProbe(stub, *memory)
+    with DaemonProcess(probe.port, directory=stub.folder) as daemon:
+        first = daemon.expect("found on")
+        probe.end()
+        daemon.expect(re.escape(str(probe.port)))
+        probe = LiveProbe(stub, *memory)
+        again = daemon.expect("found on|is back|restarted|boot")
+        with Client(daemon.endpoint) as client:
+            name = client.wait_for(seconds=PATIENCE_S)
+        assert name in first
+        assert name in again
+        probe.end()
+        daemon.stop()
+
+
+def test_a_probe_that_a_host_cannot_read_is_named_once(stub: Stub) -> None:
+    done = run(stub, 3)
+    hello = next(c for c in done.contents if c[0] == reference.HELLO_ID)
+    changed = hello.replace(
+        schema.FINGERPRINT.to_bytes(4, "little"), (0x12345678).to_bytes(4, "little")
+    )
+    assert changed != hello
+    port = Port(stub.folder / "port")
+    with DaemonProcess(port.path, directory=stub.folder) as daemon:
+        port.read()  # it has opened the port and asks who is there
+        port.write(_core.encode_frame(0xFFFF, changed) * 3)
+        line = daemon.expect("schema")
+        daemon.stop()
+        assert "0x12345678" in line
+        assert sum("schema" in each for each in daemon.lines) == 1
+    port.vanish()
