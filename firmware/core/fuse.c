@@ -316,8 +316,11 @@ static void follow_field(struct fuse *fuse, const struct vector *field_body_q18)
     const q2_30_t weighted = fixed_mul_q30(fuse->heading_variance, fuse->field_weight);
     const q2_30_t gain =
         fixed_ratio((uint32_t)weighted, (uint32_t)weighted + HEADING_NOISE_Q30);
-    const turn32_t away =
-        fixed_clamp(turn32_sub(measured, fuse->heading), FIELD_STEP_MAX);
+    turn32_t away = turn32_sub(measured, fuse->heading);
+    if (fuse->field_samples == FIELD_REFERENCE) {
+        // A step of 15 deg at most; at the start the first reading may have been poor.
+        away = fixed_clamp(away, FIELD_STEP_MAX);
+    }
     fuse->heading = turn32_add(fuse->heading, fixed_mul_q30(away, gain));
     fuse->heading_variance -= fixed_mul_q30(fuse->heading_variance, gain);
 }

@@ -208,7 +208,8 @@ void fuse_twin_run(int count, int rate_hz, double gyr_delay_s, const double *gyr
                     variance = noise;
                 } else {
                     const double gain = weight * variance / (weight * variance + noise);
-                    heading += clamp(wrap(measured - heading), 15 * degree) * gain;
+                    const double away = wrap(measured - heading);
+                    heading += (fields < 200 ? away : clamp(away, 15 * degree)) * gain;
                     variance -= variance * gain;
                 }
             }

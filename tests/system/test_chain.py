@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The whole chain: the image in its emulator, a pty, the daemon, a subscriber, a log."""
+"""The whole chain: image, emulator, pty, daemon, subscriber, log."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -86,6 +85,15 @@ def damage(data: bytes, seed: int) -> bytes:
     return head + bytes(worse) + tail
 
 
+def passed_on(ledger: dict[str, Any]) -> list[int]:
+    """Messages of the probe that were published and logged."""
+    own = "status"  # the daemon's, beside the probe's that is kept as counters
+    return [
+        sum(count for topic, count in ledger[sink].items() if topic != own)
+        for sink in ("published", "logged")
+    ]
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_damage_on_the_wire_adds_up_to_the_frame(stub: Stub, seed: int) -> None:
     done = run(stub, 12, *CLICK, *RAW_TOO)
@@ -104,8 +112,7 @@ def test_damage_on_the_wire_adds_up_to_the_frame(stub: Stub, seed: int) -> None:
             last = done.messages[-1].sequence
             while True:
                 ledger = statuses.get(timeout=PATIENCE_S)["ledger"]
-                counts = [ledger[at].get("frame") for at in ("published", "logged")]
-                if ledger["sent"] == last + 1 and counts == [len(good)] * 2:
+                if ledger["sent"] == last + 1 and passed_on(ledger) == [len(good)] * 2:
                     break
         assert daemon.stop() < 5
     assert ledger["sent"] == done.summary["frames"]

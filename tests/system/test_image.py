@@ -173,7 +173,7 @@ def test_nothing_is_late_with_all_streams_at_200_hz(stub: Stub) -> None:
 def test_the_image_tells_its_cycles_and_stack_as_the_emulator_does(stub: Stub) -> None:
     done = run(stub, 5, *CLICK)
     status = done.last_status
-    # The probe's own clock starts when it takes a sample and does not see the sleep's end.
+    # The probe's clock starts when it takes a sample and stops before it sleeps.
     assert status["cycles_mean"] == pytest.approx(done.summary["cycles_mean"], rel=0.1)
     assert status["stack_free"] == pytest.approx(
         2048 - done.summary["ram"] - done.summary["stack_max"], abs=24
