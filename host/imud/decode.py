@@ -225,7 +225,7 @@ def words(item: dict[str, Any]) -> str:
 
 
 def _sigma(sigma: float | None) -> str:
-    return "  free " if sigma is None else f"±{sigma:6.2f}"
+    return "   ?   " if sigma is None else f"±{sigma:6.2f}"
 
 
 def _vector(values: list[float] | None, unit: str, digits: int) -> str:

@@ -101,7 +101,7 @@ def pose_words(name: str, heard: Heard, now_s: float) -> str:
 
 
 def _sigma(sigma: float | None) -> str:
-    return "free" if sigma is None else f"±{sigma:.2f}"
+    return "?" if sigma is None else f"±{sigma:.2f}"
 
 
 class Screen:

@@ -66,7 +66,7 @@ def test_a_pipe_gets_plain_lines_under_one_heading() -> None:
     assert "\x1b" not in out.getvalue()
     assert len(lines) == 5
     assert lines[1].split() == [
-        *("p", "0.00", "0.00", "0.00", "±0.38", "free", "101", "Hz"),
+        *("p", "0.00", "0.00", "0.00", "±0.38", "?", "101", "Hz"),
         *("at_rest", "heading_free"),
     ]
     assert lines[2] == (
