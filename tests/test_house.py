@@ -137,6 +137,13 @@ def test_numbers_are_shifted_in_fixed_alone(path):
     assert not re.search(r"<<|>>", code)
 
 
+def test_a_sized_constant_is_one_number():
+    # INT32_C(A / B) pastes its suffix to B alone: A stays an int of 16 bits on the AVR.
+    sized = re.compile(r"\bU?INT(?:8|16|32|64)_C\((?![0-9]\w*\))[^)]*\)")
+    for path in files(FIRMWARE, kinds=("*.c", "*.h")):
+        assert not sized.findall(path.read_text()), identified(path)
+
+
 @core_sources
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_core_compiles_without_a_warning_and_without_floats(compiler, path, tmp_path):

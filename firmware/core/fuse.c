@@ -102,14 +102,29 @@ void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us) {
                     seconds_q35(gyr_delay_us - (int32_t)(UINT32_C(500000) / rate_hz)),
                 .history_stride = (uint8_t)((rate_hz + 199) / 200),
             },
-        .inertial_from_body = QUAT_IDENTITY,
-        .level_from_inertial = QUAT_IDENTITY,
-        .level_from_body = QUAT_IDENTITY,
         .bias_variance = BIAS_VARIANCE_MAX_Q20,
-        .heading_variance = HEADING_VARIANCE_MAX_Q30,
-        .field_weight = Q2_30_ONE,
-        .field_age_us = FIELD_ABSENT_US,
     };
+    fuse_restart(fuse);
+}
+
+void fuse_restart(struct fuse *fuse) {
+    fuse->inertial_from_body = QUAT_IDENTITY;
+    fuse->level_from_inertial = QUAT_IDENTITY;
+    fuse->level_from_body = QUAT_IDENTITY;
+    fuse->history_phase = 0;
+    fuse->force = (struct lowpass){{0, 0, 0}, {0, 0, 0}};
+    fuse->rest_rate = (struct lowpass){{0, 0, 0}, {0, 0, 0}};
+    fuse->rest_force = (struct lowpass){{0, 0, 0}, {0, 0, 0}};
+    fuse->rest_samples = 0;
+    fuse->rest_looks = 0;
+    fuse->is_rest_due = false;
+    fuse->is_level_due = false;
+    fuse->has_waited = false;
+    fuse->heading_variance = HEADING_VARIANCE_MAX_Q30;
+    fuse->field_weight = Q2_30_ONE;
+    fuse->field_age_us = FIELD_ABSENT_US;
+    fuse->rate_square = 0;
+    fuse->samples = 0;
 }
 
 void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25) {

@@ -82,6 +82,10 @@ struct fuse_quality {
 // most 7.5 ms) behind the motion.
 void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us);
 
+// Forgets the orientation, which has changed unseen; keeps the bias and the reference
+// field.
+void fuse_restart(struct fuse *fuse);
+
 // One sample, `interval_us` after the one before it. Longer intervals than 60 ms are
 // integrated for 60 ms only: the rest of the motion is lost.
 void fuse_step(struct fuse *fuse, const struct measurement *measurement,

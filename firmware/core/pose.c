@@ -2,6 +2,9 @@
 // Sample to pose; see pose.h.
 #include "pose.h"
 
+// A gap after which the orientation is found anew: a hand turns far in that time.
+#define RESTART_US UINT32_C(250000)
+
 void pose_begin(struct pose_tracker *tracker, const struct calibration *calibration,
                 const struct sensor_identity *identity) {
     tracker->calibration = calibration;
@@ -37,11 +40,12 @@ enum pose_result pose_step(struct pose_tracker *tracker, const struct sample *sa
     enum pose_result result = POSE_OK;
     struct measurement measurement;
     uint32_t interval_us = sample->time_us - tracker->last_us;
-    if (!tracker->has_sample) {
+    tracker->last_us = sample->time_us;
+    if (!tracker->has_sample || interval_us > RESTART_US) {
+        fuse_restart(&tracker->fuse);
         tracker->has_sample = true;
         interval_us = UINT32_C(1000000) / tracker->identity->rate_hz;
     }
-    tracker->last_us = sample->time_us;
     if (!tracker->is_calibrated) {
         result = calibrate_at_rest(tracker, sample);
     }

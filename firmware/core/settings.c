@@ -162,8 +162,11 @@ static enum settings_result fill(struct settings_writer *writer,
         }
         ++offset;
     }
-    // Of memory, which equals the settings at this moment.
-    const uint16_t crc = crc_of(storage, writer->slot);
+    // Memory equals the settings at this moment, so that theirs is its CRC.
+    const uint8_t header[SETTINGS_HEADER] = {SETTINGS_VERSION, sizeof *settings,
+                                             writer->sequence};
+    const uint16_t crc = frame_crc(frame_crc(CRC_SEED, header, sizeof header),
+                                   (const uint8_t *)settings, sizeof *settings);
     const uint8_t halves[SETTINGS_CRC] = {(uint8_t)(crc % 256), (uint8_t)(crc / 256)};
     for (uint8_t i = 0; i < SETTINGS_CRC; ++i) {
         offset = (uint8_t)(AT_CRC + i);

@@ -181,6 +181,22 @@ def test_a_gap_in_time_is_integrated_and_flagged():
     assert turned == pytest.approx(4.5, abs=0.02)
 
 
+def test_after_a_long_gap_the_orientation_is_found_anew_and_the_bias_is_kept():
+    over = rotation.from_rotation_vector(np.array([2.0, 0.0, 0.0]))
+    quat = np.vstack([at_rest(6), at_rest(6, quat=over)])
+    motion = felt(quat, noise=0)
+    motion.gyr[:] = np.array([0.5, -0.4, 0.3]) * DEGREE  # nothing but a bias
+    samples = motion.samples(MPU9250)
+    samples["time_us"][1200:] += 400_000
+    poses, _ = Tracker().feel(samples)
+    assert not has(poses, lib.POSE_STARTING)[1199]
+    assert has(poses, lib.POSE_STARTING)[1200]
+    assert poses["tilt_sigma"][1200] == NOT_KNOWN
+    assert desk.apart_deg(poses["q"][1220:1221], over * ONE)[0] < 1.0
+    assert desk.apart_deg(poses["q"][-1:], over * ONE)[0] < 0.2
+    assert not has(poses, lib.POSE_UNCALIBRATED)[1200]
+
+
 def test_nothing_depends_on_when_the_first_sample_comes():
     motion = felt(tumble(8, 200, 1))
     first, _ = Tracker().feel(motion.samples(MPU9250))
