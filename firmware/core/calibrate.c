@@ -2,22 +2,25 @@
 // Sample to measurement; see calibrate.h for units and bounds.
 #include "calibrate.h"
 
-#define IDENTITY_MATRIX                                                                \
-    {                                                                                  \
-        {16384, 0, 0}, {0, 16384, 0}, {                                                \
-            0, 0, 16384                                                                \
-        }                                                                              \
-    }
-
-const struct calibration calibration_identity = {
-    .acc = {{0, 0, 0}, IDENTITY_MATRIX},
-    .gyr = {{0, 0, 0}, IDENTITY_MATRIX},
-    .mag = {{0, 0, 0}, IDENTITY_MATRIX},
-};
-
 enum {
+    ONE = 16384,      // 1 as q2_14
     ROW_MAX = 27852,  // 1.7 as q2_14
 };
+
+static void sensor_clear(struct calibration_of_sensor *sensor) {
+    for (uint8_t row = 0; row < 3; ++row) {
+        sensor->bias[row] = 0;
+        for (uint8_t column = 0; column < 3; ++column) {
+            sensor->matrix[row][column] = row == column ? ONE : 0;
+        }
+    }
+}
+
+void calibration_clear(struct calibration *calibration) {
+    sensor_clear(&calibration->acc);
+    sensor_clear(&calibration->gyr);
+    sensor_clear(&calibration->mag);
+}
 
 static bool sensor_is_valid(const struct calibration_of_sensor *sensor) {
     for (uint8_t row = 0; row < 3; ++row) {

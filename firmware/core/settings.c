@@ -67,7 +67,7 @@ void settings_defaults(struct settings *out) {
     out->pose_rate_hz = POSE_RATE_HZ;
     out->raw_rate_hz = RAW_RATE_HZ;
     out->streams = STREAM_POSE;
-    out->calibration = calibration_identity;
+    calibration_clear(&out->calibration);
 }
 
 static bool rate_is_valid(uint16_t rate_hz) {

@@ -47,7 +47,7 @@ static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs
         .acc_lsb_nm_s2 = hello.acc_lsb,
         .mag_lsb_pt = hello.mag_lsb,
     };
-    replay->calibration = calibration_identity;
+    calibration_clear(&replay->calibration);
     pose_begin(&replay->tracker, &replay->calibration, &replay->identity);
     return self;
 }

@@ -38,6 +38,9 @@ TURN = 2.0**32 / (2 * math.pi)  # turn32, rad
 INT32_MAX = 2**31 - 1
 INT32_MIN = -(2**31)
 
+UNCALIBRATED = ffi.new("struct calibration *")
+lib.calibration_clear(UNCALIBRATED)
+
 Array = npt.NDArray[Any]
 
 

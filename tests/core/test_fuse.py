@@ -398,7 +398,7 @@ EXTREMES = np.array([-(2**15), -(2**15) + 1, -1, 0, 1, 2**15 - 1])
 def worst_calibrations() -> list[object]:
     """None, and those whose matrices and biases are as large as is valid."""
     third = 27852 // 3
-    made = [lib.calibration_identity]
+    made = [desk.UNCALIBRATED[0]]
     for sign in (1, -1):
         part = {
             "bias": [sign * 2**28, -sign * 2**28, sign * 2**28],
@@ -540,7 +540,7 @@ def test_a_recording_is_followed_within_degrees(
     identity = desk.identity_of()
     samples = felt.samples(identity)
     tracker = desk.ffi.new("struct pose_tracker *")
-    lib.pose_begin(tracker, desk.ffi.addressof(lib.calibration_identity), identity)
+    lib.pose_begin(tracker, desk.UNCALIBRATED, identity)
     poses = np.zeros(len(samples), desk.dtype_of("struct message_pose"))
     results = np.zeros(len(samples), np.int32)
     desk.call(lib.loop_pose, tracker, len(samples), samples, poses, results)

@@ -32,7 +32,7 @@ class Tracker:
         self.c = ffi.new("struct pose_tracker *")
         size = ffi.sizeof(self.c[0])
         ffi.memmove(self.c, bytes([fill]) * size, size)
-        lib.pose_begin(self.c, ffi.addressof(lib.calibration_identity), MPU9250)
+        lib.pose_begin(self.c, desk.UNCALIBRATED, MPU9250)
 
     def feel(self, samples: desk.Array) -> tuple[desk.Array, desk.Array]:
         """A pose and a result a sample."""

@@ -865,7 +865,7 @@ def test_the_streamed_poses_are_those_of_a_tracker_fed_with_the_same_samples():
     bench.run(12)
     samples["time_us"] = STEP_US * (1 + np.arange(len(samples)))
     tracker = ffi.new("struct pose_tracker *")
-    lib.pose_begin(tracker, ffi.addressof(lib.calibration_identity), MPU9250)
+    lib.pose_begin(tracker, desk.UNCALIBRATED, MPU9250)
     poses = np.zeros(len(samples), desk.dtype_of("struct message_pose"))
     results = np.zeros(len(samples), np.int32)
     desk.call(lib.loop_pose, tracker, len(samples), samples, poses, results)

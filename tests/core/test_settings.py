@@ -142,7 +142,8 @@ def test_an_erased_memory_gives_the_defaults():
     assert (settings.pose_rate_hz, settings.raw_rate_hz) == (100, 200)
     assert settings.streams == lib.STREAM_POSE
     assert lib.settings_are_valid(settings)
-    identity = ffi.new("struct calibration *", lib.calibration_identity)
+    identity = ffi.new("struct calibration *")
+    lib.calibration_clear(identity)
     calibration = ffi.addressof(settings[0], "calibration")
     assert bytes(ffi.buffer(calibration)) == bytes(ffi.buffer(identity))
 
