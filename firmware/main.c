@@ -40,6 +40,28 @@ static enum cause cause_of(enum bus_result result) {
     }
 }
 
+// Why a transaction of set-up failed, which the driver does not pass on.
+static enum bus_result setup_failure;
+
+static enum bus_result noted(enum bus_result result) {
+    if (result != BUS_OK) {
+        setup_failure = result;
+    }
+    return result;
+}
+
+static enum bus_result read_noted(void *port, uint8_t address, uint8_t reg,
+                                  uint8_t *data, uint8_t length) {
+    const struct bus_device *bus = port;
+    return noted(bus->read(bus->port, address, reg, data, length));
+}
+
+static enum bus_result write_noted(void *port, uint8_t address, uint8_t reg,
+                                   const uint8_t *data, uint8_t length) {
+    const struct bus_device *bus = port;
+    return noted(bus->write(bus->port, address, reg, data, length));
+}
+
 // Stops sampling, says why, frees the bus, and starts over a moment later.
 static void give_up(enum event event, enum cause cause, int32_t detail,
                     uint32_t now_us) {
@@ -62,7 +84,8 @@ static void begin_setup(void) {
 
 static void set_up(uint32_t now_us) {
     const struct sensor_driver *sensor = board_sensor();
-    switch (sensor->setup(sensor->state, board_bus(), now_us)) {
+    const struct bus_device bus = {read_noted, write_noted, (void *)board_bus()};
+    switch (sensor->setup(sensor->state, &bus, now_us)) {
     case SENSOR_OK:
         board_sampling_start(sensor->burst(sensor->state));
         probe_sensor_ready(&probe, sensor->identity(sensor->state), now_us);
@@ -79,7 +102,7 @@ static void set_up(uint32_t now_us) {
         give_up(EVENT_SENSOR_FAULT, CAUSE_TIMEOUT, 0, now_us);
         break;
     default:
-        give_up(EVENT_BUS_FAULT, CAUSE_NACK, 0, now_us);
+        give_up(EVENT_BUS_FAULT, cause_of(setup_failure), 0, now_us);
         break;
     }
 }

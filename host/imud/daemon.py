@@ -72,8 +72,22 @@ TARE = {"all": 0, "heading": 1, "undo": 2}
 STREAMS = {"pose": 0, "raw": 1}
 
 FAULTS = frozenset(
-    {"bus_fault", "overrun", "calibration_refused", "sensor_fault", "settings_restored"}
+    {
+        "bus_fault",
+        "overrun",
+        "calibration_refused",
+        "sensor_fault",
+        "settings_restored",
+        "settings_failed",
+    }
 )
+
+# What the detail of an event counts.
+DETAIL_UNITS = {
+    "calibration_done": " samples",
+    "calibration_refused": " counts of motion",
+    "overrun": " missed",
+}
 
 logger = logging.getLogger("imud")
 
@@ -439,7 +453,8 @@ class Daemon:
         fields = {name: plain(value) for name, value in message.fields.items()}
         name = str(fields["event"])
         cause = "" if fields["cause"] == "none" else f" ({fields['cause']})"
-        detail = f", {fields['detail']}" if fields["detail"] else ""
+        unit = DETAIL_UNITS.get(name, "")
+        detail = f", {fields['detail']}{unit}" if fields["detail"] else ""
         text = f"probe {watched.name}: {name.replace('_', ' ')}{cause}{detail}"
         self.say(("event", watched.name, name, cause), text, is_warning=name in FAULTS)
 

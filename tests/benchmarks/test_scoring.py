@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import math
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import scoring
@@ -75,14 +77,12 @@ def test_only_movement_with_truth_counts() -> None:
     ids=["full_rate", "95_hz"],
 )
 def test_vqf_scores_on_broad_as_published(
-    every: int, expected: tuple[float, float, float]
+    shared_data: Path, every: int, expected: tuple[float, float, float]
 ) -> None:
-    if not scoring.RECORDINGS.is_dir():
-        pytest.skip(f"no recordings at {scoring.RECORDINGS}")
     # Trials 13, 19 and 37 come from another source than the published figures.
     trials = [
         trial
-        for trial in scoring.load_trials([scoring.RECORDINGS])
+        for trial in scoring.load_trials([shared_data / "broad"])
         if trial.name[:2] not in {"13", "19", "37"}
     ]
     assert len(trials) == 18

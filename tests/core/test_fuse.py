@@ -526,6 +526,17 @@ def read_by_the_chip(recording: motion.Motion, rate_hz: int = 200) -> Scene:
 
 
 @pytest.mark.parametrize(
+    "name", ["07_undisturbed_fast_rotation_B", "28_disturbed_stationary_magnet_A"]
+)
+def test_fixed_point_is_within_0_003_degrees_of_doubles_on_a_recording(
+    shared_data, name
+):
+    felt = read_by_the_chip(motion.load(shared_data / "broad" / f"{name}.npz"))
+    found, _, _ = Filter(200).feel(felt)
+    assert rms(desk.apart_deg(found, twin(felt))) < 0.003
+
+
+@pytest.mark.parametrize(
     ("name", "total_deg", "inclination_deg"),
     [
         ("07_undisturbed_fast_rotation_B", 1.5, 0.7),

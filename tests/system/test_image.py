@@ -208,10 +208,32 @@ def test_one_nack_costs_one_sample(stub: Stub) -> None:
     assert_it_came_back(done)
 
 
-@pytest.mark.parametrize("byte", range(0, 24, 4))
-def test_a_nack_at_any_byte_is_survived(stub: Stub, byte: int) -> None:
+# All that a device acknowledges of a burst: its address, the register, its address.
+@pytest.mark.parametrize("byte", range(3))
+def test_a_nack_at_any_byte_is_told_and_survived(stub: Stub, byte: int) -> None:
     fault = {"kind": "nack", "transaction": 900, "byte": byte}
     done = run(stub, 4, *CLICK, faults=[fault])
+    assert done.events.count(("bus_fault", "nack")) == 1
+    assert done.last_status["bus_faults"] == 1
+    assert_it_came_back(done)
+
+
+@pytest.mark.parametrize(
+    ("fault", "causes"),
+    [
+        ({"kind": "nack"}, {"nack"}),
+        ({"kind": "stuck_sda", "byte": 1, "clocks": 4}, {"timeout", "stuck_bus"}),
+    ],
+    ids=["nack", "stuck"],
+)
+@pytest.mark.parametrize("transaction", [2, 60, 450])
+def test_a_fault_in_set_up_is_told_by_its_cause_and_tried_again(
+    stub: Stub, fault: dict[str, Any], causes: set[str], transaction: int
+) -> None:
+    done = run(stub, 5, *CLICK, faults=[fault | {"transaction": transaction}])
+    told = [cause for event, cause in done.events if event == "bus_fault"]
+    assert len(told) == 1
+    assert set(told) <= causes
     assert_it_came_back(done)
 
 
