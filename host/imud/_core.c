@@ -1,10 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The firmware's own C for Python: the host frames, checks and computes with the very
 // functions that run on a probe. Limited API, so one build serves Python 3.11 and on.
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
-
-#include "_replay.h"
+#include "_module.h"
 #include "frame.h"
 
 // Takes a 16-bit CRC seed or an 8-bit id apart from other integers.
@@ -45,13 +42,12 @@ static PyObject *decoder_new(PyTypeObject *type, PyObject *args, PyObject *kwarg
     return self;
 }
 
-// An instance of a heap type owns a reference to its type, which is all it owns.
-static int decoder_traverse(PyObject *self, visitproc visit, void *arg) {
+int instance_traverse(PyObject *self, visitproc visit, void *arg) {
     Py_VISIT(Py_TYPE(self));
     return 0;
 }
 
-static void decoder_dealloc(PyObject *self) {
+void instance_dealloc(PyObject *self) {
     PyTypeObject *type = Py_TYPE(self);
     PyObject_GC_UnTrack(self);
     const freefunc release = (freefunc)PyType_GetSlot(type, Py_tp_free);
@@ -131,8 +127,8 @@ static PyType_Slot decoder_slots[] = {
     {Py_tp_doc, "FrameDecoder(seed, hello_id)\n--\n\nTurns received bytes into the "
                 "content of frames, whatever the chunks they arrive in."},
     {Py_tp_new, decoder_new},
-    {Py_tp_dealloc, decoder_dealloc},
-    {Py_tp_traverse, decoder_traverse},
+    {Py_tp_dealloc, instance_dealloc},
+    {Py_tp_traverse, instance_traverse},
     {Py_tp_methods, decoder_methods},
     {0, NULL},
 };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // A probe's computation once more, from its raw messages: _core.Replay.
-#include "_replay.h"
+#include "_module.h"
 
 #include "messages.h"
 #include "mpu9250.h"
@@ -50,20 +50,6 @@ static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs
     calibration_clear(&replay->calibration);
     pose_begin(&replay->tracker, &replay->calibration, &replay->identity);
     return self;
-}
-
-// An instance of a heap type owns a reference to its type, which is all it owns.
-static int replay_traverse(PyObject *self, visitproc visit, void *arg) {
-    Py_VISIT(Py_TYPE(self));
-    return 0;
-}
-
-static void replay_dealloc(PyObject *self) {
-    PyTypeObject *type = Py_TYPE(self);
-    PyObject_GC_UnTrack(self);
-    const freefunc release = (freefunc)PyType_GetSlot(type, Py_tp_free);
-    release(self);
-    Py_DECREF(type);
 }
 
 static struct counts counts_of(const int16_t values[3]) {
@@ -131,8 +117,8 @@ static PyType_Slot replay_slots[] = {
      "Replay(hello)\n--\n\nComputes a probe's poses again from its hello and "
      "all raw messages since its sensor started."},
     {Py_tp_new, replay_new},
-    {Py_tp_dealloc, replay_dealloc},
-    {Py_tp_traverse, replay_traverse},
+    {Py_tp_dealloc, instance_dealloc},
+    {Py_tp_traverse, instance_traverse},
     {Py_tp_methods, replay_methods},
     {0, NULL},
 };
