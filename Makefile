@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 # Each command installs what it needs first; `make` alone lists them.
-.PHONY: help demo test coverage check format firmware sim bench bench-nano pictures setup clean
+.PHONY: help demo test coverage fuzz check format firmware sim bench bench-nano pictures setup clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= python3
@@ -29,6 +29,10 @@ coverage: ## fails where a line of firmware/core is run by no test
 	@IMU_COVERAGE=1 python -m pytest -q -m native
 	@gcovr --fail-under-line 100 --filter firmware/core/ build/native
 
+fuzz: ## any input at all, with clang's fuzzer (SECONDS=60 for each target)
+	@$(PYTHON) tools/setup.py check
+	@$(MAKE) --silent --directory tests/fuzz fuzz
+
 check: ## formatting, lints, types, the rules of the house; all three compilers
 	@$(PYTHON) tools/setup.py check
 	@python tools/check.py
@@ -48,9 +52,9 @@ bench: ## accuracy on recordings with optical truth, beside VQF: tables and JSON
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/accuracy.py
 
-bench-nano: ## cycles, stack, flash and RAM of the image
+bench-nano: ## cycles, stack, flash and RAM: the image, its parts, every filter
 	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/nano.py
+	@python benchmarks/cycles.py
 
 pictures: ## docs/pictures, from what `make bench` has measured
 	@$(PYTHON) tools/setup.py bench

@@ -1,117 +1,183 @@
 # SPDX-License-Identifier: MIT
-"""Orientation error of the image on recordings with optical truth, beside VQF.
+"""Orientation error of the image on recordings with optical truth, beside others'.
 
 Each recording moves a virtual Nano, which runs the image that is flashed, at 200
 samples a second. Its poses are scored; so is what each filter of engines.py makes of
-the very samples that the image read.
+the very samples that the image read. Without the engine `nano` no image runs, and the
+samples are made as it would read them: seconds instead of minutes.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
+import itertools
+import math
+import multiprocessing
 import sys
+import tempfile
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import engines
+import numpy as np
+import report
 import scoring
-from capture import RunFailed, run_nano
-from engines import ENGINES
-from scoring import Score, Trial
+from capture import Capture, RunFailed, run_nano
+from engines import HOST, NANO, VQF, Estimate
+from feed import sampled, with_bias
+from report import Result
+from scoring import Coverage, Score, Trial
 
 from imud.errors import ImudError
 from imud.progress import Progress
 
 OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "accuracy.json"
 
+ENGINES = (NANO, *engines.ENGINES)
+
+# A magnet on the probe. The figure of all eight diagonals is the mean; with
+# --body-bias the image, and all that is beside it, feels the first of them.
+BODY_BIAS_UT = 2.8
+DIAGONALS = np.array(list(itertools.product((1.0, -1.0), repeat=3))) / math.sqrt(3.0)
+
+# Whose errors over time are kept, for the picture: a walk through an office.
+TRACED = "37"
+TRACE_HZ = 10.0
+
 
 @dataclass(frozen=True, slots=True)
-class Result:
-    """Scores of one trial by engine, and how its run went."""
+class Settings:
+    """What is asked of every trial."""
 
-    trial: Trial
-    scores: Mapping[str, Score]
-    lost: int
-    summary: Mapping[str, Any]
-
-
-def measure(trial: Trial, engines: Sequence[str]) -> Result:
-    """Runs the image on one trial and scores it with the other engines beside."""
-    capture = run_nano(trial.path)
-    scores = {
-        "nano": scoring.score_at(capture.pose_times_s, capture.poses, trial.motion)
-    }
-    for name in engines:
-        estimate = ENGINES[name](capture.samples)
-        scores[name] = scoring.score_at(capture.sample_times_s, estimate, trial.motion)
-    return Result(trial, scores, capture.lost, capture.summary)
+    engines: tuple[str, ...]
+    body_bias_ut: float  # 0: as recorded
+    traced: str
 
 
-def line(name: str, scores: Mapping[str, Score], note: str = "") -> str:
-    """One line of the table."""
-    columns = "   ".join(str(score) for score in scores.values())
-    ratio = ""
-    if "vqf" in scores and scores["vqf"].total > 0.0:
-        ratio = f"{scores['nano'].total / scores['vqf'].total:6.2f}"
-    return f"{name:44.44}{columns} {ratio:>7} {note}".rstrip()
-
-
-def average(results: Sequence[Result]) -> dict[str, Score]:
-    """The mean over trials, engine by engine."""
-    return {
-        name: Score.mean([result.scores[name] for result in results])
-        for name in results[0].scores
-    }
-
-
-def summaries(results: Sequence[Result]) -> dict[str, dict[str, Score]]:
-    """The mean of each group of trials that occurs, then of all."""
-    means = {}
-    for title, group in scoring.GROUPS.items():
-        members = [result for result in results if group in result.trial.groups]
-        if members:
-            means[f"{title} ({len(members)})"] = average(members)
-    means[f"all ({len(results)})"] = average(results)
-    return means
-
-
-def note(result: Result) -> str:
-    """How the run went."""
-    summary = result.summary
-    crash = ", CRASHED" if summary["crashed"] else ""
-    return (
-        f"lost {result.lost}, late {summary['late']}, "
-        f"worst {summary['cycles_worst']} cycles{crash}"
+def measure(path: Path, settings: Settings) -> Result:
+    """Scores every engine on one recording."""
+    trial = scoring.load_trial(path)
+    if settings.body_bias_ut:
+        bias_ut = settings.body_bias_ut * DIAGONALS[0]
+        trial = replace(trial, motion=with_bias(trial.motion, bias_ut))
+    capture = run(trial, settings) if NANO in settings.engines else None
+    feed = capture.feed if capture else sampled(trial.motion)
+    estimates: dict[str, Estimate] = {}
+    again: list[bytes] = []
+    for name in settings.engines:
+        if name == NANO and capture:
+            estimates[name] = engines.poses(feed.pose_times_s, capture.pose_contents)
+        elif name == HOST:
+            again = engines.replayed(feed, "fuse")
+            estimates[name] = engines.poses(feed.pose_times_s, again)
+        else:
+            estimates[name] = engines.ENGINES[name](feed)
+    sent = capture.pose_contents if capture and again else []
+    is_traced = trial.name.startswith(settings.traced)
+    return Result(
+        trial=replace(trial, motion=trial.motion[:0]),
+        scores={name: score(each, trial) for name, each in estimates.items()},
+        coverage={
+            name: coverage(estimates[name], trial)
+            for name in (NANO, HOST)
+            if name in estimates
+        },
+        biased=biased(trial, settings),
+        trace=trace(estimates, trial) if is_traced else None,
+        poses=len(sent),
+        unequal=sum(one != other for one, other in zip(sent, again, strict=False)),
+        lost=capture.lost if capture else 0,
+        summary=capture.summary if capture else {},
     )
 
 
-def write(results: Sequence[Result], path: Path) -> None:
-    """Everything in the tables, for other programs."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    trials = [
-        {
-            "trial": result.trial.name,
-            "groups": result.trial.groups,
-            "lost": result.lost,
-            "summary": result.summary,
-            "scores_deg": {name: asdict(each) for name, each in result.scores.items()},
+def run(trial: Trial, settings: Settings) -> Capture:
+    """The image on this trial, as it was recorded or with a magnet on it."""
+    if not settings.body_bias_ut:
+        return run_nano(trial.path)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{trial.name}.npz"
+        trial.motion.save(path)
+        return run_nano(path)
+
+
+def score(estimate: Estimate, trial: Trial) -> Score:
+    return scoring.score_at(estimate.times_s, estimate.quats, trial.motion)
+
+
+def coverage(estimate: Estimate, trial: Trial) -> Coverage:
+    tilt, heading = estimate.tilt_sigma_deg, estimate.heading_sigma_deg
+    assert tilt is not None
+    assert heading is not None
+    return scoring.coverage_at(
+        estimate.times_s, estimate.quats, tilt, heading, trial.motion
+    )
+
+
+def biased(trial: Trial, settings: Settings) -> dict[str, Score]:
+    """Means over magnets in eight directions, our C beside VQF on the same samples."""
+    names = [name for name in (HOST, VQF) if name in settings.engines]
+    if len(names) < 2:
+        return {}
+    bias_ut = settings.body_bias_ut or BODY_BIAS_UT
+    # A bias of --body-bias is in the motion already.
+    own_ut = settings.body_bias_ut * DIAGONALS[0]
+    scores: dict[str, list[Score]] = {name: [] for name in names}
+    for direction in DIAGONALS:
+        feed = sampled(with_bias(trial.motion, bias_ut * direction - own_ut))
+        for name in names:
+            scores[name].append(score(engines.ENGINES[name](feed), trial))
+    return {name: Score.mean(each) for name, each in scores.items()}
+
+
+def trace(estimates: Mapping[str, Estimate], trial: Trial) -> dict[str, Any]:
+    """Errors over time, ten a second; null where the optics saw nothing."""
+    times = np.arange(0.0, trial.motion.seconds, 1.0 / TRACE_HZ)
+    errors: dict[str, dict[str, list[float]]] = {}
+    for name, estimate in estimates.items():
+        nearest = np.searchsorted(estimate.times_s, times)
+        nearest = nearest.clip(max=len(estimate.times_s) - 1)
+        found = scoring.errors_at(
+            estimate.times_s[nearest], estimate.quats[nearest], trial.motion
+        )
+        errors[name] = {
+            kind: np.round(values, 3).tolist() for kind, values in asdict(found).items()
         }
-        for result in results
-    ]
-    means = {
-        title: {name: asdict(each) for name, each in scores.items()}
-        for title, scores in summaries(results).items()
+    return {
+        "trial": trial.name,
+        "t_s": np.round(times, 3).tolist(),
+        "moving": scoring.counted(times, trial.motion).tolist(),
+        "errors_deg": errors,
     }
-    path.write_text(json.dumps({"means_deg": means, "trials": trials}, indent=1) + "\n")
+
+
+def live(result: Result) -> str:
+    """The line of a trial as soon as it is done."""
+    totals = ", ".join(
+        f"{name} {result.scores[name].total:.2f}"
+        for name in (NANO, HOST, VQF)
+        if name in result.scores
+    )
+    if not result.summary:
+        return f"{result.trial.name:46}{totals}"
+    crash = ", CRASHED" if result.summary["crashed"] else ""
+    return (
+        f"{result.trial.name:46}{totals}; lost {result.lost}, "
+        f"late {result.summary['late']}, "
+        f"worst {result.summary['cycles_worst']} cycles{crash}"
+    )
 
 
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(
-        description=__doc__, epilog="example: benchmarks/accuracy.py --trials 07 32"
+        description=__doc__,
+        epilog="examples: benchmarks/accuracy.py --trials 07 32; "
+        "benchmarks/accuracy.py --host-only",
     )
     parser.add_argument(
         "paths",
@@ -124,46 +190,106 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--trials", metavar="NAME", nargs="+", default=[], help="how their names begin"
     )
+    choice = parser.add_mutually_exclusive_group()
+    choice.add_argument(
+        "--engines",
+        metavar="NAME",
+        nargs="+",
+        choices=ENGINES,
+        default=ENGINES,
+        help=f"of {', '.join(ENGINES)} (default: all)",
+    )
+    choice.add_argument(
+        "--host-only",
+        dest="engines",
+        action="store_const",
+        const=engines.QUICK,
+        help=f"no image, and what is quick: {', '.join(engines.QUICK)}",
+    )
     parser.add_argument(
-        "--engines", nargs="*", choices=ENGINES, default=["vqf"], help="filters beside"
+        "--body-bias",
+        metavar="UT",
+        type=float,
+        default=0.0,
+        help="a magnet on the probe: a constant field of so many uT in its frame, "
+        f"along 1 1 1; one ratio averages eight diagonals ({BODY_BIAS_UT:g} uT of it "
+        "without this option)",
+    )
+    parser.add_argument(
+        "--trace",
+        metavar="NAME",
+        default=TRACED,
+        help="trial whose errors over time go into the JSON (default: %(default)s)",
     )
     parser.add_argument("--jobs", metavar="N", type=int, default=2, help="at a time")
     parser.add_argument("--output", metavar="FILE", type=Path, default=OUTPUT)
     return parser.parse_args(argv)
 
 
+def measure_all(paths: Sequence[Path], args: argparse.Namespace) -> list[Result]:
+    """All trials, some at a time; each says its line as soon as it is done."""
+    task = partial(
+        measure, settings=Settings(tuple(args.engines), args.body_bias, args.trace)
+    )
+    progress = Progress(f"{len(paths)} recordings", len(paths))
+    results = []
+    # Processes, because the filters of others are Python, one thread at a time.
+    with ProcessPoolExecutor(
+        min(args.jobs, len(paths)), multiprocessing.get_context("spawn")
+    ) as pool:
+        for result in pool.map(task, paths):
+            results.append(result)
+            progress.wipe()
+            print(live(result), flush=True)
+            progress.advance()
+    progress.end()
+    return results
+
+
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints the table, writes the JSON; 1 where a run crashed or lost something."""
+    """Prints the tables, writes the JSON; 1 where something that must be is not."""
     args = parse(argv)
     absent = [path for path in args.paths if not path.exists()]
     if absent:
         print(f"skipped: no recordings at {absent[0]}; docs/motion-files.md says where")
         return 0
-    trials = scoring.load_trials(args.paths, args.trials)
-    if not trials:
+    paths = scoring.find_trials(args.paths, args.trials)
+    if not paths:
         print("no recording has such a name", file=sys.stderr)
         return 2
-    names = ["nano", *args.engines]
-    print("RMSE in degrees: total, heading, inclination; ratio of the totals nano/vqf")
-    print(" " * 44 + "   ".join(f"{name:>20}" for name in names) + "   ratio")
-    progress = Progress(f"{len(trials)} recordings", len(trials))
-    results = []
-    with ThreadPoolExecutor(args.jobs) as pool:
-        for result in pool.map(lambda each: measure(each, args.engines), trials):
-            results.append(result)
-            progress.wipe()
-            print(line(result.trial.name, result.scores, note(result)), flush=True)
-            progress.advance()
-    progress.end()
-    print()
-    for title, scores in summaries(results).items():
-        print(line(title, scores))
-    write(results, args.output)
+    results = measure_all(paths, args)
+    asked = {"engines": args.engines, "body_bias_ut": args.body_bias}
+    report.write(results, asked, args.output)
+    report.print_tables(results, args.engines)
+    # The figures are of all the public trials as they are, and of no others.
+    count = sum(report.members(results, tuple(scoring.FOLDS)).values())
+    is_judged = count == scoring.TRIALS == len(results) and not args.body_bias
+    found = list(report.figures(results))
+    if found:
+        report.print_figures(found, is_judged=is_judged)
+    return end(results, found if is_judged else [])
+
+
+def end(results: Sequence[Result], judged: Sequence[report.Figure]) -> int:
+    """The last lines, and the exit code."""
+    missed = sum(figure.verdict == "MISSED" for figure in judged)
+    unequal = sum(result.unequal for result in results)
     lost = sum(result.lost for result in results)
-    crashed = sum(bool(result.summary["crashed"]) for result in results)
-    late = sum(result.summary["late"] for result in results)
-    print(f"\n{crashed} crashes, {lost} samples or messages lost, {late} late")
-    return 1 if crashed or lost else 0
+    runs = [result.summary for result in results if result.summary]
+    crashed = sum(bool(each["crashed"]) for each in runs)
+    print()
+    if runs:
+        late = sum(each["late"] for each in runs)
+        print(f"{crashed} crashes, {lost} samples or messages lost, {late} late")
+    if any(result.poses for result in results):
+        poses = sum(result.poses for result in results)
+        print(
+            f"{HOST} and {NANO}: {poses} poses, "
+            + (f"{unequal} DIFFER" if unequal else "equal in every bit")
+        )
+    if missed:
+        print(f"{missed} figures miss what they must be")
+    return 1 if crashed or lost or unequal or missed else 0
 
 
 if __name__ == "__main__":

@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from engines import Samples
+import wire
+from feed import Feed
 
-from imud import decode
 from imud.rotation import FloatArray
+from imud.session import OtherSchema, Probe, Received, Session
 
 SAMPLE_RATE_HZ = 200.0
 
@@ -29,12 +30,15 @@ class RunFailed(Exception):
 class Capture:
     """What the image read and what it made of it; times are of the motion, seconds."""
 
-    samples: Samples
-    sample_times_s: FloatArray
+    feed: Feed
+    pose_contents: Sequence[bytes]  # as sent, one for each that the feed counts
     poses: FloatArray  # world_from_body
-    pose_times_s: FloatArray
     lost: int  # samples and messages of which anything is missing
     summary: dict[str, Any]  # as the simulator wrote it
+
+    @property
+    def pose_times_s(self) -> FloatArray:
+        return self.feed.pose_times_s
 
 
 def run_nano(motion: Path, options: Sequence[str] = ()) -> Capture:
@@ -58,38 +62,50 @@ def run_nano(motion: Path, options: Sequence[str] = ()) -> Capture:
 
 def read(record: Path, summary: dict[str, Any]) -> Capture:
     """Reads a capture of UART bytes."""
-    tally = decode.Tally()
-    raws, poses = [], []
-    for message in decode.decode_file(record, tally):
-        if message["type"] == "raw" and message["acc_m_s2"] is not None:
-            raws.append(message)
-        elif message["type"] == "pose":
-            poses.append(message)
-    if not raws or not poses:
+    probes: dict[str, Probe] = {}
+    session = Session(lambda probe_id: probes.setdefault(probe_id, Probe(probe_id)))
+    events = [*session.receive(record.read_bytes(), None), *session.close()]
+    if any(isinstance(event, OtherSchema) for event in events):
+        raise RunFailed("the image is of another schema; run `make firmware`")
+    heard: dict[str, list[Received]] = {}
+    for event in events:
+        if isinstance(event, Received):
+            heard.setdefault(event.message.name, []).append(event)
+    # Until its sensor runs a probe doesn't know what a count is worth.
+    hellos = [
+        event.content
+        for event in heard.get("hello", [])
+        if event.message.fields["sensor"] != "none"
+    ]
+    raws, poses = heard.get("raw", []), heard.get("pose", [])
+    if not (hellos and raws and poses):
         raise RunFailed(f"{len(raws)} samples and {len(poses)} poses were sent")
-    sample_times = times_s(raws, summary)
-    nothing = [np.nan] * 3
-    samples = Samples(
-        SAMPLE_RATE_HZ,
-        gyr=np.array([raw["gyr_rad_s"] for raw in raws]),
-        acc=np.array([raw["acc_m_s2"] for raw in raws]),
-        mag=np.array([raw["mag_uT"] or nothing for raw in raws]),
+    sample_us, pose_us = (
+        np.array([event.t_device_us for event in each]) for each in (raws, poses)
     )
-    steps = np.rint(np.diff(sample_times) * SAMPLE_RATE_HZ)
-    unsent = int((steps - 1).sum())
-    accounts: list[Any] = [probe.account.counts() for probe in tally.probes.values()]
+    after = np.searchsorted(sample_us, pose_us)
+    if not np.array_equal(sample_us[after.clip(max=len(raws) - 1)], pose_us):
+        raise RunFailed("a pose without its sample")
+    unsent = int((np.rint(np.diff(sample_us) * 1e-6 * SAMPLE_RATE_HZ) - 1).sum())
+    accounts: list[Any] = [probe.account.counts() for probe in probes.values()]
     unheard = sum(account["sent"] - account["received"] for account in accounts)
+    feed = Feed(
+        hello=hellos[0],
+        raws=[event.content for event in raws],
+        pose_after=after.tolist(),
+        pose_sequence=[event.message.sequence for event in poses],
+        start_us=summary["motion_start_us"],
+    )
+    contents = [event.content for event in poses]
     return Capture(
-        samples=samples,
-        sample_times_s=sample_times,
-        poses=np.array([pose["q"] for pose in poses]),
-        pose_times_s=times_s(poses, summary),
+        feed=feed,
+        pose_contents=contents,
+        poses=orientations(contents),
         lost=unsent + unheard,
         summary=summary,
     )
 
 
-def times_s(messages: list[dict[str, Any]], summary: dict[str, Any]) -> FloatArray:
-    """When each message's sample was felt, from the start of the motion."""
-    device_us = np.array([message["t_device_us"] for message in messages])
-    return np.asarray((device_us - summary["motion_start_us"]) * 1e-6)
+def orientations(contents: Sequence[bytes]) -> FloatArray:
+    """The quaternions of pose messages."""
+    return np.asarray(wire.to_rows("pose", contents)["q"] * 2.0**-30)

@@ -1,119 +1,89 @@
 # SPDX-License-Identifier: MIT
-"""Draws docs/pictures/*.svg: the image's poses in a hand, and its errors beside VQF.
+"""Draws docs/pictures/*.svg from what the benchmarks have measured.
 
-The left half is a virtual Nano moved by the hand of imud.motion, the right half what
-benchmarks/accuracy.py has measured.
+probe: the image's poses in a hand, beside its error on each recording. time: errors on
+one recording as it goes. cycles: what accuracy costs on the ATmega328P.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 import tempfile
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 import scoring
-from capture import Capture, RunFailed, run_nano
+from capture import RunFailed, run_nano
+from engines import HOST, NANO, VQF
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
+from picture_hand import draw_hand
+from theme import THEMES, Theme
 
-from imud import motion, rotation
+from imud import motion
 from imud.errors import ImudError
-from imud.motion import Motion
 from imud.rotation import FloatArray
 
 PICTURES = scoring.PROJECT / "docs" / "pictures"
-MEASURED = scoring.PROJECT / "build" / "benchmarks" / "accuracy.json"
+MEASURED = scoring.PROJECT / "build" / "benchmarks"
 
 HAND_SEED = 10
 HAND_SECONDS = 40.0
-PROBES = 4  # drawn on strokes that lie well apart
 
-PROBE_M = 0.12  # from tip to sensor
-BOARD_M = np.array([[-0.03, -0.012], [0.03, -0.012], [0.03, 0.012], [-0.03, 0.012]])
+# A picture of the README is 10 inches wide there, whatever it is here.
+WIDTH = 10.0
 
-
-@dataclass(frozen=True, slots=True)
-class Theme:
-    """Colours that read well on GitHub's light or dark page."""
-
-    name: str
-    ink: str
-    faint: str
-    ours: str
-    other: str
-
-
-THEMES = (
-    Theme("light", "#1f2328", "#d0d7de", "#0969da", "#9a6700"),
-    Theme("dark", "#e6edf3", "#3d444d", "#58a6ff", "#d29922"),
+# Of the engines that are drawn over time: name, words, colour.
+OVER_TIME = (
+    (NANO, "imu-probe, ATmega328P", "ours"),
+    ("vqf", "VQF, doubles", "other"),
+    ("ahrs-madgwick", "Madgwick, doubles", "third"),
+    ("complementary", "complementary, of the thesis", "fourth"),
 )
+SMOOTH_S = 2.0  # root mean square over so long: the eye sees levels, not the optics
+
+# Of the filters alone on the chip: key of cycles.json, the engine that has its error,
+# words, colour.
+ON_CHIP = (
+    ("fuse", NANO, "imu-probe", "ours"),
+    ("float_vqf", "vqf", "VQF, float", "other"),
+    ("float_basic_vqf", "vqf-basic", "basic VQF, float", "other"),
+    ("float_madgwick", "ahrs-madgwick", "Madgwick, float", "third"),
+    ("madgwick", "madgwick", "Madgwick", "third"),
+    ("mahony", "mahony", "Mahony, gain 15", "fourth"),
+    ("dcm_pi", "dcm_pi", "DCM and PI", "fourth"),
+    ("complementary", "complementary", "complementary", "fourth"),
+)
+CYCLES_THERE_ARE = 80_000  # a sample, at 16 MHz and 200 Hz
 
 
-def seen(point: FloatArray) -> FloatArray:
-    """World to paper: from the south-east, 35 degrees above the table."""
-    turn, rise = np.radians(-30.0), np.radians(35.0)
-    x, y, z = np.moveaxis(point, -1, 0)
-    right = x * np.cos(turn) - y * np.sin(turn)
-    away = x * np.sin(turn) + y * np.cos(turn)
-    return np.stack([right, away * np.sin(rise) + z * np.cos(rise)], axis=-1)
+def undress(axes: Axes, theme: Theme) -> None:
+    """Only a grid and words."""
+    axes.tick_params(colors=theme.ink, which="both", length=0)
+    axes.grid(color=theme.faint, lw=0.6)
+    axes.set_axisbelow(True)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
 
 
-def strokes(made: Motion) -> list[slice]:
-    """The stretches in which the tip runs along the surface."""
-    if made.is_stroke is None:
-        return []
-    edges = np.flatnonzero(np.diff(np.r_[0, made.is_stroke.astype(int), 0]))
-    return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def spread(records: list[int], tip: FloatArray) -> list[int]:
-    """Some of the records, the next always the farthest from those there are."""
-    chosen = [records[0]]
-    while len(chosen) < min(PROBES, len(records)):
-        gaps = [
-            min(float(np.linalg.norm(tip[each] - tip[other])) for other in chosen)
-            for each in records
-        ]
-        chosen.append(records[int(np.argmax(gaps))])
-    # From the back to the front, so that near ones cover far ones.
-    return sorted(chosen, key=lambda each: -float(seen(tip[each])[1]))
-
-
-def draw_probe(axes: Axes, tip: FloatArray, quat: FloatArray, theme: Theme) -> None:
-    """A stick with its board, as the quaternion has it."""
-    sensor = tip - rotation.rotate(quat, np.array([PROBE_M, 0.0, 0.0]))
-    stick = seen(np.stack([tip, sensor]))
-    axes.plot(*stick.T, color=theme.ink, lw=2.4, solid_capstyle="round", zorder=4)
-    corners = np.column_stack([BOARD_M, np.zeros(len(BOARD_M))])
-    board = seen(sensor + rotation.rotate(quat, corners))
-    axes.fill(*board.T, facecolor=theme.ours, edgecolor=theme.ink, lw=0.8, zorder=5)
-
-
-def draw_hand(axes: Axes, made: Motion, capture: Capture, theme: Theme) -> None:
-    """The table, the strokes on it, and probes in the poses that the image gave."""
-    if made.tip is None:
-        return
-    side = np.linspace(-0.16, 0.16, 9)
-    for at in side:
-        for line in ([[at, -0.16, 0], [at, 0.16, 0]], [[-0.16, at, 0], [0.16, at, 0]]):
-            axes.plot(*seen(np.array(line)).T, color=theme.faint, lw=0.6, zorder=1)
-    stretches = strokes(made)
-    for stretch in stretches:
-        path = seen(made.tip[stretch])
-        axes.plot(*path.T, color=theme.other, lw=2.4, solid_capstyle="round", zorder=2)
-    middles = [(each.start + each.stop) // 2 for each in stretches]
-    for middle in spread(middles, made.tip):
-        at = int(np.searchsorted(capture.pose_times_s, middle / made.rate_hz))
-        pose = min(at, len(capture.poses) - 1)
-        draw_probe(axes, made.tip[middle], capture.poses[pose], theme)
-    axes.set_aspect("equal")
-    axes.axis("off")
-    axes.set_title("a hand draws; the probes lie as the image says", color=theme.ink)
+def set_log(axes: Axes, which: str, ticks: Sequence[float]) -> None:
+    """A logarithmic axis with plain numbers at these ticks."""
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    (axes.set_xscale if which == "x" else axes.set_yscale)("log")
+    axis.set_ticks(ticks)
+    axis.set_minor_formatter(NullFormatter())
+    axis.set_minor_locator(mpl.ticker.NullLocator())
+    axis.set_major_formatter(
+        FuncFormatter(lambda value, _: f"{value:,g}".replace(",", " "))
+    )
 
 
 def draw_errors(axes: Axes, measured: dict[str, Any], theme: Theme) -> None:
@@ -122,7 +92,7 @@ def draw_errors(axes: Axes, measured: dict[str, Any], theme: Theme) -> None:
     rows = np.arange(len(trials))[::-1]
     ours, other = (
         np.array([trial["scores_deg"][name]["total"] for trial in trials])
-        for name in ("nano", "vqf")
+        for name in (measured_as(trials[0]["scores_deg"], NANO), VQF)
     )
     axes.hlines(rows, ours, other, color=theme.faint, lw=2.0, zorder=1)
     axes.scatter(other, rows, s=26, color=theme.other, zorder=2)
@@ -146,34 +116,195 @@ def draw_errors(axes: Axes, measured: dict[str, Any], theme: Theme) -> None:
     )
 
 
-def main() -> int:
-    """Runs the hand, reads the scores, draws for both kinds of page."""
-    if not MEASURED.exists():
-        print(
-            "no picture: benchmarks/accuracy.py has to measure first", file=sys.stderr
+def measured_as(errors: Mapping[str, Any], name: str) -> str:
+    """The engine measured: where no image was run its C on this machine."""
+    return HOST if name == NANO and NANO not in errors else name
+
+
+def smoothed(errors_deg: Sequence[float | None], step_s: float) -> FloatArray:
+    """Root mean squares over SMOOTH_S; what the optics did not see is left out."""
+    values = np.array(errors_deg, dtype=np.float64)
+    window = np.ones(max(1, round(SMOOTH_S / step_s)))
+    seen = np.isfinite(values)
+    squares = np.convolve(np.where(seen, values, 0.0) ** 2, window, "same")
+    count = np.convolve(seen, window, "same")
+    mean = squares / np.maximum(count, 1)
+    return np.where(count > 0, np.sqrt(mean), np.nan)
+
+
+def apart(places: Sequence[float], gap: float) -> list[float]:
+    """The same places, moved up where they are nearer than a gap above another."""
+    moved: dict[int, float] = {}
+    below = -np.inf
+    for index in np.argsort(places).tolist():
+        below = moved[index] = max(places[index], below + gap)
+    return [moved[index] for index in range(len(places))]
+
+
+def draw_time(figure: Figure, theme: Theme, measured: Mapping[str, Any]) -> None:
+    """Errors while one recording goes on."""
+    trace = measured["trace"]
+    scores = next(
+        trial["scores_deg"]
+        for trial in measured["trials"]
+        if trial["trial"] == trace["trial"]
+    )
+    times, moving = np.array(trace["t_s"]), np.array(trace["moving"])
+    begun, ended = np.flatnonzero(moving)[[0, -1]]
+    times = times[begun : ended + 1] - times[begun]
+    axes = figure.subplots()
+    undress(axes, theme)
+    set_log(axes, "y", (0.3, 1, 3, 10, 30, 100))
+    words, levels = [], []
+    for name, label, colour in OVER_TIME:
+        engine = measured_as(scores, name)
+        if engine not in scores:
+            continue
+        errors = trace["errors_deg"][engine]["total"][begun : ended + 1]
+        errors = smoothed(errors, times[1] - times[0])
+        ink = getattr(theme, colour)
+        is_ours = name == NANO
+        axes.plot(
+            times, errors, color=ink, lw=2.2 if is_ours else 1.4, zorder=2 + is_ours
         )
-        return 1
-    measured = json.loads(MEASURED.read_text())
+        words.append((f"{label}: {scores[engine]['total']:.1f}°", ink))
+        levels.append(float(np.log10(scores[engine]["total"])))
+    # Words stand at their figure on the axis; a line of them takes a fifth of a decade.
+    for (label, ink), place in zip(words, apart(levels, 0.2), strict=True):
+        where = (1.005, 10.0**place)
+        axes.annotate(
+            label, where, xycoords=("axes fraction", "data"), color=ink, va="center"
+        )
+    axes.set_xlim(0.0, times[-1])
+    axes.set_ylim(0.2, 180.0)
+    axes.set_xlabel("seconds of movement", color=theme.ink)
+    number, _, title = trace["trial"].partition("_")
+    axes.set_title(
+        f"orientation error, degrees, on BROAD's trial {number}, "
+        + title.replace("_", " "),
+        color=theme.ink,
+        loc="left",
+    )
+
+
+def draw_cycles(
+    figure: Figure, theme: Theme, measured: Mapping[str, Any], costs: Mapping[str, Any]
+) -> None:
+    """A point a filter: what a sample costs, mean to worst, and how far off it is."""
+    means = measured["means_deg"]["all"]
+    axes = figure.subplots()
+    undress(axes, theme)
+    set_log(axes, "x", (5_000, 10_000, 20_000, 40_000, 80_000, 160_000, 320_000))
+    set_log(axes, "y", (1, 2, 5, 10, 20, 50))
+    axes.axvspan(CYCLES_THERE_ARE, 1e6, color=theme.faint, alpha=0.35, lw=0)
+    for key, name, words, colour in ON_CHIP:
+        cost, engine = costs["engines"].get(key, {}), measured_as(means, name)
+        if "cycles_mean" not in cost or engine not in means:
+            continue
+        error, ink = means[engine]["total"], getattr(theme, colour)
+        axes.hlines(error, cost["cycles_mean"], cost["cycles_worst"], color=ink, lw=1.6)
+        is_float = key.startswith("float")
+        axes.scatter(
+            cost["cycles_mean"],
+            error,
+            s=70 if key == "fuse" else 40,
+            facecolor="none" if is_float else ink,
+            edgecolor=ink,
+            linewidth=1.4,
+            zorder=3,
+        )
+        axes.annotate(
+            words,
+            (cost["cycles_mean"], error),
+            xytext=(0, 7),
+            textcoords="offset points",
+            ha="center",
+            color=ink,
+        )
+    axes.set_xlim(4_000, 400_000)
+    axes.set_ylim(1.0, 100.0)
+    axes.annotate(
+        "more than there is at 200 samples a second",
+        (CYCLES_THERE_ARE * 1.06, 1.08),
+        color=theme.quiet,
+    )
+    axes.set_xlabel(
+        "cycles a sample on the ATmega328P, mean to worst (circle: in floats)",
+        color=theme.ink,
+    )
+    axes.set_title(
+        "orientation error, degrees rms, mean over recordings",
+        color=theme.ink,
+        loc="left",
+    )
+
+
+def draw_probe_and_errors(
+    figure: Figure, theme: Theme, measured: dict[str, Any], made: Any, capture: Any
+) -> None:
+    """The hand on the left, the recordings on the right."""
+    left, right = figure.subplots(1, 2)
+    draw_hand(left, made, capture, theme)
+    draw_errors(right, measured, theme)
+
+
+def load(name: str, how: str) -> dict[str, Any]:
+    """What a benchmark wrote."""
+    path = MEASURED / name
+    if not path.exists():
+        raise RunFailed(f"{path.relative_to(scoring.PROJECT)} is not there; run {how}")
+    found: dict[str, Any] = json.loads(path.read_text())
+    return found
+
+
+def draw_of(name: str) -> Callable[[Figure, Theme], None]:
+    """How to draw a picture, with all that it needs at hand."""
+    measured = load("accuracy.json", "`make bench`")
+    if name == "time":
+        return partial(draw_time, measured=measured)
+    if name == "cycles":
+        costs = load("cycles.json", "`make bench-nano`")
+        return partial(draw_cycles, measured=measured, costs=costs)
     made = motion.generate(HAND_SECONDS, HAND_SEED)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "hand.npz"
         made.save(path)
         capture = run_nano(path)
+    return partial(draw_probe_and_errors, measured=measured, made=made, capture=capture)
+
+
+HEIGHTS = {"probe": 4.2, "time": 3.4, "cycles": 3.8}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draws each picture for both kinds of page."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, epilog="example: benchmarks/picture.py time cycles"
+    )
+    parser.add_argument(
+        "names",
+        metavar="PICTURE",
+        nargs="*",
+        help=f"of {', '.join(HEIGHTS)} (default: all)",
+    )
+    args = parser.parse_args(argv)
+    unknown = [name for name in args.names if name not in HEIGHTS]
+    if unknown:
+        parser.error(f"there is no picture {unknown[0]}")
     # Text stays text, and the same figures give the same file.
     mpl.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "imu-probe"})
     mpl.rcParams.update({"font.family": "sans-serif"})
     mpl.rcParams.update({"font.size": 9.0, "axes.titlesize": 9.0})
     PICTURES.mkdir(parents=True, exist_ok=True)
-    for theme in THEMES:
-        figure, (left, right) = plt.subplots(
-            1, 2, figsize=(10.0, 4.2), width_ratios=(1.0, 1.0), layout="constrained"
-        )
-        draw_hand(left, made, capture, theme)
-        draw_errors(right, measured, theme)
-        target = PICTURES / f"probe-{theme.name}.svg"
-        figure.savefig(target, transparent=True, metadata={"Date": None})
-        plt.close(figure)
-        print(target.relative_to(scoring.PROJECT))
+    for name in args.names or HEIGHTS:
+        draw = draw_of(name)
+        for theme in THEMES:
+            figure = plt.figure(figsize=(WIDTH, HEIGHTS[name]), layout="constrained")
+            draw(figure, theme)
+            target = PICTURES / f"{name}-{theme.name}.svg"
+            figure.savefig(target, transparent=True, metadata={"Date": None})
+            plt.close(figure)
+            print(target)
     return 0
 
 

@@ -8,13 +8,13 @@ Orientation Estimation", Data 6(7):72, 2021, doi:10.3390/data6070072.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from imud import motion, rotation
-from imud.motion import Motion
+from imud.motion import BoolArray, Motion
 from imud.rotation import FloatArray
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -29,6 +29,18 @@ GROUPS = {
 }
 
 
+# Thirds in which every group and every kind of motion occurs. What was tuned on two
+# is to be judged on the third.
+FOLDS = {
+    "fold A": ("01", "06", "10", "14", "21", "24", "32"),
+    "fold B": ("03", "07", "12", "16", "26", "30", "34"),
+    "fold C": ("05", "09", "13", "19", "28", "36", "37"),
+}
+TRIALS = sum(len(numbers) for numbers in FOLDS.values())
+
+SIGMAS = 1.96  # that hold 95 % of a normal error
+
+
 @dataclass(frozen=True, slots=True)
 class Trial:
     """A recording with optical truth."""
@@ -40,6 +52,12 @@ class Trial:
     @property
     def name(self) -> str:
         return self.path.stem
+
+    def is_in(self, name: str) -> bool:
+        """Whether a group, a fold or "all" has it."""
+        if name in FOLDS:
+            return self.name.startswith(FOLDS[name]) and "all_trials" in self.groups
+        return name == "all" or GROUPS.get(name) in self.groups
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +79,33 @@ class Score:
 
 
 @dataclass(frozen=True, slots=True)
+class Coverage:
+    """Shares of the poses of a trial's movement, of 1.
+
+    Of those that state a sigma: with an error inside SIGMAS of it. Of all: with none.
+    """
+
+    tilt: float
+    heading: float
+    tilt_null: float
+    heading_null: float
+
+    def __str__(self) -> str:
+        tilt, heading, no_tilt, no_heading = (100.0 * each for each in astuple(self))
+        return f"{tilt:5.1f} {heading:5.1f} ({no_tilt:.1f} {no_heading:.1f})"
+
+    @staticmethod
+    def mean(coverages: Sequence[Coverage]) -> Coverage:
+        """The plain mean over trials, those without any sigma left out."""
+        rows = np.array([astuple(each) for each in coverages])
+        known = np.isfinite(rows)
+        sums = np.where(known, rows, 0.0).sum(axis=0)
+        count = known.sum(axis=0)
+        means = np.where(count > 0, sums / np.maximum(count, 1), np.nan)
+        return Coverage(*means.tolist())
+
+
+@dataclass(frozen=True, slots=True)
 class Errors:
     """The angles between estimate and truth over time, degrees; NaN without truth."""
 
@@ -69,19 +114,28 @@ class Errors:
     inclination: FloatArray
 
 
-def load_trials(paths: Iterable[Path], numbers: Sequence[str] = ()) -> list[Trial]:
-    """Reads trials from files and folders; `numbers` picks by how a name begins."""
+def find_trials(paths: Iterable[Path], numbers: Sequence[str] = ()) -> list[Path]:
+    """The recordings among files and in folders; `numbers` picks by how one begins."""
     files: list[Path] = []
     for path in paths:
         files += sorted(path.glob("*.npz")) if path.is_dir() else [path]
     return [
-        Trial(path, motion.load(path), _groups(path))
-        for path in files
-        if not numbers or path.stem.startswith(tuple(numbers))
+        path for path in files if not numbers or path.stem.startswith(tuple(numbers))
     ]
 
 
-def _groups(path: Path) -> tuple[str, ...]:
+def load_trial(path: Path) -> Trial:
+    """Reads one recording."""
+    return Trial(path, motion.load(path), groups_of(path))
+
+
+def load_trials(paths: Iterable[Path], numbers: Sequence[str] = ()) -> list[Trial]:
+    """Reads all that find_trials finds."""
+    return [load_trial(path) for path in find_trials(paths, numbers)]
+
+
+def groups_of(path: Path) -> tuple[str, ...]:
+    """The words of its file by which a summary averages."""
     if path.suffix != ".npz":
         return ()
     with np.load(path) as archive:
@@ -108,16 +162,44 @@ def errors_at(times_s: FloatArray, estimate: FloatArray, truth: Motion) -> Error
     return errors(estimate, rotation.interpolate(times_s, known_times, truth.quat))
 
 
-def score_at(times_s: FloatArray, estimate: FloatArray, truth: Motion) -> Score:
-    """Scores estimates at any times; counts those next to a moving record."""
+def counted(times_s: FloatArray, truth: Motion) -> BoolArray:
+    """Which times are next to a moving record."""
     nearest = np.rint(times_s * truth.rate_hz).astype(int)
     is_inside = (nearest >= 0) & (nearest < len(truth))
     moving = np.ones(len(truth), bool) if truth.movement is None else truth.movement
-    counted = is_inside & moving[np.clip(nearest, 0, len(truth) - 1)]
-    found = errors_at(times_s[counted], estimate[counted], truth)
+    return np.asarray(is_inside & moving[np.clip(nearest, 0, len(truth) - 1)])
+
+
+def score_at(times_s: FloatArray, estimate: FloatArray, truth: Motion) -> Score:
+    """Scores estimates at any times; counts those next to a moving record."""
+    moving = counted(times_s, truth)
+    found = errors_at(times_s[moving], estimate[moving], truth)
     return Score(
         *(
             float(np.sqrt(np.nanmean(angle**2)))
             for angle in (found.total, found.heading, found.inclination)
         )
     )
+
+
+def coverage_at(
+    times_s: FloatArray,
+    estimate: FloatArray,
+    tilt_sigma_deg: FloatArray,
+    heading_sigma_deg: FloatArray,
+    truth: Motion,
+) -> Coverage:
+    """How often true errors keep within what is stated of them; sigmas may be NaN."""
+    moving = counted(times_s, truth)
+    found = errors_at(times_s[moving], estimate[moving], truth)
+    is_seen = np.isfinite(found.total)
+    shares, nulls = [], []
+    for error, sigma in (
+        (found.inclination, tilt_sigma_deg[moving]),
+        (found.heading, heading_sigma_deg[moving]),
+    ):
+        is_stated = is_seen & np.isfinite(sigma)
+        is_within = error[is_stated] <= SIGMAS * sigma[is_stated]
+        shares.append(float(is_within.mean()) if is_stated.any() else np.nan)
+        nulls.append(float(1.0 - is_stated.sum() / max(1, is_seen.sum())))
+    return Coverage(*shares, *nulls)

@@ -431,6 +431,7 @@ def c_constants(schema: Schema) -> Iterator[tuple[str, str]]:
     """Where each constant of messages.h comes from, and its name."""
     for message in schema.messages:
         yield f"message {message.name}", f"MESSAGE_{message.name.upper()}"
+        yield f"message {message.name}", c_size(message)
         for field in message.fields:
             if field.null is not None:
                 place = f"message {message.name}: field {field.name}"
@@ -439,6 +440,10 @@ def c_constants(schema: Schema) -> Iterator[tuple[str, str]]:
         for group, members in groups.items():
             for name in members:
                 yield f"{kind}.{group}", f"{group}_{name}".upper()
+
+
+def c_size(message: Message) -> str:
+    return f"MESSAGE_{message.name.upper()}_SIZE"
 
 
 def c_null(message: Message, field: Field) -> str:
@@ -560,6 +565,11 @@ def render_c_header(schema: Schema) -> str:
         "enum message_id {",
         *(f"    MESSAGE_{m.name.upper()} = {m.id:#04x}," for m in schema.messages),
         "};",
+        "",
+        "// Bytes of content.",
+        "enum {",
+        *(f"    {c_size(m)} = {m.size}," for m in schema.messages),
+        "};",
     ]
     for group, members in schema.enums.items():
         lines += ["", f"enum {group} {{"]
@@ -592,8 +602,8 @@ def render_c_header(schema: Schema) -> str:
         "    uint32_t time_us;",
         "};",
         "",
-        "// encode() writes to `content` (MESSAGE_CONTENT_MAX bytes) and returns the",
-        "// length. decode() leaves `header` and `out` untouched unless MESSAGE_OK.",
+        "// encode() writes to `content` (the message's size) and returns the length.",
+        "// decode() leaves `header` and `out` untouched unless MESSAGE_OK.",
     ]
     for message in schema.messages:
         encode, decode = c_declaration(message)

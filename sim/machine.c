@@ -215,7 +215,8 @@ static void serve_interrupts(struct machine *machine) {
         avr->interrupt_state = 0;
         return;
     }
-    const uint32_t return_word = avr->pc >> 1;
+    const avr_flashaddr_t from = avr->pc;
+    const uint32_t return_word = from >> 1;
     push_byte(avr, (uint8_t)(return_word & 0xFF));
     push_byte(avr, (uint8_t)(return_word >> 8));
     note_stack(machine);
@@ -225,6 +226,9 @@ static void serve_interrupts(struct machine *machine) {
     avr_clear_interrupt(avr, vector);
     if (machine_fixes(machine, FIX_INTERRUPT_ENTRY)) {
         machine_stall(machine, INTERRUPT_ENTRY_CYCLES);
+    }
+    if (machine->watch.on_interrupt != NULL) {
+        machine->watch.on_interrupt(machine->watch.context, from, avr->pc);
     }
 }
 
@@ -618,6 +622,9 @@ static void step(struct machine *machine) {
     avr_flashaddr_t next = avr->pc;
     if (avr->state == cpu_Running) {
         next = avr_run_one(avr);
+        if (machine->watch.on_instruction != NULL) {
+            machine->watch.on_instruction(machine->watch.context, avr->pc, next);
+        }
     }
     const avr_cycle_count_t until_timer = avr_cycle_timer_process(avr);
     avr->pc = next;
@@ -646,9 +653,11 @@ static void step(struct machine *machine) {
 bool machine_run(struct machine *machine, uint64_t until_cycle) {
     avr_t *avr = machine->avr;
     machine->until = until_cycle;
+    // Who watches wants to see instructions one by one.
+    const uint64_t most = machine->watch.on_instruction != NULL ? 1 : RUN_LIMIT;
     while (avr->cycle < machine->until) {
         const uint64_t left = machine->until - avr->cycle;
-        avr->run_cycle_limit = left < RUN_LIMIT ? left : RUN_LIMIT;
+        avr->run_cycle_limit = left < most ? left : most;
         if (avr->run_cycle_count > avr->run_cycle_limit) {
             avr->run_cycle_count = avr->run_cycle_limit;
         }

@@ -157,6 +157,14 @@ struct machine_stack {
     uint16_t deepest;     // bytes
 };
 
+// Each instruction once it is done, and each interrupt once its return address is on
+// the stack; addresses of bytes. Null: not watched.
+struct machine_watch {
+    void *context;
+    void (*on_instruction)(void *context, uint32_t at, uint32_t next);
+    void (*on_interrupt)(void *context, uint32_t from, uint32_t vector);
+};
+
 struct machine {
     struct avr_t *avr;
     struct mpu9250_chip *chip;
@@ -171,6 +179,7 @@ struct machine {
     void (*on_bus)(void *context, uint64_t cycle, bool is_start);   // START, STOP
     void (*on_eeprom_write)(void *context, uint64_t number);
     void (*on_reset)(void *context, enum machine_reset cause);
+    struct machine_watch watch;
 
     uint64_t until;         // where machine_run() stops
     uint64_t clock_start;   // cycle at which Timer1 was first started, or NEVER

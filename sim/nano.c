@@ -2,12 +2,10 @@
 // The virtual Nano: runs the image that a user flashes, with the modelled sensor, and
 // says at the end what it saw. Links libsimavr (GPL-3) and libelf: this program and
 // nothing else of the project does, and it is not part of any package.
-#include <elf.h>
 #include <errno.h>
 #include <inttypes.h>
 #include <math.h>
 #include <signal.h>
-#include <simavr/sim_elf.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,8 +14,10 @@
 
 #include "cable.h"
 #include "faults.h"
+#include "image.h"
 #include "machine.h"
 #include "motion.h"
+#include "profile.h"
 #include "selftest.h"
 
 #ifndef NANO_VERSION
@@ -38,6 +38,7 @@ static const char usage_text[] =
     "usage: nano --image FILE.elf [--motion FILE|-] [--pty LINK | --record FILE]\n"
     "            [--fast] [--seconds N] [--summary FILE] [--eeprom FILE] [--seed N]\n"
     "            [--faults FILE] [--press START_US:END_US]... [--send US:HEX]...\n"
+    "            [--profile FILE [--parts FILE]]\n"
     "       nano --self-test [--without NAME]\n"
     "       nano --version\n";
 
@@ -56,6 +57,7 @@ struct event {
 
 struct options {
     const char *image, *motion, *pty, *record, *summary, *eeprom, *faults;
+    const char *profile, *parts;
     bool is_fast;
     double seconds;  // 0: no limit
     uint64_t seed;
@@ -78,6 +80,7 @@ struct run {
     struct cable *cable;
     FILE *record;
     struct faults faults;
+    struct profile *profile;
     struct event events[EVENTS_MAX];
     unsigned event_count;
     bool is_scheduled;
@@ -96,7 +99,7 @@ struct run {
     uint64_t mark_cycle, first_mark_cycle, first_mark_asleep;
     uint64_t samples, late, cycles_sum, cycles_worst;
     uint64_t eeprom_writes;
-    uint32_t flash, ram;
+    struct image image;
 };
 
 static volatile sig_atomic_t wants_stop;
@@ -169,6 +172,9 @@ static void on_bus(void *context, uint64_t cycle, bool is_start) {
 // edge between two worked samples that had no work is late too.
 static void on_mark(void *context, uint64_t cycle, uint8_t value) {
     struct run *run = context;
+    if (run->profile != NULL) {
+        (value != 0 ? profile_begin_sample : profile_end_sample)(run->profile);
+    }
     if (value != 0) {
         if (run->samples == 0 && !run->is_working) {
             run->first_mark_cycle = cycle;
@@ -201,6 +207,9 @@ static void on_mark(void *context, uint64_t cycle, uint8_t value) {
 static void on_reset(void *context, enum machine_reset cause) {
     (void)cause;
     struct run *run = context;
+    if (run->profile != NULL) {
+        profile_reset(run->profile);
+    }
     run->is_working = false;
     run->worked_edge = 0;
     run->waiting_count = 0;
@@ -285,7 +294,8 @@ static const char *set_option(struct options *options, const char *name,
         {"--image", &options->image},     {"--motion", &options->motion},
         {"--pty", &options->pty},         {"--record", &options->record},
         {"--summary", &options->summary}, {"--eeprom", &options->eeprom},
-        {"--faults", &options->faults},
+        {"--faults", &options->faults},   {"--profile", &options->profile},
+        {"--parts", &options->parts},
     };
     for (size_t i = 0; i < sizeof paths / sizeof *paths; i++) {
         if (strcmp(name, paths[i].name) == 0) {
@@ -365,50 +375,10 @@ static int parse_options(char **rest, struct options *options) {
     if (options->pty != NULL && options->record != NULL) {
         return 1 + usage("--pty and --record exclude each other", NULL);
     }
+    if (options->parts != NULL && options->profile == NULL) {
+        return 1 + usage("--parts needs --profile", NULL);
+    }
     return 0;
-}
-
-// What the ELF's header says, before libsimavr believes it.
-static bool is_avr_image(const char *path) {
-    uint8_t header[20] = {0};
-    FILE *file = fopen(path, "rb");
-    if (file == NULL) {
-        return false;
-    }
-    const bool is_whole = fread(header, 1, sizeof header, file) == sizeof header;
-    (void)fclose(file);
-    const unsigned machine = header[18] | ((unsigned)header[19] << 8);
-    return is_whole && memcmp(header, ELFMAG, SELFMAG) == 0 && machine == EM_AVR;
-}
-
-static bool load_image(struct run *run) {
-    elf_firmware_t firmware;
-    memset(&firmware, 0, sizeof firmware);
-    if (!is_avr_image(run->options.image) ||
-        elf_read_firmware(run->options.image, &firmware) != 0 ||
-        firmware.flashsize == 0) {
-        return false;
-    }
-    struct machine *machine = &run->machine;
-    if (firmware.flashbase + firmware.flashsize > machine->avr->flashend + 1) {
-        return false;
-    }
-    machine_load(machine, firmware.flash, firmware.flashsize,
-                 (uint16_t)firmware.flashbase);
-    uint32_t end = MACHINE_SRAM_START + firmware.datasize + firmware.bsssize;
-    for (uint32_t i = 0; i < firmware.symbolcount; i++) {
-        const avr_symbol_t *symbol = firmware.symbol[i];
-        if (strcmp(symbol->symbol, "_end") == 0) {
-            end = symbol->addr & 0xFFFF;
-        }
-    }
-    machine->stack.heap_start = (uint16_t)end;
-    run->flash = firmware.flashsize;
-    run->ram = end - MACHINE_SRAM_START;
-    if (firmware.eeprom != NULL && firmware.eesize <= MACHINE_EEPROM_SIZE) {
-        memcpy(machine->eeprom.bytes, firmware.eeprom, firmware.eesize);
-    }
-    return true;
 }
 
 static bool load_eeprom(struct run *run) {
@@ -696,8 +666,8 @@ static bool write_summary(const struct run *run, const struct summary *summary) 
         {"bytes", run->bytes},
         {"cycles_worst", run->cycles_worst},
         {"stack_max", summary->stack},
-        {"flash", run->flash},
-        {"ram", run->ram},
+        {"flash", run->image.flash},
+        {"ram", run->image.ram},
         {"resets", machine->resets},
         {"eeprom_writes", machine->eeprom.writes},
         {"uart_dropped", summary->dropped},
@@ -783,9 +753,18 @@ static int set_up(struct run *run) {
     machine->on_bus = on_bus;
     machine->on_eeprom_write = on_eeprom_write;
     machine->on_reset = on_reset;
-    if (!load_image(run)) {
+    if (!image_load(&run->image, options->image, machine)) {
         return complain(options->image, "is no image of an ATmega328P; pio run -e nano "
                                         "makes one");
+    }
+    if (options->profile != NULL) {
+        run->profile = profile_new(machine, options->image);
+        if (run->profile == NULL) {
+            return complain(options->image, "has no symbols to profile by");
+        }
+    }
+    if (options->parts != NULL && !profile_read_parts(run->profile, options->parts)) {
+        return complain(options->parts, "has other lines than START END PART");
     }
     if (options->eeprom != NULL && !load_eeprom(run)) {
         return complain(options->eeprom, "is no EEPROM of 1024 bytes");
@@ -827,6 +806,10 @@ static int finish(struct run *run, bool is_good) {
         (void)complain(options->summary, "can't be written");
         code = 1;
     }
+    if (run->profile != NULL && !profile_write(run->profile, options->profile)) {
+        (void)complain(options->profile, "can't be written");
+        code = 1;
+    }
     if (options->eeprom != NULL && !save_eeprom(run)) {
         (void)complain(options->eeprom, "can't be written");
         code = 1;
@@ -859,6 +842,7 @@ int main(int argc, char **argv) {
     }
     const bool is_good = run_all(&run);
     const int code = finish(&run, is_good);
+    profile_free(run.profile);
     motion_close(&run.motion);
     machine_free(&run.machine);
     mpu9250_chip_free(run.chip);

@@ -45,6 +45,7 @@ HELLO: dict[str, Any] = {
     "mag_lsb": 0.15,
     "boot_count": 7,
     "reset_cause": ("power_on",),
+    "filter": "fuse",
 }
 POSE: dict[str, Any] = {
     "q": (0.5, 0.5, -0.5, 0.5),
@@ -87,6 +88,8 @@ REPLY: dict[str, Any] = {
     "value": (0, 0),
 }
 COMMAND: dict[str, Any] = {"command": "start", "token": 1, "arguments": (0, 0)}
+# Commands that an event tells of.
+CHANGES = {"restart": "restarted", "tare": "tared"}
 EXAMPLES: dict[str, dict[str, Any]] = {
     "hello": HELLO,
     "raw": RAW,
@@ -156,6 +159,11 @@ class FakeProbe:
             self._replied = token, reply
             if fields["command"] == "hello":
                 said = self.say("hello")
+            if result == "ok" and fields["command"] in CHANGES:
+                is_same = fields["command"] == "restart" and not fields["arguments"][0]
+                detail = schema.Filter.FUSE if is_same else fields["arguments"][0]
+                what = {"event": CHANGES[fields["command"]], "cause": "command"}
+                said = self.say("event", **what, detail=detail)
         return said + self.say("reply", **self._replied[1])
 
 

@@ -5,6 +5,8 @@
 ; Calling convention: a arrives in r25..r22, b in r21..r18, the result leaves in
 ; r25..r22; r18 to r27, r30 and r31 are free to use, r1 must be zero at the return.
 
+#include <avr/io.h>
+
 #define A0 r22
 #define A1 r23
 #define A2 r24
@@ -276,3 +278,285 @@ fixed_dot3_q14:
     pop     r16
     ret
     .size   fixed_dot3_q14, . - fixed_dot3_q14
+
+; Products of quaternions and vectors, as quat.h describes them. A sum of products adds
+; up in r7..r3, in 64ths of a step: of each product the bytes 7 to 3, without what the
+; pairs of bytes add whose places add up to less than two.
+#define SUM0 r3
+#define SUM1 r4
+#define SUM2 r5
+#define SUM3 r6
+#define SUM4 r7
+#define NIL r2          /* holds 0 */
+#define OTHER r8        /* the pair that points at b; Y points at a */
+#define I r10           /* offsets: of the row's component, and of the two that follow */
+#define J r11
+#define K r12
+#define OUT r14         /* a pair */
+
+    ; \x:\y:\z += product of two unsigned bytes.
+    .macro plus a, b, x, y, z
+    mul     \a, \b
+    add     \x, r0
+    adc     \y, r1
+    adc     \z, NIL
+    .endm
+
+    ; The same of a signed byte and an unsigned one.
+    .macro plus_signed a, b, x, y, z
+    mulsu   \a, \b
+    sbc     \z, NIL
+    add     \x, r0
+    adc     \y, r1
+    adc     \z, NIL
+    .endm
+
+    ; The same of the first in its column, where \z is still to be made: it takes the
+    ; signs of \y, the third byte of the column before, and of the product.
+    .macro plus_signed_first a, b, x, y, z
+    mulsu   \a, \b
+    sbc     \z, \z
+    sbrc    \y, 7
+    dec     \z
+    add     \x, r0
+    adc     \y, r1
+    adc     \z, NIL
+    .endm
+
+    .section .text.quat_multiply, "ax", @progbits
+
+; Saves what C wants back, takes the arguments a, b and out.
+save:
+    pop     r31
+    pop     r30
+    .irp    n, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 15, 16, 17, 28, 29
+    push    r\n
+    .endr
+    clr     NIL
+    movw    r28, r24
+    movw    OTHER, r22
+    movw    OUT, r20
+    ; The row of z; rows go z, y, x.
+    ldi     r24, 12
+    mov     I, r24
+    ldi     r24, 4
+    mov     J, r24
+    ldi     r24, 8
+    mov     K, r24
+    ijmp
+
+restore:
+    clr     r1
+    .irp    n, 29, 28, 17, 16, 15, 14, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2
+    pop     r\n
+    .endr
+    ret
+
+; On to the row before; Z is set behind that of x.
+next_row:
+    mov     r24, K
+    mov     K, J
+    mov     J, I
+    mov     I, r24
+    cpi     r24, 12
+    ret
+
+; The sum is 0, and the half of a step in r24 for rounding.
+clear:
+    mov     SUM0, r24
+    clr     SUM1
+    clr     SUM2
+    movw    SUM3, SUM1
+    ret
+
+; The sum takes the row's component of the cross product of a and b.
+cross:
+    mov     r30, J
+    mov     r26, K
+    clt
+    rcall   term
+    mov     r30, K
+    mov     r26, J
+    set
+
+; The sum takes a[r30] * b[r26], less it where T is set.
+term:
+    add     r30, r28
+    mov     r31, r29
+    adc     r31, NIL
+    ld      r16, Z
+    ldd     r17, Z+1
+    ldd     r18, Z+2
+    ldd     r19, Z+3
+    add     r26, r8
+    mov     r27, r9
+    adc     r27, NIL
+    ld      r20, X+
+    ld      r21, X+
+    ld      r22, X+
+    ld      r23, X
+    ; Columns 2 to 6 of bytes. A signed one has a signed third byte.
+    mul     r16, r22
+    movw    r30, r0
+    clr     r24
+    plus r17, r21, r30, r31, r24
+    plus r18, r20, r30, r31, r24
+    mulsu   r23, r16
+    sbc     r25, r25
+    add     r31, r0
+    adc     r24, r1
+    adc     r25, NIL
+    plus_signed r19, r20, r31, r24, r25
+    plus r17, r22, r31, r24, r25
+    plus r18, r21, r31, r24, r25
+    plus_signed_first r23, r17, r24, r25, r26
+    plus_signed r19, r21, r24, r25, r26
+    plus r18, r22, r24, r25, r26
+    plus_signed_first r23, r18, r25, r26, r27
+    plus_signed r19, r22, r25, r26, r27
+    muls    r19, r23
+    add     r26, r0
+    adc     r27, r1
+    brts    1f
+    add     SUM0, r31
+    adc     SUM1, r24
+    adc     SUM2, r25
+    adc     SUM3, r26
+    adc     SUM4, r27
+    ret
+1:  sub     SUM0, r31
+    sbc     SUM1, r24
+    sbc     SUM2, r25
+    sbc     SUM3, r26
+    sbc     SUM4, r27
+    ret
+
+; Doubles the sum; the result is in the bytes from SUM1 on once it was doubled twice.
+twice_twice:
+    rcall   twice
+twice:
+    lsl     SUM0
+    rol     SUM1
+    rol     SUM2
+    rol     SUM3
+    rol     SUM4
+    ret
+
+; void quat_multiply(const struct quat *a, const struct quat *b, struct quat *out)
+    .global quat_multiply
+    .type   quat_multiply, @function
+quat_multiply:
+    rcall   save
+1:  ldi     r24, 0x20
+    rcall   clear
+    rcall   cross
+    mov     r30, I          ; the row's component of a times w of b, and of b times w of a
+    clr     r26
+    clt
+    rcall   term
+    clr     r30
+    mov     r26, I
+    rcall   term
+    rcall   twice_twice
+    push    SUM4
+    push    SUM3
+    push    SUM2
+    push    SUM1
+    rcall   next_row
+    brne    1b
+    ldi     r24, 0x20       ; w: the product of both less those of all others
+    rcall   clear
+    set
+2:  mov     r30, I
+    mov     r26, I
+    rcall   term
+    ldi     r24, 4
+    sub     I, r24
+    brne    2b
+    clr     r30
+    clr     r26
+    clt
+    rcall   term
+    rcall   twice_twice
+    movw    r26, OUT
+    st      X+, SUM1
+    st      X+, SUM2
+    st      X+, SUM3
+    st      X+, SUM4
+    ldi     r24, 12
+3:  pop     r0
+    st      X+, r0
+    dec     r24
+    brne    3b
+    rjmp    restore
+    .size   quat_multiply, . - quat_multiply
+
+; void quat_rotate(const struct quat *q, const struct vector *v, struct vector *out)
+    .global quat_rotate
+    .type   quat_rotate, @function
+quat_rotate:
+    rcall   save
+    push    r22             ; v, for the end
+    push    r23
+    ldi     r24, 4          ; a vector begins where a quaternion has its x
+    sub     r8, r24
+    sbc     r9, NIL
+    sub     r14, r24
+    sbc     r15, NIL
+1:  ldi     r24, 0x10       ; t = 2 u x v
+    rcall   clear
+    rcall   cross
+    rcall   twice
+    rcall   twice_twice
+    push    SUM4
+    push    SUM3
+    push    SUM2
+    push    SUM1
+    rcall   next_row
+    brne    1b
+    in      r30, _SFR_IO_ADDR(SPL)
+    in      r31, _SFR_IO_ADDR(SPH)
+    movw    OTHER, r30      ; the byte below t
+    ldi     r24, 3
+    sub     r8, r24
+    sbc     r9, NIL
+2:  ldi     r24, 0x20       ; v + w t + u x t
+    rcall   clear
+    rcall   cross
+    clr     r30
+    mov     r26, I
+    clt
+    rcall   term
+    rcall   twice_twice
+    in      r30, _SFR_IO_ADDR(SPL)
+    in      r31, _SFR_IO_ADDR(SPH)
+    ldd     r27, Z+13
+    ldd     r26, Z+14
+    ldi     r24, 4
+    mov     r30, I
+    sub     r30, r24
+    add     r26, r30
+    adc     r27, NIL
+    ld      r20, X+
+    ld      r21, X+
+    ld      r22, X+
+    ld      r23, X+
+    movw    r26, OUT
+    add     r26, I
+    adc     r27, NIL
+    add     r20, SUM1
+    st      X+, r20
+    adc     r21, SUM2
+    st      X+, r21
+    adc     r22, SUM3
+    st      X+, r22
+    adc     r23, SUM4
+    st      X+, r23
+    rcall   next_row
+    brne    2b
+    ldi     r24, 14
+3:  pop     r0
+    dec     r24
+    brne    3b
+    rjmp    restore
+    .size   quat_rotate, . - quat_rotate

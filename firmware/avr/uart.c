@@ -4,6 +4,7 @@
 
 #include <avr/interrupt.h>
 #include <avr/io.h>
+#include <string.h>
 #include <util/atomic.h>
 
 #include "../board.h"
@@ -73,9 +74,14 @@ bool board_send(const uint8_t *bytes, uint8_t length) {
     if (length == 0) {
         return true;
     }
-    for (; length > 0; length--) {
-        sending[head++] = *bytes++;
+    const uint8_t to_end = (uint8_t)-head;  // 0: all of the ring
+    if (length > to_end && to_end != 0) {
+        memcpy(sending + head, bytes, to_end);
+        memcpy(sending, bytes + to_end, (uint8_t)(length - to_end));
+    } else {
+        memcpy(sending + head, bytes, length);
     }
+    head = (uint8_t)(head + length);
     // Together, or the handler may empty the ring in between and then be called again.
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
         sending_head = head;

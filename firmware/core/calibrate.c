@@ -60,24 +60,28 @@ struct calibration_scale calibration_scale_of(const struct sensor_identity *iden
 // matrix * (counts - bias), then twice the scale. |counts - bias| <= 2^29 + 2^28, a row
 // of at most 1.7 and a scale of at most 1.26 keep each step below 2^31; `limit` bounds
 // the result before it is doubled.
-static void apply(const struct calibration_of_sensor *sensor, const q18_14_t counts[3],
+static void apply(const struct calibration_of_sensor *sensor, const q16_16_t counts[3],
                   q2_30_t scale, int32_t limit, struct vector *out) {
-    int32_t centred[3];
+    q18_14_t centred[3];
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        centred[axis] = counts[axis] - sensor->bias[axis];
+        centred[axis] =
+            fixed_half_floor(fixed_half_floor(counts[axis])) - sensor->bias[axis];
     }
-    int32_t *const result[3] = {&out->x, &out->y, &out->z};
+    int32_t *result = &out->x;
     for (uint8_t row = 0; row < 3; ++row) {
         const int32_t sum = fixed_dot3_q14(centred, sensor->matrix[row]);
-        *result[row] = fixed_clamp(fixed_mul_q30(sum, scale), limit) * 2;
+        *result++ = fixed_clamp(fixed_mul_q30(sum, scale), limit) * 2;
     }
 }
 
 static void apply_to_counts(const struct calibration_of_sensor *sensor,
                             const struct counts *counts, q2_30_t scale, int32_t limit,
                             struct vector *out) {
-    const q18_14_t fine[3] = {counts->x * INT32_C(16384), counts->y * INT32_C(16384),
-                              counts->z * INT32_C(16384)};
+    const int16_t *count = &counts->x;
+    q16_16_t fine[3];  // from which the AVR comes to q18_14 sooner than from counts
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        fine[axis] = count[axis] * INT32_C(65536);
+    }
     apply(sensor, fine, scale, limit, out);
 }
 
@@ -101,7 +105,7 @@ void calibrate(const struct calibration *calibration,
 
 void calibrate_rate(const struct calibration *calibration,
                     const struct calibration_scale *scale,
-                    const q18_14_t mean_counts[3], struct vector *out) {
+                    const q16_16_t mean_counts[3], struct vector *out) {
     apply(&calibration->gyr, mean_counts, scale->gyr, GYR_LIMIT_HALF, out);
 }
 
@@ -109,60 +113,70 @@ void gyro_calibrator_begin(struct gyro_calibrator *calibrator) {
     *calibrator = (struct gyro_calibrator){.count = 0};
 }
 
-// Counts in a limit given in units of 1e-6: limits and counts of the physical unit.
-static int16_t counts_in(uint32_t limit_micro, uint32_t lsb_nano) {
-    return (int16_t)(limit_micro / (lsb_nano / 1000 + 1));
+// In units of 2^10 nano (of rad/s or m/s2) a check is a product of 16 bits each.
+#define SPAN_MAX UINT32_C(51133)   // 3 deg/s
+#define BIAS_MAX UINT32_C(340885)  // 20 deg/s
+#define TURN_MAX UINT32_C(83571)   // 0.5 deg of 1 g
+
+static bool exceeds(uint16_t counts, uint32_t lsb_nano, uint32_t limit) {
+    return (uint32_t)counts * (uint16_t)(lsb_nano / 1024) > limit;
 }
 
 enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
                                             const struct sample *sample,
                                             const struct sensor_identity *identity,
-                                            q18_14_t mean_counts[3]) {
-    const int16_t gyr[3] = {sample->gyr.x, sample->gyr.y, sample->gyr.z};
-    const int16_t acc[3] = {sample->acc.x, sample->acc.y, sample->acc.z};
-    // 3 deg/s and 20 deg/s, 0.5 deg of 1 g.
-    const int16_t span_max = counts_in(52360, identity->gyr_lsb_nrad_s);
-    const int16_t bias_max = counts_in(349066, identity->gyr_lsb_nrad_s);
-    const int32_t turn_max =
-        (int32_t)counts_in(85577, identity->acc_lsb_nm_s2) * (CALIBRATOR_SAMPLES / 2);
-    const bool is_first = calibrator->count == 0;
-    const bool is_second_half = calibrator->count >= CALIBRATOR_SAMPLES / 2;
-    ++calibrator->count;
+                                            q16_16_t mean_counts[3]) {
+    const int16_t *gyr = &sample->gyr.x;
+    const int16_t *acc = &sample->acc.x;
+    struct gyro_calibrator_axis *axis = calibrator->axes;
+    const uint16_t count = calibrator->count;
+    uint16_t span = 0;      // of the widest axis
+    uint16_t furthest = 0;  // from zero
+    for (uint8_t i = 0; i < 3; ++i) {
+        const int16_t rate = *gyr++;
+        const int32_t force = *acc++;
+        if (count == 0) {
+            *axis = (struct gyro_calibrator_axis){0, 0, rate, rate};
+        }
+        axis->sum += rate;
+        axis->turn += count < CALIBRATOR_SAMPLES / 2 ? force : -force;
+        if (rate < axis->low) {
+            axis->low = rate;
+        }
+        if (rate > axis->high) {
+            axis->high = rate;
+        }
+        const uint16_t axis_span = (uint16_t)(axis->high - axis->low);
+        if (axis_span > span) {
+            span = axis_span;
+        }
+        const uint16_t size = (uint16_t)fixed_magnitude(rate);
+        if (size > furthest) {
+            furthest = size;
+        }
+        ++axis;
+    }
+    bool has_moved = sample->gyr_clipped || sample->has_gap ||
+                     exceeds(span, identity->gyr_lsb_nrad_s, SPAN_MAX) ||
+                     exceeds(furthest, identity->gyr_lsb_nrad_s, BIAS_MAX);
+    calibrator->count = (uint16_t)(count + 1);
     const bool is_last = calibrator->count == CALIBRATOR_SAMPLES;
-    bool has_moved = sample->gyr_clipped || sample->has_gap;
-    int32_t widest = 0;
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        calibrator->sum[axis] += gyr[axis];
-        calibrator->acc_sum[axis] += is_second_half ? -acc[axis] : acc[axis];
-        if (is_first || gyr[axis] < calibrator->low[axis]) {
-            calibrator->low[axis] = gyr[axis];
-        }
-        if (is_first || gyr[axis] > calibrator->high[axis]) {
-            calibrator->high[axis] = gyr[axis];
-        }
-        const int32_t span = (int32_t)calibrator->high[axis] - calibrator->low[axis];
-        const bool is_out = span > span_max || gyr[axis] > bias_max ||
-                            gyr[axis] < -bias_max ||
-                            (is_last && fixed_magnitude(calibrator->acc_sum[axis]) >
-                                            (uint32_t)turn_max);
-        if (is_out) {
-            has_moved = true;
-        }
-        if (span > widest) {
-            widest = span;
-        }
+    for (axis = calibrator->axes; is_last && axis < calibrator->axes + 3; ++axis) {
+        // At most 65535: 256 times -32768, less 256 times 32767.
+        const uint16_t turn = (uint16_t)(fixed_magnitude(axis->turn) / 256);
+        has_moved |= exceeds(turn, identity->acc_lsb_nm_s2, TURN_MAX);
     }
     if (has_moved) {
-        gyro_calibrator_begin(calibrator);
-        calibrator->span_counts = (uint16_t)widest;
+        calibrator->count = 0;
+        calibrator->span_counts = span;
         return CALIBRATOR_MOVED;
     }
     if (!is_last) {
         return CALIBRATOR_PENDING;
     }
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        // sum * 2^14 / 512
-        mean_counts[axis] = calibrator->sum[axis] * (16384 / CALIBRATOR_SAMPLES);
+    for (uint8_t i = 0; i < 3; ++i) {
+        // sum * 2^16 / 512: |sum| / 512 is below the limit of a bias
+        mean_counts[i] = calibrator->axes[i].sum * (65536 / CALIBRATOR_SAMPLES);
     }
     return CALIBRATOR_DONE;
 }

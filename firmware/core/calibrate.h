@@ -47,7 +47,7 @@ void calibrate(const struct calibration *calibration,
 // The rate, q7_25 rad/s, that mean counts of the gyroscope stand for.
 void calibrate_rate(const struct calibration *calibration,
                     const struct calibration_scale *scale,
-                    const q18_14_t mean_counts[3], struct vector *out);
+                    const q16_16_t mean_counts[3], struct vector *out);
 
 // The start-up calibration: 512 samples at rest give the gyroscope's bias.
 enum calibrator_result {
@@ -58,10 +58,14 @@ enum calibrator_result {
 
 enum { CALIBRATOR_SAMPLES = 512 };
 
+struct gyro_calibrator_axis {
+    int32_t sum;        // of the rates, counts
+    int32_t turn;       // specific force, first half less second half, counts
+    int16_t low, high;  // rates, counts
+};
+
 struct gyro_calibrator {
-    int32_t sum[3];      // of the rates, counts
-    int32_t acc_sum[3];  // first half less second half of the specific force, counts
-    int16_t low[3], high[3];
+    struct gyro_calibrator_axis axes[3];
     uint16_t count;
     uint16_t span_counts;  // of the widest axis when it was last refused
 };
@@ -75,6 +79,6 @@ void gyro_calibrator_begin(struct gyro_calibrator *calibrator);
 enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
                                             const struct sample *sample,
                                             const struct sensor_identity *identity,
-                                            q18_14_t mean_counts[3]);
+                                            q16_16_t mean_counts[3]);
 
 #endif

@@ -2,6 +2,10 @@
 // Roots, ratios and angles in fixed point; see fixed.h for formats and bounds.
 #include "fixed.h"
 
+int32_t fixed_clamp(int32_t value, int32_t limit) {
+    return value > limit ? limit : value < -limit ? -limit : value;
+}
+
 uint8_t fixed_leading_zeros(uint32_t x) {
     uint8_t zeros = 0;
     while (x < UINT32_C(0x01000000)) {  // whole bytes first: they are cheap to shift
@@ -64,6 +68,24 @@ uint16_t fixed_sqrt(uint32_t x) {
         }
     }
     return (uint16_t)root;
+}
+
+q2_30_t fixed_exp_neg(int32_t x) {
+    // 2^-y with y = x log2(e) = x + 0.442695 x, below 1478, floored to 2^-21. 2^-f of
+    // its fraction f is a polynomial within 5.5e-8, and the whole part halves it.
+    const uint32_t y = (uint32_t)x + fixed_umul_q32((uint32_t)x, UINT32_C(1901360723));
+    const uint32_t whole = y >> 21;
+    if (whole > 30) {
+        return 0;
+    }
+    const q2_30_t f = (q2_30_t)((y & UINT32_C(0x1FFFFF)) << 9);
+    q2_30_t power = -1017428;
+    power = 9890102 + fixed_mul_q30(power, f);
+    power = -59377501 + fixed_mul_q30(power, f);
+    power = 257890763 + fixed_mul_q30(power, f);
+    power = -744256846 + fixed_mul_q30(power, f);
+    power = 1073741765 + fixed_mul_q30(power, f);
+    return whole > 0 ? fixed_scale_down(power, (uint8_t)whole) : power;
 }
 
 // atan of a ratio in [0, 1], in quarter turns: a polynomial within 1.7e-6 rad.

@@ -10,9 +10,11 @@
 // | q7_25_t   | +-64 rad/s   | 3.0e-8 rad/s  | angular rate                           |
 // | q11_21_t  | +-1024 m/s2  | 4.8e-7 m/s2   | specific force                         |
 // | q14_18_t  | +-8192       | 3.8e-6        | magnetic field in uT, (rad/s)^2        |
+// | q16_16_t  | +-32768      | 1.5e-5        | sensor counts                          |
 // | q18_14_t  | +-131072     | 6.1e-5        | sensor counts less their bias          |
 // | q2_14_t   | +-2          | 6.1e-5        | elements of calibration matrices       |
-// | q12_20_t  | +-2048       | 9.5e-7        | bias variance over rest variance       |
+// | q13_19_t  | +-4096       | 1.9e-6        | covariance of fields, uT2              |
+// | q6_26_t   | +-32         | 1.5e-8        | covariance of bias and scale           |
 // | turn32_t  | +-half turn  | 1.5e-9 rad    | angles that wrap where they overflow   |
 //
 // Products round to nearest, ties towards +infinity; `_floor` says otherwise.
@@ -28,9 +30,11 @@ typedef int32_t q2_30_t;
 typedef int32_t q7_25_t;
 typedef int32_t q11_21_t;
 typedef int32_t q14_18_t;
+typedef int32_t q16_16_t;
 typedef int32_t q18_14_t;
 typedef int16_t q2_14_t;
-typedef int32_t q12_20_t;
+typedef int32_t q13_19_t;
+typedef int32_t q6_26_t;
 typedef int32_t turn32_t;
 
 #define Q2_30_ONE INT32_C(1073741824)
@@ -57,9 +61,8 @@ static inline int32_t fixed_sub_sat(int32_t a, int32_t b) {
                                                      : difference;
 }
 
-static inline int32_t fixed_clamp(int32_t value, int32_t limit) {
-    return value > limit ? limit : value < -limit ? -limit : value;
-}
+// `value`, held within +-limit.
+int32_t fixed_clamp(int32_t value, int32_t limit);
 
 // |value|; the most negative number gives 2^31.
 static inline uint32_t fixed_magnitude(int32_t value) {
@@ -79,6 +82,11 @@ static inline int32_t fixed_scale_up_sat(uint32_t value, uint8_t bits) {
 // round(value / 2^bits), bits 1 to 30; value + 2^(bits-1) must fit.
 static inline int32_t fixed_scale_down(int32_t value, uint8_t bits) {
     return (value + (INT32_C(1) << (bits - 1))) >> bits;
+}
+
+// The upper 16 of 32 bits.
+static inline uint16_t fixed_high_half(uint32_t value) {
+    return (uint16_t)(value >> 16);
 }
 
 // value / 2, rounded down: exact where one bit of headroom is wanted.
@@ -105,6 +113,9 @@ q2_30_t fixed_rsqrt(uint32_t x);
 
 // sqrt(x), floored.
 uint16_t fixed_sqrt(uint32_t x);
+
+// exp(-x) of x in q11_21 that is not negative, within 4e-7.
+q2_30_t fixed_exp_neg(int32_t x);
 
 // Leading zero bits of a number that is not zero.
 uint8_t fixed_leading_zeros(uint32_t x);

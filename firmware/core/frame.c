@@ -3,56 +3,50 @@
 // byte's CRC is a few shifts.
 #include "frame.h"
 
-// One step of the CRC for eight bits at once: x^16 = x^12 + x^5 + 1, so that each bit
-// of `top`, the eight that leave, comes back at three places. The four that would leave
-// again by the x^12 are folded in first.
-static uint16_t crc_add(uint16_t crc, uint8_t byte) {
-    uint8_t top = (uint8_t)((crc >> 8) ^ byte);
-    top = (uint8_t)(top ^ (top >> 4));
-    const uint8_t high = (uint8_t)((uint8_t)crc ^ (uint8_t)(top << 4) ^ (top >> 3));
-    const uint8_t low = (uint8_t)((uint8_t)(top << 5) ^ top);
-    return (uint16_t)(((uint16_t)high << 8) | low);
-}
-
 uint16_t frame_crc(uint16_t seed, const uint8_t *bytes, uint8_t length) {
-    uint16_t crc = seed;
-    for (uint8_t i = 0; i < length; i++) {
-        crc = crc_add(crc, bytes[i]);
+    uint8_t high = (uint8_t)(seed >> 8);
+    uint8_t low = (uint8_t)seed;
+    // Eight bits at once: x^16 = x^12 + x^5 + 1, so that each bit of `top`, the eight
+    // that leave, comes back at three places. The four that would leave again by the
+    // x^12 are folded in first.
+    for (; length > 0; length--) {
+        uint8_t top = (uint8_t)(high ^ *bytes++);
+        top = (uint8_t)(top ^ (top >> 4));
+        const uint16_t by_5 = (uint16_t)(top * 32u);  // a multiplication on the AVR
+        high = (uint8_t)(low ^ (uint8_t)(top << 4) ^ (uint8_t)(by_5 >> 8));
+        low = (uint8_t)((uint8_t)by_5 ^ top);
     }
-    return crc;
+    return (uint16_t)(high * 256u + low);
 }
 
-uint8_t frame_encode(uint16_t seed, const uint8_t *content, uint8_t length,
-                     uint8_t *out) {
-    const uint16_t crc = frame_crc(seed, content, length);
-    const uint8_t crc_bytes[FRAME_CRC] = {(uint8_t)crc, (uint8_t)(crc >> 8)};
-    const uint8_t total = (uint8_t)(length + FRAME_CRC);
-    // A code is the distance to the next one; content is too short for a code of 0xFF,
-    // the one that stands for no zero. Content at out + 1 is read before it is written.
-    uint8_t code_at = 0;
-    uint8_t at = 1;
-    for (uint8_t i = 0; i < total; i++) {
-        const uint8_t byte = i < length ? content[i] : crc_bytes[i - length];
-        if (byte == 0) {
-            out[code_at] = (uint8_t)(at - code_at);
-            code_at = at;
-        } else {
-            out[at] = byte;
+uint8_t frame_encode(uint16_t seed, uint8_t *bytes, uint8_t length) {
+    uint8_t *at = bytes + 1;
+    const uint16_t crc = frame_crc(seed, at, length);
+    at[length] = (uint8_t)crc;
+    at[length + 1] = (uint8_t)(crc >> 8);
+    // A code is the distance to the next, which takes the place of a zero; content is
+    // too short for a code of 0xFF, the one that stands for no zero.
+    uint8_t *code = bytes;
+    for (uint8_t left = (uint8_t)(length + FRAME_CRC); left > 0; left--) {
+        if (*at == 0) {
+            *code = (uint8_t)(at - code);
+            code = at;
         }
         at++;
     }
-    out[code_at] = (uint8_t)(at - code_at);
-    out[at] = 0;
-    return (uint8_t)(at + 1);
+    *code = (uint8_t)(at - code);
+    *at = 0;
+    return (uint8_t)(length + FRAME_AROUND);
 }
 
-void frame_decoder_init(struct frame_decoder *decoder, uint16_t seed,
-                        uint8_t hello_id) {
-    *decoder = (struct frame_decoder){.seed = seed, .hello_id = hello_id};
+void frame_decoder_init(struct frame_decoder *decoder, uint16_t seed, uint8_t hello_id,
+                        uint8_t *bytes, uint8_t room) {
+    *decoder = (struct frame_decoder){
+        .seed = seed, .hello_id = hello_id, .bytes = bytes, .room = room};
 }
 
 static void append(struct frame_decoder *decoder, uint8_t byte) {
-    if (decoder->length == sizeof decoder->bytes) {
+    if (decoder->length == decoder->room) {
         decoder->error = (uint8_t)-FRAME_TOO_LONG;
         return;
     }

@@ -9,7 +9,7 @@
 enum {
     FRAME_CONTENT_MAX = 120,  // id, sequence, time and fields
     FRAME_CRC = 2,
-    FRAME_BYTES_MAX = FRAME_CONTENT_MAX + FRAME_CRC + 2,  // COBS code and delimiter
+    FRAME_AROUND = 1 + FRAME_CRC + 1,  // COBS code before content; CRC, delimiter
 };
 
 enum frame_result {
@@ -24,11 +24,9 @@ enum frame_result {
 // CRC of `length` bytes that follow those that gave `seed`.
 uint16_t frame_crc(uint16_t seed, const uint8_t *bytes, uint8_t length);
 
-// Writes the frame of `content` (1 to FRAME_CONTENT_MAX bytes) to `out`
-// (length + FRAME_BYTES_MAX - FRAME_CONTENT_MAX bytes) and returns its length,
-// delimiter included. `content` may be out + 1: then it is framed in place.
-uint8_t frame_encode(uint16_t seed, const uint8_t *content, uint8_t length,
-                     uint8_t *out);
+// Frames the `length` bytes of content (1 to FRAME_CONTENT_MAX) at bytes + 1, where
+// they are, and returns the frame's length, length + FRAME_AROUND, delimiter included.
+uint8_t frame_encode(uint16_t seed, uint8_t *bytes, uint8_t length);
 
 // A decoder picks the seed by the first byte of content: `hello_id` opens a frame
 // whose CRC starts at FRAME_HELLO_SEED, all others start at `seed`.
@@ -41,10 +39,14 @@ struct frame_decoder {
     uint8_t code;       // the COBS code in force, 0 at the start of a frame
     uint8_t remaining;  // bytes left of its block
     uint8_t error;      // negated enum frame_result that dooms this frame, or 0
-    uint8_t bytes[FRAME_CONTENT_MAX + FRAME_CRC];
+    uint8_t room;
+    uint8_t *bytes;
 };
 
-void frame_decoder_init(struct frame_decoder *decoder, uint16_t seed, uint8_t hello_id);
+// `bytes` has `room` bytes, FRAME_CRC of them for the CRC; what needs more is too long.
+// It must stay valid.
+void frame_decoder_init(struct frame_decoder *decoder, uint16_t seed, uint8_t hello_id,
+                        uint8_t *bytes, uint8_t room);
 
 // Takes one received byte. FRAME_OK: the content is bytes[0..content_length), valid
 // until the next call. Empty frames (zeros in a row) are FRAME_PENDING.

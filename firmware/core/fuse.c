@@ -1,142 +1,176 @@
 // SPDX-License-Identifier: MIT
-// Measurement to orientation; see fuse.h. Frames: body, inertial (drifting with the
-// gyroscope), level (z up, heading of the inertial frame), world (east, north, up).
+// Measurement to orientation; see fuse.h. Frames of reference: body, inertial (drifting
+// with the gyroscope), level (z up, heading of the inertial frame), world (east, north,
+// up).
 #include "fuse.h"
 
+#include <stddef.h>
+#include <string.h>
+
 enum {
-    // Low-passes: VQF's tau_acc 3 s and rest filter 0.5 s; the field's 0.3 s.
-    LEVEL_TAU_MS = 3000,
-    REST_TAU_MS = 500,
-    FIELD_TAU_MS = 300,
-    FIELD_RATE_HZ = 100,
-    // 12.5 ms of a reading behind the gyroscope, holding included: 256ths of a sample
-    // for 5 Hz of sample rate.
-    FIELD_LAG = 16,
-    FIELD_REFERENCE = 200,  // readings whose mean is the reference: 2 s
-    STEP_MAX_US = 7500,     // 38 rad/s an axis turn 0.5 rad in it
+    FRAMES_HZ = 10,
+    STAGES = 10,  // of a frame: at 100 samples a second, one a sample
+    LEVEL_SETTLE = 30,  // frames in VQF's tau_acc, 3 s
+    STEP_MAX_US = 7500,  // 42 rad/s an axis turn 0.55 rad in it
     STEPS_MAX = 8,
-    REST_MS = 1500,       // VQF's rest: 1.5 s within 2 deg/s and 0.5 m/s2 of the mean
-    FIELD_ONE = 16384,    // 1 of a squared distance
-    SAMPLES_HELD = 4095,  // above every settling time; 16 k - 1
+    // VQF's rest: 1.5 s within 2 deg/s and 0.5 m/s2 of a mean of 0.5 s.
+    REST_SETTLE = 50,
+    REST_LOOKS = 150,
+    FIELD_LEARN = 20,        // readings whose mean is the first field: 2 s
+    FIELD_ABSENT = 10,       // frames without a reading
+    FIELD_UNIT = 576,        // (3 uT)^2 as 64ths of 1 uT2
+    FIELD_ASTRAY = 32767,    // half: the field of the probe has changed
+    Q2_14_ONE = 16384,
 };
 
+// A reading is 12.5 ms behind the gyroscope, its holding included: seconds times 2^35.
+#define FIELD_LAG_Q35 INT32_C(429496730)
 #define REST_RATE_Q25 INT32_C(1171299)          // 2 deg/s
 #define REST_FORCE_Q21 INT32_C(1048576)         // 0.5 m/s2
 #define REST_RATE_LIMIT_Q25 INT32_C(335544320)  // 10 rad/s: keeps the low-pass in range
-#define BIAS_LIMIT_Q25 INT32_C(134217728)  // 4 rad/s: 42 rad/s of rate turn 0.55 rad
-#define BIAS_VARIANCE_MAX_Q20 INT32_C(291271111)  // (0.5 deg/s)^2 over (0.03 deg/s)^2
-#define FORCE_MIN_Q21 INT32_C(2097152)            // 1 m/s2: in free fall nothing levels
-#define FIELD_ABSENT_US UINT32_C(1000000)
-#define FIELD_HORIZONTAL_MIN_Q18 INT32_C(262144)  // 1 uT
-#define FIELD_FAR_Q18 INT32_C(23592960)           // 30 * 3 uT
-#define FIELD_STEP_MAX (15 * TURN32_DEGREE)
-#define FIELD_DISTURBED_Q30 INT32_C(134217728)  // weight 1/8: d = 1
-#define REFERENCE_GAIN_Q30 INT32_C(488064)      // 10 ms of 22 s
-// One reading's heading variance, 22 deg2 s at 100 Hz, rad2.
-#define HEADING_NOISE_Q30 INT32_C(719580000)
+#define BIAS_LIMIT_Q25 INT32_C(134217728)       // 4 rad/s
+#define FORCE_LIMIT_Q13 INT32_C(3906250)        // 477 m/s2: more than the range's corner
+#define FORCE_MIN_Q21 INT32_C(2097152)          // 1 m/s2: in free fall nothing levels
+
+// Bias and scale. Variances in (deg/s)^2 and 500ths squared as q6_26.
+#define BIAS_VARIANCE_MAX INT32_C(16777216)   // (0.5 deg/s)^2
+#define BIAS_VARIANCE_FOUND INT32_C(6711)     // (0.01 deg/s)^2
+#define SCALE_VARIANCE_MAX INT32_C(150994944) // 0.3 %: (1.5 / 500)^2
+#define MOTION_WANDER INT32_C(671)            // 1e-4 a second
+#define MOTION_NOISE INT32_C(201326592)       // 0.3 (deg/s)^2 s of what levelling corrects
+#define REST_NOISE INT32_C(60398)             // (0.03 deg/s)^2 of a mean at rest
+#define TILTING_LIMIT_Q25 INT32_C(2928177)    // 5 deg/s
+#define TURN_MEAN_LIMIT_Q17 INT32_C(2228224)  // 17 rad/s an axis: 29.4 in all
+#define TURN_LIMIT_Q25 INT32_C(439226488)     // 1.5 * 500 deg/s
+#define SCALE_LIMIT_Q30 INT32_C(21474836)     // 2 %
+// e of a frame to rad/s q7.25: 10 / 2^5.
+#define TILTING_GAIN_Q30 INT32_C(335544320)
+// rad/s q7.25 over 500 deg/s to q2_14: 2^-11 * 0.1145916.
+#define TURN_GAIN_Q30 INT32_C(60079)
+// Scale a rad/s of surprise, from q7.25 to q2_30: 57.29578 / 500 * 2^5, halved.
+#define SCALE_GAIN_Q30 INT32_C(1968667994)
+
+// Field. Variances in uT2 as q13_19; noise of 5 uT2 s: mostly what is uneven in the
+// field of a room.
+#define OWN_VARIANCE INT32_C(327680)     // (0.79 uT)^2: what a calibration leaves
+#define PLACE_VARIANCE INT32_C(131072)   // (0.5 uT)^2 of a mean of 2 s at rest
+#define PLACE_VARIANCE_MOVING INT32_C(4849664)  // 9.25 uT2 where there was no rest
+#define FIELD_VARIANCE_MAX INT32_C(42467328)    // (9 uT)^2
+#define FIELD_NOISE INT32_C(26214400)           // 5 uT2 s over 0.1 s
+#define FIELD_NOISE_MAX INT32_C(471859200)      // 900 uT2
+#define PLACE_WANDER INT32_C(1573)              // 0.03 uT2/s
+#define OWN_WANDER INT32_C(1)                   // (0.26 uT)^2 an hour
+#define OWN_WANDER_ASTRAY INT32_C(838861)       // 16 uT2/s
+#define FIELD_UNIT_FINE (FIELD_UNIT * UINT32_C(64))
+#define FIELD_STEP_MAX_Q18 INT32_C(1572864)     // 6 uT
+#define FIELD_FAR_Q18 INT32_C(23592960)         // 30 * 3 uT
+#define PLACE_LIMIT_Q18 INT32_C(943718400)      // 3600 uT
+#define OWN_LIMIT_Q18 INT32_C(104857600)        // 400 uT
+#define PLACE_TURNED_Q18 INT32_C(15728640)      // 60 uT
+#define PLACE_SPREAD_MAX INT32_C(31457280)      // 60 uT2, below the variances' limit
+#define FIELD_TURNED_Q18 INT32_C(786432)        // 3 uT
+#define FIELD_TURNED_GAIN_Q30 INT32_C(1572864)  // 2 * 3 uT times uT q14_18 to 64ths
+#define HORIZONTAL_MIN_Q18 INT32_C(262144)      // 1 uT
+// Heading variance that a frame adds, rad2 as 2^-40ths: 0.05 deg2/s; 0.3 where no
+// reading comes; 40 where readings say that it is wrong; and 20 s times the mean of the
+// bias' three variances, halved.
+#define HEADING_WANDER INT32_C(1674652)
+#define HEADING_WANDER_ALONE INT32_C(10047910)
+#define HEADING_WANDER_TURNED INT32_C(1339721268)
+#define HEADING_WANDER_BIAS_Q30 INT32_C(1786295440)
+// What a heading's stated variance has beside the covariance's share: the field is seen
+// through a level that is 0.3 deg off.
+#define LEVEL_ERROR_Q30 INT32_C(5622099)
+#define COVARIANCE_SHARE_Q30 INT32_C(161061274)  // 0.15: fitted, see fuse_quality
 #define HEADING_VARIANCE_MAX_Q30 INT32_C(1073741824)  // (57 deg)^2
 #define HEADING_FREE_Q30 INT32_C(294380000)           // (30 deg)^2
-// 0.3 deg2/s of heading variance: rad2 as q2_30 a microsecond, a fraction of 2^32.
-#define HEADING_DRIFT UINT32_C(421440000)
-#define ONE_THIRD_Q30 INT32_C(357913941)
-#define SQRT2_Q30 INT32_C(1518500250)
 
-static struct lowpass_gain lowpass_gain_of(uint16_t rate_hz, uint16_t tau_ms) {
-    // T / (sqrt(2) tau); tan x = x + x^3 / 3 for the small x of this house (< 0.03).
-    const q2_30_t x = fixed_ratio(70711, (uint32_t)rate_hz * tau_ms * 100);
-    const q2_30_t g = x + fixed_mul_q30(fixed_mul_q30(x, x), x) / 3;
-    const q2_30_t sum = Q2_30_ONE + fixed_mul_q30(g, g) + fixed_mul_q30(g, SQRT2_Q30);
-    return (struct lowpass_gain){g, fixed_ratio(Q2_30_ONE, (uint32_t)sum),
-                                 (uint16_t)((uint32_t)rate_hz * tau_ms / 1000)};
-}
+// Of VQF's tau_acc, 3 s, at FRAMES_HZ.
+static const struct lowpass_gain level_gain = {INT32_C(25313025), INT32_C(1038540224),
+                                               LEVEL_SETTLE};
 
-static void lowpass_axis(int32_t *band, int32_t *level, const struct lowpass_gain *gain,
-                         int32_t input, q2_30_t share) {
-    const int32_t error = input - *level;
-    if (share != 0) {
-        *level += fixed_mul_q30(error, share);
-        return;
-    }
-    const int32_t middle =
-        fixed_mul_q30(*band + fixed_mul_q30(error, gain->integrator), gain->feedback);
-    *level += 2 * fixed_mul_q30(middle, gain->integrator);
-    *band = 2 * middle - *band;
-}
+// Of VQF's rest filter, 0.5 s, at 100 looks a second.
+static const struct lowpass_gain rest_gain = {INT32_C(15186015), INT32_C(1052480291), REST_SETTLE};
 
 // Takes the `count`th input (from 1). Needs |input| <= 1e9; the states stay below 1.1
 // of the largest input.
-static void lowpass_step(struct lowpass *filter, const struct lowpass_gain *gain,
-                         const struct vector *input, uint16_t count) {
-    // Of a mean as long as it settles.
-    const q2_30_t share = count <= gain->settle ? Q2_30_ONE / count : 0;
-    lowpass_axis(&filter->band.x, &filter->level.x, gain, input->x, share);
-    lowpass_axis(&filter->band.y, &filter->level.y, gain, input->y, share);
-    lowpass_axis(&filter->band.z, &filter->level.z, gain, input->z, share);
+static void lowpass_axis_step(struct lowpass_axis *axis,
+                              const struct lowpass_gain *gain, int32_t input,
+                              uint8_t count) {
+    const int32_t error = input - axis->level;
+    if (count <= gain->settle) {  // a mean as long as it settles
+        axis->level += error / count;
+        return;
+    }
+    const int32_t middle = fixed_mul_q30(
+        axis->band + fixed_mul_q30(error, gain->integrator), gain->feedback);
+    axis->level += 2 * fixed_mul_q30(middle, gain->integrator);
+    axis->band = 2 * middle - axis->band;
 }
 
-// Seconds times 2^35, so that rad/s q7_25 gives rad q2_30; |us| <= 10000 stay below
-// 2^29. 2^35 / 1e6 = 34359 + 3171275686 / 2^32.
+static void lowpass_step(struct lowpass *filter, const struct lowpass_gain *gain,
+                         const struct vector *input, uint8_t count) {
+    lowpass_axis_step(&filter->x, gain, input->x, count);
+    lowpass_axis_step(&filter->y, gain, input->y, count);
+    lowpass_axis_step(&filter->z, gain, input->z, count);
+}
+
+static void lowpass_level(const struct lowpass *filter, struct vector *out) {
+    *out = (struct vector){filter->x.level, filter->y.level, filter->z.level};
+}
+
+// Seconds times 2^35, so that rad/s q7_25 gives rad q2_30, within 4e-7 of them. Needs
+// |us| <= 15000.
 static int32_t seconds_q35(int32_t us) {
-    const uint32_t magnitude = fixed_magnitude(us);
-    const int32_t seconds =
-        (int32_t)(magnitude * 34359 + fixed_umul_q32(magnitude, UINT32_C(3171275686)));
-    return us < 0 ? -seconds : seconds;
+    return us * INT32_C(137439) / 4;
+}
+
+// Of a bias that nothing else is known of; what is known of the scale stays.
+static void set_motion_covariance(struct fuse *fuse, int32_t bias_variance) {
+    int32_t *covariance = fuse->motion_covariance;
+    const int32_t scale_variance = covariance[kalman_variance(3)];
+    memset(covariance, 0, sizeof fuse->motion_covariance);
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        covariance[kalman_variance(axis)] = bias_variance;
+    }
+    covariance[kalman_variance(3)] = scale_variance;
 }
 
 void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us) {
-    *fuse = (struct fuse){
-        .coefficients =
-            {
-                .rate_hz = rate_hz,
-                .level = lowpass_gain_of(rate_hz, LEVEL_TAU_MS),
-                .rest = lowpass_gain_of(rate_hz / 2, REST_TAU_MS),
-                .field = lowpass_gain_of(FIELD_RATE_HZ, FIELD_TAU_MS),
-                .rate_square_gain = Q2_30_ONE / 3 / rate_hz,
-                // VQF: bias wanders 0.1 deg/s in 100 s, a reading at rest has 0.03
-                // deg/s: 0.01 / 100 / 0.0009 a second.
-                .bias_forgetting = 2 * INT32_C(116508) / rate_hz,
-                .rest_needed = (uint16_t)((uint32_t)rate_hz * REST_MS / 2000),
-                .field_lag = (uint16_t)((uint32_t)rate_hz * FIELD_LAG / 5),
-                // A mean rate over the sample period would be half a period old.
-                .lead_s_q35 =
-                    seconds_q35(gyr_delay_us - (int32_t)(UINT32_C(500000) / rate_hz)),
-                .history_stride = (uint8_t)((rate_hz + 199) / 200),
-            },
-        .bias_variance = BIAS_VARIANCE_MAX_Q20,
-    };
+    struct fuse_coefficients *coefficients = &fuse->coefficients;
+    memset(fuse, 0, sizeof *fuse);
+    coefficients->frame = (uint8_t)(rate_hz / FRAMES_HZ);
+    coefficients->stride = (uint8_t)(rate_hz / (FRAMES_HZ * STAGES));
+    coefficients->share = Q2_30_ONE / coefficients->frame;
+    // A mean rate over the sample period would be half a period old.
+    coefficients->lead_s_q35 =
+        seconds_q35(gyr_delay_us - (int32_t)(UINT32_C(500000) / rate_hz));
+    fuse->motion_covariance[kalman_variance(3)] = SCALE_VARIANCE_MAX;
+    set_motion_covariance(fuse, BIAS_VARIANCE_MAX);
     fuse_restart(fuse);
 }
 
 void fuse_restart(struct fuse *fuse) {
+    const size_t kept = offsetof(struct fuse, inertial_from_body);
+    memset((uint8_t *)fuse + kept, 0, sizeof *fuse - kept);
     fuse->inertial_from_body = QUAT_IDENTITY;
     fuse->level_from_inertial = QUAT_IDENTITY;
-    fuse->level_from_body = QUAT_IDENTITY;
-    fuse->history_phase = 0;
-    fuse->force = (struct lowpass){{0, 0, 0}, {0, 0, 0}};
-    fuse->rest_rate = (struct lowpass){{0, 0, 0}, {0, 0, 0}};
-    fuse->rest_force = (struct lowpass){{0, 0, 0}, {0, 0, 0}};
-    fuse->rest_samples = 0;
-    fuse->rest_looks = 0;
-    fuse->is_rest_due = false;
-    fuse->is_level_due = false;
-    fuse->has_waited = false;
+    fuse->stage = STAGES;
+    fuse->field_age = FIELD_ABSENT;
     fuse->heading_variance = HEADING_VARIANCE_MAX_Q30;
-    fuse->field_weight = Q2_30_ONE;
-    fuse->field_age_us = FIELD_ABSENT_US;
-    fuse->rate_square = 0;
-    fuse->samples = 0;
 }
 
 void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25) {
     vector_clamp(bias_rad_s_q25, BIAS_LIMIT_Q25, &fuse->bias_rad_s_q25);
     fuse->calibrated_rad_s_q25 = fuse->bias_rad_s_q25;
-    fuse->bias_variance = 116508;  // (0.01 deg/s)^2 over (0.03 deg/s)^2
+    set_motion_covariance(fuse, BIAS_VARIANCE_FOUND);
 }
 
 // True where |v - mean| is below the limit, which is at most 2^21.
-static bool is_near(const struct vector *v, const struct vector *mean, int32_t limit) {
+static bool is_near(const struct vector *v, const struct lowpass *mean, int32_t limit) {
     struct vector away;
-    vector_subtract(v, mean, &away);
+    lowpass_level(mean, &away);
+    vector_subtract(v, &away, &away);
     if (vector_exceeds(&away, limit)) {
         return false;
     }
@@ -147,293 +181,515 @@ static bool is_near(const struct vector *v, const struct vector *mean, int32_t l
 }
 
 // Rest: rates and force have stayed near their short mean, and the mean rate near the
-// calibrated bias. At rest the mean rate is the bias.
-static void follow_rest(struct fuse *fuse, const struct measurement *measurement) {
-    const struct fuse_coefficients *coefficients = &fuse->coefficients;
-    const struct vector *force = &measurement->acc_m_s2_q21;
-    const struct vector *mean_rate = &fuse->rest_rate.level;
-    struct vector *bias = &fuse->bias_rad_s_q25;
+// calibrated bias.
+static void look_for_rest(struct fuse *fuse, const struct measurement *measurement) {
     struct vector rate;
     struct vector wander;
-    if (fuse->rest_looks < coefficients->rest.settle + 1U) {
-        ++fuse->rest_looks;
+    if (fuse->settled_looks <= REST_SETTLE) {
+        ++fuse->settled_looks;
     }
     vector_clamp(&measurement->gyr_rad_s_q25, REST_RATE_LIMIT_Q25, &rate);
-    lowpass_step(&fuse->rest_rate, &coefficients->rest, &rate, fuse->rest_looks);
-    lowpass_step(&fuse->rest_force, &coefficients->rest, force, fuse->rest_looks);
-    vector_subtract(mean_rate, &fuse->calibrated_rad_s_q25, &wander);
-    if (!is_near(&rate, mean_rate, REST_RATE_Q25) ||
-        !is_near(force, &fuse->rest_force.level, REST_FORCE_Q21) ||
+    lowpass_step(&fuse->rest_rate, &rest_gain, &rate, fuse->settled_looks);
+    lowpass_step(&fuse->rest_force, &rest_gain, &measurement->acc_m_s2_q21,
+                 fuse->settled_looks);
+    lowpass_level(&fuse->rest_rate, &wander);
+    vector_subtract(&wander, &fuse->calibrated_rad_s_q25, &wander);
+    if (!is_near(&rate, &fuse->rest_rate, REST_RATE_Q25) ||
+        !is_near(&measurement->acc_m_s2_q21, &fuse->rest_force, REST_FORCE_Q21) ||
         vector_exceeds(&wander, REST_RATE_Q25)) {
-        fuse->rest_samples = 0;
-    } else if (fuse->rest_samples < coefficients->rest_needed) {
-        ++fuse->rest_samples;
+        fuse->rest_looks = 0;
+    } else if (fuse->rest_looks < REST_LOOKS) {
+        ++fuse->rest_looks;
     }
-    fuse->bias_variance = fixed_clamp(
-        fuse->bias_variance + coefficients->bias_forgetting, BIAS_VARIANCE_MAX_Q20);
-    if (fuse->rest_samples < coefficients->rest_needed) {
-        return;
-    }
-    const q2_30_t gain = fixed_ratio((uint32_t)fuse->bias_variance,
-                                     (uint32_t)fuse->bias_variance + UINT32_C(1048576));
-    fuse->bias_variance -= fixed_mul_q30(fuse->bias_variance, gain);
-    struct vector step;
-    vector_subtract(mean_rate, bias, &step);
-    vector_scale(&step, gain, &step);
-    *bias = (struct vector){bias->x + step.x, bias->y + step.y, bias->z + step.z};
 }
 
-static void integrate(struct fuse *fuse, const struct vector *rate_q25,
-                      uint32_t interval_us) {
+static bool is_at_rest(const struct fuse *fuse) {
+    return fuse->rest_looks == REST_LOOKS;
+}
+
+static void turn_small(struct quat *q, const struct vector *angle_rad_q30) {
+    struct quat turn;
+    quat_from_small_angle(angle_rad_q30, &turn);
+    quat_multiply(q, &turn, q);
+}
+
+static void integrate(struct fuse *fuse, uint32_t interval_us) {
     for (uint8_t step = 0; step < STEPS_MAX && interval_us > 0; ++step) {
         const uint32_t part = interval_us > STEP_MAX_US ? STEP_MAX_US : interval_us;
         interval_us -= part;
         struct vector angle;
-        struct quat turn;
-        vector_scale(rate_q25, seconds_q35((int32_t)part), &angle);
-        quat_from_small_angle(&angle, &turn);
-        quat_multiply(&fuse->inertial_from_body, &turn, &fuse->inertial_from_body);
+        int32_t seconds = seconds_q35((int32_t)part);
+        seconds += fixed_mul_q30(seconds, fuse->scale);
+        vector_scale(&fuse->rate_rad_s_q25, seconds, &angle);
+        turn_small(&fuse->inertial_from_body, &angle);
     }
 }
 
-static void filter_force(struct fuse *fuse, const struct vector *force_body_q21) {
-    struct vector force;
-    quat_rotate(&fuse->inertial_from_body, force_body_q21, &force);
-    lowpass_step(&fuse->force, &fuse->coefficients.level, &force, fuse->samples);
+// Adds v, brought to the inertial frame, to a sum over the frame, with 8 bits less.
+static void add_turned(const struct matrix *inertial_from_body, const struct vector *v,
+                       struct vector *sum) {
+    const int32_t fine[3] = {fixed_scale_down(v->x, 8), fixed_scale_down(v->y, 8),
+                             fixed_scale_down(v->z, 8)};
+    int32_t turned[3];
+    matrix_turn(inertial_from_body, fine, turned);
+    sum->x += turned[0];
+    sum->y += turned[1];
+    sum->z += turned[2];
 }
 
-// Turns the level frame so that the low-passed specific force points up.
+// The mean of a frame, each axis held within +-limit / 256, in the format of what was
+// added; empties the sum.
+static void take_mean(const struct fuse *fuse, struct vector *sum, int32_t limit,
+                      struct vector *out) {
+    vector_scale(sum, fuse->coefficients.share, out);
+    vector_clamp(out, limit, out);
+    *out = (struct vector){out->x * 256, out->y * 256, out->z * 256};
+    *sum = (struct vector){0, 0, 0};
+}
+
+// Turns the level frame so that the low-passed specific force points up. Leaves what it
+// had to turn about x and y in a frame, as a rate.
 static void follow_gravity(struct fuse *fuse) {
     struct quat *level = &fuse->level_from_inertial;
     struct vector up;
     int32_t norm;
-    quat_rotate(level, &fuse->force.level, &up);
+    fuse->tilting_rad_s[0] = 0;
+    fuse->tilting_rad_s[1] = 0;
+    lowpass_level(&fuse->force, &up);
+    quat_rotate(level, &up, &up);
     if (!vector_normalise(&up, &up, &norm) || norm < FORCE_MIN_Q21) {
         return;
     }
-    if (up.z < 0) {
-        // More than a quarter turn away, which only the start sees: half a turn about x
-        // first, so that what remains is well conditioned.
-        *level = (struct quat){-level->x, level->w, -level->z, level->y};
-        up.y = -up.y;
-        up.z = -up.z;
+    fuse->tilting_rad_s[0] = fixed_mul_q30(up.y, TILTING_GAIN_Q30);
+    fuse->tilting_rad_s[1] = -fixed_mul_q30(up.x, TILTING_GAIN_Q30);
+    // The shortest turn that takes `up` to z, (1 + z, y, -x, 0) of any length; half a
+    // turn about x from straight down.
+    struct vector half = {Q2_30_ONE / 2 + fixed_half_floor(up.z),
+                          fixed_half_floor(up.y), -fixed_half_floor(up.x)};
+    struct quat turn = {0, Q2_30_ONE, 0, 0};
+    if (vector_normalise(&half, &half, &norm)) {
+        turn = (struct quat){half.x, half.y, half.z, 0};
     }
-    // The shortest turn that takes `up` to z: cosine c of half its angle from
-    // c^2 = (1 + up_z) / 2, which is in [1/2, 1].
-    uint32_t square = ((uint32_t)Q2_30_ONE + (uint32_t)up.z) * 2;
-    if (square < UINT32_C(0x80000000)) {
-        square = UINT32_MAX;  // up_z reached 1 and the fraction wrapped
-    }
-    const q2_30_t inverse = fixed_rsqrt(square);
-    const q2_30_t half_inverse = fixed_half_floor(inverse);
-    const struct quat turn = {(q2_30_t)fixed_umul_q32(square, (uint32_t)inverse),
-                              fixed_mul_q30(up.y, half_inverse),
-                              -fixed_mul_q30(up.x, half_inverse), 0};
     quat_multiply(&turn, level, level);
+    quat_renormalise(level);
 }
 
-// The orientation of FIELD_LAG_US ago, between two that are remembered.
-static void orientation_at_field(const struct fuse *fuse, struct quat *out) {
-    const struct fuse_coefficients *coefficients = &fuse->coefficients;
-    // Strides back from the latest remembered, in 256ths. It is below FUSE_HISTORY - 1
-    // because a stride is 5 ms or more.
-    const uint16_t past = (uint16_t)(fuse->history_phase * 256U);
-    const uint16_t lag = (uint16_t)((uint16_t)(coefficients->field_lag - past) /
-                                    coefficients->history_stride);
-    const q2_30_t fraction = (int32_t)(lag % 256) * (Q2_30_ONE / 256);
-    const struct quat *a = &fuse->history[lag / 256];
-    const struct quat *b = a + 1;
-    out->w = a->w + fixed_mul_q30(fixed_sub_sat(b->w, a->w), fraction);
-    out->x = a->x + fixed_mul_q30(fixed_sub_sat(b->x, a->x), fraction);
-    out->y = a->y + fixed_mul_q30(fixed_sub_sat(b->y, a->y), fraction);
-    out->z = a->z + fixed_mul_q30(fixed_sub_sat(b->z, a->z), fraction);
-    quat_renormalise(out);
+// Stage: the vertical.
+static void stage_level(struct fuse *fuse) {
+    struct vector force;
+    if (fuse->frames < UINT8_MAX) {
+        ++fuse->frames;
+    }
+    take_mean(fuse, &fuse->force_sum_q13, FORCE_LIMIT_Q13, &force);
+    lowpass_step(&fuse->force, &level_gain, &force, fuse->frames);
+    follow_gravity(fuse);
 }
 
-static void remember_orientation(struct fuse *fuse) {
-    quat_multiply(&fuse->level_from_inertial, &fuse->inertial_from_body,
-                  &fuse->level_from_body);
-    if (fuse->samples == 1) {  // nothing earlier is known: it has always been so
-        for (uint8_t i = 0; i < FUSE_HISTORY; ++i) {
-            fuse->history[i] = fuse->level_from_body;
+// A reading of the field is FIELD_LAG old: it is kept with the attitude of then,
+// which the last rate leads back to. Angles are held within 0.3 rad an axis.
+static void take_reading(struct fuse *fuse, const struct vector *field_ut_q18) {
+    struct vector angle;
+    vector_scale(&fuse->rate_rad_s_q25, -FIELD_LAG_Q35, &angle);
+    vector_clamp(&angle, INT32_C(322122547), &angle);
+    fuse->reading_attitude = fuse->inertial_from_body;
+    turn_small(&fuse->reading_attitude, &angle);
+    memcpy(fuse->reading_ut, &field_ut_q18->x, sizeof fuse->reading_ut);
+    fuse->has_reading = true;
+}
+
+// Stage: the frame's attitude as a matrix, the reading in the level frame, and the rows
+// (of -1 to 1 as 2^29ths) by which a bias of the gyroscope would tilt.
+static void stage_rows(struct fuse *fuse) {
+    struct quat level_from_body;
+    quat_multiply(&fuse->level_from_inertial,
+                  fuse->has_reading ? &fuse->reading_attitude
+                                    : &fuse->inertial_from_body,
+                  &level_from_body);
+    quat_renormalise(&level_from_body);
+    matrix_from_quat(&level_from_body, &fuse->level_from_body);
+    const int32_t *reading = fuse->reading_ut;
+    const int32_t body[3] = {reading[0], reading[1], reading[2]};
+    matrix_turn(&fuse->level_from_body, body, fuse->reading_ut);
+    for (uint8_t row = 0; row < 2; ++row) {
+        for (uint8_t axis = 0; axis < 3; ++axis) {
+            lowpass_axis_step(
+                &fuse->regressor[row * FUSE_MOTION_STATES + axis], &level_gain,
+                fuse->level_from_body.row[row][axis] * INT32_C(-32768), fuse->frames);
         }
     }
-    ++fuse->history_phase;
-    if (fuse->history_phase >= fuse->coefficients.history_stride) {
-        fuse->history_phase = 0;
-        for (uint8_t i = FUSE_HISTORY - 1; i > 0; --i) {
-            fuse->history[i] = fuse->history[i - 1];
+}
+
+// Stage: the rate by which an error of scale would tilt.
+static void stage_turn(struct fuse *fuse) {
+    struct vector turn;
+    const uint32_t square = vector_square_q32(&fuse->rate_rad_s_q25);
+    fuse->rate_square += ((int32_t)square - fuse->rate_square) / LEVEL_SETTLE;
+    take_mean(fuse, &fuse->turn_sum_q17, TURN_MEAN_LIMIT_Q17, &turn);
+    quat_rotate(&fuse->level_from_inertial, &turn, &turn);
+    lowpass_axis_step(&fuse->regressor[3], &level_gain, turn.x,
+                      fuse->frames);
+    lowpass_axis_step(&fuse->regressor[FUSE_MOTION_STATES + 3], &level_gain, turn.y,
+                      fuse->frames);
+    for (uint8_t state = 0; state < FUSE_MOTION_STATES; ++state) {
+        int32_t *variance = &fuse->motion_covariance[kalman_variance(state)];
+        const int32_t limit = state < 3 ? BIAS_VARIANCE_MAX : SCALE_VARIANCE_MAX;
+        *variance = fixed_clamp(*variance + MOTION_WANDER, limit);
+    }
+}
+
+// A reading of bias and scale that surprises by `surprise_rad_s`.
+static void read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
+                        q7_25_t surprise_rad_s) {
+    q2_30_t gain[KALMAN_STATES];
+    kalman_read(fuse->motion_covariance, FUSE_MOTION_STATES, row, noise, gain);
+    int32_t *bias = &fuse->bias_rad_s_q25.x;  // three in a row
+    for (uint8_t i = 0; i < 3; ++i) {
+        bias[i] = fixed_clamp(bias[i] + fixed_mul_q30(gain[i], surprise_rad_s),
+                              BIAS_LIMIT_Q25);
+    }
+    const int32_t scale_step =
+        fixed_mul_q30(fixed_mul_q30(gain[3], surprise_rad_s), SCALE_GAIN_Q30) * 2;
+    fuse->scale = fixed_clamp(fuse->scale + scale_step, SCALE_LIMIT_Q30);
+}
+
+// Stage: at rest the mean rate is the bias, one axis a frame.
+static void stage_rest(struct fuse *fuse) {
+    q2_14_t row[KALMAN_STATES] = {0};
+    const uint8_t axis = fuse->rest_axis;
+    const struct lowpass_axis *mean = &fuse->rest_rate.x;  // three in a row
+    row[axis] = Q2_14_ONE;
+    read_motion(fuse, row, REST_NOISE, mean[axis].level - (&fuse->bias_rad_s_q25.x)[axis]);
+    fuse->rest_axis = (uint8_t)(axis == 2 ? 0 : axis + 1);
+}
+
+// Stage: in motion, what levelling had to correct about an axis tells of bias and
+// scale.
+static void stage_motion(struct fuse *fuse, uint8_t axis) {
+    const struct lowpass_axis *regressor = &fuse->regressor[axis * FUSE_MOTION_STATES];
+    if (fuse->frames <= LEVEL_SETTLE) {
+        return;
+    }
+    q2_14_t row[KALMAN_STATES] = {0};
+    for (uint8_t i = 0; i < 3; ++i) {
+        row[i] = (q2_14_t)fixed_scale_down(regressor[i].level, 15);
+    }
+    row[3] = (q2_14_t)fixed_mul_q30(fixed_clamp(regressor[3].level, TURN_LIMIT_Q25),
+                                    TURN_GAIN_Q30);
+    read_motion(fuse, row, MOTION_NOISE,
+                fixed_clamp(fuse->tilting_rad_s[axis], TILTING_LIMIT_Q25));
+}
+
+// An axis of the reading less what was expected of place + level_from_body * own;
+// |.| < 8192 uT.
+static q14_18_t field_away(const struct fuse *fuse, uint8_t axis) {
+    return fuse->reading_ut[axis] - fuse->field_ut[axis] -
+           fixed_dot3_q14(fuse->field_ut + 3, fuse->level_from_body.row[axis]);
+}
+
+// The first readings' mean is the field of the place, as uncertain as that of the probe
+// itself, and correlated with it.
+static void learn_place(struct fuse *fuse) {
+    int32_t *pair = fuse->field_covariance;
+    ++fuse->field_learnt;
+    for (uint8_t row = 0; row < KALMAN_STATES; ++row) {
+        if (row < 3) {
+            fuse->field_ut[row] += field_away(fuse, row) / fuse->field_learnt;
         }
-        fuse->history[0] = fuse->level_from_body;
+        for (uint8_t column = 0; column < row; ++column) {
+            *pair = row < 3 || column > 2 ? 0
+                                          : fuse->level_from_body.row[column][row - 3] *
+                                                (-OWN_VARIANCE / Q2_14_ONE);
+            ++pair;
+        }
+        *pair = OWN_VARIANCE;
+        if (row < 3) {
+            *pair += is_at_rest(fuse) ? PLACE_VARIANCE : PLACE_VARIANCE_MOVING;
+        }
+        ++pair;
     }
 }
 
-// How much a reading weighs by its distance d from the reference: 1 / (1 + d^2)^3, with
-// 3 uT of norm and 6 uT of vertical part as the units of d. At most 30 units count.
-static q2_30_t weigh_field(struct fuse *fuse, const struct vector *norm_and_up_q18) {
-    struct vector *reference = &fuse->reference_ut_q18;
-    const bool is_learning = fuse->field_samples < FIELD_REFERENCE;
-    if (is_learning) {
-        ++fuse->field_samples;
+// Time passes: the place's field turns with an error of the heading, both fields
+// wander, and the probe's the more where readings keep surprising.
+static void predict_field(struct fuse *fuse) {
+    int32_t *covariance = fuse->field_covariance;
+    const int32_t *motion = fuse->motion_covariance;
+    const int32_t bias_variance = motion[kalman_variance(0)] +
+                                  motion[kalman_variance(1)] +
+                                  motion[kalman_variance(2)];
+    const int32_t turn_q40 =
+        (fuse->is_turned     ? HEADING_WANDER_TURNED
+         : fuse->has_reading ? HEADING_WANDER
+                             : HEADING_WANDER_ALONE) +
+        fixed_mul_q30(bias_variance, HEADING_WANDER_BIAS_Q30) * 2;
+    if (!fuse->has_reading) {
+        fuse->heading_variance = fixed_clamp(
+            fuse->heading_variance + fixed_scale_down(turn_q40, 10),
+            HEADING_VARIANCE_MAX_Q30);
     }
-    lowpass_step(&fuse->field, &fuse->coefficients.field, norm_and_up_q18,
-                 fuse->field_samples);
-    if (is_learning) {
-        reference->x += (norm_and_up_q18->x - reference->x) / fuse->field_samples;
-        reference->y += (norm_and_up_q18->y - reference->y) / fuse->field_samples;
-        return Q2_30_ONE;
+    // Of the horizontal field, at most 60 uT, halved and times the turn as 2^32ths.
+    const int32_t x = fixed_clamp(fuse->field_ut[0], PLACE_TURNED_Q18);
+    const int32_t y = fixed_clamp(fuse->field_ut[1], PLACE_TURNED_Q18);
+    const int32_t half_x = fixed_half_floor(x);
+    const int32_t half_y = fixed_half_floor(y);
+    const int32_t turned_x = fixed_mul_q30(x * 16, turn_q40);
+    const int32_t turned_y = fixed_mul_q30(y * 16, turn_q40);
+    if (covariance[0] + covariance[2] < PLACE_SPREAD_MAX) {
+        covariance[0] += fixed_mul_q30(half_y, turned_y);
+        covariance[1] -= fixed_mul_q30(half_x, turned_y);
+        covariance[2] += fixed_mul_q30(half_x, turned_x);
     }
-    const int32_t norm_away = fuse->field.level.x - reference->x;
-    const int32_t up_away = fuse->field.level.y - reference->y;
-    // In units of d, 22 fraction bits: / 3 and / 6, times 16.
-    const int32_t norm_d =
-        fixed_mul_q30(fixed_clamp(norm_away, FIELD_FAR_Q18), ONE_THIRD_Q30) * 16;
-    const int32_t up_d =
-        fixed_mul_q30(fixed_clamp(up_away, 2 * FIELD_FAR_Q18), ONE_THIRD_Q30) * 8;
-    // d^2 with 14 fraction bits, at most 2 * 30^2.
-    const uint32_t d2 =
-        (uint32_t)(fixed_mul_q30(norm_d, norm_d) + fixed_mul_q30(up_d, up_d));
-    if (d2 < FIELD_ONE && fuse->rest_samples == 0) {
-        // The reference follows the place, in 22 s, while nothing disturbs.
-        reference->x += fixed_mul_q30(norm_away, REFERENCE_GAIN_Q30);
-        reference->y += fixed_mul_q30(up_away, REFERENCE_GAIN_Q30);
+    const bool is_astray = fuse->field_astray > FIELD_ASTRAY && !is_at_rest(fuse);
+    for (uint8_t state = 0; state < KALMAN_STATES; ++state) {
+        int32_t *variance = &covariance[kalman_variance(state)];
+        *variance += state < 3 ? PLACE_WANDER
+                     : is_astray ? OWN_WANDER_ASTRAY
+                                 : OWN_WANDER;
+        *variance = fixed_clamp(*variance, FIELD_VARIANCE_MAX);
     }
-    const q2_30_t once = fixed_ratio(FIELD_ONE, FIELD_ONE + d2);
-    return fixed_mul_q30(fixed_mul_q30(once, once), once);
 }
 
-static void follow_field(struct fuse *fuse, const struct vector *field_body_q18) {
-    struct quat lagging;
-    struct vector field;
-    struct vector unit;
-    struct vector norm_and_up = {0, 0, 0};
-    orientation_at_field(fuse, &lagging);
-    quat_rotate(&lagging, field_body_q18, &field);
-    if (!vector_normalise(&field, &unit, &norm_and_up.x)) {
-        return;  // no field at all: no reading
+// How far the reading is from what was expected, and its noise by that: the further,
+// the less it weighs.
+static void weigh_field(struct fuse *fuse) {
+    uint32_t square = 0;  // 4096ths of 1 uT2, at most 90 uT an axis
+    int32_t longer = 0;   // the horizontal field's square, 64ths of 1 uT2
+    int32_t away = 0;
+    uint32_t horizontal = 0;
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        away = fixed_clamp(field_away(fuse, axis), FIELD_FAR_Q18);
+        square += (uint32_t)fixed_mul_q30(away * 8, away * 8);
+        if (axis < 2) {
+            const int32_t place = fixed_clamp(fuse->field_ut[axis], PLACE_TURNED_Q18);
+            longer += fixed_mul_q30(away, away + 2 * place);
+            horizontal += fixed_magnitude(place);
+        }
     }
-    norm_and_up.y = field.z;
-    fuse->field_age_us = 0;
-    fuse->field_weight = weigh_field(fuse, &norm_and_up);
-    if (fixed_magnitude(field.x) < FIELD_HORIZONTAL_MIN_Q18 &&
-        fixed_magnitude(field.y) < FIELD_HORIZONTAL_MIN_Q18) {
-        fuse->field_weight = 0;  // it points along the vertical and tells no heading
-        return;
-    }
-    // The turn about z that brings the horizontal field to north, y.
-    const turn32_t measured = fixed_atan2(field.x, field.y);
-    if (fuse->heading_variance == HEADING_VARIANCE_MAX_Q30) {
-        fuse->heading = measured;  // nothing is known of it yet
-        fuse->heading_variance = HEADING_NOISE_Q30;
-        return;
-    }
-    // Kalman's gain of one angle, with the noise over the weight as its noise.
-    const q2_30_t weighted = fixed_mul_q30(fuse->heading_variance, fuse->field_weight);
-    const q2_30_t gain =
-        fixed_ratio((uint32_t)weighted, (uint32_t)weighted + HEADING_NOISE_Q30);
-    turn32_t away = turn32_sub(measured, fuse->heading);
-    if (fuse->field_samples == FIELD_REFERENCE) {
-        // A step of 15 deg at most; at the start the first reading may have been poor.
-        away = fixed_clamp(away, FIELD_STEP_MAX);
-    }
-    fuse->heading = turn32_add(fuse->heading, fixed_mul_q30(away, gain));
-    fuse->heading_variance -= fixed_mul_q30(fuse->heading_variance, gain);
-}
-
-// What is slow takes turns, rest one sample and the vertical the next, and waits one
-// sample for a field that comes: no sample carries all of it. Only the first does not
-// wait, since its field needs a level.
-static void share_out(struct fuse *fuse, const struct measurement *measurement) {
-    if (fuse->samples % 2 == 0) {
-        fuse->is_rest_due = true;
+    // As long as it was, and as steep: it is the heading that is wrong.
+    fuse->is_turned =
+        square > FIELD_UNIT_FINE * 8 &&
+        fixed_magnitude(away) < (uint32_t)FIELD_TURNED_Q18 &&
+        fixed_magnitude(longer) <
+            (uint32_t)fixed_mul_q30((int32_t)horizontal, FIELD_TURNED_GAIN_Q30);
+    const uint16_t coarse =
+        square < UINT16_MAX * UINT32_C(64) ? (uint16_t)(square / 64) : UINT16_MAX;
+    fuse->field_surprise = (uint16_t)(fuse->field_surprise - fuse->field_surprise / 4 +
+                                      coarse / 4);
+    // sqrt(1 + square / unit), times 768
+    int32_t noise =
+        FIELD_NOISE / 768 * (int32_t)fixed_sqrt((FIELD_UNIT_FINE + square) * 16);
+    if (is_at_rest(fuse)) {
+        // Still readings tell the same again and again.
+        noise = fixed_clamp(noise, FIELD_NOISE_MAX / 4) * 4;
     } else {
-        fuse->is_level_due = true;
+        // A mean over 1.6 s.
+        fuse->field_astray = (uint16_t)(fuse->field_astray - fuse->field_astray / 16 +
+                                        (square > FIELD_UNIT_FINE && !fuse->is_turned
+                                             ? UINT16_MAX / 16
+                                             : 0));
     }
-    if (measurement->has_mag && !fuse->has_waited && fuse->samples > 1) {
-        fuse->has_waited = true;
+    fuse->field_noise = fixed_clamp(noise, FIELD_NOISE_MAX);
+}
+
+// Stage: before the reading is taken up.
+static void stage_field(struct fuse *fuse) {
+    if (!fuse->has_reading) {
+        if (fuse->field_age < UINT8_MAX) {
+            ++fuse->field_age;
+        }
+        predict_field(fuse);
         return;
     }
-    fuse->has_waited = false;
-    if (fuse->is_rest_due) {
-        fuse->is_rest_due = false;
-        follow_rest(fuse, measurement);
+    fuse->field_age = 0;
+    if (fuse->field_learnt < FIELD_LEARN) {
+        learn_place(fuse);
+        fuse->has_reading = false;
+        return;
     }
-    if (fuse->is_level_due) {
-        fuse->is_level_due = false;
-        follow_gravity(fuse);
+    predict_field(fuse);
+    weigh_field(fuse);
+}
+
+// Stage: one axis of the reading.
+static void stage_field_axis(struct fuse *fuse, uint8_t axis) {
+    if (!fuse->has_reading) {
+        return;
     }
+    q2_30_t gain[KALMAN_STATES];
+    q2_14_t row[KALMAN_STATES] = {0};
+    row[axis] = Q2_14_ONE;
+    memcpy(row + 3, fuse->level_from_body.row[axis], 3 * sizeof *row);
+    const int32_t away = fixed_clamp(field_away(fuse, axis), FIELD_STEP_MAX_Q18);
+    kalman_read(fuse->field_covariance, KALMAN_STATES, row, fuse->field_noise, gain);
+    for (uint8_t state = 0; state < KALMAN_STATES; ++state) {
+        fuse->field_ut[state] =
+            fixed_clamp(fuse->field_ut[state] + fixed_mul_q30(gain[state], away),
+                        state < 3 ? PLACE_LIMIT_Q18 : OWN_LIMIT_Q18);
+    }
+}
+
+// The variance of the heading by the field's, north in the level frame being (x, y) and
+// the horizontal field `norm` long.
+static q2_30_t heading_variance_of(const struct fuse *fuse, const struct vector *north,
+                                   q14_18_t norm) {
+    const int32_t *covariance = fuse->field_covariance;
+    const int32_t across_y = fixed_mul_q30(covariance[0], north->y) -
+                             fixed_mul_q30(covariance[1], north->x);
+    const int32_t across_x = fixed_mul_q30(covariance[2], north->x) -
+                             fixed_mul_q30(covariance[1], north->y);
+    const int32_t across =
+        fixed_mul_q30(across_y, north->y) + fixed_mul_q30(across_x, north->x);
+    // The vertical field seen through an error of the level, at most 19 uT, as 2^26ths.
+    const int32_t leaning = fixed_mul_q30(fuse->field_ut[2], LEVEL_ERROR_Q30) * 256;
+    const int32_t total_q19 =
+        fixed_mul_q30(across, COVARIANCE_SHARE_Q30) +
+        fixed_scale_down(fixed_mul_q30(leaning, leaning), 3);
+    const uint32_t total_q18 = (uint32_t)(total_q19 > 0 ? total_q19 : 0) / 2;
+    if (total_q18 >= (uint32_t)norm) {
+        return HEADING_VARIANCE_MAX_Q30;
+    }
+    const int32_t once = fixed_ratio(total_q18, (uint32_t)norm);
+    return fixed_ratio((uint32_t)fixed_scale_down(once, 12), (uint32_t)norm);
+}
+
+// Stage: level and heading as one rotation, which poses are made with for a frame.
+static void stage_world(struct fuse *fuse) {
+    struct vector north = {fuse->field_ut[0], fuse->field_ut[1], 0};
+    struct quat turn = QUAT_IDENTITY;
+    int32_t norm;
+    if (fuse->field_learnt > 0 && vector_normalise(&north, &north, &norm)) {
+        // Half the angle that brings the horizontal field to north, y: its tangent is
+        // sine / (1 + cosine) or (1 - cosine) / sine.
+        const int32_t x = fixed_half_floor(north.x);
+        const int32_t y = fixed_half_floor(north.y);
+        struct vector half = {Q2_30_ONE / 2 + y, x, 0};
+        if (y < 0) {
+            half = (struct vector){x, Q2_30_ONE / 2 - y, 0};
+        }
+        int32_t length;
+        (void)vector_normalise(&half, &half, &length);
+        turn.w = half.x;
+        turn.z = half.y;
+        if (norm < HORIZONTAL_MIN_Q18) {
+            // It points along the vertical: the next reading is a first one.
+            fuse->field_learnt = 0;
+            fuse->heading_variance = HEADING_VARIANCE_MAX_Q30;
+        } else if (fuse->field_age == 0) {
+            fuse->heading_variance = heading_variance_of(fuse, &north, norm);
+        }
+    }
+    fuse->has_reading = false;
+    quat_multiply(&turn, &fuse->level_from_inertial, &fuse->world_from_inertial);
+    quat_renormalise(&fuse->world_from_inertial);
+}
+
+static void run_stage(struct fuse *fuse) {
+    const bool at_rest = is_at_rest(fuse);
+    switch (fuse->stage) {
+    case 0:
+        stage_level(fuse);
+        break;
+    case 1:
+        stage_rows(fuse);
+        break;
+    case 2:
+        stage_turn(fuse);
+        break;
+    case 3:
+        if (at_rest) {
+            stage_rest(fuse);
+        } else {
+            stage_motion(fuse, 0);
+        }
+        break;
+    case 4:
+        if (!at_rest) {
+            stage_motion(fuse, 1);
+        }
+        break;
+    case 5:
+        stage_field(fuse);
+        break;
+    case 9:
+        stage_world(fuse);
+        break;
+    default:
+        stage_field_axis(fuse, (uint8_t)(fuse->stage - 6));
+        break;
+    }
+    ++fuse->stage;
+}
+
+// The first sample is levelled at once.
+static void level_first(struct fuse *fuse, const struct vector *force_body) {
+    fuse->force.x.level = force_body->x;
+    fuse->force.y.level = force_body->y;
+    fuse->force.z.level = force_body->z;
+    follow_gravity(fuse);
+    fuse->world_from_inertial = fuse->level_from_inertial;
 }
 
 void fuse_step(struct fuse *fuse, const struct measurement *measurement,
                uint32_t interval_us) {
-    // Held where it no longer matters, in steps that keep its turn.
-    fuse->samples = (uint16_t)(fuse->samples < SAMPLES_HELD ? fuse->samples + 1
-                                                            : SAMPLES_HELD - 15);
-    struct vector *rate = &fuse->rate_rad_s_q25;
-    vector_subtract(&measurement->gyr_rad_s_q25, &fuse->bias_rad_s_q25, rate);
-    integrate(fuse, rate, interval_us);
-    filter_force(fuse, &measurement->acc_m_s2_q21);
-    share_out(fuse, measurement);
-    if (fuse->samples % 16 == 0) {
+    const struct fuse_coefficients *coefficients = &fuse->coefficients;
+    const struct vector *rate = &fuse->rate_rad_s_q25;
+    struct matrix inertial_from_body;
+    const bool is_first = fuse->frames == 0 && fuse->in_frame == 0;
+    vector_subtract(&measurement->gyr_rad_s_q25, &fuse->bias_rad_s_q25,
+                    &fuse->rate_rad_s_q25);
+    if (is_first) {
+        level_first(fuse, &measurement->acc_m_s2_q21);
+    } else {
+        integrate(fuse, interval_us);
+    }
+    matrix_from_quat(&fuse->inertial_from_body, &inertial_from_body);
+    add_turned(&inertial_from_body, &measurement->acc_m_s2_q21, &fuse->force_sum_q13);
+    add_turned(&inertial_from_body, rate, &fuse->turn_sum_q17);
+    const struct vector *field = &measurement->mag_ut_q18;
+    if (measurement->has_mag && !fuse->has_reading && fuse->stage % STAGES <= 1 &&
+        (field->x | field->y | field->z) != 0) {  // all zeros: no field at all
+        take_reading(fuse, field);
+    }
+    // Of two samples in a row, one runs a stage and one looks for rest.
+    ++fuse->in_frame;
+    if (fuse->in_frame == coefficients->frame) {
+        fuse->in_frame = 0;
+        fuse->stage = 0;
         quat_renormalise(&fuse->inertial_from_body);
-    } else if (fuse->samples % 16 == 8) {
-        quat_renormalise(&fuse->level_from_inertial);
     }
-    remember_orientation(fuse);
-    // Known less and less while nothing corrects it; a second at most is added at once.
-    const uint32_t drift_us = interval_us > 1000000 ? 1000000 : interval_us;
-    if (fuse->heading_variance < HEADING_VARIANCE_MAX_Q30) {
-        fuse->heading_variance = fixed_clamp(
-            fuse->heading_variance + (int32_t)fixed_umul_q32(drift_us, HEADING_DRIFT),
-            HEADING_VARIANCE_MAX_Q30 - 1);
+    const uint8_t in_stride = (uint8_t)(fuse->in_frame % coefficients->stride);
+    if (in_stride == 0 && fuse->stage < STAGES) {
+        run_stage(fuse);
     }
-    if (fuse->field_age_us < FIELD_ABSENT_US) {
-        fuse->field_age_us += drift_us;
+    if (in_stride == coefficients->stride - 1) {
+        look_for_rest(fuse, measurement);
     }
-    if (measurement->has_mag) {
-        follow_field(fuse, &measurement->mag_ut_q18);
-    }
-    const uint32_t square = vector_square_q32(rate);  // (rad/s)^2 as q14_18
-    fuse->rate_square += fixed_mul_q30((int32_t)square - fuse->rate_square,
-                                       fuse->coefficients.rate_square_gain);
 }
 
 void fuse_orientation(const struct fuse *fuse, struct quat *out) {
     struct vector angle;
-    struct quat turn;
-    q2_30_t s;
-    q2_30_t c;
-    // The heading's turn about z, which has but two parts.
-    const struct quat *level = &fuse->level_from_body;
-    fixed_sincos(fuse->heading / 2, &s, &c);
-    *out = (struct quat){fixed_mul_q30(c, level->w) - fixed_mul_q30(s, level->z),
-                         fixed_mul_q30(c, level->x) - fixed_mul_q30(s, level->y),
-                         fixed_mul_q30(c, level->y) + fixed_mul_q30(s, level->x),
-                         fixed_mul_q30(c, level->z) + fixed_mul_q30(s, level->w)};
+    quat_multiply(&fuse->world_from_inertial, &fuse->inertial_from_body, out);
     // The gyroscope's low-pass still holds back the last few milliseconds: they are
     // made up with the last rate.
     vector_scale(&fuse->rate_rad_s_q25, fuse->coefficients.lead_s_q35, &angle);
-    quat_from_small_angle(&angle, &turn);
-    quat_multiply(out, &turn, out);
+    turn_small(out, &angle);
     quat_renormalise(out);
 }
 
-void fuse_quality(const struct fuse *fuse, struct fuse_quality *out) {
-    const struct fuse_coefficients *coefficients = &fuse->coefficients;
-    out->is_starting = fuse->samples < coefficients->level.settle;
-    out->is_at_rest = fuse->rest_samples == coefficients->rest_needed;
-    out->is_mag_absent = fuse->field_age_us >= FIELD_ABSENT_US;
+void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
+    out->is_starting = fuse->frames < LEVEL_SETTLE;
+    out->is_at_rest = is_at_rest(fuse);
+    out->is_mag_absent = fuse->field_age >= FIELD_ABSENT;
     out->is_mag_disturbed =
-        !out->is_mag_absent && fuse->field_weight < FIELD_DISTURBED_Q30;
+        !out->is_mag_absent && fuse->field_surprise > FIELD_UNIT;
     out->is_heading_free = fuse->heading_variance > HEADING_FREE_Q30;
-    // 0.312^2 + (0.221 W / 100 deg/s)^2 deg2, W the rms rate over 3 s, as 1e-4 deg2:
-    // 973 + 160.3 (rad/s)^2. Fitted to recordings with optical truth.
-    const uint32_t tilt = 973 + fixed_umul_q32((uint32_t)fuse->rate_square, 2626356);
+    // 0.28^2 + (0.20 W / 100 deg/s)^2 deg2, W the rms rate over 3 s, as 1e-4 deg2:
+    // 784 + 131.3 (rad/s)^2. Fitted to recordings with optical truth.
+    const uint32_t tilt = 784 + fixed_umul_q32((uint32_t)fuse->rate_square, 2151420);
     out->tilt_sigma_cdeg = out->is_starting ? UINT16_MAX : fixed_sqrt(tilt);
-    // 1.5 deg of the field's own error at the start, and the filter's variance: rad2
-    // q2_30 to 1e-4 deg2 is 0.030573.
+    // 0.6 deg, and the variance: rad2 q2_30 to 1e-4 deg2 is 0.030573.
     const uint32_t heading =
-        22500 + fixed_umul_q32((uint32_t)fuse->heading_variance, 131310000);
+        3600 + fixed_umul_q32((uint32_t)fuse->heading_variance, 131310000);
     out->heading_sigma_cdeg =
         out->is_starting || out->is_heading_free ? UINT16_MAX : fixed_sqrt(heading);
 }

@@ -124,6 +124,7 @@ uint8_t message_hello_encode(const struct message_hello *message, uint32_t seque
     at = put(at, 15, &message->mag_lsb, sizeof message->mag_lsb);
     at = put(at, 16, &message->boot_count, sizeof message->boot_count);
     at = put(at, 17, &message->reset_cause, sizeof message->reset_cause);
+    at = put(at, 18, &message->filter, sizeof message->filter);
     return (uint8_t)(at - content);
 }
 
@@ -149,12 +150,13 @@ enum message_result message_hello_decode(const uint8_t *content, uint8_t length,
     walk_field(&walk, 15, sizeof out->mag_lsb);
     walk_field(&walk, 16, sizeof out->boot_count);
     walk_field(&walk, 17, sizeof out->reset_cause);
+    walk_field(&walk, 18, sizeof out->filter);
     const uint8_t tag = walk_tag(&walk);
-    const bool is_ours = tag >= 1 && tag <= 17;
+    const bool is_ours = tag >= 1 && tag <= 18;
     if (walk.expected == 0 && !is_ours) {
         walk.left = 0;  // what later versions add
     }
-    const enum message_result result = walk_end(&walk, is_ours, length < 84);
+    const enum message_result result = walk_end(&walk, is_ours, length < 86);
     if (result != MESSAGE_OK) {
         return result;
     }
@@ -175,7 +177,8 @@ enum message_result message_hello_decode(const uint8_t *content, uint8_t length,
     at = get(at, &out->gyr_lsb, sizeof out->gyr_lsb);
     at = get(at, &out->mag_lsb, sizeof out->mag_lsb);
     at = get(at, &out->boot_count, sizeof out->boot_count);
-    (void)get(at, &out->reset_cause, sizeof out->reset_cause);
+    at = get(at, &out->reset_cause, sizeof out->reset_cause);
+    (void)get(at, &out->filter, sizeof out->filter);
     return MESSAGE_OK;
 }
 

@@ -6,12 +6,12 @@
 
 #include <stdint.h>
 
-#define SCHEMA_FINGERPRINT 0xcf7119d6u
-#define SCHEMA_SEED 0x19d6u  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0x3812759cu
+#define SCHEMA_SEED 0x759cu  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,
-    MESSAGE_CONTENT_MAX = 84,  // the longest message
+    MESSAGE_CONTENT_MAX = 86,  // the longest message
 };
 
 enum message_id {
@@ -22,6 +22,17 @@ enum message_id {
     MESSAGE_STATUS = 0x0a,
     MESSAGE_COMMAND = 0x0c,
     MESSAGE_REPLY = 0x0f,
+};
+
+// Bytes of content.
+enum {
+    MESSAGE_HELLO_SIZE = 86,
+    MESSAGE_RAW_SIZE = 35,
+    MESSAGE_POSE_SIZE = 55,
+    MESSAGE_EVENT_SIZE = 18,
+    MESSAGE_STATUS_SIZE = 74,
+    MESSAGE_COMMAND_SIZE = 23,
+    MESSAGE_REPLY_SIZE = 25,
 };
 
 enum board {
@@ -57,6 +68,7 @@ enum event {
     EVENT_SETTINGS_RESTORED = 11,
     EVENT_TARED = 12,
     EVENT_SETTINGS_FAILED = 13,
+    EVENT_RESTARTED = 14,
 };
 
 enum cause {
@@ -82,6 +94,7 @@ enum command {
     COMMAND_HELLO = 5,
     COMMAND_TARE = 6,
     COMMAND_RESET = 7,
+    COMMAND_RESTART = 8,
 };
 
 enum result {
@@ -89,6 +102,15 @@ enum result {
     RESULT_UNKNOWN_COMMAND = 1,
     RESULT_BAD_ARGUMENT = 2,
     RESULT_NOT_READY = 3,
+};
+
+enum filter {
+    FILTER_NONE = 0,
+    FILTER_FUSE = 1,
+    FILTER_COMPLEMENTARY = 2,
+    FILTER_MAHONY = 3,
+    FILTER_MADGWICK = 4,
+    FILTER_DCM_PI = 5,
 };
 
 enum {
@@ -159,8 +181,8 @@ struct message_header {
     uint32_t time_us;
 };
 
-// encode() writes to `content` (MESSAGE_CONTENT_MAX bytes) and returns the
-// length. decode() leaves `header` and `out` untouched unless MESSAGE_OK.
+// encode() writes to `content` (the message's size) and returns the length.
+// decode() leaves `header` and `out` untouched unless MESSAGE_OK.
 
 struct message_hello {
     uint8_t protocol_version;
@@ -180,6 +202,7 @@ struct message_hello {
     uint32_t mag_lsb;      // 1e-6 uT
     uint16_t boot_count;
     uint8_t reset_cause;  // RESET_CAUSE_ flags
+    uint8_t filter;       // enum filter
 };
 
 uint8_t message_hello_encode(const struct message_hello *message, uint32_t sequence,

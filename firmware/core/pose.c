@@ -5,29 +5,34 @@
 // A gap after which the orientation is found anew: a hand turns far in that time.
 #define RESTART_US UINT32_C(250000)
 
-void pose_begin(struct pose_tracker *tracker, const struct calibration *calibration,
-                const struct sensor_identity *identity) {
+bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibration,
+                const struct sensor_identity *identity, int32_t filter) {
+    if (!attitude_has(filter)) {
+        return false;
+    }
     tracker->calibration = calibration;
     tracker->identity = identity;
     tracker->scale = calibration_scale_of(identity);
     tracker->calibrator = (struct gyro_calibrator){.count = 0};
-    fuse_init(&tracker->fuse, identity->rate_hz, identity->gyr_delay_us);
+    attitude_init(&tracker->attitude, (enum filter)filter, identity->rate_hz,
+                  identity->gyr_delay_us);
     pose_set_origin(tracker, POSE_ORIGIN_NONE);
     tracker->latched_flags = 0;
     tracker->is_calibrated = false;
     tracker->has_sample = false;
+    return true;
 }
 
 static enum pose_result calibrate_at_rest(struct pose_tracker *tracker,
                                           const struct sample *sample) {
-    q18_14_t mean_counts[3];
+    q16_16_t mean_counts[3];
     struct vector bias;
     switch (gyro_calibrator_step(&tracker->calibrator, sample, tracker->identity,
                                  mean_counts)) {
     case CALIBRATOR_DONE:
         tracker->is_calibrated = true;
         calibrate_rate(tracker->calibration, &tracker->scale, mean_counts, &bias);
-        fuse_set_bias(&tracker->fuse, &bias);
+        attitude_set_bias(&tracker->attitude, &bias);
         return POSE_CALIBRATED;
     case CALIBRATOR_MOVED:
         return POSE_MOVED;
@@ -42,7 +47,7 @@ enum pose_result pose_step(struct pose_tracker *tracker, const struct sample *sa
     uint32_t interval_us = sample->time_us - tracker->last_us;
     tracker->last_us = sample->time_us;
     if (!tracker->has_sample || interval_us > RESTART_US) {
-        fuse_restart(&tracker->fuse);
+        attitude_restart(&tracker->attitude);
         tracker->has_sample = true;
         interval_us = UINT32_C(1000000) / tracker->identity->rate_hz;
     }
@@ -56,15 +61,15 @@ enum pose_result pose_step(struct pose_tracker *tracker, const struct sample *sa
         tracker->latched_flags |= POSE_GAP;
     }
     calibrate(tracker->calibration, &tracker->scale, sample, &measurement);
-    fuse_step(&tracker->fuse, &measurement, interval_us);
+    attitude_step(&tracker->attitude, &measurement, interval_us);
     return result;
 }
 
 void pose_read(struct pose_tracker *tracker, struct message_pose *out) {
-    struct fuse_quality quality;
+    struct attitude_quality quality;
     struct quat q;
-    fuse_orientation(&tracker->fuse, &q);
-    fuse_quality(&tracker->fuse, &quality);
+    attitude_orientation(&tracker->attitude, &q);
+    attitude_quality(&tracker->attitude, &quality);
     if (tracker->is_tared) {
         quat_multiply(&tracker->before_origin, &q, &q);
         quat_multiply(&q, &tracker->after_origin, &q);
@@ -93,7 +98,7 @@ void pose_set_origin(struct pose_tracker *tracker, enum pose_origin origin) {
     tracker->is_tared = origin != POSE_ORIGIN_NONE;
     tracker->before_origin = QUAT_IDENTITY;
     tracker->after_origin = QUAT_IDENTITY;
-    fuse_orientation(&tracker->fuse, &q);
+    attitude_orientation(&tracker->attitude, &q);
     if (origin == POSE_ORIGIN_FULL) {
         quat_conjugate(&q, &tracker->after_origin);
     } else if (origin == POSE_ORIGIN_HEADING) {

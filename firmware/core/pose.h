@@ -4,8 +4,8 @@
 #ifndef POSE_H
 #define POSE_H
 
+#include "attitude.h"
 #include "calibrate.h"
-#include "fuse.h"
 #include "messages.h"
 
 enum pose_origin {
@@ -24,20 +24,21 @@ enum pose_result {
 struct pose_tracker {
     const struct calibration *calibration;
     const struct sensor_identity *identity;
-    struct calibration_scale scale;
-    struct gyro_calibrator calibrator;
-    struct fuse fuse;
-    struct quat before_origin, after_origin;  // out = before * q * after
     uint32_t last_us;
     uint16_t latched_flags;  // clipped and gap since the last pose
     bool is_calibrated;
     bool has_sample;
     bool is_tared;
+    struct calibration_scale scale;
+    struct attitude attitude;
+    struct gyro_calibrator calibrator;
+    struct quat before_origin, after_origin;  // out = before * q * after
 };
 
-// Both pointers must stay valid.
-void pose_begin(struct pose_tracker *tracker, const struct calibration *calibration,
-                const struct sensor_identity *identity);
+// Begins anew: calibration at rest, filter and origin. Both pointers must stay valid.
+// Returns false and changes nothing where this build lacks the filter.
+bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibration,
+                const struct sensor_identity *identity, int32_t filter);
 
 enum pose_result pose_step(struct pose_tracker *tracker, const struct sample *sample);
 

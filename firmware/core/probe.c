@@ -6,8 +6,6 @@
 #include <string.h>
 
 enum {
-    // Room for the longest frame; COBS code, CRC and delimiter around the content.
-    FRAME_ROOM = MESSAGE_CONTENT_MAX + FRAME_BYTES_MAX - FRAME_CONTENT_MAX,
     ENTROPY_READINGS = 64,
     WAITS_MAX = 10,  // steps in a row that what is not urgent waits
 };
@@ -17,6 +15,9 @@ enum {
     UINT32_C(500000)  // half a second from status: never both at once
 #define REFUSAL_PERIOD_US UINT32_C(5000000)
 
+// Milliseconds of two seconds as a fraction of 2^32, less than a microsecond short.
+#define PHASE_MS(ms) (UINT32_C(2147483) * (ms))
+
 // Each message's buffers are on the stack only while it is made, not all at once.
 #define NOINLINE __attribute__((noinline))
 
@@ -25,25 +26,31 @@ enum {
 // hole.
 static void send(struct probe *probe, uint8_t *bytes, uint8_t length) {
     const uint16_t seed = bytes[1] == MESSAGE_HELLO ? FRAME_HELLO_SEED : SCHEMA_SEED;
-    const uint8_t size = frame_encode(seed, bytes + 1, length, bytes);
+    const uint8_t size = frame_encode(seed, bytes, length);
     ++probe->sequence;
     if (probe->port->send(bytes, size)) {
-        ++probe->counters.messages_sent;
+        ++probe->status.messages_sent;
     } else {
-        ++probe->counters.messages_dropped;
+        ++probe->status.messages_dropped;
     }
 }
 
 NOINLINE static void send_event(struct probe *probe, enum event event, enum cause cause,
                                 int32_t detail, uint32_t now_us) {
-    uint8_t bytes[FRAME_ROOM];
+    uint8_t bytes[MESSAGE_HELLO_SIZE + FRAME_AROUND];
     const struct message_event message = {(uint8_t)event, (uint8_t)cause, detail};
     send(probe, bytes,
          message_event_encode(&message, probe->sequence, now_us, bytes + 1));
 }
 
+// What fuses, or will once there is a sensor: an enum filter.
+static uint8_t filter_of(const struct probe *probe) {
+    return (uint8_t)(probe->identity != NULL ? attitude_kind(&probe->tracker.attitude)
+                                             : ATTITUDE_DEFAULT);
+}
+
 NOINLINE static void send_hello(struct probe *probe, uint32_t now_us) {
-    uint8_t bytes[FRAME_ROOM];
+    uint8_t bytes[MESSAGE_HELLO_SIZE + FRAME_AROUND];
     const struct sensor_identity *identity = probe->identity;
     struct message_hello message = {
         .protocol_version = PROTOCOL_VERSION,
@@ -53,6 +60,7 @@ NOINLINE static void send_hello(struct probe *probe, uint32_t now_us) {
         .raw_rate = probe->settings.raw_rate_hz,
         .boot_count = probe->settings.boot_count,
         .reset_cause = probe->board.reset_cause,
+        .filter = filter_of(probe),
     };
     for (uint8_t i = 0; i < sizeof message.firmware && probe->board.firmware[i]; ++i) {
         message.firmware[i] = probe->board.firmware[i];
@@ -73,31 +81,22 @@ NOINLINE static void send_hello(struct probe *probe, uint32_t now_us) {
 }
 
 NOINLINE static void send_status(struct probe *probe, uint32_t now_us) {
-    uint8_t bytes[FRAME_ROOM];
-    const struct probe_counters *counters = &probe->counters;
+    uint8_t bytes[MESSAGE_STATUS_SIZE + FRAME_AROUND];
+    struct message_status *status = &probe->status;
     const uint16_t supply_mv = probe->port->supply_mv();
-    const struct message_status message = {
-        .uptime = probe->uptime_s,
-        .state = (uint8_t)probe_state(probe),
-        .samples_ready = probe->port->samples_ready(),
-        .samples_read = counters->samples_read,
-        .samples_fused = counters->samples_fused,
-        .overruns = counters->overruns,
-        .bus_faults = counters->bus_faults,
-        .bus_recoveries = counters->bus_recoveries,
-        .messages_sent = counters->messages_sent + 1,
-        .messages_dropped = counters->messages_dropped,
-        .commands_received = counters->commands_received,
-        .commands_bad = counters->commands_bad,
-        .cycles_mean =
-            probe->load.samples > 0 ? probe->load.cycles_sum / probe->load.samples : 0,
-        .cycles_worst = probe->load.cycles_worst,
-        .stack_free = probe->port->stack_free(),
-        .supply = supply_mv > 0 ? supply_mv : STATUS_SUPPLY_NULL,
-    };
-    probe->load = (struct probe_load){0, 0, 0};
-    send(probe, bytes,
-         message_status_encode(&message, probe->sequence, now_us, bytes + 1));
+    status->state = (uint8_t)probe_state(probe);
+    status->samples_ready = probe->port->samples_ready();
+    status->cycles_mean = probe->samples > 0 ? probe->cycles_sum / probe->samples : 0;
+    status->stack_free = probe->port->stack_free();
+    status->supply = supply_mv > 0 ? supply_mv : STATUS_SUPPLY_NULL;
+    ++status->messages_sent;  // itself
+    const uint8_t length =
+        message_status_encode(status, probe->sequence, now_us, bytes + 1);
+    --status->messages_sent;
+    send(probe, bytes, length);
+    probe->samples = 0;
+    probe->cycles_sum = 0;
+    status->cycles_worst = 0;
 }
 
 static void make_id(struct probe *probe) {
@@ -123,7 +122,8 @@ void probe_begin(struct probe *probe, const struct probe_port *port,
     probe->port = port;
     probe->board = *board;
     probe->second_us = now_us;
-    frame_decoder_init(&probe->decoder, SCHEMA_SEED, MESSAGE_HELLO);
+    frame_decoder_init(&probe->decoder, SCHEMA_SEED, MESSAGE_HELLO, probe->received,
+                       sizeof probe->received);
     const enum settings_result loaded =
         settings_load(port->storage, &probe->settings, &probe->writer);
     if (memcmp(probe->settings.probe_id, no_id, sizeof no_id) == 0) {
@@ -140,12 +140,13 @@ void probe_begin(struct probe *probe, const struct probe_port *port,
 void probe_sensor_ready(struct probe *probe, const struct sensor_identity *identity,
                         uint32_t now_us) {
     if (probe->identity == NULL) {
-        pose_begin(&probe->tracker, &probe->settings.calibration, identity);
+        (void)pose_begin(&probe->tracker, &probe->settings.calibration, identity,
+                         ATTITUDE_DEFAULT);
     }
     if (probe->is_faulty) {
-        ++probe->counters.bus_recoveries;
-        send_event(probe, EVENT_BUS_RECOVERED, CAUSE_NONE,
-                   probe->counters.bus_recoveries, now_us);
+        ++probe->status.bus_recoveries;
+        send_event(probe, EVENT_BUS_RECOVERED, CAUSE_NONE, probe->status.bus_recoveries,
+                   now_us);
     }
     probe->identity = identity;
     probe->is_faulty = false;
@@ -154,7 +155,7 @@ void probe_sensor_ready(struct probe *probe, const struct sensor_identity *ident
 
 void probe_sensor_failed(struct probe *probe, enum event event, enum cause cause,
                          int32_t detail, bool is_over, uint32_t now_us) {
-    ++probe->counters.bus_faults;
+    ++probe->status.bus_faults;
     send_event(probe, event, cause, detail, now_us);
     if (is_over) {
         probe->is_faulty = true;
@@ -162,12 +163,12 @@ void probe_sensor_failed(struct probe *probe, enum event event, enum cause cause
 }
 
 void probe_overrun(struct probe *probe, uint16_t missed, uint32_t now_us) {
-    probe->counters.overruns += missed;
+    probe->status.overruns += missed;
     send_event(probe, EVENT_OVERRUN, CAUSE_LATE, missed, now_us);
 }
 
 NOINLINE static void send_raw(struct probe *probe, const struct sample *sample) {
-    uint8_t bytes[FRAME_ROOM];
+    uint8_t bytes[MESSAGE_RAW_SIZE + FRAME_AROUND];
     struct message_raw message = {
         .acc = {sample->acc.x, sample->acc.y, sample->acc.z},
         .gyr = {sample->gyr.x, sample->gyr.y, sample->gyr.z},
@@ -187,12 +188,17 @@ NOINLINE static void send_raw(struct probe *probe, const struct sample *sample) 
          message_raw_encode(&message, probe->sequence, sample->time_us, bytes + 1));
 }
 
-NOINLINE static void send_pose(struct probe *probe, uint32_t time_us) {
-    uint8_t bytes[FRAME_ROOM];
+NOINLINE static void send_pose(struct probe *probe, const struct message_pose *message,
+                               uint32_t time_us) {
+    uint8_t bytes[MESSAGE_POSE_SIZE + FRAME_AROUND];
+    send(probe, bytes,
+         message_pose_encode(message, probe->sequence, time_us, bytes + 1));
+}
+
+NOINLINE static void read_and_send_pose(struct probe *probe, uint32_t time_us) {
     struct message_pose message;
     pose_read(&probe->tracker, &message);
-    send(probe, bytes,
-         message_pose_encode(&message, probe->sequence, time_us, bytes + 1));
+    send_pose(probe, &message, time_us);
 }
 
 // True `rate_hz` times in `of_hz` calls, evenly.
@@ -207,9 +213,9 @@ static bool is_due(uint16_t *phase, uint16_t rate_hz, uint16_t of_hz) {
 
 void probe_sample(struct probe *probe, const struct sample *sample) {
     const uint16_t rate_hz = probe->identity->rate_hz;
-    ++probe->counters.samples_read;
+    ++probe->status.samples_read;
     const enum pose_result result = pose_step(&probe->tracker, sample);
-    ++probe->counters.samples_fused;
+    ++probe->status.samples_fused;
     if (result == POSE_CALIBRATED) {
         send_event(probe, EVENT_CALIBRATION_DONE, CAUSE_NONE, CALIBRATOR_SAMPLES,
                    sample->time_us);
@@ -235,15 +241,15 @@ void probe_sample(struct probe *probe, const struct sample *sample) {
         send_raw(probe, sample);
     }
     if (pose_is_due && (probe->settings.streams & STREAM_POSE) != 0) {
-        send_pose(probe, sample->time_us);
+        read_and_send_pose(probe, sample->time_us);
     }
 }
 
 void probe_worked(struct probe *probe, uint32_t cycles) {
-    probe->load.cycles_sum += cycles;
-    ++probe->load.samples;
-    if (cycles > probe->load.cycles_worst) {
-        probe->load.cycles_worst = cycles;
+    probe->cycles_sum += cycles;
+    ++probe->samples;
+    if (cycles > probe->status.cycles_worst) {
+        probe->status.cycles_worst = cycles;
     }
 }
 
@@ -297,6 +303,22 @@ static enum result set_origin(struct probe *probe, const int32_t value[2],
     return RESULT_OK;
 }
 
+static enum result restart(struct probe *probe, int32_t value[2], uint32_t now_us) {
+    const int32_t wanted = value[0] == FILTER_NONE ? filter_of(probe) : value[0];
+    value[0] = filter_of(probe);
+    if (!attitude_has(wanted)) {
+        return RESULT_BAD_ARGUMENT;
+    }
+    if (probe->identity == NULL) {
+        return RESULT_NOT_READY;
+    }
+    (void)pose_begin(&probe->tracker, &probe->settings.calibration, probe->identity,
+                     wanted);
+    value[0] = wanted;
+    send_event(probe, EVENT_RESTARTED, CAUSE_COMMAND, wanted, now_us);
+    return RESULT_OK;
+}
+
 static enum result carry_out(struct probe *probe, const struct message_command *command,
                              uint32_t now_us) {
     int32_t *value = probe->last_value;
@@ -321,6 +343,8 @@ static enum result carry_out(struct probe *probe, const struct message_command *
     case COMMAND_RESET:
         probe->wants_reset = true;
         return RESULT_OK;
+    case COMMAND_RESTART:
+        return restart(probe, value, now_us);
     default:
         return RESULT_UNKNOWN_COMMAND;
     }
@@ -329,7 +353,7 @@ static enum result carry_out(struct probe *probe, const struct message_command *
 NOINLINE static void send_reply(struct probe *probe,
                                 const struct message_command *command,
                                 uint32_t now_us) {
-    uint8_t bytes[FRAME_ROOM];
+    uint8_t bytes[MESSAGE_REPLY_SIZE + FRAME_AROUND];
     const struct message_reply message = {
         .replied_command = command->command,
         .replied_token = command->token,
@@ -348,12 +372,12 @@ void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us) {
     if (framed == FRAME_PENDING) {
         return;
     }
-    if (framed != FRAME_OK || message_command_decode(probe->decoder.bytes, length,
-                                                     &header, &command) != MESSAGE_OK) {
-        ++probe->counters.commands_bad;
+    if (framed != FRAME_OK || message_command_decode(probe->received, length, &header,
+                                                     &command) != MESSAGE_OK) {
+        ++probe->status.commands_bad;
         return;
     }
-    ++probe->counters.commands_received;
+    ++probe->status.commands_received;
     // A command whose reply was lost comes again with its token: it gets the reply, and
     // is not carried out twice.
     if (command.token == 0 || command.token != probe->last_token) {
@@ -397,7 +421,7 @@ void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
     const uint32_t elapsed_us = now_us - probe->second_us;
     if (elapsed_us >= SECOND_US) {
         probe->second_us += SECOND_US;
-        ++probe->uptime_s;
+        ++probe->status.uptime;
         probe->has_said_hello = false;
         send_status(probe, now_us);
     } else if (!probe->has_said_hello && elapsed_us >= HELLO_PHASE_US) {
@@ -420,16 +444,19 @@ enum state probe_state(const struct probe *probe) {
 }
 
 bool probe_led(const struct probe *probe, uint32_t now_us) {
-    const uint16_t phase_ms = (uint16_t)(now_us / 1000 % 2000);
+    // Where in two seconds it is, as a fraction of 2^32: 2^32 / 2e6 is 2147 and
+    // 2077252343 / 2^32. A step more, so that no whole millisecond falls below itself.
+    const uint32_t phase =
+        now_us * 2147 + fixed_umul_q32(now_us, UINT32_C(2077252343)) + 1;
     switch (probe_state(probe)) {
     case STATE_STREAMING:
         return true;
     case STATE_CALIBRATING:
-        return phase_ms % 200 < 100;
+        return phase * 10 < UINT32_C(0x80000000);
     case STATE_FAULT:
-        return phase_ms % 1000 < 80 ||
-               (phase_ms % 1000 >= 200 && phase_ms % 1000 < 280);
+        return phase * 2 < PHASE_MS(160) ||
+               (phase * 2 >= PHASE_MS(400) && phase * 2 < PHASE_MS(560));
     default:
-        return phase_ms < 50;
+        return phase < PHASE_MS(50);
     }
 }

@@ -28,38 +28,11 @@ struct probe_board {
     const uint8_t *unique_id;  // 8 bytes that the silicon is born with, or NULL
 };
 
-struct probe_counters {
-    uint32_t samples_read, samples_fused, overruns;
-    uint32_t messages_sent, messages_dropped;
-    uint16_t bus_faults, bus_recoveries;
-    uint16_t commands_received, commands_bad;
-};
-
-// Work done for the samples of one second.
-struct probe_load {
-    uint32_t cycles_sum, cycles_worst;
-    uint16_t samples;
-};
-
+// The smaller and the busier a member, the further up: the AVR reaches the first 64
+// bytes of a struct in one instruction.
 struct probe {
     const struct probe_port *port;
-    struct probe_board board;
-    struct settings settings;
-    struct settings_writer writer;
     const struct sensor_identity *identity;  // NULL until the sensor was found
-    struct pose_tracker tracker;
-    struct button button;
-    struct frame_decoder decoder;
-    struct probe_counters counters;
-    struct probe_load load;
-    uint32_t sequence;
-    uint32_t second_us;  // start of the second that runs
-    uint32_t uptime_s;
-    uint32_t refused_us;  // when a refused calibration was last told
-    uint16_t pose_phase, raw_phase;
-    uint16_t last_token;
-    uint8_t last_result;
-    int32_t last_value[2];
     bool is_streaming;
     bool is_faulty;       // the sensor does not deliver
     bool has_said_hello;  // in the second that runs
@@ -67,6 +40,23 @@ struct probe {
     uint8_t waits;        // steps since then
     bool has_told_refusal;
     bool wants_reset;
+    uint8_t last_result;
+    uint16_t last_token;
+    uint16_t pose_phase, raw_phase;
+    uint16_t samples;  // of the second that runs, and the cycles of their work
+    uint32_t cycles_sum;
+    uint32_t sequence;
+    uint32_t second_us;            // start of the second that runs
+    uint32_t refused_us;           // when a refused calibration was last told
+    struct message_status status;  // counts as it goes
+    struct settings settings;
+    struct settings_writer writer;
+    int32_t last_value[2];
+    struct probe_board board;
+    struct button button;
+    struct frame_decoder decoder;
+    uint8_t received[MESSAGE_COMMAND_SIZE + FRAME_CRC];  // all that a host sends
+    struct pose_tracker tracker;
 };
 
 // Loads the settings, counts the boot, makes the probe's id where it has none.

@@ -2,20 +2,6 @@
 // Quaternion arithmetic; see quat.h for formats and bounds.
 #include "quat.h"
 
-void quat_multiply(const struct quat *a, const struct quat *b, struct quat *out) {
-    const struct quat product = {
-        fixed_mul_q30(a->w, b->w) - fixed_mul_q30(a->x, b->x) -
-            fixed_mul_q30(a->y, b->y) - fixed_mul_q30(a->z, b->z),
-        fixed_mul_q30(a->w, b->x) + fixed_mul_q30(a->x, b->w) +
-            fixed_mul_q30(a->y, b->z) - fixed_mul_q30(a->z, b->y),
-        fixed_mul_q30(a->w, b->y) - fixed_mul_q30(a->x, b->z) +
-            fixed_mul_q30(a->y, b->w) + fixed_mul_q30(a->z, b->x),
-        fixed_mul_q30(a->w, b->z) + fixed_mul_q30(a->x, b->y) -
-            fixed_mul_q30(a->y, b->x) + fixed_mul_q30(a->z, b->w),
-    };
-    *out = product;
-}
-
 void quat_conjugate(const struct quat *q, struct quat *out) {
     out->w = q->w;
     out->x = -q->x;
@@ -24,14 +10,16 @@ void quat_conjugate(const struct quat *q, struct quat *out) {
 }
 
 void quat_renormalise(struct quat *q) {
-    const q2_30_t square = fixed_mul_q30(q->w, q->w) + fixed_mul_q30(q->x, q->x) +
-                           fixed_mul_q30(q->y, q->y) + fixed_mul_q30(q->z, q->z);
+    q2_30_t *const part = &q->w;  // four in a row
+    q2_30_t square = 0;
+    for (uint8_t i = 0; i < 4; ++i) {
+        square += fixed_mul_q30(part[i], part[i]);
+    }
     // (3 - |q|^2) / 2 = 1 + (1 - |q|^2) / 2
     const q2_30_t gain = Q2_30_ONE + fixed_half_floor(Q2_30_ONE - square);
-    q->w = fixed_mul_q30(q->w, gain);
-    q->x = fixed_mul_q30(q->x, gain);
-    q->y = fixed_mul_q30(q->y, gain);
-    q->z = fixed_mul_q30(q->z, gain);
+    for (uint8_t i = 0; i < 4; ++i) {
+        part[i] = fixed_mul_q30(part[i], gain);
+    }
 }
 
 #define ONE_48TH INT32_C(22369621)  // 1/48 as q2_30
@@ -49,31 +37,10 @@ void quat_from_small_angle(const struct vector *angle_rad_q30, struct quat *out)
     out->z = fixed_mul_q30(angle_rad_q30->z, gain);
 }
 
-// The vector part of q times v, in v's format.
-static void cross(const struct quat *q, const struct vector *v, struct vector *out) {
-    out->x = fixed_mul_q30(q->y, v->z) - fixed_mul_q30(q->z, v->y);
-    out->y = fixed_mul_q30(q->z, v->x) - fixed_mul_q30(q->x, v->z);
-    out->z = fixed_mul_q30(q->x, v->y) - fixed_mul_q30(q->y, v->x);
-}
-
-void quat_rotate(const struct quat *q, const struct vector *v, struct vector *out) {
-    // v + w t + u x t with u the vector part and t = 2 u x v; |t| <= 2 |v| < 2^31.
-    struct vector t;
-    struct vector turned;
-    cross(q, v, &t);
-    t.x *= 2;
-    t.y *= 2;
-    t.z *= 2;
-    cross(q, &t, &turned);
-    out->x = v->x + fixed_mul_q30(t.x, q->w) + turned.x;
-    out->y = v->y + fixed_mul_q30(t.y, q->w) + turned.y;
-    out->z = v->z + fixed_mul_q30(t.z, q->w) + turned.z;
-}
-
 void quat_from_heading(turn32_t heading, struct quat *out) {
     out->x = 0;
     out->y = 0;
-    fixed_sincos(heading / 2, &out->z, &out->w);
+    fixed_sincos(fixed_half_floor(heading), &out->z, &out->w);
 }
 
 turn32_t quat_heading(const struct quat *q) {

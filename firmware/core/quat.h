@@ -12,7 +12,7 @@ struct quat {
 #define QUAT_IDENTITY ((struct quat){Q2_30_ONE, 0, 0, 0})
 
 // a * b; `out` may be either. Needs norms whose product is at most 1.2: then no
-// component leaves q2_30 and each is within 2 steps.
+// component leaves q2_30 and each is within 1 step.
 void quat_multiply(const struct quat *a, const struct quat *b, struct quat *out);
 
 // The opposite rotation.

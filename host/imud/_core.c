@@ -2,6 +2,9 @@
 // The firmware's own C for Python: the host frames, checks and computes with the very
 // functions that run on a probe. Limited API, so one build serves Python 3.11 and on.
 #include "_module.h"
+
+#include <string.h>
+
 #include "frame.h"
 
 // Takes a 16-bit CRC seed or an 8-bit id apart from other integers.
@@ -15,6 +18,7 @@ static int number_in_range(const char *name, long value, long limit) {
 
 struct decoder {
     PyObject_HEAD struct frame_decoder frames;
+    uint8_t bytes[FRAME_CONTENT_MAX + FRAME_CRC];
     unsigned long long good;
     unsigned long long bad_cobs;
     unsigned long long bad_crc;
@@ -37,8 +41,9 @@ static PyObject *decoder_new(PyTypeObject *type, PyObject *args, PyObject *kwarg
     if (self == NULL) {
         return NULL;
     }
-    frame_decoder_init(&((struct decoder *)self)->frames, (uint16_t)seed,
-                       (uint8_t)hello_id);
+    struct decoder *decoder = (struct decoder *)self;
+    frame_decoder_init(&decoder->frames, (uint16_t)seed, (uint8_t)hello_id,
+                       decoder->bytes, sizeof decoder->bytes);
     return self;
 }
 
@@ -72,7 +77,7 @@ static int decoder_take(struct decoder *self, uint8_t byte, PyObject *contents) 
     switch (frame_decode(&self->frames, byte, &length)) {
     case FRAME_OK:
         self->good++;
-        return append_content(contents, self->frames.bytes, length);
+        return append_content(contents, self->bytes, length);
     case FRAME_BAD_COBS:
         self->bad_cobs++;
         break;
@@ -174,9 +179,9 @@ static PyObject *core_encode_frame(PyObject *Py_UNUSED(module), PyObject *args) 
         PyErr_Format(PyExc_ValueError, "content must be 1 to %d bytes, not %zd",
                      FRAME_CONTENT_MAX, view.len);
     } else if (number_in_range("seed", seed, UINT16_MAX)) {
-        uint8_t out[FRAME_BYTES_MAX];
-        const uint8_t length =
-            frame_encode((uint16_t)seed, view.buf, (uint8_t)view.len, out);
+        uint8_t out[FRAME_CONTENT_MAX + FRAME_AROUND];
+        memcpy(out + 1, view.buf, (size_t)view.len);
+        const uint8_t length = frame_encode((uint16_t)seed, out, (uint8_t)view.len);
         result = PyBytes_FromStringAndSize((const char *)out, length);
     }
     PyBuffer_Release(&view);

@@ -12,6 +12,17 @@ struct replay {
     struct pose_tracker tracker;
 };
 
+static bool begin(struct replay *replay, long filter) {
+    if (filter < 0 || filter > UINT8_MAX ||
+        !pose_begin(&replay->tracker, &replay->calibration, &replay->identity,
+                    (int32_t)filter)) {
+        PyErr_Format(PyExc_ValueError, "filter %ld is not one that can be replayed",
+                     filter);
+        return false;
+    }
+    return true;
+}
+
 static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs) {
     static char *names[] = {"hello", NULL};
     Py_buffer view;
@@ -48,7 +59,10 @@ static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs
         .mag_lsb_pt = hello.mag_lsb,
     };
     calibration_clear(&replay->calibration);
-    pose_begin(&replay->tracker, &replay->calibration, &replay->identity);
+    if (!begin(replay, hello.filter)) {
+        Py_DECREF(self);
+        return NULL;
+    }
     return self;
 }
 
@@ -102,6 +116,27 @@ static PyObject *replay_pose(PyObject *self, PyObject *args) {
     return PyBytes_FromStringAndSize((const char *)content, length);
 }
 
+static PyObject *replay_restart(PyObject *self, PyObject *filter) {
+    const long kind = PyLong_AsLong(filter);
+    if (PyErr_Occurred() || !begin((struct replay *)self, kind)) {
+        return NULL;
+    }
+    Py_RETURN_NONE;
+}
+
+static PyObject *replay_origin(PyObject *self, PyObject *kind) {
+    const long origin = PyLong_AsLong(kind);
+    if (PyErr_Occurred()) {
+        return NULL;
+    }
+    if (origin < POSE_ORIGIN_FULL || origin > POSE_ORIGIN_NONE) {
+        PyErr_Format(PyExc_ValueError, "origin %ld is not one of 0 to 2", origin);
+        return NULL;
+    }
+    pose_set_origin(&((struct replay *)self)->tracker, (enum pose_origin)origin);
+    Py_RETURN_NONE;
+}
+
 static PyMethodDef replay_methods[] = {
     {"step", replay_step, METH_O,
      "step($self, raw, /)\n--\n\nTake the content of the next raw message."},
@@ -109,6 +144,12 @@ static PyMethodDef replay_methods[] = {
      "pose($self, sequence, time_us, /)\n--\n\nThe content of the pose message that "
      "the "
      "probe sends after the last step: equal to it in every bit."},
+    {"origin", replay_origin, METH_O,
+     "origin($self, kind, /)\n--\n\nSet the origin, as the probe does when it tells "
+     "`tared` with that detail."},
+    {"restart", replay_restart, METH_O,
+     "restart($self, filter, /)\n--\n\nBegin anew, as the probe does when it tells "
+     "`restarted` with that filter."},
     {NULL, NULL, 0, NULL},
 };
 

@@ -74,7 +74,7 @@ def _seconds(text: str) -> float:
 
 
 def build_parser() -> argparse.ArgumentParser:
-    from imud import sim
+    from imud import schema, sim
 
     parser = argparse.ArgumentParser(
         prog="imud",
@@ -104,6 +104,13 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="ENDPOINT",
         help=f"where subscribers connect to (default: {ENDPOINT})",
     )
+    run.add_argument(
+        "--twin",
+        action="store_true",
+        help="compute each pose again from raw messages and tell the first that "
+        "differs; whenever a probe streams, its calibration at rest and its origin "
+        "begin anew",
+    )
     run.set_defaults(run=_run)
 
     sim.add_parser(commands)
@@ -111,7 +118,8 @@ def build_parser() -> argparse.ArgumentParser:
     listen = _command(
         commands,
         "listen",
-        "print poses as they come over the network",
+        "print poses as they come over the network: yaw from east to north, pitch x "
+        "down, roll y up (docs/angles.md), sigmas, rate and flags",
         "imud listen --seconds 10",
     )
     _probe(listen)
@@ -135,6 +143,10 @@ def build_parser() -> argparse.ArgumentParser:
         ("start", "make a probe stream"),
         ("stop", "make a probe stop streaming"),
         ("tare", "take a probe's orientation as its origin"),
+        (
+            "restart",
+            "begin a probe's calibration at rest, filter and origin anew; lay it still",
+        ),
     ):
         command = _command(commands, name, text, f"imud {name}")
         _probe(command)
@@ -145,6 +157,12 @@ def build_parser() -> argparse.ArgumentParser:
             )
             what.add_argument(
                 "--undo", action="store_true", help="go back to east, north, up"
+            )
+        if name == "restart":
+            command.add_argument(
+                "--filter",
+                choices=[each.name.lower() for each in schema.Filter if each],
+                help="which filter is to run (default: the one that runs)",
             )
         _network(command)
         command.set_defaults(run=_order, command=name)
@@ -172,6 +190,7 @@ def _run(args: argparse.Namespace) -> int:
         listen=args.listen,
         log_dir=args.log,
         is_logging=not args.no_log,
+        is_twin=args.twin,
     )
     return daemon.run(settings)
 
@@ -202,6 +221,8 @@ def _order(args: argparse.Namespace) -> int:
         arguments["what"] = "heading"
     if args.command == "tare" and args.undo:
         arguments["what"] = "undo"
+    if args.command == "restart" and args.filter:
+        arguments["filter"] = args.filter
     with _client(args) as client:
         probe = client.only_probe(args.probe)
         client.command(probe, args.command, **arguments)

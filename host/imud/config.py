@@ -35,6 +35,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     prefix: str = "imud"
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     log: Log = Log()
+    twin: bool = False  # computes each pose again and tells what differs
     names: dict[str, str] = {}  # probe id to the name that its keys carry
 
 
@@ -45,6 +46,7 @@ def load(
     listen: str | None = None,
     log_dir: Path | None = None,
     is_logging: bool = True,
+    is_twin: bool = False,
 ) -> Config:
     config = _read(path) if path is not None else Config()
     if ports:
@@ -57,6 +59,8 @@ def load(
     if not is_logging:
         log = msgspec.structs.replace(config.log, enabled=False)
         config = msgspec.structs.replace(config, log=log)
+    if is_twin:
+        config = msgspec.structs.replace(config, twin=True)
     _check(config, str(path) if path is not None else "arguments")
     return config
 

@@ -11,7 +11,7 @@ import signal
 import sys
 import time
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Coroutine, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +48,7 @@ from imud.session import (
 )
 from imud.sinks.log import LogSink
 from imud.sinks.zenoh import Answer, ZenohSink
+from imud.twin import Began, Differs, Lost, Twin, WantsRaw, WantsRestart
 from imud.version import version
 
 STATUS_S = 1.0
@@ -70,6 +71,7 @@ JSON_TOPICS = frozenset({"pose", "raw", "event"})
 # Arguments of the command `tare`, as the schema says.
 TARE = {"all": 0, "heading": 1, "undo": 2}
 STREAMS = {"pose": 0, "raw": 1}
+FILTERS = {each.name.lower(): each.value for each in schema.Filter if each}
 
 FAULTS = frozenset(
     {
@@ -142,7 +144,8 @@ def who(hello: Message) -> str:
         )
     )
     has_sensor = fields["sensor"] != "none"
-    sensor = f"{fields['sensor']}, {rates}" if has_sensor else "no sensor yet"
+    runs = f"{fields['sensor']}, {rates}, filter {fields['filter']}"
+    sensor = runs if has_sensor else "no sensor yet"
     cause = ", ".join(fields["reset_cause"]).replace("_", " ")
     return (
         f"{fields['board']}, firmware {fields['firmware']}, {sensor}, "
@@ -152,7 +155,12 @@ def who(hello: Message) -> str:
 
 def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
     """The two numbers of a command; CommandRefused where they can't be."""
-    known = {"tare": {"what"}, "rate": {"stream", "hz"}, "fields": {"streams"}}
+    known = {
+        "tare": {"what"},
+        "rate": {"stream", "hz"},
+        "fields": {"streams"},
+        "restart": {"filter"},
+    }
     unknown = parameters.keys() - known.get(name, set())
     if unknown:
         raise CommandRefused(f"{name} knows no {', '.join(sorted(unknown))}")
@@ -164,14 +172,29 @@ def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
         if name == "fields":
             streams = [part for part in parameters["streams"].split(",") if part]
             return sum(1 << STREAMS[stream] for stream in set(streams)), 0
+        if name == "restart" and "filter" in parameters:
+            return FILTERS[parameters["filter"]], 0
     except (KeyError, ValueError) as error:
         needs = {
             "tare": "what=all, heading or undo",
             "rate": "stream=pose or raw, and hz=a number",
             "fields": "streams=pose,raw or one of them",
+            "restart": f"filter={', '.join(FILTERS)}, or nothing",
         }
         raise CommandRefused(f"{name} needs {needs[name]}") from error
     return 0, 0
+
+
+def _twin(watched: _Watched) -> dict[str, Any]:
+    """How the twin of a probe does."""
+    twin = watched.twin
+    return {
+        "state": twin.state.value if twin is not None else "off",
+        "compared": twin.compared if twin is not None else 0,
+        "differed": twin.differed if twin is not None else 0,
+        "lost": watched.twin_lost,
+        "first_difference": watched.first_difference,
+    }
 
 
 class _Port:
@@ -253,9 +276,12 @@ class _Port:
 class _Watched:
     """What the daemon keeps of one probe beside its account."""
 
-    def __init__(self, probe: Probe, name: str) -> None:
+    def __init__(self, probe: Probe, name: str, *, has_twin: bool) -> None:
         self.probe = probe
         self.name = name
+        self.twin = Twin() if has_twin else None
+        self.twin_lost: dict[str, Any] | None = None
+        self.first_difference: dict[str, Any] | None = None
         self.port: _Port | None = None
         self.other: OtherSchema | None = None  # why it can't be read
         self.is_alive = False
@@ -344,7 +370,7 @@ class Daemon:
         watched = self._probes.get(probe_id)
         if watched is None:
             name = self._config.names.get(probe_id, probe_id)
-            watched = _Watched(Probe(probe_id), name)
+            watched = _Watched(Probe(probe_id), name, has_twin=self._config.twin)
             self._probes[probe_id] = self._names[name] = watched
         return watched.probe
 
@@ -387,6 +413,8 @@ class Daemon:
         watched.port = port
         watched.other = None
         watched.told_who = who(event.hello)
+        if watched.twin is not None:
+            watched.twin.appear()
         what = "restarted" if event.is_restart else "found"
         text = f"probe {watched.name} {what} on {port.name}: {watched.told_who}"
         self.say(("found", event.probe_id, what), text, is_warning=event.is_restart)
@@ -432,6 +460,73 @@ class Daemon:
             self.say(("who", watched.name), text)
         if not watched.is_alive:
             self._set_alive(watched, is_alive=True)
+        if watched.twin is not None:
+            self._compare(watched, watched.twin, event, t_ns)
+
+    def _compare(
+        self, watched: _Watched, twin: Twin, event: Received, t_ns: int
+    ) -> None:
+        """What the twin makes of a message."""
+        state = twin.state
+        outcome = twin.take(event.message, event.content)
+        name = watched.name
+        place = {
+            "seq": event.message.sequence,
+            "t_device_us": event.t_device_us,
+            "t_ns": t_ns,
+        }
+        if isinstance(outcome, WantsRaw | WantsRestart):
+            self._start(self._serve_twin(name, outcome))
+        elif isinstance(outcome, Began):
+            watched.twin_lost = None
+            self.say(
+                ("twin", name, Began),
+                f"probe {name}: its twin follows from #{outcome.sequence} on",
+            )
+        elif isinstance(outcome, Lost):
+            watched.twin_lost = place | {
+                "seq": outcome.sequence,
+                "reason": outcome.reason,
+            }
+            self.say(
+                ("twin", name, Lost),
+                f"probe {name}: its twin can't follow from #{outcome.sequence} on: "
+                f"{outcome.reason}; imud restart begins anew",
+                is_warning=True,
+            )
+        elif isinstance(outcome, Differs) and outcome.is_first:
+            if watched.first_difference is None:
+                watched.first_difference = place | {
+                    "fields": outcome.fields,
+                    "probe": outcome.probe.hex(),
+                    "twin": outcome.twin.hex(),
+                }
+            self.say(
+                ("twin", name, Differs),
+                f"probe {name}: pose #{outcome.sequence} is not what its samples give: "
+                f"{', '.join(outcome.fields)} differ",
+                is_warning=True,
+            )
+        if twin.state is not state:
+            described = {"type": "twin", "probe": name, **place, **_twin(watched)}
+            payload = self._encoder.encode(described)
+            self._hub.put(
+                Record(name, "twin", payload, b"", event.message.sequence, t_ns)
+            )
+
+    async def _serve_twin(self, name: str, wants: WantsRaw | WantsRestart) -> None:
+        """Asks a probe for what its twin needs."""
+        try:
+            if isinstance(wants, WantsRestart):
+                await self.command(name, "restart", {})
+                return
+            if wants.rate_hz is not None:
+                rate = {"stream": "raw", "hz": str(wants.rate_hz)}
+                await self.command(name, "rate", rate)
+            await self.command(name, "fields", {"streams": "pose,raw"})
+        except ImudError as error:
+            text = f"probe {name}: its twin can't begin: {error}"
+            self.say(("twin", name, "unserved"), text, is_warning=True)
 
     def _refused(self, event: Refused) -> None:
         watched = self._probes[event.probe_id]
@@ -550,6 +645,7 @@ class Daemon:
                 "t_device_us": watched.t_device_us,
                 "t_ns": watched.last_heard_ns,
             },
+            "twin": _twin(watched),
             "counters": watched.counters,
             "hello": {name: plain(value) for name, value in hello.items()},
             "imud": version(),
@@ -560,9 +656,10 @@ class Daemon:
     def _start_command(
         self, name: str, command: str, parameters: dict[str, str], answer: Answer
     ) -> None:
-        task = asyncio.get_running_loop().create_task(
-            self._answer(name, command, parameters, answer)
-        )
+        self._start(self._answer(name, command, parameters, answer))
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
@@ -604,6 +701,11 @@ class Daemon:
             finally:
                 del self._replies[token]
         result = message.fields["result"]
+        if result == "bad_argument" and "filter" in parameters:
+            raise CommandRefused(
+                f"probe {name} has no filter {parameters['filter']}: its firmware was "
+                f"built without it and runs {plain(watched.probe.hello['filter'])}"
+            )
         if result != "ok":
             raise CommandRefused(
                 f"probe {name} refused {command}: {str(result).replace('_', ' ')}"
@@ -655,7 +757,11 @@ class Daemon:
             earlier = counts["earlier_boots"]
             received = counts["received"] + earlier["received"]
             lost = counts["lost"] + earlier["lost"]
-            parts.append(f"probe {watched.name}: {received} received, {lost} lost")
+            text = f"probe {watched.name}: {received} received, {lost} lost"
+            twin = watched.twin
+            if twin is not None:
+                text += f", {twin.differed} of {twin.compared} poses differ"
+            parts.append(text)
         log = f"; log {self._log.path}" if self._log is not None else ""
         return f"stopped; {'; '.join(parts) or 'no probe was heard'}{log}"
 

@@ -5,11 +5,13 @@ of it flows through the hub to the sinks.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from imud import rotation
 from imud.messages import Message, Value
 
 
@@ -79,12 +81,9 @@ def plain(value: Value) -> Any:
 
 
 def euler_deg(q: list[float]) -> tuple[float, float, float]:
-    """Yaw, pitch and roll (z, y', x'' intrinsic) of a world_from_body quaternion."""
-    w, x, y, z = q
-    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
-    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    return math.degrees(yaw), math.degrees(pitch), math.degrees(roll)
+    """Yaw from east to north, pitch and roll: docs/angles.md."""
+    yaw, pitch, roll = np.degrees(rotation.to_yaw_pitch_roll(np.array(q))).tolist()
+    return yaw, pitch, roll
 
 
 def _scaled(counts: Value, lsb: Value) -> list[float] | None:

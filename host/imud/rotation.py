@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Arrays of unit quaternions: w, x, y, z, Hamilton, `world_from_body`.
 
-Quaternions lie along the last axis of an array and broadcast like numbers.
+Quaternions lie along the last axis of an array and broadcast like numbers; so do angles
+(yaw, pitch, roll, radians: docs/angles.md) and the rows of a matrix.
 """
 
 from __future__ import annotations
@@ -12,6 +13,9 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 
 IDENTITY: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])
+
+# Where x is nearer to the vertical, pitch is a quarter turn and roll is 0: euler.h.
+GIMBAL_LOCK_RAD = 1e-5
 
 
 def multiply(left: FloatArray, right: FloatArray) -> FloatArray:
@@ -65,6 +69,80 @@ def from_heading_pitch_roll(
     turns = np.diag([roll_rad, pitch_rad, heading_rad])
     roll, pitch, heading = from_rotation_vector(turns)
     return multiply(heading, multiply(pitch, roll))
+
+
+def to_yaw_pitch_roll(quat: FloatArray) -> FloatArray:
+    """Heading, pitch and roll as from_heading_pitch_roll takes them.
+
+    z-y'-x'' of east-north-up: yaw is from east to north, pitch is x down.
+    """
+    w, x, y, z = np.moveaxis(quat, -1, 0)
+    # The half sum and half difference of yaw and roll: see firmware/core/euler.c.
+    half_sum = np.arctan2(x + z, w - y)
+    half_difference = np.arctan2(z - x, w + y)
+    sum_length = np.hypot(x + z, w - y)
+    difference_length = np.hypot(z - x, w + y)
+    lock = GIMBAL_LOCK_RAD / np.sqrt(2.0)
+    is_down = sum_length < lock
+    is_up = difference_length < lock
+    half_sum = np.where(is_down, half_difference, half_sum)
+    half_difference = np.where(is_up, half_sum, half_difference)
+    pitch = np.arctan2(2.0 * (w * y - z * x), sum_length * difference_length)
+    pitch = np.where(is_down, np.pi / 2, np.where(is_up, -np.pi / 2, pitch))
+    return np.stack(
+        [
+            _wrapped(half_sum + half_difference),
+            pitch,
+            _wrapped(half_sum - half_difference),
+        ],
+        axis=-1,
+    )
+
+
+def to_aerospace(quat: FloatArray) -> FloatArray:
+    """Yaw, pitch and roll of aircraft (ISO 1151-1): of north-east-down, body y and z
+    turned right and down. Yaw is from north to east, pitch is x up.
+    """
+    yaw, pitch, roll = np.moveaxis(to_yaw_pitch_roll(quat), -1, 0)
+    return np.stack([_wrapped(np.pi / 2 - yaw), -pitch, roll], axis=-1)
+
+
+def to_nectec(quat: FloatArray) -> FloatArray:
+    """The same three turns as NECTEC's paper names them: yaw about x, roll about z."""
+    return to_yaw_pitch_roll(quat)[..., ::-1]
+
+
+def to_matrix(quat: FloatArray) -> FloatArray:
+    """The matrix whose columns are the body's axes in the world."""
+    return np.stack([rotate(quat, axis) for axis in np.eye(3)], axis=-1)
+
+
+def from_matrix(matrix: FloatArray) -> FloatArray:
+    """The unit quaternion of a rotation matrix, its largest component positive."""
+    m = np.moveaxis(matrix, (-2, -1), (0, 1))
+    xx, yy, zz = m[0, 0], m[1, 1], m[2, 2]
+    # Four times the products of all components: each row is a multiple of the
+    # quaternion, and the row of its largest component is the best conditioned.
+    wx, wy, wz = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    xy, xz, yz = m[1, 0] + m[0, 1], m[0, 2] + m[2, 0], m[2, 1] + m[1, 2]
+    products = np.array(
+        [
+            [1.0 + xx + yy + zz, wx, wy, wz],
+            [wx, 1.0 + xx - yy - zz, xy, xz],
+            [wy, xy, 1.0 - xx + yy - zz, yz],
+            [wz, xz, yz, 1.0 - xx - yy + zz],
+        ]
+    )
+    products = np.moveaxis(products, (0, 1), (-2, -1))
+    squares = np.diagonal(products, axis1=-2, axis2=-1)
+    largest = np.argmax(squares, axis=-1)[..., None, None]
+    row = np.take_along_axis(products, largest, axis=-2)[..., 0, :]
+    return np.asarray(row / np.linalg.norm(row, axis=-1, keepdims=True))
+
+
+def _wrapped(angle_rad: FloatArray) -> FloatArray:
+    """The same angle in [-pi, pi)."""
+    return np.asarray(np.remainder(angle_rad + np.pi, 2.0 * np.pi) - np.pi)
 
 
 def interpolate(

@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0xCF7119D6
-SEED = 0x19D6  # of the CRC of all messages but hello
+FINGERPRINT = 0x3812759C
+SEED = 0x759C  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -50,6 +50,7 @@ class Event(IntEnum):
     SETTINGS_RESTORED = 11
     TARED = 12
     SETTINGS_FAILED = 13
+    RESTARTED = 14
 
 
 class Cause(IntEnum):
@@ -75,6 +76,7 @@ class Command(IntEnum):
     HELLO = 5
     TARE = 6
     RESET = 7
+    RESTART = 8
 
 
 class Result(IntEnum):
@@ -82,6 +84,15 @@ class Result(IntEnum):
     UNKNOWN_COMMAND = 1
     BAD_ARGUMENT = 2
     NOT_READY = 3
+
+
+class Filter(IntEnum):
+    NONE = 0
+    FUSE = 1
+    COMPLEMENTARY = 2
+    MAHONY = 3
+    MADGWICK = 4
+    DCM_PI = 5
 
 
 class ResetCauseFlags(IntFlag):
@@ -195,6 +206,7 @@ MESSAGES = (
             Field("mag_lsb", 15, "u32", scale=1e-6, unit="uT"),
             Field("boot_count", 16, "u16"),
             Field("reset_cause", 17, "u8", flags=ResetCauseFlags),
+            Field("filter", 18, "u8", enum=Filter),
         ),
     ),
     MessageType(

@@ -116,6 +116,18 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--summary", metavar="FILE", type=Path, help="write the figures as JSON"
     )
     nano.add_argument(
+        "--profile",
+        metavar="FILE",
+        type=Path,
+        help="write whose each cycle is, by function and part, as JSON",
+    )
+    nano.add_argument(
+        "--parts",
+        metavar="FILE",
+        type=Path,
+        help="the parts of the profile: lines START END PART, addresses of flash",
+    )
+    nano.add_argument(
         "--image", metavar="ELF", type=Path, help="firmware (default: as built here)"
     )
     nano.add_argument(
@@ -200,6 +212,8 @@ def command_line(args: argparse.Namespace, link: Path) -> list[str]:
         "--faults": args.faults,
         "--eeprom": args.eeprom,
         "--summary": args.summary,
+        "--profile": args.profile,
+        "--parts": args.parts,
     }
     for option, value in options.items():
         if value is not None:
@@ -219,6 +233,8 @@ def run(args: argparse.Namespace) -> int:
         args.parser.error("--save-motion keeps what a hand did in --seconds N")
     if args.record and not args.motion and not args.seconds:
         args.parser.error("--record needs --seconds N: the hand never stops")
+    if args.parts and not args.profile:
+        args.parser.error("--parts are those of a --profile")
     link = args.link or default_link()
     words = command_line(args, link)
     rate_hz, pieces, seconds = _motion(args)

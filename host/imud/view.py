@@ -87,7 +87,13 @@ def ledger_words(status: dict[str, Any]) -> str:
     return (
         f"{sent} sent = {received} received + {skewed} skewed + {lost} lost; "
         f"{ledger['corrupt']} corrupt, {doubled} duplicated, {dropped} dropped"
-    )
+    ) + (f"; twin {twin_words(status)}" if status["twin"]["state"] != "off" else "")
+
+
+def twin_words(status: dict[str, Any]) -> str:
+    twin = status["twin"]
+    count = f", {twin['differed']} of {twin['compared']}" if twin["differed"] else ""
+    return f"{twin['state']}{count}"
 
 
 def pose_words(name: str, heard: Heard, now_s: float) -> str:
@@ -214,7 +220,10 @@ def show_probes(client: Client, *, as_json: bool) -> int:
         sys.stdout.write("no probe was heard yet\n")
         return 0
     alive = set(client.alive())
-    head = ("probe", "state", "board", "firmware", "rate", "lost", "tilt", "heading")
+    head: tuple[str, ...] = (
+        *("probe", "state", "board", "firmware", "rate", "lost", "tilt", "heading"),
+        "twin",
+    )
     rows = [head, *(_row(status, alive) for status in statuses)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(head))]
     for row in rows:
@@ -241,4 +250,5 @@ def _row(status: dict[str, Any], alive: set[str]) -> tuple[str, ...]:
         f"{lost} of {sent}",
         _sigma(quality["tilt_sigma_deg"]) if is_measured else "-",
         _sigma(quality["heading_sigma_deg"]) if is_measured else "-",
+        twin_words(status),
     )

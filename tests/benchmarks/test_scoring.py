@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -104,3 +105,78 @@ def score_reduced(recording: motion.Motion, every: int) -> scoring.Score:
     estimate = vqf.VQF(every / recording.rate_hz).updateBatch(gyr, acc, mag)["quat9D"]
     times = (np.arange(count) * every + every - 1) / recording.rate_hz
     return scoring.score_at(times, estimate, recording)
+
+
+def still(count: int) -> motion.Motion:
+    """A body that lies as the world does, 100 times a second."""
+    zeros = np.zeros((count, 3))
+    level = np.tile(turned(0.0, 0.0, 0.0), (count, 1))
+    return motion.Motion(100.0, zeros, zeros, zeros, quat=level)
+
+
+def test_coverage_counts_errors_inside_1_96_sigma_and_nulls_apart() -> None:
+    truth = still(100)
+    times = np.arange(100) / 100.0
+    # Tilted by 1 degree throughout, turned by 2.
+    estimate = rotation.multiply(turned(0.0, 0.0, 2.0), turned(0.0, 1.0, 0.0))
+    tilt_sigma = np.full(100, 1.001 / scoring.SIGMAS)
+    tilt_sigma[:30] = 0.999 / scoring.SIGMAS
+    heading_sigma = np.full(100, 5.0)
+    heading_sigma[:40] = np.nan
+    heading_sigma[40:55] = 0.5
+    found = scoring.coverage_at(
+        times, np.repeat(estimate, 100, axis=0), tilt_sigma, heading_sigma, truth
+    )
+    assert found.tilt == pytest.approx(0.70)
+    assert found.tilt_null == 0.0
+    assert found.heading == pytest.approx(45 / 60)
+    assert found.heading_null == pytest.approx(0.40)
+
+
+def test_coverage_leaves_out_what_the_optics_did_not_see_or_does_not_move() -> None:
+    truth = still(100)
+    assert truth.quat is not None
+    truth.quat[80:] = np.nan
+    moving = dataclasses.replace(truth, movement=np.arange(100) >= 60)
+    estimate = np.repeat(turned(0.0, 5.0, 0.0), 100, axis=0)
+    sigma = np.where(np.arange(100) < 70, 0.1, 10.0)
+    times = np.arange(100) / 100.0
+    found = scoring.coverage_at(times, estimate, sigma, sigma, moving)
+    assert found.tilt == pytest.approx(0.5)
+
+
+def test_coverage_where_no_sigma_is_stated_is_unknown_and_spoils_no_mean() -> None:
+    truth = still(10)
+    assert truth.quat is not None
+    nothing = np.full(10, np.nan)
+    times = np.arange(10) / 100.0
+    ones = np.ones(10)
+    unknown = scoring.coverage_at(times, truth.quat, nothing, ones, truth)
+    assert math.isnan(unknown.tilt)
+    assert unknown.tilt_null == 1.0
+    known = scoring.coverage_at(times, truth.quat, ones, ones, truth)
+    mean = scoring.Coverage.mean([unknown, known])
+    assert mean == scoring.Coverage(1.0, 1.0, 0.5, 0.0)
+
+
+def test_each_public_trial_is_in_one_fold_and_each_fold_has_all_groups(
+    shared_data: Path,
+) -> None:
+    trials = [
+        scoring.Trial(path, still(2), scoring.groups_of(path))
+        for path in scoring.find_trials([shared_data / "broad"])
+    ]
+    assert len(trials) == scoring.TRIALS
+    for trial in trials:
+        assert sum(trial.is_in(fold) for fold in scoring.FOLDS) == 1
+    for fold in scoring.FOLDS:
+        members = [trial for trial in trials if trial.is_in(fold)]
+        assert len(members) == 7
+        for group in scoring.GROUPS:
+            assert any(trial.is_in(group) for trial in members)
+
+
+def test_another_recording_is_in_no_fold_whatever_its_number() -> None:
+    own = scoring.Trial(Path("07_own.npz"), still(2), ())
+    assert not any(own.is_in(fold) for fold in scoring.FOLDS)
+    assert own.is_in("all")

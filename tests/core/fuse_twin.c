@@ -5,20 +5,19 @@
 #include <math.h>
 #include <string.h>
 
-#define HISTORY 4
 static const double degree = 3.14159265358979323846 / 180;
 
 struct lowpass3 {
-    double band[3], level[3];
+    double band[4], level[4];
 };
 
-static void lowpass(struct lowpass3 *f, double rate, double tau, const double *in,
-                    int count) {
-    const double g = tan(1 / (rate * tau * sqrt(2)));
+static void lowpass(struct lowpass3 *f, double step_s, double tau, const double *in,
+                    int width, int count) {
+    const double g = tan(step_s / (tau * sqrt(2)));
     const double feedback = 1 / (1 + g * (g + sqrt(2)));
-    for (int i = 0; i < 3; ++i) {
+    for (int i = 0; i < width; ++i) {
         const double error = in[i] - f->level[i];
-        if (count <= (int)(rate * tau)) {
+        if (count <= (int)(tau / step_s + 1e-9)) {
             f->level[i] += error / count;
             continue;
         }
@@ -61,10 +60,6 @@ static void turn_by(const double *rate, double seconds, double *out) {
     }
 }
 
-static double wrap(double angle) {
-    return remainder(angle, 360 * degree);
-}
-
 static double clamp(double value, double limit) {
     return fmax(-limit, fmin(limit, value));
 }
@@ -73,151 +68,328 @@ static double distance(const double *a, const double *b) {
     return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2));
 }
 
+static void matrix_of(const double *q, double matrix[3][3]) {
+    for (int j = 0; j < 3; ++j) {
+        const double unit[3] = {j == 0, j == 1, j == 2};
+        double column[3];
+        rotate(q, unit, column);
+        for (int i = 0; i < 3; ++i) {
+            matrix[i][j] = column[i];
+        }
+    }
+}
+
+// One scalar reading: changes the covariance, gives the gains.
+static void kalman(int states, double *covariance, const double *row, double noise,
+                   double *gain) {
+    double shared[6];
+    double spread = noise;
+    for (int a = 0; a < states; ++a) {
+        shared[a] = 0;
+        for (int b = 0; b < states; ++b) {
+            shared[a] += covariance[a * states + b] * row[b];
+        }
+        spread += row[a] * shared[a];
+    }
+    for (int a = 0; a < states; ++a) {
+        gain[a] = clamp(shared[a] / spread, 1);
+        shared[a] = clamp(shared[a], spread);
+    }
+    for (int a = 0; a < states; ++a) {
+        for (int b = 0; b <= a; ++b) {
+            covariance[a * states + b] -= gain[a] * shared[b];
+            covariance[b * states + a] = covariance[a * states + b];
+        }
+    }
+}
+
+struct twin {
+    double inertial[4], level[4], world[4];
+    double force_sum[3], turn_sum[3];
+    struct lowpass3 force, rest_rate, rest_force, regressor[2];
+    double tilting[2];
+    double bias[3], calibrated[3], scale, motion[16];
+    double rate[3];
+    int frames, rest, looks, rest_axis;
+    double attitude[4], reading[3], rows[3][3];
+    bool has_reading, is_turned;
+    double place[3], own[3], field[36], noise, astray;
+    int learnt;
+};
+
+static void follow_gravity(struct twin *t, double frame_s) {
+    double up[3];
+    rotate(t->level, t->force.level, up);
+    const double norm = sqrt(up[0] * up[0] + up[1] * up[1] + up[2] * up[2]);
+    t->tilting[0] = t->tilting[1] = 0;
+    if (norm < 1) {
+        return;
+    }
+    t->tilting[0] = up[1] / norm / frame_s;
+    t->tilting[1] = -up[0] / norm / frame_s;
+    double turn[4] = {1 + up[2] / norm, up[1] / norm, -up[0] / norm, 0};
+    if (up[0] == 0 && up[1] == 0 && up[2] < 0) {
+        turn[1] = 1;
+    }
+    multiply(turn, t->level, t->level);
+}
+
+static void read_motion(struct twin *t, const double *row, double noise,
+                        double surprise) {
+    double gain[4];
+    kalman(4, t->motion, row, noise, gain);
+    for (int i = 0; i < 3; ++i) {
+        t->bias[i] = clamp(t->bias[i] + gain[i] * surprise, 4);
+    }
+    t->scale = clamp(t->scale + gain[3] * surprise / degree / 500, 0.02);
+}
+
+static void stage_motion(struct twin *t, int axis) {
+    const double *level = t->regressor[axis].level;
+    if (t->frames <= 30) {
+        return;
+    }
+    const double row[4] = {level[0], level[1], level[2],
+                           clamp(level[3] / degree, 750) / 500};
+    read_motion(t, row, 0.3 / 0.1, clamp(t->tilting[axis], 5 * degree));
+}
+
+static void surprise_of(const struct twin *t, double *out) {
+    for (int i = 0; i < 3; ++i) {
+        out[i] = t->reading[i] - t->place[i];
+        for (int j = 0; j < 3; ++j) {
+            out[i] -= t->rows[i][j] * t->own[j];
+        }
+    }
+}
+
+static void learn_place(struct twin *t, bool is_resting) {
+    double away[3];
+    surprise_of(t, away);
+    ++t->learnt;
+    memset(t->field, 0, sizeof t->field);
+    for (int i = 0; i < 3; ++i) {
+        t->place[i] += away[i] / t->learnt;
+        t->field[7 * i] = 0.625 + 0.25 + (is_resting ? 0 : 9);
+        t->field[7 * (i + 3)] = 0.625;
+        for (int j = 0; j < 3; ++j) {
+            t->field[6 * i + 3 + j] = t->field[6 * (3 + j) + i] = -0.625 * t->rows[i][j];
+        }
+    }
+}
+
+static void stage_field(struct twin *t, bool is_resting) {
+    const double frame_s = 0.1;
+    double away[3];
+    if (t->has_reading && t->learnt < 20) {
+        learn_place(t, is_resting);
+        t->has_reading = false;
+        return;
+    }
+    if (t->learnt == 0) {
+        return;
+    }
+    const double wander = t->is_turned ? 40 : t->has_reading ? 0.05 : 0.3;
+    const double turn = (wander + 20 * (t->motion[0] + t->motion[5] + t->motion[10]) / 3) *
+                        degree * degree * frame_s;
+    const double x = clamp(t->place[0], 60);
+    const double y = clamp(t->place[1], 60);
+    if (t->field[0] + t->field[7] < 60) {
+        t->field[0] += turn * y * y;
+        t->field[7] += turn * x * x;
+        t->field[1] -= turn * x * y;
+        t->field[6] = t->field[1];
+    }
+    for (int i = 0; i < 6; ++i) {
+        t->field[7 * i] += i < 3                               ? 0.03 * frame_s
+                           : t->astray > 0.5 && !is_resting ? 16 * frame_s
+                                                                : pow(2, -19);
+        t->field[7 * i] = fmin(t->field[7 * i], 81);
+    }
+    if (!t->has_reading) {
+        return;
+    }
+    double d2 = 0;
+    surprise_of(t, away);
+    for (int i = 0; i < 3; ++i) {
+        away[i] = clamp(away[i], 90);
+        d2 += pow(away[i] / 3, 2);
+    }
+    const double longer = away[0] * (away[0] + 2 * x) + away[1] * (away[1] + 2 * y);
+    t->is_turned =
+        d2 > 8 && fabs(away[2]) < 3 && fabs(longer) < 6 * (fabs(x) + fabs(y));
+    t->noise = 5 / frame_s * sqrt(1 + d2);
+    if (is_resting) {
+        t->noise *= 4;
+    } else {
+        t->astray += ((d2 > 1 && !t->is_turned) - t->astray) / 16;
+    }
+    t->noise = fmin(t->noise, 900);
+}
+
+static void stage_field_axis(struct twin *t, int axis) {
+    double away[3], gain[6];
+    if (!t->has_reading) {
+        return;
+    }
+    const double row[6] = {axis == 0,        axis == 1,        axis == 2,
+                           t->rows[axis][0], t->rows[axis][1], t->rows[axis][2]};
+    surprise_of(t, away);
+    kalman(6, t->field, row, t->noise, gain);
+    for (int i = 0; i < 3; ++i) {
+        t->place[i] = clamp(t->place[i] + gain[i] * clamp(away[axis], 6), 3600);
+        t->own[i] = clamp(t->own[i] + gain[3 + i] * clamp(away[axis], 6), 400);
+    }
+}
+
+static void run_stage(struct twin *t, int stage, int frame) {
+    const bool is_resting = t->rest == 150;
+    double v[4], row[4] = {0, 0, 0, 0};
+    switch (stage) {
+    case 0:
+        ++t->frames;
+        for (int i = 0; i < 3; ++i) {
+            v[i] = t->force_sum[i] / frame;
+            t->force_sum[i] = 0;
+        }
+        lowpass(&t->force, 0.1, 3, v, 3, t->frames);
+        follow_gravity(t, 0.1);
+        break;
+    case 1:
+        multiply(t->level, t->has_reading ? t->attitude : t->inertial, v);
+        matrix_of(v, t->rows);
+        rotate(v, t->reading, t->reading);
+        break;
+    case 2: {
+        double turn[3];
+        for (int i = 0; i < 3; ++i) {
+            turn[i] = t->turn_sum[i] / frame;
+            t->turn_sum[i] = 0;
+            t->motion[5 * i] = fmin(t->motion[5 * i] + 1e-5, 0.25);
+        }
+        t->motion[15] = fmin(t->motion[15] + 1e-5, 2.25);
+        rotate(t->level, turn, turn);
+        for (int i = 0; i < 2; ++i) {
+            for (int j = 0; j < 3; ++j) {
+                v[j] = -t->rows[i][j];
+            }
+            v[3] = turn[i];
+            lowpass(&t->regressor[i], 0.1, 3, v, 4, t->frames);
+        }
+        break;
+    }
+    case 3:
+        if (is_resting) {
+            const int axis = t->rest_axis;
+            row[axis] = 1;
+            read_motion(t, row, 0.03 * 0.03, t->rest_rate.level[axis] - t->bias[axis]);
+            t->rest_axis = (axis + 1) % 3;
+        } else {
+            stage_motion(t, 0);
+        }
+        break;
+    case 4:
+        if (!is_resting) {
+            stage_motion(t, 1);
+        }
+        break;
+    case 5:
+        stage_field(t, is_resting);
+        break;
+    case 9: {
+        const double heading = atan2(t->place[0], t->place[1]);
+        if (hypot(t->place[0], t->place[1]) < 1) {
+            t->learnt = 0;
+        }
+        const double about_z[4] = {cos(heading / 2), 0, 0, sin(heading / 2)};
+        multiply(about_z, t->level, t->world);
+        t->has_reading = false;
+        break;
+    }
+    default:
+        stage_field_axis(t, stage - 6);
+        break;
+    }
+}
+
 void fuse_twin_run(int count, int rate_hz, double gyr_delay_s, const double *gyr,
                    const double *acc, const double *mag, const bool *has_mag,
                    const double *interval_s, int calibrated_at, const double *bias_found,
                    double *quaternions) {
-    const double one[4] = {1, 0, 0, 0};
-    double inertial[4], level[4], product[4], history[HISTORY][4];
-    struct lowpass3 force = {{0}, {0}};
-    struct lowpass3 rest_rate = {{0}, {0}};
-    struct lowpass3 rest_force = {{0}, {0}};
-    struct lowpass3 field_mean = {{0}, {0}};
-    double bias[3] = {0, 0, 0};
-    double calibrated[3] = {0, 0, 0};
-    double reference[2] = {0, 0};
-    double ratio = pow(0.5 / 0.03, 2);
-    double heading = 0;
-    const double heading_max = 1;
-    double variance = heading_max;
-    bool is_heading_known = false;
-    int rest = 0;
-    int looks = 0;
-    bool rest_is_due = false;
-    bool level_is_due = false;
-    bool has_waited = false;
-    int fields = 0;
-    int phase = 0;
-    const int stride = (rate_hz + 199) / 200;
-    const int rest_needed = rate_hz * 3 / 4;
-    memcpy(inertial, one, sizeof one);
-    memcpy(level, one, sizeof one);
+    struct twin t = {.inertial = {1, 0, 0, 0},
+                     .level = {1, 0, 0, 0},
+                     .world = {1, 0, 0, 0},
+                     .motion = {[0] = 0.25, [5] = 0.25, [10] = 0.25, [15] = 2.25}};
+    const int frame = rate_hz / 10;
+    const int stride = frame / 10;
+    int in_frame = 0;
+    int stage = 10;
     for (int k = 0; k < count; ++k) {
-        double rate[3], limited[3], v[3], turn[4];
+        double turn[4], v[3], limited[3];
         if (k == calibrated_at) {
-            memcpy(bias, bias_found, sizeof bias);
-            memcpy(calibrated, bias_found, sizeof bias);
-            ratio = 1.0 / 9;
+            memset(t.motion, 0, 15 * sizeof *t.motion);
+            for (int i = 0; i < 3; ++i) {
+                t.bias[i] = t.calibrated[i] = bias_found[i];
+                t.motion[5 * i] = 1e-4;
+            }
+            for (int i = 0; i < 3; ++i) {
+                t.motion[12 + i] = 0;
+            }
         }
         for (int i = 0; i < 3; ++i) {
             limited[i] = clamp(gyr[3 * k + i], 10);
-            rate[i] = gyr[3 * k + i] - bias[i];
+            t.rate[i] = gyr[3 * k + i] - t.bias[i];
         }
-        turn_by(rate, interval_s[k], turn);
-        multiply(inertial, turn, inertial);
-        rotate(inertial, acc + 3 * k, v);
-        lowpass(&force, rate_hz, 3, v, k + 1);
-        if (k % 2 == 1) {
-            rest_is_due = true;
+        if (k == 0) {
+            memcpy(t.force.level, acc, 3 * sizeof *acc);
+            follow_gravity(&t, 0.1);
+            memcpy(t.world, t.level, sizeof t.world);
         } else {
-            level_is_due = true;
+            turn_by(t.rate, interval_s[k] * (1 + t.scale), turn);
+            multiply(t.inertial, turn, t.inertial);
         }
-        has_waited = k > 0 && has_mag[k] && !has_waited;
-        if (rest_is_due && !has_waited) {
-            rest_is_due = false;
-            ++looks;
-            lowpass(&rest_rate, rate_hz / 2.0, 0.5, limited, looks);
-            lowpass(&rest_force, rate_hz / 2.0, 0.5, acc + 3 * k, looks);
-            bool is_still = distance(limited, rest_rate.level) < 2 * degree &&
-                            distance(acc + 3 * k, rest_force.level) < 0.5;
+        rotate(t.inertial, acc + 3 * k, v);
+        for (int i = 0; i < 3; ++i) {
+            t.force_sum[i] += v[i];
+        }
+        rotate(t.inertial, t.rate, v);
+        for (int i = 0; i < 3; ++i) {
+            t.turn_sum[i] += v[i];
+        }
+        if (has_mag[k] && !t.has_reading && stage % 10 <= 1) {
+            double back[3];
             for (int i = 0; i < 3; ++i) {
-                is_still =
-                    is_still && fabs(rest_rate.level[i] - calibrated[i]) <= 2 * degree;
+                back[i] = clamp(t.rate[i] * -0.0125, 0.3);
             }
-            rest = is_still ? (rest < rest_needed ? rest + 1 : rest) : 0;
-            ratio = fmin(ratio + 2 * 0.01 / 100 / 0.0009 / rate_hz, pow(0.5 / 0.03, 2));
-            if (rest == rest_needed) {
-                const double gain = ratio / (ratio + 1);
-                ratio -= ratio * gain;
-                for (int i = 0; i < 3; ++i) {
-                    bias[i] += (rest_rate.level[i] - bias[i]) * gain;
-                }
-            }
+            turn_by(back, 1, turn);
+            multiply(t.inertial, turn, t.attitude);
+            memcpy(t.reading, mag + 3 * k, sizeof t.reading);
+            t.has_reading = true;
         }
-        if (level_is_due && !has_waited) {
-            level_is_due = false;
-            rotate(level, force.level, v);
-            const double norm = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-            if (norm >= 1) {
-                if (v[2] < 0) {
-                    const double half[4] = {0, 1, 0, 0};
-                    multiply(half, level, level);
-                    v[1] = -v[1];
-                    v[2] = -v[2];
-                }
-                const double c = sqrt((1 + v[2] / norm) / 2);
-                const double up[4] = {c, v[1] / norm / (2 * c), -v[0] / norm / (2 * c), 0};
-                multiply(up, level, level);
+        if ((in_frame + 1) % frame % stride == stride - 1) {
+            ++t.looks;
+            lowpass(&t.rest_rate, 0.01, 0.5, limited, 3, t.looks);
+            lowpass(&t.rest_force, 0.01, 0.5, acc + 3 * k, 3, t.looks);
+            bool is_still = distance(limited, t.rest_rate.level) < 2 * degree &&
+                            distance(acc + 3 * k, t.rest_force.level) < 0.5;
+            for (int i = 0; i < 3; ++i) {
+                is_still = is_still &&
+                           fabs(t.rest_rate.level[i] - t.calibrated[i]) <= 2 * degree;
             }
+            t.rest = is_still ? (t.rest < 150 ? t.rest + 1 : 150) : 0;
         }
-        multiply(level, inertial, product);
-        for (int i = 0; k == 0 && i < HISTORY; ++i) {
-            memcpy(history[i], product, sizeof product);
+        ++in_frame;
+        if (in_frame == frame) {
+            in_frame = 0;
+            stage = 0;
         }
-        if (++phase >= stride) {
-            phase = 0;
-            memmove(history[1], history[0], sizeof history - sizeof history[0]);
-            memcpy(history[0], product, sizeof product);
+        if (stage < 10 && in_frame % stride == 0) {
+            run_stage(&t, stage, frame);
+            ++stage;
         }
-        variance = fmin(variance + 0.3 * degree * degree * interval_s[k], heading_max);
-        if (has_mag[k]) {
-            const double lag = (0.0125 * rate_hz - phase) / stride;
-            const int newer = (int)lag;
-            double mixed[4], f[3];
-            for (int i = 0; i < 4; ++i) {
-                mixed[i] = history[newer][i] +
-                           (history[newer + 1][i] - history[newer][i]) * (lag - newer);
-            }
-            multiply(mixed, one, mixed);
-            rotate(mixed, mag + 3 * k, f);
-            const double now[3] = {sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]), f[2], 0};
-            double weight = 1;
-            const bool is_learning = fields < 200;
-            fields += is_learning;
-            lowpass(&field_mean, 100, 0.3, now, fields);
-            if (is_learning) {
-                reference[0] += (now[0] - reference[0]) / fields;
-                reference[1] += (now[1] - reference[1]) / fields;
-            } else {
-                const double away[2] = {field_mean.level[0] - reference[0],
-                                        field_mean.level[1] - reference[1]};
-                const double d2 = pow(clamp(away[0], 90) / 3, 2) +
-                                  pow(clamp(away[1], 180) / 6, 2);
-                weight = pow(1 / (1 + d2), 3);
-                if (d2 < 1 && rest == 0) {
-                    reference[0] += away[0] * 0.01 / 22;
-                    reference[1] += away[1] * 0.01 / 22;
-                }
-            }
-            if (fabs(f[0]) >= 1 || fabs(f[1]) >= 1) {
-                const double noise = 22 * degree * degree * 100;
-                const double measured = atan2(f[0], f[1]);
-                if (!is_heading_known) {
-                    is_heading_known = true;
-                    heading = measured;
-                    variance = noise;
-                } else {
-                    const double gain = weight * variance / (weight * variance + noise);
-                    const double away = wrap(measured - heading);
-                    heading += (fields < 200 ? away : clamp(away, 15 * degree)) * gain;
-                    variance -= variance * gain;
-                }
-            }
-        }
-        const double about_z[4] = {cos(heading / 2), 0, 0, sin(heading / 2)};
         double *out = quaternions + 4 * k;
-        multiply(about_z, product, out);
-        turn_by(rate, gyr_delay_s - 0.5 / rate_hz, turn);
+        multiply(t.world, t.inertial, out);
+        turn_by(t.rate, gyr_delay_s - 0.5 / rate_hz, turn);
         multiply(out, turn, out);
     }
 }

@@ -115,6 +115,36 @@ void loop_heading(int count, const struct quat *q, turn32_t *out) {
     }
 }
 
+void loop_euler(int count, const struct quat *q, struct euler *out) {
+    for (int i = 0; i < count; ++i) {
+        euler_from_quat(&q[i], &out[i]);
+    }
+}
+
+void loop_aerospace(int count, const struct quat *q, struct euler *out) {
+    for (int i = 0; i < count; ++i) {
+        euler_aerospace(&q[i], &out[i]);
+    }
+}
+
+void loop_nectec(int count, const struct quat *q, struct euler *out) {
+    for (int i = 0; i < count; ++i) {
+        euler_nectec(&q[i], &out[i]);
+    }
+}
+
+void loop_axes(int count, const struct quat *q, struct vector *rows) {
+    for (int i = 0; i < count; ++i) {
+        classic_axes(&q[i], &rows[3 * i]);
+    }
+}
+
+void loop_quat_of_axes(int count, const struct vector *rows, struct quat *out) {
+    for (int i = 0; i < count; ++i) {
+        classic_quat(&rows[3 * i], &out[i]);
+    }
+}
+
 void loop_calibrate(const struct calibration *calibration,
                     const struct calibration_scale *scale, int count,
                     const struct sample *samples, struct measurement *out) {
@@ -125,13 +155,27 @@ void loop_calibrate(const struct calibration *calibration,
 
 void loop_fuse(struct fuse *fuse, int count, const struct measurement *measurements,
                const uint32_t *interval_us, struct quat *orientation,
-               struct quat *level, struct fuse_quality *quality) {
+               struct quat *level, struct attitude_quality *quality) {
     for (int i = 0; i < count; ++i) {
         fuse_step(fuse, &measurements[i], interval_us[i]);
         fuse_orientation(fuse, &orientation[i]);
-        level[i] = fuse->level_from_body;
+        quat_multiply(&fuse->level_from_inertial, &fuse->inertial_from_body, &level[i]);
         fuse_quality(fuse, &quality[i]);
     }
+}
+
+void loop_attitude(struct attitude *attitude, int count,
+                   const struct measurement *measurements, const uint32_t *interval_us,
+                   struct quat *orientation, struct attitude_quality *quality) {
+    for (int i = 0; i < count; ++i) {
+        attitude_step(attitude, &measurements[i], interval_us[i]);
+        attitude_orientation(attitude, &orientation[i]);
+        attitude_quality(attitude, &quality[i]);
+    }
+}
+
+uint8_t loop_kind(const struct attitude *attitude) {
+    return (uint8_t)attitude_kind(attitude);
 }
 
 void loop_pose(struct pose_tracker *tracker, int count, const struct sample *samples,

@@ -6,6 +6,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "attitude.h"
+#include "classic.h"
+#include "euler.h"
 #include "fixed.h"
 #include "fuse.h"
 #include "pose.h"
@@ -38,14 +41,29 @@ void loop_rotate(int count, const struct quat *q, const struct vector *v,
 void loop_from_heading(int count, const turn32_t *heading, struct quat *out);
 void loop_heading(int count, const struct quat *q, turn32_t *out);
 
+void loop_euler(int count, const struct quat *q, struct euler *out);
+void loop_aerospace(int count, const struct quat *q, struct euler *out);
+void loop_nectec(int count, const struct quat *q, struct euler *out);
+void loop_axes(int count, const struct quat *q, struct vector *rows);
+void loop_quat_of_axes(int count, const struct vector *rows, struct quat *out);
+
 void loop_calibrate(const struct calibration *calibration,
                     const struct calibration_scale *scale, int count,
                     const struct sample *samples, struct measurement *out);
 
-// One step a measurement; `level` is level_from_body, which no field may tilt.
+// One step a measurement; `level` is level_from_inertial * inertial_from_body, which
+// no field may tilt.
 void loop_fuse(struct fuse *fuse, int count, const struct measurement *measurements,
                const uint32_t *interval_us, struct quat *orientation,
-               struct quat *level, struct fuse_quality *quality);
+               struct quat *level, struct attitude_quality *quality);
+
+// The same of any filter.
+void loop_attitude(struct attitude *attitude, int count,
+                   const struct measurement *measurements, const uint32_t *interval_us,
+                   struct quat *orientation, struct attitude_quality *quality);
+
+// What an image of one filter has inline.
+uint8_t loop_kind(const struct attitude *attitude);
 
 // One step and one pose a sample; `results` as pose_step() gave them.
 void loop_pose(struct pose_tracker *tracker, int count, const struct sample *samples,

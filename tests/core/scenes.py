@@ -25,7 +25,7 @@ from imud import rotation
 MEASUREMENT = dtype_of("struct measurement")
 SAMPLE = dtype_of("struct sample")
 ORIENTATION = dtype_of("struct quat")
-QUALITY = dtype_of("struct fuse_quality")
+QUALITY = dtype_of("struct attitude_quality")
 
 MAG_HZ = 100
 # What the chips of the house add at rest, root mean square: MPU-9250 data sheet,
@@ -188,3 +188,32 @@ class Filter:
     def bias_deg_s(self) -> Array:
         bias = self.c.bias_rad_s_q25
         return np.array([bias.x, bias.y, bias.z]) / RATE / DEGREE
+
+
+class Attitude:
+    """A `struct attitude` of the filter that is named, and what it says."""
+
+    def __init__(self, name: str, rate_hz: int = 200, gyr_delay_us: int = 3900) -> None:
+        self.c = ffi.new("struct attitude *")
+        # What memory held before must not matter.
+        ffi.memmove(self.c, b"\xa5" * ffi.sizeof(self.c[0]), ffi.sizeof(self.c[0]))
+        kind = getattr(lib, f"FILTER_{name.upper()}")
+        lib.attitude_init(self.c, kind, rate_hz, gyr_delay_us)
+
+    def run(self, measurements: Array, interval_us: Array) -> tuple[Array, Array]:
+        """Orientations as stored, and the qualities."""
+        count = len(measurements)
+        orientation = np.zeros(count, ORIENTATION)
+        quality = np.zeros(count, QUALITY)
+        call(
+            lib.loop_attitude,
+            *(self.c, count, measurements, interval_us, orientation, quality),
+        )
+        return orientation, quality
+
+    def feel(self, scene: Scene) -> tuple[Array, Array]:
+        return self.run(scene.measurements(), scene.interval_us)
+
+    def set_bias(self, bias_deg_s: tuple[float, float, float]) -> None:
+        steps = rounded(np.array(bias_deg_s) * DEGREE * RATE).tolist()
+        lib.attitude_set_bias(self.c, ffi.new("struct vector *", steps))

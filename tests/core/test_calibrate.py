@@ -164,7 +164,7 @@ def test_a_mean_of_counts_becomes_a_rate_as_single_counts_do():
     lib.calibrate_rate(
         calibration_of(matrix, bias),
         ffi.new("struct calibration_scale *", lib.calibration_scale_of(MPU9250)),
-        (mean * 2**14).astype(int).tolist(),
+        (mean * 2**16).astype(int).tolist(),
         out,
     )
     wanted = (matrix / 2**14) @ (mean - bias / 2**14) * lsb(MPU9250, "gyr")
@@ -217,7 +217,7 @@ DONE, PENDING, MOVED = (
 GYR_LSB_DEG_S = lsb(MPU9250, "gyr") / DEGREE
 ACC_LSB_G = lsb(MPU9250, "acc") / desk.G
 # What calibrate.h allows, in whole counts of the MPU-9250.
-SPAN_MAX, BIAS_COUNTS_MAX, TURN_MAX = 49, 327, 17 * 256
+SPAN_MAX, BIAS_COUNTS_MAX, TURN_MAX = 49, 327, 18 * 256 - 1
 
 
 class Calibrator:
@@ -238,7 +238,7 @@ class Calibrator:
 
     @property
     def mean_counts(self) -> desk.Array:
-        return np.array(list(self.mean)) / 2**14
+        return np.array(list(self.mean)) / 2**16
 
 
 def resting(
@@ -317,7 +317,8 @@ def test_a_turn_of_one_degree_a_second_about_a_horizontal_axis_is_refused(axis):
 @pytest.mark.parametrize("sign", [1, -1])
 def test_the_vertical_may_turn_by_half_a_degree_between_the_halves(axis, sign):
     samples = still()
-    samples["acc"][WINDOW // 2 :, axis] += sign * TURN_MAX // 256
+    samples["acc"][WINDOW // 2 :, axis] += sign * (TURN_MAX // 256)
+    samples["acc"][-1, axis] += sign * (TURN_MAX % 256)
     assert Calibrator().feed(samples) == ACCEPTED
     samples["acc"][-1, axis] += sign
     assert Calibrator().feed(samples)[-1] == MOVED

@@ -347,3 +347,13 @@ def test_sine_and_cosine_of_whole_quarters_are_exact_and_never_above_one():
     ):
         lib.fixed_sincos(quarters * one, sine, cosine)
         assert (sine[0], cosine[0]) == wanted
+
+
+def test_exp_is_within_4e_7_from_nothing_to_the_end_of_its_range():
+    grid = np.geomspace(1, INT32_MAX, 20_000).astype(np.int64)
+    whole = np.arange(40) * math.log(2) * 2**21  # where the power of two changes
+    near = [round(x) + off for x in whole.tolist() for off in (-2, -1, 0, 1, 2)]
+    for x in sorted({0, INT32_MAX, *grid.tolist(), *(x for x in near if x >= 0)}):
+        found = lib.fixed_exp_neg(x) / ONE
+        assert abs(found - math.exp(-x / 2**21)) < 4e-7
+        assert 0 <= found <= 1 + 7e-8

@@ -32,7 +32,7 @@ class Tracker:
         self.c = ffi.new("struct pose_tracker *")
         size = ffi.sizeof(self.c[0])
         ffi.memmove(self.c, bytes([fill]) * size, size)
-        lib.pose_begin(self.c, desk.UNCALIBRATED, MPU9250)
+        assert lib.pose_begin(self.c, desk.UNCALIBRATED, MPU9250, lib.FILTER_FUSE)
 
     def feel(self, samples: desk.Array) -> tuple[desk.Array, desk.Array]:
         """A pose and a result a sample."""
@@ -106,7 +106,7 @@ def test_the_calibration_comes_once_after_its_window_and_removes_the_bias():
     uncalibrated = has(poses, lib.POSE_UNCALIBRATED)
     assert uncalibrated[:done].all()
     assert not uncalibrated[done:].any()
-    found = tracker.c.fuse.calibrated_rad_s_q25
+    found = tracker.c.attitude.fuse.calibrated_rad_s_q25
     found_deg_s = np.array([found.x, found.y, found.z]) / desk.RATE / DEGREE
     assert np.abs(found_deg_s - bias).max() < 0.02
     level = np.tile(rotation.IDENTITY, (len(poses), 1))

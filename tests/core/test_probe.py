@@ -231,6 +231,16 @@ def streaming(seconds: float = 0.0) -> Bench:
     return bench.run(seconds)
 
 
+def poses_of(samples: desk.Array, kind: int = lib.FILTER_FUSE) -> desk.Array:
+    """A pose a sample of a tracker that begins with them."""
+    tracker = ffi.new("struct pose_tracker *")
+    assert lib.pose_begin(tracker, desk.UNCALIBRATED, MPU9250, kind)
+    poses = np.zeros(len(samples), desk.dtype_of("struct message_pose"))
+    results = np.zeros(len(samples), np.int32)
+    desk.call(lib.loop_pose, tracker, len(samples), samples, poses, results)
+    return poses
+
+
 def sequences_of(bench: Bench) -> list[int]:
     return [message.sequence for message in bench.messages]
 
@@ -707,6 +717,74 @@ def test_a_tare_needs_a_sample_and_an_origin_that_exists():
     assert [event for event, *_ in bench.events()].count(lib.EVENT_TARED) == 1
 
 
+def test_a_restart_begins_calibration_filter_and_origin_anew_with_the_next_sample():
+    bench = streaming(2)
+    assert bench.command(lib.COMMAND_TARE, 0)[0] == OK
+    assert bench.command(lib.COMMAND_RATE, 0, 200)[0] == OK
+    assert bench.command(lib.COMMAND_RESTART) == (OK, [lib.FILTER_FUSE, 0])
+    restarted = (lib.EVENT_RESTARTED, lib.CAUSE_COMMAND, lib.FILTER_FUSE)
+    assert bench.events()[-1] == restarted
+    told, sent = len(bench.events()), len(bench.of("pose"))
+    samples = scene(tumble(8, 200, 6), 200, seed=3).samples(MPU9250)
+    bench.samples = iter(samples)
+    begun_us = bench.time_us
+    bench.run(8)
+    assert bench.events()[told:] == [
+        (lib.EVENT_CALIBRATION_DONE, lib.CAUSE_NONE, lib.CALIBRATOR_SAMPLES)
+    ]
+    # As a probe that has only just been switched on.
+    samples["time_us"] = begun_us + STEP_US * (1 + np.arange(len(samples)))
+    poses = poses_of(samples)
+    for name in ("q", "tilt_sigma", "heading_sigma", "pose_flags"):
+        found = [pose.fields[name] for pose in bench.of("pose")[sent:]]
+        assert found == poses[name].tolist()
+    first = bench.of("pose")[sent].fields["pose_flags"]
+    assert first & lib.POSE_STARTING
+    assert first & lib.POSE_UNCALIBRATED
+    assert not first & lib.POSE_TARED
+
+
+@pytest.mark.parametrize("kind", range(lib.FILTER_FUSE, lib.FILTER_DCM_PI + 1))
+def test_a_restart_may_choose_another_filter_which_stays(kind):
+    bench = streaming(0.1)
+    bench.command(lib.COMMAND_RATE, 0, 200)
+    samples = scene(tumble(5, 200, 6), 200, seed=3).samples(MPU9250)
+    # The second time it is the same that is not named.
+    for wanted in (kind, 0):
+        assert bench.command(lib.COMMAND_RESTART, wanted) == (OK, [kind, 0])
+        assert bench.events()[-1] == (lib.EVENT_RESTARTED, lib.CAUSE_COMMAND, kind)
+        sent = len(bench.of("pose"))
+        samples["time_us"] = bench.time_us + STEP_US * (1 + np.arange(len(samples)))
+        bench.samples = iter(samples)
+        bench.run(5)
+        found = [pose.fields["q"] for pose in bench.of("pose")[sent:]]
+        assert found == poses_of(samples, kind)["q"].tolist()
+        assert bench.of("hello")[-1].fields["filter"] == kind
+    refused = bench.command(lib.COMMAND_RESTART, 6)
+    assert refused == (BAD, [kind, 0])
+
+
+def test_a_restart_makes_an_idle_probe_calibrate_again():
+    bench = Bench().find_sensor().run(3)
+    assert bench.state == lib.STATE_IDLE
+    bench.command(lib.COMMAND_RESTART)
+    assert bench.state == lib.STATE_CALIBRATING
+    bench.run(3)
+    assert bench.state == lib.STATE_IDLE
+
+
+def test_a_restart_needs_a_sensor_and_a_filter_that_exists():
+    bench = Bench()
+    assert bench.of("hello")[0].fields["filter"] == lib.FILTER_FUSE
+    assert bench.command(lib.COMMAND_RESTART) == (NOT_READY, [lib.FILTER_FUSE, 0])
+    bench.find_sensor().run(3)
+    for wanted in (-1, 6, 257, 2**31 - 1, -(2**31)):
+        refused = bench.command(lib.COMMAND_RESTART, wanted)
+        assert refused == (BAD, [lib.FILTER_FUSE, 0])
+    assert bench.state == lib.STATE_IDLE
+    assert lib.EVENT_RESTARTED not in [event for event, *_ in bench.events()]
+
+
 def test_a_reset_is_replied_to_before_it_is_wanted_of_the_board():
     bench = Bench()
     assert not bench.c.wants_reset
@@ -714,7 +792,7 @@ def test_a_reset_is_replied_to_before_it_is_wanted_of_the_board():
     assert bench.c.wants_reset
 
 
-@pytest.mark.parametrize("command", [0, 8, 99, 255])
+@pytest.mark.parametrize("command", [0, 9, 99, 255])
 def test_a_command_that_nobody_knows_is_refused(command):
     assert Bench().command(command, 3, 4) == (UNKNOWN, [3, 4])
 
@@ -864,11 +942,7 @@ def test_the_streamed_poses_are_those_of_a_tracker_fed_with_the_same_samples():
     bench.samples = iter(samples)
     bench.run(12)
     samples["time_us"] = STEP_US * (1 + np.arange(len(samples)))
-    tracker = ffi.new("struct pose_tracker *")
-    lib.pose_begin(tracker, desk.UNCALIBRATED, MPU9250)
-    poses = np.zeros(len(samples), desk.dtype_of("struct message_pose"))
-    results = np.zeros(len(samples), np.int32)
-    desk.call(lib.loop_pose, tracker, len(samples), samples, poses, results)
+    poses = poses_of(samples)
     sent = bench.of("pose")
     assert [pose.time_us for pose in sent] == samples["time_us"].tolist()
     for name in ("q", "tilt_sigma", "heading_sigma", "pose_flags"):

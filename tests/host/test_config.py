@@ -14,6 +14,7 @@ WHOLE = """
 ports = ["/dev/ttyUSB0", "/dev/ttyUSB1"]
 baud = 115200
 prefix = "lab/imud"
+twin = true
 listen = ["tcp/127.0.0.1:7500"]
 [log]
 enabled = true
@@ -38,7 +39,7 @@ def test_arguments_win_over_the_file_and_the_file_over_defaults(tmp_path: Path) 
     assert config.ports == ("/dev/x",)
     assert config.listen == ("tcp/127.0.0.1:1",)
     assert (config.log.dir, config.log.enabled) == ("l", True)
-    assert config.prefix == "lab/imud"
+    assert (config.prefix, config.twin) == ("lab/imud", True)
     assert not load(file, is_logging=False).log.enabled
 
 
@@ -47,6 +48,8 @@ def test_nothing_said_is_loopback_and_a_log() -> None:
     assert config == Config(ports=("/dev/x",))
     assert config.listen == ("tcp/127.0.0.1:7447",)
     assert config.log.enabled
+    assert not config.twin
+    assert load(None, ports=["/dev/x"], is_twin=True).twin
 
 
 @pytest.mark.parametrize(
@@ -59,6 +62,7 @@ def test_nothing_said_is_loopback_and_a_log() -> None:
         ("ports = ['a']\n[log]\nfolder = 'x'", r"`folder` - at `\$.log`"),
         ("ports = ['a']\n[log]\nenabled = 'yes'", r"at `\$.log.enabled`"),
         ("ports = ['a']\nbaud = 0", "baud 0"),
+        ("ports = ['a']\ntwin = 1", r"at `\$.twin`"),
         ("ports = ['a']\nprefix = 'a/*'", "prefix 'a/\\*'"),
         ("ports = ['a']\nlisten = []", "listen is empty"),
         ("ports = ['a']\n[names]\nstylus = 'x'", "names.stylus: an id is 16"),

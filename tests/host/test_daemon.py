@@ -19,7 +19,7 @@ import pytest
 
 import reference
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_endpoint
-from imud import _core, cli, daemon, schema
+from imud import _core, cli, daemon, messages, schema
 from imud.client import Client
 from imud.daemon import Limiter, arguments_of
 from imud.errors import CommandRefused, DaemonNotFound, NoReply, ProbeUnknown
@@ -214,6 +214,8 @@ def test_late_joiners_ask_for_status_and_see_who_is_alive(chain: Chain) -> None:
         ("fields", {"streams": "pose,raw"}, (3, 0)),
         ("hello", {}, (0, 0)),
         ("reset", {}, (0, 0)),
+        ("restart", {}, (0, 0)),
+        ("restart", {"filter": "madgwick"}, (4, 0)),
     ],
 )
 def test_commands_become_two_numbers(
@@ -230,6 +232,8 @@ def test_commands_become_two_numbers(
         ("rate", {"stream": "pose"}, "rate needs stream"),
         ("rate", {"stream": "pose", "hz": "fast"}, "rate needs stream"),
         ("fields", {"streams": "mag"}, "fields needs streams"),
+        ("restart", {"filter": "none"}, "restart needs filter=fuse, complementary"),
+        ("restart", {"with": "fuse"}, "restart knows no with"),
     ],
 )
 def test_commands_that_make_no_sense_are_refused(
@@ -331,6 +335,123 @@ def test_a_probe_has_the_name_that_the_configuration_gives_it(tmp_path: Path) ->
             made.client.wait_for("needle", seconds=0.1)
     finally:
         made.close()
+
+
+# The twin.
+
+
+@pytest.fixture
+def twinned(tmp_path: Path) -> Iterator[Chain]:
+    made = Chain(tmp_path, "--twin")
+    yield made
+    made.close()
+
+
+class Truth:
+    """Samples of a fake probe and the poses that a true one makes of them."""
+
+    def __init__(self, probe: FakeProbe) -> None:
+        self.probe = probe
+        hello = messages.encode("hello", probe.hello_fields, 0, 0)
+        self.replay = _core.Replay(hello)
+        self.time_us = probe.time_us
+
+    def sample(self, flip: int = 0) -> bytes:
+        """A raw message and a pose, of whose x some bits are flipped."""
+        probe, time_us = self.probe, self.time_us
+        probe.time_us = time_us  # whatever else was said since the last one
+        self.time_us += 5000
+        raw = probe.content("raw", gyr=(time_us // 5000 % 7, -3, 2))
+        self.replay.step(raw)
+        pose = bytearray(self.replay.pose(probe.sequence, time_us))
+        pose[14] ^= flip
+        probe.sequence += 1
+        contents = (raw, bytes(pose))
+        return b"".join(_core.encode_frame(schema.SEED, each) for each in contents)
+
+
+def twin_when(chain: Chain, is_so: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    found: dict[str, Any] = chain.status_when(lambda s: is_so(s["twin"]))["twin"]
+    return found
+
+
+def test_the_twin_asks_follows_tells_a_difference_and_a_loss(
+    twinned: Chain, capsys: pytest.CaptureFixture[str]
+) -> None:
+    chain, probe, port = twinned, twinned.probe, twinned.port
+    truth = Truth(probe)
+    told = chain.hear("twin")
+    # It asks for a raw message a sample, then for a beginning.
+    port.write(probe.say("pose"))
+    port.serve(probe, commands=2)
+    asked = [(c["command"], c["arguments"]) for c in probe.commands[1:]]
+    assert asked == [("rate", (1, 200)), ("fields", (3, 0))]
+    port.write(truth.sample() + truth.sample())
+    port.serve(probe, commands=1)
+    assert probe.commands[-1]["command"] == "restart"
+    began = probe.sequence - 2
+    chain.daemon.expect(f"its twin follows from #{began} on$")
+    truth.replay.restart(schema.Filter.FUSE)
+    port.write(b"".join(truth.sample() for _ in range(100)))
+    tare = chain.command("tare", what="heading")
+    assert tare["ok"]
+    truth.replay.origin(1)
+    port.write(b"".join(truth.sample() for _ in range(100)))
+    twin = twin_when(chain, lambda t: t["compared"] == 200)
+    assert twin == {
+        **{"state": "following", "compared": 200, "differed": 0},
+        **{"lost": None, "first_difference": None},
+    }
+    # It tells the first pose that differs, and counts the others.
+    struck = probe.sequence + 1
+    port.write(truth.sample(flip=1) + truth.sample() + truth.sample(flip=2))
+    chain.daemon.expect(f"pose #{struck} is not what its samples give: q differ$")
+    twin = twin_when(chain, lambda t: t["compared"] == 203)
+    assert (twin["state"], twin["differed"]) == ("differs", 2)
+    first = twin["first_difference"]
+    assert (first["seq"], first["fields"]) == (struck, ["q"])
+    said, computed = (bytes.fromhex(first[name]) for name in ("probe", "twin"))
+    assert said[14] ^ computed[14] == 1
+    assert said[:14] + said[15:] == computed[:14] + computed[15:]
+    assert cli.main(["list", "--connect", chain.daemon.endpoint]) == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert shown[0].endswith("  twin")
+    assert shown[1].endswith("  differs, 2 of 203")
+    # A loss is none.
+    lost = probe.sequence
+    assert truth.sample()
+    port.write(truth.sample() + truth.sample())
+    chain.daemon.expect(f"its twin can't follow from #{lost} on: a message is missing")
+    twin = twin_when(chain, lambda t: t["state"] == "lost")
+    assert (twin["lost"]["seq"], twin["differed"]) == (lost, 2)
+    # A restart by whomever begins anew.
+    assert chain.command("restart")["ok"]
+    chain.daemon.expect("its twin follows from")
+    assert twin_when(chain, lambda t: t["state"] == "following")["lost"] is None
+    states = [json.loads(told.get(timeout=PATIENCE_S)) for _ in range(4)]
+    assert [each["state"] for each in states] == [
+        *("following", "differs", "lost", "following")
+    ]
+    assert states[1]["seq"] == struck
+    assert states[1]["first_difference"] == first
+    chain.daemon.stop()
+    assert "2 of 203 poses differ" in chain.daemon.lines[-1]
+
+
+def test_a_twin_that_is_not_served_says_so_once(twinned: Chain) -> None:
+    chain = twinned
+    chain.probe.results["fields"] = "not_ready"
+    for _ in range(2):
+        chain.port.write(chain.probe.say("pose"))
+    chain.port.serve(chain.probe, commands=2)
+    chain.daemon.expect("its twin can't begin: probe .* refused fields: not ready")
+    assert twin_when(chain, lambda _: True)["state"] == "waiting"
+    chain.daemon.stop()
+    assert sum("can't begin" in line for line in chain.daemon.lines) == 1
+
+
+def test_no_twin_is_off(chain: Chain) -> None:
+    assert twin_when(chain, lambda _: True)["state"] == "off"
 
 
 # What goes wrong with a port: one clear line each, and the daemon goes on.
@@ -515,6 +636,27 @@ def test_tare_from_the_command_line(
     assert chain.probe.commands[-1]["arguments"] == (2, 0)
 
 
+def test_restart_from_the_command_line(
+    chain: Chain, capsys: pytest.CaptureFixture[str]
+) -> None:
+    connect = ["--connect", chain.daemon.endpoint]
+    server = threading.Thread(target=chain.port.serve, args=(chain.probe, 1))
+    server.start()
+    assert cli.main(["restart", "--filter", "mahony", *connect]) == 0
+    server.join(PATIENCE_S)
+    assert capsys.readouterr().out == f"{chain.probe.name}: restart done\n"
+    assert chain.probe.commands[-1]["arguments"] == (3, 0)
+    chain.probe.results["restart"] = "bad_argument"
+    server = threading.Thread(target=chain.port.serve, args=(chain.probe, 1))
+    server.start()
+    assert cli.main(["restart", "--filter", "dcm_pi", *connect]) == 1
+    server.join(PATIENCE_S)
+    assert capsys.readouterr().err == (
+        f"imud: probe {chain.probe.name} has no filter dcm_pi: its firmware was built "
+        "without it and runs fuse\n"
+    )
+
+
 def test_no_pose_is_one_line(chain: Chain, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["listen", "--seconds", "0.2", "--connect", chain.daemon.endpoint]
     assert cli.main(arguments) == 1
@@ -540,7 +682,10 @@ def test_an_endpoint_that_is_none_is_one_line() -> None:
 
 @pytest.mark.parametrize(
     "command",
-    [[], ["run"], ["listen"], ["list"], ["start"], ["stop"], ["tare"], ["decode"]],
+    [
+        *([], ["run"], ["listen"], ["list"], ["start"], ["stop"], ["tare"]),
+        *(["restart"], ["decode"]),
+    ],
 )
 def test_every_command_has_help_with_an_example(
     command: list[str], capsys: pytest.CaptureFixture[str]
@@ -553,7 +698,13 @@ def test_every_command_has_help_with_an_example(
 
 @pytest.mark.parametrize(
     "command",
-    [[], ["fly"], ["listen", "--seconds", "0"], ["run", "--log", "a", "--no-log"]],
+    [
+        [],
+        ["fly"],
+        ["listen", "--seconds", "0"],
+        ["run", "--log", "a", "--no-log"],
+        ["restart", "--filter", "none"],
+    ],
 )
 def test_wrong_usage_is_exit_code_2(
     command: list[str], capsys: pytest.CaptureFixture[str]

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from fakes import FakeProbe
-from imud.view import PIPE_S, TERMINAL_S, Heard, Screen
+from imud.view import PIPE_S, TERMINAL_S, Heard, Screen, ledger_words
 
 POSE: dict[str, Any] = {
     "q": [1.0, 0.0, 0.0, 0.0],
@@ -27,7 +27,8 @@ STATUS: dict[str, Any] = {
         "corrupt": 3,
         "dropped": {"log": 0, "zenoh": 4},
         "earlier_boots": EARLIER | {"skewed": {}},
-    }
+    },
+    "twin": {"state": "off", "compared": 0, "differed": 0},
 }
 
 
@@ -73,6 +74,19 @@ def test_a_pipe_gets_plain_lines_under_one_heading() -> None:
         "  14 sent = 11 received + 1 skewed + 2 lost; "
         "3 corrupt, 1 duplicated, 4 dropped"
     )
+
+
+@pytest.mark.parametrize(
+    ("state", "differed", "words"),
+    [
+        ("off", 0, "4 dropped"),
+        ("waiting", 0, "4 dropped; twin waiting"),
+        ("following", 3, "4 dropped; twin following, 3 of 50"),
+    ],
+)
+def test_the_twin_is_a_word(state: str, differed: int, words: str) -> None:
+    twin = {"state": state, "compared": 50, "differed": differed}
+    assert ledger_words(STATUS | {"twin": twin}).endswith(words)
 
 
 def test_the_rate_is_that_of_the_last_second() -> None:

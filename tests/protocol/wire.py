@@ -57,18 +57,10 @@ def crc(seed: int, data: bytes) -> int:
 
 
 def encode_frame(seed: int, content: bytes) -> bytes:
-    size = len(content) + lib.FRAME_BYTES_MAX - lib.FRAME_CONTENT_MAX
-    room = ffi.new("uint8_t[]", size + len(GUARD))
-    ffi.memmove(room + size, GUARD, len(GUARD))
-    length = lib.frame_encode(seed, content, len(content), room)
+    size = len(content) + lib.FRAME_AROUND
+    room = ffi.new("uint8_t[]", list(b"\xa5" + content + bytes(3) + GUARD))
+    length = lib.frame_encode(seed, room, len(content))
     assert bytes(room[size : len(room)]) == GUARD
-    return bytes(room[0:length])
-
-
-def encode_frame_in_place(seed: int, content: bytes) -> bytes:
-    size = len(content) + lib.FRAME_BYTES_MAX - lib.FRAME_CONTENT_MAX
-    room = ffi.new("uint8_t[]", b"\xa5" + content + GUARD[: size - len(content) - 1])
-    length = lib.frame_encode(seed, room + 1, len(content), room)
     return bytes(room[0:length])
 
 
@@ -78,7 +70,8 @@ class Decoder:
     def __init__(self, seed: int) -> None:
         self.c = ffi.new("struct frame_decoder *")
         self._length = ffi.new("uint8_t *")
-        lib.frame_decoder_init(self.c, seed, HELLO_ID)
+        self._bytes = ffi.new("uint8_t[]", lib.FRAME_CONTENT_MAX + lib.FRAME_CRC)
+        lib.frame_decoder_init(self.c, seed, HELLO_ID, self._bytes, len(self._bytes))
 
     def feed(self, data: Iterable[int]) -> list[bytes | str]:
         found: list[bytes | str] = []

@@ -4,38 +4,25 @@
 from __future__ import annotations
 
 import itertools
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from imud import _core, motion
-from system.virtual import FIELDS_ALL, Run, Stub, run, send
+from imud import motion
+from system.virtual import (
+    FIELDS_ALL,
+    Run,
+    Stub,
+    assert_nothing_is_lost,
+    run,
+    send,
+    write_hand,
+)
 
 CLICK = ("--press", "200000:300000")  # before the sensor is ready
 RAW_TOO = ("--send", f"320000:{FIELDS_ALL}")
 SAMPLE_CYCLES = 80_000  # 16 MHz at 200 Hz
-
-
-def write_hand(path: Path, seconds: float, seed: int = 3) -> Path:
-    """A hand that moves the probe, as the simulator's stream."""
-    hand = motion.generate(seconds, seed=seed)
-    with path.open("wb") as file:
-        motion.write_stream(file, [hand], count=len(hand))
-    return path
-
-
-def assert_nothing_is_lost(done: Run) -> None:
-    summary = done.summary
-    assert not summary["crashed"]
-    assert summary["firmware_complaint"] is None
-    assert summary["sensor_complaint"] is None
-    assert summary["late"] == 0
-    assert done.last_status["overruns"] == 0
-    assert done.last_status["messages_dropped"] == 0
-    assert done.account["lost"] == 0
-    assert len(done.contents) == summary["frames"]
 
 
 # The button and commands.
@@ -129,26 +116,6 @@ def test_noise_on_the_wire_is_counted_and_a_command_behind_it_obeyed(
     assert ("stream_started", "command") in done.events
     assert done.last_status["commands_bad"] > 0
     assert done.last_status["commands_received"] == 1
-
-
-# The same bits everywhere.
-
-
-def test_the_host_computes_a_minute_of_poses_to_the_last_bit(stub: Stub) -> None:
-    hand = write_hand(stub.folder / "hand", 62)
-    done = run(stub, 62, "--motion", hand, *CLICK, *RAW_TOO)
-    assert_nothing_is_lost(done)
-    compared = 0
-    for content, message in zip(done.contents, done.messages, strict=True):
-        if message.name == "hello" and message.fields["sample_rate"] and not compared:
-            replay = _core.Replay(content)
-        elif message.name == "raw":
-            replay.step(content)
-        elif message.name == "pose":
-            again = replay.pose(message.sequence, message.time_us)
-            assert again == content, f"pose #{message.sequence}"
-            compared += 1
-    assert compared > 6000
 
 
 # The budget, promise 4.

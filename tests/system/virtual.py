@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from imud import decode, schema
+from imud import decode, motion, schema
 from imud.frame import FrameDecoder, encode_frame
 from imud.messages import Message, encode
 from imud.messages import decode as decode_content
@@ -98,3 +98,23 @@ def run(
     )
     assert done.returncode == code, done.stderr
     return Run(record, json.loads(summary.read_text()), done.returncode)
+
+
+def write_hand(path: Path, seconds: float, seed: int = 3) -> Path:
+    """A hand that moves the probe, as the simulator's stream."""
+    hand = motion.generate(seconds, seed=seed)
+    with path.open("wb") as file:
+        motion.write_stream(file, [hand], count=len(hand))
+    return path
+
+
+def assert_nothing_is_lost(done: Run) -> None:
+    summary = done.summary
+    assert not summary["crashed"]
+    assert summary["firmware_complaint"] is None
+    assert summary["sensor_complaint"] is None
+    assert summary["late"] == 0
+    assert done.last_status["overruns"] == 0
+    assert done.last_status["messages_dropped"] == 0
+    assert done.account["lost"] == 0
+    assert len(done.contents) == summary["frames"]

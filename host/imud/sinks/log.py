@@ -2,7 +2,7 @@
 """The log: MCAP files that can be read up to 0.25 s before a kill -9.
 
 Channels are named as Zenoh's keys. `frame` holds every good message as received and
-is the truth; pose, raw, event and status hold JSON for other people's tools.
+is the truth; pose, raw, event, twin and status hold JSON for other people's tools.
 """
 
 from __future__ import annotations
@@ -101,6 +101,14 @@ JSON_SCHEMAS: dict[str, dict[str, Any]] = {
     ),
     "event": _object(
         **_HEAD, event={"type": "string"}, cause={"type": "string"}, detail=_COUNT
+    ),
+    "twin": _object(
+        **_HEAD,
+        state={"type": "string"},
+        compared=_COUNT,
+        differed=_COUNT,
+        lost={"type": ["object", "null"]},
+        first_difference={"type": ["object", "null"]},
     ),
     "status": _object(type={"type": "string"}, probe={"type": "string"}),
 }

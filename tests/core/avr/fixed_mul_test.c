@@ -5,9 +5,9 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#include "core/fixed.h"
+#include "core/quat.h"
 
-enum { BATCHES = 25, BATCH = 4096 };
+enum { BATCHES = 25, BATCH = 1024 };
 
 static const int32_t edges[] = {
     0,           1,          -1,
@@ -19,7 +19,7 @@ static const int32_t edges[] = {
     INT32_MAX,   INT32_MIN,  INT32_MIN + 1,
 };
 
-static uint32_t hashes[4];
+static uint32_t hashes[6];
 
 static int put(char byte, FILE *file) {
     (void)file;
@@ -33,6 +33,13 @@ static void mix(uint32_t *hash, uint32_t result) {
     *hash = (*hash << 7 | *hash >> 25) + result;
 }
 
+static void mix_words(uint32_t *hash, const void *words, uint8_t count) {
+    const uint32_t *word = words;
+    while (count-- > 0) {
+        mix(hash, *word++);
+    }
+}
+
 static void multiply(uint32_t a, uint32_t b) {
     mix(&hashes[0], (uint32_t)fixed_mul_q30((int32_t)a, (int32_t)b));
     mix(&hashes[1], (uint32_t)fixed_mul_q32((int32_t)a, (int32_t)b));
@@ -40,6 +47,14 @@ static void multiply(uint32_t a, uint32_t b) {
     const int32_t v[3] = {(int32_t)a, (int32_t)b, (int32_t)(a ^ b)};
     const int16_t m[3] = {(int16_t)(b >> 8), (int16_t)a, (int16_t)(a + b)};
     mix(&hashes[3], (uint32_t)fixed_dot3_q14(v, m));
+    // In place, as the filter does.
+    struct quat p = {v[0], v[1], v[2], (int32_t)(a + b)};
+    const struct quat q = {v[1], v[2], (int32_t)(a - b), v[0]};
+    quat_multiply(&p, &q, &p);
+    mix_words(&hashes[4], &p, 4);
+    struct vector turned = {v[0], v[1], v[2]};
+    quat_rotate(&q, &turned, &turned);
+    mix_words(&hashes[5], &turned, 3);
 }
 
 // Marsaglia's xorshift32.
@@ -51,8 +66,11 @@ static uint32_t draw(uint32_t *state) {
 }
 
 static void report(uint8_t batch) {
-    printf("%u %08lx %08lx %08lx %08lx\n", batch, hashes[0], hashes[1], hashes[2],
-           hashes[3]);
+    printf("%u", batch);
+    for (uint8_t i = 0; i < sizeof hashes / sizeof hashes[0]; i++) {
+        printf(" %08lx", hashes[i]);
+    }
+    puts("");
 }
 
 // Cycles of a function of two 32-bit arguments, `ret` included: the low byte of Timer1

@@ -1,0 +1,327 @@
+# SPDX-License-Identifier: MIT
+"""Filters alone on the ATmega328P: what a step costs, and that it is the right one.
+
+Each is built into the same little program (benchmarks/avr), fed the same samples and
+measured by build/sim/bench. Its answers must be those of the same filter on this
+machine; only then its figures count.
+"""
+
+from __future__ import annotations
+
+import configparser
+import json
+import struct
+import subprocess
+import sys
+import tarfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+from feed import Samples
+
+from imud import rotation
+from imud.rotation import FloatArray
+
+ROOT = Path(__file__).resolve().parents[1]
+AVR = ROOT / "benchmarks" / "avr"
+FIRMWARE = ROOT / "firmware"
+CORE = FIRMWARE / "core"
+BUILD = ROOT / "build" / "benchmarks"
+BENCH = ROOT / "build" / "sim" / "bench"
+
+# ATmega328P data sheet, table 2-1.
+FLASH_BYTES = 32768
+RAM_BYTES = 2048
+
+HOUSE = ("fuse", "complementary", "mahony", "madgwick", "dcm_pi")
+MACHINE = ("-mmcu=atmega328p", "-DF_CPU=16000000L")
+LINK = ("-Wl,--gc-sections", "-mrelax", "-Wl,-u,bench_sample", "-Wl,-u,bench_answer")
+INCLUDE = (f"-I{FIRMWARE}", f"-I{CORE}", f"-I{AVR}")
+
+# Of the answers to those of the same filter in doubles, at any time. Single precision
+# drifts; the filters' own corrections hold it.
+DEGREES_MAX = {"float Madgwick": 0.05, "float BasicVQF": 0.5, "float VQF": 0.5}
+MADGWICK_GAIN = 0.041  # benchmarks/avr/madgwick_float.c
+HELD = 2  # samples a reading of the field, benchmarks/avr/bench.h
+
+
+class FilterFailed(Exception):
+    """A filter could not be built, or answers something else than it should."""
+
+
+class Unmeasured(Exception):
+    """There are no figures of a filter, for a reason to tell."""
+
+
+class DoesNotFit(Unmeasured):
+    """Flash or RAM has no room for it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a filter takes of the chip, the bench's own share left out."""
+
+    step_mean: float
+    step_worst: int
+    answer_mean: float
+    answer_worst: int
+    flash: int
+    ram: int
+    stack: int
+    checked: str  # how the answers were found right
+
+    @property
+    def cycles_mean(self) -> float:
+        return round(self.step_mean + self.answer_mean, 1)
+
+    @property
+    def cycles_worst(self) -> int:
+        """Of a step and an answer, no matter whether they met."""
+        return self.step_worst + self.answer_worst
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """How one is built, and what its answers are held to."""
+
+    name: str
+    key: str  # in the JSON
+    build: Callable[[Path], None]  # makes an image
+    is_fixed: bool
+    answers: Callable[[Samples, Path], FloatArray]  # by this machine
+
+
+def flags() -> list[str]:
+    """What platformio.ini compiles the firmware with."""
+    ini = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=(";",))
+    ini.read(ROOT / "platformio.ini")
+    shared = ini["env"]["build_flags"]
+    own = ini["firmware:nano"]["build_flags"].replace("${env.build_flags}", shared)
+    return [flag for flag in own.split() if not flag.startswith("-W")]
+
+
+def run(*command: str | Path, given: bytes = b"") -> bytes:
+    done = subprocess.run(command, input=given, capture_output=True, check=False)
+    if done.returncode != 0:
+        said = done.stderr.decode(errors="replace").strip().splitlines()
+        for line in said:
+            if "not fit in region" in line or "not within region" in line:
+                raise DoesNotFit(line.rpartition("ld: ")[2])
+        said = [line for line in said if "error" in line.lower()] or said
+        raise FilterFailed(said[0] if said else f"{command[0]} failed")
+    return done.stdout
+
+
+def build_main(out: Path, *sources: Path, options: Sequence[str] = ()) -> None:
+    run("avr-gcc", *MACHINE, *flags(), *LINK, *INCLUDE, *options, "-o", out,
+        AVR / "main.c", *sources, "-lm")  # fmt: skip
+
+
+def build_house(name: str, out: Path) -> None:
+    core = [path for path in sorted(CORE.glob("*.c")) if path.name != "fixed_mul.c"]
+    products = FIRMWARE / "avr" / "fixed_mul.S"
+    define = f"-DFILTER={name}"
+    build_main(out, AVR / "house.c", *core, products, options=[define])
+
+
+def build_madgwick(out: Path) -> None:
+    build_main(out, AVR / "madgwick_float.c")
+
+
+def build_vqf(out: Path, *, is_basic: bool) -> None:
+    source = vqf_source()
+    main = out.with_suffix(".main.o")
+    run("avr-gcc", *MACHINE, *flags(), *INCLUDE, "-c", "-o", main, AVR / "main.c")
+    options = ("-std=gnu++11", "-fno-exceptions", "-fno-threadsafe-statics")
+    options += ("-DVQF_SINGLE_PRECISION", *(("-DBASIC",) if is_basic else ()))
+    shared = [flag for flag in flags() if not flag.startswith("-std=")]
+    run("avr-g++", *MACHINE, *shared, *options, *LINK, *INCLUDE,
+        f"-I{AVR / 'std'}", f"-I{source}", "-o", out, main, AVR / "vqf_float.cpp",
+        source / ("basicvqf.cpp" if is_basic else "vqf.cpp"), "-lm")  # fmt: skip
+
+
+def vqf_source() -> Path:
+    """VQF's C++ of the version that is installed, fetched once."""
+    version = metadata.version("vqf")
+    name = f"vqf-{version}"
+    folder = BUILD / name / "vqf" / "cpp"
+    if not (folder / "vqf.cpp").is_file():
+        BUILD.mkdir(parents=True, exist_ok=True)
+        try:
+            run(sys.executable, "-m", "pip", "download", "--quiet", "--no-deps",
+                "--no-binary", "vqf", "--dest", BUILD, f"vqf=={version}")  # fmt: skip
+        except FilterFailed as error:
+            raise Unmeasured(f"its source can't be fetched: {error}") from error
+        with tarfile.open(BUILD / f"{name}.tar.gz") as archive:
+            archive.extractall(BUILD, filter="data")
+    return folder
+
+
+def has_mag(samples: Samples) -> list[bool]:
+    """Which samples have a reading of the field."""
+    return [bool(flag) for flag in np.isfinite(samples.mag[:, 0])]
+
+
+def records(samples: Samples, *, is_fixed: bool) -> bytes:
+    """Samples as `bench_sample` has them."""
+    values = (samples.gyr, samples.acc, np.nan_to_num(samples.mag))
+    if is_fixed:
+        # struct measurement: q7_25, q11_21, q14_18.
+        rows = [np.rint(v * 2.0**n) for v, n in zip(values, (25, 21, 18), strict=True)]
+        columns = np.concatenate(rows, axis=1).astype("<i4")
+    else:
+        columns = np.concatenate(values, axis=1).astype("<f4")
+    return b"".join(
+        row.tobytes() + struct.pack("B", flag)
+        for row, flag in zip(columns, has_mag(samples), strict=True)
+    )
+
+
+def quaternions(answers: bytes, *, is_fixed: bool) -> FloatArray:
+    if is_fixed:
+        return np.frombuffer(answers, "<i4").reshape(-1, 4) * 2.0**-30
+    return np.frombuffer(answers, "<f4").reshape(-1, 4).astype(float)
+
+
+def by_core(name: str, samples: Samples, folder: Path) -> FloatArray:
+    """The firmware's own C."""
+    program = folder / f"{name}-host"
+    define = f"-DFILTER={name}"
+    run("gcc", "-std=gnu11", "-O2", *INCLUDE, define, "-o", program, AVR / "main.c",
+        AVR / "house.c", *sorted(CORE.glob("*.c")))  # fmt: skip
+    answers = run(program, given=records(samples, is_fixed=True))
+    return quaternions(answers, is_fixed=True)
+
+
+def by_ahrs(samples: Samples, folder: Path) -> FloatArray:
+    """Madgwick's filter from PyPI, sample by sample from where ours starts."""
+    from ahrs.filters import Madgwick
+
+    del folder
+    filter_ = Madgwick(frequency=samples.rate_hz, gain=MADGWICK_GAIN)
+    held = np.where(np.isfinite(samples.mag), samples.mag, 0.0)
+    q = np.array([1.0, 0.0, 0.0, 0.0])
+    found = np.empty((len(samples), 4))
+    mag = np.zeros(3)
+    for index in range(len(samples)):
+        mag = held[index] if held[index].any() else mag
+        q = filter_.updateMARG(q, samples.gyr[index], samples.acc[index], mag)
+        found[index] = q
+    # Its x is north and its y west.
+    quarter = rotation.from_rotation_vector(np.array([0.0, 0.0, np.pi / 2]))
+    return rotation.multiply(quarter, found)
+
+
+def by_vqf(samples: Samples, folder: Path, *, is_basic: bool) -> FloatArray:
+    """The authors' own build, in doubles."""
+    import vqf
+
+    del folder
+    step_s = 1.0 / samples.rate_hz
+    kind = vqf.BasicVQF if is_basic else vqf.VQF
+    filter_ = kind(step_s, step_s, HELD * step_s)
+    found = np.empty((len(samples), 4))
+    gyr, acc, mag = (
+        np.ascontiguousarray(values)
+        for values in (samples.gyr, samples.acc, samples.mag)
+    )
+    for index, is_new in enumerate(has_mag(samples)):
+        filter_.updateGyr(gyr[index])
+        filter_.updateAcc(acc[index])
+        if is_new:
+            filter_.updateMag(mag[index])
+        found[index] = filter_.getQuat9D()
+    return found
+
+
+def filters() -> list[Filter]:
+    """Ours that are there, and the ones in floats."""
+    found = [
+        Filter(name, name, partial(build_house, name), True, partial(by_core, name))
+        for name in HOUSE
+        if (CORE / f"{name}.c").is_file()
+    ]
+    found.append(
+        Filter("float Madgwick", "float_madgwick", build_madgwick, False, by_ahrs)
+    )
+    for name, key in (("BasicVQF", "float_basic_vqf"), ("VQF", "float_vqf")):
+        make = partial(build_vqf, is_basic=name == "BasicVQF")
+        answer = partial(by_vqf, is_basic=name == "BasicVQF")
+        found.append(Filter(f"float {name}", key, make, False, answer))
+    return found
+
+
+def measure(image: Path, samples: bytes) -> tuple[dict[str, int], bytes]:
+    """Runs an image of the bench: its figures and its answers."""
+    given, answers = image.with_suffix(".samples"), image.with_suffix(".answers")
+    summary = image.with_suffix(".json")
+    if not BENCH.is_file():
+        raise FilterFailed(f"{BENCH} is not there; run `make sim`")
+    given.write_bytes(samples)
+    run(BENCH, "--image", image, "--samples", given, "--answers", answers,
+        "--summary", summary)  # fmt: skip
+    said = json.loads(summary.read_text())
+    for work in ("step", "answer"):
+        for figure, value in said.pop(work).items():
+            said[f"{work}_{figure}"] = value
+    return said, answers.read_bytes()
+
+
+def require_room(image: Path) -> None:
+    """Of a program that has no more than the filter."""
+    sizes = run("avr-size", image).decode().splitlines()[1].split()
+    text, data, bss = (int(size) for size in sizes[:3])
+    if text + data > FLASH_BYTES or data + bss >= RAM_BYTES:
+        raise DoesNotFit(f"{text + data} bytes of flash, {data + bss} of RAM")
+
+
+def furthest_deg(left: FloatArray, right: FloatArray) -> float:
+    """The largest angle between two rows of orientations."""
+    turns = rotation.multiply(rotation.inverse(left), right)
+    angles = np.linalg.norm(rotation.to_rotation_vector(turns), axis=1)
+    return float(np.degrees(angles).max())
+
+
+def check(filter_: Filter, found: FloatArray, wanted: FloatArray) -> str:
+    """How well it agrees, in words; raises where it does not."""
+    if found.shape != wanted.shape:
+        raise FilterFailed(f"{len(found)} answers to {len(wanted)} samples")
+    if filter_.is_fixed:
+        differing = int((found != wanted).any(axis=1).sum())
+        if differing:
+            raise FilterFailed(f"{differing} answers differ from this machine's")
+        return "same bits as here"
+    away = furthest_deg(found, wanted)
+    limit = DEGREES_MAX[filter_.name]
+    if not away <= limit:
+        raise FilterFailed(f"{away:.3f} deg from the same in doubles, of {limit:g}")
+    return f"within {away:.2g} deg of doubles"
+
+
+def cost(filter_: Filter, samples: Samples, folder: Path) -> Cost:
+    """Builds, runs and checks one."""
+    image, empty = folder / f"{filter_.key}.elf", folder / "empty.elf"
+    build_main(empty, AVR / "empty.c")
+    filter_.build(image)
+    require_room(image)
+    given = records(samples, is_fixed=filter_.is_fixed)
+    idle, _ = measure(empty, given)
+    said, answers = measure(image, given)
+    found = quaternions(answers, is_fixed=filter_.is_fixed)
+    checked = check(filter_, found, filter_.answers(samples, folder))
+    net = {name: said[name] - idle[name] for name in said}
+    count = len(samples)
+    return Cost(
+        step_mean=round(net["step_cycles"] / count, 1),
+        step_worst=net["step_worst"],
+        answer_mean=round(net["answer_cycles"] / count, 1),
+        answer_worst=net["answer_worst"],
+        flash=net["flash"],
+        ram=net["ram"],
+        stack=net["stack"],
+        checked=checked,
+    )

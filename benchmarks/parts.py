@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: MIT
+"""Which part of the firmware each address of an image is of.
+
+By the debug information, which knows what was inlined where. Shared arithmetic is of no
+part: it counts for the one that called it.
+"""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+CALLER = "-"
+REST = "rest"
+
+# By the file of the innermost function that has a part.
+FILES = {
+    "sampling.c": "sampling",
+    "twi.c": "sampling",
+    "clock.c": "clock",
+    "uart.c": "uart",
+    "mpu9250.c": "sensor",
+    "calibrate.c": "calibrate",
+    "pose.c": "pose",
+    "attitude.c": "filter",
+    "classic.c": "filter",
+    "complementary.c": "filter",
+    "mahony.c": "filter",
+    "madgwick.c": "filter",
+    "dcm_pi.c": "filter",
+    "messages.c": "messages",
+    "frame.c": "messages",
+    "settings.c": "settings",
+    "eeprom.c": "settings",
+    "probe.c": "probe",
+    "button.c": "probe",
+    "main.c": "probe",
+    "board.c": "board",
+    "adc.c": "board",
+    "reset.c": "board",
+    "start.S": "board",
+    "fixed.c": CALLER,
+    "fixed_mul.S": CALLER,
+    "vector.c": CALLER,
+    "quat.c": CALLER,
+    "matrix.c": CALLER,
+    "kalman.c": CALLER,
+}
+# The main filter is looked at more closely: fuse.c by these functions, and by what it
+# calls a stage. Another of its functions counts for the one that calls it.
+FILTER_FILE = "fuse.c"
+FILTER_STAGE = "stage_"
+FILTER_FUNCTIONS = {
+    "fuse_step": "fuse.step",
+    "fuse_orientation": "fuse.orientation",
+    "fuse_quality": "fuse.quality",
+    "integrate": "fuse.integrate",
+    "look_for_rest": "fuse.rest",
+    "add_turned": "fuse.means",
+    "take_reading": "fuse.reading",
+}
+
+# Data sheet, table 12-6: vector numbers that the firmware uses.
+HANDLERS = {
+    "__vector_1": "INT0",
+    "__vector_11": "TIMER1_COMPA",
+    "__vector_13": "TIMER1_OVF",
+    "__vector_18": "USART_RX",
+    "__vector_19": "USART_UDRE",
+    "__vector_24": "TWI",
+}
+
+
+class NoParts(Exception):
+    """An image that doesn't say what its code is of."""
+
+
+class Place(NamedTuple):
+    """A function, and the file of the instruction in it."""
+
+    function: str
+    file: str
+
+
+class Range(NamedTuple):
+    """Addresses of one part, the end not included."""
+
+    start: int
+    end: int
+    part: str
+
+
+def part_of(chain: Sequence[Place], home: str) -> str:
+    """The part of an instruction: the innermost place of its chain that has one.
+
+    `home` is the file of the function that all was inlined into; "" where no debug
+    information is, as of the compiler's own arithmetic.
+    """
+    for place in (*chain, Place(chain[-1].function, home)):
+        part = _part(place)
+        if part != CALLER:
+            return part
+    return CALLER
+
+
+def _part(place: Place) -> str:
+    if place.file == FILTER_FILE:
+        if place.function.startswith(FILTER_STAGE):
+            return "fuse." + place.function.removeprefix(FILTER_STAGE)
+        return FILTER_FUNCTIONS.get(place.function, CALLER)
+    if place.file.endswith((".h", ".o")):
+        return CALLER  # inlined; or assembly, of which the linker keeps no lines
+    return FILES.get(place.file, REST if place.file else CALLER)
+
+
+def read(image: Path) -> list[Range]:
+    """The parts of an image, by address."""
+    start, end = _text(image)
+    addresses = range(start, end, 2)
+    homes = _homes(image)
+    found: list[Range] = []
+    for address, chain in zip(addresses, _chains(image, addresses), strict=True):
+        part = part_of(chain, homes.get(chain[-1].function, ""))
+        if found and found[-1].part == part:
+            found[-1] = found[-1]._replace(end=address + 2)
+        else:
+            found.append(Range(address, address + 2, part))
+    if all(item.part in (CALLER, REST) for item in found):
+        raise NoParts(f"{image} was built without debug information")
+    return found
+
+
+def write(image: Path, path: Path) -> None:
+    """Writes them as `nano --parts` reads them."""
+    lines = (f"{r.start:x} {r.end:x} {r.part}\n" for r in read(image))
+    path.write_text("".join(lines))
+
+
+def _output(*command: str | Path, given: str = "") -> str:
+    return subprocess.run(
+        command, input=given, capture_output=True, text=True, check=True
+    ).stdout
+
+
+def _text(image: Path) -> tuple[int, int]:
+    """Where the code lies."""
+    for line in _output("avr-size", "-A", "-d", image).splitlines():
+        words = line.split()
+        if words[:1] == [".text"]:
+            return int(words[2]), int(words[2]) + int(words[1])
+    raise NoParts(f"{image} has no code")
+
+
+def _chains(image: Path, addresses: Iterable[int]) -> list[list[Place]]:
+    """Of each address its function and those that it is inlined into, inside out."""
+    given = "".join(f"{address:x}\n" for address in addresses)
+    said = _output("avr-addr2line", "-a", "-i", "-f", "-e", image, given=given)
+    chains: list[list[Place]] = []
+    function = ""
+    for line in said.splitlines():
+        if line.startswith("0x"):
+            chains.append([])
+        elif not function:
+            function = line
+        else:
+            name = Path(line.rpartition(":")[0]).name
+            chains[-1].append(Place(function, name.removeprefix("??")))
+            function = ""
+    return chains
+
+
+def _homes(image: Path) -> dict[str, str]:
+    """The file of each function of C."""
+    found = {}
+    for line in _output("avr-nm", "-l", image).splitlines():
+        symbol, _, place = line.partition("\t")
+        found[symbol.split()[-1]] = Path(place.rpartition(":")[0]).name
+    return found

@@ -1,0 +1,376 @@
+# SPDX-License-Identifier: MIT
+"""The choice of a filter, at run time and when it is built, and what all filters
+promise: whatever comes in, a unit quaternion comes out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import native
+from core import desk
+from core.desk import DEGREE, ONE, Array, ffi, lib
+from core.scenes import (
+    MEASUREMENT,
+    ORIENTATION,
+    QUALITY,
+    Attitude,
+    Filter,
+    at_rest,
+    scene,
+    tumble,
+)
+from core.test_fuse import CALIBRATIONS, wild_samples
+from imud import rotation
+
+pytestmark = pytest.mark.native
+
+# Of a sensor, as its driver gives them.
+IDENTITY = (
+    *("kind", "rate_hz", "gyr_delay_us"),
+    *("gyr_lsb_nrad_s", "acc_lsb_nm_s2", "mag_lsb_pt"),
+)
+KINDS = {
+    name: getattr(lib, f"FILTER_{name.upper()}")
+    for name in ("fuse", "complementary", "mahony", "madgwick", "dcm_pi")
+}
+PAPERS = [name for name in KINDS if name != "fuse"]
+NOT_KNOWN = 2**16 - 1
+
+filters = pytest.mark.parametrize("name", KINDS)
+of_papers = pytest.mark.parametrize("name", PAPERS)
+
+
+def direct(
+    library: Any, name: str, measurements: Array, intervals_us: Array, bias: list[int]
+) -> tuple[Array, Array]:
+    """Orientations and qualities by the filter's own functions; a bias half-way."""
+    verbs = ("init", "restart", "step", "set_bias", "orientation", "quality")
+    init, restart, step, set_bias, orientation, quality = (
+        getattr(library[1], f"{name}_{verb}") for verb in verbs
+    )
+    return by_functions(
+        *(library, f"struct {name} *", measurements, intervals_us, bias),
+        init=lambda state: init(state, 200, 3900),
+        restart=restart,
+        step=step,
+        set_bias=set_bias,
+        orientation=orientation,
+        quality=quality,
+    )
+
+
+def dispatched(
+    library: Any, name: str, measurements: Array, intervals_us: Array, bias: list[int]
+) -> tuple[Array, Array]:
+    """The same through attitude.h."""
+    c = library[1]
+    return by_functions(
+        *(library, "struct attitude *", measurements, intervals_us, bias),
+        init=lambda state: c.attitude_init(state, KINDS[name], 200, 3900),
+        restart=c.attitude_restart,
+        step=c.attitude_step,
+        set_bias=c.attitude_set_bias,
+        orientation=c.attitude_orientation,
+        quality=c.attitude_quality,
+    )
+
+
+def by_functions(
+    library: Any,
+    kind: str,
+    measurements: Array,
+    intervals_us: Array,
+    bias: list[int],
+    **call: Any,
+) -> tuple[Array, Array]:
+    new = library[0].new
+    state, one = new(kind), new("struct measurement *")
+    quat, quality = new("struct quat *"), new("struct attitude_quality *")
+    orientations, qualities = [], []
+    call["init"](state)
+    for i, row in enumerate(measurements):
+        if i == len(measurements) // 3:
+            call["set_bias"](state, new("struct vector *", bias))
+        if i == len(measurements) // 2:
+            call["restart"](state)
+        library[0].buffer(one)[:] = row.tobytes()
+        call["step"](state, one, int(intervals_us[i]))
+        call["orientation"](state, quat)
+        call["quality"](state, quality)
+        orientations.append([quat.w, quat.x, quat.y, quat.z])
+        qualities.append([getattr(quality, field) for field in dir(quality)])
+    return np.array(orientations), np.array(qualities)
+
+
+FELT = scene(tumble(8, 200, 7), 200, seed=2, sway_m_s2=0.5)[600:]
+BIAS = [100_000, -200_000, 50_000]
+
+
+@filters
+def test_a_filter_that_is_chosen_gives_what_its_own_functions_give(name):
+    given_ = FELT.measurements(), FELT.interval_us, BIAS
+    own = direct((ffi, lib), name, *given_)
+    through = dispatched((ffi, lib), name, *given_)
+    assert np.array_equal(own[0], through[0])
+    assert np.array_equal(own[1], through[1])
+    looped, _ = Attitude(name).feel(FELT[: len(FELT) // 3])
+    assert np.array_equal(own[0][: len(looped)], looped)
+
+
+def test_filters_differ():
+    found = [Attitude(name).feel(FELT)[0] for name in KINDS]
+    for i, one in enumerate(found):
+        for other in found[:i]:
+            assert desk.apart_deg(one, other).max() > 0.1
+
+
+@filters
+def test_the_kind_that_was_chosen_is_told(name):
+    assert lib.attitude_kind(Attitude(name).c) == KINDS[name]
+
+
+@pytest.mark.parametrize("kind", [-(2**31), -1, 0, 6, 257, 2**31 - 1])
+def test_no_other_number_is_a_filter(kind):
+    assert not lib.attitude_has(kind)
+    tracker = ffi.new("struct pose_tracker *")
+    assert not lib.pose_begin(tracker, desk.UNCALIBRATED, desk.identity_of(), kind)
+    assert bytes(ffi.buffer(tracker)) == bytes(ffi.sizeof(tracker[0]))
+
+
+def poses(library: Any, name: str) -> tuple[Array, Array, Array]:
+    """Poses of a tracker that finds its bias, and after a long gap starts again; then
+    orientations and qualities of its filter alone.
+    """
+    own, c = library
+    known = desk.identity_of()
+    fields = {field: getattr(known, field) for field in IDENTITY}
+    identity = own.new("struct sensor_identity *", fields)
+    calibration = own.new("struct calibration *")
+    c.calibration_clear(calibration)
+    samples = scene(tumble(6, 200, 7), 200, seed=2).samples(known)
+    samples["time_us"][1000:] += 300_000
+    out = np.zeros(len(samples), desk.dtype_of("struct message_pose"))
+    results = np.zeros(len(samples), np.int32)
+    tracker = own.new("struct pose_tracker *")
+    assert c.pose_begin(tracker, calibration, identity, KINDS[name])
+    for other in KINDS.values():
+        assert c.pose_begin(tracker, calibration, identity, other) == (
+            c.attitude_has(other)
+        )
+    assert c.pose_begin(tracker, calibration, identity, KINDS[name])
+    assert c.loop_kind(own.addressof(tracker.attitude)) == KINDS[name]
+    c.loop_pose(
+        *(tracker, len(samples)),
+        own.cast("struct sample *", own.from_buffer(samples)),
+        own.cast("struct message_pose *", own.from_buffer(out)),
+        own.cast("int32_t *", own.from_buffer(results)),
+    )
+    assert c.POSE_CALIBRATED in results
+    orientation, quality = (
+        np.zeros(len(FELT), ORIENTATION),
+        np.zeros(len(FELT), QUALITY),
+    )
+    c.loop_attitude(
+        *(own.addressof(tracker.attitude), len(FELT)),
+        own.cast("struct measurement *", own.from_buffer(FELT.measurements())),
+        own.cast("uint32_t *", own.from_buffer(FELT.interval_us)),
+        own.cast("struct quat *", own.from_buffer(orientation)),
+        own.cast("struct attitude_quality *", own.from_buffer(quality)),
+    )
+    return out, orientation, quality
+
+
+@filters
+def test_an_image_of_one_filter_has_no_other_and_gives_the_same_bits(name):
+    apart = {"button", "frame", "mpu9250", "probe", "settings"}
+    library = native.load(
+        [
+            *(
+                path
+                for path in sorted(native.CORE.glob("*.c"))
+                if path.stem not in apart
+            ),
+            "tests/core/loops.c",
+        ],
+        ["firmware/core/pose.h", "tests/core/loops.h"],
+        [f"ATTITUDE_ONLY={name}"],
+        core=False,
+    )
+    only = library[1]
+    assert [kind for kind in range(-1, 300) if only.attitude_has(kind)] == [KINDS[name]]
+    assert KINDS[name] == only.ATTITUDE_DEFAULT
+    assert library[0].sizeof("struct attitude") == ffi.sizeof(f"struct {name}")
+    for found, wanted in zip(
+        poses(library, name), poses((ffi, lib), name), strict=True
+    ):
+        assert np.array_equal(found, wanted)
+
+
+# What the papers' filters have in common.
+
+
+@of_papers
+def test_a_papers_filter_knows_no_sigma_rest_nor_disturbance(name):
+    _, quality = Attitude(name).feel(scene(at_rest(8), 200))
+    assert (quality["tilt_sigma_cdeg"] == NOT_KNOWN).all()
+    assert (quality["heading_sigma_cdeg"] == NOT_KNOWN).all()
+    assert not quality["is_at_rest"].any()
+    assert not quality["is_mag_disturbed"].any()
+    assert quality["is_starting"].tolist() == [True] * 599 + [False] * 1001
+
+
+@of_papers
+def test_a_field_that_stays_away_for_a_second_is_absent_and_heading_free(name):
+    felt = scene(at_rest(8), 200)
+    felt.has_mag[600:1200] = False
+    _, quality = Attitude(name).feel(felt)
+    absent = np.flatnonzero(quality["is_mag_absent"]).tolist()
+    # The last reading was the 600th sample's.
+    assert absent == [0, *range(799, 1201)]
+    if name != "dcm_pi":
+        assert np.array_equal(quality["is_heading_free"], quality["is_mag_absent"])
+
+
+@of_papers
+def test_a_magnetometer_that_reads_nothing_is_as_good_as_absent(name):
+    felt = scene(at_rest(3), 200, noise=0)
+    felt.mag[:] = 0
+    found, quality = Attitude(name).feel(felt)
+    assert quality["is_mag_absent"].all()
+    assert desk.tilt_deg(found, felt.quat).max() < 0.05
+
+
+@of_papers
+def test_a_restart_forgets_the_orientation_and_keeps_the_bias(name):
+    bias = (3.0, -2.0, 1.0)
+    felt = scene(at_rest(4), 200, seed=1, gyr_bias_deg_s=bias)
+    over = rotation.from_rotation_vector(np.array([0.0, 0.5, 1.0]))
+    turned = scene(at_rest(4, quat=over), 200, seed=2, gyr_bias_deg_s=bias)
+    probe, fresh = Attitude(name), Attitude(name)
+    for one in (probe, fresh):
+        one.set_bias(bias)
+    probe.feel(felt)
+    lib.attitude_restart(probe.c)
+    found, quality = probe.feel(turned)
+    assert quality["is_starting"][0]
+    # dcm_pi's controllers have learned what was left of the bias.
+    wanted, _ = fresh.feel(turned)
+    assert desk.apart_deg(found, wanted).max() < (0.2 if name == "dcm_pi" else 1e-9)
+    assert desk.apart_deg(found, turned.quat)[200:].max() < 8
+
+
+@of_papers
+def test_a_late_field_turns_the_heading_at_once_and_tilts_nothing(name):
+    turned = rotation.from_heading_pitch_roll(-2.0, 0.3, 0.0)
+    felt = scene(at_rest(4, quat=turned), 200, noise=0)
+    felt.has_mag[:401] = False
+    found, _ = Attitude(name).feel(felt)
+    assert desk.apart_deg(found, felt.quat)[:401].min() > 50
+    assert desk.apart_deg(found, felt.quat)[401:].max() < 0.1
+    assert desk.tilt_deg(found, felt.quat).max() < 0.1
+
+
+@pytest.mark.parametrize("name", ["mahony", "madgwick", "dcm_pi"])
+def test_a_field_along_the_vertical_tells_no_north_and_holds_nothing_up(name):
+    felt = scene(at_rest(4), 200, noise=0)
+    felt.mag[:400] = (0.3, 0, -50)
+    felt.gyr[10:110, 2] = 90 * DEGREE
+    found, _ = Attitude(name).feel(felt)
+    # 45 degrees were turned by the gyroscope, all of them.
+    turned = desk.apart_deg(found[9:10], found[399:400])[0]
+    assert turned == pytest.approx(45, abs=1)
+    assert desk.apart_deg(found, felt.quat)[-1] < 0.5
+
+
+@pytest.mark.parametrize("name", ["mahony", "madgwick", "dcm_pi"])
+def test_a_probe_that_starts_in_free_fall_levels_once_it_is_caught(name):
+    upside_down = np.array([0.0, 1.0, 0.0, 0.0])
+    felt = scene(at_rest(4, quat=upside_down), 200, noise=0)
+    felt.acc[:400] = 0
+    found, _ = Attitude(name).feel(felt)
+    assert np.abs(found[:400] - [2**30, 0, 0, 0]).max() < 100
+    assert desk.apart_deg(found, felt.quat)[402:].max() < 0.1
+
+
+# Whatever comes in.
+
+
+def edges(random: np.random.Generator, limit: int, shape: tuple[int, ...]) -> Array:
+    """Numbers up to a limit: anything, the ends, next to nothing."""
+    anything = random.integers(-limit, limit + 1, shape)
+    edge = random.choice([-limit, -1, 0, 0, 1, limit], shape)
+    return np.where(random.random(shape) < 0.5, anything, edge)
+
+
+def wild_measurements(random: np.random.Generator, count: int) -> Array:
+    """The bounds of calibrate.h, held for up to 200 samples."""
+    hold = int(random.choice([1, 1, 5, 50, 200]))
+    out = np.zeros(count, MEASUREMENT)
+    for name, limit in (
+        ("gyr_rad_s_q25", 38 * 2**25),
+        ("acc_m_s2_q21", int(470 / 3**0.5 * 2**21)),
+        ("mag_ut_q18", 2048 * 2**18),
+    ):
+        rows = edges(random, limit, (count // hold + 1, 3))
+        out[name] = np.repeat(rows, hold, axis=0)[:count]
+    # A force of 470 m/s2 along one axis.
+    out["acc_m_s2_q21"][random.random(count) < 0.1] = (470 * 2**21 - 1, 0, 0)
+    out["has_mag"] = random.random(count) < random.choice([0, 0.5, 1])
+    return out
+
+
+INTERVALS_US = [0, 1, 1250, 5000, 7500, 7501, 50_000, 50_001, 10**6, 2**31, 2**32 - 1]
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), is_usual=st.booleans())
+@filters
+def test_whatever_the_measurements_a_unit_quaternion_comes_out(name, seed, is_usual):
+    random = np.random.default_rng(seed)
+    probe = Attitude(name, int(random.choice([100, 200, 380, 760])))
+    for _ in range(3):
+        measurements = wild_measurements(random, 400)
+        intervals = np.full(400, 5000) if is_usual else random.choice(INTERVALS_US, 400)
+        found, _ = probe.run(measurements, intervals.astype(np.uint32))
+        assert np.abs(desk.norms(found) / ONE - 1).max() < 1e-6
+        bias = edges(random, 2**31 - 1, (3,)).tolist()
+        lib.attitude_set_bias(probe.c, ffi.new("struct vector *", bias))
+        if random.random() < 0.2:
+            lib.attitude_restart(probe.c)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    calibration=st.sampled_from(range(len(CALIBRATIONS))),
+    gyr_lsb=st.sampled_from([1065264, 1221730]),
+)
+@of_papers
+def test_whatever_the_counts_a_unit_quaternion_comes_out(
+    name, seed, calibration, gyr_lsb
+):
+    random = np.random.default_rng(seed)
+    samples = wild_samples(random, 1000)
+    identity = desk.identity_of(gyr_lsb_nrad_s=gyr_lsb, acc_lsb_nm_s2=7178466)
+    steps = np.full(len(samples), 5000)
+    if random.random() < 0.5:
+        steps = random.choice(INTERVALS_US, len(samples))
+    samples["time_us"] = np.cumsum(steps, dtype=np.uint64) % 2**32
+    constant = ffi.new("struct calibration *", CALIBRATIONS[calibration])
+    tracker = ffi.new("struct pose_tracker *")
+    assert lib.pose_begin(tracker, constant, identity, KINDS[name])
+    poses = np.zeros(len(samples), desk.dtype_of("struct message_pose"))
+    results = np.zeros(len(samples), np.int32)
+    desk.call(lib.loop_pose, tracker, len(samples), samples, poses, results)
+    assert np.abs(desk.norms(poses["q"]) / ONE - 1).max() < 1e-6
+
+
+def test_fuse_itself_is_what_the_other_tests_drive():
+    found, _ = Attitude("fuse").feel(FELT)
+    wanted, _, _ = Filter(200).feel(FELT)
+    assert np.array_equal(found, wanted)

@@ -1,0 +1,407 @@
+# SPDX-License-Identifier: MIT
+"""Twelve hours of generated motion through the probe's C, under the sanitizer that
+stops at any overflow: a unit quaternion, no step that nothing explains, no drift."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+from core import desk
+from core.desk import DEGREE, ONE, G, ffi, lib
+from core.scenes import ACC_NOISE, GYR_NOISE, MAG_NOISE, SAMPLE, earth, tumble
+from imud import rotation
+
+# Not `native`: once, under the sanitizer of overflows, is what it is for.
+pytestmark = pytest.mark.timeout(900)
+
+RATE_HZ = 200
+HOURS = 12
+BLOCK_S = 60
+PER_BLOCK = BLOCK_S * RATE_HZ
+START_US = 2**32 - 30_000_000  # the clock wraps in the first block, and 10 times more
+
+# Rates are means over the sample period, so 2.5 ms of delay need no lead.
+MPU9250 = desk.identity_of(gyr_delay_us=2500)
+LSB = {"gyr": 1065264e-9, "acc": 4788403e-9, "mag": 150000e-6}
+# A calibration as a module needs it: offsets in counts, a matrix near 1.
+OFFSETS = {"gyr": (0, 0, 0), "acc": (90, -60, 120), "mag": (-150, 220, 80)}
+MATRIX = {
+    "gyr": np.array([[1.004, 0, 0.002], [0, 0.997, 0], [-0.003, 0, 1.001]]),
+    "acc": np.array([[0.995, 0.004, 0], [0, 1.006, 0], [0.002, 0, 0.991]]),
+    "mag": np.array([[1.03, 0.02, -0.01], [0.02, 0.96, 0.03], [-0.01, 0.03, 1.05]]),
+}
+
+# A step between poses is at most what the gyroscope said, bias removed, over 5 ms, and
+# what two corrections may add, degrees. Numbers from firmware/core/fuse.c.
+#
+# The level follows the low-passed specific force F, looking every other sample. F moves
+# by at most 0.45 / s of how far the force may be from it sideways (the total variation
+# of the low-pass' response, 0.95 / s of its corner): 2.3 m/s2 of sway and noise, |F| of
+# at least 8 m/s2 also after 1.5 s of fall, 10 ms.
+LEVEL_STEP = 0.075
+# After clipping the attitude is lost: F goes to its place by at most 6.3 m/s2 a second
+# (0.215 / s of 2 g, what 20 Hz of shaking and an impact leave), 10 ms, over the 1 m/s2
+# below which nothing levels. Where the vertical is then more than a quarter turn away,
+# the level is turned over at once.
+LOST_STEP = 3.6
+# The heading takes at most 15 deg times P / (P + 2200 deg2); P is below 6 deg2 while
+# readings come, and grows by 0.3 deg2 a second without them.
+BIAS_DEG_S = 1.0  # here, and what the filter may take for it
+
+# What is observable, degrees, once it had the time for it.
+TILT, TILT_RMS = 0.5, 0.1
+TILT_AFTER_CLIPPING_S = 25
+HEADING, HEADING_RMS = 2.0, 0.3
+HEADING_AFTER_DISTURBANCE_S = 30
+HEADING_AFTER_CLIPPING_S = 150  # 180 deg, by 15 deg times P / (P + 2200) a reading
+STARTED_S = 5
+
+
+def heading_step(seconds_without_field: float) -> float:
+    variance = 6.0 + 0.3 * seconds_without_field
+    return 15.0 * variance / (variance + 2200.0)
+
+
+@dataclass
+class Block:
+    """A minute of motion: attitudes, one more than samples, and what disturbs."""
+
+    quat: desk.Array
+    sway: desk.Array = field(default_factory=lambda: np.zeros((PER_BLOCK, 3)))
+    extra_acc: desk.Array = field(default_factory=lambda: np.zeros((PER_BLOCK, 3)))
+    extra_field: desk.Array = field(default_factory=lambda: np.zeros((PER_BLOCK, 3)))
+    falls: desk.Array = field(default_factory=lambda: np.zeros(PER_BLOCK, bool))
+    has_mag: desk.Array = field(default_factory=lambda: np.ones(PER_BLOCK, bool))
+
+
+T = np.arange(PER_BLOCK + 1)[:, None] / RATE_HZ
+
+
+def eased(begin_s: float, end_s: float) -> desk.Array:
+    """0 before, 1 after, of least jerk between."""
+    u = np.clip((T - begin_s) / (end_s - begin_s), 0, 1)
+    return np.asarray(u**3 * (10 - 15 * u + 6 * u**2))
+
+
+def to(start: desk.Array, goal: desk.Array, begin_s: float, end_s: float) -> desk.Array:
+    """Turned from one attitude to another."""
+    way = rotation.to_rotation_vector(rotation.multiply(rotation.inverse(start), goal))
+    return rotation.multiply(
+        start, rotation.from_rotation_vector(eased(begin_s, end_s) * way)
+    )
+
+
+def any_attitude(random: np.random.Generator) -> desk.Array:
+    return desk.unit_rows(random, 1, 4)[0]
+
+
+def hand(
+    random: np.random.Generator,
+    start: desk.Array,
+    begin_s: float = 2,
+    end_s: float = 58,
+) -> Block:
+    """Held in a hand that moves: turns of up to some 200 deg/s, sway of 1 m/s2."""
+    window = eased(begin_s, begin_s + 2) - eased(end_s - 2, end_s)
+    frequency = random.uniform(0.15, 0.8, (3, 1, 3))
+    phase = random.uniform(0, 2 * np.pi, (3, 1, 3))
+    swing = np.sin(2 * np.pi * frequency * T + phase).sum(axis=0)
+    quat = rotation.multiply(
+        start, rotation.from_rotation_vector(0.35 * window * swing)
+    )
+    shake = np.sin(2 * np.pi * random.uniform(0.8, 2.5, 3) * T[1:])
+    return Block(quat, sway=window[1:] * shake)
+
+
+def rest(random: np.random.Generator, start: desk.Array) -> Block:
+    """Laid down on another side."""
+    return Block(to(start, any_attitude(random), 3, 5))
+
+
+def fast(random: np.random.Generator, start: desk.Array) -> Block:
+    """Turns of up to 2000 deg/s."""
+    return Block(
+        tumble(50, RATE_HZ, int(random.integers(2**31)), start)[
+            np.minimum(np.arange(PER_BLOCK + 1), 50 * RATE_HZ - 1)
+        ]
+    )
+
+
+def fall(random: np.random.Generator, start: desk.Array) -> Block:
+    """Thrown and caught, six times, tumbling."""
+    block = Block(np.tile(start, (PER_BLOCK + 1, 1)))
+    for begin_s in range(5, 50, 8):
+        lasts = random.uniform(0.3, 1.5)
+        spin = desk.unit_rows(random, 1, 3)[0] * random.uniform(1, 6) * lasts
+        turn = rotation.from_rotation_vector(eased(begin_s, begin_s + lasts) * spin)
+        block.quat = rotation.multiply(block.quat, turn)
+        block.falls |= (T[1:, 0] > begin_s) & (T[1:, 0] <= begin_s + lasts)
+    return block
+
+
+def upside_down(random: np.random.Generator, start: desk.Array) -> Block:
+    """Worked with overhead."""
+    block = hand(random, start, 5, 58)
+    over = rotation.multiply(
+        rotation.from_heading_pitch_roll(float(random.uniform(-3, 3)), 0, 0),
+        np.array([0.0, 1.0, 0.0, 0.0]),
+    )
+    moved = rotation.multiply(rotation.inverse(start), block.quat)
+    block.quat = rotation.multiply(to(start, over, 1, 4), moved)
+    return block
+
+
+def gimbal_lock(random: np.random.Generator, start: desk.Array) -> Block:
+    """x straight up or down, less a thousandth, and turned about it."""
+    steep = rotation.from_heading_pitch_roll(
+        float(random.uniform(-3, 3)), float(random.choice([-1, 1])) * np.pi / 2, 0
+    )
+    lean = 1e-3 * np.sin(2 * np.pi * 0.3 * T) * np.array([0.0, 1.0, 0.5])
+    spin = 4 * np.sin(2 * np.pi * 0.1 * T) * np.array([1.0, 0.0, 0.0])
+    window = eased(5, 7) - eased(56, 58)
+    held = to(start, steep, 1, 4)
+    turned = rotation.multiply(held, rotation.from_rotation_vector(window * lean))
+    return Block(
+        rotation.multiply(turned, rotation.from_rotation_vector(window * spin))
+    )
+
+
+def magnet(random: np.random.Generator, start: desk.Array) -> Block:
+    """A magnet of up to 80 uT comes by twice."""
+    block = hand(random, start)
+    for begin_s in (8, 32):
+        lasts = random.uniform(4, 15)
+        near = np.sin(np.pi * np.clip((T[1:] - begin_s) / lasts, 0, 1))
+        strong = random.uniform(15, 80) * desk.unit_rows(random, 1, 3)[0]
+        block.extra_field += near * strong
+    return block
+
+
+def gone(random: np.random.Generator, start: desk.Array) -> Block:
+    """No reading of the magnetometer for most of the minute."""
+    block = hand(random, start)
+    block.has_mag = (T[1:, 0] < 5) | (T[1:, 0] > random.uniform(30, 55))
+    return block
+
+
+def gone_for_long(random: np.random.Generator, start: desk.Array) -> Block:
+    block = hand(random, start)
+    block.has_mag[:] = False
+    return block
+
+
+def clipping(random: np.random.Generator, start: desk.Array) -> Block:
+    """A spin faster than the range, a shake and an impact beyond it."""
+    spin = desk.unit_rows(random, 1, 3)[0] * random.uniform(40, 60) * 8 / 15
+    turn = rotation.from_rotation_vector(eased(5, 6) * spin)
+    block = Block(rotation.multiply(start, turn))
+    t = T[1:]
+    shake = np.where(np.sin(2 * np.pi * 20 * (t - 8)) >= 0, 30 * G, -30 * G)
+    block.extra_acc += np.where((t > 8) & (t < 9), shake, 0)
+    block.extra_acc += np.where((t > 12) & (t < 12.02), 30 * G, 0) * np.array(
+        [1, -1, 1]
+    )
+    return block
+
+
+KINDS = [
+    *(hand, rest, fast, fall, hand, upside_down, gimbal_lock, magnet, gone),
+    *(clipping, hand, rest),
+]
+LONG_GONE = range(40, 45)  # of each hour
+
+
+def minutes(count: int) -> Iterator[tuple[int, Block]]:
+    quat = rotation.IDENTITY
+    for index in range(count):
+        random = np.random.default_rng([7, index])
+        kind = KINDS[index % len(KINDS)]
+        if index % 60 in LONG_GONE:
+            kind = gone_for_long
+        if index == 0:  # at rest, for the start-up calibration
+            block = Block(np.tile(quat, (PER_BLOCK + 1, 1)))
+        else:
+            block = kind(random, quat)
+        quat = block.quat[-1] / np.linalg.norm(block.quat[-1])
+        yield index, block
+
+
+def calibration() -> Any:
+    out = ffi.new("struct calibration *")
+    for name in LSB:
+        part = getattr(out, name)
+        part.bias = [offset * 2**14 for offset in OFFSETS[name]]
+        part.matrix = np.round(MATRIX[name] * 2**14).astype(int).tolist()
+    assert lib.calibration_is_valid(out)
+    return out
+
+
+def counts(name: str, rows: desk.Array) -> desk.Array:
+    """What a sensor of this calibration reads, held at the ends of its range."""
+    matrix = np.round(MATRIX[name] * 2**14) / 2**14
+    read = rows / LSB[name] @ np.linalg.inv(matrix).T + OFFSETS[name]
+    return np.clip(np.round(read), -(2**15), 2**15 - 1)
+
+
+def felt(index: int, block: Block) -> desk.Array:
+    """The samples of a minute: means of rates, noise, a bias that wanders."""
+    random = np.random.default_rng([8, index])
+    quat = block.quat[1:]
+    back = rotation.inverse(quat)
+    turn = rotation.multiply(rotation.inverse(block.quat[:-1]), quat)
+    gyr = rotation.to_rotation_vector(turn) * RATE_HZ
+    seconds = index * BLOCK_S + T[1:]
+    # 0.3 deg/s in three hours, each axis in its own time.
+    gyr += 0.3 * DEGREE * np.sin(2 * np.pi * seconds / 10_800 + np.array([0, 2, 4]))
+    force = block.sway + np.array([0, 0, G])
+    acc = rotation.rotate(back, np.where(block.falls[:, None], 0, force))
+    acc += block.extra_acc
+    mag = rotation.rotate(back, earth() + block.extra_field)
+    # A reading is 12.5 ms behind; at both ends of a minute nothing moves.
+    row = np.arange(PER_BLOCK)
+    mag = (mag[np.maximum(row - 2, 0)] + mag[np.maximum(row - 3, 0)]) / 2
+    out = np.zeros(PER_BLOCK, SAMPLE)
+    for name, rows, noise in (
+        ("gyr", gyr, GYR_NOISE),
+        ("acc", acc, ACC_NOISE),
+        ("mag", mag, MAG_NOISE),
+    ):
+        rows += noise * random.standard_normal(rows.shape)
+        out[name] = counts(name, rows)
+        if name != "mag":
+            out[f"{name}_clipped"] = (np.abs(out[name].astype(int)) >= 32767).any(1)
+    number = index * PER_BLOCK + np.arange(PER_BLOCK, dtype=np.int64)
+    out["time_us"] = (START_US + number * (1_000_000 // RATE_HZ)) % 2**32
+    out["has_mag"] = block.has_mag & (number % 2 == 1)
+    return out
+
+
+@dataclass
+class Watch:
+    """Looks at the poses of one minute after the other."""
+
+    last: desk.Array = field(default_factory=lambda: np.array([[ONE, 0, 0, 0]]))
+    since_clipping_s: float = 1e9
+    since_disturbance_s: float = 1e9
+    longest_s: float = 0.0  # without an undisturbed field, of the minute before
+
+    def look(
+        self, index: int, block: Block, samples: desk.Array, q: desk.Array
+    ) -> desk.Array:
+        """Squared errors of tilt and heading, NaN where nothing is asked."""
+        assert np.abs(desk.norms(q) / ONE - 1).max() < 1e-6
+        truth = block.quat[1:]
+        is_clipped = samples["gyr_clipped"] | samples["acc_clipped"]
+        since_clipping = seconds_since(is_clipped, self.since_clipping_s)
+        is_disturbed = ~block.has_mag | (desk.norms(block.extra_field) > 0)
+        since_disturbance = seconds_since(is_disturbed, self.since_disturbance_s)
+        without = seconds_since(~is_disturbed, self.longest_s)
+        has_started = index * BLOCK_S + T[1:, 0] > STARTED_S
+
+        rate = samples["gyr"] * LSB["gyr"] @ MATRIX["gyr"].T / DEGREE
+        allowed = (desk.norms(rate) + BIAS_DEG_S) / RATE_HZ
+        allowed += heading_step(max(self.longest_s, float(without.max())))
+        is_lost = since_clipping < TILT_AFTER_CLIPPING_S
+        tilt = desk.tilt_deg(q, truth)
+        is_upset = is_lost & (np.roll(tilt, 1) > 90)
+        allowed += np.where(is_lost, np.where(is_upset, 180, LOST_STEP), LEVEL_STEP)
+        step = desk.apart_deg(np.concatenate([self.last, q[:-1]]), q)
+        assert (step <= allowed)[has_started].all()
+
+        tilt[is_lost | ~has_started] = np.nan
+        assert np.nanmax(tilt, initial=0) < TILT
+        heading = desk.heading_deg(q, truth)
+        is_free = (since_disturbance < HEADING_AFTER_DISTURBANCE_S) | (
+            since_clipping < HEADING_AFTER_CLIPPING_S
+        )
+        heading[is_free | ~has_started] = np.nan
+        assert np.nanmax(heading, initial=0) < HEADING
+
+        self.last = q[-1:]
+        self.since_clipping_s = float(since_clipping[-1])
+        self.since_disturbance_s = float(since_disturbance[-1])
+        self.longest_s = float(without.max())
+        return np.stack([tilt, heading]) ** 2
+
+
+def seconds_since(is_so: desk.Array, before_s: float) -> desk.Array:
+    """At each sample, how long ago something last was so."""
+    number = np.arange(1, len(is_so) + 1)
+    last = np.maximum.accumulate(np.where(is_so, number, 0))
+    return np.where(last > 0, number - last, before_s * RATE_HZ + number) / RATE_HZ
+
+
+class Probe:
+    """A `struct pose_tracker` that is fed minutes."""
+
+    def __init__(self) -> None:
+        self.calibration = calibration()
+        self.c = ffi.new("struct pose_tracker *")
+        assert lib.pose_begin(self.c, self.calibration, MPU9250, lib.FILTER_FUSE)
+
+    def feel(self, samples: desk.Array) -> desk.Array:
+        poses = np.zeros(len(samples), desk.dtype_of("struct message_pose"))
+        results = np.zeros(len(samples), np.int32)
+        desk.call(lib.loop_pose, self.c, len(samples), samples, poses, results)
+        return poses["q"].copy()
+
+
+def test_for_twelve_hours_nothing_overflows_jumps_or_drifts():
+    probe, watch = Probe(), Watch()
+    squares, looks = np.zeros((2, HOURS, 2))
+    for index, block in minutes(HOURS * 60):
+        samples = felt(index, block)
+        errors = watch.look(index, block, samples, probe.feel(samples))
+        squares[index // 60] += np.nansum(errors, axis=1)
+        looks[index // 60] += np.count_nonzero(~np.isnan(errors), axis=1)
+    hourly = np.sqrt(squares / looks)
+    # The last hour like the first, and enough of each looked at.
+    assert (hourly < (TILT_RMS, HEADING_RMS)).all()
+    assert (looks > 0.3 * 60 * PER_BLOCK).all()
+
+
+# That a watch sees what it is for.
+
+
+@pytest.fixture(scope="module")
+def seen() -> tuple[Block, desk.Array, desk.Array]:
+    """A calm minute after a calm minute, and its poses."""
+    probe = Probe()
+    for index, block in minutes(2):
+        samples = felt(index, block)
+        q = probe.feel(samples)
+    return block, samples, q
+
+
+def turned(q: desk.Array, rows: slice, *degrees: float) -> desk.Array:
+    turn = rotation.from_rotation_vector(np.array(degrees) * DEGREE)
+    out = q.copy()
+    out[rows] = np.round(rotation.multiply(turn, q[rows] / ONE) * ONE)
+    return out
+
+
+def test_a_calm_minute_passes(seen):
+    block, samples, q = seen
+    Watch(last=q[:1]).look(1, block, samples, q)
+
+
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        lambda q: turned(q, slice(5000, None), 0, 0, 0.3),  # one jump
+        lambda q: turned(q, slice(None), 0.6, 0, 0),  # a tilt
+        lambda q: turned(q, slice(None), 0, 0, 3),  # a heading
+        lambda q: np.where(np.arange(len(q))[:, None] == 77, q * (1 + 2e-6), q),
+    ],
+    ids=["jump", "tilt", "heading", "norm"],
+)
+def test_a_spoilt_minute_does_not(seen, spoilt):
+    block, samples, q = seen
+    bad = spoilt(q)
+    with pytest.raises(AssertionError):
+        Watch(last=bad[:1]).look(1, block, samples, bad)

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: MIT
+"""Madgwick's filter against the equations of his report in doubles."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from core import desk
+from core.desk import DEGREE, ONE, Array
+from core.doubles import UPSIDE_DOWN, apart_from, matrix_of, rms, unit, wild
+from core.scenes import Attitude, at_rest, scene
+from core.test_fuse import STARTS
+from imud import rotation
+
+pytestmark = pytest.mark.native
+
+# Madgwick's earth has x to the north.
+ENU_FROM_EARTH = rotation.from_heading_pitch_roll(np.pi / 2, 0, 0)
+
+
+def gradient(quat: Array, force: Array, field: Array | None) -> Array:
+    """J^T f of equation 34, by the matrices of equations 25, 26, 29 and 30."""
+    q1, q2, q3, q4 = quat
+    a = unit(force)
+    vertical = np.array(
+        [
+            2 * (q2 * q4 - q1 * q3) - a[0],
+            2 * (q1 * q2 + q3 * q4) - a[1],
+            2 * (0.5 - q2**2 - q3**2) - a[2],
+        ]
+    )
+    of_vertical = np.array(
+        [
+            [-2 * q3, 2 * q4, -2 * q1, 2 * q2],
+            [2 * q2, 2 * q1, 2 * q4, 2 * q3],
+            [0, -4 * q2, -4 * q3, 0],
+        ]
+    )
+    if field is None:
+        return np.asarray(of_vertical.T @ vertical)
+    m = unit(field)
+    h = matrix_of(quat) @ m  # equation 45
+    bx, bz = np.hypot(h[0], h[1]), h[2]  # equation 46
+    magnetic = np.array(
+        [
+            2 * bx * (0.5 - q3**2 - q4**2) + 2 * bz * (q2 * q4 - q1 * q3) - m[0],
+            2 * bx * (q2 * q3 - q1 * q4) + 2 * bz * (q1 * q2 + q3 * q4) - m[1],
+            2 * bx * (q1 * q3 + q2 * q4) + 2 * bz * (0.5 - q2**2 - q3**2) - m[2],
+        ]
+    )
+    of_magnetic = 2 * np.array(
+        [
+            [-bz * q3, bz * q4, -2 * bx * q3 - bz * q1, -2 * bx * q4 + bz * q2],
+            [
+                -bx * q4 + bz * q2,
+                bx * q3 + bz * q1,
+                bx * q2 + bz * q4,
+                bz * q3 - bx * q1,
+            ],
+            [bx * q3, bx * q4 - 2 * bz * q2, bx * q1 - 2 * bz * q3, bx * q2],
+        ]
+    )
+    return np.asarray(of_vertical.T @ vertical + of_magnetic.T @ magnetic)
+
+
+def step(
+    quat: Array,
+    rate: Array,
+    force: Array,
+    field: Array | None,
+    seconds: float,
+    beta: float = 0.041,
+) -> Array:
+    """Equations 42 to 44."""
+    earth = rotation.multiply(rotation.inverse(ENU_FROM_EARTH), quat)
+    change = 0.5 * rotation.multiply(earth, np.concatenate([[0.0], rate]))
+    slope = gradient(earth, force, field) if force.any() else np.zeros(4)
+    if slope.any():
+        change = change - beta * unit(slope)
+    return rotation.multiply(ENU_FROM_EARTH, unit(earth + seconds * change))
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "start", "dip_deg"),
+    [
+        (200, rotation.IDENTITY, 66),
+        (200, UPSIDE_DOWN, 85),
+        (100, UPSIDE_DOWN, 66),
+        (380, rotation.IDENTITY, 66),
+    ],
+)
+def test_fixed_point_is_within_0_001_degrees_of_doubles(rate_hz, start, dip_deg):
+    felt = wild(rate_hz, 30, 5, start=start, dip_deg=dip_deg)
+    apart, found = apart_from(felt, "madgwick", step)
+    assert rms(apart) < 0.001
+    assert np.abs(desk.norms(found) / ONE - 1).max() < 1e-6
+
+
+def test_the_comparison_would_see_another_beta():
+    felt = wild(200, 15, 5)
+    apart, _ = apart_from(felt, "madgwick", partial(step, beta=0.045))
+    assert rms(apart) > 0.05
+
+
+@pytest.mark.parametrize("start", STARTS, ids=lambda q: str(np.round(q, 2)))
+def test_from_any_start_the_attitude_is_known_at_once(start):
+    felt = scene(at_rest(5, 200, start), 200, seed=1)
+    found, _ = Attitude("madgwick").feel(felt)
+    assert desk.tilt_deg(found, felt.quat)[0] < 3
+    assert desk.apart_deg(found, felt.quat)[1:].max() < 5
+    assert desk.apart_deg(found, felt.quat)[200:].max() < 2
+
+
+@pytest.mark.parametrize("start", STARTS, ids=lambda q: str(np.round(q, 2)))
+def test_an_attitude_that_has_changed_unseen_is_found_in_50_seconds(start):
+    # Beta of a quaternion is 4.7 deg/s along the gradient, which a steep field gives
+    # little to, and every other sample nothing.
+    away = rotation.from_rotation_vector(np.array([0.4, -0.4, 0.4]))
+    quat = np.vstack(
+        [at_rest(1, 200, start), at_rest(50, 200, rotation.multiply(away, start))]
+    )
+    felt = scene(quat, 200, seed=1)
+    felt.gyr[200] = 0
+    found, _ = Attitude("madgwick").feel(felt)
+    apart = desk.apart_deg(found, felt.quat)
+    assert apart[200] > 35
+    assert apart[200 + 5 * 200] > 15
+    assert apart[-1] < 1
+
+
+def test_a_step_against_the_gradient_has_the_length_of_beta():
+    felt = scene(at_rest(2), 200, noise=0)
+    felt.has_mag[200:] = False
+    felt.acc[200:] = (0, 5, 5)
+    found, _ = Attitude("madgwick").feel(felt)
+    turned = desk.apart_deg(found[200:-1], found[201:])
+    # Along a circle of the vertical: the report's gradient has a part along q as well,
+    # which its normalisation counts in and the next one takes out again.
+    assert turned.max() < 2 * 0.041 / 200 / DEGREE * 1.001
+    assert turned.min() > 0.6 * turned.max()
+
+
+def test_a_disturbed_field_turns_the_heading_and_tilts_nothing():
+    felt = scene(at_rest(10), 200, noise=0)
+    felt.mag[1000:] += (40, 10, 30)
+    found, _ = Attitude("madgwick").feel(felt)
+    # A step of beta either way is never far.
+    assert desk.tilt_deg(found, felt.quat).max() < 0.05
+    assert desk.apart_deg(found, felt.quat)[-1] > 5
+
+
+def test_without_a_force_the_gyroscope_turns_alone():
+    felt = scene(at_rest(4), 200, noise=0)
+    felt.acc[400:] = 0
+    felt.gyr[400:, 2] = 90 * DEGREE
+    found, _ = Attitude("madgwick").feel(felt)
+    turned = desk.apart_deg(found[-1:], felt.quat[-1:])[0]
+    assert turned == pytest.approx(180, abs=0.1)

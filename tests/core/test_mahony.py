@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: MIT
+"""Mahony's filter with NECTEC's gains, against its paper's equations in doubles."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from core import desk
+from core.desk import DEGREE, ONE, Array
+from core.doubles import UPSIDE_DOWN, apart_from, matrix_of, rms, unit, wild
+from core.scenes import Attitude, at_rest, scene
+from core.test_fuse import STARTS
+from imud import rotation
+
+pytestmark = pytest.mark.native
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def step(
+    quat: Array,
+    rate: Array,
+    force: Array,
+    field: Array | None,
+    seconds: float,
+    gain: float = 15.0,
+) -> Array:
+    """Mahony 2008, equations 32, Ki 0; the field's reference as NECTEC has it."""
+    body = matrix_of(quat).T
+    error = np.zeros(3)
+    if force.any():
+        error = np.cross(unit(force), body @ UP)
+        if field is not None:
+            seen = matrix_of(quat) @ unit(field)
+            reference = np.array([0.0, np.hypot(seen[0], seen[1]), seen[2]])
+            error += np.cross(unit(field), body @ reference)
+    spin = np.concatenate([[0.0], rate + gain * error])
+    return unit(quat + 0.5 * seconds * rotation.multiply(quat, spin))
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "start", "dip_deg"),
+    [
+        (200, rotation.IDENTITY, 66),
+        (200, UPSIDE_DOWN, 85),
+        (100, UPSIDE_DOWN, 66),
+        (380, rotation.IDENTITY, 66),
+    ],
+)
+def test_fixed_point_is_within_0_001_degrees_of_doubles(rate_hz, start, dip_deg):
+    felt = wild(rate_hz, 30, 5, start=start, dip_deg=dip_deg)
+    apart, found = apart_from(felt, "mahony", step)
+    assert rms(apart) < 0.001
+    assert np.abs(desk.norms(found) / ONE - 1).max() < 1e-6
+
+
+def test_the_comparison_would_see_another_gain():
+    felt = wild(200, 15, 5)
+    apart, _ = apart_from(felt, "mahony", partial(step, gain=14.5))
+    assert rms(apart) > 0.05
+
+
+@pytest.mark.parametrize("start", STARTS, ids=lambda q: str(np.round(q, 2)))
+def test_from_any_start_the_attitude_is_known_at_once(start):
+    felt = scene(at_rest(5, 200, start), 200, seed=1)
+    found, _ = Attitude("mahony").feel(felt)
+    assert desk.tilt_deg(found, felt.quat)[0] < 3
+    assert desk.apart_deg(found, felt.quat)[1:].max() < 5
+    assert desk.apart_deg(found, felt.quat)[200:].max() < 1
+
+
+@pytest.mark.parametrize("start", STARTS, ids=lambda q: str(np.round(q, 2)))
+def test_an_attitude_that_has_changed_unseen_is_found_in_8_seconds(start):
+    # The field is steep: of Kp a sixth turns the heading, every other sample.
+    away = rotation.from_rotation_vector(np.array([1.0, -1.0, 1.0]))
+    quat = np.vstack(
+        [at_rest(1, 200, start), at_rest(8, 200, rotation.multiply(away, start))]
+    )
+    felt = scene(quat, 200, seed=1)
+    felt.gyr[200] = 0
+    found, _ = Attitude("mahony").feel(felt)
+    apart = desk.apart_deg(found, felt.quat)
+    assert apart[200] > 80
+    assert apart[200 + 400] > 10
+    assert apart[-1] < 1
+
+
+def test_a_disturbed_field_turns_the_heading_and_in_the_end_tilts_nothing():
+    felt = scene(at_rest(10), 200, noise=0)
+    felt.mag[1000:] += (40, 10, 30)
+    found, _ = Attitude("mahony").feel(felt)
+    tilt = desk.tilt_deg(found, felt.quat)
+    # On the way the cross product of the fields is not upright.
+    assert 1 < tilt.max() < 6
+    assert tilt[-1] < 0.01
+    assert desk.apart_deg(found, felt.quat)[-1] > 20
+
+
+def test_without_a_force_the_gyroscope_turns_alone():
+    felt = scene(at_rest(4), 200, noise=0)
+    felt.acc[400:] = 0
+    felt.gyr[400:, 2] = 90 * DEGREE
+    found, _ = Attitude("mahony").feel(felt)
+    turned = desk.apart_deg(found[-1:], felt.quat[-1:])[0]
+    assert turned == pytest.approx(180, abs=0.1)

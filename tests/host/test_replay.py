@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: MIT
+"""_core.Replay of any filter: the same bits as the firmware's own, from the start and
+after a restart."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from core import desk
+from core.desk import ffi, lib
+from core.scenes import scene, tumble
+from imud import _core
+from protocol import wire
+
+pytestmark = pytest.mark.native
+
+MPU9250 = desk.identity_of()
+SAMPLES = scene(tumble(8, 200, 4), 200, seed=4).samples(MPU9250)
+KINDS = range(lib.FILTER_FUSE, lib.FILTER_DCM_PI + 1)
+NULL = -(2**15)
+
+
+def hello(kind: int) -> bytes:
+    fields: dict[str, Any] = {
+        name: "0" * 16 if name == "probe_id" else 0
+        for name, _ in wire.field_types("hello")
+    }
+    fields |= {
+        "firmware": "test",
+        "who_am_i": [0x71, 0x48],
+        "mag_adjust": [0, 0, 0],
+        "sensor": lib.SENSOR_MPU9250,
+        "sample_rate": 200,
+        "acc_lsb": MPU9250.acc_lsb_nm_s2,
+        "gyr_lsb": MPU9250.gyr_lsb_nrad_s,
+        "mag_lsb": MPU9250.mag_lsb_pt,
+        "filter": kind,
+    }
+    return wire.encode_message("hello", fields, 0, 0)
+
+
+def raw(row: Any) -> bytes:
+    fields = {
+        "acc": row["acc"].tolist(),
+        "gyr": row["gyr"].tolist(),
+        "mag": row["mag"].tolist() if row["has_mag"] else [NULL] * 3,
+        "temperature": 0,
+        "sample_flags": 0,
+    }
+    return wire.encode_message("raw", fields, 0, int(row["time_us"]))
+
+
+def poses(kind: int, rows: desk.Array) -> list[bytes]:
+    """The contents of the firmware's poses of samples, from a start with them."""
+    tracker = ffi.new("struct pose_tracker *")
+    assert lib.pose_begin(tracker, desk.UNCALIBRATED, MPU9250, kind)
+    made = np.zeros(len(rows), desk.dtype_of("struct message_pose"))
+    results = np.zeros(len(rows), np.int32)
+    desk.call(lib.loop_pose, tracker, len(rows), rows, made, results)
+    return [
+        wire.encode_message(
+            "pose", {n: row[n].tolist() for n in made.dtype.names}, 7, 8
+        )
+        for row in made
+    ]
+
+
+def replayed(replay: _core.Replay, rows: desk.Array) -> list[bytes]:
+    found = []
+    for row in rows:
+        replay.step(raw(row))
+        found.append(replay.pose(7, 8))
+    return found
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_hellos_filter_is_replayed_to_the_last_bit(kind):
+    assert replayed(_core.Replay(hello(kind)), SAMPLES) == poses(kind, SAMPLES)
+
+
+def test_a_restart_begins_anew_with_the_filter_that_it_names():
+    replay = _core.Replay(hello(lib.FILTER_FUSE))
+    assert replayed(replay, SAMPLES[:700]) == poses(lib.FILTER_FUSE, SAMPLES[:700])
+    for kind in reversed(KINDS):
+        replay.restart(kind)
+        assert replayed(replay, SAMPLES) == poses(kind, SAMPLES)
+
+
+@pytest.mark.parametrize("kind", [0, 6, 255])
+def test_a_hello_of_no_filter_is_refused(kind):
+    with pytest.raises(ValueError, match=f"filter {kind} is not one that can be"):
+        _core.Replay(hello(kind))
+
+
+@pytest.mark.parametrize("kind", [-1, 0, 6, 256 + lib.FILTER_FUSE, 2**32 + 1])
+def test_a_restart_of_no_filter_is_refused_and_changes_nothing(kind):
+    replay = _core.Replay(hello(lib.FILTER_MAHONY))
+    before = replayed(replay, SAMPLES[:100])
+    with pytest.raises(ValueError, match=f"filter {kind} is not one that can be"):
+        replay.restart(kind)
+    after = replayed(replay, SAMPLES[100:200])
+    assert before + after == poses(lib.FILTER_MAHONY, SAMPLES[:200])

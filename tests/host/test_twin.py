@@ -1,0 +1,505 @@
+# SPDX-License-Identifier: MIT
+"""The twin, fed by the firmware's own probe: it follows, it tells what differs, and no
+loss whatever makes it tell what doesn't."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.desk import lib
+from core.scenes import scene, tumble
+from core.test_probe import MPU9250, Bench, Memory, command_frame
+from imud import _core
+from imud.frame import FrameDecoder
+from imud.messages import Message, decode, encode
+from imud.session import Probe, Received, Session
+from imud.twin import (
+    Began,
+    Differs,
+    Lost,
+    Outcome,
+    State,
+    Stopped,
+    Twin,
+    WantsRaw,
+    WantsRestart,
+)
+
+pytestmark = pytest.mark.native
+
+PERIOD_US = 5000
+SAMPLES = scene(tumble(8, 200, seed=4), 200, seed=4).samples(MPU9250)
+POSE, BOTH = lib.STREAM_POSE, lib.STREAM_POSE | lib.STREAM_RAW
+
+
+class Life(Bench):
+    """A probe whose time goes by in samples, and the contents of all it says."""
+
+    def __init__(self, memory: Memory | None = None) -> None:
+        self.contents: list[bytes] = []
+        self.at = 0
+        self.token = 0
+        super().__init__(memory)
+
+    def _send(self, data: Any, length: int) -> bool:
+        self.contents += FrameDecoder().feed(bytes(data[0:length]))
+        return True
+
+    def wake(self) -> Life:
+        self.find_sensor()
+        return self
+
+    def live(self, count: int, **flags: bool) -> Life:
+        for _ in range(count):
+            row = SAMPLES[self.at % len(SAMPLES)].copy()
+            for name, is_so in flags.items():
+                row[name] = is_so
+            self.at += 1
+            self.now_us += PERIOD_US
+            self.sample(row)
+            lib.probe_step(self.c, False, self.time_us)
+        return self
+
+    def miss(self, count: int) -> Life:
+        """Samples that the probe is too late for; the next one says so."""
+        self.now_us += count * PERIOD_US
+        lib.probe_overrun(self.c, count, self.time_us)
+        return self.live(1, has_gap=True)
+
+    def faint(self, count: int) -> Life:
+        """The bus fails and the sensor is set up again."""
+        self.fail()
+        self.now_us += count * PERIOD_US
+        self.find_sensor()
+        return self.live(1, has_gap=True)
+
+    def order(self, command: int, first: int = 0, second: int = 0) -> Life:
+        self.token += 1
+        self.receive(command_frame(command, self.token, first, second))
+        return self
+
+
+def followed(*, raw_hz: int = 200) -> Life:
+    """A probe that streams both from its boot."""
+    life = Life().order(lib.COMMAND_FIELDS, BOTH)
+    return life.order(lib.COMMAND_RATE, 1, raw_hz).order(lib.COMMAND_START).wake()
+
+
+def heard(contents: Iterable[bytes]) -> tuple[Twin, list[Outcome]]:
+    """What a twin makes of what a session passes on to it."""
+    twin = Twin()
+    probes: dict[str, Probe] = {}
+    session = Session(lambda name: probes.setdefault(name, Probe(name)))
+    outcomes = [
+        outcome
+        for content in contents
+        for event in session.take(content, None)
+        if isinstance(event, Received)
+        and (outcome := twin.take(event.message, event.content)) is not None
+    ]
+    return twin, outcomes
+
+
+def named(contents: list[bytes], name: str) -> list[int]:
+    """Where messages of that name, or events, are."""
+    found = []
+    for at, content in enumerate(contents):
+        message = decode(content)
+        assert isinstance(message, Message)
+        if name in (message.name, message.fields.get("event")):
+            found.append(at)
+    return found
+
+
+def changed(content: bytes, **fields: Any) -> bytes:
+    message = decode(content)
+    assert isinstance(message, Message)
+    return encode(
+        message.name,
+        dict(message.fields) | fields,
+        message.sequence,
+        message.time_us,
+    )
+
+
+def without(contents: list[bytes], *gone: int) -> list[bytes]:
+    return [content for at, content in enumerate(contents) if at not in gone]
+
+
+# It follows.
+
+
+def test_it_follows_from_a_boot_that_streams_from_its_first_sample():
+    life = followed().live(700)
+    twin, outcomes = heard(life.contents)
+    assert outcomes == [Began(named(life.contents, "raw")[0])]
+    assert (twin.state, twin.compared, twin.differed) == (State.FOLLOWING, 350, 0)
+
+
+def test_it_follows_all_that_changes_a_pose():
+    life = followed().live(620)
+    for change in (
+        lambda: life.order(lib.COMMAND_TARE, 0),
+        lambda: life.order(lib.COMMAND_TARE, 1),
+        lambda: life.miss(2),
+        lambda: life.live(1, gyr_clipped=True),
+        lambda: life.faint(30),
+        lambda: life.faint(70),  # longer than the orientation is kept
+        lambda: life.order(lib.COMMAND_TARE, 2),
+        lambda: life.order(lib.COMMAND_RATE, 0, 200),
+        lambda: life.order(lib.COMMAND_RATE, 0, 7),
+    ):
+        change()
+        life.live(150)
+    twin, outcomes = heard(life.contents)
+    assert len(outcomes) == 1
+    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+    assert twin.compared == len(named(life.contents, "pose"))
+    assert len(named(life.contents, "bus_recovered")) == 2
+
+
+def test_it_begins_anew_with_each_restart():
+    life = followed().live(600).order(lib.COMMAND_TARE)
+    life.live(50).order(lib.COMMAND_RESTART).live(50)
+    life.order(lib.COMMAND_RESTART, lib.FILTER_FUSE).live(50)
+    twin, outcomes = heard(life.contents)
+    restarts = named(life.contents, "restarted")
+    assert [o.sequence for o in outcomes[1:] if isinstance(o, Began)] == restarts
+    assert (twin.state, twin.compared, twin.differed) == (State.FOLLOWING, 375, 0)
+
+
+@pytest.mark.parametrize("name", ["complementary", "mahony", "madgwick", "dcm_pi"])
+def test_it_follows_every_filter(name: str) -> None:
+    life = followed().live(20)
+    life.order(lib.COMMAND_RESTART, getattr(lib, f"FILTER_{name.upper()}")).live(600)
+    twin, outcomes = heard(life.contents)
+    assert [type(outcome) for outcome in outcomes] == [Began, Began]
+    assert (twin.compared, twin.differed) == (310, 0)
+
+
+def test_it_asks_for_what_it_needs_once_a_stream():
+    life = Life().wake().live(600).order(lib.COMMAND_RATE, 1, 50)
+    life.order(lib.COMMAND_START).live(9)
+    assert heard(life.contents)[1] == [WantsRaw(200)]
+    life.order(lib.COMMAND_RATE, 1, 200).live(9)
+    assert heard(life.contents)[1] == [WantsRaw(200)]
+    life.order(lib.COMMAND_FIELDS, BOTH).live(9)
+    assert heard(life.contents)[1] == [WantsRaw(200), WantsRestart()]
+    life.order(lib.COMMAND_STOP).live(50).order(lib.COMMAND_START).live(9)
+    assert heard(life.contents)[1] == [WantsRaw(200), WantsRestart(), WantsRestart()]
+    twin, outcomes = heard(life.order(lib.COMMAND_RESTART).live(40).contents)
+    assert isinstance(outcomes[-1], Began)
+    assert (twin.state, twin.compared) == (State.FOLLOWING, 20)
+
+
+def test_it_asks_for_raw_messages_alone_where_their_rate_is_right():
+    life = Life().wake().live(5).order(lib.COMMAND_START).live(5)
+    assert heard(life.contents)[1] == [WantsRaw(None)]
+
+
+def test_it_waits_while_nothing_streams():
+    life = followed().live(100).order(lib.COMMAND_STOP).live(100)
+    twin, outcomes = heard(life.contents)
+    assert [type(outcome) for outcome in outcomes] == [Began, Stopped]
+    assert (twin.state, twin.compared) == (State.WAITING, 50)
+    # Also where it misses the event that says so.
+    stopped = named(life.contents, "stream_stopped")[0]
+    life.order(lib.COMMAND_START).live(10)
+    twin, outcomes = heard(without(life.contents, stopped))
+    assert [type(o) for o in outcomes] == [Began, Stopped, WantsRestart]
+
+
+def test_a_restart_that_no_sample_is_told_after_is_not_followed():
+    life = followed().live(20).order(lib.COMMAND_STOP).live(20)
+    life.order(lib.COMMAND_RESTART).live(20).order(lib.COMMAND_START).live(20)
+    twin, outcomes = heard(life.contents)
+    assert [type(o) for o in outcomes[2:]] == [Began, Stopped, WantsRestart]
+    assert (twin.state, twin.compared) == (State.WAITING, 10)
+
+
+def test_another_boot_is_followed_from_its_own_beginning():
+    life = followed().live(700)  # so long that it has saved its settings
+    again = Life(life.memory).order(lib.COMMAND_START).wake().live(300)
+    twin, outcomes = heard(life.contents + again.contents)
+    assert [type(outcome) for outcome in outcomes] == [Began, Stopped, Began]
+    assert (twin.state, twin.compared) == (State.FOLLOWING, 500)
+    # Where its first hello is lost it isn't known whether a sample went by.
+    twin, outcomes = heard(life.contents + again.contents[1:])
+    assert twin.state is State.WAITING
+    assert isinstance(outcomes[-1], WantsRestart)
+
+
+def test_a_probe_that_is_there_again_is_met_anew():
+    life = followed().live(300)
+    twin, _ = heard(life.contents)
+    twin.appear()
+    assert twin.state is State.WAITING
+    begun = len(life.contents)
+    later = life.live(300).contents[begun:]
+    asked = [twin.take(message, b) for b in later if (message := message_of(b))]
+    assert asked.count(WantsRestart()) == 1
+
+
+def message_of(content: bytes) -> Message:
+    message = decode(content)
+    assert isinstance(message, Message)
+    return message
+
+
+def test_numbers_go_on_past_their_end():
+    life = followed()
+    life.c.sequence = 2**32 - 100
+    life.live(20).order(lib.COMMAND_HELLO).order(lib.COMMAND_RESTART).live(600)
+    twin, outcomes = heard(life.contents[1:])
+    wrapped = [message_of(content).sequence for content in life.contents]
+    assert 0 in wrapped
+    assert isinstance(outcomes[-1], Began)
+    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+    assert twin.compared > 250
+
+
+# It tells what differs.
+
+
+@pytest.mark.parametrize("which", [0, 1, 77, -1])
+def test_a_flipped_bit_is_told_with_its_number(which: int) -> None:
+    contents = followed().live(300).contents
+    at = named(contents, "pose")[which]
+    pose = bytearray(contents[at])
+    pose[10] ^= 1  # the last bit of w
+    twin, outcomes = heard([*contents[:at], bytes(pose), *contents[at + 1 :]])
+    (differs,) = outcomes[1:]
+    assert isinstance(differs, Differs)
+    assert differs.sequence == message_of(contents[at]).sequence
+    assert (differs.fields, differs.is_first) == (("q",), True)
+    assert (differs.probe, differs.twin) == (bytes(pose), contents[at])
+    assert (twin.state, twin.compared, twin.differed) == (State.DIFFERS, 150, 1)
+
+
+def test_the_first_difference_is_told_apart_from_those_that_follow():
+    life = followed().live(100)
+    contents = life.contents
+    poses = named(contents, "pose")
+    for at in poses[30:]:
+        contents[at] = changed(contents[at], tilt_sigma=77.0)
+    twin, outcomes = heard(contents)
+    told = [outcome for outcome in outcomes if isinstance(outcome, Differs)]
+    assert [outcome.is_first for outcome in told] == [True] + [False] * 19
+    assert {outcome.fields for outcome in told} == {("tilt_sigma",)}
+    assert (twin.compared, twin.differed) == (50, 20)
+    # After a restart the next one is a first one again.
+    sent = len(life.order(lib.COMMAND_RESTART).live(20).contents)
+    last = named(contents, "pose")[-1]
+    assert sent > last
+    contents[last] = changed(contents[last], tilt_sigma=77.0)
+    twin, outcomes = heard(contents)
+    assert isinstance(outcomes[-1], Differs)
+    assert outcomes[-1].is_first
+
+
+def test_a_sample_that_was_not_the_one_fused_is_told():
+    contents = followed().live(300).contents
+    at = named(contents, "raw")[100]
+    raw = message_of(contents[at])
+    x, y, z = raw.fields["gyr"]  # type: ignore[misc] # three counts
+    contents[at] = changed(contents[at], gyr=(x + 40, y, z))
+    _, outcomes = heard(contents)
+    told = [outcome for outcome in outcomes if isinstance(outcome, Differs)]
+    after = next(pose for pose in named(contents, "pose") if pose > at)
+    assert told[0].sequence == message_of(contents[after]).sequence
+    assert len(told) > 50
+
+
+@pytest.mark.parametrize("flag", ["clipped", "gap"])
+def test_a_flag_too_many_or_too_few_is_told(flag: str) -> None:
+    life = followed().live(101)
+    if flag == "gap":
+        life.miss(1)
+    else:
+        life.live(1, acc_clipped=True)
+    contents = life.live(11).contents
+    poses = named(contents, "pose")
+    (at,) = (p for p in poses if flag in str(message_of(contents[p]).fields))
+    for struck, flags in ((at, ()), (poses[-1], (flag,))):
+        before = message_of(contents[struck]).fields["pose_flags"]
+        assert isinstance(before, tuple)
+        kept = tuple(each for each in before if each not in ("clipped", "gap"))
+        wrong = changed(contents[struck], pose_flags=(*kept, *flags))
+        _, outcomes = heard([*contents[:struck], wrong, *contents[struck + 1 :]])
+        (differs,) = outcomes[1:]
+        assert isinstance(differs, Differs)
+        assert differs.fields == ("pose_flags",)
+
+
+# A loss ends it, and is never a difference.
+
+
+def test_a_lost_sample_ends_it_until_the_next_restart():
+    life = followed().live(100)
+    gone = named(life.contents, "raw")[50]
+    number = message_of(life.contents[gone]).sequence
+    twin, outcomes = heard(without(life.contents, gone))
+    assert outcomes[1:] == [Lost(number, "a message is missing")] or (
+        outcomes[1:] == [Lost(number + 1, "its sample was not told")]
+    )
+    assert twin.state is State.LOST
+    twin, outcomes = heard(
+        without(life.order(lib.COMMAND_RESTART).live(20).contents, gone)
+    )
+    assert [type(outcome) for outcome in outcomes] == [Began, Lost, Began]
+    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+
+
+def test_a_lost_pose_is_all_that_is_missed():
+    life = followed().live(100)
+    poses = named(life.contents, "pose")
+    twin, outcomes = heard(without(life.contents, poses[20], poses[30]))
+    assert len(outcomes) == 1
+    assert (twin.state, twin.compared) == (State.FOLLOWING, 48)
+
+
+@pytest.mark.parametrize("name", ["hello", "status", "calibration_done"])
+def test_what_no_pose_depends_on_may_be_lost(name: str) -> None:
+    life = followed().live(700)
+    gone = named(life.contents, name)[-1]
+    twin, outcomes = heard(without(life.contents, gone))
+    assert len(outcomes) == 1
+    assert (twin.state, twin.compared) == (State.FOLLOWING, 350)
+
+
+@pytest.mark.parametrize("flag", ["acc_clipped", "has_gap"])
+def test_a_lost_pose_takes_its_latched_flags_along(flag: str) -> None:
+    life = followed().live(99).live(1, **{flag: True}).live(10)
+    at = max(
+        pose
+        for pose in named(life.contents, "pose")
+        if {"clipped", "gap"} & set(str(message_of(life.contents[pose])).split("'"))
+    )
+    twin, outcomes = heard(without(life.contents, at))
+    assert len(outcomes) == 1
+    assert (twin.state, twin.compared) == (State.FOLLOWING, 54)
+
+
+@pytest.mark.parametrize("command", [lib.COMMAND_TARE, lib.COMMAND_RESTART])
+@pytest.mark.parametrize("gone", [(0,), (0, 1)])
+def test_a_change_that_is_lost_ends_it(command: int, gone: tuple[int, ...]) -> None:
+    life = followed().live(650)
+    at = len(life.contents)
+    life.order(command).live(100)
+    twin, outcomes = heard(without(life.contents, *(at + n for n in gone)))
+    assert outcomes[1:] == [
+        Lost(message_of(life.contents[at]).sequence, "a message is missing")
+    ]
+    assert twin.state is State.LOST
+
+
+@pytest.mark.parametrize(
+    ("command", "arguments"),
+    [(lib.COMMAND_RATE, (1, 199)), (lib.COMMAND_FIELDS, (POSE, 0))],
+)
+def test_it_ends_where_not_every_sample_is_told_any_more(
+    command: int, arguments: tuple[int, int]
+) -> None:
+    life = followed().live(50).order(command, *arguments)
+    _, outcomes = heard(life.contents)
+    number = message_of(life.contents[-1]).sequence
+    assert outcomes[1:] == [Lost(number, "not every sample is told any more")]
+
+
+def test_a_gap_is_not_believed_where_a_message_is_missing():
+    life = followed().live(50)
+    gone = named(life.contents, "pose")[-1]
+    life.live(10).miss(1)
+    _, outcomes = heard(without(life.contents, gone))
+    assert isinstance(outcomes[-1], Lost)
+
+
+def test_what_this_imud_cannot_compute_ends_it() -> None:
+    life = followed().live(50).order(lib.COMMAND_TARE).order(lib.COMMAND_RESTART)
+    contents = life.live(5).contents
+    for name, detail in (("tared", 3), ("restarted", 99)):
+        at = named(contents, name)[0]
+        wrong = changed(contents[at], detail=detail)
+        twin, outcomes = heard([*contents[:at], wrong])
+        assert isinstance(outcomes[-1], Lost)
+        assert "can't compute" in outcomes[-1].reason
+        assert twin.state is State.LOST
+
+
+@pytest.mark.parametrize("kind", [-1, 3, 2**40])
+def test_an_origin_of_no_kind_is_refused(kind: int) -> None:
+    replay = _core.Replay(followed().contents[-1])
+    with pytest.raises(ValueError, match=f"origin {kind} is not one of 0 to 2"):
+        replay.origin(kind)
+
+
+def a_life(seed: int) -> list[bytes]:
+    """A few seconds with all that can happen, and a boot in the middle."""
+    random = np.random.default_rng(seed)
+    memory = Memory()
+    contents: list[bytes] = []
+    for boot in range(2):
+        life = Life(memory)
+        if boot or seed % 2:
+            life.order(lib.COMMAND_START)
+        life.order(lib.COMMAND_FIELDS, BOTH).wake()
+        actions = [
+            lambda life=life: life.order(lib.COMMAND_TARE, int(random.integers(3))),
+            lambda life=life: life.order(lib.COMMAND_RESTART),
+            lambda life=life: life.miss(int(random.integers(1, 60))),
+            lambda life=life: life.faint(int(random.integers(40, 60))),
+            lambda life=life: life.live(1, gyr_clipped=True),
+            lambda life=life: life.order(
+                lib.COMMAND_FIELDS, int(random.choice([POSE, BOTH, BOTH]))
+            ),
+            lambda life=life: life.order(
+                lib.COMMAND_RATE, 1, int(random.choice([100, 150, 200, 200]))
+            ),
+            lambda life=life: life.order(lib.COMMAND_STOP),
+            lambda life=life: life.order(lib.COMMAND_START),
+            lambda life=life: life.order(lib.COMMAND_HELLO),
+        ]
+        for _ in range(40):
+            for action in random.choice(len(actions), random.integers(0, 4)):
+                actions[action]()
+            life.live(int(random.choice([0, 1, 2, 3, 20])))
+        contents += life.contents
+    return contents
+
+
+@functools.cache
+def a_known_life(seed: int) -> list[bytes]:
+    return a_life(seed)
+
+
+def assert_no_difference(contents: list[bytes]) -> int:
+    twin, outcomes = heard(contents)
+    assert not any(isinstance(outcome, Differs) for outcome in outcomes)
+    assert twin.differed == 0
+    return twin.compared
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_single_loss_is_a_difference(seed: int) -> None:
+    contents = a_known_life(seed)
+    assert_no_difference(contents)
+    for at in range(seed % 3, len(contents), 3):
+        assert_no_difference(without(contents, at))
+
+
+@given(st.data())
+def test_no_loss_is_a_difference(data: st.DataObject) -> None:
+    contents = a_known_life(data.draw(st.integers(0, 19)))
+    share = data.draw(st.sampled_from([0.002, 0.01, 0.05, 0.3]))
+    random = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    kept = random.random(len(contents)) >= share
+    begun = data.draw(st.integers(0, len(contents)))
+    kept[begun : begun + data.draw(st.integers(0, 8))] = False
+    assert_no_difference([c for c, k in zip(contents, kept, strict=True) if k])

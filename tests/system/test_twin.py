@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: MIT
+"""`imud run --twin` beside the image: the same bits as it runs, and what isn't."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fakes import PATIENCE_S, DaemonProcess, Port
+from imud.client import Client
+from imud.frame import encode_frame
+from system.test_chain import LiveProbe, hear
+from system.virtual import FIELDS_ALL, Stub, run, write_hand
+
+
+def twin_when(client: Client, key: str, least: Any) -> dict[str, Any]:
+    """The twin of the first status from here on that has come so far."""
+    statuses = hear(client, "status")
+    while True:
+        twin: dict[str, Any] = statuses.get(timeout=PATIENCE_S)["twin"]
+        if twin[key] >= least:
+            return twin
+
+
+def test_it_follows_a_live_probe_through_a_tare_and_its_button(stub: Stub) -> None:
+    hand = write_hand(stub.folder / "hand", 60)
+    presses = ("1500000:1600000", "11000000:11100000", "12000000:12100000")
+    options = [word for press in presses for word in ("--press", press)]
+    probe = LiveProbe(stub, "--motion", hand, *options)
+    with DaemonProcess(probe.port, "--twin", directory=stub.folder) as daemon:
+        daemon.expect("its twin follows from")
+        with Client(daemon.endpoint) as client:
+            name = client.wait_for(seconds=PATIENCE_S)
+            for compared, what in ((200, "all"), (500, "heading")):
+                twin_when(client, "compared", compared)
+                assert client.command(name, "tare", what=what)["ok"]
+            daemon.expect("stream stopped")
+            daemon.expect("its twin follows from")
+            twin = twin_when(client, "compared", 1800)
+            (status,) = client.statuses()
+        summary = probe.end()
+        daemon.stop()
+    assert not summary["crashed"]
+    assert (status["ledger"]["lost"], status["ledger"]["corrupt"]) == (0, 0)
+    assert (twin["state"], twin["differed"]) == ("following", 0)
+    assert (twin["lost"], twin["first_difference"]) == (None, None)
+
+
+def test_a_pose_that_was_changed_on_its_way_is_told_by_its_number(stub: Stub) -> None:
+    hand = write_hand(stub.folder / "hand", 12)
+    done = run(
+        *(stub, 12, "--motion", hand, "--press", "200000:300000"),
+        *("--send", f"100000:{FIELDS_ALL}"),
+    )
+    contents = list(done.contents)
+    poses = [at for at, m in enumerate(done.messages) if m.name == "pose"]
+    struck = poses[700]
+    contents[struck] = contents[struck][:10] + bytes(
+        [contents[struck][10] ^ 1, *contents[struck][11:]]
+    )
+    data = b"".join(encode_frame(content) for content in contents)
+    port = Port(stub.folder / "port")
+    with DaemonProcess(port.path, "--twin", directory=stub.folder) as daemon:
+        port.read()  # it has opened the port and asks who is there
+        for at in range(0, len(data), 2048):
+            port.write(data[at : at + 2048])
+        number = done.messages[struck].sequence
+        daemon.expect(f"pose #{number} is not what its samples give: q differ$")
+        with Client(daemon.endpoint) as client:
+            twin = twin_when(client, "compared", len(poses))
+        daemon.stop()
+    assert (twin["state"], twin["compared"]) == ("differs", len(poses))
+    first = twin["first_difference"]
+    assert (first["seq"], first["fields"]) == (number, ["q"])
+    assert bytes.fromhex(first["probe"]) == contents[struck]
+    assert bytes.fromhex(first["twin"]) == done.contents[struck]
+    assert twin["differed"] == 1
+    assert daemon.lines[-1].count(f"1 of {len(poses)} poses differ") == 1
+    port.vanish()
