@@ -127,27 +127,42 @@ static void survive_burst(enum bus_result failure, uint32_t now_us) {
     board_sampling_start(sensor->burst(sensor->state));
 }
 
-static void use_sample(const struct board_sample *taken, uint32_t now_us) {
+// Fills in what a burst brought; false where that was none. Not inline, so that its
+// bytes are off the stack while the sample is worked on.
+__attribute__((noinline)) static bool take_sample(struct sample *sample,
+                                                  uint32_t now_us) {
     const struct sensor_driver *sensor = board_sensor();
-    struct sample sample;
-    if (!sensor->parse(sensor->state, taken->bytes, taken->time_us, &sample)) {
-        survive_burst(BUS_STUCK, now_us);
-        return;
+    struct board_sample taken;
+    switch (board_sample_take(&taken)) {
+    case BOARD_SAMPLE_OK:
+        break;
+    case BOARD_SAMPLE_FAILED:
+        survive_burst(taken.failure, now_us);
+        return false;
+    default:
+        if (now_us - acquisition.since_us >= NO_DATA_READY_US) {
+            give_up(EVENT_SENSOR_FAULT, CAUSE_NO_DATA_READY, 0, now_us);
+        }
+        return false;
     }
-    if (taken->missed > 0) {
-        probe_overrun(&probe, taken->missed, now_us);
+    if (!sensor->parse(sensor->state, taken.bytes, taken.time_us, sample)) {
+        survive_burst(BUS_STUCK, now_us);
+        return false;
+    }
+    if (taken.missed > 0) {
+        probe_overrun(&probe, taken.missed, now_us);
         acquisition.has_gap = true;
     }
-    sample.has_gap = acquisition.has_gap;
+    sample->has_gap = acquisition.has_gap;
     acquisition.has_gap = false;
     acquisition.failed = 0;
     acquisition.since_us = now_us;
-    probe_sample(&probe, &sample);
+    return true;
 }
 
 // Returns true where a sample was worked on.
 static bool acquire(uint32_t now_us) {
-    struct board_sample taken;
+    struct sample sample;
     switch (acquisition.phase) {
     case PHASE_WAITING:
         if (now_us - acquisition.since_us >= RETRY_US) {
@@ -160,42 +175,39 @@ static bool acquire(uint32_t now_us) {
     default:
         break;
     }
-    switch (board_sample_take(&taken)) {
-    case BOARD_SAMPLE_OK:
-        use_sample(&taken, now_us);
-        return true;
-    case BOARD_SAMPLE_FAILED:
-        survive_burst(taken.failure, now_us);
-        return false;
-    default:
-        if (now_us - acquisition.since_us >= NO_DATA_READY_US) {
-            give_up(EVENT_SENSOR_FAULT, CAUSE_NO_DATA_READY, 0, now_us);
-        }
+    if (!take_sample(&sample, now_us)) {
         return false;
     }
+    probe_sample(&probe, &sample);
+    return true;
 }
 
-int main(void) {
-    board_init();
-    uint8_t id[8];
-    const bool has_id = board_unique_id(id);
-    const struct probe_port port = {
+// Not inline, as take_sample.
+__attribute__((noinline)) static void begin(uint32_t now_us) {
+    static struct probe_port port = {
         .send = board_send,
         .samples_ready = board_samples_ready,
         .stack_free = board_stack_free,
         .supply_mv = board_supply_mv,
         .entropy = board_entropy,
-        .storage = board_storage(),
     };
+    port.storage = board_storage();
+    uint8_t id[8];
+    const bool has_id = board_unique_id(id);
     const struct probe_board board = {
         .kind = board_kind(),
         .reset_cause = board_reset_cause(),
         .firmware = FIRMWARE_BUILD,
         .unique_id = has_id ? id : NULL,
     };
-    uint32_t stepped_us = board_time_us();
-    probe_begin(&probe, &port, &board, stepped_us);
+    probe_begin(&probe, &port, &board, now_us);
     begin_setup();
+}
+
+int main(void) {
+    board_init();
+    uint32_t stepped_us = board_time_us();
+    begin(stepped_us);
     for (;;) {
         board_watchdog_kick();
         const uint32_t now_us = board_time_us();

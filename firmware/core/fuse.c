@@ -9,17 +9,17 @@
 
 enum {
     FRAMES_HZ = 10,
-    STAGES = 10,  // of a frame: at 100 samples a second, one a sample
-    LEVEL_SETTLE = 30,  // frames in VQF's tau_acc, 3 s
+    STAGES = 10,         // of a frame: at 100 samples a second, one a sample
+    LEVEL_SETTLE = 30,   // frames in VQF's tau_acc, 3 s
     STEP_MAX_US = 7500,  // 42 rad/s an axis turn 0.55 rad in it
     STEPS_MAX = 8,
     // VQF's rest: 1.5 s within 2 deg/s and 0.5 m/s2 of a mean of 0.5 s.
     REST_SETTLE = 50,
     REST_LOOKS = 150,
-    FIELD_LEARN = 20,        // readings whose mean is the first field: 2 s
-    FIELD_ABSENT = 10,       // frames without a reading
-    FIELD_UNIT = 576,        // (3 uT)^2 as 64ths of 1 uT2
-    FIELD_ASTRAY = 32767,    // half: the field of the probe has changed
+    FIELD_LEARN = 20,      // readings whose mean is the first field: 2 s
+    FIELD_ABSENT = 10,     // frames without a reading
+    FIELD_UNIT = 576,      // (3 uT)^2 as 64ths of 1 uT2
+    FIELD_ASTRAY = 32767,  // half: the field of the probe has changed
     Q2_14_ONE = 16384,
 };
 
@@ -29,16 +29,16 @@ enum {
 #define REST_FORCE_Q21 INT32_C(1048576)         // 0.5 m/s2
 #define REST_RATE_LIMIT_Q25 INT32_C(335544320)  // 10 rad/s: keeps the low-pass in range
 #define BIAS_LIMIT_Q25 INT32_C(134217728)       // 4 rad/s
-#define FORCE_LIMIT_Q13 INT32_C(3906250)        // 477 m/s2: more than the range's corner
-#define FORCE_MIN_Q21 INT32_C(2097152)          // 1 m/s2: in free fall nothing levels
+#define FORCE_LIMIT_Q13 INT32_C(3906250)  // 477 m/s2: more than the range's corner
+#define FORCE_MIN_Q21 INT32_C(2097152)    // 1 m/s2: in free fall nothing levels
 
 // Bias and scale. Variances in (deg/s)^2 and 500ths squared as q6_26.
-#define BIAS_VARIANCE_MAX INT32_C(16777216)   // (0.5 deg/s)^2
-#define BIAS_VARIANCE_FOUND INT32_C(6711)     // (0.01 deg/s)^2
-#define SCALE_VARIANCE_MAX INT32_C(150994944) // 0.3 %: (1.5 / 500)^2
-#define MOTION_WANDER INT32_C(671)            // 1e-4 a second
-#define MOTION_NOISE INT32_C(201326592)       // 0.3 (deg/s)^2 s of what levelling corrects
-#define REST_NOISE INT32_C(60398)             // (0.03 deg/s)^2 of a mean at rest
+#define BIAS_VARIANCE_MAX INT32_C(16777216)    // (0.5 deg/s)^2
+#define BIAS_VARIANCE_FOUND INT32_C(6711)      // (0.01 deg/s)^2
+#define SCALE_VARIANCE_MAX INT32_C(150994944)  // 0.3 %: (1.5 / 500)^2
+#define MOTION_WANDER INT32_C(671)             // 1e-4 a second
+#define MOTION_NOISE INT32_C(201326592)  // 0.3 (deg/s)^2 s of what levelling corrects
+#define REST_NOISE INT32_C(60398)        // (0.03 deg/s)^2 of a mean at rest
 #define TILTING_LIMIT_Q25 INT32_C(2928177)    // 5 deg/s
 #define TURN_MEAN_LIMIT_Q17 INT32_C(2228224)  // 17 rad/s an axis: 29.4 in all
 #define TURN_LIMIT_Q25 INT32_C(439226488)     // 1.5 * 500 deg/s
@@ -52,8 +52,8 @@ enum {
 
 // Field. Variances in uT2 as q13_19; noise of 5 uT2 s: mostly what is uneven in the
 // field of a room.
-#define OWN_VARIANCE INT32_C(327680)     // (0.79 uT)^2: what a calibration leaves
-#define PLACE_VARIANCE INT32_C(131072)   // (0.5 uT)^2 of a mean of 2 s at rest
+#define OWN_VARIANCE INT32_C(327680)    // (0.79 uT)^2: what a calibration leaves
+#define PLACE_VARIANCE INT32_C(131072)  // (0.5 uT)^2 of a mean of 2 s at rest
 #define PLACE_VARIANCE_MOVING INT32_C(4849664)  // 9.25 uT2 where there was no rest
 #define FIELD_VARIANCE_MAX INT32_C(42467328)    // (9 uT)^2
 #define FIELD_NOISE INT32_C(26214400)           // 5 uT2 s over 0.1 s
@@ -81,16 +81,20 @@ enum {
 // What a heading's stated variance has beside the covariance's share: the field is seen
 // through a level that is 0.3 deg off.
 #define LEVEL_ERROR_Q30 INT32_C(5622099)
-#define COVARIANCE_SHARE_Q30 INT32_C(161061274)  // 0.15: fitted, see fuse_quality
+#define COVARIANCE_SHARE_Q30 INT32_C(161061274)       // 0.15: fitted, see fuse_quality
 #define HEADING_VARIANCE_MAX_Q30 INT32_C(1073741824)  // (57 deg)^2
 #define HEADING_FREE_Q30 INT32_C(294380000)           // (30 deg)^2
+
+// A stage's numbers are on the stack only while it runs.
+#define NOINLINE __attribute__((noinline))
 
 // Of VQF's tau_acc, 3 s, at FRAMES_HZ.
 static const struct lowpass_gain level_gain = {INT32_C(25313025), INT32_C(1038540224),
                                                LEVEL_SETTLE};
 
 // Of VQF's rest filter, 0.5 s, at 100 looks a second.
-static const struct lowpass_gain rest_gain = {INT32_C(15186015), INT32_C(1052480291), REST_SETTLE};
+static const struct lowpass_gain rest_gain = {INT32_C(15186015), INT32_C(1052480291),
+                                              REST_SETTLE};
 
 // Takes the `count`th input (from 1). Needs |input| <= 1e9; the states stay below 1.1
 // of the largest input.
@@ -155,6 +159,7 @@ void fuse_restart(struct fuse *fuse) {
     memset((uint8_t *)fuse + kept, 0, sizeof *fuse - kept);
     fuse->inertial_from_body = QUAT_IDENTITY;
     fuse->level_from_inertial = QUAT_IDENTITY;
+    fuse->world_from_inertial = QUAT_IDENTITY;
     fuse->stage = STAGES;
     fuse->field_age = FIELD_ABSENT;
     fuse->heading_variance = HEADING_VARIANCE_MAX_Q30;
@@ -182,7 +187,8 @@ static bool is_near(const struct vector *v, const struct lowpass *mean, int32_t 
 
 // Rest: rates and force have stayed near their short mean, and the mean rate near the
 // calibrated bias.
-static void look_for_rest(struct fuse *fuse, const struct measurement *measurement) {
+NOINLINE static void look_for_rest(struct fuse *fuse,
+                                   const struct measurement *measurement) {
     struct vector rate;
     struct vector wander;
     if (fuse->settled_looks <= REST_SETTLE) {
@@ -275,7 +281,7 @@ static void follow_gravity(struct fuse *fuse) {
 }
 
 // Stage: the vertical.
-static void stage_level(struct fuse *fuse) {
+NOINLINE static void stage_level(struct fuse *fuse) {
     struct vector force;
     if (fuse->frames < UINT8_MAX) {
         ++fuse->frames;
@@ -287,7 +293,8 @@ static void stage_level(struct fuse *fuse) {
 
 // A reading of the field is FIELD_LAG old: it is kept with the attitude of then,
 // which the last rate leads back to. Angles are held within 0.3 rad an axis.
-static void take_reading(struct fuse *fuse, const struct vector *field_ut_q18) {
+NOINLINE static void take_reading(struct fuse *fuse,
+                                  const struct vector *field_ut_q18) {
     struct vector angle;
     vector_scale(&fuse->rate_rad_s_q25, -FIELD_LAG_Q35, &angle);
     vector_clamp(&angle, INT32_C(322122547), &angle);
@@ -299,7 +306,7 @@ static void take_reading(struct fuse *fuse, const struct vector *field_ut_q18) {
 
 // Stage: the frame's attitude as a matrix, the reading in the level frame, and the rows
 // (of -1 to 1 as 2^29ths) by which a bias of the gyroscope would tilt.
-static void stage_rows(struct fuse *fuse) {
+NOINLINE static void stage_rows(struct fuse *fuse) {
     struct quat level_from_body;
     quat_multiply(&fuse->level_from_inertial,
                   fuse->has_reading ? &fuse->reading_attitude
@@ -314,20 +321,19 @@ static void stage_rows(struct fuse *fuse) {
         for (uint8_t axis = 0; axis < 3; ++axis) {
             lowpass_axis_step(
                 &fuse->regressor[row * FUSE_MOTION_STATES + axis], &level_gain,
-                fuse->level_from_body.row[row][axis] * INT32_C(-32768), fuse->frames);
+                fuse->level_from_body.row[row][axis] * -INT32_C(32768), fuse->frames);
         }
     }
 }
 
 // Stage: the rate by which an error of scale would tilt.
-static void stage_turn(struct fuse *fuse) {
+NOINLINE static void stage_turn(struct fuse *fuse) {
     struct vector turn;
     const uint32_t square = vector_square_q32(&fuse->rate_rad_s_q25);
     fuse->rate_square += ((int32_t)square - fuse->rate_square) / LEVEL_SETTLE;
     take_mean(fuse, &fuse->turn_sum_q17, TURN_MEAN_LIMIT_Q17, &turn);
     quat_rotate(&fuse->level_from_inertial, &turn, &turn);
-    lowpass_axis_step(&fuse->regressor[3], &level_gain, turn.x,
-                      fuse->frames);
+    lowpass_axis_step(&fuse->regressor[3], &level_gain, turn.x, fuse->frames);
     lowpass_axis_step(&fuse->regressor[FUSE_MOTION_STATES + 3], &level_gain, turn.y,
                       fuse->frames);
     for (uint8_t state = 0; state < FUSE_MOTION_STATES; ++state) {
@@ -353,18 +359,19 @@ static void read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
 }
 
 // Stage: at rest the mean rate is the bias, one axis a frame.
-static void stage_rest(struct fuse *fuse) {
+NOINLINE static void stage_rest(struct fuse *fuse) {
     q2_14_t row[KALMAN_STATES] = {0};
     const uint8_t axis = fuse->rest_axis;
     const struct lowpass_axis *mean = &fuse->rest_rate.x;  // three in a row
     row[axis] = Q2_14_ONE;
-    read_motion(fuse, row, REST_NOISE, mean[axis].level - (&fuse->bias_rad_s_q25.x)[axis]);
+    read_motion(fuse, row, REST_NOISE,
+                mean[axis].level - (&fuse->bias_rad_s_q25.x)[axis]);
     fuse->rest_axis = (uint8_t)(axis == 2 ? 0 : axis + 1);
 }
 
 // Stage: in motion, what levelling had to correct about an axis tells of bias and
 // scale.
-static void stage_motion(struct fuse *fuse, uint8_t axis) {
+NOINLINE static void stage_motion(struct fuse *fuse, uint8_t axis) {
     const struct lowpass_axis *regressor = &fuse->regressor[axis * FUSE_MOTION_STATES];
     if (fuse->frames <= LEVEL_SETTLE) {
         return;
@@ -388,7 +395,7 @@ static q14_18_t field_away(const struct fuse *fuse, uint8_t axis) {
 
 // The first readings' mean is the field of the place, as uncertain as that of the probe
 // itself, and correlated with it.
-static void learn_place(struct fuse *fuse) {
+NOINLINE static void learn_place(struct fuse *fuse) {
     int32_t *pair = fuse->field_covariance;
     ++fuse->field_learnt;
     for (uint8_t row = 0; row < KALMAN_STATES; ++row) {
@@ -411,21 +418,20 @@ static void learn_place(struct fuse *fuse) {
 
 // Time passes: the place's field turns with an error of the heading, both fields
 // wander, and the probe's the more where readings keep surprising.
-static void predict_field(struct fuse *fuse) {
+NOINLINE static void predict_field(struct fuse *fuse) {
     int32_t *covariance = fuse->field_covariance;
     const int32_t *motion = fuse->motion_covariance;
     const int32_t bias_variance = motion[kalman_variance(0)] +
                                   motion[kalman_variance(1)] +
                                   motion[kalman_variance(2)];
-    const int32_t turn_q40 =
-        (fuse->is_turned     ? HEADING_WANDER_TURNED
-         : fuse->has_reading ? HEADING_WANDER
-                             : HEADING_WANDER_ALONE) +
-        fixed_mul_q30(bias_variance, HEADING_WANDER_BIAS_Q30) * 2;
+    const int32_t turn_q40 = (fuse->is_turned     ? HEADING_WANDER_TURNED
+                              : fuse->has_reading ? HEADING_WANDER
+                                                  : HEADING_WANDER_ALONE) +
+                             fixed_mul_q30(bias_variance, HEADING_WANDER_BIAS_Q30) * 2;
     if (!fuse->has_reading) {
-        fuse->heading_variance = fixed_clamp(
-            fuse->heading_variance + fixed_scale_down(turn_q40, 10),
-            HEADING_VARIANCE_MAX_Q30);
+        fuse->heading_variance =
+            fixed_clamp(fuse->heading_variance + fixed_scale_down(turn_q40, 10),
+                        HEADING_VARIANCE_MAX_Q30);
     }
     // Of the horizontal field, at most 60 uT, halved and times the turn as 2^32ths.
     const int32_t x = fixed_clamp(fuse->field_ut[0], PLACE_TURNED_Q18);
@@ -442,7 +448,7 @@ static void predict_field(struct fuse *fuse) {
     const bool is_astray = fuse->field_astray > FIELD_ASTRAY && !is_at_rest(fuse);
     for (uint8_t state = 0; state < KALMAN_STATES; ++state) {
         int32_t *variance = &covariance[kalman_variance(state)];
-        *variance += state < 3 ? PLACE_WANDER
+        *variance += state < 3   ? PLACE_WANDER
                      : is_astray ? OWN_WANDER_ASTRAY
                                  : OWN_WANDER;
         *variance = fixed_clamp(*variance, FIELD_VARIANCE_MAX);
@@ -451,7 +457,7 @@ static void predict_field(struct fuse *fuse) {
 
 // How far the reading is from what was expected, and its noise by that: the further,
 // the less it weighs.
-static void weigh_field(struct fuse *fuse) {
+NOINLINE static void weigh_field(struct fuse *fuse) {
     uint32_t square = 0;  // 4096ths of 1 uT2, at most 90 uT an axis
     int32_t longer = 0;   // the horizontal field's square, 64ths of 1 uT2
     int32_t away = 0;
@@ -473,8 +479,8 @@ static void weigh_field(struct fuse *fuse) {
             (uint32_t)fixed_mul_q30((int32_t)horizontal, FIELD_TURNED_GAIN_Q30);
     const uint16_t coarse =
         square < UINT16_MAX * UINT32_C(64) ? (uint16_t)(square / 64) : UINT16_MAX;
-    fuse->field_surprise = (uint16_t)(fuse->field_surprise - fuse->field_surprise / 4 +
-                                      coarse / 4);
+    fuse->field_surprise =
+        (uint16_t)(fuse->field_surprise - fuse->field_surprise / 4 + coarse / 4);
     // sqrt(1 + square / unit), times 768
     int32_t noise =
         FIELD_NOISE / 768 * (int32_t)fixed_sqrt((FIELD_UNIT_FINE + square) * 16);
@@ -483,16 +489,16 @@ static void weigh_field(struct fuse *fuse) {
         noise = fixed_clamp(noise, FIELD_NOISE_MAX / 4) * 4;
     } else {
         // A mean over 1.6 s.
-        fuse->field_astray = (uint16_t)(fuse->field_astray - fuse->field_astray / 16 +
-                                        (square > FIELD_UNIT_FINE && !fuse->is_turned
-                                             ? UINT16_MAX / 16
-                                             : 0));
+        fuse->field_astray =
+            (uint16_t)(fuse->field_astray - fuse->field_astray / 16 +
+                       (square > FIELD_UNIT_FINE && !fuse->is_turned ? UINT16_MAX / 16
+                                                                     : 0));
     }
     fuse->field_noise = fixed_clamp(noise, FIELD_NOISE_MAX);
 }
 
 // Stage: before the reading is taken up.
-static void stage_field(struct fuse *fuse) {
+NOINLINE static void stage_field(struct fuse *fuse) {
     if (!fuse->has_reading) {
         if (fuse->field_age < UINT8_MAX) {
             ++fuse->field_age;
@@ -511,7 +517,7 @@ static void stage_field(struct fuse *fuse) {
 }
 
 // Stage: one axis of the reading.
-static void stage_field_axis(struct fuse *fuse, uint8_t axis) {
+NOINLINE static void stage_field_axis(struct fuse *fuse, uint8_t axis) {
     if (!fuse->has_reading) {
         return;
     }
@@ -533,17 +539,16 @@ static void stage_field_axis(struct fuse *fuse, uint8_t axis) {
 static q2_30_t heading_variance_of(const struct fuse *fuse, const struct vector *north,
                                    q14_18_t norm) {
     const int32_t *covariance = fuse->field_covariance;
-    const int32_t across_y = fixed_mul_q30(covariance[0], north->y) -
-                             fixed_mul_q30(covariance[1], north->x);
-    const int32_t across_x = fixed_mul_q30(covariance[2], north->x) -
-                             fixed_mul_q30(covariance[1], north->y);
+    const int32_t across_y =
+        fixed_mul_q30(covariance[0], north->y) - fixed_mul_q30(covariance[1], north->x);
+    const int32_t across_x =
+        fixed_mul_q30(covariance[2], north->x) - fixed_mul_q30(covariance[1], north->y);
     const int32_t across =
         fixed_mul_q30(across_y, north->y) + fixed_mul_q30(across_x, north->x);
     // The vertical field seen through an error of the level, at most 19 uT, as 2^26ths.
     const int32_t leaning = fixed_mul_q30(fuse->field_ut[2], LEVEL_ERROR_Q30) * 256;
-    const int32_t total_q19 =
-        fixed_mul_q30(across, COVARIANCE_SHARE_Q30) +
-        fixed_scale_down(fixed_mul_q30(leaning, leaning), 3);
+    const int32_t total_q19 = fixed_mul_q30(across, COVARIANCE_SHARE_Q30) +
+                              fixed_scale_down(fixed_mul_q30(leaning, leaning), 3);
     const uint32_t total_q18 = (uint32_t)(total_q19 > 0 ? total_q19 : 0) / 2;
     if (total_q18 >= (uint32_t)norm) {
         return HEADING_VARIANCE_MAX_Q30;
@@ -553,7 +558,7 @@ static q2_30_t heading_variance_of(const struct fuse *fuse, const struct vector 
 }
 
 // Stage: level and heading as one rotation, which poses are made with for a frame.
-static void stage_world(struct fuse *fuse) {
+NOINLINE static void stage_world(struct fuse *fuse) {
     struct vector north = {fuse->field_ut[0], fuse->field_ut[1], 0};
     struct quat turn = QUAT_IDENTITY;
     int32_t norm;
@@ -590,10 +595,10 @@ static void run_stage(struct fuse *fuse) {
         stage_level(fuse);
         break;
     case 1:
-        stage_rows(fuse);
+        stage_turn(fuse);
         break;
     case 2:
-        stage_turn(fuse);
+        stage_rows(fuse);
         break;
     case 3:
         if (at_rest) {
@@ -646,7 +651,8 @@ void fuse_step(struct fuse *fuse, const struct measurement *measurement,
     add_turned(&inertial_from_body, &measurement->acc_m_s2_q21, &fuse->force_sum_q13);
     add_turned(&inertial_from_body, rate, &fuse->turn_sum_q17);
     const struct vector *field = &measurement->mag_ut_q18;
-    if (measurement->has_mag && !fuse->has_reading && fuse->stage % STAGES <= 1 &&
+    if (measurement->has_mag && !fuse->has_reading &&
+        (fuse->stage == 1 || fuse->stage == 2) &&
         (field->x | field->y | field->z) != 0) {  // all zeros: no field at all
         take_reading(fuse, field);
     }
@@ -680,8 +686,7 @@ void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
     out->is_starting = fuse->frames < LEVEL_SETTLE;
     out->is_at_rest = is_at_rest(fuse);
     out->is_mag_absent = fuse->field_age >= FIELD_ABSENT;
-    out->is_mag_disturbed =
-        !out->is_mag_absent && fuse->field_surprise > FIELD_UNIT;
+    out->is_mag_disturbed = !out->is_mag_absent && fuse->field_surprise > FIELD_UNIT;
     out->is_heading_free = fuse->heading_variance > HEADING_FREE_Q30;
     // 0.28^2 + (0.20 W / 100 deg/s)^2 deg2, W the rms rate over 3 s, as 1e-4 deg2:
     // 784 + 131.3 (rad/s)^2. Fitted to recordings with optical truth.

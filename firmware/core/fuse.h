@@ -75,11 +75,13 @@ struct fuse {
     uint8_t rest_looks;     // in a row that saw no motion
     uint8_t settled_looks;  // up to one more than the low-pass takes to settle
     uint8_t rest_axis;      // whose bias is read next
-    // The field reading of this frame: with the attitude that it was taken in, then in
-    // the level frame.
-    struct quat reading_attitude;
+    // The field reading of this frame: with the attitude that it was taken in until its
+    // stage, then in the level frame.
     q14_18_t reading_ut[3];
-    struct matrix level_from_body;
+    union {
+        struct quat reading_attitude;
+        struct matrix level_from_body;
+    };
     q13_19_t field_covariance[KALMAN_PAIRS];  // uT2
     q13_19_t field_noise;                     // of this reading, uT2
     uint16_t field_surprise;                  // squared, mean, 64ths of 1 uT2

@@ -20,8 +20,8 @@ static inline uint8_t kalman_variance(uint8_t state) {
 // A reading is row * states + noise. `row` has KALMAN_STATES elements, zeros after
 // those of the `states` there are; covariance and the noise's variance are in one
 // format. The gains are held within +-1, and a variance never falls below one step.
-// Needs |row| <= 1.8, noise >= 1, and in the covariance's format variances whose sum is
-// at most 2^28.
+// Needs |row| <= 1.8, noise in [1, 2^30 - 2] and variances whose sum is at most 2^28;
+// the variance of the reading, noise included, is held below 2^30.
 void kalman_read(int32_t covariance[], uint8_t states, const q2_14_t row[],
                  int32_t noise, q2_30_t gain[]);
 

@@ -2,6 +2,8 @@
 // Sample to pose; see pose.h.
 #include "pose.h"
 
+#include <string.h>
+
 // A gap after which the orientation is found anew: a hand turns far in that time.
 #define RESTART_US UINT32_C(250000)
 
@@ -70,38 +72,40 @@ void pose_read(struct pose_tracker *tracker, struct message_pose *out) {
     struct quat q;
     attitude_orientation(&tracker->attitude, &q);
     attitude_quality(&tracker->attitude, &quality);
-    if (tracker->is_tared) {
-        quat_multiply(&tracker->before_origin, &q, &q);
-        quat_multiply(&q, &tracker->after_origin, &q);
+    if (tracker->origin != POSE_ORIGIN_NONE) {
+        if (tracker->origin == POSE_ORIGIN_FULL) {
+            quat_multiply(&q, &tracker->to_origin, &q);
+        } else {
+            quat_multiply(&tracker->to_origin, &q, &q);
+        }
         quat_renormalise(&q);
+        tracker->latched_flags |= POSE_TARED;
     }
-    *out = (struct message_pose){
-        .q = {q.w, q.x, q.y, q.z},
-        .position = {POSE_POSITION_NULL, POSE_POSITION_NULL, POSE_POSITION_NULL},
-        .normal = {POSE_NORMAL_NULL, POSE_NORMAL_NULL, POSE_NORMAL_NULL},
-        .tilt_sigma = quality.tilt_sigma_cdeg,
-        .heading_sigma = quality.heading_sigma_cdeg,
-        .pose_flags = (uint16_t)(tracker->latched_flags |
-                                 (quality.is_starting ? POSE_STARTING : 0) |
-                                 (tracker->is_calibrated ? 0 : POSE_UNCALIBRATED) |
-                                 (quality.is_at_rest ? POSE_AT_REST : 0) |
-                                 (quality.is_mag_disturbed ? POSE_MAG_DISTURBED : 0) |
-                                 (quality.is_mag_absent ? POSE_MAG_ABSENT : 0) |
-                                 (quality.is_heading_free ? POSE_HEADING_FREE : 0) |
-                                 (tracker->is_tared ? POSE_TARED : 0)),
-    };
+    _Static_assert(sizeof q == sizeof out->q, "w, x, y, z");
+    memcpy(out->q, &q, sizeof q);
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        out->position[axis] = POSE_POSITION_NULL;
+        out->normal[axis] = POSE_NORMAL_NULL;
+    }
+    out->tilt_sigma = quality.tilt_sigma_cdeg;
+    out->heading_sigma = quality.heading_sigma_cdeg;
+    out->pose_flags =
+        (uint16_t)(tracker->latched_flags | (quality.is_starting ? POSE_STARTING : 0) |
+                   (tracker->is_calibrated ? 0 : POSE_UNCALIBRATED) |
+                   (quality.is_at_rest ? POSE_AT_REST : 0) |
+                   (quality.is_mag_disturbed ? POSE_MAG_DISTURBED : 0) |
+                   (quality.is_mag_absent ? POSE_MAG_ABSENT : 0) |
+                   (quality.is_heading_free ? POSE_HEADING_FREE : 0));
     tracker->latched_flags = 0;
 }
 
 void pose_set_origin(struct pose_tracker *tracker, enum pose_origin origin) {
     struct quat q;
-    tracker->is_tared = origin != POSE_ORIGIN_NONE;
-    tracker->before_origin = QUAT_IDENTITY;
-    tracker->after_origin = QUAT_IDENTITY;
+    tracker->origin = (uint8_t)origin;
     attitude_orientation(&tracker->attitude, &q);
     if (origin == POSE_ORIGIN_FULL) {
-        quat_conjugate(&q, &tracker->after_origin);
-    } else if (origin == POSE_ORIGIN_HEADING) {
-        quat_from_heading(turn32_sub(0, quat_heading(&q)), &tracker->before_origin);
+        quat_conjugate(&q, &tracker->to_origin);
+    } else {
+        quat_from_heading(turn32_sub(0, quat_heading(&q)), &tracker->to_origin);
     }
 }

@@ -28,11 +28,11 @@ struct pose_tracker {
     uint16_t latched_flags;  // clipped and gap since the last pose
     bool is_calibrated;
     bool has_sample;
-    bool is_tared;
+    uint8_t origin;  // enum pose_origin
     struct calibration_scale scale;
     struct attitude attitude;
     struct gyro_calibrator calibrator;
-    struct quat before_origin, after_origin;  // out = before * q * after
+    struct quat to_origin;  // multiplies from the right, with a heading from the left
 };
 
 // Begins anew: calibration at rest, filter and origin. Both pointers must stay valid.

@@ -37,7 +37,7 @@ static void send(struct probe *probe, uint8_t *bytes, uint8_t length) {
 
 NOINLINE static void send_event(struct probe *probe, enum event event, enum cause cause,
                                 int32_t detail, uint32_t now_us) {
-    uint8_t bytes[MESSAGE_HELLO_SIZE + FRAME_AROUND];
+    uint8_t bytes[MESSAGE_EVENT_SIZE + FRAME_AROUND];
     const struct message_event message = {(uint8_t)event, (uint8_t)cause, detail};
     send(probe, bytes,
          message_event_encode(&message, probe->sequence, now_us, bytes + 1));
@@ -117,7 +117,6 @@ static void make_id(struct probe *probe) {
 
 void probe_begin(struct probe *probe, const struct probe_port *port,
                  const struct probe_board *board, uint32_t now_us) {
-    static const uint8_t no_id[8];
     memset(probe, 0, sizeof *probe);
     probe->port = port;
     probe->board = *board;
@@ -126,7 +125,11 @@ void probe_begin(struct probe *probe, const struct probe_port *port,
                        sizeof probe->received);
     const enum settings_result loaded =
         settings_load(port->storage, &probe->settings, &probe->writer);
-    if (memcmp(probe->settings.probe_id, no_id, sizeof no_id) == 0) {
+    uint8_t id_bits = 0;
+    for (uint8_t i = 0; i < sizeof probe->settings.probe_id; ++i) {
+        id_bits |= probe->settings.probe_id[i];
+    }
+    if (id_bits == 0) {
         make_id(probe);
     }
     ++probe->settings.boot_count;

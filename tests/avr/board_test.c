@@ -80,7 +80,7 @@ static void wait_us(uint32_t us) {
 
 // More than the ring holds, in two parts that fit and one that does not.
 static void fill_wire(void) {
-    static uint8_t bytes[200];
+    static uint8_t bytes[150];
     while (!board_send_is_idle()) {
         board_idle();
     }
@@ -90,9 +90,9 @@ static void fill_wire(void) {
         board_idle();
     }
     memset(bytes, '.', sizeof bytes);
-    const bool first = board_send(bytes, 200);
-    const bool second = board_send(bytes, 100);
-    const bool third = board_send(bytes, 50);
+    const bool first = board_send(bytes, 150);
+    const bool second = board_send(bytes, 60);
+    const bool third = board_send(bytes, 40);
     const bool is_idle = board_send_is_idle();
     while (!board_send_is_idle()) {
         board_idle();

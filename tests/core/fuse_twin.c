@@ -8,7 +8,7 @@
 static const double degree = 3.14159265358979323846 / 180;
 
 struct lowpass3 {
-    double band[4], level[4];
+    double band[3], level[3];
 };
 
 static void lowpass(struct lowpass3 *f, double step_s, double tau, const double *in,
@@ -39,7 +39,8 @@ static void multiply(const double *a, const double *b, double *out) {
 }
 
 static void rotate(const double *q, const double *v, double *out) {
-    const double t[3] = {2 * (q[2] * v[2] - q[3] * v[1]), 2 * (q[3] * v[0] - q[1] * v[2]),
+    const double t[3] = {2 * (q[2] * v[2] - q[3] * v[1]),
+                         2 * (q[3] * v[0] - q[1] * v[2]),
                          2 * (q[1] * v[1] - q[2] * v[0])};
     const double turned[3] = {v[0] + q[0] * t[0] + q[2] * t[2] - q[3] * t[1],
                               v[1] + q[0] * t[1] + q[3] * t[0] - q[1] * t[2],
@@ -53,7 +54,8 @@ static void turn_by(const double *rate, double seconds, double *out) {
         angle += rate[i] * rate[i];
     }
     angle = sqrt(angle) * seconds;
-    const double gain = fabs(angle) > 1e-12 ? sin(angle / 2) / angle * seconds : seconds / 2;
+    const double gain =
+        fabs(angle) > 1e-12 ? sin(angle / 2) / angle * seconds : seconds / 2;
     out[0] = cos(angle / 2);
     for (int i = 0; i < 3; ++i) {
         out[i + 1] = rate[i] * gain;
@@ -104,9 +106,10 @@ static void kalman(int states, double *covariance, const double *row, double noi
 }
 
 struct twin {
+    const struct fuse_twin_params *params;
     double inertial[4], level[4], world[4];
     double force_sum[3], turn_sum[3];
-    struct lowpass3 force, rest_rate, rest_force, regressor[2];
+    struct lowpass3 force, rest_rate, rest_force, regressor[2], turn[2];
     double tilting[2];
     double bias[3], calibrated[3], scale, motion[16];
     double rate[3];
@@ -114,6 +117,7 @@ struct twin {
     double attitude[4], reading[3], rows[3][3];
     bool has_reading, is_turned;
     double place[3], own[3], field[36], noise, astray;
+    double rate_square, heading_variance;
     int learnt;
 };
 
@@ -150,8 +154,9 @@ static void stage_motion(struct twin *t, int axis) {
         return;
     }
     const double row[4] = {level[0], level[1], level[2],
-                           clamp(level[3] / degree, 750) / 500};
-    read_motion(t, row, 0.3 / 0.1, clamp(t->tilting[axis], 5 * degree));
+                           clamp(t->turn[axis].level[0] / degree, 750) / 500};
+    read_motion(t, row, t->params->motion_noise / 0.1,
+                clamp(t->tilting[axis], 5 * degree));
 }
 
 static void surprise_of(const struct twin *t, double *out) {
@@ -164,21 +169,23 @@ static void surprise_of(const struct twin *t, double *out) {
 }
 
 static void learn_place(struct twin *t, bool is_resting) {
+    const double own = pow(t->params->own_sd, 2);
     double away[3];
     surprise_of(t, away);
     ++t->learnt;
     memset(t->field, 0, sizeof t->field);
     for (int i = 0; i < 3; ++i) {
         t->place[i] += away[i] / t->learnt;
-        t->field[7 * i] = 0.625 + 0.25 + (is_resting ? 0 : 9);
-        t->field[7 * (i + 3)] = 0.625;
+        t->field[7 * i] = own + pow(t->params->place_sd, 2) + (is_resting ? 0 : 9);
+        t->field[7 * (i + 3)] = own;
         for (int j = 0; j < 3; ++j) {
-            t->field[6 * i + 3 + j] = t->field[6 * (3 + j) + i] = -0.625 * t->rows[i][j];
+            t->field[6 * i + 3 + j] = t->field[6 * (3 + j) + i] = -own * t->rows[i][j];
         }
     }
 }
 
 static void stage_field(struct twin *t, bool is_resting) {
+    const struct fuse_twin_params *params = t->params;
     const double frame_s = 0.1;
     double away[3];
     if (t->has_reading && t->learnt < 20) {
@@ -189,9 +196,12 @@ static void stage_field(struct twin *t, bool is_resting) {
     if (t->learnt == 0) {
         return;
     }
-    const double wander = t->is_turned ? 40 : t->has_reading ? 0.05 : 0.3;
-    const double turn = (wander + 20 * (t->motion[0] + t->motion[5] + t->motion[10]) / 3) *
-                        degree * degree * frame_s;
+    const double wander = t->is_turned     ? params->turned_wander
+                          : t->has_reading ? params->heading_wander
+                                           : 0.3;
+    const double turn =
+        (wander + 20 * (t->motion[0] + t->motion[5] + t->motion[10]) / 3) * degree *
+        degree * frame_s;
     const double x = clamp(t->place[0], 60);
     const double y = clamp(t->place[1], 60);
     if (t->field[0] + t->field[7] < 60) {
@@ -201,9 +211,10 @@ static void stage_field(struct twin *t, bool is_resting) {
         t->field[6] = t->field[1];
     }
     for (int i = 0; i < 6; ++i) {
-        t->field[7 * i] += i < 3                               ? 0.03 * frame_s
-                           : t->astray > 0.5 && !is_resting ? 16 * frame_s
-                                                                : pow(2, -19);
+        const bool is_astray = t->astray > params->astray_share && !is_resting;
+        t->field[7 * i] += i < 3       ? params->place_wander * frame_s
+                           : is_astray ? params->astray_wander * frame_s
+                                       : pow(2, -19);
         t->field[7 * i] = fmin(t->field[7 * i], 81);
     }
     if (!t->has_reading) {
@@ -213,14 +224,14 @@ static void stage_field(struct twin *t, bool is_resting) {
     surprise_of(t, away);
     for (int i = 0; i < 3; ++i) {
         away[i] = clamp(away[i], 90);
-        d2 += pow(away[i] / 3, 2);
+        d2 += pow(away[i] / params->surprise, 2);
     }
     const double longer = away[0] * (away[0] + 2 * x) + away[1] * (away[1] + 2 * y);
     t->is_turned =
         d2 > 8 && fabs(away[2]) < 3 && fabs(longer) < 6 * (fabs(x) + fabs(y));
-    t->noise = 5 / frame_s * sqrt(1 + d2);
+    t->noise = params->field_noise / frame_s * sqrt(1 + d2);
     if (is_resting) {
-        t->noise *= 4;
+        t->noise *= params->rest_factor;
     } else {
         t->astray += ((d2 > 1 && !t->is_turned) - t->astray) / 16;
     }
@@ -235,11 +246,28 @@ static void stage_field_axis(struct twin *t, int axis) {
     const double row[6] = {axis == 0,        axis == 1,        axis == 2,
                            t->rows[axis][0], t->rows[axis][1], t->rows[axis][2]};
     surprise_of(t, away);
+    const double surprise = clamp(away[axis], t->params->field_step);
     kalman(6, t->field, row, t->noise, gain);
     for (int i = 0; i < 3; ++i) {
-        t->place[i] = clamp(t->place[i] + gain[i] * clamp(away[axis], 6), 3600);
-        t->own[i] = clamp(t->own[i] + gain[3 + i] * clamp(away[axis], 6), 400);
+        t->place[i] = clamp(t->place[i] + gain[i] * surprise, 3600);
+        t->own[i] = clamp(t->own[i] + gain[3 + i] * surprise, 400);
     }
+}
+
+static void find_heading_variance(struct twin *t) {
+    const double norm = hypot(t->place[0], t->place[1]);
+    if (norm < 1) {
+        t->learnt = 0;
+        t->heading_variance = INFINITY;
+        return;
+    }
+    const double x = t->place[0] / norm;
+    const double y = t->place[1] / norm;
+    const double across =
+        y * y * t->field[0] - 2 * x * y * t->field[1] + x * x * t->field[7];
+    const double leaning = t->place[2] * t->params->level_error * degree;
+    t->heading_variance =
+        (t->params->covariance_share * across + leaning * leaning) / (norm * norm);
 }
 
 static void run_stage(struct twin *t, int stage, int frame) {
@@ -255,29 +283,37 @@ static void run_stage(struct twin *t, int stage, int frame) {
         lowpass(&t->force, 0.1, 3, v, 3, t->frames);
         follow_gravity(t, 0.1);
         break;
-    case 1:
-        multiply(t->level, t->has_reading ? t->attitude : t->inertial, v);
-        matrix_of(v, t->rows);
-        rotate(v, t->reading, t->reading);
-        break;
-    case 2: {
+    case 1: {
         double turn[3];
         for (int i = 0; i < 3; ++i) {
             turn[i] = t->turn_sum[i] / frame;
             t->turn_sum[i] = 0;
-            t->motion[5 * i] = fmin(t->motion[5 * i] + 1e-5, 0.25);
+            t->motion[5 * i] =
+                fmin(t->motion[5 * i] + 1e-5, pow(t->params->bias_sd, 2));
         }
-        t->motion[15] = fmin(t->motion[15] + 1e-5, 2.25);
+        t->motion[15] = fmin(t->motion[15] + 1e-5, pow(500 * t->params->scale_sd, 2));
+        double square = 0;
+        for (int i = 0; i < 3; ++i) {
+            square += pow(t->rate[i] / degree, 2);
+        }
+        t->rate_square += (square - t->rate_square) / 30;
         rotate(t->level, turn, turn);
+        for (int i = 0; i < 2; ++i) {
+            lowpass(&t->turn[i], 0.1, 3, &turn[i], 1, t->frames);
+        }
+        break;
+    }
+    case 2:
+        multiply(t->level, t->has_reading ? t->attitude : t->inertial, v);
+        matrix_of(v, t->rows);
+        rotate(v, t->reading, t->reading);
         for (int i = 0; i < 2; ++i) {
             for (int j = 0; j < 3; ++j) {
                 v[j] = -t->rows[i][j];
             }
-            v[3] = turn[i];
-            lowpass(&t->regressor[i], 0.1, 3, v, 4, t->frames);
+            lowpass(&t->regressor[i], 0.1, 3, v, 3, t->frames);
         }
         break;
-    }
     case 3:
         if (is_resting) {
             const int axis = t->rest_axis;
@@ -298,11 +334,9 @@ static void run_stage(struct twin *t, int stage, int frame) {
         break;
     case 9: {
         const double heading = atan2(t->place[0], t->place[1]);
-        if (hypot(t->place[0], t->place[1]) < 1) {
-            t->learnt = 0;
-        }
         const double about_z[4] = {cos(heading / 2), 0, 0, sin(heading / 2)};
         multiply(about_z, t->level, t->world);
+        find_heading_variance(t);
         t->has_reading = false;
         break;
     }
@@ -312,14 +346,46 @@ static void run_stage(struct twin *t, int stage, int frame) {
     }
 }
 
-void fuse_twin_run(int count, int rate_hz, double gyr_delay_s, const double *gyr,
-                   const double *acc, const double *mag, const bool *has_mag,
-                   const double *interval_s, int calibrated_at, const double *bias_found,
-                   double *quaternions) {
-    struct twin t = {.inertial = {1, 0, 0, 0},
+void fuse_twin_defaults(struct fuse_twin_params *params) {
+    *params = (struct fuse_twin_params){
+        .lag_s = 0.0125,
+        .lead_share = 1,
+        .bias_sd = 0.5,
+        .scale_sd = 0.003,
+        .motion_noise = 0.3,
+        .own_sd = sqrt(0.625),
+        .place_sd = 0.5,
+        .place_wander = 0.03,
+        .heading_wander = 0.05,
+        .turned_wander = 40,
+        .surprise = 3,
+        .field_noise = 5,
+        .field_step = 6,
+        .rest_factor = 4,
+        .astray_share = 0.5,
+        .astray_wander = 16,
+        .tilt_floor = 0.28,
+        .tilt_rate = 0.20,
+        .heading_floor = 0.6,
+        .covariance_share = 0.15,
+        .level_error = 0.3,
+    };
+}
+
+void fuse_twin_run(const struct fuse_twin_params *params, int count, int rate_hz,
+                   double gyr_delay_s, const double *gyr, const double *acc,
+                   const double *mag, const bool *has_mag, const double *interval_s,
+                   int calibrated_at, const double *bias_found, double *quaternions,
+                   double *sigmas_deg) {
+    const double bias_variance = pow(params->bias_sd, 2);
+    struct twin t = {.params = params,
+                     .inertial = {1, 0, 0, 0},
                      .level = {1, 0, 0, 0},
                      .world = {1, 0, 0, 0},
-                     .motion = {[0] = 0.25, [5] = 0.25, [10] = 0.25, [15] = 2.25}};
+                     .motion = {[0] = bias_variance,
+                                [5] = bias_variance,
+                                [10] = bias_variance,
+                                [15] = pow(500 * params->scale_sd, 2)}};
     const int frame = rate_hz / 10;
     const int stride = frame / 10;
     int in_frame = 0;
@@ -356,10 +422,10 @@ void fuse_twin_run(int count, int rate_hz, double gyr_delay_s, const double *gyr
         for (int i = 0; i < 3; ++i) {
             t.turn_sum[i] += v[i];
         }
-        if (has_mag[k] && !t.has_reading && stage % 10 <= 1) {
+        if (has_mag[k] && !t.has_reading && (stage == 1 || stage == 2)) {
             double back[3];
             for (int i = 0; i < 3; ++i) {
-                back[i] = clamp(t.rate[i] * -0.0125, 0.3);
+                back[i] = clamp(t.rate[i] * -params->lag_s, 0.3);
             }
             turn_by(back, 1, turn);
             multiply(t.inertial, turn, t.attitude);
@@ -389,7 +455,13 @@ void fuse_twin_run(int count, int rate_hz, double gyr_delay_s, const double *gyr
         }
         double *out = quaternions + 4 * k;
         multiply(t.world, t.inertial, out);
-        turn_by(t.rate, gyr_delay_s - 0.5 / rate_hz, turn);
+        turn_by(t.rate, params->lead_share * (gyr_delay_s - 0.5 / rate_hz), turn);
         multiply(out, turn, out);
+        if (sigmas_deg != NULL) {
+            sigmas_deg[2 * k] = sqrt(pow(params->tilt_floor, 2) +
+                                     pow(params->tilt_rate / 100, 2) * t.rate_square);
+            sigmas_deg[2 * k + 1] = sqrt(pow(params->heading_floor, 2) +
+                                         t.heading_variance / (degree * degree));
+        }
     }
 }

@@ -1,16 +1,45 @@
 // SPDX-License-Identifier: MIT
-// The filter of firmware/core/fuse.h in doubles, to tell what fixed point costs.
+// The filter of fuse.c once more, in doubles and from the same equations: what fixed
+// point is compared with, and what its parameters are chosen with.
 #ifndef FUSE_TWIN_H
 #define FUSE_TWIN_H
 
 #include <stdbool.h>
 
-// Runs `count` samples: gyr rad/s, acc m/s2, mag uT, rows of 3; has_mag; interval_s from
-// the sample before; writes rows of w x y z. The bias is set at sample `calibrated_at`
-// to `bias`, as the start-up calibration would.
-void fuse_twin_run(int count, int rate_hz, double gyr_delay_s, const double *gyr,
-                   const double *acc, const double *mag, const bool *has_mag,
-                   const double *interval_s, int calibrated_at, const double *bias,
-                   double *quaternions);
+// What fuse.c has as constants; fuse_twin_defaults gives those.
+struct fuse_twin_params {
+    double lag_s;           // of a field reading behind the gyroscope
+    double lead_share;      // of the gyroscope's delay that the pose makes up: 1
+    double bias_sd;         // deg/s, where nothing is known of it
+    double scale_sd;        // of the gyroscope; 0: not estimated
+    double motion_noise;    // (deg/s)^2 s, of what levelling corrects
+    double own_sd;          // uT: of the probe's field after its calibration
+    double place_sd;        // uT: of the first readings' mean at rest
+    double place_wander;    // uT2/s
+    double heading_wander;  // deg2/s
+    double turned_wander;   // deg2/s, where readings say that the heading is wrong
+    double surprise;        // uT: the unit of a reading's distance
+    double field_noise;     // uT2 s
+    double field_step;      // uT: of an axis of a reading, at most
+    double rest_factor;     // of the noise of readings at rest
+    double astray_share;    // of surprising readings above which the probe has changed
+    double astray_wander;   // uT2/s of the probe's field then
+    double tilt_floor;      // deg: the stated tilt error's part that is always there
+    double tilt_rate;       // deg a 100 deg/s
+    double heading_floor;   // deg
+    double covariance_share;  // of the field's covariance in the stated heading error
+    double level_error;       // deg, through which the vertical field is seen
+};
+
+void fuse_twin_defaults(struct fuse_twin_params *params);
+
+// `count` samples in SI units (rad/s, m/s2, uT), as rows of three; the calibration at
+// rest finds `bias_found` before sample `calibrated_at` (-1: never). Writes rows of w,
+// x, y, z and, unless NULL, of the tilt's and the heading's stated error, deg.
+void fuse_twin_run(const struct fuse_twin_params *params, int count, int rate_hz,
+                   double gyr_delay_s, const double *gyr, const double *acc,
+                   const double *mag, const bool *has_mag, const double *interval_s,
+                   int calibrated_at, const double *bias_found, double *quaternions,
+                   double *sigmas_deg);
 
 #endif

@@ -28,6 +28,22 @@ def test_the_filter_of_the_house_is_among_them():
     assert lib.FILTER_NONE not in FILTERS
 
 
+@pytest.mark.parametrize("kind", FILTERS)
+@pytest.mark.parametrize("origin", [0, 1, 2])
+def test_before_the_first_sample_there_is_a_unit_quaternion_too(kind, origin):
+    tracker = ffi.new("struct pose_tracker *")
+    pose = ffi.new("struct message_pose *")
+    sample = ffi.new("struct sample *", {"time_us": 77})
+    assert lib.pose_begin(tracker, desk.UNCALIBRATED, desk.identity_of(), kind)
+    for step in range(4):
+        lib.pose_read(tracker, pose)
+        assert abs(np.linalg.norm(list(pose.q)) / ONE - 1) < 1e-6
+        if step == 0:
+            lib.pose_set_origin(tracker, origin)
+        else:
+            lib.pose_step(tracker, sample)
+
+
 def any_samples(random: np.random.Generator, count: int) -> desk.Array:
     """Counts from everywhere and from the ends, single and held; every flag by itself;
     intervals of all magnitudes."""

@@ -175,10 +175,12 @@ def poses(library: Any, name: str) -> tuple[Array, Array, Array]:
         np.zeros(len(FELT), ORIENTATION),
         np.zeros(len(FELT), QUALITY),
     )
+    # Kept here while they are read.
+    felt, intervals_us = FELT.measurements(), FELT.interval_us
     c.loop_attitude(
         *(own.addressof(tracker.attitude), len(FELT)),
-        own.cast("struct measurement *", own.from_buffer(FELT.measurements())),
-        own.cast("uint32_t *", own.from_buffer(FELT.interval_us)),
+        own.cast("struct measurement *", own.from_buffer(felt)),
+        own.cast("uint32_t *", own.from_buffer(intervals_us)),
         own.cast("struct quat *", own.from_buffer(orientation)),
         own.cast("struct attitude_quality *", own.from_buffer(quality)),
     )
