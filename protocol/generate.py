@@ -535,11 +535,6 @@ def c_field(field: Field) -> tuple[str, str]:
     return f"{TYPES[field.type].c} {field.name}{array};", note
 
 
-def c_address(pointer: str, field: Field) -> str:
-    amp = "" if field.count > 1 else "&"
-    return f"{amp}{pointer}->{field.name}"
-
-
 def render_c_header(schema: Schema) -> str:
     longest = max(message.size for message in schema.messages)
     lines = [
@@ -630,94 +625,111 @@ _Static_assert((int)MESSAGE_CONTENT_MAX <= (int)FRAME_CONTENT_MAX, "fits a frame
 
 enum { HEADER_SIZE = 9 };
 
-static uint8_t *put_header(uint8_t *content, uint8_t id, uint32_t sequence,
-                           uint32_t time_us) {
-    content[0] = id;
-    memcpy(content + 1, &sequence, sizeof sequence);
-    memcpy(content + 5, &time_us, sizeof time_us);
-    return content + HEADER_SIZE;
-}
+// Constants take RAM on the AVR where nothing says that they stay in flash (ISO/IEC TR
+// 18037, 5.1: named address spaces).
+#ifdef __FLASH
+#define FLASH __flash
+#else
+#define FLASH
+#endif
 
-static uint8_t *put(uint8_t *at, uint8_t tag, const void *value, uint8_t size) {
-    at[0] = tag;
-    memcpy(at + 1, value, size);
-    return at + 1 + size;
-}
+// A message's id, then for each field its tag and its values: how many, of how many
+// bytes. 0 ends it.
+typedef const FLASH uint8_t layout;
+#define FIELD(tag, count, size) tag, (count)*8 + (size)
 
-static const uint8_t *get_header(const uint8_t *content,
-                                 struct message_header *header) {
-    header->id = content[0];
-    memcpy(&header->sequence, content + 1, sizeof header->sequence);
-    memcpy(&header->time_us, content + 5, sizeof header->time_us);
-    return content + HEADER_SIZE;
-}
-
-static const uint8_t *get(const uint8_t *at, void *value, uint8_t size) {
-    memcpy(value, at + 1, size);
-    return at + 1 + size;
-}
-
-// A walk over content, field by field, up to the first that is not in its place.
-struct walk {
-    const uint8_t *at;
-    uint8_t left;
-    uint8_t expected;  // the tag that should stand at `at`; 0 while all is well
-    enum message_result result;
+// A field that a walk over the layout has come to, and where it lies in memory.
+struct field {
+    uint8_t tag, length, offset;
 };
 
-static void walk_header(struct walk *walk, const uint8_t *content, uint8_t length,
-                        uint8_t id) {
-    walk->at = content;
-    walk->left = 0;
-    walk->expected = 0;
-    walk->result = MESSAGE_OK;
-    if (length < HEADER_SIZE) {
-        walk->result = MESSAGE_WRONG_LENGTH;
-    } else if (content[0] != id) {
-        walk->result = MESSAGE_WRONG_ID;
-    } else {
-        walk->at += HEADER_SIZE;
-        walk->left = (uint8_t)(length - HEADER_SIZE);
-    }
+static struct field field_first(layout *at, uint8_t end) {
+    const uint8_t size = at[1] % 8;
+    const uint8_t unit = size == 4   ? _Alignof(uint32_t)
+                         : size == 2 ? _Alignof(uint16_t)
+                                     : 1;
+    return (struct field){at[0], (uint8_t)(at[1] / 8 * size),
+                          (uint8_t)((end + unit - 1) / unit * unit)};
 }
 
-static void walk_field(struct walk *walk, uint8_t tag, uint8_t size) {
-    if (walk->expected != 0) {
-        return;
+static uint8_t encode(layout *at, const void *message, uint32_t sequence,
+                      uint32_t time_us, uint8_t *content) {
+    uint8_t *to = content + HEADER_SIZE;
+    content[0] = *at++;
+    memcpy(content + 1, &sequence, sizeof sequence);
+    memcpy(content + 5, &time_us, sizeof time_us);
+    for (uint8_t end = 0; *at != 0; at += 2) {
+        const struct field field = field_first(at, end);
+        *to++ = field.tag;
+        memcpy(to, (const uint8_t *)message + field.offset, field.length);
+        to += field.length;
+        end = (uint8_t)(field.offset + field.length);
     }
-    if (walk->left <= size || walk->at[0] != tag) {
-        walk->expected = tag;
-        return;
-    }
-    walk->at += 1 + size;
-    walk->left = (uint8_t)(walk->left - 1 - size);
+    return (uint8_t)(to - content);
 }
 
-// The tag at which the walk stopped, 0 at the end of the content.
-static uint8_t walk_tag(const struct walk *walk) {
-    return walk->left > 0 ? walk->at[0] : 0;
-}
-
-// Names what stopped the walk. `is_ours`: the tag found there is of this message;
-// `is_short`: the content is shorter than the whole message.
-static enum message_result walk_end(const struct walk *walk, bool is_ours,
-                                    bool is_short) {
-    if (walk->result != MESSAGE_OK) {
-        return walk->result;
+// Names what stands at `at` where the `expected` field does not, or 0 where none is
+// left to come.
+static enum message_result misplaced(layout *fields, const uint8_t *at, uint8_t left,
+                                     uint8_t expected) {
+    if (left == 0) {
+        return MESSAGE_MISSING_FIELD;
     }
-    if (walk->left == 0) {
-        return walk->expected == 0 ? MESSAGE_OK : MESSAGE_MISSING_FIELD;
+    bool is_ours = false;
+    for (; *fields != 0; fields += 2) {
+        is_ours |= *fields == *at;
     }
     if (!is_ours) {
         return MESSAGE_UNKNOWN_FIELD;
     }
-    if (walk->expected == 0 || walk->at[0] < walk->expected) {
+    if (expected == 0 || *at < expected) {
         return MESSAGE_DOUBLED_FIELD;
     }
-    if (walk->at[0] == walk->expected) {
+    return *at == expected ? MESSAGE_WRONG_LENGTH : MESSAGE_OUT_OF_ORDER;
+}
+
+static enum message_result decode(layout *fields, const uint8_t *content,
+                                  uint8_t length, uint8_t size,
+                                  struct message_header *header, void *out) {
+    const uint8_t id = *fields++;
+    if (length < HEADER_SIZE) {
         return MESSAGE_WRONG_LENGTH;
     }
-    return is_short ? MESSAGE_MISSING_FIELD : MESSAGE_OUT_OF_ORDER;
+    if (content[0] != id) {
+        return MESSAGE_WRONG_ID;
+    }
+    const uint8_t *from = content + HEADER_SIZE;
+    uint8_t left = (uint8_t)(length - HEADER_SIZE);
+    layout *at = fields;
+    for (; *at != 0; at += 2) {
+        const struct field field = field_first(at, 0);
+        if (left <= field.length || *from != field.tag) {
+            break;
+        }
+        from += 1 + field.length;
+        left = (uint8_t)(left - 1 - field.length);
+    }
+    if (*at != 0 || left > 0) {
+        const enum message_result result = misplaced(fields, from, left, *at);
+        // A hello may have at its end what later versions add.
+        if (id != MESSAGE_HELLO || *at != 0 || result != MESSAGE_UNKNOWN_FIELD) {
+            return result == MESSAGE_OUT_OF_ORDER && length < size
+                       ? MESSAGE_MISSING_FIELD
+                       : result;
+        }
+    }
+    header->id = id;
+    memcpy(&header->sequence, content + 1, sizeof header->sequence);
+    memcpy(&header->time_us, content + 5, sizeof header->time_us);
+    from = content + HEADER_SIZE;
+    uint8_t end = 0;
+    for (at = fields; *at != 0; at += 2) {
+        const struct field field = field_first(at, end);
+        memcpy((uint8_t *)out + field.offset, from + 1, field.length);
+        from += 1 + field.length;
+        end = (uint8_t)(field.offset + field.length);
+    }
+    return MESSAGE_OK;
 }
 """
 
@@ -730,82 +742,31 @@ def scale_words(scale: Decimal | str) -> str:
     return plain if len(plain) <= len("0.001") else scale_text(scale)
 
 
-def tag_runs(message: Message) -> list[tuple[int, int]]:
-    """First and last tag of each run of consecutive tags."""
-    runs: list[tuple[int, int]] = []
-    for field in message.fields:
-        if runs and field.tag == runs[-1][1] + 1:
-            runs[-1] = (runs[-1][0], field.tag)
-        else:
-            runs.append((field.tag, field.tag))
-    return runs
-
-
-def c_is_ours(message: Message) -> str:
-    tests = [
-        f"tag >= {first} && tag <= {last}" if first < last else f"tag == {first}"
-        for first, last in tag_runs(message)
-    ]
-    if len(tests) == 1:
-        return tests[0]
-    return " || ".join(f"({test})" if "&&" in test else test for test in tests)
-
-
 def c_functions(message: Message) -> Iterator[str]:
-    """The encoder and the decoder of a message."""
+    """A message's layout, its encoder and its decoder."""
     encode, decode = c_declaration(message)
+    name = message.name.upper()
+    yield ""
+    yield f"static layout {name}[] = {{"
+    yield f"    MESSAGE_{name},"
+    yield from c_comments(
+        (
+            f"FIELD({field.tag}, {field.count}, {TYPES[field.type].size}),",
+            field.name,
+        )
+        for field in message.fields
+    )
+    yield "    0,"
+    yield "};"
     yield ""
     yield from encode[:-1]
     yield encode[-1] + " {"
-    yield from c_wrap(
-        "    uint8_t *at = put_header(",
-        ["content", f"MESSAGE_{message.name.upper()}", "sequence", "time_us"],
-        ");",
-    )
-    for field in message.fields:
-        yield from c_wrap(
-            "    at = put(",
-            [
-                "at",
-                str(field.tag),
-                c_address("message", field),
-                f"sizeof message->{field.name}",
-            ],
-            ");",
-        )
-    yield "    return (uint8_t)(at - content);"
+    yield f"    return encode({name}, message, sequence, time_us, content);"
     yield "}"
     yield ""
     yield from decode[:-1]
     yield decode[-1] + " {"
-    yield "    struct walk walk;"
-    yield f"    walk_header(&walk, content, length, MESSAGE_{message.name.upper()});"
-    for field in message.fields:
-        yield f"    walk_field(&walk, {field.tag}, sizeof out->{field.name});"
-    yield "    const uint8_t tag = walk_tag(&walk);"
-    yield f"    const bool is_ours = {c_is_ours(message)};"
-    if message.name == "hello":
-        yield "    if (walk.expected == 0 && !is_ours) {"
-        yield "        walk.left = 0;  // what later versions add"
-        yield "    }"
-    yield from c_wrap(
-        "    const enum message_result result = walk_end(",
-        ["&walk", "is_ours", f"length < {message.size}"],
-        ");",
-    )
-    yield "    if (result != MESSAGE_OK) {"
-    yield "        return result;"
-    yield "    }"
-    yield "    const uint8_t *at = get_header(content, header);"
-    last = message.fields[-1]
-    for field in message.fields:
-        start = "    (void)get(" if field is last else "    at = get("
-        yield from c_wrap(
-            start,
-            ["at", c_address("out", field), f"sizeof out->{field.name}"],
-            ");",
-        )
-    yield "    return MESSAGE_OK;"
+    yield f"    return decode({name}, content, length, {c_size(message)}, header, out);"
     yield "}"
 
 

@@ -11,7 +11,7 @@ enum {
     FRAMES_HZ = 10,
     STAGES = 10,         // of a frame: at 100 samples a second, one a sample
     LEVEL_SETTLE = 30,   // frames in VQF's tau_acc, 3 s
-    STEP_MAX_US = 7500,  // 42 rad/s an axis turn 0.55 rad in it
+    STEP_MAX_US = 7500,  // 41.4 rad/s an axis and 2 % of scale turn 0.55 rad in it
     STEPS_MAX = 8,
     // VQF's rest: 1.5 s within 2 deg/s and 0.5 m/s2 of a mean of 0.5 s.
     REST_SETTLE = 50,
@@ -28,7 +28,7 @@ enum {
 #define REST_RATE_Q25 INT32_C(1171299)          // 2 deg/s
 #define REST_FORCE_Q21 INT32_C(1048576)         // 0.5 m/s2
 #define REST_RATE_LIMIT_Q25 INT32_C(335544320)  // 10 rad/s: keeps the low-pass in range
-#define BIAS_LIMIT_Q25 INT32_C(134217728)       // 4 rad/s
+#define BIAS_LIMIT_Q25 INT32_C(114085069)       // 3.4 rad/s
 #define FORCE_LIMIT_Q13 INT32_C(3906250)  // 477 m/s2: more than the range's corner
 #define FORCE_MIN_Q21 INT32_C(2097152)    // 1 m/s2: in free fall nothing levels
 
@@ -563,18 +563,8 @@ NOINLINE static void stage_world(struct fuse *fuse) {
     struct quat turn = QUAT_IDENTITY;
     int32_t norm;
     if (fuse->field_learnt > 0 && vector_normalise(&north, &north, &norm)) {
-        // Half the angle that brings the horizontal field to north, y: its tangent is
-        // sine / (1 + cosine) or (1 - cosine) / sine.
-        const int32_t x = fixed_half_floor(north.x);
-        const int32_t y = fixed_half_floor(north.y);
-        struct vector half = {Q2_30_ONE / 2 + y, x, 0};
-        if (y < 0) {
-            half = (struct vector){x, Q2_30_ONE / 2 - y, 0};
-        }
-        int32_t length;
-        (void)vector_normalise(&half, &half, &length);
-        turn.w = half.x;
-        turn.z = half.y;
+        // The angle that brings the horizontal field to north, y.
+        quat_about_z(north.y, north.x, &turn);
         if (norm < HORIZONTAL_MIN_Q18) {
             // It points along the vertical: the next reading is a first one.
             fuse->field_learnt = 0;

@@ -108,7 +108,7 @@ void fuse_step(struct fuse *fuse, const struct measurement *measurement,
 
 // A calibration at rest has found the gyroscope's bias, which from there on is taken
 // for rest within 2 deg/s of it. Before, the bias is found in rests and from motion.
-// Each axis is held within +-4 rad/s, ten times what the calibration takes for a bias.
+// Each axis is held within +-3.4 rad/s, ten times what the calibration takes for a bias.
 void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25);
 
 // Unit quaternion, world_from_body, at the time of the last sample; world is east,

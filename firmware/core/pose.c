@@ -106,6 +106,6 @@ void pose_set_origin(struct pose_tracker *tracker, enum pose_origin origin) {
     if (origin == POSE_ORIGIN_FULL) {
         quat_conjugate(&q, &tracker->to_origin);
     } else {
-        quat_from_heading(turn32_sub(0, quat_heading(&q)), &tracker->to_origin);
+        quat_to_no_heading(&q, &tracker->to_origin);
     }
 }

@@ -43,9 +43,28 @@ void quat_from_heading(turn32_t heading, struct quat *out) {
     fixed_sincos(fixed_half_floor(heading), &out->z, &out->w);
 }
 
-turn32_t quat_heading(const struct quat *q) {
+void quat_about_z(int32_t cosine, int32_t sine, struct quat *out) {
+    struct vector unit = {cosine, sine, 0};
+    int32_t norm;
+    *out = QUAT_IDENTITY;
+    if (!vector_normalise(&unit, &unit, &norm)) {
+        return;
+    }
+    // The tangent of half the angle is sine / (1 + cosine) or (1 - cosine) / sine: that
+    // whose terms do not cancel.
+    const q2_30_t half_cosine = fixed_half_floor(unit.x);
+    const q2_30_t half_sine = fixed_half_floor(unit.y);
+    unit = half_cosine >= 0
+               ? (struct vector){Q2_30_ONE / 2 + half_cosine, half_sine, 0}
+               : (struct vector){half_sine, Q2_30_ONE / 2 - half_cosine, 0};
+    (void)vector_normalise(&unit, &unit, &norm);
+    out->w = unit.x;
+    out->z = unit.y;
+}
+
+void quat_to_no_heading(const struct quat *q, struct quat *out) {
     const q2_30_t sine = fixed_mul_q30(q->w, q->z) + fixed_mul_q30(q->x, q->y);
     const q2_30_t cosine =
         Q2_30_ONE / 2 - fixed_mul_q30(q->y, q->y) - fixed_mul_q30(q->z, q->z);
-    return fixed_atan2(sine, cosine);
+    quat_about_z(cosine, -sine, out);
 }

@@ -29,9 +29,15 @@ void quat_from_small_angle(const struct vector *angle_rad_q30, struct quat *out)
 // v turned by q, in v's format; `out` may be v. Needs |v| <= 1.07e9 and |q| <= 1.
 void quat_rotate(const struct quat *q, const struct vector *v, struct vector *out);
 
-// The rotation about z by an angle, and q's own angle about z: the heading of x's image
-// (0 where x points up or down).
+// The rotation about z by an angle.
 void quat_from_heading(turn32_t heading, struct quat *out);
-turn32_t quat_heading(const struct quat *q);
+
+// The rotation about z by the angle of the point (cosine, sine), whose length may be
+// any; none where both are zero. Neither may be INT32_MIN.
+void quat_about_z(int32_t cosine, int32_t sine, struct quat *out);
+
+// The rotation about z that turns q's own away: after it the image of x has heading 0.
+// None where x points up or down.
+void quat_to_no_heading(const struct quat *q, struct quat *out);
 
 #endif

@@ -287,6 +287,7 @@ class Twin:
 
     def _lose(self, sequence: int, reason: str) -> Lost:
         self._replay = None
+        self._is_ripe = False
         self.state = State.LOST
         return Lost(sequence, reason)
 

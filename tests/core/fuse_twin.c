@@ -143,7 +143,7 @@ static void read_motion(struct twin *t, const double *row, double noise,
     double gain[4];
     kalman(4, t->motion, row, noise, gain);
     for (int i = 0; i < 3; ++i) {
-        t->bias[i] = clamp(t->bias[i] + gain[i] * surprise, 4);
+        t->bias[i] = clamp(t->bias[i] + gain[i] * surprise, 3.4);
     }
     t->scale = clamp(t->scale + gain[3] * surprise / degree / 500, 0.02);
 }

@@ -109,9 +109,16 @@ void loop_from_heading(int count, const turn32_t *heading, struct quat *out) {
     }
 }
 
-void loop_heading(int count, const struct quat *q, turn32_t *out) {
+void loop_about_z(int count, const int32_t *cosine, const int32_t *sine,
+                  struct quat *out) {
     for (int i = 0; i < count; ++i) {
-        out[i] = quat_heading(&q[i]);
+        quat_about_z(cosine[i], sine[i], &out[i]);
+    }
+}
+
+void loop_to_no_heading(int count, const struct quat *q, struct quat *out) {
+    for (int i = 0; i < count; ++i) {
+        quat_to_no_heading(&q[i], &out[i]);
     }
 }
 

@@ -39,7 +39,9 @@ void loop_small_angle(int count, const struct vector *angle, struct quat *out);
 void loop_rotate(int count, const struct quat *q, const struct vector *v,
                  struct vector *out);
 void loop_from_heading(int count, const turn32_t *heading, struct quat *out);
-void loop_heading(int count, const struct quat *q, turn32_t *out);
+void loop_about_z(int count, const int32_t *cosine, const int32_t *sine,
+                  struct quat *out);
+void loop_to_no_heading(int count, const struct quat *q, struct quat *out);
 
 void loop_euler(int count, const struct quat *q, struct euler *out);
 void loop_aerospace(int count, const struct quat *q, struct euler *out);

@@ -152,26 +152,43 @@ def test_a_heading_turns_about_the_vertical_alone():
     assert np.abs(q - truth).max() < 1e-8
 
 
-def away(angle: desk.Array, truth: desk.Array) -> desk.Array:
-    return np.abs(np.remainder(angle / TURN - truth + np.pi, 2 * np.pi) - np.pi)
+def angle_about_z(q: desk.Array) -> desk.Array:
+    assert (q[:, 1:3] == 0).all()
+    return 2 * np.arctan2(q[:, 3], q[:, 0])
 
 
-def test_the_heading_of_a_quaternion_is_that_of_its_x_axis():
+def apart(angle: desk.Array, truth: desk.Array) -> desk.Array:
+    return np.abs(np.remainder(angle - truth + np.pi, 2 * np.pi) - np.pi)
+
+
+@pytest.mark.parametrize("length", [1.0, 1000.0, ONE, 2.0**31 - 1])
+def test_a_point_tells_the_angle_about_z_whatever_its_length(length):
+    angle = np.linspace(-np.pi, np.pi, 4001)
+    points = [desk.rounded(length * f(angle)) for f in (np.cos, np.sin)]
+    q = desk.mapped(lib.loop_about_z, *points, width=4)
+    assert np.abs(desk.norms(q) / ONE - 1).max() < 2e-7
+    truth = np.arctan2(points[1].astype(float), points[0].astype(float))
+    assert apart(angle_about_z(q), truth).max() < 3e-7
+
+
+def test_no_point_tells_no_angle():
+    made = desk.ffi.new("struct quat *")
+    lib.quat_about_z(0, 0, made)
+    assert [made.w, made.x, made.y, made.z] == [2**30, 0, 0, 0]
+
+
+def test_what_turns_a_heading_away_is_the_opposite_of_its_x_axiss():
     q = units(7)
     x = rotation.rotate(q / ONE, np.array([1.0, 0.0, 0.0]))
     level = np.hypot(x[:, 0], x[:, 1])
-    error = away(desk.mapped(lib.loop_heading, q), np.arctan2(x[:, 1], x[:, 0]))
+    away = angle_about_z(desk.mapped(lib.loop_to_no_heading, q, width=4))
+    error = apart(-away, np.arctan2(x[:, 1], x[:, 0]))
     # Rounding turns a short level part by more, the shorter it is.
-    assert (error < 3e-6 + 1e-8 / np.maximum(level, 1e-9)).all()
+    assert (error < 3e-7 + 1e-8 / np.maximum(level, 1e-9)).all()
 
 
-def test_the_heading_of_a_turn_about_the_vertical_is_its_angle():
-    heading = np.arange(INT32_MIN, INT32_MAX, 2**24 + 777).astype(np.int32)
-    q = desk.mapped(lib.loop_from_heading, heading, width=4)
-    assert away(desk.mapped(lib.loop_heading, q), heading / TURN).max() < 3e-6
-
-
-def test_an_x_axis_that_points_straight_up_or_down_has_the_heading_zero():
+def test_an_x_axis_that_points_straight_up_or_down_has_no_heading_to_turn_away():
     half = 2**29
-    assert lib.quat_heading(quat(half, half, -half, half)) == 0  # up
-    assert lib.quat_heading(quat(half, half, half, -half)) == 0  # down
+    straight = np.array([[half, half, -half, half], [half, half, half, -half]], np.int32)
+    away = desk.mapped(lib.loop_to_no_heading, straight, width=4)
+    assert away.tolist() == [[2**30, 0, 0, 0]] * 2
