@@ -18,9 +18,9 @@ enum board_sample_result {
 };
 
 struct board_sample {
-    uint8_t bytes[BUS_BURST_MAX];
-    uint32_t time_us;         // of the data-ready edge
-    uint16_t missed;          // data-ready edges without a burst of their own before it
+    uint8_t bytes[BUS_BURST_MAX];  // of its bursts, one after the other
+    uint32_t time_us;              // of the data-ready edge
+    uint16_t missed;          // data-ready edges without bursts of their own before it
     enum bus_result failure;  // why, where the result is BOARD_SAMPLE_FAILED
 };
 
@@ -47,8 +47,9 @@ const struct bus_device *board_bus(void);
 // Frees a held bus by clocking it, then a STOP. BUS_OK when both lines are high.
 enum bus_result board_bus_recover(void) MUST_CHECK;
 
-// From now on each data-ready edge stamps the time and starts `burst` by interrupt.
-void board_sampling_start(struct bus_burst burst);
+// From now on each data-ready edge stamps the time and starts the bursts, `count` of
+// them in turn, by interrupt. They are copied.
+void board_sampling_start(const struct bus_burst *bursts, uint8_t count);
 void board_sampling_stop(void);
 enum board_sample_result board_sample_take(struct board_sample *out) MUST_CHECK;
 // Data-ready edges seen since reset.

@@ -8,7 +8,7 @@
 
 enum {
     STEP_US = 5000,            // of the button, the periodic messages and the LED
-    NO_DATA_READY_US = 50000,  // ten samples at 200 Hz
+    NO_DATA_READY_US = 50000,  // ten samples of the slowest sensor, 200 Hz
     RETRY_US = 200000,         // between two attempts to bring the sensor up
     BURSTS_FAILED_MAX = 5,     // in a row, before the sensor is set up again
 };
@@ -75,6 +75,13 @@ static void give_up(enum event event, enum cause cause, int32_t detail,
     acquisition.has_gap = true;
 }
 
+static void start_sampling(void) {
+    const struct sensor_driver *sensor = board_sensor();
+    struct bus_burst bursts[SENSOR_BURSTS_MAX];
+    const uint8_t count = sensor->bursts(sensor->state, bursts);
+    board_sampling_start(bursts, count);
+}
+
 static void begin_setup(void) {
     const struct sensor_driver *sensor = board_sensor();
     sensor->begin(sensor->state);
@@ -87,7 +94,7 @@ static void set_up(uint32_t now_us) {
     const struct bus_device bus = {read_noted, write_noted, (void *)board_bus()};
     switch (sensor->setup(sensor->state, &bus, now_us)) {
     case SENSOR_OK:
-        board_sampling_start(sensor->burst(sensor->state));
+        start_sampling();
         probe_sensor_ready(&probe, sensor->identity(sensor->state), now_us);
         acquisition.phase = PHASE_SAMPLING;
         acquisition.since_us = now_us;
@@ -110,7 +117,6 @@ static void set_up(uint32_t now_us) {
 // A burst failed: one sample is lost. Frees the bus and goes on, or sets the sensor up
 // again when that does not help.
 static void survive_burst(enum bus_result failure, uint32_t now_us) {
-    const struct sensor_driver *sensor = board_sensor();
     ++acquisition.failed;
     acquisition.has_gap = true;
     if (acquisition.failed >= BURSTS_FAILED_MAX) {
@@ -124,7 +130,7 @@ static void survive_burst(enum bus_result failure, uint32_t now_us) {
     }
     probe_sensor_failed(&probe, EVENT_BUS_FAULT, cause_of(failure), acquisition.failed,
                         false, now_us);
-    board_sampling_start(sensor->burst(sensor->state));
+    start_sampling();
 }
 
 // Fills in what a burst brought; false where that was none. Not inline, so that its

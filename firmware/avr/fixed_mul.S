@@ -1,5 +1,5 @@
 ; SPDX-License-Identifier: MIT
-; The products of fixed.h, exact, column by column of bytes. Cycles, `ret` included and
+; The products of fixed.h, exact, column by column of bytes, then those of quat.h. Cycles, `ret` included and
 ; the call of 3 or 4 not: fixed_mul_q30 108, fixed_mul_q32 98, fixed_umul_q32 90.
 ;
 ; Calling convention: a arrives in r25..r22, b in r21..r18, the result leaves in

@@ -131,14 +131,16 @@ static bool is_over(void) {
     return !is_running || failure != BUS_OK;
 }
 
-void board_sampling_start(struct bus_burst wanted) {
+// This board's sensor has one burst a sample.
+void board_sampling_start(const struct bus_burst *bursts, uint8_t count) {
+    (void)count;
     board_sampling_stop();
     if (is_running) {  // failed: the edges missed before it go with the next burst
         miss(slots[filled % SLOTS].missed);
     }
     miss((uint8_t)(filled - taken));  // read, but nobody will take them
     taken = filled;
-    burst = wanted;
+    burst = bursts[0];
     failure = BUS_OK;
     is_running = false;
     is_reported = false;

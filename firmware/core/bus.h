@@ -25,13 +25,13 @@ struct bus_device {
     void *port;
 };
 
-// One read of consecutive registers, started by the data-ready edge.
+// One read of consecutive registers.
 struct bus_burst {
     uint8_t address;
     uint8_t reg;
     uint8_t length;
 };
 
-enum { BUS_BURST_MAX = 24 };
+enum { BUS_BURST_MAX = 24 };  // bytes of all that make one sample
 
 #endif

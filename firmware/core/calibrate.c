@@ -97,6 +97,8 @@ void calibrate(const struct calibration *calibration,
     apply_to_counts(&calibration->acc, &sample->acc, scale->acc, ACC_LIMIT_HALF,
                     &out->acc_m_s2_q21);
     out->has_mag = sample->has_mag;
+    out->acc_clipped = sample->acc_clipped;
+    out->gyr_clipped = sample->gyr_clipped;
     if (sample->has_mag) {
         apply_to_counts(&calibration->mag, &sample->mag, scale->mag, MAG_LIMIT_HALF,
                         &out->mag_ut_q18);
@@ -118,7 +120,9 @@ void gyro_calibrator_begin(struct gyro_calibrator *calibrator) {
 #define BIAS_MAX UINT32_C(340885)  // 20 deg/s
 #define TURN_MAX UINT32_C(83571)   // 0.5 deg of 1 g
 
-static bool exceeds(uint16_t counts, uint32_t lsb_nano, uint32_t limit) {
+// Not inline: three copies would take 60 bytes more of the AVR's flash.
+__attribute__((noinline)) static bool exceeds(uint16_t counts, uint32_t lsb_nano,
+                                              uint32_t limit) {
     return (uint32_t)counts * (uint16_t)(lsb_nano / 1024) > limit;
 }
 
@@ -134,12 +138,14 @@ enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
     uint16_t furthest = 0;  // from zero
     for (uint8_t i = 0; i < 3; ++i) {
         const int16_t rate = *gyr++;
-        const int32_t force = *acc++;
         if (count == 0) {
             *axis = (struct gyro_calibrator_axis){0, 0, rate, rate};
         }
         axis->sum += rate;
-        axis->turn += count < CALIBRATOR_SAMPLES / 2 ? force : -force;
+        if (count == CALIBRATOR_SAMPLES / 2) {
+            axis->turn = -axis->turn;  // from here on the second half
+        }
+        axis->turn += *acc++;
         if (rate < axis->low) {
             axis->low = rate;
         }

@@ -31,6 +31,7 @@ struct measurement {
     struct vector acc_m_s2_q21;   // q11_21, |acc| < 470 m/s2
     struct vector mag_ut_q18;     // q14_18, each held within +-2048 uT; where has_mag
     bool has_mag;
+    bool acc_clipped, gyr_clipped;  // at the end of its range
 };
 
 // Scales of one count, derived from the sensor's identity.
@@ -60,7 +61,7 @@ enum { CALIBRATOR_SAMPLES = 512 };
 
 struct gyro_calibrator_axis {
     int32_t sum;        // of the rates, counts
-    int32_t turn;       // specific force, first half less second half, counts
+    int32_t turn;       // specific force, one half less the other, counts
     int16_t low, high;  // rates, counts
 };
 

@@ -6,6 +6,26 @@ int32_t fixed_clamp(int32_t value, int32_t limit) {
     return value > limit ? limit : value < -limit ? -limit : value;
 }
 
+uint32_t fixed_magnitude(int32_t value) {
+    return value < 0 ? 0u - (uint32_t)value : (uint32_t)value;
+}
+
+int32_t fixed_scale_up(int32_t value, uint8_t bits) {
+    return (int32_t)((uint32_t)value << bits);
+}
+
+int32_t fixed_scale_up_sat(uint32_t value, uint8_t bits) {
+    return value > (uint32_t)INT32_MAX >> bits ? INT32_MAX : (int32_t)(value << bits);
+}
+
+int32_t fixed_scale_down(int32_t value, uint8_t bits) {
+    uint8_t left = (uint8_t)(bits - 1);
+    for (; left >= 8; left = (uint8_t)(left - 8)) {  // whole bytes are cheap to shift
+        value >>= 8;
+    }
+    return ((value >> left) + 1) >> 1;
+}
+
 uint8_t fixed_leading_zeros(uint32_t x) {
     uint8_t zeros = 0;
     while (x < UINT32_C(0x01000000)) {  // whole bytes first: they are cheap to shift
@@ -59,7 +79,11 @@ q2_30_t fixed_rsqrt(uint32_t x) {
 uint16_t fixed_sqrt(uint32_t x) {
     uint32_t root = 0;
     uint32_t remainder = x;
-    for (uint32_t bit = UINT32_C(1) << 30; bit != 0; bit >>= 2) {
+    uint32_t bit = UINT32_C(1) << 30;
+    while (bit > x) {
+        bit >>= 2;
+    }
+    for (; bit != 0; bit >>= 2) {
         if (remainder >= root + bit) {
             remainder -= root + bit;
             root = (root >> 1) + bit;

@@ -65,24 +65,16 @@ static inline int32_t fixed_sub_sat(int32_t a, int32_t b) {
 int32_t fixed_clamp(int32_t value, int32_t limit);
 
 // |value|; the most negative number gives 2^31.
-static inline uint32_t fixed_magnitude(int32_t value) {
-    return value < 0 ? 0u - (uint32_t)value : (uint32_t)value;
-}
+uint32_t fixed_magnitude(int32_t value);
 
 // value * 2^bits; the result must fit.
-static inline int32_t fixed_scale_up(int32_t value, uint8_t bits) {
-    return (int32_t)((uint32_t)value << bits);
-}
+int32_t fixed_scale_up(int32_t value, uint8_t bits);
 
 // value * 2^bits, held at INT32_MAX.
-static inline int32_t fixed_scale_up_sat(uint32_t value, uint8_t bits) {
-    return value > (uint32_t)INT32_MAX >> bits ? INT32_MAX : (int32_t)(value << bits);
-}
+int32_t fixed_scale_up_sat(uint32_t value, uint8_t bits);
 
-// round(value / 2^bits), bits 1 to 30; value + 2^(bits-1) must fit.
-static inline int32_t fixed_scale_down(int32_t value, uint8_t bits) {
-    return (value + (INT32_C(1) << (bits - 1))) >> bits;
-}
+// round(value / 2^bits), bits 1 to 31; of one bit, value must be below INT32_MAX.
+int32_t fixed_scale_down(int32_t value, uint8_t bits);
 
 // The upper 16 of 32 bits.
 static inline uint16_t fixed_high_half(uint32_t value) {

@@ -16,6 +16,10 @@ enum {
     // VQF's rest: 1.5 s within 2 deg/s and 0.5 m/s2 of a mean of 0.5 s.
     REST_SETTLE = 50,
     REST_LOOKS = 150,
+    // Samples of a frame whose motion was lost, from which on nothing is known; and the
+    // frames after any in which levelling tells nothing of bias.
+    CLIPPED_LOST = 4,
+    UNSETTLED = 100,
     FIELD_LEARN = 20,      // readings whose mean is the first field: 2 s
     FIELD_ABSENT = 10,     // frames without a reading
     FIELD_UNIT = 576,      // (3 uT)^2 as 64ths of 1 uT2
@@ -280,9 +284,25 @@ static void follow_gravity(struct fuse *fuse) {
     quat_renormalise(level);
 }
 
+// It has changed unseen: goes on from the one there is as from a first guess.
+static void lose_orientation(struct fuse *fuse) {
+    memset(&fuse->force, 0, sizeof fuse->force);
+    memset(fuse->regressor, 0, sizeof fuse->regressor);
+    fuse->frames = 0;
+    fuse->field_learnt = 0;
+    fuse->heading_variance = HEADING_VARIANCE_MAX_Q30;
+}
+
 // Stage: the vertical.
 NOINLINE static void stage_level(struct fuse *fuse) {
     struct vector force;
+    if (fuse->clipped >= CLIPPED_LOST) {
+        lose_orientation(fuse);
+    }
+    fuse->clipped = 0;
+    if (fuse->unsettled > 0) {
+        --fuse->unsettled;
+    }
     if (fuse->frames < UINT8_MAX) {
         ++fuse->frames;
     }
@@ -373,7 +393,7 @@ NOINLINE static void stage_rest(struct fuse *fuse) {
 // scale.
 NOINLINE static void stage_motion(struct fuse *fuse, uint8_t axis) {
     const struct lowpass_axis *regressor = &fuse->regressor[axis * FUSE_MOTION_STATES];
-    if (fuse->frames <= LEVEL_SETTLE) {
+    if (fuse->frames <= LEVEL_SETTLE || fuse->unsettled > 0) {
         return;
     }
     q2_14_t row[KALMAN_STATES] = {0};
@@ -497,6 +517,10 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
     fuse->field_noise = fixed_clamp(noise, FIELD_NOISE_MAX);
 }
 
+static bool is_heading_free(const struct fuse *fuse) {
+    return fuse->heading_variance > HEADING_FREE_Q30;
+}
+
 // Stage: before the reading is taken up.
 NOINLINE static void stage_field(struct fuse *fuse) {
     if (!fuse->has_reading) {
@@ -505,6 +529,12 @@ NOINLINE static void stage_field(struct fuse *fuse) {
         }
         predict_field(fuse);
         return;
+    }
+    if (fuse->field_age == UINT8_MAX && is_heading_free(fuse)) {
+        fuse->field_learnt = 0;  // after so long it is a first reading again
+    }
+    if (fuse->frames == LEVEL_SETTLE && !is_at_rest(fuse)) {
+        fuse->field_learnt = 0;  // what was read in motion had no good level
     }
     fuse->field_age = 0;
     if (fuse->field_learnt < FIELD_LEARN) {
@@ -637,6 +667,15 @@ void fuse_step(struct fuse *fuse, const struct measurement *measurement,
     } else {
         integrate(fuse, interval_us);
     }
+    if (measurement->gyr_clipped && fuse->clipped < UINT8_MAX) {
+        ++fuse->clipped;
+    }
+    if (interval_us > UINT32_C(60000) && !is_first) {
+        fuse->clipped = CLIPPED_LOST;
+    }
+    if (measurement->acc_clipped || fuse->clipped > 0) {
+        fuse->unsettled = UNSETTLED;
+    }
     matrix_from_quat(&fuse->inertial_from_body, &inertial_from_body);
     add_turned(&inertial_from_body, &measurement->acc_m_s2_q21, &fuse->force_sum_q13);
     add_turned(&inertial_from_body, rate, &fuse->turn_sum_q17);
@@ -673,11 +712,13 @@ void fuse_orientation(const struct fuse *fuse, struct quat *out) {
 }
 
 void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
-    out->is_starting = fuse->frames < LEVEL_SETTLE;
+    out->is_starting =
+        fuse->frames < LEVEL_SETTLE ||
+        (fuse->field_learnt > 0 && fuse->field_learnt < FIELD_LEARN);
     out->is_at_rest = is_at_rest(fuse);
     out->is_mag_absent = fuse->field_age >= FIELD_ABSENT;
     out->is_mag_disturbed = !out->is_mag_absent && fuse->field_surprise > FIELD_UNIT;
-    out->is_heading_free = fuse->heading_variance > HEADING_FREE_Q30;
+    out->is_heading_free = is_heading_free(fuse);
     // 0.28^2 + (0.20 W / 100 deg/s)^2 deg2, W the rms rate over 3 s, as 1e-4 deg2:
     // 784 + 131.3 (rad/s)^2. Fitted to recordings with optical truth.
     const uint32_t tilt = 784 + fixed_umul_q32((uint32_t)fuse->rate_square, 2151420);

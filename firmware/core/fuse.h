@@ -64,6 +64,8 @@ struct fuse {
     q14_18_t rate_square;             // (rad/s)^2, mean over 3 s
     uint8_t in_frame, stage;          // of the frame that runs
     uint8_t frames;                   // since the start, held at 255
+    uint8_t clipped;                  // samples of this frame that lost motion
+    uint8_t unsettled;                // frames until levelling tells of bias again
     // Sums over the frame, in the inertial frame, m/s2 and rad/s.
     struct vector force_sum_q13, turn_sum_q17;
     struct lowpass force;      // inertial frame
@@ -102,13 +104,15 @@ void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us);
 void fuse_restart(struct fuse *fuse);
 
 // One sample, `interval_us` after the one before it. Longer intervals than 60 ms are
-// integrated for 60 ms only: the rest of the motion is lost.
+// integrated for 60 ms only: the rest of the motion is lost. Where that or clipping
+// loses more than a little, level and heading are found anew, as after a start.
 void fuse_step(struct fuse *fuse, const struct measurement *measurement,
                uint32_t interval_us);
 
 // A calibration at rest has found the gyroscope's bias, which from there on is taken
 // for rest within 2 deg/s of it. Before, the bias is found in rests and from motion.
-// Each axis is held within +-3.4 rad/s, ten times what the calibration takes for a bias.
+// Each axis is held within +-3.4 rad/s, ten times what the calibration takes for a
+// bias.
 void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25);
 
 // Unit quaternion, world_from_body, at the time of the last sample; world is east,

@@ -649,9 +649,10 @@ const struct sensor_identity *mpu9250_identity(const void *state) {
     return &chip->identity;
 }
 
-struct bus_burst mpu9250_burst(const void *state) {
+uint8_t mpu9250_bursts(const void *state, struct bus_burst *out) {
     const struct mpu9250 *chip = state;
-    return (struct bus_burst){
-        MPU9250_ADDRESS, REG_ACCEL_XOUT_H,
-        (uint8_t)(INERTIAL_BYTES + (chip->has_mag ? MAG_BYTES : 0))};
+    out[0].address = MPU9250_ADDRESS;
+    out[0].reg = REG_ACCEL_XOUT_H;
+    out[0].length = chip->has_mag ? INERTIAL_BYTES + MAG_BYTES : INERTIAL_BYTES;
+    return 1;
 }

@@ -51,13 +51,13 @@ enum sensor_result mpu9250_setup(void *state, const struct bus_device *bus,
 bool mpu9250_parse(void *state, const uint8_t *bytes, uint32_t time_us,
                    struct sample *out) MUST_CHECK;
 const struct sensor_identity *mpu9250_identity(const void *state);
-struct bus_burst mpu9250_burst(const void *state);
+uint8_t mpu9250_bursts(const void *state, struct bus_burst *out);
 
 // Initialiser of a struct sensor_driver over `chip`, a struct mpu9250.
 #define MPU9250_DRIVER(chip)                                                           \
     {                                                                                  \
         .begin = mpu9250_begin, .setup = mpu9250_setup, .parse = mpu9250_parse,        \
-        .identity = mpu9250_identity, .burst = mpu9250_burst, .state = (chip),         \
+        .identity = mpu9250_identity, .bursts = mpu9250_bursts, .state = (chip),       \
     }
 
 #endif

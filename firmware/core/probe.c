@@ -15,8 +15,8 @@ enum {
     UINT32_C(500000)  // half a second from status: never both at once
 #define REFUSAL_PERIOD_US UINT32_C(5000000)
 
-// Milliseconds of two seconds as a fraction of 2^32, less than a microsecond short.
-#define PHASE_MS(ms) (UINT32_C(2147483) * (ms))
+// Milliseconds of two seconds as a fraction of 2^16, floored.
+#define PHASE_MS(ms) ((uint16_t)(UINT32_C(65536) * (ms) / 2000))
 
 // Each message's buffers are on the stack only while it is made, not all at once.
 #define NOINLINE __attribute__((noinline))
@@ -455,11 +455,13 @@ bool probe_led(const struct probe *probe, uint32_t now_us) {
     case STATE_STREAMING:
         return true;
     case STATE_CALIBRATING:
-        return phase * 10 < UINT32_C(0x80000000);
-    case STATE_FAULT:
-        return phase * 2 < PHASE_MS(160) ||
-               (phase * 2 >= PHASE_MS(400) && phase * 2 < PHASE_MS(560));
+        return fixed_high_half(phase * 10) < PHASE_MS(1000);
+    case STATE_FAULT: {
+        const uint16_t in_a_second = fixed_high_half(phase * 2);
+        return in_a_second < PHASE_MS(160) ||
+               (in_a_second >= PHASE_MS(400) && in_a_second < PHASE_MS(560));
+    }
     default:
-        return phase < PHASE_MS(50);
+        return fixed_high_half(phase) < PHASE_MS(50);
     }
 }

@@ -3,10 +3,12 @@
 #include "quat.h"
 
 void quat_conjugate(const struct quat *q, struct quat *out) {
-    out->w = q->w;
-    out->x = -q->x;
-    out->y = -q->y;
-    out->z = -q->z;
+    const q2_30_t *part = &q->w;  // four in a row
+    q2_30_t *opposite = &out->w;
+    opposite[0] = part[0];
+    for (uint8_t i = 1; i < 4; ++i) {
+        opposite[i] = -part[i];
+    }
 }
 
 void quat_renormalise(struct quat *q) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The seam between a sensor's driver and the probe: what the sensor is, how it is set
-// up step by step, and how the bytes of its burst become a sample.
+// up step by step, and how the bytes of its bursts become a sample.
 #ifndef SENSOR_H
 #define SENSOR_H
 
@@ -30,7 +30,9 @@ struct sensor_identity {
     uint32_t mag_lsb_pt;      // one count of the magnetometer, 1e-6 uT (picotesla)
 };
 
-// A driver keeps its own state struct and gives these three functions over it.
+enum { SENSOR_BURSTS_MAX = 3 };
+
+// A driver keeps its own state struct and gives these functions over it.
 struct sensor_driver {
     // Starts set-up over from the reset of the chip.
     void (*begin)(void *state);
@@ -38,12 +40,16 @@ struct sensor_driver {
     // On a failure call begin() again, after the bus has been recovered.
     enum sensor_result (*setup)(void *state, const struct bus_device *bus,
                                 uint32_t now_us);
-    // Turns the bytes of one burst into a sample; fills everything but has_gap. False
-    // where they can't be a reading: then nothing is written.
+    // Turns the bytes of a sample's bursts, which follow each other, into that sample;
+    // fills everything but has_gap. False where they can't be a reading: then nothing
+    // is written.
     bool (*parse)(void *state, const uint8_t *bytes, uint32_t time_us,
                   struct sample *out);
     const struct sensor_identity *(*identity)(const void *state);
-    struct bus_burst (*burst)(const void *state);
+    // The transfers that make one sample, at most SENSOR_BURSTS_MAX; returns how many.
+    // Together they
+    // have BUS_BURST_MAX bytes at most. Constant once set-up is done.
+    uint8_t (*bursts)(const void *state, struct bus_burst *out);
     void *state;
 };
 

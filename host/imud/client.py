@@ -21,6 +21,10 @@ from imud.errors import CommandRefused, DaemonNotFound, NoReply, ProbeUnknown
 CONNECT_TIMEOUT_MS = 2000
 QUERY_TIMEOUT_S = 2.0
 
+# Zenoh 1.10 leaves tokens out of some answers within milliseconds of a session's first:
+# an empty one is asked for again, after these pauses.
+ALIVE_PAUSES_S = (0.0, 0.05, 0.1)
+
 # The daemon asks a probe three times, a second each.
 COMMAND_TIMEOUT_S = 4.0
 
@@ -123,8 +127,13 @@ class Client:
     def alive(self) -> list[str]:
         """The probes that are there."""
         key = f"{self._prefix}/*/alive"
-        replies = self._session.liveliness().get(key, timeout=QUERY_TIMEOUT_S)
-        return sorted(str(r.ok.key_expr).split("/")[-2] for r in replies if r.ok)
+        for pause_s in ALIVE_PAUSES_S:
+            time.sleep(pause_s)
+            replies = self._session.liveliness().get(key, timeout=QUERY_TIMEOUT_S)
+            names = [str(r.ok.key_expr).split("/")[-2] for r in replies if r.ok]
+            if names:
+                return sorted(names)
+        return []
 
     def wait_for(self, probe: str | None = None, *, seconds: float = 10.0) -> str:
         """The first probe that is there, or that one, as soon as it is."""

@@ -157,7 +157,7 @@ static void obey(char letter) {
         set_chip_up();
         break;
     case 's':
-        board_sampling_start(burst);
+        board_sampling_start(&burst, 1);
         say("started\n");
         break;
     case 'p':

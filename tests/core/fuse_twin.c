@@ -188,6 +188,9 @@ static void stage_field(struct twin *t, bool is_resting) {
     const struct fuse_twin_params *params = t->params;
     const double frame_s = 0.1;
     double away[3];
+    if (t->has_reading && t->frames == 30 && !is_resting) {
+        t->learnt = 0;
+    }
     if (t->has_reading && t->learnt < 20) {
         learn_place(t, is_resting);
         t->has_reading = false;

@@ -259,6 +259,12 @@ def test_a_heading_is_free_again_50_minutes_after_the_last_reading():
     sigma = quality["heading_sigma_cdeg"]
     assert (sigma[freed:] == NOT_KNOWN).all()
     assert 2990 <= sigma[freed - 1] <= 3010
+    # Then the next readings set it, however far it has drifted.
+    turned = scene(at_rest(5), 100, field_ut=np.array([-20.0, 0.0, -45.0]))
+    found, _, quality = slow.feel(turned)
+    west = rotation.from_heading_pitch_roll(-np.pi / 2, 0, 0)
+    assert desk.apart_deg(found, np.tile(west, (len(found), 1)))[-1] < 2
+    assert not quality["is_heading_free"][50:].any()
 
 
 def test_a_vertical_field_tells_no_heading_and_the_first_other_one_sets_it():

@@ -65,6 +65,7 @@ class Bench:
             "struct bus_device *", {"read": self._read, "write": self._write}
         )
         self.driver = ffi.new("struct mpu9250 *")
+        self._bursts = ffi.new("struct bus_burst[]", lib.SENSOR_BURSTS_MAX)
 
     def _pulled(self) -> bool:
         self.transactions += 1
@@ -146,11 +147,16 @@ class Bench:
         """Take the burst that the next data-ready edge starts."""
         self.next_edge()
         time_us = self.now_us
-        burst = lib.mpu9250_burst(self.driver)
+        burst = self.burst
         data = ffi.new("uint8_t[]", burst.length)
         result = self._read_chip(None, burst.address, burst.reg, data, burst.length)
         assert result == lib.BUS_OK
         return self.parse(bytes(data), time_us)
+
+    @property
+    def burst(self) -> Any:
+        assert lib.mpu9250_bursts(self.driver, self._bursts) == 1
+        return self._bursts[0]
 
     def parse(self, data: bytes, time_us: int = 0) -> Any:
         out = ffi.new("struct sample *")
@@ -224,7 +230,7 @@ def test_identity_tells_chip_units_and_verdict():
 
 
 def test_a_burst_is_one_read_of_all_sensors():
-    burst = lib.mpu9250_burst(running().driver)
+    burst = running().burst
     assert (burst.address, burst.reg, burst.length) == (0x68, 0x3B, 22)
 
 
@@ -304,7 +310,7 @@ def assert_six_axes(bench: Bench) -> None:
     assert bench.identity.who_am_i[1] == 0
     assert list(bench.identity.mag_adjust) == [0, 0, 0]
     assert bench.identity.self_test == ACC_PASSED | GYR_PASSED
-    assert lib.mpu9250_burst(bench.driver).length == 14
+    assert bench.burst.length == 14
     bench.hold(gyr=(1, 0, 0))
     samples = bench.samples(20)
     assert not any(sample.has_mag or sample.mag_overflow for sample in samples)
@@ -834,7 +840,7 @@ def test_a_magnetometer_that_fails_is_still_read():
     bench = scripted(mag_test=None)
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.who_am_i[1] == 0x48
-    assert lib.mpu9250_burst(bench.driver).length == 22
+    assert bench.burst.length == 22
 
 
 @pytest.mark.parametrize("mag_id", [0x00, 0x47, 0x49, 0xFF])
@@ -842,7 +848,7 @@ def test_another_chip_at_the_magnetometers_address_is_not_used(mag_id):
     bench = scripted(mag_id=mag_id)
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.who_am_i[1] == 0
-    assert lib.mpu9250_burst(bench.driver).length == 14
+    assert bench.burst.length == 14
 
 
 @pytest.mark.parametrize(("refusals", "is_found"), [(1, True), (49, True), (50, False)])

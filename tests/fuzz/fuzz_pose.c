@@ -156,7 +156,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             }
             if (command & 64) {
                 pose_begin(&tracker, &calibration, &identity, command % 8);
-                expected = (struct expected){false, false, tracker.origin != POSE_ORIGIN_NONE};
+                expected =
+                    (struct expected){false, false, tracker.origin != POSE_ORIGIN_NONE};
             }
             break;
         }

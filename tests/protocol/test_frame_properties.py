@@ -231,6 +231,14 @@ def test_the_decoder_stays_in_its_bounds(noise: bytes) -> None:
             assert (decoder.c.length, decoder.c.code, decoder.c.error) == (0, 0, 0)
 
 
+def test_a_frame_fills_the_decoders_room_and_no_more() -> None:
+    small = Decoder(SEED)
+    small.c.room = len(NEXT) + wire.lib.FRAME_CRC
+    assert small.feed(content_frame(NEXT)) == [NEXT]
+    assert small.feed(content_frame(NEXT + b"\x01")) == ["too_long"]
+    assert small.feed(content_frame(NEXT)) == [NEXT]
+
+
 def test_an_endless_frame_is_reported_once_and_forgotten() -> None:
     decoder = Decoder(SEED)
     assert decoder.feed(b"\x01" * 100_000) == []

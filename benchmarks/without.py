@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: MIT
+"""What each part of the filter buys: its errors with that part taken away.
+
+The twin in doubles, on the samples that the host makes of the recordings.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from operator import methodcaller
+from pathlib import Path
+
+import numpy as np
+import report
+import scoring
+import twin
+import wire
+from feed import GYR_LSB_RAD_S, RATE_HZ, Feed, sampled
+from scoring import Score
+from twin import Course, Pair, Params
+
+from imud.progress import Progress
+
+OUTPUT = twin.BUILD / "without.json"
+
+WHOLE, VQF = "whole filter", "vqf, defaults"
+NOTHING = 1e-3  # uT: a covariance of 0 has no inverse
+FOREVER = 1e9  # of a noise or a unit: what is measured in it weighs nothing
+
+PARTS: dict[str, Params] = {
+    WHOLE: {},
+    "scale": {"scale_sd": 0.0},
+    "hard iron": {"own_sd": NOTHING, "astray_wander": 0.0},
+    "freeing it": {"astray_wander": 0.0},
+    "field's lag": {"lag_s": 0.0},
+    "lead": {"lead_share": 0.0},
+    # All readings weigh the same, and none is found astray or turned.
+    "soft weights": {"surprise": FOREVER},
+    "rest factor": {"rest_factor": 1.0},
+    "turned rule": {"turned_wander": twin.defaults()["heading_wander"]},
+    # The place's first field known no better than by a probe that moves.
+    "field at rest": {"place_sd": 3.0},
+    # Levelling tells neither of the bias nor of the scale; rests go on to.
+    "bias by motion": {"motion_noise": FOREVER},
+    # What the calibration found is kept, where there was one.
+    "bias": {"bias_sd": 0.0},
+}
+# Where the start-up calibration is missing, of those that have to do with it.
+UNCALIBRATED = (WHOLE, "scale", "bias by motion", "bias")
+
+BIASED = f"all, {twin.BODY_BIAS_UT:g} uT in the body"
+
+# There: so long after the movement began, with the gyroscope so far off.
+BEGUN_AFTER_S = 2.0
+BIAS_DEG_S = (0.57, -0.46, 0.34)
+
+Table = dict[str, dict[str, Score]]
+
+
+def measure(courses: Sequence[Course], parts: Sequence[str], jobs: int) -> Table:
+    """Scores by part that is missing, then by group."""
+    progress = Progress(f"{len(parts)} parts", len(parts))
+    table: Table = {}
+    with ThreadPoolExecutor(jobs) as pool:
+        for part in parts:
+            score = methodcaller("score", twin.defaults() | PARTS[part])
+            table[part] = means(courses, list(pool.map(score, courses)))
+            progress.advance()
+    progress.end()
+    return table | {VQF: means(courses, [each.vqf for each in courses])}
+
+
+def means(courses: Sequence[Course], pairs: Sequence[Pair]) -> dict[str, Score]:
+    """The mean of all, of each group that occurs, and of all with a magnet."""
+    found = {}
+    for name in ("all", *scoring.GROUPS):
+        members = [
+            score
+            for each, (score, _) in zip(courses, pairs, strict=True)
+            if each.trial.is_in(name)
+        ]
+        if members:
+            found[name] = Score.mean(members)
+    biased = [score for _, score in pairs if score]
+    if biased:
+        found[BIASED] = Score.mean(biased)
+    return found
+
+
+def load_in_motion(path: Path) -> Course:
+    """From the midst of its movement on, of a gyroscope that nobody has calibrated."""
+    trial = scoring.load_trial(path)
+    feed = sampled(trial.motion)
+    is_moving = scoring.counted(feed.times_s, trial.motion)
+    first = int(np.argmax(is_moving)) + round(BEGUN_AFTER_S * RATE_HZ)
+    rows = feed.rows[first:].copy()
+    rows["gyr"] += np.rint(np.radians(BIAS_DEG_S) / GYR_LSB_RAD_S).astype(np.int16)
+    after = [index - first for index in feed.pose_after if index >= first]
+    begun = Feed(feed.hello, wire.to_contents(rows), after, after, feed.start_us)
+    after_s = float(begun.times_s[0]) + twin.STARTING_S
+    return twin.course(trial, begun, is_calibrated=False, after_s=after_s)
+
+
+def print_table(title: str, table: Table) -> None:
+    report.print_table(
+        f"{title}; total, heading, inclination error, degrees rms",
+        list(table[WHOLE]),
+        {name: [str(score) for score in row.values()] for name, row in table.items()},
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Prints the tables, writes the JSON."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, epilog="example: benchmarks/without.py --trials 07 32"
+    )
+    twin.add_arguments(parser, OUTPUT)
+    args = parser.parse_args(argv)
+    paths = twin.find(args)
+    if not paths:
+        return 0
+    tables = {}
+    for name, title, load, parts in (
+        ("calibrated", "without", twin.load, tuple(PARTS)),
+        ("uncalibrated", "begun in motion, without", load_in_motion, UNCALIBRATED),
+    ):
+        courses = twin.load_all(paths, load, args.jobs)
+        tables[name] = measure(courses, parts, args.jobs)
+        print_table(title, tables[name])
+    document = {"parts": PARTS, "scores_deg": tables}
+    args.output.parent.mkdir(parents=True, exist_ok=True)
+    args.output.write_text(json.dumps(report.plain(document), indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
