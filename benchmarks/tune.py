@@ -2,9 +2,9 @@
 """What the choice of parameters is worth off the recordings that it was made on.
 
 Draws parameters around the firmware's, and for each fold of the recordings takes those
-that do best on the other two; then the stated errors' own, whose share of errors inside
-is nearest to 95 %. Reports the fold that had no say, beside the firmware's parameters
-there. Those take no part in the choice: they were made with all recordings in sight.
+that do best on the other folds; then, for the stated errors, those that hold nearest to
+95 % of the true ones. Reports them on the fold that had no say, beside the firmware's.
+Those take no part in the choice: they were made with all recordings in sight.
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import asdict, dataclass
+from operator import methodcaller
+from typing import TypeVar
 
 import numpy as np
 import report
@@ -29,7 +30,7 @@ from imud.rotation import FloatArray
 
 OUTPUT = twin.BUILD / "tune.json"
 
-# What is drawn: of the estimate, and of how sure of it the filter says it is.
+# What is drawn: for the estimate, and for how sure of it the filter says it is.
 ESTIMATE = (
     "own_sd",
     "place_sd",
@@ -44,10 +45,14 @@ ESTIMATE = (
 )
 TILT = ("tilt_floor", "tilt_rate")
 HEADING = ("heading_floor", "covariance_share", "level_error")
-FACTOR = 2.0  # each way
+FACTOR = 2.0  # at most, each way
 
 TOTAL_GOAL, BIASED_GOAL = 0.65, 0.55  # of VQF's
 INSIDE = 0.95
+
+ALL = "all, each off its own"
+
+T = TypeVar("T")
 
 
 def draws(names: Sequence[str], count: int, seed: int) -> list[dict[str, float]]:
@@ -63,7 +68,7 @@ def draws(names: Sequence[str], count: int, seed: int) -> list[dict[str, float]]
 
 @dataclass(frozen=True, slots=True)
 class Ratios:
-    """Ours over VQF's, of the means over trials."""
+    """Ours over VQF's, of means over trials."""
 
     total: float
     inclination: float
@@ -74,143 +79,214 @@ class Ratios:
         return self.total / TOTAL_GOAL + self.biased / BIASED_GOAL
 
     def __str__(self) -> str:
-        return f"{self.total:.2f} {self.inclination:.2f} {self.biased:.2f}"
+        return f"{self.total:.2f}  {self.inclination:.2f}  {self.biased:.2f}"
 
 
-def ratios(courses: Sequence[Course], pairs: Sequence[Pair]) -> Ratios:
-    ours, ours_biased = means(pairs)
-    vqf, vqf_biased = means([each.vqf for each in courses])
+def ratios(ours: Iterable[Pair], vqf: Iterable[Pair]) -> Ratios:
+    (mine, mine_biased), (other, other_biased) = means(ours), means(vqf)
     return Ratios(
-        ours.total / vqf.total,
-        ours.inclination / vqf.inclination,
-        ours_biased.total / vqf_biased.total,
+        mine.total / other.total,
+        mine.inclination / other.inclination,
+        mine_biased.total / other_biased.total,
     )
 
 
-def means(pairs: Sequence[Pair]) -> tuple[Score, Score]:
-    biased = [score for _, score in pairs if score]
-    return Score.mean([score for score, _ in pairs]), Score.mean(biased)
+def means(pairs: Iterable[Pair]) -> tuple[Score, Score]:
+    plain, biased = zip(*pairs, strict=True)
+    return Score.mean(plain), Score.mean(biased)
 
 
 @dataclass(frozen=True, slots=True)
-class Stated:
-    """True errors, and what the parameters make their stated ones from; degrees."""
+class Terms:
+    """True errors, and what stated ones are the sums of squares of; degrees."""
 
     tilt: FloatArray
     heading: FloatArray
-    rate: FloatArray  # 100 deg/s
-    across: FloatArray  # of the heading, by the field's covariance
-    leaning: FloatArray  # the same by a degree of level
+    rate: FloatArray  # tilt, of a tilt_rate of 1
+    across: FloatArray  # heading, of all the field's covariance
+    leaning: FloatArray  # heading, of a level_error of 1
 
-    def inside(self, params: Params) -> tuple[float, float]:
-        """Shares of tilt and heading errors."""
-        tilt = (params["tilt_floor"] ** 2, params["tilt_rate"] ** 2 * self.rate**2)
-        heading = (
-            params["heading_floor"] ** 2,
-            params["covariance_share"] * self.across**2,
-            params["level_error"] ** 2 * self.leaning**2,
+    @staticmethod
+    def of(course: Course, params: Params) -> Terms:
+        none = dict(params) | dict.fromkeys((*TILT, *HEADING), 0.0)
+        one, other = (
+            course.track(none | dict.fromkeys(names, 1.0), course.samples)
+            for names in (("tilt_rate", "covariance_share"), ("level_error",))
         )
-        return (
-            float(np.mean(self.tilt**2 <= scoring.SIGMAS**2 * sum(tilt))),
-            float(np.mean(self.heading**2 <= scoring.SIGMAS**2 * sum(heading))),
+        found = scoring.errors(one.quats, course.truth)
+        terms = (*one.sigmas_deg.T, other.sigmas_deg[:, 1])
+        rows = np.stack([found.inclination, found.heading, *terms])
+        return Terms(*rows[:, np.isfinite(rows).all(axis=0)])
+
+    def tilt_inside(self, params: Params) -> float:
+        squares = params["tilt_floor"] ** 2 + params["tilt_rate"] ** 2 * self.rate**2
+        return share_inside(self.tilt, squares)
+
+    def heading_inside(self, params: Params) -> float:
+        squares = (
+            params["heading_floor"] ** 2
+            + params["covariance_share"] * self.across**2
+            + params["level_error"] ** 2 * self.leaning**2
         )
+        return share_inside(self.heading, squares)
 
 
-def stated(course: Course, params: Params) -> Stated:
-    """Each term alone, by parameters that leave the others out."""
-    nothing = dict.fromkeys((*TILT, *HEADING), 0.0)
-    base = dict(params) | nothing
-    one = course.track(base | {"tilt_rate": 1.0, "covariance_share": 1.0}, course.samples)
-    other = course.track(base | {"level_error": 1.0}, course.samples)
-    found = scoring.errors(one.quats, course.truth)
-    rows = np.stack(
-        [
-            found.inclination,
-            found.heading,
-            *(one.sigmas_deg.T),
-            other.sigmas_deg[:, 1],
-        ]
-    )
-    return Stated(*rows[:, np.isfinite(rows).all(axis=0)])
+def share_inside(errors: FloatArray, squares: FloatArray) -> float:
+    return float(np.mean(errors**2 <= scoring.SIGMAS**2 * squares))
 
 
 def coverage(course: Course, params: Params) -> Coverage:
-    """Of the parameters as they are, end to end."""
+    """How often the errors keep within what the filter states."""
     track = course.track(params, course.samples)
     found = scoring.errors(track.quats, course.truth)
     shares, nulls = [], []
-    for errors, sigmas in zip(
+    for error, sigma in zip(
         (found.inclination, found.heading), track.sigmas_deg.T, strict=True
     ):
-        is_stated = np.isfinite(errors) & np.isfinite(sigmas)
-        inside = errors[is_stated] <= scoring.SIGMAS * sigmas[is_stated]
-        shares.append(float(inside.mean()))
-        nulls.append(float(1.0 - is_stated.sum() / np.isfinite(errors).sum()))
+        is_stated = np.isfinite(error) & np.isfinite(sigma)
+        shares.append(share_inside(error[is_stated], sigma[is_stated] ** 2))
+        nulls.append(float(1.0 - is_stated.sum() / np.isfinite(error).sum()))
     return Coverage(*shares, *nulls)
+
+
+def by_group(courses: Sequence[Course], values: Iterable[T]) -> dict[str, list[T]]:
+    """What belongs to the trials of each group that occurs."""
+    found: dict[str, list[T]] = {}
+    for course, value in zip(courses, values, strict=True):
+        for name in scoring.GROUPS:
+            if course.trial.is_in(name):
+                found.setdefault(name, []).append(value)
+    return found
 
 
 def honest(
     courses: Sequence[Course], params: Params, count: int, seed: int
 ) -> dict[str, float]:
-    """The parameters with stated errors whose shares inside are nearest to 95 %.
+    """The same with stated errors that hold nearest to 95 % of the true ones.
 
-    Of all groups together, each the mean over its trials, so that three trials with a
-    magnet count as much as thirteen without.
+    Of each group alike: three trials with a magnet count as much as 13 without.
     """
-    known = [stated(each, params) for each in courses]
-
-    def gap(kind: int, choice: Params) -> float:
-        inside = [each.inside(choice)[kind] for each in known]
-        return sum(
-            abs(float(np.mean(shares)) - INSIDE)
-            for shares in by_group(courses, inside).values()
-        )
-
+    terms = [Terms.of(course, params) for course in courses]
     found = dict(params)
-    for kind, names in enumerate((TILT, HEADING)):
-        choices = draws(names, count, seed + kind)
-        best = min(choices, key=lambda choice, kind=kind: gap(kind, choice))
+    for names, inside in ((TILT, "tilt_inside"), (HEADING, "heading_inside")):
+
+        def gap(choice: Params, inside: str = inside) -> float:
+            shares = map(methodcaller(inside, choice), terms)
+            groups = by_group(courses, shares).values()
+            return sum(abs(float(np.mean(group)) - INSIDE) for group in groups)
+
+        best = min(draws(names, count, seed), key=gap)
         found |= {name: best[name] for name in names}
     return found
 
 
-def by_group(courses: Sequence[Course], values: Sequence[T]) -> dict[str, list[T]]:
-    """What belongs to the trials of each group that occurs."""
-    found = {
-        name: [
-            value
-            for each, value in zip(courses, values, strict=True)
-            if each.trial.is_in(name)
-        ]
-        for name in scoring.GROUPS
-    }
-    return {name: members for name, members in found.items() if members}
+def measure(
+    courses: Sequence[Course], tries: Sequence[Params], jobs: int
+) -> list[list[Pair]]:
+    """Scores by set of parameters, then by course."""
+    progress = Progress(f"{len(tries)} sets of parameters", len(tries))
+    found = []
+    with ThreadPoolExecutor(jobs) as pool:
+        for params in tries:
+            found.append(list(pool.map(methodcaller("score", params), courses)))
+            progress.advance()
+    progress.end()
+    return found
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
-    """What parameters do on some trials."""
+class Entry:
+    """What one set of parameters does on one trial."""
+
+    course: Course
+    params: Params
+    pair: Pair
+
+    @property
+    def coverage(self) -> Coverage:
+        return coverage(self.course, self.params)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A line of the tables: some trials."""
 
     ratios: Ratios
     coverage: Mapping[str, Coverage]  # by group
 
+    @staticmethod
+    def of(entries: Sequence[Entry]) -> Row:
+        courses = [each.course for each in entries]
+        shares = by_group(courses, (each.coverage for each in entries))
+        return Row(
+            ratios((e.pair for e in entries), (c.vqf for c in courses)),
+            {name: Coverage.mean(each) for name, each in shares.items()},
+        )
 
-def judged(
-    courses: Sequence[Course], pairs: Sequence[Pair], shares: Sequence[Coverage]
-) -> Judged:
-    grouped = by_group(courses, shares).items()
-    return Judged(
-        ratios(courses, pairs), {name: Coverage.mean(each) for name, each in grouped}
+
+def held_out(
+    courses: Sequence[Course],
+    tries: Sequence[Params],
+    pairs: Sequence[Sequence[Pair]],
+    seed: int,
+) -> dict[str, list[Entry]]:
+    """By fold, its trials with what the other folds chose."""
+    found = {}
+    for fold in scoring.FOLDS:
+        is_held = [course.trial.is_in(fold) for course in courses]
+        others = [index for index, held in enumerate(is_held) if not held]
+        if not others or len(others) == len(courses):
+            continue
+        vqf = [courses[index].vqf for index in others]
+        costs = [ratios((row[i] for i in others), vqf).cost for row in pairs]
+        best = int(np.argmin(costs))
+        trained = [courses[index] for index in others]
+        params = honest(trained, tries[best], len(tries), seed)
+        found[fold] = [
+            Entry(course, params, pair)
+            for course, pair, held in zip(courses, pairs[best], is_held, strict=True)
+            if held
+        ]
+    return found
+
+
+def print_rows(rows: Mapping[str, Mapping[str, Row]]) -> None:
+    """The tables: who, then fold."""
+    folds = list(next(iter(rows.values())))
+    report.print_table(
+        "ours / VQF: total, inclination, total with "
+        f"{twin.BODY_BIAS_UT:g} uT in the body",
+        folds,
+        {who: [str(row[fold].ratios) for fold in folds] for who, row in rows.items()},
+    )
+    for group in scoring.GROUPS:
+        report.print_table(
+            f"{group}: errors inside {scoring.SIGMAS:g} sigma, %: tilt, heading "
+            "(poses that state none)",
+            folds,
+            {
+                who: [str(row[fold].coverage.get(group, "")) for fold in folds]
+                for who, row in rows.items()
+            },
+        )
+
+
+def print_params(params: Mapping[str, Params], names: Iterable[str]) -> None:
+    """What was chosen, beside the firmware's."""
+    report.print_table(
+        "parameters chosen on the others of",
+        [fold if fold != ALL else "the firmware's" for fold in params],
+        {name: [f"{each[name]:.3g}" for each in params.values()] for name in names},
     )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Prints the tables, writes the JSON."""
+def parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    """The command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, epilog="example: benchmarks/tune.py --tries 50 --seed 3"
     )
     twin.add_arguments(parser, OUTPUT)
-    parser.add_argument("--tries", metavar="N", type=int, default=400, help="sets drawn")
+    parser.add_argument("--tries", metavar="N", type=int, default=400)
     parser.add_argument("--seed", metavar="N", type=int, default=1)
     parser.add_argument(
         "--vary",
@@ -218,28 +294,59 @@ def main(argv: Sequence[str] | None = None) -> int:
         nargs="+",
         choices=twin.NAMES,
         default=ESTIMATE,
-        help=f"what is drawn of the estimate (default: {' '.join(ESTIMATE)})",
+        help=f"what is drawn for the estimate (default: {' '.join(ESTIMATE)})",
     )
-    args = parser.parse_args(argv)
+    return parser.parse_args(argv)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Prints the tables, writes the JSON."""
+    args = parse(argv)
     paths = twin.find(args)
     if not paths:
         return 0
     courses = twin.load_all(paths, twin.load, args.jobs)
-    folds = [
-        name for name in scoring.FOLDS if any(each.trial.is_in(name) for each in courses)
-    ]
-    if len(folds) < 2:
-        print("this takes recordings of two folds at least", file=sys.stderr)
-        return 2
     tries = draws(args.vary, args.tries, args.seed)
-    # The firmware's own come last.
-    pairs = measure(courses, [*tries, twin.defaults()], args.jobs)
-    chosen = {}
-    for fold in folds:
-        others = [i for i, each in enumerate(courses) if not each.trial.is_in(fold)]
-        chosen[fold] = choose(courses, others, tries, pairs, args.seed)
-    document = report_folds(courses, chosen, pairs)
-    document |= {"tries": args.tries, "seed": args.seed, "vary": args.vary}
+    *pairs, own = measure(courses, [*tries, twin.defaults()], args.jobs)
+    chosen = held_out(courses, tries, pairs, args.seed)
+    if not chosen:
+        print("nothing to hold out: these are of one fold", file=sys.stderr)
+        return 2
+    known = {
+        course.trial.name: Entry(course, twin.defaults(), pair)
+        for course, pair in zip(courses, own, strict=True)
+    }
+    chosen[ALL] = [entry for fold in chosen.values() for entry in fold]
+    rows = {
+        "chosen": {fold: Row.of(entries) for fold, entries in chosen.items()},
+        "the firmware's": {
+            fold: Row.of([known[each.course.trial.name] for each in entries])
+            for fold, entries in chosen.items()
+        },
+    }
+    params = {fold: entries[0].params for fold, entries in chosen.items()}
+    params = params | {ALL: twin.defaults()}
+    print_rows(rows)
+    print_params(params, [*args.vary, *TILT, *HEADING])
+    vqf = [course.vqf for course in courses]
+    costs = [ratios(row, vqf).cost for row in pairs]
+    better = sum(cost < ratios(own, vqf).cost for cost in costs)
+    print(f"\n{better} of {len(tries)} beat the firmware's with all trials in sight")
+    document = {
+        "tries": args.tries,
+        "seed": args.seed,
+        "vary": args.vary,
+        "better_in_sight": better,
+        "rows": {
+            who: {fold: asdict(each) for fold, each in row.items()}
+            for who, row in rows.items()
+        },
+        "params": params,
+    }
     args.output.parent.mkdir(parents=True, exist_ok=True)
     args.output.write_text(json.dumps(report.plain(document), indent=1) + "\n")
     return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

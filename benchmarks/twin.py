@@ -258,7 +258,7 @@ def add_arguments(parser: argparse.ArgumentParser, output: Path) -> None:
 
 
 def find(args: argparse.Namespace) -> list[Path]:
-    """The recordings asked for; none, with a line that says so, where there are none."""
+    """The recordings asked for; none, with a line that says so, where all are absent."""
     absent = [path for path in args.paths if not path.exists()]
     if absent:
         print(f"skipped: no recordings at {absent[0]}; docs/motion-files.md says where")

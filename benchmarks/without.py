@@ -67,7 +67,7 @@ def measure(courses: Sequence[Course], parts: Sequence[str], jobs: int) -> Table
     table: Table = {}
     with ThreadPoolExecutor(jobs) as pool:
         for part in parts:
-            score = methodcaller("score", twin.defaults() | PARTS[part])
+            score = methodcaller("score", twin.defaults() | dict(PARTS[part]))
             table[part] = means(courses, list(pool.map(score, courses)))
             progress.advance()
     progress.end()
