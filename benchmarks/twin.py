@@ -126,7 +126,8 @@ def run(
         ctypes.c_void_p(quats.ctypes.data),
         ctypes.c_void_p(sigmas_deg.ctypes.data),
     )
-    sigmas_deg[: round(STARTING_S * samples.rate_hz)] = np.nan
+    # From the last sample of that time on.
+    sigmas_deg[: round(STARTING_S * samples.rate_hz) - 1] = np.nan
     sigmas_deg[sigmas_deg[:, 1] > FREE_DEG, 1] = np.nan
     return Track(quats, sigmas_deg)
 
@@ -258,7 +259,7 @@ def add_arguments(parser: argparse.ArgumentParser, output: Path) -> None:
 
 
 def find(args: argparse.Namespace) -> list[Path]:
-    """The recordings asked for; none, with a line that says so, where all are absent."""
+    """The recordings asked for; where they are absent none, and a line that says so."""
     absent = [path for path in args.paths if not path.exists()]
     if absent:
         print(f"skipped: no recordings at {absent[0]}; docs/motion-files.md says where")

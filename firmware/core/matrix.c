@@ -5,10 +5,11 @@
 // One copy each: inlined, they are three times the size.
 #define NOINLINE __attribute__((noinline))
 
-// A component as q1_15, 1 held at its last step below.
+// A component as q1_15, 1 and -1 held a step short of them.
 NOINLINE static int16_t coarse(q2_30_t value) {
-    const int32_t rounded = fixed_scale_down(value, 15);
-    return (int16_t)(rounded > INT16_MAX ? INT16_MAX : rounded);
+    const int16_t rounded =
+        (int16_t)fixed_high_half((uint32_t)value * 2 + UINT32_C(32768));
+    return rounded != INT16_MIN ? rounded : value < 0 ? -INT16_MAX : INT16_MAX;
 }
 
 // Twice a b + c d of q1_15 as q2_14. Of a unit quaternion it is at most 2, and modulo 4
