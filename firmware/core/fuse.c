@@ -27,8 +27,15 @@ enum {
     Q2_14_ONE = 16384,
 };
 
-// A reading is 12.5 ms behind the gyroscope, its holding included: seconds times 2^35.
-#define FIELD_LAG_Q35 INT32_C(429496730)
+// A reading is 12.5 ms behind the gyroscope, its holding included, give or take 5 ms by
+// a sensor's clocks: seconds times 2^35, and half of a variance in ms2.
+#define LAG_Q35 INT32_C(429496730)
+#define LAG_MAX_Q35 INT32_C(1030792151)         // 30 ms
+#define LAG_MS_Q17 INT32_C(131)                 // a ms q14_18 as seconds times 2^35
+#define LAG_VARIANCE INT32_C(6553600)           // 12.5 ms2
+#define LAG_RATE_Q25 INT32_C(1207959552)        // 36 rad/s an axis: 62.4 in all
+#define LAG_FIELD_Q18 INT32_C(52428800)         // 200 uT an axis
+#define LAG_SLOPE_MAX INT32_C(16383500)         // 2 uT/ms as uT/s q18_13
 #define REST_RATE_Q25 INT32_C(1171299)          // 2 deg/s
 #define REST_FORCE_Q21 INT32_C(1048576)         // 0.5 m/s2
 #define REST_RATE_LIMIT_Q25 INT32_C(335544320)  // 10 rad/s: keeps the low-pass in range
@@ -153,6 +160,8 @@ void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us) {
     // A mean rate over the sample period would be half a period old.
     coefficients->lead_s_q35 =
         seconds_q35(gyr_delay_us - (int32_t)(UINT32_C(500000) / rate_hz));
+    fuse->lag_s_q35 = LAG_Q35;
+    fuse->lag_variance = LAG_VARIANCE;
     fuse->motion_covariance[kalman_variance(3)] = SCALE_VARIANCE_MAX;
     set_motion_covariance(fuse, BIAS_VARIANCE_MAX);
     fuse_restart(fuse);
@@ -311,12 +320,14 @@ NOINLINE static void stage_level(struct fuse *fuse) {
     follow_gravity(fuse);
 }
 
-// A reading of the field is FIELD_LAG old: it is kept with the attitude of then,
-// which the last rate leads back to. Angles are held within 0.3 rad an axis.
+// A reading of the field is old: it is kept with the attitude of then, which the last
+// rate leads back to. Angles are held within 0.3 rad an axis.
 NOINLINE static void take_reading(struct fuse *fuse,
                                   const struct vector *field_ut_q18) {
     struct vector angle;
-    vector_scale(&fuse->rate_rad_s_q25, -FIELD_LAG_Q35, &angle);
+    vector_clamp(&fuse->rate_rad_s_q25, LAG_RATE_Q25, &angle);
+    memcpy(fuse->reading_rad_s, &angle.x, sizeof fuse->reading_rad_s);
+    vector_scale(&fuse->rate_rad_s_q25, -fuse->lag_s_q35, &angle);
     vector_clamp(&angle, INT32_C(322122547), &angle);
     fuse->reading_attitude = fuse->inertial_from_body;
     turn_small(&fuse->reading_attitude, &angle);
@@ -324,43 +335,53 @@ NOINLINE static void take_reading(struct fuse *fuse,
     fuse->has_reading = true;
 }
 
-// Stage: the frame's attitude as a matrix, the reading in the level frame, and the rows
-// (of -1 to 1 as 2^29ths) by which a bias of the gyroscope would tilt.
-NOINLINE static void stage_rows(struct fuse *fuse) {
-    struct quat level_from_body;
-    quat_multiply(&fuse->level_from_inertial,
-                  fuse->has_reading ? &fuse->reading_attitude
-                                    : &fuse->inertial_from_body,
-                  &level_from_body);
-    quat_renormalise(&level_from_body);
-    matrix_from_quat(&level_from_body, &fuse->level_from_body);
-    const int32_t *reading = fuse->reading_ut;
-    const int32_t body[3] = {reading[0], reading[1], reading[2]};
-    matrix_turn(&fuse->level_from_body, body, fuse->reading_ut);
-    for (uint8_t row = 0; row < 2; ++row) {
-        for (uint8_t axis = 0; axis < 3; ++axis) {
-            lowpass_axis_step(
-                &fuse->regressor[row * FUSE_MOTION_STATES + axis], &level_gain,
-                fuse->level_from_body.row[row][axis] * -INT32_C(32768), fuse->frames);
-        }
-    }
-}
-
-// Stage: the rate by which an error of scale would tilt.
-NOINLINE static void stage_turn(struct fuse *fuse) {
+// Stage: how errors of the gyroscope would tilt: two rows of the attitude (of -1 to 1
+// as 2^29ths) for its bias, and the frame's mean rate for its scale.
+NOINLINE static void stage_regressors(struct fuse *fuse) {
     struct vector turn;
+    struct quat attitude;
+    struct matrix level_from_body;
     const uint32_t square = vector_square_q32(&fuse->rate_rad_s_q25);
     fuse->rate_square += ((int32_t)square - fuse->rate_square) / LEVEL_SETTLE;
     take_mean(fuse, &fuse->turn_sum_q17, TURN_MEAN_LIMIT_Q17, &turn);
     quat_rotate(&fuse->level_from_inertial, &turn, &turn);
-    lowpass_axis_step(&fuse->regressor[3], &level_gain, turn.x, fuse->frames);
-    lowpass_axis_step(&fuse->regressor[FUSE_MOTION_STATES + 3], &level_gain, turn.y,
-                      fuse->frames);
+    quat_multiply(&fuse->level_from_inertial, &fuse->inertial_from_body, &attitude);
+    matrix_from_quat(&attitude, &level_from_body);
+    const int32_t turns[2] = {turn.x, turn.y};
+    struct lowpass_axis *regressor = fuse->regressor;
+    for (uint8_t row = 0; row < 2; ++row) {
+        for (uint8_t axis = 0; axis < 3; ++axis) {
+            lowpass_axis_step(regressor, &level_gain,
+                              level_from_body.row[row][axis] * -INT32_C(32768),
+                              fuse->frames);
+            ++regressor;
+        }
+        lowpass_axis_step(regressor, &level_gain, turns[row], fuse->frames);
+        ++regressor;
+    }
     for (uint8_t state = 0; state < FUSE_MOTION_STATES; ++state) {
         int32_t *variance = &fuse->motion_covariance[kalman_variance(state)];
         const int32_t limit = state < 3 ? BIAS_VARIANCE_MAX : SCALE_VARIANCE_MAX;
         *variance = fixed_clamp(*variance + MOTION_WANDER, limit);
     }
+}
+
+static void to_level(const struct fuse *fuse, int32_t v[3]) {
+    const int32_t body[3] = {v[0], v[1], v[2]};
+    matrix_turn(&fuse->level_from_body, body, v);
+}
+
+// Stage: the reading in the level frame.
+NOINLINE static void stage_reading(struct fuse *fuse) {
+    struct quat attitude;
+    if (!fuse->has_reading) {
+        return;
+    }
+    quat_multiply(&fuse->level_from_inertial, &fuse->reading_attitude, &attitude);
+    quat_renormalise(&attitude);
+    matrix_from_quat(&attitude, &fuse->level_from_body);
+    to_level(fuse, fuse->reading_ut);
+    to_level(fuse, fuse->reading_rad_s);
 }
 
 // A reading of bias and scale that surprises by `surprise_rad_s`.
@@ -475,26 +496,57 @@ NOINLINE static void predict_field(struct fuse *fuse) {
     }
 }
 
+// The place's field moves by place x rate in a body that turns: what of that the
+// reading surprises by is an error of its lag.
+NOINLINE static void follow_lag(struct fuse *fuse, const q14_18_t away[3],
+                                int32_t noise) {
+    const q7_25_t *rate = fuse->reading_rad_s;
+    struct vector place;
+    int32_t norm;
+    vector_clamp(
+        &(struct vector){fuse->field_ut[0], fuse->field_ut[1], fuse->field_ut[2]},
+        LAG_FIELD_Q18, &place);
+    // uT/s as q18_13, at most 346 * 62.4.
+    struct vector slope = {
+        fixed_mul_q30(place.y, rate[2]) - fixed_mul_q30(place.z, rate[1]),
+        fixed_mul_q30(place.z, rate[0]) - fixed_mul_q30(place.x, rate[2]),
+        fixed_mul_q30(place.x, rate[1]) - fixed_mul_q30(place.y, rate[0]),
+    };
+    if (!vector_normalise(&slope, &slope, &norm)) {
+        return;
+    }
+    // 2^14 / 1000 / 2^13 of it, which is in uT/ms; at most 2.
+    q2_14_t row[KALMAN_STATES] = {(q2_14_t)(fixed_clamp(norm, LAG_SLOPE_MAX) / 500)};
+    q2_30_t gain[KALMAN_STATES];
+    kalman_read(&fuse->lag_variance, 1, row, noise, gain);
+    const q14_18_t along = fixed_mul_q30(slope.x, away[0]) +
+                           fixed_mul_q30(slope.y, away[1]) +
+                           fixed_mul_q30(slope.z, away[2]);
+    const int32_t lag = fuse->lag_s_q35 - fixed_mul_q30(gain[0], along) * LAG_MS_Q17;
+    fuse->lag_s_q35 = fixed_clamp(lag > 0 ? lag : 0, LAG_MAX_Q35);
+}
+
 // How far the reading is from what was expected, and its noise by that: the further,
 // the less it weighs.
 NOINLINE static void weigh_field(struct fuse *fuse) {
     uint32_t square = 0;  // 4096ths of 1 uT2, at most 90 uT an axis
     int32_t longer = 0;   // the horizontal field's square, 64ths of 1 uT2
-    int32_t away = 0;
+    int32_t away[3];
     uint32_t horizontal = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        away = fixed_clamp(field_away(fuse, axis), FIELD_FAR_Q18);
-        square += (uint32_t)fixed_mul_q30(away * 8, away * 8);
+        const int32_t off = fixed_clamp(field_away(fuse, axis), FIELD_FAR_Q18);
+        square += (uint32_t)fixed_mul_q30(off * 8, off * 8);
         if (axis < 2) {
             const int32_t place = fixed_clamp(fuse->field_ut[axis], PLACE_TURNED_Q18);
-            longer += fixed_mul_q30(away, away + 2 * place);
+            longer += fixed_mul_q30(off, off + 2 * place);
             horizontal += fixed_magnitude(place);
         }
+        away[axis] = fixed_clamp(off, FIELD_STEP_MAX_Q18);
     }
     // As long as it was, and as steep: it is the heading that is wrong.
     fuse->is_turned =
         square > FIELD_UNIT_FINE * 8 &&
-        fixed_magnitude(away) < (uint32_t)FIELD_TURNED_Q18 &&
+        fixed_magnitude(away[2]) < (uint32_t)FIELD_TURNED_Q18 &&
         fixed_magnitude(longer) <
             (uint32_t)fixed_mul_q30((int32_t)horizontal, FIELD_TURNED_GAIN_Q30);
     const uint16_t coarse =
@@ -515,6 +567,9 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
                                                                      : 0));
     }
     fuse->field_noise = fixed_clamp(noise, FIELD_NOISE_MAX);
+    if (!is_at_rest(fuse)) {
+        follow_lag(fuse, away, fuse->field_noise);
+    }
 }
 
 static bool is_heading_free(const struct fuse *fuse) {
@@ -615,10 +670,10 @@ static void run_stage(struct fuse *fuse) {
         stage_level(fuse);
         break;
     case 1:
-        stage_turn(fuse);
+        stage_regressors(fuse);
         break;
     case 2:
-        stage_rows(fuse);
+        stage_reading(fuse);
         break;
     case 3:
         if (at_rest) {
@@ -712,9 +767,8 @@ void fuse_orientation(const struct fuse *fuse, struct quat *out) {
 }
 
 void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
-    out->is_starting =
-        fuse->frames < LEVEL_SETTLE ||
-        (fuse->field_learnt > 0 && fuse->field_learnt < FIELD_LEARN);
+    out->is_starting = fuse->frames < LEVEL_SETTLE ||
+                       (fuse->field_learnt > 0 && fuse->field_learnt < FIELD_LEARN);
     out->is_at_rest = is_at_rest(fuse);
     out->is_mag_absent = fuse->field_age >= FIELD_ABSENT;
     out->is_mag_disturbed = !out->is_mag_absent && fuse->field_surprise > FIELD_UNIT;

@@ -56,6 +56,9 @@ struct fuse {
     struct vector calibrated_rad_s_q25;  // the bias that the start-up calibration found
     // The field of the place in the level frame, then that of the probe in the body.
     q14_18_t field_ut[KALMAN_STATES];
+    // How far field readings are behind the gyroscope, and half its variance in ms2.
+    int32_t lag_s_q35;
+    q13_19_t lag_variance;
     // A restart forgets all from here on.
     struct quat inertial_from_body;   // integrated gyroscope
     struct quat level_from_inertial;  // the correction of its tilt
@@ -77,9 +80,10 @@ struct fuse {
     uint8_t rest_looks;     // in a row that saw no motion
     uint8_t settled_looks;  // up to one more than the low-pass takes to settle
     uint8_t rest_axis;      // whose bias is read next
-    // The field reading of this frame: with the attitude that it was taken in until its
-    // stage, then in the level frame.
+    // The field reading of this frame, with the rate and the attitude that it was taken
+    // in until its stage, then in the level frame.
     q14_18_t reading_ut[3];
+    q7_25_t reading_rad_s[3];
     union {
         struct quat reading_attitude;
         struct matrix level_from_body;

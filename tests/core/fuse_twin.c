@@ -117,6 +117,7 @@ struct twin {
     double attitude[4], reading[3], rows[3][3];
     bool has_reading, is_turned;
     double place[3], own[3], field[36], noise, astray;
+    double lag, lag_variance, slope[3];  // s, s2, uT/s: of the reading by the lag
     double rate_square, heading_variance;
     int learnt;
 };
@@ -184,6 +185,26 @@ static void learn_place(struct twin *t, bool is_resting) {
     }
 }
 
+// The field of the place, seen from a body that turns, moves by place x rate: what of
+// it readings surprise by is an error of the lag.
+static void read_lag(struct twin *t, const double *away, double distance) {
+    const double *rate = t->slope;
+    double square = 0;
+    double along = 0;
+    for (int i = 0; i < 3; ++i) {
+        const int j = (i + 1) % 3;
+        const int k = (i + 2) % 3;
+        const double slope =
+            clamp(t->place[j], 200) * rate[k] - clamp(t->place[k], 200) * rate[j];
+        square += slope * slope;
+        along += slope * clamp(away[i], t->params->field_step);
+    }
+    const double noise = fmin(t->params->lag_noise * distance, 1800);
+    const double gain = t->lag_variance / (noise + t->lag_variance * square);
+    t->lag = fmax(0, fmin(0.03, t->lag - gain * along));
+    t->lag_variance *= 1 - gain * square;
+}
+
 static void stage_field(struct twin *t, bool is_resting) {
     const struct fuse_twin_params *params = t->params;
     const double frame_s = 0.1;
@@ -239,6 +260,9 @@ static void stage_field(struct twin *t, bool is_resting) {
         t->astray += ((d2 > 1 && !t->is_turned) - t->astray) / 16;
     }
     t->noise = fmin(t->noise, 900);
+    if (!is_resting) {
+        read_lag(t, away, sqrt(1 + d2));
+    }
 }
 
 static void stage_field_axis(struct twin *t, int axis) {
@@ -301,21 +325,22 @@ static void run_stage(struct twin *t, int stage, int frame) {
         }
         t->rate_square += (square - t->rate_square) / 30;
         rotate(t->level, turn, turn);
-        for (int i = 0; i < 2; ++i) {
-            lowpass(&t->turn[i], 0.1, 3, &turn[i], 1, t->frames);
-        }
-        break;
-    }
-    case 2:
-        multiply(t->level, t->has_reading ? t->attitude : t->inertial, v);
+        multiply(t->level, t->inertial, v);
         matrix_of(v, t->rows);
-        rotate(v, t->reading, t->reading);
         for (int i = 0; i < 2; ++i) {
             for (int j = 0; j < 3; ++j) {
                 v[j] = -t->rows[i][j];
             }
             lowpass(&t->regressor[i], 0.1, 3, v, 3, t->frames);
+            lowpass(&t->turn[i], 0.1, 3, &turn[i], 1, t->frames);
         }
+        break;
+    }
+    case 2:
+        multiply(t->level, t->attitude, v);
+        matrix_of(v, t->rows);
+        rotate(v, t->reading, t->reading);
+        rotate(v, t->slope, t->slope);
         break;
     case 3:
         if (is_resting) {
@@ -352,6 +377,8 @@ static void run_stage(struct twin *t, int stage, int frame) {
 void fuse_twin_defaults(struct fuse_twin_params *params) {
     *params = (struct fuse_twin_params){
         .lag_s = 0.0125,
+        .lag_sd = 0.005,
+        .lag_noise = 100,
         .lead_share = 1,
         .bias_sd = 0.5,
         .scale_sd = 0.003,
@@ -382,6 +409,8 @@ void fuse_twin_run(const struct fuse_twin_params *params, int count, int rate_hz
                    double *sigmas_deg) {
     const double bias_variance = pow(params->bias_sd, 2);
     struct twin t = {.params = params,
+                     .lag = params->lag_s,
+                     .lag_variance = pow(params->lag_sd, 2),
                      .inertial = {1, 0, 0, 0},
                      .level = {1, 0, 0, 0},
                      .world = {1, 0, 0, 0},
@@ -428,11 +457,12 @@ void fuse_twin_run(const struct fuse_twin_params *params, int count, int rate_hz
         if (has_mag[k] && !t.has_reading && (stage == 1 || stage == 2)) {
             double back[3];
             for (int i = 0; i < 3; ++i) {
-                back[i] = clamp(t.rate[i] * -params->lag_s, 0.3);
+                back[i] = clamp(t.rate[i] * -t.lag, 0.3);
             }
             turn_by(back, 1, turn);
             multiply(t.inertial, turn, t.attitude);
             memcpy(t.reading, mag + 3 * k, sizeof t.reading);
+            memcpy(t.slope, t.rate, sizeof t.slope);
             t.has_reading = true;
         }
         if ((in_frame + 1) % frame % stride == stride - 1) {

@@ -8,7 +8,9 @@
 
 // What fuse.c has as constants; fuse_twin_defaults gives those.
 struct fuse_twin_params {
-    double lag_s;           // of a field reading behind the gyroscope
+    double lag_s;           // of a field reading behind the gyroscope, at the start
+    double lag_sd;          // s, of it; 0: not estimated
+    double lag_noise;       // uT2, of a reading about it
     double lead_share;      // of the gyroscope's delay that the pose makes up: 1
     double bias_sd;         // deg/s, where nothing is known of it
     double scale_sd;        // of the gyroscope; 0: not estimated

@@ -97,15 +97,29 @@ def test_a_covariance_that_is_none_is_survived():
 
 
 def test_a_covariance_stays_one_over_100_000_readings():
-    # As the filter of the fields uses it: variances wander up, readings bring them down.
+    # As the filter of the fields does: variances wander up, readings bring them down.
     random = np.random.default_rng(8)
     pairs = ffi.new("int32_t[]", packed(np.eye(6) * 2.0**19))
     turns = desk.unit_rows(random, 200, 4)
     for count in range(100_000):
         w, x, y, z = turns[count % 200]
         rows = (
-            (1, 0, 0, 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-            (0, 1, 0, 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+            (
+                1,
+                0,
+                0,
+                1 - 2 * (y * y + z * z),
+                2 * (x * y - w * z),
+                2 * (x * z + w * y),
+            ),
+            (
+                0,
+                1,
+                0,
+                2 * (x * y + w * z),
+                1 - 2 * (x * x + z * z),
+                2 * (y * z - w * x),
+            ),
         )
         for state in range(6):
             pairs[lib.kalman_variance(state)] += 1

@@ -44,8 +44,8 @@ MATRIX = {
 # low-pass' response, 0.95 / s of its corner), and the force is seen as a mean over the
 # frame, which leaves 0.4 m/s2 of these hands' sway.
 LEVEL_STEP = 0.15
-# The heading takes, on a field of 20 uT, at most 6 uT times P / (P + 50 uT2); P is below
-# 2 uT2 while readings come, and grows by 0.3 deg2 a second without them.
+# The heading takes, on a field of 20 uT, at most 6 uT times P / (P + 50 uT2); P is
+# below 2 uT2 while readings come, and grows by 0.3 deg2 a second without them.
 BIAS_DEG_S = 1.0  # here, and what the filter may take for it
 
 # What is observable, degrees, once it had the time for it.

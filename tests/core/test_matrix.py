@@ -55,7 +55,9 @@ def test_a_vector_is_turned_up_to_the_longest():
     random = np.random.default_rng(3)
     made = ffi.new("struct matrix *")
     for quat in desk.unit_rows(random, 300, 4):
-        lib.matrix_from_quat(ffi.new("struct quat *", (quat * ONE).astype(int).tolist()), made)
+        lib.matrix_from_quat(
+            ffi.new("struct quat *", (quat * ONE).astype(int).tolist()), made
+        )
         v = desk.unit_rows(random, 1, 3)[0] * 2.1e9
         out = ffi.new("int32_t[3]")
         lib.matrix_turn(made, v.astype(int).tolist(), out)

@@ -189,6 +189,8 @@ def test_what_turns_a_heading_away_is_the_opposite_of_its_x_axiss():
 
 def test_an_x_axis_that_points_straight_up_or_down_has_no_heading_to_turn_away():
     half = 2**29
-    straight = np.array([[half, half, -half, half], [half, half, half, -half]], np.int32)
+    straight = np.array(
+        [[half, half, -half, half], [half, half, half, -half]], np.int32
+    )
     away = desk.mapped(lib.loop_to_no_heading, straight, width=4)
     assert away.tolist() == [[2**30, 0, 0, 0]] * 2
