@@ -465,9 +465,9 @@ NOINLINE static void predict_field(struct fuse *fuse) {
     const int32_t bias_variance = motion[kalman_variance(0)] +
                                   motion[kalman_variance(1)] +
                                   motion[kalman_variance(2)];
-    const int32_t turn_q40 = (fuse->is_turned     ? HEADING_WANDER_TURNED
-                              : fuse->has_reading ? HEADING_WANDER
-                                                  : HEADING_WANDER_ALONE) +
+    const int32_t turn_q40 = (!fuse->has_reading ? HEADING_WANDER_ALONE
+                              : fuse->is_turned  ? HEADING_WANDER_TURNED
+                                                 : HEADING_WANDER) +
                              fixed_mul_q30(bias_variance, HEADING_WANDER_BIAS_Q30) * 2;
     if (!fuse->has_reading) {
         fuse->heading_variance =

@@ -6,8 +6,9 @@
 // heading is one angle beside it, so that a disturbed field never tilts the probe.
 // Beside them two small Kalman filters: one learns the gyroscope's bias and scale from
 // what levelling had to correct, one the field of the place and the probe's own, which
-// turns with it. Samples make frames of 100 ms; all but the integration is done once a
-// frame, in stages that no two samples share.
+// turns with it; and how late field readings are is learned from turns. Samples make
+// frames of 100 ms; all but the integration is done once a frame, in stages that no two
+// samples share.
 #ifndef FUSE_H
 #define FUSE_H
 

@@ -220,9 +220,9 @@ static void stage_field(struct twin *t, bool is_resting) {
     if (t->learnt == 0) {
         return;
     }
-    const double wander = t->is_turned     ? params->turned_wander
-                          : t->has_reading ? params->heading_wander
-                                           : 0.3;
+    const double wander = !t->has_reading ? 0.3
+                          : t->is_turned  ? params->turned_wander
+                                          : params->heading_wander;
     const double turn =
         (wander + 20 * (t->motion[0] + t->motion[5] + t->motion[10]) / 3) * degree *
         degree * frame_s;
