@@ -36,7 +36,9 @@ PARTS: dict[str, Params] = {
     "scale": {"scale_sd": 0.0},
     "hard iron": {"own_sd": NOTHING, "astray_wander": 0.0},
     "freeing it": {"astray_wander": 0.0},
-    "field's lag": {"lag_s": 0.0},
+    # The first guess is kept; and none is made.
+    "lag learned": {"lag_sd": 0.0},
+    "field's lag": {"lag_s": 0.0, "lag_sd": 0.0},
     "lead": {"lead_share": 0.0},
     # All readings weigh the same, and none is found astray or turned.
     "soft weights": {"surprise": FOREVER},
