@@ -173,12 +173,10 @@ def records(samples: Samples, *, is_fixed: bool) -> bytes:
         # struct measurement: q7_25, q11_21, q14_18.
         rows = [np.rint(v * 2.0**n) for v, n in zip(values, (25, 21, 18), strict=True)]
         columns = np.concatenate(rows, axis=1).astype("<i4")
-        nothing_clipped = bytes(2)
     else:
         columns = np.concatenate(values, axis=1).astype("<f4")
-        nothing_clipped = b""
     return b"".join(
-        row.tobytes() + struct.pack("B", flag) + nothing_clipped
+        row.tobytes() + struct.pack("B", flag)
         for row, flag in zip(columns, has_mag(samples), strict=True)
     )
 

@@ -9,8 +9,8 @@ enum {
     BENCH_RATE_HZ = 200,
     BENCH_MAG_RATE_HZ = 100,
     // `bench_sample`: rate, specific force and field, 3 numbers of 4 bytes each, and a
-    // byte: whether the field is new. Integers as in struct measurement of calibrate.h,
-    // or floats in rad/s, m/s2 and uT.
+    // byte: whether the field is new. Integers as struct measurement of calibrate.h
+    // begins, in which nothing clips, or floats in rad/s, m/s2 and uT.
     BENCH_SAMPLE_SIZE = 37,
     // `bench_answer`: w, x, y, z of 4 bytes each; q2_30 or floats.
     BENCH_ANSWER_SIZE = 16,

@@ -434,6 +434,11 @@ static q14_18_t field_away(const struct fuse *fuse, uint8_t axis) {
            fixed_dot3_q14(fuse->field_ut + 3, fuse->level_from_body.row[axis]);
 }
 
+// The same as far as a reading may move anything.
+static q14_18_t field_step(const struct fuse *fuse, uint8_t axis) {
+    return fixed_clamp(field_away(fuse, axis), FIELD_STEP_MAX_Q18);
+}
+
 // The first readings' mean is the field of the place, as uncertain as that of the probe
 // itself, and correlated with it.
 NOINLINE static void learn_place(struct fuse *fuse) {
@@ -498,8 +503,7 @@ NOINLINE static void predict_field(struct fuse *fuse) {
 
 // The place's field moves by place x rate in a body that turns: what of that the
 // reading surprises by is an error of its lag.
-NOINLINE static void follow_lag(struct fuse *fuse, const q14_18_t away[3],
-                                int32_t noise) {
+NOINLINE static void follow_lag(struct fuse *fuse) {
     const q7_25_t *rate = fuse->reading_rad_s;
     struct vector place;
     int32_t norm;
@@ -518,10 +522,11 @@ NOINLINE static void follow_lag(struct fuse *fuse, const q14_18_t away[3],
     // 2^14 / 1000 / 2^13 of it, which is in uT/ms; at most 2.
     q2_14_t row[KALMAN_STATES] = {(q2_14_t)(fixed_clamp(norm, LAG_SLOPE_MAX) / 500)};
     q2_30_t gain[KALMAN_STATES];
-    kalman_read(&fuse->lag_variance, 1, row, noise, gain);
-    const q14_18_t along = fixed_mul_q30(slope.x, away[0]) +
-                           fixed_mul_q30(slope.y, away[1]) +
-                           fixed_mul_q30(slope.z, away[2]);
+    kalman_read(&fuse->lag_variance, 1, row, fuse->field_noise, gain);
+    q14_18_t along = 0;
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        along += fixed_mul_q30((&slope.x)[axis], field_step(fuse, axis));
+    }
     const int32_t lag = fuse->lag_s_q35 - fixed_mul_q30(gain[0], along) * LAG_MS_Q17;
     fuse->lag_s_q35 = fixed_clamp(lag > 0 ? lag : 0, LAG_MAX_Q35);
 }
@@ -531,22 +536,21 @@ NOINLINE static void follow_lag(struct fuse *fuse, const q14_18_t away[3],
 NOINLINE static void weigh_field(struct fuse *fuse) {
     uint32_t square = 0;  // 4096ths of 1 uT2, at most 90 uT an axis
     int32_t longer = 0;   // the horizontal field's square, 64ths of 1 uT2
-    int32_t away[3];
+    int32_t off = 0;
     uint32_t horizontal = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        const int32_t off = fixed_clamp(field_away(fuse, axis), FIELD_FAR_Q18);
+        off = fixed_clamp(field_away(fuse, axis), FIELD_FAR_Q18);
         square += (uint32_t)fixed_mul_q30(off * 8, off * 8);
         if (axis < 2) {
             const int32_t place = fixed_clamp(fuse->field_ut[axis], PLACE_TURNED_Q18);
             longer += fixed_mul_q30(off, off + 2 * place);
             horizontal += fixed_magnitude(place);
         }
-        away[axis] = fixed_clamp(off, FIELD_STEP_MAX_Q18);
     }
     // As long as it was, and as steep: it is the heading that is wrong.
     fuse->is_turned =
         square > FIELD_UNIT_FINE * 8 &&
-        fixed_magnitude(away[2]) < (uint32_t)FIELD_TURNED_Q18 &&
+        fixed_magnitude(off) < (uint32_t)FIELD_TURNED_Q18 &&
         fixed_magnitude(longer) <
             (uint32_t)fixed_mul_q30((int32_t)horizontal, FIELD_TURNED_GAIN_Q30);
     const uint16_t coarse =
@@ -567,9 +571,6 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
                                                                      : 0));
     }
     fuse->field_noise = fixed_clamp(noise, FIELD_NOISE_MAX);
-    if (!is_at_rest(fuse)) {
-        follow_lag(fuse, away, fuse->field_noise);
-    }
 }
 
 static bool is_heading_free(const struct fuse *fuse) {
@@ -610,7 +611,7 @@ NOINLINE static void stage_field_axis(struct fuse *fuse, uint8_t axis) {
     q2_14_t row[KALMAN_STATES] = {0};
     row[axis] = Q2_14_ONE;
     memcpy(row + 3, fuse->level_from_body.row[axis], 3 * sizeof *row);
-    const int32_t away = fixed_clamp(field_away(fuse, axis), FIELD_STEP_MAX_Q18);
+    const q14_18_t away = field_step(fuse, axis);
     kalman_read(fuse->field_covariance, KALMAN_STATES, row, fuse->field_noise, gain);
     for (uint8_t state = 0; state < KALMAN_STATES; ++state) {
         fuse->field_ut[state] =
@@ -689,6 +690,9 @@ static void run_stage(struct fuse *fuse) {
         break;
     case 5:
         stage_field(fuse);
+        if (fuse->has_reading && !at_rest) {
+            follow_lag(fuse);
+        }
         break;
     case 9:
         stage_world(fuse);

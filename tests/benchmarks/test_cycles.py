@@ -84,8 +84,8 @@ def test_records_are_as_the_program_has_them() -> None:
     whole = samples(2)
     fixed = filters.records(whole, is_fixed=True)
     floats = filters.records(whole, is_fixed=False)
-    assert struct.unpack("<9i3B", fixed[39:]) == (
-        335544, 0, 0, 0, 209715, 20552090, 0, 20 << 18, -40 << 18, 1, 0, 0,
+    assert struct.unpack("<9iB", fixed[37:]) == (
+        335544, 0, 0, 0, 209715, 20552090, 0, 20 << 18, -40 << 18, 1,
     )  # fmt: skip
     assert struct.unpack("<9fB", floats[:37])[6:] == (0.0, 0.0, 0.0, 0)
     assert struct.unpack("<9fB", floats[37:])[6:] == (0.0, 20.0, -40.0, 1)
