@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // What a board provides to main.c. Chosen at link time by the folder that is compiled.
-// Every function returns within 5 ms; none is called from an interrupt.
+// Every function but board_init returns within 5 ms; none is called from an interrupt.
 #ifndef BOARD_H
 #define BOARD_H
 
@@ -48,7 +48,9 @@ const struct bus_device *board_bus(void);
 enum bus_result board_bus_recover(void) MUST_CHECK;
 
 // From now on each data-ready edge stamps the time and starts the bursts, `count` of
-// them in turn, by interrupt. They are copied.
+// them in turn, by interrupt. They are copied. Some sensors hold data-ready until they
+// are read: there a line that is high while no burst is due starts one as its edge
+// would, or no edge would ever come again.
 void board_sampling_start(const struct bus_burst *bursts, uint8_t count);
 void board_sampling_stop(void);
 enum board_sample_result board_sample_take(struct board_sample *out) MUST_CHECK;

@@ -151,15 +151,15 @@ __attribute__((noinline)) static bool take_sample(struct sample *sample,
         }
         return false;
     }
+    sample->has_gap = acquisition.has_gap;
     if (!sensor->parse(sensor->state, taken.bytes, taken.time_us, sample)) {
         survive_burst(BUS_STUCK, now_us);
         return false;
     }
     if (taken.missed > 0) {
         probe_overrun(&probe, taken.missed, now_us);
-        acquisition.has_gap = true;
+        sample->has_gap = true;
     }
-    sample->has_gap = acquisition.has_gap;
     acquisition.has_gap = false;
     acquisition.failed = 0;
     acquisition.since_us = now_us;

@@ -22,7 +22,7 @@ struct sample {
     bool mag_overflow;
     bool acc_clipped;
     bool gyr_clipped;
-    bool has_gap;  // data-ready edges were missed before this one
+    bool has_gap;  // samples were missed before this one
 };
 
 #endif

@@ -41,8 +41,8 @@ struct sensor_driver {
     enum sensor_result (*setup)(void *state, const struct bus_device *bus,
                                 uint32_t now_us);
     // Turns the bytes of a sample's bursts, which follow each other, into that sample;
-    // fills everything but has_gap. False where they can't be a reading: then nothing
-    // is written.
+    // fills everything but has_gap, which it sets where the chip says that samples were
+    // overwritten unread. False where they can't be a reading: then nothing is written.
     bool (*parse)(void *state, const uint8_t *bytes, uint32_t time_us,
                   struct sample *out);
     const struct sensor_identity *(*identity)(const void *state);

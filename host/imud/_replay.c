@@ -2,6 +2,7 @@
 // A probe's computation once more, from its raw messages: _core.Replay.
 #include "_module.h"
 
+#include "lsm9ds0.h"
 #include "messages.h"
 #include "mpu9250.h"
 #include "pose.h"
@@ -23,6 +24,22 @@ static bool begin(struct replay *replay, long filter) {
     return true;
 }
 
+// What no message carries: the delay of a sensor's rates. False for a kind whose
+// driver is not known.
+static bool gyr_delay_of(uint8_t sensor, uint16_t *delay_us) {
+    switch (sensor) {
+    case SENSOR_MPU9250:
+    case SENSOR_MPU6500:
+        *delay_us = MPU9250_GYR_DELAY_US;
+        return true;
+    case SENSOR_LSM9DS0:
+        *delay_us = LSM9DS0_GYR_DELAY_US;
+        return true;
+    default:
+        return false;
+    }
+}
+
 static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs) {
     static char *names[] = {"hello", NULL};
     Py_buffer view;
@@ -39,7 +56,8 @@ static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs
         PyErr_SetString(PyExc_ValueError, "not the hello of a probe whose sensor runs");
         return NULL;
     }
-    if (hello.sensor != SENSOR_MPU9250 && hello.sensor != SENSOR_MPU6500) {
+    uint16_t gyr_delay_us = 0;
+    if (!gyr_delay_of(hello.sensor, &gyr_delay_us)) {
         PyErr_Format(PyExc_ValueError, "sensor %d is not one that can be replayed",
                      hello.sensor);
         return NULL;
@@ -53,7 +71,7 @@ static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs
     replay->identity = (struct sensor_identity){
         .kind = hello.sensor,
         .rate_hz = hello.sample_rate,
-        .gyr_delay_us = MPU9250_GYR_DELAY_US,
+        .gyr_delay_us = gyr_delay_us,
         .gyr_lsb_nrad_s = hello.gyr_lsb,
         .acc_lsb_nm_s2 = hello.acc_lsb,
         .mag_lsb_pt = hello.mag_lsb,

@@ -18,12 +18,20 @@ from protocol import wire
 pytestmark = pytest.mark.native
 
 MPU9250 = desk.identity_of()
+LSM9DS0 = desk.identity_of(
+    kind=lib.SENSOR_LSM9DS0,
+    rate_hz=lib.LSM9DS0_RATE_HZ,
+    gyr_delay_us=lib.LSM9DS0_GYR_DELAY_US,
+    gyr_lsb_nrad_s=1221730,
+    acc_lsb_nm_s2=7178468,
+    mag_lsb_pt=8000,
+)
 SAMPLES = scene(tumble(8, 200, 4), 200, seed=4).samples(MPU9250)
 KINDS = range(lib.FILTER_FUSE, lib.FILTER_DCM_PI + 1)
 NULL = -(2**15)
 
 
-def hello(kind: int) -> bytes:
+def hello(kind: int, identity: Any = MPU9250) -> bytes:
     fields: dict[str, Any] = {
         name: "0" * 16 if name == "probe_id" else 0
         for name, _ in wire.field_types("hello")
@@ -32,11 +40,11 @@ def hello(kind: int) -> bytes:
         "firmware": "test",
         "who_am_i": [0x71, 0x48],
         "mag_adjust": [0, 0, 0],
-        "sensor": lib.SENSOR_MPU9250,
-        "sample_rate": 200,
-        "acc_lsb": MPU9250.acc_lsb_nm_s2,
-        "gyr_lsb": MPU9250.gyr_lsb_nrad_s,
-        "mag_lsb": MPU9250.mag_lsb_pt,
+        "sensor": identity.kind,
+        "sample_rate": identity.rate_hz,
+        "acc_lsb": identity.acc_lsb_nm_s2,
+        "gyr_lsb": identity.gyr_lsb_nrad_s,
+        "mag_lsb": identity.mag_lsb_pt,
         "filter": kind,
     }
     return wire.encode_message("hello", fields, 0, 0)
@@ -53,10 +61,10 @@ def raw(row: Any) -> bytes:
     return wire.encode_message("raw", fields, 0, int(row["time_us"]))
 
 
-def poses(kind: int, rows: desk.Array) -> list[bytes]:
+def poses(kind: int, rows: desk.Array, identity: Any = MPU9250) -> list[bytes]:
     """The contents of the firmware's poses of samples, from a start with them."""
     tracker = ffi.new("struct pose_tracker *")
-    assert lib.pose_begin(tracker, desk.UNCALIBRATED, MPU9250, kind)
+    assert lib.pose_begin(tracker, desk.UNCALIBRATED, identity, kind)
     made = np.zeros(len(rows), desk.dtype_of("struct message_pose"))
     results = np.zeros(len(rows), np.int32)
     desk.call(lib.loop_pose, tracker, len(rows), rows, made, results)
@@ -79,6 +87,21 @@ def replayed(replay: _core.Replay, rows: desk.Array) -> list[bytes]:
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_hellos_filter_is_replayed_to_the_last_bit(kind):
     assert replayed(_core.Replay(hello(kind)), SAMPLES) == poses(kind, SAMPLES)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_lsm9ds0_is_replayed_to_the_last_bit(kind):
+    rate_hz = LSM9DS0.rate_hz
+    rows = scene(tumble(8, rate_hz, 4), rate_hz, seed=4).samples(LSM9DS0)
+    replay = _core.Replay(hello(kind, LSM9DS0))
+    assert replayed(replay, rows) == poses(kind, rows, LSM9DS0)
+
+
+@pytest.mark.parametrize("sensor", [lib.SENSOR_NONE, lib.SENSOR_LSM9DS0 + 1, 255])
+def test_a_hello_of_no_sensor_is_refused(sensor):
+    unknown = desk.identity_of(kind=sensor)
+    with pytest.raises(ValueError, match=f"sensor {sensor} is not one that can be"):
+        _core.Replay(hello(lib.FILTER_FUSE, unknown))
 
 
 def test_a_restart_begins_anew_with_the_filter_that_it_names():

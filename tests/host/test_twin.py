@@ -425,7 +425,7 @@ def test_what_this_imud_cannot_compute_ends_it() -> None:
     life = followed().live(50).order(lib.COMMAND_TARE).order(lib.COMMAND_RESTART)
     contents = life.live(5).contents
     sensor = named(contents, "hello")[-1]
-    other = changed(contents[sensor], sensor="lsm9ds0")
+    other = changed(contents[sensor], sensor="none")
     twin, outcomes = heard([*contents[:sensor], other, *contents[sensor + 1 : -30]])
     assert [type(outcome) for outcome in outcomes] == [Lost]
     for name, detail in (("tared", 3), ("restarted", 99)):
