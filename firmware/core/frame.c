@@ -41,8 +41,8 @@ uint8_t frame_encode(uint16_t seed, uint8_t *bytes, uint8_t length) {
 
 void frame_decoder_init(struct frame_decoder *decoder, uint16_t seed, uint8_t hello_id,
                         uint8_t *bytes, uint8_t room) {
-    *decoder = (struct frame_decoder){
-        .seed = seed, .hello_id = hello_id, .bytes = bytes, .room = room};
+    *decoder = (struct frame_decoder){.seed = seed, .hello_id = hello_id, .room = room};
+    decoder->bytes = bytes;
 }
 
 static void append(struct frame_decoder *decoder, uint8_t byte) {

@@ -389,7 +389,7 @@ static void read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
                         q7_25_t surprise_rad_s) {
     q2_30_t gain[KALMAN_STATES];
     kalman_read(fuse->motion_covariance, FUSE_MOTION_STATES, row, noise, gain);
-    int32_t *bias = &fuse->bias_rad_s_q25.x;  // three in a row
+    int32_t *bias = vector_parts(&fuse->bias_rad_s_q25);
     for (uint8_t i = 0; i < 3; ++i) {
         bias[i] = fixed_clamp(bias[i] + fixed_mul_q30(gain[i], surprise_rad_s),
                               BIAS_LIMIT_Q25);
@@ -406,7 +406,7 @@ NOINLINE static void stage_rest(struct fuse *fuse) {
     const struct lowpass_axis *mean = &fuse->rest_rate.x;  // three in a row
     row[axis] = Q2_14_ONE;
     read_motion(fuse, row, REST_NOISE,
-                mean[axis].level - (&fuse->bias_rad_s_q25.x)[axis]);
+                mean[axis].level - vector_parts(&fuse->bias_rad_s_q25)[axis]);
     fuse->rest_axis = (uint8_t)(axis == 2 ? 0 : axis + 1);
 }
 
@@ -525,7 +525,7 @@ NOINLINE static void follow_lag(struct fuse *fuse) {
     kalman_read(&fuse->lag_variance, 1, row, fuse->field_noise, gain);
     q14_18_t along = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        along += fixed_mul_q30((&slope.x)[axis], field_step(fuse, axis));
+        along += fixed_mul_q30(vector_parts(&slope)[axis], field_step(fuse, axis));
     }
     const int32_t lag = fuse->lag_s_q35 - fixed_mul_q30(gain[0], along) * LAG_MS_Q17;
     fuse->lag_s_q35 = fixed_clamp(lag > 0 ? lag : 0, LAG_MAX_Q35);

@@ -9,7 +9,10 @@
 NOINLINE static int16_t coarse(q2_30_t value) {
     const int16_t rounded =
         (int16_t)fixed_high_half((uint32_t)value * 2 + UINT32_C(32768));
-    return rounded != INT16_MIN ? rounded : value < 0 ? -INT16_MAX : INT16_MAX;
+    if (rounded == INT16_MIN) {
+        return value < 0 ? (int16_t)-INT16_MAX : INT16_MAX;
+    }
+    return rounded;
 }
 
 // Twice a b + c d of q1_15 as q2_14. Of a unit quaternion it is at most 2, and modulo 4
