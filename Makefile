@@ -45,7 +45,7 @@ firmware: ## the image for the Nano: .pio/build/nano/firmware.hex
 	@$(PYTHON) tools/setup.py demo
 	@pio run --environment nano
 
-sim: ## the virtual Nano: build/sim/nano
+sim: ## the virtual boards: build/sim/nano, build/sim/f405
 	@$(PYTHON) tools/setup.py demo
 
 bench: ## accuracy on recordings with optical truth, beside VQF: tables and JSON

@@ -8,23 +8,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const char *const chip_kinds[] = {
-    [MPU9250_CHIP_NACK] = "nack",
-    [MPU9250_CHIP_STUCK_SDA] = "stuck_sda",
-    [MPU9250_CHIP_NO_DATA_READY] = "no_data_ready",
-    [MPU9250_CHIP_WRONG_WHO_AM_I] = "wrong_who_am_i",
-    [MPU9250_CHIP_NO_AK8963] = "no_ak8963",
-    [MPU9250_CHIP_GYR_SELF_TEST] = "gyr_self_test",
-    [MPU9250_CHIP_ACC_SELF_TEST] = "acc_self_test",
-    [MPU9250_CHIP_FROZEN] = "frozen",
-};
 static const struct {
     const char *name;
     enum fault_target target;
+    bool is_stm32;
 } board_kinds[] = {
-    {"reset", FAULT_RESET},
-    {"brown_out", FAULT_BROWN_OUT},
-    {"power_cut", FAULT_POWER_CUT},
+    {"reset", FAULT_RESET, false},         {"brown_out", FAULT_BROWN_OUT, false},
+    {"power_cut", FAULT_POWER_CUT, false}, {"crystal", FAULT_CRYSTAL, true},
+    {"glitch", FAULT_GLITCH, true},
 };
 
 static bool fail(struct faults *faults, const char *format, ...) {
@@ -56,15 +47,17 @@ static bool read_word(struct faults *faults, const char **at, char *word, size_t
 }
 
 static bool set_kind(struct faults *faults, struct fault *fault, const char *kind) {
-    for (size_t i = 0; i < sizeof chip_kinds / sizeof *chip_kinds; i++) {
-        if (strcmp(kind, chip_kinds[i]) == 0) {
+    const struct fault_kinds *kinds = faults->kinds;
+    for (unsigned i = 0; i < kinds->chip_count; i++) {
+        if (strcmp(kind, kinds->chip[i]) == 0) {
             fault->target = FAULT_CHIP;
-            fault->chip.kind = (enum mpu9250_chip_fault_kind)i;
+            fault->chip.kind = i;
             return true;
         }
     }
     for (size_t i = 0; i < sizeof board_kinds / sizeof *board_kinds; i++) {
-        if (strcmp(kind, board_kinds[i].name) == 0) {
+        if (strcmp(kind, board_kinds[i].name) == 0 &&
+            (kinds->is_stm32 || !board_kinds[i].is_stm32)) {
             fault->target = board_kinds[i].target;
             return true;
         }
@@ -79,7 +72,12 @@ static bool set_number(struct faults *faults, struct fault *fault, const char *n
     if (is_byte && value > UINT8_MAX) {
         return fail(faults, "%s is above 255", name);
     }
-    if (strcmp(name, "at_us") == 0) {
+    if (strcmp(name, "die") == 0 && faults->kinds->has_dies) {
+        if (value != 1 && value != 2) {
+            return fail(faults, "die is neither 1 nor 2");
+        }
+        fault->chip.die = (uint8_t)value;
+    } else if (strcmp(name, "at_us") == 0) {
         fault->at_us = value;
     } else if (strcmp(name, "for_us") == 0) {
         fault->chip.for_ns = value * 1000;
@@ -148,9 +146,8 @@ static bool read_fault(struct faults *faults, const char **at, struct fault *fau
     return has_kind || fail(faults, "a fault has no kind");
 }
 
-bool faults_parse(struct faults *faults, const char *text) {
+static bool parse(struct faults *faults, const char *text) {
     const char *at = skip(text);
-    memset(faults, 0, sizeof *faults);
     if (*at != '[') {
         return fail(faults, "a list in brackets is missing");
     }
@@ -172,8 +169,10 @@ bool faults_parse(struct faults *faults, const char *text) {
     return true;
 }
 
-bool faults_load(struct faults *faults, const char *path) {
+bool faults_load(struct faults *faults, const char *path,
+                 const struct fault_kinds *kinds) {
     memset(faults, 0, sizeof *faults);
+    faults->kinds = kinds;
     FILE *file = fopen(path, "rb");
     if (file == NULL) {
         return fail(faults, "can't be opened");
@@ -182,5 +181,5 @@ bool faults_load(struct faults *faults, const char *path) {
     const size_t length = fread(text, 1, sizeof text - 1, file);
     (void)fclose(file);
     text[length] = '\0';
-    return faults_parse(faults, text);
+    return parse(faults, text);
 }

@@ -55,6 +55,12 @@ def nano() -> Path:
     return built(ROOT / "build" / "sim" / "nano", "make sim")
 
 
+@pytest.fixture(scope="session")
+def f405() -> Path:
+    """The virtual STM32F405."""
+    return built(ROOT / "build" / "sim" / "f405", "make sim")
+
+
 def built(path: Path, command: str) -> Path:
     if not path.exists():
         pytest.fail(f"{path.relative_to(ROOT)} is not there: {command}", pytrace=False)

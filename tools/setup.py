@@ -85,13 +85,14 @@ BUILD_NEEDS = (
     Need("avr-libc", compiles("#include <avr/io.h>", *AVR)),
     Need("libsimavr-dev", compiles("#include <simavr/sim_avr.h>", "gcc")),
     Need("libelf-dev", compiles("#include <gelf.h>", "gcc")),
+    Need("libunicorn-dev", compiles("#include <unicorn/unicorn.h>", "gcc")),
     Need(f"{PYTHON}-dev", has_python_headers),
     Need(f"{PYTHON}-venv", has_modules("ensurepip", "venv")),
 )
+TEST_NEEDS = (Need("gcc-arm-none-eabi", has("arm-none-eabi-gcc")),)
 CHECK_NEEDS = (
     Need("clang-tidy", has("clang-tidy")),
     Need("cppcheck", has("cppcheck")),
-    Need("gcc-arm-none-eabi", has("arm-none-eabi-gcc")),
     Need(
         "libnewlib-arm-none-eabi",
         compiles("#include <string.h>", "arm-none-eabi-gcc", "-mcpu=cortex-m4"),
@@ -116,7 +117,7 @@ def main(arguments: Sequence[str]) -> None:
         if command != "check":
             pio = (venv("pio"), "run", "--silent", "--environment", "nano")
             step("firmware image", *pio)
-            step("virtual Nano", "make", "--silent", "--directory", "sim")
+            step("virtual boards", "make", "--silent", "--directory", "sim")
 
 
 def run_under_another_python(arguments: Sequence[str]) -> NoReturn:
@@ -131,7 +132,9 @@ def run_under_another_python(arguments: Sequence[str]) -> NoReturn:
 
 
 def install_system_packages(command: str) -> None:
-    needs = BUILD_NEEDS + (CHECK_NEEDS if command == "check" else ())
+    needs: tuple[Need, ...] = BUILD_NEEDS
+    needs += TEST_NEEDS if command in ("test", "coverage", "check") else ()
+    needs += CHECK_NEEDS if command == "check" else ()
     missing = [need.package for need in needs if not need.is_met()]
     if not missing:
         return

@@ -1,0 +1,345 @@
+// SPDX-License-Identifier: MIT
+// USART2 as an asynchronous 8N1 line (RM, "Universal synchronous asynchronous receiver
+// transmitter"): a data register beside each shift register, overrun, the idle line.
+#include <stdlib.h>
+
+#include "f405.h"
+
+enum {
+    SR = 0x00,
+    DR = 0x04,
+    BRR = 0x08,
+    CR1 = 0x0C,
+    CR2 = 0x10,
+    CR3 = 0x14,
+    GTPR = 0x18,
+    ORE = 1 << 3,
+    IDLE = 1 << 4,
+    RXNE = 1 << 5,
+    TC = 1 << 6,
+    TXE = 1 << 7,
+    CLEARED_BY_DATA = ORE | IDLE | 0x07,
+    CR1_RE = 1 << 2,
+    CR1_TE = 1 << 3,
+    CR1_IDLEIE = 1 << 4,
+    CR1_RXNEIE = 1 << 5,
+    CR1_TCIE = 1 << 6,
+    CR1_TXEIE = 1 << 7,
+    CR1_UE = 1 << 13,
+    CR1_OVER8 = 1 << 15,
+    CR1_KNOWN = 0xA1FC & ~(1 << 8),
+    CR2_STOP = 3 << 12,
+    CR3_EIE = 1 << 0,
+    CR3_DMAR = 1 << 6,
+    CR3_DMAT = 1 << 7,
+    CR3_KNOWN = CR3_EIE | CR3_DMAR | CR3_DMAT | 1 << 11,
+    FRAME_BITS = 10,
+    LINE_HZ = 921600,  // who sends while the receiver is not set up
+    PIN_TX = 2,
+    PIN_RX = 3,
+    AF_USART = 7,
+    DMA1_UNIT = 0,
+    RX_STREAM = 5,
+    TX_STREAM = 6,
+    CHANNEL = 4,
+};
+
+// The other side is at the rate that is set here.
+static uint64_t frame_ps(const struct f405 *m) {
+    const struct f405_usart *usart = &m->usart;
+    uint32_t divider = usart->brr;
+    if ((usart->cr1 & CR1_OVER8) != 0) {
+        divider = ((usart->brr >> 4) << 3) + (usart->brr & 7);
+    }
+    if (divider == 0 || m->pclk_hz[0] == 0) {
+        return f405_ps(FRAME_BITS, LINE_HZ);
+    }
+    return f405_ps((uint64_t)FRAME_BITS * divider, m->pclk_hz[0]);
+}
+
+static bool is_on(const struct f405 *m, uint32_t half) {
+    return (m->usart.cr1 & CR1_UE) != 0 && (m->usart.cr1 & half) != 0;
+}
+
+static void follow_line(struct f405 *m) {
+    const struct f405_usart *usart = &m->usart;
+    const uint32_t sr = usart->sr;
+    const uint32_t cr1 = usart->cr1;
+    const uint32_t by_dma = CR3_EIE | CR3_DMAR;
+    core_irq(m, EXCEPTION_IRQ + IRQ_USART2,
+             ((sr & TXE) && (cr1 & CR1_TXEIE)) || ((sr & TC) && (cr1 & CR1_TCIE)) ||
+                 ((sr & (RXNE | ORE)) && (cr1 & CR1_RXNEIE)) ||
+                 ((sr & IDLE) && (cr1 & CR1_IDLEIE)) ||
+                 ((sr & ORE) && (usart->cr3 & by_dma) == by_dma));
+}
+
+// Out
+
+static void begin_sending(struct f405 *m) {
+    struct f405_usart *usart = &m->usart;
+    if (usart->is_shifting || !usart->is_data_full || !is_on(m, CR1_TE)) {
+        return;
+    }
+    usart->shift = usart->data;
+    usart->is_data_full = false;
+    usart->is_shifting = true;
+    usart->sr |= TXE;
+    f405_at(m, EVENT_USART_SENT, f405_when(m) + frame_ps(m));
+}
+
+void usart_sent(struct f405 *m) {
+    struct f405_usart *usart = &m->usart;
+    usart->is_shifting = false;
+    if (usart->is_preamble) {
+        usart->is_preamble = false;
+    } else if (!pins_is_alternate(m, PORT_A, PIN_TX, AF_USART)) {
+        f405_complain(m, "USART2 sends with its pin elsewhere");
+    } else if (m->on_byte != NULL) {
+        m->on_byte(m->context, usart->shift);
+    }
+    begin_sending(m);
+    if (!usart->is_shifting) {
+        usart->sr |= TC;
+    }
+    follow_line(m);
+}
+
+static void write_data(struct f405 *m, uint8_t byte) {
+    struct f405_usart *usart = &m->usart;
+    if (!is_on(m, CR1_TE)) {
+        f405_complain(m, "a byte for USART2 while it does not send");
+        return;
+    }
+    if (usart->is_data_full) {
+        f405_complain(m, "a byte for USART2 written over another");
+    }
+    usart->data = byte;
+    usart->is_data_full = true;
+    usart->sr &= ~(uint32_t)TXE;
+    usart->sr &= ~(usart->seen & TC);
+    begin_sending(m);
+}
+
+// In
+
+static void begin_receiving(struct f405 *m) {
+    struct f405_usart *usart = &m->usart;
+    if (usart->line_count == 0) {
+        return;
+    }
+    const uint64_t now = f405_when(m);
+    const uint64_t from = usart->line_from[usart->line_head];
+    const uint64_t start = from > now ? from : now;
+    usart->is_receiving = true;
+    if (start < m->at[EVENT_USART_IDLE]) {
+        f405_never(m, EVENT_USART_IDLE);  // its start bit comes before
+    }
+    f405_at(m, EVENT_USART_RECEIVED, start + frame_ps(m));
+}
+
+static void take(struct f405 *m, uint8_t byte) {
+    struct f405_usart *usart = &m->usart;
+    if (!is_on(m, CR1_RE) || !pins_is_alternate(m, PORT_A, PIN_RX, AF_USART) ||
+        !f405_is_clocked(m, 4, 17)) {
+        usart->deaf++;
+        return;
+    }
+    if ((usart->sr & RXNE) != 0) {
+        usart->overruns++;
+        usart->sr |= ORE;  // what was read stays, what came is lost
+    } else {
+        usart->received = byte;
+        usart->sr |= RXNE;
+    }
+    usart->is_idle_due = true;
+}
+
+void usart_received(struct f405 *m) {
+    struct f405_usart *usart = &m->usart;
+    const uint8_t byte = usart->line[usart->line_head];
+    usart->line_head = (usart->line_head + 1) % usart->line_room;
+    usart->line_count--;
+    usart->is_receiving = false;
+    take(m, byte);
+    follow_line(m);
+    f405_at(m, EVENT_USART_IDLE, f405_when(m) + frame_ps(m));
+    begin_receiving(m);
+}
+
+// A frame's time without a start bit; once only until something has come again.
+void usart_idle(struct f405 *m) {
+    struct f405_usart *usart = &m->usart;
+    if (usart->is_idle_due && is_on(m, CR1_RE)) {
+        usart->is_idle_due = false;
+        usart->sr |= IDLE;
+        follow_line(m);
+    }
+}
+
+static bool make_room(struct f405_usart *usart) {
+    const size_t room = usart->line_room == 0 ? 256 : 2 * usart->line_room;
+    uint8_t *line = malloc(room);
+    uint64_t *from = malloc(room * sizeof *from);
+    if (line == NULL || from == NULL) {
+        free(line);
+        free(from);
+        return false;
+    }
+    for (size_t i = 0; i < usart->line_count; i++) {
+        const size_t at = (usart->line_head + i) % usart->line_room;
+        line[i] = usart->line[at];
+        from[i] = usart->line_from[at];
+    }
+    free(usart->line);
+    free(usart->line_from);
+    usart->line = line;
+    usart->line_from = from;
+    usart->line_head = 0;
+    usart->line_room = room;
+    return true;
+}
+
+bool f405_send(struct f405 *m, uint64_t from_ps, uint8_t byte) {
+    struct f405_usart *usart = &m->usart;
+    if (usart->line_count == usart->line_room && !make_room(usart)) {
+        return false;
+    }
+    const size_t at = (usart->line_head + usart->line_count) % usart->line_room;
+    usart->line[at] = byte;
+    usart->line_from[at] = from_ps;
+    usart->line_count++;
+    if (!usart->is_receiving) {
+        begin_receiving(m);
+    }
+    return true;
+}
+
+void usart_free(struct f405 *m) {
+    free(m->usart.line);
+    free(m->usart.line_from);
+    m->usart.line = NULL;
+    m->usart.line_from = NULL;
+}
+
+bool usart_pump(struct f405 *m) {
+    const struct f405_usart *usart = &m->usart;
+    if ((usart->cr3 & CR3_DMAR) != 0 && (usart->sr & RXNE) != 0 &&
+        dma_serve(m, DMA1_UNIT, RX_STREAM, CHANNEL, false)) {
+        return true;
+    }
+    return (usart->cr3 & CR3_DMAT) != 0 && (usart->sr & TXE) != 0 && is_on(m, CR1_TE) &&
+           dma_serve(m, DMA1_UNIT, TX_STREAM, CHANNEL, true);
+}
+
+// Registers
+
+static uint32_t read_data(struct f405 *m) {
+    struct f405_usart *usart = &m->usart;
+    usart->sr &= ~(uint32_t)RXNE;
+    usart->sr &= ~(usart->seen & CLEARED_BY_DATA);
+    usart->seen = 0;
+    follow_line(m);
+    return usart->received;
+}
+
+static void write_control(struct f405 *m, uint32_t value) {
+    struct f405_usart *usart = &m->usart;
+    const bool was_sending = is_on(m, CR1_TE);
+    if ((value & ~(uint32_t)CR1_KNOWN) != 0) {
+        f405_not_modelled(m, "USART2 other than 8N1");
+    }
+    usart->cr1 = value & CR1_KNOWN;
+    if (!was_sending && is_on(m, CR1_TE)) {
+        // A frame of idle line goes first (RM, "Transmitter").
+        usart->is_shifting = usart->is_preamble = true;
+        f405_at(m, EVENT_USART_SENT, f405_when(m) + frame_ps(m));
+    }
+    if ((value & CR1_UE) == 0) {
+        usart->is_shifting = usart->is_preamble = usart->is_data_full = false;
+        usart->sr = TXE | TC;
+        f405_never(m, EVENT_USART_SENT);
+    }
+}
+
+uint32_t usart_read(struct f405 *m, unsigned unit, uint32_t at) {
+    (void)unit;
+    struct f405_usart *usart = &m->usart;
+    switch (at) {
+    case SR:
+        usart->seen = usart->sr;
+        return usart->sr;
+    case DR:
+        return read_data(m);
+    case BRR:
+        return usart->brr;
+    case CR1:
+        return usart->cr1;
+    case CR2:
+        return usart->cr2;
+    case CR3:
+        return usart->cr3;
+    case GTPR:
+        return usart->gtpr;
+    default:
+        f405_not_modelled(m, "no register of USART2");
+        return 0;
+    }
+}
+
+void usart_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
+    (void)unit;
+    struct f405_usart *usart = &m->usart;
+    switch (at) {
+    case SR:
+        usart->sr &= value | ~(uint32_t)(RXNE | TC);
+        break;
+    case DR:
+        write_data(m, (uint8_t)value);
+        break;
+    case BRR:
+        usart->brr = value & 0xFFFF;
+        break;
+    case CR1:
+        write_control(m, value);
+        break;
+    case CR2:
+        usart->cr2 = value;
+        if ((value & ~(uint32_t)CR2_STOP) != 0 || (value & CR2_STOP) != 0) {
+            f405_not_modelled(m, "USART2 other than 8N1");
+        }
+        break;
+    case CR3:
+        usart->cr3 = value & CR3_KNOWN;
+        if ((value & ~(uint32_t)CR3_KNOWN) != 0) {
+            f405_not_modelled(m, "flow control and the like of USART2");
+        }
+        break;
+    case GTPR:
+        usart->gtpr = value & 0xFFFF;
+        break;
+    default:
+        f405_not_modelled(m, "no register of USART2");
+        break;
+    }
+    follow_line(m);
+}
+
+// What is on the line is not ours and goes on coming.
+void usart_reset(struct f405 *m, unsigned unit) {
+    (void)unit;
+    struct f405_usart *usart = &m->usart;
+    *usart = (struct f405_usart){
+        .sr = TXE | TC,
+        .overruns = usart->overruns,
+        .deaf = usart->deaf,
+        .line = usart->line,
+        .line_from = usart->line_from,
+        .line_head = usart->line_head,
+        .line_count = usart->line_count,
+        .line_room = usart->line_room,
+    };
+    f405_never(m, EVENT_USART_SENT);
+    f405_never(m, EVENT_USART_IDLE);
+    begin_receiving(m);
+    follow_line(m);
+}

@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: MIT
+// What the programs of the virtual boards share: their options, what happens when, the
+// run in real time or as fast as it goes, and the summary of what was seen.
+#ifndef SIM_RUN_H
+#define SIM_RUN_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+
+#include "cable.h"
+#include "faults.h"
+#include "motion.h"
+
+enum {
+    RUN_EVENTS_MAX = 512,
+    RUN_WAITING_MAX = 8,
+    RUN_LIST_MAX = 64,  // of --press, and of --send
+};
+#define RUN_NEVER UINT64_MAX
+
+// What a board says of itself at the end.
+struct run_report {
+    uint64_t resets;         // without the first
+    uint64_t memory_writes;  // to what it keeps without power
+    uint64_t uart_overruns;
+    uint64_t bus_transactions;
+    uint32_t stack, flash, ram;      // bytes
+    const char *firmware_complaint;  // null: none
+    const char *sensor_complaint;
+    const char *crash;  // what the firmware did where it can't go on
+    uint32_t pc, sp;
+};
+
+struct run;
+
+// A virtual board. Time is counted in its ticks since power came; `self` is the
+// pointer in struct run.
+struct run_board {
+    const char *name;  // of the program, as it signs what it says
+    const char *usage;
+    const char *version;
+    uint64_t ticks_per_us;
+    struct fault_kinds fault_kinds;
+    const char *memory;  // what --eeprom can't be where its size is another
+    // Options with a path that are this board's alone; ends with a null name.
+    const struct run_path {
+        const char *name;
+        const char **value;
+    } * paths;
+    // The same, for what is no run: -1, or the exit code. May be null.
+    int (*command)(char **rest);
+    // Null, or what is wrong between the options. May be null.
+    const char *(*check)(void);
+
+    // Power comes, with the image in flash. 0, or the exit code once it has complained.
+    int (*power_up)(void *self, struct run *run);
+    // False once the processor can't go on.
+    bool (*run)(void *self, uint64_t until);
+    uint64_t (*now)(const void *self);
+    uint64_t (*nanoseconds)(uint64_t tick);
+    uint64_t (*clock_start)(const void *self);  // of the device clock, or RUN_NEVER
+    uint64_t (*asleep)(const void *self);       // ticks
+    size_t (*line_count)(const void *self);     // bytes on their way in
+    bool (*send)(void *self, uint64_t from, uint8_t byte);
+    void (*press)(void *self, bool is_down);
+    // FAULT_RESET, FAULT_BROWN_OUT, or one that struct fault_kinds lets pass.
+    void (*suffer)(void *self, const struct fault *fault);
+    void (*add_chip_fault)(void *self, const struct chip_fault *fault);
+    // What survives power: as a cut now would leave it; all of it.
+    void (*cut_memory)(void *self);
+    uint8_t *(*memory_bytes)(void *self, size_t *size);
+    void (*pause)(void *self, uint64_t at);  // stop run() there at the latest
+    void (*report)(void *self, struct run_report *report);
+    bool (*finish)(void *self);  // files of its own are written. May be null.
+};
+
+enum run_event_kind { EVENT_PRESS, EVENT_RELEASE, EVENT_FAULT, EVENT_POWER_CUT };
+
+struct run_event {
+    uint64_t tick;
+    enum run_event_kind kind;
+    const struct fault *fault;
+};
+
+struct run_options {
+    const char *image, *motion, *pty, *record, *summary, *memory, *faults;
+    bool is_fast;
+    double seconds;  // 0: no limit
+    uint64_t seed;
+    struct {
+        uint64_t from_us, to_us;
+    } presses[RUN_LIST_MAX];
+    unsigned press_count;
+    struct {
+        uint64_t at_us;
+        const char *hex;
+    } sends[RUN_LIST_MAX];
+    unsigned send_count;
+};
+
+struct run {
+    const struct run_board *board;
+    void *self;
+    struct run_options options;
+    struct motion motion;
+    struct cable *cable;
+    FILE *record;
+    struct faults faults;
+    struct run_event events[RUN_EVENTS_MAX];
+    unsigned event_count;
+    bool is_scheduled;
+    bool is_power_cut;
+    bool is_over;
+
+    uint64_t bytes, frames, chunk;
+    uint64_t data_ready;  // edges of the pin
+    // Which edge a sample belongs to: the last before its burst's START. From the
+    // burst's STOP on it waits for work, first come first served.
+    uint64_t burst_edge, last_edge, work_edge, worked_edge;
+    uint64_t waiting[RUN_WAITING_MAX];
+    unsigned waiting_count;
+    uint64_t waiting_asleep;  // ticks slept when the last one came
+    bool is_working;
+    uint64_t mark_cycle, first_mark_tick, first_mark_asleep;
+    uint64_t samples, late, cycles_sum, cycles_worst;
+};
+
+// Runs the board as its arguments say. The exit code.
+int run_main(struct run *run, const struct run_board *board, void *self,
+             char **arguments);
+// Fills what survives power from the file of --eeprom, where there is one: the board
+// asks for it in its power_up(). 0, or the exit code once it has complained.
+int run_load_memory(struct run *run);
+// Says in a line what is wrong with a file; 2, the exit code for it.
+int run_complain(const struct run *run, const char *path, const char *what);
+// The same, for an option, with how to use the program.
+int run_usage(const struct run *run, const char *what, const char *which);
+
+// What the board tells while it runs. A byte has left it; the data-ready pin has risen;
+// on the sensor's bus is a START, or all of a transaction has come through; write
+// number n of what survives power has begun; it has been reset; work on a sample begins
+// or is done, at that cycle of the processor.
+void run_on_byte(struct run *run, uint8_t byte);
+void run_on_data_ready(struct run *run);
+void run_on_bus(struct run *run, bool is_start);
+void run_on_memory_write(struct run *run, uint64_t number);
+void run_on_reset(struct run *run);
+void run_on_mark(struct run *run, uint64_t tick, uint64_t cycle, bool is_begin);
+
+#endif

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: MIT
+"""Bare programs for the virtual STM32F405: builds tests/sim/f405/, runs, reads back."""
+
+from __future__ import annotations
+
+import collections
+import functools
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+import native
+
+ROOT = Path(__file__).resolve().parent.parent
+F405 = ROOT / "build" / "sim" / "f405"
+SOURCES = ROOT / "tests" / "sim" / "f405"
+COMPILER = "arm-none-eabi-gcc"
+FLAGS = (
+    *("-std=gnu11", "-mthumb", "-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16"),
+    *("-mfloat-abi=softfp", "-Os", "-ffreestanding", "-nostdlib", *native.WARNINGS),
+    *("-T", str(SOURCES / "bare.ld"), "-Wl,--no-warn-rwx-segments"),
+)
+ASLEEP = "the firmware sleeps with no interrupt enabled"
+
+
+class Said(NamedTuple):
+    """What a run has said: its lines by name, its bytes, the summary, stderr."""
+
+    lines: dict[str, list[int]]
+    data: bytes
+    summary: Any
+    errors: str
+
+
+@functools.cache
+def emulator() -> Path:
+    """Build the virtual STM32F405 where it is not up to date."""
+    subprocess.run(["make", "-s", "-C", ROOT / "sim"], check=True)
+    return F405
+
+
+def image(program: str, folder: Path) -> Path:
+    """Compile one of the programs."""
+    if shutil.which(COMPILER) is None:
+        pytest.fail(f"{COMPILER} is not there: make setup", pytrace=False)
+    made = folder / f"{program}.elf"
+    files = (SOURCES / "bare.c", SOURCES / f"{program}.c")
+    subprocess.run([COMPILER, *FLAGS, "-o", made, *files], check=True)
+    return made
+
+
+def run(program: str, folder: Path, *more: str, code: int = 1) -> Said:
+    """Run a program. It ends by itself, asleep for good, unless `code` says else."""
+    record, summary = folder / "bytes", folder / "summary.json"
+    command: list[str | Path] = [emulator(), "--image", image(program, folder)]
+    command += ["--record", record, "--summary", summary, *more]
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+    assert done.returncode == code, done.stderr
+    data = record.read_bytes()
+    return Said(parse(data), data, json.loads(summary.read_text()), done.stderr)
+
+
+def ended(program: str, folder: Path, *more: str) -> dict[str, list[int]]:
+    """Run a program that ends by itself and has done nothing against the manuals."""
+    said = run(program, folder, *more)
+    assert ASLEEP in said.errors, said.errors
+    assert said.summary["firmware_complaint"] is None
+    assert said.summary["sensor_complaint"] is None
+    return said.lines
+
+
+def parse(data: bytes) -> dict[str, list[int]]:
+    """Return the numbers of each name, in order."""
+    lines: dict[str, list[int]] = collections.defaultdict(list)
+    for name, value in re.findall(rb"^([a-z_0-9]+) ([0-9a-f]{8})$", data, re.M):
+        lines[name.decode()].append(int(value, 16))
+    return dict(lines)
+
+
+def faults(folder: Path, *items: dict[str, Any]) -> Sequence[str]:
+    """The option that has these faults come to pass."""
+    path = folder / "faults.json"
+    path.write_text(json.dumps(items))
+    return ("--faults", str(path))
