@@ -53,6 +53,7 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
     portable = sources(str(CORE), kinds=("*.c",))
     chips = sources("sim/chips", kinds=("*.c",))
     avr = sources("firmware/avr", kinds=("*.c",))
+    stm32 = sources("firmware/stm32", kinds=("*.c",))
     yield (
         "layout of C",
         ("clang-format", "--dry-run", "-Werror", *sources(*C_FOLDERS)),
@@ -70,6 +71,13 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
     yield (
         "cppcheck, avr",
         (*CPPCHECK, "--platform=avr8", "--library=avr", *INCLUDES, *avr),
+    )
+    yield (
+        "cppcheck, stm32",
+        (
+            *(*CPPCHECK, "--platform=unix32", "-DF_CPU=168000000L", *INCLUDES),
+            *("-Ifirmware/stm32/libc", *stm32),
+        ),
     )
     yield "rules of the house", (python, "-m", "pytest", "-q", "tests/test_house.py")
 

@@ -14,32 +14,47 @@ from SCons.Script import (
 )
 
 env = DefaultEnvironment()
-mcu = env.BoardConfig().get("build.mcu")
+board = env.BoardConfig()
+mcu = board.get("build.mcu")
 
-if not mcu.startswith("at"):
+# By the mcu's first letters: the compiler's prefix, what Debian calls it, its flags for
+# the processor, and the linker's own.
+TOOLCHAINS = {
+    # -mrelax: calls and jumps that reach become their short forms.
+    "at": ("avr-", "gcc-avr avr-libc", [f"-mmcu={mcu}"], ["-mrelax"]),
+    # Nothing is linked that is not ours: no C library, and no float or division of 64
+    # bits out of libgcc.
+    "stm32": (
+        "arm-none-eabi-",
+        "gcc-arm-none-eabi",
+        ["-mthumb", f"-mcpu={board.get('build.cpu', '')}"],
+        ["-nostdlib", "-Wl,--fatal-warnings"],
+    ),
+}
+known = [name for name in TOOLCHAINS if mcu.startswith(name)]
+if not known:
     sys.stderr.write(f"Error: the platform `system` knows no compiler for {mcu}\n")
     env.Exit(1)
+prefix, packages, machine, link_flags = TOOLCHAINS[known[0]]
 
-if not shutil.which("avr-gcc", path=env["ENV"]["PATH"]):
+if not shutil.which(f"{prefix}gcc", path=env["ENV"]["PATH"]):
     sys.stderr.write(
-        "Error: avr-gcc is not on PATH; Debian: apt-get install gcc-avr avr-libc\n"
+        f"Error: {prefix}gcc is not on PATH; Debian: apt-get install {packages}\n"
     )
     env.Exit(1)
 
-machine = [f"-mmcu={mcu}"]
-
 env.Replace(
-    AR="avr-gcc-ar",
-    AS="avr-as",
-    CC="avr-gcc",
-    CXX="avr-g++",
-    GDB="avr-gdb",
-    OBJCOPY="avr-objcopy",
-    RANLIB="avr-gcc-ranlib",
-    SIZETOOL="avr-size",
+    AR=f"{prefix}gcc-ar",
+    AS=f"{prefix}as",
+    CC=f"{prefix}gcc",
+    CXX=f"{prefix}g++",
+    GDB=f"{prefix}gdb",
+    OBJCOPY=f"{prefix}objcopy",
+    RANLIB=f"{prefix}gcc-ranlib",
+    SIZETOOL=f"{prefix}size",
     ARFLAGS=["rc"],
     SIZEPROGREGEXP=r"^(?:\.text|\.data)\s+(\d+).*",
-    SIZEDATAREGEXP=r"^(?:\.data|\.bss|\.noinit)\s+(\d+).*",
+    SIZEDATAREGEXP=r"^(?:\.data|\.bss|\.noinit|\.stack)\s+(\d+).*",
     SIZECHECKCMD="$SIZETOOL -A -d $SOURCES",
     SIZEPRINTCMD="$SIZETOOL -B -d $SOURCES",
     PROGNAME="firmware",
@@ -50,25 +65,32 @@ env.Append(
     ASPPFLAGS=["-x", "assembler-with-cpp"],
     CCFLAGS=machine,
     CPPDEFINES=[("F_CPU", "$BOARD_F_CPU")],
-    # The linker turns calls and jumps that reach into their short forms.
-    LINKFLAGS=[*machine, "-Wl,--gc-sections", "-mrelax"],
+    LINKFLAGS=[*machine, "-Wl,--gc-sections", *link_flags],
     BUILDERS={
         "ElfToHex": Builder(
             action=env.VerboseAction(
                 "$OBJCOPY -O ihex -R .eeprom $SOURCES $TARGET", "Building $TARGET"
             ),
             suffix=".hex",
-        )
+        ),
+        "ElfToBin": Builder(
+            action=env.VerboseAction(
+                "$OBJCOPY -O binary $SOURCES $TARGET", "Building $TARGET"
+            ),
+            suffix=".bin",
+        ),
     },
 )
 
 is_built = "nobuild" in COMMAND_LINE_TARGETS
 elf = "$PROGPATH" if is_built else env.BuildProgram()
-image = env.ElfToHex("$BUILD_DIR/${PROGNAME}", elf)
+images = [env.ElfToHex("$BUILD_DIR/${PROGNAME}", elf)]
+if prefix == "arm-none-eabi-":
+    images.append(env.ElfToBin("$BUILD_DIR/${PROGNAME}", elf))
 if not is_built:
-    env.Depends(image, "checkprogsize")
+    env.Depends(images, "checkprogsize")
 
-AlwaysBuild(env.Alias("nobuild", image))
+AlwaysBuild(env.Alias("nobuild", images))
 env.AddPlatformTarget(
     "size",
     elf,
@@ -76,18 +98,34 @@ env.AddPlatformTarget(
     "Program Size",
     "Print the program's size",
 )
-env.Replace(
-    UPLOADCMD="avrdude -p $BOARD_MCU -c arduino -b $UPLOAD_SPEED -P $UPLOAD_PORT "
-    "-D -U flash:w:${SOURCES[0]}:i"
-)
+UPLOADS = {
+    "arduino": (
+        "avrdude -p $BOARD_MCU -c arduino -b $UPLOAD_SPEED -P $UPLOAD_PORT "
+        "-D -U flash:w:${SOURCES[0]}:i",
+        True,
+    ),
+    "dfu": ("dfu-util -a 0 -s 0x08000000:leave -D ${SOURCES[1]}", False),
+    "stlink": ("st-flash --reset --format ihex write ${SOURCES[0]}", False),
+    "serial": ("stm32flash -w ${SOURCES[0]} -v -g 0x0 $UPLOAD_PORT", True),
+}
+protocol = env.subst("$UPLOAD_PROTOCOL")
+if protocol not in UPLOADS:
+    sys.stderr.write(f"Error: upload_protocol is one of {', '.join(UPLOADS)}\n")
+    env.Exit(1)
+command, needs_port = UPLOADS[protocol]
+env.Replace(UPLOADCMD=command)
 env.AddPlatformTarget(
     "upload",
-    image,
+    images,
     [
-        env.VerboseAction(env.AutodetectUploadPort, "Looking for upload port..."),
+        *(
+            [env.VerboseAction(env.AutodetectUploadPort, "Looking for upload port...")]
+            if needs_port
+            else []
+        ),
         env.VerboseAction("$UPLOADCMD", "Uploading $SOURCE"),
     ],
     "Upload",
 )
 
-Default([env.Alias("buildprog", image)])
+Default([env.Alias("buildprog", images)])

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: MIT
+// What is wired where on a pyboard v1.1 (docs/f405.md), and its clocks.
+#ifndef PINS_H
+#define PINS_H
+
+#if F_CPU != 168000000
+#error "baud rate, bus clock and device clock are made for 168 MHz"
+#endif
+
+enum {
+    HSE_MHZ = 12,  // the crystal of the pyboard v1.1
+    HSI_MHZ = 16,
+    // "Clocks": AHB 168 MHz, APB1 / 4, APB2 / 2; a timer of a divided bus runs at twice
+    // its clock.
+    APB1_HZ = 42000000,
+    APB1_TIMER_MHZ = 84,
+
+    // Port A.
+    PIN_TXD = 2,  // X3, alternate function 7: USART2
+    PIN_RXD = 3,  // X4
+    PIN_SWDIO = 13,
+    PIN_SWCLK = 14,
+    // Port B.
+    // Y11: DRDY_G of the sensor, high until its reading is read. Alternate function 2:
+    // channel 3 of TIM3.
+    PIN_DATA_READY = 0,
+    PIN_BUTTON = 3,      // USR on the board, X17: to ground
+    PIN_LED = 4,         // blue, on the board: high is on
+    PIN_MMA_SUPPLY = 5,  // of the board's own accelerometer, on the same bus: off
+    PIN_SCL = 6,         // X9, alternate function 4: I2C1
+    PIN_SDA = 7,         // X10
+    // Port C.
+    PIN_BUSY = 6,  // Y1: high from the taking of a sample until the work for it is done
+
+    ALTERNATE_TIM3 = 2,
+    ALTERNATE_I2C1 = 4,
+    ALTERNATE_USART2 = 7,
+};
+
+#endif

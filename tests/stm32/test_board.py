@@ -1,0 +1,377 @@
+# SPDX-License-Identifier: MIT
+"""firmware/stm32, function by function, in the virtual STM32F405.
+
+board_test.c obeys letters on its wire; what it prints are the lines here.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import re
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import native
+
+POWER_ON, EXTERNAL, BROWN_OUT = "01", "02", "04"
+WATCHDOG, SOFTWARE, HARD_FAULT = "08", "10", "20"
+
+OK, NACK, TIMEOUT, STUCK = 0, -1, -2, -3
+
+# Longest of any function of board.h but board_init, microseconds.
+BOUND_US = 5000
+
+# The first start erases a sector before it prints; then letters are obeyed.
+READY_MS = 2500
+
+
+@dataclass
+class Run:
+    lines: list[str]
+    summary: dict[str, Any]
+
+    def numbers(self, word: str) -> list[list[int]]:
+        """The decimal numbers of each line that starts with `word`."""
+        return [
+            [int(n) for n in re.findall(r"(?<= )-?\d+(?= |$)", line)]
+            for line in self.lines
+            if line.startswith(word + " ")
+        ]
+
+    def words(self, word: str) -> list[list[str]]:
+        """The words behind `word` of each line that starts with it."""
+        return [line.split()[1:] for line in self.lines if line.startswith(word + " ")]
+
+
+Board = Callable[..., Run]
+
+
+@pytest.fixture(scope="module", params=["soft", "hard"])
+def program(
+    root: Path, tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
+) -> Path:
+    path = tmp_path_factory.mktemp("board") / "board.elf"
+    fpu = ("-mfpu=fpv4-sp-d16",) if request.param == "hard" else ()
+    subprocess.run(
+        [
+            *("arm-none-eabi-gcc", "-mthumb", "-mcpu=cortex-m4"),
+            *(f"-mfloat-abi={request.param}", *fpu, "-DF_CPU=168000000L"),
+            *("-std=gnu11", "-O2", "-ffreestanding", "-fbuiltin", "-fno-common"),
+            *("-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections"),
+            *("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"),
+            *("-nostdlib", "-Wl,--fatal-warnings", "-I", root / "firmware"),
+            *("-I", root / "firmware" / "stm32" / "libc", "-o", path),
+            *("-T", root / "firmware" / "stm32" / "stm32f405.ld"),
+            *("-I", root / "tests" / "stm32"),
+            *sorted((root / "tests" / "stm32").glob("*.c")),
+            *sorted((root / "firmware" / "core").glob("*.c")),
+            *sorted((root / "firmware" / "stm32").glob("*.c")),
+        ],
+        check=True,
+    )
+    return path
+
+
+@pytest.fixture(scope="module")
+def used_flash(program: Path, f405: Path, tmp_path_factory: Any) -> bytes:
+    """Flash behind a first start, so that further ones erase nothing."""
+    path = tmp_path_factory.mktemp("flash") / "flash"
+    subprocess.run(
+        [f405, "--image", program, "--fast", "--seconds", "3", "--eeprom", path],
+        check=True,
+        capture_output=True,
+    )
+    return path.read_bytes()
+
+
+@pytest.fixture
+def board(program: Path, f405: Path, used_flash: bytes, tmp_path: Path) -> Board:
+    def run(
+        *sent: tuple[int, str],
+        seconds: float = 1.0,
+        faults: list[dict[str, Any]] | None = None,
+        options: tuple[str, ...] = (),
+        flash: Path | None = None,
+    ) -> Run:
+        """Sends letters at their times, in milliseconds."""
+        record, summary = tmp_path / "record", tmp_path / "summary"
+        (tmp_path / "faults").write_text(json.dumps(faults or []), encoding="ascii")
+        if flash is None:
+            flash = tmp_path / "flash"
+            flash.write_bytes(used_flash)
+        command: list[str | Path] = [
+            *(f405, "--image", program, "--record", record, "--summary", summary),
+            *("--fast", "--seconds", str(seconds), "--faults", tmp_path / "faults"),
+            *("--eeprom", flash, *options),
+        ]
+        for at_ms, letters in sent:
+            command += ["--send", f"{at_ms * 1000}:{letters.encode().hex()}"]
+        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        told = json.loads(summary.read_text(encoding="ascii"))
+        assert told["firmware_complaint"] is None
+        return Run(
+            record.read_text(encoding="ascii", errors="replace").splitlines(), told
+        )
+
+    return run
+
+
+def starts(run: Run) -> list[str]:
+    return [cause for (cause,) in run.words("start")]
+
+
+def test_power_is_told_as_the_cause_of_the_first_start(board: Board) -> None:
+    run = board(seconds=0.1)
+    assert starts(run) == [POWER_ON]
+
+
+@pytest.mark.parametrize(
+    ("kind", "cause"), [("reset", EXTERNAL), ("brown_out", BROWN_OUT)]
+)
+def test_a_reset_from_outside_is_told_by_its_kind(
+    board: Board, kind: str, cause: str
+) -> None:
+    run = board(seconds=0.5, faults=[{"kind": kind, "at_us": 200000}])
+    assert starts(run) == [POWER_ON, cause]
+
+
+@pytest.mark.parametrize("letter", ["H", "D"])
+def test_the_watchdogs_end_a_hang_with_and_without_interrupts(
+    board: Board, letter: str
+) -> None:
+    run = board((100, letter), (1150, "r"), seconds=1.2)
+    assert starts(run) == [POWER_ON, WATCHDOG]
+    assert run.words("read")[0][0] == "0"
+
+
+@pytest.mark.parametrize("letter", ["F", "Z", "I"])
+def test_a_fault_is_told_at_the_next_start(board: Board, letter: str) -> None:
+    run = board((100, letter), (200, "r"), seconds=0.3)
+    assert starts(run) == [POWER_ON, HARD_FAULT]
+    assert run.words("read")[0][0] == "0"
+
+
+def test_a_software_reset_is_told_from_the_watchdogs(board: Board) -> None:
+    run = board((100, "R"), (150, "r"), (200, "H"), seconds=0.6)
+    assert starts(run) == [POWER_ON, SOFTWARE, WATCHDOG]
+    assert run.words("read")[0][0] == "0"
+
+
+def test_registers_are_read_one_two_three_and_four_at_a_time(board: Board) -> None:
+    run = board((100, "ur234"), seconds=0.2)
+    assert run.numbers("set up") == [[OK, OK]]
+    assert [words[:2] for words in run.words("read")] == [
+        ["0", "d4"],
+        ["0", "8f20"],
+        ["0", "8f2000"],
+        ["0", "8f200000"],
+    ]
+    # One byte is three and a half on the wire, at 400 kHz.
+    assert 80 <= int(run.words("read")[0][2]) <= 110
+
+
+def test_an_absent_device_is_a_nack(board: Board) -> None:
+    run = board((100, "nr"), seconds=0.2)
+    assert [words[0] for words in run.words("read")] == ["-1", "0"]
+
+
+@pytest.mark.parametrize("byte", range(4))
+def test_a_held_sda_is_reported_in_time_and_freed_by_clocks(
+    board: Board, byte: int
+) -> None:
+    fault = {"kind": "stuck_sda", "transaction": 1, "byte": byte, "clocks": 7}
+    run = board((100, "rvr"), seconds=0.2, faults=[fault])
+    reads = run.words("read")
+    assert int(reads[0][0]) in (STUCK, TIMEOUT)
+    assert int(reads[0][-1]) < BOUND_US
+    assert run.numbers("recover")[0][0] == OK
+    assert reads[1][0] == "0"
+
+
+def test_an_sda_held_for_ever_is_reported_in_time_by_all(board: Board) -> None:
+    run = board(
+        (100, "rvr"), seconds=0.2, faults=[{"kind": "stuck_sda", "at_us": 50000}]
+    )
+    results = run.words("read") + run.words("recover")
+    assert [words[0] for words in results] == ["-3"] * 3
+    assert all(int(words[-1]) < BOUND_US for words in results)
+
+
+def test_samples_are_stamped_at_their_edges_and_none_is_stale(board: Board) -> None:
+    run = board((100, "us" + "o" * 40), seconds=0.5)
+    samples = run.words("sample")
+    times = [int(words[1]) for words in samples]
+    assert len(times) == 40
+    # 380 Hz; the model's clock is off by a few hundred ppm, its stamp by 1 us.
+    assert all(2600 <= b - a <= 2660 for a, b in itertools.pairwise(times))
+    assert all(bytes.fromhex(words[0])[0] & 0x08 for words in samples), "ZYXDA"
+    assert [int(words[2]) for words in samples] == [0] * 40
+    ready = [int(words[3]) for words in samples]
+    assert ready == list(range(ready[0], ready[0] + 40))
+
+
+@pytest.mark.parametrize(
+    ("letter", "at", "expected"),
+    [("<", 0, "498f20"), (">", 6, "8f200049"), ("=", 6, "8f20")],
+)
+def test_bursts_of_one_two_and_three_bytes_follow_each_other(
+    board: Board, letter: str, at: int, expected: str
+) -> None:
+    run = board((100, "u" + letter + "ooooo"), seconds=0.3)
+    samples = run.words("sample")
+    assert len(samples) == 5
+    for words in samples:
+        assert words[0][2 * at : 2 * at + len(expected)] == expected
+        assert words[2] == "0"
+
+
+def test_every_edge_is_taken_or_counted_as_missed(board: Board) -> None:
+    run = board((100, "uswtwto"), seconds=0.5)
+    took = run.numbers("took")
+    missed, ready = run.numbers("sample")[0][-2:]
+    # The line stays high while nobody reads: there are no more edges than readings,
+    # but for the one whose reading came too late.
+    assert [taken for taken, *_ in took] == [8, 8]
+    assert sum(t + m for t, m, *_ in took) + 1 + missed == ready
+
+
+def test_samples_that_a_stop_leaves_behind_are_counted_as_missed(board: Board) -> None:
+    run = board((100, "uswpswto"), seconds=0.5)
+    ((taken, before, *_),) = run.numbers("took")
+    missed, ready = run.numbers("sample")[0][-2:]
+    assert taken == 8
+    assert before >= 8
+    assert taken + before + 1 + missed == ready
+
+
+@pytest.mark.parametrize(
+    ("fault", "failures"),
+    [
+        ({"kind": "nack"}, {NACK}),
+        ({"kind": "nack", "byte": 1}, {NACK}),
+        ({"kind": "stuck_sda", "clocks": 9}, {STUCK, TIMEOUT}),
+        ({"kind": "stuck_sda", "byte": 6, "clocks": 9}, {STUCK, TIMEOUT}),
+    ],
+)
+def test_a_failed_burst_is_reported_once_and_sampling_goes_on_after_recovery(
+    board: Board, fault: dict[str, Any], failures: set[int]
+) -> None:
+    run = board((100, "uswttpvso"), seconds=0.5, faults=[fault | {"transaction": 4}])
+    first, second = run.numbers("took")
+    assert first[-2] == -1
+    assert first[-1] in failures
+    assert second[-2] == 1
+    assert run.numbers("recover")[0][0] == OK
+    assert len(run.words("sample")) == 1
+
+
+def test_a_misplaced_start_fails_its_burst(board: Board) -> None:
+    # Somewhere in a period of 2.6 ms there is a reading of 0.75.
+    glitches = [{"kind": "glitch", "at_us": 112000 + 90 * n} for n in range(30)]
+    run = board((100, "us"), (117, "t"), (118, "tpvs"), seconds=0.2, faults=glitches)
+    first, second = run.numbers("took")
+    assert first[0] + second[0] >= 1
+    assert [STUCK] in ([first[-1]], [second[-1]])
+    assert run.numbers("recover")[0][0] == OK
+
+
+def test_a_send_takes_all_or_nothing_and_idle_means_gone(board: Board) -> None:
+    run = board((100, "f"), seconds=0.3)
+    assert "-" + "." * 2000 in run.lines
+    assert "sent 1 8 0 0" in run.lines
+
+
+def test_bytes_beyond_the_1024_that_wait_are_lost_and_counted(board: Board) -> None:
+    run = board((100, "w" + "b" * 1100 + "l"), seconds=0.5)
+    lost = run.numbers("lost")
+    assert lost == [[1102 - 1 - 1024]]
+
+
+def test_what_is_stored_is_there_after_a_power_cut(
+    board: Board, used_flash: bytes, tmp_path: Path
+) -> None:
+    flash = tmp_path / "kept"
+    flash.write_bytes(used_flash)
+    ((differences, untouched, longest),) = board(
+        (100, "e"), seconds=0.2, flash=flash
+    ).numbers("stored")
+    assert (differences, untouched) == (0, 0xFF)
+    assert longest < 200
+    assert board((100, "k"), seconds=0.2, flash=flash).numbers("holds") == [
+        [100 * 7 % 256, 119 * 7 % 256]
+    ]
+
+
+def test_every_filter_gives_the_bits_of_the_host_with_and_without_the_fpu(
+    board: Board,
+) -> None:
+    _, lib = native.load(["tests/stm32/bits.c"], ["tests/stm32/bits.h"])
+    digests = []
+    for kind in range(lib.FILTER_FUSE, lib.FILTER_DCM_PI + 1):
+        lib.bits_begin(kind)
+        for _ in range(3000):
+            lib.bits_step()
+        digests.append([f"{lib.bits_digest():08x}"])
+    assert len(set(map(tuple, digests))) == 5, "each filter has its own"
+    assert board((100, "h"), seconds=3).words("digest") == digests
+
+
+def test_the_id_is_one_and_the_same_at_each_start(board: Board) -> None:
+    ids = [board((100, "i"), seconds=0.2).words("id")[0] for _ in range(2)]
+    assert ids[0] == ids[1]
+    assert ids[0][0] == "1"
+    assert set(ids[0][1]) != {"0"}
+
+
+def test_the_supply_is_known_from_the_third_look_on(board: Board) -> None:
+    run = board((100, "m"), (110, "m"), (120, "m"), seconds=0.2)
+    (first,), (second,), (third,) = run.numbers("supply")
+    assert first == 0
+    assert second == 0
+    assert abs(third - 3300) < 30
+
+
+def test_the_clock_neither_stops_nor_jumps(board: Board) -> None:
+    ((longest,),) = board((100, "c"), seconds=0.5).numbers("clock")
+    assert longest < 10
+
+
+def test_the_free_stack_agrees_with_the_emulators_own_count(board: Board) -> None:
+    run = board((100, "dd"), seconds=0.2)
+    (before, after), (again, _) = run.numbers("stack")
+    assert before - 680 <= after < before - 400
+    assert again == after
+    assert abs(8192 - run.summary["stack_max"] - after) <= 8
+
+
+def test_the_button_is_down_while_it_is_pressed(board: Board) -> None:
+    run = board(
+        *((ms, "b") for ms in (100, 200, 300)),
+        seconds=0.4,
+        options=("--press", "150000:250000"),
+    )
+    assert run.numbers("button") == [[0], [1], [0]]
+
+
+def test_a_crystal_that_never_starts_changes_no_rate(board: Board) -> None:
+    dead = {"kind": "crystal", "at_us": 0}
+    run = board((200, "ur"), seconds=0.4, faults=[dead])
+    assert starts(run) == [POWER_ON]
+    assert run.words("read")[0][:2] == ["0", "d4"]
+
+
+def test_a_crystal_that_dies_costs_a_moment(board: Board) -> None:
+    dead = {"kind": "crystal", "at_us": 150000}
+    run = board((100, "us" + "o" * 60), (400, "r"), seconds=0.6, faults=[dead])
+    assert starts(run) == [POWER_ON]
+    times = [int(words[1]) for words in run.words("sample") if len(words) == 4]
+    assert len(times) >= 58
+    steps = [b - a for a, b in itertools.pairwise(times)]
+    assert sum(not 2600 <= step <= 2660 for step in steps) <= 2
