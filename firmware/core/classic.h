@@ -28,8 +28,8 @@ void classic_set_bias(struct classic *classic, const struct vector *bias_rad_s_q
 void classic_step(struct classic *classic, const struct measurement *measurement,
                   uint32_t interval_us);
 
-// At rest and disturbed are never told; heading is free where no field has come for 1
-// s.
+// At rest and disturbed are never told; heading is free where no field has come for a
+// second.
 void classic_quality(const struct classic *classic, struct attitude_quality *out);
 
 // True until a force has told the vertical, and for each field until one has told

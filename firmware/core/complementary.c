@@ -68,9 +68,8 @@ static q7_25_t slope(int32_t across, int32_t one, int32_t other) {
 }
 
 // Equations 7.4 and 7.5, as measured + alpha (predicted - measured). The turn of a
-// sample is at most 2.1 rad, 42 rad/s for 50 ms, so that |angle| stays below 0.9 (2.1 +
-// |angle|)
-// + 0.16, which is 21.
+// sample is at most 2.1 rad, 42 rad/s for 50 ms, so that |angle| stays below 21, where
+// 0.9 (2.1 + |angle|) + 0.16 is no more than itself.
 static q7_25_t complement(q7_25_t angle, q7_25_t turn, q7_25_t measured) {
     return measured + fixed_mul_q30(angle + turn - measured, ALPHA_Q30);
 }

@@ -729,7 +729,7 @@ void fuse_step(struct fuse *fuse, const struct measurement *measurement,
     if (measurement->gyr_clipped && fuse->clipped < UINT8_MAX) {
         ++fuse->clipped;
     }
-    if (interval_us > UINT32_C(60000) && !is_first) {
+    if (interval_us > (uint32_t)STEP_MAX_US * STEPS_MAX && !is_first) {
         fuse->clipped = CLIPPED_LOST;
     }
     if (measurement->acc_clipped || fuse->clipped > 0) {
