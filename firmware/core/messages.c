@@ -141,6 +141,7 @@ static layout HELLO[] = {
     FIELD(16, 1, 2),  // boot_count
     FIELD(17, 1, 1),  // reset_cause
     FIELD(18, 1, 1),  // filter
+    FIELD(19, 1, 4),  // reset_address
     0,
 };
 
@@ -247,6 +248,35 @@ enum message_result message_status_decode(const uint8_t *content, uint8_t length
                                           struct message_header *header,
                                           struct message_status *out) {
     return decode(STATUS, content, length, MESSAGE_STATUS_SIZE, header, out);
+}
+
+static layout EQUIPMENT[] = {
+    MESSAGE_EQUIPMENT,
+    FIELD(100, 1, 1),  // clock
+    FIELD(101, 1, 2),  // battery
+    FIELD(102, 1, 1),  // power
+    FIELD(103, 1, 1),  // radio
+    FIELD(104, 1, 2),  // radio_resets
+    FIELD(105, 1, 1),  // card
+    FIELD(106, 1, 4),  // card_block
+    FIELD(107, 1, 4),  // card_blocks
+    FIELD(108, 1, 2),  // card_faults
+    FIELD(109, 1, 2),  // card_busy
+    FIELD(110, 1, 2),  // recording
+    FIELD(111, 1, 4),  // messages_logged
+    FIELD(112, 1, 4),  // messages_unlogged
+    0,
+};
+
+uint8_t message_equipment_encode(const struct message_equipment *message,
+                                 uint32_t sequence, uint32_t time_us, uint8_t *content) {
+    return encode(EQUIPMENT, message, sequence, time_us, content);
+}
+
+enum message_result message_equipment_decode(const uint8_t *content, uint8_t length,
+                                             struct message_header *header,
+                                             struct message_equipment *out) {
+    return decode(EQUIPMENT, content, length, MESSAGE_EQUIPMENT_SIZE, header, out);
 }
 
 static layout COMMAND[] = {

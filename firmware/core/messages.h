@@ -6,12 +6,12 @@
 
 #include <stdint.h>
 
-#define SCHEMA_FINGERPRINT 0x3812759cu
-#define SCHEMA_SEED 0x759cu  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0xe039f11eu
+#define SCHEMA_SEED 0xf11eu  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,
-    MESSAGE_CONTENT_MAX = 86,  // the longest message
+    MESSAGE_CONTENT_MAX = 91,  // the longest message
 };
 
 enum message_id {
@@ -20,17 +20,19 @@ enum message_id {
     MESSAGE_POSE = 0x06,
     MESSAGE_EVENT = 0x09,
     MESSAGE_STATUS = 0x0a,
+    MESSAGE_EQUIPMENT = 0x11,
     MESSAGE_COMMAND = 0x0c,
     MESSAGE_REPLY = 0x0f,
 };
 
 // Bytes of content.
 enum {
-    MESSAGE_HELLO_SIZE = 86,
+    MESSAGE_HELLO_SIZE = 91,
     MESSAGE_RAW_SIZE = 35,
     MESSAGE_POSE_SIZE = 55,
     MESSAGE_EVENT_SIZE = 18,
     MESSAGE_STATUS_SIZE = 74,
+    MESSAGE_EQUIPMENT_SIZE = 52,
     MESSAGE_COMMAND_SIZE = 23,
     MESSAGE_REPLY_SIZE = 25,
 };
@@ -69,6 +71,17 @@ enum event {
     EVENT_TARED = 12,
     EVENT_SETTINGS_FAILED = 13,
     EVENT_RESTARTED = 14,
+    EVENT_CLOCK_FAILED = 15,
+    EVENT_CARD_READY = 16,
+    EVENT_CARD_FAULT = 17,
+    EVENT_CARD_FULL = 18,
+    EVENT_LOG_STARTED = 19,
+    EVENT_LOG_ENDED = 20,
+    EVENT_BATTERY_LOW = 21,
+    EVENT_GOING_TO_SLEEP = 22,
+    EVENT_RADIO_CONNECTED = 23,
+    EVENT_RADIO_DROPPED = 24,
+    EVENT_RADIO_FAULT = 25,
 };
 
 enum cause {
@@ -84,6 +97,39 @@ enum cause {
     CAUSE_MOTION = 9,
     CAUSE_LATE = 10,
     CAUSE_SELF_TEST = 11,
+    CAUSE_CRYSTAL = 12,
+    CAUSE_ABSENT = 13,
+    CAUSE_UNPREPARED = 14,
+    CAUSE_REJECTED = 15,
+    CAUSE_WORN = 16,
+    CAUSE_FULL = 17,
+    CAUSE_BATTERY = 18,
+};
+
+enum clock {
+    CLOCK_NONE = 0,
+    CLOCK_CRYSTAL = 1,
+    CLOCK_SPARE = 2,
+};
+
+enum radio {
+    RADIO_NONE = 0,
+    RADIO_CABLE = 1,
+    RADIO_CONFIGURING = 2,
+    RADIO_WAITING = 3,
+    RADIO_CONNECTED = 4,
+    RADIO_FAILED = 5,
+};
+
+enum card {
+    CARD_NONE = 0,
+    CARD_ABSENT = 1,
+    CARD_STARTING = 2,
+    CARD_UNPREPARED = 3,
+    CARD_READY = 4,
+    CARD_LOGGING = 5,
+    CARD_FULL = 6,
+    CARD_FAILED = 7,
 };
 
 enum command {
@@ -151,6 +197,12 @@ enum {
 };
 
 enum {
+    POWER_EXTERNAL = 1u << 0,
+    POWER_CHARGING = 1u << 1,
+    POWER_LOW = 1u << 2,
+};
+
+enum {
     STREAM_POSE = 1u << 0,
     STREAM_RAW = 1u << 1,
 };
@@ -164,6 +216,7 @@ enum {
 #define POSE_HEADING_SIGMA_NULL UINT16_MAX
 #define STATUS_STACK_FREE_NULL UINT16_MAX
 #define STATUS_SUPPLY_NULL UINT16_MAX
+#define EQUIPMENT_BATTERY_NULL UINT16_MAX
 
 enum message_result {
     MESSAGE_OK = 0,
@@ -203,6 +256,7 @@ struct message_hello {
     uint16_t boot_count;
     uint8_t reset_cause;  // RESET_CAUSE_ flags
     uint8_t filter;       // enum filter
+    uint32_t reset_address;
 };
 
 uint8_t message_hello_encode(const struct message_hello *message, uint32_t sequence,
@@ -276,6 +330,28 @@ uint8_t message_status_encode(const struct message_status *message, uint32_t seq
 enum message_result message_status_decode(const uint8_t *content, uint8_t length,
                                           struct message_header *header,
                                           struct message_status *out);
+
+struct message_equipment {
+    uint8_t clock;     // enum clock
+    uint16_t battery;  // mV
+    uint8_t power;     // POWER_ flags
+    uint8_t radio;     // enum radio
+    uint16_t radio_resets;
+    uint8_t card;  // enum card
+    uint32_t card_block;
+    uint32_t card_blocks;
+    uint16_t card_faults;
+    uint16_t card_busy;  // ms
+    uint16_t recording;
+    uint32_t messages_logged;
+    uint32_t messages_unlogged;
+};
+
+uint8_t message_equipment_encode(const struct message_equipment *message,
+                                 uint32_t sequence, uint32_t time_us, uint8_t *content);
+enum message_result message_equipment_decode(const uint8_t *content, uint8_t length,
+                                             struct message_header *header,
+                                             struct message_equipment *out);
 
 struct message_command {
     uint8_t command;  // enum command

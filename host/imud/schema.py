@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0x3812759C
-SEED = 0x759C  # of the CRC of all messages but hello
+FINGERPRINT = 0xE039F11E
+SEED = 0xF11E  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -51,6 +51,17 @@ class Event(IntEnum):
     TARED = 12
     SETTINGS_FAILED = 13
     RESTARTED = 14
+    CLOCK_FAILED = 15
+    CARD_READY = 16
+    CARD_FAULT = 17
+    CARD_FULL = 18
+    LOG_STARTED = 19
+    LOG_ENDED = 20
+    BATTERY_LOW = 21
+    GOING_TO_SLEEP = 22
+    RADIO_CONNECTED = 23
+    RADIO_DROPPED = 24
+    RADIO_FAULT = 25
 
 
 class Cause(IntEnum):
@@ -66,6 +77,39 @@ class Cause(IntEnum):
     MOTION = 9
     LATE = 10
     SELF_TEST = 11
+    CRYSTAL = 12
+    ABSENT = 13
+    UNPREPARED = 14
+    REJECTED = 15
+    WORN = 16
+    FULL = 17
+    BATTERY = 18
+
+
+class Clock(IntEnum):
+    NONE = 0
+    CRYSTAL = 1
+    SPARE = 2
+
+
+class Radio(IntEnum):
+    NONE = 0
+    CABLE = 1
+    CONFIGURING = 2
+    WAITING = 3
+    CONNECTED = 4
+    FAILED = 5
+
+
+class Card(IntEnum):
+    NONE = 0
+    ABSENT = 1
+    STARTING = 2
+    UNPREPARED = 3
+    READY = 4
+    LOGGING = 5
+    FULL = 6
+    FAILED = 7
 
 
 class Command(IntEnum):
@@ -130,6 +174,12 @@ class PoseFlags(IntFlag):
     HEADING_FREE = 1 << 6
     GAP = 1 << 7
     TARED = 1 << 8
+
+
+class PowerFlags(IntFlag):
+    EXTERNAL = 1 << 0
+    CHARGING = 1 << 1
+    LOW = 1 << 2
 
 
 class StreamFlags(IntFlag):
@@ -207,6 +257,7 @@ MESSAGES = (
             Field("boot_count", 16, "u16"),
             Field("reset_cause", 17, "u8", flags=ResetCauseFlags),
             Field("filter", 18, "u8", enum=Filter),
+            Field("reset_address", 19, "u32", format="hex"),
         ),
     ),
     MessageType(
@@ -265,6 +316,26 @@ MESSAGES = (
             Field("cycles_worst", 63, "u32"),
             Field("stack_free", 64, "u16", unit="bytes", null=65535),
             Field("supply", 65, "u16", unit="mV", null=65535),
+        ),
+    ),
+    MessageType(
+        "equipment",
+        0x11,
+        "probe",
+        (
+            Field("clock", 100, "u8", enum=Clock),
+            Field("battery", 101, "u16", unit="mV", null=65535),
+            Field("power", 102, "u8", flags=PowerFlags),
+            Field("radio", 103, "u8", enum=Radio),
+            Field("radio_resets", 104, "u16"),
+            Field("card", 105, "u8", enum=Card),
+            Field("card_block", 106, "u32"),
+            Field("card_blocks", 107, "u32"),
+            Field("card_faults", 108, "u16"),
+            Field("card_busy", 109, "u16", unit="ms"),
+            Field("recording", 110, "u16"),
+            Field("messages_logged", 111, "u32"),
+            Field("messages_unlogged", 112, "u32"),
         ),
     ),
     MessageType(

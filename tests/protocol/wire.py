@@ -36,7 +36,10 @@ RESULTS = {
 }
 IDS = {
     name: getattr(lib, f"MESSAGE_{name.upper()}")
-    for name in ("hello", "raw", "pose", "event", "status", "command", "reply")
+    for name in (
+        *("hello", "raw", "pose", "event"),
+        *("status", "equipment", "command", "reply"),
+    )
 }
 
 # What stands behind a buffer that the C must not touch.
