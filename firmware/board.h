@@ -8,6 +8,7 @@
 #include <stdint.h>
 
 #include "core/bus.h"
+#include "core/probe.h"
 #include "core/sensor.h"
 #include "core/settings.h"
 
@@ -34,6 +35,8 @@ uint32_t board_time_us(void);
 // and processor cycles a microsecond.
 uint8_t board_kind(void);
 uint8_t board_reset_cause(void);
+// Where the program was when it came to grief before this start, or 0.
+uint32_t board_reset_address(void);
 uint8_t board_cycles_per_us(void);
 
 // Fills an id that the silicon is born with and returns true, or returns false.
@@ -75,6 +78,22 @@ const struct settings_storage *board_storage(void);
 // Supply in mV, 0 where it can't be known. Bytes of stack never used yet.
 uint16_t board_supply_mv(void);
 uint16_t board_stack_free(void);
+
+// What the board has beside sensor, wire and button; nothing in a build with
+// PROBE_WIRE_ONLY. `begin` says so to the probe, `step` is for each turn of the main
+// loop.
+#ifdef PROBE_WIRE_ONLY
+static inline void board_extras_begin(struct probe_port *port) {
+    (void)port;
+}
+static inline void board_extras_step(struct probe *probe, uint32_t now_us) {
+    (void)probe;
+    (void)now_us;
+}
+#else
+void board_extras_begin(struct probe_port *port);
+void board_extras_step(struct probe *probe, uint32_t now_us);
+#endif
 
 void board_watchdog_kick(void);
 // Sleeps until an interrupt, unless one has brought work since the last call.

@@ -198,11 +198,13 @@ __attribute__((noinline)) static void begin(uint32_t now_us) {
         .entropy = board_entropy,
     };
     port.storage = board_storage();
+    board_extras_begin(&port);
     uint8_t id[8];
     const bool has_id = board_unique_id(id);
     const struct probe_board board = {
         .kind = board_kind(),
         .reset_cause = board_reset_cause(),
+        .reset_address = board_reset_address(),
         .firmware = FIRMWARE_BUILD,
         .unique_id = has_id ? id : NULL,
     };
@@ -226,6 +228,7 @@ int main(void) {
             probe_step(&probe, board_button_is_down(), now_us);
             board_led_set(probe_led(&probe, now_us));
         }
+        board_extras_step(&probe, now_us);
         if (worked) {
             probe_worked(&probe, (board_time_us() - now_us) * board_cycles_per_us());
         }

@@ -36,6 +36,11 @@ uint8_t board_reset_cause(void) {
     return cause;
 }
 
+// Its watchdog resets and leaves no trace.
+uint32_t board_reset_address(void) {
+    return 0;
+}
+
 void board_watchdog_kick(void) {
     wdt_reset();
 }

@@ -117,7 +117,7 @@ void gyro_calibrator_begin(struct gyro_calibrator *calibrator) {
 
 // In units of 2^10 nano (of rad/s or m/s2) a check is a product of 16 bits each.
 #define SPAN_MAX UINT32_C(51133)   // 3 deg/s
-#define BIAS_MAX UINT32_C(340885)  // 20 deg/s
+#define BIAS_MAX UINT32_C(681770)  // 40 deg/s
 #define TURN_MAX UINT32_C(83571)   // 0.5 deg of 1 g
 
 // Not inline: three copies would take 60 bytes more of the AVR's flash.

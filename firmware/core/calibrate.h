@@ -74,9 +74,10 @@ struct gyro_calibrator {
 void gyro_calibrator_begin(struct gyro_calibrator *calibrator);
 
 // Takes a sample. DONE writes the mean counts; MOVED says that the probe is not at
-// rest: a rate spans more than 3 deg/s peak to peak (5 times what the chip's noise
-// gives in a window), or exceeds 20 deg/s, or the vertical turns by more than half a
-// degree between the halves of the window.
+// rest: a rate spans more than 3 deg/s peak to peak (5 times what the MPU-9250's noise
+// gives in a window), or exceeds 40 deg/s (the LSM9DS0 has a zero rate of +-25 as it
+// comes, data sheet table 3, "TyOff"), or the vertical turns by more than half a degree
+// between the halves of the window.
 enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
                                             const struct sample *sample,
                                             const struct sensor_identity *identity,

@@ -11,22 +11,34 @@ enum {
 };
 
 #define SECOND_US UINT32_C(1000000)
-#define HELLO_PHASE_US                                                                 \
-    UINT32_C(500000)  // half a second from status: never both at once
+// The messages of each second are apart: never two at once.
+#define EQUIPMENT_PHASE_US UINT32_C(250000)
+#define HELLO_PHASE_US UINT32_C(500000)
 #define REFUSAL_PERIOD_US UINT32_C(5000000)
 
 // Milliseconds of two seconds as a fraction of 2^16, floored.
 #define PHASE_MS(ms) ((uint16_t)(UINT32_C(65536) * (ms) / 2000))
 
+// A build for a board without a card, or anything else beside sensor, wire and button.
+#ifdef PROBE_WIRE_ONLY
+enum { IS_WIRE_ONLY = true };
+#else
+enum { IS_WIRE_ONLY = false };
+#endif
+
 // Each message's buffers are on the stack only while it is made, not all at once.
 #define NOINLINE __attribute__((noinline))
 
-// Frames the content at bytes + 1, in place, and hands it to the wire. The sequence
-// number is spent either way, so that a message which found no room leaves a visible
-// hole.
-static void send(struct probe *probe, uint8_t *bytes, uint8_t length) {
+// Frames the content at bytes + 1, in place; the frame's length.
+static uint8_t frame(uint8_t *bytes, uint8_t length) {
     const uint16_t seed = bytes[1] == MESSAGE_HELLO ? FRAME_HELLO_SEED : SCHEMA_SEED;
-    const uint8_t size = frame_encode(seed, bytes, length);
+    return frame_encode(seed, bytes, length);
+}
+
+// Hands the content at bytes + 1 to the wire. The sequence number is spent either way,
+// so that a message which found no room leaves a visible hole.
+static void send(struct probe *probe, uint8_t *bytes, uint8_t length) {
+    const uint8_t size = frame(bytes, length);
     ++probe->sequence;
     if (probe->port->send(bytes, size)) {
         ++probe->status.messages_sent;
@@ -35,12 +47,36 @@ static void send(struct probe *probe, uint8_t *bytes, uint8_t length) {
     }
 }
 
-NOINLINE static void send_event(struct probe *probe, enum event event, enum cause cause,
-                                int32_t detail, uint32_t now_us) {
+// The log that is kept at present, or NULL.
+static struct probe_log *log_of(const struct probe *probe) {
+    if (IS_WIRE_ONLY || probe->port->log == NULL || !probe->port->log->is_on) {
+        return NULL;
+    }
+    return probe->port->log;
+}
+
+// The same as send().
+static void keep(struct probe_log *log, uint8_t *bytes, uint8_t length) {
+    const uint8_t size = frame(bytes, length);
+    ++log->sequence;
+    if (log->keep(bytes, size)) {
+        ++log->kept;
+    } else {
+        ++log->dropped;
+    }
+}
+
+NOINLINE void probe_tell(struct probe *probe, enum event event, enum cause cause,
+                         int32_t detail, uint32_t now_us) {
     uint8_t bytes[MESSAGE_EVENT_SIZE + FRAME_AROUND];
     const struct message_event message = {(uint8_t)event, (uint8_t)cause, detail};
     send(probe, bytes,
          message_event_encode(&message, probe->sequence, now_us, bytes + 1));
+    struct probe_log *const log = log_of(probe);
+    if (log != NULL) {
+        keep(log, bytes,
+             message_event_encode(&message, log->sequence, now_us, bytes + 1));
+    }
 }
 
 // What fuses, or will once there is a sensor: an enum filter.
@@ -49,10 +85,9 @@ static uint8_t filter_of(const struct probe *probe) {
                                              : ATTITUDE_DEFAULT);
 }
 
-NOINLINE static void send_hello(struct probe *probe, uint32_t now_us) {
-    uint8_t bytes[MESSAGE_HELLO_SIZE + FRAME_AROUND];
+static void make_hello(const struct probe *probe, struct message_hello *out) {
     const struct sensor_identity *identity = probe->identity;
-    struct message_hello message = {
+    *out = (struct message_hello){
         .protocol_version = PROTOCOL_VERSION,
         .schema_fingerprint = SCHEMA_FINGERPRINT,
         .board = probe->board.kind,
@@ -61,23 +96,42 @@ NOINLINE static void send_hello(struct probe *probe, uint32_t now_us) {
         .boot_count = probe->settings.boot_count,
         .reset_cause = probe->board.reset_cause,
         .filter = filter_of(probe),
+        .reset_address = probe->board.reset_address,
     };
-    for (uint8_t i = 0; i < sizeof message.firmware && probe->board.firmware[i]; ++i) {
-        message.firmware[i] = probe->board.firmware[i];
+    for (uint8_t i = 0; i < sizeof out->firmware && probe->board.firmware[i]; ++i) {
+        out->firmware[i] = probe->board.firmware[i];
     }
-    memcpy(message.probe_id, probe->settings.probe_id, sizeof message.probe_id);
+    memcpy(out->probe_id, probe->settings.probe_id, sizeof out->probe_id);
     if (identity != NULL) {
-        message.sensor = identity->kind;
-        memcpy(message.who_am_i, identity->who_am_i, sizeof message.who_am_i);
-        memcpy(message.mag_adjust, identity->mag_adjust, sizeof message.mag_adjust);
-        message.self_test = identity->self_test;
-        message.sample_rate = identity->rate_hz;
-        message.acc_lsb = identity->acc_lsb_nm_s2;
-        message.gyr_lsb = identity->gyr_lsb_nrad_s;
-        message.mag_lsb = identity->mag_lsb_pt;
+        out->sensor = identity->kind;
+        memcpy(out->who_am_i, identity->who_am_i, sizeof out->who_am_i);
+        memcpy(out->mag_adjust, identity->mag_adjust, sizeof out->mag_adjust);
+        out->self_test = identity->self_test;
+        out->sample_rate = identity->rate_hz;
+        out->acc_lsb = identity->acc_lsb_nm_s2;
+        out->gyr_lsb = identity->gyr_lsb_nrad_s;
+        out->mag_lsb = identity->mag_lsb_pt;
     }
+}
+
+NOINLINE static void keep_hello(const struct probe *probe, struct probe_log *log,
+                                uint32_t now_us) {
+    uint8_t bytes[MESSAGE_HELLO_SIZE + FRAME_AROUND];
+    struct message_hello message;
+    make_hello(probe, &message);
+    keep(log, bytes, message_hello_encode(&message, log->sequence, now_us, bytes + 1));
+}
+
+NOINLINE void probe_say_hello(struct probe *probe, uint32_t now_us) {
+    uint8_t bytes[MESSAGE_HELLO_SIZE + FRAME_AROUND];
+    struct message_hello message;
+    make_hello(probe, &message);
     send(probe, bytes,
          message_hello_encode(&message, probe->sequence, now_us, bytes + 1));
+    struct probe_log *const log = log_of(probe);
+    if (log != NULL) {
+        keep_hello(probe, log, now_us);
+    }
 }
 
 NOINLINE static void send_status(struct probe *probe, uint32_t now_us) {
@@ -94,9 +148,31 @@ NOINLINE static void send_status(struct probe *probe, uint32_t now_us) {
         message_status_encode(status, probe->sequence, now_us, bytes + 1);
     --status->messages_sent;
     send(probe, bytes, length);
+    struct probe_log *const log = log_of(probe);
+    if (log != NULL) {
+        keep(log, bytes,
+             message_status_encode(status, log->sequence, now_us, bytes + 1));
+    }
     probe->samples = 0;
     probe->cycles_sum = 0;
     status->cycles_worst = 0;
+}
+
+NOINLINE static void send_equipment(struct probe *probe, uint32_t now_us) {
+    uint8_t bytes[MESSAGE_EQUIPMENT_SIZE + FRAME_AROUND];
+    struct message_equipment message = {.battery = EQUIPMENT_BATTERY_NULL};
+    probe->port->equipment(&message);
+    if (probe->port->log != NULL) {
+        message.messages_logged = probe->port->log->kept;
+        message.messages_unlogged = probe->port->log->dropped;
+    }
+    send(probe, bytes,
+         message_equipment_encode(&message, probe->sequence, now_us, bytes + 1));
+    struct probe_log *const log = log_of(probe);
+    if (log != NULL) {
+        keep(log, bytes,
+             message_equipment_encode(&message, log->sequence, now_us, bytes + 1));
+    }
 }
 
 static void make_id(struct probe *probe) {
@@ -134,9 +210,9 @@ void probe_begin(struct probe *probe, const struct probe_port *port,
     }
     ++probe->settings.boot_count;
     settings_save(&probe->writer);
-    send_hello(probe, now_us);
+    probe_say_hello(probe, now_us);
     if (loaded != SETTINGS_OK) {
-        send_event(probe, EVENT_SETTINGS_RESTORED, CAUSE_BOOT, loaded, now_us);
+        probe_tell(probe, EVENT_SETTINGS_RESTORED, CAUSE_BOOT, loaded, now_us);
     }
 }
 
@@ -148,18 +224,18 @@ void probe_sensor_ready(struct probe *probe, const struct sensor_identity *ident
     }
     if (probe->is_faulty) {
         ++probe->status.bus_recoveries;
-        send_event(probe, EVENT_BUS_RECOVERED, CAUSE_NONE, probe->status.bus_recoveries,
+        probe_tell(probe, EVENT_BUS_RECOVERED, CAUSE_NONE, probe->status.bus_recoveries,
                    now_us);
     }
     probe->identity = identity;
     probe->is_faulty = false;
-    send_hello(probe, now_us);
+    probe_say_hello(probe, now_us);
 }
 
 void probe_sensor_failed(struct probe *probe, enum event event, enum cause cause,
                          int32_t detail, bool is_over, uint32_t now_us) {
     ++probe->status.bus_faults;
-    send_event(probe, event, cause, detail, now_us);
+    probe_tell(probe, event, cause, detail, now_us);
     if (is_over) {
         probe->is_faulty = true;
     }
@@ -167,12 +243,11 @@ void probe_sensor_failed(struct probe *probe, enum event event, enum cause cause
 
 void probe_overrun(struct probe *probe, uint16_t missed, uint32_t now_us) {
     probe->status.overruns += missed;
-    send_event(probe, EVENT_OVERRUN, CAUSE_LATE, missed, now_us);
+    probe_tell(probe, EVENT_OVERRUN, CAUSE_LATE, missed, now_us);
 }
 
-NOINLINE static void send_raw(struct probe *probe, const struct sample *sample) {
-    uint8_t bytes[MESSAGE_RAW_SIZE + FRAME_AROUND];
-    struct message_raw message = {
+static void make_raw(const struct sample *sample, struct message_raw *out) {
+    *out = (struct message_raw){
         .acc = {sample->acc.x, sample->acc.y, sample->acc.z},
         .gyr = {sample->gyr.x, sample->gyr.y, sample->gyr.z},
         .mag = {RAW_MAG_NULL, RAW_MAG_NULL, RAW_MAG_NULL},
@@ -183,12 +258,26 @@ NOINLINE static void send_raw(struct probe *probe, const struct sample *sample) 
                                   (sample->has_gap ? SAMPLE_GAP : 0)),
     };
     if (sample->has_mag) {
-        message.mag[0] = sample->mag.x;
-        message.mag[1] = sample->mag.y;
-        message.mag[2] = sample->mag.z;
+        out->mag[0] = sample->mag.x;
+        out->mag[1] = sample->mag.y;
+        out->mag[2] = sample->mag.z;
     }
+}
+
+NOINLINE static void send_raw(struct probe *probe, const struct sample *sample) {
+    uint8_t bytes[MESSAGE_RAW_SIZE + FRAME_AROUND];
+    struct message_raw message;
+    make_raw(sample, &message);
     send(probe, bytes,
          message_raw_encode(&message, probe->sequence, sample->time_us, bytes + 1));
+}
+
+NOINLINE static void keep_raw(struct probe_log *log, const struct sample *sample) {
+    uint8_t bytes[MESSAGE_RAW_SIZE + FRAME_AROUND];
+    struct message_raw message;
+    make_raw(sample, &message);
+    keep(log, bytes,
+         message_raw_encode(&message, log->sequence, sample->time_us, bytes + 1));
 }
 
 NOINLINE static void send_pose(struct probe *probe, const struct message_pose *message,
@@ -198,14 +287,41 @@ NOINLINE static void send_pose(struct probe *probe, const struct message_pose *m
          message_pose_encode(message, probe->sequence, time_us, bytes + 1));
 }
 
-NOINLINE static void read_and_send_pose(struct probe *probe, uint32_t time_us) {
+NOINLINE static void keep_pose(struct probe_log *log,
+                               const struct message_pose *message, uint32_t time_us) {
+    uint8_t bytes[MESSAGE_POSE_SIZE + FRAME_AROUND];
+    keep(log, bytes, message_pose_encode(message, log->sequence, time_us, bytes + 1));
+}
+
+// Reads the pose, for the log where one is kept and for the wire where it is due there.
+// What a pose says of all samples since the last one, each of the two has its own.
+NOINLINE static void read_pose(struct probe *probe, bool is_due, uint32_t time_us) {
+    struct probe_log *const log = log_of(probe);
+    if (!is_due && log == NULL) {
+        return;
+    }
     struct message_pose message;
     pose_read(&probe->tracker, &message);
+    if (log != NULL) {
+        keep_pose(log, &message, time_us);
+        log->unsent_flags |= message.pose_flags & (POSE_CLIPPED | POSE_GAP);
+    }
+    if (!is_due) {
+        return;
+    }
+    if (!IS_WIRE_ONLY && probe->port->log != NULL) {
+        message.pose_flags |= probe->port->log->unsent_flags;
+        probe->port->log->unsent_flags = 0;
+    }
     send_pose(probe, &message, time_us);
 }
 
-// True `rate_hz` times in `of_hz` calls, evenly.
+// True `rate_hz` times in `of_hz` calls, evenly; always where that is more. The setting
+// of a rate may come from before the sensor was known.
 static bool is_due(uint16_t *phase, uint16_t rate_hz, uint16_t of_hz) {
+    if (rate_hz >= of_hz) {
+        return true;
+    }
     *phase = (uint16_t)(*phase + rate_hz);
     if (*phase < of_hz) {
         return false;
@@ -220,14 +336,14 @@ void probe_sample(struct probe *probe, const struct sample *sample) {
     const enum pose_result result = pose_step(&probe->tracker, sample);
     ++probe->status.samples_fused;
     if (result == POSE_CALIBRATED) {
-        send_event(probe, EVENT_CALIBRATION_DONE, CAUSE_NONE, CALIBRATOR_SAMPLES,
+        probe_tell(probe, EVENT_CALIBRATION_DONE, CAUSE_NONE, CALIBRATOR_SAMPLES,
                    sample->time_us);
     } else if (result == POSE_MOVED &&
                (!probe->has_told_refusal ||
                 sample->time_us - probe->refused_us >= REFUSAL_PERIOD_US)) {
         probe->has_told_refusal = true;
         probe->refused_us = sample->time_us;
-        send_event(probe, EVENT_CALIBRATION_REFUSED, CAUSE_MOTION,
+        probe_tell(probe, EVENT_CALIBRATION_REFUSED, CAUSE_MOTION,
                    probe->tracker.calibrator.span_counts, sample->time_us);
     }
     // The phases run on while nothing streams, so that the instants of a rate's
@@ -237,14 +353,26 @@ void probe_sample(struct probe *probe, const struct sample *sample) {
     const bool pose_is_due =
         is_due(&probe->pose_phase, probe->settings.pose_rate_hz, rate_hz);
     probe->is_heavy = probe->is_streaming && pose_is_due && sample->has_mag;
-    if (!probe->is_streaming) {
-        return;
-    }
-    if (raw_is_due && (probe->settings.streams & STREAM_RAW) != 0) {
+    if (probe->is_streaming && raw_is_due &&
+        (probe->settings.streams & STREAM_RAW) != 0) {
         send_raw(probe, sample);
     }
-    if (pose_is_due && (probe->settings.streams & STREAM_POSE) != 0) {
-        read_and_send_pose(probe, sample->time_us);
+    struct probe_log *const log = log_of(probe);
+    if (log != NULL) {
+        keep_raw(log, sample);
+    }
+    read_pose(probe,
+              probe->is_streaming && pose_is_due &&
+                  (probe->settings.streams & STREAM_POSE) != 0,
+              sample->time_us);
+}
+
+void probe_log(struct probe *probe, bool is_on, uint32_t now_us) {
+    struct probe_log *const log = probe->port->log;
+    log->is_on = is_on;
+    if (is_on) {
+        log->sequence = 0;
+        keep_hello(probe, log, now_us);
     }
 }
 
@@ -262,7 +390,7 @@ static void set_streaming(struct probe *probe, bool is_streaming, enum cause cau
         return;
     }
     probe->is_streaming = is_streaming;
-    send_event(probe, is_streaming ? EVENT_STREAM_STARTED : EVENT_STREAM_STOPPED, cause,
+    probe_tell(probe, is_streaming ? EVENT_STREAM_STARTED : EVENT_STREAM_STOPPED, cause,
                0, now_us);
 }
 
@@ -302,7 +430,7 @@ static enum result set_origin(struct probe *probe, const int32_t value[2],
         return RESULT_NOT_READY;
     }
     pose_set_origin(&probe->tracker, (enum pose_origin)value[0]);
-    send_event(probe, EVENT_TARED, CAUSE_COMMAND, value[0], now_us);
+    probe_tell(probe, EVENT_TARED, CAUSE_COMMAND, value[0], now_us);
     return RESULT_OK;
 }
 
@@ -318,7 +446,7 @@ static enum result restart(struct probe *probe, int32_t value[2], uint32_t now_u
     (void)pose_begin(&probe->tracker, &probe->settings.calibration, probe->identity,
                      wanted);
     value[0] = wanted;
-    send_event(probe, EVENT_RESTARTED, CAUSE_COMMAND, wanted, now_us);
+    probe_tell(probe, EVENT_RESTARTED, CAUSE_COMMAND, wanted, now_us);
     return RESULT_OK;
 }
 
@@ -339,7 +467,7 @@ static enum result carry_out(struct probe *probe, const struct message_command *
     case COMMAND_FIELDS:
         return set_fields(probe, value);
     case COMMAND_HELLO:
-        send_hello(probe, now_us);
+        probe_say_hello(probe, now_us);
         return RESULT_OK;
     case COMMAND_TARE:
         return set_origin(probe, value, now_us);
@@ -393,10 +521,10 @@ void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us) {
 static void follow_button(struct probe *probe, bool is_down, uint32_t now_us) {
     switch (button_step(&probe->button, is_down, now_us)) {
     case BUTTON_PRESSED:
-        send_event(probe, EVENT_BUTTON_PRESSED, CAUSE_BUTTON, 0, now_us);
+        probe_tell(probe, EVENT_BUTTON_PRESSED, CAUSE_BUTTON, 0, now_us);
         break;
     case BUTTON_RELEASED:
-        send_event(probe, EVENT_BUTTON_RELEASED, CAUSE_BUTTON, 0, now_us);
+        probe_tell(probe, EVENT_BUTTON_RELEASED, CAUSE_BUTTON, 0, now_us);
         set_streaming(probe, !probe->is_streaming, CAUSE_BUTTON, now_us);
         break;
     default:
@@ -407,7 +535,7 @@ static void follow_button(struct probe *probe, bool is_down, uint32_t now_us) {
 static void save_settings(struct probe *probe, uint32_t now_us) {
     if (settings_step(&probe->writer, probe->port->storage, &probe->settings) ==
         SETTINGS_FAILED) {
-        send_event(probe, EVENT_SETTINGS_FAILED, CAUSE_NONE, probe->writer.offset,
+        probe_tell(probe, EVENT_SETTINGS_FAILED, CAUSE_NONE, probe->writer.offset,
                    now_us);
     }
 }
@@ -425,11 +553,15 @@ void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
     if (elapsed_us >= SECOND_US) {
         probe->second_us += SECOND_US;
         ++probe->status.uptime;
-        probe->has_said_hello = false;
+        probe->said = 0;
         send_status(probe, now_us);
-    } else if (!probe->has_said_hello && elapsed_us >= HELLO_PHASE_US) {
-        probe->has_said_hello = true;
-        send_hello(probe, now_us);
+    } else if (!IS_WIRE_ONLY && probe->port->equipment != NULL && probe->said == 0 &&
+               elapsed_us >= EQUIPMENT_PHASE_US) {
+        probe->said = 1;
+        send_equipment(probe, now_us);
+    } else if (probe->said < 2 && elapsed_us >= HELLO_PHASE_US) {
+        probe->said = 2;
+        probe_say_hello(probe, now_us);
     } else {
         save_settings(probe, now_us);
     }

@@ -10,6 +10,17 @@
 #include "pose.h"
 #include "settings.h"
 
+// A second way out for messages, which keeps them: a card. It counts them by itself, so
+// that what is missing on it shows there.
+struct probe_log {
+    // Takes all `length` bytes of a frame or, where there is no room, none.
+    bool (*keep)(const uint8_t *bytes, uint8_t length);
+    bool is_on;
+    uint16_t unsent_flags;  // clipped and gap of poses that were kept and not sent
+    uint32_t sequence;
+    uint32_t kept, dropped;  // messages since boot
+};
+
 // What the probe asks of a board.
 struct probe_port {
     // Takes all `length` bytes or, where there is no room, none.
@@ -19,11 +30,16 @@ struct probe_port {
     uint16_t (*supply_mv)(void);   // 0: not known
     uint16_t (*entropy)(void);
     const struct settings_storage *storage;
+    // For boards that have more than sensor, wire and button; NULL otherwise. A build
+    // with PROBE_WIRE_ONLY has neither.
+    struct probe_log *log;
+    void (*equipment)(struct message_equipment *out);  // fills all but messages_*
 };
 
 struct probe_board {
     uint8_t kind;              // enum board
     uint8_t reset_cause;       // flags reset_cause
+    uint32_t reset_address;    // where the program before came to grief, 0: not known
     const char *firmware;      // build text, at most 16 characters count
     const uint8_t *unique_id;  // 8 bytes that the silicon is born with, or NULL
 };
@@ -34,10 +50,10 @@ struct probe {
     const struct probe_port *port;
     const struct sensor_identity *identity;  // NULL until the sensor was found
     bool is_streaming;
-    bool is_faulty;       // the sensor does not deliver
-    bool has_said_hello;  // in the second that runs
-    bool is_heavy;        // the last sample was more work than others
-    uint8_t waits;        // steps since then
+    bool is_faulty;  // the sensor does not deliver
+    uint8_t said;   // messages of the second that runs
+    bool is_heavy;  // the last sample was more work than others
+    uint8_t waits;  // steps since then
     bool has_told_refusal;
     bool wants_reset;
     uint8_t last_result;
@@ -81,6 +97,17 @@ void probe_sample(struct probe *probe, const struct sample *sample);
 void probe_worked(struct probe *probe, uint32_t cycles);
 
 void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us);
+
+// Something happened that a board knows of.
+void probe_tell(struct probe *probe, enum event event, enum cause cause, int32_t detail,
+                uint32_t now_us);
+
+// A host may have come: says who the probe is.
+void probe_say_hello(struct probe *probe, uint32_t now_us);
+
+// Starts to keep messages: a hello, then each sample's raw and pose whatever the wire
+// gets of them, and all else that is sent. Their sequence starts at 0. Or stops it.
+void probe_log(struct probe *probe, bool is_on, uint32_t now_us);
 
 // Button, periodic messages, settings. Call it every 10 ms or oftener.
 void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us);

@@ -91,9 +91,16 @@ static bool run_from_crystal(void) {
     return true;
 }
 
+static volatile bool is_spare;  // the oscillator inside is what the PLL multiplies
+
+bool clock_is_spare(void) {
+    return is_spare;
+}
+
 // Without a PLL nothing has its rate, neither wire nor bus: starting over is all that
 // is left.
 static void run_from_spare(void) {
+    is_spare = true;
     if (!run_from_pll(0, HSI_MHZ)) {
         reset_now();
     }

@@ -3,6 +3,7 @@
 #ifndef CLOCK_H
 #define CLOCK_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "registers.h"
@@ -17,6 +18,9 @@ void clock_init(void);
 // is good to 1 % at 25 degC, 4 % from -10 to 85 degC (data sheet, "HSI oscillator
 // characteristics").
 void clock_failed(void);
+
+// True where it runs from the oscillator inside.
+bool clock_is_spare(void);
 
 static inline uint32_t clock_us(void) {
     return TIM2->cnt;

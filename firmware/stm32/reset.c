@@ -26,6 +26,7 @@ enum mark { MARK_FAULT = 0x0FA17BAD, MARK_HANG = 0x4A46BAD1, MARK_ASKED = 0x0B00
 __attribute__((section(".noinit"))) struct reset_record reset_record;
 
 static uint8_t cause;
+static uint32_t address;
 static volatile uint8_t ticks;  // since the last kick
 static volatile bool is_watched;
 
@@ -56,6 +57,11 @@ static uint8_t cause_of(uint32_t flags) {
 void reset_init(void) {
     cause = cause_of(RCC->csr);
     RCC->csr |= RCC_CSR_RMVF;
+    const bool is_told =
+        reset_record.mark == MARK_FAULT || reset_record.mark == MARK_HANG;
+    if (is_told && (cause & (RESET_CAUSE_HARD_FAULT | RESET_CAUSE_WATCHDOG)) != 0) {
+        address = reset_record.pc;
+    }
     reset_record.mark = 0;
     SCB->ccr |= SCB_CCR_DIV_0_TRP;
     SCB->shpr[15 - 4] = PRIORITY_TICK;
@@ -63,6 +69,10 @@ void reset_init(void) {
 
 uint8_t board_reset_cause(void) {
     return cause;
+}
+
+uint32_t board_reset_address(void) {
+    return address;
 }
 
 void reset_watch(void) {

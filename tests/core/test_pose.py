@@ -116,7 +116,7 @@ def test_the_calibration_comes_once_after_its_window_and_removes_the_bias():
 
 def test_motion_before_the_calibration_is_reported_and_delays_it():
     samples = felt(at_rest(6)).samples(MPU9250)
-    samples["gyr"][300:310, 1] += 500
+    samples["gyr"][300:310, 1] += 800
     poses, results = Tracker().feel(samples)
     moved = np.flatnonzero(results == lib.POSE_MOVED)
     assert moved.tolist() == list(range(300, 310))
