@@ -49,6 +49,35 @@ def callbacks(struct: str, **functions: Callable[..., Any]) -> dict[str, Any]:
     return {name: ffi.callback(kinds[name], made) for name, made in functions.items()}
 
 
+def message_of(decoder: wire.Decoder, data: bytes) -> Message:
+    found = decoder.feed(data)
+    assert len(found) == 1, "a send is one whole frame"
+    assert isinstance(found[0], bytes), found[0]
+    name = NAMES[found[0][0]]
+    result, (_, sequence, time_us), fields = wire.decode_message(name, found[0])
+    assert result == "ok"
+    return Message(name, sequence, time_us, fields)
+
+
+class Card:
+    """A log of the probe's, and all it was given to keep."""
+
+    def __init__(self) -> None:
+        self.messages: list[Message] = []
+        self.has_room = True
+        self._decoder = wire.Decoder(lib.SCHEMA_SEED)
+        self._callbacks = callbacks("struct probe_log", keep=self._keep)
+        self.c = ffi.new("struct probe_log *", self._callbacks)
+
+    def _keep(self, data: Any, length: int) -> bool:
+        if self.has_room:
+            self.messages.append(message_of(self._decoder, bytes(data[0:length])))
+        return self.has_room
+
+    def of(self, name: str) -> list[Message]:
+        return [message for message in self.messages if message.name == name]
+
+
 class Memory:
     """An EEPROM that is ready again two questions after a write."""
 
@@ -94,6 +123,9 @@ class Bench:
         entropy: int = 1,
         unique_id: bytes | None = None,
         reset_cause: int = lib.RESET_CAUSE_POWER_ON,
+        reset_address: int = 0,
+        card: Card | None = None,
+        equipment: dict[str, int] | None = None,
     ) -> None:
         self.memory = memory or Memory()
         self.memory.settle()
@@ -115,12 +147,18 @@ class Bench:
             supply_mv=lambda: self.supply_mv,
             entropy=self._entropy,
         )
+        if equipment is not None:
+            self._equipment = equipment
+            self._callbacks |= callbacks("struct probe_port", equipment=self._describe)
         port = {**self._callbacks, "storage": self.memory.c}
+        if card is not None:
+            port["log"] = card.c
         self.port = ffi.new("struct probe_port *", port)
         self._texts = [ffi.new("char[]", b"0.1.0+unreleased-build")]
         board = {
             "kind": lib.BOARD_NANO,
             "reset_cause": reset_cause,
+            "reset_address": reset_address,
             "firmware": self._texts[0],
         }
         if unique_id is not None:
@@ -135,14 +173,12 @@ class Bench:
         if not self.has_room:
             self.refused += 1
             return False
-        found = self._decoder.feed(bytes(data[0:length]))
-        assert len(found) == 1, "a send is one whole frame"
-        assert isinstance(found[0], bytes), found[0]
-        name = NAMES[found[0][0]]
-        result, (_, sequence, time_us), fields = wire.decode_message(name, found[0])
-        assert result == "ok"
-        self.messages.append(Message(name, sequence, time_us, fields))
+        self.messages.append(message_of(self._decoder, bytes(data[0:length])))
         return True
+
+    def _describe(self, out: Any) -> None:
+        for name, value in self._equipment.items():
+            setattr(out, name, value)
 
     def _entropy(self) -> int:
         return int(self._random.integers(0, 1024))
@@ -1051,3 +1087,134 @@ def test_the_light_shows_each_state():
     assert light(bench) == twice * 2
     bench.find_sensor()
     assert light(bench) == [(True, 2000)]
+
+
+# What a board has beside its sensor, and the log that it keeps.
+
+
+def logging(
+    seconds: float = 0.0, *, pose_hz: int = 50, **equipment: int
+) -> tuple[Bench, Card]:
+    """A calibrated probe that streams some of its poses and logs."""
+    card = Card()
+    bench = Bench(card=card, equipment=equipment).find_sensor().run(3)
+    assert bench.command(lib.COMMAND_RATE, 0, pose_hz)[0] == OK
+    assert bench.command(lib.COMMAND_START)[0] == OK
+    lib.probe_log(bench.c, True, bench.time_us)
+    return bench.run(seconds), card
+
+
+def test_a_reset_is_told_with_its_address():
+    (hello,) = Bench(reset_address=0x080021E8).of("hello")
+    assert hello.fields["reset_address"] == 0x080021E8
+
+
+def test_equipment_is_told_every_second_apart_from_hello_and_status():
+    bench = Bench(equipment={"clock": lib.CLOCK_SPARE, "card_block": 7})
+    bench.find_sensor().run(5.3)
+    told = bench.of("equipment")
+    assert [message.time_us // SECOND_US for message in told] == [0, 1, 2, 3, 4, 5]
+    assert all(250_000 <= message.time_us % SECOND_US < 320_000 for message in told)
+    fields = told[0].fields
+    assert (fields["clock"], fields["card_block"]) == (lib.CLOCK_SPARE, 7)
+    assert fields["battery"] == 0xFFFF  # its null
+
+
+def test_a_board_without_equipment_tells_none():
+    assert not Bench().find_sensor().run(3).of("equipment")
+
+
+def test_nothing_is_kept_before_it_is_asked_for_and_after_it_ends():
+    card = Card()
+    bench = Bench(card=card, equipment={}).find_sensor().run(3)
+    bench.command(lib.COMMAND_START)
+    bench.run(1)
+    assert not card.messages
+    lib.probe_log(bench.c, True, bench.time_us)
+    bench.run(1)
+    lib.probe_log(bench.c, False, bench.time_us)
+    count = len(card.messages)
+    bench.run(1)
+    assert len(card.messages) == count > 400
+
+
+def test_a_log_begins_with_a_hello_and_counts_its_messages_by_itself():
+    bench, card = logging(2)
+    assert card.messages[0].name == "hello"
+    assert card.messages[0].fields == bench.of("hello")[-1].fields
+    assert [m.sequence for m in card.messages] == list(range(len(card.messages)))
+    lib.probe_log(bench.c, True, bench.time_us)
+    bench.run(0.1)
+    assert [m.sequence for m in card.messages].count(0) == 2
+
+
+def test_a_log_has_raw_and_pose_of_each_sample_whatever_the_wire_gets():
+    bench, card = logging(4)
+    begun = card.messages[0].time_us
+    times = list(range(begun + SAMPLE_US, bench.time_us + 1, SAMPLE_US))
+    assert [m.time_us for m in card.of("raw")] == times
+    assert [m.time_us for m in card.of("pose")] == times
+    assert not bench.of("raw")
+    kept = {m.time_us: m.fields for m in card.of("pose")}
+    sent = [m for m in bench.of("pose") if m.time_us > begun]
+    assert len(sent) == 4 * 50
+    assert all(m.fields == kept[m.time_us] for m in sent)
+
+
+def test_a_log_has_the_events_and_the_messages_of_each_second():
+    bench, card = logging(2.5)
+    bench.command(lib.COMMAND_TARE, 0)
+    bench.fail(is_over=False)
+    assert [m.fields for m in card.of("event")] == [
+        m.fields for m in bench.of("event")[-2:]
+    ]
+    for name in ("status", "equipment"):
+        begun = card.messages[0].time_us
+        sent = [m for m in bench.of(name) if m.time_us > begun]
+        assert [m.fields for m in card.of(name)] == [m.fields for m in sent]
+        assert len(sent) >= 2
+
+
+def test_a_gap_is_in_one_pose_of_the_log_and_in_one_of_the_wire():
+    bench, card = logging(1)
+    row = next(bench.samples).copy()
+    row["has_gap"] = True
+    for _ in range(3):  # a quarter of the poses is sent
+        bench.step()
+        bench.sample(row)
+        row["has_gap"] = False
+    bench.run(1)
+    for messages in (card.of("pose"), bench.of("pose")):
+        assert sum(m.fields["pose_flags"] & lib.POSE_GAP != 0 for m in messages) == 1
+
+
+def test_a_log_without_room_shows_by_its_numbers_and_its_count():
+    bench, card = logging(1, pose_hz=200)
+    sent = len(bench.of("pose"))
+    card.has_room = False
+    bench.run(0.5)
+    card.has_room = True
+    bench.run(1.5)
+    numbers = [m.sequence for m in card.messages]
+    (hole,) = [
+        after - before - 1 for before, after in pairwise(numbers) if after > before + 1
+    ]
+    assert hole >= 200
+    told = bench.of("equipment")[-1].fields
+    assert told["messages_unlogged"] == hole
+    assert told["messages_logged"] == card.of("equipment")[-1].sequence - hole
+    assert len(bench.of("pose")) == sent + 400  # the wire has not noticed
+
+
+def test_a_host_that_comes_gets_a_hello():
+    bench = Bench(equipment={})
+    lib.probe_say_hello(bench.c, bench.time_us)
+    assert [m.name for m in bench.messages].count("hello") == 2
+
+
+def test_what_a_board_tells_is_an_event():
+    bench, card = logging(0.1)
+    lib.probe_tell(bench.c, lib.EVENT_CARD_FAULT, lib.CAUSE_WORN, 4711, bench.time_us)
+    told = (lib.EVENT_CARD_FAULT, lib.CAUSE_WORN, 4711)
+    assert bench.events()[-1] == told
+    assert tuple(card.of("event")[-1].fields.values()) == told
