@@ -38,6 +38,8 @@ enum {
     REG_TEMPERATURE = 0x05,  // two bytes; then STATUS_REG_M, three axes
     REG_STATUS_M = 0x07,
     REG_CTRL0_XM = 0x1F,  // then CTRL_REG1_XM to CTRL_REG7_XM
+    REG_CTRL1_XM = 0x20,
+    REG_CTRL7_XM = 0x26,
     REG_STATUS_A = 0x27,  // then three axes
     A_800_HZ = 0x90,      // CTRL_REG1_XM: AODR
     A_1600_HZ = 0xA0,
@@ -52,6 +54,7 @@ enum {
     M_100_HZ = 0x14,       // CTRL_REG5_XM: M_ODR
     M_2_GAUSS = 0x00,      // CTRL_REG6_XM: MFS
     M_CONTINUOUS = 0x00,   // CTRL_REG7_XM: MD
+    M_OFF = 0x02,
 
     AXES_BYTES = 7,         // a status, three axes
     TEMPERATURE_BYTES = 2,  // before the magnetometer's
@@ -471,4 +474,12 @@ uint8_t lsm9ds0_bursts(const void *state, struct bus_burst out[SENSOR_BURSTS_MAX
     out[2] = (struct bus_burst){config->xm_address, REG_TEMPERATURE | AUTO_INCREMENT,
                                 TEMPERATURE_BYTES + AXES_BYTES};
     return 3;
+}
+
+bool lsm9ds0_power_down(const struct lsm9ds0 *chip, const struct bus_device *bus) {
+    const uint8_t off = 0;  // CTRL_REG1_G: PD; CTRL_REG1_XM: AODR
+    const uint8_t mag_off = M_OFF;
+    return write_registers(bus, chip->config.gyr_address, REG_CTRL1_G, &off, 1) &&
+           write_registers(bus, chip->config.xm_address, REG_CTRL1_XM, &off, 1) &&
+           write_registers(bus, chip->config.xm_address, REG_CTRL7_XM, &mag_off, 1);
 }

@@ -438,6 +438,29 @@ def test_set_up_stays_done():
         assert lib.lsm9ds0_setup(bench.driver, bench.bus, now_us) == lib.SENSOR_OK
 
 
+def test_powered_down_nothing_measures_until_the_next_set_up():
+    for chip in (Chip(), Model()):
+        bench = Bench(chip)
+        assert bench.set_up() == lib.SENSOR_OK
+        assert lib.lsm9ds0_power_down(bench.driver, bench.bus)
+        if isinstance(chip, Chip):
+            assert (chip.gyr.hz, chip.acc.hz, chip.mag.hz) == (0, 0, 0)
+        else:
+            chip.now_us += 100_000
+            assert lib.lsm9ds0_chip_next_event(chip.c) == 2**64 - 1
+            assert chip.complaint is None
+        assert bench.set_up() == lib.SENSOR_OK
+        bench.samples(10)
+
+
+def test_a_chip_that_does_not_answer_is_not_powered_down():
+    bench = Bench()
+    bench.set_up()
+    for pulled in (1, 2, 3):
+        bench.pulled_at = bench.transactions + pulled
+        assert not lib.lsm9ds0_power_down(bench.driver, bench.bus)
+
+
 @pytest.mark.parametrize("who", [0x00, 0x49, 0x68, 0xD3, 0xD5, 0xD7, 0xFF])
 def test_a_gyroscope_of_another_kind_is_refused_and_named(who):
     bench = Bench()
