@@ -90,9 +90,14 @@ static inline void board_extras_step(struct probe *probe, uint32_t now_us) {
     (void)probe;
     (void)now_us;
 }
+static inline bool board_extras_are_done(void) {
+    return true;
+}
 #else
 void board_extras_begin(struct probe_port *port);
 void board_extras_step(struct probe *probe, uint32_t now_us);
+// Nothing is left to be written: power may go. After wants_reset it gets so by itself.
+bool board_extras_are_done(void);
 #endif
 
 void board_watchdog_kick(void);

@@ -232,7 +232,7 @@ int main(void) {
         if (worked) {
             probe_worked(&probe, (board_time_us() - now_us) * board_cycles_per_us());
         }
-        if (probe.wants_reset && board_send_is_idle()) {
+        if (probe.wants_reset && board_send_is_idle() && board_extras_are_done()) {
             board_reset();
         }
         if (acquisition.phase != PHASE_SETUP) {

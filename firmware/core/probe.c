@@ -394,6 +394,10 @@ static void set_streaming(struct probe *probe, bool is_streaming, enum cause cau
                0, now_us);
 }
 
+void probe_stop(struct probe *probe, enum cause cause, uint32_t now_us) {
+    set_streaming(probe, false, cause, now_us);
+}
+
 static enum result set_rate(struct probe *probe, int32_t value[2]) {
     uint16_t *rate_hz =
         value[0] == 1 ? &probe->settings.raw_rate_hz : &probe->settings.pose_rate_hz;

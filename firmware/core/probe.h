@@ -102,6 +102,9 @@ void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us);
 void probe_tell(struct probe *probe, enum event event, enum cause cause, int32_t detail,
                 uint32_t now_us);
 
+// Stops streaming, where it does.
+void probe_stop(struct probe *probe, enum cause cause, uint32_t now_us);
+
 // A host may have come: says who the probe is.
 void probe_say_hello(struct probe *probe, uint32_t now_us);
 

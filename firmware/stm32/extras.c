@@ -23,3 +23,7 @@ void board_extras_step(struct probe *probe, uint32_t now_us) {
         probe_tell(probe, EVENT_CLOCK_FAILED, CAUSE_CRYSTAL, !began_spare, now_us);
     }
 }
+
+bool board_extras_are_done(void) {
+    return true;
+}

@@ -1218,3 +1218,14 @@ def test_what_a_board_tells_is_an_event():
     told = (lib.EVENT_CARD_FAULT, lib.CAUSE_WORN, 4711)
     assert bench.events()[-1] == told
     assert tuple(card.of("event")[-1].fields.values()) == told
+
+
+def test_a_board_can_stop_the_stream_and_says_why():
+    bench = streaming(0.5)
+    lib.probe_stop(bench.c, lib.CAUSE_BATTERY, bench.time_us)
+    lib.probe_stop(bench.c, lib.CAUSE_BATTERY, bench.time_us)
+    assert bench.events()[-1] == (lib.EVENT_STREAM_STOPPED, lib.CAUSE_BATTERY, 0)
+    assert bench.events()[-2][0] == lib.EVENT_STREAM_STARTED
+    poses = len(bench.of("pose"))
+    bench.run(0.5)
+    assert len(bench.of("pose")) == poses
