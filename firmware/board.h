@@ -103,6 +103,8 @@ bool board_extras_are_done(void);
 void board_watchdog_kick(void);
 // Sleeps until an interrupt, unless one has brought work since the last call.
 void board_idle(void);
+// The same for 1 ms at most, or not at all.
+void board_pause(void);
 // Restarts at once, as software reset.
 _Noreturn void board_reset(void);
 

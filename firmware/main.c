@@ -235,8 +235,10 @@ int main(void) {
         if (probe.wants_reset && board_send_is_idle() && board_extras_are_done()) {
             board_reset();
         }
-        if (acquisition.phase != PHASE_SETUP) {
-            board_idle();  // set-up waits for no interrupt
+        if (acquisition.phase == PHASE_SETUP) {
+            board_pause();  // it waits for no interrupt
+        } else {
+            board_idle();
         }
     }
 }

@@ -103,3 +103,7 @@ void board_idle(void) {
     idle_has_work = false;
     sei();
 }
+
+void board_pause(void) {
+    // The next interrupt may be 5 ms away.
+}

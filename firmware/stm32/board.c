@@ -3,7 +3,6 @@
 // sleep.
 #include "../board.h"
 
-#include "../core/lsm9ds0.h"
 #include "../core/messages.h"
 #include "adc.h"
 #include "clock.h"
@@ -12,17 +11,13 @@
 #include "identity.h"
 #include "idle.h"
 #include "pins.h"
+#include "power.h"
+#include "radio.h"
 #include "reset.h"
 #include "sampling.h"
 #include "start.h"
-#include "uart.h"
 
 volatile bool idle_has_work;
-
-static struct lsm9ds0 chip = {
-    .config = {.gyr_address = LSM9DS0_GYR_ADDRESS, .xm_address = LSM9DS0_XM_ADDRESS},
-};
-static const struct sensor_driver driver = LSM9DS0_DRIVER(&chip);
 
 // Fields of two bits a pin.
 #define PAIR(pin, value) ((uint32_t)(value) << (2 * (pin)))
@@ -63,7 +58,7 @@ static void pins_init(void) {
 }
 
 void board_init(void) {
-    reset_init();
+    reset_init(power_start());
     clock_init();
     RCC->ahb1enr |= RCC_AHB1_GPIOA | RCC_AHB1_GPIOB | RCC_AHB1_GPIOC | RCC_AHB1_DMA1;
     RCC->apb1enr |= RCC_APB1_TIM3 | RCC_APB1_USART2 | RCC_APB1_I2C1;
@@ -73,8 +68,9 @@ void board_init(void) {
     pins_init();
     flash_init();
     sampling_init();
-    uart_init();
+    radio_init();
     adc_init();
+    power_init();
     // What a reset cut short. A bus that stays held shows at the first transfer.
     const enum bus_result freed = board_bus_recover();
     (void)freed;
@@ -89,10 +85,6 @@ bool board_unique_id(uint8_t id[8]) {
     const uint32_t words[3] = {UNIQUE_ID[0], UNIQUE_ID[1], UNIQUE_ID[2]};
     identity_fold(words, id);
     return true;
-}
-
-const struct sensor_driver *board_sensor(void) {
-    return &driver;
 }
 
 bool board_button_is_down(void) {
@@ -122,4 +114,8 @@ void board_idle(void) {
     }
     idle_has_work = false;
     cpu_unmask(primask);
+}
+
+void board_pause(void) {
+    board_idle();  // until the next tick
 }

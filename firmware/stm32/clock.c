@@ -24,7 +24,7 @@ enum {
     // characteristics").
     CRYSTAL_TURNS_MAX = 200000,
     PLL_TURNS_MAX = 10000,
-    TICK_US = 4000,  // often enough to debounce a button by looking at it
+    TICK_US = 1000,  // set-up of the sensor looks for its samples in steps of it
 };
 
 _Static_assert(F_CPU / 1000000 == PLL_INPUT_MHZ * PLL_N / 2,

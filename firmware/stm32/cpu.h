@@ -12,6 +12,7 @@
 enum {
     PRIORITY_SAMPLING = 0x00,
     PRIORITY_WIRE = 0x40,
+    PRIORITY_CARD = 0x80,
     PRIORITY_TICK = 0xF0,
 };
 

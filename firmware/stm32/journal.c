@@ -60,9 +60,17 @@ static void replay(struct journal *journal) {
     }
 }
 
-// False where flash does not take it: the sector before it still counts.
+static bool is_blank(const struct journal_flash *flash, uint8_t sector) {
+    for (uint32_t place = 0; place < flash->words; place++) {
+        if (flash->read(sector, place) != BLANK) {
+            return false;
+        }
+    }
+    return true;
+}
+
+// To a blank sector. False where flash does not take it: the one before still counts.
 static bool carry_to(struct journal *journal, uint8_t sector, uint16_t generation) {
-    journal->flash->erase(sector);
     uint32_t place = HEADER + 1;
     for (uint16_t offset = 0; offset < JOURNAL_BYTES; offset++) {
         if (journal->bytes[offset] == JOURNAL_ERASED) {
@@ -89,6 +97,9 @@ void journal_open(struct journal *journal, const struct journal_flash *flash) {
     const bool has[JOURNAL_SECTORS] = {has_header(flash, 0, &generations[0]),
                                        has_header(flash, 1, &generations[1])};
     if (!has[0] && !has[1]) {
+        if (!is_blank(flash, 0)) {
+            flash->erase(0);
+        }
         if (!carry_to(journal, 0, 1)) {
             journal->next = flash->words;
         }
@@ -101,8 +112,10 @@ void journal_open(struct journal *journal, const struct journal_flash *flash) {
     journal->generation = generations[journal->sector];
     replay(journal);
     if (journal->next > flash->words / 4 * CARRY_AT_QUARTER) {
-        (void)carry_to(journal, journal->sector ^ 1,
-                       (uint16_t)(journal->generation + 1));
+        const uint8_t other = journal->sector ^ 1;
+        // Blank or not: its erasure may have been cut short just before its end.
+        flash->erase(other);
+        (void)carry_to(journal, other, (uint16_t)(journal->generation + 1));
     }
 }
 

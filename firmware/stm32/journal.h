@@ -42,7 +42,7 @@ struct journal {
 };
 
 // Reads what is there. Erases and carries over where a quarter of the sector or less is
-// free, or where no sector has a header.
+// free; erases, too, where no sector has a header and the first is not blank.
 void journal_open(struct journal *journal, const struct journal_flash *flash);
 
 // Appends one record. The byte keeps its old value where flash does not take it.

@@ -36,6 +36,10 @@ struct pwr {
     volatile uint32_t cr, csr;
 };
 #define PWR AT(pwr, 0x40007000)
+#define PWR_CR_LPDS BIT(0)
+#define PWR_CR_PDDS BIT(1)
+#define PWR_CR_CWUF BIT(2)
+#define PWR_CR_FPDS BIT(9)
 #define PWR_CR_VOS BIT(14)
 
 // "RCC registers".
@@ -72,12 +76,15 @@ struct rcc {
 #define RCC_AHB1_GPIOB BIT(1)
 #define RCC_AHB1_GPIOC BIT(2)
 #define RCC_AHB1_DMA1 BIT(21)
+#define RCC_AHB1_DMA2 BIT(22)
 #define RCC_APB1_TIM2 BIT(0)
 #define RCC_APB1_TIM3 BIT(1)
 #define RCC_APB1_USART2 BIT(17)
 #define RCC_APB1_I2C1 BIT(21)
 #define RCC_APB1_PWR BIT(28)
 #define RCC_APB2_ADC1 BIT(8)
+#define RCC_APB2_SPI1 BIT(12)
+#define RCC_APB2_SYSCFG BIT(14)
 #define RCC_CSR_RMVF BIT(24)
 #define RCC_CSR_BORRSTF BIT(25)
 #define RCC_CSR_PINRSTF BIT(26)
@@ -94,6 +101,20 @@ struct gpio {
 #define GPIOB AT(gpio, 0x40020400)
 #define GPIOC AT(gpio, 0x40020800)
 enum gpio_mode { GPIO_INPUT = 0, GPIO_OUTPUT = 1, GPIO_ALTERNATE = 2, GPIO_ANALOG = 3 };
+
+// "SYSCFG registers": which port a line of EXTI looks at, four bits a line.
+struct syscfg {
+    volatile uint32_t memrmp, pmc, exticr[4], reserved[2], cmpcr;
+};
+#define SYSCFG AT(syscfg, 0x40013800)
+#define SYSCFG_EXTICR(line, port) ((uint32_t)(port) << (4 * ((line) % 4)))
+enum { SYSCFG_PORT_B = 1, SYSCFG_PORT_C = 2 };
+
+// "EXTI registers".
+struct exti {
+    volatile uint32_t imr, emr, rtsr, ftsr, swier, pr;
+};
+#define EXTI AT(exti, 0x40013C00)
 
 // "TIM2 to TIM5 registers".
 struct tim {
@@ -119,6 +140,7 @@ struct dma {
     struct dma_stream stream[8];
 };
 #define DMA1 AT(dma, 0x40026000)
+#define DMA2 AT(dma, 0x40026400)
 #define DMA_CR_EN BIT(0)
 #define DMA_CR_HTIE BIT(3)
 #define DMA_CR_TCIE BIT(4)
@@ -126,6 +148,8 @@ struct dma {
 #define DMA_CR_CIRC BIT(8)
 #define DMA_CR_MINC BIT(10)
 #define DMA_CR_CHANNEL(n) ((uint32_t)(n) << 25)
+#define DMA_LOW_FLAGS_2 (UINT32_C(0x3D) << 16)
+#define DMA_LOW_FLAGS_3 (UINT32_C(0x3D) << 22)
 #define DMA_HIGH_FLAGS_5 (UINT32_C(0x3D) << 6)
 #define DMA_HIGH_FLAGS_6 (UINT32_C(0x3D) << 16)
 
@@ -169,6 +193,22 @@ struct usart {
 #define USART_CR3_EIE BIT(0)
 #define USART_CR3_DMAR BIT(6)
 #define USART_CR3_DMAT BIT(7)
+#define USART_CR3_RTSE BIT(8)
+#define USART_CR3_CTSE BIT(9)
+
+// "SPI registers".
+struct spi {
+    volatile uint32_t cr1, cr2, sr, dr, crcpr, rxcrcr, txcrcr, i2scfgr, i2spr;
+};
+#define SPI1 AT(spi, 0x40013000)
+#define SPI_CR1_MSTR BIT(2)
+#define SPI_CR1_BR(n) ((uint32_t)(n) << 3)
+#define SPI_CR1_SPE BIT(6)
+#define SPI_CR1_SSI BIT(8)
+#define SPI_CR1_SSM BIT(9)
+#define SPI_CR2_RXDMAEN BIT(0)
+#define SPI_CR2_TXDMAEN BIT(1)
+#define SPI_SR_BSY BIT(7)
 
 // "ADC registers", and "ADC common control register".
 struct adc {
@@ -216,6 +256,7 @@ struct scb {
 };
 #define SCB AT(scb, 0xE000ED00)
 #define SCB_AIRCR_RESET (UINT32_C(0x05FA) << 16 | BIT(2))
+#define SCB_SCR_SLEEPDEEP BIT(2)
 #define SCB_CCR_DIV_0_TRP BIT(4)
 #define SCB_CPACR (*(volatile uint32_t *)0xE000ED88)
 #define SCB_CPACR_FPU (UINT32_C(0xF) << 20)
@@ -226,12 +267,15 @@ struct scb {
 
 // Interrupt lines ("Vector table for STM32F405xx/07xx").
 enum irq {
+    IRQ_EXTI1 = 7,
+    IRQ_EXTI3 = 9,
     IRQ_DMA1_STREAM5 = 16,
     IRQ_DMA1_STREAM6 = 17,
     IRQ_TIM3 = 29,
     IRQ_I2C1_EVENT = 31,
     IRQ_I2C1_ERROR = 32,
     IRQ_USART2 = 38,
+    IRQ_DMA2_STREAM2 = 58,
     IRQ_LINES = 82,
 };
 

@@ -10,9 +10,9 @@
 #include "start.h"
 
 enum {
-    // Ticks of 4 ms: 200 ms without a kick. Longer than any step of the main loop,
+    // Ticks of 1 ms: 200 ms without a kick. Longer than any step of the main loop,
     // shorter than the hardware's watchdog at its fastest.
-    TICKS_MAX = 50,
+    TICKS_MAX = 200,
     // 1 ms a count at the nominal 32 kHz; 47 kHz at most, 17 at least ("LSI oscillator
     // characteristics"): 0.34 to 0.94 s.
     PRESCALER_32 = 3,
@@ -54,8 +54,8 @@ static uint8_t cause_of(uint32_t flags) {
     return (flags & RCC_CSR_PINRSTF) != 0 ? RESET_CAUSE_EXTERNAL : 0;
 }
 
-void reset_init(void) {
-    cause = cause_of(RCC->csr);
+void reset_init(bool has_slept) {
+    cause = has_slept ? RESET_CAUSE_SOFTWARE : cause_of(RCC->csr);
     RCC->csr |= RCC_CSR_RMVF;
     const bool is_told =
         reset_record.mark == MARK_FAULT || reset_record.mark == MARK_HANG;

@@ -3,6 +3,7 @@
 #ifndef RESET_H
 #define RESET_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 // What is left of a program that came to grief, in memory that a reset does not clear.
@@ -15,8 +16,8 @@ struct reset_record {
 };
 extern struct reset_record reset_record;
 
-// Settles the cause of this start.
-void reset_init(void);
+// Settles the cause of this start; power_start() says whether the board has slept.
+void reset_init(bool has_slept);
 
 // From now on the main loop must kick.
 void reset_watch(void);

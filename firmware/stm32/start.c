@@ -9,6 +9,7 @@
 #include "registers.h"
 #include "reset.h"
 #include "sampling.h"
+#include "spi.h"
 #include "uart.h"
 
 int main(void);
@@ -37,7 +38,9 @@ __attribute__((section(".vectors"),
     LINE(IRQ_I2C1_ERROR) = sampling_bus,
     LINES(IRQ_I2C1_ERROR + 1, IRQ_USART2 - 1) = reset_fault,
     LINE(IRQ_USART2) = uart_received,
-    LINES(IRQ_USART2 + 1, IRQ_LINES - 1) = reset_fault,
+    LINES(IRQ_USART2 + 1, IRQ_DMA2_STREAM2 - 1) = reset_fault,
+    LINE(IRQ_DMA2_STREAM2) = spi_exchanged,
+    LINES(IRQ_DMA2_STREAM2 + 1, IRQ_LINES - 1) = reset_fault,
 };
 
 // Where a bootloader has jumped here, its interrupts may be on, and its own memory at

@@ -1,25 +1,29 @@
 // SPDX-License-Identifier: MIT
-// The wire: a ring for each direction, filled and emptied by DMA.
+// A ring for each direction, filled and emptied by DMA, which the hardware's flow
+// control holds.
 #include "uart.h"
 
 #include <string.h>
 
-#include "../board.h"
+#include "clock.h"
 #include "cpu.h"
+#include "gpio.h"
 #include "idle.h"
 #include "pins.h"
 
 enum {
-    BAUD = 921600,
-    // "Fractional baud rate generation", oversampling by 16: APB1 / 46 is 913,043 baud,
-    // 0.93 % slow; a receiver bears 3 % and more.
-    BRR = (APB1_HZ + BAUD / 2) / BAUD,
-    CHANNEL = 4,           // "DMA1 request mapping": USART2, both ways
-    SENDING_SIZE = 2048,   // 22 ms on the wire
+    CHANNEL = 4,  // "DMA1 request mapping": USART2, both ways
+    // 0.18 s on the wire. A radio that is busy with itself holds CTS now and then.
+    SENDING_SIZE = 16384,
     RECEIVED_SIZE = 1024,  // 11 ms
+    HELD_US = 500000,
+    STOP_TURNS_MAX = 1000,  // a DMA stream stops after the byte under way
 };
 
-_Static_assert(BRR == 46, "as the comment says");
+// "Fractional baud rate generation", oversampling by 16. For 921,600 baud APB1 / 46 is
+// 913,043, 0.93 % slow; a receiver bears 3 % and more.
+#define BRR(baud) ((APB1_HZ + (baud) / 2) / (baud))
+_Static_assert(BRR(921600) == 46, "as the comment says");
 
 static struct dma_stream *const to_wire = &DMA1->stream[6];
 static struct dma_stream *const from_wire = &DMA1->stream[5];
@@ -29,21 +33,29 @@ static uint8_t sending[SENDING_SIZE];
 static volatile uint16_t sending_head;  // written by the main loop
 static volatile uint16_t sending_tail;  // by the handler
 static uint16_t in_flight;  // bytes from the tail on that DMA is at; 0: it is at rest
+static volatile bool is_held;
+static uint32_t stood_at, stood_since_us;  // the place that DMA was at when last asked
 
 static volatile uint8_t received[RECEIVED_SIZE];
 static uint32_t received_total;  // bytes since start
 static uint32_t taken_total;
 static uint16_t lost;
 
-void uart_init(void) {
+void uart_init(uint32_t baud) {
+    GPIOA->afr[0] |= (uint32_t)ALTERNATE_USART2 << (4 * PIN_CTS) |
+                     (uint32_t)ALTERNATE_USART2 << (4 * PIN_RTS);
+    gpio_set_pull(GPIOA, PIN_CTS, GPIO_PULL_DOWN);
+    gpio_set_mode(GPIOA, PIN_CTS, GPIO_ALTERNATE);
+    gpio_set_mode(GPIOA, PIN_RTS, GPIO_ALTERNATE);
     to_wire->par = (uint32_t)(uintptr_t)&USART2->dr;
     from_wire->par = to_wire->par;
     from_wire->m0ar = (uint32_t)(uintptr_t)received;
     from_wire->ndtr = RECEIVED_SIZE;
     from_wire->cr = DMA_CR_CHANNEL(CHANNEL) | DMA_CR_MINC | DMA_CR_CIRC | DMA_CR_HTIE |
                     DMA_CR_TCIE | DMA_CR_EN;
-    USART2->brr = BRR;
-    USART2->cr3 = USART_CR3_DMAR | USART_CR3_DMAT | USART_CR3_EIE;
+    USART2->brr = BRR(baud);
+    USART2->cr3 = USART_CR3_DMAR | USART_CR3_DMAT | USART_CR3_EIE | USART_CR3_RTSE |
+                  USART_CR3_CTSE;
     USART2->cr1 = USART_CR1_UE | USART_CR1_TE | USART_CR1_RE | USART_CR1_IDLEIE;
     irq_enable(IRQ_DMA1_STREAM5, PRIORITY_WIRE);
     irq_enable(IRQ_DMA1_STREAM6, PRIORITY_WIRE);
@@ -55,6 +67,10 @@ void uart_init(void) {
 static void send_next(void) {
     const uint16_t head = sending_head;
     const uint16_t tail = sending_tail;
+    if (is_held) {
+        in_flight = 0;
+        return;
+    }
     in_flight = (uint16_t)((head >= tail ? head : SENDING_SIZE) - tail);
     if (in_flight == 0) {
         return;
@@ -74,7 +90,39 @@ void uart_sent(void) {
     send_next();
 }
 
-bool board_send(const uint8_t *bytes, uint8_t length) {
+void uart_hold(bool is_to_be) {
+    const uint32_t primask = cpu_mask();
+    is_held = is_to_be;
+    if (in_flight == 0) {
+        send_next();
+    }
+    cpu_unmask(primask);
+}
+
+void uart_forget(void) {
+    const uint32_t primask = cpu_mask();
+    in_flight = 0;
+    sending_tail = sending_head;
+    to_wire->cr = 0;  // "Stream x configuration register": EN stays until it has ended
+    for (uint16_t i = 0; i < STOP_TURNS_MAX && (to_wire->cr & DMA_CR_EN) != 0; i++) {
+    }
+    DMA1->hifcr = DMA_HIGH_FLAGS_6;
+    NVIC->icpr[IRQ_DMA1_STREAM6 / 32] = BIT(IRQ_DMA1_STREAM6 % 32);
+    cpu_unmask(primask);
+}
+
+void uart_set_baud(uint32_t baud) {
+    uart_forget();
+    if (USART2->brr == BRR(baud)) {
+        return;
+    }
+    const uint32_t enabled = USART2->cr1;
+    USART2->cr1 = enabled & ~USART_CR1_UE;
+    USART2->brr = BRR(baud);
+    USART2->cr1 = enabled;
+}
+
+bool uart_send(const uint8_t *bytes, uint8_t length) {
     const uint16_t head = sending_head;
     // One stays free, or a full ring would look empty.
     const uint16_t used = (uint16_t)((head - sending_tail) & (SENDING_SIZE - 1));
@@ -94,11 +142,17 @@ bool board_send(const uint8_t *bytes, uint8_t length) {
     return true;
 }
 
-bool board_send_is_idle(void) {
+bool uart_is_idle(void) {
     const uint32_t primask = cpu_mask();
-    const bool is_idle = in_flight == 0 && (USART2->sr & USART_SR_TC) != 0;
+    const bool is_idle = in_flight == 0 && sending_head == sending_tail &&
+                         (USART2->sr & USART_SR_TC) != 0;
+    const uint32_t at = (uint32_t)sending_tail << 16 | to_wire->ndtr;
     cpu_unmask(primask);
-    return is_idle;
+    if (at != stood_at) {
+        stood_at = at;
+        stood_since_us = clock_us();
+    }
+    return is_idle || clock_us() - stood_since_us >= HELD_US;
 }
 
 // Called twice a ring at least, by the DMA's interrupts, so that the distance from the
@@ -127,7 +181,7 @@ void uart_received(void) {
     idle_has_work = true;
 }
 
-int16_t board_receive(void) {
+int16_t uart_receive(void) {
     int16_t byte = -1;
     const uint32_t primask = cpu_mask();
     look_at_ring();
@@ -139,6 +193,6 @@ int16_t board_receive(void) {
     return byte;
 }
 
-uint16_t board_receive_lost(void) {
+uint16_t uart_receive_lost(void) {
     return lost;
 }

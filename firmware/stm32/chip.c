@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: MIT
+// The sensor of this board: an LSM9DS0 with both address pins high.
+#include "chip.h"
+
+#include "../board.h"
+#include "../core/lsm9ds0.h"
+
+static struct lsm9ds0 chip = {
+    .config = {.gyr_address = LSM9DS0_GYR_ADDRESS, .xm_address = LSM9DS0_XM_ADDRESS},
+};
+static const struct sensor_driver driver = LSM9DS0_DRIVER(&chip);
+
+const struct sensor_driver *board_sensor(void) {
+    return &driver;
+}
+
+bool chip_power_down(void) {
+    return lsm9ds0_power_down(&chip, board_bus());
+}
