@@ -12,10 +12,19 @@ static const struct {
     const char *name;
     enum fault_target target;
     bool is_stm32;
+    enum fault_radio radio;
 } board_kinds[] = {
-    {"reset", FAULT_RESET, false},         {"brown_out", FAULT_BROWN_OUT, false},
-    {"power_cut", FAULT_POWER_CUT, false}, {"crystal", FAULT_CRYSTAL, true},
-    {"glitch", FAULT_GLITCH, true},
+    {"reset", FAULT_RESET, false, 0},
+    {"brown_out", FAULT_BROWN_OUT, false, 0},
+    {"power_cut", FAULT_POWER_CUT, false, 0},
+    {"crystal", FAULT_CRYSTAL, true, 0},
+    {"glitch", FAULT_GLITCH, true, 0},
+    {"battery", FAULT_BATTERY, true, 0},
+    {"charger", FAULT_CHARGER, true, 0},
+    {"radio_drop", FAULT_RADIO, true, RADIO_DROP},
+    {"radio_away", FAULT_RADIO, true, RADIO_AWAY},
+    {"radio_deaf", FAULT_RADIO, true, RADIO_DEAF},
+    {"radio_reset", FAULT_RADIO, true, RADIO_RESET},
 };
 
 static bool fail(struct faults *faults, const char *format, ...) {
@@ -55,22 +64,79 @@ static bool set_kind(struct faults *faults, struct fault *fault, const char *kin
             return true;
         }
     }
+    for (unsigned i = 0; i < kinds->card_count; i++) {
+        if (strcmp(kind, kinds->card[i]) == 0) {
+            fault->target = FAULT_CARD;
+            fault->card.kind = i;
+            return true;
+        }
+    }
     for (size_t i = 0; i < sizeof board_kinds / sizeof *board_kinds; i++) {
         if (strcmp(kind, board_kinds[i].name) == 0 &&
             (kinds->is_stm32 || !board_kinds[i].is_stm32)) {
             fault->target = board_kinds[i].target;
+            fault->radio = board_kinds[i].radio;
             return true;
         }
     }
     return fail(faults, "no such kind of fault: %s", kind);
 }
 
+// Keys of a card's faults. False: it is none of them.
+static bool set_card_number(const struct faults *faults, struct fault *fault,
+                            const char *name, uint64_t value) {
+    if (faults->kinds->card_count == 0) {
+        return false;
+    }
+    if (strcmp(name, "card_write") == 0) {
+        fault->card_write = value;
+    } else if (strcmp(name, "card_writes") == 0) {
+        fault->card.count = value;
+    } else if (strcmp(name, "block") == 0) {
+        fault->card.block = value;
+    } else if (strcmp(name, "blocks") == 0) {
+        fault->card.blocks = value;
+    } else if (strcmp(name, "ms") == 0) {
+        fault->card.ms = value > UINT32_MAX ? UINT32_MAX : (uint32_t)value;
+    } else {
+        return false;
+    }
+    return true;
+}
+
+// What was left out of a card's fault. False: it can't be.
+static bool complete_card(struct fault *fault) {
+    enum { SLOW_MS = 250, VALUE_MAX = 2 };
+    struct card_fault *card = &fault->card;
+    card->for_ns = fault->chip.for_ns;
+    card->value = fault->chip.value;
+    card->after_ns = fault->after_us * 1000;
+    card->first = fault->card_write;
+    if (card->first > 0 && card->count == 0) {
+        card->count = 1;
+    }
+    if (card->ms == 0) {
+        card->ms = SLOW_MS;
+    }
+    if (card->blocks == 0) {
+        card->blocks = 1;
+    }
+    return fault->target != FAULT_CARD || card->value <= VALUE_MAX;
+}
+
 static bool set_number(struct faults *faults, struct fault *fault, const char *name,
                        uint64_t value) {
     const bool is_byte = strcmp(name, "byte") == 0 || strcmp(name, "clocks") == 0 ||
                          strcmp(name, "value") == 0;
+    const bool is_mv = strcmp(name, "mv") == 0 || strcmp(name, "to_mv") == 0;
     if (is_byte && value > UINT8_MAX) {
         return fail(faults, "%s is above 255", name);
+    }
+    if (is_mv && value > FAULT_MV_MAX) {
+        return fail(faults, "%s is above %d", name, FAULT_MV_MAX);
+    }
+    if (set_card_number(faults, fault, name, value)) {
+        return true;
     }
     if (strcmp(name, "die") == 0 && faults->kinds->has_dies) {
         if (value != 1 && value != 2) {
@@ -98,6 +164,11 @@ static bool set_number(struct faults *faults, struct fault *fault, const char *n
         fault->chip.clocks = (uint8_t)value;
     } else if (strcmp(name, "value") == 0) {
         fault->chip.value = (uint8_t)value;
+    } else if (strcmp(name, "mv") == 0) {
+        fault->mv = (uint32_t)value;
+    } else if (strcmp(name, "to_mv") == 0) {
+        fault->to_mv = (uint32_t)value;
+        fault->has_to_mv = true;
     } else {
         return fail(faults, "no such key: %s", name);
     }
@@ -143,6 +214,9 @@ static bool read_fault(struct faults *faults, const char **at, struct fault *fau
         return fail(faults, "a closing brace is missing at: %.20s", *at);
     }
     *at = skip(*at + 1);
+    if (!complete_card(fault)) {
+        return fail(faults, "the value of a card's fault is above 2");
+    }
     return has_kind || fail(faults, "a fault has no kind");
 }
 

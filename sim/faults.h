@@ -24,6 +24,25 @@
 //                    survives power, EEPROM or flash, `after_us` into it
 //   crystal          STM32F405: the crystal dies, or never starts
 //   glitch           STM32F405: SDA is pulled within a byte, a misplaced START
+//   battery          STM32F405: the cell has `mv`, going to `to_mv` within for_us
+//   charger          STM32F405: `value` bit 0 external power good, bit 1 charging
+// kind of the radio, where there is one (at_us, for_us, 0 being for ever):
+//   radio_drop       the link is lost; the host is back once it is over
+//   radio_away       no host comes; one that is there stays
+//   radio_deaf       hears and says nothing on its UART
+//   radio_reset      restarts by itself (at_us alone)
+// kind of the card of a board that has one (at_us with for_us, 0 being for ever, or
+// some of the data blocks that come: `card_writes`, by default 1, from number
+// `card_write` on, the first ever being 1):
+//   card_pulled      out of its socket, then back in; at_us with for_us, or for_us from
+//                    `after_us` into the programming of block `card_write` on
+//   card_slow        each busy that begins lasts `ms` (by default 250)
+//   card_crc         rejects blocks with "CRC error"
+//   card_error       rejects blocks with "write error"
+//   card_worn        `blocks` (by default 1) from `block` of the card on: `value` 0
+//                    rejects, 1 says yes and keeps what was there, 2 can't be read
+//   card_dead        answers nothing; times as of card_pulled
+//   power_cut        also at data block `card_write`, `after_us` into its programming
 // Times are device time; at_us 0 is from power-up on.
 #ifndef SIM_FAULTS_H
 #define SIM_FAULTS_H
@@ -33,12 +52,19 @@
 
 enum fault_target {
     FAULT_CHIP,
+    FAULT_CARD,
     FAULT_RESET,
     FAULT_BROWN_OUT,
     FAULT_POWER_CUT,
     FAULT_CRYSTAL,
     FAULT_GLITCH,
+    FAULT_BATTERY,
+    FAULT_CHARGER,
+    FAULT_RADIO,
 };
+
+// Of FAULT_RADIO.
+enum fault_radio { RADIO_DROP, RADIO_AWAY, RADIO_DEAF, RADIO_RESET };
 
 // A fault of the sensor, whichever it is: see the chip's own header.
 struct chip_fault {
@@ -49,12 +75,24 @@ struct chip_fault {
     uint8_t at_byte, clocks, value;
 };
 
+// A fault of the card: see its own header.
+struct card_fault {
+    unsigned kind;  // index in struct fault_kinds
+    uint64_t from_ns, for_ns;
+    uint64_t first, count, after_ns;
+    uint64_t block, blocks;
+    uint32_t ms;
+    uint8_t value;
+};
+
 // What a board can suffer.
 struct fault_kinds {
     const char *const *chip;  // names
     unsigned chip_count;
+    const char *const *card;  // of what a card can; null: it takes none
+    unsigned card_count;
     bool has_dies;
-    bool is_stm32;  // crystal, glitch
+    bool is_stm32;  // crystal, glitch, battery, charger, radio
 };
 
 struct fault {
@@ -62,10 +100,18 @@ struct fault {
     uint64_t at_us;
     uint64_t after_us;
     uint64_t write;
+    uint64_t card_write;
+    enum fault_radio radio;
+    uint32_t mv, to_mv;
+    bool has_to_mv;
     struct chip_fault chip;  // for_ns is set, from_ns is not
+    struct card_fault card;  // the same
 };
 
-enum { FAULTS_MAX = 32 };
+enum {
+    FAULTS_MAX = 32,
+    FAULT_MV_MAX = 6600,  // of which the divider leaves what the pin takes
+};
 
 struct faults {
     const struct fault_kinds *kinds;

@@ -251,8 +251,11 @@ static const struct run_board board_nano = {
     .usage = usage_text,
     .version = NANO_VERSION,
     .ticks_per_us = MACHINE_CYCLES_PER_US,
-    .fault_kinds = {chip_faults, sizeof chip_faults / sizeof *chip_faults, false,
-                    false},
+    .fault_kinds =
+        {
+            .chip = chip_faults,
+            .chip_count = sizeof chip_faults / sizeof *chip_faults,
+        },
     .memory = "is no EEPROM of 1024 bytes",
     .paths = own_paths,
     .command = command,

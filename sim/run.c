@@ -123,14 +123,27 @@ static void add_event(struct run *run, struct run_event event) {
     }
 }
 
+static void cut_after(struct run *run, const struct fault *fault) {
+    const uint64_t at =
+        run->board->now(run->self) + fault->after_us * run->board->ticks_per_us;
+    add_event(run, (struct run_event){at, EVENT_POWER_CUT, fault});
+    run->board->pause(run->self, at);
+}
+
 void run_on_memory_write(struct run *run, uint64_t number) {
     for (unsigned i = 0; i < run->faults.count; i++) {
         const struct fault *fault = &run->faults.list[i];
         if (fault->target == FAULT_POWER_CUT && fault->write == number) {
-            const uint64_t at =
-                run->board->now(run->self) + fault->after_us * run->board->ticks_per_us;
-            add_event(run, (struct run_event){at, EVENT_POWER_CUT, fault});
-            run->board->pause(run->self, at);
+            cut_after(run, fault);
+        }
+    }
+}
+
+void run_on_card_write(struct run *run, uint64_t number) {
+    for (unsigned i = 0; i < run->faults.count; i++) {
+        const struct fault *fault = &run->faults.list[i];
+        if (fault->target == FAULT_POWER_CUT && fault->card_write == number) {
+            cut_after(run, fault);
         }
     }
 }
@@ -318,14 +331,35 @@ static uint64_t tick_of(const struct run *run, uint64_t device_us) {
     return run->board->clock_start(run->self) + device_us * run->board->ticks_per_us;
 }
 
+// Whether it is there from power-up on.
+static bool is_from_power_up(const struct fault *fault) {
+    switch (fault->target) {
+    case FAULT_CHIP:
+        return fault->at_us == 0 || fault->chip.transactions > 0;
+    case FAULT_CARD:
+        return fault->at_us == 0 || fault->card.count > 0;
+    case FAULT_CRYSTAL:
+    case FAULT_BATTERY:
+    case FAULT_CHARGER:
+    case FAULT_RADIO:
+        return fault->at_us == 0;
+    default:
+        return false;
+    }
+}
+
 // Faults that don't wait for the device clock.
 static void schedule_at_power_up(struct run *run) {
     for (unsigned i = 0; i < run->faults.count; i++) {
         const struct fault *fault = &run->faults.list[i];
-        if (fault->target == FAULT_CHIP &&
-            (fault->at_us == 0 || fault->chip.transactions > 0)) {
+        if (!is_from_power_up(fault)) {
+            continue;
+        }
+        if (fault->target == FAULT_CHIP) {
             run->board->add_chip_fault(run->self, &fault->chip);
-        } else if (fault->target == FAULT_CRYSTAL && fault->at_us == 0) {
+        } else if (fault->target == FAULT_CARD) {
+            run->board->add_card_fault(run->self, &fault->card);
+        } else {
             run->board->suffer(run->self, fault);
         }
     }
@@ -333,26 +367,33 @@ static void schedule_at_power_up(struct run *run) {
 
 static void schedule_fault(struct run *run, const struct fault *fault) {
     const uint64_t tick = tick_of(run, fault->at_us);
+    if (is_from_power_up(fault)) {
+        return;
+    }
     switch (fault->target) {
-    case FAULT_CHIP:
-        if (fault->at_us != 0 && fault->chip.transactions == 0) {
-            struct chip_fault chip_fault = fault->chip;
-            chip_fault.from_ns = run->board->nanoseconds(tick);
-            run->board->add_chip_fault(run->self, &chip_fault);
-        }
+    case FAULT_CHIP: {
+        struct chip_fault chip_fault = fault->chip;
+        chip_fault.from_ns = run->board->nanoseconds(tick);
+        run->board->add_chip_fault(run->self, &chip_fault);
         break;
+    }
+    case FAULT_CARD: {
+        struct card_fault card_fault = fault->card;
+        card_fault.from_ns = run->board->nanoseconds(tick);
+        run->board->add_card_fault(run->self, &card_fault);
+        break;
+    }
     case FAULT_CRYSTAL:
-        if (fault->at_us == 0) {
-            break;  // dead from power-up on
-        }
-        // falls through
     case FAULT_RESET:
     case FAULT_BROWN_OUT:
     case FAULT_GLITCH:
+    case FAULT_BATTERY:
+    case FAULT_CHARGER:
+    case FAULT_RADIO:
         add_event(run, (struct run_event){tick, EVENT_FAULT, fault});
         break;
     case FAULT_POWER_CUT:
-        if (fault->write == 0) {
+        if (fault->write == 0 && fault->card_write == 0) {
             add_event(run, (struct run_event){tick, EVENT_POWER_CUT, fault});
         }
         break;
@@ -562,6 +603,15 @@ static void write_text(FILE *file, const char *name, const char *text) {
     }
 }
 
+static void write_card(FILE *file, const struct run_report *report) {
+    (void)fprintf(file,
+                  "  \"card_blocks\": %" PRIu64 ",\n  \"card_bad_crc\": %" PRIu64
+                  ",\n  \"card_busy_worst_us\": %" PRIu64 ",\n",
+                  report->card_blocks, report->card_bad_crc,
+                  report->card_busy_worst_us);
+    write_text(file, "card_complaint", report->card_complaint);
+}
+
 static bool write_summary(const struct run *run, const struct summary *summary) {
     const struct run_report *report = &summary->report;
     FILE *file = fopen(run->options.summary, "w");
@@ -599,6 +649,16 @@ static bool write_summary(const struct run *run, const struct summary *summary) 
     (void)fprintf(file, "  \"seconds\": %.6f,\n", summary->seconds);
     write_text(file, "firmware_complaint", report->firmware_complaint);
     write_text(file, "sensor_complaint", report->sensor_complaint);
+    if (report->has_card) {
+        write_card(file, report);
+    }
+    for (unsigned i = 0; i < report->more_count; i++) {
+        (void)fprintf(file, "  \"%s\": %" PRIu64 ",\n", report->more[i].name,
+                      report->more[i].value);
+    }
+    if (report->has_radio) {
+        write_text(file, "radio_complaint", report->radio_complaint);
+    }
     (void)fprintf(file, "  \"power_cut\": %s,\n  \"crashed\": %s",
                   run->is_power_cut ? "true" : "false",
                   summary->is_crashed ? "true" : "false");
@@ -633,6 +693,13 @@ static void say_summary(const struct run *run, const struct summary *summary) {
     if (report->sensor_complaint != NULL) {
         (void)fprintf(stderr, "%s: on the sensor's bus: %s\n", name,
                       report->sensor_complaint);
+    }
+    if (report->card_complaint != NULL) {
+        (void)fprintf(stderr, "%s: on the card's bus: %s\n", name,
+                      report->card_complaint);
+    }
+    if (report->radio_complaint != NULL) {
+        (void)fprintf(stderr, "%s: to the radio: %s\n", name, report->radio_complaint);
     }
     if (summary->is_crashed) {
         (void)fprintf(stderr, "%s: the firmware %s at pc 0x%04x, sp 0x%04x\n", name,

@@ -17,6 +17,7 @@ enum {
     RUN_EVENTS_MAX = 512,
     RUN_WAITING_MAX = 8,
     RUN_LIST_MAX = 64,  // of --press, and of --send
+    RUN_MORE_MAX = 12,
 };
 #define RUN_NEVER UINT64_MAX
 
@@ -29,6 +30,17 @@ struct run_report {
     uint32_t stack, flash, ram;      // bytes
     const char *firmware_complaint;  // null: none
     const char *sensor_complaint;
+    bool has_card;
+    uint64_t card_blocks, card_bad_crc, card_busy_worst_us;
+    const char *card_complaint;
+    // Numbers of what this board has and others don't, by their name in the summary.
+    struct run_number {
+        const char *name;
+        uint64_t value;
+    } more[RUN_MORE_MAX];
+    unsigned more_count;
+    bool has_radio;
+    const char *radio_complaint;
     const char *crash;  // what the firmware did where it can't go on
     uint32_t pc, sp;
 };
@@ -68,6 +80,7 @@ struct run_board {
     // FAULT_RESET, FAULT_BROWN_OUT, or one that struct fault_kinds lets pass.
     void (*suffer)(void *self, const struct fault *fault);
     void (*add_chip_fault)(void *self, const struct chip_fault *fault);
+    void (*add_card_fault)(void *self, const struct card_fault *fault);  // may be null
     // What survives power: as a cut now would leave it; all of it.
     void (*cut_memory)(void *self);
     uint8_t *(*memory_bytes)(void *self, size_t *size);
@@ -140,12 +153,13 @@ int run_usage(const struct run *run, const char *what, const char *which);
 
 // What the board tells while it runs. A byte has left it; the data-ready pin has risen;
 // on the sensor's bus is a START, or all of a transaction has come through; write
-// number n of what survives power has begun; it has been reset; work on a sample begins
-// or is done, at that cycle of the processor.
+// number n of what survives power, or of a block of its card, has begun; it has been
+// reset; work on a sample begins or is done, at that cycle of the processor.
 void run_on_byte(struct run *run, uint8_t byte);
 void run_on_data_ready(struct run *run);
 void run_on_bus(struct run *run, bool is_start);
 void run_on_memory_write(struct run *run, uint64_t number);
+void run_on_card_write(struct run *run, uint64_t number);
 void run_on_reset(struct run *run);
 void run_on_mark(struct run *run, uint64_t tick, uint64_t cycle, bool is_begin);
 

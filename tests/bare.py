@@ -72,6 +72,19 @@ def run(program: str, folder: Path, *more: str, code: int = 1) -> Said:
     return Said(parse(data), data, json.loads(summary.read_text()), done.stderr)
 
 
+def refused(program: str, folder: Path, *more: str) -> str:
+    """Run a program with options that are a mistake. Return what it says of them."""
+    done = subprocess.run(
+        [emulator(), "--image", image(program, folder), *more],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=20,
+    )
+    assert done.returncode == 2, done.stderr
+    return done.stderr
+
+
 def ended(program: str, folder: Path, *more: str) -> dict[str, list[int]]:
     """Run a program that ends by itself and has done nothing against the manuals."""
     said = run(program, folder, *more)

@@ -23,7 +23,9 @@ FOLDERS = ("benchmarks", "firmware", "host", "protocol", "sim", "tests", "tools"
 SOURCES = ("*.c", "*.h", "*.ld", "*.py", "*.pyi", "*.S", "*.sh")
 
 # Byte order and register fields, not numbers of a Q format, are shifted here.
-BYTE_SHUFFLERS = {"frame.c", "messages.c", "mpu9250.c", "settings.c"}
+BYTE_SHUFFLERS = {
+    *("frame.c", "logbook.c", "messages.c", "mpu9250.c", "sdcard.c", "settings.c")
+}
 
 COMPILERS = {
     "gcc": ("-O2",),

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: MIT
 // ADC1 by software: the regular sequence, once or without end (RM, "Analog-to-digital
-// converter"). Pins that nothing is wired to are noise.
+// converter"). Pins that nothing is wired to are noise, but for PC0, which keeps its
+// charge.
+#include <math.h>
+
 #include "f405.h"
 
 enum {
@@ -31,6 +34,7 @@ enum {
     CR2_KNOWN = CR2_ADON | CR2_CONT | CR2_DMA | CR2_DDS | CR2_EOCS | CR2_SWSTART,
     CCR_VBATE = 1 << 22,
     CCR_TSVREFE = 1 << 23,
+    CHANNEL_CELL = 10,  // PC0
     CHANNEL_TEMPERATURE = 16,
     CHANNEL_REFERENCE = 17,
     CHANNEL_BATTERY = 18,
@@ -40,6 +44,12 @@ enum {
     FULL_SCALE = 4095,
     FASTEST_HZ = 36000000,  // DS, "12-bit ADC characteristics"
     DMA2_UNIT = 1,
+    REFERENCE_SAMPLE_NS = 10000,  // DS, "Embedded reference voltage", the least
+    // DS, "12-bit ADC characteristics": of the switch; and the capacitors, in fF, of
+    // the sampling stage and, estimated, of a pin that nothing is wired to.
+    SWITCH_OHMS = 6000,
+    SAMPLING_FF = 4000,
+    PIN_FF = 10000,
 };
 
 static void follow_line(struct f405 *m) {
@@ -73,8 +83,44 @@ static void begin(struct f405 *m) {
             f405_when(m) + f405_ps(sample_cycles(adc, channel_now(adc)) + bits, hz));
 }
 
+static double sample_seconds(const struct f405 *m, unsigned channel) {
+    const uint32_t hz = m->pclk_hz[1] / (2 * (((m->adc.ccr >> 16) & 3) + 1));
+    return hz == 0 ? 0.0 : (double)sample_cycles(&m->adc, channel) / hz;
+}
+
+// The divider charges the sampling capacitor as fast as its resistors let it. A pin
+// that floats shares its charge with it, so that it drifts to what was sampled before.
+static uint32_t sample_cell(struct f405 *m) {
+    struct f405_adc *adc = &m->adc;
+    double ohms = 0.0;
+    const double mv = wired_analog_mv(m, &ohms);
+    if (((m->ports[PORT_C].moder >> 0) & 3) != 3) {
+        f405_complain(m, "the ADC on a pin that is not analog");
+    }
+    if (ohms > 0.0) {
+        const double tau = (ohms + SWITCH_OHMS) * SAMPLING_FF * 1e-15;
+        const double left = exp(-sample_seconds(m, CHANNEL_CELL) / tau);
+        adc->sampled_mv = mv + (adc->sampled_mv - mv) * left;
+    } else {
+        adc->sampled_mv = (mv * PIN_FF + adc->sampled_mv * SAMPLING_FF) /
+                          (double)(PIN_FF + SAMPLING_FF);
+        m->wired.pin_mv = adc->sampled_mv;
+    }
+    const double counts = adc->sampled_mv * FULL_SCALE / F405_SUPPLY_MV + 0.5 +
+                          (double)(f405_random(m) % 3) - 1.0;
+    const uint32_t value = counts <= 0.0 ? 0 : (uint32_t)counts;
+    return value > FULL_SCALE ? FULL_SCALE : value;
+}
+
 static uint32_t convert(struct f405 *m, unsigned channel) {
-    const struct f405_adc *adc = &m->adc;
+    struct f405_adc *adc = &m->adc;
+    if (channel == CHANNEL_CELL) {
+        return sample_cell(m) >> (2 * ((adc->cr1 >> 24) & 3));
+    }
+    if (channel == CHANNEL_REFERENCE &&
+        sample_seconds(m, channel) < REFERENCE_SAMPLE_NS * 1e-9) {
+        f405_complain(m, "the reference sampled for less than 10 us");
+    }
     uint32_t mv = f405_random(m) % F405_SUPPLY_MV;
     if (channel == CHANNEL_REFERENCE && (adc->ccr & CCR_TSVREFE) != 0) {
         mv = REFERENCE_MV;
@@ -83,6 +129,7 @@ static uint32_t convert(struct f405 *m, unsigned channel) {
     } else if (channel == CHANNEL_BATTERY && (adc->ccr & CCR_VBATE) != 0) {
         mv = F405_SUPPLY_MV / 2;
     }
+    adc->sampled_mv = mv;
     const uint32_t counts = (mv * FULL_SCALE + F405_SUPPLY_MV / 2) / F405_SUPPLY_MV;
     return counts >> (2 * ((adc->cr1 >> 24) & 3));
 }

@@ -58,6 +58,9 @@ enum {
     FPDSCR = 0xF3C,
     MVFR0 = 0xF40,
     MVFR1 = 0xF44,
+    SCR_ON_EXIT = 1 << 1,
+    SCR_DEEP = 1 << 2,
+    SCR_SEVONPEND = 1 << 4,
     STK_ENABLE = 1 << 0,
     STK_TICKINT = 1 << 1,
     STK_CLKSOURCE = 1 << 2,
@@ -86,13 +89,19 @@ static int group_of(const struct f405 *m, int priority) {
     return priority < 0 ? priority : priority & group_mask(m);
 }
 
+// From there on; EXCEPTIONS where none is. Asked for at every stop of the core, and
+// nearly always in vain.
+static unsigned next_true(const bool flags[EXCEPTIONS], unsigned from) {
+    const bool *found = memchr(flags + from, true, EXCEPTIONS - from);
+    return found != NULL ? (unsigned)(found - flags) : EXCEPTIONS;
+}
+
 static int active_priority(const struct f405 *m) {
     int lowest = PRIORITY_NONE;
-    for (unsigned i = EXCEPTION_NMI; i < EXCEPTIONS; i++) {
-        if (m->core.active[i]) {
-            const int priority = group_of(m, priority_of(m, i));
-            lowest = priority < lowest ? priority : lowest;
-        }
+    for (unsigned i = next_true(m->core.active, EXCEPTION_NMI); i < EXCEPTIONS;
+         i = next_true(m->core.active, i + 1)) {
+        const int priority = group_of(m, priority_of(m, i));
+        lowest = priority < lowest ? priority : lowest;
     }
     return lowest;
 }
@@ -129,8 +138,9 @@ static bool is_enabled(const struct f405 *m, unsigned exception) {
 // The most urgent that is pending and enabled; 0: none.
 static unsigned find_pending(const struct f405 *m) {
     unsigned best = 0;
-    for (unsigned i = EXCEPTION_NMI; i < EXCEPTIONS; i++) {
-        if (m->core.pending[i] && is_enabled(m, i) &&
+    for (unsigned i = next_true(m->core.pending, EXCEPTION_NMI); i < EXCEPTIONS;
+         i = next_true(m->core.pending, i + 1)) {
+        if (is_enabled(m, i) &&
             (best == 0 || priority_of(m, i) < priority_of(m, best))) {
             best = i;
         }
@@ -139,6 +149,9 @@ static unsigned find_pending(const struct f405 *m) {
 }
 
 void core_pend(struct f405 *m, unsigned exception) {
+    if ((m->core.scr & SCR_SEVONPEND) != 0 && !m->core.pending[exception]) {
+        m->core.has_event = true;
+    }
     m->core.pending[exception] = true;
     f405_attend(m);
 }
@@ -155,11 +168,31 @@ void core_irq(struct f405 *m, unsigned exception, bool level) {
 
 bool core_wakes(const struct f405 *m) {
     const unsigned exception = find_pending(m);
-    return exception != 0 &&
-           group_of(m, priority_of(m, exception)) < execution_priority(m, false);
+    if (m->is_waiting && m->core.has_event) {
+        return true;
+    }
+    // ARM, "Wait For Event": PRIMASK holds there, unlike with WFI.
+    return exception != 0 && group_of(m, priority_of(m, exception)) <
+                                 execution_priority(m, m->is_waiting);
+}
+
+bool core_sleep(struct f405 *m) {
+    const bool is_deep = (m->core.scr & SCR_DEEP) != 0;
+    // A pending line of EXTI, and STOP mode is not entered (RM, "Stop mode").
+    if ((m->is_waiting && m->core.has_event) || (is_deep && m->exti.pr != 0)) {
+        m->core.has_event = m->core.has_event && !m->is_waiting;
+        m->is_waiting = false;
+        return false;
+    }
+    m->is_asleep = true;
+    m->is_deep = is_deep;
+    return true;
 }
 
 bool core_can_wake(const struct f405 *m) {
+    if (m->rcc.is_stopped) {
+        return exti_can_wake(m);
+    }
     if ((m->core.tick_control & STK_TICKINT) != 0) {
         return true;
     }
@@ -232,7 +265,7 @@ static void enter(struct f405 *m, unsigned exception) {
     }
     core->pending[exception] = false;
     core->active[exception] = true;
-    m->it_length = 0;
+    core->has_event = true;
     f405_set(m, UC_ARM_REG_CONTROL, control & ~(uint32_t)CONTROL_FPU);
     f405_set(m, UC_ARM_REG_SP, sp);
     f405_set(m, UC_ARM_REG_XPSR,
@@ -336,8 +369,9 @@ void core_return(struct f405 *m, uint32_t exc_return) {
     if (core->level[exception]) {
         core_pend(m, exception);
     }
-    if (is_thread && (core->scr & 2) != 0) {
-        m->is_asleep = true;  // SLEEPONEXIT
+    core->has_event = true;
+    if (is_thread && (core->scr & SCR_ON_EXIT) != 0) {
+        (void)core_sleep(m);
     }
 }
 

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: MIT
 // An STM32F405RG as on a pyboard v1.1: the core in libunicorn, the peripherals here.
 // The sensor is on I2C1 (PB6, PB7) and PB0, PB1, the button on PB3, the wire on USART2
-// (PA2, PA3), a card on SPI1 (PA4 to PA7); work on a sample shows on PC6.
+// (PA2, PA3), a card on SPI1 (PA4 to PA7); work on a sample shows on PC6. Where there
+// is a radio it sits between USART2 and the wire: its RTS on PA0, its CTS on PA1, PIO2
+// on PB12, its reset on PB13. Where there is a battery: half of its voltage on PC0, the
+// charger's PGOOD and CHG on PC1, PC2.
 //
 // Documents: RM = RM0090 (reference manual), PM = PM0214 (programming manual), ARM =
 // ARMv7-M architecture reference manual DDI 0403E, DS = STM32F405xx data sheet
@@ -101,6 +104,7 @@ enum f405_event {
     EVENT_USART_IDLE,
     EVENT_SPI,
     EVENT_ADC,
+    EVENT_RADIO,
     EVENTS,
 };
 
@@ -126,8 +130,34 @@ struct f405_chip {
 // What sits in the card's socket: a byte goes out on MOSI while one comes in on MISO.
 struct f405_card {
     void *self;
-    uint8_t (*exchange)(void *self, uint64_t now_ns, uint8_t byte);
+    uint8_t (*exchange)(void *self, uint64_t now_ns, uint32_t clock_hz, uint8_t byte);
     void (*select)(void *self, uint64_t now_ns, bool is_selected);  // PA4
+    void (*power_cycle)(void *self, uint64_t now_ns);
+};
+
+// A radio with a UART: as in chips/rn41.h, as far as the board's wires go.
+struct f405_radio {
+    void *self;
+    void (*advance)(void *self, uint64_t now_ns);
+    uint64_t (*next_event)(const void *self);
+    void (*receive)(void *self, uint64_t now_ns, uint8_t byte, uint32_t baud);
+    bool (*take)(void *self, uint8_t *byte, uint32_t *baud);
+    bool (*is_sending)(const void *self);
+    void (*set_cts)(void *self, uint64_t now_ns, bool is_high);
+    void (*set_reset)(void *self, uint64_t now_ns, bool is_low);
+    int (*rts)(const void *self);
+    int (*pio2)(const void *self);
+    void (*host_write)(void *self, uint64_t now_ns, uint8_t byte);
+    void (*power_cycle)(void *self, uint64_t now_ns);
+};
+
+// What instructions work on. `rest` is XPSR without N, Z, C, V and the IT state.
+struct f405_registers {
+    uint32_t r[15];  // R0 to LR
+    bool n, z, c, v;
+    uint8_t it;
+    uint32_t rest, primask, faultmask, basepri, control, fpscr;
+    uint32_t s[32];
 };
 
 struct f405_core {
@@ -142,6 +172,7 @@ struct f405_core {
     // SysTick
     uint32_t tick_control, tick_load, tick_held;
     uint64_t tick_from;  // when it was tick_held
+    bool has_event;      // the event register, for WFE
 };
 
 struct f405_rcc {
@@ -151,6 +182,9 @@ struct f405_rcc {
     uint64_t hse_at, hsi_at, pll_at, lsi_at;  // ready then
     bool is_crystal_dead;
     uint32_t pwr_cr, pwr_csr;
+    // In STOP mode; since, and what was under way with how much of its time left.
+    bool is_stopped;
+    uint64_t stopped_at, left[EVENTS];
 };
 
 struct f405_flash {
@@ -220,6 +254,8 @@ struct f405_usart {
     uint32_t seen;
     bool is_idle_due;  // something has come since the line was last seen idle
     uint64_t overruns, deaf;
+    bool was_cts_high;
+    uint64_t busy_until;  // receiving, with a frame of another rate
     // What is on its way in: bytes, each with the time before which it doesn't start.
     uint8_t *line;
     uint64_t *line_from;
@@ -238,6 +274,17 @@ struct f405_adc {
     uint32_t sr, cr1, cr2, smpr[2], sqr[3], data, ccr;
     unsigned index;  // in the sequence
     bool is_converting;
+    double sampled_mv;  // on the sampling capacitor, by the last conversion
+};
+
+// What is wired to the pins beside the sensor and the card.
+struct f405_wired {
+    bool is_cts_high, is_reset_low;  // as the radio has them
+    int rts, pio2;                   // as the pins have them
+    bool has_battery, is_external, is_charging;
+    uint32_t from_mv, to_mv;  // a line in time
+    uint64_t from_ps, for_ps;
+    double pin_mv;  // of PC0 where nothing holds it
 };
 
 struct f405_iwdg {
@@ -255,7 +302,8 @@ struct f405 {
     uc_engine *uc;
     uint8_t *flash, *ram, *ccm, *system;
     const struct f405_chip *chip;
-    const struct f405_card *card;  // null: none in the socket
+    const struct f405_card *card;    // null: none in the socket
+    const struct f405_radio *radio;  // null: the wire itself
     uint64_t seed;
 
     // To the owner; each may be null.
@@ -277,16 +325,22 @@ struct f405 {
     uint64_t clock_start;  // when TIM2 or TIM5 was first started, or NEVER
     uint64_t asleep;       // ps
     uint64_t asleep_cycles;
+    uint64_t stopped;  // ps of it in STOP mode
     uint64_t resets;
 
     // The core, between instructions and on its way into the next.
     uint32_t pc;
-    uint32_t it_from, it_length;  // bytes that an IT instruction speaks of
+    struct f405_registers registers;
+    struct f405_registers lent;  // as libunicorn has them
+    bool is_lent;                // it works on its own
+    bool has_stepped;            // by the one instruction that it is asked for
     unsigned attention;  // instructions until somebody wants it to stop; 0 none
     bool is_stopped, is_in_code, is_pumping;
     bool is_blocked;  // an exception waits for a mask to fall
     bool is_asleep, is_locked_up;
-    int trap;  // what Unicorn says of an exception, -1 none
+    bool is_waiting;  // a WFE is to be served; then: asleep by one
+    bool is_deep;     // asleep with SLEEPDEEP
+    int trap;         // what Unicorn says of an exception, -1 none
     enum { FAULT_NONE, FAULT_LOAD, FAULT_STORE, FAULT_NO_FPU, FAULT_DIVISION } fault;
     uint32_t fault_address, fault_pc;
     uint32_t wants_reset;  // enum f405_reset
@@ -308,6 +362,7 @@ struct f405 {
     struct f405_spi spi;
     struct f405_adc adc;
     struct f405_iwdg iwdg;
+    struct f405_wired wired;
     struct f405_stack stack;
 };
 
@@ -332,9 +387,15 @@ uint64_t f405_now(const struct f405 *m);
 // instruction further.
 uint64_t f405_when(const struct f405 *m);
 uint64_t f405_ns(uint64_t ps);
+// Time in STOP mode so far.
+uint64_t f405_stopped(const struct f405 *m);
 // Puts a byte on the wire to the USART, not before that time.
 bool f405_send(struct f405 *m, uint64_t from_ps, uint8_t byte);
 void f405_press(struct f405 *m, bool is_down);
+// A cell on the board's divider, its voltage on a straight line from now on; then
+// stays.
+void f405_battery(struct f405 *m, uint32_t from_mv, uint32_t to_mv, uint64_t for_ps);
+void f405_charger(struct f405 *m, bool is_external, bool is_charging);
 // The crystal dies. SDA is pulled for a moment within the byte under way.
 void f405_kill_crystal(struct f405 *m);
 void f405_glitch(struct f405 *m);
@@ -368,6 +429,13 @@ void f405_pump(struct f405 *m);
 uint32_t f405_get(const struct f405 *m, int reg);
 void f405_set(struct f405 *m, int reg, uint32_t value);
 
+// Runs instructions from m->pc on, with the same hook before each of them: until
+// something is due, WFI, the end of a handler, or one that only libunicorn knows.
+enum thumb { THUMB_STOPPED, THUMB_UNKNOWN, THUMB_ASLEEP, THUMB_RETURNS };
+enum thumb thumb_run(struct f405 *m);
+// The state of an IT block after one of its instructions.
+uint8_t thumb_advance(uint8_t it);
+
 // The core: exceptions, NVIC, SCB, SysTick.
 void core_reset(struct f405 *m);
 void core_irq(struct f405 *m, unsigned exception, bool level);
@@ -377,6 +445,8 @@ bool core_take(struct f405 *m);
 // Whether one waits that ends the core's sleep; whether one ever can.
 bool core_wakes(const struct f405 *m);
 bool core_can_wake(const struct f405 *m);
+// After WFI, WFE or on the way out of the last handler. False: it goes on at once.
+bool core_sleep(struct f405 *m);
 void core_return(struct f405 *m, uint32_t exc_return);
 void core_fault(struct f405 *m, unsigned exception, uint32_t status);
 void core_service_call(struct f405 *m);
@@ -389,6 +459,8 @@ void rcc_power_up(struct f405 *m);
 void rcc_reset(struct f405 *m, uint32_t cause);
 void rcc_event(struct f405 *m);
 void rcc_set_clocks(struct f405 *m);
+// Into STOP mode and out of it.
+void rcc_stop(struct f405 *m, bool is_begin);
 uint32_t rcc_read(struct f405 *m, unsigned unit, uint32_t at);
 void rcc_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value);
 uint32_t pwr_read(struct f405 *m, unsigned unit, uint32_t at);
@@ -406,11 +478,14 @@ void flash_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value);
 void pins_reset(struct f405 *m, unsigned port);
 // Something outside or inside that drives pins has changed.
 void pins_follow(struct f405 *m);
+void pins_follow_port(struct f405 *m, unsigned port);
 bool pins_level(const struct f405 *m, unsigned port, unsigned pin);
 // Whether the pin is in that alternate function.
 bool pins_is_alternate(const struct f405 *m, unsigned port, unsigned pin, unsigned af);
 uint32_t pins_read(struct f405 *m, unsigned unit, uint32_t at);
 void pins_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value);
+// Whether an edge can end STOP mode.
+bool exti_can_wake(const struct f405 *m);
 void exti_reset(struct f405 *m);
 uint32_t exti_read(struct f405 *m, unsigned unit, uint32_t at);
 void exti_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value);
@@ -450,6 +525,11 @@ void usart_sent(struct f405 *m);
 void usart_received(struct f405 *m);
 void usart_idle(struct f405 *m);
 bool usart_pump(struct f405 *m);
+// The level of RTS, -1 where the pin is not it. CTS may have changed.
+int usart_rts(const struct f405 *m);
+void usart_follow_cts(struct f405 *m);
+// A frame of the radio has ended.
+void usart_deliver(struct f405 *m, uint8_t byte, uint32_t baud);
 void usart_free(struct f405 *m);
 uint32_t usart_read(struct f405 *m, unsigned unit, uint32_t at);
 void usart_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value);
@@ -465,6 +545,16 @@ void adc_event(struct f405 *m);
 bool adc_pump(struct f405 *m);
 uint32_t adc_read(struct f405 *m, unsigned unit, uint32_t at);
 void adc_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value);
+
+void wired_power_up(struct f405 *m);
+void wired_event(struct f405 *m);
+// What the firmware or time has changed on the wires.
+void wired_follow(struct f405 *m);
+// What they drive: 0, 1, or -1 for nothing.
+int wired_level(const struct f405 *m, unsigned port, unsigned pin);
+// PC0 has been set up anew. Its voltage, behind how many ohms; 0: nothing drives it.
+void wired_settle(struct f405 *m);
+double wired_analog_mv(const struct f405 *m, double *ohms);
 
 void iwdg_reset(struct f405 *m, unsigned unit);
 void iwdg_event(struct f405 *m);

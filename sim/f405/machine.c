@@ -9,13 +9,12 @@
 #include "f405.h"
 
 enum {
-    NOWHERE = 0xFFFFFFFE,  // no instruction is there, so none ends a run of them
     // Instructions that the hook has to know (ARM, chapters A5 and A7).
     CPS = 0xB660,
     CPS_MASK = 0xFFE8,
-    IT = 0xBF00,
-    IT_MASK = 0xFF00,
+    XPSR_IT = 0x0600FC00,
     WFE = 0xBF20,
+    SEV = 0xBF40,
     MSR = 0xF380,
     MSR_MASK = 0xFFE0,
     DIVIDE = 0xFB90,  // SDIV; UDIV has bit 5 set
@@ -175,14 +174,121 @@ uint32_t f405_random(struct f405 *m) {
     return (uint32_t)((x * UINT64_C(0x2545F4914F6CDD1D)) >> 32);
 }
 
-uint32_t f405_get(const struct f405 *m, int reg) {
+// Registers: ours, or libunicorn's while it executes. One list for both.
+
+static uint32_t xpsr_of(const struct f405_registers *x) {
+    return x->rest | (uint32_t)x->n << 31 | (uint32_t)x->z << 30 |
+           (uint32_t)x->c << 29 | (uint32_t)x->v << 28 | (x->it & 3U) << 25 |
+           (x->it >> 2U) << 10;
+}
+
+static void set_xpsr(struct f405_registers *x, uint32_t value) {
+    x->n = (value >> 31 & 1) != 0;
+    x->z = (value >> 30 & 1) != 0;
+    x->c = (value >> 29 & 1) != 0;
+    x->v = (value >> 28 & 1) != 0;
+    x->it = (uint8_t)((value >> 25 & 3) | (value >> 10 & 0x3F) << 2);
+    x->rest = value & 0x0FFFFFFF & ~(uint32_t)XPSR_IT;
+}
+
+// Null: XPSR, or none.
+static uint32_t *place_of(struct f405_registers *x, int reg) {
+    if (reg >= UC_ARM_REG_R0 && reg <= UC_ARM_REG_R12) {
+        return &x->r[reg - UC_ARM_REG_R0];
+    }
+    if (reg >= UC_ARM_REG_S0 && reg <= UC_ARM_REG_S31) {
+        return &x->s[reg - UC_ARM_REG_S0];
+    }
+    switch (reg) {
+    case UC_ARM_REG_SP:
+        return &x->r[13];
+    case UC_ARM_REG_LR:
+        return &x->r[14];
+    case UC_ARM_REG_PRIMASK:
+        return &x->primask;
+    case UC_ARM_REG_FAULTMASK:
+        return &x->faultmask;
+    case UC_ARM_REG_BASEPRI:
+        return &x->basepri;
+    case UC_ARM_REG_CONTROL:
+        return &x->control;
+    case UC_ARM_REG_FPSCR:
+        return &x->fpscr;
+    default:
+        return NULL;
+    }
+}
+
+static uint32_t ask(const struct f405 *m, int reg) {
     uint32_t value = 0;
     (void)uc_reg_read(m->uc, reg, &value);
     return value;
 }
 
+uint32_t f405_get(const struct f405 *m, int reg) {
+    if (m->is_lent) {
+        return ask(m, reg);
+    }
+    struct f405_registers *x = (struct f405_registers *)&m->registers;
+    if (reg == UC_ARM_REG_XPSR) {
+        return xpsr_of(x);
+    }
+    if (reg == UC_ARM_REG_IPSR) {
+        return x->rest & 0x1FF;
+    }
+    if (reg == UC_ARM_REG_PC) {
+        return m->pc;
+    }
+    return *place_of(x, reg);
+}
+
 void f405_set(struct f405 *m, int reg, uint32_t value) {
-    (void)uc_reg_write(m->uc, reg, &value);
+    if (reg == UC_ARM_REG_XPSR) {
+        set_xpsr(&m->registers, value);
+    } else {
+        *place_of(&m->registers, reg) = value;
+    }
+}
+
+// In the order in which they are lent: the mode decides what SP is.
+static const int lendable[] = {
+    UC_ARM_REG_PRIMASK, UC_ARM_REG_FAULTMASK, UC_ARM_REG_BASEPRI, UC_ARM_REG_CONTROL,
+    UC_ARM_REG_XPSR,    UC_ARM_REG_SP,        UC_ARM_REG_LR,      UC_ARM_REG_FPSCR,
+};
+enum { LENDABLE = sizeof lendable / sizeof *lendable };
+
+static void lend(struct f405 *m, int reg) {
+    struct f405_registers *x = &m->registers;
+    const bool is_xpsr = reg == UC_ARM_REG_XPSR;
+    // An IT block is ours: libunicorn gets its instructions one by one.
+    const uint32_t value =
+        is_xpsr ? xpsr_of(x) & ~(uint32_t)XPSR_IT : *place_of(x, reg);
+    const uint32_t theirs = is_xpsr ? xpsr_of(&m->lent) : *place_of(&m->lent, reg);
+    if (value != theirs) {
+        (void)uc_reg_write(m->uc, reg, &value);
+    }
+}
+
+static void take_back(struct f405 *m, int reg) {
+    if (reg == UC_ARM_REG_XPSR) {
+        const uint8_t it = m->registers.it;
+        set_xpsr(&m->registers, ask(m, reg) & ~(uint32_t)XPSR_IT);
+        m->registers.it = it;
+    } else {
+        *place_of(&m->registers, reg) = ask(m, reg);
+    }
+}
+
+static void for_each_register(struct f405 *m, void (*do_it)(struct f405 *m, int reg)) {
+    for (int i = 0; i < LENDABLE; i++) {
+        do_it(m, lendable[i]);
+    }
+    for (int i = 0; i <= 12; i++) {
+        do_it(m, UC_ARM_REG_R0 + i);
+    }
+    for (int i = 0; i < 32; i++) {
+        do_it(m, UC_ARM_REG_S0 + i);
+    }
 }
 
 uint32_t f405_sp(const struct f405 *m) {
@@ -191,11 +297,45 @@ uint32_t f405_sp(const struct f405 *m) {
 
 // Time
 
+// Picoseconds a cycle as the shortest fraction, with which 64 bits reach far: 125000/21
+// at 168 MHz, and 2^64/125000 cycles are 10 days. Clocks are few, so the last is kept.
+struct ratio {
+    uint32_t hz;
+    uint64_t ps, cycles;
+};
+
+static const struct ratio *ratio_of(uint32_t hz) {
+    static struct ratio last[4];
+    struct ratio *ratio = &last[(hz >> 4) & 3];
+    if (ratio->hz != hz) {
+        uint64_t a = F405_PS_PER_S;
+        for (uint64_t b = hz; b != 0;) {
+            const uint64_t rest = a % b;
+            a = b;
+            b = rest;
+        }
+        *ratio = (struct ratio){hz, F405_PS_PER_S / a, hz / a};
+    }
+    return ratio;
+}
+
+// a * b / c, by whichever width that takes.
+static uint64_t scale(uint64_t a, uint64_t b, uint64_t c, bool is_up) {
+    uint64_t product = 0;
+    const uint64_t more = is_up ? c - 1 : 0;
+    if (__builtin_mul_overflow(a, b, &product) ||
+        __builtin_add_overflow(product, more, &product)) {
+        return (uint64_t)(((unsigned __int128)a * b + more) / c);
+    }
+    return product / c;
+}
+
 uint64_t f405_ps(uint64_t cycles, uint32_t hz) {
     if (hz == 0) {
         return F405_NEVER / 4;  // far away, and no sum with it overflows
     }
-    return (uint64_t)((unsigned __int128)cycles * F405_PS_PER_S / hz);
+    const struct ratio *ratio = ratio_of(hz);
+    return scale(cycles, ratio->ps, ratio->cycles, false);
 }
 
 uint64_t f405_now(const struct f405 *m) {
@@ -218,9 +358,11 @@ uint64_t f405_cycle_at(const struct f405 *m, uint64_t ps) {
     if (ps <= m->base_ps) {
         return m->base_cycle;
     }
-    const unsigned __int128 product =
-        (unsigned __int128)(ps - m->base_ps) * m->hclk_hz + F405_PS_PER_S - 1;
-    return m->base_cycle + (uint64_t)(product / F405_PS_PER_S);
+    if (m->hclk_hz == 0) {
+        return m->base_cycle;
+    }
+    const struct ratio *ratio = ratio_of(m->hclk_hz);
+    return m->base_cycle + scale(ps - m->base_ps, ratio->cycles, ratio->ps, true);
 }
 
 static void find_next(struct f405 *m) {
@@ -463,60 +605,32 @@ static void look_at_long(struct f405 *m, const uint8_t *code) {
     }
 }
 
-// Bytes of the instructions that an IT speaks of (ARM, IT): as many as its mask's
-// lowest one is away from its top.
-static uint32_t it_bytes(struct f405 *m, uint32_t address, unsigned mask) {
-    unsigned count = 4;
-    for (; (mask & 1) == 0; mask >>= 1) {
-        count--;
-    }
-    uint32_t length = 0;
-    for (; count > 0; count--) {
-        const uint8_t *code = f405_memory(m, address + length, 2);
-        length += code != NULL && code[1] >= 0xE8 ? 4 : 2;
-    }
-    return length;
-}
-
-static void look_at_short(struct f405 *m, uint32_t address, const uint8_t *code) {
+static void look_at_short(struct f405 *m, const uint8_t *code) {
     const unsigned word = code[0] | (code[1] << 8);
-    if ((word & IT_MASK) == IT) {
-        if ((word & 0x0F) != 0) {
-            m->it_from = address + 2;
-            m->it_length = it_bytes(m, address + 2, word & 0x0F);
-        } else if (word == WFE) {
-            f405_not_modelled(m, "WFE");
-        }
+    if (word == WFE) {
+        m->is_waiting = true;
+    } else if (word == SEV) {
+        m->core.has_event = true;
     } else if ((word & CPS_MASK) == CPS && m->is_blocked) {
         // The manual promises no earlier (ARM, "MSR, CPS: visibility"; PM, "ISB").
         m->attention = 2;
     }
 }
 
-// Before each instruction.
+// Before the one instruction that libunicorn executes for us, and before the next.
 static void on_instruction(uc_engine *uc, uint64_t address, uint32_t size, void *user) {
     struct f405 *m = user;
-    const uint32_t pc = (uint32_t)address;
-    m->pc = pc;
+    m->pc = (uint32_t)address;
     if (m->flash_control.store_count > 0) {
         flash_settle(m);
     }
-    // Libunicorn forgets where in an IT block it was, so none is broken off.
-    if (pc - m->it_from >= m->it_length) {
-        if (m->attention != 0) {
-            m->attention--;
-            m->is_stopped = m->attention == 0;
-        }
-        if (m->cycle >= m->limit_cycle || m->is_stopped ||
-            (m->flash_control.is_busy && f405_is_flash(pc))) {
-            m->is_stopped = true;
-            (void)uc_emu_stop(uc);
-            return;
-        }
+    if (m->has_stepped) {
+        m->is_stopped = true;
+        (void)uc_emu_stop(uc);
+        return;
     }
-    const uint8_t *code = pc - F405_FLASH < F405_FLASH_SIZE - 1
-                              ? m->flash + (pc - F405_FLASH)
-                              : f405_memory(m, pc, 2);
+    m->has_stepped = true;
+    const uint8_t *code = f405_memory(m, m->pc, 2);
     if (size == 4) {
         if (code != NULL) {
             look_at_long(m, code);
@@ -525,8 +639,13 @@ static void on_instruction(uc_engine *uc, uint64_t address, uint32_t size, void 
             (void)uc_emu_stop(uc);
             return;
         }
-    } else if (code != NULL && (code[1] == CPS >> 8 || code[1] == IT >> 8)) {
-        look_at_short(m, pc, code);
+    } else if (code != NULL) {
+        look_at_short(m, code);
+        if (m->is_waiting) {
+            m->cycle++;
+            (void)uc_emu_stop(uc);
+            return;
+        }
     }
     m->cycle++;
 }
@@ -535,7 +654,7 @@ static void on_instruction(uc_engine *uc, uint64_t address, uint32_t size, void 
 
 static void reset_peripherals(struct f405 *m) {
     for (unsigned i = 0; i < EVENTS; i++) {
-        if (i != EVENT_CHIP) {
+        if (i != EVENT_CHIP && i != EVENT_RADIO) {
             m->at[i] = F405_NEVER;
         }
     }
@@ -552,8 +671,8 @@ static void start(struct f405 *m, uint32_t cause) {
     reset_peripherals(m);
     core_reset(m);
     m->is_asleep = m->is_locked_up = m->is_blocked = false;
+    m->is_waiting = m->is_deep = false;
     m->attention = 0;
-    m->it_length = 0;
     m->fault = FAULT_NONE;
     m->trap = -1;
     m->wants_reset = 0;
@@ -599,13 +718,23 @@ static void do_reset(struct f405 *m, uint32_t cause) {
     if (cause == F405_RESET_BROWN_OUT) {
         forget_memory(m);
         m->chip->power_cycle(m->chip->self, f405_ns(f405_now(m)));
+        if (m->card != NULL) {
+            m->card->power_cycle(m->card->self, f405_ns(f405_now(m)));
+        }
+        if (m->radio != NULL) {
+            m->radio->power_cycle(m->radio->self, f405_ns(f405_now(m)));
+        }
     }
     m->resets++;
+    if (m->rcc.is_stopped) {
+        m->stopped += f405_now(m) - m->rcc.stopped_at;
+    }
     if (m->on_reset != NULL) {
         m->on_reset(m->context);
     }
     start(m, cause);
     pins_follow(m);
+    wired_follow(m);
 }
 
 void f405_reset(struct f405 *m, uint32_t cause) {
@@ -622,6 +751,7 @@ void f405_power_up(struct f405 *m) {
     forget_memory(m);
     start(m, F405_RESET_POWER_ON | F405_RESET_BROWN_OUT);
     pins_follow(m);
+    wired_power_up(m);
 }
 
 // The loop
@@ -671,6 +801,9 @@ static void do_event(struct f405 *m, enum f405_event event) {
         break;
     case EVENT_ADC:
         adc_event(m);
+        break;
+    case EVENT_RADIO:
+        wired_event(m);
         break;
     case EVENTS:
         break;
@@ -755,7 +888,7 @@ static void serve_trap(struct f405 *m) {
 // Why libunicorn has stopped, and where.
 static void serve_stop(struct f405 *m, uc_err error) {
     const uint32_t at = m->pc;
-    m->pc = f405_get(m, UC_ARM_REG_PC);
+    m->pc = ask(m, UC_ARM_REG_PC);
     if (m->flash_control.store_count > 0) {
         flash_settle(m);
     }
@@ -775,21 +908,56 @@ static void serve_stop(struct f405 *m, uc_err error) {
                    is_never ? STATUS_FETCH : STATUS_FETCH_BUS);
     } else if (error != UC_ERR_OK) {
         f405_end(m, "makes libunicorn say: %s,", uc_strerror(error));
-    } else if (!m->is_stopped) {
-        m->is_asleep = true;  // WFI
-        if ((m->core.scr & 4) != 0) {
-            f405_not_modelled(m, "a sleep that stops the clocks");
-        }
+    } else if (m->is_waiting) {
+        m->pc = at + 2;  // it has not been executed
+        (void)core_sleep(m);
+    } else {
+        (void)core_sleep(m);  // WFI.W
     }
 }
 
+// One instruction by libunicorn. True: it is done, and the next may follow.
+static bool ask_unicorn(struct f405 *m, uc_err *error) {
+    struct f405_registers *x = &m->registers;
+    for_each_register(m, lend);
+    m->is_lent = true;
+    m->has_stepped = m->is_stopped = false;
+    *error = uc_emu_start(m->uc, m->pc | 1, 0, 0, 0);
+    m->is_lent = false;
+    for_each_register(m, take_back);
+    m->lent = *x;
+    if (*error == UC_ERR_OK && m->fault == FAULT_NONE) {
+        x->it = thumb_advance(x->it);
+    }
+    const bool is_done = *error == UC_ERR_OK && m->fault == FAULT_NONE && m->trap < 0 &&
+                         m->is_stopped;
+    m->is_stopped = false;
+    return is_done;
+}
+
 static void execute(struct f405 *m, uint64_t target) {
+    uc_err error = UC_ERR_OK;
     m->limit_cycle = f405_cycle_at(m, target);
     m->is_stopped = false;
     m->is_in_code = true;
-    const uc_err error = uc_emu_start(m->uc, m->pc | 1, NOWHERE, 0, 0);
+    enum thumb end = thumb_run(m);
+    while (end == THUMB_UNKNOWN && ask_unicorn(m, &error)) {
+        end = thumb_run(m);
+    }
     m->is_in_code = false;
-    serve_stop(m, error);
+    switch (end) {
+    case THUMB_STOPPED:
+        break;
+    case THUMB_ASLEEP:
+        (void)core_sleep(m);  // WFI
+        break;
+    case THUMB_RETURNS:
+        core_return(m, m->pc | 1);
+        break;
+    case THUMB_UNKNOWN:
+        serve_stop(m, error);
+        break;
+    }
 }
 
 static void sleep_until(struct f405 *m, uint64_t target) {
@@ -804,19 +972,43 @@ static void sleep_until(struct f405 *m, uint64_t target) {
     m->asleep_cycles += m->cycle - from_cycle;
 }
 
+// Asleep, and nobody wakes it. STOP mode waits for the flash (RM, "Stop mode").
+static void go_on_sleeping(struct f405 *m, uint64_t target) {
+    if (m->is_deep && !m->rcc.is_stopped && !m->flash_control.is_busy) {
+        rcc_stop(m, true);
+    }
+    if (m->ended == NULL) {
+        sleep_until(m, target);
+    }
+}
+
+static void wake(struct f405 *m) {
+    if (m->rcc.is_stopped) {
+        const uint64_t from = f405_now(m);
+        rcc_stop(m, false);
+        m->asleep += f405_now(m) - from;
+    }
+    if (m->is_waiting) {
+        m->core.has_event = false;
+    }
+    m->is_asleep = m->is_waiting = m->is_deep = false;
+}
+
 static void step(struct f405 *m, uint64_t target) {
     const struct f405_flash *flash = &m->flash_control;
     if (m->is_locked_up && !m->iwdg.is_running) {
         f405_end(m, "is locked up: a fault in the handler of faults");
-    } else if (m->hclk_hz == 0 || m->is_locked_up) {
+    } else if ((m->hclk_hz == 0 && !m->rcc.is_stopped) || m->is_locked_up) {
         skip_to(m, target);
     } else if (flash->is_busy && f405_is_flash(m->pc)) {
         // Reading it waits until it is done (RM, "Read-while-write").
         skip_to(m, target < flash->busy_until ? target : flash->busy_until);
     } else if (m->is_asleep && !core_wakes(m)) {
-        sleep_until(m, target);
+        go_on_sleeping(m, target);
     } else {
-        m->is_asleep = false;
+        if (m->is_asleep) {
+            wake(m);
+        }
         if (!core_take(m)) {
             execute(m, target);
         }
@@ -908,9 +1100,14 @@ bool f405_init(struct f405 *m, const struct f405_chip *chip, uint64_t seed) {
     }
     memset(m->flash, 0xFF, F405_FLASH_SIZE);
     sign(m);
-    return uc_open(UC_ARCH_ARM, UC_MODE_THUMB | UC_MODE_MCLASS, &m->uc) == UC_ERR_OK &&
-           uc_ctl_set_cpu_model(m->uc, UC_CPU_ARM_CORTEX_M4) == UC_ERR_OK &&
-           map_memory(m) && add_hooks(m);
+    if (uc_open(UC_ARCH_ARM, UC_MODE_THUMB | UC_MODE_MCLASS, &m->uc) != UC_ERR_OK ||
+        uc_ctl_set_cpu_model(m->uc, UC_CPU_ARM_CORTEX_M4) != UC_ERR_OK ||
+        uc_ctl_exits_enable(m->uc) != UC_ERR_OK || !map_memory(m) || !add_hooks(m)) {
+        return false;
+    }
+    for_each_register(m, take_back);
+    m->lent = m->registers;
+    return true;
 }
 
 void f405_free(struct f405 *m) {

@@ -46,8 +46,11 @@ static unsigned mode_of(const struct f405_port *port, unsigned pin) {
 
 // What the world outside drives: 0, 1, or -1 for nothing.
 static int outside(const struct f405 *m, unsigned port, unsigned pin) {
+    if (port == PORT_A && pin == PIN_CARD && m->card != NULL) {
+        return 1;  // the card's pull-up (SD 6.2: 50 kohm on CD/DAT3)
+    }
     if (port != PORT_B) {
-        return -1;
+        return wired_level(m, port, pin);
     }
     switch (pin) {
     case PIN_DRDY_G:
@@ -59,7 +62,7 @@ static int outside(const struct f405 *m, unsigned port, unsigned pin) {
     case PIN_SDA:
         return 1;  // the bus has its pull-ups; who holds SDA low is asked below
     default:
-        return -1;
+        return wired_level(m, port, pin);
     }
 }
 
@@ -107,6 +110,10 @@ static void tell_edge(struct f405 *m, unsigned port, unsigned pin, bool is_high)
         ((is_high ? exti->rtsr : exti->ftsr) & bit) != 0) {
         exti->pr |= bit;
         follow_lines(m);
+        if ((exti->emr & bit) != 0) {
+            m->core.has_event = true;
+            f405_attend(m);
+        }
     }
     timer_edge(m, port, pin, is_high);
     if (port == PORT_B && pin == PIN_DRDY_G && is_high && m->on_data_ready != NULL) {
@@ -120,7 +127,7 @@ static void tell_edge(struct f405 *m, unsigned port, unsigned pin, bool is_high)
     }
 }
 
-static void follow_port(struct f405 *m, unsigned number) {
+void pins_follow_port(struct f405 *m, unsigned number) {
     struct f405_port *port = &m->ports[number];
     uint16_t levels = 0;
     for (unsigned pin = 0; pin < 16; pin++) {
@@ -137,7 +144,7 @@ static void follow_port(struct f405 *m, unsigned number) {
 
 // The chip's pins may change with a byte on the bus and with time.
 void pins_follow(struct f405 *m) {
-    follow_port(m, PORT_B);
+    pins_follow_port(m, PORT_B);
     const uint64_t next = m->chip->next_event(m->chip->self);
     if (next == UINT64_MAX) {
         f405_never(m, EVENT_CHIP);
@@ -149,7 +156,7 @@ void pins_follow(struct f405 *m) {
 
 void f405_press(struct f405 *m, bool is_down) {
     m->is_button_down = is_down;
-    follow_port(m, PORT_B);
+    pins_follow_port(m, PORT_B);
 }
 
 uint32_t pins_read(struct f405 *m, unsigned unit, uint32_t at) {
@@ -221,9 +228,18 @@ void pins_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
         (inside(m, PORT_B, PIN_DRDY_G) >= 0 || inside(m, PORT_B, PIN_DRDY_XM) >= 0)) {
         f405_complain(m, "a pin drives against the sensor's data-ready");
     }
-    follow_port(m, unit);
+    if (unit == PORT_C) {
+        wired_settle(m);
+    }
+    pins_follow_port(m, unit);
     if (unit == PORT_B) {
         i2c_follow_pins(m);
+    }
+    if (unit == PORT_A) {
+        usart_follow_cts(m);
+    }
+    if (unit <= PORT_B) {
+        wired_follow(m);
     }
 }
 
@@ -253,6 +269,21 @@ static void follow_lines(struct f405 *m) {
     core_irq(m, EXCEPTION_IRQ + IRQ_EXTI15_10, (asked & 0xFC00) != 0);
 }
 
+// RM, "Stop mode", exit: an interrupt of a line that the NVIC lets through, or, of a
+// WFE, an event.
+bool exti_can_wake(const struct f405 *m) {
+    const uint32_t imr = m->exti.imr;
+    const bool *enabled = m->core.enabled + EXCEPTION_IRQ;
+    for (unsigned line = 0; line < 5; line++) {
+        if (((imr >> line) & 1) != 0 && enabled[IRQ_EXTI0 + line]) {
+            return true;
+        }
+    }
+    return ((imr & 0x03E0) != 0 && enabled[IRQ_EXTI9_5]) ||
+           ((imr & 0xFC00) != 0 && enabled[IRQ_EXTI15_10]) ||
+           (m->is_waiting && m->exti.emr != 0);
+}
+
 void exti_reset(struct f405 *m) {
     struct f405_exti *exti = &m->exti;
     exti->imr = exti->emr = exti->rtsr = exti->ftsr = exti->pr = 0;
@@ -280,9 +311,6 @@ void exti_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
         break;
     case EMR:
         exti->emr = value;
-        if (value != 0) {
-            f405_not_modelled(m, "events of EXTI");
-        }
         break;
     case RTSR:
         exti->rtsr = value;

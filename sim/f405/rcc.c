@@ -31,6 +31,9 @@ enum {
     RMVF = 1 << 24,
     CSSF = 1 << 7,
     CSSC = 1 << 23,
+    LPDS = 1 << 0,
+    PDDS = 1 << 1,
+    FPDS = 1 << 9,
     VOS = 1 << 14,
     SOURCE_HSI = 0,
     SOURCE_HSE = 1,
@@ -47,6 +50,11 @@ enum {
 #define HSI_START_PS (22 * F405_PS_PER_US / 10)
 #define LSI_START_PS (15 * F405_PS_PER_US)
 #define PLL_LOCK_PS (150 * F405_PS_PER_US)
+// DS, "Low-power mode wakeup timings", typical: from STOP with the main regulator, with
+// the other one, with the flash switched off too.
+#define WAKE_PS (13 * F405_PS_PER_US)
+#define WAKE_LOW_POWER_PS (17 * F405_PS_PER_US)
+#define WAKE_NO_FLASH_PS (110 * F405_PS_PER_US)
 
 static const uint32_t lpenr_reset[6] = {0x7E6791FF, 0x000000F1, 1,
                                         0,          0x36FEC9FF, 0x00075F33};
@@ -79,6 +87,9 @@ static uint32_t apb_divider(uint32_t code) {
 }
 
 static uint32_t sysclk_hz(struct f405 *m) {
+    if (m->rcc.is_stopped) {
+        return 0;
+    }
     switch ((m->rcc.cfgr >> 2) & 3) {
     case SOURCE_HSE:
         return (m->rcc.cr & HSERDY) != 0 ? F405_HSE_HZ : 0;
@@ -438,6 +449,66 @@ void rcc_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
         f405_end(m, "writes 0x%08x, which is not modelled,", 0x40023800U + at);
         break;
     }
+}
+
+// STOP (RM, "Stop mode"): every clock stands but for LSI, and after it the system runs
+// on HSI. What a peripheral has under way goes on where it was.
+
+static void hold_events(struct f405 *m) {
+    static const enum f405_event transfers[] = {EVENT_I2C, EVENT_USART_SENT, EVENT_SPI,
+                                                EVENT_ADC, EVENT_USART_IDLE};
+    const uint64_t now = f405_now(m);
+    for (unsigned i = 0; i < EVENTS; i++) {
+        m->rcc.left[i] = F405_NEVER;
+    }
+    for (size_t i = 0; i < sizeof transfers / sizeof *transfers; i++) {
+        const enum f405_event event = transfers[i];
+        if (m->at[event] == F405_NEVER) {
+            continue;
+        }
+        if (event != EVENT_USART_IDLE &&
+            !(event == EVENT_USART_SENT && m->usart.is_preamble)) {
+            f405_complain(m, "STOP mode in the middle of a transfer");
+        }
+        m->rcc.left[event] = m->at[event] > now ? m->at[event] - now : 0;
+        f405_never(m, event);
+    }
+}
+
+void rcc_stop(struct f405 *m, bool is_begin) {
+    struct f405_rcc *rcc = &m->rcc;
+    const uint64_t now = f405_now(m);
+    if (is_begin) {
+        if ((rcc->pwr_cr & PDDS) != 0) {
+            f405_not_modelled(m, "Standby mode");
+            return;
+        }
+        hold_events(m);
+        rcc->hse_at = rcc->hsi_at = rcc->pll_at = F405_NEVER;
+        plan(m);
+        rcc->stopped_at = now;
+        rcc->is_stopped = true;
+        rcc_set_clocks(m);
+        return;
+    }
+    rcc->is_stopped = false;
+    rcc->cr &= ~(uint32_t)(HSEON | HSERDY | PLLON | PLLRDY);
+    rcc->cr |= HSION | HSIRDY;
+    rcc->cfgr &= ~UINT32_C(0xF);
+    m->base_ps = now + ((rcc->pwr_cr & FPDS) != 0   ? WAKE_NO_FLASH_PS
+                        : (rcc->pwr_cr & LPDS) != 0 ? WAKE_LOW_POWER_PS
+                                                    : WAKE_PS);
+    m->stopped += m->base_ps - rcc->stopped_at;
+    rcc_set_clocks(m);
+    for (unsigned i = 0; i < EVENTS; i++) {
+        if (rcc->left[i] != F405_NEVER) {
+            f405_at(m, (enum f405_event)i, m->base_ps + rcc->left[i]);
+        }
+    }
+}
+
+uint64_t f405_stopped(const struct f405 *m) {
+    return m->stopped + (m->rcc.is_stopped ? f405_now(m) - m->rcc.stopped_at : 0);
 }
 
 // PWR: the regulator follows its bits at once.

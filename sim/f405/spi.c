@@ -9,6 +9,8 @@ enum {
     SR = 0x08,
     DR = 0x0C,
     CRCPR = 0x10,
+    CR1_CPHA = 1 << 0,
+    CR1_CPOL = 1 << 1,
     CR1_MSTR = 1 << 2,
     CR1_SPE = 1 << 6,
     CR1_SSI = 1 << 8,
@@ -39,6 +41,11 @@ static void follow_line(struct f405 *m) {
                  ((spi->sr & OVR) && (spi->cr2 & CR2_ERRIE)));
 }
 
+// The clock is that of APB2 over 2 to this power.
+static unsigned divider_bits(const struct f405 *m) {
+    return 1 + ((m->spi.cr1 >> 3) & 7);
+}
+
 static void begin(struct f405 *m) {
     struct f405_spi *spi = &m->spi;
     if (spi->is_shifting || !spi->is_data_full || (spi->cr1 & CR1_SPE) == 0) {
@@ -50,30 +57,37 @@ static void begin(struct f405 *m) {
     spi->is_shifting = true;
     spi->sr |= TXE | BSY;
     f405_at(m, EVENT_SPI,
-            f405_when(m) +
-                f405_ps((uint64_t)bits << (1 + ((spi->cr1 >> 3) & 7)), m->pclk_hz[1]));
+            f405_when(m) + f405_ps((uint64_t)bits << divider_bits(m), m->pclk_hz[1]));
 }
 
-// Nobody there: the pull-up's ones.
-static uint8_t exchange(struct f405 *m, uint8_t byte) {
+// A byte that has gone over by then. Nobody there: the pull-up's ones.
+static uint8_t exchange(struct f405 *m, uint64_t at_ps, uint8_t byte) {
     for (unsigned pin = 5; pin <= 7; pin++) {
         if (!pins_is_alternate(m, PORT_A, pin, AF_SPI)) {
             f405_complain(m, "SPI1 used with its pins elsewhere");
             return 0xFF;
         }
     }
-    return m->card == NULL
-               ? 0xFF
-               : m->card->exchange(m->card->self, f405_ns(f405_when(m)), byte);
+    if (m->card == NULL) {
+        return 0xFF;
+    }
+    // A card takes bits at rising edges, whichever level the clock rests at.
+    if (((m->spi.cr1 & CR1_CPOL) != 0) != ((m->spi.cr1 & CR1_CPHA) != 0)) {
+        f405_complain(m, "SPI1 samples at the edge at which a card changes");
+    }
+    return m->card->exchange(m->card->self, f405_ns(at_ps),
+                             m->pclk_hz[1] >> divider_bits(m), byte);
 }
 
 void spi_event(struct f405 *m) {
     struct f405_spi *spi = &m->spi;
+    const uint64_t end = f405_when(m);
     uint16_t in = 0;
     if ((spi->cr1 & CR1_DFF) != 0) {
-        in = (uint16_t)(exchange(m, (uint8_t)(spi->shift >> 8)) << 8);
+        const uint64_t half = f405_ps(UINT64_C(8) << divider_bits(m), m->pclk_hz[1]);
+        in = (uint16_t)(exchange(m, end - half, (uint8_t)(spi->shift >> 8)) << 8);
     }
-    in |= exchange(m, (uint8_t)spi->shift);
+    in |= exchange(m, end, (uint8_t)spi->shift);
     spi->is_shifting = false;
     if ((spi->sr & RXNE) != 0) {
         spi->sr |= OVR;

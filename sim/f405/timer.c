@@ -185,6 +185,8 @@ void timer_clock_changes(struct f405 *m, bool is_before) {
     for (unsigned unit = 0; unit < TIMERS; unit++) {
         if (is_before && m->timer_hz != 0) {
             hold(m, unit);
+        } else if (is_before) {
+            m->timers[unit].from = f405_when(m);  // it has stood
         } else if (!is_before) {
             plan(m, unit);
         }

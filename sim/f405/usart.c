@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 // USART2 as an asynchronous 8N1 line (RM, "Universal synchronous asynchronous receiver
-// transmitter"): a data register beside each shift register, overrun, the idle line.
+// transmitter"): a data register beside each shift register, overrun, the idle line,
+// RTS and CTS.
 #include <stdlib.h>
 
+#include "../chips/uart.h"
 #include "f405.h"
 
 enum {
@@ -13,11 +15,13 @@ enum {
     CR2 = 0x10,
     CR3 = 0x14,
     GTPR = 0x18,
+    FE = 1 << 1,
     ORE = 1 << 3,
     IDLE = 1 << 4,
     RXNE = 1 << 5,
     TC = 1 << 6,
     TXE = 1 << 7,
+    CTSF = 1 << 9,
     CLEARED_BY_DATA = ORE | IDLE | 0x07,
     CR1_RE = 1 << 2,
     CR1_TE = 1 << 3,
@@ -32,9 +36,16 @@ enum {
     CR3_EIE = 1 << 0,
     CR3_DMAR = 1 << 6,
     CR3_DMAT = 1 << 7,
-    CR3_KNOWN = CR3_EIE | CR3_DMAR | CR3_DMAT | 1 << 11,
+    CR3_RTSE = 1 << 8,
+    CR3_CTSE = 1 << 9,
+    CR3_CTSIE = 1 << 10,
+    CR3_ONEBIT = 1 << 11,
+    CR3_KNOWN =
+        CR3_EIE | CR3_DMAR | CR3_DMAT | CR3_RTSE | CR3_CTSE | CR3_CTSIE | CR3_ONEBIT,
     FRAME_BITS = 10,
     LINE_HZ = 921600,  // who sends while the receiver is not set up
+    PIN_CTS = 0,
+    PIN_RTS = 1,
     PIN_TX = 2,
     PIN_RX = 3,
     AF_USART = 7,
@@ -44,13 +55,19 @@ enum {
     CHANNEL = 4,
 };
 
-// The other side is at the rate that is set here.
+static uint32_t divider_of(const struct f405_usart *usart) {
+    return (usart->cr1 & CR1_OVER8) != 0 ? ((usart->brr >> 4) << 3) + (usart->brr & 7)
+                                         : usart->brr;
+}
+
+static uint32_t baud_of(const struct f405 *m) {
+    const uint32_t divider = divider_of(&m->usart);
+    return divider == 0 ? 0 : (m->pclk_hz[0] + divider / 2) / divider;
+}
+
+// Without a radio the other side is at the rate that is set here.
 static uint64_t frame_ps(const struct f405 *m) {
-    const struct f405_usart *usart = &m->usart;
-    uint32_t divider = usart->brr;
-    if ((usart->cr1 & CR1_OVER8) != 0) {
-        divider = ((usart->brr >> 4) << 3) + (usart->brr & 7);
-    }
+    const uint32_t divider = divider_of(&m->usart);
     if (divider == 0 || m->pclk_hz[0] == 0) {
         return f405_ps(FRAME_BITS, LINE_HZ);
     }
@@ -70,14 +87,32 @@ static void follow_line(struct f405 *m) {
              ((sr & TXE) && (cr1 & CR1_TXEIE)) || ((sr & TC) && (cr1 & CR1_TCIE)) ||
                  ((sr & (RXNE | ORE)) && (cr1 & CR1_RXNEIE)) ||
                  ((sr & IDLE) && (cr1 & CR1_IDLEIE)) ||
-                 ((sr & ORE) && (usart->cr3 & by_dma) == by_dma));
+                 ((sr & (ORE | FE)) && (usart->cr3 & by_dma) == by_dma) ||
+                 ((sr & CTSF) && (usart->cr3 & CR3_CTSIE)));
 }
 
 // Out
 
+// RM, "RTS and CTS flow control": looked at before each frame.
+static bool is_clear_to_send(struct f405 *m) {
+    if ((m->usart.cr3 & CR3_CTSE) == 0) {
+        return true;
+    }
+    if (!pins_is_alternate(m, PORT_A, PIN_CTS, AF_USART)) {
+        f405_complain(m, "USART2 waits for CTS with its pin elsewhere");
+        return true;
+    }
+    if (wired_level(m, PORT_A, PIN_CTS) < 0 &&
+        ((m->ports[PORT_A].pupdr >> (2 * PIN_CTS)) & 3) == 0) {
+        f405_complain(m, "USART2 waits for a CTS that floats");
+    }
+    return !pins_level(m, PORT_A, PIN_CTS);
+}
+
 static void begin_sending(struct f405 *m) {
     struct f405_usart *usart = &m->usart;
-    if (usart->is_shifting || !usart->is_data_full || !is_on(m, CR1_TE)) {
+    if (usart->is_shifting || !usart->is_data_full || !is_on(m, CR1_TE) ||
+        !is_clear_to_send(m)) {
         return;
     }
     usart->shift = usart->data;
@@ -94,14 +129,35 @@ void usart_sent(struct f405 *m) {
         usart->is_preamble = false;
     } else if (!pins_is_alternate(m, PORT_A, PIN_TX, AF_USART)) {
         f405_complain(m, "USART2 sends with its pin elsewhere");
+    } else if (m->radio != NULL) {
+        const uint32_t baud = baud_of(m);
+        if (baud != 0) {
+            m->radio->receive(m->radio->self, f405_ns(f405_when(m)), usart->shift,
+                              baud);
+        }
     } else if (m->on_byte != NULL) {
         m->on_byte(m->context, usart->shift);
     }
     begin_sending(m);
-    if (!usart->is_shifting) {
+    if (!usart->is_shifting && !usart->is_data_full) {
         usart->sr |= TC;
     }
     follow_line(m);
+    wired_follow(m);
+}
+
+void usart_follow_cts(struct f405 *m) {
+    struct f405_usart *usart = &m->usart;
+    const bool is_high = pins_level(m, PORT_A, PIN_CTS);
+    if (is_high == usart->was_cts_high) {
+        return;
+    }
+    usart->was_cts_high = is_high;
+    if ((usart->cr3 & CR3_CTSE) != 0) {
+        usart->sr |= CTSF;
+        begin_sending(m);
+        follow_line(m);
+    }
 }
 
 static void write_data(struct f405 *m, uint8_t byte) {
@@ -131,16 +187,20 @@ static void begin_receiving(struct f405 *m) {
     const uint64_t from = usart->line_from[usart->line_head];
     const uint64_t start = from > now ? from : now;
     usart->is_receiving = true;
+    if (m->radio != NULL) {  // what the host writes: the air has its own time
+        f405_at(m, EVENT_USART_RECEIVED, start);
+        return;
+    }
     if (start < m->at[EVENT_USART_IDLE]) {
         f405_never(m, EVENT_USART_IDLE);  // its start bit comes before
     }
     f405_at(m, EVENT_USART_RECEIVED, start + frame_ps(m));
 }
 
-static void take(struct f405 *m, uint8_t byte) {
+static void take(struct f405 *m, uint8_t byte, bool has_stop) {
     struct f405_usart *usart = &m->usart;
-    if (!is_on(m, CR1_RE) || !pins_is_alternate(m, PORT_A, PIN_RX, AF_USART) ||
-        !f405_is_clocked(m, 4, 17)) {
+    if (m->rcc.is_stopped || !is_on(m, CR1_RE) ||
+        !pins_is_alternate(m, PORT_A, PIN_RX, AF_USART) || !f405_is_clocked(m, 4, 17)) {
         usart->deaf++;
         return;
     }
@@ -149,7 +209,7 @@ static void take(struct f405 *m, uint8_t byte) {
         usart->sr |= ORE;  // what was read stays, what came is lost
     } else {
         usart->received = byte;
-        usart->sr |= RXNE;
+        usart->sr |= RXNE | (has_stop ? 0 : FE);
     }
     usart->is_idle_due = true;
 }
@@ -160,10 +220,54 @@ void usart_received(struct f405 *m) {
     usart->line_head = (usart->line_head + 1) % usart->line_room;
     usart->line_count--;
     usart->is_receiving = false;
-    take(m, byte);
+    if (m->radio != NULL) {
+        m->radio->host_write(m->radio->self, f405_ns(f405_when(m)), byte);
+        begin_receiving(m);
+        wired_follow(m);
+        return;
+    }
+    take(m, byte, true);
     follow_line(m);
     f405_at(m, EVENT_USART_IDLE, f405_when(m) + frame_ps(m));
     begin_receiving(m);
+}
+
+void usart_deliver(struct f405 *m, uint8_t byte, uint32_t baud) {
+    struct f405_usart *usart = &m->usart;
+    const uint32_t own = baud_of(m);
+    const uint64_t now = f405_when(m);
+    bool has_stop = true;
+    if (own == 0) {
+        usart->deaf++;
+        return;
+    }
+    const uint8_t got = uart_sample(byte, baud, own, &has_stop);
+    if (got != byte) {
+        // A frame that begins within one that it believes to be receiving is no start.
+        const uint64_t length = f405_ps(FRAME_BITS, baud);
+        const uint64_t start = now > length ? now - length : 0;
+        if (start < usart->busy_until) {
+            return;
+        }
+        usart->busy_until = start + f405_ps(2 * FRAME_BITS - 1, own) / 2;
+    }
+    take(m, got, has_stop);
+    follow_line(m);
+    f405_at(m, EVENT_USART_IDLE, now + frame_ps(m));
+    f405_pump(m);
+}
+
+// RM, "RTS and CTS flow control": low as long as a byte can be received.
+int usart_rts(const struct f405 *m) {
+    const struct f405_usart *usart = &m->usart;
+    if (!pins_is_alternate(m, PORT_A, PIN_RTS, AF_USART)) {
+        const unsigned mode = (m->ports[PORT_A].moder >> (2 * PIN_RTS)) & 3;
+        return mode != 1 ? -1 : pins_level(m, PORT_A, PIN_RTS) ? 1 : 0;
+    }
+    if ((usart->cr3 & CR3_RTSE) == 0) {
+        return 1;
+    }
+    return is_on(m, CR1_RE) && (usart->sr & RXNE) == 0 && !m->rcc.is_stopped ? 0 : 1;
 }
 
 // A frame's time without a start bit; once only until something has come again.
@@ -239,6 +343,7 @@ static uint32_t read_data(struct f405 *m) {
     usart->sr &= ~(usart->seen & CLEARED_BY_DATA);
     usart->seen = 0;
     follow_line(m);
+    wired_follow(m);
     return usart->received;
 }
 
@@ -291,7 +396,7 @@ void usart_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
     struct f405_usart *usart = &m->usart;
     switch (at) {
     case SR:
-        usart->sr &= value | ~(uint32_t)(RXNE | TC);
+        usart->sr &= value | ~(uint32_t)(RXNE | TC | CTSF);
         break;
     case DR:
         write_data(m, (uint8_t)value);
@@ -311,8 +416,10 @@ void usart_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
     case CR3:
         usart->cr3 = value & CR3_KNOWN;
         if ((value & ~(uint32_t)CR3_KNOWN) != 0) {
-            f405_not_modelled(m, "flow control and the like of USART2");
+            f405_not_modelled(m, "half duplex and the like of USART2");
         }
+        usart->was_cts_high = pins_level(m, PORT_A, PIN_CTS);
+        begin_sending(m);
         break;
     case GTPR:
         usart->gtpr = value & 0xFFFF;
@@ -322,6 +429,7 @@ void usart_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
         break;
     }
     follow_line(m);
+    wired_follow(m);
 }
 
 // What is on the line is not ours and goes on coming.

@@ -7,6 +7,10 @@
 
 #include "bits.h"
 #include "core/messages.h"
+#include "stm32/pins.h"
+#include "stm32/power.h"
+#include "stm32/radio.h"
+#include "stm32/registers.h"
 
 enum {
     GYR = 0x6B,
@@ -62,11 +66,22 @@ static void put_hex(const uint8_t *bytes, uint8_t length) {
     }
 }
 
+static uint8_t lows, links, drops, faults;  // told by power and radio
+
+static void rest(void) {
+    board_watchdog_kick();
+    lows = (uint8_t)(lows + power_step(board_time_us()));
+    const enum rn41_event event = radio_step(board_time_us());
+    links = (uint8_t)(links + (event == RN41_LINKED));
+    drops = (uint8_t)(drops + (event == RN41_DROPPED));
+    faults = (uint8_t)(faults + (event == RN41_FAULT));
+    board_idle();
+}
+
 static void end_line(void) {
     put("\n");
     while (!board_send((const uint8_t *)line, used)) {
-        board_watchdog_kick();
-        board_idle();
+        rest();
     }
     used = 0;
 }
@@ -156,12 +171,12 @@ static void wait_us(uint32_t us) {
 static void fill_wire(void) {
     static uint8_t bytes[250];
     while (!board_send_is_idle()) {
-        board_idle();
+        rest();
     }
     const bool one = board_send((const uint8_t *)"-", 1);  // at once in the hardware
     const bool is_gone = board_send_is_idle();
     while (!board_send_is_idle()) {
-        board_idle();
+        rest();
     }
     memset(bytes, '.', sizeof bytes);
     uint8_t sent = 0;
@@ -170,7 +185,7 @@ static void fill_wire(void) {
     }
     const bool is_idle = board_send_is_idle();
     while (!board_send_is_idle()) {
-        board_idle();
+        rest();
     }
     say("");
     put("sent");
@@ -178,6 +193,67 @@ static void fill_wire(void) {
     put_number(sent);
     put_number(is_gone);
     put_number(is_idle);
+    end_line();
+}
+
+// As much as raw and pose at 380 Hz are, 38 kB, in a second; counts what is refused.
+static void stream(void) {
+    static uint8_t bytes[100];
+    memset(bytes, ':', sizeof bytes);
+    int32_t refused = 0;
+    const uint32_t begun = board_time_us();
+    for (uint16_t i = 0; i < 380; i++) {
+        while (board_time_us() - begun < (uint32_t)i * 2631) {
+            rest();
+        }
+        refused += !board_send(bytes, sizeof bytes);
+    }
+    say("");
+    put("refused");
+    put_number(refused);
+    end_line();
+}
+
+// A second of CTS held high, by the pull of its pin, in the middle of a message; how
+// long board_send_is_idle() waits for that.
+static void hold_wire(void) {
+    while (!board_send_is_idle()) {
+        rest();
+    }
+    GPIOA->pupdr ^= UINT32_C(3) << (2 * PIN_CTS);
+    const bool is_taken = board_send((const uint8_t *)"held", 4);
+    const uint32_t begun = board_time_us();
+    while (!board_send_is_idle()) {
+        rest();
+    }
+    const uint32_t took = board_time_us() - begun;
+    while (board_time_us() - begun < 1000000) {
+        rest();
+    }
+    GPIOA->pupdr ^= UINT32_C(3) << (2 * PIN_CTS);
+    say("");
+    put("held");
+    put_number(is_taken);
+    put_number((int32_t)took);
+    end_line();
+}
+
+static void tell_radio(void) {
+    put("radio");
+    put_number((int32_t)radio_state());
+    put_number(radio_resets());
+    put_number((int32_t)radio_cause());
+    put_number(links);
+    put_number(drops);
+    put_number(faults);
+    end_line();
+}
+
+static void tell_battery(void) {
+    put("battery");
+    put_number(power_battery_mv());
+    put_number(power_flags());
+    put_number(lows);
     end_line();
 }
 
@@ -381,6 +457,20 @@ static void obey(char letter) {
     case 'd':
         measure_stack();
         break;
+    case 'a':
+        stream();
+        break;
+    case 'j':
+        hold_wire();
+        break;
+    case 'g':
+        tell_radio();
+        break;
+    case 'y':
+        tell_battery();
+        break;
+    case 'S':
+        power_sleep();
     case 'b':
         put("button");
         put_number(board_button_is_down());
@@ -404,7 +494,7 @@ int main(void) {
         if (byte >= 0) {
             obey((char)byte);
         } else {
-            board_idle();
+            rest();
         }
     }
 }

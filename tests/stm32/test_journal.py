@@ -104,6 +104,17 @@ def test_a_fresh_flash_is_erased_bytes():
     assert content(Flash().open()) == FRESH
 
 
+def test_flash_that_is_blank_is_not_erased_and_any_other_is():
+    flash = Flash()
+    flash.open()
+    assert flash.operations == ["program"]
+    for place in (0, 1, WORDS - 1):
+        flash = Flash()
+        flash.sectors[0][place] &= ~1
+        assert content(flash.open()) == FRESH
+        assert flash.operations == ["erase", "program"]
+
+
 offsets = st.one_of(st.integers(0, lib.JOURNAL_BYTES - 1), st.just(511), st.just(0))
 writes = st.lists(st.tuples(offsets, st.integers(0, 255)), max_size=50)
 

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: MIT
+"""board_test.c, built as the image is, in the virtual STM32F405."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stm32.letters import Board, Run
+
+
+@pytest.fixture(scope="session", params=["soft", "hard"])
+def program(
+    root: Path, tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
+) -> Path:
+    path = tmp_path_factory.mktemp("board") / "board.elf"
+    fpu = ("-mfpu=fpv4-sp-d16",) if request.param == "hard" else ()
+    subprocess.run(
+        [
+            *("arm-none-eabi-gcc", "-mthumb", "-mcpu=cortex-m4"),
+            *(f"-mfloat-abi={request.param}", *fpu, "-DF_CPU=168000000L"),
+            *("-std=gnu11", "-O2", "-ffreestanding", "-fbuiltin", "-fno-common"),
+            *("-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections"),
+            *("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"),
+            *("-nostdlib", "-Wl,--fatal-warnings", "-I", root / "firmware"),
+            *("-I", root / "firmware" / "stm32" / "libc", "-o", path),
+            *("-T", root / "firmware" / "stm32" / "stm32f405.ld"),
+            *("-I", root / "tests" / "stm32"),
+            *sorted((root / "tests" / "stm32").glob("*.c")),
+            *sorted((root / "firmware" / "core").glob("*.c")),
+            *sorted((root / "firmware" / "stm32").glob("*.c")),
+        ],
+        check=True,
+    )
+    return path
+
+
+@pytest.fixture(scope="session")
+def used_flash(program: Path, f405: Path, tmp_path_factory: Any) -> bytes:
+    """Flash behind a first start, so that further ones erase nothing."""
+    path = tmp_path_factory.mktemp("flash") / "flash"
+    subprocess.run(
+        [f405, "--image", program, "--fast", "--seconds", "3", "--eeprom", path],
+        check=True,
+        capture_output=True,
+    )
+    return path.read_bytes()
+
+
+@pytest.fixture
+def board(program: Path, f405: Path, used_flash: bytes, tmp_path: Path) -> Board:
+    def run(
+        *sent: tuple[int, str],
+        seconds: float = 1.0,
+        faults: list[dict[str, Any]] | None = None,
+        options: tuple[str, ...] = (),
+        flash: Path | None = None,
+    ) -> Run:
+        """Sends letters at their times, in milliseconds."""
+        record, summary = tmp_path / "record", tmp_path / "summary"
+        (tmp_path / "faults").write_text(json.dumps(faults or []), encoding="ascii")
+        if flash is None:
+            flash = tmp_path / "flash"
+            flash.write_bytes(used_flash)
+        command: list[str | Path] = [
+            *(f405, "--image", program, "--record", record, "--summary", summary),
+            *("--fast", "--seconds", str(seconds), "--faults", tmp_path / "faults"),
+            *("--eeprom", flash, *options),
+        ]
+        for at_ms, letters in sent:
+            command += ["--send", f"{at_ms * 1000}:{letters.encode().hex()}"]
+        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        told = json.loads(summary.read_text(encoding="ascii"))
+        assert told["firmware_complaint"] is None
+        return Run(
+            # A link begins with a zero.
+            record.read_text(encoding="ascii", errors="replace")
+            .replace("\0", "")
+            .splitlines(),
+            told,
+        )
+
+    return run
