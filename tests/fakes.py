@@ -46,6 +46,7 @@ HELLO: dict[str, Any] = {
     "boot_count": 7,
     "reset_cause": ("power_on",),
     "filter": "fuse",
+    "reset_address": 0,
 }
 POSE: dict[str, Any] = {
     "q": (0.5, 0.5, -0.5, 0.5),
@@ -81,6 +82,21 @@ STATUS: dict[str, Any] = {
     "stack_free": 700,
     "supply": None,
 }
+EQUIPMENT: dict[str, Any] = {
+    "clock": "crystal",
+    "battery": 3900,
+    "power": (),
+    "radio": "none",
+    "radio_resets": 0,
+    "card": "logging",
+    "card_block": 2,
+    "card_blocks": 65536,
+    "card_faults": 0,
+    "card_busy": 3,
+    "recording": 1,
+    "messages_logged": 100,
+    "messages_unlogged": 0,
+}
 REPLY: dict[str, Any] = {
     "replied_command": "start",
     "replied_token": 1,
@@ -96,6 +112,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "pose": POSE,
     "event": EVENT,
     "status": STATUS,
+    "equipment": EQUIPMENT,
     "command": COMMAND,
     "reply": REPLY,
 }

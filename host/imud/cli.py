@@ -170,7 +170,7 @@ def build_parser() -> argparse.ArgumentParser:
     decode = _command(
         commands,
         "decode",
-        "print the messages of a capture of UART bytes or of a log",
+        "print the messages of a capture of UART bytes, of a log or of a PROBE.LOG",
         "imud decode logs/imud-20260102T030405Z.mcap --json",
     )
     decode.add_argument("file", metavar="FILE", type=Path)
@@ -178,7 +178,108 @@ def build_parser() -> argparse.ArgumentParser:
         "--json", action="store_true", help="one JSON object a line for each message"
     )
     decode.set_defaults(run=_decode)
+
+    _card(commands)
     return parser
+
+
+def _card(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    card = _command(
+        commands,
+        "card",
+        "prepare the card on which a probe logs, and read what it holds",
+        "imud card prepare /dev/sdb, and later: imud card read /dev/sdb --to logs",
+    ).add_subparsers(metavar="WHAT", required=True)
+
+    prepare = _command(
+        card,
+        "prepare",
+        "make a card ready for a probe (FAT32 with one file, PROBE.LOG); all that is "
+        "on it is lost",
+        "imud card prepare /dev/sdb",
+    )
+    prepare.add_argument(
+        "path", metavar="DEVICE-OR-IMAGE", type=Path, help="a whole card, or a file"
+    )
+    prepare.add_argument(
+        "--size", metavar="BYTES", type=_bytes, help="make an image of so many: 8G"
+    )
+    prepare.add_argument(
+        "--log-size",
+        metavar="BYTES",
+        type=_bytes,
+        help="how large the log is (default: what fits, up to 4 GiB)",
+    )
+    prepare.add_argument("--yes", action="store_true", help="overwrite without asking")
+    prepare.set_defaults(run=_card_prepare)
+
+    read = _command(
+        card,
+        "read",
+        "write a log for each recording of a card",
+        "imud card read /dev/sdb --recording 3 --started 2026-01-02T03:04:05Z",
+    )
+    listing = _command(
+        card,
+        "list",
+        "show the recordings of a card",
+        "imud card list /media/me/IMU-PROBE/PROBE.LOG",
+    )
+    for parser in (read, listing):
+        parser.add_argument(
+            "path",
+            metavar="CARD",
+            type=Path,
+            help="a card, an image of one, or its PROBE.LOG, also a copy",
+        )
+    read.add_argument(
+        "--to",
+        metavar="DIR",
+        type=Path,
+        default=Path("logs"),
+        help="where the logs go (default: %(default)s)",
+    )
+    read.add_argument(
+        "--recording", metavar="N", type=int, help="only this one (default: all)"
+    )
+    read.add_argument(
+        "--started",
+        metavar="UTC",
+        type=_time_ns,
+        help="when the recording began: a probe has no calendar (default: times are "
+        "the device's, from 1970 on)",
+    )
+    read.add_argument(
+        "--prefix",
+        metavar="KEY",
+        default=PREFIX,
+        help="first part of the channels' names (default: %(default)s)",
+    )
+    read.set_defaults(run=_card_read)
+    listing.set_defaults(run=_card_list)
+
+
+def _bytes(text: str) -> int:
+    units = {"K": 1 << 10, "M": 1 << 20, "G": 1 << 30}
+    number, unit = (text[:-1], units[text[-1:]]) if text[-1:] in units else (text, 1)
+    if not number.isdecimal():
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a number of bytes, as 512M or 8G (of 1024)"
+        )
+    return int(number) * unit
+
+
+def _time_ns(text: str) -> int:
+    from datetime import UTC, datetime
+
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a time as 2026-01-02T03:04:05Z"
+        ) from error
+    since = time.replace(tzinfo=time.tzinfo or UTC) - datetime(1970, 1, 1, tzinfo=UTC)
+    return (since.days * 86400 + since.seconds) * 10**9 + since.microseconds * 1000
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -234,6 +335,32 @@ def _decode(args: argparse.Namespace) -> int:
     from imud import decode
 
     return decode.run(args.file, as_json=args.json)
+
+
+def _card_prepare(args: argparse.Namespace) -> int:
+    from imud import card
+
+    return card.prepare(
+        args.path, size=args.size, log_size=args.log_size, is_agreed=args.yes
+    )
+
+
+def _card_read(args: argparse.Namespace) -> int:
+    from imud import card
+
+    return card.read(
+        args.path,
+        to=args.to,
+        prefix=args.prefix,
+        number=args.recording,
+        started_ns=args.started,
+    )
+
+
+def _card_list(args: argparse.Namespace) -> int:
+    from imud import card
+
+    return card.show(args.path)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

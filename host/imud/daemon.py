@@ -34,7 +34,7 @@ from imud.hub import Hub
 from imud.ledger import Verdict
 from imud.link import Link
 from imud.messages import Message
-from imud.record import Presence, Record, describe, plain
+from imud.record import Presence, Record, equipment_of, plain, record_of
 from imud.session import (
     Event,
     OnlyNoise,
@@ -65,9 +65,6 @@ CLOSE_S = 0.8
 BURST = 3
 QUIET_S = 10.0
 
-# Published as JSON under their own names; all else goes out as frames only.
-JSON_TOPICS = frozenset({"pose", "raw", "event"})
-
 # Arguments of the command `tare`, as the schema says.
 TARE = {"all": 0, "heading": 1, "undo": 2}
 STREAMS = {"pose": 0, "raw": 1}
@@ -81,15 +78,34 @@ FAULTS = frozenset(
         "sensor_fault",
         "settings_restored",
         "settings_failed",
+        "clock_failed",
+        "card_fault",
+        "card_full",
+        "battery_low",
+        "going_to_sleep",
+        "radio_dropped",
+        "radio_fault",
     }
 )
 
-# What the detail of an event counts.
-DETAIL_UNITS = {
-    "calibration_done": " samples",
-    "calibration_refused": " counts of motion",
-    "overrun": " missed",
+# What the detail of an event is; where it is none of these, a bare number.
+DETAILS = {
+    "calibration_done": "{} samples",
+    "calibration_refused": "{} counts of motion",
+    "overrun": "{} missed",
+    "card_ready": "at block {}",
+    "card_fault": "at block {}",
+    "card_full": "at block {}",
+    "log_started": "recording {}",
+    "log_ended": "recording {}",
+    "battery_low": "{} mV",
+    "going_to_sleep": "{} mV",
 }
+# Of a clock that failed; it goes on by the spare one.
+CLOCK_FAILED = ("at its start", "while it ran")
+
+# Causes of a reset that leave the address at which it struck.
+WITH_ADDRESS = frozenset({"hard_fault", "watchdog"})
 
 logger = logging.getLogger("imud")
 
@@ -146,11 +162,27 @@ def who(hello: Message) -> str:
     has_sensor = fields["sensor"] != "none"
     runs = f"{fields['sensor']}, {rates}, filter {fields['filter']}"
     sensor = runs if has_sensor else "no sensor yet"
-    cause = ", ".join(fields["reset_cause"]).replace("_", " ")
+    cause = ", ".join(
+        f"{name} at {fields['reset_address']:#010x}"
+        if name in WITH_ADDRESS and fields["reset_address"]
+        else name
+        for name in fields["reset_cause"]
+    ).replace("_", " ")
     return (
         f"{fields['board']}, firmware {fields['firmware']}, {sensor}, "
         f"boot {fields['boot_count']} ({cause or 'no cause known'})"
     )
+
+
+def event_words(name: str, cause: str, detail: int) -> str:
+    """An event for people: what, why, and the number that belongs to it."""
+    what = name.replace("_", " ")
+    why = "" if cause == "none" else f" ({cause.replace('_', ' ')})"
+    if name == "clock_failed":
+        return f"{what}{why}, {CLOCK_FAILED[detail != 0]}"
+    if detail == 0:
+        return f"{what}{why}"
+    return f"{what}{why}, {DETAILS.get(name, '{}').format(detail)}"
 
 
 def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
@@ -287,6 +319,7 @@ class _Watched:
         self.is_alive = False
         self.told_who = ""
         self.counters: dict[str, Any] = {}
+        self.equipment: dict[str, Any] | None = None  # a board may have none
         self.pose: dict[str, Any] = {}
         self.poses = 0
         self.poses_before = 0
@@ -427,29 +460,23 @@ class Daemon:
         t_ns = event.t_ns or time.time_ns()
         watched.last_heard_ns = t_ns
         watched.t_device_us = event.t_device_us
-        payload = b""
-        if message.name in JSON_TOPICS:
-            described = describe(
-                message, watched.name, event.t_device_us, t_ns, event.probe.hello
-            )
-            payload = self._encoder.encode(described)
-            if message.name == "pose":
-                watched.poses += 1
-                watched.pose = described
-        self._hub.put(
-            Record(
-                watched.name,
-                # `status` is the key of what the daemon says of a probe.
-                "counters" if message.name == "status" else message.name,
-                payload,
-                event.content,
-                message.sequence,
-                t_ns,
-                event.probe.hello_content,
-            ),
+        record, described = record_of(
+            message,
+            event.content,
+            watched.name,
+            event.t_device_us,
+            t_ns,
+            event.probe.hello,
+            event.probe.hello_content,
         )
+        self._hub.put(record)
+        if message.name == "pose":
+            watched.poses += 1
+            watched.pose = described
         if message.name == "status":
             watched.counters = dict(message.fields)
+        elif message.name == "equipment":
+            watched.equipment = equipment_of(message.fields)
         elif message.name == "event":
             self._tell_event(watched, message)
         elif message.name == "reply":
@@ -546,11 +573,9 @@ class Daemon:
 
     def _tell_event(self, watched: _Watched, message: Message) -> None:
         fields = {name: plain(value) for name, value in message.fields.items()}
-        name = str(fields["event"])
-        cause = "" if fields["cause"] == "none" else f" ({fields['cause']})"
-        unit = DETAIL_UNITS.get(name, "")
-        detail = f", {fields['detail']}{unit}" if fields["detail"] else ""
-        text = f"probe {watched.name}: {name.replace('_', ' ')}{cause}{detail}"
+        name, cause = str(fields["event"]), str(fields["cause"])
+        words = event_words(name, cause, int(fields["detail"]))
+        text = f"probe {watched.name}: {words}"
         self.say(("event", watched.name, name, cause), text, is_warning=name in FAULTS)
 
     def say(self, kind: object, text: str, *, is_warning: bool = False) -> None:
@@ -647,6 +672,7 @@ class Daemon:
             },
             "twin": _twin(watched),
             "counters": watched.counters,
+            "equipment": watched.equipment,
             "hello": {name: plain(value) for name, value in hello.items()},
             "imud": version(),
         }

@@ -4,25 +4,29 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
 import msgspec
 
-from imud import messages, schema
+from imud import card, disk, messages, schema
 from imud.errors import FileError
-from imud.frame import FrameDecoder
 from imud.messages import Message, Value
 from imud.record import describe, euler_deg
-from imud.session import Event, OtherSchema, Probe, Received, Session
+from imud.session import (
+    Event,
+    OtherSchema,
+    Probe,
+    Received,
+    Session,
+    first_hello,
+    speaker_of,
+)
 from imud.sinks.log import LogHead, read_log
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
-
-# The probe of a capture in which none says hello.
-NOBODY = "unknown"
 
 _CHUNK = 65536
 
@@ -43,7 +47,7 @@ class Tally:
     def lines(self) -> Iterator[str]:
         if self.messages == 0:
             yield "no message in it"
-        for probe in self.probes.values():
+        for name, probe in self.probes.items():
             counts: Any = probe.account.counts()
             earlier = counts["earlier_boots"]
             sent, received, lost, doubled = (
@@ -54,7 +58,7 @@ class Tally:
             for kind, count in earlier["skewed"].items():
                 skews[kind] = skews.get(kind, 0) + count
             yield (
-                f"{probe.probe_id}: {sent} sent = {received} received + "
+                f"{name}: {sent} sent = {received} received + "
                 f"{sum(skews.values())} skewed{_kinds(skews)} + {lost} lost; "
                 f"{doubled} duplicated, {counts['strays']} stray, "
                 f"{_plural(counts['boots'], 'boot')}"
@@ -77,13 +81,14 @@ class Tally:
 
 
 def decode_file(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
-    """Each good message of a capture of UART bytes or of a log, in order."""
+    """Each good message of a capture of UART bytes, a log or a PROBE.LOG, in order."""
     try:
         with path.open("rb") as file:
-            is_log = file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
+            magic = file.read(8)
     except OSError as error:
         raise FileError(f"can't read {path}: {error.strerror}") from error
-    yield from _decode_log(path, tally) if is_log else _decode_capture(path, tally)
+    known = {MCAP_MAGIC: _decode_log, card.MAGIC: _decode_card}
+    yield from known.get(magic, _decode_capture)(path, tally)
 
 
 def _chunks(path: Path) -> Iterator[bytes]:
@@ -93,10 +98,7 @@ def _chunks(path: Path) -> Iterator[bytes]:
 
 
 def _decode_capture(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
-    hello = _first_hello(_chunks(path))
-    probe = tally.probe(_id_of(hello) if hello else NOBODY)
-    if hello is not None:
-        probe.learn(hello, b"")
+    probe = speaker_of(first_hello(_chunks(path)), tally.probe)
     session = Session(tally.probe, presumed=probe)
     for data in _chunks(path):
         yield from _described(session.receive(data, None), tally)
@@ -104,23 +106,20 @@ def _decode_capture(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
     tally.links.append(session.counts())
 
 
-def _first_hello(chunks: Iterable[bytes]) -> Message | None:
-    decoder = FrameDecoder()
-    for data in chunks:
-        for content in decoder.feed(data):
-            said = messages.decode(content)
-            if (
-                isinstance(said, Message)
-                and said.name == "hello"
-                and said.fields["schema_fingerprint"] == schema.FINGERPRINT
-            ):
-                return said
-    return None
-
-
-def _id_of(hello: Message) -> str:
-    probe_id = hello.fields["probe_id"]
-    return probe_id.hex() if isinstance(probe_id, bytes) else NOBODY
+def _decode_card(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
+    """Each recording has numbers of its own, as a boot has."""
+    with disk.opened(path) as file:
+        log = card.find_log(file)
+        for recording in log.recordings():
+            hello = first_hello(log.frames(recording))
+            probe = speaker_of(hello, Probe)
+            name = f"recording {recording.number} of {probe.probe_id}"
+            tally.probes[name] = probe
+            session = Session(partial(_same, probe), None, probe)
+            for data in log.frames(recording):
+                yield from _described(session.receive(data, None), tally)
+            yield from _described(session.close(), tally)
+            tally.links.append(session.counts())
 
 
 def _described(

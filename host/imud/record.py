@@ -9,10 +9,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from imud import rotation
 from imud.messages import Message, Value
+
+# Published as JSON under their own names; all else goes out as frames only.
+JSON_TOPICS = frozenset({"pose", "raw", "event"})
+
+_ENCODER = msgspec.json.Encoder()
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +40,28 @@ class Presence:
 
     probe: str
     is_alive: bool
+
+
+def record_of(
+    message: Message,
+    content: bytes,
+    probe: str,
+    t_device_us: int,
+    t_ns: int,
+    hello: Mapping[str, Value],
+    hello_content: bytes,
+) -> tuple[Record, dict[str, Any]]:
+    """A good message as sinks take it, and its description where it has JSON."""
+    described: dict[str, Any] = {}
+    payload = b""
+    if message.name in JSON_TOPICS:
+        described = describe(message, probe, t_device_us, t_ns, hello)
+        payload = _ENCODER.encode(described)
+    # `status` is the key of what the daemon says of a probe.
+    topic = "counters" if message.name == "status" else message.name
+    sequence = message.sequence
+    record = Record(probe, topic, payload, content, sequence, t_ns, hello_content)
+    return record, described
 
 
 def describe(
@@ -73,6 +101,30 @@ def describe(
             "flags": fields["sample_flags"],
         }
     return head | {name: plain(value) for name, value in fields.items()}
+
+
+def equipment_of(fields: Mapping[str, Value]) -> dict[str, Any]:
+    """What a board has beside its sensor; None in place of a part that it lacks."""
+    battery_mv = fields["battery"]
+    has_radio, has_card = fields["radio"] != "none", fields["card"] != "none"
+    radio = {"state": fields["radio"], "resets": fields["radio_resets"]}
+    card = {
+        "state": fields["card"],
+        "recording": fields["recording"],
+        "block": fields["card_block"],
+        "blocks": fields["card_blocks"],
+        "faults": fields["card_faults"],
+        "busy_ms": fields["card_busy"],
+        "logged": fields["messages_logged"],
+        "unlogged": fields["messages_unlogged"],
+    }
+    return {
+        "clock": fields["clock"],
+        "battery_v": battery_mv / 1000 if isinstance(battery_mv, int) else None,
+        "power": fields["power"],
+        "radio": radio if has_radio else None,
+        "card": card if has_card else None,
+    }
 
 
 def plain(value: Value) -> Any:

@@ -8,7 +8,7 @@ before it wait. Everything that is not passed on is counted, here or in the acco
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,12 +17,15 @@ from imud.frame import FrameDecoder
 from imud.ledger import Account, Heard, Judged, Verdict, difference_32
 from imud.messages import Message, Skew, Value
 
-# Messages that wait for a hello, which comes every second: 200 raw and 100 poses a
-# second, three times over.
-WAITING_MAX = 1024
+# Messages that wait for a hello, which comes every second: 760 raw and as many poses a
+# second, twice over.
+WAITING_MAX = 3072
 
 # A hello and a status come every second, so this long with nothing good is a fault.
 SILENT_NS = 3_000_000_000
+
+# The probe of a capture in which none says hello.
+NOBODY = "unknown"
 
 # Fewer bytes than this without a good frame may be the rest of one or line noise at
 # power-on; more is another baud rate or another device.
@@ -118,6 +121,30 @@ class Probe:
 
     def learn(self, hello: Message, content: bytes) -> None:
         self.hello, self.hello_content = dict(hello.fields), content
+
+
+def first_hello(chunks: Iterable[bytes]) -> Message | None:
+    """The first of ours in bytes that are all there already."""
+    decoder = FrameDecoder()
+    for data in chunks:
+        for content in decoder.feed(data):
+            said = messages.decode(content)
+            if (
+                isinstance(said, Message)
+                and said.name == "hello"
+                and said.fields["schema_fingerprint"] == schema.FINGERPRINT
+            ):
+                return said
+    return None
+
+
+def speaker_of(hello: Message | None, name: Callable[[str], Probe]) -> Probe:
+    """Who speaks in those bytes, to be told before the hello comes."""
+    probe_id = hello.fields["probe_id"] if hello is not None else None
+    probe = name(probe_id.hex() if isinstance(probe_id, bytes) else NOBODY)
+    if hello is not None:
+        probe.learn(hello, b"")
+    return probe
 
 
 class Session:

@@ -18,8 +18,15 @@ from typing import Any
 import pytest
 
 import reference
-from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_endpoint
-from imud import _core, cli, daemon, messages, schema
+from fakes import (
+    EQUIPMENT,
+    PATIENCE_S,
+    DaemonProcess,
+    FakeProbe,
+    Port,
+    free_endpoint,
+)
+from imud import _core, cli, daemon, messages, record, schema
 from imud.client import Client
 from imud.daemon import Limiter, arguments_of
 from imud.errors import CommandRefused, DaemonNotFound, NoReply, ProbeUnknown
@@ -721,6 +728,89 @@ def test_no_port_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert line.startswith("imud: no port is named; imud run /dev/ttyUSB0")
 
 
+# What a board has beside its sensor.
+
+
+def test_equipment_is_in_the_status_and_in_the_list(
+    chain: Chain, capsys: pytest.CaptureFixture[str]
+) -> None:
+    listing = ["list", "--connect", chain.daemon.endpoint]
+    (status,) = chain.client.statuses()
+    assert status["equipment"] is None
+    assert cli.main(listing) == 0
+    assert "equipment" not in capsys.readouterr().out
+    low = {"battery": 3310, "power": ("low",), "clock": "spare", "card_block": 32768}
+    chain.port.write(chain.probe.say("equipment", **low))
+    status = chain.status_when(lambda s: s["equipment"] is not None)
+    assert status["equipment"] == {
+        "clock": "spare",
+        "battery_v": 3.31,
+        "power": ["low"],
+        "radio": None,
+        "card": {
+            "state": "logging",
+            "recording": 1,
+            "block": 32768,
+            "blocks": 65536,
+            "faults": 0,
+            "busy_ms": 3,
+            "logged": 100,
+            "unlogged": 0,
+        },
+    }
+    assert cli.main(listing) == 0
+    head, row = capsys.readouterr().out.splitlines()
+    assert head.endswith("equipment")
+    assert row.endswith("spare clock, battery 3.31 V low, card logging 50 %")
+
+
+def test_equipment_that_cannot_tell_its_battery_has_none() -> None:
+    fields = EQUIPMENT | {"battery": None, "card": "none", "radio": "cable"}
+    found = record.equipment_of(fields)
+    assert (found["battery_v"], found["card"]) == (None, None)
+    assert found["radio"] == {"state": "cable", "resets": 0}
+
+
+@pytest.mark.parametrize(
+    ("event", "words"),
+    [
+        (("clock_failed", "crystal", 0), "clock failed (crystal), at its start"),
+        (("clock_failed", "crystal", 1), "clock failed (crystal), while it ran"),
+        (("card_fault", "absent", 0), "card fault (absent)"),
+        (("card_fault", "worn", 812), "card fault (worn), at block 812"),
+        (("log_started", "none", 3), "log started, recording 3"),
+        (("battery_low", "battery", 3310), "battery low (battery), 3310 mV"),
+        (("radio_dropped", "none", 0), "radio dropped"),
+        (("bus_fault", "stuck_bus", 2), "bus fault (stuck bus), 2"),
+        (("overrun", "late", 4), "overrun (late), 4 missed"),
+    ],
+)
+def test_an_event_is_told_in_words(event: tuple[str, str, int], words: str) -> None:
+    assert daemon.event_words(*event) == words
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        (
+            {"reset_cause": ("hard_fault",), "reset_address": 0x08001234},
+            "hard fault at ",
+        ),
+        ({"reset_cause": ("watchdog",), "reset_address": 0x08001234}, "watchdog at "),
+        ({"reset_cause": ("watchdog",)}, "watchdog"),
+        ({"reset_cause": ("power_on",), "reset_address": 0x08001234}, "power on"),
+    ],
+)
+def test_a_restart_says_where_it_struck(
+    chain: Chain, fields: dict[str, Any], words: str
+) -> None:
+    chain.probe.restart()
+    chain.port.write(chain.probe.say("hello", **fields))
+    where = "0x08001234" if words.endswith("at ") else ""
+    line = chain.daemon.expect("restarted on")
+    assert line.endswith(f"boot 8 ({words}{where})")
+
+
 def test_a_kind_of_line_is_written_once_in_a_while() -> None:
     limiter = Limiter(quiet_s=10.0, burst=2)
     said = [limiter.allow("a", t) for t in (0.0, 1.0, 2.0, 9.9, 10.0, 10.5, 11.0)]
@@ -738,7 +828,9 @@ def test_a_kind_of_line_is_written_once_in_a_while() -> None:
 
 def test_the_status_names_only_what_the_schema_knows() -> None:
     known = {m.name for m in schema.MESSAGES}
-    assert known >= daemon.JSON_TOPICS
+    assert known >= record.JSON_TOPICS
     events = {member.name.lower() for member in schema.Event}
-    assert events >= daemon.FAULTS
+    assert events >= daemon.FAULTS | daemon.DETAILS.keys()
+    causes = {member.name.lower() for member in schema.ResetCauseFlags}
+    assert causes >= daemon.WITH_ADDRESS
     assert set(Session(lambda _: None, 0).counts()) >= {"corrupt", "foreign"}  # type: ignore[arg-type,return-value] # none is found here

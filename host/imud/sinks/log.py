@@ -114,48 +114,24 @@ JSON_SCHEMAS: dict[str, dict[str, Any]] = {
 }
 
 
-class LogSink:
-    """Writes records to a file of its own, a fresh one each hour and after a fault."""
+class LogFile:
+    """One file of records: channels, schemas and who wrote it."""
 
-    name = "log"
-    period_s = FLUSH_S
-
-    def __init__(self, directory: Path, prefix: str) -> None:
-        self._directory = directory
+    def __init__(self, file: BufferedWriter, prefix: str) -> None:
+        self._file = file
         self._prefix = prefix
-        self._syncer: ThreadPoolExecutor | None = None
-        self._syncing: Future[None] | None = None
-        self._file: BufferedWriter | None = None
-        self._writer: Writer | None = None
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, str], int] = {}
         self._hellos: dict[str, bytes] = {}
-        self._began_s = 0.0
-        self.path: Path | None = None
-
-    def open(self) -> None:
-        try:
-            self._directory.mkdir(parents=True, exist_ok=True)
-            self.path, self._file = self._create()
-        except OSError as error:
-            raise FileError(
-                f"can't log to {self._directory}: {error.strerror}; "
-                "name another place with --log DIR, or --no-log"
-            ) from error
-        self._syncer = self._syncer or ThreadPoolExecutor(1, "imud-sync")
-        self._began_s = time.monotonic()
-        self._schemas, self._channels, self._hellos = {}, {}, {}
         # Frames and JSON of one pose are much alike; zstd takes a quarter of the space.
-        self._writer = Writer(self._file, compression=CompressionType.ZSTD)
+        self._writer = Writer(file, compression=CompressionType.ZSTD)
         self._writer.start(profile="", library=f"imud {version()}")
         fingerprint = f"{schema.FINGERPRINT:#010x}"
         self._writer.add_metadata(
             "imud", {"version": version(), "schema_fingerprint": fingerprint}
         )
 
-    def take(self, record: Record | Presence) -> None:
-        if isinstance(record, Presence) or self._writer is None:
-            return
+    def take(self, record: Record) -> None:
         if record.hello and self._hellos.get(record.probe) != record.hello:
             self._hellos[record.probe] = record.hello
             metadata = {"probe": record.probe, "content": record.hello.hex()}
@@ -166,49 +142,18 @@ class LogSink:
             self._add(record, "frame", FRAME_ENCODING, record.content)
 
     def flush(self) -> None:
-        if self._writer is None or self._file is None or self._syncer is None:
-            return
         self._writer.flush()
-        if self._syncing is None or self._syncing.done():
-            if self._syncing is not None:
-                self._syncing.result()
-            # Takes up to 20 ms, and longer on a busy disk: not in this thread.
-            self._syncing = self._syncer.submit(os.fdatasync, self._file.fileno())
-        if time.monotonic() - self._began_s > ROTATE_S:
-            self._finish()
-            self.open()
+
+    def fileno(self) -> int:
+        return self._file.fileno()
+
+    def finish(self) -> None:
+        self._writer.finish()
 
     def close(self) -> None:
-        self._finish()
-        if self._syncer is not None:
-            self._syncer.shutdown()
-            self._syncer = None
-
-    def _finish(self) -> None:
-        file, self._file = self._file, None
-        writer, self._writer = self._writer, None
-        syncing, self._syncing = self._syncing, None
-        if file is None or writer is None:
-            return
-        with file:
-            if syncing is not None:
-                syncing.result()
-            writer.finish()
-
-    def _create(self) -> tuple[Path, BufferedWriter]:
-        stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
-        number = 1
-        while True:
-            suffix = "" if number == 1 else f"-{number}"
-            path = self._directory / f"imud-{stamp}{suffix}.mcap"
-            try:
-                return path, path.open("xb")
-            except FileExistsError:
-                number += 1
+        self._file.close()
 
     def _add(self, record: Record, topic: str, encoding: str, data: bytes) -> None:
-        if self._writer is None:
-            return
         channel = self._channels.get((record.probe, topic))
         if channel is None:
             channel = self._writer.register_channel(
@@ -220,7 +165,7 @@ class LogSink:
 
     def _schema(self, topic: str) -> int:
         """The id of a topic's schema in this file; 0: none."""
-        if self._writer is None or topic not in JSON_SCHEMAS:
+        if topic not in JSON_SCHEMAS:
             return 0
         if topic not in self._schemas:
             data = json.dumps(JSON_SCHEMAS[topic]).encode()
@@ -228,6 +173,81 @@ class LogSink:
                 f"imud.{topic}", "jsonschema", data
             )
         return self._schemas[topic]
+
+
+class LogSink:
+    """Writes records to a file of its own, a fresh one each hour and after a fault."""
+
+    name = "log"
+    period_s = FLUSH_S
+
+    def __init__(self, directory: Path, prefix: str) -> None:
+        self._directory = directory
+        self._prefix = prefix
+        self._syncer: ThreadPoolExecutor | None = None
+        self._syncing: Future[None] | None = None
+        self._log: LogFile | None = None
+        self._began_s = 0.0
+        self.path: Path | None = None
+
+    def open(self) -> None:
+        try:
+            self._directory.mkdir(parents=True, exist_ok=True)
+            self.path, file = self._create()
+        except OSError as error:
+            raise FileError(
+                f"can't log to {self._directory}: {error.strerror}; "
+                "name another place with --log DIR, or --no-log"
+            ) from error
+        self._syncer = self._syncer or ThreadPoolExecutor(1, "imud-sync")
+        self._began_s = time.monotonic()
+        self._log = LogFile(file, self._prefix)
+
+    def take(self, record: Record | Presence) -> None:
+        if self._log is not None and isinstance(record, Record):
+            self._log.take(record)
+
+    def flush(self) -> None:
+        if self._log is None or self._syncer is None:
+            return
+        self._log.flush()
+        if self._syncing is None or self._syncing.done():
+            if self._syncing is not None:
+                self._syncing.result()
+            # Takes up to 20 ms, and longer on a busy disk: not in this thread.
+            self._syncing = self._syncer.submit(os.fdatasync, self._log.fileno())
+        if time.monotonic() - self._began_s > ROTATE_S:
+            self._finish()
+            self.open()
+
+    def close(self) -> None:
+        self._finish()
+        if self._syncer is not None:
+            self._syncer.shutdown()
+            self._syncer = None
+
+    def _finish(self) -> None:
+        log, self._log = self._log, None
+        syncing, self._syncing = self._syncing, None
+        if log is None:
+            return
+        try:
+            if syncing is not None:
+                syncing.result()
+            log.finish()
+        finally:
+            log.close()
+
+    def _create(self) -> tuple[Path, BufferedWriter]:
+        stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+        number = 1
+        while True:
+            suffix = "" if number == 1 else f"-{number}"
+            path = self._directory / f"imud-{stamp}{suffix}.mcap"
+            try:
+                return path, path.open("xb")
+            except FileExistsError:
+                number += 1
 
 
 @dataclass(frozen=True, slots=True)
