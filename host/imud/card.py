@@ -61,6 +61,9 @@ _WORN_MAX = 8
 # this many sectors at the end.
 _GPT_COPY = 33
 
+# What a card gives its size in (CSD, C_SIZE).
+_CARD_UNIT = 512 << 10
+
 
 def head_block(card_id: int, lba: int, blocks: int) -> bytes:
     """Block 0: whose log this is and where it belongs."""
@@ -197,8 +200,8 @@ def prepare(
 ) -> int:
     """Makes a card, or an image of one, ready for a probe."""
     if size is not None:
-        if size % SECTOR:
-            raise ConfigError(f"--size {size} is not a multiple of {SECTOR}")
+        if size % _CARD_UNIT:
+            raise ConfigError(f"--size {size} is not a multiple of 512K, as cards are")
         if path.exists():
             raise FileError(f"{path} is there; --size is for an image that is not")
         layout = _lay_out(path, size // SECTOR, log_size)

@@ -23,7 +23,7 @@ enum {
     NCX_MAX = 8,             // bytes before CSD and CID
     ANSWER_MAX = 5,          // R3 and R7
     POWER_UP_CLOCKS = 74,    // SD 6.4.1
-    IDENTIFY_HZ = 400000,    // SD 4.2.1: fOD
+    IDENTIFY_HZ = 400000,    // SD 4.2: fOD
     CLOCK_HZ = 25000000,     // SD 5.3.2: TRAN_SPEED 32h
     LARGEST_SDSC = 1 << 22,  // blocks: 2 GB
     LONG_AFTER = 200,        // of so many busy times one is long
@@ -309,7 +309,7 @@ static uint64_t busy_ns(struct sdcard_chip *chip) {
                                   : between(chip, 300 * US, 2000 * US);
 }
 
-// It begins with the clocks behind the answer, whatever CS (SD 7.2.7).
+// It begins with the clocks behind the answer, whatever CS (SD 4.4).
 static void begin_busy(struct sdcard_chip *chip) {
     const uint64_t ns = busy_ns(chip);
     const bool is_block = chip->due == DUE_BLOCK || chip->due == DUE_SINGLE;
@@ -1240,14 +1240,17 @@ static void fill_csd(struct sdcard_chip *chip, unsigned block_bits) {
     chip->csd[15] = crc7(chip->csd, 15);
 }
 
-// SD 5.3.2. The first unit, of a power of 2, in which the size fits into C_SIZE.
+// SD 5.3.2. The first unit, of a power of 2, in which the size fits into C_SIZE. False
+// where it is no size that a card can tell.
 static bool fill_csd_1(struct sdcard_chip *chip) {
     for (unsigned block_bits = 9; block_bits <= 10; block_bits++) {
         for (unsigned mult = 0; mult < 8; mult++) {
             const uint64_t unit = UINT64_C(1) << (mult + 2 + block_bits);
             const uint64_t count = chip->blocks * BLOCK / unit;
             if (count >= 1 && count <= 4096) {
-                chip->blocks = count * unit / BLOCK;
+                if (count * unit != chip->blocks * BLOCK) {
+                    return false;
+                }
                 put_bits(chip->csd, 112, 8, 0x26);  // TAAC: 1.5 ms
                 put_bits(chip->csd, 79, 1, 1);      // READ_BL_PARTIAL
                 put_bits(chip->csd, 62, 12, count - 1);
@@ -1261,13 +1264,12 @@ static bool fill_csd_1(struct sdcard_chip *chip) {
     return false;
 }
 
-// SD 5.3.3.
+// SD 5.3.3. The same.
 static bool fill_csd_2(struct sdcard_chip *chip) {
     const uint64_t count = chip->blocks / 1024;  // units of 512 KB
-    if (count == 0 || count > UINT64_C(1) << 22) {
+    if (count == 0 || count > UINT64_C(1) << 22 || chip->blocks % 1024 != 0) {
         return false;
     }
-    chip->blocks = count * 1024;
     put_bits(chip->csd, 126, 2, 1);
     put_bits(chip->csd, 112, 8, 0x0E);
     put_bits(chip->csd, 48, 22, count - 1);
@@ -1297,9 +1299,11 @@ static const char *open_image(struct sdcard_chip *chip) {
     chip->is_high_capacity =
         kind == SDCARD_CHIP_SDHC || (kind == SDCARD_CHIP_BY_SIZE && is_large);
     if (chip->is_high_capacity) {
-        return fill_csd_2(chip) ? NULL : "is no SDHC card: from 512 KB to 2 TB";
+        return fill_csd_2(chip) ? NULL : "is no SDHC card: 512 KB, or so many, to 2 TB";
     }
-    return !is_large && fill_csd_1(chip) ? NULL : "is no SDSC card: from 2 KB to 2 GB";
+    return !is_large && fill_csd_1(chip)
+               ? NULL
+               : "is no SDSC card: a multiple of 512 KB, or less, to 2 GB";
 }
 
 struct sdcard_chip *sdcard_chip_new(const struct sdcard_chip_config *config,

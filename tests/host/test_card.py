@@ -846,8 +846,8 @@ def test_what_can_not_be_prepared_is_refused_in_a_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     small = tmp_path / "small.img"
-    assert error_of(capsys, "prepare", small, "--size", SMALL - 512) == (
-        f"{small}: {SMALL - 512} bytes are too small: FAT32 needs {SMALL} (34 MiB)"
+    assert error_of(capsys, "prepare", small, "--size", SMALL - 2**19) == (
+        f"{small}: {SMALL - 2**19} bytes are too small: FAT32 needs {SMALL} (34 MiB)"
     )
     assert not small.exists()
     assert error_of(capsys, "prepare", small) == (
@@ -867,7 +867,7 @@ def test_what_can_not_be_prepared_is_refused_in_a_line(
         f"{small} is there; --size is for an image that is not"
     )
     assert small.read_bytes() == b"a letter"
-    assert "multiple of 512" in error_of(
+    assert "multiple of 512K" in error_of(
         capsys, "prepare", tmp_path / "odd.img", "--size", SMALL + 1
     )
     far = tmp_path / "no" / "card.img"
