@@ -574,7 +574,6 @@ static void confirm_run(struct logbook *book) {
 // A block that is left out ends nothing, unless too many are.
 static void leave_out(struct logbook *book) {
     tell(book, EVENT_CARD_FAULT, CAUSE_WORN, book->next);
-    book->tries = 0;
     book->left_out++;
     book->next++;
     if (book->left_out > BAD_MAX) {
@@ -601,6 +600,7 @@ static void survive_run(struct logbook *book, enum sdcard_result failure) {
     if (book->tries < TRIES) {
         return;
     }
+    book->tries = 0;
     if (failure == SDCARD_FAILED) {
         leave_out(book);
     } else {

@@ -9,6 +9,8 @@
 // - Call logbook_step() each turn of the main loop; it takes up to 20 us. Where it
 //   returns true, turn again without sleeping. Otherwise the end of the SPI's exchange
 //   wakes, or the tick, which must come every 10 ms.
+// - A card is ready a second after it is found: the whole chain of its file is looked
+//   at, so that nothing is ever written beside it.
 // - Take all changes after each step and make events of them. CARD_READY is the one to
 //   answer with logbook_open(), where messages are to be kept: at the start, when a
 //   card comes back, when a probe begins to stream. The first thing put in must be a

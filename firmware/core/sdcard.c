@@ -257,11 +257,9 @@ static enum sdcard_result enter(struct sdcard *card, enum stage stage,
         return SDCARD_GOES_ON;
     case ABORT:
         return command(card, STOP_TRANSMISSION, 0, now_us);
-    case RUNNING:
+    default:  // RUNNING
         card->wait = NOTHING;
         return SDCARD_OK;
-    default:
-        return end(card, SDCARD_OK, now_us);
     }
 }
 

@@ -158,13 +158,24 @@ class CardLog:
         return [found[name] for name in sorted(found)]
 
     def frames(self, recording: Recording) -> Iterator[bytes]:
-        """The bytes of a recording; where a block is missing, a frame ends."""
+        """The bytes of a recording.
+
+        They run on behind a worn place, which the probe has left out; behind a block
+        that was spoilt later a frame begins anew.
+        """
+        begun = b""  # the frame that the last block has begun
         for run in recording.runs:
             for first in range(run.start, run.stop, _DECODE):
                 data = self._read(first, min(_DECODE, run.stop - first))
                 blocks = np.frombuffer(data, np.uint8).reshape(-1, SECTOR)
-                yield blocks[:, _BLOCK.size : _CRC_AT].tobytes()
-            yield b"\0"
+                content = blocks[:, _BLOCK.size : _CRC_AT].tobytes()
+                if first == run.start and begun:
+                    end = content.find(0) + 1
+                    if not FrameDecoder().feed(begun + content[:end]):
+                        yield b"\0"
+                yield content
+                begun = content[content.rfind(0) + 1 :]
+        yield b"\0"  # the last may be cut off
 
     def _read(self, first: int, count: int) -> bytes:
         if count <= 0:

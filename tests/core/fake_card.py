@@ -64,6 +64,7 @@ class FakeCard:
         self.version = version
         self.ocr = 0x80FF8000 | (0x40000000 if is_sdhc else 0)
         self.csd = csd2(blocks) if is_sdhc else csd1(blocks)
+        self.volts = 0x01  # CMD8: 2.7 to 3.6 V
         self.starting = 3  # times that ACMD41 says not yet
         self.pause = 1  # bytes before an answer, 1 to 8
         self.read_us = 300.0
@@ -235,7 +236,7 @@ class FakeCard:
             self.run = None
             self._answer(0x01)
         elif index == 8:
-            self._answer(idle, 0, 0, argument >> 8 & 0x0F, argument & 0xFF)
+            self._answer(idle, 0, 0, argument >> 8 & self.volts, argument & 0xFF)
         elif index == 59:
             self.has_crc = bool(argument & 1)
             self._answer(idle)

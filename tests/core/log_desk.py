@@ -198,14 +198,12 @@ class Log:
         self.put: list[tuple[float, bytes]] = []  # frames taken, with their times
         self.dropped = 0
         self.number = 0
-        self.longest = 0  # calls in a row that asked for another
 
     def step(self, tick_us: float = 1000.0) -> None:
         in_a_row = 0
         while lib.logbook_step(self.book, self.wire.time):
             in_a_row += 1
             assert in_a_row < 20, "it never lets go"
-        self.longest = max(self.longest, in_a_row)
         change = ffi.new("struct logbook_change *")
         while lib.logbook_take_change(self.book, change):
             event, cause = EVENTS[change.event], CAUSES[change.cause]
