@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: MIT
 # Each command installs what it needs first; `make` alone lists them.
-.PHONY: help demo test coverage fuzz check format firmware sim bench bench-nano pictures setup clean
+.PHONY: help demo test bits coverage fuzz check format firmware sim bench bench-nano pictures setup clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= python3
 BOARD ?= nano
+environment = $(BOARD:f405=stm32f405)
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PLATFORMIO_SETTING_ENABLE_TELEMETRY := no
 export PLATFORMIO_DISABLE_UPGRADE_CHECK := true
@@ -15,13 +16,17 @@ asan := IMU_ASAN=1 ASAN_OPTIONS=detect_leaks=0 \
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 14
 
-demo: ## a virtual probe, the daemon and a subscriber, live (SECONDS=15 to stop)
+demo: ## virtual probes, the daemon, a subscriber (BOARD=nano, f405, both; SECONDS=15)
 	@$(PYTHON) tools/setup.py demo
 	@python tools/demo.py --board $(BOARD) $(if $(SECONDS),--seconds $(SECONDS))
 
 test: ## all tests; those of the C once more under the address sanitizer
 	@$(PYTHON) tools/setup.py test
 	@$(asan) python -m pytest -q -m native; first=$$?; python -m pytest && exit $$first
+
+bits: ## ten minutes of recordings have the same poses on every processor
+	@$(PYTHON) tools/setup.py test
+	@IMU_BITS_SECONDS=600 python -m pytest -q -o timeout=1800 tests/system/test_bits.py
 
 coverage: ## fails where a line of firmware/core is run by no test
 	@$(PYTHON) tools/setup.py coverage
@@ -41,9 +46,9 @@ format: ## lays out C and Python
 	@$(PYTHON) tools/setup.py check
 	@python tools/check.py --format
 
-firmware: ## the image for the Nano: .pio/build/nano/firmware.hex
+firmware: ## the image of a board (BOARD=nano, f405): .pio/build/nano/firmware.hex
 	@$(PYTHON) tools/setup.py demo
-	@pio run --environment nano
+	@pio run --environment $(environment)
 
 sim: ## the virtual boards: build/sim/nano, build/sim/f405
 	@$(PYTHON) tools/setup.py demo

@@ -61,6 +61,21 @@ def f405() -> Path:
     return built(ROOT / "build" / "sim" / "f405", "make sim")
 
 
+@pytest.fixture(scope="session")
+def f405_image() -> Path:
+    """The image that a user flashes on an STM32F405."""
+    path = ROOT / ".pio" / "build" / "stm32f405" / "firmware.elf"
+    return built(path, "make firmware BOARD=f405")
+
+
+@pytest.fixture(scope="session")
+def boards(
+    nano: Path, image: Path, f405: Path, f405_image: Path
+) -> dict[str, tuple[Path, Path]]:
+    """By name: the simulator of a virtual board, and its image."""
+    return {"nano": (nano, image), "f405": (f405, f405_image)}
+
+
 def built(path: Path, command: str) -> Path:
     if not path.exists():
         pytest.fail(f"{path.relative_to(ROOT)} is not there: {command}", pytrace=False)

@@ -282,9 +282,10 @@ class DaemonProcess:
         """Asks it to end and returns the seconds that it took."""
         begin = time.monotonic()
         self.process.send_signal(by)
-        assert self.process.wait(PATIENCE_S) == 0
+        code = self.process.wait(PATIENCE_S)
         seconds = time.monotonic() - begin
         self.lines += self.rest()
+        assert code == 0, f"ended with {code}: {self.lines}"
         return seconds
 
     def rest(self) -> Iterator[str]:

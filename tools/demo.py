@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The whole chain on one machine: a virtual probe runs the image that is flashed, the
-daemon reads its serial port, and a subscriber shows poses as they come over Zenoh.
+"""The whole chain on one machine: virtual probes run the images that are flashed, the
+daemon reads their serial ports, and a subscriber shows poses as they come over Zenoh.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import FrameType
@@ -26,6 +26,7 @@ from imud.errors import ImudError
 ROOT = Path(__file__).resolve().parent.parent
 ROOM = ROOT / "build" / "demo"
 IMUD = (sys.executable, "-m", "imud")
+BOARDS = {"nano": ("nano",), "f405": ("f405",), "both": ("nano", "f405")}
 
 # Poses a second that the probe promises, and how far the clocks of a busy machine may
 # be off over some seconds.
@@ -42,16 +43,17 @@ class DemoError(Exception):
 
 
 class Tally:
-    """Counts poses as they arrive; one that is missing shows in the device's time."""
+    """Counts one probe's poses as they arrive; one that is missing shows in the
+    device's time.
+    """
 
     def __init__(self) -> None:
         self.poses = 0
         self.missing = 0
-        self.has_begun = threading.Event()
         self._first_s = self._last_s = 0.0
         self._last_us: int | None = None
 
-    def take(self, _probe: str, payload: bytes) -> None:
+    def take(self, payload: bytes) -> None:
         self._last_s = time.monotonic()
         time_us = int(json.loads(payload)["t_device_us"])
         if self._last_us is None:
@@ -61,7 +63,6 @@ class Tally:
             self.missing += max(0, steps - 1)
         self._last_us = time_us
         self.poses += 1
-        self.has_begun.set()
 
     @property
     def seconds(self) -> float:
@@ -74,13 +75,13 @@ class Tally:
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="tools/demo.py", description=__doc__)
-    parser.add_argument("--board", default="nano", choices=["nano"])
+    parser.add_argument("--board", default="nano", choices=BOARDS)
     parser.add_argument("--seconds", type=float, help="stop after that many of poses")
     parser.add_argument("--port", type=int, default=7447, help="of Zenoh, on loopback")
     args = parser.parse_args()
     signal.signal(signal.SIGTERM, interrupted)
     try:
-        return run(args.board, args.seconds, args.port)
+        return run(BOARDS[args.board], args.seconds, args.port)
     except (DemoError, ImudError) as error:
         sys.stderr.write(f"demo: {error}\n")
         return 1
@@ -92,43 +93,75 @@ def interrupted(_number: int, _frame: FrameType | None) -> NoReturn:
     raise KeyboardInterrupt
 
 
-def run(board: str, seconds: float | None, port: int) -> int:
+def run(boards: Sequence[str], seconds: float | None, port: int) -> int:
     ROOM.mkdir(parents=True, exist_ok=True)
     endpoint = f"tcp/127.0.0.1:{port}"
-    serial = ROOM / board
     refuse_taken(port)
-    serial.unlink(missing_ok=True)  # a run that was killed leaves it
     begun_s = time.time()
     with ExitStack() as stack:
-        probe = stack.enter_context(
-            child(f"virtual {board}", "sim", board, "--stream", "--link", str(serial))
-        )
-        wait_for(serial.exists, START_S, probe, f"no serial port at {serial}")
+        probes = {board: stack.enter_context(virtual(board)) for board in boards}
+        for board, probe in probes.items():
+            serial = serial_of(board)
+            complaint = f"no serial port at {serial}"
+            wait_for(serial.exists, START_S, probe, complaint)
         daemon = stack.enter_context(
             child(
-                *("imud run", "run", str(serial)),
+                *("imud run", "daemon", "run", *map(str, map(serial_of, boards))),
                 *("--log", str(ROOM), "--listen", endpoint),
             )
         )
         wait_for(lambda: answers(port), START_S, daemon, f"nothing at {endpoint}")
         client = stack.enter_context(Client(endpoint))
-        tally = Tally()
-        stack.callback(client.subscribe("pose", None, tally.take))
-        sys.stdout.write(
-            f"virtual {board} -> {serial.relative_to(ROOT)} -> imud -> Zenoh "
-            f"{endpoint} -> imud listen\nthe probe lies still for a moment to "
-            "calibrate its gyroscope\n"
+        tallies: defaultdict[str, Tally] = defaultdict(Tally)
+
+        def take(probe: str, payload: bytes) -> None:
+            tallies[probe].take(payload)
+
+        stack.callback(client.subscribe("pose", None, take))
+        for board in boards:
+            sys.stdout.write(
+                f"virtual {board} -> {serial_of(board).relative_to(ROOT)} -> imud -> "
+                f"Zenoh {endpoint} -> imud listen\n"
+            )
+        are, gyroscopes = (
+            ("the probes lie", "their gyroscopes")
+            if len(boards) > 1
+            else ("the probe lies", "its gyroscope")
         )
+        sys.stdout.write(f"{are} still for a moment to calibrate {gyroscopes}\n")
         sys.stdout.flush()
-        wait_for(tally.has_begun.is_set, FIRST_POSE_S, daemon, "no pose came")
+        wait_for(
+            lambda: len(tallies) == len(boards), FIRST_POSE_S, daemon, "no pose came"
+        )
         listened = listen(endpoint, seconds)
         statuses = client.statuses()
-        ended = [process.name for process in (probe, daemon) if not process.is_alive()]
+        children = (*probes.values(), daemon)
+        ended = [process.name for process in children if not process.is_alive()]
         logs = sorted(p for p in ROOM.glob("*.mcap") if p.stat().st_mtime >= begun_s)
     faults = [f"{name} ended by itself; see {ROOM}" for name in ended]
     faults += [] if listened == 0 else [f"imud listen ended with {listened}"]
-    faults += judge(tally, statuses)
-    return report(tally, logs, faults)
+    heard = {str(status["hello"]["board"]): status for status in statuses}
+    if sorted(heard) != sorted(boards) or len(statuses) != len(boards):
+        faults.append(f"{len(statuses)} probes have a status, not {len(boards)}")
+    for board, status in heard.items():
+        tally = tallies[str(status["probe"])]
+        faults += [f"{board}: {fault}" for fault in judge(tally, status)]
+    judged = {board: tallies[str(heard[board]["probe"])] for board in heard}
+    return report(judged, logs, faults)
+
+
+def serial_of(board: str) -> Path:
+    return ROOM / board
+
+
+@contextmanager
+def virtual(board: str) -> Iterator[Child]:
+    """A virtual probe that streams."""
+    serial = serial_of(board)
+    serial.unlink(missing_ok=True)  # a run that was killed leaves it
+    words = ("sim", board, "--stream", "--link", str(serial))
+    with child(f"virtual {board}", f"sim-{board}", *words) as started:
+        yield started
 
 
 def refuse_taken(port: int) -> None:
@@ -177,8 +210,8 @@ class Child:
 
 
 @contextmanager
-def child(name: str, *arguments: str) -> Iterator[Child]:
-    log = ROOM / f"{arguments[0]}.log"
+def child(name: str, log_name: str, *arguments: str) -> Iterator[Child]:
+    log = ROOM / f"{log_name}.log"
     with log.open("wb") as file:
         # In a session of its own, so that Ctrl-C is the demo's to pass on, in order.
         process = subprocess.Popen(
@@ -226,35 +259,35 @@ def listen(endpoint: str, seconds: float | None) -> int:
         listener.wait()
 
 
-def judge(tally: Tally, statuses: Sequence[dict[str, Any]]) -> list[str]:
-    """Say what is not as it should be."""
+def judge(tally: Tally, status: dict[str, Any]) -> list[str]:
+    """Say what is not as it should be with one probe."""
     faults = []
     if abs(tally.rate_hz - RATE_HZ) > RATE_TOLERANCE_HZ:
         faults.append(f"{tally.rate_hz:.1f} poses a second, not {RATE_HZ:.0f}")
     if tally.missing:
         faults.append(f"{tally.missing} poses did not arrive")
-    if len(statuses) != 1:
-        faults.append(f"{len(statuses)} probes have a status, not one")
-    for status in statuses:
-        ledger = status["ledger"]
-        counts = {
-            "lost": ledger["lost"] + ledger["earlier_boots"]["lost"],
-            "corrupt": ledger["corrupt"],
-            "skewed": sum(ledger["skewed"].values()),
-            "dropped": sum(ledger["dropped"].values()),
-        }
-        faults += [f"{count} {what}" for what, count in counts.items() if count]
-    return faults
+    ledger = status["ledger"]
+    counts = {
+        "lost": ledger["lost"] + ledger["earlier_boots"]["lost"],
+        "corrupt": ledger["corrupt"],
+        "skewed": sum(ledger["skewed"].values()),
+        "dropped": sum(ledger["dropped"].values()),
+    }
+    return faults + [f"{count} {what}" for what, count in counts.items() if count]
 
 
-def report(tally: Tally, logs: Sequence[Path], faults: Sequence[str]) -> int:
+def report(
+    tallies: Mapping[str, Tally], logs: Sequence[Path], faults: Sequence[str]
+) -> int:
     is_plain = not sys.stdout.isatty() or "NO_COLOR" in os.environ
     red, green, end = ("", "", "") if is_plain else ("\x1b[31m", "\x1b[32m", "\x1b[0m")
     verdict = f"{red}not as it should be{end}" if faults else f"{green}all well{end}"
-    sys.stdout.write(
-        f"\n{verdict}: {tally.poses} poses in {tally.seconds:.1f} s, "
-        f"{tally.rate_hz:.1f} Hz, {tally.missing} missing\n"
-    )
+    sys.stdout.write(f"\n{verdict}\n")
+    for board, tally in tallies.items():
+        sys.stdout.write(
+            f"  {board}: {tally.poses} poses in {tally.seconds:.1f} s, "
+            f"{tally.rate_hz:.1f} Hz, {tally.missing} missing\n"
+        )
     for fault in faults:
         sys.stdout.write(f"  {fault}\n")
     for log in logs:

@@ -85,11 +85,11 @@ BUILD_NEEDS = (
     Need("avr-libc", compiles("#include <avr/io.h>", *AVR)),
     Need("libsimavr-dev", compiles("#include <simavr/sim_avr.h>", "gcc")),
     Need("libelf-dev", compiles("#include <gelf.h>", "gcc")),
+    Need("gcc-arm-none-eabi", has("arm-none-eabi-gcc")),
     Need("libunicorn-dev", compiles("#include <unicorn/unicorn.h>", "gcc")),
     Need(f"{PYTHON}-dev", has_python_headers),
     Need(f"{PYTHON}-venv", has_modules("ensurepip", "venv")),
 )
-TEST_NEEDS = (Need("gcc-arm-none-eabi", has("arm-none-eabi-gcc")),)
 CHECK_NEEDS = (
     Need("clang-tidy", has("clang-tidy")),
     Need("cppcheck", has("cppcheck")),
@@ -115,8 +115,8 @@ def main(arguments: Sequence[str]) -> None:
         install_requirements(command)
         install_package()
         if command != "check":
-            pio = (venv("pio"), "run", "--silent", "--environment", "nano")
-            step("firmware image", *pio)
+            images = ("--environment", "nano", "--environment", "stm32f405")
+            step("firmware images", venv("pio"), "run", "--silent", *images)
             step("virtual boards", "make", "--silent", "--directory", "sim")
 
 
@@ -133,7 +133,6 @@ def run_under_another_python(arguments: Sequence[str]) -> NoReturn:
 
 def install_system_packages(command: str) -> None:
     needs: tuple[Need, ...] = BUILD_NEEDS
-    needs += TEST_NEEDS if command in ("test", "coverage", "check") else ()
     needs += CHECK_NEEDS if command == "check" else ()
     missing = [need.package for need in needs if not need.is_met()]
     if not missing:

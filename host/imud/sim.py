@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """`imud sim`: a virtual probe, the very image that a user flashes in an emulator.
 
-The emulator is a program of its own (sim/nano.c). This finds it and the image, feeds
-it a motion through a pipe, and passes on what it says.
+The emulator is a program of its own (sim/nano.c, sim/f405.c). This finds it and the
+image, feeds it a motion through a pipe, and passes on what it says.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import IO, TYPE_CHECKING
@@ -27,9 +28,51 @@ from imud.progress import Progress
 if TYPE_CHECKING:
     from imud.motion import Motion
 
-# Where the builds leave them, from the project's folder.
-SIMULATOR = Path("build/sim/nano")
-IMAGE = Path(".pio/build/nano/firmware.elf")
+
+@dataclass(frozen=True, slots=True)
+class Board:
+    """What a virtual board is, and where the builds leave its parts."""
+
+    name: str
+    title: str
+    what: str
+    sample_rate_hz: int  # it samples, and can send, so many a second
+    memory: str  # that it keeps without power
+    image: Path  # from the project's folder
+    simulator: Path
+    image_variable: str  # of the environment, names another
+    simulator_variable: str
+    files: tuple[str, ...]  # options of its emulator that name one
+    has_battery: bool
+
+
+NANO = Board(
+    name="nano",
+    title="Nano",
+    what="an Arduino Nano with an MPU-9250",
+    sample_rate_hz=200,
+    memory="EEPROM",
+    image=Path(".pio/build/nano/firmware.elf"),
+    simulator=Path("build/sim/nano"),
+    image_variable="IMUD_IMAGE",
+    simulator_variable="IMUD_SIM",
+    files=("faults", "eeprom", "summary", "profile", "parts"),
+    has_battery=False,
+)
+F405 = Board(
+    name="f405",
+    title="F405",
+    what="an STM32F405 (pyboard) with an LSM9DS0",
+    sample_rate_hz=380,
+    memory="flash",
+    image=Path(".pio/build/stm32f405/firmware.elf"),
+    simulator=Path("build/sim/f405"),
+    image_variable="IMUD_IMAGE_F405",
+    simulator_variable="IMUD_SIM_F405",
+    files=("faults", "eeprom", "summary", "profile", "parts", "card", "radio"),
+    has_battery=True,
+)
+BOARDS = {board.name: board for board in (NANO, F405)}
 
 # Device time of what is done for the user. The button is down for several times the
 # firmware's debounce of 50 ms, which runs slower while the sensor is set up, and is up
@@ -37,8 +80,6 @@ IMAGE = Path(".pio/build/nano/firmware.elf")
 PRESS_US = (200_000, 500_000)
 FIRST_COMMAND_US = 600_000
 NEXT_COMMAND_US = 20_000
-
-SAMPLE_RATE_HZ = 200  # the firmware samples, and can send, so many a second
 
 FEED_RECORDS = 1024  # a write into the pipe: 36 kB
 
@@ -52,91 +93,96 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         epilog="example: imud sim nano --stream, and then: imud run /tmp/imud-nano",
     )
     boards = sim.add_subparsers(metavar="BOARD", required=True)
-    nano = boards.add_parser(
-        "nano",
-        help="an Arduino Nano with an MPU-9250",
-        description="An Arduino Nano with an MPU-9250. Its UART is a pty, in real "
-        "time, or goes into a file. Without --motion a hand moves it: strokes, turns, "
-        "rests.",
-        epilog="example: imud sim nano --motion turn.npz --stream --raw --fast "
-        "--record turn.bin --summary turn.json",
+    for board in BOARDS.values():
+        _add_board(boards, board)
+
+
+def _add_board(
+    boards: argparse._SubParsersAction[argparse.ArgumentParser], board: Board
+) -> None:
+    parser = boards.add_parser(
+        board.name,
+        help=board.what,
+        description=f"{board.what[0].upper()}{board.what[1:]}. Its UART is a pty, in "
+        "real time, or goes into a file. Without --motion a hand moves it: strokes, "
+        "turns, rests.",
+        epilog=f"example: imud sim {board.name} --motion turn.npz --stream --raw "
+        "--fast --record turn.bin --summary turn.json",
     )
-    nano.add_argument(
+    parser.add_argument(
         "--motion", metavar="FILE", type=Path, help="a recording to feel, .npz or .csv"
     )
-    output = nano.add_mutually_exclusive_group()
+    output = parser.add_mutually_exclusive_group()
     output.add_argument(
         "--link",
         metavar="PATH",
         type=Path,
-        default=None,
-        help=f"where its serial port appears (default: {default_link()})",
+        help=f"where its serial port appears (default: {default_link(board)})",
     )
     output.add_argument(
         "--record", metavar="FILE", type=Path, help="write its UART bytes to a file"
     )
-    nano.add_argument(
+    parser.add_argument(
         "--seconds",
         metavar="N",
         type=_positive,
         help="stop after N seconds of its time (default: with the recording, or never)",
     )
-    nano.add_argument("--fast", action="store_true", help="as fast as it can")
-    nano.add_argument(
+    parser.add_argument("--fast", action="store_true", help="as fast as it can")
+    parser.add_argument(
         "--stream",
         action="store_true",
         help="stream at once, as if the button had been pressed",
     )
-    nano.add_argument(
-        "--raw", action="store_true", help="send the raw samples, too, all 200 a second"
+    parser.add_argument(
+        "--raw",
+        action="store_true",
+        help=f"send the raw samples, too, all {board.sample_rate_hz} a second",
     )
-    nano.add_argument(
-        "--rate", metavar="HZ", type=_rate, help="poses a second (default: 100)"
+    parser.add_argument(
+        "--rate",
+        metavar="HZ",
+        type=_whole(1, board.sample_rate_hz),
+        help="poses a second (default: 100)",
     )
-    nano.add_argument(
+    parser.add_argument(
         "--seed",
         metavar="N",
-        type=_seed,
+        type=_whole(0, 2**32 - 1),
         default=1,
         help="of hand and noise (default: %(default)s)",
     )
-    nano.add_argument(
+    parser.add_argument(
         "--save-motion",
         metavar="FILE",
         type=Path,
         help="keep what the hand did, with the truth, as .npz; needs --seconds",
     )
-    nano.add_argument(
-        "--faults", metavar="FILE", type=Path, help="what is to break, and when"
-    )
-    nano.add_argument(
-        "--eeprom", metavar="FILE", type=Path, help="memory kept from run to run"
-    )
-    nano.add_argument(
-        "--summary", metavar="FILE", type=Path, help="write the figures as JSON"
-    )
-    nano.add_argument(
-        "--profile",
-        metavar="FILE",
-        type=Path,
-        help="write whose each cycle is, by function and part, as JSON",
-    )
-    nano.add_argument(
-        "--parts",
-        metavar="FILE",
-        type=Path,
-        help="the parts of the profile: lines START END PART, addresses of flash",
-    )
-    nano.add_argument(
+    files = {
+        "faults": "what is to break, and when",
+        "eeprom": f"its {board.memory}, kept from run to run",
+        "summary": "write the figures as JSON",
+        "profile": "write whose each cycle is, by function and part, as JSON",
+        "parts": "the parts of the profile: lines START END PART, addresses of flash",
+        "card": "what is on the SD card in its slot (imud card prepare)",
+        "radio": "an RN-41 between probe and wire, its settings in FILE",
+    }
+    for name in board.files:
+        parser.add_argument(f"--{name}", metavar="FILE", type=Path, help=files[name])
+    if board.has_battery:
+        parser.add_argument(
+            "--battery", metavar="MV", type=_whole(0, 5000), help="a battery's voltage"
+        )
+    parser.add_argument(
         "--image", metavar="ELF", type=Path, help="firmware (default: as built here)"
     )
-    nano.add_argument(
+    parser.add_argument(
         "--simulator",
         metavar="PATH",
         type=Path,
         help="emulator (default: as built here)",
     )
-    nano.set_defaults(run=run, parser=nano)
+    parser.set_defaults(run=run, parser=parser, board=board)
 
 
 def _positive(text: str) -> float:
@@ -146,24 +192,20 @@ def _positive(text: str) -> float:
     return seconds
 
 
-def _rate(text: str) -> int:
-    rate_hz = int(text)
-    if not 1 <= rate_hz <= SAMPLE_RATE_HZ:
-        raise argparse.ArgumentTypeError(f"{text} is not in 1..{SAMPLE_RATE_HZ}")
-    return rate_hz
+def _whole(low: int, high: int) -> Callable[[str], int]:
+    def number(text: str) -> int:
+        value = int(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is not in {low}..{high}")
+        return value
+
+    return number
 
 
-def _seed(text: str) -> int:
-    seed = int(text)
-    if not 0 <= seed < 2**32:
-        raise argparse.ArgumentTypeError(f"{text} is not in 0..{2**32 - 1}")
-    return seed
-
-
-def default_link() -> Path:
+def default_link(board: Board) -> Path:
     """Where the serial port appears unless told otherwise: a folder of the user's."""
     folder = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
-    return Path(folder) / "imud-nano"
+    return Path(folder) / f"imud-{board.name}"
 
 
 def find(given: Path | None, variable: str, built: Path) -> Path:
@@ -181,7 +223,9 @@ def find(given: Path | None, variable: str, built: Path) -> Path:
     raise FileError(f"{built} is not built yet; run `make firmware sim`")
 
 
-def commands_us(*, wants_raw: bool, rate_hz: int | None) -> Iterator[tuple[int, bytes]]:
+def commands_us(
+    board: Board, *, wants_raw: bool, rate_hz: int | None
+) -> Iterator[tuple[int, bytes]]:
     """The frames that set a probe up, each with the device time it is sent at."""
     from imud import messages, schema
     from imud._core import encode_frame
@@ -189,7 +233,7 @@ def commands_us(*, wants_raw: bool, rate_hz: int | None) -> Iterator[tuple[int, 
     orders: list[tuple[str, tuple[int, int]]] = []
     if wants_raw:
         streams = schema.StreamFlags.POSE | schema.StreamFlags.RAW
-        orders.append(("rate", (1, SAMPLE_RATE_HZ)))
+        orders.append(("rate", (1, board.sample_rate_hz)))
         orders.append(("fields", (int(streams), 0)))
     if rate_hz is not None:
         orders.append(("rate", (0, rate_hz)))
@@ -203,26 +247,21 @@ def commands_us(*, wants_raw: bool, rate_hz: int | None) -> Iterator[tuple[int, 
 
 def command_line(args: argparse.Namespace, link: Path) -> list[str]:
     """The emulator's arguments; the motion comes through its standard input."""
-    words: list[str | Path] = [find(args.simulator, "IMUD_SIM", SIMULATOR)]
-    words += ["--image", find(args.image, "IMUD_IMAGE", IMAGE)]
+    board: Board = args.board
+    simulator = find(args.simulator, board.simulator_variable, board.simulator)
+    image = find(args.image, board.image_variable, board.image)
+    words: list[str | Path] = [simulator, "--image", image]
     words += ["--motion", "-", "--seed", str(args.seed)]
     words += ["--record", args.record] if args.record else ["--pty", link]
-    options: Mapping[str, Path | float | None] = {
-        "--seconds": args.seconds,
-        "--faults": args.faults,
-        "--eeprom": args.eeprom,
-        "--summary": args.summary,
-        "--profile": args.profile,
-        "--parts": args.parts,
-    }
-    for option, value in options.items():
+    for name in ("seconds", *board.files, "battery"):
+        value = getattr(args, name, None)
         if value is not None:
-            words += [option, str(value)]
+            words += [f"--{name}", str(value)]
     if args.fast:
         words.append("--fast")
     if args.stream:
         words += ["--press", ":".join(map(str, PRESS_US))]
-    for at_us, frame in commands_us(wants_raw=args.raw, rate_hz=args.rate):
+    for at_us, frame in commands_us(board, wants_raw=args.raw, rate_hz=args.rate):
         words += ["--send", f"{at_us}:{frame.hex()}"]
     return [str(word) for word in words]
 
@@ -233,9 +272,9 @@ def run(args: argparse.Namespace) -> int:
         args.parser.error("--save-motion keeps what a hand did in --seconds N")
     if args.record and not args.motion and not args.seconds:
         args.parser.error("--record needs --seconds N: the hand never stops")
-    if args.parts and not args.profile:
+    if getattr(args, "parts", None) and not args.profile:
         args.parser.error("--parts are those of a --profile")
-    link = args.link or default_link()
+    link = args.link or default_link(args.board)
     words = command_line(args, link)
     rate_hz, pieces, seconds = _motion(args)
     with subprocess.Popen(
@@ -252,7 +291,7 @@ def run(args: argparse.Namespace) -> int:
         }
         try:
             is_measured = bool(args.record and seconds)
-            progress = Progress("virtual Nano", seconds or 0.0)
+            progress = Progress(f"virtual {args.board.title}", seconds or 0.0)
             watched = _watched(pieces, rate_hz, progress) if is_measured else pieces
             feeder = threading.Thread(
                 target=_feed, args=(emulator.stdin, watched), daemon=True

@@ -96,6 +96,29 @@ def twin_words(status: dict[str, Any]) -> str:
     return f"{twin['state']}{count}"
 
 
+def equipment_words(equipment: dict[str, Any] | None) -> str:
+    """What is to be said of a board's parts; nothing where all is as ever."""
+    if equipment is None:
+        return ""
+    said = []
+    if equipment["clock"] == "spare":
+        said.append("spare clock")
+    if equipment["battery_v"] is not None:
+        flags = " ".join(flag for flag in equipment["power"] if flag != "external")
+        said.append(f"battery {equipment['battery_v']:.2f} V {flags}".rstrip())
+    radio, card = equipment["radio"], equipment["card"]
+    if radio is not None and radio["state"] != "cable":
+        said.append(f"radio {radio['state']}")
+    if card is not None and card["state"] != "absent":
+        used = (
+            f" {100 * card['block'] / card['blocks']:.0f} %" if card["blocks"] else ""
+        )
+        said.append(f"card {card['state']}{used}")
+        if card["unlogged"]:
+            said.append(f"{card['unlogged']} not logged")
+    return ", ".join(said)
+
+
 def pose_words(name: str, heard: Heard, now_s: float) -> str:
     pose = heard.pose
     yaw, pitch, roll = euler_deg(pose["q"])
@@ -222,10 +245,12 @@ def show_probes(client: Client, *, as_json: bool) -> int:
     alive = set(client.alive())
     head: tuple[str, ...] = (
         *("probe", "state", "board", "firmware", "rate", "lost", "tilt", "heading"),
-        "twin",
+        *("twin", "equipment"),
     )
     rows = [head, *(_row(status, alive) for status in statuses)]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(head))]
+    if not any(row[-1] for row in rows[1:]):
+        rows = [row[:-1] for row in rows]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     for row in rows:
         cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
         sys.stdout.write("  ".join(cells).rstrip() + "\n")
@@ -251,4 +276,5 @@ def _row(status: dict[str, Any], alive: set[str]) -> tuple[str, ...]:
         _sigma(quality["tilt_sigma_deg"]) if is_measured else "-",
         _sigma(quality["heading_sigma_deg"]) if is_measured else "-",
         twin_words(status),
+        equipment_words(status["equipment"]),
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""`imud sim nano`: finds what it runs, feeds it, passes on what it says."""
+"""`imud sim`: finds what it runs, feeds it, passes on what it says."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ while True:
 """
 
 
-def parse(*words: object) -> argparse.Namespace:
-    return cli.build_parser().parse_args(["sim", "nano", *map(str, words)])
+def parse(*words: object, board: str = "nano") -> argparse.Namespace:
+    return cli.build_parser().parse_args(["sim", board, *map(str, words)])
 
 
 @pytest.fixture
@@ -76,27 +76,27 @@ def recording(tmp_path: Path) -> Path:
 def test_a_build_is_found_from_any_folder_below(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    built = tmp_path / sim.SIMULATOR
+    built = tmp_path / sim.NANO.simulator
     built.parent.mkdir(parents=True)
     built.write_bytes(b"")
     below = tmp_path / "a" / "b"
     below.mkdir(parents=True)
     monkeypatch.chdir(below)
     monkeypatch.delenv("IMUD_SIM", raising=False)
-    assert sim.find(None, "IMUD_SIM", sim.SIMULATOR) == built
+    assert sim.find(None, "IMUD_SIM", sim.NANO.simulator) == built
 
 
 def test_a_build_is_found_beside_the_virtual_environment(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    built = tmp_path / "project" / sim.IMAGE
+    built = tmp_path / "project" / sim.NANO.image
     built.parent.mkdir(parents=True)
     built.write_bytes(b"")
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     monkeypatch.delenv("IMUD_IMAGE", raising=False)
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "project" / ".venv"))
-    assert sim.find(None, "IMUD_IMAGE", sim.IMAGE) == built
+    assert sim.find(None, "IMUD_IMAGE", sim.NANO.image) == built
 
 
 def test_an_option_goes_before_the_environment_and_that_before_the_build(
@@ -128,12 +128,13 @@ def test_what_is_missing_is_said_in_one_line_with_what_to_do(
 
 def test_a_named_file_that_is_not_there_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"none is not there; run `make firmware sim`"):
-        sim.find(tmp_path / "none", "IMUD_SIM", sim.SIMULATOR)
+        sim.find(tmp_path / "none", "IMUD_SIM", sim.NANO.simulator)
 
 
 # Arguments.
 
 
+@pytest.mark.parametrize("board", sim.BOARDS)
 @pytest.mark.parametrize(
     "words",
     [
@@ -143,17 +144,45 @@ def test_a_named_file_that_is_not_there_is_an_error(tmp_path: Path) -> None:
         ["--seconds", "inf"],
         ["--seconds", "soon"],
         ["--rate", "0"],
-        ["--rate", "201"],
+        ["--rate", "381"],
         ["--seed", "-1"],
         ["--save-motion", "a.npz"],
         ["--save-motion", "a.npz", "--seconds", "1", "--motion", "b.npz"],
         ["--faster"],
     ],
 )
-def test_arguments_that_make_no_sense_are_usage_errors(words: list[str]) -> None:
+def test_arguments_that_make_no_sense_are_usage_errors(
+    board: str, words: list[str]
+) -> None:
     with pytest.raises(SystemExit) as end:
-        cli.main(["sim", "nano", *words])
+        cli.main(["sim", board, *words])
     assert end.value.code == 2
+
+
+@pytest.mark.parametrize(
+    ("board", "words"),
+    [
+        ("nano", ["--rate", "201"]),
+        ("nano", ["--card", "card.img"]),
+        ("nano", ["--battery", "3700"]),
+        ("nano", ["--parts", "parts"]),
+        ("f405", ["--parts", "parts"]),
+        ("f405", ["--battery", "5001"]),
+        ("f405", ["--battery", "-1"]),
+    ],
+)
+def test_what_a_board_does_not_have_is_a_usage_error(
+    board: str, words: list[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        cli.main(["sim", board, *words])
+    assert end.value.code == 2
+
+
+def test_each_board_has_a_port_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", "/run/user/1000")
+    links = [str(sim.default_link(board)) for board in sim.BOARDS.values()]
+    assert links == ["/run/user/1000/imud-nano", "/run/user/1000/imud-f405"]
 
 
 def test_a_bad_recording_is_one_line(
@@ -184,9 +213,21 @@ def test_options_become_the_emulators(stand_in: Any, tmp_path: Path) -> None:
     ]
 
 
-def sent(*words: str) -> list[messages.Message]:
-    args = parse(*words)
-    frames = sim.commands_us(wants_raw=args.raw, rate_hz=args.rate)
+def test_card_radio_and_battery_go_to_the_board_that_has_them(
+    stand_in: Any, tmp_path: Path
+) -> None:
+    own = ["--card", "card.img", "--radio", "rn41.json", "--battery", "3700"]
+    args = parse(*stand_in(ECHO), *own, board="f405")
+    assert sim.command_line(args, Path("link")) == [
+        str(tmp_path / "nano"),
+        *("--image", str(tmp_path / "firmware.elf")),
+        *("--motion", "-", "--seed", "1", "--pty", "link", *own),
+    ]
+
+
+def sent(*words: str, board: str = "nano") -> list[messages.Message]:
+    args = parse(*words, board=board)
+    frames = sim.commands_us(args.board, wants_raw=args.raw, rate_hz=args.rate)
     decoder = FrameDecoder()
     decoded = []
     for at_us, frame in frames:
@@ -203,6 +244,8 @@ def test_raw_and_rate_are_commands_as_the_firmware_reads_them() -> None:
     assert pose_rate.fields == {"command": "rate", "token": 3, "arguments": (0, 50)}
     assert [each.sequence for each in (raw_rate, fields, pose_rate)] == [0, 1, 2]
     assert sent() == []
+    (raw_rate, _) = sent("--raw", board="f405")
+    assert raw_rate.fields["arguments"] == (1, 380)
 
 
 # Running, with a stand-in.
@@ -256,14 +299,16 @@ def test_a_signal_ends_it_with_the_summary(
 # Running, for real.
 
 
+@pytest.mark.parametrize("board", sim.BOARDS)
 def test_it_streams_pose_and_raw_of_a_recording(
-    nano: Path, image: Path, tmp_path: Path
+    boards: dict[str, tuple[Path, Path]], board: str, tmp_path: Path
 ) -> None:
+    simulator, image = boards[board]
     path, record, summary = (tmp_path / name for name in ("m.npz", "r.bin", "s.json"))
     motion.generate(4.0, seed=2).save(path)
-    words = ["--simulator", nano, "--image", image, "--motion", path, "--fast"]
+    words = ["--simulator", simulator, "--image", image, "--motion", path, "--fast"]
     words += ["--stream", "--raw", "--record", record, "--summary", summary]
-    assert cli.main(["sim", "nano", *map(str, words)]) == 0
+    assert cli.main(["sim", board, *map(str, words)]) == 0
     found = json.loads(summary.read_text())
     assert found["crashed"] is False
     assert found["motion_start_us"] == 100_000
@@ -271,21 +316,23 @@ def test_it_streams_pose_and_raw_of_a_recording(
     heard = list(decode.decode_file(record, tally))
     kinds = {kind: [m for m in heard if m["type"] == kind] for kind in ("pose", "raw")}
     assert len(kinds["raw"]) > 300
-    # Every second sample's pose is sent.
-    assert abs(len(kinds["raw"]) - 2 * len(kinds["pose"])) <= 2
+    ratio = sim.BOARDS[board].sample_rate_hz / 100
+    assert abs(len(kinds["raw"]) - ratio * len(kinds["pose"])) <= ratio
     replies = [m for m in heard if m["type"] == "reply"]
     assert [m["result"] for m in replies] == ["ok", "ok"]
     started = [m["cause"] for m in heard if m.get("event") == "stream_started"]
     assert started == ["button"]
 
 
+@pytest.mark.parametrize("board", sim.BOARDS)
 def test_its_serial_port_appears_speaks_and_goes(
-    nano: Path, image: Path, tmp_path: Path
+    boards: dict[str, tuple[Path, Path]], board: str, tmp_path: Path
 ) -> None:
+    simulator, image = boards[board]
     link = tmp_path / "port"
-    words = ["--simulator", nano, "--image", image, "--link", link]
+    words = ["--simulator", simulator, "--image", image, "--link", link]
     with subprocess.Popen(
-        [PYTHON, "-m", "imud", "sim", "nano", *map(str, words)],
+        [PYTHON, "-m", "imud", "sim", board, *map(str, words)],
         stderr=subprocess.PIPE,
         text=True,
     ) as process:

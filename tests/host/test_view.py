@@ -10,7 +10,14 @@ from typing import Any
 import pytest
 
 from fakes import FakeProbe
-from imud.view import PIPE_S, TERMINAL_S, Heard, Screen, ledger_words
+from imud.view import (
+    PIPE_S,
+    TERMINAL_S,
+    Heard,
+    Screen,
+    equipment_words,
+    ledger_words,
+)
 
 POSE: dict[str, Any] = {
     "q": [1.0, 0.0, 0.0, 0.0],
@@ -87,6 +94,58 @@ def test_a_pipe_gets_plain_lines_under_one_heading() -> None:
 def test_the_twin_is_a_word(state: str, differed: int, words: str) -> None:
     twin = {"state": state, "compared": 50, "differed": differed}
     assert ledger_words(STATUS | {"twin": twin}).endswith(words)
+
+
+EQUIPMENT: dict[str, Any] = {
+    "clock": "crystal",
+    "battery_v": None,
+    "power": [],
+    "radio": {"state": "cable", "resets": 0},
+    "card": None,
+}
+CARD: dict[str, Any] = {
+    "state": "logging",
+    "recording": 1,
+    "block": 16384,
+    "blocks": 65536,
+    "faults": 0,
+    "busy_ms": 3,
+    "logged": 100,
+    "unlogged": 0,
+}
+
+
+@pytest.mark.parametrize(
+    ("parts", "words"),
+    [
+        ({}, ""),
+        ({"card": CARD | {"state": "absent", "blocks": 0}}, ""),
+        ({"clock": "spare"}, "spare clock"),
+        ({"battery_v": 3.9}, "battery 3.90 V"),
+        (
+            {"battery_v": 3.9, "power": ["external", "charging"]},
+            "battery 3.90 V charging",
+        ),
+        ({"battery_v": 3.31, "power": ["low"]}, "battery 3.31 V low"),
+        ({"radio": {"state": "waiting", "resets": 2}}, "radio waiting"),
+        ({"radio": None}, ""),
+        ({"card": CARD}, "card logging 25 %"),
+        ({"card": CARD | {"unlogged": 7}}, "card logging 25 %, 7 not logged"),
+        ({"card": CARD | {"state": "unprepared", "blocks": 0}}, "card unprepared"),
+        (
+            {"clock": "spare", "battery_v": 3.3, "card": CARD | {"state": "failed"}},
+            "spare clock, battery 3.30 V, card failed 25 %",
+        ),
+    ],
+)
+def test_equipment_is_told_where_there_is_something_to_say(
+    parts: dict[str, Any], words: str
+) -> None:
+    assert equipment_words(EQUIPMENT | parts) == words
+
+
+def test_a_board_without_equipment_has_nothing_to_say() -> None:
+    assert equipment_words(None) == ""
 
 
 def test_the_rate_is_that_of_the_last_second() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The virtual probe for tests of the whole chain."""
+"""The virtual probes for tests of the whole chain."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from system.virtual import Stub
+from system.virtual import BOARDS, Stub
 
 
-@pytest.fixture
-def stub(nano: Path, image: Path, tmp_path: Path) -> Stub:
-    return Stub(nano, image, tmp_path)
+@pytest.fixture(params=BOARDS)
+def stub(
+    request: pytest.FixtureRequest, boards: dict[str, tuple[Path, Path]], tmp_path: Path
+) -> Stub:
+    """Each board in turn, unless a test says which."""
+    name = request.param
+    return Stub(BOARDS[name], *boards[name], tmp_path)

@@ -22,21 +22,20 @@ from imud import _core, decode, schema
 from imud.client import Client
 from imud.messages import Message
 from imud.messages import decode as decode_content
-from system.virtual import FIELDS_ALL, Stub, run
+from system.virtual import Stub, run
 
 CLICK = ("--press", "200000:300000")
-RAW_TOO = ("--send", f"320000:{FIELDS_ALL}")
 
 
 class LiveProbe:
-    """A virtual Nano on a pty, in real time."""
+    """A virtual probe on a pty, in real time."""
 
     def __init__(self, stub: Stub, *options: object) -> None:
         self.port = stub.folder / "probe"
         self.summary = stub.folder / "live.json"
         words = ["--image", stub.image, "--pty", self.port, "--summary", self.summary]
         self.process = subprocess.Popen(
-            [str(stub.nano), *map(str, [*words, *options])],
+            [str(stub.simulator), *map(str, [*words, *options])],
             stderr=subprocess.PIPE,
             text=True,
         )
@@ -96,7 +95,7 @@ def passed_on(ledger: dict[str, Any]) -> list[int]:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_damage_on_the_wire_adds_up_to_the_frame(stub: Stub, seed: int) -> None:
-    done = run(stub, 12, *CLICK, *RAW_TOO)
+    done = run(stub, 12, *CLICK, *stub.raw_too)
     received = damage(done.record.read_bytes(), seed)
     good = reference.contents(received)
     whole = set(done.contents)
@@ -151,7 +150,7 @@ def test_a_live_probe_reaches_a_subscriber_with_nothing_lost(stub: Stub) -> None
     assert status["ledger"]["corrupt"] == 0
     numbers = [pose["seq"] for pose in got]
     steps = np.diff([pose["t_device_us"] for pose in got])
-    assert np.all(np.abs(steps - 10_000) < 20)
+    assert np.all(np.abs(steps - 10_000) < stub.board.unevenness_us)
     assert numbers == sorted(numbers)
     assert set(got[0]) == {
         *("type", "probe", "seq", "t_device_us", "t_ns", "q", "position_m", "normal"),
@@ -187,7 +186,7 @@ def test_a_killed_daemon_leaves_all_but_a_quarter_second(stub: Stub) -> None:
 
 
 def test_a_yanked_probe_is_found_again_under_its_own_name(stub: Stub) -> None:
-    memory = ("--eeprom", stub.folder / "eeprom")
+    memory = ("--eeprom", stub.folder / "memory")
     probe = LiveProbe(stub, *memory)
     with DaemonProcess(probe.port, directory=stub.folder) as daemon:
         first = daemon.expect("found on")

@@ -9,7 +9,7 @@ from fakes import PATIENCE_S, DaemonProcess, Port
 from imud.client import Client
 from imud.frame import encode_frame
 from system.test_chain import LiveProbe, hear
-from system.virtual import FIELDS_ALL, Stub, run, write_hand
+from system.virtual import Stub, run, write_hand
 
 
 def twin_when(client: Client, key: str, least: Any) -> dict[str, Any]:
@@ -49,7 +49,7 @@ def test_a_pose_that_was_changed_on_its_way_is_told_by_its_number(stub: Stub) ->
     hand = write_hand(stub.folder / "hand", 12)
     done = run(
         *(stub, 12, "--motion", hand, "--press", "200000:300000"),
-        *("--send", f"100000:{FIELDS_ALL}"),
+        *stub.raw_too,
     )
     contents = list(done.contents)
     poses = [at for at, m in enumerate(done.messages) if m.name == "pose"]

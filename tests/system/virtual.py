@@ -18,12 +18,82 @@ from imud.messages import decode as decode_content
 
 
 @dataclass(frozen=True, slots=True)
+class Board:
+    """What is one board's own, for tests that are all boards'."""
+
+    name: str
+    rate_hz: int  # samples
+    clock_hz: int
+    flash: int  # bytes that an image may take
+    ram: int  # bytes, the stack's included
+    stack: int | None  # bytes of its own; None: what variables leave of the RAM
+    # Of the wait for the instant that is due: a sample at most, where the rate of poses
+    # does not divide that of samples.
+    unevenness_us: int
+    ready_us: int  # set-up of the sensor is over, in a start without settings
+    # Of the transactions on the sensor's bus: some of set-up; one while it streams; its
+    # bytes, and those that the chip acknowledges: addresses and registers.
+    setup_transactions: tuple[int, ...]
+    transaction: int
+    transaction_bytes: int
+    acknowledged: tuple[int, ...]
+    no_mag: str  # the fault
+    write_us: int  # a power cut so long after a write began is in its midst
+
+
+NANO = Board(
+    name="nano",
+    rate_hz=200,
+    clock_hz=16_000_000,
+    flash=30 * 1024,  # what the old bootloader leaves
+    ram=2048,
+    stack=None,
+    unevenness_us=20,
+    ready_us=840_000,
+    setup_transactions=(2, 60, 450),
+    transaction=900,
+    transaction_bytes=25,  # one burst of 22
+    acknowledged=(0, 1, 2),
+    no_mag="no_ak8963",
+    write_us=900,
+)
+F405 = Board(
+    name="f405",
+    rate_hz=380,
+    clock_hz=168_000_000,
+    flash=768 * 1024,  # what the settings leave
+    ram=192 * 1024,
+    stack=8 * 1024,
+    unevenness_us=1_000_000 // 380 + 30,
+    ready_us=1_190_000,
+    setup_transactions=(2, 20, 60, 100, 139),
+    transaction=500,
+    transaction_bytes=32,  # three bursts, of 7, 7 and 9, with no STOP between them
+    acknowledged=(0, 1, 2, 10, 11, 12, 20, 21, 22),
+    no_mag="no_mag",
+    write_us=8,
+)
+BOARDS = {board.name: board for board in (NANO, F405)}
+
+
+@dataclass(frozen=True, slots=True)
 class Stub:
     """Where a run's files are and what the simulator needs to start."""
 
-    nano: Path
+    board: Board
+    simulator: Path
     image: Path
     folder: Path
+
+    @property
+    def raw_too(self) -> tuple[str, ...]:
+        """Options that have all raw samples sent, too."""
+        rate = send("rate", 1, self.board.rate_hz, token=6)
+        return ("--send", f"320000:{FIELDS_ALL}", "--send", f"330000:{rate}")
+
+    def stack_room(self, summary: Mapping[str, Any]) -> int:
+        """Bytes that the stack may take."""
+        return self.board.stack or self.board.ram - int(summary["ram"])
 
 
 @dataclass(frozen=True)
@@ -94,7 +164,10 @@ def run(
         listed.write_text(json.dumps(list(faults)))
         words += ["--faults", listed]
     done = subprocess.run(
-        [str(stub.nano), *map(str, words)], capture_output=True, text=True, check=False
+        [stub.simulator, *map(str, words)],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == code, done.stderr
     return Run(record, json.loads(summary.read_text()), done.returncode)

@@ -1,0 +1,145 @@
+// SPDX-License-Identifier: MIT
+// A probe's computation alone, for each processor in its emulator: the frames of a log
+// come in over the wire, the poses that its samples give go out. Each frame is answered
+// with one zero, be it a pose's delimiter: so the host knows when to send the next.
+#include <string.h>
+
+#include "board.h"
+#include "core/frame.h"
+#include "core/lsm9ds0.h"
+#include "core/messages.h"
+#include "core/mpu9250.h"
+#include "core/pose.h"
+#include "core/probe.h"
+
+static struct frame_decoder decoder;
+static uint8_t content[MESSAGE_CONTENT_MAX + FRAME_CRC];
+static struct sensor_identity identity;
+static struct calibration calibration;
+static struct pose_tracker tracker;
+static bool has_sensor;
+
+static void send(const uint8_t *bytes, uint8_t length) {
+    while (!board_send(bytes, length)) {
+        board_watchdog_kick();
+    }
+}
+
+static void take_hello(uint8_t length) {
+    struct message_header header;
+    struct message_hello hello;
+    if (message_hello_decode(content, length, &header, &hello) != MESSAGE_OK ||
+        hello.sample_rate == 0 || has_sensor) {
+        return;
+    }
+    identity = (struct sensor_identity){
+        .kind = hello.sensor,
+        .rate_hz = hello.sample_rate,
+        .gyr_delay_us = hello.sensor == SENSOR_LSM9DS0 ? LSM9DS0_GYR_DELAY_US
+                                                       : MPU9250_GYR_DELAY_US,
+        .gyr_lsb_nrad_s = hello.gyr_lsb,
+        .acc_lsb_nm_s2 = hello.acc_lsb,
+        .mag_lsb_pt = hello.mag_lsb,
+    };
+    calibration_clear(&calibration);
+    has_sensor = pose_begin(&tracker, &calibration, &identity, hello.filter);
+}
+
+static struct counts counts_of(const int16_t values[3]) {
+    return (struct counts){values[0], values[1], values[2]};
+}
+
+static void take_raw(uint8_t length) {
+    struct message_header header;
+    struct message_raw raw;
+    if (message_raw_decode(content, length, &header, &raw) != MESSAGE_OK) {
+        return;
+    }
+    struct sample sample = {
+        .time_us = header.time_us,
+        .acc = counts_of(raw.acc),
+        .gyr = counts_of(raw.gyr),
+        .temperature_cdeg = raw.temperature,
+        .has_mag = raw.mag[0] != RAW_MAG_NULL,
+        .mag_overflow = (raw.sample_flags & SAMPLE_MAG_OVERFLOW) != 0,
+        .acc_clipped = (raw.sample_flags & SAMPLE_ACC_CLIPPED) != 0,
+        .gyr_clipped = (raw.sample_flags & SAMPLE_GYR_CLIPPED) != 0,
+        .has_gap = (raw.sample_flags & SAMPLE_GAP) != 0,
+    };
+    if (sample.has_mag) {
+        sample.mag = counts_of(raw.mag);
+    }
+    (void)pose_step(&tracker, &sample);
+}
+
+static void take_event(uint8_t length) {
+    struct message_header header;
+    struct message_event event;
+    if (message_event_decode(content, length, &header, &event) != MESSAGE_OK) {
+        return;
+    }
+    if (event.event == EVENT_TARED) {
+        pose_set_origin(&tracker, (enum pose_origin)event.detail);
+    } else if (event.event == EVENT_RESTARTED) {
+        (void)pose_begin(&tracker, &calibration, &identity, event.detail);
+    }
+}
+
+// A pose of the log asks for that pose.
+static bool answer(uint8_t length) {
+    struct message_header header;
+    struct message_pose pose;
+    if (message_pose_decode(content, length, &header, &pose) != MESSAGE_OK) {
+        return false;
+    }
+    uint8_t bytes[MESSAGE_POSE_SIZE + FRAME_AROUND];
+    pose_read(&tracker, &pose);
+    const uint8_t size =
+        message_pose_encode(&pose, header.sequence, header.time_us, bytes + 1);
+    send(bytes, frame_encode(SCHEMA_SEED, bytes, size));
+    return true;
+}
+
+static void take(uint8_t length) {
+    static const uint8_t zero = 0;
+    bool is_answered = false;
+    if (content[0] == MESSAGE_HELLO) {
+        take_hello(length);
+    } else if (has_sensor && content[0] == MESSAGE_RAW) {
+        take_raw(length);
+    } else if (has_sensor && content[0] == MESSAGE_EVENT) {
+        take_event(length);
+    } else if (has_sensor && content[0] == MESSAGE_POSE) {
+        is_answered = answer(length);
+    }
+    if (!is_answered) {
+        send(&zero, 1);
+    }
+}
+
+// What the board's equipment would tell is no pose.
+static bool swallow(const uint8_t *bytes, uint8_t length) {
+    (void)bytes;
+    (void)length;
+    return true;
+}
+
+int main(void) {
+    static struct probe_port port = {.send = swallow};
+    static struct probe probe;  // without a sensor
+    probe.port = &port;
+    board_init();
+    board_extras_begin(&port);
+    frame_decoder_init(&decoder, SCHEMA_SEED, MESSAGE_HELLO, content, sizeof content);
+    for (;;) {
+        board_watchdog_kick();
+        for (int16_t byte = board_receive(); byte >= 0; byte = board_receive()) {
+            uint8_t length;
+            if (frame_decode(&decoder, (uint8_t)byte, &length) == FRAME_OK) {
+                take(length);
+            }
+        }
+        board_extras_step(&probe, board_time_us());
+        board_idle();
+    }
+}

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: MIT
+"""The core on each processor: main.c over firmware/core, built as the board's image is,
+takes the messages of a log in an emulator and gives the poses back.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import tty
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from imud import _core, messages
+from imud.frame import FrameDecoder, encode_frame
+from imud.messages import Message
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+FIRMWARE = ROOT / "firmware"
+
+PATIENCE_S = 30.0
+# Until the first frame is sent again: nobody may have listened yet.
+BOOT_S = 0.3
+BOOT_TRIES = 60
+
+
+@dataclass(frozen=True, slots=True)
+class Processor:
+    """How a program for it is made and run."""
+
+    environment: str  # of platformio.ini: whose flags
+    compiler: tuple[str, ...]
+    folder: str  # of firmware/
+    portable: bool  # fixed_mul.c, where no assembler stands for it
+    simulator: str
+    room: int  # bytes for what was received and not yet taken
+
+
+ARM = ("arm-none-eabi-gcc", "-mthumb", "-mcpu=cortex-m4", "-nostdlib")
+ARM_LINK = ("-T", str(FIRMWARE / "stm32" / "stm32f405.ld"), "-Wl,--fatal-warnings")
+PROCESSORS = {
+    "atmega328p": Processor(
+        "nano",
+        ("avr-gcc", "-mmcu=atmega328p", "-DF_CPU=16000000L", "-mrelax"),
+        *("avr", False, "nano", 64),
+    ),
+    "cortex_m4": Processor(
+        "stm32f405",
+        (*ARM, *ARM_LINK, "-DF_CPU=168000000L"),
+        *("stm32", True, "f405", 1000),
+    ),
+    "cortex_m4_fpu": Processor(
+        "stm32f405_fpu",
+        (*ARM, *ARM_LINK, "-DF_CPU=168000000L"),
+        *("stm32", True, "f405", 1000),
+    ),
+}
+
+
+@functools.cache
+def flags(environment: str) -> tuple[str, ...]:
+    """What platformio.ini gives the compiler."""
+    shown = subprocess.run(
+        [Path(sys.executable).parent / "pio", "project", "config", "--json-output"],
+        cwd=ROOT,
+        env=os.environ | {"PLATFORMIO_SETTING_ENABLE_TELEMETRY": "no"},
+        capture_output=True,
+        check=True,
+    )
+    options = dict(dict(json.loads(shown.stdout))[f"env:{environment}"])
+    found = options["build_flags"]
+    words = found.split() if isinstance(found, str) else " ".join(found).split()
+    assert "-std=gnu11" in words
+    return tuple(words)
+
+
+def build(processor: Processor, folder: Path) -> Path:
+    made = folder / f"{processor.environment}.elf"
+    core = sorted((FIRMWARE / "core").glob("*.c"))
+    own = [*(FIRMWARE / processor.folder).glob("*.[cS]")]
+    sources = [file for file in core if processor.portable or file.stem != "fixed_mul"]
+    subprocess.run(
+        [
+            *processor.compiler,
+            *flags(processor.environment),
+            *("-Werror", "-Wl,--gc-sections", "-I", FIRMWARE, "-o", made),
+            *(ROOT / "tests" / "bits" / "main.c", *sources, *sorted(own)),
+        ],
+        cwd=ROOT,
+        check=True,
+    )
+    return made
+
+
+def computed(name: str, contents: Sequence[bytes], folder: Path) -> list[bytes]:
+    """The poses that a processor gives for the samples of a log."""
+    if name == "host":
+        return list(replayed(contents))
+    processor = PROCESSORS[name]
+    link, summary = folder / f"{name}.wire", folder / f"{name}.json"
+    simulator = ROOT / "build" / "sim" / processor.simulator
+    words: list[str | Path] = [simulator, "--image", build(processor, folder)]
+    words += ["--pty", link, "--fast", "--summary", summary]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr is not None
+            assert process.stderr.readline().startswith("ready")
+            poses = exchanged(link, contents, processor.room)
+            process.send_signal(signal.SIGTERM)
+            said = process.stderr.read()
+            assert process.wait(PATIENCE_S) == 0, said
+        finally:
+            process.kill()
+    found = json.loads(summary.read_text())
+    assert found["resets"] == 0
+    assert found["firmware_complaint"] is None
+    return poses
+
+
+def exchanged(link: Path, contents: Sequence[bytes], room: int) -> list[bytes]:
+    """Sends the frames, no more at once than the receiver has room for, and returns
+    what is answered.
+    """
+    wire = os.open(link, os.O_RDWR | os.O_NOCTTY)
+    decoder = FrameDecoder()
+    poses: list[bytes] = []
+    waiting: deque[int] = deque()  # bytes of each frame without an answer
+
+    def receive() -> None:
+        answers = heard(wire, PATIENCE_S)
+        assert answers, f"{len(waiting)} frames are not answered"
+        poses.extend(decoder.feed(answers))
+        for _ in range(answers.count(0)):
+            waiting.popleft()
+
+    try:
+        tty.setraw(wire)
+        first = next(content for content in contents if has_sensor(content))
+        answers = (heard(wire, BOOT_S, encode_frame(first)) for _ in range(BOOT_TRIES))
+        assert any(answers), "it never answered"
+        while heard(wire, BOOT_S):
+            pass  # answers to what was said twice
+        for content in contents:
+            frame = encode_frame(content)
+            while waiting and sum(waiting) + len(frame) > room:
+                receive()
+            os.write(wire, frame)
+            waiting.append(len(frame))
+        while waiting:
+            receive()
+    finally:
+        os.close(wire)
+    return poses
+
+
+def heard(wire: int, seconds: float, said: bytes = b"") -> bytes:
+    """What comes first, in answer or not."""
+    os.write(wire, said)
+    ready, _, _ = select.select([wire], [], [], seconds)
+    return os.read(wire, 4096) if ready else b""
+
+
+def has_sensor(content: bytes) -> bool:
+    message = messages.decode(content)
+    assert isinstance(message, Message)
+    return message.name == "hello" and bool(message.fields["sample_rate"])
+
+
+def replayed(contents: Sequence[bytes]) -> Iterator[bytes]:
+    """The same, by the host's build of the same C."""
+    replay: _core.Replay | None = None
+    for content in contents:
+        message = messages.decode(content)
+        assert isinstance(message, Message)
+        if replay is None and has_sensor(content):
+            replay = _core.Replay(content)
+        if replay is None:
+            continue
+        if message.name == "raw":
+            replay.step(content)
+        elif message.name == "pose":
+            yield replay.pose(message.sequence, message.time_us)
+        elif message.fields.get("event") in ("tared", "restarted"):
+            change = {"tared": replay.origin, "restarted": replay.restart}
+            detail = message.fields["detail"]
+            assert isinstance(detail, int)
+            change[str(message.fields["event"])](detail)

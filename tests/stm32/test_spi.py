@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: MIT
+"""The card's bus, driver and log on the virtual STM32F405 with the model of a card in
+its socket: card/card_test.c logs for two seconds and says what it took."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from core.fake_card import BLOCK
+from core.log_desk import CAUSES, STATES, Volume, frames_of, read
+
+STEP_US_MAX = 20
+LOG_S = 2
+RATE_HZ = 380
+CARD_BLOCKS = 68 * 1024
+
+
+@pytest.fixture(scope="module", params=["soft", "hard"])
+def program(
+    root: Path, tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
+) -> Path:
+    path = tmp_path_factory.mktemp("card") / "card.elf"
+    fpu = ("-mfpu=fpv4-sp-d16",) if request.param == "hard" else ()
+    subprocess.run(
+        [
+            *("arm-none-eabi-gcc", "-mthumb", "-mcpu=cortex-m4"),
+            *(f"-mfloat-abi={request.param}", *fpu, "-DF_CPU=168000000L"),
+            *("-std=gnu11", "-O2", "-ffreestanding", "-fbuiltin", "-fno-common"),
+            *("-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections"),
+            *("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"),
+            *("-nostdlib", "-Wl,--fatal-warnings", "-I", root / "firmware"),
+            *("-I", root / "firmware" / "stm32" / "libc", "-o", path),
+            *("-T", root / "firmware" / "stm32" / "stm32f405.ld"),
+            root / "tests" / "stm32" / "card" / "card_test.c",
+            *sorted((root / "firmware" / "core").glob("*.c")),
+            *sorted((root / "firmware" / "stm32").glob("*.c")),
+        ],
+        check=True,
+    )
+    return path
+
+
+class Run:
+    """What it said, and the card behind it."""
+
+    def __init__(self, lines: list[str], summary: dict[str, Any]) -> None:
+        self.summary = summary
+        self.said: dict[str, list[int]] = {}
+        for line in lines:
+            word, number = line.split()
+            self.said.setdefault(word, []).append(int(number))
+
+    def __getitem__(self, word: str) -> int:
+        return self.said[word][-1]
+
+
+@pytest.fixture
+def run(program: Path, f405: Path, tmp_path: Path) -> Callable[..., Run]:
+    def run(
+        volume: Volume | None,
+        *options: str,
+        faults: list[dict[str, Any]] | None = None,
+        seconds: float = 6,
+    ) -> Run:
+        record, summary, card = (tmp_path / n for n in ("record", "summary", "card"))
+        (tmp_path / "faults").write_text(json.dumps(faults or []), encoding="ascii")
+        command: list[str | Path] = [
+            *(f405, "--image", program, "--record", record, "--summary", summary),
+            *("--fast", "--seconds", str(seconds), "--faults", tmp_path / "faults"),
+        ]
+        if volume is not None:
+            with card.open("wb") as file:
+                file.truncate(CARD_BLOCKS * BLOCK)
+                for number, block in volume.content.items():
+                    file.seek(number * BLOCK)
+                    file.write(block)
+            command += ["--card", card, *options]
+        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        told = json.loads(summary.read_text(encoding="ascii"))
+        assert told["firmware_complaint"] is None
+        if volume is not None:
+            with card.open("rb") as file:
+                file.seek(volume.file * BLOCK)
+                for number in range(volume.file, volume.file + volume.blocks):
+                    volume.content[number] = file.read(BLOCK)
+        text = record.read_text(encoding="ascii").replace("\0", "")
+        return Run(text.splitlines(), told)
+
+    return run
+
+
+@pytest.mark.parametrize("kind", ["sdhc", "sdsc"])
+def test_a_log_is_on_the_card_and_no_step_takes_long(
+    run: Callable[..., Run], kind: str
+) -> None:
+    volume = Volume(600)
+    told = run(volume, "--card-kind", kind)
+    assert STATES[told["state"]] == "ready"
+    assert told["faults"] == 0
+    assert told["dropped"] == 0
+    assert LOG_S * RATE_HZ <= told["kept"] <= LOG_S * RATE_HZ + 2
+    frames = frames_of(read(volume)[1])
+    assert [int(frame[:8]) for frame in frames] == [*range(1, told["kept"] + 1)]
+    assert told["longest"] <= STEP_US_MAX
+
+
+def test_an_empty_socket_costs_nothing_but_looks(run: Callable[..., Run]) -> None:
+    told = run(None)
+    assert STATES[told["state"]] == "absent"
+    assert [CAUSES[cause] for cause in told.said["fault"]] == ["absent"]
+    assert told["longest"] <= STEP_US_MAX
+    # 3000 ticks, and a few exchanges a second.
+    assert told["steps"] < 3100
+
+
+def test_a_garbled_block_is_sent_again(run: Callable[..., Run]) -> None:
+    volume = Volume(600)
+    told = run(volume, faults=[{"kind": "card_crc", "card_write": 5}])
+    assert told["faults"] == 1
+    frames = frames_of(read(volume)[1])
+    assert [int(frame[:8]) for frame in frames] == [*range(1, told["kept"] + 1)]
