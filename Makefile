@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 # Each command installs what it needs first; `make` alone lists them.
-.PHONY: help demo test bits coverage fuzz check format firmware sim bench bench-nano pictures setup clean
+.PHONY: help demo test bits coverage fuzz check format firmware sim bench bench-nano \
+	bench-f405 bench-card pictures setup clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= python3
@@ -60,6 +61,10 @@ bench: ## accuracy on recordings with optical truth, beside VQF: tables and JSON
 bench-nano: ## cycles, stack, flash and RAM: the image, its parts, every filter
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/cycles.py
+
+bench-card: ## an hour of logging on the virtual F405, compared with its wire
+	@$(PYTHON) tools/setup.py bench
+	@python benchmarks/card.py
 
 pictures: ## docs/pictures, from what `make bench` has measured
 	@$(PYTHON) tools/setup.py bench

@@ -44,7 +44,9 @@ class Need(NamedTuple):
 
 
 def has(program: str) -> Callable[[], bool]:
-    return lambda: shutil.which(program) is not None
+    # Those for administrators are not on everybody's path.
+    path = os.pathsep.join((os.environ.get("PATH", os.defpath), "/usr/sbin", "/sbin"))
+    return lambda: shutil.which(program, path=path) is not None
 
 
 def compiles(line: str, *compiler: str) -> Callable[[], bool]:
@@ -90,6 +92,12 @@ BUILD_NEEDS = (
     Need(f"{PYTHON}-dev", has_python_headers),
     Need(f"{PYTHON}-venv", has_modules("ensurepip", "venv")),
 )
+# Other people's opinion of a card that was prepared.
+TEST_NEEDS = (
+    Need("dosfstools", has("fsck.fat")),
+    Need("mtools", has("mdir")),
+    Need("fdisk", has("sfdisk")),
+)
 CHECK_NEEDS = (
     Need("clang-tidy", has("clang-tidy")),
     Need("cppcheck", has("cppcheck")),
@@ -133,6 +141,7 @@ def run_under_another_python(arguments: Sequence[str]) -> NoReturn:
 
 def install_system_packages(command: str) -> None:
     needs: tuple[Need, ...] = BUILD_NEEDS
+    needs += TEST_NEEDS if command in ("test", "coverage") else ()
     needs += CHECK_NEEDS if command == "check" else ()
     missing = [need.package for need in needs if not need.is_met()]
     if not missing:
