@@ -499,8 +499,8 @@ def c_prologue(words: Iterable[str]) -> Iterator[str]:
     yield from (f"// {line}" for line in words)
 
 
-def c_declaration(message: Message) -> tuple[list[str], list[str]]:
-    """The two functions of a message, without what ends them."""
+def c_declaration(message: Message, end: str) -> tuple[list[str], list[str]]:
+    """The two functions of a message; `end` is a semicolon, or opens their bodies."""
     encode = c_wrap(
         f"uint8_t message_{message.name}_encode(",
         [
@@ -509,7 +509,7 @@ def c_declaration(message: Message) -> tuple[list[str], list[str]]:
             "uint32_t time_us",
             "uint8_t *content",
         ],
-        ")",
+        f"){end}",
     )
     decode = c_wrap(
         f"enum message_result message_{message.name}_decode(",
@@ -519,7 +519,7 @@ def c_declaration(message: Message) -> tuple[list[str], list[str]]:
             "struct message_header *header",
             f"struct message_{message.name} *out",
         ],
-        ")",
+        f"){end}",
     )
     return encode, decode
 
@@ -601,12 +601,10 @@ def render_c_header(schema: Schema) -> str:
         "// decode() leaves `header` and `out` untouched unless MESSAGE_OK.",
     ]
     for message in schema.messages:
-        encode, decode = c_declaration(message)
+        encode, decode = c_declaration(message, ";")
         lines += ["", f"struct message_{message.name} {{"]
         lines += c_comments(map(c_field, message.fields))
         lines += ["};", "", *encode, *decode]
-        lines[-1] += ";"
-        lines[-len(decode) - 1] += ";"
     lines += ["", "#endif"]
     return "".join(f"{line}\n" for line in lines)
 
@@ -744,7 +742,7 @@ def scale_words(scale: Decimal | str) -> str:
 
 def c_functions(message: Message) -> Iterator[str]:
     """A message's layout, its encoder and its decoder."""
-    encode, decode = c_declaration(message)
+    encode, decode = c_declaration(message, " {")
     name = message.name.upper()
     yield ""
     yield f"static layout {name}[] = {{"
@@ -759,13 +757,11 @@ def c_functions(message: Message) -> Iterator[str]:
     yield "    0,"
     yield "};"
     yield ""
-    yield from encode[:-1]
-    yield encode[-1] + " {"
+    yield from encode
     yield f"    return encode({name}, message, sequence, time_us, content);"
     yield "}"
     yield ""
-    yield from decode[:-1]
-    yield decode[-1] + " {"
+    yield from decode
     yield f"    return decode({name}, content, length, {c_size(message)}, header, out);"
     yield "}"
 

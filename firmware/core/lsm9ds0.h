@@ -75,7 +75,8 @@ uint8_t lsm9ds0_bursts(const void *state, struct bus_burst out[SENSOR_BURSTS_MAX
 
 // Stops all three sensors, for a board that sleeps; set-up starts them again. False
 // where the bus fails.
-bool lsm9ds0_power_down(const struct lsm9ds0 *chip, const struct bus_device *bus) MUST_CHECK;
+bool lsm9ds0_power_down(const struct lsm9ds0 *chip,
+                        const struct bus_device *bus) MUST_CHECK;
 
 // Initialiser of a struct sensor_driver over `chip`, a struct lsm9ds0.
 #define LSM9DS0_DRIVER(chip)                                                           \

@@ -269,7 +269,8 @@ static layout EQUIPMENT[] = {
 };
 
 uint8_t message_equipment_encode(const struct message_equipment *message,
-                                 uint32_t sequence, uint32_t time_us, uint8_t *content) {
+                                 uint32_t sequence, uint32_t time_us,
+                                 uint8_t *content) {
     return encode(EQUIPMENT, message, sequence, time_us, content);
 }
 

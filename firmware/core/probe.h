@@ -51,9 +51,9 @@ struct probe {
     const struct sensor_identity *identity;  // NULL until the sensor was found
     bool is_streaming;
     bool is_faulty;  // the sensor does not deliver
-    uint8_t said;   // messages of the second that runs
-    bool is_heavy;  // the last sample was more work than others
-    uint8_t waits;  // steps since then
+    uint8_t said;    // messages of the second that runs
+    bool is_heavy;   // the last sample was more work than others
+    uint8_t waits;   // steps since then
     bool has_told_refusal;
     bool wants_reset;
     uint8_t last_result;

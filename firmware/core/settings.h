@@ -23,8 +23,8 @@ struct settings {
 
 enum {
     SETTINGS_RATE_MAX_HZ = 1000,  // of any sensor in the house
-    SETTINGS_HEADER = 3,  // version, length, sequence
-    SETTINGS_CRC = 2,     // little endian, over header and payload
+    SETTINGS_HEADER = 3,          // version, length, sequence
+    SETTINGS_CRC = 2,             // little endian, over header and payload
     SETTINGS_SLOT = SETTINGS_HEADER + (int)sizeof(struct settings) + SETTINGS_CRC,
 };
 

@@ -397,6 +397,7 @@ static void say(struct rn41_chip *chip, const char *format, ...) {
     const size_t at = strlen(chip->answer);
     va_list list;
     va_start(list, format);
+    // NOLINTNEXTLINE(clang-analyzer-valist.Uninitialized): va_start is a line above
     (void)vsnprintf(chip->answer + at, ANSWER - at, format, list);
     va_end(list);
     const size_t end = strlen(chip->answer);
@@ -979,9 +980,10 @@ void rn41_chip_free(struct rn41_chip *chip) {
     if (chip == NULL) {
         return;
     }
-    struct ring *rings[] = {&chip->to_air,  &chip->to_uart,  &chip->from_host,
-                            &chip->waiting, &chip->uart_out, &chip->host_out};
-    for (size_t i = 0; i < sizeof rings / sizeof *rings; i++) {
+    enum { RINGS = 6 };
+    struct ring *rings[RINGS] = {&chip->to_air,  &chip->to_uart,  &chip->from_host,
+                                 &chip->waiting, &chip->uart_out, &chip->host_out};
+    for (size_t i = 0; i < RINGS; i++) {
         free(rings[i]->bytes);
     }
     free(chip);
