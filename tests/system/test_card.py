@@ -38,6 +38,7 @@ STREAMS_US = PRESS_US + 250_000  # and debounced; the log begins there
 CLICK = ("--press", f"{PRESS_US}:{PRESS_US + 100_000}")
 CUTS = 200
 LOST_US = 500_000  # before a cut, at most
+RUN_MESSAGES = 8 * 496 // 39  # in the blocks that the card is given at once
 
 
 @pytest.fixture
@@ -243,12 +244,18 @@ def lost_us(whole: Undisturbed, folder: Path, at_us: int) -> int:
     assert done.summary["power_cut"]
     (recorded,) = recordings(card)
     assert not recorded.is_ended
-    # Whatever is there is the beginning of what would have been: nothing is missing in
-    # it, and each byte is as it was.
-    count = len(recorded.contents)
-    assert recorded.contents == whole.reference.contents[:count]
     card.unlink()
-    return at_us - recorded.named("raw")[-1].time_us
+    # Whatever is there is what would have been, byte by byte. Of the run that the card
+    # was at, blocks may be there before which others are missing: those don't count.
+    reference = whole.reference.contents
+    numbers = [message.sequence for message in recorded.messages]
+    assert recorded.contents == [reference[number] for number in numbers]
+    whole_until = next(
+        (n for n, number in enumerate(numbers) if n != number), len(numbers)
+    )
+    assert len(numbers) - whole_until < RUN_MESSAGES
+    kept = [m for m in recorded.messages[:whole_until] if m.name == "raw"]
+    return at_us - kept[-1].time_us
 
 
 @pytest.mark.parametrize("part", range(CUTS // 10))
@@ -278,7 +285,9 @@ def test_a_cut_in_the_midst_of_a_block_is_written_over_by_the_next_recording(
     found = recordings(card)
     assert [r.number for r in found] == [1, 2]
     assert found[0].contents == first.contents
-    assert [r.bad for r in found] == [0, 0]
+    # Blocks of the run that the card was at may be there, and others before them not.
+    assert found[0].bad < 8
+    assert found[1].bad == 0
     assert found[1].is_ended
 
 
@@ -440,8 +449,6 @@ def test_a_low_battery_ends_the_log_says_so_and_sleeps_until_the_button(
     hellos = done.named("hello")
     assert hellos[-1].fields["reset_cause"] == ("software",)
     assert done.summary["resets"] == 1
-    after = [m for m in done.messages if m.time_us < low.time_us][-1]
-    assert after is not done.messages[-1]
     assert done.last_status["state"] == "idle"
     assert equipment(done)["battery"] > 3800
 
