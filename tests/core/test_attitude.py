@@ -190,6 +190,7 @@ def poses(library: Any, name: str) -> tuple[Array, Array, Array]:
 @filters
 def test_an_image_of_one_filter_has_no_other_and_gives_the_same_bits(name):
     apart = {"button", "frame", "mpu9250", "probe", "settings"}
+    apart |= {"battery", "logbook", "rn41", "sdcard"}
     library = native.load(
         [
             *(
