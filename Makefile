@@ -57,10 +57,15 @@ sim: ## the virtual boards: build/sim/nano, build/sim/f405
 bench: ## accuracy on recordings with optical truth, beside VQF: tables and JSON
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/accuracy.py
+	@python benchmarks/accuracy.py --board f405
 
 bench-nano: ## cycles, stack, flash and RAM: the image, its parts, every filter
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/cycles.py
+
+bench-f405: ## the same of the F405: instructions, both of its rates, every filter
+	@$(PYTHON) tools/setup.py bench
+	@python benchmarks/cycles.py --board f405
 
 bench-card: ## an hour of logging on the virtual F405, compared with its wire
 	@$(PYTHON) tools/setup.py bench

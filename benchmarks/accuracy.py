@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Orientation error of the image on recordings with optical truth, beside others'.
+"""Orientation error of an image on recordings with optical truth, beside others'.
 
-Each recording moves a virtual Nano, which runs the image that is flashed, at 200
-samples a second. Its poses are scored; so is what each filter of engines.py makes of
-the very samples that the image read. Without the engine `nano` no image runs, and the
-samples are made as it would read them: seconds instead of minutes.
+Each recording moves a virtual board, which runs the image that is flashed: a Nano at
+200 samples a second, or an STM32F405 at 380. Its poses are scored; so is what each
+filter of engines.py makes of the very samples that the image read. Without the engine
+of the board's name no image runs, and the samples are made as it would read them:
+seconds instead of minutes.
 """
 
 from __future__ import annotations
@@ -26,8 +27,10 @@ import engines
 import numpy as np
 import report
 import scoring
-from capture import Capture, RunFailed, run_nano
-from engines import HOST, NANO, VQF, Estimate
+from boards import BOARDS
+from capture import Capture, RunFailed
+from capture import run as run_image
+from engines import HOST, IMAGES, VQF, Estimate
 from feed import sampled, with_bias
 from report import Result
 from scoring import Coverage, Score, Trial
@@ -35,9 +38,9 @@ from scoring import Coverage, Score, Trial
 from imud.errors import ImudError
 from imud.progress import Progress
 
-OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "accuracy.json"
+OUTPUT = scoring.PROJECT / "build" / "benchmarks"
 
-ENGINES = (NANO, *engines.ENGINES)
+ENGINES = (*IMAGES, *engines.ENGINES)
 
 # A magnet on the probe. The figure of all eight diagonals is the mean; with
 # --body-bias the image, and all that is beside it, feels the first of them.
@@ -53,6 +56,7 @@ TRACE_HZ = 10.0
 class Settings:
     """What is asked of every trial."""
 
+    board: str
     engines: tuple[str, ...]
     body_bias_ut: float  # 0: as recorded
     traced: str
@@ -64,12 +68,14 @@ def measure(path: Path, settings: Settings) -> Result:
     if settings.body_bias_ut:
         bias_ut = settings.body_bias_ut * DIAGONALS[0]
         trial = replace(trial, motion=with_bias(trial.motion, bias_ut))
-    capture = run(trial, settings) if NANO in settings.engines else None
-    feed = capture.feed if capture else sampled(trial.motion)
+    image = settings.board
+    capture = run(trial, settings) if image in settings.engines else None
+    chip = BOARDS[image].chip
+    feed = capture.feed if capture else sampled(trial.motion, chip)
     estimates: dict[str, Estimate] = {}
     again: list[bytes] = []
     for name in settings.engines:
-        if name == NANO and capture:
+        if name == image and capture:
             estimates[name] = engines.poses(feed.pose_times_s, capture.pose_contents)
         elif name == HOST:
             again = engines.replayed(feed, "fuse")
@@ -83,7 +89,7 @@ def measure(path: Path, settings: Settings) -> Result:
         scores={name: score(each, trial) for name, each in estimates.items()},
         coverage={
             name: coverage(estimates[name], trial)
-            for name in (NANO, HOST)
+            for name in (image, HOST)
             if name in estimates
         },
         biased=biased(trial, settings),
@@ -98,11 +104,11 @@ def measure(path: Path, settings: Settings) -> Result:
 def run(trial: Trial, settings: Settings) -> Capture:
     """The image on this trial, as it was recorded or with a magnet on it."""
     if not settings.body_bias_ut:
-        return run_nano(trial.path)
+        return run_image(settings.board, trial.path)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{trial.name}.npz"
         trial.motion.save(path)
-        return run_nano(path)
+        return run_image(settings.board, path)
 
 
 def score(estimate: Estimate, trial: Trial) -> Score:
@@ -128,7 +134,8 @@ def biased(trial: Trial, settings: Settings) -> dict[str, Score]:
     own_ut = settings.body_bias_ut * DIAGONALS[0]
     scores: dict[str, list[Score]] = {name: [] for name in names}
     for direction in DIAGONALS:
-        feed = sampled(with_bias(trial.motion, bias_ut * direction - own_ut))
+        moved = with_bias(trial.motion, bias_ut * direction - own_ut)
+        feed = sampled(moved, BOARDS[settings.board].chip)
         for name in names:
             scores[name].append(score(engines.ENGINES[name](feed), trial))
     return {name: Score.mean(each) for name, each in scores.items()}
@@ -159,7 +166,7 @@ def live(result: Result) -> str:
     """The line of a trial as soon as it is done."""
     totals = ", ".join(
         f"{name} {result.scores[name].total:.2f}"
-        for name in (NANO, HOST, VQF)
+        for name in (*IMAGES, HOST, VQF)
         if name in result.scores
     )
     if not result.summary:
@@ -188,6 +195,12 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         help="recordings or folders of them (default: ../shared/data/broad)",
     )
     parser.add_argument(
+        "--board",
+        choices=BOARDS,
+        default=engines.NANO,
+        help="whose image, and at whose rate (default: %(default)s)",
+    )
+    parser.add_argument(
         "--trials", metavar="NAME", nargs="+", default=[], help="how their names begin"
     )
     choice = parser.add_mutually_exclusive_group()
@@ -196,8 +209,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         metavar="NAME",
         nargs="+",
         choices=ENGINES,
-        default=ENGINES,
-        help=f"of {', '.join(ENGINES)} (default: all)",
+        help=f"of {', '.join(ENGINES)} (default: all, with the board's own image)",
     )
     choice.add_argument(
         "--host-only",
@@ -222,14 +234,27 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         help="trial whose errors over time go into the JSON (default: %(default)s)",
     )
     parser.add_argument("--jobs", metavar="N", type=int, default=2, help="at a time")
-    parser.add_argument("--output", metavar="FILE", type=Path, default=OUTPUT)
-    return parser.parse_args(argv)
+    parser.add_argument(
+        "--output",
+        metavar="FILE",
+        type=Path,
+        help="default: accuracy-BOARD.json, of the Nano accuracy.json",
+    )
+    args = parser.parse_args(argv)
+    others = set(IMAGES) - {args.board}
+    args.engines = args.engines or [each for each in ENGINES if each not in others]
+    if others & set(args.engines):
+        parser.error(f"the image is that of --board {args.board}")
+    name = "" if args.board == engines.NANO else f"-{args.board}"
+    args.output = args.output or OUTPUT / f"accuracy{name}.json"
+    return args
 
 
 def measure_all(paths: Sequence[Path], args: argparse.Namespace) -> list[Result]:
     """All trials, some at a time; each says its line as soon as it is done."""
     task = partial(
-        measure, settings=Settings(tuple(args.engines), args.body_bias, args.trace)
+        measure,
+        settings=Settings(args.board, tuple(args.engines), args.body_bias, args.trace),
     )
     progress = Progress(f"{len(paths)} recordings", len(paths))
     results = []
@@ -258,7 +283,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("no recording has such a name", file=sys.stderr)
         return 2
     results = measure_all(paths, args)
-    asked = {"engines": args.engines, "body_bias_ut": args.body_bias}
+    asked = {"board": args.board, "engines": args.engines}
+    asked["body_bias_ut"] = args.body_bias
     report.write(results, asked, args.output)
     report.print_tables(results, args.engines)
     # The figures are of all the public trials as they are, and of no others.
@@ -267,10 +293,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     found = list(report.figures(results))
     if found:
         report.print_figures(found, is_judged=is_judged)
-    return end(results, found if is_judged else [])
+    return end(results, found if is_judged else [], args.board)
 
 
-def end(results: Sequence[Result], judged: Sequence[report.Figure]) -> int:
+def end(results: Sequence[Result], judged: Sequence[report.Figure], image: str) -> int:
     """The last lines, and the exit code."""
     missed = sum(figure.verdict == "MISSED" for figure in judged)
     unequal = sum(result.unequal for result in results)
@@ -284,7 +310,7 @@ def end(results: Sequence[Result], judged: Sequence[report.Figure]) -> int:
     if any(result.poses for result in results):
         poses = sum(result.poses for result in results)
         print(
-            f"{HOST} and {NANO}: {poses} poses, "
+            f"{HOST} and {image}: {poses} poses, "
             + (f"{unequal} DIFFER" if unequal else "equal in every bit")
         )
     if missed:

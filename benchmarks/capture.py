@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""Runs the image that is flashed on a motion, and reads what it said."""
+"""Runs an image that is flashed on a motion, and reads what it said."""
 
 from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +15,9 @@ import numpy as np
 import wire
 from feed import Feed
 
+from imud import motion, sim
 from imud.rotation import FloatArray
 from imud.session import OtherSchema, Probe, Received, Session
-
-SAMPLE_RATE_HZ = 200.0
 
 
 class RunFailed(Exception):
@@ -34,6 +32,7 @@ class Capture:
     pose_contents: Sequence[bytes]  # as sent, one for each that the feed counts
     poses: FloatArray  # world_from_body
     lost: int  # samples and messages of which anything is missing
+    log_dropped: int  # messages that did not get to its card, where it has one
     summary: dict[str, Any]  # as the simulator wrote it
 
     @property
@@ -41,22 +40,48 @@ class Capture:
         return self.feed.pose_times_s
 
 
-def run_nano(motion: Path, options: Sequence[str] = ()) -> Capture:
-    """Streams pose and raw of a virtual Nano that feels this motion."""
+def run(
+    board_name: str,
+    path: Path,
+    options: Sequence[str] = (),
+    *,
+    image: Path | None = None,
+    sample_rate_hz: int | None = None,
+    pose_rate_hz: int | None = None,
+) -> Capture:
+    """Streams pose and raw of a virtual board that feels this motion.
+
+    Rates are what is asked of the image: every sample, and the poses that it starts
+    with, unless told otherwise.
+    """
+    board = sim.BOARDS[board_name]
+    if sample_rate_hz is not None:
+        board = replace(board, sample_rate_hz=sample_rate_hz)
+    simulator = sim.find(None, board.simulator_variable, board.simulator)
+    image = sim.find(image, board.image_variable, board.image)
     with tempfile.TemporaryDirectory() as folder:
-        record, summary = Path(folder) / "uart.bin", Path(folder) / "summary.json"
-        words = ["sim", "nano", "--motion", str(motion), "--record", str(record)]
-        words += ["--summary", str(summary), "--fast", "--stream", "--raw", *options]
-        run = subprocess.run(
-            [sys.executable, "-m", "imud", *words],
+        felt, record, summary = (
+            Path(folder) / name for name in ("motion", "uart.bin", "summary.json")
+        )
+        with felt.open("wb") as file:
+            motion.write_stream(file, [motion.load(path)])
+        words: list[str | Path] = [simulator, "--image", image, "--motion", felt]
+        words += ["--record", record, "--summary", summary, "--fast"]
+        words += ["--press", ":".join(map(str, sim.PRESS_US))]
+        for at_us, frame in sim.commands_us(
+            board, wants_raw=True, rate_hz=pose_rate_hz
+        ):
+            words += ["--send", f"{at_us}:{frame.hex()}"]
+        done = subprocess.run(
+            [*words, *options],
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
             check=False,
         )
-        if run.returncode != 0:
-            said = run.stderr.strip().splitlines() or ["it said nothing"]
-            raise RunFailed(f"{motion.name}: exit code {run.returncode}: {said[-1]}")
+        if done.returncode != 0:
+            said = done.stderr.strip().splitlines() or ["it said nothing"]
+            raise RunFailed(f"{path.name}: exit code {done.returncode}: {said[-1]}")
         return read(record, json.loads(summary.read_text()))
 
 
@@ -86,7 +111,6 @@ def read(record: Path, summary: dict[str, Any]) -> Capture:
     after = np.searchsorted(sample_us, pose_us)
     if not np.array_equal(sample_us[after.clip(max=len(raws) - 1)], pose_us):
         raise RunFailed("a pose without its sample")
-    unsent = int((np.rint(np.diff(sample_us) * 1e-6 * SAMPLE_RATE_HZ) - 1).sum())
     accounts: list[Any] = [probe.account.counts() for probe in probes.values()]
     unheard = sum(account["sent"] - account["received"] for account in accounts)
     feed = Feed(
@@ -96,14 +120,24 @@ def read(record: Path, summary: dict[str, Any]) -> Capture:
         pose_sequence=[event.message.sequence for event in poses],
         start_us=summary["motion_start_us"],
     )
+    steps_s = np.diff(sample_us) * 1e-6
+    unsent = int((np.rint(steps_s * feed.samples.rate_hz) - 1).sum())
     contents = [event.content for event in poses]
     return Capture(
         feed=feed,
         pose_contents=contents,
         poses=orientations(contents),
         lost=unsent + unheard,
+        log_dropped=unlogged(heard.get("equipment", [])),
         summary=summary,
     )
+
+
+def unlogged(equipment: Sequence[Received]) -> int:
+    """Messages that the card had no time for, as the board has last said it."""
+    count = equipment[-1].message.fields["messages_unlogged"] if equipment else 0
+    assert isinstance(count, int)
+    return count
 
 
 def orientations(contents: Sequence[bytes]) -> FloatArray:

@@ -30,8 +30,10 @@ class Estimate:
 
 Engine = Callable[[Feed], Estimate]
 
-# Ours: the image, and its C on this machine. The others are named where they compare.
-NANO, HOST = "nano", "host"
+# Ours: the images, and their C on this machine. The others are named where they
+# compare.
+NANO, F405, HOST = "nano", "f405", "host"
+IMAGES = (NANO, F405)
 VQF, OFFLINE = "vqf", "vqf-offline"
 
 
@@ -74,7 +76,7 @@ def vqf_defaults(feed: Feed, *, is_basic: bool = False) -> Estimate:
     samples = feed.samples
     step_s = 1.0 / samples.rate_hz
     # What the magnetometer gives less often than the rest is as far apart.
-    every = max(1, round(len(samples) / max(1, int(samples.has_mag.sum()))))
+    every = max(1.0, round(len(samples) / max(1, int(samples.has_mag.sum())), 1))
     kind = vqf.BasicVQF if is_basic else vqf.VQF
     tracker = kind(step_s, step_s, every * step_s)
     out = np.empty((len(samples), 4))
@@ -178,7 +180,7 @@ def fusion_defaults(feed: Feed) -> Estimate:
     return Estimate(feed.times_s, out)
 
 
-# The image itself, NANO, is none of these: it is who makes the feed.
+# The images themselves, IMAGES, are none of these: one of them makes the feed.
 ENGINES: dict[str, Engine] = {
     HOST: partial(core, name="fuse"),
     VQF: vqf_defaults,

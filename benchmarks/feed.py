@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """What every engine is fed: the raw messages of a probe, sent or made up.
 
-`sampled` makes them as the virtual Nano does (sim/motion.c, sim/chips/mpu9250.c), a
-thousand times as fast and for one moment of its start-up.
+`sampled` makes them as a virtual board does (sim/motion.c, sim/chips/), a thousand
+times as fast and for one moment of its start-up.
 """
 
 from __future__ import annotations
@@ -20,30 +20,97 @@ from imud.messages import Message
 from imud.motion import GRAVITY_M_S2, BoolArray, Motion
 from imud.rotation import FloatArray
 
-RATE_HZ = 200.0
-MAG_EVERY = 2  # samples a reading of the magnetometer
-POSE_EVERY = 2  # samples a pose, at the rate a probe starts with
-
-# When an image had set up its sensor, after the start of the motion, and how long
-# before a sample's interrupt the sample was taken and the field was measured: the
-# first and the last depend on the build by up to 5 and 10 ms.
-FIRST_SAMPLE_S = 0.745655
-TAKEN_BEFORE_S = 0.000255  # the chip reads its AK8963 before it interrupts
-FELT_BEFORE_S = 0.006333
-
-# Of motions that no sensor's low-pass has touched: bandwidth and delay of the settings
-# that the firmware chooses (RM-MPU-9250A-00, 4.6 and 4.8).
-GYR_LOWPASS = (92.0, 3.9e-3)
-ACC_LOWPASS = (99.0, 2.88e-3)
 AVERAGING = 0.443  # times 1/bandwidth: a moving average with that -3 dB point
-
-GYR_LSB_RAD_S = np.radians(2000.0) / 32768
-ACC_LSB_M_S2 = 16.0 * GRAVITY_M_S2 / 32768
-MAG_LSB_UT = 0.15
-# The factory's adjustment, in our axes: readings are rounded before and after it.
-MAG_ADJUST = (np.array([178, 176, 166]) - 128) * 0.5 / 128 + 1
-MAG_COUNTS_MAX = 32760  # AK8963 data sheet, 8.3
 NO_READING = -(2**15)  # on the wire
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Measurements at a rate of their own, of which a sample takes the last."""
+
+    rate_hz: float
+    phase_s: float  # of one of them, from the start of the motion
+    taken_after_s: float  # a sample's interrupt: when it is read
+
+    def last(self, times_s: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """When that was which each sample takes, and whether none took it before."""
+        ticks = np.floor((times_s + self.taken_after_s - self.phase_s) * self.rate_hz)
+        is_new = np.diff(ticks, prepend=ticks[0] - 1.0) > 0
+        return self.phase_s + ticks / self.rate_hz, is_new
+
+
+@dataclass(frozen=True, slots=True)
+class Chip:
+    """A sensor as the firmware sets it up and as its model reads.
+
+    Moments depend on the build: when an image had set its sensor up, by some
+    milliseconds, and with that the phases.
+    """
+
+    board: str
+    sensor: str
+    who_am_i: tuple[int, int]
+    rate_hz: float
+    first_sample_s: float  # after the start of the motion
+    taken_before_s: float  # a sample's interrupt
+    # Bandwidth and delay, for motions that no sensor's low-pass has touched.
+    gyr_lowpass: tuple[float, float]
+    acc_lowpass: tuple[float, float]
+    gyr_lsb: float  # rad/s
+    acc_lsb: float  # m/s2
+    mag_lsb: float  # uT
+    mag_counts_max: int
+    # None: with the gyroscope. The other: every second sample, from the second on, felt
+    # so long before its interrupt.
+    acc_clock: Clock | None = None
+    mag_clock: Clock | None = None
+    felt_before_s: float = 0.0
+    mag_asa: tuple[int, int, int] | None = None  # the factory's, in our axes
+
+    @property
+    def mag_adjust(self) -> FloatArray:
+        """The factors that readings are multiplied by: rounded before and after."""
+        return (np.array(self.mag_asa or (128, 128, 128)) - 128) * 0.5 / 128 + 1
+
+
+# RM-MPU-9250A-00, 4.6 and 4.8; AK8963 data sheet, 8.3. The chip reads its magnetometer
+# before it interrupts.
+MPU9250 = Chip(
+    board="nano",
+    sensor="mpu9250",
+    who_am_i=(0x71, 0x48),
+    rate_hz=200.0,
+    first_sample_s=0.745655,
+    taken_before_s=0.000255,
+    gyr_lowpass=(92.0, 3.9e-3),
+    acc_lowpass=(99.0, 2.88e-3),
+    gyr_lsb=float(np.radians(2000.0)) / 32768,
+    acc_lsb=16.0 * GRAVITY_M_S2 / 32768,
+    mag_lsb=0.15,
+    mag_counts_max=32760,
+    felt_before_s=0.006333,
+    mag_asa=(178, 176, 166),
+)
+
+# DS of the LSM9DS0, tables 3 and 21; CTRL_REG1_XM, CTRL_REG2_XM and CTRL_REG5_XM as the
+# firmware writes them. A moving average lags by half of itself.
+LSM9DS0 = Chip(
+    board="f405",
+    sensor="lsm9ds0",
+    who_am_i=(0xD4, 0x49),
+    rate_hz=380.0,
+    first_sample_s=1.103271,
+    taken_before_s=0.000001,
+    gyr_lowpass=(100.0, 0.5 * AVERAGING / 100.0),
+    acc_lowpass=(194.0, 0.5 * AVERAGING / 194.0),
+    gyr_lsb=float(np.radians(0.070)),
+    acc_lsb=0.732e-3 * GRAVITY_M_S2,
+    mag_lsb=0.008,
+    mag_counts_max=32767,
+    acc_clock=Clock(800.0, phase_s=0.000826, taken_after_s=0.000352),
+    mag_clock=Clock(100.0, phase_s=0.001, taken_after_s=0.000626),
+)
+POSE_RATE_HZ = 100  # at which a probe starts
 
 
 @dataclass(frozen=True)
@@ -113,28 +180,37 @@ def with_bias(motion: Motion, bias_ut: FloatArray) -> Motion:
     return replace(motion, mag=motion.mag + bias_ut)
 
 
-def sampled(motion: Motion) -> Feed:
-    """What a virtual Nano sends of a motion; its magnetometer is the second to come."""
-    count = int((motion.seconds - FIRST_SAMPLE_S) * RATE_HZ)
-    times = FIRST_SAMPLE_S + np.arange(count) / RATE_HZ
-    taken = times - TAKEN_BEFORE_S
-    period = (1.0 / RATE_HZ, 0.0)
+def sampled(motion: Motion, chip: Chip = MPU9250) -> Feed:
+    """What a virtual board sends of a motion."""
+    count = int((motion.seconds - chip.first_sample_s) * chip.rate_hz)
+    times = chip.first_sample_s + np.arange(count) / chip.rate_hz
+    taken = times - chip.taken_before_s
+    acc_taken, acc_rate_hz = taken, chip.rate_hz
+    if chip.acc_clock:
+        acc_taken, _ = chip.acc_clock.last(times)
+        acc_rate_hz = chip.acc_clock.rate_hz
+    felt, is_new = times - chip.felt_before_s, np.arange(count) % 2 == 1
+    if chip.mag_clock:
+        felt, is_new = chip.mag_clock.last(times)
     gyr_window, acc_window = (
-        period if motion.is_recorded else (AVERAGING / bandwidth_hz, delay_s)
-        for bandwidth_hz, delay_s in (GYR_LOWPASS, ACC_LOWPASS)
+        (1.0 / rate_hz, 0.0)
+        if motion.is_recorded
+        else (AVERAGING / bandwidth_hz, delay_s)
+        for rate_hz, (bandwidth_hz, delay_s) in (
+            (chip.rate_hz, chip.gyr_lowpass),
+            (acc_rate_hz, chip.acc_lowpass),
+        )
     )
     rows = wire.empty_rows("raw", count)
     rows["sequence"] = np.arange(count)
     rows["time_us"] = np.rint(times * 1e6)
-    gyr = means(motion.gyr, motion.rate_hz, taken, *gyr_window) / GYR_LSB_RAD_S
-    acc = means(motion.acc, motion.rate_hz, taken, *acc_window) / ACC_LSB_M_S2
-    field = values(motion.mag, (times - FELT_BEFORE_S) * motion.rate_hz)
-    mag = np.rint(np.rint(field / MAG_LSB_UT / MAG_ADJUST) * MAG_ADJUST)
+    gyr = means(motion.gyr, motion.rate_hz, taken, *gyr_window) / chip.gyr_lsb
+    acc = means(motion.acc, motion.rate_hz, acc_taken, *acc_window) / chip.acc_lsb
+    field = values(motion.mag, felt * motion.rate_hz)
+    mag = np.rint(np.rint(field / chip.mag_lsb / chip.mag_adjust) * chip.mag_adjust)
     rows["gyr"] = np.clip(np.rint(gyr), -(2**15), 2**15 - 1)
     rows["acc"] = np.clip(np.rint(acc), -(2**15), 2**15 - 1)
-    is_new = (np.arange(count) % MAG_EVERY == 1) & (
-        np.abs(mag).max(axis=1) <= MAG_COUNTS_MAX
-    )
+    is_new &= np.abs(mag).max(axis=1) <= chip.mag_counts_max
     rows["mag"] = np.where(is_new[:, None], mag, NO_READING)
     rows["temperature"] = 2500
     flags = np.zeros(count, np.uint8)
@@ -145,8 +221,15 @@ def sampled(motion: Motion) -> Feed:
         edge = (np.abs(rows[name].astype(int)) >= 2**15 - 1).any(axis=1)
         flags |= edge.astype(np.uint8) * np.uint8(flag)
     rows["sample_flags"] = flags[:, None]
-    after = range(1, count, POSE_EVERY)
-    return Feed(hello(), wire.to_contents(rows), after, after, start_us=0)
+    after = posed_after(count, chip.rate_hz)
+    return Feed(hello(chip), wire.to_contents(rows), after, after, start_us=0)
+
+
+def posed_after(count: int, rate_hz: float) -> Sequence[int]:
+    """The samples with which the shares of a pose make another whole one."""
+    due = np.floor((np.arange(1, count + 1) * POSE_RATE_HZ) / rate_hz)
+    poses: list[int] = np.flatnonzero(np.diff(due, prepend=0.0) > 0).tolist()
+    return poses
 
 
 def values(records: FloatArray, at: FloatArray) -> FloatArray:
@@ -187,27 +270,29 @@ def means(
     return (integral(middle + half) - integral(middle - half)) / (2.0 * half)
 
 
-def hello() -> bytes:
-    """Of a Nano with an MPU-9250, once it runs."""
+def hello(chip: Chip = MPU9250) -> bytes:
+    """Of a board with this sensor, once it runs."""
+    x, y, z = chip.mag_asa or (0, 0, 0)
     fields = {
         "protocol_version": schema.PROTOCOL_VERSION,
         "schema_fingerprint": schema.FINGERPRINT,
         "firmware": "host",
-        "board": "nano",
+        "board": chip.board,
         "probe_id": bytes(8),
-        "sensor": "mpu9250",
-        "who_am_i": (0x71, 0x48),
-        "mag_adjust": (176, 178, 166),
+        "sensor": chip.sensor,
+        "who_am_i": chip.who_am_i,
+        "mag_adjust": (y, x, z),  # in the chip's axes
         "self_test": (),
-        "sample_rate": int(RATE_HZ),
-        "pose_rate": int(RATE_HZ) // POSE_EVERY,
-        "raw_rate": int(RATE_HZ),
-        "acc_lsb": ACC_LSB_M_S2,
-        "gyr_lsb": float(GYR_LSB_RAD_S),
-        "mag_lsb": MAG_LSB_UT,
+        "sample_rate": int(chip.rate_hz),
+        "pose_rate": POSE_RATE_HZ,
+        "raw_rate": int(chip.rate_hz),
+        "acc_lsb": chip.acc_lsb,
+        "gyr_lsb": chip.gyr_lsb,
+        "mag_lsb": chip.mag_lsb,
         "boot_count": 1,
         "reset_cause": (),
         "filter": "fuse",
+        "reset_address": 0,
     }
     return messages.encode("hello", fields, sequence=0, time_us=0)
 

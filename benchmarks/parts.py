@@ -19,9 +19,16 @@ REST = "rest"
 FILES = {
     "sampling.c": "sampling",
     "twi.c": "sampling",
+    "i2c.c": "sampling",
     "clock.c": "clock",
     "uart.c": "uart",
+    "radio.c": "radio",
+    "rn41.c": "radio",
+    "spi.c": "card",
+    "sdcard.c": "card",
+    "logbook.c": "card",
     "mpu9250.c": "sensor",
+    "lsm9ds0.c": "sensor",
     "calibrate.c": "calibrate",
     "pose.c": "pose",
     "attitude.c": "filter",
@@ -34,15 +41,25 @@ FILES = {
     "frame.c": "messages",
     "settings.c": "settings",
     "eeprom.c": "settings",
+    "journal.c": "settings",
+    "flash.c": "settings",
     "probe.c": "probe",
     "button.c": "probe",
     "main.c": "probe",
     "board.c": "board",
+    "chip.c": "board",
+    "extras.c": "board",
+    "identity.c": "board",
     "adc.c": "board",
+    "power.c": "board",
+    "battery.c": "board",
     "reset.c": "board",
     "start.S": "board",
+    "start.c": "board",
     "fixed.c": CALLER,
     "fixed_mul.S": CALLER,
+    "fixed_mul.c": CALLER,
+    "memory.c": CALLER,
     "vector.c": CALLER,
     "quat.c": CALLER,
     "matrix.c": CALLER,
@@ -62,7 +79,8 @@ FILTER_FUNCTIONS = {
     "take_reading": "fuse.reading",
 }
 
-# Data sheet, table 12-6: vector numbers that the firmware uses.
+# Of the ATmega328P: data sheet, table 12-6, the vectors that the firmware uses. The
+# handlers of the STM32F405 have names of their own.
 HANDLERS = {
     "__vector_1": "INT0",
     "__vector_11": "TIMER1_COMPA",
@@ -71,6 +89,10 @@ HANDLERS = {
     "__vector_19": "USART_UDRE",
     "__vector_24": "TWI",
 }
+
+
+# Machines of ELF files, and the prefix of their tools.
+TOOLS = {40: "arm-none-eabi-", 83: "avr-"}
 
 
 class NoParts(Exception):
@@ -117,11 +139,12 @@ def _part(place: Place) -> str:
 
 def read(image: Path) -> list[Range]:
     """The parts of an image, by address."""
-    start, end = _text(image)
+    tools = _tools(image)
+    start, end = _text(tools, image)
     addresses = range(start, end, 2)
-    homes = _homes(image)
+    homes = _homes(tools, image)
     found: list[Range] = []
-    for address, chain in zip(addresses, _chains(image, addresses), strict=True):
+    for address, chain in zip(addresses, _chains(tools, image, addresses), strict=True):
         part = part_of(chain, homes.get(chain[-1].function, ""))
         if found and found[-1].part == part:
             found[-1] = found[-1]._replace(end=address + 2)
@@ -133,7 +156,7 @@ def read(image: Path) -> list[Range]:
 
 
 def write(image: Path, path: Path) -> None:
-    """Writes them as `nano --parts` reads them."""
+    """Writes them as the emulators' `--parts` reads them."""
     lines = (f"{r.start:x} {r.end:x} {r.part}\n" for r in read(image))
     path.write_text("".join(lines))
 
@@ -144,19 +167,27 @@ def _output(*command: str | Path, given: str = "") -> str:
     ).stdout
 
 
-def _text(image: Path) -> tuple[int, int]:
+def _tools(image: Path) -> str:
+    header = image.read_bytes()[:20]
+    machine = int.from_bytes(header[18:20], "little")
+    if header[:4] != b"\x7fELF" or machine not in TOOLS:
+        raise NoParts(f"{image} is no image of a board")
+    return TOOLS[machine]
+
+
+def _text(tools: str, image: Path) -> tuple[int, int]:
     """Where the code lies."""
-    for line in _output("avr-size", "-A", "-d", image).splitlines():
+    for line in _output(f"{tools}size", "-A", "-d", image).splitlines():
         words = line.split()
         if words[:1] == [".text"]:
             return int(words[2]), int(words[2]) + int(words[1])
     raise NoParts(f"{image} has no code")
 
 
-def _chains(image: Path, addresses: Iterable[int]) -> list[list[Place]]:
+def _chains(tools: str, image: Path, addresses: Iterable[int]) -> list[list[Place]]:
     """Of each address its function and those that it is inlined into, inside out."""
     given = "".join(f"{address:x}\n" for address in addresses)
-    said = _output("avr-addr2line", "-a", "-i", "-f", "-e", image, given=given)
+    said = _output(f"{tools}addr2line", "-a", "-i", "-f", "-e", image, given=given)
     chains: list[list[Place]] = []
     function = ""
     for line in said.splitlines():
@@ -171,10 +202,10 @@ def _chains(image: Path, addresses: Iterable[int]) -> list[list[Place]]:
     return chains
 
 
-def _homes(image: Path) -> dict[str, str]:
+def _homes(tools: str, image: Path) -> dict[str, str]:
     """The file of each function of C."""
     found = {}
-    for line in _output("avr-nm", "-l", image).splitlines():
+    for line in _output(f"{tools}nm", "-l", image).splitlines():
         symbol, _, place = line.partition("\t")
         found[symbol.split()[-1]] = Path(place.rpartition(":")[0]).name
     return found

@@ -19,7 +19,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import scoring
-from capture import RunFailed, run_nano
+from capture import RunFailed, run
 from engines import HOST, NANO, VQF
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
@@ -269,7 +269,7 @@ def draw_of(name: str) -> Callable[[Figure, Theme], None]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "hand.npz"
         made.save(path)
-        capture = run_nano(path)
+        capture = run(NANO, path)
     return partial(draw_probe_and_errors, measured=measured, made=made, capture=capture)
 
 

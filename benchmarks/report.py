@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import scoring
-from engines import HOST, NANO, OFFLINE, VQF
+from engines import HOST, IMAGES, OFFLINE, VQF
 from scoring import Coverage, Score, Trial
 
 
@@ -72,7 +72,7 @@ def figures(results: Sequence[Result]) -> Iterator[Figure]:
     """The figures that these engines and trials allow."""
     means = summaries(results, ("all", *scoring.GROUPS))
     every = means["all"]
-    ours = NANO if NANO in every else HOST
+    ours = next((name for name in IMAGES if name in every), HOST)
     if ours not in every:
         return
     disturbed = means.get("disturbed", {})

@@ -19,7 +19,7 @@ import report
 import scoring
 import twin
 import wire
-from feed import GYR_LSB_RAD_S, RATE_HZ, Feed, sampled
+from feed import MPU9250, Feed, sampled
 from scoring import Score
 from twin import Course, Pair, Params
 
@@ -98,9 +98,9 @@ def load_in_motion(path: Path) -> Course:
     trial = scoring.load_trial(path)
     feed = sampled(trial.motion)
     is_moving = scoring.counted(feed.times_s, trial.motion)
-    first = int(np.argmax(is_moving)) + round(BEGUN_AFTER_S * RATE_HZ)
+    first = int(np.argmax(is_moving)) + round(BEGUN_AFTER_S * MPU9250.rate_hz)
     rows = feed.rows[first:].copy()
-    rows["gyr"] += np.rint(np.radians(BIAS_DEG_S) / GYR_LSB_RAD_S).astype(np.int16)
+    rows["gyr"] += np.rint(np.radians(BIAS_DEG_S) / MPU9250.gyr_lsb).astype(np.int16)
     after = [index - first for index in feed.pose_after if index >= first]
     begun = Feed(feed.hello, wire.to_contents(rows), after, after, feed.start_us)
     after_s = float(begun.times_s[0]) + twin.STARTING_S

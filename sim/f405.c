@@ -11,6 +11,7 @@
 #include "chips/lsm9ds0.h"
 #include "chips/rn41.h"
 #include "chips/sdcard.h"
+#include "f405/follow.h"
 #include "run.h"
 
 #ifndef F405_VERSION
@@ -22,6 +23,7 @@ static const char usage_text[] =
     "            [--fast] [--seconds N] [--summary FILE] [--eeprom FILE] [--seed N]\n"
     "            [--faults FILE] [--press START_US:END_US]... [--send US:HEX]...\n"
     "            [--card FILE [--card-kind KIND]] [--radio FILE] [--battery MV]\n"
+    "            [--profile FILE [--parts FILE]]\n"
     "       f405 --version\n"
     "--eeprom is what survives power: all of flash, over which the image is put\n"
     "--card is what is on an SD card, --card-kind sdsc or sdhc where its size does "
@@ -54,6 +56,8 @@ static struct board {
     const char *radio_file, *battery_mv;
     struct rn41_chip *rn41;  // null: a cable
     struct f405_radio radio;
+    struct f405_follow follow;  // its profile is null: none is asked for
+    const char *profile_path, *parts_path;
     uint32_t flash, ram;  // bytes of the image
 } board;
 
@@ -354,8 +358,7 @@ static void report_radio(const struct board *b, struct run_report *out) {
     out->radio_complaint = rn41_chip_complaint(b->rn41);
 }
 
-static bool save_radio(void *self) {
-    const struct board *b = self;
+static bool save_radio(const struct board *b) {
     if (b->rn41 == NULL) {
         return true;
     }
@@ -407,10 +410,16 @@ static void on_bus(void *context, bool is_start) {
 }
 
 static void on_mark(void *context, bool is_begin) {
+    if (board.follow.profile != NULL) {
+        (is_begin ? profile_begin_sample : profile_end_sample)(board.follow.profile);
+    }
     run_on_mark(context, f405_now(&board.machine), board.machine.cycle, is_begin);
 }
 
 static void on_reset(void *context) {
+    if (board.follow.profile != NULL) {
+        f405_follow_reset(&board.follow);
+    }
     run_on_reset(context);
     if (board.sd != NULL) {
         sdcard_chip_host_reset(board.sd, f405_ns(f405_now(&board.machine)));
@@ -419,6 +428,19 @@ static void on_reset(void *context) {
 
 static void on_flash_write(void *context, uint64_t number) {
     run_on_memory_write(context, number);
+}
+
+static bool follow(struct board *b) {
+    struct f405_follow *follow = &b->follow;
+    follow->machine = &b->machine;
+    follow->profile = profile_new(b->run.options.image, F405_FLASH, F405_FLASH_SIZE);
+    if (follow->profile == NULL ||
+        (b->parts_path != NULL &&
+         !profile_read_parts(follow->profile, b->parts_path))) {
+        return false;
+    }
+    f405_follow_begin(follow);
+    return true;
 }
 
 // The board, as run.h wants it
@@ -464,6 +486,12 @@ static int power_up(void *self, struct run *run) {
     }
     if (!f405_load(machine, options->image, &b->flash, &b->ram)) {
         return run_complain(run, options->image, "is no image of an STM32F405");
+    }
+    if (b->profile_path != NULL && !follow(b)) {
+        return b->follow.profile == NULL
+                   ? run_complain(run, options->image, "has no symbols to profile by")
+                   : run_complain(run, b->parts_path,
+                                  "has other lines than START END PART");
     }
     if (b->battery_mv != NULL) {
         const uint32_t mv = (uint32_t)strtoul(b->battery_mv, NULL, 10);
@@ -598,7 +626,21 @@ static void report(void *self, struct run_report *out) {
 
 static const char *check(void) {
     const char *problem = check_card();
-    return problem != NULL ? problem : check_battery();
+    problem = problem != NULL ? problem : check_battery();
+    return problem == NULL && board.parts_path != NULL && board.profile_path == NULL
+               ? "--parts needs --profile"
+               : problem;
+}
+
+static bool finish(void *self) {
+    struct board *b = self;
+    struct profile *profile = b->follow.profile;
+    const bool is_saved = save_radio(b);
+    if (profile != NULL && !profile_write(profile, b->profile_path)) {
+        (void)run_complain(&b->run, b->profile_path, "can't be written");
+        return false;
+    }
+    return is_saved;
 }
 
 static const struct run_path own_paths[] = {
@@ -606,6 +648,8 @@ static const struct run_path own_paths[] = {
     {"--card-kind", &board.card_kind},
     {"--radio", &board.radio_file},
     {"--battery", &board.battery_mv},
+    {"--profile", &board.profile_path},
+    {"--parts", &board.parts_path},
     {NULL, NULL},
 };
 
@@ -642,7 +686,7 @@ static const struct run_board board_f405 = {
     .memory_bytes = memory_bytes,
     .pause = pause_at,
     .report = report,
-    .finish = save_radio,
+    .finish = finish,
 };
 
 int main(int argc, char **argv) {
@@ -652,5 +696,6 @@ int main(int argc, char **argv) {
     f405_free(&board.machine);
     lsm9ds0_chip_free(board.sensor);
     rn41_chip_free(board.rn41);
+    profile_free(board.follow.profile);
     return code;
 }

@@ -4,9 +4,9 @@
 // nothing else of the project does, and it is not part of any package.
 #include <string.h>
 
+#include "follow.h"
 #include "image.h"
 #include "machine.h"
-#include "profile.h"
 #include "run.h"
 #include "selftest.h"
 
@@ -40,7 +40,7 @@ static struct nano {
     struct machine machine;
     struct mpu9250_chip *chip;
     struct image image;
-    struct profile *profile;
+    struct follow follow;  // its profile is null: none is asked for
     const char *profile_path, *parts_path;
 } nano;
 
@@ -63,16 +63,16 @@ static void on_bus(void *context, uint64_t cycle, bool is_start) {
 
 // GPIOR0: 1 when work on a sample starts, 0 when it is done.
 static void on_mark(void *context, uint64_t cycle, uint8_t value) {
-    if (nano.profile != NULL) {
-        (value != 0 ? profile_begin_sample : profile_end_sample)(nano.profile);
+    if (nano.follow.profile != NULL) {
+        (value != 0 ? profile_begin_sample : profile_end_sample)(nano.follow.profile);
     }
     run_on_mark(context, cycle, cycle, value != 0);
 }
 
 static void on_reset(void *context, enum machine_reset cause) {
     (void)cause;
-    if (nano.profile != NULL) {
-        profile_reset(nano.profile);
+    if (nano.follow.profile != NULL) {
+        profile_reset(nano.follow.profile, follow_time(&nano.machine));
     }
     run_on_reset(context);
 }
@@ -119,15 +119,19 @@ static int power_up(void *self, struct run *run) {
                             "is no image of an ATmega328P; pio run -e nano makes one");
     }
     if (board->profile_path != NULL) {
-        board->profile = profile_new(machine, options->image);
-        if (board->profile == NULL) {
+        board->follow.profile = profile_new(options->image, 0, FOLLOW_FLASH_BYTES);
+        if (board->follow.profile == NULL) {
             return run_complain(run, options->image, "has no symbols to profile by");
         }
     }
     if (board->parts_path != NULL &&
-        !profile_read_parts(board->profile, board->parts_path)) {
+        !profile_read_parts(board->follow.profile, board->parts_path)) {
         return run_complain(run, board->parts_path,
                             "has other lines than START END PART");
+    }
+    if (board->follow.profile != NULL) {
+        board->follow.machine = machine;
+        follow_begin(&board->follow);
     }
     return run_load_memory(run);
 }
@@ -214,7 +218,8 @@ static void report(void *self, struct run_report *out) {
 
 static bool finish(void *self) {
     struct nano *board = self;
-    if (board->profile != NULL && !profile_write(board->profile, board->profile_path)) {
+    struct profile *profile = board->follow.profile;
+    if (profile != NULL && !profile_write(profile, board->profile_path)) {
         (void)run_complain(&board->run, board->profile_path, "can't be written");
         return false;
     }
@@ -281,7 +286,7 @@ static const struct run_board board_nano = {
 int main(int argc, char **argv) {
     (void)argc;  // the list ends with a null
     const int code = run_main(&nano.run, &board_nano, &nano, argv + 1);
-    profile_free(nano.profile);
+    profile_free(nano.follow.profile);
     if (nano.machine.avr != NULL) {
         machine_free(&nano.machine);
     }

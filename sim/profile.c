@@ -11,10 +11,9 @@
 #include <unistd.h>
 
 enum {
-    FLASH_WORDS = 16384,
     NAMES_MAX = 1024,
     NAME_SIZE = 64,
-    DEPTH_MAX = 64,   // frames of 2 bytes and more in 2 KB; the deepest here is 12
+    DEPTH_MAX = 64,   // frames; the deepest of the images here is 12
     PART_CALLER = 0,  // of the part that called
     PART_REST = 1,    // of none
 };
@@ -33,17 +32,15 @@ struct names {
 };
 
 struct frame {
-    uint16_t sp;     // before the call
-    uint16_t from;   // word address of the call, or what was interrupted
-    uint16_t entry;  // word address of what was called
+    struct profile_call call;
     bool is_interrupt;
     uint64_t cycles;  // of an interrupt, so far
 };
 
 struct profile {
-    struct machine *machine;
+    uint32_t start, count;  // of the code: address of a byte, instructions at most
     struct names functions, parts;
-    uint16_t function_at[FLASH_WORDS], part_at[FLASH_WORDS];
+    uint16_t *function_at, *part_at;  // by place; one more for all places elsewhere
     struct tally self[NAMES_MAX], inclusive[NAMES_MAX], part[NAMES_MAX], total;
     struct {
         uint64_t calls, cycles, worst;
@@ -61,6 +58,12 @@ struct profile {
     bool is_working;
     uint64_t samples;
 };
+
+// Where something is kept of the instruction at that address.
+static uint32_t place_of(const struct profile *profile, uint32_t address) {
+    const uint32_t place = (address - profile->start) / 2;
+    return place < profile->count ? place : profile->count;
+}
 
 // Names
 
@@ -127,12 +130,13 @@ static struct symbol *read_symbols(const char *image, size_t *count) {
                 continue;
             }
             const char *name = elf_strptr(elf, header.sh_link, symbol.st_name);
-            if (name == NULL || name[0] == '\0') {
-                continue;
+            if (name == NULL || name[0] == '\0' || name[0] == '$') {
+                continue;  // a $ marks code and data of an ARM
             }
             struct symbol *kept = &symbols[(*count)++];
             (void)snprintf(kept->name, sizeof kept->name, "%.*s", NAME_SIZE - 1, name);
-            kept->start = (uint32_t)symbol.st_value;
+            // Bit 0 of a function's value says that it is Thumb code.
+            kept->start = (uint32_t)symbol.st_value & ~UINT32_C(1);
             kept->size = (uint32_t)symbol.st_size;
             kept->is_function = GELF_ST_TYPE(symbol.st_info) == STT_FUNC;
         }
@@ -161,7 +165,7 @@ static int name_symbol(struct names *names, const struct symbol *all, size_t cou
     return find_name(names, symbol->name);
 }
 
-// Each word belongs to the function that spans it, or else to the symbol before it.
+// Each place belongs to the function that spans it, or else to the symbol before it.
 static bool name_functions(struct profile *profile, const char *image) {
     size_t count = 0;
     struct symbol *symbols = read_symbols(image, &count);
@@ -171,20 +175,29 @@ static bool name_functions(struct profile *profile, const char *image) {
         for (size_t i = 0; is_good && i < count; i++) {
             const struct symbol *symbol = &symbols[i];
             const bool is_spanned = symbol->size > 0;
-            if (is_spanned != (pass == 1)) {
-                continue;
+            const uint32_t from = place_of(profile, symbol->start);
+            if (is_spanned != (pass == 1) || from == profile->count) {
+                continue;  // code in RAM is of no place
             }
             const int name = name_symbol(&profile->functions, symbols, count, symbol);
-            const uint32_t end =
-                is_spanned ? (symbol->start + symbol->size + 1) / 2 : FLASH_WORDS;
-            is_good = name >= 0 && end <= FLASH_WORDS;
-            for (uint32_t at = symbol->start / 2; is_good && at < end; at++) {
+            const uint32_t length = (symbol->size + 1) / 2;
+            const uint32_t end = is_spanned ? from + length : profile->count;
+            is_good = name >= 0 && end <= profile->count;
+            for (uint32_t at = from; is_good && at < end; at++) {
                 profile->function_at[at] = (uint16_t)name;
             }
         }
     }
     free(symbols);
     return is_good;
+}
+
+static uint16_t function_of(const struct profile *profile, uint32_t address) {
+    return profile->function_at[place_of(profile, address)];
+}
+
+static uint16_t part_at(const struct profile *profile, uint32_t address) {
+    return profile->part_at[place_of(profile, address)];
 }
 
 // Attribution
@@ -209,12 +222,12 @@ static uint16_t part_of(const struct profile *profile) {
     uint16_t part = profile->part_now;
     for (unsigned i = profile->depth; part == PART_CALLER && i-- > 0;) {
         const struct frame *frame = &profile->stack[i];
-        part = profile->part_at[frame->entry];
+        part = part_at(profile, frame->call.entry);
         if (part == PART_CALLER) {
             if (frame->is_interrupt) {
                 break;
             }
-            part = profile->part_at[frame->from];
+            part = part_at(profile, frame->call.from);
         }
     }
     return part == PART_CALLER ? PART_REST : part;
@@ -231,25 +244,37 @@ static void settle(struct profile *profile) {
     add_once(profile, profile->function_now);
     for (unsigned i = profile->depth; i-- > 0;) {
         struct frame *frame = &profile->stack[i];
-        add_once(profile, profile->function_at[frame->entry]);
+        add_once(profile, function_of(profile, frame->call.entry));
         if (frame->is_interrupt) {
             frame->cycles += profile->pending;
             break;
         }
-        add_once(profile, profile->function_at[frame->from]);
+        add_once(profile, function_of(profile, frame->call.from));
     }
     profile->pending = 0;
 }
 
-// Cycles since the last look, those asleep left out.
-static uint64_t take_cycles(struct profile *profile) {
-    const uint64_t cycle = machine_now(profile->machine);
-    const uint64_t asleep = profile->machine->asleep;
-    const uint64_t cycles =
-        cycle - profile->seen_cycle - (asleep - profile->seen_asleep);
-    profile->seen_cycle = cycle;
-    profile->seen_asleep = asleep;
-    return cycles;
+static void take_cycles(struct profile *profile, struct profile_time now) {
+    profile->pending += now.cycle - profile->seen_cycle;
+    profile->pending -= now.asleep - profile->seen_asleep;
+    profile->seen_cycle = now.cycle;
+    profile->seen_asleep = now.asleep;
+}
+
+static void enter(struct profile *profile, uint32_t address) {
+    const uint16_t function = function_of(profile, address);
+    const uint16_t part = part_at(profile, address);
+    if (function != profile->function_now || part != profile->part_now) {
+        settle(profile);
+        profile->function_now = function;
+        profile->part_now = part;
+    }
+}
+
+void profile_instruction(struct profile *profile, uint32_t address,
+                         struct profile_time now) {
+    enter(profile, address);
+    take_cycles(profile, now);
 }
 
 // The stack
@@ -263,97 +288,59 @@ static void push(struct profile *profile, struct frame frame) {
     profile->stack[profile->depth++] = frame;
 }
 
-// After a return: whatever was called from deeper is over, however it ended.
-static void pop(struct profile *profile, uint16_t sp) {
-    settle(profile);
-    while (profile->depth > 0 && profile->stack[profile->depth - 1].sp <= sp) {
-        const struct frame *frame = &profile->stack[--profile->depth];
-        if (frame->is_interrupt) {
-            const uint16_t function = profile->function_at[frame->entry];
-            profile->interrupts[function].calls++;
-            profile->interrupts[function].cycles += frame->cycles;
-            if (frame->cycles > profile->interrupts[function].worst) {
-                profile->interrupts[function].worst = frame->cycles;
-            }
+static void pop(struct profile *profile) {
+    const struct frame *frame = &profile->stack[--profile->depth];
+    if (frame->is_interrupt) {
+        const uint16_t function = function_of(profile, frame->call.entry);
+        profile->interrupts[function].calls++;
+        profile->interrupts[function].cycles += frame->cycles;
+        if (frame->cycles > profile->interrupts[function].worst) {
+            profile->interrupts[function].worst = frame->cycles;
         }
     }
 }
 
-static uint16_t word_of(uint32_t byte_address) {
-    return (uint16_t)(byte_address / 2 % FLASH_WORDS);
+void profile_call(struct profile *profile, struct profile_call call) {
+    push(profile, (struct frame){.call = call});
 }
 
-// CALL, ICALL, RCALL (instruction set manual, DS40002198). RCALL to the next
-// instruction makes room on the stack, and nothing else.
-static bool is_call(uint16_t opcode, uint16_t at, uint16_t next) {
-    return (opcode & 0xFE0E) == 0x940E || opcode == 0x9509 ||
-           ((opcode & 0xF000) == 0xD000 && next != at + 1);
+void profile_interrupt(struct profile *profile, struct profile_call call,
+                       struct profile_time now) {
+    push(profile, (struct frame){.call = call, .is_interrupt = true});
+    enter(profile, call.entry);
+    take_cycles(profile, now);
 }
 
-static bool is_return(uint16_t opcode) {
-    return opcode == 0x9508 || opcode == 0x9518;  // RET, RETI
-}
-
-static uint16_t opcode_at(const struct profile *profile, uint16_t word) {
-    const uint8_t *flash = profile->machine->avr->flash + 2 * (word % FLASH_WORDS);
-    return (uint16_t)(flash[0] | (flash[1] << 8));
-}
-
-static void on_instruction(void *context, uint32_t at_byte, uint32_t next_byte) {
-    struct profile *profile = context;
-    const uint16_t at = word_of(at_byte);
-    const uint16_t next = word_of(next_byte);
-    const uint16_t function = profile->function_at[at];
-    const uint16_t part = profile->part_at[at];
-    if (function != profile->function_now || part != profile->part_now) {
-        settle(profile);
-        profile->function_now = function;
-        profile->part_now = part;
-    }
-    profile->pending += take_cycles(profile);
-    const uint16_t opcode = opcode_at(profile, at);
-    const uint16_t sp = machine_sp(profile->machine);
-    if (is_call(opcode, at, next)) {
-        push(profile,
-             (struct frame){.sp = (uint16_t)(sp + 2), .from = at, .entry = next});
-    } else if (is_return(opcode)) {
-        pop(profile, sp);
+void profile_return_above(struct profile *profile, uint32_t sp) {
+    settle(profile);
+    while (profile->depth > 0 && profile->stack[profile->depth - 1].call.sp <= sp) {
+        pop(profile);
     }
 }
 
-// The handler that a vector's JMP or RJMP leads to.
-static uint16_t handler_of(const struct profile *profile, uint16_t vector) {
-    const uint16_t opcode = opcode_at(profile, vector);
-    if ((opcode & 0xFE0E) == 0x940C) {
-        return opcode_at(profile, (uint16_t)(vector + 1)) % FLASH_WORDS;
-    }
-    if ((opcode & 0xF000) == 0xC000) {
-        const uint16_t offset = (uint16_t)((opcode & 0x0FFF) ^ 0x0800);
-        return (uint16_t)(vector + 1 + offset - 0x0800) % FLASH_WORDS;
-    }
-    return vector;
-}
-
-// The jumps of the table are of the handlers.
-static void name_vectors(struct profile *profile) {
-    for (int i = 0; i < MACHINE_VECTORS; i++) {
-        const uint16_t vector = (uint16_t)(2 * i);
-        const uint16_t handler = handler_of(profile, vector);
-        profile->function_at[vector] = profile->function_at[handler];
-        profile->part_at[vector] = profile->part_at[handler];
+void profile_return_to(struct profile *profile, uint32_t address, uint32_t sp) {
+    unsigned depth = profile->depth;
+    while (depth > 0 && !profile->stack[depth - 1].is_interrupt) {
+        const struct profile_call *call = &profile->stack[--depth].call;
+        if (call->back == address && call->sp == sp) {
+            settle(profile);
+            while (profile->depth > depth) {
+                pop(profile);
+            }
+            return;
+        }
     }
 }
 
-static void on_interrupt(void *context, uint32_t from_byte, uint32_t vector_byte) {
-    struct profile *profile = context;
-    const uint16_t vector = word_of(vector_byte);
-    push(profile, (struct frame){.sp = (uint16_t)(machine_sp(profile->machine) + 2),
-                                 .from = word_of(from_byte),
-                                 .entry = handler_of(profile, vector),
-                                 .is_interrupt = true});
-    profile->function_now = profile->function_at[vector];
-    profile->part_now = profile->part_at[vector];
-    profile->pending += take_cycles(profile);
+void profile_leave(struct profile *profile) {
+    settle(profile);
+    while (profile->depth > 0) {
+        const bool is_last = profile->stack[profile->depth - 1].is_interrupt;
+        pop(profile);
+        if (is_last) {
+            break;
+        }
+    }
 }
 
 // Samples
@@ -384,8 +371,8 @@ static void close_sample(struct profile *profile, bool is_sample) {
     }
 }
 
-// Called while the OUT that marks is under way, with its cycle still to come: the first
-// one counts for the sample, the last one doesn't.
+// Called while the store that marks is under way, with its cycles still to be told: the
+// first one counts for the sample, the last one doesn't.
 void profile_begin_sample(struct profile *profile) {
     if (profile->is_working) {
         close_sample(profile, false);
@@ -400,10 +387,11 @@ void profile_end_sample(struct profile *profile) {
     }
 }
 
-void profile_reset(struct profile *profile) {
+void profile_reset(struct profile *profile, struct profile_time now) {
     close_sample(profile, false);
     profile->depth = 0;
-    (void)take_cycles(profile);
+    take_cycles(profile, now);
+    profile->pending = 0;
 }
 
 // Life
@@ -421,39 +409,54 @@ bool profile_read_parts(struct profile *profile, const char *path) {
     while (is_good && (fields = fscanf(file, "%x %x %63s", &start, &end, name)) == 3) {
         const int part =
             strcmp(name, "-") == 0 ? PART_CALLER : find_name(&profile->parts, name);
-        is_good = part >= 0 && start <= end && end <= 2 * FLASH_WORDS;
-        for (unsigned at = start / 2; is_good && at < end / 2; at++) {
-            profile->part_at[at] = (uint16_t)part;
+        const uint32_t last = profile->start + 2 * profile->count;
+        is_good = part >= 0 && profile->start <= start && start <= end && end <= last;
+        const uint32_t from = (start - profile->start) / 2;
+        for (uint32_t at = 0; is_good && at < (end - start) / 2; at++) {
+            profile->part_at[from + at] = (uint16_t)part;
         }
     }
     is_good = is_good && fields == EOF && ferror(file) == 0;
     (void)fclose(file);
-    name_vectors(profile);
     return is_good;
 }
 
-struct profile *profile_new(struct machine *machine, const char *image) {
+void profile_same(struct profile *profile, uint32_t address, uint32_t as) {
+    const uint32_t place = place_of(profile, address);
+    if (place < profile->count) {
+        profile->function_at[place] = function_of(profile, as);
+        profile->part_at[place] = part_at(profile, as);
+    }
+}
+
+struct profile *profile_new(const char *image, uint32_t start, uint32_t size) {
     struct profile *profile = calloc(1, sizeof *profile);
     if (profile == NULL) {
         return NULL;
     }
-    profile->machine = machine;
+    profile->start = start;
+    profile->count = size / 2;
+    profile->function_at = calloc(profile->count + 1, sizeof *profile->function_at);
+    profile->part_at = calloc(profile->count + 1, sizeof *profile->part_at);
     (void)find_name(&profile->parts, "-");
     (void)find_name(&profile->parts, "rest");
-    for (int i = 0; i < FLASH_WORDS; i++) {
-        profile->part_at[i] = PART_REST;
-    }
-    if (!name_functions(profile, image)) {
-        free(profile);
+    if (profile->function_at == NULL || profile->part_at == NULL ||
+        !name_functions(profile, image)) {
+        profile_free(profile);
         return NULL;
     }
-    name_vectors(profile);
-    machine->watch = (struct machine_watch){profile, on_instruction, on_interrupt};
+    for (uint32_t i = 0; i <= profile->count; i++) {
+        profile->part_at[i] = PART_REST;
+    }
     return profile;
 }
 
 void profile_free(struct profile *profile) {
-    free(profile);
+    if (profile != NULL) {
+        free(profile->function_at);
+        free(profile->part_at);
+        free(profile);
+    }
 }
 
 static void write_tally(FILE *file, const char *name, const struct tally *tally,

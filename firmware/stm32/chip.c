@@ -5,8 +5,14 @@
 #include "../board.h"
 #include "../core/lsm9ds0.h"
 
+#ifndef CHIP_IS_FAST
+#define CHIP_IS_FAST false  // 380 samples a second; true: 760
+#endif
+
 static struct lsm9ds0 chip = {
-    .config = {.gyr_address = LSM9DS0_GYR_ADDRESS, .xm_address = LSM9DS0_XM_ADDRESS},
+    .config = {.gyr_address = LSM9DS0_GYR_ADDRESS,
+               .xm_address = LSM9DS0_XM_ADDRESS,
+               .is_fast = CHIP_IS_FAST},
 };
 static const struct sensor_driver driver = LSM9DS0_DRIVER(&chip);
 

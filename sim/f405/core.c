@@ -272,6 +272,9 @@ static void enter(struct f405 *m, unsigned exception) {
              (f405_get(m, UC_ARM_REG_XPSR) & 0xF80F0000U) | XPSR_THUMB | exception);
     f405_set(m, UC_ARM_REG_LR,
              (with_fpu ? 0xFFFFFFE1U : 0xFFFFFFF1U) | (is_thread ? 8U : 0U));
+    if (m->watch.on_enter != NULL) {
+        m->watch.on_enter(m->watch.context, m->pc, handler & ~UINT32_C(1));
+    }
     m->pc = handler & ~UINT32_C(1);
     if ((handler & 1) == 0) {
         f405_end(m, "has no vector for exception %u", exception);
@@ -361,6 +364,9 @@ void core_return(struct f405 *m, uint32_t exc_return) {
         return;
     }
     pop_frame(m, frame, with_fpu);
+    if (m->watch.on_leave != NULL) {
+        m->watch.on_leave(m->watch.context);
+    }
     uint32_t next = sp + (with_fpu ? FRAME_FPU : FRAME);
     next |= (frame[SAVED_XPSR] & XPSR_ALIGNED) != 0 ? 4U : 0U;
     f405_set(m, UC_ARM_REG_XPSR, frame[SAVED_XPSR] & ~(uint32_t)XPSR_ALIGNED);

@@ -293,6 +293,15 @@ struct f405_iwdg {
     uint64_t changed_until;
 };
 
+// Who follows the core, instruction by instruction; addresses of bytes. All null: it is
+// not watched.
+struct f405_watch {
+    void *context;
+    void (*on_instruction)(void *context, uint32_t at, uint32_t next);
+    void (*on_enter)(void *context, uint32_t from, uint32_t handler);
+    void (*on_leave)(void *context);
+};
+
 struct f405_stack {
     uint32_t top, lowest;  // addresses: first above it, first that may be its own
     uint32_t deepest;      // bytes
@@ -315,6 +324,8 @@ struct f405 {
     void (*on_flash_write)(void *context, uint64_t number);
     void (*on_reset)(void *context);
 
+    struct f405_watch watch;
+
     // Time. Cycles are of the core's clock, asleep or not, at whatever rate.
     uint64_t cycle, base_cycle, base_ps;
     uint32_t hclk_hz;  // 0: the clock has stopped
@@ -334,7 +345,7 @@ struct f405 {
     struct f405_registers lent;  // as libunicorn has them
     bool is_lent;                // it works on its own
     bool has_stepped;            // by the one instruction that it is asked for
-    unsigned attention;  // instructions until somebody wants it to stop; 0 none
+    unsigned attention;          // instructions until somebody wants it to stop; 0 none
     bool is_stopped, is_in_code, is_pumping;
     bool is_blocked;  // an exception waits for a mask to fall
     bool is_asleep, is_locked_up;

@@ -919,6 +919,7 @@ static void serve_stop(struct f405 *m, uc_err error) {
 // One instruction by libunicorn. True: it is done, and the next may follow.
 static bool ask_unicorn(struct f405 *m, uc_err *error) {
     struct f405_registers *x = &m->registers;
+    const uint32_t at = m->pc;
     for_each_register(m, lend);
     m->is_lent = true;
     m->has_stepped = m->is_stopped = false;
@@ -929,8 +930,11 @@ static bool ask_unicorn(struct f405 *m, uc_err *error) {
     if (*error == UC_ERR_OK && m->fault == FAULT_NONE) {
         x->it = thumb_advance(x->it);
     }
-    const bool is_done = *error == UC_ERR_OK && m->fault == FAULT_NONE && m->trap < 0 &&
-                         m->is_stopped;
+    const bool is_done =
+        *error == UC_ERR_OK && m->fault == FAULT_NONE && m->trap < 0 && m->is_stopped;
+    if (m->has_stepped && m->watch.on_instruction != NULL) {
+        m->watch.on_instruction(m->watch.context, at, m->pc);
+    }
     m->is_stopped = false;
     return is_done;
 }

@@ -146,7 +146,8 @@ static uint32_t shift(uint32_t value, enum shift kind, unsigned by, bool *carry)
     }
 }
 
-// An amount in an instruction: 0 stands for 32, and of ROR for RRX (ARM, DecodeImmShift).
+// An amount in an instruction: 0 stands for 32, and of ROR for RRX (ARM,
+// DecodeImmShift).
 static uint32_t shift_by(uint32_t value, enum shift kind, unsigned by, bool *carry) {
     if (by == 0 && kind == ROR) {
         const uint32_t top = *carry ? UINT32_C(1) << 31 : 0;
@@ -169,9 +170,8 @@ static uint32_t saturate(struct f405_registers *x, int64_t value, int64_t least,
 
 // RAM first, where most is.
 static uint8_t *data_at(struct f405 *m, uint32_t address, unsigned size) {
-    return address - F405_RAM <= F405_RAM_SIZE - size
-               ? m->ram + (address - F405_RAM)
-               : f405_memory(m, address, size);
+    return address - F405_RAM <= F405_RAM_SIZE - size ? m->ram + (address - F405_RAM)
+                                                      : f405_memory(m, address, size);
 }
 
 static bool load(const struct step *s, uint32_t address, unsigned size,
@@ -419,8 +419,7 @@ static enum outcome special(struct step *s, unsigned word) {
     switch (field(word, 8, 2)) {
     case 0:
     case 2: {
-        const uint32_t result =
-            field(word, 9, 1) != 0 ? value : get(s, to) + value;
+        const uint32_t result = field(word, 9, 1) != 0 ? value : get(s, to) + value;
         if (to == PC) {
             s->next = result & ~UINT32_C(1);
         } else {
@@ -454,14 +453,8 @@ static enum outcome special(struct step *s, unsigned word) {
 static enum outcome transfer_register(struct step *s, unsigned word) {
     static const struct {
         uint8_t size, how;
-    } kinds[8] = {{4, 0},
-                  {2, 0},
-                  {1, 0},
-                  {1, IS_LOAD | IS_SIGNED},
-                  {4, IS_LOAD},
-                  {2, IS_LOAD},
-                  {1, IS_LOAD},
-                  {2, IS_LOAD | IS_SIGNED}};
+    } kinds[8] = {{4, 0},       {2, 0},       {1, 0},       {1, IS_LOAD | IS_SIGNED},
+                  {4, IS_LOAD}, {2, IS_LOAD}, {1, IS_LOAD}, {2, IS_LOAD | IS_SIGNED}};
     const unsigned kind = field(word, 9, 3);
     const uint32_t address = s->x->r[field(word, 3, 3)] + s->x->r[field(word, 6, 3)];
     return transfer(s, word & 7, address, kinds[kind].size, kinds[kind].how);
@@ -488,8 +481,7 @@ static enum outcome pop(struct step *s, unsigned word) {
     if (list == 0) {
         return UNKNOWN;
     }
-    return load_many(s, address, list, SP,
-                     address + 4 * ones(list));
+    return load_many(s, address, list, SP, address + 4 * ones(list));
 }
 
 // STM, LDM; a loaded base is not written back.
@@ -746,8 +738,8 @@ static enum outcome operate(struct step *s, unsigned a, unsigned b, uint32_t val
 static bool is_operation(unsigned a, unsigned b) {
     const unsigned known = 0x6D1F;
     const unsigned operation = field(a, 5, 4);
-    const bool can_lack = operation == 0 || operation == 4 || operation == 8 ||
-                          operation == 13;
+    const bool can_lack =
+        operation == 0 || operation == 4 || operation == 8 || operation == 13;
     return ((known >> operation) & 1) != 0 && (field(b, 8, 4) != PC || can_lack);
 }
 
@@ -820,8 +812,7 @@ static enum outcome saturate_to(struct step *s, unsigned operation, unsigned n,
     if (is_bad(n) || (is_right && by == 0) || (b & 0x8020) != 0) {
         return UNKNOWN;  // of both halves
     }
-    const int32_t value =
-        (int32_t)shift(x->r[n], is_right ? ASR : LSL, by, &carry);
+    const int32_t value = (int32_t)shift(x->r[n], is_right ? ASR : LSL, by, &carry);
     const int64_t one = 1;
     x->r[field(b, 8, 4)] = (operation & 8) != 0
                                ? saturate(x, value, 0, (one << to) - 1)
@@ -906,11 +897,11 @@ static enum outcome branch_far(struct step *s, unsigned a, unsigned b) {
             return system_register(s, a, b);
         }
         if (passes(s->x, condition)) {
-            s->next = s->at + 4 +
-                      extend(field(a, 10, 1) << 20 | field(b, 11, 1) << 19 |
-                                 field(b, 13, 1) << 18 | (a & 0x3F) << 12 |
-                                 (b & 0x7FF) << 1,
-                             21);
+            s->next =
+                s->at + 4 +
+                extend(field(a, 10, 1) << 20 | field(b, 11, 1) << 19 |
+                           field(b, 13, 1) << 18 | (a & 0x3F) << 12 | (b & 0x7FF) << 1,
+                       21);
         }
         return DONE;
     }
@@ -1258,8 +1249,8 @@ static enum outcome move_fpu(struct step *s, unsigned a, unsigned b) {
     const bool goes_back = (a & BACK) != 0;
     const bool is_load = (a & 0x10) != 0;
     const unsigned top = field(a, 6, 1);
-    const unsigned first = is_double ? (top << 4 | field(b, 12, 4)) * 2
-                                     : field(b, 12, 4) << 1 | top;
+    const unsigned first =
+        is_double ? (top << 4 | field(b, 12, 4)) * 2 : field(b, 12, 4) << 1 | top;
     const unsigned count = is_single ? 1U + is_double : b & 0xFF;
     if ((!is_single && ((a & BEFORE) != 0) != is_down) ||
         (!is_single && !goes_back && is_down) || count == 0 || first + count > 32 ||
@@ -1374,6 +1365,9 @@ enum thumb thumb_run(struct f405 *m) {
             return THUMB_UNKNOWN;
         }
         m->pc = s.next;
+        if (m->watch.on_instruction != NULL) {
+            m->watch.on_instruction(m->watch.context, s.at, s.next);
+        }
         if (outcome != DONE) {
             return (enum thumb)outcome;
         }

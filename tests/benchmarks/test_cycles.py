@@ -6,6 +6,7 @@ from __future__ import annotations
 import struct
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cycles
@@ -15,6 +16,7 @@ import pytest
 from feed import Samples
 from filters import Filter, FilterFailed
 
+from imud import motion
 from imud.rotation import FloatArray
 
 
@@ -201,5 +203,56 @@ def test_room_is_looked_for_in_what_the_linker_lets_pass(tmp_path: Path) -> None
 
 def test_images_of_the_nano_are_those_of_platformio() -> None:
     names = cycles.environments()
-    assert names[0] == cycles.ENVIRONMENT
+    assert names[0] == "nano"
     assert cycles.OFFICIAL not in names
+
+
+def test_each_board_has_limits_of_its_own() -> None:
+    worst = SUMMARY | {"cycles_worst": 72_001, "flash": 40_000, "ram": 90_000}
+    nano, f405 = (cycles.figures(worst, 0, 200.0, name) for name in ("nano", "f405"))
+    assert not all(line.is_kept for line in nano)
+    assert all(line.is_kept for line in f405)
+    stack = SUMMARY | {"stack_max": 8193}
+    lines = cycles.figures(stack, 0, 200.0, "f405")
+    assert [line.name for line in lines if not line.is_kept] == ["RAM: deepest stack"]
+
+
+def tallies(name: str, inside: int) -> dict[str, Any]:
+    return {name: {"self": tally(0, 0, 0, 0), "inclusive": tally(inside, 90, 0, 0)}}
+
+
+def test_a_filters_cost_is_over_the_samples_that_it_ran_for() -> None:
+    functions = tallies("mahony_step", 5000) | tallies("mahony_orientation", 500)
+    after_us = cycles.FILTER_FROM_US
+    rows = np.array([(after_us - 1,), *[(after_us + 1 + i,) for i in range(50)]],
+                    [("time_us", "<u4")])  # fmt: skip
+    feed = SimpleNamespace(rows=rows)
+    profile = {"samples": 51, "functions": functions}
+    measured: Any = SimpleNamespace(profile=profile, capture=SimpleNamespace(feed=feed))
+    found = cycles.filtered(measured, "mahony")
+    assert found == cycles.Filtered(step_mean=100.0, step_worst=90, pose_mean=10.0)
+    with pytest.raises(cycles.RunFailed, match="dcm_pi"):
+        cycles.filtered(measured, "dcm_pi")
+
+
+@pytest.mark.usefixtures("boards")
+def test_the_f405s_image_runs_the_filter_that_it_is_told_to(
+    tmp_path: Path, f405_image: Path
+) -> None:
+    hand = tmp_path / "hand.npz"
+    motion.generate(4.0, seed=3).save(hand)
+    found = cycles.each_filter(f405_image, hand, seed=1)
+    assert list(found) == ["fuse", "complementary", "mahony", "madgwick", "dcm_pi"]
+    assert all(500 < each["step_mean"] < 5000 for each in found.values())
+
+
+@pytest.mark.usefixtures("boards")
+def test_a_pose_for_every_sample_takes_its_share_of_the_wire(
+    tmp_path: Path, f405_image: Path
+) -> None:
+    hand = tmp_path / "hand.npz"
+    motion.generate(4.0, seed=3).save(hand)
+    found = cycles.at_rate(f405_image, 380, hand, seed=1)
+    assert found.poses_hz == pytest.approx(380.0, abs=0.2)
+    assert found.late == found.lost == found.log_dropped == 0
+    assert 0.3 < found.wire < 0.5

@@ -110,9 +110,12 @@ def test_a_sigma_that_is_not_stated_is_not_a_number() -> None:
     assert np.isfinite(found.heading_sigma_deg[-1])
 
 
-@pytest.mark.usefixtures("image", "nano")
-def test_the_core_on_this_machine_has_the_poses_of_the_image(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("boards")
+@pytest.mark.parametrize("board", engines.IMAGES)
+def test_the_core_on_this_machine_has_the_poses_of_the_image(
+    tmp_path: Path, board: str
+) -> None:
     path = tmp_path / "hand.npz"
     motion.generate(8.0, seed=4).save(path)
-    read = capture.run_nano(path)
+    read = capture.run(board, path)
     assert engines.replayed(read.feed, "fuse") == read.pose_contents

@@ -11,10 +11,14 @@ import feed
 import numpy as np
 import pytest
 import wire
+from boards import BOARDS
 
 from imud import messages, motion
 
 G = feed.GRAVITY_M_S2
+CHIPS = pytest.mark.parametrize(
+    "chip", [feed.MPU9250, feed.LSM9DS0], ids=lambda chip: chip.sensor
+)
 
 
 def moved(
@@ -36,42 +40,74 @@ def moved(
     return motion.Motion(rate_hz, **made)
 
 
-def test_a_level_rest_reads_1_g_and_the_field() -> None:
-    found = feed.sampled(moved()).samples
-    assert found.rate_hz == 200
+@CHIPS
+def test_a_level_rest_reads_1_g_and_the_field(chip: feed.Chip) -> None:
+    found = feed.sampled(moved(), chip).samples
+    assert found.rate_hz == chip.rate_hz
     assert np.abs(found.gyr).max() == 0
-    assert found.acc[:, 2] == pytest.approx(G, abs=feed.ACC_LSB_M_S2)
+    assert found.acc[:, 2] == pytest.approx(G, abs=chip.acc_lsb)
     field = found.mag[found.has_mag]
     assert field == pytest.approx(np.tile([0.0, 20.0, 9.0], (len(field), 1)), abs=0.16)
-    assert found.has_mag.mean() == pytest.approx(0.5, abs=0.01)
+    # A hundred a second of both chips.
+    assert found.has_mag.mean() == pytest.approx(100 / chip.rate_hz, abs=0.01)
 
 
-def test_a_ramp_is_read_at_its_own_time_and_its_mean_is_exact() -> None:
+@CHIPS
+def test_a_ramp_is_read_at_its_own_time_and_its_mean_is_exact(
+    chip: feed.Chip,
+) -> None:
     slope = 3.0  # rad/s2, which a straight line between records is
     made = moved(gyr=lambda t: [slope * t, -t, 0.0])
-    found = feed.sampled(made)
+    found = feed.sampled(made, chip)
     inside = found.times_s < made.seconds - 0.01
-    taken = found.times_s[inside] - feed.TAKEN_BEFORE_S
+    taken = found.times_s[inside] - chip.taken_before_s
     error = found.samples.gyr[inside, 0] - slope * taken
-    assert np.abs(error).max() < 0.52 * feed.GYR_LSB_RAD_S
+    assert np.abs(error).max() < 0.52 * chip.gyr_lsb
 
 
 def test_the_field_is_that_of_the_middle_of_its_measurement() -> None:
     made = moved(mag=lambda t: [10.0 * t, 0.0, 0.0])
     found = feed.sampled(made)
     has_mag = found.samples.has_mag & (found.times_s < made.seconds - 0.01)
-    felt = found.times_s[has_mag] - feed.FELT_BEFORE_S
+    felt = found.times_s[has_mag] - feed.MPU9250.felt_before_s
     error = found.samples.mag[has_mag, 0] - 10.0 * felt
-    assert np.abs(error).max() < 1.1 * feed.MAG_LSB_UT
+    assert np.abs(error).max() < 1.1 * feed.MPU9250.mag_lsb
 
 
-def test_without_a_sensor_in_the_recording_the_chips_own_low_pass_delays_it() -> None:
+def test_a_clock_of_its_own_gives_the_last_reading_and_each_once() -> None:
+    clock = feed.Clock(100.0, phase_s=0.003, taken_after_s=0.001)
+    times = np.array([0.0115, 0.0121, 0.0219, 0.0221, 0.0319])
+    felt, is_new = clock.last(times)
+    assert felt == pytest.approx([0.003, 0.013, 0.013, 0.023, 0.023])
+    assert is_new.tolist() == [True, True, False, True, False]
+    chip = feed.LSM9DS0
+    assert chip.mag_clock
+    made = moved(mag=lambda t: [10.0 * t, 0.0, 0.0])
+    found = feed.sampled(made, chip)
+    has_mag = found.samples.has_mag & (found.times_s < made.seconds - 0.01)
+    felt = found.samples.mag[has_mag, 0] / 10.0
+    assert np.diff(felt) == pytest.approx(0.01, abs=0.002)  # a count is 0.8 ms
+    age = found.times_s[has_mag] + chip.mag_clock.taken_after_s - felt
+    assert -0.001 < age.min() < age.max() < 1.0 / chip.rate_hz + 0.001
+
+
+def test_poses_come_at_their_rate_from_any_rate_of_samples() -> None:
+    assert feed.posed_after(8, 200.0) == [1, 3, 5, 7]
+    assert feed.posed_after(20, 380.0) == [3, 7, 11, 15, 18]
+    assert len(feed.posed_after(3800, 380.0)) == 1000
+
+
+@CHIPS
+def test_without_a_sensor_in_the_recording_the_chips_own_low_pass_delays_it(
+    chip: feed.Chip,
+) -> None:
     slope = 3.0
     recorded = moved(gyr=lambda t: [slope * t, 0.0, 0.0])
     true = dataclasses.replace(recorded, is_recorded=False)
-    late = feed.sampled(recorded).samples.gyr - feed.sampled(true).samples.gyr
-    delay_s = feed.GYR_LOWPASS[1]
-    assert late[10:-10, 0].mean() / slope == pytest.approx(delay_s, abs=1e-5)
+    late = feed.sampled(recorded, chip).samples.gyr
+    late -= feed.sampled(true, chip).samples.gyr
+    delay_s = chip.gyr_lowpass[1]
+    assert late[10:-10, 0].mean() / slope == pytest.approx(delay_s, abs=3e-5)
 
 
 def test_a_rate_beyond_the_range_is_held_there_and_flagged() -> None:
@@ -120,21 +156,38 @@ def test_contents_of_another_message_are_refused() -> None:
         wire.to_rows("raw", [made.hello])
 
 
-@pytest.mark.usefixtures("image", "nano")
+@pytest.mark.usefixtures("boards")
+@pytest.mark.parametrize(
+    ("board", "names"),
+    # The accelerometer of the other has a clock of its own, whose phase is the build's.
+    [("nano", ("gyr", "acc")), ("f405", ("gyr",))],
+)
 def test_the_image_reads_what_is_made_up_here_to_one_count(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, board: str, names: tuple[str, ...]
 ) -> None:
     made = motion.generate(8.0, seed=4, errors=motion.NO_ERRORS)
     path = tmp_path / "hand.npz"
     made.save(path)
-    read = capture.run_nano(path)
+    read = capture.run(board, path)
     assert read.lost == 0
     # A build's own moment, by which the two would otherwise be apart.
-    monkeypatch.setattr(feed, "FIRST_SAMPLE_S", float(read.feed.times_s[0]))
-    made_up = feed.sampled(motion.load(path)).rows
-    count = min(len(made_up), len(read.feed.rows)) - 2
+    chip = dataclasses.replace(
+        BOARDS[board].chip, first_sample_s=float(read.feed.times_s[0])
+    )
+    made_up = feed.sampled(motion.load(path), chip)
+    count = min(len(made_up.rows), len(read.feed.rows)) - 2
     sent = read.feed.rows[:count]
-    for name in ("gyr", "acc"):
-        apart = np.abs(made_up[name][:count].astype(int) - sent[name])
+    for name in names:
+        apart = np.abs(made_up.rows[name][:count].astype(int) - sent[name])
         assert apart.max() <= 1
         assert (apart == 0).mean() > 0.95
+    said, known = (messages.decode(each.hello) for each in (made_up, read.feed))
+    assert isinstance(said, messages.Message)
+    assert isinstance(known, messages.Message)
+    for name in ("board", "sensor", "who_am_i", "sample_rate", "mag_adjust"):
+        assert said.fields[name] == known.fields[name]
+    for name in ("acc_lsb", "gyr_lsb", "mag_lsb"):
+        assert said.fields[name] == pytest.approx(known.fields[name], rel=1e-6)
+    # As often is there something of the field.
+    shares = [each.samples.has_mag.mean() for each in (made_up, read.feed)]
+    assert shares[0] == pytest.approx(shares[1], abs=0.01)

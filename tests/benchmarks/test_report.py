@@ -100,11 +100,11 @@ def test_what_must_not_be_is_said_and_makes_the_exit_code_1(
     good = [result()]
     tilt = "tilt inside 1.96 sigma, %, disturbed"
     judged = [each for each in report.figures(good) if each.name == tilt]
-    assert accuracy.end(good, judged) == 0
+    assert accuracy.end(good, judged, "nano") == 0
     assert "equal in every bit" in capsys.readouterr().out
     spoiled = [result(**bad)]
     judged = [each for each in report.figures(spoiled) if each.name == tilt]
-    assert accuracy.end(spoiled, judged) == 1
+    assert accuracy.end(spoiled, judged, "nano") == 1
     assert word in capsys.readouterr().out
 
 
@@ -140,19 +140,31 @@ def test_a_recording_of_ones_own_is_measured_without_an_image(
     assert found["folds_deg"] == {}
 
 
+@pytest.mark.parametrize("board", ["nano", "f405"])
 def test_a_magnet_makes_heading_worse_in_every_direction_but_never_tilts(
-    tmp_path: Path,
+    tmp_path: Path, board: str
 ) -> None:
     made = motion.generate(16.0, seed=2)
     path = tmp_path / "hand.npz"
     made.save(path)
     found = [
-        accuracy.measure(path, accuracy.Settings(("host",), bias_ut, ""))
+        accuracy.measure(path, accuracy.Settings(board, ("host",), bias_ut, ""))
         for bias_ut in (0.0, 10.0)
     ]
     plain, biased = (each.scores["host"] for each in found)
     assert biased.heading > plain.heading + 2.0
     assert biased.inclination == pytest.approx(plain.inclination, abs=0.01)
+
+
+def test_another_boards_image_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        accuracy.parse(["--board", "f405", "--engines", "nano", "host"])
+    assert "that of --board f405" in capsys.readouterr().err
+    args = accuracy.parse(["--board", "f405"])
+    assert args.engines[0] == "f405"
+    assert "nano" not in args.engines
+    assert args.output.name == "accuracy-f405.json"
+    assert accuracy.parse([]).output.name == "accuracy.json"
 
 
 def test_absent_recordings_are_skipped_with_one_line(

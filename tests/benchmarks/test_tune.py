@@ -141,8 +141,9 @@ def test_begun_in_motion_nothing_has_calibrated_the_gyroscope(tmp_path: Path) ->
     assert not moving[first - 500]
     assert moving[first - 300 :].all()
     more = np.degrees(course.samples.gyr - plain.samples.gyr[first:])
+    lsb_deg_s = np.degrees(feed.MPU9250.gyr_lsb)
     assert more == pytest.approx(
-        np.tile(without.BIAS_DEG_S, (len(more), 1)), abs=np.degrees(feed.GYR_LSB_RAD_S)
+        np.tile(without.BIAS_DEG_S, (len(more), 1)), abs=lsb_deg_s
     )
     assert course.scored[0] == pytest.approx(600, abs=2)
     assert len(course.scored) == len(course.truth)

@@ -176,7 +176,7 @@ def read(wire: int, length: int) -> bytes:
         (["--image", "/nowhere"], "is no image of an STM32F405"),
         (["--image", "/bin/true"], "is no image of an STM32F405"),
         (["--image", "{image}", "--eeprom", "{image}"], "is no flash of 1048576"),
-        (["--image", "{image}", "--profile", "2"], "is no option"),
+        (["--image", "{image}", "--self-test", "2"], "is no option"),
         (["--image", "{image}", "--faults", "{faults}"], "die is neither 1 nor 2"),
     ],
 )

@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: MIT
+"""The boards that are measured: what each is called, and what its sensor does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import feed
+from feed import Chip
+
+
+@dataclass(frozen=True, slots=True)
+class Board:
+    """A virtual board and the image that is flashed on it."""
+
+    name: str  # of `imud sim`, and of the image among the engines
+    title: str  # of its processor
+    environment: str  # of platformio.ini, the image that is flashed
+    clock_hz: float
+    chip: Chip
+
+
+NANO = Board("nano", "ATmega328P", "nano", 16e6, feed.MPU9250)
+F405 = Board("f405", "STM32F405", "stm32f405", 168e6, feed.LSM9DS0)
+BOARDS = {board.name: board for board in (NANO, F405)}

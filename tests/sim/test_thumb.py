@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: MIT
+"""The instructions that the virtual STM32F405 runs itself, beside libunicorn's."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import native
+
+ROOT = Path(__file__).resolve().parents[2]
+SIM = ROOT / "sim"
+PARTS = ROOT / "build" / "sim" / "f405_parts"
+FLAGS = ("-std=gnu11", "-O2", *native.WARNINGS)
+# What reads an image is not in it.
+ELSEWHERE = ("image.o", "follow.o")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def parts() -> None:
+    subprocess.run(["make", "-s", "-C", SIM], check=True)
+
+
+def twin(folder: Path, thumb: Path) -> Path:
+    """The comparison of this thumb.c, or of its object, with libunicorn."""
+    program = folder / "twin"
+    objects = [
+        path for path in PARTS.glob("*.o") if path.name not in (*ELSEWHERE, "thumb.o")
+    ]
+    source = Path(__file__).with_name("thumb_twin.c")
+    command: list[str | Path] = ["gcc", *FLAGS, f"-I{SIM}/f405", "-o", program, source]
+    command += [thumb, *sorted(objects), "-l:libunicorn.a", "-lpthread", "-lm"]
+    subprocess.run(command, check=True)
+    return program
+
+
+def compare(program: Path, seed: int, cases: int) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [program, str(seed), str(cases)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_each_instruction_leaves_behind_what_libunicorns_does(
+    tmp_path: Path, seed: int
+) -> None:
+    done = compare(twin(tmp_path, PARTS / "thumb.o"), seed, 100_000)
+    assert done.returncode == 0, done.stdout
+    run = [int(count) for count in re.findall(r"run (\d+)", done.stdout)]
+    # The others are no instructions, or would fault, or reach no memory.
+    assert len(run) == 2
+    assert run[0] > 90_000
+    assert run[1] > 25_000
+
+
+@pytest.mark.parametrize(
+    ("what", "instead"),
+    [
+        ("x->c = (sum >> 32) != 0;", "x->c = (result >> 31) != 0;"),
+        ("((a ^ result) & (b ^ result))", "((a ^ result) & (a ^ b))"),
+        ("*carry = (value & 1) != 0;\n        return (value >> 1)",
+         "return (value >> 1)"),
+        ("is_true = x->n == x->v;\n        break;\n    case 6:",
+         "is_true = x->n != x->v;\n        break;\n    case 6:"),
+        ("const uint32_t i1 = (field(b, 13, 1) ^ s) ^ 1;",
+         "const uint32_t i1 = field(b, 13, 1) ^ s;"),
+        ("value = rotate(0x80 | (coded & 0x7F)", "value = rotate(coded & 0x7F"),
+        ("result = base + signed_product;", "result = base + product;"),
+        (": field(b, 12, 4) << 1 | top;", ": field(b, 12, 4) | top << 4;"),
+    ],
+)  # fmt: skip
+def test_an_instruction_gone_wrong_is_found(
+    tmp_path: Path, what: str, instead: str
+) -> None:
+    text = (SIM / "f405" / "thumb.c").read_text()
+    assert text.count(what) == 1
+    mutant = tmp_path / "thumb.c"
+    mutant.write_text(text.replace(what, instead))
+    done = compare(twin(tmp_path, mutant), 1, 100_000)
+    assert done.returncode == 1
+    assert done.stdout.startswith(("code ", "short: "))
