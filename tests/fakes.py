@@ -227,10 +227,16 @@ def free_endpoint() -> str:
 class DaemonProcess:
     """`imud run` as a user runs it. Its lines are read as they come."""
 
-    def __init__(self, *arguments: object, directory: Path, log: bool = True) -> None:
+    def __init__(
+        self,
+        *arguments: object,
+        directory: Path,
+        log: bool = True,
+        program: tuple[str, ...] = ("-m", "imud"),
+    ) -> None:
         self.endpoint = free_endpoint()
         self.logs = directory / "logs"
-        command = [sys.executable, "-m", "imud", "run", *map(str, arguments)]
+        command = [sys.executable, *program, "run", *map(str, arguments)]
         command += ["--listen", self.endpoint]
         command += ["--log", str(self.logs)] if log else ["--no-log"]
         self.process = subprocess.Popen(

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: MIT
 """`python -m imud` is `imud`."""
 
-import sys
-
-from imud.cli import main
+from imud.cli import program
 
 if __name__ == "__main__":
-    sys.exit(main())
+    program()

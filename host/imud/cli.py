@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import sys
+import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from imud.errors import ImudError
 
@@ -378,3 +380,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130  # 128 + SIGINT, as shells say it
     return status
+
+
+def program() -> NoReturn:
+    """`imud` as a process, which ends here and not with the interpreter's own end.
+
+    That would unwind each daemon thread that wants to go on, and abort where it does so
+    through native code: Zenoh wakes the threads of its callbacks when a session is
+    closed. It would also wait for ever for a disk that is stuck.
+    """
+    try:
+        status = main()
+    except Exception:  # noqa: BLE001 - told as the interpreter tells it
+        traceback.print_exc()
+        status = 1
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError):
+            stream.flush()
+    os._exit(status)

@@ -57,9 +57,6 @@ STATUS_S = 1.0
 REPLY_TIMEOUT_S = 1.0
 TRIES = 3
 
-# At the end of a run: what waits is handed over and the log is finished.
-CLOSE_S = 0.8
-
 # Of one kind of line about one thing so many are written in so many seconds; the rest
 # is counted.
 BURST = 3
@@ -386,7 +383,7 @@ class Daemon:
                 port.end()
             faults = [r for r in results if isinstance(r, Exception)]
         finally:
-            self._hub.close(CLOSE_S)
+            self._hub.close()
         logger.info("%s", self._farewell())
         if faults:
             raise faults[0]

@@ -33,6 +33,7 @@ class Sink(Protocol):
 
     name: str
     period_s: float  # 0: woken by each record; else by the clock, then flushed
+    patience_s: float  # at the end, for what waits to be taken and for close()
 
     def open(self) -> None: ...
     def take(self, record: Item) -> None: ...
@@ -72,11 +73,15 @@ class Lane:
             if self.sink.period_s == 0 or is_behind:
                 self._wake.notify()
 
-    def close(self, timeout_s: float) -> bool:
-        """Hands over what waits and closes the sink; False if it took too long."""
+    def end(self) -> None:
+        """Has the thread hand over what waits and close the sink."""
         with self._wake:
             self._is_closing = True
             self._wake.notify()
+
+    def close(self, timeout_s: float) -> bool:
+        """Ends it and waits for that; False if it took too long."""
+        self.end()
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
 
@@ -191,8 +196,12 @@ class Hub:
         lanes = [lane for lane in self._lanes if lane.sink.name == sink]
         return dict(sorted(lanes[0].taken(probe).items())) if lanes else {}
 
-    def close(self, timeout_s: float) -> None:
-        until = time.monotonic() + timeout_s
+    def close(self) -> None:
+        """Ends all at once: none has to wait for another that is stuck."""
+        begin_s = time.monotonic()
         for lane in self._lanes:
-            if not lane.close(max(0.0, until - time.monotonic())):
+            lane.end()
+        for lane in self._lanes:
+            until_s = begin_s + lane.sink.patience_s
+            if not lane.close(max(0.0, until_s - time.monotonic())):
                 logger.warning("%s did not finish in time", lane.sink.name)

@@ -165,7 +165,7 @@ class Session:
         self._heard_ns = t_ns
         self._good_ns = t_ns
         self._bytes_since_good = 0
-        self._is_warned = False
+        self._told: set[type[Event]] = set()  # since the last good frame
         self.probe = presumed
         self.bytes = 0
         self.corrupt = Counter[str]()  # bad frames that nothing below explains
@@ -210,7 +210,7 @@ class Session:
 
     def check(self, t_ns: int) -> list[Event]:
         """What has not come by now. To be called about every second."""
-        if self._is_warned or self._heard_ns is None or self._good_ns is None:
+        if self._heard_ns is None or self._good_ns is None:
             return []
         silence_ns = t_ns - self._heard_ns
         is_noise = self._bytes_since_good > NOISE_BYTES
@@ -221,7 +221,9 @@ class Session:
             event = Silent(silence_ns / 1e9)
         else:
             return []
-        self._is_warned = True
+        if type(event) in self._told:
+            return []
+        self._told.add(type(event))
         return [event]
 
     def close(self) -> list[Event]:
@@ -239,7 +241,7 @@ class Session:
         for content in self._decoder.feed(data):
             self._bytes_since_good = 0
             self._good_ns = t_ns
-            self._is_warned = False
+            self._told.clear()
             events.extend(self.take(content, t_ns))
 
     def take(self, content: bytes, t_ns: int | None) -> list[Event]:

@@ -31,6 +31,7 @@ from imud.client import Client
 from imud.daemon import Limiter, arguments_of
 from imud.errors import CommandRefused, DaemonNotFound, NoReply, ProbeUnknown
 from imud.session import Session
+from imud.sinks import log
 
 KINDS = ("pose", "raw", "event", "status", "frame")
 
@@ -39,11 +40,17 @@ class Chain:
     """A probe, its port, a daemon that found it, and a client of that daemon."""
 
     def __init__(
-        self, directory: Path, *arguments: object, prefix: str = "imud"
+        self,
+        directory: Path,
+        *arguments: object,
+        prefix: str = "imud",
+        program: tuple[str, ...] = ("-m", "imud"),
     ) -> None:
         self.probe = FakeProbe()
         self.port = Port(directory / "port")
-        self.daemon = DaemonProcess(self.port.path, *arguments, directory=directory)
+        self.daemon = DaemonProcess(
+            self.port.path, *arguments, directory=directory, program=program
+        )
         self.daemon.expect("listens on")
         self.port.serve(self.probe, commands=1)
         self.daemon.expect("found on")
@@ -330,6 +337,66 @@ def test_it_stops_within_a_second_and_finishes_its_log(
     assert [i["seq"] for i in items] == list(range(chain.probe.sequence))
     assert "53 sent = 53 received" in decoded.stderr
     assert "ends without" not in decoded.stderr
+
+
+# A slow end of the interpreter, as on a busy machine, and a callback of Zenoh's that
+# returns only in it.
+LATE = """
+import runpy, sys, time
+from imud.sinks.zenoh import ZenohSink
+
+class Slow:
+    def __del__(self):
+        time.sleep(2)
+
+def tell_late(sink, probe, query):
+    sys.stderr.write("asked\\n")
+    while not sys.is_finalizing():
+        time.sleep(0.01)
+
+sys.slow = Slow()
+ZenohSink._tell_status = tell_late
+runpy.run_module("imud", run_name="__main__")
+"""
+
+# A disk that takes what is written and never says that it has it.
+STUCK_DISK = """
+import os, runpy, threading, time
+
+def never(descriptor):
+    os.write(2, b"stuck\\n")
+    threading.Event().wait()
+
+os.fdatasync = never
+runpy.run_module("imud", run_name="__main__")
+"""
+
+
+def test_a_callback_of_zenohs_that_is_late_does_not_abort_the_end(
+    tmp_path: Path,
+) -> None:
+    made = Chain(tmp_path, program=("-c", LATE))
+    asker = threading.Thread(target=made.client.statuses)
+    asker.start()
+    made.daemon.expect("asked")
+    assert made.daemon.stop() < 1.0
+    assert "stopped; probe 00112233445566aa: 2 received" in made.daemon.lines[-1]
+    asker.join()
+    made.close()
+
+
+def test_a_disk_that_is_stuck_holds_up_the_end_only_so_long_and_costs_nothing(
+    tmp_path: Path,
+) -> None:
+    made = Chain(tmp_path, program=("-c", STUCK_DISK))
+    made.daemon.expect("stuck")
+    made.port.write(made.probe.poses(20) + made.probe.say("event"))
+    made.daemon.expect("stream started")
+    assert made.daemon.stop() < log.PATIENCE_S + 1.0
+    assert "log did not finish in time" in "\n".join(made.daemon.lines)
+    frames = [m for m in log.read_log(made.daemon.log) if isinstance(m, log.Logged)]
+    assert sum(m.topic == "frame" for m in frames) == made.probe.sequence
+    made.close()
 
 
 def test_a_probe_has_the_name_that_the_configuration_gives_it(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 import queue
 import threading
+import time
 from collections.abc import Callable
 
 import pytest
@@ -26,6 +27,7 @@ class FakeSink:
     """Takes records one by one as the test lets it."""
 
     period_s = 0.0
+    patience_s = PATIENCE_S
 
     def __init__(self, name: str = "fake") -> None:
         self.name = name
@@ -65,7 +67,7 @@ def test_records_arrive_in_order_at_every_sink() -> None:
     for number in range(100):
         whole.put(record(number))
     whole.put(Presence("p", is_alive=True))
-    whole.close(PATIENCE_S)
+    whole.close()
     for sink, lane in zip(sinks, lanes, strict=True):
         assert sink.numbers(100) == list(range(100))
         assert (sink.opened, sink.closed) == (1, 1)
@@ -103,6 +105,27 @@ def test_a_sink_that_never_returns_does_not_hold_up_the_end() -> None:
     assert not lane.close(0.01)
     stuck.gate.set()
     assert lane.close(PATIENCE_S)
+
+
+def test_a_stuck_sink_takes_no_time_from_anothers_end(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    stuck, slow = FakeSink("stuck"), FakeSink("slow")
+    stuck.patience_s = 0.1
+    stuck.gate.clear()
+    slow.fault = lambda: time.sleep(0.1)  # one by one, longer than the other may take
+    whole = Hub()
+    lanes = [whole.add(sink) for sink in (stuck, slow)]
+    for number in range(5):
+        whole.put(record(number))
+    whole.close()
+    assert slow.numbers(5) == list(range(5))
+    assert (stuck.closed, slow.closed) == (0, 1)
+    assert [entry.message for entry in caplog.records] == [
+        "stuck did not finish in time"
+    ]
+    stuck.gate.set()
+    assert lanes[0].close(PATIENCE_S)
 
 
 def test_a_failing_sink_is_told_once_and_opened_again(

@@ -224,6 +224,14 @@ def test_silence_is_told_once() -> None:
     assert session.check(2 * SILENT_NS) == []
 
 
+def test_noise_after_a_silence_is_told_too() -> None:
+    session = Session(registry(), 0)
+    assert len(of(Silent, session.check(SILENT_NS + 1))) == 1
+    session.receive(b"x" * (NOISE_BYTES + 1), SILENT_NS + 2)
+    assert session.check(SILENT_NS + 3) == [OnlyNoise(NOISE_BYTES + 1)]
+    assert session.check(3 * SILENT_NS) == []
+
+
 def test_our_own_commands_coming_back_are_no_messages_of_a_probe() -> None:
     probe, session = FakeProbe(), Session(registry(), 0)
     session.receive(probe.say("hello"), 1)

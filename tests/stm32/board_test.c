@@ -66,6 +66,14 @@ static void put_hex(const uint8_t *bytes, uint8_t length) {
     }
 }
 
+static void put_word(uint32_t word) {
+    uint8_t bytes[4];
+    for (uint8_t i = 0; i < sizeof bytes; i++) {
+        bytes[i] = (uint8_t)(word >> (24 - 8 * i));
+    }
+    put_hex(bytes, sizeof bytes);
+}
+
 static uint8_t lows, links, drops, faults;  // told by power and radio
 
 static void rest(void) {
@@ -335,13 +343,8 @@ static void digest_all(void) {
             bits_step();
             board_watchdog_kick();
         }
-        const uint32_t digest = bits_digest();
-        uint8_t bytes[4];
-        for (uint8_t i = 0; i < sizeof bytes; i++) {
-            bytes[i] = (uint8_t)(digest >> (24 - 8 * i));
-        }
         put("digest");
-        put_hex(bytes, sizeof bytes);
+        put_word(bits_digest());
         end_line();
     }
 }
@@ -351,28 +354,58 @@ static void start_sampling(const struct bus_burst *bursts, uint8_t count) {
     say("started");
 }
 
+// Each is struck at its first instruction: its symbol says where.
+#define STRUCK __attribute__((naked, noipa, unused)) static void
+
+STRUCK hang(void) {
+    __asm__("b .");
+}
+
+STRUCK load_from(__attribute__((unused)) uint32_t where) {
+    __asm__("ldr r0, [r0]\n\tbx lr");
+}
+
+STRUCK divide(__attribute__((unused)) uint32_t a, __attribute__((unused)) uint32_t b) {
+    __asm__("udiv r0, r0, r1\n\tbx lr");
+}
+
+STRUCK undefined(void) {
+    __asm__("udf #0");
+}
+
+// An interrupt that nobody handles, TIM4's; it strikes somewhere in here.
+__attribute__((noipa)) static void interrupt(void) {
+    *(volatile uint32_t *)0xE000E200 = UINT32_C(1) << 30;
+    *(volatile uint32_t *)0xE000E100 = UINT32_C(1) << 30;
+    for (;;) {
+    }
+}
+
 static void break_down(char letter) {
     switch (letter) {
     case 'R':
         board_reset();
-    case 'H':  // hangs, interrupts on
-        for (;;) {
-        }
-    case 'D':  // hangs, interrupts off
+    case 'H':  // interrupts on
+        hang();
+        break;
+    case 'D':  // interrupts off
         __asm__ volatile("cpsid i");
-        for (;;) {
-        }
-    case 'F':  // reads where nothing is
-        (void)*(volatile uint32_t *)0x30000000;
+        hang();
         break;
-    case 'Z': {
-        volatile uint32_t numbers[] = {1000, 0};
-        put_number((int32_t)(numbers[0] / numbers[1]));
+    case 'F':  // where nothing is
+        load_from(0x30000000);
         break;
-    }
-    default:  // 'I': an interrupt that nobody handles, TIM4's
-        *(volatile uint32_t *)0xE000E200 = UINT32_C(1) << 30;
-        *(volatile uint32_t *)0xE000E100 = UINT32_C(1) << 30;
+    case 'Z':
+        divide(1000, 0);
+        break;
+    case 'U':
+        undefined();
+        break;
+    case 'L':  // a stack that is not where it should be
+        __asm__ volatile("mov sp, %0\n\tudf #0" ::"r"(0x2001FF00));
+        break;
+    default:  // 'I'
+        interrupt();
         break;
     }
 }
@@ -487,6 +520,7 @@ int main(void) {
     const uint8_t cause = board_reset_cause();
     put("start");
     put_hex(&cause, 1);
+    put_word(board_reset_address());
     end_line();
     for (;;) {
         board_watchdog_kick();

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import re
+import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 
@@ -31,4 +33,27 @@ Board = Callable[..., Run]
 
 
 def starts(run: Run) -> list[str]:
-    return [cause for (cause,) in run.words("start")]
+    """The cause of each."""
+    return [cause for cause, _ in run.words("start")]
+
+
+def addresses(run: Run) -> list[int]:
+    """Where the program was struck before each start; 0: it was not, or who knows."""
+    return [int(address, 16) for _, address in run.words("start")]
+
+
+def places(program: Path) -> dict[str, range]:
+    """The addresses of each function, as the linker has put it."""
+    listed = subprocess.run(
+        ["arm-none-eabi-nm", "--print-size", "--defined-only", program],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    found = {}
+    for line in listed.stdout.splitlines():
+        match line.split():
+            case [address, size, "t" | "T", name]:
+                begin = int(address, 16)
+                found[name] = range(begin, begin + int(size, 16))
+    return found

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import native
-from stm32.letters import Board, starts
+from stm32.letters import Board, addresses, places, starts
 
 POWER_ON, EXTERNAL, BROWN_OUT = "01", "02", "04"
 WATCHDOG, SOFTWARE, HARD_FAULT = "08", "10", "20"
@@ -62,6 +62,47 @@ def test_a_software_reset_is_told_from_the_watchdogs(board: Board) -> None:
     run = board((100, "R"), (150, "r"), (200, "H"), seconds=0.6)
     assert starts(run) == [POWER_ON, SOFTWARE, WATCHDOG]
     assert run.words("read")[0][0] == "0"
+
+
+@pytest.mark.parametrize(
+    ("letter", "function"),
+    [("H", "hang"), ("F", "load_from"), ("Z", "divide"), ("U", "undefined")],
+)
+def test_where_a_program_was_struck_is_told_at_the_next_start_and_only_then(
+    board: Board, program: Path, letter: str, function: str
+) -> None:
+    run = board((100, letter), (400, "R"), seconds=0.5)
+    cause = WATCHDOG if letter == "H" else HARD_FAULT
+    assert starts(run) == [POWER_ON, cause, SOFTWARE]
+    assert addresses(run) == [0, places(program)[function].start, 0]
+
+
+def test_a_stray_interrupt_is_told_by_what_it_interrupted(
+    board: Board, program: Path
+) -> None:
+    run = board((100, "I"), seconds=0.2)
+    _, address = addresses(run)
+    assert address in places(program)["interrupt"]
+
+
+@pytest.mark.parametrize(
+    ("letter", "cause"),
+    # The hardware's watchdog saves nothing; what is not on the stack is not believed.
+    [("D", WATCHDOG), ("L", HARD_FAULT)],
+)
+def test_no_address_is_told_where_none_was_kept(
+    board: Board, letter: str, cause: str
+) -> None:
+    run = board((100, "F"), (200, letter), seconds=1.3)
+    assert starts(run) == [POWER_ON, HARD_FAULT, cause]
+    _, first, second = addresses(run)
+    assert (first != 0, second) == (True, 0)
+
+
+@pytest.mark.parametrize("kind", ["reset", "brown_out"])
+def test_a_reset_from_outside_has_no_address(board: Board, kind: str) -> None:
+    run = board((100, "F"), seconds=0.5, faults=[{"kind": kind, "at_us": 200000}])
+    assert [address != 0 for address in addresses(run)] == [False, True, False]
 
 
 def test_registers_are_read_one_two_three_and_four_at_a_time(board: Board) -> None:

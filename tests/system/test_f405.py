@@ -4,15 +4,22 @@ that is erased by the sector."""
 
 from __future__ import annotations
 
+import struct
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from imud.messages import Message
+from stm32.letters import places
 from system.virtual import FIELDS_ALL, Run, Stub, assert_nothing_is_lost, run, send
 
 CLICK = ("--press", "200000:300000")
 SECTORS = 0x0C0000  # of the settings: 10 and 11, to the end of flash
+
+# Instructions: one that is none, and a branch to itself.
+UNDEFINED, HANG = 0xDE00, 0xE7FE
 
 pytestmark = pytest.mark.parametrize("stub", ["f405"], indirect=True)
 
@@ -25,6 +32,10 @@ def clock_failures(done: Run) -> list[tuple[Any, Any]]:
     """Cause and detail."""
     failed = [m for m in done.named("event") if m.fields["event"] == "clock_failed"]
     return [(m.fields["cause"], m.fields["detail"]) for m in failed]
+
+
+def hellos(done: Run) -> list[Message]:
+    return done.named("hello")
 
 
 def test_a_crystal_that_never_swings_is_told_and_costs_no_sample(stub: Stub) -> None:
@@ -88,3 +99,44 @@ def test_two_runs_give_the_same_bytes(stub: Stub) -> None:
     records = [run(stub, 3.5, *CLICK).record.read_bytes() for _ in range(2)]
     assert records[0] == records[1]
     assert len(records[0]) > 1000
+
+
+def damaged(stub: Stub, address: int, instruction: int) -> Stub:
+    """The same image, of whose flash one instruction has gone bad."""
+    elf = bytearray(stub.image.read_bytes())
+    (table,) = struct.unpack_from("<I", elf, 28)  # e_phoff
+    size, count = struct.unpack_from("<HH", elf, 42)
+    for number in range(count):
+        _, offset, begin, _, length = struct.unpack_from(
+            "<5I", elf, table + number * size
+        )
+        if begin <= address < begin + length:
+            struct.pack_into("<H", elf, offset + address - begin, instruction)
+    image = stub.folder / "damaged.elf"
+    image.write_bytes(elf)
+    return replace(stub, image=image)
+
+
+@pytest.mark.parametrize(
+    ("instruction", "cause"), [(UNDEFINED, "hard_fault"), (HANG, "watchdog")]
+)
+def test_where_the_program_was_struck_is_in_the_next_hello(
+    stub: Stub, instruction: int, cause: str
+) -> None:
+    place = places(stub.image)["pose_set_origin"].start
+    tare = ("--send", f"2000000:{send('tare')}")
+    start = ("--send", f"4000000:{send('start')}")
+    done = run(damaged(stub, place, instruction), 5, *CLICK, *tare, *start)
+    told = {(m.fields["reset_cause"], m.fields["reset_address"]) for m in hellos(done)}
+    assert told == {(("power_on",), 0), ((cause,), place)}
+    assert done.summary["resets"] == 1
+    assert hellos(done)[-1].fields["boot_count"] == 2
+    # And it works, as long as nobody asks for what is damaged.
+    assert [m.fields["replied_command"] for m in done.named("reply")] == ["start"]
+    assert done.named("pose")[-1].sequence > done.named("reply")[0].sequence
+
+
+def test_a_reset_that_was_asked_for_has_no_address(stub: Stub) -> None:
+    done = run(stub, 3, "--send", f"2000000:{send('reset')}")
+    assert [m.fields["reset_address"] for m in hellos(done)] == [0] * len(hellos(done))
+    assert hellos(done)[-1].fields["reset_cause"] == ("software",)

@@ -33,6 +33,10 @@ from imud.version import version
 # for a busy machine.
 FLUSH_S = 0.1
 
+# At the end: what is not written by then is lost, so a busy machine gets time. Service
+# managers give a process 10 s and more.
+PATIENCE_S = 5.0
+
 # A file per hour: the writer keeps an index entry for each flush in memory.
 ROTATE_S = 3600.0
 
@@ -149,6 +153,7 @@ class LogFile:
 
     def finish(self) -> None:
         self._writer.finish()
+        self._file.flush()
 
     def close(self) -> None:
         self._file.close()
@@ -180,6 +185,7 @@ class LogSink:
 
     name = "log"
     period_s = FLUSH_S
+    patience_s = PATIENCE_S
 
     def __init__(self, directory: Path, prefix: str) -> None:
         self._directory = directory
@@ -232,9 +238,10 @@ class LogSink:
         if log is None:
             return
         try:
+            # The kernel has it all before a disk that is stuck is waited for.
+            log.finish()
             if syncing is not None:
                 syncing.result()
-            log.finish()
         finally:
             log.close()
 

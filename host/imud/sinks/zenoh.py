@@ -17,6 +17,9 @@ from imud.record import Presence, Record
 # is this sink's thread's and no one else's.
 WAIT_BEFORE_DROP_US = 50_000
 
+# At the end: what a slow subscriber has not taken by then is dropped.
+PATIENCE_S = 0.8
+
 # Answers a command: payload and no error, or an error.
 Answer = Callable[[bytes, str], None]
 OnCommand = Callable[[str, str, dict[str, str], Answer], None]
@@ -27,6 +30,7 @@ class ZenohSink:
 
     name = "zenoh"
     period_s = 0.0
+    patience_s = PATIENCE_S
 
     def __init__(
         self, endpoints: tuple[str, ...], prefix: str, on_command: OnCommand
