@@ -94,7 +94,13 @@ def build_parser() -> argparse.ArgumentParser:
         "read probes, publish what they say, and log it",
         "imud run /dev/ttyUSB0 --log logs",
     )
-    run.add_argument("ports", metavar="PORT", nargs="*", help="serial port of a probe")
+    run.add_argument(
+        "ports",
+        metavar="PORT[@BAUD]",
+        nargs="*",
+        help="serial port of a probe; the rate is 500000 (Nano) unless told otherwise: "
+        "921600 for an STM32F405",
+    )
     run.add_argument("--config", metavar="FILE", type=Path, help="settings as TOML")
     log = run.add_mutually_exclusive_group()
     log.add_argument(

@@ -12,11 +12,13 @@ import msgspec
 
 from imud.errors import ConfigError
 
-BAUD = 500_000  # what the firmware sets; 16 MHz divides to it exactly
+BAUD = 500_000  # of the Nano: 16 MHz divides to it exactly. The F405 has 921,600
+BAUD_MAX = 4_000_000
 
 # A part of a key expression: Zenoh gives the rest of the signs a meaning.
 _NAME = re.compile(r"[^/*$#?\s]+")
 _PREFIX = re.compile(rf"{_NAME.pattern}(/{_NAME.pattern})*")
+_PORT_AND_BAUD = re.compile(r"(.+)@(\d+)")
 _PROBE_ID = re.compile(r"[0-9a-f]{16}")
 
 
@@ -37,6 +39,13 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     log: Log = Log()
     twin: bool = False  # computes each pose again and tells what differs
     names: dict[str, str] = {}  # probe id to the name that its keys carry
+
+    def ports_and_bauds(self) -> list[tuple[str, int]]:
+        """A port may carry a rate of its own: /dev/ttyUSB1@921600."""
+        found = [(_PORT_AND_BAUD.fullmatch(port), port) for port in self.ports]
+        return [
+            (own[1], int(own[2])) if own else (port, self.baud) for own, port in found
+        ]
 
 
 def load(
@@ -84,12 +93,13 @@ def _check(config: Config, source: str) -> None:
             "no port is named; imud run /dev/ttyUSB0, or imud sim nano --link PATH "
             "for a virtual probe and imud run PATH"
         )
-    if len(set(config.ports)) < len(config.ports):
+    if len({port for port, _ in config.ports_and_bauds()}) < len(config.ports):
         raise ConfigError(f"{source}: a port is named twice")
     if not config.listen:
         raise ConfigError(f'{source}: listen is empty; try ["tcp/127.0.0.1:7447"]')
-    if not 0 < config.baud <= 4_000_000:
-        raise ConfigError(f"{source}: baud {config.baud} is not in 1..4000000")
+    for baud in (config.baud, *(own for _, own in config.ports_and_bauds())):
+        if not 0 < baud <= BAUD_MAX:
+            raise ConfigError(f"{source}: baud {baud} is not in 1..{BAUD_MAX}")
     if not _PREFIX.fullmatch(config.prefix):
         raise ConfigError(f"{source}: prefix {config.prefix!r} can't be part of a key")
     for probe_id, name in config.names.items():

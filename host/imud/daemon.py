@@ -232,7 +232,7 @@ class _Port:
     def __init__(self, daemon: Daemon, name: str, baud: int) -> None:
         self.name = name
         self._daemon = daemon
-        self._baud = baud
+        self.baud = baud
         self._fault: type[LinkError] | None = None
         self.session: Session | None = None
         self.link = Link(
@@ -295,7 +295,7 @@ class _Port:
             if isinstance(event, OtherSchema):
                 self._daemon.take_other(event, self)
             elif isinstance(event, OnlyNoise | Silent):
-                text = port_problem(self.name, event, self._baud)
+                text = port_problem(self.name, event, self.baud)
                 kind = ("problem", self.name, type(event))
                 self._daemon.say(kind, text, is_warning=True)
             else:
@@ -348,7 +348,9 @@ class Daemon:
         self._log = (
             LogSink(Path(config.log.dir), config.prefix) if config.log.enabled else None
         )
-        self._ports = [_Port(self, name, config.baud) for name in config.ports]
+        self._ports = [
+            _Port(self, name, baud) for name, baud in config.ports_and_bauds()
+        ]
 
     async def run(self) -> None:
         loop = asyncio.get_running_loop()
@@ -421,7 +423,7 @@ class Daemon:
         kind = ("schema", event.probe_id, event.firmware, event.fingerprint)
         if kind not in self._told_others:
             self._told_others.add(kind)
-            logger.warning("%s", port_problem(port.name, event, self._config.baud))
+            logger.warning("%s", port_problem(port.name, event, port.baud))
 
     def take(self, event: Event, port: _Port) -> None:
         if isinstance(event, ProbeFound):

@@ -52,9 +52,20 @@ def test_nothing_said_is_loopback_and_a_log() -> None:
     assert load(None, ports=["/dev/x"], is_twin=True).twin
 
 
+def test_a_port_may_have_a_rate_of_its_own() -> None:
+    ports = ["/dev/a", "/dev/b@921600", "/dev/serial/by-id/c@d"]
+    assert load(None, ports=ports).ports_and_bauds() == [
+        ("/dev/a", 500_000),
+        ("/dev/b", 921_600),
+        ("/dev/serial/by-id/c@d", 500_000),
+    ]
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        ("ports = ['a', 'a@9600']", "a port is named twice"),
+        ("ports = ['a@5000000']", "baud 5000000"),
         ("", "no port is named"),
         ("ports = ['a', 'a']", "a port is named twice"),
         ("ports = 'a'", r"Expected `array`, got `str` - at `\$.ports`"),
