@@ -28,6 +28,8 @@ from core.log_desk import (
     words,
 )
 
+pytestmark = pytest.mark.native
+
 
 @pytest.mark.parametrize("is_sdhc", [True, False])
 @pytest.mark.parametrize("kind", [0x0B, 0x0C])

@@ -24,6 +24,8 @@ from core.log_desk import (
     read,
 )
 
+pytestmark = pytest.mark.native
+
 # 34 MB
 BLOCKS = 68 * 1024
 KINDS = {

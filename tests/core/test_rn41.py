@@ -407,6 +407,17 @@ def test_who_comes_at_once_each_time_is_served_and_the_settings_are_looked_at_la
     assert kinds(probe) == [lib.RN41_LINKED, lib.RN41_DROPPED]
 
 
+def test_who_connects_while_command_mode_is_asked_for_is_sent_away():
+    module = Module(FACTORY)
+    module.is_mute = True
+    probe = Probe(module)
+    probe.run(1.6)  # $$$ has been sent, and nothing has come
+    assert module.resets == 1
+    module.is_linked = True
+    probe.run(2)
+    assert (module.resets, kinds(probe)) == (2, [])
+
+
 def test_a_right_module_keeps_a_host_that_comes_quickly():
     module = Module()
     module.answers_after_us = 100_000
