@@ -106,7 +106,7 @@ def read(record: Path, summary: dict[str, Any]) -> Capture:
     if not (hellos and raws and poses):
         raise RunFailed(f"{len(raws)} samples and {len(poses)} poses were sent")
     sample_us, pose_us = (
-        np.array([event.t_device_us for event in each]) for each in (raws, poses)
+        np.array([event.stamp.t_device_us for event in each]) for each in (raws, poses)
     )
     after = np.searchsorted(sample_us, pose_us)
     if not np.array_equal(sample_us[after.clip(max=len(raws) - 1)], pose_us):

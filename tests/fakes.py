@@ -12,6 +12,7 @@ import signal
 import socket
 import subprocess
 import sys
+import termios
 import threading
 import time
 import tty
@@ -104,6 +105,9 @@ REPLY: dict[str, Any] = {
     "value": (0, 0),
 }
 COMMAND: dict[str, Any] = {"command": "start", "token": 1, "arguments": (0, 0)}
+# Of serial ports, as far as tests set them.
+RATES = (38_400, 115_200, 230_400, 500_000, 921_600)
+
 # Commands that an event tells of.
 CHANGES = {"restart": "restarted", "tare": "tared"}
 EXAMPLES: dict[str, dict[str, Any]] = {
@@ -165,7 +169,9 @@ class FakeProbe:
         said = b""
         token = fields["token"]
         if self._replied is None or self._replied[0] != token:
-            self.commands.append(fields)
+            # The daemon asks for the time whenever it likes.
+            if fields["command"] != "time":
+                self.commands.append(fields)
             result = self.results.get(fields["command"], "ok")
             reply = {
                 "replied_command": fields["command"],
@@ -184,17 +190,66 @@ class FakeProbe:
         return said + self.say("reply", **self._replied[1])
 
 
-class Port:
-    """A pty: the daemon opens `path`, the test writes and reads the other end."""
+def misheard(data: bytes, sent_baud: int, read_baud: int) -> bytes:
+    """What a receiver at another rate makes of these bytes: 8N1, sampled mid-bit."""
+    if sent_baud == read_baud:
+        return data
+    levels = [1]
+    for byte in data:
+        levels += [0, *((byte >> bit) & 1 for bit in range(8)), 1]
+    levels += [1] * 10
+    step = sent_baud / read_baud  # bits of the sender in one of the receiver
+    heard = bytearray()
+    at = 0.0
+    while start := next((i for i in range(int(at), len(levels)) if not levels[i]), 0):
+        begin = max(at, start)
+        bits = [int(begin + (place + 1.5) * step) for place in range(8)]
+        at = begin + 9.5 * step
+        if at >= len(levels):
+            break
+        heard.append(sum(levels[bit] << place for place, bit in enumerate(bits)))
+    return bytes(heard)
 
-    def __init__(self, link: Path) -> None:
+
+class Port:
+    """A pty: the daemon opens `path`, the test writes and reads the other end.
+
+    With a rate, who has set another one hears other bytes, as on a wire.
+    """
+
+    def __init__(self, link: Path, baud: int | None = None) -> None:
+        self._baud = baud
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
+        # For wait_open(): a pty begins without it.
+        attributes = termios.tcgetattr(self._slave)
+        attributes[2] |= termios.HUPCL
+        termios.tcsetattr(self._slave, termios.TCSANOW, attributes)
         self.path = link
         link.unlink(missing_ok=True)
         link.symlink_to(os.ttyname(self._slave))
 
+    def wait_open(self) -> None:
+        """Until the daemon has opened it; bytes written before that are flushed."""
+        until = time.monotonic() + PATIENCE_S
+        while termios.tcgetattr(self._slave)[2] & termios.HUPCL:
+            assert time.monotonic() < until, "the daemon did not open the port"
+            time.sleep(0.005)
+
+    @property
+    def master(self) -> int:
+        """What is to be read here was written by the daemon."""
+        return self._master
+
+    @property
+    def speed(self) -> int:
+        """The rate that the other end has set."""
+        code = termios.tcgetattr(self._slave)[5]
+        return next(rate for rate in RATES if getattr(termios, f"B{rate}") == code)
+
     def write(self, data: bytes) -> None:
+        if self._baud is not None:
+            data = misheard(data, self._baud, self.speed)
         while data:
             written = os.write(self._master, data)
             data = data[written:]
@@ -233,8 +288,9 @@ class DaemonProcess:
         directory: Path,
         log: bool = True,
         program: tuple[str, ...] = ("-m", "imud"),
+        endpoint: str = "",
     ) -> None:
-        self.endpoint = free_endpoint()
+        self.endpoint = endpoint or free_endpoint()
         self.logs = directory / "logs"
         command = [sys.executable, *program, "run", *map(str, arguments)]
         command += ["--listen", self.endpoint]
@@ -282,6 +338,8 @@ class DaemonProcess:
             self.lines.append(line)
             if re.search(pattern, line):
                 return line
+        # One that was left to itself would take up ptys of the tests that follow.
+        self.process.kill()
         raise AssertionError(f"no line matches {pattern!r} in {self.lines}")
 
     def stop(self, by: signal.Signals = signal.SIGTERM) -> float:

@@ -6,8 +6,8 @@
 
 #include <stdint.h>
 
-#define SCHEMA_FINGERPRINT 0xe039f11eu
-#define SCHEMA_SEED 0xf11eu  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0xd2018df2u
+#define SCHEMA_SEED 0x8df2u  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,
@@ -141,6 +141,7 @@ enum command {
     COMMAND_TARE = 6,
     COMMAND_RESET = 7,
     COMMAND_RESTART = 8,
+    COMMAND_TIME = 9,
 };
 
 enum result {

@@ -480,6 +480,8 @@ static enum result carry_out(struct probe *probe, const struct message_command *
         return RESULT_OK;
     case COMMAND_RESTART:
         return restart(probe, value, now_us);
+    case COMMAND_TIME:
+        return RESULT_OK;
     default:
         return RESULT_UNKNOWN_COMMAND;
     }

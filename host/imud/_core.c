@@ -119,10 +119,18 @@ static PyObject *decoder_stats(PyObject *self, PyObject *Py_UNUSED(none)) {
                          decoder->too_long, "too_short", decoder->too_short);
 }
 
+// Asked at every read, unlike the kinds.
+static PyObject *decoder_bad(PyObject *self, PyObject *Py_UNUSED(none)) {
+    const struct decoder *decoder = (const struct decoder *)self;
+    return PyLong_FromUnsignedLongLong(decoder->bad_cobs + decoder->bad_crc +
+                                       decoder->too_long + decoder->too_short);
+}
+
 static PyMethodDef decoder_methods[] = {
     {"feed", decoder_feed, METH_O,
      "feed($self, data, /)\n--\n\nTake received bytes; return the content of each good "
      "frame that they complete."},
+    {"bad", decoder_bad, METH_NOARGS, "bad($self, /)\n--\n\nBad frames so far."},
     {"stats", decoder_stats, METH_NOARGS,
      "stats($self, /)\n--\n\nFrames so far, good and bad by reason."},
     {NULL, NULL, 0, NULL},

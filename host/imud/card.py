@@ -18,6 +18,7 @@ from typing import Any
 from zlib import crc32
 
 import numpy as np
+from msgspec.structs import replace
 
 from imud import disk, fat, schema
 from imud.disk import Disk
@@ -37,7 +38,7 @@ from imud.session import (
     first_hello,
     speaker_of,
 )
-from imud.sinks.log import LogFile
+from imud.sinks.log import LogFile, Settings
 
 MAGIC = b"IMUPROBE"
 VERSION = 1
@@ -472,7 +473,7 @@ class _LogWriter:
         part = path.with_name(f"{path.name}.part")
         with disk.told(f"write {path}", "; name another place with --to DIR"):
             file = part.open("wb")
-            log = LogFile(file, self._prefix)
+            log = LogFile(file, Settings(prefix=self._prefix))
             try:
                 found = self._copy(recording, Session(find, None, probe), log)
                 log.finish()
@@ -515,25 +516,24 @@ class _LogWriter:
         return found
 
     def _take(self, event: Received, found: _Copied, log: LogFile) -> None:
+        t_device_us = event.stamp.t_device_us
         if not found.messages:
-            found.first_us = found.last_us = event.t_device_us
+            found.first_us = found.last_us = t_device_us
             found.first_sequence = event.message.sequence
         found.messages[event.message.name] += 1
-        found.last_us = max(found.last_us, event.t_device_us)
-        t_ns = event.t_device_us * 1000
+        found.last_us = max(found.last_us, t_device_us)
+        t_ns = t_device_us * 1000
         if self._started_ns is not None:
             t_ns += self._started_ns - found.first_us * 1000
         probe = event.probe
-        record, _ = record_of(
-            event.message,
-            event.content,
-            probe.probe_id,
-            event.t_device_us,
-            max(0, t_ns),
-            probe.hello,
-            probe.hello_content,
+        t_ns = max(0, t_ns)
+        stamp = replace(event.stamp, t_ns=t_ns, t_received_ns=t_ns)
+        hello, content = probe.hello, probe.hello_content
+        log.take(
+            record_of(
+                event.message, event.content, probe.probe_id, stamp, hello, content
+            )
         )
-        log.take(record)
 
     def _say(self, text: str) -> None:
         self._bar.wipe()

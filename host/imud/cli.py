@@ -98,8 +98,8 @@ def build_parser() -> argparse.ArgumentParser:
         "ports",
         metavar="PORT[@BAUD]",
         nargs="*",
-        help="serial port of a probe; the rate is 500000 (Nano) unless told otherwise: "
-        "921600 for an STM32F405",
+        help="serial port of a probe, at a rate that is found if it is not named "
+        "(default: probes are found on all USB and Bluetooth ports)",
     )
     run.add_argument("--config", metavar="FILE", type=Path, help="settings as TOML")
     log = run.add_mutually_exclusive_group()
@@ -119,7 +119,48 @@ def build_parser() -> argparse.ArgumentParser:
         "differs; whenever a probe streams, its calibration at rest and its origin "
         "begin anew",
     )
+    run.add_argument(
+        "--log-level",
+        choices=["debug", "info", "warning", "error"],
+        help="the least that is written on stderr (default: info)",
+    )
     run.set_defaults(run=_run)
+
+    settings = _command(
+        commands,
+        "config",
+        "print all settings, each with its default and what it is for, or check a file",
+        "imud config > imud.toml, and then: imud config --check imud.toml",
+    )
+    settings.add_argument(
+        "--check", metavar="FILE", type=Path, help="tell each mistake of a file"
+    )
+    settings.set_defaults(run=_config)
+
+    install = _command(
+        commands,
+        "install-service",
+        "write a systemd unit, a udev rule and /etc/imud.toml, so that imud runs from "
+        "the start of the machine",
+        "sudo imud install-service",
+    )
+    install.add_argument(
+        "--print", action="store_true", help="only show what would be written"
+    )
+    install.add_argument(
+        "--user",
+        metavar="NAME",
+        default="imud",
+        help="who it runs as (default: %(default)s)",
+    )
+    install.add_argument(
+        "--prefix",
+        metavar="DIR",
+        type=Path,
+        default=Path("/"),
+        help="where etc/ is, for a package or an image (default: %(default)s)",
+    )
+    install.set_defaults(run=_install_service)
 
     sim.add_parser(commands)
 
@@ -144,8 +185,20 @@ def build_parser() -> argparse.ArgumentParser:
     listing.add_argument(
         "--json", action="store_true", help="one status object a line, as published"
     )
+    listing.add_argument(
+        "--ledger",
+        action="store_true",
+        help="also the way of the data, from the sensor to each sink",
+    )
     _network(listing)
     listing.set_defaults(run=_list)
+
+    monitor = _command(
+        commands, "monitor", "show all probes on one screen", "imud monitor"
+    )
+    monitor.add_argument("--seconds", metavar="N", type=_seconds, help="stop after N")
+    _network(monitor)
+    monitor.set_defaults(run=_monitor)
 
     for name, text in (
         ("start", "make a probe stream"),
@@ -187,8 +240,84 @@ def build_parser() -> argparse.ArgumentParser:
     )
     decode.set_defaults(run=_decode)
 
+    _logs(commands)
     _card(commands)
     return parser
+
+
+def _logs(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    info = _command(
+        commands,
+        "info",
+        "say what logs hold, whether they are whole and what was lost on the way",
+        "imud info logs/*.mcap",
+    )
+    info.add_argument("logs", metavar="LOG", nargs="+", type=Path)
+    info.add_argument("--json", action="store_true", help="one JSON object a log")
+    info.set_defaults(run=_info)
+
+    recover = _command(
+        commands,
+        "recover",
+        "save what is good in a log that was cut off or damaged, as a whole one",
+        "imud recover logs/imud-20260102T030405Z.mcap",
+    )
+    recover.add_argument("log", metavar="LOG", type=Path)
+    recover.add_argument(
+        "--to",
+        metavar="FILE",
+        type=Path,
+        help="where it goes (default: beside it, as LOG-recovered.mcap)",
+    )
+    recover.set_defaults(run=_recover)
+
+    replay = _command(
+        commands,
+        "replay",
+        "play a log as if its probes were there: each on a pty, or all over Zenoh",
+        "imud replay logs/imud-20260102T030405Z.mcap --link /tmp/probe, and in another "
+        "terminal: imud run /tmp/probe",
+    )
+    replay.add_argument("log", metavar="LOG", type=Path)
+    replay.add_argument("--probe", metavar="PROBE", help="only this one (default: all)")
+    replay.add_argument(
+        "--speed",
+        metavar="X",
+        type=_speed,
+        default=1.0,
+        help="so many times as fast as it was, or max (default: 1)",
+    )
+    where = replay.add_mutually_exclusive_group()
+    where.add_argument(
+        "--link", metavar="PATH", type=Path, help="where its serial port appears"
+    )
+    where.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        nargs="?",
+        const=ENDPOINT,
+        help="publish on its keys into the Zenoh network there, no port "
+        "(default: %(const)s)",
+    )
+    replay.set_defaults(run=_replay)
+
+    export = _command(
+        commands,
+        "export",
+        "write poses, raw samples and events of a log as tables, a file for each "
+        "probe and kind",
+        "imud export logs/imud-20260102T030405Z.mcap --to csv --out tables",
+    )
+    export.add_argument("log", metavar="LOG", type=Path)
+    export.add_argument("--to", choices=("csv", "parquet"), default="csv")
+    export.add_argument(
+        "--out", metavar="DIR", type=Path, help="where they go (default: beside it)"
+    )
+    export.set_defaults(run=_export)
+
+
+def _speed(text: str) -> float | None:
+    return None if text == "max" else _seconds(text)
 
 
 def _card(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -293,15 +422,37 @@ def _time_ns(text: str) -> int:
 def _run(args: argparse.Namespace) -> int:
     from imud import config, daemon
 
-    settings = config.load(
-        args.config,
-        ports=args.ports,
-        listen=args.listen,
-        log_dir=args.log,
-        is_logging=not args.no_log,
-        is_twin=args.twin,
+    return daemon.run(
+        lambda: config.load(
+            args.config,
+            ports=args.ports,
+            listen=args.listen,
+            log_dir=args.log,
+            is_logging=not args.no_log,
+            is_twin=args.twin,
+            level=args.log_level,
+        )
     )
-    return daemon.run(settings)
+
+
+def _config(args: argparse.Namespace) -> int:
+    from imud import config
+
+    if args.check is None:
+        sys.stdout.write(config.as_toml(config.Config()))
+        return 0
+    found = config.check(args.check)
+    for line in found:
+        sys.stderr.write(f"imud: {line}\n")
+    if not found:
+        sys.stdout.write(f"{args.check}: all of it can be\n")
+    return 1 if found else 0
+
+
+def _install_service(args: argparse.Namespace) -> int:
+    from imud import service
+
+    return service.run(args.prefix, args.user, is_shown=args.print)
 
 
 def _client(args: argparse.Namespace) -> Client:
@@ -321,7 +472,13 @@ def _list(args: argparse.Namespace) -> int:
     from imud import view
 
     with _client(args) as client:
-        return view.show_probes(client, as_json=args.json)
+        return view.show_probes(client, as_json=args.json, has_ledger=args.ledger)
+
+
+def _monitor(args: argparse.Namespace) -> int:
+    from imud import monitor
+
+    return monitor.run(args.connect, args.prefix, seconds=args.seconds)
 
 
 def _order(args: argparse.Namespace) -> int:
@@ -343,6 +500,35 @@ def _decode(args: argparse.Namespace) -> int:
     from imud import decode
 
     return decode.run(args.file, as_json=args.json)
+
+
+def _info(args: argparse.Namespace) -> int:
+    from imud import info
+
+    return info.run(args.logs, as_json=args.json)
+
+
+def _recover(args: argparse.Namespace) -> int:
+    from imud import recover
+
+    return recover.run(args.log, args.to)
+
+
+def _replay(args: argparse.Namespace) -> int:
+    from imud import replay
+
+    if args.connect is None:
+        return replay.to_ports(args.log, args.probe, args.link, args.speed)
+    from imud.client import Client
+
+    with Client(args.connect) as client:
+        return replay.to_network(args.log, args.probe, client, args.speed)
+
+
+def _export(args: argparse.Namespace) -> int:
+    from imud import export
+
+    return export.run(args.log, args.to, args.out)
 
 
 def _card_prepare(args: argparse.Namespace) -> int:

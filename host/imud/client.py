@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Poses and commands over the network, for programs: no serial port, no protocol.
 
-`with Client() as client: for pose in client.poses(seconds=10): ...` is all it takes.
+`subscribe()` is built on it and is what most programs want: docs/subscribe.md.
 """
 
 from __future__ import annotations
@@ -9,13 +9,21 @@ from __future__ import annotations
 import json
 import queue
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import zenoh
+import zenoh.ext
 
 from imud.errors import CommandRefused, DaemonNotFound, NoReply, ProbeUnknown
+
+# Loopback only; 7447 is Zenoh's own port.
+ENDPOINT = "tcp/127.0.0.1:7447"
+
+PREFIX = "imud"
 
 # A daemon on this machine answers within milliseconds, one across a network in tens.
 CONNECT_TIMEOUT_MS = 2000
@@ -28,15 +36,24 @@ ALIVE_PAUSES_S = (0.0, 0.05, 0.1)
 # The daemon asks a probe three times, a second each.
 COMMAND_TIMEOUT_S = 4.0
 
-# Messages that may wait for a slow reader of poses(): 30 s of them.
-WAITING_MAX = 3000
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """One message as it came."""
+
+    probe: str
+    payload: bytes
+    source: str  # the Zenoh session that published it: another after a restart
 
 
 class Client:
     """A connection to a daemon. Use it in a `with`, or close() it."""
 
     def __init__(
-        self, endpoint: str = "tcp/127.0.0.1:7447", prefix: str = "imud"
+        self,
+        endpoint: str = ENDPOINT,
+        prefix: str = PREFIX,
+        keys: str | Path | None = None,
     ) -> None:
         self._prefix = prefix
         self._endpoint = endpoint
@@ -80,42 +97,51 @@ class Client:
     def endpoint(self) -> str:
         return self._endpoint
 
-    def subscribe(
-        self, topic: str, probe: str | None, callback: Callable[[str, bytes], None]
+    @property
+    def session(self) -> zenoh.Session:
+        """For what is not here."""
+        return self._session
+
+    @property
+    def is_connected(self) -> bool:
+        """False while the daemon is away; Zenoh connects again when it is back."""
+        info = self._session.info
+        return bool(info.routers_zid()) or bool(info.peers_zid())
+
+    def listen(
+        self,
+        topic: str,
+        probe: str | None,
+        callback: Callable[[Heard], None],
+        *,
+        history: int = 0,
     ) -> Callable[[], None]:
-        """Calls back with probe and payload, in a thread of its own, until the
-        function that is returned is called.
+        """Calls back in a thread of its own, until the function that is returned is
+        called. The last `history` messages of each probe that the daemon kept come
+        first.
         """
 
         def on_sample(sample: zenoh.Sample) -> None:
             name = str(sample.key_expr).split("/")[-2]
-            callback(name, sample.payload.to_bytes())
+            stamp = sample.timestamp
+            source = str(stamp.get_id()) if stamp is not None else ""
+            callback(Heard(name, sample.payload.to_bytes(), source))
 
         key = f"{self._prefix}/{probe or '*'}/{topic}"
-        subscriber = self._session.declare_subscriber(key, on_sample)
-        return subscriber.undeclare
+        if history > 0:
+            kept = zenoh.ext.HistoryConfig(max_samples=history)
+            return zenoh.ext.declare_advanced_subscriber(
+                self._session, key, on_sample, history=kept
+            ).undeclare
+        return self._session.declare_subscriber(key, on_sample).undeclare
 
-    def poses(
-        self, probe: str | None = None, *, seconds: float | None = None
-    ) -> Iterator[dict[str, Any]]:
-        """Poses as they come, of one probe or of all, for some time or for ever."""
-        waiting: queue.Queue[bytes] = queue.Queue()
-
-        def keep(_: str, payload: bytes) -> None:
-            if waiting.qsize() < WAITING_MAX:
-                waiting.put(payload)
-
-        undeclare = self.subscribe("pose", probe, keep)
-        until = None if seconds is None else time.monotonic() + seconds
-        try:
-            while until is None or time.monotonic() < until:
-                left = 1.0 if until is None else max(0.0, until - time.monotonic())
-                try:
-                    yield json.loads(waiting.get(timeout=min(left, 1.0)))
-                except queue.Empty:
-                    continue
-        finally:
-            undeclare()
+    def subscribe(
+        self, topic: str, probe: str | None, callback: Callable[[str, bytes], None]
+    ) -> Callable[[], None]:
+        """listen(), of which just probe and payload are wanted."""
+        return self.listen(
+            topic, probe, lambda heard: callback(heard.probe, heard.payload)
+        )
 
     def statuses(self, probe: str | None = None) -> list[dict[str, Any]]:
         """The last status of each probe, sorted by name."""

@@ -4,17 +4,19 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
 import msgspec
+from msgspec.structs import replace
 
 from imud import card, disk, messages, schema
 from imud.errors import FileError
+from imud.logs import Logged, LogHead, read_log
 from imud.messages import Message, Value
-from imud.record import describe, euler_deg
+from imud.record import HEAD, describe, euler_deg
 from imud.session import (
     Event,
     OtherSchema,
@@ -24,7 +26,6 @@ from imud.session import (
     first_hello,
     speaker_of,
 )
-from imud.sinks.log import LogHead, read_log
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 
@@ -123,7 +124,7 @@ def _decode_card(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
 
 
 def _described(
-    events: list[Event], tally: Tally, name: str | None = None
+    events: Iterable[Event], tally: Tally, name: str | None = None
 ) -> Iterator[dict[str, Any]]:
     for event in events:
         if isinstance(event, Received):
@@ -131,8 +132,7 @@ def _described(
             yield describe(
                 event.message,
                 name or event.probe.probe_id,
-                event.t_device_us,
-                event.t_ns,
+                event.stamp,
                 event.probe.hello,
             )
         elif isinstance(event, OtherSchema):
@@ -145,6 +145,7 @@ def _decode_log(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
     They passed the daemon's checks when they came; the same checks are made again.
     """
     sessions: dict[str, Session] = {}
+    times: dict[bytes, Logged] = {}  # of frames whose turn has not come
     try:
         for record in read_log(path):
             if isinstance(record, LogHead):
@@ -159,14 +160,34 @@ def _decode_log(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
                 if isinstance(hello, Message):
                     session.probe.learn(hello, record.data)
             elif record.topic == "frame":
+                times[record.data] = record
                 events = session.take(record.data, record.t_ns)
-                yield from _described(events, tally, record.probe)
+                yield from _described(_dated(events, times), tally, record.probe)
     except FileError as error:
         if not sessions:
             raise
         tally.problem = str(error)
     for name, session in sessions.items():
-        yield from _described(session.close(), tally, name)
+        yield from _described(_dated(session.close(), times), tally, name)
+
+
+def _dated(events: list[Event], times: dict[bytes, Logged]) -> Iterator[Event]:
+    """With the times that were found when they came: they are not found again."""
+    for event in events:
+        if isinstance(event, Received):
+            logged = times.pop(event.content, None)
+            if logged is None:
+                yield event
+                continue
+            stamp = replace(
+                event.stamp,
+                t_ns=logged.t_sample_ns,
+                t_bound_ns=None,
+                t_received_ns=logged.t_ns,
+            )
+            yield Received(event.probe, event.message, event.content, stamp)
+        else:
+            yield event
 
 
 def _same(probe: Probe, _: str) -> Probe:
@@ -219,7 +240,7 @@ def words(item: dict[str, Any]) -> str:
             " ".join(item["flags"]),
         ]
         return f"{head} {'  '.join(part for part in parts if part)}"
-    shown = [f"{name} {_shown(value)}" for name, value in list(item.items())[5:]]
+    shown = [f"{n} {_shown(value)}" for n, value in item.items() if n not in HEAD]
     return f"{head} {', '.join(shown)}"
 
 

@@ -84,3 +84,16 @@ class DaemonNotFound(NetworkError):
 
 class FileError(ImudError):
     """A capture or a log that can't be read or written."""
+
+
+def described(fault: BaseException) -> str:
+    """A fault of imud's own on one line: what, and where in imud."""
+    place = ""
+    trace = fault.__traceback__
+    while trace is not None:
+        code = trace.tb_frame.f_code
+        if "imud" in code.co_filename:
+            place = f" in {code.co_name}, line {trace.tb_lineno} of {code.co_filename}"
+        trace = trace.tb_next
+    words = " ".join(str(fault).split())
+    return f"{type(fault).__name__}: {words}{place}"

@@ -37,6 +37,11 @@ class FrameDecoder:
         return self._decoder.feed(data)
 
     @property
+    def bad(self) -> int:
+        """How many frames were bad, of all kinds."""
+        return self._decoder.bad()
+
+    @property
     def stats(self) -> FrameStats:
         return FrameStats(**self._decoder.stats())
 

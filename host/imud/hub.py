@@ -11,10 +11,10 @@ import logging
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
+from imud.balance import SinkCounts
 from imud.record import Presence, Record
 
 Item = Record | Presence
@@ -47,7 +47,9 @@ class Lane:
     def __init__(self, sink: Sink, capacity: int = QUEUE_MAX) -> None:
         self.sink = sink
         self._capacity = capacity
+        self._half = (capacity + 1) // 2
         self._queue: deque[Item] = deque()
+        self._in_hand: deque[Item] = deque()  # out of the queue, not yet counted
         self._wake = threading.Condition()
         self._is_closing = False
         self._taken: Counter[tuple[str, str]] = Counter()
@@ -55,6 +57,9 @@ class Lane:
         self._failures = 0
         self._broken_until: float | None = None
         self._is_told = False
+        # Whose place it takes, until that has closed; and what its probes are called.
+        self._before: Lane | None = None
+        self._names: Mapping[str, str] = {}
         # A daemon thread: one stuck in its library must not keep the process alive.
         self._thread = threading.Thread(
             target=self._run, name=f"imud-{sink.name}", daemon=True
@@ -64,13 +69,24 @@ class Lane:
         self.sink.open()
         self._thread.start()
 
+    def follow(self, before: Lane | None, names: Mapping[str, str]) -> None:
+        """Opens in its own thread, when the one before has closed, and goes on with its
+        counts; what comes meanwhile waits. `names` has the probes' old and new ones.
+        """
+        self._before, self._names = before, names
+        self._broken_until = 0.0  # open it before the first record
+        if before is not None:
+            before.end()
+        self._thread.start()
+
     def put(self, item: Item) -> None:
         with self._wake:
             if len(self._queue) >= self._capacity:
                 self._count_dropped(self._queue.popleft())
             self._queue.append(item)
-            is_behind = len(self._queue) * 2 >= self._capacity
-            if self.sink.period_s == 0 or is_behind:
+            # Told once; whoever is awake takes all that is there.
+            waiting = len(self._queue)
+            if waiting == (1 if self.sink.period_s == 0 else self._half):
                 self._wake.notify()
 
     def end(self) -> None:
@@ -87,23 +103,69 @@ class Lane:
 
     def taken(self, probe: str) -> dict[str, int]:
         with self._wake:
-            items = self._taken.items()
+            items = self._totals()[0].items()
             return {topic: n for (name, topic), n in items if name == probe}
 
     def dropped(self, probe: str) -> int:
         with self._wake:
-            return self._dropped[probe]
+            return self._totals()[1][probe]
+
+    def counts(self) -> dict[str, SinkCounts]:
+        """Of each probe, all at one moment."""
+        taken, waiting = Counter[str](), Counter[str]()
+        with self._wake:
+            totals, dropped = self._totals()
+            for (probe, _), count in totals.items():
+                taken[probe] += count
+            for items in (self._in_hand, self._queue):
+                waiting.update(i.probe for i in items if isinstance(i, Record))
+            return {
+                probe: SinkCounts(taken[probe], dropped[probe], waiting[probe])
+                for probe in {*taken, *waiting, *dropped}
+            }
+
+    @property
+    def waiting(self) -> int:
+        """Records that the sink has not begun to take."""
+        return len(self._queue)
+
+    def _totals(self) -> tuple[Counter[tuple[str, str]], Counter[str]]:
+        """Taken and dropped, with those of the one whose place it takes."""
+        before, names = self._before, self._names
+        if before is None:
+            return self._taken, self._dropped
+        with before._wake:
+            earlier_taken, earlier_dropped = before._totals()
+            taken, dropped = Counter(self._taken), Counter(self._dropped)
+            for (probe, topic), count in earlier_taken.items():
+                taken[names.get(probe, probe), topic] += count
+            for probe, count in earlier_dropped.items():
+                dropped[names.get(probe, probe)] += count
+        return taken, dropped
+
+    def _succeed(self, before: Lane) -> None:
+        if not before.close(before.sink.patience_s):
+            logger.warning("%s did not finish in time", before.sink.name)
+        with self._wake:
+            self._taken, self._dropped = self._totals()
+            self._failures += before.failures
+            self._before = None
 
     @property
     def failures(self) -> int:
         return self._failures
 
     def _run(self) -> None:
+        if self._before is not None:
+            self._succeed(self._before)
+        if self._broken_until is not None:
+            self._is_usable()
         deadline = time.monotonic() + self.sink.period_s
         while True:
             with self._wake:
                 self._wake.wait_for(self._is_due, timeout=self._patience(deadline))
                 items = list(self._queue)
+                self._in_hand.extend(items)
                 self._queue.clear()
                 is_closing = self._is_closing
             if self.sink.period_s > 0:
@@ -118,7 +180,7 @@ class Lane:
             return True
         if self.sink.period_s == 0:
             return len(self._queue) > 0
-        return len(self._queue) * 2 >= self._capacity
+        return len(self._queue) >= self._half
 
     def _patience(self, deadline: float) -> float | None:
         if self.sink.period_s == 0:
@@ -129,14 +191,25 @@ class Lane:
         if not self._is_usable():
             self._drop(items)
             return
-        for index, item in enumerate(items):
-            if not self._attempt(partial(self.sink.take, item)):
-                self._drop(items[index:])
-                return
-            if isinstance(item, Record):
-                with self._wake:
-                    self._taken[item.probe, item.topic] += 1
-        if self._attempt(self.sink.flush) and items and self._is_told:
+        done = 0
+
+        def take() -> None:
+            nonlocal done
+            for item in items:
+                self.sink.take(item)
+                done += 1
+
+        is_well = self._attempt(take)
+        if not is_well:
+            self._count_taken(items[:done])
+            self._drop(items[done:])
+            return
+        # What a flush could not bring out is not there.
+        if not self._attempt(self.sink.flush):
+            self._drop(items)
+            return
+        self._count_taken(items)
+        if items and self._is_told:
             self._is_told = False
             logger.info("%s works again", self.sink.name)
 
@@ -164,7 +237,16 @@ class Lane:
     def _drop(self, items: list[Item]) -> None:
         with self._wake:
             for item in items:
+                self._in_hand.popleft()
                 self._count_dropped(item)
+
+    def _count_taken(self, items: list[Item]) -> None:
+        with self._wake:
+            self._taken.update(
+                (item.probe, item.topic) for item in items if isinstance(item, Record)
+            )
+            for _ in items:
+                self._in_hand.popleft()
 
     def _count_dropped(self, item: Item) -> None:
         if isinstance(item, Record):
@@ -184,9 +266,35 @@ class Hub:
         self._lanes.append(lane)
         return lane
 
+    def set(
+        self, name: str, sink: Sink | None, names: Mapping[str, str] | None = None
+    ) -> None:
+        """Puts a sink in the place of the one of that name, or none; never waits.
+
+        `names`: probes that are called otherwise from here on.
+        """
+        place = next(
+            (n for n, e in enumerate(self._lanes) if e.sink.name == name), None
+        )
+        before = None if place is None else self._lanes.pop(place)
+        if sink is None:
+            if before is not None:
+                before.end()
+            return
+        lane = Lane(sink)
+        self._lanes.append(lane)
+        lane.follow(before, names or {})
+
+    def failures(self) -> dict[str, int]:
+        return {lane.sink.name: lane.failures for lane in self._lanes}
+
     def put(self, item: Item) -> None:
         for lane in self._lanes:
             lane.put(item)
+
+    def counts(self) -> dict[str, dict[str, SinkCounts]]:
+        """What became of all records, by sink and probe."""
+        return {lane.sink.name: lane.counts() for lane in self._lanes}
 
     def dropped(self, probe: str) -> dict[str, int]:
         return {lane.sink.name: lane.dropped(probe) for lane in self._lanes}

@@ -20,11 +20,11 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING
 from zlib import crc32
 
-if TYPE_CHECKING:
-    from imud.messages import Message, Skew
+import msgspec
+
+from imud.messages import Message, Skew
 
 # Numbers remembered to tell a copy from a late one: ten times what a kernel's serial
 # buffer of 4 KiB holds in messages of 40 bytes.
@@ -48,13 +48,16 @@ _HALF = 1 << 31
 _MASK = (1 << 32) - 1
 
 
+# Messages that say nothing about boots or the probe's own counts.
+_PLAIN = frozenset({"pose", "raw", "event", "reply", "equipment"})
+
+
 def difference_32(a: int, b: int) -> int:
     """a - b of two wrapping 32-bit numbers, in -2^31 .. 2^31 - 1."""
     return ((a - b + _HALF) & _MASK) - _HALF
 
 
-@dataclass(frozen=True, slots=True)
-class Heard:
+class Heard(msgspec.Struct, frozen=True):
     """One frame that passed its CRC and has a head: what it says, and when it came."""
 
     content: bytes
@@ -71,8 +74,7 @@ class Verdict(Enum):
     STRAY = "stray"
 
 
-@dataclass(frozen=True, slots=True)
-class Judged:
+class Judged(msgspec.Struct, frozen=True):
     """What became of one frame, and whether a boot of the probe began with it."""
 
     heard: Heard
@@ -165,6 +167,21 @@ class Boot:
             and difference_32(time_us, after[2]) <= TIME_SLACK_US
         )
 
+    def follow(self, heard: Heard) -> bool:
+        """Enters a good one if it has the number and the time that come next."""
+        number = self.last + 1
+        if heard.sequence != number & _MASK or self.last < self.first:
+            return False
+        step_us = (heard.time_us - self._time_us + TIME_SLACK_US) & _MASK
+        if step_us >= _HALF:  # backwards, or after a silence: place() knows
+            return False
+        self.last = number
+        self._time_us = heard.time_us
+        self._t_ns = heard.t_ns
+        self._window[number % WINDOW] = (number, crc32(heard.content), heard.time_us)
+        self.received += 1
+        return True
+
     def enter(self, heard: Heard, skew: str | None) -> None:
         """Counts a number for the first and only time."""
         number = self.number(heard.sequence)
@@ -205,7 +222,12 @@ class Account:
 
     def note(self, heard: Heard) -> list[Judged]:
         """Judges one frame; the answer may hold the one before it, or be put off."""
-        skew = getattr(heard.said, "kind", None)
+        said = heard.said
+        is_plain = type(said) is Message and said.name in _PLAIN
+        if is_plain and self._suspect is None and self.boot.follow(heard):
+            return [Judged(heard, Verdict.GOOD)]  # nearly all of them
+
+        skew: str | None = said.kind if isinstance(said, Skew) else None
         if self.boots == 0:
             return [self._begin(heard)] if skew is None else [self._unplaced(heard)]
 
@@ -242,12 +264,25 @@ class Account:
         self.strays += 1
         return [Judged(heard, Verdict.STRAY)]
 
+    @property
+    def _earlier_lost(self) -> int:
+        earlier = self._earlier
+        return self._earlier_sent - earlier.received - earlier.skewed.total()
+
+    @property
+    def lost(self) -> int:
+        """Of all boots."""
+        return self.boot.lost + self._earlier_lost
+
+    @property
+    def skewed(self) -> Counter[str]:
+        """Of all boots, with those whose number is not believed."""
+        return self.boot.skewed + self._earlier.skewed + self.unplaced
+
     def counts(self) -> dict[str, object]:
         earlier = self._earlier.counts()
         earlier["sent"] = self._earlier_sent
-        earlier["lost"] = (
-            self._earlier_sent - self._earlier.received - self._earlier.skewed.total()
-        )
+        earlier["lost"] = self._earlier_lost
         return {
             **self.boot.counts(),
             "probe_sent": self.boot.probe_sent,

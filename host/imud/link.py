@@ -15,8 +15,15 @@ import serial
 
 from imud.errors import LinkError, PortBusy, PortLost, PortNotFound, PortRefused
 
-# A port that is not there or vanished is tried again after this long.
-RETRY_S = 0.5
+# A port that is not there or vanished is looked for this often, at 10 us each: a probe
+# is back before its next hello.
+RETRY_S = 0.15
+
+# One that others hold or that can't be opened is not to be pestered.
+REFUSED_S = 0.5
+
+# DTR goes active at the end of it, which an Arduino's capacitor makes a reset of 0.1 ms.
+RESET_S = 0.05
 
 # More than a kernel's serial buffer holds.
 READ_MAX = 65536
@@ -38,14 +45,14 @@ class Link:
         on_open: Callable[[], None],
         on_data: Callable[[bytes, int], None],
         on_fault: Callable[[LinkError], None],
-        retry_s: float = RETRY_S,
+        has_reset: bool = False,
     ) -> None:
         self.port = port
         self._baud = baud
         self._on_open = on_open
         self._on_data = on_data
         self._on_fault = on_fault
-        self._retry_s = retry_s
+        self._has_reset = has_reset
         self._serial: serial.Serial | None = None
         self._pending = b""
         self._lost: asyncio.Future[LinkError] | None = None
@@ -54,16 +61,37 @@ class Link:
     def is_open(self) -> bool:
         return self._serial is not None
 
+    @property
+    def baud(self) -> int:
+        return self._baud
+
+    def set_baud(self, baud: int) -> None:
+        """From here on, without opening the port again: that would reset a board."""
+        if baud == self._baud:
+            return
+        self._baud = baud
+        if self._serial is None:
+            return
+        try:
+            self._serial.baudrate = baud
+            _make_ours(self._serial)
+        except (OSError, ValueError, termios.error):
+            # It vanished, or its driver has no such rate and stays at the one before.
+            self._read_some()
+
     async def run(self) -> None:
         """Opens the port, again and again, until it is cancelled."""
         try:
             while True:
+                pause_s = RETRY_S
                 try:
                     await self._serve()
                 except LinkError as error:
                     self._close()
+                    if isinstance(error, PortBusy | PortRefused):
+                        pause_s = REFUSED_S
                     self._on_fault(error)
-                await asyncio.sleep(self._retry_s)
+                await asyncio.sleep(pause_s)
         finally:
             self._close()
 
@@ -79,6 +107,8 @@ class Link:
     async def _serve(self) -> None:
         port = self._serial = _open(self.port, self._baud)
         self._pending = b""
+        if self._has_reset:
+            await _reset(port)
         loop = asyncio.get_running_loop()
         self._lost = loop.create_future()
         loop.add_reader(port.fileno(), self._read_some)
@@ -95,7 +125,7 @@ class Link:
         except OSError:
             data = b""  # a pty whose other end closed says EIO, a USB port ENXIO
         if data:
-            self._on_data(data, time.time_ns())
+            self._on_data(data, time.monotonic_ns())
         else:
             self._hang_up()
 
@@ -154,17 +184,30 @@ def _open(name: str, baud: int) -> serial.Serial:
             f"{name} can't be set to {baud} baud; is it a serial port?"
         ) from error
     try:
-        attributes = termios.tcgetattr(port.fileno())
-        # A board resets when DTR goes active. The kernel does that when a port is
-        # opened unless it was left so: keep it active past our end.
-        attributes[_CFLAG] &= ~termios.HUPCL
-        # A read of nothing then means a hang-up, and never "no bytes yet".
-        attributes[_CC][termios.VMIN] = 1
-        termios.tcsetattr(port.fileno(), termios.TCSANOW, attributes)
+        _make_ours(port)
     except termios.error as error:
         port.close()
         raise PortLost(f"{name} vanished; it is taken up when it is back") from error
     return port
+
+
+def _make_ours(port: serial.Serial) -> None:
+    """After each setting by pyserial, which has its own mind about a read of nothing."""
+    attributes = termios.tcgetattr(port.fileno())
+    # A board resets when DTR goes active. The kernel does that when a port is opened,
+    # unless it was left so: keep it active past our end.
+    attributes[_CFLAG] &= ~termios.HUPCL
+    # A read of nothing then means a hang-up, and never "no bytes yet".
+    attributes[_CC][termios.VMIN] = 1
+    termios.tcsetattr(port.fileno(), termios.TCSANOW, attributes)
+
+
+async def _reset(port: serial.Serial) -> None:
+    """By DTR; a pty and a Bluetooth port have none."""
+    with contextlib.suppress(OSError):
+        port.dtr = False
+        await asyncio.sleep(RESET_S)
+        port.dtr = True
 
 
 def _translated(name: str, error: serial.SerialException) -> LinkError:

@@ -6,7 +6,6 @@ of it flows through the hub to the sinks.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import msgspec
@@ -18,11 +17,34 @@ from imud.messages import Message, Value
 # Published as JSON under their own names; all else goes out as frames only.
 JSON_TOPICS = frozenset({"pose", "raw", "event"})
 
+# With these each object begins.
+HEAD = (
+    "type",
+    "probe",
+    "seq",
+    "number",
+    "missing",
+    "t_device_us",
+    "t_ns",
+    "t_bound_us",
+    "age_us",
+)
+
 _ENCODER = msgspec.json.Encoder()
 
 
-@dataclass(frozen=True, slots=True)
-class Record:
+class Stamp(msgspec.Struct, frozen=True):
+    """Which message of a probe it is, and when what it says was so."""
+
+    number: int  # of its kind, since this imud began to hear the probe: without gaps
+    missing: int  # messages of the probe lost since the one before of its kind
+    t_device_us: int  # unrolled beyond 32 bits
+    t_ns: int | None = None  # UTC: when its sample was taken; None: not known
+    t_bound_ns: int | None = None  # that is right to this, 99 times of 100
+    t_received_ns: int | None = None  # UTC: when its last byte was read
+
+
+class Record(msgspec.Struct, frozen=True):
     """One thing said by or about a probe, made ready once for all sinks."""
 
     probe: str  # its name in keys
@@ -30,12 +52,13 @@ class Record:
     payload: bytes  # JSON; empty where only the frame is of interest
     content: bytes  # the frame as received; empty where there was none
     sequence: int
-    t_ns: int
+    t_ns: int  # UTC: when what it says was so
+    t_received_ns: int  # UTC
     hello: bytes = b""  # content of the hello in force: what scales raw counts
+    said: Mapping[str, Any] = {}  # what `payload` encodes
 
 
-@dataclass(frozen=True, slots=True)
-class Presence:
+class Presence(msgspec.Struct, frozen=True):
     """A probe came or went."""
 
     probe: str
@@ -46,39 +69,51 @@ def record_of(
     message: Message,
     content: bytes,
     probe: str,
-    t_device_us: int,
-    t_ns: int,
+    stamp: Stamp,
     hello: Mapping[str, Value],
     hello_content: bytes,
-) -> tuple[Record, dict[str, Any]]:
-    """A good message as sinks take it, and its description where it has JSON."""
-    described: dict[str, Any] = {}
+) -> Record:
+    """A good message as sinks take it."""
+    said: dict[str, Any] = {}
     payload = b""
     if message.name in JSON_TOPICS:
-        described = describe(message, probe, t_device_us, t_ns, hello)
-        payload = _ENCODER.encode(described)
+        said = describe(message, probe, stamp, hello)
+        payload = _ENCODER.encode(said)
     # `status` is the key of what the daemon says of a probe.
     topic = "counters" if message.name == "status" else message.name
-    sequence = message.sequence
-    record = Record(probe, topic, payload, content, sequence, t_ns, hello_content)
-    return record, described
+    received_ns = stamp.t_received_ns or 0
+    t_ns = received_ns if stamp.t_ns is None else stamp.t_ns
+    return Record(
+        probe,
+        topic,
+        payload,
+        content,
+        message.sequence,
+        t_ns,
+        received_ns,
+        hello_content,
+        said,
+    )
 
 
 def describe(
-    message: Message,
-    probe: str,
-    t_device_us: int,
-    t_ns: int | None,
-    hello: Mapping[str, Value],
+    message: Message, probe: str, stamp: Stamp, hello: Mapping[str, Value]
 ) -> dict[str, Any]:
     """Plain values for JSON; `hello` holds what scales raw counts, or is empty."""
     fields = message.fields
+    t_ns, received_ns = stamp.t_ns, stamp.t_received_ns
     head: dict[str, Any] = {
         "type": message.name,
         "probe": probe,
         "seq": message.sequence,
-        "t_device_us": t_device_us,
+        "number": stamp.number,
+        "missing": stamp.missing,
+        "t_device_us": stamp.t_device_us,
         "t_ns": t_ns,
+        "t_bound_us": _us(stamp.t_bound_ns),
+        "age_us": None
+        if t_ns is None or received_ns is None
+        else _us(received_ns - t_ns),
     }
     if message.name == "pose":
         return head | {
@@ -101,6 +136,10 @@ def describe(
             "flags": fields["sample_flags"],
         }
     return head | {name: plain(value) for name, value in fields.items()}
+
+
+def _us(time_ns: int | None) -> int | None:
+    return None if time_ns is None else round(time_ns / 1000)
 
 
 def equipment_of(fields: Mapping[str, Value]) -> dict[str, Any]:

@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0xE039F11E
-SEED = 0xF11E  # of the CRC of all messages but hello
+FINGERPRINT = 0xD2018DF2
+SEED = 0x8DF2  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -121,6 +121,7 @@ class Command(IntEnum):
     TARE = 6
     RESET = 7
     RESTART = 8
+    TIME = 9
 
 
 class Result(IntEnum):

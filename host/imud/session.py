@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import Any
 
+import msgspec
+
 from imud import messages, schema
+from imud.clock import READING_NS, Clock, Timeline
 from imud.frame import FrameDecoder
-from imud.ledger import Account, Heard, Judged, Verdict, difference_32
+from imud.ledger import Account, Heard, Judged, Verdict
 from imud.messages import Message, Skew, Value
+from imud.record import Stamp
 
 # Messages that wait for a hello, which comes every second: 760 raw and as many poses a
 # second, twice over.
@@ -32,8 +35,7 @@ NOBODY = "unknown"
 NOISE_BYTES = 256
 
 
-@dataclass(frozen=True, slots=True)
-class ProbeFound:
+class ProbeFound(msgspec.Struct, frozen=True):
     """A probe said hello on this port for the first time, or it began a boot."""
 
     probe_id: str
@@ -41,19 +43,16 @@ class ProbeFound:
     is_restart: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Received:
+class Received(msgspec.Struct, frozen=True):
     """A good message, in its order."""
 
     probe: Probe
     message: Message
     content: bytes
-    t_device_us: int
-    t_ns: int | None
+    stamp: Stamp
 
 
-@dataclass(frozen=True, slots=True)
-class Refused:
+class Refused(msgspec.Struct, frozen=True):
     """A frame that passed its CRC and is not passed on."""
 
     probe_id: str
@@ -61,8 +60,7 @@ class Refused:
     skew: Skew | None
 
 
-@dataclass(frozen=True, slots=True)
-class OtherSchema:
+class OtherSchema(msgspec.Struct, frozen=True):
     """A probe that this imud can't read beyond its hello."""
 
     probe_id: str
@@ -71,15 +69,13 @@ class OtherSchema:
     hello: Message
 
 
-@dataclass(frozen=True, slots=True)
-class OnlyNoise:
+class OnlyNoise(msgspec.Struct, frozen=True):
     """Bytes come, but no frames."""
 
     count: int
 
 
-@dataclass(frozen=True, slots=True)
-class Silent:
+class Silent(msgspec.Struct, frozen=True):
     """A port is open and nothing is heard."""
 
     seconds: float
@@ -88,36 +84,46 @@ class Silent:
 Event = ProbeFound | Received | Refused | OtherSchema | OnlyNoise | Silent
 
 
-@dataclass(slots=True)
-class _DeviceClock:
-    """Unrolls the 32 bits of device time, which wrap after 71.6 minutes."""
-
-    t_us: int | None = None
-    t_ns: int | None = None
-
-    def unroll(self, time_us: int, t_ns: int | None) -> int:
-        if self.t_us is None:
-            unrolled = time_us
-        else:
-            expected = self.t_us
-            if t_ns is not None and self.t_ns is not None:
-                # Tells how often it wrapped in a long silence.
-                expected += (t_ns - self.t_ns) // 1000
-            unrolled = expected + difference_32(time_us, expected)
-        if self.t_us is None or unrolled > self.t_us:
-            self.t_us, self.t_ns = unrolled, t_ns
-        return unrolled
-
-
 class Probe:
     """What is known of one probe, whichever port it speaks on."""
 
     def __init__(self, probe_id: str) -> None:
         self.probe_id = probe_id
         self.account = Account()
-        self.clock = _DeviceClock()
+        self.clock = Clock()
         self.hello: dict[str, Value] = {}
         self.hello_content = b""
+        self._numbers = Counter[str]()
+        self._lost: dict[str, int] = {}
+
+    def stamp(
+        self, heard: Heard, message: Message, timeline: Timeline, byte_ns: int
+    ) -> Stamp:
+        """Of the next message of its kind."""
+        name = message.name
+        self._numbers[name] += 1
+        lost = self.account.lost
+        # A late one may have been taken for lost.
+        missing = max(0, lost - self._lost.get(name, 0))
+        self._lost[name] = lost
+        number = self._numbers[name]
+        device_us = self.clock.unroll(heard.time_us, heard.t_ns)
+        if heard.t_ns is None:
+            return Stamp(number, missing, device_us)
+        # It took at least so long on the wire.
+        self.clock.arrived(device_us, heard.t_ns - len(heard.content) * byte_ns)
+        moment = self.clock.moment(device_us)
+        t_ns, bound_ns = timeline.utc(moment.host_ns), moment.bound_ns
+        if bound_ns is not None:
+            bound_ns += abs(timeline.ahead(moment.host_ns, t_ns)) + READING_NS
+        return Stamp(
+            number,
+            missing,
+            device_us,
+            t_ns,
+            bound_ns,
+            timeline.utc(heard.t_ns),
+        )
 
     def learn(self, hello: Message, content: bytes) -> None:
         self.hello, self.hello_content = dict(hello.fields), content
@@ -148,20 +154,29 @@ def speaker_of(hello: Message | None, name: Callable[[str], Probe]) -> Probe:
 
 
 class Session:
-    """One opening of one port. `probes` is shared by all sessions of a daemon."""
+    """One opening of one port. `probes` is shared by all sessions of a daemon.
+
+    Time is the host's monotonic clock, which `timeline` turns into UTC; without one it
+    is UTC already. A byte is on the wire for `byte_ns` at least, which whoever knows
+    the port sets.
+    """
 
     def __init__(
         self,
         probes: Callable[[str], Probe],
         t_ns: int | None = None,
         presumed: Probe | None = None,
+        timeline: Timeline | None = None,
     ) -> None:
         self._find = probes
+        self._timeline = Timeline() if timeline is None else timeline
+        self.byte_ns = 0
         self._decoder = FrameDecoder()
         self._has_delimiter = False
         self._waiting: deque[Heard] = deque()
         self._is_foreign = False
         self._tallied = Counter[str]()
+        self._bad = 0
         self._heard_ns = t_ns
         self._good_ns = t_ns
         self._bytes_since_good = 0
@@ -197,6 +212,8 @@ class Session:
             self._has_delimiter = end > 0
             self.partial += self._newly_bad().total()
         self._feed(data, t_ns, events)
+        if self._decoder.bad == self._bad:
+            return events
         if self._is_foreign:
             self.foreign += self._newly_bad().total()
         else:
@@ -204,6 +221,7 @@ class Session:
         return events
 
     def _newly_bad(self) -> Counter[str]:
+        self._bad = self._decoder.bad
         bad = Counter(self._decoder.stats.bad)
         fresh, self._tallied = bad - self._tallied, bad
         return fresh
@@ -315,12 +333,10 @@ class Session:
     def _tell(self, probe: Probe, judged: Judged, events: list[Event]) -> None:
         heard = judged.heard
         if judged.begins_boot:
-            probe.clock = _DeviceClock()
+            probe.clock = Clock(probe.clock.rate)
         if judged.verdict is Verdict.GOOD and isinstance(heard.said, Message):
-            t_device_us = probe.clock.unroll(heard.time_us, heard.t_ns)
-            events.append(
-                Received(probe, heard.said, heard.content, t_device_us, heard.t_ns)
-            )
+            stamp = probe.stamp(heard, heard.said, self._timeline, self.byte_ns)
+            events.append(Received(probe, heard.said, heard.content, stamp))
         else:
             skew = heard.said if isinstance(heard.said, Skew) else None
             events.append(Refused(probe.probe_id, judged.verdict, skew))

@@ -81,6 +81,14 @@ PRESS_US = (200_000, 500_000)
 FIRST_COMMAND_US = 600_000
 NEXT_COMMAND_US = 20_000
 
+# Options of its clock and wire, in real time.
+WIRE = {
+    "clock-ppm": "its clock is fast by this",
+    "clock-drift": "and by so many ppm more each second",
+    "batch-ms": "its bytes come at whole multiples of this, as through a USB adapter",
+    "burst-ms": "once a second nothing comes for so long",
+}
+
 FEED_RECORDS = 1024  # a write into the pipe: 36 kB
 
 
@@ -173,6 +181,8 @@ def _add_board(
         parser.add_argument(
             "--battery", metavar="MV", type=_whole(0, 5000), help="a battery's voltage"
         )
+    for name, what in WIRE.items():
+        parser.add_argument(f"--{name}", metavar="N", type=float, help=what)
     parser.add_argument(
         "--image", metavar="ELF", type=Path, help="firmware (default: as built here)"
     )
@@ -253,8 +263,8 @@ def command_line(args: argparse.Namespace, link: Path) -> list[str]:
     words: list[str | Path] = [simulator, "--image", image]
     words += ["--motion", "-", "--seed", str(args.seed)]
     words += ["--record", args.record] if args.record else ["--pty", link]
-    for name in ("seconds", *board.files, "battery"):
-        value = getattr(args, name, None)
+    for name in ("seconds", *board.files, "battery", *WIRE):
+        value = getattr(args, name.replace("-", "_"), None)
         if value is not None:
             words += [f"--{name}", str(value)]
     if args.fast:

@@ -17,6 +17,7 @@ from imud import schema
 from imud.client import Client
 from imud.errors import ProbeUnknown
 from imud.record import euler_deg
+from imud.subscriber import Pose
 
 # Seconds between two looks: of a terminal in place, of a pipe a line a probe.
 TERMINAL_S = 0.1
@@ -88,6 +89,57 @@ def ledger_words(status: dict[str, Any]) -> str:
         f"{sent} sent = {received} received + {skewed} skewed + {lost} lost; "
         f"{ledger['corrupt']} corrupt, {doubled} duplicated, {dropped} dropped"
     ) + (f"; twin {twin_words(status)}" if status["twin"]["state"] != "off" else "")
+
+
+def balance_words(ledger: dict[str, Any]) -> str:
+    """The way from data-ready to each sink, and whether it adds up."""
+    if "adds_up" not in ledger:
+        return ""
+    sinks = []
+    for name, counts in ledger["sinks"].items():
+        off = [f"{counts[key]} {key}" for key in ("waiting", "dropped") if counts[key]]
+        off = [f" ({', '.join(off)})"] if off else off
+        sinks.append("".join([f"{name} {counts['taken']}", *off]))
+    return f"{sum_words(ledger)}; {', '.join(sinks)}"
+
+
+def sum_words(ledger: dict[str, Any]) -> str:
+    if ledger["adds_up"]:
+        return "adds up"
+    return f"differs: {', '.join(ledger['differs'])}"
+
+
+def sinks_words(ledger: dict[str, Any]) -> str:
+    return ", ".join(
+        f"{name} {counts['taken']} taken {counts['waiting']} waiting "
+        f"{counts['dropped']} dropped"
+        for name, counts in ledger.get("sinks", {}).items()
+    )
+
+
+def sensor_words(ledger: dict[str, Any]) -> str:
+    """What the probe itself counted; nothing before its first counters."""
+    sensor, probe = ledger.get("sensor"), ledger.get("probe")
+    if sensor is None or probe is None:
+        return ""
+    return (
+        f"{sensor['ready']} ready = {sensor['read']} read + {sensor['overruns']} "
+        f"overrun + {sensor['unread']} unread; {sensor['fused']} fused; "
+        f"{probe['numbers']} messages = {probe['sent']} sent + "
+        f"{probe['dropped']} dropped"
+    )
+
+
+def time_words(age_us: int | None, bound_us: int | None) -> str:
+    """How old a sample was when it was read, and how sure that is."""
+    if age_us is None:
+        return "-"
+    bound = "" if bound_us is None else f" ±{bound_us / 1000:.2f}"
+    return f"{age_us / 1000:.2f}{bound} ms"
+
+
+def age_words(pose: Pose | None) -> str:
+    return "-" if pose is None else time_words(pose.age_us, pose.t_bound_us)
 
 
 def twin_words(status: dict[str, Any]) -> str:
@@ -233,7 +285,7 @@ def _summary(probes: dict[str, Heard], out: TextIO) -> int:
     return 0
 
 
-def show_probes(client: Client, *, as_json: bool) -> int:
+def show_probes(client: Client, *, as_json: bool, has_ledger: bool = False) -> int:
     statuses = client.statuses()
     if as_json:
         for status in statuses:
@@ -244,8 +296,8 @@ def show_probes(client: Client, *, as_json: bool) -> int:
         return 0
     alive = set(client.alive())
     head: tuple[str, ...] = (
-        *("probe", "state", "board", "firmware", "rate", "lost", "tilt", "heading"),
-        *("twin", "equipment"),
+        *("probe", "state", "board", "firmware", "rate", "age", "lost", "ledger"),
+        *("tilt", "heading", "twin", "equipment"),
     )
     rows = [head, *(_row(status, alive) for status in statuses)]
     if not any(row[-1] for row in rows[1:]):
@@ -254,7 +306,23 @@ def show_probes(client: Client, *, as_json: bool) -> int:
     for row in rows:
         cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
         sys.stdout.write("  ".join(cells).rstrip() + "\n")
+    if has_ledger:
+        for status in statuses:
+            _write_ledger(status)
     return 0
+
+
+def _write_ledger(status: dict[str, Any]) -> None:
+    """From the sensor to each sink, a line a link."""
+    ledger = status["ledger"]
+    lines = (
+        ("probe", sensor_words(ledger)),
+        ("wire", ledger_words(status)),
+        ("sinks", f"{ledger['put']} records each: {sinks_words(ledger)}"),
+    )
+    sys.stdout.write(f"\n{status['probe']}\n")
+    for name, words in lines:
+        sys.stdout.write(f"  {name:<6} {words or '-'}\n")
 
 
 def _row(status: dict[str, Any], alive: set[str]) -> tuple[str, ...]:
@@ -272,7 +340,9 @@ def _row(status: dict[str, Any], alive: set[str]) -> tuple[str, ...]:
         str(hello.get("board", "?")),
         str(hello.get("firmware", "?")),
         f"{status['pose_rate_hz']:.0f} Hz",
+        time_words(quality.get("age_us"), quality.get("t_bound_us")),
         f"{lost} of {sent}",
+        sum_words(ledger),
         _sigma(quality["tilt_sigma_deg"]) if is_measured else "-",
         _sigma(quality["heading_sigma_deg"]) if is_measured else "-",
         twin_words(status),

@@ -26,6 +26,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from msgspec.structs import replace
 
 from fakes import FakeProbe
 from imud import card, cli, disk, fat
@@ -35,7 +36,8 @@ from imud.frame import FrameDecoder, encode_frame
 from imud.messages import decode
 from imud.record import record_of
 from imud.session import Probe, Received, Session
-from imud.sinks.log import Logged, LogSink, read_log
+from imud.logs import Logged, read_log
+from imud.sinks.log import LogSink
 
 MIB = 1 << 20
 GIB = 1 << 30
@@ -464,18 +466,20 @@ def test_a_log_of_a_card_is_the_live_log_of_the_same_messages(tmp_path: Path) ->
     path = bare(tmp_path, laid([tape(contents)], 0x1234))
     assert run("read", path, "--to", tmp_path / "card") == 0
     # As the daemon does it.
-    sink = LogSink(tmp_path / "live", "imud")
+    sink = LogSink(tmp_path / "live")
     sink.open()
     probe = Probe(FakeProbe().name)
     session = Session(lambda _: probe, 0)
     for event in session.receive(b"".join(map(encode_frame, contents)), 0):
         if isinstance(event, Received):
-            t_ns = event.t_device_us * 1000
-            record, _ = record_of(
-                *(event.message, event.content, probe.probe_id, event.t_device_us),
-                *(t_ns, probe.hello, probe.hello_content),
+            t_ns = event.stamp.t_device_us * 1000
+            stamp = replace(event.stamp, t_ns=t_ns, t_received_ns=t_ns)
+            sink.take(
+                record_of(
+                    *(event.message, event.content, probe.probe_id, stamp),
+                    *(probe.hello, probe.hello_content),
+                )
             )
-            sink.take(record)
     sink.close()
 
     def told(folder: Path) -> tuple[list[Any], list[Any]]:

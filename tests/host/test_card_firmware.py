@@ -14,7 +14,7 @@ from core.test_logbook import LOST_US_MAX, SECOND, Log
 from fakes import FakeProbe
 from imud import cli
 from imud.frame import encode_frame
-from imud.sinks.log import Logged, read_log
+from imud.logs import Logged, read_log
 
 MIB = 1 << 20
 BLOCK = 512

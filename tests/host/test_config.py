@@ -3,24 +3,43 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
+import tomllib
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
-from imud.config import Config, load
+from imud.cli import main
+from imud.config import (
+    Config,
+    Log,
+    Ports,
+    ProbeSettings,
+    as_toml,
+    check,
+    load,
+    port_and_baud,
+)
 from imud.errors import ConfigError
 
 WHOLE = """
-ports = ["/dev/ttyUSB0", "/dev/ttyUSB1"]
-baud = 115200
-prefix = "lab/imud"
 twin = true
+[ports]
+named = ["/dev/ttyUSB0", "/dev/ttyUSB1"]
+rates = [115200]
+[zenoh]
+prefix = "lab/imud"
 listen = ["tcp/127.0.0.1:7500"]
 [log]
 enabled = true
 dir = "/tmp/x"
-[names]
-00112233445566aa = "stylus"
+[probes.00112233445566aa]
+name = "stylus"
 """
 
 
@@ -33,62 +52,212 @@ def written(path: Path, text: str) -> Path:
 def test_arguments_win_over_the_file_and_the_file_over_defaults(tmp_path: Path) -> None:
     file = written(tmp_path, WHOLE)
     config = load(file)
-    assert config.names == {"00112233445566aa": "stylus"}
-    assert (config.baud, config.log.dir) == (115200, "/tmp/x")  # noqa: S108 - a name
+    assert config.name_of("00112233445566aa") == "stylus"
+    assert config.name_of("00112233445566ab") == "00112233445566ab"
+    assert (config.ports.rates, config.log.dir) == ((115200,), "/tmp/x")  # noqa: S108 - a name
     config = load(file, ports=["/dev/x"], listen="tcp/127.0.0.1:1", log_dir=Path("l"))
-    assert config.ports == ("/dev/x",)
-    assert config.listen == ("tcp/127.0.0.1:1",)
+    assert (config.ports.named, config.ports.find) == (("/dev/x",), False)
+    assert config.zenoh.listen == ("tcp/127.0.0.1:1",)
     assert (config.log.dir, config.log.enabled) == ("l", True)
-    assert (config.prefix, config.twin) == ("lab/imud", True)
+    assert (config.zenoh.prefix, config.twin) == ("lab/imud", True)
     assert not load(file, is_logging=False).log.enabled
 
 
 def test_nothing_said_is_loopback_and_a_log() -> None:
-    config = load(None, ports=["/dev/x"])
-    assert config == Config(ports=("/dev/x",))
-    assert config.listen == ("tcp/127.0.0.1:7447",)
+    config = load(None)
+    assert config == Config()
+    assert config.ports.find
+    assert config.zenoh.listen == ("tcp/127.0.0.1:7447",)
     assert config.log.enabled
     assert not config.twin
     assert load(None, ports=["/dev/x"], is_twin=True).twin
 
 
-def test_a_port_may_have_a_rate_of_its_own() -> None:
-    ports = ["/dev/a", "/dev/b@921600", "/dev/serial/by-id/c@d"]
-    assert load(None, ports=ports).ports_and_bauds() == [
-        ("/dev/a", 500_000),
-        ("/dev/b", 921_600),
-        ("/dev/serial/by-id/c@d", 500_000),
-    ]
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("/dev/a", ("/dev/a", None)),
+        ("/dev/b@921600", ("/dev/b", 921_600)),
+        ("/dev/serial/by-id/c@d", ("/dev/serial/by-id/c@d", None)),
+    ],
+)
+def test_a_port_may_have_a_rate_of_its_own(
+    text: str, found: tuple[str, int | None]
+) -> None:
+    assert port_and_baud(text) == found
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("ports = ['a', 'a@9600']", "a port is named twice"),
-        ("ports = ['a@5000000']", "baud 5000000"),
-        ("", "no port is named"),
-        ("ports = ['a', 'a']", "a port is named twice"),
-        ("ports = 'a'", r"Expected `array`, got `str` - at `\$.ports`"),
-        ("ports = ['a']\nbuad = 9600", "unknown field `buad`"),
-        ("ports = ['a']\n[log]\nfolder = 'x'", r"`folder` - at `\$.log`"),
-        ("ports = ['a']\n[log]\nenabled = 'yes'", r"at `\$.log.enabled`"),
-        ("ports = ['a']\nbaud = 0", "baud 0"),
-        ("ports = ['a']\ntwin = 1", r"at `\$.twin`"),
-        ("ports = ['a']\nprefix = 'a/*'", "prefix 'a/\\*'"),
-        ("ports = ['a']\nlisten = []", "listen is empty"),
-        ("ports = ['a']\n[names]\nstylus = 'x'", "names.stylus: an id is 16"),
-        ("ports = ['a']\n[names]\n00112233445566aa = 'a/b'", "'a/b' can't be part"),
         (
-            "ports = ['a']\n[names]\n00112233445566aa = 'x'\n00112233445566ab = 'x'",
-            "two probes have one name",
+            "[ports]\nnamed = ['a', 'a@9600']",
+            ":2: [ports] named: a port is named twice",
+        ),
+        ("[ports]\nnamed = ['a@5000000']", "[ports] named: baud 5000000 is not in 1.."),
+        ("[ports]\nfind = false", ":2: [ports] find: is off and no port is named"),
+        ("[ports]\nnamed = 'a'", '"a" is not a list of: text in quotes'),
+        ("\n[ports]\nnmed = ['a']", ":3: [ports] nmed: there is no such key; is it"),
+        ("[log]\nprefix = 'x'", "no such key here; is it [zenoh] prefix?"),
+        ("[log]\nzzz = 'x'", "no such key; there are enabled, dir, "),
+        ("[logs]\ndir = 'x'", ":1: logs: there is no such key; is it log?"),
+        ("log = 7", ":1: log: it is a section: [log] on a line of its own"),
+        ("[probes]\nname = 'x'", "[probes] name: it is a section: [probes.ID]"),
+        ("[log]\nenabled = 'yes'", '[log] enabled: "yes" is not true or false'),
+        ("[log]\nrotate_mb = 0", ":2: [log] rotate_mb: 0 is not a whole number, 1 or"),
+        ("log.rotate_mb = 1.5", ":1: [log] rotate_mb: 1.5 is not a whole number"),
+        ("[log]\nrotate_minutes = nan", "nan is not a number above 0"),
+        ("[log]\ndir = 'x\\u0000'", None),
+        ('[log]\ndir = "x\\u0000"', "has control characters"),
+        ("[ports]\nrates = [0]", "[ports] rates: [0] is not a list of: a whole number"),
+        ("twin = 1", ":1: twin: 1 is not true or false"),
+        ("[zenoh]\nmode = 'x'", '"x" is not "router", "peer" or "client"'),
+        ("[zenoh]\nprefix = 'a/*'", ":2: [zenoh] prefix: 'a/*' can't be part"),
+        ("[zenoh]\nlisten = []", "[zenoh] listen: is empty"),
+        ("[metrics]\nlisten = '9735'", "is not HOST:PORT"),
+        ("[metrics]\nlisten = '0.0.0.0:9735'", "0.0.0.0 is beyond this machine"),
+        ("[journal]\nquiet_s = -1", "-1 is not a number from 0 to 3600"),
+        ("[probes.stylus]\nname = 'x'", ":1: [probes] stylus: an id is 16"),
+        (
+            "[probes.00112233445566aa]\npose_rate = 1001",
+            ":2: [probes.00112233445566aa] pose_rate: 1001 is not a whole number from",
+        ),
+        ("[probes.00112233445566aa]\nname = 'a/b'", "'a/b' can't be part"),
+        (
+            "[probes.00112233445566aa]\nname = 'x'\n"
+            "[probes.00112233445566ab]\nname = 'x'",
+            ':4: [probes.00112233445566ab] name: "x" is another\'s, too',
         ),
         ("ports = [", "is not TOML"),
+        ("x = 2026-02-30", "is not TOML"),
+        ("x = " + 5000 * "9", "is not TOML"),
+        ("x = " + 3000 * "[", "is not TOML"),
     ],
 )
-def test_a_mistake_is_named_on_one_line(tmp_path: Path, text: str, words: str) -> None:
-    with pytest.raises(ConfigError, match=words) as caught:
-        load(written(tmp_path, text))
-    assert "\n" not in str(caught.value)
+def test_a_mistake_is_named_on_one_line(
+    tmp_path: Path, text: str, words: str | None
+) -> None:
+    file = written(tmp_path, text)
+    if words is None:
+        load(file)
+        return
+    try:
+        lines = check(file)
+    except ConfigError as error:
+        lines = [str(error)]
+    assert any(words in line for line in lines), lines
+    with pytest.raises(ConfigError) as caught:
+        load(file)
+    assert str(caught.value).isprintable()
+
+
+def test_all_mistakes_of_a_file_are_told(tmp_path: Path) -> None:
+    file = written(tmp_path, "twin = 3\n[log]\nrotate_mb = 0\nfoo = 1")
+    first, *others = check(file)
+    assert len(others) == 2
+    with pytest.raises(ConfigError) as caught:
+        load(file)
+    assert str(caught.value) == f"{first} (and 2 more: imud config --check FILE)"
+
+
+def test_what_is_printed_is_all_of_it_and_says_just_the_defaults(
+    tmp_path: Path,
+) -> None:
+    text = as_toml(Config())
+    assert load(written(tmp_path, text)) == Config()
+    for section in Config.__struct_fields__:
+        held = getattr(Config(), section)
+        for key in getattr(held, "__struct_fields__", ()):
+            assert f"\n{key} = " in text
+    # What is commented out is TOML, too.
+    start = text.index("# name = ")
+    keys = "\n".join(line.removeprefix("# ") for line in text[start:].splitlines())
+    load(written(tmp_path, f"[probes.00112233445566aa]\n{keys}"))
+
+
+_TEXT = st.text(st.characters(exclude_categories=["C"]), max_size=20)
+
+
+@given(
+    st.builds(
+        Config,
+        twin=st.booleans(),
+        ports=st.builds(Ports, named=st.lists(_TEXT, max_size=3).map(tuple)),
+        log=st.builds(
+            Log,
+            dir=_TEXT,
+            rotate_minutes=st.floats(0, exclude_min=True, allow_infinity=False),
+        ),
+        probes=st.dictionaries(
+            st.from_regex("[0-9a-f]{16}", fullmatch=True),
+            st.builds(
+                ProbeSettings,
+                name=_TEXT,
+                pose_rate=st.none() | st.integers(0, 1000),
+                streams=st.sampled_from([None, (), ("pose",), ("pose", "raw")]),
+            ),
+            max_size=3,
+        ),
+    )
+)
+def test_any_settings_are_read_back_as_they_were_written(config: Config) -> None:
+    assert msgspec.convert(tomllib.loads(as_toml(config)), Config) == config
+
+
+_VALUES = st.recursive(
+    st.booleans() | st.integers() | st.floats() | _TEXT,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(_TEXT, inner),
+    max_leaves=6,
+)
+_KEYS = st.sampled_from([*Config.__struct_fields__, "x"])
+_INNER = st.sampled_from(["find", "named", "rates", "dir", "listen", "level", "y"])
+
+
+def _fails_only_by_name(file: Path) -> None:
+    try:
+        load(file)
+    except ConfigError as error:
+        assert str(error).isprintable()
+        with contextlib.suppress(ConfigError):
+            assert check(file)
+
+
+@given(st.dictionaries(_KEYS, _VALUES | st.dictionaries(_INNER, _VALUES), max_size=4))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_no_table_is_a_fault(tmp_path: Path, table: dict[str, Any]) -> None:
+    lines = [f"{key} = {_inline(value)}" for key, value in table.items()]
+    _fails_only_by_name(written(tmp_path, "\n".join(lines)))
+
+
+def _inline(value: object) -> str:
+    if isinstance(value, dict):
+        pairs = (f"{_inline(key)} = {_inline(held)}" for key, held in value.items())
+        return f"{{{', '.join(pairs)}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_inline, value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    return repr(value)
+
+
+@given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_no_bytes_are_a_fault(tmp_path: Path, data: bytes) -> None:
+    file = tmp_path / "imud.toml"
+    file.write_bytes(data)
+    _fails_only_by_name(file)
+
+
+def test_the_command_prints_and_checks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["config"]) == 0
+    file = written(tmp_path, capsys.readouterr().out)
+    assert main(["config", "--check", str(file)]) == 0
+    assert main(["config", "--check", str(written(tmp_path, "twin = 1"))]) == 1
+    assert ":1: twin: 1 is not true" in capsys.readouterr().err
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:

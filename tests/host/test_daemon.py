@@ -26,10 +26,12 @@ from fakes import (
     Port,
     free_endpoint,
 )
-from imud import _core, cli, daemon, messages, record, schema
+from imud import _core, cli, messages, record, schema
+from imud import words as daemon_words
 from imud.client import Client
-from imud.daemon import Limiter, arguments_of
+from imud.commands import arguments_of
 from imud.errors import CommandRefused, DaemonNotFound, NoReply, ProbeUnknown
+from imud.logs import Logged, read_log
 from imud.session import Session
 from imud.sinks import log
 
@@ -52,7 +54,8 @@ class Chain:
             self.port.path, *arguments, directory=directory, program=program
         )
         self.daemon.expect("listens on")
-        self.port.serve(self.probe, commands=1)
+        self.port.wait_open()
+        self.port.write(self.probe.say("hello"))
         self.daemon.expect("found on")
         self.client = Client(self.daemon.endpoint, prefix)
         self.client.wait_for(seconds=PATIENCE_S)
@@ -131,8 +134,12 @@ def test_poses_and_frames_reach_a_subscriber_whole_and_in_order(chain: Chain) ->
             "type",
             "probe",
             "seq",
+            "number",
+            "missing",
             "t_device_us",
             "t_ns",
+            "t_bound_us",
+            "age_us",
             "q",
             "position_m",
             "normal",
@@ -182,11 +189,11 @@ def test_the_ledger_of_the_status_adds_up(chain: Chain) -> None:
     chain.port.write(doubled * 2 + bytes(flipped) + torn + probe.poses(10))
     assert lost
     status = chain.status_when(
-        lambda s: (s["ledger"]["published"].get("pose"), logged(s)) == (11, 13)
+        lambda s: (s["ledger"]["published"].get("pose"), logged(s)) == (11, 12)
     )
     ledger = status["ledger"]
-    assert ledger["sent"] == 16  # hello, its reply, four that were struck, ten
-    assert ledger["received"] == 13
+    assert ledger["sent"] == 15  # hello, four that were struck, ten
+    assert ledger["received"] == 12
     assert ledger["lost"] == 2
     assert ledger["skewed"] == {"missing": 1}
     assert (ledger["duplicated"], ledger["corrupt"]) == (1, 1)
@@ -324,7 +331,7 @@ def test_it_stops_within_a_second_and_finishes_its_log(
     seconds = chain.daemon.stop(by)
     assert seconds < 1.0
     assert (
-        "stopped; probe 00112233445566aa: 53 received, 0 lost"
+        "stopped; probe 00112233445566aa: 52 received, 0 lost"
         in (chain.daemon.lines[-1])
     )
     decoded = subprocess.run(
@@ -335,7 +342,7 @@ def test_it_stops_within_a_second_and_finishes_its_log(
     )
     items = [json.loads(line) for line in decoded.stdout.splitlines()]
     assert [i["seq"] for i in items] == list(range(chain.probe.sequence))
-    assert "53 sent = 53 received" in decoded.stderr
+    assert "52 sent = 52 received" in decoded.stderr
     assert "ends without" not in decoded.stderr
 
 
@@ -394,14 +401,16 @@ def test_a_disk_that_is_stuck_holds_up_the_end_only_so_long_and_costs_nothing(
     made.daemon.expect("stream started")
     assert made.daemon.stop() < log.PATIENCE_S + 1.0
     assert "log did not finish in time" in "\n".join(made.daemon.lines)
-    frames = [m for m in log.read_log(made.daemon.log) if isinstance(m, log.Logged)]
+    frames = [m for m in read_log(made.daemon.log) if isinstance(m, Logged)]
     assert sum(m.topic == "frame" for m in frames) == made.probe.sequence
     made.close()
 
 
 def test_a_probe_has_the_name_that_the_configuration_gives_it(tmp_path: Path) -> None:
     file = tmp_path / "imud.toml"
-    file.write_text('prefix = "lab/a"\n[names]\n00112233445566aa = "stylus"\n')
+    file.write_text(
+        '[zenoh]\nprefix = "lab/a"\n[probes.00112233445566aa]\nname = "stylus"\n'
+    )
     made = Chain(tmp_path, "--config", file, prefix="lab/a")
     try:
         assert made.client.only_probe("stylus") == "stylus"
@@ -458,7 +467,7 @@ def test_the_twin_asks_follows_tells_a_difference_and_a_loss(
     # It asks for a raw message a sample, then for a beginning.
     port.write(probe.say("pose"))
     port.serve(probe, commands=2)
-    asked = [(c["command"], c["arguments"]) for c in probe.commands[1:]]
+    asked = [(c["command"], c["arguments"]) for c in probe.commands]
     assert asked == [("rate", (1, 200)), ("fields", (3, 0))]
     port.write(truth.sample() + truth.sample())
     port.serve(probe, commands=1)
@@ -538,7 +547,7 @@ def test_an_absent_port_is_told_once_and_taken_up_when_it_comes(
         process.expect("port is not there; it is taken up when it comes")
         probe, port = FakeProbe(), Port(tmp_path / "port")
         process.expect(": open$")
-        port.serve(probe, commands=1)
+        port.write(probe.say("hello"))
         process.expect("found on")
         process.stop()
         port.vanish()
@@ -554,7 +563,7 @@ def test_a_port_that_vanishes_is_told_once_and_counted_over(tmp_path: Path) -> N
     made.probe.poses(4)
     made.port = Port(made.port.path)
     made.daemon.expect(": open$")
-    made.port.serve(made.probe, commands=1)
+    made.port.write(made.probe.say("hello"))
     made.daemon.expect("found on")
     status = made.status_when(lambda s: s["port"] is not None)
     assert status["ledger"]["lost"] == 4
@@ -592,7 +601,7 @@ def test_a_stream_of_noise_is_told_once_and_ends_nothing(tmp_path: Path) -> None
     port, probe = Port(tmp_path / "port"), FakeProbe()
     with DaemonProcess(port.path, directory=tmp_path, log=False) as process:
         process.expect("listens on")
-        port.read()
+        port.wait_open()
         noise = bytes(range(1, 256)) * 2
         port.write(noise)
         process.expect("510 bytes and no message among them; is it a probe, at 500000")
@@ -610,7 +619,7 @@ def test_a_probe_of_another_schema_is_told_once_and_listed(tmp_path: Path) -> No
     )
     with DaemonProcess(port.path, directory=tmp_path, log=False) as process:
         process.expect("listens on")
-        port.read()
+        port.wait_open()
         for _ in range(20):
             content = probe.content("pose")
             port.write(_core.encode_frame(schema.SEED ^ 0x1234, content))
@@ -853,7 +862,7 @@ def test_equipment_that_cannot_tell_its_battery_has_none() -> None:
     ],
 )
 def test_an_event_is_told_in_words(event: tuple[str, str, int], words: str) -> None:
-    assert daemon.event_words(*event) == words
+    assert daemon_words.event_words(*event) == words
 
 
 @pytest.mark.parametrize(
@@ -879,7 +888,7 @@ def test_a_restart_says_where_it_struck(
 
 
 def test_a_kind_of_line_is_written_once_in_a_while() -> None:
-    limiter = Limiter(quiet_s=10.0, burst=2)
+    limiter = daemon_words.Limiter(quiet_s=10.0, burst=2)
     said = [limiter.allow("a", t) for t in (0.0, 1.0, 2.0, 9.9, 10.0, 10.5, 11.0)]
     assert said == [
         "",
@@ -897,7 +906,7 @@ def test_the_status_names_only_what_the_schema_knows() -> None:
     known = {m.name for m in schema.MESSAGES}
     assert known >= record.JSON_TOPICS
     events = {member.name.lower() for member in schema.Event}
-    assert events >= daemon.FAULTS | daemon.DETAILS.keys()
+    assert events >= daemon_words.FAULTS | daemon_words.DETAILS.keys()
     causes = {member.name.lower() for member in schema.ResetCauseFlags}
-    assert causes >= daemon.WITH_ADDRESS
+    assert causes >= daemon_words.WITH_ADDRESS
     assert set(Session(lambda _: None, 0).counts()) >= {"corrupt", "foreign"}  # type: ignore[arg-type,return-value] # none is found here

@@ -45,13 +45,13 @@ def test_a_pose_is_as_promised_to_the_letter(
     cli.main(["decode", str(capture(tmp_path, data + probe.say("hello"))), "--json"])
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == (
-        '{"type":"pose","probe":"00112233445566aa","seq":0,"t_device_us":0,'
-        '"t_ns":null,"q":[0.5,0.5,-0.5,0.5],"position_m":null,"normal":null,'
+        '{"type":"pose","probe":"00112233445566aa","seq":0,"number":1,"missing":0,'
+        '"t_device_us":0,"t_ns":null,"t_bound_us":null,"age_us":null,"q":[0.5,0.5,-0.5,0.5],"position_m":null,"normal":null,'
         '"tilt_sigma_deg":0.37,"heading_sigma_deg":1.25,"flags":["at_rest"]}'
     )
     assert lines[1] == (
-        '{"type":"pose","probe":"00112233445566aa","seq":1,"t_device_us":5000,'
-        '"t_ns":null,"q":[1.0,0.0,0.0,0.0],"position_m":[0.001,-0.25,1.5],'
+        '{"type":"pose","probe":"00112233445566aa","seq":1,"number":2,"missing":0,'
+        '"t_device_us":5000,"t_ns":null,"t_bound_us":null,"age_us":null,"q":[1.0,0.0,0.0,0.0],"position_m":[0.001,-0.25,1.5],'
         '"normal":[0.0,0.0,1.0],"tilt_sigma_deg":null,"heading_sigma_deg":null,'
         '"flags":["starting","tared"]}'
     )
@@ -67,8 +67,12 @@ def test_raw_is_in_si_and_in_counts(
         "type": "raw",
         "probe": probe.name,
         "seq": 0,
+        "number": 1,
+        "missing": 0,
         "t_device_us": 0,
         "t_ns": None,
+        "t_bound_us": None,
+        "age_us": None,
         "acc_m_s2": pytest.approx([0, -16 * 0.004788403, 2048 * 0.004788403]),
         "gyr_rad_s": pytest.approx([0.001065264, -0.002130528, 0.003195792]),
         "mag_uT": pytest.approx([1.5, -3.0, 45.0]),
@@ -113,8 +117,9 @@ def test_all_else_goes_by_the_names_of_the_schema(
 ) -> None:
     data = FakeProbe().say(name)
     (item,), _ = decoded(capture(tmp_path, data), capsys)
-    assert list(item)[:5] == ["type", "probe", "seq", "t_device_us", "t_ns"]
-    assert list(item)[5:] == [
+    assert list(item)[:4] == ["type", "probe", "seq", "number"]
+    assert list(item)[5:9] == ["t_device_us", "t_ns", "t_bound_us", "age_us"]
+    assert list(item)[9:] == [
         f.name for m in schema.MESSAGES if m.name == name for f in m.fields
     ]
     assert item["type"] == name
@@ -144,7 +149,7 @@ def test_a_log_gives_the_very_same_and_the_time(
 ) -> None:
     probe, other = FakeProbe(), FakeProbe()
     hello = other.content("hello")
-    sink = LogSink(tmp_path / "logs", "imud")
+    sink = LogSink(tmp_path / "logs")
     sink.open()
     data = probe.say("hello")
     for name in ("raw", "pose", "event", "status"):
@@ -152,14 +157,14 @@ def test_a_log_gives_the_very_same_and_the_time(
         sequence, content = other.sequence, other.content(name)
         t_ns = 1000 + sequence
         payload = b"{}" if name == "pose" else b""
-        sink.take(Record("stylus", name, payload, content, sequence, t_ns, hello))
+        sink.take(Record("stylus", name, payload, content, sequence, t_ns, t_ns, hello))
     sink.close()
     assert sink.path is not None
     from_capture, _ = decoded(capture(tmp_path, data), capsys)
     from_log, report = decoded(sink.path, capsys)
     assert [item["t_ns"] for item in from_log] == [1001, 1002, 1003, 1004]
     for item in from_log:
-        item.update(t_ns=None, probe=probe.name)
+        item.update(t_ns=None, age_us=None, probe=probe.name)
     assert from_log == from_capture[1:]
     assert report == (
         "stylus: 4 sent = 4 received + 0 skewed + 0 lost; "
@@ -171,10 +176,10 @@ def test_a_log_that_was_cut_says_so_and_gives_the_rest(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     probe = FakeProbe()
-    sink = LogSink(tmp_path, "imud")
+    sink = LogSink(tmp_path)
     sink.open()
     hello = probe.content("hello")
-    sink.take(Record("p", "pose", b"{}", probe.content("pose"), 1, 5, hello))
+    sink.take(Record("p", "pose", b"{}", probe.content("pose"), 1, 5, 5, hello))
     sink.flush()
     assert sink.path is not None
     cut = tmp_path / "cut.mcap"

@@ -20,7 +20,7 @@ PATIENCE_S = 30.0
 
 
 def record(number: int, probe: str = "p", topic: str = "pose") -> Record:
-    return Record(probe, topic, b"{}", b"", number, 0)
+    return Record(probe, topic, b"{}", b"", number, 0, 0)
 
 
 class FakeSink:

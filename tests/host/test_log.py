@@ -18,9 +18,9 @@ from mcap.reader import make_reader
 from fakes import FakeProbe
 from imud import schema
 from imud.errors import FileError
+from imud.logs import Logged, LogHead, read_log
 from imud.record import Presence, Record
-from imud.sinks import log
-from imud.sinks.log import JSON_SCHEMAS, Logged, LogHead, LogSink, read_log
+from imud.sinks.log import JSON_SCHEMAS, LogSink, Settings
 
 # Puts records through the hub as the daemon does, 200 a second, and says the time of
 # each as soon as it has put it.
@@ -33,14 +33,14 @@ from imud.record import Record
 from imud.sinks.log import LogSink
 
 hub, probe = Hub(), FakeProbe()
-hub.add(LogSink(Path(sys.argv[1]), "imud"))
+hub.add(LogSink(Path(sys.argv[1])))
 hello = probe.content("hello")
 while True:
     t_ns = time.time_ns()
     payload = b'{"type":"pose","t_ns":%d}' % t_ns
     sequence = probe.sequence
     content = probe.content("pose")
-    hub.put(Record(probe.name, "pose", payload, content, sequence, t_ns, hello))
+    hub.put(Record(probe.name, "pose", payload, content, sequence, t_ns, t_ns, hello))
     sys.stdout.write(f"{t_ns}\\n")
     sys.stdout.flush()
     time.sleep(0.005)
@@ -52,7 +52,9 @@ def records(probe: FakeProbe, count: int) -> Iterator[Record]:
     for number in range(count):
         content = probe.content("pose")
         payload = json.dumps({"n": number}).encode()
-        yield Record(probe.name, "pose", payload, content, number, number + 1, hello)
+        yield Record(
+            probe.name, "pose", payload, content, number, number + 1, number + 1, hello
+        )
 
 
 def logged(path: Path, topic: str) -> list[Logged]:
@@ -61,15 +63,15 @@ def logged(path: Path, topic: str) -> list[Logged]:
 
 
 def test_what_is_logged_is_read_back_with_who_wrote_it(tmp_path: Path) -> None:
-    sink, probe = LogSink(tmp_path / "deep" / "logs", "imud"), FakeProbe()
+    sink, probe = LogSink(tmp_path / "deep" / "logs"), FakeProbe()
     sink.open()
     assert sink.path is not None
     put = list(records(probe, 50))
     for record in put:
         sink.take(record)
     sink.take(Presence(probe.name, is_alive=False))
-    sink.take(Record(probe.name, "status", b"{}", b"", 0, 99))
-    sink.take(Record(probe.name, "reply", b"", put[0].content, 0, 99))
+    sink.take(Record(probe.name, "status", b"{}", b"", 0, 99, 99))
+    sink.take(Record(probe.name, "reply", b"", put[0].content, 0, 99, 99))
     sink.flush()
     sink.close()
     head = next(read_log(sink.path))
@@ -85,7 +87,7 @@ def test_what_is_logged_is_read_back_with_who_wrote_it(tmp_path: Path) -> None:
 
 
 def test_other_peoples_tools_find_json_with_a_schema(tmp_path: Path) -> None:
-    sink, probe = LogSink(tmp_path, "imud"), FakeProbe()
+    sink, probe = LogSink(tmp_path), FakeProbe()
     sink.open()
     for record in records(probe, 3):
         sink.take(record)
@@ -104,7 +106,7 @@ def test_other_peoples_tools_find_json_with_a_schema(tmp_path: Path) -> None:
 
 
 def test_a_log_that_is_cut_anywhere_gives_what_is_whole(tmp_path: Path) -> None:
-    sink, probe = LogSink(tmp_path, "imud"), FakeProbe()
+    sink, probe = LogSink(tmp_path), FakeProbe()
     sink.open()
     assert sink.path is not None
     sizes = []
@@ -126,7 +128,7 @@ def test_a_log_that_is_cut_anywhere_gives_what_is_whole(tmp_path: Path) -> None:
 
 
 def test_a_log_with_a_flipped_bit_gives_what_is_good(tmp_path: Path) -> None:
-    sink, probe = LogSink(tmp_path, "imud"), FakeProbe()
+    sink, probe = LogSink(tmp_path), FakeProbe()
     sink.open()
     assert sink.path is not None
     put = list(records(probe, 6))
@@ -147,7 +149,7 @@ def test_a_log_with_a_flipped_bit_gives_what_is_good(tmp_path: Path) -> None:
 
 
 def test_two_logs_of_one_second_do_not_overwrite_each_other(tmp_path: Path) -> None:
-    sinks = [LogSink(tmp_path, "imud") for _ in range(3)]
+    sinks = [LogSink(tmp_path) for _ in range(3)]
     for sink in sinks:
         sink.open()
     for sink in sinks:
@@ -155,11 +157,8 @@ def test_two_logs_of_one_second_do_not_overwrite_each_other(tmp_path: Path) -> N
     assert len({sink.path for sink in sinks}) == 3
 
 
-def test_a_file_an_hour_and_each_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(log, "ROTATE_S", 0.0)
-    sink, probe = LogSink(tmp_path, "imud"), FakeProbe()
+def test_a_file_an_hour_and_each_whole(tmp_path: Path) -> None:
+    sink, probe = LogSink(tmp_path, Settings(rotate_s=0.0)), FakeProbe()
     sink.open()
     put = list(records(probe, 4))
     for record in put:
@@ -175,7 +174,7 @@ def test_a_place_that_takes_no_log_is_named(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.touch()
     with pytest.raises(FileError, match=r"can't log to .*file.*--log DIR"):
-        LogSink(file, "imud").open()
+        LogSink(file).open()
 
 
 @pytest.mark.parametrize("count", [150, 187, 231])

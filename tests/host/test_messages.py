@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fakes import EXAMPLES, HELLO, POSE, FakeProbe
 from imud import schema
-from imud.messages import Message, Skew, decode, encode
+from imud.messages import Message, Skew, _examine, decode, encode
 
 HEADER = 9
 
@@ -205,3 +205,15 @@ def test_what_can_not_be_sent_is_an_error(change: dict[str, Any], words: str) ->
 def test_text_that_is_too_long_is_an_error() -> None:
     with pytest.raises(ValueError, match="at most 16 bytes"):
         encode("hello", HELLO | {"firmware": "0" * 17}, 0, 0)
+
+
+@given(st.sampled_from(sorted(EXAMPLES)), st.data())
+def test_the_quick_way_says_what_the_careful_one_says(name: str, data: Any) -> None:
+    content = bytearray(encode(name, EXAMPLES[name], 7, 8))
+    for _ in range(data.draw(st.integers(0, 3))):
+        content[data.draw(st.integers(0, len(content) - 1))] ^= data.draw(
+            st.integers(1, 255)
+        )
+    hurt = bytes(content[: data.draw(st.integers(0, len(content)))])
+    for each in (bytes(content), hurt):
+        assert decode(each) == _examine(each)

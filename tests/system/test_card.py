@@ -20,7 +20,7 @@ from imud.cli import main
 from imud.disk import opened
 from imud.frame import FrameDecoder
 from imud.messages import Message, decode
-from imud.sinks.log import Logged, read_log
+from imud.logs import Logged, read_log
 from system.virtual import (
     BOARDS,
     Run,

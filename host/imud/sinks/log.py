@@ -2,31 +2,29 @@
 """The log: MCAP files that can be read up to 0.25 s before a kill -9.
 
 Channels are named as Zenoh's keys. `frame` holds every good message as received and
-is the truth; pose, raw, event, twin and status hold JSON for other people's tools.
+is the truth; pose, raw, event, twin and status hold JSON for other people's tools, and
+pose_in_frame what Foxglove draws.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import struct
 import time
-from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from io import BufferedWriter
 from pathlib import Path
 from typing import Any
 
-import zstandard
-from mcap.exceptions import McapError
-from mcap.records import Channel, Message, Metadata
-from mcap.stream_reader import CRCValidationError, StreamReader
+import msgspec
 from mcap.writer import CompressionType, Writer
 
-from imud import schema
+from imud import messages, schema
 from imud.errors import FileError
-from imud.record import Presence, Record
+from imud.logs import FRAME_ENCODING, seal
+from imud.messages import Message
+from imud.record import Presence, Record, plain
 from imud.version import version
 
 # A file is handed to the kernel this often. The promise is 0.25 s; the rest of that is
@@ -37,36 +35,26 @@ FLUSH_S = 0.1
 # managers give a process 10 s and more.
 PATIENCE_S = 5.0
 
-# A file per hour: the writer keeps an index entry for each flush in memory.
-ROTATE_S = 3600.0
+# Logging goes on when there is so much more room than the floor: not a file for each
+# few blocks that come free.
+ROOM_AGAIN = 1.1
 
-# More than a chunk of ours can be: a longer record is damage, not to be allocated.
-RECORD_MAX = 64 << 20
-
-# What the reader's library says of a file that is cut off or changed.
-DAMAGE = (
-    McapError,
-    CRCValidationError,
-    EOFError,
-    MemoryError,  # a length that was struck
-    OverflowError,
-    KeyError,
-    ValueError,
-    struct.error,
-    zstandard.ZstdError,
-)
-
-# Content of a frame: id, sequence, time and tagged fields, as PROTOCOL.md says.
-FRAME_ENCODING = "x-imud-frame"
+# The world in which Foxglove draws poses: the fixed frame of its 3D panel.
+WORLD = "world"
 
 _NUMBER: dict[str, Any] = {"type": "number"}
 _COUNT: dict[str, Any] = {"type": "integer"}
+_OPTIONAL_COUNT: dict[str, Any] = {"type": ["integer", "null"]}
 _HEAD = {
     "type": {"type": "string"},
     "probe": {"type": "string"},
     "seq": _COUNT,
+    "number": _COUNT,
+    "missing": _COUNT,
     "t_device_us": _COUNT,
-    "t_ns": {"type": ["integer", "null"]},
+    "t_ns": _OPTIONAL_COUNT,
+    "t_bound_us": _OPTIONAL_COUNT,
+    "age_us": _OPTIONAL_COUNT,
 }
 
 
@@ -81,6 +69,9 @@ def _object(**properties: Any) -> dict[str, Any]:
 
 _FLAGS = {"type": "array", "items": {"type": "string"}}
 _OPTIONAL = {"type": ["number", "null"]}
+
+_TIME = _object(sec=_COUNT, nsec=_COUNT)
+_XYZ = {axis: _NUMBER for axis in "xyz"}
 
 JSON_SCHEMAS: dict[str, dict[str, Any]] = {
     "pose": _object(
@@ -117,13 +108,43 @@ JSON_SCHEMAS: dict[str, dict[str, Any]] = {
     "status": _object(type={"type": "string"}, probe={"type": "string"}),
 }
 
+# The schema of Foxglove's by that name, as far as a pose fills it.
+FOXGLOVE_SCHEMA = {
+    "title": "foxglove.PoseInFrame",
+    **_object(
+        timestamp=_TIME,
+        frame_id={"type": "string"},
+        pose=_object(position=_object(**_XYZ), orientation=_object(**_XYZ, w=_NUMBER)),
+    ),
+}
+
+# Topics with a schema: its name and what it says.
+_SCHEMAS = {name: (f"imud.{name}", body) for name, body in JSON_SCHEMAS.items()} | {
+    "pose_in_frame": ("foxglove.PoseInFrame", FOXGLOVE_SCHEMA)
+}
+
+_ENCODER = msgspec.json.Encoder()
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How logs are kept."""
+
+    prefix: str = "imud"
+    rotate_bytes: int = 1 << 30  # a fresh file after so many
+    rotate_s: float = 3600.0  # and after so long
+    floor_bytes: int = 0  # no logging where the disk has less free
+    unlogged: frozenset[str] = frozenset()  # names of probes that are left out
+    has_foxglove: bool = True
+    configuration: str = ""  # of the daemon, JSON
+
 
 class LogFile:
     """One file of records: channels, schemas and who wrote it."""
 
-    def __init__(self, file: BufferedWriter, prefix: str) -> None:
+    def __init__(self, file: BufferedWriter, settings: Settings) -> None:
         self._file = file
-        self._prefix = prefix
+        self._settings = settings
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, str], int] = {}
         self._hellos: dict[str, bytes] = {}
@@ -131,22 +152,29 @@ class LogFile:
         self._writer = Writer(file, compression=CompressionType.ZSTD)
         self._writer.start(profile="", library=f"imud {version()}")
         fingerprint = f"{schema.FINGERPRINT:#010x}"
-        self._writer.add_metadata(
+        self._add_metadata(
             "imud", {"version": version(), "schema_fingerprint": fingerprint}
         )
+        if settings.configuration:
+            self._add_metadata("configuration", {"json": settings.configuration})
 
     def take(self, record: Record) -> None:
         if record.hello and self._hellos.get(record.probe) != record.hello:
             self._hellos[record.probe] = record.hello
-            metadata = {"probe": record.probe, "content": record.hello.hex()}
-            self._writer.add_metadata("hello", metadata)
+            self._add_metadata("hello", _identity(record.probe, record.hello))
         if record.payload and record.topic in JSON_SCHEMAS:
             self._add(record, record.topic, "json", record.payload)
+        if record.topic == "pose" and record.said and self._settings.has_foxglove:
+            self._add(record, "pose_in_frame", "json", pose_in_frame(record))
         if record.content:
             self._add(record, "frame", FRAME_ENCODING, record.content)
 
     def flush(self) -> None:
         self._writer.flush()
+
+    def size(self) -> int:
+        """Bytes written so far."""
+        return self._file.tell()
 
     def fileno(self) -> int:
         return self._file.fileno()
@@ -158,71 +186,133 @@ class LogFile:
     def close(self) -> None:
         self._file.close()
 
+    def _add_metadata(self, name: str, said: dict[str, str]) -> None:
+        self._writer.add_metadata(name, seal(name, said))
+
     def _add(self, record: Record, topic: str, encoding: str, data: bytes) -> None:
         channel = self._channels.get((record.probe, topic))
         if channel is None:
-            channel = self._writer.register_channel(
-                f"{self._prefix}/{record.probe}/{topic}", encoding, self._schema(topic)
-            )
+            name = f"{self._settings.prefix}/{record.probe}/{topic}"
+            channel = self._writer.register_channel(name, encoding, self._schema(topic))
             self._channels[record.probe, topic] = channel
         sequence = record.sequence & 0xFFFFFFFF
-        self._writer.add_message(channel, record.t_ns, data, record.t_ns, sequence)
+        # log_time is when it came, publish_time when what it says was so.
+        self._writer.add_message(
+            channel, record.t_received_ns, data, record.t_ns, sequence
+        )
 
     def _schema(self, topic: str) -> int:
         """The id of a topic's schema in this file; 0: none."""
-        if topic not in JSON_SCHEMAS:
+        if topic not in _SCHEMAS:
             return 0
         if topic not in self._schemas:
-            data = json.dumps(JSON_SCHEMAS[topic]).encode()
+            name, body = _SCHEMAS[topic]
+            data = json.dumps(body).encode()
             self._schemas[topic] = self._writer.register_schema(
-                f"imud.{topic}", "jsonschema", data
+                name, "jsonschema", data
             )
         return self._schemas[topic]
 
 
+def _identity(probe: str, hello: bytes) -> dict[str, str]:
+    """What a probe says of itself: its message, and the same in words."""
+    said = messages.decode(hello)
+    fields = said.fields if isinstance(said, Message) else {}
+    words = {name: str(plain(value)) for name, value in fields.items()}
+    return words | {"probe": probe, "content": hello.hex()}
+
+
+def pose_in_frame(record: Record) -> bytes:
+    """A pose as Foxglove draws it; one that has no position is at the origin."""
+    sec, nsec = divmod(record.t_ns, 10**9)
+    w, x, y, z = record.said["q"]
+    px, py, pz = record.said["position_m"] or (0.0, 0.0, 0.0)
+    return _ENCODER.encode(
+        {
+            "timestamp": {"sec": sec, "nsec": nsec},
+            "frame_id": WORLD,
+            "pose": {
+                "position": {"x": px, "y": py, "z": pz},
+                "orientation": {"x": x, "y": y, "z": z, "w": w},
+            },
+        }
+    )
+
+
 class LogSink:
-    """Writes records to a file of its own, a fresh one each hour and after a fault."""
+    """Writes records to files of its own; one that fails is followed by a fresh one.
+
+    What can't be written is an error to who hands it over, who counts it and comes
+    again; a disk without room is no reason not to start.
+    """
 
     name = "log"
     period_s = FLUSH_S
     patience_s = PATIENCE_S
 
-    def __init__(self, directory: Path, prefix: str) -> None:
+    def __init__(self, directory: Path, settings: Settings | None = None) -> None:
         self._directory = directory
-        self._prefix = prefix
+        self.settings = settings or Settings()
         self._syncer: ThreadPoolExecutor | None = None
         self._syncing: Future[None] | None = None
         self._log: LogFile | None = None
         self._began_s = 0.0
+        self._has_flushed = False
+        self._is_paused = False
         self.path: Path | None = None
 
     def open(self) -> None:
         try:
             self._directory.mkdir(parents=True, exist_ok=True)
+            if self._is_full(os.statvfs(self._directory)):
+                self._is_paused = True
+                return
             self.path, file = self._create()
         except OSError as error:
             raise FileError(
                 f"can't log to {self._directory}: {error.strerror}; "
                 "name another place with --log DIR, or --no-log"
             ) from error
+        self._is_paused = False
+        self._has_flushed = False
         self._syncer = self._syncer or ThreadPoolExecutor(1, "imud-sync")
         self._began_s = time.monotonic()
-        self._log = LogFile(file, self._prefix)
+        self._log = LogFile(file, self.settings)
 
     def take(self, record: Record | Presence) -> None:
-        if self._log is not None and isinstance(record, Record):
-            self._log.take(record)
+        if not isinstance(record, Record) or record.probe in self.settings.unlogged:
+            return
+        if self._log is None:
+            raise FileError(
+                f"{self._directory} is on a disk with less than "
+                f"{self.settings.floor_bytes / 1e6:.0f} MB free (log.floor_mb); "
+                "logging pauses until there is room"
+            )
+        self._log.take(record)
 
     def flush(self) -> None:
-        if self._log is None or self._syncer is None:
+        log = self._log
+        if log is None or self._syncer is None:
             return
-        self._log.flush()
+        if os.fstat(log.fileno()).st_nlink == 0:
+            raise FileError(f"{self.path} was removed while it was written")
+        try:
+            log.flush()
+        except OSError as error:
+            raise FileError(f"can't write {self.path}: {error.strerror}") from error
+        self._has_flushed = True
         if self._syncing is None or self._syncing.done():
             if self._syncing is not None:
                 self._syncing.result()
             # Takes up to 20 ms, and longer on a busy disk: not in this thread.
-            self._syncing = self._syncer.submit(os.fdatasync, self._log.fileno())
-        if time.monotonic() - self._began_s > ROTATE_S:
+            self._syncing = self._syncer.submit(os.fdatasync, log.fileno())
+        if self._is_full(os.fstatvfs(log.fileno())):
+            self._is_paused = True
+            self._finish()
+        elif (
+            log.size() >= self.settings.rotate_bytes
+            or time.monotonic() - self._began_s >= self.settings.rotate_s
+        ):
             self._finish()
             self.open()
 
@@ -231,6 +321,10 @@ class LogSink:
         if self._syncer is not None:
             self._syncer.shutdown()
             self._syncer = None
+
+    def _is_full(self, disk: os.statvfs_result) -> bool:
+        floor = self.settings.floor_bytes * (ROOM_AGAIN if self._is_paused else 1.0)
+        return disk.f_bavail * disk.f_frsize < floor
 
     def _finish(self) -> None:
         log, self._log = self._log, None
@@ -242,8 +336,16 @@ class LogSink:
             log.finish()
             if syncing is not None:
                 syncing.result()
+        except OSError:
+            self._leave_no_empty_one()
+            raise
         finally:
             log.close()
+
+    def _leave_no_empty_one(self) -> None:
+        """On a disk that takes nothing each attempt would leave a file."""
+        if not self._has_flushed and self.path is not None:
+            self.path.unlink(missing_ok=True)
 
     def _create(self) -> tuple[Path, BufferedWriter]:
         stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
@@ -255,60 +357,3 @@ class LogSink:
                 return path, path.open("xb")
             except FileExistsError:
                 number += 1
-
-
-@dataclass(frozen=True, slots=True)
-class LogHead:
-    """Who wrote a log."""
-
-    version: str
-    fingerprint: int
-
-
-@dataclass(frozen=True, slots=True)
-class Logged:
-    """One message of a log. `topic` is the last part of its channel's name."""
-
-    probe: str
-    topic: str
-    data: bytes
-    t_ns: int
-
-
-def read_log(path: Path) -> Iterator[LogHead | Logged]:
-    """All that a log holds, in order, up to where it was cut off.
-
-    FileError at the end where it was, or where it is damaged: all before it is good.
-    """
-    channels: dict[int, tuple[str, str]] = {}
-    count = 0
-    with path.open("rb") as file:
-        try:
-            reader = StreamReader(
-                file, validate_crcs=True, record_size_limit=RECORD_MAX
-            )
-            for record in reader.records:
-                if isinstance(record, Channel):
-                    channels[record.id] = _split(record.topic)
-                elif isinstance(record, Message):
-                    probe, topic = channels[record.channel_id]
-                    count += 1
-                    yield Logged(probe, topic, record.data, record.log_time)
-                elif isinstance(record, Metadata) and record.name == "imud":
-                    yield LogHead(
-                        record.metadata.get("version", ""),
-                        int(record.metadata.get("schema_fingerprint", "0"), 16),
-                    )
-                elif isinstance(record, Metadata) and record.name == "hello":
-                    content = bytes.fromhex(record.metadata["content"])
-                    yield Logged(record.metadata["probe"], "hello", content, 0)
-        except DAMAGE as error:
-            raise FileError(
-                f"{path} ends without an end, after {count} messages: imud was killed "
-                "or the file is damaged"
-            ) from error
-
-
-def _split(topic: str) -> tuple[str, str]:
-    parts = topic.split("/")
-    return (parts[-2], parts[-1]) if len(parts) > 1 else ("", topic)

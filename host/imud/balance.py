@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: MIT
+"""The way of a probe's data from data-ready to each sink, link by link, and whether
+what goes into a link comes out of it or is counted as lost there.
+
+Each link is checked between counts of two different places: a message that slips away
+uncounted makes one side smaller than the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+# The probe's counters are 32 bits and wrap.
+_MASK = (1 << 32) - 1
+
+
+class SinkCounts(msgspec.Struct, frozen=True):
+    """What became of the records of one probe at one sink, all at one moment."""
+
+    taken: int = 0
+    dropped: int = 0
+    waiting: int = 0
+
+
+def balance(
+    account: Mapping[str, Any],
+    counters: Mapping[str, Any],
+    numbered: int,
+    received: int,
+    put: int,
+    sinks: Mapping[str, SinkCounts],
+) -> dict[str, Any]:
+    """`numbered` is the sequence number of `counters`, `received` the good messages
+    that were taken up, `put` the records made of them and about the probe.
+    """
+    differs = []
+    sensor = _sensor(counters)
+    if sensor is not None and (sensor["unread"] < 0 or sensor["unfused"] < 0):
+        differs.append("sensor")
+    probe = _probe(counters, numbered)
+    if probe is not None and probe["unexplained"]:
+        differs.append("probe")
+    earlier = account["earlier_boots"]
+    if account["received"] + earlier["received"] != received:
+        differs.append("wire")
+    differs += [
+        name
+        for name, counts in sinks.items()
+        if counts.taken + counts.dropped + counts.waiting != put
+    ]
+    return {
+        "adds_up": not differs,
+        "differs": differs,
+        "sensor": sensor,
+        "probe": probe,
+        "put": put,
+        "sinks": {
+            name: msgspec.structs.asdict(counts) for name, counts in sinks.items()
+        },
+    }
+
+
+def _sensor(counters: Mapping[str, Any]) -> dict[str, int] | None:
+    """Each data-ready is read, counted as an overrun, or is `unread`: in the probe's
+    hands, before it began to read, or spent on a fault of its bus.
+    """
+    if "samples_ready" not in counters:
+        return None
+    ready, read = counters["samples_ready"], counters["samples_read"]
+    fused, overruns = counters["samples_fused"], counters["overruns"]
+    return {
+        "ready": ready,
+        "read": read,
+        "overruns": overruns,
+        "unread": _difference(ready, read + overruns),
+        "fused": fused,
+        "unfused": _difference(read, fused),
+    }
+
+
+def _probe(counters: Mapping[str, Any], numbered: int) -> dict[str, int] | None:
+    """Each number that a probe gives out is of a message that was sent or dropped."""
+    if "messages_sent" not in counters:
+        return None
+    sent, dropped = counters["messages_sent"], counters["messages_dropped"]
+    return {
+        "numbers": (numbered + 1) & _MASK,
+        "sent": sent,
+        "dropped": dropped,
+        "unexplained": _difference(numbered + 1, sent + dropped),
+    }
+
+
+def _difference(a: int, b: int) -> int:
+    """a - b of two counts that wrap."""
+    return ((a - b + (1 << 31)) & _MASK) - (1 << 31)

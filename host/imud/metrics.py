@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: MIT
+"""Every number of each probe's status for Prometheus, over HTTP, from a thread of its
+own: https://prometheus.io/docs/instrumenting/exposition_formats/, version 0.0.4.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import re
+import resource
+import socket
+import threading
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from imud.errors import ListenFailed
+from imud.version import version
+
+CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+
+# What a request may take: a scrape has 100 to 500 bytes of head and comes at once.
+HEAD_MAX = 8192
+REQUEST_S = 2.0
+CLIENTS_MAX = 16
+
+# At the end of the daemon, for the thread to see it.
+PATIENCE_S = 0.5
+
+# What is counted from the daemon's or the probe's start on; all else goes up and down.
+_COUNTED = re.compile(
+    r"ledger_(?!.*waiting)|link_|twin_(compared|differed)|clock_(exchanges|restarts)"
+    r"|counters_(samples|overruns|bus|messages|commands)"
+)
+# Maps whose keys are a label's values, by their own key.
+_LABELS = {
+    "published": "topic",
+    "logged": "topic",
+    "dropped": "sink",
+    "sinks": "sink",
+    "corrupt": "kind",
+    "skewed": "kind",
+    "data_skew": "kind",
+}
+_INFO = ("state", "port", "probe_id")
+_NO_NAME = re.compile(r"[^a-zA-Z0-9_]")
+
+Labels = tuple[tuple[str, str], ...]
+
+
+def text_of(
+    statuses: Mapping[str, Mapping[str, Any]], failures: Mapping[str, int]
+) -> str:
+    """All of it, a family after the other, as the format wants it."""
+    families: dict[str, list[tuple[Labels, float]]] = defaultdict(list)
+    for name, status in sorted(statuses.items()):
+        probe = (("probe", name),)
+        for path, labels, value in _numbers(status, "", ()):
+            families[f"imud_{path}"].append(((*probe, *labels), value))
+        about = tuple((key, str(status.get(key) or "")) for key in _INFO)
+        hello = status.get("hello", {})
+        boards = tuple((key, str(hello.get(key, ""))) for key in ("board", "firmware"))
+        families["imud_probe_info"].append(((*probe, *about, *boards), 1))
+    families["imud_info"].append(((("version", version()),), 1))
+    for sink, count in sorted(failures.items()):
+        families["imud_sink_failures"].append(((("sink", sink),), count))
+    for name, value in _process():
+        families[name].append(((), value))
+    return "".join(_family(name, samples) for name, samples in families.items())
+
+
+def _numbers(
+    held: Mapping[str, Any], path: str, labels: Labels
+) -> Iterator[tuple[str, Labels, float]]:
+    for key, value in held.items():
+        inner = "_".join(filter(None, (path, str(key))))
+        label = _LABELS.get(key)
+        if isinstance(value, bool | int | float):
+            yield _NO_NAME.sub("_", inner), labels, value
+        elif isinstance(value, Mapping) and label is not None:
+            for name, each in value.items():
+                own = (*labels, (label, str(name)))
+                if isinstance(each, Mapping):
+                    yield from _numbers(each, inner, own)
+                else:
+                    yield from _numbers({"": each}, inner, own)
+        elif isinstance(value, Mapping):
+            yield from _numbers(value, inner, labels)
+
+
+def _family(name: str, samples: list[tuple[Labels, float]]) -> str:
+    path = name.removeprefix("imud_")
+    is_counted = _COUNTED.match(path) or name in _COUNTERS
+    lines = [f"# TYPE {name} {'counter' if is_counted else 'gauge'}"]
+    for labels, value in samples:
+        said = ",".join(f'{key}="{_escaped(text)}"' for key, text in labels)
+        number = int(value) if isinstance(value, bool) else value
+        lines.append(f"{name}{{{said}}} {number}" if said else f"{name} {number}")
+    return "\n".join(lines) + "\n"
+
+
+def _escaped(text: str) -> str:
+    return text.replace("\\", r"\\").replace('"', r"\"").replace("\n", r"\n")
+
+
+_COUNTERS = frozenset({"imud_sink_failures", "process_cpu_seconds_total"})
+
+
+def _process() -> Iterator[tuple[str, float]]:
+    """By the names that Prometheus' own clients use."""
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    yield "process_cpu_seconds_total", used.ru_utime + used.ru_stime
+    try:
+        pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
+        descriptors = len(os.listdir("/proc/self/fd"))  # noqa: PTH208 - names only
+    except OSError:
+        return
+    yield "process_resident_memory_bytes", pages * os.sysconf("SC_PAGE_SIZE")
+    yield "process_open_fds", descriptors
+
+
+class Metrics:
+    """Serves the last status of each probe at /metrics."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._host = host
+        self._port = port
+        self._statuses: dict[str, Mapping[str, Any]] = {}  # by id: names may change
+        self._failures: Mapping[str, int] = {}
+        self._clients = 0
+        self._loop = asyncio.new_event_loop()
+        self._stop = asyncio.Event()
+        self._thread = threading.Thread(
+            target=self._run, name="imud-metrics", daemon=True
+        )
+        self._socket: socket.socket | None = None
+
+    @property
+    def port(self) -> int:
+        """The one that it got, where any would do."""
+        return int(self._socket.getsockname()[1]) if self._socket else self._port
+
+    def start(self) -> None:
+        try:
+            family = socket.getaddrinfo(
+                self._host, self._port, type=socket.SOCK_STREAM
+            )[0][0]
+            self._socket = socket.create_server(
+                (self._host, self._port), family=family, backlog=CLIENTS_MAX
+            )
+        except (OSError, UnicodeError) as error:
+            reason = getattr(error, "strerror", None) or "not an address"
+            raise ListenFailed(
+                f"can't serve metrics on {self._host}:{self._port}: {reason}; name "
+                "another address in [metrics] listen"
+            ) from error
+        self._thread.start()
+
+    def take(self, status: Mapping[str, Any]) -> None:
+        self._statuses = {**self._statuses, str(status["probe_id"]): status}
+
+    def take_sinks(self, failures: Mapping[str, int]) -> None:
+        self._failures = failures
+
+    def close(self) -> None:
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._stop.set)
+            self._thread.join(PATIENCE_S)
+        if self._socket is not None:
+            self._socket.close()
+
+    def _run(self) -> None:
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
+            runner.run(self._serve())
+
+    async def _serve(self) -> None:
+        server = await asyncio.start_server(
+            self._client, sock=self._socket, limit=HEAD_MAX
+        )
+        async with server:
+            await self._stop.wait()
+
+    async def _client(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        self._clients += 1
+        try:
+            if self._clients <= CLIENTS_MAX:
+                async with asyncio.timeout(REQUEST_S):
+                    head = await reader.readuntil(b"\r\n\r\n")
+                    writer.write(self._answer(head))
+                    await writer.drain()
+        except asyncio.LimitOverrunError:
+            writer.write(_reply("431 Request Header Fields Too Large"))
+        except (OSError, EOFError, TimeoutError):
+            pass  # it has gone, or would never come to an end
+        finally:
+            self._clients -= 1
+            writer.close()
+
+    def _answer(self, head: bytes) -> bytes:
+        parts = head.partition(b"\r\n")[0].split(b" ")
+        if len(parts) != 3 or not parts[2].startswith(b"HTTP/"):
+            return _reply("400 Bad Request")
+        method, target, _ = parts
+        if method not in (b"GET", b"HEAD"):
+            return _reply("405 Method Not Allowed", more="Allow: GET, HEAD\r\n")
+        if target.partition(b"?")[0] != b"/metrics":
+            return _reply("404 Not Found", b"It is at /metrics.\n")
+        by_name = {str(each["probe"]): each for each in self._statuses.values()}
+        body = text_of(by_name, self._failures).encode()
+        return _reply("200 OK", body, kind=CONTENT_TYPE, is_sent=method == b"GET")
+
+
+def _reply(
+    result: str,
+    body: bytes = b"",
+    *,
+    kind: str = "text/plain; charset=utf-8",
+    more: str = "",
+    is_sent: bool = True,
+) -> bytes:
+    head = (
+        f"HTTP/1.1 {result}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n"
+        f"{more}Connection: close\r\n\r\n"
+    )
+    return head.encode("ascii") + (body if is_sent else b"")

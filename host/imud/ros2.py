@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: MIT
+"""ROS 2 over Zenoh as rmw_zenoh has it: names, keys, liveliness tokens, attachments.
+
+Source: the design document of ros2/rmw_zenoh, and liveliness_utils.cpp, qos.cpp and
+attachment_helpers.cpp of its rmw_zenoh_cpp/src/detail.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import NamedTuple
+
+import xxhash
+
+# A topic's or node's name without its namespace: no digit first, no __ inside.
+NAME = r"[A-Za-z](_?[A-Za-z0-9])*_?"
+NAMESPACE = rf"^({NAME}(/{NAME})*)?$"
+
+_NO_NAME = re.compile(r"[^A-Za-z0-9]+")
+_ADMIN_SPACE = "@ros2_lv"
+
+# Sequence number, source time, and a sequence of as many bytes as follow: the GID.
+_ATTACHMENT = struct.Struct("<qqB16s")
+_GID_SIZE = 16
+
+
+class Type(NamedTuple):
+    """A message type; the hash is that of REP 2011, the same since Iron."""
+
+    name: str
+    rihs01: str
+
+    @property
+    def dds(self) -> str:
+        package, kind, name = self.name.split("/")
+        return f"{package}::{kind}::dds_::{name}_"
+
+    @property
+    def hash(self) -> str:
+        return f"RIHS01_{self.rihs01}"
+
+
+IMU = Type(
+    "sensor_msgs/msg/Imu",
+    "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
+)
+MAGNETIC_FIELD = Type(
+    "sensor_msgs/msg/MagneticField",
+    "e80f32f56a20486c9923008fc1a1db07bbb273cbbf6a5b3bfa00835ee00e4dff",
+)
+POSE_STAMPED = Type(
+    "geometry_msgs/msg/PoseStamped",
+    "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
+)
+TF_MESSAGE = Type(
+    "tf2_msgs/msg/TFMessage",
+    "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
+)
+DIAGNOSTIC_ARRAY = Type(
+    "diagnostic_msgs/msg/DiagnosticArray",
+    "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
+)
+TYPES = (IMU, MAGNETIC_FIELD, POSE_STAMPED, TF_MESSAGE, DIAGNOSTIC_ARRAY)
+
+
+class Topic(NamedTuple):
+    """A topic by its full name; the last `depth` messages are kept for each reader."""
+
+    name: str
+    type: Type
+    depth: int = 10  # of ROS' own profiles; /tf has 100
+
+    def key(self, domain: int) -> str:
+        return f"{domain}/{self.name.strip('/')}/{self.type.dds}/{self.type.hash}"
+
+    @property
+    def qos(self) -> str:
+        """Reliable, volatile, the last `depth`: what is empty is the default."""
+        return f"::,{self.depth}:,:,:,,"
+
+
+class Node(NamedTuple):
+    """The only node of a Zenoh session, in the root namespace."""
+
+    domain: int
+    session_id: str
+    name: str
+
+    @property
+    def token(self) -> str:
+        return f"{self._entity(0, 'NN')}"
+
+    def publisher_token(self, number: int, topic: Topic) -> str:
+        """`number` tells the publishers of a node apart, and from itself: 1 and up."""
+        return "/".join(
+            (
+                self._entity(number, "MP"),
+                mangled(topic.name),
+                topic.type.dds,
+                topic.type.hash,
+                topic.qos,
+            )
+        )
+
+    def _entity(self, number: int, kind: str) -> str:
+        # No enclave and no namespace: both are mangled slashes.
+        place = f"{_ADMIN_SPACE}/{self.domain}/{self.session_id}/0/{number}"
+        return f"{place}/{kind}/%/%/{self.name}"
+
+
+def mangled(name: str) -> str:
+    """A name as one part of a key."""
+    return name.replace("/", "%")
+
+
+def ros_name(text: str) -> str:
+    """A probe's name as a part of a topic, and as its frame."""
+    name = _NO_NAME.sub("_", text)
+    return name if re.match("[A-Za-z]", name) else f"probe_{name.lstrip('_')}"
+
+
+def gid_of(token: str) -> bytes:
+    """A publisher's number in the world: the hash of its token, low half first."""
+    digest = xxhash.xxh3_128_intdigest(token)
+    return digest.to_bytes(_GID_SIZE, "little")
+
+
+def attachment(number: int, t_ns: int, gid: bytes) -> bytes:
+    """Goes with each message, else readers drop it; numbers begin with 1."""
+    return _ATTACHMENT.pack(number, t_ns, _GID_SIZE, gid)

@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: MIT
+"""ROS 2: poses, samples and status of each probe on the topics that ROS expects."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import msgspec
+import zenoh
+
+from imud import cdr, ros2
+from imud.cdr import Diagnosis, Level
+from imud.errors import ConfigError
+from imud.record import Presence, Record
+from imud.ros2 import Node, Topic
+
+NODE = "imud"
+TF = Topic("/tf", ros2.TF_MESSAGE, 100)
+DIAGNOSTICS = Topic("/diagnostics", ros2.DIAGNOSTIC_ARRAY)
+
+# A pose is joined with the sample before it up to this age: two at 100 Hz. Where both
+# are sent at one rate they are of one sample.
+JOIN_US = 20_000
+
+# With no pose for so long, samples go out by themselves.
+ALONE_US = 1_000_000
+
+# A heading that nothing holds may be anything: the variance of a whole turn, rad^2.
+FREE_RAD2 = math.pi**2 / 3
+
+# What a flag of a pose says to who relies on it; the others are no fault.
+FLAWS = {
+    "starting": "still settles",
+    "uncalibrated": "gyroscope is not calibrated",
+    "mag_disturbed": "magnetic field is disturbed",
+    "mag_absent": "no magnetometer",
+    "clipped": "a sensor reached its range",
+    "heading_free": "heading is relative and drifts",
+    "gap": "samples are missing",
+}
+STALE_STATES = frozenset({"gone", "silent"})
+ERROR_STATES = frozenset({"fault", "other schema"})
+
+# Wait for room towards a slow reader, see the Zenoh sink.
+WAIT_BEFORE_DROP_US = 50_000
+
+Said = Mapping[str, Any]
+Message = tuple[Topic, bytes]
+
+
+class Translator:
+    """What one probe says, as messages of ROS. No I/O."""
+
+    def __init__(self, probe: str, namespace: str, world: str) -> None:
+        self._world = world
+        self.frame = ros2.ros_name(probe)
+        base = f"/{namespace}/{self.frame}" if namespace else f"/{self.frame}"
+        self.imu = Topic(f"{base}/imu/data", ros2.IMU)
+        self.mag = Topic(f"{base}/imu/mag", ros2.MAGNETIC_FIELD)
+        self.pose = Topic(f"{base}/pose", ros2.POSE_STAMPED)
+        self._sample: Said | None = None
+        self._pose_us: int | None = None
+        self._losses: dict[str, int] = {}
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        return (self.imu, self.mag, self.pose, TF, DIAGNOSTICS)
+
+    def take(self, record: Record) -> Iterator[Message]:
+        if record.topic == "pose":
+            yield from self._take_pose(record.t_ns, record.said)
+        elif record.topic == "raw":
+            yield from self._take_raw(record.t_ns, record.said)
+        elif record.topic == "status" and record.payload:
+            status: Said = msgspec.json.decode(record.payload)
+            said = [self.diagnose(status)]
+            yield DIAGNOSTICS, cdr.diagnostic_array(record.t_ns, "", said)
+
+    def _take_pose(self, t_ns: int, pose: Said) -> Iterator[Message]:
+        orientation: Sequence[float] = pose["q"]
+        covariance = orientation_covariance(pose)
+        self._pose_us = pose["t_device_us"]
+        yield self._imu(t_ns, orientation, covariance, self._joined(self._pose_us))
+        # These can't say that an orientation is not known yet.
+        if covariance is not cdr.ABSENT:
+            position = pose["position_m"] or (0.0, 0.0, 0.0)
+            yield (
+                self.pose,
+                cdr.pose_stamped(t_ns, self._world, position, orientation),
+            )
+            yield (
+                TF,
+                cdr.transform(t_ns, self._world, self.frame, position, orientation),
+            )
+
+    def _take_raw(self, t_ns: int, raw: Said) -> Iterator[Message]:
+        t_us: int = raw["t_device_us"]
+        if raw["acc_m_s2"] is not None and raw["gyr_rad_s"] is not None:
+            self._sample = raw
+            if self._pose_us is None or abs(t_us - self._pose_us) > ALONE_US:
+                yield self._imu(t_ns, (1.0, 0.0, 0.0, 0.0), cdr.ABSENT, raw)
+        if raw["mag_uT"] is not None:
+            field_t = [value * 1e-6 for value in raw["mag_uT"]]
+            yield (
+                self.mag,
+                cdr.magnetic_field(t_ns, self.frame, field_t, cdr.UNKNOWN),
+            )
+
+    def _joined(self, t_us: int) -> Said | None:
+        sample = self._sample
+        if sample is None or abs(t_us - sample["t_device_us"]) > JOIN_US:
+            return None
+        return sample
+
+    def _imu(
+        self,
+        t_ns: int,
+        orientation: Sequence[float],
+        covariance: Sequence[float],
+        sample: Said | None,
+    ) -> Message:
+        known = cdr.ABSENT if sample is None else cdr.UNKNOWN
+        nothing = (0.0, 0.0, 0.0)
+        rate = nothing if sample is None else sample["gyr_rad_s"]
+        force = nothing if sample is None else sample["acc_m_s2"]
+        data = cdr.imu(
+            t_ns, self.frame, orientation, covariance, rate, known, force, known
+        )
+        return self.imu, data
+
+    def diagnose(self, status: Said) -> Diagnosis:
+        """How a probe does; a loss is told in the status that first counts it."""
+        ledger = status.get("ledger") or {}
+        losses = {
+            "lost": _total(ledger, "lost"),
+            "corrupt": ledger.get("corrupt") or 0,
+            "dropped": sum((ledger.get("dropped") or {}).values()),
+        }
+        fresh = {
+            name: count - self._losses.get(name, 0) for name, count in losses.items()
+        }
+        self._losses = losses
+        level, message = _verdict(status, fresh)
+        return Diagnosis(
+            level,
+            f"{NODE}: {status['probe']}",
+            message,
+            str(status.get("probe_id", "")),
+            _values(status, ledger, losses),
+        )
+
+
+def orientation_covariance(pose: Said) -> Sequence[float]:
+    """About the world's axes, which are fixed, as REP 103 has it: tilt is about the two
+    that are level, heading about the one that points up.
+    """
+    tilt_deg, heading_deg = pose["tilt_sigma_deg"], pose["heading_sigma_deg"]
+    if tilt_deg is None:
+        return cdr.ABSENT
+    tilt = math.radians(tilt_deg) ** 2
+    heading = FREE_RAD2 if heading_deg is None else math.radians(heading_deg) ** 2
+    return (tilt, 0.0, 0.0, 0.0, tilt, 0.0, 0.0, 0.0, heading)
+
+
+def _total(ledger: Said, name: str) -> int:
+    earlier = ledger.get("earlier_boots") or {}
+    return int(ledger.get(name) or 0) + int(earlier.get(name) or 0)
+
+
+def _verdict(status: Said, fresh: Mapping[str, int]) -> tuple[Level, str]:
+    state = str(status.get("state"))
+    if state in STALE_STATES:
+        return Level.STALE, state
+    if state in ERROR_STATES:
+        return Level.ERROR, state
+    equipment = status.get("equipment") or {}
+    flags = (status.get("quality") or {}).get("flags") or ()
+    flaws = [f"{count} {name}" for name, count in fresh.items() if count > 0]
+    if state == "streaming":
+        flaws += [FLAWS[flag] for flag in flags if flag in FLAWS]
+    if "low" in (equipment.get("power") or ()):
+        flaws.append("battery is low")
+    if equipment.get("clock") == "spare":
+        flaws.append("crystal has failed")
+    return (Level.WARN, ", ".join(flaws)) if flaws else (Level.OK, state)
+
+
+def _values(status: Said, ledger: Said, losses: Mapping[str, int]) -> dict[str, str]:
+    quality = status.get("quality") or {}
+    equipment = status.get("equipment") or {}
+    hello = status.get("hello") or {}
+    said = {
+        "state": status.get("state"),
+        "port": status.get("port"),
+        "pose_rate_hz": status.get("pose_rate_hz"),
+        "tilt_sigma_deg": quality.get("tilt_sigma_deg"),
+        "heading_sigma_deg": quality.get("heading_sigma_deg"),
+        "flags": " ".join(quality.get("flags") or ()),
+        "received": _total(ledger, "received"),
+        **losses,
+        "battery_v": equipment.get("battery_v"),
+        "firmware": hello.get("firmware"),
+        "imud": status.get("imud"),
+    }
+    return {
+        name: "unknown" if value is None else str(value) for name, value in said.items()
+    }
+
+
+class Publisher:
+    """One topic of ours: a Zenoh publisher, and the token by which ROS knows it."""
+
+    def __init__(
+        self, session: zenoh.Session, node: Node, number: int, topic: Topic
+    ) -> None:
+        token = node.publisher_token(number, topic)
+        self._gid = ros2.gid_of(token)
+        self._sent = 0
+        self._publisher = session.declare_publisher(
+            topic.key(node.domain), congestion_control=zenoh.CongestionControl.DROP
+        )
+        self._token = session.liveliness().declare_token(token)
+
+    def put(self, data: bytes) -> None:
+        self._sent += 1
+        said = ros2.attachment(self._sent, time.time_ns(), self._gid)
+        self._publisher.put(data, attachment=said)
+
+
+class Ros2Sink:
+    """A node of ROS in a Zenoh session of its own: `connect` may come and go."""
+
+    name = "ros2"
+    period_s = 0.0
+    patience_s = 0.8
+
+    def __init__(
+        self, connect: Sequence[str], domain: int, namespace: str, world: str
+    ) -> None:
+        self._connect = tuple(connect)
+        self._domain = domain
+        self._namespace = namespace
+        self._world = world
+        self._session: zenoh.Session | None = None
+        self._node: Node | None = None
+        self._node_token: zenoh.LivelinessToken | None = None
+        self._translators: dict[str, Translator] = {}
+        self._publishers: dict[str, Publisher] = {}
+
+    def open(self) -> None:
+        config = zenoh.Config()
+        try:
+            for key, value in {
+                # As nodes of rmw_zenoh are. A peer opens without waiting for a router.
+                "mode": "peer",
+                "connect/endpoints": self._connect,
+                "listen/endpoints": [],
+                "scouting/multicast/enabled": False,
+                "timestamping/enabled": True,
+                "transport/link/tx/queue/congestion_control/drop/wait_before_drop": (
+                    WAIT_BEFORE_DROP_US
+                ),
+            }.items():
+                config.insert_json5(key, json.dumps(value))
+            self._session = zenoh.open(config)
+        except zenoh.ZError as error:
+            raise ConfigError(
+                f"can't connect ROS 2 to {', '.join(self._connect) or 'nothing'}; "
+                'try ros2.connect = ["tcp/127.0.0.1:7447"]'
+            ) from error
+        self._node = Node(self._domain, str(self._session.zid()), NODE)
+        liveliness = self._session.liveliness()
+        self._node_token = liveliness.declare_token(self._node.token)
+
+    def take(self, record: Record | Presence) -> None:
+        if self._session is None or self._node is None:
+            return
+        translator = self._translators.get(record.probe)
+        if translator is None:
+            translator = Translator(record.probe, self._namespace, self._world)
+            self._translators[record.probe] = translator
+        # Known before there is anything to say, so that readers can wait for it.
+        for topic in translator.topics:
+            if topic.name not in self._publishers:
+                number = 1 + len(self._publishers)
+                self._publishers[topic.name] = Publisher(
+                    self._session, self._node, number, topic
+                )
+        if isinstance(record, Record):
+            for topic, data in translator.take(record):
+                self._publishers[topic.name].put(data)
+
+    def flush(self) -> None:
+        """Nothing waits here: a put is on its way when it returns."""
+
+    def close(self) -> None:
+        session, self._session = self._session, None
+        self._node_token = None
+        self._publishers.clear()
+        if session is not None:
+            session.close()
+
+
+def own_network(mode: str, listen: Sequence[str], connect: Sequence[str]) -> list[str]:
+    """Where a session in the daemon's own machine finds the daemon's network."""
+    if mode != "router":
+        return list(connect)
+    # To listen on all addresses is not an address to connect to.
+    return [
+        endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
+        for endpoint in listen
+    ]

@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: MIT
+"""A probe's clock against the host's, on modelled links in virtual time."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass, field, replace
+from heapq import heapify, heappop, heappush
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imud.clock import READING_NS, WINDOW_US, Clock, Moment, Rising, Timeline
+from imud.commands import Asking
+from imud.record import Stamp
+
+SECOND = 1_000_000_000
+MS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Link:
+    """A probe, its clock's error, and what is between it and the host."""
+
+    ppm: float = 200.0
+    drift_ppm_s: float = 1.0
+    batch_ns: int = 0  # a USB adapter hands over what it has at whole multiples
+    burst_ns: int = 0  # so long nothing comes, at random once a second
+    jitter_ns: int = MS // 10  # to the host, at random
+    write_ns: int = MS  # from the host, at random, up to
+    busy_ns: int = 3 * MS  # of each 5 ms a Nano works on a sample and hears nothing
+    pose_ns: int = 4 * MS  # from a sample to its pose on the wire, at least
+    pose_hz: int = 100
+    start_us: int = 5_000_000  # device time at host time 0
+    seed: int = 1
+
+
+@dataclass
+class Heard:
+    """What came of one pose."""
+
+    true_ns: int
+    host_ns: int
+    moment: Moment
+    device_us: int
+
+    @property
+    def error_ns(self) -> int:
+        return self.moment.host_ns - self.true_ns
+
+
+@dataclass
+class Run:
+    link: Link
+    clock: Clock = field(default_factory=Clock)
+
+    def device_us(self, true_ns: float) -> int:
+        s = true_ns * 1e-9
+        error = self.link.ppm * 1e-6 * s + self.link.drift_ppm_s * 1e-6 * s * s / 2
+        return self.link.start_us + int((s + error) * 1e6)
+
+    def go(self, seconds: float, *, from_s: float = 0.0) -> list[Heard]:
+        """All poses, in order, while commands come ten times in the first second."""
+        link, rng = self.link, random.Random(self.link.seed)
+        begin = int(from_s * 1e9)
+        end = begin + int(seconds * 1e9)
+        stalls = [
+            s * SECOND + rng.randrange(SECOND - link.burst_ns)
+            for s in range(begin // SECOND, end // SECOND + 2)
+        ]
+
+        def arrival(sent_ns: int) -> int:
+            at = sent_ns + rng.randrange(link.jitter_ns + 1)
+            for stall in stalls:
+                if stall <= at < stall + link.burst_ns:
+                    at = stall + link.burst_ns
+            return -(-at // link.batch_ns) * link.batch_ns if link.batch_ns else at
+
+        # Came, made, kind, and when the command was written that it answers.
+        said: list[tuple[int, int, int, int | None]] = []
+        for true in range(begin, end, SECOND // link.pose_hz):
+            late = link.pose_ns + rng.randrange(MS)
+            said.append((arrival(true + late), true, 0, None))
+        for true in range(begin + SECOND // 3, end, SECOND // 2):  # hello, status
+            said.append((arrival(true), true, 1, None))
+        heapify(said)
+        asking = Asking(rng)
+        asking.due_s = (begin + SECOND // 10) * 1e-9
+        poses: list[Heard] = []
+        last_came, moment = 0, Moment(0, None)
+        while said:
+            due_ns = round(asking.due_s * 1e9)
+            if due_ns < min(said[0][0], end):
+                made = self._heard_at(due_ns + rng.randrange(link.write_ns))
+                heappush(said, (arrival(made), made, 2, due_ns))
+                asking.unanswered = 0
+                stamp = Stamp(1, 0, 0, 0, moment.bound_ns)
+                asking.put_off(stamp, asking.due_s)
+                continue
+            came, made, kind, written = heappop(said)
+            host_ns = last_came = max(came, last_came)
+            wrapped = self.device_us(made) & 0xFFFFFFFF
+            device_us = self.clock.unroll(wrapped, host_ns)
+            assert device_us == self.device_us(made)
+            self.clock.arrived(device_us, host_ns)
+            moment = self.clock.moment(device_us)
+            if written is not None:
+                self.clock.heard(device_us, written)
+            if kind == 0:
+                poses.append(Heard(made, host_ns, moment, device_us))
+        return poses
+
+    def _heard_at(self, came_ns: int) -> int:
+        """When the probe hears a command that came: once a sample's work is over."""
+        return max(came_ns, came_ns - came_ns % (5 * MS) + self.link.busy_ns)
+
+
+LINKS = {
+    "a wire": Link(),
+    "no drift": Link(ppm=-200.0, drift_ppm_s=0.0),
+    "cooling": Link(drift_ppm_s=-1.0),
+    "USB batches of 16 ms": Link(batch_ns=16 * MS),
+    "bursts of 100 ms": Link(burst_ns=100 * MS),
+    "batches and bursts": Link(batch_ns=16 * MS, burst_ns=100 * MS),
+    "jitter of 5 ms": Link(jitter_ns=5 * MS),
+    "slow to the probe": Link(write_ns=3 * MS, jitter_ns=1000),
+    "an RC oscillator": Link(ppm=9_000.0, drift_ppm_s=1.5),
+    "a slow probe": Link(pose_hz=5, batch_ns=16 * MS),
+}
+
+
+@pytest.mark.parametrize("link", LINKS.values(), ids=LINKS)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_pose_is_timed_to_a_millisecond_and_its_bound_holds(
+    link: Link, seed: int
+) -> None:
+    run = Run(replace(link, seed=seed))
+    poses = run.go(60.0)
+    later = [pose for pose in poses if pose.true_ns > 10 * SECOND]
+    assert max(abs(pose.error_ns) for pose in later) < MS
+    bounded = [pose for pose in poses if pose.moment.bound_ns is not None]
+    assert len(bounded) > 0.98 * len(poses)
+    honest = sum(abs(p.error_ns) <= (p.moment.bound_ns or 0) for p in bounded)
+    assert honest == len(bounded)
+    assert max(pose.moment.bound_ns or 0 for pose in later) < 5 * MS
+    times = [pose.moment.host_ns for pose in poses]
+    assert times == sorted(times)
+    assert run.clock.restarts == 0
+    truth_ppm = link.ppm + link.drift_ppm_s * 60
+    assert run.clock.rate_ppm == pytest.approx(truth_ppm, abs=100)
+
+
+def test_before_the_first_answer_there_is_a_time_and_no_bound() -> None:
+    clock = Clock()
+    clock.arrived(1000, 5 * MS)
+    clock.arrived(3000, 6 * MS)
+    assert clock.moment(3000) == Moment(6 * MS, None)
+    assert clock.rate_ppm is None
+
+
+def test_device_time_goes_on_over_days() -> None:
+    clock = Run(Link()).clock
+    t_us = 0
+    for minutes in range(0, 60 * 24 * 5, 50):
+        device_us = minutes * 60_000_000
+        t_us = clock.unroll(device_us & 0xFFFFFFFF, device_us * 1000)
+        assert t_us == device_us
+    away_us = t_us + 7 * 2**32 + 12345
+    assert clock.unroll(away_us & 0xFFFFFFFF, away_us * 1000 + 3 * SECOND) == away_us
+
+
+def test_a_wrap_changes_nothing() -> None:
+    run = Run(Link(start_us=2**32 - 15_000_000))
+    later = [p for p in run.go(40.0) if p.true_ns > 10 * SECOND]
+    assert max(abs(pose.error_ns) for pose in later) < MS
+    assert run.clock.restarts == 0
+
+
+def test_a_long_silence_widens_the_bound_and_costs_no_honesty() -> None:
+    run = Run(Link())
+    run.go(20.0)
+    again = run.go(20.0, from_s=300.0)
+    first = again[0].moment.bound_ns
+    assert first is not None
+    assert first > 5 * MS
+    assert all(abs(p.error_ns) <= (p.moment.bound_ns or 0) for p in again)
+    assert max(abs(p.error_ns) for p in again[1000:]) < MS
+    assert run.clock.restarts == 0
+
+
+@pytest.mark.parametrize("by_us", [-40_000, 40_000])
+def test_a_device_clock_that_jumps_is_followed_and_counted(by_us: int) -> None:
+    run = Run(Link(drift_ppm_s=0.0))
+    run.go(15.0)
+    run.link = replace(run.link, start_us=run.link.start_us + by_us)
+    poses = run.go(25.0, from_s=15.1)
+    later = [p for p in poses if p.true_ns > 30 * SECOND]
+    assert run.clock.restarts > 0
+    assert max(abs(p.error_ns) for p in later) < MS
+    assert all(abs(p.error_ns) <= (p.moment.bound_ns or 0) for p in later)
+
+
+def test_one_impossible_device_time_does_not_stay() -> None:
+    run = Run(Link(drift_ppm_s=0.0))
+    run.go(15.0)
+    wrong_us = run.device_us(15 * SECOND) + 900_000_000
+    run.clock.arrived(run.clock.unroll(wrong_us, 15 * SECOND), 15 * SECOND)
+    run.clock.moment(wrong_us)
+    later = [p for p in run.go(25.0, from_s=15.1) if p.true_ns > 26 * SECOND]
+    assert run.clock.restarts > 0
+    assert max(abs(p.error_ns) for p in later) < MS
+
+
+def test_memory_does_not_grow() -> None:
+    run = Run(Link(drift_ppm_s=0.0))
+    run.go(3 * WINDOW_US / 1e6)
+    assert len(run.clock._above.points) < 120
+    assert len(run.clock._below.points) < 60
+
+
+TURNS = st.lists(
+    st.tuples(
+        st.integers(-5000, 20_000), st.integers(-9000, 9000), st.floats(-0.02, 0.02)
+    ),
+    max_size=30,
+)
+
+
+@given(TURNS, st.lists(st.integers(-3000, 3000), min_size=30, max_size=30))
+def test_a_rising_function_never_falls_whatever_it_is_told(
+    turns: list[tuple[int, int, float]], late: list[int]
+) -> None:
+    rising = Rising()
+    rising.turn(0, 0, 0.0)
+    asked: dict[int, int] = {}
+    x = 0
+    for (step, error, rate), back in zip(turns, late, strict=False):
+        rising.turn(x + step, x + step + error, rate)
+        x += abs(step) // 3
+        for at in (x, x + back):
+            asked.setdefault(at, rising.at(at))
+    # So long as no more pieces came in between than are kept.
+    if len(turns) < 15:
+        inside = [asked[at] for at in sorted(asked) if at >= 0]
+        assert inside == sorted(inside)
+
+
+def ahead(timeline: Timeline, host_ns: int) -> int:
+    return timeline.ahead(host_ns, timeline.utc(host_ns))
+
+
+def test_utc_follows_a_step_forwards_at_once() -> None:
+    timeline = Timeline(1000 * SECOND)
+    assert timeline.utc(SECOND) == 1001 * SECOND
+    assert timeline.follow(SECOND, 1001 * SECOND, SECOND) == 0
+    assert timeline.follow(2 * SECOND, 1005 * SECOND, 2 * SECOND) == 3 * SECOND
+    assert timeline.utc(2 * SECOND + 1) == 1005 * SECOND + 1
+    assert timeline.utc(SECOND) == 1001 * SECOND
+    assert (timeline.steps, timeline.last_step_ns) == (1, 3 * SECOND)
+    assert ahead(timeline, 2 * SECOND + 1) == 0
+
+
+def test_utc_makes_up_a_step_backwards_without_running_back() -> None:
+    timeline = Timeline(1000 * SECOND)
+    timeline.utc(2 * SECOND)
+    assert timeline.follow(2 * SECOND, 1001 * SECOND, 2 * SECOND) == -SECOND
+    times = [timeline.utc(2 * SECOND + i * 100 * MS) for i in range(150)]
+    assert times == sorted(times)
+    assert times[0] == 1002 * SECOND
+    assert ahead(timeline, 2 * SECOND) == SECOND
+    assert ahead(timeline, 7 * SECOND) == pytest.approx(SECOND // 2, abs=2)
+    assert timeline.utc(13 * SECOND) == 1012 * SECOND
+    assert ahead(timeline, 13 * SECOND) == 0
+
+
+def test_a_reading_that_took_long_is_left_out() -> None:
+    timeline = Timeline(0)
+    assert timeline.follow(0, SECOND, READING_NS + 1) == 0
+    assert timeline.follow(0, READING_NS, 0) == 0
+    assert timeline.steps == 0

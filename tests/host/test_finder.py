@@ -1,0 +1,314 @@
+# SPDX-License-Identifier: MIT
+"""Ports that come and go, in a loop: found, listened to, kept or given back."""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import itertools
+import logging
+import os
+import select
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import serial
+
+from fakes import PATIENCE_S, FakeProbe, Port
+from imud import config, finder, link, rates
+from imud.commands import orders_of
+from imud.errors import PortLost
+from imud.finder import Finder, is_candidate
+from imud.fleet import Fleet
+from imud.hub import Hub
+from imud.words import Speaker
+
+
+@dataclass
+class Device:
+    """What pyserial lists of a port."""
+
+    device: str
+    hwid: str = "USB VID:PID=1A86:7523 LOCATION=1-1.2"
+    vid: int | None = 0x1A86
+
+
+class Desk:
+    """A finder in a loop, the ports that are plugged in, what it finds."""
+
+    def __init__(self, directory: Path, **settings: Any) -> None:
+        self.directory = directory
+        self.devices: list[Device] = []
+        chosen = config.Ports(**settings)
+        self.fleet = Fleet(config.Config(ports=chosen), Hub(), Speaker())
+        self.found: list[str] = []
+        self.fleet.on_found = self.found.append
+        self.finder = Finder(
+            chosen, self.fleet, Speaker(), listed=lambda: list(self.devices)
+        )
+
+    def plug(self, name: str, baud: int | None = None, **about: Any) -> Port:
+        port = Port(self.directory / name, baud)
+        self.devices.append(Device(str(port.path), **about))
+        return port
+
+    def unplug(self, port: Port) -> None:
+        port.vanish()
+        self.devices = [d for d in self.devices if d.device != str(port.path)]
+
+    async def until(self, is_so: Callable[[], object], what: str = "it") -> float:
+        """The seconds until that is true."""
+        begin = time.monotonic()
+        while not is_so():
+            assert time.monotonic() < begin + PATIENCE_S, f"{what} did not come"
+            await asyncio.sleep(0.005)
+        return time.monotonic() - begin
+
+    def port_of(self, probe: FakeProbe) -> str | None:
+        watched = self.fleet.named(probe.name)
+        return watched.port.name if watched and watched.port else None
+
+    async def open_port(self, port: Port) -> None:
+        def is_open() -> bool:
+            return any(
+                p.name == str(port.path) and p.session is not None for p in self.finder
+            )
+
+        await self.until(is_open, f"{port.path} open")
+
+    async def say_until_found(
+        self, port: Port, probe: FakeProbe, *, every_s: float = 0.1
+    ) -> float:
+        """Hellos, as on a wire: whatever is heard of them."""
+        begin = time.monotonic()
+        while self.port_of(probe) != str(port.path):
+            assert time.monotonic() < begin + PATIENCE_S, f"no probe on {port.path}"
+            port.write(probe.say("hello") + probe.say("status"))
+            await asyncio.sleep(every_s)
+        return time.monotonic() - begin
+
+
+def at_desk(
+    directory: Path, check: Callable[[Desk], Awaitable[None]], **settings: Any
+) -> None:
+    async def run() -> None:
+        desk = Desk(directory, **settings)
+        finding = asyncio.create_task(desk.finder.run())
+        try:
+            checking = asyncio.ensure_future(check(desk))
+            done, _ = await asyncio.wait(
+                [checking, finding], return_when=asyncio.FIRST_COMPLETED
+            )
+            for task in done:
+                task.result()
+            assert checking.done()
+        finally:
+            finding.cancel()
+            await asyncio.gather(finding, return_exceptions=True)
+        assert not list(desk.finder)
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("baud", [500_000, 921_600, 115_200])
+def test_a_probe_is_found_at_its_rate_wherever_it_is_plugged_in(
+    tmp_path: Path, baud: int
+) -> None:
+    async def check(desk: Desk) -> None:
+        probe = FakeProbe()
+        port = desk.plug("ttyUSB0", baud)
+        await desk.open_port(port)
+        await desk.say_until_found(port, probe)
+        assert port.speed == baud
+        # Elsewhere: its rate is known, so that its first hello is understood.
+        desk.unplug(port)
+        await desk.until(lambda: desk.port_of(probe) is None)
+        port = desk.plug("ttyUSB1", baud, hwid="USB VID:PID=1A86:7523 LOCATION=1-7")
+        await desk.open_port(port)
+        port.write(probe.say("hello"))
+        await desk.until(lambda: desk.port_of(probe) == str(port.path))
+        assert desk.found == [probe.name] * 2
+        desk.unplug(port)
+
+    at_desk(tmp_path, check, rates=(500_000, 921_600, 115_200))
+
+
+def test_a_named_port_without_a_rate_is_tried_at_all_and_with_one_at_that(
+    tmp_path: Path,
+) -> None:
+    first, second = Port(tmp_path / "a", 921_600), Port(tmp_path / "b", 230_400)
+
+    async def check(desk: Desk) -> None:
+        for port, identity in ((first, "00" * 8), (second, "11" * 8)):
+            probe = FakeProbe(probe_id=bytes.fromhex(identity))
+            await desk.open_port(port)
+            await desk.say_until_found(port, probe)
+        assert (first.speed, second.speed) == (921_600, 230_400)
+
+    named = (str(first.path), f"{second.path}@230400")
+    at_desk(tmp_path, check, find=False, named=named)
+    first.vanish()
+    second.vanish()
+
+
+def test_nothing_is_written_to_a_port_before_a_hello(tmp_path: Path) -> None:
+    port = Port(tmp_path / "modem")
+
+    async def check(desk: Desk) -> None:
+        await desk.open_port(port)
+        (ours,) = desk.finder
+        with pytest.raises(PortLost, match="no probe said hello yet"):
+            ours.write(b"x")
+        port.write(b"OK\r\nRING\r\n" * 100)
+        await desk.until(lambda: ours.baud == 921_600)
+        with pytest.raises(PortLost, match="no probe said hello yet"):
+            ours.write(b"x")
+        port.write(b"\0" + FakeProbe().say("hello"))
+        await desk.until(lambda: desk.found)
+        assert not select.select([port.master], [], [], 0)[0]
+        ours.write(b"x")
+        assert port.read() == b"x"
+
+    at_desk(tmp_path, check, find=False, named=(str(port.path),))
+    port.vanish()
+
+
+def test_a_port_that_is_none_of_ours_is_given_back_at_once_and_tried_again_later(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    caplog.set_level(logging.INFO, "imud")
+    monkeypatch.setattr(finder, "PAUSE_S", 0.2)
+    monkeypatch.setattr(finder, "LIST_S", 0.02)
+    monkeypatch.setattr(rates, "QUIET_S", 0.1)
+    opened: list[float] = []
+
+    async def check(desk: Desk) -> None:
+        port = desk.plug("ttyUSB0")
+        for _ in range(4):
+            await desk.open_port(port)
+            opened.append(time.monotonic())
+            await desk.until(lambda: not list(desk.finder))
+            holder = os.open(port.path, os.O_RDWR | os.O_NOCTTY)
+            fcntl.flock(holder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            os.close(holder)
+        pauses = [b - a for a, b in itertools.pairwise(opened)]
+        assert pauses[0] >= 0.2
+        assert pauses[1] >= 0.4
+        assert pauses[2] >= 0.8
+        # Another probe comes to that port: it is tried at once.
+        desk.unplug(port)
+        await asyncio.sleep(0.1)
+        port, probe = desk.plug("ttyUSB0"), FakeProbe()
+        begin = time.monotonic()
+        await desk.open_port(port)
+        assert time.monotonic() - begin < 0.8
+        await desk.say_until_found(port, probe)
+        desk.unplug(port)
+
+    at_desk(tmp_path, check)
+    lines = [r.getMessage() for r in caplog.records if "no probe is heard" in r.msg]
+    assert len(lines) == 1
+    assert "at 500000 or 921600 baud; the port is left to others" in lines[0]
+
+
+def test_one_id_on_two_ports_is_told_and_not_merged(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "imud")
+
+    async def check(desk: Desk) -> None:
+        probe, copy = FakeProbe(), FakeProbe(boot_count=3)
+        first = desk.plug("ttyUSB0")
+        await desk.open_port(first)
+        await desk.say_until_found(first, probe)
+        second = desk.plug("ttyUSB1")
+        await desk.open_port(second)
+        watched = desk.fleet.named(probe.name)
+        assert watched is not None
+        before = watched.probe.account.counts()
+        second.write(copy.say("hello") + copy.poses(50))
+        await desk.until(lambda: "which is left out" in caplog.text)
+        assert desk.port_of(probe) == str(first.path)
+        assert watched.probe.account.counts() == before
+        others = [p for p in desk.finder if p.name == str(second.path)]
+        with pytest.raises(PortLost):
+            others[0].write(b"x")
+        # The first one is gone: the other has its place from its next hello on.
+        desk.unplug(first)
+        await desk.until(lambda: desk.port_of(probe) is None)
+        desk.finder.check(time.time_ns())
+        await desk.say_until_found(second, copy)
+        desk.unplug(second)
+
+    at_desk(tmp_path, check)
+
+
+def test_ports_named_anew_are_opened_and_others_closed(tmp_path: Path) -> None:
+    first, second = Port(tmp_path / "a"), Port(tmp_path / "b")
+
+    async def check(desk: Desk) -> None:
+        await desk.open_port(first)
+        desk.finder.configure(config.Ports(find=False, named=(str(second.path),)))
+        await desk.open_port(second)
+        await desk.until(lambda: [p.name for p in desk.finder] == [str(second.path)])
+
+    at_desk(tmp_path, check, find=False, named=(str(first.path),))
+    first.vanish()
+    second.vanish()
+
+
+def test_what_is_never_opened(tmp_path: Path) -> None:
+    usb = Device("/dev/ttyUSB3")
+    assert is_candidate(usb, ())
+    assert is_candidate(Device("/dev/rfcomm0", hwid="n/a", vid=None), ())
+    assert not is_candidate(Device("/dev/ttyS0", hwid="n/a", vid=None), ())
+    assert not is_candidate(Device("/dev/ttyAMA0", hwid="n/a", vid=None), ())
+    assert not is_candidate(usb, ("/dev/ttyUSB3",))
+    assert not is_candidate(usb, ("/dev/ttyUSB*",))
+    assert not is_candidate(usb, ("*VID:PID=1A86:7523*",))
+    assert is_candidate(usb, ("/dev/ttyUSB4", "/dev/ttyACM*"))
+    by_id = tmp_path / "by-id"
+    by_id.symlink_to("/dev/ttyUSB3")
+    assert not is_candidate(usb, (str(by_id),))
+
+
+@pytest.mark.parametrize("has_reset", [False, True])
+def test_dtr_is_toggled_when_told_and_else_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_reset: bool
+) -> None:
+    said: list[bool] = []
+    own = property(lambda _: True, lambda _, is_active: said.append(is_active))
+    monkeypatch.setattr(serial.Serial, "dtr", own)
+    monkeypatch.setattr(link, "RESET_S", 0.001)
+    port = Port(tmp_path / "port")
+
+    async def check(desk: Desk) -> None:
+        await desk.open_port(port)
+
+    named = (str(port.path),)
+    at_desk(tmp_path, check, find=False, named=named, reset=has_reset)
+    assert said == ([False, True] if has_reset else [])
+    port.vanish()
+
+
+@pytest.mark.parametrize(
+    ("settings", "orders"),
+    [
+        ({}, []),
+        ({"pose_rate": 100, "raw_rate": 0}, []),  # as its hello says
+        ({"pose_rate": 50}, [("rate", {"stream": "pose", "hz": "50"})]),
+        ({"raw_rate": 200}, [("rate", {"stream": "raw", "hz": "200"})]),
+        ({"streams": ("pose", "raw")}, [("fields", {"streams": "pose,raw"})]),
+        ({"streams": ()}, [("fields", {"streams": ""})]),
+        ({"start": True}, [("start", {})]),
+    ],
+)
+def test_a_probes_settings_become_the_commands_that_are_needed(
+    settings: dict[str, Any], orders: list[tuple[str, dict[str, str]]]
+) -> None:
+    hello = FakeProbe().hello_fields
+    assert orders_of(config.ProbeSettings(**settings), hello) == orders

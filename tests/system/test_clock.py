@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: MIT
+"""A virtual probe whose clock is wrong, through the daemon: when its samples were."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from fakes import PATIENCE_S, DaemonProcess
+from imud.client import Client
+from system.test_chain import LiveProbe, drained, hear, take
+from system.virtual import Stub
+
+PPM, DRIFT_PPM_S = 200.0, 1.0
+LINKS = {
+    "a wire": (),
+    "16 ms batches and bursts of 100 ms": ("--batch-ms", 16, "--burst-ms", 100),
+}
+
+
+@pytest.mark.parametrize("link", LINKS.values(), ids=LINKS)
+def test_samples_are_timed_to_a_millisecond(
+    stub: Stub, link: tuple[object, ...]
+) -> None:
+    probe = LiveProbe(
+        *(stub, "--press", "300000:500000", *link),
+        *("--clock-ppm", PPM, "--clock-drift", DRIFT_PPM_S),
+    )
+    with DaemonProcess(probe.port, directory=stub.folder) as daemon:
+        daemon.expect("found on")
+        with Client(daemon.endpoint) as client:
+            client.wait_for(seconds=PATIENCE_S)
+            poses = hear(client, "pose")
+            got = take(poses, 2000)
+            utc_ns = time.time_ns() - time.monotonic_ns()
+            got += list(drained(poses))
+            (status,) = client.statuses()
+        summary = probe.end()
+        daemon.stop()
+    if summary["caught_up_ns"] > 0:
+        pytest.skip("this machine is too busy to run the emulator in real time")
+    device_ns = np.array([1000.0 * pose["t_device_us"] for pose in got])
+    run_ns = summary["clock_start_ns"] + device_ns
+    fast_ppm = PPM + DRIFT_PPM_S / 2 * run_ns * 1e-9
+    begin_ns = utc_ns + summary["power_ns"]
+    true_ns = run_ns - run_ns * fast_ppm * 1e-6
+    error_us = np.array([p["t_ns"] - begin_ns for p in got]) / 1e3 - true_ns / 1e3
+    later = device_ns - device_ns[0] > 10e9
+    assert np.abs(error_us[later]).max() < 1000.0
+    bound_us = np.array([pose["t_bound_us"] or np.inf for pose in got])
+    assert np.mean(np.abs(error_us) <= bound_us) > 0.99
+    assert bound_us[later].max() < 5000.0
+    assert np.all(np.diff([pose["t_ns"] for pose in got]) > 0)
+    clock = status["clock"]
+    assert clock["exchanges"] > 20
+    assert clock["restarts"] == 0
+    assert clock["skew_ppm"] == pytest.approx(PPM + 20 * DRIFT_PPM_S, abs=100)
+    print(f"worst {np.abs(error_us[later]).max():.0f} us, bound {bound_us[later].max()}")
