@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 # Each command installs what it needs first; `make` alone lists them.
 .PHONY: help demo test bits coverage fuzz check format firmware sim bench bench-nano \
-	bench-f405 bench-card pictures setup clean
+	bench-f405 bench-card bench-host pictures setup clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= python3
@@ -70,6 +70,11 @@ bench-f405: ## the same of the F405: instructions, both of its rates, every filt
 bench-card: ## an hour of logging on the virtual F405, compared with its wire
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/card.py
+
+bench-host: ## the daemon: decoding, latency, CPU, memory; 12 h of frames with faults
+	@$(PYTHON) tools/setup.py bench
+	@python benchmarks/host.py
+	@python benchmarks/soak.py
 
 pictures: ## docs/pictures, from what `make bench` has measured
 	@$(PYTHON) tools/setup.py bench

@@ -32,6 +32,8 @@ COLUMNS, ROWS = 80, 24
 # A probe calibrates its gyroscope first; then the hand has begun to move it.
 WAIT_S = 60.0
 MOVING_S = 8.0
+MOMENT_S = 40.0
+PITCH_DEG, ROLL_DEG = 25.0, 40.0
 
 # The fonts that a viewer has: a picture asks no server for one.
 _FORMAT = re.sub(
@@ -96,6 +98,7 @@ def _follow() -> monitor.Screen:
                 raise SystemExit("the probes did not stream; make firmware, make sim")
             now_s = monitor.follow(subscription, screen, now_s + 0.1)
         now_s = monitor.follow(subscription, screen, now_s + MOVING_S)
+        until_s = now_s + MOMENT_S
         # A moment at which both look at their horizon.
         while now_s < until_s and not all(map(_sees_horizon, screen.probes.values())):
             now_s = monitor.follow(subscription, screen, now_s + 0.05)
@@ -103,8 +106,10 @@ def _follow() -> monitor.Screen:
 
 
 def _sees_horizon(shown: monitor.Shown) -> bool:
-    dots = set("".join(monitor.horizon(shown.pose.q))) if shown.pose else set()
-    return len(dots) > 2
+    if shown.pose is None:
+        return False
+    _, pitch, roll = shown.pose.yaw_pitch_roll_deg
+    return abs(pitch) < PITCH_DEG and abs(roll) < ROLL_DEG
 
 
 def _are_streaming(screen: monitor.Screen, now_s: float) -> bool:

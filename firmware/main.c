@@ -221,7 +221,8 @@ int main(void) {
         const uint32_t now_us = board_time_us();
         const bool worked = acquire(now_us);
         for (int16_t byte = board_receive(); byte >= 0; byte = board_receive()) {
-            probe_receive(&probe, (uint8_t)byte, now_us);
+            // Not the time before a sample's work: a reply says when it was heard.
+            probe_receive(&probe, (uint8_t)byte, board_time_us());
         }
         if (now_us - stepped_us >= STEP_US) {
             stepped_us = now_us;

@@ -21,6 +21,7 @@
 static const char usage_text[] =
     "usage: f405 --image FILE.elf [--motion FILE|-] [--pty LINK | --record FILE]\n"
     "            [--fast] [--seconds N] [--summary FILE] [--eeprom FILE] [--seed N]\n"
+    "            [--clock-ppm N] [--clock-drift PPM_S] [--batch-ms N] [--burst-ms N]\n"
     "            [--faults FILE] [--press START_US:END_US]... [--send US:HEX]...\n"
     "            [--card FILE [--card-kind KIND]] [--radio FILE] [--battery MV]\n"
     "            [--profile FILE [--parts FILE]]\n"

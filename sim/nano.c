@@ -17,6 +17,7 @@
 static const char usage_text[] =
     "usage: nano --image FILE.elf [--motion FILE|-] [--pty LINK | --record FILE]\n"
     "            [--fast] [--seconds N] [--summary FILE] [--eeprom FILE] [--seed N]\n"
+    "            [--clock-ppm N] [--clock-drift PPM_S] [--batch-ms N] [--burst-ms N]\n"
     "            [--faults FILE] [--press START_US:END_US]... [--send US:HEX]...\n"
     "            [--profile FILE [--parts FILE]]\n"
     "       nano --self-test [--without NAME]\n"

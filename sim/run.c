@@ -168,6 +168,13 @@ static bool parse_number(const char *text, double *value) {
     return end != text && *end == '\0' && isfinite(*value) && *value >= 0.0;
 }
 
+static bool parse_signed(const char *text, double *value) {
+    const bool is_negative = text[0] == '-';
+    const bool good = parse_number(text + is_negative, value);
+    *value = is_negative ? -*value : *value;
+    return good;
+}
+
 static bool parse_span(const char *text, uint64_t *from, uint64_t *to) {
     char *end = NULL;
     *from = strtoull(text, &end, 10);
@@ -228,6 +235,20 @@ static const char *set_option(struct run *run, const char *name, const char *val
     }
     if (strcmp(name, "--seconds") == 0) {
         return parse_number(value, &options->seconds) ? NULL : "takes a number, not";
+    }
+    const struct {
+        const char *name;
+        double *value;
+    } numbers[] = {
+        {"--clock-ppm", &options->clock_ppm},
+        {"--clock-drift", &options->drift},
+        {"--batch-ms", &options->batch_ms},
+        {"--burst-ms", &options->burst_ms},
+    };
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
+        if (strcmp(name, numbers[i].name) == 0) {
+            return parse_signed(value, numbers[i].value) ? NULL : "takes a number, not";
+        }
     }
     if (strcmp(name, "--seed") == 0) {
         double number = 0.0;
@@ -493,30 +514,66 @@ static int64_t wall_ns(void) {
     return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
 }
 
+// How long after power a time of the device is on the wall clock.
+static int64_t after_power(const struct run *run, uint64_t tick) {
+    const double device_ns = (double)run->board->nanoseconds(tick);
+    const double device_s = device_ns * 1e-9;
+    const double fast_ppm =
+        run->options.clock_ppm + run->options.drift / 2.0 * device_s;
+    return llround(device_ns - device_ns * fast_ppm * 1e-6);
+}
+
 // Waits until the wall clock has come as far as the device.
-static void pace(const struct run *run, int64_t *base_ns) {
+static void pace(struct run *run) {
     const uint64_t now = run->board->now(run->self);
-    const int64_t device = (int64_t)run->board->nanoseconds(now);
-    const int64_t ahead = *base_ns + device - wall_ns();
+    const int64_t ahead = run->power_ns + after_power(run, now) - wall_ns();
+    run->ticks++;
+    run->ticks_late += ahead < -1000000 ? 1 : 0;
     if (ahead > 0) {
         const struct timespec wait = {.tv_sec = ahead / 1000000000,
                                       .tv_nsec = ahead % 1000000000};
         (void)nanosleep(&wait, NULL);
     } else if (ahead < -PACE_SLACK_NS) {
-        *base_ns -= ahead;
+        run->power_ns -= ahead;
+        run->caught_up_ns += (uint64_t)-ahead;
     }
 }
 
-static void exchange(struct run *run) {
-    uint8_t bytes[256];
-    cable_flush(run->cable);
-    // What the line can carry in a tick and no more stays between us and the sender.
-    if (run->board->line_count(run->self) < sizeof bytes) {
-        const size_t got = cable_get(run->cable, bytes, sizeof bytes);
-        for (size_t i = 0; i < got; i++) {
-            (void)run->board->send(run->self, 0, bytes[i]);
-        }
+// A USB adapter hands over what it has at whole multiples of its latency, and a busy
+// host nothing for a while, once a second, somewhere in it.
+static bool is_held(const struct run *run) {
+    const double now_ms = (double)(wall_ns() - run->power_ns) * 1e-6;
+    const double batch_ms = run->options.batch_ms;
+    if (batch_ms > 0.0 && fmod(now_ms, batch_ms) >= TICK_US / 1000.0) {
+        return true;
     }
+    const double second = floor(now_ms / 1000.0);
+    const double room_ms = 1000.0 - run->options.burst_ms;
+    // The golden ratio's multiples are spread evenly.
+    const double from_ms = fmod(second * 0.6180339887, 1.0) * room_ms;
+    const double in_second_ms = now_ms - second * 1000.0;
+    return in_second_ms >= from_ms && in_second_ms < from_ms + run->options.burst_ms;
+}
+
+static void exchange(struct run *run, bool is_paced) {
+    if (!is_held(run)) {
+        cable_flush(run->cable);
+    }
+    // What the line can carry in a tick and no more stays between us and the sender.
+    if (run->inbox_count == 0 &&
+        run->board->line_count(run->self) < sizeof run->inbox) {
+        run->inbox_count = cable_get(run->cable, run->inbox, sizeof run->inbox);
+        run->inbox_ns = wall_ns();
+    }
+    // Nor is a byte heard before it came, where the board is behind the wall clock.
+    const int64_t now_ns = run->power_ns + after_power(run, run->board->now(run->self));
+    if (is_paced && now_ns < run->inbox_ns) {
+        return;
+    }
+    for (size_t i = 0; i < run->inbox_count; i++) {
+        (void)run->board->send(run->self, 0, run->inbox[i]);
+    }
+    run->inbox_count = 0;
 }
 
 // False when the processor can't go on.
@@ -524,7 +581,7 @@ static bool run_all(struct run *run) {
     const struct run_board *board = run->board;
     const uint64_t step = TICK_US * board->ticks_per_us;
     const bool is_paced = run->cable != NULL && !run->options.is_fast;
-    int64_t base_ns = wall_ns();
+    run->power_ns = wall_ns();
     uint64_t tick = 0;
     while (wants_stop == 0 && !run->is_over) {
         uint64_t until = tick + step;
@@ -548,11 +605,12 @@ static bool run_all(struct run *run) {
         }
         if (now >= tick + step) {
             tick += step;
-            if (run->cable != NULL) {
-                exchange(run);
-            }
+            // In this order: a byte never comes before its time.
             if (is_paced) {
-                pace(run, &base_ns);
+                pace(run);
+            }
+            if (run->cable != NULL) {
+                exchange(run, is_paced);
             }
         }
     }
@@ -614,6 +672,7 @@ static void write_card(FILE *file, const struct run_report *report) {
 
 static bool write_summary(const struct run *run, const struct summary *summary) {
     const struct run_report *report = &summary->report;
+    const uint64_t start = run->board->clock_start(run->self);
     FILE *file = fopen(run->options.summary, "w");
     if (file == NULL) {
         return false;
@@ -638,6 +697,11 @@ static bool write_summary(const struct run *run, const struct summary *summary) 
         {"uart_unheard", summary->unheard},
         {"uart_overruns", report->uart_overruns},
         {"bus_transactions", report->bus_transactions},
+        {"power_ns", (uint64_t)run->power_ns},
+        {"clock_start_ns", start == RUN_NEVER ? 0 : run->board->nanoseconds(start)},
+        {"caught_up_ns", run->caught_up_ns},
+        {"ticks", run->ticks},
+        {"ticks_late", run->ticks_late},
     };
     (void)fputs("{\n", file);
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {

@@ -100,7 +100,9 @@ struct run_event {
 struct run_options {
     const char *image, *motion, *pty, *record, *summary, *memory, *faults;
     bool is_fast;
-    double seconds;  // 0: no limit
+    double seconds;           // 0: no limit
+    double clock_ppm, drift;  // its clock is fast by this, and by so much more a second
+    double batch_ms, burst_ms;  // how its bytes come; see is_held()
     uint64_t seed;
     struct {
         uint64_t from_us, to_us;
@@ -123,6 +125,12 @@ struct run {
     struct faults faults;
     struct run_event events[RUN_EVENTS_MAX];
     unsigned event_count;
+    int64_t power_ns;       // of the wall clock, when power came
+    uint64_t caught_up_ns;  // that the wall clock was ahead of what could be run
+    uint8_t inbox[256];     // read from the cable at inbox_ns of the wall clock
+    size_t inbox_count;
+    int64_t inbox_ns;
+    uint64_t ticks, ticks_late;  // in real time; more than a millisecond behind it
     bool is_scheduled;
     bool is_power_cut;
     bool is_over;

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from imud.errors import ImudError
+from imud.errors import ImudError, described
 
 if TYPE_CHECKING:
     from imud.client import Client
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 ENDPOINT = "tcp/127.0.0.1:7447"
 
 PREFIX = "imud"
+
+# Exit code of a fault of imud's own: EX_SOFTWARE of sysexits.h.
+FAULT = 70
 
 
 class _Version(argparse.Action):
@@ -583,9 +586,11 @@ def program() -> NoReturn:
     """
     try:
         status = main()
-    except Exception:  # noqa: BLE001 - told as the interpreter tells it
-        traceback.print_exc()
-        status = 1
+    except Exception as fault:  # noqa: BLE001 - a fault of imud's own, told on one line
+        sys.stderr.write(f"imud: a fault of its own: {described(fault)}\n")
+        if os.environ.get("IMUD_TRACEBACK"):
+            traceback.print_exc()
+        status = FAULT
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError):
             stream.flush()

@@ -11,7 +11,6 @@ import queue
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -53,7 +52,6 @@ class Client:
         self,
         endpoint: str = ENDPOINT,
         prefix: str = PREFIX,
-        keys: str | Path | None = None,
     ) -> None:
         self._prefix = prefix
         self._endpoint = endpoint

@@ -47,7 +47,7 @@ LEAP_NS = 1_000_000_000
 ALONE_S = 2.0
 
 # The estimate is at least this part of what is possible away from its edges.
-SHARE_MIN = 0.1
+SHARE_MIN = 0.25
 
 # Pieces that are kept for messages that come out of their order.
 PIECES = 16

@@ -93,6 +93,10 @@ class Zenoh(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     mutual_tls: Annotated[
         bool, Meta(description="with keys: clients show a certificate, too")
     ] = False
+    credentials: Annotated[
+        str,
+        Meta(description="a daemon's file of `imud keys`, to connect where keys rule"),
+    ] = ""
     open_to_all: Annotated[
         bool,
         Meta(

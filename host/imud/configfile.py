@@ -8,9 +8,10 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import cache
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 import msgspec
@@ -119,7 +120,8 @@ class _Section:
     is_many: bool  # one a name: [probes.ID]
 
 
-def _section(hint: object) -> _Section | None:
+@cache
+def _section(hint: Hashable) -> _Section | None:
     info = _bare(inspect.type_info(hint))
     if isinstance(info, inspect.StructType):
         return _Section(info.cls, is_many=False)

@@ -22,7 +22,7 @@ RETRY_S = 0.15
 # One that others hold or that can't be opened is not to be pestered.
 REFUSED_S = 0.5
 
-# DTR goes active at the end of it, which an Arduino's capacitor makes a reset of 0.1 ms.
+# DTR goes active at its end, which an Arduino's capacitor makes a reset of 0.1 ms.
 RESET_S = 0.05
 
 # More than a kernel's serial buffer holds.
@@ -192,7 +192,7 @@ def _open(name: str, baud: int) -> serial.Serial:
 
 
 def _make_ours(port: serial.Serial) -> None:
-    """After each setting by pyserial, which has its own mind about a read of nothing."""
+    """After each setting by pyserial, which sets these its own way."""
     attributes = termios.tcgetattr(port.fileno())
     # A board resets when DTR goes active. The kernel does that when a port is opened,
     # unless it was left so: keep it active past our end.

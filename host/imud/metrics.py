@@ -26,12 +26,12 @@ HEAD_MAX = 8192
 REQUEST_S = 2.0
 CLIENTS_MAX = 16
 
-# At the end of the daemon, for the thread to see it.
+# For the thread to come up, and to see the end.
 PATIENCE_S = 0.5
 
 # What is counted from the daemon's or the probe's start on; all else goes up and down.
 _COUNTED = re.compile(
-    r"ledger_(?!.*waiting)|link_|twin_(compared|differed)|clock_(exchanges|restarts)"
+    r"ledger_(?!.*(waiting|adds_up|un))|link_|twin_(compared|differed)|clock_(exchanges|restarts)"
     r"|counters_(samples|overruns|bus|messages|commands)"
 )
 # Maps whose keys are a label's values, by their own key.
@@ -130,8 +130,9 @@ class Metrics:
         self._statuses: dict[str, Mapping[str, Any]] = {}  # by id: names may change
         self._failures: Mapping[str, int] = {}
         self._clients = 0
-        self._loop = asyncio.new_event_loop()
+        self._loop: asyncio.AbstractEventLoop | None = None
         self._stop = asyncio.Event()
+        self._is_up = threading.Event()
         self._thread = threading.Thread(
             target=self._run, name="imud-metrics", daemon=True
         )
@@ -157,6 +158,7 @@ class Metrics:
                 "another address in [metrics] listen"
             ) from error
         self._thread.start()
+        self._is_up.wait(PATIENCE_S)
 
     def take(self, status: Mapping[str, Any]) -> None:
         self._statuses = {**self._statuses, str(status["probe_id"]): status}
@@ -165,20 +167,21 @@ class Metrics:
         self._failures = failures
 
     def close(self) -> None:
-        if self._thread.is_alive():
+        if self._loop is not None and self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stop.set)
             self._thread.join(PATIENCE_S)
         if self._socket is not None:
             self._socket.close()
 
     def _run(self) -> None:
-        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
-            runner.run(self._serve())
+        asyncio.run(self._serve())
 
     async def _serve(self) -> None:
+        self._loop = asyncio.get_running_loop()
         server = await asyncio.start_server(
             self._client, sock=self._socket, limit=HEAD_MAX
         )
+        self._is_up.set()
         async with server:
             await self._stop.wait()
 

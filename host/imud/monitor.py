@@ -18,7 +18,6 @@ import tty
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TextIO
 
 from rich.console import Console, Group
@@ -138,9 +137,9 @@ def head_of(shown: Shown, now_s: float) -> Text:
     state = shown.state(now_s)
     status = shown.status
     rate = f"{shown.rate_hz(now_s)} Hz"
-    text = Text(f"{shown.name[:16]:<16} ", style="bold")
+    text = Text().append(f"{shown.name[:16]:<16} ", style="bold")
     text.append(f"{state:<10}", style=_STATES.get(state, "yellow"))
-    text.append(f"{rate:>7}  ", style="default")
+    text.append(f"{rate:>7}  ")
     text.append(f"{age_words(shown.pose):<17}" if shown.has_pose(now_s) else " " * 17)
     text.append(" ")
     if status is None:
@@ -189,7 +188,7 @@ def block_of(shown: Shown, now_s: float) -> list[Text]:
         beside[2].append(f"{port} {status.hello.get('board', '')}", style="dim")
         beside[3] = loss_of(shown)
     for drawn, words in zip(picture, beside, strict=True):
-        lines.append(Text("▕", style="dim").append(drawn, style="yellow"))
+        lines.append(Text().append("▕", style="dim").append(drawn, style="yellow"))
         lines[-1].append("▏ ", style="dim").append_text(words)
     sums = status is None or status.ledger.get("adds_up", True)
     tail = Text(" " * (HORIZON[0] + 3), style="default" if sums else "red")
@@ -213,7 +212,7 @@ class Screen:
         """At most `height` lines."""
         probes = [shown for _, shown in sorted(self.probes.items())]
         count = f"{len(probes)} probe{'' if len(probes) == 1 else 's'}"
-        head = Text(f"imud at {self.endpoint}, {count}", style="bold")
+        head = Text().append(f"imud at {self.endpoint}, {count}", style="bold")
         if not self.is_connected:
             head.append("  it is gone; waiting for it", style="bold red")
         foot = Text("q ends", style="dim")
@@ -289,7 +288,6 @@ def follow(
 def run(
     endpoint: str,
     prefix: str,
-    keys: Path | None = None,
     seconds: float | None = None,
 ) -> int:
     """Until q, Ctrl-C or the end of so many seconds."""
@@ -297,7 +295,7 @@ def run(
     until_s = math.inf if seconds is None else time.monotonic() + seconds
     with (
         subscribe(
-            topics=("pose", "status"), endpoint=endpoint, prefix=prefix, keys=keys
+            topics=("pose", "status"), endpoint=endpoint, prefix=prefix
         ) as subscription,
         contextlib.suppress(KeyboardInterrupt),
     ):

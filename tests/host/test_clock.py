@@ -62,7 +62,7 @@ class Run:
 
     def go(self, seconds: float, *, from_s: float = 0.0) -> list[Heard]:
         """All poses, in order, while commands come ten times in the first second."""
-        link, rng = self.link, random.Random(self.link.seed)
+        link, rng = self.link, random.Random(self.link.seed)  # noqa: S311
         begin = int(from_s * 1e9)
         end = begin + int(seconds * 1e9)
         stalls = [

@@ -186,7 +186,7 @@ _TEXT = st.text(st.characters(exclude_categories=["C"]), max_size=20)
         log=st.builds(
             Log,
             dir=_TEXT,
-            rotate_minutes=st.floats(0, exclude_min=True, allow_infinity=False),
+            rotate_minutes=st.floats(0, 240, exclude_min=True),
         ),
         probes=st.dictionaries(
             st.from_regex("[0-9a-f]{16}", fullmatch=True),

@@ -798,10 +798,14 @@ def test_wrong_usage_is_exit_code_2(
     assert "usage: imud" in capsys.readouterr().err
 
 
-def test_no_port_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["run"]) == 1
+def test_no_port_to_look_at_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "imud.toml"
+    file.write_text("[ports]\nfind = false\n")
+    assert cli.main(["run", "--config", str(file)]) == 1
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("imud: no port is named; imud run /dev/ttyUSB0")
+    assert "is off and no port is named; name one: imud run /dev/ttyUSB0" in line
 
 
 # What a board has beside its sensor.

@@ -98,6 +98,17 @@ def test_a_file_is_as_large_as_told_and_none_is_lost_between(tmp_path: Path) -> 
     assert all(path.stat().st_size < 40_000 for path in files)
 
 
+def test_the_index_in_memory_is_bounded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(imud.sinks.log, "INDEX_MAX", 12)
+    put = records(60)
+    write(tmp_path, *[put[at : at + 5] for at in range(0, 60, 5)])
+    assert len(list(tmp_path.iterdir())) >= 4
+    found = [frame for path in tmp_path.iterdir() for frame in frames(path)]
+    assert sorted(found) == sorted(record.content for record in put)
+
+
 def test_who_it_was_and_how_it_was_set_stand_in_each_file(tmp_path: Path) -> None:
     path = write(tmp_path, records(3), configuration='{"log":{}}')
     with path.open("rb") as file:

@@ -597,11 +597,13 @@ def test_a_daemon_is_a_node_that_another_implementation_finds_and_reads(
         mag, _ = said[f"{BASE}/imu/mag"][-1]
         assert mag.magnetic_field.z == pytest.approx(45e-6)
 
-        tokens = [
-            str(reply.ok.key_expr)
-            for reply in session.liveliness.get("@ros2_lv/5/**")
-            if reply.ok is not None
-        ]
+        tokens: set[str] = set()
+        while len(tokens) < 6:
+            assert time.monotonic() < until, tokens
+            replies = session.liveliness.get("@ros2_lv/5/**")
+            tokens |= {str(reply.ok.key_expr) for reply in replies if reply.ok}
+        # Each entity of the node has a number of its own: the node itself has 0.
+        assert sorted(token.split("/")[4] for token in tokens) == list("012345")
         gids = {ros2.gid_of(token) for token in tokens if "/MP/" in token}
         assert sum("/NN/" in token for token in tokens) == 1
         for name, messages in said.items():

@@ -19,8 +19,8 @@ from imud import card as cards
 from imud.cli import main
 from imud.disk import opened
 from imud.frame import FrameDecoder
-from imud.messages import Message, decode
 from imud.logs import Logged, read_log
+from imud.messages import Message, decode
 from system.virtual import (
     BOARDS,
     Run,

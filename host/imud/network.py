@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: MIT
+"""Zenoh sessions: the daemon's, as its configuration says, and those of its clients;
+with the keys that `imud keys` made, and what Zenoh tells of who was refused.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import re
+import sys
+import threading
+from base64 import b64encode
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, get_args
+
+import msgspec
+import zenoh
+
+from imud import access
+from imud.access import Role
+from imud.config import ENDPOINT, Zenoh
+from imud.errors import ConfigError, DaemonNotFound, ListenFailed
+
+# Files of a folder that `imud keys` made.
+CA, SERVER, SERVER_KEY = "ca.pem", "server.pem", "server.key"
+USERS, ROLES = "users.txt", "roles.toml"
+
+# Microseconds that a put waits for room towards a slow subscriber before the message
+# is dropped for it. Zenoh's own 1 ms loses messages when a machine is busy; the wait
+# is this sink's thread's and no one else's.
+WAIT_BEFORE_DROP_US = 50_000
+
+# A daemon on this machine answers within milliseconds, one across a network in tens.
+CONNECT_TIMEOUT_MS = 2000
+
+_TLS = "transport/link/tls/"
+_PASSWORDS = "transport/auth/usrpwd"  # noqa: S105 - the name of a setting
+_WAIT = "transport/link/tx/queue/congestion_control/drop/wait_before_drop"
+
+logger = logging.getLogger("imud")
+
+
+class Credentials(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A client's file: where the daemon is, how to know it, and who asks."""
+
+    endpoint: str
+    user: str
+    password: str
+    role: Role
+    ca: str  # PEM
+    certificate: str  # PEM, with the user's name
+    private_key: str  # PEM
+
+
+def read_credentials(path: Path) -> Credentials:
+    try:
+        return msgspec.toml.decode(path.read_bytes(), type=Credentials)
+    except OSError as error:
+        raise ConfigError(f"can't read {path}: {error.strerror}") from error
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(
+            f"{path} is not a file of `imud keys`: clients/NAME.toml in its folder"
+        ) from error
+
+
+def read_roles(folder: Path) -> dict[str, Role]:
+    """The users of a folder."""
+    path = folder / ROLES
+    try:
+        return msgspec.toml.decode(path.read_bytes(), type=dict[str, Role])
+    except OSError as error:
+        raise ConfigError(
+            f"can't read {path}: {error.strerror}; imud keys init {folder} makes it"
+        ) from error
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(
+            f"{path}: a line is NAME = ROLE, one of {', '.join(get_args(Role))}"
+        ) from error
+
+
+def listens_on(settings: Zenoh) -> tuple[str, ...]:
+    """A client listens nowhere, a peer only where it was told to."""
+    is_told = settings.listen != (ENDPOINT,)
+    if settings.mode == "router" or (settings.mode == "peer" and is_told):
+        return settings.listen
+    return ()
+
+
+def check(settings: Zenoh) -> None:
+    """ConfigError where others could come in who should not."""
+    listen = listens_on(settings)
+    if settings.mode != "router" and not (settings.connect or listen):
+        raise ConfigError(
+            f"zenoh.connect: a {settings.mode} needs one; try "
+            '["tcp/192.168.1.10:7447"], or mode = "router"'
+        )
+    if settings.keys:
+        clear = [endpoint for endpoint in listen if access.link_of(endpoint) != "tls"]
+        if clear:
+            raise ConfigError(
+                f"zenoh.listen: {clear[0]} would send passwords in clear; with keys "
+                f'it is "tls/{clear[0].partition("/")[2]}"'
+            )
+        return
+    wide = [endpoint for endpoint in listen if not access.is_local(endpoint)]
+    if wide and not settings.open_to_all:
+        raise ConfigError(
+            f"zenoh.listen: {wide[0]} is open to all who reach this machine; "
+            "`imud keys init DIR` and zenoh.keys = DIR keep them out, "
+            "zenoh.open_to_all = true lets them in"
+        )
+
+
+def open_daemon(settings: Zenoh) -> zenoh.Session:
+    """The session of `imud run`."""
+    check(settings)
+    listen = listens_on(settings)
+    wanted: dict[str, Any] = {
+        "mode": settings.mode,
+        "listen/endpoints": list(listen),
+        "listen/exit_on_failure": True,
+        "connect/endpoints": list(settings.connect),
+        "scouting/multicast/enabled": False,
+        "timestamping/enabled": True,
+        _WAIT: WAIT_BEFORE_DROP_US,
+    }
+    if settings.mode == "client":
+        wanted |= _at_once()
+    if settings.keys and listen:
+        wanted |= _guard(Path(settings.keys), settings)
+    if settings.credentials:
+        mine = read_credentials(Path(settings.credentials))
+        wanted |= _known_as(mine, wanted.get(_PASSWORDS, {}))
+    config = _config(wanted)
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        if settings.mode == "client":
+            raise DaemonNotFound(
+                f"no Zenoh router lets it in at {', '.join(settings.connect)}"
+            ) from error
+        raise ListenFailed(
+            f"can't listen on {', '.join(listen)}: it is taken or not an "
+            "address of this machine; stop the other imud run or name another "
+            "with --listen"
+        ) from error
+
+
+def open_client(endpoint: str | None, keys: str | Path | None) -> zenoh.Session:
+    """A session with a daemon; the file of keys says where it is if nobody else does."""
+    mine = read_credentials(Path(keys)) if keys is not None else None
+    where = endpoint or (mine.endpoint if mine is not None else ENDPOINT)
+    wanted: dict[str, Any] = {
+        "mode": "client",
+        "connect/endpoints": [where],
+        "scouting/multicast/enabled": False,
+        **_at_once(),
+    }
+    if mine is not None:
+        wanted |= _known_as(mine, {})
+    try:
+        config = _config(wanted)
+    except ConfigError as error:
+        raise DaemonNotFound(
+            f"{where} is no endpoint; try tcp/127.0.0.1:7447"
+        ) from error
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        advice = (
+            f"or it does not let {mine.user} in: see what it writes"
+            if mine is not None
+            else "or say where it is with --connect, and who you are with --keys FILE"
+        )
+        raise DaemonNotFound(
+            f"no imud at {where}; start one with imud run, {advice}"
+        ) from error
+
+
+def _at_once() -> dict[str, Any]:
+    return {"connect/timeout_ms": CONNECT_TIMEOUT_MS, "connect/exit_on_failure": True}
+
+
+def _config(wanted: Mapping[str, Any]) -> zenoh.Config:
+    config = zenoh.Config()
+    for key, value in wanted.items():
+        try:
+            config.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            part = key.rpartition("/")[0] if "endpoints" in key else key
+            raise ConfigError(f"zenoh.{part}: Zenoh can't use {value}") from error
+    return config
+
+
+def _guard(folder: Path, settings: Zenoh) -> dict[str, Any]:
+    """Lets in who has keys, to what its role allows."""
+    roles = read_roles(folder)
+    for name in (CA, SERVER, SERVER_KEY, USERS):
+        if not os.access(folder / name, os.R_OK):
+            raise ConfigError(
+                f"can't read {folder / name}; imud keys init {folder} makes it, and "
+                "imud runs as its owner"
+            )
+    return {
+        _TLS + "root_ca_certificate": str(folder / CA),
+        _TLS + "listen_certificate": str(folder / SERVER),
+        _TLS + "listen_private_key": str(folder / SERVER_KEY),
+        _TLS + "enable_mtls": settings.mutual_tls,
+        _PASSWORDS: {"dictionary_file": str(folder / USERS)},
+        "access_control": access.rules(
+            roles, settings.prefix, has_certificates=settings.mutual_tls
+        ),
+    }
+
+
+def _known_as(mine: Credentials, passwords: Mapping[str, Any]) -> dict[str, Any]:
+    """The certificate is sent only to who asks for one."""
+    pem = {
+        "root_ca_certificate": mine.ca,
+        "connect_certificate": mine.certificate,
+        "connect_private_key": mine.private_key,
+    }
+    coded = {
+        f"{_TLS}{name}_base64": b64encode(text.encode()).decode()
+        for name, text in pem.items()
+    }
+    return {
+        **coded,
+        _TLS + "enable_mtls": True,
+        _PASSWORDS: {**passwords, "user": mine.user, "password": mine.password},
+    }
+
+
+# What Zenoh's log says of a link that it takes, and of one that it then refuses.
+_LINK = re.compile(r"Accepted (?:TCP|TLS|QUIC) connection on \S+?: (?P<who>\S+)")
+_REFUSED = re.compile(r"establishment::accept: (?P<why>.*?)(?: at /.*)?$")
+_TLS_FAILED = re.compile(r"TLS.*?(?P<why>(?:handshake|certificate|peer|alert|received).*)", re.I)
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+_LEVELS = (
+    "zenoh_transport::unicast::establishment::accept=debug,"
+    "zenoh_link_tls=debug,zenoh_link_tcp::unicast=debug,zenoh_link_commons=debug"
+)

@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: MIT
+"""The daemon as a service: what systemd is told, what a reload takes up, what is
+installed, and that no query of anybody's is a fault.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from fakes import DaemonProcess, FakeProbe, Port
+from imud.cli import main
+from imud.client import Client
+from imud.errors import ImudError
+from imud.notify import Notifier
+
+
+class Manager:
+    """The socket that systemd would listen on."""
+
+    def __init__(self, path: Path) -> None:
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(str(path))
+        self._socket.settimeout(30)
+
+    def expect(self, word: str) -> str:
+        """The next datagram that has it."""
+        while word not in (text := self._socket.recv(4096).decode()):
+            pass
+        return text
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+@pytest.fixture
+def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Manager]:
+    path = tmp_path / "notify"
+    monkeypatch.setenv("NOTIFY_SOCKET", str(path))
+    listening = Manager(path)
+    yield listening
+    listening.close()
+
+
+@contextlib.contextmanager
+def running(folder: Path, text: str) -> Iterator[tuple[DaemonProcess, FakeProbe, Port]]:
+    port, probe = Port(folder / "port"), FakeProbe()
+    file = folder / "imud.toml"
+    file.write_text(f"[ports]\nfind = false\nnamed = ['{port.path}']\n{text}")
+    with DaemonProcess("--config", file, directory=folder, log=True) as daemon:
+        port.wait_open()
+        port.write(probe.say("hello"))
+        daemon.expect("found on")
+        try:
+            yield daemon, probe, port
+        finally:
+            port.vanish()
+
+
+def reload(daemon: DaemonProcess, folder: Path, old: str, new: str) -> None:
+    file = folder / "imud.toml"
+    file.write_text(file.read_text().replace(old, new))
+    daemon.process.send_signal(signal.SIGHUP)
+
+
+def test_systemd_is_told_of_each_step(tmp_path: Path, manager: Manager) -> None:
+    with running(tmp_path, "") as (daemon, _, _):
+        assert manager.expect("READY=1") == "READY=1"
+        manager.expect("WATCHDOG=1")
+        assert "1 probe, " in manager.expect("STATUS=1 probe")
+        daemon.process.send_signal(signal.SIGHUP)
+        assert "MONOTONIC_USEC=" in manager.expect("RELOADING=1")
+        manager.expect("READY=1")
+        assert daemon.stop() < 1.0
+        manager.expect("STOPPING=1")
+
+
+def test_nothing_is_told_where_nobody_listens(tmp_path: Path) -> None:
+    Notifier({}).ready()
+    Notifier({"NOTIFY_SOCKET": str(tmp_path / "none")}).ready()
+
+
+def test_a_reload_gives_a_probe_its_name_and_loses_no_count(tmp_path: Path) -> None:
+    with running(tmp_path, "# more") as (daemon, probe, port):
+        port.write(probe.poses(20))
+        own = "[probes.00112233445566aa]\nname = 'stylus'"
+        reload(daemon, tmp_path, "# more", own)
+        daemon.expect("reloaded: probes")
+        with Client(daemon.endpoint) as client:
+            subscribed = client.statuses()
+            (status,) = [s for s in subscribed if s["probe_id"] == probe.name]
+            assert status["probe"] == "stylus"
+            assert client.probes() == ["stylus"]
+        reload(daemon, tmp_path, "'stylus'", "'tip'")
+        daemon.expect("reloaded: probes")
+        daemon.stop()
+        assert any("probe tip: 21 received, 0 lost" in line for line in daemon.lines)
+
+
+def test_a_file_with_a_mistake_is_told_and_changes_nothing(tmp_path: Path) -> None:
+    with running(tmp_path, "[journal]\nburst = 3") as (daemon, probe, port):
+        reload(daemon, tmp_path, "burst = 3", "burst = 0")
+        line = daemon.expect("not reloaded")
+        assert re.search(r"imud.toml:5: \[journal\] burst: 0 is not", line)
+        port.write(probe.say("event"))
+        daemon.expect("stream started")
+        reload(daemon, tmp_path, "burst = 0", "burst = 4")
+        daemon.expect("reloaded: journal")
+        daemon.stop()
+
+
+def test_a_reload_turns_metrics_on_and_off(tmp_path: Path) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = free.getsockname()
+    said = f"[metrics]\nlisten = '127.0.0.1:{address[1]}'"
+    with running(tmp_path, "# more") as (daemon, _, _):
+        reload(daemon, tmp_path, "# more", said)
+        daemon.expect("reloaded: metrics")
+        with socket.create_connection(address, 10) as end:
+            end.sendall(b"GET /metrics HTTP/1.0\r\n\r\n")
+            assert end.recv(12) == b"HTTP/1.1 200"
+        reload(daemon, tmp_path, said, "# more")
+        daemon.expect("reloaded: metrics")
+        with pytest.raises(OSError, match="refused"):
+            socket.create_connection(address, 10).close()
+        daemon.stop()
+
+
+def test_a_mistake_in_the_beginning_is_one_line_and_exit_code_1(tmp_path: Path) -> None:
+    (tmp_path / "imud.toml").write_text("twin = 1")
+    with DaemonProcess(
+        "--config", tmp_path / "imud.toml", directory=tmp_path
+    ) as daemon:
+        (line,) = daemon.rest()
+        assert daemon.process.wait(30) == 1
+    assert line.startswith("imud: ")
+
+
+@pytest.fixture(scope="module")
+def commanded(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[tuple[DaemonProcess, Client]]:
+    with (
+        running(tmp_path_factory.mktemp("fuzz"), "[journal]\nburst = 100") as (
+            daemon,
+            probe,
+            port,
+        ),
+        Client(daemon.endpoint) as client,
+    ):
+        del port, probe
+        yield daemon, client
+        daemon.stop()
+        assert not [line for line in daemon.lines if "fault of" in line]
+        assert not [line for line in daemon.lines if "Traceback" in line]
+
+
+_WORDS = st.text(st.characters(exclude_characters="/*$#?", codec="utf-8"), min_size=1)
+_NAMES = st.sampled_from(["stream", "hz", "what", "streams", "filter"]) | _WORDS
+
+
+@given(
+    st.sampled_from(["rate", "fields", "tare", "restart", "start"]) | _WORDS,
+    st.dictionaries(_NAMES, st.text(max_size=20) | st.integers().map(str), min_size=1),
+    st.binary(max_size=50),
+)
+@settings(
+    max_examples=60,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+def test_no_query_is_a_fault(
+    commanded: tuple[DaemonProcess, Client],
+    command: str,
+    parameters: dict[str, str],
+    payload: bytes,
+) -> None:
+    daemon, client = commanded
+    del payload
+    # A name that no command knows: refused before the probe would be asked.
+    with pytest.raises(ImudError):
+        client.command("00112233445566aa", command, **(parameters | {"x1": ""}))
+    assert daemon.process.poll() is None
+
+
+def test_what_is_installed_can_be_taken_by_systemd(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["install-service", "--prefix", str(tmp_path)]) == 0
+    assert "systemctl enable --now imud" in capsys.readouterr().out
+    unit = tmp_path / "etc/systemd/system/imud.service"
+    assert main(["config", "--check", str(tmp_path / "etc/imud.toml")]) == 0
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("no systemd-analyze here to try the unit with")
+    subprocess.run(["systemd-analyze", "verify", unit], check=True)
+    security = ["systemd-analyze", "security", "--offline=true", "--no-pager"]
+    # 2.0 of 10 is the threshold, in tenths; the command fails above it.
+    subprocess.run(
+        [*security, "--threshold=20", unit], check=True, stdout=subprocess.DEVNULL
+    )
+
+
+def test_settings_that_are_there_stay(tmp_path: Path) -> None:
+    file = tmp_path / "etc/imud.toml"
+    file.parent.mkdir()
+    file.write_text("twin = true\n")
+    assert main(["install-service", "--prefix", str(tmp_path)]) == 0
+    assert file.read_text() == "twin = true\n"
+
+
+def test_what_is_shown_is_not_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shown = ["install-service", "--print", "--prefix", str(tmp_path), "--user", "me"]
+    assert main(shown) == 0
+    out = capsys.readouterr().out
+    assert "User=me\n" in out
+    assert "Type=notify\n" in out
+    assert list(tmp_path.iterdir()) == []
+    assert main(["install-service", "--user", "a b"]) == 1
+
+
+def test_the_rule_has_what_udev_reads(tmp_path: Path) -> None:
+    main(["install-service", "--prefix", str(tmp_path)])
+    rules = (tmp_path / "etc/udev/rules.d/70-imu-probe.rules").read_text()
+    pair = re.compile(r'[A-Z_]+(\{[A-Za-z_]+\})?(==|!=|\+=|=)"[^"]*"')
+    for line in rules.splitlines():
+        if line and not line.startswith("#"):
+            assert all(pair.fullmatch(part) for part in line.split(", ")), line
+    assert 'ATTR{latency_timer}="1"' in rules
+    assert rules.count('ENV{ID_MM_DEVICE_IGNORE}="1"') == 5
+
+
+def test_the_journal_of_systemd_has_levels_and_no_time(tmp_path: Path) -> None:
+    read, write = os.pipe()
+    file = os.fstat(write)
+    (tmp_path / "imud.toml").write_text("[ports]\nfind=false\nnamed=['/dev/none']\n")
+    environment = os.environ | {"JOURNAL_STREAM": f"{file.st_dev}:{file.st_ino}"}
+    with subprocess.Popen(
+        [
+            *(sys.executable, "-m", "imud", "run", "--no-log"),
+            *("--config", tmp_path / "imud.toml", "--listen", "tcp/127.0.0.1:0"),
+        ],
+        stderr=write,
+        env=environment,
+    ) as process:
+        os.close(write)
+        with os.fdopen(read) as lines:
+            assert lines.readline().startswith("<6>imud ")
+            assert lines.readline().startswith("<4>/dev/none is not there")
+            process.send_signal(signal.SIGTERM)
+            lines.read()
+    assert process.returncode == 0
