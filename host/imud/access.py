@@ -20,6 +20,8 @@ ROLES: dict[Role, str] = {
     "daemon": "another imud, which publishes into the network of this one",
 }
 
+Rule = dict[str, Any]
+
 # Last parts of keys that a role may read.
 READS: dict[Role, tuple[str, ...]] = {
     "viewer": ("pose", "status"),
@@ -61,25 +63,25 @@ def rules(
     """Zenoh's `access_control` for these users. With certificates, each one's own has
     to come with its password.
     """
-    made: dict[str, dict[str, Any]] = {}
+    made: dict[str, Rule] = {}
     policies = []
     for role in sorted(set(users.values())):
         own = _rules_of(role, prefix)
         made |= {rule["id"]: rule for rule in own}
         subjects = [f"user {name}" for name in sorted(users) if users[name] == role]
         policies.append({"rules": [rule["id"] for rule in own], "subjects": subjects})
-    subjects = [
+    known = [
         {"id": f"user {name}", "usernames": [name]}
         | ({"cert_common_names": [name]} if has_certificates else {})
         for name in sorted(users)
     ]
     # Zenoh takes no empty lists: with no user there is nothing to allow.
-    parts = {"rules": [*made.values()], "subjects": subjects, "policies": policies}
+    parts = {"rules": [*made.values()], "subjects": known, "policies": policies}
     filled = {name: part for name, part in parts.items() if part}
     return {"enabled": True, "default_permission": "deny", **filled}
 
 
-def _rules_of(role: Role, prefix: str) -> list[dict[str, Any]]:
+def _rules_of(role: Role, prefix: str) -> list[Rule]:
     """Ingress is what comes from the user, egress what goes to it."""
     if role == "daemon":
         everything = ["**", "@ros2_lv/**", f"{prefix}/*/pose/{HISTORY}"]
@@ -120,7 +122,7 @@ _MESSAGES = [
 
 def _rule(
     role: Role, flow: str, what: str, messages: list[str], keys: list[str]
-) -> dict[str, Any]:
+) -> Rule:
     return {
         "id": f"{role} {flow} {what}",
         "permission": "allow",

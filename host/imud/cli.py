@@ -69,6 +69,12 @@ def _network(parser: argparse.ArgumentParser) -> None:
         default=PREFIX,
         help="first part of its keys (default: %(default)s)",
     )
+    parser.add_argument(
+        "--keys",
+        metavar="FILE",
+        type=Path,
+        help="who asks, and where the daemon is: clients/NAME.toml of imud keys",
+    )
 
 
 def _seconds(text: str) -> float:
@@ -114,6 +120,12 @@ def build_parser() -> argparse.ArgumentParser:
         "--listen",
         metavar="ENDPOINT",
         help=f"where subscribers connect to (default: {ENDPOINT})",
+    )
+    run.add_argument(
+        "--keys",
+        metavar="DIR",
+        type=Path,
+        help="let in only who has keys of this folder, which imud keys made",
     )
     run.add_argument(
         "--twin",
@@ -245,6 +257,7 @@ def build_parser() -> argparse.ArgumentParser:
 
     _logs(commands)
     _card(commands)
+    _keys(commands)
     return parser
 
 
@@ -399,6 +412,55 @@ def _card(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
     listing.set_defaults(run=_card_list)
 
 
+def _keys(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    from imud import access
+
+    keys = _command(
+        commands,
+        "keys",
+        "make what lets users in, each to what its role allows: certificates, "
+        "passwords, a file for each user",
+        "imud keys init keys --name probes.example.org",
+    ).add_subparsers(metavar="WHAT", required=True)
+    init = _command(
+        keys,
+        "init",
+        "make an authority, the daemon's certificate and a first user of each role",
+        "imud keys init keys --name probes.example.org",
+    )
+    init.add_argument("dir", metavar="DIR", type=Path)
+    init.add_argument(
+        "--name",
+        metavar="HOST",
+        action="append",
+        default=[],
+        help="name or address by which users reach the daemon; may be said again "
+        "(default: this machine's name; localhost and 127.0.0.1 are always among them)",
+    )
+    init.add_argument(
+        "--port", metavar="N", type=int, default=7447, help="(default: %(default)s)"
+    )
+    init.set_defaults(run=_keys_init)
+    add = _command(
+        keys, "add", "let a user more in", "imud keys add keys operator anna"
+    )
+    add.add_argument("dir", metavar="DIR", type=Path)
+    add.add_argument(
+        "role",
+        metavar="ROLE",
+        choices=list(access.ROLES),
+        help="; ".join(f"{role}: {what}" for role, what in access.ROLES.items()),
+    )
+    add.add_argument("user", metavar="NAME")
+    add.set_defaults(run=_keys_add)
+    remove = _command(
+        keys, "remove", "let a user in no longer", "imud keys remove keys anna"
+    )
+    remove.add_argument("dir", metavar="DIR", type=Path)
+    remove.add_argument("user", metavar="NAME")
+    remove.set_defaults(run=_keys_remove)
+
+
 def _bytes(text: str) -> int:
     units = {"K": 1 << 10, "M": 1 << 20, "G": 1 << 30}
     number, unit = (text[:-1], units[text[-1:]]) if text[-1:] in units else (text, 1)
@@ -430,6 +492,7 @@ def _run(args: argparse.Namespace) -> int:
             args.config,
             ports=args.ports,
             listen=args.listen,
+            keys=args.keys,
             log_dir=args.log,
             is_logging=not args.no_log,
             is_twin=args.twin,
@@ -461,7 +524,7 @@ def _install_service(args: argparse.Namespace) -> int:
 def _client(args: argparse.Namespace) -> Client:
     from imud.client import Client
 
-    return Client(args.connect, args.prefix)
+    return Client(args.connect, args.prefix, args.keys)
 
 
 def _listen(args: argparse.Namespace) -> int:
@@ -481,7 +544,7 @@ def _list(args: argparse.Namespace) -> int:
 def _monitor(args: argparse.Namespace) -> int:
     from imud import monitor
 
-    return monitor.run(args.connect, args.prefix, seconds=args.seconds)
+    return monitor.run(args.connect, args.prefix, keys=args.keys, seconds=args.seconds)
 
 
 def _order(args: argparse.Namespace) -> int:
@@ -532,6 +595,24 @@ def _export(args: argparse.Namespace) -> int:
     from imud import export
 
     return export.run(args.log, args.to, args.out)
+
+
+def _keys_init(args: argparse.Namespace) -> int:
+    from imud import keys
+
+    return keys.run_init(args.dir, args.name, args.port)
+
+
+def _keys_add(args: argparse.Namespace) -> int:
+    from imud import keys
+
+    return keys.run_add(args.dir, args.role, args.user)
+
+
+def _keys_remove(args: argparse.Namespace) -> int:
+    from imud import keys
+
+    return keys.run_remove(args.dir, args.user)
 
 
 def _card_prepare(args: argparse.Namespace) -> int:

@@ -11,21 +11,21 @@ import queue
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import zenoh
 import zenoh.ext
 
-from imud.errors import CommandRefused, DaemonNotFound, NoReply, ProbeUnknown
+from imud import network
+from imud.errors import CommandRefused, NoReply, ProbeUnknown
 
 # Loopback only; 7447 is Zenoh's own port.
 ENDPOINT = "tcp/127.0.0.1:7447"
 
 PREFIX = "imud"
 
-# A daemon on this machine answers within milliseconds, one across a network in tens.
-CONNECT_TIMEOUT_MS = 2000
 QUERY_TIMEOUT_S = 2.0
 
 # Zenoh 1.10 leaves tokens out of some answers within milliseconds of a session's first:
@@ -52,30 +52,14 @@ class Client:
         self,
         endpoint: str = ENDPOINT,
         prefix: str = PREFIX,
+        keys: str | Path | None = None,
     ) -> None:
         self._prefix = prefix
-        self._endpoint = endpoint
-        config = zenoh.Config()
-        for key, value in {
-            "mode": "client",
-            "connect/endpoints": [endpoint],
-            "connect/timeout_ms": CONNECT_TIMEOUT_MS,
-            "connect/exit_on_failure": True,
-            "scouting/multicast/enabled": False,
-        }.items():
-            try:
-                config.insert_json5(key, json.dumps(value))
-            except zenoh.ZError as error:
-                raise DaemonNotFound(
-                    f"{endpoint} is no endpoint; try tcp/127.0.0.1:7447"
-                ) from error
-        try:
-            self._session = zenoh.open(config)
-        except zenoh.ZError as error:
-            raise DaemonNotFound(
-                f"no imud at {endpoint}; start one with imud run PORT, or say where "
-                "it is with --connect"
-            ) from error
+        mine = network.read_credentials(Path(keys)) if keys is not None else None
+        # The file of keys says where the daemon is, unless that is said here.
+        is_said = mine is None or endpoint != ENDPOINT
+        self._endpoint = endpoint if mine is None or is_said else mine.endpoint
+        self._session = network.open_client(self._endpoint, mine)
 
     def __enter__(self) -> Self:
         return self
@@ -207,7 +191,10 @@ class Client:
                 return answer
             if reply.err:
                 raise CommandRefused(reply.err.payload.to_string())
-        raise NoReply(f"nobody answered {name} for probe {probe}; imud list")
+        raise NoReply(
+            f"nobody answered {name} for probe {probe}: it is not there (imud list), "
+            "or your keys don't let you command"
+        )
 
 
 def _choice(names: list[str]) -> str:

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from imud import ros2
+from imud import access, ros2
 from imud.configfile import Mistake, called, line_of, mistakes, parse, written
 from imud.errors import ConfigError
 
@@ -227,6 +227,7 @@ def load(
     *,
     ports: Sequence[str] = (),
     listen: str | None = None,
+    keys: Path | None = None,
     log_dir: Path | None = None,
     is_logging: bool = True,
     is_twin: bool = False,
@@ -240,6 +241,8 @@ def load(
         config = replace(config, ports=named)
     if listen is not None:
         config = replace(config, zenoh=replace(config.zenoh, listen=(listen,)))
+    if keys is not None:
+        config = replace(config, zenoh=replace(config.zenoh, keys=str(keys)))
     if log_dir is not None:
         log = replace(config.log, enabled=True, dir=str(log_dir))
         config = replace(config, log=log)
@@ -319,6 +322,7 @@ def _contradictions(config: Config) -> Iterator[Mistake]:
     yield from _of_ports(config.ports)
     if config.zenoh.mode == "router" and not config.zenoh.listen:
         yield Mistake(("zenoh", "listen"), f"is empty; try [{_quoted(ENDPOINT)}]")
+    yield from _open_doors(config.zenoh)
     if not _PREFIX.fullmatch(config.zenoh.prefix):
         yield Mistake(
             ("zenoh", "prefix"), f"{config.zenoh.prefix!r} can't be part of a key"
@@ -413,3 +417,39 @@ def _is_loopback(host: str) -> bool:
 
 def _quoted(text: str) -> str:
     return f'"{text}"'
+
+
+def listens_on(network: Zenoh) -> tuple[str, ...]:
+    """A client listens nowhere, a peer only where it was told to."""
+    is_told = network.listen != (ENDPOINT,)
+    if network.mode == "router" or (network.mode == "peer" and is_told):
+        return network.listen
+    return ()
+
+
+def _open_doors(network: Zenoh) -> Iterator[Mistake]:
+    """Where others could come in who should not."""
+    listen = listens_on(network)
+    if network.mode != "router" and not (network.connect or listen):
+        yield Mistake(
+            ("zenoh", "connect"),
+            f"is empty; a {network.mode} needs one, as "
+            f"[{_quoted('tcp/192.168.1.10:7447')}]",
+        )
+    if network.keys:
+        for endpoint in listen:
+            if access.link_of(endpoint) != "tls":
+                meant = f"tls/{endpoint.partition('/')[2]}"
+                yield Mistake(
+                    ("zenoh", "listen"),
+                    f"{endpoint} sends passwords in clear; with keys it is {meant}",
+                )
+    elif not network.open_to_all:
+        for endpoint in listen:
+            if not access.is_local(endpoint):
+                yield Mistake(
+                    ("zenoh", "listen"),
+                    f"{endpoint} lets in all who reach this machine; keys keep them "
+                    "out: imud keys init DIR, then zenoh.keys = DIR; or allow it: "
+                    "zenoh.open_to_all = true",
+                )

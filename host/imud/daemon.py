@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import signal
 import time
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +18,13 @@ import msgspec
 
 from imud import journal
 from imud.commands import Commander
-from imud.config import Config, Zenoh, host_and_port
+from imud.config import Config, Zenoh, host_and_port, listens_on
 from imud.errors import ImudError, described
 from imud.finder import Finder
 from imud.fleet import LOG, NETWORK, STATUS_S, Fleet, Want
 from imud.hub import Hub, Sink
 from imud.metrics import Metrics
+from imud.network import tell_refusals
 from imud.notify import Notifier
 from imud.sinks.log import LogSink, Settings
 from imud.sinks.ros2 import Ros2Sink, own_network
@@ -68,6 +71,7 @@ class Daemon:
         self._metrics: Metrics | None = None
         self._kept: dict[str, object] = {}  # what each sink was made of
         self._log: LogSink | None = None
+        self._is_told_of_refusals = False
         self._finder = Finder(config.ports, self._fleet, self._speaker)
 
     async def run(self) -> None:
@@ -126,7 +130,16 @@ class Daemon:
         return wanted
 
     def _zenoh(self, network: Zenoh) -> ZenohSink:
-        return ZenohSink(network.listen, network.prefix, self._on_command)
+        if network.keys and not self._is_told_of_refusals:
+            self._is_told_of_refusals = True
+            tell_refusals(lambda text: self._on_notice("refused", text, True))
+        return ZenohSink(network, self._on_command, self._on_notice)
+
+    def _on_notice(self, kind: object, text: str, is_warning: bool) -> None:
+        """In a thread of Zenoh's, which may outlive the loop."""
+        with contextlib.suppress(RuntimeError):
+            say = partial(self._speaker.say, kind, text, is_warning=is_warning)
+            self._loop.call_soon_threadsafe(say)
 
     def _logger(self, directory: str, settings: Settings) -> LogSink:
         self._log = LogSink(Path(directory), settings)
@@ -278,10 +291,12 @@ class Daemon:
         named = ", ".join(self._config.ports.named)
         finds = "finds probes by itself" if self._config.ports.find else ""
         reads = " and ".join(filter(None, (named and f"reads {named}", finds)))
-        return (
-            f"imud {version()} listens on {', '.join(self._config.zenoh.listen)}, "
-            f"{log}, {reads}"
-        )
+        network = self._config.zenoh
+        listen = listens_on(network)
+        where = f"listens on {', '.join(listen)}" if listen else ""
+        joins = f"connects to {', '.join(network.connect)}" if network.connect else ""
+        serves = " and ".join(filter(None, (where, joins)))
+        return f"imud {version()} {serves}, {log}, {reads}"
 
     def _farewell(self) -> str:
         said = "; ".join(watched.farewell() for watched in self._fleet)

@@ -31,7 +31,8 @@ PATIENCE_S = 0.5
 
 # What is counted from the daemon's or the probe's start on; all else goes up and down.
 _COUNTED = re.compile(
-    r"ledger_(?!.*(waiting|adds_up|un))|link_|twin_(compared|differed)|clock_(exchanges|restarts)"
+    r"ledger_(?!.*(waiting|adds_up|_un))|link_|twin_(compared|differed)"
+    r"|clock_(exchanges|restarts|data_skew)"
     r"|counters_(samples|overruns|bus|messages|commands)"
 )
 # Maps whose keys are a label's values, by their own key.

@@ -18,6 +18,7 @@ import tty
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TextIO
 
 from rich.console import Console, Group
@@ -288,6 +289,7 @@ def follow(
 def run(
     endpoint: str,
     prefix: str,
+    keys: Path | None = None,
     seconds: float | None = None,
 ) -> int:
     """Until q, Ctrl-C or the end of so many seconds."""
@@ -295,7 +297,7 @@ def run(
     until_s = math.inf if seconds is None else time.monotonic() + seconds
     with (
         subscribe(
-            topics=("pose", "status"), endpoint=endpoint, prefix=prefix
+            topics=("pose", "status"), endpoint=endpoint, prefix=prefix, keys=keys
         ) as subscription,
         contextlib.suppress(KeyboardInterrupt),
     ):

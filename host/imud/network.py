@@ -21,7 +21,7 @@ import zenoh
 
 from imud import access
 from imud.access import Role
-from imud.config import ENDPOINT, Zenoh
+from imud.config import Zenoh, listens_on
 from imud.errors import ConfigError, DaemonNotFound, ListenFailed
 
 # Files of a folder that `imud keys` made.
@@ -37,7 +37,7 @@ WAIT_BEFORE_DROP_US = 50_000
 CONNECT_TIMEOUT_MS = 2000
 
 _TLS = "transport/link/tls/"
-_PASSWORDS = "transport/auth/usrpwd"  # noqa: S105 - the name of a setting
+_PASSWORDS = "transport/auth/usrpwd"
 _WAIT = "transport/link/tx/queue/congestion_control/drop/wait_before_drop"
 
 logger = logging.getLogger("imud")
@@ -81,42 +81,8 @@ def read_roles(folder: Path) -> dict[str, Role]:
         ) from error
 
 
-def listens_on(settings: Zenoh) -> tuple[str, ...]:
-    """A client listens nowhere, a peer only where it was told to."""
-    is_told = settings.listen != (ENDPOINT,)
-    if settings.mode == "router" or (settings.mode == "peer" and is_told):
-        return settings.listen
-    return ()
-
-
-def check(settings: Zenoh) -> None:
-    """ConfigError where others could come in who should not."""
-    listen = listens_on(settings)
-    if settings.mode != "router" and not (settings.connect or listen):
-        raise ConfigError(
-            f"zenoh.connect: a {settings.mode} needs one; try "
-            '["tcp/192.168.1.10:7447"], or mode = "router"'
-        )
-    if settings.keys:
-        clear = [endpoint for endpoint in listen if access.link_of(endpoint) != "tls"]
-        if clear:
-            raise ConfigError(
-                f"zenoh.listen: {clear[0]} would send passwords in clear; with keys "
-                f'it is "tls/{clear[0].partition("/")[2]}"'
-            )
-        return
-    wide = [endpoint for endpoint in listen if not access.is_local(endpoint)]
-    if wide and not settings.open_to_all:
-        raise ConfigError(
-            f"zenoh.listen: {wide[0]} is open to all who reach this machine; "
-            "`imud keys init DIR` and zenoh.keys = DIR keep them out, "
-            "zenoh.open_to_all = true lets them in"
-        )
-
-
 def open_daemon(settings: Zenoh) -> zenoh.Session:
     """The session of `imud run`."""
-    check(settings)
     listen = listens_on(settings)
     wanted: dict[str, Any] = {
         "mode": settings.mode,
@@ -149,10 +115,8 @@ def open_daemon(settings: Zenoh) -> zenoh.Session:
         ) from error
 
 
-def open_client(endpoint: str | None, keys: str | Path | None) -> zenoh.Session:
-    """A session with a daemon; the file of keys says where it is if nobody else does."""
-    mine = read_credentials(Path(keys)) if keys is not None else None
-    where = endpoint or (mine.endpoint if mine is not None else ENDPOINT)
+def open_client(where: str, mine: Credentials | None = None) -> zenoh.Session:
+    """A session with the daemon there."""
     wanted: dict[str, Any] = {
         "mode": "client",
         "connect/endpoints": [where],
@@ -235,11 +199,45 @@ def _known_as(mine: Credentials, passwords: Mapping[str, Any]) -> dict[str, Any]
 
 
 # What Zenoh's log says of a link that it takes, and of one that it then refuses.
-_LINK = re.compile(r"Accepted (?:TCP|TLS|QUIC) connection on \S+?: (?P<who>\S+)")
-_REFUSED = re.compile(r"establishment::accept: (?P<why>.*?)(?: at /.*)?$")
-_TLS_FAILED = re.compile(r"TLS.*?(?P<why>(?:handshake|certificate|peer|alert|received).*)", re.I)
+_LINK = re.compile(r"Accepted \w+ connection on \S+?: (?P<who>[^\s.]\S*?)\.?(?:\s|$)")
+_REFUSED = re.compile(r"establishment::accept: (?P<why>.*?)\.?(?: at /.*)?$")
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
-_LEVELS = (
+_LOGGED = (
     "zenoh_transport::unicast::establishment::accept=debug,"
-    "zenoh_link_tls=debug,zenoh_link_tcp::unicast=debug,zenoh_link_commons=debug"
+    "zenoh_link_tcp::unicast=debug,zenoh_link_tls::unicast=debug"
 )
+
+
+def tell_refusals(tell: Callable[[str], None]) -> None:
+    """Has `tell` called, in a thread of its own, with each client that is refused.
+
+    Zenoh tells of them only in its log, which goes to stdout: that is read here, and
+    what else comes by it goes on to stderr. Who has set RUST_LOG reads it alone. Once
+    in a process.
+    """
+    if "RUST_LOG" in os.environ:
+        return
+    os.environ["RUST_LOG"] = _LOGGED
+    zenoh.try_init_log_from_env()
+    del os.environ["RUST_LOG"]
+    source, end = os.pipe()
+    os.dup2(end, 1)
+    os.close(end)
+    thread = threading.Thread(
+        target=_read_log, args=(source, tell), name="imud-refusals", daemon=True
+    )
+    thread.start()
+
+
+def _read_log(source: int, tell: Callable[[str], None]) -> None:
+    who = "somebody"
+    with os.fdopen(source, encoding="utf-8", errors="replace") as lines:
+        for coloured in lines:
+            line = _COLOUR.sub("", coloured).rstrip()
+            if link := _LINK.search(line):
+                who = link["who"]
+            elif refused := _REFUSED.search(line):
+                if not refused["why"].startswith("New transport"):
+                    tell(f"network: {who} was refused: {refused['why']}")
+            elif "zenoh" not in line:
+                sys.stderr.write(f"{line}\n")

@@ -13,6 +13,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, Literal, Self, TypeVar, cast, overload
 
@@ -353,6 +354,7 @@ def subscribe(
     topics: tuple[Literal["pose"]] = ("pose",),
     endpoint: str = ENDPOINT,
     prefix: str = PREFIX,
+    keys: str | Path | None = None,
     history: int = 0,
     seconds: float | None = None,
     waiting_max: int = WAITING_MAX,
@@ -366,6 +368,7 @@ def subscribe(
     topics: Sequence[Topic],
     endpoint: str = ENDPOINT,
     prefix: str = PREFIX,
+    keys: str | Path | None = None,
     history: int = 0,
     seconds: float | None = None,
     waiting_max: int = WAITING_MAX,
@@ -378,6 +381,7 @@ def subscribe(
     topics: Sequence[Topic] = ("pose",),
     endpoint: str = ENDPOINT,
     prefix: str = PREFIX,
+    keys: str | Path | None = None,
     history: int = 0,
     seconds: float | None = None,
     waiting_max: int = WAITING_MAX,
@@ -385,7 +389,7 @@ def subscribe(
     """What a probe says, or all probes, as it comes: for some time or for ever.
 
     `history` poses of each probe from before come first, as far as the daemon kept
-    them.
+    them. `keys` is the file that `imud keys add` made for who subscribes.
     """
     unknown = [topic for topic in topics if topic not in _KINDS]
     if unknown or not topics:
@@ -395,7 +399,7 @@ def subscribe(
     if waiting_max < 1 or history < 0:
         raise ConfigError("waiting_max is 1 at least, history not below 0")
     return Subscription(
-        Client(endpoint, prefix),
+        Client(endpoint, prefix, keys),
         probe,
         tuple(dict.fromkeys(topics)),
         history=history,

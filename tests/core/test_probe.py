@@ -828,7 +828,15 @@ def test_a_reset_is_replied_to_before_it_is_wanted_of_the_board():
     assert bench.c.wants_reset
 
 
-@pytest.mark.parametrize("command", [0, 9, 99, 255])
+def test_the_time_has_nothing_but_its_reply_stamped_when_it_was_heard():
+    bench = Bench().run(3.0, samples=False)
+    said, now_us = len(bench.messages), bench.time_us
+    assert bench.command(lib.COMMAND_TIME, 3, 4) == (OK, [3, 4])
+    assert len(bench.messages) == said + 1
+    assert bench.messages[-1].time_us == now_us
+
+
+@pytest.mark.parametrize("command", [0, 10, 99, 255])
 def test_a_command_that_nobody_knows_is_refused(command):
     assert Bench().command(command, 3, 4) == (UNKNOWN, [3, 4])
 

@@ -62,7 +62,7 @@ def test_every_number_is_there_and_is_read_by_another_implementation() -> None:
         ("imud_ledger_sinks_taken_total", ("log",), 3),
         ("imud_ledger_sinks_waiting", ("log",), 1),
         ("imud_ledger_adds_up", (), 1),
-        ("imud_clock_data_skew", ("tag",), 4),
+        ("imud_clock_data_skew_total", ("tag",), 4),
         ("imud_hello_acc_lsb", (), 0.5),
         ("imud_sink_failures_total", ("log",), 2),
     ):

@@ -6,6 +6,7 @@ installed, and that no query of anybody's is a fault.
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import re
 import shutil
@@ -13,17 +14,22 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+import zenoh
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from fakes import DaemonProcess, FakeProbe, Port
+from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
+from imud import messages
 from imud.cli import main
 from imud.client import Client
-from imud.errors import ImudError
+from imud.commands import arguments_of
+from imud.errors import CommandRefused
 from imud.notify import Notifier
 
 
@@ -99,10 +105,18 @@ def test_a_reload_gives_a_probe_its_name_and_loses_no_count(tmp_path: Path) -> N
         reload(daemon, tmp_path, "# more", own)
         daemon.expect("reloaded: probes")
         with Client(daemon.endpoint) as client:
-            subscribed = client.statuses()
-            (status,) = [s for s in subscribed if s["probe_id"] == probe.name]
-            assert status["probe"] == "stylus"
-            assert client.probes() == ["stylus"]
+            assert client.wait_for("stylus") == "stylus"
+            assert client.alive() == ["stylus"]
+            # Once a second there is another status.
+            ledger: dict[str, Any] = {}
+            until = time.monotonic() + PATIENCE_S
+            while ledger.get("logged", {}).get("pose") != 20:
+                assert time.monotonic() < until, ledger
+                for status in client.statuses("stylus"):
+                    assert status["probe_id"] == probe.name
+                    ledger = status["ledger"]
+            assert ledger["published"]["pose"] == 20
+            assert ledger["adds_up"], ledger["differs"]
         reload(daemon, tmp_path, "'stylus'", "'tip'")
         daemon.expect("reloaded: probes")
         daemon.stop()
@@ -152,17 +166,14 @@ def test_a_mistake_in_the_beginning_is_one_line_and_exit_code_1(tmp_path: Path) 
 @pytest.fixture(scope="module")
 def commanded(
     tmp_path_factory: pytest.TempPathFactory,
-) -> Iterator[tuple[DaemonProcess, Client]]:
-    with (
-        running(tmp_path_factory.mktemp("fuzz"), "[journal]\nburst = 100") as (
-            daemon,
-            probe,
-            port,
-        ),
-        Client(daemon.endpoint) as client,
-    ):
-        del port, probe
-        yield daemon, client
+) -> Iterator[tuple[DaemonProcess, zenoh.Session]]:
+    folder = tmp_path_factory.mktemp("fuzz")
+    with running(folder, "[journal]\nburst = 100") as (daemon, _, _):
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", json.dumps([daemon.endpoint]))
+        with zenoh.open(config) as session:
+            yield daemon, session
         daemon.stop()
         assert not [line for line in daemon.lines if "fault of" in line]
         assert not [line for line in daemon.lines if "Traceback" in line]
@@ -172,27 +183,52 @@ _WORDS = st.text(st.characters(exclude_characters="/*$#?", codec="utf-8"), min_s
 _NAMES = st.sampled_from(["stream", "hz", "what", "streams", "filter"]) | _WORDS
 
 
-@given(
-    st.sampled_from(["rate", "fields", "tare", "restart", "start"]) | _WORDS,
-    st.dictionaries(_NAMES, st.text(max_size=20) | st.integers().map(str), min_size=1),
-    st.binary(max_size=50),
-)
+_NUMBERS = st.integers(-(2**70), 2**70).map(str) | st.just("9" * 5000)
+_VALUES = st.sampled_from(["pose", "raw", "all", "undo", "fuse", "pose,raw", ""])
+_PARAMETERS = st.dictionaries(_NAMES, _VALUES | _NUMBERS | st.text(max_size=20))
+_COMMANDS = st.sampled_from(["rate", "fields", "tare", "restart", "start"])
+
+
+@given(_COMMANDS, _PARAMETERS)
+@example("rate", {"stream": "pose", "hz": str(2**40)})
+@example("rate", {"stream": "pose", "hz": "-1"})
+def test_no_parameters_are_a_fault(command: str, parameters: dict[str, str]) -> None:
+    try:
+        arguments = arguments_of(command, parameters)
+    except CommandRefused as error:
+        assert str(error)
+        return
+    fields = {"command": command, "token": 1, "arguments": arguments}
+    # What no field holds is refused as the daemon refuses it.
+    with contextlib.suppress(ValueError):
+        messages.encode("command", fields, 1, 1)
+
+
+@given(_COMMANDS | _WORDS, _PARAMETERS, st.binary(max_size=50))
 @settings(
     max_examples=60,
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 def test_no_query_is_a_fault(
-    commanded: tuple[DaemonProcess, Client],
+    commanded: tuple[DaemonProcess, zenoh.Session],
     command: str,
     parameters: dict[str, str],
     payload: bytes,
 ) -> None:
-    daemon, client = commanded
-    del payload
-    # A name that no command knows: refused before the probe would be asked.
-    with pytest.raises(ImudError):
-        client.command("00112233445566aa", command, **(parameters | {"x1": ""}))
+    daemon, session = commanded
+    # With a name that no command knows, so that the probe is not asked: it is silent.
+    said = ";".join(
+        f"{key}={value}" for key, value in (parameters | {"x1": ""}).items()
+    )
+    try:
+        selector = zenoh.Selector(f"imud/00112233445566aa/cmd/{command}", said)
+    except (zenoh.ZError, ValueError):
+        return  # not a key: the library itself refuses it
+    replies = list(session.get(selector, payload=payload, timeout=20.0))
+    assert all(reply.err is not None for reply in replies)
+    # cmd/* is no key that begins with @: Zenoh keeps those apart.
+    assert len(replies) == (not command.startswith("@"))
     assert daemon.process.poll() is None
 
 

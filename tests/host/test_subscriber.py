@@ -324,6 +324,22 @@ def test_all_kinds_come_typed(chain: Chain) -> None:
     assert found[Status].probe_id == chain.probe.name
 
 
+def test_who_comes_late_gets_the_history_first_and_misses_nothing(
+    chain: Chain,
+) -> None:
+    with subscribe(endpoint=chain.daemon.endpoint) as early:
+        chain.start(early)
+        chain.port.write(chain.probe.poses(50))
+        last = chain.probe.sequence - 1
+        while (pose := next(early)).seq < last:
+            pass
+        with subscribe(endpoint=chain.daemon.endpoint, history=20) as late:
+            before = [next(late).number for _ in range(20)]
+            assert before == list(range(pose.number - 19, pose.number + 1))
+            assert chain.start(late).number == pose.number + 1
+            assert late.missed == Missed()
+
+
 def test_the_wire_s_losses_are_told(chain: Chain) -> None:
     with subscribe(endpoint=chain.daemon.endpoint) as subscription:
         pose = chain.start(subscription)
