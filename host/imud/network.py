@@ -201,6 +201,8 @@ def _known_as(mine: Credentials, passwords: Mapping[str, Any]) -> dict[str, Any]
 # What Zenoh's log says of a link that it takes, and of one that it then refuses.
 _LINK = re.compile(r"Accepted \w+ connection on \S+?: (?P<who>[^\s.]\S*?)\.?(?:\s|$)")
 _REFUSED = re.compile(r"establishment::accept: (?P<why>.*?)\.?(?: at /.*)?$")
+# Before it is known who: Zenoh doesn't say. Its hint is about another cause.
+_NO_TLS = re.compile(r"WARN .*zenoh_link_tls::unicast: (?P<why>.*?)(?:\. Hint: .*)?$")
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 _LOGGED = (
     "zenoh_transport::unicast::establishment::accept=debug,"
@@ -212,10 +214,11 @@ def tell_refusals(tell: Callable[[str], None]) -> None:
     """Has `tell` called, in a thread of its own, with each client that is refused.
 
     Zenoh tells of them only in its log, which goes to stdout: that is read here, and
-    what else comes by it goes on to stderr. Who has set RUST_LOG reads it alone. Once
+    what else comes by it goes on to stderr. Who has set RUST_LOG gets it as it is. Once
     in a process.
     """
     if "RUST_LOG" in os.environ:
+        zenoh.try_init_log_from_env()
         return
     os.environ["RUST_LOG"] = _LOGGED
     zenoh.try_init_log_from_env()
@@ -236,6 +239,8 @@ def _read_log(source: int, tell: Callable[[str], None]) -> None:
             line = _COLOUR.sub("", coloured).rstrip()
             if link := _LINK.search(line):
                 who = link["who"]
+            elif failed := _NO_TLS.search(line):
+                tell(f"network: somebody was refused: TLS: {failed['why']}")
             elif refused := _REFUSED.search(line):
                 if not refused["why"].startswith("New transport"):
                     tell(f"network: {who} was refused: {refused['why']}")
