@@ -102,7 +102,7 @@ def test_damage_on_the_wire_adds_up_to_the_frame(stub: Stub, seed: int) -> None:
     assert set(good) <= whole, "a damaged frame passed as good"
     port = Port(stub.folder / "port")
     with DaemonProcess(port.path, directory=stub.folder) as daemon:
-        port.read()  # it has opened the port and asks who is there
+        port.wait_open()
         with Client(daemon.endpoint) as client:
             # In pieces that no kernel buffer refuses; the daemon reads as they come.
             for at in range(0, len(received), 2048):
@@ -211,7 +211,7 @@ def test_a_probe_that_a_host_cannot_read_is_named_once(stub: Stub) -> None:
     assert changed != hello
     port = Port(stub.folder / "port")
     with DaemonProcess(port.path, directory=stub.folder) as daemon:
-        port.read()  # it has opened the port and asks who is there
+        port.wait_open()
         port.write(_core.encode_frame(0xFFFF, changed) * 3)
         line = daemon.expect("schema")
         daemon.stop()

@@ -60,7 +60,7 @@ def test_a_pose_that_was_changed_on_its_way_is_told_by_its_number(stub: Stub) ->
     data = b"".join(encode_frame(content) for content in contents)
     port = Port(stub.folder / "port")
     with DaemonProcess(port.path, "--twin", directory=stub.folder) as daemon:
-        port.read()  # it has opened the port and asks who is there
+        port.wait_open()
         for at in range(0, len(data), 2048):
             port.write(data[at : at + 2048])
         number = done.messages[struck].sequence
