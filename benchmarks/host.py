@@ -280,7 +280,8 @@ def live(probes: int, seconds: float, folder: Path) -> dict[str, Any]:
     feeder = spawn.Process(target=feed, args=(probes, total_s, feeder_end, sent_path))
     follower = spawn.Process(target=follow, args=(endpoint, follower_end, heard_path))
     feeder.start()
-    names = answer_of(to_feeder)
+    feeder_end.close()  # who ends without a word ends the wait for it
+    names = answer_of(to_feeder, PATIENCE_S)
     command = [sys.executable, "-m", "imud", "run", *names, "--listen", endpoint]
     with (folder / "daemon.txt").open("w") as lines:
         daemon = subprocess.Popen(
@@ -289,7 +290,8 @@ def live(probes: int, seconds: float, folder: Path) -> dict[str, Any]:
     try:
         wait_for_line(folder / "daemon.txt", "listens on")
         follower.start()
-        answer_of(to_follower)
+        follower_end.close()
+        answer_of(to_follower, PATIENCE_S)
         to_feeder.send("go")
         time.sleep(WARM_UP_S)
         begin_s, begin_cpu, idle = time.monotonic(), cpu_s(daemon.pid), idle_s()
@@ -298,10 +300,10 @@ def live(probes: int, seconds: float, folder: Path) -> dict[str, Any]:
         cpu = (cpu_s(daemon.pid) - begin_cpu) / passed_s
         idle = (idle_s() - idle) / passed_s
         memory = rss_mib(daemon.pid)
-        sent = answer_of(to_feeder)
+        sent = answer_of(to_feeder, PATIENCE_S)
         time.sleep(2.5)  # two statuses later it has told all
         to_follower.send("stop")
-        statuses = answer_of(to_follower)
+        statuses = answer_of(to_follower, PATIENCE_S)
         to_feeder.send("stop")
         feeder.join()
         follower.join()
@@ -323,8 +325,8 @@ def live(probes: int, seconds: float, folder: Path) -> dict[str, Any]:
     }
 
 
-def answer_of(connection: Connection) -> Any:
-    if not connection.poll(PATIENCE_S + 3600):
+def answer_of(connection: Connection, patience_s: float) -> Any:
+    if not connection.poll(patience_s):
         raise TimeoutError("a process of this benchmark says nothing")
     return connection.recv()
 

@@ -49,6 +49,15 @@ FAULTS = {"flip": 150, "cut": 400, "double": 300, "reset": 20_000, "unplug": 10_
 # Chunks of sampled time without a port.
 UNPLUGGED = 10
 
+# The probes' clocks are fast by so much, one more than the other.
+FAST_PPM = 60.0
+
+# After a command was written, until a probe hears it: what a USB bridge takes.
+HEARD_AFTER_NS = 700_000
+
+# Poses whose stated bound their time may miss.
+DISHONEST_MAX = 0.01
+
 _HEAD = struct.Struct(schema.HEADER)
 _IDS = {message.name: message.id for message in schema.MESSAGES}
 _POSE: dict[str, Any] = {
@@ -83,7 +92,8 @@ _HELLO: dict[str, Any] = {
 class Source:
     """A probe at work: a hello each second, poses in between."""
 
-    def __init__(self, number: int) -> None:
+    def __init__(self, number: int, fast_ppm: float = 0.0) -> None:
+        self._pace = 1.0 + fast_ppm * 1e-6
         self.id = bytes([0xF0, 0, 0, 0, 0, 0, 0, number])
         self.name = self.id.hex()
         self.boot_count = 1
@@ -107,9 +117,16 @@ class Source:
         is_hello = sequence % RATE_HZ == 0
         return (
             ident == _IDS["hello" if is_hello else "pose"]
-            and time_us == sequence * PERIOD_US & 0xFFFFFFFF
+            and time_us == self._device_us(sequence * PERIOD_US) & 0xFFFFFFFF
             and (is_hello, content[_HEAD.size :]) in self._bodies
         )
+
+    def _device_us(self, since_us: int) -> int:
+        return int(since_us * self._pace)
+
+    def true_us(self, device_us: int) -> float:
+        """When that was, of the boot that runs."""
+        return self._began_us + device_us / self._pace
 
     def reset(self, now_us: int) -> None:
         self.boot_count += 1
@@ -120,7 +137,7 @@ class Source:
     def say(self, now_us: int) -> bytes:
         name = "pose" if self.sequence % RATE_HZ else "hello"
         body = self._pose if name == "pose" else self._hello
-        time_us = (now_us - self._began_us) & 0xFFFFFFFF
+        time_us = self._device_us(now_us - self._began_us) & 0xFFFFFFFF
         content = _HEAD.pack(_IDS[name], self.sequence, time_us) + body
         self.sequence += 1
         self.sent += 1
@@ -172,13 +189,14 @@ class Line:
     """A probe, its wire with faults, and the session at its end."""
 
     def __init__(self, number: int, seed: int) -> None:
-        self.source = Source(number)
+        self.source = Source(number, number * FAST_PPM)
         self.probe = Probe(self.source.name)
         self.truth = Truth()
         self.faults: Counter[str] = Counter()
         self.sessions: Counter[str] = Counter()
         self.wrong = 0  # passed on, and never sent like that
         self.received: Counter[str] = Counter()
+        self.dated = Counter[bool]()  # with a bound; whether that was honest
         self._random = random.Random(f"{seed}/{number}")  # noqa: S311, no secrets
         self._session: Session | None = None
         self._away = 0
@@ -240,6 +258,7 @@ class Line:
                 continue
             self.wrong += not self.source.has_said(event.content)
             self.received[event.message.name] += 1
+            self._date(event)
             yield record_of(
                 event.message,
                 event.content,
@@ -248,6 +267,16 @@ class Line:
                 event.probe.hello,
                 event.probe.hello_content,
             )
+
+    def _date(self, event: Received) -> None:
+        """Looks at when it is said to have been; each hello answers a question."""
+        stamp = event.stamp
+        true_ns = START_NS + self.source.true_us(stamp.t_device_us) * 1000
+        if stamp.t_ns is not None and stamp.t_bound_ns is not None:
+            self.dated[abs(stamp.t_ns - true_ns) <= stamp.t_bound_ns] += 1
+        if event.message.name == "hello":
+            written_ns = round(true_ns) - HEARD_AFTER_NS
+            self.probe.clock.heard(stamp.t_device_us, written_ns)
 
     def unplug(self) -> None:
         if self._session is None:
@@ -293,12 +322,15 @@ class Line:
             "partial": self.sessions["partial"],
             "heard": heard,
             "passed_on": self.received.total(),
+            "dated": self.dated.total(),
+            "outside_bound": self.dated[False],
             "adds_up": {
                 "each boot": both["sent"] == both["received"] + skewed + both["lost"],
                 "sent": both["sent"] == self.truth.accounted,
                 "heard": heard == self.truth.whole,
                 "received": both["received"] == self.received.total(),
                 "none wrong": self.wrong == 0,
+                "time": self.dated[False] <= DISHONEST_MAX * self.dated.total(),
             },
         }
 
@@ -427,6 +459,11 @@ def tell(result: dict[str, Any]) -> None:
     faults: Counter[str] = Counter()
     for each in result["probes"]:
         faults.update(each["faults"])
+    dated, outside = (
+        sum(each[key] for each in result["probes"])
+        for key in ("dated", "outside_bound")
+    )
+    print(f"dated: {dated:,}, {outside:,} of them outside of their bound")
     print("faults: " + ", ".join(f"{n:,} {name}" for name, n in sorted(faults.items())))
     log = result["log"]
     print(

@@ -291,7 +291,7 @@ class DaemonProcess:
         self,
         *arguments: object,
         directory: Path,
-        log: bool = True,
+        log: bool | None = True,  # None: as a configuration says
         program: tuple[str, ...] = ("-m", "imud"),
         endpoint: str = "",
     ) -> None:
@@ -299,7 +299,8 @@ class DaemonProcess:
         self.logs = directory / "logs"
         command = [sys.executable, *program, "run", *map(str, arguments)]
         command += ["--listen", self.endpoint]
-        command += ["--log", str(self.logs)] if log else ["--no-log"]
+        if log is not None:
+            command += ["--log", str(self.logs)] if log else ["--no-log"]
         self.process = subprocess.Popen(
             command, stderr=subprocess.PIPE, text=True, cwd=directory
         )
@@ -346,6 +347,16 @@ class DaemonProcess:
         # One that was left to itself would take up ptys of the tests that follow.
         self.process.kill()
         raise AssertionError(f"no line matches {pattern!r} in {self.lines}")
+
+    def seen(self) -> list[str]:
+        """The lines that came by now, which are expected no longer."""
+        come: list[str] = []
+        with contextlib.suppress(queue.Empty):
+            while (line := self._fresh.get_nowait()) is not None:
+                come.append(line)
+            self._fresh.put(None)
+        self.lines += come
+        return come
 
     def stop(self, by: signal.Signals = signal.SIGTERM) -> float:
         """Asks it to end and returns the seconds that it took."""

@@ -3,7 +3,9 @@
 // functions that run on a probe. Limited API, so one build serves Python 3.11 and on.
 #include "_module.h"
 
+#include <errno.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "frame.h"
 
@@ -196,11 +198,34 @@ static PyObject *core_encode_frame(PyObject *Py_UNUSED(module), PyObject *args) 
     return result;
 }
 
+// More than a kernel's serial buffer holds.
+#define READ_MAX 65536
+
+static PyObject *core_read_some(PyObject *module, PyObject *descriptor) {
+    (void)module;
+    static char buffer[READ_MAX]; // the GIL is held
+    const int file = PyObject_AsFileDescriptor(descriptor);
+    if (file < 0) {
+        return NULL;
+    }
+    const ssize_t count = read(file, buffer, sizeof buffer);
+    if (count >= 0) {
+        return PyBytes_FromStringAndSize(buffer, count);
+    }
+    if (errno == EAGAIN || errno == EINTR) {
+        Py_RETURN_NONE;
+    }
+    return PyErr_SetFromErrno(PyExc_OSError);
+}
+
 static PyMethodDef core_functions[] = {
     {"crc16", core_crc16, METH_VARARGS,
      "crc16(seed, data, /)\n--\n\nCRC of data that follows what gave the seed."},
     {"encode_frame", core_encode_frame, METH_VARARGS,
      "encode_frame(seed, content, /)\n--\n\nThe frame of content, delimiter included."},
+    {"read_some", core_read_some, METH_O,
+     "read_some(descriptor, /)\n--\n\nBytes of a descriptor that does not block: none "
+     "at its end, None where there are none yet."},
     {NULL, NULL, 0, NULL},
 };
 

@@ -11,12 +11,14 @@ from collections.abc import Mapping
 from ipaddress import ip_address
 from typing import Any, Literal
 
+from imud import ros2
+
 Role = Literal["viewer", "operator", "recorder", "daemon"]
 
 ROLES: dict[Role, str] = {
     "viewer": "pose and status",
     "operator": "pose and status; commands",
-    "recorder": "pose, status, event, raw, frame and twin",
+    "recorder": "pose, status, event, raw, frame, twin, clock and log",
     "daemon": "another imud, which publishes into the network of this one",
 }
 
@@ -26,9 +28,31 @@ Rule = dict[str, Any]
 READS: dict[Role, tuple[str, ...]] = {
     "viewer": ("pose", "status"),
     "operator": ("pose", "status"),
-    "recorder": ("pose", "status", "event", "raw", "frame", "twin"),
+    "recorder": (
+        "pose",
+        "status",
+        "event",
+        "raw",
+        "frame",
+        "twin",
+        "clock",
+        "log",
+    ),
 }
+
+# Topics of ROS 2 by type, in any domain and namespace: what says no more than a pose
+# and a status do, and what carries samples.
+ROS2_OF_POSE = (ros2.POSE_STAMPED, ros2.TF_MESSAGE, ros2.DIAGNOSTIC_ARRAY)
+ROS2_OF_RAW = (ros2.IMU, ros2.MAGNETIC_FIELD)
+ROS2_READS: dict[Role, tuple[ros2.Type, ...]] = {
+    "viewer": ROS2_OF_POSE,
+    "operator": ROS2_OF_POSE,
+    "recorder": (*ROS2_OF_POSE, *ROS2_OF_RAW),
+}
+ROS2_TOKENS = "@ros2_lv/**"
 COMMANDS: tuple[Role, ...] = ("operator",)
+
+COMMAND = "command"
 
 # Below the key of what is published: its history, as Zenoh's extension keeps it.
 HISTORY = "@adv/**"
@@ -55,6 +79,13 @@ def is_local(endpoint: str) -> bool:
         return ip_address(host).is_loopback
     except ValueError:
         return host == "localhost"
+
+
+def who_may(do: str) -> list[Role]:
+    """Roles that may command, or read that topic."""
+    if do == COMMAND:
+        return [*COMMANDS, "daemon"]
+    return [*(role for role, topics in READS.items() if do in topics), "daemon"]
 
 
 def rules(
@@ -84,7 +115,7 @@ def rules(
 def _rules_of(role: Role, prefix: str) -> list[Rule]:
     """Ingress is what comes from the user, egress what goes to it."""
     if role == "daemon":
-        everything = ["**", "@ros2_lv/**", f"{prefix}/*/pose/{HISTORY}"]
+        everything = ["**", ROS2_TOKENS, f"{prefix}/*/pose/{HISTORY}"]
         return [
             _rule(role, flow, "all", _MESSAGES, everything)
             for flow in ("ingress", "egress")
@@ -92,7 +123,8 @@ def _rules_of(role: Role, prefix: str) -> list[Rule]:
     read = [f"{prefix}/*/{topic}" for topic in READS[role]]
     asked = [f"{prefix}/*/status", f"{prefix}/*/pose/{HISTORY}"]
     replies = [*asked, f"{prefix}/*/pose"]  # what a history replies has its own key
-    alive = [f"{prefix}/*/alive"]
+    read += [f"*/**/{kind.dds}/*" for kind in ROS2_READS[role]]
+    alive = [f"{prefix}/*/alive", ROS2_TOKENS]
     if role in COMMANDS:
         asked.append(f"{prefix}/*/cmd/*")
         replies.append(f"{prefix}/*/cmd/*")

@@ -23,6 +23,7 @@ class SinkCounts(msgspec.Struct, frozen=True):
     taken: int = 0
     dropped: int = 0
     waiting: int = 0
+    earlier: int = 0  # put before a reload switched it on
 
 
 def balance(
@@ -49,7 +50,7 @@ def balance(
     differs += [
         name
         for name, counts in sinks.items()
-        if counts.taken + counts.dropped + counts.waiting != put
+        if counts.taken + counts.dropped + counts.waiting + counts.earlier != put
     ]
     return {
         "adds_up": not differs,

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from imud.errors import ImudError, described
+from imud.errors import ConfigError, ImudError, described
 
 if TYPE_CHECKING:
     from imud.client import Client
@@ -24,6 +24,16 @@ PREFIX = "imud"
 
 # Exit code of a fault of imud's own: EX_SOFTWARE of sysexits.h.
 FAULT = 70
+
+
+def _plain(text: str) -> str:
+    """Words may repeat what was typed or what a file holds."""
+    return "".join(c if c.isprintable() else "?" for c in text)
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        super().error(_plain(message))
 
 
 class _Version(argparse.Action):
@@ -78,16 +88,17 @@ def _network(parser: argparse.ArgumentParser) -> None:
 
 
 def _seconds(text: str) -> float:
-    seconds = float(text)
-    if not 0 < seconds < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
-    return seconds
+    with contextlib.suppress(ValueError):
+        seconds = float(text)
+        if 0 < seconds < float("inf"):
+            return seconds
+    raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
 
 
 def build_parser() -> argparse.ArgumentParser:
     from imud import schema, sim
 
-    parser = argparse.ArgumentParser(
+    parser: argparse.ArgumentParser = _Parser(
         prog="imud",
         description="Makes the pose of imu-probes a network service.",
         epilog="example: imud run /dev/ttyUSB0, and in another terminal: imud listen",
@@ -294,14 +305,21 @@ def _logs(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "imud replay logs/imud-20260102T030405Z.mcap --link /tmp/probe, and in another "
         "terminal: imud run /tmp/probe",
     )
-    replay.add_argument("log", metavar="LOG", type=Path)
+    replay.add_argument(
+        "logs",
+        metavar="LOG",
+        nargs="+",
+        type=Path,
+        help="of several, as rotated files are, the one that began first comes first",
+    )
     replay.add_argument("--probe", metavar="PROBE", help="only this one (default: all)")
     replay.add_argument(
         "--speed",
         metavar="X",
         type=_speed,
         default=1.0,
-        help="so many times as fast as it was, or max (default: 1)",
+        help="so many times as fast as it was; max or 0: as fast as it goes "
+        "(default: 1)",
     )
     where = replay.add_mutually_exclusive_group()
     where.add_argument(
@@ -315,16 +333,22 @@ def _logs(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         help="publish on its keys into the Zenoh network there, no port "
         "(default: %(const)s)",
     )
+    replay.add_argument(
+        "--keys",
+        metavar="FILE",
+        type=Path,
+        help="who publishes, and where: clients/NAME.toml of a user of role daemon",
+    )
     replay.set_defaults(run=_replay)
 
     export = _command(
         commands,
         "export",
-        "write poses, raw samples and events of a log as tables, a file for each "
-        "probe and kind",
+        "write logs as tables, a file for each log, probe and kind: pose, raw, event, "
+        "status (its numbers), twin, clock, log",
         "imud export logs/imud-20260102T030405Z.mcap --to csv --out tables",
     )
-    export.add_argument("log", metavar="LOG", type=Path)
+    export.add_argument("logs", metavar="LOG", nargs="+", type=Path)
     export.add_argument("--to", choices=("csv", "parquet"), default="csv")
     export.add_argument(
         "--out", metavar="DIR", type=Path, help="where they go (default: beside it)"
@@ -333,7 +357,7 @@ def _logs(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 
 
 def _speed(text: str) -> float | None:
-    return None if text == "max" else _seconds(text)
+    return None if text in ("max", "0") else _seconds(text)
 
 
 def _card(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -583,18 +607,19 @@ def _recover(args: argparse.Namespace) -> int:
 def _replay(args: argparse.Namespace) -> int:
     from imud import replay
 
-    if args.connect is None:
-        return replay.to_ports(args.log, args.probe, args.link, args.speed)
-    from imud.client import Client
-
-    with Client(args.connect) as client:
-        return replay.to_network(args.log, args.probe, client, args.speed)
+    if args.link is not None and args.keys is not None:
+        raise ConfigError("--link is a port, which needs no --keys; leave one out")
+    what = replay.recording(args.logs, args.probe)
+    if args.connect is None and args.keys is None:
+        return replay.to_ports(what, args.link, args.speed)
+    with replay.connected(what, args.connect, args.keys) as client:
+        return replay.to_network(what, client, args.speed)
 
 
 def _export(args: argparse.Namespace) -> int:
     from imud import export
 
-    return export.run(args.log, args.to, args.out)
+    return export.run(args.logs, args.to, args.out)
 
 
 def _keys_init(args: argparse.Namespace) -> int:
@@ -647,12 +672,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         status: int = args.run(args)
         sys.stdout.flush()
     except ImudError as error:
-        sys.stderr.write(f"imud: {error}\n")
+        sys.stderr.write(f"imud: {_plain(str(error))}\n")
         return 1
     except BrokenPipeError:
         # The reader of a pipe has gone, as `head` does; its end is ours.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:
+        if error.filename is None:
+            raise
+        # A name that no file can have, or a folder that may not be looked into.
+        text = f"can't use {error.filename}: {error.strerror}"
+        sys.stderr.write(f"imud: {_plain(text)}\n")
+        return 1
     except KeyboardInterrupt:
         return 130  # 128 + SIGINT, as shells say it
     return status

@@ -18,8 +18,8 @@ from typing import Any, Self
 import zenoh
 import zenoh.ext
 
-from imud import network
-from imud.errors import CommandRefused, NoReply, ProbeUnknown
+from imud import access, network
+from imud.errors import CommandRefused, NoReply, NotAllowed, ProbeUnknown
 
 # Loopback only; 7447 is Zenoh's own port.
 ENDPOINT = "tcp/127.0.0.1:7447"
@@ -56,6 +56,7 @@ class Client:
     ) -> None:
         self._prefix = prefix
         mine = network.read_credentials(Path(keys)) if keys is not None else None
+        self._mine = mine
         # The file of keys says where the daemon is, unless that is said here.
         is_said = mine is None or endpoint != ENDPOINT
         self._endpoint = endpoint if mine is None or is_said else mine.endpoint
@@ -87,8 +88,22 @@ class Client:
     @property
     def is_connected(self) -> bool:
         """False while the daemon is away; Zenoh connects again when it is back."""
-        info = self._session.info
-        return bool(info.routers_zid()) or bool(info.peers_zid())
+        return network.is_connected(self._session)
+
+    def may(self, do: str) -> bool:
+        """Whether its keys are of a role that may command, or read that topic."""
+        return self._mine is None or self._mine.role in access.who_may(do)
+
+    def check_may(self, do: str) -> None:
+        """NotAllowed if it may not: the daemon would not say so, only not do it."""
+        mine = self._mine
+        if mine is None or self.may(do):
+            return
+        what = do if do == access.COMMAND else f"read {do}"
+        raise NotAllowed(
+            f"{mine.user} may not {what}, as a {mine.role}; keys that may: "
+            f"imud keys add DIR {access.who_may(do)[0]} NAME"
+        )
 
     def listen(
         self,
@@ -102,6 +117,7 @@ class Client:
         called. The last `history` messages of each probe that the daemon kept come
         first.
         """
+        self.check_may(topic)
 
         def on_sample(sample: zenoh.Sample) -> None:
             name = str(sample.key_expr).split("/")[-2]
@@ -182,6 +198,7 @@ class Client:
 
     def command(self, probe: str, name: str, **arguments: str) -> dict[str, Any]:
         """Has the probe do something; returns the daemon's answer."""
+        self.check_may(access.COMMAND)
         selector = f"{self._prefix}/{probe}/cmd/{name}"
         if arguments:
             selector += "?" + ";".join(f"{k}={v}" for k, v in arguments.items())
@@ -193,7 +210,7 @@ class Client:
                 raise CommandRefused(reply.err.payload.to_string())
         raise NoReply(
             f"nobody answered {name} for probe {probe}: it is not there (imud list), "
-            "or your keys don't let you command"
+            "or your keys do not let you command any longer"
         )
 
 

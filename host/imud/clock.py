@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """A probe's clock against the host's, by what can't be otherwise. No I/O; time is an
-argument, and the host's is monotonic.
+argument, and the host's is `host_ns`.
 
 A message arrives after it was made, and a command is heard after it was written: each
 arrival bounds the host's time of a device time from above, each answered command from
@@ -10,10 +10,19 @@ message that is late says little and spoils nothing. docs/clock.md has the arith
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from dataclasses import dataclass
+from functools import partial
 
 from imud.ledger import difference_32
+
+# The host's time: of the oscillator, which nothing sets or slews. NTP changes the rate
+# of the monotonic clock by 500 ppm, which would look like a probe's that jumps.
+host_ns = partial(
+    time.clock_gettime_ns,
+    getattr(time, "CLOCK_MONOTONIC_RAW", time.CLOCK_MONOTONIC),
+)
 
 # Of the probe's oscillator: an RC oscillator is right to 1 %, a ceramic resonator to
 # 0.5 %, a crystal to 0.01 %.
@@ -34,8 +43,14 @@ BIN_MIN_US, BIN_MAX_US = 20_000, 500_000
 QUANTUM_NS = 1_000
 
 # Two readings of the host's clocks are this far apart at most, or they don't count; and
-# the difference of those clocks, which only a step changes, is known to this.
+# the difference of those clocks is known to this.
 READING_NS = 10_000
+
+# UTC that goes faster or slower than the host's oscillator by more than this is not
+# slewed, but stepped: NTP slews by 500 ppm at most, an oscillator is right to 100. A
+# step that is smaller than the other is not worth telling.
+SLEW_MAX = 1e-3
+STEP_NS = 1_000_000
 
 # Time that has to be taken back goes slower by this for as long as it takes.
 SLOWEST = (9, 10)
@@ -48,6 +63,9 @@ ALONE_S = 2.0
 
 # The estimate is at least this part of what is possible away from its edges.
 SHARE_MIN = 0.25
+
+# Slopes between the flattest and the steepest at which that is looked at.
+SLOPES = 8
 
 # Pieces that are kept for messages that come out of their order.
 PIECES = 16
@@ -85,31 +103,41 @@ class Rising:
 
 
 class Timeline:
-    """UTC of the host's monotonic clock. A step of UTC forwards is taken at once, one
-    backwards by and by.
+    """UTC of the host's time. A step of UTC forwards is taken at once, one backwards by
+    and by; slews are followed.
     """
 
     def __init__(self, offset_ns: int = 0) -> None:
         self._offset_ns = offset_ns
         self._rising = Rising()
         self._rising.turn(0, offset_ns, 0.0)
+        self._followed_ns: int | None = None
+        # Of the last correction: until when another offset may have been true.
+        self._turned_ns: int | None = None
+        self._turn_ns = 0
         self.steps = 0
         self.last_step_ns = 0
 
     def follow(self, before_ns: int, utc_ns: int, after_ns: int) -> int:
-        """Hears UTC as read between two readings of the monotonic clock. Answers by
-        how much UTC was stepped.
+        """Hears UTC as read between two readings of the host's time. Answers by how
+        much UTC was stepped.
         """
         if after_ns - before_ns > READING_NS:
             return 0
-        step_ns = utc_ns - (before_ns + after_ns) // 2 - self._offset_ns
-        if abs(step_ns) <= READING_NS:
+        now_ns = (before_ns + after_ns) // 2
+        since_ns = 0 if self._followed_ns is None else now_ns - self._followed_ns
+        self._followed_ns = now_ns
+        off_ns = utc_ns - now_ns - self._offset_ns
+        if abs(off_ns) <= READING_NS:
             return 0
-        self._offset_ns += step_ns
-        self.steps += 1
-        self.last_step_ns = step_ns
+        self._offset_ns += off_ns
+        self._turned_ns, self._turn_ns = after_ns, abs(off_ns)
         self._rising.turn(after_ns, after_ns + self._offset_ns, 0.0)
-        return step_ns
+        if abs(off_ns) <= STEP_NS + SLEW_MAX * since_ns:
+            return 0
+        self.steps += 1
+        self.last_step_ns = off_ns
+        return off_ns
 
     def utc(self, host_ns: int) -> int:
         return self._rising.at(host_ns)
@@ -117,6 +145,13 @@ class Timeline:
     def ahead(self, host_ns: int, utc_ns: int) -> int:
         """Of UTC as the host has it, while a step backwards is made up."""
         return utc_ns - host_ns - self._offset_ns
+
+    def doubt(self, host_ns: int, bound_ns: int, utc_ns: int) -> int:
+        """How far from UTC that may be, of a host's time right to `bound_ns`."""
+        doubt_ns = abs(self.ahead(host_ns, utc_ns))
+        if self._turned_ns is not None and host_ns - bound_ns < self._turned_ns:
+            doubt_ns = max(doubt_ns, self._turn_ns)
+        return READING_NS + doubt_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -319,21 +354,38 @@ def _possible(
         return None
     high = min(y - steepest * x for x, y in uppers)
     low = max(y - flattest * x for x, y in lowers)
-    slope, spread = (steepest + flattest) / 2, (steepest - flattest) / 2
-    # At the middle slope, which lies deeper inside than what is between both ends.
-    tops = [y - slope * x for x, y in uppers]
-    bottoms = [y - slope * x for x, y in lowers]
-    top, bottom = min(tops), max(bottoms)
-    # The least of n delays is about the n-th part of their mean: so much nearer is the
-    # truth to the side whose delays are less.
-    late = (sum(tops) / len(tops) - top) / len(tops)
-    early = (bottom - sum(bottoms) / len(bottoms)) / len(bottoms)
-    share = early / (early + late) if early + late > 0 else 0.5
-    middle = bottom + min(max(share, SHARE_MIN), 1 - SHARE_MIN) * (top - bottom)
+    slope, middle = _centre(uppers, lowers, flattest, steepest)
     # Rounding may cross what touches.
     half_ns = max(0.0, high - middle, middle - low)
+    spread = max(0.0, steepest - slope, slope - flattest)
     middle_ns = at_ns + reference + round(middle)
-    return _Estimate(at_ns, middle_ns, slope * 1e-9, half_ns, max(0.0, spread) * 1e-9)
+    return _Estimate(at_ns, middle_ns, slope * 1e-9, half_ns, spread * 1e-9)
+
+
+def _centre(
+    uppers: list[_Line], lowers: list[_Line], flattest: float, steepest: float
+) -> tuple[float, float]:
+    """Slope and value of the line in the middle of all that are possible, each slope
+    weighed by how many values it leaves.
+    """
+    step = (steepest - flattest) / SLOPES
+    weights = slopes = values = 0.0
+    for i in range(SLOPES):
+        slope = flattest + (i + 0.5) * step
+        tops = [y - slope * x for x, y in uppers]
+        bottoms = [y - slope * x for x, y in lowers]
+        top, bottom = min(tops), max(bottoms)
+        # The least of n delays is about the n-th part of their mean: so much nearer is
+        # the truth to the side whose delays are less.
+        late = (sum(tops) / len(tops) - top) / len(tops)
+        early = (bottom - sum(bottoms) / len(bottoms)) / len(bottoms)
+        share = early / (early + late) if early + late > 0 else 0.5
+        share = min(max(share, SHARE_MIN), 1 - SHARE_MIN)
+        weight = max(top - bottom, 1e-3)  # ns: below it is rounding
+        weights += weight
+        slopes += weight * slope
+        values += weight * (bottom + share * (top - bottom))
+    return slopes / weights, values / weights
 
 
 def _relaxed(point: _Point, at_us: int, reference: int, sign: int) -> _Line:

@@ -6,12 +6,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import random
+import re
 import secrets
 import time
 from collections.abc import Mapping
 from typing import Any
 
 from imud import messages, schema
+from imud.clock import host_ns
 from imud.config import ProbeSettings
 from imud.errors import (
     CommandRefused,
@@ -31,18 +33,32 @@ from imud.session import Received
 REPLY_TIMEOUT_S = 1.0
 TRIES = 3
 
-# A probe is asked for its time this often at first, while its bound is wide, and once
-# that is narrow; less and less often where it does not answer.
-FIRST, TIME_FIRST_S, TIME_WIDE_S, TIME_S, TIME_LATE_S = 10, 0.1, 0.2, 1.0, 60.0
+# A probe is asked for its time this often while its bound is wide, the first so many
+# times in quick succession, and once that is narrow; less and less often where it does
+# not answer.
+FIRST, TIME_FIRST_S, TIME_WIDE_S, TIME_S, TIME_LATE_S = 200, 0.05, 0.2, 1.0, 60.0
 TIME_BOUND_NS = 1_000_000
-UNANSWERED = 10
+UNANSWERED = 20
 ASKED_MAX = 16  # that an answer may still come for
 TIME_STEP_S = 0.03  # how often it is looked who is to be asked
 
 # Arguments of the command `tare`, as the schema says.
 TARE = {"all": 0, "heading": 1, "undo": 2}
 STREAMS = {"pose": 0, "raw": 1}
+SHOWN_MAX = 40  # of somebody's words
 FILTERS = {each.name.lower(): each.value for each in schema.Filter if each}
+
+
+def _shown(text: str) -> str:
+    """What anybody may have sent, for a line: short, without control characters."""
+    return "".join(c if c.isprintable() else "?" for c in text[:SHOWN_MAX])
+
+
+def _number(text: str) -> int:
+    """In ASCII digits alone: int() takes 1_0 and other scripts' digits, too."""
+    if not re.fullmatch(r"-?[0-9]{1,20}", text):
+        raise ValueError(text)
+    return int(text)
 
 
 def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
@@ -55,12 +71,12 @@ def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
     }
     unknown = parameters.keys() - known.get(name, set())
     if unknown:
-        raise CommandRefused(f"{name} knows no {', '.join(sorted(unknown))}")
+        raise CommandRefused(f"{name} knows no {_shown(min(unknown))}")
     try:
         if name == "tare":
             return TARE[parameters.get("what", "all")], 0
         if name == "rate":
-            return STREAMS[parameters["stream"]], int(parameters["hz"])
+            return STREAMS[parameters["stream"]], _number(parameters["hz"])
         if name == "fields":
             streams = [part for part in parameters["streams"].split(",") if part]
             return sum(1 << STREAMS[stream] for stream in set(streams)), 0
@@ -101,16 +117,16 @@ class Asking:
         self.due_s = 0.0
         self.unanswered = 0
         self.count = 0
-        self.asked: dict[int, int] = {}  # monotonic ns at which a token was written
+        self.asked: dict[int, int] = {}  # host's ns at which a token was written
         self.size = 0  # bytes of the command
 
     def put_off(self, stamp: Stamp | None, now_s: float) -> None:
         """Until it is to be asked again."""
         bound_ns = stamp.t_bound_ns if stamp is not None else None
         is_known = bound_ns is not None and bound_ns < TIME_BOUND_NS
-        wait_s = TIME_S if is_known else TIME_WIDE_S
-        if self.count < FIRST:
-            wait_s = TIME_FIRST_S
+        wait_s = TIME_FIRST_S if self.count < FIRST else TIME_WIDE_S
+        if is_known:
+            wait_s = TIME_S
         if self.unanswered > UNANSWERED:
             wait_s = min(TIME_S * 2.0 ** (self.unanswered - UNANSWERED), TIME_LATE_S)
         self.unanswered += 1
@@ -147,7 +163,8 @@ class Commander:
         known = {member.name.lower() for member in schema.Command}
         if command not in known:
             raise CommandRefused(
-                f"there is no command {command!r}, only {', '.join(sorted(known))}"
+                f"there is no command {_shown(command)!r}, only "
+                f"{', '.join(sorted(known))}"
             )
         arguments = arguments_of(command, parameters)
         async with watched.commanding:
@@ -188,7 +205,7 @@ class Commander:
         if watched.port is None or not is_readable or watched.commanding.locked():
             return
         token = self._next_token()
-        asking.asked[token] = time.monotonic_ns()
+        asking.asked[token] = host_ns()
         while len(asking.asked) > ASKED_MAX:
             del asking.asked[next(iter(asking.asked))]
         asking.put_off(watched.stamp, now_s)

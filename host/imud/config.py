@@ -18,7 +18,15 @@ import msgspec
 from msgspec import Meta
 
 from imud import access, ros2
-from imud.configfile import Mistake, called, line_of, mistakes, parse, written
+from imud.configfile import (
+    SHOWN_MAX,
+    Mistake,
+    called,
+    line_of,
+    mistakes,
+    parse,
+    written,
+)
 from imud.errors import ConfigError
 
 # What our firmware speaks: the Nano 500,000 baud, to which 16 MHz divides exactly, the
@@ -312,7 +320,7 @@ def _first(found: list[Mistake]) -> str:
 
 
 def _said(mistake: Mistake) -> str:
-    name = called(mistake.path)
+    name = called(tuple(map(_cut, mistake.path)))
     # A key of a file may hold anything that TOML can escape.
     return "".join(c if c.isprintable() else "?" for c in f"{name}: {mistake.words}")
 
@@ -325,7 +333,7 @@ def _contradictions(config: Config) -> Iterator[Mistake]:
     yield from _open_doors(config.zenoh)
     if not _PREFIX.fullmatch(config.zenoh.prefix):
         yield Mistake(
-            ("zenoh", "prefix"), f"{config.zenoh.prefix!r} can't be part of a key"
+            ("zenoh", "prefix"), f"{_cut(config.zenoh.prefix)!r} can't be part of a key"
         )
     yield from _of_metrics(config.metrics)
     yield from _of_probes(config.probes)
@@ -361,8 +369,8 @@ def _of_metrics(section: Metrics) -> Iterator[Mistake]:
     elif not _is_loopback(address[0]) and not section.open_to_all:
         yield Mistake(
             path,
-            f"{address[0]} is beyond this machine; 127.0.0.1 is not, or let anybody "
-            "read: open_to_all = true",
+            f"{_cut(address[0])} is beyond this machine; 127.0.0.1 is not, or let "
+            "anybody read: open_to_all = true",
         )
 
 
@@ -375,7 +383,9 @@ def _of_probes(probes: dict[str, ProbeSettings]) -> Iterator[Mistake]:
         if not probe.name:
             continue
         if not _NAME.fullmatch(probe.name):
-            yield Mistake((*path, "name"), f"{probe.name!r} can't be part of a key")
+            yield Mistake(
+                (*path, "name"), f"{_cut(probe.name)!r} can't be part of a key"
+            )
         if probe.name in names or probe.name in probes.keys() - {probe_id}:
             yield Mistake((*path, "name"), f"{_quoted(probe.name)} is another's, too")
         names.add(probe.name)
@@ -386,8 +396,8 @@ def _of_ros2(config: Config) -> Iterator[Mistake]:
     if not re.fullmatch(ros2.NAMESPACE, config.ros2.namespace):
         yield Mistake(
             ("ros2", "namespace"),
-            f"{config.ros2.namespace!r} can't be part of a topic; letters, digits and "
-            "single _ can, no digit first",
+            f"{_cut(config.ros2.namespace)!r} can't be part of a topic; letters, "
+            "digits and single _ can, no digit first",
         )
     names: dict[str, str] = {}
     for probe_id in config.probes:
@@ -396,7 +406,8 @@ def _of_ros2(config: Config) -> Iterator[Mistake]:
         if other != name:
             yield Mistake(
                 ("probes", probe_id, "name"),
-                f"{name!r} and {other!r} are both {ros2.ros_name(name)} in ROS",
+                f"{_cut(name)!r} and {_cut(other)!r} are both "
+                f"{_cut(ros2.ros_name(name))} in ROS",
             )
 
 
@@ -415,8 +426,12 @@ def _is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
+def _cut(text: str) -> str:
+    return text if len(text) <= SHOWN_MAX else f"{text[: SHOWN_MAX - 3]}..."
+
+
 def _quoted(text: str) -> str:
-    return f'"{text}"'
+    return f'"{_cut(text)}"'
 
 
 def listens_on(network: Zenoh) -> tuple[str, ...]:
@@ -439,17 +454,18 @@ def _open_doors(network: Zenoh) -> Iterator[Mistake]:
     if network.keys:
         for endpoint in listen:
             if access.link_of(endpoint) != "tls":
-                meant = f"tls/{endpoint.partition('/')[2]}"
+                meant = _cut(f"tls/{endpoint.partition('/')[2]}")
                 yield Mistake(
                     ("zenoh", "listen"),
-                    f"{endpoint} sends passwords in clear; with keys it is {meant}",
+                    f"{_cut(endpoint)} sends passwords in clear; with keys it is "
+                    f"{meant}",
                 )
     elif not network.open_to_all:
         for endpoint in listen:
             if not access.is_local(endpoint):
                 yield Mistake(
                     ("zenoh", "listen"),
-                    f"{endpoint} lets in all who reach this machine; keys keep them "
-                    "out: imud keys init DIR, then zenoh.keys = DIR; or allow it: "
+                    f"{_cut(endpoint)} lets in all who reach this machine; keys keep "
+                    "them out: imud keys init DIR, then zenoh.keys = DIR; or allow it: "
                     "zenoh.open_to_all = true",
                 )

@@ -19,8 +19,8 @@ from msgspec import inspect
 
 Struct = msgspec.Struct
 
-# A value longer than this is not repeated in a line about it.
-SHOWN_MAX = 40
+# A longer value is not repeated in full in a line about it.
+SHOWN_MAX = 60
 
 _CONTROL = re.compile(r"[\x00-\x1f\x7f]")
 _HEADER = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")

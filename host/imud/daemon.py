@@ -7,7 +7,7 @@ import asyncio
 import contextlib
 import logging
 import signal
-import time
+import sys
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from functools import partial
@@ -17,6 +17,7 @@ from typing import Any
 import msgspec
 
 from imud import journal
+from imud.clock import host_ns
 from imud.commands import Commander
 from imud.config import Config, Zenoh, host_and_port, listens_on
 from imud.errors import ImudError, described
@@ -24,7 +25,7 @@ from imud.finder import Finder
 from imud.fleet import LOG, NETWORK, STATUS_S, Fleet, Want
 from imud.hub import Hub, Sink
 from imud.metrics import Metrics
-from imud.network import tell_refusals
+from imud.network import own_credentials, tell_refusals
 from imud.notify import Notifier
 from imud.sinks.log import LogSink, Settings
 from imud.sinks.ros2 import Ros2Sink, own_network
@@ -38,6 +39,10 @@ logger = logging.getLogger("imud")
 
 # The name of its sink; those of the others are in the status.
 ROS2 = "ros2"
+
+# How long a sink's thread may keep the interpreter while the loop waits for it: many
+# ports are read more often than in Python's 5 ms.
+SWITCH_S = 0.0005
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +66,11 @@ class Daemon:
         self._fleet = Fleet(config, self._hub, self._speaker)
         self._commander = Commander(self._fleet)
         self._fleet.on_reply = self._commander.take_reply
-        self._fleet.on_want = lambda name, want: self._start(
-            self._serve_twin(name, want)
-        )
-        self._fleet.on_found = lambda name: self._start(self._set_up(name))
+        self._fleet.on_want = self._begin_twin
+        self._fleet.on_found = self._begin_set_up
         self._encoder = msgspec.json.Encoder()
         self._tasks: set[asyncio.Task[None]] = set()
+        self._setting_up: dict[str, asyncio.Task[None]] = {}
         self._notifier = Notifier()
         self._metrics: Metrics | None = None
         self._kept: dict[str, object] = {}  # what each sink was made of
@@ -82,6 +86,7 @@ class Daemon:
         loop.add_signal_handler(signal.SIGHUP, self._reload)
 
         self._loop = loop
+        self._hub.later = loop.call_soon
         try:
             for name, wanted in self._wanted(self._config).items():
                 self._hub.add(wanted.make())
@@ -122,9 +127,13 @@ class Daemon:
         if ros2.enabled:
             own = own_network(network.mode, network.listen, network.connect)
             wanted[ROS2] = Wanted(
-                (ros2, own),
+                (ros2, own, network.keys, network.credentials),
                 lambda: Ros2Sink(
-                    ros2.connect or own, ros2.domain, ros2.namespace, ros2.world_frame
+                    ros2.connect or own,
+                    ros2.domain,
+                    ros2.namespace,
+                    ros2.world_frame,
+                    own_credentials(network, is_abroad=bool(ros2.connect)),
                 ),
             )
         return wanted
@@ -132,7 +141,7 @@ class Daemon:
     def _zenoh(self, network: Zenoh) -> ZenohSink:
         if network.keys and not self._is_told_of_refusals:
             self._is_told_of_refusals = True
-            tell_refusals(lambda text: self._on_notice("refused", text, True))
+            tell_refusals(lambda kind, text: self._on_notice(kind, text, True))
         return ZenohSink(network, self._on_command, self._on_notice)
 
     def _on_notice(self, kind: object, text: str, is_warning: bool) -> None:
@@ -188,10 +197,11 @@ class Daemon:
         for name in self._kept.keys() - wanted.keys():
             self._hub.set(name, None)
             del self._kept[name]
+        put = {watched.name: watched.put for watched in self._fleet}
         for name, want in wanted.items():
             # Keys and channels have the probes' names.
             if names or self._kept.get(name) != want.settings:
-                self._hub.set(name, want.make(), names)
+                self._hub.set(name, want.make(), names, put)
                 self._kept[name] = want.settings
         if not config.log.enabled:
             self._log = None
@@ -206,7 +216,7 @@ class Daemon:
             probe_id = watched.probe.probe_id
             is_other = config.settings_of(probe_id) != before.settings_of(probe_id)
             if is_other and watched.is_alive:
-                self._start(self._set_up(watched.name))
+                self._begin_set_up(watched.name)
         changed = [
             name
             for name in Config.__struct_fields__
@@ -222,18 +232,18 @@ class Daemon:
             due = max(due + STATUS_S, loop.time())
             await asyncio.sleep(due - loop.time())
             elapsed_s, before = loop.time() - before, loop.time()
-            t_ns = time.monotonic_ns()
-            self._finder.check(t_ns)
+            self._finder.check(host_ns())
             self._fleet.tick(elapsed_s)
             self._notifier.alive()
             self._notifier.status(self._state())
             if self._metrics is not None:
                 self._metrics.take_sinks(self._hub.failures())
 
-    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+    def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         task = asyncio.get_running_loop().create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._ended)
+        return task
 
     def _ended(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
@@ -252,6 +262,12 @@ class Daemon:
             reply = {"ok": True, "probe": name, "command": command, "value": value}
             answer(self._encoder.encode(reply), "")
 
+    def _begin_set_up(self, name: str) -> None:
+        before = self._setting_up.get(name)
+        if before is not None:
+            before.cancel()  # it may wait for an answer of before a replug
+        self._setting_up[name] = self._start(self._set_up(name))
+
     async def _set_up(self, name: str) -> None:
         """Applies a probe's own settings, whenever it appears or restarts."""
         try:
@@ -262,6 +278,9 @@ class Daemon:
         except ImudError as error:
             text = f"probe {name}: its settings can't be applied: {error}"
             self._speaker.say(("settings", name), text, is_warning=True)
+
+    def _begin_twin(self, name: str, wants: Want) -> None:
+        self._start(self._serve_twin(name, wants))
 
     async def _serve_twin(self, name: str, wants: Want) -> None:
         """Asks a probe for what its twin needs."""
@@ -324,6 +343,7 @@ def _log_settings(config: Config) -> Settings:
 def run(load: Callable[[], Config]) -> int:
     """Runs until SIGTERM or SIGINT; `load` says what to do, again at each SIGHUP."""
     config = load()
+    sys.setswitchinterval(SWITCH_S)
     handler = journal.handler()
     logger.addHandler(handler)
     logger.setLevel(config.journal.level.upper())

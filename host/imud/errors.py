@@ -15,6 +15,7 @@ ImudError
 │   └── NoReply
 ├── NetworkError        Zenoh
 │   ├── ListenFailed
+│   ├── NotAllowed      keys that don't let their user do that
 │   └── DaemonNotFound
 └── FileError           a capture or a log that can't be read or written
 
@@ -76,6 +77,10 @@ class NetworkError(ImudError):
 
 class ListenFailed(NetworkError):
     """The daemon can't listen where it was told to."""
+
+
+class NotAllowed(NetworkError):
+    """A user's keys don't let it do that."""
 
 
 class DaemonNotFound(NetworkError):

@@ -3,16 +3,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
 import msgspec
 
 from imud.errors import FileError
-from imud.logs import Damage, Logged, salvage
+from imud.logs import Damage, Logged, salvage, size_of
 from imud.progress import Progress
 
 # Columns of each topic in their order: of an object's key its parts, or itself.
@@ -33,6 +34,18 @@ _HEAD = {
 def _parts(key: str, parts: str = "xyz") -> tuple[str, ...]:
     return tuple(f"{key}_{part}" for part in parts)
 
+
+def _named(*keys: str) -> dict[str, tuple[str, ...]]:
+    """Keys that stand for themselves; a dot leads into an object."""
+    return {key: (key.replace(".", "_"),) for key in keys}
+
+
+# Of a status, what is a number at each moment.
+_LEDGER = ("sent", "received", "lost", "duplicated", "corrupt")
+_COUNTERS = (
+    *("samples_ready", "samples_read", "samples_fused", "overruns", "bus_faults"),
+    *("messages_sent", "messages_dropped"),
+)
 
 COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
     "pose": {
@@ -56,10 +69,41 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
         "flags": ("flags",),
     },
     "event": {**_HEAD, "event": ("event",), "cause": ("cause",), "detail": ("detail",)},
+    "status": _named(
+        "t_ns",
+        "state",
+        "port",
+        "pose_rate_hz",
+        *(f"ledger.{key}" for key in _LEDGER),
+        *(f"clock.{key}" for key in ("offset_ns", "skew_ppm", "bound_us")),
+        *(f"counters.{key}" for key in _COUNTERS),
+        "log.state",
+        "twin.state",
+    ),
+    "twin": _named("t_ns", "t_device_us", "seq", "state", "compared", "differed"),
+    "clock": _named("t_ns", "step_ns"),
+    "log": _named("t_ns", "state", "reason", "dropped"),
 }
 
-_WORDS = frozenset({"flags", "event", "cause"})
-_INTEGERS = (*_HEAD, "acc_counts", "gyr_counts", "mag_counts", "detail")
+_WORDS = frozenset(
+    {
+        *("flags", "event", "cause", "state", "port", "reason"),
+        *("log.state", "twin.state"),
+    }
+)
+_INTEGERS = frozenset(
+    {
+        *_HEAD,
+        *("acc_counts", "gyr_counts", "mag_counts", "detail"),
+        *("compared", "differed", "step_ns", "dropped"),
+        *("clock.offset_ns", "clock.bound_us"),
+        *(f"ledger.{key}" for key in _LEDGER),
+        *(f"counters.{key}" for key in _COUNTERS),
+    }
+)
+
+# Bounds of a column's integers, and of those that a double holds.
+_INT64, _EXACT = 1 << 63, 1 << 53
 
 GROUP = 16384  # rows of a Parquet group: a minute and more of one probe
 
@@ -150,16 +194,32 @@ def names_of(topic: str) -> list[str]:
 
 
 def row_of(topic: str, said: Mapping[str, Any]) -> list[Cell]:
+    """A line of a table; what is not as imud writes it is not available."""
     row: list[Cell] = []
     for key, names in COLUMNS[topic].items():
-        value = said.get(key)
-        if len(names) > 1:
-            row.extend(value if value is not None else [None] * len(names))
-        elif isinstance(value, list):
-            row.append(" ".join(map(str, value)))
+        value: Any = said
+        for part in key.split("."):
+            value = value.get(part) if isinstance(value, Mapping) else None
+        if len(names) == 1:
+            row.append(_cell(key, value))
+        elif isinstance(value, list) and len(value) == len(names):
+            row.extend(_cell(key, part) for part in value)
         else:
-            row.append(value)
+            row.extend([None] * len(names))
     return row
+
+
+def _cell(key: str, value: Any) -> Cell:
+    if key in _WORDS:
+        if isinstance(value, list):
+            return " ".join(map(str, value))
+        return value if isinstance(value, str) else None
+    if isinstance(value, bool):
+        return None
+    if isinstance(value, int):
+        limit = _INT64 if key in _INTEGERS else _EXACT
+        return value if -limit <= value < limit else None
+    return value if isinstance(value, float) and key not in _INTEGERS else None
 
 
 def _kind(to: str) -> Callable[[Path, str], Table]:
@@ -175,22 +235,42 @@ def _kind(to: str) -> Callable[[Path, str], Table]:
     return ParquetTable
 
 
-def run(path: Path, to: str, out: Path | None) -> int:
-    """Writes STEM-PROBE-TOPIC.csv or .parquet, and says what each holds."""
+def run(paths: Sequence[Path], to: str, out: Path | None) -> int:
+    """Writes tables of each log; one that can't be is an error after the others."""
     make = _kind(to)
+    problems = []
+    for path in paths:
+        try:
+            _export(path, to, make, out)
+        except FileError as error:
+            problems.append(str(error))
+    if problems:
+        raise FileError("; ".join(problems))
+    return 0
+
+
+def _export(
+    path: Path, to: str, make: Callable[[Path, str], Table], out: Path | None
+) -> None:
+    """Writes STEM-PROBE-TOPIC.csv or .parquet, and says what each holds."""
     directory = out or path.parent
     tables: dict[Path, Table] = {}
     damages: list[Damage] = []
+    strange = 0
     is_done = False
     try:
         directory.mkdir(parents=True, exist_ok=True)
         try:
             for item in _items(path, damages):
+                said = _said(item)
+                if said is None:
+                    strange += 1
+                    continue
                 name = f"{path.stem}-{item.probe}-{item.topic}.{to}"
-                file = directory / name
+                file = directory / _printable(name)
                 if file not in tables:
                     tables[file] = make(file, item.topic)
-                tables[file].add(row_of(item.topic, msgspec.json.decode(item.data)))
+                tables[file].add(row_of(item.topic, said))
             is_done = True
         finally:
             for table in tables.values():
@@ -207,14 +287,25 @@ def run(path: Path, to: str, out: Path | None) -> int:
     for file, table in tables.items():
         sys.stdout.write(f"{file}: {table.rows} rows\n")
     if not tables:
-        sys.stdout.write(f"{path} holds no pose, raw or event\n")
+        sys.stdout.write(f"{path} holds nothing for a table\n")
+    if strange:
+        sys.stderr.write(f"{path}: {strange} messages are no objects of imud's\n")
     if damages:
         sys.stderr.write(f"{path} is cut off or damaged: what is good is exported\n")
-    return 0
+
+
+def _said(item: Logged) -> Mapping[str, Any] | None:
+    with contextlib.suppress(msgspec.DecodeError, UnicodeDecodeError):
+        return msgspec.json.decode(item.data, type=dict[str, Any])
+    return None
+
+
+def _printable(name: str) -> str:
+    return "".join(each if each.isprintable() else "_" for each in name)
 
 
 def _items(path: Path, damages: list[Damage]) -> Iterator[Logged]:
-    bar = Progress("exporting", path.stat().st_size if path.exists() else 0)
+    bar = Progress("exporting", size_of(path))
     try:
         for item in salvage(path, bar.update):
             if isinstance(item, Damage):

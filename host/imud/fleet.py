@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import msgspec
 
 from imud.balance import SinkCounts, balance
-from imud.clock import Timeline
+from imud.clock import Timeline, host_ns
 from imud.config import Config
 from imud.hub import Hub
 from imud.ledger import Verdict
@@ -66,6 +66,13 @@ def _twin(watched: Watched) -> dict[str, Any]:
     }
 
 
+class LogState(msgspec.Struct, frozen=True):
+    """Whether there is a log: on, paused or off; and why it pauses."""
+
+    state: str
+    reason: str | None = None
+
+
 class Watched:
     """What the daemon keeps of one probe beside its account."""
 
@@ -88,7 +95,8 @@ class Watched:
         self.poses = 0
         self.poses_before = 0
         self.pose_rate_hz = 0.0
-        self.last_heard_ns = 0
+        self.heard_ns = -1  # host's time of the latest message
+        self.last_heard_ns = 0  # UTC
         self.stamp: Stamp | None = None  # of the latest message
         self.corrupt_before = 0
         self.told: tuple[int, int, int, int] = (0, 0, 0, 0)
@@ -119,7 +127,10 @@ class Fleet:
         self._probes: dict[str, Watched] = {}
         self._names: dict[str, Watched] = {}
         self._told_others: set[tuple[object, ...]] = set()
-        self.timeline = Timeline(time.time_ns() - time.monotonic_ns())
+        self._logging = LogState("on" if config.log.enabled else "off")
+        # Of several readings the one with the least between both.
+        self.timeline = Timeline(max(time.time_ns() - host_ns() for _ in range(5)))
+        self._read_ns = host_ns()  # when the last bytes came, of whichever probe
         self.on_reply: Callable[[Watched, Received], None] = lambda *_: None
         self.on_want: Callable[[str, Want], None] = lambda *_: None
         self.on_found: Callable[[str], None] = lambda _: None
@@ -170,8 +181,7 @@ class Fleet:
         watched = self._probes.get(probe_id)
         if watched is None or watched.port is None or watched.port is port:
             return None
-        is_heard = watched.last_heard_ns >= self.timeline.utc(since_ns)
-        return watched.port if is_heard else None
+        return watched.port if watched.heard_ns >= since_ns else None
 
     def missing(self) -> list[str]:
         """Ids of the probes that were heard and are on no port."""
@@ -236,6 +246,7 @@ class Fleet:
         watched = self._probes[event.probe.probe_id]
         message = event.message
         stamp = event.stamp
+        watched.heard_ns = self._read_ns
         watched.last_heard_ns = stamp.t_received_ns or self._now_ns()
         watched.stamp = stamp
         record = record_of(
@@ -349,7 +360,8 @@ class Fleet:
 
     def tick(self, elapsed_s: float) -> None:
         """Once a second: rates, the status of each probe, what was lost."""
-        self._follow_host()
+        self.follow_host()
+        self._follow_log()
         sinks = self._hub.counts()
         for watched in self._probes.values():
             poses = watched.poses - watched.poses_before
@@ -358,11 +370,12 @@ class Fleet:
             self._publish_status(watched, sinks)
             self._tell_losses(watched)
 
-    def _follow_host(self) -> None:
-        """Whether the host's clock was set."""
-        timeline = self.timeline
-        before_ns, utc_ns = time.monotonic_ns(), time.time_ns()
-        step_ns = timeline.follow(before_ns, utc_ns, time.monotonic_ns())
+    def follow_host(self, read_ns: int | None = None) -> None:
+        """Whether the host's clock was set; called before what came is dated."""
+        if read_ns is not None:
+            self._read_ns = read_ns
+        before_ns, utc_ns = host_ns(), time.time_ns()
+        step_ns = self.timeline.follow(before_ns, utc_ns, host_ns())
         if step_ns == 0:
             return
         self._speaker.say(
@@ -379,13 +392,34 @@ class Fleet:
             record = Record(name, "clock", payload, b"", 0, t_ns, t_ns, said=said)
             self._put(watched, record)
 
+    def _follow_log(self) -> None:
+        """Whether records are logged; the hub says why not, in the journal."""
+        reason = self._hub.trouble(LOG)
+        state = "off" if reason is None else "paused" if reason else "on"
+        before, self._logging = self._logging, LogState(state, reason or None)
+        if state == before.state:
+            return
+        t_ns = self._now_ns()
+        for watched in self._probes.values():
+            if not self._is_logged(watched):
+                continue
+            name = watched.name
+            said = {"type": LOG, "probe": name, "t_ns": t_ns}
+            said |= msgspec.structs.asdict(self._logging)
+            said["dropped"] = self._hub.dropped(name).get(LOG, 0)
+            payload = self._encoder.encode(said)
+            self._put(watched, Record(name, LOG, payload, b"", 0, t_ns, t_ns))
+
+    def _is_logged(self, watched: Watched) -> bool:
+        return self._config.settings_of(watched.probe.probe_id).log
+
     def _now_ns(self) -> int:
-        return self.timeline.utc(time.monotonic_ns())
+        return self.timeline.utc(host_ns())
 
     def _clock(self, watched: Watched, session: Session | None) -> dict[str, Any]:
         """How a probe's clock is known."""
         clock, stamp, timeline = watched.probe.clock, watched.stamp, self.timeline
-        rate_ppm, now_ns = clock.rate_ppm, time.monotonic_ns()
+        rate_ppm, now_ns = clock.rate_ppm, host_ns()
         offset_ns = None
         if stamp is not None and stamp.t_ns is not None:
             offset_ns = stamp.t_ns - 1000 * stamp.t_device_us
@@ -444,7 +478,7 @@ class Fleet:
         port = watched.port
         session = port.session if port is not None else None
         state = watched.counters.get("state", "unknown")
-        is_heard = t_ns - watched.last_heard_ns < 3 * STATUS_S * 1e9
+        is_heard = host_ns() - watched.heard_ns < 3 * STATUS_S * 1e9
         if port is None:
             state = "gone"
         elif watched.other is not None:
@@ -474,7 +508,7 @@ class Fleet:
                 "corrupt": self._corrupt(watched),
                 "published": self._hub.taken(watched.name, NETWORK),
                 "logged": self._hub.taken(watched.name, LOG)
-                if self._config.settings_of(probe.probe_id).log
+                if self._is_logged(watched)
                 else {},
                 "dropped": self._hub.dropped(watched.name),
                 **balance(
@@ -489,6 +523,7 @@ class Fleet:
                     },
                 ),
             },
+            "log": self._logging if self._is_logged(watched) else LogState("off"),
             "link": session.counts() if session is not None else None,
             "clock": self._clock(watched, session),
             "twin": _twin(watched),

@@ -12,7 +12,7 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from imud.balance import SinkCounts
 from imud.record import Presence, Record
@@ -24,6 +24,10 @@ QUEUE_MAX = 8192
 
 # A sink that failed is tried again after this long: a disk may have room again.
 RETRY_S = 2.0
+
+# One that takes another's place waits for so long until that has closed: it may want
+# the same address. What comes meanwhile waits in its queue.
+SUCCEED_S = 10.0
 
 logger = logging.getLogger("imud")
 
@@ -41,6 +45,14 @@ class Sink(Protocol):
     def close(self) -> None: ...
 
 
+class Totals(NamedTuple):
+    """Of one sink: by probe and topic, and by probe."""
+
+    taken: Counter[tuple[str, str]]
+    dropped: Counter[str]
+    earlier: Counter[str]
+
+
 class Lane:
     """The queue and the thread of one sink."""
 
@@ -54,9 +66,10 @@ class Lane:
         self._is_closing = False
         self._taken: Counter[tuple[str, str]] = Counter()
         self._dropped: Counter[str] = Counter()
+        self._earlier: Counter[str] = Counter()  # put when there was no such sink
         self._failures = 0
         self._broken_until: float | None = None
-        self._is_told = False
+        self._trouble = ""
         # Whose place it takes, until that has closed; and what its probes are called.
         self._before: Lane | None = None
         self._names: Mapping[str, str] = {}
@@ -69,24 +82,30 @@ class Lane:
         self.sink.open()
         self._thread.start()
 
-    def follow(self, before: Lane | None, names: Mapping[str, str]) -> None:
+    def follow(
+        self, before: Lane | None, names: Mapping[str, str], put: Mapping[str, int]
+    ) -> None:
         """Opens in its own thread, when the one before has closed, and goes on with its
-        counts; what comes meanwhile waits. `names` has the probes' old and new ones.
+        counts; what comes meanwhile waits. `names` has the probes' old and new ones,
+        `put` what each has put so far.
         """
         self._before, self._names = before, names
+        if before is None:
+            self._earlier.update(put)
         self._broken_until = 0.0  # open it before the first record
         if before is not None:
             before.end()
         self._thread.start()
 
-    def put(self, item: Item) -> None:
+    def put(self, *items: Item) -> None:
         with self._wake:
-            if len(self._queue) >= self._capacity:
+            before = len(self._queue)
+            self._queue.extend(items)
+            for _ in range(len(self._queue) - self._capacity):
                 self._count_dropped(self._queue.popleft())
-            self._queue.append(item)
             # Told once; whoever is awake takes all that is there.
-            waiting = len(self._queue)
-            if waiting == (1 if self.sink.period_s == 0 else self._half):
+            enough = 1 if self.sink.period_s == 0 else self._half
+            if before < enough <= len(self._queue):
                 self._wake.notify()
 
     def end(self) -> None:
@@ -103,25 +122,27 @@ class Lane:
 
     def taken(self, probe: str) -> dict[str, int]:
         with self._wake:
-            items = self._totals()[0].items()
+            items = self._totals().taken.items()
             return {topic: n for (name, topic), n in items if name == probe}
 
     def dropped(self, probe: str) -> int:
         with self._wake:
-            return self._totals()[1][probe]
+            return self._totals().dropped[probe]
 
     def counts(self) -> dict[str, SinkCounts]:
         """Of each probe, all at one moment."""
-        taken, waiting = Counter[str](), Counter[str]()
+        taken = Counter[str]()
         with self._wake:
-            totals, dropped = self._totals()
-            for (probe, _), count in totals.items():
+            totals = self._totals()
+            dropped, earlier = totals.dropped, totals.earlier
+            for (probe, _), count in totals.taken.items():
                 taken[probe] += count
-            for items in (self._in_hand, self._queue):
-                waiting.update(i.probe for i in items if isinstance(i, Record))
+            waiting = self._waiting()
             return {
-                probe: SinkCounts(taken[probe], dropped[probe], waiting[probe])
-                for probe in {*taken, *waiting, *dropped}
+                probe: SinkCounts(
+                    taken[probe], dropped[probe], waiting[probe], earlier[probe]
+                )
+                for probe in {*taken, *waiting, *dropped, *earlier}
             }
 
     @property
@@ -129,31 +150,53 @@ class Lane:
         """Records that the sink has not begun to take."""
         return len(self._queue)
 
-    def _totals(self) -> tuple[Counter[tuple[str, str]], Counter[str]]:
-        """Taken and dropped, with those of the one whose place it takes."""
+    def _totals(self) -> Totals:
+        """With those of the one whose place it takes."""
         before, names = self._before, self._names
+        mine = Totals(self._taken, self._dropped, self._earlier)
         if before is None:
-            return self._taken, self._dropped
+            return mine
         with before._wake:
-            earlier_taken, earlier_dropped = before._totals()
-            taken, dropped = Counter(self._taken), Counter(self._dropped)
-            for (probe, topic), count in earlier_taken.items():
+            theirs = before._totals()
+            taken, dropped = Counter(mine.taken), Counter(mine.dropped)
+            earlier = Counter(mine.earlier)
+            for (probe, topic), count in theirs.taken.items():
                 taken[names.get(probe, probe), topic] += count
-            for probe, count in earlier_dropped.items():
+            for probe, count in theirs.dropped.items():
                 dropped[names.get(probe, probe)] += count
-        return taken, dropped
+            for probe, count in theirs.earlier.items():
+                earlier[names.get(probe, probe)] += count
+        return Totals(taken, dropped, earlier)
+
+    def _waiting(self) -> Counter[str]:
+        """Not yet taken, by probe, also of the one whose place it takes."""
+        waiting = Counter[str]()
+        for items in (self._in_hand, self._queue):
+            waiting.update(i.probe for i in items if isinstance(i, Record))
+        if self._before is not None:
+            with self._before._wake:
+                for probe, count in self._before._waiting().items():
+                    waiting[self._names.get(probe, probe)] += count
+        return waiting
 
     def _succeed(self, before: Lane) -> None:
-        if not before.close(before.sink.patience_s):
+        if not before.close(SUCCEED_S):
+            # Its counts may go on: they are asked for whenever they are wanted.
             logger.warning("%s did not finish in time", before.sink.name)
+            return
         with self._wake:
-            self._taken, self._dropped = self._totals()
+            self._taken, self._dropped, self._earlier = self._totals()
             self._failures += before.failures
             self._before = None
 
     @property
     def failures(self) -> int:
         return self._failures
+
+    @property
+    def trouble(self) -> str:
+        """Why it takes nothing, in words, until it does again."""
+        return self._trouble
 
     def _run(self) -> None:
         if self._before is not None:
@@ -209,8 +252,8 @@ class Lane:
             self._drop(items)
             return
         self._count_taken(items)
-        if items and self._is_told:
-            self._is_told = False
+        if items and self._trouble:
+            self._trouble = ""
             logger.info("%s works again", self.sink.name)
 
     def _is_usable(self) -> bool:
@@ -227,8 +270,9 @@ class Lane:
             action()
         except Exception as error:  # noqa: BLE001 - a sink's fault stays in its lane
             self._failures += 1
-            if not self._is_told:
-                self._is_told = True
+            is_told = bool(self._trouble)
+            self._trouble = str(error) or type(error).__name__
+            if not is_told:
                 logger.warning("%s fails and is tried again: %s", self.sink.name, error)
             self._broken_until = time.monotonic() + RETRY_S
             return False
@@ -254,10 +298,13 @@ class Lane:
 
 
 class Hub:
-    """Hands each record to every sink."""
+    """Hands each record to every sink, all that come in one turn of a loop at once."""
 
     def __init__(self) -> None:
         self._lanes: list[Lane] = []
+        self._fresh: list[Item] = []
+        # Calls what it is given at the turn's end.
+        self.later: Callable[[Callable[[], object]], object] = lambda call: call()
 
     def add(self, sink: Sink) -> Lane:
         """Opens the sink; an ImudError here is the caller's to tell."""
@@ -267,12 +314,18 @@ class Hub:
         return lane
 
     def set(
-        self, name: str, sink: Sink | None, names: Mapping[str, str] | None = None
+        self,
+        name: str,
+        sink: Sink | None,
+        names: Mapping[str, str] | None = None,
+        put: Mapping[str, int] | None = None,
     ) -> None:
         """Puts a sink in the place of the one of that name, or none; never waits.
 
-        `names`: probes that are called otherwise from here on.
+        `names`: probes that are called otherwise from here on. `put`: the records of
+        each so far, for a sink that there was not before.
         """
+        self.hand_over()
         place = next(
             (n for n, e in enumerate(self._lanes) if e.sink.name == name), None
         )
@@ -283,17 +336,31 @@ class Hub:
             return
         lane = Lane(sink)
         self._lanes.append(lane)
-        lane.follow(before, names or {})
+        lane.follow(before, names or {}, put or {})
+
+    def trouble(self, name: str) -> str | None:
+        """Why the sink of that name takes nothing; empty if it does, None: no sink."""
+        lanes = [lane for lane in self._lanes if lane.sink.name == name]
+        return lanes[0].trouble if lanes else None
 
     def failures(self) -> dict[str, int]:
         return {lane.sink.name: lane.failures for lane in self._lanes}
 
     def put(self, item: Item) -> None:
-        for lane in self._lanes:
-            lane.put(item)
+        self._fresh.append(item)
+        if len(self._fresh) == 1:
+            self.later(self.hand_over)
+
+    def hand_over(self) -> None:
+        """What was put so far, to all sinks."""
+        items, self._fresh = self._fresh, []
+        if items:
+            for lane in self._lanes:
+                lane.put(*items)
 
     def counts(self) -> dict[str, dict[str, SinkCounts]]:
         """What became of all records, by sink and probe."""
+        self.hand_over()
         return {lane.sink.name: lane.counts() for lane in self._lanes}
 
     def dropped(self, probe: str) -> dict[str, int]:
@@ -306,6 +373,7 @@ class Hub:
 
     def close(self) -> None:
         """Ends all at once: none has to wait for another that is stuck."""
+        self.hand_over()
         begin_s = time.monotonic()
         for lane in self._lanes:
             lane.end()

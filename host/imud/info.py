@@ -13,7 +13,7 @@ import msgspec
 
 from imud import messages, schema
 from imud.errors import FileError
-from imud.logs import Damage, Logged, LogHead, salvage
+from imud.logs import Damage, Logged, LogHead, salvage, size_of
 from imud.messages import Message
 from imud.progress import Progress
 from imud.record import plain
@@ -75,7 +75,7 @@ def info_of(path: Path) -> dict[str, Any]:
     probes: dict[str, ProbeInfo] = {}
     lost = holes = 0
     is_cut = False
-    bar = Progress("reading", path.stat().st_size if path.exists() else 0)
+    bar = Progress("reading", size := size_of(path))
     try:
         for item in salvage(path, bar.update):
             if isinstance(item, LogHead):
@@ -95,7 +95,7 @@ def info_of(path: Path) -> dict[str, Any]:
     ends = [t for each in probes.values() for t in each.last_ns.values()]
     return {
         "log": str(path),
-        "bytes": path.stat().st_size,
+        "bytes": size,
         "is_whole": not (is_cut or holes),
         "is_cut": is_cut,
         "damaged_places": holes,

@@ -27,6 +27,8 @@ from imud.access import Role
 from imud.errors import ConfigError, FileError
 from imud.network import (
     CA,
+    CLIENTS,
+    OWN,
     ROLES,
     SERVER,
     SERVER_KEY,
@@ -35,7 +37,7 @@ from imud.network import (
     read_roles,
 )
 
-CA_KEY, CLIENTS = "ca.key", "clients"
+CA_KEY = "ca.key"
 FIRST: tuple[Role, ...] = ("viewer", "operator", "recorder")
 
 # A machine may begin its life with a clock that is a day behind. Who is not to come in
@@ -80,6 +82,7 @@ def initialise(folder: Path, names: Sequence[str], port: int) -> list[str]:
     where = hosts[0] if ":" not in hosts[0] else f"[{hosts[0]}]"
     for role in FIRST:
         add(folder, role, role, f"tls/{where}:{port}")
+    add(folder, "daemon", OWN, f"tls/{where}:{port}")
     return hosts
 
 

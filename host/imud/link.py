@@ -8,11 +8,12 @@ import contextlib
 import errno
 import os
 import termios
-import time
 from collections.abc import Callable
 
 import serial
 
+from imud._core import read_some
+from imud.clock import host_ns
 from imud.errors import LinkError, PortBusy, PortLost, PortNotFound, PortRefused
 
 # A port that is not there or vanished is looked for this often, at 10 us each: a probe
@@ -24,9 +25,6 @@ REFUSED_S = 0.5
 
 # DTR goes active at its end, which an Arduino's capacitor makes a reset of 0.1 ms.
 RESET_S = 0.05
-
-# More than a kernel's serial buffer holds.
-READ_MAX = 65536
 
 # Bytes that may wait to be written: dozens of commands, for a probe that reads none.
 PENDING_MAX = 4096
@@ -119,13 +117,15 @@ class Link:
         if self._serial is None:
             return
         try:
-            data = os.read(self._serial.fileno(), READ_MAX)
-        except BlockingIOError:
-            return
+            # Without giving up the GIL, as os.read would: a busy sink's thread would
+            # keep it for longer than the time between two reads of many ports.
+            data = read_some(self._serial.fileno())
         except OSError:
             data = b""  # a pty whose other end closed says EIO, a USB port ENXIO
+        if data is None:
+            return
         if data:
-            self._on_data(data, time.monotonic_ns())
+            self._on_data(data, host_ns())
         else:
             self._hang_up()
 

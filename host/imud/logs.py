@@ -7,6 +7,8 @@ a message. What is broken is stepped over or ends the reading, as the caller lik
 
 from __future__ import annotations
 
+import contextlib
+import io
 import itertools
 import struct
 import zlib
@@ -227,16 +229,22 @@ class Reader:
                     prefix,
                 )
             elif isinstance(record, Metadata):
-                yield from self._read_metadata(record)
+                said = _said_by(record)
+                if said is not None:
+                    yield said
 
-    def _read_metadata(self, record: Metadata) -> Iterator[LogHead | Logged]:
-        said = record.metadata
+
+def _said_by(record: Metadata) -> LogHead | Logged | None:
+    """Of metadata, what is of use here; None: nothing, or of another version."""
+    said = record.metadata
+    try:
         if record.name == "imud":
-            yield LogHead(
-                said.get("version", ""), int(said.get("schema_fingerprint", "0"), 16)
-            )
-        elif record.name == "hello":
-            yield Logged(said["probe"], "hello", bytes.fromhex(said["content"]), 0)
+            return LogHead(said["version"], int(said["schema_fingerprint"], 16))
+        if record.name == "hello":
+            return Logged(said["probe"], "hello", bytes.fromhex(said["content"]), 0)
+    except (KeyError, ValueError):
+        pass
+    return None
 
 
 def read_log(path: Path) -> Iterator[LogHead | Logged]:
@@ -245,7 +253,7 @@ def read_log(path: Path) -> Iterator[LogHead | Logged]:
     FileError at the end where it was, or where it is damaged: all before it is good.
     """
     reader = Reader()
-    with opened(path) as file:
+    with opened(path) as file, legible(path):
         for part in parts_of(file, path.stat().st_size):
             if isinstance(part, Damage):
                 raise FileError(
@@ -259,7 +267,7 @@ def salvage(
     path: Path, on_progress: Callable[[int], None] = lambda _: None
 ) -> Iterator[LogHead | Logged | Damage]:
     """All that is good in a log, behind damage, too; told how far it is, in bytes."""
-    with opened(path) as file:
+    with opened(path) as file, legible(path):
         reader = Reader(channels_of(path))
         for part in parts_of(file, path.stat().st_size):
             if isinstance(part, Damage):
@@ -271,19 +279,29 @@ def salvage(
 
 def opened(path: Path) -> BinaryIO:
     """A log for reading; FileError if it is none."""
-    try:
+    with legible(path):
         file = path.open("rb")
-    except OSError as error:
-        raise FileError(f"can't read {path}: {error.strerror}") from error
+        with contextlib.ExitStack() as undone:
+            undone.push(file)
+            if file.read(len(MAGIC)) != MAGIC:
+                raise FileError(f"{path} is no log of imud run: those are MCAP files")
+            undone.pop_all()
+        return file
+
+
+def size_of(path: Path) -> int:
+    """Bytes of a log; FileError if it is none."""
+    with opened(path) as file:
+        return file.seek(0, io.SEEK_END)
+
+
+@contextlib.contextmanager
+def legible(path: Path) -> Iterator[None]:
+    """What the system says where a log can't be read, as a FileError."""
     try:
-        is_log = file.read(len(MAGIC)) == MAGIC
+        yield
     except OSError as error:
-        file.close()
         raise FileError(f"can't read {path}: {error.strerror}") from error
-    if not is_log:
-        file.close()
-        raise FileError(f"{path} is no log of imud run: those are MCAP files")
-    return file
 
 
 def split(topic: str) -> tuple[str, str, str]:

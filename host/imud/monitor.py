@@ -293,7 +293,6 @@ def run(
     seconds: float | None = None,
 ) -> int:
     """Until q, Ctrl-C or the end of so many seconds."""
-    screen = Screen(endpoint)
     until_s = math.inf if seconds is None else time.monotonic() + seconds
     with (
         subscribe(
@@ -301,6 +300,7 @@ def run(
         ) as subscription,
         contextlib.suppress(KeyboardInterrupt),
     ):
+        screen = Screen(subscription.endpoint)
         for status in subscription.last_statuses():
             screen.take(status, time.monotonic())
         console = Console(highlight=False)

@@ -11,8 +11,9 @@ import os
 import re
 import sys
 import threading
+import time
 from base64 import b64encode
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -26,7 +27,10 @@ from imud.errors import ConfigError, DaemonNotFound, ListenFailed
 
 # Files of a folder that `imud keys` made.
 CA, SERVER, SERVER_KEY = "ca.pem", "server.pem", "server.key"
-USERS, ROLES = "users.txt", "roles.toml"
+USERS, ROLES, CLIENTS = "users.txt", "roles.toml", "clients"
+
+# The user that the daemon itself is, where a session of its own is a client of it.
+OWN = "imud"
 
 # Microseconds that a put waits for room towards a slow subscriber before the message
 # is dropped for it. Zenoh's own 1 ms loses messages when a machine is busy; the wait
@@ -35,6 +39,10 @@ WAIT_BEFORE_DROP_US = 50_000
 
 # A daemon on this machine answers within milliseconds, one across a network in tens.
 CONNECT_TIMEOUT_MS = 2000
+POLL_S = 0.01
+
+# Of those who came last, to name who is refused.
+KNOWN_MAX = 256
 
 _TLS = "transport/link/tls/"
 _PASSWORDS = "transport/auth/usrpwd"
@@ -81,8 +89,79 @@ def read_roles(folder: Path) -> dict[str, Role]:
         ) from error
 
 
+def is_guest(settings: Zenoh) -> bool:
+    """Whether it has no network but that of others, which may come and go."""
+    return settings.mode != "router" and not listens_on(settings)
+
+
+def is_connected(session: zenoh.Session) -> bool:
+    """A client connects again by itself, a peer too."""
+    info = session.info
+    return bool(info.routers_zid()) or bool(info.peers_zid())
+
+
 def open_daemon(settings: Zenoh) -> zenoh.Session:
-    """The session of `imud run`."""
+    """The session of `imud run`; DaemonNotFound where a guest finds nobody."""
+    session = _open_daemon(settings)
+    if is_guest(settings) and not _connects(session):
+        session.close()
+        raise _nobody_at(settings.connect)
+    return session
+
+
+def open_node(connect: Sequence[str], mine: Credentials | None) -> zenoh.Session:
+    """A session as nodes of rmw_zenoh have it: a peer, which waits for no router."""
+    wanted: dict[str, Any] = {
+        "mode": "peer",
+        "listen/endpoints": [],
+        "connect/endpoints": list(connect),
+        "scouting/multicast/enabled": False,
+        "timestamping/enabled": True,
+        _WAIT: WAIT_BEFORE_DROP_US,
+    }
+    if mine is not None:
+        wanted |= _known_as(mine, {})
+    try:
+        return zenoh.open(_config(wanted))
+    except (zenoh.ZError, ConfigError) as error:
+        raise ConfigError(
+            f"can't connect ROS 2 to {', '.join(connect) or 'nothing'}; "
+            'try ros2.connect = ["tcp/127.0.0.1:7447"]'
+        ) from error
+
+
+def own_credentials(settings: Zenoh, *, is_abroad: bool) -> Credentials | None:
+    """By which another session of the daemon's comes into its own network, or into one
+    that it is a guest of. Abroad nobody is shown what opens its own.
+    """
+    if settings.credentials:
+        return read_credentials(Path(settings.credentials))
+    if settings.keys and listens_on(settings) and not is_abroad:
+        folder = Path(settings.keys)
+        path = folder / CLIENTS / f"{OWN}.toml"
+        if not path.exists():
+            raise ConfigError(
+                f"{path} is not there: imud keys add {folder} daemon {OWN}"
+            )
+        return read_credentials(path)
+    return None
+
+
+def _connects(session: zenoh.Session) -> bool:
+    """Within a while: a peer's session opens before it is connected."""
+    until_s = time.monotonic() + CONNECT_TIMEOUT_MS / 1000
+    while not is_connected(session):
+        if time.monotonic() > until_s:
+            return False
+        time.sleep(POLL_S)
+    return True
+
+
+def _nobody_at(connect: Sequence[str]) -> DaemonNotFound:
+    return DaemonNotFound(f"no Zenoh router lets it in at {', '.join(connect)}")
+
+
+def _open_daemon(settings: Zenoh) -> zenoh.Session:
     listen = listens_on(settings)
     wanted: dict[str, Any] = {
         "mode": settings.mode,
@@ -105,9 +184,7 @@ def open_daemon(settings: Zenoh) -> zenoh.Session:
         return zenoh.open(config)
     except zenoh.ZError as error:
         if settings.mode == "client":
-            raise DaemonNotFound(
-                f"no Zenoh router lets it in at {', '.join(settings.connect)}"
-            ) from error
+            raise _nobody_at(settings.connect) from error
         raise ListenFailed(
             f"can't listen on {', '.join(listen)}: it is taken or not an "
             "address of this machine; stop the other imud run or name another "
@@ -204,14 +281,33 @@ _REFUSED = re.compile(r"establishment::accept: (?P<why>.*?)\.?(?: at /.*)?$")
 # Before it is known who: Zenoh doesn't say. Its hint is about another cause.
 _NO_TLS = re.compile(r"WARN .*zenoh_link_tls::unicast: (?P<why>.*?)(?:\. Hint: .*)?$")
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+
+# A message that no rule allows, with the beginning of its session's id. What it was
+# Zenoh tells only beside a line for each message that is allowed: too dear.
+_DENIED = re.compile(r"demux\{.* src=\S*?/(?P<session>[0-9a-f]+)\S*: .*intercepted")
 _LOGGED = (
     "zenoh_transport::unicast::establishment::accept=debug,"
-    "zenoh_link_tcp::unicast=debug,zenoh_link_tls::unicast=debug"
+    "zenoh_link_tcp::unicast=debug,zenoh_link_tls::unicast=debug,"
+    "zenoh::net::routing::interceptor=trace,"
+    "zenoh::net::routing::interceptor::access_control=off,"
+    "zenoh::net::primitives=trace"
 )
+_SESSION_DIGITS = 8
+
+# Sessions that came, by the beginning of their ids. A process has one log of Zenoh's.
+_known: dict[str, str] = {}
 
 
-def tell_refusals(tell: Callable[[str], None]) -> None:
-    """Has `tell` called, in a thread of its own, with each client that is refused.
+def know(session_id: str, who: str) -> None:
+    """By which name a session that is refused something is told of."""
+    while len(_known) >= KNOWN_MAX:
+        _known.pop(next(iter(_known)), None)
+    _known[session_id[:_SESSION_DIGITS]] = who
+
+
+def tell_refusals(tell: Callable[[str, str], None]) -> None:
+    """Has `tell` called, in a thread of its own, with each client that is refused, and
+    each message that is; first of which of the two kinds it is.
 
     Zenoh tells of them only in its log, which goes to stdout: that is read here, and
     what else comes by it goes on to stderr. Who has set RUST_LOG gets it as it is. Once
@@ -232,7 +328,7 @@ def tell_refusals(tell: Callable[[str], None]) -> None:
     thread.start()
 
 
-def _read_log(source: int, tell: Callable[[str], None]) -> None:
+def _read_log(source: int, tell: Callable[[str, str], None]) -> None:
     who = "somebody"
     with os.fdopen(source, encoding="utf-8", errors="replace") as lines:
         for coloured in lines:
@@ -240,9 +336,12 @@ def _read_log(source: int, tell: Callable[[str], None]) -> None:
             if link := _LINK.search(line):
                 who = link["who"]
             elif failed := _NO_TLS.search(line):
-                tell(f"network: somebody was refused: TLS: {failed['why']}")
+                tell("refused", f"network: somebody was refused: TLS: {failed['why']}")
             elif refused := _REFUSED.search(line):
                 if not refused["why"].startswith("New transport"):
-                    tell(f"network: {who} was refused: {refused['why']}")
+                    tell("refused", f"network: {who} was refused: {refused['why']}")
+            elif denied := _DENIED.search(line):
+                by = _known.get(denied["session"], "somebody")
+                tell("denied", f"network: {by} asked for what its role does not allow")
             elif "zenoh" not in line:
                 sys.stderr.write(f"{line}\n")

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import os
-import time
 from collections.abc import Sequence
 
+from imud.clock import host_ns
 from imud.errors import LinkError, PortLost, PortNotFound
 from imud.fleet import Fleet
 from imud.link import Link
@@ -165,13 +165,11 @@ class Port:
         return [rate for rate in self._order() if rate != self._link.baud]
 
     def _begin_session(self) -> None:
-        self.session = Session(
-            self._find, time.monotonic_ns(), timeline=self._fleet.timeline
-        )
+        self.session = Session(self._find, host_ns(), timeline=self._fleet.timeline)
 
     def _find(self, probe_id: str) -> Probe:
         """The probe, or a stand-in for one that is heard on another port as well."""
-        since_ns = time.monotonic_ns() - GONE_NS
+        since_ns = host_ns() - GONE_NS
         holder = self._fleet.holder(probe_id, self, since_ns)
         if holder is None:
             before = self._fleet.holder(probe_id, self, 0)
@@ -186,6 +184,7 @@ class Port:
     def _heard(self, data: bytes, t_ns: int) -> None:
         if self.session is None:
             return
+        self._fleet.follow_host(t_ns)
         # A start bit, eight bits and a stop bit; a pty has no wire.
         self.session.byte_ns = 0 if self._is_pty else 10_000_000_000 // self.baud
         self._tell(self.session.receive(data, t_ns))
@@ -219,7 +218,7 @@ class Port:
         if not self.is_named:
             self._free(None)
             return False
-        t_ns = time.monotonic_ns()
+        t_ns = host_ns()
         if trial.noise > NOISE_BYTES and not self._is_noise_told:
             self._is_noise_told = True
             self._tell_problem(OnlyNoise(trial.noise), trial.rates)

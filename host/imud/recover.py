@@ -13,7 +13,7 @@ from mcap.records import Channel, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from imud.errors import FileError
-from imud.logs import Damage, channels_of, opened, parts_of, seal
+from imud.logs import Damage, channels_of, opened, parts_of, seal, size_of
 from imud.progress import Progress
 from imud.version import version
 
@@ -64,13 +64,13 @@ class _Copy:
 
 def run(path: Path, to: Path | None) -> int:
     """Writes what can be saved beside the log, or where told; never over a file."""
+    size = size_of(path)
     to = to or path.with_name(f"{path.stem}-recovered.mcap")
-    if to.exists():
+    if os.path.lexists(to):
         raise FileError(f"{to} is there already; name another with --to")
     part = to.with_name(f"{to.name}.part")
     try:
-        opened(path).close()
-        copy, damages = _copy(path, path.stat().st_size, part)
+        copy, damages = _copy(path, size, part)
         if damages and copy.messages:
             _put(part, to)
     except OSError as error:

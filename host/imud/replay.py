@@ -11,19 +11,27 @@ import sys
 import termios
 import time
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeGuard
 
 import zenoh
+from mcap.records import Channel
 
+from imud import _core, network, schema
 from imud.client import Client
-from imud.errors import FileError, ProbeUnknown
+from imud.errors import ConfigError, FileError, ProbeUnknown
 from imud.frame import encode_frame
-from imud.logs import Damage, Logged, salvage
-from imud.sinks.log import JSON_SCHEMAS
+from imud.logs import Damage, Logged, LogHead, channels_of, salvage, size_of, split
+from imud.progress import Progress
 
 # How often it looks whether somebody has opened a pty.
 LOOK_S = 0.02
+
+# A reader flushes what came while it opened the port. imud takes HUPCL away when it has
+# done so; others have had the time to.
+SETTLE_S = 0.3
 
 # At the end a reader has so long to take what is still in the pty: it is lost with it.
 DRAIN_S = 5.0
@@ -33,6 +41,11 @@ LINGER_S = 0.5
 
 # Looks in a row that find nothing left: the kernel moves bytes in two steps.
 EMPTY_LOOKS = 3
+
+_CFLAG = 2  # its place in what tcgetattr returns
+
+# Of a log, what imud run does not publish.
+NOT_PUBLISHED = frozenset({"hello", "pose_in_frame"})
 
 
 class PortGone(Exception):
@@ -45,6 +58,9 @@ class PtyPort:
     def __init__(self, link: Path | None) -> None:
         self._master, slave = os.openpty()
         tty.setraw(slave)
+        attributes = termios.tcgetattr(slave)
+        attributes[_CFLAG] |= termios.HUPCL
+        termios.tcsetattr(slave, termios.TCSANOW, attributes)
         os.set_blocking(self._master, False)
         self.name = self._tty = os.ttyname(slave)
         self._link = link
@@ -63,6 +79,12 @@ class PtyPort:
     def wait_open(self) -> None:
         while self._events(select.POLLOUT, 0) & select.POLLHUP:
             time.sleep(LOOK_S)
+        until_s = time.monotonic() + SETTLE_S
+        while self._is_settling() and time.monotonic() < until_s:
+            time.sleep(LOOK_S)
+
+    def _is_settling(self) -> bool:
+        return bool(termios.tcgetattr(self._master)[_CFLAG] & termios.HUPCL)
 
     def write(self, data: bytes) -> None:
         """Waits for room: the pace is the reader's where that is slower."""
@@ -131,96 +153,240 @@ class Pace:
             self._sleep(left_s)
 
 
-def _chosen(path: Path, probe: str | None) -> list[str]:
-    """The probes of a log that are to speak."""
-    names = {
-        item.probe
-        for item in salvage(path)
-        if isinstance(item, Logged) and item.topic == "frame"
-    }
-    if probe is not None and probe not in names:
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """Logs in the order in which they were begun, and who speaks in them."""
+
+    paths: list[Path]
+    probes: list[str]
+    prefix: str  # of their keys
+    others: tuple[Path, ...] = ()  # whose frames are of another schema
+
+
+def recording(paths: Sequence[Path], probe: str | None = None) -> Recording:
+    """What is to be played: of all the probes in these logs, or of that one."""
+    begins: dict[Path, int] = {}
+    others = []
+    prefixes: dict[str, str] = {}
+    for path in paths:
+        begin_ns, speakers, is_ours = _contents(path)
+        begins[path] = begin_ns
+        prefixes |= speakers
+        if not is_ours:
+            others.append(path)
+    where = ", ".join(map(str, paths))
+    if not prefixes:
+        raise FileError(f"{where}: no messages of a probe")
+    if probe is not None and probe not in prefixes:
         raise ProbeUnknown(
-            f"{path} holds no probe {probe}; it holds {', '.join(sorted(names))}"
+            f"{where}: no probe {probe}; there is {', '.join(sorted(prefixes))}"
         )
-    if not names:
-        raise FileError(f"{path} holds no messages of a probe")
-    return [probe] if probe is not None else sorted(names)
+    names = [probe] if probe is not None else sorted(prefixes)
+    ordered = sorted(begins, key=begins.__getitem__)
+    return Recording(ordered, names, prefixes[names[0]], tuple(others))
 
 
-def _items(path: Path, names: list[str], pace: Pace) -> Iterator[Logged]:
-    for item in salvage(path):
-        if isinstance(item, Damage):
-            if item.size:
-                _say(f"{item.size} bytes of it are damaged and left out")
-        elif isinstance(item, Logged) and item.probe in names and item.topic != "hello":
-            pace.wait(item.t_ns)
-            yield item
+def _contents(path: Path) -> tuple[int, dict[str, str], bool]:
+    """When a log begins; its probes, with what their keys begin with; whether it is of
+    this schema.
+    """
+    size = size_of(path)
+    known = [each for each in channels_of(path) if isinstance(each, Channel)]
+    parts = [split(channel.topic) for channel in known]
+    speakers = {probe: prefix for prefix, probe, topic in parts if topic == "frame"}
+    is_known = bool(speakers)
+    begin_ns = None
+    is_ours = True
+    bar = Progress("reading", size)
+    try:
+        for item in salvage(path, bar.update):
+            if isinstance(item, LogHead):
+                is_ours = item.fingerprint == schema.FINGERPRINT
+            if not isinstance(item, Logged) or item.topic == "hello":
+                continue
+            if begin_ns is None:
+                begin_ns = item.t_ns
+            if is_known:
+                break
+            if item.topic == "frame":
+                speakers[item.probe] = item.prefix
+    finally:
+        bar.end()
+    return begin_ns or 0, speakers, is_ours
 
 
-def to_ports(
-    path: Path, probe: str | None, link: Path | None, speed: float | None
-) -> int:
+class _Player:
+    """Hands out what was logged, when its time comes; tells how far it is."""
+
+    def __init__(self, what: Recording, speed: float | None) -> None:
+        self._what = what
+        self._pace = Pace(speed)
+        self._sizes = {path: size_of(path) for path in what.paths}
+        self._bar = Progress("replaying", sum(self._sizes.values()))
+        self._begun = 0  # bytes of the files before
+        self.count = 0
+
+    def __enter__(self) -> _Player:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._bar.end()
+        if kind is None:
+            _say(f"replayed {self._messages()}")
+        elif issubclass(kind, KeyboardInterrupt):
+            _say(f"stopped after {self._messages()}")
+        elif issubclass(kind, PortGone):
+            _say(f"whoever read it has gone, after {self._messages()}")
+
+    def items(self) -> Iterator[Logged]:
+        for path in self._what.paths:
+            for item in salvage(path, self._show):
+                if isinstance(item, Damage):
+                    if item.size:
+                        self._bar.wipe()
+                        _say(f"{path}: {item.size} damaged bytes are left out")
+                elif self._is_played(item):
+                    self._pace.wait(item.t_ns)
+                    yield item
+            self._begun += self._sizes[path]
+
+    def _show(self, at: int) -> None:
+        self._bar.update(self._begun + at)
+
+    def _is_played(self, item: LogHead | Logged) -> TypeGuard[Logged]:
+        return (
+            isinstance(item, Logged)
+            and item.probe in self._what.probes
+            and item.topic not in NOT_PUBLISHED
+        )
+
+    def _messages(self) -> str:
+        return "1 message" if self.count == 1 else f"{self.count} messages"
+
+
+def to_ports(what: Recording, link: Path | None, speed: float | None) -> int:
     """The frames of each probe on a pty of its own, from when all are opened on."""
-    names = _chosen(path, probe)
-    if link is not None and len(names) > 1:
+    if link is not None and len(what.probes) > 1:
         raise ProbeUnknown(
-            f"{path} holds {', '.join(names)} and --link is one port: choose one with "
-            "--probe, or leave --link out"
+            f"there are {', '.join(what.probes)} and --link is one port: choose one "
+            "with --probe, or leave --link out"
+        )
+    if what.others:
+        raise FileError(
+            f"{what.others[0]} is of another schema than this imud; take the imud that "
+            "wrote it, or replay what it said with --connect"
         )
     ports: dict[str, PtyPort] = {}
-    count = 0
+    strange = 0
     try:
-        for name in names:
-            ports[name] = PtyPort(link)
-            port = ports[name].name
-            _say(f"probe {name} is on {port}; read it with imud run {port}")
-        for each in ports.values():
-            each.wait_open()
-        for item in _items(path, names, Pace(speed)):
-            if item.topic == "frame":
+        with _Player(what, speed) as player:
+            for name in what.probes:
+                ports[name] = PtyPort(link)
+                port = ports[name].name
+                _say(f"probe {name} is on {port}; read it with imud run {port}")
+            for each in ports.values():
+                each.wait_open()
+            for item in player.items():
+                if item.topic != "frame":
+                    continue
+                if not 1 <= len(item.data) <= _core.CONTENT_MAX:
+                    strange += 1
+                    continue
                 ports[item.probe].write(encode_frame(item.data))
-                count += 1
-        for each in ports.values():
-            each.drain()
+                player.count += 1
+            for each in ports.values():
+                each.drain()
     except PortGone:
-        _say(f"whoever read it has gone, after {count} messages")
-        return 0
+        pass
     finally:
         for each in ports.values():
             each.close()
-    _say(f"replayed {count} messages")
+    if strange:
+        sys.stderr.write(f"{strange} that are no messages of a probe were left out\n")
     return 0
 
 
-def to_network(
-    path: Path, probe: str | None, client: Client, speed: float | None
-) -> int:
-    """All that was published, on the same keys, into a network that is there."""
-    names = _chosen(path, probe)
-    session = client.session
-    tokens: dict[str, zenoh.LivelinessToken] = {}
-    count = 0
-    for item in _items(path, names, Pace(speed)):
-        key = f"{item.prefix}/{item.probe}"
-        if item.probe not in tokens:
-            tokens[item.probe] = session.liveliness().declare_token(f"{key}/alive")
-        if item.topic in JSON_SCHEMAS:
-            encoding = zenoh.Encoding.APPLICATION_JSON
-        elif item.topic == "frame":
-            encoding = zenoh.Encoding.APPLICATION_OCTET_STREAM
-        else:
-            continue
-        # One that waits: at any speed the network sets the pace and drops nothing.
-        session.put(
-            f"{key}/{item.topic}",
-            item.data,
-            encoding=encoding,
-            congestion_control=zenoh.CongestionControl.BLOCK,
+class NetworkProbe:
+    """What a daemon has of one probe on the network: liveliness, the last status for
+    who asks, and a refusal for who commands.
+    """
+
+    def __init__(self, session: zenoh.Session, key: str) -> None:
+        self._key = key
+        self._status = b""
+        self._declared: list[object] = [
+            session.declare_queryable(f"{key}/status", self._tell_status),
+            session.declare_queryable(f"{key}/cmd/*", self._refuse),
+        ]
+        self._token = session.liveliness().declare_token(f"{key}/alive")
+
+    def take(self, item: Logged) -> None:
+        if item.topic == "status":
+            self._status = item.data
+
+    def close(self) -> None:
+        self._token.undeclare()
+        self._declared.clear()
+
+    def _tell_status(self, query: zenoh.Query) -> None:
+        with query:
+            if self._status:
+                query.reply(f"{self._key}/status", self._status, encoding=_JSON)
+
+    def _refuse(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply_err(
+                "it is a log that is replayed, which takes no commands",
+                encoding=zenoh.Encoding.TEXT_PLAIN,
+            )
+
+
+_JSON = zenoh.Encoding.APPLICATION_JSON
+
+
+def connected(what: Recording, endpoint: str | None, keys: Path | None) -> Client:
+    """The network, as one who may publish in it."""
+    if keys is not None and network.read_credentials(keys).role != "daemon":
+        raise ConfigError(
+            f"{keys}: only a daemon may publish; imud keys add DIR daemon NAME makes "
+            "its file"
         )
-        count += 1
-    for token in tokens.values():
-        token.undeclare()
-    _say(f"replayed {count} messages")
+    if endpoint is None:
+        return Client(prefix=what.prefix, keys=keys)
+    return Client(endpoint, what.prefix, keys)
+
+
+def to_network(what: Recording, client: Client, speed: float | None) -> int:
+    """All that was published, on the same keys, into a network that is there."""
+    session = client.session
+    for name in sorted({*what.probes} & {*client.alive()}):
+        raise ProbeUnknown(
+            f"a probe {name} is there already, and two on one key can't be told apart; "
+            "replay where it is not, or choose others with --probe"
+        )
+    probes: dict[str, NetworkProbe] = {}
+    try:
+        with _Player(what, speed) as player:
+            for item in player.items():
+                key = f"{item.prefix}/{item.probe}"
+                if item.probe not in probes:
+                    probes[item.probe] = NetworkProbe(session, key)
+                probes[item.probe].take(item)
+                is_frame = item.topic == "frame"
+                # One that waits: at any speed the network sets the pace and drops
+                # nothing.
+                session.put(
+                    f"{key}/{item.topic}",
+                    item.data,
+                    encoding=zenoh.Encoding.APPLICATION_OCTET_STREAM
+                    if is_frame
+                    else _JSON,
+                    congestion_control=zenoh.CongestionControl.BLOCK,
+                )
+                player.count += 1
+    finally:
+        for each in probes.values():
+            each.close()
     return 0
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from imud import messages, schema
-from imud.clock import READING_NS, Clock, Timeline
+from imud.clock import Clock, Timeline
 from imud.frame import FrameDecoder
 from imud.ledger import Account, Heard, Judged, Verdict
 from imud.messages import Message, Skew, Value
@@ -115,7 +115,7 @@ class Probe:
         moment = self.clock.moment(device_us)
         t_ns, bound_ns = timeline.utc(moment.host_ns), moment.bound_ns
         if bound_ns is not None:
-            bound_ns += abs(timeline.ahead(moment.host_ns, t_ns)) + READING_NS
+            bound_ns += timeline.doubt(moment.host_ns, bound_ns, t_ns)
         return Stamp(
             number,
             missing,
@@ -156,9 +156,8 @@ def speaker_of(hello: Message | None, name: Callable[[str], Probe]) -> Probe:
 class Session:
     """One opening of one port. `probes` is shared by all sessions of a daemon.
 
-    Time is the host's monotonic clock, which `timeline` turns into UTC; without one it
-    is UTC already. A byte is on the wire for `byte_ns` at least, which whoever knows
-    the port sets.
+    Time is the host's, which `timeline` turns into UTC; without one it is UTC already.
+    A byte is on the wire for `byte_ns` at least, which whoever knows the port sets.
     """
 
     def __init__(

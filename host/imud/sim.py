@@ -196,10 +196,11 @@ def _add_board(
 
 
 def _positive(text: str) -> float:
-    seconds = float(text)
-    if not 0.0 < seconds < math.inf:
-        raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
-    return seconds
+    with contextlib.suppress(ValueError):
+        seconds = float(text)
+        if 0.0 < seconds < math.inf:
+            return seconds
+    raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
 
 
 def _whole(low: int, high: int) -> Callable[[str], int]:

@@ -20,7 +20,7 @@ from typing import Any, Generic, Literal, Self, TypeVar, cast, overload
 import msgspec
 
 from imud.client import ENDPOINT, PREFIX, Client, Heard
-from imud.errors import ConfigError
+from imud.errors import ConfigError, ImudError
 from imud.record import euler_deg
 
 # Messages that may wait for this program: 30 s of one probe at 200 Hz.
@@ -188,7 +188,16 @@ class Subscription(Generic[T]):
         for topic in topics:
             decoder = msgspec.json.Decoder(_KINDS[topic])
             kept = history if topic == "pose" else 0
-            client.listen(topic, probe, self._keeper(topic, decoder), history=kept)
+            try:
+                client.listen(topic, probe, self._keeper(topic, decoder), history=kept)
+            except ImudError:
+                client.close()
+                raise
+
+    @property
+    def endpoint(self) -> str:
+        """Where the daemon is."""
+        return self._client.endpoint
 
     @property
     def missed(self) -> Missed:

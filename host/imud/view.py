@@ -39,7 +39,8 @@ class Heard:
     """What came of one probe to this process."""
 
     poses: int = 0
-    missing: int = 0  # sequence numbers of any message that did not come
+    has_frames: bool = True  # else only poses are allowed, which have a count, too
+    missing: int = 0  # numbers of messages, or of poses, that did not come
     pose: dict[str, Any] = field(default_factory=dict)
     status: dict[str, Any] = field(default_factory=dict)
     first_s: float = 0.0
@@ -54,12 +55,16 @@ class Heard:
         self.poses += 1
         self.last_s = now_s
         self._recent_s.append(now_s)
+        if not self.has_frames:
+            self._follow(self.pose["number"])
 
     def take_frame(self, content: bytes) -> None:
-        """All messages of a probe share one count, and come in its order: a number
-        that is not higher than the last is of a fresh boot.
-        """
+        """All messages of a probe share one count, and come in its order."""
         _, number, _ = _HEADER.unpack_from(content)
+        self._follow(number)
+
+    def _follow(self, number: int) -> None:
+        """One that is not higher than the last is of a fresh boot or daemon."""
         if self._last_number is not None and number > self._last_number:
             self.missing += number - self._last_number - 1
         self._last_number = number
@@ -232,10 +237,9 @@ def listen(
     until_s = begin_s + seconds if seconds is not None else float("inf")
     look_s = begin_s + screen.period_s
     is_hinted = False
-    undeclares = [
-        client.subscribe(topic, probe, keeper(topic))
-        for topic in ("pose", "frame", "status")
-    ]
+    has_frames = client.may("frame")
+    topics = ("pose", "frame", "status") if has_frames else ("pose", "status")
+    undeclares = [client.subscribe(topic, probe, keeper(topic)) for topic in topics]
     try:
         while (now_s := time.monotonic()) < until_s:
             try:
@@ -244,7 +248,7 @@ def listen(
             except queue.Empty:
                 pass
             else:
-                heard = probes.setdefault(name, Heard())
+                heard = probes.setdefault(name, Heard(has_frames=has_frames))
                 if topic == "pose":
                     heard.take_pose(payload, time.monotonic())
                     if as_json:
@@ -280,7 +284,8 @@ def _summary(probes: dict[str, Heard], out: TextIO) -> int:
     for name, heard in sorted(heard_any.items()):
         out.write(
             f"{name}: {heard.poses} poses received, {heard.mean_hz:.1f} Hz, "
-            f"{heard.missing} messages missing by sequence\n"
+            f"{heard.missing} {'messages' if heard.has_frames else 'poses'} missing by "
+            "sequence\n"
         )
     return 0
 

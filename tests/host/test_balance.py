@@ -46,7 +46,19 @@ def test_what_adds_up_is_said_link_by_link() -> None:
         "dropped": 20,
         "unexplained": 0,
     }
-    assert found["sinks"]["zenoh"] == {"taken": 70, "dropped": 6, "waiting": 4}
+    assert found["sinks"]["zenoh"] == {
+        "taken": 70,
+        "dropped": 6,
+        "waiting": 4,
+        "earlier": 0,
+    }
+
+
+def test_what_was_put_before_a_sink_was_there_is_not_missed_there() -> None:
+    found = balanced(sinks={"log": SinkCounts(taken=50, earlier=30)})
+    assert found["adds_up"]
+    found = balanced(sinks={"log": SinkCounts(taken=50, earlier=29)})
+    assert found["differs"] == ["log"]
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ import pytest
 import serial
 
 from fakes import PATIENCE_S, FakeProbe, Port
-from imud import config, finder, link, rates
+from imud import config, finder, link, ports, rates
 from imud.commands import orders_of
 from imud.errors import PortLost
 from imud.finder import Finder, is_candidate
@@ -213,6 +213,50 @@ def test_a_port_that_is_none_of_ours_is_given_back_at_once_and_tried_again_later
     lines = [r.getMessage() for r in caplog.records if "no probe is heard" in r.msg]
     assert len(lines) == 1
     assert "at 500000 or 921600 baud; the port is left to others" in lines[0]
+
+
+def test_a_port_that_was_found_is_given_back_when_its_probe_falls_silent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    silent_s = 0.4
+    monkeypatch.setattr(ports, "SILENT_S", silent_s)
+    monkeypatch.setattr(finder, "PAUSE_S", 0.1)
+    monkeypatch.setattr(finder, "LIST_S", 0.02)
+
+    async def check(desk: Desk) -> None:
+        probe = FakeProbe()
+        port = desk.plug("ttyUSB0")
+        await desk.open_port(port)
+        await desk.say_until_found(port, probe)
+        # Whatever it says keeps the port, for longer than that.
+        until_s = time.monotonic() + 3 * silent_s
+        while time.monotonic() < until_s:
+            port.write(probe.say("pose"))
+            await asyncio.sleep(silent_s / 10)
+            desk.finder.check(time.monotonic_ns())
+            assert desk.port_of(probe) == str(port.path)
+        spoke_s = time.monotonic()
+        while desk.port_of(probe) is not None:
+            assert time.monotonic() < spoke_s + PATIENCE_S
+            desk.finder.check(time.monotonic_ns())
+            await asyncio.sleep(0.01)
+        assert time.monotonic() - spoke_s > silent_s * 0.8
+        await desk.until(lambda: not list(desk.finder))
+        # Another program can have it, and is not disturbed.
+        holder = os.open(port.path, os.O_RDWR | os.O_NOCTTY)
+        fcntl.flock(holder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        await asyncio.sleep(0.3)
+        assert not select.select([port.master], [], [], 0)[0]
+        os.close(holder)
+        # When it speaks again it is found again, with its account.
+        await desk.open_port(port)
+        await desk.say_until_found(port, probe)
+        watched = desk.fleet.named(probe.name)
+        assert watched is not None
+        assert watched.probe.account.boots == 1
+        desk.unplug(port)
+
+    at_desk(tmp_path, check)
 
 
 def test_one_id_on_two_ports_is_told_and_not_merged(

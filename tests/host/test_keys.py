@@ -38,6 +38,7 @@ def test_only_certificates_and_roles_can_be_read_by_others(made: Path) -> None:
         "clients/viewer.toml": 0o600,
         "clients/operator.toml": 0o600,
         "clients/recorder.toml": 0o600,
+        "clients/imud.toml": 0o600,
     }
     assert stat.S_IMODE(made.stat().st_mode) == 0o700
 
@@ -71,7 +72,7 @@ def test_a_users_certificate_is_signed_and_names_it(made: Path) -> None:
 def test_each_password_is_another_and_of_192_bits(made: Path) -> None:
     lines = (made / "users.txt").read_text("utf-8").splitlines()
     passwords = [line.partition(":")[2] for line in lines]
-    assert len(set(passwords)) == 3
+    assert len(set(passwords)) == 4
     assert all(len(password) == 32 for password in passwords)  # base64
     mine = network.read_credentials(made / "clients/viewer.toml")
     assert f"viewer:{mine.password}" in lines
@@ -116,7 +117,7 @@ def test_what_is_there_is_not_overwritten(made: Path) -> None:
         keys.initialise(made, [], 7447)
     with pytest.raises(ConfigError, match="there is a viewer already, as viewer"):
         keys.add(made, "recorder", "viewer")
-    with pytest.raises(ConfigError, match="there is no anna, only operator, rec"):
+    with pytest.raises(ConfigError, match="there is no anna, only imud, operator, rec"):
         keys.remove(made, "anna")
     assert (made / "ca.key").read_bytes() == before
 

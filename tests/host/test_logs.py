@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,64 +21,22 @@ from typing import Any
 
 import msgspec
 import pytest
+from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 from pyarrow import parquet
 
 import imud.sinks.log
-from fakes import DaemonProcess, FakeProbe, free_endpoint
+from fakes import DaemonProcess, FakeProbe, Port, free_endpoint
 from imud import cli, hub, replay, schema
 from imud.client import Client
 from imud.errors import FileError
 from imud.hub import Lane
-from imud.logs import Damage, Logged, LogHead, read_log, salvage
-from imud.messages import Message, decode
-from imud.record import Record, Stamp, record_of
+from imud.logs import FRAME_ENCODING, Damage, Logged, LogHead, read_log, salvage
+from imud.record import Record
 from imud.session import Probe as HeardProbe
 from imud.session import Received, Session
-from imud.sinks.log import LogSink, Settings
-
-PERIOD_NS = 10_000_000
-BEGIN_NS = 1_795_000_000_000_000_000
-
-
-def records(
-    count: int, probe: FakeProbe | None = None, name: str = "left"
-) -> list[Record]:
-    """What the daemon makes of a hello, poses, raw samples and an event."""
-    probe = probe or FakeProbe()
-    hello_content = probe.content("hello")
-    hello = decode(hello_content)
-    assert isinstance(hello, Message)
-    made = []
-    for number in range(count):
-        kind = "event" if number == 2 else "raw" if number % 5 == 4 else "pose"
-        content = probe.content(kind)
-        message = decode(content)
-        assert isinstance(message, Message)
-        t_ns = BEGIN_NS + number * PERIOD_NS
-        stamp = Stamp(number + 1, 0, number * 5000, t_ns, 1000, t_ns + 2_000_000)
-        made.append(
-            record_of(message, content, name, stamp, hello.fields, hello_content)
-        )
-    return made
-
-
-def write(directory: Path, *batches: list[Record], **settings: Any) -> Path:
-    sink = LogSink(directory, Settings(**settings))
-    sink.open()
-    path = sink.path
-    assert path is not None
-    for batch in batches:
-        for record in batch:
-            sink.take(record)
-        sink.flush()
-    sink.close()
-    return path
-
-
-def frames(path: Path) -> list[bytes]:
-    items = [each for each in salvage(path) if isinstance(each, Logged)]
-    return [each.data for each in items if each.topic == "frame"]
+from imud.sinks.log import FOXGLOVE_SCHEMA, LogSink, Settings, pose_in_frame
+from log_files import BEGIN_NS, PERIOD_NS, frames, records, write
 
 
 def test_a_file_is_as_large_as_told_and_none_is_lost_between(tmp_path: Path) -> None:
@@ -89,10 +48,10 @@ def test_a_file_is_as_large_as_told_and_none_is_lost_between(tmp_path: Path) -> 
             sink.take(record)
         sink.flush()
     sink.close()
-    files = sorted(tmp_path.iterdir(), key=lambda path: path.stat().st_mtime_ns)
+    files = sorted(tmp_path.iterdir())
     assert len(files) > 2
     found = [frame for path in files for frame in frames(path)]
-    assert sorted(found) == sorted(record.content for record in put)
+    assert found == [record.content for record in put]
     for path in files:
         list(read_log(path))  # each has its end
     assert all(path.stat().st_size < 40_000 for path in files)
@@ -140,6 +99,95 @@ def test_foxglove_finds_poses_that_it_can_draw(tmp_path: Path) -> None:
     without = write(tmp_path / "plain", records(1), has_foxglove=False)
     topics = {each.topic for each in read_log(without) if isinstance(each, Logged)}
     assert topics == {"hello", "pose", "frame"}
+
+
+# What Foxglove wants of its PoseInFrame, as its published schema has it: all of these.
+POSE_IN_FRAME = {
+    "timestamp": {"sec": "integer", "nsec": "integer"},
+    "frame_id": "string",
+    "pose": {
+        "position": dict.fromkeys("xyz", "number"),
+        "orientation": dict.fromkeys("xyzw", "number"),
+    },
+}
+
+
+def wanted_of(spec: dict[str, Any]) -> Any:
+    """A schema as names and types; nothing in it may be left out."""
+    if spec["type"] != "object":
+        return spec["type"]
+    assert sorted(spec["required"]) == sorted(spec["properties"])
+    return {name: wanted_of(each) for name, each in spec["properties"].items()}
+
+
+def test_poses_for_foxglove_are_of_its_published_schema() -> None:
+    assert FOXGLOVE_SCHEMA["title"] == "foxglove.PoseInFrame"
+    assert wanted_of(FOXGLOVE_SCHEMA) == POSE_IN_FRAME
+    checker = Draft202012Validator(FOXGLOVE_SCHEMA)
+    for record in records(20):
+        if record.topic == "pose":
+            checker.validate(json.loads(pose_in_frame(record)))
+
+
+def decoded(path: Path) -> Counter[str]:
+    """How many of each topic; with nothing of imud's, each is what its schema says."""
+    found: Counter[str] = Counter()
+    with path.open("rb") as file:
+        for spec, channel, message in make_reader(
+            file, validate_crcs=True
+        ).iter_messages():
+            topic = channel.topic.rpartition("/")[2]
+            found[topic] += 1
+            if topic == "frame":
+                assert channel.message_encoding == FRAME_ENCODING
+                continue
+            assert spec is not None, topic
+            assert (spec.encoding, channel.message_encoding) == ("jsonschema", "json")
+            body = json.loads(spec.data)
+            Draft202012Validator.check_schema(body)
+            said = json.loads(message.data)
+            Draft202012Validator(body).validate(said)
+            assert said.keys() <= body["properties"].keys() or topic == "status"
+    return found
+
+
+def test_with_mcap_alone_all_that_the_daemon_logs_is_what_its_schema_says(
+    tmp_path: Path,
+) -> None:
+    port, probe = Port(tmp_path / "probe"), FakeProbe()
+    with DaemonProcess(port.path, directory=tmp_path) as daemon:
+        port.wait_open()
+        port.write(probe.say("hello"))
+        daemon.expect("found")
+        port.write(probe.poses(50) + probe.say("raw") + probe.say("event"))
+        with Client(daemon.endpoint) as client:
+            until = time.monotonic() + 30
+            while client.statuses()[0]["ledger"]["logged"].get("event") != 1:
+                assert time.monotonic() < until
+                time.sleep(0.05)
+        daemon.stop()
+    port.vanish()
+    found = decoded(daemon.log)
+    assert (found["pose"], found["pose_in_frame"]) == (50, 50)
+    assert (found["raw"], found["event"]) == (1, 1)
+    assert found["status"] > 0
+    assert found["frame"] >= 53
+
+
+def test_what_the_daemon_says_of_itself_is_logged_with_its_schema(
+    tmp_path: Path,
+) -> None:
+    head = {"probe": "left", "t_ns": 1}
+    said = [
+        {"type": "clock", **head, "step_ns": -5},
+        {"type": "log", **head, "state": "paused", "reason": "full", "dropped": 3},
+        {"type": "log", **head, "state": "on", "reason": None, "dropped": 9},
+    ]
+    put = [
+        Record("left", str(each["type"]), json.dumps(each).encode(), b"", 0, 1, 1)
+        for each in said
+    ]
+    assert decoded(write(tmp_path, put)) == {"clock": 1, "log": 2}
 
 
 def test_a_probe_that_is_not_to_be_logged_is_not(tmp_path: Path) -> None:
@@ -208,7 +256,7 @@ def test_below_its_floor_logging_pauses_with_one_line_and_goes_on(
         "free (log.floor_mb); logging pauses until there is room",
         "log works again",
     ]
-    files = sorted(tmp_path.iterdir(), key=lambda path: path.stat().st_mtime_ns)
+    files = sorted(tmp_path.iterdir())
     assert [len(frames(path)) for path in files] == [20, 10]
     for path in files:
         list(read_log(path))
@@ -253,7 +301,7 @@ def test_what_a_full_disk_did_not_take_is_counted_and_leaves_no_files(
             assert hand_over(made, put[10:20]) == (0, 10)
         is_full = False
         assert hand_over(made, put[20:30]) == (10, 0)
-    files = sorted(tmp_path.iterdir(), key=lambda path: path.stat().st_mtime_ns)
+    files = sorted(tmp_path.iterdir())
     assert [len(frames(path)) for path in files] == [10]
 
 
@@ -331,13 +379,13 @@ def test_a_folder_that_becomes_read_only_costs_what_comes_then(
     with lane(sink, monkeypatch) as made:
         assert hand_over(made, put[:10]) == (10, 0)
         is_refused = True
-        hand_over(made, put[10:20])
+        assert hand_over(made, put[10:20]) == (0, 10)
         assert hand_over(made, put[20:30]) == (0, 10)
         is_refused = False
         assert hand_over(made, put[30:40]) == (10, 0)
     assert caplog.text.count("Read-only file system") == 1
-    found = [frame for path in tmp_path.iterdir() for frame in frames(path)]
-    assert {record.content for record in put[30:40]} <= set(found)
+    found = [frame for path in sorted(tmp_path.iterdir()) for frame in frames(path)]
+    assert found == [record.content for record in [*put[:10], *put[30:40]]]
 
 
 # Cut and damaged logs
@@ -490,6 +538,55 @@ def test_parquet_holds_the_same_with_types(tmp_path: Path) -> None:
             assert text == row
 
 
+def test_several_logs_and_what_the_daemon_says_of_probes_become_tables(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    head = {"probe": "left", "t_ns": 7}
+    status = {
+        "type": "status",
+        **head,
+        "state": "streaming",
+        "pose_rate_hz": 99.5,
+        "ledger": {"sent": 12, "lost": 1},
+        "clock": {"offset_ns": 1 << 60, "skew_ppm": -3.5},
+        "log": {"state": "on"},
+    }
+    twin = {"type": "twin", **head, "state": "differs", "compared": 5, "differed": 1}
+    log = {"type": "log", **head, "state": "paused", "reason": "full", "dropped": 2}
+    clock = {"type": "clock", **head, "step_ns": -4}
+    put = [
+        Record("left", str(each["type"]), json.dumps(each).encode(), b"", 0, 7, 7)
+        for each in (status, twin, log, clock)
+    ]
+    whole = write(tmp_path / "a", put)
+    cut = write(tmp_path / "b", records(40), records(40))
+    cut.write_bytes(cut.read_bytes()[:-30])
+    none = tmp_path / "none.mcap"
+    cut = cut.rename(tmp_path / "b" / "cut.mcap")
+    out = tmp_path / "out"
+    words = ["export", str(whole), str(none), str(cut), "--out", str(out)]
+    for kind in ("csv", "parquet"):
+        assert cli.main([*words, "--to", kind]) == 1
+        said = capsys.readouterr()
+        assert said.err.splitlines() == [
+            f"{cut} is cut off or damaged: what is good is exported",
+            f"imud: can't read {none}: No such file or directory",
+        ]
+        assert f"{out / f'cut-left-pose.{kind}'}: 62 rows" in said.out
+    (row,) = parquet.read_table(out / f"{whole.stem}-left-status.parquet").to_pylist()
+    assert (row["t_ns"], row["state"], row["pose_rate_hz"]) == (7, "streaming", 99.5)
+    assert (row["ledger_sent"], row["ledger_lost"]) == (12, 1)
+    assert (row["clock_offset_ns"], row["clock_skew_ppm"]) == (1 << 60, -3.5)
+    assert (row["log_state"], row["twin_state"], row["port"]) == ("on", None, None)
+    for topic, line in (
+        ("twin", "7,,,differs,5,1"),
+        ("log", "7,paused,full,2"),
+        ("clock", "7,-4"),
+    ):
+        file = out / f"{whole.stem}-left-{topic}.csv"
+        assert file.read_text("utf-8").splitlines()[1:] == [line]
+
+
 def test_without_pyarrow_parquet_is_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -582,7 +679,8 @@ def test_a_log_replayed_over_zenoh_is_what_was_published(tmp_path: Path) -> None
             )
             # Whoever subscribes is known to the router before it answers.
             client.statuses()
-            assert replay.to_network(path, None, player, None) == 0
+            what = replay.recording([path])
+            assert replay.to_network(what, player, None) == 0
             subscriber_done = threading.Event()
             marker = client.session.declare_subscriber(
                 "end", lambda _: subscriber_done.set()
@@ -605,7 +703,17 @@ def test_of_several_probes_one_is_chosen_for_a_link(
     assert cli.main(["replay", str(path), "--link", str(tmp_path / "x")]) == 1
     assert "choose one with --probe" in capsys.readouterr().err
     assert cli.main(["replay", str(path), "--probe", "up"]) == 1
-    assert "holds no probe up; it holds left, right" in capsys.readouterr().err
+    assert "no probe up; there is left, right" in capsys.readouterr().err
+
+
+def test_a_log_of_another_schema_is_not_given_out_as_of_this_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The seed of a frame's CRC would say that it is."""
+    path = write(tmp_path, records(3))
+    monkeypatch.setattr(schema, "FINGERPRINT", schema.FINGERPRINT ^ 1)
+    assert cli.main(["replay", str(path)]) == 1
+    assert "is of another schema than this imud" in capsys.readouterr().err
 
 
 def test_an_endpoint_without_a_network_is_one_line(

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: MIT
 """Who is kept out, and from what: real sessions with a daemon that has keys.
 
-A put or a query that no rule allows is dropped by Zenoh without a word. So what is
-asserted is that nothing came of it, beside what does come of what is allowed.
+A put or a query that no rule allows is dropped without a word to who sent it. So what
+is asserted is that nothing came of it, and that the daemon wrote a line.
 """
 
 from __future__ import annotations
 
 import json
+import re
 import threading
 import time
 from collections import Counter
@@ -20,16 +21,19 @@ import pytest
 import zenoh
 import zenoh.ext
 
-from fakes import DaemonProcess, FakeProbe, Port, free_endpoint
-from imud import cli, keys, network
+import imud
+from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_endpoint
+from imud import cli, keys, network, ros2
 from imud.access import Role
 from imud.client import Client
-from imud.errors import DaemonNotFound, NoReply
+from imud.errors import DaemonNotFound, NoReply, NotAllowed
 from imud.network import Credentials
+from imud.ros2 import Topic
 
 PROBE = "00112233445566aa"
 # Longer than anything allowed was seen to take on a busy machine.
 WHILE_S = 1.0
+DENIED = r"warning: network: \S+ asked for what its role does not allow"
 
 
 def tls_endpoint() -> str:
@@ -48,7 +52,7 @@ class Guarded:
         settings = directory / "imud.toml"
         settings.write_text(
             f'[zenoh]\nkeys = "{self.keys}"\nmutual_tls = {json.dumps(is_mutual)}\n'
-            f"history = 20\n[journal]\nburst = 100\n"
+            f"history = 20\n[journal]\nburst = 100000\n[ros2]\nenabled = true\n"
         )
         self.daemon = DaemonProcess(
             self.port.path,
@@ -85,6 +89,10 @@ class Guarded:
             yield session
         finally:
             session.close()
+
+    def expect_denied(self) -> None:
+        """A line of each test's own: those that came by now are not it."""
+        self.daemon.expect(DENIED)
 
     def hush(self) -> None:
         """While there is a reader: a full pty would hold the thread for ever."""
@@ -141,8 +149,10 @@ def test_a_viewer_that_subscribes_to_everything_hears_no_more_than_its_own(
     with guarded.session(user) as session:
         count = heard(session, *EVERYTHING, *named)
     assert count.keys() == {f"imud/{PROBE}/pose", f"imud/{PROBE}/status"}
+    guarded.daemon.seen()
     with guarded.session(user) as session:
         assert not heard(session, *EVERYTHING)
+    guarded.expect_denied()
 
 
 def test_a_recorder_hears_what_there_is(guarded: Guarded) -> None:
@@ -157,42 +167,62 @@ def test_an_operator_commands(guarded: Guarded) -> None:
     before = len(guarded.probe.commands)
 
     def serve() -> None:
-        while not answered.is_set():
-            guarded.port.write(guarded.probe.hear(guarded.port.read()))
+        while not answered.wait(0.005):
+            guarded.port.write(guarded.port.answers(guarded.probe))
 
     server = threading.Thread(target=serve, daemon=True)
     server.start()
-    with client(guarded, "operator") as operator:
+    path = keys_of(guarded, "operator")
+    with Client(guarded.endpoint, keys=path) as operator:
         reply = operator.command(PROBE, "tare")
-    answered.set()
     assert reply["ok"]
-    assert [c["command"] for c in guarded.probe.commands[before:]] == ["tare"]
+    where = ["--connect", guarded.endpoint, "--keys", str(path)]
+    assert cli.main(["restart", PROBE, *where]) == 0
+    answered.set()
+    server.join()
+    said = [c["command"] for c in guarded.probe.commands[before:]]
+    assert said == ["tare", "restart"]
 
 
-@contextmanager
-def client(guarded: Guarded, user: str) -> Iterator[Client]:
-    path = guarded.keys / "clients" / f"{user}.toml"
-    with Client(guarded.endpoint, keys=path) as made:
-        yield made
+def keys_of(guarded: Guarded, user: str) -> Path:
+    return guarded.keys / "clients" / f"{user}.toml"
 
 
 @pytest.mark.parametrize("user", ["viewer", "recorder"])
-def test_a_viewer_that_commands_is_not_heard(guarded: Guarded, user: Role) -> None:
+def test_a_viewer_that_commands_is_not_heard(
+    guarded: Guarded, user: Role, tmp_path: Path
+) -> None:
     before = len(guarded.probe.commands)
-    with client(guarded, user) as mine:
+    path = keys_of(guarded, user)
+    with Client(guarded.endpoint, keys=path) as mine:
         assert mine.alive() == [PROBE]
-        with pytest.raises(NoReply, match="your keys don't let you command"):
+        with pytest.raises(NotAllowed, match=f"may not command, as a {user}"):
             mine.command(PROBE, "tare")
+    # Who says of its keys that they are an operator's gets no further.
+    forged = tmp_path / "forged.toml"
+    credentials = network.read_credentials(path)
+    forged.write_text(
+        path.read_text("utf-8").replace(f'role = "{user}"', 'role = "operator"')
+    )
+    assert network.read_credentials(forged).password == credentials.password
+    with Client(guarded.endpoint, keys=forged) as mine:
+        guarded.daemon.seen()
+        with pytest.raises(NoReply, match="your keys do not let you command"):
+            mine.command(PROBE, "tare")
+        guarded.expect_denied()
         for wide in ("imud/*/cmd/tare", "imud/**", f"imud/{PROBE}/cmd/**", "**"):
+            guarded.daemon.seen()
             replies = mine.session.get(wide, timeout=WHILE_S)
             assert not [reply for reply in replies if reply.ok]
+            guarded.expect_denied()
     assert len(guarded.probe.commands) == before
 
 
 def test_a_viewer_has_the_last_status_the_history_and_who_is_alive(
     guarded: Guarded,
 ) -> None:
-    with client(guarded, "viewer") as viewer:
+    guarded.daemon.seen()
+    with Client(guarded.endpoint, keys=keys_of(guarded, "viewer")) as viewer:
         assert [status["probe"] for status in viewer.statuses()] == [PROBE]
         assert viewer.alive() == [PROBE]
         numbers: list[int] = []
@@ -207,6 +237,117 @@ def test_a_viewer_has_the_last_status_the_history_and_who_is_alive(
     # 100 a second come live: those before the first of these are of the history.
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
     assert len(numbers) > 20
+    # Nothing that it asks for in the course of it is refused.
+    assert not [line for line in guarded.daemon.seen() if "does not allow" in line]
+
+
+def test_each_command_takes_keys(
+    guarded: Guarded, capsys: pytest.CaptureFixture[str]
+) -> None:
+    viewer = str(keys_of(guarded, "viewer"))
+    where = ["--connect", guarded.endpoint, "--keys", viewer]
+    assert cli.main(["list", *where]) == 0
+    assert PROBE in capsys.readouterr().out
+    assert cli.main(["listen", "--json", "--seconds", "1", *where]) == 0
+    first = json.loads(capsys.readouterr().out.partition("\n")[0])
+    assert (first["type"], first["probe"]) == ("pose", PROBE)
+    assert cli.main(["monitor", "--seconds", "1", *where]) == 0
+    assert PROBE in capsys.readouterr().out
+    with imud.subscribe(endpoint=guarded.endpoint, keys=viewer, seconds=5) as poses:
+        assert next(iter(poses)).probe == PROBE
+
+
+@pytest.mark.parametrize("command", ["list", "listen", "monitor", "tare"])
+def test_a_command_without_keys_or_with_others_is_one_line(
+    guarded: Guarded, command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = tmp_path / "wrong.toml"
+    text = keys_of(guarded, "operator").read_text("utf-8")
+    wrong.write_text(re.sub('password = ".*"', 'password = "guess"', text), "utf-8")
+    for given in ([], ["--keys", str(wrong)]):
+        assert cli.main([command, "--connect", guarded.endpoint, *given]) == 1
+        said = capsys.readouterr().err
+        assert said.startswith("imud: no imud at tls/")
+        assert said.count("\n") == 1
+    guarded.daemon.expect("was refused: .*Invalid password")
+
+
+def test_what_a_role_may_not_is_said_on_one_line(
+    guarded: Guarded, capsys: pytest.CaptureFixture[str]
+) -> None:
+    viewer = keys_of(guarded, "viewer")
+    where = ["--connect", guarded.endpoint, "--keys", str(viewer)]
+    assert cli.main(["tare", *where]) == 1
+    said = capsys.readouterr().err
+    assert said == (
+        "imud: viewer may not command, as a viewer; keys that may: "
+        "imud keys add DIR operator NAME\n"
+    )
+    with pytest.raises(NotAllowed, match=r"read raw, as a viewer; .* recorder NAME"):
+        imud.subscribe(topics=("raw",), endpoint=guarded.endpoint, keys=viewer)
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """A log of another probe."""
+    probe, port = FakeProbe(probe_id=bytes.fromhex("0123456789abcdef")), tmp_path / "p"
+    other = Port(port)
+    with DaemonProcess(port, directory=tmp_path) as daemon:
+        daemon.expect("listens on")
+        other.wait_open()
+        other.write(probe.say("hello") + probe.poses(50))
+        daemon.expect("found on")
+        with Client(daemon.endpoint) as client:
+            until = time.monotonic() + PATIENCE_S
+            while client.statuses()[0]["ledger"]["published"].get("pose") != 50:
+                assert time.monotonic() < until
+        daemon.stop()
+    other.vanish()
+    return daemon.log
+
+
+def test_a_log_is_replayed_by_a_daemons_keys_and_by_no_others(
+    guarded: Guarded, log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    heard: list[str] = []
+    with guarded.session("viewer") as viewer:
+        subscriber = viewer.declare_subscriber(
+            "imud/*/pose", lambda sample: heard.append(str(sample.key_expr))
+        )
+        for user, code in (("recorder", 1), ("imud", 0)):
+            where = ["--connect", guarded.endpoint, "--keys"]
+            where.append(str(keys_of(guarded, user)))
+            assert cli.main(["replay", str(log), "--speed", "max", *where]) == code
+            said = capsys.readouterr().err
+            assert said.count("\n") == (1 if code else 0)
+            until = time.monotonic() + (PATIENCE_S if not code else WHILE_S)
+            while heard.count(REPLAYED) < 50 and time.monotonic() < until:
+                time.sleep(0.02)
+            assert heard.count(REPLAYED) == (50 if not code else 0)
+        subscriber.undeclare()
+
+
+REPLAYED = "imud/0123456789abcdef/pose"
+
+
+def test_ros_2_is_read_by_role(guarded: Guarded) -> None:
+    names = ros2.ros_name(PROBE)
+    pose = Topic(f"/imud/{names}/pose", ros2.POSE_STAMPED).key(0)
+    imu = Topic(f"/imud/{names}/imu/data", ros2.IMU).key(0)
+    mag = Topic(f"/imud/{names}/imu/mag", ros2.MAGNETIC_FIELD).key(0)
+    tf = Topic("/tf", ros2.TF_MESSAGE).key(0)
+    diagnostics = Topic("/diagnostics", ros2.DIAGNOSTIC_ARRAY).key(0)
+    for user, expected in (
+        ("recorder", {pose, imu, mag, tf, diagnostics}),
+        ("viewer", {pose, tf, diagnostics}),
+    ):
+        with guarded.session(user) as session:
+            replies = session.liveliness().get("@ros2_lv/**", timeout=WHILE_S)
+            tokens = [str(reply.ok.key_expr) for reply in replies if reply.ok]
+            assert sum("/MP/" in token for token in tokens) == 5
+            assert sum("/NN/" in token for token in tokens) == 1
+            count = heard(session, pose, imu, mag, tf, diagnostics, "0/**", "*/**")
+            assert count.keys() == expected
 
 
 @pytest.mark.parametrize("user", ["viewer", "operator", "recorder"])
@@ -217,9 +358,10 @@ def test_spoofed_puts_reach_nobody(guarded: Guarded, user: Role) -> None:
         if sample.payload.to_bytes() == b"forged":
             forged.append(str(sample.key_expr))
 
-    topics = ("pose", "status", "raw", "frame", "event", "twin")
+    topics = ("pose", "status", "raw", "frame", "event", "twin", "cmd/tare")
     with guarded.session("other-recorder") as other, guarded.session(user) as mine:
         held = [other.declare_subscriber(f"imud/*/{topic}", look) for topic in topics]
+        guarded.daemon.seen()
         token = mine.liveliness().declare_token("imud/forged/alive")
         queryable = mine.declare_queryable(
             f"imud/{PROBE}/status", lambda query: query.reply(query.key_expr, b"forged")
@@ -242,6 +384,9 @@ def test_spoofed_puts_reach_nobody(guarded: Guarded, user: Role) -> None:
     assert not forged
     assert b"forged" not in told
     assert names == [f"imud/{PROBE}/alive"]
+    # At 50 rounds a second each of 18 was refused, and counted, one by one.
+    denied = [line for line in guarded.daemon.seen() if "does not allow" in line]
+    assert len(denied) > 18
 
 
 def changed_by(**fields: str) -> Callable[[Credentials], Credentials]:

@@ -9,13 +9,15 @@ import contextlib
 import json
 import os
 import re
+import select
 import shutil
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,8 @@ from imud.cli import main
 from imud.client import Client
 from imud.commands import arguments_of
 from imud.errors import CommandRefused
+from imud.logs import Logged, read_log
+from imud.messages import decode
 from imud.notify import Notifier
 
 
@@ -47,6 +51,14 @@ class Manager:
             pass
         return text
 
+    def drain(self) -> None:
+        """Takes what is there."""
+        while select.select([self._socket], [], [], 0.1)[0]:
+            self._socket.recv(4096)
+
+    def expect_none(self, seconds: float) -> None:
+        assert not select.select([self._socket], [], [], seconds)[0]
+
     def close(self) -> None:
         self._socket.close()
 
@@ -61,11 +73,13 @@ def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Manager
 
 
 @contextlib.contextmanager
-def running(folder: Path, text: str) -> Iterator[tuple[DaemonProcess, FakeProbe, Port]]:
+def running(
+    folder: Path, text: str, *, log: bool | None = True
+) -> Iterator[tuple[DaemonProcess, FakeProbe, Port]]:
     port, probe = Port(folder / "port"), FakeProbe()
     file = folder / "imud.toml"
     file.write_text(f"[ports]\nfind = false\nnamed = ['{port.path}']\n{text}")
-    with DaemonProcess("--config", file, directory=folder, log=True) as daemon:
+    with DaemonProcess("--config", file, directory=folder, log=log) as daemon:
         port.wait_open()
         port.write(probe.say("hello"))
         daemon.expect("found on")
@@ -91,6 +105,52 @@ def test_systemd_is_told_of_each_step(tmp_path: Path, manager: Manager) -> None:
         manager.expect("READY=1")
         assert daemon.stop() < 1.0
         manager.expect("STOPPING=1")
+
+
+def test_a_stop_under_a_stream_is_clean_and_loses_nothing(
+    tmp_path: Path, record_property: Callable[[str, object], None]
+) -> None:
+    """What came before the signal is in the log, which is whole."""
+    with running(tmp_path, "") as (daemon, probe, port):
+        for _ in range(20):
+            port.write(probe.poses(100))
+        port.write(probe.say("event"))
+        daemon.expect("stream started")
+        sent = probe.sequence
+        port.write(probe.poses(50))  # these may come or not
+        seconds = daemon.stop()
+    record_property("stopped after, s", round(seconds, 3))
+    assert seconds < 1.0
+    frames = [
+        decode(each.data)
+        for each in read_log(daemon.log)
+        if isinstance(each, Logged) and each.topic == "frame"
+    ]
+    numbers = [each.sequence for each in frames]
+    assert numbers == list(range(len(numbers)))
+    record_property("sent before the signal", sent)
+    record_property("lost of them", sent - min(sent, len(numbers)))
+    assert len(numbers) >= sent
+    assert not any("did not finish" in line for line in daemon.lines)
+    assert main(["info", str(daemon.log)]) == 0
+
+
+def test_the_watchdog_hears_of_a_loop_that_lives_and_of_no_other(
+    tmp_path: Path, manager: Manager
+) -> None:
+    with running(tmp_path, "") as (daemon, _, _):
+        manager.expect("WATCHDOG=1")
+        for _ in range(3):
+            begin = time.monotonic()
+            manager.expect("WATCHDOG=1")
+            # systemd waits for ten: WatchdogSec of the unit.
+            assert time.monotonic() - begin < 5.0
+        daemon.process.send_signal(signal.SIGSTOP)
+        manager.drain()
+        manager.expect_none(2.5)
+        daemon.process.send_signal(signal.SIGCONT)
+        manager.expect("WATCHDOG=1")
+        assert daemon.stop() < 1.0
 
 
 def test_nothing_is_told_where_nobody_listens(tmp_path: Path) -> None:
@@ -121,6 +181,143 @@ def test_a_reload_gives_a_probe_its_name_and_loses_no_count(tmp_path: Path) -> N
         daemon.expect("reloaded: probes")
         daemon.stop()
         assert any("probe tip: 21 received, 0 lost" in line for line in daemon.lines)
+
+
+LOG_OFF, LOG_ON = "[log]\nenabled = false", "[log]\nenabled = true"
+ROS2_ON = "[ros2]\nenabled = true\n"
+
+
+def ledger_when(
+    client: Client, is_so: Callable[[dict[str, Any]], bool]
+) -> dict[str, Any]:
+    """Of the first status of which that is true; there is another once a second."""
+    until = time.monotonic() + PATIENCE_S
+    while True:
+        for status in client.statuses():
+            ledger: dict[str, Any] = status["ledger"]
+            if is_so(ledger):
+                return ledger
+        assert time.monotonic() < until, ledger
+        time.sleep(0.05)
+
+
+def test_a_sink_that_a_reload_switches_keeps_the_ledger_adding_up(
+    tmp_path: Path,
+) -> None:
+    with running(tmp_path, LOG_OFF, log=None) as (daemon, probe, port):
+        with Client(daemon.endpoint) as client:
+            port.write(probe.poses(20))
+            ledger_when(client, lambda each: each["received"] == 21)
+            for turn in range(1, 4):
+                reload(daemon, tmp_path, LOG_OFF, ROS2_ON + LOG_ON)
+                daemon.expect("reloaded: log, ros2")
+                port.write(probe.poses(30))
+                ledger = ledger_when(
+                    client, lambda each: each["logged"].get("pose", 0) == 30
+                )
+                assert ledger["adds_up"], ledger["sinks"]
+                assert ledger["sinks"].keys() == {"zenoh", "log", "ros2"}
+                assert ledger["sinks"]["zenoh"]["earlier"] == 0
+                # What was put while it was off is no loss of its own.
+                log = ledger["sinks"]["log"]
+                assert log["earlier"] >= 21 + 60 * (turn - 1)
+                assert log["dropped"] == 0
+                if turn == 2:  # its counts go along with the probe's name
+                    named = f"[probes.{probe.name}]\nname = 'tip'\n"
+                    reload(daemon, tmp_path, "[log]", f"{named}[log]")
+                    daemon.expect("reloaded: probes")
+                    after = ledger_when(client, lambda each: each["adds_up"])
+                    assert after["sinks"]["log"]["earlier"] == log["earlier"]
+                reload(daemon, tmp_path, ROS2_ON, "")
+                daemon.expect("reloaded: ros2")
+                reload(daemon, tmp_path, LOG_ON, LOG_OFF)
+                daemon.expect("reloaded: log")
+                port.write(probe.poses(30))
+                received = probe.sequence
+                ledger = ledger_when(
+                    client, lambda each, n=received: each["received"] == n
+                )
+                assert ledger["adds_up"], ledger["sinks"]
+                assert ledger["sinks"].keys() == {"zenoh"}
+        daemon.stop()
+
+
+def test_a_reload_sets_up_a_probe_that_is_there(tmp_path: Path) -> None:
+    with running(tmp_path, "# more") as (daemon, probe, port):
+        own = "[probes.00112233445566aa]\npose_rate = 50"
+        reload(daemon, tmp_path, "# more", own)
+        daemon.expect("reloaded: probes")
+        port.serve(probe, 1)
+        reload(daemon, tmp_path, "pose_rate = 50", "streams = ['raw']")
+        daemon.expect("reloaded: probes")
+        port.serve(probe, 1)
+        heard = [(c["command"], c["arguments"]) for c in probe.commands]
+        assert heard == [("rate", (0, 50)), ("fields", (2, 0))]
+        daemon.stop()
+
+
+RELOADS, MEANWHILE = 30, 30  # messages from one to the next
+
+
+def test_thirty_reloads_under_a_stream_lose_nothing_and_leak_no_descriptor(
+    tmp_path: Path, record_property: Callable[[str, object], None]
+) -> None:
+    ended = threading.Event()
+    changes = (  # the log's sink is made anew, the network's, both
+        ("rotate_mb = 1", "rotate_mb = 2", "reloaded: log"),
+        ("history = 1", "history = 2", "reloaded: zenoh"),
+        ("= 2", "= 1", "reloaded: zenoh, log"),
+    )
+    text = "[log]\nrotate_mb = 1\n[zenoh]\nhistory = 1\n"
+    with running(tmp_path, text) as (daemon, probe, port):
+
+        def stream() -> None:
+            while not ended.wait(0.005):
+                is_due = probe.sequence % 200 == 0
+                port.write(probe.say("hello") if is_due else probe.say("pose"))
+
+        streamer = threading.Thread(target=stream, daemon=True)
+        streamer.start()
+        folder = Path(f"/proc/{daemon.process.pid}/fd")
+        at_first = len(list(folder.iterdir()))
+        slowest_s = 0.0
+        try:
+            for turn in range(RELOADS):
+                before, after, line = changes[turn % len(changes)]
+                sent = probe.sequence
+                begin = time.monotonic()
+                reload(daemon, tmp_path, before, after)
+                daemon.expect(line)
+                slowest_s = max(slowest_s, time.monotonic() - begin)
+                while probe.sequence < sent + MEANWHILE:
+                    time.sleep(0.005)
+        finally:
+            ended.set()
+            streamer.join()
+        with Client(daemon.endpoint) as client:
+            sent = probe.sequence
+            ledger = ledger_when(client, lambda each: each["received"] == sent)
+            assert ledger["adds_up"], ledger["sinks"]
+            assert ledger["lost"] == 0
+            assert all(each["dropped"] == 0 for each in ledger["sinks"].values())
+        # A log that is closing and the client that left are there for a moment.
+        until = time.monotonic() + PATIENCE_S
+        while (at_last := len(list(folder.iterdir()))) > at_first + 1:
+            assert time.monotonic() < until, (at_first, at_last)
+            time.sleep(0.1)
+        daemon.stop()
+    frames = [
+        each.data
+        for path in sorted(daemon.logs.glob("*.mcap"))
+        for each in read_log(path)
+        if isinstance(each, Logged) and each.topic == "frame"
+    ]
+    record_property("reloads", RELOADS)
+    record_property("slowest reload, s", round(slowest_s, 3))
+    record_property("descriptors, first and last", (at_first, at_last))
+    record_property("messages sent", sent)
+    record_property("messages in the logs", len(frames))
+    assert len(frames) == sent
 
 
 def test_a_file_with_a_mistake_is_told_and_changes_nothing(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Wires that are pulled, boards that reset, daemons that start twice: what was lost is
-on record, and poses are back in under 2 s.
+on record, and poses are back in under 2 s. The figures of docs/faults.md are the
+properties that these tests record: pytest -o junit_family=xunit1 --junitxml FILE.
 """
 
 from __future__ import annotations
@@ -9,27 +10,34 @@ import json
 import queue
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
 from imud.client import Client
+from imud.commands import REPLY_TIMEOUT_S
 
 BACK_S = 2.0
 
 # The wire is pulled at so many places of a frame, and at both of its ends.
 PLACES = 12
 
+Record = Callable[[str, object], None]
+
 
 class Bench:
     """A probe, its port, a daemon, and the poses that a subscriber hears."""
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(self, directory: Path, settings: str = "") -> None:
         self.probe = FakeProbe()
         self.port = Port(directory / "port")
-        self.daemon = DaemonProcess(self.port.path, directory=directory, log=False)
+        file = directory / "imud.toml"
+        file.write_text(settings)
+        self.daemon = DaemonProcess(
+            self.port.path, "--config", file, directory=directory, log=False
+        )
         self.daemon.expect("listens on")
         self.port.wait_open()
         self.port.write(self.probe.say("hello"))
@@ -83,16 +91,22 @@ class Bench:
 
 
 @contextmanager
-def bench(directory: Path) -> Iterator[Bench]:
-    made = Bench(directory)
+def bench(directory: Path, settings: str = "") -> Iterator[Bench]:
+    made = Bench(directory, settings)
     try:
         yield made
     finally:
         made.close()
 
 
+def told(record: Record, lost: object, back_s: float) -> None:
+    record("lost", lost)
+    record("back after, s", round(back_s, 3))
+    assert back_s < BACK_S
+
+
 def test_a_wire_pulled_at_any_byte_costs_that_frame_and_is_back_in_2_s(
-    tmp_path: Path,
+    tmp_path: Path, record_property: Record
 ) -> None:
     with bench(tmp_path) as desk:
         frame_bytes = len(FakeProbe().say("pose"))
@@ -109,23 +123,24 @@ def test_a_wire_pulled_at_any_byte_costs_that_frame_and_is_back_in_2_s(
             ledger = desk.ledger(received)
             assert ledger["sent"] == desk.probe.sequence
             assert ledger["lost"] == desk.probe.sequence - received
-        assert slowest_s < BACK_S
+        told(record_property, "the frame in which it struck", slowest_s)
 
 
 def test_what_was_sent_while_unplugged_is_missing_in_the_next_pose(
-    tmp_path: Path,
+    tmp_path: Path, record_property: Record
 ) -> None:
     with bench(tmp_path) as desk:
         before = desk.probe.sequence
         desk.replug(after_s=0.3)
         lost = desk.probe.poses(60)
         assert lost
-        assert desk.come_back(desk.probe.say("hello") + desk.probe.poses(2)) < BACK_S
+        back_s = desk.come_back(desk.probe.say("hello") + desk.probe.poses(2))
         assert desk.ledger(before + 3)["lost"] == 60
+        told(record_property, "60 of the 60 sent meanwhile", back_s)
 
 
 def test_a_reset_in_mid_frame_costs_that_frame_and_is_a_boot_of_its_own(
-    tmp_path: Path,
+    tmp_path: Path, record_property: Record
 ) -> None:
     with bench(tmp_path) as desk:
         received, slowest_s = desk.probe.sequence, 0.0
@@ -144,10 +159,88 @@ def test_a_reset_in_mid_frame_costs_that_frame_and_is_a_boot_of_its_own(
             assert ledger["corrupt"] == resets
             assert ledger["earlier_boots"]["lost"] + ledger["lost"] == 0
         assert ledger["boots"] == 4
-        assert slowest_s < BACK_S
+        told(record_property, "the frame in which it struck", slowest_s)
 
 
-def test_a_second_start_while_it_streams_is_back_in_2_s(tmp_path: Path) -> None:
+def test_a_brown_out_is_told_with_its_cause(
+    tmp_path: Path, record_property: Record
+) -> None:
+    with bench(tmp_path) as desk:
+        desk.port.write(desk.probe.poses(20) + desk.probe.say("pose")[:9])
+        received = desk.probe.sequence - 1
+        desk.probe.restart()
+        desk.probe.hello_fields = desk.probe.hello_fields | {
+            "reset_cause": ("brown_out",)
+        }
+        desk.probe.time_us = 1000
+        # The delimiter that a boot begins with ends the torn frame.
+        back_s = desk.come_back(
+            b"\0" + desk.probe.say("hello") + desk.probe.say("pose")
+        )
+        desk.daemon.expect(r"restarted on .* boot 8 \(brown out\)")
+        ledger = desk.ledger(received + 2)
+        assert (ledger["boots"], ledger["corrupt"], ledger["lost"]) == (2, 1, 0)
+        told(record_property, "the frame in which it struck", back_s)
+
+
+OWN = """
+[probes.00112233445566aa]
+pose_rate = 50
+streams = ["pose"]
+start = true
+"""
+ORDERS = [("rate", (0, 50)), ("fields", (1, 0)), ("start", (0, 0))]
+
+
+def test_a_probes_own_settings_are_applied_whenever_it_appears(
+    tmp_path: Path, record_property: Record
+) -> None:
+    """At first, after a replug, after a reset and after a brown-out."""
+    with bench(tmp_path, OWN) as desk:
+
+        def obeyed() -> float:
+            begin = time.monotonic()
+            desk.port.serve(desk.probe, len(ORDERS))
+            heard = [(c["command"], c["arguments"]) for c in desk.probe.commands]
+            desk.probe.commands.clear()
+            assert heard == ORDERS
+            back_s = time.monotonic() - begin
+            # Behind its last answer: with this pose, that has come.
+            desk.port.write(desk.probe.say("pose"))
+            desk.pose(desk.probe.sequence - 1)
+            return back_s
+
+        obeyed()  # late: it was not let answer while the bench was set up
+        slowest_s = 0.0
+        for turn in range(6):
+            if turn % 2:
+                desk.probe.restart()
+                desk.probe.time_us = 1000 * turn
+            else:
+                desk.replug()
+            sent = desk.probe.say("hello") + desk.probe.say("pose")
+            slowest_s = max(slowest_s, desk.come_back(sent) + obeyed())
+        told(record_property, 0, slowest_s)
+        # The wire is pulled before it has answered: all begins anew, at once.
+        desk.replug()
+        desk.come_back(desk.probe.say("hello") + desk.probe.say("pose"))
+        assert desk.port.read()
+        desk.replug()
+        sent = desk.probe.say("hello") + desk.probe.say("pose")
+        assert desk.come_back(sent) + obeyed() < REPLY_TIMEOUT_S
+        # A probe that will not is told, and goes on as it is.
+        desk.probe.results["rate"] = "bad_argument"
+        desk.replug()
+        desk.come_back(desk.probe.say("hello") + desk.probe.say("pose"))
+        desk.port.serve(desk.probe, 1)
+        desk.daemon.expect("its settings can't be applied: .* refused rate")
+        desk.port.write(desk.probe.say("pose"))
+        desk.pose(desk.probe.sequence - 1)
+
+
+def test_a_second_start_while_it_streams_is_back_in_2_s(
+    tmp_path: Path, record_property: Record
+) -> None:
     probe, port = FakeProbe(), Port(tmp_path / "port")
     ended = threading.Event()
 
@@ -158,19 +251,21 @@ def test_a_second_start_while_it_streams_is_back_in_2_s(tmp_path: Path) -> None:
 
     streamer = threading.Thread(target=stream, daemon=True)
     streamer.start()
+    slowest_s = 0.0
     try:
         for _ in range(3):
             with DaemonProcess(port.path, directory=tmp_path, log=False) as daemon:
                 daemon.expect("listens on")
                 begin = time.monotonic()
                 daemon.expect("found on")
-                assert time.monotonic() - begin < BACK_S
+                slowest_s = max(slowest_s, time.monotonic() - begin)
                 daemon.process.kill()
     finally:
         ended.set()
         streamer.join()
         port.vanish()
     assert not probe.commands
+    told(record_property, "what was sent while none ran", slowest_s)
 
 
 def resident_kb(pid: int) -> int:
@@ -179,26 +274,34 @@ def resident_kb(pid: int) -> int:
     return int(line.split()[1])
 
 
-def test_a_hundred_reconnects_leak_no_descriptor_and_no_memory(tmp_path: Path) -> None:
+def test_a_hundred_reconnects_leak_no_descriptor_and_no_memory(
+    tmp_path: Path, record_property: Record
+) -> None:
     with bench(tmp_path) as desk:
         pid = desk.daemon.process.pid
         folder = Path(f"/proc/{pid}/fd")
         descriptors: list[int] = []
         resident: list[int] = []
+        slowest_s = 0.0
         for _ in range(100):
             desk.replug()
             sent = desk.probe.say("hello") + desk.probe.say("pose")
-            assert desk.come_back(sent) < BACK_S
+            slowest_s = max(slowest_s, desk.come_back(sent))
             descriptors.append(len(list(folder.iterdir())))
             resident.append(resident_kb(pid))
         assert desk.ledger(desk.probe.sequence)["lost"] == 0
         assert descriptors[-1] <= max(descriptors[:10])
         # A session and its decoder are 10 kB: a leak of all of them would be 900.
         assert resident[-1] - resident[10] < 500
+        record_property(
+            "descriptors, first and last", (descriptors[0], descriptors[-1])
+        )
+        record_property("memory, kB more", resident[-1] - resident[10])
+        told(record_property, 0, slowest_s)
 
 
 def test_a_second_daemon_on_a_port_says_one_line_and_the_first_goes_on(
-    tmp_path: Path,
+    tmp_path: Path, record_property: Record
 ) -> None:
     with bench(tmp_path) as desk:
         with DaemonProcess(desk.port.path, directory=tmp_path, log=False) as second:
@@ -211,3 +314,4 @@ def test_a_second_daemon_on_a_port_says_one_line_and_the_first_goes_on(
         desk.port.write(desk.probe.poses(50))
         desk.pose(desk.probe.sequence - 1)
         assert desk.ledger(desk.probe.sequence)["lost"] == 0
+        told(record_property, 0, 0.0)

@@ -153,8 +153,9 @@ def test_a_live_probe_reaches_a_subscriber_with_nothing_lost(stub: Stub) -> None
     assert np.all(np.abs(steps - 10_000) < stub.board.unevenness_us)
     assert numbers == sorted(numbers)
     assert set(got[0]) == {
-        *("type", "probe", "seq", "t_device_us", "t_ns", "q", "position_m", "normal"),
-        *("tilt_sigma_deg", "heading_sigma_deg", "flags"),
+        *("type", "probe", "seq", "number", "missing", "t_device_us", "t_ns"),
+        *("t_bound_us", "age_us", "q", "position_m", "normal", "tilt_sigma_deg"),
+        *("heading_sigma_deg", "flags"),
     }
 
 

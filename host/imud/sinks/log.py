@@ -2,13 +2,14 @@
 """The log: MCAP files that can be read up to 0.25 s before a kill -9.
 
 Channels are named as Zenoh's keys. `frame` holds every good message as received and
-is the truth; pose, raw, event, twin and status hold JSON for other people's tools, and
-pose_in_frame what Foxglove draws.
+is the truth; the others hold JSON for other people's tools, among them pose_in_frame,
+which Foxglove draws.
 """
 
 from __future__ import annotations
 
 import json
+import logging
 import os
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -71,10 +72,19 @@ def _object(**properties: Any) -> dict[str, Any]:
     return {"type": "object", "properties": properties}
 
 
+def _whole(**properties: Any) -> dict[str, Any]:
+    """An object that lacks none of them."""
+    return _object(**properties) | {"required": [*properties]}
+
+
+_TEXT = {"type": "string"}
+_ABOUT = {"type": _TEXT, "probe": _TEXT, "t_ns": _COUNT}
 _FLAGS = {"type": "array", "items": {"type": "string"}}
 _OPTIONAL = {"type": ["number", "null"]}
 
-_TIME = _object(sec=_COUNT, nsec=_COUNT)
+_TIME = _whole(
+    sec=_COUNT | {"minimum": 0}, nsec=_COUNT | {"minimum": 0, "maximum": 10**9 - 1}
+)
 _XYZ = {axis: _NUMBER for axis in "xyz"}
 
 JSON_SCHEMAS: dict[str, dict[str, Any]] = {
@@ -109,16 +119,23 @@ JSON_SCHEMAS: dict[str, dict[str, Any]] = {
         lost={"type": ["object", "null"]},
         first_difference={"type": ["object", "null"]},
     ),
-    "status": _object(type={"type": "string"}, probe={"type": "string"}),
+    "status": _object(**_ABOUT),
+    "clock": _object(**_ABOUT, step_ns=_COUNT),
+    "log": _object(
+        **_ABOUT,
+        state={"enum": ["on", "paused", "off"]},
+        reason={"type": ["string", "null"]},
+        dropped=_COUNT,
+    ),
 }
 
 # The schema of Foxglove's by that name, as far as a pose fills it.
 FOXGLOVE_SCHEMA = {
     "title": "foxglove.PoseInFrame",
-    **_object(
+    **_whole(
         timestamp=_TIME,
-        frame_id={"type": "string"},
-        pose=_object(position=_object(**_XYZ), orientation=_object(**_XYZ, w=_NUMBER)),
+        frame_id=_TEXT,
+        pose=_whole(position=_whole(**_XYZ), orientation=_whole(**_XYZ, w=_NUMBER)),
     ),
 }
 
@@ -128,6 +145,8 @@ _SCHEMAS = {name: (f"imud.{name}", body) for name, body in JSON_SCHEMAS.items()}
 }
 
 _ENCODER = msgspec.json.Encoder()
+
+logger = logging.getLogger("imud")
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +186,7 @@ class LogFile:
         if record.hello and self._hellos.get(record.probe) != record.hello:
             self._hellos[record.probe] = record.hello
             self._add_metadata("hello", _identity(record.probe, record.hello))
-        if record.payload and record.topic in JSON_SCHEMAS:
+        if record.payload:
             self._add(record, record.topic, "json", record.payload)
         if record.topic == "pose" and record.said and self._settings.has_foxglove:
             self._add(record, "pose_in_frame", "json", pose_in_frame(record))
@@ -209,10 +228,10 @@ class LogFile:
 
     def _schema(self, topic: str) -> int:
         """The id of a topic's schema in this file; 0: none."""
-        if topic not in _SCHEMAS:
+        if topic == "frame":
             return 0
         if topic not in self._schemas:
-            name, body = _SCHEMAS[topic]
+            name, body = _SCHEMAS.get(topic) or (f"imud.{topic}", _object(**_ABOUT))
             data = json.dumps(body).encode()
             self._schemas[topic] = self._writer.register_schema(
                 name, "jsonschema", data
@@ -288,6 +307,8 @@ class LogSink:
     def take(self, record: Record | Presence) -> None:
         if not isinstance(record, Record) or record.probe in self.settings.unlogged:
             return
+        if self._log is None and not self._is_paused:
+            self.open()
         if self._log is None:
             raise FileError(
                 f"{self._directory} is on a disk with less than "
@@ -304,24 +325,22 @@ class LogSink:
             raise FileError(f"{self.path} was removed while it was written")
         try:
             log.flush()
+            self._has_flushed = True
+            if self._syncing is None or self._syncing.done():
+                if self._syncing is not None:
+                    self._syncing.result()
+                # Takes up to 20 ms, and longer on a busy disk: not in this thread.
+                self._syncing = self._syncer.submit(os.fdatasync, log.fileno())
         except OSError as error:
             raise FileError(f"can't write {self.path}: {error.strerror}") from error
-        self._has_flushed = True
-        if self._syncing is None or self._syncing.done():
-            if self._syncing is not None:
-                self._syncing.result()
-            # Takes up to 20 ms, and longer on a busy disk: not in this thread.
-            self._syncing = self._syncer.submit(os.fdatasync, log.fileno())
-        if self._is_full(os.fstatvfs(log.fileno())):
-            self._is_paused = True
-            self._finish()
-        elif (
-            log.size() >= self.settings.rotate_bytes
+        self._is_paused = self._is_full(os.fstatvfs(log.fileno()))
+        if (
+            self._is_paused
+            or log.size() >= self.settings.rotate_bytes
             or log.index_size >= INDEX_MAX
             or time.monotonic() - self._began_s >= self.settings.rotate_s
         ):
-            self._finish()
-            self.open()
+            self._end()
 
     def close(self) -> None:
         self._finish()
@@ -332,6 +351,15 @@ class LogSink:
     def _is_full(self, disk: os.statvfs_result) -> bool:
         floor = self.settings.floor_bytes * (ROOM_AGAIN if self._is_paused else 1.0)
         return disk.f_bavail * disk.f_frsize < floor
+
+    def _end(self) -> None:
+        """Finishes a file of which all is written; the next record begins another."""
+        try:
+            self._finish()
+        except OSError as error:
+            logger.warning(
+                "log: can't finish %s: %s; imud recover does", self.path, error.strerror
+            )
 
     def _finish(self) -> None:
         log, self._log = self._log, None
@@ -358,7 +386,8 @@ class LogSink:
         stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
         number = 1
         while True:
-            suffix = "" if number == 1 else f"-{number}"
+            # Sorted by name is sorted by time: '_' comes after '.'.
+            suffix = "" if number == 1 else f"_{number:03}"
             path = self._directory / f"imud-{stamp}{suffix}.mcap"
             try:
                 return path, path.open("xb")

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,9 +11,9 @@ from typing import Any
 import msgspec
 import zenoh
 
-from imud import cdr, ros2
+from imud import cdr, network, ros2
 from imud.cdr import Diagnosis, Level
-from imud.errors import ConfigError
+from imud.network import Credentials
 from imud.record import Presence, Record
 from imud.ros2 import Node, Topic
 
@@ -44,9 +43,6 @@ FLAWS = {
 }
 STALE_STATES = frozenset({"gone", "silent"})
 ERROR_STATES = frozenset({"fault", "other schema"})
-
-# Wait for room towards a slow reader, see the Zenoh sink.
-WAIT_BEFORE_DROP_US = 50_000
 
 Said = Mapping[str, Any]
 Message = tuple[Topic, bytes]
@@ -239,9 +235,15 @@ class Ros2Sink:
     patience_s = 0.8
 
     def __init__(
-        self, connect: Sequence[str], domain: int, namespace: str, world: str
+        self,
+        connect: Sequence[str],
+        domain: int,
+        namespace: str,
+        world: str,
+        mine: Credentials | None = None,
     ) -> None:
         self._connect = tuple(connect)
+        self._mine = mine
         self._domain = domain
         self._namespace = namespace
         self._world = world
@@ -252,26 +254,7 @@ class Ros2Sink:
         self._publishers: dict[str, Publisher] = {}
 
     def open(self) -> None:
-        config = zenoh.Config()
-        try:
-            for key, value in {
-                # As nodes of rmw_zenoh are. A peer opens without waiting for a router.
-                "mode": "peer",
-                "connect/endpoints": self._connect,
-                "listen/endpoints": [],
-                "scouting/multicast/enabled": False,
-                "timestamping/enabled": True,
-                "transport/link/tx/queue/congestion_control/drop/wait_before_drop": (
-                    WAIT_BEFORE_DROP_US
-                ),
-            }.items():
-                config.insert_json5(key, json.dumps(value))
-            self._session = zenoh.open(config)
-        except zenoh.ZError as error:
-            raise ConfigError(
-                f"can't connect ROS 2 to {', '.join(self._connect) or 'nothing'}; "
-                'try ros2.connect = ["tcp/127.0.0.1:7447"]'
-            ) from error
+        self._session = network.open_node(self._connect, self._mine)
         self._node = Node(self._domain, str(self._session.zid()), NODE)
         liveliness = self._session.liveliness()
         self._node_token = liveliness.declare_token(self._node.token)

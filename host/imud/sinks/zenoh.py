@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
 import zenoh
 import zenoh.ext
 
@@ -45,55 +46,55 @@ class ZenohSink:
         self._on_command = on_command
         self._on_notice = on_notice
         self._session: zenoh.Session | None = None
-        self._is_client = settings.mode == "client"
-        self._has_begun = False
+        self._is_guest = network.is_guest(settings)
+        self._where = ", ".join(settings.connect)
+        self._is_joined: bool | None = None  # to who is there to connect to
         self._publishers: dict[
             tuple[str, str], zenoh.Publisher | zenoh.ext.AdvancedPublisher
         ] = {}
         self._declared: dict[str, list[object]] = {}
         self._links: zenoh.LinkEventsListener[None] | None = None
-        self._alive: set[str] = set()
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
+        self._known: set[str] = set()  # of which it is known whether they are there
         self._status: dict[str, bytes] = {}
 
     def open(self) -> None:
-        # The daemon begins before the router of which it is to be a client: that is
+        # The daemon may begin before the network of which it is to be a guest: that is
         # looked for by the sink's thread, with the first record.
-        if self._is_client and not self._has_begun:
-            self._has_begun = True
-            return
-        self._open()
+        if not self._is_guest:
+            self._open()
 
     def _open(self) -> zenoh.Session:
         session = network.open_daemon(self._settings)
         self._session = session
         self._links = session.info.declare_link_events_listener(self._tell_link)
-        for probe in self._alive:
-            self._declare_token(session, probe)
-        if self._is_client:
-            text = f"network: connected to {', '.join(self._settings.connect)}"
-            self._on_notice("connected", text, False)
+        if self._is_guest:
+            self._tell_whether(is_joined=True)
         return session
 
     def take(self, record: Record | Presence) -> None:
-        if isinstance(record, Presence):
-            # Remembered for a session that is opened later.
-            (self._alive.add if record.is_alive else self._alive.discard)(record.probe)
         session = self._session
         if session is None:
-            if not self._is_client:
+            if not self._is_guest:
                 return
             session = self._open()
-        elif self._is_client and not session.info.routers_zid():
-            where = ", ".join(self._settings.connect)
-            raise NetworkError(f"the Zenoh router at {where} is gone")
+        elif self._is_guest and not network.is_connected(session):
+            # Else it would come back by itself, with who was there then.
+            self.close()
+            raise NetworkError(f"the Zenoh router at {self._where} is gone")
         if record.probe not in self._declared:
             self._declare(session, record.probe)
         if isinstance(record, Presence):
-            self._set_alive(session, record)
+            self._set_alive(session, record.probe, is_alive=record.is_alive)
             return
         if record.topic == "status" and record.payload:
+            if self._settings.connect:
+                self._tell_whether(is_joined=network.is_connected(session))
             self._status[record.probe] = record.payload
+            # Nobody took it when it came or went, while there was no network.
+            if record.probe not in self._known:
+                is_alive = _is_alive(record.payload)
+                self._set_alive(session, record.probe, is_alive=is_alive)
         if record.content:
             self._put(session, record.probe, "frame", record.content)
         if record.payload:
@@ -104,9 +105,12 @@ class ZenohSink:
 
     def close(self) -> None:
         session, self._session = self._session, None
+        self._is_joined = None
         self._publishers.clear()
         self._declared.clear()
         self._tokens.clear()
+        self._known.clear()
+        self._status.clear()
         self._links = None
         if session is not None:
             session.close()
@@ -163,7 +167,18 @@ class ZenohSink:
                 f"network: another publishes on {key}, too; don't trust it: is there a "
                 "second imud with this probe's name? docs/security.md keeps others out"
             )
-            self._on_notice(("other", key), text, True)
+            # Of one kind, whatever keys somebody makes up: a few lines, not one a key.
+            self._on_notice("other", text, True)
+
+    def _tell_whether(self, *, is_joined: bool) -> None:
+        """Once: that others are there, or that they are not."""
+        if is_joined != self._is_joined:
+            words = "is not there" if self._is_joined is None else "is gone"
+            text = (
+                f"connected to {self._where}" if is_joined else f"{self._where} {words}"
+            )
+            self._is_joined = is_joined
+            self._on_notice("joined", f"network: {text}", not is_joined)
 
     def _tell_link(self, event: zenoh.LinkEvent) -> None:
         """On record where keys rule: who came, by which certificate."""
@@ -171,18 +186,17 @@ class ZenohSink:
             return
         what = "came" if event.kind == zenoh.SampleKind.PUT else "left"
         link = event.link
-        shown = f" with the certificate of {link.auth_identifier}"
-        by = shown if link.auth_identifier else ""
+        name = link.auth_identifier
+        network.know(str(link.zid), f"{link.dst} ({name})" if name else link.dst)
+        by = f" with the certificate of {name}" if name else ""
         self._on_notice(("link", what), f"network: {link.dst} {what}{by}", False)
 
-    def _set_alive(self, session: zenoh.Session, presence: Presence) -> None:
-        if presence.is_alive:
-            self._declare_token(session, presence.probe)
-        elif (token := self._tokens.pop(presence.probe, None)) is not None:
-            token.undeclare()
-
-    def _declare_token(self, session: zenoh.Session, probe: str) -> None:
-        if probe not in self._tokens:
+    def _set_alive(self, session: zenoh.Session, probe: str, *, is_alive: bool) -> None:
+        self._known.add(probe)
+        if not is_alive:
+            if (token := self._tokens.pop(probe, None)) is not None:
+                token.undeclare()
+        elif probe not in self._tokens:
             key = self._key(probe, "alive")
             self._tokens[probe] = session.liveliness().declare_token(key)
 
@@ -212,6 +226,12 @@ class ZenohSink:
                     )
 
         self._on_command(probe, name, parameters, answer)
+
+
+def _is_alive(status: bytes) -> bool:
+    """A probe is there that is on a port and speaks our schema."""
+    said = msgspec.json.decode(status)
+    return said["port"] is not None and said["state"] != "other schema"
 
 
 def _pairs(parameters: str) -> list[tuple[str, Any]]:

@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: MIT
+"""`imud run` on disks that fill up, become read-only or vanish: real ones, of memory,
+in a mount namespace of the daemon's own. What is not logged is counted and told.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import os
+import queue
+import re
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
+from imud.client import Client
+from imud.logs import read_log
+from log_files import frames
+
+# Its folder of logs is a file system of 2 MB that nobody else sees.
+IN_A_NAMESPACE = """
+import os, sys
+mount = 'mount -t tmpfs -o size=2m none "$0" && exec "$@"'
+own = [sys.executable, "-m", "imud", *sys.argv[1:]]
+os.execvp("unshare", ["unshare", "-rm", "sh", "-c", mount, {logs!r}, *own])
+"""
+
+# What the daemon says of a probe, which is no message of the probe's.
+OURS = ("status", "log")
+
+CONFIG = """
+[zenoh]
+history = 0
+[log]
+floor_mb = {floor_mb}
+rotate_minutes = {minutes}
+"""
+
+
+def has_namespaces() -> bool:
+    with contextlib.suppress(OSError):
+        words = ["unshare", "-rm", "mount", "-t", "tmpfs", "none", "/mnt"]
+        return subprocess.run(words, capture_output=True).returncode == 0
+    return False
+
+
+# Containers often forbid it.
+needs_mounts = pytest.mark.skipif(
+    not has_namespaces(), reason="file systems can't be mounted here (unshare -rm)"
+)
+
+
+class Scene:
+    """A daemon, a probe that streams into it, and what the network hears of both."""
+
+    def __init__(self, directory: Path, daemon: DaemonProcess, port: Port) -> None:
+        self.daemon = daemon
+        self.port = port
+        self.probe = FakeProbe()
+        self.poses = 0
+        self.heard = 0
+        self.notices: queue.Queue[dict[str, Any]] = queue.Queue()
+        # The folder as the daemon sees it; held, it is there after the daemon's end.
+        root = Path(f"/proc/{daemon.process.pid}/root")
+        self.logs = root / (directory / "logs").relative_to("/")
+        self.files = self.logs
+        self._is_over = threading.Event()
+        self._streamer = threading.Thread(target=self._stream)
+
+    @contextlib.contextmanager
+    def streaming(self) -> Iterator[Client]:
+        self.daemon.expect("listens on")
+        held = os.open(self.logs, os.O_DIRECTORY)
+        self.files = Path(f"/proc/self/fd/{held}")
+        self.port.wait_open()
+        with Client(self.daemon.endpoint) as client:
+            client.subscribe("log", None, lambda _, said: self._take(said))
+            client.subscribe("pose", None, lambda *_: self._count())
+            client.statuses()  # then the router knows both
+            self.port.write(self.probe.say("hello"))
+            self.daemon.expect("found")
+            self._streamer.start()
+            try:
+                yield client
+            finally:
+                self._is_over.set()
+                self._streamer.join()
+                os.close(held)
+
+    def _stream(self) -> None:
+        while not self._is_over.wait(0.005):
+            self.port.write(self.port.answers(self.probe) + self.probe.say("pose"))
+            self.poses += 1
+
+    def _take(self, said: bytes) -> None:
+        self.notices.put(json.loads(said))
+
+    def _count(self) -> None:
+        self.heard += 1
+
+    def notice(self, state: str) -> dict[str, Any]:
+        said = self.notices.get(timeout=PATIENCE_S)
+        assert said["state"] == state
+        return said
+
+    def fill(self, size: int = 1 << 30) -> Path:
+        """So many bytes, or until there is no room left."""
+        ballast = self.logs / "ballast"
+        with contextlib.suppress(OSError), ballast.open("wb", buffering=0) as file:
+            for _ in range(0, size, 1024):
+                file.write(bytes(1024))
+        return ballast
+
+    def mount(self, *words: str) -> None:
+        """In the daemon's namespace."""
+        into = ["nsenter", "-t", str(self.daemon.process.pid), "-U", "-m"]
+        subprocess.run([*into, *words], check=True, capture_output=True)
+
+    def end(self, client: Client) -> dict[str, Any]:
+        """The status, when all that was sent is in its sinks."""
+        self._is_over.set()
+        self._streamer.join()
+        until = time.monotonic() + PATIENCE_S
+        while True:
+            (status,) = client.statuses()
+            ledger = status["ledger"]
+            if ledger["published"].get("pose") == self.poses and not any(
+                sink["waiting"] for sink in ledger["sinks"].values()
+            ):
+                return status
+            assert time.monotonic() < until
+            time.sleep(0.05)
+
+
+@contextlib.contextmanager
+def scene(directory: Path, floor_mb: int = 0, minutes: float = 60.0) -> Iterator[Scene]:
+    (directory / "logs").mkdir()
+    config = directory / "imud.toml"
+    config.write_text(CONFIG.format(floor_mb=floor_mb, minutes=minutes))
+    port = Port(directory / "probe")
+    program = ("-c", IN_A_NAMESPACE.format(logs=str(directory / "logs")))
+    words = (port.path, "--config", config)
+    with DaemonProcess(*words, directory=directory, program=program) as daemon:
+        yield Scene(directory, daemon, port)
+    port.vanish()
+
+
+def check(made: Scene, client: Client) -> None:
+    """Whatever befell the log, nobody else felt it and nothing is unaccounted for."""
+    status = made.end(client)
+    ledger = status["ledger"]
+    assert status["log"] == {"state": "on", "reason": None}
+    assert ledger["adds_up"], ledger
+    assert (ledger["lost"], ledger["corrupt"]) == (0, 0)
+    assert ledger["dropped"]["zenoh"] == 0
+    assert made.heard == ledger["published"]["pose"] == made.poses
+    dropped: int = ledger["dropped"]["log"]
+    assert dropped > 0
+    # Hello, pose and reply have bytes of their own.
+    put = sum(n for topic, n in ledger["published"].items() if topic not in OURS)
+    counted = sum(n for topic, n in ledger["logged"].items() if topic not in OURS)
+    made.daemon.stop()
+    found = [f for path in sorted(made.files.glob("*.mcap")) for f in frames(path)]
+    assert len(found) == len(set(found))
+    assert counted <= len(found) < put
+    said = re.findall(r"log (fails|works)", "\n".join(made.daemon.lines))
+    assert said == ["fails", "works"]
+
+
+@needs_mounts
+def test_a_full_disk_costs_what_comes_while_it_is_full(tmp_path: Path) -> None:
+    with scene(tmp_path) as made, made.streaming() as client:
+        ballast = made.fill()
+        line = made.daemon.expect("log fails and is tried again")
+        assert os.strerror(errno.ENOSPC) in line
+        paused = made.notice("paused")
+        assert os.strerror(errno.ENOSPC) in paused["reason"]
+        assert paused["probe"] == made.probe.name
+        (status,) = client.statuses()
+        assert status["log"] == {"state": "paused", "reason": paused["reason"]}
+        assert made.daemon.process.poll() is None
+        ballast.unlink()
+        begin = time.monotonic()
+        made.daemon.expect("log works again")
+        again = made.notice("on")
+        assert time.monotonic() - begin < 4.0  # tried each 2 s, told each second
+        assert again["reason"] is None
+        assert again["dropped"] > paused["dropped"]
+        check(made, client)
+
+
+@needs_mounts
+def test_below_its_floor_the_log_pauses_and_says_so_to_all(tmp_path: Path) -> None:
+    with scene(tmp_path, floor_mb=1) as made, made.streaming() as client:
+        ballast = made.fill(1_500_000)
+        words = "less than 1 MB free (log.floor_mb); logging pauses until there is room"
+        assert words in made.daemon.expect("log fails and is tried again")
+        assert words in made.notice("paused")["reason"]
+        # All that came before it paused is in a file with an end.
+        (path,) = made.logs.glob("*.mcap")
+        list(read_log(path))
+        ballast.unlink()
+        made.daemon.expect("log works again")
+        made.notice("on")
+        check(made, client)
+
+
+@needs_mounts
+def test_a_folder_that_becomes_read_only_is_written_again_when_it_can_be(
+    tmp_path: Path,
+) -> None:
+    """Seen when a fresh file is begun, as soon as the next record comes."""
+    folder = str(tmp_path / "logs")
+    with scene(tmp_path, minutes=0.005) as made, made.streaming() as client:
+        made.mount("mount", "-t", "tmpfs", "-o", "ro", "none", folder)
+        assert os.strerror(errno.EROFS) in made.daemon.expect("log fails")
+        assert os.strerror(errno.EROFS) in made.notice("paused")["reason"]
+        made.mount("umount", folder)
+        made.daemon.expect("log works again")
+        made.notice("on")
+        check(made, client)
+
+
+@needs_mounts
+def test_files_that_are_removed_cost_what_was_in_them_and_two_seconds(
+    tmp_path: Path,
+) -> None:
+    with scene(tmp_path) as made, made.streaming() as client:
+        (path,) = made.logs.glob("*.mcap")
+        path.unlink()
+        assert "was removed" in made.daemon.expect("log fails and is tried again")
+        begin = time.monotonic()
+        made.daemon.expect("log works again")
+        assert time.monotonic() - begin < 3.0
+        made.notice("paused")
+        made.notice("on")
+        check(made, client)

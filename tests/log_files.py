@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: MIT
+"""Logs as the daemon writes them, made of what a fake probe says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from fakes import FakeProbe
+from imud.logs import Logged, salvage
+from imud.messages import Message, decode
+from imud.record import Record, Stamp, record_of
+from imud.sinks.log import LogSink, Settings
+
+PERIOD_NS = 10_000_000
+BEGIN_NS = 1_795_000_000_000_000_000
+
+
+def records(
+    count: int, probe: FakeProbe | None = None, name: str = "left"
+) -> list[Record]:
+    """What the daemon makes of a hello, poses, raw samples and an event."""
+    probe = probe or FakeProbe()
+    hello_content = probe.content("hello")
+    hello = decode(hello_content)
+    assert isinstance(hello, Message)
+    made = []
+    for number in range(count):
+        kind = "event" if number == 2 else "raw" if number % 5 == 4 else "pose"
+        content = probe.content(kind)
+        message = decode(content)
+        assert isinstance(message, Message)
+        t_ns = BEGIN_NS + number * PERIOD_NS
+        stamp = Stamp(number + 1, 0, number * 5000, t_ns, 1000, t_ns + 2_000_000)
+        made.append(
+            record_of(message, content, name, stamp, hello.fields, hello_content)
+        )
+    return made
+
+
+def write(directory: Path, *batches: list[Record], **settings: Any) -> Path:
+    sink = LogSink(directory, Settings(**settings))
+    sink.open()
+    path = sink.path
+    assert path is not None
+    for batch in batches:
+        for record in batch:
+            sink.take(record)
+        sink.flush()
+    sink.close()
+    return path
+
+
+def frames(path: Path) -> list[bytes]:
+    items = [each for each in salvage(path) if isinstance(each, Logged)]
+    return [each.data for each in items if each.topic == "frame"]
