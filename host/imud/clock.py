@@ -65,7 +65,7 @@ ALONE_S = 2.0
 SHARE_MIN = 0.25
 
 # Slopes between the flattest and the steepest at which that is looked at.
-SLOPES = 8
+SLOPES = 5
 
 # Pieces that are kept for messages that come out of their order.
 PIECES = 16
@@ -247,10 +247,12 @@ class Clock:
     def heard(self, device_us: int, host_ns: int) -> None:
         """The probe heard then what can't have been there before `host_ns`."""
         self.exchanges += 1
-        self._enter(device_us)
+        is_fresh_bin = self._enter(device_us)
+        is_bounded = self._estimate is not None and self._estimate.half_ns is not None
         point = device_us, host_ns - QUANTUM_NS - 1000 * device_us
         self._below.add(point, self._bin_us, self.rate)
-        self._solve(device_us, None, point)
+        if is_fresh_bin or not is_bounded or host_ns > self._middle(device_us):
+            self._solve(device_us, None, point)
 
     def moment(self, device_us: int) -> Moment:
         """When it was. Needs an arrival before."""

@@ -153,6 +153,13 @@ def twin_words(status: dict[str, Any]) -> str:
     return f"{twin['state']}{count}"
 
 
+def notes_words(status: dict[str, Any]) -> str:
+    """What is to be said beside the figures; nothing where all is as ever."""
+    is_paused = status.get("log", {}).get("state") == "paused"
+    said = ("log paused" if is_paused else "", equipment_words(status["equipment"]))
+    return ", ".join(filter(None, said))
+
+
 def equipment_words(equipment: dict[str, Any] | None) -> str:
     """What is to be said of a board's parts; nothing where all is as ever."""
     if equipment is None:
@@ -351,5 +358,5 @@ def _row(status: dict[str, Any], alive: set[str]) -> tuple[str, ...]:
         _sigma(quality["tilt_sigma_deg"]) if is_measured else "-",
         _sigma(quality["heading_sigma_deg"]) if is_measured else "-",
         twin_words(status),
-        equipment_words(status["equipment"]),
+        notes_words(status),
     )

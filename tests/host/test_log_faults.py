@@ -130,23 +130,32 @@ class Scene:
         self._streamer.join()
         until = time.monotonic() + PATIENCE_S
         while True:
-            (status,) = client.statuses()
-            ledger = status["ledger"]
-            if ledger["published"].get("pose") == self.poses and not any(
-                sink["waiting"] for sink in ledger["sinks"].values()
-            ):
-                return status
+            for status in client.statuses():
+                ledger = status["ledger"]
+                if ledger["published"].get("pose", 0) == self.poses and not any(
+                    sink["waiting"] for sink in ledger["sinks"].values()
+                ):
+                    return status
             assert time.monotonic() < until
             time.sleep(0.05)
 
 
 @contextlib.contextmanager
-def scene(directory: Path, floor_mb: int = 0, minutes: float = 60.0) -> Iterator[Scene]:
+def scene(
+    directory: Path,
+    floor_mb: int = 0,
+    minutes: float = 60.0,
+    *,
+    more: str = "",
+    has_mount: bool = True,
+) -> Iterator[Scene]:
     (directory / "logs").mkdir()
     config = directory / "imud.toml"
-    config.write_text(CONFIG.format(floor_mb=floor_mb, minutes=minutes))
+    config.write_text(CONFIG.format(floor_mb=floor_mb, minutes=minutes) + more)
     port = Port(directory / "probe")
-    program = ("-c", IN_A_NAMESPACE.format(logs=str(directory / "logs")))
+    program = ("-m", "imud")
+    if has_mount:
+        program = ("-c", IN_A_NAMESPACE.format(logs=str(directory / "logs")))
     words = (port.path, "--config", config)
     with DaemonProcess(*words, directory=directory, program=program) as daemon:
         yield Scene(directory, daemon, port)
@@ -184,8 +193,11 @@ def test_a_full_disk_costs_what_comes_while_it_is_full(tmp_path: Path) -> None:
         paused = made.notice("paused")
         assert os.strerror(errno.ENOSPC) in paused["reason"]
         assert paused["probe"] == made.probe.name
-        (status,) = client.statuses()
-        assert status["log"] == {"state": "paused", "reason": paused["reason"]}
+        # The status of that second follows.
+        until = time.monotonic() + PATIENCE_S
+        while (said := client.statuses()[0]["log"])["state"] != "paused":
+            assert time.monotonic() < until
+        assert os.strerror(errno.ENOSPC) in said["reason"]
         assert made.daemon.process.poll() is None
         ballast.unlink()
         begin = time.monotonic()
@@ -243,3 +255,29 @@ def test_files_that_are_removed_cost_what_was_in_them_and_two_seconds(
         made.notice("paused")
         made.notice("on")
         check(made, client)
+
+
+def test_a_disk_that_is_full_from_the_start_is_told_and_all_else_works(
+    tmp_path: Path,
+) -> None:
+    with scene(tmp_path, 10**9, has_mount=False) as made, made.streaming() as client:
+        assert "log.floor_mb" in made.daemon.expect("log fails and is tried again")
+        assert "log.floor_mb" in made.notice("paused")["reason"]
+        status = made.end(client)
+        assert status["log"]["state"] == "paused"
+        ledger = status["ledger"]
+        assert ledger["logged"] == {}
+        assert ledger["adds_up"], ledger
+        assert ledger["dropped"]["zenoh"] == 0
+        made.daemon.stop()
+    assert list((tmp_path / "logs").iterdir()) == []
+
+
+def test_a_probe_that_is_not_logged_says_so(tmp_path: Path) -> None:
+    more = f"[probes.{FakeProbe().name}]\nlog = false\n"
+    with (
+        scene(tmp_path, more=more, has_mount=False) as made,
+        made.streaming() as client,
+    ):
+        assert made.end(client)["log"] == {"state": "off", "reason": None}
+        made.daemon.stop()

@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import pytest
 
@@ -67,7 +67,10 @@ WHILE_S = 1.0
 class Process:
     """Python in a process of its own, once it has said that it is up."""
 
+    made: ClassVar[list[Process]] = []
+
     def __init__(self, code: str, endpoint: str) -> None:
+        self.made.append(self)
         self._process = subprocess.Popen(
             [sys.executable, "-c", code, endpoint],
             stdin=subprocess.PIPE,
@@ -89,6 +92,7 @@ class Process:
         return said
 
     def kill(self) -> None:
+        self.made.remove(self)
         self._process.kill()
         self._process.communicate()
 
@@ -136,6 +140,14 @@ def until(is_so: Callable[[], object]) -> float:
         assert time.monotonic() < begin + PATIENCE_S
         time.sleep(0.02)
     return time.monotonic() - begin
+
+
+@pytest.fixture(autouse=True)
+def _leave_none() -> Iterator[None]:
+    """Also where a test fails."""
+    yield
+    for process in [*Process.made]:
+        process.kill()
 
 
 @pytest.fixture
@@ -214,6 +226,7 @@ def test_a_router_may_come_late_be_killed_and_come_back(
                 (status,) = client.statuses()
                 ledger = status["ledger"]
                 assert ledger["lost"] == 0
+                assert ledger["adds_up"], ledger["differs"]
                 return bool(ledger["received"] == stream.said + 1)  # and a hello
 
             # The serial side has felt nothing of it.
@@ -363,6 +376,7 @@ def test_another_that_publishes_on_its_keys_is_told_of(
         port.write(probe.say("hello") + probe.poses(3))
         daemon.expect("found on")
         with Client(daemon.endpoint) as client:
+            client.wait_for(PROBE)  # from then on it watches its keys
             client.session.put(f"imud/{PROBE}/pose", b"forged")
             daemon.expect(f"warning: network: another publishes on imud/{PROBE}/pose")
         daemon.stop()

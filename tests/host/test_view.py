@@ -17,6 +17,7 @@ from imud.view import (
     Screen,
     equipment_words,
     ledger_words,
+    notes_words,
 )
 
 POSE: dict[str, Any] = {
@@ -146,6 +147,15 @@ def test_equipment_is_told_where_there_is_something_to_say(
 
 def test_a_board_without_equipment_has_nothing_to_say() -> None:
     assert equipment_words(None) == ""
+
+
+def test_a_log_that_pauses_is_said_beside_it() -> None:
+    spare = EQUIPMENT | {"clock": "spare"}
+    paused = {"state": "paused", "reason": "no room"}
+    assert notes_words({"equipment": None, "log": paused}) == "log paused"
+    words = notes_words({"equipment": spare, "log": paused})
+    assert words.startswith("log paused, spare clock")
+    assert notes_words({"equipment": None, "log": {"state": "on"}}) == ""
 
 
 def test_the_rate_is_that_of_the_last_second() -> None:

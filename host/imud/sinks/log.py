@@ -343,7 +343,10 @@ class LogSink:
             self._end()
 
     def close(self) -> None:
-        self._finish()
+        try:
+            self._finish()
+        except OSError as error:
+            raise FileError(f"can't finish {self.path}: {error.strerror}") from error
         if self._syncer is not None:
             self._syncer.shutdown()
             self._syncer = None

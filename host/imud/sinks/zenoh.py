@@ -178,7 +178,7 @@ class ZenohSink:
                 f"connected to {self._where}" if is_joined else f"{self._where} {words}"
             )
             self._is_joined = is_joined
-            self._on_notice("joined", f"network: {text}", not is_joined)
+            self._on_notice(("joined", text), f"network: {text}", not is_joined)
 
     def _tell_link(self, event: zenoh.LinkEvent) -> None:
         """On record where keys rule: who came, by which certificate."""
