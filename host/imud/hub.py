@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Mapping
 from typing import NamedTuple, Protocol
 
@@ -48,7 +48,7 @@ class Sink(Protocol):
 class Totals(NamedTuple):
     """Of one sink: by probe and topic, and by probe."""
 
-    taken: Counter[tuple[str, str]]
+    taken: defaultdict[str, Counter[str]]
     dropped: Counter[str]
     earlier: Counter[str]
 
@@ -64,7 +64,7 @@ class Lane:
         self._in_hand: deque[Item] = deque()  # out of the queue, not yet counted
         self._wake = threading.Condition()
         self._is_closing = False
-        self._taken: Counter[tuple[str, str]] = Counter()
+        self._taken: defaultdict[str, Counter[str]] = defaultdict(Counter)
         self._dropped: Counter[str] = Counter()
         self._earlier: Counter[str] = Counter()  # put when there was no such sink
         self._failures = 0
@@ -122,8 +122,7 @@ class Lane:
 
     def taken(self, probe: str) -> dict[str, int]:
         with self._wake:
-            items = self._totals().taken.items()
-            return {topic: n for (name, topic), n in items if name == probe}
+            return dict(self._totals().taken.get(probe, {}))
 
     def dropped(self, probe: str) -> int:
         with self._wake:
@@ -131,16 +130,14 @@ class Lane:
 
     def counts(self) -> dict[str, SinkCounts]:
         """Of each probe, all at one moment."""
-        taken = Counter[str]()
         with self._wake:
             totals = self._totals()
             dropped, earlier = totals.dropped, totals.earlier
-            for (probe, _), count in totals.taken.items():
-                taken[probe] += count
+            taken = {probe: count.total() for probe, count in totals.taken.items()}
             waiting = self._waiting()
             return {
                 probe: SinkCounts(
-                    taken[probe], dropped[probe], waiting[probe], earlier[probe]
+                    taken.get(probe, 0), dropped[probe], waiting[probe], earlier[probe]
                 )
                 for probe in {*taken, *waiting, *dropped, *earlier}
             }
@@ -158,10 +155,12 @@ class Lane:
             return mine
         with before._wake:
             theirs = before._totals()
-            taken, dropped = Counter(mine.taken), Counter(mine.dropped)
-            earlier = Counter(mine.earlier)
-            for (probe, topic), count in theirs.taken.items():
-                taken[names.get(probe, probe), topic] += count
+            taken: defaultdict[str, Counter[str]] = defaultdict(Counter)
+            dropped, earlier = Counter(mine.dropped), Counter(mine.earlier)
+            for probe, by_topic in mine.taken.items():
+                taken[probe] += by_topic
+            for probe, by_topic in theirs.taken.items():
+                taken[names.get(probe, probe)] += by_topic
             for probe, count in theirs.dropped.items():
                 dropped[names.get(probe, probe)] += count
             for probe, count in theirs.earlier.items():
@@ -286,10 +285,9 @@ class Lane:
 
     def _count_taken(self, items: list[Item]) -> None:
         with self._wake:
-            self._taken.update(
-                (item.probe, item.topic) for item in items if isinstance(item, Record)
-            )
-            for _ in items:
+            for item in items:
+                if isinstance(item, Record):
+                    self._taken[item.probe][item.topic] += 1
                 self._in_hand.popleft()
 
     def _count_dropped(self, item: Item) -> None:
