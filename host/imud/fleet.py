@@ -34,6 +34,9 @@ from imud.words import FAULTS, Speaker, event_words, port_problem, who
 
 STATUS_S = 1.0
 
+# More are a device that makes up ids: 64 at 200 Hz fill a core.
+PROBES_MAX = 256
+
 # Names of the sinks whose counts are in the status.
 NETWORK, LOG = "zenoh", "log"
 
@@ -183,6 +186,18 @@ class Fleet:
             return None
         return watched.port if watched.heard_ns >= since_ns else None
 
+    def has_room(self, probe_id: str) -> bool:
+        """For that probe, which may be known; told where there is none."""
+        if probe_id in self._probes or len(self._probes) < PROBES_MAX:
+            return True
+        self._speaker.say(
+            "full",
+            f"{PROBES_MAX} probes were heard, and probe {probe_id} is left out; is "
+            "there a device that makes up ids? Unplug it, and start imud run anew",
+            is_warning=True,
+        )
+        return False
+
     def missing(self) -> list[str]:
         """Ids of the probes that were heard and are on no port."""
         return [id_ for id_, watched in self._probes.items() if watched.port is None]
@@ -203,6 +218,12 @@ class Fleet:
         for watched in self._probes.values():
             if watched.port is port:
                 watched.corrupt_before += session.corrupt.total()
+        self._leave(port)
+
+    def _leave(self, port: Wire, stays: str | None = None) -> None:
+        """Who was on that port is on it no longer; only the one of that id is."""
+        for probe_id, watched in self._probes.items():
+            if watched.port is port and probe_id != stays:
                 watched.port = None
                 self._set_alive(watched, is_alive=False)
                 self._publish_status(watched)
@@ -227,6 +248,7 @@ class Fleet:
             self._refused(event)
 
     def _found(self, event: ProbeFound, port: Wire) -> None:
+        self._leave(port, event.probe_id)
         watched = self._probes[event.probe_id]
         watched.port = port
         watched.other = None

@@ -171,6 +171,9 @@ class Port:
         """The probe, or a stand-in for one that is heard on another port as well."""
         since_ns = host_ns() - GONE_NS
         holder = self._fleet.holder(probe_id, self, since_ns)
+        if not self._fleet.has_room(probe_id):
+            self._double = probe_id
+            return Probe(probe_id)
         if holder is None:
             before = self._fleet.holder(probe_id, self, 0)
             if before is not None:

@@ -23,6 +23,7 @@ import zenoh
 from fakes import EXAMPLES, PATIENCE_S, DaemonProcess, FakeProbe, Port, free_endpoint
 from imud import schema
 from imud.client import Client
+from imud.fleet import PROBES_MAX
 from imud.frame import FrameDecoder, encode_frame
 from imud.messages import Message, decode
 
@@ -299,6 +300,26 @@ def test_a_probe_that_lies_is_no_fault_and_writes_no_line_of_the_journal(
     assert_honest(daemon)
     # Three of a kind and probe in 10 s: 20,000 lies, of a hundred ids, are no flood.
     assert len(daemon.lines) < 1000
+
+
+def test_a_device_that_makes_up_ids_fills_no_memory(tmp_path: Path) -> None:
+    honest, port = FakeProbe(), Port(tmp_path / "port")
+    with DaemonProcess(port.path, directory=tmp_path) as daemon:
+        daemon.expect("listens on")
+        port.wait_open()
+        port.write(honest.say("hello"))
+        daemon.expect("found on")
+        for number in range(2 * PROBES_MAX):
+            port.write(FakeProbe(probe_id=number.to_bytes(8, "big")).say("hello"))
+        daemon.expect(f"{PROBES_MAX} probes were heard, and probe .* is left out")
+        while True:  # an answer is of the turn in which it is asked
+            port.write(honest.say("hello"))
+            with Client(daemon.endpoint) as client:
+                if client.alive() == [honest.name]:
+                    assert len(client.statuses()) <= PROBES_MAX
+                    break
+        daemon.stop()
+    assert_honest(daemon)
 
 
 def test_a_flood_of_events_is_a_few_lines(tmp_path: Path) -> None:
