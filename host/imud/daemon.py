@@ -85,6 +85,7 @@ class Daemon:
             loop.add_signal_handler(number, stop.set)
         loop.add_signal_handler(signal.SIGHUP, self._reload)
 
+        loop.set_exception_handler(self._tell_fault)
         self._loop = loop
         self._hub.later = loop.call_soon
         try:
@@ -251,6 +252,13 @@ class Daemon:
         if fault is not None:
             logger.error("a fault of imud's own: %s", described(fault))
 
+    def _tell_fault(self, _: object, context: dict[str, Any]) -> None:
+        """What a callback of the loop raised: a line, and not the loop's traceback."""
+        fault = context.get("exception")
+        words = described(fault) if isinstance(fault, Exception) else context["message"]
+        text = f"a fault of imud's own: {words}"
+        self._speaker.say(("fault", words), text, is_warning=True)
+
     async def _answer(
         self, name: str, command: str, parameters: dict[str, str], answer: Answer
     ) -> None:
@@ -318,9 +326,8 @@ class Daemon:
         return f"imud {version()} {serves}, {log}, {reads}"
 
     def _farewell(self) -> str:
-        said = "; ".join(watched.farewell() for watched in self._fleet)
         log = f"; log {self._log.path}" if self._log is not None else ""
-        return f"stopped; {said or 'no probe was heard'}{log}"
+        return f"stopped; {self._fleet.farewell()}{log}"
 
 
 def _log_settings(config: Config) -> Settings:

@@ -37,6 +37,9 @@ STATUS_S = 1.0
 # More are a device that makes up ids: 64 at 200 Hz fill a core.
 PROBES_MAX = 256
 
+# As many are told of one by one at the end.
+TOLD_MAX = 4
+
 # Names of the sinks whose counts are in the status.
 NETWORK, LOG = "zenoh", "log"
 
@@ -107,14 +110,15 @@ class Watched:
 
     def farewell(self) -> str:
         """What came of it, on one line."""
-        counts: Any = self.probe.account.counts()
-        earlier = counts["earlier_boots"]
-        received = counts["received"] + earlier["received"]
-        lost = counts["lost"] + earlier["lost"]
-        text = f"probe {self.name}: {received} received, {lost} lost"
+        text = f"probe {self.name}: {self.received} received, {self.lost} lost"
         if self.twin is not None:
             text += f", {self.twin.differed} of {self.twin.compared} poses differ"
         return text
+
+    @property
+    def lost(self) -> int:
+        """Of all boots."""
+        return self.probe.account.lost
 
 
 class Fleet:
@@ -198,6 +202,15 @@ class Fleet:
         )
         return False
 
+    def farewell(self) -> str:
+        """What came of them, on one line."""
+        if len(self._probes) <= TOLD_MAX:
+            said = "; ".join(watched.farewell() for watched in self)
+            return said or "no probe was heard"
+        received = sum(watched.received for watched in self)
+        lost = sum(watched.lost for watched in self)
+        return f"{len(self._probes)} probes: {received} received, {lost} lost"
+
     def missing(self) -> list[str]:
         """Ids of the probes that were heard and are on no port."""
         return [id_ for id_, watched in self._probes.items() if watched.port is None]
@@ -229,6 +242,7 @@ class Fleet:
                 self._publish_status(watched)
 
     def take_other(self, event: OtherSchema, port: Wire) -> None:
+        self._leave(port, event.probe_id)
         self.probe(event.probe_id)
         watched = self._probes[event.probe_id]
         watched.port = port

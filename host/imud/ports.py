@@ -65,7 +65,7 @@ class Port:
         self._fault: type[LinkError] | None = None
         self._trial: Trial | None = None
         self._listening: asyncio.TimerHandle | None = None
-        self._double: str | None = None  # the probe that speaks here and elsewhere
+        self._left_out: set[str] = set()  # ids that are heard here and not taken up
         self._is_noise_told = False
         self._is_pty = False
         self._heard_s = 0.0  # something of ours
@@ -81,6 +81,12 @@ class Port:
             on_fault=self._failed,
             has_reset=has_reset,
         )
+
+    @property
+    def _is_left_out(self) -> bool:
+        """Who speaks here is on another port, too, or one too many."""
+        probe = self.session.probe if self.session is not None else None
+        return probe is not None and probe.probe_id in self._left_out
 
     @property
     def baud(self) -> int:
@@ -105,7 +111,7 @@ class Port:
 
     def write(self, data: bytes) -> None:
         """To the probe; PortLost where there is none."""
-        if self.session is None or self.session.probe is None or self._double:
+        if self.session is None or self.session.probe is None or self._is_left_out:
             raise PortLost(f"{self.name}: no probe said hello yet; wait for it")
         self._link.write(data)
 
@@ -114,8 +120,9 @@ class Port:
         if self.session is None or self._trial is not None:
             return
         loop_s = asyncio.get_running_loop().time()
-        if self._double is not None:
-            if self._fleet.holder(self._double, self, t_ns - GONE_NS) is None:
+        if self._is_left_out and self.session.probe is not None:
+            probe_id = self.session.probe.probe_id
+            if self._fleet.holder(probe_id, self, t_ns - GONE_NS) is None:
                 self.listen_again()
             return
         events = self.session.check(t_ns)
@@ -134,9 +141,8 @@ class Port:
         if session is None:
             return
         self._tell(session.close())
-        if self._double is None:
-            self._fleet.port_ended(session, self)
-        self._double = None
+        self._fleet.port_ended(session, self)
+        self._left_out.clear()
 
     def listen_again(self) -> None:
         """Whoever is here has to say hello again, at whatever rate."""
@@ -172,15 +178,15 @@ class Port:
         since_ns = host_ns() - GONE_NS
         holder = self._fleet.holder(probe_id, self, since_ns)
         if not self._fleet.has_room(probe_id):
-            self._double = probe_id
+            self._left_out.add(probe_id)
             return Probe(probe_id)
         if holder is None:
             before = self._fleet.holder(probe_id, self, 0)
             if before is not None:
                 before.listen_again()
-            self._double = None
+            self._left_out.discard(probe_id)
             return self._fleet.probe(probe_id)
-        self._double = probe_id
+        self._left_out.add(probe_id)
         self._fleet.tell_double(probe_id, holder, self)
         return Probe(probe_id)
 
@@ -260,14 +266,12 @@ class Port:
                     self._tell_problem(event, (self.baud,))
                 continue
             self._heard_s = asyncio.get_running_loop().time()
-            if isinstance(event, OtherSchema):
+            if isinstance(event, OtherSchema | ProbeFound):
                 self._know(event.probe_id)
-                self._fleet.take_other(event, self)
-            elif self._double is not None:
-                self._know(self._double)
-            else:
-                if isinstance(event, ProbeFound):
-                    self._know(event.probe_id)
+            if isinstance(event, OtherSchema):
+                if self._fleet.has_room(event.probe_id):
+                    self._fleet.take_other(event, self)
+            elif event.probe_id not in self._left_out:
                 self._fleet.take(event, self)
 
     def _know(self, probe_id: str) -> None:

@@ -51,6 +51,10 @@ class Received(msgspec.Struct, frozen=True):
     content: bytes
     stamp: Stamp
 
+    @property
+    def probe_id(self) -> str:
+        return self.probe.probe_id
+
 
 class Refused(msgspec.Struct, frozen=True):
     """A frame that passed its CRC and is not passed on."""

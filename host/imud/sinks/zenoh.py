@@ -95,10 +95,11 @@ class ZenohSink:
             if record.probe not in self._known:
                 is_alive = _is_alive(record.payload)
                 self._set_alive(session, record.probe, is_alive=is_alive)
-        if record.content:
-            self._put(session, record.probe, "frame", record.content)
+        # What most wait for comes first.
         if record.payload:
             self._put(session, record.probe, record.topic, record.payload)
+        if record.content:
+            self._put(session, record.probe, "frame", record.content)
 
     def flush(self) -> None:
         """Nothing waits here: a put is on its way when it returns."""
