@@ -466,6 +466,6 @@ def _open_doors(network: Zenoh) -> Iterator[Mistake]:
                 yield Mistake(
                     ("zenoh", "listen"),
                     f"{_cut(endpoint)} lets in all who reach this machine; keys keep "
-                    "them out: imud keys init DIR, then zenoh.keys = DIR; or allow it: "
-                    "zenoh.open_to_all = true",
+                    "them out: imud keys init DIR, then --keys DIR or zenoh.keys; or "
+                    "allow it: zenoh.open_to_all = true",
                 )
