@@ -13,14 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from imud.errors import ConfigError, ImudError, described
+from imud.names import ENDPOINT, PORT, PREFIX
 
 if TYPE_CHECKING:
     from imud.client import Client
-
-# Loopback only; 7447 is Zenoh's own port.
-ENDPOINT = "tcp/127.0.0.1:7447"
-
-PREFIX = "imud"
 
 # Exit code of a fault of imud's own: EX_SOFTWARE of sysexits.h.
 FAULT = 70
@@ -462,7 +458,7 @@ def _keys(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
         "(default: this machine's name; localhost and 127.0.0.1 are always among them)",
     )
     init.add_argument(
-        "--port", metavar="N", type=int, default=7447, help="(default: %(default)s)"
+        "--port", metavar="N", type=int, default=PORT, help="(default: %(default)s)"
     )
     init.set_defaults(run=_keys_init)
     add = _command(

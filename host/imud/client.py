@@ -20,11 +20,7 @@ import zenoh.ext
 
 from imud import access, network
 from imud.errors import CommandRefused, NoReply, NotAllowed, ProbeUnknown
-
-# Loopback only; 7447 is Zenoh's own port.
-ENDPOINT = "tcp/127.0.0.1:7447"
-
-PREFIX = "imud"
+from imud.names import ENDPOINT, PREFIX
 
 QUERY_TIMEOUT_S = 2.0
 

@@ -28,6 +28,7 @@ from imud.configfile import (
     written,
 )
 from imud.errors import ConfigError
+from imud.names import ENDPOINT, PREFIX
 
 # What our firmware speaks: the Nano 500,000 baud, to which 16 MHz divides exactly, the
 # F405 921,600, an RN-41's own rate.
@@ -40,9 +41,6 @@ _PREFIX = re.compile(rf"{_NAME.pattern}(/{_NAME.pattern})*")
 _PORT_AND_BAUD = re.compile(r"(.+)@(\d+)")
 _PROBE_ID = re.compile(r"[0-9a-f]{16}")
 _ADDRESS = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([\w.-]+)):([0-9]{1,5})")
-
-# Where subscribers connect to unless told otherwise: loopback, Zenoh's own port.
-ENDPOINT = "tcp/127.0.0.1:7447"
 
 ABOUT = """\
 Settings of imud, each with what it is for. What is not said is as `imud config`
@@ -89,7 +87,7 @@ class Zenoh(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     connect: Annotated[
         tuple[str, ...], Meta(description="routers or peers of a network there is")
     ] = ()
-    prefix: Annotated[str, Meta(description="first part of all keys")] = "imud"
+    prefix: Annotated[str, Meta(description="first part of all keys")] = PREFIX
     history: Annotated[
         int,
         Meta(ge=0, le=100_000, description="poses of a probe kept for who comes late"),

@@ -25,6 +25,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from imud.access import ROLES as ABOUT
 from imud.access import Role
 from imud.errors import ConfigError, FileError
+from imud.names import PORT
 from imud.network import (
     CA,
     CLIENTS,
@@ -179,7 +180,7 @@ def _endpoint_of(folder: Path) -> str:
         return read_credentials(path).endpoint
     served = x509.load_pem_x509_certificate((folder / SERVER).read_bytes())
     (name,) = served.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
-    return f"tls/{name.value!s}:7447"
+    return f"tls/{name.value!s}:{PORT}"
 
 
 def _new_key() -> Key:

@@ -24,6 +24,7 @@ from imud import access
 from imud.access import Role
 from imud.config import Zenoh, listens_on
 from imud.errors import ConfigError, DaemonNotFound, ListenFailed
+from imud.names import ENDPOINT
 
 # Files of a folder that `imud keys` made.
 CA, SERVER, SERVER_KEY = "ca.pem", "server.pem", "server.key"
@@ -205,9 +206,7 @@ def open_client(where: str, mine: Credentials | None = None) -> zenoh.Session:
     try:
         config = _config(wanted)
     except ConfigError as error:
-        raise DaemonNotFound(
-            f"{where} is no endpoint; try tcp/127.0.0.1:7447"
-        ) from error
+        raise DaemonNotFound(f"{where} is no endpoint; try {ENDPOINT}") from error
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:

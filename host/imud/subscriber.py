@@ -19,8 +19,9 @@ from typing import Any, Generic, Literal, Self, TypeVar, cast, overload
 
 import msgspec
 
-from imud.client import ENDPOINT, PREFIX, Client, Heard
+from imud.client import Client, Heard
 from imud.errors import ConfigError, ImudError
+from imud.names import ENDPOINT, PREFIX
 from imud.record import euler_deg
 
 # Messages that may wait for this program: 30 s of one probe at 200 Hz.

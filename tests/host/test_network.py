@@ -23,7 +23,8 @@ import pytest
 
 import imud
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_endpoint
-from imud.client import ENDPOINT, Client, Heard
+from imud.client import Client, Heard
+from imud.names import ENDPOINT
 
 PROBE = "00112233445566aa"
 

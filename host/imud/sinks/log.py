@@ -25,6 +25,7 @@ from imud import messages, schema
 from imud.errors import FileError
 from imud.logs import FRAME_ENCODING, seal
 from imud.messages import Message
+from imud.names import PREFIX
 from imud.record import Presence, Record, plain
 from imud.version import version
 
@@ -153,7 +154,7 @@ logger = logging.getLogger("imud")
 class Settings:
     """How logs are kept."""
 
-    prefix: str = "imud"
+    prefix: str = PREFIX
     rotate_bytes: int = 1 << 30  # a fresh file after so many
     rotate_s: float = 3600.0  # and after so long
     floor_bytes: int = 0  # no logging where the disk has less free
