@@ -71,9 +71,10 @@ bench-card: ## an hour of logging on the virtual F405, compared with its wire
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/card.py
 
-bench-host: ## the daemon: decoding, latency, CPU, memory; 12 h of frames with faults
+bench-host: ## the daemon: decoding, latency, CPU, memory, clocks; 12 h with faults
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/host.py
+	@python benchmarks/clocks.py
 	@python benchmarks/soak.py
 
 pictures: ## docs/pictures, from what `make bench` has measured
