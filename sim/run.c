@@ -581,7 +581,7 @@ static bool run_all(struct run *run) {
     const struct run_board *board = run->board;
     const uint64_t step = TICK_US * board->ticks_per_us;
     const bool is_paced = run->cable != NULL && !run->options.is_fast;
-    run->power_ns = wall_ns();
+    run->power_ns = is_paced ? wall_ns() : 0;
     uint64_t tick = 0;
     while (wants_stop == 0 && !run->is_over) {
         uint64_t until = tick + step;

@@ -125,7 +125,7 @@ struct run {
     struct faults faults;
     struct run_event events[RUN_EVENTS_MAX];
     unsigned event_count;
-    int64_t power_ns;       // of the wall clock, when power came
+    int64_t power_ns;       // of the wall clock, when power came; 0: not paced by it
     uint64_t caught_up_ns;  // that the wall clock was ahead of what could be run
     uint8_t inbox[256];     // read from the cable at inbox_ns of the wall clock
     size_t inbox_count;
