@@ -203,7 +203,7 @@ static PyObject *core_encode_frame(PyObject *Py_UNUSED(module), PyObject *args) 
 
 static PyObject *core_read_some(PyObject *module, PyObject *descriptor) {
     (void)module;
-    static char buffer[READ_MAX]; // the GIL is held
+    static char buffer[READ_MAX];  // the GIL is held
     const int file = PyObject_AsFileDescriptor(descriptor);
     if (file < 0) {
         return NULL;
