@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import msgspec
 
-from imud.balance import SinkCounts, balance
+from imud.balance import balance
 from imud.clock import Timeline, host_ns
 from imud.config import Config
 from imud.hub import Hub
@@ -394,17 +394,19 @@ class Fleet:
             watched.is_alive = is_alive
             self._hub.put(Presence(watched.name, is_alive))
 
-    def tick(self, elapsed_s: float) -> None:
-        """Once a second: rates, the status of each probe, what was lost."""
+    def tick(self, elapsed_s: float) -> Iterator[None]:
+        """Once a second: rates, the status of each probe, what was lost. A step takes
+        about a millisecond, between which others may do something.
+        """
         self.follow_host()
         self._follow_log()
-        sinks = self._hub.counts()
-        for watched in self._probes.values():
+        for watched in list(self._probes.values()):
             poses = watched.poses - watched.poses_before
             watched.poses_before = watched.poses
             watched.pose_rate_hz = poses / elapsed_s
-            self._publish_status(watched, sinks)
+            self._publish_status(watched)
             self._tell_losses(watched)
+            yield
 
     def follow_host(self, read_ns: int | None = None) -> None:
         """Whether the host's clock was set; called before what came is dated."""
@@ -501,11 +503,7 @@ class Fleet:
             if self._speaker.say(kind, line, is_warning=True, is_total=True):
                 watched.told = told
 
-    def _publish_status(
-        self,
-        watched: Watched,
-        sinks: Mapping[str, Mapping[str, SinkCounts]] | None = None,
-    ) -> None:
+    def _publish_status(self, watched: Watched) -> None:
         t_ns = self._now_ns()
         probe = watched.probe
         hello = probe.hello
@@ -522,8 +520,7 @@ class Fleet:
         elif not is_heard:
             state = "silent"
         counts: Any = probe.account.counts()
-        if sinks is None:
-            sinks = self._hub.counts()
+        sinks = self._hub.counts(watched.name)
         status = {
             "type": "status",
             "probe": watched.name,
@@ -546,17 +543,14 @@ class Fleet:
                 "logged": self._hub.taken(watched.name, LOG)
                 if self._is_logged(watched)
                 else {},
-                "dropped": self._hub.dropped(watched.name),
+                "dropped": {sink: of.dropped for sink, of in sinks.items()},
                 **balance(
                     counts,
                     watched.counters,
                     watched.numbered,
                     watched.received,
                     watched.put,
-                    {
-                        sink: of.get(watched.name, SinkCounts())
-                        for sink, of in sinks.items()
-                    },
+                    sinks,
                 ),
             },
             "log": self._logging if self._is_logged(watched) else LogState("off"),

@@ -11,7 +11,8 @@ import logging
 import threading
 import time
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence, Set
+from itertools import islice
 from typing import NamedTuple, Protocol
 
 from imud.balance import SinkCounts
@@ -61,7 +62,7 @@ class Lane:
         self._capacity = capacity
         self._half = (capacity + 1) // 2
         self._queue: deque[Item] = deque()
-        self._in_hand: deque[Item] = deque()  # out of the queue, not yet counted
+        self._in_hand: Sequence[Item] = ()  # out of the queue, not yet counted
         self._wake = threading.Condition()
         self._is_closing = False
         self._taken: defaultdict[str, Counter[str]] = defaultdict(Counter)
@@ -128,19 +129,17 @@ class Lane:
         with self._wake:
             return self._totals().dropped[probe]
 
-    def counts(self) -> dict[str, SinkCounts]:
-        """Of each probe, all at one moment."""
+    def counts(self, probe: str) -> SinkCounts:
+        """Of one probe, all at one moment."""
         with self._wake:
             totals = self._totals()
-            dropped, earlier = totals.dropped, totals.earlier
-            taken = {probe: count.total() for probe, count in totals.taken.items()}
-            waiting = self._waiting()
-            return {
-                probe: SinkCounts(
-                    taken.get(probe, 0), dropped[probe], waiting[probe], earlier[probe]
-                )
-                for probe in {*taken, *waiting, *dropped, *earlier}
-            }
+            taken = totals.taken.get(probe)
+            return SinkCounts(
+                taken.total() if taken is not None else 0,
+                totals.dropped[probe],
+                self._waiting({probe}),
+                totals.earlier[probe],
+            )
 
     @property
     def waiting(self) -> int:
@@ -167,16 +166,19 @@ class Lane:
                 earlier[names.get(probe, probe)] += count
         return Totals(taken, dropped, earlier)
 
-    def _waiting(self) -> Counter[str]:
-        """Not yet taken, by probe, also of the one whose place it takes."""
-        waiting = Counter[str]()
-        for items in (self._in_hand, self._queue):
-            waiting.update(i.probe for i in items if isinstance(i, Record))
-        if self._before is not None:
-            with self._before._wake:
-                for probe, count in self._before._waiting().items():
-                    waiting[self._names.get(probe, probe)] += count
-        return waiting
+    def _waiting(self, probes: Set[str]) -> int:
+        """Not yet taken of these, also by the one whose place it takes."""
+        count = sum(
+            isinstance(item, Record) and item.probe in probes
+            for items in (self._in_hand, self._queue)
+            for item in items
+        )
+        before, names = self._before, self._names
+        if before is not None:
+            old = {name for name, fresh in names.items() if fresh in probes}
+            with before._wake:
+                count += before._waiting(old | (probes - names.keys()))
+        return count
 
     def _succeed(self, before: Lane) -> None:
         if not before.close(SUCCEED_S):
@@ -206,9 +208,8 @@ class Lane:
         while True:
             with self._wake:
                 self._wake.wait_for(self._is_due, timeout=self._patience(deadline))
-                items = list(self._queue)
-                self._in_hand.extend(items)
-                self._queue.clear()
+                items, self._queue = self._queue, deque()
+                self._in_hand = items
                 is_closing = self._is_closing
             if self.sink.period_s > 0:
                 deadline = time.monotonic() + self.sink.period_s
@@ -229,9 +230,9 @@ class Lane:
             return None
         return max(0.0, deadline - time.monotonic())
 
-    def _hand_over(self, items: list[Item]) -> None:
+    def _hand_over(self, items: Sequence[Item]) -> None:
         if not self._is_usable():
-            self._drop(items)
+            self._settle(items, 0)
             return
         done = 0
 
@@ -242,16 +243,11 @@ class Lane:
                 done += 1
 
         is_well = self._attempt(take)
-        if not is_well:
-            self._count_taken(items[:done])
-            self._drop(items[done:])
-            return
         # What a flush could not bring out is not there.
-        if not self._attempt(self.sink.flush):
-            self._drop(items)
-            return
-        self._count_taken(items)
-        if items and self._trouble:
+        if is_well and not self._attempt(self.sink.flush):
+            done = 0
+        self._settle(items, done)
+        if is_well and done and self._trouble:
             self._trouble = ""
             logger.info("%s works again", self.sink.name)
 
@@ -277,18 +273,22 @@ class Lane:
             return False
         return True
 
-    def _drop(self, items: list[Item]) -> None:
+    def _settle(self, items: Sequence[Item], done: int) -> None:
+        """Counts the first `done` of what is in hand as taken, the rest as dropped."""
+        # Before the lock is taken, for which whoever puts would wait.
+        taken = Counter(
+            (item.probe, item.topic)
+            for item in islice(items, done)
+            if isinstance(item, Record)
+        )
+        dropped = Counter(
+            item.probe for item in islice(items, done, None) if isinstance(item, Record)
+        )
         with self._wake:
-            for item in items:
-                self._in_hand.popleft()
-                self._count_dropped(item)
-
-    def _count_taken(self, items: list[Item]) -> None:
-        with self._wake:
-            for item in items:
-                if isinstance(item, Record):
-                    self._taken[item.probe][item.topic] += 1
-                self._in_hand.popleft()
+            for (probe, topic), count in taken.items():
+                self._taken[probe][topic] += count
+            self._dropped.update(dropped)
+            self._in_hand = ()
 
     def _count_dropped(self, item: Item) -> None:
         if isinstance(item, Record):
@@ -296,11 +296,14 @@ class Lane:
 
 
 class Hub:
-    """Hands each record to every sink, all that come in one turn of a loop at once."""
+    """Hands each record to every sink: the first of a turn of a loop at once, all that
+    come after it in that turn together.
+    """
 
     def __init__(self) -> None:
         self._lanes: list[Lane] = []
         self._fresh: list[Item] = []
+        self._is_turn = False
         # Calls what it is given at the turn's end.
         self.later: Callable[[Callable[[], object]], object] = lambda call: call()
 
@@ -346,8 +349,14 @@ class Hub:
 
     def put(self, item: Item) -> None:
         self._fresh.append(item)
-        if len(self._fresh) == 1:
-            self.later(self.hand_over)
+        if not self._is_turn:
+            self._is_turn = True
+            self.hand_over()
+            self.later(self._end_turn)
+
+    def _end_turn(self) -> None:
+        self._is_turn = False
+        self.hand_over()
 
     def hand_over(self) -> None:
         """What was put so far, to all sinks."""
@@ -356,10 +365,10 @@ class Hub:
             for lane in self._lanes:
                 lane.put(*items)
 
-    def counts(self) -> dict[str, dict[str, SinkCounts]]:
-        """What became of all records, by sink and probe."""
+    def counts(self, probe: str) -> dict[str, SinkCounts]:
+        """What became of all records of a probe, by sink."""
         self.hand_over()
-        return {lane.sink.name: lane.counts() for lane in self._lanes}
+        return {lane.sink.name: lane.counts(probe) for lane in self._lanes}
 
     def dropped(self, probe: str) -> dict[str, int]:
         return {lane.sink.name: lane.dropped(probe) for lane in self._lanes}

@@ -52,6 +52,7 @@ class Link:
         self._on_fault = on_fault
         self._has_reset = has_reset
         self._serial: serial.Serial | None = None
+        self._descriptor = -1  # its own
         self._pending = b""
         self._lost: asyncio.Future[LinkError] | None = None
 
@@ -109,7 +110,8 @@ class Link:
             await _reset(port)
         loop = asyncio.get_running_loop()
         self._lost = loop.create_future()
-        loop.add_reader(port.fileno(), self._read_some)
+        self._descriptor = port.fileno()
+        loop.add_reader(self._descriptor, self._read_some)
         self._on_open()
         raise await self._lost
 
@@ -119,7 +121,7 @@ class Link:
         try:
             # Without giving up the GIL, as os.read would: a busy sink's thread would
             # keep it for longer than the time between two reads of many ports.
-            data = read_some(self._serial.fileno())
+            data = read_some(self._descriptor)
         except OSError:
             data = b""  # a pty whose other end closed says EIO, a USB port ENXIO
         if data is None:

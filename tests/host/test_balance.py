@@ -130,14 +130,14 @@ def test_a_sink_s_counts_add_up_while_it_is_stuck_and_after(is_failing: bool) ->
         if number == 0:
             assert sink.has_begun.wait(30)
             hub.put(Presence("p", True))
-    stuck = hub.counts()["held"]["p"]
+    stuck = hub.counts("p")["held"]
     assert stuck.taken == 0
     assert stuck.dropped > 0
     assert stuck.waiting > 8000
     assert stuck.taken + stuck.dropped + stuck.waiting == 20_000
     sink.may.set()
     hub.close()
-    after = hub.counts()["held"]["p"]
+    after = hub.counts("p")["held"]
     assert after.waiting == 0
     assert after.taken + after.dropped == 20_000
     assert (after.taken == 0) is is_failing
@@ -156,10 +156,10 @@ def test_counts_add_up_while_another_sink_takes_the_place_of_a_stuck_one() -> No
     assert stuck.has_begun.wait(30)
     hub.set("held", after)
     put(100)
-    counts = hub.counts()["held"]["p"]
+    counts = hub.counts("p")["held"]
     assert (counts.taken, counts.dropped, counts.waiting) == (0, 0, 200)
     stuck.may.set()
     assert after.has_begun.wait(30)
     hub.close()
-    counts = hub.counts()["held"]["p"]
+    counts = hub.counts("p")["held"]
     assert (counts.taken, counts.dropped, counts.waiting) == (200, 0, 0)
