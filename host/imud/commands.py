@@ -10,6 +10,7 @@ import re
 import secrets
 import time
 from collections.abc import Mapping
+from operator import itemgetter
 from typing import Any
 
 from imud import messages, schema
@@ -41,6 +42,7 @@ TIME_BOUND_NS = 1_000_000
 UNANSWERED = 20
 ASKED_MAX = 16  # that an answer may still come for
 TIME_STEP_S = 0.03  # how often it is looked who is to be asked
+TIME_MAX = 3  # probes at a time: many that are known badly must not keep all busy
 
 # Arguments of the command `tare`, as the schema says.
 TARE = {"all": 0, "heading": 1, "undo": 2}
@@ -193,16 +195,24 @@ class Commander:
         loop = asyncio.get_running_loop()
         while True:
             await asyncio.sleep(TIME_STEP_S * self._chance.uniform(0.5, 1.5))
+            now_s = loop.time()
+            due = []
             for watched in self._fleet:
                 asking = self._asking.setdefault(watched, Asking(self._chance))
-                if loop.time() >= asking.due_s:
-                    self._ask_time(watched, asking, loop.time())
+                if now_s >= asking.due_s and self._may_ask(watched):
+                    due.append((asking.due_s, watched, asking))
+            due.sort(key=itemgetter(0))
+            for _, watched, asking in due[:TIME_MAX]:
+                self._ask_time(watched, asking, now_s)
 
-    def _ask_time(self, watched: Watched, asking: Asking, now_s: float) -> None:
+    def _may_ask(self, watched: Watched) -> bool:
         # In between two tries of a command, a probe would forget that it has carried
         # it out already.
         is_readable = watched.is_alive and watched.other is None
-        if watched.port is None or not is_readable or watched.commanding.locked():
+        return is_readable and not watched.commanding.locked()
+
+    def _ask_time(self, watched: Watched, asking: Asking, now_s: float) -> None:
+        if watched.port is None:
             return
         token = self._next_token()
         asking.asked[token] = host_ns()

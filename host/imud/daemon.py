@@ -28,6 +28,7 @@ from imud.hub import Hub, Sink
 from imud.metrics import Metrics
 from imud.network import own_credentials, tell_refusals
 from imud.notify import Notifier
+from imud.selector import GatheringSelector
 from imud.sinks.log import LogSink, Settings
 from imud.sinks.ros2 import Ros2Sink, own_network
 from imud.sinks.zenoh import Answer, ZenohSink
@@ -356,6 +357,10 @@ def _log_settings(config: Config) -> Settings:
     )
 
 
+def _loop() -> asyncio.AbstractEventLoop:
+    return asyncio.SelectorEventLoop(GatheringSelector())
+
+
 def run(load: Callable[[], Config]) -> int:
     """Runs until SIGTERM or SIGINT; `load` says what to do, again at each SIGHUP."""
     config = load()
@@ -364,7 +369,8 @@ def run(load: Callable[[], Config]) -> int:
     logger.addHandler(handler)
     logger.setLevel(config.journal.level.upper())
     try:
-        asyncio.run(Daemon(config, load).run())
+        with asyncio.Runner(loop_factory=_loop) as runner:
+            runner.run(Daemon(config, load).run())
     finally:
         logger.removeHandler(handler)
     return 0

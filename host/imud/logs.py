@@ -27,8 +27,7 @@ from mcap.records import Channel, Chunk, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, breakup_chunk
 
 from imud.errors import FileError
-
-MAGIC = b"\x89MCAP0\r\n"
+from imud.logwriter import MAGIC
 
 # Content of a frame: id, sequence, time and tagged fields, as PROTOCOL.md says.
 FRAME_ENCODING = "x-imud-frame"

@@ -10,10 +10,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from mcap.records import Channel, Message, Metadata, Schema
-from mcap.writer import CompressionType, Writer
 
 from imud.errors import FileError
 from imud.logs import Damage, channels_of, opened, parts_of, seal, size_of
+from imud.logwriter import LogWriter
 from imud.progress import Progress
 from imud.version import version
 
@@ -21,7 +21,7 @@ from imud.version import version
 class _Copy:
     """A log in the making, of the records of another."""
 
-    def __init__(self, writer: Writer) -> None:
+    def __init__(self, writer: LogWriter) -> None:
         self._writer = writer
         self._schemas: dict[int, int] = {0: 0}
         self._channels: dict[int, int] = {}
@@ -95,8 +95,7 @@ def _copy(path: Path, size: int, part: Path) -> tuple[_Copy, list[Damage]]:
     damages: list[Damage] = []
     bar = Progress("recovering", size)
     with opened(path) as file, part.open("wb") as out:
-        writer = Writer(out, compression=CompressionType.ZSTD)
-        writer.start(profile="", library=f"imud {version()}")
+        writer = LogWriter(out, f"imud {version()}")
         copy = _Copy(writer)
         copy.learn(channels_of(path))
         try:
@@ -113,7 +112,6 @@ def _copy(path: Path, size: int, part: Path) -> tuple[_Copy, list[Damage]]:
         said = {"from": path.name, "bytes_lost": lost}
         writer.add_metadata("recovered", seal("recovered", said))
         writer.finish()
-        out.flush()
         os.fsync(out.fileno())
     return copy, damages
 

@@ -13,19 +13,16 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import mcap.writer
 import numpy as np
 import pytest
-from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
-from mcap.records import Message as McapMessage
 
 from fakes import FakeProbe
 from imud import cli, schema
 from imud.errors import FileError
 from imud.logs import Logged, LogHead, read_log
 from imud.record import Presence, Record
-from imud.sinks.log import JSON_SCHEMAS, LogSink, MessageRecord, Settings
+from imud.sinks.log import JSON_SCHEMAS, LogSink, Settings
 
 # Puts records through the hub as the daemon does, 200 a second, and says the time of
 # each as soon as it has put it.
@@ -225,13 +222,3 @@ def cut_off(path: Path) -> list[Logged]:
             if isinstance(item, Logged):
                 found.append(item)
     return found
-
-
-@pytest.mark.parametrize("size", [0, 1, 300, 70_000])
-def test_a_message_is_written_as_the_library_writes_it(size: int) -> None:
-    said = {"channel_id": 65_535, "log_time": 1 << 63, "publish_time": 7, "sequence": 9}
-    theirs, ours = RecordBuilder(), RecordBuilder()
-    McapMessage(data=bytes(size), **said).write(theirs)
-    MessageRecord(data=bytes(size), **said).write(ours)
-    assert ours.end() == theirs.end()
-    assert mcap.writer.Message is MessageRecord

@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import logging
 import os
-import struct
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -20,15 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-from mcap import records
-from mcap import writer as mcap_writer
-from mcap.data_stream import RecordBuilder
-from mcap.opcode import Opcode
-from mcap.writer import CompressionType, Writer
 
 from imud import messages, schema
 from imud.errors import FileError
 from imud.logs import FRAME_ENCODING, seal
+from imud.logwriter import LogWriter
 from imud.messages import Message
 from imud.names import PREFIX
 from imud.record import Presence, Record, plain
@@ -168,27 +163,6 @@ class Settings:
     configuration: str = ""  # of the daemon, JSON
 
 
-class MessageRecord(records.Message):
-    """The library's, written in one piece: the same bytes in a sixth of the time, which
-    is what most of a log's time is spent on.
-    """
-
-    _HEAD = struct.Struct("<BQHIQQ")
-
-    def write(self, stream: RecordBuilder) -> None:
-        head = self._HEAD
-        length = head.size - 9 + len(self.data)  # less what it and its length take
-        times = self.log_time, self.publish_time
-        stream.write(
-            head.pack(Opcode.MESSAGE, length, self.channel_id, self.sequence, *times)
-            + self.data
-        )
-
-
-# The writer takes no other class by an argument.
-mcap_writer.Message = MessageRecord  # type: ignore[attr-defined]
-
-
 class LogFile:
     """One file of records: channels, schemas and who wrote it."""
 
@@ -200,8 +174,7 @@ class LogFile:
         self._hellos: dict[str, bytes] = {}
         self.index_size = 0
         # Frames and JSON of one pose are much alike; zstd takes a quarter of the space.
-        self._writer = Writer(file, compression=CompressionType.ZSTD)
-        self._writer.start(profile="", library=f"imud {version()}")
+        self._writer = LogWriter(file, f"imud {version()}")
         fingerprint = f"{schema.FINGERPRINT:#010x}"
         self._add_metadata(
             "imud", {"version": version(), "schema_fingerprint": fingerprint}
@@ -233,7 +206,6 @@ class LogFile:
 
     def finish(self) -> None:
         self._writer.finish()
-        self._file.flush()
 
     def close(self) -> None:
         self._file.close()
