@@ -269,8 +269,10 @@ def rss_mib(pid: int) -> float:
     return pages * resource.getpagesize() / 2**20
 
 
-def live(probes: int, seconds: float, folder: Path) -> dict[str, Any]:
-    """A daemon with so many probes, one subscriber, and its log."""
+def live(
+    probes: int, seconds: float, folder: Path, *, is_relay: bool = False
+) -> dict[str, Any]:
+    """A daemon with so many probes, one subscriber, and its log; or the bare relay."""
     spawn = multiprocessing.get_context("spawn")
     to_feeder, feeder_end = spawn.Pipe()
     to_follower, follower_end = spawn.Pipe()
@@ -282,11 +284,12 @@ def live(probes: int, seconds: float, folder: Path) -> dict[str, Any]:
     feeder.start()
     feeder_end.close()  # who ends without a word ends the wait for it
     names = answer_of(to_feeder, PATIENCE_S)
-    command = [sys.executable, "-m", "imud", "run", *names, "--listen", endpoint]
+    logs = str(folder / "logs")
+    command = ["-m", "imud", "run", *names, "--listen", endpoint, "--log", logs]
+    if is_relay:
+        command = [str(Path(__file__).with_name("relay.py")), endpoint, *names]
     with (folder / "daemon.txt").open("w") as lines:
-        daemon = subprocess.Popen(
-            [*command, "--log", str(folder / "logs")], stderr=lines, cwd=folder
-        )
+        daemon = subprocess.Popen([sys.executable, *command], stderr=lines, cwd=folder)
     try:
         wait_for_line(folder / "daemon.txt", "listens on")
         follower.start()
@@ -315,6 +318,7 @@ def live(probes: int, seconds: float, folder: Path) -> dict[str, Any]:
                 process.kill()
     return {
         "probes": probes,
+        "is_relay": is_relay,
         "seconds": seconds,
         "cpu_core": cpu,
         "idle_cores": idle,
@@ -389,6 +393,8 @@ def straightness(runs: Sequence[dict[str, Any]]) -> dict[str, float]:
 def verdict(run: dict[str, Any]) -> str:
     """Beside what was asked for, where something was."""
     words = []
+    if run["is_relay"]:
+        return "the bare relay"
     if run["probes"] in LATENCY_TARGET_US:
         median, p99 = LATENCY_TARGET_US[run["probes"]]
         is_met = run["median_us"] < median and run["p99_us"] < p99
@@ -438,6 +444,7 @@ def tell_live(runs: Sequence[dict[str, Any]]) -> None:
         )
         line = "".join(f"{cell:>11}" for cell in cells)
         print(f"{run['probes']:6}{line}  {verdict(run)}".rstrip())
+    runs = [run for run in runs if not run["is_relay"]]
     if len(runs) > 2:
         fitted = straightness(runs)
         print(
@@ -465,12 +472,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     tell_decoding(found["decoding"])
     runs = []
     for probes in options.probes:
-        with tempfile.TemporaryDirectory() as folder:
-            runs.append(live(probes, options.seconds, Path(folder)))
+        # The peer beside it, for as many as the target of latency is for.
+        for is_relay in [True, False] if probes in LATENCY_TARGET_US else [False]:
+            with tempfile.TemporaryDirectory() as folder:
+                made = live(probes, options.seconds, Path(folder), is_relay=is_relay)
+                runs.append(made)
     found["live"] = runs
     tell_live(runs)
-    if len(runs) > 2:
-        found["line"] = straightness(runs)
+    ours = [run for run in runs if not run["is_relay"]]
+    if len(ours) > 2:
+        found["line"] = straightness(ours)
     if options.hours > 0:
         with tempfile.TemporaryDirectory() as folder:
             soaked = soak.soak(options.hours, 1, 1, Path(folder))

@@ -8,9 +8,9 @@ from __future__ import annotations
 import selectors
 import time
 
-# So many turns in a row that had not to be waited for are much to do: with 8 probes at
-# 200 Hz it is one turn of hundreds, with 64 nearly each.
-BUSY = 4
+# After more turns in a row than this that had not to be waited for, there is much to do:
+# hardly ever with 8 probes at 200 Hz, nearly always with 64.
+BUSY = 1
 
 # A wake-up costs more than a message: what comes in this time shares one.
 GATHER_S = 0.001

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: MIT
+"""The least that could be called a daemon, to compare with: what comes on ptys is
+decoded and put on the network, in one thread; no account, time, log or commands.
+
+relay.py ENDPOINT PORT...
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import sys
+from typing import Any
+
+import zenoh
+
+from imud import messages
+from imud.frame import FrameDecoder
+from imud.messages import Message
+
+
+class Relay:
+    """One port."""
+
+    def __init__(self, session: zenoh.Session, port: str) -> None:
+        self._session = session
+        self._decoder = FrameDecoder()
+        self._file = os.open(port, os.O_RDWR | os.O_NONBLOCK | os.O_NOCTTY)
+        self._probe = ""
+        self._publisher: Any = None
+        asyncio.get_running_loop().add_reader(self._file, self._read)
+
+    def _read(self) -> None:
+        for content in self._decoder.feed(os.read(self._file, 65536)):
+            said = messages.decode(content)
+            if not isinstance(said, Message):
+                continue
+            if said.name == "hello" and isinstance(said.fields["probe_id"], bytes):
+                self._probe = said.fields["probe_id"].hex()
+                key = f"imud/{self._probe}/pose"
+                self._publisher = self._session.declare_publisher(key)
+            elif self._publisher is not None:
+                pose = {"probe": self._probe, "seq": said.sequence, **said.fields}
+                self._publisher.put(json.dumps(pose).encode())
+
+
+async def serve(endpoint: str, ports: list[str]) -> None:
+    config = zenoh.Config()
+    config.insert_json5("mode", '"router"')
+    config.insert_json5("listen/endpoints", json.dumps([endpoint]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    with zenoh.open(config) as session:
+        relays = [Relay(session, port) for port in ports]
+        sys.stderr.write(f"listens on {endpoint}, {len(relays)} ports\n")
+        await asyncio.get_running_loop().create_future()
+
+
+if __name__ == "__main__":
+    asyncio.run(serve(sys.argv[1], sys.argv[2:]))
