@@ -8,7 +8,7 @@ from __future__ import annotations
 import selectors
 import time
 
-# After more turns in a row than this that had not to be waited for, there is much to do:
+# After more turns in a row than this that had not to be waited for there is much to do:
 # hardly ever with 8 probes at 200 Hz, nearly always with 64.
 BUSY = 1
 
