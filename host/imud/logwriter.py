@@ -129,12 +129,12 @@ class LogWriter:
         self._file.flush()
 
     def _end_chunk(self) -> None:
-        if not self._parts:
-            return
+        if not self._indexes:
+            return  # a schema or channel waits for its first message
         data, indexes = b"".join(self._parts), self._indexes
         self._begin_chunk()
         times = [time for index in indexes.values() for time in index[::2]]
-        first, last = min(times, default=0), max(times, default=0)
+        first, last = min(times), max(times)
         compressed = self._compressor.compress(data)
         chunk = _bytes_of(
             Chunk(
@@ -161,8 +161,7 @@ class LogWriter:
             end += len(parts[-1])
             self._counts[channel] = self._counts.get(channel, 0) + len(index) // 2
         self._file.write(b"".join(parts))
-        if times:
-            self._times += (first, last)
+        self._times += (first, last)
         self._chunks.append(
             ChunkIndex(
                 chunk_length=len(chunk),
@@ -199,11 +198,10 @@ class LogWriter:
             (Opcode.CHANNEL, [*self._channels]),
             (Opcode.STATISTICS, [statistics]),
             (Opcode.CHUNK_INDEX, [*self._chunks]),
+            (Opcode.ATTACHMENT_INDEX, []),
             (Opcode.METADATA_INDEX, [*self._metadata]),
         )
         for kind, records in groups:
-            if not records:
-                continue
             group = _bytes_of(*records)
             offsets += _bytes_of(
                 SummaryOffset(
