@@ -189,6 +189,10 @@ class Commander:
         if watched is not None:
             for command, parameters in orders_of(settings, watched.probe.hello):
                 await self.command(name, command, parameters)
+                if command == "rate":
+                    # Its next hello says so, too; settings may change before.
+                    key = f"{parameters['stream']}_rate"
+                    watched.probe.hello[key] = int(parameters["hz"])
 
     async def keep_time(self) -> None:
         """Asks all probes for their time, again and again, until it is cancelled."""

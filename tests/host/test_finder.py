@@ -20,7 +20,7 @@ import serial
 
 from fakes import PATIENCE_S, FakeProbe, Port
 from imud import config, finder, link, ports, rates
-from imud.commands import orders_of
+from imud.commands import Commander, orders_of
 from imud.errors import PortLost
 from imud.finder import Finder, is_candidate
 from imud.fleet import Fleet
@@ -356,3 +356,20 @@ def test_a_probes_settings_become_the_commands_that_are_needed(
 ) -> None:
     hello = FakeProbe().hello_fields
     assert orders_of(config.ProbeSettings(**settings), hello) == orders
+
+
+def test_a_rate_that_is_set_back_before_the_next_hello_is_set_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fleet = Fleet(config.Config(), Hub(), Speaker())
+    fleet.probe("00112233445566aa").hello.update(FakeProbe().hello_fields)
+    commander, sent = Commander(fleet), []
+
+    async def command(_: str, name: str, parameters: dict[str, str]) -> None:
+        sent.append((name, parameters["hz"]))
+
+    monkeypatch.setattr(commander, "command", command)
+    for rate in (50, 100, 100):
+        settings = config.ProbeSettings(pose_rate=rate)
+        asyncio.run(commander.set_up("00112233445566aa", settings))
+    assert sent == [("rate", "50"), ("rate", "100")]
