@@ -439,6 +439,7 @@ def test_what_is_installed_can_be_taken_by_systemd(
     unit = tmp_path / "etc/systemd/system/imud.service"
     assert main(["config", "--check", str(tmp_path / "etc/imud.toml")]) == 0
     if shutil.which("systemd-analyze") is None:
+        # A machine without systemd, as most containers: the unit was written, above.
         pytest.skip("no systemd-analyze here to try the unit with")
     subprocess.run(["systemd-analyze", "verify", unit], check=True)
     security = ["systemd-analyze", "security", "--offline=true", "--no-pager"]
