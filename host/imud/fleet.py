@@ -418,7 +418,7 @@ class Fleet:
             return
         self._speaker.say(
             "host clock",
-            f"this machine's clock was set by {step_ns / 1e9:+.6f} s"
+            f"this machine's clock was set by {step_ns / 1e9:+.3f} s"
             + (", which is made up slowly" if step_ns < 0 else ""),
             is_warning=True,
         )
