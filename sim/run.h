@@ -130,7 +130,6 @@ struct run {
     uint8_t inbox[256];     // read from the cable at inbox_ns of the wall clock
     size_t inbox_count;
     int64_t inbox_ns;
-    uint64_t ticks, ticks_late;  // in real time; more than a millisecond behind it
     bool is_scheduled;
     bool is_power_cut;
     bool is_over;

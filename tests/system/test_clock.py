@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +23,7 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 PPM, DRIFT_PPM_S = 200.0, 1.0
+TRIES = 3
 LINKS = {
     "a wire": (),
     "16 ms batches and bursts of 100 ms": ("--batch-ms", 16, "--burst-ms", 100),
@@ -40,10 +43,17 @@ def figures(error_us: Array, bound_us: Array, later: Flags) -> str:
     )
 
 
-@pytest.mark.parametrize("link", LINKS.values(), ids=LINKS)
-def test_samples_are_timed_to_a_millisecond(
-    stub: Stub, link: tuple[object, ...]
-) -> None:
+@dataclass
+class Run:
+    """What a daemon made of a probe for 20 s, and what the emulator knows."""
+
+    poses: list[dict[str, Any]]
+    status: dict[str, Any]
+    summary: dict[str, Any]
+    utc_ns: int  # less the monotonic clock
+
+
+def run(stub: Stub, link: tuple[object, ...]) -> Run:
     clock_error = ("--clock-ppm", PPM, "--clock-drift", DRIFT_PPM_S)
     probe = LiveProbe(stub, "--press", "300000:500000", *link, *clock_error)
     with DaemonProcess(probe.port, directory=stub.folder) as daemon:
@@ -57,13 +67,30 @@ def test_samples_are_timed_to_a_millisecond(
             (status,) = client.statuses()
         summary = probe.end()
         daemon.stop()
-    if summary["caught_up_ns"] > 0:
-        # The emulator then jumped: its own time is not what the daemon is to find.
-        pytest.skip("this machine is too busy to run the emulator in real time")
+    return Run(got, status, summary, utc_ns)
+
+
+def run_in_real_time(stub: Stub, link: tuple[object, ...]) -> Run:
+    """A busy machine may make the emulator stand still: its clock is then none."""
+    for _ in range(TRIES):
+        done = run(stub, link)
+        if done.summary["caught_up_ns"] == 0:
+            return done
+    raise AssertionError(
+        f"{TRIES} times too busy here to run the emulator in real time"
+    )
+
+
+@pytest.mark.parametrize("link", LINKS.values(), ids=LINKS)
+def test_samples_are_timed_to_a_millisecond(
+    stub: Stub, link: tuple[object, ...]
+) -> None:
+    done = run_in_real_time(stub, link)
+    got, summary, status = done.poses, done.summary, done.status
     device_ns = np.array([1000.0 * pose["t_device_us"] for pose in got])
     run_ns = summary["clock_start_ns"] + device_ns
     fast_ppm = PPM + DRIFT_PPM_S / 2 * run_ns * 1e-9
-    begin_ns = utc_ns + summary["power_ns"]
+    begin_ns = done.utc_ns + summary["power_ns"]
     true_ns = run_ns - run_ns * fast_ppm * 1e-6
     error_us = np.array([p["t_ns"] - begin_ns for p in got]) / 1e3 - true_ns / 1e3
     later = device_ns - device_ns[0] > 10e9
