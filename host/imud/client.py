@@ -24,8 +24,10 @@ from imud.names import ENDPOINT, PREFIX
 QUERY_TIMEOUT_S = 2.0
 
 # Zenoh 1.10 leaves tokens out of some answers within milliseconds of a session's first:
-# an empty one is asked for again, after these pauses.
+# an empty one is asked for again, after these pauses. The history of a subscriber is
+# such an answer too: who waits for a token asks this often besides.
 ALIVE_PAUSES_S = (0.0, 0.05, 0.1)
+ALIVE_AGAIN_S = 0.5
 
 # The daemon asks a probe three times, a second each.
 COMMAND_TIMEOUT_S = 4.0
@@ -140,14 +142,18 @@ class Client:
 
     def alive(self) -> list[str]:
         """The probes that are there."""
-        key = f"{self._prefix}/*/alive"
         for pause_s in ALIVE_PAUSES_S:
             time.sleep(pause_s)
-            replies = self._session.liveliness().get(key, timeout=QUERY_TIMEOUT_S)
-            names = [str(r.ok.key_expr).split("/")[-2] for r in replies if r.ok]
+            names = self._alive_now("*")
             if names:
-                return sorted(names)
+                return names
         return []
+
+    def _alive_now(self, probe: str, timeout_s: float = QUERY_TIMEOUT_S) -> list[str]:
+        """What one question brings, sorted."""
+        key = f"{self._prefix}/{probe}/alive"
+        replies = self._session.liveliness().get(key, timeout=timeout_s)
+        return sorted(str(r.ok.key_expr).split("/")[-2] for r in replies if r.ok)
 
     def wait_for(self, probe: str | None = None, *, seconds: float = 10.0) -> str:
         """The first probe that is there, or that one, as soon as it is."""
@@ -161,15 +167,20 @@ class Client:
         watch = self._session.liveliness().declare_subscriber(
             key, on_token, history=True
         )
+        until = time.monotonic() + seconds
         try:
-            return arrived.get(timeout=seconds)
-        except queue.Empty:
-            raise ProbeUnknown(
-                f"no probe{f' {probe}' if probe else ''} came in {seconds:g} s; "
-                "plug it in, or look at imud run"
-            ) from None
+            while (left := until - time.monotonic()) > 0:
+                try:
+                    return arrived.get(timeout=min(left, ALIVE_AGAIN_S))
+                except queue.Empty:
+                    if names := self._alive_now(probe or "*", left):
+                        return names[0]
         finally:
             watch.undeclare()
+        raise ProbeUnknown(
+            f"no probe{f' {probe}' if probe else ''} came in {seconds:g} s; "
+            "plug it in, or look at imud run"
+        )
 
     def only_probe(self, probe: str | None = None) -> str:
         """The probe of that name, or the only one there is."""

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 
 import reference
 from fakes import (
@@ -25,6 +26,7 @@ from fakes import (
     FakeProbe,
     Port,
     free_endpoint,
+    status_of,
 )
 from imud import _core, cli, messages, record, schema
 from imud import words as daemon_words
@@ -216,12 +218,41 @@ def test_late_joiners_ask_for_status_and_see_who_is_alive(chain: Chain) -> None:
     content = chain.probe.content("status")
     chain.port.write(_core.encode_frame(schema.SEED, content))
     drain(frames, content)
-    (status,) = chain.client.statuses()
+    status = status_of(chain.client)
     assert status["probe"] == chain.probe.name
     assert chain.client.alive() == [chain.probe.name]
     assert chain.client.only_probe() == chain.probe.name
     with pytest.raises(ProbeUnknown, match="no probe stylus is there; name one: 0011"):
         chain.client.only_probe("stylus")
+
+
+def test_who_waits_finds_a_probe_that_its_history_left_out(
+    chain: Chain, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Forgetful:
+        """A session whose subscribers hear nothing of who is there already."""
+
+        def __init__(self, session: zenoh.Session) -> None:
+            self._session = session
+
+        def liveliness(self) -> Forgetful:
+            return self
+
+        def get(self, key: str, *, timeout: float) -> object:
+            return self._session.liveliness().get(key, timeout=timeout)
+
+        def declare_subscriber(
+            self, key: str, on_token: Callable[[zenoh.Sample], None], *, history: bool
+        ) -> object:
+            assert history
+            return self._session.liveliness().declare_subscriber(key, on_token)
+
+    chain.client.wait_for(chain.probe.name)
+    monkeypatch.setattr(chain.client, "_session", Forgetful(chain.client.session))
+    assert chain.client.wait_for(chain.probe.name) == chain.probe.name
+    assert chain.client.wait_for() == chain.probe.name
+    with pytest.raises(ProbeUnknown, match="no probe stylus came in 0.6 s; plug it in"):
+        chain.client.wait_for("stylus", seconds=0.6)
 
 
 @pytest.mark.parametrize(
@@ -702,8 +733,9 @@ def test_listen_prints_what_is_published_and_sums_up(
     assert lines[0].split()[:4] == ["probe", "yaw", "pitch", "roll"]
     assert lines[1].startswith(chain.probe.name)
     assert "at_rest" in lines[1]
-    assert any("sent = " in line and " 0 lost;" in line for line in lines)
-    assert "0 messages missing by sequence" in lines[-1]
+    assert "0 messages missing by sequence" in lines[-2]
+    assert [line for line in lines if "sent = " in line] == lines[-1:]
+    assert " 0 lost;" in lines[-1]
     assert shown.err == ""
     assert listed.out.splitlines()[0].split()[:3] == ["probe", "state", "board"]
     assert "0 of " in listed.out
@@ -824,7 +856,7 @@ def test_equipment_is_in_the_status_and_in_the_list(
     chain: Chain, capsys: pytest.CaptureFixture[str]
 ) -> None:
     listing = ["list", "--connect", chain.daemon.endpoint]
-    (status,) = chain.client.statuses()
+    status = status_of(chain.client)
     assert status["equipment"] is None
     assert cli.main(listing) == 0
     assert "equipment" not in capsys.readouterr().out
