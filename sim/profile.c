@@ -99,6 +99,12 @@ static int by_address(const void *left, const void *right) {
     return strcmp(a->name, b->name);
 }
 
+// Not what the assembler makes: a $ marks code and data of an ARM, and a numbered label
+// inside a function has a control character in its name (GNU as, "Local Labels").
+static bool is_of_source(const char *name) {
+    return name[0] != '\0' && name[0] != '$' && strpbrk(name, "\001\002") == NULL;
+}
+
 // Symbols of code, by address.
 static struct symbol *read_symbols(const char *image, size_t *count) {
     struct symbol *symbols = NULL;
@@ -130,8 +136,8 @@ static struct symbol *read_symbols(const char *image, size_t *count) {
                 continue;
             }
             const char *name = elf_strptr(elf, header.sh_link, symbol.st_name);
-            if (name == NULL || name[0] == '\0' || name[0] == '$') {
-                continue;  // a $ marks code and data of an ARM
+            if (name == NULL || !is_of_source(name)) {
+                continue;
             }
             struct symbol *kept = &symbols[(*count)++];
             (void)snprintf(kept->name, sizeof kept->name, "%.*s", NAME_SIZE - 1, name);
@@ -459,13 +465,31 @@ void profile_free(struct profile *profile) {
     }
 }
 
+// A key of JSON (RFC 8259, section 7): a symbol's name may hold any byte but zero.
+static void write_key(FILE *file, const char *name) {
+    (void)fputc('"', file);
+    for (const char *at = name; *at != '\0'; at++) {
+        const unsigned char byte = (unsigned char)*at;
+        if (byte < 0x20) {
+            (void)fprintf(file, "\\u%04x", byte);
+        } else {
+            if (byte == '"' || byte == '\\') {
+                (void)fputc('\\', file);
+            }
+            (void)fputc(byte, file);
+        }
+    }
+    (void)fputs("\": ", file);
+}
+
 static void write_tally(FILE *file, const char *name, const struct tally *tally,
                         const char *end) {
+    write_key(file, name);
     (void)fprintf(file,
-                  "\"%s\": {\"cycles\": %" PRIu64 ", \"worst\": %" PRIu64
+                  "{\"cycles\": %" PRIu64 ", \"worst\": %" PRIu64
                   ", \"in_worst\": %" PRIu64 ", \"outside\": %" PRIu64 "}%s",
-                  name, tally->in_samples, tally->worst, tally->in_worst,
-                  tally->outside, end);
+                  tally->in_samples, tally->worst, tally->in_worst, tally->outside,
+                  end);
 }
 
 bool profile_write(struct profile *profile, const char *path) {
@@ -494,7 +518,9 @@ bool profile_write(struct profile *profile, const char *path) {
     for (int i = 0; i < profile->functions.count; i++) {
         const struct tally *all = &profile->inclusive[i];
         if (all->in_samples + all->outside > 0) {
-            (void)fprintf(file, "%s\"%s\": {", between, profile->functions.text[i]);
+            (void)fputs(between, file);
+            write_key(file, profile->functions.text[i]);
+            (void)fputc('{', file);
             write_tally(file, "self", &profile->self[i], ", ");
             write_tally(file, "inclusive", all, "}");
             between = ",\n    ";
@@ -504,10 +530,11 @@ bool profile_write(struct profile *profile, const char *path) {
     between = "\n    ";
     for (int i = 0; i < profile->functions.count; i++) {
         if (profile->interrupts[i].calls > 0) {
+            (void)fputs(between, file);
+            write_key(file, profile->functions.text[i]);
             (void)fprintf(file,
-                          "%s\"%s\": {\"calls\": %" PRIu64 ", \"cycles\": %" PRIu64
+                          "{\"calls\": %" PRIu64 ", \"cycles\": %" PRIu64
                           ", \"worst\": %" PRIu64 "}",
-                          between, profile->functions.text[i],
                           profile->interrupts[i].calls, profile->interrupts[i].cycles,
                           profile->interrupts[i].worst);
             between = ",\n    ";

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+import images
 import native
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -20,7 +21,7 @@ TURNS = 20  # of both functions in a sample, tests/sim/profiled.c
 
 @pytest.fixture(scope="module")
 def image(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    subprocess.run(["make", "-s", "-C", ROOT / "sim"], check=True)
+    images.emulators()
     image = tmp_path_factory.mktemp("profiled") / "profiled.elf"
     source = Path(__file__).with_name("profiled.c")
     flags = ("-std=gnu11", "-mmcu=atmega328p", "-Os", "-mcall-prologues")
@@ -162,3 +163,29 @@ def test_an_image_without_symbols_is_refused(image: Path, tmp_path: Path) -> Non
 
 def test_parts_alone_are_a_mistake(image: Path, tmp_path: Path) -> None:
     assert "--parts needs --profile" in run(image, "--parts", tmp_path, code=2)
+
+
+def test_names_are_those_of_the_source_whatever_they_hold(
+    image: Path, tmp_path: Path
+) -> None:
+    # The assembler's numbered labels stay in an image that is linked with relaxation,
+    # and lie inside functions; a symbol may have any name.
+    odd = 'sec"ond\\of\tten'
+    other = tmp_path / "odd.elf"
+    label = f"0x{symbols(image)['first'][0] + 4:x}"
+    subprocess.run(
+        [
+            *("avr-objcopy", "--redefine-sym", f"second={odd}"),
+            *("--add-symbol", f"L1\002=.text:{label},local", image, other),
+        ],
+        check=True,
+    )
+    out = tmp_path / "out.json"
+    run(other, "--profile", out)
+    functions = json.loads(out.read_text())["functions"]
+    assert odd in functions
+    assert not any("\002" in name for name in functions)
+    run(image, "--profile", out)
+    plain = json.loads(out.read_text())["functions"]
+    assert functions.pop(odd) == plain.pop("second")
+    assert functions == plain
