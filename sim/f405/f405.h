@@ -201,6 +201,7 @@ struct f405_flash {
         uint32_t offset, size, value;
     } stores[16];
     unsigned store_count;
+    bool has_stored;  // since libunicorn last looked up what it may write
 };
 
 struct f405_port {

@@ -150,6 +150,7 @@ void flash_store(struct f405 *m, uint32_t address, unsigned size, uint32_t value
         flash->stores[flash->store_count].value = after;
         flash->store_count++;
     }
+    flash->has_stored = true;
 }
 
 void flash_settle(struct f405 *m) {

@@ -925,6 +925,14 @@ static bool ask_unicorn(struct f405 *m, uc_err *error) {
     m->has_stepped = m->is_stopped = false;
     *error = uc_emu_start(m->uc, m->pc | 1, 0, 0, 0);
     m->is_lent = false;
+#if UC_API_MAJOR > 2 || (UC_API_MAJOR == 2 && UC_API_MINOR >= 1)
+    // It remembers that a store to that page was let through, and would ask for no
+    // further one. Before 2.1 this call drops all code instead, and takes long.
+    if (m->flash_control.has_stored) {
+        (void)uc_ctl_flush_tlb(m->uc);
+    }
+#endif
+    m->flash_control.has_stored = false;
     for_each_register(m, take_back);
     m->lent = *x;
     if (*error == UC_ERR_OK && m->fault == FAULT_NONE) {
