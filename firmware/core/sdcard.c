@@ -131,7 +131,7 @@ static uint8_t crc7(const uint8_t *bytes, uint8_t length) {
 
 static enum sdcard_result exchange(struct sdcard *card, const uint8_t *out, uint8_t *in,
                                    uint16_t length, enum wait wait, uint32_t now_us) {
-    card->wait = wait;
+    card->wait = (uint8_t)wait;
     card->began_us = now_us;
     card->spi->begin(card->spi->port, out, in, length);
     return SDCARD_WAITS;

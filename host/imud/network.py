@@ -291,7 +291,9 @@ _LOGGED = (
     "zenoh::net::routing::interceptor::access_control=off,"
     "zenoh::net::primitives=trace"
 )
-_SESSION_DIGITS = 8
+# Digits of a session's id to know it by: the log has 8, of which the first may be a
+# zero that Zenoh leaves out wherever else it tells the id.
+_SESSION_DIGITS = 7
 
 # Sessions that came, by the beginning of their ids. A process has one log of Zenoh's.
 _known: dict[str, str] = {}
@@ -340,7 +342,8 @@ def _read_log(source: int, tell: Callable[[str, str], None]) -> None:
                 if not refused["why"].startswith("New transport"):
                     tell("refused", f"network: {who} was refused: {refused['why']}")
             elif denied := _DENIED.search(line):
-                by = _known.get(denied["session"], "somebody")
+                session = denied["session"].lstrip("0")[:_SESSION_DIGITS]
+                by = _known.get(session, "somebody")
                 tell("denied", f"network: {by} asked for what its role does not allow")
             elif "zenoh" not in line:
                 sys.stderr.write(f"{line}\n")

@@ -35,7 +35,7 @@ StartLimitIntervalSec=0
 [Service]
 Type=notify
 ExecStart={program} run --config /etc/imud.toml
-ExecReload=/bin/kill -HUP $MAINPID
+ExecReload=/bin/sh -c "kill -HUP $MAINPID"
 Restart=on-failure
 RestartSec=2
 # The loop says each second that it lives.

@@ -71,7 +71,7 @@ class Heard:
 
     def rate_hz(self, now_s: float) -> float:
         """Poses in the last second."""
-        while self._recent_s and now_s - self._recent_s[0] > 1.0:
+        while self._recent_s and now_s - self._recent_s[0] >= 1.0:
             self._recent_s.popleft()
         return float(len(self._recent_s))
 
@@ -211,8 +211,6 @@ class Screen:
         for name, heard in sorted(probes.items()):
             if heard.pose:
                 lines.append(pose_words(name, heard, now_s))
-            if heard.pose and heard.status:
-                lines.append(f"  {ledger_words(heard.status)}")
         if not lines:
             return
         if self._is_terminal:
@@ -294,6 +292,8 @@ def _summary(probes: dict[str, Heard], out: TextIO) -> int:
             f"{heard.missing} {'messages' if heard.has_frames else 'poses'} missing by "
             "sequence\n"
         )
+        if heard.status:
+            out.write(f"  {ledger_words(heard.status)}\n")
     return 0
 
 
