@@ -10,14 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from fuzz import corpus
+
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 CORE = ROOT / "firmware" / "core"
-TARGETS = ["pose", "wire"]
-
-
-def corpus(target: str) -> list[Path]:
-    return sorted((HERE / "corpus" / target).iterdir())
 
 
 def built(target: str, out: Path, core: Path = CORE) -> Path:
@@ -35,9 +32,9 @@ def replayed(program: Path, inputs: list[Path]) -> subprocess.CompletedProcess[s
     )
 
 
-@pytest.mark.parametrize("target", TARGETS)
-def test_no_input_of_the_corpus_breaks_a_promise(target: str) -> None:
-    inputs = corpus(target)
+@pytest.mark.parametrize("target", corpus.TARGETS)
+def test_no_input_of_the_corpus_breaks_a_promise(target: str, tmp_path: Path) -> None:
+    inputs = corpus.unpack(target, tmp_path)
     done = replayed(built(target, ROOT / "build" / "fuzz"), inputs)
     assert done.returncode == 0, done.stderr
     assert done.stdout == f"{len(inputs)} inputs\n"
@@ -51,18 +48,26 @@ SLIPS = {
 }
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", corpus.TARGETS)
 def test_a_slip_in_the_core_is_seen_by_the_corpus(target: str, tmp_path: Path) -> None:
     name, line, slip = SLIPS[target]
     core = shutil.copytree(CORE, tmp_path / "core")
     text = (core / name).read_text()
     assert text.count(line) == 1, f"{name} reads otherwise: choose another slip"
     (core / name).write_text(text.replace(line, slip))
-    done = replayed(built(target, tmp_path, core), corpus(target))
+    inputs = corpus.unpack(target, tmp_path / "corpus")
+    done = replayed(built(target, tmp_path, core), inputs)
     assert done.returncode != 0
     assert "not so" in done.stderr or "AddressSanitizer" in done.stderr
 
 
-def test_the_corpus_stays_small() -> None:
-    sizes = [path.stat().st_size for target in TARGETS for path in corpus(target)]
-    assert sum(sizes) < 100_000
+def test_the_corpus_stays_small_and_is_packed_the_same_everywhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    packed = {target: corpus.archive(target).read_bytes() for target in corpus.TARGETS}
+    inputs = [p for t in corpus.TARGETS for p in corpus.unpack(t, tmp_path / t)]
+    assert sum(path.stat().st_size for path in inputs) < 100_000
+    monkeypatch.setattr(corpus, "HERE", tmp_path)
+    for target, data in packed.items():
+        corpus.pack(target, tmp_path / target)
+        assert corpus.archive(target).read_bytes() == data
