@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 # Each command installs what it needs first; `make` alone lists them.
-.PHONY: help demo test bits coverage fuzz check format firmware sim bench bench-nano \
-	bench-f405 bench-card bench-host pictures setup clean
+.PHONY: help demo test test-long fresh bits coverage fuzz check format firmware sim \
+	bench bench-nano bench-f405 bench-card bench-host pictures setup clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= python3
@@ -11,19 +11,39 @@ export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PLATFORMIO_SETTING_ENABLE_TELEMETRY := no
 export PLATFORMIO_DISABLE_UPGRADE_CHECK := true
 unexport PLATFORMIO_CORE_DIR
-asan := IMU_ASAN=1 ASAN_OPTIONS=detect_leaks=0 \
-	LD_PRELOAD=$$(gcc -print-file-name=libasan.so)
+# Modules are compiled once, not by each of the hundreds of processes that tests start.
+unexport PYTHONDONTWRITEBYTECODE
+# Tests run side by side: some processes under the address sanitizer, for C that is
+# compiled with it (tests/order.py), and more than there are cores, because many wait.
+# C++ that throws has to be there before the sanitizer, and what that complains of would go
+# down with a worker's stderr.
+cores := $(shell nproc)
+log := detect_leaks=0:log_path=$(CURDIR)/build/sanitizer
+asan := env IMU_TESTS=native IMU_ASAN=1 ASAN_OPTIONS=$(log) UBSAN_OPTIONS=$(log) \
+	LD_PRELOAD='$$(gcc -print-file-name=libasan.so) libstdc++.so.6' python
+workers := --dist load --tx "$(shell expr $(cores) / 2 + 1)*popen//python=$(asan)" \
+	--tx "$(shell expr $(cores) + 2)*popen//python=env IMU_TESTS=others python"
+
+# Each process with one thread for arrays: they would wait for each other.
+test test-long coverage: export OPENBLAS_NUM_THREADS := 1
 
 help: ## this list
-	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 14
+	@sed -n 's/^\([a-z0-9-]*\):.*## /\1\t/p' Makefile | expand -t 14
 
 demo: ## virtual probes, the daemon, a subscriber (BOARD=nano, f405, both; SECONDS=15)
-	@$(PYTHON) tools/setup.py demo
+	@$(PYTHON) tools/setup.py demo --board $(BOARD)
 	@python tools/demo.py --board $(BOARD) $(if $(SECONDS),--seconds $(SECONDS))
 
-test: ## all tests; those of the C once more under the address sanitizer
+test: ## all tests, those of the C under sanitizers (MEASURE=1 notes their seconds)
 	@$(PYTHON) tools/setup.py test
-	@$(asan) python -m pytest -q -m native; first=$$?; python -m pytest && exit $$first
+	@python -m pytest -q $(workers) --durations 10 $(if $(MEASURE),--measure)
+
+test-long: ## hours, cuts and examples of which the tests take a part each time, in full
+	@$(PYTHON) tools/setup.py test
+	@IMU_LONG=1 python -m pytest -q $(workers) -m long -o timeout=1800 --durations 10
+
+fresh: ## demo and tests of a fresh clone in bare Debian 12 and 13 (SUITE=trixie)
+	@$(PYTHON) tools/fresh.py $(SUITE:%=--suite %)
 
 bits: ## ten minutes of recordings have the same poses on every processor
 	@$(PYTHON) tools/setup.py test
@@ -32,7 +52,7 @@ bits: ## ten minutes of recordings have the same poses on every processor
 coverage: ## fails where a line of firmware/core is run by no test
 	@$(PYTHON) tools/setup.py coverage
 	@rm -rf build/native
-	@IMU_COVERAGE=1 python -m pytest -q -m native
+	@IMU_COVERAGE=1 IMU_TESTS=native python -m pytest -q -n $(cores)
 	@gcovr --fail-under-line 100 --filter firmware/core/ build/native
 
 fuzz: ## any input at all, with clang's fuzzer (SECONDS=60 for each target)
@@ -48,7 +68,7 @@ format: ## lays out C and Python
 	@python tools/check.py --format
 
 firmware: ## the image of a board (BOARD=nano, f405): .pio/build/nano/firmware.hex
-	@$(PYTHON) tools/setup.py demo
+	@$(PYTHON) tools/setup.py demo --board $(BOARD)
 	@pio run --environment $(environment)
 
 sim: ## the virtual boards: build/sim/nano, build/sim/f405

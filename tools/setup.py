@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: MIT
 """Installs what one of make's commands needs and is not there, then builds.
 
-Runs under the system's Python with its standard library alone.
+Runs under the system's Python with its standard library alone. What doesn't wait for
+another step goes on beside it.
 """
 
 from __future__ import annotations
 
+import argparse
 import fcntl
 import hashlib
 import json
@@ -15,8 +17,11 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import tempfile
+import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
@@ -27,12 +32,13 @@ LOG = BUILD / "setup.log"
 LEAST_PYTHON = (3, 11)
 
 # Dependency groups of pyproject.toml that a command needs beside the package's own.
+TESTS = ("test", "peers", "pictures")  # the benchmarks are tested, too
 GROUPS = {
     "demo": ("build", "firmware"),
-    "test": ("build", "firmware", "test"),
-    "check": ("build", "firmware", "test", "check"),
-    "coverage": ("build", "firmware", "test", "coverage"),
-    "bench": ("build", "firmware", "test", "bench"),
+    "test": ("build", "firmware", *TESTS),
+    "check": ("build", "firmware", *TESTS, "check"),
+    "coverage": ("build", "firmware", *TESTS, "coverage"),
+    "bench": ("build", "firmware", *TESTS, "bench"),
 }
 
 
@@ -49,12 +55,14 @@ def has(program: str) -> Callable[[], bool]:
     return lambda: shutil.which(program, path=path) is not None
 
 
-def compiles(line: str, *compiler: str) -> Callable[[], bool]:
+def compiles(line: str, *compiler: str, until: str = "-E") -> Callable[[], bool]:
+    """Whether a compiler takes a line, as far as the preprocessor or until it links."""
+
     def probe() -> bool:
         if shutil.which(compiler[0]) is None:
             return False
         done = subprocess.run(
-            [*compiler, "-E", "-xc", "-", "-o", os.devnull],
+            [*compiler, until, "-xc", "-", "-o", os.devnull],
             input=line + "\n",
             text=True,
             capture_output=True,
@@ -79,53 +87,95 @@ def has_python_headers() -> bool:
 
 PYTHON = f"python{sys.version_info.major}.{sys.version_info.minor}"
 AVR = ("avr-gcc", "-mmcu=atmega328p")
-BUILD_NEEDS = (
+ARM = ("arm-none-eabi-gcc", "-mcpu=cortex-m4")
+# Python packages first of all; one without a wheel for this machine is compiled.
+PYTHON_NEEDS = (
     Need("gcc", has("gcc")),
     Need("libc6-dev", compiles("#include <stdio.h>", "gcc")),
-    Need("make", has("make")),
-    Need("gcc-avr", has("avr-gcc")),
-    Need("avr-libc", compiles("#include <avr/io.h>", *AVR)),
-    Need("libsimavr-dev", compiles("#include <simavr/sim_avr.h>", "gcc")),
-    Need("libelf-dev", compiles("#include <gelf.h>", "gcc")),
-    Need("gcc-arm-none-eabi", has("arm-none-eabi-gcc")),
-    Need("libunicorn-dev", compiles("#include <unicorn/unicorn.h>", "gcc")),
     Need(f"{PYTHON}-dev", has_python_headers),
     Need(f"{PYTHON}-venv", has_modules("ensurepip", "venv")),
 )
-# Other people's opinion of a card that was prepared.
+BUILD_NEEDS = (
+    Need("make", has("make")),
+    Need("libelf-dev", compiles("#include <gelf.h>", "gcc")),
+)
+BOARD_NEEDS = {
+    "nano": (
+        Need("gcc-avr", has("avr-gcc")),
+        Need("avr-libc", compiles("#include <avr/io.h>", *AVR)),
+        Need("libsimavr-dev", compiles("#include <simavr/sim_avr.h>", "gcc")),
+    ),
+    "f405": (
+        Need("gcc-arm-none-eabi", has("arm-none-eabi-gcc")),
+        Need("libunicorn-dev", compiles("#include <unicorn/unicorn.h>", "gcc")),
+    ),
+}
+# The core compiles with any C library for ARM, which the image does without.
+NEWLIB = Need("libnewlib-arm-none-eabi", compiles("#include <string.h>", *ARM))
 TEST_NEEDS = (
+    NEWLIB,
+    # Other people's opinion of a card that was prepared.
     Need("dosfstools", has("fsck.fat")),
     Need("mtools", has("mdir")),
     Need("fdisk", has("sfdisk")),
+    # To say what it thinks of our unit; beside another init it would be in the way.
+    Need("systemd", lambda: has("systemd-analyze")() or Path("/sbin/init").exists()),
 )
+FUZZED = "int LLVMFuzzerTestOneInput(void); int LLVMFuzzerTestOneInput() { return 0; }"
 CHECK_NEEDS = (
+    NEWLIB,
+    Need("clang", has("clang")),
+    Need("libclang-rt-dev", compiles(FUZZED, "clang", until="-fsanitize=fuzzer")),
     Need("clang-tidy", has("clang-tidy")),
     Need("cppcheck", has("cppcheck")),
-    Need(
-        "libnewlib-arm-none-eabi",
-        compiles("#include <string.h>", "arm-none-eabi-gcc", "-mcpu=cortex-m4"),
-    ),
 )
+ENVIRONMENTS = {"nano": "nano", "f405": "stm32f405"}  # of platformio.ini
 
 
 def main(arguments: Sequence[str]) -> None:
-    if len(arguments) != 1 or arguments[0] not in GROUPS:
-        sys.exit(f"usage: tools/setup.py {{{','.join(GROUPS)}}}")
+    parser = argparse.ArgumentParser(prog="tools/setup.py", description=__doc__)
+    parser.add_argument("command", choices=GROUPS, help="of make, to be made ready")
+    parser.add_argument("--board", default="both", choices=(*BOARD_NEEDS, "both"))
+    args = parser.parse_args(arguments)
     if sys.version_info < LEAST_PYTHON:
         run_under_another_python(arguments)
-    command = arguments[0]
+    boards = tuple(BOARD_NEEDS) if args.board == "both" else (args.board,)
     BUILD.mkdir(exist_ok=True)
     with (BUILD / ".setup.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         LOG.write_text("")
-        install_system_packages(command)
-        make_environment()
-        install_requirements(command)
-        install_package()
-        if command != "check":
-            images = ("--environment", "nano", "--environment", "stm32f405")
-            step("firmware images", venv("pio"), "run", "--silent", *images)
-            step("virtual boards", "make", "--silent", "--directory", "sim")
+        needs = system_needs(args.command, boards)
+        refuse_what_cannot_be_installed(PYTHON_NEEDS + needs)
+        install_system_packages(PYTHON_NEEDS)
+        at_once(
+            lambda: install_system_packages(needs),
+            lambda: install_python_packages(args.command),
+        )
+        if args.command == "check":
+            install_package()
+            return
+        at_once(
+            install_package, lambda: build_images(boards), lambda: build_sim(boards)
+        )
+
+
+def system_needs(command: str, boards: Sequence[str]) -> tuple[Need, ...]:
+    needs = BUILD_NEEDS + tuple(need for name in boards for need in BOARD_NEEDS[name])
+    needs += TEST_NEEDS if command in ("test", "coverage") else ()
+    needs += CHECK_NEEDS if command == "check" else ()
+    return needs
+
+
+def build_images(boards: Sequence[str]) -> None:
+    chosen = [word for name in boards for word in ("--environment", ENVIRONMENTS[name])]
+    step("firmware images", venv("pio"), "run", "--silent", *chosen)
+
+
+def build_sim(boards: Sequence[str]) -> None:
+    """All of it for both, or only the named board's emulator."""
+    targets = [f"../build/sim/{name}" for name in boards] if len(boards) == 1 else []
+    jobs = f"--jobs={os.cpu_count() or 1}"
+    step("virtual boards", "make", "--silent", jobs, "--directory", "sim", *targets)
 
 
 def run_under_another_python(arguments: Sequence[str]) -> NoReturn:
@@ -139,29 +189,43 @@ def run_under_another_python(arguments: Sequence[str]) -> NoReturn:
     )
 
 
-def install_system_packages(command: str) -> None:
-    needs: tuple[Need, ...] = BUILD_NEEDS
-    needs += TEST_NEEDS if command in ("test", "coverage") else ()
-    needs += CHECK_NEEDS if command == "check" else ()
-    missing = [need.package for need in needs if not need.is_met()]
-    if not missing:
-        return
-    install = ["apt-get", "install", "-y", "--no-install-recommends", *missing]
-    root = () if os.geteuid() == 0 else ("sudo", "-n")
+def missing(needs: Sequence[Need]) -> list[str]:
+    return [need.package for need in needs if not need.is_met()]
+
+
+def as_root() -> tuple[str, ...]:
+    return () if os.geteuid() == 0 else ("sudo", "-n")
+
+
+def refuse_what_cannot_be_installed(needs: Sequence[Need]) -> None:
+    packages = missing(needs)
+    root = as_root()
     is_allowed = not root or (shutil.which("sudo") and succeeds(*root, "true"))
-    if not (is_allowed and shutil.which("apt-get")):
+    if packages and not (is_allowed and shutil.which("apt-get")):
         sys.exit(
-            f"This machine lacks {', '.join(missing)}. Run this line, then the same "
-            f"command again:\n\n  sudo apt-get install {' '.join(missing)}\n"
+            f"This machine lacks {', '.join(packages)}. Run this line, then the same "
+            f"command again:\n\n  sudo apt-get install {' '.join(packages)}\n"
         )
+
+
+def install_system_packages(needs: Sequence[Need]) -> None:
+    packages = missing(needs)
+    if not packages:
+        return
+    root = as_root()
+    install = ["apt-get", "install", "-y", "--no-install-recommends", *packages]
     quiet = (*root, "env", "DEBIAN_FRONTEND=noninteractive")
     # Package lists may be absent or stale; fetching them is only then worth its time.
     line = shlex.join([*quiet, *install])
     update = shlex.join([*root, "apt-get", "update"])
     step("system packages", "sh", "-c", f"{line} || {{ {update} && {line}; }}")
-    left = [need.package for need in needs if not need.is_met()]
-    if left:
+    if left := missing(needs):
         sys.exit(f"{', '.join(left)}: installed, and still not found; see {LOG}")
+
+
+def install_python_packages(command: str) -> None:
+    make_environment()
+    install_requirements(command)
 
 
 def make_environment() -> None:
@@ -218,10 +282,47 @@ def venv(program: str) -> str:
     return str(VENV / "bin" / program)
 
 
+def at_once(*tasks: Callable[[], None]) -> None:
+    """Run these side by side; a failure is told when all of them are over."""
+    with ThreadPoolExecutor(len(tasks)) as pool:
+        for under_way in [pool.submit(task) for task in tasks]:
+            under_way.result()
+
+
+class Display:
+    """A line for each step that is over, and on a terminal those under way."""
+
+    def __init__(self) -> None:
+        self._under_way: list[str] = []
+        self._is_terminal = sys.stdout.isatty()
+        self._lock = threading.Lock()
+
+    def begin(self, name: str) -> None:
+        with self._lock:
+            self._under_way.append(name)
+            self._draw("")
+
+    def end(self, name: str, seconds: float) -> None:
+        with self._lock:
+            self._under_way.remove(name)
+            self._draw(f"{name:<22}{seconds:7.1f} s\n")
+
+    def _draw(self, line: str) -> None:
+        if self._is_terminal:
+            dots = f"{', '.join(self._under_way)} ..." if self._under_way else ""
+            sys.stdout.write(f"\r\x1b[K{line}{dots}")
+        else:
+            sys.stdout.write(line)
+        sys.stdout.flush()
+
+
+DISPLAY = Display()
+LOG_LOCK = threading.Lock()
+
+
 def step(name: str, *command: str) -> None:
     """Run one command; say its name and time, and more only where it fails."""
-    sys.stdout.write(f"{name:<22}")
-    sys.stdout.flush()
+    DISPLAY.begin(name)
     start = time.monotonic()
     environment = {
         **os.environ,
@@ -230,21 +331,23 @@ def step(name: str, *command: str) -> None:
         "PLATFORMIO_DISABLE_UPGRADE_CHECK": "true",
     }
     environment.pop("PLATFORMIO_CORE_DIR", None)  # it would override platformio.ini
-    with LOG.open("a") as log:
-        log.write(f"$ {shlex.join(command)}\n")
-        log.flush()
+    with tempfile.TemporaryFile("w+", errors="replace") as said:
         done = subprocess.run(
             command,
             cwd=ROOT,
             env=environment,
             stdin=subprocess.DEVNULL,
-            stdout=log,
+            stdout=said,
             stderr=subprocess.STDOUT,
             check=False,
         )
-    sys.stdout.write(f"{time.monotonic() - start:7.1f} s\n")
+        said.seek(0)
+        text = said.read()
+    with LOG_LOCK, LOG.open("a") as log:  # each step's lines stay together
+        log.write(f"$ {shlex.join(command)}\n{text}")
+    DISPLAY.end(name, time.monotonic() - start)
     if done.returncode:
-        tail = "\n".join(LOG.read_text(errors="replace").splitlines()[-25:])
+        tail = "\n".join(text.splitlines()[-25:])
         sys.exit(f"\n{tail}\n\n{name} failed; all of it is in {LOG}")
 
 

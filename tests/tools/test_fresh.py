@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: MIT
+"""tools/fresh.py in a fresh clone on this machine; what it does in a bare Debian shows
+when it is run."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPT = Path(__file__).resolve().parents[2] / "tools" / "fresh.py"
+
+MAKEFILE = """
+good:
+\t@echo "committed: $$VIRTUAL_ENV$$SECRET"
+bad:
+\t@exit 3
+messy:
+\t@touch left
+"""
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    """A repository with the script and a Makefile."""
+    root = tmp_path / "project"
+    (root / "tools").mkdir(parents=True)
+    shutil.copy(SCRIPT, root / "tools")
+    (root / "Makefile").write_text(MAKEFILE)
+    author = ("-c", "user.name=a", "-c", "user.email=a@b")
+    for words in (("init", "-q"), ("add", "."), (*author, "commit", "-qm", "all")):
+        subprocess.run(["git", "-C", root, *words], check=True)
+    return root
+
+
+def fresh(project: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, project / "tools" / "fresh.py", *words],
+        env=os.environ | {"VIRTUAL_ENV": "a venv", "SECRET": "a secret"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_what_is_committed_runs_and_each_command_is_told(project: Path) -> None:
+    (project / "Makefile").write_text(MAKEFILE.replace("committed", "changed"))
+    done = fresh(project, "--here", "make good", "make bad", "make good")
+    assert done.returncode == 1
+    assert "changes that are not committed are not in the clone" in done.stdout
+    assert done.stdout.count("committed: \n") == 2  # and nothing of this environment
+    assert "changed" not in done.stdout
+    table = done.stdout.split("\n\n")[-1].splitlines()
+    assert [re.sub(r"  +", "|", re.sub(r"\d+ s", "", row)) for row in table] == [
+        "this machine|make good|passed",
+        "this machine|make bad|FAILED, exit 2",  # make's own
+        "this machine|make good|passed",
+    ]
+
+
+def test_all_well_is_0_and_files_that_are_left_are_not_well(project: Path) -> None:
+    assert fresh(project, "--here", "make good").returncode == 0
+    done = fresh(project, "--here", "make messy")
+    assert done.returncode == 1
+    assert "FAILED, files left:\n?? left" in done.stdout
+
+
+def test_where_no_bare_system_can_be_made_a_line_says_so(project: Path) -> None:
+    script = project / "tools" / "fresh.py"
+    text = script.read_text()
+    script.write_text(text.replace('"unshare", "--mount", "true"', '"false"'))
+    done = fresh(project, "make good")
+    assert done.returncode == 0
+    (line,) = (li for li in done.stdout.splitlines() if li.startswith("fresh: "))
+    assert re.match(
+        r"fresh: no bare Debian, so on this machine: (false:|it takes)", line
+    )
+    assert "this machine" in done.stdout.splitlines()[-1]

@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: MIT
+"""Does as a newcomer does: clones what is committed into a bare Debian and runs the
+README's commands there, so that a missing install step shows before somebody meets it.
+
+Runs under the system's Python with its standard library alone. The bare system has
+Python, make, git and nothing else of use; it is made once by mmdebstrap and kept as an
+archive in the user's cache. That takes root. Without it the commands run in a fresh
+clone on this machine, which a line says, and which may hide a missing install step.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fcntl
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parent.parent
+RECORDINGS = ROOT.parent / "shared" / "data"  # no part of it: tests/conftest.py
+
+SUITES = ("bookworm", "trixie")  # Debian 12 and 13
+COMMANDS = ("make demo SECONDS=10", "make demo SECONDS=10", "make test")
+PACKAGES = ("ca-certificates", "git", "make", "python3")
+KEPT_DAYS = 30  # an older system would download most packages a second time
+
+# Inside the bare system; on this machine, below a temporary folder.
+WORK = "work"
+PROJECT = "work/imu-probe"
+
+# How packages are reached from here is the same in there; all else starts clean.
+REACHES = re.compile(
+    r"TERM|CI|(PIP|SSL)_\w+|\w+_CA_(BUNDLE|CERTS)\w*|\w+_proxy", re.IGNORECASE
+)
+RESOLVES = ("/etc/resolv.conf", "/etc/hosts", "/etc/pip.conf")
+CERTIFICATES = "/etc/ssl"
+
+# In a mount namespace, which ends with the command: nothing of this machine can be
+# removed through its mounts. Arguments: the root, read-only folders, --, where in the
+# root the command runs, the command.
+ENTER = """
+root=$1; shift
+mount --bind "$root" "$root" || exit 125
+for folder in proc sys dev dev/pts dev/shm; do
+    mkdir -p "$root/$folder" && mount --bind "/$folder" "$root/$folder" || exit 125
+done
+while [ "$1" != -- ]; do
+    mkdir -p "$root$1" && mount --bind "$1" "$root$1" &&
+        mount -o remount,bind,ro "$root$1" || exit 125
+    shift
+done
+shift
+cd "$root" && mkdir -p .outside && pivot_root . .outside && umount -l /.outside &&
+    rmdir /.outside && cd "/$1" || exit 125
+shift
+exec "$@"
+"""
+
+
+class NoRootError(Exception):
+    """Why no bare system can be made on this machine."""
+
+
+class Room(NamedTuple):
+    """Where commands run: a folder, and whether it is the root of a system."""
+
+    folder: Path
+    is_bare: bool
+
+    def run(self, *command: str, quiet: bool = False) -> tuple[int, str]:
+        """Return the exit code of a command, and what it printed if `quiet`."""
+        environment = {
+            name: value for name, value in os.environ.items() if REACHES.fullmatch(name)
+        }
+        environment |= {"LANG": "C.UTF-8", "PATH": os.environ["PATH"]}
+        if self.is_bare:
+            environment |= {"HOME": "/root", "PATH": "/usr/sbin:/usr/bin:/sbin:/bin"}
+            words = ["unshare", "--mount", "--propagation", "private", "sh", "-c"]
+            words += [ENTER, "-", str(self.folder), *shared_with(self.folder)]
+            words += ["--", PROJECT, *command]
+        else:
+            environment["HOME"] = os.environ.get("HOME", str(self.folder))
+            words = list(command)
+        sys.stdout.flush()
+        done = subprocess.run(
+            words,
+            cwd=self.folder if self.is_bare else self.folder / PROJECT,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE if quiet else None,
+            text=True,
+            check=False,
+        )
+        return done.returncode, done.stdout or ""
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="tools/fresh.py",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="example: tools/fresh.py --suite trixie 'make demo SECONDS=5'",
+    )
+    parser.add_argument(
+        "--suite", action="append", help=f"of Debian (default: {' and '.join(SUITES)})"
+    )
+    parser.add_argument(
+        "--here", action="store_true", help="a fresh clone on this machine alone"
+    )
+    parser.add_argument(
+        "command", nargs="*", help="in the clone (default: the README's two)"
+    )
+    args = parser.parse_args()
+    commands = args.command or COMMANDS
+    if output("git", "-C", str(ROOT), "status", "--porcelain"):
+        sys.stdout.write("note: changes that are not committed are not in the clone\n")
+    suites = args.suite or SUITES
+    archives: dict[str, Path | None] = {}
+    try:
+        archives |= {suite: bare_system(suite) for suite in suites if not args.here}
+    except NoRootError as error:
+        sys.stdout.write(f"fresh: no bare Debian, so on this machine: {error}\n")
+    archives = archives or {"this machine": None}
+    rows = [
+        row
+        for where, archive in archives.items()
+        for row in tried(where, archive, commands)
+    ]
+    width = max(len(row[1]) for row in rows)
+    sys.stdout.write("\n")
+    for where, what, seconds, fault in rows:
+        sys.stdout.write(
+            f"{where:<12}  {what:<{width}}  {seconds:5.0f} s  {fault or 'passed'}\n"
+        )
+    return 1 if any(fault for *_, fault in rows) else 0
+
+
+def tried(
+    where: str, archive: Path | None, commands: Sequence[str]
+) -> Iterator[tuple[str, str, float, str]]:
+    """Run commands in a fresh clone; tell of each its time and what went wrong."""
+    with room(archive) as fresh:
+        for command in commands:
+            sys.stdout.write(f"\n== {where}: {command}\n")
+            begun_s = time.monotonic()
+            code, _ = fresh.run("sh", "-c", command)
+            seconds = time.monotonic() - begun_s
+            yield where, command, seconds, f"FAILED, exit {code}" if code else ""
+        _, left = fresh.run("git", "status", "--porcelain", quiet=True)
+        if left:
+            yield where, "git status", 0.0, f"FAILED, files left:\n{left}"
+
+
+@contextmanager
+def room(archive: Path | None) -> Iterator[Room]:
+    """A fresh clone, in a system of its own if there is an archive of one."""
+    with tempfile.TemporaryDirectory(prefix="imu-probe-") as name:
+        folder = Path(name)
+        if archive is not None:
+            output("tar", "-xpf", str(archive), "-C", name, "--exclude=./dev/*")
+            prepare(folder)
+        (folder / WORK).mkdir()
+        output("git", "clone", "--quiet", str(ROOT), str(folder / PROJECT))
+        if RECORDINGS.is_dir():
+            shutil.copytree(RECORDINGS, folder / WORK / "shared" / "data")
+        fresh = Room(folder, archive is not None)
+        if archive is not None:  # the clone's files are of who runs this
+            fresh.run("git", "config", "--global", "--add", "safe.directory", "*")
+        yield fresh
+
+
+def prepare(root: Path) -> None:
+    """Let packages be reached from a bare system as they are from this one."""
+    for name in RESOLVES:
+        if Path(name).exists():
+            shutil.copy(name, root / name[1:])
+    own = Path.home() / ".config" / "pip"
+    if own.is_dir():
+        shutil.copytree(own, root / "root" / ".config" / "pip")
+    settings = root / "etc" / "apt" / "apt.conf.d" / "99as-outside"
+    settings.write_text(
+        "".join(
+            f"{line}\n"
+            for line in output("apt-config", "dump", "Acquire").splitlines()
+            if re.match(r"Acquire::(https?|ftp|Check-|Languages|Retries)", line)
+        )
+    )
+
+
+def shared_with(root: Path) -> list[str]:
+    """Folders of this machine that package clients are told to look into."""
+    told = [os.environ.get("PIP_FIND_LINKS", "")]
+    for path in (Path("/etc/pip.conf"), Path.home() / ".config" / "pip" / "pip.conf"):
+        told += [path.read_text()] if path.is_file() else []
+    named = re.findall(r"(?:file://|[\s=])/(\w+)/", " ".join(["", *told]))
+    tops = sorted({top for top in named if Path("/", top).is_dir()})
+    # Over nothing that the bare system has of its own.
+    free = [f"/{top}" for top in tops if not any((root / top).glob("*"))]
+    return [CERTIFICATES, *free]
+
+
+def bare_system(suite: str) -> Path:
+    """Return the archive of a bare Debian, which is made where it is absent or old."""
+    if os.geteuid() != 0:
+        raise NoRootError("it takes root: try sudo make fresh")
+    attempt("unshare", "--mount", "true")
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    archive = cache / "imu-probe" / f"bare-{suite}.tar"
+    archive.parent.mkdir(parents=True, exist_ok=True)
+    with archive.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not is_young(archive):
+            make_bare_system(suite, archive)
+    return archive
+
+
+def is_young(archive: Path) -> bool:
+    if not archive.exists():
+        return False
+    return time.time() - archive.stat().st_mtime < KEPT_DAYS * 86400
+
+
+def make_bare_system(suite: str, archive: Path) -> None:
+    sys.stdout.write(f"a bare {suite} is made, to be kept as {archive}\n")
+    sys.stdout.flush()
+    if shutil.which("mmdebstrap") is None:
+        install = "apt-get install -y --no-install-recommends mmdebstrap"
+        attempt("sh", "-c", f"{install} || {{ apt-get update && {install}; }}")
+    part = archive.with_suffix(".part.tar")
+    attempt(
+        *("mmdebstrap", "--quiet", "--variant=minbase"),
+        *(f"--include={','.join(PACKAGES)}", suite, str(part)),
+    )
+    part.rename(archive)
+
+
+def attempt(*command: str) -> None:
+    """Run what a bare system needs; its failure means that there is none."""
+    try:
+        done = subprocess.run(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            check=False,
+        )
+    except OSError as error:
+        raise NoRootError(f"{command[0]}: {error.strerror}") from error
+    if done.returncode:
+        last = (done.stdout.strip().splitlines() or ["no reason given"])[-1]
+        raise NoRootError(f"{command[0]}: {last}")
+
+
+def output(*command: str) -> str:
+    return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
+
+
+if __name__ == "__main__":
+    sys.exit(main())
