@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 
 import pytest
 
+import images
 import native
 
 ROOT = Path(__file__).resolve().parent.parent
-F405 = ROOT / "build" / "sim" / "f405"
 SOURCES = ROOT / "tests" / "sim" / "f405"
 COMPILER = "arm-none-eabi-gcc"
 FLAGS = (
@@ -41,8 +41,7 @@ class Said(NamedTuple):
 @functools.cache
 def emulator() -> Path:
     """Build the virtual STM32F405 where it is not up to date."""
-    subprocess.run(["make", "-s", "-C", ROOT / "sim"], check=True)
-    return F405
+    return images.emulators() / "f405"
 
 
 def image(program: str, folder: Path) -> Path:

@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 
 import hypothesis
 import pytest
 
 import native
+
+pytest_plugins = ["pace", "order"]
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -19,13 +23,34 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("imud")
 
 
-def pytest_itemcollected(item: pytest.Item) -> None:
-    """Mark what reaches the C through cffi, wherever it stands."""
-    if isinstance(item, pytest.Function) and any(
-        value is native or getattr(value, "__module__", "") == native.__name__
-        for value in vars(item.module).values()
-    ):
-        item.add_marker(pytest.mark.native)
+# xdist sets the size of a terminal, which would hold for those that tests make.
+for name in ("COLUMNS", "LINES"):
+    os.environ.pop(name, None)
+
+# A shell's & has SIGINT ignored, and the programs that tests start would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# No process that a test starts needs the sanitizer that this one was started with.
+native.keep_sanitizer()
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    if not hasattr(session.config, "workerinput"):
+        for path in complaints():
+            path.unlink()
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    for path in complaints():
+        terminalreporter.section(
+            f"{path.relative_to(ROOT)}: a sanitizer ended a process"
+        )
+        terminalreporter.write_line(path.read_text(errors="replace"))
+
+
+def complaints() -> list[Path]:
+    """What sanitizers wrote, as `make test` has them do."""
+    return sorted((ROOT / "build").glob("sanitizer.*"))
 
 
 @pytest.fixture(scope="session")

@@ -16,11 +16,13 @@ import termios
 import threading
 import time
 import tty
+from collections import deque
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Self
 
 from imud import schema
+from imud.client import Client
 from imud.frame import FrameDecoder, encode_frame
 from imud.messages import Message, decode, encode
 
@@ -277,10 +279,36 @@ class Port:
             self.write(probe.hear(self.read()))
 
 
+# Bound and never listening: a daemon, which sets SO_REUSEADDR, can have the port, and
+# the system gives it to nobody else (socket(7)).
+_kept: deque[socket.socket] = deque(maxlen=100)
+
+
+def free_address() -> tuple[str, int]:
+    """An address that the system has given to this process, for a while."""
+    if len(_kept) == _kept.maxlen:
+        _kept.popleft().close()
+    kept = socket.socket()
+    kept.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    kept.bind(("127.0.0.1", 0))
+    _kept.append(kept)
+    return "127.0.0.1", int(kept.getsockname()[1])
+
+
 def free_endpoint() -> str:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+    """The same, as Zenoh calls it."""
+    host, port = free_address()
+    return f"tcp/{host}:{port}"
+
+
+def status_of(client: Client) -> dict[str, Any]:
+    """That of the only probe, which may have none for its first second."""
+    until = time.monotonic() + PATIENCE_S
+    while not (found := client.statuses()):
+        assert time.monotonic() < until, "no status came"
+        time.sleep(0.01)
+    (status,) = found
+    return status
 
 
 class DaemonProcess:

@@ -20,6 +20,8 @@ import sys
 import sysconfig
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +36,8 @@ WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror")
 # On the compile line: at the link alone -fsanitize instruments nothing.
 UNDEFINED = ("-fsanitize=undefined", "-fno-sanitize-recover=undefined")
 
+_preloaded: dict[str, str] = {}
+
 
 class NativeBuildError(Exception):
     """A compiler's message: the C could not be built for the tests."""
@@ -42,16 +46,27 @@ class NativeBuildError(Exception):
 def sanitizers() -> tuple[str, ...]:
     """Compiler flags in force; IMU_ASAN=1 adds the address sanitizer.
 
-    The interpreter must then start with LD_PRELOAD of libasan.so.
+    The interpreter must then start with LD_PRELOAD of libasan.so: `make test` does.
     """
     if os.environ.get("IMU_ASAN") == "1":
         return (*UNDEFINED, "-fsanitize=address", "-fno-omit-frame-pointer")
     return UNDEFINED
 
 
+def keep_sanitizer() -> None:
+    """Have the processes that this one starts do without the address sanitizer."""
+    if preloaded := os.environ.pop("LD_PRELOAD", None):
+        _preloaded["LD_PRELOAD"] = preloaded
+
+
+def environment() -> dict[str, str]:
+    """Of a process that is to load() something itself."""
+    return os.environ | _preloaded | {"PYTHONPATH": str(Path(__file__).parent)}
+
+
 def compile_flags() -> tuple[str, ...]:
     """What every C file is compiled with, warnings aside."""
-    return ("-std=gnu11", "-O1", "-g", "-fPIC", *sanitizers())
+    return ("-std=gnu11", "-O1", "-g1", "-fPIC", *sanitizers())
 
 
 def coverage() -> tuple[str, ...]:
@@ -149,18 +164,19 @@ class _Build:
         if target.exists():
             return target
         CACHE.mkdir(parents=True, exist_ok=True)
-        with _locked(CACHE / ".lock"):
+        with locked(CACHE / ".lock"):
             if not target.exists():
                 self._build(target)
         return target
 
     def _build(self, target: Path) -> None:
-        headers = [path for path in self.headers if self._is_whole(path)]
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            are_whole = pool.map(self._is_whole, self.headers)
+            tried = pool.map(self._object, self.sources)
+            headers = list(compress(self.headers, are_whole))
+            objects = [made for made in tried if made is not None]
         self._refuse_twins(headers)
         seam = "".join(f'#include "{path}"\n' for path in headers)
-        objects = [
-            made for path in self.sources if (made := self._object(path)) is not None
-        ]
         defined = _defined_symbols(objects)
         cdef = "\n".join(_declarations(self._preprocess(seam), self.folders, defined))
         ffi = cffi.FFI()
@@ -175,10 +191,9 @@ class _Build:
                 ffi.emit_c_code(str(glue))
             made = Path(room) / target.name
             # cffi's own code, so without our warnings; the headers' inline functions
-            # are in it, so with the sanitizers.
+            # are in it, so with the sanitizers. To optimise it would take longest.
             _run(
-                "gcc",
-                *self.flags,
+                *("gcc", *self.flags, "-O0"),
                 f"-I{sysconfig.get_path('include')}",
                 "-shared",
                 "-Wl,-Bsymbolic",
@@ -190,14 +205,20 @@ class _Build:
             made.rename(target)
 
     def _object(self, source: Path) -> Path | None:
-        """Compile one file with warnings as errors, or find it compiled."""
-        key = self._digest(source, *self.seen, text=" ".join(self.object_flags))
-        target = CACHE / f"{source.stem}-{key}.o"
-        if target.exists():
-            return target
-        # In its final folder, because coverage writes its notes beside it.
-        made = target.with_suffix(".part.o")
+        """Compile one file with warnings as errors, or find it compiled.
+
+        Known by what the preprocessor makes of it, in which definitions are: libraries
+        share what does not differ between them.
+        """
         try:
+            text = _run("gcc", *self.object_flags, "-E", str(source))
+            others = [flag for flag in self.object_flags if not flag.startswith("-D")]
+            key = self._digest(text=f"{' '.join(others)}\0{text}")
+            target = CACHE / f"{source.stem}-{key}.o"
+            if target.exists():
+                return target
+            # In its final folder, because coverage writes its notes beside it.
+            made = target.with_suffix(".part.o")
             _run("gcc", *self.object_flags, "-c", str(source), "-o", str(made))
         except NativeBuildError as error:
             if not _is_partial():
@@ -247,12 +268,9 @@ def _is_partial() -> bool:
 
 
 def _run(*command: str, stdin: str | None = None) -> str:
-    # The sanitizer that this process was started with is not for the compiler.
-    environment = {k: v for k, v in os.environ.items() if k != "LD_PRELOAD"}
     done = subprocess.run(
         command,
         input=stdin,
-        env=environment,
         capture_output=True,
         text=True,
         check=False,
@@ -264,7 +282,7 @@ def _run(*command: str, stdin: str | None = None) -> str:
 
 
 @contextlib.contextmanager
-def _locked(path: Path) -> Iterator[None]:
+def locked(path: Path) -> Iterator[None]:
     """Let one process at a time build; the others find its work done."""
     with path.open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)

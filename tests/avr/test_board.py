@@ -17,6 +17,8 @@ from typing import Any
 
 import pytest
 
+import images
+
 POWER_ON, EXTERNAL, BROWN_OUT, WATCHDOG, SOFTWARE = "01", "02", "04", "08", "10"
 
 OK, NACK, TIMEOUT, STUCK = 0, -1, -2, -3
@@ -43,24 +45,18 @@ Board = Callable[..., Run]
 
 
 @pytest.fixture(scope="module")
-def program(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("board") / "board.elf"
+def program(root: Path) -> Path:
     core = {*(root / "firmware" / "core").glob("*.c")}
     core.discard(root / "firmware" / "core" / "fixed_mul.c")
-    subprocess.run(
-        [
-            *("avr-gcc", "-mmcu=atmega328p", "-DF_CPU=16000000L", "-std=gnu11"),
-            *("-Os", "-fshort-enums", "-mstrict-X", "-mcall-prologues"),
-            *("-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections"),
-            *("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"),
-            *("-I", root / "firmware", "-o", path),
-            root / "tests" / "avr" / "board_test.c",
-            *sorted(core),
-            *sorted((root / "firmware" / "avr").glob("*.[cS]")),
-        ],
-        check=True,
+    return images.program(
+        *("avr-gcc", "-mmcu=atmega328p", "-DF_CPU=16000000L", "-std=gnu11"),
+        *("-Os", "-fshort-enums", "-mstrict-X", "-mcall-prologues"),
+        *("-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections"),
+        *("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"),
+        *("-I", root / "firmware", root / "tests" / "avr" / "board_test.c"),
+        *sorted(core),
+        *sorted((root / "firmware" / "avr").glob("*.[cS]")),
     )
-    return path
 
 
 @pytest.fixture

@@ -94,7 +94,6 @@ def test_records_are_as_the_program_has_them() -> None:
 
 
 def test_a_filter_is_measured_and_found_right(tmp_path: Path) -> None:
-    pytest.importorskip("ahrs", reason="ahrs is not installed")
     found = {item.key: item for item in filters.filters()}["float_madgwick"]
     cost = filters.cost(found, samples(40), tmp_path)
     assert 20_000 < cost.step_mean <= cost.step_worst < 60_000

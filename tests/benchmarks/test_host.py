@@ -12,6 +12,7 @@ import soak
 
 import host
 from imud.frame import FrameDecoder
+from length import choose
 
 
 @pytest.fixture
@@ -21,8 +22,9 @@ def harsh(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(soak, "FAULTS", often)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("harsh")
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(choose(everyday=1, long=3)))
 def test_minutes_of_faults_add_up_to_the_frame(seed: int, tmp_path: Path) -> None:
     result = soak.soak(0.03, 2, seed, tmp_path)
     for each in result["probes"]:

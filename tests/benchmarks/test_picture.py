@@ -6,11 +6,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import pytest
-
-pytest.importorskip("matplotlib", reason="the PyPI package matplotlib is not installed")
-
 import picture
+import pytest
 
 
 def test_words_that_would_overlap_move_up_and_keep_their_order() -> None:

@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scoring
+import vqf
 
 from imud import motion, rotation
-
-vqf = pytest.importorskip("vqf", reason="the PyPI package vqf is not installed")
 
 
 def turned(*degrees: float) -> rotation.FloatArray:

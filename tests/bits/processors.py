@@ -18,6 +18,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import images
 from imud import _core, messages
 from imud.frame import FrameDecoder, encode_frame
 from imud.messages import Message
@@ -81,22 +82,16 @@ def flags(environment: str) -> tuple[str, ...]:
     return tuple(words)
 
 
-def build(processor: Processor, folder: Path) -> Path:
-    made = folder / f"{processor.environment}.elf"
+def build(processor: Processor) -> Path:
     core = sorted((FIRMWARE / "core").glob("*.c"))
     own = [*(FIRMWARE / processor.folder).glob("*.[cS]")]
     sources = [file for file in core if processor.portable or file.stem != "fixed_mul"]
-    subprocess.run(
-        [
-            *processor.compiler,
-            *flags(processor.environment),
-            *("-Werror", "-Wl,--gc-sections", "-I", FIRMWARE, "-o", made),
-            *(ROOT / "tests" / "bits" / "main.c", *sources, *sorted(own)),
-        ],
-        cwd=ROOT,
-        check=True,
+    return images.program(
+        *processor.compiler,
+        *flags(processor.environment),
+        *("-Werror", "-Wl,--gc-sections", "-I", FIRMWARE),
+        *(ROOT / "tests" / "bits" / "main.c", *sources, *sorted(own)),
     )
-    return made
 
 
 def computed(name: str, contents: Sequence[bytes], folder: Path) -> list[bytes]:
@@ -106,7 +101,7 @@ def computed(name: str, contents: Sequence[bytes], folder: Path) -> list[bytes]:
     processor = PROCESSORS[name]
     link, summary = folder / f"{name}.wire", folder / f"{name}.json"
     simulator = ROOT / "build" / "sim" / processor.simulator
-    words: list[str | Path] = [simulator, "--image", build(processor, folder)]
+    words: list[str | Path] = [simulator, "--image", build(processor)]
     words += ["--pty", link, "--fast", "--summary", summary]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
         try:

@@ -15,8 +15,6 @@ from core import desk
 from core.desk import ONE, ffi, lib
 from core.scenes import SAMPLE
 
-pytestmark = pytest.mark.native
-
 FILTERS = [kind for kind in range(8) if lib.attitude_has(kind)]
 NOT_KNOWN = 2**16 - 1
 FLAGS = ("has_mag", "mag_overflow", "acc_clipped", "gyr_clipped", "has_gap")

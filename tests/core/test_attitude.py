@@ -27,8 +27,6 @@ from core.scenes import (
 from core.test_fuse import CALIBRATIONS, wild_samples
 from imud import rotation
 
-pytestmark = pytest.mark.native
-
 # Of a sensor, as its driver gives them.
 IDENTITY = (
     *("kind", "rate_hz", "gyr_delay_us"),

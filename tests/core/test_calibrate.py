@@ -16,8 +16,6 @@ from hypothesis import strategies as st
 from core import desk
 from core.desk import DEGREE, FIELD, FORCE, INT32_MIN, RATE, ffi, lib
 
-pytestmark = pytest.mark.native
-
 MPU9250 = desk.identity_of()
 # 70 mdps, 0.732 mg and 0.08 mgauss a count: the LSM9DS0's widest useful ranges.
 LSM9DS0 = desk.identity_of(

@@ -12,8 +12,6 @@ from core.doubles import matrix_of, quat_of
 from core.test_fuse import STARTS
 from imud import rotation
 
-pytestmark = pytest.mark.native
-
 RANDOM = np.random.default_rng(8)
 QUATS = [*STARTS, *desk.unit_rows(RANDOM, 300, 4)]
 

@@ -7,11 +7,9 @@ The bounds are those that fixed.h promises.
 from __future__ import annotations
 
 import math
-import os
 import subprocess
 import sys
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -156,7 +154,7 @@ def test_where_the_other_tests_work_a_product_beyond_32_bits_ends_the_process(
     script = f"from core.desk import lib; lib.{call}; print('survived')"
     done = subprocess.run(
         [sys.executable, "-c", script],
-        env={**os.environ, "PYTHONPATH": str(Path(native.__file__).parent)},
+        env=native.environment(),
         capture_output=True,
         text=True,
         check=False,

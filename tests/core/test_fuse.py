@@ -15,8 +15,6 @@ from core.desk import DEGREE, FIELD, FORCE, ONE, RATE, G, lib
 from core.scenes import Filter, Scene, at_rest, earth, scene, tumble
 from imud import motion, rotation
 
-pytestmark = pytest.mark.native
-
 LEVEL = rotation.IDENTITY
 UPSIDE_DOWN = np.array([0.0, 1.0, 0.0, 0.0])
 NOT_KNOWN = 2**16 - 1

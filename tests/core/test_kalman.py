@@ -9,8 +9,6 @@ import pytest
 from core import desk
 from core.desk import ONE, ffi, lib
 
-pytestmark = pytest.mark.native
-
 ROW = 2.0**14  # q2_14
 SUM_MAX = 2**28  # of the variances
 

@@ -27,8 +27,7 @@ from core.log_desk import (
     sealed,
     words,
 )
-
-pytestmark = pytest.mark.native
+from length import choose
 
 
 @pytest.mark.parametrize("is_sdhc", [True, False])
@@ -282,7 +281,8 @@ def test_a_head_that_is_not_of_this_file_is_refused(changed):
     unprepared(volume)
 
 
-@settings(max_examples=200)
+@pytest.mark.long
+@settings(max_examples=choose(everyday=40, long=200))
 @given(st.data())
 def test_rubbish_never_lets_it_write_beyond_the_file(data):
     volume = Volume(300, cluster=data.draw(st.sampled_from([1, 4])), others=20)
@@ -356,7 +356,8 @@ def test_a_card_pulled_while_nothing_is_written_is_missed_and_found_again():
     ]
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(choose(everyday=10, long=40)))
 def test_a_pull_at_any_exchange_ends_a_recording_and_another_begins(seed):
     volume = Volume(1000)
     log = opened(volume)
@@ -386,8 +387,9 @@ def test_a_pull_at_any_exchange_ends_a_recording_and_another_begins(seed):
     assert frames_of(read(volume)[log.changes[-2][2]]) == log.kept
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("is_slow", [False, True])
-@pytest.mark.parametrize("seed", range(50))
+@pytest.mark.parametrize("seed", range(choose(everyday=10, long=50)))
 def test_a_cut_at_any_moment_loses_half_a_second_at_most(seed, is_slow):
     chance = random.Random(seed)  # noqa: S311, no secret
     volume = Volume(1000)

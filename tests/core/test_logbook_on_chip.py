@@ -23,8 +23,7 @@ from core.log_desk import (
     loss,
     read,
 )
-
-pytestmark = pytest.mark.native
+from length import choose
 
 # 34 MB
 BLOCKS = 68 * 1024
@@ -129,8 +128,9 @@ def bench(tmp_path: Path) -> Iterator[Any]:
         lib.sdcard_chip_free(each.card.chip)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(choose(everyday=2, long=5)))
 def test_what_is_put_in_is_on_the_card(bench, kind, seed):
     it = bench(kind, seed)
     it.log.until("ready").open().log(2 * SECOND).close()
@@ -141,8 +141,9 @@ def test_what_is_put_in_is_on_the_card(bench, kind, seed):
     assert frames_of(read(it.finish())[1]) == it.log.kept
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(choose(everyday=6, long=30)))
 def test_a_cut_loses_half_a_second_at_most_and_the_rest_is_gone_on_with(
     bench, kind, seed
 ):
@@ -164,7 +165,8 @@ def test_a_cut_loses_half_a_second_at_most_and_the_rest_is_gone_on_with(
     assert it.card.complaint is None
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(choose(everyday=5, long=20)))
 def test_a_reset_of_the_host_amid_anything_is_gone_on_from(bench, seed):
     chance = random.Random(seed)  # noqa: S311, no secret
     it = bench("sdhc", seed)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Twelve hours of generated motion through the probe's C, under the sanitizer that
-stops at any overflow: a unit quaternion, no step that nothing explains, no drift."""
+"""Hours of generated motion through the probe's C, under the sanitizer that stops at
+any overflow: a unit quaternion, no step that nothing explains, no drift."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from core import desk
 from core.desk import DEGREE, ONE, G, ffi, lib
 from core.scenes import ACC_NOISE, GYR_NOISE, MAG_NOISE, SAMPLE, earth, tumble
 from imud import rotation
+from length import choose
 
-# Not `native`: once, under the sanitizer of overflows, is what it is for.
 pytestmark = pytest.mark.timeout(900)
 
 RATE_HZ = 200
-HOURS = 12
+HOURS = choose(everyday=1, long=12)
 BLOCK_S = 60
 PER_BLOCK = BLOCK_S * RATE_HZ
 START_US = 2**32 - 30_000_000  # the clock wraps in the first block, and 10 times more
@@ -354,7 +354,8 @@ class Probe:
         return poses["q"].copy(), (poses["pose_flags"] & lib.POSE_STARTING) != 0
 
 
-def test_for_twelve_hours_nothing_overflows_jumps_or_drifts():
+@pytest.mark.long
+def test_for_hours_nothing_overflows_jumps_or_drifts():
     probe, watch = Probe(), Watch()
     squares, looks = np.zeros((2, HOURS, 2))
     for index, block in minutes(HOURS * 60):

@@ -15,8 +15,6 @@ from core.scenes import Attitude, at_rest, scene
 from core.test_fuse import STARTS
 from imud import rotation
 
-pytestmark = pytest.mark.native
-
 UP = np.array([0.0, 0.0, 1.0])
 
 

@@ -10,8 +10,6 @@ from core import desk
 from core.desk import ONE, ffi, lib
 from imud import rotation
 
-pytestmark = pytest.mark.native
-
 UNIT = 2.0**14  # q2_14
 
 

@@ -13,8 +13,6 @@ from core.desk import DEGREE, ONE, ffi, lib
 from core.scenes import Scene, at_rest, scene, tumble
 from imud import rotation
 
-pytestmark = pytest.mark.native
-
 MPU9250 = desk.identity_of()
 POSE = desk.dtype_of("struct message_pose")
 FULL, HEADING, NONE = (

@@ -19,8 +19,6 @@ from core.desk import ffi, lib
 from core.scenes import at_rest, scene, tumble
 from protocol import wire
 
-pytestmark = pytest.mark.native
-
 SAMPLE_US = 5000
 STEP_US = 5000  # as main.c calls probe_step()
 SECOND_US = 1_000_000

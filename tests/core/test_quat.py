@@ -12,8 +12,6 @@ from core import desk
 from core.desk import INT32_MAX, INT32_MIN, ONE, TURN, ffi, lib
 from imud import rotation
 
-pytestmark = pytest.mark.native
-
 COUNT = 100_000
 AXES = [sign * row for row in np.eye(4) for sign in (1, -1)]
 

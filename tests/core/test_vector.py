@@ -6,14 +6,11 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from core import desk
 from core.desk import INT32_MAX, INT32_MIN, ONE, ffi, lib
-
-pytestmark = pytest.mark.native
 
 components = st.integers(-INT32_MAX, INT32_MAX)
 

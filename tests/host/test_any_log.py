@@ -13,9 +13,10 @@ from mcap.writer import CompressionType, Writer
 
 from imud import cli, replay
 from imud.logs import FRAME_ENCODING, seal
+from length import choose
 from log_files import records, write
 
-CASES = 200
+CASES = choose(everyday=40, long=200)
 
 COMMANDS = (
     ["info", "{}"],
@@ -63,6 +64,7 @@ def tidy(folder: Path) -> None:
         path.rmdir() if path.is_dir() else path.unlink()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_cut_and_struck_logs_end_in_one_line_at_worst(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], seed: int
@@ -136,6 +138,7 @@ metadata = st.tuples(
 )
 
 
+@pytest.mark.long
 @settings(
     max_examples=2 * CASES, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

@@ -11,6 +11,7 @@ import pytest
 from fakes import FakeProbe
 from imud.frame import FrameDecoder
 from imud.session import Probe, Received, Session
+from length import choose
 
 SECONDS, RATE_HZ = 60, 200
 ERRORS = 0.01
@@ -27,7 +28,8 @@ def hurt(data: bytes, seed: int) -> bytes:
     return hurt_wire
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(choose(everyday=1, long=4)))
 def test_a_minute_of_bit_errors_publishes_no_wrong_pose(
     seed: int, record_property: Callable[[str, object], None]
 ) -> None:

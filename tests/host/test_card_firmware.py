@@ -15,6 +15,7 @@ from fakes import FakeProbe
 from imud import cli
 from imud.frame import encode_frame
 from imud.logs import Logged, read_log
+from length import choose
 
 MIB = 1 << 20
 BLOCK = 512
@@ -88,7 +89,8 @@ def test_the_firmware_logs_on_a_prepared_card_and_all_of_it_comes_back(
     assert capsys.readouterr().out.count("0 lost, ended cleanly: ") == 2
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(choose(everyday=3, long=12)))
 def test_after_a_cut_all_but_half_a_second_comes_back_and_the_next_one_whole(
     tmp_path: Path, seed: int
 ) -> None:

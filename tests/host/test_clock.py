@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
@@ -27,6 +27,7 @@ from imud.clock import READING_NS, WINDOW_US, Clock, Moment, Rising, Timeline
 from imud.commands import Asking
 from imud.record import Stamp
 from imud.session import Probe, Received, Session
+from length import choose
 
 SECOND = 1_000_000_000
 MS = 1_000_000
@@ -392,7 +393,8 @@ def test_a_running_daemon_says_that_utc_was_set_and_goes_on(tmp_path: Path) -> N
     probe, port = FakeProbe(), Port(tmp_path / "port")
     program = (str(script),)
     heard: queue.Queue[dict[str, Any]] = queue.Queue()
-    sampled: dict[int, int] = {}  # real UTC of each pose, by its number on the wire
+    # Real UTC just before and after each pose was sampled, by its number on the wire.
+    sampled: dict[int, tuple[int, int]] = {}
 
     def device_us() -> int:
         return time.monotonic_ns() // 1000 & 0xFFFFFFFF
@@ -400,8 +402,9 @@ def test_a_running_daemon_says_that_utc_was_set_and_goes_on(tmp_path: Path) -> N
     def speak(count: int) -> list[dict[str, Any]]:
         """So many poses, one in 5 ms, with answers in between; what came of them."""
         for _ in range(count):
+            before_ns = time.time_ns()
             probe.time_us = device_us()
-            sampled[probe.sequence] = time.time_ns()
+            sampled[probe.sequence] = before_ns, time.time_ns()
             port.write(probe.say("pose"))
             select.select([port.master], [], [], 0.005)
             probe.time_us = device_us()
@@ -418,6 +421,7 @@ def test_a_running_daemon_says_that_utc_was_set_and_goes_on(tmp_path: Path) -> N
             statuses: queue.Queue[dict[str, Any]] = queue.Queue()
             for topic, into in (("pose", heard), ("clock", clocks)):
                 client.subscribe(topic, None, taker(into))
+            client.statuses()  # then the router knows who subscribes
             before = speak(200)
             daemon.process.send_signal(signal.SIGUSR1)
             while clocks.empty():
@@ -445,12 +449,13 @@ def test_a_running_daemon_says_that_utc_was_set_and_goes_on(tmp_path: Path) -> N
     times = [pose["t_ns"] for pose in poses]
     assert times == sorted(times)
     for pose in poses[100:]:
-        errors = [
-            abs(pose["t_ns"] - sampled[pose["seq"]] - set_ns)
+        bound_ns = 1000 * pose["t_bound_us"]
+        earliest, latest = sampled[pose["seq"]]
+        assert any(
+            earliest - bound_ns <= pose["t_ns"] - set_ns <= latest + bound_ns
             for set_ns in (0, HOUR, HOUR - SECOND)
-        ]
-        assert min(errors) <= 1000 * pose["t_bound_us"]
-    assert after[-1]["t_ns"] - sampled[after[-1]["seq"]] > HOUR - SECOND
+        )
+    assert after[-1]["t_ns"] - sampled[after[-1]["seq"]][0] > HOUR - SECOND
     # Of the second, a tenth of the time since is made up.
     assert 300_000 < late[0]["t_bound_us"] < 1_100_000
     assert status["clock"]["host_ahead_ns"] > SECOND // 3
@@ -470,6 +475,8 @@ GAPS_S = st.lists(
 DAYS_10_S = 10 * 24 * 3600
 
 
+@pytest.mark.long
+@settings(max_examples=choose(everyday=25, long=100))
 @given(GAPS_S, st.integers(0, 2**32 - 1))
 def test_ten_days_of_silences_and_reboots_are_unrolled(
     gaps: list[tuple[int, bool, int]], began_us: int

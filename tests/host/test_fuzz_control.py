@@ -20,7 +20,15 @@ from typing import Any
 import pytest
 import zenoh
 
-from fakes import EXAMPLES, PATIENCE_S, DaemonProcess, FakeProbe, Port, free_endpoint
+from fakes import (
+    EXAMPLES,
+    PATIENCE_S,
+    DaemonProcess,
+    FakeProbe,
+    Port,
+    free_endpoint,
+    status_of,
+)
 from imud import schema
 from imud.client import Client
 from imud.fleet import PROBES_MAX
@@ -37,6 +45,8 @@ VALUES = [
     *("0", "1", "50", "1000", "-1", "65536", "4294967296", "1e3", "0x10", "1.5"),
     *("١٢", "²", "1_0", "+5", " 5", "nan", "inf", "9" * 5000, "true", "null"),
 ]
+pytestmark = pytest.mark.together
+
 SIGNS = string.printable + "äß€\x00\x1b\x7f\u202e\u2028😀"
 
 
@@ -334,7 +344,7 @@ def test_a_flood_of_events_is_a_few_lines(tmp_path: Path) -> None:
         with Client(daemon.endpoint) as client:
             until = time.monotonic() + PATIENCE_S
             while True:
-                (status,) = client.statuses(probe.name)
+                status = status_of(client)
                 ledger = status["ledger"]
                 if ledger["received"] == probe.sequence:
                     break

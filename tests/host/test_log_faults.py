@@ -25,12 +25,16 @@ from imud.client import Client
 from imud.logs import read_log
 from log_files import frames
 
+# A plain user becomes root of a namespace of users, which a chroot forbids to root.
+IS_ROOT = os.geteuid() == 0
+UNSHARE = ("unshare", "-m" if IS_ROOT else "-rm")
+
 # Its folder of logs is a file system of 2 MB that nobody else sees.
 IN_A_NAMESPACE = """
 import os, sys
 mount = 'mount -t tmpfs -o size=2m none "$0" && exec "$@"'
 own = [sys.executable, "-m", "imud", *sys.argv[1:]]
-os.execvp("unshare", ["unshare", "-rm", "sh", "-c", mount, {logs!r}, *own])
+os.execvp("unshare", [*{unshare!r}, "sh", "-c", mount, {logs!r}, *own])
 """
 
 # What the daemon says of a probe, which is no message of the probe's.
@@ -47,14 +51,14 @@ rotate_minutes = {minutes}
 
 def has_namespaces() -> bool:
     with contextlib.suppress(OSError):
-        words = ["unshare", "-rm", "mount", "-t", "tmpfs", "none", "/mnt"]
+        words = [*UNSHARE, "mount", "-t", "tmpfs", "none", "/mnt"]
         return subprocess.run(words, capture_output=True).returncode == 0
     return False
 
 
 # Containers often forbid it.
 needs_mounts = pytest.mark.skipif(
-    not has_namespaces(), reason="file systems can't be mounted here (unshare -rm)"
+    not has_namespaces(), reason="file systems can't be mounted here (unshare)"
 )
 
 
@@ -121,7 +125,8 @@ class Scene:
 
     def mount(self, *words: str) -> None:
         """In the daemon's namespace."""
-        into = ["nsenter", "-t", str(self.daemon.process.pid), "-U", "-m"]
+        into = ["nsenter", "-m", "-t", str(self.daemon.process.pid)]
+        into += [] if IS_ROOT else ["-U"]
         subprocess.run([*into, *words], check=True, capture_output=True)
 
     def end(self, client: Client) -> dict[str, Any]:
@@ -155,7 +160,10 @@ def scene(
     port = Port(directory / "probe")
     program = ("-m", "imud")
     if has_mount:
-        program = ("-c", IN_A_NAMESPACE.format(logs=str(directory / "logs")))
+        program = (
+            "-c",
+            IN_A_NAMESPACE.format(unshare=UNSHARE, logs=str(directory / "logs")),
+        )
     words = (port.path, "--config", config)
     with DaemonProcess(*words, directory=directory, program=program) as daemon:
         yield Scene(directory, daemon, port)

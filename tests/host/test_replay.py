@@ -15,8 +15,6 @@ from core.scenes import scene, tumble
 from imud import _core
 from protocol import wire
 
-pytestmark = pytest.mark.native
-
 MPU9250 = desk.identity_of()
 LSM9DS0 = desk.identity_of(
     kind=lib.SENSOR_LSM9DS0,

@@ -26,7 +26,7 @@ import zenoh
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
+from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_address
 from imud import messages
 from imud.cli import main
 from imud.client import Client
@@ -335,9 +335,7 @@ def test_a_file_with_a_mistake_is_told_and_changes_nothing(tmp_path: Path) -> No
 
 
 def test_a_reload_turns_metrics_on_and_off(tmp_path: Path) -> None:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = free.getsockname()
+    address = free_address()
     said = f"[metrics]\nlisten = '127.0.0.1:{address[1]}'"
     with running(tmp_path, "# more") as (daemon, _, _):
         reload(daemon, tmp_path, "# more", said)
@@ -440,9 +438,8 @@ def test_what_is_installed_is_whole_and_says_what_starts_it(
     assert (tmp_path / "etc/systemd/system/imud.service").exists()
 
 
-# Containers often have no systemd, and only its own program knows what it takes.
 @pytest.mark.skipif(
-    shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed"
+    shutil.which("systemd-analyze") is None, reason="another init than systemd is used"
 )
 def test_the_unit_can_be_taken_by_systemd(tmp_path: Path) -> None:
     assert main(["install-service", "--prefix", str(tmp_path)]) == 0

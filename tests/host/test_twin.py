@@ -32,8 +32,6 @@ from imud.twin import (
     WantsRestart,
 )
 
-pytestmark = pytest.mark.native
-
 PERIOD_US = 5000
 SAMPLES = scene(tumble(8, 200, seed=4), 200, seed=4).samples(MPU9250)
 POSE, BOTH = lib.STREAM_POSE, lib.STREAM_POSE | lib.STREAM_RAW

@@ -13,10 +13,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from imud import frame, messages, schema
+from length import choose
 from protocol import wire
 from protocol.wire import VECTORS, unhex
-
-pytestmark = pytest.mark.native
 
 # Where hello's fingerprint lies; of its own schema's hello the host is strict.
 FINGERPRINT = slice(12, 16)
@@ -99,7 +98,8 @@ def check_value(field: schema.Field, wire_value: Any, value: Any) -> None:
         assert found == pytest.approx(expected, rel=1e-12)
 
 
-@settings(max_examples=400)
+@pytest.mark.long
+@settings(max_examples=choose(everyday=100, long=400))
 @given(wire_messages(), u32, u32)
 def test_the_host_reads_what_the_probe_writes_and_writes_the_same(
     pair: tuple[schema.MessageType, Wire], sequence: int, time_us: int
@@ -219,7 +219,8 @@ def skewed(draw: st.DrawFn) -> tuple[str, bytes]:
     return vector["message"], ours(content[:cut])
 
 
-@settings(max_examples=2000)
+@pytest.mark.long
+@settings(max_examples=choose(everyday=500, long=2000))
 @given(skewed())
 def test_probe_and_host_judge_alike(pair: tuple[str, bytes]) -> None:
     name, content = pair

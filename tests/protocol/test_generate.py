@@ -17,8 +17,6 @@ import pytest
 
 from protocol import wire
 
-pytestmark = pytest.mark.native
-
 ROOT = Path(__file__).resolve().parents[2]
 SCHEMA = (ROOT / "protocol" / "schema.toml").read_text("utf-8")
 

@@ -10,8 +10,6 @@ import pytest
 from protocol import wire
 from protocol.wire import VECTORS, unhex
 
-pytestmark = pytest.mark.native
-
 
 def each(kind: str) -> pytest.MarkDecorator:
     vectors = VECTORS[kind]

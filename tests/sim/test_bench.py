@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+import images
+
 ROOT = Path(__file__).resolve().parents[2]
 BENCH = ROOT / "build" / "sim" / "bench"
 NULL = "/dev/null"
@@ -20,7 +22,7 @@ FILES = ("--samples", NULL, "--answers", NULL, "--summary", NULL)
 @pytest.fixture(scope="module")
 def image(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Firmware that is no filter on the bench."""
-    subprocess.run(["make", "-s", "-C", ROOT / "sim"], check=True)
+    images.emulators()
     folder = tmp_path_factory.mktemp("bench")
     (folder / "other.c").write_text("int main(void) { return 0; }\n")
     words = ["avr-gcc", "-mmcu=atmega328p", "-o", folder / "other.elf"]

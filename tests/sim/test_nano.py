@@ -20,6 +20,7 @@ from typing import Any
 
 import pytest
 
+import images
 import native
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,7 +31,7 @@ BOOT = b"R\x01\x00"  # power-on
 
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    subprocess.run(["make", "-s", "-C", ROOT / "sim"], check=True)
+    images.emulators()
     image = tmp_path_factory.mktemp("desk") / "desk.elf"
     source = Path(__file__).with_name("desk.c")
     flags = ("-std=gnu11", "-mmcu=atmega328p", "-Os", *native.WARNINGS)

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+import images
+
 ROOT = Path(__file__).resolve().parents[2]
 NANO = ROOT / "build" / "sim" / "nano"
 
@@ -36,7 +38,7 @@ CORRECTIONS = (
 
 @pytest.fixture(scope="module", autouse=True)
 def built() -> None:
-    subprocess.run(["make", "-s", "-C", ROOT / "sim"], check=True)
+    images.emulators()
 
 
 def nano(*arguments: str) -> subprocess.CompletedProcess[str]:

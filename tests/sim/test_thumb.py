@@ -9,19 +9,21 @@ from pathlib import Path
 
 import pytest
 
+import images
 import native
+from length import choose
 
 ROOT = Path(__file__).resolve().parents[2]
 SIM = ROOT / "sim"
 PARTS = ROOT / "build" / "sim" / "f405_parts"
-FLAGS = ("-std=gnu11", "-O2", *native.WARNINGS)
+FLAGS = ("-std=gnu11", "-O1", *native.WARNINGS)
 # What reads an image is not in it.
 ELSEWHERE = ("image.o", "follow.o")
 
 
 @pytest.fixture(scope="module", autouse=True)
 def parts() -> None:
-    subprocess.run(["make", "-s", "-C", SIM], check=True)
+    images.emulators()
 
 
 def twin(folder: Path, thumb: Path) -> Path:
@@ -47,7 +49,8 @@ def compare(program: Path, seed: int, cases: int) -> subprocess.CompletedProcess
     )
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", choose(everyday=[1], long=[1, 2, 3]))
 def test_each_instruction_leaves_behind_what_libunicorns_does(
     tmp_path: Path, seed: int
 ) -> None:

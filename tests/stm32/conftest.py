@@ -11,32 +11,12 @@ from typing import Any
 import pytest
 
 from stm32.letters import Board, Run
+from stm32.programs import FLOAT_ABIS, board_program
 
 
-@pytest.fixture(scope="session", params=["soft", "hard"])
-def program(
-    root: Path, tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
-) -> Path:
-    path = tmp_path_factory.mktemp("board") / "board.elf"
-    fpu = ("-mfpu=fpv4-sp-d16",) if request.param == "hard" else ()
-    subprocess.run(
-        [
-            *("arm-none-eabi-gcc", "-mthumb", "-mcpu=cortex-m4"),
-            *(f"-mfloat-abi={request.param}", *fpu, "-DF_CPU=168000000L"),
-            *("-std=gnu11", "-O2", "-ffreestanding", "-fbuiltin", "-fno-common"),
-            *("-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections"),
-            *("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"),
-            *("-nostdlib", "-Wl,--fatal-warnings", "-I", root / "firmware"),
-            *("-I", root / "firmware" / "stm32" / "libc", "-o", path),
-            *("-T", root / "firmware" / "stm32" / "stm32f405.ld"),
-            *("-I", root / "tests" / "stm32"),
-            *sorted((root / "tests" / "stm32").glob("*.c")),
-            *sorted((root / "firmware" / "core").glob("*.c")),
-            *sorted((root / "firmware" / "stm32").glob("*.c")),
-        ],
-        check=True,
-    )
-    return path
+@pytest.fixture(scope="session", params=FLOAT_ABIS)
+def program(root: Path, request: pytest.FixtureRequest) -> Path:
+    return board_program(request.param, (root / "tests" / "stm32").glob("*.c"))
 
 
 @pytest.fixture(scope="session")

@@ -14,6 +14,7 @@ import pytest
 
 from core.fake_card import BLOCK
 from core.log_desk import CAUSES, STATES, Volume, frames_of, read
+from stm32.programs import FLOAT_ABIS, board_program
 
 STEP_US_MAX = 20
 LOG_S = 2
@@ -21,29 +22,9 @@ RATE_HZ = 380
 CARD_BLOCKS = 68 * 1024
 
 
-@pytest.fixture(scope="module", params=["soft", "hard"])
-def program(
-    root: Path, tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
-) -> Path:
-    path = tmp_path_factory.mktemp("card") / "card.elf"
-    fpu = ("-mfpu=fpv4-sp-d16",) if request.param == "hard" else ()
-    subprocess.run(
-        [
-            *("arm-none-eabi-gcc", "-mthumb", "-mcpu=cortex-m4"),
-            *(f"-mfloat-abi={request.param}", *fpu, "-DF_CPU=168000000L"),
-            *("-std=gnu11", "-O2", "-ffreestanding", "-fbuiltin", "-fno-common"),
-            *("-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections"),
-            *("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"),
-            *("-nostdlib", "-Wl,--fatal-warnings", "-I", root / "firmware"),
-            *("-I", root / "firmware" / "stm32" / "libc", "-o", path),
-            *("-T", root / "firmware" / "stm32" / "stm32f405.ld"),
-            root / "tests" / "stm32" / "card" / "card_test.c",
-            *sorted((root / "firmware" / "core").glob("*.c")),
-            *sorted((root / "firmware" / "stm32").glob("*.c")),
-        ],
-        check=True,
-    )
-    return path
+@pytest.fixture(scope="module", params=FLOAT_ABIS)
+def program(root: Path, request: pytest.FixtureRequest) -> Path:
+    return board_program(request.param, [root / "tests/stm32/card/card_test.c"])
 
 
 class Run:

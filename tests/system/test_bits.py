@@ -16,19 +16,20 @@ import pytest
 
 from bits.processors import PROCESSORS, computed
 from imud import motion
+from length import choose
 from system.virtual import BOARDS, Run, Stub, assert_nothing_is_lost, run, send
 
 # `make bits` takes ten minutes of recordings.
-SECONDS = float(os.environ.get("IMU_BITS_SECONDS", "62"))
+SECONDS = float(os.environ.get("IMU_BITS_SECONDS", choose(everyday=14, long=62)))
 RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "data" / "broad"
 
 # While it moves: an origin, a heading alone, a filter that begins anew.
 CHANGES = (
-    ("tare", 0, 11_000_000),
-    ("tare", 1, 21_000_000),
-    ("restart", 0, 31_000_000),
-    ("tare", 1, 41_000_000),
-    ("tare", 2, 51_000_000),
+    ("tare", 0, 4_000_000),
+    ("tare", 1, 6_000_000),
+    ("restart", 0, 8_000_000),
+    ("tare", 1, 10_000_000),
+    ("tare", 2, 12_000_000),
 )
 
 
@@ -64,6 +65,7 @@ def log(
     return done
 
 
+@pytest.mark.long
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("processor", [*PROCESSORS, "host"])
 def test_a_log_of_poses_has_one_hash_on_every_processor(

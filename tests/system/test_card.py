@@ -21,6 +21,7 @@ from imud.disk import opened
 from imud.frame import FrameDecoder
 from imud.logs import Logged, read_log
 from imud.messages import Message, decode
+from length import choose
 from system.virtual import (
     BOARDS,
     Run,
@@ -36,7 +37,7 @@ SAMPLE_US = 1_000_000 / RATE_HZ
 PRESS_US = 3_000_000  # it is calibrated by then
 STREAMS_US = PRESS_US + 250_000  # and debounced; the log begins there
 CLICK = ("--press", f"{PRESS_US}:{PRESS_US + 100_000}")
-CUTS = 200
+CUTS = choose(everyday=10, long=200)
 LOST_US = 500_000  # before a cut, at most
 RUN_MESSAGES = 8 * 496 // 39  # in the blocks that the card is given at once
 
@@ -258,6 +259,7 @@ def lost_us(whole: Undisturbed, folder: Path, at_us: int) -> int:
     return at_us - kept[-1].time_us
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("part", range(CUTS // 10))
 def test_a_cut_at_any_moment_loses_half_a_second_at_most(
     undisturbed: Undisturbed, tmp_path: Path, part: int

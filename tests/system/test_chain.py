@@ -22,6 +22,7 @@ from imud import _core, decode, schema
 from imud.client import Client
 from imud.messages import Message
 from imud.messages import decode as decode_content
+from length import choose
 from system.virtual import Stub, run
 
 CLICK = ("--press", "200000:300000")
@@ -93,7 +94,8 @@ def passed_on(ledger: dict[str, Any]) -> list[int]:
     ]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", choose(everyday=[1], long=[1, 2, 3]))
 def test_damage_on_the_wire_adds_up_to_the_frame(stub: Stub, seed: int) -> None:
     done = run(stub, 12, *CLICK, *stub.raw_too)
     received = damage(done.record.read_bytes(), seed)
