@@ -15,9 +15,9 @@ import numpy as np
 import wire
 from feed import Feed
 
-from imud import motion, sim
+from imud.probes.session import OtherSchema, Probe, Received, Session
 from imud.rotation import FloatArray
-from imud.session import OtherSchema, Probe, Received, Session
+from imud.virtual import motion, sim
 
 
 class RunFailed(Exception):

@@ -19,11 +19,12 @@ from typing import Any
 
 import scoring
 
-from imud import card, schema
+from imud.card import card
+from imud.card.disk import opened
 from imud.cli import main as imud
-from imud.disk import opened
 from imud.errors import ImudError
-from imud.frame import FrameDecoder
+from imud.wire import schema
+from imud.wire.frame import FrameDecoder
 
 OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "card.json"
 RATE_HZ = 380

@@ -18,7 +18,7 @@ from typing import Any
 
 import scoring
 
-from imud.clock import Clock, Timeline
+from imud.probes.clock import Clock, Timeline
 
 OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "clocks.json"
 

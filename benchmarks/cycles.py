@@ -34,11 +34,12 @@ from boards import BOARDS, F405, NANO, Board
 from capture import Capture, RunFailed
 from feed import Samples
 
-from imud import messages, motion, schema
 from imud._core import encode_frame
 from imud.cli import main as imud
 from imud.errors import ImudError
-from imud.motion import Magnet, World
+from imud.virtual import motion
+from imud.virtual.motion import Magnet, World
+from imud.wire import messages, schema
 
 OUTPUT = scoring.PROJECT / "build" / "benchmarks"
 OFFICIAL = "nano_pio"  # the Nano's by PlatformIO's own compiler

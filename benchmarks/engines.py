@@ -14,8 +14,8 @@ from feed import Feed, with_filter
 
 from imud import rotation
 from imud._core import Replay
-from imud.motion import GRAVITY_M_S2
 from imud.rotation import FloatArray
+from imud.virtual.motion import GRAVITY_M_S2
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import wire
 
-from imud import messages, schema
-from imud.messages import Message
-from imud.motion import GRAVITY_M_S2, BoolArray, Motion
 from imud.rotation import FloatArray
+from imud.virtual.motion import GRAVITY_M_S2, BoolArray, Motion
+from imud.wire import messages, schema
+from imud.wire.messages import Message
 
 AVERAGING = 0.443  # times 1/bandwidth: a moving average with that -3 dB point
 NO_READING = -(2**15)  # on the wire

@@ -33,9 +33,9 @@ import scoring
 import soak
 import zenoh
 
-from imud import messages, schema
-from imud.frame import FrameDecoder, encode_frame
-from imud.messages import Message
+from imud.wire import messages, schema
+from imud.wire.frame import FrameDecoder, encode_frame
+from imud.wire.messages import Message
 
 OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "host.json"
 

@@ -28,9 +28,9 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 from picture_hand import draw_hand
 from theme import THEMES, Theme
 
-from imud import motion
 from imud.errors import ImudError
 from imud.rotation import FloatArray
+from imud.virtual import motion
 
 PICTURES = scoring.PROJECT / "docs" / "pictures"
 MEASURED = scoring.PROJECT / "build" / "benchmarks"

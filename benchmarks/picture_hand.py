@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from theme import Theme
 
 from imud import rotation
-from imud.motion import Motion
 from imud.rotation import FloatArray
+from imud.virtual.motion import Motion
 
 PROBES = 4  # drawn on strokes that lie well apart
 

@@ -15,9 +15,9 @@ from typing import Any
 
 import zenoh
 
-from imud import messages
-from imud.frame import FrameDecoder
-from imud.messages import Message
+from imud.wire import messages
+from imud.wire.frame import FrameDecoder
+from imud.wire.messages import Message
 
 
 class Relay:

@@ -13,9 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from imud import motion, rotation
-from imud.motion import BoolArray, Motion
+from imud import rotation
 from imud.rotation import FloatArray
+from imud.virtual import motion
+from imud.virtual.motion import BoolArray, Motion
 
 PROJECT = Path(__file__).resolve().parents[1]
 RECORDINGS = PROJECT.parent / "shared" / "data" / "broad"

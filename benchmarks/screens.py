@@ -18,9 +18,8 @@ from rich._export_format import CONSOLE_SVG_FORMAT
 from rich.console import Console
 from rich.text import Text
 
-from imud import monitor
-from imud.client import Client
-from imud.subscriber import subscribe
+from imud.cli import monitor
+from imud.client import Client, subscribe
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES = ROOT / "docs" / "pictures"

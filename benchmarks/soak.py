@@ -25,13 +25,14 @@ from typing import Any
 import scoring
 from mcap.reader import make_reader
 
-from imud import messages, schema
-from imud.frame import encode_frame
-from imud.hub import QUEUE_MAX, Hub, Item, Lane
+from imud.daemon.hub import QUEUE_MAX, Hub, Item, Lane
+from imud.log.file import Settings
+from imud.probes.record import Record, record_of
+from imud.probes.session import Probe, Received, Session
 from imud.progress import Progress
-from imud.record import Record, record_of
-from imud.session import Probe, Received, Session
-from imud.sinks.log import LogSink, Settings
+from imud.sinks.log import LogSink
+from imud.wire import messages, schema
+from imud.wire.frame import encode_frame
 
 OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "soak.json"
 

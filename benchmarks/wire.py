@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from imud import schema
+from imud.wire import schema
 
 Rows = npt.NDArray[Any]
 

@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SCHEMA = ROOT / "protocol" / "schema.toml"
 C_HEADER = Path("firmware/core/messages.h")
 C_SOURCE = Path("firmware/core/messages.c")
-PYTHON = Path("host/imud/schema.py")
+PYTHON = Path("host/imud/wire/schema.py")
 DOCUMENT = Path("protocol/PROTOCOL.md")
 
 HEADER_SIZE = 9  # id, sequence u32, time_us u32

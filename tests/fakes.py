@@ -21,10 +21,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from imud import schema
 from imud.client import Client
-from imud.frame import FrameDecoder, encode_frame
-from imud.messages import Message, decode, encode
+from imud.wire import schema
+from imud.wire.frame import FrameDecoder, encode_frame
+from imud.wire.messages import Message, decode, encode
 
 # A busy machine may take long; what goes well takes none of it.
 PATIENCE_S = 30.0

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from fakes import FakeProbe
-from imud.logs import Logged, salvage
-from imud.messages import Message, decode
-from imud.record import Record, Stamp, record_of
-from imud.sinks.log import LogSink, Settings
+from imud.log.file import Settings
+from imud.log.reader import Logged, salvage
+from imud.probes.record import Record, Stamp, record_of
+from imud.sinks.log import LogSink
+from imud.wire.messages import Message, decode
 
 PERIOD_NS = 10_000_000
 BEGIN_NS = 1_795_000_000_000_000_000

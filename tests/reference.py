@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import binascii
 
-from imud import schema
+from imud.wire import schema
 
 HELLO_ID = 0x03
 CONTENT_MAX = 120

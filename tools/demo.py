@@ -21,8 +21,8 @@ from types import FrameType
 from typing import Any, NoReturn
 
 from imud.client import Client
+from imud.defaults import PORT
 from imud.errors import ImudError
-from imud.names import PORT
 
 ROOT = Path(__file__).resolve().parent.parent
 ROOM = ROOT / "build" / "demo"

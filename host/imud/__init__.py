@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from imud.subscriber import subscribe
+    from imud.client import subscribe
 
 __all__ = ["subscribe"]
 
@@ -14,7 +14,7 @@ __all__ = ["subscribe"]
 def __getattr__(name: str) -> Any:
     """Zenoh is loaded by who subscribes, not by who imports a module of ours."""
     if name == "subscribe":
-        from imud.subscriber import subscribe
+        from imud.client import subscribe
 
         return subscribe
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

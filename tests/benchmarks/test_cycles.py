@@ -16,8 +16,8 @@ import pytest
 from feed import Samples
 from filters import Filter, FilterFailed
 
-from imud import motion
 from imud.rotation import FloatArray
+from imud.virtual import motion
 
 
 def tally(inside: int, worst: int, in_worst: int, outside: int) -> dict[str, int]:

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 import scoring
 
-from imud import motion, rotation
+from imud import rotation
+from imud.virtual import motion
 
 OTHERS = {
     *("vqf", "vqf-basic", "vqf-offline", "ahrs-madgwick", "ahrs-madgwick-.06"),

@@ -13,7 +13,8 @@ import pytest
 import wire
 from boards import BOARDS
 
-from imud import messages, motion
+from imud.virtual import motion
+from imud.wire import messages
 
 G = feed.GRAVITY_M_S2
 CHIPS = pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 import soak
 
 import host
-from imud.frame import FrameDecoder
+from imud.wire.frame import FrameDecoder
 from length import choose
 
 

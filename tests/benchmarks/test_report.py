@@ -15,7 +15,7 @@ import scoring
 from report import Figure, Result
 from scoring import Coverage, Score, Trial
 
-from imud import motion
+from imud.virtual import motion
 
 SUMMARY = {"crashed": False, "late": 0, "cycles_worst": 70000}
 

@@ -12,7 +12,8 @@ import pytest
 import scoring
 import vqf
 
-from imud import motion, rotation
+from imud import rotation
+from imud.virtual import motion
 
 
 def turned(*degrees: float) -> rotation.FloatArray:

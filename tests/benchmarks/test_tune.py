@@ -18,7 +18,7 @@ import twin
 import without
 from scoring import Score
 
-from imud import motion
+from imud.virtual import motion
 
 RECORDED = ("07", "30", "32")  # fast, beside a magnet, with one on the probe
 FOLDED = ("01_made", "03_made", "05_made")  # one of each fold

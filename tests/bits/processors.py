@@ -19,9 +19,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import images
-from imud import _core, messages
-from imud.frame import FrameDecoder, encode_frame
-from imud.messages import Message
+from imud import _core
+from imud.wire import messages
+from imud.wire.frame import FrameDecoder, encode_frame
+from imud.wire.messages import Message
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 FIRMWARE = ROOT / "firmware"

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from core import desk
 from core.desk import DEGREE, FIELD, FORCE, ONE, RATE, G, lib
 from core.scenes import Filter, Scene, at_rest, earth, scene, tumble
-from imud import motion, rotation
+from imud import rotation
+from imud.virtual import motion
 
 LEVEL = rotation.IDENTITY
 UPSIDE_DOWN = np.array([0.0, 1.0, 0.0, 0.0])

@@ -11,8 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
-from imud import cli, replay
-from imud.logs import FRAME_ENCODING, seal
+from imud import cli
+from imud.log.reader import FRAME_ENCODING, seal
+from imud.recordings import replay
 from length import choose
 from log_files import records, write
 

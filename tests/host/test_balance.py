@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from imud.balance import SinkCounts, balance
-from imud.hub import Hub, Item
-from imud.record import Presence, Record
+from imud.daemon.hub import Hub, Item
+from imud.probes.balance import SinkCounts, balance
+from imud.probes.record import Presence, Record
 
 COUNTERS: dict[str, Any] = {
     "samples_ready": 1000,

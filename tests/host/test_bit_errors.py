@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from fakes import FakeProbe
-from imud.frame import FrameDecoder
-from imud.session import Probe, Received, Session
+from imud.probes.session import Probe, Received, Session
+from imud.wire.frame import FrameDecoder
 from length import choose
 
 SECONDS, RATE_HZ = 60, 200

@@ -29,15 +29,16 @@ from mcap.reader import make_reader
 from msgspec.structs import replace
 
 from fakes import FakeProbe
-from imud import card, cli, disk, fat
-from imud.disk import Disk
+from imud import cli
+from imud.card import card, disk, fat
+from imud.card.disk import Disk
 from imud.errors import FileError
-from imud.frame import FrameDecoder, encode_frame
-from imud.logs import Logged, read_log
-from imud.messages import decode
-from imud.record import record_of
-from imud.session import Probe, Received, Session
+from imud.log.reader import Logged, read_log
+from imud.probes.record import record_of
+from imud.probes.session import Probe, Received, Session
 from imud.sinks.log import LogSink
+from imud.wire.frame import FrameDecoder, encode_frame
+from imud.wire.messages import decode
 
 MIB = 1 << 20
 GIB = 1 << 30

@@ -13,8 +13,8 @@ from core.fake_card import FakeCard
 from core.test_logbook import LOST_US_MAX, SECOND, Log
 from fakes import FakeProbe
 from imud import cli
-from imud.frame import encode_frame
-from imud.logs import Logged, read_log
+from imud.log.reader import Logged, read_log
+from imud.wire.frame import encode_frame
 from length import choose
 
 MIB = 1 << 20

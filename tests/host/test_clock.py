@@ -23,10 +23,10 @@ from hypothesis import strategies as st
 
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
 from imud.client import Client
-from imud.clock import READING_NS, WINDOW_US, Clock, Moment, Rising, Timeline
-from imud.commands import Asking
-from imud.record import Stamp
-from imud.session import Probe, Received, Session
+from imud.daemon.commands import Asking
+from imud.probes.clock import READING_NS, WINDOW_US, Clock, Moment, Rising, Timeline
+from imud.probes.record import Stamp
+from imud.probes.session import Probe, Received, Session
 from length import choose
 
 SECOND = 1_000_000_000
@@ -376,7 +376,7 @@ def test_when_utc_is_set_no_time_falls_and_each_bound_holds(setting: Setting) ->
 
 SETTABLE = """
 import signal, sys, time
-from imud.cli import program
+from imud import cli
 
 read, steps = time.time_ns, []
 time.time_ns = lambda: read() + sum(steps)

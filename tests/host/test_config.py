@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from imud.cli import main
-from imud.config import (
+from imud.config.settings import (
     Config,
     Log,
     Ports,

@@ -28,15 +28,17 @@ from fakes import (
     free_endpoint,
     status_of,
 )
-from imud import _core, cli, messages, record, schema
-from imud import words as daemon_words
+from imud import _core, cli
 from imud.client import Client
-from imud.commands import arguments_of
+from imud.daemon.commands import arguments_of
 from imud.errors import CommandRefused, DaemonNotFound, NoReply, ProbeUnknown
-from imud.logs import Logged, read_log
-from imud.messages import Message
-from imud.session import Session
+from imud.journal import text as daemon_words
+from imud.log.reader import Logged, read_log
+from imud.probes import record
+from imud.probes.session import Session
 from imud.sinks import log
+from imud.wire import messages, schema
+from imud.wire.messages import Message
 
 KINDS = ("pose", "raw", "event", "status", "frame")
 
@@ -251,7 +253,7 @@ def test_who_waits_finds_a_probe_that_its_history_left_out(
     monkeypatch.setattr(chain.client, "_session", Forgetful(chain.client.session))
     assert chain.client.wait_for(chain.probe.name) == chain.probe.name
     assert chain.client.wait_for() == chain.probe.name
-    with pytest.raises(ProbeUnknown, match="no probe stylus came in 0.6 s; plug it in"):
+    with pytest.raises(ProbeUnknown, match=r"no probe stylus came in 0\.6 s; plug it"):
         chain.client.wait_for("stylus", seconds=0.6)
 
 

@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 
 from fakes import FakeProbe
-from imud import cli, schema
-from imud.record import Record, euler_deg
+from imud import cli
+from imud.probes.record import Record, euler_deg
 from imud.sinks.log import LogSink
+from imud.wire import schema
 
 
 def decoded(

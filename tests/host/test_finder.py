@@ -19,13 +19,14 @@ import pytest
 import serial
 
 from fakes import PATIENCE_S, FakeProbe, Port
-from imud import config, finder, link, ports, rates
-from imud.commands import Commander, orders_of
+from imud.config.settings import Config, Ports, ProbeSettings
+from imud.daemon.commands import Commander, orders_of
+from imud.daemon.fleet import Fleet
+from imud.daemon.hub import Hub
 from imud.errors import PortLost
-from imud.finder import Finder, is_candidate
-from imud.fleet import Fleet
-from imud.hub import Hub
-from imud.words import Speaker
+from imud.journal.text import Speaker
+from imud.ports import baud, finder, link, port
+from imud.ports.finder import Finder, is_candidate
 
 
 @dataclass
@@ -43,8 +44,8 @@ class Desk:
     def __init__(self, directory: Path, **settings: Any) -> None:
         self.directory = directory
         self.devices: list[Device] = []
-        chosen = config.Ports(**settings)
-        self.fleet = Fleet(config.Config(ports=chosen), Hub(), Speaker())
+        chosen = Ports(**settings)
+        self.fleet = Fleet(Config(ports=chosen), Hub(), Speaker())
         self.found: list[str] = []
         self.fleet.on_found = self.found.append
         self.finder = Finder(
@@ -143,10 +144,10 @@ def test_a_named_port_without_a_rate_is_tried_at_all_and_with_one_at_that(
     first, second = Port(tmp_path / "a", 921_600), Port(tmp_path / "b", 230_400)
 
     async def check(desk: Desk) -> None:
-        for port, identity in ((first, "00" * 8), (second, "11" * 8)):
+        for each, identity in ((first, "00" * 8), (second, "11" * 8)):
             probe = FakeProbe(probe_id=bytes.fromhex(identity))
-            await desk.open_port(port)
-            await desk.say_until_found(port, probe)
+            await desk.open_port(each)
+            await desk.say_until_found(each, probe)
         assert (first.speed, second.speed) == (921_600, 230_400)
 
     named = (str(first.path), f"{second.path}@230400")
@@ -183,7 +184,7 @@ def test_a_port_that_is_none_of_ours_is_given_back_at_once_and_tried_again_later
     caplog.set_level(logging.INFO, "imud")
     monkeypatch.setattr(finder, "PAUSE_S", 0.2)
     monkeypatch.setattr(finder, "LIST_S", 0.02)
-    monkeypatch.setattr(rates, "QUIET_S", 0.1)
+    monkeypatch.setattr(baud, "QUIET_S", 0.1)
     opened: list[float] = []
 
     async def check(desk: Desk) -> None:
@@ -219,7 +220,7 @@ def test_a_port_that_was_found_is_given_back_when_its_probe_falls_silent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     silent_s = 0.4
-    monkeypatch.setattr(ports, "SILENT_S", silent_s)
+    monkeypatch.setattr(port, "SILENT_S", silent_s)
     monkeypatch.setattr(finder, "PAUSE_S", 0.1)
     monkeypatch.setattr(finder, "LIST_S", 0.02)
 
@@ -296,7 +297,7 @@ def test_ports_named_anew_are_opened_and_others_closed(tmp_path: Path) -> None:
 
     async def check(desk: Desk) -> None:
         await desk.open_port(first)
-        desk.finder.configure(config.Ports(find=False, named=(str(second.path),)))
+        desk.finder.configure(Ports(find=False, named=(str(second.path),)))
         await desk.open_port(second)
         await desk.until(lambda: [p.name for p in desk.finder] == [str(second.path)])
 
@@ -355,13 +356,13 @@ def test_a_probes_settings_become_the_commands_that_are_needed(
     settings: dict[str, Any], orders: list[tuple[str, dict[str, str]]]
 ) -> None:
     hello = FakeProbe().hello_fields
-    assert orders_of(config.ProbeSettings(**settings), hello) == orders
+    assert orders_of(ProbeSettings(**settings), hello) == orders
 
 
 def test_a_rate_that_is_set_back_before_the_next_hello_is_set_back(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    fleet = Fleet(config.Config(), Hub(), Speaker())
+    fleet = Fleet(Config(), Hub(), Speaker())
     fleet.probe("00112233445566aa").hello.update(FakeProbe().hello_fields)
     commander, sent = Commander(fleet), []
 
@@ -370,6 +371,6 @@ def test_a_rate_that_is_set_back_before_the_next_hello_is_set_back(
 
     monkeypatch.setattr(commander, "command", command)
     for rate in (50, 100, 100):
-        settings = config.ProbeSettings(pose_rate=rate)
+        settings = ProbeSettings(pose_rate=rate)
         asyncio.run(commander.set_up("00112233445566aa", settings))
     assert sent == [("rate", "50"), ("rate", "100")]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import reference
 from fakes import FakeProbe
-from imud.frame import FrameDecoder, FrameStats, encode_frame
+from imud.wire.frame import FrameDecoder, FrameStats, encode_frame
 
 CONTENT = st.binary(min_size=1, max_size=reference.CONTENT_MAX)
 

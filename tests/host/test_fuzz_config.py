@@ -17,7 +17,7 @@ import pytest
 from msgspec import inspect
 
 from imud.cli import main
-from imud.config import Config, as_toml
+from imud.config.settings import Config, as_toml
 from length import choose
 
 SEED = 20_260_102

@@ -29,11 +29,11 @@ from fakes import (
     free_endpoint,
     status_of,
 )
-from imud import schema
 from imud.client import Client
-from imud.fleet import PROBES_MAX
-from imud.frame import FrameDecoder, encode_frame
-from imud.messages import Message, decode
+from imud.daemon.fleet import PROBES_MAX
+from imud.wire import schema
+from imud.wire.frame import FrameDecoder, encode_frame
+from imud.wire.messages import Message, decode
 
 SEED = 20_260_102
 

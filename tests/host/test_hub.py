@@ -11,10 +11,10 @@ from collections.abc import Callable
 
 import pytest
 
-from imud import hub
+from imud.daemon import hub
+from imud.daemon.hub import Hub, Item, Lane
 from imud.errors import FileError
-from imud.hub import Hub, Item, Lane
-from imud.record import Presence, Record
+from imud.probes.record import Presence, Record
 
 PATIENCE_S = 30.0
 

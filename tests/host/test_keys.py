@@ -11,8 +11,10 @@ import pytest
 from cryptography import x509
 from cryptography.x509.verification import PolicyBuilder, Store
 
-from imud import access, cli, config, keys, network
+from imud import cli
+from imud.config.settings import Zenoh, load
 from imud.errors import ConfigError, FileError, ImudError
+from imud.net import access, keys, network
 
 
 @pytest.fixture(scope="module")
@@ -174,7 +176,7 @@ def test_without_a_folder_the_way_to_one_is_said(tmp_path: Path) -> None:
     ],
 )
 def test_what_others_can_reach_is_known(endpoint: str, is_local: bool) -> None:
-    assert access.is_local(endpoint) is is_local
+    assert is_local(endpoint) is is_local
 
 
 @pytest.mark.parametrize(
@@ -192,7 +194,7 @@ def test_a_door_left_open_is_refused(tmp_path: Path, text: str, words: str) -> N
     path = tmp_path / "imud.toml"
     path.write_text(f"[zenoh]\n{text}\n", "utf-8")
     with pytest.raises(ConfigError, match=words):
-        config.load(path)
+        load(path)
 
 
 @pytest.mark.parametrize(
@@ -208,7 +210,7 @@ def test_a_door_that_is_meant_to_be_open_is(tmp_path: Path, text: str) -> None:
     path = tmp_path / "imud.toml"
     path.write_text(f"[zenoh]\n{text}\n", "utf-8")
     said = tomllib.loads(text)
-    held = config.load(path).zenoh
+    held = load(path).zenoh
     for name, value in said.items():
         kept = getattr(held, name)
         assert (list(kept) if isinstance(kept, tuple) else kept) == value
@@ -232,18 +234,18 @@ def test_the_daemon_is_a_user_of_its_own_network_and_shows_that_to_no_other(
 ) -> None:
     folder = tmp_path / "keys"
     keys.initialise(folder, [], 7447)
-    settings = config.Zenoh(listen=("tls/127.0.0.1:7447",), keys=str(folder))
+    settings = Zenoh(listen=("tls/127.0.0.1:7447",), keys=str(folder))
     mine = network.own_credentials(settings, is_abroad=False)
     assert mine is not None
     assert (mine.user, mine.role) == ("imud", "daemon")
     assert network.own_credentials(settings, is_abroad=True) is None
-    assert network.own_credentials(config.Zenoh(), is_abroad=False) is None
+    assert network.own_credentials(Zenoh(), is_abroad=False) is None
     keys.remove(folder, "imud")
     with pytest.raises(ConfigError, match=r"imud keys add \S+ daemon imud"):
         network.own_credentials(settings, is_abroad=False)
     # Of a network in which it is a guest it has what that gave it.
     path = folder / "clients/recorder.toml"
-    abroad = config.Zenoh(mode="client", connect=("tls/hub:1",), credentials=str(path))
+    abroad = Zenoh(mode="client", connect=("tls/hub:1",), credentials=str(path))
     given = network.own_credentials(abroad, is_abroad=True)
     assert given is not None
     assert given.user == "recorder"

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fakes import FakeProbe
-from imud.ledger import WINDOW, Account, Heard, Judged, Verdict, difference_32
-from imud.messages import decode
+from imud.probes.ledger import WINDOW, Account, Heard, Judged, Verdict, difference_32
+from imud.wire.messages import decode
 
 
 def heard(content: bytes, t_ns: int | None = None) -> Heard:

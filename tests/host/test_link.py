@@ -13,7 +13,7 @@ import pytest
 
 from fakes import PATIENCE_S, Port
 from imud.errors import LinkError, PortLost
-from imud.link import PENDING_MAX, Link
+from imud.ports.link import PENDING_MAX, Link
 
 
 class Opened:

@@ -18,11 +18,14 @@ import pytest
 from mcap.reader import make_reader
 
 from fakes import FakeProbe
-from imud import cli, schema
+from imud import cli
 from imud.errors import FileError
-from imud.logs import Logged, LogHead, read_log
-from imud.record import Presence, Record
-from imud.sinks.log import JSON_SCHEMAS, LogSink, Settings
+from imud.log.file import Settings
+from imud.log.reader import Logged, LogHead, read_log
+from imud.log.schemas import JSON_SCHEMAS
+from imud.probes.record import Presence, Record
+from imud.sinks.log import LogSink
+from imud.wire import schema
 
 # Puts records through the hub as the daemon does, 200 a second, and says the time of
 # each as soon as it has put it.

@@ -22,7 +22,7 @@ import pytest
 
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
 from imud.client import Client
-from imud.logs import read_log
+from imud.log.reader import read_log
 from log_files import frames
 
 # A plain user becomes root of a namespace of users, which a chroot forbids to root.

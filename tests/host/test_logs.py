@@ -27,15 +27,20 @@ from pyarrow import parquet
 
 import imud.sinks.log
 from fakes import DaemonProcess, FakeProbe, Port, free_endpoint, status_of
-from imud import cli, hub, replay, schema
+from imud import cli
 from imud.client import Client
+from imud.daemon import hub
+from imud.daemon.hub import Lane
 from imud.errors import FileError
-from imud.hub import Lane
-from imud.logs import FRAME_ENCODING, Damage, Logged, LogHead, read_log, salvage
-from imud.record import Record
-from imud.session import Probe as HeardProbe
-from imud.session import Received, Session
-from imud.sinks.log import FOXGLOVE_SCHEMA, LogSink, Settings, pose_in_frame
+from imud.log.file import Settings, pose_in_frame
+from imud.log.reader import FRAME_ENCODING, Damage, Logged, LogHead, read_log, salvage
+from imud.log.schemas import FOXGLOVE_SCHEMA
+from imud.probes.record import Record
+from imud.probes.session import Probe as HeardProbe
+from imud.probes.session import Received, Session
+from imud.recordings import replay
+from imud.sinks.log import LogSink
+from imud.wire import schema
 from length import choose
 from log_files import BEGIN_NS, PERIOD_NS, frames, records, write
 
@@ -727,8 +732,8 @@ def test_an_endpoint_without_a_network_is_one_line(
 
 
 def test_the_defaults_of_the_sink_and_of_the_configuration_are_one() -> None:
-    from imud.config import Log
+    from imud.config.settings import Log
 
-    log, settings = Log(), imud.sinks.log.Settings()
+    log, settings = Log(), Settings()
     assert settings.rotate_s == log.rotate_minutes * 60
     assert settings.has_foxglove == log.foxglove

@@ -11,7 +11,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from imud.logwriter import CHUNK_MAX, LogWriter
+from imud.log.writer import CHUNK_MAX, LogWriter
 
 START_NS = 1_800_000_000_000_000_000
 

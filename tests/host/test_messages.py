@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fakes import EXAMPLES, HELLO, POSE, FakeProbe
-from imud import schema
-from imud.messages import Message, Skew, _examine, decode, encode
+from imud.wire import schema
+from imud.wire.messages import Message, Skew, _examine, decode, encode
 
 HEADER = 9
 

@@ -15,8 +15,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from prometheus_client.parser import text_string_to_metric_families
 
+from imud.daemon.metrics import HEAD_MAX, Metrics, text_of
 from imud.errors import ListenFailed
-from imud.metrics import HEAD_MAX, Metrics, text_of
 
 STATUS: dict[str, Any] = {
     "probe": 'sty"l\\us\n',

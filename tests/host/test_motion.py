@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imud import motion, rotation
-from imud.motion import Motion, MotionError, SensorErrors, World
+from imud import rotation
+from imud.virtual import motion
+from imud.virtual.motion import Motion, MotionError, SensorErrors, World
 
 RATE_HZ = 1000.0
 

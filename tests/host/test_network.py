@@ -24,7 +24,7 @@ import pytest
 import imud
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_endpoint
 from imud.client import Client, Heard
-from imud.names import ENDPOINT
+from imud.defaults import ENDPOINT
 
 PROBE = "00112233445566aa"
 

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from imud.rates import DWELL_S, QUIET_S, SETTLE_S, Memory, Sound, Step, Trial
-from imud.session import NOISE_BYTES
+from imud.ports.baud import DWELL_S, QUIET_S, SETTLE_S, Memory, Sound, Step, Trial
+from imud.probes.session import NOISE_BYTES
 
 RATES = (500_000, 921_600, 115_200)
 NOISE = Sound(bytes=NOISE_BYTES + 1)

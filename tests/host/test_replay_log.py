@@ -19,12 +19,15 @@ from pathlib import Path
 import pytest
 
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, free_endpoint
-from imud import cli, keys, replay
+from imud import cli
+from imud.cli import entry
 from imud.client import Client
 from imud.errors import CommandRefused, ProbeUnknown
-from imud.record import Record
-from imud.session import Probe as HeardProbe
-from imud.session import Received, Session
+from imud.net import keys
+from imud.probes.record import Record
+from imud.probes.session import Probe as HeardProbe
+from imud.probes.session import Received, Session
+from imud.recordings import replay
 from log_files import records, write
 
 
@@ -170,7 +173,7 @@ def test_ten_times_as_fast_takes_a_tenth_of_the_time(tmp_path: Path) -> None:
         begin = time.monotonic()
         assert replay.to_network(replay.recording([path]), client, 10.0) == 0
         assert time.monotonic() - begin >= 0.3
-        assert cli._speed("0") is cli._speed("max") is None
+        assert entry._speed("0") is entry._speed("max") is None
 
 
 def test_where_keys_rule_a_daemon_may_replay_and_nobody_else(

@@ -23,12 +23,14 @@ import zenoh.ext
 
 import imud
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_endpoint
-from imud import cli, keys, network, ros2
-from imud.access import Role
+from imud import cli
 from imud.client import Client
 from imud.errors import DaemonNotFound, NoReply, NotAllowed
-from imud.network import Credentials
-from imud.ros2 import Topic
+from imud.net import keys, network
+from imud.net.access import Role
+from imud.net.network import Credentials
+from imud.ros2 import topics
+from imud.ros2.topics import Topic
 
 PROBE = "00112233445566aa"
 # Longer than anything allowed was seen to take on a busy machine.
@@ -363,12 +365,12 @@ REPLAYED = "imud/0123456789abcdef/pose"
 
 
 def test_ros_2_is_read_by_role(guarded: Guarded) -> None:
-    names = ros2.ros_name(PROBE)
-    pose = Topic(f"/imud/{names}/pose", ros2.POSE_STAMPED).key(0)
-    imu = Topic(f"/imud/{names}/imu/data", ros2.IMU).key(0)
-    mag = Topic(f"/imud/{names}/imu/mag", ros2.MAGNETIC_FIELD).key(0)
-    tf = Topic("/tf", ros2.TF_MESSAGE).key(0)
-    diagnostics = Topic("/diagnostics", ros2.DIAGNOSTIC_ARRAY).key(0)
+    names = topics.ros_name(PROBE)
+    pose = Topic(f"/imud/{names}/pose", topics.POSE_STAMPED).key(0)
+    imu = Topic(f"/imud/{names}/imu/data", topics.IMU).key(0)
+    mag = Topic(f"/imud/{names}/imu/mag", topics.MAGNETIC_FIELD).key(0)
+    tf = Topic("/tf", topics.TF_MESSAGE).key(0)
+    diagnostics = Topic("/diagnostics", topics.DIAGNOSTIC_ARRAY).key(0)
     for user, expected in (
         ("recorder", {pose, imu, mag, tf, diagnostics}),
         ("viewer", {pose, tf, diagnostics}),

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from imud import selector
-from imud.selector import BUSY, GATHER_S, GatheringSelector
+from imud.daemon import selector
+from imud.daemon.selector import BUSY, GATHER_S, GatheringSelector
 
 
 class Pipe:

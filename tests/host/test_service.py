@@ -27,14 +27,14 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_address
-from imud import messages
 from imud.cli import main
 from imud.client import Client
-from imud.commands import arguments_of
+from imud.daemon.commands import arguments_of
+from imud.daemon.systemd import Notifier
 from imud.errors import CommandRefused
-from imud.logs import Logged, read_log
-from imud.messages import decode
-from imud.notify import Notifier
+from imud.log.reader import Logged, read_log
+from imud.wire import messages
+from imud.wire.messages import decode
 
 
 class Manager:

@@ -12,10 +12,8 @@ from hypothesis import strategies as st
 
 import reference
 from fakes import COMMAND, HELLO, FakeProbe
-from imud import _core, schema
-from imud.frame import encode_frame
-from imud.messages import Message, decode, encode
-from imud.session import (
+from imud import _core
+from imud.probes.session import (
     NOISE_BYTES,
     SILENT_NS,
     WAITING_MAX,
@@ -29,6 +27,9 @@ from imud.session import (
     Session,
     Silent,
 )
+from imud.wire import schema
+from imud.wire.frame import encode_frame
+from imud.wire.messages import Message, decode, encode
 
 T = TypeVar("T")
 SECOND = 1_000_000_000

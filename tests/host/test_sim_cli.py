@@ -17,9 +17,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imud import cli, decode, messages, motion, sim
+from imud import cli
 from imud.errors import FileError
-from imud.frame import FrameDecoder
+from imud.recordings import decode
+from imud.virtual import motion, sim
+from imud.wire import messages
+from imud.wire.frame import FrameDecoder
 
 PYTHON = sys.executable
 

@@ -20,10 +20,9 @@ from typing import Any
 import pytest
 
 from fakes import PATIENCE_S, POSE, DaemonProcess, FakeProbe, Port
-from imud.client import Heard
-from imud.errors import ConfigError, DaemonNotFound
-from imud.subscriber import (
+from imud.client import (
     Event,
+    Heard,
     Missed,
     Pose,
     Raw,
@@ -32,6 +31,7 @@ from imud.subscriber import (
     Topic,
     subscribe,
 )
+from imud.errors import ConfigError, DaemonNotFound
 
 
 class Line:

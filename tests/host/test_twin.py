@@ -17,10 +17,8 @@ from core.desk import lib
 from core.scenes import scene, tumble
 from core.test_probe import MPU9250, Bench, Memory, command_frame
 from imud import _core
-from imud.frame import FrameDecoder
-from imud.messages import Message, decode, encode
-from imud.session import Probe, Received, Session
-from imud.twin import (
+from imud.probes.session import Probe, Received, Session
+from imud.stages.twin import (
     Began,
     Differs,
     Lost,
@@ -31,6 +29,8 @@ from imud.twin import (
     WantsRaw,
     WantsRestart,
 )
+from imud.wire.frame import FrameDecoder
+from imud.wire.messages import Message, decode, encode
 
 PERIOD_US = 5000
 SAMPLES = scene(tumble(8, 200, seed=4), 200, seed=4).samples(MPU9250)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from fakes import FakeProbe
-from imud.view import (
+from imud.cli.view import (
     PIPE_S,
     TERMINAL_S,
     Heard,

@@ -17,7 +17,7 @@ from typing import Any
 
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
 from imud.client import Client
-from imud.commands import REPLY_TIMEOUT_S
+from imud.daemon.commands import REPLY_TIMEOUT_S
 
 BACK_S = 2.0
 

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from imud import frame, messages, schema
+from imud.wire import frame, messages, schema
 from length import choose
 from protocol import wire
 from protocol.wire import VECTORS, unhex

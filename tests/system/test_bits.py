@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from bits.processors import PROCESSORS, computed
-from imud import motion
+from imud.virtual import motion
 from length import choose
 from system.virtual import BOARDS, Run, Stub, assert_nothing_is_lost, run, send
 

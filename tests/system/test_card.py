@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imud import card as cards
+from imud.card import card as cards
+from imud.card.disk import opened
 from imud.cli import main
-from imud.disk import opened
-from imud.frame import FrameDecoder
-from imud.logs import Logged, read_log
-from imud.messages import Message, decode
+from imud.log.reader import Logged, read_log
+from imud.wire.frame import FrameDecoder
+from imud.wire.messages import Message, decode
 from length import choose
 from system.virtual import (
     BOARDS,

@@ -18,10 +18,12 @@ import pytest
 
 import reference
 from fakes import PATIENCE_S, DaemonProcess, Port
-from imud import _core, decode, schema
+from imud import _core
 from imud.client import Client
-from imud.messages import Message
-from imud.messages import decode as decode_content
+from imud.recordings import decode
+from imud.wire import schema
+from imud.wire.messages import Message
+from imud.wire.messages import decode as decode_content
 from length import choose
 from system.virtual import Stub, run
 

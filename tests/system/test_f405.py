@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imud.messages import Message
+from imud.wire.messages import Message
 from stm32.letters import places
 from system.virtual import FIELDS_ALL, Run, Stub, assert_nothing_is_lost, run, send
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imud import motion
+from imud.virtual import motion
 from system.virtual import (
     BOARDS,
     Board,

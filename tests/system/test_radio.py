@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from imud import decode
+from imud.recordings import decode
 from system.virtual import BOARDS, Run, Stub, run, send
 
 PRESS_US = 5_000_000  # calibrated, and a host is there

@@ -7,7 +7,7 @@ from typing import Any
 
 from fakes import PATIENCE_S, DaemonProcess, Port
 from imud.client import Client
-from imud.frame import encode_frame
+from imud.wire.frame import encode_frame
 from system.test_chain import LiveProbe, hear
 from system.virtual import Stub, run, write_hand
 

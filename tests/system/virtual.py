@@ -11,10 +11,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from imud import decode, motion, schema
-from imud.frame import FrameDecoder, encode_frame
-from imud.messages import Message, encode
-from imud.messages import decode as decode_content
+from imud.recordings import decode
+from imud.virtual import motion
+from imud.wire import schema
+from imud.wire.frame import FrameDecoder, encode_frame
+from imud.wire.messages import Message, encode
+from imud.wire.messages import decode as decode_content
 
 
 @dataclass(frozen=True, slots=True)

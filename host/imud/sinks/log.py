@@ -1,33 +1,18 @@
 # SPDX-License-Identifier: MIT
-"""The log: MCAP files that can be read up to 0.25 s before a kill -9.
-
-Channels are named as Zenoh's keys. `frame` holds every good message as received and
-is the truth; the others hold JSON for other people's tools, among them pose_in_frame,
-which Foxglove draws.
-"""
+"""The log: MCAP files that can be read up to 0.25 s before a kill -9."""
 
 from __future__ import annotations
 
-import json
 import logging
 import os
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from io import BufferedWriter
 from pathlib import Path
-from typing import Any
 
-import msgspec
-
-from imud import messages, schema
 from imud.errors import FileError
-from imud.logs import FRAME_ENCODING, seal
-from imud.logwriter import LogWriter
-from imud.messages import Message
-from imud.names import PREFIX
-from imud.record import Presence, Record, plain
-from imud.version import version
+from imud.log.file import LogFile, Settings
+from imud.probes.record import Presence, Record
 
 # A file is handed to the kernel this often. The promise is 0.25 s; the rest of that is
 # for a busy machine.
@@ -45,222 +30,7 @@ INDEX_MAX = 600_000
 # few blocks that come free.
 ROOM_AGAIN = 1.1
 
-# The world in which Foxglove draws poses: the fixed frame of its 3D panel.
-WORLD = "world"
-
-_NUMBER: dict[str, Any] = {"type": "number"}
-_COUNT: dict[str, Any] = {"type": "integer"}
-_OPTIONAL_COUNT: dict[str, Any] = {"type": ["integer", "null"]}
-_HEAD = {
-    "type": {"type": "string"},
-    "probe": {"type": "string"},
-    "seq": _COUNT,
-    "number": _COUNT,
-    "missing": _COUNT,
-    "t_device_us": _COUNT,
-    "t_ns": _OPTIONAL_COUNT,
-    "t_bound_us": _OPTIONAL_COUNT,
-    "age_us": _OPTIONAL_COUNT,
-}
-
-
-def _vector(size: int, *, is_optional: bool = True) -> dict[str, Any]:
-    kind = ["array", "null"] if is_optional else "array"
-    return {"type": kind, "items": _NUMBER, "minItems": size, "maxItems": size}
-
-
-def _object(**properties: Any) -> dict[str, Any]:
-    return {"type": "object", "properties": properties}
-
-
-def _whole(**properties: Any) -> dict[str, Any]:
-    """An object that lacks none of them."""
-    return _object(**properties) | {"required": [*properties]}
-
-
-_TEXT = {"type": "string"}
-_ABOUT = {"type": _TEXT, "probe": _TEXT, "t_ns": _COUNT}
-_FLAGS = {"type": "array", "items": {"type": "string"}}
-_OPTIONAL = {"type": ["number", "null"]}
-
-_TIME = _whole(
-    sec=_COUNT | {"minimum": 0}, nsec=_COUNT | {"minimum": 0, "maximum": 10**9 - 1}
-)
-_XYZ = {axis: _NUMBER for axis in "xyz"}
-
-JSON_SCHEMAS: dict[str, dict[str, Any]] = {
-    "pose": _object(
-        **_HEAD,
-        q=_vector(4, is_optional=False),
-        position_m=_vector(3),
-        normal=_vector(3),
-        tilt_sigma_deg=_OPTIONAL,
-        heading_sigma_deg=_OPTIONAL,
-        flags=_FLAGS,
-    ),
-    "raw": _object(
-        **_HEAD,
-        acc_m_s2=_vector(3),
-        gyr_rad_s=_vector(3),
-        mag_uT=_vector(3),
-        temperature_c=_OPTIONAL,
-        acc_counts=_vector(3, is_optional=False),
-        gyr_counts=_vector(3, is_optional=False),
-        mag_counts=_vector(3),
-        flags=_FLAGS,
-    ),
-    "event": _object(
-        **_HEAD, event={"type": "string"}, cause={"type": "string"}, detail=_COUNT
-    ),
-    "twin": _object(
-        **_HEAD,
-        state={"type": "string"},
-        compared=_COUNT,
-        differed=_COUNT,
-        lost={"type": ["object", "null"]},
-        first_difference={"type": ["object", "null"]},
-    ),
-    "status": _object(**_ABOUT),
-    "clock": _object(**_ABOUT, step_ns=_COUNT),
-    "log": _object(
-        **_ABOUT,
-        state={"enum": ["on", "paused", "off"]},
-        reason={"type": ["string", "null"]},
-        dropped=_COUNT,
-    ),
-}
-
-# The schema of Foxglove's by that name, as far as a pose fills it.
-FOXGLOVE_SCHEMA = {
-    "title": "foxglove.PoseInFrame",
-    **_whole(
-        timestamp=_TIME,
-        frame_id=_TEXT,
-        pose=_whole(position=_whole(**_XYZ), orientation=_whole(**_XYZ, w=_NUMBER)),
-    ),
-}
-
-# Topics with a schema: its name and what it says.
-_SCHEMAS = {name: (f"imud.{name}", body) for name, body in JSON_SCHEMAS.items()} | {
-    "pose_in_frame": ("foxglove.PoseInFrame", FOXGLOVE_SCHEMA)
-}
-
-_ENCODER = msgspec.json.Encoder()
-
 logger = logging.getLogger("imud")
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """How logs are kept."""
-
-    prefix: str = PREFIX
-    rotate_bytes: int = 1 << 30  # a fresh file after so many
-    rotate_s: float = 3600.0  # and after so long
-    floor_bytes: int = 0  # no logging where the disk has less free
-    unlogged: frozenset[str] = frozenset()  # names of probes that are left out
-    has_foxglove: bool = True
-    configuration: str = ""  # of the daemon, JSON
-
-
-class LogFile:
-    """One file of records: channels, schemas and who wrote it."""
-
-    def __init__(self, file: BufferedWriter, settings: Settings) -> None:
-        self._file = file
-        self._settings = settings
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[tuple[str, str], int] = {}
-        self._hellos: dict[str, bytes] = {}
-        self.index_size = 0
-        # Frames and JSON of one pose are much alike; zstd takes a quarter of the space.
-        self._writer = LogWriter(file, f"imud {version()}")
-        fingerprint = f"{schema.FINGERPRINT:#010x}"
-        self._add_metadata(
-            "imud", {"version": version(), "schema_fingerprint": fingerprint}
-        )
-        if settings.configuration:
-            self._add_metadata("configuration", {"json": settings.configuration})
-
-    def take(self, record: Record) -> None:
-        if record.hello and self._hellos.get(record.probe) != record.hello:
-            self._hellos[record.probe] = record.hello
-            self._add_metadata("hello", _identity(record.probe, record.hello))
-        if record.payload:
-            self._add(record, record.topic, "json", record.payload)
-        if record.topic == "pose" and record.said and self._settings.has_foxglove:
-            self._add(record, "pose_in_frame", "json", pose_in_frame(record))
-        if record.content:
-            self._add(record, "frame", FRAME_ENCODING, record.content)
-
-    def flush(self) -> None:
-        self._writer.flush()
-        self.index_size += len(self._channels)
-
-    def size(self) -> int:
-        """Bytes written so far."""
-        return self._file.tell()
-
-    def fileno(self) -> int:
-        return self._file.fileno()
-
-    def finish(self) -> None:
-        self._writer.finish()
-
-    def close(self) -> None:
-        self._file.close()
-
-    def _add_metadata(self, name: str, said: dict[str, str]) -> None:
-        self._writer.add_metadata(name, seal(name, said))
-
-    def _add(self, record: Record, topic: str, encoding: str, data: bytes) -> None:
-        channel = self._channels.get((record.probe, topic))
-        if channel is None:
-            name = f"{self._settings.prefix}/{record.probe}/{topic}"
-            channel = self._writer.register_channel(name, encoding, self._schema(topic))
-            self._channels[record.probe, topic] = channel
-        sequence = record.sequence & 0xFFFFFFFF
-        # log_time is when it came, publish_time when what it says was so.
-        self._writer.add_message(
-            channel, record.t_received_ns, data, record.t_ns, sequence
-        )
-
-    def _schema(self, topic: str) -> int:
-        """The id of a topic's schema in this file; 0: none."""
-        if topic == "frame":
-            return 0
-        if topic not in self._schemas:
-            name, body = _SCHEMAS.get(topic) or (f"imud.{topic}", _object(**_ABOUT))
-            data = json.dumps(body).encode()
-            self._schemas[topic] = self._writer.register_schema(
-                name, "jsonschema", data
-            )
-        return self._schemas[topic]
-
-
-def _identity(probe: str, hello: bytes) -> dict[str, str]:
-    """What a probe says of itself: its message, and the same in words."""
-    said = messages.decode(hello)
-    fields = said.fields if isinstance(said, Message) else {}
-    words = {name: str(plain(value)) for name, value in fields.items()}
-    return words | {"probe": probe, "content": hello.hex()}
-
-
-def pose_in_frame(record: Record) -> bytes:
-    """A pose as Foxglove draws it; one that has no position is at the origin."""
-    sec, nsec = divmod(record.t_ns, 10**9)
-    w, x, y, z = record.said["q"]
-    px, py, pz = record.said["position_m"] or (0.0, 0.0, 0.0)
-    return _ENCODER.encode(
-        {
-            "timestamp": {"sec": sec, "nsec": nsec},
-            "frame_id": WORLD,
-            "pose": {
-                "position": {"x": px, "y": py, "z": pz},
-                "orientation": {"x": x, "y": y, "z": z, "w": w},
-            },
-        }
-    )
 
 
 class LogSink:

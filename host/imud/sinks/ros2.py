@@ -11,15 +11,16 @@ from typing import Any
 import msgspec
 import zenoh
 
-from imud import cdr, network, ros2
-from imud.cdr import Diagnosis, Level
-from imud.network import Credentials
-from imud.record import Presence, Record
-from imud.ros2 import Node, Topic
+from imud.net import network
+from imud.net.network import Credentials
+from imud.probes.record import Presence, Record
+from imud.ros2 import cdr, topics
+from imud.ros2.cdr import Diagnosis, Level
+from imud.ros2.topics import Node, Topic
 
 NODE = "imud"
-TF = Topic("/tf", ros2.TF_MESSAGE, 100)
-DIAGNOSTICS = Topic("/diagnostics", ros2.DIAGNOSTIC_ARRAY)
+TF = Topic("/tf", topics.TF_MESSAGE, 100)
+DIAGNOSTICS = Topic("/diagnostics", topics.DIAGNOSTIC_ARRAY)
 
 # A pose is joined with the sample before it up to this age: two at 100 Hz. Where both
 # are sent at one rate they are of one sample.
@@ -53,11 +54,11 @@ class Translator:
 
     def __init__(self, probe: str, namespace: str, world: str) -> None:
         self._world = world
-        self.frame = ros2.ros_name(probe)
+        self.frame = topics.ros_name(probe)
         base = f"/{namespace}/{self.frame}" if namespace else f"/{self.frame}"
-        self.imu = Topic(f"{base}/imu/data", ros2.IMU)
-        self.mag = Topic(f"{base}/imu/mag", ros2.MAGNETIC_FIELD)
-        self.pose = Topic(f"{base}/pose", ros2.POSE_STAMPED)
+        self.imu = Topic(f"{base}/imu/data", topics.IMU)
+        self.mag = Topic(f"{base}/imu/mag", topics.MAGNETIC_FIELD)
+        self.pose = Topic(f"{base}/pose", topics.POSE_STAMPED)
         self._sample: Said | None = None
         self._pose_us: int | None = None
         self._losses: dict[str, int] = {}
@@ -214,7 +215,7 @@ class Publisher:
         self, session: zenoh.Session, node: Node, number: int, topic: Topic
     ) -> None:
         token = node.publisher_token(number, topic)
-        self._gid = ros2.gid_of(token)
+        self._gid = topics.gid_of(token)
         self._sent = 0
         self._publisher = session.declare_publisher(
             topic.key(node.domain), congestion_control=zenoh.CongestionControl.DROP
@@ -223,7 +224,7 @@ class Publisher:
 
     def put(self, data: bytes) -> None:
         self._sent += 1
-        said = ros2.attachment(self._sent, time.time_ns(), self._gid)
+        said = topics.attachment(self._sent, time.time_ns(), self._gid)
         self._publisher.put(data, attachment=said)
 
 

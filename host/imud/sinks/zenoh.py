@@ -10,10 +10,10 @@ import msgspec
 import zenoh
 import zenoh.ext
 
-from imud import network
-from imud.config import Zenoh
+from imud.config.settings import Zenoh
 from imud.errors import NetworkError
-from imud.record import Presence, Record
+from imud.net import network
+from imud.probes.record import Presence, Record
 
 # At the end: what a slow subscriber has not taken by then is dropped.
 PATIENCE_S = 0.8

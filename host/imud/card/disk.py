@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: MIT
+"""A card in a reader, or its image in a file: opened with care, read and written by
+sectors.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from imud.card.fat import SECTOR
+from imud.errors import FileError
+
+# Where Linux tells of disks, and of what is mounted.
+BLOCKS = Path("/sys/dev/block")
+MOUNTS = Path("/proc/self/mountinfo")
+
+_REREAD = 0x125F  # BLKRRPART of <linux/fs.h>
+
+_DEVICES = Path("/dev")
+
+# Mounted there, a disk is what this computer runs from.
+_SYSTEM = {"/", "/boot", "/boot/efi", "/boot/firmware", "/etc", "/home", "/usr", "/var"}
+
+
+class Disk:
+    """An open card or image. OSErrors come out as they are: `told` makes lines."""
+
+    def __init__(self, path: Path, descriptor: int) -> None:
+        self.path = path
+        self._descriptor = descriptor
+        self.bytes = os.lseek(descriptor, 0, os.SEEK_END)
+
+    @property
+    def sectors(self) -> int:
+        return self.bytes // SECTOR
+
+    def read_at(self, offset: int, size: int) -> bytes:
+        """As many as there are."""
+        parts = []
+        while size > 0 and (part := os.pread(self._descriptor, size, offset)):
+            parts.append(part)
+            offset, size = offset + len(part), size - len(part)
+        return b"".join(parts)
+
+    def read(self, sector: int, count: int) -> bytes:
+        return self.read_at(sector * SECTOR, count * SECTOR)
+
+    def write(self, sector: int, data: bytes) -> None:
+        offset = sector * SECTOR
+        while data:
+            written = os.pwrite(self._descriptor, data, offset)
+            offset, data = offset + written, data[written:]
+
+    def settle(self) -> None:
+        """All that was written is on the card, and reads come from there."""
+        os.fsync(self._descriptor)
+        if hasattr(os, "posix_fadvise"):
+            os.posix_fadvise(self._descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
+
+    def reread(self) -> None:
+        """Lets the system look again which partitions there are."""
+        if stat.S_ISBLK(os.fstat(self._descriptor).st_mode):
+            with contextlib.suppress(OSError):  # then it does when it is put in again
+                fcntl.ioctl(self._descriptor, _REREAD)
+
+
+@contextlib.contextmanager
+def told(doing: str, hint: str = "") -> Iterator[None]:
+    """OSErrors as FileErrors that say what could not be done."""
+    try:
+        yield
+    except OSError as error:
+        raise FileError(f"can't {doing}: {error.strerror}{hint}") from error
+
+
+@contextlib.contextmanager
+def opened(path: Path) -> Iterator[Disk]:
+    """A card or a file, to read."""
+    with told(f"read {path}", _hint(path)):
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            yield Disk(path, descriptor)
+        finally:
+            os.close(descriptor)
+
+
+@contextlib.contextmanager
+def created(path: Path, size: int) -> Iterator[Disk]:
+    """A fresh image of zeros; taken away where it can't be finished."""
+    with told(f"write {path}"):
+        flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+        descriptor = os.open(path, flags, 0o666)
+        try:
+            os.truncate(descriptor, size)
+            yield Disk(path, descriptor)
+        except BaseException:
+            path.unlink()
+            raise
+        finally:
+            os.close(descriptor)
+
+
+@contextlib.contextmanager
+def claimed(path: Path) -> Iterator[Disk]:
+    """A card or an image that is there, to write on; FileError where one must not."""
+    with told(f"look at {path}", _hint(path)):
+        status = path.stat()
+    flags = os.O_RDWR | os.O_CLOEXEC
+    if stat.S_ISBLK(status.st_mode):
+        number = f"{os.major(status.st_rdev)}:{os.minor(status.st_rdev)}"
+        refuse_unless_card(path, number)
+        flags |= os.O_EXCL  # the kernel says so where anything uses any part of it
+    elif not stat.S_ISREG(status.st_mode):
+        raise FileError(f"{path} is neither a card nor a file")
+    with told(f"write {path}", _hint(path)):
+        try:
+            descriptor = os.open(path, flags)
+        except OSError as error:
+            raise _refused(path, error) from error
+        try:
+            yield Disk(path, descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _refused(path: Path, error: OSError) -> OSError | FileError:
+    if error.errno == errno.EBUSY:
+        return FileError(f"{path} is in use; unmount all of it first")
+    if error.errno == errno.EROFS:
+        return FileError(f"{path} is read-only; slide the lock at the card's side")
+    if error.errno == errno.ENOMEDIUM:
+        return FileError(f"no card is in {path}; put it in")
+    return error
+
+
+def _hint(path: Path) -> str:
+    is_device = _DEVICES in path.absolute().parents
+    if not is_device:
+        return ""
+    if not path.exists():
+        return "; put the card in, and look for its name with lsblk"
+    return "" if os.access(path, os.R_OK | os.W_OK) else "; try sudo"
+
+
+def refuse_unless_card(
+    path: Path, number: str, blocks: Path = BLOCKS, mounts: Path = MOUNTS
+) -> None:
+    """FileError for a disk that is no card, is in use, or can't be written."""
+    if not (blocks / number).exists():
+        raise FileError(
+            f"{path} can't be looked up; cards are prepared under Linux, images "
+            "anywhere"
+        )
+    disk = (blocks / number).resolve()
+    if (disk / "partition").exists():
+        whole = path.with_name(disk.parent.name)
+        raise FileError(f"{path} is a partition; name the card itself: {whole}")
+    numbers = {number} | {_said(part) for part in disk.glob("*/dev")}
+    places = [place for at, place in _mounted(mounts) if at in numbers]
+    if _SYSTEM.intersection(places):
+        raise FileError(f"{path} is the disk this computer runs from")
+    if places:
+        raise FileError(
+            f"{path} is mounted at {', '.join(places)}; umount {' '.join(places)}"
+        )
+    holders = [*disk.glob("holders/*"), *disk.glob("*/holders/*")]
+    if holders:
+        users = ", ".join(sorted({holder.name for holder in holders}))
+        raise FileError(f"{path} is in use by {users}")
+    is_card = _said(disk / "removable") == "1" or _said(disk / "device/type") == "SD"
+    if not is_card and not disk.name.startswith("loop"):
+        raise FileError(f"{path} is not a card: it can't be taken out")
+    if _said(disk / "size") == "0":
+        raise FileError(f"no card is in {path}; put it in")
+    if _said(disk / "ro") == "1":
+        raise FileError(f"{path} is read-only; slide the lock at the card's side")
+
+
+def _said(file: Path) -> str:
+    try:
+        return file.read_text().strip()
+    except OSError:
+        return ""
+
+
+def _mounted(mounts: Path) -> Iterator[tuple[str, str]]:
+    """Number and place of each mount: proc(5), /proc/pid/mountinfo."""
+    for line in _said(mounts).splitlines():
+        fields = line.split()
+        if len(fields) > 4:
+            yield fields[2], fields[4].replace("\\040", " ")

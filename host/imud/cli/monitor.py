@@ -1,0 +1,350 @@
+# SPDX-License-Identifier: MIT
+"""`imud monitor`: all probes on one screen, as they are at this moment.
+
+A terminal is drawn in place ten times a second, from 80x24 on; a pipe gets a line a
+probe each second.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import select
+import sys
+import termios
+import time
+import tty
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TextIO
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.text import Text
+
+from imud.cli.view import age_words, balance_words, sinks_words
+from imud.client import (
+    Message,
+    Missed,
+    Pose,
+    Status,
+    Subscription,
+    subscribe,
+)
+
+TERMINAL_S = 0.1
+PIPE_S = 1.0
+
+# A daemon says a status each second: after three it has none to say.
+SILENT_S = 3.0
+
+# Rows of a probe that has room to show its attitude.
+BLOCK = 6
+
+# Columns and rows of the horizon, in signs of 2 x 4 dots each.
+HORIZON = (14, 4)
+
+# Tangent of what the horizon shows up and down: 45 degrees.
+TANGENT = 1.0
+
+# The tape of the compass: columns, and degrees a column.
+TAPE, STEP_DEG = 29, 5
+DIRECTIONS = {0: "E", 45: "NE", 90: "N", 135: "NW", 180: "W", 225: "SW", 270: "S"}
+DIRECTIONS |= {315: "SE"}
+
+_STATES = {"streaming": "green", "idle": "cyan", "gone": "red", "silent": "red"}
+
+
+@dataclass(slots=True)
+class Shown:
+    """What the screen knows of a probe."""
+
+    name: str
+    pose: Pose | None = None
+    pose_s: float = -math.inf
+    status: Status | None = None
+    status_s: float = -math.inf
+    missed: Missed = field(default_factory=Missed)
+    _recent_s: deque[float] = field(default_factory=deque)
+
+    def take(self, message: Message, now_s: float) -> None:
+        if isinstance(message, Pose):
+            self.pose, self.pose_s = message, now_s
+            self._recent_s.append(now_s)
+        elif isinstance(message, Status):
+            self.status, self.status_s = message, now_s
+
+    def rate_hz(self, now_s: float) -> int:
+        """Poses in the last second."""
+        while self._recent_s and now_s - self._recent_s[0] > 1.0:
+            self._recent_s.popleft()
+        return len(self._recent_s)
+
+    def state(self, now_s: float) -> str:
+        if self.status is None:
+            return "?"
+        is_heard = now_s - self.status_s < SILENT_S
+        return self.status.state if is_heard else "unheard"
+
+    def has_pose(self, now_s: float) -> bool:
+        return self.pose is not None and now_s - self.pose_s < SILENT_S
+
+
+def horizon(q: Sequence[float], size: tuple[int, int] = HORIZON) -> list[str]:
+    """What a probe would see ahead over a plain: the ground in dots of Braille."""
+    w, x, y, z = q
+    # The world's up in the probe's axes; right of the picture is -y, its top is z.
+    ahead, left, up = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    columns, rows = size
+    width, height = 2 * columns, 4 * rows
+
+    def is_ground(column: int, row: int) -> bool:
+        right = (2 * column + 1 - width) / height * TANGENT
+        high = (height - 2 * row - 1) / height * TANGENT
+        return ahead - right * left + high * up < 0
+
+    # The bits of Unicode's Braille patterns, by column and row.
+    bits = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
+    return [
+        "".join(
+            chr(
+                0x2800
+                + sum(
+                    bits[i][j]
+                    for i in range(2)
+                    for j in range(4)
+                    if is_ground(2 * column + i, 4 * row + j)
+                )
+            )
+            for column in range(columns)
+        )
+        for row in range(rows)
+    ]
+
+
+def compass(yaw_deg: float) -> str:
+    """A tape of directions; what its middle shows is ahead."""
+    signs = ["·" if column % 3 == TAPE // 2 % 3 else " " for column in range(TAPE)]
+    for at_deg, name in DIRECTIONS.items():
+        off_deg = (yaw_deg - at_deg + 180) % 360 - 180
+        column = TAPE // 2 + round(off_deg / STEP_DEG)
+        if column >= 0 and column + len(name) <= TAPE:
+            signs[column : column + len(name)] = name
+    return "".join(signs)
+
+
+def _sigma(sigma: float | None) -> str:
+    return "      " if sigma is None else f"±{sigma:<5.2f}"
+
+
+def head_of(shown: Shown, now_s: float) -> Text:
+    """A probe in one line."""
+    state = shown.state(now_s)
+    status = shown.status
+    rate = f"{shown.rate_hz(now_s)} Hz"
+    text = Text().append(f"{shown.name[:16]:<16} ", style="bold")
+    text.append(f"{state:<10}", style=_STATES.get(state, "yellow"))
+    text.append(f"{rate:>7}  ")
+    text.append(f"{age_words(shown.pose):<17}" if shown.has_pose(now_s) else " " * 17)
+    text.append(" ")
+    if status is None:
+        return text
+    if shown.has_pose(now_s) and shown.pose is not None:
+        yaw, pitch, roll = shown.pose.yaw_pitch_roll_deg
+        text.append(f"{yaw:7.1f}{pitch:7.1f}{roll:7.1f}")
+    else:
+        text.append(f"{status.port or 'on no port'}", style="dim")
+    return text
+
+
+def loss_of(shown: Shown) -> Text:
+    """What was lost on the way, and where."""
+    text = Text()
+    if shown.status is None:
+        return text
+    ledger = shown.status.ledger
+    lost = ledger["lost"] + ledger["earlier_boots"]["lost"]
+    sent = ledger["sent"] + ledger["earlier_boots"]["sent"]
+    counts = (lost, ledger["corrupt"], shown.missed.network + shown.missed.queue)
+    wire = f"lost {lost} of {sent}, {counts[1]} corrupt, {counts[2]} on the way here"
+    return text.append(wire, style="red" if any(counts) else "default")
+
+
+def block_of(shown: Shown, now_s: float) -> list[Text]:
+    """A probe with its attitude, in BLOCK lines."""
+    lines = [head_of(shown, now_s)]
+    pose, status = shown.pose, shown.status
+    beside = [Text(), Text(), Text(), Text()]
+    picture = ["⠀" * HORIZON[0]] * HORIZON[1]
+    if pose is not None and shown.has_pose(now_s):
+        picture = horizon(pose.q)
+        yaw, pitch, roll = pose.yaw_pitch_roll_deg
+        beside[0] = Text(f"yaw   {yaw:8.2f}° {_sigma(pose.heading_sigma_deg)}  ")
+        tape = compass(yaw)
+        middle = TAPE // 2
+        beside[0].append(tape[:middle], style="cyan")
+        beside[0].append(tape[middle], style="reverse cyan")
+        beside[0].append(tape[middle + 1 :], style="cyan")
+        beside[1] = Text(f"pitch {pitch:8.2f}° {_sigma(pose.tilt_sigma_deg)}  ")
+        beside[1].append(" ".join(pose.flags), style="dim")
+        beside[2] = Text(f"roll  {roll:8.2f}° {_sigma(pose.tilt_sigma_deg)}  ")
+    if status is not None:
+        port = status.port or "on no port"
+        beside[2].append(f"{port} {status.hello.get('board', '')}", style="dim")
+        beside[3] = loss_of(shown)
+    for drawn, words in zip(picture, beside, strict=True):
+        lines.append(Text().append("▕", style="dim").append(drawn, style="yellow"))
+        lines[-1].append("▏ ", style="dim").append_text(words)
+    sums = status is None or status.ledger.get("adds_up", True)
+    tail = Text(" " * (HORIZON[0] + 3), style="default" if sums else "red")
+    lines.append(tail.append(balance_words(status.ledger) if status else ""))
+    return lines
+
+
+@dataclass(slots=True)
+class Screen:
+    """All probes, by name; those that are gone stay, as gone."""
+
+    endpoint: str
+    probes: dict[str, Shown] = field(default_factory=dict)
+    is_connected: bool = True
+
+    def take(self, message: Message, now_s: float) -> None:
+        shown = self.probes.setdefault(message.probe, Shown(message.probe))
+        shown.take(message, now_s)
+
+    def lines(self, now_s: float, height: int) -> list[Text]:
+        """At most `height` lines."""
+        probes = [shown for _, shown in sorted(self.probes.items())]
+        count = f"{len(probes)} probe{'' if len(probes) == 1 else 's'}"
+        head = Text().append(f"imud at {self.endpoint}, {count}", style="bold")
+        if not self.is_connected:
+            head.append("  it is gone; waiting for it", style="bold red")
+        foot = Text("q ends", style="dim")
+        room = height - 2
+        body: list[Text] = []
+        if not probes:
+            body = [Text("no probe was heard yet", style="dim")]
+        elif len(probes) * BLOCK <= room:
+            for shown in probes:
+                body += block_of(shown, now_s)
+        else:
+            titles = f"{'probe':<16} {'state':<10}{'rate':>7}  {'age':<17} "
+            body = [Text(f"{titles}{'yaw':>7}{'pitch':>7}{'roll':>7}", style="dim")]
+            body += [head_of(shown, now_s) for shown in probes]
+            if len(body) > room:
+                left_out = len(body) - room + 1
+                body = [
+                    *body[: room - 1],
+                    Text(f"and {left_out} more: a taller window"),
+                ]
+        return [head, *body[:room], foot][: max(1, height)]
+
+    def draw(self, now_s: float, height: int) -> Group:
+        lines = self.lines(now_s, height)
+        for line in lines:
+            line.no_wrap, line.overflow = True, "crop"
+        return Group(*lines)
+
+
+def pipe_line(shown: Shown, now_s: float) -> str:
+    """A probe for a pipe, without colours and signs."""
+    text = head_of(shown, now_s).plain.rstrip()
+    sinks = sinks_words(shown.status.ledger) if shown.status else ""
+    return "  ".join(part for part in (text, loss_of(shown).plain, sinks) if part)
+
+
+@contextlib.contextmanager
+def keys_of(source: TextIO) -> Iterator[int | None]:
+    """The descriptor of a keyboard that gives each key at once; None: no terminal."""
+    if not source.isatty():
+        yield None
+        return
+    descriptor = source.fileno()
+    before = termios.tcgetattr(descriptor)
+    try:
+        tty.setcbreak(descriptor)
+        yield descriptor
+    finally:
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+def _is_ended(keyboard: int | None) -> bool:
+    if keyboard is None or not select.select([keyboard], [], [], 0)[0]:
+        return False
+    pressed = os.read(keyboard, 64)
+    return not pressed or b"q" in pressed.lower()
+
+
+def follow(
+    subscription: Subscription[Message], screen: Screen, until_s: float
+) -> float:
+    """Takes what comes up to that time; returns the time that it is then."""
+    while (now_s := time.monotonic()) < until_s:
+        message = subscription.get(until_s - now_s)
+        if message is not None:
+            screen.take(message, time.monotonic())
+    for name, shown in screen.probes.items():
+        shown.missed = subscription.missed_of(name)
+    screen.is_connected = subscription.is_connected
+    return now_s
+
+
+def run(
+    endpoint: str,
+    prefix: str,
+    keys: Path | None = None,
+    seconds: float | None = None,
+) -> int:
+    """Until q, Ctrl-C or the end of so many seconds."""
+    until_s = math.inf if seconds is None else time.monotonic() + seconds
+    with (
+        subscribe(
+            topics=("pose", "status"), endpoint=endpoint, prefix=prefix, keys=keys
+        ) as subscription,
+        contextlib.suppress(KeyboardInterrupt),
+    ):
+        screen = Screen(subscription.endpoint)
+        for status in subscription.last_statuses():
+            screen.take(status, time.monotonic())
+        console = Console(highlight=False)
+        if console.is_terminal:
+            _show(console, subscription, screen, until_s)
+        else:
+            _write(subscription, screen, until_s)
+    return 0
+
+
+def _show(
+    console: Console,
+    subscription: Subscription[Message],
+    screen: Screen,
+    until_s: float,
+) -> None:
+    now_s = time.monotonic()
+    with (
+        keys_of(sys.stdin) as keyboard,
+        Live(
+            screen.draw(now_s, console.height),
+            console=console,
+            screen=True,
+            auto_refresh=False,
+        ) as live,
+    ):
+        while now_s < until_s and not _is_ended(keyboard):
+            now_s = follow(subscription, screen, min(now_s + TERMINAL_S, until_s))
+            live.update(screen.draw(now_s, console.height), refresh=True)
+
+
+def _write(subscription: Subscription[Message], screen: Screen, until_s: float) -> None:
+    now_s = time.monotonic()
+    while now_s < until_s:
+        now_s = follow(subscription, screen, min(now_s + PIPE_S, until_s))
+        for _, shown in sorted(screen.probes.items()):
+            sys.stdout.write(pipe_line(shown, now_s) + "\n")
+        if not screen.is_connected:
+            sys.stdout.write("imud is gone; waiting for it\n")
+        sys.stdout.flush()

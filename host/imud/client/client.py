@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: MIT
+"""Poses and commands over the network, for programs: no serial port, no protocol.
+
+`subscribe()` is built on it and is what most programs want: docs/subscribe.md.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import zenoh
+import zenoh.ext
+
+from imud.defaults import ENDPOINT, PREFIX
+from imud.errors import CommandRefused, NoReply, NotAllowed, ProbeUnknown
+from imud.net import access, network
+
+QUERY_TIMEOUT_S = 2.0
+
+# Zenoh 1.10 leaves tokens out of some answers within milliseconds of a session's first:
+# an empty one is asked for again, after these pauses. The history of a subscriber is
+# such an answer too: who waits for a token asks this often besides.
+ALIVE_PAUSES_S = (0.0, 0.05, 0.1)
+ALIVE_AGAIN_S = 0.5
+
+# The daemon asks a probe three times, a second each.
+COMMAND_TIMEOUT_S = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """One message as it came."""
+
+    probe: str
+    payload: bytes
+    source: str  # the Zenoh session that published it: another after a restart
+
+
+class Client:
+    """A connection to a daemon. Use it in a `with`, or close() it."""
+
+    def __init__(
+        self,
+        endpoint: str = ENDPOINT,
+        prefix: str = PREFIX,
+        keys: str | Path | None = None,
+    ) -> None:
+        self._prefix = prefix
+        mine = network.read_credentials(Path(keys)) if keys is not None else None
+        self._mine = mine
+        # The file of keys says where the daemon is, unless that is said here.
+        is_said = mine is None or endpoint != ENDPOINT
+        self._endpoint = endpoint if mine is None or is_said else mine.endpoint
+        self._session = network.open_client(self._endpoint, mine)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._session.close()
+
+    @property
+    def endpoint(self) -> str:
+        return self._endpoint
+
+    @property
+    def session(self) -> zenoh.Session:
+        """For what is not here."""
+        return self._session
+
+    @property
+    def is_connected(self) -> bool:
+        """False while the daemon is away; Zenoh connects again when it is back."""
+        return network.is_connected(self._session)
+
+    def may(self, do: str) -> bool:
+        """Whether its keys are of a role that may command, or read that topic."""
+        return self._mine is None or self._mine.role in access.who_may(do)
+
+    def check_may(self, do: str) -> None:
+        """NotAllowed if it may not: the daemon would not say so, only not do it."""
+        mine = self._mine
+        if mine is None or self.may(do):
+            return
+        what = do if do == access.COMMAND else f"read {do}"
+        raise NotAllowed(
+            f"{mine.user} may not {what}, as a {mine.role}; keys that may: "
+            f"imud keys add DIR {access.who_may(do)[0]} NAME"
+        )
+
+    def listen(
+        self,
+        topic: str,
+        probe: str | None,
+        callback: Callable[[Heard], None],
+        *,
+        history: int = 0,
+    ) -> Callable[[], None]:
+        """Calls back in a thread of its own, until the function that is returned is
+        called. The last `history` messages of each probe that the daemon kept come
+        first.
+        """
+        self.check_may(topic)
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            name = str(sample.key_expr).split("/")[-2]
+            stamp = sample.timestamp
+            source = str(stamp.get_id()) if stamp is not None else ""
+            callback(Heard(name, sample.payload.to_bytes(), source))
+
+        key = f"{self._prefix}/{probe or '*'}/{topic}"
+        if history > 0:
+            kept = zenoh.ext.HistoryConfig(max_samples=history)
+            return zenoh.ext.declare_advanced_subscriber(
+                self._session, key, on_sample, history=kept
+            ).undeclare
+        return self._session.declare_subscriber(key, on_sample).undeclare
+
+    def subscribe(
+        self, topic: str, probe: str | None, callback: Callable[[str, bytes], None]
+    ) -> Callable[[], None]:
+        """listen(), of which just probe and payload are wanted."""
+        return self.listen(
+            topic, probe, lambda heard: callback(heard.probe, heard.payload)
+        )
+
+    def statuses(self, probe: str | None = None) -> list[dict[str, Any]]:
+        """The last status of each probe, sorted by name."""
+        key = f"{self._prefix}/{probe or '*'}/status"
+        replies = self._session.get(key, timeout=QUERY_TIMEOUT_S)
+        found = [json.loads(r.ok.payload.to_bytes()) for r in replies if r.ok]
+        return sorted(found, key=lambda status: str(status["probe"]))
+
+    def alive(self) -> list[str]:
+        """The probes that are there."""
+        for pause_s in ALIVE_PAUSES_S:
+            time.sleep(pause_s)
+            names = self._alive_now("*")
+            if names:
+                return names
+        return []
+
+    def _alive_now(self, probe: str, timeout_s: float = QUERY_TIMEOUT_S) -> list[str]:
+        """What one question brings, sorted."""
+        key = f"{self._prefix}/{probe}/alive"
+        replies = self._session.liveliness().get(key, timeout=timeout_s)
+        return sorted(str(r.ok.key_expr).split("/")[-2] for r in replies if r.ok)
+
+    def wait_for(self, probe: str | None = None, *, seconds: float = 10.0) -> str:
+        """The first probe that is there, or that one, as soon as it is."""
+        arrived: queue.SimpleQueue[str] = queue.SimpleQueue()
+
+        def on_token(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.PUT:
+                arrived.put(str(sample.key_expr).split("/")[-2])
+
+        key = f"{self._prefix}/{probe or '*'}/alive"
+        watch = self._session.liveliness().declare_subscriber(
+            key, on_token, history=True
+        )
+        until = time.monotonic() + seconds
+        try:
+            while (left := until - time.monotonic()) > 0:
+                try:
+                    return arrived.get(timeout=min(left, ALIVE_AGAIN_S))
+                except queue.Empty:
+                    if names := self._alive_now(probe or "*", left):
+                        return names[0]
+        finally:
+            watch.undeclare()
+        raise ProbeUnknown(
+            f"no probe{f' {probe}' if probe else ''} came in {seconds:g} s; "
+            "plug it in, or look at imud run"
+        )
+
+    def only_probe(self, probe: str | None = None) -> str:
+        """The probe of that name, or the only one there is."""
+        alive = self.alive()
+        if probe is not None:
+            if probe not in alive:
+                raise ProbeUnknown(f"no probe {probe} is there; {_choice(alive)}")
+            return probe
+        if len(alive) != 1:
+            raise ProbeUnknown(
+                "no probe is there; plug one in, or look at imud run"
+                if not alive
+                else f"there are {len(alive)} probes; {_choice(alive)}"
+            )
+        return alive[0]
+
+    def command(self, probe: str, name: str, **arguments: str) -> dict[str, Any]:
+        """Has the probe do something; returns the daemon's answer."""
+        self.check_may(access.COMMAND)
+        selector = f"{self._prefix}/{probe}/cmd/{name}"
+        if arguments:
+            selector += "?" + ";".join(f"{k}={v}" for k, v in arguments.items())
+        for reply in self._session.get(selector, timeout=COMMAND_TIMEOUT_S):
+            if reply.ok:
+                answer: dict[str, Any] = json.loads(reply.ok.payload.to_bytes())
+                return answer
+            if reply.err:
+                raise CommandRefused(reply.err.payload.to_string())
+        raise NoReply(
+            f"nobody answered {name} for probe {probe}: it is not there (imud list), "
+            "or your keys do not let you command any longer"
+        )
+
+
+def _choice(names: list[str]) -> str:
+    return f"name one: {', '.join(names)}" if names else "plug it in"

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""`imud run`: ports in, sinks out, commands back."""

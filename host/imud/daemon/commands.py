@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: MIT
+"""Commands to probes: what they need, how often they are sent, what the answer was."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import random
+import re
+import secrets
+import time
+from collections.abc import Mapping
+from operator import itemgetter
+from typing import Any
+
+from imud.config.settings import ProbeSettings
+from imud.daemon.fleet import Fleet, Watched, Wire
+from imud.errors import (
+    CommandRefused,
+    DeviceError,
+    NoReply,
+    PortLost,
+    ProbeUnknown,
+    VersionMismatch,
+)
+from imud.probes.clock import host_ns
+from imud.probes.record import Stamp, plain
+from imud.probes.session import Received
+from imud.wire import messages, schema
+from imud.wire.frame import encode_frame
+from imud.wire.messages import Message, Value
+
+# A probe answers a command within milliseconds; three tries outlast a burst of noise.
+REPLY_TIMEOUT_S = 1.0
+TRIES = 3
+
+# A probe is asked for its time this often while its bound is wide, the first so many
+# times in quick succession, and once that is narrow; less and less often where it does
+# not answer.
+FIRST, TIME_FIRST_S, TIME_WIDE_S, TIME_S, TIME_LATE_S = 200, 0.05, 0.2, 1.0, 60.0
+TIME_BOUND_NS = 1_000_000
+UNANSWERED = 20
+ASKED_MAX = 16  # that an answer may still come for
+TIME_STEP_S = 0.03  # how often it is looked who is to be asked
+TIME_MAX = 3  # probes at a time: many that are known badly must not keep all busy
+
+# Arguments of the command `tare`, as the schema says.
+TARE = {"all": 0, "heading": 1, "undo": 2}
+STREAMS = {"pose": 0, "raw": 1}
+SHOWN_MAX = 40  # of somebody's words
+FILTERS = {each.name.lower(): each.value for each in schema.Filter if each}
+
+
+def _shown(text: str) -> str:
+    """What anybody may have sent, for a line: short, without control characters."""
+    return "".join(c if c.isprintable() else "?" for c in text[:SHOWN_MAX])
+
+
+def _number(text: str) -> int:
+    """In ASCII digits alone: int() takes 1_0 and other scripts' digits, too."""
+    if not re.fullmatch(r"-?[0-9]{1,20}", text):
+        raise ValueError(text)
+    return int(text)
+
+
+def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
+    """The two numbers of a command; CommandRefused where they can't be."""
+    known = {
+        "tare": {"what"},
+        "rate": {"stream", "hz"},
+        "fields": {"streams"},
+        "restart": {"filter"},
+    }
+    unknown = parameters.keys() - known.get(name, set())
+    if unknown:
+        raise CommandRefused(f"{name} knows no {_shown(min(unknown))}")
+    try:
+        if name == "tare":
+            return TARE[parameters.get("what", "all")], 0
+        if name == "rate":
+            return STREAMS[parameters["stream"]], _number(parameters["hz"])
+        if name == "fields":
+            streams = [part for part in parameters["streams"].split(",") if part]
+            return sum(1 << STREAMS[stream] for stream in set(streams)), 0
+        if name == "restart" and "filter" in parameters:
+            return FILTERS[parameters["filter"]], 0
+    except (KeyError, ValueError) as error:
+        needs = {
+            "tare": "what=all, heading or undo",
+            "rate": "stream=pose or raw, and hz=a number",
+            "fields": "streams=pose,raw or one of them",
+            "restart": f"filter={', '.join(FILTERS)}, or nothing",
+        }
+        raise CommandRefused(f"{name} needs {needs[name]}") from error
+    return 0, 0
+
+
+def orders_of(
+    settings: ProbeSettings, hello: Mapping[str, Value]
+) -> list[tuple[str, dict[str, str]]]:
+    """The commands that make a probe what its settings say, if it is not so yet."""
+    orders = []
+    for stream in STREAMS:
+        hz = getattr(settings, f"{stream}_rate")
+        if hz is not None and hz != hello.get(f"{stream}_rate"):
+            orders.append(("rate", {"stream": stream, "hz": str(hz)}))
+    if settings.streams is not None:
+        orders.append(("fields", {"streams": ",".join(settings.streams)}))
+    if settings.start:
+        orders.append(("start", {}))
+    return orders
+
+
+class Asking:
+    """For the time of one probe."""
+
+    def __init__(self, chance: random.Random) -> None:
+        self._chance = chance
+        self.due_s = 0.0
+        self.unanswered = 0
+        self.count = 0
+        self.asked: dict[int, int] = {}  # host's ns at which a token was written
+        self.size = 0  # bytes of the command
+
+    def put_off(self, stamp: Stamp | None, now_s: float) -> None:
+        """Until it is to be asked again."""
+        bound_ns = stamp.t_bound_ns if stamp is not None else None
+        is_known = bound_ns is not None and bound_ns < TIME_BOUND_NS
+        wait_s = TIME_FIRST_S if self.count < FIRST else TIME_WIDE_S
+        if is_known:
+            wait_s = TIME_S
+        if self.unanswered > UNANSWERED:
+            wait_s = min(TIME_S * 2.0 ** (self.unanswered - UNANSWERED), TIME_LATE_S)
+        self.unanswered += 1
+        self.count += 1
+        # At random, lest it keep in step with what delays the answers.
+        self.due_s = now_s + wait_s * self._chance.uniform(0.7, 1.3)
+
+
+class Commander:
+    """Sends commands, one at a time to each probe, until they are answered."""
+
+    def __init__(self, fleet: Fleet) -> None:
+        self._fleet = fleet
+        self._sequence = 0
+        # At random: a probe does not carry out a token twice in a row, and may have
+        # heard the last one from the daemon before this one.
+        self._token = secrets.randbelow(0xFFFF)
+        self._replies: dict[int, asyncio.Future[Message]] = {}
+        self._chance = random.SystemRandom()
+        self._asking: dict[Watched, Asking] = {}
+
+    async def command(
+        self, name: str, command: str, parameters: Mapping[str, str]
+    ) -> Any:
+        """Sends a command until it is answered; DeviceError says why it was not."""
+        watched = self._fleet.named(name)
+        if watched is None:
+            raise ProbeUnknown(f"no probe {name} was heard; imud list shows them")
+        if watched.other is not None:
+            raise VersionMismatch(
+                f"probe {name} speaks another schema (firmware "
+                f"{watched.other.firmware}); update it or imud"
+            )
+        known = {member.name.lower() for member in schema.Command}
+        if command not in known:
+            raise CommandRefused(
+                f"there is no command {_shown(command)!r}, only "
+                f"{', '.join(sorted(known))}"
+            )
+        arguments = arguments_of(command, parameters)
+        async with watched.commanding:
+            message = await self._ask(watched, command, arguments)
+        result = message.fields["result"]
+        if result == "bad_argument" and "filter" in parameters:
+            raise CommandRefused(
+                f"probe {name} has no filter {parameters['filter']}: its firmware was "
+                f"built without it and runs {plain(watched.probe.hello['filter'])}"
+            )
+        if result != "ok":
+            raise CommandRefused(
+                f"probe {name} refused {command}: {str(result).replace('_', ' ')}"
+            )
+        return message.fields["value"]
+
+    async def set_up(self, name: str, settings: ProbeSettings) -> None:
+        """Has a probe do what its settings say; DeviceError where it does not."""
+        watched = self._fleet.named(name)
+        if watched is not None:
+            for command, parameters in orders_of(settings, watched.probe.hello):
+                await self.command(name, command, parameters)
+                if command == "rate":
+                    # Its next hello says so, too; settings may change before.
+                    key = f"{parameters['stream']}_rate"
+                    watched.probe.hello[key] = int(parameters["hz"])
+
+    async def keep_time(self) -> None:
+        """Asks all probes for their time, again and again, until it is cancelled."""
+        loop = asyncio.get_running_loop()
+        while True:
+            await asyncio.sleep(TIME_STEP_S * self._chance.uniform(0.5, 1.5))
+            now_s = loop.time()
+            due = []
+            for watched in self._fleet:
+                asking = self._asking.setdefault(watched, Asking(self._chance))
+                if now_s >= asking.due_s and self._may_ask(watched):
+                    due.append((asking.due_s, watched, asking))
+            due.sort(key=itemgetter(0))
+            for _, watched, asking in due[:TIME_MAX]:
+                self._ask_time(watched, asking, now_s)
+
+    def _may_ask(self, watched: Watched) -> bool:
+        # In between two tries of a command, a probe would forget that it has carried
+        # it out already.
+        is_readable = watched.is_alive and watched.other is None
+        return is_readable and not watched.commanding.locked()
+
+    def _ask_time(self, watched: Watched, asking: Asking, now_s: float) -> None:
+        if watched.port is None:
+            return
+        token = self._next_token()
+        asking.asked[token] = host_ns()
+        while len(asking.asked) > ASKED_MAX:
+            del asking.asked[next(iter(asking.asked))]
+        asking.put_off(watched.stamp, now_s)
+        # The link says itself what is wrong with its port.
+        with contextlib.suppress(PortLost):
+            asking.size = self._send(watched.port, "time", token, (0, 0))
+
+    def take_reply(self, watched: Watched, event: Received) -> None:
+        message = event.message
+        token = message.fields["replied_token"]
+        asking = self._asking.get(watched)
+        if asking is not None and token in asking.asked and isinstance(token, int):
+            session = watched.port.session if watched.port is not None else None
+            wire_ns = asking.size * (session.byte_ns if session is not None else 0)
+            heard_ns = asking.asked.pop(token) + wire_ns
+            watched.probe.clock.heard(event.stamp.t_device_us, heard_ns)
+            asking.unanswered = 0
+        reply = self._replies.get(token) if isinstance(token, int) else None
+        if reply is not None and not reply.done():
+            reply.set_result(message)
+
+    async def _ask(
+        self, watched: Watched, command: str, arguments: tuple[int, int]
+    ) -> Message:
+        token = self._next_token()
+        reply: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
+        self._replies[token] = reply
+        try:
+            for _ in range(TRIES):
+                if watched.port is None:
+                    raise ProbeUnknown(f"probe {watched.name} is gone; plug it in")
+                try:
+                    self._send(watched.port, command, token, arguments)
+                except PortLost as error:
+                    raise DeviceError(str(error)) from error
+                except ValueError as error:
+                    raise CommandRefused(str(error)) from error
+                done, _ = await asyncio.wait([reply], timeout=REPLY_TIMEOUT_S)
+                if done:
+                    return reply.result()
+        finally:
+            del self._replies[token]
+        raise NoReply(
+            f"probe {watched.name} did not answer {command}, {TRIES} times; "
+            "is it alive? imud list"
+        )
+
+    def _send(
+        self, wire: Wire, name: str, token: int, arguments: tuple[int, int]
+    ) -> int:
+        """How many bytes it is."""
+        fields = {"command": name, "token": token, "arguments": arguments}
+        self._sequence += 1
+        time_us = time.monotonic_ns() // 1000
+        content = messages.encode("command", fields, self._sequence, time_us)
+        # A delimiter first: it ends whatever half frame the probe may hold.
+        data = b"\0" + encode_frame(content)
+        wire.write(data)
+        return len(data)
+
+    def _next_token(self) -> int:
+        self._token = self._token % 0xFFFF + 1
+        return self._token

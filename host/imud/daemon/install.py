@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: MIT
+"""`imud install-service`: what a machine needs to run imud from its start on."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import sys
+from pathlib import Path
+
+from imud.config.settings import Config, as_toml
+from imud.errors import ConfigError, FileError
+
+# What useradd(8) takes.
+_USER = re.compile(r"[a-z_][a-z0-9_-]{0,30}")
+
+# USB serial chips of Nanos and of the cables that F405 boards are tried with.
+CHIPS = (
+    ("1a86", "7523", "CH340"),
+    ("1a86", "55d4", "CH9102"),
+    ("0403", "6001", "FT232R"),
+    ("0403", "6015", "FT231X"),
+    ("10c4", "ea60", "CP2102"),
+)
+
+UNIT = """\
+# The pose of imu-probes as a network service.
+[Unit]
+Description=imud, the daemon of imu-probes
+After=network.target
+# A probe may be plugged in at any time; so may what imud needs come back.
+StartLimitIntervalSec=0
+
+[Service]
+Type=notify
+ExecStart={program} run --config /etc/imud.toml
+ExecReload=/bin/sh -c "kill -HUP $MAINPID"
+Restart=on-failure
+RestartSec=2
+# The loop says each second that it lives.
+WatchdogSec=10
+TimeoutStopSec=5
+
+User={user}
+Group={user}
+# Who may open serial ports on Debian and its kin.
+SupplementaryGroups=dialout
+StateDirectory=imud
+StateDirectoryMode=0750
+WorkingDirectory=/var/lib/imud
+UMask=0027
+
+# Serial ports and no other device.
+DevicePolicy=closed
+DeviceAllow=char-ttyUSB rw
+DeviceAllow=char-ttyACM rw
+DeviceAllow=char-ttyAMA rw
+DeviceAllow=char-ttyS rw
+DeviceAllow=char-rfcomm rw
+DeviceAllow=char-pts rw
+
+# Nothing of the machine but its own folder can be written.
+ProtectSystem=strict
+ProtectHome={home}
+PrivateTmp=yes
+NoNewPrivileges=yes
+CapabilityBoundingSet=
+AmbientCapabilities=
+ProtectClock=yes
+ProtectControlGroups=yes
+ProtectHostname=yes
+ProtectKernelLogs=yes
+ProtectKernelModules=yes
+ProtectKernelTunables=yes
+ProtectProc=invisible
+LockPersonality=yes
+MemoryDenyWriteExecute=yes
+RemoveIPC=yes
+RestrictNamespaces=yes
+RestrictRealtime=yes
+RestrictSUIDSGID=yes
+# Zenoh asks for the machine's addresses over netlink.
+RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6 AF_NETLINK
+SystemCallArchitectures=native
+SystemCallFilter=@system-service
+SystemCallFilter=~@privileged @resources
+# A library that asks for more is told no, and not killed.
+SystemCallErrorNumber=EPERM
+
+[Install]
+WantedBy=multi-user.target
+"""
+
+RULE_HEAD = """\
+# Serial chips of imu-probes: /dev/imu-probe-* whichever port they are on, left alone by
+# ModemManager, which would write to them, and without the FTDI's 16 ms of waiting.
+"""
+RULE = """\
+
+# {name}
+SUBSYSTEM=="usb", ENV{{DEVTYPE}}=="usb_device", ATTR{{idVendor}}=="{vendor}", \
+ATTR{{idProduct}}=="{product}", ENV{{ID_MM_DEVICE_IGNORE}}="1"
+SUBSYSTEM=="tty", ATTRS{{idVendor}}=="{vendor}", ATTRS{{idProduct}}=="{product}", \
+ENV{{ID_MM_PORT_IGNORE}}="1", ENV{{IMU_PROBE}}="1", GROUP="dialout", MODE="0660"
+"""
+# A CH340 has no serial number: its link then says where it is plugged in.
+RULE_TAIL = """\
+
+SUBSYSTEM=="tty", ENV{IMU_PROBE}=="1", ENV{ID_SERIAL_SHORT}=="?*", \
+SYMLINK+="imu-probe-$env{ID_SERIAL_SHORT}"
+SUBSYSTEM=="tty", ENV{IMU_PROBE}=="1", ENV{ID_SERIAL_SHORT}!="?*", \
+ENV{ID_PATH_TAG}=="?*", SYMLINK+="imu-probe-$env{ID_PATH_TAG}"
+ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{latency_timer}="1"
+"""
+
+USERS = """\
+# Who imud runs as.
+u {user} - "imud, the daemon of imu-probes" /var/lib/imud
+m {user} dialout
+"""
+
+NEXT = """\
+to have it run, now and from each start of the machine on:
+  systemd-sysusers && systemctl daemon-reload
+  udevadm control --reload && udevadm trigger --subsystem-match=tty
+  systemctl enable --now imud
+"""
+
+
+def files(user: str, program: Path) -> dict[str, str]:
+    """What is written, by its place."""
+    rules = [RULE.format(vendor=v, product=p, name=name) for v, p, name in CHIPS]
+    home = "read-only" if _is_in_home(program) else "yes"
+    unit = UNIT.format(program=_quoted(program), user=user, home=home)
+    return {
+        "etc/systemd/system/imud.service": unit,
+        # After 60-serial.rules, which find ID_SERIAL_SHORT and ID_PATH_TAG.
+        "etc/udev/rules.d/70-imu-probe.rules": RULE_HEAD + "".join(rules) + RULE_TAIL,
+        "etc/sysusers.d/imud.conf": USERS.format(user=user),
+        "etc/imud.toml": as_toml(Config()),
+    }
+
+
+def run(prefix: Path, user: str, *, is_shown: bool) -> int:
+    if not _USER.fullmatch(user):
+        raise ConfigError(f"{user!r} can't be a user's name; try --user imud")
+    written = files(user, _program())
+    if is_shown:
+        for place, text in written.items():
+            sys.stdout.write(f"# {prefix / place}\n{text}\n")
+        return 0
+    for place, text in written.items():
+        path = prefix / place
+        # Settings are the user's own, once there are any.
+        if place == "etc/imud.toml" and path.exists():
+            sys.stdout.write(f"{path}: is there and stays as it is\n")
+            continue
+        _write(path, text)
+        sys.stdout.write(f"{path}: written\n")
+    sys.stdout.write(NEXT)
+    return 0
+
+
+def _write(path: Path, text: str) -> None:
+    """All of it or nothing."""
+    beside = path.with_name(f".{path.name}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside.write_text(text, "utf-8")
+        beside.chmod(0o644)
+        beside.replace(path)
+    except OSError as error:
+        raise FileError(
+            f"can't write {path}: {error.strerror}; run it with sudo, or name another "
+            "place with --prefix DIR"
+        ) from error
+
+
+def _program() -> Path:
+    """The imud that runs now, also in an environment of its own."""
+    beside = Path(sys.executable).with_name("imud")
+    return beside if beside.exists() else Path(sys.argv[0]).absolute()
+
+
+def _is_in_home(program: Path) -> bool:
+    homes = (Path("/home"), Path("/root"), Path("/run/user"))
+    real = Path(os.path.realpath(program))
+    return any(path.is_relative_to(home) for path in (program, real) for home in homes)
+
+
+def _quoted(program: Path) -> str:
+    """As systemd.service(5) wants it: a percent sign and a dollar are its own."""
+    text = str(program).replace("%", "%%").replace("$", "$$")
+    return text if shlex.quote(text) == text else f'"{text}"'

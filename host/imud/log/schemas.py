@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: MIT
+"""What the JSON in a log is: a schema a topic, as MCAP keeps them beside the data."""
+
+from __future__ import annotations
+
+from typing import Any
+
+_NUMBER: dict[str, Any] = {"type": "number"}
+_COUNT: dict[str, Any] = {"type": "integer"}
+_OPTIONAL_COUNT: dict[str, Any] = {"type": ["integer", "null"]}
+_HEAD = {
+    "type": {"type": "string"},
+    "probe": {"type": "string"},
+    "seq": _COUNT,
+    "number": _COUNT,
+    "missing": _COUNT,
+    "t_device_us": _COUNT,
+    "t_ns": _OPTIONAL_COUNT,
+    "t_bound_us": _OPTIONAL_COUNT,
+    "age_us": _OPTIONAL_COUNT,
+}
+
+
+def _vector(size: int, *, is_optional: bool = True) -> dict[str, Any]:
+    kind = ["array", "null"] if is_optional else "array"
+    return {"type": kind, "items": _NUMBER, "minItems": size, "maxItems": size}
+
+
+def _object(**properties: Any) -> dict[str, Any]:
+    return {"type": "object", "properties": properties}
+
+
+def _whole(**properties: Any) -> dict[str, Any]:
+    """An object that lacks none of them."""
+    return _object(**properties) | {"required": [*properties]}
+
+
+_TEXT = {"type": "string"}
+_ABOUT = {"type": _TEXT, "probe": _TEXT, "t_ns": _COUNT}
+_FLAGS = {"type": "array", "items": {"type": "string"}}
+_OPTIONAL = {"type": ["number", "null"]}
+
+_TIME = _whole(
+    sec=_COUNT | {"minimum": 0}, nsec=_COUNT | {"minimum": 0, "maximum": 10**9 - 1}
+)
+_XYZ = {axis: _NUMBER for axis in "xyz"}
+
+JSON_SCHEMAS: dict[str, dict[str, Any]] = {
+    "pose": _object(
+        **_HEAD,
+        q=_vector(4, is_optional=False),
+        position_m=_vector(3),
+        normal=_vector(3),
+        tilt_sigma_deg=_OPTIONAL,
+        heading_sigma_deg=_OPTIONAL,
+        flags=_FLAGS,
+    ),
+    "raw": _object(
+        **_HEAD,
+        acc_m_s2=_vector(3),
+        gyr_rad_s=_vector(3),
+        mag_uT=_vector(3),
+        temperature_c=_OPTIONAL,
+        acc_counts=_vector(3, is_optional=False),
+        gyr_counts=_vector(3, is_optional=False),
+        mag_counts=_vector(3),
+        flags=_FLAGS,
+    ),
+    "event": _object(
+        **_HEAD, event={"type": "string"}, cause={"type": "string"}, detail=_COUNT
+    ),
+    "twin": _object(
+        **_HEAD,
+        state={"type": "string"},
+        compared=_COUNT,
+        differed=_COUNT,
+        lost={"type": ["object", "null"]},
+        first_difference={"type": ["object", "null"]},
+    ),
+    "status": _object(**_ABOUT),
+    "clock": _object(**_ABOUT, step_ns=_COUNT),
+    "log": _object(
+        **_ABOUT,
+        state={"enum": ["on", "paused", "off"]},
+        reason={"type": ["string", "null"]},
+        dropped=_COUNT,
+    ),
+}
+
+# The schema of Foxglove's by that name, as far as a pose fills it.
+FOXGLOVE_SCHEMA = {
+    "title": "foxglove.PoseInFrame",
+    **_whole(
+        timestamp=_TIME,
+        frame_id=_TEXT,
+        pose=_whole(position=_whole(**_XYZ), orientation=_whole(**_XYZ, w=_NUMBER)),
+    ),
+}
+
+# Topics with a schema: its name and what it says.
+SCHEMAS = {name: (f"imud.{name}", body) for name, body in JSON_SCHEMAS.items()} | {
+    "pose_in_frame": ("foxglove.PoseInFrame", FOXGLOVE_SCHEMA)
+}
+
+
+def schema_of(topic: str) -> tuple[str, dict[str, Any]]:
+    """Name and body of a topic's schema; any other says whose it is and when."""
+    return SCHEMAS.get(topic) or (f"imud.{topic}", _object(**_ABOUT))

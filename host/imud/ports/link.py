@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: MIT
+"""A serial port in an asyncio loop: bytes as they come, and back by itself."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import os
+import termios
+from collections.abc import Callable
+
+import serial
+
+from imud._core import read_some
+from imud.errors import LinkError, PortBusy, PortLost, PortNotFound, PortRefused
+from imud.probes.clock import host_ns
+
+# A port that is not there or vanished is looked for this often, at 10 us each: a probe
+# is back before its next hello.
+RETRY_S = 0.15
+
+# One that others hold or that can't be opened is not to be pestered.
+REFUSED_S = 0.5
+
+# DTR goes active at its end, which an Arduino's capacitor makes a reset of 0.1 ms.
+RESET_S = 0.05
+
+# Bytes that may wait to be written: dozens of commands, for a probe that reads none.
+PENDING_MAX = 4096
+
+_CFLAG, _CC = 2, 6  # places in what tcgetattr returns
+
+
+class Link:
+    """Keeps one port open and tells what happens to it, in the loop's thread."""
+
+    def __init__(
+        self,
+        port: str,
+        baud: int,
+        *,
+        on_open: Callable[[], None],
+        on_data: Callable[[bytes, int], None],
+        on_fault: Callable[[LinkError], None],
+        has_reset: bool = False,
+    ) -> None:
+        self.port = port
+        self._baud = baud
+        self._on_open = on_open
+        self._on_data = on_data
+        self._on_fault = on_fault
+        self._has_reset = has_reset
+        self._serial: serial.Serial | None = None
+        self._descriptor = -1  # its own
+        self._pending = b""
+        self._lost: asyncio.Future[LinkError] | None = None
+
+    @property
+    def is_open(self) -> bool:
+        return self._serial is not None
+
+    @property
+    def baud(self) -> int:
+        return self._baud
+
+    def set_baud(self, baud: int) -> None:
+        """From here on, without opening the port again: that would reset a board."""
+        if baud == self._baud:
+            return
+        self._baud = baud
+        if self._serial is None:
+            return
+        try:
+            self._serial.baudrate = baud
+            _make_ours(self._serial)
+        except (OSError, ValueError, termios.error):
+            # It vanished, or its driver has no such rate and stays at the one before.
+            self._read_some()
+
+    async def run(self) -> None:
+        """Opens the port, again and again, until it is cancelled."""
+        try:
+            while True:
+                pause_s = RETRY_S
+                try:
+                    await self._serve()
+                except LinkError as error:
+                    self._close()
+                    if isinstance(error, PortBusy | PortRefused):
+                        pause_s = REFUSED_S
+                    self._on_fault(error)
+                await asyncio.sleep(pause_s)
+        finally:
+            self._close()
+
+    def write(self, data: bytes) -> None:
+        """Sends as the port takes it; PortLost where there is none."""
+        if self._serial is None:
+            raise PortLost(f"{self.port} is not open; wait for it, or plug it in")
+        if len(self._pending) + len(data) > PENDING_MAX:
+            raise PortLost(f"{self.port} takes no bytes; unplug it and plug it in")
+        self._pending += data
+        self._write_some()
+
+    async def _serve(self) -> None:
+        port = self._serial = _open(self.port, self._baud)
+        self._pending = b""
+        if self._has_reset:
+            await _reset(port)
+        loop = asyncio.get_running_loop()
+        self._lost = loop.create_future()
+        self._descriptor = port.fileno()
+        loop.add_reader(self._descriptor, self._read_some)
+        self._on_open()
+        raise await self._lost
+
+    def _read_some(self) -> None:
+        if self._serial is None:
+            return
+        try:
+            # Without giving up the GIL, as os.read would: a busy sink's thread would
+            # keep it for longer than the time between two reads of many ports.
+            data = read_some(self._descriptor)
+        except OSError:
+            data = b""  # a pty whose other end closed says EIO, a USB port ENXIO
+        if data is None:
+            return
+        if data:
+            self._on_data(data, host_ns())
+        else:
+            self._hang_up()
+
+    def _write_some(self) -> None:
+        if self._serial is None:
+            return
+        descriptor = self._serial.fileno()
+        loop = asyncio.get_running_loop()
+        try:
+            written = os.write(descriptor, self._pending) if self._pending else 0
+        except BlockingIOError:
+            written = 0
+        except OSError:
+            self._hang_up()
+            return
+        self._pending = self._pending[written:]
+        if self._pending:
+            loop.add_writer(descriptor, self._write_some)
+        else:
+            loop.remove_writer(descriptor)
+
+    def _hang_up(self) -> None:
+        # At once: a descriptor that hung up is readable for ever.
+        self._unwatch()
+        if self._lost is not None and not self._lost.done():
+            self._lost.set_result(
+                PortLost(f"{self.port} vanished; it is taken up when it is back")
+            )
+
+    def _unwatch(self) -> None:
+        if self._serial is not None:
+            loop = asyncio.get_running_loop()
+            loop.remove_reader(self._serial.fileno())
+            loop.remove_writer(self._serial.fileno())
+
+    def _close(self) -> None:
+        if self._serial is None:
+            return
+        self._unwatch()
+        port, self._serial = self._serial, None
+        # What was not sent must not hold up close() for the kernel's 30 s; a port that
+        # is gone has nothing to flush.
+        with contextlib.suppress(termios.error):
+            termios.tcflush(port.fileno(), termios.TCOFLUSH)
+        port.close()
+
+
+def _open(name: str, baud: int) -> serial.Serial:
+    try:
+        # exclusive: two readers would each get half of the bytes.
+        port = serial.Serial(name, baud, timeout=0, exclusive=True)
+    except serial.SerialException as error:
+        raise _translated(name, error) from error
+    except (OSError, ValueError, termios.error) as error:
+        raise PortRefused(
+            f"{name} can't be set to {baud} baud; is it a serial port?"
+        ) from error
+    try:
+        _make_ours(port)
+    except termios.error as error:
+        port.close()
+        raise PortLost(f"{name} vanished; it is taken up when it is back") from error
+    return port
+
+
+def _make_ours(port: serial.Serial) -> None:
+    """After each setting by pyserial, which sets these its own way."""
+    attributes = termios.tcgetattr(port.fileno())
+    # A board resets when DTR goes active. The kernel does that when a port is opened,
+    # unless it was left so: keep it active past our end.
+    attributes[_CFLAG] &= ~termios.HUPCL
+    # A read of nothing then means a hang-up, and never "no bytes yet".
+    attributes[_CC][termios.VMIN] = 1
+    termios.tcsetattr(port.fileno(), termios.TCSANOW, attributes)
+
+
+async def _reset(port: serial.Serial) -> None:
+    """By DTR; a pty and a Bluetooth port have none."""
+    with contextlib.suppress(OSError):
+        port.dtr = False
+        await asyncio.sleep(RESET_S)
+        port.dtr = True
+
+
+def _translated(name: str, error: serial.SerialException) -> LinkError:
+    code = error.errno
+    if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
+        return PortNotFound(f"{name} is not there; it is taken up when it comes")
+    if code in (errno.EBUSY, errno.EAGAIN):
+        return PortBusy(
+            f"{name} is held by another program; it is taken up when it is free"
+        )
+    if code in (errno.EACCES, errno.EPERM):
+        return PortRefused(
+            f"{name} may not be opened; add yourself to its group: "
+            "sudo usermod -a -G dialout $USER, and log in again"
+        )
+    if code == errno.EIO:
+        return PortNotFound(f"{name} has no other end; it is taken up when it has")
+    return PortRefused(f"{name} can't be opened: is it a serial port?")

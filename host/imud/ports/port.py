@@ -1,0 +1,307 @@
+# SPDX-License-Identifier: MIT
+"""Serial ports as the daemon has them: a link, and the session of its opening.
+
+A port's rate is found by listening alone; nothing is written before a hello was heard.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from imud.errors import LinkError, PortLost, PortNotFound
+from imud.journal.text import Speaker, port_problem
+from imud.ports.baud import Memory, Sound, Step, Trial
+from imud.ports.link import Link
+from imud.probes.clock import Timeline, host_ns
+from imud.probes.session import (
+    NOISE_BYTES,
+    Event,
+    OnlyNoise,
+    OtherSchema,
+    Probe,
+    ProbeFound,
+    Session,
+    Silent,
+)
+
+# How often the time that passes is looked at while a rate is tried.
+LISTEN_S = 0.1
+
+# A probe says hello every second: one that was not heard for so long, here or on
+# another port, is not there any more.
+GONE_NS = 3_000_000_000
+
+# A port that was found by search is looked for where it was for so long after its
+# probe vanished, and given back to others if its probe is silent for so long.
+LOST_S = 10.0
+SILENT_S = 30.0
+
+
+class Listener(Protocol):
+    """What ports ask and tell of the probes that speak on them."""
+
+    timeline: Timeline
+
+    def probe(self, probe_id: str) -> Probe: ...
+    def holder(self, probe_id: str, port: Any, since_ns: int) -> Any: ...
+    def has_room(self, probe_id: str) -> bool: ...
+    def missing(self) -> list[str]: ...
+    def tell_double(self, probe_id: str, holder: Any, port: Any) -> None: ...
+    def follow_host(self, read_ns: int | None = None) -> None: ...
+    def take(self, event: Event, port: Any) -> None: ...
+    def take_other(self, event: OtherSchema, port: Any) -> None: ...
+    def port_ended(self, session: Session, port: Any) -> None: ...
+
+
+class Port:
+    """One port that is kept open, and who speaks on it."""
+
+    def __init__(
+        self,
+        name: str,
+        probes: Listener,
+        speaker: Speaker,
+        memory: Memory,
+        *,
+        rates: Sequence[int],
+        also: Sequence[str] = (),
+        is_named: bool = True,
+        has_reset: bool = False,
+    ) -> None:
+        self.name = name
+        self.is_named = is_named
+        self._keys = (*also, name)
+        self._rates = rates
+        self._probes = probes
+        self._speaker = speaker
+        self._memory = memory
+        self._fault: type[LinkError] | None = None
+        self._trial: Trial | None = None
+        self._listening: asyncio.TimerHandle | None = None
+        self._left_out: set[str] = set()  # ids that are heard here and not taken up
+        self._is_noise_told = False
+        self._is_pty = False
+        self._heard_s = 0.0  # something of ours
+        self._freed: asyncio.Event | None = None
+        self.fault: LinkError | None = None  # why it was freed; None: nothing of ours
+        self.had_probe = False
+        self.session: Session | None = None
+        self._link = Link(
+            name,
+            self._order()[0],
+            on_open=self._opened,
+            on_data=self._heard,
+            on_fault=self._failed,
+            has_reset=has_reset,
+        )
+
+    @property
+    def _is_left_out(self) -> bool:
+        """Who speaks here is on another port, too, or one too many."""
+        probe = self.session.probe if self.session is not None else None
+        return probe is not None and probe.probe_id in self._left_out
+
+    @property
+    def baud(self) -> int:
+        return self._link.baud
+
+    async def run(self) -> None:
+        """Serves a named port until it is cancelled, another one until it is freed."""
+        self._freed = asyncio.Event()
+        serving = asyncio.create_task(self._link.run())
+        freed = asyncio.create_task(self._freed.wait())
+        try:
+            await asyncio.wait([serving, freed], return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in (serving, freed):
+                task.cancel()
+            results = await asyncio.gather(serving, freed, return_exceptions=True)
+            self.end()
+        # A link that ends by itself is a fault of ours: let it be seen.
+        for result in results:
+            if isinstance(result, Exception):
+                raise result
+
+    def write(self, data: bytes) -> None:
+        """To the probe; PortLost where there is none."""
+        if self.session is None or self.session.probe is None or self._is_left_out:
+            raise PortLost(f"{self.name}: no probe said hello yet; wait for it")
+        self._link.write(data)
+
+    def check(self, t_ns: int) -> None:
+        """Once a second."""
+        if self.session is None or self._trial is not None:
+            return
+        loop_s = asyncio.get_running_loop().time()
+        if self._is_left_out and self.session.probe is not None:
+            probe_id = self.session.probe.probe_id
+            if self._probes.holder(probe_id, self, t_ns - GONE_NS) is None:
+                self.listen_again()
+            return
+        events = self.session.check(t_ns)
+        self._tell(events)
+        has_many = len(self._order()) > 1
+        if any(isinstance(event, OnlyNoise) for event in events) and has_many:
+            self.listen_again()
+        elif not self.is_named and loop_s - self._heard_s > SILENT_S:
+            self._free(None)
+
+    def end(self) -> None:
+        if self._listening is not None:
+            self._listening.cancel()
+        self._listening = self._trial = None
+        session, self.session = self.session, None
+        if session is None:
+            return
+        self._tell(session.close())
+        self._probes.port_ended(session, self)
+        self._left_out.clear()
+
+    def listen_again(self) -> None:
+        """Whoever is here has to say hello again, at whatever rate."""
+        self.end()
+        if self._link.is_open:
+            self._link.set_baud(self._order()[0])
+            self._opened()
+
+    def _order(self) -> tuple[int, ...]:
+        missing = self._probes.missing()
+        if len(self._rates) == 1:
+            return tuple(self._rates)
+        return self._memory.order(self._keys, missing, self._rates)
+
+    def _opened(self) -> None:
+        if self._fault is not None:
+            self._speaker.say(("open", self.name), f"{self.name}: open")
+        self._fault = None
+        self._is_pty = os.path.realpath(self.name).startswith("/dev/pts/")
+        loop = asyncio.get_running_loop()
+        self._trial = Trial((self._link.baud, *self._others()), loop.time())
+        self._begin_session()
+        self._listening = loop.call_later(LISTEN_S, self._listen)
+
+    def _others(self) -> list[int]:
+        return [rate for rate in self._order() if rate != self._link.baud]
+
+    def _begin_session(self) -> None:
+        self.session = Session(self._find, host_ns(), timeline=self._probes.timeline)
+
+    def _find(self, probe_id: str) -> Probe:
+        """The probe, or a stand-in for one that is heard on another port as well."""
+        since_ns = host_ns() - GONE_NS
+        holder = self._probes.holder(probe_id, self, since_ns)
+        if not self._probes.has_room(probe_id):
+            self._left_out.add(probe_id)
+            return Probe(probe_id)
+        if holder is None:
+            before = self._probes.holder(probe_id, self, 0)
+            if before is not None:
+                before.listen_again()
+            self._left_out.discard(probe_id)
+            return self._probes.probe(probe_id)
+        self._left_out.add(probe_id)
+        self._probes.tell_double(probe_id, holder, self)
+        return Probe(probe_id)
+
+    def _heard(self, data: bytes, t_ns: int) -> None:
+        if self.session is None:
+            return
+        self._probes.follow_host(t_ns)
+        # A start bit, eight bits and a stop bit; a pty has no wire.
+        self.session.byte_ns = 0 if self._is_pty else 10_000_000_000 // self.baud
+        self._tell(self.session.receive(data, t_ns))
+        if self._trial is not None:
+            self._judge()
+
+    def _listen(self) -> None:
+        """While a rate is tried: what has not come by now."""
+        self._judge()
+        if self._trial is not None:
+            loop = asyncio.get_running_loop()
+            self._listening = loop.call_later(LISTEN_S, self._listen)
+
+    def _judge(self) -> None:
+        trial, session = self._trial, self.session
+        if trial is None or session is None:
+            return
+        sound = Sound.of(session.counts())
+        step = trial.judge(sound, asyncio.get_running_loop().time())
+        if step is Step.STAY:
+            return
+        if step is Step.OVER and not self._go_on(trial):
+            return
+        if sound.bytes > 0:
+            self._tell(session.close())
+            self._begin_session()
+        self._link.set_baud(trial.rate)
+
+    def _go_on(self, trial: Trial) -> bool:
+        """After a round in vain: whether another one follows."""
+        if not self.is_named:
+            self._free(None)
+            return False
+        t_ns = host_ns()
+        if trial.noise > NOISE_BYTES and not self._is_noise_told:
+            self._is_noise_told = True
+            self._tell_problem(OnlyNoise(trial.noise), trial.rates)
+        elif self.session is not None and not trial.noise:
+            self._tell(self.session.check(t_ns))
+        return True
+
+    def _free(self, fault: LinkError | None) -> None:
+        self.fault = fault
+        self.end()
+        if self._freed is not None:
+            self._freed.set()
+
+    def _failed(self, error: LinkError) -> None:
+        self.end()
+        self._link.set_baud(self._order()[0])
+        if not self.is_named:
+            since_s = asyncio.get_running_loop().time() - self._heard_s
+            is_lost = isinstance(error, PortLost | PortNotFound)
+            if not (is_lost and self.had_probe and since_s < LOST_S):
+                self._free(error)
+                return
+        # A port that vanished is then not there: that was said already.
+        is_known = self._fault is not None and (
+            type(error) is self._fault or self._fault is PortLost
+        )
+        if not is_known:
+            kind = ("fault", self.name, type(error))
+            self._speaker.say(kind, str(error), is_warning=True)
+            self._fault = type(error)
+
+    def _tell(self, events: list[Event]) -> None:
+        for event in events:
+            if isinstance(event, OnlyNoise | Silent):
+                if self.is_named or self.had_probe:
+                    self._tell_problem(event, (self.baud,))
+                continue
+            self._heard_s = asyncio.get_running_loop().time()
+            if isinstance(event, OtherSchema | ProbeFound):
+                self._know(event.probe_id)
+            if isinstance(event, OtherSchema):
+                if self._probes.has_room(event.probe_id):
+                    self._probes.take_other(event, self)
+            elif event.probe_id not in self._left_out:
+                self._probes.take(event, self)
+
+    def _know(self, probe_id: str) -> None:
+        """A hello was heard: this is the rate."""
+        if self._trial is None:
+            return
+        self._trial = None
+        if self._listening is not None:
+            self._listening.cancel()
+        self._is_noise_told = False
+        self.had_probe = True
+        self._memory.learn(self._keys, probe_id, self.baud)
+
+    def _tell_problem(self, event: OnlyNoise | Silent, rates: Sequence[int]) -> None:
+        text = port_problem(self.name, event, rates)
+        kind = ("problem", self.name, type(event))
+        self._speaker.say(kind, text, is_warning=True)

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: MIT
+"""A message as the object that subscribers, logs and `imud decode` all see, and what
+of it flows through the hub to the sinks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from imud import rotation
+from imud.wire.messages import Message, Value
+
+# Published as JSON under their own names; all else goes out as frames only.
+JSON_TOPICS = frozenset({"pose", "raw", "event"})
+
+# With these each object begins.
+HEAD = (
+    "type",
+    "probe",
+    "seq",
+    "number",
+    "missing",
+    "t_device_us",
+    "t_ns",
+    "t_bound_us",
+    "age_us",
+)
+
+_ENCODER = msgspec.json.Encoder()
+
+
+class Stamp(msgspec.Struct, frozen=True):
+    """Which message of a probe it is, and when what it says was so."""
+
+    number: int  # of its kind, since this imud began to hear the probe: without gaps
+    missing: int  # messages of the probe lost since the one before of its kind
+    t_device_us: int  # unrolled beyond 32 bits
+    t_ns: int | None = None  # UTC: when its sample was taken; None: not known
+    t_bound_ns: int | None = None  # that is right to this, 99 times of 100
+    t_received_ns: int | None = None  # UTC: when its last byte was read
+
+
+class Record(msgspec.Struct, frozen=True):
+    """One thing said by or about a probe, made ready once for all sinks."""
+
+    probe: str  # its name in keys
+    topic: str  # last part of the key of `payload`: pose, raw, event, status...
+    payload: bytes  # JSON; empty where only the frame is of interest
+    content: bytes  # the frame as received; empty where there was none
+    sequence: int
+    t_ns: int  # UTC: when what it says was so
+    t_received_ns: int  # UTC
+    hello: bytes = b""  # content of the hello in force: what scales raw counts
+    said: Mapping[str, Any] = {}  # what `payload` encodes
+
+
+class Presence(msgspec.Struct, frozen=True):
+    """A probe came or went."""
+
+    probe: str
+    is_alive: bool
+
+
+def record_of(
+    message: Message,
+    content: bytes,
+    probe: str,
+    stamp: Stamp,
+    hello: Mapping[str, Value],
+    hello_content: bytes,
+) -> Record:
+    """A good message as sinks take it."""
+    said: dict[str, Any] = {}
+    payload = b""
+    if message.name in JSON_TOPICS:
+        said = describe(message, probe, stamp, hello)
+        payload = _ENCODER.encode(said)
+    # `status` is the key of what the daemon says of a probe.
+    topic = "counters" if message.name == "status" else message.name
+    received_ns = stamp.t_received_ns or 0
+    t_ns = received_ns if stamp.t_ns is None else stamp.t_ns
+    return Record(
+        probe,
+        topic,
+        payload,
+        content,
+        message.sequence,
+        t_ns,
+        received_ns,
+        hello_content,
+        said,
+    )
+
+
+def describe(
+    message: Message, probe: str, stamp: Stamp, hello: Mapping[str, Value]
+) -> dict[str, Any]:
+    """Plain values for JSON; `hello` holds what scales raw counts, or is empty."""
+    fields = message.fields
+    t_ns, received_ns = stamp.t_ns, stamp.t_received_ns
+    head: dict[str, Any] = {
+        "type": message.name,
+        "probe": probe,
+        "seq": message.sequence,
+        "number": stamp.number,
+        "missing": stamp.missing,
+        "t_device_us": stamp.t_device_us,
+        "t_ns": t_ns,
+        "t_bound_us": _us(stamp.t_bound_ns),
+        "age_us": None
+        if t_ns is None or received_ns is None
+        else _us(received_ns - t_ns),
+    }
+    if message.name == "pose":
+        return head | {
+            "q": fields["q"],
+            "position_m": fields["position"],
+            "normal": fields["normal"],
+            "tilt_sigma_deg": fields["tilt_sigma"],
+            "heading_sigma_deg": fields["heading_sigma"],
+            "flags": fields["pose_flags"],
+        }
+    if message.name == "raw":
+        return head | {
+            "acc_m_s2": _scaled(fields["acc"], hello.get("acc_lsb")),
+            "gyr_rad_s": _scaled(fields["gyr"], hello.get("gyr_lsb")),
+            "mag_uT": _scaled(fields["mag"], hello.get("mag_lsb")),
+            "temperature_c": fields["temperature"],
+            "acc_counts": fields["acc"],
+            "gyr_counts": fields["gyr"],
+            "mag_counts": fields["mag"],
+            "flags": fields["sample_flags"],
+        }
+    return head | {name: plain(value) for name, value in fields.items()}
+
+
+def _us(time_ns: int | None) -> int | None:
+    return None if time_ns is None else round(time_ns / 1000)
+
+
+def equipment_of(fields: Mapping[str, Value]) -> dict[str, Any]:
+    """What a board has beside its sensor; None in place of a part that it lacks."""
+    battery_mv = fields["battery"]
+    has_radio, has_card = fields["radio"] != "none", fields["card"] != "none"
+    radio = {"state": fields["radio"], "resets": fields["radio_resets"]}
+    card = {
+        "state": fields["card"],
+        "recording": fields["recording"],
+        "block": fields["card_block"],
+        "blocks": fields["card_blocks"],
+        "faults": fields["card_faults"],
+        "busy_ms": fields["card_busy"],
+        "logged": fields["messages_logged"],
+        "unlogged": fields["messages_unlogged"],
+    }
+    return {
+        "clock": fields["clock"],
+        "battery_v": battery_mv / 1000 if isinstance(battery_mv, int) else None,
+        "power": fields["power"],
+        "radio": radio if has_radio else None,
+        "card": card if has_card else None,
+    }
+
+
+def plain(value: Value) -> Any:
+    """Bytes as hexadecimal digits, all else as it is."""
+    return value.hex() if isinstance(value, bytes) else value
+
+
+def euler_deg(q: list[float]) -> tuple[float, float, float]:
+    """Yaw from east to north, pitch and roll: docs/angles.md."""
+    yaw, pitch, roll = np.degrees(rotation.to_yaw_pitch_roll(np.array(q))).tolist()
+    return yaw, pitch, roll
+
+
+def _scaled(counts: Value, lsb: Value) -> list[float] | None:
+    if not isinstance(counts, tuple) or not isinstance(lsb, float):
+        return None
+    return [float(count) * lsb for count in counts]

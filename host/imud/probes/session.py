@@ -1,0 +1,345 @@
+# SPDX-License-Identifier: MIT
+"""What one opening of a port says: bytes in, events out. No I/O; time is an argument.
+
+A message is only passed on once its probe is known, that is after a hello; those
+before it wait. Everything that is not passed on is counted, here or in the account.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import msgspec
+
+from imud.probes.clock import Clock, Timeline
+from imud.probes.ledger import Account, Heard, Judged, Verdict
+from imud.probes.record import Stamp
+from imud.wire import messages, schema
+from imud.wire.frame import FrameDecoder
+from imud.wire.messages import Message, Skew, Value
+
+# Messages that wait for a hello, which comes every second: 760 raw and as many poses a
+# second, twice over.
+WAITING_MAX = 3072
+
+# A hello and a status come every second, so this long with nothing good is a fault.
+SILENT_NS = 3_000_000_000
+
+# The probe of a capture in which none says hello.
+NOBODY = "unknown"
+
+# Fewer bytes than this without a good frame may be the rest of one or line noise at
+# power-on; more is another baud rate or another device.
+NOISE_BYTES = 256
+
+
+class ProbeFound(msgspec.Struct, frozen=True):
+    """A probe said hello on this port for the first time, or it began a boot."""
+
+    probe_id: str
+    hello: Message
+    is_restart: bool
+
+
+class Received(msgspec.Struct, frozen=True):
+    """A good message, in its order."""
+
+    probe: Probe
+    message: Message
+    content: bytes
+    stamp: Stamp
+
+    @property
+    def probe_id(self) -> str:
+        return self.probe.probe_id
+
+
+class Refused(msgspec.Struct, frozen=True):
+    """A frame that passed its CRC and is not passed on."""
+
+    probe_id: str
+    verdict: Verdict
+    skew: Skew | None
+
+
+class OtherSchema(msgspec.Struct, frozen=True):
+    """A probe that this imud can't read beyond its hello."""
+
+    probe_id: str
+    fingerprint: int
+    firmware: str
+    hello: Message
+
+
+class OnlyNoise(msgspec.Struct, frozen=True):
+    """Bytes come, but no frames."""
+
+    count: int
+
+
+class Silent(msgspec.Struct, frozen=True):
+    """A port is open and nothing is heard."""
+
+    seconds: float
+
+
+Event = ProbeFound | Received | Refused | OtherSchema | OnlyNoise | Silent
+
+
+class Probe:
+    """What is known of one probe, whichever port it speaks on."""
+
+    def __init__(self, probe_id: str) -> None:
+        self.probe_id = probe_id
+        self.account = Account()
+        self.clock = Clock()
+        self.hello: dict[str, Value] = {}
+        self.hello_content = b""
+        self._numbers = Counter[str]()
+        self._lost: dict[str, int] = {}
+
+    def stamp(
+        self, heard: Heard, message: Message, timeline: Timeline, byte_ns: int
+    ) -> Stamp:
+        """Of the next message of its kind."""
+        name = message.name
+        self._numbers[name] += 1
+        lost = self.account.lost
+        # A late one may have been taken for lost.
+        missing = max(0, lost - self._lost.get(name, 0))
+        self._lost[name] = lost
+        number = self._numbers[name]
+        device_us = self.clock.unroll(heard.time_us, heard.t_ns)
+        if heard.t_ns is None:
+            return Stamp(number, missing, device_us)
+        # It took at least so long on the wire.
+        self.clock.arrived(device_us, heard.t_ns - len(heard.content) * byte_ns)
+        moment = self.clock.moment(device_us)
+        t_ns, bound_ns = timeline.utc(moment.host_ns), moment.bound_ns
+        if bound_ns is not None:
+            bound_ns += timeline.doubt(moment.host_ns, bound_ns, t_ns)
+        return Stamp(
+            number,
+            missing,
+            device_us,
+            t_ns,
+            bound_ns,
+            timeline.utc(heard.t_ns),
+        )
+
+    def learn(self, hello: Message, content: bytes) -> None:
+        self.hello, self.hello_content = dict(hello.fields), content
+
+
+def first_hello(chunks: Iterable[bytes]) -> Message | None:
+    """The first of ours in bytes that are all there already."""
+    decoder = FrameDecoder()
+    for data in chunks:
+        for content in decoder.feed(data):
+            said = messages.decode(content)
+            if (
+                isinstance(said, Message)
+                and said.name == "hello"
+                and said.fields["schema_fingerprint"] == schema.FINGERPRINT
+            ):
+                return said
+    return None
+
+
+def speaker_of(hello: Message | None, name: Callable[[str], Probe]) -> Probe:
+    """Who speaks in those bytes, to be told before the hello comes."""
+    probe_id = hello.fields["probe_id"] if hello is not None else None
+    probe = name(probe_id.hex() if isinstance(probe_id, bytes) else NOBODY)
+    if hello is not None:
+        probe.learn(hello, b"")
+    return probe
+
+
+class Session:
+    """One opening of one port. `probes` is shared by all sessions of a daemon.
+
+    Time is the host's, which `timeline` turns into UTC; without one it is UTC already.
+    A byte is on the wire for `byte_ns` at least, which whoever knows the port sets.
+    """
+
+    def __init__(
+        self,
+        probes: Callable[[str], Probe],
+        t_ns: int | None = None,
+        presumed: Probe | None = None,
+        timeline: Timeline | None = None,
+    ) -> None:
+        self._find = probes
+        self._timeline = Timeline() if timeline is None else timeline
+        self.byte_ns = 0
+        self._decoder = FrameDecoder()
+        self._has_delimiter = False
+        self._waiting: deque[Heard] = deque()
+        self._is_foreign = False
+        self._tallied = Counter[str]()
+        self._bad = 0
+        self._heard_ns = t_ns
+        self._good_ns = t_ns
+        self._bytes_since_good = 0
+        self._told: set[type[Event]] = set()  # since the last good frame
+        self.probe = presumed
+        self.bytes = 0
+        self.corrupt = Counter[str]()  # bad frames that nothing below explains
+        self.partial = 0  # the frame in whose middle the port was opened
+        self.foreign = 0  # of a probe that speaks another schema
+        self.unnamed = 0  # good messages for which no hello came in time
+        self.headless: Counter[str] = Counter()  # skewed, with no number to account for
+
+    def counts(self) -> dict[str, Any]:
+        return {
+            "bytes": self.bytes,
+            "frames": self._decoder.stats.ok,
+            "corrupt": self.corrupt.total(),
+            "corrupt_kinds": dict(sorted(self.corrupt.items())),
+            "partial": self.partial,
+            "foreign": self.foreign,
+            "unnamed": self.unnamed,
+            "headless": dict(sorted(self.headless.items())),
+        }
+
+    def receive(self, data: bytes, t_ns: int | None) -> list[Event]:
+        events: list[Event] = []
+        self.bytes += len(data)
+        self._heard_ns = t_ns
+        if not self._has_delimiter:
+            end = data.find(0) + 1
+            head, data = (data[:end], data[end:]) if end else (data, b"")
+            self._feed(head, t_ns, events)
+            self._has_delimiter = end > 0
+            self.partial += self._newly_bad().total()
+        self._feed(data, t_ns, events)
+        if self._decoder.bad == self._bad:
+            return events
+        if self._is_foreign:
+            self.foreign += self._newly_bad().total()
+        else:
+            self.corrupt += self._newly_bad()
+        return events
+
+    def _newly_bad(self) -> Counter[str]:
+        self._bad = self._decoder.bad
+        bad = Counter(self._decoder.stats.bad)
+        fresh, self._tallied = bad - self._tallied, bad
+        return fresh
+
+    def check(self, t_ns: int) -> list[Event]:
+        """What has not come by now. To be called about every second."""
+        if self._heard_ns is None or self._good_ns is None:
+            return []
+        silence_ns = t_ns - self._heard_ns
+        is_noise = self._bytes_since_good > NOISE_BYTES
+        event: Event
+        if is_noise and t_ns - self._good_ns > SILENT_NS:
+            event = OnlyNoise(self._bytes_since_good)
+        elif silence_ns > SILENT_NS:
+            event = Silent(silence_ns / 1e9)
+        else:
+            return []
+        if type(event) in self._told:
+            return []
+        self._told.add(type(event))
+        return [event]
+
+    def close(self) -> list[Event]:
+        """Ends the opening: nothing more will come to decide what waits."""
+        events: list[Event] = []
+        if self.probe is not None:
+            for judged in self.probe.account.close():
+                self._tell(self.probe, judged, events)
+        self.unnamed += len(self._waiting)
+        self._waiting.clear()
+        return events
+
+    def _feed(self, data: bytes, t_ns: int | None, events: list[Event]) -> None:
+        self._bytes_since_good += len(data)
+        for content in self._decoder.feed(data):
+            self._bytes_since_good = 0
+            self._good_ns = t_ns
+            self._told.clear()
+            events.extend(self.take(content, t_ns))
+
+    def take(self, content: bytes, t_ns: int | None) -> list[Event]:
+        """What one frame's content means, once its CRC is known to be good."""
+        events: list[Event] = []
+        said = messages.decode(content)
+        if isinstance(said, Message) and not said.is_from_probe:
+            detail = f"{said.name} comes from the wrong side"
+            said = Skew("unknown_message", detail, said.sequence, said.time_us)
+        if said.sequence is None or said.time_us is None:
+            if isinstance(said, Skew):
+                self.headless[said.kind] += 1
+            return events
+        heard = Heard(content, said, said.sequence, said.time_us, t_ns)
+        if isinstance(said, Message) and said.name == "hello":
+            self._take_hello(heard, said, events)
+        elif self.probe is None:
+            if len(self._waiting) == WAITING_MAX:
+                self._waiting.popleft()
+                self.unnamed += 1
+            self._waiting.append(heard)
+        else:
+            self._note(self.probe, heard, events)
+        return events
+
+    def _take_hello(self, heard: Heard, hello: Message, events: list[Event]) -> None:
+        probe_id = hello.fields["probe_id"]
+        fingerprint = hello.fields["schema_fingerprint"]
+        if not isinstance(probe_id, bytes) or not isinstance(fingerprint, int):
+            self.headless["impossible_value"] += 1
+            return
+        if fingerprint != schema.FINGERPRINT:
+            if not self._is_foreign:
+                self._is_foreign = True
+                if self.probe is None:
+                    # What was bad so far was this probe, unreadable.
+                    self.foreign += self.corrupt.total()
+                    self.corrupt.clear()
+                firmware = str(hello.fields["firmware"])
+                events.append(OtherSchema(probe_id.hex(), fingerprint, firmware, hello))
+            return
+        self._is_foreign = False
+        is_first = self.probe is None or self.probe.probe_id != probe_id.hex()
+        if is_first:
+            if self.probe is not None:
+                events.extend(self.close())
+            self.probe = self._find(probe_id.hex())
+        probe = self.probe
+        if probe is None:
+            return
+        if not probe.hello:
+            probe.learn(hello, heard.content)
+        waiting = [*self._waiting, heard]
+        self._waiting.clear()
+        boots = probe.account.boots
+        told: list[Event] = []
+        for each in waiting:
+            self._note(probe, each, told)
+        is_restart = boots > 0 and probe.account.boots > boots
+        is_heard = any(isinstance(e, Received) and e.message is hello for e in told)
+        if is_heard:
+            probe.learn(hello, heard.content)
+        if is_first or is_restart:
+            events.append(ProbeFound(probe.probe_id, hello, is_restart))
+        events.extend(told)
+
+    def _note(self, probe: Probe, heard: Heard, events: list[Event]) -> None:
+        for judged in probe.account.note(heard):
+            self._tell(probe, judged, events)
+
+    def _tell(self, probe: Probe, judged: Judged, events: list[Event]) -> None:
+        heard = judged.heard
+        if judged.begins_boot:
+            probe.clock = Clock(probe.clock.rate)
+        if judged.verdict is Verdict.GOOD and isinstance(heard.said, Message):
+            stamp = probe.stamp(heard, heard.said, self._timeline, self.byte_ns)
+            events.append(Received(probe, heard.said, heard.content, stamp))
+        else:
+            skew = heard.said if isinstance(heard.said, Skew) else None
+            events.append(Refused(probe.probe_id, judged.verdict, skew))

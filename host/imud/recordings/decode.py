@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: MIT
+"""Captures and logs to messages for people or as JSON: `imud decode`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any, TextIO
+
+import msgspec
+from msgspec.structs import replace
+
+from imud.card import card, disk
+from imud.errors import FileError
+from imud.log.reader import Logged, LogHead, read_log
+from imud.probes.record import HEAD, describe, euler_deg
+from imud.probes.session import (
+    Event,
+    OtherSchema,
+    Probe,
+    Received,
+    Session,
+    first_hello,
+    speaker_of,
+)
+from imud.wire import messages, schema
+from imud.wire.messages import Message, Value
+
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+
+_CHUNK = 65536
+
+
+class Tally:
+    """What was found in a file, to be said at its end."""
+
+    def __init__(self) -> None:
+        self.messages = 0
+        self.other: OtherSchema | None = None
+        self.probes: dict[str, Probe] = {}
+        self.links: list[dict[str, Any]] = []
+        self.problem = ""
+
+    def probe(self, probe_id: str) -> Probe:
+        return self.probes.setdefault(probe_id, Probe(probe_id))
+
+    def lines(self) -> Iterator[str]:
+        if self.messages == 0:
+            yield "no message in it"
+        for name, probe in self.probes.items():
+            counts: Any = probe.account.counts()
+            earlier = counts["earlier_boots"]
+            sent, received, lost, doubled = (
+                counts[key] + earlier[key]
+                for key in ("sent", "received", "lost", "duplicated")
+            )
+            skews = dict(counts["skewed"])
+            for kind, count in earlier["skewed"].items():
+                skews[kind] = skews.get(kind, 0) + count
+            yield (
+                f"{name}: {sent} sent = {received} received + "
+                f"{sum(skews.values())} skewed{_kinds(skews)} + {lost} lost; "
+                f"{doubled} duplicated, {counts['strays']} stray, "
+                f"{_plural(counts['boots'], 'boot')}"
+            )
+        for link in self.links:
+            yield (
+                f"{_plural(link['bytes'], 'byte')}, "
+                f"{_plural(link['frames'], 'frame')}, "
+                f"{link['corrupt']} corrupt{_kinds(link['corrupt_kinds'])}"
+                + (", the first cut off" if link["partial"] else "")
+            )
+        if self.other is not None:
+            yield (
+                f"probe {self.other.probe_id} speaks schema "
+                f"{self.other.fingerprint:#010x} (firmware {self.other.firmware}), "
+                f"this imud speaks {schema.FINGERPRINT:#010x}: use the imud of its time"
+            )
+        if self.problem:
+            yield self.problem
+
+
+def decode_file(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
+    """Each good message of a capture of UART bytes, a log or a PROBE.LOG, in order."""
+    try:
+        with path.open("rb") as file:
+            magic = file.read(8)
+    except OSError as error:
+        raise FileError(f"can't read {path}: {error.strerror}") from error
+    known = {MCAP_MAGIC: _decode_log, card.MAGIC: _decode_card}
+    yield from known.get(magic, _decode_capture)(path, tally)
+
+
+def _chunks(path: Path) -> Iterator[bytes]:
+    with path.open("rb") as file:
+        while data := file.read(_CHUNK):
+            yield data
+
+
+def _decode_capture(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
+    probe = speaker_of(first_hello(_chunks(path)), tally.probe)
+    session = Session(tally.probe, presumed=probe)
+    for data in _chunks(path):
+        yield from _described(session.receive(data, None), tally)
+    yield from _described(session.close(), tally)
+    tally.links.append(session.counts())
+
+
+def _decode_card(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
+    """Each recording has numbers of its own, as a boot has."""
+    with disk.opened(path) as file:
+        log = card.find_log(file)
+        for recording in log.recordings():
+            hello = first_hello(log.frames(recording))
+            probe = speaker_of(hello, Probe)
+            name = f"recording {recording.number} of {probe.probe_id}"
+            tally.probes[name] = probe
+            session = Session(partial(_same, probe), None, probe)
+            for data in log.frames(recording):
+                yield from _described(session.receive(data, None), tally)
+            yield from _described(session.close(), tally)
+            tally.links.append(session.counts())
+
+
+def _described(
+    events: Iterable[Event], tally: Tally, name: str | None = None
+) -> Iterator[dict[str, Any]]:
+    for event in events:
+        if isinstance(event, Received):
+            tally.messages += 1
+            yield describe(
+                event.message,
+                name or event.probe.probe_id,
+                event.stamp,
+                event.probe.hello,
+            )
+        elif isinstance(event, OtherSchema):
+            tally.other = event
+
+
+def _decode_log(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
+    """The frames of a log, which hold all that the probes said.
+
+    They passed the daemon's checks when they came; the same checks are made again.
+    """
+    sessions: dict[str, Session] = {}
+    times: dict[bytes, Logged] = {}  # of frames whose turn has not come
+    try:
+        for record in read_log(path):
+            if isinstance(record, LogHead):
+                _check_schema(path, record)
+                continue
+            if record.probe not in sessions:
+                probe = tally.probe(record.probe)
+                sessions[record.probe] = Session(partial(_same, probe), None, probe)
+            session = sessions[record.probe]
+            if record.topic == "hello" and session.probe is not None:
+                hello = messages.decode(record.data)
+                if isinstance(hello, Message):
+                    session.probe.learn(hello, record.data)
+            elif record.topic == "frame":
+                times[record.data] = record
+                events = session.take(record.data, record.t_ns)
+                yield from _described(_dated(events, times), tally, record.probe)
+    except FileError as error:
+        if not sessions:
+            raise
+        tally.problem = str(error)
+    for name, session in sessions.items():
+        yield from _described(_dated(session.close(), times), tally, name)
+
+
+def _dated(events: list[Event], times: dict[bytes, Logged]) -> Iterator[Event]:
+    """With the times that were found when they came: they are not found again."""
+    for event in events:
+        if isinstance(event, Received):
+            logged = times.pop(event.content, None)
+            if logged is None:
+                yield event
+                continue
+            stamp = replace(
+                event.stamp,
+                t_ns=logged.t_sample_ns,
+                t_bound_ns=None,
+                t_received_ns=logged.t_ns,
+            )
+            yield Received(event.probe, event.message, event.content, stamp)
+        else:
+            yield event
+
+
+def _same(probe: Probe, _: str) -> Probe:
+    """A log names its probes, and not always by their ids."""
+    return probe
+
+
+def _check_schema(path: Path, head: LogHead) -> None:
+    if head.fingerprint != schema.FINGERPRINT:
+        raise FileError(
+            f"{path} holds schema {head.fingerprint:#010x} (imud {head.version}), "
+            f"this imud reads {schema.FINGERPRINT:#010x}: use the imud of its time"
+        )
+
+
+def run(path: Path, *, as_json: bool) -> int:
+    """Prints the messages on stdout and the counts on stderr."""
+    tally = Tally()
+    encoder = msgspec.json.Encoder()
+    for item in decode_file(path, tally):
+        line = encoder.encode(item).decode() if as_json else words(item)
+        sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+    _report(tally, sys.stderr)
+    return 0
+
+
+def _report(tally: Tally, out: TextIO) -> None:
+    for line in tally.lines():
+        out.write(f"{line}\n")
+
+
+def words(item: dict[str, Any]) -> str:
+    """One message as a line for people."""
+    head = f"{item['t_device_us'] / 1e6:12.6f} s  #{item['seq']:<7} {item['type']:<7}"
+    if item["type"] == "pose":
+        yaw, pitch, roll = euler_deg(item["q"])
+        text = f"yaw {yaw:7.2f}  pitch {pitch:6.2f}  roll {roll:7.2f} deg"
+        text += f"  tilt {_sigma(item['tilt_sigma_deg'])}"
+        text += f"  heading {_sigma(item['heading_sigma_deg'])}"
+        if item["position_m"] is not None:
+            text += "  at " + _vector(item["position_m"], "m", 4)
+        return f"{head} {text}  {' '.join(item['flags'])}".rstrip()
+    if item["type"] == "raw":
+        parts = [
+            "acc " + _vector(item["acc_m_s2"], "m/s2", 3),
+            "gyr " + _vector(item["gyr_rad_s"], "rad/s", 4),
+            "mag " + _vector(item["mag_uT"], "uT", 1),
+            f"{item['temperature_c']:.1f} degC" if item["temperature_c"] else "",
+            " ".join(item["flags"]),
+        ]
+        return f"{head} {'  '.join(part for part in parts if part)}"
+    shown = [f"{n} {_shown(value)}" for n, value in item.items() if n not in HEAD]
+    return f"{head} {', '.join(shown)}"
+
+
+def _sigma(sigma: float | None) -> str:
+    return "   ?   " if sigma is None else f"±{sigma:6.2f}"
+
+
+def _vector(values: list[float] | None, unit: str, digits: int) -> str:
+    if values is None:
+        return "-"
+    return "(" + ", ".join(f"{v:.{digits}f}" for v in values) + f") {unit}"
+
+
+def _shown(value: Value) -> str:
+    if value is None:
+        return "unknown"
+    if isinstance(value, tuple | list):
+        return " ".join(str(part) for part in value) or "none"
+    return str(value)
+
+
+def _plural(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def _kinds(skews: dict[str, int]) -> str:
+    if not skews:
+        return ""
+    return " (" + ", ".join(f"{count} {kind}" for kind, count in skews.items()) + ")"

@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: MIT
+"""`imud export`: logs as tables, a file for each probe and topic."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import msgspec
+
+from imud.errors import FileError
+from imud.log.reader import Damage, Logged, salvage, size_of
+from imud.progress import Progress
+
+# Columns of each topic in their order: of an object's key its parts, or itself.
+_HEAD = {
+    key: (key,)
+    for key in (
+        "t_ns",
+        "t_bound_us",
+        "age_us",
+        "t_device_us",
+        "seq",
+        "number",
+        "missing",
+    )
+}
+
+
+def _parts(key: str, parts: str = "xyz") -> tuple[str, ...]:
+    return tuple(f"{key}_{part}" for part in parts)
+
+
+def _named(*keys: str) -> dict[str, tuple[str, ...]]:
+    """Keys that stand for themselves; a dot leads into an object."""
+    return {key: (key.replace(".", "_"),) for key in keys}
+
+
+# Of a status, what is a number at each moment.
+_LEDGER = ("sent", "received", "lost", "duplicated", "corrupt")
+_COUNTERS = (
+    *("samples_ready", "samples_read", "samples_fused", "overruns", "bus_faults"),
+    *("messages_sent", "messages_dropped"),
+)
+
+COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
+    "pose": {
+        **_HEAD,
+        "q": _parts("q", "wxyz"),
+        "position_m": _parts("position_m"),
+        "normal": _parts("normal"),
+        "tilt_sigma_deg": ("tilt_sigma_deg",),
+        "heading_sigma_deg": ("heading_sigma_deg",),
+        "flags": ("flags",),
+    },
+    "raw": {
+        **_HEAD,
+        "acc_m_s2": _parts("acc_m_s2"),
+        "gyr_rad_s": _parts("gyr_rad_s"),
+        "mag_uT": _parts("mag_uT"),
+        "temperature_c": ("temperature_c",),
+        "acc_counts": _parts("acc_counts"),
+        "gyr_counts": _parts("gyr_counts"),
+        "mag_counts": _parts("mag_counts"),
+        "flags": ("flags",),
+    },
+    "event": {**_HEAD, "event": ("event",), "cause": ("cause",), "detail": ("detail",)},
+    "status": _named(
+        "t_ns",
+        "state",
+        "port",
+        "pose_rate_hz",
+        *(f"ledger.{key}" for key in _LEDGER),
+        *(f"clock.{key}" for key in ("offset_ns", "skew_ppm", "bound_us")),
+        *(f"counters.{key}" for key in _COUNTERS),
+        "log.state",
+        "twin.state",
+    ),
+    "twin": _named("t_ns", "t_device_us", "seq", "state", "compared", "differed"),
+    "clock": _named("t_ns", "step_ns"),
+    "log": _named("t_ns", "state", "reason", "dropped"),
+}
+
+_WORDS = frozenset(
+    {
+        *("flags", "event", "cause", "state", "port", "reason"),
+        *("log.state", "twin.state"),
+    }
+)
+_INTEGERS = frozenset(
+    {
+        *_HEAD,
+        *("acc_counts", "gyr_counts", "mag_counts", "detail"),
+        *("compared", "differed", "step_ns", "dropped"),
+        *("clock.offset_ns", "clock.bound_us"),
+        *(f"ledger.{key}" for key in _LEDGER),
+        *(f"counters.{key}" for key in _COUNTERS),
+    }
+)
+
+# Bounds of a column's integers, and of those that a double holds.
+_INT64, _EXACT = 1 << 63, 1 << 53
+
+GROUP = 16384  # rows of a Parquet group: a minute and more of one probe
+
+Cell = int | float | str | None
+
+
+class Table(Protocol):
+    """A file that takes rows."""
+
+    rows: int
+
+    def add(self, row: list[Cell]) -> None: ...
+    def close(self) -> None: ...
+
+
+class CsvTable:
+    """Comma-separated, a line of names first; empty is not available."""
+
+    def __init__(self, path: Path, topic: str) -> None:
+        self._file = path.open("x", encoding="utf-8", newline="")
+        self._writer = csv.writer(self._file, lineterminator="\n")
+        self._writer.writerow(names_of(topic))
+        self.rows = 0
+
+    def add(self, row: list[Cell]) -> None:
+        self._writer.writerow(row)
+        self.rows += 1
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class ParquetTable:
+    """Typed columns, by pyarrow."""
+
+    def __init__(self, path: Path, topic: str) -> None:
+        import pyarrow
+        from pyarrow import parquet
+
+        fields = [
+            (name, _arrow_type(pyarrow, key))
+            for key, names in COLUMNS[topic].items()
+            for name in names
+        ]
+        self._arrow = pyarrow
+        self._schema = pyarrow.schema(fields)
+        self._file = path.open("xb")
+        self._writer = parquet.ParquetWriter(
+            self._file, self._schema, compression="zstd"
+        )
+        self._waiting: list[list[Cell]] = []
+        self.rows = 0
+
+    def add(self, row: list[Cell]) -> None:
+        self._waiting.append(row)
+        self.rows += 1
+        if len(self._waiting) == GROUP:
+            self._write()
+
+    def close(self) -> None:
+        try:
+            self._write()
+            self._writer.close()
+        finally:
+            self._file.close()
+
+    def _write(self) -> None:
+        if self._waiting:
+            columns = [list(column) for column in zip(*self._waiting, strict=True)]
+            arrays = [
+                self._arrow.array(column, field.type)
+                for column, field in zip(columns, self._schema, strict=True)
+            ]
+            self._writer.write_table(
+                self._arrow.Table.from_arrays(arrays, schema=self._schema)
+            )
+            self._waiting.clear()
+
+
+def _arrow_type(pyarrow: Any, key: str) -> Any:
+    if key in _WORDS:
+        return pyarrow.string()
+    return pyarrow.int64() if key in _INTEGERS else pyarrow.float64()
+
+
+def names_of(topic: str) -> list[str]:
+    return [name for names in COLUMNS[topic].values() for name in names]
+
+
+def row_of(topic: str, said: Mapping[str, Any]) -> list[Cell]:
+    """A line of a table; what is not as imud writes it is not available."""
+    row: list[Cell] = []
+    for key, names in COLUMNS[topic].items():
+        value: Any = said
+        for part in key.split("."):
+            value = value.get(part) if isinstance(value, Mapping) else None
+        if len(names) == 1:
+            row.append(_cell(key, value))
+        elif isinstance(value, list) and len(value) == len(names):
+            row.extend(_cell(key, part) for part in value)
+        else:
+            row.extend([None] * len(names))
+    return row
+
+
+def _cell(key: str, value: Any) -> Cell:
+    if key in _WORDS:
+        if isinstance(value, list):
+            return " ".join(map(str, value))
+        return value if isinstance(value, str) else None
+    if isinstance(value, bool):
+        return None
+    if isinstance(value, int):
+        limit = _INT64 if key in _INTEGERS else _EXACT
+        return value if -limit <= value < limit else None
+    return value if isinstance(value, float) and key not in _INTEGERS else None
+
+
+def _kind(to: str) -> Callable[[Path, str], Table]:
+    if to == "csv":
+        return CsvTable
+    try:
+        import pyarrow.parquet  # noqa: F401 - whether it is there
+    except ImportError as error:
+        raise FileError(
+            "Parquet is written by pyarrow, which is not there; pip install "
+            "'imud[parquet]', or take --to csv"
+        ) from error
+    return ParquetTable
+
+
+def run(paths: Sequence[Path], to: str, out: Path | None) -> int:
+    """Writes tables of each log; one that can't be is an error after the others."""
+    make = _kind(to)
+    problems = []
+    for path in paths:
+        try:
+            _export(path, to, make, out)
+        except FileError as error:
+            problems.append(str(error))
+    if problems:
+        raise FileError("; ".join(problems))
+    return 0
+
+
+def _export(
+    path: Path, to: str, make: Callable[[Path, str], Table], out: Path | None
+) -> None:
+    """Writes STEM-PROBE-TOPIC.csv or .parquet, and says what each holds."""
+    directory = out or path.parent
+    tables: dict[Path, Table] = {}
+    damages: list[Damage] = []
+    strange = 0
+    is_done = False
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        try:
+            for item in _items(path, damages):
+                said = _said(item)
+                if said is None:
+                    strange += 1
+                    continue
+                name = f"{path.stem}-{item.probe}-{item.topic}.{to}"
+                file = directory / _printable(name)
+                if file not in tables:
+                    tables[file] = make(file, item.topic)
+                tables[file].add(row_of(item.topic, said))
+            is_done = True
+        finally:
+            for table in tables.values():
+                table.close()
+            if not is_done:
+                for file in tables:
+                    file.unlink(missing_ok=True)
+    except FileExistsError as error:
+        raise FileError(
+            f"{error.filename} is there already; name another folder with --out"
+        ) from error
+    except OSError as error:
+        raise FileError(f"can't export to {directory}: {error.strerror}") from error
+    for file, table in tables.items():
+        sys.stdout.write(f"{file}: {table.rows} rows\n")
+    if not tables:
+        sys.stdout.write(f"{path} holds nothing for a table\n")
+    if strange:
+        sys.stderr.write(f"{path}: {strange} messages are no objects of imud's\n")
+    if damages:
+        sys.stderr.write(f"{path} is cut off or damaged: what is good is exported\n")
+
+
+def _said(item: Logged) -> Mapping[str, Any] | None:
+    with contextlib.suppress(msgspec.DecodeError, UnicodeDecodeError):
+        return msgspec.json.decode(item.data, type=dict[str, Any])
+    return None
+
+
+def _printable(name: str) -> str:
+    return "".join(each if each.isprintable() else "_" for each in name)
+
+
+def _items(path: Path, damages: list[Damage]) -> Iterator[Logged]:
+    bar = Progress("exporting", size_of(path))
+    try:
+        for item in salvage(path, bar.update):
+            if isinstance(item, Damage):
+                damages.append(item)
+            elif isinstance(item, Logged) and item.topic in COLUMNS:
+                yield item
+    finally:
+        bar.end()

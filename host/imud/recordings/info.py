@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: MIT
+"""`imud info`: what a log holds, whether it is whole, and what was lost on the way."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from imud.errors import FileError
+from imud.log.reader import Damage, Logged, LogHead, salvage, size_of
+from imud.probes.record import plain
+from imud.probes.session import Probe, Session
+from imud.progress import Progress
+from imud.wire import messages, schema
+from imud.wire.messages import Message
+
+
+class ProbeInfo:
+    """What a log says of one probe."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.probe = Probe(name)
+        self.session = Session(lambda _: self.probe, None, self.probe)
+        self.hello: dict[str, Any] = {}
+        self.first_ns: dict[str, int] = {}
+        self.last_ns: dict[str, int] = {}
+        self.counts: Counter[str] = Counter()
+
+    def take(self, item: Logged, *, is_ours: bool) -> None:
+        if item.topic == "hello":
+            said = messages.decode(item.data) if is_ours else None
+            if isinstance(said, Message):
+                self.hello = {name: plain(v) for name, v in said.fields.items()}
+            return
+        topic = item.topic
+        self.counts[topic] += 1
+        self.first_ns[topic] = min(item.t_ns, self.first_ns.get(topic, item.t_ns))
+        self.last_ns[topic] = max(item.t_ns, self.last_ns.get(topic, item.t_ns))
+        if topic == "frame" and is_ours:
+            self.session.take(item.data, item.t_ns)
+
+    def rate_hz(self, topic: str) -> float | None:
+        span_ns = self.last_ns[topic] - self.first_ns[topic]
+        return (self.counts[topic] - 1) / span_ns * 1e9 if span_ns else None
+
+    def told(self) -> dict[str, Any]:
+        self.session.close()
+        counts: Any = self.probe.account.counts()
+        earlier = counts["earlier_boots"]
+        keys = ("sent", "received", "lost", "duplicated")
+        return {
+            "probe": self.name,
+            "probe_id": self.hello.get("probe_id"),
+            "board": self.hello.get("board"),
+            "firmware": self.hello.get("firmware"),
+            "sensor": self.hello.get("sensor"),
+            "topics": {
+                topic: {"messages": self.counts[topic], "rate_hz": self.rate_hz(topic)}
+                for topic in sorted(self.counts)
+            },
+            **{key: counts[key] + earlier[key] for key in keys},
+            "boots": counts["boots"],
+        }
+
+
+def info_of(path: Path) -> dict[str, Any]:
+    """One log as an object."""
+    head: LogHead | None = None
+    probes: dict[str, ProbeInfo] = {}
+    lost = holes = 0
+    is_cut = False
+    bar = Progress("reading", size := size_of(path))
+    try:
+        for item in salvage(path, bar.update):
+            if isinstance(item, LogHead):
+                head = item
+            elif isinstance(item, Damage):
+                lost += item.size
+                holes += not item.is_tail
+                is_cut = is_cut or item.is_tail
+            else:
+                if item.probe not in probes:
+                    probes[item.probe] = ProbeInfo(item.probe)
+                is_ours = head is None or head.fingerprint == schema.FINGERPRINT
+                probes[item.probe].take(item, is_ours=is_ours)
+    finally:
+        bar.end()
+    begins = [t for each in probes.values() for t in each.first_ns.values()]
+    ends = [t for each in probes.values() for t in each.last_ns.values()]
+    return {
+        "log": str(path),
+        "bytes": size,
+        "is_whole": not (is_cut or holes),
+        "is_cut": is_cut,
+        "damaged_places": holes,
+        "bytes_lost": lost,
+        "imud": head.version if head else None,
+        "schema": f"{head.fingerprint:#010x}" if head else None,
+        "begin_ns": min(begins, default=None),
+        "end_ns": max(ends, default=None),
+        "probes": [probes[name].told() for name in sorted(probes)],
+    }
+
+
+def run(paths: list[Path], *, as_json: bool) -> int:
+    """Tells of each; one that can't be read is an error after the others."""
+    problems = []
+    for path in paths:
+        try:
+            told = info_of(path)
+        except FileError as error:
+            problems.append(str(error))
+            continue
+        text = msgspec.json.encode(told).decode() if as_json else _words(told)
+        sys.stdout.write(f"{text}\n")
+        sys.stdout.flush()
+    if problems:
+        raise FileError("; ".join(problems))
+    return 0
+
+
+def _words(told: dict[str, Any]) -> str:
+    state = "whole" if told["is_whole"] else ""
+    if told["is_cut"]:
+        state = "cut off"
+    if told["damaged_places"]:
+        state += f"{', ' if state else ''}damaged in {told['damaged_places']} places"
+    if not told["is_whole"]:
+        state += " (imud recover saves what is good)"
+    lines = [f"{told['log']}: {told['bytes'] / 1e6:.1f} MB, {state}"]
+    if told["imud"] is not None:
+        lines[0] += f"; by imud {told['imud']}, schema {told['schema']}"
+    if told["begin_ns"] is not None:
+        seconds = (told["end_ns"] - told["begin_ns"]) / 1e9
+        lines.append(
+            f"  {_utc(told['begin_ns'])} to {_utc(told['end_ns'])} UTC, {seconds:.1f} s"
+        )
+    for probe in told["probes"]:
+        who = [f"  probe {probe['probe']}"]
+        if probe["probe_id"] not in (None, probe["probe"]):
+            who.append(f" ({probe['probe_id']})")
+        if probe["board"] is not None:
+            who.append(
+                f": {probe['board']}, firmware {probe['firmware']}, {probe['sensor']}"
+            )
+        lines.append("".join(who))
+        for topic, found in probe["topics"].items():
+            rate = found["rate_hz"]
+            at = f"{rate:10.1f} Hz" if rate is not None else ""
+            lines.append(f"    {topic:<14} {found['messages']:>10}{at}")
+        lines.append(
+            f"    {probe['sent']} sent = {probe['received']} received + "
+            f"{probe['sent'] - probe['received'] - probe['lost']} skewed + "
+            f"{probe['lost']} lost; {probe['duplicated']} duplicated, "
+            f"{probe['boots']} {'boot' if probe['boots'] == 1 else 'boots'}"
+        )
+    return "\n".join(lines)
+
+
+def _utc(t_ns: int) -> str:
+    return datetime.fromtimestamp(t_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S")

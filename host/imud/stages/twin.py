@@ -1,0 +1,329 @@
+# SPDX-License-Identifier: MIT
+"""The twin of a probe: computes each pose again from the raw messages as they arrive,
+with the probe's own C, and tells the first that differs. No I/O: messages in, what is
+to be said and done about them out.
+
+It follows from where the filter begins, a restart or a boot, while no sample is
+missing. A loss is never taken for a difference, since what isn't proven isn't claimed:
+
+- Raw messages at most one and a half sample periods apart have no sample in between.
+  Further apart they need their flag `gap`, and no hole in the sequence since the
+  filter began.
+- Where one message is missing between two such raw messages it was no sample, and no
+  change of origin or restart either: each of those is two messages, an event and the
+  reply to its command. Only a pose may have gone, and its latched flags with it.
+- Any other hole ends it until the filter begins again.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from enum import Enum
+
+from imud import _core
+from imud.wire import messages, schema
+from imud.wire.messages import Message, Value
+
+# Which stream the command `rate` means, as the schema says.
+RAW_STREAM = 1
+
+# Commands that change what poses are computed to; their event comes before the reply.
+CHANGES = frozenset({"restart", "tare"})
+
+# Flags of a pose that speak of all samples since the pose before it.
+LATCHED = schema.PoseFlags.CLIPPED | schema.PoseFlags.GAP
+
+# They are the end of a pose's content.
+_FLAGS = struct.Struct("<H")
+
+_UNABLE = "this imud can't compute it"
+
+_MASK = (1 << 32) - 1
+
+
+class State(Enum):
+    WAITING = "waiting"  # for a stream, and for the filter to begin
+    FOLLOWING = "following"
+    LOST = "lost"
+    DIFFERS = "differs"  # follows, and has met a difference since the filter began
+
+
+@dataclass(frozen=True, slots=True)
+class Began:
+    """The filter began and the twin follows it."""
+
+    sequence: int
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """The stream or the boot ended, and the twin with it."""
+
+    sequence: int
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """The twin can't follow from this message on."""
+
+    sequence: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Differs:
+    """A pose is not what its samples give."""
+
+    sequence: int
+    fields: tuple[str, ...]  # that differ
+    probe: bytes  # content as received
+    twin: bytes
+    is_first: bool  # since the filter began
+
+
+@dataclass(frozen=True, slots=True)
+class WantsRaw:
+    """The probe is to be asked for a raw message a sample."""
+
+    rate_hz: int | None  # None: it has that rate
+
+
+@dataclass(frozen=True, slots=True)
+class WantsRestart:
+    """The probe is to be asked to restart its filter."""
+
+
+Outcome = Began | Stopped | Lost | Differs | WantsRaw | WantsRestart
+
+
+class Twin:
+    """Takes the messages of one probe that are good, in their order."""
+
+    def __init__(self) -> None:
+        self.state = State.WAITING
+        self.compared = 0
+        self.differed = 0
+        self._sequence: int | None = None
+        # What is known of the boot.
+        self._boots: Value = None
+        self._hello = b""  # the last one that knows a sensor
+        self._sample_rate = 0
+        self._raw_rate: Value = None
+        self._is_new = False  # nothing is missing since number 0, and no sensor yet
+        self._is_ripe = False  # nor since, and the first sample comes next
+        self._is_streaming = False
+        self._raw_us: int | None = None  # time of the last raw message
+        self._asked: set[type[Outcome]] = set()  # since the stream began
+        # And since the filter began.
+        self._replay: _core.Replay | None = None
+        self._steps = 0
+        self._hole: int | None = None  # one number, not yet known to be harmless
+        self._had_hole = False
+        self._is_unlatched = False  # a pose may be missing before the next one
+
+    def appear(self) -> None:
+        """The probe is there, or again: what came before is over."""
+        self._sequence = None
+        self._boot(is_new=False)
+
+    def take(self, message: Message, content: bytes) -> Outcome | None:
+        had_replay = self._replay is not None
+        outcome = self._miss(message) or self._take(message, content)
+        if outcome is None and had_replay and self._replay is None:
+            return Stopped(message.sequence)
+        return outcome
+
+    def _miss(self, message: Message) -> Lost | None:
+        """Looks for a hole in the sequence before this message."""
+        last, self._sequence = self._sequence, message.sequence
+        first = None if last is None else (last + 1) & _MASK
+        if message.name == "hello" and message.sequence == 0 and first != 0:
+            self._boot(is_new=True)
+            return None
+        if first is None or message.sequence == first:
+            return None
+        self._is_new = self._is_ripe = False
+        self._raw_rate = None
+        is_begin = message.fields.get("event") == "restarted"
+        if self._replay is None or is_begin:
+            return None
+        is_one = message.sequence == (first + 1) & _MASK
+        may_be_change = message.fields.get("replied_command") in CHANGES
+        if not is_one or may_be_change or self._hole is not None:
+            return self._lose(first, "a message is missing")
+        self._hole = first
+        return None
+
+    def _take(self, message: Message, content: bytes) -> Outcome | None:
+        match message.name:
+            case "hello":
+                return self._take_hello(message, content)
+            case "raw":
+                return self._take_raw(message, content)
+            case "pose":
+                return self._take_pose(message, content)
+            case "event":
+                return self._take_event(message)
+            case "reply":
+                return self._take_reply(message)
+        return None
+
+    def _take_hello(self, hello: Message, content: bytes) -> Outcome | None:
+        boots, self._boots = self._boots, hello.fields["boot_count"]
+        if boots != self._boots and not self._is_new:
+            self._boot(is_new=False)
+        sample_rate = hello.fields["sample_rate"]
+        if not isinstance(sample_rate, int) or sample_rate == 0:
+            return None
+        self._hello = content
+        self._sample_rate = sample_rate
+        self._raw_rate = hello.fields["raw_rate"]
+        if self._is_new:
+            # The first hello that knows a sensor comes as the filter begins.
+            self._is_new = False
+            self._is_ripe = self._is_streaming and self._raw_rate == sample_rate
+        return None
+
+    def _take_event(self, message: Message) -> Outcome | None:
+        name, detail = message.fields["event"], message.fields["detail"]
+        if name in ("stream_started", "stream_stopped"):
+            # While nothing streams samples go by untold.
+            self._is_streaming = name == "stream_started"
+            self._wait()
+        elif name == "restarted" and self._hello and isinstance(detail, int):
+            return self._begin(message.sequence, detail)
+        elif name == "tared" and self._replay is not None and isinstance(detail, int):
+            try:
+                self._replay.origin(detail)
+            except ValueError as error:
+                return self._lose(message.sequence, f"{_UNABLE}: {error}")
+        return None
+
+    def _take_reply(self, message: Message) -> Outcome | None:
+        """Whether raw messages go on, where that was changed."""
+        command, value = message.fields["replied_command"], message.fields["value"]
+        is_off = False
+        if message.fields["result"] != "ok" or not isinstance(value, tuple):
+            return None
+        if command in ("rate", "fields"):
+            self._is_ripe = False  # samples may go by untold before the first raw
+        if command == "rate" and value[0] == RAW_STREAM:
+            self._raw_rate = value[1]
+            is_off = self._raw_rate != self._sample_rate
+        elif command == "fields":
+            is_off = not int(value[0]) & schema.StreamFlags.RAW
+        if is_off and self._replay is not None:
+            return self._lose(message.sequence, "not every sample is told any more")
+        return None
+
+    def _take_raw(self, message: Message, content: bytes) -> Outcome | None:
+        last, self._raw_us = self._raw_us, message.time_us
+        if not self._hello:
+            return None
+        if self._is_ripe:
+            began = self._begin(message.sequence, None)
+            self._step(content)
+            return began
+        is_full = self._raw_rate == self._sample_rate
+        is_next = (
+            last is not None
+            and (message.time_us - last) & _MASK <= 1.5e6 / self._sample_rate
+        )
+        if self._replay is None:
+            if self._raw_rate is not None and not is_full:
+                return self._ask(WantsRaw(self._sample_rate))
+            return self._ask(WantsRestart()) if is_next and is_full else None
+        if self._hole is not None:
+            if not is_next:
+                return self._lose(self._hole, "a message is missing")
+            self._hole = None
+            self._had_hole = self._is_unlatched = True
+        flags = message.fields["sample_flags"]
+        has_gap = isinstance(flags, tuple) and "gap" in flags
+        is_sure = self._steps > 0 and is_full and not self._had_hole
+        if not (is_next or (has_gap and is_sure)):
+            return self._lose(message.sequence, "a sample before it was not told")
+        self._step(content)
+        return None
+
+    def _step(self, content: bytes) -> None:
+        if self._replay is not None:
+            self._replay.step(content)
+            self._steps += 1
+
+    def _take_pose(self, message: Message, content: bytes) -> Outcome | None:
+        has_raw = message.time_us == self._raw_us
+        if self._replay is None:
+            self._is_ripe = False
+            is_full = self._raw_rate == self._sample_rate
+            wants = WantsRaw(None if is_full else self._sample_rate)
+            return None if has_raw else self._ask(wants)
+        if not has_raw or self._hole is not None:
+            return self._lose(message.sequence, "its sample was not told")
+        twin = self._replay.pose(message.sequence, message.time_us)
+        self.compared += 1
+        is_unlatched, self._is_unlatched = self._is_unlatched, False
+        if twin == content or (is_unlatched and _differ_in_latches(content, twin)):
+            return None
+        self.differed += 1
+        is_first, self.state = self.state is State.FOLLOWING, State.DIFFERS
+        fields = _differing(message, twin)
+        return Differs(message.sequence, fields, content, twin, is_first)
+
+    def _begin(self, sequence: int, number: int | None) -> Outcome:
+        """The filter begins: that of the number, or None: of the hello."""
+        try:
+            self._replay = _core.Replay(self._hello)
+            if number is not None:
+                self._replay.restart(number)
+        except ValueError as error:
+            return self._lose(sequence, f"{_UNABLE}: {error}")
+        self.state = State.FOLLOWING
+        self._is_ripe = False
+        self._steps = 0
+        self._hole = None
+        self._had_hole = self._is_unlatched = False
+        return Began(sequence)
+
+    def _lose(self, sequence: int, reason: str) -> Lost:
+        self._replay = None
+        self._is_ripe = False
+        self.state = State.LOST
+        return Lost(sequence, reason)
+
+    def _boot(self, *, is_new: bool) -> None:
+        """Another boot; `is_new`: from its first message on."""
+        self._is_new = is_new
+        self._is_streaming = False
+        self._hello = b""
+        self._raw_us = None
+        self._wait()
+
+    def _wait(self) -> None:
+        self._replay = None
+        self._is_ripe = False
+        self.state = State.WAITING
+        self._asked.clear()
+
+    def _ask(self, outcome: Outcome) -> Outcome | None:
+        """Once for each stream: a probe that refuses is left in peace."""
+        is_due = self.state is State.WAITING and self._hello
+        if not is_due or type(outcome) in self._asked:
+            return None
+        self._asked.add(type(outcome))
+        return outcome
+
+
+def _differ_in_latches(probe: bytes, twin: bytes) -> bool:
+    """Whether the probe lacks flags that a missing pose took along, and no more."""
+    end = len(twin) - _FLAGS.size
+    said, computed = (_FLAGS.unpack_from(pose, end)[0] for pose in (probe, twin))
+    is_fewer = said & ~computed == 0 and computed & ~said & ~LATCHED == 0
+    return bool(is_fewer) and probe[:end] == twin[:end]
+
+
+def _differing(message: Message, twin: bytes) -> tuple[str, ...]:
+    other = messages.decode(twin)
+    fields = other.fields if isinstance(other, Message) else {}
+    return tuple(n for n, value in message.fields.items() if value != fields.get(n))

@@ -1,0 +1,371 @@
+# SPDX-License-Identifier: MIT
+"""`imud sim`: a virtual probe, the very image that a user flashes in an emulator.
+
+The emulator is a program of its own (sim/nano.c, sim/f405.c). This finds it and the
+image, feeds it a motion through a pipe, and passes on what it says.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import IO, TYPE_CHECKING
+
+from imud.errors import FileError
+from imud.progress import Progress
+
+if TYPE_CHECKING:
+    from imud.virtual.motion import Motion
+
+
+@dataclass(frozen=True, slots=True)
+class Board:
+    """What a virtual board is, and where the builds leave its parts."""
+
+    name: str
+    title: str
+    what: str
+    sample_rate_hz: int  # it samples, and can send, so many a second
+    memory: str  # that it keeps without power
+    image: Path  # from the project's folder
+    simulator: Path
+    image_variable: str  # of the environment, names another
+    simulator_variable: str
+    files: tuple[str, ...]  # options of its emulator that name one
+    has_battery: bool
+
+
+NANO = Board(
+    name="nano",
+    title="Nano",
+    what="an Arduino Nano with an MPU-9250",
+    sample_rate_hz=200,
+    memory="EEPROM",
+    image=Path(".pio/build/nano/firmware.elf"),
+    simulator=Path("build/sim/nano"),
+    image_variable="IMUD_IMAGE",
+    simulator_variable="IMUD_SIM",
+    files=("faults", "eeprom", "summary", "profile", "parts"),
+    has_battery=False,
+)
+F405 = Board(
+    name="f405",
+    title="F405",
+    what="an STM32F405 (pyboard) with an LSM9DS0",
+    sample_rate_hz=380,
+    memory="flash",
+    image=Path(".pio/build/stm32f405/firmware.elf"),
+    simulator=Path("build/sim/f405"),
+    image_variable="IMUD_IMAGE_F405",
+    simulator_variable="IMUD_SIM_F405",
+    files=("faults", "eeprom", "summary", "profile", "parts", "card", "radio"),
+    has_battery=True,
+)
+BOARDS = {board.name: board for board in (NANO, F405)}
+
+# Device time of what is done for the user. The button is down for several times the
+# firmware's debounce of 50 ms, which runs slower while the sensor is set up, and is up
+# again long before the first sample; commands follow, each in good time after the last.
+PRESS_US = (200_000, 500_000)
+FIRST_COMMAND_US = 600_000
+NEXT_COMMAND_US = 20_000
+
+# Options of its clock and wire, in real time.
+WIRE = {
+    "clock-ppm": "its clock is fast by this",
+    "clock-drift": "and by so many ppm more each second",
+    "batch-ms": "its bytes come at whole multiples of this, as through a USB adapter",
+    "burst-ms": "once a second nothing comes for so long",
+}
+
+FEED_RECORDS = 1024  # a write into the pipe: 36 kB
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Registers `sim` and its boards with the command line."""
+    sim = commands.add_parser(
+        "sim",
+        help="run a virtual probe: the real firmware image in an emulator",
+        description="Runs a virtual probe: the real firmware image in an emulator.",
+        epilog="example: imud sim nano --stream, and then: imud run /tmp/imud-nano",
+    )
+    boards = sim.add_subparsers(metavar="BOARD", required=True)
+    for board in BOARDS.values():
+        _add_board(boards, board)
+
+
+def _add_board(
+    boards: argparse._SubParsersAction[argparse.ArgumentParser], board: Board
+) -> None:
+    parser = boards.add_parser(
+        board.name,
+        help=board.what,
+        description=f"{board.what[0].upper()}{board.what[1:]}. Its UART is a pty, in "
+        "real time, or goes into a file. Without --motion a hand moves it: strokes, "
+        "turns, rests.",
+        epilog=f"example: imud sim {board.name} --motion turn.npz --stream --raw "
+        "--fast --record turn.bin --summary turn.json",
+    )
+    parser.add_argument(
+        "--motion", metavar="FILE", type=Path, help="a recording to feel, .npz or .csv"
+    )
+    output = parser.add_mutually_exclusive_group()
+    output.add_argument(
+        "--link",
+        metavar="PATH",
+        type=Path,
+        help=f"where its serial port appears (default: {default_link(board)})",
+    )
+    output.add_argument(
+        "--record", metavar="FILE", type=Path, help="write its UART bytes to a file"
+    )
+    parser.add_argument(
+        "--seconds",
+        metavar="N",
+        type=_positive,
+        help="stop after N seconds of its time (default: with the recording, or never)",
+    )
+    parser.add_argument("--fast", action="store_true", help="as fast as it can")
+    parser.add_argument(
+        "--stream",
+        action="store_true",
+        help="stream at once, as if the button had been pressed",
+    )
+    parser.add_argument(
+        "--raw",
+        action="store_true",
+        help=f"send the raw samples, too, all {board.sample_rate_hz} a second",
+    )
+    parser.add_argument(
+        "--rate",
+        metavar="HZ",
+        type=_whole(1, board.sample_rate_hz),
+        help="poses a second (default: 100)",
+    )
+    parser.add_argument(
+        "--seed",
+        metavar="N",
+        type=_whole(0, 2**32 - 1),
+        default=1,
+        help="of hand and noise (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--save-motion",
+        metavar="FILE",
+        type=Path,
+        help="keep what the hand did, with the truth, as .npz; needs --seconds",
+    )
+    files = {
+        "faults": "what is to break, and when",
+        "eeprom": f"its {board.memory}, kept from run to run",
+        "summary": "write the figures as JSON",
+        "profile": "write whose each cycle is, by function and part, as JSON",
+        "parts": "the parts of the profile: lines START END PART, addresses of flash",
+        "card": "what is on the SD card in its slot (imud card prepare)",
+        "radio": "an RN-41 between probe and wire, its settings in FILE",
+    }
+    for name in board.files:
+        parser.add_argument(f"--{name}", metavar="FILE", type=Path, help=files[name])
+    if board.has_battery:
+        parser.add_argument(
+            "--battery", metavar="MV", type=_whole(0, 5000), help="a battery's voltage"
+        )
+    for name, what in WIRE.items():
+        parser.add_argument(f"--{name}", metavar="N", type=float, help=what)
+    parser.add_argument(
+        "--image", metavar="ELF", type=Path, help="firmware (default: as built here)"
+    )
+    parser.add_argument(
+        "--simulator",
+        metavar="PATH",
+        type=Path,
+        help="emulator (default: as built here)",
+    )
+    parser.set_defaults(run=run, parser=parser, board=board)
+
+
+def _positive(text: str) -> float:
+    with contextlib.suppress(ValueError):
+        seconds = float(text)
+        if 0.0 < seconds < math.inf:
+            return seconds
+    raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
+
+
+def _whole(low: int, high: int) -> Callable[[str], int]:
+    def number(text: str) -> int:
+        value = int(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is not in {low}..{high}")
+        return value
+
+    return number
+
+
+def default_link(board: Board) -> Path:
+    """Where the serial port appears unless told otherwise: a folder of the user's."""
+    folder = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
+    return Path(folder) / f"imud-{board.name}"
+
+
+def find(given: Path | None, variable: str, built: Path) -> Path:
+    """What is named here or in the environment, or what a build left nearby."""
+    named = given or (Path(text) if (text := os.environ.get(variable)) else None)
+    if named is not None:
+        if named.is_file():
+            return named
+        raise FileError(f"{named} is not there; run `make firmware sim`")
+    here = Path.cwd()
+    # A virtual environment lies in the project's folder.
+    for folder in (here, *here.parents, Path(sys.prefix).parent):
+        if (folder / built).is_file():
+            return folder / built
+    raise FileError(f"{built} is not built yet; run `make firmware sim`")
+
+
+def commands_us(
+    board: Board, *, wants_raw: bool, rate_hz: int | None
+) -> Iterator[tuple[int, bytes]]:
+    """The frames that set a probe up, each with the device time it is sent at."""
+    from imud._core import encode_frame
+    from imud.wire import messages, schema
+
+    orders: list[tuple[str, tuple[int, int]]] = []
+    if wants_raw:
+        streams = schema.StreamFlags.POSE | schema.StreamFlags.RAW
+        orders.append(("rate", (1, board.sample_rate_hz)))
+        orders.append(("fields", (int(streams), 0)))
+    if rate_hz is not None:
+        orders.append(("rate", (0, rate_hz)))
+    for index, (command, arguments) in enumerate(orders):
+        # Tokens are not zero.
+        order = {"command": command, "token": index + 1, "arguments": arguments}
+        content = messages.encode("command", order, index, 0)
+        at_us = FIRST_COMMAND_US + index * NEXT_COMMAND_US
+        yield at_us, encode_frame(schema.SEED, content)
+
+
+def command_line(args: argparse.Namespace, link: Path) -> list[str]:
+    """The emulator's arguments; the motion comes through its standard input."""
+    board: Board = args.board
+    simulator = find(args.simulator, board.simulator_variable, board.simulator)
+    image = find(args.image, board.image_variable, board.image)
+    words: list[str | Path] = [simulator, "--image", image]
+    words += ["--motion", "-", "--seed", str(args.seed)]
+    words += ["--record", args.record] if args.record else ["--pty", link]
+    for name in ("seconds", *board.files, "battery", *WIRE):
+        value = getattr(args, name.replace("-", "_"), None)
+        if value is not None:
+            words += [f"--{name}", str(value)]
+    if args.fast:
+        words.append("--fast")
+    if args.stream:
+        words += ["--press", ":".join(map(str, PRESS_US))]
+    for at_us, frame in commands_us(board, wants_raw=args.raw, rate_hz=args.rate):
+        words += ["--send", f"{at_us}:{frame.hex()}"]
+    return [str(word) for word in words]
+
+
+def run(args: argparse.Namespace) -> int:
+    """Runs the virtual probe until its time is up or a signal ends it."""
+    if args.save_motion and (args.motion or not args.seconds):
+        args.parser.error("--save-motion keeps what a hand did in --seconds N")
+    if args.record and not args.motion and not args.seconds:
+        args.parser.error("--record needs --seconds N: the hand never stops")
+    if getattr(args, "parts", None) and not args.profile:
+        args.parser.error("--parts are those of a --profile")
+    link = args.link or default_link(args.board)
+    words = command_line(args, link)
+    rate_hz, pieces, seconds = _motion(args)
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as emulator:
+
+        def end(_number: int, _frame: FrameType | None) -> None:
+            # It finishes what it does and says its summary.
+            emulator.terminate()
+
+        before = {
+            number: signal.signal(number, end)
+            for number in (signal.SIGINT, signal.SIGTERM)
+        }
+        try:
+            is_measured = bool(args.record and seconds)
+            progress = Progress(f"virtual {args.board.title}", seconds or 0.0)
+            watched = _watched(pieces, rate_hz, progress) if is_measured else pieces
+            feeder = threading.Thread(
+                target=_feed, args=(emulator.stdin, watched), daemon=True
+            )
+            feeder.start()
+            _pass_on(emulator.stderr or (), progress)
+            status = emulator.wait()
+            feeder.join()
+            progress.end()
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+    # Killed by a signal: 128 and its number, as shells say it.
+    return status if status >= 0 else 128 - status
+
+
+def _motion(
+    args: argparse.Namespace,
+) -> tuple[float, Iterable[Motion], float | None]:
+    """What to feel: its rate, its pieces, and for how long it is wanted."""
+    from imud.virtual import motion
+
+    if args.motion is None and args.save_motion is None:
+        return motion.HAND_RATE_HZ, motion.stream(args.seed), args.seconds
+    if args.motion is not None:
+        recording = motion.load(args.motion)
+    else:
+        recording = motion.generate(args.seconds, args.seed)
+        try:
+            recording.save(args.save_motion)
+        except OSError as error:
+            raise FileError(
+                f"can't write {args.save_motion}: {error.strerror}"
+            ) from error
+    starts = range(0, len(recording), FEED_RECORDS)
+    pieces = (recording[start : start + FEED_RECORDS] for start in starts)
+    return recording.rate_hz, pieces, args.seconds or recording.seconds
+
+
+def _watched(
+    pieces: Iterable[Motion], rate_hz: float, progress: Progress
+) -> Iterator[Motion]:
+    """The same pieces; each shows how far the emulator is, which takes them in turn."""
+    records = 0
+    for piece in pieces:
+        yield piece
+        records += len(piece)
+        progress.update(records / rate_hz)
+
+
+def _feed(file: IO[bytes], pieces: Iterable[Motion]) -> None:
+    from imud.virtual import motion
+
+    # The emulator may end before the motion does.
+    with contextlib.suppress(BrokenPipeError), file:
+        motion.write_stream(file, pieces)
+
+
+def _pass_on(said: Iterable[bytes], progress: Progress) -> None:
+    """Repeats what the emulator says, and how to connect once it can be."""
+    for line in said:
+        text = line.decode(errors="replace").rstrip("\n")
+        word, _, link = text.partition(" ")
+        if word == "ready":
+            text = f"ready {link} (imud run {link}; Ctrl-C ends it)"
+        progress.say(text)
