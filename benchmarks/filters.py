@@ -40,7 +40,7 @@ RAM_BYTES = 2048
 HOUSE = ("fuse", "complementary", "mahony", "madgwick", "dcm_pi")
 MACHINE = ("-mmcu=atmega328p", "-DF_CPU=16000000L")
 LINK = ("-Wl,--gc-sections", "-mrelax", "-Wl,-u,bench_sample", "-Wl,-u,bench_answer")
-INCLUDE = (f"-I{FIRMWARE}", f"-I{CORE}", f"-I{AVR}")
+INCLUDE = (f"-I{FIRMWARE}", f"-I{AVR}")
 
 # Of the answers to those of the same filter in doubles, at any time. Single precision
 # drifts; the filters' own corrections hold it.
@@ -122,7 +122,7 @@ def build_main(out: Path, *sources: Path, options: Sequence[str] = ()) -> None:
 
 
 def build_house(name: str, out: Path) -> None:
-    core = [path for path in sorted(CORE.glob("*.c")) if path.name != "fixed_mul.c"]
+    core = [path for path in sorted(CORE.rglob("*.c")) if path.name != "fixed_mul.c"]
     products = FIRMWARE / "avr" / "fixed_mul.S"
     define = f"-DFILTER={name}"
     build_main(out, AVR / "house.c", *core, products, options=[define])
@@ -192,7 +192,7 @@ def by_core(name: str, samples: Samples, folder: Path) -> FloatArray:
     program = folder / f"{name}-host"
     define = f"-DFILTER={name}"
     run("gcc", "-std=gnu11", "-O2", *INCLUDE, define, "-o", program, AVR / "main.c",
-        AVR / "house.c", *sorted(CORE.glob("*.c")))  # fmt: skip
+        AVR / "house.c", *sorted(CORE.rglob("*.c")))  # fmt: skip
     answers = run(program, given=records(samples, is_fixed=True))
     return quaternions(answers, is_fixed=True)
 
@@ -243,7 +243,7 @@ def filters() -> list[Filter]:
     found = [
         Filter(name, name, partial(build_house, name), True, partial(by_core, name))
         for name in HOUSE
-        if (CORE / f"{name}.c").is_file()
+        if (CORE / "fusion" / f"{name}.c").is_file()
     ]
     found.append(
         Filter("float Madgwick", "float_madgwick", build_madgwick, False, by_ahrs)

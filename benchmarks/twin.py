@@ -46,7 +46,7 @@ BUILD = scoring.PROJECT / "build" / "benchmarks"
 COMPILE = ("gcc", "-std=gnu11", "-O2", "-ffp-contract=off", "-fPIC", "-shared")
 
 GYR_DELAY_S = 3.9e-3  # that the firmware has its MPU-9250 set to
-CALIBRATION = 512  # samples: CALIBRATOR_SAMPLES of firmware/core/calibrate.h
+CALIBRATION = 512  # samples: CALIBRATOR_SAMPLES of firmware/core/fusion/calibrate.h
 STARTING_S = 3.0  # in which no error is stated
 FREE_DEG = 30.0  # a heading of a larger error is free, and states none
 

@@ -7,10 +7,10 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "core/bus.h"
-#include "core/probe.h"
-#include "core/sensor.h"
-#include "core/settings.h"
+#include "core/drivers/bus.h"
+#include "core/drivers/sensor.h"
+#include "core/probe/probe.h"
+#include "core/storage/settings.h"
 
 enum board_sample_result {
     BOARD_SAMPLE_OK = 0,
@@ -72,7 +72,7 @@ uint16_t board_receive_lost(void);
 bool board_button_is_down(void);
 void board_led_set(bool on);
 
-// Memory that survives power; see core/settings.h.
+// Memory that survives power; see core/storage/settings.h.
 const struct settings_storage *board_storage(void);
 
 // Supply in mV, 0 where it can't be known. Bytes of stack never used yet.

@@ -4,7 +4,7 @@
 #include <stddef.h>
 
 #include "board.h"
-#include "core/probe.h"
+#include "core/probe/probe.h"
 
 enum {
     STEP_US = 5000,            // of the button, the periodic messages and the LED

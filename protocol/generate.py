@@ -22,13 +22,13 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 SCHEMA = ROOT / "protocol" / "schema.toml"
-C_HEADER = Path("firmware/core/messages.h")
-C_SOURCE = Path("firmware/core/messages.c")
+C_HEADER = Path("firmware/core/wire/messages.h")
+C_SOURCE = Path("firmware/core/wire/messages.c")
 PYTHON = Path("host/imud/wire/schema.py")
 DOCUMENT = Path("protocol/PROTOCOL.md")
 
 HEADER_SIZE = 9  # id, sequence u32, time_us u32
-CONTENT_MAX = 120  # FRAME_CONTENT_MAX of firmware/core/frame.h
+CONTENT_MAX = 120  # FRAME_CONTENT_MAX of firmware/core/wire/frame.h
 HELLO_SEED = 0xFFFF
 COLUMNS = 88
 DIFF_LINES = 20  # of a stale file, enough to see what it is about
@@ -610,12 +610,12 @@ def render_c_header(schema: Schema) -> str:
 
 
 C_HELPERS = """\
-#include "messages.h"
+#include "core/wire/messages.h"
 
 #include <stdbool.h>
 #include <string.h>
 
-#include "frame.h"
+#include "core/wire/frame.h"
 
 // Values go to the wire as they lie in memory.
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the wire is little endian");

@@ -104,8 +104,8 @@ def _load(
     flags: tuple[str, ...],
     counting: tuple[str, ...],
 ) -> tuple[Any, Any]:
-    ours = [*sorted(CORE.glob("*.c"))] if core else []
-    headers = [*sorted(CORE.glob("*.h"))] if core else []
+    ours = [*sorted(CORE.rglob("*.c"))] if core else []
+    headers = [*sorted(CORE.rglob("*.h"))] if core else []
     headers += extra_headers
     build = _Build([*ours, *extra_sources], headers, defines, flags, counting)
     spec = importlib.util.spec_from_file_location(build.name, build.library())
@@ -150,7 +150,7 @@ class _Build:
         self.flags = (
             *flags,
             *(f"-D{define}" for define in defines),
-            *(f"-I{folder}" for folder in (CORE, CORE.parent)),
+            f"-I{CORE.parent}",
         )
         self.object_flags = (*self.flags, *counting, *WARNINGS)
         self.libraries = ("-lgcov", "-lm") if counting else ("-lm",)

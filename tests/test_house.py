@@ -4,6 +4,7 @@ portable C may use, and that it compiles without a warning wherever it must run.
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 from pathlib import Path
@@ -74,7 +75,75 @@ def test_core_includes_core_and_four_standard_headers_only(path):
         if opening == "<":
             assert name in STANDARD
         else:
-            assert (CORE / name).is_file(), f"{name} is no header of core/"
+            assert name.startswith("core/"), f"{name} is no header of core/"
+            assert (FIRMWARE / name).is_file(), f"{name} is not there"
+
+
+# Each room of core/ may use those before it.
+ROOMS = ("math", "wire", "drivers", "fusion", "storage", "probe")
+
+
+@core_files
+def test_a_room_of_the_core_uses_those_before_it_only(path):
+    usable = ROOMS[: ROOMS.index(path.parent.name) + 1]
+    for opening, name in includes(path):
+        if opening == '"':
+            assert name.split("/")[1] in usable
+
+
+def included(path):
+    """Files of ours that a C file includes, wherever the compiler would find them."""
+    folders = (path.parent, FIRMWARE, ROOT / "sim", CHIPS)
+    for opening, name in includes(path):
+        found = [folder / name for folder in folders if (folder / name).is_file()]
+        if opening == '"' and found:
+            yield found[0].resolve()
+
+
+def imported(path):
+    """Modules of ours that a Python module loads when it is loaded itself."""
+    package = ROOT / "host" / "imud"
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("imud."):
+            room = package.joinpath(*node.module.split(".")[1:])
+            for name in (alias.name for alias in node.names):
+                file = room / f"{name}.py"
+                yield file if file.is_file() else room.with_suffix(".py")
+
+
+def cycle(paths, uses):
+    """Files of which each uses the next and the last one the first; empty: none."""
+    done = set()
+
+    def walk(path, way):
+        if path in way:
+            return way[way.index(path) :]
+        if path in done or not path.is_file():
+            return []
+        for other in uses(path):
+            if found := walk(other, [*way, path]):
+                return found
+        done.add(path)
+        return []
+
+    return next(filter(None, (walk(path, []) for path in paths)), [])
+
+
+def test_no_includes_go_round_in_a_circle():
+    paths = files(FIRMWARE, ROOT / "sim", kinds=("*.c", "*.h"))
+    assert [path.name for path in cycle(paths, included)] == []
+
+
+def test_no_imports_go_round_in_a_circle():
+    paths = files(ROOT / "host" / "imud", kinds=("*.py",))
+    assert [path.name for path in cycle(paths, imported)] == []
+
+
+def test_a_circle_is_seen(tmp_path):
+    for one, other in (("a", "b"), ("b", "c"), ("c", "a"), ("d", "a")):
+        (tmp_path / f"{one}.h").write_text(f'#include "{other}.h"\n')
+    found = cycle([tmp_path.resolve() / "d.h"], included)
+    assert [path.name for path in found] == ["a.h", "b.h", "c.h"]
 
 
 @pytest.mark.parametrize(("one", "other"), [("avr", "stm32"), ("stm32", "avr")])
@@ -166,7 +235,7 @@ def compiled(compiler: str, path: Path, folder: Path) -> Path:
     made = folder / "core.o"
     command = (
         *(compiler, "-std=gnu11", *COMPILERS[compiler], *WARNINGS, "-Wvla"),
-        *(f"-I{CORE}", "-c", path, "-o", made),
+        *(f"-I{FIRMWARE}", "-c", path, "-o", made),
     )
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

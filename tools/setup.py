@@ -255,7 +255,7 @@ def install_package() -> None:
         ROOT / "pyproject.toml",
         ROOT / "CMakeLists.txt",
         *sorted((ROOT / "host" / "imud").glob("*.c")),
-        *sorted((ROOT / "firmware" / "core").glob("*.[ch]")),
+        *sorted((ROOT / "firmware" / "core").rglob("*.[ch]")),
     ]
     digest = hashlib.sha256(str(ROOT).encode())
     for path in sources:

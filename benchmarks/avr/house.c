@@ -2,7 +2,7 @@
 // A filter of firmware/core, the one that -DFILTER=name says.
 #include "bench.h"
 
-#include "mpu9250.h"
+#include "core/drivers/mpu9250.h"
 
 #define TEXT(name) #name
 #define HEADER(name) TEXT(name.h)

@@ -5,10 +5,10 @@
 #include <avr/interrupt.h>
 #include <avr/sleep.h>
 
-#include "../core/messages.h"
-#include "../core/mpu9250.h"
 #include "adc.h"
 #include "clock.h"
+#include "core/drivers/mpu9250.h"
+#include "core/wire/messages.h"
 #include "idle.h"
 #include "pins.h"
 #include "reset.h"

@@ -5,7 +5,7 @@
 #include <avr/interrupt.h>
 #include <avr/wdt.h>
 
-#include "../core/messages.h"
+#include "core/wire/messages.h"
 #include "reset.h"
 #include "start.h"
 

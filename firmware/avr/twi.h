@@ -3,7 +3,7 @@
 #ifndef TWI_H
 #define TWI_H
 
-#include "../core/bus.h"
+#include "core/drivers/bus.h"
 
 // Bus clock 400 kHz, no transfer.
 void twi_init(void);

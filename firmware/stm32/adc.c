@@ -7,8 +7,8 @@
 #include <stdbool.h>
 
 #include "../board.h"
-#include "../core/battery.h"
 #include "clock.h"
+#include "core/drivers/battery.h"
 #include "cpu.h"
 #include "gpio.h"
 #include "pins.h"

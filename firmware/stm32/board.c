@@ -3,9 +3,9 @@
 // sleep.
 #include "../board.h"
 
-#include "../core/messages.h"
 #include "adc.h"
 #include "clock.h"
+#include "core/wire/messages.h"
 #include "cpu.h"
 #include "flash.h"
 #include "identity.h"

@@ -3,7 +3,7 @@
 #include "chip.h"
 
 #include "../board.h"
-#include "../core/lsm9ds0.h"
+#include "core/drivers/lsm9ds0.h"
 
 #ifndef CHIP_IS_FAST
 #define CHIP_IS_FAST false  // 380 samples a second; true: 760

@@ -3,9 +3,9 @@
 // clock, radio, card, battery.
 #include "../board.h"
 
-#include "../core/logbook.h"
 #include "chip.h"
 #include "clock.h"
+#include "core/storage/logbook.h"
 #include "idle.h"
 #include "power.h"
 #include "radio.h"

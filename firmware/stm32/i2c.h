@@ -6,7 +6,7 @@
 
 #include <stdbool.h>
 
-#include "../core/bus.h"
+#include "core/drivers/bus.h"
 
 enum i2c_progress {
     I2C_WAITS,  // for an event that has not come

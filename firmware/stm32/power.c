@@ -5,9 +5,9 @@
 #include "power.h"
 
 #include "../board.h"
-#include "../core/battery.h"
 #include "adc.h"
 #include "clock.h"
+#include "core/drivers/battery.h"
 #include "cpu.h"
 #include "gpio.h"
 #include "pins.h"

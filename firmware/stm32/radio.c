@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The board's side of core/rn41.h.
+// The board's side of core/drivers/rn41.h.
 #include "radio.h"
 
 #include "../board.h"

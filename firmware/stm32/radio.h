@@ -22,8 +22,8 @@
 
 #include <stdint.h>
 
-#include "../core/messages.h"
-#include "../core/rn41.h"
+#include "core/drivers/rn41.h"
+#include "core/wire/messages.h"
 
 void radio_init(void);
 enum rn41_event radio_step(uint32_t now_us);

@@ -4,7 +4,7 @@
 #include "reset.h"
 
 #include "../board.h"
-#include "../core/messages.h"
+#include "core/wire/messages.h"
 #include "cpu.h"
 #include "idle.h"
 #include "start.h"

@@ -3,7 +3,7 @@
 #ifndef STM32_SPI_H
 #define STM32_SPI_H
 
-#include "../core/spi.h"
+#include "core/drivers/spi.h"
 
 // Pins and clocks too; the ports have theirs.
 void spi_init(void);

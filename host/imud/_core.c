@@ -7,7 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "frame.h"
+#include "core/wire/frame.h"
 
 // Takes a 16-bit CRC seed or an 8-bit id apart from other integers.
 static int number_in_range(const char *name, long value, long limit) {

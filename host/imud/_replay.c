@@ -2,10 +2,10 @@
 // A probe's computation once more, from its raw messages: _core.Replay.
 #include "_module.h"
 
-#include "lsm9ds0.h"
-#include "messages.h"
-#include "mpu9250.h"
-#include "pose.h"
+#include "core/drivers/lsm9ds0.h"
+#include "core/drivers/mpu9250.h"
+#include "core/fusion/pose.h"
+#include "core/wire/messages.h"
 
 struct replay {
     PyObject_HEAD struct sensor_identity identity;

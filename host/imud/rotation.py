@@ -77,7 +77,7 @@ def to_yaw_pitch_roll(quat: FloatArray) -> FloatArray:
     z-y'-x'' of east-north-up: yaw is from east to north, pitch is x down.
     """
     w, x, y, z = np.moveaxis(quat, -1, 0)
-    # The half sum and half difference of yaw and roll: see firmware/core/euler.c.
+    # The half sum and half difference of yaw and roll: see firmware/core/math/euler.c.
     half_sum = np.arctan2(x + z, w - y)
     half_difference = np.arctan2(z - x, w + y)
     sum_length = np.hypot(x + z, w - y)

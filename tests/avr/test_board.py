@@ -46,8 +46,8 @@ Board = Callable[..., Run]
 
 @pytest.fixture(scope="module")
 def program(root: Path) -> Path:
-    core = {*(root / "firmware" / "core").glob("*.c")}
-    core.discard(root / "firmware" / "core" / "fixed_mul.c")
+    core = {*(root / "firmware" / "core").rglob("*.c")}
+    core.discard(root / "firmware" / "core" / "math" / "fixed_mul.c")
     return images.program(
         *("avr-gcc", "-mmcu=atmega328p", "-DF_CPU=16000000L", "-std=gnu11"),
         *("-Os", "-fshort-enums", "-mstrict-X", "-mcall-prologues"),

@@ -5,12 +5,12 @@
 #include <string.h>
 
 #include "board.h"
-#include "core/frame.h"
-#include "core/lsm9ds0.h"
-#include "core/messages.h"
-#include "core/mpu9250.h"
-#include "core/pose.h"
-#include "core/probe.h"
+#include "core/wire/frame.h"
+#include "core/drivers/lsm9ds0.h"
+#include "core/wire/messages.h"
+#include "core/drivers/mpu9250.h"
+#include "core/fusion/pose.h"
+#include "core/probe/probe.h"
 
 static struct frame_decoder decoder;
 static uint8_t content[MESSAGE_CONTENT_MAX + FRAME_CRC];

@@ -84,7 +84,7 @@ def flags(environment: str) -> tuple[str, ...]:
 
 
 def build(processor: Processor) -> Path:
-    core = sorted((FIRMWARE / "core").glob("*.c"))
+    core = sorted((FIRMWARE / "core").rglob("*.c"))
     own = [*(FIRMWARE / processor.folder).glob("*.[cS]")]
     sources = [file for file in core if processor.portable or file.stem != "fixed_mul"]
     return images.program(

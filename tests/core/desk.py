@@ -17,12 +17,16 @@ HELPERS = ("loops", "fuse_twin")
 
 ffi, lib = native.load(
     [
-        *(path for path in sorted(native.CORE.glob("*.c")) if path.stem != "fixed_mul"),
+        *(
+            path
+            for path in sorted(native.CORE.rglob("*.c"))
+            if path.stem != "fixed_mul"
+        ),
         "tests/core/checked_mul.c",
         *(f"tests/core/{name}.c" for name in HELPERS),
     ],
     [
-        *sorted(native.CORE.glob("*.h")),
+        *sorted(native.CORE.rglob("*.h")),
         *(f"tests/core/{name}.h" for name in HELPERS),
     ],
     core=False,

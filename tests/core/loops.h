@@ -6,14 +6,14 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "attitude.h"
-#include "classic.h"
-#include "euler.h"
-#include "fixed.h"
-#include "fuse.h"
-#include "pose.h"
-#include "quat.h"
-#include "vector.h"
+#include "core/fusion/attitude.h"
+#include "core/fusion/classic.h"
+#include "core/math/euler.h"
+#include "core/math/fixed.h"
+#include "core/fusion/fuse.h"
+#include "core/fusion/pose.h"
+#include "core/math/quat.h"
+#include "core/math/vector.h"
 
 void loop_mul_q30(int count, const int32_t *a, const int32_t *b, int32_t *out);
 void loop_mul_q32(int count, const int32_t *a, const int32_t *b, int32_t *out);

@@ -193,12 +193,12 @@ def test_an_image_of_one_filter_has_no_other_and_gives_the_same_bits(name):
         [
             *(
                 path
-                for path in sorted(native.CORE.glob("*.c"))
+                for path in sorted(native.CORE.rglob("*.c"))
                 if path.stem not in apart
             ),
             "tests/core/loops.c",
         ],
-        ["firmware/core/pose.h", "tests/core/loops.h"],
+        ["firmware/core/fusion/pose.h", "tests/core/loops.h"],
         [f"ATTITUDE_ONLY={name}"],
         core=False,
     )

@@ -37,7 +37,7 @@ MATRIX = {
 }
 
 # A step between poses is at most what the gyroscope said, bias removed, over 5 ms, and
-# what a frame's two corrections may add, degrees. Numbers from firmware/core/fuse.c.
+# what a frame's two corrections may add, degrees. Numbers from core/fusion/fuse.c.
 #
 # The level follows the low-passed specific force F once in 100 ms. F moves by at most
 # 0.45 / s of how far the force may be from it sideways (the total variation of the

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 // Any counts at any intervals, with any valid calibration and any commands between: a
 // unit quaternion comes out, and what is not known is null.
-#include "classic.h"
-#include "euler.h"
+#include "core/fusion/classic.h"
+#include "core/math/euler.h"
 #include "fuzz.h"
-#include "pose.h"
+#include "core/fusion/pose.h"
 
 enum { STEPS_MAX = 6000 };  // of one input, 30 s: repeats make long runs of few bytes
 

@@ -3,9 +3,9 @@
 // refuse them, and what they take is encoded to the same bytes again.
 #include <string.h>
 
-#include "frame.h"
+#include "core/wire/frame.h"
 #include "fuzz.h"
-#include "messages.h"
+#include "core/wire/messages.h"
 
 // A content either is refused, with nothing written, or comes back from what was read
 // of it. Of hello alone a later version may add fields, which are left out.

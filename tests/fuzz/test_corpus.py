@@ -43,8 +43,8 @@ def test_no_input_of_the_corpus_breaks_a_promise(target: str, tmp_path: Path) ->
 
 # A line of the core, and what a slip would make of it.
 SLIPS = {
-    "pose": ("fixed.h", "INT32_C(1073741824)", "INT32_C(1073730000)"),
-    "wire": ("frame.c", "length == decoder->room", "length == 255"),
+    "pose": ("math/fixed.h", "INT32_C(1073741824)", "INT32_C(1073730000)"),
+    "wire": ("wire/frame.c", "length == decoder->room", "length == 255"),
 }
 
 

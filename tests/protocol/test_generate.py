@@ -364,12 +364,14 @@ def test_another_schemas_c_compiles_without_a_warning(
     tmp_path: Path, compiler: str
 ) -> None:
     schema = load(tmp_path, SMALL)
-    (tmp_path / "messages.h").write_text(generate.render_c_header(schema), "utf-8")
-    (tmp_path / "messages.c").write_text(generate.render_c_source(schema), "utf-8")
-    shutil.copy(ROOT / "firmware" / "core" / "frame.h", tmp_path)
+    wire = tmp_path / "core" / "wire"
+    wire.mkdir(parents=True)
+    (wire / "messages.h").write_text(generate.render_c_header(schema), "utf-8")
+    (wire / "messages.c").write_text(generate.render_c_source(schema), "utf-8")
+    shutil.copy(ROOT / "firmware" / "core" / "wire" / "frame.h", wire)
     warnings = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror")
     done = subprocess.run(
-        [compiler, "-std=gnu11", *warnings, "-Os", "-c", "messages.c"],
+        [compiler, "-std=gnu11", *warnings, "-Os", "-I.", "-c", wire / "messages.c"],
         cwd=tmp_path,
         capture_output=True,
         text=True,

@@ -3,7 +3,7 @@
 // magnetometer in every fourth.
 #include "bits.h"
 
-#include "core/pose.h"
+#include "core/fusion/pose.h"
 
 enum { RATE_HZ = 380, PERIOD_US = 1000000 / RATE_HZ, AT_REST = 700 };
 

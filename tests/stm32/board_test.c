@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "bits.h"
-#include "core/messages.h"
+#include "core/wire/messages.h"
 #include "stm32/pins.h"
 #include "stm32/power.h"
 #include "stm32/radio.h"

@@ -304,7 +304,7 @@ class _Codec:
         return len(self.fields), offset
 
     def fault(self, content: bytes, index: int, offset: int) -> tuple[SkewKind, str]:
-        """Names what stopped the walk; firmware/core/messages.c has the same rules."""
+        """Names what stopped the walk, by the rules of core/wire/messages.c."""
         is_whole = index == len(self.fields)
         expected = None if is_whole else self.fields[index]
         if offset == len(content):

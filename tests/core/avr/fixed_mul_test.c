@@ -5,7 +5,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#include "core/quat.h"
+#include "core/math/quat.h"
 
 enum { BATCHES = 25, BATCH = 1024 };
 

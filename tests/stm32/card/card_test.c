@@ -5,8 +5,8 @@
 #include <string.h>
 
 #include "board.h"
-#include "core/logbook.h"
-#include "core/messages.h"
+#include "core/storage/logbook.h"
+#include "core/wire/messages.h"
 #include "stm32/radio.h"
 #include "stm32/spi.h"
 

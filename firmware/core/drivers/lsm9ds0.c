@@ -1,0 +1,485 @@
+// SPDX-License-Identifier: MIT
+// Set-up of the LSM9DS0 and its bursts to samples.
+//
+// Document: DS = LSM9DS0 data sheet, DocID024763 rev 2 (registers by name, chapter 8).
+#include "core/drivers/lsm9ds0.h"
+
+#include <string.h>
+
+#include "core/math/fixed.h"
+#include "core/wire/messages.h"
+
+enum {
+    AUTO_INCREMENT = 0x80,  // DS 6.1.1: of the sub-address, in both halves
+
+    // Both halves.
+    REG_WHO_AM_I = 0x0F,
+    WHO_AM_I_G = 0xD4,
+    WHO_AM_I_XM = 0x49,
+    DATA_READY = 0x0F,  // STATUS_REG_G, _A, _M: each axis, and all
+    OVERRUN = 0x80,     // STATUS_REG_G: of all axes
+    BOOT = 0x80,        // CTRL_REG5_G, CTRL_REG0_XM: reloads the trimming
+
+    // Gyroscope.
+    REG_CTRL1_G = 0x20,  // then CTRL_REG2_G to CTRL_REG5_G
+    REG_CTRL5_G = 0x24,
+    REG_STATUS_G = 0x27,  // then three axes, little-endian
+    G_380_HZ = 0x80,      // CTRL_REG1_G: DR
+    G_760_HZ = 0xC0,
+    G_100_HZ_LOW_PASS = 0x30,  // CTRL_REG1_G: BW, at either rate
+    G_ON = 0x0F,               // CTRL_REG1_G: PD, all axes
+    G_DRDY = 0x08,             // CTRL_REG3_G: data-ready on pin DRDY_G, active high
+    G_BDU = 0x80,              // CTRL_REG4_G
+    G_2000_DPS = 0x20,         // CTRL_REG4_G: FS
+    G_SELF_TEST = 0x02,        // CTRL_REG4_G: ST 01
+    G_LOW_PASSED = 0x02,       // CTRL_REG5_G: Out_Sel, output of LPF2
+
+    // Accelerometer and magnetometer.
+    REG_TEMPERATURE = 0x05,  // two bytes; then STATUS_REG_M, three axes
+    REG_STATUS_M = 0x07,
+    REG_CTRL0_XM = 0x1F,  // then CTRL_REG1_XM to CTRL_REG7_XM
+    REG_CTRL1_XM = 0x20,
+    REG_CTRL7_XM = 0x26,
+    REG_STATUS_A = 0x27,  // then three axes
+    A_800_HZ = 0x90,      // CTRL_REG1_XM: AODR
+    A_1600_HZ = 0xA0,
+    XM_BDU = 0x08,    // CTRL_REG1_XM: of both sensors
+    A_AXES = 0x07,    // CTRL_REG1_XM
+    A_194_HZ = 0x40,  // CTRL_REG2_XM: ABW, half of 380 Hz against aliases
+    A_2_G = 0x00,     // CTRL_REG2_XM: AFS
+    A_16_G = 0x20,
+    A_SELF_TEST = 0x02,    // CTRL_REG2_XM: AST 01
+    M_TEMPERATURE = 0x80,  // CTRL_REG5_XM: TEMP_EN
+    M_FINE = 0x60,         // CTRL_REG5_XM: M_RES, high
+    M_100_HZ = 0x14,       // CTRL_REG5_XM: M_ODR
+    M_2_GAUSS = 0x00,      // CTRL_REG6_XM: MFS
+    M_CONTINUOUS = 0x00,   // CTRL_REG7_XM: MD
+    M_OFF = 0x02,
+
+    AXES_BYTES = 7,         // a status, three axes
+    TEMPERATURE_BYTES = 2,  // before the magnetometer's
+    GYR_PLACE = 0,          // among the bytes of a sample
+    ACC_PLACE = GYR_PLACE + AXES_BYTES,
+    TEMPERATURE_PLACE = ACC_PLACE + AXES_BYTES,
+    MAG_PLACE = TEMPERATURE_PLACE + TEMPERATURE_BYTES,
+    SAMPLE_BYTES = MAG_PLACE + AXES_BYTES,
+};
+
+_Static_assert((int)SAMPLE_BYTES <= (int)BUS_BURST_MAX, "a sample fits its place");
+
+// Counts at the ends of the ranges, DS table 3.
+enum {
+    GYR_COUNTS_MAX = 28571,  // 2000 deg/s, 70 mdps each
+    ACC_COUNTS_MAX = 21857,  // 16 g, 0.732 mg each
+    MAG_COUNTS_MAX = 25000,  // 2 gauss, 0.08 mgauss each
+};
+
+enum {
+    HELD_MAX = 4,  // 11 ms at 380 Hz: the accelerometer stands still
+
+    TICK_US = 1024,          // a wait of n ticks lasts more than n - 1
+    BOOT_TICKS = 20,         // twice what a boot takes at most, 10 ms
+    GYR_START_TICKS = 784,   // 800 ms, as long as ST has its gyroscopes tested after
+    TEST_SETTLE_TICKS = 60,  // and after its stimulus changes
+    TEST_PERIOD_TICKS = 3,   // a sample at 380 Hz
+    TEST_SAMPLES = 32,
+    RUN_SETTLE_TICKS = 30,  // three measurements of the slowest, at 100 Hz
+    DATA_READY_TICKS = 60,
+
+    // Of the self-test, DS table 3, as sums of TEST_SAMPLES: 150 to 1000 deg/s at 70
+    // mdps; 60 to 1700 mg at 0.061 mg.
+    GYR_RESPONSE_MIN = INT32_C(2143) * TEST_SAMPLES,
+    GYR_RESPONSE_MAX = INT32_C(14286) * TEST_SAMPLES,
+    ACC_RESPONSE_MIN = INT32_C(984) * TEST_SAMPLES,
+    ACC_RESPONSE_MAX = INT32_C(27869) * TEST_SAMPLES,
+    // How far a rate may stray from the first of a run: 4 deg/s.
+    MOVING = 57,
+};
+
+enum step {
+    POWER_UP,
+    IDENTIFY,
+    START,
+    TEST_BEGIN,
+    TEST_OFF,
+    TEST_TURN,
+    TEST_ON,
+    TEST_END,
+    RUN,
+    READY,
+    DONE,
+};
+
+enum {
+    GYR_READY = 1,
+    ACC_READY = 2,
+    MAG_READY = 4,
+};
+
+static uint8_t sub_address(uint8_t reg, uint8_t length) {
+    return length > 1 ? (uint8_t)(reg | AUTO_INCREMENT) : reg;
+}
+
+static bool read_registers(const struct bus_device *bus, uint8_t address, uint8_t reg,
+                           uint8_t *data, uint8_t length) {
+    return bus->read(bus->port, address, sub_address(reg, length), data, length) ==
+           BUS_OK;
+}
+
+static bool write_registers(const struct bus_device *bus, uint8_t address, uint8_t reg,
+                            const uint8_t *data, uint8_t length) {
+    return bus->write(bus->port, address, sub_address(reg, length), data, length) ==
+           BUS_OK;
+}
+
+// All that makes the gyroscope what it is, its stimulus on or off.
+static bool configure_gyr(const struct lsm9ds0 *chip, const struct bus_device *bus,
+                          uint8_t stimulus) {
+    const uint8_t values[] = {
+        (uint8_t)((chip->config.is_fast ? G_760_HZ : G_380_HZ) | G_100_HZ_LOW_PASS |
+                  G_ON),
+        0,
+        G_DRDY,
+        (uint8_t)(G_BDU | G_2000_DPS | stimulus),
+        G_LOW_PASSED,
+    };
+    return write_registers(bus, chip->config.gyr_address, REG_CTRL1_G, values,
+                           sizeof values);
+}
+
+// The other half, with the accelerometer's range and stimulus.
+static bool configure_xm(const struct lsm9ds0 *chip, const struct bus_device *bus,
+                         uint8_t range) {
+    const uint8_t values[] = {
+        0,
+        // Twice the sample rate and more, whatever the two clocks: else an acceleration
+        // that comes as its status is read could seem old for many samples on end.
+        (uint8_t)((chip->config.is_fast ? A_1600_HZ : A_800_HZ) | XM_BDU | A_AXES),
+        (uint8_t)(A_194_HZ | range),
+        0,
+        0,
+        M_TEMPERATURE | M_FINE | M_100_HZ,
+        M_2_GAUSS,
+        M_CONTINUOUS,
+    };
+    return write_registers(bus, chip->config.xm_address, REG_CTRL0_XM, values,
+                           sizeof values);
+}
+
+_Static_assert(SELF_TEST_ACC_FAILED == SELF_TEST_ACC_PASSED * 16 &&
+                   SELF_TEST_GYR_FAILED == SELF_TEST_GYR_PASSED * 16,
+               "a sensor's flags are four bits apart");
+
+static void add_verdict(struct lsm9ds0 *chip, uint8_t passed, bool passes) {
+    const uint8_t flag = passes ? passed : (uint8_t)(passed * 16);
+    chip->identity.self_test = (uint8_t)(chip->identity.self_test | flag);
+}
+
+static int16_t little_endian(const uint8_t *bytes) {
+    return (int16_t)(uint16_t)(bytes[1] * 256u + bytes[0]);
+}
+
+// On to the next step, after a wait.
+static enum sensor_result go_on(struct lsm9ds0 *chip, uint16_t now, uint16_t wait) {
+    ++chip->step;
+    chip->count = 0;
+    chip->since = now;
+    chip->wait = wait;
+    return SENSOR_BUSY;
+}
+
+static bool is_within(const struct lsm9ds0 *chip, uint16_t now, uint16_t wait) {
+    return (uint16_t)(now - chip->since) < wait;
+}
+
+// Each half by its name, before a register of a chip that may be another is written.
+static enum sensor_result identify(struct lsm9ds0 *chip, const struct bus_device *bus,
+                                   uint16_t now) {
+    const struct lsm9ds0_config *config = &chip->config;
+    struct sensor_identity *identity = &chip->identity;
+    uint8_t *who = identity->who_am_i;
+    if (!read_registers(bus, config->gyr_address, REG_WHO_AM_I, &who[0], 1)) {
+        return SENSOR_BUS_FAILED;
+    }
+    if (who[0] != WHO_AM_I_G) {
+        return SENSOR_WRONG_CHIP;
+    }
+    if (!read_registers(bus, config->xm_address, REG_WHO_AM_I, &who[1], 1)) {
+        return SENSOR_BUS_FAILED;
+    }
+    if (who[1] != WHO_AM_I_XM) {
+        who[0] = who[1];
+        who[1] = 0;
+        return SENSOR_WRONG_CHIP;
+    }
+    identity->kind = SENSOR_LSM9DS0;
+    identity->rate_hz = config->is_fast ? LSM9DS0_FAST_RATE_HZ : LSM9DS0_RATE_HZ;
+    identity->gyr_delay_us = LSM9DS0_GYR_DELAY_US;
+    identity->gyr_lsb_nrad_s = 1221730;  // 70 mdps
+    identity->acc_lsb_nm_s2 = 7178468;   // 0.732 mg
+    identity->mag_lsb_pt = 8000;         // 0.08 mgauss
+    const uint8_t boot = BOOT;
+    return write_registers(bus, config->gyr_address, REG_CTRL5_G, &boot, 1) &&
+                   write_registers(bus, config->xm_address, REG_CTRL0_XM, &boot, 1)
+               ? go_on(chip, now, BOOT_TICKS)
+               : SENSOR_BUS_FAILED;
+}
+
+// Writes both halves, then waits.
+static enum sensor_result configure(struct lsm9ds0 *chip, const struct bus_device *bus,
+                                    uint16_t now, uint8_t gyr_stimulus,
+                                    uint8_t acc_range, uint16_t wait) {
+    return configure_gyr(chip, bus, gyr_stimulus) && configure_xm(chip, bus, acc_range)
+               ? go_on(chip, now, wait)
+               : SENSOR_BUS_FAILED;
+}
+
+static enum sensor_result test_begin(struct lsm9ds0 *chip, const struct bus_device *bus,
+                                     uint16_t now) {
+    if (chip->identity.self_test != 0) {
+        chip->step = RUN;
+        return SENSOR_BUSY;
+    }
+    return configure(chip, bus, now, 0, A_2_G, TEST_SETTLE_TICKS);
+}
+
+// Adds one sample of a run; TEST_SAMPLES * 32768 fit by far.
+static enum sensor_result test_sample(struct lsm9ds0 *chip,
+                                      const struct bus_device *bus, uint16_t now) {
+    uint8_t acc[AXES_BYTES];
+    uint8_t gyr[AXES_BYTES];
+    if (!read_registers(bus, chip->config.gyr_address, REG_STATUS_G, gyr, sizeof gyr) ||
+        !read_registers(bus, chip->config.xm_address, REG_STATUS_A, acc, sizeof acc)) {
+        return SENSOR_BUS_FAILED;
+    }
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        const int16_t rate = little_endian(gyr + 1 + 2 * axis);
+        chip->test.response[axis] += little_endian(acc + 1 + 2 * axis);
+        chip->test.response[axis + 3] += rate;
+        if (chip->count == 0) {
+            chip->test.gyr_first[axis] = rate;
+        }
+        if (fixed_magnitude((int32_t)rate - chip->test.gyr_first[axis]) > MOVING) {
+            chip->test.is_moving = true;
+        }
+    }
+    chip->since = now;
+    chip->wait = TEST_PERIOD_TICKS;
+    ++chip->count;
+    return chip->count < TEST_SAMPLES ? SENSOR_BUSY : go_on(chip, now, 0);
+}
+
+// Between the runs: the one without stimulus counts against the other.
+static enum sensor_result test_turn(struct lsm9ds0 *chip, const struct bus_device *bus,
+                                    uint16_t now) {
+    for (uint8_t i = 0; i < 6; ++i) {
+        chip->test.response[i] = -chip->test.response[i];
+    }
+    return configure(chip, bus, now, G_SELF_TEST, A_2_G | A_SELF_TEST,
+                     TEST_SETTLE_TICKS);
+}
+
+// True where all three axes answered within the limits. The sign of the gyroscope's
+// differs between axes.
+static bool responds(const int32_t *response, int32_t low, int32_t high) {
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        const uint32_t size = fixed_magnitude(response[axis]);
+        if (size < (uint32_t)low || size > (uint32_t)high) {
+            return false;
+        }
+    }
+    return true;
+}
+
+// The verdict on the inertial sensors; a failure while moving is none.
+static enum sensor_result test_end(struct lsm9ds0 *chip, uint16_t now) {
+    const int32_t *response = chip->test.response;
+    const bool acc_passes = responds(response, ACC_RESPONSE_MIN, ACC_RESPONSE_MAX);
+    const bool gyr_passes = responds(response + 3, GYR_RESPONSE_MIN, GYR_RESPONSE_MAX);
+    if (acc_passes || !chip->test.is_moving) {
+        add_verdict(chip, SELF_TEST_ACC_PASSED, acc_passes);
+    }
+    if (gyr_passes || !chip->test.is_moving) {
+        add_verdict(chip, SELF_TEST_GYR_PASSED, gyr_passes);
+    }
+    return go_on(chip, now, 0);
+}
+
+// Notes whether the sensor whose status that is has data.
+static bool look_for(struct lsm9ds0 *chip, const struct bus_device *bus, uint8_t flag,
+                     uint8_t address, uint8_t reg) {
+    uint8_t status;
+    if (!read_registers(bus, address, reg, &status, 1)) {
+        return false;
+    }
+    if ((status & DATA_READY) == DATA_READY) {
+        chip->ready |= flag;
+    }
+    return true;
+}
+
+// Waits for all three sensors. The gyroscope's data are then read, so that DRDY_G is
+// low and rises with the next.
+static enum sensor_result ready(struct lsm9ds0 *chip, const struct bus_device *bus,
+                                uint16_t now) {
+    const struct lsm9ds0_config *config = &chip->config;
+    if (!look_for(chip, bus, GYR_READY, config->gyr_address, REG_STATUS_G) ||
+        !look_for(chip, bus, ACC_READY, config->xm_address, REG_STATUS_A) ||
+        !look_for(chip, bus, MAG_READY, config->xm_address, REG_STATUS_M)) {
+        return SENSOR_BUS_FAILED;
+    }
+    const bool is_over = !is_within(chip, now, RUN_SETTLE_TICKS + DATA_READY_TICKS);
+    if (chip->ready != (GYR_READY | ACC_READY | MAG_READY)) {
+        if (!is_over) {
+            return SENSOR_BUSY;
+        }
+        if ((chip->ready & GYR_READY) == 0 || (chip->ready & ACC_READY) == 0) {
+            return SENSOR_STUCK;
+        }
+    }
+    uint8_t unused[AXES_BYTES];
+    if (!read_registers(bus, config->gyr_address, REG_STATUS_G, unused,
+                        sizeof unused)) {
+        return SENSOR_BUS_FAILED;
+    }
+    chip->has_mag = (chip->ready & MAG_READY) != 0;
+    if (!chip->has_mag) {
+        chip->identity.who_am_i[1] = 0;
+        add_verdict(chip, SELF_TEST_MAG_PASSED, false);
+    }
+    (void)go_on(chip, now, 0);
+    return SENSOR_OK;
+}
+
+void lsm9ds0_begin(void *state) {
+    struct lsm9ds0 *chip = state;
+    const struct lsm9ds0_config config = chip->config;
+    const uint8_t verdict = chip->identity.self_test & (uint8_t)~SELF_TEST_MAG_FAILED;
+    memset(chip, 0, sizeof *chip);
+    chip->config = config;
+    chip->identity.self_test = verdict;
+}
+
+enum sensor_result lsm9ds0_setup(void *state, const struct bus_device *bus,
+                                 uint32_t now_us) {
+    struct lsm9ds0 *chip = state;
+    // Ticks wrap after 67 s, at the wrap of now_us too: waits are far shorter.
+    const uint16_t now = (uint16_t)(now_us / TICK_US);
+    if (is_within(chip, now, chip->wait)) {
+        return SENSOR_BUSY;
+    }
+    switch ((enum step)chip->step) {
+    case POWER_UP:
+        return go_on(chip, now, BOOT_TICKS);
+    case IDENTIFY:
+        return identify(chip, bus, now);
+    case START:
+        return configure(chip, bus, now, 0, A_16_G, GYR_START_TICKS);
+    case TEST_BEGIN:
+        return test_begin(chip, bus, now);
+    case TEST_TURN:
+        return test_turn(chip, bus, now);
+    case TEST_OFF:
+    case TEST_ON:
+        return test_sample(chip, bus, now);
+    case TEST_END:
+        return test_end(chip, now);
+    case RUN:
+        return configure(chip, bus, now, 0, A_16_G, RUN_SETTLE_TICKS);
+    case READY:
+        return ready(chip, bus, now);
+    case DONE:
+        break;
+    }
+    return SENSOR_OK;
+}
+
+// Three axes after their status; true where one is beyond its range.
+static bool take_axes(const uint8_t *bytes, int16_t limit, struct counts *out) {
+    bool is_beyond = false;
+    int16_t values[3];
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        values[axis] = little_endian(bytes + 1 + 2 * axis);
+        is_beyond |= fixed_magnitude(values[axis]) > (uint16_t)limit;
+    }
+    *out = (struct counts){values[0], values[1], values[2]};
+    return is_beyond;
+}
+
+static bool is_fresh(const uint8_t *status) {
+    return (*status & DATA_READY) == DATA_READY;
+}
+
+// What a bus reads that nobody drives: all ones. All zeros are not fresh.
+static bool is_floating(const uint8_t *bytes) {
+    for (uint8_t i = GYR_PLACE; i < TEMPERATURE_PLACE; ++i) {
+        if (bytes[i] != 0xFF) {
+            return false;
+        }
+    }
+    return true;
+}
+
+// DS table 4: 8 counts a degC, 12 bits to the right. It gives no zero: 25 degC is that
+// of ST's later parts, and may be some degrees off.
+static int16_t temperature_cdeg(const uint8_t *bytes) {
+    // The sign is bit 11: within +-2048.
+    const int16_t raw = (int16_t)(bytes[1] % 16 * 256 + bytes[0]);
+    const int32_t counts = raw < 2048 ? raw : raw - 4096;
+    return (int16_t)(2500 + fixed_half_floor(counts * 25));  // within +-28100
+}
+
+bool lsm9ds0_parse(void *state, const uint8_t *bytes, uint32_t time_us,
+                   struct sample *out) {
+    struct lsm9ds0 *chip = state;
+    const uint8_t *gyr = bytes + GYR_PLACE;
+    const uint8_t *acc = bytes + ACC_PLACE;
+    const uint8_t *mag = bytes + MAG_PLACE;
+    const bool is_held = !is_fresh(acc);
+    if (!is_fresh(gyr) || is_floating(bytes) || (is_held && chip->held == HELD_MAX)) {
+        return false;
+    }
+    chip->held = is_held ? (uint8_t)(chip->held + 1) : 0;
+    out->time_us = time_us;
+    out->acc_clipped = take_axes(acc, ACC_COUNTS_MAX, &out->acc);
+    out->gyr_clipped = take_axes(gyr, GYR_COUNTS_MAX, &out->gyr);
+    out->temperature_cdeg = temperature_cdeg(bytes + TEMPERATURE_PLACE);
+    out->has_mag = chip->has_mag && is_fresh(mag);
+    out->mag_overflow = false;
+    out->mag = (struct counts){0, 0, 0};
+    if (out->has_mag) {
+        out->mag_overflow = take_axes(mag, MAG_COUNTS_MAX, &out->mag);
+        out->has_mag = !out->mag_overflow;
+        // DS figure 1: the sensors share their axes, right-handed, but the
+        // magnetometer's z points into the package.
+        out->mag.z = (int16_t)fixed_clamp(-(int32_t)out->mag.z, INT16_MAX);
+    }
+    if ((*gyr & OVERRUN) != 0) {
+        out->has_gap = true;
+    }
+    return true;
+}
+
+const struct sensor_identity *lsm9ds0_identity(const void *state) {
+    const struct lsm9ds0 *chip = state;
+    return &chip->identity;
+}
+
+uint8_t lsm9ds0_bursts(const void *state, struct bus_burst out[SENSOR_BURSTS_MAX]) {
+    const struct lsm9ds0_config *config = &((const struct lsm9ds0 *)state)->config;
+    out[0] = (struct bus_burst){config->gyr_address, REG_STATUS_G | AUTO_INCREMENT,
+                                AXES_BYTES};
+    out[1] = (struct bus_burst){config->xm_address, REG_STATUS_A | AUTO_INCREMENT,
+                                AXES_BYTES};
+    out[2] = (struct bus_burst){config->xm_address, REG_TEMPERATURE | AUTO_INCREMENT,
+                                TEMPERATURE_BYTES + AXES_BYTES};
+    return 3;
+}
+
+bool lsm9ds0_power_down(const struct lsm9ds0 *chip, const struct bus_device *bus) {
+    const uint8_t off = 0;  // CTRL_REG1_G: PD; CTRL_REG1_XM: AODR
+    const uint8_t mag_off = M_OFF;
+    return write_registers(bus, chip->config.gyr_address, REG_CTRL1_G, &off, 1) &&
+           write_registers(bus, chip->config.xm_address, REG_CTRL1_XM, &off, 1) &&
+           write_registers(bus, chip->config.xm_address, REG_CTRL7_XM, &mag_off, 1);
+}

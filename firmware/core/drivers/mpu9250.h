@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: MIT
+// The MPU-9250 (or MPU-9255, or MPU-6500 without magnetometer) as a sensor: set-up with
+// self-test, and bursts to samples. Its AK8963 is read by the chip's own I2C master.
+#ifndef MPU9250_H
+#define MPU9250_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "core/drivers/sensor.h"
+
+enum {
+    MPU9250_ADDRESS = 0x68,  // pin AD0 low
+    MPU9250_RATE_HZ = 200,
+    MPU9250_GYR_DELAY_US = 3900,  // RM 4.6: DLPF_CFG 2, 92 Hz
+};
+
+// Starts zeroed. Private to the driver.
+struct mpu9250 {
+    struct sensor_identity identity;
+    uint16_t since;    // start of the wait in force, ticks of 1.024 ms
+    uint8_t wait;      // ticks
+    uint8_t step;      // of set-up
+    uint8_t transfer;  // of the AK8963's set-up
+    uint8_t count;     // samples or tries within the step
+    bool is_asked;     // a transfer is under way
+    bool has_mag;      // the AK8963 answers
+    union {
+        struct {                   // while the inertial self-test runs
+            int32_t response[6];   // sums: stimulus on less off; acc, gyr
+            int16_t gyr_first[3];  // of a run, to tell motion
+            bool is_moving;
+            bool is_offset;  // a gyroscope axis rests too far from zero
+        } test;
+        struct {               // from then on
+            uint8_t bytes[6];  // the AK8963's data last read
+            bool was_ready;    // the burst before this one said data-ready
+        } mag;
+    };
+};
+
+// The functions of struct sensor_driver; `state` is a struct mpu9250. Set-up takes 0.9
+// s (0.4 s from the second time on: the inertial dies' verdict is kept); a step of it
+// holds the bus for 0.5 ms at most. The self-test of a probe that moves, or whose
+// gyroscope is so noisy that it seems to, has no verdict unless it passes. A sample
+// whose bytes can be no reading (all zeros or all ones) has both clipped flags, no
+// temperature and no magnetic field.
+void mpu9250_begin(void *state);
+enum sensor_result mpu9250_setup(void *state, const struct bus_device *bus,
+                                 uint32_t now_us) MUST_CHECK;
+bool mpu9250_parse(void *state, const uint8_t *bytes, uint32_t time_us,
+                   struct sample *out) MUST_CHECK;
+const struct sensor_identity *mpu9250_identity(const void *state);
+uint8_t mpu9250_bursts(const void *state, struct bus_burst *out);
+
+// Initialiser of a struct sensor_driver over `chip`, a struct mpu9250.
+#define MPU9250_DRIVER(chip)                                                           \
+    {                                                                                  \
+        .begin = mpu9250_begin, .setup = mpu9250_setup, .parse = mpu9250_parse,        \
+        .identity = mpu9250_identity, .bursts = mpu9250_bursts, .state = (chip),       \
+    }
+
+#endif

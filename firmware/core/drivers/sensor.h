@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: MIT
+// The seam between a sensor's driver and the probe: what the sensor is, how it is set
+// up step by step, and how the bytes of its bursts become a sample.
+#ifndef SENSOR_H
+#define SENSOR_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "core/drivers/bus.h"
+#include "core/drivers/sample.h"
+
+enum sensor_result {
+    SENSOR_OK = 0,
+    SENSOR_BUSY = 1,         // call again; nothing is wrong
+    SENSOR_BUS_FAILED = -1,  // a transaction failed
+    SENSOR_WRONG_CHIP = -2,  // the identity register is not one we know
+    SENSOR_STUCK = -3,       // the chip answers but never gets ready
+};
+
+struct sensor_identity {
+    uint8_t kind;             // enum sensor of the protocol
+    uint8_t who_am_i[2];      // inertial die, magnetic die (0 where absent)
+    uint8_t mag_adjust[3];    // as read from the chip; zeros where absent
+    uint8_t self_test;        // flags self_test of the protocol
+    uint16_t rate_hz;         // samples a second
+    uint16_t gyr_delay_us;    // of the rate behind the motion, by the chip's low-pass
+    uint32_t gyr_lsb_nrad_s;  // one count of the gyroscope, 1e-9 rad/s
+    uint32_t acc_lsb_nm_s2;   // one count of the accelerometer, 1e-9 m/s2
+    uint32_t mag_lsb_pt;      // one count of the magnetometer, 1e-6 uT (picotesla)
+};
+
+enum { SENSOR_BURSTS_MAX = 3 };
+
+// A driver keeps its own state struct and gives these functions over it.
+struct sensor_driver {
+    // Starts set-up over from the reset of the chip.
+    void (*begin)(void *state);
+    // Does one step of set-up, one or a few transactions; SENSOR_OK once samples flow.
+    // On a failure call begin() again, after the bus has been recovered.
+    enum sensor_result (*setup)(void *state, const struct bus_device *bus,
+                                uint32_t now_us);
+    // Turns the bytes of a sample's bursts, which follow each other, into that sample;
+    // fills everything but has_gap, which it sets where the chip says that samples were
+    // overwritten unread. False where they can't be a reading: then nothing is written.
+    bool (*parse)(void *state, const uint8_t *bytes, uint32_t time_us,
+                  struct sample *out);
+    const struct sensor_identity *(*identity)(const void *state);
+    // The transfers that make one sample, at most SENSOR_BURSTS_MAX; returns how many.
+    // Together they
+    // have BUS_BURST_MAX bytes at most. Constant once set-up is done.
+    uint8_t (*bursts)(const void *state, struct bus_burst *out);
+    void *state;
+};
+
+#endif

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: MIT
+// The filter that runs: measurements in, orientation and its quality out. Which one is
+// said when it starts, or, where -DATTITUDE_ONLY=name leaves that one alone in the
+// image, when it is built. What each function promises: fuse.h.
+#ifndef ATTITUDE_H
+#define ATTITUDE_H
+
+#include "core/fusion/complementary.h"
+#include "core/fusion/dcm_pi.h"
+#include "core/fusion/fuse.h"
+#include "core/fusion/madgwick.h"
+#include "core/fusion/mahony.h"
+#include "core/fusion/quality.h"
+#include "core/wire/messages.h"
+
+#ifdef ATTITUDE_ONLY
+
+#define ATTITUDE_PASTE(one, other) one##_##other
+#define ATTITUDE_JOIN(one, other) ATTITUDE_PASTE(one, other)
+#define ATTITUDE_CALL(verb) ATTITUDE_JOIN(ATTITUDE_ONLY, verb)
+
+enum {
+    ATTITUDE_IS_fuse = FILTER_FUSE,
+    ATTITUDE_IS_complementary = FILTER_COMPLEMENTARY,
+    ATTITUDE_IS_mahony = FILTER_MAHONY,
+    ATTITUDE_IS_madgwick = FILTER_MADGWICK,
+    ATTITUDE_IS_dcm_pi = FILTER_DCM_PI,
+    ATTITUDE_DEFAULT = ATTITUDE_JOIN(ATTITUDE_IS, ATTITUDE_ONLY),
+};
+
+struct attitude {
+    struct ATTITUDE_ONLY only;
+};
+
+static inline bool attitude_has(int32_t kind) {
+    return kind == ATTITUDE_DEFAULT;
+}
+
+static inline enum filter attitude_kind(const struct attitude *attitude) {
+    (void)attitude;
+    return (enum filter)ATTITUDE_DEFAULT;
+}
+
+static inline void attitude_init(struct attitude *attitude, enum filter kind,
+                                 uint16_t rate_hz, uint16_t gyr_delay_us) {
+    (void)kind;
+    ATTITUDE_CALL(init)(&attitude->only, rate_hz, gyr_delay_us);
+}
+
+static inline void attitude_restart(struct attitude *attitude) {
+    ATTITUDE_CALL(restart)(&attitude->only);
+}
+
+static inline void attitude_step(struct attitude *attitude,
+                                 const struct measurement *measurement,
+                                 uint32_t interval_us) {
+    ATTITUDE_CALL(step)(&attitude->only, measurement, interval_us);
+}
+
+static inline void attitude_set_bias(struct attitude *attitude,
+                                     const struct vector *bias_rad_s_q25) {
+    ATTITUDE_CALL(set_bias)(&attitude->only, bias_rad_s_q25);
+}
+
+static inline void attitude_orientation(const struct attitude *attitude,
+                                        struct quat *out) {
+    ATTITUDE_CALL(orientation)(&attitude->only, out);
+}
+
+static inline void attitude_quality(const struct attitude *attitude,
+                                    struct attitude_quality *out) {
+    ATTITUDE_CALL(quality)(&attitude->only, out);
+}
+
+#else
+
+enum { ATTITUDE_DEFAULT = FILTER_FUSE };
+
+struct attitude {
+    uint8_t kind;  // enum filter
+    union {
+        struct fuse fuse;
+        struct complementary complementary;
+        struct mahony mahony;
+        struct madgwick madgwick;
+        struct dcm_pi dcm_pi;
+    };
+};
+
+// True for a filter that this build has, as an enum filter or any number.
+bool attitude_has(int32_t kind);
+
+enum filter attitude_kind(const struct attitude *attitude);
+
+// Needs attitude_has(kind).
+void attitude_init(struct attitude *attitude, enum filter kind, uint16_t rate_hz,
+                   uint16_t gyr_delay_us);
+
+void attitude_restart(struct attitude *attitude);
+void attitude_step(struct attitude *attitude, const struct measurement *measurement,
+                   uint32_t interval_us);
+void attitude_set_bias(struct attitude *attitude, const struct vector *bias_rad_s_q25);
+void attitude_orientation(const struct attitude *attitude, struct quat *out);
+void attitude_quality(const struct attitude *attitude, struct attitude_quality *out);
+
+#endif
+#endif

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: MIT
+// Counts to physical units in the body frame, and the gyroscope's bias at start-up.
+#ifndef CALIBRATE_H
+#define CALIBRATE_H
+
+#include "core/drivers/sample.h"
+#include "core/drivers/sensor.h"
+#include "core/math/vector.h"
+
+// v = matrix * (counts - bias), then the sensor's scale. The sum of magnitudes of each
+// row must not exceed 1.7, |bias| not 16384 counts: then no step overflows.
+struct calibration_of_sensor {
+    q18_14_t bias[3];      // counts
+    q2_14_t matrix[3][3];  // rows
+};
+
+struct calibration {
+    struct calibration_of_sensor acc, gyr, mag;
+};
+
+// Counts as they are: no bias, matrices of one. A function, since a constant would take
+// 90 bytes of the AVR's RAM.
+void calibration_clear(struct calibration *calibration);
+
+// True where the bounds above hold.
+bool calibration_is_valid(const struct calibration *calibration);
+
+// One sample in physical units, body frame.
+struct measurement {
+    struct vector gyr_rad_s_q25;  // q7_25, each held within +-38 rad/s
+    struct vector acc_m_s2_q21;   // q11_21, |acc| < 470 m/s2
+    struct vector mag_ut_q18;     // q14_18, each held within +-2048 uT; where has_mag
+    bool has_mag;
+    bool acc_clipped, gyr_clipped;  // at the end of its range
+};
+
+// Scales of one count, derived from the sensor's identity.
+struct calibration_scale {
+    q2_30_t gyr, acc, mag;
+};
+
+struct calibration_scale calibration_scale_of(const struct sensor_identity *identity);
+
+void calibrate(const struct calibration *calibration,
+               const struct calibration_scale *scale, const struct sample *sample,
+               struct measurement *out);
+
+// The rate, q7_25 rad/s, that mean counts of the gyroscope stand for.
+void calibrate_rate(const struct calibration *calibration,
+                    const struct calibration_scale *scale,
+                    const q16_16_t mean_counts[3], struct vector *out);
+
+// The start-up calibration: 512 samples at rest give the gyroscope's bias.
+enum calibrator_result {
+    CALIBRATOR_DONE = 0,
+    CALIBRATOR_PENDING = 1,
+    CALIBRATOR_MOVED = -1,  // refused: the window starts over
+};
+
+enum { CALIBRATOR_SAMPLES = 512 };
+
+struct gyro_calibrator_axis {
+    int32_t sum;        // of the rates, counts
+    int32_t turn;       // specific force, one half less the other, counts
+    int16_t low, high;  // rates, counts
+};
+
+struct gyro_calibrator {
+    struct gyro_calibrator_axis axes[3];
+    uint16_t count;
+    uint16_t span_counts;  // of the widest axis when it was last refused
+};
+
+void gyro_calibrator_begin(struct gyro_calibrator *calibrator);
+
+// Takes a sample. DONE writes the mean counts; MOVED says that the probe is not at
+// rest: a rate spans more than 3 deg/s peak to peak (5 times what the MPU-9250's noise
+// gives in a window), or exceeds 40 deg/s (the LSM9DS0 has a zero rate of +-25 as it
+// comes, data sheet table 3, "TyOff"), or the vertical turns by more than half a degree
+// between the halves of the window.
+enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
+                                            const struct sample *sample,
+                                            const struct sensor_identity *identity,
+                                            q16_16_t mean_counts[3]);
+
+#endif

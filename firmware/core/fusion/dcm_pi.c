@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: MIT
+// Baranek's filter; see dcm_pi.h.
+#include "core/fusion/dcm_pi.h"
+
+// 9.80665 m/s2
+#define GRAVITY_Q21 INT32_C(20566036)
+// Kp 500 and Ki 0.1 a sample. In rad/s such a Kp is unstable at any period above 4 ms.
+// In counts of the paper's L3G4200D as it wakes up, 8.75 mdps at 100 Hz, they make a
+// loop of 13 s with critical damping, which "slowly follows": that is meant.
+#define KP_Q25 INT32_C(2562155)  // 0.0764 rad/s
+#define KI_Q27 INT32_C(204972)   // 0.00153 rad/s a second, over 8 as an interval's q33
+#define STEP_MAX_US UINT32_C(7500)  // 74 rad/s turn 0.56 rad in it
+#define INTERVAL_MAX_US UINT32_C(50000)
+
+void dcm_pi_init(struct dcm_pi *dcm_pi, uint16_t rate_hz, uint16_t gyr_delay_us) {
+    (void)rate_hz;
+    (void)gyr_delay_us;
+    classic_init(&dcm_pi->common);
+    dcm_pi->sum_x_rad_s = 0;
+    dcm_pi->sum_y_rad_s = 0;
+    dcm_pi_restart(dcm_pi);
+}
+
+void dcm_pi_restart(struct dcm_pi *dcm_pi) {
+    classic_restart(&dcm_pi->common);
+    classic_axes(&QUAT_IDENTITY, dcm_pi->rows);
+}
+
+void dcm_pi_set_bias(struct dcm_pi *dcm_pi, const struct vector *bias_rad_s_q25) {
+    classic_set_bias(&dcm_pi->common, bias_rad_s_q25);
+    // What the controllers have taken for offset is in the bias.
+    dcm_pi->sum_x_rad_s = 0;
+    dcm_pi->sum_y_rad_s = 0;
+}
+
+// Equations 15 and 16: the offset in q7_25 rad/s, below 1.08, of an error within 1.
+static int32_t control(q2_30_t *sum, q2_30_t error, int32_t seconds_q33,
+                       q2_30_t trust) {
+    const q2_30_t gain = fixed_mul_q30(seconds_q33, KI_Q27);
+    *sum = fixed_clamp(*sum + fixed_mul_q30(error, gain), Q2_30_ONE);
+    return fixed_mul_q30(fixed_mul_q30(KP_Q25, error) + fixed_scale_down(*sum, 5),
+                         trust);
+}
+
+// Subtracts the offsets that the measured vertical tells from the rate.
+static void remove_offsets(struct dcm_pi *dcm_pi, const struct vector *force_q21,
+                           int32_t seconds_q33, struct vector *rate_q25) {
+    struct vector a;
+    struct vector error;
+    int32_t norm;
+    if (!vector_normalise(force_q21, &a, &norm)) {
+        return;
+    }
+    // Equation 12, the other way round: subtracted from the rate it then turns z to a.
+    classic_cross(&dcm_pi->rows[2], &a, &error);
+    const q2_30_t trust = fixed_exp_neg((int32_t)fixed_magnitude(GRAVITY_Q21 - norm));
+    rate_q25->x -= control(&dcm_pi->sum_x_rad_s, error.x, seconds_q33, trust);
+    rate_q25->y -= control(&dcm_pi->sum_y_rad_s, error.y, seconds_q33, trust);
+}
+
+// Equation 6 of a row: r (I + Omega T) = r + r x angle.
+static void turn_row(struct vector *row, const struct vector *angle_rad_q30) {
+    struct vector step;
+    classic_cross(row, angle_rad_q30, &step);
+    *row = (struct vector){row->x + step.x, row->y + step.y, row->z + step.z};
+}
+
+// Equation 11: the norm n <= 1.15 becomes n (3 - n^2) / 2, which is within 1 of any n.
+static void normalise_row(struct vector *row) {
+    const q2_30_t square = vector_square_q30(row);
+    vector_scale(row, Q2_30_ONE + fixed_half_floor(Q2_30_ONE - square), row);
+}
+
+// Rows of at most 1, turned by 0.56 rad at most, are at most sqrt(1 + 0.56^2) = 1.15
+// long, and 0.24 off square.
+static void step_rows(struct vector rows[3], const struct vector *angle_rad_q30) {
+    struct vector *x = &rows[0];
+    struct vector *y = &rows[1];
+    turn_row(x, angle_rad_q30);
+    turn_row(y, angle_rad_q30);
+    // Equations 7 to 9.
+    const q2_30_t half = fixed_half_floor(classic_dot(x, y));
+    const struct vector old = *x;
+    x->x -= fixed_mul_q30(half, y->x);
+    x->y -= fixed_mul_q30(half, y->y);
+    x->z -= fixed_mul_q30(half, y->z);
+    y->x -= fixed_mul_q30(half, old.x);
+    y->y -= fixed_mul_q30(half, old.y);
+    y->z -= fixed_mul_q30(half, old.z);
+    // Equations 10 and 11; the third row's own turn is not needed.
+    classic_cross(x, y, &rows[2]);
+    normalise_row(x);
+    normalise_row(y);
+    normalise_row(&rows[2]);
+}
+
+void dcm_pi_step(struct dcm_pi *dcm_pi, const struct measurement *measurement,
+                 uint32_t interval_us) {
+    struct vector rate;
+    struct quat start;
+    classic_step(&dcm_pi->common, measurement, interval_us);
+    if (classic_wants_start(&dcm_pi->common, measurement)) {
+        classic_quat(dcm_pi->rows, &start);
+        if (classic_start(&dcm_pi->common, measurement, &start)) {
+            classic_axes(&start, dcm_pi->rows);
+            return;
+        }
+    }
+    classic_rate(&dcm_pi->common, measurement, &rate);
+    remove_offsets(dcm_pi, &measurement->acc_m_s2_q21, classic_seconds_q33(interval_us),
+                   &rate);
+    // In equal parts, short enough for the repair to hold.
+    if (interval_us > INTERVAL_MAX_US) {
+        interval_us = INTERVAL_MAX_US;
+    }
+    const uint8_t parts = (uint8_t)((interval_us + STEP_MAX_US - 1) / STEP_MAX_US);
+    if (parts == 0) {
+        return;
+    }
+    // Rad q4_28, at most 0.33 an axis, and two bits more.
+    vector_scale(&rate, classic_seconds_q33(interval_us / parts), &rate);
+    rate = (struct vector){rate.x * 4, rate.y * 4, rate.z * 4};
+    for (uint8_t part = 0; part < parts; ++part) {
+        step_rows(dcm_pi->rows, &rate);
+    }
+}
+
+void dcm_pi_orientation(const struct dcm_pi *dcm_pi, struct quat *out) {
+    classic_quat(dcm_pi->rows, out);
+}
+
+void dcm_pi_quality(const struct dcm_pi *dcm_pi, struct attitude_quality *out) {
+    classic_quality(&dcm_pi->common, out);
+    out->is_heading_free = true;
+}

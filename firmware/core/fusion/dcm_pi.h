@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: MIT
+// Baranek's filter ("Inertial Measurement Unit - Data Fusion and Visualization using
+// MATLAB"): a rotation matrix stepped to first order, its rows kept orthonormal, and
+// two PI controllers whose outputs are the gyroscope's offsets (equations 6 to 16).
+//
+// It has no magnetometer: the first field tells north, and heading is free from there.
+// Its two readings that don't fit together are settled here: of equations 12 to 14 z is
+// the world's, a row as in equations 7 to 11, and x and y the gyroscope's own axes;
+// with the matrix's own columns or rows all through, the loop diverges for half of all
+// headings.
+#ifndef DCM_PI_H
+#define DCM_PI_H
+
+#include "core/fusion/classic.h"
+
+struct dcm_pi {
+    struct classic common;
+    struct vector rows[3];  // of world_from_body: the world's axes in the body
+    q2_30_t sum_x_rad_s, sum_y_rad_s;  // the controllers' integral parts, +-1 rad/s
+};
+
+// The functions of fuse.h; rate and delay make no difference.
+void dcm_pi_init(struct dcm_pi *dcm_pi, uint16_t rate_hz, uint16_t gyr_delay_us);
+void dcm_pi_restart(struct dcm_pi *dcm_pi);
+void dcm_pi_step(struct dcm_pi *dcm_pi, const struct measurement *measurement,
+                 uint32_t interval_us);
+void dcm_pi_set_bias(struct dcm_pi *dcm_pi, const struct vector *bias_rad_s_q25);
+void dcm_pi_orientation(const struct dcm_pi *dcm_pi, struct quat *out);
+void dcm_pi_quality(const struct dcm_pi *dcm_pi, struct attitude_quality *out);
+
+#endif

@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: MIT
+// The filter: measurements in, orientation and its quality out, one step a sample.
+//
+// Of the VQF family (Laidig and Seel 2023, section 3): the gyroscope is integrated into
+// an almost-inertial frame, the specific force is low-passed there and levels it, and
+// heading is one angle beside it, so that a disturbed field never tilts the probe.
+// Beside them two small Kalman filters: one learns the gyroscope's bias and scale from
+// what levelling had to correct, one the field of the place and the probe's own, which
+// turns with it; and how late field readings are is learned from turns. Samples make
+// frames of 100 ms; all but the integration is done once a frame, in stages that no two
+// samples share.
+#ifndef FUSE_H
+#define FUSE_H
+
+#include "core/fusion/calibrate.h"
+#include "core/fusion/kalman.h"
+#include "core/fusion/quality.h"
+#include "core/math/matrix.h"
+#include "core/math/quat.h"
+
+enum {
+    FUSE_MOTION_STATES = 4,
+    FUSE_MOTION_PAIRS = FUSE_MOTION_STATES * (FUSE_MOTION_STATES + 1) / 2,
+};
+
+// Second-order Butterworth low-pass as two trapezoidal integrators, which needs no more
+// precision than its input has. Mean of its input until it has settled.
+struct lowpass_axis {
+    int32_t band, level;
+};
+
+struct lowpass {
+    struct lowpass_axis x, y, z;
+};
+
+struct lowpass_gain {
+    q2_30_t integrator;  // tan(T / (sqrt(2) tau))
+    q2_30_t feedback;    // 1 / (1 + g (g + sqrt(2)))
+    uint8_t settle;      // steps in tau
+};
+
+// Derived from the sample rate, once.
+struct fuse_coefficients {
+    uint8_t frame;       // samples in a frame
+    uint8_t stride;      // samples between two stages of it
+    q2_30_t share;       // 1 / frame
+    int32_t lead_s_q35;  // of the motion before what was integrated
+};
+
+struct fuse {
+    struct fuse_coefficients coefficients;
+    // Bias and scale of the rates that were measured, and the covariance of the bias in
+    // deg/s and of the scale in 500ths.
+    struct vector bias_rad_s_q25;
+    q2_30_t scale;
+    q6_26_t motion_covariance[FUSE_MOTION_PAIRS];
+    struct vector calibrated_rad_s_q25;  // the bias that the start-up calibration found
+    // The field of the place in the level frame, then that of the probe in the body.
+    q14_18_t field_ut[KALMAN_STATES];
+    // How far field readings are behind the gyroscope, and half its variance in ms2.
+    int32_t lag_s_q35;
+    q13_19_t lag_variance;
+    // A restart forgets all from here on.
+    struct quat inertial_from_body;   // integrated gyroscope
+    struct quat level_from_inertial;  // the correction of its tilt
+    struct quat world_from_inertial;  // and of its heading
+    struct vector rate_rad_s_q25;     // of the last sample, bias removed
+    q14_18_t rate_square;             // (rad/s)^2, mean over 3 s
+    uint8_t in_frame, stage;          // of the frame that runs
+    uint8_t frames;                   // since the start, held at 255
+    uint8_t clipped;                  // samples of this frame that lost motion
+    uint8_t unsettled;                // frames until levelling tells of bias again
+    // Sums over the frame, in the inertial frame, m/s2 and rad/s.
+    struct vector force_sum_q13, turn_sum_q17;
+    struct lowpass force;      // inertial frame
+    q7_25_t tilting_rad_s[2];  // what levelling had to correct, as a rate
+    // What a bias and the scale of the gyroscope would turn the vertical by: two rows
+    // of the rotation to the level frame, and the rate about its x and y.
+    struct lowpass_axis regressor[2 * FUSE_MOTION_STATES];
+    struct lowpass rest_rate, rest_force;
+    uint8_t rest_looks;     // in a row that saw no motion
+    uint8_t settled_looks;  // up to one more than the low-pass takes to settle
+    uint8_t rest_axis;      // whose bias is read next
+    // The field reading of this frame, with the rate and the attitude that it was taken
+    // in until its stage, then in the level frame.
+    q14_18_t reading_ut[3];
+    q7_25_t reading_rad_s[3];
+    union {
+        struct quat reading_attitude;
+        struct matrix level_from_body;
+    };
+    q13_19_t field_covariance[KALMAN_PAIRS];  // uT2
+    q13_19_t field_noise;                     // of this reading, uT2
+    uint16_t field_surprise;                  // squared, mean, 64ths of 1 uT2
+    uint16_t field_astray;  // share of late readings that surprise, 65536ths
+    uint8_t field_age;      // frames since the last reading, held at 255
+    uint8_t field_learnt;   // readings whose mean is the place's field
+    bool has_reading;
+    bool is_turned;            // the last one surprised by its direction only
+    q2_30_t heading_variance;  // rad2; 1: no field has told the heading yet
+};
+
+// For 100 to 800 samples a second, of a gyroscope whose rates come `gyr_delay_us` (at
+// most 7.5 ms) behind the motion.
+void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us);
+
+// Forgets the orientation, which has changed unseen; keeps the bias and the reference
+// field.
+void fuse_restart(struct fuse *fuse);
+
+// One sample, `interval_us` after the one before it. Longer intervals than 60 ms are
+// integrated for 60 ms only: the rest of the motion is lost. Where that or clipping
+// loses more than a little, level and heading are found anew, as after a start.
+void fuse_step(struct fuse *fuse, const struct measurement *measurement,
+               uint32_t interval_us);
+
+// A calibration at rest has found the gyroscope's bias, which from there on is taken
+// for rest within 2 deg/s of it. Before, the bias is found in rests and from motion.
+// Each axis is held within +-3.4 rad/s, ten times what the calibration takes for a
+// bias.
+void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25);
+
+// Unit quaternion, world_from_body, at the time of the last sample; world is east,
+// north, up.
+void fuse_orientation(const struct fuse *fuse, struct quat *out);
+
+void fuse_quality(const struct fuse *fuse, struct attitude_quality *out);
+
+#endif

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: MIT
+// Sample to pose; see pose.h.
+#include "core/fusion/pose.h"
+
+#include <string.h>
+
+// A gap after which the orientation is found anew: a hand turns far in that time.
+#define RESTART_US UINT32_C(250000)
+
+bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibration,
+                const struct sensor_identity *identity, int32_t filter) {
+    if (!attitude_has(filter)) {
+        return false;
+    }
+    tracker->calibration = calibration;
+    tracker->identity = identity;
+    tracker->scale = calibration_scale_of(identity);
+    tracker->calibrator = (struct gyro_calibrator){.count = 0};
+    attitude_init(&tracker->attitude, (enum filter)filter, identity->rate_hz,
+                  identity->gyr_delay_us);
+    pose_set_origin(tracker, POSE_ORIGIN_NONE);
+    tracker->latched_flags = 0;
+    tracker->is_calibrated = false;
+    tracker->has_sample = false;
+    return true;
+}
+
+static enum pose_result calibrate_at_rest(struct pose_tracker *tracker,
+                                          const struct sample *sample) {
+    q16_16_t mean_counts[3];
+    struct vector bias;
+    switch (gyro_calibrator_step(&tracker->calibrator, sample, tracker->identity,
+                                 mean_counts)) {
+    case CALIBRATOR_DONE:
+        tracker->is_calibrated = true;
+        calibrate_rate(tracker->calibration, &tracker->scale, mean_counts, &bias);
+        attitude_set_bias(&tracker->attitude, &bias);
+        return POSE_CALIBRATED;
+    case CALIBRATOR_MOVED:
+        return POSE_MOVED;
+    default:
+        return POSE_OK;
+    }
+}
+
+enum pose_result pose_step(struct pose_tracker *tracker, const struct sample *sample) {
+    enum pose_result result = POSE_OK;
+    struct measurement measurement;
+    uint32_t interval_us = sample->time_us - tracker->last_us;
+    tracker->last_us = sample->time_us;
+    if (!tracker->has_sample || interval_us > RESTART_US) {
+        attitude_restart(&tracker->attitude);
+        tracker->has_sample = true;
+        interval_us = UINT32_C(1000000) / tracker->identity->rate_hz;
+    }
+    if (!tracker->is_calibrated) {
+        result = calibrate_at_rest(tracker, sample);
+    }
+    if (sample->acc_clipped || sample->gyr_clipped) {
+        tracker->latched_flags |= POSE_CLIPPED;
+    }
+    if (sample->has_gap) {
+        tracker->latched_flags |= POSE_GAP;
+    }
+    calibrate(tracker->calibration, &tracker->scale, sample, &measurement);
+    attitude_step(&tracker->attitude, &measurement, interval_us);
+    return result;
+}
+
+void pose_read(struct pose_tracker *tracker, struct message_pose *out) {
+    struct attitude_quality quality;
+    struct quat q;
+    attitude_orientation(&tracker->attitude, &q);
+    attitude_quality(&tracker->attitude, &quality);
+    if (tracker->origin != POSE_ORIGIN_NONE) {
+        if (tracker->origin == POSE_ORIGIN_FULL) {
+            quat_multiply(&q, &tracker->to_origin, &q);
+        } else {
+            quat_multiply(&tracker->to_origin, &q, &q);
+        }
+        quat_renormalise(&q);
+        tracker->latched_flags |= POSE_TARED;
+    }
+    _Static_assert(sizeof q == sizeof out->q, "w, x, y, z");
+    memcpy(out->q, &q, sizeof q);
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        out->position[axis] = POSE_POSITION_NULL;
+        out->normal[axis] = POSE_NORMAL_NULL;
+    }
+    out->tilt_sigma = quality.tilt_sigma_cdeg;
+    out->heading_sigma = quality.heading_sigma_cdeg;
+    out->pose_flags =
+        (uint16_t)(tracker->latched_flags | (quality.is_starting ? POSE_STARTING : 0) |
+                   (tracker->is_calibrated ? 0 : POSE_UNCALIBRATED) |
+                   (quality.is_at_rest ? POSE_AT_REST : 0) |
+                   (quality.is_mag_disturbed ? POSE_MAG_DISTURBED : 0) |
+                   (quality.is_mag_absent ? POSE_MAG_ABSENT : 0) |
+                   (quality.is_heading_free ? POSE_HEADING_FREE : 0));
+    tracker->latched_flags = 0;
+}
+
+void pose_set_origin(struct pose_tracker *tracker, enum pose_origin origin) {
+    struct quat q;
+    tracker->origin = (uint8_t)origin;
+    attitude_orientation(&tracker->attitude, &q);
+    if (origin == POSE_ORIGIN_FULL) {
+        quat_conjugate(&q, &tracker->to_origin);
+    } else {
+        quat_to_no_heading(&q, &tracker->to_origin);
+    }
+}

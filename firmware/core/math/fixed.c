@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: MIT
+// Roots, ratios and angles in fixed point; see fixed.h for formats and bounds.
+#include "core/math/fixed.h"
+
+int32_t fixed_clamp(int32_t value, int32_t limit) {
+    return value > limit ? limit : value < -limit ? -limit : value;
+}
+
+uint32_t fixed_magnitude(int32_t value) {
+    return value < 0 ? 0u - (uint32_t)value : (uint32_t)value;
+}
+
+int32_t fixed_scale_up(int32_t value, uint8_t bits) {
+    return (int32_t)((uint32_t)value << bits);
+}
+
+int32_t fixed_scale_up_sat(uint32_t value, uint8_t bits) {
+    return value > (uint32_t)INT32_MAX >> bits ? INT32_MAX : (int32_t)(value << bits);
+}
+
+int32_t fixed_scale_down(int32_t value, uint8_t bits) {
+    uint8_t left = (uint8_t)(bits - 1);
+    for (; left >= 8; left = (uint8_t)(left - 8)) {  // whole bytes are cheap to shift
+        value >>= 8;
+    }
+    return ((value >> left) + 1) >> 1;
+}
+
+uint8_t fixed_leading_zeros(uint32_t x) {
+    uint8_t zeros = 0;
+    while (x < UINT32_C(0x01000000)) {  // whole bytes first: they are cheap to shift
+        x <<= 8;
+        zeros = (uint8_t)(zeros + 8);
+    }
+    while (x < UINT32_C(0x80000000)) {
+        x <<= 1;
+        ++zeros;
+    }
+    return zeros;
+}
+
+q2_30_t fixed_ratio(uint32_t numerator, uint32_t denominator) {
+    // Long division, a bit a round; remainder < denominator <= 2^31 before each
+    // doubling, so that it never leaves 32 bits.
+    uint32_t quotient = 0;
+    uint32_t remainder = numerator;
+    if (remainder >= denominator) {
+        remainder -= denominator;
+        quotient = 1;
+    }
+    for (uint8_t bit = 0; bit < 30; ++bit) {
+        remainder <<= 1;
+        quotient <<= 1;
+        if (remainder >= denominator) {
+            remainder -= denominator;
+            quotient |= 1;
+        }
+    }
+    return (q2_30_t)quotient;
+}
+
+q2_30_t fixed_rsqrt(uint32_t x) {
+    // A line within 8.7 % on [1/4, 1), then Newton's y(3 - xy^2)/2: the relative error
+    // goes 8.7e-2, 1.2e-2, 2e-4, 6e-8. y is q2_30 and at most 2, held below 2^31.
+    uint32_t y = UINT32_C(2289217568) - fixed_umul_q32(x, UINT32_C(1306743800));
+    for (uint8_t round = 0; round < 3; ++round) {
+        if (y > INT32_MAX) {
+            y = INT32_MAX;
+        }
+        const uint32_t y2 = fixed_umul_q32(y, y);  // y^2 / 4 as a fraction of 2^30
+        const uint32_t xy2 = fixed_umul_q32(x, y2);
+        // (3 - xy^2) / 2 as q2_30: xy2 holds x y^2 in 2^28ths.
+        const uint32_t factor = UINT32_C(1610612736) - 2 * xy2;
+        y = 4 * fixed_umul_q32(y, factor);
+    }
+    return y > INT32_MAX ? INT32_MAX : (q2_30_t)y;
+}
+
+uint16_t fixed_sqrt(uint32_t x) {
+    uint32_t root = 0;
+    uint32_t remainder = x;
+    uint32_t bit = UINT32_C(1) << 30;
+    while (bit > x) {
+        bit >>= 2;
+    }
+    for (; bit != 0; bit >>= 2) {
+        if (remainder >= root + bit) {
+            remainder -= root + bit;
+            root = (root >> 1) + bit;
+        } else {
+            root >>= 1;
+        }
+    }
+    return (uint16_t)root;
+}
+
+q2_30_t fixed_exp_neg(int32_t x) {
+    // 2^-y with y = x log2(e) = x + 0.442695 x, below 1478, floored to 2^-21. 2^-f of
+    // its fraction f is a polynomial within 5.5e-8, and the whole part halves it.
+    const uint32_t y = (uint32_t)x + fixed_umul_q32((uint32_t)x, UINT32_C(1901360723));
+    const uint32_t whole = y >> 21;
+    if (whole > 30) {
+        return 0;
+    }
+    const q2_30_t f = (q2_30_t)((y & UINT32_C(0x1FFFFF)) << 9);
+    q2_30_t power = -1017428;
+    power = 9890102 + fixed_mul_q30(power, f);
+    power = -59377501 + fixed_mul_q30(power, f);
+    power = 257890763 + fixed_mul_q30(power, f);
+    power = -744256846 + fixed_mul_q30(power, f);
+    power = 1073741765 + fixed_mul_q30(power, f);
+    return whole > 0 ? fixed_scale_down(power, (uint8_t)whole) : power;
+}
+
+// atan of a ratio in [0, 1], in quarter turns: a polynomial within 1.7e-6 rad.
+static q2_30_t atan_quarter_turns(q2_30_t ratio) {
+    const q2_30_t square = fixed_mul_q30(ratio, ratio);
+    q2_30_t sum = -8010781;
+    sum = 35987870 + fixed_mul_q30(sum, square);
+    sum = -79585073 + fixed_mul_q30(sum, square);
+    sum = 132297470 + fixed_mul_q30(sum, square);
+    sum = -227369414 + fixed_mul_q30(sum, square);
+    sum = 683549703 + fixed_mul_q30(sum, square);
+    return fixed_mul_q30(sum, ratio);
+}
+
+turn32_t fixed_atan2(int32_t y, int32_t x) {
+    const uint32_t abs_y = fixed_magnitude(y);
+    const uint32_t abs_x = fixed_magnitude(x);
+    if (abs_x == 0 && abs_y == 0) {
+        return 0;
+    }
+    uint32_t angle = abs_y <= abs_x
+                         ? (uint32_t)atan_quarter_turns(fixed_ratio(abs_y, abs_x))
+                         : UINT32_C(0x40000000) -
+                               (uint32_t)atan_quarter_turns(fixed_ratio(abs_x, abs_y));
+    if (x < 0) {
+        angle = UINT32_C(0x80000000) - angle;
+    }
+    return (turn32_t)(y < 0 ? 0u - angle : angle);
+}
+
+void fixed_sincos(turn32_t angle, q2_30_t *sine, q2_30_t *cosine) {
+    // The nearest quarter turn, and what is left of it: u in [-1/2, 1/2) quarter turns.
+    const uint32_t shifted = (uint32_t)angle + UINT32_C(0x20000000);
+    const uint8_t quadrant = (uint8_t)(shifted >> 30);
+    const q2_30_t u = (q2_30_t)(shifted & UINT32_C(0x3FFFFFFF)) - INT32_C(0x20000000);
+    const q2_30_t square = fixed_mul_q30(u, u);
+    q2_30_t s = 169635;
+    s = -5026337 + fixed_mul_q30(s, square);
+    s = 85569234 + fixed_mul_q30(s, square);
+    s = -693598665 + fixed_mul_q30(s, square);
+    s = 1686629713 + fixed_mul_q30(s, square);
+    s = fixed_mul_q30(s, u);
+    q2_30_t c = 970267;
+    c = -22398331 + fixed_mul_q30(c, square);
+    c = 272375234 + fixed_mul_q30(c, square);
+    c = -1324675869 + fixed_mul_q30(c, square);
+    c = Q2_30_ONE + fixed_mul_q30(c, square);
+    switch (quadrant) {
+    case 0:
+        *sine = s;
+        *cosine = c;
+        break;
+    case 1:
+        *sine = c;
+        *cosine = -s;
+        break;
+    case 2:
+        *sine = -s;
+        *cosine = -c;
+        break;
+    default:
+        *sine = -c;
+        *cosine = s;
+        break;
+    }
+}

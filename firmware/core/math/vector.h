@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: MIT
+// Three numbers of one format, which the name of the variable tells.
+#ifndef VECTOR_H
+#define VECTOR_H
+
+#include "core/math/fixed.h"
+
+struct vector {
+    int32_t x, y, z;
+};
+
+// Its components as three numbers in a row.
+static inline int32_t *vector_parts(struct vector *v) {
+    return &v->x;
+}
+
+// |v|^2 / 2^30: a q2_30 vector gives q2_30. Needs the result below 2^31.
+int32_t vector_square_q30(const struct vector *v);
+
+// |v|^2 / 2^32, within 3 steps below; fits for every v.
+uint32_t vector_square_q32(const struct vector *v);
+
+// v / |v| as q2_30, within 7e-8, and |v| in the format of v to *norm, within 7e-8 of it
+// and a step, held at INT32_MAX. `unit` may be v. Returns false and writes nothing for
+// a zero vector. No component may be INT32_MIN.
+bool vector_normalise(const struct vector *v, struct vector *unit, int32_t *norm);
+
+// v * gain, gain q2_30; v keeps its format. `out` may be v, here and below.
+void vector_scale(const struct vector *v, q2_30_t gain, struct vector *out);
+
+// a - b; no component may leave 32 bits.
+void vector_subtract(const struct vector *a, const struct vector *b,
+                     struct vector *out);
+
+// Each component held within +-limit.
+void vector_clamp(const struct vector *v, int32_t limit, struct vector *out);
+
+// True where a component's magnitude is above the limit.
+bool vector_exceeds(const struct vector *v, int32_t limit);
+
+#endif

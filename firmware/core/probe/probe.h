@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: MIT
+// The probe: samples, button and received bytes in, frames out. Its states, its
+// messages, what it counts; no hardware and no clock of its own.
+#ifndef PROBE_H
+#define PROBE_H
+
+#include "core/drivers/button.h"
+#include "core/fusion/pose.h"
+#include "core/storage/settings.h"
+#include "core/wire/frame.h"
+#include "core/wire/messages.h"
+
+// A second way out for messages, which keeps them: a card. It counts them by itself, so
+// that what is missing on it shows there.
+struct probe_log {
+    // Takes all `length` bytes of a frame or, where there is no room, none.
+    bool (*keep)(const uint8_t *bytes, uint8_t length);
+    bool is_on;
+    uint16_t unsent_flags;  // clipped and gap of poses that were kept and not sent
+    uint32_t sequence;
+    uint32_t kept, dropped;  // messages since boot
+};
+
+// What the probe asks of a board.
+struct probe_port {
+    // Takes all `length` bytes or, where there is no room, none.
+    bool (*send)(const uint8_t *bytes, uint8_t length);
+    uint32_t (*samples_ready)(void);
+    uint16_t (*stack_free)(void);  // bytes, UINT16_MAX: not known
+    uint16_t (*supply_mv)(void);   // 0: not known
+    uint16_t (*entropy)(void);
+    const struct settings_storage *storage;
+    // For boards that have more than sensor, wire and button; NULL otherwise. A build
+    // with PROBE_WIRE_ONLY has neither.
+    struct probe_log *log;
+    void (*equipment)(struct message_equipment *out);  // fills all but messages_*
+};
+
+struct probe_board {
+    uint8_t kind;              // enum board
+    uint8_t reset_cause;       // flags reset_cause
+    uint32_t reset_address;    // where the program before came to grief, 0: not known
+    const char *firmware;      // build text, at most 16 characters count
+    const uint8_t *unique_id;  // 8 bytes that the silicon is born with, or NULL
+};
+
+// The smaller and the busier a member, the further up: the AVR reaches the first 64
+// bytes of a struct in one instruction.
+struct probe {
+    const struct probe_port *port;
+    const struct sensor_identity *identity;  // NULL until the sensor was found
+    bool is_streaming;
+    bool is_faulty;  // the sensor does not deliver
+    uint8_t said;    // messages of the second that runs
+    bool is_heavy;   // the last sample was more work than others
+    uint8_t waits;   // steps since then
+    bool has_told_refusal;
+    bool wants_reset;
+    uint8_t last_result;
+    uint16_t last_token;
+    uint16_t pose_phase, raw_phase;
+    uint16_t samples;  // of the second that runs, and the cycles of their work
+    uint32_t cycles_sum;
+    uint32_t sequence;
+    uint32_t second_us;            // start of the second that runs
+    uint32_t refused_us;           // when a refused calibration was last told
+    struct message_status status;  // counts as it goes
+    struct settings settings;
+    struct settings_writer writer;
+    int32_t last_value[2];
+    struct probe_board board;
+    struct button button;
+    struct frame_decoder decoder;
+    uint8_t received[MESSAGE_COMMAND_SIZE + FRAME_CRC];  // all that a host sends
+    struct pose_tracker tracker;
+};
+
+// Loads the settings, counts the boot, makes the probe's id where it has none.
+void probe_begin(struct probe *probe, const struct probe_port *port,
+                 const struct probe_board *board, uint32_t now_us);
+
+// The sensor is set up and samples will come, for the first time or again.
+void probe_sensor_ready(struct probe *probe, const struct sensor_identity *identity,
+                        uint32_t now_us);
+
+// The sensor or its bus failed; `detail` goes into the event. `is_over`: samples have
+// stopped until probe_sensor_ready(); otherwise one sample was lost.
+void probe_sensor_failed(struct probe *probe, enum event event, enum cause cause,
+                         int32_t detail, bool is_over, uint32_t now_us);
+
+// Data-ready edges were missed: their samples are lost.
+void probe_overrun(struct probe *probe, uint16_t missed, uint32_t now_us);
+
+void probe_sample(struct probe *probe, const struct sample *sample);
+
+// What a sample cost, all work for it included.
+void probe_worked(struct probe *probe, uint32_t cycles);
+
+void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us);
+
+// Something happened that a board knows of.
+void probe_tell(struct probe *probe, enum event event, enum cause cause, int32_t detail,
+                uint32_t now_us);
+
+// Stops streaming, where it does.
+void probe_stop(struct probe *probe, enum cause cause, uint32_t now_us);
+
+// A host may have come: says who the probe is.
+void probe_say_hello(struct probe *probe, uint32_t now_us);
+
+// Starts to keep messages: a hello, then each sample's raw and pose whatever the wire
+// gets of them, and all else that is sent. Their sequence starts at 0. Or stops it.
+void probe_log(struct probe *probe, bool is_on, uint32_t now_us);
+
+// Button, periodic messages, settings. Call it every 10 ms or oftener.
+void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us);
+
+enum state probe_state(const struct probe *probe);
+
+// Idle: a flash of 50 ms every 2 s. Calibrating: 5 blinks a second. Streaming: on.
+// Fault: two short flashes a second.
+bool probe_led(const struct probe *probe, uint32_t now_us);
+
+#endif

@@ -1,0 +1,320 @@
+// SPDX-License-Identifier: MIT
+// Messages to content bytes and back. Generated from schema.toml by
+// protocol/generate.py.
+#include "core/wire/messages.h"
+
+#include <stdbool.h>
+#include <string.h>
+
+#include "core/wire/frame.h"
+
+// Values go to the wire as they lie in memory.
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "the wire is little endian");
+_Static_assert((int)MESSAGE_CONTENT_MAX <= (int)FRAME_CONTENT_MAX, "fits a frame");
+
+enum { HEADER_SIZE = 9 };
+
+// Constants take RAM on the AVR where nothing says that they stay in flash (ISO/IEC TR
+// 18037, 5.1: named address spaces).
+#ifdef __FLASH
+#define FLASH __flash
+#else
+#define FLASH
+#endif
+
+// A message's id, then for each field its tag and its values: how many, of how many
+// bytes. 0 ends it.
+typedef const FLASH uint8_t layout;
+#define FIELD(tag, count, size) tag, (count)*8 + (size)
+
+// A field that a walk over the layout has come to, and where it lies in memory.
+struct field {
+    uint8_t tag, length, offset;
+};
+
+static struct field field_first(layout *at, uint8_t end) {
+    const uint8_t size = at[1] % 8;
+    const uint8_t unit = size == 4   ? _Alignof(uint32_t)
+                         : size == 2 ? _Alignof(uint16_t)
+                                     : 1;
+    return (struct field){at[0], (uint8_t)(at[1] / 8 * size),
+                          (uint8_t)((end + unit - 1) / unit * unit)};
+}
+
+static uint8_t encode(layout *at, const void *message, uint32_t sequence,
+                      uint32_t time_us, uint8_t *content) {
+    uint8_t *to = content + HEADER_SIZE;
+    content[0] = *at++;
+    memcpy(content + 1, &sequence, sizeof sequence);
+    memcpy(content + 5, &time_us, sizeof time_us);
+    for (uint8_t end = 0; *at != 0; at += 2) {
+        const struct field field = field_first(at, end);
+        *to++ = field.tag;
+        memcpy(to, (const uint8_t *)message + field.offset, field.length);
+        to += field.length;
+        end = (uint8_t)(field.offset + field.length);
+    }
+    return (uint8_t)(to - content);
+}
+
+// Names what stands at `at` where the `expected` field does not, or 0 where none is
+// left to come.
+static enum message_result misplaced(layout *fields, const uint8_t *at, uint8_t left,
+                                     uint8_t expected) {
+    if (left == 0) {
+        return MESSAGE_MISSING_FIELD;
+    }
+    bool is_ours = false;
+    for (; *fields != 0; fields += 2) {
+        is_ours |= *fields == *at;
+    }
+    if (!is_ours) {
+        return MESSAGE_UNKNOWN_FIELD;
+    }
+    if (expected == 0 || *at < expected) {
+        return MESSAGE_DOUBLED_FIELD;
+    }
+    return *at == expected ? MESSAGE_WRONG_LENGTH : MESSAGE_OUT_OF_ORDER;
+}
+
+static enum message_result decode(layout *fields, const uint8_t *content,
+                                  uint8_t length, uint8_t size,
+                                  struct message_header *header, void *out) {
+    const uint8_t id = *fields++;
+    if (length < HEADER_SIZE) {
+        return MESSAGE_WRONG_LENGTH;
+    }
+    if (content[0] != id) {
+        return MESSAGE_WRONG_ID;
+    }
+    const uint8_t *from = content + HEADER_SIZE;
+    uint8_t left = (uint8_t)(length - HEADER_SIZE);
+    layout *at = fields;
+    for (; *at != 0; at += 2) {
+        const struct field field = field_first(at, 0);
+        if (left <= field.length || *from != field.tag) {
+            break;
+        }
+        from += 1 + field.length;
+        left = (uint8_t)(left - 1 - field.length);
+    }
+    if (*at != 0 || left > 0) {
+        const enum message_result result = misplaced(fields, from, left, *at);
+        // A hello may have at its end what later versions add.
+        if (id != MESSAGE_HELLO || *at != 0 || result != MESSAGE_UNKNOWN_FIELD) {
+            return result == MESSAGE_OUT_OF_ORDER && length < size
+                       ? MESSAGE_MISSING_FIELD
+                       : result;
+        }
+    }
+    header->id = id;
+    memcpy(&header->sequence, content + 1, sizeof header->sequence);
+    memcpy(&header->time_us, content + 5, sizeof header->time_us);
+    from = content + HEADER_SIZE;
+    uint8_t end = 0;
+    for (at = fields; *at != 0; at += 2) {
+        const struct field field = field_first(at, end);
+        memcpy((uint8_t *)out + field.offset, from + 1, field.length);
+        from += 1 + field.length;
+        end = (uint8_t)(field.offset + field.length);
+    }
+    return MESSAGE_OK;
+}
+
+static layout HELLO[] = {
+    MESSAGE_HELLO,
+    FIELD(1, 1, 1),   // protocol_version
+    FIELD(2, 1, 4),   // schema_fingerprint
+    FIELD(3, 16, 1),  // firmware
+    FIELD(4, 1, 1),   // board
+    FIELD(5, 8, 1),   // probe_id
+    FIELD(6, 1, 1),   // sensor
+    FIELD(7, 2, 1),   // who_am_i
+    FIELD(8, 3, 1),   // mag_adjust
+    FIELD(9, 1, 1),   // self_test
+    FIELD(10, 1, 2),  // sample_rate
+    FIELD(11, 1, 2),  // pose_rate
+    FIELD(12, 1, 2),  // raw_rate
+    FIELD(13, 1, 4),  // acc_lsb
+    FIELD(14, 1, 4),  // gyr_lsb
+    FIELD(15, 1, 4),  // mag_lsb
+    FIELD(16, 1, 2),  // boot_count
+    FIELD(17, 1, 1),  // reset_cause
+    FIELD(18, 1, 1),  // filter
+    FIELD(19, 1, 4),  // reset_address
+    0,
+};
+
+uint8_t message_hello_encode(const struct message_hello *message, uint32_t sequence,
+                             uint32_t time_us, uint8_t *content) {
+    return encode(HELLO, message, sequence, time_us, content);
+}
+
+enum message_result message_hello_decode(const uint8_t *content, uint8_t length,
+                                         struct message_header *header,
+                                         struct message_hello *out) {
+    return decode(HELLO, content, length, MESSAGE_HELLO_SIZE, header, out);
+}
+
+static layout RAW[] = {
+    MESSAGE_RAW,
+    FIELD(20, 3, 2),  // acc
+    FIELD(21, 3, 2),  // gyr
+    FIELD(22, 3, 2),  // mag
+    FIELD(23, 1, 2),  // temperature
+    FIELD(24, 1, 1),  // sample_flags
+    0,
+};
+
+uint8_t message_raw_encode(const struct message_raw *message, uint32_t sequence,
+                           uint32_t time_us, uint8_t *content) {
+    return encode(RAW, message, sequence, time_us, content);
+}
+
+enum message_result message_raw_decode(const uint8_t *content, uint8_t length,
+                                       struct message_header *header,
+                                       struct message_raw *out) {
+    return decode(RAW, content, length, MESSAGE_RAW_SIZE, header, out);
+}
+
+static layout POSE[] = {
+    MESSAGE_POSE,
+    FIELD(30, 4, 4),  // q
+    FIELD(31, 3, 4),  // position
+    FIELD(32, 3, 2),  // normal
+    FIELD(33, 1, 2),  // tilt_sigma
+    FIELD(34, 1, 2),  // heading_sigma
+    FIELD(35, 1, 2),  // pose_flags
+    0,
+};
+
+uint8_t message_pose_encode(const struct message_pose *message, uint32_t sequence,
+                            uint32_t time_us, uint8_t *content) {
+    return encode(POSE, message, sequence, time_us, content);
+}
+
+enum message_result message_pose_decode(const uint8_t *content, uint8_t length,
+                                        struct message_header *header,
+                                        struct message_pose *out) {
+    return decode(POSE, content, length, MESSAGE_POSE_SIZE, header, out);
+}
+
+static layout EVENT[] = {
+    MESSAGE_EVENT,
+    FIELD(40, 1, 1),  // event
+    FIELD(41, 1, 1),  // cause
+    FIELD(42, 1, 4),  // detail
+    0,
+};
+
+uint8_t message_event_encode(const struct message_event *message, uint32_t sequence,
+                             uint32_t time_us, uint8_t *content) {
+    return encode(EVENT, message, sequence, time_us, content);
+}
+
+enum message_result message_event_decode(const uint8_t *content, uint8_t length,
+                                         struct message_header *header,
+                                         struct message_event *out) {
+    return decode(EVENT, content, length, MESSAGE_EVENT_SIZE, header, out);
+}
+
+static layout STATUS[] = {
+    MESSAGE_STATUS,
+    FIELD(50, 1, 4),  // uptime
+    FIELD(51, 1, 1),  // state
+    FIELD(52, 1, 4),  // samples_ready
+    FIELD(53, 1, 4),  // samples_read
+    FIELD(54, 1, 4),  // samples_fused
+    FIELD(55, 1, 4),  // overruns
+    FIELD(56, 1, 2),  // bus_faults
+    FIELD(57, 1, 2),  // bus_recoveries
+    FIELD(58, 1, 4),  // messages_sent
+    FIELD(59, 1, 4),  // messages_dropped
+    FIELD(60, 1, 2),  // commands_received
+    FIELD(61, 1, 2),  // commands_bad
+    FIELD(62, 1, 4),  // cycles_mean
+    FIELD(63, 1, 4),  // cycles_worst
+    FIELD(64, 1, 2),  // stack_free
+    FIELD(65, 1, 2),  // supply
+    0,
+};
+
+uint8_t message_status_encode(const struct message_status *message, uint32_t sequence,
+                              uint32_t time_us, uint8_t *content) {
+    return encode(STATUS, message, sequence, time_us, content);
+}
+
+enum message_result message_status_decode(const uint8_t *content, uint8_t length,
+                                          struct message_header *header,
+                                          struct message_status *out) {
+    return decode(STATUS, content, length, MESSAGE_STATUS_SIZE, header, out);
+}
+
+static layout EQUIPMENT[] = {
+    MESSAGE_EQUIPMENT,
+    FIELD(100, 1, 1),  // clock
+    FIELD(101, 1, 2),  // battery
+    FIELD(102, 1, 1),  // power
+    FIELD(103, 1, 1),  // radio
+    FIELD(104, 1, 2),  // radio_resets
+    FIELD(105, 1, 1),  // card
+    FIELD(106, 1, 4),  // card_block
+    FIELD(107, 1, 4),  // card_blocks
+    FIELD(108, 1, 2),  // card_faults
+    FIELD(109, 1, 2),  // card_busy
+    FIELD(110, 1, 2),  // recording
+    FIELD(111, 1, 4),  // messages_logged
+    FIELD(112, 1, 4),  // messages_unlogged
+    0,
+};
+
+uint8_t message_equipment_encode(const struct message_equipment *message,
+                                 uint32_t sequence, uint32_t time_us,
+                                 uint8_t *content) {
+    return encode(EQUIPMENT, message, sequence, time_us, content);
+}
+
+enum message_result message_equipment_decode(const uint8_t *content, uint8_t length,
+                                             struct message_header *header,
+                                             struct message_equipment *out) {
+    return decode(EQUIPMENT, content, length, MESSAGE_EQUIPMENT_SIZE, header, out);
+}
+
+static layout COMMAND[] = {
+    MESSAGE_COMMAND,
+    FIELD(70, 1, 1),  // command
+    FIELD(71, 1, 2),  // token
+    FIELD(72, 2, 4),  // arguments
+    0,
+};
+
+uint8_t message_command_encode(const struct message_command *message, uint32_t sequence,
+                               uint32_t time_us, uint8_t *content) {
+    return encode(COMMAND, message, sequence, time_us, content);
+}
+
+enum message_result message_command_decode(const uint8_t *content, uint8_t length,
+                                           struct message_header *header,
+                                           struct message_command *out) {
+    return decode(COMMAND, content, length, MESSAGE_COMMAND_SIZE, header, out);
+}
+
+static layout REPLY[] = {
+    MESSAGE_REPLY,
+    FIELD(80, 1, 1),  // replied_command
+    FIELD(81, 1, 2),  // replied_token
+    FIELD(82, 1, 1),  // result
+    FIELD(83, 2, 4),  // value
+    0,
+};
+
+uint8_t message_reply_encode(const struct message_reply *message, uint32_t sequence,
+                             uint32_t time_us, uint8_t *content) {
+    return encode(REPLY, message, sequence, time_us, content);
+}
+
+enum message_result message_reply_decode(const uint8_t *content, uint8_t length,
+                                         struct message_header *header,
+                                         struct message_reply *out) {
+    return decode(REPLY, content, length, MESSAGE_REPLY_SIZE, header, out);
+}
