@@ -15,4 +15,4 @@ static int32_t narrow(int64_t value) {
 
 #define NARROW(value) narrow(value)
 
-#include "fixed_mul.c"
+#include "core/math/fixed_mul.c"

@@ -376,7 +376,7 @@ def test_when_utc_is_set_no_time_falls_and_each_bound_holds(setting: Setting) ->
 
 SETTABLE = """
 import signal, sys, time
-from imud import cli
+from imud.cli import program
 
 read, steps = time.time_ns, []
 time.time_ns = lambda: read() + sum(steps)

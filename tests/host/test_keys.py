@@ -12,6 +12,7 @@ from cryptography import x509
 from cryptography.x509.verification import PolicyBuilder, Store
 
 from imud import cli
+from imud import endpoint as endpoints
 from imud.config.settings import Zenoh, load
 from imud.errors import ConfigError, FileError, ImudError
 from imud.net import access, keys, network
@@ -176,7 +177,7 @@ def test_without_a_folder_the_way_to_one_is_said(tmp_path: Path) -> None:
     ],
 )
 def test_what_others_can_reach_is_known(endpoint: str, is_local: bool) -> None:
-    assert is_local(endpoint) is is_local
+    assert endpoints.is_local(endpoint) is is_local
 
 
 @pytest.mark.parametrize(

@@ -33,8 +33,8 @@ WRITER = """
 import sys, time
 from pathlib import Path
 from fakes import FakeProbe
-from imud.hub import Hub
-from imud.record import Record
+from imud.daemon.hub import Hub
+from imud.probes.record import Record
 from imud.sinks.log import LogSink
 
 hub, probe = Hub(), FakeProbe()

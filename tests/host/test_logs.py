@@ -319,8 +319,8 @@ def test_a_limit_on_the_size_of_files_cuts_at_a_message_and_logging_goes_on(
 import signal, sys
 sys.path.insert(0, {str(Path(__file__).parent)!r})
 from pathlib import Path
-from imud import hub
-from imud.hub import Lane
+from imud.daemon import hub
+from imud.daemon.hub import Lane
 from imud.sinks.log import LogSink
 from test_logs import counts, hand_over, records
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

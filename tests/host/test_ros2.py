@@ -31,7 +31,8 @@ from imud.config import settings
 from imud.daemon.hub import Hub
 from imud.errors import ConfigError
 from imud.probes.record import Presence, Record
-from imud.ros2 import cdr, topics
+from imud.ros2 import cdr
+from imud.ros2 import topics as ros2
 from imud.ros2.cdr import Diagnosis, Level
 from imud.ros2.topics import Node, Topic
 from imud.sinks.ros2 import (
@@ -59,9 +60,7 @@ DIAGNOSES = [
 ]
 
 
-def theirs(
-    kind: topics.Type, build: Callable[[Callable[..., Any]], Any]
-) -> list[bytes]:
+def theirs(kind: ros2.Type, build: Callable[[Callable[..., Any]], Any]) -> list[bytes]:
     """What both other serialisers make of a message that `build` makes of its parts."""
 
     def of_rosbags(name: str, *values: Any) -> Any:
@@ -93,7 +92,7 @@ PARTS = frozenset(
         "geometry_msgs/msg/Vector3",
         "diagnostic_msgs/msg/DiagnosticStatus",
         "diagnostic_msgs/msg/KeyValue",
-        *(kind.name for kind in topics.TYPES),
+        *(kind.name for kind in ros2.TYPES),
     }
 )
 
@@ -106,7 +105,7 @@ def header(make: Callable[..., Any], frame: str) -> Any:
 def test_an_imu_is_byte_for_byte_that_of_two_other_serialisers(frame: str) -> None:
     ours = cdr.imu(T_NS, frame, Q, COVARIANCE, RATE, cdr.UNKNOWN, FORCE, cdr.ABSENT)
     others = theirs(
-        topics.IMU,
+        ros2.IMU,
         lambda make: make(
             "Imu",
             header(make, frame),
@@ -125,7 +124,7 @@ def test_an_imu_is_byte_for_byte_that_of_two_other_serialisers(frame: str) -> No
 def test_a_magnetic_field_is_byte_for_byte_theirs(frame: str) -> None:
     ours = cdr.magnetic_field(T_NS, frame, FIELD, COVARIANCE)
     others = theirs(
-        topics.MAGNETIC_FIELD,
+        ros2.MAGNETIC_FIELD,
         lambda make: make(
             "MagneticField", header(make, frame), make("Vector3", *FIELD), COVARIANCE
         ),
@@ -137,7 +136,7 @@ def test_a_magnetic_field_is_byte_for_byte_theirs(frame: str) -> None:
 def test_a_pose_is_byte_for_byte_theirs(frame: str) -> None:
     ours = cdr.pose_stamped(T_NS, frame, FORCE, Q)
     others = theirs(
-        topics.POSE_STAMPED,
+        ros2.POSE_STAMPED,
         lambda make: make(
             "PoseStamped",
             header(make, frame),
@@ -152,7 +151,7 @@ def test_a_pose_is_byte_for_byte_theirs(frame: str) -> None:
 def test_a_transform_is_byte_for_byte_theirs(frame: str, child: str) -> None:
     ours = cdr.transform(T_NS, frame, child, FORCE, Q)
     others = theirs(
-        topics.TF_MESSAGE,
+        ros2.TF_MESSAGE,
         lambda make: make(
             "TFMessage",
             [
@@ -209,23 +208,19 @@ def test_diagnostics_are_byte_for_byte_theirs(
     frame: str, said: list[Diagnosis]
 ) -> None:
     ours = cdr.diagnostic_array(T_NS, frame, said)
-    others = theirs(
-        topics.DIAGNOSTIC_ARRAY, lambda make: diagnostics(make, frame, said)
-    )
+    others = theirs(ros2.DIAGNOSTIC_ARRAY, lambda make: diagnostics(make, frame, said))
     assert others == [ours, ours]
 
 
-@pytest.mark.parametrize("kind", topics.TYPES, ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", ros2.TYPES, ids=lambda kind: kind.name)
 @pytest.mark.parametrize(
     "store", [Stores.ROS2_IRON, Stores.ROS2_JAZZY, Stores.ROS2_KILTED]
 )
-def test_a_type_has_the_hash_of_its_definition(
-    kind: topics.Type, store: Stores
-) -> None:
+def test_a_type_has_the_hash_of_its_definition(kind: ros2.Type, store: Stores) -> None:
     assert get_typestore(store).hash_rihs01(kind.name) == kind.hash
 
 
-TOPICS = (Topic("/imud/tip/imu/data", topics.IMU), TF, DIAGNOSTICS)
+TOPICS = (Topic("/imud/tip/imu/data", ros2.IMU), TF, DIAGNOSTICS)
 
 
 @pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.name)
@@ -251,8 +246,8 @@ def test_keys_and_tokens_are_those_of_another_implementation(topic: Topic) -> No
 
 
 def test_an_attachment_is_read_by_zenoh_and_by_another_implementation() -> None:
-    gid = topics.gid_of("@ros2_lv/0/token")
-    data = topics.attachment(5, T_NS, gid)
+    gid = ros2.gid_of("@ros2_lv/0/token")
+    data = ros2.attachment(5, T_NS, gid)
     other = other_attachment.Attachment.from_bytes(data)
     assert (other.sequence_id, other.timestamp_ns, other.gid) == (5, T_NS, gid)
     assert other.to_bytes() == data
@@ -263,14 +258,14 @@ def test_an_attachment_is_read_by_zenoh_and_by_another_implementation() -> None:
 def test_a_gid_is_the_hash_of_the_token_low_half_first() -> None:
     # XXH3-128 of nothing, by the test vectors of xxHash's specification.
     low, high = 0x6001C324468D497F, 0x99AA06D3014798D8
-    assert topics.gid_of("") == struct.pack("<QQ", low, high)
+    assert ros2.gid_of("") == struct.pack("<QQ", low, high)
 
 
 @given(st.text(min_size=1))
 def test_any_name_of_a_probe_becomes_one_of_ros(text: str) -> None:
-    name = topics.ros_name(text)
-    assert topics.ros_name(name) == name
-    topic = Topic(f"/imud/{name}/pose", topics.POSE_STAMPED)
+    name = ros2.ros_name(text)
+    assert ros2.ros_name(name) == name
+    topic = Topic(f"/imud/{name}/pose", ros2.POSE_STAMPED)
     assert zenoh.KeyExpr(topic.key(0)).intersects(
         zenoh.KeyExpr(f"0/imud/{name}/pose/*/*")
     )
@@ -588,7 +583,7 @@ def test_a_daemon_is_a_node_that_another_implementation_finds_and_reads(
             except queue.Empty:
                 continue
             _, *parts, dds, _ = key.split("/")
-            kind = next(kind for kind in topics.TYPES if kind.dds == dds)
+            kind = next(kind for kind in ros2.TYPES if kind.dds == dds)
             message = JAZZY.deserialize_cdr(payload, kind.name)
             attachment = other_attachment.Attachment.from_bytes(attached)
             said.setdefault("/" + "/".join(parts), []).append((message, attachment))
@@ -611,7 +606,7 @@ def test_a_daemon_is_a_node_that_another_implementation_finds_and_reads(
             tokens |= {str(reply.ok.key_expr) for reply in replies if reply.ok}
         # Each entity of the node has a number of its own: the node itself has 0.
         assert sorted(token.split("/")[4] for token in tokens) == list("012345")
-        gids = {topics.gid_of(token) for token in tokens if "/MP/" in token}
+        gids = {ros2.gid_of(token) for token in tokens if "/MP/" in token}
         assert sum("/NN/" in token for token in tokens) == 1
         for name, messages in said.items():
             numbers = [attachment.sequence_id for _, attachment in messages]
