@@ -6,7 +6,8 @@
 #include <stdio.h>
 #include <zenoh-pico.h>
 
-// The payload is one JSON object: {"type":"pose","probe":"...","number":7,"q":[w,x,y,z]...}.
+// The payload is one JSON object:
+// {"type":"pose","probe":"...","number":7,"q":[w,x,y,z]...}.
 static void take(z_loaned_sample_t *sample, void *context) {
     (void)context;
     z_owned_string_t pose;
@@ -26,7 +27,7 @@ int main(void) {
         fprintf(stderr, "no imud there; start one with imud run\n");
         return 1;
     }
-    zp_start_read_task(z_loan_mut(session), NULL);   // each starts a thread
+    zp_start_read_task(z_loan_mut(session), NULL);  // each starts a thread
     zp_start_lease_task(z_loan_mut(session), NULL);
     z_owned_closure_sample_t callback;
     z_closure(&callback, take, NULL, NULL);

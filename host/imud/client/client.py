@@ -43,7 +43,11 @@ class Delivery:
 
 
 class Client:
-    """A connection to a daemon. Use it in a `with`, or close() it."""
+    """A connection to a daemon. Use it in a `with`, or close() it.
+
+    `keys` is the clients/NAME.toml of `imud keys`. DaemonNotFound if no daemon is at
+    `endpoint`.
+    """
 
     def __init__(
         self,
@@ -52,12 +56,13 @@ class Client:
         keys: str | Path | None = None,
     ) -> None:
         self._prefix = prefix
-        mine = network.read_credentials(Path(keys)) if keys is not None else None
-        self._mine = mine
-        # The file of keys says where the daemon is; an argument goes before it.
-        is_said = mine is None or endpoint != ENDPOINT
-        self._endpoint = endpoint if mine is None or is_said else mine.endpoint
-        self._session = network.open_client(self._endpoint, mine)
+        self._mine = network.read_credentials(Path(keys)) if keys is not None else None
+        if self._mine is not None and endpoint == ENDPOINT:
+            endpoint = (
+                self._mine.endpoint
+            )  # unless an argument says where the daemon is
+        self._endpoint = endpoint
+        self._session = network.open_client(endpoint, self._mine)
 
     def __enter__(self) -> Self:
         return self
