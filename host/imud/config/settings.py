@@ -48,7 +48,8 @@ prints it.
 imud config --check FILE tells what is wrong with a file; a daemon that runs takes up
 what was changed when it is told to: systemctl reload imud, or kill -HUP."""
 
-Rate = Annotated[int, Meta(ge=0, le=1000)]
+# As the firmware has it: SETTINGS_RATE_MAX_HZ, and never 0.
+Rate = Annotated[int, Meta(ge=1, le=1000)]
 Baud = Annotated[int, Meta(gt=0, le=BAUD_MAX)]
 
 
@@ -180,14 +181,15 @@ class ProbeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One probe's own; nothing said leaves it as it is."""
 
     name: Annotated[str, Meta(description="in keys instead of its id")] = ""
+    # Examples are what `imud config` shows: the firmware has to accept them.
     pose_rate: Annotated[
         Rate | None, Meta(description="poses a second", examples=[100])
     ] = None
     raw_rate: Annotated[
-        Rate | None, Meta(description="raw samples a second", examples=[0])
+        Rate | None, Meta(description="raw samples a second", examples=[100])
     ] = None
     streams: Annotated[
-        tuple[Literal["pose", "raw"], ...] | None,
+        Annotated[tuple[Literal["pose", "raw"], ...], Meta(min_length=1)] | None,
         Meta(description="what it sends while it streams", examples=[["pose"]]),
     ] = None
     start: Annotated[

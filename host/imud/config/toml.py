@@ -175,7 +175,8 @@ def _allowed(info: inspect.Type) -> str:
     if isinstance(info, inspect.LiteralType):
         return _either([_toml(value) for value in info.values])
     if isinstance(info, inspect.VarTupleType):
-        return f"a list of: {_allowed(info.item_type)}"
+        count = f" {info.min_length} or more" if info.min_length is not None else ""
+        return f"a list of{count}: {_allowed(info.item_type)}"
     return "text in quotes"
 
 
