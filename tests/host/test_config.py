@@ -15,16 +15,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from imud.cli import main
-from imud.config.settings import (
-    Config,
-    Log,
-    Ports,
-    ProbeSettings,
-    as_toml,
-    check,
-    load,
-    port_and_baud,
-)
+from imud.config.reader import as_toml, check, load
+from imud.config.settings import Config, Log, Ports, ProbeSettings, port_and_baud
 from imud.errors import ConfigError
 
 WHOLE = """
@@ -134,7 +126,7 @@ def test_a_port_may_have_a_rate_of_its_own(
         (
             "[probes.00112233445566aa]\nname = 'x'\n"
             "[probes.00112233445566ab]\nname = 'x'",
-            ':4: [probes.00112233445566ab] name: "x" is another\'s, too',
+            ':4: [probes.00112233445566ab] name: "x" is the name of another',
         ),
         ("ports = [", "is not TOML"),
         ("x = 2026-02-30", "is not TOML"),

@@ -12,7 +12,8 @@ import pytest
 from core import desk
 from core.desk import lib
 from core.test_probe import MPU9250, Bench
-from imud.config.settings import Config, ProbeSettings, as_toml
+from imud.config.reader import as_toml
+from imud.config.settings import Config, ProbeSettings
 from imud.config.toml import mistakes
 from imud.daemon.commands import arguments_of, orders_of
 from imud.wire import schema
