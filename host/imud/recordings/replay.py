@@ -187,7 +187,7 @@ def to_ports(what: Recording, link: Path | None, speed: float | None) -> int:
         )
     if what.others:
         raise FileError(
-            f"{what.others[0]} has another schema than this imud; use the imud that "
+            f"{what.others[0]} is of another schema than this imud; use the imud that "
             "wrote it, or replay what was published with --connect"
         )
     ports: dict[str, PtyPort] = {}
