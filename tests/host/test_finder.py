@@ -348,7 +348,6 @@ def test_dtr_is_toggled_when_told_and_else_left_alone(
         ({"pose_rate": 50}, [("rate", {"stream": "pose", "hz": "50"})]),
         ({"raw_rate": 200}, [("rate", {"stream": "raw", "hz": "200"})]),
         ({"streams": ("pose", "raw")}, [("fields", {"streams": "pose,raw"})]),
-        ({"streams": ()}, [("fields", {"streams": ""})]),
         ({"start": True}, [("start", {})]),
     ],
 )

@@ -29,7 +29,8 @@ from imud.endpoint import host_and_port
 from imud.errors import ImudError, described
 from imud.journal.text import Speaker
 from imud.log.file import Settings
-from imud.net.network import own_credentials, tell_refusals
+from imud.net.network import own_credentials
+from imud.net.refusals import tell_refusals
 from imud.ports.finder import Finder
 from imud.probes.clock import host_ns
 from imud.sinks.log import LogSink
