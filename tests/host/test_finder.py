@@ -24,7 +24,7 @@ from imud.daemon.commands import Commander, orders_of
 from imud.daemon.fleet import Fleet
 from imud.daemon.hub import Hub
 from imud.errors import PortLost
-from imud.journal.text import Speaker
+from imud.journal.speaker import Speaker
 from imud.ports import baud, finder, link, port
 from imud.ports.finder import Finder, is_candidate
 

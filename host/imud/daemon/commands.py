@@ -23,9 +23,9 @@ from imud.errors import (
     ProbeUnknown,
     VersionMismatch,
 )
-from imud.probes.clock import host_ns
 from imud.probes.record import Stamp, plain
 from imud.probes.session import Received
+from imud.probes.timeline import host_ns
 from imud.wire import messages, schema
 from imud.wire.frame import encode_frame
 from imud.wire.messages import Message, Value

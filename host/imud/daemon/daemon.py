@@ -21,17 +21,18 @@ from imud import journal
 from imud.config.settings import Config, Zenoh, listens_on
 from imud.daemon.commands import Commander
 from imud.daemon.fleet import LOG, NETWORK, STATUS_S, Fleet, Want
-from imud.daemon.hub import Hub, Sink
+from imud.daemon.hub import Hub
+from imud.daemon.lane import Sink
 from imud.daemon.metrics import Metrics
 from imud.daemon.selector import GatheringSelector
 from imud.daemon.systemd import Notifier
 from imud.endpoint import host_and_port
 from imud.errors import ImudError, described
-from imud.journal.text import Speaker
+from imud.journal.speaker import Speaker
 from imud.log.file import Settings
 from imud.net.network import own_credentials, tell_refusals
 from imud.ports.finder import Finder
-from imud.probes.clock import host_ns
+from imud.probes.timeline import host_ns
 from imud.sinks.log import LogSink
 from imud.sinks.ros2 import Ros2Sink, own_network
 from imud.sinks.zenoh import Answer, ZenohSink

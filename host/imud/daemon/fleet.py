@@ -14,10 +14,10 @@ import msgspec
 
 from imud.config.settings import Config
 from imud.daemon.hub import Hub
-from imud.journal.text import FAULTS, Speaker, event_words, port_problem, who
+from imud.journal.phrases import FAULTS, event_words, port_problem, who
+from imud.journal.speaker import Speaker
 from imud.probes.balance import balance
-from imud.probes.clock import Timeline, host_ns
-from imud.probes.ledger import Verdict
+from imud.probes.ledger import Verdict, totals
 from imud.probes.record import Presence, Record, Stamp, equipment_of, plain, record_of
 from imud.probes.session import (
     Event,
@@ -28,6 +28,7 @@ from imud.probes.session import (
     Refused,
     Session,
 )
+from imud.probes.timeline import Timeline, host_ns
 from imud.stages.twin import Began, Differs, Lost, Twin, WantsRaw, WantsRestart
 from imud.version import version
 from imud.wire.messages import Message
@@ -485,12 +486,11 @@ class Fleet:
         return watched.corrupt_before + (session.corrupt.total() if session else 0)
 
     def _tell_losses(self, watched: Watched) -> None:
-        counts: Any = watched.probe.account.counts()
-        earlier = counts["earlier_boots"]
+        total = totals(watched.probe.account.counts())
         told = (
-            counts["lost"] + earlier["lost"],
+            total.lost,
             self._corrupt(watched),
-            counts["duplicated"] + earlier["duplicated"],
+            total.duplicated,
             sum(self._hub.dropped(watched.name).values()),
         )
         fresh = [now - then for now, then in zip(told, watched.told, strict=True)]

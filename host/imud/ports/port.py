@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from imud.errors import LinkError, PortLost, PortNotFound
-from imud.journal.text import Speaker, port_problem
+from imud.journal.phrases import port_problem
+from imud.journal.speaker import Speaker
 from imud.ports.baud import Memory, Sound, Step, Trial
 from imud.ports.link import Link
-from imud.probes.clock import Timeline, host_ns
 from imud.probes.session import (
     NOISE_BYTES,
     Event,
@@ -26,6 +26,7 @@ from imud.probes.session import (
     Session,
     Silent,
 )
+from imud.probes.timeline import Timeline, host_ns
 
 # How often the time that passes is looked at while a rate is tried.
 LISTEN_S = 0.1
