@@ -11,6 +11,7 @@ from typing import Any
 
 from source import PERIOD_US, Source
 
+from imud.probes.ledger import totals
 from imud.probes.record import Record, record_of
 from imud.probes.session import Probe, Received, Session
 
@@ -184,15 +185,13 @@ class Line:
         """What the ledger says, beside what was."""
         self.unplug()
         counts: Any = self.probe.account.counts()
-        earlier = counts["earlier_boots"]
-        both = {
-            name: counts[name] + earlier[name]
-            for name in ("sent", "received", "lost", "duplicated")
-        }
-        skewed = sum(counts["skewed"].values()) + sum(earlier["skewed"].values())
+        total = totals(counts)
         ledger = {
-            **both,
-            "skewed": skewed,
+            "sent": total.sent,
+            "received": total.received,
+            "lost": total.lost,
+            "duplicated": total.duplicated,
+            "skewed": total.skewed.total(),
             "strays": counts["strays"],
             "unplaced": sum(counts["unplaced"].values()),
             "unnamed": self.sessions["unnamed"],
@@ -215,10 +214,11 @@ class Line:
             "dated": self.dated.total(),
             "outside_bound": self.dated[False],
             "adds_up": {
-                "each boot": both["sent"] == both["received"] + skewed + both["lost"],
-                "sent": both["sent"] == self.truth.accounted,
+                "each boot": total.sent
+                == total.received + total.skewed.total() + total.lost,
+                "sent": total.sent == self.truth.accounted,
                 "heard": heard == self.truth.whole,
-                "received": both["received"] == self.received.total(),
+                "received": total.received == self.received.total(),
                 "none wrong": self.wrong == 0,
                 "time": self.dated[False] <= DISHONEST_MAX * self.dated.total(),
             },

@@ -25,7 +25,8 @@ from faulty_line import CHUNK, Line
 from mcap.reader import make_reader
 from source import PERIOD_US, RATE_HZ
 
-from imud.daemon.hub import QUEUE_MAX, Hub, Item, Lane
+from imud.daemon.hub import Hub
+from imud.daemon.lane import QUEUE_MAX, Item, Lane
 from imud.log.file import Settings
 from imud.probes.record import Record
 from imud.progress import Progress

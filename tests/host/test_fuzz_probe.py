@@ -25,7 +25,7 @@ from fakes import (
     status_of,
 )
 from imud.client import Client
-from imud.daemon.fleet import PROBES_MAX
+from imud.daemon.registry import PROBES_MAX
 from imud.wire import schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode

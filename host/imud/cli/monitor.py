@@ -34,6 +34,7 @@ from imud.client import (
     Subscription,
     subscribe,
 )
+from imud.probes.ledger import totals
 
 TERMINAL_S = 0.1
 PIPE_S = 1.0
@@ -166,10 +167,10 @@ def loss_of(shown: Shown) -> Text:
     if shown.status is None:
         return text
     ledger = shown.status.ledger
-    lost = ledger["lost"] + ledger["earlier_boots"]["lost"]
-    sent = ledger["sent"] + ledger["earlier_boots"]["sent"]
-    counts = (lost, ledger["corrupt"], shown.missed.network + shown.missed.queue)
-    wire = f"lost {lost} of {sent}, {counts[1]} corrupt, {counts[2]} on the way here"
+    total = totals(ledger)
+    counts = (total.lost, ledger["corrupt"], shown.missed.network + shown.missed.queue)
+    wire = f"lost {total.lost} of {total.sent}, {counts[1]} corrupt"
+    wire += f", {counts[2]} on the way here"
     return text.append(wire, style="red" if any(counts) else "default")
 
 

@@ -15,6 +15,7 @@ from typing import Any, TextIO
 
 from imud.client import Client, Pose
 from imud.errors import ProbeUnknown
+from imud.probes.ledger import totals
 from imud.probes.record import euler_deg
 from imud.wire import schema
 
@@ -83,15 +84,12 @@ class Heard:
 def ledger_words(status: dict[str, Any]) -> str:
     """The daemon's ledger of one probe: all boots since it heard of it."""
     ledger = status["ledger"]
-    earlier = ledger["earlier_boots"]
-    sent, received, lost, doubled = (
-        ledger[key] + earlier[key] for key in ("sent", "received", "lost", "duplicated")
-    )
-    skewed = sum(ledger["skewed"].values()) + sum(earlier["skewed"].values())
+    total = totals(ledger)
     dropped = sum(ledger["dropped"].values())
     return (
-        f"{sent} sent = {received} received + {skewed} skewed + {lost} lost; "
-        f"{ledger['corrupt']} corrupt, {doubled} duplicated, {dropped} dropped"
+        f"{total.sent} sent = {total.received} received + "
+        f"{total.skewed.total()} skewed + {total.lost} lost; "
+        f"{ledger['corrupt']} corrupt, {total.duplicated} duplicated, {dropped} dropped"
     ) + (f"; twin {twin_words(status)}" if status["twin"]["state"] != "off" else "")
 
 
@@ -341,9 +339,7 @@ def _row(status: dict[str, Any], alive: set[str]) -> tuple[str, ...]:
     hello = status["hello"]
     quality = status["quality"]
     ledger = status["ledger"]
-    earlier = ledger["earlier_boots"]
-    lost = ledger["lost"] + earlier["lost"]
-    sent = ledger["sent"] + earlier["sent"]
+    total = totals(ledger)
     is_measured = status["pose_rate_hz"] > 0
     return (
         name,
@@ -352,7 +348,7 @@ def _row(status: dict[str, Any], alive: set[str]) -> tuple[str, ...]:
         str(hello.get("firmware", "?")),
         f"{status['pose_rate_hz']:.0f} Hz",
         time_words(quality.get("age_us"), quality.get("t_bound_us")),
-        f"{lost} of {sent}",
+        f"{total.lost} of {total.sent}",
         sum_words(ledger),
         _sigma(quality["tilt_sigma_deg"]) if is_measured else "-",
         _sigma(quality["heading_sigma_deg"]) if is_measured else "-",
