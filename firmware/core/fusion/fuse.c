@@ -125,13 +125,15 @@ static void lowpass_axis_step(struct lowpass_axis *axis,
 
 static void lowpass_step(struct lowpass *filter, const struct lowpass_gain *gain,
                          const struct vector *input, uint8_t count) {
-    lowpass_axis_step(&filter->x, gain, input->x, count);
-    lowpass_axis_step(&filter->y, gain, input->y, count);
-    lowpass_axis_step(&filter->z, gain, input->z, count);
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        lowpass_axis_step(&filter->axis[axis], gain, input->axis[axis], count);
+    }
 }
 
 static void lowpass_level(const struct lowpass *filter, struct vector *out) {
-    *out = (struct vector){filter->x.level, filter->y.level, filter->z.level};
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        out->axis[axis] = filter->axis[axis].level;
+    }
 }
 
 // Seconds times 2^35, so that rad/s q7_25 gives rad q2_30, within 4e-7 of them. Needs
@@ -194,7 +196,7 @@ static bool is_near(const struct vector *v, const struct lowpass *mean, int32_t 
     }
     // 2^9 keeps the precision of the squares.
     const uint32_t bound = (uint32_t)limit * 512;
-    away = (struct vector){away.x * 512, away.y * 512, away.z * 512};
+    away = (struct vector){.x = away.x * 512, .y = away.y * 512, .z = away.z * 512};
     return vector_square_q32(&away) < fixed_umul_q32(bound, bound);
 }
 
@@ -262,8 +264,8 @@ static void take_mean(const struct fuse *fuse, struct vector *sum, int32_t limit
                       struct vector *out) {
     vector_scale(sum, fuse->coefficients.share, out);
     vector_clamp(out, limit, out);
-    *out = (struct vector){out->x * 256, out->y * 256, out->z * 256};
-    *sum = (struct vector){0, 0, 0};
+    *out = (struct vector){.x = out->x * 256, .y = out->y * 256, .z = out->z * 256};
+    *sum = (struct vector){0};
 }
 
 // Turns the level frame so that the low-passed specific force points up. Leaves what it
@@ -283,8 +285,9 @@ static void follow_gravity(struct fuse *fuse) {
     fuse->tilting_rad_s[1] = -fixed_mul_q30(up.x, TILTING_GAIN_Q30);
     // The shortest turn that takes `up` to z, (1 + z, y, -x, 0) of any length; half a
     // turn about x from straight down.
-    struct vector half = {Q2_30_ONE / 2 + fixed_half_floor(up.z),
-                          fixed_half_floor(up.y), -fixed_half_floor(up.x)};
+    struct vector half = {.x = Q2_30_ONE / 2 + fixed_half_floor(up.z),
+                          .y = fixed_half_floor(up.y),
+                          .z = -fixed_half_floor(up.x)};
     struct quat turn = {0, Q2_30_ONE, 0, 0};
     if (vector_normalise(&half, &half, &norm)) {
         turn = (struct quat){half.x, half.y, half.z, 0};
@@ -326,12 +329,12 @@ NOINLINE static void take_reading(struct fuse *fuse,
                                   const struct vector *field_ut_q18) {
     struct vector angle;
     vector_clamp(&fuse->rate_rad_s_q25, LAG_RATE_Q25, &angle);
-    memcpy(fuse->reading_rad_s, &angle.x, sizeof fuse->reading_rad_s);
+    memcpy(fuse->reading_rad_s, angle.axis, sizeof fuse->reading_rad_s);
     vector_scale(&fuse->rate_rad_s_q25, -fuse->lag_s_q35, &angle);
     vector_clamp(&angle, INT32_C(322122547), &angle);
     fuse->reading_attitude = fuse->inertial_from_body;
     turn_small(&fuse->reading_attitude, &angle);
-    memcpy(fuse->reading_ut, &field_ut_q18->x, sizeof fuse->reading_ut);
+    memcpy(fuse->reading_ut, field_ut_q18->axis, sizeof fuse->reading_ut);
     fuse->has_reading = true;
 }
 
@@ -389,7 +392,7 @@ static void read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
                         q7_25_t surprise_rad_s) {
     q2_30_t gain[KALMAN_STATES];
     kalman_read(fuse->motion_covariance, FUSE_MOTION_STATES, row, noise, gain);
-    int32_t *bias = vector_parts(&fuse->bias_rad_s_q25);
+    int32_t *bias = fuse->bias_rad_s_q25.axis;
     for (uint8_t i = 0; i < 3; ++i) {
         bias[i] = fixed_clamp(bias[i] + fixed_mul_q30(gain[i], surprise_rad_s),
                               BIAS_LIMIT_Q25);
@@ -403,10 +406,9 @@ static void read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
 NOINLINE static void stage_rest(struct fuse *fuse) {
     q2_14_t row[KALMAN_STATES] = {0};
     const uint8_t axis = fuse->rest_axis;
-    const struct lowpass_axis *mean = &fuse->rest_rate.x;  // three in a row
     row[axis] = Q2_14_ONE;
     read_motion(fuse, row, REST_NOISE,
-                mean[axis].level - vector_parts(&fuse->bias_rad_s_q25)[axis]);
+                fuse->rest_rate.axis[axis].level - fuse->bias_rad_s_q25.axis[axis]);
     fuse->rest_axis = (uint8_t)(axis == 2 ? 0 : axis + 1);
 }
 
@@ -507,15 +509,15 @@ NOINLINE static void follow_lag(struct fuse *fuse) {
     const q7_25_t *rate = fuse->reading_rad_s;
     struct vector place;
     int32_t norm;
-    vector_clamp(
-        &(struct vector){fuse->field_ut[0], fuse->field_ut[1], fuse->field_ut[2]},
-        LAG_FIELD_Q18, &place);
+    vector_clamp(&(struct vector){.x = fuse->field_ut[0],
+                                  .y = fuse->field_ut[1],
+                                  .z = fuse->field_ut[2]},
+                 LAG_FIELD_Q18, &place);
     // uT/s as q18_13, at most 346 * 62.4.
     struct vector slope = {
-        fixed_mul_q30(place.y, rate[2]) - fixed_mul_q30(place.z, rate[1]),
-        fixed_mul_q30(place.z, rate[0]) - fixed_mul_q30(place.x, rate[2]),
-        fixed_mul_q30(place.x, rate[1]) - fixed_mul_q30(place.y, rate[0]),
-    };
+        .x = fixed_mul_q30(place.y, rate[2]) - fixed_mul_q30(place.z, rate[1]),
+        .y = fixed_mul_q30(place.z, rate[0]) - fixed_mul_q30(place.x, rate[2]),
+        .z = fixed_mul_q30(place.x, rate[1]) - fixed_mul_q30(place.y, rate[0])};
     if (!vector_normalise(&slope, &slope, &norm)) {
         return;
     }
@@ -525,7 +527,7 @@ NOINLINE static void follow_lag(struct fuse *fuse) {
     kalman_read(&fuse->lag_variance, 1, row, fuse->field_noise, gain);
     q14_18_t along = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        along += fixed_mul_q30(vector_parts(&slope)[axis], field_step(fuse, axis));
+        along += fixed_mul_q30(slope.axis[axis], field_step(fuse, axis));
     }
     const int32_t lag = fuse->lag_s_q35 - fixed_mul_q30(gain[0], along) * LAG_MS_Q17;
     fuse->lag_s_q35 = fixed_clamp(lag > 0 ? lag : 0, LAG_MAX_Q35);
@@ -645,7 +647,7 @@ static q2_30_t heading_variance_of(const struct fuse *fuse, const struct vector 
 
 // Stage: level and heading as one rotation, which poses are made with for a frame.
 NOINLINE static void stage_world(struct fuse *fuse) {
-    struct vector north = {fuse->field_ut[0], fuse->field_ut[1], 0};
+    struct vector north = {.x = fuse->field_ut[0], .y = fuse->field_ut[1], .z = 0};
     struct quat turn = QUAT_IDENTITY;
     int32_t norm;
     if (fuse->field_learnt > 0 && vector_normalise(&north, &north, &norm)) {
@@ -706,9 +708,9 @@ static void run_stage(struct fuse *fuse) {
 
 // The first sample is levelled at once.
 static void level_first(struct fuse *fuse, const struct vector *force_body) {
-    fuse->force.x.level = force_body->x;
-    fuse->force.y.level = force_body->y;
-    fuse->force.z.level = force_body->z;
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        fuse->force.axis[axis].level = force_body->axis[axis];
+    }
     follow_gravity(fuse);
     fuse->world_from_inertial = fuse->level_from_inertial;
 }

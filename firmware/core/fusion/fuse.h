@@ -30,7 +30,7 @@ struct lowpass_axis {
 };
 
 struct lowpass {
-    struct lowpass_axis x, y, z;
+    struct lowpass_axis axis[3];
 };
 
 struct lowpass_gain {
