@@ -640,17 +640,17 @@ def _keys_remove(args: argparse.Namespace) -> int:
 
 
 def _card_prepare(args: argparse.Namespace) -> int:
-    from imud.card import card
+    from imud.card import prepare
 
-    return card.prepare(
+    return prepare.prepare(
         args.path, size=args.size, log_size=args.log_size, is_agreed=args.yes
     )
 
 
 def _card_read(args: argparse.Namespace) -> int:
-    from imud.card import card
+    from imud.card import read
 
-    return card.read(
+    return read.read(
         args.path,
         to=args.to,
         prefix=args.prefix,
@@ -660,9 +660,9 @@ def _card_read(args: argparse.Namespace) -> int:
 
 
 def _card_list(args: argparse.Namespace) -> int:
-    from imud.card import card
+    from imud.card import listing
 
-    return card.show(args.path)
+    return listing.show(args.path)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
