@@ -25,7 +25,7 @@ _CLUSTERS = (64, 32, 16, 8, 4, 2, 1)
 # Determination").
 _CLUSTERS_MIN = 65525 + 16
 
-# The most that a card erases at once, in sectors: "boundary unit" of the SD Association,
+# The most sectors that a card erases at once: "boundary unit" of the SD Association,
 # for cards up to 2 GB and for larger ones. Partition, data and log begin on a multiple.
 _UNIT_SMALL, _UNIT_LARGE = 128, 8192
 _LARGE = 2 << 30
@@ -96,7 +96,7 @@ class Layout:
 
 
 def lay_out(sectors: int, log_bytes: int | None = None) -> Layout:
-    """The layout of a card; `log_bytes` None: all that fits. FileError if it can't be."""
+    """The layout of a card; `log_bytes` None: all that fits. FileError otherwise."""
     if sectors * SECTOR < CARD_MIN:
         raise FileError(
             f"{sectors * SECTOR} bytes are too small: FAT32 needs {CARD_MIN} (34 MiB)"
