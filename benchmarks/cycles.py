@@ -32,7 +32,7 @@ from firmware_images import Measured, build, environments, measure, poses_a_seco
 
 from imud.errors import ImudError
 from imud.virtual import motion
-from imud.virtual.motion import Magnet, World
+from imud.virtual.sensors import Magnet, World
 
 OUTPUT = scoring.PROJECT / "build" / "benchmarks"
 
@@ -43,7 +43,7 @@ MAGNETS = (
     Magnet((-0.2, -0.1, 0.0), (0.5, 0.0, -0.3)),
 )
 # Offsets that the start-up calibration takes, and a magnetometer that needs one.
-ERRORS = motion.SensorErrors(mag_offset_ut=3.0)
+ERRORS = sensors.SensorErrors(mag_offset_ut=3.0)
 FILTER_SECONDS = 30.0  # of the same hand, for the filters alone
 
 
@@ -142,7 +142,7 @@ def of_f405(hand: Path, args: argparse.Namespace) -> tuple[list[Line], dict[str,
     _, lines, result = image_of(F405, image, hand, args)
     if args.only != "image":
         shorter = hand.with_name("shorter.npz")
-        motion.load(hand)[: round(FILTER_SECONDS * motion.HAND_RATE_HZ)].save(shorter)
+        motion.load(hand)[: round(FILTER_SECONDS * sensors.HAND_RATE_HZ)].save(shorter)
         result["filters"] = each_filter(image, shorter, args.seed)
     if args.only is None:
         images = {F405.environment: image}
@@ -194,7 +194,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     output = args.output or OUTPUT / f"cycles{name}.json"
     with tempfile.TemporaryDirectory() as folder:
         hand = Path(folder) / "hand.npz"
-        motion.generate(
+        sensors.generate(
             args.seconds, args.seed, world=World(magnets=MAGNETS), errors=ERRORS
         ).save(hand)
         lines, result = (of_nano if board is NANO else of_f405)(hand, args)

@@ -20,7 +20,6 @@ from feed import Samples
 from filters import Filter, FilterFailed
 
 from imud.rotation import FloatArray
-from imud.virtual import motion
 
 
 def tally(inside: int, worst: int, in_worst: int, outside: int) -> dict[str, int]:
@@ -242,7 +241,7 @@ def test_the_f405s_image_runs_the_filter_that_it_is_told_to(
     tmp_path: Path, f405_image: Path
 ) -> None:
     hand = tmp_path / "hand.npz"
-    motion.generate(4.0, seed=3).save(hand)
+    sensors.generate(4.0, seed=3).save(hand)
     found = f405_load.each_filter(f405_image, hand, seed=1)
     assert list(found) == ["fuse", "complementary", "mahony", "madgwick", "dcm_pi"]
     assert all(500 < each["step_mean"] < 5000 for each in found.values())
@@ -253,7 +252,7 @@ def test_a_pose_for_every_sample_takes_its_share_of_the_wire(
     tmp_path: Path, f405_image: Path
 ) -> None:
     hand = tmp_path / "hand.npz"
-    motion.generate(4.0, seed=3).save(hand)
+    sensors.generate(4.0, seed=3).save(hand)
     found = f405_load.at_rate(f405_image, 380, hand, seed=1)
     assert found.poses_hz == pytest.approx(380.0, abs=0.2)
     assert found.late == found.lost == found.log_dropped == 0

@@ -19,7 +19,7 @@ import twin
 import without
 from scoring import Score
 
-from imud.virtual import motion
+from imud.virtual import motion, sensors
 
 RECORDED = ("07", "30", "32")  # fast, beside a magnet, with one on the probe
 FOLDED = ("01_made", "03_made", "05_made")  # one of each fold
@@ -51,8 +51,8 @@ def recorded(shared_data: Path, name: str) -> feed.Feed:
 @cache
 def hand(seed: int = 5) -> motion.Motion:
     """Turned any way up, after a rest, with nothing left to calibrate."""
-    errors = motion.SensorErrors(gyr_offset_dps=1.0, acc_offset_mg=0.0)
-    return motion.generate(30.0, seed=seed, errors=errors)
+    errors = sensors.SensorErrors(gyr_offset_dps=1.0, acc_offset_mg=0.0)
+    return sensors.generate(30.0, seed=seed, errors=errors)
 
 
 @cache
@@ -247,7 +247,7 @@ def test_the_tables_of_three_recordings(
 ) -> None:
     for seed, name in enumerate(FOLDED):
         path = tmp_path / f"{name}.npz"
-        save(motion.generate(14.0, seed=seed), path, "all_trials", "undisturbed")
+        save(sensors.generate(14.0, seed=seed), path, "all_trials", "undisturbed")
     output = tmp_path / "out" / "found.json"
     words = [str(tmp_path), "--jobs", "1", "--output", str(output)]
     assert tune.main([*words, "--tries", "3"]) == 0
