@@ -31,7 +31,7 @@ from feed import Samples
 from firmware_images import Measured, build, environments, measure, poses_a_second
 
 from imud.errors import ImudError
-from imud.virtual import motion
+from imud.virtual import motion, sensors
 from imud.virtual.sensors import Magnet, World
 
 OUTPUT = scoring.PROJECT / "build" / "benchmarks"

@@ -20,6 +20,7 @@ from feed import Samples
 from filters import Filter, FilterFailed
 
 from imud.rotation import FloatArray
+from imud.virtual import sensors
 
 
 def tally(inside: int, worst: int, in_worst: int, outside: int) -> dict[str, int]:

@@ -23,7 +23,7 @@ import pytest
 
 import imud
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_endpoint
-from imud.client import Client, Heard
+from imud.client import Client, Delivery
 from imud.defaults import ENDPOINT
 
 PROBE = "00112233445566aa"
@@ -331,7 +331,7 @@ def is_as_fast_beside_one_that_stands_still(
         stuck = Process(READER, daemon.endpoint)
         heard: list[tuple[int, float]] = []
 
-        def take(each: Heard) -> None:
+        def take(each: Delivery) -> None:
             number = json.loads(each.payload)["number"]
             heard.append((number, time.monotonic()))
 

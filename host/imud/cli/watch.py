@@ -17,6 +17,9 @@ from imud.cli.arguments import (
 if TYPE_CHECKING:
     from imud.cli.arguments import Commands
 
+# imud.rotation has the conversions, and loads numpy.
+ANGLES = ("aerospace", "nautical", "nectec", "matrix")
+
 
 def add(commands: Commands) -> None:
     _add_listen(commands)
@@ -29,15 +32,23 @@ def _add_listen(commands: Commands) -> None:
         commands,
         "listen",
         "print poses as they arrive over the network",
-        "imud listen --seconds 10",
+        "imud listen --seconds 10 --angles aerospace",
         "Columns: yaw, pitch and roll, 1-sigma errors of tilt and heading (all in "
         "degrees), poses a second, flags. docs/angles.md defines the angles.",
     )
     add_probe(listen)
     listen.add_argument(
+        "--angles",
+        choices=ANGLES,
+        help="aerospace: yaw from north to east, pitch with x up, roll with the right "
+        "side down; nautical (default): yaw from east to north, pitch with x down, "
+        "roll with the left side up; nectec: as nautical, yaw and roll exchanged; "
+        "matrix: the probe's axes x, y, z (columns) along east, north, up (rows)",
+    )
+    listen.add_argument(
         "--json",
         action="store_true",
-        help="print one JSON object a line, as published",
+        help="print one JSON object a line, as published; --angles adds its angles",
     )
     listen.add_argument(
         "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
@@ -83,17 +94,19 @@ def _add_monitor(commands: Commands) -> None:
 
 
 def _listen(args: argparse.Namespace) -> int:
-    from imud.cli import view
+    from imud.cli import pose_table
 
     with client_of(args) as client:
-        return view.listen(client, args.probe, args.seconds, as_json=args.json)
+        return pose_table.listen(
+            client, args.probe, args.seconds, as_json=args.json, shape=args.angles
+        )
 
 
 def _list(args: argparse.Namespace) -> int:
-    from imud.cli import view
+    from imud.cli import probe_table
 
     with client_of(args) as client:
-        return view.show_probes(client, as_json=args.json, has_ledger=args.ledger)
+        return probe_table.show(client, as_json=args.json, has_ledger=args.ledger)
 
 
 def _monitor(args: argparse.Namespace) -> int:
