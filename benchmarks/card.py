@@ -19,8 +19,8 @@ from typing import Any
 
 import scoring
 
-from imud.card import card
 from imud.card.disk import opened
+from imud.card.probe_log import find_log
 from imud.cli import main as imud
 from imud.errors import ImudError
 from imud.wire import schema
@@ -72,7 +72,7 @@ def of_wire(path: Path) -> Iterator[bytes]:
 
 def of_card(path: Path) -> Iterator[bytes]:
     with opened(path) as disk:
-        log = card.find_log(disk)
+        log = find_log(disk)
         (recording,) = log.recordings()
         if recording.bad:
             raise ItDiffers(f"{recording.bad} blocks of the card are torn or worn")

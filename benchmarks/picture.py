@@ -30,7 +30,7 @@ from theme import THEMES, Theme
 
 from imud.errors import ImudError
 from imud.rotation import FloatArray
-from imud.virtual import motion
+from imud.virtual import sensors
 
 PICTURES = scoring.PROJECT / "docs" / "pictures"
 MEASURED = scoring.PROJECT / "build" / "benchmarks"
@@ -265,7 +265,7 @@ def draw_of(name: str) -> Callable[[Figure, Theme], None]:
     if name == "cycles":
         costs = load("cycles.json", "`make bench-nano`")
         return partial(draw_cycles, measured=measured, costs=costs)
-    made = motion.generate(HAND_SECONDS, HAND_SEED)
+    made = sensors.generate(HAND_SECONDS, HAND_SEED)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "hand.npz"
         made.save(path)

@@ -14,7 +14,7 @@ import pytest
 import scoring
 
 from imud import rotation
-from imud.virtual import motion
+from imud.virtual import motion, sensors
 
 OTHERS = {
     *("vqf", "vqf-basic", "vqf-offline", "ahrs-madgwick", "ahrs-madgwick-.06"),
@@ -109,6 +109,6 @@ def test_the_core_on_this_machine_has_the_poses_of_the_image(
     tmp_path: Path, board: str
 ) -> None:
     path = tmp_path / "hand.npz"
-    motion.generate(8.0, seed=4).save(path)
+    sensors.generate(8.0, seed=4).save(path)
     read = capture.run(board, path)
     assert engines.replayed(read.feed, "fuse") == read.pose_contents

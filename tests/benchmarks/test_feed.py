@@ -13,7 +13,7 @@ import pytest
 import wire
 from boards import BOARDS
 
-from imud.virtual import motion
+from imud.virtual import motion, sensors
 from imud.wire import messages
 
 G = feed.GRAVITY_M_S2
@@ -166,7 +166,7 @@ def test_contents_of_another_message_are_refused() -> None:
 def test_the_image_reads_what_is_made_up_here_to_one_count(
     tmp_path: Path, board: str, names: tuple[str, ...]
 ) -> None:
-    made = motion.generate(8.0, seed=4, errors=motion.NO_ERRORS)
+    made = sensors.generate(8.0, seed=4, errors=sensors.NO_ERRORS)
     path = tmp_path / "hand.npz"
     made.save(path)
     read = capture.run(board, path)

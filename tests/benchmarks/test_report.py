@@ -15,7 +15,7 @@ import scoring
 from report import Figure, Result
 from scoring import Coverage, Score, Trial
 
-from imud.virtual import motion
+from imud.virtual import motion, sensors
 
 SUMMARY = {"crashed": False, "late": 0, "cycles_worst": 70000}
 
@@ -123,7 +123,7 @@ def test_json_has_no_nan(tmp_path: Path) -> None:
 def test_a_recording_of_ones_own_is_measured_without_an_image(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    made = motion.generate(16.0, seed=2)
+    made = sensors.generate(16.0, seed=2)
     recording = tmp_path / "37_hand.npz"
     made.save(recording)
     output = tmp_path / "accuracy.json"
@@ -144,7 +144,7 @@ def test_a_recording_of_ones_own_is_measured_without_an_image(
 def test_a_magnet_makes_heading_worse_in_every_direction_but_never_tilts(
     tmp_path: Path, board: str
 ) -> None:
-    made = motion.generate(16.0, seed=2)
+    made = sensors.generate(16.0, seed=2)
     path = tmp_path / "hand.npz"
     made.save(path)
     found = [

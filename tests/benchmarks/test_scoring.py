@@ -13,7 +13,7 @@ import scoring
 import vqf
 
 from imud import rotation
-from imud.virtual import motion
+from imud.virtual import motion, sensors
 
 
 def turned(*degrees: float) -> rotation.FloatArray:
@@ -47,7 +47,7 @@ def test_a_quaternion_and_its_negative_score_the_same() -> None:
 
 
 def test_a_pose_is_compared_with_the_truth_of_its_own_moment() -> None:
-    made = motion.generate(12.0, seed=5, rate_hz=250.0, errors=motion.NO_ERRORS)
+    made = sensors.generate(12.0, seed=5, rate_hz=250.0, errors=sensors.NO_ERRORS)
     assert made.quat is not None
     known = np.arange(len(made)) / made.rate_hz
     times = np.arange(0.001, 11.9, 0.0037)

@@ -14,7 +14,7 @@ from core import desk
 from core.desk import DEGREE, FIELD, FORCE, ONE, RATE, G, lib
 from core.scenes import Filter, Scene, at_rest, earth, scene, tumble
 from imud import rotation
-from imud.virtual import motion
+from imud.virtual import motion, sensors
 
 LEVEL = rotation.IDENTITY
 UPSIDE_DOWN = np.array([0.0, 1.0, 0.0, 0.0])
@@ -588,7 +588,7 @@ def read_by_the_chip(recording: motion.Motion, rate_hz: int = 200) -> Scene:
     records = len(recording)
     known = np.arange(records) / recording.rate_hz
     t = np.arange(int(records / recording.rate_hz * rate_hz)) / rate_hz
-    half = motion.NOISE_WINDOW_S / 2
+    half = sensors.NOISE_WINDOW_S / 2
     edges = np.clip([t - half, t + half], 0, known[-1])
 
     def mean(rows: desk.Array) -> desk.Array:

@@ -24,9 +24,10 @@ from hypothesis import strategies as st
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
 from imud.client import Client
 from imud.daemon.commands import Asking
-from imud.probes.clock import READING_NS, WINDOW_US, Clock, Moment, Rising, Timeline
+from imud.probes.clock import WINDOW_US, Clock, Moment
 from imud.probes.record import Stamp
 from imud.probes.session import Probe, Received, Session
+from imud.probes.timeline import READING_NS, Rising, Timeline
 from length import choose
 
 SECOND = 1_000_000_000

@@ -15,16 +15,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from imud.cli import main
-from imud.config.settings import (
-    Config,
-    Log,
-    Ports,
-    ProbeSettings,
-    as_toml,
-    check,
-    load,
-    port_and_baud,
-)
+from imud.config.reader import as_toml, check, load
+from imud.config.settings import Config, Log, Ports, ProbeSettings, port_and_baud
 from imud.errors import ConfigError
 
 WHOLE = """
@@ -122,11 +114,19 @@ def test_a_port_may_have_a_rate_of_its_own(
             "[probes.00112233445566aa]\npose_rate = 1001",
             ":2: [probes.00112233445566aa] pose_rate: 1001 is not a whole number from",
         ),
+        (
+            "[probes.00112233445566aa]\nraw_rate = 0",
+            "raw_rate: 0 is not a whole number from 1 to 1000",
+        ),
+        (
+            "[probes.00112233445566aa]\nstreams = []",
+            'streams: [] is not a list of 1 or more: "pose" or "raw"',
+        ),
         ("[probes.00112233445566aa]\nname = 'a/b'", "'a/b' can't be part"),
         (
             "[probes.00112233445566aa]\nname = 'x'\n"
             "[probes.00112233445566ab]\nname = 'x'",
-            ':4: [probes.00112233445566ab] name: "x" is another\'s, too',
+            ':4: [probes.00112233445566ab] name: "x" is the name of another',
         ),
         ("ports = [", "is not TOML"),
         ("x = 2026-02-30", "is not TOML"),
@@ -193,8 +193,8 @@ _TEXT = st.text(st.characters(exclude_categories=["C"]), max_size=20)
             st.builds(
                 ProbeSettings,
                 name=_TEXT,
-                pose_rate=st.none() | st.integers(0, 1000),
-                streams=st.sampled_from([None, (), ("pose",), ("pose", "raw")]),
+                pose_rate=st.none() | st.integers(1, 1000),
+                streams=st.sampled_from([None, ("raw",), ("pose",), ("pose", "raw")]),
             ),
             max_size=3,
         ),

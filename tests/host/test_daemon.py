@@ -32,7 +32,8 @@ from imud import _core, cli
 from imud.client import Client
 from imud.daemon.commands import arguments_of
 from imud.errors import CommandRefused, DaemonNotFound, NoReply, ProbeUnknown
-from imud.journal import text as daemon_words
+from imud.journal import phrases
+from imud.journal.speaker import Limiter
 from imud.log.reader import Logged, read_log
 from imud.probes import record
 from imud.probes.session import Session
@@ -909,7 +910,7 @@ def test_equipment_that_cannot_tell_its_battery_has_none() -> None:
     ],
 )
 def test_an_event_is_told_in_words(event: tuple[str, str, int], words: str) -> None:
-    assert daemon_words.event_words(*event) == words
+    assert phrases.event_words(*event) == words
 
 
 @pytest.mark.parametrize(
@@ -935,7 +936,7 @@ def test_a_restart_says_where_it_struck(
 
 
 def test_a_kind_of_line_is_written_once_in_a_while() -> None:
-    limiter = daemon_words.Limiter(quiet_s=10.0, burst=2)
+    limiter = Limiter(quiet_s=10.0, burst=2)
     said = [limiter.allow("a", t) for t in (0.0, 1.0, 2.0, 9.9, 10.0, 10.5, 11.0)]
     assert said == [
         "",
@@ -953,7 +954,7 @@ def test_the_status_names_only_what_the_schema_knows() -> None:
     known = {m.name for m in schema.MESSAGES}
     assert known >= record.JSON_TOPICS
     events = {member.name.lower() for member in schema.Event}
-    assert events >= daemon_words.FAULTS | daemon_words.DETAILS.keys()
+    assert events >= phrases.FAULTS | phrases.DETAILS.keys()
     causes = {member.name.lower() for member in schema.ResetCauseFlags}
-    assert causes >= daemon_words.WITH_ADDRESS
+    assert causes >= phrases.WITH_ADDRESS
     assert set(Session(lambda _: None, 0).counts()) >= {"corrupt", "foreign"}  # type: ignore[arg-type,return-value] # none is found here

@@ -17,7 +17,8 @@ import pytest
 from msgspec import inspect
 
 from imud.cli import main
-from imud.config.settings import Config, as_toml
+from imud.config.reader import as_toml
+from imud.config.settings import Config
 from length import choose
 
 SEED = 20_260_102

@@ -13,7 +13,8 @@ from cryptography.x509.verification import PolicyBuilder, Store
 
 from imud import cli
 from imud import endpoint as endpoints
-from imud.config.settings import Zenoh, load
+from imud.config.reader import load
+from imud.config.settings import Zenoh
 from imud.errors import ConfigError, FileError, ImudError
 from imud.net import access, keys, network
 
@@ -183,9 +184,9 @@ def test_what_others_can_reach_is_known(endpoint: str, is_local: bool) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('listen = ["tcp/0.0.0.0:7447"]', "keys keep them out: imud keys init DIR"),
+        ('listen = ["tcp/0.0.0.0:7447"]', "require keys: imud keys init DIR"),
         ('listen = ["tls/0.0.0.0:7447"]', "open_to_all = true"),
-        ('listen = ["tcp/127.0.0.1:1", "tcp/[::]:1"]', "tcp/\\[::\\]:1 lets in all"),
+        ('listen = ["tcp/127.0.0.1:1", "tcp/[::]:1"]', "tcp/\\[::\\]:1 is open to all"),
         ('keys = "keys"', "with keys it is tls/127.0.0.1:7447"),
         ('mode = "client"', "connect: is empty; a client needs one"),
         ('mode = "peer"', "connect: is empty; a peer needs one"),

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from imud import rotation
-from imud.virtual import motion
-from imud.virtual.motion import Motion, MotionError, SensorErrors, World
+from imud.virtual import motion, sensors
+from imud.virtual.motion import Motion, MotionError
+from imud.virtual.sensors import SensorErrors, World
 
 RATE_HZ = 1000.0
 
@@ -22,7 +23,7 @@ RATE_HZ = 1000.0
 @pytest.fixture(scope="module")
 def exact() -> Motion:
     """A minute of the hand as a perfect sensor would feel it."""
-    return motion.generate(60.0, seed=7, errors=motion.NO_ERRORS)
+    return sensors.generate(60.0, seed=7, errors=sensors.NO_ERRORS)
 
 
 def known(array: rotation.FloatArray | None) -> rotation.FloatArray:
@@ -76,7 +77,7 @@ def test_the_field_is_the_earths_whatever_the_attitude(exact: Motion) -> None:
 
 
 def test_a_magnet_is_a_dipole() -> None:
-    magnet = motion.Magnet((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    magnet = sensors.Magnet((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     along, across = magnet.field_ut(np.array([[0.0, 0.0, 0.1], [0.1, 0.0, 0.0]]))
     # mu0/4pi m/r^3 = 100 uT at 0.1 m; twice that on the axis, against it beside.
     assert along == pytest.approx([0.0, 0.0, 200.0])
@@ -84,8 +85,8 @@ def test_a_magnet_is_a_dipole() -> None:
 
 
 def test_a_magnet_disturbs_where_the_sensor_comes_near() -> None:
-    world = World(magnets=(motion.Magnet((0.15, 0.0, 0.05), (0.0, 0.5, 0.0)),))
-    felt = motion.generate(30.0, seed=7, world=world, errors=motion.NO_ERRORS)
+    world = World(magnets=(sensors.Magnet((0.15, 0.0, 0.05), (0.0, 0.5, 0.0)),))
+    felt = sensors.generate(30.0, seed=7, world=world, errors=sensors.NO_ERRORS)
     norm = np.linalg.norm(felt.mag, axis=1)
     expected = world.field_at(known(felt.position))
     assert np.allclose(rotation.rotate(known(felt.quat), felt.mag), expected, atol=1e-9)
@@ -106,7 +107,7 @@ def runs(flags: motion.BoolArray) -> list[slice]:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_it_starts_with_three_to_five_seconds_of_rest(seed: int) -> None:
-    made = motion.generate(8.0, seed)
+    made = sensors.generate(8.0, seed)
     assert made.is_rest is not None
     assert made.movement is not None
     first = runs(made.is_rest)[0]
@@ -140,15 +141,15 @@ def test_each_round_has_strokes_turns_and_rests(exact: Motion) -> None:
 
 
 def test_the_same_seed_gives_the_same_motion() -> None:
-    first, again, other = (motion.generate(6.0, seed) for seed in (3, 3, 4))
+    first, again, other = (sensors.generate(6.0, seed) for seed in (3, 3, 4))
     for name in motion.NPZ_KEYS:
         assert np.array_equal(getattr(first, name), getattr(again, name))
     assert not np.array_equal(first.gyr, other.gyr)
 
 
 def test_a_stream_is_the_same_motion_in_pieces() -> None:
-    whole = motion.generate(20.0, seed=3)
-    pieces = motion.stream(3)
+    whole = sensors.generate(20.0, seed=3)
+    pieces = sensors.stream(3)
     gathered = [next(pieces) for _ in range(60)]
     joined = motion.join(gathered)[: len(whole)]
     assert np.array_equal(joined.acc, whole.acc)
@@ -158,7 +159,7 @@ def test_a_stream_is_the_same_motion_in_pieces() -> None:
 
 def test_noise_has_the_data_sheets_strength_after_the_chips_low_pass() -> None:
     errors = SensorErrors(gyr_offset_dps=0.0, acc_offset_mg=0.0)
-    made = motion.generate(3.0, seed=11, errors=errors)  # all of it rest
+    made = sensors.generate(3.0, seed=11, errors=errors)  # all of it rest
     assert made.is_rest is not None
     assert made.is_rest.all()
     # A mean over 5 of 1000 records a second, close to 0.443/92 Hz.
@@ -174,7 +175,7 @@ def test_noise_has_the_data_sheets_strength_after_the_chips_low_pass() -> None:
 def test_offsets_stay_within_their_limits_and_differ_by_seed() -> None:
     errors = SensorErrors(0.0, 0.0, 0.0, 3.0, 60.0, 5.0)
     found = np.array(
-        [motion.generate(0.1, seed, errors=errors).gyr[0] for seed in range(20)]
+        [sensors.generate(0.1, seed, errors=errors).gyr[0] for seed in range(20)]
     )
     limit = math.radians(3.0)
     assert np.abs(found).max() <= limit
@@ -346,7 +347,7 @@ class Pipe(io.BytesIO):
 
 def test_each_piece_of_a_stream_is_handed_over_at_once() -> None:
     pipe = Pipe()
-    pieces = motion.stream(seed=1)
+    pieces = sensors.stream(seed=1)
     motion.write_stream(pipe, itertools.islice(pieces, 4))
     assert len(pipe.flushed) == 4
     # No number of records, and no low-pass but the chip's own is to be felt.

@@ -27,7 +27,7 @@ from zenoh_ros2_sdk.session import ZenohSession
 
 import ros_types
 from fakes import HELLO, PATIENCE_S, POSE, DaemonProcess, FakeProbe, Port, free_endpoint
-from imud.config import settings
+from imud.config import reader
 from imud.daemon.hub import Hub
 from imud.errors import ConfigError
 from imud.probes.record import Presence, Record
@@ -477,7 +477,7 @@ def refused(directory: Path, text: str) -> str:
     path = directory / "imud.toml"
     path.write_text(text, "utf-8")
     with pytest.raises(ConfigError) as told:
-        settings.load(path)
+        reader.load(path)
     return str(told.value)
 
 

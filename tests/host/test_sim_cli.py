@@ -20,7 +20,7 @@ import pytest
 from imud import cli
 from imud.errors import FileError
 from imud.recordings import decode
-from imud.virtual import motion, sim
+from imud.virtual import motion, sensors, sim
 from imud.wire import messages
 from imud.wire.frame import FrameDecoder
 
@@ -69,7 +69,7 @@ def stand_in(tmp_path: Path) -> Any:
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     path = tmp_path / "hand.npz"
-    motion.generate(1.0, seed=1).save(path)
+    sensors.generate(1.0, seed=1).save(path)
     return path
 
 
@@ -274,7 +274,7 @@ def test_the_hand_is_saved_as_it_is_felt(
     _, length, _ = json.loads(capfd.readouterr().err)
     kept = motion.load(path)
     assert length == 32 + len(kept) * 36
-    assert np.allclose(kept.gyr, motion.generate(2.0, seed=5).gyr, atol=1e-6)
+    assert np.allclose(kept.gyr, sensors.generate(2.0, seed=5).gyr, atol=1e-6)
     assert kept.quat is not None
 
 
@@ -308,7 +308,7 @@ def test_it_streams_pose_and_raw_of_a_recording(
 ) -> None:
     simulator, image = boards[board]
     path, record, summary = (tmp_path / name for name in ("m.npz", "r.bin", "s.json"))
-    motion.generate(4.0, seed=2).save(path)
+    sensors.generate(4.0, seed=2).save(path)
     words = ["--simulator", simulator, "--image", image, "--motion", path, "--fast"]
     words += ["--stream", "--raw", "--record", record, "--summary", summary]
     assert cli.main(["sim", board, *map(str, words)]) == 0

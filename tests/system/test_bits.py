@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from bits.processors import PROCESSORS, computed
-from imud.virtual import motion
+from imud.virtual import motion, sensors
 from length import choose
 from system.virtual import BOARDS, Run, Stub, assert_nothing_is_lost, run, send
 
@@ -40,7 +40,7 @@ def write_movement(path: Path) -> Path:
         if sum(piece.seconds for piece in pieces) < SECONDS:
             pieces.append(motion.load(recording))
     if not pieces:
-        pieces = [motion.generate(SECONDS, seed=3)]
+        pieces = [sensors.generate(SECONDS, seed=3)]
     with path.open("wb") as file:
         motion.write_stream(file, pieces)
     return path

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imud.card import card as cards
 from imud.card.disk import opened
+from imud.card.probe_log import find_log
 from imud.cli import main
 from imud.log.reader import Logged, read_log
 from imud.wire.frame import FrameDecoder
@@ -101,7 +101,7 @@ def samples(
 
 def recordings(path: Path) -> list[Recorded]:
     with opened(path) as disk:
-        log = cards.find_log(disk)
+        log = find_log(disk)
         found = []
         for recording in log.recordings():
             decoder = FrameDecoder()
@@ -350,7 +350,7 @@ def test_a_block_that_is_rejected_is_written_again(stub: Stub, kind: str) -> Non
 def test_a_worn_place_is_left_out_and_nothing_is_lost(stub: Stub) -> None:
     card = prepare(stub.folder / "card")
     with opened(card) as disk:
-        lba = cards.find_log(disk).lba
+        lba = find_log(disk).lba
     worn = {"kind": "card_worn", "block": lba + 25, "blocks": 3, "value": 0}
     done = run(
         *(stub, 8, *CLICK, *all_on_the_wire(), "--card", card),

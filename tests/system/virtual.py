@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from imud.recordings import decode
-from imud.virtual import motion
+from imud.virtual import motion, sensors
 from imud.wire import schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, encode
@@ -177,7 +177,7 @@ def run(
 
 def write_hand(path: Path, seconds: float, seed: int = 3) -> Path:
     """A hand that moves the probe, as the simulator's stream."""
-    hand = motion.generate(seconds, seed=seed)
+    hand = sensors.generate(seconds, seed=seed)
     with path.open("wb") as file:
         motion.write_stream(file, [hand], count=len(hand))
     return path

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""The card of a probe: prepared, found again, read."""
+"""The SD card on which a probe logs: prepares, lists and reads it."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""A card in a reader, or its image in a file: opened with care, read and written by
-sectors.
+"""A card in a reader or its image in a file, read and written by sectors. A disk is
+only opened for writing if it is a card that nothing uses.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 from imud.card.fat import SECTOR
 from imud.errors import FileError
 
-# Where Linux tells of disks, and of what is mounted.
+# Where Linux lists disks, and what is mounted.
 BLOCKS = Path("/sys/dev/block")
 MOUNTS = Path("/proc/self/mountinfo")
 
@@ -24,12 +24,12 @@ _REREAD = 0x125F  # BLKRRPART of <linux/fs.h>
 
 _DEVICES = Path("/dev")
 
-# Mounted there, a disk is what this computer runs from.
+# A disk that is mounted at one of these is what this computer runs from.
 _SYSTEM = {"/", "/boot", "/boot/efi", "/boot/firmware", "/etc", "/home", "/usr", "/var"}
 
 
 class Disk:
-    """An open card or image. OSErrors come out as they are: `told` makes lines."""
+    """An open card or image. Its methods raise OSError; `told` makes it a FileError."""
 
     def __init__(self, path: Path, descriptor: int) -> None:
         self.path = path
@@ -41,7 +41,7 @@ class Disk:
         return self.bytes // SECTOR
 
     def read_at(self, offset: int, size: int) -> bytes:
-        """As many as there are."""
+        """`size` bytes from `offset`, fewer at the end of the card."""
         parts = []
         while size > 0 and (part := os.pread(self._descriptor, size, offset)):
             parts.append(part)
@@ -49,30 +49,34 @@ class Disk:
         return b"".join(parts)
 
     def read(self, sector: int, count: int) -> bytes:
+        """So many sectors from `sector`, fewer at the end of the card."""
         return self.read_at(sector * SECTOR, count * SECTOR)
 
     def write(self, sector: int, data: bytes) -> None:
+        """Writes all of `data` from the start of `sector`."""
         offset = sector * SECTOR
         while data:
             written = os.pwrite(self._descriptor, data, offset)
             offset, data = offset + written, data[written:]
 
     def settle(self) -> None:
-        """All that was written is on the card, and reads come from there."""
+        """Waits until all is on the card, and has reads come from the card itself."""
         os.fsync(self._descriptor)
         if hasattr(os, "posix_fadvise"):
             os.posix_fadvise(self._descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
 
     def reread(self) -> None:
-        """Lets the system look again which partitions there are."""
+        """Has the kernel read the partition table again."""
         if stat.S_ISBLK(os.fstat(self._descriptor).st_mode):
-            with contextlib.suppress(OSError):  # then it does when it is put in again
+            with contextlib.suppress(
+                OSError
+            ):  # it does so when the card is put in again
                 fcntl.ioctl(self._descriptor, _REREAD)
 
 
 @contextlib.contextmanager
 def told(doing: str, hint: str = "") -> Iterator[None]:
-    """OSErrors as FileErrors that say what could not be done."""
+    """Turns an OSError into a FileError: can't `doing`, the reason, `hint`."""
     try:
         yield
     except OSError as error:
@@ -81,7 +85,7 @@ def told(doing: str, hint: str = "") -> Iterator[None]:
 
 @contextlib.contextmanager
 def opened(path: Path) -> Iterator[Disk]:
-    """A card or a file, to read."""
+    """Opens a card or a file for reading; FileError if it can't."""
     with told(f"read {path}", _hint(path)):
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         try:
@@ -94,7 +98,7 @@ def opened(path: Path) -> Iterator[Disk]:
 
 @contextlib.contextmanager
 def created(path: Path, size: int) -> Iterator[Disk]:
-    """A fresh image of zeros; taken away where it can't be finished."""
+    """Makes an image of `size` zero bytes, and removes it again after an error."""
     with told(f"write {path}"):
         flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
         descriptor = os.open(path, flags, 0o666)
@@ -110,14 +114,14 @@ def created(path: Path, size: int) -> Iterator[Disk]:
 
 @contextlib.contextmanager
 def claimed(path: Path) -> Iterator[Disk]:
-    """A card or an image that is there, to write on; FileError where one must not."""
+    """Opens an existing card or image for writing; FileError where that is unsafe."""
     with told(f"look at {path}", _hint(path)):
         status = path.stat()
     flags = os.O_RDWR | os.O_CLOEXEC
     if stat.S_ISBLK(status.st_mode):
         number = f"{os.major(status.st_rdev)}:{os.minor(status.st_rdev)}"
         refuse_unless_card(path, number)
-        flags |= os.O_EXCL  # the kernel says so where anything uses any part of it
+        flags |= os.O_EXCL  # fails if anything uses any part of the card
     elif not stat.S_ISREG(status.st_mode):
         raise FileError(f"{path} is neither a card nor a file")
     with told(f"write {path}", _hint(path)):
@@ -153,7 +157,10 @@ def _hint(path: Path) -> str:
 def refuse_unless_card(
     path: Path, number: str, blocks: Path = BLOCKS, mounts: Path = MOUNTS
 ) -> None:
-    """FileError for a disk that is no card, is in use, or can't be written."""
+    """FileError for a disk that is no card, is in use, or is read-only.
+
+    `number`: of its block device, MAJOR:MINOR.
+    """
     if not (blocks / number).exists():
         raise FileError(
             f"{path} can't be looked up; cards are prepared under Linux, images "
@@ -192,7 +199,7 @@ def _said(file: Path) -> str:
 
 
 def _mounted(mounts: Path) -> Iterator[tuple[str, str]]:
-    """Number and place of each mount: proc(5), /proc/pid/mountinfo."""
+    """Device number and place of each mount: proc(5), /proc/pid/mountinfo."""
     for line in _said(mounts).splitlines():
         fields = line.split()
         if len(fields) > 4:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""A card with one FAT32 partition that holds one contiguous file: laid out, written as
-sectors, found again. After Microsoft's FAT32 File System Specification 1.03 (below:
-FAT), whose names the comments use. No I/O: bytes in, bytes out.
+"""Lays out a card with one FAT32 partition that holds one contiguous file, makes its
+sectors, and finds that file again. After Microsoft's FAT32 File System Specification
+1.03 ("FAT" below), whose names the comments use. No I/O: bytes in, bytes out.
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ from imud.errors import FileError
 
 SECTOR = 512
 
-# Sectors of a cluster, the largest that fits first: a probe follows the file's chain
-# each time that it starts. Above 32 KB not all systems read it (FAT, BPB_SecPerClus).
+# Sectors of a cluster, the largest first: a probe follows the file's chain at each
+# start. Not all systems read more than 32 KB (FAT, BPB_SecPerClus).
 _CLUSTERS = (64, 32, 16, 8, 4, 2, 1)
 
-# Fewer clusters are a FAT16, and nobody should be within 16 of that (FAT, "FAT Type
+# Fewer clusters make it a FAT16, and one should stay 16 away from that (FAT, "FAT Type
 # Determination").
 _CLUSTERS_MIN = 65525 + 16
 
-# What a card erases at once is at most this: SD Association, "boundary unit", of cards
-# up to 2 GB and of larger ones. Partition, data and log begin on a multiple of it.
+# The most sectors that a card erases at once: "boundary unit" of the SD Association,
+# for cards up to 2 GB and for larger ones. Partition, data and log begin on a multiple.
 _UNIT_SMALL, _UNIT_LARGE = 128, 8192
 _LARGE = 2 << 30
 
-# The smallest card on which that leaves clusters enough.
+# The smallest card that has enough clusters then.
 CARD_MIN = 34 << 20
 
-# Numbers of sectors have 32 bits, in the partition table, in FAT32, on the bus.
+# Sector numbers have 32 bits in the partition table, in FAT32 and on the bus.
 _SECTORS_MAX = 2**32 - 1
 
-# A length has 32 bits (DIR_FileSize), and so has that of the file's clusters for
-# fsck.fat 4.2, which takes 4 GiB of them for none and cuts the file to nothing.
+# A file's length has 32 bits (DIR_FileSize). fsck.fat 4.2 holds the length of its
+# clusters in 32 bits, too: it takes 4 GiB for 0 and would truncate the file.
 _FILE_MAX = 2**32
 
-# Left free behind the log, for what computers drop on a card: 1 MiB.
+# Sectors left free behind the log for files that computers drop on a card: 1 MiB.
 _SPARE = 2048
 
 _RESERVED_MIN = 32  # FAT, BPB_RsvdSecCnt
@@ -64,7 +64,7 @@ _PARTITION = struct.Struct("<B3sB3sII")
 _PARTITIONS = 446  # where the table is in its sector
 _CHUNK = 2048  # sectors written or read at once: 1 MiB
 
-# A root folder of more clusters than this goes in a circle.
+# A chain of the root folder with more clusters than this is a loop.
 _ROOT_MAX = 65536
 
 
@@ -96,7 +96,7 @@ class Layout:
 
 
 def lay_out(sectors: int, log_bytes: int | None = None) -> Layout:
-    """Where things go on a card of so many sectors; FileError where they don't fit."""
+    """The layout of a card; `log_bytes` None: all that fits. FileError otherwise."""
     if sectors * SECTOR < CARD_MIN:
         raise FileError(
             f"{sectors * SECTOR} bytes are too small: FAT32 needs {CARD_MIN} (34 MiB)"
@@ -105,7 +105,7 @@ def lay_out(sectors: int, log_bytes: int | None = None) -> Layout:
     unit = _UNIT_SMALL if sectors * SECTOR <= _LARGE else _UNIT_LARGE
     size = sectors - unit
     for cluster in _CLUSTERS:
-        # Entries for all sectors are a few too many, as FAT32 allows.
+        # Counted for all sectors, these are a few entries too many, which is allowed.
         fat = -(-(size // cluster + _ROOT) * 4 // SECTOR)
         before = _RESERVED_MIN + _FAT_COUNT * fat
         reserved = _RESERVED_MIN + -before % unit
@@ -133,7 +133,7 @@ def lay_out(sectors: int, log_bytes: int | None = None) -> Layout:
 
 def partition_table(layout: Layout, identity: int) -> bytes:
     """The first sector: one partition from `start` to the end of the card."""
-    # The "too far for cylinders" of all three fields; type 0x0C says: look at the LBA.
+    # Cylinder, head and sector: the value for "too far". Type 0x0C means: use the LBA.
     far = b"\xfe\xff\xff"
     size = layout.sectors - layout.start
     entry = _PARTITION.pack(0, far, _TYPES[1], far, layout.start, size)
@@ -144,10 +144,10 @@ def partition_table(layout: Layout, identity: int) -> bytes:
 def sectors_before_log(
     layout: Layout, identity: int, now: time.struct_time
 ) -> Iterator[tuple[int, bytes]]:
-    """All from sector 1 to the log, in order, with the sector where each piece goes.
+    """Everything from sector 1 to the log, as (first sector, bytes), in order.
 
-    Whatever was there before is overwritten: the traces of another file system would
-    make a computer guess.
+    It overwrites all that was there: traces of another file system could mislead a
+    computer.
     """
     yield from _zeros(1, layout.start)
     boot = _boot_sector(layout, identity)
@@ -172,7 +172,7 @@ def _zeros(first: int, end: int) -> Iterator[tuple[int, bytes]]:
 
 
 def _boot_sector(layout: Layout, identity: int) -> bytes:
-    # A jump to a halt, where a computer that boots from the card comes to.
+    # A computer that boots from the card jumps to this halt.
     halt = b"\xf4\xeb\xfd"
     return (
         _BOOT.pack(
@@ -192,14 +192,14 @@ def _info_sector(layout: Layout) -> bytes:
 
 
 def _fat(layout: Layout, begin: int, end: int) -> bytes:
-    """These sectors of a FAT."""
+    """Sectors `begin` to `end` of a FAT."""
     per_sector = SECTOR // 4
     first = begin * per_sector
     number = np.arange(first, end * per_sector, dtype=np.uint32)
     last = layout.log_cluster + layout.log_clusters - 1
     is_log = (number >= layout.log_cluster) & (number < last)
     entries = np.where(is_log, number + 1, 0).astype("<u4")
-    # FAT[0] holds the media, FAT[1] "left in order"; the other two are chains' ends.
+    # FAT[0] holds the media, FAT[1] "cleanly unmounted"; the other two end chains.
     fixed = {0: 0x0FFFFFF8, 1: _END_OF_CHAIN, _ROOT: _END_OF_CHAIN, last: _END_OF_CHAIN}
     for cluster, value in fixed.items():
         if first <= cluster < end * per_sector:
@@ -213,7 +213,7 @@ def _folder(layout: Layout, now: time.struct_time) -> bytes:
     when = (0, 0, clock, date, date)  # NTRes, tenths, created, last looked at
     label = _ENTRY.pack(_LABEL, _VOLUME, 0, 0, 0, 0, 0, 0, clock, date, 0, 0)
     high, low = divmod(layout.log_cluster, 1 << 16)
-    # Read-only, so that no computer edits or tidies away what must stay in its place.
+    # Read-only, so that no computer edits or moves it: the probe relies on its place.
     log = _ENTRY.pack(
         *(_NAME, _ARCHIVE | _READ_ONLY, *when, high, clock, date, low),
         layout.log_sectors * SECTOR,
@@ -230,15 +230,16 @@ class Found:
 
 
 class NoLog(Exception):
-    """Why there is no log's file to be found. Never leaves the package."""
+    """Why the log's file can't be found. Never leaves the package."""
 
 
 def is_boot_sector(sector: bytes) -> bool:
+    """Whether it is the first sector of a FAT32."""
     return sector[82:90] == b"FAT32   " and sector[510:512] == _SIGNATURE
 
 
 def partition_types(sector: bytes) -> list[int]:
-    """Of each partition in a table; none where it is no table."""
+    """The type of each partition in a partition table; empty if it is no table."""
     if sector[510:512] != _SIGNATURE:
         return []
     entries = _PARTITION.iter_unpack(sector[_PARTITIONS:510])
@@ -246,7 +247,10 @@ def partition_types(sector: bytes) -> list[int]:
 
 
 def find_log(read: Callable[[int, int], bytes]) -> Found:
-    """Where the file is on a card or partition, of which `read` gives sectors."""
+    """Finds PROBE.LOG on a card or partition; NoLog if it isn't there in one piece.
+
+    `read(first, count)` gives sectors.
+    """
     return _Volume(read).find()
 
 

@@ -140,17 +140,17 @@ def _time_ns(text: str) -> int:
 
 
 def _prepare(args: argparse.Namespace) -> int:
-    from imud.card import card
+    from imud.card import prepare
 
-    return card.prepare(
+    return prepare.prepare(
         args.path, size=args.size, log_size=args.log_size, is_agreed=args.yes
     )
 
 
 def _read(args: argparse.Namespace) -> int:
-    from imud.card import card
+    from imud.card import read
 
-    return card.read(
+    return read.read(
         args.path,
         to=args.to,
         prefix=args.prefix,
@@ -160,6 +160,6 @@ def _read(args: argparse.Namespace) -> int:
 
 
 def _list(args: argparse.Namespace) -> int:
-    from imud.card import card
+    from imud.card import listing
 
-    return card.show(args.path)
+    return listing.show(args.path)

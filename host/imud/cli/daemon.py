@@ -116,11 +116,11 @@ def _add_install_service(commands: Commands) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from imud.config import settings
+    from imud.config import reader
     from imud.daemon import daemon
 
     return daemon.run(
-        lambda: settings.load(
+        lambda: reader.load(
             args.config,
             ports=args.ports,
             listen=args.listen,
@@ -134,12 +134,13 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _config(args: argparse.Namespace) -> int:
-    from imud.config import settings
+    from imud.config import reader
+    from imud.config.settings import Config
 
     if args.check is None:
-        sys.stdout.write(settings.as_toml(settings.Config()))
+        sys.stdout.write(reader.as_toml(Config()))
         return 0
-    found = settings.check(args.check)
+    found = reader.check(args.check)
     for line in found:
         sys.stderr.write(f"imud: {line}\n")
     if not found:

@@ -27,7 +27,7 @@ from rich.text import Text
 
 from imud.cli.attitude import HORIZON, TAPE, compass, horizon
 from imud.cli.pose_table import PIPE_S, TERMINAL_S
-from imud.cli.status_text import age_words, balance_words, sinks_words, total
+from imud.cli.status_text import age_words, balance_words, sinks_words
 from imud.client import (
     Missed,
     Pose,
@@ -36,6 +36,7 @@ from imud.client import (
     Subscription,
     subscribe,
 )
+from imud.probes.ledger import totals
 
 # The daemon publishes a status each second: after three without, it is silent.
 SILENT_S = 3.0
@@ -111,11 +112,11 @@ def loss_of(shown: Shown) -> Text:
     if shown.status is None:
         return text
     ledger = shown.status.ledger
-    lost, corrupt = total(ledger, "lost"), ledger["corrupt"]
-    here = shown.missed.network + shown.missed.queue
-    wire = f"lost {lost} of {total(ledger, 'sent')}, {corrupt} corrupt, "
-    wire += f"{here} on the way here"
-    return text.append(wire, style="red" if lost or corrupt or here else "default")
+    total = totals(ledger)
+    counts = (total.lost, ledger["corrupt"], shown.missed.network + shown.missed.queue)
+    wire = f"lost {total.lost} of {total.sent}, {counts[1]} corrupt"
+    wire += f", {counts[2]} on the way here"
+    return text.append(wire, style="red" if any(counts) else "default")
 
 
 def block_of(shown: Shown, now_s: float) -> list[Text]:

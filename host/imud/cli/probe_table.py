@@ -15,7 +15,6 @@ from imud.cli.status_text import (
     sinks_words,
     sum_words,
     time_words,
-    total,
     twin_words,
 )
 from imud.client import Client
@@ -67,6 +66,7 @@ def _row(status: dict[str, Any], alive: set[str]) -> tuple[str, ...]:
     hello = status["hello"]
     quality = status["quality"]
     ledger = status["ledger"]
+    total = totals(ledger)
     is_measured = status["pose_rate_hz"] > 0
     return (
         name,
@@ -75,7 +75,7 @@ def _row(status: dict[str, Any], alive: set[str]) -> tuple[str, ...]:
         str(hello.get("firmware", "?")),
         f"{status['pose_rate_hz']:.0f} Hz",
         time_words(quality.get("age_us"), quality.get("t_bound_us")),
-        f"{total(ledger, 'lost')} of {total(ledger, 'sent')}",
+        f"{total.lost} of {total.sent}",
         sum_words(ledger),
         sigma_words(quality["tilt_sigma_deg"]) if is_measured else "-",
         sigma_words(quality["heading_sigma_deg"]) if is_measured else "-",

@@ -9,25 +9,18 @@ from __future__ import annotations
 from typing import Any
 
 from imud.client import Pose
-
-
-def total(ledger: dict[str, Any], key: str) -> int:
-    """A count of the ledger over all boots of the probe that the daemon has seen."""
-    return int(ledger[key] + ledger["earlier_boots"][key])
+from imud.probes.ledger import totals
 
 
 def ledger_words(status: dict[str, Any]) -> str:
     """The messages of one probe, over all its boots, and the state of its twin."""
     ledger = status["ledger"]
-    sent, received, lost, doubled = (
-        total(ledger, key) for key in ("sent", "received", "lost", "duplicated")
-    )
-    skewed = sum(ledger["skewed"].values())
-    skewed += sum(ledger["earlier_boots"]["skewed"].values())
+    total = totals(ledger)
     dropped = sum(ledger["dropped"].values())
     return (
-        f"{sent} sent = {received} received + {skewed} skewed + {lost} lost; "
-        f"{ledger['corrupt']} corrupt, {doubled} duplicated, {dropped} dropped"
+        f"{total.sent} sent = {total.received} received + "
+        f"{total.skewed.total()} skewed + {total.lost} lost; "
+        f"{ledger['corrupt']} corrupt, {total.duplicated} duplicated, {dropped} dropped"
     ) + (f"; twin {twin_words(status)}" if status["twin"]["state"] != "off" else "")
 
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""What the daemon is told to do: settings, and TOML files that say them."""
+"""Settings of the daemon, and the TOML files that hold them."""

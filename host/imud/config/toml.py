@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Structs as TOML: written with every default and what it is, and each key that can't
-be so found in a file, with what could be there.
+"""Between msgspec structs and TOML: writes a struct with a comment on each key, and
+finds every mistake in a file, with its line and what would be allowed there.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from msgspec import inspect
 
 Struct = msgspec.Struct
 
-# A longer value is not repeated in full in a line about it.
+# A message repeats a longer value only up to here.
 SHOWN_MAX = 60
 
 _CONTROL = re.compile(r"[\x00-\x1f\x7f]")
@@ -28,20 +28,20 @@ _HEADER = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
 
 @dataclass(frozen=True, slots=True)
 class Mistake:
-    """A key that can't be, or a value that it can't have."""
+    """An unknown key, or a value that is not allowed."""
 
     path: tuple[str, ...]
     words: str
 
 
 def called(path: tuple[str, ...]) -> str:
-    """A key as its file has it: [log] rotate_mb."""
+    """A key as people write it: [log] rotate_mb."""
     *table, key = path
     return f"[{'.'.join(table)}] {key}" if table else key
 
 
 def parse(text: str) -> dict[str, Any]:
-    """TOMLDecodeError also for what the parser itself can't stand."""
+    """A TOML text as a dict. Raises TOMLDecodeError for anything that is not TOML."""
     try:
         return tomllib.loads(text)
     except RecursionError as error:
@@ -53,7 +53,7 @@ def parse(text: str) -> dict[str, Any]:
 
 
 def mistakes(table: Mapping[str, Any], kind: type[Struct]) -> list[Mistake]:
-    """All that keeps `table` from being a `kind`."""
+    """Everything that keeps `table` from being a `kind`."""
     return list(_mistakes(table, kind, kind, ()))
 
 
@@ -149,10 +149,10 @@ def _examples(hint: object) -> list[Any]:
 
 
 def allowed(hint: object) -> str:
-    """What a value may be, for people: "a whole number, 1 or more"."""
+    """What a type allows, in words: "a whole number, 1 or more"."""
     bare = get_args(hint)[0] if get_origin(hint) is Annotated else hint
     if get_origin(bare) is Literal:
-        # In the order in which it is declared: levels rise.
+        # In the declared order: log levels rise.
         return _either([_toml(value) for value in get_args(bare)])
     return _allowed(inspect.type_info(hint))
 
@@ -175,7 +175,8 @@ def _allowed(info: inspect.Type) -> str:
     if isinstance(info, inspect.LiteralType):
         return _either([_toml(value) for value in info.values])
     if isinstance(info, inspect.VarTupleType):
-        return f"a list of: {_allowed(info.item_type)}"
+        count = f" {info.min_length} or more" if info.min_length is not None else ""
+        return f"a list of{count}: {_allowed(info.item_type)}"
     return "text in quotes"
 
 
@@ -193,7 +194,7 @@ def _range(info: inspect.IntType | inspect.FloatType) -> str:
 
 
 def written(value: Struct, about: str) -> str:
-    """All of it, with what each key is for; a file that says just what `value` does."""
+    """`value` as a TOML file with a comment on each key. Reading it gives `value`."""
     lines = [f"# {line}" if line else "#" for line in about.splitlines()]
     lines += ["", *_keys(value, is_said=True)]
     for field in msgspec.structs.fields(type(value)):
@@ -232,7 +233,7 @@ def _keys(value: Struct, *, is_said: bool) -> Iterator[str]:
 
 
 def _comment(hint: object) -> str:
-    """What a key is for and what it may be, where its default doesn't show that."""
+    """What a key is for, and what is allowed where the default does not show it."""
     may_be = allowed(hint)
     info = _bare(inspect.type_info(hint))
     if isinstance(info, inspect.UnionType):
@@ -269,11 +270,16 @@ def _shown(value: object) -> str:
         text = _toml(value)
     except ValueError:  # an integer of more digits than Python prints
         return "so large a number"
+    return cut(text)
+
+
+def cut(text: str) -> str:
+    """A text for a message, cut to SHOWN_MAX characters."""
     return text if len(text) <= SHOWN_MAX else f"{text[: SHOWN_MAX - 3]}..."
 
 
 def line_of(text: str, path: tuple[str, ...]) -> int | None:
-    """Where a file says a key, or its section; None where neither is plain to see."""
+    """The line of a key, or else of its section; None if neither is found."""
     table: tuple[str, ...] = ()
     found = None
     for number, line in enumerate(text.splitlines(), 1):

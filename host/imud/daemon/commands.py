@@ -14,7 +14,7 @@ from operator import itemgetter
 from typing import Any
 
 from imud.config.settings import ProbeSettings
-from imud.daemon.fleet import Fleet, Watched, Wire
+from imud.daemon.registry import ProbeEntry, ProbePort, Registry
 from imud.errors import (
     CommandRefused,
     DeviceError,
@@ -23,9 +23,9 @@ from imud.errors import (
     ProbeUnknown,
     VersionMismatch,
 )
-from imud.probes.clock import host_ns
 from imud.probes.record import Stamp, plain
 from imud.probes.session import Received
+from imud.probes.timeline import host_ns
 from imud.wire import messages, schema
 from imud.wire.frame import encode_frame
 from imud.wire.messages import Message, Value
@@ -140,27 +140,27 @@ class Asking:
 class Commander:
     """Sends commands, one at a time to each probe, until they are answered."""
 
-    def __init__(self, fleet: Fleet) -> None:
-        self._fleet = fleet
+    def __init__(self, registry: Registry) -> None:
+        self._registry = registry
         self._sequence = 0
         # At random: a probe does not carry out a token twice in a row, and may have
         # heard the last one from the daemon before this one.
         self._token = secrets.randbelow(0xFFFF)
         self._replies: dict[int, asyncio.Future[Message]] = {}
         self._chance = random.SystemRandom()
-        self._asking: dict[Watched, Asking] = {}
+        self._asking: dict[ProbeEntry, Asking] = {}
 
     async def command(
         self, name: str, command: str, parameters: Mapping[str, str]
     ) -> Any:
         """Sends a command until it is answered; DeviceError says why it was not."""
-        watched = self._fleet.named(name)
-        if watched is None:
+        entry = self._registry.named(name)
+        if entry is None:
             raise ProbeUnknown(f"no probe {name} was heard; imud list shows them")
-        if watched.other is not None:
+        if entry.other is not None:
             raise VersionMismatch(
                 f"probe {name} speaks another schema (firmware "
-                f"{watched.other.firmware}); update it or imud"
+                f"{entry.other.firmware}); update it or imud"
             )
         known = {member.name.lower() for member in schema.Command}
         if command not in known:
@@ -169,13 +169,13 @@ class Commander:
                 f"{', '.join(sorted(known))}"
             )
         arguments = arguments_of(command, parameters)
-        async with watched.commanding:
-            message = await self._ask(watched, command, arguments)
+        async with entry.commanding:
+            message = await self._ask(entry, command, arguments)
         result = message.fields["result"]
         if result == "bad_argument" and "filter" in parameters:
             raise CommandRefused(
                 f"probe {name} has no filter {parameters['filter']}: its firmware was "
-                f"built without it and runs {plain(watched.probe.hello['filter'])}"
+                f"built without it and runs {plain(entry.probe.hello['filter'])}"
             )
         if result != "ok":
             raise CommandRefused(
@@ -185,14 +185,14 @@ class Commander:
 
     async def set_up(self, name: str, settings: ProbeSettings) -> None:
         """Has a probe do what its settings say; DeviceError where it does not."""
-        watched = self._fleet.named(name)
-        if watched is not None:
-            for command, parameters in orders_of(settings, watched.probe.hello):
+        entry = self._registry.named(name)
+        if entry is not None:
+            for command, parameters in orders_of(settings, entry.probe.hello):
                 await self.command(name, command, parameters)
                 if command == "rate":
                     # Its next hello says so, too; settings may change before.
                     key = f"{parameters['stream']}_rate"
-                    watched.probe.hello[key] = int(parameters["hz"])
+                    entry.probe.hello[key] = int(parameters["hz"])
 
     async def keep_time(self) -> None:
         """Asks all probes for their time, again and again, until it is cancelled."""
@@ -201,58 +201,58 @@ class Commander:
             await asyncio.sleep(TIME_STEP_S * self._chance.uniform(0.5, 1.5))
             now_s = loop.time()
             due = []
-            for watched in self._fleet:
-                asking = self._asking.setdefault(watched, Asking(self._chance))
-                if now_s >= asking.due_s and self._may_ask(watched):
-                    due.append((asking.due_s, watched, asking))
+            for entry in self._registry:
+                asking = self._asking.setdefault(entry, Asking(self._chance))
+                if now_s >= asking.due_s and self._may_ask(entry):
+                    due.append((asking.due_s, entry, asking))
             due.sort(key=itemgetter(0))
-            for _, watched, asking in due[:TIME_MAX]:
-                self._ask_time(watched, asking, now_s)
+            for _, entry, asking in due[:TIME_MAX]:
+                self._ask_time(entry, asking, now_s)
 
-    def _may_ask(self, watched: Watched) -> bool:
+    def _may_ask(self, entry: ProbeEntry) -> bool:
         # In between two tries of a command, a probe would forget that it has carried
         # it out already.
-        is_readable = watched.is_alive and watched.other is None
-        return is_readable and not watched.commanding.locked()
+        is_readable = entry.is_alive and entry.other is None
+        return is_readable and not entry.commanding.locked()
 
-    def _ask_time(self, watched: Watched, asking: Asking, now_s: float) -> None:
-        if watched.port is None:
+    def _ask_time(self, entry: ProbeEntry, asking: Asking, now_s: float) -> None:
+        if entry.port is None:
             return
         token = self._next_token()
         asking.asked[token] = host_ns()
         while len(asking.asked) > ASKED_MAX:
             del asking.asked[next(iter(asking.asked))]
-        asking.put_off(watched.stamp, now_s)
+        asking.put_off(entry.stamp, now_s)
         # The link says itself what is wrong with its port.
         with contextlib.suppress(PortLost):
-            asking.size = self._send(watched.port, "time", token, (0, 0))
+            asking.size = self._send(entry.port, "time", token, (0, 0))
 
-    def take_reply(self, watched: Watched, event: Received) -> None:
+    def take_reply(self, entry: ProbeEntry, event: Received) -> None:
         message = event.message
         token = message.fields["replied_token"]
-        asking = self._asking.get(watched)
+        asking = self._asking.get(entry)
         if asking is not None and token in asking.asked and isinstance(token, int):
-            session = watched.port.session if watched.port is not None else None
+            session = entry.session
             wire_ns = asking.size * (session.byte_ns if session is not None else 0)
             heard_ns = asking.asked.pop(token) + wire_ns
-            watched.probe.clock.heard(event.stamp.t_device_us, heard_ns)
+            entry.probe.clock.heard(event.stamp.t_device_us, heard_ns)
             asking.unanswered = 0
         reply = self._replies.get(token) if isinstance(token, int) else None
         if reply is not None and not reply.done():
             reply.set_result(message)
 
     async def _ask(
-        self, watched: Watched, command: str, arguments: tuple[int, int]
+        self, entry: ProbeEntry, command: str, arguments: tuple[int, int]
     ) -> Message:
         token = self._next_token()
         reply: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
         self._replies[token] = reply
         try:
             for _ in range(TRIES):
-                if watched.port is None:
-                    raise ProbeUnknown(f"probe {watched.name} is gone; plug it in")
+                if entry.port is None:
+                    raise ProbeUnknown(f"probe {entry.name} is gone; plug it in")
                 try:
-                    self._send(watched.port, command, token, arguments)
+                    self._send(entry.port, command, token, arguments)
                 except PortLost as error:
                     raise DeviceError(str(error)) from error
                 except ValueError as error:
@@ -263,12 +263,12 @@ class Commander:
         finally:
             del self._replies[token]
         raise NoReply(
-            f"probe {watched.name} did not answer {command}, {TRIES} times; "
+            f"probe {entry.name} did not answer {command}, {TRIES} times; "
             "is it alive? imud list"
         )
 
     def _send(
-        self, wire: Wire, name: str, token: int, arguments: tuple[int, int]
+        self, port: ProbePort, name: str, token: int, arguments: tuple[int, int]
     ) -> int:
         """How many bytes it is."""
         fields = {"command": name, "token": token, "arguments": arguments}
@@ -277,7 +277,7 @@ class Commander:
         content = messages.encode("command", fields, self._sequence, time_us)
         # A delimiter first: it ends whatever half frame the probe may hold.
         data = b"\0" + encode_frame(content)
-        wire.write(data)
+        port.write(data)
         return len(data)
 
     def _next_token(self) -> int:

@@ -9,7 +9,8 @@ import shlex
 import sys
 from pathlib import Path
 
-from imud.config.settings import Config, as_toml
+from imud.config.reader import as_toml
+from imud.config.settings import Config
 from imud.errors import ConfigError, FileError
 
 # What useradd(8) takes.

@@ -1,19 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""Zenoh sessions: the daemon's, as its configuration says, and those of its clients;
-with the keys that `imud keys` made, and what Zenoh tells of who was refused.
+"""Opens Zenoh sessions: the daemon's own and those of its clients, with the keys that
+`imud keys` made.
 """
 
 from __future__ import annotations
 
 import json
-import logging
 import os
-import re
-import sys
-import threading
 import time
 from base64 import b64encode
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -26,34 +22,29 @@ from imud.errors import ConfigError, DaemonNotFound, ListenFailed
 from imud.net import access
 from imud.net.access import Role
 
-# Files of a folder that `imud keys` made.
+# Files in a folder made by `imud keys`.
 CA, SERVER, SERVER_KEY = "ca.pem", "server.pem", "server.key"
 USERS, ROLES, CLIENTS = "users.txt", "roles.toml", "clients"
 
-# The user that the daemon itself is, where a session of its own is a client of it.
+# The daemon's own user, for a second session that connects to the first as a client.
 OWN = "imud"
 
-# Microseconds that a put waits for room towards a slow subscriber before the message
-# is dropped for it. Zenoh's own 1 ms loses messages when a machine is busy; the wait
-# is this sink's thread's and no one else's.
+# How long a put waits for room in a slow subscriber's queue before the message is
+# dropped for that subscriber, us. Zenoh's default of 1 ms loses messages on a busy
+# machine. Only the thread of the Zenoh sink waits.
 WAIT_BEFORE_DROP_US = 50_000
 
-# A daemon on this machine answers within milliseconds, one across a network in tens.
+# A daemon answers within milliseconds on this machine, tens of them over a network.
 CONNECT_TIMEOUT_MS = 2000
 POLL_S = 0.01
-
-# Of those who came last, to name who is refused.
-KNOWN_MAX = 256
 
 _TLS = "transport/link/tls/"
 _PASSWORDS = "transport/auth/usrpwd"
 _WAIT = "transport/link/tx/queue/congestion_control/drop/wait_before_drop"
 
-logger = logging.getLogger("imud")
-
 
 class Credentials(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A client's file: where the daemon is, how to know it, and who asks."""
+    """A client's file: the daemon's address, its authority, and who the client is."""
 
     endpoint: str
     user: str
@@ -65,6 +56,7 @@ class Credentials(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_credentials(path: Path) -> Credentials:
+    """Reads clients/NAME.toml of a folder of `imud keys`; ConfigError if it can't."""
     try:
         return msgspec.toml.decode(path.read_bytes(), type=Credentials)
     except OSError as error:
@@ -76,7 +68,7 @@ def read_credentials(path: Path) -> Credentials:
 
 
 def read_roles(folder: Path) -> dict[str, Role]:
-    """The users of a folder."""
+    """The users in a folder of `imud keys` and their roles; ConfigError on failure."""
     path = folder / ROLES
     try:
         return msgspec.toml.decode(path.read_bytes(), type=dict[str, Role])
@@ -91,18 +83,22 @@ def read_roles(folder: Path) -> dict[str, Role]:
 
 
 def is_guest(settings: Zenoh) -> bool:
-    """Whether it has no network but that of others, which may come and go."""
+    """Whether the daemon only joins a network of others, which may come and go."""
     return settings.mode != "router" and not listens_on(settings)
 
 
 def is_connected(session: zenoh.Session) -> bool:
-    """A client connects again by itself, a peer too."""
+    """Whether a router or peer is there. Zenoh reconnects by itself."""
     info = session.info
     return bool(info.routers_zid()) or bool(info.peers_zid())
 
 
 def open_daemon(settings: Zenoh) -> zenoh.Session:
-    """The session of `imud run`; DaemonNotFound where a guest finds nobody."""
+    """Opens the session of `imud run`.
+
+    Raises ListenFailed where an address is taken, DaemonNotFound where a guest finds
+    no network, ConfigError for an endpoint or keys that Zenoh can't use.
+    """
     session = _open_daemon(settings)
     if is_guest(settings) and not _connects(session):
         session.close()
@@ -111,7 +107,10 @@ def open_daemon(settings: Zenoh) -> zenoh.Session:
 
 
 def open_node(connect: Sequence[str], mine: Credentials | None) -> zenoh.Session:
-    """A session as nodes of rmw_zenoh have it: a peer, which waits for no router."""
+    """Opens a session like that of an rmw_zenoh node: a peer that needs no router.
+
+    Raises ConfigError where it can't connect.
+    """
     wanted: dict[str, Any] = {
         "mode": "peer",
         "listen/endpoints": [],
@@ -132,8 +131,9 @@ def open_node(connect: Sequence[str], mine: Credentials | None) -> zenoh.Session
 
 
 def own_credentials(settings: Zenoh, *, is_abroad: bool) -> Credentials | None:
-    """By which another session of the daemon's comes into its own network, or into one
-    that it is a guest of. Abroad nobody is shown what opens its own.
+    """What a second session of the daemon connects with, None: nothing.
+
+    `is_abroad`: to a router of another network, which never gets the keys to our own.
     """
     if settings.credentials:
         return read_credentials(Path(settings.credentials))
@@ -149,7 +149,7 @@ def own_credentials(settings: Zenoh, *, is_abroad: bool) -> Credentials | None:
 
 
 def _connects(session: zenoh.Session) -> bool:
-    """Within a while: a peer's session opens before it is connected."""
+    """Waits for a connection: a peer's session opens before it has one."""
     until_s = time.monotonic() + CONNECT_TIMEOUT_MS / 1000
     while not is_connected(session):
         if time.monotonic() > until_s:
@@ -194,7 +194,7 @@ def _open_daemon(settings: Zenoh) -> zenoh.Session:
 
 
 def open_client(where: str, mine: Credentials | None = None) -> zenoh.Session:
-    """A session with the daemon there."""
+    """Opens a session with the daemon at `where`; DaemonNotFound if there is none."""
     wanted: dict[str, Any] = {
         "mode": "client",
         "connect/endpoints": [where],
@@ -236,7 +236,7 @@ def _config(wanted: Mapping[str, Any]) -> zenoh.Config:
 
 
 def _guard(folder: Path, settings: Zenoh) -> dict[str, Any]:
-    """Lets in who has keys, to what its role allows."""
+    """Zenoh's settings that admit users with keys of this folder, each by its role."""
     roles = read_roles(folder)
     for name in (CA, SERVER, SERVER_KEY, USERS):
         if not os.access(folder / name, os.R_OK):
@@ -257,7 +257,9 @@ def _guard(folder: Path, settings: Zenoh) -> dict[str, Any]:
 
 
 def _known_as(mine: Credentials, passwords: Mapping[str, Any]) -> dict[str, Any]:
-    """The certificate is sent only to who asks for one."""
+    """Zenoh's settings that identify us. Only a daemon with mutual_tls asks for the
+    certificate.
+    """
     pem = {
         "root_ca_certificate": mine.ca,
         "connect_certificate": mine.certificate,
@@ -272,78 +274,3 @@ def _known_as(mine: Credentials, passwords: Mapping[str, Any]) -> dict[str, Any]
         _TLS + "enable_mtls": True,
         _PASSWORDS: {**passwords, "user": mine.user, "password": mine.password},
     }
-
-
-# What Zenoh's log says of a link that it takes, and of one that it then refuses.
-_LINK = re.compile(r"Accepted \w+ connection on \S+?: (?P<who>[^\s.]\S*?)\.?(?:\s|$)")
-_REFUSED = re.compile(r"establishment::accept: (?P<why>.*?)\.?(?: at /.*)?$")
-# Before it is known who: Zenoh doesn't say. Its hint is about another cause.
-_NO_TLS = re.compile(r"WARN .*zenoh_link_tls::unicast: (?P<why>.*?)(?:\. Hint: .*)?$")
-_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
-
-# A message that no rule allows, with the beginning of its session's id. What it was
-# Zenoh tells only beside a line for each message that is allowed: too dear.
-_DENIED = re.compile(r"demux\{.* src=\S*?/(?P<session>[0-9a-f]+)\S*: .*intercepted")
-_LOGGED = (
-    "zenoh_transport::unicast::establishment::accept=debug,"
-    "zenoh_link_tcp::unicast=debug,zenoh_link_tls::unicast=debug,"
-    "zenoh::net::routing::interceptor=trace,"
-    "zenoh::net::routing::interceptor::access_control=off,"
-    "zenoh::net::primitives=trace"
-)
-# Digits of a session's id to know it by: the log has 8, of which the first may be a
-# zero that Zenoh leaves out wherever else it tells the id.
-_SESSION_DIGITS = 7
-
-# Sessions that came, by the beginning of their ids. A process has one log of Zenoh's.
-_known: dict[str, str] = {}
-
-
-def know(session_id: str, who: str) -> None:
-    """By which name a session that is refused something is told of."""
-    while len(_known) >= KNOWN_MAX:
-        _known.pop(next(iter(_known)), None)
-    _known[session_id[:_SESSION_DIGITS]] = who
-
-
-def tell_refusals(tell: Callable[[str, str], None]) -> None:
-    """Has `tell` called, in a thread of its own, with each client that is refused, and
-    each message that is; first of which of the two kinds it is.
-
-    Zenoh tells of them only in its log, which goes to stdout: that is read here, and
-    what else comes by it goes on to stderr. Who has set RUST_LOG gets it as it is. Once
-    in a process.
-    """
-    if "RUST_LOG" in os.environ:
-        zenoh.try_init_log_from_env()
-        return
-    os.environ["RUST_LOG"] = _LOGGED
-    zenoh.try_init_log_from_env()
-    del os.environ["RUST_LOG"]
-    source, end = os.pipe()
-    os.dup2(end, 1)
-    os.close(end)
-    thread = threading.Thread(
-        target=_read_log, args=(source, tell), name="imud-refusals", daemon=True
-    )
-    thread.start()
-
-
-def _read_log(source: int, tell: Callable[[str, str], None]) -> None:
-    who = "somebody"
-    with os.fdopen(source, encoding="utf-8", errors="replace") as lines:
-        for coloured in lines:
-            line = _COLOUR.sub("", coloured).rstrip()
-            if link := _LINK.search(line):
-                who = link["who"]
-            elif failed := _NO_TLS.search(line):
-                tell("refused", f"network: somebody was refused: TLS: {failed['why']}")
-            elif refused := _REFUSED.search(line):
-                if not refused["why"].startswith("New transport"):
-                    tell("refused", f"network: {who} was refused: {refused['why']}")
-            elif denied := _DENIED.search(line):
-                session = denied["session"].lstrip("0")[:_SESSION_DIGITS]
-                by = _known.get(session, "somebody")
-                tell("denied", f"network: {by} asked for what its role does not allow")
-            elif "zenoh" not in line:
-                sys.stderr.write(f"{line}\n")

@@ -21,7 +21,7 @@ from serial.tools import list_ports
 
 from imud.config.settings import Ports, port_and_baud
 from imud.errors import PortLost, PortNotFound
-from imud.journal.text import Speaker
+from imud.journal.speaker import Speaker
 from imud.ports.baud import Memory
 from imud.ports.port import Listener, Port
 

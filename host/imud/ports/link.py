@@ -14,7 +14,7 @@ import serial
 
 from imud._core import read_some
 from imud.errors import LinkError, PortBusy, PortLost, PortNotFound, PortRefused
-from imud.probes.clock import host_ns
+from imud.probes.timeline import host_ns
 
 # A port that is not there or vanished is looked for this often, at 10 us each: a probe
 # is back before its next hello.

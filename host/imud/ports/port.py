@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 from imud.errors import LinkError, PortLost, PortNotFound
-from imud.journal.text import Speaker, port_problem
+from imud.journal.phrases import port_problem
+from imud.journal.speaker import Speaker
 from imud.ports.baud import Memory, Sound, Step, Trial
 from imud.ports.link import Link
-from imud.probes.clock import Timeline, host_ns
 from imud.probes.session import (
     NOISE_BYTES,
     Event,
@@ -26,6 +26,7 @@ from imud.probes.session import (
     Session,
     Silent,
 )
+from imud.probes.timeline import Timeline, host_ns
 
 # How often the time that passes is looked at while a rate is tried.
 LISTEN_S = 0.1
@@ -43,14 +44,14 @@ SILENT_S = 30.0
 class Listener(Protocol):
     """What ports ask and tell of the probes that speak on them."""
 
-    timeline: Timeline
-
+    @property
+    def timeline(self) -> Timeline: ...
     def probe(self, probe_id: str) -> Probe: ...
     def holder(self, probe_id: str, port: Any, since_ns: int) -> Any: ...
     def has_room(self, probe_id: str) -> bool: ...
     def missing(self) -> list[str]: ...
     def tell_double(self, probe_id: str, holder: Any, port: Any) -> None: ...
-    def follow_host(self, read_ns: int | None = None) -> None: ...
+    def follow_host(self, read_ns: int) -> None: ...
     def take(self, event: Event, port: Any) -> None: ...
     def take_other(self, event: OtherSchema, port: Any) -> None: ...
     def port_ended(self, session: Session, port: Any) -> None: ...

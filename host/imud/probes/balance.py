@@ -13,6 +13,8 @@ from typing import Any
 
 import msgspec
 
+from imud.probes.ledger import totals
+
 # The probe's counters are 32 bits and wrap.
 _MASK = (1 << 32) - 1
 
@@ -44,8 +46,7 @@ def balance(
     probe = _probe(counters, numbered)
     if probe is not None and probe["unexplained"]:
         differs.append("probe")
-    earlier = account["earlier_boots"]
-    if account["received"] + earlier["received"] != received:
+    if totals(account).received != received:
         differs.append("wire")
     differs += [
         name

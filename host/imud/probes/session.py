@@ -13,9 +13,11 @@ from typing import Any
 
 import msgspec
 
-from imud.probes.clock import Clock, Timeline
-from imud.probes.ledger import Account, Heard, Judged, Verdict
+from imud.probes.boot import DecodedFrame
+from imud.probes.clock import Clock
+from imud.probes.ledger import Account, Judged, Verdict
 from imud.probes.record import Stamp
+from imud.probes.timeline import Timeline
 from imud.wire import messages, schema
 from imud.wire.frame import FrameDecoder
 from imud.wire.messages import Message, Skew, Value
@@ -80,7 +82,7 @@ class OnlyNoise(msgspec.Struct, frozen=True):
 
 
 class Silent(msgspec.Struct, frozen=True):
-    """A port is open and nothing is heard."""
+    """A port is open and nothing is frame."""
 
     seconds: float
 
@@ -101,7 +103,7 @@ class Probe:
         self._lost: dict[str, int] = {}
 
     def stamp(
-        self, heard: Heard, message: Message, timeline: Timeline, byte_ns: int
+        self, frame: DecodedFrame, message: Message, timeline: Timeline, byte_ns: int
     ) -> Stamp:
         """Of the next message of its kind."""
         name = message.name
@@ -111,11 +113,11 @@ class Probe:
         missing = max(0, lost - self._lost.get(name, 0))
         self._lost[name] = lost
         number = self._numbers[name]
-        device_us = self.clock.unroll(heard.time_us, heard.t_ns)
-        if heard.t_ns is None:
+        device_us = self.clock.unroll(frame.time_us, frame.t_ns)
+        if frame.t_ns is None:
             return Stamp(number, missing, device_us)
         # It took at least so long on the wire.
-        self.clock.arrived(device_us, heard.t_ns - len(heard.content) * byte_ns)
+        self.clock.arrived(device_us, frame.t_ns - len(frame.content) * byte_ns)
         moment = self.clock.moment(device_us)
         t_ns, bound_ns = timeline.utc(moment.host_ns), moment.bound_ns
         if bound_ns is not None:
@@ -126,7 +128,7 @@ class Probe:
             device_us,
             t_ns,
             bound_ns,
-            timeline.utc(heard.t_ns),
+            timeline.utc(frame.t_ns),
         )
 
     def learn(self, hello: Message, content: bytes) -> None:
@@ -138,13 +140,13 @@ def first_hello(chunks: Iterable[bytes]) -> Message | None:
     decoder = FrameDecoder()
     for data in chunks:
         for content in decoder.feed(data):
-            said = messages.decode(content)
+            decoded = messages.decode(content)
             if (
-                isinstance(said, Message)
-                and said.name == "hello"
-                and said.fields["schema_fingerprint"] == schema.FINGERPRINT
+                isinstance(decoded, Message)
+                and decoded.name == "hello"
+                and decoded.fields["schema_fingerprint"] == schema.FINGERPRINT
             ):
-                return said
+                return decoded
     return None
 
 
@@ -176,7 +178,7 @@ class Session:
         self.byte_ns = 0
         self._decoder = FrameDecoder()
         self._has_delimiter = False
-        self._waiting: deque[Heard] = deque()
+        self._waiting: deque[DecodedFrame] = deque()
         self._is_foreign = False
         self._tallied = Counter[str]()
         self._bad = 0
@@ -268,27 +270,29 @@ class Session:
     def take(self, content: bytes, t_ns: int | None) -> list[Event]:
         """What one frame's content means, once its CRC is known to be good."""
         events: list[Event] = []
-        said = messages.decode(content)
-        if isinstance(said, Message) and not said.is_from_probe:
-            detail = f"{said.name} comes from the wrong side"
-            said = Skew("unknown_message", detail, said.sequence, said.time_us)
-        if said.sequence is None or said.time_us is None:
-            if isinstance(said, Skew):
-                self.headless[said.kind] += 1
+        decoded = messages.decode(content)
+        if isinstance(decoded, Message) and not decoded.is_from_probe:
+            detail = f"{decoded.name} comes from the wrong side"
+            decoded = Skew("unknown_message", detail, decoded.sequence, decoded.time_us)
+        if decoded.sequence is None or decoded.time_us is None:
+            if isinstance(decoded, Skew):
+                self.headless[decoded.kind] += 1
             return events
-        heard = Heard(content, said, said.sequence, said.time_us, t_ns)
-        if isinstance(said, Message) and said.name == "hello":
-            self._take_hello(heard, said, events)
+        frame = DecodedFrame(content, decoded, decoded.sequence, decoded.time_us, t_ns)
+        if isinstance(decoded, Message) and decoded.name == "hello":
+            self._take_hello(frame, decoded, events)
         elif self.probe is None:
             if len(self._waiting) == WAITING_MAX:
                 self._waiting.popleft()
                 self.unnamed += 1
-            self._waiting.append(heard)
+            self._waiting.append(frame)
         else:
-            self._note(self.probe, heard, events)
+            self._note(self.probe, frame, events)
         return events
 
-    def _take_hello(self, heard: Heard, hello: Message, events: list[Event]) -> None:
+    def _take_hello(
+        self, frame: DecodedFrame, hello: Message, events: list[Event]
+    ) -> None:
         probe_id = hello.fields["probe_id"]
         fingerprint = hello.fields["schema_fingerprint"]
         if not isinstance(probe_id, bytes) or not isinstance(fingerprint, int):
@@ -314,8 +318,8 @@ class Session:
         if probe is None:
             return
         if not probe.hello:
-            probe.learn(hello, heard.content)
-        waiting = [*self._waiting, heard]
+            probe.learn(hello, frame.content)
+        waiting = [*self._waiting, frame]
         self._waiting.clear()
         boots = probe.account.boots
         told: list[Event] = []
@@ -324,22 +328,22 @@ class Session:
         is_restart = boots > 0 and probe.account.boots > boots
         is_heard = any(isinstance(e, Received) and e.message is hello for e in told)
         if is_heard:
-            probe.learn(hello, heard.content)
+            probe.learn(hello, frame.content)
         if is_first or is_restart:
             events.append(ProbeFound(probe.probe_id, hello, is_restart))
         events.extend(told)
 
-    def _note(self, probe: Probe, heard: Heard, events: list[Event]) -> None:
-        for judged in probe.account.note(heard):
+    def _note(self, probe: Probe, frame: DecodedFrame, events: list[Event]) -> None:
+        for judged in probe.account.note(frame):
             self._tell(probe, judged, events)
 
     def _tell(self, probe: Probe, judged: Judged, events: list[Event]) -> None:
-        heard = judged.heard
+        frame = judged.frame
         if judged.begins_boot:
             probe.clock = Clock(probe.clock.rate)
-        if judged.verdict is Verdict.GOOD and isinstance(heard.said, Message):
-            stamp = probe.stamp(heard, heard.said, self._timeline, self.byte_ns)
-            events.append(Received(probe, heard.said, heard.content, stamp))
+        if judged.verdict is Verdict.GOOD and isinstance(frame.decoded, Message):
+            stamp = probe.stamp(frame, frame.decoded, self._timeline, self.byte_ns)
+            events.append(Received(probe, frame.decoded, frame.content, stamp))
         else:
-            skew = heard.said if isinstance(heard.said, Skew) else None
+            skew = frame.decoded if isinstance(frame.decoded, Skew) else None
             events.append(Refused(probe.probe_id, judged.verdict, skew))

@@ -12,9 +12,12 @@ from typing import Any, TextIO
 import msgspec
 from msgspec.structs import replace
 
-from imud.card import card, disk
+from imud.card import disk
+from imud.card.listing import plural
+from imud.card.probe_log import MAGIC, find_log
 from imud.errors import FileError
 from imud.log.reader import Logged, LogHead, read_log
+from imud.probes.ledger import totals
 from imud.probes.record import HEAD, describe, euler_deg
 from imud.probes.session import (
     Event,
@@ -51,24 +54,17 @@ class Tally:
             yield "no message in it"
         for name, probe in self.probes.items():
             counts: Any = probe.account.counts()
-            earlier = counts["earlier_boots"]
-            sent, received, lost, doubled = (
-                counts[key] + earlier[key]
-                for key in ("sent", "received", "lost", "duplicated")
-            )
-            skews = dict(counts["skewed"])
-            for kind, count in earlier["skewed"].items():
-                skews[kind] = skews.get(kind, 0) + count
+            total = totals(counts)
             yield (
-                f"{name}: {sent} sent = {received} received + "
-                f"{sum(skews.values())} skewed{_kinds(skews)} + {lost} lost; "
-                f"{doubled} duplicated, {counts['strays']} stray, "
-                f"{_plural(counts['boots'], 'boot')}"
+                f"{name}: {total.sent} sent = {total.received} received + "
+                f"{total.skewed.total()} skewed{_kinds(total.skewed)} + "
+                f"{total.lost} lost; {total.duplicated} duplicated, "
+                f"{counts['strays']} stray, {plural(counts['boots'], 'boot')}"
             )
         for link in self.links:
             yield (
-                f"{_plural(link['bytes'], 'byte')}, "
-                f"{_plural(link['frames'], 'frame')}, "
+                f"{plural(link['bytes'], 'byte')}, "
+                f"{plural(link['frames'], 'frame')}, "
                 f"{link['corrupt']} corrupt{_kinds(link['corrupt_kinds'])}"
                 + (", the first cut off" if link["partial"] else "")
             )
@@ -89,7 +85,7 @@ def decode_file(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
             magic = file.read(8)
     except OSError as error:
         raise FileError(f"can't read {path}: {error.strerror}") from error
-    known = {MCAP_MAGIC: _decode_log, card.MAGIC: _decode_card}
+    known = {MCAP_MAGIC: _decode_log, MAGIC: _decode_card}
     yield from known.get(magic, _decode_capture)(path, tally)
 
 
@@ -111,7 +107,7 @@ def _decode_capture(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
 def _decode_card(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
     """Each recording has numbers of its own, as a boot has."""
     with disk.opened(path) as file:
-        log = card.find_log(file)
+        log = find_log(file)
         for recording in log.recordings():
             hello = first_hello(log.frames(recording))
             probe = speaker_of(hello, Probe)
@@ -261,10 +257,6 @@ def _shown(value: Value) -> str:
     if isinstance(value, tuple | list):
         return " ".join(str(part) for part in value) or "none"
     return str(value)
-
-
-def _plural(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def _kinds(skews: dict[str, int]) -> str:

@@ -1,16 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""`imud replay`: a log once more, as if its probes were there: ptys or Zenoh."""
+"""`imud replay`: plays logs as if their probes were there, on ptys or over Zenoh."""
 
 from __future__ import annotations
 
-import contextlib
-import fcntl
-import os
-import select
 import sys
-import termios
 import time
-import tty
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,113 +27,16 @@ from imud.log.reader import (
 )
 from imud.net import network
 from imud.progress import Progress
+from imud.recordings.pty import PortGone, PtyPort
 from imud.wire import schema
 from imud.wire.frame import encode_frame
 
-# How often it looks whether somebody has opened a pty.
-LOOK_S = 0.02
-
-# A reader flushes what came while it opened the port. imud takes HUPCL away when it has
-# done so; others have had the time to.
-SETTLE_S = 0.3
-
-# At the end a reader has so long to take what is still in the pty: it is lost with it.
-DRAIN_S = 5.0
-
-# Where that can't be seen, since the reader lets none open it beside.
-LINGER_S = 0.5
-
-# Looks in a row that find nothing left: the kernel moves bytes in two steps.
-EMPTY_LOOKS = 3
-
-_CFLAG = 2  # its place in what tcgetattr returns
-
-# Of a log, what imud run does not publish.
+# Topics of a log that `imud run` does not publish.
 NOT_PUBLISHED = frozenset({"hello", "pose_in_frame"})
 
 
-class PortGone(Exception):
-    """Whoever read the pty has closed it: an end, not an error."""
-
-
-class PtyPort:
-    """A serial port on which one probe speaks; what it is told is not heard."""
-
-    def __init__(self, link: Path | None) -> None:
-        self._master, slave = os.openpty()
-        tty.setraw(slave)
-        attributes = termios.tcgetattr(slave)
-        attributes[_CFLAG] |= termios.HUPCL
-        termios.tcsetattr(slave, termios.TCSANOW, attributes)
-        os.set_blocking(self._master, False)
-        self.name = self._tty = os.ttyname(slave)
-        self._link = link
-        # Held open by none, it tells by its hang-up whether anybody listens.
-        os.close(slave)
-        if link is not None:
-            try:
-                if link.is_symlink():
-                    link.unlink()
-                link.symlink_to(self.name)
-            except OSError as error:
-                os.close(self._master)
-                raise FileError(f"can't make {link}: {error.strerror}") from error
-            self.name = str(link)
-
-    def wait_open(self) -> None:
-        while self._events(select.POLLOUT, 0) & select.POLLHUP:
-            time.sleep(LOOK_S)
-        until_s = time.monotonic() + SETTLE_S
-        while self._is_settling() and time.monotonic() < until_s:
-            time.sleep(LOOK_S)
-
-    def _is_settling(self) -> bool:
-        return bool(termios.tcgetattr(self._master)[_CFLAG] & termios.HUPCL)
-
-    def write(self, data: bytes) -> None:
-        """Waits for room: the pace is the reader's where that is slower."""
-        while data:
-            events = self._events(select.POLLOUT | select.POLLIN, 1000)
-            if events & select.POLLHUP:
-                raise PortGone
-            if events & select.POLLIN:
-                with contextlib.suppress(OSError):
-                    os.read(self._master, 4096)
-            if events & select.POLLOUT:
-                with contextlib.suppress(BlockingIOError):
-                    data = data[os.write(self._master, data) :]
-
-    def drain(self) -> None:
-        """Waits until the reader has taken all."""
-        try:
-            slave = os.open(self._tty, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
-        except OSError:
-            time.sleep(LINGER_S)
-            return
-        try:
-            until_s = time.monotonic() + DRAIN_S
-            looks = 0
-            while looks < EMPTY_LOOKS and time.monotonic() < until_s:
-                waiting = fcntl.ioctl(slave, termios.FIONREAD, bytes(4))
-                looks = looks + 1 if waiting == bytes(4) else 0
-                time.sleep(LOOK_S)
-        finally:
-            os.close(slave)
-
-    def close(self) -> None:
-        if self._link is not None:
-            self._link.unlink(missing_ok=True)
-        os.close(self._master)
-
-    def _events(self, mask: int, timeout_ms: int) -> int:
-        poll = select.poll()
-        poll.register(self._master, mask)
-        found = poll.poll(timeout_ms)
-        return found[0][1] if found else 0
-
-
 class Pace:
-    """Holds messages back until their time; `speed` None: never."""
+    """Holds each message back until its time; a `speed` of None plays without waits."""
 
     def __init__(
         self,
@@ -153,6 +50,7 @@ class Pace:
         self._begin: tuple[int, float] | None = None
 
     def wait(self, t_ns: int) -> None:
+        """Sleeps until a message of that time is due; the first one is due at once."""
         if self._speed is None:
             return
         if self._begin is None:
@@ -165,16 +63,19 @@ class Pace:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Logs in the order in which they were begun, and who speaks in them."""
+    """Logs, ordered by their first message, and the probes in them."""
 
     paths: list[Path]
     probes: list[str]
     prefix: str  # of their keys
-    others: tuple[Path, ...] = ()  # whose frames are of another schema
+    others: tuple[Path, ...] = ()  # logs with frames of another schema
 
 
 def recording(paths: Sequence[Path], probe: str | None = None) -> Recording:
-    """What is to be played: of all the probes in these logs, or of that one."""
+    """What to play: all probes of these logs, or only `probe`.
+
+    Raises FileError for logs without messages, ProbeUnknown for a probe not in them.
+    """
     begins: dict[Path, int] = {}
     others = []
     prefixes: dict[str, str] = {}
@@ -197,8 +98,8 @@ def recording(paths: Sequence[Path], probe: str | None = None) -> Recording:
 
 
 def _contents(path: Path) -> tuple[int, dict[str, str], bool]:
-    """When a log begins; its probes, with what their keys begin with; whether it is of
-    this schema.
+    """A log's first time (ns), its probes with the prefix of their keys, and whether
+    its frames are of our schema.
     """
     size = size_of(path)
     known = [each for each in channels_of(path) if isinstance(each, Channel)]
@@ -226,7 +127,7 @@ def _contents(path: Path) -> tuple[int, dict[str, str], bool]:
 
 
 class _Player:
-    """Hands out what was logged, when its time comes; tells how far it is."""
+    """Yields logged messages when they are due, and shows the progress."""
 
     def __init__(self, what: Recording, speed: float | None) -> None:
         self._what = what
@@ -246,7 +147,7 @@ class _Player:
         elif issubclass(kind, KeyboardInterrupt):
             _say(f"stopped after {self._messages()}")
         elif issubclass(kind, PortGone):
-            _say(f"whoever read it has gone, after {self._messages()}")
+            _say(f"the reader closed the port after {self._messages()}")
 
     def items(self) -> Iterator[Logged]:
         for path in self._what.paths:
@@ -254,7 +155,7 @@ class _Player:
                 if isinstance(item, Damage):
                     if item.size:
                         self._bar.wipe()
-                        _say(f"{path}: {item.size} damaged bytes are left out")
+                        _say(f"{path}: left out {item.size} damaged bytes")
                 elif self._is_played(item):
                     self._pace.wait(item.t_ns)
                     yield item
@@ -275,7 +176,10 @@ class _Player:
 
 
 def to_ports(what: Recording, link: Path | None, speed: float | None) -> int:
-    """The frames of each probe on a pty of its own, from when all are opened on."""
+    """Plays the frames of each probe on its own pty, once all ptys have a reader.
+
+    `speed` is a factor of real time, None: as fast as the readers take it. Returns 0.
+    """
     if link is not None and len(what.probes) > 1:
         raise ProbeUnknown(
             f"there are {', '.join(what.probes)} and --link is one port: choose one "
@@ -283,8 +187,8 @@ def to_ports(what: Recording, link: Path | None, speed: float | None) -> int:
         )
     if what.others:
         raise FileError(
-            f"{what.others[0]} is of another schema than this imud; take the imud that "
-            "wrote it, or replay what it said with --connect"
+            f"{what.others[0]} is of another schema than this imud; use the imud that "
+            "wrote it, or replay what was published with --connect"
         )
     ports: dict[str, PtyPort] = {}
     strange = 0
@@ -312,13 +216,13 @@ def to_ports(what: Recording, link: Path | None, speed: float | None) -> int:
         for each in ports.values():
             each.close()
     if strange:
-        sys.stderr.write(f"{strange} that are no messages of a probe were left out\n")
+        sys.stderr.write(f"left out {strange} frames that no probe could have sent\n")
     return 0
 
 
 class NetworkProbe:
-    """What a daemon has of one probe on the network: liveliness, the last status for
-    who asks, and a refusal for who commands.
+    """A replayed probe on the network: its liveliness, its last status on request, and
+    a refusal for every command.
     """
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
@@ -346,7 +250,7 @@ class NetworkProbe:
     def _refuse(self, query: zenoh.Query) -> None:
         with query:
             query.reply_err(
-                "it is a log that is replayed, which takes no commands",
+                "this is the replay of a log, which takes no commands",
                 encoding=zenoh.Encoding.TEXT_PLAIN,
             )
 
@@ -355,7 +259,7 @@ _JSON = zenoh.Encoding.APPLICATION_JSON
 
 
 def connected(what: Recording, endpoint: str | None, keys: Path | None) -> Client:
-    """The network, as one who may publish in it."""
+    """A client that may publish; ConfigError for keys that are not a daemon's."""
     if keys is not None and network.read_credentials(keys).role != "daemon":
         raise ConfigError(
             f"{keys}: only a daemon may publish; imud keys add DIR daemon NAME makes "
@@ -367,12 +271,16 @@ def connected(what: Recording, endpoint: str | None, keys: Path | None) -> Clien
 
 
 def to_network(what: Recording, client: Client, speed: float | None) -> int:
-    """All that was published, on the same keys, into a network that is there."""
+    """Publishes all that the daemon had published, on the same keys.
+
+    `speed` is a factor of real time, None: as fast as the network takes it. Raises
+    ProbeUnknown if a probe of that name is alive there. Returns 0.
+    """
     session = client.session
     for name in sorted({*what.probes} & {*client.alive()}):
         raise ProbeUnknown(
             f"a probe {name} is there already, and two on one key can't be told apart; "
-            "replay where it is not, or choose others with --probe"
+            "replay on another network, or choose another with --probe"
         )
     probes: dict[str, NetworkProbe] = {}
     try:
@@ -383,8 +291,7 @@ def to_network(what: Recording, client: Client, speed: float | None) -> int:
                     probes[item.probe] = NetworkProbe(session, key)
                 probes[item.probe].take(item)
                 is_frame = item.topic == "frame"
-                # One that waits: at any speed the network sets the pace and drops
-                # nothing.
+                # BLOCK: a slow network slows the replay down and drops nothing.
                 session.put(
                     f"{key}/{item.topic}",
                     item.data,

@@ -13,6 +13,7 @@ import zenoh
 
 from imud.net import network
 from imud.net.network import Credentials
+from imud.probes.ledger import totals
 from imud.probes.record import Presence, Record
 from imud.ros2 import cdr, topics
 from imud.ros2.cdr import Diagnosis, Level
@@ -133,7 +134,7 @@ class Translator:
         """How a probe does; a loss is told in the status that first counts it."""
         ledger = status.get("ledger") or {}
         losses = {
-            "lost": _total(ledger, "lost"),
+            "lost": totals(ledger).lost,
             "corrupt": ledger.get("corrupt") or 0,
             "dropped": sum((ledger.get("dropped") or {}).values()),
         }
@@ -161,11 +162,6 @@ def orientation_covariance(pose: Said) -> Sequence[float]:
     tilt = math.radians(tilt_deg) ** 2
     heading = FREE_RAD2 if heading_deg is None else math.radians(heading_deg) ** 2
     return (tilt, 0.0, 0.0, 0.0, tilt, 0.0, 0.0, 0.0, heading)
-
-
-def _total(ledger: Said, name: str) -> int:
-    earlier = ledger.get("earlier_boots") or {}
-    return int(ledger.get(name) or 0) + int(earlier.get(name) or 0)
 
 
 def _verdict(status: Said, fresh: Mapping[str, int]) -> tuple[Level, str]:
@@ -197,7 +193,7 @@ def _values(status: Said, ledger: Said, losses: Mapping[str, int]) -> dict[str, 
         "tilt_sigma_deg": quality.get("tilt_sigma_deg"),
         "heading_sigma_deg": quality.get("heading_sigma_deg"),
         "flags": " ".join(quality.get("flags") or ()),
-        "received": _total(ledger, "received"),
+        "received": totals(ledger).received,
         **losses,
         "battery_v": equipment.get("battery_v"),
         "firmware": hello.get("firmware"),

@@ -12,7 +12,7 @@ import zenoh.ext
 
 from imud.config.settings import Zenoh
 from imud.errors import NetworkError
-from imud.net import network
+from imud.net import network, refusals
 from imud.probes.record import Presence, Record
 
 # At the end: what a slow subscriber has not taken by then is dropped.
@@ -188,7 +188,7 @@ class ZenohSink:
         what = "came" if event.kind == zenoh.SampleKind.PUT else "left"
         link = event.link
         name = link.auth_identifier
-        network.know(str(link.zid), f"{link.dst} ({name})" if name else link.dst)
+        refusals.know(str(link.zid), f"{link.dst} ({name})" if name else link.dst)
         by = f" with the certificate of {name}" if name else ""
         self._on_notice(("link", what), f"network: {link.dst} {what}{by}", False)
 

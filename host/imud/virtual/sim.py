@@ -196,14 +196,14 @@ def _motion(
     args: argparse.Namespace,
 ) -> tuple[float, Iterable[Motion], float | None]:
     """What to feel: its rate, its pieces, and for how long it is wanted."""
-    from imud.virtual import motion
+    from imud.virtual import motion, sensors
 
     if args.motion is None and args.save_motion is None:
-        return motion.HAND_RATE_HZ, motion.stream(args.seed), args.seconds
+        return sensors.HAND_RATE_HZ, sensors.stream(args.seed), args.seconds
     if args.motion is not None:
         recording = motion.load(args.motion)
     else:
-        recording = motion.generate(args.seconds, args.seed)
+        recording = sensors.generate(args.seconds, args.seed)
         try:
             recording.save(args.save_motion)
         except OSError as error:

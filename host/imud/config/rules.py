@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: MIT
+"""Mistakes in settings that their types allow: texts that can't be a key or an
+address, settings that contradict each other, and doors left open to everybody.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from imud.config.settings import (
+    BAUD_MAX,
+    RATES,
+    Config,
+    Metrics,
+    Ports,
+    ProbeSettings,
+    Zenoh,
+    listens_on,
+    port_and_baud,
+)
+from imud.config.toml import Mistake, cut
+from imud.defaults import ENDPOINT
+from imud.endpoint import host_and_port, is_local, is_loopback, link_of
+from imud.ros2 import topics
+
+# One part of a key. Zenoh gives the excluded characters a meaning.
+_NAME = re.compile(r"[^/*$#?\s]+")
+_PREFIX = re.compile(rf"{_NAME.pattern}(/{_NAME.pattern})*")
+_PROBE_ID = re.compile(r"[0-9a-f]{16}")
+
+
+def contradictions(config: Config) -> Iterator[Mistake]:
+    """Every mistake that the type of a setting does not exclude."""
+    yield from _of_ports(config.ports)
+    if config.zenoh.mode == "router" and not config.zenoh.listen:
+        yield Mistake(("zenoh", "listen"), f"is empty; try [{_quoted(ENDPOINT)}]")
+    yield from _of_network(config.zenoh)
+    if not _PREFIX.fullmatch(config.zenoh.prefix):
+        yield Mistake(
+            ("zenoh", "prefix"), f"{cut(config.zenoh.prefix)!r} can't be part of a key"
+        )
+    yield from _of_metrics(config.metrics)
+    yield from _of_probes(config.probes)
+    if config.ros2.enabled:
+        yield from _of_ros2(config)
+
+
+def _of_ports(section: Ports) -> Iterator[Mistake]:
+    named = [port_and_baud(port) for port in section.named]
+    if not named and not section.find:
+        yield Mistake(
+            ("ports", "find"),
+            "is off and no port is named; name one: imud run /dev/ttyUSB0",
+        )
+    if len({port for port, _ in named}) < len(named):
+        yield Mistake(("ports", "named"), "a port is named twice")
+    for baud in (own for _, own in named if own is not None):
+        if not 0 < baud <= BAUD_MAX:
+            yield Mistake(("ports", "named"), f"baud {baud} is not in 1..{BAUD_MAX}")
+    if not section.rates:
+        yield Mistake(("ports", "rates"), f"is empty; try {list(RATES)}")
+
+
+def _of_metrics(section: Metrics) -> Iterator[Mistake]:
+    if not section.listen:
+        return
+    path = ("metrics", "listen")
+    address = host_and_port(section.listen)
+    if address is None:
+        yield Mistake(
+            path, f"{_quoted(section.listen)} is not HOST:PORT, as 127.0.0.1:9735"
+        )
+    elif not is_loopback(address[0]) and not section.open_to_all:
+        yield Mistake(
+            path,
+            f"{cut(address[0])} is beyond this machine; listen on 127.0.0.1, or let "
+            "anybody read: open_to_all = true",
+        )
+
+
+def _of_probes(probes: dict[str, ProbeSettings]) -> Iterator[Mistake]:
+    names: set[str] = set()
+    for probe_id, probe in probes.items():
+        path = ("probes", probe_id)
+        if not _PROBE_ID.fullmatch(probe_id):
+            yield Mistake(path, "an id is 16 hexadecimal digits; imud list shows them")
+        if not probe.name:
+            continue
+        if not _NAME.fullmatch(probe.name):
+            yield Mistake(
+                (*path, "name"), f"{cut(probe.name)!r} can't be part of a key"
+            )
+        if probe.name in names or probe.name in probes.keys() - {probe_id}:
+            yield Mistake(
+                (*path, "name"),
+                f"{_quoted(probe.name)} is the name of another probe, too",
+            )
+        names.add(probe.name)
+
+
+def _of_ros2(config: Config) -> Iterator[Mistake]:
+    """ROS allows fewer characters in a name than Zenoh does."""
+    if not re.fullmatch(topics.NAMESPACE, config.ros2.namespace):
+        yield Mistake(
+            ("ros2", "namespace"),
+            f"{cut(config.ros2.namespace)!r} can't be part of a topic; letters, "
+            "digits and single _ can, no digit first",
+        )
+    names: dict[str, str] = {}
+    for probe_id in config.probes:
+        name = config.name_of(probe_id)
+        other = names.setdefault(topics.ros_name(name), name)
+        if other != name:
+            yield Mistake(
+                ("probes", probe_id, "name"),
+                f"{cut(name)!r} and {cut(other)!r} are both "
+                f"{cut(topics.ros_name(name))} in ROS",
+            )
+
+
+def _of_network(network: Zenoh) -> Iterator[Mistake]:
+    """Also refuses to listen beyond this machine without keys, unless told to."""
+    listen = listens_on(network)
+    if network.mode != "router" and not (network.connect or listen):
+        yield Mistake(
+            ("zenoh", "connect"),
+            f"is empty; a {network.mode} needs one, as "
+            f"[{_quoted('tcp/192.168.1.10:7447')}]",
+        )
+    if network.keys:
+        for endpoint in listen:
+            if link_of(endpoint) != "tls":
+                meant = cut(f"tls/{endpoint.partition('/')[2]}")
+                yield Mistake(
+                    ("zenoh", "listen"),
+                    f"{cut(endpoint)} sends passwords in clear; with keys it is "
+                    f"{meant}",
+                )
+    elif not network.open_to_all:
+        for endpoint in listen:
+            if not is_local(endpoint):
+                yield Mistake(
+                    ("zenoh", "listen"),
+                    f"{cut(endpoint)} is open to all who reach this machine; require "
+                    "keys: imud keys init DIR, then --keys DIR or zenoh.keys; or "
+                    "allow it: zenoh.open_to_all = true",
+                )
+
+
+def _quoted(text: str) -> str:
+    return f'"{cut(text)}"'

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: MIT
+"""Reports clients and messages that Zenoh refuses, from the only place where it says
+so: its log.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import threading
+from collections.abc import Callable
+
+import zenoh
+
+KNOWN_MAX = 256  # sessions whose name is remembered
+
+# Lines of Zenoh's log: an accepted link, and one that is then refused.
+_LINK = re.compile(r"Accepted \w+ connection on \S+?: (?P<who>[^\s.]\S*?)\.?(?:\s|$)")
+_REFUSED = re.compile(r"establishment::accept: (?P<why>.*?)\.?(?: at /.*)?$")
+# A link without TLS: Zenoh does not say from where. Its hint is about another cause.
+_NO_TLS = re.compile(r"WARN .*zenoh_link_tls::unicast: (?P<why>.*?)(?:\. Hint: .*)?$")
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+
+# A message that no rule allows, with the first digits of its session's id. The level
+# that names the key also logs every message that is allowed: too expensive.
+_DENIED = re.compile(r"demux\{.* src=\S*?/(?P<session>[0-9a-f]+)\S*: .*intercepted")
+_LOGGED = (
+    "zenoh_transport::unicast::establishment::accept=debug,"
+    "zenoh_link_tcp::unicast=debug,zenoh_link_tls::unicast=debug,"
+    "zenoh::net::routing::interceptor=trace,"
+    "zenoh::net::routing::interceptor::access_control=off,"
+    "zenoh::net::primitives=trace"
+)
+# Digits that identify a session: the log prints 8, of which the first may be a zero
+# that Zenoh leaves out elsewhere.
+_SESSION_DIGITS = 7
+
+# Names of sessions by the first digits of their ids. Zenoh has one log a process.
+_known: dict[str, str] = {}
+
+
+def know(session_id: str, who: str) -> None:
+    """Remembers a session's name for the line about a message it was denied."""
+    while len(_known) >= KNOWN_MAX:
+        _known.pop(next(iter(_known)), None)
+    _known[session_id[:_SESSION_DIGITS]] = who
+
+
+def tell_refusals(tell: Callable[[str, str], None]) -> None:
+    """Calls `tell(kind, line)` for each client that is "refused" and for each message
+    that is "denied", in a thread of its own. To be called once in a process.
+
+    Zenoh reports them only in its log, which its Python package can only write to
+    stdout. So file descriptor 1 becomes a pipe that is read here; other lines that come
+    through it go to stderr. With RUST_LOG set, nothing is redirected or reported.
+    """
+    zenoh.init_log_from_env_or(_LOGGED)
+    if "RUST_LOG" in os.environ:
+        return
+    source, end = os.pipe()
+    os.dup2(end, 1)
+    os.close(end)
+    thread = threading.Thread(
+        target=_read_log, args=(source, tell), name="imud-refusals", daemon=True
+    )
+    thread.start()
+
+
+def _read_log(source: int, tell: Callable[[str, str], None]) -> None:
+    who = "somebody"
+    with os.fdopen(source, encoding="utf-8", errors="replace") as lines:
+        for coloured in lines:
+            line = _COLOUR.sub("", coloured).rstrip()
+            if link := _LINK.search(line):
+                who = link["who"]
+            elif failed := _NO_TLS.search(line):
+                tell("refused", f"network: somebody was refused: TLS: {failed['why']}")
+            elif refused := _REFUSED.search(line):
+                if not refused["why"].startswith("New transport"):
+                    tell("refused", f"network: {who} was refused: {refused['why']}")
+            elif denied := _DENIED.search(line):
+                session = denied["session"].lstrip("0")[:_SESSION_DIGITS]
+                by = _known.get(session, "somebody")
+                tell("denied", f"network: {by} asked for what its role does not allow")
+            elif "zenoh" not in line:  # printed by another library
+                sys.stderr.write(f"{line}\n")

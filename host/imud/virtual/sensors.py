@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: MIT
+"""The simulated world and sensors: what a probe measures in a hand that moves it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from imud import rotation
+from imud.rotation import FloatArray
+from imud.virtual.curves import BUMP, STEP, Curve, Turning, Waves, about, blend, shape
+from imud.virtual.hand import Hand, Leg
+from imud.virtual.motion import GRAVITY_M_S2, Motion, join
+
+# Five records a sample of the chip at 200 Hz: its averaging sees a smooth motion.
+HAND_RATE_HZ = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class SensorErrors:
+    """Noise (rms) and offsets that a sensor adds. Each offset is drawn evenly between
+    minus and plus its value.
+
+    The defaults are from the MPU-9250's product specification, revision 1.1, tables 1
+    and 2 (total noise at 92 Hz, zero-rate and zero-g output), and from real rests.
+    """
+
+    gyr_noise_dps: float = 0.1
+    acc_noise_mg: float = 8.0
+    mag_noise_ut: float = 0.6
+    gyr_offset_dps: float = 3.0
+    acc_offset_mg: float = 60.0
+    mag_offset_ut: float = 0.0  # of a calibrated magnetometer
+
+
+NO_ERRORS = SensorErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+# The simulated chip averages over 0.443/f seconds, as its low-pass does. Noise goes in
+# stronger by as much, so that it comes out as the data sheet says.
+NOISE_WINDOW_S = 0.443 / 92.0
+
+
+@dataclass(frozen=True, slots=True)
+class Magnet:
+    """A magnetic dipole at a fixed place in the world."""
+
+    position_m: tuple[float, float, float]
+    moment_a_m2: tuple[float, float, float]
+
+    def field_ut(self, position: FloatArray) -> FloatArray:
+        """Its field at points of the world: shape (n, 3), m in and uT out."""
+        moment = np.array(self.moment_a_m2)
+        away = position - np.array(self.position_m)
+        distance = np.linalg.norm(away, axis=-1, keepdims=True)
+        along = away / distance
+        # mu0/4pi = 1e-7 T m/A
+        parts = 3.0 * along * (along @ moment)[..., None] - moment
+        return np.asarray(0.1 * parts / distance**3)
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """Where the hand works: Earth's field, nearby magnets, and the probe's length."""
+
+    field_ut: float = 49.0
+    dip_deg: float = 66.0  # the field points down by this, as in central Europe
+    magnets: tuple[Magnet, ...] = ()
+    tip_m: tuple[float, float, float] = (0.12, 0.0, 0.0)  # from the sensor, body frame
+
+    def field_at(self, position: FloatArray) -> FloatArray:
+        """The magnetic field at points of the world: shape (n, 3), m in and uT out."""
+        dip = math.radians(self.dip_deg)
+        earth = self.field_ut * np.array([0.0, math.cos(dip), -math.sin(dip)])
+        total = np.broadcast_to(earth, position.shape)
+        for magnet in self.magnets:
+            total = total + magnet.field_ut(position)
+        return total
+
+
+class _Probe:
+    """Turns legs into records: exact motion first, then the sensor's errors."""
+
+    def __init__(
+        self, seed: int, rate_hz: float, world: World, errors: SensorErrors
+    ) -> None:
+        path_seed, sway_seed, noise_seed = np.random.SeedSequence(seed).spawn(3)
+        self.hand = Hand(np.random.default_rng(path_seed), rate_hz)
+        sway = np.random.default_rng(sway_seed)
+        # A slow sway and the physiological tremor of 8 to 12 Hz, rms in rad and m.
+        self.turn_sway = Waves.draw(sway, [(0.3, 2.0, 0.02), (8.0, 12.0, 0.001)])
+        self.tip_sway = Waves.draw(sway, [(0.3, 2.0, 0.003), (8.0, 12.0, 5e-5)])
+        # The grain of the surface under the tip: micrometres at tens of Hz.
+        self.grain = Waves.draw(sway, [(20.0, 60.0, 4e-6)])
+        self.noise = np.random.default_rng(noise_seed)
+        self.rate_hz = rate_hz
+        self.world = world
+        self.errors = errors
+        scale = np.array([math.radians(1.0), GRAVITY_M_S2 / 1000.0, 1.0])[:, None]
+        spread = np.array(
+            [[errors.gyr_offset_dps], [errors.acc_offset_mg], [errors.mag_offset_ut]]
+        )
+        self.offset = self.noise.uniform(-1.0, 1.0, (3, 3)) * spread * scale
+        window = max(1.0, NOISE_WINDOW_S * rate_hz)
+        sigma = np.array(
+            [
+                [errors.gyr_noise_dps * math.sqrt(window)],
+                [errors.acc_noise_mg * math.sqrt(window)],
+                # The AK8963 measures one instant: no averaging.
+                [errors.mag_noise_ut],
+            ]
+        )
+        self.sigma = sigma * scale
+
+    def motions(self) -> Iterator[Motion]:
+        """Endless motions, one a leg."""
+        begun = 0
+        for leg in self.hand.legs():
+            yield self._feel(leg, begun)
+            begun += leg.records
+
+    def _feel(self, leg: Leg, begun: int) -> Motion:
+        count = leg.records
+        t = (begun + np.arange(count)) / self.rate_hz
+        u = np.arange(count) / count
+        span = count / self.rate_hz
+        step = shape(STEP, u[:, None], span)
+        bump = shape(BUMP, u[:, None], span)
+
+        turning = self._attitude(leg, t, step)
+        tip = self._tip_path(leg, t, step, bump)
+        offset = np.array(self.world.tip_m)
+        lever_speed = np.cross(turning.rate, offset)
+        lever_force = np.cross(turning.acceleration, offset)
+        lever_force += np.cross(turning.rate, lever_speed)
+        position = tip.value - rotation.rotate(turning.quat, offset)
+        velocity = tip.first - rotation.rotate(turning.quat, lever_speed)
+        acceleration = tip.second - rotation.rotate(turning.quat, lever_force)
+
+        body_from_world = rotation.inverse(turning.quat)
+        up = np.array([0.0, 0.0, GRAVITY_M_S2])
+        felt = np.stack(
+            [
+                turning.rate,
+                rotation.rotate(body_from_world, acceleration + up),
+                rotation.rotate(body_from_world, self.world.field_at(position)),
+            ],
+            axis=1,
+        )
+        felt += self.offset + self.sigma * self.noise.standard_normal(felt.shape)
+        return Motion(
+            rate_hz=self.rate_hz,
+            gyr=felt[:, 0],
+            acc=felt[:, 1],
+            mag=felt[:, 2],
+            quat=turning.quat,
+            position=position,
+            velocity=velocity,
+            tip=tip.value,
+            movement=np.full(count, begun > 0),
+            is_rest=np.full(count, leg.is_rest),
+            is_stroke=np.full(count, leg.is_stroke),
+            is_recorded=False,
+        )
+
+    def _attitude(self, leg: Leg, t: FloatArray, step: Curve) -> Turning:
+        change = rotation.to_rotation_vector(
+            rotation.multiply(rotation.inverse(leg.start.quat), leg.end.quat)
+        )
+        still = np.zeros((len(t), 3))
+        start = Turning(np.broadcast_to(leg.start.quat, (len(t), 4)), still, still)
+        turning = start.then(about(change, step))
+        sway = blend(leg.start.held, leg.end.held, step) * self.turn_sway.at(t)
+        for index, axis in enumerate(np.eye(3)):
+            pick = slice(index, index + 1)
+            angle = Curve(
+                sway.value[:, pick], sway.first[:, pick], sway.second[:, pick]
+            )
+            turning = turning.then(about(axis, angle))
+        return turning
+
+    def _tip_path(self, leg: Leg, t: FloatArray, step: Curve, bump: Curve) -> Curve:
+        still = np.zeros((len(t), 3))
+        start = Curve(np.broadcast_to(leg.start.tip, (len(t), 3)), still, still)
+        path = start + step.along(leg.end.tip - leg.start.tip) + bump.along(leg.bend)
+        path = path + blend(leg.start.free, leg.end.free, step) * self.tip_sway.at(t)
+        if leg.is_stroke:
+            path = path + bump * self.grain.at(t)
+        return path
+
+
+def stream(
+    seed: int,
+    rate_hz: float = HAND_RATE_HZ,
+    world: World | None = None,
+    errors: SensorErrors | None = None,
+) -> Iterator[Motion]:
+    """An endless motion of a hand-held probe, in pieces: rests, strokes, turns, grips.
+
+    It starts with 3 to 5 s of rest. The same seed gives the same motion.
+    """
+    return _Probe(seed, rate_hz, world or World(), errors or SensorErrors()).motions()
+
+
+def generate(
+    seconds: float,
+    seed: int,
+    rate_hz: float = HAND_RATE_HZ,
+    world: World | None = None,
+    errors: SensorErrors | None = None,
+) -> Motion:
+    """The first `seconds` of `stream` as one motion."""
+    records = max(1, round(seconds * rate_hz))
+    pieces: list[Motion] = []
+    gathered = 0
+    for piece in stream(seed, rate_hz, world, errors):
+        pieces.append(piece)
+        gathered += len(piece)
+        if gathered >= records:
+            break
+    return join(pieces)[:records]

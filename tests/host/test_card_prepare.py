@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: MIT
+"""`imud card prepare` makes a FAT32 with one file that other systems read."""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+import subprocess
+import zlib
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from card_files import (
+    MIB,
+    SMALL,
+    Volume,
+    blocks_of,
+    log_of,
+    partition_of,
+    prepared,
+    program,
+    run,
+    with_log,
+)
+from fakes import FakeProbe
+from imud.card import fat
+from imud.errors import FileError
+
+GIB = 1 << 30
+SIZES = [SMALL, *(n * MIB for n in (64, 260, 261, 1024, 2048, 4096, 8192, 32768))]
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_prepared_card_is_a_fat32_with_one_file_in_one_piece(
+    tmp_path: Path, size: int
+) -> None:
+    path = prepared(tmp_path / "card.img", size)
+    volume = Volume(path)
+    assert path.stat().st_size == size
+    assert (volume.start + volume.partition) * 512 == size
+    # A FAT with fewer clusters is no FAT32, whatever it says of itself.
+    assert volume.clusters >= 65525
+    assert volume.clusters + 2 <= volume.fat_sectors * 128
+    assert volume.fats[0] == volume.fats[1]
+    entries = volume.entries()
+    assert list(entries) == [b"IMU-PROBE  ", b"PROBE   LOG"]
+    assert volume.boot[71:82] == b"IMU-PROBE  "
+    assert entries[b"IMU-PROBE  "] == (0x08, 0, 0)
+    attributes, first, length = entries[b"PROBE   LOG"]
+    assert attributes & 0x18 == 0
+    chain = volume.chain(first)
+    assert chain == list(range(first, first + len(chain)))
+    assert len(chain) == -(-length // (volume.cluster * 512))
+    used = sum(1 for entry in volume.fats[0][2 : volume.clusters + 2] if entry)
+    assert used == len(chain) + len(volume.chain(volume.root))
+    assert volume.info[0] == volume.clusters - used
+    assert volume.fats[0][volume.info[1]] == 0
+    free = (volume.clusters - used) * volume.cluster * 512
+    assert length == 4 * GIB - volume.cluster * 512 or MIB <= free < 6 * MIB
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_log_has_its_head_and_begins_where_a_card_erases(
+    tmp_path: Path, size: int
+) -> None:
+    path = prepared(tmp_path / "card.img", size)
+    volume = Volume(path)
+    _, first, length = volume.entries()[b"PROBE   LOG"]
+    lba = volume.at(first)
+    with path.open("rb") as file:
+        file.seek(lba * 512)
+        head = file.read(512)
+    magic, version, block, card_id, place, blocks = struct.unpack_from("<8sHHIII", head)
+    assert (magic, version, block) == (b"IMUPROBE", 1, 512)
+    assert card_id > 0
+    assert (place, blocks) == (lba, length // 512)
+    assert not any(head[24:508])
+    assert int.from_bytes(head[508:], "little") == zlib.crc32(head[:508])
+    unit = 65536 if size <= 2 * GIB else 4 * MIB
+    assert [n * 512 % unit for n in (volume.start, volume.data, lba)] == [0, 0, 0]
+
+
+def test_clusters_are_as_large_as_may_be() -> None:
+    """A FAT of a megabyte at most is to be followed, whatever the card."""
+    sizes = {34: 1, 64: 1, 260: 8, 1024: 16, 2048: 32, 4096: 64, 8192: 64, 65536: 64}
+    for mebibytes, sectors in sizes.items():
+        layout = fat.lay_out(mebibytes * MIB // 512)
+        assert layout.cluster == sectors
+        assert layout.log_clusters * 4 <= MIB
+
+
+def test_an_image_takes_the_room_of_its_tables_alone(tmp_path: Path) -> None:
+    path = prepared(tmp_path / "card.img", 32 * GIB)
+    assert path.stat().st_blocks * 512 < 8 * MIB
+
+
+@given(sectors=st.integers(SMALL // 512, 2**32 - 1))
+def test_every_size_of_card_is_laid_out_by_the_rules(sectors: int) -> None:
+    layout = fat.lay_out(sectors)
+    unit = 128 if sectors <= 1 << 22 else 8192
+    assert layout.clusters >= 65525 + 16
+    assert (layout.clusters + 2) * 4 <= layout.fat * 512
+    assert 32 <= layout.reserved <= 65535
+    assert [n % unit for n in (layout.start, layout.data, layout.log)] == [0, 0, 0]
+    end = layout.data + layout.clusters * layout.cluster
+    assert sectors - layout.cluster < end <= sectors
+    assert layout.log + layout.log_clusters * layout.cluster <= end
+    assert layout.log_clusters * layout.cluster * 512 < 2**32
+
+
+def test_a_log_can_be_made_smaller_and_not_larger_than_the_card(tmp_path: Path) -> None:
+    path = tmp_path / "card.img"
+    assert run("prepare", path, "--size", "64M", "--log-size", "1M") == 0
+    assert Volume(path).entries()[b"PROBE   LOG"][2] == MIB
+    most = fat.lay_out(64 * MIB // 512, 65929216 - 65536).log_sectors * 512
+    for size in (512, 1025, most + 512):
+        with pytest.raises(FileError, match=rf"{size} bytes: .* to {most} fits"):
+            fat.lay_out(64 * MIB // 512, size)
+
+
+@pytest.mark.parametrize("size", [*SIZES, 64 * GIB])
+def test_fsck_finds_nothing_to_mend(tmp_path: Path, size: int) -> None:
+    fsck = program("fsck.fat", "dosfstools")
+    whole = prepared(tmp_path / "card.img", size)
+    part = partition_of(whole, tmp_path / "part.img")
+    done = subprocess.run(
+        [fsck, "-n", str(part)], capture_output=True, text=True, check=True
+    )
+    assert done.stderr == ""
+    first, last = done.stdout.splitlines()
+    assert first.startswith("fsck.fat")
+    assert re.search(r": 2 files, \d+/\d+ clusters$", last)
+
+
+def test_mtools_copy_the_log_and_find_the_label(tmp_path: Path) -> None:
+    mcopy, mlabel = program("mcopy", "mtools"), program("mlabel", "mtools")
+    path = with_log(prepared(tmp_path / "card.img"), blocks_of([FakeProbe()]))
+    image = f"{path}@@{Volume(path).start * 512}"
+    copy = tmp_path / "PROBE.LOG"
+    subprocess.run([mcopy, "-i", image, "::PROBE.LOG", str(copy)], check=True)
+    label = subprocess.check_output([mlabel, "-s", "-i", image, "::"], text=True)
+    assert "IMU-PROBE" in label
+    assert copy.read_bytes() == log_of(path)
+
+
+def test_sfdisk_finds_one_partition_to_the_end(tmp_path: Path) -> None:
+    sfdisk = program("sfdisk", "fdisk")
+    path = prepared(tmp_path / "card.img", 4 * GIB)
+    done = json.loads(subprocess.check_output([sfdisk, "--json", str(path)]))
+    (partition,) = done["partitiontable"]["partitions"]
+    assert (partition["start"], partition["type"]) == (8192, "c")
+    assert partition["size"] == 4 * GIB // 512 - 8192
