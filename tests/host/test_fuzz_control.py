@@ -165,7 +165,9 @@ def test_other_keys_and_puts_are_ignored_and_told_seldom(room: Room) -> None:
     keys += ["imud", "imud/cmd/start", f"imud/{room.probe.name}", "a/b/c"]
     forged = f"imud/{room.probe.name}/x\n00:00:00 warning: forged\x1b[31m\u202e"
     room.session.put(forged, b"")
-    room.daemon.expect(r"another publishes on .*/x\?00:00:00 warning: forged\?\[31m\?")
+    room.daemon.expect(
+        r"another program publishes on .*/x\?00:00:00 warning: forged\?\[31m\?"
+    )
     for _ in range(400):
         key = chance.choice([*keys, f"imud/{room.probe.name}/{text(chance)}"])
         try:
@@ -202,4 +204,6 @@ def test_nothing_was_lost_and_nothing_was_a_fault(room: Room) -> None:
     assert room.daemon.stop() < 1.0
     assert_honest(room.daemon)
     # However many keys somebody makes up.
-    assert sum("another publishes on" in line for line in room.daemon.lines) <= 6
+    assert (
+        sum("another program publishes on" in line for line in room.daemon.lines) <= 6
+    )

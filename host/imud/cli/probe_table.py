@@ -18,6 +18,7 @@ from imud.cli.status_text import (
     twin_words,
 )
 from imud.client import Client
+from imud.probes.ledger import totals
 
 
 def show(client: Client, *, as_json: bool, has_ledger: bool = False) -> int:
