@@ -718,7 +718,8 @@ def test_listen_prints_what_is_published_and_sums_up(
     streamer.start()
     connect = ["--connect", chain.daemon.endpoint]
     try:
-        assert cli.main(["listen", "--seconds", "0.6", "--json", *connect]) == 0
+        angles = ["--json", "--angles", "nectec"]
+        assert cli.main(["listen", "--seconds", "0.6", *angles, *connect]) == 0
         printed = capsys.readouterr()
         assert cli.main(["listen", chain.probe.name, "--seconds", "2.5", *connect]) == 0
         shown = capsys.readouterr()
@@ -730,6 +731,7 @@ def test_listen_prints_what_is_published_and_sums_up(
     poses = [json.loads(line) for line in printed.out.splitlines()]
     first, count = poses[0]["seq"], len(poses)
     assert [pose["seq"] for pose in poses] == list(range(first, first + count))
+    assert list(poses[0]["nectec"].values()) == pytest.approx([0, -90, 90])
     assert f"{count} poses received" in printed.err
     assert "0 messages missing by sequence" in printed.err
     lines = shown.out.splitlines()
