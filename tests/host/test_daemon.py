@@ -318,7 +318,7 @@ def test_a_refusal_says_why(chain: Chain) -> None:
         chain.client.command(chain.probe.name, "dance")
     with pytest.raises(CommandRefused, match="arguments can't be"):
         chain.client.command(chain.probe.name, "rate", stream="pose", hz="99999999999")
-    with pytest.raises(NoReply, match="nobody answered start for probe stylus"):
+    with pytest.raises(NoReply, match="no reply to start for probe stylus"):
         chain.client.command("stylus", "start")
 
 
@@ -790,7 +790,7 @@ def test_no_pose_is_one_line(chain: Chain, capsys: pytest.CaptureFixture[str]) -
     arguments = ["listen", "--seconds", "0.2", "--connect", chain.daemon.endpoint]
     assert cli.main(arguments) == 1
     assert capsys.readouterr().err == (
-        "imud: no pose came; is a probe streaming? imud list, and imud start\n"
+        "imud: no pose arrived; is a probe streaming? try imud list, and imud start\n"
     )
 
 

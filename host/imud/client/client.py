@@ -187,7 +187,7 @@ class Client:
             watch.undeclare()
         raise ProbeUnknown(
             f"no probe{f' {probe}' if probe else ''} came in {seconds:g} s; "
-            "plug it in, or look at imud run"
+            "plug it in, or see what imud run says"
         )
 
     def only_probe(self, probe: str | None = None) -> str:
@@ -202,7 +202,7 @@ class Client:
             return probe
         if len(alive) != 1:
             raise ProbeUnknown(
-                "no probe is there; plug one in, or look at imud run"
+                "no probe is there; plug one in, or see what imud run says"
                 if not alive
                 else f"there are {len(alive)} probes; {_choice(alive)}"
             )
@@ -224,8 +224,8 @@ class Client:
             if reply.err:
                 raise CommandRefused(reply.err.payload.to_string())
         raise NoReply(
-            f"nobody answered {name} for probe {probe}: it is not there (imud list), "
-            "or your keys do not let you command any longer"
+            f"no reply to {name} for probe {probe}: it is gone (see imud list), or "
+            "your keys no longer allow commands"
         )
 
 
