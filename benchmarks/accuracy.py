@@ -186,22 +186,12 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         epilog="examples: benchmarks/accuracy.py --trials 07 32; "
         "benchmarks/accuracy.py --host-only",
     )
-    parser.add_argument(
-        "paths",
-        metavar="PATH",
-        nargs="*",
-        type=Path,
-        default=[scoring.RECORDINGS],
-        help="recordings or folders of them (default: ../shared/data/broad)",
-    )
+    scoring.add_arguments(parser)
     parser.add_argument(
         "--board",
         choices=BOARDS,
         default=engines.NANO,
         help="whose image, and at whose rate (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--trials", metavar="NAME", nargs="+", default=[], help="how their names begin"
     )
     choice = parser.add_mutually_exclusive_group()
     choice.add_argument(
@@ -233,7 +223,6 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         default=TRACED,
         help="trial whose errors over time go into the JSON (default: %(default)s)",
     )
-    parser.add_argument("--jobs", metavar="N", type=int, default=2, help="at a time")
     parser.add_argument(
         "--output",
         metavar="FILE",

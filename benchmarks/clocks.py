@@ -18,7 +18,8 @@ from typing import Any
 
 import scoring
 
-from imud.probes.clock import Clock, Timeline
+from imud.probes.clock import Clock
+from imud.probes.timeline import Timeline
 
 OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "clocks.json"
 

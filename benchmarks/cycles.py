@@ -12,77 +12,29 @@ is an instruction, without what flash, buses and exceptions make the core wait.
 from __future__ import annotations
 
 import argparse
-import configparser
-import contextlib
 import dataclasses
-import io
 import json
-import os
-import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import capture as captures
 import filters
 import parts
 import scoring
 from boards import BOARDS, F405, NANO, Board
-from capture import Capture, RunFailed
+from budget import Line, SumsDiffer, by_part, figures, print_parts
+from capture import RunFailed
+from f405_load import RATES, at_rate, each_filter, print_rates
 from feed import Samples
+from firmware_images import Measured, build, environments, measure, poses_a_second
 
-from imud._core import encode_frame
-from imud.cli import main as imud
 from imud.errors import ImudError
 from imud.virtual import motion, sensors
 from imud.virtual.sensors import Magnet, World
-from imud.wire import messages, schema
 
 OUTPUT = scoring.PROJECT / "build" / "benchmarks"
-OFFICIAL = "nano_pio"  # the Nano's by PlatformIO's own compiler
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What an image has to keep to."""
-
-    cycles: int  # of a sample
-    flash: int
-    variables: int  # bytes of RAM
-    stack: int
-    both: int
-
-
-LIMITS = {
-    "nano": Limits(
-        int(0.9 * NANO.clock_hz / NANO.chip.rate_hz),
-        # The bootloader keeps 2 kB of the flash on old Nanos.
-        flash=filters.FLASH_BYTES - 2048,
-        variables=filters.RAM_BYTES,
-        stack=filters.RAM_BYTES,
-        # 1.7 KiB: what is left of the 2 KiB is for what no run has met.
-        both=1740,
-    ),
-    # Half of the time, because an instruction may take more than a cycle. Data sheet,
-    # "Memory mapping"; the last two sectors of flash are for settings, and the stack is
-    # in 8 KiB of its own (firmware/stm32/stm32f405.ld).
-    "f405": Limits(
-        int(0.5 * F405.clock_hz / F405.chip.rate_hz),
-        flash=(1024 - 256) * 1024,
-        variables=128 * 1024,
-        stack=8 * 1024,
-        both=(128 + 8) * 1024,
-    ),
-}
-
-FAST = "stm32f405_760"  # of platformio.ini
-RATES = ((F405.environment, 380), (FAST, 760))
-# The image takes orders once the sensor is set up; every filter is in it.
-FILTER_FROM_US = 1_500_000
-CARD_BYTES_A_SECOND = 120_000  # more than raw and pose are at 760 Hz
 
 # Strong enough, and near enough to where the hand works, that the field leaves the
 # Earth's by tens of microtesla on some strokes and by little on others.
@@ -93,167 +45,6 @@ MAGNETS = (
 # Offsets that the start-up calibration takes, and a magnetometer that needs one.
 ERRORS = sensors.SensorErrors(mag_offset_ut=3.0)
 FILTER_SECONDS = 30.0  # of the same hand, for the filters alone
-
-
-class SumsDiffer(Exception):
-    """A profile whose parts don't make up its total."""
-
-
-@dataclass(frozen=True, slots=True)
-class Line:
-    """One figure, its limit where there is one, and whether it keeps to it."""
-
-    name: str
-    value: float
-    unit: str
-    limit: float | None = None
-
-    @property
-    def is_kept(self) -> bool:
-        return self.limit is None or self.value <= self.limit
-
-    def __str__(self) -> str:
-        limit = "" if self.limit is None else f"of {self.limit:g}"
-        mark = "" if self.is_kept else "  <-- too much"
-        return f"{self.name:34}{self.value:>10g} {self.unit:8}{limit:>10}{mark}"
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """Cycles a sample."""
-
-    name: str
-    mean: float
-    worst: int
-    in_worst: int  # in the sample that took longest in all
-    outside: float  # before the sample's work and after it, mean
-
-
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """One image."""
-
-    capture: Capture
-    profile: dict[str, Any]
-
-
-def environments() -> list[str]:
-    """Those of platformio.ini that make a Nano's image, the flashed one first."""
-    ini = configparser.ConfigParser(interpolation=None)
-    ini.read(scoring.PROJECT / "platformio.ini")
-    names = [section.removeprefix("env:") for section in ini if "env:" in section]
-    others = [
-        name
-        for name in names
-        if name.startswith(f"{NANO.environment}_") and name != OFFICIAL
-    ]
-    return [NANO.environment, *others]
-
-
-def build(environment: str) -> Path:
-    """Builds an image by PlatformIO."""
-    done = subprocess.run(
-        [sys.executable, "-m", "platformio", "run", "--silent", "-e", environment],
-        cwd=scoring.PROJECT,
-        env={
-            key: os.environ[key] for key in os.environ if key != "PLATFORMIO_CORE_DIR"
-        },
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    # One that has no place beside the bootloader is linked all the same; its own line
-    # of the table says so.
-    if done.returncode != 0 and "greater than maximum allowed" not in done.stderr:
-        raise RunFailed(f"{environment}: {done.stderr.strip()}")
-    return scoring.PROJECT / ".pio" / "build" / environment / "firmware.elf"
-
-
-def measure(
-    board: Board, image: Path, hand: Path, seed: int, options: Sequence[str] = ()
-) -> Measured:
-    """Runs an image on a motion, all streams on, and profiles it."""
-    rate_hz = int(board.chip.rate_hz)
-    with tempfile.TemporaryDirectory() as folder:
-        where, profile = Path(folder) / "parts", Path(folder) / "profile.json"
-        parts.write(image, where)
-        words = ["--seed", str(seed), *options]
-        words += ["--profile", str(profile), "--parts", str(where)]
-        if board is F405:
-            words += ["--card", str(prepared(Path(folder), motion.load(hand).seconds))]
-        capture = captures.run(
-            board.name, hand, words, image=image, pose_rate_hz=rate_hz
-        )
-        return Measured(capture, json.loads(profile.read_text()))
-
-
-def prepared(folder: Path, seconds: float) -> Path:
-    """A card that takes the log of so long a run."""
-    path = folder / "card.img"
-    size = 48 + int(seconds * CARD_BYTES_A_SECOND) // 2**20
-    with contextlib.redirect_stdout(io.StringIO()):
-        if imud(["card", "prepare", str(path), "--size", f"{size}M"]):
-            raise RunFailed("no card could be prepared")
-    return path
-
-
-def figures(
-    summary: dict[str, Any], lost: int, poses_hz: float, name: str = NANO.name
-) -> list[Line]:
-    """The table of an image."""
-    limits = LIMITS[name]
-    return [
-        Line("cycles a sample, worst", summary["cycles_worst"], "", limits.cycles),
-        Line("cycles a sample, mean", summary["cycles_mean"], "", limits.cycles),
-        Line("asleep", round(100.0 * summary["idle"], 1), "%"),
-        Line("samples late", summary["late"], "", 0),
-        Line("samples or messages lost", lost, "", 0),
-        Line("samples", summary["samples"], ""),
-        Line("poses a second", round(poses_hz, 1), ""),
-        Line("flash", summary["flash"], "bytes", limits.flash),
-        Line("RAM: variables", summary["ram"], "bytes", limits.variables),
-        Line("RAM: deepest stack", summary["stack_max"], "bytes", limits.stack),
-        Line("RAM: both", summary["ram"] + summary["stack_max"], "bytes", limits.both),
-    ]
-
-
-def by_part(profile: dict[str, Any]) -> list[Part]:
-    """The parts by their mean, and all together; checked to add up."""
-    count = profile["samples"]
-    total = profile["total"]
-    tallies = profile["parts"]
-    for kind in ("cycles", "outside", "in_worst"):
-        whole = sum(tally[kind] for tally in tallies.values())
-        if whole != total[kind]:
-            raise SumsDiffer(f"{kind}: parts {whole}, total {total[kind]}")
-    found = [
-        Part(
-            name=name,
-            mean=round(tally["cycles"] / count, 1),
-            worst=tally["worst"],
-            in_worst=tally["in_worst"],
-            outside=round(tally["outside"] / count, 1),
-        )
-        for name, tally in {**tallies, "all": total}.items()
-    ]
-    return sorted(found, key=lambda part: (part.name == "all", -part.mean))
-
-
-def print_parts(found: Iterable[Part], interrupts: dict[str, Any], count: int) -> None:
-    print("\ncycles a sample             mean     worst  in worst sample   outside")
-    for part in found:
-        print(
-            f"{part.name:20}{part.mean:>12.0f}{part.worst:>10}{part.in_worst:>17}"
-            f"{part.outside:>10.0f}"
-        )
-    print("\ninterrupt              a sample      mean     worst cycles")
-    for name, handler in interrupts.items():
-        mean = handler["cycles"] / handler["calls"]
-        print(
-            f"{parts.HANDLERS.get(name, name):20}{handler['calls'] / count:>12.2f}"
-            f"{mean:>10.1f}{handler['worst']:>10}"
-        )
 
 
 def print_image(name: str, summary: dict[str, Any]) -> None:
@@ -297,122 +88,6 @@ def first(samples: Samples, seconds: float) -> Samples:
     return Samples(
         samples.rate_hz, samples.gyr[:count], samples.acc[:count], samples.mag[:count]
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Filtered:
-    """Cycles of a filter in the image that has them all."""
-
-    step_mean: float
-    step_worst: int
-    pose_mean: float
-
-
-def each_filter(image: Path, hand: Path, seed: int) -> dict[str, dict[str, Any]]:
-    """The filters of the STM32F405's image, one after the other: prints as it goes."""
-    print("\nfilter in the image   step: mean     worst   pose: mean")
-    found = {}
-    for filter_ in schema.Filter:
-        name = filter_.name.lower()
-        if name not in filters.HOUSE:
-            continue
-        order = {"command": "restart", "token": 9, "arguments": (int(filter_), 0)}
-        frame = encode_frame(schema.SEED, messages.encode("command", order, 9, 0))
-        options = ["--send", f"{FILTER_FROM_US}:{frame.hex()}"]
-        measured = measure(F405, image, hand, seed, options)
-        cost = filtered(measured, name)
-        print(
-            f"{name:20}{cost.step_mean:>12.0f}{cost.step_worst:>10}"
-            f"{cost.pose_mean:>13.0f}",
-            flush=True,
-        )
-        found[name] = dataclasses.asdict(cost)
-    return found
-
-
-def filtered(measured: Measured, name: str) -> Filtered:
-    """What a filter took of the samples behind the order to begin with it."""
-    functions = measured.profile["functions"]
-    times_us = measured.capture.feed.rows["time_us"]
-    count = int((times_us > FILTER_FROM_US).sum())
-    if name == "fuse":  # which an image begins with
-        count = measured.profile["samples"]
-    tallies = [functions.get(f"{name}_{what}") for what in ("step", "orientation")]
-    if None in tallies or not count:
-        raise RunFailed(f"{name} did not run")
-    step, pose = (tally["inclusive"] for tally in tallies)
-    return Filtered(
-        step_mean=round(step["cycles"] / count, 1),
-        step_worst=step["worst"],
-        pose_mean=round(pose["cycles"] / count, 1),
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class Rate:
-    """An image at its rate, each sample and its pose sent and logged."""
-
-    sample_hz: int
-    samples: int
-    late: int
-    lost: int  # samples or messages, on the wire
-    poses_hz: float
-    cycles_mean: float
-    cycles_worst: int
-    asleep: float  # shares of 1
-    wire: float
-    log_dropped: int  # messages that the card was too slow for
-
-
-BITS_A_BYTE = 10  # of the wire, a start and a stop bit among them
-BAUD = 921_600
-
-
-def at_rate(image: Path, sample_hz: int, hand: Path, seed: int) -> Rate:
-    """Runs an image with a pose for every sample."""
-    with tempfile.TemporaryDirectory() as folder:
-        card = prepared(Path(folder), motion.load(hand).seconds)
-        capture = captures.run(
-            F405.name,
-            hand,
-            ["--seed", str(seed), "--card", str(card)],
-            image=image,
-            sample_rate_hz=sample_hz,
-            pose_rate_hz=sample_hz,
-        )
-    summary, times = capture.summary, capture.feed.times_s
-    streamed_s = float(times[-1] - times[0])
-    return Rate(
-        sample_hz=sample_hz,
-        samples=summary["samples"],
-        late=summary["late"],
-        lost=capture.lost,
-        poses_hz=round(poses_a_second(capture), 1),
-        cycles_mean=summary["cycles_mean"],
-        cycles_worst=summary["cycles_worst"],
-        asleep=summary["idle"],
-        wire=round(summary["bytes"] * BITS_A_BYTE / BAUD / streamed_s, 4),
-        log_dropped=capture.log_dropped,
-    )
-
-
-def poses_a_second(capture: Capture) -> float:
-    times = capture.pose_times_s
-    return (len(times) - 1) / float(times[-1] - times[0])
-
-
-def print_rates(rates: Iterable[Rate]) -> None:
-    print(
-        "\nsamples/s   samples    late    lost   poses/s   cycles: mean   worst"
-        "  asleep    wire   log dropped"
-    )
-    for rate in rates:
-        print(
-            f"{rate.sample_hz:>9}{rate.samples:>10}{rate.late:>8}{rate.lost:>8}"
-            f"{rate.poses_hz:>10}{rate.cycles_mean:>15.0f}{rate.cycles_worst:>8}"
-            f"{100 * rate.asleep:>6.1f} %{100 * rate.wire:>6.1f} %"
-            f"{rate.log_dropped:>14}"
-        )
 
 
 def image_of(

@@ -64,19 +64,20 @@ FILES = {
     "quat.c": CALLER,
     "matrix.c": CALLER,
     "kalman.c": CALLER,
+    "lowpass.c": CALLER,
 }
-# The main filter is looked at more closely: fuse.c by these functions, and by what it
-# calls a stage. Another of its functions counts for the one that calls it.
-FILTER_FILE = "fuse.c"
-FILTER_STAGE = "stage_"
+# The main filter is looked at more closely: its files by these functions and by its
+# stages. Another of their functions counts for the one that calls it.
+FILTER_FILES = {"fuse.c", "fuse_level.c", "fuse_gyro.c", "fuse_field.c"}
+FILTER_STAGE = "fuse_stage_"
 FILTER_FUNCTIONS = {
     "fuse_step": "fuse.step",
     "fuse_orientation": "fuse.orientation",
     "fuse_quality": "fuse.quality",
     "integrate": "fuse.integrate",
-    "look_for_rest": "fuse.rest",
+    "fuse_look_for_rest": "fuse.rest",
     "add_turned": "fuse.means",
-    "take_reading": "fuse.reading",
+    "fuse_take_reading": "fuse.reading",
 }
 
 # Of the ATmega328P: data sheet, table 12-6, the vectors that the firmware uses. The
@@ -128,7 +129,7 @@ def part_of(chain: Sequence[Place], home: str) -> str:
 
 
 def _part(place: Place) -> str:
-    if place.file == FILTER_FILE:
+    if place.file in FILTER_FILES:
         if place.function.startswith(FILTER_STAGE):
             return "fuse." + place.function.removeprefix(FILTER_STAGE)
         return FILTER_FUNCTIONS.get(place.function, CALLER)

@@ -7,6 +7,7 @@ Orientation Estimation", Data 6(7):72, 2021, doi:10.3390/data6070072.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass
 from pathlib import Path
@@ -113,6 +114,22 @@ class Errors:
     total: FloatArray
     heading: FloatArray
     inclination: FloatArray
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which recordings are measured, and how many at a time."""
+    parser.add_argument(
+        "paths",
+        metavar="PATH",
+        nargs="*",
+        type=Path,
+        default=[RECORDINGS],
+        help="recordings or folders of them (default: ../shared/data/broad)",
+    )
+    parser.add_argument(
+        "--trials", metavar="NAME", nargs="+", default=[], help="how their names begin"
+    )
+    parser.add_argument("--jobs", metavar="N", type=int, default=2, help="at a time")
 
 
 def find_trials(paths: Iterable[Path], numbers: Sequence[str] = ()) -> list[Path]:

@@ -10,330 +10,31 @@ from __future__ import annotations
 
 import argparse
 import json
-import random
 import resource
-import struct
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import scoring
+from faulty_line import CHUNK, Line
 from mcap.reader import make_reader
+from source import PERIOD_US, RATE_HZ
 
-from imud.daemon.hub import QUEUE_MAX, Hub, Item, Lane
+from imud.daemon.hub import Hub
+from imud.daemon.lane import QUEUE_MAX, Item, Lane
 from imud.log.file import Settings
-from imud.probes.record import Record, record_of
-from imud.probes.session import Probe, Received, Session
+from imud.probes.record import Record
 from imud.progress import Progress
 from imud.sinks.log import LogSink
-from imud.wire import messages, schema
-from imud.wire.frame import encode_frame
 
 OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "soak.json"
-
-RATE_HZ = 200
-CHUNK = 20  # frames a read: what a USB bridge hands over at once, and a round number
-PERIOD_US = 1_000_000 // RATE_HZ
-START_NS = 1_800_000_000_000_000_000
 LOG_BYTES = 32 << 20  # a file
 RSS_POINTS = 10
-
-# Chunks of which one has that fault. In 12 h of 4 probes each comes thousands of times,
-# but for those after which a probe has to be found again.
-FAULTS = {"flip": 150, "cut": 400, "double": 300, "reset": 20_000, "unplug": 10_000}
-
-# Chunks of sampled time without a port.
-UNPLUGGED = 10
-
-# The probes' clocks are fast by so much, one more than the other.
-FAST_PPM = 60.0
-
-# After a command was written, until a probe hears it: what a USB bridge takes.
-HEARD_AFTER_NS = 700_000
-
-# Poses whose stated bound their time may miss.
-DISHONEST_MAX = 0.01
-
-_HEAD = struct.Struct(schema.HEADER)
-_IDS = {message.name: message.id for message in schema.MESSAGES}
-_POSE: dict[str, Any] = {
-    "q": (0.5, 0.5, -0.5, 0.5),
-    "position": (0.1, -0.2, 0.3),
-    "normal": None,
-    "tilt_sigma": 0.37,
-    "heading_sigma": 1.25,
-    "pose_flags": (),
-}
-_HELLO: dict[str, Any] = {
-    "protocol_version": schema.PROTOCOL_VERSION,
-    "schema_fingerprint": schema.FINGERPRINT,
-    "firmware": "soak",
-    "board": "nano",
-    "sensor": "mpu9250",
-    "who_am_i": (0x71, 0x48),
-    "mag_adjust": (176, 178, 166),
-    "self_test": (),
-    "sample_rate": RATE_HZ,
-    "pose_rate": RATE_HZ,
-    "raw_rate": 0,
-    "acc_lsb": 0.004788403,
-    "gyr_lsb": 0.001065264,
-    "mag_lsb": 0.15,
-    "reset_cause": ("power_on",),
-    "filter": "fuse",
-    "reset_address": 0,
-}
-
-
-class Source:
-    """A probe at work: a hello each second, poses in between."""
-
-    def __init__(self, number: int, fast_ppm: float = 0.0) -> None:
-        self._pace = 1.0 + fast_ppm * 1e-6
-        self.id = bytes([0xF0, 0, 0, 0, 0, 0, 0, number])
-        self.name = self.id.hex()
-        self.boot_count = 1
-        self.sequence = 0
-        self.sent = 0
-        self._began_us = 0
-        self._bodies: set[tuple[bool, bytes]] = set()
-        self._prepare()
-
-    def _prepare(self) -> None:
-        # No two boots say the same under the same number.
-        pose = _POSE | {"position": (0.1, -0.2, self.boot_count / 1000)}
-        self._pose = messages.encode("pose", pose, 0, 0)[_HEAD.size :]
-        hello = _HELLO | {"probe_id": self.id, "boot_count": self.boot_count}
-        self._hello = messages.encode("hello", hello, 0, 0)[_HEAD.size :]
-        self._bodies |= {(False, self._pose), (True, self._hello)}
-
-    def has_said(self, content: bytes) -> bool:
-        """Whether that is, to the bit, what it said under that number in some boot."""
-        ident, sequence, time_us = _HEAD.unpack_from(content)
-        is_hello = sequence % RATE_HZ == 0
-        return (
-            ident == _IDS["hello" if is_hello else "pose"]
-            and time_us == self._device_us(sequence * PERIOD_US) & 0xFFFFFFFF
-            and (is_hello, content[_HEAD.size :]) in self._bodies
-        )
-
-    def _device_us(self, since_us: int) -> int:
-        return int(since_us * self._pace)
-
-    def true_us(self, device_us: int) -> float:
-        """When that was, of the boot that runs."""
-        return self._began_us + device_us / self._pace
-
-    def reset(self, now_us: int) -> None:
-        self.boot_count += 1
-        self.sequence = 0
-        self._began_us = now_us
-        self._prepare()
-
-    def say(self, now_us: int) -> bytes:
-        name = "pose" if self.sequence % RATE_HZ else "hello"
-        body = self._pose if name == "pose" else self._hello
-        time_us = self._device_us(now_us - self._began_us) & 0xFFFFFFFF
-        content = _HEAD.pack(_IDS[name], self.sequence, time_us) + body
-        self.sequence += 1
-        self.sent += 1
-        return encode_frame(content)
-
-
-@dataclass(slots=True)
-class Truth:
-    """What was on one probe's wire, known by its bytes and by no CRC."""
-
-    whole: int = 0  # frames that arrived as they were sent, copies included
-    spans: dict[int, tuple[int, int]] = field(default_factory=dict)  # of each boot
-    unnamed: list[tuple[int, int]] = field(default_factory=list)  # boot, number
-    rest: bytes = b""  # of the frame that the last read ended in
-    known: dict[bytes, int] = field(default_factory=dict)  # frames to their numbers
-    before: dict[bytes, int] = field(default_factory=dict)  # those of the chunk before
-
-    def sent(self, frames: Sequence[bytes], first: int) -> None:
-        self.before = self.known
-        numbers = range(first, first + len(frames))
-        self.known = {
-            frame[:-1]: number for frame, number in zip(frames, numbers, strict=True)
-        }
-
-    def arrived(self, data: bytes, boot: int) -> None:
-        *segments, self.rest = (self.rest + data).split(b"\0")
-        for segment in segments:
-            number = self.known.get(segment)
-            if number is None:
-                number = self.before.get(segment)
-            if number is not None:
-                self.whole += 1
-                self.unnamed.append((boot, number))
-
-    def name(self) -> None:
-        """Whose frames they are is known."""
-        for boot, number in self.unnamed:
-            first, last = self.spans.get(boot, (number, number))
-            self.spans[boot] = min(first, number), max(last, number)
-        self.unnamed.clear()
-
-    @property
-    def accounted(self) -> int:
-        """From the first to the last whole one of each boot."""
-        return sum(last - first + 1 for first, last in self.spans.values())
-
-
-class Line:
-    """A probe, its wire with faults, and the session at its end."""
-
-    def __init__(self, number: int, seed: int) -> None:
-        self.source = Source(number, number * FAST_PPM)
-        self.probe = Probe(self.source.name)
-        self.truth = Truth()
-        self.faults: Counter[str] = Counter()
-        self.sessions: Counter[str] = Counter()
-        self.wrong = 0  # passed on, and never sent like that
-        self.received: Counter[str] = Counter()
-        self.dated = Counter[bool]()  # with a bound; whether that was honest
-        self._random = random.Random(f"{seed}/{number}")  # noqa: S311, no secrets
-        self._session: Session | None = None
-        self._away = 0
-
-    def turn(self, now_us: int) -> Iterator[Record]:
-        """One chunk: said, hurt, heard."""
-        fault = self._fault()
-        source, truth = self.source, self.truth
-        first = source.sequence
-        begin_us = now_us - CHUNK * PERIOD_US
-        frames = [source.say(begin_us + i * PERIOD_US) for i in range(CHUNK)]
-        truth.sent(frames, first)
-        data = b"".join(frames)
-        t_ns = START_NS + now_us * 1000
-        if self._away > 0:
-            self._away -= 1
-            return
-        if self._session is None:
-            self._session = Session(lambda _: self.probe, t_ns)
-            truth.rest = b""
-            # Plugged in between any two bytes.
-            data = data[self._random.randrange(len(data)) :]
-        data = self._hurt(data, frames, fault)
-        truth.arrived(data, source.boot_count)
-        events = self._session.receive(data, t_ns)
-        if self._session.probe is not None:
-            truth.name()
-        yield from self._hear(events)
-        if fault == "reset":
-            source.reset(now_us)
-        if fault == "unplug":
-            self.unplug()
-            self._away = UNPLUGGED
-
-    def _fault(self) -> str:
-        for name, one_of in FAULTS.items():
-            if self._random.randrange(one_of) == 0:
-                self.faults[name] += 1
-                return name
-        return ""
-
-    def _hurt(self, data: bytes, frames: Sequence[bytes], fault: str) -> bytes:
-        at = self._random.randrange(len(data))
-        if fault == "flip":
-            bit = 1 << self._random.randrange(8)
-            return data[:at] + bytes([data[at] ^ bit]) + data[at + 1 :]
-        if fault == "cut":
-            return data[:at] + data[at + self._random.randrange(1, 200) :]
-        if fault == "double":
-            some = self._random.randrange(1, CHUNK + 1)
-            return data + b"".join(frames[-some:])
-        if fault in ("reset", "unplug"):
-            return data[:at]
-        return data
-
-    def _hear(self, events: Sequence[Any]) -> Iterator[Record]:
-        for event in events:
-            if not isinstance(event, Received):
-                continue
-            self.wrong += not self.source.has_said(event.content)
-            self.received[event.message.name] += 1
-            self._date(event)
-            yield record_of(
-                event.message,
-                event.content,
-                self.source.name,
-                event.stamp,
-                event.probe.hello,
-                event.probe.hello_content,
-            )
-
-    def _date(self, event: Received) -> None:
-        """Looks at when it is said to have been; each hello answers a question."""
-        stamp = event.stamp
-        true_ns = START_NS + self.source.true_us(stamp.t_device_us) * 1000
-        if stamp.t_ns is not None and stamp.t_bound_ns is not None:
-            self.dated[abs(stamp.t_ns - true_ns) <= stamp.t_bound_ns] += 1
-        if event.message.name == "hello":
-            written_ns = round(true_ns) - HEARD_AFTER_NS
-            self.probe.clock.heard(stamp.t_device_us, written_ns)
-
-    def unplug(self) -> None:
-        if self._session is None:
-            return
-        for _ in self._hear(self._session.close()):
-            raise AssertionError("nothing becomes good at the end")
-        counts = self._session.counts()
-        for name in ("bytes", "frames", "corrupt", "partial", "unnamed"):
-            self.sessions[name] += counts[name]
-        self.sessions["headless"] += sum(counts["headless"].values())
-        self.truth.unnamed.clear()
-        self._session = None
-
-    def end(self) -> dict[str, Any]:
-        """What the ledger says, beside what was."""
-        self.unplug()
-        counts: Any = self.probe.account.counts()
-        earlier = counts["earlier_boots"]
-        both = {
-            name: counts[name] + earlier[name]
-            for name in ("sent", "received", "lost", "duplicated")
-        }
-        skewed = sum(counts["skewed"].values()) + sum(earlier["skewed"].values())
-        ledger = {
-            **both,
-            "skewed": skewed,
-            "strays": counts["strays"],
-            "unplaced": sum(counts["unplaced"].values()),
-            "unnamed": self.sessions["unnamed"],
-            "headless": self.sessions["headless"],
-        }
-        heard = sum(ledger.values()) - ledger["sent"] - ledger["lost"]
-        return {
-            "probe": self.source.name,
-            "sent": self.source.sent,
-            "accounted": self.truth.accounted,
-            "whole": self.truth.whole,
-            "wrong": self.wrong,
-            "boots": [self.source.boot_count, counts["boots"]],
-            "faults": dict(self.faults),
-            "ledger": ledger,
-            "corrupt": self.sessions["corrupt"],
-            "partial": self.sessions["partial"],
-            "heard": heard,
-            "passed_on": self.received.total(),
-            "dated": self.dated.total(),
-            "outside_bound": self.dated[False],
-            "adds_up": {
-                "each boot": both["sent"] == both["received"] + skewed + both["lost"],
-                "sent": both["sent"] == self.truth.accounted,
-                "heard": heard == self.truth.whole,
-                "received": both["received"] == self.received.total(),
-                "none wrong": self.wrong == 0,
-                "time": self.dated[False] <= DISHONEST_MAX * self.dated.total(),
-            },
-        }
 
 
 class Counting:
@@ -388,8 +89,9 @@ class Pruned:
             path.unlink()
 
 
-def rss_mib() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
+def rss_mib(pid: int | str = "self") -> float:
+    """Resident memory of a process."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
     return pages * resource.getpagesize() / 2**20
 
 

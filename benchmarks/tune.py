@@ -16,21 +16,20 @@ from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from operator import methodcaller
-from typing import TypeVar
 
 import numpy as np
 import report
 import scoring
 import twin
 from scoring import Coverage, Score
+from stated import HEADING, TILT, by_group, coverage, draws, honest
 from twin import Course, Pair, Params
 
 from imud.progress import Progress
-from imud.rotation import FloatArray
 
 OUTPUT = twin.BUILD / "tune.json"
 
-# What is drawn: for the estimate, and for how sure of it the filter says it is.
+# The parameters of the estimate, drawn where the command line names no others.
 ESTIMATE = (
     "own_sd",
     "place_sd",
@@ -43,27 +42,10 @@ ESTIMATE = (
     "astray_share",
     "astray_wander",
 )
-TILT = ("tilt_floor", "tilt_rate")
-HEADING = ("heading_floor", "covariance_share", "level_error")
-FACTOR = 2.0  # at most, each way
 
 TOTAL_GOAL, BIASED_GOAL = 0.65, 0.55  # of VQF's
-INSIDE = 0.95
 
 ALL = "all, each off its own"
-
-T = TypeVar("T")
-
-
-def draws(names: Sequence[str], count: int, seed: int) -> list[dict[str, float]]:
-    """Sets of parameters, log-uniform around the firmware's."""
-    known = twin.defaults()
-    random = np.random.default_rng(seed)
-    exponents = random.uniform(-1.0, 1.0, (count, len(names)))
-    return [
-        known | {n: known[n] * FACTOR**e for n, e in zip(names, row, strict=True)}
-        for row in exponents.tolist()
-    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,90 +76,6 @@ def ratios(ours: Iterable[Pair], vqf: Iterable[Pair]) -> Ratios:
 def means(pairs: Iterable[Pair]) -> tuple[Score, Score]:
     plain, biased = zip(*pairs, strict=True)
     return Score.mean(plain), Score.mean(biased)
-
-
-@dataclass(frozen=True, slots=True)
-class Terms:
-    """True errors, and what stated ones are the sums of squares of; degrees."""
-
-    tilt: FloatArray
-    heading: FloatArray
-    rate: FloatArray  # tilt, of a tilt_rate of 1
-    across: FloatArray  # heading, of all the field's covariance
-    leaning: FloatArray  # heading, of a level_error of 1
-
-    @staticmethod
-    def of(course: Course, params: Params) -> Terms:
-        none = dict(params) | dict.fromkeys((*TILT, *HEADING), 0.0)
-        one, other = (
-            course.track(none | dict.fromkeys(names, 1.0), course.samples)
-            for names in (("tilt_rate", "covariance_share"), ("level_error",))
-        )
-        found = scoring.errors(one.quats, course.truth)
-        terms = (*one.sigmas_deg.T, other.sigmas_deg[:, 1])
-        rows = np.stack([found.inclination, found.heading, *terms])
-        return Terms(*rows[:, np.isfinite(rows).all(axis=0)])
-
-    def tilt_inside(self, params: Params) -> float:
-        squares = params["tilt_floor"] ** 2 + params["tilt_rate"] ** 2 * self.rate**2
-        return share_inside(self.tilt, squares)
-
-    def heading_inside(self, params: Params) -> float:
-        squares = (
-            params["heading_floor"] ** 2
-            + params["covariance_share"] * self.across**2
-            + params["level_error"] ** 2 * self.leaning**2
-        )
-        return share_inside(self.heading, squares)
-
-
-def share_inside(errors: FloatArray, squares: FloatArray) -> float:
-    return float(np.mean(errors**2 <= scoring.SIGMAS**2 * squares))
-
-
-def coverage(course: Course, params: Params) -> Coverage:
-    """How often the errors keep within what the filter states."""
-    track = course.track(params, course.samples)
-    found = scoring.errors(track.quats, course.truth)
-    shares, nulls = [], []
-    for error, sigma in zip(
-        (found.inclination, found.heading), track.sigmas_deg.T, strict=True
-    ):
-        is_stated = np.isfinite(error) & np.isfinite(sigma)
-        shares.append(share_inside(error[is_stated], sigma[is_stated] ** 2))
-        nulls.append(float(1.0 - is_stated.sum() / np.isfinite(error).sum()))
-    return Coverage(*shares, *nulls)
-
-
-def by_group(courses: Sequence[Course], values: Iterable[T]) -> dict[str, list[T]]:
-    """What belongs to the trials of each group that occurs."""
-    found: dict[str, list[T]] = {}
-    for course, value in zip(courses, values, strict=True):
-        for name in scoring.GROUPS:
-            if course.trial.is_in(name):
-                found.setdefault(name, []).append(value)
-    return found
-
-
-def honest(
-    courses: Sequence[Course], params: Params, count: int, seed: int
-) -> dict[str, float]:
-    """The same with stated errors that hold nearest to 95 % of the true ones.
-
-    Of each group alike: three trials with a magnet count as much as 13 without.
-    """
-    terms = [Terms.of(course, params) for course in courses]
-    found = dict(params)
-    for names, inside in ((TILT, "tilt_inside"), (HEADING, "heading_inside")):
-
-        def gap(choice: Params, inside: str = inside) -> float:
-            shares = map(methodcaller(inside, choice), terms)
-            groups = by_group(courses, shares).values()
-            return sum(abs(float(np.mean(group)) - INSIDE) for group in groups)
-
-        best = min(draws(names, count, seed), key=gap)
-        found |= {name: best[name] for name in names}
-    return found
 
 
 def measure(

@@ -243,18 +243,7 @@ def load_all(
 
 def add_arguments(parser: argparse.ArgumentParser, output: Path) -> None:
     """Which recordings, and where the JSON goes."""
-    parser.add_argument(
-        "paths",
-        metavar="PATH",
-        nargs="*",
-        type=Path,
-        default=[scoring.RECORDINGS],
-        help="recordings or folders of them (default: ../shared/data/broad)",
-    )
-    parser.add_argument(
-        "--trials", metavar="NAME", nargs="+", default=[], help="how their names begin"
-    )
-    parser.add_argument("--jobs", metavar="N", type=int, default=2, help="at a time")
+    scoring.add_arguments(parser)
     parser.add_argument("--output", metavar="FILE", type=Path, default=output)
 
 

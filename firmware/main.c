@@ -190,8 +190,9 @@ static bool acquire(uint32_t now_us) {
 
 // Not inline, as take_sample.
 __attribute__((noinline)) static void begin(uint32_t now_us) {
+    static struct outlet wire = {.put = board_send};
     static struct probe_port port = {
-        .send = board_send,
+        .wire = &wire,
         .samples_ready = board_samples_ready,
         .stack_free = board_stack_free,
         .supply_mv = board_supply_mv,

@@ -16,7 +16,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 CORE = Path("firmware/core")
-C_FOLDERS = ("benchmarks", "firmware", "host/imud", "sim")
+C_FOLDERS = ("benchmarks", "firmware", "host/imud", "protocol", "sim")
 INCLUDES = ("-Ifirmware", "-Isim", "-Isim/chips")
 
 CPPCHECK = (

@@ -23,6 +23,7 @@ from typing import Any, NoReturn
 from imud.client import Client
 from imud.defaults import PORT
 from imud.errors import ImudError
+from imud.probes.ledger import totals
 
 ROOT = Path(__file__).resolve().parent.parent
 ROOM = ROOT / "build" / "demo"
@@ -302,7 +303,7 @@ def judge(tally: Tally, status: dict[str, Any]) -> list[str]:
         faults.append(f"{tally.missing} poses did not arrive")
     ledger = status["ledger"]
     counts = {
-        "lost": ledger["lost"] + ledger["earlier_boots"]["lost"],
+        "lost": totals(ledger).lost,
         "corrupt": ledger["corrupt"],
         "skewed": sum(ledger["skewed"].values()),
         "dropped": sum(ledger["dropped"].values()),

@@ -27,7 +27,7 @@ static bool keep(const uint8_t *bytes, uint8_t length) {
     return logbook_put(&book, bytes, length);
 }
 
-static struct probe_log card_log = {.keep = keep};
+static struct probe_log card_log = {.outlet = {.put = keep}};
 
 static bool has_told_clock;
 static bool began_spare;  // the crystal did not start
@@ -147,7 +147,7 @@ static void follow_battery(struct probe *probe, uint32_t now_us) {
         is_falling_asleep = false;  // a charger came in time
         return;
     }
-    probe_stop(probe, CAUSE_BATTERY, now_us);
+    probe_set_streaming(probe, false, CAUSE_BATTERY, now_us);
     fall_asleep(probe, now_us);
 }
 

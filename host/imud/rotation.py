@@ -2,19 +2,28 @@
 """Arrays of unit quaternions: w, x, y, z, Hamilton, `world_from_body`.
 
 Quaternions lie along the last axis of an array and broadcast like numbers; so do angles
-(yaw, pitch, roll, radians: docs/angles.md) and the rows of a matrix.
+(yaw, pitch, roll, radians: docs/angles.md) and the rows of a matrix. angles_deg() and
+matrix_rows() convert one attitude for display.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
+Row = tuple[float, float, float]
+
+# Names of the conventions of docs/angles.md.
+Convention = Literal["aerospace", "nautical", "nectec"]
 
 IDENTITY: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])
 
-# Where x is nearer to the vertical, pitch is a quarter turn and roll is 0: euler.h.
+# Closer to the vertical than this, x is taken as vertical: pitch is a quarter turn,
+# roll is 0. Same value as in firmware/core/math/euler.h.
 GIMBAL_LOCK_RAD = 1e-5
 
 
@@ -65,16 +74,20 @@ def to_rotation_vector(quat: FloatArray) -> FloatArray:
 def from_heading_pitch_roll(
     heading_rad: float, pitch_rad: float, roll_rad: float
 ) -> FloatArray:
-    """Rolled about x, then pitched about y (x goes down), then turned about up."""
+    """First rolled about x, then pitched about y (x goes down), then turned about up.
+
+    Angles in radians, about the axes of the world.
+    """
     turns = np.diag([roll_rad, pitch_rad, heading_rad])
     roll, pitch, heading = from_rotation_vector(turns)
     return multiply(heading, multiply(pitch, roll))
 
 
 def to_yaw_pitch_roll(quat: FloatArray) -> FloatArray:
-    """Heading, pitch and roll as from_heading_pitch_roll takes them.
+    """The nautical angles, as from_heading_pitch_roll() takes them, radians.
 
-    z-y'-x'' of east-north-up: yaw is from east to north, pitch is x down.
+    z-y'-x'' of east-north-up, x ahead, y to port, z up: yaw from east to north, pitch
+    with x down, roll with y up. Yaw and roll in [-pi, pi), pitch in [-pi/2, pi/2].
     """
     w, x, y, z = np.moveaxis(quat, -1, 0)
     # The half sum and half difference of yaw and roll: see firmware/core/math/euler.c.
@@ -100,21 +113,50 @@ def to_yaw_pitch_roll(quat: FloatArray) -> FloatArray:
 
 
 def to_aerospace(quat: FloatArray) -> FloatArray:
-    """Yaw, pitch and roll of aircraft (ISO 1151-1): of north-east-down, body y and z
-    turned right and down. Yaw is from north to east, pitch is x up.
+    """Yaw, pitch and roll of aircraft (ISO 1151-1), radians: of north-east-down, x
+    ahead, y right, z down. Yaw from north to east, pitch with x up, roll with y down.
     """
     yaw, pitch, roll = np.moveaxis(to_yaw_pitch_roll(quat), -1, 0)
     return np.stack([_wrapped(np.pi / 2 - yaw), -pitch, roll], axis=-1)
 
 
 def to_nectec(quat: FloatArray) -> FloatArray:
-    """The same three turns as NECTEC's paper names them: yaw about x, roll about z."""
+    """The nautical angles as NECTEC's paper names them, radians: yaw about x, roll
+    about z.
+    """
     return to_yaw_pitch_roll(quat)[..., ::-1]
+
+
+CONVERSIONS: Mapping[Convention, Callable[[FloatArray], FloatArray]] = {
+    "aerospace": to_aerospace,
+    "nautical": to_yaw_pitch_roll,
+    "nectec": to_nectec,
+}
+
+
+class Angles(NamedTuple):
+    """Angles in degrees: yaw and roll in [-180, 180), pitch in [-90, 90]."""
+
+    yaw_deg: float
+    pitch_deg: float
+    roll_deg: float
+
+
+def angles_deg(quat: Sequence[float], convention: Convention) -> Angles:
+    """The angles of one unit quaternion in a convention of docs/angles.md."""
+    yaw, pitch, roll = np.degrees(CONVERSIONS[convention](np.array(quat))).tolist()
+    return Angles(yaw, pitch, roll)
 
 
 def to_matrix(quat: FloatArray) -> FloatArray:
     """The matrix whose columns are the body's axes in the world."""
     return np.stack([rotate(quat, axis) for axis in np.eye(3)], axis=-1)
+
+
+def matrix_rows(quat: Sequence[float]) -> tuple[Row, Row, Row]:
+    """to_matrix() of one unit quaternion: rows east, north, up; columns x, y, z."""
+    east, north, up = ((x, y, z) for x, y, z in to_matrix(np.array(quat)).tolist())
+    return east, north, up
 
 
 def from_matrix(matrix: FloatArray) -> FloatArray:
@@ -142,7 +184,9 @@ def from_matrix(matrix: FloatArray) -> FloatArray:
 
 def _wrapped(angle_rad: FloatArray) -> FloatArray:
     """The same angle in [-pi, pi)."""
-    return np.asarray(np.remainder(angle_rad + np.pi, 2.0 * np.pi) - np.pi)
+    wrapped = np.remainder(angle_rad + np.pi, 2.0 * np.pi) - np.pi
+    # The remainder of a tiny negative number rounds to the whole turn.
+    return np.where(wrapped >= np.pi, -np.pi, wrapped)
 
 
 def interpolate(

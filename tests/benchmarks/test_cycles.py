@@ -9,10 +9,13 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import cycles
+import budget
+import f405_load
 import filters
+import firmware_images
 import numpy as np
 import pytest
+from capture import RunFailed
 from feed import Samples
 from filters import Filter, FilterFailed
 
@@ -33,7 +36,7 @@ def profile() -> dict[str, Any]:
 
 
 def test_parts_come_by_their_mean_and_the_total_last() -> None:
-    found = cycles.by_part(profile())
+    found = budget.by_part(profile())
     assert [(part.name, part.mean) for part in found] == [
         ("b", 70.0), ("a", 30.0), ("all", 100.0),
     ]  # fmt: skip
@@ -44,8 +47,8 @@ def test_parts_come_by_their_mean_and_the_total_last() -> None:
 def test_parts_that_do_not_add_up_are_refused(kind: str) -> None:
     wrong = profile()
     wrong["parts"]["a"][kind] += 1
-    with pytest.raises(cycles.SumsDiffer, match=kind):
-        cycles.by_part(wrong)
+    with pytest.raises(budget.SumsDiffer, match=kind):
+        budget.by_part(wrong)
 
 
 SUMMARY = {
@@ -68,9 +71,9 @@ SUMMARY = {
     ],
 )  # fmt: skip
 def test_one_more_than_a_limit_is_too_much(name: str, lost: int) -> None:
-    assert all(line.is_kept for line in cycles.figures(SUMMARY, 0, 200.0))
+    assert all(line.is_kept for line in budget.figures(SUMMARY, 0, 200.0))
     more = SUMMARY | {name: SUMMARY[name] + 1}
-    lines = cycles.figures(more, lost, 200.0)
+    lines = budget.figures(more, lost, 200.0)
     assert [line.is_kept for line in lines].count(False) == 1
 
 
@@ -201,18 +204,18 @@ def test_room_is_looked_for_in_what_the_linker_lets_pass(tmp_path: Path) -> None
 
 
 def test_images_of_the_nano_are_those_of_platformio() -> None:
-    names = cycles.environments()
+    names = firmware_images.environments()
     assert names[0] == "nano"
-    assert cycles.OFFICIAL not in names
+    assert firmware_images.OFFICIAL not in names
 
 
 def test_each_board_has_limits_of_its_own() -> None:
     worst = SUMMARY | {"cycles_worst": 72_001, "flash": 40_000, "ram": 90_000}
-    nano, f405 = (cycles.figures(worst, 0, 200.0, name) for name in ("nano", "f405"))
+    nano, f405 = (budget.figures(worst, 0, 200.0, name) for name in ("nano", "f405"))
     assert not all(line.is_kept for line in nano)
     assert all(line.is_kept for line in f405)
     stack = SUMMARY | {"stack_max": 8193}
-    lines = cycles.figures(stack, 0, 200.0, "f405")
+    lines = budget.figures(stack, 0, 200.0, "f405")
     assert [line.name for line in lines if not line.is_kept] == ["RAM: deepest stack"]
 
 
@@ -222,16 +225,16 @@ def tallies(name: str, inside: int) -> dict[str, Any]:
 
 def test_a_filters_cost_is_over_the_samples_that_it_ran_for() -> None:
     functions = tallies("mahony_step", 5000) | tallies("mahony_orientation", 500)
-    after_us = cycles.FILTER_FROM_US
+    after_us = f405_load.FILTER_FROM_US
     rows = np.array([(after_us - 1,), *[(after_us + 1 + i,) for i in range(50)]],
                     [("time_us", "<u4")])  # fmt: skip
     feed = SimpleNamespace(rows=rows)
     profile = {"samples": 51, "functions": functions}
     measured: Any = SimpleNamespace(profile=profile, capture=SimpleNamespace(feed=feed))
-    found = cycles.filtered(measured, "mahony")
-    assert found == cycles.Filtered(step_mean=100.0, step_worst=90, pose_mean=10.0)
-    with pytest.raises(cycles.RunFailed, match="dcm_pi"):
-        cycles.filtered(measured, "dcm_pi")
+    found = f405_load.filtered(measured, "mahony")
+    assert found == f405_load.Filtered(step_mean=100.0, step_worst=90, pose_mean=10.0)
+    with pytest.raises(RunFailed, match="dcm_pi"):
+        f405_load.filtered(measured, "dcm_pi")
 
 
 @pytest.mark.usefixtures("boards")
@@ -240,7 +243,7 @@ def test_the_f405s_image_runs_the_filter_that_it_is_told_to(
 ) -> None:
     hand = tmp_path / "hand.npz"
     sensors.generate(4.0, seed=3).save(hand)
-    found = cycles.each_filter(f405_image, hand, seed=1)
+    found = f405_load.each_filter(f405_image, hand, seed=1)
     assert list(found) == ["fuse", "complementary", "mahony", "madgwick", "dcm_pi"]
     assert all(500 < each["step_mean"] < 5000 for each in found.values())
 
@@ -251,7 +254,7 @@ def test_a_pose_for_every_sample_takes_its_share_of_the_wire(
 ) -> None:
     hand = tmp_path / "hand.npz"
     sensors.generate(4.0, seed=3).save(hand)
-    found = cycles.at_rate(f405_image, 380, hand, seed=1)
+    found = f405_load.at_rate(f405_image, 380, hand, seed=1)
     assert found.poses_hz == pytest.approx(380.0, abs=0.2)
     assert found.late == found.lost == found.log_dropped == 0
     assert 0.3 < found.wire < 0.5

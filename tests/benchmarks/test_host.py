@@ -6,9 +6,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import faulty_line
 import numpy as np
 import pytest
 import soak
+from decoding import PlainDecoder
+from live import latency
+from source import Source
 
 import host
 from imud.wire.frame import FrameDecoder
@@ -19,7 +23,7 @@ from length import choose
 def harsh(monkeypatch: pytest.MonkeyPatch) -> None:
     """Hours of faults in minutes of frames."""
     often = {"flip": 8, "cut": 15, "double": 15, "reset": 100, "unplug": 80}
-    monkeypatch.setattr(soak, "FAULTS", often)
+    monkeypatch.setattr(faulty_line, "FAULTS", often)
 
 
 @pytest.mark.long
@@ -29,7 +33,7 @@ def test_minutes_of_faults_add_up_to_the_frame(seed: int, tmp_path: Path) -> Non
     result = soak.soak(0.03, 2, seed, tmp_path)
     for each in result["probes"]:
         assert all(each["adds_up"].values()), each
-        assert each["faults"].keys() == soak.FAULTS.keys()
+        assert each["faults"].keys() == faulty_line.FAULTS.keys()
         assert each["ledger"]["lost"] > 0
     assert all(result["sinks"].values()), result["sinks"]
     assert list(tmp_path.iterdir()) == []
@@ -39,31 +43,31 @@ def test_minutes_of_faults_add_up_to_the_frame(seed: int, tmp_path: Path) -> Non
 def test_a_soak_tells_of_a_frame_that_is_not_accounted_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    hurt = soak.Line._hurt
+    hurt = faulty_line.Line._hurt
 
     def swallow(line: Any, data: bytes, frames: Any, fault: str) -> bytes:
         hurt_data = hurt(line, data, frames, fault)
         line.truth.whole += 1
         return hurt_data
 
-    monkeypatch.setattr(soak.Line, "_hurt", swallow)
+    monkeypatch.setattr(faulty_line.Line, "_hurt", swallow)
     result = soak.soak(0.001, 1, 1, tmp_path)
     assert not result["ok"]
     assert not result["probes"][0]["adds_up"]["heard"]
 
 
 def test_the_decoder_in_python_does_what_the_c_does() -> None:
-    source = soak.Source(3)
+    source = Source(3)
     data = b"".join(source.say(i * 5000) for i in range(300))
     data = data[:1000] + b"\x07" + data[1000:4000] + data[4050:]
-    assert host.PlainDecoder().feed(data) == FrameDecoder().feed(data)
+    assert PlainDecoder().feed(data) == FrameDecoder().feed(data)
 
 
 def test_latency_is_of_the_same_pose_at_both_ends() -> None:
     second = 10**9
     sent = np.array([[p, n, n * second] for n in range(1, 6) for p in (0, 1)])
     heard = sent + np.array([0, 0, 250_000])
-    found = host.latency(sent, heard[:-1])
+    found = latency(sent, heard[:-1])
     assert (found["median_us"], found["worst_us"]) == (250.0, 250.0)
     assert (found["poses_sent"], found["poses_heard"]) == (10, 9)
 

@@ -13,6 +13,7 @@ import feed
 import numpy as np
 import pytest
 import scoring
+import stated
 import tune
 import twin
 import without
@@ -94,7 +95,7 @@ def test_every_parameter_has_a_name_and_a_place() -> None:
     assert known["lag_s"] == 0.0125
     assert known["level_error"] == 0.3
     assert all(value > 0 for value in known.values())
-    drawn = {*tune.ESTIMATE, *tune.TILT, *tune.HEADING}
+    drawn = {*tune.ESTIMATE, *stated.TILT, *stated.HEADING}
     taken = {name for part in without.PARTS.values() for name in part}
     assert drawn | taken <= set(twin.NAMES)
 
@@ -115,7 +116,7 @@ def test_a_course_scores_as_the_benchmark_does() -> None:
         found.heading_sigma_deg,
         hand(),
     )
-    assert tune.coverage(made_course(), twin.defaults()) == shares
+    assert stated.coverage(made_course(), twin.defaults()) == shares
     vqf = engines.vqf_defaults(made).quats[np.asarray(made.pose_after)]
     assert made_course().vqf[0] == scoring.score_at(found.times_s, vqf, hand())
 
@@ -156,9 +157,9 @@ def test_begun_in_motion_nothing_has_calibrated_the_gyroscope(tmp_path: Path) ->
 
 def test_what_is_drawn_is_within_a_factor_of_two_and_the_same_for_a_seed() -> None:
     known = twin.defaults()
-    found = tune.draws(("surprise", "own_sd"), 200, 7)
-    assert found == tune.draws(("surprise", "own_sd"), 200, 7)
-    assert found != tune.draws(("surprise", "own_sd"), 200, 8)
+    found = stated.draws(("surprise", "own_sd"), 200, 7)
+    assert found == stated.draws(("surprise", "own_sd"), 200, 7)
+    assert found != stated.draws(("surprise", "own_sd"), 200, 8)
     for name in known:
         factors = np.array([each[name] / known[name] for each in found])
         if name not in ("surprise", "own_sd"):
@@ -171,8 +172,8 @@ def test_what_is_drawn_is_within_a_factor_of_two_and_the_same_for_a_seed() -> No
 
 def test_stated_errors_are_the_sums_of_their_terms() -> None:
     params = twin.defaults() | SURE
-    terms = tune.Terms.of(made_course(), params)
-    shares = tune.coverage(made_course(), params)
+    terms = stated.Terms.of(made_course(), params)
+    shares = stated.coverage(made_course(), params)
     assert 0.02 < shares.tilt < 0.98
     assert 0.02 < shares.heading < 0.98
     assert terms.tilt_inside(params) == pytest.approx(shares.tilt, abs=1e-3)
@@ -193,15 +194,15 @@ def test_what_is_stated_is_chosen_to_hold_95_percent(
         + (known["level_error"] * leaning) ** 2
     )
     tilt, heading = random.standard_normal((2, 20_000)) * [tilt, heading]
-    terms = tune.Terms(np.abs(tilt), np.abs(heading), rate, across, leaning)
-    monkeypatch.setattr(tune.Terms, "of", lambda *_: terms)
+    terms = stated.Terms(np.abs(tilt), np.abs(heading), rate, across, leaning)
+    monkeypatch.setattr(stated.Terms, "of", lambda *_: terms)
     assert terms.tilt_inside(known) == pytest.approx(0.81, abs=0.01)
     assert terms.heading_inside(known) == pytest.approx(0.81, abs=0.01)
-    found = tune.honest([made_course()], known, 100, 1)
+    found = stated.honest([made_course()], known, 100, 1)
     assert terms.tilt_inside(found) == pytest.approx(0.95, abs=0.01)
     assert terms.heading_inside(found) == pytest.approx(0.95, abs=0.01)
-    stated = {*tune.TILT, *tune.HEADING}
-    assert {name for name in known if found[name] != known[name]} == stated
+    changed = {name for name in known if found[name] != known[name]}
+    assert changed == {*stated.TILT, *stated.HEADING}
 
 
 def named(name: str) -> twin.Course:
@@ -212,7 +213,7 @@ def named(name: str) -> twin.Course:
 
 def test_a_fold_has_no_say_in_what_is_tried_on_it() -> None:
     courses = [named(name) for name in FOLDED]
-    tries = tune.draws(tune.ESTIMATE, 4, 1)
+    tries = stated.draws(tune.ESTIMATE, 4, 1)
 
     def pairs(*totals: float) -> list[twin.Pair]:
         scores = [Score(total, total, 1.0) for total in totals]

@@ -125,7 +125,8 @@ static bool swallow(const uint8_t *bytes, uint8_t length) {
 }
 
 int main(void) {
-    static struct probe_port port = {.send = swallow};
+    static struct outlet wire = {.put = swallow};
+    static struct probe_port port = {.wire = &wire};
     static struct probe probe;  // without a sensor
     probe.port = &port;
     board_init();

@@ -71,6 +71,8 @@ def dtype_of(kind: Any) -> np.dtype[Any]:
     if kind.kind == "array":
         return np.dtype((dtype_of(kind.item), (kind.length,)))
     if kind.kind == "struct":
+        if kind.cname == "struct vector":
+            return np.dtype((np.int32, (3,)))
         names = [name for name, _ in kind.fields]
         if names in (["x", "y", "z"], ["w", "x", "y", "z"]):
             return np.dtype((dtype_of(kind.fields[0][1].type), (len(names),)))

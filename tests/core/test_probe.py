@@ -64,10 +64,10 @@ class Card:
         self.messages: list[Message] = []
         self.has_room = True
         self._decoder = wire.Decoder(lib.SCHEMA_SEED)
-        self._callbacks = callbacks("struct probe_log", keep=self._keep)
-        self.c = ffi.new("struct probe_log *", self._callbacks)
+        self._callbacks = callbacks("struct outlet", put=self._put)
+        self.c = ffi.new("struct probe_log *", {"outlet": self._callbacks})
 
-    def _keep(self, data: Any, length: int) -> bool:
+    def _put(self, data: Any, length: int) -> bool:
         if self.has_room:
             self.messages.append(message_of(self._decoder, bytes(data[0:length])))
         return self.has_room
@@ -139,7 +139,6 @@ class Bench:
         self._decoder = wire.Decoder(lib.SCHEMA_SEED)
         self._callbacks = callbacks(
             "struct probe_port",
-            send=self._send,
             samples_ready=lambda: self.samples_ready,
             stack_free=lambda: 777,
             supply_mv=lambda: self.supply_mv,
@@ -148,7 +147,9 @@ class Bench:
         if equipment is not None:
             self._equipment = equipment
             self._callbacks |= callbacks("struct probe_port", equipment=self._describe)
-        port = {**self._callbacks, "storage": self.memory.c}
+        self._put = callbacks("struct outlet", put=self._send)
+        self.wire = ffi.new("struct outlet *", self._put)
+        port = {**self._callbacks, "wire": self.wire, "storage": self.memory.c}
         if card is not None:
             port["log"] = card.c
         self.port = ffi.new("struct probe_port *", port)
@@ -306,8 +307,8 @@ def test_a_hello_is_read_under_any_schema_and_a_status_is_not():
         found.extend(other.feed(bytes(data[0:length])))
         return True
 
-    replaced = callbacks("struct probe_port", send=send)
-    bench.port.send = replaced["send"]
+    replaced = callbacks("struct outlet", put=send)
+    bench.wire.put = replaced["put"]
     bench.run(1.2, samples=False)
     assert [item if isinstance(item, str) else NAMES[item[0]] for item in found] == [
         "hello",
@@ -1228,8 +1229,8 @@ def test_what_a_board_tells_is_an_event():
 
 def test_a_board_can_stop_the_stream_and_says_why():
     bench = streaming(0.5)
-    lib.probe_stop(bench.c, lib.CAUSE_BATTERY, bench.time_us)
-    lib.probe_stop(bench.c, lib.CAUSE_BATTERY, bench.time_us)
+    lib.probe_set_streaming(bench.c, False, lib.CAUSE_BATTERY, bench.time_us)
+    lib.probe_set_streaming(bench.c, False, lib.CAUSE_BATTERY, bench.time_us)
     assert bench.events()[-1] == (lib.EVENT_STREAM_STOPPED, lib.CAUSE_BATTERY, 0)
     assert bench.events()[-2][0] == lib.EVENT_STREAM_STARTED
     poses = len(bench.of("pose"))

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from imud.daemon.hub import Hub, Item
+from imud.daemon.hub import Hub
+from imud.daemon.lane import Item
 from imud.probes.balance import SinkCounts, balance
 from imud.probes.record import Presence, Record
 

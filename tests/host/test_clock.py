@@ -24,9 +24,10 @@ from hypothesis import strategies as st
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
 from imud.client import Client
 from imud.daemon.commands import Asking
-from imud.probes.clock import READING_NS, WINDOW_US, Clock, Moment, Rising, Timeline
+from imud.probes.clock import WINDOW_US, Clock, Moment
 from imud.probes.record import Stamp
 from imud.probes.session import Probe, Received, Session
+from imud.probes.timeline import READING_NS, Rising, Timeline
 from length import choose
 
 SECOND = 1_000_000_000
@@ -443,8 +444,8 @@ def test_a_running_daemon_says_that_utc_was_set_and_goes_on(tmp_path: Path) -> N
     port.vanish()
     assert on["step_ns"] == pytest.approx(HOUR, abs=100 * MS)
     assert back["step_ns"] == pytest.approx(-SECOND, abs=100 * MS)
-    assert "made up slowly" in lines[1]
-    assert "made up slowly" not in lines[0]
+    assert "time stamps follow slowly" in lines[1]
+    assert "time stamps follow slowly" not in lines[0]
     poses = before + after + late
     times = [pose["t_ns"] for pose in poses]
     assert times == sorted(times)

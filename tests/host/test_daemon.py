@@ -32,7 +32,8 @@ from imud import _core, cli
 from imud.client import Client
 from imud.daemon.commands import arguments_of
 from imud.errors import CommandRefused, DaemonNotFound, NoReply, ProbeUnknown
-from imud.journal import text as daemon_words
+from imud.journal import phrases
+from imud.journal.speaker import Limiter
 from imud.log.reader import Logged, read_log
 from imud.probes import record
 from imud.probes.session import Session
@@ -586,14 +587,14 @@ def test_an_absent_port_is_told_once_and_taken_up_when_it_comes(
     tmp_path: Path,
 ) -> None:
     with DaemonProcess(tmp_path / "port", directory=tmp_path, log=False) as process:
-        process.expect("port is not there; it is taken up when it comes")
+        process.expect("port does not exist; it is opened when it appears")
         probe, port = FakeProbe(), Port(tmp_path / "port")
         process.expect(": open$")
         port.write(probe.say("hello"))
         process.expect("found on")
         process.stop()
         port.vanish()
-        assert sum("is not there" in line for line in process.lines) == 1
+        assert sum("does not exist" in line for line in process.lines) == 1
 
 
 def test_a_port_that_vanishes_is_told_once_and_counted_over(tmp_path: Path) -> None:
@@ -601,7 +602,7 @@ def test_a_port_that_vanishes_is_told_once_and_counted_over(tmp_path: Path) -> N
     made.port.write(made.probe.poses(5) + made.probe.say("event"))
     made.daemon.expect("stream started")
     made.port.vanish()
-    made.daemon.expect("port vanished; it is taken up when it is back")
+    made.daemon.expect("port vanished; it is opened when it is back")
     made.probe.poses(4)
     made.port = Port(made.port.path)
     made.daemon.expect(": open$")
@@ -613,7 +614,7 @@ def test_a_port_that_vanishes_is_told_once_and_counted_over(tmp_path: Path) -> N
     made.close()
     lines = [line for line in made.daemon.lines if "port" in line]
     assert sum("vanished" in line for line in lines) == 1
-    assert sum("is not there" in line for line in lines) == 0
+    assert sum("does not exist" in line for line in lines) == 0
 
 
 def test_a_busy_port_is_told_once_and_taken_up_when_it_is_free(tmp_path: Path) -> None:
@@ -621,7 +622,7 @@ def test_a_busy_port_is_told_once_and_taken_up_when_it_is_free(tmp_path: Path) -
     holder = os.open(port.path, os.O_RDWR | os.O_NOCTTY)
     fcntl.flock(holder, fcntl.LOCK_EX)
     with DaemonProcess(port.path, directory=tmp_path, log=False) as process:
-        process.expect("port is held by another program")
+        process.expect("port is in use by another program")
         fcntl.flock(holder, fcntl.LOCK_UN)
         process.expect(": open$")
         process.stop()
@@ -646,11 +647,11 @@ def test_a_stream_of_noise_is_told_once_and_ends_nothing(tmp_path: Path) -> None
         port.wait_open()
         noise = bytes(range(1, 256)) * 2
         port.write(noise)
-        process.expect("510 bytes and no message among them; is it a probe, at 500000")
+        process.expect("510 bytes without a valid message; is it a probe at 500000")
         port.write(noise + b"\0" + probe.say("hello"))
         process.expect("found on")
         process.stop()
-        assert sum("no message among" in line for line in process.lines) == 1
+        assert sum("without a valid message" in line for line in process.lines) == 1
     port.vanish()
 
 
@@ -909,7 +910,7 @@ def test_equipment_that_cannot_tell_its_battery_has_none() -> None:
     ],
 )
 def test_an_event_is_told_in_words(event: tuple[str, str, int], words: str) -> None:
-    assert daemon_words.event_words(*event) == words
+    assert phrases.event_words(*event) == words
 
 
 @pytest.mark.parametrize(
@@ -935,7 +936,7 @@ def test_a_restart_says_where_it_struck(
 
 
 def test_a_kind_of_line_is_written_once_in_a_while() -> None:
-    limiter = daemon_words.Limiter(quiet_s=10.0, burst=2)
+    limiter = Limiter(quiet_s=10.0, burst=2)
     said = [limiter.allow("a", t) for t in (0.0, 1.0, 2.0, 9.9, 10.0, 10.5, 11.0)]
     assert said == [
         "",
@@ -953,7 +954,7 @@ def test_the_status_names_only_what_the_schema_knows() -> None:
     known = {m.name for m in schema.MESSAGES}
     assert known >= record.JSON_TOPICS
     events = {member.name.lower() for member in schema.Event}
-    assert events >= daemon_words.FAULTS | daemon_words.DETAILS.keys()
+    assert events >= phrases.FAULTS | phrases.DETAILS.keys()
     causes = {member.name.lower() for member in schema.ResetCauseFlags}
-    assert causes >= daemon_words.WITH_ADDRESS
+    assert causes >= phrases.WITH_ADDRESS
     assert set(Session(lambda _: None, 0).counts()) >= {"corrupt", "foreign"}  # type: ignore[arg-type,return-value] # none is found here

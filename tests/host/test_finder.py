@@ -21,10 +21,11 @@ import serial
 from fakes import PATIENCE_S, FakeProbe, Port
 from imud.config.settings import Config, Ports, ProbeSettings
 from imud.daemon.commands import Commander, orders_of
-from imud.daemon.fleet import Fleet
 from imud.daemon.hub import Hub
+from imud.daemon.intake import Intake
+from imud.daemon.registry import Registry
 from imud.errors import PortLost
-from imud.journal.text import Speaker
+from imud.journal.speaker import Speaker
 from imud.ports import baud, finder, link, port
 from imud.ports.finder import Finder, is_candidate
 
@@ -45,11 +46,11 @@ class Desk:
         self.directory = directory
         self.devices: list[Device] = []
         chosen = Ports(**settings)
-        self.fleet = Fleet(Config(ports=chosen), Hub(), Speaker())
+        self.intake = Intake(Config(ports=chosen), Hub(), Speaker())
         self.found: list[str] = []
-        self.fleet.on_found = self.found.append
+        self.intake.on_found = self.found.append
         self.finder = Finder(
-            chosen, self.fleet, Speaker(), listed=lambda: list(self.devices)
+            chosen, self.intake, Speaker(), listed=lambda: list(self.devices)
         )
 
     def plug(self, name: str, baud: int | None = None, **about: Any) -> Port:
@@ -70,8 +71,8 @@ class Desk:
         return time.monotonic() - begin
 
     def port_of(self, probe: FakeProbe) -> str | None:
-        watched = self.fleet.named(probe.name)
-        return watched.port.name if watched and watched.port else None
+        entry = self.intake.registry.named(probe.name)
+        return entry.port.name if entry and entry.port else None
 
     async def open_port(self, port: Port) -> None:
         def is_open() -> bool:
@@ -213,7 +214,7 @@ def test_a_port_that_is_none_of_ours_is_given_back_at_once_and_tried_again_later
     at_desk(tmp_path, check)
     lines = [r.getMessage() for r in caplog.records if "no probe is heard" in r.msg]
     assert len(lines) == 1
-    assert "at 500000 or 921600 baud; the port is left to others" in lines[0]
+    assert "at 500000 or 921600 baud; the port is closed for other programs" in lines[0]
 
 
 def test_a_port_that_was_found_is_given_back_when_its_probe_falls_silent(
@@ -252,9 +253,9 @@ def test_a_port_that_was_found_is_given_back_when_its_probe_falls_silent(
         # When it speaks again it is found again, with its account.
         await desk.open_port(port)
         await desk.say_until_found(port, probe)
-        watched = desk.fleet.named(probe.name)
-        assert watched is not None
-        assert watched.probe.account.boots == 1
+        entry = desk.intake.registry.named(probe.name)
+        assert entry is not None
+        assert entry.probe.account.boots == 1
         desk.unplug(port)
 
     at_desk(tmp_path, check)
@@ -272,13 +273,13 @@ def test_one_id_on_two_ports_is_told_and_not_merged(
         await desk.say_until_found(first, probe)
         second = desk.plug("ttyUSB1")
         await desk.open_port(second)
-        watched = desk.fleet.named(probe.name)
-        assert watched is not None
-        before = watched.probe.account.counts()
+        entry = desk.intake.registry.named(probe.name)
+        assert entry is not None
+        before = entry.probe.account.counts()
         second.write(copy.say("hello") + copy.poses(50))
-        await desk.until(lambda: "which is left out" in caplog.text)
+        await desk.until(lambda: "which is ignored" in caplog.text)
         assert desk.port_of(probe) == str(first.path)
-        assert watched.probe.account.counts() == before
+        assert entry.probe.account.counts() == before
         others = [p for p in desk.finder if p.name == str(second.path)]
         with pytest.raises(PortLost):
             others[0].write(b"x")
@@ -361,9 +362,9 @@ def test_a_probes_settings_become_the_commands_that_are_needed(
 def test_a_rate_that_is_set_back_before_the_next_hello_is_set_back(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    fleet = Fleet(Config(), Hub(), Speaker())
-    fleet.probe("00112233445566aa").hello.update(FakeProbe().hello_fields)
-    commander, sent = Commander(fleet), []
+    registry = Registry(Config())
+    registry.add("00112233445566aa").probe.hello.update(FakeProbe().hello_fields)
+    commander, sent = Commander(registry), []
 
     async def command(_: str, name: str, parameters: dict[str, str]) -> None:
         sent.append((name, parameters["hz"]))

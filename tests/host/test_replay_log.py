@@ -20,7 +20,7 @@ import pytest
 
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, free_endpoint
 from imud import cli
-from imud.cli import entry
+from imud.cli import recordings
 from imud.client import Client
 from imud.errors import CommandRefused, ProbeUnknown
 from imud.net import keys
@@ -173,7 +173,7 @@ def test_ten_times_as_fast_takes_a_tenth_of_the_time(tmp_path: Path) -> None:
         begin = time.monotonic()
         assert replay.to_network(replay.recording([path]), client, 10.0) == 0
         assert time.monotonic() - begin >= 0.3
-        assert entry._speed("0") is entry._speed("max") is None
+        assert recordings.speed("0") is recordings.speed("max") is None
 
 
 def test_where_keys_rule_a_daemon_may_replay_and_nobody_else(

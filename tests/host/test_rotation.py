@@ -3,15 +3,22 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from imud import rotation
-from imud.rotation import FloatArray
+from imud.client import Pose
+from imud.rotation import FloatArray, Row
 
 HALF = 0.5**0.5
+SINE, COSINE = np.sin(np.pi / 8), np.cos(np.pi / 8)
+C30 = 0.75**0.5
+CLIMB = ((90, -60, 0), (0, 60, 0), (0, -60, 90))
+ONE = 2**30  # of a component on the wire
+Quat = tuple[float, float, float, float]
 RANDOM = np.random.default_rng(1)
 COUNT = 20_000
 
@@ -34,6 +41,22 @@ def apart(one: FloatArray, other: FloatArray) -> FloatArray:
     """Radians between attitudes."""
     between = rotation.multiply(one, rotation.inverse(other))
     return np.asarray(np.linalg.norm(rotation.to_rotation_vector(between), axis=-1))
+
+
+def pose_of(q: Quat) -> Pose:
+    return Pose(
+        probe="p",
+        seq=1,
+        number=1,
+        missing=0,
+        t_device_us=0,
+        q=q,
+        position_m=None,
+        normal=None,
+        tilt_sigma_deg=None,
+        heading_sigma_deg=None,
+        flags=(),
+    )
 
 
 def test_angles_and_attitude_are_one_both_ways() -> None:
@@ -102,6 +125,77 @@ def test_a_dive_to_the_north(
     rows = np.broadcast_to(north, (2, 3, 4))
     assert np.degrees(convert(rows)).shape == (2, 3, 3)
     assert np.allclose(np.degrees(convert(rows)), expected)
+
+
+# Attitudes worked out by hand from docs/angles.md, degrees.
+AT_HAND = [
+    # Level, x to the east.
+    ((1, 0, 0, 0), (0, 0, 0), (90, 0, 0), (0, 0, 0)),
+    # Level, x to the north: a compass heading of 0.
+    ((HALF, 0, 0, HALF), (90, 0, 0), (0, 0, 0), (0, 0, 90)),
+    # Level, x to the south-west: a compass heading of 225, which is -135.
+    ((SINE, 0, 0, -COSINE), (-135, 0, 0), (-135, 0, 0), (0, 0, -135)),
+    # x to the north and 60 up: a climb.
+    ((C30 * HALF, 0.5 * HALF, -0.5 * HALF, C30 * HALF), *CLIMB),
+    # x to the north, the right side 90 down.
+    ((0.5, 0.5, 0.5, 0.5), (90, 0, 90), (0, 0, 90), (90, 0, 90)),
+    # Upside down, x to the east.
+    ((0, 1, 0, 0), (0, 0, -180), (90, 0, -180), (-180, 0, 0)),
+    # x straight up, where yaw takes the whole rotation.
+    ((HALF, 0, -HALF, 0), (0, -90, 0), (90, 90, 0), (0, -90, 0)),
+]
+
+
+@pytest.mark.parametrize(("q", "nautical", "aerospace", "nectec"), AT_HAND)
+def test_a_pose_tells_its_angles_in_each_convention(
+    q: Quat, nautical: Row, aerospace: Row, nectec: Row
+) -> None:
+    for sign in (1, -1):
+        pose = pose_of(tuple(sign * each for each in q))
+        found = pose.angles("nautical")
+        assert found == pytest.approx(nautical, abs=1e-12)
+        assert found == pose.yaw_pitch_roll_deg
+        assert (found.yaw_deg, found.pitch_deg, found.roll_deg) == found
+        assert pose.angles("aerospace") == pytest.approx(aerospace, abs=1e-12)
+        assert pose.angles("nectec") == pytest.approx(nectec, abs=1e-12)
+
+
+def test_the_columns_of_a_pose_s_matrix_are_its_axes_in_the_world() -> None:
+    # x to the north, y to the west, z up.
+    east, north, up = pose_of((HALF, 0.0, 0.0, HALF)).matrix
+    assert east == pytest.approx((0, -1, 0))
+    assert north == pytest.approx((1, 0, 0))
+    assert up == pytest.approx((0, 0, 1))
+
+
+@pytest.mark.parametrize("convention", rotation.CONVERSIONS)
+def test_angles_stay_in_their_ranges(convention: rotation.Convention) -> None:
+    # Turns by half a turn and a few last digits beside it, about each axis.
+    half_turns = np.pi + np.arange(-4, 5) * 2.0**-52
+    for axis, angle, sign in itertools.product(np.eye(3), half_turns, (1, -1)):
+        quat = rotation.from_rotation_vector(axis * angle * sign)
+        yaw, pitch, roll = rotation.angles_deg(quat.tolist(), convention)
+        assert -180 <= yaw < 180
+        assert -90 <= pitch <= 90
+        assert -180 <= roll < 180
+
+
+@pytest.mark.native
+def test_the_probe_s_conversions_give_the_same_angles() -> None:
+    """Where fixed point is exact to 5e-6 rad: not next to the vertical."""
+    from core import desk
+
+    quat = anywhere()
+    rows = desk.rounded(quat[np.abs(rotation.to_matrix(quat)[:, 2, 0]) < 0.9999] * ONE)
+    for convention, loop in (
+        ("nautical", desk.lib.loop_euler),
+        ("aerospace", desk.lib.loop_aerospace),
+        ("nectec", desk.lib.loop_nectec),
+    ):
+        fixed = desk.mapped(loop, rows, width=3) / desk.TURN
+        host = rotation.CONVERSIONS[convention](rows / ONE)
+        away = np.remainder(fixed - host + np.pi, 2 * np.pi) - np.pi
+        assert np.abs(away).max() < 5e-6, convention
 
 
 def test_nectec_angles_are_those_of_its_formula() -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from fakes import DaemonProcess, FakeProbe, Port
-from imud.client import Client, Heard
+from imud.client import Client, Delivery
 from streaming import Process, Streaming, until, zenoh_of
 
 # Says what came and what did not, whenever it is asked.
@@ -84,7 +84,7 @@ def is_as_fast_beside_one_that_stands_still(
         stuck = Process(READER, daemon.endpoint)
         heard: list[tuple[int, float]] = []
 
-        def take(each: Heard) -> None:
+        def take(each: Delivery) -> None:
             number = json.loads(each.payload)["number"]
             heard.append((number, time.monotonic()))
 

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""What a program gets from `subscribe`, and what it is told that it missed."""
+"""`subscribe` with a daemon: what arrives, and what a subscriber is told it missed."""
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import json
 import os
@@ -13,7 +12,6 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +20,6 @@ import pytest
 from fakes import PATIENCE_S, POSE, DaemonProcess, FakeProbe, Port
 from imud.client import (
     Event,
-    Heard,
     Missed,
     Pose,
     Raw,
@@ -31,230 +28,6 @@ from imud.client import (
     Topic,
     subscribe,
 )
-from imud.errors import ConfigError, DaemonNotFound
-
-
-class Line:
-    """What a daemon publishes, without one: calls back like a client."""
-
-    is_connected = True
-
-    def __init__(self) -> None:
-        self.callbacks: dict[str, Any] = {}
-        self.history: dict[str, int] = {}
-        self.is_closed = False
-
-    def listen(self, topic: str, _: str | None, callback: Any, *, history: int) -> None:
-        self.callbacks[topic] = callback
-        self.history[topic] = history
-
-    def close(self) -> None:
-        self.is_closed = True
-
-    def say(
-        self,
-        number: int,
-        *,
-        topic: str = "pose",
-        source: str = "one",
-        probe: str = "p",
-        **changes: Any,
-    ) -> None:
-        said = {
-            "type": topic,
-            "probe": probe,
-            "seq": number * 2,
-            "number": number,
-            "missing": 0,
-            "t_device_us": number * 10_000,
-            "q": POSE["q"],
-            "position_m": None,
-            "normal": None,
-            "tilt_sigma_deg": 0.37,
-            "heading_sigma_deg": None,
-            "flags": ["at_rest"],
-            "event": "tared",
-            "cause": "command",
-            "detail": 0,
-        } | changes
-        self.callbacks[topic](Heard(probe, json.dumps(said).encode(), source))
-
-
-def line_and(
-    *topics: str, waiting_max: int = 100, **options: Any
-) -> tuple[Line, Subscription[Any]]:
-    line: Any = Line()
-    given = {"history": 0, "seconds": None} | options
-    topics = topics or ("pose",)
-    return line, Subscription(line, None, topics, waiting_max=waiting_max, **given)
-
-
-def numbers(subscription: Subscription[Any], count: int) -> list[int]:
-    return [pose.number for pose in islice(subscription, count)]
-
-
-def test_what_came_before_the_subscription_is_not_missed() -> None:
-    line, subscription = line_and()
-    line.say(1000, missing=7)
-    line.say(1001)
-    assert numbers(subscription, 2) == [1000, 1001]
-    assert subscription.missed == Missed()
-
-
-def test_a_hole_in_the_numbers_is_the_network_s_and_missing_is_the_wire_s() -> None:
-    line, subscription = line_and()
-    line.say(5)
-    line.say(9, missing=2)
-    line.say(10, missing=1)
-    assert numbers(subscription, 3) == [5, 9, 10]
-    assert subscription.missed == Missed(wire=3, network=3)
-    assert subscription.missed.total == 6
-    assert subscription.missed_of("p") == subscription.missed
-    assert subscription.missed_of("q") == Missed()
-
-
-def test_a_wire_s_loss_is_told_by_each_topic_and_counted_once() -> None:
-    line, subscription = line_and("pose", "event")
-    for topic in ("pose", "event"):
-        line.say(1, topic=topic)
-        line.say(2, topic=topic, missing=4)
-    assert subscription.missed_of("p", "event").wire == 4
-    assert subscription.missed == Missed(wire=4)
-
-
-def test_probes_are_counted_apart() -> None:
-    line, subscription = line_and()
-    for probe, step in (("a", 1), ("b", 3)):
-        line.say(1, probe=probe)
-        line.say(1 + step, probe=probe)
-    assert subscription.missed_of("a") == Missed()
-    assert subscription.missed_of("b") == Missed(network=2)
-
-
-@pytest.mark.parametrize("over", [0, 1, 50])
-def test_a_full_queue_drops_its_oldest_and_counts_them(over: int) -> None:
-    line, subscription = line_and(waiting_max=10)
-    for number in range(1, 11 + over):
-        line.say(number)
-    assert numbers(subscription, 10) == list(range(1 + over, 11 + over))
-    assert subscription.missed == Missed(queue=over)
-
-
-def test_another_daemon_counts_anew_and_that_is_told() -> None:
-    line, subscription = line_and()
-    line.say(500)
-    line.say(4, source="two")
-    line.say(5, source="two")
-    assert numbers(subscription, 3) == [500, 4, 5]
-    assert subscription.missed == Missed(network=3, daemon_restarts=1)
-
-
-def test_without_a_source_a_lower_number_is_of_another_daemon() -> None:
-    line, subscription = line_and()
-    line.say(500, source="")
-    line.say(1, source="")
-    assert subscription.missed == Missed(daemon_restarts=1)
-
-
-def test_what_came_twice_is_given_once() -> None:
-    line, subscription = line_and()
-    for number in (1, 2, 2, 1, 3):
-        line.say(number)
-    assert numbers(subscription, 3) == [1, 2, 3]
-    assert subscription.missed == Missed()
-
-
-@pytest.mark.parametrize("payload", [b"", b"{", b"[]", b'{"probe":"p"}', b"\xff", b"0"])
-def test_what_is_no_message_is_counted_and_left_out(payload: bytes) -> None:
-    line, subscription = line_and()
-    line.callbacks["pose"](Heard("p", payload, "one"))
-    line.say(1)
-    assert numbers(subscription, 1) == [1]
-    assert subscription.missed == Missed(unreadable=1)
-
-
-def test_history_is_of_poses_alone() -> None:
-    line, _ = line_and("pose", "event", history=20)
-    assert line.history == {"pose": 20, "event": 0}
-
-
-def test_an_iteration_ends_when_it_is_closed_from_elsewhere() -> None:
-    line, subscription = line_and()
-    closing = threading.Timer(0.05, subscription.close)
-    closing.start()
-    assert list(subscription) == []
-    closing.join()
-    assert line.is_closed
-
-
-def test_an_iteration_ends_after_its_seconds() -> None:
-    line, subscription = line_and(seconds=0.05)
-    line.say(1)
-    assert len(list(subscription)) == 1
-    assert line.is_closed
-
-
-def test_an_asynchronous_iteration_wakes_and_ends() -> None:
-    line, subscription = line_and()
-
-    async def follow() -> list[int]:
-        found = []
-        async with subscription:
-            speaking = threading.Timer(0.05, line.say, (7,))
-            speaking.start()
-            async for pose in subscription:
-                found.append(pose.number)
-                if len(found) == 2:
-                    break
-                line.say(8)
-            speaking.join()
-        return found
-
-    assert asyncio.run(follow()) == [7, 8]
-    assert line.is_closed
-    line.say(9)  # its loop has ended
-
-
-def test_an_asynchronous_iteration_ends_after_its_seconds() -> None:
-    line, subscription = line_and(seconds=0.05)
-    line.say(1)
-
-    async def follow() -> list[int]:
-        return [pose.number async for pose in subscription]
-
-    assert asyncio.run(follow()) == [1]
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"topics": ()},
-        {"topics": ("pose", "frame")},
-        {"history": -1},
-        {"waiting_max": 0},
-    ],
-)
-def test_options_that_can_not_be_are_refused(options: dict[str, Any]) -> None:
-    with pytest.raises(ConfigError):
-        subscribe(**options)
-
-
-def test_no_daemon_is_said_with_what_to_do() -> None:
-    with pytest.raises(DaemonNotFound, match="imud run"):
-        subscribe(endpoint="tcp/127.0.0.1:9")
-
-
-def test_importing_imud_does_not_load_the_network() -> None:
-    code = "import sys, imud; assert 'zenoh' not in sys.modules; imud.subscribe"
-    subprocess.run([sys.executable, "-c", code], check=True)
-    import imud
-
-    assert imud.subscribe is subscribe
-    with pytest.raises(AttributeError, match="nonsense"):
-        _ = imud.nonsense  # type: ignore[attr-defined]
-
-
-# With a daemon.
 
 
 class Chain:

@@ -18,6 +18,7 @@ from typing import Any
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
 from imud.client import Client
 from imud.daemon.commands import REPLY_TIMEOUT_S
+from imud.probes.ledger import totals
 
 BACK_S = 2.0
 
@@ -66,9 +67,8 @@ class Bench:
         """Of the first status in which so many messages of all boots are."""
         while True:
             ledger = self.statuses.get(timeout=PATIENCE_S)["ledger"]
-            earlier = ledger["earlier_boots"]
-            if ledger["received"] + earlier["received"] >= received:
-                assert ledger["received"] + earlier["received"] == received
+            if totals(ledger).received >= received:
+                assert totals(ledger).received == received
                 return dict(ledger)
 
     def replug(self, *, after_s: float = 0.0) -> None:
@@ -157,7 +157,7 @@ def test_a_reset_in_mid_frame_costs_that_frame_and_is_a_boot_of_its_own(
             ledger = desk.ledger(received)
             # What was torn is one bad frame; its number was never heard.
             assert ledger["corrupt"] == resets
-            assert ledger["earlier_boots"]["lost"] + ledger["lost"] == 0
+            assert totals(ledger).lost == 0
         assert ledger["boots"] == 4
         told(record_property, "the frame in which it struck", slowest_s)
 
@@ -305,7 +305,7 @@ def test_a_second_daemon_on_a_port_says_one_line_and_the_first_goes_on(
 ) -> None:
     with bench(tmp_path) as desk:
         with DaemonProcess(desk.port.path, directory=tmp_path, log=False) as second:
-            second.expect("port is held by another program; it is taken up when")
+            second.expect("port is in use by another program; it is opened when")
             desk.port.write(desk.probe.poses(50))
             desk.pose(desk.probe.sequence - 1)
             time.sleep(1.0)  # it tries again, and again in vain

@@ -67,21 +67,18 @@ static void apply(const struct calibration_of_sensor *sensor, const q16_16_t cou
         centred[axis] =
             fixed_half_floor(fixed_half_floor(counts[axis])) - sensor->bias[axis];
     }
-    int32_t *result = &out->x;
     for (uint8_t row = 0; row < 3; ++row) {
         const int32_t sum = fixed_dot3_q14(centred, sensor->matrix[row]);
-        *result++ = fixed_clamp(fixed_mul_q30(sum, scale), limit) * 2;
+        out->axis[row] = fixed_clamp(fixed_mul_q30(sum, scale), limit) * 2;
     }
 }
 
 static void apply_to_counts(const struct calibration_of_sensor *sensor,
                             const struct counts *counts, q2_30_t scale, int32_t limit,
                             struct vector *out) {
-    const int16_t *count = &counts->x;
-    q16_16_t fine[3];  // from which the AVR comes to q18_14 sooner than from counts
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        fine[axis] = count[axis] * INT32_C(65536);
-    }
+    // From these the AVR comes to q18_14 sooner than from counts.
+    const q16_16_t fine[3] = {counts->x * INT32_C(65536), counts->y * INT32_C(65536),
+                              counts->z * INT32_C(65536)};
     apply(sensor, fine, scale, limit, out);
 }
 
@@ -130,14 +127,14 @@ enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
                                             const struct sample *sample,
                                             const struct sensor_identity *identity,
                                             q16_16_t mean_counts[3]) {
-    const int16_t *gyr = &sample->gyr.x;
-    const int16_t *acc = &sample->acc.x;
+    const int16_t gyr[3] = {sample->gyr.x, sample->gyr.y, sample->gyr.z};
+    const int16_t acc[3] = {sample->acc.x, sample->acc.y, sample->acc.z};
     struct gyro_calibrator_axis *axis = calibrator->axes;
     const uint16_t count = calibrator->count;
     uint16_t span = 0;      // of the widest axis
     uint16_t furthest = 0;  // from zero
     for (uint8_t i = 0; i < 3; ++i) {
-        const int16_t rate = *gyr++;
+        const int16_t rate = gyr[i];
         if (count == 0) {
             *axis = (struct gyro_calibrator_axis){0, 0, rate, rate};
         }
@@ -145,7 +142,7 @@ enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
         if (count == CALIBRATOR_SAMPLES / 2) {
             axis->turn = -axis->turn;  // from here on the second half
         }
-        axis->turn += *acc++;
+        axis->turn += acc[i];
         if (rate < axis->low) {
             axis->low = rate;
         }

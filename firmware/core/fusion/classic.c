@@ -8,7 +8,7 @@
 #define INTERVAL_MAX_US UINT32_C(50000)
 
 void classic_init(struct classic *classic) {
-    classic->bias_rad_s_q25 = (struct vector){0, 0, 0};
+    classic->bias_rad_s_q25 = (struct vector){0};
     classic_restart(classic);
 }
 
@@ -76,8 +76,9 @@ static bool find_level(const struct measurement *measurement, struct vector rows
     // North is across up and the body's x, or y where x points up or down: at least 30
     // degrees off the vertical.
     const bool is_steep = fixed_magnitude(up->x) > (uint32_t)Q2_30_ONE / 2;
-    const struct vector north = is_steep ? (struct vector){-up->z, 0, up->x}
-                                         : (struct vector){0, up->z, -up->y};
+    const struct vector north = is_steep
+                                    ? (struct vector){.x = -up->z, .y = 0, .z = up->x}
+                                    : (struct vector){.x = 0, .y = up->z, .z = -up->y};
     return face_north(&north, rows);
 }
 
@@ -154,7 +155,8 @@ bool classic_normalise(struct quat *q) {
     q->z = fixed_scale_up(q->z, up);
     const uint32_t w = fixed_magnitude(q->w);
     const uint32_t square =
-        fixed_umul_q32(w, w) + vector_square_q32(&(struct vector){q->x, q->y, q->z});
+        fixed_umul_q32(w, w) +
+        vector_square_q32(&(struct vector){.x = q->x, .y = q->y, .z = q->z});
     const bool is_low = square < UINT32_C(0x40000000);
     const q2_30_t inverse = fixed_rsqrt(is_low ? square * 4 : square);
     const int32_t once = is_low ? 2 : 1;
@@ -178,15 +180,19 @@ void classic_axes(const struct quat *q, struct vector rows[3]) {
     const q2_30_t wy = fixed_mul_q30(q->w, q->y);
     const q2_30_t wz = fixed_mul_q30(q->w, q->z);
     const q2_30_t half = Q2_30_ONE / 2;
-    rows[0] = (struct vector){2 * (half - yy - zz), 2 * (xy - wz), 2 * (xz + wy)};
-    rows[1] = (struct vector){2 * (xy + wz), 2 * (half - xx - zz), 2 * (yz - wx)};
-    rows[2] = (struct vector){2 * (xz - wy), 2 * (yz + wx), 2 * (half - xx - yy)};
+    rows[0] = (struct vector){
+        .x = 2 * (half - yy - zz), .y = 2 * (xy - wz), .z = 2 * (xz + wy)};
+    rows[1] = (struct vector){
+        .x = 2 * (xy + wz), .y = 2 * (half - xx - zz), .z = 2 * (yz - wx)};
+    rows[2] = (struct vector){
+        .x = 2 * (xz - wy), .y = 2 * (yz + wx), .z = 2 * (half - xx - yy)};
 }
 
 // v / 4, so that four of them may be added.
 static struct vector quarter(const struct vector *v) {
-    return (struct vector){fixed_scale_down(v->x, 2), fixed_scale_down(v->y, 2),
-                           fixed_scale_down(v->z, 2)};
+    return (struct vector){.x = fixed_scale_down(v->x, 2),
+                           .y = fixed_scale_down(v->y, 2),
+                           .z = fixed_scale_down(v->z, 2)};
 }
 
 void classic_quat(const struct vector rows[3], struct quat *out) {
@@ -210,8 +216,8 @@ void classic_quat(const struct vector rows[3], struct quat *out) {
 
 void classic_field(const struct vector rows[3], const struct vector *field,
                    q2_30_t *horizontal, q2_30_t *vertical) {
-    struct vector flat = {classic_dot(&rows[0], field), classic_dot(&rows[1], field),
-                          0};
+    struct vector flat = {
+        .x = classic_dot(&rows[0], field), .y = classic_dot(&rows[1], field), .z = 0};
     *horizontal = 0;
     *vertical = classic_dot(&rows[2], field);
     (void)vector_normalise(&flat, &flat, horizontal);

@@ -60,7 +60,7 @@ static int32_t rate_of(int32_t rate_q25) {
 
 // atan(across / sqrt(one^2 + other^2)) in rad q7_25, within a quarter turn.
 static q7_25_t slope(int32_t across, int32_t one, int32_t other) {
-    struct vector flat = {one, other, 0};
+    struct vector flat = {.x = one, .y = other, .z = 0};
     int32_t norm = 0;
     (void)vector_normalise(&flat, &flat, &norm);
     // 2^-32 turns times 2 pi 2^25.

@@ -62,7 +62,8 @@ static void remove_offsets(struct dcm_pi *dcm_pi, const struct vector *force_q21
 static void turn_row(struct vector *row, const struct vector *angle_rad_q30) {
     struct vector step;
     classic_cross(row, angle_rad_q30, &step);
-    *row = (struct vector){row->x + step.x, row->y + step.y, row->z + step.z};
+    *row = (struct vector){
+        .x = row->x + step.x, .y = row->y + step.y, .z = row->z + step.z};
 }
 
 // Equation 11: the norm n <= 1.15 becomes n (3 - n^2) / 2, which is within 1 of any n.
@@ -119,7 +120,7 @@ void dcm_pi_step(struct dcm_pi *dcm_pi, const struct measurement *measurement,
     }
     // Rad q4_28, at most 0.33 an axis, and two bits more.
     vector_scale(&rate, classic_seconds_q33(interval_us / parts), &rate);
-    rate = (struct vector){rate.x * 4, rate.y * 4, rate.z * 4};
+    rate = (struct vector){.x = rate.x * 4, .y = rate.y * 4, .z = rate.z * 4};
     for (uint8_t part = 0; part < parts; ++part) {
         step_rows(dcm_pi->rows, &rate);
     }

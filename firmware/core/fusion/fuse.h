@@ -14,6 +14,7 @@
 
 #include "core/fusion/calibrate.h"
 #include "core/fusion/kalman.h"
+#include "core/fusion/lowpass.h"
 #include "core/fusion/quality.h"
 #include "core/math/matrix.h"
 #include "core/math/quat.h"
@@ -21,22 +22,6 @@
 enum {
     FUSE_MOTION_STATES = 4,
     FUSE_MOTION_PAIRS = FUSE_MOTION_STATES * (FUSE_MOTION_STATES + 1) / 2,
-};
-
-// Second-order Butterworth low-pass as two trapezoidal integrators, which needs no more
-// precision than its input has. Mean of its input until it has settled.
-struct lowpass_axis {
-    int32_t band, level;
-};
-
-struct lowpass {
-    struct lowpass_axis x, y, z;
-};
-
-struct lowpass_gain {
-    q2_30_t integrator;  // tan(T / (sqrt(2) tau))
-    q2_30_t feedback;    // 1 / (1 + g (g + sqrt(2)))
-    uint8_t settle;      // steps in tau
 };
 
 // Derived from the sample rate, once.

@@ -66,7 +66,7 @@ static bool find_gradient(const struct quat *q, const struct measurement *measur
     struct vector force;
     struct vector field;
     struct vector up;
-    struct vector north = {0, 0, 0};
+    struct vector north = {0};
     int32_t norm;
     if (!vector_normalise(&measurement->acc_m_s2_q21, &force, &norm)) {
         return false;
@@ -79,10 +79,9 @@ static bool find_gradient(const struct quat *q, const struct measurement *measur
         q2_30_t b_z;
         classic_field(rows, &field, &b_x, &b_z);
         const struct vector estimated = {
-            fixed_mul_q30(rows[0].x, b_x) + fixed_mul_q30(rows[2].x, b_z),
-            fixed_mul_q30(rows[0].y, b_x) + fixed_mul_q30(rows[2].y, b_z),
-            fixed_mul_q30(rows[0].z, b_x) + fixed_mul_q30(rows[2].z, b_z),
-        };
+            .x = fixed_mul_q30(rows[0].x, b_x) + fixed_mul_q30(rows[2].x, b_z),
+            .y = fixed_mul_q30(rows[0].y, b_x) + fixed_mul_q30(rows[2].y, b_z),
+            .z = fixed_mul_q30(rows[0].z, b_x) + fixed_mul_q30(rows[2].z, b_z)};
         eighth_of_error(&estimated, &field, &north);
         up.x += fixed_mul_q30(north.x, b_z);
         up.y += fixed_mul_q30(north.y, b_z);

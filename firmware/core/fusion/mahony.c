@@ -39,7 +39,7 @@ void mahony_step(struct mahony *mahony, const struct measurement *measurement,
     struct vector turn;
     struct vector force;
     struct vector field;
-    struct vector half_error = {0, 0, 0};
+    struct vector half_error = {0};
     int32_t norm;
     classic_step(&mahony->common, measurement, interval_us);
     if (classic_wants_start(&mahony->common, measurement) &&
@@ -60,18 +60,18 @@ void mahony_step(struct mahony *mahony, const struct measurement *measurement,
             q2_30_t up;
             classic_field(rows, &field, &north, &up);
             const struct vector estimated = {
-                fixed_mul_q30(rows[1].x, north) + fixed_mul_q30(rows[2].x, up),
-                fixed_mul_q30(rows[1].y, north) + fixed_mul_q30(rows[2].y, up),
-                fixed_mul_q30(rows[1].z, north) + fixed_mul_q30(rows[2].z, up),
-            };
+                .x = fixed_mul_q30(rows[1].x, north) + fixed_mul_q30(rows[2].x, up),
+                .y = fixed_mul_q30(rows[1].y, north) + fixed_mul_q30(rows[2].y, up),
+                .z = fixed_mul_q30(rows[1].z, north) + fixed_mul_q30(rows[2].z, up)};
             add_half_error(&field, &estimated, &half_error);
         }
     }
     // Equation 32a without the bias' b: rate + Kp error, a quarter of what it turns.
     // The rate's is at most 0.91 long, 72.7 rad/s for 50 ms; the error's 0.375 * 1.
     vector_scale(&half_error, fixed_mul_q30(seconds_q33, HALF_KP), &half_error);
-    turn = (struct vector){turn.x + half_error.x, turn.y + half_error.y,
-                           turn.z + half_error.z};
+    turn = (struct vector){.x = turn.x + half_error.x,
+                           .y = turn.y + half_error.y,
+                           .z = turn.z + half_error.z};
     classic_half_step(q, &turn, q);
     (void)classic_normalise(q);
 }

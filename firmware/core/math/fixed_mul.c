@@ -54,14 +54,13 @@ void quat_multiply(const struct quat *a, const struct quat *b, struct quat *out)
 
 void quat_rotate(const struct quat *q, const struct vector *v, struct vector *out) {
     // v + w t + u x t with u the vector part and t = 2 u x v; |t| <= 2 |v| < 2^31.
-    const struct vector t = {
-        rounded(term(q->y, v->z) - term(q->z, v->y), 5),
-        rounded(term(q->z, v->x) - term(q->x, v->z), 5),
-        rounded(term(q->x, v->y) - term(q->y, v->x), 5),
-    };
+    const struct vector t = {.x = rounded(term(q->y, v->z) - term(q->z, v->y), 5),
+                             .y = rounded(term(q->z, v->x) - term(q->x, v->z), 5),
+                             .z = rounded(term(q->x, v->y) - term(q->y, v->x), 5)};
     const int64_t x = term(q->w, t.x) + term(q->y, t.z) - term(q->z, t.y);
     const int64_t y = term(q->w, t.y) + term(q->z, t.x) - term(q->x, t.z);
     const int64_t z = term(q->w, t.z) + term(q->x, t.y) - term(q->y, t.x);
-    *out = (struct vector){v->x + rounded(x, 6), v->y + rounded(y, 6),
-                           v->z + rounded(z, 6)};
+    *out = (struct vector){.x = v->x + rounded(x, 6),
+                           .y = v->y + rounded(y, 6),
+                           .z = v->z + rounded(z, 6)};
 }

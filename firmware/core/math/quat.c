@@ -46,7 +46,7 @@ void quat_from_heading(turn32_t heading, struct quat *out) {
 }
 
 void quat_about_z(int32_t cosine, int32_t sine, struct quat *out) {
-    struct vector unit = {cosine, sine, 0};
+    struct vector unit = {.x = cosine, .y = sine, .z = 0};
     int32_t norm;
     *out = QUAT_IDENTITY;
     if (!vector_normalise(&unit, &unit, &norm)) {
@@ -56,9 +56,10 @@ void quat_about_z(int32_t cosine, int32_t sine, struct quat *out) {
     // whose terms do not cancel.
     const q2_30_t half_cosine = fixed_half_floor(unit.x);
     const q2_30_t half_sine = fixed_half_floor(unit.y);
-    unit = half_cosine >= 0
-               ? (struct vector){Q2_30_ONE / 2 + half_cosine, half_sine, 0}
-               : (struct vector){half_sine, Q2_30_ONE / 2 - half_cosine, 0};
+    unit =
+        half_cosine >= 0
+            ? (struct vector){.x = Q2_30_ONE / 2 + half_cosine, .y = half_sine, .z = 0}
+            : (struct vector){.x = half_sine, .y = Q2_30_ONE / 2 - half_cosine, .z = 0};
     (void)vector_normalise(&unit, &unit, &norm);
     out->w = unit.x;
     out->z = unit.y;

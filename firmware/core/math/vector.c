@@ -1,34 +1,32 @@
 // SPDX-License-Identifier: MIT
-// Norms and products of vectors; see vector.h for formats and bounds. Components are
-// gone through as three numbers in a row, in a third of the AVR's flash.
+// Norms and products of vectors; see vector.h for formats and bounds. Loops over
+// the axes take a third of the AVR's flash that x, y and z one by one would.
 #include "core/math/vector.h"
 
-_Static_assert(sizeof(struct vector) == 3 * sizeof(int32_t), "three in a row");
+_Static_assert(sizeof(struct vector) == 3 * sizeof(int32_t),
+               "x, y, z and the axes are the same bytes");
 
 int32_t vector_square_q30(const struct vector *v) {
-    const int32_t *part = &v->x;
     int32_t sum = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        sum += fixed_mul_q30(part[axis], part[axis]);
+        sum += fixed_mul_q30(v->axis[axis], v->axis[axis]);
     }
     return sum;
 }
 
 uint32_t vector_square_q32(const struct vector *v) {
-    const int32_t *part = &v->x;
     uint32_t sum = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        const uint32_t size = fixed_magnitude(part[axis]);
+        const uint32_t size = fixed_magnitude(v->axis[axis]);
         sum += fixed_umul_q32(size, size);
     }
     return sum;
 }
 
 bool vector_normalise(const struct vector *v, struct vector *unit, int32_t *norm) {
-    const int32_t *part = &v->x;
     uint32_t bits = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        bits |= fixed_magnitude(part[axis]);
+        bits |= fixed_magnitude(v->axis[axis]);
     }
     if (bits == 0) {
         return false;
@@ -37,7 +35,7 @@ bool vector_normalise(const struct vector *v, struct vector *unit, int32_t *norm
     // then in [2^28, 3 * 2^30), and `fraction`, s or 4 s, in [2^30, 2^32).
     const uint8_t up = (uint8_t)(fixed_leading_zeros(bits) - 1);
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        (&unit->x)[axis] = fixed_scale_up(part[axis], up);
+        unit->axis[axis] = fixed_scale_up(v->axis[axis], up);
     }
     const uint32_t s = vector_square_q32(unit);
     const bool is_low = s < UINT32_C(0x40000000);
@@ -58,35 +56,27 @@ bool vector_normalise(const struct vector *v, struct vector *unit, int32_t *norm
 }
 
 void vector_scale(const struct vector *v, q2_30_t gain, struct vector *out) {
-    const int32_t *part = &v->x;
-    int32_t *scaled = &out->x;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        scaled[axis] = fixed_mul_q30(part[axis], gain);
+        out->axis[axis] = fixed_mul_q30(v->axis[axis], gain);
     }
 }
 
 void vector_subtract(const struct vector *a, const struct vector *b,
                      struct vector *out) {
-    const int32_t *part = &a->x;
-    const int32_t *less = &b->x;
-    int32_t *difference = &out->x;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        difference[axis] = part[axis] - less[axis];
+        out->axis[axis] = a->axis[axis] - b->axis[axis];
     }
 }
 
 void vector_clamp(const struct vector *v, int32_t limit, struct vector *out) {
-    const int32_t *part = &v->x;
-    int32_t *held = &out->x;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        held[axis] = fixed_clamp(part[axis], limit);
+        out->axis[axis] = fixed_clamp(v->axis[axis], limit);
     }
 }
 
 bool vector_exceeds(const struct vector *v, int32_t limit) {
-    const int32_t *part = &v->x;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        if (fixed_magnitude(part[axis]) > (uint32_t)limit) {
+        if (fixed_magnitude(v->axis[axis]) > (uint32_t)limit) {
             return true;
         }
     }

@@ -5,14 +5,15 @@
 
 #include "core/math/fixed.h"
 
+// The components by name, or by number in a loop.
 struct vector {
-    int32_t x, y, z;
+    union {
+        struct {
+            int32_t x, y, z;
+        };
+        int32_t axis[3];
+    };
 };
-
-// Its components as three numbers in a row.
-static inline int32_t *vector_parts(struct vector *v) {
-    return &v->x;
-}
 
 // |v|^2 / 2^30: a q2_30 vector gives q2_30. Needs the result below 2^31.
 int32_t vector_square_q30(const struct vector *v);

@@ -6,32 +6,36 @@
 
 #include "core/drivers/button.h"
 #include "core/fusion/pose.h"
+#include "core/probe/outlet.h"
 #include "core/storage/settings.h"
 #include "core/wire/frame.h"
 #include "core/wire/messages.h"
 
-// A second way out for messages, which keeps them: a card. It counts them by itself, so
-// that what is missing on it shows there.
+// A build with PROBE_WIRE_ONLY has nothing beside sensor, wire and button: no log and no
+// equipment.
+#ifdef PROBE_WIRE_ONLY
+enum { PROBE_IS_WIRE_ONLY = true };
+#else
+enum { PROBE_IS_WIRE_ONLY = false };
+#endif
+
+// A card that keeps messages.
 struct probe_log {
-    // Takes all `length` bytes of a frame or, where there is no room, none.
-    bool (*keep)(const uint8_t *bytes, uint8_t length);
+    struct outlet outlet;
     bool is_on;
+    uint32_t earlier;       // messages of the logs before this one, since boot
     uint16_t unsent_flags;  // clipped and gap of poses that were kept and not sent
-    uint32_t sequence;
-    uint32_t kept, dropped;  // messages since boot
 };
 
 // What the probe asks of a board.
 struct probe_port {
-    // Takes all `length` bytes or, where there is no room, none.
-    bool (*send)(const uint8_t *bytes, uint8_t length);
+    struct outlet *wire;
     uint32_t (*samples_ready)(void);
     uint16_t (*stack_free)(void);  // bytes, UINT16_MAX: not known
     uint16_t (*supply_mv)(void);   // 0: not known
     uint16_t (*entropy)(void);
     const struct settings_storage *storage;
-    // For boards that have more than sensor, wire and button; NULL otherwise. A build
-    // with PROBE_WIRE_ONLY has neither.
+    // For boards that have more than sensor, wire and button; NULL otherwise.
     struct probe_log *log;
     void (*equipment)(struct message_equipment *out);  // fills all but messages_*
 };
@@ -59,12 +63,11 @@ struct probe {
     uint8_t last_result;
     uint16_t last_token;
     uint16_t pose_phase, raw_phase;
-    uint16_t samples;  // of the second that runs, and the cycles of their work
-    uint32_t cycles_sum;
-    uint32_t sequence;
-    uint32_t second_us;            // start of the second that runs
-    uint32_t refused_us;           // when a refused calibration was last told
-    struct message_status status;  // counts as it goes
+    uint16_t samples;  // of the second that runs
+    uint32_t second_us;  // start of the second that runs
+    // Counts as it goes; cycles_mean is their sum until it is sent.
+    struct message_status status;
+    uint32_t refused_us;  // when a refused calibration was last told
     struct settings settings;
     struct settings_writer writer;
     int32_t last_value[2];
@@ -102,8 +105,9 @@ void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us);
 void probe_tell(struct probe *probe, enum event event, enum cause cause, int32_t detail,
                 uint32_t now_us);
 
-// Stops streaming, where it does.
-void probe_stop(struct probe *probe, enum cause cause, uint32_t now_us);
+// Starts or stops streaming and tells it with its cause; nothing where it does already.
+void probe_set_streaming(struct probe *probe, bool is_streaming, enum cause cause,
+                         uint32_t now_us);
 
 // A host may have come: says who the probe is.
 void probe_say_hello(struct probe *probe, uint32_t now_us);

@@ -19,6 +19,7 @@ from imud.card.listing import bar, duration, end, plural, summary
 from imud.card.probe_log import CardLog, Recording, find_log
 from imud.errors import ConfigError, FileError
 from imud.log.file import LogFile, Settings
+from imud.probes.ledger import totals
 from imud.probes.record import record_of
 from imud.probes.session import (
     OtherSchema,
@@ -197,22 +198,18 @@ class _LogWriter:
 
 def _account(recording: Recording, probe: Probe, found: _Copied) -> str:
     counts: Any = probe.account.counts()
-    earlier = counts["earlier_boots"]
-    sent, received, lost, doubled = (
-        counts[key] + earlier[key] for key in ("sent", "received", "lost", "duplicated")
-    )
-    skewed = sum(counts["skewed"].values()) + sum(earlier["skewed"].values())
+    total = totals(counts)
     # Numbers begin with 0 in each recording: those before the first heard are lost.
     before = found.first_sequence
     parts = [
         f"probe {probe.probe_id}",
         duration(found.last_us - found.first_us),
         f"{found.messages['raw']} raw, {found.messages['pose']} pose",
-        f"{before + sent} sent = {received} received + {skewed} skewed + "
-        f"{before + lost} lost",
+        f"{before + total.sent} sent = {total.received} received + "
+        f"{total.skewed.total()} skewed + {before + total.lost} lost",
     ]
-    if doubled:
-        parts.append(f"{doubled} duplicated")
+    if total.duplicated:
+        parts.append(f"{total.duplicated} duplicated")
     if counts["strays"]:
         parts.append(f"{counts['strays']} stray")
     if recording.bad:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""`imud monitor`: all probes on one screen, as they are at this moment.
+"""`imud monitor`: all probes live on one screen.
 
-A terminal is drawn in place ten times a second, from 80x24 on; a pipe gets a line a
-probe each second.
+A terminal of 80x24 or more is redrawn in place ten times a second; a pipe gets one line
+per probe and second.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import termios
 import time
 import tty
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TextIO
@@ -25,35 +25,24 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
-from imud.cli.view import age_words, balance_words, sinks_words
+from imud.cli.attitude import HORIZON, TAPE, compass, horizon
+from imud.cli.pose_table import PIPE_S, TERMINAL_S
+from imud.cli.status_text import age_words, balance_words, sinks_words
 from imud.client import (
-    Message,
     Missed,
     Pose,
+    Published,
     Status,
     Subscription,
     subscribe,
 )
+from imud.probes.ledger import totals
 
-TERMINAL_S = 0.1
-PIPE_S = 1.0
-
-# A daemon says a status each second: after three it has none to say.
+# The daemon publishes a status each second: after three without, it is silent.
 SILENT_S = 3.0
 
-# Rows of a probe that has room to show its attitude.
+# Rows of a probe that is shown with its attitude.
 BLOCK = 6
-
-# Columns and rows of the horizon, in signs of 2 x 4 dots each.
-HORIZON = (14, 4)
-
-# Tangent of what the horizon shows up and down: 45 degrees.
-TANGENT = 1.0
-
-# The tape of the compass: columns, and degrees a column.
-TAPE, STEP_DEG = 29, 5
-DIRECTIONS = {0: "E", 45: "NE", 90: "N", 135: "NW", 180: "W", 225: "SW", 270: "S"}
-DIRECTIONS |= {315: "SE"}
 
 _STATES = {"streaming": "green", "idle": "cyan", "gone": "red", "silent": "red"}
 
@@ -70,7 +59,7 @@ class Shown:
     missed: Missed = field(default_factory=Missed)
     _recent_s: deque[float] = field(default_factory=deque)
 
-    def take(self, message: Message, now_s: float) -> None:
+    def take(self, message: Published, now_s: float) -> None:
         if isinstance(message, Pose):
             self.pose, self.pose_s = message, now_s
             self._recent_s.append(now_s)
@@ -91,49 +80,6 @@ class Shown:
 
     def has_pose(self, now_s: float) -> bool:
         return self.pose is not None and now_s - self.pose_s < SILENT_S
-
-
-def horizon(q: Sequence[float], size: tuple[int, int] = HORIZON) -> list[str]:
-    """What a probe would see ahead over a plain: the ground in dots of Braille."""
-    w, x, y, z = q
-    # The world's up in the probe's axes; right of the picture is -y, its top is z.
-    ahead, left, up = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
-    columns, rows = size
-    width, height = 2 * columns, 4 * rows
-
-    def is_ground(column: int, row: int) -> bool:
-        right = (2 * column + 1 - width) / height * TANGENT
-        high = (height - 2 * row - 1) / height * TANGENT
-        return ahead - right * left + high * up < 0
-
-    # The bits of Unicode's Braille patterns, by column and row.
-    bits = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
-    return [
-        "".join(
-            chr(
-                0x2800
-                + sum(
-                    bits[i][j]
-                    for i in range(2)
-                    for j in range(4)
-                    if is_ground(2 * column + i, 4 * row + j)
-                )
-            )
-            for column in range(columns)
-        )
-        for row in range(rows)
-    ]
-
-
-def compass(yaw_deg: float) -> str:
-    """A tape of directions; what its middle shows is ahead."""
-    signs = ["·" if column % 3 == TAPE // 2 % 3 else " " for column in range(TAPE)]
-    for at_deg, name in DIRECTIONS.items():
-        off_deg = (yaw_deg - at_deg + 180) % 360 - 180
-        column = TAPE // 2 + round(off_deg / STEP_DEG)
-        if column >= 0 and column + len(name) <= TAPE:
-            signs[column : column + len(name)] = name
-    return "".join(signs)
 
 
 def _sigma(sigma: float | None) -> str:
@@ -166,10 +112,10 @@ def loss_of(shown: Shown) -> Text:
     if shown.status is None:
         return text
     ledger = shown.status.ledger
-    lost = ledger["lost"] + ledger["earlier_boots"]["lost"]
-    sent = ledger["sent"] + ledger["earlier_boots"]["sent"]
-    counts = (lost, ledger["corrupt"], shown.missed.network + shown.missed.queue)
-    wire = f"lost {lost} of {sent}, {counts[1]} corrupt, {counts[2]} on the way here"
+    total = totals(ledger)
+    counts = (total.lost, ledger["corrupt"], shown.missed.network + shown.missed.queue)
+    wire = f"lost {total.lost} of {total.sent}, {counts[1]} corrupt"
+    wire += f", {counts[2]} on the way here"
     return text.append(wire, style="red" if any(counts) else "default")
 
 
@@ -206,13 +152,13 @@ def block_of(shown: Shown, now_s: float) -> list[Text]:
 
 @dataclass(slots=True)
 class Screen:
-    """All probes, by name; those that are gone stay, as gone."""
+    """All probes, by name; one that is gone stays on the screen, as gone."""
 
     endpoint: str
     probes: dict[str, Shown] = field(default_factory=dict)
     is_connected: bool = True
 
-    def take(self, message: Message, now_s: float) -> None:
+    def take(self, message: Published, now_s: float) -> None:
         shown = self.probes.setdefault(message.probe, Shown(message.probe))
         shown.take(message, now_s)
 
@@ -251,7 +197,7 @@ class Screen:
 
 
 def pipe_line(shown: Shown, now_s: float) -> str:
-    """A probe for a pipe, without colours and signs."""
+    """A probe as one line for a pipe, without colours."""
     text = head_of(shown, now_s).plain.rstrip()
     sinks = sinks_words(shown.status.ledger) if shown.status else ""
     return "  ".join(part for part in (text, loss_of(shown).plain, sinks) if part)
@@ -259,7 +205,9 @@ def pipe_line(shown: Shown, now_s: float) -> str:
 
 @contextlib.contextmanager
 def keys_of(source: TextIO) -> Iterator[int | None]:
-    """The descriptor of a keyboard that gives each key at once; None: no terminal."""
+    """The descriptor of a keyboard that passes each key on at once. None if `source` is
+    not a terminal.
+    """
     if not source.isatty():
         yield None
         return
@@ -280,9 +228,9 @@ def _is_ended(keyboard: int | None) -> bool:
 
 
 def follow(
-    subscription: Subscription[Message], screen: Screen, until_s: float
+    subscription: Subscription[Published], screen: Screen, until_s: float
 ) -> float:
-    """Takes what comes up to that time; returns the time that it is then."""
+    """Takes what arrives until `until_s`; returns the time then. time.monotonic()."""
     while (now_s := time.monotonic()) < until_s:
         message = subscription.get(until_s - now_s)
         if message is not None:
@@ -299,7 +247,7 @@ def run(
     keys: Path | None = None,
     seconds: float | None = None,
 ) -> int:
-    """Until q, Ctrl-C or the end of so many seconds."""
+    """Shows the probes until q, Ctrl-C or the end of `seconds`."""
     until_s = math.inf if seconds is None else time.monotonic() + seconds
     with (
         subscribe(
@@ -320,7 +268,7 @@ def run(
 
 def _show(
     console: Console,
-    subscription: Subscription[Message],
+    subscription: Subscription[Published],
     screen: Screen,
     until_s: float,
 ) -> None:
@@ -339,7 +287,9 @@ def _show(
             live.update(screen.draw(now_s, console.height), refresh=True)
 
 
-def _write(subscription: Subscription[Message], screen: Screen, until_s: float) -> None:
+def _write(
+    subscription: Subscription[Published], screen: Screen, until_s: float
+) -> None:
     now_s = time.monotonic()
     while now_s < until_s:
         now_s = follow(subscription, screen, min(now_s + PIPE_S, until_s))

@@ -1,27 +1,23 @@
 # SPDX-License-Identifier: MIT
 """A daemon over the network, for programs: poses in, commands out."""
 
-from imud.client.client import Client, Heard
-from imud.client.subscriber import (
-    Event,
-    Message,
-    Missed,
-    Pose,
-    Raw,
-    Status,
-    Subscription,
-    subscribe,
-)
+from imud.client.client import Client, Delivery
+from imud.client.missed import Missed
+from imud.client.published import Event, Pose, Published, Raw, Status, Topic
+from imud.client.subscriber import Subscription, subscribe
+from imud.rotation import Angles
 
 __all__ = [
+    "Angles",
     "Client",
+    "Delivery",
     "Event",
-    "Heard",
-    "Message",
     "Missed",
     "Pose",
+    "Published",
     "Raw",
     "Status",
     "Subscription",
+    "Topic",
     "subscribe",
 ]

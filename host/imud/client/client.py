@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Poses and commands over the network, for programs: no serial port, no protocol.
+"""Client: poses and commands over the network, without serial port or protocol.
 
-`subscribe()` is built on it and is what most programs want: docs/subscribe.md.
+Most programs want `subscribe()`, which is built on it: docs/subscribe.md.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from imud.net import access, network
 
 QUERY_TIMEOUT_S = 2.0
 
-# Zenoh 1.10 leaves tokens out of some answers within milliseconds of a session's first:
-# an empty one is asked for again, after these pauses. The history of a subscriber is
-# such an answer too: who waits for a token asks this often besides.
+# Within milliseconds of a session's first query, Zenoh 1.10 leaves tokens out of some
+# answers: after an empty answer, ask again after these pauses. The history that a
+# liveliness subscriber gets is such an answer too: wait_for() also queries, so often.
 ALIVE_PAUSES_S = (0.0, 0.05, 0.1)
 ALIVE_AGAIN_S = 0.5
 
-# The daemon asks a probe three times, a second each.
+# The daemon tries a command three times, for a second each.
 COMMAND_TIMEOUT_S = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """One message as it came."""
+class Delivery:
+    """One payload as it arrived on a key."""
 
     probe: str
     payload: bytes
-    source: str  # the Zenoh session that published it: another after a restart
+    source: str  # id of the Zenoh session that published it; changes with a restart
 
 
 class Client:
@@ -54,7 +54,7 @@ class Client:
         self._prefix = prefix
         mine = network.read_credentials(Path(keys)) if keys is not None else None
         self._mine = mine
-        # The file of keys says where the daemon is, unless that is said here.
+        # The file of keys says where the daemon is; an argument goes before it.
         is_said = mine is None or endpoint != ENDPOINT
         self._endpoint = endpoint if mine is None or is_said else mine.endpoint
         self._session = network.open_client(self._endpoint, mine)
@@ -74,20 +74,20 @@ class Client:
 
     @property
     def session(self) -> zenoh.Session:
-        """For what is not here."""
+        """The Zenoh session, for what this class does not offer."""
         return self._session
 
     @property
     def is_connected(self) -> bool:
-        """False while the daemon is away; Zenoh connects again when it is back."""
+        """False while the daemon is away; Zenoh reconnects when it is back."""
         return network.is_connected(self._session)
 
     def may(self, do: str) -> bool:
-        """Whether its keys are of a role that may command, or read that topic."""
+        """Whether the role of its keys may read this topic, or send a `command`."""
         return self._mine is None or self._mine.role in access.who_may(do)
 
     def check_may(self, do: str) -> None:
-        """NotAllowed if it may not: the daemon would not say so, only not do it."""
+        """Raises NotAllowed if may() is false: the daemon denies without a reply."""
         mine = self._mine
         if mine is None or self.may(do):
             return
@@ -101,13 +101,13 @@ class Client:
         self,
         topic: str,
         probe: str | None,
-        callback: Callable[[Heard], None],
+        callback: Callable[[Delivery], None],
         *,
         history: int = 0,
     ) -> Callable[[], None]:
-        """Calls back in a thread of its own, until the function that is returned is
-        called. The last `history` messages of each probe that the daemon kept come
-        first.
+        """Calls back for each payload of a topic, in a thread of Zenoh's, until the
+        returned function is called. probe None: all probes. The last `history` payloads
+        of each probe come first, as far as the daemon kept them.
         """
         self.check_may(topic)
 
@@ -115,7 +115,7 @@ class Client:
             name = str(sample.key_expr).split("/")[-2]
             stamp = sample.timestamp
             source = str(stamp.get_id()) if stamp is not None else ""
-            callback(Heard(name, sample.payload.to_bytes(), source))
+            callback(Delivery(name, sample.payload.to_bytes(), source))
 
         key = f"{self._prefix}/{probe or '*'}/{topic}"
         if history > 0:
@@ -128,20 +128,20 @@ class Client:
     def subscribe(
         self, topic: str, probe: str | None, callback: Callable[[str, bytes], None]
     ) -> Callable[[], None]:
-        """listen(), of which just probe and payload are wanted."""
+        """listen() for a callback that takes only the probe's name and the payload."""
         return self.listen(
-            topic, probe, lambda heard: callback(heard.probe, heard.payload)
+            topic, probe, lambda delivery: callback(delivery.probe, delivery.payload)
         )
 
     def statuses(self, probe: str | None = None) -> list[dict[str, Any]]:
-        """The last status of each probe, sorted by name."""
+        """The last status of each probe, sorted by name: docs/pose.md."""
         key = f"{self._prefix}/{probe or '*'}/status"
         replies = self._session.get(key, timeout=QUERY_TIMEOUT_S)
         found = [json.loads(r.ok.payload.to_bytes()) for r in replies if r.ok]
         return sorted(found, key=lambda status: str(status["probe"]))
 
     def alive(self) -> list[str]:
-        """The probes that are there."""
+        """The names of the probes that are connected."""
         for pause_s in ALIVE_PAUSES_S:
             time.sleep(pause_s)
             names = self._alive_now("*")
@@ -150,13 +150,16 @@ class Client:
         return []
 
     def _alive_now(self, probe: str, timeout_s: float = QUERY_TIMEOUT_S) -> list[str]:
-        """What one question brings, sorted."""
+        """The answer to one query, sorted."""
         key = f"{self._prefix}/{probe}/alive"
         replies = self._session.liveliness().get(key, timeout=timeout_s)
         return sorted(str(r.ok.key_expr).split("/")[-2] for r in replies if r.ok)
 
     def wait_for(self, probe: str | None = None, *, seconds: float = 10.0) -> str:
-        """The first probe that is there, or that one, as soon as it is."""
+        """The name of the first probe that is connected (or of `probe`), once it is.
+
+        ProbeUnknown if none is within `seconds`.
+        """
         arrived: queue.SimpleQueue[str] = queue.SimpleQueue()
 
         def on_token(sample: zenoh.Sample) -> None:
@@ -183,7 +186,10 @@ class Client:
         )
 
     def only_probe(self, probe: str | None = None) -> str:
-        """The probe of that name, or the only one there is."""
+        """Checks that `probe` is connected; without a name, returns the only one.
+
+        ProbeUnknown if it is not, or if there is none or more than one.
+        """
         alive = self.alive()
         if probe is not None:
             if probe not in alive:
@@ -198,7 +204,10 @@ class Client:
         return alive[0]
 
     def command(self, probe: str, name: str, **arguments: str) -> dict[str, Any]:
-        """Has the probe do something; returns the daemon's answer."""
+        """Sends a command to a probe and returns the daemon's answer.
+
+        CommandRefused with the reason, NoReply, or NotAllowed for a role that may not.
+        """
         self.check_may(access.COMMAND)
         selector = f"{self._prefix}/{probe}/cmd/{name}"
         if arguments:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Commands to probes: what they need, how often they are sent, what the answer was."""
+"""Sends commands to probes, and asks each for its time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from operator import itemgetter
 from typing import Any
 
 from imud.config.settings import ProbeSettings
-from imud.daemon.fleet import Fleet, Watched, Wire
+from imud.daemon.registry import ProbeEntry, ProbePort, Registry
 from imud.errors import (
     CommandRefused,
     DeviceError,
@@ -23,48 +23,48 @@ from imud.errors import (
     ProbeUnknown,
     VersionMismatch,
 )
-from imud.probes.clock import host_ns
 from imud.probes.record import Stamp, plain
 from imud.probes.session import Received
+from imud.probes.timeline import host_ns
 from imud.wire import messages, schema
 from imud.wire.frame import encode_frame
 from imud.wire.messages import Message, Value
 
-# A probe answers a command within milliseconds; three tries outlast a burst of noise.
+# A probe replies within milliseconds; three tries outlast a burst of noise.
 REPLY_TIMEOUT_S = 1.0
 TRIES = 3
 
-# A probe is asked for its time this often while its bound is wide, the first so many
-# times in quick succession, and once that is narrow; less and less often where it does
-# not answer.
+# How often a probe is asked for its time: the first FIRST times, while the bound of its
+# clock is wider than TIME_BOUND_NS, and from then on. After UNANSWERED commands without
+# a reply the pause doubles each time, up to TIME_LATE_S.
 FIRST, TIME_FIRST_S, TIME_WIDE_S, TIME_S, TIME_LATE_S = 200, 0.05, 0.2, 1.0, 60.0
 TIME_BOUND_NS = 1_000_000
 UNANSWERED = 20
-ASKED_MAX = 16  # that an answer may still come for
-TIME_STEP_S = 0.03  # how often it is looked who is to be asked
-TIME_MAX = 3  # probes at a time: many that are known badly must not keep all busy
+ASKED_MAX = 16  # commands whose reply may still come
+TIME_STEP_S = 0.03  # how often the probes are looked through
+TIME_MAX = 3  # probes asked at a time: many wide bounds must not keep the loop busy
 
 # Arguments of the command `tare`, as the schema says.
 TARE = {"all": 0, "heading": 1, "undo": 2}
 STREAMS = {"pose": 0, "raw": 1}
-SHOWN_MAX = 40  # of somebody's words
+SHOWN_MAX = 40  # characters of a command from the network in a reply
 FILTERS = {each.name.lower(): each.value for each in schema.Filter if each}
 
 
 def _shown(text: str) -> str:
-    """What anybody may have sent, for a line: short, without control characters."""
+    """Untrusted text for a line: short, without control characters."""
     return "".join(c if c.isprintable() else "?" for c in text[:SHOWN_MAX])
 
 
 def _number(text: str) -> int:
-    """In ASCII digits alone: int() takes 1_0 and other scripts' digits, too."""
+    """ASCII digits only: int() also takes 1_0 and digits of other scripts."""
     if not re.fullmatch(r"-?[0-9]{1,20}", text):
         raise ValueError(text)
     return int(text)
 
 
 def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
-    """The two numbers of a command; CommandRefused where they can't be."""
+    """The two numbers of a command; CommandRefused if the parameters are wrong."""
     known = {
         "tare": {"what"},
         "rate": {"stream", "hz"},
@@ -98,7 +98,7 @@ def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
 def orders_of(
     settings: ProbeSettings, hello: Mapping[str, Value]
 ) -> list[tuple[str, dict[str, str]]]:
-    """The commands that make a probe what its settings say, if it is not so yet."""
+    """The commands that bring a probe to its settings, as far as they differ."""
     orders = []
     for stream in STREAMS:
         hz = getattr(settings, f"{stream}_rate")
@@ -112,18 +112,18 @@ def orders_of(
 
 
 class Asking:
-    """For the time of one probe."""
+    """When one probe is asked for its time, and what it was asked."""
 
     def __init__(self, chance: random.Random) -> None:
         self._chance = chance
         self.due_s = 0.0
         self.unanswered = 0
         self.count = 0
-        self.asked: dict[int, int] = {}  # host's ns at which a token was written
+        self.asked: dict[int, int] = {}  # token: host's ns when it was written
         self.size = 0  # bytes of the command
 
     def put_off(self, stamp: Stamp | None, now_s: float) -> None:
-        """Until it is to be asked again."""
+        """Sets when it is asked again; `now_s` is the loop's time."""
         bound_ns = stamp.t_bound_ns if stamp is not None else None
         is_known = bound_ns is not None and bound_ns < TIME_BOUND_NS
         wait_s = TIME_FIRST_S if self.count < FIRST else TIME_WIDE_S
@@ -133,34 +133,36 @@ class Asking:
             wait_s = min(TIME_S * 2.0 ** (self.unanswered - UNANSWERED), TIME_LATE_S)
         self.unanswered += 1
         self.count += 1
-        # At random, lest it keep in step with what delays the answers.
+        # At random, so as not to keep in step with what delays the replies.
         self.due_s = now_s + wait_s * self._chance.uniform(0.7, 1.3)
 
 
 class Commander:
-    """Sends commands, one at a time to each probe, until they are answered."""
+    """Sends commands, one at a time to each probe, until there is a reply."""
 
-    def __init__(self, fleet: Fleet) -> None:
-        self._fleet = fleet
+    def __init__(self, registry: Registry) -> None:
+        self._registry = registry
         self._sequence = 0
-        # At random: a probe does not carry out a token twice in a row, and may have
-        # heard the last one from the daemon before this one.
+        # At random: a probe does not carry out the same token twice in a row, and a
+        # daemon that ran before may have sent the last one.
         self._token = secrets.randbelow(0xFFFF)
         self._replies: dict[int, asyncio.Future[Message]] = {}
         self._chance = random.SystemRandom()
-        self._asking: dict[Watched, Asking] = {}
+        self._asking: dict[ProbeEntry, Asking] = {}
 
     async def command(
         self, name: str, command: str, parameters: Mapping[str, str]
     ) -> Any:
-        """Sends a command until it is answered; DeviceError says why it was not."""
-        watched = self._fleet.named(name)
-        if watched is None:
+        """Sends a command until there is a reply, and returns its value. Raises
+        DeviceError if there is none or the probe refuses.
+        """
+        entry = self._registry.named(name)
+        if entry is None:
             raise ProbeUnknown(f"no probe {name} was heard; imud list shows them")
-        if watched.other is not None:
+        if entry.other is not None:
             raise VersionMismatch(
                 f"probe {name} speaks another schema (firmware "
-                f"{watched.other.firmware}); update it or imud"
+                f"{entry.other.firmware}); update it or imud"
             )
         known = {member.name.lower() for member in schema.Command}
         if command not in known:
@@ -169,13 +171,13 @@ class Commander:
                 f"{', '.join(sorted(known))}"
             )
         arguments = arguments_of(command, parameters)
-        async with watched.commanding:
-            message = await self._ask(watched, command, arguments)
+        async with entry.commanding:
+            message = await self._ask(entry, command, arguments)
         result = message.fields["result"]
         if result == "bad_argument" and "filter" in parameters:
             raise CommandRefused(
                 f"probe {name} has no filter {parameters['filter']}: its firmware was "
-                f"built without it and runs {plain(watched.probe.hello['filter'])}"
+                f"built without it and runs {plain(entry.probe.hello['filter'])}"
             )
         if result != "ok":
             raise CommandRefused(
@@ -184,75 +186,75 @@ class Commander:
         return message.fields["value"]
 
     async def set_up(self, name: str, settings: ProbeSettings) -> None:
-        """Has a probe do what its settings say; DeviceError where it does not."""
-        watched = self._fleet.named(name)
-        if watched is not None:
-            for command, parameters in orders_of(settings, watched.probe.hello):
+        """Applies the settings of a probe; DeviceError if it refuses one."""
+        entry = self._registry.named(name)
+        if entry is not None:
+            for command, parameters in orders_of(settings, entry.probe.hello):
                 await self.command(name, command, parameters)
                 if command == "rate":
-                    # Its next hello says so, too; settings may change before.
+                    # As its next hello will say; the settings may change before.
                     key = f"{parameters['stream']}_rate"
-                    watched.probe.hello[key] = int(parameters["hz"])
+                    entry.probe.hello[key] = int(parameters["hz"])
 
     async def keep_time(self) -> None:
-        """Asks all probes for their time, again and again, until it is cancelled."""
+        """Asks all probes for their time until it is cancelled."""
         loop = asyncio.get_running_loop()
         while True:
             await asyncio.sleep(TIME_STEP_S * self._chance.uniform(0.5, 1.5))
             now_s = loop.time()
             due = []
-            for watched in self._fleet:
-                asking = self._asking.setdefault(watched, Asking(self._chance))
-                if now_s >= asking.due_s and self._may_ask(watched):
-                    due.append((asking.due_s, watched, asking))
+            for entry in self._registry:
+                asking = self._asking.setdefault(entry, Asking(self._chance))
+                if now_s >= asking.due_s and self._may_ask(entry):
+                    due.append((asking.due_s, entry, asking))
             due.sort(key=itemgetter(0))
-            for _, watched, asking in due[:TIME_MAX]:
-                self._ask_time(watched, asking, now_s)
+            for _, entry, asking in due[:TIME_MAX]:
+                self._ask_time(entry, asking, now_s)
 
-    def _may_ask(self, watched: Watched) -> bool:
-        # In between two tries of a command, a probe would forget that it has carried
-        # it out already.
-        is_readable = watched.is_alive and watched.other is None
-        return is_readable and not watched.commanding.locked()
+    def _may_ask(self, entry: ProbeEntry) -> bool:
+        # Not between two tries of a command: a probe remembers the last token only, and
+        # would carry out the command twice.
+        is_readable = entry.is_alive and entry.other is None
+        return is_readable and not entry.commanding.locked()
 
-    def _ask_time(self, watched: Watched, asking: Asking, now_s: float) -> None:
-        if watched.port is None:
+    def _ask_time(self, entry: ProbeEntry, asking: Asking, now_s: float) -> None:
+        if entry.port is None:
             return
         token = self._next_token()
         asking.asked[token] = host_ns()
         while len(asking.asked) > ASKED_MAX:
             del asking.asked[next(iter(asking.asked))]
-        asking.put_off(watched.stamp, now_s)
-        # The link says itself what is wrong with its port.
+        asking.put_off(entry.stamp, now_s)
+        # The link tells itself what is wrong with its port.
         with contextlib.suppress(PortLost):
-            asking.size = self._send(watched.port, "time", token, (0, 0))
+            asking.size = self._send(entry.port, "time", token, (0, 0))
 
-    def take_reply(self, watched: Watched, event: Received) -> None:
+    def take_reply(self, entry: ProbeEntry, event: Received) -> None:
         message = event.message
         token = message.fields["replied_token"]
-        asking = self._asking.get(watched)
+        asking = self._asking.get(entry)
         if asking is not None and token in asking.asked and isinstance(token, int):
-            session = watched.port.session if watched.port is not None else None
+            session = entry.session
             wire_ns = asking.size * (session.byte_ns if session is not None else 0)
             heard_ns = asking.asked.pop(token) + wire_ns
-            watched.probe.clock.heard(event.stamp.t_device_us, heard_ns)
+            entry.probe.clock.heard(event.stamp.t_device_us, heard_ns)
             asking.unanswered = 0
         reply = self._replies.get(token) if isinstance(token, int) else None
         if reply is not None and not reply.done():
             reply.set_result(message)
 
     async def _ask(
-        self, watched: Watched, command: str, arguments: tuple[int, int]
+        self, entry: ProbeEntry, command: str, arguments: tuple[int, int]
     ) -> Message:
         token = self._next_token()
         reply: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
         self._replies[token] = reply
         try:
             for _ in range(TRIES):
-                if watched.port is None:
-                    raise ProbeUnknown(f"probe {watched.name} is gone; plug it in")
+                if entry.port is None:
+                    raise ProbeUnknown(f"probe {entry.name} is gone; plug it in")
                 try:
-                    self._send(watched.port, command, token, arguments)
+                    self._send(entry.port, command, token, arguments)
                 except PortLost as error:
                     raise DeviceError(str(error)) from error
                 except ValueError as error:
@@ -263,21 +265,21 @@ class Commander:
         finally:
             del self._replies[token]
         raise NoReply(
-            f"probe {watched.name} did not answer {command}, {TRIES} times; "
+            f"probe {entry.name} did not answer {command}, {TRIES} times; "
             "is it alive? imud list"
         )
 
     def _send(
-        self, wire: Wire, name: str, token: int, arguments: tuple[int, int]
+        self, port: ProbePort, name: str, token: int, arguments: tuple[int, int]
     ) -> int:
-        """How many bytes it is."""
+        """Returns how many bytes it wrote."""
         fields = {"command": name, "token": token, "arguments": arguments}
         self._sequence += 1
         time_us = time.monotonic_ns() // 1000
         content = messages.encode("command", fields, self._sequence, time_us)
-        # A delimiter first: it ends whatever half frame the probe may hold.
+        # A delimiter first, to end a partial frame that the probe may hold.
         data = b"\0" + encode_frame(content)
-        wire.write(data)
+        port.write(data)
         return len(data)
 
     def _next_token(self) -> int:

@@ -1,320 +1,32 @@
 # SPDX-License-Identifier: MIT
-"""One source, many sinks: each in its own thread behind its own bounded queue.
-
-A sink that is slow loses its oldest records, one that fails is opened again after a
-while; both are counted, neither is felt by the reader or by another sink.
-"""
+"""One source, many sinks: hands each record to the lane of every sink."""
 
 from __future__ import annotations
 
 import logging
-import threading
 import time
-from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Mapping, Sequence, Set
-from itertools import islice
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Mapping
 
+from imud.daemon.lane import Item, Lane, Sink
 from imud.probes.balance import SinkCounts
-from imud.probes.record import Presence, Record
-
-Item = Record | Presence
-
-# Records a sink may be behind: 8 probes with 300 messages a second for 3 s.
-QUEUE_MAX = 8192
-
-# A sink that failed is tried again after this long: a disk may have room again.
-RETRY_S = 2.0
-
-# One that takes another's place waits for so long until that has closed: it may want
-# the same address. What comes meanwhile waits in its queue.
-SUCCEED_S = 10.0
-
-# A sink of the clock has much to take at a time: after so many records it lets others
-# have the interpreter, which would else wait for it for milliseconds.
-PAUSE_EVERY, PAUSE_S = 16, 0.0001
 
 logger = logging.getLogger("imud")
 
 
-class Sink(Protocol):
-    """What the hub needs. All but the first open() is called in the sink's thread."""
-
-    name: str
-    period_s: float  # 0: woken by each record; else by the clock, then flushed
-    patience_s: float  # at the end, for what waits to be taken and for close()
-
-    def open(self) -> None: ...
-    def take(self, record: Item) -> None: ...
-    def flush(self) -> None: ...
-    def close(self) -> None: ...
-
-
-class Totals(NamedTuple):
-    """Of one sink: by probe and topic, and by probe."""
-
-    taken: defaultdict[str, Counter[str]]
-    dropped: Counter[str]
-    earlier: Counter[str]
-
-
-class Lane:
-    """The queue and the thread of one sink."""
-
-    def __init__(self, sink: Sink, capacity: int = QUEUE_MAX) -> None:
-        self.sink = sink
-        self._capacity = capacity
-        self._half = (capacity + 1) // 2
-        self._queue: deque[Item] = deque()
-        self._in_hand: Sequence[Item] = ()  # out of the queue, not yet counted
-        self._wake = threading.Condition()
-        self._is_closing = False
-        self._taken: defaultdict[str, Counter[str]] = defaultdict(Counter)
-        self._dropped: Counter[str] = Counter()
-        self._earlier: Counter[str] = Counter()  # put when there was no such sink
-        self._failures = 0
-        self._broken_until: float | None = None
-        self._trouble = ""
-        # Whose place it takes, until that has closed; and what its probes are called.
-        self._before: Lane | None = None
-        self._names: Mapping[str, str] = {}
-        # A daemon thread: one stuck in its library must not keep the process alive.
-        self._thread = threading.Thread(
-            target=self._run, name=f"imud-{sink.name}", daemon=True
-        )
-
-    def start(self) -> None:
-        self.sink.open()
-        self._thread.start()
-
-    def follow(
-        self, before: Lane | None, names: Mapping[str, str], put: Mapping[str, int]
-    ) -> None:
-        """Opens in its own thread, when the one before has closed, and goes on with its
-        counts; what comes meanwhile waits. `names` has the probes' old and new ones,
-        `put` what each has put so far.
-        """
-        self._before, self._names = before, names
-        if before is None:
-            self._earlier.update(put)
-        self._broken_until = 0.0  # open it before the first record
-        if before is not None:
-            before.end()
-        self._thread.start()
-
-    def put(self, *items: Item) -> None:
-        with self._wake:
-            before = len(self._queue)
-            self._queue.extend(items)
-            for _ in range(len(self._queue) - self._capacity):
-                self._count_dropped(self._queue.popleft())
-            # Told once; whoever is awake takes all that is there.
-            enough = 1 if self.sink.period_s == 0 else self._half
-            if before < enough <= len(self._queue):
-                self._wake.notify()
-
-    def end(self) -> None:
-        """Has the thread hand over what waits and close the sink."""
-        with self._wake:
-            self._is_closing = True
-            self._wake.notify()
-
-    def close(self, timeout_s: float) -> bool:
-        """Ends it and waits for that; False if it took too long."""
-        self.end()
-        self._thread.join(timeout_s)
-        return not self._thread.is_alive()
-
-    def taken(self, probe: str) -> dict[str, int]:
-        with self._wake:
-            return dict(self._totals().taken.get(probe, {}))
-
-    def dropped(self, probe: str) -> int:
-        with self._wake:
-            return self._totals().dropped[probe]
-
-    def counts(self, probe: str) -> SinkCounts:
-        """Of one probe, all at one moment."""
-        with self._wake:
-            totals = self._totals()
-            taken = totals.taken.get(probe)
-            return SinkCounts(
-                taken.total() if taken is not None else 0,
-                totals.dropped[probe],
-                self._waiting({probe}),
-                totals.earlier[probe],
-            )
-
-    @property
-    def waiting(self) -> int:
-        """Records that the sink has not begun to take."""
-        return len(self._queue)
-
-    def _totals(self) -> Totals:
-        """With those of the one whose place it takes."""
-        before, names = self._before, self._names
-        mine = Totals(self._taken, self._dropped, self._earlier)
-        if before is None:
-            return mine
-        with before._wake:
-            theirs = before._totals()
-            taken: defaultdict[str, Counter[str]] = defaultdict(Counter)
-            dropped, earlier = Counter(mine.dropped), Counter(mine.earlier)
-            for probe, by_topic in mine.taken.items():
-                taken[probe] += by_topic
-            for probe, by_topic in theirs.taken.items():
-                taken[names.get(probe, probe)] += by_topic
-            for probe, count in theirs.dropped.items():
-                dropped[names.get(probe, probe)] += count
-            for probe, count in theirs.earlier.items():
-                earlier[names.get(probe, probe)] += count
-        return Totals(taken, dropped, earlier)
-
-    def _waiting(self, probes: Set[str]) -> int:
-        """Not yet taken of these, also by the one whose place it takes."""
-        count = sum(
-            isinstance(item, Record) and item.probe in probes
-            for items in (self._in_hand, self._queue)
-            for item in items
-        )
-        before, names = self._before, self._names
-        if before is not None:
-            old = {name for name, fresh in names.items() if fresh in probes}
-            with before._wake:
-                count += before._waiting(old | (probes - names.keys()))
-        return count
-
-    def _succeed(self, before: Lane) -> None:
-        if not before.close(SUCCEED_S):
-            # Its counts may go on: they are asked for whenever they are wanted.
-            logger.warning("%s did not finish in time", before.sink.name)
-            return
-        with self._wake:
-            self._taken, self._dropped, self._earlier = self._totals()
-            self._failures += before.failures
-            self._before = None
-
-    @property
-    def failures(self) -> int:
-        return self._failures
-
-    @property
-    def trouble(self) -> str:
-        """Why it takes nothing, in words, until it does again."""
-        return self._trouble
-
-    def _run(self) -> None:
-        if self._before is not None:
-            self._succeed(self._before)
-        if self._broken_until is not None:
-            self._is_usable()
-        deadline = time.monotonic() + self.sink.period_s
-        while True:
-            with self._wake:
-                self._wake.wait_for(self._is_due, timeout=self._patience(deadline))
-                items, self._queue = self._queue, deque()
-                self._in_hand = items
-                is_closing = self._is_closing
-            if self.sink.period_s > 0:
-                deadline = time.monotonic() + self.sink.period_s
-            self._hand_over(items)
-            if is_closing:
-                self._attempt(self.sink.close)
-                return
-
-    def _is_due(self) -> bool:
-        if self._is_closing:
-            return True
-        if self.sink.period_s == 0:
-            return len(self._queue) > 0
-        return len(self._queue) >= self._half
-
-    def _patience(self, deadline: float) -> float | None:
-        if self.sink.period_s == 0:
-            return None
-        return max(0.0, deadline - time.monotonic())
-
-    def _hand_over(self, items: Sequence[Item]) -> None:
-        if not self._is_usable():
-            self._settle(items, 0)
-            return
-        done = 0
-
-        def take() -> None:
-            nonlocal done
-            for item in items:
-                self.sink.take(item)
-                done += 1
-                if done % PAUSE_EVERY == 0 and self.sink.period_s > 0:
-                    time.sleep(PAUSE_S)
-
-        is_well = self._attempt(take)
-        # What a flush could not bring out is not there.
-        if is_well and not self._attempt(self.sink.flush):
-            done = 0
-        self._settle(items, done)
-        if is_well and done and self._trouble:
-            self._trouble = ""
-            logger.info("%s works again", self.sink.name)
-
-    def _is_usable(self) -> bool:
-        if self._broken_until is None:
-            return True
-        if time.monotonic() < self._broken_until:
-            return False
-        self._attempt(self.sink.close)
-        self._broken_until = None
-        return self._attempt(self.sink.open)
-
-    def _attempt(self, action: Callable[[], None]) -> bool:
-        try:
-            action()
-        except Exception as error:  # noqa: BLE001 - a sink's fault stays in its lane
-            self._failures += 1
-            is_told = bool(self._trouble)
-            self._trouble = str(error) or type(error).__name__
-            if not is_told:
-                logger.warning("%s fails and is tried again: %s", self.sink.name, error)
-            self._broken_until = time.monotonic() + RETRY_S
-            return False
-        return True
-
-    def _settle(self, items: Sequence[Item], done: int) -> None:
-        """Counts the first `done` of what is in hand as taken, the rest as dropped."""
-        # Before the lock is taken, for which whoever puts would wait.
-        taken = Counter(
-            (item.probe, item.topic)
-            for item in islice(items, done)
-            if isinstance(item, Record)
-        )
-        dropped = Counter(
-            item.probe for item in islice(items, done, None) if isinstance(item, Record)
-        )
-        with self._wake:
-            for (probe, topic), count in taken.items():
-                self._taken[probe][topic] += count
-            self._dropped.update(dropped)
-            self._in_hand = ()
-
-    def _count_dropped(self, item: Item) -> None:
-        if isinstance(item, Record):
-            self._dropped[item.probe] += 1
-
-
 class Hub:
-    """Hands each record to every sink: the first of a turn of a loop at once, all that
-    come after it in that turn together.
+    """Hands each record to every sink. The first one of a turn of the loop goes at
+    once, the others of that turn together at its end. All calls come from one thread.
     """
 
     def __init__(self) -> None:
         self._lanes: list[Lane] = []
         self._fresh: list[Item] = []
         self._is_turn = False
-        # Calls what it is given at the turn's end.
+        # Has its argument called at the end of the turn.
         self.later: Callable[[Callable[[], object]], object] = lambda call: call()
 
     def add(self, sink: Sink) -> Lane:
-        """Opens the sink; an ImudError here is the caller's to tell."""
+        """Opens the sink and starts its lane; raises what the sink's open() raises."""
         lane = Lane(sink)
         lane.start()
         self._lanes.append(lane)
@@ -327,10 +39,10 @@ class Hub:
         names: Mapping[str, str] | None = None,
         put: Mapping[str, int] | None = None,
     ) -> None:
-        """Puts a sink in the place of the one of that name, or none; never waits.
+        """Replaces the sink of that name, or removes it (None); never waits.
 
-        `names`: probes that are called otherwise from here on. `put`: the records of
-        each so far, for a sink that there was not before.
+        `names`: old and new names of renamed probes. `put`: the records of each probe
+        so far, for a sink that did not exist before.
         """
         self.hand_over()
         place = next(
@@ -346,7 +58,7 @@ class Hub:
         lane.follow(before, names or {}, put or {})
 
     def trouble(self, name: str) -> str | None:
-        """Why the sink of that name takes nothing; empty if it does, None: no sink."""
+        """Why that sink takes nothing; empty: it works, None: there is no such sink."""
         lanes = [lane for lane in self._lanes if lane.sink.name == name]
         return lanes[0].trouble if lanes else None
 
@@ -365,14 +77,14 @@ class Hub:
         self.hand_over()
 
     def hand_over(self) -> None:
-        """What was put so far, to all sinks."""
+        """Gives what was put so far to all sinks."""
         items, self._fresh = self._fresh, []
         if items:
             for lane in self._lanes:
                 lane.put(*items)
 
     def counts(self, probe: str) -> dict[str, SinkCounts]:
-        """What became of all records of a probe, by sink."""
+        """What became of the records of a probe, by sink."""
         self.hand_over()
         return {lane.sink.name: lane.counts(probe) for lane in self._lanes}
 
@@ -380,12 +92,12 @@ class Hub:
         return {lane.sink.name: lane.dropped(probe) for lane in self._lanes}
 
     def taken(self, probe: str, sink: str) -> dict[str, int]:
-        """Records of a probe that a sink has taken, by topic."""
+        """How many records of a probe a sink has taken, by topic."""
         lanes = [lane for lane in self._lanes if lane.sink.name == sink]
         return dict(sorted(lanes[0].taken(probe).items())) if lanes else {}
 
     def close(self) -> None:
-        """Ends all at once: none has to wait for another that is stuck."""
+        """Ends all sinks at the same time: none waits for another that hangs."""
         self.hand_over()
         begin_s = time.monotonic()
         for lane in self._lanes:

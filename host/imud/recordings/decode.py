@@ -17,6 +17,7 @@ from imud.card.listing import plural
 from imud.card.probe_log import MAGIC, find_log
 from imud.errors import FileError
 from imud.log.reader import Logged, LogHead, read_log
+from imud.probes.ledger import totals
 from imud.probes.record import HEAD, describe, euler_deg
 from imud.probes.session import (
     Event,
@@ -53,19 +54,12 @@ class Tally:
             yield "no message in it"
         for name, probe in self.probes.items():
             counts: Any = probe.account.counts()
-            earlier = counts["earlier_boots"]
-            sent, received, lost, doubled = (
-                counts[key] + earlier[key]
-                for key in ("sent", "received", "lost", "duplicated")
-            )
-            skews = dict(counts["skewed"])
-            for kind, count in earlier["skewed"].items():
-                skews[kind] = skews.get(kind, 0) + count
+            total = totals(counts)
             yield (
-                f"{name}: {sent} sent = {received} received + "
-                f"{sum(skews.values())} skewed{_kinds(skews)} + {lost} lost; "
-                f"{doubled} duplicated, {counts['strays']} stray, "
-                f"{plural(counts['boots'], 'boot')}"
+                f"{name}: {total.sent} sent = {total.received} received + "
+                f"{total.skewed.total()} skewed{_kinds(total.skewed)} + "
+                f"{total.lost} lost; {total.duplicated} duplicated, "
+                f"{counts['strays']} stray, {plural(counts['boots'], 'boot')}"
             )
         for link in self.links:
             yield (

@@ -13,6 +13,7 @@ import msgspec
 
 from imud.errors import FileError
 from imud.log.reader import Damage, Logged, LogHead, salvage, size_of
+from imud.probes.ledger import totals
 from imud.probes.record import plain
 from imud.probes.session import Probe, Session
 from imud.progress import Progress
@@ -52,8 +53,7 @@ class ProbeInfo:
     def told(self) -> dict[str, Any]:
         self.session.close()
         counts: Any = self.probe.account.counts()
-        earlier = counts["earlier_boots"]
-        keys = ("sent", "received", "lost", "duplicated")
+        total = totals(counts)
         return {
             "probe": self.name,
             "probe_id": self.hello.get("probe_id"),
@@ -64,7 +64,10 @@ class ProbeInfo:
                 topic: {"messages": self.counts[topic], "rate_hz": self.rate_hz(topic)}
                 for topic in sorted(self.counts)
             },
-            **{key: counts[key] + earlier[key] for key in keys},
+            "sent": total.sent,
+            "received": total.received,
+            "lost": total.lost,
+            "duplicated": total.duplicated,
             "boots": counts["boots"],
         }
 

@@ -1,2 +1,67 @@
 # SPDX-License-Identifier: MIT
-"""Work on messages: a message in, records or wishes out. No I/O."""
+"""Stages: work on a probe's messages as they arrive. A message goes in; wishes, records
+and journal lines come out. A stage does no I/O and does not know the daemon.
+
+Each probe has a list of stages, made by `factory.py`. A stage that needs several
+probes, such as a limb, can stand in the lists of all of them: `Received.probe` says
+whose message it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Protocol
+
+import msgspec
+
+from imud.config.settings import Config
+from imud.probes.session import ProbeFound, Received
+
+
+class Wants(msgspec.Struct, frozen=True):
+    """Commands that the probe should get, in this order, until one fails."""
+
+    commands: tuple[tuple[str, Mapping[str, str]], ...]  # name and parameters
+    failure: str  # the journal's words for one that failed; its reason is appended
+
+
+class Says(msgspec.Struct, frozen=True):
+    """A record about the probe, published and logged as JSON under its own topic."""
+
+    topic: str
+    values: Mapping[str, Any]  # `type` and `probe` are put before them
+
+
+class Tells(msgspec.Struct, frozen=True):
+    """A line of the journal about the probe, whose name is put before it."""
+
+    kind: object  # lines of one kind are limited together
+    text: str
+    is_warning: bool = False
+
+
+Outcome = Wants | Says | Tells
+
+
+class Stage(Protocol):
+    """One kind of work on messages. Its calls come from one thread and must not block.
+
+    `name` is the key under which `status` stands in the status of the probe.
+    """
+
+    name: str
+
+    def configure(self, config: Config) -> None:
+        """Takes up a configuration that was reloaded."""
+
+    def appear(self, found: ProbeFound) -> None:
+        """The probe was found on a port, or it restarted. Its messages follow."""
+
+    def take(self, received: Received) -> Iterable[Outcome]:
+        """Works on one good message, in the order in which the probe sent them."""
+
+    def status(self) -> Mapping[str, Any]:
+        """What the status of the probe says about this stage, as JSON values."""
+
+    def farewell(self) -> str:
+        """What the daemon's last line adds about the probe; empty: nothing."""

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import math
 import os
 import signal
 import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -82,135 +81,9 @@ FIRST_COMMAND_US = 600_000
 NEXT_COMMAND_US = 20_000
 
 # Options of the clock and the wire, for runs in real time.
-WIRE = {
-    "clock-ppm": "its clock is fast by this",
-    "clock-drift": "and by so many ppm more each second",
-    "batch-ms": "its bytes come at whole multiples of this, as through a USB adapter",
-    "burst-ms": "once a second nothing comes for so long",
-}
+WIRE = ("clock-ppm", "clock-drift", "batch-ms", "burst-ms")
 
 FEED_RECORDS = 1024  # a write into the pipe: 36 kB
-
-
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Registers `sim` and its boards with the command line."""
-    sim = commands.add_parser(
-        "sim",
-        help="run a virtual probe: the real firmware image in an emulator",
-        description="Runs a virtual probe: the real firmware image in an emulator.",
-        epilog="example: imud sim nano --stream, and then: imud run /tmp/imud-nano",
-    )
-    boards = sim.add_subparsers(metavar="BOARD", required=True)
-    for board in BOARDS.values():
-        _add_board(boards, board)
-
-
-def _add_board(
-    boards: argparse._SubParsersAction[argparse.ArgumentParser], board: Board
-) -> None:
-    parser = boards.add_parser(
-        board.name,
-        help=board.what,
-        description=f"{board.what[0].upper()}{board.what[1:]}. Its UART is a pty, in "
-        "real time, or goes into a file. Without --motion a hand moves it: strokes, "
-        "turns, rests.",
-        epilog=f"example: imud sim {board.name} --motion turn.npz --stream --raw "
-        "--fast --record turn.bin --summary turn.json",
-    )
-    parser.add_argument(
-        "--motion", metavar="FILE", type=Path, help="a recording to feel, .npz or .csv"
-    )
-    output = parser.add_mutually_exclusive_group()
-    output.add_argument(
-        "--link",
-        metavar="PATH",
-        type=Path,
-        help=f"where its serial port appears (default: {default_link(board)})",
-    )
-    output.add_argument(
-        "--record", metavar="FILE", type=Path, help="write its UART bytes to a file"
-    )
-    parser.add_argument(
-        "--seconds",
-        metavar="N",
-        type=_positive,
-        help="stop after N seconds of its time (default: with the recording, or never)",
-    )
-    parser.add_argument("--fast", action="store_true", help="as fast as it can")
-    parser.add_argument(
-        "--stream",
-        action="store_true",
-        help="stream at once, as if the button had been pressed",
-    )
-    parser.add_argument(
-        "--raw",
-        action="store_true",
-        help=f"send the raw samples, too, all {board.sample_rate_hz} a second",
-    )
-    parser.add_argument(
-        "--rate",
-        metavar="HZ",
-        type=_whole(1, board.sample_rate_hz),
-        help="poses a second (default: 100)",
-    )
-    parser.add_argument(
-        "--seed",
-        metavar="N",
-        type=_whole(0, 2**32 - 1),
-        default=1,
-        help="of hand and noise (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--save-motion",
-        metavar="FILE",
-        type=Path,
-        help="keep what the hand did, with the truth, as .npz; needs --seconds",
-    )
-    files = {
-        "faults": "what is to break, and when",
-        "eeprom": f"its {board.memory}, kept from run to run",
-        "summary": "write the figures as JSON",
-        "profile": "write whose each cycle is, by function and part, as JSON",
-        "parts": "the parts of the profile: lines START END PART, addresses of flash",
-        "card": "what is on the SD card in its slot (imud card prepare)",
-        "radio": "an RN-41 between probe and wire, its settings in FILE",
-    }
-    for name in board.files:
-        parser.add_argument(f"--{name}", metavar="FILE", type=Path, help=files[name])
-    if board.has_battery:
-        parser.add_argument(
-            "--battery", metavar="MV", type=_whole(0, 5000), help="a battery's voltage"
-        )
-    for name, what in WIRE.items():
-        parser.add_argument(f"--{name}", metavar="N", type=float, help=what)
-    parser.add_argument(
-        "--image", metavar="ELF", type=Path, help="firmware (default: as built here)"
-    )
-    parser.add_argument(
-        "--simulator",
-        metavar="PATH",
-        type=Path,
-        help="emulator (default: as built here)",
-    )
-    parser.set_defaults(run=run, parser=parser, board=board)
-
-
-def _positive(text: str) -> float:
-    with contextlib.suppress(ValueError):
-        seconds = float(text)
-        if 0.0 < seconds < math.inf:
-            return seconds
-    raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
-
-
-def _whole(low: int, high: int) -> Callable[[str], int]:
-    def number(text: str) -> int:
-        value = int(text)
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} is not in {low}..{high}")
-        return value
-
-    return number
 
 
 def default_link(board: Board) -> Path:

@@ -52,7 +52,7 @@ static void multiply(uint32_t a, uint32_t b) {
     const struct quat q = {v[1], v[2], (int32_t)(a - b), v[0]};
     quat_multiply(&p, &q, &p);
     mix_words(&hashes[4], &p, 4);
-    struct vector turned = {v[0], v[1], v[2]};
+    struct vector turned = {.x = v[0], .y = v[1], .z = v[2]};
     quat_rotate(&q, &turned, &turned);
     mix_words(&hashes[5], &turned, 3);
 }

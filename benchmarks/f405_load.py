@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: MIT
+"""The STM32F405's load: each filter of its image, and all messages at both rates."""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import capture as captures
+import filters
+from boards import F405
+from capture import RunFailed
+from firmware_images import Measured, measure, poses_a_second, prepared
+
+from imud._core import encode_frame
+from imud.virtual import motion
+from imud.wire import messages, schema
+
+FAST = "stm32f405_760"  # of platformio.ini
+RATES = ((F405.environment, 380), (FAST, 760))
+# The image takes orders once the sensor is set up; every filter is in it.
+FILTER_FROM_US = 1_500_000
+
+
+@dataclass(frozen=True, slots=True)
+class Filtered:
+    """Cycles of a filter in the image that has them all."""
+
+    step_mean: float
+    step_worst: int
+    pose_mean: float
+
+
+def each_filter(image: Path, hand: Path, seed: int) -> dict[str, dict[str, Any]]:
+    """The filters of the STM32F405's image, one after the other: prints as it goes."""
+    print("\nfilter in the image   step: mean     worst   pose: mean")
+    found = {}
+    for filter_ in schema.Filter:
+        name = filter_.name.lower()
+        if name not in filters.HOUSE:
+            continue
+        order = {"command": "restart", "token": 9, "arguments": (int(filter_), 0)}
+        frame = encode_frame(schema.SEED, messages.encode("command", order, 9, 0))
+        options = ["--send", f"{FILTER_FROM_US}:{frame.hex()}"]
+        measured = measure(F405, image, hand, seed, options)
+        cost = filtered(measured, name)
+        print(
+            f"{name:20}{cost.step_mean:>12.0f}{cost.step_worst:>10}"
+            f"{cost.pose_mean:>13.0f}",
+            flush=True,
+        )
+        found[name] = dataclasses.asdict(cost)
+    return found
+
+
+def filtered(measured: Measured, name: str) -> Filtered:
+    """What a filter took of the samples behind the order to begin with it."""
+    functions = measured.profile["functions"]
+    times_us = measured.capture.feed.rows["time_us"]
+    count = int((times_us > FILTER_FROM_US).sum())
+    if name == "fuse":  # which an image begins with
+        count = measured.profile["samples"]
+    tallies = [functions.get(f"{name}_{what}") for what in ("step", "orientation")]
+    if None in tallies or not count:
+        raise RunFailed(f"{name} did not run")
+    step, pose = (tally["inclusive"] for tally in tallies)
+    return Filtered(
+        step_mean=round(step["cycles"] / count, 1),
+        step_worst=step["worst"],
+        pose_mean=round(pose["cycles"] / count, 1),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """An image at its rate, each sample and its pose sent and logged."""
+
+    sample_hz: int
+    samples: int
+    late: int
+    lost: int  # samples or messages, on the wire
+    poses_hz: float
+    cycles_mean: float
+    cycles_worst: int
+    asleep: float  # shares of 1
+    wire: float
+    log_dropped: int  # messages that the card was too slow for
+
+
+BITS_A_BYTE = 10  # of the wire, a start and a stop bit among them
+BAUD = 921_600
+
+
+def at_rate(image: Path, sample_hz: int, hand: Path, seed: int) -> Rate:
+    """Runs an image with a pose for every sample."""
+    with tempfile.TemporaryDirectory() as folder:
+        card = prepared(Path(folder), motion.load(hand).seconds)
+        capture = captures.run(
+            F405.name,
+            hand,
+            ["--seed", str(seed), "--card", str(card)],
+            image=image,
+            sample_rate_hz=sample_hz,
+            pose_rate_hz=sample_hz,
+        )
+    summary, times = capture.summary, capture.feed.times_s
+    streamed_s = float(times[-1] - times[0])
+    return Rate(
+        sample_hz=sample_hz,
+        samples=summary["samples"],
+        late=summary["late"],
+        lost=capture.lost,
+        poses_hz=round(poses_a_second(capture), 1),
+        cycles_mean=summary["cycles_mean"],
+        cycles_worst=summary["cycles_worst"],
+        asleep=summary["idle"],
+        wire=round(summary["bytes"] * BITS_A_BYTE / BAUD / streamed_s, 4),
+        log_dropped=capture.log_dropped,
+    )
+
+
+def print_rates(rates: Iterable[Rate]) -> None:
+    print(
+        "\nsamples/s   samples    late    lost   poses/s   cycles: mean   worst"
+        "  asleep    wire   log dropped"
+    )
+    for rate in rates:
+        print(
+            f"{rate.sample_hz:>9}{rate.samples:>10}{rate.late:>8}{rate.lost:>8}"
+            f"{rate.poses_hz:>10}{rate.cycles_mean:>15.0f}{rate.cycles_worst:>8}"
+            f"{100 * rate.asleep:>6.1f} %{100 * rate.wire:>6.1f} %"
+            f"{rate.log_dropped:>14}"
+        )

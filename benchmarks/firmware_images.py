@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: MIT
+"""Images of the firmware: built by PlatformIO, run on a motion, profiled by part."""
+
+from __future__ import annotations
+
+import configparser
+import contextlib
+import io
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import capture as captures
+import parts
+import scoring
+from boards import F405, NANO, Board
+from capture import Capture, RunFailed
+
+from imud.cli import main as imud
+from imud.virtual import motion
+
+OFFICIAL = "nano_pio"  # the Nano's by PlatformIO's own compiler
+CARD_BYTES_A_SECOND = 120_000  # more than raw and pose are at 760 Hz
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """One image."""
+
+    capture: Capture
+    profile: dict[str, Any]
+
+
+def environments() -> list[str]:
+    """Those of platformio.ini that make a Nano's image, the flashed one first."""
+    ini = configparser.ConfigParser(interpolation=None)
+    ini.read(scoring.PROJECT / "platformio.ini")
+    names = [section.removeprefix("env:") for section in ini if "env:" in section]
+    others = [
+        name
+        for name in names
+        if name.startswith(f"{NANO.environment}_") and name != OFFICIAL
+    ]
+    return [NANO.environment, *others]
+
+
+def build(environment: str) -> Path:
+    """Builds an image by PlatformIO."""
+    done = subprocess.run(
+        [sys.executable, "-m", "platformio", "run", "--silent", "-e", environment],
+        cwd=scoring.PROJECT,
+        env={
+            key: os.environ[key] for key in os.environ if key != "PLATFORMIO_CORE_DIR"
+        },
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    # One that has no place beside the bootloader is linked all the same; its own line
+    # of the table says so.
+    if done.returncode != 0 and "greater than maximum allowed" not in done.stderr:
+        raise RunFailed(f"{environment}: {done.stderr.strip()}")
+    return scoring.PROJECT / ".pio" / "build" / environment / "firmware.elf"
+
+
+def measure(
+    board: Board, image: Path, hand: Path, seed: int, options: Sequence[str] = ()
+) -> Measured:
+    """Runs an image on a motion, all streams on, and profiles it."""
+    rate_hz = int(board.chip.rate_hz)
+    with tempfile.TemporaryDirectory() as folder:
+        where, profile = Path(folder) / "parts", Path(folder) / "profile.json"
+        parts.write(image, where)
+        words = ["--seed", str(seed), *options]
+        words += ["--profile", str(profile), "--parts", str(where)]
+        if board is F405:
+            words += ["--card", str(prepared(Path(folder), motion.load(hand).seconds))]
+        capture = captures.run(
+            board.name, hand, words, image=image, pose_rate_hz=rate_hz
+        )
+        return Measured(capture, json.loads(profile.read_text()))
+
+
+def prepared(folder: Path, seconds: float) -> Path:
+    """A card that takes the log of so long a run."""
+    path = folder / "card.img"
+    size = 48 + int(seconds * CARD_BYTES_A_SECOND) // 2**20
+    with contextlib.redirect_stdout(io.StringIO()):
+        if imud(["card", "prepare", str(path), "--size", f"{size}M"]):
+            raise RunFailed("no card could be prepared")
+    return path
+
+
+def poses_a_second(capture: Capture) -> float:
+    times = capture.pose_times_s
+    return (len(times) - 1) / float(times[-1] - times[0])

@@ -1,0 +1,325 @@
+// SPDX-License-Identifier: MIT
+// Heading, from the magnetic field: one Kalman filter of the field of the place, in the
+// level frame, and of the probe's own field, which turns with it.
+#include <string.h>
+
+#include "core/fusion/fuse_stages.h"
+
+enum {
+    FIELD_ASTRAY = 32767,  // half: the field of the probe has changed
+};
+
+// A reading is 12.5 ms behind the gyroscope, its holding included, give or take 5 ms by
+// a sensor's clocks: seconds times 2^35, and half of a variance in ms2.
+#define LAG_Q35 INT32_C(429496730)
+#define LAG_MAX_Q35 INT32_C(1030792151)   // 30 ms
+#define LAG_MS_Q17 INT32_C(131)           // a ms q14_18 as seconds times 2^35
+#define LAG_VARIANCE INT32_C(6553600)     // 12.5 ms2
+#define LAG_RATE_Q25 INT32_C(1207959552)  // 36 rad/s an axis: 62.4 in all
+#define LAG_ANGLE_Q30 INT32_C(322122547)  // 0.3 rad an axis
+#define LAG_FIELD_Q18 INT32_C(52428800)   // 200 uT an axis
+#define LAG_SLOPE_MAX INT32_C(16383500)   // 2 uT/ms as uT/s q18_13
+
+// Variances in uT2 as q13_19; noise of 5 uT2 s: mostly what is uneven in the field of a
+// room.
+#define OWN_VARIANCE INT32_C(327680)    // (0.79 uT)^2: what a calibration leaves
+#define PLACE_VARIANCE INT32_C(131072)  // (0.5 uT)^2 of a mean of 2 s at rest
+#define PLACE_VARIANCE_MOVING INT32_C(4849664)  // 9.25 uT2 where there was no rest
+#define FIELD_VARIANCE_MAX INT32_C(42467328)    // (9 uT)^2
+#define FIELD_NOISE INT32_C(26214400)           // 5 uT2 s over 0.1 s
+#define FIELD_NOISE_MAX INT32_C(471859200)      // 900 uT2
+#define PLACE_WANDER INT32_C(1573)              // 0.03 uT2/s
+#define OWN_WANDER INT32_C(1)                   // (0.26 uT)^2 an hour
+#define OWN_WANDER_ASTRAY INT32_C(838861)       // 16 uT2/s
+#define FIELD_UNIT_FINE (FUSE_FIELD_UNIT * UINT32_C(64))
+#define FIELD_STEP_MAX_Q18 INT32_C(1572864)     // 6 uT
+#define FIELD_FAR_Q18 INT32_C(23592960)         // 30 * 3 uT
+#define PLACE_LIMIT_Q18 INT32_C(943718400)      // 3600 uT
+#define OWN_LIMIT_Q18 INT32_C(104857600)        // 400 uT
+#define PLACE_TURNED_Q18 INT32_C(15728640)      // 60 uT
+#define PLACE_SPREAD_MAX INT32_C(31457280)      // 60 uT2, below the variances' limit
+#define FIELD_TURNED_Q18 INT32_C(786432)        // 3 uT
+#define FIELD_TURNED_GAIN_Q30 INT32_C(1572864)  // 2 * 3 uT times uT q14_18 to 64ths
+#define HORIZONTAL_MIN_Q18 INT32_C(262144)      // 1 uT
+// Heading variance that a frame adds, rad2 as 2^-40ths: 0.05 deg2/s; 0.3 where no
+// reading comes; 40 where readings say that it is wrong; and 20 s times the mean of the
+// bias' three variances, halved.
+#define HEADING_WANDER INT32_C(1674652)
+#define HEADING_WANDER_ALONE INT32_C(10047910)
+#define HEADING_WANDER_TURNED INT32_C(1339721268)
+#define HEADING_WANDER_BIAS_Q30 INT32_C(1786295440)
+// What a heading's stated variance has beside the covariance's share: the field is seen
+// through a level that is 0.3 deg off.
+#define LEVEL_ERROR_Q30 INT32_C(5622099)
+#define COVARIANCE_SHARE_Q30 INT32_C(161061274)  // 0.15: fitted, see fuse_quality
+
+// A stage's numbers are on the stack only while it runs.
+#define NOINLINE __attribute__((noinline))
+
+void fuse_init_lag(struct fuse *fuse) {
+    fuse->lag_s_q35 = LAG_Q35;
+    fuse->lag_variance = LAG_VARIANCE;
+}
+
+// The reading is older than the sample: its attitude is that of the sample, turned back
+// by the last rate times the lag.
+void fuse_take_reading(struct fuse *fuse, const struct vector *field_ut_q18) {
+    struct vector angle;
+    vector_clamp(&fuse->rate_rad_s_q25, LAG_RATE_Q25, &angle);
+    memcpy(fuse->reading_rad_s, angle.axis, sizeof fuse->reading_rad_s);
+    vector_scale(&fuse->rate_rad_s_q25, -fuse->lag_s_q35, &angle);
+    vector_clamp(&angle, LAG_ANGLE_Q30, &angle);
+    fuse->reading_attitude = fuse->inertial_from_body;
+    fuse_turn(&fuse->reading_attitude, &angle);
+    memcpy(fuse->reading_ut, field_ut_q18->axis, sizeof fuse->reading_ut);
+    fuse->has_reading = true;
+}
+
+static void to_level(const struct fuse *fuse, int32_t v[3]) {
+    const int32_t body[3] = {v[0], v[1], v[2]};
+    matrix_turn(&fuse->level_from_body, body, v);
+}
+
+void fuse_stage_reading(struct fuse *fuse) {
+    struct quat attitude;
+    if (!fuse->has_reading) {
+        return;
+    }
+    quat_multiply(&fuse->level_from_inertial, &fuse->reading_attitude, &attitude);
+    quat_renormalise(&attitude);
+    matrix_from_quat(&attitude, &fuse->level_from_body);
+    to_level(fuse, fuse->reading_ut);
+    to_level(fuse, fuse->reading_rad_s);
+}
+
+// An axis of the reading less the expected place + level_from_body * own; below
+// 8192 uT.
+static q14_18_t field_away(const struct fuse *fuse, uint8_t axis) {
+    return fuse->reading_ut[axis] - fuse->field_ut[axis] -
+           fixed_dot3_q14(fuse->field_ut + 3, fuse->level_from_body.row[axis]);
+}
+
+// The same, held within what one reading may correct.
+static q14_18_t field_step(const struct fuse *fuse, uint8_t axis) {
+    return fixed_clamp(field_away(fuse, axis), FIELD_STEP_MAX_Q18);
+}
+
+// The mean of the first readings is the field of the place. It is as uncertain as the
+// probe's own field, and correlated with it.
+NOINLINE static void learn_place(struct fuse *fuse) {
+    int32_t *pair = fuse->field_covariance;
+    ++fuse->field_learnt;
+    for (uint8_t row = 0; row < KALMAN_STATES; ++row) {
+        if (row < 3) {
+            fuse->field_ut[row] += field_away(fuse, row) / fuse->field_learnt;
+        }
+        for (uint8_t column = 0; column < row; ++column) {
+            *pair = row < 3 || column > 2 ? 0
+                                          : fuse->level_from_body.row[column][row - 3] *
+                                                (-OWN_VARIANCE / FUSE_Q2_14_ONE);
+            ++pair;
+        }
+        *pair = OWN_VARIANCE;
+        if (row < 3) {
+            *pair += fuse_is_at_rest(fuse) ? PLACE_VARIANCE : PLACE_VARIANCE_MOVING;
+        }
+        ++pair;
+    }
+}
+
+// The uncertainty that a frame adds: the field of the place turns with an error of the
+// heading, and both fields wander, the probe's more where readings keep surprising.
+NOINLINE static void predict_field(struct fuse *fuse) {
+    int32_t *covariance = fuse->field_covariance;
+    const int32_t *motion = fuse->motion_covariance;
+    const int32_t bias_variance = motion[kalman_variance(0)] +
+                                  motion[kalman_variance(1)] +
+                                  motion[kalman_variance(2)];
+    const int32_t turn_q40 = (!fuse->has_reading ? HEADING_WANDER_ALONE
+                              : fuse->is_turned  ? HEADING_WANDER_TURNED
+                                                 : HEADING_WANDER) +
+                             fixed_mul_q30(bias_variance, HEADING_WANDER_BIAS_Q30) * 2;
+    if (!fuse->has_reading) {
+        fuse->heading_variance =
+            fixed_clamp(fuse->heading_variance + fixed_scale_down(turn_q40, 10),
+                        FUSE_HEADING_VARIANCE_MAX_Q30);
+    }
+    // The horizontal field, at most 60 uT: half of it, and it times the turn, as
+    // 2^32ths.
+    const int32_t x = fixed_clamp(fuse->field_ut[0], PLACE_TURNED_Q18);
+    const int32_t y = fixed_clamp(fuse->field_ut[1], PLACE_TURNED_Q18);
+    const int32_t half_x = fixed_half_floor(x);
+    const int32_t half_y = fixed_half_floor(y);
+    const int32_t turned_x = fixed_mul_q30(x * 16, turn_q40);
+    const int32_t turned_y = fixed_mul_q30(y * 16, turn_q40);
+    if (covariance[0] + covariance[2] < PLACE_SPREAD_MAX) {
+        covariance[0] += fixed_mul_q30(half_y, turned_y);
+        covariance[1] -= fixed_mul_q30(half_x, turned_y);
+        covariance[2] += fixed_mul_q30(half_x, turned_x);
+    }
+    const bool is_astray = fuse->field_astray > FIELD_ASTRAY && !fuse_is_at_rest(fuse);
+    for (uint8_t state = 0; state < KALMAN_STATES; ++state) {
+        int32_t *variance = &covariance[kalman_variance(state)];
+        *variance += state < 3   ? PLACE_WANDER
+                     : is_astray ? OWN_WANDER_ASTRAY
+                                 : OWN_WANDER;
+        *variance = fixed_clamp(*variance, FIELD_VARIANCE_MAX);
+    }
+}
+
+// In a body that turns, the field of the place moves by place x rate. The part of the
+// reading's surprise along that direction is an error of the lag.
+void fuse_follow_lag(struct fuse *fuse) {
+    const q7_25_t *rate = fuse->reading_rad_s;
+    struct vector place;
+    int32_t norm;
+    vector_clamp(&(struct vector){.x = fuse->field_ut[0],
+                                  .y = fuse->field_ut[1],
+                                  .z = fuse->field_ut[2]},
+                 LAG_FIELD_Q18, &place);
+    // uT/s as q18_13, at most 346 * 62.4.
+    struct vector slope = {
+        .x = fixed_mul_q30(place.y, rate[2]) - fixed_mul_q30(place.z, rate[1]),
+        .y = fixed_mul_q30(place.z, rate[0]) - fixed_mul_q30(place.x, rate[2]),
+        .z = fixed_mul_q30(place.x, rate[1]) - fixed_mul_q30(place.y, rate[0])};
+    if (!vector_normalise(&slope, &slope, &norm)) {
+        return;
+    }
+    // 2^14 / 1000 / 2^13 of it, which is in uT/ms; at most 2.
+    q2_14_t row[KALMAN_STATES] = {(q2_14_t)(fixed_clamp(norm, LAG_SLOPE_MAX) / 500)};
+    q2_30_t gain[KALMAN_STATES];
+    kalman_read(&fuse->lag_variance, 1, row, fuse->field_noise, gain);
+    q14_18_t along = 0;
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        along += fixed_mul_q30(slope.axis[axis], field_step(fuse, axis));
+    }
+    const int32_t lag = fuse->lag_s_q35 - fixed_mul_q30(gain[0], along) * LAG_MS_Q17;
+    fuse->lag_s_q35 = fixed_clamp(lag > 0 ? lag : 0, LAG_MAX_Q35);
+}
+
+// Measures how far the reading is from the expected one, and sets its noise by that:
+// the farther, the less it weighs.
+NOINLINE static void weigh_field(struct fuse *fuse) {
+    uint32_t square = 0;  // 4096ths of 1 uT2, at most 90 uT an axis
+    int32_t longer = 0;   // the horizontal field's square, 64ths of 1 uT2
+    int32_t off = 0;
+    uint32_t horizontal = 0;
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        off = fixed_clamp(field_away(fuse, axis), FIELD_FAR_Q18);
+        square += (uint32_t)fixed_mul_q30(off * 8, off * 8);
+        if (axis < 2) {
+            const int32_t place = fixed_clamp(fuse->field_ut[axis], PLACE_TURNED_Q18);
+            longer += fixed_mul_q30(off, off + 2 * place);
+            horizontal += fixed_magnitude(place);
+        }
+    }
+    // A field of the same length and steepness means that the heading is wrong.
+    fuse->is_turned =
+        square > FIELD_UNIT_FINE * 8 &&
+        fixed_magnitude(off) < (uint32_t)FIELD_TURNED_Q18 &&
+        fixed_magnitude(longer) <
+            (uint32_t)fixed_mul_q30((int32_t)horizontal, FIELD_TURNED_GAIN_Q30);
+    const uint16_t coarse =
+        square < UINT16_MAX * UINT32_C(64) ? (uint16_t)(square / 64) : UINT16_MAX;
+    fuse->field_surprise =
+        (uint16_t)(fuse->field_surprise - fuse->field_surprise / 4 + coarse / 4);
+    // sqrt(1 + square / unit), times 768
+    int32_t noise =
+        FIELD_NOISE / 768 * (int32_t)fixed_sqrt((FIELD_UNIT_FINE + square) * 16);
+    if (fuse_is_at_rest(fuse)) {
+        // Readings at rest repeat each other.
+        noise = fixed_clamp(noise, FIELD_NOISE_MAX / 4) * 4;
+    } else {
+        // A mean over 1.6 s.
+        fuse->field_astray =
+            (uint16_t)(fuse->field_astray - fuse->field_astray / 16 +
+                       (square > FIELD_UNIT_FINE && !fuse->is_turned ? UINT16_MAX / 16
+                                                                     : 0));
+    }
+    fuse->field_noise = fixed_clamp(noise, FIELD_NOISE_MAX);
+}
+
+void fuse_stage_field(struct fuse *fuse) {
+    if (!fuse->has_reading) {
+        if (fuse->field_age < UINT8_MAX) {
+            ++fuse->field_age;
+        }
+        predict_field(fuse);
+        return;
+    }
+    if (fuse->field_age == UINT8_MAX && fuse_is_heading_free(fuse)) {
+        fuse->field_learnt = 0;  // after so long, learn the place anew
+    }
+    if (fuse->frames == FUSE_LEVEL_SETTLE && !fuse_is_at_rest(fuse)) {
+        fuse->field_learnt = 0;  // readings in motion had no good level
+    }
+    fuse->field_age = 0;
+    if (fuse->field_learnt < FUSE_FIELD_LEARN) {
+        learn_place(fuse);
+        fuse->has_reading = false;
+        return;
+    }
+    predict_field(fuse);
+    weigh_field(fuse);
+}
+
+void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis) {
+    if (!fuse->has_reading) {
+        return;
+    }
+    q2_30_t gain[KALMAN_STATES];
+    q2_14_t row[KALMAN_STATES] = {0};
+    row[axis] = FUSE_Q2_14_ONE;
+    memcpy(row + 3, fuse->level_from_body.row[axis], 3 * sizeof *row);
+    const q14_18_t away = field_step(fuse, axis);
+    kalman_read(fuse->field_covariance, KALMAN_STATES, row, fuse->field_noise, gain);
+    for (uint8_t state = 0; state < KALMAN_STATES; ++state) {
+        fuse->field_ut[state] =
+            fixed_clamp(fuse->field_ut[state] + fixed_mul_q30(gain[state], away),
+                        state < 3 ? PLACE_LIMIT_Q18 : OWN_LIMIT_Q18);
+    }
+}
+
+// The heading's variance, rad2, from that of the field. `north` is the horizontal unit
+// vector of the field in the level frame, `norm` the length of the horizontal field,
+// uT.
+static q2_30_t heading_variance_of(const struct fuse *fuse, const struct vector *north,
+                                   q14_18_t norm) {
+    const int32_t *covariance = fuse->field_covariance;
+    const int32_t across_y =
+        fixed_mul_q30(covariance[0], north->y) - fixed_mul_q30(covariance[1], north->x);
+    const int32_t across_x =
+        fixed_mul_q30(covariance[2], north->x) - fixed_mul_q30(covariance[1], north->y);
+    const int32_t across =
+        fixed_mul_q30(across_y, north->y) + fixed_mul_q30(across_x, north->x);
+    // The vertical field seen through an error of the level, at most 19 uT, as 2^26ths.
+    const int32_t leaning = fixed_mul_q30(fuse->field_ut[2], LEVEL_ERROR_Q30) * 256;
+    const int32_t total_q19 = fixed_mul_q30(across, COVARIANCE_SHARE_Q30) +
+                              fixed_scale_down(fixed_mul_q30(leaning, leaning), 3);
+    const uint32_t total_q18 = (uint32_t)(total_q19 > 0 ? total_q19 : 0) / 2;
+    if (total_q18 >= (uint32_t)norm) {
+        return FUSE_HEADING_VARIANCE_MAX_Q30;
+    }
+    const int32_t once = fixed_ratio(total_q18, (uint32_t)norm);
+    return fixed_ratio((uint32_t)fixed_scale_down(once, 12), (uint32_t)norm);
+}
+
+void fuse_stage_world(struct fuse *fuse) {
+    struct vector north = {.x = fuse->field_ut[0], .y = fuse->field_ut[1], .z = 0};
+    struct quat turn = QUAT_IDENTITY;
+    int32_t norm;
+    if (fuse->field_learnt > 0 && vector_normalise(&north, &north, &norm)) {
+        // The angle that brings the horizontal field to north, y.
+        quat_about_z(north.y, north.x, &turn);
+        if (norm < HORIZONTAL_MIN_Q18) {
+            // The field is vertical and tells no heading: learn it anew.
+            fuse->field_learnt = 0;
+            fuse->heading_variance = FUSE_HEADING_VARIANCE_MAX_Q30;
+        } else if (fuse->field_age == 0) {
+            fuse->heading_variance = heading_variance_of(fuse, &north, norm);
+        }
+    }
+    fuse->has_reading = false;
+    quat_multiply(&turn, &fuse->level_from_inertial, &fuse->world_from_inertial);
+    quat_renormalise(&fuse->world_from_inertial);
+}

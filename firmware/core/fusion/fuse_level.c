@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: MIT
+// The vertical: the specific force, low-passed in the inertial frame, points up in the
+// level frame.
+#include <string.h>
+
+#include "core/fusion/fuse_stages.h"
+
+#define FORCE_LIMIT_Q13 INT32_C(3906250)  // 477 m/s2: more than the range's corner
+#define FORCE_MIN_Q21 INT32_C(2097152)    // 1 m/s2: in free fall nothing levels
+// A correction, rad a frame as q2_30, to rad/s q7_25: 10 / 2^5.
+#define TILTING_GAIN_Q30 INT32_C(335544320)
+
+const struct lowpass_gain fuse_level_gain = {INT32_C(25313025), INT32_C(1038540224),
+                                             FUSE_LEVEL_SETTLE};
+
+// Turns the level frame so that the low-passed specific force points up. Leaves the
+// correction about x and y in tilting_rad_s.
+static void follow_gravity(struct fuse *fuse) {
+    struct quat *level = &fuse->level_from_inertial;
+    struct vector up;
+    int32_t norm;
+    fuse->tilting_rad_s[0] = 0;
+    fuse->tilting_rad_s[1] = 0;
+    lowpass_read(&fuse->force, &up);
+    quat_rotate(level, &up, &up);
+    if (!vector_normalise(&up, &up, &norm) || norm < FORCE_MIN_Q21) {
+        return;
+    }
+    fuse->tilting_rad_s[0] = fixed_mul_q30(up.y, TILTING_GAIN_Q30);
+    fuse->tilting_rad_s[1] = -fixed_mul_q30(up.x, TILTING_GAIN_Q30);
+    // The shortest turn that takes `up` to z is (1 + z, y, -x, 0), normalised; from
+    // straight down it is half a turn about x.
+    struct vector half = {.x = Q2_30_ONE / 2 + fixed_half_floor(up.z),
+                          .y = fixed_half_floor(up.y),
+                          .z = -fixed_half_floor(up.x)};
+    struct quat turn = {0, Q2_30_ONE, 0, 0};
+    if (vector_normalise(&half, &half, &norm)) {
+        turn = (struct quat){half.x, half.y, half.z, 0};
+    }
+    quat_multiply(&turn, level, level);
+    quat_renormalise(level);
+}
+
+void fuse_level_first(struct fuse *fuse, const struct vector *force_body) {
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        fuse->force.axis[axis].level = force_body->axis[axis];
+    }
+    follow_gravity(fuse);
+    fuse->world_from_inertial = fuse->level_from_inertial;
+}
+
+// Orientation lost: keep it as the initial guess, and level again.
+static void lose_orientation(struct fuse *fuse) {
+    memset(&fuse->force, 0, sizeof fuse->force);
+    memset(fuse->regressor, 0, sizeof fuse->regressor);
+    fuse->frames = 0;
+    fuse->field_learnt = 0;
+    fuse->heading_variance = FUSE_HEADING_VARIANCE_MAX_Q30;
+}
+
+void fuse_stage_level(struct fuse *fuse) {
+    struct vector force;
+    if (fuse->clipped >= FUSE_CLIPPED_LOST) {
+        lose_orientation(fuse);
+    }
+    fuse->clipped = 0;
+    if (fuse->unsettled > 0) {
+        --fuse->unsettled;
+    }
+    if (fuse->frames < UINT8_MAX) {
+        ++fuse->frames;
+    }
+    fuse_take_mean(fuse, &fuse->force_sum_q13, FORCE_LIMIT_Q13, &force);
+    lowpass_step(&fuse->force, &fuse_level_gain, &force, fuse->frames);
+    follow_gravity(fuse);
+}

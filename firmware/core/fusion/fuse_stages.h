@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: MIT
+// The stages of a frame of fuse.c, and what its files share. Private to the filter.
+//
+//   fuse.c        integration, the order of the stages, orientation and quality
+//   fuse_level.c  the vertical, from the specific force
+//   fuse_gyro.c   rest, and the gyroscope's bias and scale
+//   fuse_field.c  heading, from the magnetic field
+//
+// Frames of reference: body; inertial, which drifts with the gyroscope; level, with z
+// up and the heading of the inertial frame; world: east, north, up.
+#ifndef FUSE_STAGES_H
+#define FUSE_STAGES_H
+
+#include "core/fusion/fuse.h"
+
+enum {
+    FUSE_FRAMES_HZ = 10,
+    FUSE_LEVEL_SETTLE = 30,  // frames in VQF's tau_acc, 3 s
+    FUSE_REST_LOOKS = 150,   // VQF's rest: 1.5 s without motion, at 100 looks a second
+    FUSE_CLIPPED_LOST = 4,   // samples of a frame whose motion was lost: so is attitude
+    FUSE_FIELD_LEARN = 20,   // readings whose mean is the first field: 2 s
+    FUSE_FIELD_UNIT = 576,   // (3 uT)^2 as 64ths of 1 uT2
+    FUSE_Q2_14_ONE = 16384,
+};
+
+#define FUSE_HEADING_VARIANCE_MAX_Q30 INT32_C(1073741824)  // (57 deg)^2
+#define FUSE_HEADING_FREE_Q30 INT32_C(294380000)           // (30 deg)^2
+
+// Of VQF's tau_acc, 3 s, at FUSE_FRAMES_HZ.
+extern const struct lowpass_gain fuse_level_gain;
+
+static inline bool fuse_is_at_rest(const struct fuse *fuse) {
+    return fuse->rest_looks == FUSE_REST_LOOKS;
+}
+
+static inline bool fuse_is_heading_free(const struct fuse *fuse) {
+    return fuse->heading_variance > FUSE_HEADING_FREE_Q30;
+}
+
+// Turns q by a small angle, |angle| <= 0.55 rad, in the frame on the right of it.
+void fuse_turn(struct quat *q, const struct vector *angle_rad_q30);
+
+// The mean over the frame, each axis held within +-limit / 256, in the format of what
+// was added to the sum; empties the sum.
+void fuse_take_mean(const struct fuse *fuse, struct vector *sum, int32_t limit,
+                    struct vector *out);
+
+// fuse_level.c
+
+// The first sample is levelled at once. Force in the body frame, m/s2 q11_21.
+void fuse_level_first(struct fuse *fuse, const struct vector *force_body);
+// Level from the mean force of the frame.
+void fuse_stage_level(struct fuse *fuse);
+
+// fuse_gyro.c
+
+// Bias and scale as unsure as a gyroscope's can be.
+void fuse_init_gyro(struct fuse *fuse);
+// Rest: for 1.5 s rates and force have stayed near their short mean, and the mean rate
+// near the calibrated bias.
+void fuse_look_for_rest(struct fuse *fuse, const struct measurement *measurement);
+// How errors of bias and scale would tilt the level frame.
+void fuse_stage_regressors(struct fuse *fuse);
+// At rest the mean rate is the bias; one axis a frame.
+void fuse_stage_rest(struct fuse *fuse);
+// In motion, what levelling had to correct about an axis (0: x, 1: y) tells of bias and
+// scale.
+void fuse_stage_motion(struct fuse *fuse, uint8_t axis);
+
+// fuse_field.c
+
+// How late readings of the field are, before turns have told.
+void fuse_init_lag(struct fuse *fuse);
+// Keeps a reading of the field, uT q14_18 in the body frame, with the attitude that it
+// was measured in.
+void fuse_take_reading(struct fuse *fuse, const struct vector *field_ut_q18);
+// Turns the reading to the level frame.
+void fuse_stage_reading(struct fuse *fuse);
+// Predicts the field, and weighs the reading. Without a reading, only predicts.
+void fuse_stage_field(struct fuse *fuse);
+// Learns from the reading how late readings are.
+void fuse_follow_lag(struct fuse *fuse);
+// Takes one axis of the reading into the field of the place and of the probe.
+void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis);
+// Level and heading as one rotation, which makes poses for the next frame.
+void fuse_stage_world(struct fuse *fuse);
+
+#endif

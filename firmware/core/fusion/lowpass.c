@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: MIT
+// Second-order Butterworth low-pass; see lowpass.h.
+#include "core/fusion/lowpass.h"
+
+void lowpass_axis_step(struct lowpass_axis *axis, const struct lowpass_gain *gain,
+                       int32_t input, uint8_t count) {
+    const int32_t error = input - axis->level;
+    if (count <= gain->settle) {
+        axis->level += error / count;
+        return;
+    }
+    const int32_t middle = fixed_mul_q30(
+        axis->band + fixed_mul_q30(error, gain->integrator), gain->feedback);
+    axis->level += 2 * fixed_mul_q30(middle, gain->integrator);
+    axis->band = 2 * middle - axis->band;
+}
+
+void lowpass_step(struct lowpass *filter, const struct lowpass_gain *gain,
+                  const struct vector *input, uint8_t count) {
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        lowpass_axis_step(&filter->axis[axis], gain, input->axis[axis], count);
+    }
+}
+
+void lowpass_read(const struct lowpass *filter, struct vector *out) {
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        out->axis[axis] = filter->axis[axis].level;
+    }
+}

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: MIT
+// Second-order Butterworth low-pass as two trapezoidal integrators, which needs no more
+// precision than its input has. Until it has settled, the mean of its input.
+#ifndef LOWPASS_H
+#define LOWPASS_H
+
+#include "core/math/vector.h"
+
+struct lowpass_axis {
+    int32_t band, level;  // level: the output, in the format of the input
+};
+
+struct lowpass {
+    struct lowpass_axis axis[3];
+};
+
+// Of a step of T and a time constant of tau.
+struct lowpass_gain {
+    q2_30_t integrator;  // g = tan(T / (sqrt(2) tau))
+    q2_30_t feedback;    // 1 / (1 + g (g + sqrt(2)))
+    uint8_t settle;      // steps in tau
+};
+
+// Takes the `count`th input, counted from 1; any number above `settle` will do once it
+// has settled. Needs |input| <= 1e9; the states stay below 1.1 of the largest input.
+void lowpass_axis_step(struct lowpass_axis *axis, const struct lowpass_gain *gain,
+                       int32_t input, uint8_t count);
+
+// The same of three axes.
+void lowpass_step(struct lowpass *filter, const struct lowpass_gain *gain,
+                  const struct vector *input, uint8_t count);
+
+// The output, in the format of the input.
+void lowpass_read(const struct lowpass *filter, struct vector *out);
+
+#endif

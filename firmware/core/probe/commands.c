@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: MIT
+// Commands of a host: received bytes in, what they ask for done, a reply each.
+#include <stddef.h>
+
+#include "core/probe/probe.h"
+#include "core/probe/send.h"
+
+static enum result set_rate(struct probe *probe, int32_t value[2]) {
+    uint16_t *rate_hz =
+        value[0] == 1 ? &probe->settings.raw_rate_hz : &probe->settings.pose_rate_hz;
+    const int32_t wanted = value[1];
+    value[1] = *rate_hz;
+    if (value[0] < 0 || value[0] > 1 || wanted < 1 || wanted > SETTINGS_RATE_MAX_HZ ||
+        (probe->identity != NULL && wanted > probe->identity->rate_hz)) {
+        return RESULT_BAD_ARGUMENT;
+    }
+    *rate_hz = (uint16_t)wanted;
+    value[1] = wanted;
+    settings_save(&probe->writer);
+    return RESULT_OK;
+}
+
+static enum result set_fields(struct probe *probe, int32_t value[2]) {
+    const int32_t wanted = value[0];
+    value[0] = probe->settings.streams;
+    if (wanted < 1 || wanted > (STREAM_POSE | STREAM_RAW)) {
+        return RESULT_BAD_ARGUMENT;
+    }
+    probe->settings.streams = (uint8_t)wanted;
+    value[0] = wanted;
+    settings_save(&probe->writer);
+    return RESULT_OK;
+}
+
+static enum result set_origin(struct probe *probe, const int32_t value[2],
+                              uint32_t now_us) {
+    if (value[0] < POSE_ORIGIN_FULL || value[0] > POSE_ORIGIN_NONE) {
+        return RESULT_BAD_ARGUMENT;
+    }
+    if (probe->identity == NULL || !probe->tracker.has_sample) {
+        return RESULT_NOT_READY;
+    }
+    pose_set_origin(&probe->tracker, (enum pose_origin)value[0]);
+    probe_tell(probe, EVENT_TARED, CAUSE_COMMAND, value[0], now_us);
+    return RESULT_OK;
+}
+
+static enum result restart(struct probe *probe, int32_t value[2], uint32_t now_us) {
+    const int32_t wanted = value[0] == FILTER_NONE ? send_filter(probe) : value[0];
+    value[0] = send_filter(probe);
+    if (!attitude_has(wanted)) {
+        return RESULT_BAD_ARGUMENT;
+    }
+    if (probe->identity == NULL) {
+        return RESULT_NOT_READY;
+    }
+    (void)pose_begin(&probe->tracker, &probe->settings.calibration, probe->identity,
+                     wanted);
+    value[0] = wanted;
+    probe_tell(probe, EVENT_RESTARTED, CAUSE_COMMAND, wanted, now_us);
+    return RESULT_OK;
+}
+
+static enum result carry_out(struct probe *probe, const struct message_command *command,
+                             uint32_t now_us) {
+    int32_t *value = probe->last_value;
+    value[0] = command->arguments[0];
+    value[1] = command->arguments[1];
+    switch (command->command) {
+    case COMMAND_START:
+        probe_set_streaming(probe, true, CAUSE_COMMAND, now_us);
+        return RESULT_OK;
+    case COMMAND_STOP:
+        probe_set_streaming(probe, false, CAUSE_COMMAND, now_us);
+        return RESULT_OK;
+    case COMMAND_RATE:
+        return set_rate(probe, value);
+    case COMMAND_FIELDS:
+        return set_fields(probe, value);
+    case COMMAND_HELLO:
+        send_hello(probe, TO_BOTH, now_us);
+        return RESULT_OK;
+    case COMMAND_TARE:
+        return set_origin(probe, value, now_us);
+    case COMMAND_RESET:
+        probe->wants_reset = true;
+        return RESULT_OK;
+    case COMMAND_RESTART:
+        return restart(probe, value, now_us);
+    case COMMAND_TIME:
+        return RESULT_OK;
+    default:
+        return RESULT_UNKNOWN_COMMAND;
+    }
+}
+
+void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us) {
+    struct message_header header;
+    struct message_command command;
+    uint8_t length;
+    const enum frame_result framed = frame_decode(&probe->decoder, byte, &length);
+    if (framed == FRAME_PENDING) {
+        return;
+    }
+    if (framed != FRAME_OK || message_command_decode(probe->received, length, &header,
+                                                     &command) != MESSAGE_OK) {
+        ++probe->status.commands_bad;
+        return;
+    }
+    ++probe->status.commands_received;
+    // A command whose reply was lost comes again with its token: it gets the reply, and
+    // is not carried out twice.
+    if (command.token == 0 || command.token != probe->last_token) {
+        probe->last_result = (uint8_t)carry_out(probe, &command, now_us);
+        probe->last_token = command.token;
+    }
+    send_reply(probe, &command, now_us);
+}

@@ -1,0 +1,191 @@
+// SPDX-License-Identifier: MIT
+// What the probe says, message by message; see send.h.
+#include "core/probe/send.h"
+
+#include <stddef.h>
+#include <string.h>
+
+// Each message's buffers are on the stack only while it is made, not all at once.
+#define NOINLINE __attribute__((noinline))
+
+// Those of the outlets that are open.
+static uint8_t open_of(const struct probe *probe, uint8_t outlets) {
+    const bool has_log = TO_CARD != 0 && probe->port->log != NULL;
+    return has_log && probe->port->log->is_on ? outlets : outlets & TO_WIRE;
+}
+
+NOINLINE static void put_copy(struct outlet *outlet, const uint8_t *bytes,
+                              uint8_t length) {
+    uint8_t copy[MESSAGE_CONTENT_MAX + FRAME_AROUND];
+    memcpy(copy + 1, bytes + 1, length);
+    outlet_put(outlet, copy, length);
+}
+
+// Hands the content at bytes + 1 to its outlets, which number it.
+static void put(struct probe *probe, uint8_t outlets, uint8_t *bytes, uint8_t length) {
+    const uint8_t open = open_of(probe, outlets);
+    if ((open & TO_CARD) != 0) {
+        put_copy(&probe->port->log->outlet, bytes, length);
+    }
+    if (TO_CARD == 0 || (open & TO_WIRE) != 0) {
+        outlet_put(probe->port->wire, bytes, length);
+    }
+}
+
+NOINLINE void probe_tell(struct probe *probe, enum event event, enum cause cause,
+                         int32_t detail, uint32_t now_us) {
+    uint8_t bytes[MESSAGE_EVENT_SIZE + FRAME_AROUND];
+    const struct message_event message = {(uint8_t)event, (uint8_t)cause, detail};
+    put(probe, TO_BOTH, bytes, message_event_encode(&message, 0, now_us, bytes + 1));
+}
+
+uint8_t send_filter(const struct probe *probe) {
+    return (uint8_t)(probe->identity != NULL ? attitude_kind(&probe->tracker.attitude)
+                                             : ATTITUDE_DEFAULT);
+}
+
+static void make_hello(const struct probe *probe, struct message_hello *out) {
+    const struct sensor_identity *identity = probe->identity;
+    *out = (struct message_hello){
+        .protocol_version = PROTOCOL_VERSION,
+        .schema_fingerprint = SCHEMA_FINGERPRINT,
+        .board = probe->board.kind,
+        .pose_rate = probe->settings.pose_rate_hz,
+        .raw_rate = probe->settings.raw_rate_hz,
+        .boot_count = probe->settings.boot_count,
+        .reset_cause = probe->board.reset_cause,
+        .filter = send_filter(probe),
+        .reset_address = probe->board.reset_address,
+    };
+    for (uint8_t i = 0; i < sizeof out->firmware && probe->board.firmware[i]; ++i) {
+        out->firmware[i] = probe->board.firmware[i];
+    }
+    memcpy(out->probe_id, probe->settings.probe_id, sizeof out->probe_id);
+    if (identity != NULL) {
+        out->sensor = identity->kind;
+        memcpy(out->who_am_i, identity->who_am_i, sizeof out->who_am_i);
+        memcpy(out->mag_adjust, identity->mag_adjust, sizeof out->mag_adjust);
+        out->self_test = identity->self_test;
+        out->sample_rate = identity->rate_hz;
+        out->acc_lsb = identity->acc_lsb_nm_s2;
+        out->gyr_lsb = identity->gyr_lsb_nrad_s;
+        out->mag_lsb = identity->mag_lsb_pt;
+    }
+}
+
+NOINLINE void send_hello(struct probe *probe, uint8_t outlets, uint32_t now_us) {
+    uint8_t bytes[MESSAGE_HELLO_SIZE + FRAME_AROUND];
+    struct message_hello message;
+    make_hello(probe, &message);
+    put(probe, outlets, bytes, message_hello_encode(&message, 0, now_us, bytes + 1));
+}
+
+void probe_say_hello(struct probe *probe, uint32_t now_us) {
+    send_hello(probe, TO_BOTH, now_us);
+}
+
+NOINLINE void send_status(struct probe *probe, uint32_t now_us) {
+    uint8_t bytes[MESSAGE_STATUS_SIZE + FRAME_AROUND];
+    struct message_status *status = &probe->status;
+    const struct outlet *wire = probe->port->wire;
+    const uint16_t supply_mv = probe->port->supply_mv();
+    status->state = (uint8_t)probe_state(probe);
+    status->samples_ready = probe->port->samples_ready();
+    if (probe->samples > 0) {
+        status->cycles_mean /= probe->samples;
+    }
+    status->stack_free = probe->port->stack_free();
+    status->supply = supply_mv > 0 ? supply_mv : STATUS_SUPPLY_NULL;
+    status->messages_sent = wire->sequence - wire->dropped + 1;  // itself
+    status->messages_dropped = wire->dropped;
+    put(probe, TO_BOTH, bytes, message_status_encode(status, 0, now_us, bytes + 1));
+    probe->samples = 0;
+    status->cycles_mean = 0;
+    status->cycles_worst = 0;
+}
+
+NOINLINE void send_equipment(struct probe *probe, uint32_t now_us) {
+    uint8_t bytes[MESSAGE_EQUIPMENT_SIZE + FRAME_AROUND];
+    struct message_equipment message = {.battery = EQUIPMENT_BATTERY_NULL};
+    probe->port->equipment(&message);
+    if (probe->port->log != NULL) {
+        const struct probe_log *log = probe->port->log;
+        const struct outlet *card = &log->outlet;
+        message.messages_unlogged = card->dropped;
+        message.messages_logged = log->earlier + card->sequence - card->dropped;
+    }
+    put(probe, TO_BOTH, bytes,
+        message_equipment_encode(&message, 0, now_us, bytes + 1));
+}
+
+NOINLINE void send_reply(struct probe *probe, const struct message_command *command,
+                         uint32_t now_us) {
+    uint8_t bytes[MESSAGE_REPLY_SIZE + FRAME_AROUND];
+    const struct message_reply message = {
+        .replied_command = command->command,
+        .replied_token = command->token,
+        .result = probe->last_result,
+        .value = {probe->last_value[0], probe->last_value[1]},
+    };
+    put(probe, TO_WIRE, bytes, message_reply_encode(&message, 0, now_us, bytes + 1));
+}
+
+static void make_raw(const struct sample *sample, struct message_raw *out) {
+    *out = (struct message_raw){
+        .acc = {sample->acc.x, sample->acc.y, sample->acc.z},
+        .gyr = {sample->gyr.x, sample->gyr.y, sample->gyr.z},
+        .mag = {RAW_MAG_NULL, RAW_MAG_NULL, RAW_MAG_NULL},
+        .temperature = sample->temperature_cdeg,
+        .sample_flags = (uint8_t)((sample->mag_overflow ? SAMPLE_MAG_OVERFLOW : 0) |
+                                  (sample->acc_clipped ? SAMPLE_ACC_CLIPPED : 0) |
+                                  (sample->gyr_clipped ? SAMPLE_GYR_CLIPPED : 0) |
+                                  (sample->has_gap ? SAMPLE_GAP : 0)),
+    };
+    if (sample->has_mag) {
+        out->mag[0] = sample->mag.x;
+        out->mag[1] = sample->mag.y;
+        out->mag[2] = sample->mag.z;
+    }
+}
+
+NOINLINE void send_raw(struct probe *probe, uint8_t outlets,
+                       const struct sample *sample) {
+    if (open_of(probe, outlets) == 0) {
+        return;
+    }
+    uint8_t bytes[MESSAGE_RAW_SIZE + FRAME_AROUND];
+    struct message_raw message;
+    make_raw(sample, &message);
+    put(probe, outlets, bytes,
+        message_raw_encode(&message, 0, sample->time_us, bytes + 1));
+}
+
+NOINLINE static void put_pose(struct probe *probe, uint8_t outlet,
+                              const struct message_pose *message, uint32_t time_us) {
+    uint8_t bytes[MESSAGE_POSE_SIZE + FRAME_AROUND];
+    put(probe, outlet, bytes, message_pose_encode(message, 0, time_us, bytes + 1));
+}
+
+// Clipped and gap are of all samples since the last pose, which is another on the card
+// than on the wire.
+NOINLINE void send_pose(struct probe *probe, uint8_t outlets, uint32_t time_us) {
+    const uint8_t open = open_of(probe, outlets);
+    struct probe_log *const log = TO_CARD != 0 ? probe->port->log : NULL;
+    if (open == 0) {
+        return;
+    }
+    struct message_pose message;
+    pose_read(&probe->tracker, &message);
+    if ((open & TO_CARD) != 0) {
+        put_pose(probe, TO_CARD, &message, time_us);
+        log->unsent_flags |= message.pose_flags & (POSE_CLIPPED | POSE_GAP);
+    }
+    if ((open & TO_WIRE) == 0) {
+        return;
+    }
+    if (log != NULL) {
+        message.pose_flags |= log->unsent_flags;
+        log->unsent_flags = 0;
+    }
+    put_pose(probe, TO_WIRE, &message, time_us);
+}

@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: MIT
+// Every message of a probe, each made by one function, for the wire and the card alike.
+// Private to core/probe/; what boards may send is in probe.h.
+#ifndef SEND_H
+#define SEND_H
+
+#include "core/probe/probe.h"
+
+// Where a message goes. The card takes it only while a log is kept.
+enum {
+    TO_WIRE = 1,
+    TO_CARD = PROBE_IS_WIRE_ONLY ? 0 : 2,
+    TO_BOTH = TO_WIRE | TO_CARD,
+};
+
+// The filter in use, or the one that will run once there is a sensor: enum filter.
+uint8_t send_filter(const struct probe *probe);
+
+void send_hello(struct probe *probe, uint8_t outlets, uint32_t now_us);
+// Ends the second whose load it tells.
+void send_status(struct probe *probe, uint32_t now_us);
+void send_equipment(struct probe *probe, uint32_t now_us);
+// The last command's result and values, stamped with the time it was heard.
+void send_reply(struct probe *probe, const struct message_command *command,
+                uint32_t now_us);
+void send_raw(struct probe *probe, uint8_t outlets, const struct sample *sample);
+// Reads the pose of the last sample, where it goes anywhere.
+void send_pose(struct probe *probe, uint8_t outlets, uint32_t time_us);
+
+#endif

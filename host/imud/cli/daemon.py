@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: MIT
+"""The daemon: `imud run`, `imud config` and `imud install-service`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imud.cli.arguments import add_command
+from imud.defaults import ENDPOINT
+
+if TYPE_CHECKING:
+    from imud.cli.arguments import Commands
+
+
+def add(commands: Commands) -> None:
+    _add_run(commands)
+    _add_config(commands)
+    _add_install_service(commands)
+
+
+def _add_run(commands: Commands) -> None:
+    run = add_command(
+        commands,
+        "run",
+        "read the probes, publish their data on the network and log it",
+        "imud run /dev/ttyUSB0 --log logs",
+        "This is the daemon: it runs until Ctrl-C.",
+    )
+    run.add_argument(
+        "ports",
+        metavar="PORT[@BAUD]",
+        nargs="*",
+        help="serial port of a probe; its baud rate is detected unless given "
+        "(default: search all USB and Bluetooth ports for probes)",
+    )
+    run.add_argument(
+        "--config",
+        metavar="FILE",
+        type=Path,
+        help="settings as TOML, as imud config prints them; arguments override them",
+    )
+    log = run.add_mutually_exclusive_group()
+    log.add_argument(
+        "--log", metavar="DIR", type=Path, help="folder for the logs (default: logs)"
+    )
+    log.add_argument("--no-log", action="store_true", help="write no log")
+    run.add_argument(
+        "--listen",
+        metavar="ENDPOINT",
+        help=f"where subscribers connect to (default: {ENDPOINT})",
+    )
+    run.add_argument(
+        "--keys",
+        metavar="DIR",
+        type=Path,
+        help="admit only users with keys from this folder, which imud keys made "
+        "(default: no keys; then it listens on this machine only)",
+    )
+    run.add_argument(
+        "--twin",
+        action="store_true",
+        help="compute each pose again from the raw samples and report the first one "
+        "that differs; this restarts a probe's calibration at rest and its origin "
+        "whenever it begins to stream",
+    )
+    run.add_argument(
+        "--log-level",
+        choices=["debug", "info", "warning", "error"],
+        help="write messages of this level and above to stderr (default: info)",
+    )
+    run.set_defaults(run=_run)
+
+
+def _add_config(commands: Commands) -> None:
+    settings = add_command(
+        commands,
+        "config",
+        "print all settings with their defaults and meanings, or check a file",
+        "imud config > imud.toml, and then: imud config --check imud.toml",
+    )
+    settings.add_argument(
+        "--check", metavar="FILE", type=Path, help="print each mistake in this file"
+    )
+    settings.set_defaults(run=_config)
+
+
+def _add_install_service(commands: Commands) -> None:
+    install = add_command(
+        commands,
+        "install-service",
+        "make imud start with the machine, as a systemd service",
+        "sudo imud install-service",
+        "Writes a systemd unit, a udev rule and /etc/imud.toml.",
+    )
+    install.add_argument(
+        "--print", action="store_true", help="only show what would be written"
+    )
+    install.add_argument(
+        "--user",
+        metavar="NAME",
+        default="imud",
+        help="user that the service runs as (default: %(default)s)",
+    )
+    install.add_argument(
+        "--prefix",
+        metavar="DIR",
+        type=Path,
+        default=Path("/"),
+        help="folder that contains etc/, for packages and images (default: "
+        "%(default)s)",
+    )
+    install.set_defaults(run=_install_service)
+
+
+def _run(args: argparse.Namespace) -> int:
+    from imud.config import reader
+    from imud.daemon import daemon
+
+    return daemon.run(
+        lambda: reader.load(
+            args.config,
+            ports=args.ports,
+            listen=args.listen,
+            keys=args.keys,
+            log_dir=args.log,
+            is_logging=not args.no_log,
+            is_twin=args.twin,
+            level=args.log_level,
+        )
+    )
+
+
+def _config(args: argparse.Namespace) -> int:
+    from imud.config import reader
+    from imud.config.settings import Config
+
+    if args.check is None:
+        sys.stdout.write(reader.as_toml(Config()))
+        return 0
+    found = reader.check(args.check)
+    for line in found:
+        sys.stderr.write(f"imud: {line}\n")
+    if not found:
+        sys.stdout.write(f"{args.check}: no mistakes\n")
+    return 1 if found else 0
+
+
+def _install_service(args: argparse.Namespace) -> int:
+    from imud.daemon import install
+
+    return install.run(args.prefix, args.user, is_shown=args.print)

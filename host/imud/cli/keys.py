@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: MIT
+"""Who may use a daemon over the network: `imud keys init`, `add` and `remove`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imud.cli.arguments import add_command
+from imud.defaults import PORT
+
+if TYPE_CHECKING:
+    from imud.cli.arguments import Commands
+
+
+def add(commands: Commands) -> None:
+    from imud.net import access
+
+    keys = add_command(
+        commands,
+        "keys",
+        "create the keys that admit users to a daemon",
+        "imud keys init keys --name probes.example.org",
+        "Each user gets a file with a certificate and a password, and a role that "
+        "says what the user may do.",
+    ).add_subparsers(metavar="COMMAND", required=True)
+    init = add_command(
+        keys,
+        "init",
+        "create a certificate authority, the daemon's certificate and one user of "
+        "each role",
+        "imud keys init keys --name probes.example.org",
+    )
+    _add_dir(init)
+    init.add_argument(
+        "--name",
+        metavar="HOST",
+        action="append",
+        default=[],
+        help="host name or address by which users reach the daemon; may be repeated "
+        "(default: this machine's name; localhost and 127.0.0.1 are always included)",
+    )
+    init.add_argument(
+        "--port",
+        metavar="N",
+        type=int,
+        default=PORT,
+        help="TCP port of the daemon (default: %(default)s)",
+    )
+    init.set_defaults(run=_init)
+    more = add_command(keys, "add", "add a user", "imud keys add keys operator anna")
+    _add_dir(more)
+    more.add_argument(
+        "role",
+        metavar="ROLE",
+        choices=list(access.ROLES),
+        help="; ".join(f"{role}: {what}" for role, what in access.ROLES.items()),
+    )
+    more.add_argument(
+        "user", metavar="NAME", help="user to add; the keys go to DIR/clients/NAME.toml"
+    )
+    more.set_defaults(run=_add)
+    remove = add_command(keys, "remove", "remove a user", "imud keys remove keys anna")
+    _add_dir(remove)
+    remove.add_argument("user", metavar="NAME", help="user to remove")
+    remove.set_defaults(run=_remove)
+
+
+def _add_dir(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "dir", metavar="DIR", type=Path, help="folder of the keys, for imud run --keys"
+    )
+
+
+def _init(args: argparse.Namespace) -> int:
+    from imud.net import keys
+
+    return keys.run_init(args.dir, args.name, args.port)
+
+
+def _add(args: argparse.Namespace) -> int:
+    from imud.net import keys
+
+    return keys.run_add(args.dir, args.role, args.user)
+
+
+def _remove(args: argparse.Namespace) -> int:
+    from imud.net import keys
+
+    return keys.run_remove(args.dir, args.user)

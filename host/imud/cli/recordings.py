@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: MIT
+"""Logs and captures: `imud decode`, `info`, `recover`, `replay` and `export`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imud.cli.arguments import above_zero, add_command
+from imud.defaults import ENDPOINT
+from imud.errors import ConfigError
+
+if TYPE_CHECKING:
+    from imud.cli.arguments import Commands
+
+
+def add(commands: Commands) -> None:
+    _add_decode(commands)
+    _add_info(commands)
+    _add_recover(commands)
+    _add_replay(commands)
+    _add_export(commands)
+
+
+def _add_decode(commands: Commands) -> None:
+    decode = add_command(
+        commands,
+        "decode",
+        "print the messages in a log, a UART capture or a card's PROBE.LOG",
+        "imud decode logs/imud-20260102T030405Z.mcap --json",
+    )
+    decode.add_argument("file", metavar="FILE", type=Path, help="what to print")
+    decode.add_argument(
+        "--json", action="store_true", help="print one JSON object a line"
+    )
+    decode.set_defaults(run=_decode)
+
+
+def _add_info(commands: Commands) -> None:
+    info = add_command(
+        commands,
+        "info",
+        "summarise logs: contents, losses, and whether each one is intact",
+        "imud info logs/*.mcap",
+    )
+    info.add_argument("logs", metavar="LOG", nargs="+", type=Path, help="an MCAP file")
+    info.add_argument(
+        "--json", action="store_true", help="print one JSON object per log"
+    )
+    info.set_defaults(run=_info)
+
+
+def _add_recover(commands: Commands) -> None:
+    recover = add_command(
+        commands,
+        "recover",
+        "copy everything readable in a truncated or damaged log to a new one",
+        "imud recover logs/imud-20260102T030405Z.mcap",
+    )
+    recover.add_argument("log", metavar="LOG", type=Path, help="an MCAP file")
+    recover.add_argument(
+        "--to",
+        metavar="FILE",
+        type=Path,
+        help="the new log (default: LOG-recovered.mcap, beside LOG)",
+    )
+    recover.set_defaults(run=_recover)
+
+
+def _add_replay(commands: Commands) -> None:
+    replay = add_command(
+        commands,
+        "replay",
+        "play logs as if their probes were connected",
+        "imud replay logs/imud-20260102T030405Z.mcap --link /tmp/probe, and in another "
+        "terminal: imud run /tmp/probe",
+        "Each probe gets a serial port (a pty) for imud run to read. With --connect or "
+        "--keys, all probes are published over Zenoh, as a daemon would.",
+    )
+    replay.add_argument(
+        "logs",
+        metavar="LOG",
+        nargs="+",
+        type=Path,
+        help="an MCAP file; of several, the one that began first is played first",
+    )
+    replay.add_argument(
+        "--probe", metavar="PROBE", help="play only this probe (default: all)"
+    )
+    replay.add_argument(
+        "--speed",
+        metavar="X",
+        type=speed,
+        default=1.0,
+        help="X times real time; max or 0: as fast as possible (default: 1)",
+    )
+    where = replay.add_mutually_exclusive_group()
+    where.add_argument(
+        "--link",
+        metavar="PATH",
+        type=Path,
+        help="path of the serial port, for a log of one probe",
+    )
+    where.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        nargs="?",
+        const=ENDPOINT,
+        help="publish to the Zenoh network at ENDPOINT; no serial ports (ENDPOINT may "
+        "be left out: %(const)s)",
+    )
+    replay.add_argument(
+        "--keys",
+        metavar="FILE",
+        type=Path,
+        help="publish with these credentials: the clients/NAME.toml of a user with "
+        "the role daemon; it also says where to connect",
+    )
+    replay.set_defaults(run=_replay)
+
+
+def _add_export(commands: Commands) -> None:
+    export = add_command(
+        commands,
+        "export",
+        "write logs as CSV or Parquet tables",
+        "imud export logs/imud-20260102T030405Z.mcap --to csv --out tables",
+        "One file for each log, probe and kind: pose, raw, event, status (its "
+        "numbers), twin, clock, log.",
+    )
+    export.add_argument(
+        "logs", metavar="LOG", nargs="+", type=Path, help="an MCAP file"
+    )
+    export.add_argument(
+        "--to",
+        choices=("csv", "parquet"),
+        default="csv",
+        help="file format (default: %(default)s)",
+    )
+    export.add_argument(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        help="folder for the tables (default: that of the log)",
+    )
+    export.set_defaults(run=_export)
+
+
+def speed(text: str) -> float | None:
+    """How many times real time; None: as fast as possible."""
+    return None if text in ("max", "0") else above_zero(text)
+
+
+def _decode(args: argparse.Namespace) -> int:
+    from imud.recordings import decode
+
+    return decode.run(args.file, as_json=args.json)
+
+
+def _info(args: argparse.Namespace) -> int:
+    from imud.recordings import info
+
+    return info.run(args.logs, as_json=args.json)
+
+
+def _recover(args: argparse.Namespace) -> int:
+    from imud.recordings import recover
+
+    return recover.run(args.log, args.to)
+
+
+def _replay(args: argparse.Namespace) -> int:
+    from imud.recordings import replay
+
+    if args.link is not None and args.keys is not None:
+        raise ConfigError("--link is a port, which needs no --keys; leave one out")
+    what = replay.recording(args.logs, args.probe)
+    if args.connect is None and args.keys is None:
+        return replay.to_ports(what, args.link, args.speed)
+    with replay.connected(what, args.connect, args.keys) as client:
+        return replay.to_network(what, client, args.speed)
+
+
+def _export(args: argparse.Namespace) -> int:
+    from imud.recordings import export
+
+    return export.run(args.logs, args.to, args.out)

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: MIT
+"""Virtual probes: `imud sim nano` and `imud sim f405`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imud.cli.arguments import above_zero, add_command, whole
+from imud.virtual.sim import BOARDS, WIRE, Board, default_link, run
+
+if TYPE_CHECKING:
+    import argparse
+
+    from imud.cli.arguments import Commands
+
+# Options that name a file of the emulator; each board says which of them it has.
+_FILES = {
+    "faults": "faults to inject, and when (JSON)",
+    "eeprom": "contents of its {memory}, kept from run to run",
+    "summary": "write the figures of the run as JSON",
+    "profile": "write the CPU cycles of each function and part as JSON",
+    "parts": "parts for --profile: lines START END PART, flash addresses",
+    "card": "SD card in its slot: an image made by imud card prepare",
+    "radio": "put an RN-41 Bluetooth module, with its settings in FILE, between probe "
+    "and wire",
+}
+
+# Options that bend its clock and its wire, in real time.
+_WIRE = {
+    "clock-ppm": ("PPM", "its clock is fast by this many parts per million"),
+    "clock-drift": ("PPM", "and by this many ppm more each second"),
+    "batch-ms": (
+        "MS",
+        "its bytes arrive only at multiples of this many milliseconds, as through a "
+        "USB adapter",
+    ),
+    "burst-ms": ("MS", "once a second, nothing arrives for this many milliseconds"),
+}
+
+
+def add(commands: Commands) -> None:
+    boards = add_command(
+        commands,
+        "sim",
+        "run a virtual probe: the real firmware image in an emulator",
+        "imud sim nano --stream, and then: imud run /tmp/imud-nano",
+    ).add_subparsers(metavar="BOARD", required=True)
+    for board in BOARDS.values():
+        parser = add_command(
+            boards,
+            board.name,
+            board.what,
+            f"imud sim {board.name} --motion turn.npz --stream --raw --fast "
+            "--record turn.bin --summary turn.json",
+            "Its UART is a serial port (a pty), in real time, or goes into a file. "
+            "Without --motion, a simulated hand moves it: strokes, turns, rests.",
+        )
+        _add_motion(parser)
+        _add_output(parser, board)
+        _add_streams(parser, board)
+        _add_hardware(parser, board)
+        parser.set_defaults(run=run, parser=parser, board=board)
+
+
+def _add_motion(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--motion",
+        metavar="FILE",
+        type=Path,
+        help="move it as in this recording, .npz or .csv",
+    )
+    parser.add_argument(
+        "--save-motion",
+        metavar="FILE",
+        type=Path,
+        help="save the hand's motion, with true pose, as .npz; needs --seconds",
+    )
+    parser.add_argument(
+        "--seed",
+        metavar="N",
+        type=whole(0, 2**32 - 1),
+        default=1,
+        help="random seed of hand and sensor noise (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seconds",
+        metavar="N",
+        type=above_zero,
+        help="stop after N seconds of device time (default: at the end of the "
+        "recording, or never)",
+    )
+    parser.add_argument(
+        "--fast", action="store_true", help="run as fast as possible, not in real time"
+    )
+
+
+def _add_output(parser: argparse.ArgumentParser, board: Board) -> None:
+    output = parser.add_mutually_exclusive_group()
+    output.add_argument(
+        "--link",
+        metavar="PATH",
+        type=Path,
+        help=f"path of its serial port (default: {default_link(board)})",
+    )
+    output.add_argument(
+        "--record", metavar="FILE", type=Path, help="write its UART bytes to a file"
+    )
+
+
+def _add_streams(parser: argparse.ArgumentParser, board: Board) -> None:
+    parser.add_argument(
+        "--stream",
+        action="store_true",
+        help="stream from the start, as if the button had been pressed",
+    )
+    parser.add_argument(
+        "--raw",
+        action="store_true",
+        help=f"also send the raw samples, all {board.sample_rate_hz} a second",
+    )
+    parser.add_argument(
+        "--rate",
+        metavar="HZ",
+        type=whole(1, board.sample_rate_hz),
+        help=f"poses a second, 1 to {board.sample_rate_hz} (default: 100)",
+    )
+
+
+def _add_hardware(parser: argparse.ArgumentParser, board: Board) -> None:
+    for name in board.files:
+        parser.add_argument(
+            f"--{name}",
+            metavar="FILE",
+            type=Path,
+            help=_FILES[name].format(memory=board.memory),
+        )
+    if board.has_battery:
+        parser.add_argument(
+            "--battery",
+            metavar="MV",
+            type=whole(0, 5000),
+            help="run it from a battery of this voltage, in millivolts",
+        )
+    for name in WIRE:
+        unit, text = _WIRE[name]
+        parser.add_argument(f"--{name}", metavar=unit, type=float, help=text)
+    for name, metavar, what in (
+        ("image", "ELF", "firmware image"),
+        ("simulator", "PATH", "emulator"),
+    ):
+        parser.add_argument(
+            f"--{name}",
+            metavar=metavar,
+            type=Path,
+            help=f"{what} (default: the one built in this project)",
+        )

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: MIT
+"""Probes as the network sees them: `imud listen`, `imud list` and `imud monitor`."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from imud.cli.arguments import (
+    above_zero,
+    add_command,
+    add_network,
+    add_probe,
+    client_of,
+)
+
+if TYPE_CHECKING:
+    from imud.cli.arguments import Commands
+
+# imud.rotation has the conversions, and loads numpy.
+ANGLES = ("aerospace", "nautical", "nectec", "matrix")
+
+
+def add(commands: Commands) -> None:
+    _add_listen(commands)
+    _add_list(commands)
+    _add_monitor(commands)
+
+
+def _add_listen(commands: Commands) -> None:
+    listen = add_command(
+        commands,
+        "listen",
+        "print poses as they arrive over the network",
+        "imud listen --seconds 10 --angles aerospace",
+        "Columns: yaw, pitch and roll, 1-sigma errors of tilt and heading (all in "
+        "degrees), poses a second, flags. docs/angles.md defines the angles.",
+    )
+    add_probe(listen)
+    listen.add_argument(
+        "--angles",
+        choices=ANGLES,
+        help="aerospace: yaw from north to east, pitch with x up, roll with the right "
+        "side down; nautical (default): yaw from east to north, pitch with x down, "
+        "roll with the left side up; nectec: as nautical, yaw and roll exchanged; "
+        "matrix: the probe's axes x, y, z (columns) along east, north, up (rows)",
+    )
+    listen.add_argument(
+        "--json",
+        action="store_true",
+        help="print one JSON object a line, as published; --angles adds its angles",
+    )
+    listen.add_argument(
+        "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
+    )
+    add_network(listen)
+    listen.set_defaults(run=_listen)
+
+
+def _add_list(commands: Commands) -> None:
+    listing = add_command(
+        commands,
+        "list",
+        "list the probes with their state, rate, losses and accuracy",
+        "imud list --ledger",
+    )
+    listing.add_argument(
+        "--json",
+        action="store_true",
+        help="print one status object a line, as published",
+    )
+    listing.add_argument(
+        "--ledger",
+        action="store_true",
+        help="also print the counts of the data's path, from the sensor to each sink",
+    )
+    add_network(listing)
+    listing.set_defaults(run=_list)
+
+
+def _add_monitor(commands: Commands) -> None:
+    monitor = add_command(
+        commands,
+        "monitor",
+        "show all probes live on one screen",
+        "imud monitor --keys viewer.toml",
+        "q or Ctrl-C ends it. Into a pipe it writes one line per probe and second.",
+    )
+    monitor.add_argument(
+        "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
+    )
+    add_network(monitor)
+    monitor.set_defaults(run=_monitor)
+
+
+def _listen(args: argparse.Namespace) -> int:
+    from imud.cli import pose_table
+
+    with client_of(args) as client:
+        return pose_table.listen(
+            client, args.probe, args.seconds, as_json=args.json, shape=args.angles
+        )
+
+
+def _list(args: argparse.Namespace) -> int:
+    from imud.cli import probe_table
+
+    with client_of(args) as client:
+        return probe_table.show(client, as_json=args.json, has_ledger=args.ledger)
+
+
+def _monitor(args: argparse.Namespace) -> int:
+    from imud.cli import monitor
+
+    return monitor.run(args.connect, args.prefix, keys=args.keys, seconds=args.seconds)

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: MIT
+"""Follows UTC on this machine; a step of it is told in the journal and on `clock`."""
+
+from __future__ import annotations
+
+import time
+
+from imud.daemon.lines import ProbeLines
+from imud.daemon.publisher import Publisher
+from imud.daemon.registry import Registry
+from imud.probes.timeline import Timeline, host_ns
+
+CLOCK = "clock"  # topic of the records
+
+
+class HostClock:
+    """The timeline that all sessions share, and who hears of its steps."""
+
+    def __init__(
+        self, registry: Registry, publisher: Publisher, lines: ProbeLines
+    ) -> None:
+        self._registry = registry
+        self._publisher = publisher
+        self._lines = lines
+        # Of several readings the one with the least between both.
+        self.timeline = Timeline(max(time.time_ns() - host_ns() for _ in range(5)))
+
+    def now_ns(self) -> int:
+        """UTC, which never runs backwards."""
+        return self.timeline.utc(host_ns())
+
+    def follow(self) -> None:
+        """Looks whether the host's clock was set. To be called before what came is
+        dated.
+        """
+        before_ns, utc_ns = host_ns(), time.time_ns()
+        step_ns = self.timeline.follow(before_ns, utc_ns, host_ns())
+        if step_ns == 0:
+            return
+        self._lines.clock_set(step_ns)
+        t_ns = self.now_ns()
+        for entry in self._registry:
+            values = {"t_ns": t_ns, "step_ns": step_ns}
+            self._publisher.say(entry, CLOCK, values, t_ns)

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: MIT
+"""What ports hear: good messages go to the hub and to the stages, losses and faults to
+the journal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from imud.config.settings import Config
+from imud.daemon.host_clock import HostClock
+from imud.daemon.hub import Hub
+from imud.daemon.lines import ProbeLines
+from imud.daemon.log_state import LogWatch
+from imud.daemon.publisher import Publisher
+from imud.daemon.registry import MakeStages, ProbeEntry, ProbePort, Registry
+from imud.daemon.reports import Reports
+from imud.daemon.stage_runner import StageRunner
+from imud.journal.speaker import Speaker
+from imud.probes.record import equipment_of, record_of
+from imud.probes.session import (
+    Event,
+    OtherSchema,
+    Probe,
+    ProbeFound,
+    Received,
+    Refused,
+    Session,
+)
+from imud.probes.timeline import Timeline, host_ns
+from imud.stages.factory import stages_of
+
+
+class Intake:
+    """The listener of all ports. Answers to commands go to `on_reply`; `on_found` hears
+    the name of each probe that appears or restarts.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        hub: Hub,
+        speaker: Speaker,
+        make_stages: MakeStages = stages_of,
+    ) -> None:
+        self.registry = Registry(config, make_stages)
+        self._publisher = Publisher(hub)
+        self._lines = ProbeLines(speaker)
+        self._clock = HostClock(self.registry, self._publisher, self._lines)
+        log = LogWatch(self.registry, hub, self._publisher, is_on=config.log.enabled)
+        self.reports = Reports(
+            self.registry, hub, self._publisher, self._lines, self._clock, log
+        )
+        self.stages = StageRunner(self._publisher, self._lines)
+        self._read_ns = host_ns()  # when the last bytes came, of whichever probe
+        self.on_reply: Callable[[ProbeEntry, Received], None] = lambda *_: None
+        self.on_found: Callable[[str], None] = lambda _: None
+
+    @property
+    def timeline(self) -> Timeline:
+        return self._clock.timeline
+
+    def follow_host(self, read_ns: int) -> None:
+        """Called with the host's time of a read, before what it brought is dated."""
+        self._read_ns = read_ns
+        self._clock.follow()
+
+    def probe(self, probe_id: str) -> Probe:
+        """The one of that id, whichever port it speaks on."""
+        return self.registry.add(probe_id).probe
+
+    def holder(self, probe_id: str, port: ProbePort, since_ns: int) -> ProbePort | None:
+        """The other port on which that probe was heard since then (host's time)."""
+        return self.registry.holder(probe_id, port, since_ns)
+
+    def has_room(self, probe_id: str) -> bool:
+        """Whether that probe may be taken up; told where it may not."""
+        has_room = self.registry.has_room(probe_id)
+        if not has_room:
+            self._lines.no_room(probe_id)
+        return has_room
+
+    def missing(self) -> list[str]:
+        return self.registry.missing()
+
+    def tell_double(self, probe_id: str, holder: ProbePort, port: ProbePort) -> None:
+        self._lines.twice(self.registry[probe_id], holder, port)
+
+    def port_ended(self, session: Session, port: ProbePort) -> None:
+        for entry in self.registry.on_port(port):
+            entry.corrupt_before += session.corrupt.total()
+        self._leave(port)
+
+    def take_other(self, event: OtherSchema, port: ProbePort) -> None:
+        """A probe on that port speaks another schema."""
+        self._leave(port, event.probe_id)
+        entry = self.registry.add(event.probe_id)
+        entry.port = port
+        entry.other = event
+        self._lines.other_schema(event, port)
+
+    def take(self, event: Event, port: ProbePort) -> None:
+        if isinstance(event, ProbeFound):
+            self._found(event, port)
+        elif isinstance(event, Received):
+            self._received(event)
+        elif isinstance(event, Refused):
+            self._lines.refused(self.registry[event.probe_id], event)
+
+    def _leave(self, port: ProbePort, stays: str | None = None) -> None:
+        """All probes on that port are gone, but the one of that id."""
+        for entry in self.registry.on_port(port):
+            if entry.probe.probe_id != stays:
+                entry.port = None
+                self._publisher.set_alive(entry, is_alive=False)
+                self.reports.publish(entry)
+
+    def _found(self, event: ProbeFound, port: ProbePort) -> None:
+        self._leave(port, event.probe_id)
+        entry = self.registry[event.probe_id]
+        entry.port = port
+        entry.other = None
+        self.stages.appear(entry, event)
+        self._lines.found(entry, event, port)
+        self._publisher.set_alive(entry, is_alive=True)
+        self.reports.publish(entry)
+        self.on_found(entry.name)
+
+    def _received(self, event: Received) -> None:
+        probe, message, stamp = event.probe, event.message, event.stamp
+        entry = self.registry[probe.probe_id]
+        entry.heard_ns = self._read_ns
+        entry.last_heard_ns = stamp.t_received_ns or self._clock.now_ns()
+        entry.stamp = stamp
+        entry.received += 1
+        record = record_of(
+            message, event.content, entry.name, stamp, probe.hello, probe.hello_content
+        )
+        self._publisher.put(entry, record)
+        if message.name == "pose":
+            entry.poses += 1
+            entry.pose = record.said
+        elif message.name == "status":
+            entry.counters = dict(message.fields)
+            entry.counters_sequence = message.sequence
+        elif message.name == "equipment":
+            entry.equipment = equipment_of(message.fields)
+        elif message.name == "event":
+            self._lines.event(entry, message)
+        elif message.name == "reply":
+            self.on_reply(entry, event)
+        elif message.name == "hello":
+            self._lines.described(entry, message)
+        self._publisher.set_alive(entry, is_alive=True)
+        self.stages.take(entry, event)

@@ -1,0 +1,301 @@
+# SPDX-License-Identifier: MIT
+"""A lane: one sink in a thread of its own, behind a bounded queue.
+
+A slow sink loses its oldest records; a sink that fails is opened again after a while.
+Both are counted, and neither slows down the reader of the ports or another sink.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Mapping, Sequence, Set
+from itertools import islice
+from typing import NamedTuple, Protocol
+
+from imud.probes.balance import SinkCounts
+from imud.probes.record import Presence, Record
+
+Item = Record | Presence
+
+# Records that may wait for a sink: 8 probes with 300 messages a second for 3 s.
+QUEUE_MAX = 8192
+
+# A sink that failed is tried again after this long: a disk may have room again.
+RETRY_S = 2.0
+
+# A sink that replaces another waits so long for that to close, since both may use the
+# same address. Records of that time wait in its queue.
+SUCCEED_S = 10.0
+
+# A sink with a period takes many records at a time. After so many it releases the
+# interpreter, for which the loop would otherwise wait for milliseconds.
+PAUSE_EVERY, PAUSE_S = 16, 0.0001
+
+logger = logging.getLogger("imud")
+
+
+class Sink(Protocol):
+    """What a lane needs. All but the first open() runs in the thread of the lane."""
+
+    name: str
+    period_s: float  # 0: wakes for each record; else wakes and flushes this often
+    patience_s: float  # at the end, for waiting records and close()
+
+    def open(self) -> None: ...
+    def take(self, record: Item) -> None: ...
+    def flush(self) -> None: ...
+    def close(self) -> None: ...
+
+
+class LaneCounts(NamedTuple):
+    """Records of one sink: taken by probe and topic, the others by probe."""
+
+    taken: defaultdict[str, Counter[str]]
+    dropped: Counter[str]
+    earlier: Counter[str]
+
+
+class Lane:
+    """The queue and the thread of one sink."""
+
+    def __init__(self, sink: Sink, capacity: int = QUEUE_MAX) -> None:
+        self.sink = sink
+        self._capacity = capacity
+        self._half = (capacity + 1) // 2
+        self._queue: deque[Item] = deque()
+        self._in_hand: Sequence[Item] = ()  # out of the queue, not yet counted
+        self._wake = threading.Condition()
+        self._is_closing = False
+        self._taken: defaultdict[str, Counter[str]] = defaultdict(Counter)
+        self._dropped: Counter[str] = Counter()
+        self._earlier: Counter[str] = Counter()  # put before there was such a sink
+        self._failures = 0
+        self._broken_until: float | None = None
+        self._trouble = ""
+        # The lane that this one replaces, until that is closed; old and new names.
+        self._before: Lane | None = None
+        self._names: Mapping[str, str] = {}
+        # A daemon thread: if it hangs in a library, the process can end all the same.
+        self._thread = threading.Thread(
+            target=self._run, name=f"imud-{sink.name}", daemon=True
+        )
+
+    def start(self) -> None:
+        self.sink.open()
+        self._thread.start()
+
+    def follow(
+        self, before: Lane | None, names: Mapping[str, str], put: Mapping[str, int]
+    ) -> None:
+        """Starts in the place of another lane: opens the sink in its own thread when
+        that one has closed, and continues its counts. Records wait meanwhile. `names`
+        maps old names of probes to new ones, `put` has the records of each so far.
+        """
+        self._before, self._names = before, names
+        if before is None:
+            self._earlier.update(put)
+        self._broken_until = 0.0  # open it before the first record
+        if before is not None:
+            before.end()
+        self._thread.start()
+
+    def put(self, *items: Item) -> None:
+        with self._wake:
+            before = len(self._queue)
+            self._queue.extend(items)
+            for _ in range(len(self._queue) - self._capacity):
+                self._count_dropped(self._queue.popleft())
+            # Woken once: the thread takes all that is in the queue.
+            enough = 1 if self.sink.period_s == 0 else self._half
+            if before < enough <= len(self._queue):
+                self._wake.notify()
+
+    def end(self) -> None:
+        """Asks the thread to hand over what waits and to close the sink."""
+        with self._wake:
+            self._is_closing = True
+            self._wake.notify()
+
+    def close(self, timeout_s: float) -> bool:
+        """Ends the lane and waits for that; False if it took too long."""
+        self.end()
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def taken(self, probe: str) -> dict[str, int]:
+        with self._wake:
+            return dict(self._counts().taken.get(probe, {}))
+
+    def dropped(self, probe: str) -> int:
+        with self._wake:
+            return self._counts().dropped[probe]
+
+    def counts(self, probe: str) -> SinkCounts:
+        """The counts of one probe, all at the same moment."""
+        with self._wake:
+            all_counts = self._counts()
+            taken = all_counts.taken.get(probe)
+            return SinkCounts(
+                taken.total() if taken is not None else 0,
+                all_counts.dropped[probe],
+                self._waiting({probe}),
+                all_counts.earlier[probe],
+            )
+
+    @property
+    def waiting(self) -> int:
+        """Records that the sink has not begun to take."""
+        return len(self._queue)
+
+    def _counts(self) -> LaneCounts:
+        """Includes those of the lane that this one replaces."""
+        before, names = self._before, self._names
+        mine = LaneCounts(self._taken, self._dropped, self._earlier)
+        if before is None:
+            return mine
+        with before._wake:
+            theirs = before._counts()
+            taken: defaultdict[str, Counter[str]] = defaultdict(Counter)
+            dropped, earlier = Counter(mine.dropped), Counter(mine.earlier)
+            for probe, by_topic in mine.taken.items():
+                taken[probe] += by_topic
+            for probe, by_topic in theirs.taken.items():
+                taken[names.get(probe, probe)] += by_topic
+            for probe, count in theirs.dropped.items():
+                dropped[names.get(probe, probe)] += count
+            for probe, count in theirs.earlier.items():
+                earlier[names.get(probe, probe)] += count
+        return LaneCounts(taken, dropped, earlier)
+
+    def _waiting(self, probes: Set[str]) -> int:
+        """Records of these probes not yet taken, here and by the lane it replaces."""
+        count = sum(
+            isinstance(item, Record) and item.probe in probes
+            for items in (self._in_hand, self._queue)
+            for item in items
+        )
+        before, names = self._before, self._names
+        if before is not None:
+            old = {name for name, fresh in names.items() if fresh in probes}
+            with before._wake:
+                count += before._waiting(old | (probes - names.keys()))
+        return count
+
+    def _succeed(self, before: Lane) -> None:
+        if not before.close(SUCCEED_S):
+            # Its counts may still change, so they are read anew each time.
+            logger.warning("%s did not finish in time", before.sink.name)
+            return
+        with self._wake:
+            self._taken, self._dropped, self._earlier = self._counts()
+            self._failures += before.failures
+            self._before = None
+
+    @property
+    def failures(self) -> int:
+        return self._failures
+
+    @property
+    def trouble(self) -> str:
+        """Why the sink takes nothing; empty while it works."""
+        return self._trouble
+
+    def _run(self) -> None:
+        if self._before is not None:
+            self._succeed(self._before)
+        if self._broken_until is not None:
+            self._is_usable()
+        deadline = time.monotonic() + self.sink.period_s
+        while True:
+            with self._wake:
+                self._wake.wait_for(self._is_due, timeout=self._patience(deadline))
+                items, self._queue = self._queue, deque()
+                self._in_hand = items
+                is_closing = self._is_closing
+            if self.sink.period_s > 0:
+                deadline = time.monotonic() + self.sink.period_s
+            self._hand_over(items)
+            if is_closing:
+                self._attempt(self.sink.close)
+                return
+
+    def _is_due(self) -> bool:
+        if self._is_closing:
+            return True
+        if self.sink.period_s == 0:
+            return len(self._queue) > 0
+        return len(self._queue) >= self._half
+
+    def _patience(self, deadline: float) -> float | None:
+        if self.sink.period_s == 0:
+            return None
+        return max(0.0, deadline - time.monotonic())
+
+    def _hand_over(self, items: Sequence[Item]) -> None:
+        if not self._is_usable():
+            self._settle(items, 0)
+            return
+        done = 0
+
+        def take() -> None:
+            nonlocal done
+            for item in items:
+                self.sink.take(item)
+                done += 1
+                if done % PAUSE_EVERY == 0 and self.sink.period_s > 0:
+                    time.sleep(PAUSE_S)
+
+        is_well = self._attempt(take)
+        # Without its flush nothing of this turn is written.
+        if is_well and not self._attempt(self.sink.flush):
+            done = 0
+        self._settle(items, done)
+        if is_well and done and self._trouble:
+            self._trouble = ""
+            logger.info("%s works again", self.sink.name)
+
+    def _is_usable(self) -> bool:
+        if self._broken_until is None:
+            return True
+        if time.monotonic() < self._broken_until:
+            return False
+        self._attempt(self.sink.close)
+        self._broken_until = None
+        return self._attempt(self.sink.open)
+
+    def _attempt(self, action: Callable[[], None]) -> bool:
+        try:
+            action()
+        except Exception as error:  # noqa: BLE001 - a fault of a sink stays in its lane
+            self._failures += 1
+            is_told = bool(self._trouble)
+            self._trouble = str(error) or type(error).__name__
+            if not is_told:
+                logger.warning("%s fails and is tried again: %s", self.sink.name, error)
+            self._broken_until = time.monotonic() + RETRY_S
+            return False
+        return True
+
+    def _settle(self, items: Sequence[Item], done: int) -> None:
+        """Counts the first `done` items as taken, the rest as dropped."""
+        # Outside the lock, which put() waits for.
+        taken = Counter(
+            (item.probe, item.topic)
+            for item in islice(items, done)
+            if isinstance(item, Record)
+        )
+        dropped = Counter(
+            item.probe for item in islice(items, done, None) if isinstance(item, Record)
+        )
+        with self._wake:
+            for (probe, topic), count in taken.items():
+                self._taken[probe][topic] += count
+            self._dropped.update(dropped)
+            self._in_hand = ()
+
+    def _count_dropped(self, item: Item) -> None:
+        if isinstance(item, Record):
+            self._dropped[item.probe] += 1

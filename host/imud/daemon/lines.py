@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: MIT
+"""The lines of the journal about probes. The speaker limits how often."""
+
+from __future__ import annotations
+
+import logging
+
+from imud.daemon.registry import PROBES_MAX, ProbeEntry, ProbePort
+from imud.journal.phrases import FAULTS, event_words, port_problem, who
+from imud.journal.speaker import Speaker
+from imud.probes.ledger import Verdict
+from imud.probes.record import plain
+from imud.probes.session import OtherSchema, ProbeFound, Refused
+from imud.stages import Stage, Tells
+from imud.wire.messages import Message
+
+LOSSES = ("lost", "corrupt", "duplicated", "dropped by a slow or failing sink")
+
+logger = logging.getLogger("imud")
+
+
+class ProbeLines:
+    """One function a line."""
+
+    def __init__(self, speaker: Speaker) -> None:
+        self._speaker = speaker
+        self._told_others: set[tuple[object, ...]] = set()
+
+    def found(self, entry: ProbeEntry, event: ProbeFound, port: ProbePort) -> None:
+        entry.described = who(event.hello)
+        what = "restarted" if event.is_restart else "found"
+        self._speaker.say(
+            ("found", event.probe_id, what),
+            f"probe {entry.name} {what} on {port.name}: {entry.described}",
+            is_warning=event.is_restart,
+        )
+
+    def described(self, entry: ProbeEntry, hello: Message) -> None:
+        """Tells what a hello says about the probe, if it differs from the last one."""
+        if who(hello) != entry.described:
+            entry.described = who(hello)
+            text = f"probe {entry.name} is {entry.described}"
+            self._speaker.say(("who", entry.name), text)
+
+    def other_schema(self, event: OtherSchema, port: ProbePort) -> None:
+        """Once for each build of its firmware, however often its port is opened."""
+        kind = (event.probe_id, event.firmware, event.fingerprint)
+        if kind not in self._told_others:
+            self._told_others.add(kind)
+            logger.warning("%s", port_problem(port.name, event, (port.baud,)))
+
+    def refused(self, entry: ProbeEntry, event: Refused) -> None:
+        """Duplicates have no line here: `losses` counts them."""
+        if event.skew is not None:
+            self._speaker.say(
+                ("skew", event.probe_id, event.skew.kind),
+                f"probe {entry.name}: skewed message ({event.skew.kind}): "
+                f"{event.skew.detail}",
+                is_warning=True,
+            )
+        elif event.verdict is not Verdict.DUPLICATE:
+            self._speaker.say(
+                ("stray", event.probe_id),
+                f"probe {entry.name}: message out of order ignored",
+                is_warning=True,
+            )
+
+    def event(self, entry: ProbeEntry, message: Message) -> None:
+        fields = {name: plain(value) for name, value in message.fields.items()}
+        name, cause = str(fields["event"]), str(fields["cause"])
+        words = event_words(name, cause, int(fields["detail"]))
+        self._speaker.say(
+            ("event", entry.name, name, cause),
+            f"probe {entry.name}: {words}",
+            is_warning=name in FAULTS,
+        )
+
+    def losses(self, entry: ProbeEntry, counts: tuple[int, int, int, int]) -> None:
+        """What was lost since the last such line. `counts` are totals, one for each of
+        LOSSES.
+        """
+        fresh = [
+            now - then for now, then in zip(counts, entry.told_losses, strict=True)
+        ]
+        text = ", ".join(
+            f"{n} {word}" for n, word in zip(fresh, LOSSES, strict=True) if n > 0
+        )
+        kind, line = ("losses", entry.name), f"probe {entry.name}: {text}"
+        if text and self._speaker.say(kind, line, is_warning=True, is_total=True):
+            entry.told_losses = counts
+
+    def twice(self, entry: ProbeEntry, holder: ProbePort, port: ProbePort) -> None:
+        self._speaker.say(
+            ("twice", entry.probe.probe_id),
+            f"probe {entry.name} is on {holder.name} and also on {port.name}, which is "
+            "ignored; do two probes have the same id?",
+            is_warning=True,
+        )
+
+    def no_room(self, probe_id: str) -> None:
+        self._speaker.say(
+            "full",
+            f"{PROBES_MAX} probes were heard, so probe {probe_id} is ignored; if a "
+            "device makes up ids, unplug it and start imud run again",
+            is_warning=True,
+        )
+
+    def clock_set(self, step_ns: int) -> None:
+        self._speaker.say(
+            "host clock",
+            f"this machine's clock was set by {step_ns / 1e9:+.3f} s"
+            + (", time stamps follow slowly" if step_ns < 0 else ""),
+            is_warning=True,
+        )
+
+    def of_stage(self, entry: ProbeEntry, stage: Stage, tells: Tells) -> None:
+        self._speaker.say(
+            (stage.name, entry.name, tells.kind),
+            f"probe {entry.name}: {tells.text}",
+            is_warning=tells.is_warning,
+        )

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: MIT
+"""The sinks that a configuration asks for: opened at the start, changed at a reload."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from imud.config.settings import Config, Zenoh
+from imud.daemon.hub import Hub
+from imud.daemon.lane import Sink
+from imud.daemon.log_state import LOG
+from imud.daemon.reports import NETWORK
+from imud.log.file import Settings
+from imud.net.network import own_credentials
+from imud.net.refusals import tell_refusals
+from imud.sinks.log import LogSink
+from imud.sinks.ros2 import Ros2Sink, own_network
+from imud.sinks.zenoh import OnCommand, OnNotice, ZenohSink
+
+ROS2 = "ros2"  # name of the sink
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A sink, and the settings it is made of: other settings need another sink."""
+
+    settings: object
+    make: Callable[[], Sink]
+
+
+class Outputs:
+    """Keeps the hub's sinks as the configuration has them."""
+
+    def __init__(self, hub: Hub, on_command: OnCommand, on_notice: OnNotice) -> None:
+        self._hub = hub
+        self._on_command = on_command
+        self._on_notice = on_notice
+        self._made_of: dict[str, object] = {}  # settings of each sink
+        self._log: LogSink | None = None
+        self._is_told_of_refusals = False
+
+    @property
+    def is_logging(self) -> bool:
+        return self._log is not None
+
+    @property
+    def log_path(self) -> Path | None:
+        """The file that is written, once there is one."""
+        return self._log.path if self._log is not None else None
+
+    def open(self, config: Config) -> None:
+        """Opens all sinks; an ImudError if one can't be opened."""
+        for name, wanted in self._wanted(config).items():
+            self._hub.add(wanted.make())
+            self._made_of[name] = wanted.settings
+
+    def take_up(
+        self, config: Config, names: Mapping[str, str], put: Mapping[str, int]
+    ) -> None:
+        """Opens, replaces and closes what a reload changed. `names` are the old and new
+        names of probes, `put` the records of each so far.
+        """
+        wanted = self._wanted(config)
+        for name in self._made_of.keys() - wanted.keys():
+            self._hub.set(name, None)
+            del self._made_of[name]
+        for name, want in wanted.items():
+            # A renamed probe needs other keys and channels.
+            if names or self._made_of.get(name) != want.settings:
+                self._hub.set(name, want.make(), names, put)
+                self._made_of[name] = want.settings
+        if not config.log.enabled:
+            self._log = None
+
+    def _wanted(self, config: Config) -> dict[str, Wanted]:
+        """By name, in the order in which they are opened."""
+        network, log, ros2 = config.zenoh, config.log, config.ros2
+        wanted = {NETWORK: Wanted(network, lambda: self._zenoh(network))}
+        if log.enabled:
+            settings = _log_settings(config)
+            # A log stores the whole configuration, but only these settings change it.
+            of_log = (log, network.prefix, settings.unlogged)
+            wanted[LOG] = Wanted(of_log, lambda: self._logger(log.dir, settings))
+        if ros2.enabled:
+            own = own_network(network.mode, network.listen, network.connect)
+            wanted[ROS2] = Wanted(
+                (ros2, own, network.keys, network.credentials),
+                lambda: Ros2Sink(
+                    ros2.connect or own,
+                    ros2.domain,
+                    ros2.namespace,
+                    ros2.world_frame,
+                    own_credentials(network, is_abroad=bool(ros2.connect)),
+                ),
+            )
+        return wanted
+
+    def _zenoh(self, network: Zenoh) -> ZenohSink:
+        if network.keys and not self._is_told_of_refusals:
+            self._is_told_of_refusals = True
+            tell_refusals(lambda kind, text: self._on_notice(kind, text, True))
+        return ZenohSink(network, self._on_command, self._on_notice)
+
+    def _logger(self, directory: str, settings: Settings) -> LogSink:
+        self._log = LogSink(Path(directory), settings)
+        return self._log
+
+
+def _log_settings(config: Config) -> Settings:
+    log = config.log
+    return Settings(
+        prefix=config.zenoh.prefix,
+        rotate_bytes=log.rotate_mb * 10**6,
+        rotate_s=log.rotate_minutes * 60,
+        floor_bytes=log.floor_mb * 10**6,
+        unlogged=frozenset(
+            config.name_of(probe_id)
+            for probe_id, probe in config.probes.items()
+            if not probe.log
+        ),
+        has_foxglove=log.foxglove,
+        configuration=msgspec.json.encode(config).decode(),
+    )

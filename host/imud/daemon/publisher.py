@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: MIT
+"""Hands records about probes to the hub, and counts them for the ledger."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from imud.daemon.hub import Hub
+from imud.daemon.registry import ProbeEntry
+from imud.probes.record import Presence, Record
+
+
+class Publisher:
+    """The way of all records from the daemon to the hub."""
+
+    def __init__(self, hub: Hub) -> None:
+        self._hub = hub
+        self._encoder = msgspec.json.Encoder()
+
+    def put(self, entry: ProbeEntry, record: Record) -> None:
+        entry.put += 1
+        self._hub.put(record)
+
+    def say(
+        self,
+        entry: ProbeEntry,
+        topic: str,
+        values: Mapping[str, Any],
+        t_ns: int,
+        sequence: int = 0,
+    ) -> dict[str, Any]:
+        """A record of the daemon's own, at `t_ns` UTC; `sequence` is that of the
+        message it is about. Returns the object that is its payload.
+        """
+        said = {"type": topic, "probe": entry.name, **values}
+        payload = self._encoder.encode(said)
+        record = Record(entry.name, topic, payload, b"", sequence, t_ns, t_ns)
+        self.put(entry, record)
+        return said
+
+    def set_alive(self, entry: ProbeEntry, *, is_alive: bool) -> None:
+        if entry.is_alive != is_alive:
+            entry.is_alive = is_alive
+            self.announce(entry)
+
+    def announce(self, entry: ProbeEntry) -> None:
+        """Says whether the probe is there."""
+        self._hub.put(Presence(entry.name, entry.is_alive))

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: MIT
+"""Which probes are known: by id and name, on which port, alive or not."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Protocol
+
+from imud.config.settings import Config
+from imud.probes.record import Stamp
+from imud.probes.session import OtherSchema, Probe, Session
+from imud.stages import Stage
+from imud.stages.factory import stages_of
+
+# More than these come from a device that makes up ids: 64 at 200 Hz fill a core.
+PROBES_MAX = 256
+
+# Up to so many probes have a part of their own in the daemon's last line.
+TOLD_MAX = 4
+
+MakeStages = Callable[[Config], list[Stage]]
+
+
+class ProbePort(Protocol):
+    """What the daemon needs of the port that a probe is on."""
+
+    name: str
+    session: Session | None
+
+    @property
+    def baud(self) -> int: ...
+    def write(self, data: bytes) -> None: ...
+    def listen_again(self) -> None: ...
+
+
+class ProbeEntry:
+    """What the daemon keeps about one probe, beside its account and its clock."""
+
+    def __init__(self, probe_id: str, config: Config, stages: list[Stage]) -> None:
+        self.probe = Probe(probe_id)
+        self.name = config.name_of(probe_id)
+        self.is_logged = config.settings_of(probe_id).log
+        self.stages = stages
+        self.port: ProbePort | None = None
+        self.other: OtherSchema | None = None  # why its messages can't be read
+        self.is_alive = False
+        self.described = ""  # the journal's last words for who it is
+        self.counters: dict[str, Any] = {}  # of its latest status message
+        self.counters_sequence = 0  # number of that message
+        self.received = 0  # good messages
+        self.put = 0  # records given to the hub
+        self.equipment: dict[str, Any] | None = None  # None: the board sends none
+        self.pose: Mapping[str, Any] = {}
+        self.poses = 0
+        self.poses_before = 0  # at the last tick
+        self.pose_rate_hz = 0.0
+        self.heard_ns = -1  # host's time of the latest message
+        self.last_heard_ns = 0  # UTC
+        self.stamp: Stamp | None = None  # of the latest message
+        self.corrupt_before = 0  # on ports that it has left
+        self.told_losses: tuple[int, int, int, int] = (0, 0, 0, 0)
+        self.commanding = asyncio.Lock()  # held while a command waits for its reply
+
+    def configure(self, config: Config) -> None:
+        self.name = config.name_of(self.probe.probe_id)
+        self.is_logged = config.settings_of(self.probe.probe_id).log
+        for stage in self.stages:
+            stage.configure(config)
+
+    @property
+    def session(self) -> Session | None:
+        """Of the port that it is on."""
+        return self.port.session if self.port is not None else None
+
+    @property
+    def lost(self) -> int:
+        """Messages lost in all boots."""
+        return self.probe.account.lost
+
+    @property
+    def corrupt(self) -> int:
+        """Bad frames on all ports that it was on."""
+        session = self.session
+        return self.corrupt_before + (session.corrupt.total() if session else 0)
+
+    def farewell(self) -> str:
+        """What came of it, for the daemon's last line."""
+        text = f"probe {self.name}: {self.received} received, {self.lost} lost"
+        return ", ".join(filter(None, (text, *(s.farewell() for s in self.stages))))
+
+
+class Registry:
+    """All probes that were heard since the daemon started."""
+
+    def __init__(self, config: Config, make_stages: MakeStages = stages_of) -> None:
+        self._config = config
+        self._make_stages = make_stages
+        self._by_id: dict[str, ProbeEntry] = {}
+        self._by_name: dict[str, ProbeEntry] = {}
+
+    def __iter__(self) -> Iterator[ProbeEntry]:
+        return iter(list(self._by_id.values()))
+
+    def __getitem__(self, probe_id: str) -> ProbeEntry:
+        """A probe that is known; KeyError if it is not."""
+        return self._by_id[probe_id]
+
+    def named(self, name: str) -> ProbeEntry | None:
+        return self._by_name.get(name)
+
+    def add(self, probe_id: str) -> ProbeEntry:
+        """The probe of that id, which may be known."""
+        entry = self._by_id.get(probe_id)
+        if entry is None:
+            stages = self._make_stages(self._config)
+            entry = ProbeEntry(probe_id, self._config, stages)
+            self._by_id[probe_id] = self._by_name[entry.name] = entry
+        return entry
+
+    def has_room(self, probe_id: str) -> bool:
+        """Whether that probe is known or may be added."""
+        return probe_id in self._by_id or len(self._by_id) < PROBES_MAX
+
+    def on_port(self, port: ProbePort) -> list[ProbeEntry]:
+        return [entry for entry in self if entry.port is port]
+
+    def holder(self, probe_id: str, port: ProbePort, since_ns: int) -> ProbePort | None:
+        """The other port on which that probe was heard since then (host's time)."""
+        entry = self._by_id.get(probe_id)
+        if entry is None or entry.port is None or entry.port is port:
+            return None
+        return entry.port if entry.heard_ns >= since_ns else None
+
+    def missing(self) -> list[str]:
+        """Ids of the probes that are on no port."""
+        return [id_ for id_, entry in self._by_id.items() if entry.port is None]
+
+    def configure(self, config: Config) -> dict[str, str]:
+        """Takes up a new configuration. Returns the old and new names of the probes
+        that it renames.
+        """
+        self._config = config
+        renamed: dict[str, str] = {}
+        for entry in self:
+            before = entry.name
+            entry.configure(config)
+            if entry.name != before:
+                renamed[before] = entry.name
+        self._by_name = {entry.name: entry for entry in self}
+        return renamed
+
+    def farewell(self) -> str:
+        """What came of all probes, for the daemon's last line."""
+        entries = list(self)
+        if len(entries) <= TOLD_MAX:
+            said = "; ".join(entry.farewell() for entry in entries)
+            return said or "no probe was heard"
+        received = sum(entry.received for entry in entries)
+        lost = sum(entry.lost for entry in entries)
+        return f"{len(entries)} probes: {received} received, {lost} lost"

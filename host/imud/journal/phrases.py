@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: MIT
+"""Phrases for the journal's lines about probes, their events and their ports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from imud.probes.record import plain
+from imud.probes.session import OnlyNoise, OtherSchema, Silent
+from imud.wire import schema
+from imud.wire.messages import Message
+
+# Events that are told as warnings.
+FAULTS = frozenset(
+    {
+        "bus_fault",
+        "overrun",
+        "calibration_refused",
+        "sensor_fault",
+        "settings_restored",
+        "settings_failed",
+        "clock_failed",
+        "card_fault",
+        "card_full",
+        "battery_low",
+        "going_to_sleep",
+        "radio_dropped",
+        "radio_fault",
+    }
+)
+
+# What the detail of an event means; of an event that is not here, a bare number.
+DETAILS = {
+    "calibration_done": "{} samples",
+    "calibration_refused": "{} counts of motion",
+    "overrun": "{} missed",
+    "card_ready": "at block {}",
+    "card_fault": "at block {}",
+    "card_full": "at block {}",
+    "log_started": "recording {}",
+    "log_ended": "recording {}",
+    "battery_low": "{} mV",
+    "going_to_sleep": "{} mV",
+}
+# When the crystal failed, by the detail: 0 or 1. The spare clock takes over.
+CLOCK_FAILED = ("at its start", "while it ran")
+
+# Causes of a reset that leave the address of the code that ran.
+WITH_ADDRESS = frozenset({"hard_fault", "watchdog"})
+
+
+def port_problem(
+    port: str, event: OnlyNoise | Silent | OtherSchema, bauds: Sequence[int]
+) -> str:
+    """The line about a port without a probe that this imud can read."""
+    if isinstance(event, OnlyNoise):
+        return (
+            f"{port}: {event.count} bytes without a valid message; "
+            f"is it a probe at {' or '.join(map(str, bauds))} baud?"
+        )
+    if isinstance(event, Silent):
+        return (
+            f"{port}: nothing received for {event.seconds:.0f} s; is the probe alive?"
+        )
+    return (
+        f"{port}: probe {event.probe_id} speaks schema {event.fingerprint:#010x} "
+        f"(firmware {event.firmware}), this imud speaks {schema.FINGERPRINT:#010x}: "
+        "update one of them"
+    )
+
+
+def who(hello: Message) -> str:
+    """What a probe's hello says about it: board, firmware, sensor, rates, boot."""
+    fields = {name: plain(value) for name, value in hello.fields.items()}
+    rates = ", ".join(
+        f"{label} {fields[name]} Hz" if fields[name] else f"{label} off"
+        for label, name in (
+            ("samples", "sample_rate"),
+            ("pose", "pose_rate"),
+            ("raw", "raw_rate"),
+        )
+    )
+    has_sensor = fields["sensor"] != "none"
+    runs = f"{fields['sensor']}, {rates}, filter {fields['filter']}"
+    sensor = runs if has_sensor else "no sensor yet"
+    cause = ", ".join(
+        f"{name} at {fields['reset_address']:#010x}"
+        if name in WITH_ADDRESS and fields["reset_address"]
+        else name
+        for name in fields["reset_cause"]
+    ).replace("_", " ")
+    return (
+        f"{fields['board']}, firmware {fields['firmware']}, {sensor}, "
+        f"boot {fields['boot_count']} ({cause or 'no cause known'})"
+    )
+
+
+def event_words(name: str, cause: str, detail: int) -> str:
+    """An event in words: what happened, its cause, and what its detail means."""
+    what = name.replace("_", " ")
+    why = "" if cause == "none" else f" ({cause.replace('_', ' ')})"
+    if name == "clock_failed":
+        return f"{what}{why}, {CLOCK_FAILED[detail != 0]}"
+    if detail == 0:
+        return f"{what}{why}"
+    return f"{what}{why}, {DETAILS.get(name, '{}').format(detail)}"

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: MIT
+"""The host's time and UTC. No I/O but `host_ns`; time is an argument.
+
+Stamps are in UTC that never runs backwards, whatever is done to the host's clock.
+docs/clock.md has the arithmetic.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from functools import partial
+
+# The host's time in ns, from its oscillator, which nothing sets or slews. NTP changes
+# the rate of CLOCK_MONOTONIC by up to 500 ppm, which would look like a jump of
+# the probe's clock.
+host_ns = partial(
+    time.clock_gettime_ns,
+    getattr(time, "CLOCK_MONOTONIC_RAW", time.CLOCK_MONOTONIC),
+)
+
+# Readings of the host's clocks further apart than this are not used; so the difference
+# of those clocks is known to this.
+READING_NS = 10_000
+
+# UTC that gains or loses more than this against the host's oscillator was stepped, not
+# slewed: NTP slews by 500 ppm at most, an oscillator is right to 100 ppm. Steps below
+# STEP_NS are not told.
+SLEW_MAX = 1e-3
+STEP_NS = 1_000_000
+
+# After a step backwards, time runs at this rate until UTC has caught up.
+SLOWEST = (9, 10)
+
+# Pieces kept for messages out of order.
+PIECES = 16
+
+
+class Rising:
+    """A function of time that never falls, made of pieces as they become known."""
+
+    def __init__(self) -> None:
+        # Each holds beyond its x: x, aim, rate, floor.
+        self._pieces: deque[tuple[int, int, float, int]] = deque(maxlen=PIECES)
+        self._last: int | None = None
+
+    def turn(self, x: int, aim: int, rate: float) -> None:
+        """From here on aims at `aim` at x, with slope 1 + rate, without going back."""
+        begin, floor = x - 1, None
+        if self._last is not None:
+            begin, floor = self._last, self.at(self._last)
+        else:
+            self._pieces.clear()
+        aim += begin - x + round(rate * (begin - x))
+        self._pieces.append((begin, aim, rate, aim if floor is None else floor))
+
+    def is_beyond(self, x: int) -> bool:
+        return self._last is not None and self._last > x
+
+    def at(self, x: int) -> int:
+        if self._last is None or x > self._last:
+            self._last = x
+        piece = next((each for each in reversed(self._pieces) if x > each[0]), None)
+        begin, aim, rate, floor = piece or self._pieces[0]
+        step = x - begin
+        slow, of = SLOWEST
+        return max(aim + step + round(rate * step), floor + step * slow // of)
+
+
+class Timeline:
+    """Turns the host's time into UTC, both in ns. Slews and steps forwards are followed
+    at once, steps backwards slowly: UTC as given here never falls.
+    """
+
+    def __init__(self, offset_ns: int = 0) -> None:
+        self._offset_ns = offset_ns
+        self._rising = Rising()
+        self._rising.turn(0, offset_ns, 0.0)
+        self._followed_ns: int | None = None
+        # The last correction: before this time the offset may have been another one.
+        self._turned_ns: int | None = None
+        self._turn_ns = 0
+        self.steps = 0
+        self.last_step_ns = 0
+
+    def follow(self, before_ns: int, utc_ns: int, after_ns: int) -> int:
+        """Takes UTC as read between two readings of the host's time. Returns by how
+        many ns UTC was stepped, mostly 0.
+        """
+        if after_ns - before_ns > READING_NS:
+            return 0
+        now_ns = (before_ns + after_ns) // 2
+        since_ns = 0 if self._followed_ns is None else now_ns - self._followed_ns
+        self._followed_ns = now_ns
+        off_ns = utc_ns - now_ns - self._offset_ns
+        if abs(off_ns) <= READING_NS:
+            return 0
+        self._offset_ns += off_ns
+        self._turned_ns, self._turn_ns = after_ns, abs(off_ns)
+        self._rising.turn(after_ns, after_ns + self._offset_ns, 0.0)
+        if abs(off_ns) <= STEP_NS + SLEW_MAX * since_ns:
+            return 0
+        self.steps += 1
+        self.last_step_ns = off_ns
+        return off_ns
+
+    def utc(self, host_ns: int) -> int:
+        return self._rising.at(host_ns)
+
+    def ahead(self, host_ns: int, utc_ns: int) -> int:
+        """By how many ns `utc_ns` is ahead of the host's UTC after a step backwards."""
+        return utc_ns - host_ns - self._offset_ns
+
+    def doubt(self, host_ns: int, bound_ns: int, utc_ns: int) -> int:
+        """Error bound in ns of `utc_ns`, from a host's time right to `bound_ns`."""
+        doubt_ns = abs(self.ahead(host_ns, utc_ns))
+        if self._turned_ns is not None and host_ns - bound_ns < self._turned_ns:
+            doubt_ns = max(doubt_ns, self._turn_ns)
+        return READING_NS + doubt_ns

@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: MIT
+"""Which stages a probe has, in the order in which they get its messages."""
+
+from __future__ import annotations
+
+from imud.config.settings import Config
+from imud.stages import Stage
+from imud.stages.twin_stage import TwinStage
+
+
+def stages_of(config: Config) -> list[Stage]:
+    """New stages for one probe."""
+    return [TwinStage(config)]

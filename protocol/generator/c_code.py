@@ -1,0 +1,236 @@
+# SPDX-License-Identifier: MIT
+"""The C: firmware/core/wire/messages.h and messages.c."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import groupby
+from pathlib import Path
+
+from generator.schema import COLUMNS, TYPES, Field, Message, Schema
+
+LAYOUT = Path(__file__).parent / "layout.c"
+
+RESULTS = (
+    ("MESSAGE_OK", 0, ""),
+    ("MESSAGE_MISSING_FIELD", -1, ""),
+    ("MESSAGE_DOUBLED_FIELD", -2, ""),
+    ("MESSAGE_UNKNOWN_FIELD", -3, "a tag that is not of this message"),
+    ("MESSAGE_OUT_OF_ORDER", -4, ""),
+    ("MESSAGE_WRONG_LENGTH", -5, "the content ends in its header or in a value"),
+    ("MESSAGE_WRONG_ID", -6, ""),
+)
+TAKEN = (
+    *(name for name, _, _ in RESULTS),
+    "MESSAGE_CONTENT_MAX",
+    "PROTOCOL_VERSION",
+    "SCHEMA_FINGERPRINT",
+    "SCHEMA_SEED",
+)
+
+
+def clashes(schema: Schema) -> Iterator[tuple[str, str]]:
+    """Places in the schema whose names would be the same in C, and what to say."""
+    seen = dict.fromkeys(TAKEN, "frame.h or messages.h")
+    for place, name in constants(schema):
+        if name in seen:
+            yield place, f"its C name {name} is taken by {seen[name]}"
+        seen[name] = place
+
+
+def constants(schema: Schema) -> Iterator[tuple[str, str]]:
+    """Where each constant of messages.h comes from, and its name."""
+    for message in schema.messages:
+        place = f"message {message.name}"
+        yield place, id_name(message)
+        yield place, size_name(message)
+        for field in message.fields:
+            if field.null is not None:
+                yield f"{place}: field {field.name}", null_name(message, field)
+    for kind, groups in (("enums", schema.enums), ("flags", schema.flags)):
+        for group, members in groups.items():
+            for name in members:
+                yield f"{kind}.{group}", f"{group}_{name}".upper()
+
+
+def id_name(message: Message) -> str:
+    return f"MESSAGE_{message.name.upper()}"
+
+
+def size_name(message: Message) -> str:
+    return f"MESSAGE_{message.name.upper()}_SIZE"
+
+
+def null_name(message: Message, field: Field) -> str:
+    return f"{message.name}_{field.name}_null".upper()
+
+
+def header(schema: Schema) -> str:
+    """The text of messages.h."""
+    lines = [
+        *prologue("protocol/generate.py; what each field means is in PROTOCOL.md."),
+        "#ifndef MESSAGES_H",
+        "#define MESSAGES_H",
+        "",
+        "#include <stdint.h>",
+        "",
+        *header_constants(schema),
+        "",
+        "enum message_result {",
+        *with_comments((f"{name} = {n},", note) for name, n, note in RESULTS),
+        "};",
+        "",
+        "struct message_header {",
+        "    uint8_t id;",
+        "    uint32_t sequence;",
+        "    uint32_t time_us;",
+        "};",
+        "",
+        "// encode() writes to `content` (the message's size) and returns the length.",
+        "// decode() leaves `header` and `out` untouched unless MESSAGE_OK.",
+    ]
+    for message in schema.messages:
+        lines += ["", f"struct message_{message.name} {{"]
+        lines += with_comments(map(member, message.fields))
+        lines += ["};", "", *encode_head(message, ";"), *decode_head(message, ";")]
+    lines += ["", "#endif"]
+    return "".join(f"{line}\n" for line in lines)
+
+
+def header_constants(schema: Schema) -> Iterator[str]:
+    longest = max(message.size for message in schema.messages)
+    yield f"#define SCHEMA_FINGERPRINT {schema.fingerprint:#010x}u"
+    yield f"#define SCHEMA_SEED {schema.seed:#06x}u  // CRC of all messages but hello"
+    yield from ("", "enum {")
+    yield f"    PROTOCOL_VERSION = {schema.version},"
+    yield f"    MESSAGE_CONTENT_MAX = {longest},  // the longest message"
+    yield from ("};", "", "enum message_id {")
+    yield from (f"    {id_name(m)} = {m.id:#04x}," for m in schema.messages)
+    yield from ("};", "", "// Bytes of content.", "enum {")
+    yield from (f"    {size_name(m)} = {m.size}," for m in schema.messages)
+    yield "};"
+    for group, members in schema.enums.items():
+        yield from ("", f"enum {group} {{")
+        for name, value in members.items():
+            yield f"    {f'{group}_{name}'.upper()} = {value},"
+        yield "};"
+    for group, members in schema.flags.items():
+        yield from ("", "enum {")
+        for name, bit in members.items():
+            yield f"    {f'{group}_{name}'.upper()} = 1u << {bit},"
+        yield "};"
+    yield from (
+        "",
+        '// Wire numbers that say "not available", in every value of a field.',
+    )
+    for message in schema.messages:
+        for field in message.fields:
+            if field.null is not None:
+                null = number(field.null, field.type)
+                yield f"#define {null_name(message, field)} {null}"
+
+
+def source(schema: Schema) -> str:
+    """The text of messages.c: layout.c, then each message's table and functions."""
+    _, _, layout = LAYOUT.read_text("utf-8").partition("\n\n")
+    lines = [*prologue("protocol/generate.py."), *layout.splitlines()]
+    for message in schema.messages:
+        lines += functions(message)
+    return "".join(f"{line}\n" for line in lines)
+
+
+def functions(message: Message) -> Iterator[str]:
+    """A message's layout, its encoder and its decoder."""
+    name = message.name.upper()
+    yield from ("", f"static layout {name}[] = {{", f"    {id_name(message)},")
+    yield from with_comments(
+        (f"FIELD({field.tag}, {field.count}, {TYPES[field.type].size}),", field.name)
+        for field in message.fields
+    )
+    yield from ("    0,", "};", "", *encode_head(message, " {"))
+    yield f"    return encode({name}, message, sequence, time_us, content);"
+    yield from ("}", "", *decode_head(message, " {"))
+    size = size_name(message)
+    yield f"    return decode({name}, content, length, {size}, header, out);"
+    yield "}"
+
+
+def prologue(last: str) -> tuple[str, ...]:
+    return (
+        "// SPDX-License-Identifier: MIT",
+        "// Messages to content bytes and back. Generated from schema.toml by",
+        f"// {last}",
+    )
+
+
+def encode_head(message: Message, end: str) -> list[str]:
+    """The encoder up to `end`: a semicolon, or what opens its body."""
+    return wrapped(
+        f"uint8_t message_{message.name}_encode(",
+        [
+            f"const struct message_{message.name} *message",
+            "uint32_t sequence",
+            "uint32_t time_us",
+            "uint8_t *content",
+        ],
+        f"){end}",
+    )
+
+
+def decode_head(message: Message, end: str) -> list[str]:
+    """The decoder up to `end`: a semicolon, or what opens its body."""
+    return wrapped(
+        f"enum message_result message_{message.name}_decode(",
+        [
+            "const uint8_t *content",
+            "uint8_t length",
+            "struct message_header *header",
+            f"struct message_{message.name} *out",
+        ],
+        f"){end}",
+    )
+
+
+def member(field: Field) -> tuple[str, str]:
+    """A field as a member of its message's struct, and its comment."""
+    array = f"[{field.count}]" if field.count > 1 else ""
+    note = field.scaled_unit
+    if field.enum:
+        note = f"enum {field.enum}"
+    if field.flags:
+        note = f"{field.flags.upper()}_ flags"
+    return f"{TYPES[field.type].c} {field.name}{array};", note
+
+
+def number(value: int, kind: str) -> str:
+    """The value as C writes it, limits by their names from <stdint.h>."""
+    limits = TYPES[kind].range or (0, 0)
+    signedness, bits = ("INT" if kind[0] == "i" else "UINT"), kind[1:]
+    if value == limits[1]:
+        return f"{signedness}{bits}_MAX"
+    if value == limits[0] and value < 0:
+        return f"{signedness}{bits}_MIN"
+    return f"{signedness}{bits}_C({value})"
+
+
+def wrapped(start: str, items: Iterable[str], end: str) -> list[str]:
+    """`start` item, item... `end`, filled to the columns as clang-format does."""
+    lines, hang = [start], " " * len(start)
+    words = list(items)
+    for index, word in enumerate(words):
+        piece = word + ("," if index + 1 < len(words) else end)
+        gap = "" if lines[-1].endswith("(") or lines[-1] == hang else " "
+        if len(lines[-1]) + len(gap) + len(piece) > COLUMNS:
+            lines.append(hang + piece)
+        else:
+            lines[-1] += gap + piece
+    return lines
+
+
+def with_comments(rows: Iterable[tuple[str, str]]) -> Iterator[str]:
+    """Indented lines of code with their comments in one column, run by run."""
+    for has_comment, run in groupby(rows, key=lambda row: bool(row[1])):
+        lines = list(run)
+        width = max(len(code) for code, _ in lines)
+        for code, comment in lines:
+            yield f"    {code:<{width}}  // {comment}" if has_comment else f"    {code}"

@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: MIT
+"""A probe made of Python, a port made of a pty, and a daemon of its own process."""
+
+from fakes.daemon import (
+    DaemonProcess,
+    assert_honest,
+    free_address,
+    free_endpoint,
+    status_of,
+)
+from fakes.messages import COMMAND, EQUIPMENT, EXAMPLES, HELLO, POSE
+from fakes.port import PATIENCE_S, Port
+from fakes.probe import FakeProbe
+
+__all__ = [
+    "COMMAND",
+    "EQUIPMENT",
+    "EXAMPLES",
+    "HELLO",
+    "PATIENCE_S",
+    "POSE",
+    "DaemonProcess",
+    "FakeProbe",
+    "Port",
+    "assert_honest",
+    "free_address",
+    "free_endpoint",
+    "status_of",
+]

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: MIT
+"""A daemon as a process of its own, and addresses for it to listen on."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Self
+
+from fakes.port import PATIENCE_S
+from imud.client import Client
+
+# Bound and never listening: a daemon, which sets SO_REUSEADDR, can have the port, and
+# the system gives it to nobody else (socket(7)).
+_kept: deque[socket.socket] = deque(maxlen=100)
+
+
+def free_address() -> tuple[str, int]:
+    """An address that the system has given to this process, for a while."""
+    if len(_kept) == _kept.maxlen:
+        _kept.popleft().close()
+    kept = socket.socket()
+    kept.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    kept.bind(("127.0.0.1", 0))
+    _kept.append(kept)
+    return "127.0.0.1", int(kept.getsockname()[1])
+
+
+def free_endpoint() -> str:
+    """The same, as Zenoh calls it."""
+    host, port = free_address()
+    return f"tcp/{host}:{port}"
+
+
+def status_of(client: Client) -> dict[str, Any]:
+    """That of the only probe, which may have none for its first second."""
+    until = time.monotonic() + PATIENCE_S
+    while not (found := client.statuses()):
+        assert time.monotonic() < until, "no status came"
+        time.sleep(0.01)
+    (status,) = found
+    return status
+
+
+class DaemonProcess:
+    """`imud run` as a user runs it. Its lines are read as they come."""
+
+    def __init__(
+        self,
+        *arguments: object,
+        directory: Path,
+        log: bool | None = True,  # None: as a configuration says
+        program: tuple[str, ...] = ("-m", "imud"),
+        endpoint: str = "",
+    ) -> None:
+        self.endpoint = endpoint or free_endpoint()
+        self.logs = directory / "logs"
+        command = [sys.executable, *program, "run", *map(str, arguments)]
+        command += ["--listen", self.endpoint]
+        if log is not None:
+            command += ["--log", str(self.logs)] if log else ["--no-log"]
+        self.process = subprocess.Popen(
+            command, stderr=subprocess.PIPE, text=True, cwd=directory
+        )
+        self.lines: list[str] = []
+        self._fresh: queue.Queue[str | None] = queue.Queue()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            self._fresh.put(line.rstrip("\n"))
+        self._fresh.put(None)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        self._reader.join()
+        if self.process.stderr is not None:
+            self.process.stderr.close()
+
+    def expect(self, pattern: str) -> str:
+        """The next line that matches."""
+        until = time.monotonic() + PATIENCE_S
+        while (left := until - time.monotonic()) > 0:
+            try:
+                line = self._fresh.get(timeout=left)
+            except queue.Empty:
+                break
+            if line is None:
+                break
+            self.lines.append(line)
+            if re.search(pattern, line):
+                return line
+        # One that was left to itself would take up ptys of the tests that follow.
+        self.process.kill()
+        raise AssertionError(f"no line matches {pattern!r} in {self.lines}")
+
+    def seen(self) -> list[str]:
+        """The lines that came by now, which are expected no longer."""
+        come: list[str] = []
+        with contextlib.suppress(queue.Empty):
+            while (line := self._fresh.get_nowait()) is not None:
+                come.append(line)
+            self._fresh.put(None)
+        self.lines += come
+        return come
+
+    def stop(self, by: signal.Signals = signal.SIGTERM) -> float:
+        """Asks it to end and returns the seconds that it took."""
+        begin = time.monotonic()
+        self.process.send_signal(by)
+        code = self.process.wait(PATIENCE_S)
+        seconds = time.monotonic() - begin
+        self.lines += self.rest()
+        assert code == 0, f"ended with {code}: {self.lines}"
+        return seconds
+
+    def rest(self) -> Iterator[str]:
+        """All lines up to its end."""
+        while (line := self._fresh.get(timeout=PATIENCE_S)) is not None:
+            yield line
+
+    @property
+    def log(self) -> Path:
+        (path,) = self.logs.glob("*.mcap")
+        return path
+
+
+def assert_honest(daemon: DaemonProcess) -> None:
+    """Its journal reports no internal error and holds no line written by others."""
+    for line in daemon.lines:
+        assert "internal error" not in line, line
+        assert "Traceback" not in line, line
+        assert line.isprintable(), line
+        assert re.match(r"\d\d:\d\d:\d\d ", line), line

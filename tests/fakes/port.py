@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: MIT
+"""A serial port made of a pty."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import termios
+import time
+import tty
+from pathlib import Path
+
+from fakes.probe import FakeProbe
+
+# A busy machine may take long; what goes well takes none of it.
+PATIENCE_S = 30.0
+# Of serial ports, as far as tests set them.
+RATES = (38_400, 115_200, 230_400, 500_000, 921_600)
+
+
+def misheard(data: bytes, sent_baud: int, read_baud: int) -> bytes:
+    """What a receiver at another rate makes of these bytes: 8N1, sampled mid-bit."""
+    if sent_baud == read_baud:
+        return data
+    levels = [1]
+    for byte in data:
+        levels += [0, *((byte >> bit) & 1 for bit in range(8)), 1]
+    levels += [1] * 10
+    step = sent_baud / read_baud  # bits of the sender in one of the receiver
+    heard = bytearray()
+    at = 0.0
+    while start := next((i for i in range(int(at), len(levels)) if not levels[i]), 0):
+        begin = max(at, start)
+        bits = [int(begin + (place + 1.5) * step) for place in range(8)]
+        at = begin + 9.5 * step
+        if at >= len(levels):
+            break
+        heard.append(sum(levels[bit] << place for place, bit in enumerate(bits)))
+    return bytes(heard)
+
+
+class Port:
+    """A pty: the daemon opens `path`, the test writes and reads the other end.
+
+    With a rate, who has set another one hears other bytes, as on a wire.
+    """
+
+    def __init__(self, link: Path, baud: int | None = None) -> None:
+        self._baud = baud
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        # For wait_open(): a pty begins without it.
+        attributes = termios.tcgetattr(self._slave)
+        attributes[2] |= termios.HUPCL
+        termios.tcsetattr(self._slave, termios.TCSANOW, attributes)
+        self.path = link
+        link.unlink(missing_ok=True)
+        link.symlink_to(os.ttyname(self._slave))
+
+    def wait_open(self) -> None:
+        """Until the daemon has opened it; bytes written before that are flushed."""
+        until = time.monotonic() + PATIENCE_S
+        while termios.tcgetattr(self._slave)[2] & termios.HUPCL:
+            assert time.monotonic() < until, "the daemon did not open the port"
+            time.sleep(0.005)
+
+    @property
+    def master(self) -> int:
+        """What is to be read here was written by the daemon."""
+        return self._master
+
+    @property
+    def speed(self) -> int:
+        """The rate that the other end has set."""
+        code = termios.tcgetattr(self._slave)[5]
+        return next(rate for rate in RATES if getattr(termios, f"B{rate}") == code)
+
+    def write(self, data: bytes) -> None:
+        if self._baud is not None:
+            data = misheard(data, self._baud, self.speed)
+        while data:
+            written = os.write(self._master, data)
+            data = data[written:]
+
+    def read(self) -> bytes:
+        """Some bytes, as soon as there are any."""
+        ready, _, _ = select.select([self._master], [], [], PATIENCE_S)
+        assert ready, "the daemon wrote nothing"
+        return os.read(self._master, 4096)
+
+    def answers(self, probe: FakeProbe) -> bytes:
+        """To what the daemon has written by now."""
+        ready, _, _ = select.select([self._master], [], [], 0)
+        return probe.hear(os.read(self._master, 4096)) if ready else b""
+
+    def vanish(self) -> None:
+        self.path.unlink(missing_ok=True)
+        for descriptor in (self._master, self._slave):
+            with contextlib.suppress(OSError):
+                os.close(descriptor)
+
+    def serve(self, probe: FakeProbe, commands: int) -> None:
+        """Lets the probe answer until it has heard so many commands."""
+        until = len(probe.commands) + commands
+        while len(probe.commands) < until:
+            self.write(probe.hear(self.read()))

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: MIT
+"""A probe made of Python."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from fakes.messages import EXAMPLES, HELLO
+from imud.wire import schema
+from imud.wire.frame import FrameDecoder, encode_frame
+from imud.wire.messages import Message, decode, encode
+
+# Commands that an event tells of.
+CHANGES = {"restart": "restarted", "tare": "tared"}
+
+
+class FakeProbe:
+    """Says what a probe says, in its order: one count for all its messages."""
+
+    def __init__(self, **hello: Any) -> None:
+        self.hello_fields = HELLO | hello
+        self.sequence = 0
+        self.time_us = 0
+        self.results: dict[str, str] = {}
+        self.commands: list[Mapping[str, Any]] = []
+        self._decoder = FrameDecoder()
+        self._replied: tuple[int, dict[str, Any]] | None = None
+
+    @property
+    def name(self) -> str:
+        return str(self.hello_fields["probe_id"].hex())
+
+    def content(self, name: str, **fields: Any) -> bytes:
+        example = self.hello_fields if name == "hello" else EXAMPLES[name]
+        content = encode(name, example | fields, self.sequence, self.time_us)
+        self.sequence = (self.sequence + 1) & 0xFFFFFFFF
+        self.time_us = (self.time_us + 5000) & 0xFFFFFFFF
+        return content
+
+    def say(self, name: str, **fields: Any) -> bytes:
+        return encode_frame(self.content(name, **fields))
+
+    def poses(self, count: int) -> bytes:
+        return b"".join(self.say("pose") for _ in range(count))
+
+    def restart(self) -> None:
+        self.sequence = self.time_us = 0
+        boots = self.hello_fields["boot_count"] + 1
+        self.hello_fields = self.hello_fields | {"boot_count": boots}
+
+    def hear(self, data: bytes) -> bytes:
+        """The answers to commands among these bytes."""
+        said = b""
+        for content in self._decoder.feed(data):
+            message = decode(content)
+            if isinstance(message, Message) and message.name == "command":
+                said += self._obey(message.fields)
+        return said
+
+    def _obey(self, fields: Mapping[str, Any]) -> bytes:
+        said = b""
+        token = fields["token"]
+        if self._replied is None or self._replied[0] != token:
+            # The daemon asks for the time whenever it likes.
+            if fields["command"] != "time":
+                self.commands.append(fields)
+            result = self.results.get(fields["command"], "ok")
+            reply = {
+                "replied_command": fields["command"],
+                "replied_token": token,
+                "result": result,
+                "value": fields["arguments"],
+            }
+            self._replied = token, reply
+            if fields["command"] == "hello":
+                said = self.say("hello")
+            if result == "ok" and fields["command"] in CHANGES:
+                is_same = fields["command"] == "restart" and not fields["arguments"][0]
+                detail = schema.Filter.FUSE if is_same else fields["arguments"][0]
+                what = {"event": CHANGES[fields["command"]], "cause": "command"}
+                said = self.say("event", **what, detail=detail)
+        return said + self.say("reply", **self._replied[1])

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: MIT
+"""The seam for work on messages, with a stage of this file's own."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from fakes import FakeProbe
+from imud.config.settings import Config
+from imud.daemon.hub import Hub
+from imud.daemon.intake import Intake
+from imud.journal.speaker import Speaker
+from imud.probes.record import Record
+from imud.probes.session import ProbeFound, Received, Session
+from imud.stages import Outcome, Says, Stage, Tells, Wants
+
+
+class Shakes:
+    """Counts poses that clipped; says so, tells the first and then wants a tare."""
+
+    name = "shakes"
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self.count = 0
+        self.appeared: list[bool] = []
+
+    def configure(self, config: Config) -> None:
+        self.config = config
+
+    def appear(self, found: ProbeFound) -> None:
+        self.appeared.append(found.is_restart)
+
+    def take(self, received: Received) -> Iterator[Outcome]:
+        flags = received.message.fields.get("pose_flags")
+        if not isinstance(flags, tuple) or "clipped" not in flags:
+            return
+        self.count += 1
+        yield Says("shake", {"count": self.count})
+        if self.count == 1:
+            yield Tells("first", "it was shaken", is_warning=True)
+            yield Wants((("tare", {"what": "all"}),), "it can't be tared")
+
+    def status(self) -> dict[str, Any]:
+        return {"count": self.count}
+
+    def farewell(self) -> str:
+        return f"{self.count} shakes"
+
+
+class Bench:
+    """An intake whose probes have a stage each, and what its hub is given."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        hub = Hub()
+        self.records: list[Record] = []
+        monkeypatch.setattr(hub, "put", self._put)
+        self.stages: list[Shakes] = []
+        self.intake = Intake(Config(), hub, Speaker(), self._make)
+        self.wanted: list[tuple[str, Wants]] = []
+        self.intake.stages.on_want = lambda name, wants: self.wanted.append(
+            (name, wants)
+        )
+        self.port: Any = SimpleNamespace(name="/dev/ttyS9", session=None, baud=500_000)
+        self.session = Session(self.intake.probe)
+
+    def _put(self, item: object) -> None:
+        if isinstance(item, Record):
+            self.records.append(item)
+
+    def _make(self, config: Config) -> list[Stage]:
+        self.stages.append(Shakes(config))
+        return [self.stages[-1]]
+
+    def hear(self, data: bytes) -> None:
+        for event in self.session.receive(b"\0" + data, None):
+            self.intake.take(event, self.port)
+
+    def said(self, topic: str) -> list[dict[str, Any]]:
+        return [json.loads(r.payload) for r in self.records if r.topic == topic]
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
+    return Bench(monkeypatch)
+
+
+def test_what_a_stage_answers_is_published_told_and_wanted(
+    bench: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    probe = FakeProbe()
+    with caplog.at_level(logging.INFO, "imud"):
+        bench.hear(probe.say("hello") + probe.say("pose"))
+        assert bench.said("shake") == []
+        for _ in range(2):
+            bench.hear(probe.say("pose", pose_flags=("clipped",)))
+    assert bench.said("shake") == [
+        {"type": "shake", "probe": probe.name, "count": count} for count in (1, 2)
+    ]
+    told = [(r.levelname, r.getMessage()) for r in caplog.records]
+    assert told.count(("WARNING", f"probe {probe.name}: it was shaken")) == 1
+    [(name, wants)] = bench.wanted
+    assert (name, wants.commands) == (probe.name, (("tare", {"what": "all"}),))
+
+
+def test_a_record_of_a_stage_follows_its_message_and_has_its_number(
+    bench: Bench,
+) -> None:
+    probe = FakeProbe()
+    bench.hear(probe.say("hello") + probe.say("pose", pose_flags=("clipped",)))
+    pose, shake = bench.records[-2:]
+    assert (pose.topic, shake.topic) == ("pose", "shake")
+    assert shake.sequence == pose.sequence
+    entry = bench.intake.registry.named(probe.name)
+    assert entry is not None
+    assert entry.put == len(bench.records)  # the ledger counts it
+
+
+def test_a_stage_hears_of_each_appearance_and_stands_in_the_status(
+    bench: Bench,
+) -> None:
+    probe = FakeProbe()
+    bench.hear(probe.say("hello") + probe.say("pose", pose_flags=("clipped",)))
+    probe.restart()
+    bench.hear(probe.say("hello"))
+    [stage] = bench.stages
+    assert stage.appeared == [False, True]
+    status = bench.said("status")[-1]
+    assert status["shakes"] == {"count": 1}
+    assert "twin" not in status
+    assert bench.intake.registry.farewell().endswith(", 1 shakes")
+
+
+def test_each_probe_has_stages_of_its_own_that_hear_of_a_reload(bench: Bench) -> None:
+    for number in range(2):
+        probe = FakeProbe(probe_id=bytes([number] * 8))
+        bench.session = Session(bench.intake.probe)
+        bench.hear(probe.say("hello") + probe.say("pose", pose_flags=("clipped",)))
+    assert [stage.count for stage in bench.stages] == [1, 1]
+    config = Config(twin=True)
+    bench.intake.registry.configure(config)
+    assert all(stage.config is config for stage in bench.stages)

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: MIT
+"""The system packages that make's commands need, and how to see that they are there."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+
+class Need(NamedTuple):
+    """A package of the system, and how to see that what it brings is there."""
+
+    package: str
+    is_met: Callable[[], bool]
+
+
+def has(program: str) -> Callable[[], bool]:
+    # Those for administrators are not on everybody's path.
+    path = os.pathsep.join((os.environ.get("PATH", os.defpath), "/usr/sbin", "/sbin"))
+    return lambda: shutil.which(program, path=path) is not None
+
+
+def compiles(line: str, *compiler: str, until: str = "-E") -> Callable[[], bool]:
+    """Whether a compiler takes a line, as far as the preprocessor or until it links."""
+
+    def probe() -> bool:
+        if shutil.which(compiler[0]) is None:
+            return False
+        done = subprocess.run(
+            [*compiler, until, "-xc", "-", "-o", os.devnull],
+            input=line + "\n",
+            text=True,
+            capture_output=True,
+            check=False,
+        )
+        return done.returncode == 0
+
+    return probe
+
+
+def succeeds(*command: str) -> bool:
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+
+def has_modules(*names: str) -> Callable[[], bool]:
+    return lambda: succeeds(sys.executable, "-c", f"import {', '.join(names)}")
+
+
+def has_python_headers() -> bool:
+    return Path(sysconfig.get_path("include"), "Python.h").is_file()
+
+
+PYTHON = f"python{sys.version_info.major}.{sys.version_info.minor}"
+AVR = ("avr-gcc", "-mmcu=atmega328p")
+ARM = ("arm-none-eabi-gcc", "-mcpu=cortex-m4")
+# Python packages first of all; one without a wheel for this machine is compiled.
+PYTHON_NEEDS = (
+    Need("gcc", has("gcc")),
+    Need("libc6-dev", compiles("#include <stdio.h>", "gcc")),
+    Need(f"{PYTHON}-dev", has_python_headers),
+    Need(f"{PYTHON}-venv", has_modules("ensurepip", "venv")),
+)
+BUILD_NEEDS = (
+    Need("make", has("make")),
+    Need("libelf-dev", compiles("#include <gelf.h>", "gcc")),
+)
+BOARD_NEEDS = {
+    "nano": (
+        Need("gcc-avr", has("avr-gcc")),
+        Need("avr-libc", compiles("#include <avr/io.h>", *AVR)),
+        Need("libsimavr-dev", compiles("#include <simavr/sim_avr.h>", "gcc")),
+    ),
+    "f405": (
+        Need("gcc-arm-none-eabi", has("arm-none-eabi-gcc")),
+        Need("libunicorn-dev", compiles("#include <unicorn/unicorn.h>", "gcc")),
+    ),
+}
+# The core compiles with any C library for ARM, which the image does without.
+NEWLIB = Need("libnewlib-arm-none-eabi", compiles("#include <string.h>", *ARM))
+TEST_NEEDS = (
+    NEWLIB,
+    # Other people's opinion of a card that was prepared.
+    Need("dosfstools", has("fsck.fat")),
+    Need("mtools", has("mdir")),
+    Need("fdisk", has("sfdisk")),
+    # To say what it thinks of our unit; beside another init it would be in the way.
+    Need("systemd", lambda: has("systemd-analyze")() or Path("/sbin/init").exists()),
+)
+FUZZED = "int LLVMFuzzerTestOneInput(void); int LLVMFuzzerTestOneInput() { return 0; }"
+CHECK_NEEDS = (
+    NEWLIB,
+    Need("clang", has("clang")),
+    Need("libclang-rt-dev", compiles(FUZZED, "clang", until="-fsanitize=fuzzer")),
+    Need("clang-tidy", has("clang-tidy")),
+    Need("cppcheck", has("cppcheck")),
+)
+
+
+def system_needs(command: str, boards: Sequence[str]) -> tuple[Need, ...]:
+    needs = BUILD_NEEDS + tuple(need for name in boards for need in BOARD_NEEDS[name])
+    needs += TEST_NEEDS if command in ("test", "coverage") else ()
+    needs += CHECK_NEEDS if command == "check" else ()
+    return needs
+
+
+def missing(needs: Sequence[Need]) -> list[str]:
+    return [need.package for need in needs if not need.is_met()]
