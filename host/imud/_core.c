@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The firmware's own C for Python: the host frames, checks and computes with the very
-// functions that run on a probe. Limited API, so one build serves Python 3.11 and on.
+// The firmware's own C for Python: the host frames, checks and computes with the same
+// functions that run on a probe. Limited API, so one build serves Python 3.11 and
+// later.
 #include "_module.h"
 
 #include <errno.h>
@@ -9,7 +10,7 @@
 
 #include "core/wire/frame.h"
 
-// Takes a 16-bit CRC seed or an 8-bit id apart from other integers.
+// Whether a CRC seed or a message id is in its range; sets ValueError if not.
 static int number_in_range(const char *name, long value, long limit) {
     if (value >= 0 && value <= limit) {
         return 1;
@@ -73,7 +74,7 @@ static int append_content(PyObject *list, const uint8_t *content, uint8_t length
     return failed;
 }
 
-// Counts what the decoder says of one byte; -1 where Python has no memory.
+// Decodes one byte and counts the result; -1 when Python is out of memory.
 static int decoder_take(struct decoder *self, uint8_t byte, PyObject *contents) {
     uint8_t length = 0;
     switch (frame_decode(&self->frames, byte, &length)) {
@@ -121,7 +122,7 @@ static PyObject *decoder_stats(PyObject *self, PyObject *Py_UNUSED(none)) {
                          decoder->too_long, "too_short", decoder->too_short);
 }
 
-// Asked at every read, unlike the kinds.
+// The total alone: it is asked for at every read.
 static PyObject *decoder_bad(PyObject *self, PyObject *Py_UNUSED(none)) {
     const struct decoder *decoder = (const struct decoder *)self;
     return PyLong_FromUnsignedLongLong(decoder->bad_cobs + decoder->bad_crc +
@@ -140,7 +141,7 @@ static PyMethodDef decoder_methods[] = {
 
 static PyType_Slot decoder_slots[] = {
     {Py_tp_doc, "FrameDecoder(seed, hello_id)\n--\n\nTurns received bytes into the "
-                "content of frames, whatever the chunks they arrive in."},
+                "content of frames, in chunks of any size."},
     {Py_tp_new, decoder_new},
     {Py_tp_dealloc, instance_dealloc},
     {Py_tp_traverse, instance_traverse},
@@ -220,12 +221,13 @@ static PyObject *core_read_some(PyObject *module, PyObject *descriptor) {
 
 static PyMethodDef core_functions[] = {
     {"crc16", core_crc16, METH_VARARGS,
-     "crc16(seed, data, /)\n--\n\nCRC of data that follows what gave the seed."},
+     "crc16(seed, data, /)\n--\n\nThe CRC of data; `seed` is the CRC of what precedes "
+     "it."},
     {"encode_frame", core_encode_frame, METH_VARARGS,
      "encode_frame(seed, content, /)\n--\n\nThe frame of content, delimiter included."},
     {"read_some", core_read_some, METH_O,
-     "read_some(descriptor, /)\n--\n\nBytes of a descriptor that does not block: none "
-     "at its end, None where there are none yet."},
+     "read_some(descriptor, /)\n--\n\nRead a descriptor that does not block: at most "
+     "64 KiB, b'' at its end, None if nothing is there yet."},
     {NULL, NULL, 0, NULL},
 };
 

@@ -6,7 +6,7 @@ from typing import Final, TypedDict, final
 from typing_extensions import Buffer
 
 CONTENT_MAX: Final[int]  # bytes a frame can carry
-HELLO_SEED: Final[int]  # where the CRC of a hello starts, whatever the schema
+HELLO_SEED: Final[int]  # the CRC seed of a hello, the same for all schemas
 
 class FrameStats(TypedDict):
     ok: int

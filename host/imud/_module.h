@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the files of imud._core share: its types, and what all their instances do.
+// Shared by the C files of imud._core: types, and functions of all their instances.
 #ifndef MODULE_H
 #define MODULE_H
 
@@ -8,7 +8,7 @@
 
 extern PyType_Spec replay_spec;
 
-// An instance of a heap type owns a reference to its type, which is all ours own.
+// For types whose instances own no Python object but the reference to their type.
 int instance_traverse(PyObject *self, visitproc visit, void *arg);
 void instance_dealloc(PyObject *self);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// A probe's computation once more, from its raw messages: _core.Replay.
+// _core.Replay: computes a probe's poses again from its raw messages.
 #include "_module.h"
 
 #include "core/drivers/lsm9ds0.h"
@@ -24,8 +24,8 @@ static bool begin(struct replay *replay, long filter) {
     return true;
 }
 
-// What no message carries: the delay of a sensor's rates. False for a kind whose
-// driver is not known.
+// The delay of a sensor's rates, which no message carries. False for a kind of sensor
+// without a driver here.
 static bool gyr_delay_of(uint8_t sensor, uint16_t *delay_us) {
     switch (sensor) {
     case SENSOR_MPU9250:
@@ -160,14 +160,13 @@ static PyMethodDef replay_methods[] = {
      "step($self, raw, /)\n--\n\nTake the content of the next raw message."},
     {"pose", replay_pose, METH_VARARGS,
      "pose($self, sequence, time_us, /)\n--\n\nThe content of the pose message that "
-     "the "
-     "probe sends after the last step: equal to it in every bit."},
+     "the probe sends after the last step, the same in every bit."},
     {"origin", replay_origin, METH_O,
-     "origin($self, kind, /)\n--\n\nSet the origin, as the probe does when it tells "
-     "`tared` with that detail."},
+     "origin($self, kind, /)\n--\n\nSet the origin, as the probe does when it sends "
+     "the event `tared` with that detail."},
     {"restart", replay_restart, METH_O,
-     "restart($self, filter, /)\n--\n\nBegin anew, as the probe does when it tells "
-     "`restarted` with that filter."},
+     "restart($self, filter, /)\n--\n\nStart again, as the probe does when it sends "
+     "the event `restarted` with that filter."},
     {NULL, NULL, 0, NULL},
 };
 

@@ -1,33 +1,26 @@
 # SPDX-License-Identifier: MIT
-"""The daemon in a network that is not its own, which comes and goes; a subscriber that
-stands still; others who publish on its keys.
+"""The daemon in a network that is not its own, which comes and goes; others who publish
+on its keys; subscribers who come late.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
-import os
 import queue
-import signal
-import statistics
-import subprocess
-import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, ClassVar, Self
 
 import pytest
 
 import imud
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_endpoint
-from imud.client import Client, Delivery
+from imud.client import Client
 from imud.defaults import ENDPOINT
+from streaming import Process, Streaming, until, zenoh_of
 
 PROBE = "00112233445566aa"
-
 ROUTER = """
 import json, sys, zenoh
 config = zenoh.Config()
@@ -41,101 +34,7 @@ session = zenoh.open(config)
 print("up", flush=True)
 sys.stdin.read()
 """
-
-# Says what came and what did not, whenever it is asked.
-READER = """
-import json, sys, threading, imud
-told = {"count": 0, "first": None, "last": None}
-poses = imud.subscribe(endpoint=sys.argv[1])
-def follow():
-    for pose in poses:
-        if told["first"] is None:
-            told["first"] = pose.number
-        told["count"], told["last"] = told["count"] + 1, pose.number
-threading.Thread(target=follow, daemon=True).start()
-print("up", flush=True)
-for _ in sys.stdin:
-    print(json.dumps({**told, "missed": poses.missed.network}), flush=True)
-"""
-
-# Longer than the lease of a Zenoh session, 10 s, after which who is silent is left.
-STOPPED_S = float(os.environ.get("IMUD_STOPPED_SECONDS", "12"))
-LEASE_S = 10.0
-
 WHILE_S = 1.0
-
-
-class Process:
-    """Python in a process of its own, once it has said that it is up."""
-
-    made: ClassVar[list[Process]] = []
-
-    def __init__(self, code: str, endpoint: str) -> None:
-        self.made.append(self)
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", code, endpoint],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert self._process.stdout is not None
-        assert self._process.stdout.readline() == "up\n"
-
-    def send(self, number: signal.Signals) -> None:
-        self._process.send_signal(number)
-
-    def ask(self) -> dict[str, Any]:
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.write("\n")
-        self._process.stdin.flush()
-        said: dict[str, Any] = json.loads(self._process.stdout.readline())
-        return said
-
-    def kill(self) -> None:
-        self.made.remove(self)
-        self._process.kill()
-        self._process.communicate()
-
-
-class Streaming:
-    """A probe that says poses until it is told not to."""
-
-    def __init__(self, port: Port, probe: FakeProbe, period_s: float = 0.005) -> None:
-        self._port, self._probe, self._period_s = port, probe, period_s
-        self.sent_s: list[float] = []  # when each was written
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-
-    def _run(self) -> None:
-        while not self._stop.wait(self._period_s):
-            self.sent_s.append(time.monotonic())
-            self._port.write(self._probe.say("pose"))
-
-    @property
-    def said(self) -> int:
-        return len(self.sent_s)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Also where a test fails: before its daemon, which reads what is said."""
-        self.stop()
-
-    def stop(self) -> None:
-        self._stop.set()
-        self._thread.join()
-
-
-def until(is_so: Callable[[], object]) -> float:
-    """Seconds that it took."""
-    begin = time.monotonic()
-    while not is_so():
-        assert time.monotonic() < begin + PATIENCE_S
-        time.sleep(0.02)
-    return time.monotonic() - begin
 
 
 @pytest.fixture(autouse=True)
@@ -158,13 +57,6 @@ def settings(directory: Path, mode: str, endpoint: str) -> Path:
     text = f'[zenoh]\nmode = "{mode}"\nconnect = ["{endpoint}"]\n'
     path.write_text(text, "utf-8")
     return path
-
-
-def zenoh_of(client: Client) -> dict[str, int]:
-    """What became of all records on their way to the network."""
-    (status,) = client.statuses()
-    counts: dict[str, int] = status["ledger"]["sinks"]["zenoh"]
-    return counts
 
 
 @pytest.mark.parametrize("mode", ["client", "peer"])
@@ -298,86 +190,6 @@ def test_who_went_while_there_was_no_router_is_not_alive(
             assert client.alive() == [PROBE]
         router.kill()
         daemon.stop()
-
-
-def resident_mb(pid: int) -> float:
-    text = Path(f"/proc/{pid}/status").read_text("utf-8")
-    (line,) = [line for line in text.splitlines() if line.startswith("VmRSS")]
-    return int(line.split()[1]) / 1024
-
-
-@pytest.mark.timeout(300)
-def test_a_subscriber_that_stands_still_costs_another_nothing(
-    tmp_path: Path, record_property: Callable[[str, object], None]
-) -> None:
-    # What else the machine does delays poses, too, but not three times in a row.
-    ports = (Port(tmp_path / f"probe-{number}") for number in range(3))
-    assert any(
-        is_as_fast_beside_one_that_stands_still(tmp_path, port, record_property)
-        for port in ports
-    )
-
-
-def is_as_fast_beside_one_that_stands_still(
-    tmp_path: Path, port: Port, record_property: Callable[[str, object], None]
-) -> bool:
-    """Whether poses come no later than before; that none is lost is asserted."""
-    probe = FakeProbe()
-    with DaemonProcess(port.path, directory=tmp_path, log=False) as daemon:
-        daemon.expect("listens on")
-        port.wait_open()
-        port.write(probe.say("hello"))
-        daemon.expect("found on")
-        stuck = Process(READER, daemon.endpoint)
-        heard: list[tuple[int, float]] = []
-
-        def take(each: Delivery) -> None:
-            number = json.loads(each.payload)["number"]
-            heard.append((number, time.monotonic()))
-
-        with Client(daemon.endpoint) as client:
-            client.listen("pose", None, take)
-            client.statuses()  # then the router knows of it
-            pid = daemon.process.pid
-            with Streaming(port, probe, period_s=0.001) as stream:
-                until(lambda: len(heard) > 2000)
-                before, memory = len(heard), resident_mb(pid)
-                stuck.send(signal.SIGSTOP)
-                time.sleep(STOPPED_S)
-                during, grown = len(heard), resident_mb(pid) - memory
-                stuck.send(signal.SIGCONT)
-                begin = time.monotonic()
-                said = stream.said
-                until(lambda: stuck.ask()["last"] >= said)
-                record_property("back_s", time.monotonic() - begin)
-            until(lambda: len(heard) == stream.said)
-            until(lambda: stuck.ask()["last"] == heard[-1][0])
-            counts = zenoh_of(client)
-        told = stuck.ask()
-        stuck.kill()
-        # The other has all of them in their order.
-        assert [number for number, _ in heard] == list(range(1, stream.said + 1))
-        late_s = [at - stream.sent_s[number - 1] for number, at in heard]
-        usual = statistics.quantiles(late_s[:before], n=100)
-        meanwhile = statistics.quantiles(late_s[before:during], n=100)
-        for name, value in (
-            ("poses", during - before),
-            ("median_ms", [1000 * usual[49], 1000 * meanwhile[49]]),
-            ("p99_ms", [1000 * usual[98], 1000 * meanwhile[98]]),
-            ("grown_mb", grown),
-            ("told", told),
-        ):
-            record_property(name, value)
-        assert grown < 30
-        assert counts["dropped"] == 0
-        # What it missed is known to it, to the pose.
-        assert told["count"] + told["missed"] == told["last"] - told["first"] + 1
-        assert (told["missed"] > 0) == (STOPPED_S > LEASE_S)
-    port.vanish()
-    # One put of them all waits for room, 50 ms.
-    return meanwhile[49] < max(0.01, 3 * usual[49]) and meanwhile[98] < max(
-        0.1, 3 * usual[98]
-    )
 
 
 def test_another_that_publishes_on_its_keys_is_told_of(

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Who is kept out, and from what: real sessions with a daemon that has keys.
+"""What each role may do: real sessions with a daemon that has keys.
 
-A put or a query that no rule allows is dropped without a word to who sent it. So what
-is asserted is that nothing came of it, and that the daemon wrote a line.
+A put or a query that no rule allows is dropped, and its sender gets no reply. So the
+tests assert that nothing came of it, and that the daemon wrote a line.
 """
 
 from __future__ import annotations
@@ -11,100 +11,23 @@ import json
 import re
 import threading
 import time
-from collections import Counter
-from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from pathlib import Path
 
-import msgspec
 import pytest
 import zenoh
 import zenoh.ext
 
 import imud
-from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_endpoint
+from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
+from guarded import PROBE, WHILE_S, Guarded, heard
 from imud import cli
 from imud.client import Client
-from imud.errors import DaemonNotFound, NoReply, NotAllowed
-from imud.net import keys, network
+from imud.errors import NoReply, NotAllowed
+from imud.net import network
 from imud.net.access import Role
-from imud.net.network import Credentials
 from imud.ros2 import topics
 from imud.ros2.topics import Topic
-
-PROBE = "00112233445566aa"
-# Longer than anything allowed was seen to take on a busy machine.
-WHILE_S = 1.0
-DENIED = r"warning: network: \S+ asked for what its role does not allow"
-
-
-def tls_endpoint() -> str:
-    return free_endpoint().replace("tcp/", "tls/")
-
-
-class Guarded:
-    """A daemon with keys, whose probe streams without end."""
-
-    def __init__(self, directory: Path, *, is_mutual: bool = False) -> None:
-        self.keys = directory / "keys"
-        keys.initialise(self.keys, ["localhost"], 1)
-        for role in ("operator", "recorder"):
-            keys.add(self.keys, role, f"other-{role}")
-        self.probe, self.port = FakeProbe(), Port(directory / "probe")
-        settings = directory / "imud.toml"
-        settings.write_text(
-            f'[zenoh]\nkeys = "{self.keys}"\nmutual_tls = {json.dumps(is_mutual)}\n'
-            f"history = 20\n[journal]\nburst = 100000\n[ros2]\nenabled = true\n"
-        )
-        self.daemon = DaemonProcess(
-            self.port.path,
-            "--config",
-            settings,
-            directory=directory,
-            log=False,
-            endpoint=tls_endpoint(),
-        )
-        self.daemon.expect("listens on tls")
-        self.endpoint = self.daemon.endpoint
-        self.port.wait_open()
-        self._stop = threading.Event()
-        self._stream = threading.Thread(target=self._run)
-        self.port.write(self.probe.say("hello"))
-        self.daemon.expect("found on")
-        self._stream.start()
-
-    def _run(self) -> None:
-        while not self._stop.wait(0.01):
-            said = self.probe.say("pose") + self.probe.say("raw")
-            self.port.write(said + self.probe.say("event"))
-
-    def credentials(self, user: str) -> Credentials:
-        path = self.keys / "clients" / f"{user}.toml"
-        return msgspec.structs.replace(
-            network.read_credentials(path), endpoint=self.endpoint
-        )
-
-    @contextmanager
-    def session(self, user: str) -> Iterator[zenoh.Session]:
-        session = network.open_client(self.endpoint, self.credentials(user))
-        try:
-            yield session
-        finally:
-            session.close()
-
-    def expect_denied(self) -> None:
-        """A line of each test's own: those that came by now are not it."""
-        self.daemon.expect(DENIED)
-
-    def hush(self) -> None:
-        """While there is a reader: a full pty would hold the thread for ever."""
-        self._stop.set()
-        self._stream.join()
-
-    def close(self) -> None:
-        self.hush()
-        self.daemon.__exit__(None, None, None)
-        self.port.vanish()
 
 
 @pytest.fixture(scope="module")
@@ -112,36 +35,6 @@ def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
     made = Guarded(tmp_path_factory.mktemp("guarded"))
     yield made
     made.close()
-
-
-@pytest.fixture(scope="module")
-def mutual(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
-    made = Guarded(tmp_path_factory.mktemp("mutual"), is_mutual=True)
-    yield made
-    made.close()
-
-
-def heard(
-    session: zenoh.Session, *keys: str, wanted: Collection[str] = ()
-) -> Counter[str]:
-    """What comes on these keys in a while, and until there is all that is wanted."""
-    count: Counter[str] = Counter()
-
-    def on_sample(sample: zenoh.Sample) -> None:
-        count[str(sample.key_expr)] += 1
-
-    remote = zenoh.Locality.REMOTE
-    held = [
-        session.declare_subscriber(key, on_sample, allowed_origin=remote)
-        for key in keys
-    ]
-    time.sleep(WHILE_S)
-    until = time.monotonic() + PATIENCE_S
-    while not set(wanted) <= count.keys() and time.monotonic() < until:
-        time.sleep(0.02)
-    for subscriber in held:
-        subscriber.undeclare()
-    return count
 
 
 EVERYTHING = (
@@ -421,149 +314,3 @@ def test_spoofed_puts_reach_nobody(guarded: Guarded, user: Role) -> None:
     # At 50 rounds a second each of 18 was refused, and counted, one by one.
     denied = [line for line in guarded.daemon.seen() if "does not allow" in line]
     assert len(denied) > 18
-
-
-def changed_by(**fields: str) -> Callable[[Credentials], Credentials]:
-    return lambda mine: msgspec.structs.replace(mine, **fields)
-
-
-@pytest.mark.parametrize(
-    ("change", "why"),
-    [
-        (changed_by(password="wrong"), "Invalid password"),  # noqa: S106
-        (changed_by(user="nobody"), "Invalid user"),
-        (changed_by(user="operator"), "Invalid password"),
-        (changed_by(password=""), "Invalid password"),
-    ],
-    ids=["wrong password", "unknown user", "another's name", "empty password"],
-)
-def test_who_does_not_know_the_password_is_refused_and_on_record(
-    guarded: Guarded, change: Callable[[Credentials], Credentials], why: str
-) -> None:
-    mine = change(guarded.credentials("viewer"))
-    with pytest.raises(DaemonNotFound, match=f"does not let {mine.user} in"):
-        network.open_client(guarded.endpoint, mine)
-    guarded.daemon.expect(rf"warning: network: 127\.0\.0\.1:\d+ was refused: .*{why}")
-
-
-def test_who_shows_no_password_at_all_is_refused_and_on_record(
-    guarded: Guarded,
-) -> None:
-    config = zenoh.Config()
-    tls = "transport/link/tls/"
-    for key, value in {
-        "mode": "client",
-        "connect/endpoints": [guarded.endpoint],
-        "connect/timeout_ms": 1000,
-        "connect/exit_on_failure": True,
-        "scouting/multicast/enabled": False,
-        tls + "root_ca_certificate": str(guarded.keys / "ca.pem"),
-    }.items():
-        config.insert_json5(key, json.dumps(value))
-    with pytest.raises(zenoh.ZError):
-        zenoh.open(config)
-    guarded.daemon.expect("warning: network: .* was refused: .*Expected extension")
-
-
-def test_who_speaks_no_tls_is_refused_and_on_record(guarded: Guarded) -> None:
-    plain = guarded.endpoint.replace("tls/", "tcp/")
-    with pytest.raises(DaemonNotFound, match="who you are with --keys FILE"):
-        Client(plain)
-    guarded.daemon.expect("warning: network: somebody was refused: TLS: ")
-
-
-def test_a_daemon_of_another_authority_is_not_trusted(
-    guarded: Guarded, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Who took the daemon's place does not get to see a password."""
-    keys.initialise(tmp_path / "keys", ["localhost"], 1)
-    path = tmp_path / "keys/clients/viewer.toml"
-    where = ["--connect", guarded.endpoint, "--keys", str(path)]
-    assert cli.main(["list", *where]) == 1
-    assert capsys.readouterr().err.count("\n") == 1
-    guarded.daemon.expect("network: somebody was refused: TLS: .*alert")
-
-
-def test_with_mutual_tls_password_and_certificate_have_to_be_of_one_user(
-    mutual: Guarded,
-) -> None:
-    with mutual.session("viewer") as session:
-        assert heard(session, "imud/*/pose", wanted={f"imud/{PROBE}/pose"})
-    mutual.daemon.expect("network: .* came with the certificate of viewer")
-    viewer, operator = mutual.credentials("viewer"), mutual.credentials("operator")
-    mixed = msgspec.structs.replace(
-        operator, certificate=viewer.certificate, private_key=viewer.private_key
-    )
-    wanted = network._known_as(mixed, {}) | {
-        "mode": "client",
-        "connect/endpoints": [mutual.endpoint],
-        "scouting/multicast/enabled": False,
-    }
-    # Ids of 16 bytes; Zenoh does not say a zero that one begins with.
-    for session_id in (
-        "abcdef0123456789abcdef0123456789",
-        "bcdef0123456789abcdef0123456789",
-    ):
-        time.sleep(WHILE_S)  # what the last one asked for is told by then
-        mutual.daemon.seen()
-        session = zenoh.open(network._config(wanted | {"id": session_id}))
-        try:
-            assert not heard(session, "imud/*/pose", "imud/*/status")
-            replies = session.get(f"imud/{PROBE}/cmd/tare", timeout=WHILE_S)
-            assert not [reply for reply in replies if reply.ok]
-            line = mutual.daemon.expect("asked for what its role does not allow")
-            assert "(viewer) asked" in line
-        finally:
-            session.close()
-
-
-def test_with_mutual_tls_an_unknown_certificate_or_none_is_refused(
-    mutual: Guarded, tmp_path: Path
-) -> None:
-    keys.initialise(tmp_path / "keys", ["localhost"], 1)
-    other = network.read_credentials(tmp_path / "keys/clients/viewer.toml")
-    mixed = msgspec.structs.replace(
-        mutual.credentials("viewer"),
-        certificate=other.certificate,
-        private_key=other.private_key,
-    )
-    with pytest.raises(DaemonNotFound):
-        network.open_client(mutual.endpoint, mixed)
-    mutual.daemon.expect("network: somebody was refused: TLS: ")
-    bare = network._known_as(mutual.credentials("viewer"), {})
-    config = network._config(
-        {
-            "mode": "client",
-            "connect/endpoints": [mutual.endpoint],
-            "connect/timeout_ms": 1000,
-            "connect/exit_on_failure": True,
-            "scouting/multicast/enabled": False,
-        }
-        | {name: value for name, value in bare.items() if "connect_" not in name}
-        | {"transport/link/tls/enable_mtls": False}
-    )
-    with pytest.raises(zenoh.ZError):
-        zenoh.open(config)
-    mutual.daemon.expect("network: somebody was refused: TLS: ")
-
-
-def test_who_is_removed_is_let_in_no_longer(tmp_path: Path) -> None:
-    guarded = Guarded(tmp_path)
-    try:
-        mine = guarded.credentials("other-operator")
-        network.open_client(guarded.endpoint, mine).close()
-        keys.remove(guarded.keys, "other-operator")
-        guarded.hush()
-        guarded.daemon.stop()
-        fresh = DaemonProcess(
-            "--config",
-            tmp_path / "imud.toml",
-            directory=tmp_path,
-            log=False,
-            endpoint=tls_endpoint(),
-        )
-        with fresh, pytest.raises(DaemonNotFound):
-            fresh.expect("listens on")
-            network.open_client(fresh.endpoint, mine)
-    finally:
-        guarded.close()

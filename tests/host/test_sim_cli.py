@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: MIT
-"""`imud sim`: finds what it runs, feeds it, passes on what it says."""
+"""`imud sim`: finds what it runs, feeds it, and repeats what it prints."""
 
 from __future__ import annotations
 
 import argparse
 import itertools
 import json
-import os
 import signal
 import subprocess
 import sys
-import tty
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,7 +18,6 @@ import pytest
 
 from imud import cli
 from imud.errors import FileError
-from imud.recordings import decode
 from imud.virtual import motion, sensors, sim
 from imud.wire import messages
 from imud.wire.frame import FrameDecoder
@@ -34,7 +31,6 @@ data = sys.stdin.buffer.read()
 print(json.dumps([sys.argv[1:], len(data), data[:24].hex()]), file=sys.stderr)
 sys.exit(3)
 """
-
 # Never reads its motion and runs until it is asked to stop.
 STUBBORN = """
 import os, signal, sys
@@ -72,9 +68,6 @@ def recording(tmp_path: Path) -> Path:
     path = tmp_path / "hand.npz"
     sensors.generate(1.0, seed=1).save(path)
     return path
-
-
-# Finding.
 
 
 def test_a_build_is_found_from_any_folder_below(
@@ -242,9 +235,6 @@ def test_raw_and_rate_are_commands_as_the_firmware_reads_them() -> None:
     assert raw_rate.fields["arguments"] == (1, 380)
 
 
-# Running, with a stand-in.
-
-
 def test_motion_goes_in_words_come_out_and_the_exit_code_is_passed_on(
     stand_in: Any, recording: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -288,62 +278,3 @@ def test_a_signal_ends_it_with_the_summary(
     running.send_signal(number)
     assert running.stderr.read() == "summary in words\n"
     assert running.wait() == 0
-
-
-# Running, for real.
-
-
-@pytest.mark.parametrize("board", sim.BOARDS)
-def test_it_streams_pose_and_raw_of_a_recording(
-    boards: dict[str, tuple[Path, Path]], board: str, tmp_path: Path
-) -> None:
-    simulator, image = boards[board]
-    path, record, summary = (tmp_path / name for name in ("m.npz", "r.bin", "s.json"))
-    sensors.generate(4.0, seed=2).save(path)
-    words = ["--simulator", simulator, "--image", image, "--motion", path, "--fast"]
-    words += ["--stream", "--raw", "--record", record, "--summary", summary]
-    assert cli.main(["sim", board, *map(str, words)]) == 0
-    found = json.loads(summary.read_text())
-    assert found["crashed"] is False
-    assert found["motion_start_us"] == 100_000
-    tally = decode.Tally()
-    heard = list(decode.decode_file(record, tally))
-    kinds = {kind: [m for m in heard if m["type"] == kind] for kind in ("pose", "raw")}
-    assert len(kinds["raw"]) > 300
-    ratio = sim.BOARDS[board].sample_rate_hz / 100
-    assert abs(len(kinds["raw"]) - ratio * len(kinds["pose"])) <= ratio
-    replies = [m for m in heard if m["type"] == "reply"]
-    assert [m["result"] for m in replies] == ["ok", "ok"]
-    started = [m["cause"] for m in heard if m.get("event") == "stream_started"]
-    assert started == ["button"]
-
-
-@pytest.mark.parametrize("board", sim.BOARDS)
-def test_its_serial_port_appears_speaks_and_goes(
-    boards: dict[str, tuple[Path, Path]], board: str, tmp_path: Path
-) -> None:
-    simulator, image = boards[board]
-    link = tmp_path / "port"
-    words = ["--simulator", simulator, "--image", image, "--link", link]
-    with subprocess.Popen(
-        [PYTHON, "-m", "imud", "sim", board, *map(str, words)],
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        assert process.stderr is not None
-        assert process.stderr.readline().startswith(f"ready {link} ")
-        port = os.open(link, os.O_RDWR | os.O_NOCTTY)
-        try:
-            tty.setraw(port)
-            decoder = FrameDecoder()
-            contents: list[bytes] = []
-            while not contents:
-                contents += decoder.feed(os.read(port, 4096))
-        finally:
-            os.close(port)
-        process.terminate()
-        assert "samples" in process.stderr.read()
-        assert process.wait() == 0
-    said = messages.decode(contents[0])
-    assert isinstance(said, messages.Message)
-    assert not link.is_symlink()

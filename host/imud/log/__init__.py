@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""The format of logs: MCAP files written and read."""
+"""Log files: writes and reads MCAP."""

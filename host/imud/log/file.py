@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""One file of records, as the daemon logs them and as a card's recording is written.
+"""One log file, of the daemon or of a card's recording: which channels it has and what
+they hold.
 
-Channels are named as Zenoh's keys. `frame` holds every good message as received and
-is the truth; the others hold JSON for other people's tools, among them pose_in_frame,
-which Foxglove draws.
+Channels have the names of Zenoh keys. `frame` holds every good message as received and
+is what our own tools read. The others hold JSON for other tools, among them
+pose_in_frame, which Foxglove draws.
 """
 
 from __future__ import annotations
@@ -31,19 +32,19 @@ _ENCODER = msgspec.json.Encoder()
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How logs are kept."""
+    """What a log holds and when the next file begins."""
 
     prefix: str = PREFIX
-    rotate_bytes: int = 1 << 30  # a fresh file after so many
-    rotate_s: float = 3600.0  # and after so long
-    floor_bytes: int = 0  # no logging where the disk has less free
-    unlogged: frozenset[str] = frozenset()  # names of probes that are left out
+    rotate_bytes: int = 1 << 30  # a new file after so many
+    rotate_s: float = 3600.0  # and after so many seconds
+    floor_bytes: int = 0  # logging pauses while the disk has less free
+    unlogged: frozenset[str] = frozenset()  # names of probes not to log
     has_foxglove: bool = True
-    configuration: str = ""  # of the daemon, JSON
+    configuration: str = ""  # the daemon's settings as JSON
 
 
 class LogFile:
-    """One file of records: channels, schemas and who wrote it."""
+    """Writes records to a log: their channels, schemas, and the probes' hellos."""
 
     def __init__(self, file: BufferedWriter, settings: Settings) -> None:
         self._file = file
@@ -52,7 +53,6 @@ class LogFile:
         self._channels: dict[tuple[str, str], int] = {}
         self._hellos: dict[str, bytes] = {}
         self.index_size = 0
-        # Frames and JSON of one pose are much alike; zstd takes a quarter of the space.
         self._writer = LogWriter(file, f"imud {version()}")
         fingerprint = f"{schema.FINGERPRINT:#010x}"
         self._add_metadata(
@@ -62,6 +62,7 @@ class LogFile:
             self._add_metadata("configuration", {"json": settings.configuration})
 
     def take(self, record: Record) -> None:
+        """Adds a record; it is in the file after flush()."""
         if record.hello and self._hellos.get(record.probe) != record.hello:
             self._hellos[record.probe] = record.hello
             self._add_metadata("hello", _identity(record.probe, record.hello))
@@ -99,13 +100,13 @@ class LogFile:
             channel = self._writer.register_channel(name, encoding, self._schema(topic))
             self._channels[record.probe, topic] = channel
         sequence = record.sequence & 0xFFFFFFFF
-        # log_time is when it came, publish_time when what it says was so.
+        # log_time: when it was received; publish_time: when it was measured.
         self._writer.add_message(
             channel, record.t_received_ns, data, record.t_ns, sequence
         )
 
     def _schema(self, topic: str) -> int:
-        """The id of a topic's schema in this file; 0: none."""
+        """The id of a topic's schema in this file; 0 for frames, which have none."""
         if topic == "frame":
             return 0
         if topic not in self._schemas:
@@ -118,7 +119,7 @@ class LogFile:
 
 
 def _identity(probe: str, hello: bytes) -> dict[str, str]:
-    """What a probe says of itself: its message, and the same in words."""
+    """A hello as metadata: its fields as text, and its content in hex."""
     said = messages.decode(hello)
     fields = said.fields if isinstance(said, Message) else {}
     words = {name: str(plain(value)) for name, value in fields.items()}
@@ -126,7 +127,7 @@ def _identity(probe: str, hello: bytes) -> dict[str, str]:
 
 
 def pose_in_frame(record: Record) -> bytes:
-    """A pose as Foxglove draws it; one that has no position is at the origin."""
+    """A pose as foxglove.PoseInFrame in JSON; without a position, at the origin."""
     sec, nsec = divmod(record.t_ns, 10**9)
     w, x, y, z = record.said["q"]
     px, py, pz = record.said["position_m"] or (0.0, 0.0, 0.0)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Logs read back: MCAP files of ours, whole, cut off or damaged.
+"""Reads the MCAP files of `imud run`, also cut off or damaged ones.
 
-Messages lie in chunks, each with a CRC of its own; nothing outside of one is taken for
-a message. What is broken is stepped over or ends the reading, as the caller likes.
+Messages are only taken from chunks, each of which has a CRC. The caller decides whether
+damage is skipped or ends the reading.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from mcap.stream_reader import CRCValidationError, breakup_chunk
 from imud.errors import FileError
 from imud.log.writer import MAGIC
 
-# Content of a frame: id, sequence, time and tagged fields, as PROTOCOL.md says.
+# The content of a frame: id, sequence, time and tagged fields, see PROTOCOL.md.
 FRAME_ENCODING = "x-imud-frame"
 
-# More than a chunk of ours can be: a longer record is damage, not to be allocated.
+# Our chunks are shorter. A longer record is damage, and no memory is allocated for it.
 RECORD_MAX = 64 << 20
 
-# What the reader's library says of a file that is cut off or changed.
+# What the mcap library raises for a file that is cut off or changed.
 DAMAGE = (
     McapError,
     CRCValidationError,
     EOFError,
-    MemoryError,  # a length that was struck
+    MemoryError,  # a damaged length
     OverflowError,
     KeyError,
     ValueError,
@@ -48,11 +48,11 @@ DAMAGE = (
     zstandard.ZstdError,
 )
 
-_RECORD = struct.Struct("<BQ")  # what is it, how long is the rest
+_RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 _KINDS = range(int(Opcode.HEADER), int(Opcode.DATA_END) + 1)
 
-# Where a chunk says how it is compressed, behind its times, size and CRC: a sign by
-# which one is found again behind damage.
+# The name of a chunk's compression, which stands behind its times, size and CRC. The
+# search for the next chunk after damage looks for it.
 _CHUNK_SIGN = b"\x04\0\0\0zstd"
 _CHUNK_SIGN_AT = _RECORD.size + 28
 _SEARCH = 1 << 20  # bytes at a time
@@ -60,7 +60,7 @@ _SEARCH = 1 << 20  # bytes at a time
 
 @dataclass(frozen=True, slots=True)
 class LogHead:
-    """Who wrote a log."""
+    """The version of imud that wrote a log, and the fingerprint of its schema."""
 
     version: str
     fingerprint: int
@@ -73,30 +73,30 @@ class Logged:
     probe: str
     topic: str
     data: bytes
-    t_ns: int  # UTC: when it came
-    t_sample_ns: int = 0  # UTC: when what it says was so
-    prefix: str = ""  # of its channel's name, before the probe's
+    t_ns: int  # UTC: when it was received
+    t_sample_ns: int = 0  # UTC: when it was measured
+    prefix: str = ""  # the part of its channel's name before the probe
 
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """Bytes of a log that are of no use."""
+    """A stretch of a log that can't be read, in bytes."""
 
     at: int
     size: int
-    is_tail: bool  # nothing good comes after them
+    is_tail: bool  # nothing good follows
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What stands at one place of a log: metadata, or a chunk's records."""
+    """The records of a chunk, or a metadata record; `end` is the offset behind it."""
 
     end: int
     records: list[Schema | Channel | Message | Metadata]
 
 
 def parts_of(file: BinaryIO, size: int) -> Iterator[Part | Damage]:
-    """A log from its beginning, damage and all. The last is Damage if it was cut."""
+    """All parts of a log and its damage, in order. Damage is last if it was cut off."""
     at = len(MAGIC)
     file.seek(0)
     if file.read(at) != MAGIC:
@@ -121,7 +121,7 @@ def parts_of(file: BinaryIO, size: int) -> Iterator[Part | Damage]:
 
 
 def _part(file: BinaryIO, at: int) -> tuple[Part, bool]:
-    """The record at a place, and whether it ends the messages."""
+    """The record at an offset, and whether it is the end of the data section."""
     file.seek(at)
     kind, length = _RECORD.unpack(file.read(_RECORD.size))
     if kind not in _KINDS or length > RECORD_MAX:
@@ -147,7 +147,7 @@ def _opened(chunk: Chunk) -> list[Schema | Channel | Message | Metadata]:
 
 
 def _next_chunk(file: BinaryIO, start: int, size: int) -> int:
-    """Where the next chunk that is whole begins, or the file's size."""
+    """The offset of the next good chunk, or the file's size."""
     at = start
     while at < size:
         file.seek(at)
@@ -168,11 +168,12 @@ def _next_chunk(file: BinaryIO, start: int, size: int) -> int:
 
 
 def seal(name: str, said: dict[str, str]) -> dict[str, str]:
-    """With a CRC: metadata stand outside the chunks and have none."""
+    """Adds a CRC to metadata, which MCAP does not protect."""
     return said | {"crc32": _crc(name, said)}
 
 
 def is_sealed(metadata: Metadata) -> bool:
+    """Whether the CRC that `seal` added is right."""
     rest = dict(metadata.metadata)
     return rest.pop("crc32", None) == _crc(metadata.name, rest)
 
@@ -184,14 +185,14 @@ def _crc(name: str, said: dict[str, str]) -> str:
 
 
 def channels_of(path: Path) -> list[Schema | Channel]:
-    """What the summary at a log's end says of channels; nothing if it has none.
+    """Schemas and channels from the summary at a log's end; empty if it has none.
 
-    They are also in the chunk of their first message, which may be the damaged one.
+    They are also in the chunk with their first message, but that may be damaged.
     """
     with path.open("rb") as file:
         try:
             summary = make_reader(file, validate_crcs=True).get_summary()
-        except (*DAMAGE, OSError):  # an offset that was struck
+        except (*DAMAGE, OSError):  # a damaged offset
             return []
     if summary is None:
         return []
@@ -199,16 +200,17 @@ def channels_of(path: Path) -> list[Schema | Channel]:
 
 
 class Reader:
-    """What parts of a log mean."""
+    """Makes messages of the parts of a log."""
 
     def __init__(self, known: Iterable[Schema | Channel] = ()) -> None:
         self._channels = {
             each.id: split(each.topic) for each in known if isinstance(each, Channel)
         }
         self.count = 0
-        self.unknown = 0  # messages whose channel stood in a part that is lost
+        self.unknown = 0  # messages whose channel was in a damaged part
 
     def read(self, part: Part) -> Iterator[LogHead | Logged]:
+        """The messages of a part; those of unknown channels are only counted."""
         for record in part.records:
             if isinstance(record, Channel):
                 self._channels[record.id] = split(record.topic)
@@ -234,7 +236,7 @@ class Reader:
 
 
 def _said_by(record: Metadata) -> LogHead | Logged | None:
-    """Of metadata, what is of use here; None: nothing, or of another version."""
+    """What our metadata say; None for metadata of others or of another version."""
     said = record.metadata
     try:
         if record.name == "imud":
@@ -247,9 +249,8 @@ def _said_by(record: Metadata) -> LogHead | Logged | None:
 
 
 def read_log(path: Path) -> Iterator[LogHead | Logged]:
-    """All that a log holds, in order, up to where it was cut off.
-
-    FileError at the end where it was, or where it is damaged: all before it is good.
+    """All messages of a log, in order. Raises FileError where the log is cut off or
+    damaged; everything before is good.
     """
     reader = Reader()
     with opened(path) as file, legible(path):
@@ -265,7 +266,10 @@ def read_log(path: Path) -> Iterator[LogHead | Logged]:
 def salvage(
     path: Path, on_progress: Callable[[int], None] = lambda _: None
 ) -> Iterator[LogHead | Logged | Damage]:
-    """All that is good in a log, behind damage, too; told how far it is, in bytes."""
+    """All good messages of a log, also behind damage, which is yielded as Damage.
+
+    `on_progress` gets the offset in bytes.
+    """
     with opened(path) as file, legible(path):
         reader = Reader(channels_of(path))
         for part in parts_of(file, path.stat().st_size):
@@ -277,7 +281,7 @@ def salvage(
 
 
 def opened(path: Path) -> BinaryIO:
-    """A log for reading; FileError if it is none."""
+    """Opens a log for reading; FileError if it is no MCAP file or can't be opened."""
     with legible(path):
         file = path.open("rb")
         with contextlib.ExitStack() as undone:
@@ -289,14 +293,14 @@ def opened(path: Path) -> BinaryIO:
 
 
 def size_of(path: Path) -> int:
-    """Bytes of a log; FileError if it is none."""
+    """The size of a log in bytes; FileError if it is none."""
     with opened(path) as file:
         return file.seek(0, io.SEEK_END)
 
 
 @contextlib.contextmanager
 def legible(path: Path) -> Iterator[None]:
-    """What the system says where a log can't be read, as a FileError."""
+    """Turns an OSError into a FileError."""
     try:
         yield
     except OSError as error:
@@ -304,7 +308,7 @@ def legible(path: Path) -> Iterator[None]:
 
 
 def split(topic: str) -> tuple[str, str, str]:
-    """Prefix, probe and topic of a channel's name."""
+    """Splits the name of a channel, PREFIX/PROBE/TOPIC."""
     prefix, _, rest = topic.rpartition("/")[0].rpartition("/")
     last = topic.rpartition("/")[2]
     return (prefix, rest, last) if rest else ("", "", last)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the JSON in a log is: a schema a topic, as MCAP keeps them beside the data."""
+"""JSON Schemas of the topics in a log, which MCAP stores beside the data."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _object(**properties: Any) -> dict[str, Any]:
 
 
 def _whole(**properties: Any) -> dict[str, Any]:
-    """An object that lacks none of them."""
+    """An object with all of these properties."""
     return _object(**properties) | {"required": [*properties]}
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Writes MCAP as the mcap library's own writer does, chunks and summary, in less time
-for a message: https://mcap.dev/spec, version 0.
+"""Writes the same MCAP files as the mcap library's own writer, but faster:
+https://mcap.dev/spec, version 0.
 
-Records that are written seldom are the library's.
+Messages and their indexes are packed here; the library makes all other records.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ from mcap.records import (
 
 MAGIC = b"\x89MCAP0\r\n"
 
-# A chunk ends there, also between two flushes.
+# A chunk ends at this size, also between two flushes.
 CHUNK_MAX = 1 << 20
 
-# What is it, how long is the rest; channel, sequence, both times.
+# Opcode, length of what follows; channel, sequence, log time, publish time.
 _MESSAGE = Struct("<BQHIQQ")
 _AFTER_LENGTH = _MESSAGE.size - 9
 
-# Of a footer, what its CRC is over.
+# The part of a footer that its CRC covers.
 _FOOTER_HEAD = Struct("<BQQQ")
 _FOOTER_LENGTH = 20
 
 
 class LogWriter:
-    """One file. What add_message() was given is in it after flush()."""
+    """Writes one file, open for writing. Messages are in it after flush()."""
 
     def __init__(self, file: BufferedWriter, library: str) -> None:
         self._file = file
@@ -55,17 +55,18 @@ class LogWriter:
         self._chunks: list[ChunkIndex] = []
         self._metadata: list[MetadataIndex] = []
         self._counts: dict[int, int] = {}
-        self._times: list[int] = []  # first and last of each chunk
+        self._times: list[int] = []  # first and last time of each chunk
         self._begin_chunk()
         file.write(MAGIC + _bytes_of(Header(profile="", library=library)))
 
     def _begin_chunk(self) -> None:
         self._parts: list[bytes] = []
         self._size = 0
-        # Of each channel, time and place of each message, in turns.
+        # By channel: time and offset of each message, alternating.
         self._indexes: dict[int, list[int]] = {}
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:
+        """Adds a schema; returns its id."""
         number = len(self._schemas) + 1
         schema = Schema(id=number, name=name, encoding=encoding, data=data)
         self._schemas.append(schema)
@@ -79,7 +80,7 @@ class LogWriter:
         schema: int,
         metadata: Mapping[str, str] | None = None,
     ) -> int:
-        """`schema` 0: none."""
+        """Adds a channel; returns its id. `schema` 0: none."""
         number = len(self._channels) + 1
         channel = Channel(
             id=number,
@@ -93,6 +94,7 @@ class LogWriter:
         return number
 
     def add_metadata(self, name: str, said: dict[str, str]) -> None:
+        """Writes metadata, ahead of messages that are not flushed yet."""
         record = _bytes_of(Metadata(name=name, metadata=said))
         place = self._file.tell()
         self._file.write(record)
@@ -103,7 +105,7 @@ class LogWriter:
     def add_message(
         self, channel: int, log_time: int, data: bytes, publish_time: int, sequence: int
     ) -> None:
-        """Times in nanoseconds since 1970."""
+        """Adds a message; times in nanoseconds since 1970."""
         index = self._indexes.get(channel)
         if index is None:
             index = self._indexes[channel] = []
@@ -124,13 +126,13 @@ class LogWriter:
         self._size += len(record)
 
     def flush(self) -> None:
-        """Hands all to the kernel."""
+        """Ends the chunk and hands everything to the kernel."""
         self._end_chunk()
         self._file.flush()
 
     def _end_chunk(self) -> None:
         if not self._indexes:
-            return  # a schema or channel waits for its first message
+            return  # schemas and channels wait for a first message
         data, indexes = b"".join(self._parts), self._indexes
         self._begin_chunk()
         times = [time for index in indexes.values() for time in index[::2]]
@@ -177,7 +179,7 @@ class LogWriter:
         )
 
     def finish(self) -> None:
-        """Ends the file with a summary; it stays open."""
+        """Writes the summary at the end of the file, which stays open."""
         self._end_chunk()
         self._file.write(_bytes_of(DataEnd(data_section_crc=0)))
         begin = self._file.tell()

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Zenoh sessions, who may use them for what, and the keys that prove it."""
+"""Zenoh sessions, and the users, keys and rules that guard them."""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Who may do what on the network: roles, and Zenoh's access rules that hold them to it.
+"""Roles on the network, and Zenoh's access rules that enforce them.
 
-What no rule allows is refused. Zenoh refuses it without a word, to either side.
+What no rule allows is denied. Zenoh sends no reply to a denied request.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ ROLES: dict[Role, str] = {
     "viewer": "pose and status",
     "operator": "pose and status; commands",
     "recorder": "pose, status, event, raw, frame, twin, clock and log",
-    "daemon": "another imud, which publishes into the network of this one",
+    "daemon": "another imud, which publishes into this network",
 }
 
 Rule = dict[str, Any]
 
-# Last parts of keys that a role may read.
+# The last parts of the keys that a role may read.
 READS: dict[Role, tuple[str, ...]] = {
     "viewer": ("pose", "status"),
     "operator": ("pose", "status"),
@@ -38,8 +38,8 @@ READS: dict[Role, tuple[str, ...]] = {
     ),
 }
 
-# Topics of ROS 2 by type, in any domain and namespace: what says no more than a pose
-# and a status do, and what carries samples.
+# Types of ROS 2 topics, in any domain and namespace: those that tell no more than pose
+# and status, and those with samples.
 ROS2_OF_POSE = (topics.POSE_STAMPED, topics.TF_MESSAGE, topics.DIAGNOSTIC_ARRAY)
 ROS2_OF_RAW = (topics.IMU, topics.MAGNETIC_FIELD)
 ROS2_READS: dict[Role, tuple[topics.Type, ...]] = {
@@ -52,12 +52,12 @@ COMMANDS: tuple[Role, ...] = ("operator",)
 
 COMMAND = "command"
 
-# Below the key of what is published: its history, as Zenoh's extension keeps it.
+# A publisher's history, below its key, as Zenoh's extension keeps it.
 HISTORY = "@adv/**"
 
 
 def who_may(do: str) -> list[Role]:
-    """Roles that may command, or read that topic."""
+    """The roles that may command (COMMAND) or read that topic."""
     if do == COMMAND:
         return [*COMMANDS, "daemon"]
     return [*(role for role, topics in READS.items() if do in topics), "daemon"]
@@ -66,8 +66,8 @@ def who_may(do: str) -> list[Role]:
 def rules(
     users: Mapping[str, Role], prefix: str, *, has_certificates: bool
 ) -> dict[str, Any]:
-    """Zenoh's `access_control` for these users. With certificates, each one's own has
-    to come with its password.
+    """Zenoh's `access_control` for these users. With certificates, each user needs its
+    own certificate beside its password.
     """
     made: dict[str, Rule] = {}
     policies = []
@@ -81,14 +81,14 @@ def rules(
         | ({"cert_common_names": [name]} if has_certificates else {})
         for name in sorted(users)
     ]
-    # Zenoh takes no empty lists: with no user there is nothing to allow.
+    # Zenoh accepts no empty lists. Without users nothing is allowed.
     parts = {"rules": [*made.values()], "subjects": known, "policies": policies}
     filled = {name: part for name, part in parts.items() if part}
     return {"enabled": True, "default_permission": "deny", **filled}
 
 
 def _rules_of(role: Role, prefix: str) -> list[Rule]:
-    """Ingress is what comes from the user, egress what goes to it."""
+    """The rules of a role. Ingress comes from the user, egress goes to the user."""
     if role == "daemon":
         everything = ["**", ROS2_TOKENS, f"{prefix}/*/pose/{HISTORY}"]
         return [
@@ -97,7 +97,7 @@ def _rules_of(role: Role, prefix: str) -> list[Rule]:
         ]
     read = [f"{prefix}/*/{topic}" for topic in READS[role]]
     asked = [f"{prefix}/*/status", f"{prefix}/*/pose/{HISTORY}"]
-    replies = [*asked, f"{prefix}/*/pose"]  # what a history replies has its own key
+    replies = [*asked, f"{prefix}/*/pose"]  # the history replies on the pose's key
     read += [f"*/**/{kind.dds}/*" for kind in ROS2_READS[role]]
     alive = [f"{prefix}/*/alive", ROS2_TOKENS]
     if role in COMMANDS:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""`imud keys`: a small authority of one's own, with certificates, users and passwords.
+"""`imud keys`: a private certificate authority, users and their passwords.
 
-The folder is the daemon's; of it a user needs clients/NAME.toml and nothing else.
+The folder belongs to the daemon. A user needs only clients/NAME.toml from it.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ from imud.net.network import (
 CA_KEY = "ca.key"
 FIRST: tuple[Role, ...] = ("viewer", "operator", "recorder")
 
-# A machine may begin its life with a clock that is a day behind. Who is not to come in
-# any longer is removed; nobody shall be locked out by a date.
+# A machine may start with a clock that is a day behind. Certificates last long: a user
+# is locked out by removal, not by a date.
 BEFORE, AFTER = timedelta(days=1), timedelta(days=3650)
 
 PASSWORD_BYTES = 24
 
-# Also a certificate's name, a file's and a line's of Zenoh's dictionary.
+# Also the name in a certificate, of a file, and in Zenoh's list of passwords.
 _USER = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?")
 
@@ -55,7 +55,11 @@ Key = ec.EllipticCurvePrivateKey
 
 
 def initialise(folder: Path, names: Sequence[str], port: int) -> list[str]:
-    """Makes the folder; the first name is where clients look for the daemon."""
+    """Makes the folder with an authority, a server certificate and the first users.
+
+    `names`: host names and addresses of the daemon; clients connect to the first.
+    Returns the names in the certificate. Raises FileError or ConfigError.
+    """
     if folder.is_dir() and any(folder.iterdir()):
         raise FileError(
             f"{folder} is not empty; name another folder, or add users to it: "
@@ -64,7 +68,7 @@ def initialise(folder: Path, names: Sequence[str], port: int) -> list[str]:
     hosts = [*dict.fromkeys([*names, socket.gethostname(), "localhost", "127.0.0.1"])]
     for host in hosts:
         if not _is_address(host) and not _HOST.fullmatch(host):
-            raise ConfigError(f"{host!r} is no name of a host, nor an address")
+            raise ConfigError(f"{host!r} is neither a host name nor an address")
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         (folder / CLIENTS).mkdir(mode=0o700)
@@ -88,7 +92,10 @@ def initialise(folder: Path, names: Sequence[str], port: int) -> list[str]:
 
 
 def add(folder: Path, role: Role, user: str, endpoint: str | None = None) -> Path:
-    """A user more; returns its file. The endpoint is that of the others if not said."""
+    """Adds a user; returns its file. `endpoint` None: the one of the other users.
+
+    Raises ConfigError for a bad or known name, FileError if the folder can't be used.
+    """
     roles = read_roles(folder)
     if not _USER.fullmatch(user):
         raise ConfigError(
@@ -113,7 +120,7 @@ def add(folder: Path, role: Role, user: str, endpoint: str | None = None) -> Pat
         password = secrets.token_urlsafe(PASSWORD_BYTES)
         path = folder / CLIENTS / f"{user}.toml"
         lines = [
-            f"# What {user} needs to come in as {role}: {ABOUT[role]}. A secret.",
+            f"# What {user} needs to connect as {role}: {ABOUT[role]}. A secret.",
             f"endpoint = {_quoted(endpoint)}",
             f"user = {_quoted(user)}",
             f"password = {_quoted(password)}",
@@ -134,7 +141,7 @@ def add(folder: Path, role: Role, user: str, endpoint: str | None = None) -> Pat
 
 
 def remove(folder: Path, user: str) -> None:
-    """Its password is worth nothing from the daemon's next start on."""
+    """Removes a user, who is refused from the daemon's next start on."""
     roles = read_roles(folder)
     if user not in roles:
         raise ConfigError(f"there is no {user}, only {', '.join(sorted(roles))}")
@@ -170,12 +177,12 @@ def run_add(folder: Path, role: Role, user: str) -> int:
 
 def run_remove(folder: Path, user: str) -> int:
     remove(folder, user)
-    sys.stdout.write(f"{user} is not let in any longer; restart imud run\n")
+    sys.stdout.write(f"{user} can't connect any longer; restart imud run\n")
     return 0
 
 
 def _endpoint_of(folder: Path) -> str:
-    """Where the users that there are look for the daemon; else its own first name."""
+    """The daemon's endpoint: as other users have it, else from its certificate."""
     for path in sorted((folder / CLIENTS).glob("*.toml")):
         return read_credentials(path).endpoint
     served = x509.load_pem_x509_certificate((folder / SERVER).read_bytes())
@@ -194,7 +201,9 @@ def _sign(
     ca_key: Key | None,
     hosts: Sequence[str],
 ) -> x509.Certificate:
-    """An authority's own without `ca`, a server's with hosts, else a client's."""
+    """The authority's own certificate without `ca`, a server's with `hosts`, else a
+    client's.
+    """
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name[:64])])
     now = datetime.now(UTC)
     is_ca = ca is None
@@ -268,7 +277,7 @@ def _pem(what: Key | x509.Certificate) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A string of TOML, which has JSON's escapes."""
+    """A TOML string: TOML has JSON's escapes."""
     return json.dumps(text)
 
 
@@ -278,7 +287,7 @@ def _write_roles(folder: Path, roles: dict[str, Role]) -> None:
 
 
 def _write(path: Path, text: str, *, is_secret: bool = True) -> None:
-    """Whole or not at all; a secret is never readable by others, not for a moment."""
+    """Writes a file whole or not at all. A secret is never readable by others."""
     beside = path.with_name(f".{path.name}.{os.getpid()}")
     mode = 0o600 if is_secret else 0o644
     handle = os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)

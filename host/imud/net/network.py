@@ -159,7 +159,7 @@ def _connects(session: zenoh.Session) -> bool:
 
 
 def _nobody_at(connect: Sequence[str]) -> DaemonNotFound:
-    return DaemonNotFound(f"no Zenoh router lets it in at {', '.join(connect)}")
+    return DaemonNotFound(f"no Zenoh router accepts it at {', '.join(connect)}")
 
 
 def _open_daemon(settings: Zenoh) -> zenoh.Session:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""What was recorded, worked on: decoded, exported, mended, played again."""
+"""Commands on recordings: decode, export, info, recover, replay."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Captures and logs to messages for people or as JSON: `imud decode`."""
+"""`imud decode`: prints the messages of captures, logs and cards, as text or JSON."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _CHUNK = 65536
 
 
 class Tally:
-    """What was found in a file, to be said at its end."""
+    """Counts of what a file holds, printed at its end."""
 
     def __init__(self) -> None:
         self.messages = 0
@@ -80,7 +80,10 @@ class Tally:
 
 
 def decode_file(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
-    """Each good message of a capture of UART bytes, a log or a PROBE.LOG, in order."""
+    """Yields each good message of a UART capture, a log or a PROBE.LOG, in order.
+
+    Counts go to `tally`. Raises FileError if the file can't be read.
+    """
     try:
         with path.open("rb") as file:
             magic = file.read(8)
@@ -106,7 +109,7 @@ def _decode_capture(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
 
 
 def _decode_card(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
-    """Each recording has numbers of its own, as a boot has."""
+    """Each recording starts its sequence at 0, as each boot does."""
     with disk.opened(path) as file:
         log = find_log(file)
         for recording in log.recordings():
@@ -143,7 +146,7 @@ def _decode_log(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
     They passed the daemon's checks when they came; the same checks are made again.
     """
     sessions: dict[str, Session] = {}
-    times: dict[bytes, Logged] = {}  # of frames whose turn has not come
+    times: dict[bytes, Logged] = {}  # of frames that come later
     try:
         for record in read_log(path):
             if isinstance(record, LogHead):
@@ -170,7 +173,7 @@ def _decode_log(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
 
 
 def _dated(events: list[Event], times: dict[bytes, Logged]) -> Iterator[Event]:
-    """With the times that were found when they came: they are not found again."""
+    """Keeps the logged times: they are not computed again."""
     for event in events:
         if isinstance(event, Received):
             logged = times.pop(event.content, None)
@@ -189,7 +192,7 @@ def _dated(events: list[Event], times: dict[bytes, Logged]) -> Iterator[Event]:
 
 
 def _same(probe: Probe, _: str) -> Probe:
-    """A log names its probes, and not always by their ids."""
+    """The name of a probe in a log, which is not always its id."""
     return probe
 
 
@@ -202,7 +205,7 @@ def _check_schema(path: Path, head: LogHead) -> None:
 
 
 def run(path: Path, *, as_json: bool) -> int:
-    """Prints the messages on stdout and the counts on stderr."""
+    """Prints messages to stdout and counts to stderr; returns the exit status."""
     tally = Tally()
     encoder = msgspec.json.Encoder()
     for item in decode_file(path, tally):
@@ -219,7 +222,7 @@ def _report(tally: Tally, out: TextIO) -> None:
 
 
 def words(item: dict[str, Any]) -> str:
-    """One message as a line for people."""
+    """One message as a line of text."""
     head = f"{item['t_device_us'] / 1e6:12.6f} s  #{item['seq']:<7} {item['type']:<7}"
     if item["type"] == "pose":
         yaw, pitch, roll = rotation.angles_deg(item["q"], "nautical")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""`imud export`: logs as tables, a file for each probe and topic."""
+"""`imud export`: writes logs as tables, one file for each probe and topic."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from imud.errors import FileError
 from imud.log.reader import Damage, Logged, salvage, size_of
 from imud.progress import Progress
 
-# Columns of each topic in their order: of an object's key its parts, or itself.
+# The columns of each topic, in order: a key of the JSON, or the parts of its value.
 _HEAD = {
     key: (key,)
     for key in (
@@ -36,11 +36,11 @@ def _parts(key: str, parts: str = "xyz") -> tuple[str, ...]:
 
 
 def _named(*keys: str) -> dict[str, tuple[str, ...]]:
-    """Keys that stand for themselves; a dot leads into an object."""
+    """Columns that are keys of the JSON; a dot reaches into an object."""
     return {key: (key.replace(".", "_"),) for key in keys}
 
 
-# Of a status, what is a number at each moment.
+# The parts of a status that are numbers at each moment.
 _LEDGER = ("sent", "received", "lost", "duplicated", "corrupt")
 _COUNTERS = (
     *("samples_ready", "samples_read", "samples_fused", "overruns", "bus_faults"),
@@ -102,16 +102,16 @@ _INTEGERS = frozenset(
     }
 )
 
-# Bounds of a column's integers, and of those that a double holds.
+# The range of an integer column, and of the integers that a double holds exactly.
 _INT64, _EXACT = 1 << 63, 1 << 53
 
-GROUP = 16384  # rows of a Parquet group: a minute and more of one probe
+GROUP = 16384  # rows in a Parquet group: more than a minute of one probe
 
 Cell = int | float | str | None
 
 
 class Table(Protocol):
-    """A file that takes rows."""
+    """A file to write rows to."""
 
     rows: int
 
@@ -120,7 +120,7 @@ class Table(Protocol):
 
 
 class CsvTable:
-    """Comma-separated, a line of names first; empty is not available."""
+    """CSV with a line of names; an empty cell means not available."""
 
     def __init__(self, path: Path, topic: str) -> None:
         self._file = path.open("x", encoding="utf-8", newline="")
@@ -137,7 +137,7 @@ class CsvTable:
 
 
 class ParquetTable:
-    """Typed columns, by pyarrow."""
+    """Parquet with typed columns, by pyarrow."""
 
     def __init__(self, path: Path, topic: str) -> None:
         import pyarrow
@@ -194,7 +194,7 @@ def names_of(topic: str) -> list[str]:
 
 
 def row_of(topic: str, said: Mapping[str, Any]) -> list[Cell]:
-    """A line of a table; what is not as imud writes it is not available."""
+    """A row of a table. A value of an unexpected type counts as not available."""
     row: list[Cell] = []
     for key, names in COLUMNS[topic].items():
         value: Any = said
@@ -226,7 +226,7 @@ def _kind(to: str) -> Callable[[Path, str], Table]:
     if to == "csv":
         return CsvTable
     try:
-        import pyarrow.parquet  # noqa: F401 - whether it is there
+        import pyarrow.parquet  # noqa: F401 - to see whether it is installed
     except ImportError as error:
         raise FileError(
             "Parquet is written by pyarrow, which is not there; pip install "
@@ -236,7 +236,10 @@ def _kind(to: str) -> Callable[[Path, str], Table]:
 
 
 def run(paths: Sequence[Path], to: str, out: Path | None) -> int:
-    """Writes tables of each log; one that can't be is an error after the others."""
+    """Writes the tables of each log; returns 0.
+
+    Raises FileError for logs that can't be exported, after all others are done.
+    """
     make = _kind(to)
     problems = []
     for path in paths:
@@ -252,7 +255,7 @@ def run(paths: Sequence[Path], to: str, out: Path | None) -> int:
 def _export(
     path: Path, to: str, make: Callable[[Path, str], Table], out: Path | None
 ) -> None:
-    """Writes STEM-PROBE-TOPIC.csv or .parquet, and says what each holds."""
+    """Writes STEM-PROBE-TOPIC.csv or .parquet, and prints what each holds."""
     directory = out or path.parent
     tables: dict[Path, Table] = {}
     damages: list[Damage] = []

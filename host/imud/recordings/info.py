@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""`imud info`: what a log holds, whether it is whole, and what was lost on the way."""
+"""`imud info`: what a log holds, whether it is complete, and what was lost."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from imud.wire.messages import Message
 
 
 class ProbeInfo:
-    """What a log says of one probe."""
+    """What a log holds of one probe."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -73,7 +73,7 @@ class ProbeInfo:
 
 
 def info_of(path: Path) -> dict[str, Any]:
-    """One log as an object."""
+    """What is known of one log, as an object for JSON."""
     head: LogHead | None = None
     probes: dict[str, ProbeInfo] = {}
     lost = holes = 0
@@ -112,7 +112,10 @@ def info_of(path: Path) -> dict[str, Any]:
 
 
 def run(paths: list[Path], *, as_json: bool) -> int:
-    """Tells of each; one that can't be read is an error after the others."""
+    """Prints what each log holds; returns 0.
+
+    Raises FileError for logs that can't be read, after all others are done.
+    """
     problems = []
     for path in paths:
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""`imud recover`: all that is good in a cut or damaged log, as a whole one."""
+"""`imud recover`: writes the good part of a cut or damaged log as a complete log."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from imud.version import version
 
 
 class _Copy:
-    """A log in the making, of the records of another."""
+    """Writes a log from the records of another."""
 
     def __init__(self, writer: LogWriter) -> None:
         self._writer = writer
         self._schemas: dict[int, int] = {0: 0}
         self._channels: dict[int, int] = {}
         self.messages = 0
-        self.unknown = 0  # messages whose channel is lost
+        self.unknown = 0  # messages of a channel that is lost
 
     def learn(self, records: Iterable[Schema | Channel]) -> None:
         for record in records:
@@ -63,7 +63,10 @@ class _Copy:
 
 
 def run(path: Path, to: Path | None) -> int:
-    """Writes what can be saved beside the log, or where told; never over a file."""
+    """Writes a complete log beside the damaged one, or to `to`; returns 0.
+
+    Raises FileError if nothing is good or the file exists.
+    """
     size = size_of(path)
     to = to or path.with_name(f"{path.stem}-recovered.mcap")
     if os.path.lexists(to):
@@ -117,13 +120,13 @@ def _copy(path: Path, size: int, part: Path) -> tuple[_Copy, list[Damage]]:
 
 
 def _put(part: Path, to: Path) -> None:
-    """Gives a finished file its name, which no other has."""
+    """Gives a finished file its name; fails if that exists."""
     try:
         os.link(part, to)
     except FileExistsError:
         raise
     except OSError:
-        # A disk without hard links, as cards have.
+        # A file system without hard links, as on cards.
         with contextlib.suppress(FileNotFoundError):
             part.rename(to)
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""ROS 2 as rmw_zenoh has it on Zenoh: topics, and messages as bytes."""
+"""ROS 2 over Zenoh, compatible with rmw_zenoh: topics, and messages as bytes."""

@@ -16,7 +16,7 @@ from typing import NamedTuple
 # Plain CDR, little endian, no options.
 _HEAD = b"\x00\x01\x00\x00"
 
-# Frames of all probes and the world: one layout for each pair of lengths.
+# One layout for each pair of frame names.
 _LAYOUTS_MAX = 1024
 
 _COUNT = Struct("<I")
@@ -24,13 +24,13 @@ _STAMP = Struct("<iI")
 
 Vector = Sequence[float]
 
-# Covariances of 3 by 3, row by row, as sensor_msgs says them.
+# 3 by 3 covariances, row by row, as sensor_msgs has them.
 UNKNOWN: Vector = (0.0,) * 9
-ABSENT: Vector = (-1.0,) + (0.0,) * 8  # what it belongs to is not there either
+ABSENT: Vector = (-1.0,) + (0.0,) * 8  # the quantity itself is not available
 
 
 class Level(IntEnum):
-    """Of diagnostic_msgs/DiagnosticStatus."""
+    """The levels of diagnostic_msgs/DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -58,7 +58,7 @@ def imu(
     force_m_s2: Vector,
     force_covariance: Vector,
 ) -> bytes:
-    """sensor_msgs/Imu."""
+    """sensor_msgs/Imu; `orientation` is w, x, y, z, covariances are 3 by 3."""
     w, x, y, z = orientation
     layout, text = _stamped(frame, 37)
     return layout.pack(
@@ -75,7 +75,7 @@ def imu(
 
 
 def magnetic_field(t_ns: int, frame: str, field_t: Vector, covariance: Vector) -> bytes:
-    """sensor_msgs/MagneticField."""
+    """sensor_msgs/MagneticField; the field in tesla."""
     layout, text = _stamped(frame, 12)
     return layout.pack(_HEAD, *_stamp(t_ns), text, *field_t, *covariance)
 
@@ -83,7 +83,7 @@ def magnetic_field(t_ns: int, frame: str, field_t: Vector, covariance: Vector) -
 def pose_stamped(
     t_ns: int, frame: str, position_m: Vector, orientation: Vector
 ) -> bytes:
-    """geometry_msgs/PoseStamped."""
+    """geometry_msgs/PoseStamped; `orientation` is w, x, y, z."""
     w, x, y, z = orientation
     layout, text = _stamped(frame, 7)
     return layout.pack(_HEAD, *_stamp(t_ns), text, *position_m, x, y, z, w)
@@ -92,7 +92,7 @@ def pose_stamped(
 def transform(
     t_ns: int, frame: str, child: str, translation_m: Vector, rotation: Vector
 ) -> bytes:
-    """tf2_msgs/TFMessage of one transform."""
+    """tf2_msgs/TFMessage with one transform; `rotation` is w, x, y, z."""
     w, x, y, z = rotation
     layout, texts = _transform(frame, child)
     return layout.pack(_HEAD, 1, *_stamp(t_ns), texts, *translation_m, x, y, z, w)
@@ -115,7 +115,7 @@ def diagnostic_array(t_ns: int, frame: str, said: Sequence[Diagnosis]) -> bytes:
 
 
 def _stamp(t_ns: int) -> tuple[int, int]:
-    """builtin_interfaces/Time: its seconds are 32 bits, which hold until 2038."""
+    """builtin_interfaces/Time: its 32-bit seconds last until 2038."""
     return divmod(t_ns, 1_000_000_000)
 
 
@@ -125,7 +125,7 @@ def _add_count(data: bytearray, count: int) -> None:
 
 
 def _add_text(data: bytearray, text: str) -> None:
-    """Its length with the zero at its end, then both."""
+    """Adds the length, counting the final zero, then the text and the zero."""
     encoded = text.encode() + b"\0"
     _add_count(data, len(encoded))
     data.extend(encoded)

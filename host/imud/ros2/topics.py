@@ -20,19 +20,20 @@ NAMESPACE = rf"^({NAME}(/{NAME})*)?$"
 _NO_NAME = re.compile(r"[^A-Za-z0-9]+")
 _ADMIN_SPACE = "@ros2_lv"
 
-# Sequence number, source time, and a sequence of as many bytes as follow: the GID.
+# Sequence number, source time, length of the GID, the GID.
 _ATTACHMENT = struct.Struct("<qqB16s")
 _GID_SIZE = 16
 
 
 class Type(NamedTuple):
-    """A message type; the hash is that of REP 2011, the same since Iron."""
+    """A message type with its hash of REP 2011, the same since Iron."""
 
     name: str
     rihs01: str
 
     @property
     def dds(self) -> str:
+        """The name of the type in DDS."""
         package, kind, name = self.name.split("/")
         return f"{package}::{kind}::dds_::{name}_"
 
@@ -65,18 +66,19 @@ TYPES = (IMU, MAGNETIC_FIELD, POSE_STAMPED, TF_MESSAGE, DIAGNOSTIC_ARRAY)
 
 
 class Topic(NamedTuple):
-    """A topic by its full name; the last `depth` messages are kept for each reader."""
+    """A topic by its full name. `depth`: messages kept for each reader."""
 
     name: str
     type: Type
-    depth: int = 10  # of ROS' own profiles; /tf has 100
+    depth: int = 10  # as in ROS' own profiles; /tf has 100
 
     def key(self, domain: int) -> str:
+        """The Zenoh key on which it is published."""
         return f"{domain}/{self.name.strip('/')}/{self.type.dds}/{self.type.hash}"
 
     @property
     def qos(self) -> str:
-        """Reliable, volatile, the last `depth`: what is empty is the default."""
+        """Reliable, volatile, keep the last `depth`; empty parts are the default."""
         return f"::,{self.depth}:,:,:,,"
 
 
@@ -89,10 +91,14 @@ class Node(NamedTuple):
 
     @property
     def token(self) -> str:
+        """The key of the node's liveliness token."""
         return f"{self._entity(0, 'NN')}"
 
     def publisher_token(self, number: int, topic: Topic) -> str:
-        """`number` tells the publishers of a node apart, and from itself: 1 and up."""
+        """The key of a publisher's liveliness token.
+
+        `number`: 1 and up, another for each publisher; the node itself is 0.
+        """
         return "/".join(
             (
                 self._entity(number, "MP"),
@@ -104,28 +110,28 @@ class Node(NamedTuple):
         )
 
     def _entity(self, number: int, kind: str) -> str:
-        # No enclave and no namespace: both are mangled slashes.
+        # Enclave and namespace are empty: each a slash, mangled to %.
         place = f"{_ADMIN_SPACE}/{self.domain}/{self.session_id}/0/{number}"
         return f"{place}/{kind}/%/%/{self.name}"
 
 
 def mangled(name: str) -> str:
-    """A name as one part of a key."""
+    """A name with slashes as one part of a key."""
     return name.replace("/", "%")
 
 
 def ros_name(text: str) -> str:
-    """A probe's name as a part of a topic, and as its frame."""
+    """A probe's name as a name in ROS: a part of its topics, and its frame_id."""
     name = _NO_NAME.sub("_", text)
     return name if re.match("[A-Za-z]", name) else f"probe_{name.lstrip('_')}"
 
 
 def gid_of(token: str) -> bytes:
-    """A publisher's number in the world: the hash of its token, low half first."""
+    """A publisher's GID: XXH3-128 of its token, low half first."""
     digest = xxhash.xxh3_128_intdigest(token)
     return digest.to_bytes(_GID_SIZE, "little")
 
 
 def attachment(number: int, t_ns: int, gid: bytes) -> bytes:
-    """Goes with each message, else readers drop it; numbers begin with 1."""
+    """The attachment without which readers drop a message; `number` counts from 1."""
     return _ATTACHMENT.pack(number, t_ns, _GID_SIZE, gid)

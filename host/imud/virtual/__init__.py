@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""A virtual probe: the image that a user flashes, and the motion that it feels."""
+"""Virtual probes: the real firmware image in an emulator, and simulated motion."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""`imud sim`: a virtual probe, the very image that a user flashes in an emulator.
+"""`imud sim`: runs a virtual probe, the real firmware image in an emulator.
 
-The emulator is a program of its own (sim/nano.c, sim/f405.c). This finds it and the
-image, feeds it a motion through a pipe, and passes on what it says.
+The emulator is a separate program (sim/nano.c, sim/f405.c). This module finds it and
+the image, feeds it a motion through a pipe, and repeats what it prints.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Board:
-    """What a virtual board is, and where the builds leave its parts."""
+    """A virtual board, and where the builds leave its image and its emulator."""
 
     name: str
     title: str
     what: str
-    sample_rate_hz: int  # it samples, and can send, so many a second
-    memory: str  # that it keeps without power
-    image: Path  # from the project's folder
+    sample_rate_hz: int  # of its sensor; it can send as many messages a second
+    memory: str  # the kind that keeps its settings without power
+    image: Path  # relative to the project's folder
     simulator: Path
-    image_variable: str  # of the environment, names another
+    image_variable: str  # of the environment, with another path
     simulator_variable: str
-    files: tuple[str, ...]  # options of its emulator that name one
+    files: tuple[str, ...]  # options of its emulator that take a file
     has_battery: bool
 
 
@@ -73,27 +73,30 @@ F405 = Board(
 )
 BOARDS = {board.name: board for board in (NANO, F405)}
 
-# Device time of what is done for the user. The button is down for several times the
-# firmware's debounce of 50 ms, which runs slower while the sensor is set up, and is up
-# again long before the first sample; commands follow, each in good time after the last.
+# Device times of the button press and the commands of --stream, --raw and --rate. The
+# button is down for several times the firmware's debounce of 50 ms, which runs slower
+# during the sensor's set-up, and up again long before the first sample.
 PRESS_US = (200_000, 500_000)
 FIRST_COMMAND_US = 600_000
 NEXT_COMMAND_US = 20_000
 
-# Options of its clock and wire, in real time.
+# Options of the clock and the wire, for runs in real time.
 WIRE = ("clock-ppm", "clock-drift", "batch-ms", "burst-ms")
 
 FEED_RECORDS = 1024  # a write into the pipe: 36 kB
 
 
 def default_link(board: Board) -> Path:
-    """Where the serial port appears unless told otherwise: a folder of the user's."""
+    """The default path of the serial port, in a folder of the user."""
     folder = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
     return Path(folder) / f"imud-{board.name}"
 
 
 def find(given: Path | None, variable: str, built: Path) -> Path:
-    """What is named here or in the environment, or what a build left nearby."""
+    """Finds a file: as given, by the environment, or as a build left it.
+
+    `built` is relative to the project's folder. Raises FileError if there is none.
+    """
     named = given or (Path(text) if (text := os.environ.get(variable)) else None)
     if named is not None:
         if named.is_file():
@@ -110,7 +113,7 @@ def find(given: Path | None, variable: str, built: Path) -> Path:
 def commands_us(
     board: Board, *, wants_raw: bool, rate_hz: int | None
 ) -> Iterator[tuple[int, bytes]]:
-    """The frames that set a probe up, each with the device time it is sent at."""
+    """The frames that set a probe up, each with its device time in us."""
     from imud._core import encode_frame
     from imud.wire import messages, schema
 
@@ -130,7 +133,7 @@ def commands_us(
 
 
 def command_line(args: argparse.Namespace, link: Path) -> list[str]:
-    """The emulator's arguments; the motion comes through its standard input."""
+    """The emulator's command line; it reads the motion from its standard input."""
     board: Board = args.board
     simulator = find(args.simulator, board.simulator_variable, board.simulator)
     image = find(args.image, board.image_variable, board.image)
@@ -151,7 +154,10 @@ def command_line(args: argparse.Namespace, link: Path) -> list[str]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Runs the virtual probe until its time is up or a signal ends it."""
+    """Runs the virtual probe until its time is up or a signal ends it.
+
+    Returns its exit status, 128 + N after signal N.
+    """
     link = args.link or default_link(args.board)
     words = command_line(args, link)
     rate_hz, pieces, seconds = _motion(args)
@@ -160,7 +166,7 @@ def run(args: argparse.Namespace) -> int:
     ) as emulator:
 
         def end(_number: int, _frame: FrameType | None) -> None:
-            # It finishes what it does and says its summary.
+            # The emulator finishes its step and prints its summary.
             emulator.terminate()
 
         before = {
@@ -182,14 +188,13 @@ def run(args: argparse.Namespace) -> int:
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
-    # Killed by a signal: 128 and its number, as shells say it.
     return status if status >= 0 else 128 - status
 
 
 def _motion(
     args: argparse.Namespace,
 ) -> tuple[float, Iterable[Motion], float | None]:
-    """What to feel: its rate, its pieces, and for how long it is wanted."""
+    """The motion: its rate in Hz, its pieces, and how many seconds are wanted."""
     from imud.virtual import motion, sensors
 
     if args.motion is None and args.save_motion is None:
@@ -212,7 +217,7 @@ def _motion(
 def _watched(
     pieces: Iterable[Motion], rate_hz: float, progress: Progress
 ) -> Iterator[Motion]:
-    """The same pieces; each shows how far the emulator is, which takes them in turn."""
+    """The same pieces. `progress` follows them, as the emulator takes them."""
     records = 0
     for piece in pieces:
         yield piece
@@ -229,7 +234,7 @@ def _feed(file: IO[bytes], pieces: Iterable[Motion]) -> None:
 
 
 def _pass_on(said: Iterable[bytes], progress: Progress) -> None:
-    """Repeats what the emulator says, and how to connect once it can be."""
+    """Repeats the emulator's lines, and says how to connect when it is ready."""
     for line in said:
         text = line.decode(errors="replace").rstrip("\n")
         word, _, link = text.partition(" ")

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Bytes to messages and back: frames, and what the schema says of their content."""
+"""Converts bytes to messages and back: frames, and their content by the schema."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Bytes to the content of frames and back, by the firmware's own C."""
+"""Converts bytes to the content of frames and back, with the firmware's own C."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ HELLO_ID = next(message.id for message in schema.MESSAGES if message.name == "he
 
 @dataclass(frozen=True, slots=True)
 class FrameStats:
-    """Frames so far: good ones, and bad ones by what gave them away."""
+    """Counts of frames: good ones, and bad ones by what was wrong."""
 
     ok: int = 0
     bad_cobs: int = 0
@@ -23,23 +23,24 @@ class FrameStats:
 
     @property
     def bad(self) -> dict[str, int]:
+        """Bad frames by kind."""
         kinds = ("bad_cobs", "bad_crc", "too_long", "too_short")
         return {kind: getattr(self, kind) for kind in kinds}
 
 
 class FrameDecoder:
-    """Turns received bytes into the content of frames, whatever the chunks."""
+    """Turns received bytes into the content of frames, in chunks of any size."""
 
     def __init__(self) -> None:
         self._decoder = _core.FrameDecoder(schema.SEED, HELLO_ID)
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The content of each good frame that these bytes complete."""
+        """The content of each good frame that these bytes complete, without its CRC."""
         return self._decoder.feed(data)
 
     @property
     def bad(self) -> int:
-        """How many frames were bad, of all kinds."""
+        """The number of bad frames of all kinds."""
         return self._decoder.bad()
 
     @property
@@ -48,6 +49,6 @@ class FrameDecoder:
 
 
 def encode_frame(content: bytes) -> bytes:
-    """The frame of content, delimiter included."""
+    """The frame of a message's content, with the delimiter at its end."""
     is_hello = content[:1] == bytes([HELLO_ID])
     return _core.encode_frame(schema.HELLO_SEED if is_hello else schema.SEED, content)

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: MIT
+"""Who is refused, and what the daemon writes about it: real sessions with a daemon that
+has keys.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+import zenoh
+import zenoh.ext
+
+from fakes import DaemonProcess
+from guarded import PROBE, WHILE_S, Guarded, heard, tls_endpoint
+from imud import cli
+from imud.client import Client
+from imud.errors import DaemonNotFound
+from imud.net import keys, network
+from imud.net.network import Credentials
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
+    made = Guarded(tmp_path_factory.mktemp("guarded"))
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def mutual(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
+    made = Guarded(tmp_path_factory.mktemp("mutual"), is_mutual=True)
+    yield made
+    made.close()
+
+
+def changed_by(**fields: str) -> Callable[[Credentials], Credentials]:
+    return lambda mine: msgspec.structs.replace(mine, **fields)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (changed_by(password="wrong"), "Invalid password"),  # noqa: S106
+        (changed_by(user="nobody"), "Invalid user"),
+        (changed_by(user="operator"), "Invalid password"),
+        (changed_by(password=""), "Invalid password"),
+    ],
+    ids=["wrong password", "unknown user", "another's name", "empty password"],
+)
+def test_who_does_not_know_the_password_is_refused_and_on_record(
+    guarded: Guarded, change: Callable[[Credentials], Credentials], why: str
+) -> None:
+    mine = change(guarded.credentials("viewer"))
+    with pytest.raises(DaemonNotFound, match=f"does not let {mine.user} in"):
+        network.open_client(guarded.endpoint, mine)
+    guarded.daemon.expect(rf"warning: network: 127\.0\.0\.1:\d+ was refused: .*{why}")
+
+
+def test_who_shows_no_password_at_all_is_refused_and_on_record(
+    guarded: Guarded,
+) -> None:
+    config = zenoh.Config()
+    tls = "transport/link/tls/"
+    for key, value in {
+        "mode": "client",
+        "connect/endpoints": [guarded.endpoint],
+        "connect/timeout_ms": 1000,
+        "connect/exit_on_failure": True,
+        "scouting/multicast/enabled": False,
+        tls + "root_ca_certificate": str(guarded.keys / "ca.pem"),
+    }.items():
+        config.insert_json5(key, json.dumps(value))
+    with pytest.raises(zenoh.ZError):
+        zenoh.open(config)
+    guarded.daemon.expect("warning: network: .* was refused: .*Expected extension")
+
+
+def test_who_speaks_no_tls_is_refused_and_on_record(guarded: Guarded) -> None:
+    plain = guarded.endpoint.replace("tls/", "tcp/")
+    with pytest.raises(DaemonNotFound, match="who you are with --keys FILE"):
+        Client(plain)
+    guarded.daemon.expect("warning: network: somebody was refused: TLS: ")
+
+
+def test_a_daemon_of_another_authority_is_not_trusted(
+    guarded: Guarded, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Who took the daemon's place does not get to see a password."""
+    keys.initialise(tmp_path / "keys", ["localhost"], 1)
+    path = tmp_path / "keys/clients/viewer.toml"
+    where = ["--connect", guarded.endpoint, "--keys", str(path)]
+    assert cli.main(["list", *where]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+    guarded.daemon.expect("network: somebody was refused: TLS: .*alert")
+
+
+def test_with_mutual_tls_password_and_certificate_have_to_be_of_one_user(
+    mutual: Guarded,
+) -> None:
+    with mutual.session("viewer") as session:
+        assert heard(session, "imud/*/pose", wanted={f"imud/{PROBE}/pose"})
+    mutual.daemon.expect("network: .* came with the certificate of viewer")
+    viewer, operator = mutual.credentials("viewer"), mutual.credentials("operator")
+    mixed = msgspec.structs.replace(
+        operator, certificate=viewer.certificate, private_key=viewer.private_key
+    )
+    wanted = network._known_as(mixed, {}) | {
+        "mode": "client",
+        "connect/endpoints": [mutual.endpoint],
+        "scouting/multicast/enabled": False,
+    }
+    # Ids of 16 bytes; Zenoh does not say a zero that one begins with.
+    for session_id in (
+        "abcdef0123456789abcdef0123456789",
+        "bcdef0123456789abcdef0123456789",
+    ):
+        time.sleep(WHILE_S)  # what the last one asked for is told by then
+        mutual.daemon.seen()
+        session = zenoh.open(network._config(wanted | {"id": session_id}))
+        try:
+            assert not heard(session, "imud/*/pose", "imud/*/status")
+            replies = session.get(f"imud/{PROBE}/cmd/tare", timeout=WHILE_S)
+            assert not [reply for reply in replies if reply.ok]
+            line = mutual.daemon.expect("asked for what its role does not allow")
+            assert "(viewer) asked" in line
+        finally:
+            session.close()
+
+
+def test_with_mutual_tls_an_unknown_certificate_or_none_is_refused(
+    mutual: Guarded, tmp_path: Path
+) -> None:
+    keys.initialise(tmp_path / "keys", ["localhost"], 1)
+    other = network.read_credentials(tmp_path / "keys/clients/viewer.toml")
+    mixed = msgspec.structs.replace(
+        mutual.credentials("viewer"),
+        certificate=other.certificate,
+        private_key=other.private_key,
+    )
+    with pytest.raises(DaemonNotFound):
+        network.open_client(mutual.endpoint, mixed)
+    mutual.daemon.expect("network: somebody was refused: TLS: ")
+    bare = network._known_as(mutual.credentials("viewer"), {})
+    config = network._config(
+        {
+            "mode": "client",
+            "connect/endpoints": [mutual.endpoint],
+            "connect/timeout_ms": 1000,
+            "connect/exit_on_failure": True,
+            "scouting/multicast/enabled": False,
+        }
+        | {name: value for name, value in bare.items() if "connect_" not in name}
+        | {"transport/link/tls/enable_mtls": False}
+    )
+    with pytest.raises(zenoh.ZError):
+        zenoh.open(config)
+    mutual.daemon.expect("network: somebody was refused: TLS: ")
+
+
+def test_who_is_removed_is_let_in_no_longer(tmp_path: Path) -> None:
+    guarded = Guarded(tmp_path)
+    try:
+        mine = guarded.credentials("other-operator")
+        network.open_client(guarded.endpoint, mine).close()
+        keys.remove(guarded.keys, "other-operator")
+        guarded.hush()
+        guarded.daemon.stop()
+        fresh = DaemonProcess(
+            "--config",
+            tmp_path / "imud.toml",
+            directory=tmp_path,
+            log=False,
+            endpoint=tls_endpoint(),
+        )
+        with fresh, pytest.raises(DaemonNotFound):
+            fresh.expect("listens on")
+            network.open_client(fresh.endpoint, mine)
+    finally:
+        guarded.close()

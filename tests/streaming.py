@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: MIT
+"""Processes on the network, and a probe that streams to a daemon."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, ClassVar, Self
+
+from fakes import PATIENCE_S, FakeProbe, Port
+from imud.client import Client
+
+
+class Process:
+    """Python in a process of its own, once it has said that it is up."""
+
+    made: ClassVar[list[Process]] = []
+
+    def __init__(self, code: str, endpoint: str) -> None:
+        self.made.append(self)
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", code, endpoint],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self._process.stdout is not None
+        assert self._process.stdout.readline() == "up\n"
+
+    def send(self, number: signal.Signals) -> None:
+        self._process.send_signal(number)
+
+    def ask(self) -> dict[str, Any]:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write("\n")
+        self._process.stdin.flush()
+        said: dict[str, Any] = json.loads(self._process.stdout.readline())
+        return said
+
+    def kill(self) -> None:
+        self.made.remove(self)
+        self._process.kill()
+        self._process.communicate()
+
+
+class Streaming:
+    """A probe that says poses until it is told not to."""
+
+    def __init__(self, port: Port, probe: FakeProbe, period_s: float = 0.005) -> None:
+        self._port, self._probe, self._period_s = port, probe, period_s
+        self.sent_s: list[float] = []  # when each was written
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._stop.wait(self._period_s):
+            self.sent_s.append(time.monotonic())
+            self._port.write(self._probe.say("pose"))
+
+    @property
+    def said(self) -> int:
+        return len(self.sent_s)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Also where a test fails: before its daemon, which reads what is said."""
+        self.stop()
+
+    def stop(self) -> None:
+        self._stop.set()
+        self._thread.join()
+
+
+def until(is_so: Callable[[], object]) -> float:
+    """Seconds that it took."""
+    begin = time.monotonic()
+    while not is_so():
+        assert time.monotonic() < begin + PATIENCE_S
+        time.sleep(0.02)
+    return time.monotonic() - begin
+
+
+def zenoh_of(client: Client) -> dict[str, int]:
+    """What became of all records on their way to the network."""
+    (status,) = client.statuses()
+    counts: dict[str, int] = status["ledger"]["sinks"]["zenoh"]
+    return counts
