@@ -247,8 +247,7 @@ class Child:
 def child(name: str, log_name: str, *arguments: str) -> Iterator[Child]:
     log = ROOM / f"{log_name}.log"
     with log.open("wb") as file:
-        # In its own session, so that Ctrl-C reaches the demo alone, which stops the
-        # processes in order.
+        # In its own session: Ctrl-C reaches the demo alone, which ends all in order.
         process = subprocess.Popen(
             [*IMUD, *arguments],
             cwd=ROOT,
