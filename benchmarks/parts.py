@@ -28,6 +28,7 @@ FILES = {
     "sdcard.c": "card",
     "logbook.c": "card",
     "mpu9250.c": "sensor",
+    "mpu9250_mag.c": "sensor",
     "lsm9ds0.c": "sensor",
     "calibrate.c": "calibrate",
     "pose.c": "pose",
