@@ -36,7 +36,7 @@ FILES = {
     "calibrate.c": "calibrate",
     "pose.c": "pose",
     "attitude.c": "filter",
-    "classic.c": "filter",
+    "paper_filter.c": "filter",
     "complementary.c": "filter",
     "mahony.c": "filter",
     "madgwick.c": "filter",
