@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-import native
+import chips
 from length import choose
 
 MS = 1_000_000
@@ -21,11 +21,7 @@ FACTORY = 115_200
 UP = 1.0  # s from power-up until it is ready
 LINK = 3.0  # until a host is there
 
-ffi, lib = native.load(
-    extra_sources=["sim/chips/rn41.c"],
-    extra_headers=["sim/chips/rn41.h"],
-    core=False,
-)
+ffi, lib = chips.load("rn41", core=False)
 
 
 class Radio:

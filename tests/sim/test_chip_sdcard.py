@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 import bare
-import native
+import chips
 
 BLOCK = 512
 MS = 1_000_000
@@ -28,11 +28,7 @@ ERASE_RESET, ERASE_SEQUENCE = 0x02, 0x10
 ACCEPTED, CRC_ERROR, WRITE_ERROR = 0x05, 0x0B, 0x0D  # data responses, their low 5 bits
 HCS = 1 << 30
 
-ffi, lib = native.load(
-    extra_sources=["sim/chips/sdcard.c"],
-    extra_headers=["sim/chips/sdcard.h"],
-    core=False,
-)
+ffi, lib = chips.load("sdcard", core=False)
 NOWHERE = ffi.new("char[]", b"/no/such/image")
 
 
