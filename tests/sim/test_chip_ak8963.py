@@ -7,19 +7,10 @@ model.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 
 from sim.mpu9250_desk import AK, Chip, lib, recorder
 from sim.sensor_desk import MS
-
-
-@pytest.fixture
-def chip() -> Iterator[Chip]:
-    chip = Chip()
-    yield chip
-    assert chip.complaint() is None
 
 
 def test_the_ak8963_is_behind_the_bypass_only(chip: Chip) -> None:

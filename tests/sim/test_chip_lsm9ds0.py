@@ -7,19 +7,10 @@ there) and from AN4505, not taken from the model.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 
 from sim.lsm9ds0_desk import ACC, GYR, INT1, ON, XM, Chip, G, lib
 from sim.sensor_desk import MS
-
-
-@pytest.fixture
-def chip() -> Iterator[Chip]:
-    chip = Chip()
-    yield chip
-    assert chip.complaint() is None
 
 
 def test_reset_values_are_those_of_the_register_map(chip: Chip) -> None:

@@ -9,19 +9,11 @@ there), not taken from the model.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import pytest
 
 from sim.lsm9ds0_desk import ACC, GYR, INT1, INT2, MAG, ON, XM, Chip, G
 from sim.sensor_desk import MS
-
-
-@pytest.fixture
-def chip() -> Iterator[Chip]:
-    chip = Chip()
-    yield chip
-    assert chip.complaint() is None
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ there) and from AN3308, not taken from the model.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 
 import pytest
 
@@ -28,13 +27,6 @@ from sim.lsm9ds0_desk import (
     every_sensor,
 )
 from sim.sensor_desk import GRAVITY
-
-
-@pytest.fixture
-def chip() -> Iterator[Chip]:
-    chip = Chip()
-    yield chip
-    assert chip.complaint() is None
 
 
 @every_sensor

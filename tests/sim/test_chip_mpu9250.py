@@ -9,19 +9,11 @@ model.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 
 import pytest
 
 from sim.mpu9250_desk import AK, Chip, lib
 from sim.sensor_desk import MS
-
-
-@pytest.fixture
-def chip() -> Iterator[Chip]:
-    chip = Chip()
-    yield chip
-    assert chip.complaint() is None
 
 
 def test_reset_values_are_those_of_the_register_map(chip: Chip) -> None:

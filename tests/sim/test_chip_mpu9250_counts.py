@@ -9,19 +9,11 @@ Numbers are typed from RM-MPU-9250A-00 (RM), PS-MPU-9250A-01 (PS) and AN-MPU-925
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import pytest
 
 from sim.mpu9250_desk import MPU, Chip, lib, recorder
 from sim.sensor_desk import GRAVITY, MS
-
-
-@pytest.fixture
-def chip() -> Iterator[Chip]:
-    chip = Chip()
-    yield chip
-    assert chip.complaint() is None
 
 
 @pytest.mark.parametrize("fs_sel", range(4))

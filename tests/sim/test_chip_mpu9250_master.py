@@ -8,19 +8,10 @@ from the model.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 
 from sim.mpu9250_desk import AK, Chip
 from sim.sensor_desk import MS
-
-
-@pytest.fixture
-def chip() -> Iterator[Chip]:
-    chip = Chip()
-    yield chip
-    assert chip.complaint() is None
 
 
 def test_a_burst_of_22_bytes_has_all_nine_axes(chip: Chip) -> None:
