@@ -34,17 +34,16 @@ static const char usage_text[] =
     "--battery is a cell of so many millivolts, and its charger\n";
 
 static const char *const chip_faults[] = {
-    [LSM9DS0_CHIP_NACK] = "nack",
-    [LSM9DS0_CHIP_STUCK_SDA] = "stuck_sda",
-    [LSM9DS0_CHIP_NO_DATA_READY] = "no_data_ready",
-    [LSM9DS0_CHIP_WRONG_WHO_AM_I] = "wrong_who_am_i",
-    [LSM9DS0_CHIP_NO_MAG] = "no_mag",
-    [LSM9DS0_CHIP_GYR_SELF_TEST] = "gyr_self_test",
-    [LSM9DS0_CHIP_ACC_SELF_TEST] = "acc_self_test",
-    [LSM9DS0_CHIP_FROZEN] = "frozen",
+    [CHIP_FAULT_NACK] = "nack",
+    [CHIP_FAULT_STUCK_SDA] = "stuck_sda",
+    [CHIP_FAULT_NO_DATA_READY] = "no_data_ready",
+    [CHIP_FAULT_WRONG_WHO_AM_I] = "wrong_who_am_i",
+    [CHIP_FAULT_NO_MAG] = "no_mag",
+    [CHIP_FAULT_GYR_SELF_TEST] = "gyr_self_test",
+    [CHIP_FAULT_ACC_SELF_TEST] = "acc_self_test",
+    [CHIP_FAULT_FROZEN] = "frozen",
 };
-_Static_assert((int)FAULTS_MAX <= (int)LSM9DS0_CHIP_FAULTS_MAX,
-               "the chip takes them all");
+_Static_assert((int)FAULTS_MAX <= (int)I2C_SLAVE_FAULTS_MAX, "the chip takes them all");
 
 static struct board {
     struct run run;
@@ -570,18 +569,7 @@ static void suffer(void *self, const struct fault *fault) {
 }
 
 static void add_chip_fault(void *self, const struct chip_fault *fault) {
-    const struct lsm9ds0_chip_fault chip_fault = {
-        .kind = (enum lsm9ds0_chip_fault_kind)fault->kind,
-        .die = (enum lsm9ds0_chip_die)fault->die,
-        .from_ns = fault->from_ns,
-        .for_ns = fault->for_ns,
-        .first = fault->first,
-        .transactions = fault->transactions,
-        .at_byte = fault->at_byte,
-        .clocks = fault->clocks,
-        .value = fault->value,
-    };
-    (void)lsm9ds0_chip_add_fault(((struct board *)self)->sensor, &chip_fault);
+    (void)i2c_slave_add_fault(lsm9ds0_chip_wire(((struct board *)self)->sensor), fault);
 }
 
 static void cut_memory(void *self) {

@@ -60,7 +60,7 @@ static bool set_kind(struct faults *faults, struct fault *fault, const char *kin
     for (unsigned i = 0; i < kinds->chip_count; i++) {
         if (strcmp(kind, kinds->chip[i]) == 0) {
             fault->target = FAULT_CHIP;
-            fault->chip.kind = i;
+            fault->chip.kind = (enum chip_fault_kind)i;
             return true;
         }
     }

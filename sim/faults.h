@@ -50,6 +50,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "chips/chip_fault.h"
+
 enum fault_target {
     FAULT_CHIP,
     FAULT_CARD,
@@ -65,15 +67,6 @@ enum fault_target {
 
 // Of FAULT_RADIO.
 enum fault_radio { RADIO_DROP, RADIO_AWAY, RADIO_DEAF, RADIO_RESET };
-
-// A fault of the sensor, whichever it is: see the chip's own header.
-struct chip_fault {
-    unsigned kind;  // index in struct fault_kinds
-    uint8_t die;
-    uint64_t from_ns, for_ns;
-    uint64_t first, transactions;
-    uint8_t at_byte, clocks, value;
-};
 
 // A fault of the card: see its own header.
 struct card_fault {

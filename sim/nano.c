@@ -24,17 +24,16 @@ static const char usage_text[] =
     "       nano --version\n";
 
 static const char *const chip_faults[] = {
-    [MPU9250_CHIP_NACK] = "nack",
-    [MPU9250_CHIP_STUCK_SDA] = "stuck_sda",
-    [MPU9250_CHIP_NO_DATA_READY] = "no_data_ready",
-    [MPU9250_CHIP_WRONG_WHO_AM_I] = "wrong_who_am_i",
-    [MPU9250_CHIP_NO_AK8963] = "no_ak8963",
-    [MPU9250_CHIP_GYR_SELF_TEST] = "gyr_self_test",
-    [MPU9250_CHIP_ACC_SELF_TEST] = "acc_self_test",
-    [MPU9250_CHIP_FROZEN] = "frozen",
+    [CHIP_FAULT_NACK] = "nack",
+    [CHIP_FAULT_STUCK_SDA] = "stuck_sda",
+    [CHIP_FAULT_NO_DATA_READY] = "no_data_ready",
+    [CHIP_FAULT_WRONG_WHO_AM_I] = "wrong_who_am_i",
+    [CHIP_FAULT_NO_MAG] = "no_ak8963",
+    [CHIP_FAULT_GYR_SELF_TEST] = "gyr_self_test",
+    [CHIP_FAULT_ACC_SELF_TEST] = "acc_self_test",
+    [CHIP_FAULT_FROZEN] = "frozen",
 };
-_Static_assert((int)FAULTS_MAX <= (int)MPU9250_CHIP_FAULTS_MAX,
-               "the chip takes them all");
+_Static_assert((int)FAULTS_MAX <= (int)I2C_SLAVE_FAULTS_MAX, "the chip takes them all");
 
 static struct nano {
     struct run run;
@@ -172,17 +171,7 @@ static void suffer(void *self, const struct fault *fault) {
 }
 
 static void add_chip_fault(void *self, const struct chip_fault *fault) {
-    const struct mpu9250_chip_fault chip_fault = {
-        .kind = (enum mpu9250_chip_fault_kind)fault->kind,
-        .from_ns = fault->from_ns,
-        .for_ns = fault->for_ns,
-        .first = fault->first,
-        .transactions = fault->transactions,
-        .at_byte = fault->at_byte,
-        .clocks = fault->clocks,
-        .value = fault->value,
-    };
-    (void)mpu9250_chip_add_fault(((struct nano *)self)->chip, &chip_fault);
+    (void)i2c_slave_add_fault(mpu9250_chip_wire(((struct nano *)self)->chip), fault);
 }
 
 static void cut_memory(void *self) {

@@ -139,9 +139,8 @@ static bool check_twi_flag(struct bench *bench) {
 }
 
 static void hold_sda(struct bench *bench, uint8_t clocks) {
-    const struct mpu9250_chip_fault fault = {.kind = MPU9250_CHIP_STUCK_SDA,
-                                             .clocks = clocks};
-    (void)mpu9250_chip_add_fault(bench->chip, &fault);
+    const struct chip_fault fault = {.kind = CHIP_FAULT_STUCK_SDA, .clocks = clocks};
+    (void)i2c_slave_add_fault(mpu9250_chip_wire(bench->chip), &fault);
 }
 
 // 22.9.2, TWSTA: a START waits for a free bus.
