@@ -393,7 +393,7 @@ static avr_cycle_count_t on_chip_event(avr_t *avr, avr_cycle_count_t when,
     if (is_high != machine->int0_is_high) {
         machine->int0_is_high = is_high;
         if (is_high && machine->on_data_ready != NULL) {
-            machine->on_data_ready(machine->context, when);
+            machine->on_data_ready(machine->context);
         }
         set_pin_d(machine, PIN_INT0, is_high);
     }

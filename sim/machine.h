@@ -175,8 +175,8 @@ struct machine {
     void *context;
     void (*on_byte)(void *context, uint64_t cycle, uint8_t byte);
     void (*on_mark)(void *context, uint64_t cycle, uint8_t value);  // GPIOR0
-    void (*on_data_ready)(void *context, uint64_t cycle);           // edge on INT0
-    void (*on_bus)(void *context, uint64_t cycle, bool is_start);   // START, STOP
+    void (*on_data_ready)(void *context);                           // edge on INT0
+    void (*on_bus)(void *context, bool is_start);                   // START, STOP
     void (*on_eeprom_write)(void *context, uint64_t number);
     void (*on_reset)(void *context, enum machine_reset cause);
     struct machine_watch watch;

@@ -12,6 +12,7 @@
 #include "cable.h"
 #include "faults.h"
 #include "motion.h"
+#include "profile.h"
 
 enum {
     RUN_EVENTS_MAX = 512,
@@ -20,6 +21,15 @@ enum {
     RUN_MORE_MAX = 12,
 };
 #define RUN_NEVER UINT64_MAX
+
+// The options that all boards have, for their usage texts.
+#define RUN_USAGE(program)                                                             \
+    "usage: " program                                                                  \
+    " --image FILE.elf [--motion FILE|-] [--pty LINK | --record FILE]\n"               \
+    "            [--fast] [--seconds N] [--summary FILE] [--eeprom FILE] [--seed N]\n" \
+    "            [--clock-ppm N] [--clock-drift PPM_S] [--batch-ms N] [--burst-ms "    \
+    "N]\n"                                                                             \
+    "            [--faults FILE] [--press START_US:END_US]... [--send US:HEX]...\n"
 
 // What a board says of itself at the end.
 struct run_report {
@@ -56,7 +66,8 @@ struct run_board {
     uint64_t ticks_per_us;
     struct fault_kinds fault_kinds;
     const char *memory;  // what --eeprom can't be where its size is another
-    // Options with a path that are this board's alone; ends with a null name.
+    // Options with a path that are this board's alone; ends with a null name. May be
+    // null.
     const struct run_path {
         const char *name;
         const char **value;
@@ -64,7 +75,7 @@ struct run_board {
     // The same, for what is no run: -1, or the exit code. May be null.
     int (*command)(char **rest);
     // Null, or what is wrong between the options. May be null.
-    const char *(*check)(void);
+    const char *(*check)(const void *self);
 
     // Power comes, with the image in flash. 0, or the exit code once it has complained.
     int (*power_up)(void *self, struct run *run);
@@ -87,6 +98,12 @@ struct run_board {
     void (*pause)(void *self, uint64_t at);  // stop run() there at the latest
     void (*report)(void *self, struct run_report *report);
     bool (*finish)(void *self);  // files of its own are written. May be null.
+
+    // For a profile: where the image's code lies; has the board tell what it does; its
+    // time so far.
+    uint32_t code_start, code_size;
+    void (*watch)(void *self, struct profile *profile);
+    struct profile_time (*profile_now)(const void *self);
 };
 
 enum run_event_kind { EVENT_PRESS, EVENT_RELEASE, EVENT_FAULT, EVENT_POWER_CUT };
@@ -99,6 +116,7 @@ struct run_event {
 
 struct run_options {
     const char *image, *motion, *pty, *record, *summary, *memory, *faults;
+    const char *profile, *parts;
     bool is_fast;
     double seconds;           // 0: no limit
     double clock_ppm, drift;  // its clock is fast by this, and by so much more a second
@@ -121,6 +139,7 @@ struct run {
     struct run_options options;
     struct motion motion;
     struct cable *cable;
+    struct profile *profile;  // null: none is asked for
     FILE *record;
     struct faults faults;
     struct run_event events[RUN_EVENTS_MAX];
@@ -158,16 +177,20 @@ int run_complain(const struct run *run, const char *path, const char *what);
 // The same, for an option, with how to use the program.
 int run_usage(const struct run *run, const char *what, const char *which);
 
-// What the board tells while it runs. A byte has left it; the data-ready pin has risen;
-// on the sensor's bus is a START, or all of a transaction has come through; write
-// number n of what survives power, or of a block of its card, has begun; it has been
-// reset; work on a sample begins or is done, at that cycle of the processor.
-void run_on_byte(struct run *run, uint8_t byte);
-void run_on_data_ready(struct run *run);
-void run_on_bus(struct run *run, bool is_start);
-void run_on_memory_write(struct run *run, uint64_t number);
-void run_on_card_write(struct run *run, uint64_t number);
-void run_on_reset(struct run *run);
-void run_on_mark(struct run *run, uint64_t tick, uint64_t cycle, bool is_begin);
+// Adds to `more`.
+void run_add_number(struct run_report *report, const char *name, uint64_t value);
+
+// What the board tells while it runs, in the form of the machines' callbacks; the
+// context is the struct run. A byte has left it; the data-ready pin has risen; on the
+// sensor's bus is a START, or a transaction is complete; write number n to what
+// survives power, or to a block of its card, has begun; it has been reset.
+void run_on_byte(void *context, uint8_t byte);
+void run_on_data_ready(void *context);
+void run_on_bus(void *context, bool is_start);
+void run_on_memory_write(void *context, uint64_t number);
+void run_on_card_write(void *context, uint64_t number);
+void run_on_reset(void *context);
+// Work on a sample begins or is done, at that tick and that cycle of the processor.
+void run_on_mark(void *context, uint64_t tick, uint64_t cycle, bool is_begin);
 
 #endif

@@ -128,7 +128,7 @@ static avr_cycle_count_t on_twi(avr_t *avr, avr_cycle_count_t when, void *param)
             return when + HELD_RETRY_CYCLES;  // the bus is not free
         }
         if (machine->on_bus != NULL) {
-            machine->on_bus(machine->context, when, true);
+            machine->on_bus(machine->context, true);
         }
         twi->is_addressing = true;
         twi->is_lost = false;
@@ -144,7 +144,7 @@ static avr_cycle_count_t on_twi(avr_t *avr, avr_cycle_count_t when, void *param)
             machine_follow_chip(machine);
         }
         if (machine->on_bus != NULL) {
-            machine->on_bus(machine->context, when, false);
+            machine->on_bus(machine->context, false);
         }
         twi->owns_bus = false;
         twi->doing = TWI_IDLE;
@@ -313,7 +313,7 @@ static void follow_lines(struct machine *machine) {
     if (scl && machine->scl_was_high && sda && !machine->sda_was_high) {
         mpu9250_chip_stop(machine->chip, ns);  // SDA rises while SCL is high
         if (machine->on_bus != NULL) {
-            machine->on_bus(machine->context, machine_now(machine), false);
+            machine->on_bus(machine->context, false);
         }
     }
     machine->scl_was_high = scl;

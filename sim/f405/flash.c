@@ -286,7 +286,8 @@ void flash_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
 }
 
 // What is under way is lost with a reset (RM, "Erase and program operations").
-void flash_reset(struct f405 *m) {
+void flash_reset(struct f405 *m, unsigned unit) {
+    (void)unit;
     struct f405_flash *flash = &m->flash_control;
     f405_cut_flash(m);
     const uint64_t writes = flash->writes;

@@ -14,6 +14,6 @@ struct f405_follow {
 // Watches the machine, in which the image has been loaded; it runs slower then, and the
 // same to the instruction.
 void f405_follow_begin(struct f405_follow *follow);
-void f405_follow_reset(struct f405_follow *follow);
+struct profile_time f405_follow_time(const struct f405 *m);
 
 #endif

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // SPI1 as a master of 8 or 16 bits both ways (RM, "Serial peripheral interface"), and
 // the card's socket at its end.
+#include "../chips/sdcard.h"
 #include "f405.h"
 
 enum {
@@ -75,8 +76,8 @@ static uint8_t exchange(struct f405 *m, uint64_t at_ps, uint8_t byte) {
     if (((m->spi.cr1 & CR1_CPOL) != 0) != ((m->spi.cr1 & CR1_CPHA) != 0)) {
         f405_complain(m, "SPI1 samples at the edge at which a card changes");
     }
-    return m->card->exchange(m->card->self, f405_ns(at_ps),
-                             m->pclk_hz[1] >> divider_bits(m), byte);
+    return sdcard_chip_exchange(m->card, f405_ns(at_ps),
+                                m->pclk_hz[1] >> divider_bits(m), byte);
 }
 
 void spi_event(struct f405 *m) {

@@ -4,6 +4,7 @@
 // RTS and CTS.
 #include <stdlib.h>
 
+#include "../chips/rn41.h"
 #include "../chips/uart.h"
 #include "f405.h"
 
@@ -132,8 +133,8 @@ void usart_sent(struct f405 *m) {
     } else if (m->radio != NULL) {
         const uint32_t baud = baud_of(m);
         if (baud != 0) {
-            m->radio->receive(m->radio->self, f405_ns(f405_when(m)), usart->shift,
-                              baud);
+            rn41_chip_receive(m->radio, f405_ns(f405_when(m)), usart->shift, baud);
+            wired_tell_host(m);
         }
     } else if (m->on_byte != NULL) {
         m->on_byte(m->context, usart->shift);
@@ -221,7 +222,8 @@ void usart_received(struct f405 *m) {
     usart->line_count--;
     usart->is_receiving = false;
     if (m->radio != NULL) {
-        m->radio->host_write(m->radio->self, f405_ns(f405_when(m)), byte);
+        rn41_chip_host_write(m->radio, f405_ns(f405_when(m)), byte);
+        wired_tell_host(m);
         begin_receiving(m);
         wired_follow(m);
         return;
