@@ -20,7 +20,10 @@ enum {
     MACHINE_VECTORS = 26,
     MACHINE_SRAM_START = 0x100,
     MACHINE_SRAM_END = 0x8FF,
-    MACHINE_PAINT = 0xA5,  // fills SRAM at power-up, to find the deepest stack
+    MACHINE_PAINT = 0xA5,          // fills SRAM at power-up, to find the deepest stack
+    MACHINE_PIN_INT0 = 2,          // D2: the sensor's data-ready pin
+    MACHINE_PIN_BUTTON = 3,        // D3
+    MACHINE_INTERRUPT_CYCLES = 4,  // into a handler, data sheet 7.7.1
 };
 #define MACHINE_HZ 16000000U
 #define MACHINE_NEVER UINT64_MAX
@@ -239,6 +242,11 @@ void machine_take(struct machine *machine, uint16_t address, avr_io_write_t writ
                   avr_io_read_t read, struct machine_hook *hook);
 uint32_t machine_random(struct machine *machine);
 
+void interrupts_init(struct machine *machine);
+// Wakes a sleeping processor, and enters the handler that is due.
+void interrupts_serve(struct machine *machine);
+void timers_init(struct machine *machine);
+void timers_reset(struct machine *machine);
 void twi_init(struct machine *machine);
 void twi_reset(struct machine *machine);
 void lines_init(struct machine *machine);

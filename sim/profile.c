@@ -2,17 +2,15 @@
 // Follows the image call by call; see profile.h.
 #include "profile.h"
 
-#include <fcntl.h>
-#include <gelf.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
+
+#include "symbols.h"
 
 enum {
     NAMES_MAX = 1024,
-    NAME_SIZE = 64,
     DEPTH_MAX = 64,   // frames; the deepest of the images here is 12
     PART_CALLER = 0,  // of the part that called
     PART_REST = 1,    // of none
@@ -27,7 +25,7 @@ struct tally {
 };
 
 struct names {
-    char text[NAMES_MAX][NAME_SIZE];
+    char text[NAMES_MAX][SYMBOL_NAME_SIZE];
     uint16_t count;
 };
 
@@ -73,94 +71,18 @@ static int find_name(struct names *names, const char *text) {
             return i;
         }
     }
-    if (names->count == NAMES_MAX || strlen(text) >= NAME_SIZE) {
+    if (names->count == NAMES_MAX || strlen(text) >= SYMBOL_NAME_SIZE) {
         return -1;
     }
-    (void)snprintf(names->text[names->count], NAME_SIZE, "%s", text);
+    (void)snprintf(names->text[names->count], SYMBOL_NAME_SIZE, "%s", text);
     return names->count++;
-}
-
-struct symbol {
-    char name[NAME_SIZE];
-    uint32_t start, size;
-    bool is_function;
-};
-
-// Functions first, so that a label inside one doesn't take its name.
-static int by_address(const void *left, const void *right) {
-    const struct symbol *a = left;
-    const struct symbol *b = right;
-    if (a->start != b->start) {
-        return a->start < b->start ? -1 : 1;
-    }
-    if (a->is_function != b->is_function) {
-        return a->is_function ? -1 : 1;
-    }
-    return strcmp(a->name, b->name);
-}
-
-// Not what the assembler makes: a $ marks code and data of an ARM, and a numbered label
-// inside a function has a control character in its name (GNU as, "Local Labels").
-static bool is_of_source(const char *name) {
-    return name[0] != '\0' && name[0] != '$' && strpbrk(name, "\001\002") == NULL;
-}
-
-// Symbols of code, by address.
-static struct symbol *read_symbols(const char *image, size_t *count) {
-    struct symbol *symbols = NULL;
-    *count = 0;
-    const int file = open(image, O_RDONLY | O_CLOEXEC);
-    if (file < 0) {
-        return NULL;
-    }
-    (void)elf_version(EV_CURRENT);
-    Elf *elf = elf_begin(file, ELF_C_READ, NULL);
-    for (Elf_Scn *section = elf_nextscn(elf, NULL); section != NULL;
-         section = elf_nextscn(elf, section)) {
-        GElf_Shdr header;
-        Elf_Data *data = elf_getdata(section, NULL);
-        if (gelf_getshdr(section, &header) == NULL || header.sh_type != SHT_SYMTAB ||
-            header.sh_entsize == 0 || data == NULL) {
-            continue;
-        }
-        const size_t all = header.sh_size / header.sh_entsize;
-        symbols = calloc(all + 1, sizeof *symbols);
-        for (size_t i = 0; symbols != NULL && i < all; i++) {
-            GElf_Sym symbol;
-            GElf_Shdr home;
-            if (gelf_getsym(data, (int)i, &symbol) == NULL ||
-                gelf_getshdr(elf_getscn(elf, symbol.st_shndx), &home) == NULL ||
-                (home.sh_flags & SHF_EXECINSTR) == 0 ||
-                GELF_ST_TYPE(symbol.st_info) == STT_SECTION ||
-                GELF_ST_TYPE(symbol.st_info) == STT_FILE) {
-                continue;
-            }
-            const char *name = elf_strptr(elf, header.sh_link, symbol.st_name);
-            if (name == NULL || !is_of_source(name)) {
-                continue;
-            }
-            struct symbol *kept = &symbols[(*count)++];
-            (void)snprintf(kept->name, sizeof kept->name, "%.*s", NAME_SIZE - 1, name);
-            // Bit 0 of a function's value says that it is Thumb code.
-            kept->start = (uint32_t)symbol.st_value & ~UINT32_C(1);
-            kept->size = (uint32_t)symbol.st_size;
-            kept->is_function = GELF_ST_TYPE(symbol.st_info) == STT_FUNC;
-        }
-        break;
-    }
-    (void)elf_end(elf);
-    (void)close(file);
-    if (symbols != NULL) {
-        qsort(symbols, *count, sizeof *symbols, by_address);
-    }
-    return symbols;
 }
 
 // The number under which a symbol is known. Static functions of one name in several
 // files are told apart by their address.
 static int name_symbol(struct names *names, const struct symbol *all, size_t count,
                        const struct symbol *symbol) {
-    char text[NAME_SIZE + 8];
+    char text[SYMBOL_NAME_SIZE + 8];
     for (size_t i = 0; i < count; i++) {
         if (all[i].start != symbol->start && strcmp(all[i].name, symbol->name) == 0) {
             (void)snprintf(text, sizeof text, "%s@%" PRIx32, symbol->name,
@@ -174,7 +96,7 @@ static int name_symbol(struct names *names, const struct symbol *all, size_t cou
 // Each place belongs to the function that spans it, or else to the symbol before it.
 static bool name_functions(struct profile *profile, const char *image) {
     size_t count = 0;
-    struct symbol *symbols = read_symbols(image, &count);
+    struct symbol *symbols = symbols_read(image, &count);
     bool is_good = count > 0;
     (void)find_name(&profile->functions, "");
     for (int pass = 0; pass < 2; pass++) {
@@ -409,7 +331,7 @@ bool profile_read_parts(struct profile *profile, const char *path) {
     }
     unsigned start = 0;
     unsigned end = 0;
-    char name[NAME_SIZE];
+    char name[SYMBOL_NAME_SIZE];
     int fields;
     bool is_good = true;
     while (is_good && (fields = fscanf(file, "%x %x %63s", &start, &end, name)) == 3) {
@@ -492,6 +414,23 @@ static void write_tally(FILE *file, const char *name, const struct tally *tally,
                   end);
 }
 
+static void write_interrupts(FILE *file, const struct profile *profile) {
+    (void)fputs("\n  },\n  \"interrupts\": {", file);
+    const char *between = "\n    ";
+    for (int i = 0; i < profile->functions.count; i++) {
+        if (profile->interrupts[i].calls > 0) {
+            (void)fputs(between, file);
+            write_key(file, profile->functions.text[i]);
+            (void)fprintf(file,
+                          "{\"calls\": %" PRIu64 ", \"cycles\": %" PRIu64
+                          ", \"worst\": %" PRIu64 "}",
+                          profile->interrupts[i].calls, profile->interrupts[i].cycles,
+                          profile->interrupts[i].worst);
+            between = ",\n    ";
+        }
+    }
+}
+
 bool profile_write(struct profile *profile, const char *path) {
     close_sample(profile, false);
     FILE *file = fopen(path, "w");
@@ -526,20 +465,7 @@ bool profile_write(struct profile *profile, const char *path) {
             between = ",\n    ";
         }
     }
-    (void)fputs("\n  },\n  \"interrupts\": {", file);
-    between = "\n    ";
-    for (int i = 0; i < profile->functions.count; i++) {
-        if (profile->interrupts[i].calls > 0) {
-            (void)fputs(between, file);
-            write_key(file, profile->functions.text[i]);
-            (void)fprintf(file,
-                          "{\"calls\": %" PRIu64 ", \"cycles\": %" PRIu64
-                          ", \"worst\": %" PRIu64 "}",
-                          profile->interrupts[i].calls, profile->interrupts[i].cycles,
-                          profile->interrupts[i].worst);
-            between = ",\n    ";
-        }
-    }
+    write_interrupts(file, profile);
     (void)fputs("\n  }\n}\n", file);
     return fclose(file) == 0;
 }

@@ -142,10 +142,12 @@ static bool read_nvic(const struct f405 *m, uint32_t at, uint32_t *value) {
     return true;
 }
 
-// The rest of the space: the FPU's own registers.
+// The FPU's own registers, and the access to it. No other is left then.
 static uint32_t read_fpu(struct f405 *m, uint32_t at) {
     const struct f405_core *core = &m->core;
     switch (at) {
+    case CPACR:
+        return core->cpacr;
     case FPCCR:
         return core->fpccr;
     case FPCAR:
@@ -202,8 +204,6 @@ static uint32_t read_scs(struct f405 *m, uint32_t at) {
         return core->mmfar;
     case BFAR:
         return core->bfar;
-    case CPACR:
-        return core->cpacr;
     case MPU_TYPE:
         return 0x800;
     case DEMCR:
@@ -275,6 +275,9 @@ static bool write_nvic(struct f405 *m, uint32_t at, uint32_t value) {
 static void write_fpu(struct f405 *m, uint32_t at, uint32_t value) {
     struct f405_core *core = &m->core;
     switch (at) {
+    case CPACR:
+        core->cpacr = value & 0x00F00000;
+        break;
     case FPCCR:
         core->fpccr = value & 0xC0000000;
         if ((value & FPCCR_AUTOMATIC) == 0) {
@@ -294,6 +297,13 @@ static void write_fpu(struct f405 *m, uint32_t at, uint32_t value) {
         f405_end(m, "writes 0x%08x, which is not modelled,", 0xE000E000U + at);
         break;
     }
+}
+
+// The cycle counter stands while its enable bit, TRCENA, is off.
+static void write_demcr(struct f405 *m, uint32_t value) {
+    const uint32_t count = cycle_counter_read(m);
+    m->core.demcr = value & 0x01000000;
+    cycle_counter_write(m, count);
 }
 
 static void write_scs(struct f405 *m, uint32_t at, uint32_t value) {
@@ -345,15 +355,9 @@ static void write_scs(struct f405 *m, uint32_t at, uint32_t value) {
     case BFAR:
         core->bfar = value;
         break;
-    case CPACR:
-        core->cpacr = value & 0x00F00000;
+    case DEMCR:
+        write_demcr(m, value);
         break;
-    case DEMCR: {
-        const uint32_t count = cycle_counter_read(m);
-        core->demcr = value & 0x01000000;
-        cycle_counter_write(m, count);
-        break;
-    }
     default:
         write_fpu(m, at, value);
         break;

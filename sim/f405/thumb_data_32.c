@@ -249,6 +249,31 @@ static enum outcome branch_far(struct step *s, unsigned a, unsigned b) {
     }
 }
 
+// SXTAH, UXTAH, SXTAB, UXTAB; without the first operand SXTH and its like.
+static enum outcome extend_and_add(struct step *s, unsigned a, unsigned b) {
+    struct f405_registers *x = s->x;
+    const unsigned n = a & 15;
+    const unsigned d = field(b, 8, 4);
+    const uint32_t turned = rotate(x->r[b & 15], 8 * field(b, 4, 2));
+    const uint32_t base = n == PC ? 0 : x->r[n];
+    switch (field(a, 4, 3)) {
+    case 0:
+        x->r[d] = base + extend(turned, 16);
+        return DONE;
+    case 1:
+        x->r[d] = base + (turned & 0xFFFF);
+        return DONE;
+    case 4:
+        x->r[d] = base + extend(turned, 8);
+        return DONE;
+    case 5:
+        x->r[d] = base + (turned & 0xFF);
+        return DONE;
+    default:
+        return UNKNOWN;
+    }
+}
+
 // Shifts by a register, SXTAH and its like, CLZ, RBIT, REV.
 static enum outcome register_32(struct step *s, unsigned a, unsigned b) {
     struct f405_registers *x = s->x;
@@ -273,24 +298,7 @@ static enum outcome register_32(struct step *s, unsigned a, unsigned b) {
         return DONE;
     }
     if ((a & 0x80) == 0 && (b & 0xC0) == 0x80) {
-        const uint32_t turned = rotate(value, 8 * field(b, 4, 2));
-        const uint32_t base = n == PC ? 0 : x->r[n];
-        switch (field(a, 4, 3)) {
-        case 0:
-            x->r[d] = base + extend(turned, 16);
-            return DONE;
-        case 1:
-            x->r[d] = base + (turned & 0xFFFF);
-            return DONE;
-        case 4:
-            x->r[d] = base + extend(turned, 8);
-            return DONE;
-        case 5:
-            x->r[d] = base + (turned & 0xFF);
-            return DONE;
-        default:
-            return UNKNOWN;
-        }
+        return extend_and_add(s, a, b);
     }
     if (n != last) {
         return UNKNOWN;

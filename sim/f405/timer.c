@@ -292,11 +292,8 @@ static void generate(struct f405 *m, unsigned unit, uint32_t value) {
     }
 }
 
-void timer_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
+static void write_register(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
     struct f405_timer *timer = &m->timers[unit];
-    if (m->timer_hz != 0) {
-        hold(m, unit);
-    }
     switch (at) {
     case CR1:
         write_control(m, unit, value);
@@ -352,6 +349,13 @@ void timer_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
         }
         break;
     }
+}
+
+void timer_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
+    if (m->timer_hz != 0) {
+        hold(m, unit);
+    }
+    write_register(m, unit, at, value);
     plan(m, unit);
     follow_line(m, unit);
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The files sim/f405/thumb* beside libunicorn: every instruction of 16 bits and many of 32, each
+// sim/f405/thumb*.c beside libunicorn: every instruction of 16 bits and many of 32, each
 // on registers and memory drawn at random, alone or in an IT block. What they
 // run must leave the same behind; what they leave to libunicorn is counted.
 //
