@@ -49,7 +49,7 @@ static void feel(void *context, enum lsm9ds0_chip_quantity quantity, int64_t fro
     motion_mean(context, quantities[quantity], from_ns, to_ns, mean);
 }
 
-// What the machine tells
+// Callbacks of the machine
 
 static void on_mark(void *context, bool is_begin) {
     const struct f405 *machine = &the_board.machine;
@@ -63,7 +63,7 @@ static void on_reset(void *context) {
     }
 }
 
-// The board, as run.h wants it
+// The functions of struct run_board
 
 static int power_up(void *self, struct run *run) {
     struct f405_board *board = self;
@@ -119,9 +119,9 @@ static uint64_t asleep(const void *self) {
     return ((const struct f405_board *)self)->machine.asleep;
 }
 
-// A host without a link can't write: what it would stays with it.
+// While the radio has no link, the host can't write and keeps its bytes.
 static size_t line_count(const void *self) {
-    enum { RADIO_ROOM = 512 };  // more than the run hands over at once
+    enum { RADIO_ROOM = 512 };  // more than the run passes on at once
     const struct f405_board *board = self;
     if (board->radio != NULL && rn41_chip_host_room(board->radio) < RADIO_ROOM) {
         return SIZE_MAX;

@@ -81,7 +81,7 @@ void f405_card_report(const struct f405_board *board, struct run_report *out) {
     }
 }
 
-// At the end of a run that no cut has ended the card finishes what it has taken.
+// Unless a power cut ended the run, the card finishes the blocks that it has accepted.
 void f405_card_free(struct f405_board *board) {
     if (board->card != NULL) {
         sdcard_chip_finish(board->card, f405_ns(f405_now(&board->machine)));

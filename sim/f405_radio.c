@@ -4,7 +4,7 @@
 
 #include "f405_board.h"
 
-// A file that is not there is a module as it comes from the factory.
+// Without a file the module has its factory settings.
 static bool load_radio(const struct f405_board *board) {
     char text[RN41_CHIP_TEXT + 1] = "";
     FILE *file = fopen(board->radio_file, "rb");

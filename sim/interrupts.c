@@ -16,7 +16,7 @@ static bool is_bit_set(const avr_t *avr, avr_regbit_t bit) {
     return bit.reg != 0 && ((avr->data[bit.reg] >> bit.bit) & bit.mask) != 0;
 }
 
-// INT0 and INT1 by level (data sheet 13.2.1): asked for as long as the pin is low.
+// INT0 and INT1 by level (data sheet 13.2.1): pending as long as the pin is low.
 static bool is_by_level(const avr_t *avr, int vector) {
     return (avr->data[REG_EICRA] & (3 << (2 * (vector - VECTOR_INT0)))) == 0;
 }
@@ -37,7 +37,7 @@ static avr_int_vector_t *pending_interrupt(const struct machine *machine) {
                 return vector;
             }
         } else if (i == VECTOR_EE_READY && machine_fixes(machine, FIX_EEPROM_READY)) {
-            // Asked for as long as no write is under way (data sheet 8.6.3).
+            // Pending as long as no write is under way (data sheet 8.6.3).
             if ((machine->avr->data[REG_EECR] & EECR_EEPE) == 0) {
                 return vector;
             }
@@ -125,13 +125,13 @@ void interrupts_serve(struct machine *machine) {
     }
 }
 
-// A mask register: an interrupt whose flag waits may come at once.
+// A mask register: an interrupt whose flag is already set may come at once.
 static void write_mask(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
     avr->data[address] = value;
     machine_poll_interrupts(param);
 }
 
-// EIFR: ones clear (data sheet 13.2.3); simavr has no such thing.
+// EIFR: writing a one clears the flag (data sheet 13.2.3); simavr does not do that.
 static void write_eifr(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
     struct machine *machine = param;
     for (int i = 1; i <= 2; i++) {
@@ -142,7 +142,8 @@ static void write_eifr(avr_t *avr, avr_io_addr_t address, uint8_t value, void *p
     }
 }
 
-// EICRA: no flag is held for a level (data sheet 13.2.3), so none is left of one.
+// EICRA: a level sets no flag (data sheet 13.2.3), so none is left when the mode
+// changes.
 static void write_eicra(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
     struct machine *machine = param;
     for (int i = VECTOR_INT0; i <= VECTOR_INT1; i++) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The processor's loop, sleep, resets and pins of the virtual Nano; see machine.h.
+// The virtual Nano's main loop, sleep, resets and pins; see machine.h.
 #include "machine.h"
 
 #include <simavr/avr_adc.h>
@@ -11,14 +11,14 @@
 #include <string.h>
 #include <unistd.h>
 
-// Exported by libsimavr, in no installed header: runs instructions until a cycle timer
-// or an interrupt wants attention, and returns where to go on.
+// Exported by libsimavr, but in no installed header: runs instructions until a cycle
+// timer or an interrupt is due, and returns the next program counter.
 extern avr_flashaddr_t avr_run_one(avr_t *avr);
 
 enum {
     SMCR_SE = 1 << 0,
     SMCR_SM = 0x0E,
-    RUN_LIMIT = 16000,  // cycles between looks at the outside: 1 ms
+    RUN_LIMIT = 16000,  // cycles until machine_run() looks at its events again: 1 ms
     SUPPLY_MV = 5000,
 };
 
@@ -122,7 +122,7 @@ static void set_pin_d(struct machine *machine, unsigned pin, bool is_high) {
     machine_poll_interrupts(machine);
 }
 
-// The levels that others drive; where the pin is an output, what it drives itself.
+// The levels that are driven from outside; for an output, what the pin drives itself.
 static uint8_t read_pind(avr_t *avr, avr_io_addr_t address, void *param) {
     struct machine *machine = param;
     const uint8_t value = machine->pind.read(avr, address, machine->pind.read_param);
@@ -175,7 +175,7 @@ void machine_follow_chip(struct machine *machine) {
     }
 }
 
-// A7 hangs in the air: what the converter sees there is noise.
+// A7 is not connected, so the converter reads noise there.
 static void on_conversion(avr_irq_t *irq, uint32_t value, void *param) {
     (void)irq;
     (void)value;
@@ -356,7 +356,7 @@ static void sleep_for(struct machine *machine, avr_cycle_count_t cycles) {
     machine->asleep += cycles;
 }
 
-// As far as the next timer of simavr, or the next interrupt.
+// Runs up to the next timer of simavr or the next interrupt.
 static void step(struct machine *machine) {
     avr_t *avr = machine->avr;
     if (avr->run != avr_callback_run_raw) {
@@ -397,7 +397,7 @@ static void step(struct machine *machine) {
 bool machine_run(struct machine *machine, uint64_t until_cycle) {
     avr_t *avr = machine->avr;
     machine->until = until_cycle;
-    // Who watches wants to see instructions one by one.
+    // A watcher needs the instructions one by one.
     const uint64_t most = machine->watch.on_instruction != NULL ? 1 : RUN_LIMIT;
     while (avr->cycle < machine->until) {
         const uint64_t left = machine->until - avr->cycle;

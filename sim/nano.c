@@ -40,7 +40,7 @@ static struct nano {
     struct follow follow;
 } nano;
 
-// What the machine tells
+// Callbacks of the machine
 
 static void on_byte(void *context, uint64_t cycle, uint8_t byte) {
     (void)cycle;
@@ -67,7 +67,7 @@ static void feel(void *context, enum mpu9250_chip_quantity quantity, int64_t fro
     motion_mean(context, quantities[quantity], from_ns, to_ns, mean);
 }
 
-// The board, as run.h wants it
+// The functions of struct run_board
 
 static int power_up(void *self, struct run *run) {
     struct nano *board = self;

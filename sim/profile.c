@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Follows the image call by call; see profile.h.
+// Follows the calls of an image; see profile.h.
 #include "profile.h"
 
 #include <inttypes.h>
@@ -12,16 +12,16 @@
 enum {
     NAMES_MAX = 1024,
     DEPTH_MAX = 64,   // frames; the deepest of the images here is 12
-    PART_CALLER = 0,  // of the part that called
-    PART_REST = 1,    // of none
+    PART_CALLER = 0,  // belongs to the part that called
+    PART_REST = 1,    // belongs to no part
 };
 
 // Cycles of one name.
 struct tally {
     uint64_t in_samples, outside;
     uint64_t worst;     // of a sample
-    uint64_t in_worst;  // of the sample that took longest in all
-    uint64_t now;       // of the sample at work
+    uint64_t in_worst;  // in the longest sample
+    uint64_t now;       // in the current sample
 };
 
 struct names {
@@ -32,7 +32,7 @@ struct names {
 struct frame {
     struct profile_call call;
     bool is_interrupt;
-    uint64_t cycles;  // of an interrupt, so far
+    uint64_t cycles;  // of an interrupt so far
 };
 
 struct profile {
@@ -49,7 +49,8 @@ struct profile {
     unsigned depth;
     uint64_t lost;  // calls deeper than that
 
-    // Cycles not yet attributed are all of this function and part, under this stack.
+    // Cycles not yet attributed; all belong to this function and part, under this
+    // stack.
     uint64_t pending;
     uint16_t function_now, part_now;
     uint64_t seen_cycle, seen_asleep;
@@ -57,7 +58,7 @@ struct profile {
     uint64_t samples;
 };
 
-// Where something is kept of the instruction at that address.
+// Index in the arrays of the instruction at that address.
 static uint32_t place_of(const struct profile *profile, uint32_t address) {
     const uint32_t place = (address - profile->start) / 2;
     return place < profile->count ? place : profile->count;
@@ -78,8 +79,8 @@ static int find_name(struct names *names, const char *text) {
     return names->count++;
 }
 
-// The number under which a symbol is known. Static functions of one name in several
-// files are told apart by their address.
+// The number of a symbol's name. Static functions of the same name in several files are
+// told apart by their addresses.
 static int name_symbol(struct names *names, const struct symbol *all, size_t count,
                        const struct symbol *symbol) {
     char text[SYMBOL_NAME_SIZE + 8];
@@ -93,7 +94,8 @@ static int name_symbol(struct names *names, const struct symbol *all, size_t cou
     return find_name(names, symbol->name);
 }
 
-// Each place belongs to the function that spans it, or else to the symbol before it.
+// Each instruction belongs to the function that spans it, or else to the symbol before
+// it.
 static bool name_functions(struct profile *profile, const char *image) {
     size_t count = 0;
     struct symbol *symbols = symbols_read(image, &count);
@@ -105,7 +107,7 @@ static bool name_functions(struct profile *profile, const char *image) {
             const bool is_spanned = symbol->size > 0;
             const uint32_t from = place_of(profile, symbol->start);
             if (is_spanned != (pass == 1) || from == profile->count) {
-                continue;  // code in RAM is of no place
+                continue;  // code in RAM is not counted by function
             }
             const int name = name_symbol(&profile->functions, symbols, count, symbol);
             const uint32_t length = (symbol->size + 1) / 2;
@@ -145,7 +147,8 @@ static void add_once(struct profile *profile, uint16_t function) {
     }
 }
 
-// The part of the innermost code that has one; an interrupt's ends with its handler.
+// The part of the innermost code on the stack that has one, searched up to the handler
+// of the current interrupt.
 static uint16_t part_of(const struct profile *profile) {
     uint16_t part = profile->part_now;
     for (unsigned i = profile->depth; part == PART_CALLER && i-- > 0;) {
@@ -299,8 +302,8 @@ static void close_sample(struct profile *profile, bool is_sample) {
     }
 }
 
-// Called while the store that marks is under way, with its cycles still to be told: the
-// first one counts for the sample, the last one doesn't.
+// Called during the store that marks, before its cycles are reported: those of the
+// first store count for the sample, those of the last one don't.
 void profile_begin_sample(struct profile *profile) {
     if (profile->is_working) {
         close_sample(profile, false);

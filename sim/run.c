@@ -11,9 +11,9 @@
 #include "run_parts.h"
 
 enum {
-    TICK_US = 1000,             // how often the outside is looked at
-    SETTLE_US = 20000,          // after the last record, for its frames to leave
-    PACE_SLACK_NS = 200000000,  // further behind than this is not caught up
+    TICK_US = 1000,             // how often cable and wall clock are looked at
+    SETTLE_US = 20000,          // time for frames to leave after the last record
+    PACE_SLACK_NS = 200000000,  // a larger delay is not caught up
 };
 
 static volatile sig_atomic_t wants_stop;
@@ -32,7 +32,7 @@ bool run_is_stopping(void) {
 static bool read_memory(struct run *run) {
     FILE *file = fopen(run->options.memory, "rb");
     if (file == NULL) {
-        return errno == ENOENT;  // an erased one
+        return errno == ENOENT;  // no file: an erased memory
     }
     size_t size = 0;
     uint8_t *bytes = run->board->memory_bytes(run->self, &size);
@@ -92,7 +92,8 @@ static int64_t wall_ns(void) {
     return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
 }
 
-// How long after power a time of the device is on the wall clock.
+// Converts a device time to nanoseconds of the wall clock since power came, with the
+// clock's error.
 static int64_t after_power(const struct run *run, uint64_t tick) {
     const double device_ns = (double)run->board->nanoseconds(tick);
     const double device_s = device_ns * 1e-9;
@@ -115,8 +116,9 @@ static void pace(struct run *run) {
     }
 }
 
-// A USB adapter hands over what it has at whole multiples of its latency, and a busy
-// host nothing for a while, once a second, somewhere in it.
+// Whether bytes to the host are held back now, as by a USB adapter, which delivers at
+// multiples of its latency, or by a busy host, which reads nothing for a while once a
+// second.
 static bool is_held(const struct run *run) {
     const double now_ms = (double)(wall_ns() - run->power_ns) * 1e-6;
     const double batch_ms = run->options.batch_ms;
@@ -125,7 +127,7 @@ static bool is_held(const struct run *run) {
     }
     const double second = floor(now_ms / 1000.0);
     const double room_ms = 1000.0 - run->options.burst_ms;
-    // The golden ratio's multiples are spread evenly.
+    // Multiples of the golden ratio spread these moments evenly over the second.
     const double from_ms = fmod(second * 0.6180339887, 1.0) * room_ms;
     const double in_second_ms = now_ms - second * 1000.0;
     return in_second_ms >= from_ms && in_second_ms < from_ms + run->options.burst_ms;
@@ -135,13 +137,14 @@ static void exchange(struct run *run, bool is_paced) {
     if (!is_held(run)) {
         cable_flush(run->cable);
     }
-    // What the line can carry in a tick and no more stays between us and the sender.
+    // Take no more from the sender than the line can carry in a tick.
     if (run->inbox_count == 0 &&
         run->board->line_count(run->self) < sizeof run->inbox) {
         run->inbox_count = cable_get(run->cable, run->inbox, sizeof run->inbox);
         run->inbox_ns = wall_ns();
     }
-    // Nor is a byte heard before it came, where the board is behind the wall clock.
+    // Where the board is behind the wall clock, a byte must not be received before it
+    // was sent.
     const int64_t now_ns = run->power_ns + after_power(run, run->board->now(run->self));
     if (is_paced && now_ns < run->inbox_ns) {
         return;
@@ -181,7 +184,7 @@ static bool run_all(struct run *run) {
         }
         if (now >= tick + step) {
             tick += step;
-            // In this order: a byte never comes before its time.
+            // Pace first, so that no byte comes before its time.
             if (is_paced) {
                 pace(run);
             }

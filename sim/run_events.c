@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What happens to a virtual board at which moment: presses, bytes, faults, power cuts.
+// Schedules what happens to a virtual board: button presses, bytes, faults, power cuts.
 #include "run_parts.h"
 
 static void add_event(struct run *run, struct run_event event) {
@@ -39,7 +39,7 @@ uint64_t run_tick_of(const struct run *run, uint64_t device_us) {
     return run->board->clock_start(run->self) + device_us * run->board->ticks_per_us;
 }
 
-// Whether it is there from power-up on.
+// Whether the fault is present from power-up on.
 static bool is_from_power_up(const struct fault *fault) {
     switch (fault->target) {
     case FAULT_CHIP:
@@ -108,7 +108,7 @@ static void schedule_fault(struct run *run, const struct fault *fault) {
     }
 }
 
-// All else, once the device clock runs.
+// Schedules presses, bytes and the remaining faults.
 void run_schedule(struct run *run) {
     const struct run_board *board = run->board;
     const struct run_options *options = &run->options;

@@ -78,7 +78,7 @@ static bool set_path(const struct run_path *paths, const char *name,
     return false;
 }
 
-// Options that take a value. Null, or what is wrong with it.
+// Sets an option that takes a value. Null, or what is wrong with the value.
 static const char *set_option(struct run *run, const char *name, const char *value) {
     struct run_options *options = &run->options;
     const struct run_path paths[] = {

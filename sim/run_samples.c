@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What a virtual board tells while it runs, counted: its bytes, and which sample
+// Counts what a virtual board reports while it runs: its bytes, and which sample
 // belongs to which edge of the data-ready pin.
 #include <stdio.h>
 #include <string.h>
@@ -45,9 +45,10 @@ void run_on_bus(void *context, bool is_start) {
         return;
     }
     if (run->burst_edge == run->last_edge) {
-        return;  // no sample's burst: one of set-up
+        return;  // a transaction of the set-up, not a sample's
     }
-    // Who sleeps has no sample to work on: what waits was no sample either.
+    // A processor that went to sleep has no sample to work on, so what still waits was
+    // no sample either.
     const uint64_t asleep = run->board->asleep(run->self);
     if (!run->is_working && asleep != run->waiting_asleep) {
         run->waiting_count = 0;
@@ -56,13 +57,14 @@ void run_on_bus(void *context, bool is_start) {
     run->waiting_asleep = asleep;
     if (run->waiting_count == RUN_WAITING_MAX) {
         (void)take_waiting(run);
-        run->late += run->samples > 0 ? 1 : 0;  // before the first: of set-up
+        run->late += run->samples > 0 ? 1 : 0;  // before the first sample it was set-up
     }
     run->waiting[run->waiting_count++] = run->burst_edge;
 }
 
-// A sample is late when, at the end of its work, the data-ready edge after the next one
-// has already come; each edge between two worked samples that had no work is late too.
+// A sample is late when the second data-ready edge after its own has come before its
+// work ends. Each edge between two processed samples that was not processed counts as
+// late too.
 void run_on_mark(void *context, uint64_t tick, uint64_t cycle, bool is_begin) {
     struct run *run = context;
     if (run->profile != NULL) {

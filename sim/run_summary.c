@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The summary of a run: as JSON, and in words.
+// The summary of a run, as JSON and as text.
 #include <inttypes.h>
 #include <stdio.h>
 
@@ -43,7 +43,7 @@ static void write_text(FILE *file, const char *name, const char *text) {
         (void)fprintf(file, "  \"%s\": null,\n", name);
     } else {
         (void)fprintf(file, "  \"%s\": \"%s\",\n", name,
-                      text);  // ours: nothing to escape
+                      text);  // our own text: nothing to escape
     }
 }
 

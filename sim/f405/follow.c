@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Tells a profile what the virtual STM32F405 does: calls, returns and exceptions (ARM,
-// BL, BLX). A call returns where the stack is as it was and the next instruction is
-// the one behind it, by whatever instruction that comes to pass.
+// Calls, returns and exceptions of the virtual STM32F405 (ARM, BL, BLX); see follow.h.
+// A call has returned when the stack is as it was and the next instruction is the one
+// behind the call, whichever instruction led there.
 #include "follow.h"
 
 struct profile_time f405_follow_time(const struct f405 *m) {
