@@ -421,7 +421,8 @@ void machine_pause(struct machine *machine, uint64_t at_cycle) {
 }
 
 // The unused part of SRAM between variables and stack is one run of equal bytes: our
-// paint, or the firmware's own where it paints too. What breaks the run is stack.
+// paint, or the firmware's own where it paints too. The first byte that differs belongs
+// to the stack.
 uint16_t machine_stack_deepest(struct machine *machine) {
     const uint8_t *data = machine->avr->data;
     unsigned at = machine->stack.heap_start;

@@ -5,8 +5,8 @@
 
 #include "f405.h"
 
-// What there is on the buses (RM, "Memory map"; the core's own: PM, "Core
-// peripherals").
+// The peripherals on the buses (RM, "Memory map"; the core's own: PM, "Core
+// peripherals"), and what they do with an access to a part of a word.
 enum access { ACCESS_WORDS, ACCESS_APB, ACCESS_AHB };
 enum { NO_CLOCK = 255, AHB1 = 0, APB1 = 4, APB2 = 5 };
 
@@ -120,7 +120,8 @@ static bool is_window(uint32_t address) {
     return false;
 }
 
-// Null where the run is over, or where the registers are asleep.
+// The block at an address. Null where the access ends the run, or where the block has
+// no clock.
 static const struct block *reach(struct f405 *m, uint32_t address, bool is_write) {
     const struct block *block = find_block(address);
     if (block == NULL) {
@@ -155,8 +156,8 @@ bool f405_bus_read(struct f405 *m, uint32_t address, unsigned size, uint32_t *va
     return true;
 }
 
-// A part of a word: the APB repeats it over the word (RM, "AHB/APB bridges"), the AHB's
-// registers take it for themselves.
+// Makes a word of a write of one or two bytes: the APB repeats them over the word (RM,
+// "AHB/APB bridges"), registers on the AHB keep their other bytes.
 static uint32_t widen(struct f405 *m, const struct block *block, uint32_t at,
                       unsigned size, uint32_t value) {
     const uint32_t mask = UINT32_MAX >> (32 - 8 * size);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The Cortex-M4 around its instructions: the priorities of exceptions, the way into
-// them and out of them, faults, sleep (ARM, part B; PM, "Core peripherals").
+// The Cortex-M4's exceptions, faults and sleep: priorities, entry and return (ARM, part
+// B; PM, "Core peripherals").
 #include <string.h>
 
 #include "f405.h"
@@ -41,8 +41,8 @@ static int group_of(const struct f405 *m, int priority) {
     return priority < 0 ? priority : priority & group_mask(m);
 }
 
-// From there on; EXCEPTIONS where none is. Asked for at every stop of the core, and
-// nearly always in vain.
+// The first flag from there on that is set; EXCEPTIONS: none. Called at every stop of
+// the core, and nearly always finds none, so it has to be fast.
 static unsigned next_true(const bool flags[EXCEPTIONS], unsigned from) {
     const bool *found = memchr(flags + from, true, EXCEPTIONS - from);
     return found != NULL ? (unsigned)(found - flags) : EXCEPTIONS;
@@ -58,7 +58,7 @@ static int active_priority(const struct f405 *m) {
     return lowest;
 }
 
-// ARM, "Execution priority and priority boosting". WFI looks past PRIMASK.
+// ARM, "Execution priority and priority boosting". WFI ignores PRIMASK.
 static int execution_priority(const struct f405 *m, bool with_primask) {
     int priority = active_priority(m);
     const int base = (int)(f405_get(m, UC_ARM_REG_BASEPRI) & CORE_PRIORITY_MASK);
@@ -108,8 +108,8 @@ void core_pend(struct f405 *m, unsigned exception) {
     f405_attend(m);
 }
 
-// A line of the NVIC, or the NMI: asked for when its level rises, and again at the end
-// of its handler where the level is still there (ARM, "NVIC operation").
+// A line of the NVIC, or the NMI, becomes pending when its level rises, and again at
+// the end of its handler if the level is still high (ARM, "NVIC operation").
 void core_irq(struct f405 *m, unsigned exception, bool level) {
     struct f405_core *core = &m->core;
     if (level && !core->level[exception]) {
@@ -123,14 +123,14 @@ bool core_wakes(const struct f405 *m) {
     if (m->is_waiting && m->core.has_event) {
         return true;
     }
-    // ARM, "Wait For Event": PRIMASK holds there, unlike with WFI.
+    // ARM, "Wait For Event": PRIMASK counts here, unlike with WFI.
     return exception != 0 && group_of(m, priority_of(m, exception)) <
                                  execution_priority(m, m->is_waiting);
 }
 
 bool core_sleep(struct f405 *m) {
     const bool is_deep = (m->core.scr & SCR_DEEP) != 0;
-    // A pending line of EXTI, and STOP mode is not entered (RM, "Stop mode").
+    // With a pending line of EXTI, STOP mode is not entered (RM, "Stop mode").
     if ((m->is_waiting && m->core.has_event) || (is_deep && m->exti.pr != 0)) {
         m->core.has_event = m->core.has_event && !m->is_waiting;
         m->is_waiting = false;
@@ -156,10 +156,10 @@ bool core_can_wake(const struct f405 *m) {
     return false;
 }
 
-// Into an exception and out of it (ARM, "Exception entry behavior" and "Exception
-// return behavior"). The FPU's registers are saved at once where hardware would leave
-// room and save them when the handler first uses it: nobody but a handler that reads
-// its own frame could tell.
+// Entry and return (ARM, "Exception entry behavior" and "Exception return behavior").
+// The FPU's registers are saved at once; hardware leaves room and saves them when the
+// handler first uses the FPU. Only a handler that reads its own frame could tell the
+// difference.
 
 static const int saved[8] = {
     UC_ARM_REG_R0,  UC_ARM_REG_R1, UC_ARM_REG_R2, UC_ARM_REG_R3,
@@ -247,8 +247,8 @@ bool core_take(struct f405 *m) {
     return true;
 }
 
-// A fault that its handler can't be called for becomes a hard fault; one in the handler
-// of hard faults locks the core up (ARM, "Fault behavior").
+// A fault whose handler can't be called becomes a hard fault; a fault in the handler of
+// hard faults locks the core up (ARM, "Fault behavior").
 void core_fault(struct f405 *m, unsigned exception, uint32_t status) {
     const int priority = execution_priority(m, true);
     m->core.cfsr |= status;

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
-// libunicorn behind the virtual Cortex-M4: what it asks and tells while it executes one
+// libunicorn behind the virtual Cortex-M4: its callbacks while it executes one
 // instruction, and why it has stopped; see engine.h.
 #include "engine.h"
 
 #include "f405.h"
 
 enum {
-    // Instructions that the hook has to know (ARM, chapters A5 and A7).
+    // Instructions that the hook has to recognize (ARM, chapters A5 and A7).
     CPS = 0xB660,
     CPS_MASK = 0xFFE8,
     WFE = 0xBF20,
@@ -16,7 +16,8 @@ enum {
     DIVIDE = 0xFB90,  // SDIV; UDIV has bit 5 set
     DIVIDE_MASK = 0xFFD0,
     COPROCESSOR = 0xEC00,
-    // What the interrupt hook is told (QEMU's target/arm/cpu.h).
+    // Exception numbers that libunicorn passes to the interrupt hook (QEMU's
+    // target/arm/cpu.h).
     TRAP_SVC = 2,
     TRAP_BREAKPOINT = 7,
     TRAP_RETURN = 8,
@@ -120,12 +121,14 @@ static void look_at_short(struct f405 *m, const uint8_t *code) {
     } else if (word == SEV) {
         m->core.has_event = true;
     } else if ((word & CPS_MASK) == CPS && m->is_blocked) {
-        // The manual promises no earlier (ARM, "MSR, CPS: visibility"; PM, "ISB").
+        // The manual promises an effect no earlier (ARM, "MSR, CPS: visibility"; PM,
+        // "ISB").
         m->attention = 2;
     }
 }
 
-// Before the one instruction that libunicorn executes for us, and before the next.
+// Called before the one instruction that libunicorn executes for us, and before the
+// next.
 static void on_instruction(uc_engine *uc, uint64_t address, uint32_t size, void *user) {
     struct f405 *m = user;
     m->pc = (uint32_t)address;
@@ -167,7 +170,7 @@ static void serve_fault(struct f405 *m) {
         core_fault(m, EXCEPTION_BUS_FAULT, STATUS_PRECISE | STATUS_BFAR);
         break;
     case FAULT_STORE: {
-        // A store is buffered: the core is past it when the bus refuses.
+        // A store is buffered: the core is past it when the bus reports the error.
         const uint8_t *code = f405_memory(m, pc, 2);
         m->pc = pc + (code != NULL && code[1] >= 0xE8 ? 4 : 2);
         core_fault(m, EXCEPTION_BUS_FAULT, STATUS_IMPRECISE);
@@ -237,7 +240,7 @@ void engine_serve_stop(struct f405 *m, uc_err error) {
     } else if (error != UC_ERR_OK) {
         f405_end(m, "makes libunicorn say: %s,", uc_strerror(error));
     } else if (m->is_waiting) {
-        m->pc = at + 2;  // it has not been executed
+        m->pc = at + 2;  // WFE has not been executed
         (void)core_sleep(m);
     } else {
         (void)core_sleep(m);  // WFI.W
@@ -252,8 +255,8 @@ bool engine_step(struct f405 *m, uc_err *error) {
     *error = uc_emu_start(m->uc, m->pc | 1, 0, 0, 0);
     m->is_lent = false;
 #if UC_API_MAJOR > 2 || (UC_API_MAJOR == 2 && UC_API_MINOR >= 1)
-    // It remembers that a store to that page was let through, and would ask for no
-    // further one. Before 2.1 this call drops all code instead, and takes long.
+    // libunicorn remembers that a store to that page was allowed and would not ask
+    // again. Before 2.1 this call drops all translated code instead and takes long.
     if (m->flash_control.has_stored) {
         (void)uc_ctl_flush_tlb(m->uc);
     }
@@ -291,7 +294,8 @@ static bool map_memory(struct f405 *m) {
     return good;
 }
 
-// libunicorn takes any callback as void *, which C knows no conversion to.
+// libunicorn takes any callback as void *; C has no direct conversion from a function
+// pointer.
 static bool add_hook(struct f405 *m, int type, void *callback) {
     uc_hook hook = 0;
     return uc_hook_add(m->uc, &hook, type, callback, m, 1, 0) == UC_ERR_OK;

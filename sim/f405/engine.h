@@ -15,8 +15,7 @@ void engine_close(struct f405 *m);
 // One instruction at m->pc. True: it is done, and the next may follow. False: ask
 // engine_serve_stop() to go on, with the error.
 bool engine_step(struct f405 *m, uc_err *error);
-// Does what the instruction asked for that libunicorn stopped at: an exception, a
-// fault, sleep; or ends the run.
+// Serves what made libunicorn stop: an exception, a fault or sleep; or ends the run.
 void engine_serve_stop(struct f405 *m, uc_err error);
 
 #endif

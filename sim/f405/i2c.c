@@ -2,10 +2,10 @@
 // I2C1 as a master, byte by byte (RM, "Inter-integrated circuit (I2C) interface", "I2C
 // master mode").
 //
-// The order of things is the manual's: a flag holds the clock low until the software
-// has read and written what it asks for; whether a byte is acknowledged is decided when
-// it has come in full, from ACK as it stands then, or with POS as it stood when the
-// byte before had come; data and shift register are two.
+// The order of events is the manual's. A flag holds the clock low until the software
+// has read and written what it asks for. Whether a byte is acknowledged is decided at
+// its end, from ACK as it is then, or with POS as it was at the end of the byte before.
+// Data register and shift register are separate.
 #include "../chips/lsm9ds0.h"
 #include "f405.h"
 
@@ -51,7 +51,7 @@ enum {
     DMA1_UNIT = 0,
     CHANNEL = 1,
 };
-#define RETRY_PS (10 * F405_PS_PER_US)  // how often a wait looks at a held bus
+#define RETRY_PS (10 * F405_PS_PER_US)  // how often a held bus is looked at again
 
 static uint64_t bit_ps(struct f405 *m) {
     const uint32_t ccr = m->i2c.ccr;
@@ -88,7 +88,7 @@ static void plan(struct f405 *m, int doing, uint64_t length_ps) {
     f405_at(m, EVENT_I2C, f405_when(m) + length_ps);
 }
 
-// What comes next on a bus on which nothing goes on.
+// Starts the next step on the bus, if it is idle and the flags allow one.
 static void go_on(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;
     if ((i2c->cr1 & CR1_PE) == 0 || i2c->doing != BUS_IDLE) {
@@ -126,7 +126,7 @@ static void go_on(struct f405 *m) {
     }
 }
 
-// A one was sent, a zero seen (RM, "Arbitration lost").
+// A one was sent but a zero seen (RM, "Arbitration lost").
 static void lose(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;
     i2c->sr1 |= ARLO;
@@ -174,7 +174,7 @@ static void end_address(struct f405 *m) {
         i2c->sr1 |= ADDR;
         i2c->sr2 |= i2c->is_reading ? 0 : TRA;
         i2c->acks_next = (i2c->cr1 & CR1_ACK) != 0;
-        i2c->had_ack = i2c->is_reading;  // so that a byte comes
+        i2c->had_ack = i2c->is_reading;  // so that a first byte is received
     }
 }
 
@@ -210,7 +210,7 @@ static void end_receive(struct f405 *m) {
         return;
     }
     if (!i2c->had_ack) {
-        i2c_tell_bus(m, false);  // what was asked for is there, the STOP is to come
+        i2c_tell_bus(m, false);  // all bytes are there; the STOP follows
     }
     if ((i2c->sr1 & RXNE) == 0) {
         i2c->data = i2c->shift;
@@ -269,8 +269,8 @@ void i2c_event(struct f405 *m) {
     follow_line(m);
 }
 
-// Somebody pulls SDA for a moment: the chip sees a START within a byte and is out of
-// it, and so does the peripheral (RM, "Bus error").
+// SDA is pulled low for a moment: the sensor sees a START within a byte and drops out
+// of the transfer; the peripheral reports it (RM, "Bus error").
 void f405_glitch(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;
     if (i2c->doing == BUS_ADDRESS || i2c->doing == BUS_SEND ||
@@ -378,7 +378,7 @@ static uint32_t read_status2(struct f405 *m) {
         i2c->sr1 &= ~(uint32_t)ADDR;
         i2c->sr1 |= (i2c->sr2 & TRA) != 0 ? TXE : 0;
         if (i2c->is_reading) {
-            // The byte comes, whatever else is asked for meanwhile.
+            // The byte is received, whatever else is asked for meanwhile.
             plan(m, BUS_RECEIVE, BYTE_BITS * bit_ps(m));
         } else {
             go_on(m);

@@ -31,8 +31,8 @@ bool i2c_pump(struct f405 *m);
 uint32_t i2c_read(struct f405 *m, unsigned unit, uint32_t at);
 void i2c_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value);
 
-// The two lines: whether the sensor holds SDA low; whether I2C1 has the pins; what the
-// firmware does with them as pins.
+// The two lines: whether the sensor holds SDA low; whether I2C1 has the pins; follows
+// what the firmware does with them as pins.
 bool i2c_is_held(const struct f405 *m);
 bool i2c_has_pins(const struct f405 *m);
 void i2c_follow_pins(struct f405 *m);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The two lines of I2C1, SCL and SDA: who has them, who holds them, and what the
-// firmware does with them as pins.
+// The two lines of I2C1, SCL and SDA: whether I2C1 has the pins, whether the sensor
+// holds SDA low, and what the firmware does with them as pins.
 #include "../chips/lsm9ds0.h"
 #include "f405.h"
 
@@ -25,7 +25,7 @@ void i2c_tell_bus(struct f405 *m, bool is_start) {
     }
 }
 
-// The lines worked as pins: pulses that clock a held chip free, and a STOP by hand.
+// The lines driven as pins: pulses that free a sensor holding SDA, and a STOP by hand.
 void i2c_follow_pins(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;
     const bool is_ours = !i2c_has_pins(m);

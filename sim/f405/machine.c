@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The loop of the virtual STM32F405: its events, its core asleep or awake, resets.
+// The main loop of the virtual STM32F405: events, the core asleep or awake, resets.
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -216,7 +216,7 @@ static void do_events(struct f405 *m) {
     }
 }
 
-// Time passes in which the core does nothing.
+// Lets time pass in which the core does nothing.
 static void skip_to(struct f405 *m, uint64_t ps) {
     if (m->hclk_hz == 0) {
         m->base_ps = ps;
@@ -263,7 +263,7 @@ static void sleep_until(struct f405 *m, uint64_t target) {
     m->asleep_cycles += m->cycle - from_cycle;
 }
 
-// Asleep, and nobody wakes it. STOP mode waits for the flash (RM, "Stop mode").
+// Asleep, with no interrupt pending. STOP mode waits for the flash (RM, "Stop mode").
 static void go_on_sleeping(struct f405 *m, uint64_t target) {
     if (m->is_deep && !m->rcc.is_stopped && !m->flash_control.is_busy) {
         pwr_stop(m, true);
@@ -292,7 +292,7 @@ static void step(struct f405 *m, uint64_t target) {
     } else if ((m->hclk_hz == 0 && !m->rcc.is_stopped) || m->is_locked_up) {
         skip_to(m, target);
     } else if (flash->is_busy && f405_is_flash(m->pc)) {
-        // Reading it waits until it is done (RM, "Read-while-write").
+        // A read waits until the write is done (RM, "Read-while-write").
         skip_to(m, target < flash->busy_until ? target : flash->busy_until);
     } else if (m->is_asleep && !core_wakes(m)) {
         go_on_sleeping(m, target);
@@ -373,7 +373,8 @@ void f405_free(struct f405 *m) {
 }
 
 // The unused part between variables and stack is one run of equal words: our paint, or
-// the firmware's own where it paints too. What breaks the run is stack.
+// the firmware's own where it paints too. The first word that differs belongs to the
+// stack.
 uint32_t f405_stack_deepest(struct f405 *m) {
     struct f405_stack *stack = &m->stack;
     const uint8_t *memory = f405_memory(m, stack->lowest, stack->top - stack->lowest);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Pins and what hangs on them: ports, the lines of EXTI, the multiplexer in SYSCFG (RM,
-// "General-purpose I/Os", "External interrupt/event controller", "SYSCFG").
+// Pins: the ports, the lines of EXTI, the multiplexer in SYSCFG (RM, "General-purpose
+// I/Os", "External interrupt/event controller", "SYSCFG").
 #include "../chips/lsm9ds0.h"
 #include "../chips/sdcard.h"
 #include "f405.h"
@@ -32,7 +32,7 @@ enum {
     EXTICR1 = 0x08,
     EXTICR4 = 0x14,
     CMPCR = 0x20,
-    // What hangs where.
+    // What is connected where.
     PIN_DRDY_G = 0,   // PB0
     PIN_DRDY_XM = 1,  // PB1
     PIN_BUTTON = 3,   // PB3
@@ -66,7 +66,7 @@ static int outside(const struct f405 *m, unsigned port, unsigned pin) {
         return m->is_button_down ? 0 : -1;
     case PIN_SCL:
     case PIN_SDA:
-        return 1;  // the bus has its pull-ups; who holds SDA low is asked below
+        return 1;  // pull-ups; a sensor that holds SDA is handled elsewhere
     default:
         return wired_level(m, port, pin);
     }
@@ -95,7 +95,7 @@ bool pins_level(const struct f405 *m, unsigned port, unsigned pin) {
     if (own == 1 || others == 1) {
         return true;
     }
-    // A pin that floats reads low: the worst for a button that wants a pull-up.
+    // A floating pin reads low: the worst case for a button that needs a pull-up.
     return ((m->ports[port].pupdr >> (2 * pin)) & 3) == PULL_UP;
 }
 
@@ -110,7 +110,7 @@ static void follow_lines(struct f405 *m);
 static void tell_edge(struct f405 *m, unsigned port, unsigned pin, bool is_high) {
     struct f405_exti *exti = &m->exti;
     const uint32_t bit = UINT32_C(1) << pin;
-    // Codes of EXTICR: A to D as they come, 7 is H.
+    // Codes of EXTICR: 0 to 3 are A to D, 7 is H.
     const unsigned code = port == PORT_H ? 7 : port;
     if (((exti->exticr[pin / 4] >> (4 * (pin % 4))) & 15) == code &&
         ((is_high ? exti->rtsr : exti->ftsr) & bit) != 0) {

@@ -10,13 +10,13 @@ enum {
     FPDS = 1 << 9,
 };
 // DS, "Low-power mode wakeup timings", typical: from STOP with the main regulator, with
-// the other one, with the flash switched off too.
+// the low-power one, with the flash switched off too.
 #define WAKE_PS (13 * F405_PS_PER_US)
 #define WAKE_LOW_POWER_PS (17 * F405_PS_PER_US)
 #define WAKE_NO_FLASH_PS (110 * F405_PS_PER_US)
 
-// STOP (RM, "Stop mode"): every clock stands but for LSI, and after it the system runs
-// on HSI. What a peripheral has under way goes on where it was.
+// STOP (RM, "Stop mode"): every clock but LSI stops, and afterwards the system runs on
+// HSI. A transfer that a peripheral had under way continues where it was.
 
 static void hold_events(struct f405 *m) {
     static const enum f405_event transfers[] = {EVENT_I2C, EVENT_USART_SENT, EVENT_SPI,
@@ -70,7 +70,7 @@ uint64_t f405_stopped(const struct f405 *m) {
     return m->stopped + (m->rcc.is_stopped ? f405_now(m) - m->rcc.stopped_at : 0);
 }
 
-// Registers. The regulator follows its bits at once.
+// Registers. The regulator follows its bits without delay.
 
 uint32_t pwr_read(struct f405 *m, unsigned unit, uint32_t at) {
     (void)unit;

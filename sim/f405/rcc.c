@@ -102,7 +102,7 @@ static void check_clocks(struct f405 *m, uint32_t sysclk) {
     }
 }
 
-// Time so far is at the old rate, what comes at the new.
+// Time up to here passed at the old rate, time from here on passes at the new one.
 void rcc_set_clocks(struct f405 *m) {
     const uint64_t now = f405_when(m);
     timer_clock_changes(m, true);
@@ -118,7 +118,7 @@ void rcc_set_clocks(struct f405 *m) {
     check_clocks(m, sysclk);
     timer_clock_changes(m, false);
     systick_clock_changes(m, false);
-    m->limit_cycle = m->cycle;  // how far it may go has to be found anew
+    m->limit_cycle = m->cycle;  // has the core stop, as its limit depends on the rate
     f405_attend(m);
 }
 
@@ -204,7 +204,7 @@ static void start_pll(struct f405 *m) {
     }
 }
 
-// Oscillators that go on or off; one in use stays on (RM, "RCC clock control
+// Switches oscillators on or off; one that is in use stays on (RM, "RCC clock control
 // register").
 static void write_cr(struct f405 *m, uint32_t value) {
     struct f405_rcc *rcc = &m->rcc;
@@ -233,7 +233,7 @@ static void write_cr(struct f405 *m, uint32_t value) {
         rcc->cr &= ~(uint32_t)HSIRDY;
         rcc->hsi_at = F405_NEVER;
     }
-    // A bypassed oscillator waits for a clock that a crystal is not.
+    // A bypassed oscillator waits for an external clock, and here is a crystal.
     if ((risen & HSEON) != 0 && !rcc->is_crystal_dead && (rcc->cr & HSEBYP) == 0) {
         rcc->hse_at = now + HSE_START_PS;
     }
@@ -251,8 +251,8 @@ static void write_cr(struct f405 *m, uint32_t value) {
     plan(m);
 }
 
-// RM, "Clock security system (CSS)": an interrupt that has no mask, and HSI in the
-// place of what has stopped.
+// RM, "Clock security system (CSS)": a non-maskable interrupt, and HSI replaces the
+// clock that has stopped.
 void f405_kill_crystal(struct f405 *m) {
     struct f405_rcc *rcc = &m->rcc;
     rcc->is_crystal_dead = true;
@@ -309,7 +309,7 @@ static void write_csr(struct f405 *m, uint32_t value) {
     plan(m);
 }
 
-// Peripherals that are held in reset.
+// Resets the peripherals whose bits are set.
 static void hold(struct f405 *m, unsigned bus, uint32_t bits) {
     static const struct {
         uint8_t bus, bit, unit;
@@ -456,8 +456,8 @@ void rcc_power_up(struct f405 *m) {
     m->rcc.csr = 0;
 }
 
-// Flags of earlier resets stay until software clears them. Whatever resets the chip
-// pulls its reset pin too (RM, "System reset").
+// Flags of earlier resets stay until software clears them. Every reset of the chip
+// pulls its reset pin low too (RM, "System reset").
 void rcc_reset(struct f405 *m, uint32_t cause) {
     struct f405_rcc *rcc = &m->rcc;
     const bool is_dead = rcc->is_crystal_dead;

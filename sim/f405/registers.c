@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The registers of the virtual Cortex-M4, and their exchange with libunicorn; see
-// registers.h. One list of them for both.
+// The registers of the virtual Cortex-M4 and their exchange with libunicorn; see
+// registers.h.
 #include "f405.h"
 
 enum { XPSR_IT = 0x0600FC00 };
@@ -79,7 +79,7 @@ void f405_set(struct f405 *m, int reg, uint32_t value) {
     }
 }
 
-// In the order in which they are lent: the mode decides what SP is.
+// In the order in which they are lent: SP depends on the mode, so it comes after that.
 static const int lendable[] = {
     UC_ARM_REG_PRIMASK, UC_ARM_REG_FAULTMASK, UC_ARM_REG_BASEPRI, UC_ARM_REG_CONTROL,
     UC_ARM_REG_XPSR,    UC_ARM_REG_SP,        UC_ARM_REG_LR,      UC_ARM_REG_FPSCR,
@@ -89,7 +89,7 @@ enum { LENDABLE = sizeof lendable / sizeof *lendable };
 static void lend(struct f405 *m, int reg) {
     struct f405_registers *x = &m->registers;
     const bool is_xpsr = reg == UC_ARM_REG_XPSR;
-    // An IT block is ours: libunicorn gets its instructions one by one.
+    // IT blocks are handled here: libunicorn gets their instructions one by one.
     const uint32_t value =
         is_xpsr ? xpsr_of(x) & ~(uint32_t)XPSR_IT : *place_of(x, reg);
     const uint32_t theirs = is_xpsr ? xpsr_of(&m->lent) : *place_of(&m->lent, reg);

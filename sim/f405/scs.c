@@ -142,7 +142,8 @@ static bool read_nvic(const struct f405 *m, uint32_t at, uint32_t *value) {
     return true;
 }
 
-// The FPU's own registers, and the access to it. No other is left then.
+// The FPU's registers and the one that gives access to it. An address that is none of
+// them is not modelled.
 static uint32_t read_fpu(struct f405 *m, uint32_t at) {
     const struct f405_core *core = &m->core;
     switch (at) {

@@ -17,7 +17,7 @@ static uint32_t tick_hz(const struct f405 *m) {
     return (m->core.tick_control & STK_CLKSOURCE) != 0 ? m->hclk_hz : m->hclk_hz / 8;
 }
 
-// It counts down to 0, then comes the load.
+// The counter goes down to 0, then starts again from the load value.
 static uint32_t tick_value(const struct f405 *m) {
     const struct f405_core *core = &m->core;
     if ((core->tick_control & STK_ENABLE) == 0 || core->tick_load == 0 ||
@@ -40,7 +40,7 @@ static void plan_tick(struct f405 *m) {
         f405_never(m, EVENT_SYSTICK);
         return;
     }
-    // From 0 it takes the load first.
+    // From 0 it goes to the load value first.
     const uint64_t left =
         core->tick_held != 0 ? core->tick_held : core->tick_load + 1ULL;
     f405_at(m, EVENT_SYSTICK, core->tick_from + f405_ps(left, tick_hz(m)));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The instructions that firmware is made of, run here: those of the integer core, moves
-// of the FPU's registers, loads and stores that reach memory or a register of a
-// peripheral. Whatever is rarer, or ends in a fault, is left as it was found, for
+// Executes the common instructions: those of the integer core, moves of the FPU's
+// registers, loads and stores to memory and to registers of peripherals. A rarer
+// instruction, or one that ends in a fault, changes nothing here and is left to
 // libunicorn (ARM, chapters A5 to A7; names of the encodings as there).
 #include "thumb_step.h"
 
@@ -15,7 +15,7 @@ static enum outcome do_32(struct step *s, unsigned a, unsigned b) {
     return is_memory ? thumb_memory_32(s, a, b) : thumb_data_32(s, a, b);
 }
 
-// A block of conditional instructions (ARM, ITSTATE).
+// The next state of an IT block (ARM, ITSTATE).
 uint8_t thumb_advance(uint8_t it) {
     return (it & 7) == 0 ? 0 : (uint8_t)((it & 0xE0) | (it << 1 & 0x1F));
 }
@@ -29,7 +29,7 @@ static bool is_due(struct f405 *m) {
            (m->flash_control.is_busy && f405_is_flash(m->pc));
 }
 
-// Flash first. The CCM can't be executed.
+// The code at an address: flash first. Code can't run from the CCM.
 static const uint8_t *code_at(struct f405 *m, uint32_t pc) {
     if (pc - F405_FLASH <= F405_FLASH_SIZE - 4) {
         return m->flash + (pc - F405_FLASH);
@@ -40,7 +40,7 @@ static const uint8_t *code_at(struct f405 *m, uint32_t pc) {
 enum thumb thumb_run(struct f405 *m) {
     struct f405_registers *x = &m->registers;
     for (;;) {
-        if (x->it == 0 && is_due(m)) {  // an IT block is never broken off
+        if (x->it == 0 && is_due(m)) {  // an IT block is never interrupted
             m->is_stopped = true;
             return THUMB_STOPPED;
         }
@@ -55,15 +55,15 @@ enum thumb thumb_run(struct f405 *m) {
         struct step s = {m, x, m->pc, m->pc + length, it == 0};
         if (it != 0) {
             if ((a & 0xFF00) == 0xBE00) {
-                return THUMB_UNKNOWN;  // BKPT asks for no condition
+                return THUMB_UNKNOWN;  // BKPT ignores the condition
             }
             x->it = thumb_advance(it);
             if (!passes(x, it >> 4)) {
-                m->pc = s.next;  // no cycle: as libunicorn counts
+                m->pc = s.next;  // takes no cycle, as libunicorn counts
                 continue;
             }
         }
-        m->cycle++;  // what it reads of a clock is of its end
+        m->cycle++;  // a clock that it reads shows its end
         const enum outcome outcome = length == 4 ? do_32(&s, a, b) : thumb_do_16(&s, a);
         if (outcome == UNKNOWN) {
             m->cycle--;

@@ -7,8 +7,8 @@
 
 struct f405;
 
-// Runs instructions from m->pc on until something is due, WFI, the end of a handler, or
-// an instruction that only libunicorn knows.
+// Executes instructions from m->pc on until an event or interrupt is due, a WFI, the
+// end of a handler, or an instruction that only libunicorn knows.
 enum thumb { THUMB_STOPPED, THUMB_UNKNOWN, THUMB_ASLEEP, THUMB_RETURNS };
 enum thumb thumb_run(struct f405 *m);
 // The state of an IT block after one of its instructions.

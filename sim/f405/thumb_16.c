@@ -125,7 +125,7 @@ static enum outcome data_16(struct step *s, unsigned word) {
     return DONE;
 }
 
-// Any register; and BX, BLX.
+// ADD, CMP, MOV with any register; BX, BLX.
 static enum outcome special(struct step *s, unsigned word) {
     const unsigned from = field(word, 3, 4);
     const unsigned to = (word & 7) | field(word, 7, 1) << 3;

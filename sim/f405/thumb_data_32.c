@@ -66,7 +66,7 @@ static enum outcome operate(struct step *s, unsigned a, unsigned b, uint32_t val
     return DONE;
 }
 
-// Whether there is one, and its result may be missing.
+// Whether the operation exists, and without a result where the destination is PC.
 static bool is_operation(unsigned a, unsigned b) {
     const unsigned known = 0x6D1F;
     const unsigned operation = field(a, 5, 4);
@@ -142,7 +142,7 @@ static enum outcome saturate_to(struct step *s, unsigned operation, unsigned n,
     const unsigned to = b & 31;
     bool carry = false;
     if (is_bad(n) || (is_right && by == 0) || (b & 0x8020) != 0) {
-        return UNKNOWN;  // of both halves
+        return UNKNOWN;  // SSAT16, USAT16
     }
     const int32_t value = (int32_t)shift(x->r[n], is_right ? ASR : LSL, by, &carry);
     const int64_t one = 1;
@@ -361,7 +361,7 @@ static enum outcome multiply(struct step *s, unsigned a, unsigned b) {
     }
 }
 
-// A trap that the division by zero may be set to is libunicorn's.
+// SDIV, UDIV. A division by zero, which may be set to trap, is left to libunicorn.
 static enum outcome divide(struct step *s, unsigned n, unsigned d, unsigned last,
                            bool is_signed) {
     struct f405_registers *x = s->x;

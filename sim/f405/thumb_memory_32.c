@@ -141,8 +141,8 @@ static enum outcome single_32(struct step *s, unsigned a, unsigned b) {
 }
 
 // VLDR, VSTR, VLDM, VSTM, VPUSH, VPOP of single and double registers, and VMOV between
-// the core's and one of them, where the FPU is in use: else it has to be taken into use
-// first. A double is two singles, the lower half first.
+// a core register and a single one, once the FPU is in use: the first use is left to
+// libunicorn. A double is two singles, the lower half first.
 static enum outcome move_fpu(struct step *s, unsigned a, unsigned b) {
     struct f405_registers *x = s->x;
     const bool is_double = (b & 0x0F00) == 0x0B00;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // What the files of thumb share: an instruction under way, arithmetic with flags,
-// shifts, and loads and stores (ARM, chapters A5 to A7). Inline, as each instruction
-// needs them.
+// shifts, loads and stores (ARM, chapters A5 to A7). Inline, because they are the
+// emulator's innermost loop.
 #ifndef SIM_F405_THUMB_STEP_H
 #define SIM_F405_THUMB_STEP_H
 
@@ -9,7 +9,7 @@
 
 #include "f405.h"
 
-// How an instruction ended. UNKNOWN: it has not begun.
+// How an instruction ended. UNKNOWN: it has changed nothing and is left to libunicorn.
 enum outcome {
     DONE = THUMB_STOPPED,
     UNKNOWN = THUMB_UNKNOWN,
@@ -32,19 +32,20 @@ enum {
 
 enum shift { LSL, LSR, ASR, ROR };
 
-// An instruction under way. `at` is its address; `next` where it leads.
+// An instruction under way. `at` is its address, `next` the address of the next one.
 struct step {
     struct f405 *m;
     struct f405_registers *x;
     uint32_t at, next;
-    bool sets;  // flags, where the encoding leaves that to the IT block
+    bool sets;  // flags, in encodings that set them outside of IT blocks only
 };
 
 static inline uint32_t field(uint32_t word, unsigned from, unsigned bits) {
     return (word >> from) & ((UINT32_C(1) << bits) - 1);
 }
 
-// The compiler's own is a call where the processor has no instruction for it.
+// Set bits of 16. The compiler's builtin is a call where the processor has no
+// instruction for it.
 static inline unsigned ones(uint32_t bits) {
     bits -= bits >> 1 & 0x5555;
     bits = (bits & 0x3333) + (bits >> 2 & 0x3333);
@@ -127,7 +128,7 @@ static inline uint32_t add(struct f405_registers *x, uint32_t a, uint32_t b,
     return result;
 }
 
-// By 0 to 255; 0 leaves value and carry.
+// Shifts by 0 to 255; 0 leaves value and carry unchanged.
 static inline uint32_t shift(uint32_t value, enum shift kind, unsigned by,
                              bool *carry) {
     if (by == 0) {
@@ -151,8 +152,8 @@ static inline uint32_t shift(uint32_t value, enum shift kind, unsigned by,
     }
 }
 
-// An amount in an instruction: 0 stands for 32, and of ROR for RRX (ARM,
-// DecodeImmShift).
+// Shifts by an amount encoded in an instruction: 0 means 32, and for ROR it means RRX
+// (ARM, DecodeImmShift).
 static inline uint32_t shift_by(uint32_t value, enum shift kind, unsigned by,
                                 bool *carry) {
     if (by == 0 && kind == ROR) {
@@ -174,7 +175,7 @@ static inline uint32_t saturate(struct f405_registers *x, int64_t value, int64_t
 
 // Memory
 
-// RAM first, where most is.
+// RAM first: most accesses go there.
 static inline uint8_t *data_at(struct f405 *m, uint32_t address, unsigned size) {
     return address - F405_RAM <= F405_RAM_SIZE - size ? m->ram + (address - F405_RAM)
                                                       : f405_memory(m, address, size);
@@ -206,7 +207,7 @@ static inline bool store(const struct step *s, uint32_t address, unsigned size,
     return (address & (size - 1)) == 0 && f405_bus_write(m, address, size, value);
 }
 
-// Several words at once: memory alone, and aligned.
+// Several words at once: in memory only, and aligned.
 static inline uint8_t *words(const struct step *s, uint32_t address, unsigned count,
                              bool is_store) {
     if ((address & 3) != 0 || (is_store && f405_is_flash(address))) {
@@ -217,7 +218,7 @@ static inline uint8_t *words(const struct step *s, uint32_t address, unsigned co
 
 // Branches
 
-// By BX, or by a load into PC: leaves an exception, or stays in Thumb state.
+// A jump by BX or by a load into PC: leaves an exception, or stays in Thumb state.
 static inline enum outcome jump(struct step *s, uint32_t target) {
     if (target >> 24 == EXC_RETURN && (s->x->rest & 0x1FF) != 0) {
         s->next = target & ~UINT32_C(1);
@@ -271,7 +272,7 @@ static inline enum outcome store_many(struct step *s, uint32_t address, unsigned
     return DONE;
 }
 
-// With PC among them it also jumps, once `base` is what it becomes.
+// With PC among them it also jumps, after `base` has been written back.
 static inline enum outcome load_many(struct step *s, uint32_t address, unsigned list,
                                      unsigned base, uint32_t base_after) {
     const unsigned count = ones(list);
@@ -296,8 +297,9 @@ static inline enum outcome load_many(struct step *s, uint32_t address, unsigned 
     return (list >> PC) != 0 ? jump(s, target) : DONE;
 }
 
-// A mask that falls where an exception waits: the manual promises no earlier than two
-// instructions on (ARM, "MSR, CPS: visibility"; PM, "ISB").
+// Writes PRIMASK. Where an exception waits for it to be cleared, the manual promises
+// the exception no earlier than two instructions later (ARM, "MSR, CPS: visibility";
+// PM, "ISB").
 static inline enum outcome mask(struct step *s, bool is_masked) {
     if ((s->x->control & 1) != 0) {
         return UNKNOWN;  // not privileged

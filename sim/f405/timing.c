@@ -2,8 +2,9 @@
 // Time of the virtual STM32F405 and the moments of its events; see timing.h.
 #include "f405.h"
 
-// Picoseconds a cycle as the shortest fraction, with which 64 bits reach far: 125000/21
-// at 168 MHz, and 2^64/125000 cycles are 10 days. Clocks are few, so the last is kept.
+// Picoseconds a cycle as a fraction in lowest terms, so that products fit into 64 bits
+// for long: 125000/21 at 168 MHz, where 2^64/125000 cycles are 10 days. There are few
+// clocks, so the last fractions are kept.
 struct ratio {
     uint32_t hz;
     uint64_t ps, cycles;
@@ -24,7 +25,7 @@ static const struct ratio *ratio_of(uint32_t hz) {
     return ratio;
 }
 
-// a * b / c, by whichever width that takes.
+// a * b / c, in 128 bits where 64 are too few.
 static uint64_t scale(uint64_t a, uint64_t b, uint64_t c, bool is_up) {
     uint64_t product = 0;
     const uint64_t more = is_up ? c - 1 : 0;
@@ -37,7 +38,7 @@ static uint64_t scale(uint64_t a, uint64_t b, uint64_t c, bool is_up) {
 
 uint64_t f405_ps(uint64_t cycles, uint32_t hz) {
     if (hz == 0) {
-        return F405_NEVER / 4;  // far away, and no sum with it overflows
+        return F405_NEVER / 4;  // far in the future, and no sum with it overflows
     }
     const struct ratio *ratio = ratio_of(hz);
     return scale(cycles, ratio->ps, ratio->cycles, false);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // What is wired to the pins beside sensor and card: a radio on USART2, a Li-ion cell on
-// a divider, its charger, a BQ24072.
+// a divider, and its charger, a BQ24072.
 #include "../chips/rn41.h"
 #include "f405.h"
 
@@ -48,7 +48,8 @@ void f405_charger(struct f405 *m, bool is_external, bool is_charging) {
     pins_follow_port(m, PORT_C);
 }
 
-// What the pin itself does: its level and over how many ohms; 0: nothing.
+// What the pin itself drives: its level and, in *ohms, the resistance behind it; 0:
+// nothing.
 static double own_mv(const struct f405 *m, double *ohms) {
     const struct f405_port *port = &m->ports[PORT_C];
     const unsigned mode = (port->moder >> (2 * PIN_BATTERY)) & 3;

@@ -19,7 +19,8 @@ struct f405_wired {
 
 void wired_power_up(struct f405 *m);
 void wired_event(struct f405 *m);
-// Passes on what the radio has sent to the host. After each call that lets it go on.
+// Passes on the bytes that the radio has sent to the host. To be called after each call
+// that advances the radio.
 void wired_tell_host(struct f405 *m);
 // The firmware, or time, has changed something on these wires.
 void wired_follow(struct f405 *m);
