@@ -60,8 +60,9 @@ class Chip:
     acc_lsb: float  # m/s2
     mag_lsb: float  # uT
     mag_counts_max: int
-    # Without a clock the accelerometer measures with the gyroscope. The magnetometer does
-    # for every second sample, from the second on, felt_before_s before the interrupt.
+    # Without a clock the accelerometer measures with the gyroscope. The magnetometer
+    # does for every second sample, from the second on, felt_before_s before the
+    # interrupt.
     acc_clock: Clock | None = None
     mag_clock: Clock | None = None
     felt_before_s: float = 0.0
