@@ -126,11 +126,11 @@ static bool swallow(const uint8_t *bytes, uint8_t length) {
 
 int main(void) {
     static struct outlet wire = {.put = swallow};
-    static struct probe_port port = {.wire = &wire};
     static struct probe probe;  // without a sensor
+    static const IN_FLASH struct probe_port port = {.wire = &wire};
     probe.port = &port;
     board_init();
-    board_extras_begin(&port);
+    board_extras_begin(&probe);
     frame_decoder_init(&decoder, SCHEMA_SEED, MESSAGE_HELLO, content, sizeof content);
     for (;;) {
         board_watchdog_kick();
