@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Makes the C, the Python and the tables of PROTOCOL.md from schema.toml.
 
-`python protocol/generate.py` writes those that are stale; with `--check` it writes
-nothing, says which they are and exits 1.
+`python protocol/generate.py` writes the files that are stale; with `--check` it writes
+nothing, but names them and exits with 1.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ C_SOURCE = Path("firmware/core/wire/messages.c")
 PYTHON = Path("host/imud/wire/schema.py")
 DOCUMENT = Path("protocol/PROTOCOL.md")
 
-DIFF_LINES = 20  # of a stale file, enough to see what it is about
+DIFF_LINES = 20  # shown of a stale file
 
 
 def outputs(schema: Schema) -> dict[Path, str]:
@@ -38,7 +38,7 @@ def outputs(schema: Schema) -> dict[Path, str]:
 
 
 def stale(path: Path, text: str) -> list[str]:
-    """Nothing when the file holds the text, else what to say about it."""
+    """A message and a diff if the file does not hold the text; else nothing."""
     file = ROOT / path
     found = file.read_text("utf-8") if file.exists() else ""
     if found == text:
@@ -64,7 +64,9 @@ def main(arguments: list[str] | None = None) -> int:
         "--check", action="store_true", help="write nothing; exit 1 if a file is stale"
     )
     parser.add_argument(
-        "--canonical", action="store_true", help="print what the fingerprint is of"
+        "--canonical",
+        action="store_true",
+        help="print the text whose digest is the fingerprint",
     )
     asked = parser.parse_args(arguments)
     try:
@@ -82,7 +84,9 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.write("".join(f"{line}\n" for line in lines))
         return 1 if lines else 0
     for path, report in reports.items():
-        if report:  # an untouched file makes nobody rebuild
+        if (
+            report
+        ):  # files that are up to date keep their times, so that nothing is rebuilt
             (ROOT / path).write_text(files[path], "utf-8")
     return 0
 

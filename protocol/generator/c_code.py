@@ -30,7 +30,7 @@ TAKEN = (
 
 
 def clashes(schema: Schema) -> Iterator[tuple[str, str]]:
-    """Places in the schema whose names would be the same in C, and what to say."""
+    """Names that are used twice in C: their places in the schema, and a message."""
     seen = dict.fromkeys(TAKEN, "frame.h or messages.h")
     for place, name in constants(schema):
         if name in seen:
@@ -39,7 +39,7 @@ def clashes(schema: Schema) -> Iterator[tuple[str, str]]:
 
 
 def constants(schema: Schema) -> Iterator[tuple[str, str]]:
-    """Where each constant of messages.h comes from, and its name."""
+    """Each constant of messages.h: its place in the schema, and its name."""
     for message in schema.messages:
         place = f"message {message.name}"
         yield place, id_name(message)
@@ -214,7 +214,7 @@ def number(value: int, kind: str) -> str:
 
 
 def wrapped(start: str, items: Iterable[str], end: str) -> list[str]:
-    """`start` item, item... `end`, filled to the columns as clang-format does."""
+    """`start` item, item... `end`, broken into lines as by clang-format."""
     lines, hang = [start], " " * len(start)
     words = list(items)
     for index, word in enumerate(words):
@@ -228,7 +228,7 @@ def wrapped(start: str, items: Iterable[str], end: str) -> list[str]:
 
 
 def with_comments(rows: Iterable[tuple[str, str]]) -> Iterator[str]:
-    """Indented lines of code with their comments in one column, run by run."""
+    """Indented code; comments of successive lines are aligned."""
     for has_comment, run in groupby(rows, key=lambda row: bool(row[1])):
         lines = list(run)
         width = max(len(code) for code, _ in lines)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Reads schema.toml and refuses what cannot be, with a line for each problem."""
+"""Reads and checks schema.toml; reports each problem on a line."""
 
 from __future__ import annotations
 

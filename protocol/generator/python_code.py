@@ -90,7 +90,7 @@ def scale_code(scale: Decimal | str) -> str:
 
 
 def field_lines(field: Field) -> list[str]:
-    """The call of Field() that stands for it, broken where it is too long."""
+    """The call of Field() that describes a field, broken if it is too long."""
     parts = [f'"{field.name}"', str(field.tag), f'"{field.type}"']
     if field.count > 1:
         parts.append(str(field.count))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The probe's C and the host's Python: each reads what the other writes, and both give
-the same name to the same skew."""
+"""The probe's C and the host's Python read what the other writes, and give
+bad content the same names."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def unit_vectors(draw: st.DrawFn, count: int, one: int) -> list[int]:
 
 
 def wire_values(field: schema.Field) -> st.SearchStrategy[Any]:
-    """Wire numbers that the schema allows, one alone or a list."""
+    """Wire numbers that the schema allows: one, or a list for an array."""
     if field.type == "text":
         printable = st.characters(min_codepoint=32, max_codepoint=126)
         return st.text(printable, max_size=field.count)
@@ -138,7 +138,7 @@ def test_the_hosts_frames_are_the_probes(
 
 
 def ours(content: bytes) -> bytes:
-    """The content, as of our own schema where it is a whole hello."""
+    """The content; a whole hello gets our own schema's fingerprint."""
     if content[0] != wire.HELLO_ID or len(content) < FINGERPRINT.stop:
         return content
     own = schema.FINGERPRINT.to_bytes(4, "little")
@@ -146,7 +146,7 @@ def ours(content: bytes) -> bytes:
 
 
 def host_word(content: bytes) -> str:
-    """The host's verdict in the C's words; values are beyond the C."""
+    """The host's result by the C's name; the C does not check values."""
     found = messages.decode(content)
     if isinstance(found, messages.Message) or found.kind == "impossible_value":
         return "ok"
@@ -182,7 +182,7 @@ def test_the_host_names_every_skew_as_the_probe_does(vector: dict[str, Any]) -> 
 
 
 def pieces(name: str, content: bytes) -> list[bytes]:
-    """Header and fields of a good content."""
+    """Header and fields of good content."""
     message_type = next(m for m in schema.MESSAGES if m.name == name)
     found, at = [content[: wire.HEADER_SIZE]], wire.HEADER_SIZE
     for field in message_type.fields:
@@ -195,7 +195,7 @@ def pieces(name: str, content: bytes) -> list[bytes]:
 
 @st.composite
 def skewed(draw: st.DrawFn) -> tuple[str, bytes]:
-    """A content with fields taken out, put in twice, exchanged, strange or cut."""
+    """Content with fields removed, doubled, exchanged, replaced or cut."""
     vector = draw(st.sampled_from([v for v in VECTORS["good"] if "grown" not in v]))
     parts = pieces(vector["message"], unhex(vector["content"]))
     for _ in range(draw(st.integers(1, 3))):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Frames in bad company: any chunks, noise, cuts, insertions and every flipped bit."""
+"""Frames in any chunks, with noise, cuts, insertions and every flipped bit."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CONTENT_MAX = wire.lib.FRAME_CONTENT_MAX
 OVERHEAD = 4  # CRC, one COBS code, delimiter
 
 contents = st.binary(min_size=1, max_size=CONTENT_MAX)
-# Runs of zeros and of anything: what COBS has to work for.
+# Runs of zeros and of other bytes, the hard cases of COBS.
 lumpy = st.lists(st.sampled_from([b"\0", b"\0\0\0", b"\x01", b"\xff\x80", b"abc"]))
 sparse = lumpy.map(b"".join).filter(lambda b: 1 <= len(b) <= CONTENT_MAX)
 seeds = st.integers(0, 0xFFFF)
@@ -32,7 +32,7 @@ def content_frame(content: bytes, seed: int = SEED) -> bytes:
 
 
 def reference_frame(seed: int, content: bytes) -> bytes:
-    """COBS and CRC once more, by other means."""
+    """An independent encoder: COBS and CRC."""
     checked = content + struct.pack("<H", binascii.crc_hqx(content, seed))
     blocks = (bytes([len(b) + 1]) + b for b in checked.split(b"\0"))
     return b"".join(blocks) + b"\0"
@@ -114,11 +114,11 @@ def test_noise_costs_at_most_the_frame_that_it_touches(
     frames = [content_frame(content) for content in messages]
     stream = b"".join([*frames[:at], noise, *frames[at:]])
     found = good(Decoder(SEED).feed(stream))
-    # The noise runs into the frame behind it unless a zero ends it.
+    # Noise spoils the next frame unless a zero ends it.
     is_apart = not noise or noise.endswith(b"\0")
     expected = messages if is_apart else messages[:at] + messages[at + 1 :]
     assert found in (expected, messages)
-    # A frame on another one's heels is safe behind one more zero.
+    # After another frame one more zero keeps the next frame safe.
     guarded = b"".join([*frames[:at], noise, b"\0", *frames[at:]])
     assert good(Decoder(SEED).feed(guarded)) == messages
 
@@ -138,7 +138,7 @@ def test_a_frame_cut_anywhere_costs_itself_and_the_one_it_runs_into() -> None:
         frame, following = content_frame(content), content_frame(NEXT)
         for kept in range(len(frame)):
             head = frame[:kept]
-            # Of a frame all cut away, nothing is left to run into the next.
+            # A frame that is cut away completely cannot spoil the next.
             expected = [NEXT] if kept == 0 else []
             assert good(Decoder(SEED).feed(head + following)) == expected
             assert good(Decoder(SEED).feed(head + b"\0" + following)) == (
@@ -179,7 +179,7 @@ def test_no_flipped_bit_ever_passes_as_good() -> None:
             damaged = bytearray(frame)
             damaged[bit // 8] ^= 1 << bit % 8
             found = Decoder(SEED).feed(bytes(damaged) + following)
-            # Without its delimiter a frame runs into the next.
+            # Without its delimiter a frame spoils the next.
             is_delimiter = bit // 8 == len(frame) - 1
             assert good(found) == ([] if is_delimiter else [NEXT])
             assert len(found) > len(good(found))

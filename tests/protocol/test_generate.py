@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The generator: its files are fresh, and what it makes of another schema works."""
+"""The generator: its files are up to date, and its output for another schema works."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_each_stale_file_is_named_with_what_differs(project: Path) -> None:
     for path in generate.outputs(checker.load(generate.SCHEMA)):
         file = project / path
         fresh = file.read_text("utf-8")
-        # Inside generated text: the document's prose is nobody's but its author's.
+        # Only inside generated text: the generator leaves the document's prose alone.
         file.write_text(fresh.replace("sample_flags", "simple_flags"), "utf-8")
         done = run(project, "--check")
         assert done.returncode == 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The vectors, worked out from the document, against the firmware's C both ways."""
+"""The vectors, derived from the document, against the firmware's C both ways."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The firmware's frame.c and messages.c in Python's words, and the vectors as data."""
+"""The firmware's frame.c and messages.c with Python types, and the vectors as data."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ IDS = {
     )
 }
 
-# What stands behind a buffer that the C must not touch.
+# Guard bytes after a buffer, which the C must not touch.
 GUARD = b"\xa5" * 8
 
 
@@ -105,7 +105,7 @@ def is_characters(kind: Any) -> bool:
 def encode_message(
     name: str, fields: Mapping[str, Any], sequence: int, time_us: int
 ) -> bytes:
-    """The C's content; fields are wire numbers, text as str, bytes as hex."""
+    """Encode by the C; fields are wire numbers, text as str, bytes as hex."""
     message = ffi.new(f"struct message_{name} *")
     for field, kind in field_types(name):
         value = fields[field]
@@ -125,9 +125,9 @@ def encode_message(
 def decode_message(
     name: str, content: bytes, behind: bytes = GUARD
 ) -> tuple[str, tuple[int, int, int], dict[str, Any]]:
-    """The C's result, its header and its fields as wire numbers, text stripped.
+    """Decode by the C: result, header and fields as wire numbers, text stripped.
 
-    `behind` are the bytes that follow in memory and must not be read.
+    `behind` are bytes that follow in memory and must not be read.
     """
     header = ffi.new("struct message_header *")
     message = ffi.new(f"struct message_{name} *")
