@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Orientation error of an image on recordings with optical truth, beside others'.
+"""Orientation error of an image on recordings with optical truth, and of other filters.
 
-Each recording moves a virtual board, which runs the image that is flashed: a Nano at
-200 samples a second, or an STM32F405 at 380. Its poses are scored; so is what each
-filter of engines.py makes of the very samples that the image read. Without the engine
-of the board's name no image runs, and the samples are made as it would read them:
-seconds instead of minutes.
+Each recording moves a virtual board, a Nano at 200 samples a second or an STM32F405 at
+380, which runs the same image as real boards. Its poses are scored, and so are those of
+each filter of engines.py from the same samples. Without the engine named after the
+board no image runs and the samples are simulated: seconds instead of minutes.
 """
 
 from __future__ import annotations
@@ -47,14 +46,14 @@ ENGINES = (*IMAGES, *engines.ENGINES)
 BODY_BIAS_UT = 2.8
 DIAGONALS = np.array(list(itertools.product((1.0, -1.0), repeat=3))) / math.sqrt(3.0)
 
-# Whose errors over time are kept, for the picture: a walk through an office.
+# The trial whose errors over time are kept for the picture: a walk in an office.
 TRACED = "37"
 TRACE_HZ = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What is asked of every trial."""
+    """Settings for every trial."""
 
     board: str
     engines: tuple[str, ...]
@@ -63,7 +62,7 @@ class Settings:
 
 
 def measure(path: Path, settings: Settings) -> Result:
-    """Scores every engine on one recording."""
+    """Run every engine on one recording and score it."""
     trial = scoring.load_trial(path)
     if settings.body_bias_ut:
         bias_ut = settings.body_bias_ut * DIAGONALS[0]
@@ -102,7 +101,7 @@ def measure(path: Path, settings: Settings) -> Result:
 
 
 def run(trial: Trial, settings: Settings) -> Capture:
-    """The image on this trial, as it was recorded or with a magnet on it."""
+    """Run the image on a trial, as recorded or with a magnet on the probe."""
     if not settings.body_bias_ut:
         return run_image(settings.board, trial.path)
     with tempfile.TemporaryDirectory() as folder:
@@ -130,7 +129,7 @@ def biased(trial: Trial, settings: Settings) -> dict[str, Score]:
     if len(names) < 2:
         return {}
     bias_ut = settings.body_bias_ut or BODY_BIAS_UT
-    # A bias of --body-bias is in the motion already.
+    # --body-bias has been added to the motion already.
     own_ut = settings.body_bias_ut * DIAGONALS[0]
     scores: dict[str, list[Score]] = {name: [] for name in names}
     for direction in DIAGONALS:
@@ -163,7 +162,7 @@ def trace(estimates: Mapping[str, Estimate], trial: Trial) -> dict[str, Any]:
 
 
 def live(result: Result) -> str:
-    """The line of a trial as soon as it is done."""
+    """The line that is printed as soon as a trial is done."""
     totals = ", ".join(
         f"{name} {result.scores[name].total:.2f}"
         for name in (*IMAGES, HOST, VQF)
@@ -240,14 +239,14 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def measure_all(paths: Sequence[Path], args: argparse.Namespace) -> list[Result]:
-    """All trials, some at a time; each says its line as soon as it is done."""
+    """Measure all trials, `--jobs` at a time; print a line for each when it is done."""
     task = partial(
         measure,
         settings=Settings(args.board, tuple(args.engines), args.body_bias, args.trace),
     )
     progress = Progress(f"{len(paths)} recordings", len(paths))
     results = []
-    # Processes, because the filters of others are Python, one thread at a time.
+    # Processes, because other filters are Python and would share one interpreter lock.
     with ProcessPoolExecutor(
         min(args.jobs, len(paths)), multiprocessing.get_context("spawn")
     ) as pool:
@@ -261,7 +260,7 @@ def measure_all(paths: Sequence[Path], args: argparse.Namespace) -> list[Result]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints the tables, writes the JSON; 1 where something that must be is not."""
+    """Print the tables and write the JSON; return 1 if a required figure is missed."""
     args = parse(argv)
     absent = [path for path in args.paths if not path.exists()]
     if absent:
@@ -286,7 +285,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def end(results: Sequence[Result], judged: Sequence[report.Figure], image: str) -> int:
-    """The last lines, and the exit code."""
+    """Print the last lines; return the exit code."""
     missed = sum(figure.verdict == "MISSED" for figure in judged)
     unequal = sum(result.unequal for result in results)
     lost = sum(result.lost for result in results)

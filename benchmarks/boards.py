@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The boards that are measured: what each is called, and what its sensor does."""
+"""The boards that are measured: their names, images, clocks and sensors."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from feed import Chip
 
 @dataclass(frozen=True, slots=True)
 class Board:
-    """A virtual board and the image that is flashed on it."""
+    """A virtual board and its image."""
 
-    name: str  # of `imud sim`, and of the image among the engines
+    name: str  # in `imud sim`, and of the image among the engines
     title: str  # of its processor
-    environment: str  # of platformio.ini, the image that is flashed
+    environment: str  # of platformio.ini, which builds its image
     clock_hz: float
     chip: Chip
 

@@ -14,9 +14,9 @@ from boards import F405, NANO
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What an image has to keep to."""
+    """Limits of an image; sizes in bytes."""
 
-    cycles: int  # of a sample
+    cycles: int  # a sample
     flash: int
     variables: int  # bytes of RAM
     stack: int
@@ -26,11 +26,11 @@ class Limits:
 LIMITS = {
     "nano": Limits(
         int(0.9 * NANO.clock_hz / NANO.chip.rate_hz),
-        # The bootloader keeps 2 kB of the flash on old Nanos.
+        # On old Nanos the bootloader takes 2 kB of the flash.
         flash=filters.FLASH_BYTES - 2048,
         variables=filters.RAM_BYTES,
         stack=filters.RAM_BYTES,
-        # 1.7 KiB: what is left of the 2 KiB is for what no run has met.
+        # 1.7 KiB of the 2 KiB; the rest is a reserve for stack that no run has needed.
         both=1740,
     ),
     # Half of the time, because an instruction may take more than a cycle. Data sheet,
@@ -47,12 +47,12 @@ LIMITS = {
 
 
 class SumsDiffer(Exception):
-    """A profile whose parts don't make up its total."""
+    """The parts of a profile do not add up to its total."""
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One figure, its limit where there is one, and whether it keeps to it."""
+    """A figure and its limit, if it has one."""
 
     name: str
     value: float
@@ -71,19 +71,19 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Cycles a sample."""
+    """Cycles a sample in one part of the firmware."""
 
     name: str
     mean: float
     worst: int
-    in_worst: int  # in the sample that took longest in all
-    outside: float  # before the sample's work and after it, mean
+    in_worst: int  # in the slowest sample
+    outside: float  # mean, before a sample's work begins or after it has ended
 
 
 def figures(
     summary: dict[str, Any], lost: int, poses_hz: float, name: str = NANO.name
 ) -> list[Line]:
-    """The table of an image."""
+    """The table of an image, from the emulator's summary."""
     limits = LIMITS[name]
     return [
         Line("cycles a sample, worst", summary["cycles_worst"], "", limits.cycles),
@@ -101,7 +101,7 @@ def figures(
 
 
 def by_part(profile: dict[str, Any]) -> list[Part]:
-    """The parts by their mean, and all together; checked to add up."""
+    """The parts, largest mean first, and their total; SumsDiffer if it is another."""
     count = profile["samples"]
     total = profile["total"]
     tallies = profile["parts"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Runs an image that is flashed on a motion, and reads what it said."""
+"""Runs a board's image on a motion and reads the messages that it sent."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from imud.virtual import motion, sim
 
 
 class RunFailed(Exception):
-    """The virtual probe did not come to a good end."""
+    """The virtual probe failed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Capture:
-    """What the image read and what it made of it; times are of the motion, seconds."""
+    """The image's samples and poses; times are seconds from the start of the motion."""
 
     feed: Feed
-    pose_contents: Sequence[bytes]  # as sent, one for each that the feed counts
+    pose_contents: Sequence[bytes]  # as sent, one for each of feed.pose_after
     poses: FloatArray  # world_from_body
-    lost: int  # samples and messages of which anything is missing
-    log_dropped: int  # messages that did not get to its card, where it has one
-    summary: dict[str, Any]  # as the simulator wrote it
+    lost: int  # samples and messages that are missing, whole or in part
+    log_dropped: int  # messages that its card, if any, has not got
+    summary: dict[str, Any]  # as the emulator wrote it
 
     @property
     def pose_times_s(self) -> FloatArray:
@@ -49,10 +49,10 @@ def run(
     sample_rate_hz: int | None = None,
     pose_rate_hz: int | None = None,
 ) -> Capture:
-    """Streams pose and raw of a virtual board that feels this motion.
+    """Run a virtual board on a motion, streaming pose and raw.
 
-    Rates are what is asked of the image: every sample, and the poses that it starts
-    with, unless told otherwise.
+    The image is asked for these rates; by default it sends every sample, and poses at
+    its initial rate. Raises RunFailed.
     """
     board = sim.BOARDS[board_name]
     if sample_rate_hz is not None:
@@ -86,7 +86,7 @@ def run(
 
 
 def read(record: Path, summary: dict[str, Any]) -> Capture:
-    """Reads a capture of UART bytes."""
+    """Read a capture of UART bytes."""
     probes: dict[str, Probe] = {}
     session = Session(lambda probe_id: probes.setdefault(probe_id, Probe(probe_id)))
     events = [*session.receive(record.read_bytes(), None), *session.close()]
@@ -96,7 +96,7 @@ def read(record: Path, summary: dict[str, Any]) -> Capture:
     for event in events:
         if isinstance(event, Received):
             heard.setdefault(event.message.name, []).append(event)
-    # Until its sensor runs a probe doesn't know what a count is worth.
+    # Hellos from before the sensor runs do not have its scale factors yet.
     hellos = [
         event.content
         for event in heard.get("hello", [])
@@ -134,7 +134,7 @@ def read(record: Path, summary: dict[str, Any]) -> Capture:
 
 
 def unlogged(equipment: Sequence[Received]) -> int:
-    """Messages that the card had no time for, as the board has last said it."""
+    """Messages that the card was too slow for, from the board's last report."""
     count = equipment[-1].message.fields["messages_unlogged"] if equipment else 0
     assert isinstance(count, int)
     return count

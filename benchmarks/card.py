@@ -31,18 +31,18 @@ RATE_HZ = 380
 IDS = {message.name: message.id for message in schema.MESSAGES}
 SAMPLES = (IDS["raw"], IDS["pose"])
 CHUNK = 1 << 20
-SLACK_S = 3.0  # the sensor's set-up and a click of the button come first
-# What a second takes on the card, raw and pose with their frames, and something over.
+SLACK_S = 3.0  # for the sensor's set-up and a click of the button
+# Size of a second on the card: raw and pose with their frames, and a margin.
 BYTES_A_SECOND = 48_000
 
 
 class ItDiffers(Exception):
-    """What the two logs do not have in common."""
+    """The two logs differ; the message says where."""
 
 
 @dataclass(slots=True)
 class Counts:
-    """Messages of one way out, by kind, and the holes in their numbers."""
+    """Messages of one log by type, and the gaps in their sequence numbers."""
 
     kinds: Counter[int]
     first: int = -1
@@ -50,7 +50,7 @@ class Counts:
     holes: int = 0
 
     def take(self, contents: Iterable[bytes]) -> Iterator[bytes]:
-        """Counts; gives on what raw and pose say: all behind the number."""
+        """Count a message; return raw and pose without id and sequence number."""
         for content in contents:
             number = int.from_bytes(content[1:5], "little")
             self.kinds[content[0]] += 1
@@ -82,8 +82,11 @@ def of_card(path: Path) -> Iterator[bytes]:
 
 
 def compare(wire: Iterator[bytes], kept: Iterator[bytes]) -> int:
-    """How many there are, equal in both but for those that were sent before the log
-    began and those that power's end has kept from the card."""
+    """Count the messages that both logs have, in order.
+
+    The wire may have more at either end: messages sent before the log began, and the
+    last ones, which power-off kept from the card. Raises ItDiffers.
+    """
     first = next(kept, None)
     if first is None:
         raise ItDiffers("there is no sample on the card")
@@ -107,7 +110,7 @@ def compare(wire: Iterator[bytes], kept: Iterator[bytes]) -> int:
 
 
 def run(seconds: float, folder: Path) -> dict[str, Any]:
-    """Runs the image, compares, and gives the figures."""
+    """Run the image, compare its two logs and return the figures."""
     image, record, summary = folder / "card.img", folder / "uart", folder / "summary"
     size = 48 + int(seconds * BYTES_A_SECOND) // 2**20
     if imud(["card", "prepare", str(image), "--size", f"{size}M"]):
@@ -144,7 +147,7 @@ def run(seconds: float, folder: Path) -> dict[str, Any]:
 
 
 def judge(figures: dict[str, Any]) -> list[str]:
-    """What is not as promised."""
+    """The requirements that the figures do not meet."""
     wrong = [
         f"{figures[key]} {key.replace('_', ' ')}"
         for key in ("late", "missing_on_wire", "missing_on_card", "card_bad_crc")

@@ -24,23 +24,23 @@ from imud.probes.timeline import Timeline
 OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "clocks.json"
 
 POSE_US = 10_000
-LATE_NS = 16_000_000  # a message comes up to so much later, a command is heard so too
+LATE_NS = 16_000_000  # the longest delay of a message or a command
 PPM = 200
-POINTS = 10  # of the table
+POINTS = 10  # rows of the table
 
 
 class Desk:
-    """A probe that sends poses and is asked for its time once a second."""
+    """A probe that sends poses and answers a request for its time once a second."""
 
     def __init__(self, seed: int) -> None:
         self._random = random.Random(seed)  # noqa: S311 - lateness, no secret
         self._timeline = Timeline()
         self._clock = Clock()
-        self.outside = 0  # of its bound
+        self.outside = 0  # messages whose error was larger than the stated bound
         self._number = 0
 
     def go(self, count: int) -> float:
-        """Dates so many messages; the seconds that each took."""
+        """Date so many messages; return the seconds of CPU for each."""
         cases = [self._case() for _ in range(count)]
         clock, timeline = self._clock, self._timeline
         begin = time.process_time()
@@ -68,7 +68,7 @@ class Desk:
 
 
 def measure(messages: int, seed: int) -> dict[str, Any]:
-    """Time first, then, of another clock, memory: to trace it takes time."""
+    """Measure time, then memory with another clock, because tracing memory is slow."""
     desk, step = Desk(seed), messages // POINTS
     micros = [1e6 * desk.go(step) for _ in range(POINTS)]
     tracemalloc.start()

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Where a board's cycles, flash and RAM go.
 
-The image as flashed, all streams on, while a hand turns the probe any way up, strokes
-with it, rests, and works beside magnets: its figures against their limits, then by
-part. Of the ATmega328P then the images of the papers' filters, and every filter alone
-beside Madgwick's and VQF in floats. Of the STM32F405, which logs to a card meanwhile,
-each of its filters, and both of its rates with every message on the wire: there a cycle
-is an instruction, without what flash, buses and exceptions make the core wait.
+Runs the board's image with all streams on, while a hand turns the probe any way up,
+draws strokes, rests, and works beside magnets. Shows the image's figures against their
+limits, and its cycles by part.
+
+For the ATmega328P it also measures the images with the papers' filters, and every
+filter alone, beside Madgwick's and VQF in floats. The STM32F405 also logs to a card;
+measured besides are each of its filters, and both of its rates with every message on
+the wire. Its cycles are counted as instructions, without wait states of flash, buses
+and exceptions.
 """
 
 from __future__ import annotations
@@ -36,15 +39,15 @@ from imud.virtual.sensors import Magnet, World
 
 OUTPUT = scoring.PROJECT / "build" / "benchmarks"
 
-# Strong enough, and near enough to where the hand works, that the field leaves the
-# Earth's by tens of microtesla on some strokes and by little on others.
+# So strong and so near that the field differs from the Earth's by tens of microtesla on
+# some strokes and by little on others.
 MAGNETS = (
     Magnet((0.15, 0.05, 0.03), (0.0, 0.4, 0.1)),
     Magnet((-0.2, -0.1, 0.0), (0.5, 0.0, -0.3)),
 )
-# Offsets that the start-up calibration takes, and a magnetometer that needs one.
+# Offsets that the calibration at start-up removes, and one of the magnetometer.
 ERRORS = sensors.SensorErrors(mag_offset_ut=3.0)
-FILTER_SECONDS = 30.0  # of the same hand, for the filters alone
+FILTER_SECONDS = 30.0  # of the same motion, for the filters alone
 
 
 def print_image(name: str, summary: dict[str, Any]) -> None:
@@ -55,7 +58,7 @@ def print_image(name: str, summary: dict[str, Any]) -> None:
 
 
 def compare(samples: Samples) -> dict[str, dict[str, Any]]:
-    """Every filter alone: prints as it goes."""
+    """Measure every filter alone; print a line for each when it is done."""
     print(
         "\nfilter alone          step: mean     worst   pose: mean     flash     RAM"
         "   stack"
@@ -93,7 +96,7 @@ def first(samples: Samples, seconds: float) -> Samples:
 def image_of(
     board: Board, image: Path, hand: Path, args: argparse.Namespace
 ) -> tuple[Measured, list[Line], dict[str, Any]]:
-    """The flashed image: prints its tables."""
+    """Measure the board's image and print its tables."""
     measured = measure(board, image, hand, args.seed)
     capture, profile = measured.capture, measured.profile
     lines = figures(capture.summary, capture.lost, poses_a_second(capture), board.name)
@@ -119,7 +122,7 @@ def image_of(
 
 
 def of_nano(hand: Path, args: argparse.Namespace) -> tuple[list[Line], dict[str, Any]]:
-    """Its image, those of the papers' filters, and the filters alone."""
+    """Measure the Nano's image, those of the papers' filters, and the filters alone."""
     image = args.image or build(NANO.environment)
     measured, lines, result = image_of(NANO, image, hand, args)
     result["images"] = {NANO.environment: measured.capture.summary}
@@ -137,7 +140,7 @@ def of_nano(hand: Path, args: argparse.Namespace) -> tuple[list[Line], dict[str,
 
 
 def of_f405(hand: Path, args: argparse.Namespace) -> tuple[list[Line], dict[str, Any]]:
-    """Its image, that at both rates with all on the wire, and its filters."""
+    """Measure the F405's image, its filters, and both rates with all on the wire."""
     image = args.image or build(F405.environment)
     _, lines, result = image_of(F405, image, hand, args)
     if args.only != "image":
@@ -164,7 +167,7 @@ def of_f405(hand: Path, args: argparse.Namespace) -> tuple[list[Line], dict[str,
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measures, prints, writes JSON; 1 where a limit is broken."""
+    """Measure, print the tables, write the JSON; return 1 if a limit is broken."""
     parser = argparse.ArgumentParser(
         description=__doc__, epilog="example: benchmarks/cycles.py --seconds 60"
     )

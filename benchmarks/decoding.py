@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Frames that one core decodes in a second: by the C, by Python, by pymavlink."""
+"""Frames that one core decodes in a second: with our C, Python, and pymavlink."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DECODE_TARGET = 2e6  # frames/s
 
 
 class PlainDecoder:
-    """The same frames with the standard library alone, to compare with."""
+    """FrameDecoder with the standard library alone, to compare with."""
 
     def __init__(self) -> None:
         self._rest = b""
@@ -50,7 +50,9 @@ HELLO_ID = next(message.id for message in schema.MESSAGES if message.name == "he
 
 
 def rate_of(feed: Callable[[bytes], int], data: bytes, seconds: float) -> float:
-    """Frames a second of CPU time; the best of what fits, as others use the machine."""
+    """Frames a second of CPU time, the best run within so many seconds: other programs
+    slow down the rest.
+    """
     reads = [data[i : i + READ_BYTES] for i in range(0, len(data), READ_BYTES)]
     best, until = 0.0, time.monotonic() + seconds
     while time.monotonic() < until or best == 0.0:
@@ -61,7 +63,7 @@ def rate_of(feed: Callable[[bytes], int], data: bytes, seconds: float) -> float:
 
 
 def decoding(frames: int, seconds: float) -> dict[str, Any]:
-    """Frames/s of each decoder, of poses and of a MAVLink message of their size."""
+    """Frames/s of each decoder, with poses and a MAVLink message of their size."""
     source = Source(0)
     source.sequence = 1
     poses = [source.say(i * 5000) for i in range(RATE_HZ - 1)]
@@ -89,7 +91,7 @@ def decoding(frames: int, seconds: float) -> dict[str, Any]:
 
 
 def mavlink_rate(frames: int, seconds: float) -> tuple[int, float]:
-    """ATTITUDE_QUATERNION with its offset: 48 bytes, where a pose has 46."""
+    """Bytes and frames/s of ATTITUDE_QUATERNION with its offset, much like a pose."""
     from pymavlink.dialects.v20 import common
 
     parser = common.MAVLink(None)

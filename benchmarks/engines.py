@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Orientation filters to compare: each a function from what a probe read to poses."""
+"""Orientation filters to compare: functions from a probe's samples to poses."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from imud.virtual.motion import GRAVITY_M_S2
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Poses over time, and how sure of them the filter is where it says so."""
+    """Poses over time, with the filter's own sigmas if it states any."""
 
     times_s: FloatArray
     quats: FloatArray  # world_from_body, world east-north-up
@@ -30,7 +30,7 @@ class Estimate:
 
 Engine = Callable[[Feed], Estimate]
 
-# Ours: the images, and their C on this machine. The others are named where they
+# Our own: the images, and their C on this machine. Others' names stand where they
 # compare.
 NANO, F405, HOST = "nano", "f405", "host"
 IMAGES = (NANO, F405)
@@ -38,7 +38,7 @@ VQF, OFFLINE = "vqf", "vqf-offline"
 
 
 def poses(times_s: FloatArray, contents: Sequence[bytes]) -> Estimate:
-    """What pose messages say."""
+    """The estimate in pose messages."""
     rows = wire.to_rows("pose", contents)
     tilt, heading = (
         np.where(rows[name][:, 0] == 2**16 - 1, np.nan, rows[name][:, 0] * 0.01)
@@ -48,7 +48,7 @@ def poses(times_s: FloatArray, contents: Sequence[bytes]) -> Estimate:
 
 
 def replayed(feed: Feed, name: str) -> list[bytes]:
-    """The poses of the firmware's own C, after the same samples as the probe's."""
+    """Poses of the firmware's C on this machine, at the times of the probe's poses."""
     replay = Replay(with_filter(feed.hello, name))
     times_us = feed.rows["time_us"].tolist()
     due = dict(zip(feed.pose_after, feed.pose_sequence, strict=True))
@@ -67,7 +67,7 @@ def core(feed: Feed, name: str) -> Estimate:
 
 
 def vqf_defaults(feed: Feed, *, is_basic: bool = False) -> Estimate:
-    """VQF from PyPI with the parameters it comes with.
+    """VQF from PyPI with its default parameters.
 
     The basic one estimates no gyroscope offset and rejects no magnetic disturbance.
     """
@@ -75,7 +75,7 @@ def vqf_defaults(feed: Feed, *, is_basic: bool = False) -> Estimate:
 
     samples = feed.samples
     step_s = 1.0 / samples.rate_hz
-    # What the magnetometer gives less often than the rest is as far apart.
+    # Samples from one magnetometer reading to the next.
     every = max(1.0, round(len(samples) / max(1, int(samples.has_mag.sum())), 1))
     kind = vqf.BasicVQF if is_basic else vqf.VQF
     tracker = kind(step_s, step_s, every * step_s)
@@ -94,7 +94,7 @@ def vqf_defaults(feed: Feed, *, is_basic: bool = False) -> Estimate:
 
 
 def vqf_offline(feed: Feed) -> Estimate:
-    """VQF's smoother, which has seen the whole recording before its first answer."""
+    """VQF's smoother, which uses the whole recording for every pose."""
     from vqf import offlineVQF
 
     samples = feed.samples
@@ -106,11 +106,11 @@ def vqf_offline(feed: Feed) -> Estimate:
     return Estimate(feed.times_s, found["quat9D"])
 
 
-CALIBRATION_S = 5.0  # at rest, whose mean rate the tuned ones are spared
+CALIBRATION_S = 5.0  # at rest; tuned filters get the rates less their mean over it
 
 
 def without_bias(feed: Feed) -> FloatArray:
-    """Rates less their mean over the start, which every recording begins at rest."""
+    """Rates less their mean over the start, where every recording rests; rad/s."""
     samples = feed.samples
     rest = samples.gyr[: round(CALIBRATION_S * samples.rate_hz)]
     return np.asarray(samples.gyr - rest.mean(axis=0))
@@ -122,12 +122,12 @@ def ahrs_madgwick(feed: Feed, gain: float | None = None) -> Estimate:
 
     own = {} if gain is None else {"gain": gain}
     found = Madgwick(**ahrs_input(feed, is_tuned=gain is not None), **own)
-    # Its x is north and its y west.
+    # Its world frame has x north and y west.
     quarter = rotation.from_rotation_vector(np.array([0.0, 0.0, np.pi / 2]))
     return Estimate(feed.times_s, rotation.multiply(quarter, found.Q))
 
 
-# `ahrs` takes no integral gain of 0; this one turns nothing in an hour.
+# `ahrs` refuses an integral gain of 0; this one has no effect within an hour.
 NO_INTEGRAL = 1e-12
 
 
@@ -141,16 +141,16 @@ def ahrs_mahony(feed: Feed, gain: float | None = None) -> Estimate:
 
 
 def ahrs_input(feed: Feed, *, is_tuned: bool) -> dict[str, Any]:
-    """Samples as `ahrs` wants them.
+    """Samples as `ahrs` expects them.
 
-    The tuned ones do better without a field where the magnetometer had nothing new,
-    which zeros say; those at defaults with the last one held.
+    Between readings of the magnetometer tuned filters do better without a field, which
+    zeros mean; filters at their defaults with the last reading.
     """
     samples = feed.samples
     mag = samples.mag_held
     if is_tuned:
         mag = np.where(samples.has_mag[:, None], mag, 0.0)
-        mag[0] = samples.mag_held[0]  # where it starts from
+        mag[0] = samples.mag_held[0]  # the filter starts from it
     return {
         "gyr": without_bias(feed) if is_tuned else samples.gyr,
         "acc": samples.acc,
@@ -160,7 +160,7 @@ def ahrs_input(feed: Feed, *, is_tuned: bool) -> dict[str, Any]:
 
 
 def fusion_defaults(feed: Feed) -> Estimate:
-    """x-io's Fusion from PyPI's `imufusion` with the settings it comes with."""
+    """x-io's Fusion from PyPI's `imufusion` with its default settings."""
     import imufusion
 
     samples = feed.samples
@@ -180,7 +180,7 @@ def fusion_defaults(feed: Feed) -> Estimate:
     return Estimate(feed.times_s, out)
 
 
-# The images themselves, IMAGES, are none of these: one of them makes the feed.
+# Not the images (IMAGES), whose messages are what these engines are fed with.
 ENGINES: dict[str, Engine] = {
     HOST: partial(core, name="fuse"),
     VQF: vqf_defaults,
@@ -197,5 +197,5 @@ ENGINES: dict[str, Engine] = {
     "dcm_pi": partial(core, name="dcm_pi"),
 }
 
-# Those that keep a developer waiting for seconds only.
+# Engines that take seconds only.
 QUICK = (HOST, VQF, OFFLINE, "complementary", "mahony", "madgwick", "dcm_pi")

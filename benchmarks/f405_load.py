@@ -20,15 +20,15 @@ from imud._core import encode_frame
 from imud.virtual import motion
 from imud.wire import messages, schema
 
-FAST = "stm32f405_760"  # of platformio.ini
+FAST = "stm32f405_760"  # an environment of platformio.ini
 RATES = ((F405.environment, 380), (FAST, 760))
-# The image takes orders once the sensor is set up; every filter is in it.
+# The image accepts commands once its sensor is set up. It contains every filter.
 FILTER_FROM_US = 1_500_000
 
 
 @dataclass(frozen=True, slots=True)
 class Filtered:
-    """Cycles of a filter in the image that has them all."""
+    """Cycles a sample of one filter in the image."""
 
     step_mean: float
     step_worst: int
@@ -36,7 +36,7 @@ class Filtered:
 
 
 def each_filter(image: Path, hand: Path, seed: int) -> dict[str, dict[str, Any]]:
-    """The filters of the STM32F405's image, one after the other: prints as it goes."""
+    """Measure each filter of the image; print a line for each when it is done."""
     print("\nfilter in the image   step: mean     worst   pose: mean")
     found = {}
     for filter_ in schema.Filter:
@@ -58,11 +58,11 @@ def each_filter(image: Path, hand: Path, seed: int) -> dict[str, dict[str, Any]]
 
 
 def filtered(measured: Measured, name: str) -> Filtered:
-    """What a filter took of the samples behind the order to begin with it."""
+    """The cost of a filter for each sample after the command that selected it."""
     functions = measured.profile["functions"]
     times_us = measured.capture.feed.rows["time_us"]
     count = int((times_us > FILTER_FROM_US).sum())
-    if name == "fuse":  # which an image begins with
+    if name == "fuse":  # the filter at start-up
         count = measured.profile["samples"]
     tallies = [functions.get(f"{name}_{what}") for what in ("step", "orientation")]
     if None in tallies or not count:
@@ -77,7 +77,7 @@ def filtered(measured: Measured, name: str) -> Filtered:
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """An image at its rate, each sample and its pose sent and logged."""
+    """The load of an image that sends and logs each sample and its pose."""
 
     sample_hz: int
     samples: int
@@ -86,17 +86,17 @@ class Rate:
     poses_hz: float
     cycles_mean: float
     cycles_worst: int
-    asleep: float  # shares of 1
+    asleep: float  # share of the time, 0 to 1
     wire: float
     log_dropped: int  # messages that the card was too slow for
 
 
-BITS_A_BYTE = 10  # of the wire, a start and a stop bit among them
+BITS_A_BYTE = 10  # on the wire, with a start and a stop bit
 BAUD = 921_600
 
 
 def at_rate(image: Path, sample_hz: int, hand: Path, seed: int) -> Rate:
-    """Runs an image with a pose for every sample."""
+    """Run an image with a pose for every sample."""
     with tempfile.TemporaryDirectory() as folder:
         card = prepared(Path(folder), motion.load(hand).seconds)
         capture = captures.run(

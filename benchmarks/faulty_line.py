@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A probe behind a wire with faults, its session, and what truly arrived."""
+"""A probe behind a wire with injected faults, its session, and what truly arrived."""
 
 from __future__ import annotations
 
@@ -15,36 +15,38 @@ from imud.probes.ledger import totals
 from imud.probes.record import Record, record_of
 from imud.probes.session import Probe, Received, Session
 
-CHUNK = 20  # frames a read: what a USB bridge hands over at once, and a round number
+CHUNK = 20  # frames a read: about what a USB bridge delivers at once
 START_NS = 1_800_000_000_000_000_000
 
-# Chunks of which one has that fault. In 12 h of 4 probes each comes thousands of times,
-# but for those after which a probe has to be found again.
+# One chunk in so many has the fault. In 12 h of 4 probes each occurs thousands of
+# times, except those after which a probe has to be found again.
 FAULTS = {"flip": 150, "cut": 400, "double": 300, "reset": 20_000, "unplug": 10_000}
 
-# Chunks of sampled time without a port.
+# Chunks that pass without a port.
 UNPLUGGED = 10
 
-# The probes' clocks are fast by so much, one more than the other.
+# Probe number n has a clock that is fast by n times as much.
 FAST_PPM = 60.0
 
-# After a command was written, until a probe hears it: what a USB bridge takes.
+# Delay of a USB bridge, from writing a command until a probe receives it.
 HEARD_AFTER_NS = 700_000
 
-# Poses whose stated bound their time may miss.
+# Share of messages whose time may be outside of its stated bound.
 DISHONEST_MAX = 0.01
 
 
 @dataclass(slots=True)
 class Truth:
-    """What was on one probe's wire, known by its bytes and by no CRC."""
+    """What arrived from one probe, found by comparing bytes, not by any CRC."""
 
     whole: int = 0  # frames that arrived as they were sent, copies included
     spans: dict[int, tuple[int, int]] = field(default_factory=dict)  # of each boot
     unnamed: list[tuple[int, int]] = field(default_factory=list)  # boot, number
-    rest: bytes = b""  # of the frame that the last read ended in
+    rest: bytes = b""  # start of a frame that the last read cut off
     known: dict[bytes, int] = field(default_factory=dict)  # frames to their numbers
-    before: dict[bytes, int] = field(default_factory=dict)  # those of the chunk before
+    before: dict[bytes, int] = field(
+        default_factory=dict
+    )  # the same of the previous chunk
 
     def sent(self, frames: Sequence[bytes], first: int) -> None:
         self.before = self.known
@@ -64,7 +66,7 @@ class Truth:
                 self.unnamed.append((boot, number))
 
     def name(self) -> None:
-        """Whose frames they are is known."""
+        """Attribute the frames so far to the probe, whose hello has arrived."""
         for boot, number in self.unnamed:
             first, last = self.spans.get(boot, (number, number))
             self.spans[boot] = min(first, number), max(last, number)
@@ -72,12 +74,12 @@ class Truth:
 
     @property
     def accounted(self) -> int:
-        """From the first to the last whole one of each boot."""
+        """Messages from the first to the last whole one, summed over the boots."""
         return sum(last - first + 1 for first, last in self.spans.values())
 
 
 class Line:
-    """A probe, its wire with faults, and the session at its end."""
+    """A probe, its wire with faults, and the session at the wire's other end."""
 
     def __init__(self, number: int, seed: int) -> None:
         self.source = Source(number, number * FAST_PPM)
@@ -85,15 +87,15 @@ class Line:
         self.truth = Truth()
         self.faults: Counter[str] = Counter()
         self.sessions: Counter[str] = Counter()
-        self.wrong = 0  # passed on, and never sent like that
+        self.wrong = 0  # messages passed on that were never sent like that
         self.received: Counter[str] = Counter()
-        self.dated = Counter[bool]()  # with a bound; whether that was honest
+        self.dated = Counter[bool]()  # messages with a time, by whether its bound held
         self._random = random.Random(f"{seed}/{number}")  # noqa: S311, no secrets
         self._session: Session | None = None
         self._away = 0
 
     def turn(self, now_us: int) -> Iterator[Record]:
-        """One chunk: said, hurt, heard."""
+        """Send one chunk, inject its fault, and yield what the session passes on."""
         fault = self._fault()
         source, truth = self.source, self.truth
         first = source.sequence
@@ -108,7 +110,7 @@ class Line:
         if self._session is None:
             self._session = Session(lambda _: self.probe, t_ns)
             truth.rest = b""
-            # Plugged in between any two bytes.
+            # The plug goes in between any two bytes.
             data = data[self._random.randrange(len(data)) :]
         data = self._hurt(data, frames, fault)
         truth.arrived(data, source.boot_count)
@@ -160,7 +162,7 @@ class Line:
             )
 
     def _date(self, event: Received) -> None:
-        """Looks at when it is said to have been; each hello answers a question."""
+        """Check a message's time against the truth. Hellos answer time requests."""
         stamp = event.stamp
         true_ns = START_NS + self.source.true_us(stamp.t_device_us) * 1000
         if stamp.t_ns is not None and stamp.t_bound_ns is not None:
@@ -182,7 +184,7 @@ class Line:
         self._session = None
 
     def end(self) -> dict[str, Any]:
-        """What the ledger says, beside what was."""
+        """The ledger's counts beside the true ones."""
         self.unplug()
         counts: Any = self.probe.account.counts()
         total = totals(counts)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""What every engine is fed: the raw messages of a probe, sent or made up.
+"""The input of every engine: the raw messages of a probe, captured or simulated.
 
-`sampled` makes them as a virtual board does (sim/motion.c, sim/chips/), a thousand
-times as fast and for one moment of its start-up.
+`sampled` simulates a virtual board (sim/motion.c, sim/chips/) a thousand times as fast,
+with a fixed time of start-up.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from imud.virtual.motion import GRAVITY_M_S2, BoolArray, Motion
 from imud.wire import messages, schema
 from imud.wire.messages import Message
 
-AVERAGING = 0.443  # times 1/bandwidth: a moving average with that -3 dB point
+AVERAGING = 0.443  # length of a moving average times its -3 dB bandwidth
 NO_READING = -(2**15)  # on the wire
 
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Measurements at a rate of their own, of which a sample takes the last."""
+    """A sensor that measures at its own rate; each sample takes its last reading."""
 
     rate_hz: float
-    phase_s: float  # of one of them, from the start of the motion
-    taken_after_s: float  # a sample's interrupt: when it is read
+    phase_s: float  # of one reading, from the start of the motion
+    taken_after_s: float  # from a sample's interrupt until the reading is taken
 
     def last(self, times_s: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """When that was which each sample takes, and whether none took it before."""
+        """Time of the reading that each sample takes, and whether it is a new one."""
         ticks = np.floor((times_s + self.taken_after_s - self.phase_s) * self.rate_hz)
         is_new = np.diff(ticks, prepend=ticks[0] - 1.0) > 0
         return self.phase_s + ticks / self.rate_hz, is_new
@@ -43,8 +43,8 @@ class Clock:
 class Chip:
     """A sensor as the firmware sets it up and as its model reads.
 
-    Moments depend on the build: when an image had set its sensor up, by some
-    milliseconds, and with that the phases.
+    Times and phases depend on the build: the end of the sensor's set-up differs by some
+    milliseconds between images.
     """
 
     board: str
@@ -52,24 +52,25 @@ class Chip:
     who_am_i: tuple[int, int]
     rate_hz: float
     first_sample_s: float  # after the start of the motion
-    taken_before_s: float  # a sample's interrupt
-    # Bandwidth and delay, for motions that no sensor's low-pass has touched.
+    taken_before_s: float  # before a sample's interrupt
+    # Bandwidth in Hz and delay in s, for motions without a sensor's low-pass.
     gyr_lowpass: tuple[float, float]
     acc_lowpass: tuple[float, float]
     gyr_lsb: float  # rad/s
     acc_lsb: float  # m/s2
     mag_lsb: float  # uT
     mag_counts_max: int
-    # None: with the gyroscope. The other: every second sample, from the second on, felt
-    # so long before its interrupt.
+    # Without a clock the accelerometer measures with the gyroscope. The magnetometer
+    # does for every second sample, from the second on, felt_before_s before the
+    # interrupt.
     acc_clock: Clock | None = None
     mag_clock: Clock | None = None
     felt_before_s: float = 0.0
-    mag_asa: tuple[int, int, int] | None = None  # the factory's, in our axes
+    mag_asa: tuple[int, int, int] | None = None  # factory adjustment, in our axes
 
     @property
     def mag_adjust(self) -> FloatArray:
-        """The factors that readings are multiplied by: rounded before and after."""
+        """The factors of the readings, which are rounded before and after."""
         return (np.array(self.mag_asa or (128, 128, 128)) - 128) * 0.5 / 128 + 1
 
 
@@ -92,8 +93,8 @@ MPU9250 = Chip(
     mag_asa=(178, 176, 166),
 )
 
-# DS of the LSM9DS0, tables 3 and 21; CTRL_REG1_XM, CTRL_REG2_XM and CTRL_REG5_XM as the
-# firmware writes them. A moving average lags by half of itself.
+# LSM9DS0 data sheet, tables 3 and 21; CTRL_REG1_XM, CTRL_REG2_XM and CTRL_REG5_XM as
+# the firmware writes them. A moving average lags by half its length.
 LSM9DS0 = Chip(
     board="f405",
     sensor="lsm9ds0",
@@ -110,17 +111,17 @@ LSM9DS0 = Chip(
     acc_clock=Clock(800.0, phase_s=0.000826, taken_after_s=0.000352),
     mag_clock=Clock(100.0, phase_s=0.001, taken_after_s=0.000626),
 )
-POSE_RATE_HZ = 100  # at which a probe starts
+POSE_RATE_HZ = 100  # a probe's default
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Equally spaced samples in SI units, for filters that know no counts."""
+    """Equally spaced samples in SI units, in the probe's frame."""
 
     rate_hz: float
     gyr: FloatArray  # rad/s
     acc: FloatArray  # m/s2
-    mag: FloatArray  # uT; NaN where the magnetometer had nothing new
+    mag: FloatArray  # uT; NaN without a new reading
 
     def __len__(self) -> int:
         return len(self.gyr)
@@ -131,7 +132,7 @@ class Samples:
 
     @cached_property
     def mag_held(self) -> FloatArray:
-        """The last reading; before the first, the first."""
+        """The last reading so far; the first one before there is any."""
         latest = np.where(self.has_mag, np.arange(len(self)), -1)
         latest = np.maximum.accumulate(latest)
         first = int(np.argmax(self.has_mag))
@@ -140,7 +141,7 @@ class Samples:
 
 @dataclass(frozen=True)
 class Feed:
-    """A probe's hello and raw messages, and after which of them it sent a pose."""
+    """A probe's hello and raw messages, and the samples after which it sent a pose."""
 
     hello: bytes
     raws: Sequence[bytes]
@@ -154,7 +155,7 @@ class Feed:
 
     @cached_property
     def times_s(self) -> FloatArray:
-        """Of the samples, from the start of the motion; shorter than 71 minutes."""
+        """Sample times from the start of the motion, of less than 71 minutes."""
         since_us = self.rows["time_us"].astype(np.float64) - self.start_us
         return np.asarray(since_us * 1e-6)
 
@@ -181,7 +182,7 @@ def with_bias(motion: Motion, bias_ut: FloatArray) -> Motion:
 
 
 def sampled(motion: Motion, chip: Chip = MPU9250) -> Feed:
-    """What a virtual board sends of a motion."""
+    """The messages that a virtual board sends for a motion."""
     count = int((motion.seconds - chip.first_sample_s) * chip.rate_hz)
     times = chip.first_sample_s + np.arange(count) / chip.rate_hz
     taken = times - chip.taken_before_s
@@ -226,14 +227,14 @@ def sampled(motion: Motion, chip: Chip = MPU9250) -> Feed:
 
 
 def posed_after(count: int, rate_hz: float) -> Sequence[int]:
-    """The samples with which the shares of a pose make another whole one."""
+    """Indexes of the samples after which a pose is sent."""
     due = np.floor((np.arange(1, count + 1) * POSE_RATE_HZ) / rate_hz)
     poses: list[int] = np.flatnonzero(np.diff(due, prepend=0.0) > 0).tolist()
     return poses
 
 
 def values(records: FloatArray, at: FloatArray) -> FloatArray:
-    """Values at any places among records, linear between them, held at the ends."""
+    """Records interpolated linearly at fractional indexes, held at the ends."""
     # The stream to the emulator has single precision.
     known = records.astype(np.float32).astype(float)
     at = np.clip(at, 0.0, len(known) - 1.0)
@@ -249,7 +250,7 @@ def means(
     window_s: float,
     delay_s: float,
 ) -> FloatArray:
-    """Exact means over windows that are centred a delay before each time."""
+    """Exact means over windows whose centres are a delay before each time."""
     known = records.astype(np.float32).astype(float)
     whole = np.cumsum(0.5 * (known[1:] + known[:-1]), axis=0)
     whole = np.concatenate([np.zeros((1, known.shape[1])), whole])
@@ -271,7 +272,7 @@ def means(
 
 
 def hello(chip: Chip = MPU9250) -> bytes:
-    """Of a board with this sensor, once it runs."""
+    """The hello of a board with this sensor, once the sensor runs."""
     x, y, z = chip.mag_asa or (0, 0, 0)
     fields = {
         "protocol_version": schema.PROTOCOL_VERSION,
@@ -298,14 +299,14 @@ def hello(chip: Chip = MPU9250) -> bytes:
 
 
 def with_filter(content: bytes, name: str) -> bytes:
-    """A hello of the same probe that runs another filter."""
+    """The hello of the same probe with another filter."""
     old = said(content)
     fields = dict(old.fields) | {"filter": name}
     return messages.encode("hello", fields, old.sequence, old.time_us)
 
 
 def said(content: bytes) -> Message:
-    """The message of content that has been found good."""
+    """Decode content that is known to be good."""
     message = messages.decode(content)
     assert isinstance(message, Message)
     return message

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Filters alone on the ATmega328P: what a step costs, and that it is the right one.
+"""The cost of a step of each filter alone on the ATmega328P.
 
-Each is built into the same little program (benchmarks/avr), fed the same samples and
-measured by build/sim/bench. Its answers must be those of the same filter on this
-machine; only then its figures count.
+Each filter is built into the same small program (benchmarks/avr), fed the same samples
+and measured by build/sim/bench. Its answers must agree with those of the same filter on
+this machine, or its figures do not count.
 """
 
 from __future__ import annotations
@@ -42,28 +42,28 @@ MACHINE = ("-mmcu=atmega328p", "-DF_CPU=16000000L")
 LINK = ("-Wl,--gc-sections", "-mrelax", "-Wl,-u,bench_sample", "-Wl,-u,bench_answer")
 INCLUDE = (f"-I{FIRMWARE}", f"-I{AVR}")
 
-# Of the answers to those of the same filter in doubles, at any time. Single precision
-# drifts; the filters' own corrections hold it.
+# Largest angle at any time to the same filter in doubles. Single precision drifts, but
+# the filters' own corrections limit that.
 DEGREES_MAX = {"float Madgwick": 0.05, "float BasicVQF": 0.5, "float VQF": 0.5}
 MADGWICK_GAIN = 0.041  # benchmarks/avr/madgwick_float.c
-HELD = 2  # samples a reading of the field, benchmarks/avr/bench.h
+HELD = 2  # samples for each magnetometer reading, benchmarks/avr/bench.h
 
 
 class FilterFailed(Exception):
-    """A filter could not be built, or answers something else than it should."""
+    """A filter could not be built, or its answers are wrong."""
 
 
 class Unmeasured(Exception):
-    """There are no figures of a filter, for a reason to tell."""
+    """A filter has no figures; the message says why."""
 
 
 class DoesNotFit(Unmeasured):
-    """Flash or RAM has no room for it."""
+    """The filter does not fit into flash or RAM."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a filter takes of the chip, the bench's own share left out."""
+    """Cycles and bytes that a filter takes, without the bench program's own share."""
 
     step_mean: float
     step_worst: int
@@ -72,7 +72,7 @@ class Cost:
     flash: int
     ram: int
     stack: int
-    checked: str  # how the answers were found right
+    checked: str  # how the answers were checked
 
     @property
     def cycles_mean(self) -> float:
@@ -80,23 +80,23 @@ class Cost:
 
     @property
     def cycles_worst(self) -> int:
-        """Of a step and an answer, no matter whether they met."""
+        """Of the slowest step and the slowest answer together."""
         return self.step_worst + self.answer_worst
 
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """How one is built, and what its answers are held to."""
+    """How a filter is built, and what its answers are compared with."""
 
     name: str
-    key: str  # in the JSON
-    build: Callable[[Path], None]  # makes an image
+    key: str  # its key in the JSON
+    build: Callable[[Path], None]  # makes the image
     is_fixed: bool
-    answers: Callable[[Samples, Path], FloatArray]  # by this machine
+    answers: Callable[[Samples, Path], FloatArray]  # on this machine
 
 
 def flags() -> list[str]:
-    """What platformio.ini compiles the firmware with."""
+    """Compiler flags of the firmware, from platformio.ini."""
     ini = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=(";",))
     ini.read(ROOT / "platformio.ini")
     shared = ini["env"]["build_flags"]
@@ -145,7 +145,7 @@ def build_vqf(out: Path, *, is_basic: bool) -> None:
 
 
 def vqf_source() -> Path:
-    """VQF's C++ of the version that is installed, fetched once."""
+    """The C++ source of the installed version of VQF, downloaded once."""
     version = metadata.version("vqf")
     name = f"vqf-{version}"
     folder = BUILD / name / "vqf" / "cpp"
@@ -162,12 +162,12 @@ def vqf_source() -> Path:
 
 
 def has_mag(samples: Samples) -> list[bool]:
-    """Which samples have a reading of the field."""
+    """Which samples have a magnetometer reading."""
     return [bool(flag) for flag in np.isfinite(samples.mag[:, 0])]
 
 
 def records(samples: Samples, *, is_fixed: bool) -> bytes:
-    """Samples as `bench_sample` has them."""
+    """Samples in the layout of `bench_sample`."""
     values = (samples.gyr, samples.acc, np.nan_to_num(samples.mag))
     if is_fixed:
         # struct measurement: q7_25, q11_21, q14_18.
@@ -188,7 +188,7 @@ def quaternions(answers: bytes, *, is_fixed: bool) -> FloatArray:
 
 
 def by_core(name: str, samples: Samples, folder: Path) -> FloatArray:
-    """The firmware's own C."""
+    """Answers of the firmware's C."""
     program = folder / f"{name}-host"
     define = f"-DFILTER={name}"
     run("gcc", "-std=gnu11", "-O2", *INCLUDE, define, "-o", program, AVR / "main.c",
@@ -198,7 +198,7 @@ def by_core(name: str, samples: Samples, folder: Path) -> FloatArray:
 
 
 def by_ahrs(samples: Samples, folder: Path) -> FloatArray:
-    """Madgwick's filter from PyPI, sample by sample from where ours starts."""
+    """Answers of Madgwick's filter from PyPI, started from the same orientation."""
     from ahrs.filters import Madgwick
 
     del folder
@@ -211,13 +211,13 @@ def by_ahrs(samples: Samples, folder: Path) -> FloatArray:
         mag = held[index] if held[index].any() else mag
         q = filter_.updateMARG(q, samples.gyr[index], samples.acc[index], mag)
         found[index] = q
-    # Its x is north and its y west.
+    # Its world frame has x north and y west.
     quarter = rotation.from_rotation_vector(np.array([0.0, 0.0, np.pi / 2]))
     return rotation.multiply(quarter, found)
 
 
 def by_vqf(samples: Samples, folder: Path, *, is_basic: bool) -> FloatArray:
-    """The authors' own build, in doubles."""
+    """Answers of the authors' own build of VQF, in doubles."""
     import vqf
 
     del folder
@@ -239,7 +239,7 @@ def by_vqf(samples: Samples, folder: Path, *, is_basic: bool) -> FloatArray:
 
 
 def filters() -> list[Filter]:
-    """Ours that are there, and the ones in floats."""
+    """Our filters, and the others in floats."""
     found = [
         Filter(name, name, partial(build_house, name), True, partial(by_core, name))
         for name in HOUSE
@@ -256,7 +256,7 @@ def filters() -> list[Filter]:
 
 
 def measure(image: Path, samples: bytes) -> tuple[dict[str, int], bytes]:
-    """Runs an image of the bench: its figures and its answers."""
+    """Run an image in the bench; return its figures and answers."""
     given, answers = image.with_suffix(".samples"), image.with_suffix(".answers")
     summary = image.with_suffix(".json")
     if not BENCH.is_file():
@@ -272,7 +272,7 @@ def measure(image: Path, samples: bytes) -> tuple[dict[str, int], bytes]:
 
 
 def require_room(image: Path) -> None:
-    """Of a program that has no more than the filter."""
+    """Raise DoesNotFit if the filter's program alone exceeds flash or RAM."""
     sizes = run("avr-size", image).decode().splitlines()[1].split()
     text, data, bss = (int(size) for size in sizes[:3])
     if text + data > FLASH_BYTES or data + bss >= RAM_BYTES:
@@ -287,7 +287,7 @@ def furthest_deg(left: FloatArray, right: FloatArray) -> float:
 
 
 def check(filter_: Filter, found: FloatArray, wanted: FloatArray) -> str:
-    """How well it agrees, in words; raises where it does not."""
+    """Compare answers; say how well they agree, or raise FilterFailed."""
     if found.shape != wanted.shape:
         raise FilterFailed(f"{len(found)} answers to {len(wanted)} samples")
     if filter_.is_fixed:
@@ -303,7 +303,7 @@ def check(filter_: Filter, found: FloatArray, wanted: FloatArray) -> str:
 
 
 def cost(filter_: Filter, samples: Samples, folder: Path) -> Cost:
-    """Builds, runs and checks one."""
+    """Build, run and check a filter."""
     image, empty = folder / f"{filter_.key}.elf", folder / "empty.elf"
     build_main(empty, AVR / "empty.c")
     filter_.build(image)

@@ -25,20 +25,20 @@ from capture import Capture, RunFailed
 from imud.cli import main as imud
 from imud.virtual import motion
 
-OFFICIAL = "nano_pio"  # the Nano's by PlatformIO's own compiler
-CARD_BYTES_A_SECOND = 120_000  # more than raw and pose are at 760 Hz
+OFFICIAL = "nano_pio"  # the Nano's image from PlatformIO's own compiler
+CARD_BYTES_A_SECOND = 120_000  # more than raw and pose take at 760 Hz
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """One image."""
+    """An image's capture and its profile, as the emulator wrote it."""
 
     capture: Capture
     profile: dict[str, Any]
 
 
 def environments() -> list[str]:
-    """Those of platformio.ini that make a Nano's image, the flashed one first."""
+    """Environments of platformio.ini for the Nano's images, the default one first."""
     ini = configparser.ConfigParser(interpolation=None)
     ini.read(scoring.PROJECT / "platformio.ini")
     names = [section.removeprefix("env:") for section in ini if "env:" in section]
@@ -51,7 +51,7 @@ def environments() -> list[str]:
 
 
 def build(environment: str) -> Path:
-    """Builds an image by PlatformIO."""
+    """Build an image with PlatformIO and return its ELF."""
     done = subprocess.run(
         [sys.executable, "-m", "platformio", "run", "--silent", "-e", environment],
         cwd=scoring.PROJECT,
@@ -63,8 +63,8 @@ def build(environment: str) -> Path:
         text=True,
         check=False,
     )
-    # One that has no place beside the bootloader is linked all the same; its own line
-    # of the table says so.
+    # An image that does not fit beside the bootloader is linked all the same; its line
+    # of the table shows that.
     if done.returncode != 0 and "greater than maximum allowed" not in done.stderr:
         raise RunFailed(f"{environment}: {done.stderr.strip()}")
     return scoring.PROJECT / ".pio" / "build" / environment / "firmware.elf"
@@ -73,7 +73,7 @@ def build(environment: str) -> Path:
 def measure(
     board: Board, image: Path, hand: Path, seed: int, options: Sequence[str] = ()
 ) -> Measured:
-    """Runs an image on a motion, all streams on, and profiles it."""
+    """Run an image on a motion with all streams on, and profile it."""
     rate_hz = int(board.chip.rate_hz)
     with tempfile.TemporaryDirectory() as folder:
         where, profile = Path(folder) / "parts", Path(folder) / "profile.json"
@@ -89,7 +89,7 @@ def measure(
 
 
 def prepared(folder: Path, seconds: float) -> Path:
-    """A card that takes the log of so long a run."""
+    """A card image with room for the log of so many seconds."""
     path = folder / "card.img"
     size = 48 + int(seconds * CARD_BYTES_A_SECOND) // 2**20
     with contextlib.redirect_stdout(io.StringIO()):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""What the host side takes: decoding by one core, from a byte on the pty to a
-subscriber's callback, the daemon's CPU and memory against the number of probes.
+"""The cost of the host side: decoding on one core, the time from a byte on the pty to a
+subscriber's callback, and the daemon's CPU and memory by the number of probes.
 
-Probes are a process that writes frames to ptys at their times; the subscriber is
-another, and both note CLOCK_MONOTONIC.
+One process writes frames to ptys at the right times, another one subscribes; both note
+CLOCK_MONOTONIC.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ CORE_TARGET = {64: 1.0}
 
 
 def straightness(runs: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """A line through CPU against probes: cost of none, of one, and the worst miss."""
+    """Fit CPU = base + slope * probes, in shares of a core; and the worst deviation."""
     probes = np.array([run["probes"] for run in runs], dtype=float)
     cost = np.array([run["cpu_core"] for run in runs])
     slope, base = np.polyfit(probes, cost, 1)
@@ -41,7 +41,7 @@ def straightness(runs: Sequence[dict[str, Any]]) -> dict[str, float]:
 
 
 def verdict(run: dict[str, Any]) -> str:
-    """Beside what was asked for, where something was."""
+    """How a run compares with its targets, if it has any."""
     words = []
     if run["is_relay"]:
         return "the bare relay"
@@ -56,7 +56,7 @@ def verdict(run: dict[str, Any]) -> str:
 
 
 def missed(run: dict[str, Any]) -> int:
-    """Frames that came to grief anywhere between the pty and the subscriber."""
+    """Frames lost anywhere between the pty and the subscriber."""
     fell_out = run["poses_sent"] - run["poses_heard"]
     return int(fell_out + run["dropped"] + run["overrun"])
 
@@ -109,7 +109,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     tell_decoding(found["decoding"])
     runs = []
     for probes in options.probes:
-        # The peer beside it, for as many as the target of latency is for.
+        # Compare with the bare relay where there is a target of latency.
         for is_relay in [True, False] if probes in LATENCY_TARGET_US else [False]:
             with tempfile.TemporaryDirectory() as folder:
                 made = live(probes, options.seconds, Path(folder), is_relay=is_relay)

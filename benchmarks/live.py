@@ -30,13 +30,13 @@ from imud.wire import messages
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message
 
-WARM_UP_S = 2.0  # imports, first hello, first of everything
+WARM_UP_S = 2.0  # not measured: imports, the first hello
 PATIENCE_S = 30.0
 _REPLY = {"replied_command": "time", "result": "ok", "value": (0, 0)}
 
 
 class FedPort:
-    """A pty, and the probe at its other end."""
+    """A pty with a probe at its other end."""
 
     def __init__(self, number: int) -> None:
         self.source = Source(number)
@@ -55,7 +55,7 @@ class FedPort:
             self.overrun += 1
 
     def answer(self, now_us: int) -> None:
-        """To the daemon's question for the time."""
+        """Reply to the daemon's requests for the time, if any have come."""
         try:
             heard = os.read(self.master, 4096)
         except BlockingIOError:
@@ -76,7 +76,7 @@ class FedPort:
 
 
 def feed(probes: int, seconds: float, to: Connection, path: Path) -> None:
-    """Writes frames to ptys, the probes' phases spread over the period."""
+    """Write frames to ptys, the probes' phases spread evenly over the period."""
     ports = [FedPort(number) for number in range(probes)]
     waker = selectors.DefaultSelector()
     for port in ports:
@@ -107,11 +107,11 @@ def feed(probes: int, seconds: float, to: Connection, path: Path) -> None:
             "overrun": sum(port.overrun for port in ports),
         }
     )
-    to.recv()  # ptys stay open until the daemon has told what it has
+    to.recv()  # ptys stay open until the daemon has published its last status
 
 
 def follow(endpoint: str, to: Connection, path: Path) -> None:
-    """A subscriber: notes when each pose came, and the last status of each probe."""
+    """Subscribe; note when each pose came, and the last status of each probe."""
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
@@ -145,13 +145,13 @@ def free_endpoint() -> str:
 
 
 def cpu_s(pid: int) -> float:
-    """User and system time of a process."""
+    """Seconds of user and system time of a process."""
     stat = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(stat[11]) + int(stat[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def idle_s() -> float:
-    """Of all cores: a machine that had none to spare measures its other users."""
+    """Idle seconds of all cores: without any, other programs distort the figures."""
     words = Path("/proc/stat").read_text().split("\n", 1)[0].split()
     return int(words[4]) / os.sysconf("SC_CLK_TCK")
 
@@ -159,7 +159,7 @@ def idle_s() -> float:
 def live(
     probes: int, seconds: float, folder: Path, *, is_relay: bool = False
 ) -> dict[str, Any]:
-    """A daemon with so many probes, one subscriber, and its log; or the bare relay."""
+    """Run the daemon, or the bare relay, with probes, a subscriber and a log."""
     spawn = multiprocessing.get_context("spawn")
     to_feeder, feeder_end = spawn.Pipe()
     to_follower, follower_end = spawn.Pipe()
@@ -169,7 +169,7 @@ def live(
     feeder = spawn.Process(target=feed, args=(probes, total_s, feeder_end, sent_path))
     follower = spawn.Process(target=follow, args=(endpoint, follower_end, heard_path))
     feeder.start()
-    feeder_end.close()  # who ends without a word ends the wait for it
+    feeder_end.close()  # so that recv() ends if the process does
     names = answer_of(to_feeder, PATIENCE_S)
     logs = str(folder / "logs")
     command = ["-m", "imud", "run", *names, "--listen", endpoint, "--log", logs]
@@ -191,7 +191,7 @@ def live(
         idle = (idle_s() - idle) / passed_s
         memory = rss_mib(daemon.pid)
         sent = answer_of(to_feeder, PATIENCE_S)
-        time.sleep(2.5)  # two statuses later it has told all
+        time.sleep(2.5)  # until two more statuses have come
         to_follower.send("stop")
         statuses = answer_of(to_follower, PATIENCE_S)
         to_feeder.send("stop")
@@ -251,7 +251,7 @@ def latency(sent: Any, heard: Any) -> dict[str, Any]:
 
 
 def ledger(statuses: Sequence[Any]) -> dict[str, Any]:
-    """What the daemon itself says, over all probes."""
+    """The daemon's own counts, summed over all probes."""
     ledgers = [status["ledger"] for status in statuses]
     return {
         "received": sum(each["received"] for each in ledgers),

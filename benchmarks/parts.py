@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Which part of the firmware each address of an image is of.
+"""Assigns each address of an image to a part of the firmware.
 
-By the debug information, which knows what was inlined where. Shared arithmetic is of no
-part: it counts for the one that called it.
+Uses the debug information, which tells what was inlined where. Shared arithmetic counts
+for the part that calls it.
 """
 
 from __future__ import annotations
@@ -15,24 +15,29 @@ from typing import NamedTuple
 CALLER = "-"
 REST = "rest"
 
-# By the file of the innermost function that has a part.
+# The file of the innermost function that is listed here decides.
 FILES = {
     "sampling.c": "sampling",
     "twi.c": "sampling",
     "i2c.c": "sampling",
+    "bus_recovery.c": "sampling",
     "clock.c": "clock",
     "uart.c": "uart",
     "radio.c": "radio",
     "rn41.c": "radio",
     "spi.c": "card",
     "sdcard.c": "card",
+    "sdcard_start.c": "card",
     "logbook.c": "card",
+    "logbook_file.c": "card",
+    "logbook_write.c": "card",
     "mpu9250.c": "sensor",
+    "mpu9250_mag.c": "sensor",
     "lsm9ds0.c": "sensor",
     "calibrate.c": "calibrate",
     "pose.c": "pose",
     "attitude.c": "filter",
-    "classic.c": "filter",
+    "paper_filter.c": "filter",
     "complementary.c": "filter",
     "mahony.c": "filter",
     "madgwick.c": "filter",
@@ -44,6 +49,10 @@ FILES = {
     "journal.c": "settings",
     "flash.c": "settings",
     "probe.c": "probe",
+    "send.c": "probe",
+    "outlet.c": "probe",
+    "commands.c": "probe",
+    "acquisition.c": "probe",
     "button.c": "probe",
     "main.c": "probe",
     "board.c": "board",
@@ -66,8 +75,8 @@ FILES = {
     "kalman.c": CALLER,
     "lowpass.c": CALLER,
 }
-# The main filter is looked at more closely: its files by these functions and by its
-# stages. Another of their functions counts for the one that calls it.
+# The main filter in more detail: its files by these functions and by its stages. Their
+# other functions count for their callers.
 FILTER_FILES = {"fuse.c", "fuse_level.c", "fuse_gyro.c", "fuse_field.c"}
 FILTER_STAGE = "fuse_stage_"
 FILTER_FUNCTIONS = {
@@ -92,23 +101,23 @@ HANDLERS = {
 }
 
 
-# Machines of ELF files, and the prefix of their tools.
+# The machine in the ELF header, and the prefix of its tools.
 TOOLS = {40: "arm-none-eabi-", 83: "avr-"}
 
 
 class NoParts(Exception):
-    """An image that doesn't say what its code is of."""
+    """An image has no debug information to tell its parts by."""
 
 
 class Place(NamedTuple):
-    """A function, and the file of the instruction in it."""
+    """A function, and the source file of an instruction in it."""
 
     function: str
     file: str
 
 
 class Range(NamedTuple):
-    """Addresses of one part, the end not included."""
+    """Addresses of one part, without the end."""
 
     start: int
     end: int
@@ -116,10 +125,10 @@ class Range(NamedTuple):
 
 
 def part_of(chain: Sequence[Place], home: str) -> str:
-    """The part of an instruction: the innermost place of its chain that has one.
+    """The part of an instruction: that of the innermost place of its chain with a part.
 
-    `home` is the file of the function that all was inlined into; "" where no debug
-    information is, as of the compiler's own arithmetic.
+    `home` is the file of the outermost function; "" without debug information, as in
+    the compiler's own arithmetic.
     """
     for place in (*chain, Place(chain[-1].function, home)):
         part = _part(place)
@@ -139,7 +148,7 @@ def _part(place: Place) -> str:
 
 
 def read(image: Path) -> list[Range]:
-    """The parts of an image, by address."""
+    """The parts of an image in ascending addresses; raises NoParts."""
     tools = _tools(image)
     start, end = _text(tools, image)
     addresses = range(start, end, 2)
@@ -157,7 +166,7 @@ def read(image: Path) -> list[Range]:
 
 
 def write(image: Path, path: Path) -> None:
-    """Writes them as the emulators' `--parts` reads them."""
+    """Write an image's parts in the format that the emulators' `--parts` reads."""
     lines = (f"{r.start:x} {r.end:x} {r.part}\n" for r in read(image))
     path.write_text("".join(lines))
 
@@ -177,7 +186,7 @@ def _tools(image: Path) -> str:
 
 
 def _text(tools: str, image: Path) -> tuple[int, int]:
-    """Where the code lies."""
+    """The addresses of the code."""
     for line in _output(f"{tools}size", "-A", "-d", image).splitlines():
         words = line.split()
         if words[:1] == [".text"]:
@@ -186,7 +195,7 @@ def _text(tools: str, image: Path) -> tuple[int, int]:
 
 
 def _chains(tools: str, image: Path, addresses: Iterable[int]) -> list[list[Place]]:
-    """Of each address its function and those that it is inlined into, inside out."""
+    """For each address the functions that it is inlined into, innermost first."""
     given = "".join(f"{address:x}\n" for address in addresses)
     said = _output(f"{tools}addr2line", "-a", "-i", "-f", "-e", image, given=given)
     chains: list[list[Place]] = []
@@ -204,7 +213,7 @@ def _chains(tools: str, image: Path, addresses: Iterable[int]) -> list[list[Plac
 
 
 def _homes(tools: str, image: Path) -> dict[str, str]:
-    """The file of each function of C."""
+    """The source file of each C function."""
     found = {}
     for line in _output(f"{tools}nm", "-l", image).splitlines():
         symbol, _, place = line.partition("\t")

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Draws docs/pictures/*.svg from what the benchmarks have measured.
+"""Draws docs/pictures/*.svg from the benchmarks' results.
 
-probe: the image's poses in a hand, beside its error on each recording. time: errors on
-one recording as it goes. cycles: what accuracy costs on the ATmega328P.
+probe: the image's poses in a hand, beside its error on each recording. time: errors
+over the time of one recording. cycles: error by cycles on the ATmega328P.
 """
 
 from __future__ import annotations
@@ -38,20 +38,22 @@ MEASURED = scoring.PROJECT / "build" / "benchmarks"
 HAND_SEED = 10
 HAND_SECONDS = 40.0
 
-# A picture of the README is 10 inches wide there, whatever it is here.
+# The README shows pictures 10 inches wide, whatever their own width.
 WIDTH = 10.0
 
-# Of the engines that are drawn over time: name, words, colour.
+# The engines that are drawn over time: name, label, colour.
 OVER_TIME = (
     (NANO, "imu-probe, ATmega328P", "ours"),
     ("vqf", "VQF, doubles", "other"),
     ("ahrs-madgwick", "Madgwick, doubles", "third"),
     ("complementary", "complementary, of the thesis", "fourth"),
 )
-SMOOTH_S = 2.0  # root mean square over so long: the eye sees levels, not the optics
+SMOOTH_S = (
+    2.0  # length of the root mean square: shows levels, not the noise of the optics
+)
 
-# Of the filters alone on the chip: key of cycles.json, the engine that has its error,
-# words, colour.
+# The filters alone on the chip: key in cycles.json, engine with the filter's error,
+# label, colour.
 ON_CHIP = (
     ("fuse", NANO, "imu-probe", "ours"),
     ("float_vqf", "vqf", "VQF, float", "other"),
@@ -62,11 +64,11 @@ ON_CHIP = (
     ("dcm_pi", "dcm_pi", "DCM and PI", "fourth"),
     ("complementary", "complementary", "complementary", "fourth"),
 )
-CYCLES_THERE_ARE = 80_000  # a sample, at 16 MHz and 200 Hz
+CYCLES_THERE_ARE = 80_000  # available a sample, at 16 MHz and 200 Hz
 
 
 def undress(axes: Axes, theme: Theme) -> None:
-    """Only a grid and words."""
+    """Leave only a grid and text."""
     axes.tick_params(colors=theme.ink, which="both", length=0)
     axes.grid(color=theme.faint, lw=0.6)
     axes.set_axisbelow(True)
@@ -75,7 +77,7 @@ def undress(axes: Axes, theme: Theme) -> None:
 
 
 def set_log(axes: Axes, which: str, ticks: Sequence[float]) -> None:
-    """A logarithmic axis with plain numbers at these ticks."""
+    """Make an axis logarithmic, with plain numbers at these ticks."""
     axis = axes.xaxis if which == "x" else axes.yaxis
     (axes.set_xscale if which == "x" else axes.set_yscale)("log")
     axis.set_ticks(ticks)
@@ -87,7 +89,7 @@ def set_log(axes: Axes, which: str, ticks: Sequence[float]) -> None:
 
 
 def draw_errors(axes: Axes, measured: dict[str, Any], theme: Theme) -> None:
-    """A line a recording, from our error to VQF's."""
+    """Draw a line for each recording, from our error to VQF's."""
     trials = measured["trials"]
     rows = np.arange(len(trials))[::-1]
     ours, other = (
@@ -117,12 +119,12 @@ def draw_errors(axes: Axes, measured: dict[str, Any], theme: Theme) -> None:
 
 
 def measured_as(errors: Mapping[str, Any], name: str) -> str:
-    """The engine measured: where no image was run its C on this machine."""
+    """The engine that was measured: the image, or its C on this machine."""
     return HOST if name == NANO and NANO not in errors else name
 
 
 def smoothed(errors_deg: Sequence[float | None], step_s: float) -> FloatArray:
-    """Root mean squares over SMOOTH_S; what the optics did not see is left out."""
+    """Root mean squares over SMOOTH_S, without times that the optics did not see."""
     values = np.array(errors_deg, dtype=np.float64)
     window = np.ones(max(1, round(SMOOTH_S / step_s)))
     seen = np.isfinite(values)
@@ -133,7 +135,7 @@ def smoothed(errors_deg: Sequence[float | None], step_s: float) -> FloatArray:
 
 
 def apart(places: Sequence[float], gap: float) -> list[float]:
-    """The same places, moved up where they are nearer than a gap above another."""
+    """Positions moved up where needed to keep a gap between neighbours."""
     moved: dict[int, float] = {}
     below = -np.inf
     for index in np.argsort(places).tolist():
@@ -142,7 +144,7 @@ def apart(places: Sequence[float], gap: float) -> list[float]:
 
 
 def draw_time(figure: Figure, theme: Theme, measured: Mapping[str, Any]) -> None:
-    """Errors while one recording goes on."""
+    """Draw the errors over the time of one recording."""
     trace = measured["trace"]
     scores = next(
         trial["scores_deg"]
@@ -169,7 +171,7 @@ def draw_time(figure: Figure, theme: Theme, measured: Mapping[str, Any]) -> None
         )
         words.append((f"{label}: {scores[engine]['total']:.1f}°", ink))
         levels.append(float(np.log10(scores[engine]["total"])))
-    # Words stand at their figure on the axis; a line of them takes a fifth of a decade.
+    # Labels stand at their figure on the axis; a line of text takes 0.2 decades.
     for (label, ink), place in zip(words, apart(levels, 0.2), strict=True):
         where = (1.005, 10.0**place)
         axes.annotate(
@@ -190,7 +192,7 @@ def draw_time(figure: Figure, theme: Theme, measured: Mapping[str, Any]) -> None
 def draw_cycles(
     figure: Figure, theme: Theme, measured: Mapping[str, Any], costs: Mapping[str, Any]
 ) -> None:
-    """A point a filter: what a sample costs, mean to worst, and how far off it is."""
+    """Draw each filter: cycles of a sample, mean to worst, against its error."""
     means = measured["means_deg"]["all"]
     axes = figure.subplots()
     undress(axes, theme)
@@ -242,14 +244,14 @@ def draw_cycles(
 def draw_probe_and_errors(
     figure: Figure, theme: Theme, measured: dict[str, Any], made: Any, capture: Any
 ) -> None:
-    """The hand on the left, the recordings on the right."""
+    """Draw the hand on the left and the recordings on the right."""
     left, right = figure.subplots(1, 2)
     draw_hand(left, made, capture, theme)
     draw_errors(right, measured, theme)
 
 
 def load(name: str, how: str) -> dict[str, Any]:
-    """What a benchmark wrote."""
+    """Read a benchmark's JSON; raises RunFailed if it is absent."""
     path = MEASURED / name
     if not path.exists():
         raise RunFailed(f"{path.relative_to(scoring.PROJECT)} is not there; run {how}")
@@ -258,7 +260,7 @@ def load(name: str, how: str) -> dict[str, Any]:
 
 
 def draw_of(name: str) -> Callable[[Figure, Theme], None]:
-    """How to draw a picture, with all that it needs at hand."""
+    """A function that draws the named picture, with its data loaded."""
     measured = load("accuracy.json", "`make bench`")
     if name == "time":
         return partial(draw_time, measured=measured)
@@ -277,7 +279,7 @@ HEIGHTS = {"probe": 4.2, "time": 3.4, "cycles": 3.8}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Draws each picture for both kinds of page."""
+    """Draw each picture for light and dark pages."""
     parser = argparse.ArgumentParser(
         description=__doc__, epilog="example: benchmarks/picture.py time cycles"
     )
@@ -291,7 +293,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     unknown = [name for name in args.names if name not in HEIGHTS]
     if unknown:
         parser.error(f"there is no picture {unknown[0]}")
-    # Text stays text, and the same figures give the same file.
+    # Text stays text, and equal figures give equal files.
     mpl.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "imu-probe"})
     mpl.rcParams.update({"font.family": "sans-serif"})
     mpl.rcParams.update({"font.size": 9.0, "axes.titlesize": 9.0})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The hand of imud.motion at its table, and probes in the poses that an image gave."""
+"""The motion of a hand at a table, and probes in the poses that an image computed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BOARD_M = np.array([[-0.03, -0.012], [0.03, -0.012], [0.03, 0.012], [-0.03, 0.01
 
 
 def seen(point: FloatArray) -> FloatArray:
-    """World to paper: from the south-east, 35 degrees above the table."""
+    """Project world points to the page, seen from the south-east, 35 degrees up."""
     turn, rise = np.radians(-30.0), np.radians(35.0)
     x, y, z = np.moveaxis(point, -1, 0)
     right = x * np.cos(turn) - y * np.sin(turn)
@@ -28,7 +28,7 @@ def seen(point: FloatArray) -> FloatArray:
 
 
 def strokes(made: Motion) -> list[slice]:
-    """The stretches in which the tip runs along the surface."""
+    """The intervals in which the tip runs along the surface."""
     if made.is_stroke is None:
         return []
     edges = np.flatnonzero(np.diff(np.r_[0, made.is_stroke.astype(int), 0]))
@@ -36,7 +36,7 @@ def strokes(made: Motion) -> list[slice]:
 
 
 def spread(records: list[int], tip: FloatArray) -> list[int]:
-    """Some of the records, the next always the farthest from those there are."""
+    """Choose records, each the farthest from those already chosen."""
     chosen = [records[0]]
     while len(chosen) < min(PROBES, len(records)):
         gaps = [
@@ -44,12 +44,12 @@ def spread(records: list[int], tip: FloatArray) -> list[int]:
             for each in records
         ]
         chosen.append(records[int(np.argmax(gaps))])
-    # From the back to the front, so that near ones cover far ones.
+    # From back to front, so that near probes cover far ones.
     return sorted(chosen, key=lambda each: -float(seen(tip[each])[1]))
 
 
 def draw_probe(axes: Axes, tip: FloatArray, quat: FloatArray, theme: Theme) -> None:
-    """A stick with its board, as the quaternion has it."""
+    """Draw a stick with its board, turned by the quaternion."""
     sensor = tip - rotation.rotate(quat, np.array([PROBE_M, 0.0, 0.0]))
     stick = seen(np.stack([tip, sensor]))
     axes.plot(*stick.T, color=theme.ink, lw=2.4, solid_capstyle="round", zorder=4)
@@ -59,7 +59,7 @@ def draw_probe(axes: Axes, tip: FloatArray, quat: FloatArray, theme: Theme) -> N
 
 
 def draw_hand(axes: Axes, made: Motion, capture: Capture, theme: Theme) -> None:
-    """The table, the strokes on it, and probes in the poses that the image gave."""
+    """Draw the table, its strokes, and probes in the poses that the image computed."""
     if made.tip is None:
         return
     side = np.linspace(-0.16, 0.16, 9)

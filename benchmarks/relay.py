@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The least that could be called a daemon, to compare with: what comes on ptys is
-decoded and put on the network, in one thread; no account, time, log or commands.
+"""The smallest possible daemon, to compare with: it decodes what ptys deliver and
+publishes it, in one thread, without ledger, clock, log or commands.
 
 relay.py ENDPOINT PORT...
 """
@@ -21,7 +21,7 @@ from imud.wire.messages import Message
 
 
 class Relay:
-    """One port."""
+    """Decodes what one port delivers and publishes its poses."""
 
     def __init__(self, session: zenoh.Session, port: str) -> None:
         self._session = session

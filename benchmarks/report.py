@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What benchmarks/accuracy.py found: its tables, its JSON, and the figures to keep."""
+"""The results of benchmarks/accuracy.py: tables, JSON and the required figures."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from scoring import Coverage, Score, Trial
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """Scores of one trial by engine, and how its run went."""
+    """Scores of one trial by engine, and the course of its run."""
 
     trial: Trial  # its motion cut down to nothing
     scores: Mapping[str, Score]
     coverage: Mapping[str, Coverage]
     biased: Mapping[str, Score]  # with a magnet on the probe
     trace: Mapping[str, Any] | None
-    poses: int  # of the image that were computed again on this machine
-    unequal: int  # of those, not the same in every bit
+    poses: int  # of the image that were recomputed on this machine
+    unequal: int  # of those, with different bits
     lost: int
     summary: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One of the figures that the project is held to."""
+    """A figure that the project must reach."""
 
     name: str
     value: float
@@ -63,13 +63,13 @@ def _range(limits: tuple[float, float]) -> str:
 
 
 def ratio(name: str, ours: float, other: float, must: float, goal: float) -> Figure:
-    """Ours over another's."""
+    """Our score divided by another engine's."""
     detail = f"{ours:.2f} / {other:.2f}"
     return Figure(name, ours / other, (0.0, must), (0.0, goal), detail)
 
 
 def figures(results: Sequence[Result]) -> Iterator[Figure]:
-    """The figures that these engines and trials allow."""
+    """The required figures that can be computed from these engines and trials."""
     means = summaries(results, ("all", *scoring.GROUPS))
     every = means["all"]
     ours = next((name for name in IMAGES if name in every), HOST)
@@ -115,7 +115,7 @@ def average(rows: Sequence[Mapping[str, Score]]) -> dict[str, Score]:
 
 
 def members(results: Sequence[Result], names: Sequence[str]) -> dict[str, int]:
-    """Of these groups or folds, those that occur, and how many trials each has."""
+    """The groups or folds that occur, with their numbers of trials."""
     counts = {
         name: sum(result.trial.is_in(name) for result in results) for name in names
     }
@@ -135,7 +135,7 @@ def summaries(
 def coverages(
     results: Sequence[Result], names: Sequence[str]
 ) -> dict[str, dict[str, Coverage]]:
-    """The same of how often errors keep within their sigmas."""
+    """The same for the shares of errors inside their sigmas."""
     return {
         name: {
             engine: Coverage.mean(
@@ -150,7 +150,7 @@ def coverages(
 def print_table(
     title: str, heads: Sequence[str], rows: Mapping[str, list[str]]
 ) -> None:
-    """A table whose columns are as wide as they need."""
+    """Print a table with columns as wide as their cells."""
     print(f"\n{title}")
     widths = [
         max(len(head), *(len(cells[column]) for cells in rows.values()))
@@ -164,7 +164,7 @@ def print_table(
 
 
 def print_tables(results: Sequence[Result], names: Sequence[str]) -> None:
-    """Per trial, per group, per fold, and how sure ours is."""
+    """Print scores by trial, group and fold, and the coverage of our sigmas."""
     if len(results) > 1:
         for kind in ("total", "heading", "inclination"):
             print_table(
@@ -201,7 +201,7 @@ def print_tables(results: Sequence[Result], names: Sequence[str]) -> None:
 
 
 def print_figures(found: Sequence[Figure], *, is_judged: bool) -> None:
-    """The figures beside what they must be."""
+    """Print the required figures with their limits."""
     note = "" if is_judged else " (not judged: these are not the public trials)"
     print(f"\n{'what it must show' + note:64}{'must':>12}{'goal':>12}")
     for figure in found:
@@ -209,7 +209,7 @@ def print_figures(found: Sequence[Figure], *, is_judged: bool) -> None:
 
 
 def write(results: Sequence[Result], asked: Mapping[str, Any], path: Path) -> None:
-    """Everything in the tables, for other programs."""
+    """Write everything in the tables as JSON."""
     groups, folds = (*scoring.GROUPS, "all"), tuple(scoring.FOLDS)
     document = {
         **asked,
@@ -243,7 +243,7 @@ def write(results: Sequence[Result], asked: Mapping[str, Any], path: Path) -> No
 
 
 def plain(value: Any) -> Any:
-    """The same for JSON, which has no NaN and no infinity."""
+    """A value for JSON, with None for NaN and infinity."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):

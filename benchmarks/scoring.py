@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""How far an orientation is from the truth, as BROAD scores it.
+"""The errors of orientations, scored as by BROAD.
 
 D. Laidig, M. Caruso, A. Cereatti, T. Seel, "BROAD - A Benchmark for Robust Inertial
 Orientation Estimation", Data 6(7):72, 2021, doi:10.3390/data6070072.
@@ -22,8 +22,8 @@ from imud.virtual.motion import BoolArray, Motion
 PROJECT = Path(__file__).resolve().parents[1]
 RECORDINGS = PROJECT.parent / "shared" / "data" / "broad"
 
-# Which trials a line of the summary averages. Trials 32, 34 and 36 carry a magnet on
-# the sensor itself and count among the disturbed ones, too.
+# The trials behind each line of the summary. Trials 32, 34 and 36 have a magnet on the
+# sensor itself and are also among the disturbed ones.
 GROUPS = {
     "undisturbed": "undisturbed",
     "disturbed": "disturbed",
@@ -31,8 +31,8 @@ GROUPS = {
 }
 
 
-# Thirds in which every group and every kind of motion occurs. What was tuned on two
-# is to be judged on the third.
+# Thirds that each have every group and kind of motion: parameters tuned on two of them
+# are judged on the third.
 FOLDS = {
     "fold A": ("01", "06", "10", "14", "21", "24", "32"),
     "fold B": ("03", "07", "12", "16", "26", "30", "34"),
@@ -40,7 +40,7 @@ FOLDS = {
 }
 TRIALS = sum(len(numbers) for numbers in FOLDS.values())
 
-SIGMAS = 1.96  # that hold 95 % of a normal error
+SIGMAS = 1.96  # 95 % of normal errors fall inside
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +82,10 @@ class Score:
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Shares of the poses of a trial's movement, of 1.
+    """Shares of the poses in a trial's movement, 0 to 1.
 
-    Of those that state a sigma: with an error inside SIGMAS of it. Of all: with none.
+    Of poses with a sigma, those with an error inside SIGMAS of it; of all poses, those
+    without a sigma.
     """
 
     tilt: float
@@ -117,7 +118,7 @@ class Errors:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which recordings are measured, and how many at a time."""
+    """Options that choose the recordings, and how many run at a time."""
     parser.add_argument(
         "paths",
         metavar="PATH",
@@ -133,7 +134,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def find_trials(paths: Iterable[Path], numbers: Sequence[str] = ()) -> list[Path]:
-    """The recordings among files and in folders; `numbers` picks by how one begins."""
+    """Recordings among files and in folders, those whose names begin with `numbers`."""
     files: list[Path] = []
     for path in paths:
         files += sorted(path.glob("*.npz")) if path.is_dir() else [path]
@@ -153,7 +154,7 @@ def load_trials(paths: Iterable[Path], numbers: Sequence[str] = ()) -> list[Tria
 
 
 def groups_of(path: Path) -> tuple[str, ...]:
-    """The words of its file by which a summary averages."""
+    """The groups that a recording's file names."""
     if path.suffix != ".npz":
         return ()
     with np.load(path) as archive:
@@ -181,7 +182,7 @@ def errors_at(times_s: FloatArray, estimate: FloatArray, truth: Motion) -> Error
 
 
 def counted(times_s: FloatArray, truth: Motion) -> BoolArray:
-    """Which times are next to a moving record."""
+    """Which times have a moving record next to them."""
     nearest = np.rint(times_s * truth.rate_hz).astype(int)
     is_inside = (nearest >= 0) & (nearest < len(truth))
     moving = np.ones(len(truth), bool) if truth.movement is None else truth.movement
@@ -207,7 +208,7 @@ def coverage_at(
     heading_sigma_deg: FloatArray,
     truth: Motion,
 ) -> Coverage:
-    """How often true errors keep within what is stated of them; sigmas may be NaN."""
+    """Shares of true errors inside the stated sigmas, which may be NaN; degrees."""
     moving = counted(times_s, truth)
     found = errors_at(times_s[moving], estimate[moving], truth)
     is_seen = np.isfinite(found.total)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""docs/pictures/monitor.svg and list.svg: what a terminal shows of two virtual probes,
-a Nano and an F405 that run the images that are flashed.
+"""Makes docs/pictures/monitor.svg and list.svg: a terminal with two virtual probes, a
+Nano and an F405, running their images.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ BOARDS = {"nano": 500_000, "f405": 921_600}
 ENDPOINT = "tcp/127.0.0.1:7461"
 COLUMNS, ROWS = 80, 24
 
-# A probe calibrates its gyroscope first; then the hand has begun to move it.
+# After the gyroscope's calibration, when the hand has begun to move the probe.
 WAIT_S = 60.0
 MOVING_S = 8.0
 MOMENT_S = 40.0
 PITCH_DEG, ROLL_DEG = 25.0, 40.0
 
-# The fonts that a viewer has: a picture asks no server for one.
+# Fonts of the viewer's machine, so that a picture loads none from a server.
 _FORMAT = re.sub(
     r"@font-face \{\{.*?\}\}\s*|<!--.*?-->\s*", "", CONSOLE_SVG_FORMAT, flags=re.DOTALL
 )
@@ -78,7 +78,7 @@ def _wait_for(link: Path) -> None:
 
 
 def _follow() -> monitor.Screen:
-    """What the monitor has seen once both probes have moved for a while."""
+    """The monitor's view after both probes have moved for a while."""
     until_s = time.monotonic() + WAIT_S
     while True:
         try:
@@ -98,7 +98,7 @@ def _follow() -> monitor.Screen:
             now_s = monitor.follow(subscription, screen, now_s + 0.1)
         now_s = monitor.follow(subscription, screen, now_s + MOVING_S)
         until_s = now_s + MOMENT_S
-        # A moment at which both look at their horizon.
+        # Wait for a moment at which both show a small pitch and roll.
         while now_s < until_s and not all(map(_sees_horizon, screen.probes.values())):
             now_s = monitor.follow(subscription, screen, now_s + 0.05)
     return screen

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""Hours of frames in minutes, with faults from a seed: what the ledger says is compared
-with what was truly sent and truly arrived, to the frame.
+"""Hours of frames in minutes, with random faults from a seed. The ledger must agree to
+the frame with what was truly sent and truly arrived.
 
-Frames go through decoder, ledger, clock, hub and two sinks: one that counts, and the
-log, with files that are taken away when they are complete.
+Frames go through decoder, ledger, clock, hub and two sinks: a counter, and the log,
+whose complete files are read back and deleted.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ from imud.progress import Progress
 from imud.sinks.log import LogSink
 
 OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "soak.json"
-LOG_BYTES = 32 << 20  # a file
+LOG_BYTES = 32 << 20  # bytes of a file
 RSS_POINTS = 10
 
 
 class Counting:
-    """A sink that counts, by probe and topic."""
+    """A sink that counts records by probe and topic."""
 
     name = "count"
     period_s = 0.05
@@ -63,7 +63,7 @@ class Counting:
 
 @dataclass(slots=True)
 class Pruned:
-    """Log files that were complete, read back and taken away."""
+    """Counts of complete log files, which are read back and deleted."""
 
     folder: Path
     files: int = 0
@@ -90,19 +90,19 @@ class Pruned:
 
 
 def rss_mib(pid: int | str = "self") -> float:
-    """Resident memory of a process."""
+    """Resident memory of a process in MiB."""
     pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
     return pages * resource.getpagesize() / 2**20
 
 
 def wait_for(lanes: Sequence[Lane]) -> None:
-    """Sinks are not outrun: here time is not the sensor's."""
+    """Wait for the sinks, because frames come faster than in real time."""
     while any(lane.waiting > QUEUE_MAX // 4 for lane in lanes):
         time.sleep(0.002)
 
 
 def soak(hours: float, probes: int, seed: int, folder: Path) -> dict[str, Any]:
-    """Runs it all; `ok` says whether all of it adds up."""
+    """Run so many hours of probes; `ok` in the result: whether everything adds up."""
     lines = [Line(number, seed) for number in range(probes)]
     counting = Counting()
     log = LogSink(folder, Settings(rotate_bytes=LOG_BYTES))
@@ -153,7 +153,7 @@ def soak(hours: float, probes: int, seed: int, folder: Path) -> dict[str, Any]:
 
 
 def tell(result: dict[str, Any]) -> None:
-    """One table, and what does not add up."""
+    """Print a table, and whatever does not add up."""
     heads = ("sent", "accounted", "received", "lost", "duplicated", "corrupt", "wrong")
     print(f"{'probe':18}" + "".join(f"{head:>12}" for head in heads))
     for each in result["probes"]:

@@ -44,7 +44,10 @@ _HELLO: dict[str, Any] = {
 
 
 class Source:
-    """A probe at work: a hello each second, poses in between."""
+    """A streaming probe: a hello each second, poses in between.
+
+    Its clock is fast by `fast_ppm`; times are microseconds.
+    """
 
     def __init__(self, number: int, fast_ppm: float = 0.0) -> None:
         self._pace = 1.0 + fast_ppm * 1e-6
@@ -58,7 +61,7 @@ class Source:
         self._prepare()
 
     def _prepare(self) -> None:
-        # No two boots say the same under the same number.
+        # Different in each boot, so that messages of two boots never look the same.
         pose = _POSE | {"position": (0.1, -0.2, self.boot_count / 1000)}
         self._pose = messages.encode("pose", pose, 0, 0)[_HEAD.size :]
         hello = _HELLO | {"probe_id": self.id, "boot_count": self.boot_count}
@@ -66,7 +69,7 @@ class Source:
         self._bodies |= {(False, self._pose), (True, self._hello)}
 
     def has_said(self, content: bytes) -> bool:
-        """Whether that is, to the bit, what it said under that number in some boot."""
+        """Whether the probe sent exactly this content in some boot."""
         ident, sequence, time_us = _HEAD.unpack_from(content)
         is_hello = sequence % RATE_HZ == 0
         return (
@@ -79,7 +82,7 @@ class Source:
         return int(since_us * self._pace)
 
     def true_us(self, device_us: int) -> float:
-        """When that was, of the boot that runs."""
+        """True time of a device time in the current boot."""
         return self._began_us + device_us / self._pace
 
     def reset(self, now_us: int) -> None:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The errors that the filter states: how many true ones they hold, and which
-parameters hold nearest to 95 %."""
+"""The errors that the filter states: the share of true errors inside them, and the
+parameters that bring it nearest to 95 %."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ def draws(names: Sequence[str], count: int, seed: int) -> list[dict[str, float]]
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """True errors, and what stated ones are the sums of squares of; degrees."""
+    """True errors, and the terms whose squares add up to stated ones; degrees."""
 
     tilt: FloatArray
     heading: FloatArray
-    rate: FloatArray  # tilt, of a tilt_rate of 1
-    across: FloatArray  # heading, of all the field's covariance
-    leaning: FloatArray  # heading, of a level_error of 1
+    rate: FloatArray  # of tilt, for a tilt_rate of 1
+    across: FloatArray  # of heading, for all of the field's covariance
+    leaning: FloatArray  # of heading, for a level_error of 1
 
     @staticmethod
     def of(course: Course, params: Params) -> Terms:
@@ -77,7 +77,7 @@ def share_inside(errors: FloatArray, squares: FloatArray) -> float:
 
 
 def coverage(course: Course, params: Params) -> Coverage:
-    """How often the errors keep within what the filter states."""
+    """Shares of true errors inside those that the filter states."""
     track = course.track(params, course.samples)
     found = scoring.errors(track.quats, course.truth)
     shares, nulls = [], []
@@ -91,7 +91,7 @@ def coverage(course: Course, params: Params) -> Coverage:
 
 
 def by_group(courses: Sequence[Course], values: Iterable[T]) -> dict[str, list[T]]:
-    """What belongs to the trials of each group that occurs."""
+    """The values of each group's trials, for groups that occur."""
     found: dict[str, list[T]] = {}
     for course, value in zip(courses, values, strict=True):
         for name in scoring.GROUPS:
@@ -103,9 +103,9 @@ def by_group(courses: Sequence[Course], values: Iterable[T]) -> dict[str, list[T
 def honest(
     courses: Sequence[Course], params: Params, count: int, seed: int
 ) -> dict[str, float]:
-    """The same with stated errors that hold nearest to 95 % of the true ones.
+    """`params` with stated errors that hold nearest to 95 % of the true ones.
 
-    Of each group alike: three trials with a magnet count as much as 13 without.
+    Every group weighs the same: three trials with a magnet as much as 13 without.
     """
     terms = [Terms.of(course, params) for course in courses]
     found = dict(params)

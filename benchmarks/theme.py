@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Colours of the pictures, for either kind of page."""
+"""Colours of the pictures, for light and dark pages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Theme:
     name: str
     ink: str
     faint: str
-    quiet: str  # words that explain
+    quiet: str  # explanations
     ours: str
     other: str
     third: str

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""What the choice of parameters is worth off the recordings that it was made on.
+"""Cross-validation: how well chosen parameters do on recordings left out of the choice.
 
-Draws parameters around the firmware's, and for each fold of the recordings takes those
-that do best on the other folds; then, for the stated errors, those that hold nearest to
-95 % of the true ones. Reports them on the fold that had no say, beside the firmware's.
-Those take no part in the choice: they were made with all recordings in sight.
+Draws parameters around the firmware's. For each fold of the recordings it takes those
+with the smallest errors on the other folds, then those whose stated errors hold nearest
+to 95 % of the true ones there, and reports both on the fold left out, beside the
+firmware's. The firmware's own take no part: they were chosen with all recordings.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ ALL = "all, each off its own"
 
 @dataclass(frozen=True, slots=True)
 class Ratios:
-    """Ours over VQF's, of means over trials."""
+    """Our errors divided by VQF's, means over trials."""
 
     total: float
     inclination: float
@@ -81,7 +81,7 @@ def means(pairs: Iterable[Pair]) -> tuple[Score, Score]:
 def measure(
     courses: Sequence[Course], tries: Sequence[Params], jobs: int
 ) -> list[list[Pair]]:
-    """Scores by set of parameters, then by course."""
+    """Score every course with every set of parameters."""
     progress = Progress(f"{len(tries)} sets of parameters", len(tries))
     found = []
     with ThreadPoolExecutor(jobs) as pool:
@@ -94,7 +94,7 @@ def measure(
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What one set of parameters does on one trial."""
+    """Scores of one set of parameters on one trial."""
 
     course: Course
     params: Params
@@ -107,7 +107,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A line of the tables: some trials."""
+    """A line of the tables: means over some trials."""
 
     ratios: Ratios
     coverage: Mapping[str, Coverage]  # by group
@@ -128,7 +128,7 @@ def held_out(
     pairs: Sequence[Sequence[Pair]],
     seed: int,
 ) -> dict[str, list[Entry]]:
-    """By fold, its trials with what the other folds chose."""
+    """For each fold its trials, with the parameters that the other folds chose."""
     found = {}
     for fold in scoring.FOLDS:
         is_held = [course.trial.is_in(fold) for course in courses]
@@ -149,7 +149,7 @@ def held_out(
 
 
 def print_rows(rows: Mapping[str, Mapping[str, Row]]) -> None:
-    """The tables: who, then fold."""
+    """Print the tables, from rows by parameters' origin, then by fold."""
     folds = list(next(iter(rows.values())))
     report.print_table(
         "ours / VQF: total, inclination, total with "
@@ -170,7 +170,7 @@ def print_rows(rows: Mapping[str, Mapping[str, Row]]) -> None:
 
 
 def print_params(params: Mapping[str, Params], names: Iterable[str]) -> None:
-    """What was chosen, beside the firmware's."""
+    """Print the chosen parameters beside the firmware's."""
     report.print_table(
         "parameters chosen on the others of",
         [fold if fold != ALL else "the firmware's" for fold in params],
@@ -198,7 +198,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints the tables, writes the JSON."""
+    """Print the tables and write the JSON."""
     args = parse(argv)
     paths = twin.find(args)
     if not paths:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The main filter in doubles over a trial's samples, with any parameters.
 
-tests/core/fuse_twin.c, whose parameters by default are the firmware's constants, behind
-the calibration at rest that the firmware starts with.
+Runs tests/core/fuse_twin.c, whose default parameters are the firmware's constants,
+after the firmware's calibration at rest.
 """
 
 from __future__ import annotations
@@ -35,20 +35,20 @@ from imud.progress import Progress
 from imud.rotation import FloatArray
 
 Params = Mapping[str, float]
-# As recorded, and the mean over the directions of a magnet, if any was there.
+# Scores as recorded, and the mean over the directions of a magnet, if there is one.
 Pair = tuple[Score, Score | None]
 IntArray = npt.NDArray[np.intp]
 
 SOURCE = scoring.PROJECT / "tests" / "core" / "fuse_twin.c"
 HEADER = SOURCE.with_suffix(".h")
 BUILD = scoring.PROJECT / "build" / "benchmarks"
-# No contraction to fused products: the same figures on every machine.
+# No fused multiply-add, so that every machine gives the same figures.
 COMPILE = ("gcc", "-std=gnu11", "-O2", "-ffp-contract=off", "-fPIC", "-shared")
 
-GYR_DELAY_S = 3.9e-3  # that the firmware has its MPU-9250 set to
+GYR_DELAY_S = 3.9e-3  # of the MPU-9250 as the firmware sets it up
 CALIBRATION = 512  # samples: CALIBRATOR_SAMPLES of firmware/core/fusion/calibrate.h
-STARTING_S = 3.0  # in which no error is stated
-FREE_DEG = 30.0  # a heading of a larger error is free, and states none
+STARTING_S = 3.0  # without stated errors
+FREE_DEG = 30.0  # a heading with a larger error states none
 
 # A magnet on the probe: accuracy.py's, along four of its diagonals, whose mean is zero.
 BODY_BIAS_UT = 2.8
@@ -56,14 +56,14 @@ DIRECTIONS = np.array(
     [(1.0, 1.0, 1.0), (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0), (-1.0, -1.0, 1.0)]
 ) / math.sqrt(3.0)
 
-# Of struct fuse_twin_params, in its order.
+# The members of struct fuse_twin_params, in its order.
 NAMES: tuple[str, ...] = tuple(
     re.findall(r"^ {4}double (\w+);", HEADER.read_text(), re.MULTILINE)
 )
 
 
 class _Params(ctypes.Structure):
-    """The same struct."""
+    """struct fuse_twin_params."""
 
     _fields_: ClassVar = [(name, ctypes.c_double) for name in NAMES]
 
@@ -93,16 +93,16 @@ def defaults() -> dict[str, float]:
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """What the filter says after each sample."""
+    """The filter's output after each sample."""
 
     quats: FloatArray  # world_from_body
-    sigmas_deg: FloatArray  # rows of tilt and heading; NaN where none is stated
+    sigmas_deg: FloatArray  # (n, 2): tilt, heading; NaN where none is stated
 
 
 def run(
     samples: Samples, times_s: FloatArray, params: Params, *, is_calibrated: bool = True
 ) -> Track:
-    """Runs it; without calibration it finds the gyroscope's bias in what follows."""
+    """Run the twin; without calibration it must find the gyroscope's bias by itself."""
     gyr, acc, mag = (
         np.ascontiguousarray(rows, float)
         for rows in (samples.gyr, samples.acc, samples.mag)
@@ -110,7 +110,7 @@ def run(
     has_mag = np.ascontiguousarray(samples.has_mag)
     interval_s = np.diff(times_s, prepend=times_s[0] - 1.0 / samples.rate_hz)
     bias = gyr[:CALIBRATION].mean(axis=0)
-    # It is set before the step of the last of its samples.
+    # The bias is set before the step of the calibration's last sample.
     calibrated_at = CALIBRATION - 1 if is_calibrated else -1
     quats, sigmas_deg = np.empty((len(gyr), 4)), np.empty((len(gyr), 2))
     pointers = [ctypes.c_void_p(rows.ctypes.data) for rows in (gyr, acc, mag, has_mag)]
@@ -133,7 +133,7 @@ def run(
 
 
 def estimate(feed: Feed, params: Params) -> Estimate:
-    """At the poses that a probe would have sent."""
+    """Run the twin; return its estimates at the poses that a probe would send."""
     track = run(feed.samples, feed.times_s, params)
     at = np.asarray(feed.pose_after)
     tilt, heading = track.sigmas_deg[at].T
@@ -142,10 +142,10 @@ def estimate(feed: Feed, params: Params) -> Estimate:
 
 @dataclass(frozen=True)
 class Course:
-    """A trial made ready to be run many times: samples, and the truth at the poses.
+    """A trial prepared for many runs: samples, and the truth at the poses.
 
-    Beside the samples as they are, the same with a magnet on the probe, in each of some
-    directions; and what VQF at its defaults makes of both.
+    Has the samples as recorded and with a magnet on the probe in several directions,
+    and the scores of VQF with default parameters on both.
     """
 
     trial: Trial  # its motion cut down to nothing
@@ -153,12 +153,12 @@ class Course:
     samples: Samples
     biased: tuple[Samples, ...]
     is_calibrated: bool
-    scored: IntArray  # indexes of the samples whose poses count
-    truth: FloatArray  # there
+    scored: IntArray  # indexes of samples whose poses are scored
+    truth: FloatArray  # at those samples, world_from_body
     vqf: Pair
 
     def track(self, params: Params, samples: Samples) -> Track:
-        """What the filter says at the samples that count."""
+        """The filter's output at the samples that are scored."""
         whole = run(samples, self.times_s, params, is_calibrated=self.is_calibrated)
         return Track(whole.quats[self.scored], whole.sigmas_deg[self.scored])
 
@@ -178,7 +178,7 @@ def course(
     is_calibrated: bool = True,
     after_s: float = 0.0,
 ) -> Course:
-    """A trial and its samples; poses before `after_s` don't count."""
+    """Prepare a trial; poses before `after_s` are not scored."""
     at = np.asarray(feed.pose_after)
     times_s = feed.times_s[at]
     is_scored = scoring.counted(times_s, trial.motion) & (times_s >= after_s)
@@ -193,7 +193,7 @@ def course(
         replace(trial, motion=trial.motion[:0]),
         feed.times_s,
         feed.samples,
-        # What a magnet doesn't change is there once.
+        # Arrays that the magnet does not change are shared.
         tuple(replace(feed.samples, mag=each.samples.mag) for each in biased),
         is_calibrated,
         scored,
@@ -207,7 +207,7 @@ def paired(plain: Score, biased: Sequence[Score]) -> Pair:
 
 
 def judge(quats: FloatArray, truth: FloatArray) -> Score:
-    """As scoring.score_at, which interpolates the truth each time."""
+    """Score as scoring.score_at does, without interpolating the truth each time."""
     found = scoring.errors(quats, truth)
     return Score(
         *(
@@ -218,7 +218,7 @@ def judge(quats: FloatArray, truth: FloatArray) -> Score:
 
 
 def load(path: Path) -> Course:
-    """A recording as accuracy.py --host-only has it, and with magnets on the probe."""
+    """Load a recording as accuracy.py --host-only does, also with magnets on it."""
     trial = scoring.load_trial(path)
     biased = [
         sampled(with_bias(trial.motion, BODY_BIAS_UT * each)) for each in DIRECTIONS
@@ -229,7 +229,7 @@ def load(path: Path) -> Course:
 def load_all(
     paths: Sequence[Path], how: Callable[[Path], Course], jobs: int
 ) -> list[Course]:
-    """Some at a time, in processes: VQF is called from Python for each sample."""
+    """Load recordings in several processes: VQF takes a Python call for each sample."""
     progress = Progress(f"{len(paths)} recordings", len(paths))
     found = []
     context = multiprocessing.get_context("spawn")
@@ -242,13 +242,13 @@ def load_all(
 
 
 def add_arguments(parser: argparse.ArgumentParser, output: Path) -> None:
-    """Which recordings, and where the JSON goes."""
+    """Options for the recordings and the JSON's path."""
     scoring.add_arguments(parser)
     parser.add_argument("--output", metavar="FILE", type=Path, default=output)
 
 
 def find(args: argparse.Namespace) -> list[Path]:
-    """The recordings asked for; where they are absent none, and a line that says so."""
+    """The chosen recordings; if they are absent, prints that and returns none."""
     absent = [path for path in args.paths if not path.exists()]
     if absent:
         print(f"skipped: no recordings at {absent[0]}; docs/motion-files.md says where")

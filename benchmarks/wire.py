@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Contents of messages as rows of numpy, a column a field, in wire numbers."""
+"""Contents of messages as numpy rows with a column for each field, in wire numbers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _message(name: str) -> schema.MessageType:
 
 
 def row_type(name: str) -> np.dtype[Any]:
-    """A message's content: id, header, then each field behind its tag."""
+    """The dtype of a message's content: id, header, then each field after its tag."""
     codes = ["<" + code for code in schema.HEADER[1:]]
     columns: list[tuple[str, str] | tuple[str, str, tuple[int]]] = [
         *zip(("id", *_HEADER), codes, strict=True)
@@ -34,7 +34,7 @@ def row_type(name: str) -> np.dtype[Any]:
 
 
 def empty_rows(name: str, count: int) -> Rows:
-    """Rows with their ids and tags in place, all else zero."""
+    """Rows with ids and tags set, all else zero."""
     message = _message(name)
     rows = np.zeros(count, row_type(name))
     rows["id"] = message.id
@@ -44,7 +44,7 @@ def empty_rows(name: str, count: int) -> Rows:
 
 
 def to_rows(name: str, contents: Sequence[bytes]) -> Rows:
-    """Contents that are all of one message, as a probe's decoder passes them on."""
+    """Rows from contents of one message type, as the decoder passes them on."""
     kind = row_type(name)
     rows = np.empty(0, kind)
     if all(len(content) == kind.itemsize for content in contents):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""What each part of the filter buys: its errors with that part taken away.
+"""The value of each part of the filter: its errors with that part taken away.
 
-The twin in doubles, on the samples that the host makes of the recordings.
+Uses the twin in doubles, on samples that the host simulates from the recordings.
 """
 
 from __future__ import annotations
@@ -29,34 +29,34 @@ OUTPUT = twin.BUILD / "without.json"
 
 WHOLE, VQF = "whole filter", "vqf, defaults"
 NOTHING = 1e-3  # uT: a covariance of 0 has no inverse
-FOREVER = 1e9  # of a noise or a unit: what is measured in it weighs nothing
+FOREVER = 1e9  # a noise or a unit so large that what it scales has no weight
 
 PARTS: dict[str, Params] = {
     WHOLE: {},
     "scale": {"scale_sd": 0.0},
     "hard iron": {"own_sd": NOTHING, "astray_wander": 0.0},
     "freeing it": {"astray_wander": 0.0},
-    # The first guess is kept; and none is made.
+    # Keep the initial estimate of the lag; assume no lag.
     "lag learned": {"lag_sd": 0.0},
     "field's lag": {"lag_s": 0.0, "lag_sd": 0.0},
     "lead": {"lead_share": 0.0},
-    # All readings weigh the same, and none is found astray or turned.
+    # All readings weigh the same; none counts as disturbed or turned.
     "soft weights": {"surprise": FOREVER},
     "rest factor": {"rest_factor": 1.0},
     "turned rule": {"turned_wander": twin.defaults()["heading_wander"]},
-    # The place's first field known no better than by a probe that moves.
+    # The first field of a place is as uncertain as that of a moving probe.
     "field at rest": {"place_sd": 3.0},
-    # Levelling tells neither of the bias nor of the scale; rests go on to.
+    # Levelling informs neither bias nor scale; rest still does.
     "bias by motion": {"motion_noise": FOREVER},
-    # What the calibration found is kept, where there was one.
+    # Keep the calibration's result, if there is one.
     "bias": {"bias_sd": 0.0},
 }
-# Where the start-up calibration is missing, of those that have to do with it.
+# Parts that are also measured without the calibration at start-up.
 UNCALIBRATED = (WHOLE, "scale", "bias by motion", "bias")
 
 BIASED = f"all, {twin.BODY_BIAS_UT:g} uT in the body"
 
-# There: so long after the movement began, with the gyroscope so far off.
+# In that case: start so long after the movement began, with such a gyroscope bias.
 BEGUN_AFTER_S = 2.0
 BIAS_DEG_S = (0.57, -0.46, 0.34)
 
@@ -64,7 +64,7 @@ Table = dict[str, dict[str, Score]]
 
 
 def measure(courses: Sequence[Course], parts: Sequence[str], jobs: int) -> Table:
-    """Scores by part that is missing, then by group."""
+    """Scores by missing part, then by group."""
     progress = Progress(f"{len(parts)} parts", len(parts))
     table: Table = {}
     with ThreadPoolExecutor(jobs) as pool:
@@ -77,7 +77,7 @@ def measure(courses: Sequence[Course], parts: Sequence[str], jobs: int) -> Table
 
 
 def means(courses: Sequence[Course], pairs: Sequence[Pair]) -> dict[str, Score]:
-    """The mean of all, of each group that occurs, and of all with a magnet."""
+    """Means over all trials, each group that occurs, and all trials with a magnet."""
     found = {}
     for name in ("all", *scoring.GROUPS):
         members = [
@@ -94,7 +94,7 @@ def means(courses: Sequence[Course], pairs: Sequence[Pair]) -> dict[str, Score]:
 
 
 def load_in_motion(path: Path) -> Course:
-    """From the midst of its movement on, of a gyroscope that nobody has calibrated."""
+    """Load a trial from the middle of its movement, with an uncalibrated gyroscope."""
     trial = scoring.load_trial(path)
     feed = sampled(trial.motion)
     is_moving = scoring.counted(feed.times_s, trial.motion)
@@ -116,7 +116,7 @@ def print_table(title: str, table: Table) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Prints the tables, writes the JSON."""
+    """Print the tables and write the JSON."""
     parser = argparse.ArgumentParser(
         description=__doc__, epilog="example: benchmarks/without.py --trials 07 32"
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Makes a probe stream and its orientation the origin: command.py [ENDPOINT]."""
+"""Makes a probe stream and its heading 0: command.py [ENDPOINT]."""
 
 import sys
 

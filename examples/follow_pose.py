@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Follows the poses of all probes for ten seconds: follow_pose.py [ENDPOINT]."""
+"""Prints the poses of all probes for ten seconds: follow_pose.py [ENDPOINT]."""
 
 import sys
 

@@ -8,7 +8,7 @@ from imud import subscribe
 
 endpoint = sys.argv[2] if len(sys.argv) > 2 else "tcp/127.0.0.1:7447"
 with (
-    open(sys.argv[1], "w", newline="") as file,  # noqa: PTH123 - as people write it
+    open(sys.argv[1], "w", newline="") as file,  # noqa: PTH123 - the usual way
     subscribe(endpoint=endpoint, seconds=10, history=100) as poses,
 ):
     table = csv.writer(file)

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: MIT
-// Follows the poses of all probes from a microcontroller or from C on a desk. To read:
-// it is not built or run here. zenoh-pico 1.x: https://github.com/eclipse-zenoh/zenoh-pico
+// Prints the poses of all probes, from C on a microcontroller or a computer. An example
+// to read: this project does not build it. It needs zenoh-pico 1.x:
+// https://github.com/eclipse-zenoh/zenoh-pico
 
 #include <stdio.h>
 #include <zenoh-pico.h>
 
-// The payload is one JSON object: {"type":"pose","probe":"...","number":7,"q":[w,x,y,z]...}.
+// The payload is one JSON object:
+// {"type":"pose","probe":"...","number":7,"q":[w,x,y,z]...}.
 static void take(z_loaned_sample_t *sample, void *context) {
     (void)context;
     z_owned_string_t pose;
@@ -25,7 +27,7 @@ int main(void) {
         fprintf(stderr, "no imud there; start one with imud run\n");
         return 1;
     }
-    zp_start_read_task(z_loan_mut(session), NULL);   // both threads are its own
+    zp_start_read_task(z_loan_mut(session), NULL);  // each starts a thread
     zp_start_lease_task(z_loan_mut(session), NULL);
     z_owned_closure_sample_t callback;
     z_closure(&callback, take, NULL, NULL);
@@ -36,7 +38,7 @@ int main(void) {
                              z_move(callback), NULL) != Z_OK) {
         return 1;
     }
-    getchar();  // until Enter
+    getchar();  // wait for Enter
     z_drop(z_move(subscriber));
     z_drop(z_move(session));
     return 0;

@@ -9,21 +9,9 @@
 
 #include "core/drivers/bus.h"
 #include "core/drivers/sensor.h"
+#include "core/probe/acquisition.h"
 #include "core/probe/probe.h"
 #include "core/storage/settings.h"
-
-enum board_sample_result {
-    BOARD_SAMPLE_OK = 0,
-    BOARD_SAMPLE_NONE = 1,     // none has come since the last one taken
-    BOARD_SAMPLE_FAILED = -1,  // a burst failed; the bus needs recovering
-};
-
-struct board_sample {
-    uint8_t bytes[BUS_BURST_MAX];  // of its bursts, one after the other
-    uint32_t time_us;              // of the data-ready edge
-    uint16_t missed;          // data-ready edges without bursts of their own before it
-    enum bus_result failure;  // why, where the result is BOARD_SAMPLE_FAILED
-};
 
 // Clocks, pins, interrupts. The device clock runs from reset.
 void board_init(void);
@@ -45,8 +33,8 @@ bool board_unique_id(uint8_t id[8]);
 uint16_t board_entropy(void);
 
 // The sensor soldered to this board, and its bus for set-up (not while sampling).
-const struct sensor_driver *board_sensor(void);
-const struct bus_device *board_bus(void);
+extern const struct sensor_driver board_sensor;
+extern const struct bus_device board_bus;
 // Frees a held bus by clocking it, then a STOP. BUS_OK when both lines are high.
 enum bus_result board_bus_recover(void) MUST_CHECK;
 
@@ -56,7 +44,7 @@ enum bus_result board_bus_recover(void) MUST_CHECK;
 // would, or no edge would ever come again.
 void board_sampling_start(const struct bus_burst *bursts, uint8_t count);
 void board_sampling_stop(void);
-enum board_sample_result board_sample_take(struct board_sample *out) MUST_CHECK;
+enum reading_result board_reading_take(struct reading *out) MUST_CHECK;
 // Data-ready edges seen since reset.
 uint32_t board_samples_ready(void);
 
@@ -73,7 +61,7 @@ bool board_button_is_down(void);
 void board_led_set(bool on);
 
 // Memory that survives power; see core/storage/settings.h.
-const struct settings_storage *board_storage(void);
+extern const struct settings_storage board_storage;
 
 // Supply in mV, 0 where it can't be known. Bytes of stack never used yet.
 uint16_t board_supply_mv(void);
@@ -83,8 +71,8 @@ uint16_t board_stack_free(void);
 // PROBE_WIRE_ONLY. `begin` says so to the probe, `step` is for each turn of the main
 // loop.
 #ifdef PROBE_WIRE_ONLY
-static inline void board_extras_begin(struct probe_port *port) {
-    (void)port;
+static inline void board_extras_begin(struct probe *probe) {
+    (void)probe;
 }
 static inline void board_extras_step(struct probe *probe, uint32_t now_us) {
     (void)probe;
@@ -94,7 +82,7 @@ static inline bool board_extras_are_done(void) {
     return true;
 }
 #else
-void board_extras_begin(struct probe_port *port);
+void board_extras_begin(struct probe *probe);
 void board_extras_step(struct probe *probe, uint32_t now_us);
 // Nothing is left to be written: power may go. After wants_reset it gets so by itself.
 bool board_extras_are_done(void);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// A raw pseudo terminal that knows whether somebody listens.
+// A raw pseudo terminal that knows whether a program has it open; see cable.h.
 #include "cable.h"
 
 #include <errno.h>
@@ -71,8 +71,8 @@ void cable_close(struct cable *cable) {
     cable->watch = cable->keeper = cable->master = -1;
 }
 
-// Nothing that an earlier listener left unread, or set, is for a later one. What it
-// wrote is still on its way to us.
+// Unread bytes and settings of an earlier listener must not reach a later one. What it
+// wrote is still delivered to the board.
 static void forget(struct cable *cable) {
     const struct termios raw = raw_settings();
     cable->unheard += cable->held_count;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The far end of the probe's USB cable: a pseudo terminal behind a symbolic link.
+// The host's end of the probe's USB cable: a pseudo terminal with a symbolic link to
+// it.
 #ifndef SIM_CABLE_H
 #define SIM_CABLE_H
 
@@ -7,7 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-// What a host's serial driver holds for a slow reader.
+// As much as a host's serial driver buffers for a slow reader.
 enum { CABLE_HELD = 65536 };
 
 struct cable {
@@ -26,12 +27,12 @@ struct cable {
 // Null, or what is wrong.
 const char *cable_open(struct cable *cable, const char *link);
 void cable_close(struct cable *cable);
-// Takes a byte. Where the reader is slow: waits if told so (false: a signal came),
-// drops and counts otherwise.
+// Sends a byte. Where the reader is slow it waits if told so (false: a signal came),
+// else it drops and counts the byte.
 bool cable_put(struct cable *cable, uint8_t byte, bool waits);
-// Hands over what it holds as far as the reader takes it.
+// Passes on buffered bytes, as many as the reader takes.
 void cable_flush(struct cable *cable);
-// Reads what came from the other side; 0 for nothing.
+// Reads bytes from the host. Returns how many, 0 for none.
 size_t cable_get(struct cable *cable, uint8_t *bytes, size_t room);
 
 #endif

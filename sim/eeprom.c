@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The EEPROM (data sheet 8.4, 8.6) with the time that a write takes, and what a power
-// cut leaves of a byte on its way. Takes the place of simavr's, which writes at once.
+// The EEPROM (data sheet 8.4, 8.6), with the time that a write takes and what a power
+// cut leaves of a byte half written. Replaces simavr's, which writes at once.
 #include "machine.h"
 
 enum {
@@ -107,8 +107,8 @@ void machine_cut_eeprom(struct machine *machine) {
     if (!eeprom->is_busy) {
         return;
     }
-    // First half: bits rise to ones; second half: bits fall to the value. Each at a
-    // moment of its own.
+    // In the first half of a write bits rise to one, in the second they fall to the
+    // value, each at a moment of its own.
     const uint64_t half = (eeprom->done - eeprom->started) / 2;
     uint64_t gone = machine_now(machine) - eeprom->started;
     const bool erases = gone < half;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Reads the list of faults: as much of JSON as it needs.
+// Reads the list of faults. Knows only as much of JSON as that takes.
 #include "faults.h"
 
 #include <ctype.h>
@@ -60,7 +60,7 @@ static bool set_kind(struct faults *faults, struct fault *fault, const char *kin
     for (unsigned i = 0; i < kinds->chip_count; i++) {
         if (strcmp(kind, kinds->chip[i]) == 0) {
             fault->target = FAULT_CHIP;
-            fault->chip.kind = i;
+            fault->chip.kind = (enum chip_fault_kind)i;
             return true;
         }
     }
@@ -82,7 +82,7 @@ static bool set_kind(struct faults *faults, struct fault *fault, const char *kin
     return fail(faults, "no such kind of fault: %s", kind);
 }
 
-// Keys of a card's faults. False: it is none of them.
+// Sets a key of a card's fault. False: it is no such key.
 static bool set_card_number(const struct faults *faults, struct fault *fault,
                             const char *name, uint64_t value) {
     if (faults->kinds->card_count == 0) {
@@ -104,7 +104,7 @@ static bool set_card_number(const struct faults *faults, struct fault *fault,
     return true;
 }
 
-// What was left out of a card's fault. False: it can't be.
+// Fills in the defaults of a card's fault. False: a key is missing that has none.
 static bool complete_card(struct fault *fault) {
     enum { SLOW_MS = 250, VALUE_MAX = 2 };
     struct card_fault *card = &fault->card;

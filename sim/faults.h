@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What shall go wrong, from a file: a JSON list of flat objects.
+// Faults of a run, read from a file: a JSON list of flat objects.
 //
 //   [{"kind": "nack", "at_us": 2000000, "for_us": 50000},
 //    {"kind": "stuck_sda", "transaction": 700, "byte": 3, "clocks": 5},
@@ -50,6 +50,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "chips/chip_fault.h"
+
 enum fault_target {
     FAULT_CHIP,
     FAULT_CARD,
@@ -66,15 +68,6 @@ enum fault_target {
 // Of FAULT_RADIO.
 enum fault_radio { RADIO_DROP, RADIO_AWAY, RADIO_DEAF, RADIO_RESET };
 
-// A fault of the sensor, whichever it is: see the chip's own header.
-struct chip_fault {
-    unsigned kind;  // index in struct fault_kinds
-    uint8_t die;
-    uint64_t from_ns, for_ns;
-    uint64_t first, transactions;
-    uint8_t at_byte, clocks, value;
-};
-
 // A fault of the card: see its own header.
 struct card_fault {
     unsigned kind;  // index in struct fault_kinds
@@ -85,11 +78,11 @@ struct card_fault {
     uint8_t value;
 };
 
-// What a board can suffer.
+// The kinds of faults that a board supports.
 struct fault_kinds {
     const char *const *chip;  // names
     unsigned chip_count;
-    const char *const *card;  // of what a card can; null: it takes none
+    const char *const *card;  // names of the card's faults; null: no card
     unsigned card_count;
     bool has_dies;
     bool is_stm32;  // crystal, glitch, battery, charger, radio
@@ -110,7 +103,7 @@ struct fault {
 
 enum {
     FAULTS_MAX = 32,
-    FAULT_MV_MAX = 6600,  // of which the divider leaves what the pin takes
+    FAULT_MV_MAX = 6600,  // halved by the divider: what the pin stands
 };
 
 struct faults {
@@ -120,7 +113,7 @@ struct faults {
     char problem[160];
 };
 
-// False with `problem` saying what and where.
+// Reads the file. False with the reason and place in `problem`.
 bool faults_load(struct faults *faults, const char *path,
                  const struct fault_kinds *kinds);
 

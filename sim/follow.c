@@ -59,7 +59,7 @@ static void on_interrupt(void *context, uint32_t from, uint32_t vector) {
 }
 
 void follow_begin(struct follow *follow) {
-    // The jumps of the table are of the handlers.
+    // The vector table's jumps count for the handlers.
     for (uint32_t i = 0; i < MACHINE_VECTORS; i++) {
         profile_same(follow->profile, 4 * i, handler_of(follow->machine, 4 * i));
     }

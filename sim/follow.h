@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Tells a profile what the virtual ATmega328P does.
+// Reports the virtual ATmega328P's calls, returns and interrupts to a profile.
 #ifndef SIM_FOLLOW_H
 #define SIM_FOLLOW_H
 
@@ -13,8 +13,8 @@ struct follow {
 
 enum { FOLLOW_FLASH_BYTES = 32768 };
 
-// Watches the machine, in which the image has been loaded, once the profile has its
-// parts. It runs slower then, and the same to the cycle.
+// Starts reporting; the image has to be loaded and the profile to have its parts. The
+// machine runs slower then, but the same to the cycle.
 void follow_begin(struct follow *follow);
 struct profile_time follow_time(const struct machine *machine);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The processor's loop, interrupts, resets, timers and pins of the virtual Nano.
+// The virtual Nano's main loop, sleep, resets and pins; see machine.h.
 #include "machine.h"
 
 #include <simavr/avr_adc.h>
@@ -11,23 +11,14 @@
 #include <string.h>
 #include <unistd.h>
 
-// Exported by libsimavr, in no installed header: runs instructions until a cycle timer
-// or an interrupt wants attention, and returns where to go on.
+// Exported by libsimavr, but in no installed header: runs instructions until a cycle
+// timer or an interrupt is due, and returns the next program counter.
 extern avr_flashaddr_t avr_run_one(avr_t *avr);
 
 enum {
-    PIN_INT0 = 2,    // D2
-    PIN_BUTTON = 3,  // D3
-    VECTOR_INT0 = 1,
-    VECTOR_INT1 = 2,
-    VECTOR_EE_READY = 22,
-    EECR_EEPE = 1 << 1,
     SMCR_SE = 1 << 0,
     SMCR_SM = 0x0E,
-    CLOCK_SELECT = 0x07,
-    INTERRUPT_ENTRY_CYCLES = 4,  // data sheet 7.7.1
-    WAKE_UP_CYCLES = 4,          // the same: four more out of sleep
-    RUN_LIMIT = 16000,           // cycles between looks at the outside: 1 ms
+    RUN_LIMIT = 16000,  // cycles until machine_run() looks at its events again: 1 ms
     SUPPLY_MV = 5000,
 };
 
@@ -116,270 +107,37 @@ void machine_take(struct machine *machine, uint16_t address, avr_io_write_t writ
     }
 }
 
-// Interrupts: a vector is served while its flag and its enable bit are set, whichever
-// came first (data sheet 7.7). simavr only remembers what was raised while enabled.
-
-static bool is_bit_set(const avr_t *avr, avr_regbit_t bit) {
-    return bit.reg != 0 && ((avr->data[bit.reg] >> bit.bit) & bit.mask) != 0;
-}
-
-// INT0 and INT1 by level (data sheet 13.2.1): asked for as long as the pin is low.
-static bool is_by_level(const avr_t *avr, int vector) {
-    return (avr->data[REG_EICRA] & (3 << (2 * (vector - VECTOR_INT0)))) == 0;
-}
-
-static avr_int_vector_t *pending_interrupt(const struct machine *machine) {
-    for (int i = 0; i < MACHINE_VECTORS; i++) {
-        avr_int_vector_t *vector = machine->vectors[i];
-        if (vector == NULL || !is_bit_set(machine->avr, vector->enable)) {
-            continue;
-        }
-        if ((i == VECTOR_INT0 || i == VECTOR_INT1) && is_by_level(machine->avr, i)) {
-            const int pin = i == VECTOR_INT0 ? PIN_INT0 : PIN_BUTTON;
-            if ((machine->avr->data[REG_PIND] & (1 << pin)) == 0) {
-                return vector;
-            }
-        } else if (vector->raised.reg != 0) {
-            if (is_bit_set(machine->avr, vector->raised)) {
-                return vector;
-            }
-        } else if (i == VECTOR_EE_READY && machine_fixes(machine, FIX_EEPROM_READY)) {
-            // Asked for as long as no write is under way (data sheet 8.6.3).
-            if ((machine->avr->data[REG_EECR] & EECR_EEPE) == 0) {
-                return vector;
-            }
-        } else if (vector->pending) {
-            return vector;
-        }
-    }
-    return NULL;
-}
-
-void machine_poll_interrupts(struct machine *machine) {
-    avr_t *avr = machine->avr;
-    if (!machine_fixes(machine, FIX_INTERRUPT_FLAGS)) {
-        return;
-    }
-    if (avr->interrupt_state == 0 && avr->sreg[S_I] &&
-        pending_interrupt(machine) != NULL) {
-        avr->interrupt_state = 1;  // ends the burst of instructions after this one
-    }
-}
-
-void machine_stall(struct machine *machine, unsigned cycles) {
-    avr_t *avr = machine->avr;
-    avr->cycle += cycles;
-    avr->run_cycle_count =
-        avr->run_cycle_count > cycles ? avr->run_cycle_count - cycles : 1;
-}
-
-static void push_byte(avr_t *avr, uint8_t byte) {
-    const uint16_t sp = (uint16_t)(avr->data[R_SPL] | (avr->data[R_SPH] << 8));
-    if (sp >= MACHINE_SRAM_START && sp <= avr->ramend) {
-        avr->data[sp] = byte;
-    }
-    avr->data[R_SPL] = (uint8_t)((sp - 1) & 0xFF);
-    avr->data[R_SPH] = (uint8_t)((sp - 1) >> 8);
-}
-
-static void note_stack(struct machine *machine) {
-    const uint16_t sp = machine_sp(machine);
-    if (sp >= MACHINE_SRAM_START && sp <= MACHINE_SRAM_END) {
-        const uint16_t depth = (uint16_t)(MACHINE_SRAM_END - sp);
-        if (depth > machine->stack.deepest) {
-            machine->stack.deepest = depth;
-        }
-    }
-}
-
-static void serve_interrupts(struct machine *machine) {
-    avr_t *avr = machine->avr;
-    avr->interrupts.pending.read = avr->interrupts.pending.write;  // simavr's own queue
-    if (avr->state == cpu_Sleeping && avr->sreg[S_I] &&
-        pending_interrupt(machine) != NULL) {
-        avr->state = cpu_Running;
-        avr->interrupt_state = 1;
-        if (machine_fixes(machine, FIX_INTERRUPT_ENTRY)) {
-            machine_stall(machine, WAKE_UP_CYCLES);
-        }
-    }
-    if (!avr->sreg[S_I] || avr->interrupt_state == 0 || avr->state != cpu_Running) {
-        return;
-    }
-    avr_int_vector_t *vector = pending_interrupt(machine);
-    if (avr->interrupt_state < 0) {  // I has just been set: one instruction more
-        avr->interrupt_state = vector != NULL ? 1 : 0;
-        return;
-    }
-    if (vector == NULL) {
-        avr->interrupt_state = 0;
-        return;
-    }
-    const avr_flashaddr_t from = avr->pc;
-    const uint32_t return_word = from >> 1;
-    push_byte(avr, (uint8_t)(return_word & 0xFF));
-    push_byte(avr, (uint8_t)(return_word >> 8));
-    note_stack(machine);
-    avr->sreg[S_I] = 0;
-    avr->interrupt_state = 0;
-    avr->pc = (avr_flashaddr_t)vector->vector * avr->vector_size;
-    avr_clear_interrupt(avr, vector);
-    if (machine_fixes(machine, FIX_INTERRUPT_ENTRY)) {
-        machine_stall(machine, INTERRUPT_ENTRY_CYCLES);
-    }
-    if (machine->watch.on_interrupt != NULL) {
-        machine->watch.on_interrupt(machine->watch.context, from, avr->pc);
-    }
-}
-
-// A mask register: an interrupt whose flag waits may come at once.
-static void write_mask(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
-    avr->data[address] = value;
-    machine_poll_interrupts(param);
-}
-
-// EIFR: ones clear (data sheet 13.2.3); simavr has no such thing.
-static void write_eifr(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
-    struct machine *machine = param;
-    for (int i = 1; i <= 2; i++) {
-        if ((value & (1 << (i - 1))) && machine->vectors[i] != NULL) {
-            avr->data[address] &= (uint8_t) ~(1 << (i - 1));
-            avr_clear_interrupt(avr, machine->vectors[i]);
-        }
-    }
-}
-
-// EICRA: no flag is held for a level (data sheet 13.2.3), so none is left of one.
-static void write_eicra(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
-    struct machine *machine = param;
-    for (int i = VECTOR_INT0; i <= VECTOR_INT1; i++) {
-        if (is_by_level(avr, i) && machine->vectors[i] != NULL) {
-            avr_clear_interrupt(avr, machine->vectors[i]);
-        }
-    }
-    avr->data[address] = value;
-    machine_poll_interrupts(machine);
-}
-
-// Timers: simavr forgets what was written to TCNT while the clock was stopped.
-
-static struct machine_timer *find_timer(struct machine *machine, uint16_t address) {
-    for (int i = 0; i < 3; i++) {
-        struct machine_timer *timer = &machine->timers[i];
-        if (timer->control == address || timer->count == address) {
-            return timer;
-        }
-    }
-    abort();  // hooked registers are all in the table
-}
-
-static void put_count(avr_t *avr, const struct machine_timer *timer) {
-    avr->data[timer->count] = (uint8_t)(timer->held & 0xFF);
-    if (timer->count_high != 0) {
-        avr->data[timer->count_high] = (uint8_t)(timer->held >> 8);
-    }
-}
-
-static uint16_t get_count(const avr_t *avr, const struct machine_timer *timer) {
-    const uint16_t high = timer->count_high != 0 ? avr->data[timer->count_high] : 0;
-    return (uint16_t)(avr->data[timer->count] | (high << 8));
-}
-
-static void write_count(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
-    struct machine *machine = param;
-    struct machine_timer *timer = find_timer(machine, address);
-    if ((avr->data[timer->control] & CLOCK_SELECT) == 0) {
-        avr->data[address] = value;
-        timer->held = get_count(avr, timer);
-        return;
-    }
-    timer->count_hook.write(avr, address, value, timer->count_hook.write_param);
-}
-
-static uint8_t read_count(avr_t *avr, avr_io_addr_t address, void *param) {
-    struct machine *machine = param;
-    struct machine_timer *timer = find_timer(machine, address);
-    if ((avr->data[timer->control] & CLOCK_SELECT) == 0) {
-        put_count(avr, timer);
-        return avr->data[address];
-    }
-    return timer->count_hook.read(avr, address, timer->count_hook.read_param);
-}
-
-static void write_control(avr_t *avr, avr_io_addr_t address, uint8_t value,
-                          void *param) {
-    struct machine *machine = param;
-    struct machine_timer *timer = find_timer(machine, address);
-    const bool was_running = (avr->data[address] & CLOCK_SELECT) != 0;
-    const bool is_running = (value & CLOCK_SELECT) != 0;
-    if (address == REG_TCCR1B && is_running && machine->clock_start == MACHINE_NEVER) {
-        machine->clock_start = avr->cycle;
-    }
-    if (!machine_fixes(machine, FIX_TIMER_PRELOAD)) {
-        timer->control_hook.write(avr, address, value, timer->control_hook.write_param);
-        return;
-    }
-    if (was_running && !is_running) {
-        (void)timer->count_hook.read(avr, timer->count, timer->count_hook.read_param);
-        timer->held = get_count(avr, timer);
-    }
-    timer->control_hook.write(avr, address, value, timer->control_hook.write_param);
-    if (!was_running && is_running && timer->held != 0) {
-        put_count(avr, timer);
-        timer->count_hook.write(avr, timer->count, avr->data[timer->count],
-                                timer->count_hook.write_param);
-    }
-}
-
-static void timers_init(struct machine *machine) {
-    static const uint16_t registers[3][3] = {
-        {REG_TCCR0B, REG_TCNT0, 0},
-        {REG_TCCR1B, REG_TCNT1L, REG_TCNT1H},
-        {REG_TCCR2B, REG_TCNT2, 0},
-    };
-    const bool is_fixed = machine_fixes(machine, FIX_TIMER_PRELOAD);
-    for (int i = 0; i < 3; i++) {
-        struct machine_timer *timer = &machine->timers[i];
-        *timer = (struct machine_timer){.control = registers[i][0],
-                                        .count = registers[i][1],
-                                        .count_high = registers[i][2]};
-        machine_take(machine, timer->control, write_control, NULL,
-                     &timer->control_hook);
-        machine_take(machine, timer->count, is_fixed ? write_count : NULL,
-                     is_fixed ? read_count : NULL, &timer->count_hook);
-    }
-}
-
 // Pins of port D
 
 static void set_pin_d(struct machine *machine, unsigned pin, bool is_high) {
     avr_t *avr = machine->avr;
     avr_ioport_external_t external = {
         .name = 'D',
-        .mask = (1U << PIN_INT0) | (1U << PIN_BUTTON),
-        .value = (machine->int0_is_high ? 1U << PIN_INT0 : 0U) |
-                 (machine->button_is_down ? 0U : 1U << PIN_BUTTON),
+        .mask = (1U << MACHINE_PIN_INT0) | (1U << MACHINE_PIN_BUTTON),
+        .value = (machine->int0_is_high ? 1U << MACHINE_PIN_INT0 : 0U) |
+                 (machine->button_is_down ? 0U : 1U << MACHINE_PIN_BUTTON),
     };
     avr_ioctl(avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('D'), &external);
     avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), (int)pin), is_high);
     machine_poll_interrupts(machine);
 }
 
-// The levels that others drive; where the pin is an output, what it drives itself.
+// The levels that are driven from outside; for an output, what the pin drives itself.
 static uint8_t read_pind(avr_t *avr, avr_io_addr_t address, void *param) {
     struct machine *machine = param;
     const uint8_t value = machine->pind.read(avr, address, machine->pind.read_param);
-    const uint8_t ours = (1 << PIN_INT0) | (1 << PIN_BUTTON);
+    const uint8_t ours = (1 << MACHINE_PIN_INT0) | (1 << MACHINE_PIN_BUTTON);
     const uint8_t inputs = ours & (uint8_t)~avr->data[address + 1];  // DDRD
-    const uint8_t levels = (uint8_t)((machine->int0_is_high ? 1U << PIN_INT0 : 0U) |
-                                     (machine->button_is_down ? 0U : 1U << PIN_BUTTON));
+    const uint8_t levels =
+        (uint8_t)((machine->int0_is_high ? 1U << MACHINE_PIN_INT0 : 0U) |
+                  (machine->button_is_down ? 0U : 1U << MACHINE_PIN_BUTTON));
     avr->data[address] = (uint8_t)((value & ~inputs) | (levels & inputs));
     return avr->data[address];
 }
 
 void machine_press(struct machine *machine, bool is_down) {
     machine->button_is_down = is_down;
-    set_pin_d(machine, PIN_BUTTON, !is_down);
+    set_pin_d(machine, MACHINE_PIN_BUTTON, !is_down);
 }
 
 // The sensor
@@ -393,9 +151,9 @@ static avr_cycle_count_t on_chip_event(avr_t *avr, avr_cycle_count_t when,
     if (is_high != machine->int0_is_high) {
         machine->int0_is_high = is_high;
         if (is_high && machine->on_data_ready != NULL) {
-            machine->on_data_ready(machine->context, when);
+            machine->on_data_ready(machine->context);
         }
-        set_pin_d(machine, PIN_INT0, is_high);
+        set_pin_d(machine, MACHINE_PIN_INT0, is_high);
     }
     const uint64_t next = mpu9250_chip_next_event(machine->chip);
     if (next == UINT64_MAX) {
@@ -417,7 +175,7 @@ void machine_follow_chip(struct machine *machine) {
     }
 }
 
-// A7 hangs in the air: what the converter sees there is noise.
+// A7 is not connected, so the converter reads noise there.
 static void on_conversion(avr_irq_t *irq, uint32_t value, void *param) {
     (void)irq;
     (void)value;
@@ -445,9 +203,7 @@ static void after_reset(struct machine *machine, uint8_t cause) {
     if (machine_fixes(machine, FIX_RESET_CAUSE)) {
         avr->data[REG_MCUSR] = cause;
     }
-    for (int i = 0; i < 3; i++) {
-        machine->timers[i].held = 0;
-    }
+    timers_reset(machine);
     // simavr would look at a low pin in every cycle.
     avr_extint_set_strict_lvl_trig(avr, 0, 0);
     avr_extint_set_strict_lvl_trig(avr, 1, 0);
@@ -455,8 +211,8 @@ static void after_reset(struct machine *machine, uint8_t cause) {
     lines_reset(machine);
     uart_reset(machine);
     eeprom_reset(machine);
-    set_pin_d(machine, PIN_INT0, machine->int0_is_high);
-    set_pin_d(machine, PIN_BUTTON, !machine->button_is_down);
+    set_pin_d(machine, MACHINE_PIN_INT0, machine->int0_is_high);
+    set_pin_d(machine, MACHINE_PIN_BUTTON, !machine->button_is_down);
     if (machine_fixes(machine, FIX_WATCHDOG_RESET)) {
         machine_follow_chip(machine);
     }
@@ -511,6 +267,18 @@ static void keep_quiet(avr_t *avr, const int level, const char *format, va_list 
     }
 }
 
+// simavr's UART prints to the console and sleeps when polled, both unasked.
+static void quiet_uart(struct machine *machine) {
+    avr_t *avr = machine->avr;
+    uint32_t flags = 0;
+    avr_ioctl(avr, AVR_IOCTL_UART_GET_FLAGS('0'), &flags);
+    if (machine_fixes(machine, FIX_UART_POLLING)) {
+        flags &= ~(uint32_t)AVR_UART_FLAG_POLL_SLEEP;
+    }
+    flags &= ~(uint32_t)AVR_UART_FLAG_STDIO;
+    avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
+}
+
 bool machine_init(struct machine *machine, struct mpu9250_chip *chip, uint64_t seed,
                   uint32_t without) {
     avr_global_logger_set(keep_quiet);
@@ -529,38 +297,14 @@ bool machine_init(struct machine *machine, struct mpu9250_chip *chip, uint64_t s
     avr->log = LOG_ERROR;
     avr->frequency = MACHINE_HZ;
     avr->vcc = avr->avcc = avr->aref = SUPPLY_MV;
-    for (int i = 0; i < avr->interrupts.vector_count; i++) {
-        avr_int_vector_t *vector = avr->interrupts.vector[i];
-        if (vector->vector < MACHINE_VECTORS) {
-            machine->vectors[vector->vector] = vector;
-        }
-    }
     paint_stack(machine);
     memset(machine->eeprom.bytes, 0xFF, sizeof machine->eeprom.bytes);
 
-    // simavr's UART prints to the console and sleeps when polled, both unasked.
-    uint32_t flags = 0;
-    avr_ioctl(avr, AVR_IOCTL_UART_GET_FLAGS('0'), &flags);
-    if (machine_fixes(machine, FIX_UART_POLLING)) {
-        flags &= ~(uint32_t)AVR_UART_FLAG_POLL_SLEEP;
-    }
-    flags &= ~(uint32_t)AVR_UART_FLAG_STDIO;
-    avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
-
+    quiet_uart(machine);
     timers_init(machine);
     machine_take(machine, REG_GPIOR0, write_mark, NULL, NULL);
     machine_take(machine, REG_PIND, NULL, read_pind, &machine->pind);
-    if (machine_fixes(machine, FIX_INTERRUPT_FLAGS)) {
-        machine_take(machine, REG_EIMSK, write_mask, NULL, NULL);
-        machine_take(machine, REG_PCICR, write_mask, NULL, NULL);
-        for (uint16_t mask = REG_TIMSK0; mask <= REG_TIMSK2; mask++) {
-            machine_take(machine, mask, write_mask, NULL, NULL);
-        }
-    }
-    if (machine_fixes(machine, FIX_EXTERNAL_FLAG)) {
-        machine_take(machine, REG_EIFR, write_eifr, NULL, NULL);
-        machine_take(machine, REG_EICRA, write_eicra, NULL, NULL);
-    }
+    interrupts_init(machine);
     avr_irq_register_notify(
         avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_OUT_TRIGGER), on_conversion,
         machine);
@@ -612,7 +356,7 @@ static void sleep_for(struct machine *machine, avr_cycle_count_t cycles) {
     machine->asleep += cycles;
 }
 
-// As far as the next timer of simavr, or the next interrupt.
+// Runs up to the next timer of simavr or the next interrupt.
 static void step(struct machine *machine) {
     avr_t *avr = machine->avr;
     if (avr->run != avr_callback_run_raw) {
@@ -630,7 +374,7 @@ static void step(struct machine *machine) {
     avr->pc = next;
     if (avr->state == cpu_Sleeping) {
         if (machine_fixes(machine, FIX_INTERRUPT_FLAGS)) {
-            serve_interrupts(machine);
+            interrupts_serve(machine);
         }
         if (avr->state == cpu_Sleeping) {
             sleep_for(machine, until_timer);
@@ -643,17 +387,17 @@ static void step(struct machine *machine) {
         const avr_flashaddr_t before = avr->pc;
         avr_service_interrupts(avr);
         if (avr->pc != before && machine_fixes(machine, FIX_INTERRUPT_ENTRY)) {
-            machine_stall(machine, INTERRUPT_ENTRY_CYCLES);
+            machine_stall(machine, MACHINE_INTERRUPT_CYCLES);
         }
         return;
     }
-    serve_interrupts(machine);
+    interrupts_serve(machine);
 }
 
 bool machine_run(struct machine *machine, uint64_t until_cycle) {
     avr_t *avr = machine->avr;
     machine->until = until_cycle;
-    // Who watches wants to see instructions one by one.
+    // A watcher needs the instructions one by one.
     const uint64_t most = machine->watch.on_instruction != NULL ? 1 : RUN_LIMIT;
     while (avr->cycle < machine->until) {
         const uint64_t left = machine->until - avr->cycle;
@@ -677,7 +421,8 @@ void machine_pause(struct machine *machine, uint64_t at_cycle) {
 }
 
 // The unused part of SRAM between variables and stack is one run of equal bytes: our
-// paint, or the firmware's own where it paints too. What breaks the run is stack.
+// paint, or the firmware's own where it paints too. The first byte that differs belongs
+// to the stack.
 uint16_t machine_stack_deepest(struct machine *machine) {
     const uint8_t *data = machine->avr->data;
     unsigned at = machine->stack.heap_start;

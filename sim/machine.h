@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// An Arduino Nano: libsimavr's ATmega328P with its defects corrected, the sensor on its
-// I2C and INT0, a button on D3, a wire on its UART. Time is the processor's cycle count
-// at 16 MHz since power came.
+// A virtual Arduino Nano: libsimavr's ATmega328P with its defects corrected, the sensor
+// on I2C and INT0, a button on D3, the host on the UART. Time is the processor's cycle
+// count at 16 MHz since power came.
 //
 // Data sheet: ATmega328P, DS40002061B; sections beside the code.
 #ifndef SIM_MACHINE_H
@@ -20,7 +20,10 @@ enum {
     MACHINE_VECTORS = 26,
     MACHINE_SRAM_START = 0x100,
     MACHINE_SRAM_END = 0x8FF,
-    MACHINE_PAINT = 0xA5,  // fills SRAM at power-up, to find the deepest stack
+    MACHINE_PAINT = 0xA5,          // fills SRAM at power-up, to find the deepest stack
+    MACHINE_PIN_INT0 = 2,          // D2: the sensor's data-ready pin
+    MACHINE_PIN_BUTTON = 3,        // D3
+    MACHINE_INTERRUPT_CYCLES = 4,  // into a handler, data sheet 7.7.1
 };
 #define MACHINE_HZ 16000000U
 #define MACHINE_NEVER UINT64_MAX
@@ -76,7 +79,8 @@ enum machine_reset {
     MACHINE_WATCHDOG = 1 << 3,
 };
 
-// The corrections, by the name that `nano --self-test --without NAME` knows.
+// The corrections of libsimavr, in the order of their names for `nano --self-test
+// --without NAME`.
 enum machine_fix {
     FIX_TWI_BYTE_TIME,
     FIX_TWI_ADDRESS_STATUS,
@@ -101,7 +105,7 @@ enum machine_fix {
 };
 extern const char *const machine_fix_names[FIX_COUNT];
 
-// What one of simavr's own handlers did before ours took its register.
+// simavr's own handlers of a register that we have taken over.
 struct machine_hook {
     avr_io_write_t write;
     void *write_param;
@@ -113,9 +117,9 @@ struct machine_hook {
 struct machine_twi {
     enum { TWI_IDLE, TWI_START, TWI_STOP, TWI_BYTE } doing;
     bool owns_bus;
-    bool is_addressing;  // the next byte is an address
+    bool is_addressing;  // the next byte is the address
     bool is_reading;
-    bool is_lost;  // arbitration lost, or the slave went: no data until a START
+    bool is_lost;  // arbitration lost, or the slave gone: no data until a START
     uint8_t status;
 };
 
@@ -129,7 +133,7 @@ struct machine_uart {
     uint8_t received_count;
     uint64_t overruns;  // bytes lost for want of room
     uint64_t deaf;      // bytes that came with the receiver off
-    // What is on its way in: bytes, each with the cycle before which it doesn't start.
+    // Bytes on their way in, each with the cycle before which it doesn't start.
     uint8_t *line;
     uint64_t *line_from;
     size_t line_head, line_count, line_room;
@@ -157,8 +161,8 @@ struct machine_stack {
     uint16_t deepest;     // bytes
 };
 
-// Each instruction once it is done, and each interrupt once its return address is on
-// the stack; addresses of bytes. Null: not watched.
+// Called after each instruction, and for each interrupt once its return address is on
+// the stack; byte addresses. Null: not called.
 struct machine_watch {
     void *context;
     void (*on_instruction)(void *context, uint32_t at, uint32_t next);
@@ -168,21 +172,22 @@ struct machine_watch {
 struct machine {
     struct avr_t *avr;
     struct mpu9250_chip *chip;
-    uint32_t without;  // bits of machine_fix: left as simavr has them
+    uint32_t without;  // bits of machine_fix: corrections left out
     uint64_t seed;
 
-    // To the owner; each may be null. The cycle is the one at which it happened.
+    // Callbacks of the owner; each may be null. The cycle is the one at which it
+    // happened.
     void *context;
     void (*on_byte)(void *context, uint64_t cycle, uint8_t byte);
     void (*on_mark)(void *context, uint64_t cycle, uint8_t value);  // GPIOR0
-    void (*on_data_ready)(void *context, uint64_t cycle);           // edge on INT0
-    void (*on_bus)(void *context, uint64_t cycle, bool is_start);   // START, STOP
+    void (*on_data_ready)(void *context);                           // edge on INT0
+    void (*on_bus)(void *context, bool is_start);                   // START, STOP
     void (*on_eeprom_write)(void *context, uint64_t number);
     void (*on_reset)(void *context, enum machine_reset cause);
     struct machine_watch watch;
 
     uint64_t until;         // where machine_run() stops
-    uint64_t clock_start;   // cycle at which Timer1 was first started, or NEVER
+    uint64_t clock_start;   // cycle of Timer1's first start, or MACHINE_NEVER
     uint64_t asleep;        // cycles
     uint64_t resets;        // without the first
     bool is_stuck;          // asleep with nothing that could wake it
@@ -199,8 +204,8 @@ struct machine {
     bool int0_is_high, button_is_down;
 };
 
-// Power comes, with code in flash. False where the processor can't be made. The chip
-// is the caller's.
+// Makes the machine and switches power on. False where libsimavr has no such processor.
+// The chip stays the caller's.
 bool machine_init(struct machine *machine, struct mpu9250_chip *chip, uint64_t seed,
                   uint32_t without);
 void machine_free(struct machine *machine);
@@ -209,36 +214,41 @@ void machine_load(struct machine *machine, const uint8_t *code, size_t size,
 
 // Runs until the cycle is reached. False once the processor can't go on.
 bool machine_run(struct machine *machine, uint64_t until_cycle);
-// From a callback: stop at that cycle at the latest.
+// From a callback: has machine_run() stop at that cycle at the latest.
 void machine_pause(struct machine *machine, uint64_t at_cycle);
 void machine_reset(struct machine *machine, enum machine_reset cause);
 
 uint64_t machine_now(const struct machine *machine);
 uint64_t machine_ns(uint64_t cycle);
-// Puts a byte on the wire to the UART, not before that cycle.
+// Sends a byte to the UART, not before that cycle. False where memory runs out.
 bool machine_send(struct machine *machine, uint64_t from_cycle, uint8_t byte);
 void machine_press(struct machine *machine, bool is_down);
-// The EEPROM as a power cut now would leave it.
+// Leaves the EEPROM as a power cut would now.
 void machine_cut_eeprom(struct machine *machine);
 // Deepest stack so far, bytes.
 uint16_t machine_stack_deepest(struct machine *machine);
-// Where the processor is, for a report.
+// Program counter (bytes) and stack pointer, for a report.
 uint16_t machine_pc(const struct machine *machine);
 uint16_t machine_sp(const struct machine *machine);
 
-// Between the parts of the machine.
+// Between the files of the machine.
 bool machine_fixes(const struct machine *machine, enum machine_fix fix);
 void machine_complain(struct machine *machine, const char *what);
-// Something that an interrupt can follow from has changed.
+// Something that may cause an interrupt has changed.
 void machine_poll_interrupts(struct machine *machine);
 // The processor stands still for some cycles.
 void machine_stall(struct machine *machine, unsigned cycles);
-// The chip may have changed: look at its pin and at when it wants to run next.
+// The chip may have changed: follows its pin and schedules its next event.
 void machine_follow_chip(struct machine *machine);
 void machine_take(struct machine *machine, uint16_t address, avr_io_write_t write,
                   avr_io_read_t read, struct machine_hook *hook);
 uint32_t machine_random(struct machine *machine);
 
+void interrupts_init(struct machine *machine);
+// Wakes a sleeping processor, and enters the handler that is due.
+void interrupts_serve(struct machine *machine);
+void timers_init(struct machine *machine);
+void timers_reset(struct machine *machine);
 void twi_init(struct machine *machine);
 void twi_reset(struct machine *machine);
 void lines_init(struct machine *machine);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// A motion stream and exact means over it.
+// Reads a motion stream and takes exact means over it; see motion.h.
 #include "motion.h"
 
 #include <math.h>
@@ -66,7 +66,7 @@ void motion_begin(struct motion *motion, int64_t start_ns) {
     motion->start_ns = start_ns;
 }
 
-// In records since the first; below 0 before it.
+// A time as a number of records since the first one; below 0 before it.
 static double position(const struct motion *motion, int64_t ns) {
     if (!motion->has_start) {
         return -1.0;
@@ -121,7 +121,8 @@ void motion_mean(struct motion *motion, enum motion_quantity quantity, int64_t f
         value_at(motion, to, first, mean);
         return;
     }
-    // Linear between records: over a piece, the mean of its ends is exact.
+    // The motion is linear between records, so the mean over a piece is the mean of its
+    // ends.
     double sum[3] = {0.0, 0.0, 0.0};
     double at = from;
     double left[3];

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The motion that the sensor feels: a binary stream of records, read as it is needed.
+// The motion of the sensor: a binary stream of records, read as it is needed.
 //
 // Stream, little endian: 8 bytes "IMUMOT1\0", float64 rate_hz, uint64 count (0: until
 // the end), then records of 9 float32: gyr x y z rad/s, acc x y z m/s2, mag x y z uT,
@@ -31,7 +31,7 @@ struct motion {
     uint64_t read;   // records read so far
     bool is_ended;   // there are no more
     bool has_start;
-    int64_t start_ns;  // when record 0 is felt
+    int64_t start_ns;  // time of record 0
     float *kept;       // MOTION_KEPT records, a ring
 };
 
@@ -39,7 +39,7 @@ struct motion {
 const char *motion_open(struct motion *motion, const char *path);
 void motion_close(struct motion *motion);
 void motion_begin(struct motion *motion, int64_t start_ns);
-// Reads as far as that time; true once the last record has been felt by then.
+// Reads the stream up to that time. True once the last record has passed by then.
 bool motion_is_over(struct motion *motion, int64_t now_ns);
 // Writes the mean of the quantity over (from_ns, to_ns] to mean; where both are equal,
 // its value then.

@@ -15,71 +15,45 @@
 #endif
 
 static const char usage_text[] =
-    "usage: nano --image FILE.elf [--motion FILE|-] [--pty LINK | --record FILE]\n"
-    "            [--fast] [--seconds N] [--summary FILE] [--eeprom FILE] [--seed N]\n"
-    "            [--clock-ppm N] [--clock-drift PPM_S] [--batch-ms N] [--burst-ms N]\n"
-    "            [--faults FILE] [--press START_US:END_US]... [--send US:HEX]...\n"
-    "            [--profile FILE [--parts FILE]]\n"
-    "       nano --self-test [--without NAME]\n"
-    "       nano --version\n";
+    RUN_USAGE("nano") "            [--profile FILE [--parts FILE]]\n"
+                      "       nano --self-test [--without NAME]\n"
+                      "       nano --version\n";
 
 static const char *const chip_faults[] = {
-    [MPU9250_CHIP_NACK] = "nack",
-    [MPU9250_CHIP_STUCK_SDA] = "stuck_sda",
-    [MPU9250_CHIP_NO_DATA_READY] = "no_data_ready",
-    [MPU9250_CHIP_WRONG_WHO_AM_I] = "wrong_who_am_i",
-    [MPU9250_CHIP_NO_AK8963] = "no_ak8963",
-    [MPU9250_CHIP_GYR_SELF_TEST] = "gyr_self_test",
-    [MPU9250_CHIP_ACC_SELF_TEST] = "acc_self_test",
-    [MPU9250_CHIP_FROZEN] = "frozen",
+    [CHIP_FAULT_NACK] = "nack",
+    [CHIP_FAULT_STUCK_SDA] = "stuck_sda",
+    [CHIP_FAULT_NO_DATA_READY] = "no_data_ready",
+    [CHIP_FAULT_WRONG_WHO_AM_I] = "wrong_who_am_i",
+    [CHIP_FAULT_NO_MAG] = "no_ak8963",
+    [CHIP_FAULT_GYR_SELF_TEST] = "gyr_self_test",
+    [CHIP_FAULT_ACC_SELF_TEST] = "acc_self_test",
+    [CHIP_FAULT_FROZEN] = "frozen",
 };
-_Static_assert((int)FAULTS_MAX <= (int)MPU9250_CHIP_FAULTS_MAX,
-               "the chip takes them all");
+_Static_assert((int)FAULTS_MAX <= (int)I2C_SLAVE_FAULTS_MAX, "the chip takes them all");
 
 static struct nano {
     struct run run;
     struct machine machine;
     struct mpu9250_chip *chip;
     struct image image;
-    struct follow follow;  // its profile is null: none is asked for
-    const char *profile_path, *parts_path;
+    struct follow follow;
 } nano;
 
-// What the machine tells
+// Callbacks of the machine
 
 static void on_byte(void *context, uint64_t cycle, uint8_t byte) {
     (void)cycle;
     run_on_byte(context, byte);
 }
 
-static void on_data_ready(void *context, uint64_t cycle) {
-    (void)cycle;
-    run_on_data_ready(context);
-}
-
-static void on_bus(void *context, uint64_t cycle, bool is_start) {
-    (void)cycle;
-    run_on_bus(context, is_start);
-}
-
 // GPIOR0: 1 when work on a sample starts, 0 when it is done.
 static void on_mark(void *context, uint64_t cycle, uint8_t value) {
-    if (nano.follow.profile != NULL) {
-        (value != 0 ? profile_begin_sample : profile_end_sample)(nano.follow.profile);
-    }
     run_on_mark(context, cycle, cycle, value != 0);
 }
 
 static void on_reset(void *context, enum machine_reset cause) {
     (void)cause;
-    if (nano.follow.profile != NULL) {
-        profile_reset(nano.follow.profile, follow_time(&nano.machine));
-    }
     run_on_reset(context);
-}
-
-static void on_eeprom_write(void *context, uint64_t number) {
-    run_on_memory_write(context, number);
 }
 
 static void feel(void *context, enum mpu9250_chip_quantity quantity, int64_t from_ns,
@@ -92,7 +66,7 @@ static void feel(void *context, enum mpu9250_chip_quantity quantity, int64_t fro
     motion_mean(context, quantities[quantity], from_ns, to_ns, mean);
 }
 
-// The board, as run.h wants it
+// The functions of struct run_board
 
 static int power_up(void *self, struct run *run) {
     struct nano *board = self;
@@ -111,28 +85,13 @@ static int power_up(void *self, struct run *run) {
     machine->context = run;
     machine->on_byte = on_byte;
     machine->on_mark = on_mark;
-    machine->on_data_ready = on_data_ready;
-    machine->on_bus = on_bus;
-    machine->on_eeprom_write = on_eeprom_write;
+    machine->on_data_ready = run_on_data_ready;
+    machine->on_bus = run_on_bus;
+    machine->on_eeprom_write = run_on_memory_write;
     machine->on_reset = on_reset;
     if (!image_load(&board->image, options->image, machine)) {
         return run_complain(run, options->image,
                             "is no image of an ATmega328P; pio run -e nano makes one");
-    }
-    if (board->profile_path != NULL) {
-        board->follow.profile = profile_new(options->image, 0, FOLLOW_FLASH_BYTES);
-        if (board->follow.profile == NULL) {
-            return run_complain(run, options->image, "has no symbols to profile by");
-        }
-    }
-    if (board->parts_path != NULL &&
-        !profile_read_parts(board->follow.profile, board->parts_path)) {
-        return run_complain(run, board->parts_path,
-                            "has other lines than START END PART");
-    }
-    if (board->follow.profile != NULL) {
-        board->follow.machine = machine;
-        follow_begin(&board->follow);
     }
     return run_load_memory(run);
 }
@@ -172,17 +131,7 @@ static void suffer(void *self, const struct fault *fault) {
 }
 
 static void add_chip_fault(void *self, const struct chip_fault *fault) {
-    const struct mpu9250_chip_fault chip_fault = {
-        .kind = (enum mpu9250_chip_fault_kind)fault->kind,
-        .from_ns = fault->from_ns,
-        .for_ns = fault->for_ns,
-        .first = fault->first,
-        .transactions = fault->transactions,
-        .at_byte = fault->at_byte,
-        .clocks = fault->clocks,
-        .value = fault->value,
-    };
-    (void)mpu9250_chip_add_fault(((struct nano *)self)->chip, &chip_fault);
+    (void)i2c_slave_add_fault(mpu9250_chip_wire(((struct nano *)self)->chip), fault);
 }
 
 static void cut_memory(void *self) {
@@ -217,16 +166,6 @@ static void report(void *self, struct run_report *out) {
     };
 }
 
-static bool finish(void *self) {
-    struct nano *board = self;
-    struct profile *profile = board->follow.profile;
-    if (profile != NULL && !profile_write(profile, board->profile_path)) {
-        (void)run_complain(&board->run, board->profile_path, "can't be written");
-        return false;
-    }
-    return true;
-}
-
 static int command(char **rest) {
     if (strcmp(rest[0], "--self-test") != 0) {
         return -1;
@@ -240,32 +179,29 @@ static int command(char **rest) {
     return run_usage(&nano.run, "--self-test does not go with", rest[1]);
 }
 
-static const char *check(void) {
-    return nano.parts_path != NULL && nano.profile_path == NULL
-               ? "--parts needs --profile"
-               : NULL;
+static void watch(void *self, struct profile *profile) {
+    struct nano *board = self;
+    board->follow = (struct follow){profile, &board->machine};
+    follow_begin(&board->follow);
 }
 
-static const struct run_path own_paths[] = {
-    {"--profile", &nano.profile_path},
-    {"--parts", &nano.parts_path},
-    {NULL, NULL},
-};
+static struct profile_time profile_now(const void *self) {
+    return follow_time(&((const struct nano *)self)->machine);
+}
 
 static const struct run_board board_nano = {
     .name = "nano",
     .usage = usage_text,
     .version = NANO_VERSION,
     .ticks_per_us = MACHINE_CYCLES_PER_US,
+    .code_size = FOLLOW_FLASH_BYTES,
     .fault_kinds =
         {
             .chip = chip_faults,
             .chip_count = sizeof chip_faults / sizeof *chip_faults,
         },
     .memory = "is no EEPROM of 1024 bytes",
-    .paths = own_paths,
     .command = command,
-    .check = check,
     .power_up = power_up,
     .run = run_until,
     .now = now,
@@ -281,13 +217,13 @@ static const struct run_board board_nano = {
     .memory_bytes = memory_bytes,
     .pause = pause_at,
     .report = report,
-    .finish = finish,
+    .watch = watch,
+    .profile_now = profile_now,
 };
 
 int main(int argc, char **argv) {
     (void)argc;  // the list ends with a null
     const int code = run_main(&nano.run, &board_nano, &nano, argv + 1);
-    profile_free(nano.follow.profile);
     if (nano.machine.avr != NULL) {
         machine_free(&nano.machine);
     }

@@ -1,40 +1,38 @@
 // SPDX-License-Identifier: MIT
-// Follows the image call by call; see profile.h.
+// Follows the calls of an image; see profile.h.
 #include "profile.h"
 
-#include <fcntl.h>
-#include <gelf.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
+
+#include "symbols.h"
 
 enum {
     NAMES_MAX = 1024,
-    NAME_SIZE = 64,
     DEPTH_MAX = 64,   // frames; the deepest of the images here is 12
-    PART_CALLER = 0,  // of the part that called
-    PART_REST = 1,    // of none
+    PART_CALLER = 0,  // belongs to the part that called
+    PART_REST = 1,    // belongs to no part
 };
 
 // Cycles of one name.
 struct tally {
     uint64_t in_samples, outside;
     uint64_t worst;     // of a sample
-    uint64_t in_worst;  // of the sample that took longest in all
-    uint64_t now;       // of the sample at work
+    uint64_t in_worst;  // in the longest sample
+    uint64_t now;       // in the current sample
 };
 
 struct names {
-    char text[NAMES_MAX][NAME_SIZE];
+    char text[NAMES_MAX][SYMBOL_NAME_SIZE];
     uint16_t count;
 };
 
 struct frame {
     struct profile_call call;
     bool is_interrupt;
-    uint64_t cycles;  // of an interrupt, so far
+    uint64_t cycles;  // of an interrupt so far
 };
 
 struct profile {
@@ -51,7 +49,8 @@ struct profile {
     unsigned depth;
     uint64_t lost;  // calls deeper than that
 
-    // Cycles not yet attributed are all of this function and part, under this stack.
+    // Cycles not yet attributed; all belong to this function and part, under this
+    // stack.
     uint64_t pending;
     uint16_t function_now, part_now;
     uint64_t seen_cycle, seen_asleep;
@@ -59,7 +58,7 @@ struct profile {
     uint64_t samples;
 };
 
-// Where something is kept of the instruction at that address.
+// Index in the arrays of the instruction at that address.
 static uint32_t place_of(const struct profile *profile, uint32_t address) {
     const uint32_t place = (address - profile->start) / 2;
     return place < profile->count ? place : profile->count;
@@ -73,94 +72,18 @@ static int find_name(struct names *names, const char *text) {
             return i;
         }
     }
-    if (names->count == NAMES_MAX || strlen(text) >= NAME_SIZE) {
+    if (names->count == NAMES_MAX || strlen(text) >= SYMBOL_NAME_SIZE) {
         return -1;
     }
-    (void)snprintf(names->text[names->count], NAME_SIZE, "%s", text);
+    (void)snprintf(names->text[names->count], SYMBOL_NAME_SIZE, "%s", text);
     return names->count++;
 }
 
-struct symbol {
-    char name[NAME_SIZE];
-    uint32_t start, size;
-    bool is_function;
-};
-
-// Functions first, so that a label inside one doesn't take its name.
-static int by_address(const void *left, const void *right) {
-    const struct symbol *a = left;
-    const struct symbol *b = right;
-    if (a->start != b->start) {
-        return a->start < b->start ? -1 : 1;
-    }
-    if (a->is_function != b->is_function) {
-        return a->is_function ? -1 : 1;
-    }
-    return strcmp(a->name, b->name);
-}
-
-// Not what the assembler makes: a $ marks code and data of an ARM, and a numbered label
-// inside a function has a control character in its name (GNU as, "Local Labels").
-static bool is_of_source(const char *name) {
-    return name[0] != '\0' && name[0] != '$' && strpbrk(name, "\001\002") == NULL;
-}
-
-// Symbols of code, by address.
-static struct symbol *read_symbols(const char *image, size_t *count) {
-    struct symbol *symbols = NULL;
-    *count = 0;
-    const int file = open(image, O_RDONLY | O_CLOEXEC);
-    if (file < 0) {
-        return NULL;
-    }
-    (void)elf_version(EV_CURRENT);
-    Elf *elf = elf_begin(file, ELF_C_READ, NULL);
-    for (Elf_Scn *section = elf_nextscn(elf, NULL); section != NULL;
-         section = elf_nextscn(elf, section)) {
-        GElf_Shdr header;
-        Elf_Data *data = elf_getdata(section, NULL);
-        if (gelf_getshdr(section, &header) == NULL || header.sh_type != SHT_SYMTAB ||
-            header.sh_entsize == 0 || data == NULL) {
-            continue;
-        }
-        const size_t all = header.sh_size / header.sh_entsize;
-        symbols = calloc(all + 1, sizeof *symbols);
-        for (size_t i = 0; symbols != NULL && i < all; i++) {
-            GElf_Sym symbol;
-            GElf_Shdr home;
-            if (gelf_getsym(data, (int)i, &symbol) == NULL ||
-                gelf_getshdr(elf_getscn(elf, symbol.st_shndx), &home) == NULL ||
-                (home.sh_flags & SHF_EXECINSTR) == 0 ||
-                GELF_ST_TYPE(symbol.st_info) == STT_SECTION ||
-                GELF_ST_TYPE(symbol.st_info) == STT_FILE) {
-                continue;
-            }
-            const char *name = elf_strptr(elf, header.sh_link, symbol.st_name);
-            if (name == NULL || !is_of_source(name)) {
-                continue;
-            }
-            struct symbol *kept = &symbols[(*count)++];
-            (void)snprintf(kept->name, sizeof kept->name, "%.*s", NAME_SIZE - 1, name);
-            // Bit 0 of a function's value says that it is Thumb code.
-            kept->start = (uint32_t)symbol.st_value & ~UINT32_C(1);
-            kept->size = (uint32_t)symbol.st_size;
-            kept->is_function = GELF_ST_TYPE(symbol.st_info) == STT_FUNC;
-        }
-        break;
-    }
-    (void)elf_end(elf);
-    (void)close(file);
-    if (symbols != NULL) {
-        qsort(symbols, *count, sizeof *symbols, by_address);
-    }
-    return symbols;
-}
-
-// The number under which a symbol is known. Static functions of one name in several
-// files are told apart by their address.
+// The number of a symbol's name. Static functions of the same name in several files are
+// told apart by their addresses.
 static int name_symbol(struct names *names, const struct symbol *all, size_t count,
                        const struct symbol *symbol) {
-    char text[NAME_SIZE + 8];
+    char text[SYMBOL_NAME_SIZE + 8];
     for (size_t i = 0; i < count; i++) {
         if (all[i].start != symbol->start && strcmp(all[i].name, symbol->name) == 0) {
             (void)snprintf(text, sizeof text, "%s@%" PRIx32, symbol->name,
@@ -171,10 +94,11 @@ static int name_symbol(struct names *names, const struct symbol *all, size_t cou
     return find_name(names, symbol->name);
 }
 
-// Each place belongs to the function that spans it, or else to the symbol before it.
+// Each instruction belongs to the function that spans it, or else to the symbol before
+// it.
 static bool name_functions(struct profile *profile, const char *image) {
     size_t count = 0;
-    struct symbol *symbols = read_symbols(image, &count);
+    struct symbol *symbols = symbols_read(image, &count);
     bool is_good = count > 0;
     (void)find_name(&profile->functions, "");
     for (int pass = 0; pass < 2; pass++) {
@@ -183,7 +107,7 @@ static bool name_functions(struct profile *profile, const char *image) {
             const bool is_spanned = symbol->size > 0;
             const uint32_t from = place_of(profile, symbol->start);
             if (is_spanned != (pass == 1) || from == profile->count) {
-                continue;  // code in RAM is of no place
+                continue;  // code in RAM is not counted by function
             }
             const int name = name_symbol(&profile->functions, symbols, count, symbol);
             const uint32_t length = (symbol->size + 1) / 2;
@@ -223,7 +147,8 @@ static void add_once(struct profile *profile, uint16_t function) {
     }
 }
 
-// The part of the innermost code that has one; an interrupt's ends with its handler.
+// The part of the innermost code on the stack that has one, searched up to the handler
+// of the current interrupt.
 static uint16_t part_of(const struct profile *profile) {
     uint16_t part = profile->part_now;
     for (unsigned i = profile->depth; part == PART_CALLER && i-- > 0;) {
@@ -377,8 +302,8 @@ static void close_sample(struct profile *profile, bool is_sample) {
     }
 }
 
-// Called while the store that marks is under way, with its cycles still to be told: the
-// first one counts for the sample, the last one doesn't.
+// Called during the store that marks, before its cycles are reported: those of the
+// first store count for the sample, those of the last one don't.
 void profile_begin_sample(struct profile *profile) {
     if (profile->is_working) {
         close_sample(profile, false);
@@ -409,7 +334,7 @@ bool profile_read_parts(struct profile *profile, const char *path) {
     }
     unsigned start = 0;
     unsigned end = 0;
-    char name[NAME_SIZE];
+    char name[SYMBOL_NAME_SIZE];
     int fields;
     bool is_good = true;
     while (is_good && (fields = fscanf(file, "%x %x %63s", &start, &end, name)) == 3) {
@@ -492,6 +417,23 @@ static void write_tally(FILE *file, const char *name, const struct tally *tally,
                   end);
 }
 
+static void write_interrupts(FILE *file, const struct profile *profile) {
+    (void)fputs("\n  },\n  \"interrupts\": {", file);
+    const char *between = "\n    ";
+    for (int i = 0; i < profile->functions.count; i++) {
+        if (profile->interrupts[i].calls > 0) {
+            (void)fputs(between, file);
+            write_key(file, profile->functions.text[i]);
+            (void)fprintf(file,
+                          "{\"calls\": %" PRIu64 ", \"cycles\": %" PRIu64
+                          ", \"worst\": %" PRIu64 "}",
+                          profile->interrupts[i].calls, profile->interrupts[i].cycles,
+                          profile->interrupts[i].worst);
+            between = ",\n    ";
+        }
+    }
+}
+
 bool profile_write(struct profile *profile, const char *path) {
     close_sample(profile, false);
     FILE *file = fopen(path, "w");
@@ -526,20 +468,7 @@ bool profile_write(struct profile *profile, const char *path) {
             between = ",\n    ";
         }
     }
-    (void)fputs("\n  },\n  \"interrupts\": {", file);
-    between = "\n    ";
-    for (int i = 0; i < profile->functions.count; i++) {
-        if (profile->interrupts[i].calls > 0) {
-            (void)fputs(between, file);
-            write_key(file, profile->functions.text[i]);
-            (void)fprintf(file,
-                          "{\"calls\": %" PRIu64 ", \"cycles\": %" PRIu64
-                          ", \"worst\": %" PRIu64 "}",
-                          profile->interrupts[i].calls, profile->interrupts[i].cycles,
-                          profile->interrupts[i].worst);
-            between = ",\n    ";
-        }
-    }
+    write_interrupts(file, profile);
     (void)fputs("\n  }\n}\n", file);
     return fclose(file) == 0;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What the programs of the virtual boards share: their options, what happens when, the
-// run in real time or as fast as it goes, and the summary of what was seen.
+// What the programs of both virtual boards share: options, scheduled events, the run in
+// real time or at full speed, and the summary.
 #ifndef SIM_RUN_H
 #define SIM_RUN_H
 
@@ -12,6 +12,7 @@
 #include "cable.h"
 #include "faults.h"
 #include "motion.h"
+#include "profile.h"
 
 enum {
     RUN_EVENTS_MAX = 512,
@@ -21,7 +22,16 @@ enum {
 };
 #define RUN_NEVER UINT64_MAX
 
-// What a board says of itself at the end.
+// The options that all boards have, for their usage texts.
+#define RUN_USAGE(program)                                                             \
+    "usage: " program                                                                  \
+    " --image FILE.elf [--motion FILE|-] [--pty LINK | --record FILE]\n"               \
+    "            [--fast] [--seconds N] [--summary FILE] [--eeprom FILE] [--seed N]\n" \
+    "            [--clock-ppm N] [--clock-drift PPM_S] [--batch-ms N] [--burst-ms "    \
+    "N]\n"                                                                             \
+    "            [--faults FILE] [--press START_US:END_US]... [--send US:HEX]...\n"
+
+// What a board reports at the end of a run.
 struct run_report {
     uint64_t resets;         // without the first
     uint64_t memory_writes;  // to what it keeps without power
@@ -33,7 +43,7 @@ struct run_report {
     bool has_card;
     uint64_t card_blocks, card_bad_crc, card_busy_worst_us;
     const char *card_complaint;
-    // Numbers of what this board has and others don't, by their name in the summary.
+    // Further numbers that only some boards have, by their names in the summary.
     struct run_number {
         const char *name;
         uint64_t value;
@@ -41,52 +51,62 @@ struct run_report {
     unsigned more_count;
     bool has_radio;
     const char *radio_complaint;
-    const char *crash;  // what the firmware did where it can't go on
+    const char *crash;  // why the firmware can't go on
     uint32_t pc, sp;
 };
 
 struct run;
 
-// A virtual board. Time is counted in its ticks since power came; `self` is the
-// pointer in struct run.
+// A virtual board. Its time is in ticks since power came. `self` is the pointer in
+// struct run.
 struct run_board {
-    const char *name;  // of the program, as it signs what it says
+    const char *name;  // of the program, at the start of its messages
     const char *usage;
     const char *version;
     uint64_t ticks_per_us;
     struct fault_kinds fault_kinds;
-    const char *memory;  // what --eeprom can't be where its size is another
-    // Options with a path that are this board's alone; ends with a null name.
+    const char *memory;  // the message where --eeprom has the wrong size
+    // Options of this board alone that take a path or a word; ends with a null name.
+    // May be null.
     const struct run_path {
         const char *name;
         const char **value;
     } * paths;
-    // The same, for what is no run: -1, or the exit code. May be null.
+    // Handles options that start no run, such as a self-test: the exit code, or -1
+    // where it is no such option. May be null.
     int (*command)(char **rest);
-    // Null, or what is wrong between the options. May be null.
-    const char *(*check)(void);
+    // Null, or which options don't go together. May be null.
+    const char *(*check)(const void *self);
 
-    // Power comes, with the image in flash. 0, or the exit code once it has complained.
+    // Loads the image into flash and switches power on. 0, or the exit code after a
+    // message.
     int (*power_up)(void *self, struct run *run);
-    // False once the processor can't go on.
+    // Runs until a tick. False once the processor can't go on.
     bool (*run)(void *self, uint64_t until);
     uint64_t (*now)(const void *self);
     uint64_t (*nanoseconds)(uint64_t tick);
-    uint64_t (*clock_start)(const void *self);  // of the device clock, or RUN_NEVER
-    uint64_t (*asleep)(const void *self);       // ticks
-    size_t (*line_count)(const void *self);     // bytes on their way in
+    uint64_t (*clock_start)(
+        const void *self);  // tick at which the device clock started, or RUN_NEVER
+    uint64_t (*asleep)(const void *self);    // ticks
+    size_t (*line_count)(const void *self);  // bytes still on their way to the board
     bool (*send)(void *self, uint64_t from, uint8_t byte);
     void (*press)(void *self, bool is_down);
-    // FAULT_RESET, FAULT_BROWN_OUT, or one that struct fault_kinds lets pass.
+    // Applies FAULT_RESET, FAULT_BROWN_OUT or another that struct fault_kinds allows.
     void (*suffer)(void *self, const struct fault *fault);
     void (*add_chip_fault)(void *self, const struct chip_fault *fault);
     void (*add_card_fault)(void *self, const struct card_fault *fault);  // may be null
-    // What survives power: as a cut now would leave it; all of it.
+    // The memory that survives power: leaves it as a power cut would now; its bytes.
     void (*cut_memory)(void *self);
     uint8_t *(*memory_bytes)(void *self, size_t *size);
     void (*pause)(void *self, uint64_t at);  // stop run() there at the latest
     void (*report)(void *self, struct run_report *report);
-    bool (*finish)(void *self);  // files of its own are written. May be null.
+    bool (*finish)(void *self);  // writes the board's own files. May be null.
+
+    // For a profile: addresses of the image's code; starts reporting instructions to
+    // the profile; time so far.
+    uint32_t code_start, code_size;
+    void (*watch)(void *self, struct profile *profile);
+    struct profile_time (*profile_now)(const void *self);
 };
 
 enum run_event_kind { EVENT_PRESS, EVENT_RELEASE, EVENT_FAULT, EVENT_POWER_CUT };
@@ -99,10 +119,12 @@ struct run_event {
 
 struct run_options {
     const char *image, *motion, *pty, *record, *summary, *memory, *faults;
+    const char *profile, *parts;
     bool is_fast;
-    double seconds;           // 0: no limit
-    double clock_ppm, drift;  // its clock is fast by this, and by so much more a second
-    double batch_ms, burst_ms;  // how its bytes come; see is_held()
+    double seconds;  // 0: no limit
+    double clock_ppm,
+        drift;  // its clock is fast by this, and the error grows so much a second
+    double batch_ms, burst_ms;  // how its bytes are held back; see is_held()
     uint64_t seed;
     struct {
         uint64_t from_us, to_us;
@@ -121,13 +143,14 @@ struct run {
     struct run_options options;
     struct motion motion;
     struct cable *cable;
+    struct profile *profile;  // null: none is asked for
     FILE *record;
     struct faults faults;
     struct run_event events[RUN_EVENTS_MAX];
     unsigned event_count;
-    int64_t power_ns;       // of the wall clock, when power came; 0: not paced by it
-    uint64_t caught_up_ns;  // that the wall clock was ahead of what could be run
-    uint8_t inbox[256];     // read from the cable at inbox_ns of the wall clock
+    int64_t power_ns;       // wall clock when power came; 0: not paced
+    uint64_t caught_up_ns;  // delay against the wall clock that was given up
+    uint8_t inbox[256];     // read from the cable at inbox_ns, wall clock
     size_t inbox_count;
     int64_t inbox_ns;
     bool is_scheduled;
@@ -136,8 +159,8 @@ struct run {
 
     uint64_t bytes, frames, chunk;
     uint64_t data_ready;  // edges of the pin
-    // Which edge a sample belongs to: the last before its burst's START. From the
-    // burst's STOP on it waits for work, first come first served.
+    // The edge that a sample belongs to is the last one before the START of its burst.
+    // From the burst's STOP on the sample waits for its work, in order.
     uint64_t burst_edge, last_edge, work_edge, worked_edge;
     uint64_t waiting[RUN_WAITING_MAX];
     unsigned waiting_count;
@@ -147,27 +170,31 @@ struct run {
     uint64_t samples, late, cycles_sum, cycles_worst;
 };
 
-// Runs the board as its arguments say. The exit code.
+// Runs the board as its arguments say. Returns the exit code.
 int run_main(struct run *run, const struct run_board *board, void *self,
              char **arguments);
-// Fills what survives power from the file of --eeprom, where there is one: the board
-// asks for it in its power_up(). 0, or the exit code once it has complained.
+// Fills the memory that survives power from the file of --eeprom, if given; for the
+// board's power_up(). 0, or the exit code after a message.
 int run_load_memory(struct run *run);
-// Says in a line what is wrong with a file; 2, the exit code for it.
+// Prints one line that says what is wrong with a file. Returns 2, the exit code.
 int run_complain(const struct run *run, const char *path, const char *what);
-// The same, for an option, with how to use the program.
+// The same for an option, followed by the usage text.
 int run_usage(const struct run *run, const char *what, const char *which);
 
-// What the board tells while it runs. A byte has left it; the data-ready pin has risen;
-// on the sensor's bus is a START, or all of a transaction has come through; write
-// number n of what survives power, or of a block of its card, has begun; it has been
-// reset; work on a sample begins or is done, at that cycle of the processor.
-void run_on_byte(struct run *run, uint8_t byte);
-void run_on_data_ready(struct run *run);
-void run_on_bus(struct run *run, bool is_start);
-void run_on_memory_write(struct run *run, uint64_t number);
-void run_on_card_write(struct run *run, uint64_t number);
-void run_on_reset(struct run *run);
-void run_on_mark(struct run *run, uint64_t tick, uint64_t cycle, bool is_begin);
+// Adds a number to report->more.
+void run_add_number(struct run_report *report, const char *name, uint64_t value);
+
+// What the board tells while it runs, in the form of the machines' callbacks; the
+// context is the struct run. A byte has left it; the data-ready pin has risen; on the
+// sensor's bus is a START, or a transaction is complete; write number n to what
+// survives power, or to a block of its card, has begun; it has been reset.
+void run_on_byte(void *context, uint8_t byte);
+void run_on_data_ready(void *context);
+void run_on_bus(void *context, bool is_start);
+void run_on_memory_write(void *context, uint64_t number);
+void run_on_card_write(void *context, uint64_t number);
+void run_on_reset(void *context);
+// Work on a sample begins or is done, at that tick and that cycle of the processor.
+void run_on_mark(void *context, uint64_t tick, uint64_t cycle, bool is_begin);
 
 #endif

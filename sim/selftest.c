@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Runs the little programs of selftest/probes.c and compares what they find with the
-// data sheet; then leaves each correction out, and demands that its check notices.
+// Runs the small programs of selftest/probes.c and compares their results with the data
+// sheet; then leaves out each correction and demands that its check fails.
 #include "selftest.h"
 
 #include <stdarg.h>
@@ -21,7 +21,7 @@ enum {
     MS_CYCLES = 16000,
 };
 
-// One program on one machine, and what came of it.
+// One program on one machine, and its results.
 struct bench {
     struct machine machine;
     struct mpu9250_chip *chip;
@@ -69,7 +69,7 @@ static unsigned result(const struct bench *bench, unsigned index) {
     return (unsigned)(at[0] | (at[1] << 8));
 }
 
-// False where the program is not done within the time.
+// Runs the program. False where it is not done within the time.
 static bool run_for(struct bench *bench, unsigned ms) {
     const uint64_t end = machine_now(&bench->machine) + (uint64_t)ms * MS_CYCLES;
     while (machine_now(&bench->machine) < end) {
@@ -107,7 +107,7 @@ static double wall_s(void) {
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
-// The checks. Each gets a bench with its program loaded and says what it found.
+// The checks. Each gets a bench with its program loaded and writes what it found.
 
 // Data sheet 22.5.2: 9 bits of 16 + 2 TWBR cycles; up to 64 more until the handler has
 // read the timer.
@@ -139,9 +139,8 @@ static bool check_twi_flag(struct bench *bench) {
 }
 
 static void hold_sda(struct bench *bench, uint8_t clocks) {
-    const struct mpu9250_chip_fault fault = {.kind = MPU9250_CHIP_STUCK_SDA,
-                                             .clocks = clocks};
-    (void)mpu9250_chip_add_fault(bench->chip, &fault);
+    const struct chip_fault fault = {.kind = CHIP_FAULT_STUCK_SDA, .clocks = clocks};
+    (void)i2c_slave_add_fault(mpu9250_chip_wire(bench->chip), &fault);
 }
 
 // 22.9.2, TWSTA: a START waits for a free bus.
@@ -380,7 +379,7 @@ static const struct check {
     {"button", PROBE_BUTTON, check_button, -1},
 };
 
-// All of simavr that has to be left as it is to show the defect: its own interfaces
+// The corrections to leave out together to show the defect: simavr's own interfaces
 // rely on its own queue of interrupts.
 static uint32_t left_out(enum machine_fix fix) {
     const uint32_t interfaces =

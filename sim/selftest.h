@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Proves that the machine does what the data sheet says where libsimavr does not.
+// Checks that the machine does what the data sheet says where libsimavr does not.
 #ifndef SIM_SELFTEST_H
 #define SIM_SELFTEST_H
 

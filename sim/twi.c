@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The two-wire interface as a master (data sheet 22) bit by bit, and the levels of its
-// two lines when the firmware works them as pins. Takes the place of simavr's, which
-// knows no bit rate, no held bus, and clears TWINT for nobody who polls it.
+// The two-wire interface as a master (data sheet 22), bit by bit, and the levels of its
+// two lines when the firmware drives them as pins. Replaces simavr's, which has no bit
+// rate and no held bus, and never clears TWINT for firmware that polls it.
 #include <simavr/avr_twi.h>
 
 #include "machine.h"
@@ -30,7 +30,7 @@ enum {
     STATUS_RECEIVED_ACK = 0x50,
     STATUS_RECEIVED_NACK = 0x58,
     STATUS_NONE = 0xF8,
-    HELD_RETRY_CYCLES = 160,  // 10 us: how often a START waits looks at a held bus
+    HELD_RETRY_CYCLES = 160,  // 10 us: how often a waiting START looks at a held bus
 };
 
 // Data sheet 22.5.2: SCL = clock / (16 + 2 TWBR 4^TWPS)
@@ -128,7 +128,7 @@ static avr_cycle_count_t on_twi(avr_t *avr, avr_cycle_count_t when, void *param)
             return when + HELD_RETRY_CYCLES;  // the bus is not free
         }
         if (machine->on_bus != NULL) {
-            machine->on_bus(machine->context, when, true);
+            machine->on_bus(machine->context, true);
         }
         twi->is_addressing = true;
         twi->is_lost = false;
@@ -144,7 +144,7 @@ static avr_cycle_count_t on_twi(avr_t *avr, avr_cycle_count_t when, void *param)
             machine_follow_chip(machine);
         }
         if (machine->on_bus != NULL) {
-            machine->on_bus(machine->context, when, false);
+            machine->on_bus(machine->context, false);
         }
         twi->owns_bus = false;
         twi->doing = TWI_IDLE;
@@ -167,7 +167,7 @@ static void write_twcr(avr_t *avr, avr_io_addr_t address, uint8_t value, void *p
     struct machine *machine = param;
     struct machine_twi *twi = &machine->twi;
     const uint8_t old = avr->data[address];
-    // TWINT: a one clears; TWWC is read-only.
+    // Writing a one clears TWINT; TWWC is read-only.
     uint8_t now =
         (uint8_t)((value & (TWEA | TWSTA | TWSTO | TWEN | TWIE)) | (old & TWWC));
     const bool clears = (value & TWINT) != 0;
@@ -176,7 +176,7 @@ static void write_twcr(avr_t *avr, avr_io_addr_t address, uint8_t value, void *p
     }
     avr->data[address] = now;
     if (!(now & TWEN)) {
-        // Switched off: whatever goes on ends, the pins are pins again.
+        // Switched off: the transfer ends and the pins are ordinary pins again.
         avr_cycle_timer_cancel(avr, on_twi, machine);
         twi->doing = TWI_IDLE;
         twi->owns_bus = false;
@@ -313,7 +313,7 @@ static void follow_lines(struct machine *machine) {
     if (scl && machine->scl_was_high && sda && !machine->sda_was_high) {
         mpu9250_chip_stop(machine->chip, ns);  // SDA rises while SCL is high
         if (machine->on_bus != NULL) {
-            machine->on_bus(machine->context, machine_now(machine), false);
+            machine->on_bus(machine->context, false);
         }
     }
     machine->scl_was_high = scl;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
-// USART0 as an asynchronous UART (data sheet 20): the time of a byte from its registers
-// as they stand when it starts, a transmit buffer beside the shift register, two bytes
-// of receive FIFO. Takes the place of simavr's, which counts a parity bit that is not
-// there, latches the rate early and has no buffer.
+// USART0 as an asynchronous UART (data sheet 20): a byte's time follows from the
+// registers at its start; a transmit buffer beside the shift register; a receive FIFO
+// of two bytes. Replaces simavr's UART, which counts a parity bit that is not there,
+// latches the rate early and has no buffer.
 #include <simavr/avr_uart.h>
 #include <stdlib.h>
 #include <string.h>
@@ -112,7 +112,7 @@ static void write_ucsrb(avr_t *avr, avr_io_addr_t address, uint8_t value, void *
     machine_poll_interrupts(machine);
 }
 
-// The byte at the head of the line has come in full.
+// The byte at the head of the line has arrived completely.
 static avr_cycle_count_t on_received(avr_t *avr, avr_cycle_count_t when, void *param) {
     struct machine *machine = param;
     struct machine_uart *uart = &machine->uart;

@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The emulators, up to date, and programs for them, compiled once for each content:
-tests in several processes share what one of them has built.
-"""
+"""Builds the emulators, and programs for them, once for all test processes."""
 
 from __future__ import annotations
 
@@ -19,7 +17,7 @@ CACHE = ROOT / "build" / "images"
 
 @functools.cache
 def emulators() -> Path:
-    """The folder of the virtual boards, built where they are not up to date."""
+    """Bring the virtual boards up to date and return their folder."""
     SIM.mkdir(parents=True, exist_ok=True)
     with locked(SIM / ".lock"):
         subprocess.run(["make", "-s", "-C", ROOT / "sim"], check=True)
@@ -27,9 +25,10 @@ def emulators() -> Path:
 
 
 def program(*command: str | Path) -> Path:
-    """What a compiler's command, without its -o, makes of C and a linker's script.
+    """Run a compiler's command, given without -o, and return the program's path.
 
-    Known by what the preprocessor makes of the files.
+    The result is cached by a digest of the command, the preprocessed text and the
+    linker scripts.
     """
     digest = hashlib.sha256(" ".join(map(str, command)).encode())
     digest.update(

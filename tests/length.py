@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""How much a test does: a part of it on every run, all of it in `make test-long`.
+"""Chooses how much work a test does: a part in `make test`, all in `make test-long`.
 
-Such a test has the mark `long`, by which `make test-long` finds it.
+Such a test has the mark `long`, by which `make test-long` selects it.
 """
 
 from __future__ import annotations
@@ -15,5 +15,5 @@ IS_LONG = os.environ.get("IMU_LONG") == "1"
 
 
 def choose(*, everyday: T, long: T) -> T:
-    """As many examples, seconds or cases as this run has time for."""
+    """The number of examples, seconds or cases for this kind of run."""
     return long if IS_LONG else everyday

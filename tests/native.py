@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""The firmware's C, compiled for this machine under sanitizers, as a cffi library.
+"""The firmware's C as a cffi library, compiled for this machine under sanitizers.
 
-Prototypes, structs and enums come from the headers themselves, so that a test can
-never believe in another layout than the firmware's.
+Prototypes, structs and enums are read from the headers, so that tests always use the
+firmware's own layout.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ OWN = (Path(__file__), Path(__file__).with_name("prototypes.py"))
 
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror")
 
-# On the compile line: at the link alone -fsanitize instruments nothing.
+# Needed when compiling: given to the linker alone, -fsanitize instruments nothing.
 UNDEFINED = ("-fsanitize=undefined", "-fno-sanitize-recover=undefined")
 
 _preloaded: dict[str, str] = {}
 
 
 def sanitizers() -> tuple[str, ...]:
-    """Compiler flags in force; IMU_ASAN=1 adds the address sanitizer.
+    """The sanitizers' compiler flags; IMU_ASAN=1 adds the address sanitizer.
 
-    The interpreter must then start with LD_PRELOAD of libasan.so: `make test` does.
+    The interpreter must then start with libasan.so in LD_PRELOAD, as by `make test`.
     """
     if os.environ.get("IMU_ASAN") == "1":
         return (*UNDEFINED, "-fsanitize=address", "-fno-omit-frame-pointer")
@@ -53,23 +53,23 @@ def sanitizers() -> tuple[str, ...]:
 
 
 def keep_sanitizer() -> None:
-    """Have the processes that this one starts do without the address sanitizer."""
+    """Remove LD_PRELOAD, so that child processes run without the address sanitizer."""
     if preloaded := os.environ.pop("LD_PRELOAD", None):
         _preloaded["LD_PRELOAD"] = preloaded
 
 
 def environment() -> dict[str, str]:
-    """Of a process that is to load() something itself."""
+    """The environment for a child process that calls load() itself."""
     return os.environ | _preloaded | {"PYTHONPATH": str(Path(__file__).parent)}
 
 
 def compile_flags() -> tuple[str, ...]:
-    """What every C file is compiled with, warnings aside."""
+    """The flags for every C file, without those for warnings."""
     return ("-std=gnu11", "-O1", "-g1", "-fPIC", *sanitizers())
 
 
 def coverage() -> tuple[str, ...]:
-    """IMU_COVERAGE=1 has the firmware's files, not cffi's, count their lines."""
+    """Flags for the firmware's files: with IMU_COVERAGE=1 they count executed lines."""
     return ("--coverage",) if os.environ.get("IMU_COVERAGE") == "1" else ()
 
 
@@ -80,9 +80,10 @@ def load(
     *,
     core: bool = True,
 ) -> tuple[Any, Any]:
-    """Return (ffi, lib) of firmware/core and of extra files, built if need be.
+    """Return (ffi, lib) of firmware/core and of extra files; build them if needed.
 
     Paths are relative to the project's root; a define is "NAME" or "NAME=VALUE".
+    Raises NativeBuildError with the compiler's message.
     """
     return _load(
         tuple((ROOT / path).resolve() for path in extra_sources),
@@ -111,7 +112,7 @@ def _load(
     if spec is None or spec.loader is None:
         raise NativeBuildError(f"{build.name} is no extension module")
     module = importlib.util.module_from_spec(spec)
-    # Functions that are declared but live in a file left out are bound when called.
+    # Lazy: functions whose file was left out fail only when they are called.
     before = sys.getdlopenflags()
     sys.setdlopenflags(os.RTLD_LAZY | os.RTLD_LOCAL)
     try:
@@ -122,12 +123,12 @@ def _load(
 
 
 def forget() -> None:
-    """Look at the files again on the next load()."""
+    """Make the next load() read the files again."""
     _load.cache_clear()
 
 
 class _Build:
-    """One library: its files, its flags, and the name that its content gives it."""
+    """One library: its files and flags, and a name made from a digest of them."""
 
     def __init__(
         self,
@@ -140,7 +141,7 @@ class _Build:
         self.sources = sources
         self.headers = headers
         folders = {path.parent for path in (*sources, *headers)}
-        # Beside each file, so that a library may bring headers it does not export.
+        # All headers beside the files, also those that the library does not export.
         self.seen = sorted(
             {*headers, *(p for f in folders for p in f.glob("*.h"))}
             | {ROOT / "firmware" / "board.h"} & {*(ROOT / "firmware").glob("*.h")}
@@ -158,7 +159,7 @@ class _Build:
         )
 
     def library(self) -> Path:
-        """Return the extension module's path, building it where it is not there."""
+        """Return the extension module's path; build the module if it is absent."""
         target = CACHE / f"{self.name}.so"
         if target.exists():
             return target
@@ -186,11 +187,11 @@ class _Build:
         ffi.set_source(self.name, seam)
         with tempfile.TemporaryDirectory(dir=CACHE) as room:
             glue = Path(room) / "glue.c"
-            with contextlib.redirect_stdout(io.StringIO()):  # it names its file
+            with contextlib.redirect_stdout(io.StringIO()):  # it prints its file's name
                 ffi.emit_c_code(str(glue))
             made = Path(room) / target.name
-            # cffi's own code, so without our warnings; the headers' inline functions
-            # are in it, so with the sanitizers. To optimise it would take longest.
+            # cffi's code is compiled without our warnings, but with the sanitizers for
+            # the headers' inline functions, and unoptimised to save time.
             _run(
                 *("gcc", *self.flags, "-O0"),
                 f"-I{sysconfig.get_path('include')}",
@@ -204,10 +205,10 @@ class _Build:
             made.rename(target)
 
     def _object(self, source: Path) -> Path | None:
-        """Compile one file with warnings as errors, or find it compiled.
+        """Compile one file with warnings as errors, unless its object is in the cache.
 
-        Known by what the preprocessor makes of it, in which definitions are: libraries
-        share what does not differ between them.
+        The key is a digest of the preprocessed text, in which -D flags have taken
+        effect: libraries with other flags share an object where those change nothing.
         """
         try:
             text = _run("gcc", *self.object_flags, "-E", str(source))
@@ -216,7 +217,7 @@ class _Build:
             target = CACHE / f"{source.stem}-{key}.o"
             if target.exists():
                 return target
-            # In its final folder, because coverage writes its notes beside it.
+            # In its final folder, because the coverage notes are written beside it.
             made = target.with_suffix(".part.o")
             _run("gcc", *self.object_flags, "-c", str(source), "-o", str(made))
         except NativeBuildError as error:
@@ -228,7 +229,7 @@ class _Build:
         return target
 
     def _is_whole(self, header: Path) -> bool:
-        """Tell whether a header compiles by itself; raise unless a part will do."""
+        """Whether a header compiles by itself; if not, raises unless _is_partial()."""
         seam = f'#include "{header}"\n'
         strict = (*self.flags, *WARNINGS, "-fsyntax-only", "-xc", "-")
         try:
@@ -242,7 +243,7 @@ class _Build:
 
     @staticmethod
     def _refuse_twins(headers: Sequence[Path]) -> None:
-        """Two headers with one guard would hide one another without a word."""
+        """Raise if two headers share an include guard, which would hide one of them."""
         guards: dict[str, Path] = {}
         for header in headers:
             guard = re.search(r"^#ifndef (\w+)", header.read_text(), re.MULTILINE)
@@ -282,7 +283,7 @@ def _run(*command: str, stdin: str | None = None) -> str:
 
 @contextlib.contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Let one process at a time build; the others find its work done."""
+    """Hold a lock file, so that one process builds and the others find it built."""
     with path.open("w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield

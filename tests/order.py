@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Which process runs which tests, when xdist runs several; a plugin of pytest.
+"""A plugin of pytest that assigns tests to the processes of xdist.
 
-IMU_TESTS in the environment of a process says which files it runs: `native` those that
-load the firmware's C, under the address sanitizer; `others` all the rest. Without it a
-process runs everything. What is handed out is a unit: neighbours in a file that take a
-second or so together and share what the file has set up. Files with long tests go
-first, so that no process is left with one at the end.
+IMU_TESTS in a process's environment says which files it runs: `native` those that load
+the firmware's C, under the address sanitizer; `others` the rest. Without it a process
+runs everything. Processes get units: neighbouring tests of a file that take about a
+second together and share the file's fixtures. Files with long tests go first, so that
+none is left over at the end.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ UNIT_S = 1.0
 
 @functools.cache
 def loads_c(path: Path) -> bool:
-    """Whether a file of tests, or one that it imports, loads a library of native.py."""
+    """Whether a test file, or a module that it imports, calls native.load()."""
     text = path.read_text()
     if "native.load(" in text:
         return True
@@ -46,7 +46,7 @@ def loads_c(path: Path) -> bool:
 
 @functools.cache
 def builds_on_itself(path: Path) -> bool:
-    """Whether a file's tests have to follow each other, by its mark."""
+    """Whether a file's tests must run in order in one process: the mark `together`."""
     return path.is_file() and "pytest.mark.together" in path.read_text()
 
 
@@ -76,17 +76,16 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Units:
 
 
 class Units(LoadScopeScheduling):
-    """Hands out units in the order of collection, each to a process that collected it,
-    as soon as a process has collected: others may still be compiling.
+    """Hands out units in the order of collection, each to a process that collected it.
+
+    It begins when the first process has collected; others may still be compiling.
     """
 
     def __init__(self, config: pytest.Config, log: Any) -> None:
         super().__init__(config, log)
         self._begun = 0  # processes that have collected
-        self._unit: dict[str, str] = {}  # of each test
-        self._asked: dict[
-            str, str
-        ] = {}  # of each unit, what its processes are asked for
+        self._unit: dict[str, str] = {}  # the unit of each test
+        self._asked: dict[str, str] = {}  # IMU_TESTS of each unit's processes
 
     @property
     def collection_is_completed(self) -> bool:
@@ -101,7 +100,7 @@ class Units(LoadScopeScheduling):
         self.registered_collections[node] = list(collection)
         asked = asked_of(node)
         if asked in self._asked.values():
-            return  # another one that is asked for the same has brought them
+            return  # a process with the same IMU_TESTS has collected these
         means = seconds_of_files()
         seconds: dict[str, float] = {}
         for test in collection:
@@ -122,7 +121,7 @@ class Units(LoadScopeScheduling):
         return self._unit[nodeid]
 
     def _reschedule(self, node: Any) -> None:
-        # xdist starts a test when it knows the next one: two have to wait.
+        # xdist starts a test once it knows the next one, so two must be pending.
         while (
             not node.shutting_down and self._pending_of(self.assigned_work[node]) <= 2
         ):
@@ -139,14 +138,16 @@ class Units(LoadScopeScheduling):
         units = self.assigned_work[node].values()
         left = (test for unit in units for test, is_done in unit.items() if not is_done)
         crashed = next(left, None)
-        if crashed is not None:  # what ended the process is not run a second time
+        if crashed is not None:  # the test that crashed is not run again
             self.assigned_work[node][self._unit[crashed]][crashed] = True
         super().remove_node(node)
-        self.registered_collections.pop(node, None)  # it may have ended before
+        self.registered_collections.pop(
+            node, None
+        )  # absent if the process ended before it collected
         return crashed
 
 
 def asked_of(node: Any) -> str:
-    """IMU_TESTS, as its `--tx` sets it."""
+    """A process's IMU_TESTS, from its `--tx` option; "all" without it."""
     found = re.search(r"IMU_TESTS=(\w+)", str(node.gateway.spec.python))
     return found[1] if found else "all"

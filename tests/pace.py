@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""One line that tells how far the tests are and how long they still take, instead of a
-dot a test; a plugin of pytest. A failure is named when it happens.
+"""A plugin of pytest that shows progress and time left on one line, instead of dots.
+A failure is named when it happens.
 
-The share is that of seconds, not of tests: seconds.json has the mean of each file,
-written by `make test MEASURE=1`, and orders the work besides, longest first.
+Progress is a share of seconds, not of tests: seconds.json, written by `make test
+MEASURE=1`, has the mean of each file. order.py uses it to run the longest files first.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from typing import Any
 import pytest
 
 TABLE = Path(__file__).with_name("seconds.json")
-UNKNOWN_S = 0.05  # of a test of a file that is not in the table
-TERMINAL_S = 0.2  # between two pictures
+UNKNOWN_S = 0.05  # a test whose file is not in the table
+TERMINAL_S = 0.2  # between two updates
 PIPE_S = 15.0  # between two lines of a log
 
 Out = Callable[[str], None]
 
 
 def seconds_of_files() -> dict[str, float]:
-    """The mean seconds of a test, by file."""
+    """Mean seconds of a test, by file; empty without the table."""
     table: dict[str, float] = json.loads(TABLE.read_text()) if TABLE.exists() else {}
     return table
 
 
 class Progress:
-    """Where xdist hands out the tests, or where they run if it doesn't."""
+    """Counts tests and time in the main process, and writes the line."""
 
     def __init__(self, out: Out, *, is_terminal: bool) -> None:
         self._out = out
@@ -50,7 +50,7 @@ class Progress:
         self._expected_s = sum(self._mean_s(name) for name in ids)
 
     def take(self, report: pytest.TestReport) -> None:
-        """A test's set-up, call or tear-down is over."""
+        """Count the end of a test's set-up, call or tear-down."""
         file = file_of(report.nodeid)
         self.taken_s[file] += report.duration
         if report.failed:
@@ -73,7 +73,7 @@ class Progress:
             self._out("\r\x1b[K")
 
     def means(self) -> dict[str, float]:
-        """As measured by this run, for seconds.json."""
+        """Mean seconds of a test by file in this run, for seconds.json."""
         return {
             file: round(self.taken_s[file] / count, 4)
             for file, count in sorted(self._tests.items())

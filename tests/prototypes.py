@@ -10,7 +10,7 @@ from typing import Any
 
 
 class NativeBuildError(Exception):
-    """A compiler's message: the C could not be built for the tests."""
+    """The C could not be built for the tests; the message is the compiler's."""
 
 
 def declarations(
@@ -67,7 +67,7 @@ def _closing(code: str, start: int) -> int:
 
 
 def _top_level(code: str) -> Iterator[str]:
-    """Split at the ends of top-level declarations; function bodies are left out."""
+    """Split code into top-level declarations, without function bodies."""
     start = index = 0
     while index < len(code):
         if code[index] in "([{":
@@ -100,14 +100,14 @@ def _declaration(item: str, defined: set[str], constants: set[str]) -> str:
     item = re.sub(r"\s*=.*", "", item, flags=re.DOTALL)
     call = re.match(r"[^(\[]*?\b(\w+)\s*(\(|\[|$)", item)
     if call is None or not (is_static or call[1] in defined):
-        return ""  # declared here, defined in no file of this library
+        return ""  # declared, but defined in no file of this library
     if call[2] == "(":
         return item.replace("[...]", "[]") + ";"
     return "extern " + item.replace("[]", "[...]") + ";"
 
 
 def _open_enum(constants: set[str]) -> Any:
-    """Leave an enum's values to the compiler: names only, then dots."""
+    """Replace an enum's values by "...", which leaves them to the compiler."""
 
     def opened(match: re.Match[str]) -> str:
         head, body = match[0].rstrip("}").split("{", 1)

@@ -146,6 +146,15 @@ def test_a_circle_is_seen(tmp_path):
     assert [path.name for path in found] == ["a.h", "b.h", "c.h"]
 
 
+def test_what_boards_share_knows_none_of_them():
+    for path in files(FIRMWARE / "generic", kinds=("*.c", "*.h")):
+        for opening, name in includes(path):
+            if opening == "<":
+                assert name in STANDARD
+            else:
+                assert name.startswith(("core/", "generic/")), f"{path.name}: {name}"
+
+
 @pytest.mark.parametrize(("one", "other"), [("avr", "stm32"), ("stm32", "avr")])
 def test_no_board_sees_another(one, other):
     for path in files(FIRMWARE / one):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Everything that can be said of the source without running it; --format lays it out.
+"""Static checks of the whole source; with --format, formats it instead.
 
-All checks run, so that one look shows all that is wrong.
+Every check runs even if an earlier one fails, so that one run shows all problems.
 """
 
 from __future__ import annotations
@@ -26,19 +26,21 @@ CPPCHECK = (
     "--enable=warning,performance,portability",
     "--inline-suppr",
     "--error-exitcode=1",
-    # The compilers say what is missing; here it only narrows what is seen.
+    # The compilers report missing headers; cppcheck can do without the system's.
     "--suppress=missingIncludeSystem",
-    # Asserted there of each compiler: right shifts of negatives are arithmetic.
+    # fixed.h asserts that the compiler shifts negative numbers arithmetically.
     "--suppress=shiftNegativeLHS:firmware/core/math/fixed.h",
-    # send(content, encode(content)): it takes the first argument to be read before the
-    # second one is made.
+    # False alarm at send(content, encode(content)): cppcheck assumes that the first
+    # argument is read before the second one is computed.
     "--suppress=uninitvar:firmware/core/probe/probe.c",
 )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="tools/check.py", description=__doc__)
-    parser.add_argument("--format", action="store_true", help="lay out, do not check")
+    parser.add_argument(
+        "--format", action="store_true", help="format the source, check nothing"
+    )
     if parser.parse_args().format:
         run("clang-format", "-i", *sources(*C_FOLDERS))
         run("ruff", "format", "--quiet")

@@ -30,14 +30,14 @@ ROOM = ROOT / "build" / "demo"
 IMUD = (sys.executable, "-m", "imud")
 BOARDS = {"nano": ("nano",), "f405": ("f405",), "both": ("nano", "f405")}
 
-# Poses a second that the probe promises.
+# The pose rate of a probe at its defaults.
 RATE_HZ = 100.0
 RATE_TOLERANCE_HZ = 0.5
 
-# How much slower than they were taken poses may arrive over some seconds.
+# Arrival of all poses may take longer than their recording by this share.
 DELAY_SHARE = 0.05
 
-# What somebody may want to see who has seen it work.
+# Commands to try next, shown after a successful run.
 NEXT = (
     ("make demo BOARD=both", "both boards at once"),
     (".venv/bin/imud sim nano --stream", "a virtual probe to keep"),
@@ -46,24 +46,24 @@ NEXT = (
     ("make firmware", "the image to flash"),
 )
 
-START_S = 15.0  # for the serial port and the daemon to be there
+START_S = 15.0  # limit for the serial port and the daemon to come up
 FIRST_POSE_S = 20.0  # the probe calibrates its gyroscope first
 STOP_S = 5.0
 
 
 class DemoError(Exception):
-    """Why the chain does not run, and what to do."""
+    """The chain does not run; the message says why and what to do."""
 
 
 class Tally:
-    """Counts one probe's poses as they arrive; one that is missing shows in the
-    device's time.
+    """Counts one probe's poses as they arrive, and by their device times those that are
+    missing.
     """
 
     def __init__(self) -> None:
         self.poses = 0
         self.missing = 0
-        self._arrived_s = (0.0, 0.0)  # the first and the last
+        self._arrived_s = (0.0, 0.0)  # of the first pose and the last
         self._taken_us = (0, 0)
 
     def take(self, payload: bytes) -> None:
@@ -79,8 +79,8 @@ class Tally:
 
     @property
     def seconds(self) -> float:
-        """Of the device, from the first pose to the last. By arrival it would be less:
-        a subscriber gets the first poses together, when its route is there.
+        """Device time from the first pose to the last. Arrival times span less: a new
+        subscriber gets the first poses together, once its route is set up.
         """
         return (self._taken_us[1] - self._taken_us[0]) * 1e-6
 
@@ -90,7 +90,7 @@ class Tally:
 
     @property
     def delay_share(self) -> float:
-        """How much longer the poses took to arrive than to be taken."""
+        """Arrival time of all poses over the device time that they span, minus 1."""
         arriving_s = self._arrived_s[1] - self._arrived_s[0]
         return arriving_s / self.seconds - 1.0 if self.seconds > 0 else 0.0
 
@@ -98,11 +98,13 @@ class Tally:
 def main() -> int:
     parser = argparse.ArgumentParser(prog="tools/demo.py", description=__doc__)
     parser.add_argument("--board", default="nano", choices=BOARDS)
-    parser.add_argument("--seconds", type=float, help="stop after that many of poses")
+    parser.add_argument(
+        "--seconds", type=float, help="stop after so many seconds of poses"
+    )
     parser.add_argument(
         "--port",
         type=int,
-        help=f"of Zenoh, on loopback (default: {PORT}, or any where that is taken)",
+        help=f"of Zenoh, on loopback (default: {PORT}, or any free one if it is taken)",
     )
     args = parser.parse_args()
     signal.signal(signal.SIGTERM, interrupted)
@@ -112,7 +114,7 @@ def main() -> int:
         sys.stderr.write(f"demo: {error}\n")
         return 1
     except KeyboardInterrupt:
-        return 130  # 128 + SIGINT, as shells say it; before there was a pose
+        return 130  # 128 + SIGINT, as in shells; stopped before the first pose
 
 
 def interrupted(_number: int, _frame: FrameType | None) -> NoReturn:
@@ -182,19 +184,19 @@ def serial_of(board: str) -> Path:
 
 @contextmanager
 def virtual(board: str) -> Iterator[Child]:
-    """A virtual probe that streams."""
+    """Run a virtual probe that streams from its start."""
     serial = serial_of(board)
-    serial.unlink(missing_ok=True)  # a run that was killed leaves it
+    serial.unlink(missing_ok=True)  # left behind by a run that was killed
     words = ("sim", board, "--stream", "--link", str(serial))
     with child(f"virtual {board}", f"sim-{board}", *words) as started:
         yield started
 
 
 def free_port(wanted: int | None) -> int:
-    """That port, or the usual one, or one that the system gives."""
+    """The wanted port; without one the usual port, or any free one if it is taken."""
     for port in (wanted or PORT, 0):
         with socket.socket() as probe:
-            # As the daemon does: connections of the last run that linger do no harm.
+            # As the daemon does, so that connections left from a past run do no harm.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 probe.bind(("127.0.0.1", port))
@@ -219,7 +221,7 @@ def answers(port: int) -> bool:
 
 
 class Child:
-    """A process of the chain, what it says kept in a file."""
+    """A process of the chain; its output goes to a file."""
 
     def __init__(self, name: str, process: subprocess.Popen[bytes], log: Path) -> None:
         self.name = name
@@ -246,7 +248,7 @@ class Child:
 def child(name: str, log_name: str, *arguments: str) -> Iterator[Child]:
     log = ROOM / f"{log_name}.log"
     with log.open("wb") as file:
-        # In a session of its own, so that Ctrl-C is the demo's to pass on, in order.
+        # In its own session: Ctrl-C reaches the demo alone, which ends all in order.
         process = subprocess.Popen(
             [*IMUD, *arguments],
             cwd=ROOT,
@@ -283,8 +285,10 @@ def listen(endpoint: str, seconds: float | None) -> int:
     try:
         return listener.wait()
     except KeyboardInterrupt:
-        listener.send_signal(signal.SIGINT)  # a terminal has sent it one, a kill not
-        with suppress(subprocess.TimeoutExpired):  # a shell's & has it ignore SIGINT
+        listener.send_signal(
+            signal.SIGINT
+        )  # a terminal sent it to both, `kill` to us alone
+        with suppress(subprocess.TimeoutExpired):  # started with & it ignores SIGINT
             return listener.wait(STOP_S)
         return 0
     finally:
@@ -293,7 +297,7 @@ def listen(endpoint: str, seconds: float | None) -> int:
 
 
 def judge(tally: Tally, status: dict[str, Any]) -> list[str]:
-    """Say what is not as it should be with one probe."""
+    """List what is wrong with one probe's poses and ledger."""
     faults = []
     if abs(tally.rate_hz - RATE_HZ) > RATE_TOLERANCE_HZ:
         faults.append(f"{tally.rate_hz:.1f} poses a second, not {RATE_HZ:.0f}")

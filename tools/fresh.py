@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Does as a newcomer does: clones what is committed into a bare Debian and runs the
-README's commands there, so that a missing install step shows before somebody meets it.
+"""Clones the last commit into a bare Debian and runs the README's commands there, so
+that a missing install step shows up here and not at a newcomer's.
 
-Runs under the system's Python with its standard library alone. The bare system has
-Python, make, git and nothing else of use; it is made once by mmdebstrap and kept as an
-archive in the user's cache. That takes root. Without it the commands run in a fresh
-clone on this machine, which a line says, and which may hide a missing install step.
+Needs only the system's Python. The bare system has Python, make and git; mmdebstrap
+makes it once, as root, and it is kept as an archive in the user's cache. Without root
+the commands run in a fresh clone on this machine, which may hide a missing install
+step; a line of output says so.
 """
 
 from __future__ import annotations
@@ -25,27 +25,29 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
-RECORDINGS = ROOT.parent / "shared" / "data"  # no part of it: tests/conftest.py
+RECORDINGS = (
+    ROOT.parent / "shared" / "data"
+)  # not in the repository; see tests/conftest.py
 
 SUITES = ("bookworm", "trixie")  # Debian 12 and 13
 COMMANDS = ("make demo SECONDS=10", "make demo SECONDS=10", "make test")
 PACKAGES = ("ca-certificates", "git", "make", "python3")
-KEPT_DAYS = 30  # an older system would download most packages a second time
+KEPT_DAYS = 30  # in an older system most packages would be downloaded again
 
-# Inside the bare system; on this machine, below a temporary folder.
+# Below the root of the bare system, or below a temporary folder of this machine.
 WORK = "work"
 PROJECT = "work/imu-probe"
 
-# How packages are reached from here is the same in there; all else starts clean.
+# Settings for reaching package servers, taken over from this machine; nothing else is.
 REACHES = re.compile(
     r"TERM|CI|(PIP|SSL)_\w+|\w+_CA_(BUNDLE|CERTS)\w*|\w+_proxy", re.IGNORECASE
 )
 RESOLVES = ("/etc/resolv.conf", "/etc/hosts", "/etc/pip.conf")
 CERTIFICATES = "/etc/ssl"
 
-# In a mount namespace, which ends with the command: nothing of this machine can be
-# removed through its mounts. Arguments: the root, read-only folders, --, where in the
-# root the command runs, the command.
+# Runs in a mount namespace of its own, so that nothing of this machine can be removed
+# through the mounts, which end with the command. Arguments: the root, read-only
+# folders, --, the command's folder in the root, the command.
 ENTER = """
 root=$1; shift
 mount --bind "$root" "$root" || exit 125
@@ -66,11 +68,11 @@ exec "$@"
 
 
 class NoRootError(Exception):
-    """Why no bare system can be made on this machine."""
+    """No bare system can be made on this machine; the message says why."""
 
 
 class Room(NamedTuple):
-    """Where commands run: a folder, and whether it is the root of a system."""
+    """A folder in which commands run, and whether it is the root of a bare system."""
 
     folder: Path
     is_bare: bool
@@ -146,7 +148,7 @@ def main() -> int:
 def tried(
     where: str, archive: Path | None, commands: Sequence[str]
 ) -> Iterator[tuple[str, str, float, str]]:
-    """Run commands in a fresh clone; tell of each its time and what went wrong."""
+    """Run commands in a fresh clone; yield where, what, seconds and fault of each."""
     with room(archive) as fresh:
         for command in commands:
             sys.stdout.write(f"\n== {where}: {command}\n")
@@ -161,7 +163,7 @@ def tried(
 
 @contextmanager
 def room(archive: Path | None) -> Iterator[Room]:
-    """A fresh clone, in a system of its own if there is an archive of one."""
+    """A fresh clone, in a bare system if there is an archive of one."""
     with tempfile.TemporaryDirectory(prefix="imu-probe-") as name:
         folder = Path(name)
         if archive is not None:
@@ -172,13 +174,13 @@ def room(archive: Path | None) -> Iterator[Room]:
         if RECORDINGS.is_dir():
             shutil.copytree(RECORDINGS, folder / WORK / "shared" / "data")
         fresh = Room(folder, archive is not None)
-        if archive is not None:  # the clone's files are of who runs this
+        if archive is not None:  # the clone's files belong to the user who runs this
             fresh.run("git", "config", "--global", "--add", "safe.directory", "*")
         yield fresh
 
 
 def prepare(root: Path) -> None:
-    """Let packages be reached from a bare system as they are from this one."""
+    """Give a bare system this machine's settings for reaching package servers."""
     for name in RESOLVES:
         if Path(name).exists():
             shutil.copy(name, root / name[1:])
@@ -196,19 +198,19 @@ def prepare(root: Path) -> None:
 
 
 def shared_with(root: Path) -> list[str]:
-    """Folders of this machine that package clients are told to look into."""
+    """Top folders of this machine that its pip settings refer to, and certificates."""
     told = [os.environ.get("PIP_FIND_LINKS", "")]
     for path in (Path("/etc/pip.conf"), Path.home() / ".config" / "pip" / "pip.conf"):
         told += [path.read_text()] if path.is_file() else []
     named = re.findall(r"(?:file://|[\s=])/(\w+)/", " ".join(["", *told]))
     tops = sorted({top for top in named if Path("/", top).is_dir()})
-    # Over nothing that the bare system has of its own.
+    # Only where the bare system has nothing of its own.
     free = [f"/{top}" for top in tops if not any((root / top).glob("*"))]
     return [CERTIFICATES, *free]
 
 
 def bare_system(suite: str) -> Path:
-    """Return the archive of a bare Debian, which is made where it is absent or old."""
+    """Return the archive of a bare Debian; make it if it is absent or old."""
     if os.geteuid() != 0:
         raise NoRootError("it takes root: try sudo make fresh")
     attempt("unshare", "--mount", "true")
@@ -243,7 +245,7 @@ def make_bare_system(suite: str, archive: Path) -> None:
 
 
 def attempt(*command: str) -> None:
-    """Run what a bare system needs; its failure means that there is none."""
+    """Run a command that a bare system needs; raise NoRootError if it fails."""
     try:
         done = subprocess.run(
             command,

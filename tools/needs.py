@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The system packages that make's commands need, and how to see that they are there."""
+"""The system packages that make's commands need, with a test for each."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from typing import NamedTuple
 
 
 class Need(NamedTuple):
-    """A package of the system, and how to see that what it brings is there."""
+    """A package of the system, and a test for what it installs."""
 
     package: str
     is_met: Callable[[], bool]
 
 
 def has(program: str) -> Callable[[], bool]:
-    # Those for administrators are not on everybody's path.
+    # Folders of administrators' programs are not in every user's PATH.
     path = os.pathsep.join((os.environ.get("PATH", os.defpath), "/usr/sbin", "/sbin"))
     return lambda: shutil.which(program, path=path) is not None
 
 
 def compiles(line: str, *compiler: str, until: str = "-E") -> Callable[[], bool]:
-    """Whether a compiler takes a line, as far as the preprocessor or until it links."""
+    """Whether a compiler accepts a line of C, by default in its preprocessor alone."""
 
     def probe() -> bool:
         if shutil.which(compiler[0]) is None:
@@ -59,7 +59,7 @@ def has_python_headers() -> bool:
 PYTHON = f"python{sys.version_info.major}.{sys.version_info.minor}"
 AVR = ("avr-gcc", "-mmcu=atmega328p")
 ARM = ("arm-none-eabi-gcc", "-mcpu=cortex-m4")
-# Python packages first of all; one without a wheel for this machine is compiled.
+# Installed first: a Python package without a wheel for this machine is compiled.
 PYTHON_NEEDS = (
     Need("gcc", has("gcc")),
     Need("libc6-dev", compiles("#include <stdio.h>", "gcc")),
@@ -81,15 +81,15 @@ BOARD_NEEDS = {
         Need("libunicorn-dev", compiles("#include <unicorn/unicorn.h>", "gcc")),
     ),
 }
-# The core compiles with any C library for ARM, which the image does without.
+# Tests compile the core with a C library for ARM; the image needs none.
 NEWLIB = Need("libnewlib-arm-none-eabi", compiles("#include <string.h>", *ARM))
 TEST_NEEDS = (
     NEWLIB,
-    # Other people's opinion of a card that was prepared.
+    # Independent tools that check a card which `imud card prepare` made.
     Need("dosfstools", has("fsck.fat")),
     Need("mtools", has("mdir")),
     Need("fdisk", has("sfdisk")),
-    # To say what it thinks of our unit; beside another init it would be in the way.
+    # For systemd-analyze; not installed where another init system is in use.
     Need("systemd", lambda: has("systemd-analyze")() or Path("/sbin/init").exists()),
 )
 FUZZED = "int LLVMFuzzerTestOneInput(void); int LLVMFuzzerTestOneInput() { return 0; }"

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Installs what one of make's commands needs and is not there, then builds.
+"""Installs whatever one of make's commands needs and lacks, then builds.
 
-Runs under the system's Python with its standard library alone. What doesn't wait for
-another step goes on beside it.
+Needs only the system's Python. Steps that do not depend on each other run in parallel.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ BUILD = ROOT / "build"
 LOG = BUILD / "setup.log"
 LEAST_PYTHON = (3, 11)
 
-# Dependency groups of pyproject.toml that a command needs beside the package's own.
+# Dependency groups of pyproject.toml that a command needs, besides imud's own.
 TESTS = ("test", "peers", "pictures")  # the benchmarks are tested, too
 GROUPS = {
     "demo": ("build", "firmware"),
@@ -53,7 +52,9 @@ ENVIRONMENTS = {"nano": "nano", "f405": "stm32f405"}  # of platformio.ini
 
 def main(arguments: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(prog="tools/setup.py", description=__doc__)
-    parser.add_argument("command", choices=GROUPS, help="of make, to be made ready")
+    parser.add_argument(
+        "command", choices=GROUPS, help="the command of make to get ready for"
+    )
     parser.add_argument("--board", default="both", choices=(*BOARD_NEEDS, "both"))
     args = parser.parse_args(arguments)
     if sys.version_info < LEAST_PYTHON:
@@ -84,7 +85,7 @@ def build_images(boards: Sequence[str]) -> None:
 
 
 def build_sim(boards: Sequence[str]) -> None:
-    """All of it for both, or only the named board's emulator."""
+    """Build all of sim/ for both boards, or only the named board's emulator."""
     targets = [f"../build/sim/{name}" for name in boards] if len(boards) == 1 else []
     jobs = f"--jobs={os.cpu_count() or 1}"
     step("virtual boards", "make", "--silent", jobs, "--directory", "sim", *targets)
@@ -123,7 +124,7 @@ def install_system_packages(needs: Sequence[Need]) -> None:
     root = as_root()
     install = ["apt-get", "install", "-y", "--no-install-recommends", *packages]
     quiet = (*root, "env", "DEBIAN_FRONTEND=noninteractive")
-    # Package lists may be absent or stale; fetching them is only then worth its time.
+    # Fetching package lists takes time: only if installing fails, as they may be stale.
     line = shlex.join([*quiet, *install])
     update = shlex.join([*root, "apt-get", "update"])
     step("system packages", "sh", "-c", f"{line} || {{ {update} && {line}; }}")
@@ -158,7 +159,7 @@ def install_requirements(command: str) -> None:
 
 
 def install_package() -> None:
-    """Install imud so that Python files are used in place; only C asks for more."""
+    """Install imud in editable mode; again only if C or its build files changed."""
     sources = [
         ROOT / "pyproject.toml",
         ROOT / "CMakeLists.txt",
@@ -191,14 +192,14 @@ def venv(program: str) -> str:
 
 
 def at_once(*tasks: Callable[[], None]) -> None:
-    """Run these side by side; a failure is told when all of them are over."""
+    """Run tasks in parallel; raise a failure once all of them have ended."""
     with ThreadPoolExecutor(len(tasks)) as pool:
         for under_way in [pool.submit(task) for task in tasks]:
             under_way.result()
 
 
 class Display:
-    """A line for each step that is over, and on a terminal those under way."""
+    """Prints a line for each finished step and, on a terminal, the running ones."""
 
     def __init__(self) -> None:
         self._under_way: list[str] = []
@@ -229,7 +230,7 @@ LOG_LOCK = threading.Lock()
 
 
 def step(name: str, *command: str) -> None:
-    """Run one command; say its name and time, and more only where it fails."""
+    """Run a command, print its name and seconds; if it fails, exit with its output."""
     DISPLAY.begin(name)
     start = time.monotonic()
     environment = {

@@ -19,7 +19,7 @@
 volatile bool idle_has_work;
 
 static struct mpu9250 chip;
-static const struct sensor_driver driver = MPU9250_DRIVER(&chip);
+const struct sensor_driver board_sensor = MPU9250_DRIVER(&chip);
 
 // Pins that nothing is wired to get their pull-ups, so that they do not float
 // ("Unconnected Pins"). The bus and the sensor's INT must not: they belong to a chip of
@@ -56,10 +56,6 @@ uint8_t board_cycles_per_us(void) {
 bool board_unique_id(uint8_t id[8]) {
     (void)id;
     return false;
-}
-
-const struct sensor_driver *board_sensor(void) {
-    return &driver;
 }
 
 bool board_button_is_down(void) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // From the data-ready edge to the bytes of a sample, all by interrupt: INT0 stamps the
-// time and starts the burst, the TWI handler moves its bytes, board_sample_take hands
+// time and starts the burst, the TWI handler moves its bytes, board_reading_take hands
 // them over. Two slots, so that one fills while the main loop is late with the other.
 #include <avr/interrupt.h>
 #include <avr/io.h>
@@ -9,6 +9,7 @@
 
 #include "../board.h"
 #include "clock.h"
+#include "generic/slots.h"
 #include "idle.h"
 #include "twi.h"
 
@@ -25,43 +26,29 @@ enum {
     GO_STOP = _BV(TWINT) | _BV(TWEN) | _BV(TWSTO),
 };
 
-// Shared with the handlers. The main loop reads the slots from `taken` to `filled`,
-// both single bytes that one side writes; all else it touches with interrupts off.
-static struct board_sample slots[SLOTS];
-static volatile uint8_t filled;  // slots completed, by the handlers
-static volatile uint8_t taken;   // slots handed over, by the main loop
+// Shared with the handlers, which slots.h protects.
+static struct slots slots;
+static struct reading readings[SLOTS];
 static struct bus_burst burst;
 static uint8_t *cursor;    // where the next byte goes
 static uint8_t remaining;  // bytes of the burst still to come
-// A burst is on the bus, into slots[filled % SLOTS]; after a failure it stays so until
-// sampling is started again, which keeps others away.
-static bool is_running;
-static enum bus_result failure;  // of that burst
-static bool is_reported;
-static uint16_t missed;  // edges without a burst since the last that had one
 static uint32_t ready;
 
-static void miss(uint16_t edges) {
-    const uint16_t sum = (uint16_t)(missed + edges);
-    missed = sum < edges ? UINT16_MAX : sum;
+static struct reading *filling(void) {
+    return &readings[slots.filled % SLOTS];
 }
 
 ISR(INT0_vect) {
     const uint32_t now_us = clock_us_masked();
     ready++;
-    if (is_running || (uint8_t)(filled - taken) == SLOTS) {
-        if (missed != UINT16_MAX) {
-            missed++;
-        }
+    if (slots.is_running || slots_are_full(&slots, SLOTS)) {
+        slots_miss_one(&slots);
         return;
     }
-    struct board_sample *slot = &slots[filled % SLOTS];
-    slot->time_us = now_us;
-    slot->missed = missed;
-    missed = 0;
-    cursor = slot->bytes;
+    slots_stamp(&slots, filling(), now_us);
+    cursor = filling()->bytes;
     remaining = burst.length;
-    is_running = true;
+    slots.is_running = true;
     // The STOP of the burst before may still be on its way; the START then follows it.
     TWCR = (uint8_t)(GO_START | (TWCR & _BV(TWSTO)));
 }
@@ -100,15 +87,15 @@ ISR(TWI_vect) {
         }
         *cursor = TWDR;
         TWCR = GO_STOP;
-        filled++;
-        is_running = false;
+        slots.filled++;
+        slots.is_running = false;
         idle_has_work = true;
         return;
     case TW_MT_SLA_NACK:
     case TW_MT_DATA_NACK:
     case TW_MR_SLA_NACK:
         TWCR = GO_STOP;
-        failure = BUS_NACK;
+        slots.failure = BUS_NACK;
         idle_has_work = true;
         return;
     default:
@@ -117,33 +104,26 @@ ISR(TWI_vect) {
     // Lost arbitration, or a START or STOP that is not ours: with one master somebody
     // else pulls at the wires.
     TWCR = 0;
-    failure = BUS_STUCK;
+    slots.failure = BUS_STUCK;
     idle_has_work = true;
 }
 
 // True once no burst is on the bus. One that takes too long is ended. Interrupts are
 // off.
 static bool is_over(void) {
-    if (is_running && failure == BUS_OK &&
-        clock_us_masked() - slots[filled % SLOTS].time_us > BURST_US_MAX) {
-        failure = twi_abort();
+    if (slots.is_running && slots.failure == BUS_OK &&
+        clock_us_masked() - filling()->time_us > BURST_US_MAX) {
+        slots.failure = twi_abort();
     }
-    return !is_running || failure != BUS_OK;
+    return !slots.is_running || slots.failure != BUS_OK;
 }
 
 // This board's sensor has one burst a sample.
 void board_sampling_start(const struct bus_burst *bursts, uint8_t count) {
     (void)count;
     board_sampling_stop();
-    if (is_running) {  // failed: the edges missed before it go with the next burst
-        miss(slots[filled % SLOTS].missed);
-    }
-    miss((uint8_t)(filled - taken));  // read, but nobody will take them
-    taken = filled;
+    slots_restart(&slots, slots.is_running ? filling()->missed : 0);
     burst = bursts[0];
-    failure = BUS_OK;
-    is_running = false;
-    is_reported = false;
     twi_init();
     EICRA = _BV(ISC01) | _BV(ISC00);  // INT0 at the rising edge
     EIFR = _BV(INTF0);                // none of the past
@@ -164,19 +144,15 @@ void board_sampling_stop(void) {
     }
 }
 
-enum board_sample_result board_sample_take(struct board_sample *out) {
-    if (filled != taken) {
+enum reading_result board_reading_take(struct reading *out) {
+    if (slots_take(&slots, readings, SLOTS, out)) {
         GPIOR0 = 1;  // until board_idle
-        *out = slots[taken % SLOTS];
-        taken++;
-        return BOARD_SAMPLE_OK;
+        return READING_OK;
     }
-    enum board_sample_result result = BOARD_SAMPLE_NONE;
+    enum reading_result result = READING_NONE;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-        if (is_over() && failure != BUS_OK && !is_reported && filled == taken) {
-            is_reported = true;
-            out->failure = failure;
-            result = BOARD_SAMPLE_FAILED;
+        if (is_over()) {
+            result = slots_failure(&slots);
         }
     }
     return result;

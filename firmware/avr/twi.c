@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Set-up's transfers on the two-wire bus, by polling, and how to free a held bus.
+// Set-up's transfers on the two-wire bus, by polling, and the lines of a bus to be
+// freed.
 #include "twi.h"
 
 #include <avr/io.h>
@@ -9,6 +10,7 @@
 
 #include "../board.h"
 #include "clock.h"
+#include "generic/bus_recovery.h"
 #include "pins.h"
 
 enum {
@@ -17,11 +19,6 @@ enum {
     // A whole transfer: 150 bytes, and twice what set-up's longest takes at a tenth of
     // the clock.
     TRANSFER_TICKS_MAX = 4000 * CLOCK_TICKS_PER_US,
-    // Recovery: half a clock at 100 kHz, which every device follows; and how many of
-    // them a device may hold SCL down.
-    HALF_CLOCK_US = 5,
-    STRETCH_MAX = 50,
-    RECOVERY_CLOCKS = 9,  // eight bits and their acknowledge (UM10204, "Bus clear")
 };
 
 void twi_init(void) {
@@ -33,6 +30,10 @@ void twi_init(void) {
 static bool lines_are_high(void) {
     const uint8_t lines = _BV(PIN_SDA) | _BV(PIN_SCL);
     return (PINC & lines) == lines;
+}
+
+static uint8_t mask_of(enum bus_line line) {
+    return line == BUS_SDA ? _BV(PIN_SDA) : _BV(PIN_SCL);
 }
 
 enum bus_result twi_abort(void) {
@@ -129,53 +130,27 @@ static enum bus_result write_registers(void *port, uint8_t address, uint8_t reg,
     return status == TW_MT_DATA_ACK ? stop(begun) : fail(status, begun);
 }
 
-const struct bus_device *board_bus(void) {
-    static const struct bus_device bus = {read_registers, write_registers, 0};
-    return &bus;
-}
+const struct bus_device board_bus = {read_registers, write_registers, 0};
 
 // A line is pulled low by being an output at 0, and let go by being an input.
-static void pull_low(uint8_t pin) {
-    DDRC = (uint8_t)(DDRC | _BV(pin));
-    _delay_us(HALF_CLOCK_US);
+void bus_line_pull_low(enum bus_line line) {
+    DDRC |= mask_of(line);
+    _delay_us(BUS_HALF_CLOCK_US);
 }
 
-static void let_go(uint8_t pin) {
-    DDRC = (uint8_t)(DDRC & ~_BV(pin));
-    _delay_us(HALF_CLOCK_US);
+void bus_line_let_go(enum bus_line line) {
+    DDRC &= (uint8_t)~mask_of(line);
+    _delay_us(BUS_HALF_CLOCK_US);
 }
 
-// False where a device holds the clock for longer than it may.
-static bool clock_rises(void) {
-    let_go(PIN_SCL);
-    for (uint8_t tries = 0; tries < STRETCH_MAX; tries++) {
-        if ((PINC & _BV(PIN_SCL)) != 0) {
-            return true;
-        }
-        _delay_us(HALF_CLOCK_US);
-    }
-    return false;
+bool bus_line_is_high(enum bus_line line) {
+    return (PINC & mask_of(line)) != 0;
 }
 
-// A device that was interrupted while it sent a 0 holds SDA until it has seen the rest
-// of its byte clocked. Takes 3 ms at most, 0.1 ms where nobody holds SCL.
+// Takes 3 ms at most, 0.1 ms where nobody holds SCL.
 enum bus_result board_bus_recover(void) {
     (void)twi_abort();
-    bool is_free = clock_rises();
-    for (uint8_t clocks = 0; is_free && clocks < RECOVERY_CLOCKS; clocks++) {
-        if ((PINC & _BV(PIN_SDA)) != 0) {
-            break;
-        }
-        pull_low(PIN_SCL);
-        is_free = clock_rises();
-    }
-    if (is_free) {  // STOP: SDA rises while SCL is high
-        pull_low(PIN_SCL);
-        pull_low(PIN_SDA);
-        is_free = clock_rises();
-    }
-    let_go(PIN_SDA);
-    is_free = is_free && lines_are_high();
+    const enum bus_result result = bus_recovery_run();
     twi_init();
-    return is_free ? BUS_OK : BUS_STUCK;
+    return result;
 }

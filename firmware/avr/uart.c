@@ -4,19 +4,20 @@
 
 #include <avr/interrupt.h>
 #include <avr/io.h>
-#include <string.h>
 #include <util/atomic.h>
 
 #include "../board.h"
 #include "idle.h"
+
+typedef uint8_t ring_index;
+#include "generic/ring.h"
 
 enum {
     // F_CPU / (8 * (UBRR + 1)) = 500 kbaud at double speed, without error ("Baud Rate
     // Generation").
     BAUD = 3,
     // 3.8 ms on the wire: a sample's pose and raw, 98 bytes, with a status or a hello
-    // of
-    // at most 90.
+    // of at most 90.
     SENDING_SIZE = 192,
     RECEIVED_SIZE = 64,  // power of two; 1.3 ms on the wire, four commands
     ENABLED = _BV(RXCIE0) | _BV(RXEN0) | _BV(TXEN0),
@@ -69,25 +70,13 @@ ISR(USART_RX_vect) {
 }
 
 bool board_send(const uint8_t *bytes, uint8_t length) {
-    uint8_t head = sending_head;
-    const uint8_t tail = sending_tail;
-    // One stays free, or a full ring would look empty.
-    const uint8_t room = (uint8_t)(tail - head - 1 + (tail > head ? 0 : SENDING_SIZE));
-    if (length > room) {
+    if (length > ring_room(SENDING_SIZE, sending_head, sending_tail)) {
         return false;
     }
     if (length == 0) {
         return true;
     }
-    const uint8_t to_end = (uint8_t)(SENDING_SIZE - head);
-    if (length < to_end) {
-        memcpy(sending + head, bytes, length);
-        head = (uint8_t)(head + length);
-    } else {
-        memcpy(sending + head, bytes, to_end);
-        head = (uint8_t)(length - to_end);
-        memcpy(sending, bytes + to_end, head);
-    }
+    const uint8_t head = ring_write(sending, SENDING_SIZE, sending_head, bytes, length);
     // Together, or the handler may empty the ring in between and then be called again.
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
         sending_head = head;

@@ -14,12 +14,8 @@ static struct lsm9ds0 chip = {
                .xm_address = LSM9DS0_XM_ADDRESS,
                .is_fast = CHIP_IS_FAST},
 };
-static const struct sensor_driver driver = LSM9DS0_DRIVER(&chip);
-
-const struct sensor_driver *board_sensor(void) {
-    return &driver;
-}
+const struct sensor_driver board_sensor = LSM9DS0_DRIVER(&chip);
 
 bool chip_power_down(void) {
-    return lsm9ds0_power_down(&chip, board_bus());
+    return lsm9ds0_power_down(&chip, &board_bus);
 }

@@ -49,9 +49,8 @@ static void describe(struct message_equipment *out) {
     logbook_describe(&book, out);
 }
 
-void board_extras_begin(struct probe_port *port) {
-    port->log = &card_log;
-    port->equipment = describe;
+void board_extras_begin(struct probe *probe) {
+    probe_equip(probe, &card_log, describe);
     began_spare = clock_is_spare();
     spi_init();
     logbook_init(&book, spi_card(), ring, sizeof ring);

@@ -109,7 +109,4 @@ static void write_byte(void *port, uint16_t offset, uint8_t value) {
     journal_write(&journal, offset, value);
 }
 
-const struct settings_storage *board_storage(void) {
-    static const struct settings_storage storage = {read_byte, write_byte, is_ready, 0};
-    return &storage;
-}
+const struct settings_storage board_storage = {read_byte, write_byte, is_ready, 0};

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: MIT
-// The reference manual's sequences ("I2C master mode") as a state machine, and how to
-// free a held bus.
+// The reference manual's sequences ("I2C master mode") as a state machine, and the
+// lines of a bus to be freed.
 #include "i2c.h"
 
 #include "../board.h"
 #include "clock.h"
 #include "cpu.h"
+#include "generic/bus_recovery.h"
+#include "gpio.h"
 #include "pins.h"
 
 enum {
@@ -21,12 +23,7 @@ enum {
     TRANSFER_US_MAX = 4000,
     // A STOP takes 3 us.
     STOP_US_MAX = 20,
-    // Recovery: half a clock at 100 kHz, which every device follows; and how many of
-    // them a device may hold SCL down.
-    HALF_CLOCK_US = 5,
-    STRETCH_MAX = 50,
-    RECOVERY_CLOCKS = 9,  // eight bits and their acknowledge (UM10204, "Bus clear")
-    READ = 1,             // in the byte of the address
+    READ = 1,  // in the byte of the address
 };
 
 enum phase {
@@ -296,72 +293,47 @@ static enum bus_result write_registers(void *port, uint8_t address, uint8_t reg,
     return poll(address, reg, length);
 }
 
-const struct bus_device *board_bus(void) {
-    static const struct bus_device bus = {read_registers, write_registers, 0};
-    return &bus;
-}
+const struct bus_device board_bus = {read_registers, write_registers, 0};
 
 static void wait_half_clock(void) {
     const uint32_t begun_us = clock_us();
-    while (clock_us() - begun_us <= HALF_CLOCK_US) {
+    while (clock_us() - begun_us <= BUS_HALF_CLOCK_US) {
     }
+}
+
+static uint8_t pin_of(enum bus_line line) {
+    return line == BUS_SDA ? PIN_SDA : PIN_SCL;
 }
 
 // The pins are open drains: 0 pulls, 1 lets go.
-static void pull_low(uint8_t pin) {
-    GPIOB->bsrr = BIT(pin) << 16;
+void bus_line_pull_low(enum bus_line line) {
+    gpio_set(GPIOB, pin_of(line), false);
     wait_half_clock();
 }
 
-static void let_go(uint8_t pin) {
-    GPIOB->bsrr = BIT(pin);
+void bus_line_let_go(enum bus_line line) {
+    gpio_set(GPIOB, pin_of(line), true);
     wait_half_clock();
 }
 
-// False where a device holds the clock for longer than it may.
-static bool clock_rises(void) {
-    let_go(PIN_SCL);
-    for (uint8_t tries = 0; tries < STRETCH_MAX; tries++) {
-        if ((GPIOB->idr & BIT(PIN_SCL)) != 0) {
-            return true;
-        }
-        wait_half_clock();
-    }
-    return false;
+bool bus_line_is_high(enum bus_line line) {
+    return gpio_is_high(GPIOB, pin_of(line));
 }
 
 static void hand_pins_to(enum gpio_mode mode) {
-    const uint32_t both = UINT32_C(3) << (2 * PIN_SCL) | UINT32_C(3) << (2 * PIN_SDA);
-    const uint32_t modes = (uint32_t)mode << (2 * PIN_SCL) | (uint32_t)mode
-                                                                 << (2 * PIN_SDA);
-    GPIOB->moder = (GPIOB->moder & ~both) | modes;
+    gpio_set_mode(GPIOB, PIN_SCL, mode);
+    gpio_set_mode(GPIOB, PIN_SDA, mode);
 }
 
-// A device that was interrupted while it sent a 0 holds SDA until it has seen the rest
-// of its byte clocked. Takes 4 ms at most, 0.2 ms where nobody holds SCL. That both
-// lines move, and the reset of the hardware behind it, also free an input filter that
-// sees a bus at rest as busy (ES0182, "I2C analog filter may provide wrong value,
-// locking BUSY flag").
+// Takes 4 ms at most, 0.2 ms where nobody holds SCL. That both lines move, and the
+// reset of the hardware behind it, also free an input filter that sees a bus at rest as
+// busy (ES0182, "I2C analog filter may provide wrong value, locking BUSY flag").
 enum bus_result board_bus_recover(void) {
     (void)i2c_abort();
     GPIOB->bsrr = BIT(PIN_SCL) | BIT(PIN_SDA);
     hand_pins_to(GPIO_OUTPUT);
-    bool is_free = clock_rises();
-    for (uint8_t clocks = 0; is_free && clocks < RECOVERY_CLOCKS; clocks++) {
-        if ((GPIOB->idr & BIT(PIN_SDA)) != 0) {
-            break;
-        }
-        pull_low(PIN_SCL);
-        is_free = clock_rises();
-    }
-    if (is_free) {  // STOP: SDA rises while SCL is high
-        pull_low(PIN_SCL);
-        pull_low(PIN_SDA);
-        is_free = clock_rises();
-    }
-    let_go(PIN_SDA);
-    is_free = is_free && lines_are_high();
+    const enum bus_result result = bus_recovery_run();
     hand_pins_to(GPIO_ALTERNATE);
     i2c_init();
-    return is_free ? BUS_OK : BUS_STUCK;
+    return result;
 }

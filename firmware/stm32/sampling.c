@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // From the data-ready edge to the bytes of a sample, all by interrupt: TIM3 captures
-// the time and starts the bursts, the I2C handlers move their bytes, board_sample_take
+// the time and starts the bursts, the I2C handlers move their bytes, board_reading_take
 // hands them over.
 //
 // The stamp is the device time of the handler less what TIM3 has counted since the
@@ -11,6 +11,7 @@
 #include "../board.h"
 #include "clock.h"
 #include "cpu.h"
+#include "generic/slots.h"
 #include "i2c.h"
 #include "idle.h"
 #include "pins.h"
@@ -26,26 +27,21 @@ enum {
     IDLE_EVENTS_MAX = 1000,
 };
 
-// Shared with the handlers, which never interrupt each other. The main loop reads the
-// slots from `taken` to `filled`, both single bytes that one side writes; all else it
-// touches with interrupts off.
-static struct board_sample slots[SLOTS];
-static volatile uint8_t filled;  // slots completed, by the handlers
-static volatile uint8_t taken;   // slots handed over, by the main loop
-static struct bus_burst reading[SENSOR_BURSTS_MAX];
-static uint8_t reading_count;  // bursts of it
-// Bursts are on the bus, into slots[filled % SLOTS]; after a failure it stays so until
-// sampling is started again, which keeps others away.
-static bool is_running;
+// Shared with the handlers, which never interrupt each other; slots.h protects them.
+static struct slots slots;
+static struct reading readings[SLOTS];
+static struct bus_burst transfers[SENSOR_BURSTS_MAX];  // that make a reading
+static uint8_t transfers_count;
 static uint32_t begun_us;
 static uint16_t idle_events;
-static enum bus_result failure;  // of those bursts
-static bool is_reported;
 static bool is_waiting;  // an edge at `edge_us` has no bursts yet
 static uint32_t edge_us;
-static bool is_stale;    // the reading has no time of its own, and is thrown away
-static uint16_t missed;  // edges without a sample since the last that had one
+static bool is_stale;  // the reading has no time of its own, and is thrown away
 static volatile uint32_t ready;
+
+static struct reading *filling(void) {
+    return &readings[slots.filled % SLOTS];
+}
 
 void sampling_init(void) {
     TIM3->psc = APB1_TIMER_MHZ - 1;
@@ -57,37 +53,29 @@ void sampling_init(void) {
     TIM3->cr1 = TIM_CR1_CEN;
 }
 
-static void miss(uint16_t edges) {
-    const uint16_t sum = (uint16_t)(missed + edges);
-    missed = sum < edges ? UINT16_MAX : sum;
-}
-
 static void fail(enum bus_result result) {
-    failure = result;
+    slots.failure = result;
     idle_has_work = true;
 }
 
 // The sensor holds the line high until it is read: every edge is followed by a reading,
 // be it late, or there would be no other.
 static void begin_if_due(void) {
-    if (!is_waiting || is_running || (uint8_t)(filled - taken) == SLOTS) {
+    if (!is_waiting || slots.is_running || slots_are_full(&slots, SLOTS)) {
         return;
     }
-    struct board_sample *slot = &slots[filled % SLOTS];
     is_waiting = false;
-    is_running = true;
+    slots.is_running = true;
     idle_events = 0;
     begun_us = clock_us();
     if (!is_stale && begun_us - edge_us > WAIT_US_MAX) {
         is_stale = true;
-        miss(1);
+        slots_miss_one(&slots);
     }
     if (!is_stale) {
-        slot->time_us = edge_us;
-        slot->missed = missed;
-        missed = 0;
+        slots_stamp(&slots, filling(), edge_us);
     }
-    if (!i2c_read(reading, reading_count, slot->bytes)) {
+    if (!i2c_read(transfers, transfers_count, filling()->bytes)) {
         fail(i2c_abort());
     }
 }
@@ -101,10 +89,10 @@ void sampling_edge(void) {
     ready++;
     if ((flags & TIM_SR_CC3OF) != 0) {  // a second edge came before this handler did
         ready++;
-        miss(1);
+        slots_miss_one(&slots);
     }
     if (is_waiting) {
-        miss(1);
+        slots_miss_one(&slots);
     }
     is_waiting = true;
     edge_us = now_us - since_us;
@@ -125,7 +113,7 @@ void sampling_bus(void) {
     default:
         break;
     }
-    if (!is_running || failure != BUS_OK) {
+    if (!slots.is_running || slots.failure != BUS_OK) {
         return;
     }
     if (i2c_result() != BUS_OK) {
@@ -133,37 +121,32 @@ void sampling_bus(void) {
         return;
     }
     if (!is_stale) {
-        filled++;
+        slots.filled++;
         idle_has_work = true;
     }
     is_stale = false;
-    is_running = false;
+    slots.is_running = false;
     begin_if_due();
 }
 
 // True once no burst is on the bus. One that takes too long is ended. Interrupts are
 // off.
 static bool is_over(void) {
-    if (is_running && failure == BUS_OK && clock_us() - begun_us > BURST_US_MAX) {
+    if (slots.is_running && slots.failure == BUS_OK &&
+        clock_us() - begun_us > BURST_US_MAX) {
         fail(i2c_abort());
     }
-    return !is_running || failure != BUS_OK;
+    return !slots.is_running || slots.failure != BUS_OK;
 }
 
 void board_sampling_start(const struct bus_burst *bursts, uint8_t count) {
     board_sampling_stop();
-    if (is_running && !is_stale) {  // failed: what it missed goes with the next sample
-        miss(slots[filled % SLOTS].missed);
-    }
-    miss((uint8_t)(filled - taken));  // read, but nobody will take them
-    taken = filled;
+    // A stale reading has taken nothing of what was missed.
+    slots_restart(&slots, slots.is_running && !is_stale ? filling()->missed : 0);
     for (uint8_t i = 0; i < count; i++) {
-        reading[i] = bursts[i];
+        transfers[i] = bursts[i];
     }
-    reading_count = count;
-    failure = BUS_OK;
-    is_running = false;
-    is_reported = false;
+    transfers_count = count;
     i2c_init();
     irq_enable(IRQ_I2C1_EVENT, PRIORITY_SAMPLING);
     irq_enable(IRQ_I2C1_ERROR, PRIORITY_SAMPLING);
@@ -189,7 +172,7 @@ void board_sampling_stop(void) {
         const uint32_t primask = cpu_mask();
         if (is_waiting) {
             is_waiting = false;
-            miss(1);
+            slots_miss_one(&slots);
         }
         is_quiet = is_over();
         cpu_unmask(primask);
@@ -198,20 +181,15 @@ void board_sampling_stop(void) {
     irq_disable(IRQ_I2C1_ERROR);
 }
 
-enum board_sample_result board_sample_take(struct board_sample *out) {
-    enum board_sample_result result = BOARD_SAMPLE_NONE;
-    if (filled != taken) {
+enum reading_result board_reading_take(struct reading *out) {
+    const bool is_taken = slots_take(&slots, readings, SLOTS, out);
+    if (is_taken) {
         GPIOC->bsrr = BIT(PIN_BUSY);  // until board_idle
-        *out = slots[taken % SLOTS];
-        taken++;
-        result = BOARD_SAMPLE_OK;
     }
+    enum reading_result result = is_taken ? READING_OK : READING_NONE;
     const uint32_t primask = cpu_mask();
-    if (is_over() && failure != BUS_OK && !is_reported && filled == taken &&
-        result == BOARD_SAMPLE_NONE) {
-        is_reported = true;
-        out->failure = failure;
-        result = BOARD_SAMPLE_FAILED;
+    if (is_over() && !is_taken) {
+        result = slots_failure(&slots);
     }
     begin_if_due();  // there is a slot again
     cpu_unmask(primask);

@@ -3,13 +3,14 @@
 // control holds.
 #include "uart.h"
 
-#include <string.h>
-
 #include "clock.h"
 #include "cpu.h"
 #include "gpio.h"
 #include "idle.h"
 #include "pins.h"
+
+typedef uint16_t ring_index;
+#include "generic/ring.h"
 
 enum {
     CHANNEL = 4,  // "DMA1 request mapping": USART2, both ways
@@ -123,18 +124,13 @@ void uart_set_baud(uint32_t baud) {
 }
 
 bool uart_send(const uint8_t *bytes, uint8_t length) {
-    const uint16_t head = sending_head;
-    // One stays free, or a full ring would look empty.
-    const uint16_t used = (uint16_t)((head - sending_tail) & (SENDING_SIZE - 1));
-    if (length > SENDING_SIZE - 1 - used) {
+    if (length > ring_room(SENDING_SIZE, sending_head, sending_tail)) {
         return false;
     }
-    const uint16_t to_end = (uint16_t)(SENDING_SIZE - head);
-    const uint16_t first = length < to_end ? length : to_end;
-    memcpy(sending + head, bytes, first);
-    memcpy(sending, bytes + first, (uint16_t)(length - first));
+    const uint16_t head =
+        ring_write(sending, SENDING_SIZE, sending_head, bytes, length);
     const uint32_t primask = cpu_mask();
-    sending_head = (uint16_t)((head + length) % SENDING_SIZE);
+    sending_head = head;
     if (in_flight == 0) {
         send_next();
     }

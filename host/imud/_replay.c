@@ -85,7 +85,7 @@ static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs
 }
 
 static struct counts counts_of(const int16_t values[3]) {
-    return (struct counts){values[0], values[1], values[2]};
+    return (struct counts){.x = values[0], .y = values[1], .z = values[2]};
 }
 
 static PyObject *replay_step(PyObject *self, PyObject *content) {
@@ -108,7 +108,7 @@ static PyObject *replay_step(PyObject *self, PyObject *content) {
         .time_us = header.time_us,
         .acc = counts_of(raw.acc),
         .gyr = counts_of(raw.gyr),
-        .mag = has_mag ? counts_of(raw.mag) : (struct counts){0, 0, 0},
+        .mag = has_mag ? counts_of(raw.mag) : (struct counts){0},
         .temperature_cdeg = raw.temperature,
         .has_mag = has_mag,
         .mag_overflow = (raw.sample_flags & SAMPLE_MAG_OVERFLOW) != 0,

@@ -40,6 +40,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "i2c_slave.h"
+
 enum lsm9ds0_chip_quantity {
     LSM9DS0_CHIP_GYR,  // rad/s
     LSM9DS0_CHIP_ACC,  // m/s2, specific force: +g on z when lying level
@@ -52,6 +54,7 @@ enum lsm9ds0_chip_pin {
     LSM9DS0_CHIP_INT2_XM,
 };
 
+// Of a fault, and on the wire.
 enum lsm9ds0_chip_die { LSM9DS0_CHIP_BOTH, LSM9DS0_CHIP_G, LSM9DS0_CHIP_XM };
 
 // Writes the mean of the quantity over (from_ns, to_ns] to mean; where both are equal,
@@ -79,36 +82,6 @@ struct lsm9ds0_chip_config {
     double acc_self_test_mg[3];   // response of each axis
 };
 
-enum lsm9ds0_chip_fault_kind {
-    LSM9DS0_CHIP_NACK,            // refuses a byte; at_byte says which
-    LSM9DS0_CHIP_STUCK_SDA,       // holds SDA low, until `clocks` SCL pulses or the end
-    LSM9DS0_CHIP_NO_DATA_READY,   // takes no samples, gives no interrupts
-    LSM9DS0_CHIP_WRONG_WHO_AM_I,  // answers `value`
-    LSM9DS0_CHIP_NO_MAG,          // the magnetometer measures nothing
-    LSM9DS0_CHIP_GYR_SELF_TEST,   // a tenth of the gyroscope's self-test response
-    LSM9DS0_CHIP_ACC_SELF_TEST,   // a tenth of the accelerometer's
-    LSM9DS0_CHIP_FROZEN,          // data ready goes on, the numbers stand still
-};
-
-// In force for a span of time, or, where transactions is not 0, for that many
-// transactions of the host from number `first` on (the first after power-up is 1; from
-// START to STOP is one, whoever is addressed).
-struct lsm9ds0_chip_fault {
-    enum lsm9ds0_chip_fault_kind kind;
-    enum lsm9ds0_chip_die
-        die;  // NACK, NO_DATA_READY, WRONG_WHO_AM_I, FROZEN: of this one
-    uint64_t from_ns;
-    uint64_t for_ns;  // 0: for ever (STUCK_SDA with clocks: until clocked out)
-    uint64_t first;
-    uint64_t transactions;
-    uint8_t
-        at_byte;  // NACK, STUCK_SDA: of the transaction; 0 the address, 1 the register
-    uint8_t clocks;  // STUCK_SDA: SCL pulses that free the line, 0: none do
-    uint8_t value;   // WRONG_WHO_AM_I
-};
-
-enum { LSM9DS0_CHIP_FAULTS_MAX = 32 };
-
 struct lsm9ds0_chip;
 
 // A plain LSM9DS0: no rate errors, 25 degC, 10 ms start-up (AN4505: boot procedure),
@@ -127,11 +100,6 @@ void lsm9ds0_chip_hold(struct lsm9ds0_chip *chip, const double gyr_rad_s[3],
                        const double acc_m_s2[3], const double mag_ut[3]);
 void lsm9ds0_chip_set_temperature(struct lsm9ds0_chip *chip, double temperature_c);
 
-// False where there is no room for another fault.
-bool lsm9ds0_chip_add_fault(struct lsm9ds0_chip *chip,
-                            const struct lsm9ds0_chip_fault *fault);
-void lsm9ds0_chip_clear_faults(struct lsm9ds0_chip *chip);
-
 // Lets time pass; every other function with a time does so first.
 void lsm9ds0_chip_advance(struct lsm9ds0_chip *chip, uint64_t now_ns);
 // When something next happens by itself; UINT64_MAX where nothing will.
@@ -140,28 +108,37 @@ uint64_t lsm9ds0_chip_next_event(const struct lsm9ds0_chip *chip);
 // byte on the wire: data-ready goes as the data are read.
 bool lsm9ds0_chip_pin_is_high(const struct lsm9ds0_chip *chip,
                               enum lsm9ds0_chip_pin pin);
-// True while the chip holds SDA low: then no START and no STOP can be made.
-bool lsm9ds0_chip_holds_sda(struct lsm9ds0_chip *chip, uint64_t now_ns);
 
-// The wire, from the host's side. start() is also a repeated START; it and write() are
-// true for ACK. read() is told whether the host acknowledges the byte.
-bool lsm9ds0_chip_start(struct lsm9ds0_chip *chip, uint64_t now_ns, uint8_t address,
-                        bool is_read);
-bool lsm9ds0_chip_write(struct lsm9ds0_chip *chip, uint64_t now_ns, uint8_t byte);
-uint8_t lsm9ds0_chip_read(struct lsm9ds0_chip *chip, uint64_t now_ns, bool ack);
-void lsm9ds0_chip_stop(struct lsm9ds0_chip *chip, uint64_t now_ns);
-// One pulse on SCL from a host that works the pins by hand.
-void lsm9ds0_chip_scl_pulse(struct lsm9ds0_chip *chip, uint64_t now_ns);
+// The chip on the wire: its bytes, whole transactions, faults. The byte after an
+// address is the sub-address: bit 7 has it move on with each byte.
+struct i2c_slave *lsm9ds0_chip_wire(struct lsm9ds0_chip *chip);
 
-// A whole transaction from *now_ns on at 400 kHz; moves *now_ns to its end. sub is the
-// sub-address as sent: bit 7 has it move on with each byte. 0: done, -1: refused
-// (NACK), -3: SDA is held low. After -1 the STOP has been made.
-int lsm9ds0_chip_read_registers(struct lsm9ds0_chip *chip, uint64_t *now_ns,
-                                uint8_t address, uint8_t sub, uint8_t *data,
-                                uint8_t length);
-int lsm9ds0_chip_write_registers(struct lsm9ds0_chip *chip, uint64_t *now_ns,
-                                 uint8_t address, uint8_t sub, const uint8_t *data,
-                                 uint8_t length);
+static inline bool lsm9ds0_chip_start(struct lsm9ds0_chip *chip, uint64_t now_ns,
+                                      uint8_t address, bool is_read) {
+    return i2c_slave_start(lsm9ds0_chip_wire(chip), now_ns, address, is_read);
+}
+
+static inline bool lsm9ds0_chip_write(struct lsm9ds0_chip *chip, uint64_t now_ns,
+                                      uint8_t byte) {
+    return i2c_slave_write(lsm9ds0_chip_wire(chip), now_ns, byte);
+}
+
+static inline uint8_t lsm9ds0_chip_read(struct lsm9ds0_chip *chip, uint64_t now_ns,
+                                        bool ack) {
+    return i2c_slave_read(lsm9ds0_chip_wire(chip), now_ns, ack);
+}
+
+static inline void lsm9ds0_chip_stop(struct lsm9ds0_chip *chip, uint64_t now_ns) {
+    i2c_slave_stop(lsm9ds0_chip_wire(chip), now_ns);
+}
+
+static inline void lsm9ds0_chip_scl_pulse(struct lsm9ds0_chip *chip, uint64_t now_ns) {
+    i2c_slave_scl_pulse(lsm9ds0_chip_wire(chip), now_ns);
+}
+
+static inline bool lsm9ds0_chip_holds_sda(struct lsm9ds0_chip *chip, uint64_t now_ns) {
+    return i2c_slave_holds_sda(lsm9ds0_chip_wire(chip), now_ns);
+}
 
 // For tests: a register of either die with no side effects, transactions so far,
 // samples of a quantity so far, and the first thing the host did against the documents

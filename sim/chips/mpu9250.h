@@ -19,6 +19,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "i2c_slave.h"
+
 enum mpu9250_chip_quantity {
     MPU9250_CHIP_GYR,  // rad/s
     MPU9250_CHIP_ACC,  // m/s2, specific force: +g on z when lying level
@@ -46,34 +48,6 @@ struct mpu9250_chip_config {
     uint8_t acc_self_test[3];  // factory codes, registers 13 to 15
 };
 
-enum mpu9250_chip_fault_kind {
-    MPU9250_CHIP_NACK,            // refuses a byte; at_byte says which
-    MPU9250_CHIP_STUCK_SDA,       // holds SDA low, until `clocks` SCL pulses or the end
-    MPU9250_CHIP_NO_DATA_READY,   // takes no samples, gives no interrupts
-    MPU9250_CHIP_WRONG_WHO_AM_I,  // answers `value`
-    MPU9250_CHIP_NO_AK8963,       // nobody at 0x0C, on either bus
-    MPU9250_CHIP_GYR_SELF_TEST,   // a tenth of the gyroscope's self-test response
-    MPU9250_CHIP_ACC_SELF_TEST,   // a tenth of the accelerometer's
-    MPU9250_CHIP_FROZEN,          // data ready goes on, the numbers stand still
-};
-
-// In force for a span of time, or, where transactions is not 0, for that many
-// transactions of the host from number `first` on (the first after power-up is 1; from
-// START to STOP is one, whoever is addressed).
-struct mpu9250_chip_fault {
-    enum mpu9250_chip_fault_kind kind;
-    uint64_t from_ns;
-    uint64_t for_ns;  // 0: for ever (STUCK_SDA with clocks: until clocked out)
-    uint64_t first;
-    uint64_t transactions;
-    uint8_t
-        at_byte;  // NACK, STUCK_SDA: of the transaction; 0 the address, 1 the register
-    uint8_t clocks;  // STUCK_SDA: SCL pulses that free the line, 0: none do
-    uint8_t value;   // WRONG_WHO_AM_I
-};
-
-enum { MPU9250_CHIP_FAULTS_MAX = 32 };
-
 struct mpu9250_chip;
 
 // A plain MPU-9250: no rate error, 25 degC, 100 ms start-up (PS 3.4.2, the maximum),
@@ -92,39 +66,42 @@ void mpu9250_chip_hold(struct mpu9250_chip *chip, const double gyr_rad_s[3],
                        const double acc_m_s2[3], const double mag_ut[3]);
 void mpu9250_chip_set_temperature(struct mpu9250_chip *chip, double temperature_c);
 
-// False where there is no room for another fault.
-bool mpu9250_chip_add_fault(struct mpu9250_chip *chip,
-                            const struct mpu9250_chip_fault *fault);
-void mpu9250_chip_clear_faults(struct mpu9250_chip *chip);
-
 // Lets time pass; every other function with a time does so first.
 void mpu9250_chip_advance(struct mpu9250_chip *chip, uint64_t now_ns);
 // When something next happens by itself; UINT64_MAX where nothing will.
 uint64_t mpu9250_chip_next_event(const struct mpu9250_chip *chip);
 // The INT pin (an open-drain one has its pull-up).
 bool mpu9250_chip_int_is_high(const struct mpu9250_chip *chip);
-// True while the chip holds SDA low: then no START and no STOP can be made.
-bool mpu9250_chip_holds_sda(struct mpu9250_chip *chip, uint64_t now_ns);
 
-// The wire, from the host's side. start() is also a repeated START; it and write() are
-// true for ACK. read() is told whether the host acknowledges the byte.
-bool mpu9250_chip_start(struct mpu9250_chip *chip, uint64_t now_ns, uint8_t address,
-                        bool is_read);
-bool mpu9250_chip_write(struct mpu9250_chip *chip, uint64_t now_ns, uint8_t byte);
-uint8_t mpu9250_chip_read(struct mpu9250_chip *chip, uint64_t now_ns, bool ack);
-void mpu9250_chip_stop(struct mpu9250_chip *chip, uint64_t now_ns);
-// One pulse on SCL from a host that works the pins by hand.
-void mpu9250_chip_scl_pulse(struct mpu9250_chip *chip, uint64_t now_ns);
+// The chip on the wire: its bytes, whole transactions, faults.
+struct i2c_slave *mpu9250_chip_wire(struct mpu9250_chip *chip);
 
-// A whole transaction from *now_ns on at 400 kHz; moves *now_ns to its end. 0: done,
-// -1: refused (NACK), -3: SDA is held low. After -1 the STOP has been made.
-int mpu9250_chip_read_registers(struct mpu9250_chip *chip, uint64_t *now_ns,
-                                uint8_t address, uint8_t reg, uint8_t *data,
-                                uint8_t length);
-int mpu9250_chip_write_registers(struct mpu9250_chip *chip, uint64_t *now_ns,
-                                 uint8_t address, uint8_t reg, const uint8_t *data,
-                                 uint8_t length);
+static inline bool mpu9250_chip_start(struct mpu9250_chip *chip, uint64_t now_ns,
+                                      uint8_t address, bool is_read) {
+    return i2c_slave_start(mpu9250_chip_wire(chip), now_ns, address, is_read);
+}
 
+static inline bool mpu9250_chip_write(struct mpu9250_chip *chip, uint64_t now_ns,
+                                      uint8_t byte) {
+    return i2c_slave_write(mpu9250_chip_wire(chip), now_ns, byte);
+}
+
+static inline uint8_t mpu9250_chip_read(struct mpu9250_chip *chip, uint64_t now_ns,
+                                        bool ack) {
+    return i2c_slave_read(mpu9250_chip_wire(chip), now_ns, ack);
+}
+
+static inline void mpu9250_chip_stop(struct mpu9250_chip *chip, uint64_t now_ns) {
+    i2c_slave_stop(mpu9250_chip_wire(chip), now_ns);
+}
+
+static inline void mpu9250_chip_scl_pulse(struct mpu9250_chip *chip, uint64_t now_ns) {
+    i2c_slave_scl_pulse(mpu9250_chip_wire(chip), now_ns);
+}
+
+static inline bool mpu9250_chip_holds_sda(struct mpu9250_chip *chip, uint64_t now_ns) {
+    return i2c_slave_holds_sda(mpu9250_chip_wire(chip), now_ns);
+}
 // For tests: a register with no side effects, transactions so far, samples taken so
 // far, and the first thing the host did against the documents (null: nothing).
 uint8_t mpu9250_chip_peek(const struct mpu9250_chip *chip, uint8_t reg);

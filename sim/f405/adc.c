@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// ADC1 by software: the regular sequence, once or without end (RM, "Analog-to-digital
-// converter"). Pins that nothing is wired to are noise, but for PC0, which keeps its
-// charge.
+// ADC1, started by software: the regular sequence, once or continuously (RM,
+// "Analog-to-digital converter"). Pins that nothing is wired to read as noise, except
+// PC0, which keeps its charge.
 #include <math.h>
 
 #include "f405.h"
@@ -88,8 +88,9 @@ static double sample_seconds(const struct f405 *m, unsigned channel) {
     return hz == 0 ? 0.0 : (double)sample_cycles(&m->adc, channel) / hz;
 }
 
-// The divider charges the sampling capacitor as fast as its resistors let it. A pin
-// that floats shares its charge with it, so that it drifts to what was sampled before.
+// The divider charges the sampling capacitor as fast as its resistors allow. A floating
+// pin shares its charge with the capacitor and so drifts towards what was sampled
+// before.
 static uint32_t sample_cell(struct f405 *m) {
     struct f405_adc *adc = &m->adc;
     double ohms = 0.0;

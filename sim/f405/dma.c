@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // DMA1 and DMA2 between a peripheral and memory, one item a request (RM, "DMA
-// controller"). A request is served at once: the bus has nobody to wait for.
+// controller"). A request is served at once: waits for the bus are not modelled.
 #include "f405.h"
 
 enum {
@@ -71,7 +71,7 @@ static void fail(struct f405 *m, unsigned unit, unsigned number) {
     raise_flag(m, unit, number, TEIF);
 }
 
-// DMA1 has the APB1 alone for peripherals; no DMA sees the CCM (RM, "System
+// DMA1 reaches no peripherals but those on APB1; no DMA reaches the CCM (RM, "System
 // architecture").
 static bool is_reachable(unsigned unit, uint32_t peripheral, uint32_t memory) {
     const bool is_apb1 = peripheral - 0x40000000U < 0x8000;

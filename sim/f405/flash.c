@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Flash as a memory that is written (RM, "Embedded Flash memory interface"): keys,
-// words that lose ones, sectors that get them back, the time both take, and what a
-// power cut leaves of one on its way.
+// Writing to flash (RM, "Embedded Flash memory interface"): keys, programming that
+// clears bits, erasing of sectors, the time of both, and what a power cut leaves of a
+// write under way.
 #include <string.h>
 
 #include "f405.h"
@@ -88,14 +88,15 @@ static uint32_t get(const struct f405 *m, uint32_t offset, uint32_t size) {
     return value;
 }
 
-// Instructions that libunicorn has translated from there, at both of flash's addresses.
+// Drops the code that libunicorn has translated from there, at both of flash's
+// addresses.
 static void forget_code(struct f405 *m, uint32_t from, uint32_t size) {
     (void)uc_ctl_remove_cache(m->uc, (uint64_t)from, (uint64_t)from + size);
     (void)uc_ctl_remove_cache(m->uc, (uint64_t)F405_FLASH + from,
                               (uint64_t)F405_FLASH + from + size);
 }
 
-// An erase leaves the old bits where they are until it is done: nobody can read them
+// An erase leaves the old bits in place until it is done, as nothing can read them
 // meanwhile.
 void flash_event(struct f405 *m) {
     struct f405_flash *flash = &m->flash_control;
@@ -108,7 +109,7 @@ void flash_event(struct f405 *m) {
     follow_line(m);
 }
 
-// What comes while something is under way waits for it on the bus.
+// An access during a write waits on the bus until it is done.
 static void wait_for_flash(struct f405 *m) {
     if (m->flash_control.is_busy) {
         f405_complain(m, "flash told to work while it is busy");
@@ -143,7 +144,7 @@ void flash_store(struct f405 *m, uint32_t address, unsigned size, uint32_t value
         begin(m, false, PROGRAM_PS);
     }
     follow_line(m);
-    // Libunicorn goes on to make the store as it stands.
+    // libunicorn goes on and makes the store unchanged.
     if (flash->store_count < sizeof flash->stores / sizeof *flash->stores) {
         flash->stores[flash->store_count].offset = offset;
         flash->stores[flash->store_count].size = size;
@@ -161,7 +162,7 @@ void flash_settle(struct f405 *m) {
     flash->store_count = 0;
 }
 
-// Each bit of what was under way has its own moment.
+// Each bit of a write changes at a moment of its own.
 static uint32_t mix(struct f405 *m, uint32_t before, uint32_t after,
                     unsigned permille) {
     uint32_t mask = 0;
@@ -196,8 +197,8 @@ void f405_cut_flash(struct f405 *m) {
 static void write_key(struct f405 *m, uint32_t value) {
     struct f405_flash *flash = &m->flash_control;
     if (flash->is_key_wrong || flash->keys == 2 || value != keys[flash->keys]) {
-        // RM, "Unlocking the Flash control register"; the bus error that goes with it
-        // is left out.
+        // RM, "Unlocking the Flash control register"; the bus error after a wrong key
+        // is not modelled.
         flash->is_key_wrong = true;
         f405_complain(m, "a wrong key for flash: locked until the next reset");
         return;
@@ -285,8 +286,9 @@ void flash_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
     }
 }
 
-// What is under way is lost with a reset (RM, "Erase and program operations").
-void flash_reset(struct f405 *m) {
+// A write under way is lost with a reset (RM, "Erase and program operations").
+void flash_reset(struct f405 *m, unsigned unit) {
+    (void)unit;
     struct f405_flash *flash = &m->flash_control;
     f405_cut_flash(m);
     const uint64_t writes = flash->writes;

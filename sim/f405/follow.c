@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
-// Tells a profile what the virtual STM32F405 does: calls, returns and exceptions (ARM,
-// BL, BLX). A call returns where the stack is as it was and the next instruction is
-// the one behind it, by whatever instruction that comes to pass.
+// Calls, returns and exceptions of the virtual STM32F405 (ARM, BL, BLX); see follow.h.
+// A call has returned when the stack is as it was and the next instruction is the one
+// behind the call, whichever instruction led there.
 #include "follow.h"
 
-static struct profile_time time_of(const struct f405 *m) {
+struct profile_time f405_follow_time(const struct f405 *m) {
     return (struct profile_time){m->cycle, m->asleep_cycles};
 }
 
@@ -21,7 +21,7 @@ static void on_instruction(void *context, uint32_t at, uint32_t next) {
     const struct f405_follow *follow = context;
     struct f405 *m = follow->machine;
     const uint8_t *code = f405_memory(m, at, 4);
-    profile_instruction(follow->profile, at, time_of(m));
+    profile_instruction(follow->profile, at, f405_follow_time(m));
     if (code == NULL) {
         return;
     }
@@ -39,7 +39,7 @@ static void on_instruction(void *context, uint32_t at, uint32_t next) {
 static void on_enter(void *context, uint32_t from, uint32_t handler) {
     const struct f405_follow *follow = context;
     const struct profile_call call = {.from = from, .entry = handler};
-    profile_interrupt(follow->profile, call, time_of(follow->machine));
+    profile_interrupt(follow->profile, call, f405_follow_time(follow->machine));
 }
 
 static void on_leave(void *context) {
@@ -50,8 +50,4 @@ static void on_leave(void *context) {
 void f405_follow_begin(struct f405_follow *follow) {
     follow->machine->watch =
         (struct f405_watch){follow, on_instruction, on_enter, on_leave};
-}
-
-void f405_follow_reset(struct f405_follow *follow) {
-    profile_reset(follow->profile, time_of(follow->machine));
 }

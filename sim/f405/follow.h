@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Tells a profile what the virtual STM32F405 does.
+// Reports the virtual STM32F405's calls, returns and exceptions to a profile.
 #ifndef SIM_F405_FOLLOW_H
 #define SIM_F405_FOLLOW_H
 
@@ -11,9 +11,9 @@ struct f405_follow {
     struct f405 *machine;
 };
 
-// Watches the machine, in which the image has been loaded; it runs slower then, and the
+// Starts reporting; the image has to be loaded. The machine runs slower then, but the
 // same to the instruction.
 void f405_follow_begin(struct f405_follow *follow);
-void f405_follow_reset(struct f405_follow *follow);
+struct profile_time f405_follow_time(const struct f405 *m);
 
 #endif

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: MIT
 // I2C1 as a master, byte by byte (RM, "Inter-integrated circuit (I2C) interface", "I2C
-// master mode"), and its two lines when the firmware works them as pins.
+// master mode").
 //
-// The order of things is the manual's: a flag holds the clock low until the software
-// has read and written what it asks for; whether a byte is acknowledged is decided when
-// it has come in full, from ACK as it stands then, or with POS as it stood when the
-// byte before had come; data and shift register are two.
+// The order of events is the manual's. A flag holds the clock low until the software
+// has read and written what it asks for. Whether a byte is acknowledged is decided at
+// its end, from ACK as it is then, or with POS as it was at the end of the byte before.
+// Data register and shift register are separate.
+#include "../chips/lsm9ds0.h"
 #include "f405.h"
 
 enum {
@@ -46,14 +47,11 @@ enum {
     CCR_FAST = 1 << 15,
     CCR_DUTY = 1 << 14,
     FASTEST_HZ = 400000,
-    PIN_SCL = 6,
-    PIN_SDA = 7,
-    AF_I2C = 4,
     BYTE_BITS = 9,
     DMA1_UNIT = 0,
     CHANNEL = 1,
 };
-#define RETRY_PS (10 * F405_PS_PER_US)  // how often a wait looks at a held bus
+#define RETRY_PS (10 * F405_PS_PER_US)  // how often a held bus is looked at again
 
 static uint64_t bit_ps(struct f405 *m) {
     const uint32_t ccr = m->i2c.ccr;
@@ -70,15 +68,6 @@ static uint64_t bit_ps(struct f405 *m) {
 
 static uint64_t now_ns(const struct f405 *m) {
     return f405_ns(f405_when(m));
-}
-
-bool i2c_is_held(const struct f405 *m) {
-    return m->chip->holds_sda(m->chip->self, now_ns(m));
-}
-
-static bool has_pins(const struct f405 *m) {
-    return pins_is_alternate(m, PORT_B, PIN_SCL, AF_I2C) &&
-           pins_is_alternate(m, PORT_B, PIN_SDA, AF_I2C);
 }
 
 static bool is_master(const struct f405 *m) {
@@ -99,13 +88,7 @@ static void plan(struct f405 *m, int doing, uint64_t length_ps) {
     f405_at(m, EVENT_I2C, f405_when(m) + length_ps);
 }
 
-static void tell_bus(struct f405 *m, bool is_start) {
-    if (m->on_bus != NULL) {
-        m->on_bus(m->context, is_start);
-    }
-}
-
-// What comes next on a bus on which nothing goes on.
+// Starts the next step on the bus, if it is idle and the flags allow one.
 static void go_on(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;
     if ((i2c->cr1 & CR1_PE) == 0 || i2c->doing != BUS_IDLE) {
@@ -143,7 +126,7 @@ static void go_on(struct f405 *m) {
     }
 }
 
-// A one was sent, a zero seen (RM, "Arbitration lost").
+// A one was sent but a zero seen (RM, "Arbitration lost").
 static void lose(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;
     i2c->sr1 |= ARLO;
@@ -160,15 +143,15 @@ static void refuse(struct f405 *m) {
 
 static void end_start(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;
-    if (!has_pins(m)) {
+    if (!i2c_has_pins(m)) {
         f405_complain(m, "I2C1 used with its pins elsewhere");
     }
-    if (i2c_is_held(m) || !has_pins(m) || (i2c->is_busy && !is_master(m))) {
+    if (i2c_is_held(m) || !i2c_has_pins(m) || (i2c->is_busy && !is_master(m))) {
         i2c->is_busy = true;
         plan(m, BUS_START, RETRY_PS);
         return;
     }
-    tell_bus(m, true);
+    i2c_tell_bus(m, true);
     i2c->cr1 &= ~(uint32_t)CR1_START;
     i2c->sr1 &= ~(uint32_t)(TXE | BTF);
     i2c->sr1 |= SB;
@@ -182,7 +165,7 @@ static void end_address(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;
     i2c->is_reading = (i2c->shift & 1) != 0;
     const bool ack =
-        m->chip->start(m->chip->self, now_ns(m), i2c->shift >> 1, i2c->is_reading);
+        lsm9ds0_chip_start(m->sensor, now_ns(m), i2c->shift >> 1, i2c->is_reading);
     if (i2c_is_held(m)) {
         lose(m);
     } else if (!ack) {
@@ -191,13 +174,13 @@ static void end_address(struct f405 *m) {
         i2c->sr1 |= ADDR;
         i2c->sr2 |= i2c->is_reading ? 0 : TRA;
         i2c->acks_next = (i2c->cr1 & CR1_ACK) != 0;
-        i2c->had_ack = i2c->is_reading;  // so that a byte comes
+        i2c->had_ack = i2c->is_reading;  // so that a first byte is received
     }
 }
 
 static void end_send(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;
-    const bool ack = m->chip->write(m->chip->self, now_ns(m), i2c->shift);
+    const bool ack = lsm9ds0_chip_write(m->sensor, now_ns(m), i2c->shift);
     const bool held = i2c_is_held(m);
     if (held && i2c->shift != 0) {
         lose(m);
@@ -221,13 +204,13 @@ static void end_receive(struct f405 *m) {
     i2c->had_ack =
         ((i2c->cr1 & CR1_POS) != 0 ? i2c->acks_next : acks) && !is_last_of_dma(m);
     i2c->acks_next = acks;
-    i2c->shift = m->chip->read(m->chip->self, now_ns(m), i2c->had_ack);
+    i2c->shift = lsm9ds0_chip_read(m->sensor, now_ns(m), i2c->had_ack);
     if (!i2c->had_ack && i2c_is_held(m)) {
         lose(m);  // the NACK did not get through
         return;
     }
     if (!i2c->had_ack) {
-        tell_bus(m, false);  // what was asked for is there, the STOP is to come
+        i2c_tell_bus(m, false);  // all bytes are there; the STOP follows
     }
     if ((i2c->sr1 & RXNE) == 0) {
         i2c->data = i2c->shift;
@@ -244,9 +227,9 @@ static void end_stop(struct f405 *m) {
         plan(m, BUS_STOP, RETRY_PS);  // SDA can't rise
         return;
     }
-    m->chip->stop(m->chip->self, now_ns(m));
+    lsm9ds0_chip_stop(m->sensor, now_ns(m));
     if (!i2c->is_reading) {
-        tell_bus(m, false);
+        i2c_tell_bus(m, false);
     }
     i2c->cr1 &= ~(uint32_t)CR1_STOP;
     i2c->sr1 &= ~(uint32_t)(TXE | SB);
@@ -286,14 +269,14 @@ void i2c_event(struct f405 *m) {
     follow_line(m);
 }
 
-// Somebody pulls SDA for a moment: the chip sees a START within a byte and is out of
-// it, and so does the peripheral (RM, "Bus error").
+// SDA is pulled low for a moment: the sensor sees a START within a byte and drops out
+// of the transfer; the peripheral reports it (RM, "Bus error").
 void f405_glitch(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;
     if (i2c->doing == BUS_ADDRESS || i2c->doing == BUS_SEND ||
         i2c->doing == BUS_RECEIVE) {
         i2c->sr1 |= BERR;
-        m->chip->stop(m->chip->self, now_ns(m));
+        lsm9ds0_chip_stop(m->sensor, now_ns(m));
         follow_line(m);
     }
 }
@@ -395,7 +378,7 @@ static uint32_t read_status2(struct f405 *m) {
         i2c->sr1 &= ~(uint32_t)ADDR;
         i2c->sr1 |= (i2c->sr2 & TRA) != 0 ? TXE : 0;
         if (i2c->is_reading) {
-            // The byte comes, whatever else is asked for meanwhile.
+            // The byte is received, whatever else is asked for meanwhile.
             plan(m, BUS_RECEIVE, BYTE_BITS * bit_ps(m));
         } else {
             go_on(m);
@@ -491,21 +474,4 @@ void i2c_reset(struct f405 *m, unsigned unit) {
     stand_still(m);
     *i2c = (struct f405_i2c){.trise = 2, .scl_was_high = true, .sda_was_high = true};
     follow_line(m);
-}
-
-// The lines worked as pins: pulses that clock a held chip free, and a STOP by hand.
-void i2c_follow_pins(struct f405 *m) {
-    struct f405_i2c *i2c = &m->i2c;
-    const bool is_ours = !has_pins(m);
-    const bool scl = !is_ours || pins_level(m, PORT_B, PIN_SCL);
-    if (is_ours && scl && !i2c->scl_was_high) {
-        m->chip->scl_pulse(m->chip->self, now_ns(m));
-    }
-    const bool sda = !is_ours || pins_level(m, PORT_B, PIN_SDA);
-    if (is_ours && scl && i2c->scl_was_high && sda && !i2c->sda_was_high) {
-        m->chip->stop(m->chip->self, now_ns(m));  // SDA rises while SCL is high
-        tell_bus(m, false);
-    }
-    i2c->scl_was_high = scl;
-    i2c->sda_was_high = sda;
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Reads an ELF file into flash, and from its sections where variables end and the stack
-// may begin.
+// Reads an ELF file into flash, and finds from its sections where variables end and
+// where the stack may be.
 #include <elf.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -30,7 +30,7 @@ static bool read_file(struct file *out, const char *path) {
     return good;
 }
 
-// Copies entry number i of a table out of the file. False where it is not in there.
+// Copies entry i of a table out of the file. False where the file is too short.
 static bool get(const struct file *file, uint64_t table, unsigned i, void *out,
                 size_t size) {
     const uint64_t at = table + (uint64_t)i * size;
@@ -50,7 +50,7 @@ static bool is_ours(const struct file *file, Elf32_Ehdr *header) {
            (header->e_shnum == 0 || header->e_shentsize == sizeof(Elf32_Shdr));
 }
 
-// As a programmer does: sectors that it touches are erased first.
+// Erases the sectors that the image touches, as a programmer does.
 static void erase_sectors(struct f405 *m, uint32_t from, uint32_t size) {
     for (uint32_t at = 0; at < F405_FLASH_SIZE;) {
         const uint32_t sector = at < 0x10000   ? 0x4000
@@ -93,8 +93,8 @@ static bool is_ram(uint32_t address) {
     return address - F405_RAM < F405_RAM_SIZE || address - F405_CCM < F405_CCM_SIZE;
 }
 
-// Variables are all that the linker has put into RAM; the stack lies below the address
-// in the first vector, down to what is next to it.
+// Variables are all that the linker has put into RAM. The stack lies below the address
+// in the first vector, down to the nearest variable.
 static void find_stack(struct f405 *m, const struct file *file,
                        const Elf32_Ehdr *header, uint32_t *ram) {
     uint32_t top = 0;
@@ -115,7 +115,7 @@ static void find_stack(struct f405 *m, const struct file *file,
             continue;
         }
         if (from < top && end >= top) {
-            m->stack.lowest = from;  // a section that keeps room for the stack
+            m->stack.lowest = from;  // a section that reserves the stack
             continue;
         }
         *ram += section.sh_size;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
-// Pins and what hangs on them: ports, the lines of EXTI, the multiplexer in SYSCFG (RM,
-// "General-purpose I/Os", "External interrupt/event controller", "SYSCFG").
+// Pins: the ports, the lines of EXTI, the multiplexer in SYSCFG (RM, "General-purpose
+// I/Os", "External interrupt/event controller", "SYSCFG").
+#include "../chips/lsm9ds0.h"
+#include "../chips/sdcard.h"
 #include "f405.h"
 
 enum {
@@ -30,7 +32,7 @@ enum {
     EXTICR1 = 0x08,
     EXTICR4 = 0x14,
     CMPCR = 0x20,
-    // What hangs where.
+    // What is connected where.
     PIN_DRDY_G = 0,   // PB0
     PIN_DRDY_XM = 1,  // PB1
     PIN_BUTTON = 3,   // PB3
@@ -55,12 +57,16 @@ static int outside(const struct f405 *m, unsigned port, unsigned pin) {
     switch (pin) {
     case PIN_DRDY_G:
     case PIN_DRDY_XM:
-        return m->chip->data_ready(m->chip->self, pin) ? 1 : 0;
+        return lsm9ds0_chip_pin_is_high(m->sensor, pin == PIN_DRDY_G
+                                                       ? LSM9DS0_CHIP_DRDY_G
+                                                       : LSM9DS0_CHIP_INT2_XM)
+                   ? 1
+                   : 0;
     case PIN_BUTTON:
         return m->is_button_down ? 0 : -1;
     case PIN_SCL:
     case PIN_SDA:
-        return 1;  // the bus has its pull-ups; who holds SDA low is asked below
+        return 1;  // pull-ups; a sensor that holds SDA is handled elsewhere
     default:
         return wired_level(m, port, pin);
     }
@@ -89,7 +95,7 @@ bool pins_level(const struct f405 *m, unsigned port, unsigned pin) {
     if (own == 1 || others == 1) {
         return true;
     }
-    // A pin that floats reads low: the worst for a button that wants a pull-up.
+    // A floating pin reads low: the worst case for a button that needs a pull-up.
     return ((m->ports[port].pupdr >> (2 * pin)) & 3) == PULL_UP;
 }
 
@@ -104,7 +110,7 @@ static void follow_lines(struct f405 *m);
 static void tell_edge(struct f405 *m, unsigned port, unsigned pin, bool is_high) {
     struct f405_exti *exti = &m->exti;
     const uint32_t bit = UINT32_C(1) << pin;
-    // Codes of EXTICR: A to D as they come, 7 is H.
+    // Codes of EXTICR: 0 to 3 are A to D, 7 is H.
     const unsigned code = port == PORT_H ? 7 : port;
     if (((exti->exticr[pin / 4] >> (4 * (pin % 4))) & 15) == code &&
         ((is_high ? exti->rtsr : exti->ftsr) & bit) != 0) {
@@ -123,7 +129,7 @@ static void tell_edge(struct f405 *m, unsigned port, unsigned pin, bool is_high)
         m->on_mark(m->context, is_high);
     }
     if (port == PORT_A && pin == PIN_CARD && m->card != NULL) {
-        m->card->select(m->card->self, f405_ns(f405_when(m)), !is_high);
+        sdcard_chip_select(m->card, f405_ns(f405_when(m)), !is_high);
     }
 }
 
@@ -145,7 +151,7 @@ void pins_follow_port(struct f405 *m, unsigned number) {
 // The chip's pins may change with a byte on the bus and with time.
 void pins_follow(struct f405 *m) {
     pins_follow_port(m, PORT_B);
-    const uint64_t next = m->chip->next_event(m->chip->self);
+    const uint64_t next = lsm9ds0_chip_next_event(m->sensor);
     if (next == UINT64_MAX) {
         f405_never(m, EVENT_CHIP);
         return;
@@ -284,7 +290,8 @@ bool exti_can_wake(const struct f405 *m) {
            (m->is_waiting && m->exti.emr != 0);
 }
 
-void exti_reset(struct f405 *m) {
+void exti_reset(struct f405 *m, unsigned unit) {
+    (void)unit;
     struct f405_exti *exti = &m->exti;
     exti->imr = exti->emr = exti->rtsr = exti->ftsr = exti->pr = 0;
 }
@@ -333,7 +340,8 @@ void exti_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
 
 // SYSCFG
 
-void syscfg_reset(struct f405 *m) {
+void syscfg_reset(struct f405 *m, unsigned unit) {
+    (void)unit;
     struct f405_exti *exti = &m->exti;
     exti->memrmp = exti->pmc = 0;
     for (unsigned i = 0; i < 4; i++) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Clocks, resets and supply (RM, "Reset and clock control", "Power controller").
+// Clocks and resets (RM, "Reset and clock control").
 #include "f405.h"
 
 enum {
@@ -14,8 +14,6 @@ enum {
     CSR = 0x74,
     SSCGR = 0x80,
     PLLI2SCFGR = 0x84,
-    PWR_CR = 0x00,
-    PWR_CSR = 0x04,
     HSION = 1 << 0,
     HSIRDY = 1 << 1,
     HSEON = 1 << 16,
@@ -31,10 +29,6 @@ enum {
     RMVF = 1 << 24,
     CSSF = 1 << 7,
     CSSC = 1 << 23,
-    LPDS = 1 << 0,
-    PDDS = 1 << 1,
-    FPDS = 1 << 9,
-    VOS = 1 << 14,
     SOURCE_HSI = 0,
     SOURCE_HSE = 1,
     SOURCE_PLL = 2,
@@ -50,11 +44,6 @@ enum {
 #define HSI_START_PS (22 * F405_PS_PER_US / 10)
 #define LSI_START_PS (15 * F405_PS_PER_US)
 #define PLL_LOCK_PS (150 * F405_PS_PER_US)
-// DS, "Low-power mode wakeup timings", typical: from STOP with the main regulator, with
-// the other one, with the flash switched off too.
-#define WAKE_PS (13 * F405_PS_PER_US)
-#define WAKE_LOW_POWER_PS (17 * F405_PS_PER_US)
-#define WAKE_NO_FLASH_PS (110 * F405_PS_PER_US)
 
 static const uint32_t lpenr_reset[6] = {0x7E6791FF, 0x000000F1, 1,
                                         0,          0x36FEC9FF, 0x00075F33};
@@ -105,7 +94,7 @@ static void check_clocks(struct f405 *m, uint32_t sysclk) {
         m->pclk_hz[1] > PCLK2_MAX_HZ) {
         f405_complain(m, "a clock faster than the data sheet allows");
     }
-    if (m->hclk_hz > HCLK_LOW_VOS_HZ && (m->rcc.pwr_cr & VOS) == 0) {
+    if (m->hclk_hz > HCLK_LOW_VOS_HZ && (m->rcc.pwr_cr & PWR_VOS) == 0) {
         f405_complain(m, "a clock faster than the voltage scale allows");
     }
     if (m->hclk_hz > WAIT_STATE_HZ * ((m->flash_control.acr & 7) + 1)) {
@@ -113,11 +102,11 @@ static void check_clocks(struct f405 *m, uint32_t sysclk) {
     }
 }
 
-// Time so far is at the old rate, what comes at the new.
+// Time up to here passed at the old rate, time from here on passes at the new one.
 void rcc_set_clocks(struct f405 *m) {
     const uint64_t now = f405_when(m);
     timer_clock_changes(m, true);
-    core_clock_changes(m, true);
+    systick_clock_changes(m, true);
     m->base_ps = f405_now(m) > now ? f405_now(m) : now;
     m->base_cycle = m->cycle;
     const uint32_t sysclk = sysclk_hz(m);
@@ -128,8 +117,8 @@ void rcc_set_clocks(struct f405 *m) {
     m->timer_hz = divider == 1 ? m->hclk_hz : 2 * m->pclk_hz[0];
     check_clocks(m, sysclk);
     timer_clock_changes(m, false);
-    core_clock_changes(m, false);
-    m->limit_cycle = m->cycle;  // how far it may go has to be found anew
+    systick_clock_changes(m, false);
+    m->limit_cycle = m->cycle;  // has the core stop, as its limit depends on the rate
     f405_attend(m);
 }
 
@@ -215,7 +204,7 @@ static void start_pll(struct f405 *m) {
     }
 }
 
-// Oscillators that go on or off; one in use stays on (RM, "RCC clock control
+// Switches oscillators on or off; one that is in use stays on (RM, "RCC clock control
 // register").
 static void write_cr(struct f405 *m, uint32_t value) {
     struct f405_rcc *rcc = &m->rcc;
@@ -244,7 +233,7 @@ static void write_cr(struct f405 *m, uint32_t value) {
         rcc->cr &= ~(uint32_t)HSIRDY;
         rcc->hsi_at = F405_NEVER;
     }
-    // A bypassed oscillator waits for a clock that a crystal is not.
+    // A bypassed oscillator waits for an external clock, and here is a crystal.
     if ((risen & HSEON) != 0 && !rcc->is_crystal_dead && (rcc->cr & HSEBYP) == 0) {
         rcc->hse_at = now + HSE_START_PS;
     }
@@ -262,8 +251,8 @@ static void write_cr(struct f405 *m, uint32_t value) {
     plan(m);
 }
 
-// RM, "Clock security system (CSS)": an interrupt that has no mask, and HSI in the
-// place of what has stopped.
+// RM, "Clock security system (CSS)": a non-maskable interrupt, and HSI replaces the
+// clock that has stopped.
 void f405_kill_crystal(struct f405 *m) {
     struct f405_rcc *rcc = &m->rcc;
     rcc->is_crystal_dead = true;
@@ -320,7 +309,7 @@ static void write_csr(struct f405 *m, uint32_t value) {
     plan(m);
 }
 
-// Peripherals that are held in reset.
+// Resets the peripherals whose bits are set.
 static void hold(struct f405 *m, unsigned bus, uint32_t bits) {
     static const struct {
         uint8_t bus, bit, unit;
@@ -333,7 +322,7 @@ static void hold(struct f405 *m, unsigned bus, uint32_t bits) {
         {4, 1, 1, timer_reset},     {4, 2, 2, timer_reset},
         {4, 3, 3, timer_reset},     {4, 17, 0, usart_reset},
         {4, 21, 0, i2c_reset},      {5, 8, 0, adc_reset},
-        {5, 12, 0, spi_reset},
+        {5, 12, 0, spi_reset},      {5, 14, 0, syscfg_reset},
     };
     for (unsigned i = 0; i < sizeof units / sizeof *units; i++) {
         if (units[i].bus == bus && ((bits >> units[i].bit) & 1) != 0) {
@@ -341,12 +330,8 @@ static void hold(struct f405 *m, unsigned bus, uint32_t bits) {
             bits &= ~(UINT32_C(1) << units[i].bit);
         }
     }
-    if (bus == 5 && ((bits >> 14) & 1) != 0) {
-        syscfg_reset(m);
-        bits &= ~(UINT32_C(1) << 14);
-    }
     if (bus == 4 && ((bits >> 28) & 1) != 0) {
-        m->rcc.pwr_cr = VOS;
+        m->rcc.pwr_cr = PWR_VOS;
         bits &= ~(UINT32_C(1) << 28);
     }
     if (bits != 0) {
@@ -451,95 +436,28 @@ void rcc_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
     }
 }
 
-// STOP (RM, "Stop mode"): every clock stands but for LSI, and after it the system runs
-// on HSI. What a peripheral has under way goes on where it was.
-
-static void hold_events(struct f405 *m) {
-    static const enum f405_event transfers[] = {EVENT_I2C, EVENT_USART_SENT, EVENT_SPI,
-                                                EVENT_ADC, EVENT_USART_IDLE};
-    const uint64_t now = f405_now(m);
-    for (unsigned i = 0; i < EVENTS; i++) {
-        m->rcc.left[i] = F405_NEVER;
-    }
-    for (size_t i = 0; i < sizeof transfers / sizeof *transfers; i++) {
-        const enum f405_event event = transfers[i];
-        if (m->at[event] == F405_NEVER) {
-            continue;
-        }
-        if (event != EVENT_USART_IDLE &&
-            !(event == EVENT_USART_SENT && m->usart.is_preamble)) {
-            f405_complain(m, "STOP mode in the middle of a transfer");
-        }
-        m->rcc.left[event] = m->at[event] > now ? m->at[event] - now : 0;
-        f405_never(m, event);
-    }
+void rcc_halt(struct f405 *m) {
+    struct f405_rcc *rcc = &m->rcc;
+    rcc->hse_at = rcc->hsi_at = rcc->pll_at = F405_NEVER;
+    plan(m);
+    rcc_set_clocks(m);
 }
 
-void rcc_stop(struct f405 *m, bool is_begin) {
+void rcc_restart(struct f405 *m, uint64_t at_ps) {
     struct f405_rcc *rcc = &m->rcc;
-    const uint64_t now = f405_now(m);
-    if (is_begin) {
-        if ((rcc->pwr_cr & PDDS) != 0) {
-            f405_not_modelled(m, "Standby mode");
-            return;
-        }
-        hold_events(m);
-        rcc->hse_at = rcc->hsi_at = rcc->pll_at = F405_NEVER;
-        plan(m);
-        rcc->stopped_at = now;
-        rcc->is_stopped = true;
-        rcc_set_clocks(m);
-        return;
-    }
-    rcc->is_stopped = false;
     rcc->cr &= ~(uint32_t)(HSEON | HSERDY | PLLON | PLLRDY);
     rcc->cr |= HSION | HSIRDY;
     rcc->cfgr &= ~UINT32_C(0xF);
-    m->base_ps = now + ((rcc->pwr_cr & FPDS) != 0   ? WAKE_NO_FLASH_PS
-                        : (rcc->pwr_cr & LPDS) != 0 ? WAKE_LOW_POWER_PS
-                                                    : WAKE_PS);
-    m->stopped += m->base_ps - rcc->stopped_at;
+    m->base_ps = at_ps;
     rcc_set_clocks(m);
-    for (unsigned i = 0; i < EVENTS; i++) {
-        if (rcc->left[i] != F405_NEVER) {
-            f405_at(m, (enum f405_event)i, m->base_ps + rcc->left[i]);
-        }
-    }
-}
-
-uint64_t f405_stopped(const struct f405 *m) {
-    return m->stopped + (m->rcc.is_stopped ? f405_now(m) - m->rcc.stopped_at : 0);
-}
-
-// PWR: the regulator follows its bits at once.
-
-uint32_t pwr_read(struct f405 *m, unsigned unit, uint32_t at) {
-    (void)unit;
-    if (at > PWR_CSR) {
-        f405_end(m, "reads 0x%08x, which is not modelled,", 0x40007000U + at);
-    }
-    return at == PWR_CR ? m->rcc.pwr_cr
-                        : m->rcc.pwr_csr | VOS;  // VOSRDY is the same bit
-}
-
-void pwr_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
-    (void)unit;
-    if (at == PWR_CR) {
-        m->rcc.pwr_cr = value & 0x43F3;
-        rcc_set_clocks(m);
-    } else if (at == PWR_CSR) {
-        m->rcc.pwr_csr = value & 0x300;
-    } else {
-        f405_end(m, "writes 0x%08x, which is not modelled,", 0x40007000U + at);
-    }
 }
 
 void rcc_power_up(struct f405 *m) {
     m->rcc.csr = 0;
 }
 
-// Flags of earlier resets stay until software clears them. Whatever resets the chip
-// pulls its reset pin too (RM, "System reset").
+// Flags of earlier resets stay until software clears them. Every reset of the chip
+// pulls its reset pin low too (RM, "System reset").
 void rcc_reset(struct f405 *m, uint32_t cause) {
     struct f405_rcc *rcc = &m->rcc;
     const bool is_dead = rcc->is_crystal_dead;
@@ -555,7 +473,7 @@ void rcc_reset(struct f405 *m, uint32_t cause) {
         .pll_at = F405_NEVER,
         .lsi_at = F405_NEVER,
         .is_crystal_dead = is_dead,
-        .pwr_cr = VOS,
+        .pwr_cr = PWR_VOS,
     };
     for (unsigned i = 0; i < 6; i++) {
         rcc->lpenr[i] = lpenr_reset[i];

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// SPI1 as a master of 8 or 16 bits both ways (RM, "Serial peripheral interface"), and
-// the card's socket at its end.
+// SPI1 as a full-duplex master of 8 or 16 bits (RM, "Serial peripheral interface"),
+// with the card's socket.
+#include "../chips/sdcard.h"
 #include "f405.h"
 
 enum {
@@ -41,7 +42,7 @@ static void follow_line(struct f405 *m) {
                  ((spi->sr & OVR) && (spi->cr2 & CR2_ERRIE)));
 }
 
-// The clock is that of APB2 over 2 to this power.
+// The clock is that of APB2 divided by 2 to this power.
 static unsigned divider_bits(const struct f405 *m) {
     return 1 + ((m->spi.cr1 >> 3) & 7);
 }
@@ -60,7 +61,8 @@ static void begin(struct f405 *m) {
             f405_when(m) + f405_ps((uint64_t)bits << divider_bits(m), m->pclk_hz[1]));
 }
 
-// A byte that has gone over by then. Nobody there: the pull-up's ones.
+// Exchanges the byte whose transfer ends at that time. Without a card the pull-up gives
+// ones.
 static uint8_t exchange(struct f405 *m, uint64_t at_ps, uint8_t byte) {
     for (unsigned pin = 5; pin <= 7; pin++) {
         if (!pins_is_alternate(m, PORT_A, pin, AF_SPI)) {
@@ -71,12 +73,12 @@ static uint8_t exchange(struct f405 *m, uint64_t at_ps, uint8_t byte) {
     if (m->card == NULL) {
         return 0xFF;
     }
-    // A card takes bits at rising edges, whichever level the clock rests at.
+    // A card samples at rising edges, whichever level the clock idles at.
     if (((m->spi.cr1 & CR1_CPOL) != 0) != ((m->spi.cr1 & CR1_CPHA) != 0)) {
         f405_complain(m, "SPI1 samples at the edge at which a card changes");
     }
-    return m->card->exchange(m->card->self, f405_ns(at_ps),
-                             m->pclk_hz[1] >> divider_bits(m), byte);
+    return sdcard_chip_exchange(m->card, f405_ns(at_ps),
+                                m->pclk_hz[1] >> divider_bits(m), byte);
 }
 
 void spi_event(struct f405 *m) {

@@ -55,7 +55,8 @@ static uint64_t period(const struct f405_timer *timer) {
     return timer->shadow_arr + 1ULL;
 }
 
-// Ticks from `from` until it overflows. A count above the reload goes all the way.
+// Ticks from `from` until the counter overflows. A count above the reload value runs to
+// the counter's full width.
 static uint64_t until_overflow(const struct f405_timer *timer, unsigned unit) {
     if (timer->count > timer->shadow_arr) {
         return widest(unit) - (uint64_t)timer->count + 1 + period(timer);
@@ -90,7 +91,7 @@ static void follow_line(struct f405 *m, unsigned unit) {
 static uint64_t moment(const struct f405 *m, const struct f405_timer *timer,
                        uint64_t ticks) {
     const uint64_t cycles = ticks * (timer->shadow_psc + 1ULL);
-    // The first picosecond at which so many have gone.
+    // The first picosecond at which so many ticks have passed.
     return timer->from + f405_ps(cycles, m->timer_hz) + 1;
 }
 
@@ -112,7 +113,7 @@ static void plan(struct f405 *m, unsigned unit) {
     f405_at(m, event, moment(m, timer, next));
 }
 
-// Flags of what has come to pass since it was last looked at.
+// Sets the flags of the matches since the last call.
 static void see(struct f405 *m, unsigned unit) {
     struct f405_timer *timer = &m->timers[unit];
     const uint64_t ticks = gone(m, timer);
@@ -138,7 +139,7 @@ static void rebase(struct f405 *m, unsigned unit, uint64_t at, uint32_t count) {
     plan(m, unit);
 }
 
-// Counts from the last tick on.
+// Has the counter count on from the last tick.
 static void hold(struct f405 *m, unsigned unit) {
     struct f405_timer *timer = &m->timers[unit];
     see(m, unit);
@@ -193,7 +194,7 @@ void timer_clock_changes(struct f405 *m, bool is_before) {
     }
 }
 
-// An input's edge: the pins that are led somewhere (DS, "Alternate function mapping").
+// The pins that are capture inputs (DS, "Alternate function mapping").
 void timer_edge(struct f405 *m, unsigned port, unsigned pin, bool is_high) {
     static const struct {
         uint8_t pin, af, unit, channel;
@@ -292,11 +293,8 @@ static void generate(struct f405 *m, unsigned unit, uint32_t value) {
     }
 }
 
-void timer_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
+static void write_register(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
     struct f405_timer *timer = &m->timers[unit];
-    if (m->timer_hz != 0) {
-        hold(m, unit);
-    }
     switch (at) {
     case CR1:
         write_control(m, unit, value);
@@ -352,6 +350,13 @@ void timer_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
         }
         break;
     }
+}
+
+void timer_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
+    if (m->timer_hz != 0) {
+        hold(m, unit);
+    }
+    write_register(m, unit, at, value);
     plan(m, unit);
     follow_line(m, unit);
 }

@@ -4,6 +4,7 @@
 // RTS and CTS.
 #include <stdlib.h>
 
+#include "../chips/rn41.h"
 #include "../chips/uart.h"
 #include "f405.h"
 
@@ -43,7 +44,7 @@ enum {
     CR3_KNOWN =
         CR3_EIE | CR3_DMAR | CR3_DMAT | CR3_RTSE | CR3_CTSE | CR3_CTSIE | CR3_ONEBIT,
     FRAME_BITS = 10,
-    LINE_HZ = 921600,  // who sends while the receiver is not set up
+    LINE_HZ = 921600,  // bytes that come while the receiver is not set up
     PIN_CTS = 0,
     PIN_RTS = 1,
     PIN_TX = 2,
@@ -65,7 +66,7 @@ static uint32_t baud_of(const struct f405 *m) {
     return divider == 0 ? 0 : (m->pclk_hz[0] + divider / 2) / divider;
 }
 
-// Without a radio the other side is at the rate that is set here.
+// Without a radio the other side has the rate that is set here.
 static uint64_t frame_ps(const struct f405 *m) {
     const uint32_t divider = divider_of(&m->usart);
     if (divider == 0 || m->pclk_hz[0] == 0) {
@@ -93,7 +94,7 @@ static void follow_line(struct f405 *m) {
 
 // Out
 
-// RM, "RTS and CTS flow control": looked at before each frame.
+// RM, "RTS and CTS flow control": CTS is checked before each frame.
 static bool is_clear_to_send(struct f405 *m) {
     if ((m->usart.cr3 & CR3_CTSE) == 0) {
         return true;
@@ -132,8 +133,8 @@ void usart_sent(struct f405 *m) {
     } else if (m->radio != NULL) {
         const uint32_t baud = baud_of(m);
         if (baud != 0) {
-            m->radio->receive(m->radio->self, f405_ns(f405_when(m)), usart->shift,
-                              baud);
+            rn41_chip_receive(m->radio, f405_ns(f405_when(m)), usart->shift, baud);
+            wired_tell_host(m);
         }
     } else if (m->on_byte != NULL) {
         m->on_byte(m->context, usart->shift);
@@ -187,7 +188,7 @@ static void begin_receiving(struct f405 *m) {
     const uint64_t from = usart->line_from[usart->line_head];
     const uint64_t start = from > now ? from : now;
     usart->is_receiving = true;
-    if (m->radio != NULL) {  // what the host writes: the air has its own time
+    if (m->radio != NULL) {  // bytes from the host, at the radio's own rate
         f405_at(m, EVENT_USART_RECEIVED, start);
         return;
     }
@@ -206,7 +207,7 @@ static void take(struct f405 *m, uint8_t byte, bool has_stop) {
     }
     if ((usart->sr & RXNE) != 0) {
         usart->overruns++;
-        usart->sr |= ORE;  // what was read stays, what came is lost
+        usart->sr |= ORE;  // the unread byte stays, the one that came is lost
     } else {
         usart->received = byte;
         usart->sr |= RXNE | (has_stop ? 0 : FE);
@@ -221,7 +222,8 @@ void usart_received(struct f405 *m) {
     usart->line_count--;
     usart->is_receiving = false;
     if (m->radio != NULL) {
-        m->radio->host_write(m->radio->self, f405_ns(f405_when(m)), byte);
+        rn41_chip_host_write(m->radio, f405_ns(f405_when(m)), byte);
+        wired_tell_host(m);
         begin_receiving(m);
         wired_follow(m);
         return;
@@ -243,7 +245,8 @@ void usart_deliver(struct f405 *m, uint8_t byte, uint32_t baud) {
     }
     const uint8_t got = uart_sample(byte, baud, own, &has_stop);
     if (got != byte) {
-        // A frame that begins within one that it believes to be receiving is no start.
+        // A start bit within a frame that the receiver believes to be receiving is not
+        // recognized.
         const uint64_t length = f405_ps(FRAME_BITS, baud);
         const uint64_t start = now > length ? now - length : 0;
         if (start < usart->busy_until) {
@@ -270,7 +273,7 @@ int usart_rts(const struct f405 *m) {
     return is_on(m, CR1_RE) && (usart->sr & RXNE) == 0 && !m->rcc.is_stopped ? 0 : 1;
 }
 
-// A frame's time without a start bit; once only until something has come again.
+// A frame's time without a start bit sets IDLE, once until something has come again.
 void usart_idle(struct f405 *m) {
     struct f405_usart *usart = &m->usart;
     if (usart->is_idle_due && is_on(m, CR1_RE)) {
@@ -355,7 +358,7 @@ static void write_control(struct f405 *m, uint32_t value) {
     }
     usart->cr1 = value & CR1_KNOWN;
     if (!was_sending && is_on(m, CR1_TE)) {
-        // A frame of idle line goes first (RM, "Transmitter").
+        // The transmitter starts with an idle frame (RM, "Transmitter").
         usart->is_shifting = usart->is_preamble = true;
         f405_at(m, EVENT_USART_SENT, f405_when(m) + frame_ps(m));
     }
@@ -432,7 +435,7 @@ void usart_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
     wired_follow(m);
 }
 
-// What is on the line is not ours and goes on coming.
+// Bytes on the line come from outside and go on arriving.
 void usart_reset(struct f405 *m, unsigned unit) {
     (void)unit;
     struct f405_usart *usart = &m->usart;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // What is wired to the pins beside sensor and card: a radio on USART2, a Li-ion cell on
-// a divider, its charger, a BQ24072.
+// a divider, and its charger, a BQ24072.
+#include "../chips/rn41.h"
 #include "f405.h"
 
 enum {
@@ -47,7 +48,8 @@ void f405_charger(struct f405 *m, bool is_external, bool is_charging) {
     pins_follow_port(m, PORT_C);
 }
 
-// What the pin itself does: its level and over how many ohms; 0: nothing.
+// What the pin itself drives: its level and, in *ohms, the resistance behind it; 0:
+// nothing.
 static double own_mv(const struct f405 *m, double *ohms) {
     const struct f405_port *port = &m->ports[PORT_C];
     const unsigned mode = (port->moder >> (2 * PIN_BATTERY)) & 3;
@@ -119,11 +121,20 @@ int wired_level(const struct f405 *m, unsigned port, unsigned pin) {
 
 // Radio
 
+void wired_tell_host(struct f405 *m) {
+    uint8_t byte = 0;
+    while (rn41_chip_host_read(m->radio, &byte)) {
+        if (m->on_byte != NULL) {
+            m->on_byte(m->context, byte);
+        }
+    }
+}
+
 static void follow_outputs(struct f405 *m) {
-    const struct f405_radio *radio = m->radio;
+    struct rn41_chip *radio = m->radio;
     struct f405_wired *wired = &m->wired;
-    const int rts = radio->rts(radio->self);
-    const int pio2 = radio->pio2(radio->self);
+    const int rts = rn41_chip_rts(radio);
+    const int pio2 = rn41_chip_pio2(radio);
     if (rts != wired->rts) {
         wired->rts = rts;
         pins_follow_port(m, PORT_A);
@@ -136,7 +147,7 @@ static void follow_outputs(struct f405 *m) {
 }
 
 static void plan(struct f405 *m) {
-    const uint64_t next = m->radio->next_event(m->radio->self);
+    const uint64_t next = rn41_chip_next_event(m->radio);
     if (next > F405_NEVER / 2000) {
         f405_never(m, EVENT_RADIO);
         return;
@@ -146,14 +157,14 @@ static void plan(struct f405 *m) {
 }
 
 void wired_follow(struct f405 *m) {
-    const struct f405_radio *radio = m->radio;
+    struct rn41_chip *radio = m->radio;
     struct f405_wired *wired = &m->wired;
     if (radio == NULL) {
         return;
     }
     uint8_t byte = 0;
     uint32_t baud = 0;
-    while (radio->take(radio->self, &byte, &baud)) {
+    while (rn41_chip_take(radio, &byte, &baud)) {
         usart_deliver(m, byte, baud);
     }
     const uint64_t now_ns = f405_ns(f405_when(m));
@@ -161,13 +172,15 @@ void wired_follow(struct f405 *m) {
     const bool is_reset_low = !pins_level(m, PORT_B, PIN_RADIO_RESET);
     if (is_cts_high != wired->is_cts_high) {
         wired->is_cts_high = is_cts_high;
-        radio->set_cts(radio->self, now_ns, is_cts_high);
+        rn41_chip_set_cts(radio, now_ns, is_cts_high);
+        wired_tell_host(m);
     }
     if (is_reset_low != wired->is_reset_low) {
         wired->is_reset_low = is_reset_low;
-        radio->set_reset(radio->self, now_ns, is_reset_low);
+        rn41_chip_set_reset(radio, now_ns, is_reset_low);
+        wired_tell_host(m);
     }
-    if (radio->is_sending(radio->self)) {
+    if (rn41_chip_is_sending(radio)) {
         f405_never(m, EVENT_USART_IDLE);  // its start bit comes before
     }
     follow_outputs(m);
@@ -175,7 +188,8 @@ void wired_follow(struct f405 *m) {
 }
 
 void wired_event(struct f405 *m) {
-    m->radio->advance(m->radio->self, f405_ns(f405_when(m)));
+    rn41_chip_advance(m->radio, f405_ns(f405_when(m)));
+    wired_tell_host(m);
     wired_follow(m);
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Little programs on the virtual Nano that find out how its hardware behaves. The host
-// puts the number of one into PROBE, finds numbers in RESULT and waits for GPIOR2.
+// Small programs on the virtual Nano that measure how its hardware behaves. The host
+// puts the number of one into PROBE, waits for GPIOR2 and reads numbers from RESULT.
 #include <avr/eeprom.h>
 #include <avr/interrupt.h>
 #include <avr/io.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What the self-test and its programs on the virtual Nano agree on.
+// What the self-test and its programs on the virtual Nano share.
 #ifndef SIM_SELFTEST_PROBES_H
 #define SIM_SELFTEST_PROBES_H
 

@@ -27,7 +27,7 @@ static void say(const char *text) {
 
 static void read_chip(uint8_t address) {
     uint8_t value = 0;
-    const struct bus_device *bus = board_bus();
+    const struct bus_device *bus = &board_bus;
     const uint32_t begun = board_time_us();
     const enum bus_result result = bus->read(bus->port, address, WHO_AM_I, &value, 1);
     SAY("read %d %02x %lu\n", result, value, board_time_us() - begun);
@@ -43,29 +43,28 @@ static void recover(void) {
 static void set_chip_up(void) {
     static const uint8_t rate[] = {4, 2, 0x18, 0x18, 2};  // SMPLRT_DIV and on
     static const uint8_t pulse[] = {0, 1};                // INT_PIN_CFG, INT_ENABLE
-    const struct bus_device *bus = board_bus();
+    const struct bus_device *bus = &board_bus;
     const enum bus_result first = bus->write(bus->port, ADDRESS, 0x19, rate, 5);
     const enum bus_result second = bus->write(bus->port, ADDRESS, 0x37, pulse, 2);
     SAY("set up %d %d\n", first, second);
 }
 
 static void take_all(void) {
-    struct board_sample sample;
+    struct reading sample;
     uint16_t taken = 0;
     uint16_t missed = 0;
-    enum board_sample_result result = board_sample_take(&sample);
-    for (; result == BOARD_SAMPLE_OK; result = board_sample_take(&sample)) {
+    enum reading_result result = board_reading_take(&sample);
+    for (; result == READING_OK; result = board_reading_take(&sample)) {
         taken++;
         missed = (uint16_t)(missed + sample.missed);
     }
     SAY("took %u missed %u ready %lu then %d %d\n", taken, missed,
-        board_samples_ready(), result,
-        result == BOARD_SAMPLE_FAILED ? sample.failure : 0);
+        board_samples_ready(), result < 0 ? -1 : result, result < 0 ? result : 0);
 }
 
 static void one_sample(void) {
-    struct board_sample sample;
-    while (board_sample_take(&sample) != BOARD_SAMPLE_OK) {
+    struct reading sample;
+    while (board_reading_take(&sample) != READING_OK) {
         board_idle();
     }
     SAY("sample 0x%02x%02x at %lu missed %u ready %lu\n", sample.bytes[4],
@@ -102,7 +101,7 @@ static void fill_wire(void) {
 }
 
 static void use_eeprom(void) {
-    const struct settings_storage *storage = board_storage();
+    const struct settings_storage *storage = &board_storage;
     uint8_t differences = 0;
     for (uint16_t offset = 500; offset < 520; offset++) {
         storage->write(storage->port, offset, (uint8_t)(offset * 7));

@@ -55,6 +55,7 @@ def program(root: Path) -> Path:
         *("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"),
         *("-I", root / "firmware", root / "tests" / "avr" / "board_test.c"),
         *sorted(core),
+        *sorted((root / "firmware" / "generic").glob("*.c")),
         *sorted((root / "firmware" / "avr").glob("*.[cS]")),
     )
 

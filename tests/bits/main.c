@@ -5,12 +5,12 @@
 #include <string.h>
 
 #include "board.h"
-#include "core/wire/frame.h"
 #include "core/drivers/lsm9ds0.h"
-#include "core/wire/messages.h"
 #include "core/drivers/mpu9250.h"
 #include "core/fusion/pose.h"
 #include "core/probe/probe.h"
+#include "core/wire/frame.h"
+#include "core/wire/messages.h"
 
 static struct frame_decoder decoder;
 static uint8_t content[MESSAGE_CONTENT_MAX + FRAME_CRC];
@@ -46,7 +46,7 @@ static void take_hello(uint8_t length) {
 }
 
 static struct counts counts_of(const int16_t values[3]) {
-    return (struct counts){values[0], values[1], values[2]};
+    return (struct counts){.x = values[0], .y = values[1], .z = values[2]};
 }
 
 static void take_raw(uint8_t length) {
@@ -126,11 +126,11 @@ static bool swallow(const uint8_t *bytes, uint8_t length) {
 
 int main(void) {
     static struct outlet wire = {.put = swallow};
-    static struct probe_port port = {.wire = &wire};
     static struct probe probe;  // without a sensor
+    static const IN_FLASH struct probe_port port = {.wire = &wire};
     probe.port = &port;
     board_init();
-    board_extras_begin(&port);
+    board_extras_begin(&probe);
     frame_decoder_init(&decoder, SCHEMA_SEED, MESSAGE_HELLO, content, sizeof content);
     for (;;) {
         board_watchdog_kick();

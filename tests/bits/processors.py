@@ -86,6 +86,7 @@ def flags(environment: str) -> tuple[str, ...]:
 def build(processor: Processor) -> Path:
     core = sorted((FIRMWARE / "core").rglob("*.c"))
     own = [*(FIRMWARE / processor.folder).glob("*.[cS]")]
+    own += (FIRMWARE / "generic").glob("*.c")
     sources = [file for file in core if processor.portable or file.stem != "fixed_mul"]
     return images.program(
         *processor.compiler,

@@ -73,9 +73,11 @@ def dtype_of(kind: Any) -> np.dtype[Any]:
     if kind.kind == "struct":
         if kind.cname == "struct vector":
             return np.dtype((np.int32, (3,)))
+        if kind.cname == "struct counts":
+            return np.dtype((np.int16, (3,)))
         names = [name for name, _ in kind.fields]
-        if names in (["x", "y", "z"], ["w", "x", "y", "z"]):
-            return np.dtype((dtype_of(kind.fields[0][1].type), (len(names),)))
+        if names == ["w", "x", "y", "z"]:
+            return np.dtype((np.int32, (4,)))
         return np.dtype(
             {
                 "names": names,

@@ -7,10 +7,10 @@ from __future__ import annotations
 import zlib
 from typing import Any
 
-import native
+import chips
 from core.fake_card import BLOCK, FakeCard, Wire
 
-ffi, lib = native.load(["sim/chips/sdcard.c"], ["sim/chips/sdcard.h"])
+ffi, lib = chips.load("sdcard")
 
 RING = 65536
 FRAME = 118  # bytes: raw and pose of a sample

@@ -142,13 +142,13 @@ void loop_nectec(int count, const struct quat *q, struct euler *out) {
 
 void loop_axes(int count, const struct quat *q, struct vector *rows) {
     for (int i = 0; i < count; ++i) {
-        classic_axes(&q[i], &rows[3 * i]);
+        quat_to_rows(&q[i], &rows[3 * i]);
     }
 }
 
 void loop_quat_of_axes(int count, const struct vector *rows, struct quat *out) {
     for (int i = 0; i < count; ++i) {
-        classic_quat(&rows[3 * i], &out[i]);
+        quat_from_rows(&rows[3 * i], &out[i]);
     }
 }
 

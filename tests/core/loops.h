@@ -7,11 +7,11 @@
 #include <stdint.h>
 
 #include "core/fusion/attitude.h"
-#include "core/fusion/classic.h"
+#include "core/fusion/fuse.h"
+#include "core/fusion/paper_filter.h"
+#include "core/fusion/pose.h"
 #include "core/math/euler.h"
 #include "core/math/fixed.h"
-#include "core/fusion/fuse.h"
-#include "core/fusion/pose.h"
 #include "core/math/quat.h"
 #include "core/math/vector.h"
 

@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import native
+import chips
 
-ffi, lib = native.load(["sim/chips/lsm9ds0.c"], ["sim/chips/lsm9ds0.h"])
+ffi, lib = chips.load("lsm9ds0")
 
 Triple = tuple[float, float, float]
 
@@ -193,15 +193,16 @@ class Model:
         self, transfer: Any, address: int, reg: int, data: Any, length: int
     ) -> int:
         now = ffi.new("uint64_t *", self._now_ns)
-        result = transfer(self.c, now, address, reg, data, length)
+        wire = lib.lsm9ds0_chip_wire(self.c)
+        result = transfer(wire, now, address, reg, data, length)
         self._now_ns = now[0]
         return {0: lib.BUS_OK, -1: lib.BUS_NACK, -3: lib.BUS_STUCK}[result]
 
     def read(self, _: Any, *transfer: Any) -> int:
-        return self._move(lib.lsm9ds0_chip_read_registers, *transfer)
+        return self._move(lib.i2c_slave_read_registers, *transfer)
 
     def write(self, _: Any, *transfer: Any) -> int:
-        return self._move(lib.lsm9ds0_chip_write_registers, *transfer)
+        return self._move(lib.i2c_slave_write_registers, *transfer)
 
     def await_edge(self) -> None:
         assert not self.is_ready, "the edge has been"
@@ -224,8 +225,8 @@ class Model:
         lib.lsm9ds0_chip_hold(self.c, gyr, acc, mag)
 
     def fault(self, kind: int, **fields: Any) -> None:
-        fault = ffi.new("struct lsm9ds0_chip_fault *", {"kind": kind, **fields})
-        assert lib.lsm9ds0_chip_add_fault(self.c, fault)
+        fault = ffi.new("struct chip_fault *", {"kind": kind, **fields})
+        assert lib.i2c_slave_add_fault(lib.lsm9ds0_chip_wire(self.c), fault)
 
     @property
     def complaint(self) -> str | None:
@@ -940,14 +941,14 @@ def test_a_models_wire_pulled_anywhere_is_reported_and_the_next_set_up_works():
 def test_a_refused_byte_is_a_failed_bus(at_byte):
     bench = Bench(Model())
     bench.chip.fault(
-        lib.LSM9DS0_CHIP_NACK, first=3, transactions=1_000_000, at_byte=at_byte
+        lib.CHIP_FAULT_NACK, first=3, transactions=1_000_000, at_byte=at_byte
     )
     assert bench.set_up() == lib.SENSOR_BUS_FAILED
 
 
 def test_a_held_data_line_is_a_failed_bus():
     bench = Bench(Model())
-    bench.chip.fault(lib.LSM9DS0_CHIP_STUCK_SDA, from_ns=400_000_000)
+    bench.chip.fault(lib.CHIP_FAULT_STUCK_SDA, from_ns=400_000_000)
     assert bench.set_up() == lib.SENSOR_BUS_FAILED
 
 
@@ -955,17 +956,15 @@ def test_a_held_data_line_is_a_failed_bus():
 @pytest.mark.parametrize("from_ms", [0, 500, 1000])
 def test_a_model_that_never_gets_ready_is_stuck_in_bounded_time(die, from_ms):
     bench = Bench(Model())
-    bench.chip.fault(
-        lib.LSM9DS0_CHIP_NO_DATA_READY, die=die, from_ns=from_ms * 1_000_000
-    )
+    bench.chip.fault(lib.CHIP_FAULT_NO_DATA_READY, die=die, from_ns=from_ms * 1_000_000)
     assert bench.set_up() == lib.SENSOR_STUCK
-    lib.lsm9ds0_chip_clear_faults(bench.chip.c)
+    lib.i2c_slave_clear_faults(lib.lsm9ds0_chip_wire(bench.chip.c))
     assert bench.set_up() == lib.SENSOR_OK
 
 
 def test_a_model_without_magnetometer_has_six_axes():
     bench = Bench(Model())
-    bench.chip.fault(lib.LSM9DS0_CHIP_NO_MAG)
+    bench.chip.fault(lib.CHIP_FAULT_NO_MAG)
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0xD4, 0]
     assert bench.identity.self_test == BOTH_PASSED | lib.SELF_TEST_MAG_FAILED
@@ -975,8 +974,8 @@ def test_a_model_without_magnetometer_has_six_axes():
 @pytest.mark.parametrize(
     ("kind", "verdict"),
     [
-        (lib.LSM9DS0_CHIP_GYR_SELF_TEST, ACC_PASSED | GYR_FAILED),
-        (lib.LSM9DS0_CHIP_ACC_SELF_TEST, ACC_FAILED | GYR_PASSED),
+        (lib.CHIP_FAULT_GYR_SELF_TEST, ACC_PASSED | GYR_FAILED),
+        (lib.CHIP_FAULT_ACC_SELF_TEST, ACC_FAILED | GYR_PASSED),
     ],
 )
 def test_a_weak_sensor_fails_its_self_test(kind, verdict):
@@ -989,7 +988,7 @@ def test_a_weak_sensor_fails_its_self_test(kind, verdict):
 def test_an_accelerometer_whose_clock_stops_ends_the_models_samples():
     bench = modelled()
     bench.samples(5)
-    bench.chip.fault(lib.LSM9DS0_CHIP_NO_DATA_READY, die=lib.LSM9DS0_CHIP_XM)
+    bench.chip.fault(lib.CHIP_FAULT_NO_DATA_READY, die=lib.LSM9DS0_CHIP_XM)
     bench.samples(4)
     assert bench.is_refused(bench.take())
 

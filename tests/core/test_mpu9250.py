@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import native
+import chips
 
-ffi, lib = native.load(["sim/chips/mpu9250.c"], ["sim/chips/mpu9250.h"])
+ffi, lib = chips.load("mpu9250")
 
 G = 9.80665
 DEGREE = math.pi / 180
@@ -73,17 +73,13 @@ class Bench:
 
     def _read_chip(self, _: Any, address: int, reg: int, data: Any, length: int) -> int:
         self.log.append((self.now_ns / 1e6, "read", reg))
-        return self._transfer(
-            lib.mpu9250_chip_read_registers, address, reg, data, length
-        )
+        return self._transfer(lib.i2c_slave_read_registers, address, reg, data, length)
 
     def _write_chip(
         self, _: Any, address: int, reg: int, data: Any, length: int
     ) -> int:
         self.log.append((self.now_ns / 1e6, "write", reg))
-        return self._transfer(
-            lib.mpu9250_chip_write_registers, address, reg, data, length
-        )
+        return self._transfer(lib.i2c_slave_write_registers, address, reg, data, length)
 
     def _transfer(
         self, move: Callable[..., int], address: int, reg: int, data: Any, length: int
@@ -91,7 +87,8 @@ class Bench:
         if self._pulled():
             return int(lib.BUS_NACK)
         now = ffi.new("uint64_t *", self.now_ns)
-        result = move(self.chip, now, address, reg, data, length)
+        wire = lib.mpu9250_chip_wire(self.chip)
+        result = move(wire, now, address, reg, data, length)
         self.now_ns = now[0]
         return {0: lib.BUS_OK, -1: lib.BUS_NACK, -3: lib.BUS_STUCK}[result]
 
@@ -126,8 +123,8 @@ class Bench:
         lib.mpu9250_chip_hold(self.chip, gyr, acc, mag)
 
     def fault(self, kind: int, **fields: Any) -> None:
-        fault = ffi.new("struct mpu9250_chip_fault *", {"kind": kind, **fields})
-        assert lib.mpu9250_chip_add_fault(self.chip, fault)
+        fault = ffi.new("struct chip_fault *", {"kind": kind, **fields})
+        assert lib.i2c_slave_add_fault(lib.mpu9250_chip_wire(self.chip), fault)
 
     def next_edge(self) -> None:
         """Let time pass to the next rising edge of INT."""
@@ -294,7 +291,7 @@ def test_set_up_stays_done_when_device_time_wraps():
 @pytest.mark.parametrize("who", [0x00, 0x12, 0x68, 0x72, 0xEA, 0xFF])
 def test_a_chip_of_another_kind_is_refused_and_named(who):
     bench = Bench()
-    bench.fault(lib.MPU9250_CHIP_WRONG_WHO_AM_I, value=who)
+    bench.fault(lib.CHIP_FAULT_WRONG_WHO_AM_I, value=who)
     assert bench.set_up() == lib.SENSOR_WRONG_CHIP
     assert bench.identity.who_am_i[0] == who
 
@@ -334,10 +331,10 @@ def test_a_counterfeit_without_magnetometer_is_a_six_axis_probe():
 
 def test_a_magnetometer_that_comes_back_is_found_by_the_next_set_up():
     bench = Bench()
-    bench.fault(lib.MPU9250_CHIP_NO_AK8963)
+    bench.fault(lib.CHIP_FAULT_NO_MAG)
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.who_am_i[1] == 0
-    lib.mpu9250_chip_clear_faults(bench.chip)
+    lib.i2c_slave_clear_faults(lib.mpu9250_chip_wire(bench.chip))
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0x71, 0x48]
     assert bench.identity.self_test == ALL_PASSED
@@ -624,7 +621,7 @@ def running_once() -> Bench:
 
 def test_a_weak_gyroscope_fails_its_self_test():
     bench = Bench()
-    bench.fault(lib.MPU9250_CHIP_GYR_SELF_TEST)
+    bench.fault(lib.CHIP_FAULT_GYR_SELF_TEST)
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.self_test == ACC_PASSED | lib.SELF_TEST_GYR_FAILED | (
         MAG_PASSED
@@ -633,7 +630,7 @@ def test_a_weak_gyroscope_fails_its_self_test():
 
 def test_a_weak_accelerometer_fails_its_self_test():
     bench = Bench()
-    bench.fault(lib.MPU9250_CHIP_ACC_SELF_TEST)
+    bench.fault(lib.CHIP_FAULT_ACC_SELF_TEST)
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.self_test == lib.SELF_TEST_ACC_FAILED | GYR_PASSED | (
         MAG_PASSED
@@ -663,18 +660,18 @@ def set_up_in_motion(bench: Bench) -> int:
 
 def test_a_self_test_that_motion_spoils_is_no_verdict():
     bench = Bench()
-    bench.fault(lib.MPU9250_CHIP_GYR_SELF_TEST)
-    bench.fault(lib.MPU9250_CHIP_ACC_SELF_TEST)
+    bench.fault(lib.CHIP_FAULT_GYR_SELF_TEST)
+    bench.fault(lib.CHIP_FAULT_ACC_SELF_TEST)
     assert set_up_in_motion(bench) == lib.SENSOR_OK
     assert bench.identity.self_test == MAG_PASSED
 
 
 def test_a_self_test_without_verdict_is_run_again_by_the_next_set_up():
     bench = Bench()
-    bench.fault(lib.MPU9250_CHIP_GYR_SELF_TEST)
-    bench.fault(lib.MPU9250_CHIP_ACC_SELF_TEST)
+    bench.fault(lib.CHIP_FAULT_GYR_SELF_TEST)
+    bench.fault(lib.CHIP_FAULT_ACC_SELF_TEST)
     assert set_up_in_motion(bench) == lib.SENSOR_OK
-    lib.mpu9250_chip_clear_faults(bench.chip)
+    lib.i2c_slave_clear_faults(lib.mpu9250_chip_wire(bench.chip))
     bench.hold()
     assert bench.set_up() == lib.SENSOR_OK
     assert bench.identity.self_test == ALL_PASSED
@@ -883,30 +880,28 @@ def test_a_wire_pulled_at_any_transaction_is_reported_and_the_next_set_up_works(
 @pytest.mark.parametrize("at_byte", [0, 1, 2, 5])
 def test_a_refused_byte_is_a_failed_bus(at_byte):
     bench = Bench()
-    bench.fault(
-        lib.MPU9250_CHIP_NACK, first=30, transactions=1_000_000, at_byte=at_byte
-    )
+    bench.fault(lib.CHIP_FAULT_NACK, first=30, transactions=1_000_000, at_byte=at_byte)
     assert bench.set_up() == lib.SENSOR_BUS_FAILED
 
 
 def test_a_held_data_line_is_a_failed_bus():
     bench = Bench()
-    bench.fault(lib.MPU9250_CHIP_STUCK_SDA, from_ns=400_000_000)
+    bench.fault(lib.CHIP_FAULT_STUCK_SDA, from_ns=400_000_000)
     assert bench.set_up() == lib.SENSOR_BUS_FAILED
 
 
 @pytest.mark.parametrize("from_ms", [0, 300, 500, 750])
 def test_a_chip_that_never_gets_ready_is_stuck_in_bounded_time(from_ms):
     bench = Bench()
-    bench.fault(lib.MPU9250_CHIP_NO_DATA_READY, from_ns=from_ms * 1_000_000)
+    bench.fault(lib.CHIP_FAULT_NO_DATA_READY, from_ns=from_ms * 1_000_000)
     assert bench.set_up() == lib.SENSOR_STUCK
-    lib.mpu9250_chip_clear_faults(bench.chip)
+    lib.i2c_slave_clear_faults(lib.mpu9250_chip_wire(bench.chip))
     assert bench.set_up() == lib.SENSOR_OK
 
 
 def test_an_mpu_6500_that_never_gets_ready_is_stuck_too():
     bench = Bench(who_am_i=0x70, has_ak8963=False)
-    bench.fault(lib.MPU9250_CHIP_NO_DATA_READY)
+    bench.fault(lib.CHIP_FAULT_NO_DATA_READY)
     assert bench.set_up() == lib.SENSOR_STUCK
 
 

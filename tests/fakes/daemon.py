@@ -20,13 +20,13 @@ from typing import Any, Self
 from fakes.port import PATIENCE_S
 from imud.client import Client
 
-# Bound and never listening: a daemon, which sets SO_REUSEADDR, can have the port, and
-# the system gives it to nobody else (socket(7)).
+# Bound, but not listening: a daemon, which sets SO_REUSEADDR, can still bind the port,
+# while the system assigns it to nobody else (socket(7)).
 _kept: deque[socket.socket] = deque(maxlen=100)
 
 
 def free_address() -> tuple[str, int]:
-    """An address that the system has given to this process, for a while."""
+    """A loopback address and port, reserved until 100 more have been taken."""
     if len(_kept) == _kept.maxlen:
         _kept.popleft().close()
     kept = socket.socket()
@@ -37,13 +37,13 @@ def free_address() -> tuple[str, int]:
 
 
 def free_endpoint() -> str:
-    """The same, as Zenoh calls it."""
+    """A free address as an endpoint of Zenoh."""
     host, port = free_address()
     return f"tcp/{host}:{port}"
 
 
 def status_of(client: Client) -> dict[str, Any]:
-    """That of the only probe, which may have none for its first second."""
+    """The status of the only probe; waits, because the first comes after a second."""
     until = time.monotonic() + PATIENCE_S
     while not (found := client.statuses()):
         assert time.monotonic() < until, "no status came"
@@ -53,13 +53,13 @@ def status_of(client: Client) -> dict[str, Any]:
 
 
 class DaemonProcess:
-    """`imud run` as a user runs it. Its lines are read as they come."""
+    """`imud run` as a process. Its lines of stderr are read as they come."""
 
     def __init__(
         self,
         *arguments: object,
         directory: Path,
-        log: bool | None = True,  # None: as a configuration says
+        log: bool | None = True,  # None: leave it to the configuration
         program: tuple[str, ...] = ("-m", "imud"),
         endpoint: str = "",
     ) -> None:
@@ -95,7 +95,7 @@ class DaemonProcess:
             self.process.stderr.close()
 
     def expect(self, pattern: str) -> str:
-        """The next line that matches."""
+        """Wait for the next line that matches; fail after PATIENCE_S."""
         until = time.monotonic() + PATIENCE_S
         while (left := until - time.monotonic()) > 0:
             try:
@@ -107,12 +107,12 @@ class DaemonProcess:
             self.lines.append(line)
             if re.search(pattern, line):
                 return line
-        # One that was left to itself would take up ptys of the tests that follow.
+        # Left running, it could open ptys of the tests that follow.
         self.process.kill()
         raise AssertionError(f"no line matches {pattern!r} in {self.lines}")
 
     def seen(self) -> list[str]:
-        """The lines that came by now, which are expected no longer."""
+        """All lines so far; expect() will not see them again."""
         come: list[str] = []
         with contextlib.suppress(queue.Empty):
             while (line := self._fresh.get_nowait()) is not None:
@@ -122,7 +122,7 @@ class DaemonProcess:
         return come
 
     def stop(self, by: signal.Signals = signal.SIGTERM) -> float:
-        """Asks it to end and returns the seconds that it took."""
+        """Send a signal, wait for exit code 0 and return the seconds that it took."""
         begin = time.monotonic()
         self.process.send_signal(by)
         code = self.process.wait(PATIENCE_S)
@@ -132,7 +132,7 @@ class DaemonProcess:
         return seconds
 
     def rest(self) -> Iterator[str]:
-        """All lines up to its end."""
+        """All lines up to the process's end."""
         while (line := self._fresh.get(timeout=PATIENCE_S)) is not None:
             yield line
 

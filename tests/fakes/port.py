@@ -13,21 +13,21 @@ from pathlib import Path
 
 from fakes.probe import FakeProbe
 
-# A busy machine may take long; what goes well takes none of it.
+# Limit for every wait: long enough for a busy machine.
 PATIENCE_S = 30.0
-# Of serial ports, as far as tests set them.
+# Baud rates that tests set.
 RATES = (38_400, 115_200, 230_400, 500_000, 921_600)
 
 
 def misheard(data: bytes, sent_baud: int, read_baud: int) -> bytes:
-    """What a receiver at another rate makes of these bytes: 8N1, sampled mid-bit."""
+    """The bytes that a receiver at another baud rate reads: 8N1, sampled mid-bit."""
     if sent_baud == read_baud:
         return data
     levels = [1]
     for byte in data:
         levels += [0, *((byte >> bit) & 1 for bit in range(8)), 1]
     levels += [1] * 10
-    step = sent_baud / read_baud  # bits of the sender in one of the receiver
+    step = sent_baud / read_baud  # the sender's bits in one of the receiver's
     heard = bytearray()
     at = 0.0
     while start := next((i for i in range(int(at), len(levels)) if not levels[i]), 0):
@@ -43,14 +43,14 @@ def misheard(data: bytes, sent_baud: int, read_baud: int) -> bytes:
 class Port:
     """A pty: the daemon opens `path`, the test writes and reads the other end.
 
-    With a rate, who has set another one hears other bytes, as on a wire.
+    With `baud`, a reader that has set another rate reads other bytes, as on a wire.
     """
 
     def __init__(self, link: Path, baud: int | None = None) -> None:
         self._baud = baud
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
-        # For wait_open(): a pty begins without it.
+        # wait_open() waits until the daemon clears this flag.
         attributes = termios.tcgetattr(self._slave)
         attributes[2] |= termios.HUPCL
         termios.tcsetattr(self._slave, termios.TCSANOW, attributes)
@@ -59,7 +59,7 @@ class Port:
         link.symlink_to(os.ttyname(self._slave))
 
     def wait_open(self) -> None:
-        """Until the daemon has opened it; bytes written before that are flushed."""
+        """Wait until the daemon has opened the port; bytes written earlier are lost."""
         until = time.monotonic() + PATIENCE_S
         while termios.tcgetattr(self._slave)[2] & termios.HUPCL:
             assert time.monotonic() < until, "the daemon did not open the port"
@@ -67,12 +67,12 @@ class Port:
 
     @property
     def master(self) -> int:
-        """What is to be read here was written by the daemon."""
+        """The test's end; what the daemon writes is read here."""
         return self._master
 
     @property
     def speed(self) -> int:
-        """The rate that the other end has set."""
+        """The baud rate that the daemon has set."""
         code = termios.tcgetattr(self._slave)[5]
         return next(rate for rate in RATES if getattr(termios, f"B{rate}") == code)
 
@@ -84,13 +84,13 @@ class Port:
             data = data[written:]
 
     def read(self) -> bytes:
-        """Some bytes, as soon as there are any."""
+        """Wait for bytes from the daemon and return them; fail after PATIENCE_S."""
         ready, _, _ = select.select([self._master], [], [], PATIENCE_S)
         assert ready, "the daemon wrote nothing"
         return os.read(self._master, 4096)
 
     def answers(self, probe: FakeProbe) -> bytes:
-        """To what the daemon has written by now."""
+        """The probe's answers to what the daemon has written so far."""
         ready, _, _ = select.select([self._master], [], [], 0)
         return probe.hear(os.read(self._master, 4096)) if ready else b""
 
@@ -101,7 +101,7 @@ class Port:
                 os.close(descriptor)
 
     def serve(self, probe: FakeProbe, commands: int) -> None:
-        """Lets the probe answer until it has heard so many commands."""
+        """Let the probe answer until it has got so many more commands."""
         until = len(probe.commands) + commands
         while len(probe.commands) < until:
             self.write(probe.hear(self.read()))

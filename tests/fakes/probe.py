@@ -11,12 +11,15 @@ from imud.wire import schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode, encode
 
-# Commands that an event tells of.
+# Commands that a probe also reports as an event, and that event.
 CHANGES = {"restart": "restarted", "tare": "tared"}
 
 
 class FakeProbe:
-    """Says what a probe says, in its order: one count for all its messages."""
+    """Makes a probe's messages, with one sequence count for all of them.
+
+    Keyword arguments replace fields of its hello.
+    """
 
     def __init__(self, **hello: Any) -> None:
         self.hello_fields = HELLO | hello
@@ -50,7 +53,7 @@ class FakeProbe:
         self.hello_fields = self.hello_fields | {"boot_count": boots}
 
     def hear(self, data: bytes) -> bytes:
-        """The answers to commands among these bytes."""
+        """The answers to the commands in these bytes."""
         said = b""
         for content in self._decoder.feed(data):
             message = decode(content)
@@ -62,7 +65,7 @@ class FakeProbe:
         said = b""
         token = fields["token"]
         if self._replied is None or self._replied[0] != token:
-            # The daemon asks for the time whenever it likes.
+            # Not recorded: the daemon asks for the time at any moment.
             if fields["command"] != "time":
                 self.commands.append(fields)
             result = self.results.get(fields["command"], "ok")

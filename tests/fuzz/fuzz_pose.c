@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 // Any counts at any intervals, with any valid calibration and any commands between: a
 // unit quaternion comes out, and what is not known is null.
-#include "core/fusion/classic.h"
+#include "core/fusion/paper_filter.h"
+#include "core/fusion/pose.h"
 #include "core/math/euler.h"
 #include "fuzz.h"
-#include "core/fusion/pose.h"
 
 enum { STEPS_MAX = 6000 };  // of one input, 30 s: repeats make long runs of few bytes
 
@@ -63,8 +63,8 @@ static void check_angles(const int32_t q[4]) {
     struct quat back;
     euler_aerospace(&quat, &angles);
     CHECK(angles.pitch <= Q2_30_ONE && angles.pitch >= -Q2_30_ONE);
-    classic_axes(&quat, rows);
-    classic_quat(rows, &back);
+    quat_to_rows(&quat, rows);
+    quat_from_rows(rows, &back);
     // The same attitude, with either sign: |<q, back>| is 1.
     const int64_t along = (int64_t)quat.w * back.w + (int64_t)quat.x * back.x +
                           (int64_t)quat.y * back.y + (int64_t)quat.z * back.z;

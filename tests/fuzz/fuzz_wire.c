@@ -4,8 +4,8 @@
 #include <string.h>
 
 #include "core/wire/frame.h"
-#include "fuzz.h"
 #include "core/wire/messages.h"
+#include "fuzz.h"
 
 // A content either is refused, with nothing written, or comes back from what was read
 // of it. Of hello alone a later version may add fields, which are left out.

@@ -318,7 +318,7 @@ def test_a_refusal_says_why(chain: Chain) -> None:
         chain.client.command(chain.probe.name, "dance")
     with pytest.raises(CommandRefused, match="arguments can't be"):
         chain.client.command(chain.probe.name, "rate", stream="pose", hz="99999999999")
-    with pytest.raises(NoReply, match="nobody answered start for probe stylus"):
+    with pytest.raises(NoReply, match="no reply to start for probe stylus"):
         chain.client.command("stylus", "start")
 
 
@@ -718,7 +718,8 @@ def test_listen_prints_what_is_published_and_sums_up(
     streamer.start()
     connect = ["--connect", chain.daemon.endpoint]
     try:
-        assert cli.main(["listen", "--seconds", "0.6", "--json", *connect]) == 0
+        angles = ["--json", "--angles", "nectec"]
+        assert cli.main(["listen", "--seconds", "0.6", *angles, *connect]) == 0
         printed = capsys.readouterr()
         assert cli.main(["listen", chain.probe.name, "--seconds", "2.5", *connect]) == 0
         shown = capsys.readouterr()
@@ -730,6 +731,7 @@ def test_listen_prints_what_is_published_and_sums_up(
     poses = [json.loads(line) for line in printed.out.splitlines()]
     first, count = poses[0]["seq"], len(poses)
     assert [pose["seq"] for pose in poses] == list(range(first, first + count))
+    assert list(poses[0]["nectec"].values()) == pytest.approx([0, -90, 90])
     assert f"{count} poses received" in printed.err
     assert "0 messages missing by sequence" in printed.err
     lines = shown.out.splitlines()
@@ -788,7 +790,7 @@ def test_no_pose_is_one_line(chain: Chain, capsys: pytest.CaptureFixture[str]) -
     arguments = ["listen", "--seconds", "0.2", "--connect", chain.daemon.endpoint]
     assert cli.main(arguments) == 1
     assert capsys.readouterr().err == (
-        "imud: no pose came; is a probe streaming? imud list, and imud start\n"
+        "imud: no pose arrived; is a probe streaming? try imud list, and imud start\n"
     )
 
 

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from fakes import FakeProbe
-from imud import cli
-from imud.probes.record import Record, euler_deg
+from imud import cli, rotation
+from imud.probes.record import Record
 from imud.sinks.log import LogSink
 from imud.wire import schema
 
@@ -237,4 +237,4 @@ def test_a_file_that_can_not_be_read_is_one_line(
     ],
 )
 def test_yaw_pitch_and_roll(q: list[float], angles: tuple[float, ...]) -> None:
-    assert euler_deg(q) == pytest.approx(angles, abs=1e-4)
+    assert rotation.angles_deg(q, "nautical") == pytest.approx(angles, abs=1e-4)

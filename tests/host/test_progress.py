@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The progress bar: on a terminal, and nowhere else."""
+"""The progress bar, which is drawn on a terminal only."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def test_a_viewer_that_commands_is_not_heard(
     assert network.read_credentials(forged).password == credentials.password
     with Client(guarded.endpoint, keys=forged) as mine:
         guarded.daemon.seen()
-        with pytest.raises(NoReply, match="your keys do not let you command"):
+        with pytest.raises(NoReply, match="your keys no longer allow commands"):
             mine.command(PROBE, "tare")
         guarded.expect_denied()
         # The last is Zenoh's own configuration.

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import signal
 import subprocess
@@ -127,44 +128,37 @@ def test_a_named_file_that_is_not_there_is_an_error(tmp_path: Path) -> None:
         sim.find(tmp_path / "none", "IMUD_SIM", sim.NANO.simulator)
 
 
-@pytest.mark.parametrize("board", sim.BOARDS)
+# Arguments.
+
+
+NO_SENSE = [
+    ["--record", "a.bin"],
+    ["--record", "a.bin", "--link", "b", "--seconds", "1"],
+    ["--seconds", "0"],
+    ["--seconds", "inf"],
+    ["--seconds", "soon"],
+    ["--rate", "0"],
+    ["--rate", "381"],
+    ["--seed", "-1"],
+    ["--save-motion", "a.npz"],
+    ["--save-motion", "a.npz", "--seconds", "1", "--motion", "b.npz"],
+    ["--faster"],
+    ["--parts", "parts"],
+]
+# Of what a board does not have.
+NOT_THERE = [
+    ("nano", ["--rate", "201"]),
+    ("nano", ["--card", "card.img"]),
+    ("nano", ["--battery", "3700"]),
+    ("f405", ["--battery", "5001"]),
+    ("f405", ["--battery", "-1"]),
+]
+
+
 @pytest.mark.parametrize(
-    "words",
-    [
-        ["--record", "a.bin"],
-        ["--record", "a.bin", "--link", "b", "--seconds", "1"],
-        ["--seconds", "0"],
-        ["--seconds", "inf"],
-        ["--seconds", "soon"],
-        ["--rate", "0"],
-        ["--rate", "381"],
-        ["--seed", "-1"],
-        ["--save-motion", "a.npz"],
-        ["--save-motion", "a.npz", "--seconds", "1", "--motion", "b.npz"],
-        ["--faster"],
-    ],
+    ("board", "words"), [*itertools.product(sim.BOARDS, NO_SENSE), *NOT_THERE]
 )
 def test_arguments_that_make_no_sense_are_usage_errors(
-    board: str, words: list[str]
-) -> None:
-    with pytest.raises(SystemExit) as end:
-        cli.main(["sim", board, *words])
-    assert end.value.code == 2
-
-
-@pytest.mark.parametrize(
-    ("board", "words"),
-    [
-        ("nano", ["--rate", "201"]),
-        ("nano", ["--card", "card.img"]),
-        ("nano", ["--battery", "3700"]),
-        ("nano", ["--parts", "parts"]),
-        ("f405", ["--parts", "parts"]),
-        ("f405", ["--battery", "5001"]),
-        ("f405", ["--battery", "-1"]),
-    ],
-)
-def test_what_a_board_does_not_have_is_a_usage_error(
     board: str, words: list[str]
 ) -> None:
     with pytest.raises(SystemExit) as end:

@@ -15,10 +15,11 @@ from length import choose
 
 ROOT = Path(__file__).resolve().parents[2]
 SIM = ROOT / "sim"
-PARTS = ROOT / "build" / "sim" / "f405_parts"
+SOURCES = SIM / "f405"
+BUILT = ROOT / "build" / "sim"
 FLAGS = ("-std=gnu11", "-O1", *native.WARNINGS)
 # What reads an image is not in it.
-ELSEWHERE = ("image.o", "follow.o")
+ELSEWHERE = ("image", "follow")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -26,15 +27,21 @@ def parts() -> None:
     images.emulators()
 
 
-def twin(folder: Path, thumb: Path) -> Path:
-    """The comparison of this thumb.c, or of its object, with libunicorn."""
+def twin(folder: Path, thumb: Path | None = None) -> Path:
+    """The comparison with libunicorn of what was built, or of thumb's files there."""
     program = folder / "twin"
+    parts = [path.stem for path in SOURCES.glob("*.c") if path.stem not in ELSEWHERE]
     objects = [
-        path for path in PARTS.glob("*.o") if path.name not in (*ELSEWHERE, "thumb.o")
+        BUILT / "f405_parts" / f"{name}.o"
+        for name in sorted(parts)
+        if thumb is None or not name.startswith("thumb")
     ]
-    source = Path(__file__).with_name("thumb_twin.c")
-    command: list[str | Path] = ["gcc", *FLAGS, f"-I{SIM}/f405", "-o", program, source]
-    command += [thumb, *sorted(objects), "-l:libunicorn.a", "-lpthread", "-lm"]
+    objects += [BUILT / "chips" / f"{p.stem}.o" for p in (SIM / "chips").glob("*.c")]
+    sources = [Path(__file__).with_name("thumb_twin.c")]
+    if thumb is not None:
+        sources += sorted(thumb.glob("*.c"))
+    command: list[str | Path] = ["gcc", *FLAGS, f"-I{SOURCES}", "-o", program]
+    command += [*sources, *objects, "-l:libunicorn.a", "-lpthread", "-lm"]
     subprocess.run(command, check=True)
     return program
 
@@ -54,7 +61,7 @@ def compare(program: Path, seed: int, cases: int) -> subprocess.CompletedProcess
 def test_each_instruction_leaves_behind_what_libunicorns_does(
     tmp_path: Path, seed: int
 ) -> None:
-    done = compare(twin(tmp_path, PARTS / "thumb.o"), seed, 100_000)
+    done = compare(twin(tmp_path), seed, 100_000)
     assert done.returncode == 0, done.stdout
     run = [int(count) for count in re.findall(r"run (\d+)", done.stdout)]
     # The others are no instructions, or would fault, or reach no memory.
@@ -82,10 +89,12 @@ def test_each_instruction_leaves_behind_what_libunicorns_does(
 def test_an_instruction_gone_wrong_is_found(
     tmp_path: Path, what: str, instead: str
 ) -> None:
-    text = (SIM / "f405" / "thumb.c").read_text()
-    assert text.count(what) == 1
-    mutant = tmp_path / "thumb.c"
-    mutant.write_text(text.replace(what, instead))
-    done = compare(twin(tmp_path, mutant), 1, 100_000)
+    changed = 0
+    for path in SOURCES.glob("thumb*.[ch]"):
+        text = path.read_text()
+        changed += text.count(what)
+        (tmp_path / path.name).write_text(text.replace(what, instead))
+    assert changed == 1
+    done = compare(twin(tmp_path, tmp_path), 1, 100_000)
     assert done.returncode == 1
     assert done.stdout.startswith(("code ", "short: "))

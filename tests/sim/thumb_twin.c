@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// sim/f405/thumb.c beside libunicorn: every instruction of 16 bits and many of 32, each
-// on registers and memory drawn at random, alone or in an IT block. Whatever thumb.c
-// runs must leave the same behind; what it leaves to libunicorn is counted.
+// sim/f405/thumb*.c beside libunicorn: every instruction of 16 bits and many of 32, each
+// on registers and memory drawn at random, alone or in an IT block. What they
+// run must leave the same behind; what they leave to libunicorn is counted.
 //
 //   thumb_twin SEED CASES: so many of 32 bits; prints run, left, or the first
 //   difference

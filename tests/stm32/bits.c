@@ -35,7 +35,7 @@ void bits_begin(int32_t filter) {
     number = 0;
     noise = 2463534242U;
     digest = 2166136261U;
-    gyr = (struct counts){0, 0, 0};
+    gyr = (struct counts){0};
     calibration_clear(&calibration);
     (void)pose_begin(&tracker, &calibration, &sensor, filter);
 }
@@ -55,16 +55,17 @@ void bits_step(void) {
         .has_mag = number % 4 == 0,
     };
     if (number > AT_REST) {
-        gyr = (struct counts){wander(gyr.x), wander(gyr.y), wander(gyr.z)};
+        gyr =
+            (struct counts){.x = wander(gyr.x), .y = wander(gyr.y), .z = wander(gyr.z)};
         sample.gyr = gyr;
         sample.acc.x = (int16_t)(sample.acc.x + random_within(800));
         sample.acc.y = (int16_t)(sample.acc.y + random_within(800));
         sample.acc.z = random_within(2000);
     }
     if (sample.has_mag) {
-        sample.mag =
-            (struct counts){(int16_t)(2400 + random_within(900)), random_within(900),
-                            (int16_t)(-5200 + random_within(900))};
+        sample.mag = (struct counts){.x = (int16_t)(2400 + random_within(900)),
+                                     .y = random_within(900),
+                                     .z = (int16_t)(-5200 + random_within(900))};
     }
     number++;
     (void)pose_step(&tracker, &sample);

@@ -101,7 +101,7 @@ static void say(const char *text) {
 
 static void read_chip(uint8_t address, uint8_t reg, uint8_t length) {
     uint8_t bytes[8] = {0};
-    const struct bus_device *bus = board_bus();
+    const struct bus_device *bus = &board_bus;
     const uint32_t begun = board_time_us();
     const enum bus_result result = bus->read(bus->port, address, reg, bytes, length);
     const uint32_t took = board_time_us() - begun;
@@ -126,7 +126,7 @@ static void recover(void) {
 static void set_chip_up(void) {
     static const uint8_t gyr[] = {0x8F, 0x00, 0x08, 0xA0};
     static const uint8_t xm[] = {0x8F, 0x20, 0x00, 0x00, 0x74, 0x00, 0x00};
-    const struct bus_device *bus = board_bus();
+    const struct bus_device *bus = &board_bus;
     const enum bus_result first =
         bus->write(bus->port, XM, CTRL_REG1 | MANY, xm, sizeof xm);
     const enum bus_result second =
@@ -138,11 +138,11 @@ static void set_chip_up(void) {
 }
 
 static void take_all(void) {
-    struct board_sample sample;
+    struct reading sample;
     int32_t taken = 0;
     int32_t missed = 0;
-    enum board_sample_result result = board_sample_take(&sample);
-    for (; result == BOARD_SAMPLE_OK; result = board_sample_take(&sample)) {
+    enum reading_result result = board_reading_take(&sample);
+    for (; result == READING_OK; result = board_reading_take(&sample)) {
         taken++;
         missed += sample.missed;
     }
@@ -151,13 +151,13 @@ static void take_all(void) {
     put_number(missed);
     put_number((int32_t)board_samples_ready());
     put_number(result);
-    put_number(result == BOARD_SAMPLE_FAILED ? sample.failure : 0);
+    put_number(result < 0 ? result : 0);
     end_line();
 }
 
 static void one_sample(void) {
-    struct board_sample sample;
-    while (board_sample_take(&sample) != BOARD_SAMPLE_OK) {
+    struct reading sample;
+    while (board_reading_take(&sample) != READING_OK) {
         board_idle();
     }
     put("sample");
@@ -266,7 +266,7 @@ static void tell_battery(void) {
 }
 
 static void use_storage(void) {
-    const struct settings_storage *storage = board_storage();
+    const struct settings_storage *storage = &board_storage;
     int32_t differences = 0;
     uint32_t longest = 0;
     for (uint16_t offset = 100; offset < 120; offset++) {
@@ -291,7 +291,7 @@ static void use_storage(void) {
 }
 
 static void look_at_storage(void) {
-    const struct settings_storage *storage = board_storage();
+    const struct settings_storage *storage = &board_storage;
     put("holds");
     put_number(storage->read(storage->port, 100));
     put_number(storage->read(storage->port, 119));

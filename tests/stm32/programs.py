@@ -35,5 +35,6 @@ def board_program(float_abi: str, sources: Iterable[Path]) -> Path:
         *("-I", FIRMWARE / "stm32" / "libc", "-I", ROOT / "tests" / "stm32"),
         *("-T", FIRMWARE / "stm32" / "stm32f405.ld", *sorted(sources)),
         *sorted((FIRMWARE / "core").rglob("*.c")),
+        *sorted((FIRMWARE / "generic").glob("*.c")),
         *sorted((FIRMWARE / "stm32").glob("*.c")),
     )

@@ -166,15 +166,6 @@ static bool configure_xm(const struct lsm9ds0 *chip, const struct bus_device *bu
                            sizeof values);
 }
 
-_Static_assert(SELF_TEST_ACC_FAILED == SELF_TEST_ACC_PASSED * 16 &&
-                   SELF_TEST_GYR_FAILED == SELF_TEST_GYR_PASSED * 16,
-               "a sensor's flags are four bits apart");
-
-static void add_verdict(struct lsm9ds0 *chip, uint8_t passed, bool passes) {
-    const uint8_t flag = passes ? passed : (uint8_t)(passed * 16);
-    chip->identity.self_test = (uint8_t)(chip->identity.self_test | flag);
-}
-
 static int16_t little_endian(const uint8_t *bytes) {
     return (int16_t)(uint16_t)(bytes[1] * 256u + bytes[0]);
 }
@@ -253,15 +244,8 @@ static enum sensor_result test_sample(struct lsm9ds0 *chip,
         return SENSOR_BUS_FAILED;
     }
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        const int16_t rate = little_endian(gyr + 1 + 2 * axis);
-        chip->test.response[axis] += little_endian(acc + 1 + 2 * axis);
-        chip->test.response[axis + 3] += rate;
-        if (chip->count == 0) {
-            chip->test.gyr_first[axis] = rate;
-        }
-        if (fixed_magnitude((int32_t)rate - chip->test.gyr_first[axis]) > MOVING) {
-            chip->test.is_moving = true;
-        }
+        self_test_add(&chip->test, axis, little_endian(acc + 1 + 2 * axis),
+                      little_endian(gyr + 1 + 2 * axis), chip->count == 0, MOVING);
     }
     chip->since = now;
     chip->wait = TEST_PERIOD_TICKS;
@@ -269,12 +253,9 @@ static enum sensor_result test_sample(struct lsm9ds0 *chip,
     return chip->count < TEST_SAMPLES ? SENSOR_BUSY : go_on(chip, now, 0);
 }
 
-// Between the runs: the one without stimulus counts against the other.
 static enum sensor_result test_turn(struct lsm9ds0 *chip, const struct bus_device *bus,
                                     uint16_t now) {
-    for (uint8_t i = 0; i < 6; ++i) {
-        chip->test.response[i] = -chip->test.response[i];
-    }
+    self_test_turn(&chip->test);
     return configure(chip, bus, now, G_SELF_TEST, A_2_G | A_SELF_TEST,
                      TEST_SETTLE_TICKS);
 }
@@ -291,17 +272,11 @@ static bool responds(const int32_t *response, int32_t low, int32_t high) {
     return true;
 }
 
-// The verdict on the inertial sensors; a failure while moving is none.
 static enum sensor_result test_end(struct lsm9ds0 *chip, uint16_t now) {
     const int32_t *response = chip->test.response;
     const bool acc_passes = responds(response, ACC_RESPONSE_MIN, ACC_RESPONSE_MAX);
     const bool gyr_passes = responds(response + 3, GYR_RESPONSE_MIN, GYR_RESPONSE_MAX);
-    if (acc_passes || !chip->test.is_moving) {
-        add_verdict(chip, SELF_TEST_ACC_PASSED, acc_passes);
-    }
-    if (gyr_passes || !chip->test.is_moving) {
-        add_verdict(chip, SELF_TEST_GYR_PASSED, gyr_passes);
-    }
+    self_test_end(&chip->test, &chip->identity, acc_passes, gyr_passes);
     return go_on(chip, now, 0);
 }
 
@@ -345,7 +320,7 @@ static enum sensor_result ready(struct lsm9ds0 *chip, const struct bus_device *b
     chip->has_mag = (chip->ready & MAG_READY) != 0;
     if (!chip->has_mag) {
         chip->identity.who_am_i[1] = 0;
-        add_verdict(chip, SELF_TEST_MAG_PASSED, false);
+        self_test_note(&chip->identity, SELF_TEST_MAG_PASSED, false);
     }
     (void)go_on(chip, now, 0);
     return SENSOR_OK;
@@ -397,12 +372,10 @@ enum sensor_result lsm9ds0_setup(void *state, const struct bus_device *bus,
 // Three axes after their status; true where one is beyond its range.
 static bool take_axes(const uint8_t *bytes, int16_t limit, struct counts *out) {
     bool is_beyond = false;
-    int16_t values[3];
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        values[axis] = little_endian(bytes + 1 + 2 * axis);
-        is_beyond |= fixed_magnitude(values[axis]) > (uint16_t)limit;
+        out->axis[axis] = little_endian(bytes + 1 + 2 * axis);
+        is_beyond |= fixed_magnitude(out->axis[axis]) > (uint16_t)limit;
     }
-    *out = (struct counts){values[0], values[1], values[2]};
     return is_beyond;
 }
 
@@ -446,7 +419,7 @@ bool lsm9ds0_parse(void *state, const uint8_t *bytes, uint32_t time_us,
     out->temperature_cdeg = temperature_cdeg(bytes + TEMPERATURE_PLACE);
     out->has_mag = chip->has_mag && is_fresh(mag);
     out->mag_overflow = false;
-    out->mag = (struct counts){0, 0, 0};
+    out->mag = (struct counts){0};
     if (out->has_mag) {
         out->mag_overflow = take_axes(mag, MAG_COUNTS_MAX, &out->mag);
         out->has_mag = !out->mag_overflow;

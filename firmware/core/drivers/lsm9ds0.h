@@ -7,7 +7,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "core/drivers/sensor.h"
+#include "core/drivers/self_test.h"
 
 enum {
     LSM9DS0_GYR_ADDRESS = 0x6B,      // pin SDO_G high
@@ -39,11 +39,7 @@ struct lsm9ds0 {
     uint8_t ready;   // sensors that have told data-ready, within the last step
     uint8_t held;    // samples since the last with an acceleration of its own
     bool has_mag;    // the magnetometer measures
-    struct {
-        int32_t response[6];   // sums: stimulus on less off; acc, gyr
-        int16_t gyr_first[3];  // of a run, to tell motion
-        bool is_moving;
-    } test;
+    struct self_test test;
 };
 
 // The functions of struct sensor_driver; `state` is a struct lsm9ds0. Set-up takes 1.2

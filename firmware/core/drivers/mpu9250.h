@@ -7,7 +7,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "core/drivers/sensor.h"
+#include "core/drivers/self_test.h"
 
 enum {
     MPU9250_ADDRESS = 0x68,  // pin AD0 low
@@ -26,10 +26,8 @@ struct mpu9250 {
     bool is_asked;     // a transfer is under way
     bool has_mag;      // the AK8963 answers
     union {
-        struct {                   // while the inertial self-test runs
-            int32_t response[6];   // sums: stimulus on less off; acc, gyr
-            int16_t gyr_first[3];  // of a run, to tell motion
-            bool is_moving;
+        struct {  // while the inertial self-test runs
+            struct self_test sums;
             bool is_offset;  // a gyroscope axis rests too far from zero
         } test;
         struct {               // from then on

@@ -8,8 +8,14 @@
 
 enum { SAMPLE_NO_TEMPERATURE = INT16_MIN };
 
+// The axes by name, or by number in a loop.
 struct counts {
-    int16_t x, y, z;
+    union {
+        struct {
+            int16_t x, y, z;
+        };
+        int16_t axis[3];
+    };
 };
 
 struct sample {

@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: MIT
 // An SD card in SPI mode as a state machine over exchanges of bytes.
-//
-// Document: SD Specifications Part 1, Physical Layer Simplified Specification, version
-// 6.00; bare section numbers are its.
 #include "core/drivers/sdcard.h"
 
 #include <stddef.h>
 #include <string.h>
 
+#include "core/drivers/sdcard_private.h"
 #include "core/wire/frame.h"
 
 // Commands, 7.3.1.3.
@@ -33,16 +31,6 @@ enum {
     ANSWER_AT = 7,      // of SDCARD_ANSWER, behind the six bytes of a command
     ANSWER_WITHIN = 9,  // N_CR is up to 8 bytes, 7.5.4
 
-    // R1, 7.3.2.1.
-    R1_NONE = 0x80,
-    R1_IDLE = 0x01,
-    R1_ILLEGAL = 0x04,
-    R1_CRC = 0x08,
-
-    IF_COND = 0x1AA,        // 2.7 to 3.6 V, and a pattern to come back: 4.3.13
-    OCR_POWERED_UP = 0x80,  // first byte: 5.1
-    OCR_CCS = 0x40,
-
     // Tokens, 7.3.3.
     TOKEN_START = 0xFE,
     TOKEN_START_OF_RUN = 0xFC,
@@ -54,7 +42,6 @@ enum {
     RESPONSE_WITHIN = 8,
 
     CSD_LENGTH = 16,
-    CSD_PROTECTED = 0x30,  // byte 14: PERM_ and TMP_WRITE_PROTECT, 5.3
 
     // A millisecond of clocks, where 74 are asked for (6.4.1.4), for a card that has
     // just been put in.
@@ -69,49 +56,8 @@ enum {
 
 #define HOST_HAS_HIGH_CAPACITY UINT32_C(0x40000000)  // 4.2.3: HCS
 
-// What is asked of the card, in the order in which it is.
-enum stage {
-    OVER,
-    WAKE,       // clocks for a card that has just got power
-    RESET,      // CMD0
-    UNJAM,      // the rest of a block, for a card that waits for it
-    UNJAM_RUN,  // and the end of a run
-    INTERFACE,
-    CRC_ON,
-    APPLICATION,
-    INITIALISE,
-    CAPACITY,
-    LENGTH,
-    DESCRIBE,
-    READ,
-    CHECK,
-    OPEN,
-    RUNNING,  // a run is open, and nothing goes on
-    WRITE,
-    STOP,
-    VERIFY,  // CMD13 behind a run
-    ABORT,   // CMD12 behind a refused block
-    CLEAR,   // CMD13, which clears what was wrong
-};
-
-// What the stage waits for.
-enum wait {
-    NOTHING,
-    BEGINNING,  // the first step of an operation
-    ANSWER,
-    READY,  // no longer busy
-    TOKEN,
-    INCOMING,  // the rest of a block
-    CHECKING,  // of its checksum
-    SUMMING,   // of the one to send
-    OUTGOING,
-    RESPONSE,
-    CLOCKS,  // sent for their own sake
-    PAUSE,
-    CLOSING,
-};
-
-static enum sdcard_result enter(struct sdcard *card, enum stage stage, uint32_t now_us);
+static enum sdcard_result enter(struct sdcard *card, enum sdcard_stage stage,
+                                uint32_t now_us);
 
 void sdcard_init(struct sdcard *card, const struct spi_device *spi) {
     *card = (struct sdcard){.spi = spi};
@@ -130,7 +76,8 @@ static uint8_t crc7(const uint8_t *bytes, uint8_t length) {
 }
 
 static enum sdcard_result exchange(struct sdcard *card, const uint8_t *out, uint8_t *in,
-                                   uint16_t length, enum wait wait, uint32_t now_us) {
+                                   uint16_t length, enum sdcard_wait wait,
+                                   uint32_t now_us) {
     card->wait = (uint8_t)wait;
     card->began_us = now_us;
     card->spi->begin(card->spi->port, out, in, length);
@@ -143,16 +90,16 @@ static void count_fault(struct sdcard *card) {
     }
 }
 
-// Ends the operation: a byte of clocks with the card let go.
-static enum sdcard_result end(struct sdcard *card, enum sdcard_result outcome,
+// A byte of clocks with the card let go.
+enum sdcard_result sdcard_end(struct sdcard *card, enum sdcard_result outcome,
                               uint32_t now_us) {
     if (outcome < 0) {
         count_fault(card);
     }
-    card->stage = OVER;
+    card->stage = SDCARD_STAGE_OVER;
     card->outcome = (int8_t)outcome;
     card->spi->select(card->spi->port, false);
-    return exchange(card, NULL, NULL, 1, CLOSING, now_us);
+    return exchange(card, NULL, NULL, 1, SDCARD_WAIT_CLOSING, now_us);
 }
 
 static enum sdcard_result command(struct sdcard *card, uint8_t index, uint32_t argument,
@@ -166,38 +113,39 @@ static enum sdcard_result command(struct sdcard *card, uint8_t index, uint32_t a
     }
     bytes[5] = (uint8_t)(crc7(bytes, 5) | 1);
     card->spi->select(card->spi->port, true);
-    return exchange(card, card->command, card->answer, SDCARD_ANSWER, ANSWER, now_us);
+    return exchange(card, card->command, card->answer, SDCARD_ANSWER,
+                    SDCARD_WAIT_ANSWER, now_us);
 }
 
 // Looks at what the card says for that many bytes, which go to where blocks do.
-static enum sdcard_result poll(struct sdcard *card, uint16_t length, enum wait wait,
-                               uint32_t now_us) {
+static enum sdcard_result poll(struct sdcard *card, uint16_t length,
+                               enum sdcard_wait wait, uint32_t now_us) {
     card->polled = length;
     return exchange(card, NULL, sdcard_block(card), length, wait, now_us);
 }
 
 // Waits until the card is no longer busy, then enters `then`.
-static enum sdcard_result await_ready(struct sdcard *card, enum stage then,
+static enum sdcard_result await_ready(struct sdcard *card, enum sdcard_stage then,
                                       uint32_t now_us) {
     card->then = (uint8_t)then;
     card->waited_us = now_us;
-    return poll(card, POLL_SHORT, READY, now_us);
+    return poll(card, POLL_SHORT, SDCARD_WAIT_READY, now_us);
 }
 
-// Tries the stage's command once more, or gives up.
-static enum sdcard_result again(struct sdcard *card, enum sdcard_result failure,
+enum sdcard_result sdcard_again(struct sdcard *card, enum sdcard_result failure,
                                 uint32_t now_us) {
     card->tries++;
     if (card->tries >= TRIES) {
-        return end(card, failure, now_us);
+        return sdcard_end(card, failure, now_us);
     }
     count_fault(card);
-    const enum stage stage = (enum stage)card->stage;
-    return enter(card, stage == INITIALISE ? APPLICATION : stage, now_us);
+    const enum sdcard_stage stage = (enum sdcard_stage)card->stage;
+    return enter(card,
+                 stage == SDCARD_STAGE_INITIALISE ? SDCARD_STAGE_APPLICATION : stage,
+                 now_us);
 }
 
-// On to another stage, whose command has tries of its own.
-static enum sdcard_result go_on(struct sdcard *card, enum stage stage,
+enum sdcard_result sdcard_go_on(struct sdcard *card, enum sdcard_stage stage,
                                 uint32_t now_us) {
     card->tries = 0;
     return enter(card, stage, now_us);
@@ -208,124 +156,60 @@ static uint32_t address_of_block(const struct sdcard *card) {
     return card->has_high_capacity ? card->address : card->address * SDCARD_BLOCK;
 }
 
-static enum sdcard_result enter(struct sdcard *card, enum stage stage,
+static enum sdcard_result enter(struct sdcard *card, enum sdcard_stage stage,
                                 uint32_t now_us) {
     static const uint8_t stop[] = {TOKEN_STOP_RUN, SILENCE};
     const struct spi_device *spi = card->spi;
     card->stage = (uint8_t)stage;
     switch (stage) {
-    case WAKE:
+    case SDCARD_STAGE_WAKE:
         spi->select(spi->port, false);
         spi->set_fast(spi->port, false);
-        return exchange(card, NULL, NULL, POWER_UP_CLOCKS, CLOCKS, now_us);
-    case RESET:
+        return exchange(card, NULL, NULL, POWER_UP_CLOCKS, SDCARD_WAIT_CLOCKS, now_us);
+    case SDCARD_STAGE_RESET:
         return command(card, GO_IDLE_STATE, 0, now_us);
-    case UNJAM:
+    case SDCARD_STAGE_UNJAM:
         card->has_unjammed = true;
-        return exchange(card, NULL, NULL, sizeof card->frame, CLOCKS, now_us);
-    case UNJAM_RUN:
-    case STOP:
-        return exchange(card, stop, NULL, sizeof stop, CLOCKS, now_us);
-    case INTERFACE:
-        return command(card, SEND_IF_COND, IF_COND, now_us);
-    case CRC_ON:
+        return exchange(card, NULL, NULL, sizeof card->frame, SDCARD_WAIT_CLOCKS,
+                        now_us);
+    case SDCARD_STAGE_UNJAM_RUN:
+    case SDCARD_STAGE_STOP:
+        return exchange(card, stop, NULL, sizeof stop, SDCARD_WAIT_CLOCKS, now_us);
+    case SDCARD_STAGE_INTERFACE:
+        return command(card, SEND_IF_COND, SDCARD_IF_COND, now_us);
+    case SDCARD_STAGE_CRC_ON:
         return command(card, CRC_ON_OFF, 1, now_us);
-    case APPLICATION:
+    case SDCARD_STAGE_APPLICATION:
         return command(card, APP_CMD, 0, now_us);
-    case INITIALISE:
+    case SDCARD_STAGE_INITIALISE:
         return command(card, SD_SEND_OP_COND,
                        card->is_version_2 ? HOST_HAS_HIGH_CAPACITY : 0, now_us);
-    case CAPACITY:
+    case SDCARD_STAGE_CAPACITY:
         return command(card, READ_OCR, 0, now_us);
-    case LENGTH:
+    case SDCARD_STAGE_LENGTH:
         return command(card, SET_BLOCKLEN, SDCARD_BLOCK, now_us);
-    case DESCRIBE:
+    case SDCARD_STAGE_DESCRIBE:
         spi->set_fast(spi->port, true);
         return command(card, SEND_CSD, 0, now_us);
-    case READ:
+    case SDCARD_STAGE_READ:
         return command(card, READ_SINGLE_BLOCK, address_of_block(card), now_us);
-    case CHECK:
-    case VERIFY:
-    case CLEAR:
+    case SDCARD_STAGE_CHECK:
+    case SDCARD_STAGE_VERIFY:
+    case SDCARD_STAGE_CLEAR:
         return command(card, SEND_STATUS, 0, now_us);
-    case OPEN:
+    case SDCARD_STAGE_OPEN:
         return command(card, WRITE_MULTIPLE_BLOCK, address_of_block(card), now_us);
-    case WRITE:
+    case SDCARD_STAGE_WRITE:
         card->place = 0;
         card->crc = 0;
-        card->wait = SUMMING;
+        card->wait = SDCARD_WAIT_SUMMING;
         return SDCARD_GOES_ON;
-    case ABORT:
+    case SDCARD_STAGE_ABORT:
         return command(card, STOP_TRANSMISSION, 0, now_us);
-    default:  // RUNNING
-        card->wait = NOTHING;
+    default:  // SDCARD_STAGE_RUNNING
+        card->wait = SDCARD_WAIT_NOTHING;
         return SDCARD_OK;
     }
-}
-
-// No answer, or a wrong one, to CMD0: a card that a reset of ours left in the middle of
-// a run takes what it is sent for data.
-static enum sdcard_result reset_again(struct sdcard *card, uint32_t now_us) {
-    return card->has_unjammed ? again(card, SDCARD_ABSENT, now_us)
-                              : go_on(card, UNJAM, now_us);
-}
-
-static enum sdcard_result judge_interface(struct sdcard *card, uint8_t r1,
-                                          const uint8_t *rest, uint32_t now_us) {
-    card->is_version_2 = (r1 & R1_ILLEGAL) == 0;
-    if (card->is_version_2 && (r1 != R1_IDLE || (rest[2] & 0x0F) != IF_COND / 256 ||
-                               rest[3] != IF_COND % 256)) {
-        return end(card, SDCARD_REFUSED, now_us);
-    }
-    return go_on(card, CRC_ON, now_us);
-}
-
-static enum sdcard_result judge_initialise(struct sdcard *card, uint8_t r1,
-                                           uint32_t now_us) {
-    if (r1 == R1_IDLE) {
-        if (now_us - card->initialising_us > SDCARD_US_MAX) {
-            return end(card, SDCARD_TIMEOUT, now_us);
-        }
-        card->wait = PAUSE;
-        card->began_us = now_us;
-        return SDCARD_WAITS;
-    }
-    return go_on(card, card->is_version_2 ? CAPACITY : LENGTH, now_us);
-}
-
-static enum sdcard_result judge_capacity(struct sdcard *card, const uint8_t *ocr,
-                                         uint32_t now_us) {
-    if ((ocr[0] & OCR_POWERED_UP) == 0) {
-        return end(card, SDCARD_REFUSED, now_us);
-    }
-    card->has_high_capacity = (ocr[0] & OCR_CCS) != 0;
-    return go_on(card, card->has_high_capacity ? DESCRIBE : LENGTH, now_us);
-}
-
-// CSD, 5.3.2 and 5.3.3. Version 1: (C_SIZE + 1) * 2^(C_SIZE_MULT + 2) blocks of
-// 2^READ_BL_LEN bytes, 2^12 * 2^9 * 2^2 of ours at most; version 2: C_SIZE + 1 times
-// 512 KB, of which the last of 2 TB is left out.
-static enum sdcard_result take_description(struct sdcard *card, uint32_t now_us) {
-    const uint8_t *csd = sdcard_block(card);
-    const uint8_t version = csd[0] >> 6;
-    if (version == 1 && card->has_high_capacity) {
-        const uint32_t size =
-            (csd[7] & UINT32_C(0x3F)) * 65536 + csd[8] * UINT32_C(256) + csd[9];
-        card->blocks = size == UINT32_C(0x3FFFFF) ? UINT32_MAX : (size + 1) * 1024;
-    } else if (version == 0 && !card->has_high_capacity) {
-        const uint8_t length = csd[5] & 0x0F;
-        const uint32_t size = (csd[6] & UINT32_C(3)) * 1024 + csd[7] * UINT32_C(4) +
-                              (uint8_t)(csd[8] >> 6);
-        const uint8_t factor = (uint8_t)((csd[9] & 3) * 2 + (csd[10] >> 7));
-        if (length < 9 || length > 11) {
-            return end(card, SDCARD_REFUSED, now_us);
-        }
-        card->blocks = (size + 1) << (factor + 2 + length - 9);
-    } else {
-        return end(card, SDCARD_REFUSED, now_us);
-    }
-    card->is_read_only = (csd[14] & CSD_PROTECTED) != 0;
-    return end(card, SDCARD_OK, now_us);
 }
 
 // Looks for the token among the first `have` bytes of the block's place.
@@ -333,26 +217,28 @@ static enum sdcard_result find_token(struct sdcard *card, uint16_t have,
                                      uint32_t now_us) {
     uint8_t *bytes = sdcard_block(card);
     const uint16_t length =
-        (uint16_t)((card->stage == DESCRIBE ? CSD_LENGTH : SDCARD_BLOCK) + SDCARD_CRC);
+        (uint16_t)((card->stage == SDCARD_STAGE_DESCRIBE ? CSD_LENGTH : SDCARD_BLOCK) +
+                   SDCARD_CRC);
     for (uint16_t i = 0; i < have; i++) {
         if (bytes[i] == TOKEN_START) {
             const uint16_t got = (uint16_t)(have - i - 1);
             memmove(bytes, bytes + i + 1, got);
             card->place = 0;
             card->crc = 0;
-            return exchange(card, NULL, bytes + got, (uint16_t)(length - got), INCOMING,
-                            now_us);
+            return exchange(card, NULL, bytes + got, (uint16_t)(length - got),
+                            SDCARD_WAIT_INCOMING, now_us);
         }
         if ((bytes[i] & TOKEN_ERROR_ZEROS) == 0) {
-            return again(card, SDCARD_FAILED, now_us);
+            return sdcard_again(card, SDCARD_FAILED, now_us);
         }
     }
     if (now_us - card->waited_us > SDCARD_US_MAX) {
-        return again(card, SDCARD_TIMEOUT, now_us);
+        return sdcard_again(card, SDCARD_TIMEOUT, now_us);
     }
     // A CSD with its checksum is longer than the short poll.
-    const bool is_soon = card->stage == DESCRIBE || card->wait != TOKEN;
-    return poll(card, is_soon ? POLL_SHORT : POLL_LONG, TOKEN, now_us);
+    const bool is_soon =
+        card->stage == SDCARD_STAGE_DESCRIBE || card->wait != SDCARD_WAIT_TOKEN;
+    return poll(card, is_soon ? POLL_SHORT : POLL_LONG, SDCARD_WAIT_TOKEN, now_us);
 }
 
 _Static_assert(CSD_LENGTH + SDCARD_CRC > POLL_SHORT &&
@@ -362,82 +248,85 @@ _Static_assert(CSD_LENGTH + SDCARD_CRC > POLL_SHORT &&
 // A command has been answered without a complaint about its checksum.
 static enum sdcard_result judge(struct sdcard *card, uint8_t r1, const uint8_t *rest,
                                 uint32_t now_us) {
-    const enum stage stage = (enum stage)card->stage;
-    if (stage == RESET) {
+    const enum sdcard_stage stage = (enum sdcard_stage)card->stage;
+    if (stage == SDCARD_STAGE_RESET) {
         card->initialising_us = now_us;
-        return r1 == R1_IDLE ? go_on(card, INTERFACE, now_us)
-                             : reset_again(card, now_us);
+        return r1 == SDCARD_R1_IDLE ? sdcard_go_on(card, SDCARD_STAGE_INTERFACE, now_us)
+                                    : sdcard_reset_again(card, now_us);
     }
-    if (stage == INTERFACE) {
-        return judge_interface(card, r1, rest, now_us);
+    if (stage == SDCARD_STAGE_INTERFACE) {
+        return sdcard_judge_interface(card, r1, rest, now_us);
     }
-    const bool may_be_idle = stage == CRC_ON || stage == APPLICATION ||
-                             stage == INITIALISE || stage == CLEAR || stage == ABORT;
-    if ((r1 & (uint8_t) ~(may_be_idle ? R1_IDLE : 0)) != 0 && stage != CLEAR) {
-        return end(card, SDCARD_REFUSED, now_us);
+    const bool may_be_idle = stage == SDCARD_STAGE_CRC_ON ||
+                             stage == SDCARD_STAGE_APPLICATION ||
+                             stage == SDCARD_STAGE_INITIALISE ||
+                             stage == SDCARD_STAGE_CLEAR || stage == SDCARD_STAGE_ABORT;
+    if ((r1 & (uint8_t) ~(may_be_idle ? SDCARD_R1_IDLE : 0)) != 0 &&
+        stage != SDCARD_STAGE_CLEAR) {
+        return sdcard_end(card, SDCARD_REFUSED, now_us);
     }
     switch (stage) {
-    case CRC_ON:
-        return go_on(card, APPLICATION, now_us);
-    case APPLICATION:
-        return enter(card, INITIALISE, now_us);
-    case INITIALISE:
-        return judge_initialise(card, r1, now_us);
-    case CAPACITY:
-        return judge_capacity(card, rest, now_us);
-    case LENGTH:
-        return go_on(card, DESCRIBE, now_us);
-    case DESCRIBE:
-    case READ: {
+    case SDCARD_STAGE_CRC_ON:
+        return sdcard_go_on(card, SDCARD_STAGE_APPLICATION, now_us);
+    case SDCARD_STAGE_APPLICATION:
+        return enter(card, SDCARD_STAGE_INITIALISE, now_us);
+    case SDCARD_STAGE_INITIALISE:
+        return sdcard_judge_initialise(card, r1, now_us);
+    case SDCARD_STAGE_CAPACITY:
+        return sdcard_judge_capacity(card, rest, now_us);
+    case SDCARD_STAGE_LENGTH:
+        return sdcard_go_on(card, SDCARD_STAGE_DESCRIBE, now_us);
+    case SDCARD_STAGE_DESCRIBE:
+    case SDCARD_STAGE_READ: {
         const uint16_t have = (uint16_t)(card->answer + SDCARD_ANSWER - rest);
         memcpy(sdcard_block(card), rest, have);
         card->waited_us = now_us;
         return find_token(card, have, now_us);
     }
-    case OPEN:
-        return go_on(card, RUNNING, now_us);
-    case ABORT:
-        return await_ready(card, CLEAR, now_us);
-    case CLEAR:
-        return end(card, (enum sdcard_result)card->outcome, now_us);
+    case SDCARD_STAGE_OPEN:
+        return sdcard_go_on(card, SDCARD_STAGE_RUNNING, now_us);
+    case SDCARD_STAGE_ABORT:
+        return await_ready(card, SDCARD_STAGE_CLEAR, now_us);
+    case SDCARD_STAGE_CLEAR:
+        return sdcard_end(card, (enum sdcard_result)card->outcome, now_us);
     default:  // CHECK, VERIFY: R2, whose second byte says what went wrong, 7.3.2.3
-        return end(card, rest[0] == 0 ? SDCARD_OK : SDCARD_FAILED, now_us);
+        return sdcard_end(card, rest[0] == 0 ? SDCARD_OK : SDCARD_FAILED, now_us);
     }
 }
 
 static enum sdcard_result take_answer(struct sdcard *card, uint32_t now_us) {
-    const enum stage stage = (enum stage)card->stage;
+    const enum sdcard_stage stage = (enum sdcard_stage)card->stage;
     if (card->answer[0] != SILENCE) {  // busy: it has heard nothing
         return await_ready(card, stage, now_us);
     }
     const uint8_t *at = card->answer + ANSWER_AT;
-    if (stage == ABORT) {
+    if (stage == SDCARD_STAGE_ABORT) {
         at++;  // CMD12 is followed by a byte that means nothing, 7.2.3
     }
     for (uint8_t i = 0; i < ANSWER_WITHIN; i++, at++) {
-        if ((*at & R1_NONE) != 0) {
+        if ((*at & SDCARD_R1_NONE) != 0) {
             continue;
         }
-        return (*at & R1_CRC) != 0 ? again(card, SDCARD_GARBLED, now_us)
-                                   : judge(card, *at, at + 1, now_us);
+        return (*at & SDCARD_R1_CRC) != 0 ? sdcard_again(card, SDCARD_GARBLED, now_us)
+                                          : judge(card, *at, at + 1, now_us);
     }
-    return stage == RESET ? reset_again(card, now_us)
-                          : again(card, SDCARD_ABSENT, now_us);
+    return stage == SDCARD_STAGE_RESET ? sdcard_reset_again(card, now_us)
+                                       : sdcard_again(card, SDCARD_ABSENT, now_us);
 }
 
 // A card that is busy holds the line low (7.2.4), and lets it go at any bit.
 static enum sdcard_result look_whether_ready(struct sdcard *card, uint32_t now_us) {
     const uint32_t took_us = now_us - card->waited_us;
     if (sdcard_block(card)[card->polled - 1] == SILENCE) {
-        if (card->stage == WRITE || card->stage == STOP) {
+        if (card->stage == SDCARD_STAGE_WRITE || card->stage == SDCARD_STAGE_STOP) {
             card->busy_us = took_us;
         }
-        return enter(card, (enum stage)card->then, now_us);
+        return enter(card, (enum sdcard_stage)card->then, now_us);
     }
     if (took_us > SDCARD_US_MAX) {
-        return end(card, SDCARD_TIMEOUT, now_us);
+        return sdcard_end(card, SDCARD_TIMEOUT, now_us);
     }
-    return poll(card, POLL_LONG, READY, now_us);
+    return poll(card, POLL_LONG, SDCARD_WAIT_READY, now_us);
 }
 
 static bool sum_is_complete(struct sdcard *card, uint16_t length) {
@@ -450,16 +339,17 @@ static bool sum_is_complete(struct sdcard *card, uint16_t length) {
 }
 
 static enum sdcard_result check_block(struct sdcard *card, uint32_t now_us) {
-    const bool is_csd = card->stage == DESCRIBE;
+    const bool is_csd = card->stage == SDCARD_STAGE_DESCRIBE;
     const uint16_t length = is_csd ? CSD_LENGTH : SDCARD_BLOCK;
     if (!sum_is_complete(card, length)) {
         return SDCARD_GOES_ON;
     }
     const uint8_t *crc = sdcard_block(card) + length;
     if (crc[0] != (uint8_t)(card->crc >> 8) || crc[1] != (uint8_t)card->crc) {
-        return again(card, SDCARD_GARBLED, now_us);
+        return sdcard_again(card, SDCARD_GARBLED, now_us);
     }
-    return is_csd ? take_description(card, now_us) : end(card, SDCARD_OK, now_us);
+    return is_csd ? sdcard_take_description(card, now_us)
+                  : sdcard_end(card, SDCARD_OK, now_us);
 }
 
 static enum sdcard_result send_block(struct sdcard *card, uint32_t now_us) {
@@ -471,7 +361,8 @@ static enum sdcard_result send_block(struct sdcard *card, uint32_t now_us) {
     card->frame[1] = TOKEN_START_OF_RUN;
     crc[0] = (uint8_t)(card->crc >> 8);
     crc[1] = (uint8_t)card->crc;
-    return exchange(card, card->frame, NULL, sizeof card->frame, OUTGOING, now_us);
+    return exchange(card, card->frame, NULL, sizeof card->frame, SDCARD_WAIT_OUTGOING,
+                    now_us);
 }
 
 // Data response, 7.3.3.1. What is refused ends the run by CMD12.
@@ -481,33 +372,33 @@ static enum sdcard_result take_response(struct sdcard *card, uint32_t now_us) {
         response = card->answer[i];
     }
     if (response == SILENCE) {
-        return end(card, SDCARD_ABSENT, now_us);
+        return sdcard_end(card, SDCARD_ABSENT, now_us);
     }
     response &= RESPONSE_MASK;
     if (response == RESPONSE_ACCEPTED) {
-        return await_ready(card, RUNNING, now_us);
+        return await_ready(card, SDCARD_STAGE_RUNNING, now_us);
     }
     card->outcome = response == RESPONSE_WRITE_ERROR ? SDCARD_FAILED : SDCARD_GARBLED;
-    return await_ready(card, ABORT, now_us);
+    return await_ready(card, SDCARD_STAGE_ABORT, now_us);
 }
 
 static enum sdcard_result behind_clocks(struct sdcard *card, uint32_t now_us) {
-    switch ((enum stage)card->stage) {
-    case WAKE:  // after a reset of ours it may still be at what it was given
+    switch ((enum sdcard_stage)card->stage) {
+    case SDCARD_STAGE_WAKE:  // after a reset of ours it may still be busy
         card->spi->select(card->spi->port, true);
-        return await_ready(card, RESET, now_us);
-    case UNJAM:
-        return await_ready(card, UNJAM_RUN, now_us);
-    case UNJAM_RUN:
-        return await_ready(card, RESET, now_us);
+        return await_ready(card, SDCARD_STAGE_RESET, now_us);
+    case SDCARD_STAGE_UNJAM:
+        return await_ready(card, SDCARD_STAGE_UNJAM_RUN, now_us);
+    case SDCARD_STAGE_UNJAM_RUN:
+        return await_ready(card, SDCARD_STAGE_RESET, now_us);
     default:
-        return await_ready(card, VERIFY, now_us);
+        return await_ready(card, SDCARD_STAGE_VERIFY, now_us);
     }
 }
 
-static void begin(struct sdcard *card, enum stage stage) {
+static void begin(struct sdcard *card, enum sdcard_stage stage) {
     card->stage = (uint8_t)stage;
-    card->wait = BEGINNING;
+    card->wait = SDCARD_WAIT_BEGINNING;
     card->tries = 0;
 }
 
@@ -515,71 +406,73 @@ void sdcard_identify(struct sdcard *card) {
     card->blocks = 0;
     card->has_high_capacity = false;
     card->has_unjammed = false;
-    begin(card, WAKE);
+    begin(card, SDCARD_STAGE_WAKE);
 }
 
 void sdcard_read(struct sdcard *card, uint32_t block) {
     card->address = block;
-    begin(card, READ);
+    begin(card, SDCARD_STAGE_READ);
 }
 
 void sdcard_check(struct sdcard *card) {
-    begin(card, CHECK);
+    begin(card, SDCARD_STAGE_CHECK);
 }
 
 void sdcard_open(struct sdcard *card, uint32_t block) {
     card->address = block;
-    begin(card, OPEN);
+    begin(card, SDCARD_STAGE_OPEN);
 }
 
 void sdcard_write(struct sdcard *card) {
-    begin(card, WRITE);
+    begin(card, SDCARD_STAGE_WRITE);
 }
 
 void sdcard_close(struct sdcard *card) {
-    begin(card, STOP);
+    begin(card, SDCARD_STAGE_STOP);
 }
 
 bool sdcard_is_idle(const struct sdcard *card) {
-    return card->wait == NOTHING && card->stage == OVER;
+    return card->wait == SDCARD_WAIT_NOTHING && card->stage == SDCARD_STAGE_OVER;
 }
 
 static enum sdcard_result behind_exchange(struct sdcard *card, uint32_t now_us) {
-    const enum wait wait = (enum wait)card->wait;
+    const enum sdcard_wait wait = (enum sdcard_wait)card->wait;
     switch (wait) {
-    case ANSWER:
+    case SDCARD_WAIT_ANSWER:
         return take_answer(card, now_us);
-    case READY:
+    case SDCARD_WAIT_READY:
         return look_whether_ready(card, now_us);
-    case TOKEN:
+    case SDCARD_WAIT_TOKEN:
         return find_token(card, card->polled, now_us);
-    case INCOMING:
-        card->wait = CHECKING;
+    case SDCARD_WAIT_INCOMING:
+        card->wait = SDCARD_WAIT_CHECKING;
         return SDCARD_GOES_ON;
-    case OUTGOING:
-        return exchange(card, NULL, card->answer, RESPONSE_WITHIN, RESPONSE, now_us);
-    case RESPONSE:
+    case SDCARD_WAIT_OUTGOING:
+        return exchange(card, NULL, card->answer, RESPONSE_WITHIN, SDCARD_WAIT_RESPONSE,
+                        now_us);
+    case SDCARD_WAIT_RESPONSE:
         return take_response(card, now_us);
-    case CLOCKS:
+    case SDCARD_WAIT_CLOCKS:
         return behind_clocks(card, now_us);
-    default:  // CLOSING
-        card->wait = NOTHING;
+    default:  // SDCARD_WAIT_CLOSING
+        card->wait = SDCARD_WAIT_NOTHING;
         return (enum sdcard_result)card->outcome;
     }
 }
 
 enum sdcard_result sdcard_step(struct sdcard *card, uint32_t now_us) {
-    switch ((enum wait)card->wait) {
-    case NOTHING:
+    switch ((enum sdcard_wait)card->wait) {
+    case SDCARD_WAIT_NOTHING:
         return SDCARD_OK;
-    case BEGINNING:
-        return enter(card, (enum stage)card->stage, now_us);
-    case PAUSE:
-        return now_us - card->began_us < PAUSE_US ? SDCARD_WAITS
-                                                  : go_on(card, APPLICATION, now_us);
-    case CHECKING:
+    case SDCARD_WAIT_BEGINNING:
+        return enter(card, (enum sdcard_stage)card->stage, now_us);
+    case SDCARD_WAIT_PAUSE:
+        return now_us - card->began_us < PAUSE_US
+                   ? SDCARD_WAITS
+                   : sdcard_go_on(card, SDCARD_STAGE_APPLICATION, now_us);
+    case SDCARD_WAIT_CHECKING:
         return check_block(card, now_us);
-    case SUMMING:
+    case SDCARD_WAIT_SUMMING:
         return send_block(card, now_us);
     default:
         break;
@@ -592,8 +485,8 @@ enum sdcard_result sdcard_step(struct sdcard *card, uint32_t now_us) {
     }
     // A bus that does not end its exchange has no clocks to give either.
     count_fault(card);
-    card->stage = OVER;
-    card->wait = NOTHING;
+    card->stage = SDCARD_STAGE_OVER;
+    card->wait = SDCARD_WAIT_NOTHING;
     card->spi->select(card->spi->port, false);
     return SDCARD_TIMEOUT;
 }

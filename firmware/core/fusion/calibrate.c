@@ -76,9 +76,10 @@ static void apply(const struct calibration_of_sensor *sensor, const q16_16_t cou
 static void apply_to_counts(const struct calibration_of_sensor *sensor,
                             const struct counts *counts, q2_30_t scale, int32_t limit,
                             struct vector *out) {
-    // From these the AVR comes to q18_14 sooner than from counts.
-    const q16_16_t fine[3] = {counts->x * INT32_C(65536), counts->y * INT32_C(65536),
-                              counts->z * INT32_C(65536)};
+    q16_16_t fine[3];  // from which the AVR comes to q18_14 sooner than from counts
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        fine[axis] = counts->axis[axis] * INT32_C(65536);
+    }
     apply(sensor, fine, scale, limit, out);
 }
 
@@ -127,14 +128,12 @@ enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
                                             const struct sample *sample,
                                             const struct sensor_identity *identity,
                                             q16_16_t mean_counts[3]) {
-    const int16_t gyr[3] = {sample->gyr.x, sample->gyr.y, sample->gyr.z};
-    const int16_t acc[3] = {sample->acc.x, sample->acc.y, sample->acc.z};
     struct gyro_calibrator_axis *axis = calibrator->axes;
     const uint16_t count = calibrator->count;
     uint16_t span = 0;      // of the widest axis
     uint16_t furthest = 0;  // from zero
     for (uint8_t i = 0; i < 3; ++i) {
-        const int16_t rate = gyr[i];
+        const int16_t rate = sample->gyr.axis[i];
         if (count == 0) {
             *axis = (struct gyro_calibrator_axis){0, 0, rate, rate};
         }
@@ -142,7 +141,7 @@ enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
         if (count == CALIBRATOR_SAMPLES / 2) {
             axis->turn = -axis->turn;  // from here on the second half
         }
-        axis->turn += acc[i];
+        axis->turn += sample->acc.axis[i];
         if (rate < axis->low) {
             axis->low = rate;
         }

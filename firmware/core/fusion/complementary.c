@@ -17,12 +17,12 @@ void complementary_init(struct complementary *complementary, uint16_t rate_hz,
                         uint16_t gyr_delay_us) {
     (void)rate_hz;
     (void)gyr_delay_us;
-    classic_init(&complementary->common);
+    paper_filter_init(&complementary->common);
     complementary_restart(complementary);
 }
 
 void complementary_restart(struct complementary *complementary) {
-    classic_restart(&complementary->common);
+    paper_filter_restart(&complementary->common);
     complementary->roll_rad = 0;
     complementary->pitch_rad = 0;
     complementary->yaw = 0;
@@ -30,7 +30,7 @@ void complementary_restart(struct complementary *complementary) {
 
 void complementary_set_bias(struct complementary *complementary,
                             const struct vector *bias_rad_s_q25) {
-    classic_set_bias(&complementary->common, bias_rad_s_q25);
+    paper_filter_set_bias(&complementary->common, bias_rad_s_q25);
 }
 
 // The noise filter of section 6: a large change passes, a lesser one goes half the way,
@@ -102,11 +102,11 @@ static void follow_field(struct complementary *complementary) {
 
 void complementary_step(struct complementary *complementary,
                         const struct measurement *measurement, uint32_t interval_us) {
-    struct classic *common = &complementary->common;
+    struct paper_filter *common = &complementary->common;
     struct vector *force = &complementary->force_m_s2_q21;
     struct vector *field = &complementary->field_ut_q18;
     struct vector rate;
-    classic_step(common, measurement, interval_us);
+    paper_filter_count(common, measurement, interval_us);
     if (common->has_level) {
         quieten_vector(&measurement->acc_m_s2_q21, force, FORCE_WIDE_Q21,
                        FORCE_NARROW_Q21);
@@ -116,8 +116,8 @@ void complementary_step(struct complementary *complementary,
     const q7_25_t roll = slope(force->y, force->x, force->z);
     const q7_25_t pitch = slope(-force->x, force->y, force->z);
     if (common->has_level) {
-        const int32_t seconds_q33 = classic_seconds_q33(interval_us);
-        classic_rate(common, measurement, &rate);
+        const int32_t seconds_q33 = paper_filter_seconds_q33(interval_us);
+        paper_filter_rate(common, measurement, &rate);
         // Rad q4_28, and 3 bits less.
         const q7_25_t turn_x =
             fixed_scale_down(fixed_mul_q30(rate_of(rate.x), seconds_q33), 3);
@@ -162,5 +162,5 @@ void complementary_orientation(const struct complementary *complementary,
 
 void complementary_quality(const struct complementary *complementary,
                            struct attitude_quality *out) {
-    classic_quality(&complementary->common, out);
+    paper_filter_quality(&complementary->common, out);
 }

@@ -10,10 +10,10 @@
 #ifndef COMPLEMENTARY_H
 #define COMPLEMENTARY_H
 
-#include "core/fusion/classic.h"
+#include "core/fusion/paper_filter.h"
 
 struct complementary {
-    struct classic common;
+    struct paper_filter common;
     struct vector force_m_s2_q21;  // as the noise filter lets it through
     struct vector field_ut_q18;    // the same
     q7_25_t roll_rad, pitch_rad;   // up to 21 rad, the format being that of a rate

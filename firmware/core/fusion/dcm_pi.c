@@ -15,19 +15,19 @@
 void dcm_pi_init(struct dcm_pi *dcm_pi, uint16_t rate_hz, uint16_t gyr_delay_us) {
     (void)rate_hz;
     (void)gyr_delay_us;
-    classic_init(&dcm_pi->common);
+    paper_filter_init(&dcm_pi->common);
     dcm_pi->sum_x_rad_s = 0;
     dcm_pi->sum_y_rad_s = 0;
     dcm_pi_restart(dcm_pi);
 }
 
 void dcm_pi_restart(struct dcm_pi *dcm_pi) {
-    classic_restart(&dcm_pi->common);
-    classic_axes(&QUAT_IDENTITY, dcm_pi->rows);
+    paper_filter_restart(&dcm_pi->common);
+    quat_to_rows(&QUAT_IDENTITY, dcm_pi->rows);
 }
 
 void dcm_pi_set_bias(struct dcm_pi *dcm_pi, const struct vector *bias_rad_s_q25) {
-    classic_set_bias(&dcm_pi->common, bias_rad_s_q25);
+    paper_filter_set_bias(&dcm_pi->common, bias_rad_s_q25);
     // What the controllers have taken for offset is in the bias.
     dcm_pi->sum_x_rad_s = 0;
     dcm_pi->sum_y_rad_s = 0;
@@ -52,7 +52,7 @@ static void remove_offsets(struct dcm_pi *dcm_pi, const struct vector *force_q21
         return;
     }
     // Equation 12, the other way round: subtracted from the rate it then turns z to a.
-    classic_cross(&dcm_pi->rows[2], &a, &error);
+    vector_cross(&dcm_pi->rows[2], &a, &error);
     const q2_30_t trust = fixed_exp_neg((int32_t)fixed_magnitude(GRAVITY_Q21 - norm));
     rate_q25->x -= control(&dcm_pi->sum_x_rad_s, error.x, seconds_q33, trust);
     rate_q25->y -= control(&dcm_pi->sum_y_rad_s, error.y, seconds_q33, trust);
@@ -61,7 +61,7 @@ static void remove_offsets(struct dcm_pi *dcm_pi, const struct vector *force_q21
 // Equation 6 of a row: r (I + Omega T) = r + r x angle.
 static void turn_row(struct vector *row, const struct vector *angle_rad_q30) {
     struct vector step;
-    classic_cross(row, angle_rad_q30, &step);
+    vector_cross(row, angle_rad_q30, &step);
     *row = (struct vector){
         .x = row->x + step.x, .y = row->y + step.y, .z = row->z + step.z};
 }
@@ -80,7 +80,7 @@ static void step_rows(struct vector rows[3], const struct vector *angle_rad_q30)
     turn_row(x, angle_rad_q30);
     turn_row(y, angle_rad_q30);
     // Equations 7 to 9.
-    const q2_30_t half = fixed_half_floor(classic_dot(x, y));
+    const q2_30_t half = fixed_half_floor(vector_dot(x, y));
     const struct vector old = *x;
     x->x -= fixed_mul_q30(half, y->x);
     x->y -= fixed_mul_q30(half, y->y);
@@ -89,7 +89,7 @@ static void step_rows(struct vector rows[3], const struct vector *angle_rad_q30)
     y->y -= fixed_mul_q30(half, old.y);
     y->z -= fixed_mul_q30(half, old.z);
     // Equations 10 and 11; the third row's own turn is not needed.
-    classic_cross(x, y, &rows[2]);
+    vector_cross(x, y, &rows[2]);
     normalise_row(x);
     normalise_row(y);
     normalise_row(&rows[2]);
@@ -99,17 +99,17 @@ void dcm_pi_step(struct dcm_pi *dcm_pi, const struct measurement *measurement,
                  uint32_t interval_us) {
     struct vector rate;
     struct quat start;
-    classic_step(&dcm_pi->common, measurement, interval_us);
-    if (classic_wants_start(&dcm_pi->common, measurement)) {
-        classic_quat(dcm_pi->rows, &start);
-        if (classic_start(&dcm_pi->common, measurement, &start)) {
-            classic_axes(&start, dcm_pi->rows);
+    paper_filter_count(&dcm_pi->common, measurement, interval_us);
+    if (paper_filter_wants_start(&dcm_pi->common, measurement)) {
+        quat_from_rows(dcm_pi->rows, &start);
+        if (paper_filter_start(&dcm_pi->common, measurement, &start)) {
+            quat_to_rows(&start, dcm_pi->rows);
             return;
         }
     }
-    classic_rate(&dcm_pi->common, measurement, &rate);
-    remove_offsets(dcm_pi, &measurement->acc_m_s2_q21, classic_seconds_q33(interval_us),
-                   &rate);
+    paper_filter_rate(&dcm_pi->common, measurement, &rate);
+    remove_offsets(dcm_pi, &measurement->acc_m_s2_q21,
+                   paper_filter_seconds_q33(interval_us), &rate);
     // In equal parts, short enough for the repair to hold.
     if (interval_us > INTERVAL_MAX_US) {
         interval_us = INTERVAL_MAX_US;
@@ -119,7 +119,7 @@ void dcm_pi_step(struct dcm_pi *dcm_pi, const struct measurement *measurement,
         return;
     }
     // Rad q4_28, at most 0.33 an axis, and two bits more.
-    vector_scale(&rate, classic_seconds_q33(interval_us / parts), &rate);
+    vector_scale(&rate, paper_filter_seconds_q33(interval_us / parts), &rate);
     rate = (struct vector){.x = rate.x * 4, .y = rate.y * 4, .z = rate.z * 4};
     for (uint8_t part = 0; part < parts; ++part) {
         step_rows(dcm_pi->rows, &rate);
@@ -127,10 +127,10 @@ void dcm_pi_step(struct dcm_pi *dcm_pi, const struct measurement *measurement,
 }
 
 void dcm_pi_orientation(const struct dcm_pi *dcm_pi, struct quat *out) {
-    classic_quat(dcm_pi->rows, out);
+    quat_from_rows(dcm_pi->rows, out);
 }
 
 void dcm_pi_quality(const struct dcm_pi *dcm_pi, struct attitude_quality *out) {
-    classic_quality(&dcm_pi->common, out);
+    paper_filter_quality(&dcm_pi->common, out);
     out->is_heading_free = true;
 }

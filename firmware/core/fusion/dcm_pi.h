@@ -11,10 +11,10 @@
 #ifndef DCM_PI_H
 #define DCM_PI_H
 
-#include "core/fusion/classic.h"
+#include "core/fusion/paper_filter.h"
 
 struct dcm_pi {
-    struct classic common;
+    struct paper_filter common;
     struct vector rows[3];  // of world_from_body: the world's axes in the body
     q2_30_t sum_x_rad_s, sum_y_rad_s;  // the controllers' integral parts, +-1 rad/s
 };

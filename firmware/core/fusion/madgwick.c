@@ -9,7 +9,7 @@
 void madgwick_init(struct madgwick *madgwick, uint16_t rate_hz, uint16_t gyr_delay_us) {
     (void)rate_hz;
     (void)gyr_delay_us;
-    classic_init(&madgwick->common);
+    paper_filter_init(&madgwick->common);
     madgwick_restart(madgwick);
 }
 
@@ -20,12 +20,12 @@ static void turn_frame(const struct quat *q, q2_30_t z, struct quat *out) {
 }
 
 void madgwick_restart(struct madgwick *madgwick) {
-    classic_restart(&madgwick->common);
+    paper_filter_restart(&madgwick->common);
     turn_frame(&QUAT_IDENTITY, -SQRT_HALF, &madgwick->earth_from_body);
 }
 
 void madgwick_set_bias(struct madgwick *madgwick, const struct vector *bias_rad_s_q25) {
-    classic_set_bias(&madgwick->common, bias_rad_s_q25);
+    paper_filter_set_bias(&madgwick->common, bias_rad_s_q25);
 }
 
 // An eighth of (estimated - measured): at most 1/4 long.
@@ -71,13 +71,13 @@ static bool find_gradient(const struct quat *q, const struct measurement *measur
     if (!vector_normalise(&measurement->acc_m_s2_q21, &force, &norm)) {
         return false;
     }
-    classic_axes(q, rows);
+    quat_to_rows(q, rows);
     eighth_of_error(&rows[2], &force, &up);
     if (measurement->has_mag &&
         vector_normalise(&measurement->mag_ut_q18, &field, &norm)) {
         q2_30_t b_x;
         q2_30_t b_z;
-        classic_field(rows, &field, &b_x, &b_z);
+        paper_filter_reference(rows, &field, &b_x, &b_z);
         const struct vector estimated = {
             .x = fixed_mul_q30(rows[0].x, b_x) + fixed_mul_q30(rows[2].x, b_z),
             .y = fixed_mul_q30(rows[0].y, b_x) + fixed_mul_q30(rows[2].y, b_z),
@@ -89,7 +89,7 @@ static bool find_gradient(const struct quat *q, const struct measurement *measur
         vector_scale(&north, b_x, &north);
     }
     gradient_of(q, &up, &north, direction);
-    return classic_normalise(direction);
+    return quat_normalise(direction);
 }
 
 void madgwick_step(struct madgwick *madgwick, const struct measurement *measurement,
@@ -98,21 +98,21 @@ void madgwick_step(struct madgwick *madgwick, const struct measurement *measurem
     struct quat direction;
     struct vector turn;
     struct quat start;
-    classic_step(&madgwick->common, measurement, interval_us);
-    if (classic_wants_start(&madgwick->common, measurement)) {
+    paper_filter_count(&madgwick->common, measurement, interval_us);
+    if (paper_filter_wants_start(&madgwick->common, measurement)) {
         turn_frame(q, SQRT_HALF, &start);
-        if (classic_start(&madgwick->common, measurement, &start)) {
+        if (paper_filter_start(&madgwick->common, measurement, &start)) {
             turn_frame(&start, -SQRT_HALF, q);
             return;
         }
     }
-    const int32_t seconds_q33 = classic_seconds_q33(interval_us);
+    const int32_t seconds_q33 = paper_filter_seconds_q33(interval_us);
     const bool has_direction = find_gradient(q, measurement, &direction);
     // Equations 11 to 13 and 42 to 44, halved: q / 2 + (rate's step - beta direction)
     // / 2. |rate's quarter turn| <= 0.91, 72.7 rad/s for 50 ms; |beta's| <= 0.0011.
-    classic_rate(&madgwick->common, measurement, &turn);
+    paper_filter_rate(&madgwick->common, measurement, &turn);
     vector_scale(&turn, seconds_q33, &turn);
-    classic_half_step(q, &turn, q);
+    quat_half_step(q, &turn, q);
     if (has_direction) {
         const q2_30_t beta = fixed_mul_q30(seconds_q33, HALF_BETA);
         q->w -= fixed_mul_q30(direction.w, beta);
@@ -120,7 +120,7 @@ void madgwick_step(struct madgwick *madgwick, const struct measurement *measurem
         q->y -= fixed_mul_q30(direction.y, beta);
         q->z -= fixed_mul_q30(direction.z, beta);
     }
-    (void)classic_normalise(q);
+    (void)quat_normalise(q);
 }
 
 void madgwick_orientation(const struct madgwick *madgwick, struct quat *out) {
@@ -128,5 +128,5 @@ void madgwick_orientation(const struct madgwick *madgwick, struct quat *out) {
 }
 
 void madgwick_quality(const struct madgwick *madgwick, struct attitude_quality *out) {
-    classic_quality(&madgwick->common, out);
+    paper_filter_quality(&madgwick->common, out);
 }

@@ -6,10 +6,10 @@
 #ifndef MADGWICK_H
 #define MADGWICK_H
 
-#include "core/fusion/classic.h"
+#include "core/fusion/paper_filter.h"
 
 struct madgwick {
-    struct classic common;
+    struct paper_filter common;
     struct quat earth_from_body;  // earth: x north, z up, as in Madgwick's report
 };
 

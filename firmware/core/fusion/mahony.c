@@ -9,24 +9,24 @@
 void mahony_init(struct mahony *mahony, uint16_t rate_hz, uint16_t gyr_delay_us) {
     (void)rate_hz;
     (void)gyr_delay_us;
-    classic_init(&mahony->common);
+    paper_filter_init(&mahony->common);
     mahony_restart(mahony);
 }
 
 void mahony_restart(struct mahony *mahony) {
-    classic_restart(&mahony->common);
+    paper_filter_restart(&mahony->common);
     mahony->world_from_body = QUAT_IDENTITY;
 }
 
 void mahony_set_bias(struct mahony *mahony, const struct vector *bias_rad_s_q25) {
-    classic_set_bias(&mahony->common, bias_rad_s_q25);
+    paper_filter_set_bias(&mahony->common, bias_rad_s_q25);
 }
 
 // Adds half of measured x estimated, unit vectors: |sum| <= 1/2 each time.
 static void add_half_error(const struct vector *measured,
                            const struct vector *estimated, struct vector *sum) {
     struct vector error;
-    classic_cross(measured, estimated, &error);
+    vector_cross(measured, estimated, &error);
     sum->x += fixed_half_floor(error.x);
     sum->y += fixed_half_floor(error.y);
     sum->z += fixed_half_floor(error.z);
@@ -41,24 +41,24 @@ void mahony_step(struct mahony *mahony, const struct measurement *measurement,
     struct vector field;
     struct vector half_error = {0};
     int32_t norm;
-    classic_step(&mahony->common, measurement, interval_us);
-    if (classic_wants_start(&mahony->common, measurement) &&
-        classic_start(&mahony->common, measurement, q)) {
+    paper_filter_count(&mahony->common, measurement, interval_us);
+    if (paper_filter_wants_start(&mahony->common, measurement) &&
+        paper_filter_start(&mahony->common, measurement, q)) {
         return;
     }
-    const int32_t seconds_q33 = classic_seconds_q33(interval_us);
-    classic_rate(&mahony->common, measurement, &turn);
+    const int32_t seconds_q33 = paper_filter_seconds_q33(interval_us);
+    paper_filter_rate(&mahony->common, measurement, &turn);
     vector_scale(&turn, seconds_q33, &turn);
     // Equation 32c: the sum of measured x estimated directions, both of weight 1.
     // Without a force, as the implementation that NECTEC uses, nothing corrects.
     if (vector_normalise(&measurement->acc_m_s2_q21, &force, &norm)) {
-        classic_axes(q, rows);
+        quat_to_rows(q, rows);
         add_half_error(&force, &rows[2], &half_error);
         if (measurement->has_mag &&
             vector_normalise(&measurement->mag_ut_q18, &field, &norm)) {
             q2_30_t north;
             q2_30_t up;
-            classic_field(rows, &field, &north, &up);
+            paper_filter_reference(rows, &field, &north, &up);
             const struct vector estimated = {
                 .x = fixed_mul_q30(rows[1].x, north) + fixed_mul_q30(rows[2].x, up),
                 .y = fixed_mul_q30(rows[1].y, north) + fixed_mul_q30(rows[2].y, up),
@@ -72,8 +72,8 @@ void mahony_step(struct mahony *mahony, const struct measurement *measurement,
     turn = (struct vector){.x = turn.x + half_error.x,
                            .y = turn.y + half_error.y,
                            .z = turn.z + half_error.z};
-    classic_half_step(q, &turn, q);
-    (void)classic_normalise(q);
+    quat_half_step(q, &turn, q);
+    (void)quat_normalise(q);
 }
 
 void mahony_orientation(const struct mahony *mahony, struct quat *out) {
@@ -81,5 +81,5 @@ void mahony_orientation(const struct mahony *mahony, struct quat *out) {
 }
 
 void mahony_quality(const struct mahony *mahony, struct attitude_quality *out) {
-    classic_quality(&mahony->common, out);
+    paper_filter_quality(&mahony->common, out);
 }

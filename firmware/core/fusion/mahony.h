@@ -5,10 +5,10 @@
 #ifndef MAHONY_H
 #define MAHONY_H
 
-#include "core/fusion/classic.h"
+#include "core/fusion/paper_filter.h"
 
 struct mahony {
-    struct classic common;
+    struct paper_filter common;
     struct quat world_from_body;
 };
 

@@ -15,7 +15,7 @@ bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibrat
     tracker->calibration = calibration;
     tracker->identity = identity;
     tracker->scale = calibration_scale_of(identity);
-    tracker->calibrator = (struct gyro_calibrator){.count = 0};
+    gyro_calibrator_begin(&tracker->calibrator);
     attitude_init(&tracker->attitude, (enum filter)filter, identity->rate_hz,
                   identity->gyr_delay_us);
     pose_set_origin(tracker, POSE_ORIGIN_NONE);

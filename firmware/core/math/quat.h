@@ -40,4 +40,22 @@ void quat_about_z(int32_t cosine, int32_t sine, struct quat *out);
 // None where x points up or down.
 void quat_to_no_heading(const struct quat *q, struct quat *out);
 
+// Half of q + q * (0, angle / 2), a rotation step to first order. `quarter_rad_q30` is
+// a quarter of the angle, at most 1.3 long, and |q| <= 1 + 1e-6: then no component
+// leaves q2_30. `out` may be q.
+void quat_half_step(const struct quat *q, const struct vector *quarter_rad_q30,
+                    struct quat *out);
+
+// q / |q| of any length, its norm within 1e-7 of 1. Returns false and leaves q where it
+// is zero. No component may be INT32_MIN.
+bool quat_normalise(struct quat *q);
+
+// The rows of q's rotation matrix, q2_30: the axes of the world in the body, where q is
+// world_from_body. Its norm must be within 1e-6 of 1.
+void quat_to_rows(const struct quat *q, struct vector rows[3]);
+
+// The unit quaternion of such rows, which must be orthogonal within 0.1 and of norms
+// within 0.1 of 1 and not above it by more than 1e-6.
+void quat_from_rows(const struct vector rows[3], struct quat *out);
+
 #endif

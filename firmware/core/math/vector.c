@@ -82,3 +82,14 @@ bool vector_exceeds(const struct vector *v, int32_t limit) {
     }
     return false;
 }
+
+q2_30_t vector_dot(const struct vector *a, const struct vector *b) {
+    return fixed_mul_q30(a->x, b->x) + fixed_mul_q30(a->y, b->y) +
+           fixed_mul_q30(a->z, b->z);
+}
+
+void vector_cross(const struct vector *a, const struct vector *b, struct vector *out) {
+    out->x = fixed_mul_q30(a->y, b->z) - fixed_mul_q30(a->z, b->y);
+    out->y = fixed_mul_q30(a->z, b->x) - fixed_mul_q30(a->x, b->z);
+    out->z = fixed_mul_q30(a->x, b->y) - fixed_mul_q30(a->y, b->x);
+}

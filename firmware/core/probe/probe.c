@@ -23,8 +23,7 @@ enum {
 
 static void make_id(struct probe *probe) {
     uint8_t *id = probe->settings.probe_id;
-    if (probe->board.unique_id != NULL) {
-        memcpy(id, probe->board.unique_id, sizeof probe->settings.probe_id);
+    if (probe->port->unique_id(id)) {
         return;
     }
     uint16_t words[4] = {1, 2, 3, 4};
@@ -37,11 +36,10 @@ static void make_id(struct probe *probe) {
     memcpy(id, words, sizeof words);
 }
 
-void probe_begin(struct probe *probe, const struct probe_port *port,
-                 const struct probe_board *board, uint32_t now_us) {
+void probe_begin(struct probe *probe, const IN_FLASH struct probe_port *port,
+                 uint32_t now_us) {
     memset(probe, 0, sizeof *probe);
     probe->port = port;
-    probe->board = *board;
     probe->second_us = now_us;
     frame_decoder_init(&probe->decoder, SCHEMA_SEED, MESSAGE_HELLO, probe->received,
                        sizeof probe->received);
@@ -60,6 +58,12 @@ void probe_begin(struct probe *probe, const struct probe_port *port,
     if (loaded != SETTINGS_OK) {
         probe_tell(probe, EVENT_SETTINGS_RESTORED, CAUSE_BOOT, loaded, now_us);
     }
+}
+
+void probe_equip(struct probe *probe, struct probe_log *log,
+                 void (*equipment)(struct message_equipment *out)) {
+    probe->log = log;
+    probe->equipment = equipment;
 }
 
 void probe_sensor_ready(struct probe *probe, const struct sensor_identity *identity,
@@ -141,7 +145,7 @@ void probe_sample(struct probe *probe, const struct sample *sample) {
 }
 
 void probe_log(struct probe *probe, bool is_on, uint32_t now_us) {
-    struct probe_log *const log = probe->port->log;
+    struct probe_log *const log = probe->log;
     log->is_on = is_on;
     if (is_on) {
         log->earlier += log->outlet.sequence;
@@ -151,7 +155,7 @@ void probe_log(struct probe *probe, bool is_on, uint32_t now_us) {
 }
 
 void probe_worked(struct probe *probe, uint32_t cycles) {
-    probe->status.cycles_mean += cycles;
+    probe->cycles_sum += cycles;
     ++probe->samples;
     if (cycles > probe->status.cycles_worst) {
         probe->status.cycles_worst = cycles;
@@ -205,7 +209,7 @@ void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
         ++probe->status.uptime;
         probe->said = 0;
         send_status(probe, now_us);
-    } else if (!PROBE_IS_WIRE_ONLY && probe->port->equipment != NULL && probe->said == 0 &&
+    } else if (!PROBE_IS_WIRE_ONLY && probe->equipment != NULL && probe->said == 0 &&
                elapsed_us >= EQUIPMENT_PHASE_US) {
         probe->said = 1;
         send_equipment(probe, now_us);

@@ -6,13 +6,14 @@
 
 #include "core/drivers/button.h"
 #include "core/fusion/pose.h"
+#include "core/probe/in_flash.h"
 #include "core/probe/outlet.h"
 #include "core/storage/settings.h"
 #include "core/wire/frame.h"
 #include "core/wire/messages.h"
 
-// A build with PROBE_WIRE_ONLY has nothing beside sensor, wire and button: no log and no
-// equipment.
+// A build with PROBE_WIRE_ONLY has nothing beside sensor, wire and button: no log and
+// no equipment.
 #ifdef PROBE_WIRE_ONLY
 enum { PROBE_IS_WIRE_ONLY = true };
 #else
@@ -30,28 +31,20 @@ struct probe_log {
 // What the probe asks of a board.
 struct probe_port {
     struct outlet *wire;
-    uint32_t (*samples_ready)(void);
-    uint16_t (*stack_free)(void);  // bytes, UINT16_MAX: not known
-    uint16_t (*supply_mv)(void);   // 0: not known
-    uint16_t (*entropy)(void);
     const struct settings_storage *storage;
-    // For boards that have more than sensor, wire and button; NULL otherwise.
-    struct probe_log *log;
-    void (*equipment)(struct message_equipment *out);  // fills all but messages_*
-};
-
-struct probe_board {
-    uint8_t kind;              // enum board
-    uint8_t reset_cause;       // flags reset_cause
-    uint32_t reset_address;    // where the program before came to grief, 0: not known
-    const char *firmware;      // build text, at most 16 characters count
-    const uint8_t *unique_id;  // 8 bytes that the silicon is born with, or NULL
+    // Fills board, firmware, reset_cause and reset_address.
+    void (*describe)(struct message_hello *out);
+    // Fills samples_ready, stack_free and supply.
+    void (*measure)(struct message_status *out);
+    // See board.h.
+    bool (*unique_id)(uint8_t id[8]);
+    uint16_t (*entropy)(void);
 };
 
 // The smaller and the busier a member, the further up: the AVR reaches the first 64
 // bytes of a struct in one instruction.
 struct probe {
-    const struct probe_port *port;
+    const IN_FLASH struct probe_port *port;
     const struct sensor_identity *identity;  // NULL until the sensor was found
     bool is_streaming;
     bool is_faulty;  // the sensor does not deliver
@@ -63,15 +56,17 @@ struct probe {
     uint8_t last_result;
     uint16_t last_token;
     uint16_t pose_phase, raw_phase;
-    uint16_t samples;  // of the second that runs
-    uint32_t second_us;  // start of the second that runs
-    // Counts as it goes; cycles_mean is their sum until it is sent.
-    struct message_status status;
-    uint32_t refused_us;  // when a refused calibration was last told
+    uint16_t samples;  // of the second that runs, and the cycles of their work
+    uint32_t cycles_sum;
+    uint32_t second_us;            // start of the second that runs
+    struct message_status status;  // counts as it goes
+    uint32_t refused_us;           // when a refused calibration was last told
     struct settings settings;
     struct settings_writer writer;
     int32_t last_value[2];
-    struct probe_board board;
+    // NULL where the board has no more than sensor, wire and button.
+    struct probe_log *log;
+    void (*equipment)(struct message_equipment *out);  // fills all but messages_*
     struct button button;
     struct frame_decoder decoder;
     uint8_t received[MESSAGE_COMMAND_SIZE + FRAME_CRC];  // all that a host sends
@@ -79,8 +74,12 @@ struct probe {
 };
 
 // Loads the settings, counts the boot, makes the probe's id where it has none.
-void probe_begin(struct probe *probe, const struct probe_port *port,
-                 const struct probe_board *board, uint32_t now_us);
+void probe_begin(struct probe *probe, const IN_FLASH struct probe_port *port,
+                 uint32_t now_us);
+
+// The board has more than sensor, wire and button. Both must stay valid.
+void probe_equip(struct probe *probe, struct probe_log *log,
+                 void (*equipment)(struct message_equipment *out));
 
 // The sensor is set up and samples will come, for the first time or again.
 void probe_sensor_ready(struct probe *probe, const struct sensor_identity *identity,

@@ -10,8 +10,8 @@
 
 // Those of the outlets that are open.
 static uint8_t open_of(const struct probe *probe, uint8_t outlets) {
-    const bool has_log = TO_CARD != 0 && probe->port->log != NULL;
-    return has_log && probe->port->log->is_on ? outlets : outlets & TO_WIRE;
+    const bool has_log = TO_CARD != 0 && probe->log != NULL;
+    return has_log && probe->log->is_on ? outlets : outlets & TO_WIRE;
 }
 
 NOINLINE static void put_copy(struct outlet *outlet, const uint8_t *bytes,
@@ -25,7 +25,7 @@ NOINLINE static void put_copy(struct outlet *outlet, const uint8_t *bytes,
 static void put(struct probe *probe, uint8_t outlets, uint8_t *bytes, uint8_t length) {
     const uint8_t open = open_of(probe, outlets);
     if ((open & TO_CARD) != 0) {
-        put_copy(&probe->port->log->outlet, bytes, length);
+        put_copy(&probe->log->outlet, bytes, length);
     }
     if (TO_CARD == 0 || (open & TO_WIRE) != 0) {
         outlet_put(probe->port->wire, bytes, length);
@@ -49,17 +49,12 @@ static void make_hello(const struct probe *probe, struct message_hello *out) {
     *out = (struct message_hello){
         .protocol_version = PROTOCOL_VERSION,
         .schema_fingerprint = SCHEMA_FINGERPRINT,
-        .board = probe->board.kind,
         .pose_rate = probe->settings.pose_rate_hz,
         .raw_rate = probe->settings.raw_rate_hz,
         .boot_count = probe->settings.boot_count,
-        .reset_cause = probe->board.reset_cause,
         .filter = send_filter(probe),
-        .reset_address = probe->board.reset_address,
     };
-    for (uint8_t i = 0; i < sizeof out->firmware && probe->board.firmware[i]; ++i) {
-        out->firmware[i] = probe->board.firmware[i];
-    }
+    probe->port->describe(out);
     memcpy(out->probe_id, probe->settings.probe_id, sizeof out->probe_id);
     if (identity != NULL) {
         out->sensor = identity->kind;
@@ -88,28 +83,23 @@ NOINLINE void send_status(struct probe *probe, uint32_t now_us) {
     uint8_t bytes[MESSAGE_STATUS_SIZE + FRAME_AROUND];
     struct message_status *status = &probe->status;
     const struct outlet *wire = probe->port->wire;
-    const uint16_t supply_mv = probe->port->supply_mv();
+    probe->port->measure(status);
     status->state = (uint8_t)probe_state(probe);
-    status->samples_ready = probe->port->samples_ready();
-    if (probe->samples > 0) {
-        status->cycles_mean /= probe->samples;
-    }
-    status->stack_free = probe->port->stack_free();
-    status->supply = supply_mv > 0 ? supply_mv : STATUS_SUPPLY_NULL;
+    status->cycles_mean = probe->samples > 0 ? probe->cycles_sum / probe->samples : 0;
     status->messages_sent = wire->sequence - wire->dropped + 1;  // itself
     status->messages_dropped = wire->dropped;
     put(probe, TO_BOTH, bytes, message_status_encode(status, 0, now_us, bytes + 1));
     probe->samples = 0;
-    status->cycles_mean = 0;
+    probe->cycles_sum = 0;
     status->cycles_worst = 0;
 }
 
 NOINLINE void send_equipment(struct probe *probe, uint32_t now_us) {
     uint8_t bytes[MESSAGE_EQUIPMENT_SIZE + FRAME_AROUND];
     struct message_equipment message = {.battery = EQUIPMENT_BATTERY_NULL};
-    probe->port->equipment(&message);
-    if (probe->port->log != NULL) {
-        const struct probe_log *log = probe->port->log;
+    probe->equipment(&message);
+    if (probe->log != NULL) {
+        const struct probe_log *log = probe->log;
         const struct outlet *card = &log->outlet;
         message.messages_unlogged = card->dropped;
         message.messages_logged = log->earlier + card->sequence - card->dropped;
@@ -170,7 +160,7 @@ NOINLINE static void put_pose(struct probe *probe, uint8_t outlet,
 // than on the wire.
 NOINLINE void send_pose(struct probe *probe, uint8_t outlets, uint32_t time_us) {
     const uint8_t open = open_of(probe, outlets);
-    struct probe_log *const log = TO_CARD != 0 ? probe->port->log : NULL;
+    struct probe_log *const log = TO_CARD != 0 ? probe->log : NULL;
     if (open == 0) {
         return;
     }

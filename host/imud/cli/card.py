@@ -120,7 +120,7 @@ def _bytes(text: str) -> int:
     number, unit = (text[:-1], units[text[-1:]]) if text[-1:] in units else (text, 1)
     if not number.isdecimal():
         raise argparse.ArgumentTypeError(
-            f"{text} is not a number of bytes, as 512M or 8G (of 1024)"
+            f"{text} is not a number of bytes, such as 512M or 8G (powers of 1024)"
         )
     return int(number) * unit
 
@@ -133,7 +133,7 @@ def _time_ns(text: str) -> int:
         time = datetime.fromisoformat(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(
-            f"{text} is not a time as 2026-01-02T03:04:05Z"
+            f"{text} is not a time, such as 2026-01-02T03:04:05Z"
         ) from error
     since = time.replace(tzinfo=time.tzinfo or UTC) - datetime(1970, 1, 1, tzinfo=UTC)
     return (since.days * 86400 + since.seconds) * 10**9 + since.microseconds * 1000

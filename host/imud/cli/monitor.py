@@ -168,12 +168,12 @@ class Screen:
         count = f"{len(probes)} probe{'' if len(probes) == 1 else 's'}"
         head = Text().append(f"imud at {self.endpoint}, {count}", style="bold")
         if not self.is_connected:
-            head.append("  it is gone; waiting for it", style="bold red")
+            head.append("  not running; waiting for it", style="bold red")
         foot = Text("q ends", style="dim")
         room = height - 2
         body: list[Text] = []
         if not probes:
-            body = [Text("no probe was heard yet", style="dim")]
+            body = [Text("no probe yet", style="dim")]
         elif len(probes) * BLOCK <= room:
             for shown in probes:
                 body += block_of(shown, now_s)
@@ -185,7 +185,7 @@ class Screen:
                 left_out = len(body) - room + 1
                 body = [
                     *body[: room - 1],
-                    Text(f"and {left_out} more: a taller window"),
+                    Text(f"and {left_out} more: make the window taller"),
                 ]
         return [head, *body[:room], foot][: max(1, height)]
 
@@ -296,5 +296,5 @@ def _write(
         for _, shown in sorted(screen.probes.items()):
             sys.stdout.write(pipe_line(shown, now_s) + "\n")
         if not screen.is_connected:
-            sys.stdout.write("imud is gone; waiting for it\n")
+            sys.stdout.write("imud is not running; waiting for it\n")
         sys.stdout.flush()

@@ -193,7 +193,7 @@ class _Listener:
         is_due = not self.is_hinted and now_s - self.begin_s > HINT_S
         if is_due and not any(received.poses for received in self.probes.values()):
             self.is_hinted = True
-            sys.stderr.write("no pose yet; imud list, and imud start\n")
+            sys.stderr.write("no pose yet; try imud list, and imud start\n")
 
 
 def listen(
@@ -240,7 +240,7 @@ def _summary(probes: dict[str, Reception], out: TextIO) -> int:
     with_poses = {name: received for name, received in probes.items() if received.poses}
     if not with_poses:
         raise ProbeUnknown(
-            "no pose came; is a probe streaming? imud list, and imud start"
+            "no pose arrived; is a probe streaming? try imud list, and imud start"
         )
     for name, received in sorted(with_poses.items()):
         out.write(

@@ -29,7 +29,7 @@ def show(client: Client, *, as_json: bool, has_ledger: bool = False) -> int:
             sys.stdout.write(json.dumps(status, separators=(",", ":")) + "\n")
         return 0
     if not statuses:
-        sys.stdout.write("no probe was heard yet\n")
+        sys.stdout.write("no probe yet\n")
         return 0
     alive = set(client.alive())
     head: tuple[str, ...] = (

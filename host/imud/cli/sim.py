@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,8 +11,6 @@ from imud.cli.arguments import above_zero, add_command, whole
 from imud.virtual.sim import BOARDS, WIRE, Board, default_link, run
 
 if TYPE_CHECKING:
-    import argparse
-
     from imud.cli.arguments import Commands
 
 # Options that name a file of the emulator; each board says which of them it has.
@@ -60,7 +59,7 @@ def add(commands: Commands) -> None:
         _add_output(parser, board)
         _add_streams(parser, board)
         _add_hardware(parser, board)
-        parser.set_defaults(run=run, parser=parser, board=board)
+        parser.set_defaults(run=_run, parser=parser, board=board)
 
 
 def _add_motion(parser: argparse.ArgumentParser) -> None:
@@ -155,3 +154,13 @@ def _add_hardware(parser: argparse.ArgumentParser, board: Board) -> None:
             type=Path,
             help=f"{what} (default: the one built in this project)",
         )
+
+
+def _run(args: argparse.Namespace) -> int:
+    if args.save_motion and (args.motion or not args.seconds):
+        args.parser.error("--save-motion saves the hand's motion: needs --seconds N")
+    if args.record and not args.motion and not args.seconds:
+        args.parser.error("--record needs --seconds N: the hand never stops")
+    if getattr(args, "parts", None) and not args.profile:
+        args.parser.error("--parts needs --profile")
+    return run(args)

@@ -43,7 +43,11 @@ class Delivery:
 
 
 class Client:
-    """A connection to a daemon. Use it in a `with`, or close() it."""
+    """A connection to a daemon. Use it in a `with`, or close() it.
+
+    `keys` is the clients/NAME.toml of `imud keys`. DaemonNotFound if no daemon is at
+    `endpoint`.
+    """
 
     def __init__(
         self,
@@ -52,12 +56,13 @@ class Client:
         keys: str | Path | None = None,
     ) -> None:
         self._prefix = prefix
-        mine = network.read_credentials(Path(keys)) if keys is not None else None
-        self._mine = mine
-        # The file of keys says where the daemon is; an argument goes before it.
-        is_said = mine is None or endpoint != ENDPOINT
-        self._endpoint = endpoint if mine is None or is_said else mine.endpoint
-        self._session = network.open_client(self._endpoint, mine)
+        self._mine = network.read_credentials(Path(keys)) if keys is not None else None
+        if self._mine is not None and endpoint == ENDPOINT:
+            endpoint = (
+                self._mine.endpoint
+            )  # unless an argument says where the daemon is
+        self._endpoint = endpoint
+        self._session = network.open_client(endpoint, self._mine)
 
     def __enter__(self) -> Self:
         return self
@@ -182,7 +187,7 @@ class Client:
             watch.undeclare()
         raise ProbeUnknown(
             f"no probe{f' {probe}' if probe else ''} came in {seconds:g} s; "
-            "plug it in, or look at imud run"
+            "plug it in, or see what imud run says"
         )
 
     def only_probe(self, probe: str | None = None) -> str:
@@ -197,7 +202,7 @@ class Client:
             return probe
         if len(alive) != 1:
             raise ProbeUnknown(
-                "no probe is there; plug one in, or look at imud run"
+                "no probe is there; plug one in, or see what imud run says"
                 if not alive
                 else f"there are {len(alive)} probes; {_choice(alive)}"
             )
@@ -219,8 +224,8 @@ class Client:
             if reply.err:
                 raise CommandRefused(reply.err.payload.to_string())
         raise NoReply(
-            f"nobody answered {name} for probe {probe}: it is not there (imud list), "
-            "or your keys do not let you command any longer"
+            f"no reply to {name} for probe {probe}: it is gone (see imud list), or "
+            "your keys no longer allow commands"
         )
 
 

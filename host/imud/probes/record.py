@@ -9,9 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import msgspec
-import numpy as np
 
-from imud import rotation
 from imud.wire.messages import Message, Value
 
 # Messages published as JSON under their own names; others only as frames.
@@ -171,12 +169,6 @@ def equipment_of(fields: Mapping[str, Value]) -> dict[str, Any]:
 def plain(value: Value) -> Any:
     """Bytes as hexadecimal digits, other values unchanged."""
     return value.hex() if isinstance(value, bytes) else value
-
-
-def euler_deg(q: list[float]) -> tuple[float, float, float]:
-    """Yaw from east to north, pitch and roll: docs/angles.md."""
-    yaw, pitch, roll = np.degrees(rotation.to_yaw_pitch_roll(np.array(q))).tolist()
-    return yaw, pitch, roll
 
 
 def _scaled(counts: Value, lsb: Value) -> list[float] | None:

@@ -12,13 +12,14 @@ from typing import Any, TextIO
 import msgspec
 from msgspec.structs import replace
 
+from imud import rotation
 from imud.card import disk
 from imud.card.listing import plural
 from imud.card.probe_log import MAGIC, find_log
 from imud.errors import FileError
 from imud.log.reader import Logged, LogHead, read_log
 from imud.probes.ledger import totals
-from imud.probes.record import HEAD, describe, euler_deg
+from imud.probes.record import HEAD, describe
 from imud.probes.session import (
     Event,
     OtherSchema,
@@ -224,7 +225,7 @@ def words(item: dict[str, Any]) -> str:
     """One message as a line of text."""
     head = f"{item['t_device_us'] / 1e6:12.6f} s  #{item['seq']:<7} {item['type']:<7}"
     if item["type"] == "pose":
-        yaw, pitch, roll = euler_deg(item["q"])
+        yaw, pitch, roll = rotation.angles_deg(item["q"], "nautical")
         text = f"yaw {yaw:7.2f}  pitch {pitch:6.2f}  roll {roll:7.2f} deg"
         text += f"  tilt {_sigma(item['tilt_sigma_deg'])}"
         text += f"  heading {_sigma(item['heading_sigma_deg'])}"

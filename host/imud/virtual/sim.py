@@ -158,12 +158,6 @@ def run(args: argparse.Namespace) -> int:
 
     Returns its exit status, 128 + N after signal N.
     """
-    if args.save_motion and (args.motion or not args.seconds):
-        args.parser.error("--save-motion keeps what a hand did in --seconds N")
-    if args.record and not args.motion and not args.seconds:
-        args.parser.error("--record needs --seconds N: the hand never stops")
-    if getattr(args, "parts", None) and not args.profile:
-        args.parser.error("--parts are those of a --profile")
     link = args.link or default_link(args.board)
     words = command_line(args, link)
     rate_hz, pieces, seconds = _motion(args)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What the papers' filters share, on the bounds that classic.h states."""
+"""What the filters from papers share, on the bounds that its headers state."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ def test_axes_are_the_rows_of_the_matrix(q):
     rows = ffi.new("struct vector[3]")
     # At the ends of the norms that are taken.
     for norm in (1 - 1e-6, 1, 1 + 1e-6):
-        lib.classic_axes(quat(q * norm), rows)
+        lib.quat_to_rows(quat(q * norm), rows)
         found = np.array([[row.x, row.y, row.z] for row in rows]) / ONE
         assert np.abs(found - matrix_of(q)).max() < 5e-6
-    lib.classic_axes(quat(q), rows)
+    lib.quat_to_rows(quat(q), rows)
     found = np.array([[row.x, row.y, row.z] for row in rows]) / ONE
     assert np.abs(found - matrix_of(q)).max() < 2e-8
 
@@ -46,7 +46,7 @@ def test_a_quaternion_comes_back_from_its_rows_whichever_part_is_largest():
     out = ffi.new("struct quat *")
     largest = set()
     for q in QUATS:
-        lib.classic_quat(rows_of(matrix_of(q)), out)
+        lib.quat_from_rows(rows_of(matrix_of(q)), out)
         assert desk.apart_deg(numbers(out), q) < 1e-5
         assert abs(np.linalg.norm(numbers(out)) - 1) < 1e-7
         largest.add(int(np.argmax(np.abs(q))))
@@ -61,7 +61,7 @@ def test_rows_that_are_off_by_a_tenth_still_give_a_unit_quaternion():
         matrix /= np.maximum(np.linalg.norm(matrix, axis=1), 1)[:, None]
         matrix *= RANDOM.choice([0.9, 1.0, 1 + 1e-6], (3, 1))
         matrix = np.clip(matrix, -1 - 1e-6, 1 + 1e-6)
-        lib.classic_quat(rows_of(matrix), out)
+        lib.quat_from_rows(rows_of(matrix), out)
         assert abs(np.linalg.norm(numbers(out)) - 1) < 1e-7
         assert desk.apart_deg(numbers(out), quat_of(matrix)) < 15
 
@@ -73,7 +73,7 @@ def test_any_quaternion_but_zero_is_normalised_within_1e_7():
     small = anything // 2 ** RANDOM.integers(0, 31, (3000, 1))
     for values in [*grid, *anything.tolist(), *small.tolist()]:
         q = ffi.new("struct quat *", [int(value) for value in values])
-        assert lib.classic_normalise(q) == any(values)
+        assert lib.quat_normalise(q) == any(values)
         if any(values):
             wanted = np.array(values, float) / np.linalg.norm(np.array(values, float))
             assert np.abs(numbers(q) - wanted).max() < 1e-7
@@ -92,26 +92,28 @@ def test_half_a_step_fits_at_the_longest_turn_from_anywhere():
         for direction in turns:
             u = direction / np.linalg.norm(direction) * edge
             turn = ffi.new("struct vector *", desk.rounded(u * ONE).tolist())
-            lib.classic_half_step(quat(q * (1 + 1e-6)), turn, out)
+            lib.quat_half_step(quat(q * (1 + 1e-6)), turn, out)
             wanted = 0.5 * q + rotation.multiply(q, np.concatenate([[0.0], u]))
             assert np.abs(numbers(out) - wanted).max() < 3e-6
 
 
 def test_seconds_are_exact_up_to_50_ms_and_held_there():
     for us in (0, 1, 999, 1250, 5000, 5263, 10_000, 49_999, 50_000):
-        assert abs(lib.classic_seconds_q33(us) - us * 2**33 / 1e6) < 1.1
+        assert abs(lib.paper_filter_seconds_q33(us) - us * 2**33 / 1e6) < 1.1
     for us in (50_001, 10**6, 2**31, 2**32 - 1):
-        assert lib.classic_seconds_q33(us) == lib.classic_seconds_q33(50_000)
+        assert lib.paper_filter_seconds_q33(us) == lib.paper_filter_seconds_q33(50_000)
 
 
 def test_the_fastest_rate_less_the_largest_bias_fits_its_format():
-    state = ffi.new("struct classic *")
-    lib.classic_init(state)
-    lib.classic_set_bias(state, ffi.new("struct vector *", [INT32_MAX, -INT32_MAX, 0]))
+    state = ffi.new("struct paper_filter *")
+    lib.paper_filter_init(state)
+    lib.paper_filter_set_bias(
+        state, ffi.new("struct vector *", [INT32_MAX, -INT32_MAX, 0])
+    )
     limit = int(38 * RATE)
     felt = ffi.new("struct measurement *")
     felt.gyr_rad_s_q25 = [-limit, limit, limit]
     rate = ffi.new("struct vector *")
-    lib.classic_rate(state, felt, rate)
+    lib.paper_filter_rate(state, felt, rate)
     found = np.array([rate.x, rate.y, rate.z]) / RATE
     assert found == pytest.approx([-42, 42, 38])

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: MIT
+// Brings the sensor from reset to samples and keeps it there: set-up, retries, a bus to
+// be freed, a sensor gone silent. Samples go to the probe, and so does what went wrong.
+#ifndef ACQUISITION_H
+#define ACQUISITION_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "core/drivers/bus.h"
+#include "core/drivers/sensor.h"
+#include "core/probe/probe.h"
+
+// Why it failed is as enum bus_result has it; the bus then needs recovering.
+enum reading_result {
+    READING_OK = BUS_OK,
+    READING_NONE = 1,  // none has come since the last one taken
+    READING_NACK = BUS_NACK,
+    READING_TIMEOUT = BUS_TIMEOUT,
+    READING_STUCK = BUS_STUCK,
+};
+
+// What the interrupts of a board have read from the sensor after one data-ready edge.
+struct reading {
+    uint8_t bytes[BUS_BURST_MAX];  // of its bursts, one after the other
+    uint32_t time_us;              // of the edge
+    uint16_t missed;               // edges without a reading of their own before it
+};
+
+// What acquisition asks of a board; see board.h for each of the functions.
+struct acquisition_port {
+    const struct sensor_driver *sensor;
+    const struct bus_device *bus;  // for set-up, not while sampling
+    enum bus_result (*recover_bus)(void);
+    void (*start_sampling)(const struct bus_burst *bursts, uint8_t count);
+    void (*stop_sampling)(void);
+    enum reading_result (*take_reading)(struct reading *out);
+};
+
+enum acquisition_phase {
+    ACQUISITION_WAITING,  // before the next attempt
+    ACQUISITION_SETUP,
+    ACQUISITION_SAMPLING,
+};
+
+struct acquisition {
+    const IN_FLASH struct acquisition_port *port;
+    struct probe *probe;
+    enum acquisition_phase phase;
+    uint32_t since_us;  // start of the wait, or the last sample
+    uint8_t failed;     // bursts in a row
+    bool has_gap;       // samples were lost before the next one
+};
+
+// Starts set-up of the sensor. Both must stay valid.
+void acquisition_begin(struct acquisition *acquisition,
+                       const IN_FLASH struct acquisition_port *port,
+                       struct probe *probe);
+
+// One step: of set-up, of a wait, or the next sample. True where a sample was worked
+// on. Call it after every interrupt; while the phase is ACQUISITION_SETUP, which waits
+// for none, again after 1 ms or so.
+bool acquisition_step(struct acquisition *acquisition, uint32_t now_us);
+
+#endif

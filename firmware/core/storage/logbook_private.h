@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: MIT
+// What the files of the logbook share.
+//
+//   logbook.c        the card's state, the end of the recordings, frames into the ring
+//   logbook_file.c   finds the prepared file on a FAT32 card
+//   logbook_write.c  cuts blocks from the ring and has the card write them in short
+//   runs
+//
+// Documents: FAT = Microsoft FAT32 File System Specification, version 1.03; the blocks
+// of the file are those of docs/card.md.
+#ifndef LOGBOOK_PRIVATE_H
+#define LOGBOOK_PRIVATE_H
+
+#include "core/storage/logbook.h"
+
+enum {
+    // After a run that is cut short any of its blocks may be missing or there: with
+    // more of them, some could lie beyond what the search for the end looks over.
+    LOGBOOK_RUN_MAX = 8,
+    // Bad blocks in a row that do not end the recordings: worn, or such a run.
+    LOGBOOK_BAD_MAX = 8,
+
+    // Bytes of a block of the file.
+    LOGBOOK_CONTENT_AT = 12,
+    LOGBOOK_CRC_AT = 508,
+};
+
+// What goes on; each phase but WAITING and RESTING is one operation of the card.
+enum logbook_phase {
+    LOGBOOK_WAITING,  // for the time to look for a card
+    LOGBOOK_IDENTIFY,
+    LOGBOOK_PARTITION,
+    LOGBOOK_VOLUME,
+    LOGBOOK_ROOT,
+    LOGBOOK_ROOT_CHAIN,
+    LOGBOOK_FILE_CHAIN,
+    LOGBOOK_HEAD,
+    LOGBOOK_SEARCH,
+    LOGBOOK_RESTING,  // nothing goes on
+    LOGBOOK_CHECKING,
+    LOGBOOK_OPENING,
+    LOGBOOK_CUTTING,
+    LOGBOOK_WRITING,
+    LOGBOOK_STOPPING,
+};
+
+// Numbers of a block, little-endian.
+static inline uint16_t logbook_u16(const uint8_t *bytes) {
+    return (uint16_t)(bytes[0] | bytes[1] << 8);
+}
+
+static inline uint32_t logbook_u32(const uint8_t *bytes) {
+    return logbook_u16(bytes) | (uint32_t)logbook_u16(bytes + 2) << 16;
+}
+
+static inline void logbook_put_u32(uint8_t *bytes, uint32_t value) {
+    for (uint8_t i = 0; i < 4; i++, value >>= 8) {
+        bytes[i] = (uint8_t)value;
+    }
+}
+
+// logbook.c
+
+// Keeps a change for logbook_take_change(); a step makes three at most.
+void logbook_tell(struct logbook *book, enum event event, enum cause cause,
+                  uint32_t detail);
+// Has the card read a block; logbook_step() acts on it by the phase.
+void logbook_read(struct logbook *book, enum logbook_phase phase, uint32_t block);
+// Nothing to do until a run is due, or the card is to be checked.
+void logbook_rest(struct logbook *book);
+// Begins the checksum of the card's block, which takes several steps.
+void logbook_begin_sum(struct logbook *book);
+void logbook_end_recording(struct logbook *book, enum cause cause);
+// The card can't be used as it is; told once.
+void logbook_refuse(struct logbook *book, enum card state, enum cause cause);
+// The card has no prepared file.
+void logbook_refuse_unprepared(struct logbook *book);
+// Identifies a card that failed amid a recording once more; the recording goes on from
+// what the card has confirmed.
+void logbook_restart(struct logbook *book, enum sdcard_result failure);
+// Ready for a recording, or full.
+void logbook_settle(struct logbook *book);
+
+// logbook_file.c: each acts on the block that was read.
+
+void logbook_take_partitions(struct logbook *book);
+void logbook_take_volume(struct logbook *book);
+void logbook_take_root(struct logbook *book);
+void logbook_take_root_link(struct logbook *book);
+void logbook_take_file_chain(struct logbook *book);
+
+// logbook_write.c
+
+// Copies the next bytes of the ring to the card's block, and begins its checksum.
+void logbook_cut_block(struct logbook *book);
+// A block is with the card: cuts the next one, or ends the run.
+void logbook_take_written(struct logbook *book);
+// The run is on the card: what it took leaves the ring.
+void logbook_confirm_run(struct logbook *book);
+// The run failed: tries its content once more, block by block, to find which one it is.
+void logbook_survive_run(struct logbook *book, enum sdcard_result failure);
+
+#endif

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: MIT
+// A fault of a sensor on the I2C bus, the same for every model.
+#ifndef SIM_CHIPS_CHIP_FAULT_H
+#define SIM_CHIPS_CHIP_FAULT_H
+
+#include <stdint.h>
+
+enum chip_fault_kind {
+    CHIP_FAULT_NACK,            // refuses a byte; at_byte says which
+    CHIP_FAULT_STUCK_SDA,       // holds SDA low, until `clocks` SCL pulses or the end
+    CHIP_FAULT_NO_DATA_READY,   // takes no samples, gives no interrupts
+    CHIP_FAULT_WRONG_WHO_AM_I,  // answers `value`
+    // MPU-9250: nobody answers at 0x0C, on either bus. LSM9DS0: the magnetometer
+    // measures nothing.
+    CHIP_FAULT_NO_MAG,
+    CHIP_FAULT_GYR_SELF_TEST,  // a tenth of the gyroscope's self-test response
+    CHIP_FAULT_ACC_SELF_TEST,  // a tenth of the accelerometer's
+    CHIP_FAULT_FROZEN,         // data ready goes on, the numbers stand still
+};
+
+// In force for a span of time, or, where transactions is not 0, for that many
+// transactions of the host from number `first` on. The first one after power-up is
+// number 1; everything from START to STOP is one transaction, whoever is addressed.
+struct chip_fault {
+    enum chip_fault_kind kind;
+    // LSM9DS0: NACK, NO_DATA_READY, WRONG_WHO_AM_I and FROZEN are of this die (enum
+    // lsm9ds0_chip_die) or, with 0, of both. MPU-9250: 0.
+    uint8_t die;
+    uint64_t from_ns;
+    uint64_t for_ns;  // 0: for ever (STUCK_SDA with clocks: until clocked out)
+    uint64_t first;
+    uint64_t transactions;
+    uint8_t at_byte;  // NACK, STUCK_SDA: of the transaction; 0 address, 1 register
+    uint8_t clocks;   // STUCK_SDA: SCL pulses that free the line, 0: none do
+    uint8_t value;    // WRONG_WHO_AM_I
+};
+
+#endif

@@ -1,0 +1,193 @@
+// SPDX-License-Identifier: MIT
+// What the files of the LSM9DS0's model share: its registers and its state. See
+// ../lsm9ds0.h for the documents that DS and AN stand for.
+#ifndef SIM_CHIPS_LSM9DS0_CHIP_H
+#define SIM_CHIPS_LSM9DS0_CHIP_H
+
+#include "../i2c_slave.h"
+#include "../lsm9ds0.h"
+
+#define NEVER UINT64_MAX
+#define STANDARD_GRAVITY 9.80665  // m/s2
+
+enum { REG_COUNT = 128, AXES = 3, SENSORS = 3 };
+
+// DS register map. Both dies have these at the same place.
+enum {
+    REG_WHO_AM_I = 0x0F,
+    REG_STATUS = 0x27,  // STATUS_REG_G, STATUS_REG_A
+    REG_OUT_X_L = 0x28,
+    REG_FIFO_SRC = 0x2F,
+};
+enum {
+    REG_CTRL1_G = 0x20,
+    REG_CTRL2_G = 0x21,
+    REG_CTRL3_G = 0x22,
+    REG_CTRL4_G = 0x23,
+    REG_CTRL5_G = 0x24,
+    REG_REFERENCE_G = 0x25,
+    REG_FIFO_CTRL_G = 0x2E,
+    REG_INT1_CFG_G = 0x30,
+    REG_INT1_SRC_G = 0x31,
+    REG_INT1_THS_XH_G = 0x32,
+    REG_INT1_THS_XL_G = 0x33,
+    REG_INT1_THS_YH_G = 0x34,
+    REG_INT1_THS_YL_G = 0x35,
+    REG_INT1_THS_ZH_G = 0x36,
+    REG_INT1_THS_ZL_G = 0x37,
+    REG_INT1_DURATION_G = 0x38,
+};
+enum {
+    REG_OUT_TEMP_L_XM = 0x05,
+    REG_OUT_TEMP_H_XM = 0x06,
+    REG_STATUS_M = 0x07,
+    REG_OUT_X_L_M = 0x08,
+    REG_OUT_Z_H_M = 0x0D,
+    REG_INT_CTRL_M = 0x12,
+    REG_INT_SRC_M = 0x13,
+    REG_INT_THS_L_M = 0x14,
+    REG_INT_THS_H_M = 0x15,
+    REG_OFFSET_X_L_M = 0x16,
+    REG_OFFSET_Z_H_M = 0x1B,
+    REG_REFERENCE_X = 0x1C,
+    REG_REFERENCE_Z = 0x1E,
+    REG_CTRL0_XM = 0x1F,
+    REG_CTRL1_XM = 0x20,
+    REG_CTRL2_XM = 0x21,
+    REG_CTRL3_XM = 0x22,
+    REG_CTRL4_XM = 0x23,
+    REG_CTRL5_XM = 0x24,
+    REG_CTRL6_XM = 0x25,
+    REG_CTRL7_XM = 0x26,
+    REG_FIFO_CTRL_XM = 0x2E,
+    REG_INT_GEN_1 = 0x30,
+    REG_INT_GEN_1_SRC = 0x31,
+    REG_INT_GEN_1_THS = 0x32,
+    REG_INT_GEN_1_DURATION = 0x33,
+    REG_INT_GEN_2 = 0x34,
+    REG_INT_GEN_2_SRC = 0x35,
+    REG_INT_GEN_2_THS = 0x36,
+    REG_INT_GEN_2_DURATION = 0x37,
+    REG_CLICK_CFG = 0x38,
+    REG_CLICK_SRC = 0x39,
+    REG_CLICK_THS = 0x3A,
+    REG_TIME_LIMIT = 0x3B,
+    REG_TIME_LATENCY = 0x3C,
+    REG_TIME_WINDOW = 0x3D,
+    REG_ACT_THS = 0x3E,
+    REG_ACT_DUR = 0x3F,
+};
+
+enum {
+    // CTRL_REG1_G
+    G_DR_SHIFT = 6,
+    G_BW_SHIFT = 4,
+    G_PD = 1 << 3,
+    G_AXES = 0x07,  // Zen Yen Xen here: bit 2, 1, 0
+    // CTRL_REG3_G to CTRL_REG5_G
+    G_I2_DRDY = 1 << 3,
+    G_BDU = 1 << 7,
+    G_BLE = 1 << 6,
+    G_FS_SHIFT = 4,
+    G_ST_SHIFT = 1,
+    BOOT = 1 << 7,  // also of CTRL_REG0_XM
+    // INT_CTRL_REG_M
+    XM_IEA = 1 << 3,
+    // CTRL_REG1_XM to CTRL_REG4_XM
+    A_ODR_SHIFT = 4,
+    A_ODR_50_HZ = 5,
+    A_ODR_LAST = 10,
+    XM_BDU = 1 << 3,
+    A_AXES = 0x07,
+    A_BW_SHIFT = 6,
+    A_FS_SHIFT = 3,
+    A_FS_LAST = 4,
+    A_ST_SHIFT = 1,
+    P1_DRDYA = 1 << 2,
+    P1_DRDYM = 1 << 1,
+    P2_DRDYA = 1 << 3,
+    P2_DRDYM = 1 << 2,
+    // CTRL_REG5_XM to CTRL_REG7_XM
+    TEMP_EN = 1 << 7,
+    M_RES_SHIFT = 5,
+    M_ODR_SHIFT = 2,
+    M_ODR_100_HZ = 5,
+    M_FS_SHIFT = 5,
+    M_LOW_POWER = 1 << 2,
+    M_MODE = 0x03,
+    M_CONTINUOUS = 0,
+    M_SINGLE = 1,
+    M_POWER_DOWN = 2,
+    // Status of all three: overrun of an axis is its "data available", four bits up.
+    DATA_ALL = 1 << 3,
+    OVERRUN_SHIFT = 4,
+    // FIFO_SRC_REG
+    FIFO_EMPTY = 1 << 5,
+};
+
+struct die {
+    uint8_t reg[REG_COUNT];
+    uint8_t pointer;
+    bool moves_on;      // bit 7 of the sub-address (DS 6.1)
+    uint64_t boot_end;  // of a reboot under way; NEVER for none
+};
+
+// One of gyroscope, accelerometer, magnetometer: its clock and its six output bytes.
+struct sensor {
+    uint64_t epoch_ns;  // sample number n falls at epoch + n periods
+    uint64_t tick;      // number of the next sample
+    uint64_t tick_ns;   // NEVER: off
+    uint64_t samples;
+    int16_t latest[AXES];
+    // With BDU, output bytes of which the other half of the axis is yet to be read: the
+    // axis is not updated until then (DS: BDU). `waiting` axes have a newer value.
+    uint8_t half_read;
+    uint8_t waiting;
+};
+
+struct lsm9ds0_chip {
+    struct lsm9ds0_chip_config config;
+    struct i2c_slave wire;
+    double held[SENSORS][AXES];  // motion by lsm9ds0_chip_quantity
+    const char *complaint;
+
+    uint64_t gyr_on_ns;  // the gyroscope left power-down
+    struct die g;
+    struct die xm;
+    struct sensor sensors[SENSORS];  // by lsm9ds0_chip_quantity
+};
+
+// chip.c
+// Keeps the first thing that the host did against the documents.
+void lsm9ds0_chip_complain(struct lsm9ds0_chip *chip, const char *what);
+struct die *lsm9ds0_chip_die_of(struct lsm9ds0_chip *chip,
+                                enum lsm9ds0_chip_quantity quantity);
+// The die's number, for faults.
+enum lsm9ds0_chip_die lsm9ds0_chip_which(const struct lsm9ds0_chip *chip,
+                                         const struct die *die);
+
+// sense.c
+// Sets the time of the next sample after a change of rate or power, or at a reboot.
+void lsm9ds0_chip_set_next_tick(struct lsm9ds0_chip *chip,
+                                enum lsm9ds0_chip_quantity quantity);
+void lsm9ds0_chip_restart_clock(struct lsm9ds0_chip *chip,
+                                enum lsm9ds0_chip_quantity quantity);
+// Measures: `latest` of the sensor, and with the field the temperature.
+void lsm9ds0_chip_sense(struct lsm9ds0_chip *chip, enum lsm9ds0_chip_quantity quantity);
+
+// output.c
+void lsm9ds0_chip_take_sample(struct lsm9ds0_chip *chip,
+                              enum lsm9ds0_chip_quantity quantity);
+// An output byte has been read: number 0 to 5.
+void lsm9ds0_chip_release(struct lsm9ds0_chip *chip,
+                          enum lsm9ds0_chip_quantity quantity, int number);
+// BDU changed: nothing is held back, newer values show.
+void lsm9ds0_chip_release_all(struct lsm9ds0_chip *chip,
+                              enum lsm9ds0_chip_quantity quantity);
+
+// registers.c: one byte from or to the register that the die's pointer is at.
+uint8_t lsm9ds0_chip_read_register(struct lsm9ds0_chip *chip, struct die *die);
+void lsm9ds0_chip_write_register(struct lsm9ds0_chip *chip, struct die *die,
+                                 uint8_t value);
+
+#endif

@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: MIT
+// What reading and writing the MPU-9250's registers does.
+#include "chip.h"
+
+#include <stddef.h>
+#include <string.h>
+
+static void clear_interrupt(struct mpu9250_chip *chip) {
+    chip->reg[REG_INT_STATUS] = 0;
+    if (chip->reg[REG_INT_PIN_CFG] & INT_LATCH) {
+        chip->int_level = false;
+        chip->int_end_ns = NEVER;
+    }
+}
+
+uint8_t mpu9250_chip_read_register(struct mpu9250_chip *chip) {
+    const uint8_t at = chip->pointer;
+    uint8_t value = chip->reg[at];
+    if (at == REG_INT_STATUS || (chip->reg[REG_INT_PIN_CFG] & INT_ANYRD_2CLEAR)) {
+        clear_interrupt(chip);
+    }
+    if (at == REG_I2C_MST_STATUS) {
+        chip->reg[at] = 0;  // RM 4.18: reading clears
+    }
+    if (at == REG_WHO_AM_I) {
+        const struct chip_fault *fault =
+            i2c_slave_find_fault(&chip->wire, CHIP_FAULT_WRONG_WHO_AM_I, 0);
+        value = fault != NULL ? fault->value : value;
+    }
+    if (at != REG_FIFO_R_W) {  // the one register that does not move on
+        chip->pointer = (at + 1) & (REG_COUNT - 1);
+    }
+    return value;
+}
+
+static void write_power(struct mpu9250_chip *chip, uint8_t value) {
+    if (value & PWR_H_RESET) {
+        mpu9250_chip_reset(chip);  // the AK8963 is another die and keeps its state
+        return;
+    }
+    if (value & PWR_CYCLE) {
+        mpu9250_chip_complain(chip, "MPU-9250: low-power cycling is not modelled");
+    }
+    chip->reg[REG_PWR_MGMT_1] = value;
+    const bool is_asleep = (value & PWR_SLEEP) != 0;
+    if (chip->is_asleep && !is_asleep) {
+        chip->awake_ns = chip->wire.now_ns;
+    }
+    if (chip->is_asleep != is_asleep) {
+        chip->is_asleep = is_asleep;
+        mpu9250_chip_restart_clock(chip);
+    } else {
+        mpu9250_chip_set_next_tick(chip);
+    }
+}
+
+static void write_user_control(struct mpu9250_chip *chip, uint8_t value) {
+    if (value & 0x54) {  // FIFO_EN, I2C_IF_DIS, FIFO_RST
+        mpu9250_chip_complain(chip, "MPU-9250: FIFO and SPI are not modelled");
+    }
+    if (value & USER_I2C_MST_RST) {
+        memset(&chip->aux, 0, sizeof chip->aux);
+        mpu9250_chip_finish_aux(chip);
+    }
+    if (value & USER_SIG_COND_RST) {  // RM 4.33: clears the sensors' registers too
+        memset(&chip->inner[REG_ACCEL_XOUT_H], 0,
+               REG_EXT_SENS_DATA_23 - REG_ACCEL_XOUT_H + 1);
+    }
+    chip->reg[REG_USER_CTRL] =
+        value & (uint8_t) ~(USER_I2C_MST_RST | USER_SIG_COND_RST | 0x04);
+    if (!(value & USER_I2C_MST_EN) && chip->aux.byte_ns != NEVER) {
+        mpu9250_chip_finish_aux(chip);  // the round under way is cut off
+    }
+}
+
+void mpu9250_chip_write_register(struct mpu9250_chip *chip, uint8_t value) {
+    const uint8_t at = chip->pointer;
+    const uint8_t old = chip->reg[at];
+    switch (at) {
+    case REG_SMPLRT_DIV:
+    case REG_CONFIG:
+    case REG_GYRO_CONFIG:
+        chip->reg[at] = value;
+        if (value != old) {
+            mpu9250_chip_restart_clock(chip);
+        }
+        break;
+    case REG_ACCEL_CONFIG:
+    case REG_ACCEL_CONFIG_2:
+    case REG_I2C_MST_CTRL:
+    case REG_INT_PIN_CFG:
+    case REG_I2C_MST_DELAY_CTRL:
+    case REG_PWR_MGMT_2:
+        chip->reg[at] = value;
+        break;
+    case REG_INT_ENABLE:
+        chip->reg[at] = value;
+        if (value & ~INT_RAW_RDY) {
+            mpu9250_chip_complain(
+                chip, "MPU-9250: only the data-ready interrupt is modelled");
+        }
+        break;
+    case REG_SIGNAL_PATH_RESET:
+        break;  // RM 4.31: filters restart; the bits clear themselves
+    case REG_USER_CTRL:
+        write_user_control(chip, value);
+        break;
+    case REG_PWR_MGMT_1:
+        write_power(chip, value);
+        break;
+    case REG_I2C_SLV4_DI:
+    case REG_I2C_MST_STATUS:
+        mpu9250_chip_complain(chip, "MPU-9250: a read-only register written");
+        break;
+    default:
+        if ((at >= REG_XG_OFFSET_H && at <= REG_ZG_OFFSET_L) ||
+            (at >= REG_I2C_SLV0_ADDR && at <= REG_I2C_SLV4_CTRL) ||
+            (at >= REG_I2C_SLV0_DO && at <= REG_I2C_SLV3_DO) ||
+            (at >= REG_XA_OFFSET_H && at <= REG_ZA_OFFSET_L) ||
+            at < REG_SELF_TEST_X_GYRO + 3 ||
+            (at >= REG_SELF_TEST_X_ACCEL && at < REG_SELF_TEST_X_ACCEL + 3)) {
+            chip->reg[at] = value;
+        } else if (value != 0 || at > REG_WHO_AM_I) {
+            mpu9250_chip_complain(
+                chip, "MPU-9250: a register written that is reserved, read-only "
+                      "or not modelled");
+        }
+        break;
+    }
+    chip->pointer = (at + 1) & (REG_COUNT - 1);
+}

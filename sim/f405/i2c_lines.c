@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: MIT
+// The two lines of I2C1, SCL and SDA: whether I2C1 has the pins, whether the sensor
+// holds SDA low, and what the firmware does with them as pins.
+#include "../chips/lsm9ds0.h"
+#include "f405.h"
+
+enum {
+    PIN_SCL = 6,  // PB6
+    PIN_SDA = 7,  // PB7
+    AF_I2C = 4,
+};
+
+bool i2c_is_held(const struct f405 *m) {
+    return lsm9ds0_chip_holds_sda(m->sensor, f405_ns(f405_when(m)));
+}
+
+bool i2c_has_pins(const struct f405 *m) {
+    return pins_is_alternate(m, PORT_B, PIN_SCL, AF_I2C) &&
+           pins_is_alternate(m, PORT_B, PIN_SDA, AF_I2C);
+}
+
+void i2c_tell_bus(struct f405 *m, bool is_start) {
+    if (m->on_bus != NULL) {
+        m->on_bus(m->context, is_start);
+    }
+}
+
+// The lines driven as pins: pulses that free a sensor holding SDA, and a STOP by hand.
+void i2c_follow_pins(struct f405 *m) {
+    struct f405_i2c *i2c = &m->i2c;
+    const bool is_ours = !i2c_has_pins(m);
+    const bool scl = !is_ours || pins_level(m, PORT_B, PIN_SCL);
+    if (is_ours && scl && !i2c->scl_was_high) {
+        lsm9ds0_chip_scl_pulse(m->sensor, f405_ns(f405_when(m)));
+    }
+    const bool sda = !is_ours || pins_level(m, PORT_B, PIN_SDA);
+    if (is_ours && scl && i2c->scl_was_high && sda && !i2c->sda_was_high) {
+        lsm9ds0_chip_stop(m->sensor,
+                          f405_ns(f405_when(m)));  // SDA rises while SCL is high
+        i2c_tell_bus(m, false);
+    }
+    i2c->scl_was_high = scl;
+    i2c->sda_was_high = sda;
+}

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: MIT
+"""What tests of both sensors' models share: the chip on its wire, the time, faults."""
+
+from __future__ import annotations
+
+from typing import Any
+
+MS = 1_000_000  # ns
+GRAVITY = 9.80665  # m/s2
+
+Triple = tuple[float, float, float]
+
+
+class SensorDesk:
+    """A sensor's model, the time in ns, and an I2C master at 400 kHz."""
+
+    def __init__(self, name: str, ffi: Any, lib: Any, **config: Any) -> None:
+        self.name = name
+        self.ffi = ffi
+        self.lib = lib
+        self.config = ffi.new(f"struct {name}_chip_config *")
+        self.config[0] = self.call("defaults", of_chip=False)
+        for key, value in config.items():
+            setattr(self.config, key, value)
+        made = self.call("new", self.config, of_chip=False)
+        self.chip = ffi.gc(made, getattr(lib, f"{name}_chip_free"))
+        self.wire = self.call("wire")
+        self.now = ffi.new("uint64_t *", 0)
+
+    def call(self, what: str, *arguments: Any, of_chip: bool = True) -> Any:
+        """A function of the model, by the end of its name."""
+        function = getattr(self.lib, f"{self.name}_chip_{what}")
+        return function(self.chip, *arguments) if of_chip else function(*arguments)
+
+    # Whole transactions; the try_ ones return 0, -1 (refused) or -3 (SDA held).
+
+    def try_get(self, address: int, reg: int, data: Any = None) -> int:
+        data = self.ffi.new("uint8_t[1]") if data is None else data
+        return int(
+            self.lib.i2c_slave_read_registers(
+                self.wire, self.now, address, reg, data, len(data)
+            )
+        )
+
+    def get(self, address: int, reg: int, length: int = 1) -> list[int]:
+        data = self.ffi.new("uint8_t[]", length)
+        assert self.try_get(address, reg, data) == 0
+        return list(data)
+
+    def try_put(self, address: int, reg: int, *values: int) -> int:
+        return int(
+            self.lib.i2c_slave_write_registers(
+                self.wire, self.now, address, reg, bytes(values), len(values)
+            )
+        )
+
+    def put(self, address: int, reg: int, *values: int) -> None:
+        assert self.try_put(address, reg, *values) == 0
+
+    # Single bytes, at the time that it is.
+
+    def start(self, address: int, *, is_read: bool) -> bool:
+        now = self.now[0]
+        return bool(self.lib.i2c_slave_start(self.wire, now, address, is_read))
+
+    def send(self, byte: int) -> bool:
+        return bool(self.lib.i2c_slave_write(self.wire, self.now[0], byte))
+
+    def receive(self, *, ack: bool = True) -> int:
+        return int(self.lib.i2c_slave_read(self.wire, self.now[0], ack))
+
+    def stop(self) -> None:
+        self.lib.i2c_slave_stop(self.wire, self.now[0])
+
+    def pulse(self) -> None:
+        self.lib.i2c_slave_scl_pulse(self.wire, self.now[0])
+
+    def holds_sda(self) -> bool:
+        return bool(self.lib.i2c_slave_holds_sda(self.wire, self.now[0]))
+
+    # Time, motion, faults
+
+    def advance(self, now_ns: int) -> None:
+        self.now[0] = now_ns
+        self.call("advance", now_ns)
+
+    def wait(self, ms: float) -> None:
+        self.advance(self.now[0] + round(ms * MS))
+
+    def next_event(self) -> int:
+        return int(self.call("next_event"))
+
+    def hold(
+        self,
+        gyr: Triple = (0.0, 0.0, 0.0),
+        acc: Triple = (0.0, 0.0, GRAVITY),
+        mag: Triple = (0.0, 20.0, -40.0),
+    ) -> None:
+        """Motion from now on: rad/s, m/s2, uT."""
+        self.call("hold", gyr, acc, mag)
+
+    def try_fault(self, kind: str, **fields: int) -> bool:
+        kind_of_fault = getattr(self.lib, f"CHIP_FAULT_{kind}")
+        fault = self.ffi.new("struct chip_fault *", {"kind": kind_of_fault, **fields})
+        return bool(self.lib.i2c_slave_add_fault(self.wire, fault))
+
+    def fault(self, kind: str, **fields: int) -> None:
+        assert self.try_fault(kind, **fields)
+
+    def clear_faults(self) -> None:
+        self.lib.i2c_slave_clear_faults(self.wire)
+
+    def transactions(self) -> int:
+        return int(self.call("transactions"))
+
+    def complaint(self) -> str | None:
+        text = self.call("complaint")
+        return None if text == self.ffi.NULL else self.ffi.string(text).decode()
+
+
+def recorder(name: str, ffi: Any, quantity: int) -> tuple[Any, list[tuple[int, int]]]:
+    """A motion that stands still, and the windows over which it was asked for it."""
+    asked: list[tuple[int, int]] = []
+
+    @ffi.callback(
+        f"void(void *, enum {name}_chip_quantity, int64_t, int64_t, double *)"
+    )
+    def motion(_context: Any, which: int, start: int, end: int, mean: Any) -> None:
+        if which == quantity:
+            asked.append((start, end))
+        mean[0] = mean[1] = mean[2] = 0.0
+
+    return motion, asked

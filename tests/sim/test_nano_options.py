@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: MIT
+"""Mistakes in the virtual Nano's options and files are told in a line."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from nano_desk import NANO, image
+
+
+@pytest.fixture(scope="module")
+def desk() -> Path:
+    return image()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "--image is missing"),
+        (["--image"], "value is missing"),
+        (["--image", "x", "--pty", "a", "--record", "b"], "exclude each other"),
+        (["--image", "/nowhere"], "is no image"),
+        (["--image", "/bin/true"], "is no image"),
+        (["--image", "{desk}", "--press", "5:5"], "START_US:END_US"),
+        (["--image", "{desk}", "--send", "5:123"], "TIME_US:HEXBYTES"),
+        (["--image", "{desk}", "--seconds", "soon"], "takes a number"),
+        (["--image", "{desk}", "--motion", "/dev/null"], "is no motion stream"),
+        (["--image", "{desk}", "--eeprom", "{desk}"], "is no EEPROM"),
+        (["--image", "{desk}", "--wings", "2"], "is no option"),
+        (["--self-test", "--fast"], "does not go with"),
+    ],
+)
+def test_a_mistake_is_told_in_a_line(
+    desk: Path, arguments: list[str], says: str
+) -> None:
+    given = [argument.format(desk=desk) for argument in arguments]
+    done = subprocess.run(
+        [NANO, *given], capture_output=True, text=True, check=False, timeout=20
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("nano: ")
+    assert says in done.stderr.splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("{}", "list in brackets"),
+        ('[{"at_us": 5}]', "has no kind"),
+        ('[{"kind": "rain"}]', "no such kind of fault: rain"),
+        ('[{"kind": "nack", "color": 5}]', "no such key: color"),
+        ('[{"kind": "nack", "at_us": -5}]', "at_us is no whole number"),
+        ('[{"kind": "nack", "byte": 300}]', "byte is above 255"),
+        ('[{"kind": "nack"}', "comma or bracket"),
+        ('[{"kind": "nack"} {"kind": "nack"}]', "comma or bracket"),
+    ],
+)
+def test_a_mistake_in_the_faults_is_named(
+    desk: Path, tmp_path: Path, text: str, says: str
+) -> None:
+    path = tmp_path / "faults.json"
+    path.write_text(text)
+    done = subprocess.run(
+        [NANO, "--image", desk, "--faults", path],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=20,
+    )
+    assert done.returncode == 2
+    assert says in done.stderr
