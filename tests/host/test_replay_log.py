@@ -75,7 +75,7 @@ def test_a_replayed_probe_is_alive_answers_with_its_status_and_takes_no_command(
                 assert time.monotonic() < until
             (said,) = client.statuses()
             assert (said["probe"], said["state"]) == ("left", "streaming")
-            with pytest.raises(CommandRefused, match="a log that is replayed"):
+            with pytest.raises(CommandRefused, match="the replay of a log"):
                 client.command("left", "start")
             # One who would say the same on the same keys is kept from it.
             with (
