@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: MIT
+"""The LSM9DS0's driver on a desk, with the chip's model or with the register file of
+lsm9ds0_chip.py."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from core.lsm9ds0_chip import SETUP_MAX_US, STEP_US, XM, Chip, G, Triple, ffi, lib
+
+
+class Model:
+    """The model of sim/chips behind what a bench uses of a Chip."""
+
+    def __init__(self, **config: Any) -> None:
+        settings = lib.lsm9ds0_chip_defaults()
+        for name, value in config.items():
+            setattr(settings, name, value)
+        self.c = ffi.gc(
+            lib.lsm9ds0_chip_new(ffi.new("struct lsm9ds0_chip_config *", settings)),
+            lib.lsm9ds0_chip_free,
+        )
+        self.halves = {0x6B: G, 0x1D: XM}
+        self._now_ns = 0
+
+    @property
+    def now_us(self) -> float:
+        return self._now_ns / 1000
+
+    @now_us.setter
+    def now_us(self, now_us: float) -> None:
+        self._now_ns = round(now_us * 1000)
+        lib.lsm9ds0_chip_advance(self.c, self._now_ns)
+
+    def _move(
+        self, transfer: Any, address: int, reg: int, data: Any, length: int
+    ) -> int:
+        now = ffi.new("uint64_t *", self._now_ns)
+        result = transfer(self.c, now, address, reg, data, length)
+        self._now_ns = now[0]
+        return {0: lib.BUS_OK, -1: lib.BUS_NACK, -3: lib.BUS_STUCK}[result]
+
+    def read(self, _: Any, *transfer: Any) -> int:
+        return self._move(lib.lsm9ds0_chip_read_registers, *transfer)
+
+    def write(self, _: Any, *transfer: Any) -> int:
+        return self._move(lib.lsm9ds0_chip_write_registers, *transfer)
+
+    def await_edge(self) -> None:
+        assert not self.is_ready, "the edge has been"
+        deadline_ns = self._now_ns + 20_000_000
+        while not self.is_ready:
+            self._now_ns = lib.lsm9ds0_chip_next_event(self.c)
+            assert self._now_ns <= deadline_ns, "no data-ready within 20 ms"
+            lib.lsm9ds0_chip_advance(self.c, self._now_ns)
+
+    @property
+    def is_ready(self) -> bool:
+        return bool(lib.lsm9ds0_chip_pin_is_high(self.c, lib.LSM9DS0_CHIP_DRDY_G))
+
+    def hold(
+        self,
+        gyr: Triple = (0, 0, 0),
+        acc: Triple = (0, 0, 9.80665),
+        mag: Triple = (0, 20, -40),
+    ) -> None:
+        lib.lsm9ds0_chip_hold(self.c, gyr, acc, mag)
+
+    def fault(self, kind: int, **fields: Any) -> None:
+        fault = ffi.new("struct lsm9ds0_chip_fault *", {"kind": kind, **fields})
+        assert lib.lsm9ds0_chip_add_fault(self.c, fault)
+
+    @property
+    def complaint(self) -> str | None:
+        said = lib.lsm9ds0_chip_complaint(self.c)
+        return ffi.string(said).decode() if said != ffi.NULL else None
+
+
+class Bench:
+    """A driver and its chip on a desk: one clock, one wire that can be pulled."""
+
+    def __init__(
+        self,
+        chip: Any = None,
+        start_us: int = 0,
+        *,
+        is_fast: bool = False,
+    ) -> None:
+        self.chip = chip or Chip()
+        self.start_us = start_us
+        self.transactions = 0
+        self.pulled_at: int | None = None
+        self.longest_step_us = 0.0
+        self._read = ffi.callback(
+            "enum bus_result(void *, uint8_t, uint8_t, uint8_t *, uint8_t)",
+            self._wired(self.chip.read),
+        )
+        self._write = ffi.callback(
+            "enum bus_result(void *, uint8_t, uint8_t, const uint8_t *, uint8_t)",
+            self._wired(self.chip.write),
+        )
+        self.bus = ffi.new(
+            "struct bus_device *", {"read": self._read, "write": self._write}
+        )
+        gyr_address, xm_address = self.chip.halves
+        config = {"gyr_address": gyr_address, "xm_address": xm_address}
+        self.driver = ffi.new("struct lsm9ds0 *", {"config": config})
+        self.driver.config.is_fast = is_fast
+        self._bursts = ffi.new("struct bus_burst[]", lib.SENSOR_BURSTS_MAX)
+
+    def _wired(self, move: Any) -> Any:
+        def transfer(*arguments: Any) -> int:
+            self.transactions += 1
+            if self.transactions == self.pulled_at:
+                return int(lib.BUS_NACK)
+            return int(move(*arguments))
+
+        return transfer
+
+    @property
+    def now_us(self) -> int:
+        return (int(self.chip.now_us) + self.start_us) & 0xFFFFFFFF
+
+    def step(self) -> int:
+        before = self.chip.now_us
+        result = lib.lsm9ds0_setup(self.driver, self.bus, self.now_us)
+        self.longest_step_us = max(self.longest_step_us, self.chip.now_us - before)
+        return int(result)
+
+    def set_up(self, step_us: int = STEP_US, bound_us: int = SETUP_MAX_US) -> int:
+        """Begin, step until it is decided, return how."""
+        lib.lsm9ds0_begin(self.driver)
+        deadline_us = self.chip.now_us + bound_us
+        while (result := self.step()) == lib.SENSOR_BUSY:
+            assert self.chip.now_us < deadline_us, "set-up has no bound"
+            self.chip.now_us += step_us
+        return result
+
+    @property
+    def bursts(self) -> list[tuple[int, int, int]]:
+        count = lib.lsm9ds0_bursts(self.driver, self._bursts)
+        return [(b.address, b.reg, b.length) for b in self._bursts[0:count]]
+
+    def take(self) -> bytes:
+        """Read the bursts that the next data-ready edge starts."""
+        self.chip.await_edge()
+        taken = b""
+        for address, reg, length in self.bursts:
+            data = ffi.new("uint8_t[]", length)
+            assert self.chip.read(None, address, reg, data, length) == lib.BUS_OK
+            taken += bytes(data)
+        return taken
+
+    def parse(self, data: bytes, time_us: int = 0) -> Any:
+        out = ffi.new("struct sample *")
+        assert lib.lsm9ds0_parse(self.driver, data, time_us, out)
+        return out
+
+    def is_refused(self, data: bytes) -> bool:
+        out = ffi.new("struct sample *")
+        ffi.memmove(out, b"\xa5" * ffi.sizeof(out[0]), ffi.sizeof(out[0]))
+        if lib.lsm9ds0_parse(self.driver, data, 0, out):
+            return False
+        assert set(bytes(ffi.buffer(out))) == {0xA5}, "written all the same"
+        return True
+
+    def sample(self) -> Any:
+        return self.parse(self.take())
+
+    def samples(self, count: int) -> list[Any]:
+        return [self.sample() for _ in range(count)]
+
+    @property
+    def identity(self) -> Any:
+        return lib.lsm9ds0_identity(self.driver)
+
+
+def running(chip: Any = None, *, is_fast: bool = False) -> Bench:
+    bench = Bench(chip, is_fast=is_fast)
+    assert bench.set_up() == lib.SENSOR_OK
+    return bench
+
+
+def axes(counts: Any) -> tuple[int, int, int]:
+    return counts.x, counts.y, counts.z
+
+
+def block(
+    gyr: tuple[int, int, int] = (1, 2, 3),
+    acc: tuple[int, int, int] = (0, 0, 1366),
+    mag: tuple[int, int, int] = (10, 20, 30),
+    gyr_status: int = 0x0F,
+    acc_status: int = 0x0F,
+    mag_status: int = 0x0F,
+) -> bytes:
+    """Return the bytes of a sample's bursts."""
+
+    def part(status: int, values: tuple[int, int, int]) -> bytes:
+        rows = (value.to_bytes(2, "little", signed=True) for value in values)
+        return bytes([status]) + b"".join(rows)
+
+    temperature = bytes([0x10, 0x00])
+    return (
+        part(gyr_status, gyr)
+        + part(acc_status, acc)
+        + temperature
+        + part(mag_status, mag)
+    )
