@@ -10,8 +10,6 @@ import native
 
 ffi, lib = native.load(["sim/chips/lsm9ds0.c"], ["sim/chips/lsm9ds0.h"])
 Triple = tuple[float, float, float]
-STEP_US = 1000  # between two calls of set-up
-SETUP_MAX_US = 1_500_000
 BIT_US = 2.5  # 400 kHz
 ACC_PASSED, GYR_PASSED = lib.SELF_TEST_ACC_PASSED, lib.SELF_TEST_GYR_PASSED
 ACC_FAILED, GYR_FAILED = lib.SELF_TEST_ACC_FAILED, lib.SELF_TEST_GYR_FAILED

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from core.lsm9ds0_chip import SETUP_MAX_US, STEP_US, XM, Chip, G, Triple, ffi, lib
+from core.lsm9ds0_chip import XM, Chip, G, Triple, ffi, lib
+from core.sensor_desk import SensorBench
 
 
 class Model:
@@ -76,8 +77,8 @@ class Model:
         return ffi.string(said).decode() if said != ffi.NULL else None
 
 
-class Bench:
-    """A driver and its chip on a desk: one clock, one wire that can be pulled."""
+class Bench(SensorBench):
+    """The driver with a chip that has `read`, `write` and a settable `now_us`."""
 
     def __init__(
         self,
@@ -87,59 +88,18 @@ class Bench:
         is_fast: bool = False,
     ) -> None:
         self.chip = chip or Chip()
-        self.start_us = start_us
-        self.transactions = 0
-        self.pulled_at: int | None = None
-        self.longest_step_us = 0.0
-        self._read = ffi.callback(
-            "enum bus_result(void *, uint8_t, uint8_t, uint8_t *, uint8_t)",
-            self._wired(self.chip.read),
-        )
-        self._write = ffi.callback(
-            "enum bus_result(void *, uint8_t, uint8_t, const uint8_t *, uint8_t)",
-            self._wired(self.chip.write),
-        )
-        self.bus = ffi.new(
-            "struct bus_device *", {"read": self._read, "write": self._write}
-        )
         gyr_address, xm_address = self.chip.halves
         config = {"gyr_address": gyr_address, "xm_address": xm_address}
-        self.driver = ffi.new("struct lsm9ds0 *", {"config": config})
-        self.driver.config.is_fast = is_fast
-        self._bursts = ffi.new("struct bus_burst[]", lib.SENSOR_BURSTS_MAX)
-
-    def _wired(self, move: Any) -> Any:
-        def transfer(*arguments: Any) -> int:
-            self.transactions += 1
-            if self.transactions == self.pulled_at:
-                return int(lib.BUS_NACK)
-            return int(move(*arguments))
-
-        return transfer
+        driver = ffi.new("struct lsm9ds0 *", {"config": config})
+        driver.config.is_fast = is_fast
+        super().__init__(ffi, lib, driver, self.chip.read, self.chip.write, start_us)
 
     @property
-    def now_us(self) -> int:
-        return (int(self.chip.now_us) + self.start_us) & 0xFFFFFFFF
+    def clock_ns(self) -> int:
+        return int(self.chip.now_us * 1000)
 
-    def step(self) -> int:
-        before = self.chip.now_us
-        result = lib.lsm9ds0_setup(self.driver, self.bus, self.now_us)
-        self.longest_step_us = max(self.longest_step_us, self.chip.now_us - before)
-        return int(result)
-
-    def set_up(self, step_us: int = STEP_US, bound_us: int = SETUP_MAX_US) -> int:
-        """Begin, step until it is decided, return how."""
-        lib.lsm9ds0_begin(self.driver)
-        deadline_us = self.chip.now_us + bound_us
-        while (result := self.step()) == lib.SENSOR_BUSY:
-            assert self.chip.now_us < deadline_us, "set-up has no bound"
-            self.chip.now_us += step_us
-        return result
-
-    @property
-    def bursts(self) -> list[tuple[int, int, int]]:
-        count = lib.lsm9ds0_bursts(self.driver, self._bursts)
-        return [(b.address, b.reg, b.length) for b in self._bursts[0:count]]
+    def let_pass(self, us: int) -> None:
+        self.chip.now_us += us
 
     def take(self) -> bytes:
         """Read the bursts that the next data-ready edge starts."""
@@ -150,11 +110,6 @@ class Bench:
             assert self.chip.read(None, address, reg, data, length) == lib.BUS_OK
             taken += bytes(data)
         return taken
-
-    def parse(self, data: bytes, time_us: int = 0) -> Any:
-        out = ffi.new("struct sample *")
-        assert lib.lsm9ds0_parse(self.driver, data, time_us, out)
-        return out
 
     def is_refused(self, data: bytes) -> bool:
         out = ffi.new("struct sample *")
@@ -167,22 +122,11 @@ class Bench:
     def sample(self) -> Any:
         return self.parse(self.take())
 
-    def samples(self, count: int) -> list[Any]:
-        return [self.sample() for _ in range(count)]
-
-    @property
-    def identity(self) -> Any:
-        return lib.lsm9ds0_identity(self.driver)
-
 
 def running(chip: Any = None, *, is_fast: bool = False) -> Bench:
     bench = Bench(chip, is_fast=is_fast)
     assert bench.set_up() == lib.SENSOR_OK
     return bench
-
-
-def axes(counts: Any) -> tuple[int, int, int]:
-    return counts.x, counts.y, counts.z
 
 
 def block(

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import native
+from core.sensor_desk import SensorBench
 
 ffi, lib = native.load(["sim/chips/mpu9250.c"], ["sim/chips/mpu9250.h"])
 G = 9.80665
@@ -15,8 +16,6 @@ DEGREE = math.pi / 180
 ACC_LSB = 16 * G / 32768
 GYR_LSB = 2000 * DEGREE / 32768
 MAG_LSB = 0.15
-STEP_US = 1000  # between two calls of set-up
-SETUP_MAX_US = 1_500_000  # what set-up takes in the worst case, refusals included
 ACC_PASSED, GYR_PASSED, MAG_PASSED = (
     lib.SELF_TEST_ACC_PASSED,
     lib.SELF_TEST_GYR_PASSED,
@@ -27,8 +26,8 @@ ACC_PASSED, GYR_PASSED, MAG_PASSED = (
 ALL_PASSED = ACC_PASSED | GYR_PASSED | MAG_PASSED
 
 
-class Bench:
-    """A driver and its chip on a desk: one clock, one wire that can be pulled."""
+class Bench(SensorBench):
+    """The driver with the model of its chip."""
 
     def __init__(
         self, start_us: int = 0, read: Any = None, write: Any = None, **config: Any
@@ -41,28 +40,20 @@ class Bench:
             lib.mpu9250_chip_free,
         )
         self.now_ns = 0
-        self.start_us = start_us
-        self.transactions = 0
-        self.pulled_at: int | None = None
-        self.longest_step_ns = 0
         self.log: list[tuple[float, str, int]] = []  # ms, "read" or "write", register
-        self._read = ffi.callback(
-            "enum bus_result(void *, uint8_t, uint8_t, uint8_t *, uint8_t)",
-            read or self._read_chip,
+        driver = ffi.new("struct mpu9250 *")
+        super().__init__(
+            *(ffi, lib, driver),
+            *(read or self._read_chip, write or self._write_chip, start_us),
         )
-        self._write = ffi.callback(
-            "enum bus_result(void *, uint8_t, uint8_t, const uint8_t *, uint8_t)",
-            write or self._write_chip,
-        )
-        self.bus = ffi.new(
-            "struct bus_device *", {"read": self._read, "write": self._write}
-        )
-        self.driver = ffi.new("struct mpu9250 *")
-        self._bursts = ffi.new("struct bus_burst[]", lib.SENSOR_BURSTS_MAX)
 
-    def _pulled(self) -> bool:
-        self.transactions += 1
-        return self.transactions == self.pulled_at
+    @property
+    def clock_ns(self) -> int:
+        return self.now_ns
+
+    def let_pass(self, us: int) -> None:
+        self.now_ns += us * 1000
+        lib.mpu9250_chip_advance(self.chip, self.now_ns)
 
     def _read_chip(self, _: Any, address: int, reg: int, data: Any, length: int) -> int:
         self.log.append((self.now_ns / 1e6, "read", reg))
@@ -81,34 +72,10 @@ class Bench:
     def _transfer(
         self, move: Callable[..., int], address: int, reg: int, data: Any, length: int
     ) -> int:
-        if self._pulled():
-            return int(lib.BUS_NACK)
         now = ffi.new("uint64_t *", self.now_ns)
         result = move(self.chip, now, address, reg, data, length)
         self.now_ns = now[0]
         return {0: lib.BUS_OK, -1: lib.BUS_NACK, -3: lib.BUS_STUCK}[result]
-
-    @property
-    def now_us(self) -> int:
-        return (self.now_ns // 1000 + self.start_us) & 0xFFFFFFFF
-
-    def step(self) -> int:
-        before = self.now_ns
-        result = lib.mpu9250_setup(self.driver, self.bus, self.now_us)
-        self.longest_step_ns = max(self.longest_step_ns, self.now_ns - before)
-        return int(result)
-
-    def set_up(self, step_us: int = STEP_US, bound_us: int = SETUP_MAX_US) -> int:
-        """Begin, step until it is decided, return how."""
-        lib.mpu9250_begin(self.driver)
-        deadline_ns = self.now_ns + bound_us * 1000
-        while True:
-            result = self.step()
-            if result != lib.SENSOR_BUSY:
-                return result
-            assert self.now_ns < deadline_ns, "set-up has no bound"
-            self.now_ns += step_us * 1000
-            lib.mpu9250_chip_advance(self.chip, self.now_ns)
 
     def hold(
         self,
@@ -151,24 +118,12 @@ class Bench:
         assert lib.mpu9250_bursts(self.driver, self._bursts) == 1
         return self._bursts[0]
 
-    def parse(self, data: bytes, time_us: int = 0) -> Any:
-        out = ffi.new("struct sample *")
-        assert lib.mpu9250_parse(self.driver, data, time_us, out)
-        return out
-
-    def samples(self, count: int) -> list[Any]:
-        return [self.sample() for _ in range(count)]
-
     def settled(self) -> Any:
         """Return the last of enough samples for all filters to forget the past."""
         return self.samples(12)[-1]
 
     def settled_mag(self) -> Any:
         return [sample for sample in self.samples(16) if sample.has_mag][-1].mag
-
-    @property
-    def identity(self) -> Any:
-        return lib.mpu9250_identity(self.driver)
 
     @property
     def complaint(self) -> str | None:

@@ -18,7 +18,8 @@ from core.lsm9ds0_chip import (
     ffi,
     lib,
 )
-from core.lsm9ds0_desk import Bench, Model, axes, block, running
+from core.lsm9ds0_desk import Bench, Model, block, running
+from core.sensor_desk import axes
 
 
 def modelled(*, is_fast: bool = False, **config: Any) -> Bench:

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.lsm9ds0_chip import ffi, lib
-from core.lsm9ds0_desk import Bench, axes, block, running
+from core.lsm9ds0_desk import Bench, block, running
+from core.sensor_desk import axes
 
 
 @pytest.mark.parametrize("axis", range(3))

@@ -13,11 +13,11 @@ from core.lsm9ds0_chip import (
     BOTH_PASSED,
     GYR_FAILED,
     GYR_PASSED,
-    STEP_US,
     Triple,
     lib,
 )
 from core.lsm9ds0_desk import Bench
+from core.sensor_desk import STEP_US
 
 
 def verdict_of(**world: Triple) -> int:

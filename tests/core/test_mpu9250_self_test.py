@@ -14,12 +14,12 @@ from core.mpu9250_desk import (
     DEGREE,
     GYR_PASSED,
     MAG_PASSED,
-    STEP_US,
     Bench,
     G,
     lib,
     scripted,
 )
+from core.sensor_desk import STEP_US
 
 
 def test_a_weak_gyroscope_fails_its_self_test():

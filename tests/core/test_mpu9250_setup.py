@@ -14,12 +14,12 @@ from core.mpu9250_desk import (
     GYR_LSB,
     GYR_PASSED,
     MAG_LSB,
-    SETUP_MAX_US,
     Bench,
     G,
     lib,
     running,
 )
+from core.sensor_desk import SETUP_MAX_US
 
 
 def test_set_up_leaves_the_chip_as_the_documents_want_it():
