@@ -34,8 +34,8 @@ void paper_filter_count(struct paper_filter *base,
 void paper_filter_quality(const struct paper_filter *base,
                           struct attitude_quality *out);
 
-// True until a specific force has given the vertical, and for samples with a field until
-// one has given north: then call paper_filter_start().
+// True until a specific force has given the vertical, and for samples with a field
+// until one has given north: then call paper_filter_start().
 bool paper_filter_wants_start(const struct paper_filter *base,
                               const struct measurement *measurement);
 
@@ -46,8 +46,8 @@ bool paper_filter_start(struct paper_filter *base,
                         const struct measurement *measurement,
                         struct quat *world_from_body);
 
-// The interval, 50 ms at most, as seconds times 2^33. It makes rad/s q7_25 to rad q4_28,
-// which read as q2_30 is a quarter of the angle.
+// The interval, 50 ms at most, as seconds times 2^33. It makes rad/s q7_25 to rad
+// q4_28, which read as q2_30 is a quarter of the angle.
 int32_t paper_filter_seconds_q33(uint32_t interval_us);
 
 // The gyroscope's rate less the bias, q7_25, each axis within 42 rad/s.

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: MIT
+"""What the tests of the filter share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from core import desk
+from core.desk import DEGREE, FIELD, FORCE, RATE, lib
+from core.scenes import Filter, Scene
+from imud import rotation
+
+LEVEL = rotation.IDENTITY
+UPSIDE_DOWN = np.array([0.0, 1.0, 0.0, 0.0])
+
+
+def centred(rate_hz: int) -> Filter:
+    """A filter for rates that are means over the sample period, as of a scene."""
+    return Filter(rate_hz, 500_000 // rate_hz)
+
+
+def twin(
+    felt: Scene, calibrated_at: int = -1, bias_deg_s: object = (0, 0, 0)
+) -> desk.Array:
+    """The double-precision filter over the very numbers that the fixed one gets."""
+    rows = felt.measurements()
+    out = np.zeros((len(felt), 4))
+    params = desk.ffi.new("struct fuse_twin_params *")
+    lib.fuse_twin_defaults(params)
+    desk.call(
+        lib.fuse_twin_run,
+        params,
+        len(felt),
+        felt.rate_hz,
+        0.0039,
+        rows["gyr_rad_s_q25"] / RATE,
+        rows["acc_m_s2_q21"] / FORCE,
+        rows["mag_ut_q18"] / FIELD,
+        felt.has_mag,
+        felt.interval_us / 1e6,
+        calibrated_at,
+        np.array(bias_deg_s) * DEGREE,
+        out,
+        desk.ffi.NULL,
+    )
+    return out
+
+
+def rms(values: desk.Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: MIT
+"""A sensor's driver and its chip on a desk, whichever sensor it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+STEP_US = 1000  # between two calls of set-up
+SETUP_MAX_US = 1_500_000  # what set-up takes in the worst case, refusals included
+
+
+class SensorBench:
+    """One clock, and one wire that can be pulled at a transaction."""
+
+    def __init__(
+        self,
+        ffi: Any,
+        lib: Any,
+        driver: Any,
+        read: Callable[..., int],
+        write: Callable[..., int],
+        start_us: int,
+    ) -> None:
+        """`driver` is a struct of a driver; `read` and `write` move its registers."""
+        self.ffi, self.lib, self.driver = ffi, lib, driver
+        self.name = ffi.typeof(driver).item.cname.removeprefix("struct ")
+        self.start_us = start_us
+        self.transactions = 0
+        self.pulled_at: int | None = None
+        self.longest_step_ns = 0
+        self._read = ffi.callback(
+            "enum bus_result(void *, uint8_t, uint8_t, uint8_t *, uint8_t)",
+            self._wired(read),
+        )
+        self._write = ffi.callback(
+            "enum bus_result(void *, uint8_t, uint8_t, const uint8_t *, uint8_t)",
+            self._wired(write),
+        )
+        self.bus = ffi.new(
+            "struct bus_device *", {"read": self._read, "write": self._write}
+        )
+        self._bursts = ffi.new("struct bus_burst[]", lib.SENSOR_BURSTS_MAX)
+
+    @property
+    def clock_ns(self) -> int:
+        raise NotImplementedError
+
+    def let_pass(self, us: int) -> None:
+        raise NotImplementedError
+
+    def sample(self) -> Any:
+        """Take the sample that the next data-ready edge starts."""
+        raise NotImplementedError
+
+    def _wired(self, move: Callable[..., int]) -> Callable[..., int]:
+        def transfer(*arguments: Any) -> int:
+            self.transactions += 1
+            if self.transactions == self.pulled_at:
+                return int(self.lib.BUS_NACK)
+            return int(move(*arguments))
+
+        return transfer
+
+    def call(self, verb: str, *arguments: Any) -> Any:
+        """Call a function of the driver."""
+        return getattr(self.lib, f"{self.name}_{verb}")(self.driver, *arguments)
+
+    @property
+    def now_us(self) -> int:
+        return (self.clock_ns // 1000 + self.start_us) & 0xFFFFFFFF
+
+    def step(self) -> int:
+        before = self.clock_ns
+        result = self.call("setup", self.bus, self.now_us)
+        self.longest_step_ns = max(self.longest_step_ns, self.clock_ns - before)
+        return int(result)
+
+    def set_up(self, step_us: int = STEP_US, bound_us: int = SETUP_MAX_US) -> int:
+        """Begin, step until it is decided, return how."""
+        self.call("begin")
+        deadline_ns = self.clock_ns + bound_us * 1000
+        while (result := self.step()) == self.lib.SENSOR_BUSY:
+            assert self.clock_ns < deadline_ns, "set-up has no bound"
+            self.let_pass(step_us)
+        return result
+
+    @property
+    def bursts(self) -> list[tuple[int, int, int]]:
+        """Address, register and length of each."""
+        count = self.call("bursts", self._bursts)
+        return [(b.address, b.reg, b.length) for b in self._bursts[0:count]]
+
+    def parse(self, data: bytes, time_us: int = 0) -> Any:
+        out = self.ffi.new("struct sample *")
+        assert self.call("parse", data, time_us, out)
+        return out
+
+    def samples(self, count: int) -> list[Any]:
+        return [self.sample() for _ in range(count)]
+
+    @property
+    def identity(self) -> Any:
+        return self.call("identity")
+
+
+def axes(counts: Any) -> tuple[int, int, int]:
+    return counts.x, counts.y, counts.z

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: MIT
+"""A memory of bytes that power can be cut from, and the settings on it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import native
+
+ffi, lib = native.load()
+SLOT = lib.SETTINGS_SLOT
+SIZE = 2 * SLOT
+STEPS_MAX = 5 * SLOT
+
+
+class PowerCutError(Exception):
+    """The supply went while a byte was being written."""
+
+
+class Memory:
+    """A board's EEPROM: bytes, their wear, and a supply that can be cut."""
+
+    def __init__(self, content: bytes = b"") -> None:
+        self.bytes = bytearray(content or b"\xff" * SIZE)
+        self.writes: list[int] = []  # offsets, in order
+        self.cut_at: int | None = None  # the write that is cut, from 1
+        self.left = (0xFF, 0x00, 0x00)  # see LEFT_BEHIND
+        self.is_cut = False
+        self.busy = 0  # calls of is_ready that say no after a write
+        self._wait = 0
+        self.worn: set[int] = set()
+        read = ffi.callback("uint8_t(void *, uint16_t)", self._read)
+        write = ffi.callback("void(void *, uint16_t, uint8_t)", self._write)
+        ready = ffi.callback("bool(void *)", self._is_ready)
+        self._keep = (read, write, ready)
+        self.storage = ffi.new(
+            "struct settings_storage *",
+            {"read": read, "write": write, "is_ready": ready},
+        )
+
+    def _read(self, _: Any, offset: int) -> int:
+        assert offset < SIZE
+        assert self._wait == 0, "read while a write goes on"
+        return self.bytes[offset]
+
+    def _write(self, _: Any, offset: int, value: int) -> None:
+        assert offset < SIZE
+        assert self._wait == 0, "written while not ready"
+        if self.is_cut:
+            return
+        self.writes.append(offset)
+        if len(self.writes) == self.cut_at:
+            old_bits, new_bits, flipped = self.left
+            self.bytes[offset] = (
+                self.bytes[offset] & old_bits ^ value & new_bits ^ flipped
+            )
+            self.is_cut = True
+        elif offset not in self.worn:
+            self.bytes[offset] = value
+        self._wait = self.busy
+
+    def _is_ready(self, _: Any) -> bool:
+        if self._wait:
+            self._wait -= 1
+            return False
+        return True
+
+
+class Probe:
+    """A boot of a probe over its memory: what it remembers, and how it saves."""
+
+    def __init__(self, memory: Memory) -> None:
+        self.memory = memory
+        self.settings = ffi.new("struct settings *")
+        self.writer = ffi.new("struct settings_writer *")
+        ffi.buffer(self.writer)[:] = b"\xa5" * ffi.sizeof("struct settings_writer")
+        self.loaded = lib.settings_load(memory.storage, self.settings, self.writer)
+
+    @property
+    def image(self) -> bytes:
+        return bytes(ffi.buffer(self.settings))
+
+    def step(self) -> int:
+        return int(lib.settings_step(self.writer, self.memory.storage, self.settings))
+
+    def save(self) -> int:
+        """Save to the end, or until the supply is cut."""
+        lib.settings_save(self.writer)
+        for _ in range(STEPS_MAX * (1 + self.memory.busy)):
+            result = self.step()
+            if result != lib.SETTINGS_BUSY:
+                return result
+            if self.memory.is_cut:
+                raise PowerCutError
+        raise AssertionError("a save without end")
+
+    def change(self, number: int) -> bytes:
+        """Set every field to something that depends on the number; return the image."""
+        settings = self.settings
+        for i in range(8):
+            settings.probe_id[i] = (number * 31 + i) & 0xFF
+        settings.boot_count = number
+        settings.pose_rate_hz = number % 200 + 1
+        settings.raw_rate_hz = (number * 7) % 200 + 1
+        settings.streams = number % 4
+        for sensor in (
+            settings.calibration.acc,
+            settings.calibration.gyr,
+            settings.calibration.mag,
+        ):
+            for axis in range(3):
+                sensor.bias[axis] = (number * 7919 + axis) * 1009 % 250_000_000
+                sensor.matrix[axis][axis] = 16_384 + number % 1000
+        assert lib.settings_are_valid(settings)
+        return self.image
+
+
+def saved(*numbers: int) -> tuple[Memory, bytes]:
+    """Return a memory after saves of these numbers, and the last image."""
+    memory = Memory()
+    probe = Probe(memory)
+    image = b""
+    for number in numbers:
+        image = probe.change(number)
+        assert probe.save() == lib.SETTINGS_OK
+    return memory, image
+
+
+# What a cut leaves of a byte: old & first ^ new & second ^ third.
+LEFT_BEHIND = {
+    "old value": (0xFF, 0x00, 0x00),
+    "new value": (0x00, 0xFF, 0x00),
+    "erased": (0x00, 0x00, 0xFF),
+    "zero": (0x00, 0x00, 0x00),
+    "half erased": (0x0F, 0x00, 0xF0),
+    "half written": (0x00, 0xF0, 0x0F),
+    "mixed": (0xFF, 0xFF, 0x5A),
+    "the mark": (0x00, 0x00, lib.SETTINGS_VERSION),
+}

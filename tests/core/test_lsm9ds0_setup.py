@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: MIT
+"""The set-up of the LSM9DS0, and every failure of it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+
+from core.lsm9ds0_chip import BOTH_PASSED, XM, Chip, G, lib
+from core.lsm9ds0_desk import Bench, Model, running
+from core.sensor_desk import SETUP_MAX_US, axes
+
+
+@pytest.mark.parametrize(
+    ("is_fast", "gyr", "acc"), [(False, 0xBF, 0x9F), (True, 0xFF, 0xAF)]
+)
+def test_set_up_leaves_the_chip_as_the_document_wants_it(is_fast, gyr, acc):
+    chip = running(is_fast=is_fast).chip
+    g, xm = chip.files[G], chip.files[XM]
+    # CTRL_REG1_G to 5: rate and low-pass of 100 Hz, all axes on; no high-pass; data-
+    # ready on its pin; blocks updated whole, 2000 deg/s, no test; low-passed.
+    assert list(g[0x20:0x25]) == [gyr, 0x00, 0x08, 0xA0, 0x02]
+    # CTRL_REG0_XM to 7: no FIFO; 800 or 1600 Hz, whole blocks, all axes; 194 Hz, 16 g,
+    # no test; no pins; temperature, high resolution, 100 Hz; 2 gauss; continuous.
+    assert list(xm[0x1F:0x27]) == [0x00, acc, 0x60, 0x00, 0x00, 0xF4, 0x00, 0x00]
+
+
+@pytest.mark.parametrize(("is_fast", "rate_hz"), [(False, 380), (True, 760)])
+def test_identity_tells_chip_units_and_verdict(is_fast, rate_hz):
+    identity = running(is_fast=is_fast).identity
+    assert identity.kind == lib.SENSOR_LSM9DS0
+    assert list(identity.who_am_i) == [0xD4, 0x49]
+    assert list(identity.mag_adjust) == [0, 0, 0]
+    assert identity.self_test == BOTH_PASSED
+    assert identity.rate_hz == rate_hz
+    # Two poles at 100 Hz.
+    assert identity.gyr_delay_us == round(math.sqrt(2) / (2 * math.pi * 100) * 1e6)
+    assert identity.gyr_lsb_nrad_s == round(math.radians(0.070) * 1e9)
+    assert identity.acc_lsb_nm_s2 == round(0.732e-3 * 9.80665 * 1e9)
+    assert identity.mag_lsb_pt == round(0.08e-3 * 1e-4 * 1e12)
+
+
+@pytest.mark.parametrize(("gyr", "xm"), [(0x6B, 0x1D), (0x6A, 0x1E), (0x6B, 0x1E)])
+def test_a_sample_is_three_bursts_of_the_halves_where_they_are_wired(gyr, xm):
+    bench = running(Chip(gyr, xm))
+    assert bench.bursts == [(gyr, 0xA7, 7), (xm, 0xA7, 7), (xm, 0x85, 9)]
+    assert sum(length for *_, length in bench.bursts) <= lib.BUS_BURST_MAX
+    assert axes(bench.sample().acc) == (0, 0, round(1 / 0.732e-3))
+
+
+def test_no_step_of_set_up_holds_the_bus_for_more_than_half_a_millisecond():
+    bench = running()
+    assert 0 < bench.longest_step_ns <= 550_000  # the bus' own pauses included
+
+
+def test_set_up_waits_as_long_as_the_documents_want():
+    bench = Bench()
+    assert bench.set_up(100) == lib.SENSOR_OK
+    log = bench.chip.log
+    named = next(t for t, *what in log if what == ["read", G, 0x0F, 1])
+    assert named >= 10_000  # after power
+    boots = [
+        t for t, *what in log if what in (["write", G, 0x24, 1], ["write", XM, 0x1F, 1])
+    ]
+    assert len(boots) == 2
+    changes = [t for t, *what in log if what == ["write", G, 0x20, 5]]
+    assert len(changes) == 4  # start, run without and with stimulus, samples
+    assert changes[0] - boots[1] >= 10_000
+    reads = [t for t, *what in log if what == ["read", G, 0x27, 7]][:-1]
+    assert len(reads) == 64
+    assert reads[0] - changes[0] >= 800_000  # the gyroscope's start
+    for run, changed in zip((reads[:32], reads[32:]), changes[1:3], strict=True):
+        assert run[0] - changed >= 60_000
+        assert all(b - a > 1e6 / 760 for a, b in itertools.pairwise(run))
+
+
+def test_set_up_takes_as_long_as_its_header_says():
+    bench = running()
+    assert bench.chip.now_us / 1e6 == pytest.approx(1.2, abs=0.1)
+    before_us = bench.chip.now_us
+    assert bench.set_up() == lib.SENSOR_OK
+    assert (bench.chip.now_us - before_us) / 1e6 == pytest.approx(0.9, abs=0.1)
+    assert bench.identity.self_test == BOTH_PASSED
+
+
+@pytest.mark.parametrize("step_us", [50, 700, 4999, 30_000])
+def test_set_up_does_not_mind_how_often_it_is_called(step_us):
+    bench = Bench()
+    assert bench.set_up(step_us, SETUP_MAX_US + 100 * step_us) == lib.SENSOR_OK
+    assert bench.identity.self_test == BOTH_PASSED
+
+
+@pytest.mark.parametrize("before_us", [1, 15_000, 500_000, 900_000, 1_100_000])
+def test_set_up_survives_the_wrap_of_device_time(before_us):
+    bench = Bench(start_us=2**32 - before_us)
+    assert bench.set_up() == lib.SENSOR_OK
+    assert bench.identity.self_test == BOTH_PASSED
+
+
+def test_set_up_stays_done():
+    bench = running()
+    for later_us in (0, 1000, 2**31, 2**32 - 1000):
+        now_us = (bench.now_us + later_us) & 0xFFFFFFFF
+        assert lib.lsm9ds0_setup(bench.driver, bench.bus, now_us) == lib.SENSOR_OK
+
+
+def test_powered_down_nothing_measures_until_the_next_set_up():
+    for chip in (Chip(), Model()):
+        bench = Bench(chip)
+        assert bench.set_up() == lib.SENSOR_OK
+        assert lib.lsm9ds0_power_down(bench.driver, bench.bus)
+        if isinstance(chip, Chip):
+            assert (chip.gyr.hz, chip.acc.hz, chip.mag.hz) == (0, 0, 0)
+        else:
+            chip.now_us += 100_000
+            assert lib.lsm9ds0_chip_next_event(chip.c) == 2**64 - 1
+            assert chip.complaint is None
+        assert bench.set_up() == lib.SENSOR_OK
+        bench.samples(10)
+
+
+def test_a_chip_that_does_not_answer_is_not_powered_down():
+    bench = Bench()
+    bench.set_up()
+    for pulled in (1, 2, 3):
+        bench.pulled_at = bench.transactions + pulled
+        assert not lib.lsm9ds0_power_down(bench.driver, bench.bus)
+
+
+@pytest.mark.parametrize("who", [0x00, 0x49, 0x68, 0xD3, 0xD5, 0xD7, 0xFF])
+def test_a_gyroscope_of_another_kind_is_refused_and_named(who):
+    bench = Bench()
+    bench.chip.files[G][0x0F] = who
+    assert bench.set_up() == lib.SENSOR_WRONG_CHIP
+    assert list(bench.identity.who_am_i) == [who, 0]
+    assert not [what for _, what, *_ in bench.chip.log if what == "write"]
+
+
+@pytest.mark.parametrize("who", [0x00, 0x41, 0x48, 0x4A, 0xD4, 0xFF])
+def test_another_half_of_another_kind_is_refused_and_named(who):
+    bench = Bench()
+    bench.chip.files[XM][0x0F] = who
+    assert bench.set_up() == lib.SENSOR_WRONG_CHIP
+    assert list(bench.identity.who_am_i) == [who, 0]
+    assert not [what for _, what, *_ in bench.chip.log if what == "write"]
+
+
+@pytest.mark.parametrize("half", [G, XM])
+def test_a_half_that_does_not_answer_is_a_failed_bus_until_it_does(half):
+    bench = Bench()
+    bench.chip.absent = {half}
+    assert bench.set_up() == lib.SENSOR_BUS_FAILED
+    bench.chip.absent = set()
+    assert bench.set_up() == lib.SENSOR_OK
+    assert list(bench.identity.who_am_i) == [0xD4, 0x49]
+
+
+def test_a_magnetometer_that_never_measures_leaves_six_axes_and_is_told():
+    bench = Bench()
+    bench.chip.mag.is_silent = True
+    assert bench.set_up() == lib.SENSOR_OK
+    assert list(bench.identity.who_am_i) == [0xD4, 0]
+    assert bench.identity.self_test == BOTH_PASSED | lib.SELF_TEST_MAG_FAILED
+    bench.chip.mag.is_silent = False  # a loose joint: not to be trusted by halves
+    samples = bench.samples(40)
+    assert not any(sample.has_mag or sample.mag_overflow for sample in samples)
+    assert axes(samples[-1].acc) == (0, 0, round(1 / 0.732e-3))
+    assert bench.set_up() == lib.SENSOR_OK
+    assert list(bench.identity.who_am_i) == [0xD4, 0x49]
+    assert bench.identity.self_test == BOTH_PASSED
+
+
+@pytest.mark.parametrize("name", ["gyr", "acc"])
+def test_a_sensor_that_never_gets_ready_is_stuck_in_bounded_time(name):
+    bench = Bench()
+    sensor = getattr(bench.chip, name)
+    sensor.is_silent = True
+    assert bench.set_up() == lib.SENSOR_STUCK
+    sensor.is_silent = False
+    assert bench.set_up() == lib.SENSOR_OK
+
+
+def test_a_wire_pulled_at_any_transaction_is_reported_and_the_next_set_up_works():
+    count = running().transactions
+    assert count > 100
+    for pulled_at in range(1, count + 1):
+        bench = Bench()
+        bench.pulled_at = pulled_at
+        assert bench.set_up() == lib.SENSOR_BUS_FAILED
+        assert bench.transactions == pulled_at
+        assert bench.set_up() == lib.SENSOR_OK, f"after transaction {pulled_at}"
+        assert bench.identity.self_test == BOTH_PASSED
+        assert axes(bench.sample().acc) == (0, 0, round(1 / 0.732e-3))
+
+
+def test_data_ready_is_low_where_set_up_ends_and_no_sample_is_missed():
+    bench = running()
+    chip = bench.chip
+    assert chip.gyr.made(chip.now_us) == chip.gyr.seen
+    assert not bench.sample().has_gap

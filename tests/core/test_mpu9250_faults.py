@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: MIT
+"""The MPU-9250's driver where the wire or the chip fails."""
+
+from __future__ import annotations
+
+import pytest
+
+from core.mpu9250_desk import (
+    ACC_LSB,
+    ALL_PASSED,
+    MAG_LSB,
+    Bench,
+    G,
+    lib,
+    running,
+    scripted,
+)
+
+
+def count_of_transactions() -> int:
+    return running().transactions
+
+
+@pytest.mark.parametrize("part", range(8))
+def test_a_wire_pulled_at_any_transaction_is_reported_and_the_next_set_up_works(part):
+    count = count_of_transactions()
+    assert count > 400
+    for pulled_at in range(1 + part, count + 1, 8):
+        bench = Bench()
+        bench.pulled_at = pulled_at
+        assert bench.set_up() == lib.SENSOR_BUS_FAILED
+        assert bench.transactions == pulled_at
+        assert bench.set_up() == lib.SENSOR_OK, f"after transaction {pulled_at}"
+        assert bench.identity.self_test == ALL_PASSED
+        assert bench.settled_mag().y == pytest.approx(20 / MAG_LSB, abs=1.5)
+        assert bench.complaint is None
+
+
+@pytest.mark.parametrize("at_byte", [0, 1, 2, 5])
+def test_a_refused_byte_is_a_failed_bus(at_byte):
+    bench = Bench()
+    bench.fault(lib.CHIP_FAULT_NACK, first=30, transactions=1_000_000, at_byte=at_byte)
+    assert bench.set_up() == lib.SENSOR_BUS_FAILED
+
+
+def test_a_held_data_line_is_a_failed_bus():
+    bench = Bench()
+    bench.fault(lib.CHIP_FAULT_STUCK_SDA, from_ns=400_000_000)
+    assert bench.set_up() == lib.SENSOR_BUS_FAILED
+
+
+@pytest.mark.parametrize("from_ms", [0, 300, 500, 750])
+def test_a_chip_that_never_gets_ready_is_stuck_in_bounded_time(from_ms):
+    bench = Bench()
+    bench.fault(lib.CHIP_FAULT_NO_DATA_READY, from_ns=from_ms * 1_000_000)
+    assert bench.set_up() == lib.SENSOR_STUCK
+    lib.i2c_slave_clear_faults(lib.mpu9250_chip_wire(bench.chip))
+    assert bench.set_up() == lib.SENSOR_OK
+
+
+def test_an_mpu_6500_that_never_gets_ready_is_stuck_too():
+    bench = Bench(who_am_i=0x70, has_ak8963=False)
+    bench.fault(lib.CHIP_FAULT_NO_DATA_READY)
+    assert bench.set_up() == lib.SENSOR_STUCK
+
+
+def test_a_master_that_never_finishes_is_stuck():
+    assert scripted(is_master_dead=True).set_up() == lib.SENSOR_STUCK
+
+
+def test_a_chip_whose_power_went_is_set_up_again():
+    bench = running()
+    lib.mpu9250_chip_power_cycle(bench.chip, bench.now_ns)
+    assert bench.set_up() == lib.SENSOR_OK
+    assert bench.identity.self_test == ALL_PASSED
+    assert bench.settled().acc.z == pytest.approx(G / ACC_LSB, abs=1)
+    assert bench.complaint is None

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: MIT
+"""The set-up of the MPU-9250, against the chip's model, and every failure of it."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from core.mpu9250_desk import (
+    ACC_LSB,
+    ACC_PASSED,
+    ALL_PASSED,
+    GYR_LSB,
+    GYR_PASSED,
+    MAG_LSB,
+    Bench,
+    G,
+    lib,
+    running,
+)
+from core.sensor_desk import SETUP_MAX_US
+
+
+def test_set_up_leaves_the_chip_as_the_documents_want_it():
+    bench = running()
+    assert bench.complaint is None
+    # Register map, by number: rate divider, filters, ranges.
+    assert [bench.register(reg) for reg in range(25, 30)] == [4, 2, 0x18, 0x18, 2]
+    assert bench.register(36) == 0x4D  # wait for external sensors, 400 kHz
+    assert [bench.register(reg) for reg in (37, 38, 39)] == [0x8C, 0x02, 0x88]
+    assert bench.register(55) == 0x00  # INT: pulse, push-pull, active high
+    assert bench.register(56) == 0x01  # data-ready
+    assert bench.register(106) == 0x20  # the I2C master is on
+    assert bench.register(107) == 0x01  # awake, clock by the gyroscope
+    assert bench.mag_register(0x0A) == 0x16  # 100 Hz, 16 bits
+    assert bench.mag_register(0x0C) == 0x00  # no self-test field
+
+
+def test_identity_tells_chip_units_and_verdict():
+    identity = running(mag_adjust=[170, 180, 160]).identity
+    assert identity.kind == lib.SENSOR_MPU9250
+    assert list(identity.who_am_i) == [0x71, 0x48]
+    assert list(identity.mag_adjust) == [170, 180, 160]
+    assert identity.self_test == ALL_PASSED
+    assert identity.rate_hz == 200
+    assert identity.gyr_lsb_nrad_s == round(GYR_LSB * 1e9)
+    assert identity.acc_lsb_nm_s2 == round(ACC_LSB * 1e9)
+    assert identity.mag_lsb_pt == round(MAG_LSB * 1e6)
+
+
+def test_a_burst_is_one_read_of_all_sensors():
+    burst = running().burst
+    assert (burst.address, burst.reg, burst.length) == (0x68, 0x3B, 22)
+
+
+def test_no_step_of_set_up_holds_the_bus_for_more_than_half_a_millisecond():
+    bench = running()
+    assert 0 < bench.longest_step_ns <= 500_000
+
+
+def test_set_up_waits_as_long_as_the_documents_want():
+    bench = Bench()
+    assert bench.set_up(100) == lib.SENSOR_OK
+    log = bench.log
+    resets, wakes = (
+        [t for t, *what in log if what == ["write", 107]][i] for i in (0, 1)
+    )
+    identified = next(t for t, *what in log if what == ["read", 117])
+    assert resets >= 100  # after power: the start-up of the registers
+    assert identified - resets >= 100
+    reads = [t for t, *what in log if what == ["read", 59]]
+    assert len(reads) == 400
+    assert reads[0] - wakes >= 35  # the gyroscope's start-up
+    # Each run of the self-test: 20 ms after its stimulus, 200 samples at 1 kHz.
+    changes = [t for t, *what in log if what == ["write", 25]]
+    for run, changed in zip((reads[:200], reads[200:]), changes, strict=False):
+        assert run[0] - changed >= 20
+        assert all(0.9 < b - a < 1.2 for a, b in itertools.pairwise(run))
+
+
+def test_set_up_takes_as_long_as_its_header_says():
+    bench = running()
+    assert bench.now_ns / 1e9 == pytest.approx(0.9, abs=0.15)
+    before_ns = bench.now_ns
+    assert bench.set_up() == lib.SENSOR_OK
+    assert (bench.now_ns - before_ns) / 1e9 == pytest.approx(0.4, abs=0.1)
+    assert bench.identity.self_test == ALL_PASSED
+
+
+@pytest.mark.parametrize("step_us", [50, 700, 4999, 30_000])
+def test_set_up_does_not_mind_how_often_it_is_called(step_us):
+    bench = Bench()
+    # A sample of the self-test a call, at most: a slow caller takes that much longer.
+    bound_us = SETUP_MAX_US + 500 * step_us
+    assert bench.set_up(step_us, bound_us) == lib.SENSOR_OK
+    assert bench.identity.self_test == ALL_PASSED
+    assert bench.complaint is None
+
+
+@pytest.mark.parametrize("before_us", [1, 100_000, 150_000, 300_000, 600_000, 700_000])
+def test_set_up_survives_the_wrap_of_device_time(before_us):
+    assert running(start_us=2**32 - before_us).identity.self_test == ALL_PASSED
+
+
+def test_set_up_stays_done_when_device_time_wraps():
+    bench = running()
+    done_ns = bench.now_ns
+    for later_us in (0, 2**32 - 1000, 2**32, 2**32 + 1000):
+        now_us = (done_ns // 1000 + later_us) & 0xFFFFFFFF
+        assert lib.mpu9250_setup(bench.driver, bench.bus, now_us) == lib.SENSOR_OK
+
+
+@pytest.mark.parametrize("who", [0x00, 0x12, 0x68, 0x72, 0xEA, 0xFF])
+def test_a_chip_of_another_kind_is_refused_and_named(who):
+    bench = Bench()
+    bench.fault(lib.CHIP_FAULT_WRONG_WHO_AM_I, value=who)
+    assert bench.set_up() == lib.SENSOR_WRONG_CHIP
+    assert bench.identity.who_am_i[0] == who
+
+
+def test_an_mpu_9255_is_an_mpu_9250():
+    bench = running(who_am_i=0x73)
+    assert bench.identity.kind == lib.SENSOR_MPU9250
+    assert list(bench.identity.who_am_i) == [0x73, 0x48]
+    assert bench.settled_mag().x == round(0 / MAG_LSB)
+
+
+def assert_six_axes(bench: Bench) -> None:
+    assert bench.identity.who_am_i[1] == 0
+    assert list(bench.identity.mag_adjust) == [0, 0, 0]
+    assert bench.identity.self_test == ACC_PASSED | GYR_PASSED
+    assert bench.burst.length == 14
+    bench.hold(gyr=(1, 0, 0))
+    samples = bench.samples(20)
+    assert not any(sample.has_mag or sample.mag_overflow for sample in samples)
+    assert samples[-1].gyr.x == pytest.approx(1 / GYR_LSB, abs=1)
+    assert samples[-1].acc.z == pytest.approx(G / ACC_LSB, abs=1)
+    assert bench.complaint is None
+
+
+def test_an_mpu_6500_is_a_six_axis_probe():
+    bench = running(who_am_i=0x70, has_ak8963=False)
+    assert bench.identity.kind == lib.SENSOR_MPU6500
+    assert_six_axes(bench)
+
+
+def test_a_counterfeit_without_magnetometer_is_a_six_axis_probe():
+    bench = running(has_ak8963=False)
+    assert bench.identity.kind == lib.SENSOR_MPU9250
+    assert_six_axes(bench)
+    assert bench.register(106) == 0x00  # no master that asks in vain at each sample
+
+
+def test_a_magnetometer_that_comes_back_is_found_by_the_next_set_up():
+    bench = Bench()
+    bench.fault(lib.CHIP_FAULT_NO_MAG)
+    assert bench.set_up() == lib.SENSOR_OK
+    assert bench.identity.who_am_i[1] == 0
+    lib.i2c_slave_clear_faults(lib.mpu9250_chip_wire(bench.chip))
+    assert bench.set_up() == lib.SENSOR_OK
+    assert list(bench.identity.who_am_i) == [0x71, 0x48]
+    assert bench.identity.self_test == ALL_PASSED
