@@ -1,39 +1,44 @@
 // SPDX-License-Identifier: MIT
-// An LSM9DS0 as its data sheet describes it, byte by byte on I2C. It serves the virtual
-// boards and the driver's tests; it knows no emulator and no driver.
+// A model of the LSM9DS0, byte by byte on I2C, written from its data sheet. The virtual
+// boards and the driver's tests use it; it depends on no emulator and no driver.
 //
 // Documents: DS = LSM9DS0 data sheet, DocID024763 rev 2 (registers are named as there);
-// AN = ST's application notes on parts of the family that say more of the same blocks:
+// AN = ST's application notes on related parts, which say more about the same blocks:
 // AN4505 (L3GD20) and AN3393 (L3G4200D) for the gyroscope, AN3308 (LIS3DH) for status
 // and data-ready.
 //
-// Two dies on one wire, each with an address, a clock and registers of its own: G, the
-// gyroscope, and XM, accelerometer and magnetometer.
+// The chip has two dies on one wire, each with its own address, clock and registers: G,
+// the gyroscope, and XM, accelerometer and magnetometer.
 //
-// Time is an argument, in nanoseconds since power came, and never goes back. Motion is
-// asked for in the axes of accelerometer and gyroscope (x, y along the package, z out
-// of it), right-handed, SI units; the magnetometer's own axes are the model's business.
+// Time is an argument, in nanoseconds since power came, and never goes back. The model
+// asks for motion in the axes of accelerometer and gyroscope (x, y along the package, z
+// out of it), right-handed, in SI units, and converts it to those of the magnetometer.
 //
 // What the documents leave open, and what the model does:
-// - Delay of the low-pass filters: none is given. A moving average of the bandwidth in
-//   force that ends now, so 0.22 / bandwidth: a Butterworth of second order has 0.225.
-// - Length of a magnetic measurement: the field of the instant that it ends.
-// - Turn-on of the gyroscope: zeros for gyr_turn_on_ns; its 250 ms are a guess to the
-//   safe side.
-// - A reboot: as long as start-up, no samples meanwhile, and the user's registers stay.
-// - After a single magnetic measurement: MD reads power-down (10).
-// - Where an output stops beyond its full scale: at the ends of 16 bits.
-// - Zero of the temperature: 25 degC; fresh with each magnetic measurement (DS table 4:
-//   its rate is M_ODR).
-// - Axes of the magnetometer: its z points into the package, as drivers that were tried
-//   on parts have it (RTIMULib, Snowcap's). mag_sign of the configuration chooses.
-// - Reset value of INT_CTRL_REG_M: 0xE8, which parts read; the description of its bits
-//   gives 0. int_ctrl_reg_m of the configuration chooses.
-// - Which low-pass BW sets: its bandwidth is in force with LPF2 (Out_Sel) and without.
+// - Delay of the low-pass filters: the model has a moving average that ends now and has
+//   the bandwidth set, hence a delay of 0.22 / bandwidth. A Butterworth filter of
+//   second order has 0.225.
+// - Length of a magnetic measurement: the model takes the field at its end.
+// - Turn-on of the gyroscope: it reads zero for gyr_turn_on_ns. The default of 250 ms
+// is
+//   a guess, rather too long than too short.
+// - A reboot lasts as long as start-up, brings no samples, and keeps the user's
+//   registers.
+// - After a single magnetic measurement MD reads power-down (10).
+// - Beyond its full scale an output goes on to the ends of 16 bits.
+// - Temperature reads zero at 25 degC and is measured with the magnetic field (DS table
+//   4: its rate is M_ODR).
+// - The magnetometer's z axis points into the package, as in drivers that were tried on
+//   parts (RTIMULib, Snowcap's). mag_sign in the configuration sets it.
+// - INT_CTRL_REG_M is 0xE8 after reset, as parts read; the description of its bits
+// gives
+//   0. int_ctrl_reg_m in the configuration sets it.
+// - The bandwidth that BW sets holds with LPF2 (Out_Sel) and without.
 //
-// Not modelled: noise (so M_RES changes nothing), FIFO but bypass, high-pass filters,
-// interrupt generators, clicks, activity, INT_G, magnetic offsets, SPI. Turning one on
-// is a complaint (lsm9ds0_chip_complaint), as is what the data sheet forbids.
+// Not modelled: noise (so M_RES changes nothing), FIFO modes other than bypass,
+// high-pass filters, interrupt generators, clicks, activity, INT_G, magnetic offsets,
+// SPI. Turning one on is reported (lsm9ds0_chip_complaint), as is what the data sheet
+// forbids.
 #ifndef SIM_CHIPS_LSM9DS0_H
 #define SIM_CHIPS_LSM9DS0_H
 
@@ -57,16 +62,16 @@ enum lsm9ds0_chip_pin {
 // Of a fault, and on the wire.
 enum lsm9ds0_chip_die { LSM9DS0_CHIP_BOTH, LSM9DS0_CHIP_G, LSM9DS0_CHIP_XM };
 
-// Writes the mean of the quantity over (from_ns, to_ns] to mean; where both are equal,
-// its value then. from_ns may be negative.
+// Writes the mean of the quantity over (from_ns, to_ns] to mean, or its value at that
+// time where both are equal. from_ns may be negative.
 typedef void (*lsm9ds0_chip_motion)(void *context, enum lsm9ds0_chip_quantity quantity,
                                     int64_t from_ns, int64_t to_ns, double mean[3]);
 
 struct lsm9ds0_chip_config {
-    lsm9ds0_chip_motion motion;  // null: what lsm9ds0_chip_hold() said
+    lsm9ds0_chip_motion motion;  // null: the motion is that of lsm9ds0_chip_hold()
     void *context;
-    bool is_recorded;         // the motion has been through a sensor's low-pass already
-    double g_rate_error_ppm;  // of the gyroscope's clock; positive is fast
+    bool is_recorded;          // a sensor's low-pass is in the motion already
+    double g_rate_error_ppm;   // of the gyroscope's clock; positive is fast
     double xm_rate_error_ppm;  // of the clock of accelerometer and magnetometer
     double temperature_c;
     double temperature_zero_c;  // where OUT_TEMP reads 0

@@ -1,18 +1,19 @@
 // SPDX-License-Identifier: MIT
-// An MPU-9250 (with its AK8963) as its documents describe it, byte by byte on I2C. It
-// serves the virtual boards and the driver's tests; it knows no emulator and no driver.
+// A model of the MPU-9250 and its AK8963, byte by byte on I2C, written from their
+// documents. The virtual boards and the driver's tests use it; it depends on no
+// emulator and no driver.
 //
 // Documents: RM = RM-MPU-9250A-00 rev 1.6 (register map), PS = PS-MPU-9250A-01 rev 1.0
 // (product specification), ST = AN-MPU-9250A-03 (self-test), AK = AK8963 data sheet
 // MS1356-E-02.
 //
-// Time is an argument, in nanoseconds since power came, and never goes back. Motion is
-// asked for, in the frame of the accelerometer and gyroscope (PS 9.1: x right, y up the
-// page, z out of the package), right-handed, SI units; the AK8963's own axes (PS 9.1:
-// x = our y, y = our x, z = our -z) are the model's business.
+// Time is an argument, in nanoseconds since power came, and never goes back. The model
+// asks for motion in the axes of accelerometer and gyroscope (PS 9.1: x right, y up the
+// page, z out of the package), right-handed, in SI units, and converts it to the axes
+// of the AK8963 (PS 9.1: its x is our y, its y our x, its z our -z).
 //
 // Not modelled: FIFO, DMP, wake on motion, low-power cycling, FSYNC, SPI. Writing to
-// their registers is a complaint (mpu9250_chip_complaint).
+// their registers is reported (mpu9250_chip_complaint).
 #ifndef SIM_CHIPS_MPU9250_H
 #define SIM_CHIPS_MPU9250_H
 
@@ -27,16 +28,16 @@ enum mpu9250_chip_quantity {
     MPU9250_CHIP_MAG,  // uT
 };
 
-// Writes the mean of the quantity over (from_ns, to_ns] to mean; where both are equal,
-// its value then. from_ns may be negative.
+// Writes the mean of the quantity over (from_ns, to_ns] to mean, or its value at that
+// time where both are equal. from_ns may be negative.
 typedef void (*mpu9250_chip_motion)(void *context, enum mpu9250_chip_quantity quantity,
                                     int64_t from_ns, int64_t to_ns, double mean[3]);
 
 struct mpu9250_chip_config {
-    mpu9250_chip_motion motion;  // null: what mpu9250_chip_hold() said
+    mpu9250_chip_motion motion;  // null: the motion is that of mpu9250_chip_hold()
     void *context;
-    bool is_recorded;       // the motion has been through a sensor's low-pass already
-    double rate_error_ppm;  // of the sample clock; positive is fast
+    bool is_recorded;           // a sensor's low-pass is in the motion already
+    double rate_error_ppm;      // of the sample clock; positive is fast
     double mag_rate_error_ppm;  // of the AK8963's own clock
     double temperature_c;
     uint64_t startup_ns;       // from power-up or H_RESET until registers answer

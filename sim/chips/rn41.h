@@ -1,24 +1,24 @@
 // SPDX-License-Identifier: MIT
-// A Roving Networks RN-41, firmware 6.15, as a slave with the serial port profile: its
-// UART on one side, a host over the air on the other. It serves the virtual boards and
-// the tests; it knows no emulator and no driver.
+// A model of the Roving Networks RN-41, firmware 6.15, as a slave with the serial port
+// profile: a UART on one side, a host over the air on the other. The virtual boards and
+// the tests use it; it depends on no emulator and no driver.
 //
 // Documents: UG = "Bluetooth Data Module Command Reference & Advanced Information
 // User's Guide", RN-BT-DATA-UG 1.0r; UM = "Advanced User Manual" rn-bluetooth-um 4.77;
 // DS = RN41/RN41N data sheet, DS50002280B; BC4 = CSR BlueCore4-External data sheet, the
 // chip inside.
 //
-// Time is an argument, in nanoseconds since power came, and never goes back. Outputs
-// are taken: bytes that have come to the end of their frame on TX, bytes that have
-// reached the host; the levels of RTS and PIO2 are asked for.
+// Time is an argument, in nanoseconds since power came, and never goes back. The caller
+// takes what comes out: bytes whose frame on TX has ended, and bytes that have reached
+// the host. It asks for the levels of RTS and PIO2.
 //
 // - Settings are stored at once and used after a reboot (UG, "Overview").
-// - Command mode by three configuration characters with no byte before or after them
-//   in a 1 second window; else they are data (UM, "Action commands").
-// - The configuration timer says who may while a host is connected (UG, "Configuration
-//   timer settings"): 0 nobody, 1 to 252 both for so many seconds from power-up, 253
-//   the UART's side, 254 the host's, 255 both, for ever. Not connected: the UART's side
-//   always.
+// - Three configuration characters with no byte within 1 second before or after them
+//   start command mode; otherwise they are data (UM, "Action commands").
+// - While a host is connected the configuration timer says which side may do so (UG,
+//   "Configuration timer settings"): 0 neither; 1 to 252 both, for that many seconds
+//   from power-up; 253 the UART's side, 254 the host's, 255 both, for ever. While none
+//   is connected the UART's side always may.
 // - In command mode nothing passes between the sides (UG, command T: off).
 // - 240 kbit/s sustained as a slave (DS, "Features"), in packets of 2.5 ms.
 //

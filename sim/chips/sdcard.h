@@ -1,42 +1,42 @@
 // SPDX-License-Identifier: MIT
-// An SD card in SPI mode as the specification describes it, byte by byte on the wire.
-// It serves the virtual boards and the driver's tests; it knows no emulator and no
-// driver.
+// A model of an SD card in SPI mode, byte by byte on the wire, written from the
+// specification. The virtual boards and the driver's tests use it; it depends on no
+// emulator and no driver.
 //
 // Document: SD = SD Specifications, Part 1, Physical Layer Simplified Specification,
 // version 4.10. Cards of standard capacity (SDSC: addresses in bytes, CSD version 1)
 // and of high capacity (SDHC: addresses in blocks of 512 bytes, CSD version 2).
 //
 // Time is an argument, in nanoseconds since power came, and never goes back. The
-// content is a file, read and written in place, as sparse as it likes; what the card
-// has promised stands in it, what it has only been given may not yet.
+// content is a file, which may be sparse, read and written in place. Blocks that the
+// card has acknowledged as written are in it; blocks that it has only accepted may not
+// be yet.
 //
-// What the document promises, the card does; what it leaves open is drawn from the
-// seed:
+// The model does what the document promises; what the document leaves open is drawn at
+// random from the seed:
 // - gaps before an answer, a data token and busy, within their limits (SD 7.5.4); the
 //   bits that may be anything in a data response, after CMD12, as busy ends, and the
 //   first one after selection while busy
 // - how long initialisation, reading and programming take: 20 to 300 ms; 60 to 400 us,
 //   in a run of blocks 2 to 30 us; programming 0.3 to 2 ms, a block of a run that only
 //   goes to the buffer 5 to 60 us, one in 200 of all 4 to 40 ms
-// - what becomes of blocks when power goes: those whose busy is over, or that the stop
-// of
-//   their run has been busy for, are there. Of a run under way the last 16 are not:
-//   they may have been programmed in any order, one of them torn. A torn block is its
-//   new part and then what stood there, erased flash, or noise; or nothing of it.
-// - blocks announced by ACMD23 that never came: some are erased
-// An interrupted run (deselected, or the host is reset) is programmed as if stopped,
-// but for the block amid which it happened.
+// - what a loss of power leaves: blocks are there whose busy is over, or whose run was
+//   stopped and is no longer busy. The last 16 blocks of a run that is under way may
+//   have been programmed in any order, one of them torn. A torn block begins with new
+//   data, followed by the old data, erased flash or noise, or it is all old.
+// - which blocks that ACMD23 announced and that never came are erased
+// A run that is interrupted (deselected, or the host is reset) is programmed as if it
+// were stopped, except for the block that was under way.
 //
-// Against the document is, and makes a complaint (sdcard_chip_complaint): a clock
-// beyond 400 kHz before the card is ready and 25 MHz then; less than 1 ms and 74 clocks
-// before CMD0; no pause of a byte where one must be (NRC, NWR); deselecting amid a
-// transfer; a command while it is busy or another one is under way; what is not
-// modelled.
+// These break the document's rules and are reported (sdcard_chip_complaint): a clock
+// above 400 kHz before the card is ready, or above 25 MHz after that; less than 1 ms or
+// 74 clocks before CMD0; no pause of a byte where one is required (NRC, NWR);
+// deselecting within a transfer; a command while the card is busy or another command is
+// under way; whatever is not modelled.
 //
 // Not modelled: the SD bus, voltages, password, write protection, CMD6, CMD27 and
-// CMD56; damage to blocks that stood before; reading a torn block fails on some cards,
-// here it reads as it stands.
+// CMD56; damage to blocks that were there before. Reading a torn block fails on some
+// cards; here it returns what is there.
 #ifndef SIM_CHIPS_SDCARD_H
 #define SIM_CHIPS_SDCARD_H
 
@@ -52,8 +52,8 @@ struct sdcard_chip_config {
     enum sdcard_chip_kind kind;  // by size: SDSC up to 2 GB
     bool is_version_1;           // an SDSC of version 1.x: knows no CMD8
     uint64_t seed;
-    // Programming of a block that was accepted has begun; the number is of the blocks
-    // that came, from 1. May be null.
+    // Called when programming of an accepted block begins, with its number among all
+    // blocks that came, from 1. May be null.
     void (*on_block)(void *context, uint64_t number);
     void *context;
 };

@@ -13,11 +13,6 @@ void lsm9ds0_chip_complain(struct lsm9ds0_chip *chip, const char *what) {
     }
 }
 
-enum lsm9ds0_chip_die lsm9ds0_chip_which(const struct lsm9ds0_chip *chip,
-                                         const struct die *die) {
-    return die == &chip->g ? LSM9DS0_CHIP_G : LSM9DS0_CHIP_XM;
-}
-
 struct die *lsm9ds0_chip_die_of(struct lsm9ds0_chip *chip,
                                 enum lsm9ds0_chip_quantity quantity) {
     return quantity == LSM9DS0_CHIP_GYR ? &chip->g : &chip->xm;
@@ -115,10 +110,12 @@ void lsm9ds0_chip_power_cycle(struct lsm9ds0_chip *chip, uint64_t now_ns) {
     i2c_slave_release(&chip->wire);
     memset(&chip->g, 0, sizeof chip->g);
     memset(&chip->xm, 0, sizeof chip->xm);
+    chip->g.number = LSM9DS0_CHIP_G;
     chip->g.boot_end = NEVER;
     chip->g.reg[REG_WHO_AM_I] = chip->config.who_am_i_g;
     chip->g.reg[REG_CTRL1_G] = G_AXES;
     chip->g.reg[REG_FIFO_SRC] = FIFO_EMPTY;  // DS 4.3: bypass, it remains empty
+    chip->xm.number = LSM9DS0_CHIP_XM;
     chip->xm.boot_end = NEVER;
     chip->xm.reg[REG_WHO_AM_I] = chip->config.who_am_i_xm;
     chip->xm.reg[REG_INT_CTRL_M] = chip->config.int_ctrl_reg_m;

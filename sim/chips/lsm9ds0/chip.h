@@ -126,6 +126,7 @@ enum {
 };
 
 struct die {
+    uint8_t number;  // enum lsm9ds0_chip_die
     uint8_t reg[REG_COUNT];
     uint8_t pointer;
     bool moves_on;      // bit 7 of the sub-address (DS 6.1)
@@ -162,9 +163,6 @@ struct lsm9ds0_chip {
 void lsm9ds0_chip_complain(struct lsm9ds0_chip *chip, const char *what);
 struct die *lsm9ds0_chip_die_of(struct lsm9ds0_chip *chip,
                                 enum lsm9ds0_chip_quantity quantity);
-// The die's number, for faults.
-enum lsm9ds0_chip_die lsm9ds0_chip_which(const struct lsm9ds0_chip *chip,
-                                         const struct die *die);
 
 // sense.c
 // Sets the time of the next sample after a change of rate or power, or at a reboot.

@@ -72,16 +72,16 @@ void lsm9ds0_chip_take_sample(struct lsm9ds0_chip *chip,
                               enum lsm9ds0_chip_quantity quantity) {
     struct sensor *sensor = &chip->sensors[quantity];
     struct die *die = lsm9ds0_chip_die_of(chip, quantity);
-    const enum lsm9ds0_chip_die name = lsm9ds0_chip_which(chip, die);
     sensor->tick++;
     lsm9ds0_chip_set_next_tick(chip, quantity);
-    if (i2c_slave_find_fault(&chip->wire, CHIP_FAULT_NO_DATA_READY, name) != NULL ||
+    if (i2c_slave_find_fault(&chip->wire, CHIP_FAULT_NO_DATA_READY, die->number) !=
+            NULL ||
         (quantity == LSM9DS0_CHIP_MAG &&
-         i2c_slave_find_fault(&chip->wire, CHIP_FAULT_NO_MAG, name) != NULL)) {
+         i2c_slave_find_fault(&chip->wire, CHIP_FAULT_NO_MAG, die->number) != NULL)) {
         return;
     }
     sensor->samples++;
-    if (i2c_slave_find_fault(&chip->wire, CHIP_FAULT_FROZEN, name) == NULL) {
+    if (i2c_slave_find_fault(&chip->wire, CHIP_FAULT_FROZEN, die->number) == NULL) {
         lsm9ds0_chip_sense(chip, quantity);
     }
     const uint8_t axes = enabled_axes(chip, quantity);
