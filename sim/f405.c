@@ -10,19 +10,17 @@
 #define F405_VERSION "0.1.0"
 #endif
 
-static const char usage_text[] = RUN_USAGE(
-    "f405") "            [--card FILE [--card-kind KIND]] [--radio FILE] [--battery "
-            "MV]\n"
-            "            [--profile FILE [--parts FILE]]\n"
-            "       f405 --version\n"
-            "--eeprom is what survives power: all of flash, over which the image is "
-            "put\n"
-            "--card is what is on an SD card, --card-kind sdsc or sdhc where its size "
-            "does "
-            "not\n"
-            "tell: up to 2 GB, or more\n"
-            "--radio is an RN-41 between probe and wire, with its settings in FILE\n"
-            "--battery is a cell of so many millivolts, and its charger\n";
+static const char usage_text[] =
+    "usage: f405" RUN_OPTIONS
+    "            [--card FILE [--card-kind KIND]] [--radio FILE] [--battery MV]\n"
+    "            [--profile FILE [--parts FILE]]\n"
+    "       f405 --version\n"
+    "--eeprom is what survives power: all of flash, over which the image is put\n"
+    "--card is what is on an SD card, --card-kind sdsc or sdhc where its size does "
+    "not\n"
+    "tell: up to 2 GB, or more\n"
+    "--radio is an RN-41 between probe and wire, with its settings in FILE\n"
+    "--battery is a cell of so many millivolts, and its charger\n";
 
 static const char *const chip_faults[] = {
     [CHIP_FAULT_NACK] = "nack",

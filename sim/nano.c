@@ -15,9 +15,9 @@
 #endif
 
 static const char usage_text[] =
-    RUN_USAGE("nano") "            [--profile FILE [--parts FILE]]\n"
-                      "       nano --self-test [--without NAME]\n"
-                      "       nano --version\n";
+    "usage: nano" RUN_OPTIONS "            [--profile FILE [--parts FILE]]\n"
+    "       nano --self-test [--without NAME]\n"
+    "       nano --version\n";
 
 static const char *const chip_faults[] = {
     [CHIP_FAULT_NACK] = "nack",

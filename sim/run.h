@@ -22,13 +22,14 @@ enum {
 };
 #define RUN_NEVER UINT64_MAX
 
-// The options that all boards have, for their usage texts.
-#define RUN_USAGE(program)                                                             \
-    "usage: " program                                                                  \
-    " --image FILE.elf [--motion FILE|-] [--pty LINK | --record FILE]\n"               \
-    "            [--fast] [--seconds N] [--summary FILE] [--eeprom FILE] [--seed N]\n" \
-    "            [--clock-ppm N] [--clock-drift PPM_S] [--batch-ms N] [--burst-ms "    \
-    "N]\n"                                                                             \
+// The options that all boards have, for their usage texts: "usage: nano" RUN_OPTIONS.
+#define RUN_OPTIONS                                                                    \
+    " --image FILE.elf [--motion FILE|-]"                                              \
+    " [--pty LINK | --record FILE]\n"                                                  \
+    "            [--fast] [--seconds N] [--summary FILE] [--eeprom FILE]"              \
+    " [--seed N]\n"                                                                    \
+    "            [--clock-ppm N] [--clock-drift PPM_S] [--batch-ms N]"                 \
+    " [--burst-ms N]\n"                                                                \
     "            [--faults FILE] [--press START_US:END_US]... [--send US:HEX]...\n"
 
 // What a board reports at the end of a run.
@@ -85,8 +86,8 @@ struct run_board {
     bool (*run)(void *self, uint64_t until);
     uint64_t (*now)(const void *self);
     uint64_t (*nanoseconds)(uint64_t tick);
-    uint64_t (*clock_start)(
-        const void *self);  // tick at which the device clock started, or RUN_NEVER
+    // The tick at which the device clock started, or RUN_NEVER.
+    uint64_t (*clock_start)(const void *self);
     uint64_t (*asleep)(const void *self);    // ticks
     size_t (*line_count)(const void *self);  // bytes still on their way to the board
     bool (*send)(void *self, uint64_t from, uint8_t byte);
@@ -121,9 +122,8 @@ struct run_options {
     const char *image, *motion, *pty, *record, *summary, *memory, *faults;
     const char *profile, *parts;
     bool is_fast;
-    double seconds;  // 0: no limit
-    double clock_ppm,
-        drift;  // its clock is fast by this, and the error grows so much a second
+    double seconds;             // 0: no limit
+    double clock_ppm, drift;    // how fast its clock is; growth of that, ppm a second
     double batch_ms, burst_ms;  // how its bytes are held back; see is_held()
     uint64_t seed;
     struct {

@@ -38,6 +38,27 @@ static void on_fault(void) {
     end();
 }
 
+// Code in flash that becomes other code, returning 1, then 2; and then none.
+static void run_from_flash(void) {
+    uint32_t (*const function)(void) = (uint32_t(*)(void))(AT_FLASH | 1);
+    for (uint32_t i = 1; i <= 2; i++) {
+        say("erase_us", erase_from_ram());
+        FLASH_CR = BIT(0) | 2 << 8;
+        AT(AT_FLASH) = 0x47702000 | i;  // movs r0, #i; bx lr
+        while ((FLASH_SR & BIT(16)) != 0) {
+        }
+        say("code", function());
+        say("code", function());
+    }
+    (void)erase_from_ram();
+    FLASH_CR = BIT(31);
+    FLASH_CR = BIT(0);
+    say("locked", FLASH_CR);
+    vectors[HARD_FAULT] = on_fault;
+    (void)function();
+    say("still", 1);
+}
+
 void program(void) {
     say("before", AT(AT_FLASH));
     say("locked", FLASH_CR >> 31);
@@ -81,22 +102,5 @@ void program(void) {
     const uint32_t left = now_us();
     begin_erase();
     say("return_us", now_us() - left);
-    // Code in flash that becomes other code, returning 1, then 2; and then none.
-    uint32_t (*const function)(void) = (uint32_t(*)(void))(AT_FLASH | 1);
-    for (uint32_t i = 1; i <= 2; i++) {
-        say("erase_us", erase_from_ram());
-        FLASH_CR = BIT(0) | 2 << 8;
-        AT(AT_FLASH) = 0x47702000 | i;  // movs r0, #i; bx lr
-        while ((FLASH_SR & BIT(16)) != 0) {
-        }
-        say("code", function());
-        say("code", function());
-    }
-    (void)erase_from_ram();
-    FLASH_CR = BIT(31);
-    FLASH_CR = BIT(0);
-    say("locked", FLASH_CR);
-    vectors[HARD_FAULT] = on_fault;
-    (void)function();
-    say("still", 1);
+    run_from_flash();
 }

@@ -69,6 +69,28 @@ static void receive_late(void) {
     say("right", right);
 }
 
+// A reset by the pin, open drain.
+static void reset_by_pin(void) {
+    flush();
+    wait_us(200000);
+    GPIO(GPIOB, OTYPER) |= BIT(13);
+    GPIO(GPIOB, BSRR) = BIT(29);
+    pin_mode(GPIOB, 13, 1);
+    wait_us(10000);
+    const uint32_t during = pio2();
+    GPIO(GPIOB, BSRR) = BIT(13);
+    const uint32_t released = now_us();
+    while (pio2() != 0) {
+        doze();
+    }
+    const uint32_t again = now_us() - released;
+    while (pio2() == 0) {
+        doze();
+    }
+    say("during", during);
+    say("again", again);
+}
+
 void program(void) {
     vectors[TICK] = on_tick;
     SYSTICK(4) = 1599;
@@ -115,25 +137,7 @@ void program(void) {
     }
     flush();
     say("us", now_us() - from);
-    // A reset by the pin, open drain.
-    flush();
-    wait_us(200000);
-    GPIO(GPIOB, OTYPER) |= BIT(13);
-    GPIO(GPIOB, BSRR) = BIT(29);
-    pin_mode(GPIOB, 13, 1);
-    wait_us(10000);
-    const uint32_t during = pio2();
-    GPIO(GPIOB, BSRR) = BIT(13);
-    const uint32_t released = now_us();
-    while (pio2() != 0) {
-        doze();
-    }
-    const uint32_t again = now_us() - released;
-    while (pio2() == 0) {
-        doze();
-    }
-    say("during", during);
-    say("again", again);
+    reset_by_pin();
     flush();
     wait_us(100000);
 }
