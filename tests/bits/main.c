@@ -5,12 +5,12 @@
 #include <string.h>
 
 #include "board.h"
-#include "core/wire/frame.h"
 #include "core/drivers/lsm9ds0.h"
-#include "core/wire/messages.h"
 #include "core/drivers/mpu9250.h"
 #include "core/fusion/pose.h"
 #include "core/probe/probe.h"
+#include "core/wire/frame.h"
+#include "core/wire/messages.h"
 
 static struct frame_decoder decoder;
 static uint8_t content[MESSAGE_CONTENT_MAX + FRAME_CRC];
@@ -130,7 +130,7 @@ int main(void) {
     static const IN_FLASH struct probe_port port = {.wire = &wire};
     probe.port = &port;
     board_init();
-    board_extras_begin(&probe);
+    board_equipment_begin(&probe);
     frame_decoder_init(&decoder, SCHEMA_SEED, MESSAGE_HELLO, content, sizeof content);
     for (;;) {
         board_watchdog_kick();
@@ -140,7 +140,7 @@ int main(void) {
                 take(length);
             }
         }
-        board_extras_step(&probe, board_time_us());
+        board_equipment_step(&probe, board_time_us());
         board_idle();
     }
 }
