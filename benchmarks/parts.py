@@ -57,7 +57,7 @@ FILES = {
     "main.c": "probe",
     "board.c": "board",
     "chip.c": "board",
-    "extras.c": "board",
+    "equipment.c": "board",
     "identity.c": "board",
     "adc.c": "board",
     "power.c": "board",

@@ -67,25 +67,25 @@ extern const struct settings_storage board_storage;
 uint16_t board_supply_mv(void);
 uint16_t board_stack_free(void);
 
-// What the board has beside sensor, wire and button; nothing in a build with
-// PROBE_WIRE_ONLY. `begin` says so to the probe, `step` is for each turn of the main
-// loop.
+// What the board has beside sensor, wire and button: clock, radio, card, battery.
+// Nothing in a build with PROBE_WIRE_ONLY. `begin` says so to the probe, after
+// probe_begin; `step` is for each turn of the main loop.
 #ifdef PROBE_WIRE_ONLY
-static inline void board_extras_begin(struct probe *probe) {
+static inline void board_equipment_begin(struct probe *probe) {
     (void)probe;
 }
-static inline void board_extras_step(struct probe *probe, uint32_t now_us) {
+static inline void board_equipment_step(struct probe *probe, uint32_t now_us) {
     (void)probe;
     (void)now_us;
 }
-static inline bool board_extras_are_done(void) {
+static inline bool board_equipment_is_done(void) {
     return true;
 }
 #else
-void board_extras_begin(struct probe *probe);
-void board_extras_step(struct probe *probe, uint32_t now_us);
+void board_equipment_begin(struct probe *probe);
+void board_equipment_step(struct probe *probe, uint32_t now_us);
 // Nothing is left to be written: power may go. After wants_reset it gets so by itself.
-bool board_extras_are_done(void);
+bool board_equipment_is_done(void);
 #endif
 
 void board_watchdog_kick(void);

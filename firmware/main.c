@@ -49,7 +49,7 @@ int main(void) {
     board_init();
     uint32_t stepped_us = board_time_us();
     probe_begin(&probe, &probe_port, stepped_us);
-    board_extras_begin(&probe);
+    board_equipment_begin(&probe);
     acquisition_begin(&acquisition, &acquisition_port, &probe);
     for (;;) {
         board_watchdog_kick();
@@ -64,11 +64,11 @@ int main(void) {
             probe_step(&probe, board_button_is_down(), now_us);
             board_led_set(probe_led(&probe, now_us));
         }
-        board_extras_step(&probe, now_us);
+        board_equipment_step(&probe, now_us);
         if (worked) {
             probe_worked(&probe, (board_time_us() - now_us) * board_cycles_per_us());
         }
-        if (probe.wants_reset && board_send_is_idle() && board_extras_are_done()) {
+        if (probe.wants_reset && board_send_is_idle() && board_equipment_is_done()) {
             board_reset();
         }
         if (acquisition.phase == ACQUISITION_SETUP) {

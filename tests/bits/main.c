@@ -130,7 +130,7 @@ int main(void) {
     static const IN_FLASH struct probe_port port = {.wire = &wire};
     probe.port = &port;
     board_init();
-    board_extras_begin(&probe);
+    board_equipment_begin(&probe);
     frame_decoder_init(&decoder, SCHEMA_SEED, MESSAGE_HELLO, content, sizeof content);
     for (;;) {
         board_watchdog_kick();
@@ -140,7 +140,7 @@ int main(void) {
                 take(length);
             }
         }
-        board_extras_step(&probe, board_time_us());
+        board_equipment_step(&probe, board_time_us());
         board_idle();
     }
 }

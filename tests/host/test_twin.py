@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from core.desk import lib
+from core.probe_bench import MPU9250, Bench, Memory, command_frame
 from core.scenes import scene, tumble
-from core.test_probe import MPU9250, Bench, Memory, command_frame
 from imud import _core
 from imud.probes.session import Probe, Received, Session
 from imud.stages.twin import (
@@ -253,7 +253,7 @@ def message_of(content: bytes) -> Message:
 
 def test_numbers_go_on_past_their_end():
     life = followed()
-    life.c.sequence = 2**32 - 100
+    life.wire.sequence = 2**32 - 100
     life.live(20).order(lib.COMMAND_HELLO).order(lib.COMMAND_RESTART).live(600)
     twin, outcomes = heard(life.contents[1:])
     wrapped = [message_of(content).sequence for content in life.contents]

@@ -150,7 +150,7 @@ static void take_all(void) {
     put_number(taken);
     put_number(missed);
     put_number((int32_t)board_samples_ready());
-    put_number(result);
+    put_number(result < 0 ? -1 : result);
     put_number(result < 0 ? result : 0);
     end_line();
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// What this board has beside sensor, wire and button, and how the probe hears of it:
-// clock, radio, card, battery.
+// What this board has beside sensor, wire and button, as the message `equipment` tells
+// it: clock, radio, card, battery. When to log, when to sleep, what the probe hears of
+// it; the registers are in clock.c, radio.c, spi.c and power.c.
 #include "../board.h"
 
 #include "chip.h"
@@ -49,7 +50,7 @@ static void describe(struct message_equipment *out) {
     logbook_describe(&book, out);
 }
 
-void board_extras_begin(struct probe *probe) {
+void board_equipment_begin(struct probe *probe) {
     probe_equip(probe, &card_log, describe);
     began_spare = clock_is_spare();
     spi_init();
@@ -108,7 +109,7 @@ static void follow_card(struct probe *probe, uint32_t now_us) {
     }
 }
 
-bool board_extras_are_done(void) {
+bool board_equipment_is_done(void) {
     return !card_log.is_on && logbook_is_idle(&book);
 }
 
@@ -116,7 +117,7 @@ static void fall_asleep(struct probe *probe, uint32_t now_us) {
     const uint32_t elapsed_us = now_us - falling_since_us;
     const bool is_late = elapsed_us >= LAST_WORDS_US_MAX;
     if (!has_said_good_night) {
-        if (is_late || (elapsed_us >= LAST_WORDS_US && board_extras_are_done())) {
+        if (is_late || (elapsed_us >= LAST_WORDS_US && board_equipment_is_done())) {
             has_said_good_night = true;
             probe_tell(probe, EVENT_GOING_TO_SLEEP, CAUSE_BATTERY, power_battery_mv(),
                        now_us);
@@ -150,7 +151,7 @@ static void follow_battery(struct probe *probe, uint32_t now_us) {
     fall_asleep(probe, now_us);
 }
 
-void board_extras_step(struct probe *probe, uint32_t now_us) {
+void board_equipment_step(struct probe *probe, uint32_t now_us) {
     follow_clock(probe, now_us);
     follow_radio(probe, now_us);
     follow_battery(probe, now_us);
