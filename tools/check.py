@@ -81,7 +81,8 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
             *("-Ifirmware/stm32/libc", *stm32),
         ),
     )
-    yield "rules of the house", (python, "-m", "pytest", "-q", "tests/test_house.py")
+    rules = ("tests/test_house.py", "tests/test_limits.py")
+    yield "rules of the house", (python, "-m", "pytest", "-q", *rules)
 
 
 def sources(*folders: str, kinds: tuple[str, ...] = ("*.c", "*.h")) -> list[str]:
