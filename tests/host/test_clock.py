@@ -444,8 +444,8 @@ def test_a_running_daemon_says_that_utc_was_set_and_goes_on(tmp_path: Path) -> N
     port.vanish()
     assert on["step_ns"] == pytest.approx(HOUR, abs=100 * MS)
     assert back["step_ns"] == pytest.approx(-SECOND, abs=100 * MS)
-    assert "made up slowly" in lines[1]
-    assert "made up slowly" not in lines[0]
+    assert "time stamps follow slowly" in lines[1]
+    assert "time stamps follow slowly" not in lines[0]
     poses = before + after + late
     times = [pose["t_ns"] for pose in poses]
     assert times == sorted(times)

@@ -587,14 +587,14 @@ def test_an_absent_port_is_told_once_and_taken_up_when_it_comes(
     tmp_path: Path,
 ) -> None:
     with DaemonProcess(tmp_path / "port", directory=tmp_path, log=False) as process:
-        process.expect("port is not there; it is taken up when it comes")
+        process.expect("port does not exist; it is opened when it appears")
         probe, port = FakeProbe(), Port(tmp_path / "port")
         process.expect(": open$")
         port.write(probe.say("hello"))
         process.expect("found on")
         process.stop()
         port.vanish()
-        assert sum("is not there" in line for line in process.lines) == 1
+        assert sum("does not exist" in line for line in process.lines) == 1
 
 
 def test_a_port_that_vanishes_is_told_once_and_counted_over(tmp_path: Path) -> None:
@@ -602,7 +602,7 @@ def test_a_port_that_vanishes_is_told_once_and_counted_over(tmp_path: Path) -> N
     made.port.write(made.probe.poses(5) + made.probe.say("event"))
     made.daemon.expect("stream started")
     made.port.vanish()
-    made.daemon.expect("port vanished; it is taken up when it is back")
+    made.daemon.expect("port vanished; it is opened when it is back")
     made.probe.poses(4)
     made.port = Port(made.port.path)
     made.daemon.expect(": open$")
@@ -614,7 +614,7 @@ def test_a_port_that_vanishes_is_told_once_and_counted_over(tmp_path: Path) -> N
     made.close()
     lines = [line for line in made.daemon.lines if "port" in line]
     assert sum("vanished" in line for line in lines) == 1
-    assert sum("is not there" in line for line in lines) == 0
+    assert sum("does not exist" in line for line in lines) == 0
 
 
 def test_a_busy_port_is_told_once_and_taken_up_when_it_is_free(tmp_path: Path) -> None:
@@ -622,11 +622,11 @@ def test_a_busy_port_is_told_once_and_taken_up_when_it_is_free(tmp_path: Path) -
     holder = os.open(port.path, os.O_RDWR | os.O_NOCTTY)
     fcntl.flock(holder, fcntl.LOCK_EX)
     with DaemonProcess(port.path, directory=tmp_path, log=False) as process:
-        process.expect("port is held by another program")
+        process.expect("port is in use by another program")
         fcntl.flock(holder, fcntl.LOCK_UN)
         process.expect(": open$")
         process.stop()
-        assert sum("held by" in line for line in process.lines) == 1
+        assert sum("in use by" in line for line in process.lines) == 1
     os.close(holder)
     port.vanish()
 
@@ -647,11 +647,11 @@ def test_a_stream_of_noise_is_told_once_and_ends_nothing(tmp_path: Path) -> None
         port.wait_open()
         noise = bytes(range(1, 256)) * 2
         port.write(noise)
-        process.expect("510 bytes and no message among them; is it a probe, at 500000")
+        process.expect("510 bytes without a valid message; is it a probe at 500000")
         port.write(noise + b"\0" + probe.say("hello"))
         process.expect("found on")
         process.stop()
-        assert sum("no message among" in line for line in process.lines) == 1
+        assert sum("without a valid message" in line for line in process.lines) == 1
     port.vanish()
 
 

@@ -163,11 +163,11 @@ def test_nothing_is_written_to_a_port_before_a_hello(tmp_path: Path) -> None:
     async def check(desk: Desk) -> None:
         await desk.open_port(port)
         (ours,) = desk.finder
-        with pytest.raises(PortLost, match="no probe said hello yet"):
+        with pytest.raises(PortLost, match="no hello from a probe yet"):
             ours.write(b"x")
         port.write(b"OK\r\nRING\r\n" * 100)
         await desk.until(lambda: ours.baud == 921_600)
-        with pytest.raises(PortLost, match="no probe said hello yet"):
+        with pytest.raises(PortLost, match="no hello from a probe yet"):
             ours.write(b"x")
         port.write(b"\0" + FakeProbe().say("hello"))
         await desk.until(lambda: desk.found)
@@ -212,9 +212,9 @@ def test_a_port_that_is_none_of_ours_is_given_back_at_once_and_tried_again_later
         desk.unplug(port)
 
     at_desk(tmp_path, check)
-    lines = [r.getMessage() for r in caplog.records if "no probe is heard" in r.msg]
+    lines = [r.getMessage() for r in caplog.records if "no probe heard" in r.msg]
     assert len(lines) == 1
-    assert "at 500000 or 921600 baud; the port is left to others" in lines[0]
+    assert "at 500000 or 921600 baud; the port is closed for other programs" in lines[0]
 
 
 def test_a_port_that_was_found_is_given_back_when_its_probe_falls_silent(
@@ -277,7 +277,7 @@ def test_one_id_on_two_ports_is_told_and_not_merged(
         assert entry is not None
         before = entry.probe.account.counts()
         second.write(copy.say("hello") + copy.poses(50))
-        await desk.until(lambda: "which is left out" in caplog.text)
+        await desk.until(lambda: "which is ignored" in caplog.text)
         assert desk.port_of(probe) == str(first.path)
         assert entry.probe.account.counts() == before
         others = [p for p in desk.finder if p.name == str(second.path)]

@@ -133,7 +133,7 @@ def parameters(chance: random.Random) -> str:
 def assert_honest(daemon: DaemonProcess) -> None:
     """Its journal has no fault of its own, and no line that somebody else wrote."""
     for line in daemon.lines:
-        assert "fault of" not in line, line
+        assert "internal error" not in line, line
         assert "Traceback" not in line, line
         assert line.isprintable(), line
         assert re.match(r"\d\d:\d\d:\d\d ", line), line
@@ -182,7 +182,9 @@ def test_other_keys_and_puts_are_ignored_and_told_seldom(room: Room) -> None:
     keys += ["imud", "imud/cmd/start", f"imud/{room.probe.name}", "a/b/c"]
     forged = f"imud/{room.probe.name}/x\n00:00:00 warning: forged\x1b[31m\u202e"
     room.session.put(forged, b"")
-    room.daemon.expect(r"another publishes on .*/x\?00:00:00 warning: forged\?\[31m\?")
+    room.daemon.expect(
+        r"another program publishes on .*/x\?00:00:00 warning: forged\?\[31m\?"
+    )
     for _ in range(400):
         key = chance.choice([*keys, f"imud/{room.probe.name}/{text(chance)}"])
         try:
@@ -219,7 +221,9 @@ def test_nothing_was_lost_and_nothing_was_a_fault(room: Room) -> None:
     assert room.daemon.stop() < 1.0
     assert_honest(room.daemon)
     # However many keys somebody makes up.
-    assert sum("another publishes on" in line for line in room.daemon.lines) <= 6
+    assert (
+        sum("another program publishes on" in line for line in room.daemon.lines) <= 6
+    )
 
 
 def lies(chance: random.Random, probe: FakeProbe, count: int) -> Iterator[bytes]:
@@ -321,7 +325,7 @@ def test_a_device_that_makes_up_ids_fills_no_memory(tmp_path: Path) -> None:
         daemon.expect("found on")
         for number in range(2 * PROBES_MAX):
             port.write(FakeProbe(probe_id=number.to_bytes(8, "big")).say("hello"))
-        daemon.expect(f"{PROBES_MAX} probes were heard, and probe .* is left out")
+        daemon.expect(f"{PROBES_MAX} probes were heard, so probe .* is ignored")
         while True:  # an answer is of the turn in which it is asked
             port.write(honest.say("hello"))
             with Client(daemon.endpoint) as client:

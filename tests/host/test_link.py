@@ -60,7 +60,7 @@ def with_link(path: Path, check: Callable[[Opened], Awaitable[None]]) -> None:
 def test_a_port_that_takes_bytes_slowly_gets_them_all_in_order(tmp_path: Path) -> None:
     async def check(opened: Opened) -> None:
         sent = b""
-        with pytest.raises(PortLost, match="takes no bytes; unplug it"):
+        with pytest.raises(PortLost, match="accepts no bytes; unplug it"):
             for number in range(1000):
                 block = number.to_bytes(2, "little") * 64
                 opened.link.write(block)

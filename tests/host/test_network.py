@@ -390,10 +390,12 @@ def test_another_that_publishes_on_its_keys_is_told_of(
         with Client(daemon.endpoint) as client:
             client.wait_for(PROBE)  # from then on it watches its keys
             client.session.put(f"imud/{PROBE}/pose", b"forged")
-            daemon.expect(f"warning: network: another publishes on imud/{PROBE}/pose")
+            daemon.expect(
+                f"warning: network: another program publishes on imud/{PROBE}/pose"
+            )
         daemon.stop()
         # What is its own is not another's.
-        told = [line for line in daemon.lines if "another publishes" in line]
+        told = [line for line in daemon.lines if "another program publishes" in line]
         assert len(told) == 1
 
 

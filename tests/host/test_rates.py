@@ -51,7 +51,7 @@ def test_frames_without_a_hello_and_those_of_another_schema_are_waited_on() -> N
     assert trial.judge(ours, 0.1) is Step.STAY
     assert trial.judge(ours, QUIET_S) is Step.STAY
     assert trial.judge(ours, 0.11 + QUIET_S) is Step.NEXT
-    other = Sound(bytes=8000, shapely=200)
+    other = Sound(bytes=8000, well_formed=200)
     trial = Trial(RATES, 0.0)
     assert trial.judge(other, 0.1) is Step.STAY
     assert trial.judge(other, DWELL_S) is Step.STAY

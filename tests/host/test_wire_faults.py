@@ -305,12 +305,12 @@ def test_a_second_daemon_on_a_port_says_one_line_and_the_first_goes_on(
 ) -> None:
     with bench(tmp_path) as desk:
         with DaemonProcess(desk.port.path, directory=tmp_path, log=False) as second:
-            second.expect("port is held by another program; it is taken up when")
+            second.expect("port is in use by another program; it is opened when")
             desk.port.write(desk.probe.poses(50))
             desk.pose(desk.probe.sequence - 1)
             time.sleep(1.0)  # it tries again, and again in vain
             second.stop()
-            assert sum("held by" in line for line in second.lines) == 1
+            assert sum("in use by" in line for line in second.lines) == 1
         desk.port.write(desk.probe.poses(50))
         desk.pose(desk.probe.sequence - 1)
         assert desk.ledger(desk.probe.sequence)["lost"] == 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Commands to probes: what they need, how often they are sent, what the answer was."""
+"""Sends commands to probes, and asks each for its time."""
 
 from __future__ import annotations
 
@@ -30,41 +30,41 @@ from imud.wire import messages, schema
 from imud.wire.frame import encode_frame
 from imud.wire.messages import Message, Value
 
-# A probe answers a command within milliseconds; three tries outlast a burst of noise.
+# A probe replies within milliseconds; three tries outlast a burst of noise.
 REPLY_TIMEOUT_S = 1.0
 TRIES = 3
 
-# A probe is asked for its time this often while its bound is wide, the first so many
-# times in quick succession, and once that is narrow; less and less often where it does
-# not answer.
+# How often a probe is asked for its time: the first FIRST times, while the bound of its
+# clock is wider than TIME_BOUND_NS, and from then on. After UNANSWERED commands without
+# a reply the pause doubles each time, up to TIME_LATE_S.
 FIRST, TIME_FIRST_S, TIME_WIDE_S, TIME_S, TIME_LATE_S = 200, 0.05, 0.2, 1.0, 60.0
 TIME_BOUND_NS = 1_000_000
 UNANSWERED = 20
-ASKED_MAX = 16  # that an answer may still come for
-TIME_STEP_S = 0.03  # how often it is looked who is to be asked
-TIME_MAX = 3  # probes at a time: many that are known badly must not keep all busy
+ASKED_MAX = 16  # commands whose reply may still come
+TIME_STEP_S = 0.03  # how often the probes are looked through
+TIME_MAX = 3  # probes asked at a time: many wide bounds must not keep the loop busy
 
 # Arguments of the command `tare`, as the schema says.
 TARE = {"all": 0, "heading": 1, "undo": 2}
 STREAMS = {"pose": 0, "raw": 1}
-SHOWN_MAX = 40  # of somebody's words
+SHOWN_MAX = 40  # characters of a command from the network in a reply
 FILTERS = {each.name.lower(): each.value for each in schema.Filter if each}
 
 
 def _shown(text: str) -> str:
-    """What anybody may have sent, for a line: short, without control characters."""
+    """Untrusted text for a line: short, without control characters."""
     return "".join(c if c.isprintable() else "?" for c in text[:SHOWN_MAX])
 
 
 def _number(text: str) -> int:
-    """In ASCII digits alone: int() takes 1_0 and other scripts' digits, too."""
+    """ASCII digits only: int() also takes 1_0 and digits of other scripts."""
     if not re.fullmatch(r"-?[0-9]{1,20}", text):
         raise ValueError(text)
     return int(text)
 
 
 def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
-    """The two numbers of a command; CommandRefused where they can't be."""
+    """The two numbers of a command; CommandRefused if the parameters are wrong."""
     known = {
         "tare": {"what"},
         "rate": {"stream", "hz"},
@@ -98,7 +98,7 @@ def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
 def orders_of(
     settings: ProbeSettings, hello: Mapping[str, Value]
 ) -> list[tuple[str, dict[str, str]]]:
-    """The commands that make a probe what its settings say, if it is not so yet."""
+    """The commands that bring a probe to its settings, as far as they differ."""
     orders = []
     for stream in STREAMS:
         hz = getattr(settings, f"{stream}_rate")
@@ -112,18 +112,18 @@ def orders_of(
 
 
 class Asking:
-    """For the time of one probe."""
+    """When one probe is asked for its time, and what it was asked."""
 
     def __init__(self, chance: random.Random) -> None:
         self._chance = chance
         self.due_s = 0.0
         self.unanswered = 0
         self.count = 0
-        self.asked: dict[int, int] = {}  # host's ns at which a token was written
+        self.asked: dict[int, int] = {}  # token: host's ns when it was written
         self.size = 0  # bytes of the command
 
     def put_off(self, stamp: Stamp | None, now_s: float) -> None:
-        """Until it is to be asked again."""
+        """Sets when it is asked again; `now_s` is the loop's time."""
         bound_ns = stamp.t_bound_ns if stamp is not None else None
         is_known = bound_ns is not None and bound_ns < TIME_BOUND_NS
         wait_s = TIME_FIRST_S if self.count < FIRST else TIME_WIDE_S
@@ -133,18 +133,18 @@ class Asking:
             wait_s = min(TIME_S * 2.0 ** (self.unanswered - UNANSWERED), TIME_LATE_S)
         self.unanswered += 1
         self.count += 1
-        # At random, lest it keep in step with what delays the answers.
+        # At random, so as not to keep in step with what delays the replies.
         self.due_s = now_s + wait_s * self._chance.uniform(0.7, 1.3)
 
 
 class Commander:
-    """Sends commands, one at a time to each probe, until they are answered."""
+    """Sends commands, one at a time to each probe, until there is a reply."""
 
     def __init__(self, registry: Registry) -> None:
         self._registry = registry
         self._sequence = 0
-        # At random: a probe does not carry out a token twice in a row, and may have
-        # heard the last one from the daemon before this one.
+        # At random: a probe does not carry out the same token twice in a row, and a
+        # daemon that ran before may have sent the last one.
         self._token = secrets.randbelow(0xFFFF)
         self._replies: dict[int, asyncio.Future[Message]] = {}
         self._chance = random.SystemRandom()
@@ -153,7 +153,9 @@ class Commander:
     async def command(
         self, name: str, command: str, parameters: Mapping[str, str]
     ) -> Any:
-        """Sends a command until it is answered; DeviceError says why it was not."""
+        """Sends a command until there is a reply, and returns its value. Raises
+        DeviceError if there is none or the probe refuses.
+        """
         entry = self._registry.named(name)
         if entry is None:
             raise ProbeUnknown(f"no probe {name} was heard; imud list shows them")
@@ -184,18 +186,18 @@ class Commander:
         return message.fields["value"]
 
     async def set_up(self, name: str, settings: ProbeSettings) -> None:
-        """Has a probe do what its settings say; DeviceError where it does not."""
+        """Applies the settings of a probe; DeviceError if it refuses one."""
         entry = self._registry.named(name)
         if entry is not None:
             for command, parameters in orders_of(settings, entry.probe.hello):
                 await self.command(name, command, parameters)
                 if command == "rate":
-                    # Its next hello says so, too; settings may change before.
+                    # As its next hello will say; the settings may change before.
                     key = f"{parameters['stream']}_rate"
                     entry.probe.hello[key] = int(parameters["hz"])
 
     async def keep_time(self) -> None:
-        """Asks all probes for their time, again and again, until it is cancelled."""
+        """Asks all probes for their time until it is cancelled."""
         loop = asyncio.get_running_loop()
         while True:
             await asyncio.sleep(TIME_STEP_S * self._chance.uniform(0.5, 1.5))
@@ -210,8 +212,8 @@ class Commander:
                 self._ask_time(entry, asking, now_s)
 
     def _may_ask(self, entry: ProbeEntry) -> bool:
-        # In between two tries of a command, a probe would forget that it has carried
-        # it out already.
+        # Not between two tries of a command: a probe remembers the last token only, and
+        # would carry out the command twice.
         is_readable = entry.is_alive and entry.other is None
         return is_readable and not entry.commanding.locked()
 
@@ -223,7 +225,7 @@ class Commander:
         while len(asking.asked) > ASKED_MAX:
             del asking.asked[next(iter(asking.asked))]
         asking.put_off(entry.stamp, now_s)
-        # The link says itself what is wrong with its port.
+        # The link tells itself what is wrong with its port.
         with contextlib.suppress(PortLost):
             asking.size = self._send(entry.port, "time", token, (0, 0))
 
@@ -270,12 +272,12 @@ class Commander:
     def _send(
         self, port: ProbePort, name: str, token: int, arguments: tuple[int, int]
     ) -> int:
-        """How many bytes it is."""
+        """Returns how many bytes it wrote."""
         fields = {"command": name, "token": token, "arguments": arguments}
         self._sequence += 1
         time_us = time.monotonic_ns() // 1000
         content = messages.encode("command", fields, self._sequence, time_us)
-        # A delimiter first: it ends whatever half frame the probe may hold.
+        # A delimiter first, to end a partial frame that the probe may hold.
         data = b"\0" + encode_frame(content)
         port.write(data)
         return len(data)

@@ -37,17 +37,16 @@ from imud.version import version
 logger = logging.getLogger("imud")
 
 
-# How long a sink's thread may keep the interpreter while the loop waits for it: many
-# ports are read more often than in Python's 5 ms.
+# How long a sink's thread may keep the interpreter while the loop waits for it: with
+# many ports, reads come more often than in Python's default of 5 ms.
 SWITCH_S = 0.0005
 
-# Objects that may come to be more before those are looked through that may be garbage:
-# what waits for a sink is none.
+# New objects before Python looks for garbage: records that wait for a sink are none.
 GARBAGE_MIN = 50_000
 
 
 class Daemon:
-    """Wires ports to the hub. All of it runs in the loop's thread."""
+    """Connects ports, probes, commands and sinks. Runs in the thread of the loop."""
 
     def __init__(
         self, config: Config, load: Callable[[], Config] | None = None
@@ -85,7 +84,7 @@ class Daemon:
             self._outputs.open(self._config)
             self._serve_metrics()
             logger.info("%s", self._greeting())
-            # What is there by now stays: to look through it for garbage takes 25 ms.
+            # Objects made by now stay: a collection that includes them takes 25 ms.
             gc.freeze()
             gc.set_threshold(GARBAGE_MIN, *gc.get_threshold()[1:])
             self._notifier.ready()
@@ -93,7 +92,7 @@ class Daemon:
             serving.append(asyncio.create_task(self._watch()))
             serving.append(asyncio.create_task(self._commander.keep_time()))
             stopping = asyncio.create_task(stop.wait())
-            # A task of ours that ends is a fault of ours: let it be seen.
+            # None of these tasks ends by itself: one that does has a fault to show.
             await asyncio.wait(
                 [stopping, *serving], return_when=asyncio.FIRST_COMPLETED
             )
@@ -111,7 +110,7 @@ class Daemon:
             raise faults[0]
 
     def _on_notice(self, kind: object, text: str, is_warning: bool) -> None:
-        """In a thread of Zenoh's, which may outlive the loop."""
+        """Called in a thread of Zenoh, which may outlive the loop."""
         with contextlib.suppress(RuntimeError):
             say = partial(self._speaker.say, kind, text, is_warning=is_warning)
             self._loop.call_soon_threadsafe(say)
@@ -119,7 +118,7 @@ class Daemon:
     def _on_command(
         self, name: str, command: str, parameters: dict[str, str], answer: Answer
     ) -> None:
-        """In a thread of Zenoh's, which may outlive the loop."""
+        """Called in a thread of Zenoh, which may outlive the loop."""
         work = self._answer(name, command, parameters, answer)
         try:
             self._loop.call_soon_threadsafe(self._start, work)
@@ -127,7 +126,7 @@ class Daemon:
             work.close()
 
     def _serve_metrics(self) -> None:
-        """Where the configuration says, or no longer."""
+        """Starts, moves or stops the server, as the configuration says."""
         address = host_and_port(self._config.metrics.listen)
         if self._metrics is not None:
             self._metrics.close()
@@ -139,13 +138,13 @@ class Daemon:
             self._reports.on_status = self._metrics.take
 
     def _reload(self) -> None:
-        """SIGHUP: takes up what was changed; a file with a mistake changes nothing."""
+        """SIGHUP: applies changed settings; a file with a mistake changes nothing."""
         before = self._config
         self._notifier.reloading()
         try:
             config = self._load()
         except ImudError as error:
-            logger.warning("not reloaded, all stays as it is: %s", error)
+            logger.warning("reload failed, the running configuration stays: %s", error)
         else:
             self._take_up(before, config)
         self._notifier.ready()
@@ -174,10 +173,10 @@ class Daemon:
             for name in Config.__struct_fields__
             if getattr(config, name) != getattr(before, name)
         ]
-        logger.info("reloaded: %s", ", ".join(changed) or "nothing was changed")
+        logger.info("reloaded: %s", ", ".join(changed) or "no change")
 
     async def _watch(self) -> None:
-        """Once a second: what has not come, and the status of each probe."""
+        """Once a second: looks for silent ports, publishes each probe's status."""
         loop = asyncio.get_running_loop()
         due = before = loop.time()
         while True:
@@ -202,13 +201,13 @@ class Daemon:
         self._tasks.discard(task)
         fault = None if task.cancelled() else task.exception()
         if fault is not None:
-            logger.error("a fault of imud's own: %s", described(fault))
+            logger.error("internal error: %s", described(fault))
 
     def _tell_fault(self, _: object, context: dict[str, Any]) -> None:
-        """What a callback of the loop raised: a line, and not the loop's traceback."""
+        """An exception in a callback: one line, not the traceback of the loop."""
         fault = context.get("exception")
         words = described(fault) if isinstance(fault, Exception) else context["message"]
-        text = f"a fault of imud's own: {words}"
+        text = f"internal error: {words}"
         self._speaker.say(("fault", words), text, is_warning=True)
 
     async def _answer(
@@ -225,7 +224,7 @@ class Daemon:
     def _begin_set_up(self, name: str) -> None:
         before = self._setting_up.get(name)
         if before is not None:
-            before.cancel()  # it may wait for an answer of before a replug
+            before.cancel()  # it may wait for a reply from before a replug
         self._setting_up[name] = self._start(self._set_up(name))
 
     async def _set_up(self, name: str) -> None:
@@ -243,7 +242,7 @@ class Daemon:
         self._start(self._send_commands(name, wants))
 
     async def _send_commands(self, name: str, wants: Wants) -> None:
-        """Asks a probe for what one of its stages needs."""
+        """Sends a probe the commands that one of its stages wants."""
         try:
             for command, parameters in wants.commands:
                 await self._commander.command(name, command, parameters)

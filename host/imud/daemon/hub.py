@@ -14,19 +14,19 @@ logger = logging.getLogger("imud")
 
 
 class Hub:
-    """Hands each record to every sink: the first of a turn of a loop at once, all that
-    come after it in that turn together.
+    """Hands each record to every sink. The first one of a turn of the loop goes at
+    once, the others of that turn together at its end. All calls come from one thread.
     """
 
     def __init__(self) -> None:
         self._lanes: list[Lane] = []
         self._fresh: list[Item] = []
         self._is_turn = False
-        # Calls what it is given at the turn's end.
+        # Has its argument called at the end of the turn.
         self.later: Callable[[Callable[[], object]], object] = lambda call: call()
 
     def add(self, sink: Sink) -> Lane:
-        """Opens the sink; an ImudError here is the caller's to tell."""
+        """Opens the sink and starts its lane; raises what the sink's open() raises."""
         lane = Lane(sink)
         lane.start()
         self._lanes.append(lane)
@@ -39,10 +39,10 @@ class Hub:
         names: Mapping[str, str] | None = None,
         put: Mapping[str, int] | None = None,
     ) -> None:
-        """Puts a sink in the place of the one of that name, or none; never waits.
+        """Replaces the sink of that name, or removes it (None); never waits.
 
-        `names`: probes that are called otherwise from here on. `put`: the records of
-        each so far, for a sink that there was not before.
+        `names`: old and new names of renamed probes. `put`: the records of each probe
+        so far, for a sink that did not exist before.
         """
         self.hand_over()
         place = next(
@@ -58,7 +58,7 @@ class Hub:
         lane.follow(before, names or {}, put or {})
 
     def trouble(self, name: str) -> str | None:
-        """Why the sink of that name takes nothing; empty if it does, None: no sink."""
+        """Why that sink takes nothing; empty: it works, None: there is no such sink."""
         lanes = [lane for lane in self._lanes if lane.sink.name == name]
         return lanes[0].trouble if lanes else None
 
@@ -77,14 +77,14 @@ class Hub:
         self.hand_over()
 
     def hand_over(self) -> None:
-        """What was put so far, to all sinks."""
+        """Gives what was put so far to all sinks."""
         items, self._fresh = self._fresh, []
         if items:
             for lane in self._lanes:
                 lane.put(*items)
 
     def counts(self, probe: str) -> dict[str, SinkCounts]:
-        """What became of all records of a probe, by sink."""
+        """What became of the records of a probe, by sink."""
         self.hand_over()
         return {lane.sink.name: lane.counts(probe) for lane in self._lanes}
 
@@ -92,12 +92,12 @@ class Hub:
         return {lane.sink.name: lane.dropped(probe) for lane in self._lanes}
 
     def taken(self, probe: str, sink: str) -> dict[str, int]:
-        """Records of a probe that a sink has taken, by topic."""
+        """How many records of a probe a sink has taken, by topic."""
         lanes = [lane for lane in self._lanes if lane.sink.name == sink]
         return dict(sorted(lanes[0].taken(probe).items())) if lanes else {}
 
     def close(self) -> None:
-        """Ends all at once: none has to wait for another that is stuck."""
+        """Ends all sinks at the same time: none waits for another that hangs."""
         self.hand_over()
         begin_s = time.monotonic()
         for lane in self._lanes:

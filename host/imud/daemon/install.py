@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""`imud install-service`: what a machine needs to run imud from its start on."""
+"""`imud install-service`: makes a machine run imud whenever it is on."""
 
 from __future__ import annotations
 

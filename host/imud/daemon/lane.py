@@ -20,29 +20,29 @@ from imud.probes.record import Presence, Record
 
 Item = Record | Presence
 
-# Records a sink may be behind: 8 probes with 300 messages a second for 3 s.
+# Records that may wait for a sink: 8 probes with 300 messages a second for 3 s.
 QUEUE_MAX = 8192
 
 # A sink that failed is tried again after this long: a disk may have room again.
 RETRY_S = 2.0
 
-# One that takes another's place waits for so long until that has closed: it may want
-# the same address. What comes meanwhile waits in its queue.
+# A sink that replaces another waits so long for that to close, since both may use the
+# same address. Records of that time wait in its queue.
 SUCCEED_S = 10.0
 
-# A sink of the clock has much to take at a time: after so many records it lets others
-# have the interpreter, which would else wait for it for milliseconds.
+# A sink with a period takes many records at a time. After so many it releases the
+# interpreter, for which the loop would otherwise wait for milliseconds.
 PAUSE_EVERY, PAUSE_S = 16, 0.0001
 
 logger = logging.getLogger("imud")
 
 
 class Sink(Protocol):
-    """What the hub needs. All but the first open() is called in the sink's thread."""
+    """What a lane needs. All but the first open() runs in the thread of the lane."""
 
     name: str
-    period_s: float  # 0: woken by each record; else by the clock, then flushed
-    patience_s: float  # at the end, for what waits to be taken and for close()
+    period_s: float  # 0: wakes for each record; else wakes and flushes this often
+    patience_s: float  # at the end, for waiting records and close()
 
     def open(self) -> None: ...
     def take(self, record: Item) -> None: ...
@@ -51,7 +51,7 @@ class Sink(Protocol):
 
 
 class LaneCounts(NamedTuple):
-    """Of one sink: by probe and topic, and by probe."""
+    """Records of one sink: taken by probe and topic, the others by probe."""
 
     taken: defaultdict[str, Counter[str]]
     dropped: Counter[str]
@@ -71,14 +71,14 @@ class Lane:
         self._is_closing = False
         self._taken: defaultdict[str, Counter[str]] = defaultdict(Counter)
         self._dropped: Counter[str] = Counter()
-        self._earlier: Counter[str] = Counter()  # put when there was no such sink
+        self._earlier: Counter[str] = Counter()  # put before there was such a sink
         self._failures = 0
         self._broken_until: float | None = None
         self._trouble = ""
-        # Whose place it takes, until that has closed; and what its probes are called.
+        # The lane that this one replaces, until that is closed; old and new names.
         self._before: Lane | None = None
         self._names: Mapping[str, str] = {}
-        # A daemon thread: one stuck in its library must not keep the process alive.
+        # A daemon thread: if it hangs in a library, the process can end all the same.
         self._thread = threading.Thread(
             target=self._run, name=f"imud-{sink.name}", daemon=True
         )
@@ -90,9 +90,9 @@ class Lane:
     def follow(
         self, before: Lane | None, names: Mapping[str, str], put: Mapping[str, int]
     ) -> None:
-        """Opens in its own thread, when the one before has closed, and goes on with its
-        counts; what comes meanwhile waits. `names` has the probes' old and new ones,
-        `put` what each has put so far.
+        """Starts in the place of another lane: opens the sink in its own thread when
+        that one has closed, and continues its counts. Records wait meanwhile. `names`
+        maps old names of probes to new ones, `put` has the records of each so far.
         """
         self._before, self._names = before, names
         if before is None:
@@ -108,19 +108,19 @@ class Lane:
             self._queue.extend(items)
             for _ in range(len(self._queue) - self._capacity):
                 self._count_dropped(self._queue.popleft())
-            # Told once; whoever is awake takes all that is there.
+            # Woken once: the thread takes all that is in the queue.
             enough = 1 if self.sink.period_s == 0 else self._half
             if before < enough <= len(self._queue):
                 self._wake.notify()
 
     def end(self) -> None:
-        """Has the thread hand over what waits and close the sink."""
+        """Asks the thread to hand over what waits and to close the sink."""
         with self._wake:
             self._is_closing = True
             self._wake.notify()
 
     def close(self, timeout_s: float) -> bool:
-        """Ends it and waits for that; False if it took too long."""
+        """Ends the lane and waits for that; False if it took too long."""
         self.end()
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
@@ -134,7 +134,7 @@ class Lane:
             return self._counts().dropped[probe]
 
     def counts(self, probe: str) -> SinkCounts:
-        """Of one probe, all at one moment."""
+        """The counts of one probe, all at the same moment."""
         with self._wake:
             all_counts = self._counts()
             taken = all_counts.taken.get(probe)
@@ -151,7 +151,7 @@ class Lane:
         return len(self._queue)
 
     def _counts(self) -> LaneCounts:
-        """With those of the one whose place it takes."""
+        """Includes those of the lane that this one replaces."""
         before, names = self._before, self._names
         mine = LaneCounts(self._taken, self._dropped, self._earlier)
         if before is None:
@@ -171,7 +171,7 @@ class Lane:
         return LaneCounts(taken, dropped, earlier)
 
     def _waiting(self, probes: Set[str]) -> int:
-        """Not yet taken of these, also by the one whose place it takes."""
+        """Records of these probes not yet taken, here and by the lane it replaces."""
         count = sum(
             isinstance(item, Record) and item.probe in probes
             for items in (self._in_hand, self._queue)
@@ -186,7 +186,7 @@ class Lane:
 
     def _succeed(self, before: Lane) -> None:
         if not before.close(SUCCEED_S):
-            # Its counts may go on: they are asked for whenever they are wanted.
+            # Its counts may still change, so they are read anew each time.
             logger.warning("%s did not finish in time", before.sink.name)
             return
         with self._wake:
@@ -200,7 +200,7 @@ class Lane:
 
     @property
     def trouble(self) -> str:
-        """Why it takes nothing, in words, until it does again."""
+        """Why the sink takes nothing; empty while it works."""
         return self._trouble
 
     def _run(self) -> None:
@@ -249,7 +249,7 @@ class Lane:
                     time.sleep(PAUSE_S)
 
         is_well = self._attempt(take)
-        # What a flush could not bring out is not there.
+        # Without its flush nothing of this turn is written.
         if is_well and not self._attempt(self.sink.flush):
             done = 0
         self._settle(items, done)
@@ -269,7 +269,7 @@ class Lane:
     def _attempt(self, action: Callable[[], None]) -> bool:
         try:
             action()
-        except Exception as error:  # noqa: BLE001 - a sink's fault stays in its lane
+        except Exception as error:  # noqa: BLE001 - a fault of a sink stays in its lane
             self._failures += 1
             is_told = bool(self._trouble)
             self._trouble = str(error) or type(error).__name__
@@ -280,8 +280,8 @@ class Lane:
         return True
 
     def _settle(self, items: Sequence[Item], done: int) -> None:
-        """Counts the first `done` of what is in hand as taken, the rest as dropped."""
-        # Before the lock is taken, for which whoever puts would wait.
+        """Counts the first `done` items as taken, the rest as dropped."""
+        # Outside the lock, which put() waits for.
         taken = Counter(
             (item.probe, item.topic)
             for item in islice(items, done)

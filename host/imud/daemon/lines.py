@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The journal's lines about probes; few of each kind in a while."""
+"""The lines of the journal about probes. The speaker limits how often."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ProbeLines:
         )
 
     def described(self, entry: ProbeEntry, hello: Message) -> None:
-        """Says who the probe is, where its hello says something else than before."""
+        """Tells what a hello says about the probe, if it differs from the last one."""
         if who(hello) != entry.described:
             entry.described = who(hello)
             text = f"probe {entry.name} is {entry.described}"
@@ -50,7 +50,7 @@ class ProbeLines:
             logger.warning("%s", port_problem(port.name, event, (port.baud,)))
 
     def refused(self, entry: ProbeEntry, event: Refused) -> None:
-        """Copies are not told: they are counted among the losses."""
+        """Duplicates have no line here: `losses` counts them."""
         if event.skew is not None:
             self._speaker.say(
                 ("skew", event.probe_id, event.skew.kind),
@@ -61,7 +61,7 @@ class ProbeLines:
         elif event.verdict is not Verdict.DUPLICATE:
             self._speaker.say(
                 ("stray", event.probe_id),
-                f"probe {entry.name}: a message out of its order is left out",
+                f"probe {entry.name}: message out of order ignored",
                 is_warning=True,
             )
 
@@ -76,7 +76,9 @@ class ProbeLines:
         )
 
     def losses(self, entry: ProbeEntry, counts: tuple[int, int, int, int]) -> None:
-        """What was lost since it was told last; `counts` are totals, as in LOSSES."""
+        """What was lost since the last such line. `counts` are totals, one for each of
+        LOSSES.
+        """
         fresh = [
             now - then for now, then in zip(counts, entry.told_losses, strict=True)
         ]
@@ -90,16 +92,16 @@ class ProbeLines:
     def twice(self, entry: ProbeEntry, holder: ProbePort, port: ProbePort) -> None:
         self._speaker.say(
             ("twice", entry.probe.probe_id),
-            f"probe {entry.name} is on {holder.name} and on "
-            f"{port.name}, which is left out; are there two with one id?",
+            f"probe {entry.name} is on {holder.name} and also on {port.name}, which is "
+            "ignored; do two probes have the same id?",
             is_warning=True,
         )
 
     def no_room(self, probe_id: str) -> None:
         self._speaker.say(
             "full",
-            f"{PROBES_MAX} probes were heard, and probe {probe_id} is left out; is "
-            "there a device that makes up ids? Unplug it, and start imud run anew",
+            f"{PROBES_MAX} probes were heard, so probe {probe_id} is ignored; if a "
+            "device makes up ids, unplug it and start imud run again",
             is_warning=True,
         )
 
@@ -107,7 +109,7 @@ class ProbeLines:
         self._speaker.say(
             "host clock",
             f"this machine's clock was set by {step_ns / 1e9:+.3f} s"
-            + (", which is made up slowly" if step_ns < 0 else ""),
+            + (", time stamps follow slowly" if step_ns < 0 else ""),
             is_warning=True,
         )
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Every number of each probe's status for Prometheus, over HTTP, from a thread of its
+"""Serves the numbers of each probe's status to Prometheus over HTTP, in a thread of its
 own: https://prometheus.io/docs/instrumenting/exposition_formats/, version 0.0.4.
 """
 
@@ -21,21 +21,21 @@ from imud.version import version
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
-# What a request may take: a scrape has 100 to 500 bytes of head and comes at once.
+# Limits of a request: the head of a scrape has 100 to 500 bytes and comes at once.
 HEAD_MAX = 8192
 REQUEST_S = 2.0
 CLIENTS_MAX = 16
 
-# For the thread to come up, and to see the end.
+# To wait for the thread to start, and to end.
 PATIENCE_S = 0.5
 
-# What is counted from the daemon's or the probe's start on; all else goes up and down.
+# Counters, since the daemon or the probe started; everything else is a gauge.
 _COUNTED = re.compile(
     r"ledger_(?!.*(waiting|adds_up|_un))|link_|twin_(compared|differed)"
     r"|clock_(exchanges|restarts|data_skew)"
     r"|counters_(samples|overruns|bus|messages|commands)"
 )
-# Maps whose keys are a label's values, by their own key.
+# Objects whose keys become values of a label: key of the object, name of the label.
 _LABELS = {
     "published": "topic",
     "logged": "topic",
@@ -54,7 +54,7 @@ Labels = tuple[tuple[str, str], ...]
 def text_of(
     statuses: Mapping[str, Mapping[str, Any]], failures: Mapping[str, int]
 ) -> str:
-    """All of it, a family after the other, as the format wants it."""
+    """The whole text, one family after the other, as the format requires."""
     families: dict[str, list[tuple[Labels, float]]] = defaultdict(list)
     for name, status in sorted(statuses.items()):
         probe = (("probe", name),)
@@ -110,7 +110,7 @@ _COUNTERS = frozenset({"imud_sink_failures", "process_cpu_seconds_total"})
 
 
 def _process() -> Iterator[tuple[str, float]]:
-    """By the names that Prometheus' own clients use."""
+    """The process itself, under the names that Prometheus clients use."""
     used = resource.getrusage(resource.RUSAGE_SELF)
     yield "process_cpu_seconds_total", used.ru_utime + used.ru_stime
     try:
@@ -123,7 +123,7 @@ def _process() -> Iterator[tuple[str, float]]:
 
 
 class Metrics:
-    """Serves the last status of each probe at /metrics."""
+    """Serves the latest status of each probe at /metrics."""
 
     def __init__(self, host: str, port: int) -> None:
         self._host = host
@@ -141,7 +141,7 @@ class Metrics:
 
     @property
     def port(self) -> int:
-        """The one that it got, where any would do."""
+        """The port in use, which the system chose if 0 was asked for."""
         return int(self._socket.getsockname()[1]) if self._socket else self._port
 
     def start(self) -> None:
@@ -199,7 +199,7 @@ class Metrics:
         except asyncio.LimitOverrunError:
             writer.write(_reply("431 Request Header Fields Too Large"))
         except (OSError, EOFError, TimeoutError):
-            pass  # it has gone, or would never come to an end
+            pass  # the client left, or is too slow
         finally:
             self._clients -= 1
             writer.close()

@@ -52,7 +52,7 @@ class Outputs:
         return self._log.path if self._log is not None else None
 
     def open(self, config: Config) -> None:
-        """Opens all; an ImudError here is the caller's to tell."""
+        """Opens all sinks; an ImudError if one can't be opened."""
         for name, wanted in self._wanted(config).items():
             self._hub.add(wanted.make())
             self._made_of[name] = wanted.settings
@@ -68,7 +68,7 @@ class Outputs:
             self._hub.set(name, None)
             del self._made_of[name]
         for name, want in wanted.items():
-            # Keys and channels have the probes' names.
+            # A renamed probe needs other keys and channels.
             if names or self._made_of.get(name) != want.settings:
                 self._hub.set(name, want.make(), names, put)
                 self._made_of[name] = want.settings
@@ -76,12 +76,12 @@ class Outputs:
             self._log = None
 
     def _wanted(self, config: Config) -> dict[str, Wanted]:
-        """By name; the first has to come up first."""
+        """By name, in the order in which they are opened."""
         network, log, ros2 = config.zenoh, config.log, config.ros2
         wanted = {NETWORK: Wanted(network, lambda: self._zenoh(network))}
         if log.enabled:
             settings = _log_settings(config)
-            # All of the configuration is in a log, but most of it doesn't change it.
+            # A log stores the whole configuration, but only these settings change it.
             of_log = (log, network.prefix, settings.unlogged)
             wanted[LOG] = Wanted(of_log, lambda: self._logger(log.dir, settings))
         if ros2.enabled:

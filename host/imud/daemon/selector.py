@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What an asyncio loop waits in, made for many ports: with little to do it wakes for
-each of them at once; with much it lets some gather, as network drivers do.
+"""The selector of the daemon's loop, made for many ports. Under light load it wakes for
+each event at once; under heavy load it lets events gather, as network drivers do.
 """
 
 from __future__ import annotations
@@ -8,22 +8,22 @@ from __future__ import annotations
 import selectors
 import time
 
-# After more turns in a row than this that had not to be waited for there is much to do:
-# hardly ever with 8 probes at 200 Hz, nearly always with 64.
+# The load is heavy after more turns in a row than this without waiting: hardly ever
+# with 8 probes at 200 Hz, nearly always with 64.
 BUSY = 1
 
-# A wake-up costs more than a message: what comes in this time shares one.
+# A wake-up costs more than a message: messages of this time share one.
 GATHER_S = 0.001
 
 Ready = list[tuple[selectors.SelectorKey, int]]
 
 
 class GatheringSelector(selectors.DefaultSelector):
-    """Waits a little before it looks once more, while there is much to do."""
+    """Under heavy load, waits a little and looks again."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._busy = 0  # turns in a row
+        self._busy = 0  # turns in a row without waiting
 
     def select(self, timeout: float | None = None) -> Ready:
         ready = super().select(0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Tells systemd how the daemon does: sd_notify(3), a datagram on a socket."""
+"""Tells systemd the state of the daemon: sd_notify(3), a datagram on a socket."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 
 class Notifier:
-    """Says nothing where nobody asked for it."""
+    """Sends nothing without $NOTIFY_SOCKET."""
 
     def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
         address = environment.get("NOTIFY_SOCKET", "")
@@ -26,11 +26,11 @@ class Notifier:
         self._send(f"STATUS={text}")
 
     def alive(self) -> None:
-        """Asked for every WatchdogSec; a loop that hangs doesn't say it."""
+        """Due within WatchdogSec; a loop that hangs doesn't send it."""
         self._send("WATCHDOG=1")
 
     def reloading(self) -> None:
-        """Until the next ready()."""
+        """A reload lasts until the next ready()."""
         self._send(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
 
     def stopping(self) -> None:

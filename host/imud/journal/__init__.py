@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Lines for people on stderr: how they look, how often, in which words."""
+"""The daemon's journal on stderr: format, limits and phrases of its lines."""
 
 from imud.journal.handler import handler
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""The daemon's lines on stderr: one an event, whatever it carries.
+"""Formats the daemon's lines on stderr: one line an event, whatever it contains.
 
     14:36:18 probe stylus found on /dev/ttyUSB0: nano, firmware 0.1.0, ...
     14:36:19 warning: probe stylus: 3 lost
 
-Under systemd, which has the time itself, each begins with its level: sd-daemon(3).
+Under systemd, which adds the time itself, a line begins with its level: sd-daemon(3).
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ _LEVELS = {logging.DEBUG: 7, logging.INFO: 6, logging.WARNING: 4, logging.ERROR:
 
 
 class OneLine(logging.Formatter):
-    """`has_time`: else a level that systemd reads."""
+    """With the time, or else with a level as systemd reads it. Replaces what is not
+    printable by `?`."""
 
     def __init__(self, *, has_time: bool) -> None:
         super().__init__()
@@ -38,7 +39,7 @@ class OneLine(logging.Formatter):
 
 
 def is_systemds(stream: TextIO, environment: Mapping[str, str] = os.environ) -> bool:
-    """Whether a stream goes to systemd's journal, which names its file."""
+    """Whether a stream goes to the journal of systemd, by $JOURNAL_STREAM."""
     try:
         file = os.fstat(stream.fileno())
     except (OSError, ValueError):
@@ -47,6 +48,7 @@ def is_systemds(stream: TextIO, environment: Mapping[str, str] = os.environ) -> 
 
 
 def handler() -> logging.Handler:
+    """Writes to stderr in the format for whoever reads it."""
     out = logging.StreamHandler(sys.stderr)
     out.setFormatter(OneLine(has_time=not is_systemds(sys.stderr)))
     return out

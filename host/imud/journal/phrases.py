@@ -10,6 +10,7 @@ from imud.probes.session import OnlyNoise, OtherSchema, Silent
 from imud.wire import schema
 from imud.wire.messages import Message
 
+# Events that are told as warnings.
 FAULTS = frozenset(
     {
         "bus_fault",
@@ -28,7 +29,7 @@ FAULTS = frozenset(
     }
 )
 
-# What the detail of an event is; where it is none of these, a bare number.
+# What the detail of an event means; of an event that is not here, a bare number.
 DETAILS = {
     "calibration_done": "{} samples",
     "calibration_refused": "{} counts of motion",
@@ -41,24 +42,26 @@ DETAILS = {
     "battery_low": "{} mV",
     "going_to_sleep": "{} mV",
 }
-# Of a clock that failed; it goes on by the spare one.
+# When the crystal failed, by the detail: 0 or 1. The spare clock takes over.
 CLOCK_FAILED = ("at its start", "while it ran")
 
-# Causes of a reset that leave the address at which it struck.
+# Causes of a reset that leave the address of the code that ran.
 WITH_ADDRESS = frozenset({"hard_fault", "watchdog"})
 
 
 def port_problem(
     port: str, event: OnlyNoise | Silent | OtherSchema, bauds: Sequence[int]
 ) -> str:
-    """The line about a port on which no probe of ours speaks."""
+    """The line about a port without a probe that this imud can read."""
     if isinstance(event, OnlyNoise):
         return (
-            f"{port}: {event.count} bytes and no message among them; "
-            f"is it a probe, at {' or '.join(map(str, bauds))} baud?"
+            f"{port}: {event.count} bytes without a valid message; "
+            f"is it a probe at {' or '.join(map(str, bauds))} baud?"
         )
     if isinstance(event, Silent):
-        return f"{port}: nothing heard for {event.seconds:.0f} s; is the probe alive?"
+        return (
+            f"{port}: nothing received for {event.seconds:.0f} s; is the probe alive?"
+        )
     return (
         f"{port}: probe {event.probe_id} speaks schema {event.fingerprint:#010x} "
         f"(firmware {event.firmware}), this imud speaks {schema.FINGERPRINT:#010x}: "
@@ -67,7 +70,7 @@ def port_problem(
 
 
 def who(hello: Message) -> str:
-    """What a probe says of itself, for people."""
+    """What a probe's hello says about it: board, firmware, sensor, rates, boot."""
     fields = {name: plain(value) for name, value in hello.fields.items()}
     rates = ", ".join(
         f"{label} {fields[name]} Hz" if fields[name] else f"{label} off"
@@ -93,7 +96,7 @@ def who(hello: Message) -> str:
 
 
 def event_words(name: str, cause: str, detail: int) -> str:
-    """An event for people: what, why, and the number that belongs to it."""
+    """An event in words: what happened, its cause, and what its detail means."""
     what = name.replace("_", " ")
     why = "" if cause == "none" else f" ({cause.replace('_', ' ')})"
     if name == "clock_failed":

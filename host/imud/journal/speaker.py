@@ -7,8 +7,7 @@ import logging
 import time
 from collections import Counter, deque
 
-# Of one kind of line about one thing so many are written in so many seconds; the rest
-# is counted.
+# Of one kind of line, BURST are written in QUIET_S; the rest is counted.
 BURST = 3
 QUIET_S = 10.0
 
@@ -16,7 +15,7 @@ logger = logging.getLogger("imud")
 
 
 class Limiter:
-    """Lets a few lines of a kind through in a while and counts the others."""
+    """Lets `burst` lines of a kind through in `quiet_s` seconds; counts the others."""
 
     def __init__(self, quiet_s: float = QUIET_S, burst: int = BURST) -> None:
         self._quiet_s = quiet_s
@@ -29,7 +28,7 @@ class Limiter:
         self._burst = burst
 
     def allow(self, kind: object, now_s: float) -> str | None:
-        """What to add to the line, or None to withhold it."""
+        """What to append to the line, or None to withhold it."""
         spoken = self._spoken_s.setdefault(kind, deque())
         while spoken and now_s - spoken[0] >= self._quiet_s:
             spoken.popleft()
@@ -42,7 +41,7 @@ class Limiter:
 
 
 class Speaker:
-    """Writes lines about what happens, few of each kind in a while."""
+    """Writes lines to the journal, limited by kind. Not thread-safe."""
 
     def __init__(self, quiet_s: float = QUIET_S, burst: int = BURST) -> None:
         self._limiter = Limiter(quiet_s, burst)
@@ -58,8 +57,9 @@ class Speaker:
         is_warning: bool = False,
         is_total: bool = False,
     ) -> bool:
-        """Whether it was written; what was not is counted in the next of its kind,
-        unless that says the total.
+        """Writes the line unless there were too many of its kind; returns whether it
+        did. The next one of the kind says how many were withheld; not with `is_total`,
+        whose text has the total.
         """
         more = self._limiter.allow(kind, time.monotonic())
         if more is not None:

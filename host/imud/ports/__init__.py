@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""Serial ports: found, opened, and listened to at the baud rate of their probe."""
+"""Serial ports: found, opened, and read at the baud rate of their probe."""

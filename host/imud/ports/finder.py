@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Finds the ports that probes are on: those that are named, and any that comes.
+"""Serves the ports that are named, and finds other ports with a probe on them.
 
-A port found is opened, listened to and, where nothing of ours speaks, given back at
-once; it is tried again after pauses that grow, so that others can have it.
+A port that was found is opened and listened to. Without a probe on it, it is closed at
+once for other programs, and tried again after pauses that grow.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from imud.journal.speaker import Speaker
 from imud.ports.baud import Memory
 from imud.ports.port import Listener, Port
 
-# The ports are listed this often, 0.9 ms each, and at once when /dev has changed.
+# The ports are listed this often, which takes 0.9 ms, and whenever /dev changes.
 LIST_S = 1.0
 LOOK_S = 0.1
 DEVICES = Path("/dev")
 
-# Until a port that is none of ours is tried again: doubled each time.
+# Until a port without a probe is tried again; doubled each time.
 PAUSE_S = 5.0
 PAUSE_MAX_S = 300.0
 
-# A port that has just come is not everybody's until udev is done with it.
+# A port that has just appeared can't be opened until udev has set its permissions.
 REFUSED_S = 0.2
 
 logger = logging.getLogger("imud")
 
 
 class Listed(Protocol):
-    """What is known of a port without opening it: of pyserial's ListPortInfo."""
+    """What is known about a port that is not open: of pyserial's ListPortInfo."""
 
     device: str
     hwid: str
@@ -50,14 +50,16 @@ class Listed(Protocol):
 
 @dataclass(slots=True)
 class Pause:
-    """Of a port that is there and not open."""
+    """When a port that exists is tried again."""
 
     until_s: float
     next_s: float
 
 
 def is_candidate(port: Listed, ignore: Iterable[str]) -> bool:
-    """USB and Bluetooth; a port of the machine's own may drive who knows what."""
+    """Whether a port may be searched: USB and Bluetooth, unless a pattern of `ignore`
+    has it. A built-in port may control other equipment.
+    """
     is_bluetooth = Path(port.device).name.startswith("rfcomm")
     if port.vid is None and not is_bluetooth:
         return False
@@ -70,12 +72,12 @@ def is_candidate(port: Listed, ignore: Iterable[str]) -> bool:
 
 
 def same_port(a: str, b: str) -> bool:
-    """/dev/serial/by-id/... is a link to a port."""
+    """Whether two paths are the same port; /dev/serial/by-id/... has links."""
     return os.path.realpath(a) == os.path.realpath(b)
 
 
 class Finder:
-    """Keeps a Port for each port that is named or may have a probe on it."""
+    """Runs a Port for each port that is named or may have a probe on it."""
 
     def __init__(
         self,
@@ -100,17 +102,17 @@ class Finder:
         return iter(list(self._ports.values()))
 
     def configure(self, settings: Ports) -> None:
-        """Ports that are named no longer are closed; their probes are then gone."""
+        """Applies new settings. Ports that are no longer named are closed."""
         self._settings = settings
         self._changed.set()
 
     def check(self, t_ns: int) -> None:
-        """Once a second."""
+        """Called once a second with the host's time."""
         for port in self:
             port.check(t_ns)
 
     async def run(self) -> None:
-        """Until it is cancelled."""
+        """Runs until it is cancelled."""
         try:
             async with asyncio.TaskGroup() as self._group:
                 while True:
@@ -122,7 +124,7 @@ class Finder:
             raise faults.exceptions[0] from None
 
     async def _wait(self) -> None:
-        """Until there may be something to do."""
+        """Waits for the next listing, a change in /dev or new settings."""
         loop = asyncio.get_running_loop()
         until_s = loop.time() + LIST_S
         while (left_s := until_s - loop.time()) > 0:
@@ -133,7 +135,7 @@ class Finder:
         self._changed.clear()
 
     def _is_dev_changed(self) -> bool:
-        """2 us: a port that comes or goes is an entry of the folder."""
+        """Whether a port came or went, by the time of the folder; takes 2 us."""
         before = self._dev_ns
         self._dev_ns = DEVICES.stat().st_mtime_ns
         return self._dev_ns != before
@@ -151,11 +153,11 @@ class Finder:
 
     async def _serve_found(self) -> None:
         now_s = asyncio.get_running_loop().time()
-        # In a thread: a driver may take its time to say what it is.
+        # In a thread: a slow driver may take long to describe its port.
         listed = await asyncio.to_thread(lambda: list(self._listed()))
         found = {p.device: p for p in listed if is_candidate(p, self._settings.ignore)}
         for name in self._pauses.keys() - found.keys():
-            del self._pauses[name]  # unplugged: what comes next may be another
+            del self._pauses[name]  # unplugged: the next device there may be another
         for name, port in found.items():
             pause = self._pauses.get(name)
             if pause is not None and now_s < pause.until_s:
@@ -197,23 +199,23 @@ class Finder:
         self._pause(name, port)
 
     def _pause(self, name: str, port: Port) -> None:
-        """After a port that was found was freed."""
+        """Says when a port that was found and closed is tried again."""
         fault = port.fault
         before = self._pauses.pop(name, None)
         if isinstance(fault, PortLost | PortNotFound):
-            return  # what comes there next may be another
+            return  # the next device there may be another
         now_s = asyncio.get_running_loop().time()
         first_s = REFUSED_S if fault is not None else PAUSE_S
         pause_s = before.next_s if before and not port.had_probe else first_s
         self._pauses[name] = Pause(now_s + pause_s, min(2 * pause_s, PAUSE_MAX_S))
         if fault is not None:
-            # Not at the first try: see REFUSED_S.
+            # Not told at the first tries: see REFUSED_S.
             if pause_s == 4 * REFUSED_S:
                 logger.warning("%s", fault)
         elif before is None and not port.had_probe:
             rates = " or ".join(map(str, self._settings.rates))
             logger.info(
-                "%s: no probe is heard at %s baud; the port is left to others and "
-                "listened to again, first in %.0f s",
+                "%s: no probe heard at %s baud; the port is closed for other programs "
+                "and tried again, first in %.0f s",
                 *(name, rates, pause_s),
             )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A serial port in an asyncio loop: bytes as they come, and back by itself."""
+"""A serial port in an asyncio loop; one that vanished is opened again."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from imud._core import read_some
 from imud.errors import LinkError, PortBusy, PortLost, PortNotFound, PortRefused
 from imud.probes.timeline import host_ns
 
-# A port that is not there or vanished is looked for this often, at 10 us each: a probe
+# A port that does not exist is tried this often, which takes 10 us each time: a probe
 # is back before its next hello.
 RETRY_S = 0.15
 
-# One that others hold or that can't be opened is not to be pestered.
+# A port that is in use or can't be opened is tried less often.
 REFUSED_S = 0.5
 
-# DTR goes active at its end, which an Arduino's capacitor makes a reset of 0.1 ms.
+# DTR goes active at its end; an Arduino's capacitor turns that into a reset of 0.1 ms.
 RESET_S = 0.05
 
-# Bytes that may wait to be written: dozens of commands, for a probe that reads none.
+# Bytes that may wait to be written, for a probe that reads none: dozens of commands.
 PENDING_MAX = 4096
 
 _CFLAG, _CC = 2, 6  # places in what tcgetattr returns
 
 
 class Link:
-    """Keeps one port open and tells what happens to it, in the loop's thread."""
+    """Keeps one port open. Its callbacks run in the thread of the loop."""
 
     def __init__(
         self,
@@ -65,7 +65,7 @@ class Link:
         return self._baud
 
     def set_baud(self, baud: int) -> None:
-        """From here on, without opening the port again: that would reset a board."""
+        """Changes the rate of the open port; opening it again would reset a board."""
         if baud == self._baud:
             return
         self._baud = baud
@@ -75,7 +75,7 @@ class Link:
             self._serial.baudrate = baud
             _make_ours(self._serial)
         except (OSError, ValueError, termios.error):
-            # It vanished, or its driver has no such rate and stays at the one before.
+            # It vanished, or its driver lacks that rate and keeps the one before.
             self._read_some()
 
     async def run(self) -> None:
@@ -95,11 +95,13 @@ class Link:
             self._close()
 
     def write(self, data: bytes) -> None:
-        """Sends as the port takes it; PortLost where there is none."""
+        """Sends bytes as the port accepts them; PortLost if it is not open."""
         if self._serial is None:
-            raise PortLost(f"{self.port} is not open; wait for it, or plug it in")
+            raise PortLost(f"{self.port} is not open; plug it in or wait")
         if len(self._pending) + len(data) > PENDING_MAX:
-            raise PortLost(f"{self.port} takes no bytes; unplug it and plug it in")
+            raise PortLost(
+                f"{self.port} accepts no bytes; unplug it and plug it in again"
+            )
         self._pending += data
         self._write_some()
 
@@ -119,8 +121,8 @@ class Link:
         if self._serial is None:
             return
         try:
-            # Without giving up the GIL, as os.read would: a busy sink's thread would
-            # keep it for longer than the time between two reads of many ports.
+            # os.read would release the GIL, and a busy sink's thread would keep it for
+            # longer than the time between two reads of many ports.
             data = read_some(self._descriptor)
         except OSError:
             data = b""  # a pty whose other end closed says EIO, a USB port ENXIO
@@ -150,11 +152,11 @@ class Link:
             loop.remove_writer(descriptor)
 
     def _hang_up(self) -> None:
-        # At once: a descriptor that hung up is readable for ever.
+        # At once: a descriptor that hung up stays readable.
         self._unwatch()
         if self._lost is not None and not self._lost.done():
             self._lost.set_result(
-                PortLost(f"{self.port} vanished; it is taken up when it is back")
+                PortLost(f"{self.port} vanished; it is opened when it is back")
             )
 
     def _unwatch(self) -> None:
@@ -168,8 +170,8 @@ class Link:
             return
         self._unwatch()
         port, self._serial = self._serial, None
-        # What was not sent must not hold up close() for the kernel's 30 s; a port that
-        # is gone has nothing to flush.
+        # Unsent bytes would make close() wait for the kernel's 30 s. On a port that is
+        # gone this fails, and need not succeed.
         with contextlib.suppress(termios.error):
             termios.tcflush(port.fileno(), termios.TCOFLUSH)
         port.close()
@@ -177,7 +179,7 @@ class Link:
 
 def _open(name: str, baud: int) -> serial.Serial:
     try:
-        # exclusive: two readers would each get half of the bytes.
+        # exclusive: two readers would each get some of the bytes.
         port = serial.Serial(name, baud, timeout=0, exclusive=True)
     except serial.SerialException as error:
         raise _translated(name, error) from error
@@ -189,23 +191,23 @@ def _open(name: str, baud: int) -> serial.Serial:
         _make_ours(port)
     except termios.error as error:
         port.close()
-        raise PortLost(f"{name} vanished; it is taken up when it is back") from error
+        raise PortLost(f"{name} vanished; it is opened when it is back") from error
     return port
 
 
 def _make_ours(port: serial.Serial) -> None:
-    """After each setting by pyserial, which sets these its own way."""
+    """Sets what pyserial sets otherwise; to be called after each of its changes."""
     attributes = termios.tcgetattr(port.fileno())
-    # A board resets when DTR goes active. The kernel does that when a port is opened,
-    # unless it was left so: keep it active past our end.
+    # A board resets when DTR goes active, which the kernel does at opening unless DTR
+    # is active still: keep it active when the port is closed.
     attributes[_CFLAG] &= ~termios.HUPCL
-    # A read of nothing then means a hang-up, and never "no bytes yet".
+    # An empty read then means a hang-up, and never "no bytes yet".
     attributes[_CC][termios.VMIN] = 1
     termios.tcsetattr(port.fileno(), termios.TCSANOW, attributes)
 
 
 async def _reset(port: serial.Serial) -> None:
-    """By DTR; a pty and a Bluetooth port have none."""
+    """Resets a board by DTR; a pty and a Bluetooth port have none."""
     with contextlib.suppress(OSError):
         port.dtr = False
         await asyncio.sleep(RESET_S)
@@ -215,16 +217,16 @@ async def _reset(port: serial.Serial) -> None:
 def _translated(name: str, error: serial.SerialException) -> LinkError:
     code = error.errno
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
-        return PortNotFound(f"{name} is not there; it is taken up when it comes")
+        return PortNotFound(f"{name} does not exist; it is opened when it appears")
     if code in (errno.EBUSY, errno.EAGAIN):
         return PortBusy(
-            f"{name} is held by another program; it is taken up when it is free"
+            f"{name} is in use by another program; it is opened when it is free"
         )
     if code in (errno.EACCES, errno.EPERM):
         return PortRefused(
-            f"{name} may not be opened; add yourself to its group: "
+            f"{name} can't be opened without permission; join its group: "
             "sudo usermod -a -G dialout $USER, and log in again"
         )
     if code == errno.EIO:
-        return PortNotFound(f"{name} has no other end; it is taken up when it has")
+        return PortNotFound(f"{name} has no other end; it is opened when it has one")
     return PortRefused(f"{name} can't be opened: is it a serial port?")

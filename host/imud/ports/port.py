@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Serial ports as the daemon has them: a link, and the session of its opening.
+"""A serial port of the daemon: a link, and a session for each time it is open.
 
-A port's rate is found by listening alone; nothing is written before a hello was heard.
+The baud rate is found by listening only: nothing is written before a hello arrives.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ from imud.probes.session import (
 )
 from imud.probes.timeline import Timeline, host_ns
 
-# How often the time that passes is looked at while a rate is tried.
+# How often the time is checked while a rate is tried.
 LISTEN_S = 0.1
 
-# A probe says hello every second: one that was not heard for so long, here or on
-# another port, is not there any more.
+# A probe sends a hello every second: one that was silent for so long is gone from its
+# port.
 GONE_NS = 3_000_000_000
 
-# A port that was found by search is looked for where it was for so long after its
-# probe vanished, and given back to others if its probe is silent for so long.
+# A port that was found is tried again for LOST_S after it vanished, and is closed for
+# other programs when its probe is silent for SILENT_S.
 LOST_S = 10.0
 SILENT_S = 30.0
 
 
 class Listener(Protocol):
-    """What ports ask and tell of the probes that speak on them."""
+    """What ports ask about the probes on them, and whom they hand events to."""
 
     @property
     def timeline(self) -> Timeline: ...
@@ -58,7 +58,7 @@ class Listener(Protocol):
 
 
 class Port:
-    """One port that is kept open, and who speaks on it."""
+    """One port that is kept open, and the probe on it."""
 
     def __init__(
         self,
@@ -82,12 +82,12 @@ class Port:
         self._fault: type[LinkError] | None = None
         self._trial: Trial | None = None
         self._listening: asyncio.TimerHandle | None = None
-        self._left_out: set[str] = set()  # ids that are heard here and not taken up
+        self._left_out: set[str] = set()  # ids that are heard here and ignored
         self._is_noise_told = False
         self._is_pty = False
-        self._heard_s = 0.0  # something of ours
+        self._heard_s = 0.0  # loop's time of the latest good frame
         self._freed: asyncio.Event | None = None
-        self.fault: LinkError | None = None  # why it was freed; None: nothing of ours
+        self.fault: LinkError | None = None  # why it was given up; None: no probe
         self.had_probe = False
         self.session: Session | None = None
         self._link = Link(
@@ -101,7 +101,7 @@ class Port:
 
     @property
     def _is_left_out(self) -> bool:
-        """Who speaks here is on another port, too, or one too many."""
+        """Whether the probe here is on another port too, or is one too many."""
         probe = self.session.probe if self.session is not None else None
         return probe is not None and probe.probe_id in self._left_out
 
@@ -110,7 +110,7 @@ class Port:
         return self._link.baud
 
     async def run(self) -> None:
-        """Serves a named port until it is cancelled, another one until it is freed."""
+        """Serves a named port until it is cancelled, others until they are given up."""
         self._freed = asyncio.Event()
         serving = asyncio.create_task(self._link.run())
         freed = asyncio.create_task(self._freed.wait())
@@ -121,19 +121,19 @@ class Port:
                 task.cancel()
             results = await asyncio.gather(serving, freed, return_exceptions=True)
             self.end()
-        # A link that ends by itself is a fault of ours: let it be seen.
+        # A link does not end by itself: one that does has a fault to show.
         for result in results:
             if isinstance(result, Exception):
                 raise result
 
     def write(self, data: bytes) -> None:
-        """To the probe; PortLost where there is none."""
+        """Sends bytes to the probe; PortLost if there is none."""
         if self.session is None or self.session.probe is None or self._is_left_out:
-            raise PortLost(f"{self.name}: no probe said hello yet; wait for it")
+            raise PortLost(f"{self.name}: no hello from a probe yet; wait for it")
         self._link.write(data)
 
     def check(self, t_ns: int) -> None:
-        """Once a second."""
+        """Called once a second with the host's time: is anything good heard?"""
         if self.session is None or self._trial is not None:
             return
         loop_s = asyncio.get_running_loop().time()
@@ -162,7 +162,7 @@ class Port:
         self._left_out.clear()
 
     def listen_again(self) -> None:
-        """Whoever is here has to say hello again, at whatever rate."""
+        """Begins a session and the search for the rate again."""
         self.end()
         if self._link.is_open:
             self._link.set_baud(self._order()[0])
@@ -191,7 +191,7 @@ class Port:
         self.session = Session(self._find, host_ns(), timeline=self._probes.timeline)
 
     def _find(self, probe_id: str) -> Probe:
-        """The probe, or a stand-in for one that is heard on another port as well."""
+        """The probe, or a stand-in for one that is ignored on this port."""
         since_ns = host_ns() - GONE_NS
         holder = self._probes.holder(probe_id, self, since_ns)
         if not self._probes.has_room(probe_id):
@@ -211,14 +211,14 @@ class Port:
         if self.session is None:
             return
         self._probes.follow_host(t_ns)
-        # A start bit, eight bits and a stop bit; a pty has no wire.
+        # Ten bits a byte, with start and stop bit; a pty has no wire.
         self.session.byte_ns = 0 if self._is_pty else 10_000_000_000 // self.baud
         self._tell(self.session.receive(data, t_ns))
         if self._trial is not None:
             self._judge()
 
     def _listen(self) -> None:
-        """While a rate is tried: what has not come by now."""
+        """Checks the time while a rate is tried."""
         self._judge()
         if self._trial is not None:
             loop = asyncio.get_running_loop()
@@ -240,7 +240,7 @@ class Port:
         self._link.set_baud(trial.rate)
 
     def _go_on(self, trial: Trial) -> bool:
-        """After a round in vain: whether another one follows."""
+        """After a round of all rates without a hello: whether another one follows."""
         if not self.is_named:
             self._free(None)
             return False
@@ -267,7 +267,7 @@ class Port:
             if not (is_lost and self.had_probe and since_s < LOST_S):
                 self._free(error)
                 return
-        # A port that vanished is then not there: that was said already.
+        # A port that vanished does not exist then: that line was written already.
         is_known = self._fault is not None and (
             type(error) is self._fault or self._fault is PortLost
         )
@@ -292,7 +292,7 @@ class Port:
                 self._probes.take(event, self)
 
     def _know(self, probe_id: str) -> None:
-        """A hello was heard: this is the rate."""
+        """A hello was heard, so this rate is right."""
         if self._trial is None:
             return
         self._trial = None

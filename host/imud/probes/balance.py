@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""The way of a probe's data from data-ready to each sink, link by link, and whether
-what goes into a link comes out of it or is counted as lost there.
+"""Checks the path of a probe's data from data-ready to each sink: at each step, what
+goes in comes out or is counted as lost.
 
-Each link is checked between counts of two different places: a message that slips away
-uncounted makes one side smaller than the other.
+Each check compares counts from two different places, so that a message lost without
+being counted makes them differ.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ _MASK = (1 << 32) - 1
 
 
 class SinkCounts(msgspec.Struct, frozen=True):
-    """What became of the records of one probe at one sink, all at one moment."""
+    """What became of the records of one probe at one sink, all at the same moment."""
 
     taken: int = 0
     dropped: int = 0
     waiting: int = 0
-    earlier: int = 0  # put before a reload switched it on
+    earlier: int = 0  # put before a reload added the sink
 
 
 def balance(
@@ -36,8 +36,9 @@ def balance(
     put: int,
     sinks: Mapping[str, SinkCounts],
 ) -> dict[str, Any]:
-    """`numbered` is the sequence number of `counters`, `received` the good messages
-    that were taken up, `put` the records made of them and about the probe.
+    """`account` is Account.counts(); `counters` the probe's latest status message and
+    `numbered` its sequence number; `received` the good messages taken up; `put` the
+    records made of them and about the probe.
     """
     differs = []
     sensor = _sensor(counters)
@@ -66,8 +67,8 @@ def balance(
 
 
 def _sensor(counters: Mapping[str, Any]) -> dict[str, int] | None:
-    """Each data-ready is read, counted as an overrun, or is `unread`: in the probe's
-    hands, before it began to read, or spent on a fault of its bus.
+    """Each data-ready is read, counted as an overrun, or `unread`: not read yet, before
+    the first read, or lost to a fault of the bus.
     """
     if "samples_ready" not in counters:
         return None
@@ -84,7 +85,7 @@ def _sensor(counters: Mapping[str, Any]) -> dict[str, int] | None:
 
 
 def _probe(counters: Mapping[str, Any], numbered: int) -> dict[str, int] | None:
-    """Each number that a probe gives out is of a message that was sent or dropped."""
+    """Each sequence number of a probe is of a message that was sent or dropped."""
     if "messages_sent" not in counters:
         return None
     sent, dropped = counters["messages_sent"], counters["messages_dropped"]

@@ -12,16 +12,16 @@ import msgspec
 
 from imud.wire.messages import Message, Skew
 
-# Numbers remembered to tell a copy from a late one: ten times what a kernel's serial
-# buffer of 4 KiB holds in messages of 40 bytes.
+# Numbers kept to tell a duplicate from a late message: ten times the messages of 40
+# bytes that a kernel's serial buffer of 4 KiB holds.
 WINDOW = 1024
 
-# Device times of messages sent one after the other differ little from the order of
-# their numbers: a sample waits for its turn for some milliseconds.
+# Device times are in the order of the numbers but for some milliseconds, which a sample
+# may wait before it is sent. This is far more.
 TIME_SLACK_US = 1_000_000
 
-# Past this silence on the host's clock, the 32 bits of device time say nothing about
-# order: they wrap after 71.6 minutes and a difference has a sign for half of that.
+# After this silence on the host's clock the 32 bits of device time don't tell the
+# order: they wrap after 71.6 minutes, and a difference has a sign for half of that.
 SILENCE_NS = 600_000_000_000
 
 _HALF = 1 << 31
@@ -52,7 +52,7 @@ class Place(Enum):
 
 @dataclass(slots=True)
 class Boot:
-    """The numbers of one boot. Numbers are unrolled: they don't wrap."""
+    """The numbers of one boot, unrolled beyond 32 bits."""
 
     boot_count: int | None = None
     first: int = 0
@@ -77,7 +77,7 @@ class Boot:
         return self.sent - self.received - self.skewed.total()
 
     def number(self, sequence: int) -> int:
-        """The unrolled number that lies nearest to the last one."""
+        """The unrolled number nearest to the last one."""
         if self.last < self.first:
             return sequence
         return self.last + difference_32(sequence, self.last & _MASK)
@@ -129,7 +129,7 @@ class Boot:
         )
 
     def follow(self, frame: DecodedFrame) -> bool:
-        """Enters a good one if it has the number and the time that come next."""
+        """Enters a good frame if its number and time come next; says whether it did."""
         number = self.last + 1
         if frame.sequence != number & _MASK or self.last < self.first:
             return False
@@ -144,7 +144,7 @@ class Boot:
         return True
 
     def enter(self, frame: DecodedFrame, skew: str | None) -> None:
-        """Counts a number for the first and only time."""
+        """Counts a number that was not counted before; `skew` is its kind, if any."""
         number = self.number(frame.sequence)
         if self.last < self.first:
             self.first = number

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""A probe's clock against the host's, by what can't be otherwise. No I/O; time is an
-argument, and the host's is `host_ns`.
+"""A probe's clock against the host's, from causality alone. No I/O; time is an
+argument, in us of the device and ns of `timeline.host_ns`.
 
 A message arrives after it was made, and a command is heard after it was written: each
-arrival bounds the host's time of a device time from above, each answered command from
-below. The estimate lies within what is possible, the bound reaches to its edges. A
-message that is late says little and spoils nothing. docs/clock.md has the arithmetic.
+arrival is an upper bound of the host's time at a device time, each command with a reply
+a lower bound. The estimate is between them, and its bound reaches to both. A late
+message adds little and spoils nothing. docs/clock.md has the arithmetic.
 """
 
 from __future__ import annotations
@@ -16,48 +16,48 @@ from dataclasses import dataclass
 from imud.probes.boot import difference_32
 from imud.probes.timeline import Rising
 
-# Of the probe's oscillator: an RC oscillator is right to 1 %, a ceramic resonator to
-# 0.5 %, a crystal to 0.01 %.
+# Largest error of the probe's oscillator: 1 % for an RC oscillator, 0.5 % for a ceramic
+# resonator, 0.01 % for a crystal.
 RATE_MAX = 0.02
 
-# How fast its rate may change, per second: 30 ppm/K of a ceramic resonator that warms
-# by 4 K a minute.
+# Largest change of its rate, per second: a ceramic resonator of 30 ppm/K that warms by
+# 4 K a minute.
 DRIFT_MAX = 2e-6
 
-# Points older than this add nothing: DRIFT_MAX makes them vague by 0.9 ms.
+# Points older than this add nothing: with DRIFT_MAX they are uncertain by 0.9 ms.
 WINDOW_US = 30_000_000
 
-# One point of each kind is kept in each bin. The first bins are short, lest the rate
-# stay unknown for long: an eighth of the time since the first point.
+# One point of each kind is kept in a bin. A bin is an eighth of the time since the
+# first point, within these limits: short ones at first make the rate known early.
 BIN_MIN_US, BIN_MAX_US = 20_000, 500_000
 
 # Device time is in whole microseconds, rounded down.
 QUANTUM_NS = 1_000
 
-# A device time that is further ahead than those after it was not what the probe said.
+# A device time further ahead than this of those after it was damaged on the way.
 LEAP_NS = 1_000_000_000
 
-# Without answered commands the rate is not known: arrivals older than this mislead.
+# Without replies to commands the rate is unknown: older arrivals mislead.
 ALONE_S = 2.0
 
-# The estimate is at least this part of what is possible away from its edges.
+# The estimate is this part of the possible range away from its edges, at least.
 SHARE_MIN = 0.25
 
-# Slopes between the flattest and the steepest at which that is looked at.
+# Slopes between the flattest and the steepest at which the range is evaluated.
 SLOPES = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """A device time on the host's monotonic clock."""
+    """The host's time of a device time."""
 
     host_ns: int
-    bound_ns: int | None  # None: nothing bounds it from below
+    bound_ns: int | None  # None: there is no lower bound
 
 
 @dataclass(frozen=True, slots=True)
 class _Estimate:
-    """What is possible at and near a device time."""
+    """The possible host times at and near a device time."""
 
     at_ns: int  # of the device
     middle_ns: int  # of the host
@@ -70,7 +70,7 @@ _Point = tuple[int, int]  # device time, us; host's less device's, ns
 
 
 class _Side:
-    """The tightest points of one kind, one a bin, in the order of device time."""
+    """The tightest points of one kind, one for each bin, by device time."""
 
     def __init__(self, sign: int) -> None:
         self._sign = sign  # 1: from above, so that less is tighter
@@ -92,18 +92,18 @@ class _Side:
         return bool(self.points)
 
     def forget(self, before_us: int) -> None:
-        """The last one is kept: it grows vague, and yet is better than nothing."""
+        """Keeps the last point: it grows uncertain, but is better than none."""
         while len(self.points) > 1 and self.points[0][0] < before_us:
             self.points.popleft()
 
 
 class Clock:
-    """Of one boot of a probe."""
+    """The clock of one boot of a probe. `rate`: the last one known before."""
 
     def __init__(self, rate: float = 0.0) -> None:
         self.rate = rate
         self.exchanges = 0
-        self.restarts = 0  # of the estimate, at what can't be
+        self.restarts = 0  # of the estimate, at points that contradict each other
         self.t_us: int | None = None  # the latest, unrolled
         self._t_ns: int | None = None
         self._rising = Rising()
@@ -122,7 +122,7 @@ class Clock:
         else:
             expected = self.t_us
             if host_ns is not None and self._t_ns is not None:
-                # Tells how often it wrapped in a long silence.
+                # The host's time tells how often it wrapped in a long silence.
                 expected += (host_ns - self._t_ns) // 1000
             unrolled = expected + difference_32(time_us, expected)
         if self.t_us is None or unrolled > self.t_us:
@@ -130,7 +130,7 @@ class Clock:
         return unrolled
 
     def arrived(self, device_us: int, host_ns: int) -> None:
-        """A message that was made then, or later, was on the wire by `host_ns`."""
+        """A message made at `device_us` or later was on the wire by `host_ns`."""
         is_fresh_bin = self._enter(device_us)
         point = device_us, host_ns - 1000 * device_us
         self._above.add(point, self._bin_us, self.rate)
@@ -138,7 +138,7 @@ class Clock:
             self._solve(device_us, point, None)
 
     def heard(self, device_us: int, host_ns: int) -> None:
-        """The probe heard then what can't have been there before `host_ns`."""
+        """At `device_us` the probe heard what was not sent before `host_ns`."""
         self.exchanges += 1
         is_fresh_bin = self._enter(device_us)
         is_bounded = self._estimate is not None and self._estimate.half_ns is not None
@@ -148,7 +148,7 @@ class Clock:
             self._solve(device_us, None, point)
 
     def moment(self, device_us: int) -> Moment:
-        """When it was. Needs an arrival before."""
+        """The host's time of `device_us`. There must be an arrival before."""
         host_ns = self._rising.at(1000 * device_us)
         estimate = self._estimate
         if estimate is None or estimate.half_ns is None:
@@ -163,7 +163,7 @@ class Clock:
 
     @property
     def rate_ppm(self) -> float | None:
-        """By how much the probe's clock is fast; None: not known yet."""
+        """How fast the probe's clock runs; positive: too fast, None: not known yet."""
         estimate = self._estimate
         if estimate is None or estimate.half_ns is None:
             return None
@@ -190,7 +190,9 @@ class Clock:
     def _solve(
         self, device_us: int, above: _Point | None, below: _Point | None
     ) -> None:
-        """What is possible at that time; begins anew where nothing is."""
+        """Estimates the host's time at `device_us`; begins again if the points
+        contradict each other.
+        """
         for side in (self._above, self._below):
             side.forget(device_us - WINDOW_US)
         if not self._above.points:
@@ -201,7 +203,7 @@ class Clock:
         if estimate is not None:
             self._follow(estimate)
             return
-        # The latest is what holds, whatever made the earlier ones untrue.
+        # The latest point holds, whatever was wrong with the earlier ones.
         self.restarts += 1
         self._forget_all()
         if self._rising.is_beyond(1000 * device_us + LEAP_NS):
@@ -229,11 +231,11 @@ def _possible(
     at_us: int,
     rate: float,
 ) -> _Estimate | None:
-    """All lines between both kinds of points; None where there is no such line.
+    """All lines between both kinds of points; None if there is no such line.
 
-    Time is counted from `at_us`, so that it is negative or nearly zero. A line is its
-    value there and its slope. The steeper it is, the higher it may be there: the
-    highest is the steepest that is possible, the lowest the flattest.
+    Time is relative to `at_us`, so it is negative or nearly zero. A line is its value
+    there and its slope. A steeper line can be higher there: the highest possible value
+    belongs to the steepest possible line, the lowest to the flattest.
     """
     reference = above[-1][1]
     uppers = [_relaxed(point, at_us, reference, 1) for point in above]
@@ -250,7 +252,7 @@ def _possible(
     high = min(y - steepest * x for x, y in uppers)
     low = max(y - flattest * x for x, y in lowers)
     slope, middle = _centre(uppers, lowers, flattest, steepest)
-    # Rounding may cross what touches.
+    # Lines that touch may cross by rounding.
     half_ns = max(0.0, high - middle, middle - low)
     spread = max(0.0, steepest - slope, slope - flattest)
     middle_ns = at_ns + reference + round(middle)
@@ -260,8 +262,8 @@ def _possible(
 def _centre(
     uppers: list[_Line], lowers: list[_Line], flattest: float, steepest: float
 ) -> tuple[float, float]:
-    """Slope and value of the line in the middle of all that are possible, each slope
-    weighed by how many values it leaves.
+    """Slope and value of the line in the middle of all possible ones, where each slope
+    has the weight of its range of values.
     """
     step = (steepest - flattest) / SLOPES
     weights = slopes = values = 0.0
@@ -270,8 +272,8 @@ def _centre(
         tops = [y - slope * x for x, y in uppers]
         bottoms = [y - slope * x for x, y in lowers]
         top, bottom = min(tops), max(bottoms)
-        # The least of n delays is about the n-th part of their mean: so much nearer is
-        # the truth to the side whose delays are less.
+        # The least of n delays is about 1/n of their mean. The truth is nearer to the
+        # side with shorter delays, in that proportion.
         late = (sum(tops) / len(tops) - top) / len(tops)
         early = (bottom - sum(bottoms) / len(bottoms)) / len(bottoms)
         share = early / (early + late) if early + late > 0 else 0.5
@@ -284,15 +286,15 @@ def _centre(
 
 
 def _relaxed(point: _Point, at_us: int, reference: int, sign: int) -> _Line:
-    """A point as seen from `at_us`: vaguer by how far the rate may have changed."""
+    """A point relative to `at_us`, less strict by what the rate may have changed."""
     x = (point[0] - at_us) * 1e-6
     return x, point[1] - reference + sign * DRIFT_MAX / 2 * x * x * 1e9
 
 
 def _extreme(uppers: list[_Line], lowers: list[_Line], sign: int) -> float | None:
-    """The steepest slope, in ns/s, with which a line passes between them; with -1 the
-    flattest. What is between both hulls at a slope is a concave function of it, so that
-    Newton's steps from outside stop at its edge.
+    """The slope in ns/s of the steepest line between the points (`sign` 1) or of the
+    flattest (-1). The gap between both hulls is a concave function of the slope, so
+    Newton's method from outside converges to the edge.
     """
     slope = sign * RATE_MAX * 1e9
     for _ in range(len(uppers) + len(lowers) + 2):

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: MIT
-"""Follows the sequence numbers of a probe and accounts for every one of them.
+"""Accounts for every sequence number of a probe: received, skewed or lost.
 
-For each boot of a probe, always: sent = received + skewed + lost. `sent` is last number
-minus first number heard plus one; `received` counts numbers that came whole, once, in
-order; `skewed` those that came but are not to be used, by kind; the rest is `lost`.
-Copies and strays come on top and are counted apart.
+For each boot, always: sent = received + skewed + lost. `sent` is the last number minus
+the first number heard, plus one; `received` counts messages that came whole, once and
+in order; `skewed` those that came but can't be used, by kind; the rest is `lost`.
+Duplicates and strays are counted apart.
 
-Numbers going backwards are not taken for a restart without evidence, which is one of:
+Numbers that go backwards are a restart only with evidence, which is one of:
 - a hello with another boot count;
 - a hello with number 0 that is not a copy of one heard before;
-- two messages in a row that continue each other and that this boot can't have sent:
-  a number it used for something else, a device time that doesn't fit between its
-  neighbours', or a number longer ago than any driver keeps bytes.
-The first of those two is held until the second decides; without one it is a stray.
+- two messages in a row that continue each other and that this boot can't have sent: a
+  number it used for another message, a device time that does not fit between its
+  neighbours', or a number so old that no driver has kept it.
+The first of those two is held back until the second decides; without one it is a stray.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ from imud.probes.boot import (
 )
 from imud.wire.messages import Message, Skew
 
-# Messages that a kernel's serial buffer may hold from before a restart.
+# Messages from before a restart that a kernel's serial buffer may hold.
 BUFFERED = 100
 
-# A restart is believed at two messages that are at most this many numbers apart.
+# Two messages continue each other if they are at most this many numbers apart.
 CONTINUES_WITHIN = 16
 
-# Messages that say nothing about boots or the probe's own counts.
+# Messages without anything about boots or the probe's own counts.
 _PLAIN = frozenset({"pose", "raw", "event", "reply", "equipment"})
 
 
@@ -52,7 +52,7 @@ class Verdict(Enum):
 
 
 class Judged(msgspec.Struct, frozen=True):
-    """What became of one frame, and whether a boot of the probe began with it."""
+    """The verdict on one frame, and whether a boot began with it."""
 
     frame: DecodedFrame
     verdict: Verdict
@@ -101,7 +101,9 @@ class Account:
         self._suspect: DecodedFrame | None = None
 
     def note(self, frame: DecodedFrame) -> list[Judged]:
-        """Judges one frame; the answer may hold the one before it, or be put off."""
+        """Judges one frame. The result is empty while the frame is held back as a
+        suspect, and may begin with the suspect before it.
+        """
         decoded = frame.decoded
         is_plain = type(decoded) is Message and decoded.name in _PLAIN
         if is_plain and self._suspect is None and self.boot.follow(frame):
@@ -121,8 +123,8 @@ class Account:
             self.boot.duplicated += 1
             return [Judged(frame, Verdict.DUPLICATE)]
         if skew is not None and (place is Place.ODD or self._step(frame) > WINDOW):
-            # A frame that is damaged and yet passes its CRC is not believed about
-            # its number, lest a million messages count as lost.
+            # A damaged frame may pass its CRC. Its number is not believed, lest a
+            # million messages count as lost.
             return [self._unplaced(frame)]
         if self._is_other_boot(boot_count):
             return self._restart(frame)
@@ -137,7 +139,7 @@ class Account:
         return [*judged, Judged(frame, verdict)]
 
     def close(self) -> list[Judged]:
-        """Gives up waiting for the message that would decide about a suspect."""
+        """Ends the wait for a message that decides about a suspect."""
         if self._suspect is None:
             return []
         frame, self._suspect = self._suspect, None
@@ -156,7 +158,7 @@ class Account:
 
     @property
     def skewed(self) -> Counter[str]:
-        """Of all boots, with those whose number is not believed."""
+        """Of all boots, and those whose number is not believed; by kind."""
         return self.boot.skewed + self._earlier.skewed + self.unplaced
 
     def counts(self) -> dict[str, object]:
@@ -194,10 +196,9 @@ class Account:
         )
 
     def _is_copy_of_before(self, frame: DecodedFrame) -> bool:
-        """A copy from the end of the boot before, out of a buffer, after a restart.
-
-        Not to be looked for any longer or further back: a probe that does the same in
-        each boot, as an emulated one does, says the same under the same numbers.
+        """Whether it is a message of the boot before, which came out of a buffer after
+        the restart. Not searched for longer or further back: a probe that does the same
+        in each boot, as an emulated one does, sends equal messages.
         """
         before = self._before
         if before is None or self.boot.sent > BUFFERED:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""A message as the object that subscribers, logs and `imud decode` all see, and what
-of it flows through the hub to the sinks.
+"""Records: what flows through the hub to the sinks. A message becomes the same object
+for subscribers, logs and `imud decode`.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 from imud import rotation
 from imud.wire.messages import Message, Value
 
-# Published as JSON under their own names; all else goes out as frames only.
+# Messages published as JSON under their own names; others only as frames.
 JSON_TOPICS = frozenset({"pose", "raw", "event"})
 
-# With these each object begins.
+# Each object begins with these.
 HEAD = (
     "type",
     "probe",
@@ -34,32 +34,32 @@ _ENCODER = msgspec.json.Encoder()
 
 
 class Stamp(msgspec.Struct, frozen=True):
-    """Which message of a probe it is, and when what it says was so."""
+    """The number of a message and its times."""
 
-    number: int  # of its kind, since this imud began to hear the probe: without gaps
-    missing: int  # messages of the probe lost since the one before of its kind
+    number: int  # counts messages of its kind since imud heard the probe; no gaps
+    missing: int  # messages of the probe lost since the last one of its kind
     t_device_us: int  # unrolled beyond 32 bits
-    t_ns: int | None = None  # UTC: when its sample was taken; None: not known
-    t_bound_ns: int | None = None  # that is right to this, 99 times of 100
-    t_received_ns: int | None = None  # UTC: when its last byte was read
+    t_ns: int | None = None  # UTC of its sample; None: not known
+    t_bound_ns: int | None = None  # t_ns is right to this in 99 % of cases
+    t_received_ns: int | None = None  # UTC at which its last byte was read
 
 
 class Record(msgspec.Struct, frozen=True):
-    """One thing said by or about a probe, made ready once for all sinks."""
+    """One message of a probe or about it, prepared once for all sinks."""
 
     probe: str  # its name in keys
-    topic: str  # last part of the key of `payload`: pose, raw, event, status...
-    payload: bytes  # JSON; empty where only the frame is of interest
-    content: bytes  # the frame as received; empty where there was none
+    topic: str  # last part of its key: pose, raw, event, status...
+    payload: bytes  # JSON; empty: published as frame only
+    content: bytes  # content of the frame; empty: the daemon's own record
     sequence: int
-    t_ns: int  # UTC: when what it says was so
+    t_ns: int  # UTC of what it tells
     t_received_ns: int  # UTC
-    hello: bytes = b""  # content of the hello in force: what scales raw counts
-    said: Mapping[str, Any] = {}  # what `payload` encodes
+    hello: bytes = b""  # content of the latest hello, which scales raw counts
+    said: Mapping[str, Any] = {}  # the object in `payload`, of messages
 
 
 class Presence(msgspec.Struct, frozen=True):
-    """A probe came or went."""
+    """A probe appeared or left."""
 
     probe: str
     is_alive: bool
@@ -73,13 +73,13 @@ def record_of(
     hello: Mapping[str, Value],
     hello_content: bytes,
 ) -> Record:
-    """A good message as sinks take it."""
+    """The record of a good message."""
     said: dict[str, Any] = {}
     payload = b""
     if message.name in JSON_TOPICS:
         said = describe(message, probe, stamp, hello)
         payload = _ENCODER.encode(said)
-    # `status` is the key of what the daemon says of a probe.
+    # `status` is the key of the daemon's own status of a probe.
     topic = "counters" if message.name == "status" else message.name
     received_ns = stamp.t_received_ns or 0
     t_ns = received_ns if stamp.t_ns is None else stamp.t_ns
@@ -99,7 +99,9 @@ def record_of(
 def describe(
     message: Message, probe: str, stamp: Stamp, hello: Mapping[str, Value]
 ) -> dict[str, Any]:
-    """Plain values for JSON; `hello` holds what scales raw counts, or is empty."""
+    """A message as plain values for JSON, with units in the names. `hello` has the
+    scales of raw counts, or is empty.
+    """
     fields = message.fields
     t_ns, received_ns = stamp.t_ns, stamp.t_received_ns
     head: dict[str, Any] = {
@@ -167,7 +169,7 @@ def equipment_of(fields: Mapping[str, Value]) -> dict[str, Any]:
 
 
 def plain(value: Value) -> Any:
-    """Bytes as hexadecimal digits, all else as it is."""
+    """Bytes as hexadecimal digits, other values unchanged."""
     return value.hex() if isinstance(value, bytes) else value
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""What one opening of a port says: bytes in, events out. No I/O; time is an argument.
+"""Turns the bytes of one opening of a port into events. No I/O; time is an argument.
 
-A message is only passed on once its probe is known, that is after a hello; those
-before it wait. Everything that is not passed on is counted, here or in the account.
+A message is passed on once its probe is known, which takes a hello; messages before it
+wait. Everything that is not passed on is counted, here or in the account.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from imud.wire import messages, schema
 from imud.wire.frame import FrameDecoder
 from imud.wire.messages import Message, Skew, Value
 
-# Messages that wait for a hello, which comes every second: 760 raw and as many poses a
-# second, twice over.
+# Messages that may wait for a hello, which comes every second: two seconds of 760 raw
+# messages and as many poses.
 WAITING_MAX = 3072
 
-# A hello and a status come every second, so this long with nothing good is a fault.
+# A hello and a status come every second: so long without a good frame is a fault.
 SILENT_NS = 3_000_000_000
 
-# The probe of a capture in which none says hello.
+# Id of the probe in a capture without a hello.
 NOBODY = "unknown"
 
-# Fewer bytes than this without a good frame may be the rest of one or line noise at
-# power-on; more is another baud rate or another device.
+# Up to so many bytes without a good frame may be part of one, or noise at power-on;
+# more mean another baud rate or another device.
 NOISE_BYTES = 256
 
 
 class ProbeFound(msgspec.Struct, frozen=True):
-    """A probe said hello on this port for the first time, or it began a boot."""
+    """The first hello of a probe on this port, or of another boot."""
 
     probe_id: str
     hello: Message
@@ -46,7 +46,7 @@ class ProbeFound(msgspec.Struct, frozen=True):
 
 
 class Received(msgspec.Struct, frozen=True):
-    """A good message, in its order."""
+    """A good message, in order."""
 
     probe: Probe
     message: Message
@@ -67,7 +67,7 @@ class Refused(msgspec.Struct, frozen=True):
 
 
 class OtherSchema(msgspec.Struct, frozen=True):
-    """A probe that this imud can't read beyond its hello."""
+    """A hello of a probe whose other messages this imud can't read."""
 
     probe_id: str
     fingerprint: int
@@ -91,7 +91,7 @@ Event = ProbeFound | Received | Refused | OtherSchema | OnlyNoise | Silent
 
 
 class Probe:
-    """What is known of one probe, whichever port it speaks on."""
+    """One probe: its account, clock and latest hello, on whichever port it is."""
 
     def __init__(self, probe_id: str) -> None:
         self.probe_id = probe_id
@@ -105,18 +105,18 @@ class Probe:
     def stamp(
         self, frame: DecodedFrame, message: Message, timeline: Timeline, byte_ns: int
     ) -> Stamp:
-        """Of the next message of its kind."""
+        """The number and the time of a good message; a byte takes `byte_ns`."""
         name = message.name
         self._numbers[name] += 1
         lost = self.account.lost
-        # A late one may have been taken for lost.
+        # A late message takes back a loss.
         missing = max(0, lost - self._lost.get(name, 0))
         self._lost[name] = lost
         number = self._numbers[name]
         device_us = self.clock.unroll(frame.time_us, frame.t_ns)
         if frame.t_ns is None:
             return Stamp(number, missing, device_us)
-        # It took at least so long on the wire.
+        # It was on the wire for so long at least.
         self.clock.arrived(device_us, frame.t_ns - len(frame.content) * byte_ns)
         moment = self.clock.moment(device_us)
         t_ns, bound_ns = timeline.utc(moment.host_ns), moment.bound_ns
@@ -136,7 +136,7 @@ class Probe:
 
 
 def first_hello(chunks: Iterable[bytes]) -> Message | None:
-    """The first of ours in bytes that are all there already."""
+    """The first hello of our schema in these bytes; None: there is none."""
     decoder = FrameDecoder()
     for data in chunks:
         for content in decoder.feed(data):
@@ -151,7 +151,7 @@ def first_hello(chunks: Iterable[bytes]) -> Message | None:
 
 
 def speaker_of(hello: Message | None, name: Callable[[str], Probe]) -> Probe:
-    """Who speaks in those bytes, to be told before the hello comes."""
+    """The probe of a capture, known before its first hello is reached."""
     probe_id = hello.fields["probe_id"] if hello is not None else None
     probe = name(probe_id.hex() if isinstance(probe_id, bytes) else NOBODY)
     if hello is not None:
@@ -160,10 +160,10 @@ def speaker_of(hello: Message | None, name: Callable[[str], Probe]) -> Probe:
 
 
 class Session:
-    """One opening of one port. `probes` is shared by all sessions of a daemon.
+    """One opening of one port. `probes` finds the probe of an id, for all sessions.
 
-    Time is the host's, which `timeline` turns into UTC; without one it is UTC already.
-    A byte is on the wire for `byte_ns` at least, which whoever knows the port sets.
+    Times are the host's in ns, which `timeline` turns into UTC; without one they are
+    UTC. `byte_ns` is the least time of a byte on the wire; who knows the port sets it.
     """
 
     def __init__(
@@ -188,11 +188,11 @@ class Session:
         self._told: set[type[Event]] = set()  # since the last good frame
         self.probe = presumed
         self.bytes = 0
-        self.corrupt = Counter[str]()  # bad frames that nothing below explains
-        self.partial = 0  # the frame in whose middle the port was opened
-        self.foreign = 0  # of a probe that speaks another schema
+        self.corrupt = Counter[str]()  # bad frames, without those counted below
+        self.partial = 0  # frames cut off by opening the port
+        self.foreign = 0  # frames of a probe with another schema
         self.unnamed = 0  # good messages for which no hello came in time
-        self.headless: Counter[str] = Counter()  # skewed, with no number to account for
+        self.headless: Counter[str] = Counter()  # skewed, without a sequence number
 
     def counts(self) -> dict[str, Any]:
         return {
@@ -232,7 +232,7 @@ class Session:
         return fresh
 
     def check(self, t_ns: int) -> list[Event]:
-        """What has not come by now. To be called about every second."""
+        """Whether only noise or nothing has come. To be called about every second."""
         if self._heard_ns is None or self._good_ns is None:
             return []
         silence_ns = t_ns - self._heard_ns
@@ -250,7 +250,7 @@ class Session:
         return [event]
 
     def close(self) -> list[Event]:
-        """Ends the opening: nothing more will come to decide what waits."""
+        """Ends the session: judges or counts what waits."""
         events: list[Event] = []
         if self.probe is not None:
             for judged in self.probe.account.close():
@@ -268,7 +268,7 @@ class Session:
             events.extend(self.take(content, t_ns))
 
     def take(self, content: bytes, t_ns: int | None) -> list[Event]:
-        """What one frame's content means, once its CRC is known to be good."""
+        """Takes the content of one frame whose CRC is right."""
         events: list[Event] = []
         decoded = messages.decode(content)
         if isinstance(decoded, Message) and not decoded.is_from_probe:
@@ -302,7 +302,7 @@ class Session:
             if not self._is_foreign:
                 self._is_foreign = True
                 if self.probe is None:
-                    # What was bad so far was this probe, unreadable.
+                    # The bad frames so far were of this probe.
                     self.foreign += self.corrupt.total()
                     self.corrupt.clear()
                 firmware = str(hello.fields["firmware"])

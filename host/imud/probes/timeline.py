@@ -11,40 +11,41 @@ import time
 from collections import deque
 from functools import partial
 
-# The host's time: of the oscillator, which nothing sets or slews. NTP changes the rate
-# of the monotonic clock by 500 ppm, which would look like a probe's that jumps.
+# The host's time in ns, from its oscillator, which nothing sets or slews. NTP changes
+# the rate of CLOCK_MONOTONIC by up to 500 ppm, which would look like a jump of
+# the probe's clock.
 host_ns = partial(
     time.clock_gettime_ns,
     getattr(time, "CLOCK_MONOTONIC_RAW", time.CLOCK_MONOTONIC),
 )
 
-# Two readings of the host's clocks are this far apart at most, or they don't count; and
-# the difference of those clocks is known to this.
+# Readings of the host's clocks further apart than this are not used; so the difference
+# of those clocks is known to this.
 READING_NS = 10_000
 
-# UTC that goes faster or slower than the host's oscillator by more than this is not
-# slewed, but stepped: NTP slews by 500 ppm at most, an oscillator is right to 100. A
-# step that is smaller than the other is not worth telling.
+# UTC that gains or loses more than this against the host's oscillator was stepped, not
+# slewed: NTP slews by 500 ppm at most, an oscillator is right to 100 ppm. Steps below
+# STEP_NS are not told.
 SLEW_MAX = 1e-3
 STEP_NS = 1_000_000
 
-# Time that has to be taken back goes slower by this for as long as it takes.
+# After a step backwards, time runs at this rate until UTC has caught up.
 SLOWEST = (9, 10)
 
-# Pieces that are kept for messages that come out of their order.
+# Pieces kept for messages out of order.
 PIECES = 16
 
 
 class Rising:
-    """A function of time, made of pieces as they become known, that never falls."""
+    """A function of time that never falls, made of pieces as they become known."""
 
     def __init__(self) -> None:
-        # Each from beyond its first x: x, aim, rate, floor.
+        # Each holds beyond its x: x, aim, rate, floor.
         self._pieces: deque[tuple[int, int, float, int]] = deque(maxlen=PIECES)
         self._last: int | None = None
 
     def turn(self, x: int, aim: int, rate: float) -> None:
-        """Aims at `aim` at x and 1 + rate around it, without going back."""
+        """From here on aims at `aim` at x, with slope 1 + rate, without going back."""
         begin, floor = x - 1, None
         if self._last is not None:
             begin, floor = self._last, self.at(self._last)
@@ -67,8 +68,8 @@ class Rising:
 
 
 class Timeline:
-    """UTC of the host's time. A step of UTC forwards is taken at once, one backwards by
-    and by; slews are followed.
+    """Turns the host's time into UTC, both in ns. Slews and steps forwards are followed
+    at once, steps backwards slowly: UTC as given here never falls.
     """
 
     def __init__(self, offset_ns: int = 0) -> None:
@@ -76,15 +77,15 @@ class Timeline:
         self._rising = Rising()
         self._rising.turn(0, offset_ns, 0.0)
         self._followed_ns: int | None = None
-        # Of the last correction: until when another offset may have been true.
+        # The last correction: before this time the offset may have been another one.
         self._turned_ns: int | None = None
         self._turn_ns = 0
         self.steps = 0
         self.last_step_ns = 0
 
     def follow(self, before_ns: int, utc_ns: int, after_ns: int) -> int:
-        """Hears UTC as read between two readings of the host's time. Answers by how
-        much UTC was stepped.
+        """Takes UTC as read between two readings of the host's time. Returns by how
+        many ns UTC was stepped, mostly 0.
         """
         if after_ns - before_ns > READING_NS:
             return 0
@@ -107,11 +108,11 @@ class Timeline:
         return self._rising.at(host_ns)
 
     def ahead(self, host_ns: int, utc_ns: int) -> int:
-        """Of UTC as the host has it, while a step backwards is made up."""
+        """By how many ns `utc_ns` is ahead of the host's UTC after a step backwards."""
         return utc_ns - host_ns - self._offset_ns
 
     def doubt(self, host_ns: int, bound_ns: int, utc_ns: int) -> int:
-        """How far from UTC that may be, of a host's time right to `bound_ns`."""
+        """Error bound in ns of `utc_ns`, from a host's time right to `bound_ns`."""
         doubt_ns = abs(self.ahead(host_ns, utc_ns))
         if self._turned_ns is not None and host_ns - bound_ns < self._turned_ns:
             doubt_ns = max(doubt_ns, self._turn_ns)

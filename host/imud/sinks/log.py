@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The log: MCAP files that can be read up to 0.25 s before a kill -9."""
+"""The log: MCAP files that lose at most the last 0.25 s to a kill -9."""
 
 from __future__ import annotations
 
@@ -14,30 +14,31 @@ from imud.errors import FileError
 from imud.log.file import LogFile, Settings
 from imud.probes.record import Presence, Record
 
-# A file is handed to the kernel this often. The promise is 0.25 s; the rest of that is
-# for a busy machine.
+# Data goes to the kernel this often. The promise is 0.25 s; the rest is for a busy
+# machine.
 FLUSH_S = 0.1
 
-# At the end: what is not written by then is lost, so a busy machine gets time. Service
-# managers give a process 10 s and more.
+# Time to close: what is not written by then is lost, so a busy machine gets time.
+# Service managers give a process 10 s and more.
 PATIENCE_S = 5.0
 
-# Entries of the index that the writer keeps in memory up to a file's end, one a channel
-# in each flush: an hour of four probes with four channels. 86 bytes each were measured.
+# Entries of the index that the writer keeps in memory until a file ends, one for each
+# channel and flush: an hour of four probes with four channels. Each takes 86 bytes,
+# measured.
 INDEX_MAX = 600_000
 
-# Logging goes on when there is so much more room than the floor: not a file for each
-# few blocks that come free.
+# Logging resumes when the free space is this many times the floor: no new file for each
+# few blocks that become free.
 ROOM_AGAIN = 1.1
 
 logger = logging.getLogger("imud")
 
 
 class LogSink:
-    """Writes records to files of its own; one that fails is followed by a fresh one.
+    """Writes records to files of its own; after one that fails it begins another.
 
-    What can't be written is an error to who hands it over, who counts it and comes
-    again; a disk without room is no reason not to start.
+    A record that can't be written is a FileError; the lane counts it and tries again.
+    A full disk at the start is no error: logging is paused.
     """
 
     name = "log"
@@ -98,7 +99,7 @@ class LogSink:
             if self._syncing is None or self._syncing.done():
                 if self._syncing is not None:
                     self._syncing.result()
-                # Takes up to 20 ms, and longer on a busy disk: not in this thread.
+                # Takes 20 ms, and longer on a busy disk: not in this thread.
                 self._syncing = self._syncer.submit(os.fdatasync, log.fileno())
         except OSError as error:
             raise FileError(f"can't write {self.path}: {error.strerror}") from error
@@ -125,12 +126,14 @@ class LogSink:
         return disk.f_bavail * disk.f_frsize < floor
 
     def _end(self) -> None:
-        """Finishes a file of which all is written; the next record begins another."""
+        """Finishes a file that has all its data; the next record begins another."""
         try:
             self._finish()
         except OSError as error:
             logger.warning(
-                "log: can't finish %s: %s; imud recover does", self.path, error.strerror
+                "log: can't finish %s: %s; imud recover repairs it",
+                self.path,
+                error.strerror,
             )
 
     def _finish(self) -> None:
@@ -139,7 +142,7 @@ class LogSink:
         if log is None:
             return
         try:
-            # The kernel has it all before a disk that is stuck is waited for.
+            # The kernel gets everything before anything waits for a disk that hangs.
             log.finish()
             if syncing is not None:
                 syncing.result()
@@ -150,7 +153,7 @@ class LogSink:
             log.close()
 
     def _leave_no_empty_one(self) -> None:
-        """On a disk that takes nothing each attempt would leave a file."""
+        """On a full disk each attempt would leave an empty file."""
         if not self._has_flushed and self.path is not None:
             self.path.unlink(missing_ok=True)
 

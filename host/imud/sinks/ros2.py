@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""ROS 2: poses, samples and status of each probe on the topics that ROS expects."""
+"""Publishes poses, samples and status of each probe as ROS 2 messages."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ NODE = "imud"
 TF = Topic("/tf", topics.TF_MESSAGE, 100)
 DIAGNOSTICS = Topic("/diagnostics", topics.DIAGNOSTIC_ARRAY)
 
-# A pose is joined with the sample before it up to this age: two at 100 Hz. Where both
-# are sent at one rate they are of one sample.
+# An Imu message has the angular rate and acceleration of the latest sample, up to this
+# age: two periods of 100 Hz. At equal rates pose and sample are of the same time.
 JOIN_US = 20_000
 
-# With no pose for so long, samples go out by themselves.
+# After so long without a pose, samples are published without an orientation.
 ALONE_US = 1_000_000
 
-# A heading that nothing holds may be anything: the variance of a whole turn, rad^2.
+# Variance of an unknown heading, uniform over a whole turn, rad^2.
 FREE_RAD2 = math.pi**2 / 3
 
-# What a flag of a pose says to who relies on it; the others are no fault.
+# Flags of a pose that a user should know of, in words; the others are no fault.
 FLAWS = {
     "starting": "still settles",
     "uncalibrated": "gyroscope is not calibrated",
@@ -51,7 +51,7 @@ Message = tuple[Topic, bytes]
 
 
 class Translator:
-    """What one probe says, as messages of ROS. No I/O."""
+    """Turns the records of one probe into ROS 2 messages. No I/O."""
 
     def __init__(self, probe: str, namespace: str, world: str) -> None:
         self._world = world
@@ -83,7 +83,7 @@ class Translator:
         covariance = orientation_covariance(pose)
         self._pose_us = pose["t_device_us"]
         yield self._imu(t_ns, orientation, covariance, self._joined(self._pose_us))
-        # These can't say that an orientation is not known yet.
+        # These messages can't express that the orientation is unknown.
         if covariance is not cdr.ABSENT:
             position = pose["position_m"] or (0.0, 0.0, 0.0)
             yield (
@@ -131,7 +131,7 @@ class Translator:
         return self.imu, data
 
     def diagnose(self, status: Said) -> Diagnosis:
-        """How a probe does; a loss is told in the status that first counts it."""
+        """The state of a probe; a loss is a warning where it is first counted."""
         ledger = status.get("ledger") or {}
         losses = {
             "lost": totals(ledger).lost,
@@ -153,8 +153,8 @@ class Translator:
 
 
 def orientation_covariance(pose: Said) -> Sequence[float]:
-    """About the world's axes, which are fixed, as REP 103 has it: tilt is about the two
-    that are level, heading about the one that points up.
+    """3x3, rad^2, row by row, about the fixed axes of the world as in REP 103: tilt is
+    about the two level axes, heading about the vertical one.
     """
     tilt_deg, heading_deg = pose["tilt_sigma_deg"], pose["heading_sigma_deg"]
     if tilt_deg is None:
@@ -205,7 +205,7 @@ def _values(status: Said, ledger: Said, losses: Mapping[str, int]) -> dict[str, 
 
 
 class Publisher:
-    """One topic of ours: a Zenoh publisher, and the token by which ROS knows it."""
+    """One topic: a Zenoh publisher, and the token by which ROS nodes discover it."""
 
     def __init__(
         self, session: zenoh.Session, node: Node, number: int, topic: Topic
@@ -225,7 +225,7 @@ class Publisher:
 
 
 class Ros2Sink:
-    """A node of ROS in a Zenoh session of its own: `connect` may come and go."""
+    """A ROS 2 node in a Zenoh session of its own; the routers may come and go."""
 
     name = "ros2"
     period_s = 0.0
@@ -263,7 +263,7 @@ class Ros2Sink:
         if translator is None:
             translator = Translator(record.probe, self._namespace, self._world)
             self._translators[record.probe] = translator
-        # Known before there is anything to say, so that readers can wait for it.
+        # Announced before the first message, so that readers can wait for it.
         for topic in translator.topics:
             if topic.name not in self._publishers:
                 number = 1 + len(self._publishers)
@@ -275,7 +275,7 @@ class Ros2Sink:
                 self._publishers[topic.name].put(data)
 
     def flush(self) -> None:
-        """Nothing waits here: a put is on its way when it returns."""
+        """Nothing to do: a put is sent when it returns."""
 
     def close(self) -> None:
         session, self._session = self._session, None
@@ -286,10 +286,10 @@ class Ros2Sink:
 
 
 def own_network(mode: str, listen: Sequence[str], connect: Sequence[str]) -> list[str]:
-    """Where a session in the daemon's own machine finds the daemon's network."""
+    """Endpoints by which a session on this machine reaches the daemon's network."""
     if mode != "router":
         return list(connect)
-    # To listen on all addresses is not an address to connect to.
+    # The address for all interfaces is none to connect to.
     return [
         endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
         for endpoint in listen

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The network: every record on its Zenoh key, commands and last status on request."""
+"""Publishes every record on its Zenoh key; serves commands and the latest status."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from imud.errors import NetworkError
 from imud.net import network
 from imud.probes.record import Presence, Record
 
-# At the end: what a slow subscriber has not taken by then is dropped.
+# Time to close: what a slow subscriber has not taken by then is dropped.
 PATIENCE_S = 0.8
 
 # Answers a command: payload and no error, or an error.
 Answer = Callable[[bytes, str], None]
 OnCommand = Callable[[str, str, dict[str, str], Answer], None]
 
-# Takes what is worth a line: of which kind it is, the line, whether it is a warning.
+# Gets lines for the journal: the kind, the text, whether it is a warning.
 OnNotice = Callable[[object, str, bool], None]
 
 
 class ZenohSink:
-    """A Zenoh session of the daemon's own, or a part of a network there is. Callbacks
-    are called in threads of Zenoh's.
+    """A Zenoh session that is a router, a peer or a client of a router elsewhere, as
+    the settings say. Its callbacks run in threads of Zenoh.
     """
 
     name = "zenoh"
@@ -48,19 +48,21 @@ class ZenohSink:
         self._session: zenoh.Session | None = None
         self._is_guest = network.is_guest(settings)
         self._where = ", ".join(settings.connect)
-        self._is_joined: bool | None = None  # to who is there to connect to
+        self._is_joined: bool | None = None  # with `connect`; None: not tried yet
         self._publishers: dict[
             tuple[str, str], zenoh.Publisher | zenoh.ext.AdvancedPublisher
         ] = {}
         self._declared: dict[str, list[object]] = {}
         self._links: zenoh.LinkEventsListener[None] | None = None
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
-        self._known: set[str] = set()  # of which it is known whether they are there
+        self._known: set[str] = (
+            set()
+        )  # probes whose liveliness is declared or withdrawn
         self._status: dict[str, bytes] = {}
 
     def open(self) -> None:
-        # The daemon may begin before the network of which it is to be a guest: that is
-        # looked for by the sink's thread, with the first record.
+        # The daemon may start before the router that it connects to: the sink's thread
+        # looks for that with the first record.
         if not self._is_guest:
             self._open()
 
@@ -79,7 +81,7 @@ class ZenohSink:
                 return
             session = self._open()
         elif self._is_guest and not network.is_connected(session):
-            # Else it would come back by itself, with who was there then.
+            # It would reconnect by itself, and announce the probes of this moment then.
             self.close()
             raise NetworkError(f"the Zenoh router at {self._where} is gone")
         if record.probe not in self._declared:
@@ -91,18 +93,18 @@ class ZenohSink:
             if self._settings.connect:
                 self._tell_whether(is_joined=network.is_connected(session))
             self._status[record.probe] = record.payload
-            # Nobody took it when it came or went, while there was no network.
+            # Its presence was lost if it came or went while there was no network.
             if record.probe not in self._known:
                 is_alive = _is_alive(record.payload)
                 self._set_alive(session, record.probe, is_alive=is_alive)
-        # What most wait for comes first.
+        # JSON first: most subscribers wait for that.
         if record.payload:
             self._put(session, record.probe, record.topic, record.payload)
         if record.content:
             self._put(session, record.probe, "frame", record.content)
 
     def flush(self) -> None:
-        """Nothing waits here: a put is on its way when it returns."""
+        """Nothing to do: a put is sent when it returns."""
 
     def close(self) -> None:
         session, self._session = self._session, None
@@ -129,7 +131,7 @@ class ZenohSink:
     def _publisher(
         self, session: zenoh.Session, probe: str, topic: str
     ) -> zenoh.Publisher | zenoh.ext.AdvancedPublisher:
-        """Not express: one batch a message was measured to lose some."""
+        """Without `express`: one batch for each message was measured to lose some."""
         key = self._key(probe, topic)
         encoding = zenoh.Encoding.APPLICATION_JSON
         if topic == "frame":
@@ -153,7 +155,7 @@ class ZenohSink:
         self._declared[probe] = [
             session.declare_queryable(status, lambda q: self._tell_status(probe, q)),
             session.declare_queryable(command, lambda q: self._take_query(probe, q)),
-            # Nobody else has anything to say there.
+            # No other program should publish there.
             session.declare_subscriber(
                 self._key(probe, "*"),
                 self._tell_other,
@@ -165,14 +167,15 @@ class ZenohSink:
         if self._session is not None:
             key = str(sample.key_expr)
             text = (
-                f"network: another publishes on {key}, too; don't trust it: is there a "
-                "second imud with this probe's name? docs/security.md keeps others out"
+                f"network: another program publishes on {key}, too: don't trust it; is "
+                "there a second imud with this probe's name? docs/security.md says how "
+                "to keep others out"
             )
-            # Of one kind, whatever keys somebody makes up: a few lines, not one a key.
+            # One kind for all keys: somebody who makes up keys gets a few lines only.
             self._on_notice("other", text, True)
 
     def _tell_whether(self, *, is_joined: bool) -> None:
-        """Once: that others are there, or that they are not."""
+        """Tells once that the router is there, or that it is not."""
         if is_joined != self._is_joined:
             words = "is not there" if self._is_joined is None else "is gone"
             text = (
@@ -182,7 +185,7 @@ class ZenohSink:
             self._on_notice(("joined", text), f"network: {text}", not is_joined)
 
     def _tell_link(self, event: zenoh.LinkEvent) -> None:
-        """On record where keys rule: who came, by which certificate."""
+        """Tells who connected and with which certificate, where keys are in use."""
         if self._session is None or not self._settings.keys:
             return
         what = "came" if event.kind == zenoh.SampleKind.PUT else "left"
@@ -230,12 +233,12 @@ class ZenohSink:
 
 
 def _is_alive(status: bytes) -> bool:
-    """A probe is there that is on a port and speaks our schema."""
+    """Whether the status is of a probe that is on a port and speaks our schema."""
     said = msgspec.json.decode(status)
     return said["port"] is not None and said["state"] != "other schema"
 
 
 def _pairs(parameters: str) -> list[tuple[str, Any]]:
-    """`a=1;b=2`, as a selector carries it after its question mark."""
+    """Splits `a=1;b=2`, the parameters of a Zenoh selector."""
     parts = [part.partition("=") for part in parameters.split(";") if part]
     return [(name, value) for name, _, value in parts]

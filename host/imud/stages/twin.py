@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: MIT
-"""The twin of a probe: computes each pose again from the raw messages as they arrive,
-with the probe's own C, and tells the first that differs. No I/O: messages in, what is
-to be said and done about them out.
+"""The twin of a probe: computes each pose again from the raw messages, with the same C
+as the probe, and reports the first pose that differs. No I/O: messages in, outcomes
+out.
 
-It follows from where the filter begins, a restart or a boot, while no sample is
-missing. A loss is never taken for a difference, since what isn't proven isn't claimed:
+It follows the filter from a restart or a boot on, as long as no sample is missing. A
+loss is never taken for a difference:
 
-- Raw messages at most one and a half sample periods apart have no sample in between.
-  Further apart they need their flag `gap`, and no hole in the sequence since the
-  filter began.
-- Where one message is missing between two such raw messages it was no sample, and no
-  change of origin or restart either: each of those is two messages, an event and the
-  reply to its command. Only a pose may have gone, and its latched flags with it.
-- Any other hole ends it until the filter begins again.
+- Between raw messages at most one and a half sample periods apart there is no sample.
+  If they are further apart, the second must have the flag `gap`, and no message may be
+  missing since the filter began.
+- One message missing between two such raw messages was no sample. It was no change of
+  origin and no restart either: each of those is two messages, an event and the reply to
+  its command. It may have been a pose, with its latched flags.
+- Any other gap in the sequence ends it until the filter begins again.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from imud import _core
 from imud.wire import messages, schema
 from imud.wire.messages import Message, Value
 
-# Which stream the command `rate` means, as the schema says.
+# The stream `raw` in the command `rate`, as in the schema.
 RAW_STREAM = 1
 
-# Commands that change what poses are computed to; their event comes before the reply.
+# Commands that change the poses that follow; their event comes before the reply.
 CHANGES = frozenset({"restart", "tare"})
 
-# Flags of a pose that speak of all samples since the pose before it.
+# Flags of a pose about all samples since the pose before it.
 LATCHED = schema.PoseFlags.CLIPPED | schema.PoseFlags.GAP
 
-# They are the end of a pose's content.
+# The flags are the last bytes of a pose.
 _FLAGS = struct.Struct("<H")
 
 _UNABLE = "this imud can't compute it"
@@ -73,7 +73,7 @@ class Lost:
 
 @dataclass(frozen=True, slots=True)
 class Differs:
-    """A pose is not what its samples give."""
+    """A pose differs from what its samples give."""
 
     sequence: int
     fields: tuple[str, ...]  # that differ
@@ -84,46 +84,46 @@ class Differs:
 
 @dataclass(frozen=True, slots=True)
 class WantsRaw:
-    """The probe is to be asked for a raw message a sample."""
+    """The probe should send a raw message for each sample."""
 
-    rate_hz: int | None  # None: it has that rate
+    rate_hz: int | None  # None: the rate is right already
 
 
 @dataclass(frozen=True, slots=True)
 class WantsRestart:
-    """The probe is to be asked to restart its filter."""
+    """The probe should restart its filter."""
 
 
 Outcome = Began | Stopped | Lost | Differs | WantsRaw | WantsRestart
 
 
 class Twin:
-    """Takes the messages of one probe that are good, in their order."""
+    """Takes the good messages of one probe, in order."""
 
     def __init__(self) -> None:
         self.state = State.WAITING
         self.compared = 0
         self.differed = 0
         self._sequence: int | None = None
-        # What is known of the boot.
+        # Known about this boot:
         self._boots: Value = None
         self._hello = b""  # the last one that knows a sensor
         self._sample_rate = 0
         self._raw_rate: Value = None
-        self._is_new = False  # nothing is missing since number 0, and no sensor yet
-        self._is_ripe = False  # nor since, and the first sample comes next
+        self._is_new = False  # no message missing since number 0, no sensor known yet
+        self._is_ripe = False  # the same, and the first sample comes next
         self._is_streaming = False
         self._raw_us: int | None = None  # time of the last raw message
         self._asked: set[type[Outcome]] = set()  # since the stream began
-        # And since the filter began.
+        # Known since the filter began:
         self._replay: _core.Replay | None = None
         self._steps = 0
-        self._hole: int | None = None  # one number, not yet known to be harmless
+        self._hole: int | None = None  # a missing number that may be harmless
         self._had_hole = False
         self._is_unlatched = False  # a pose may be missing before the next one
 
     def appear(self) -> None:
-        """The probe is there, or again: what came before is over."""
+        """The probe appeared or restarted: forgets what came before."""
         self._sequence = None
         self._boot(is_new=False)
 
@@ -135,7 +135,7 @@ class Twin:
         return outcome
 
     def _miss(self, message: Message) -> Lost | None:
-        """Looks for a hole in the sequence before this message."""
+        """Looks for a gap in the sequence before this message."""
         last, self._sequence = self._sequence, message.sequence
         first = None if last is None else (last + 1) & _MASK
         if message.name == "hello" and message.sequence == 0 and first != 0:
@@ -180,7 +180,7 @@ class Twin:
         self._sample_rate = sample_rate
         self._raw_rate = hello.fields["raw_rate"]
         if self._is_new:
-            # The first hello that knows a sensor comes as the filter begins.
+            # The first hello with a sensor comes when the filter begins.
             self._is_new = False
             self._is_ripe = self._is_streaming and self._raw_rate == sample_rate
         return None
@@ -188,7 +188,7 @@ class Twin:
     def _take_event(self, message: Message) -> Outcome | None:
         name, detail = message.fields["event"], message.fields["detail"]
         if name in ("stream_started", "stream_stopped"):
-            # While nothing streams samples go by untold.
+            # Without a stream there are samples that are not sent.
             self._is_streaming = name == "stream_started"
             self._wait()
         elif name == "restarted" and self._hello and isinstance(detail, int):
@@ -201,13 +201,13 @@ class Twin:
         return None
 
     def _take_reply(self, message: Message) -> Outcome | None:
-        """Whether raw messages go on, where that was changed."""
+        """Follows changes of the raw stream."""
         command, value = message.fields["replied_command"], message.fields["value"]
         is_off = False
         if message.fields["result"] != "ok" or not isinstance(value, tuple):
             return None
         if command in ("rate", "fields"):
-            self._is_ripe = False  # samples may go by untold before the first raw
+            self._is_ripe = False  # samples may be fused before the first raw message
         if command == "rate" and value[0] == RAW_STREAM:
             self._raw_rate = value[1]
             is_off = self._raw_rate != self._sample_rate
@@ -272,7 +272,7 @@ class Twin:
         return Differs(message.sequence, fields, content, twin, is_first)
 
     def _begin(self, sequence: int, number: int | None) -> Outcome:
-        """The filter begins: that of the number, or None: of the hello."""
+        """The filter begins: the one of that number, or (None) the one of the hello."""
         try:
             self._replay = _core.Replay(self._hello)
             if number is not None:
@@ -293,7 +293,7 @@ class Twin:
         return Lost(sequence, reason)
 
     def _boot(self, *, is_new: bool) -> None:
-        """Another boot; `is_new`: from its first message on."""
+        """Another boot; `is_new`: heard from its first message on."""
         self._is_new = is_new
         self._is_streaming = False
         self._hello = b""
@@ -307,7 +307,7 @@ class Twin:
         self._asked.clear()
 
     def _ask(self, outcome: Outcome) -> Outcome | None:
-        """Once for each stream: a probe that refuses is left in peace."""
+        """Asks once for each stream: a probe that refused is not asked again."""
         is_due = self.state is State.WAITING and self._hello
         if not is_due or type(outcome) in self._asked:
             return None
@@ -316,7 +316,7 @@ class Twin:
 
 
 def _differ_in_latches(probe: bytes, twin: bytes) -> bool:
-    """Whether the probe lacks flags that a missing pose took along, and no more."""
+    """Whether they differ only in latched flags that a missing pose had taken."""
     end = len(twin) - _FLAGS.size
     said, computed = (_FLAGS.unpack_from(pose, end)[0] for pose in (probe, twin))
     is_fewer = said & ~computed == 0 and computed & ~said & ~LATCHED == 0
