@@ -11,7 +11,7 @@ import pytest
 
 from core import desk
 from core.desk import lib
-from core.test_probe import MPU9250, Bench
+from core.probe_bench import MPU9250, Bench
 from imud.config.reader import as_toml
 from imud.config.settings import Config, ProbeSettings
 from imud.config.toml import mistakes

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Ports that come and go, in a loop: found, listened to, kept or given back."""
+"""Ports are searched for probes: rates, ports of others, two ports with one id."""
 
 from __future__ import annotations
 
@@ -19,11 +19,9 @@ import pytest
 import serial
 
 from fakes import PATIENCE_S, FakeProbe, Port
-from imud.config.settings import Config, Ports, ProbeSettings
-from imud.daemon.commands import Commander, orders_of
+from imud.config.settings import Config, Ports
 from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake
-from imud.daemon.registry import Registry
 from imud.errors import PortLost
 from imud.journal.speaker import Speaker
 from imud.ports import baud, finder, link, port
@@ -163,11 +161,11 @@ def test_nothing_is_written_to_a_port_before_a_hello(tmp_path: Path) -> None:
     async def check(desk: Desk) -> None:
         await desk.open_port(port)
         (ours,) = desk.finder
-        with pytest.raises(PortLost, match="no probe said hello yet"):
+        with pytest.raises(PortLost, match="no hello from a probe yet"):
             ours.write(b"x")
         port.write(b"OK\r\nRING\r\n" * 100)
         await desk.until(lambda: ours.baud == 921_600)
-        with pytest.raises(PortLost, match="no probe said hello yet"):
+        with pytest.raises(PortLost, match="no hello from a probe yet"):
             ours.write(b"x")
         port.write(b"\0" + FakeProbe().say("hello"))
         await desk.until(lambda: desk.found)
@@ -212,7 +210,7 @@ def test_a_port_that_is_none_of_ours_is_given_back_at_once_and_tried_again_later
         desk.unplug(port)
 
     at_desk(tmp_path, check)
-    lines = [r.getMessage() for r in caplog.records if "no probe is heard" in r.msg]
+    lines = [r.getMessage() for r in caplog.records if "no probe heard" in r.msg]
     assert len(lines) == 1
     assert "at 500000 or 921600 baud; the port is closed for other programs" in lines[0]
 
@@ -339,38 +337,3 @@ def test_dtr_is_toggled_when_told_and_else_left_alone(
     at_desk(tmp_path, check, find=False, named=named, reset=has_reset)
     assert said == ([False, True] if has_reset else [])
     port.vanish()
-
-
-@pytest.mark.parametrize(
-    ("settings", "orders"),
-    [
-        ({}, []),
-        ({"pose_rate": 100, "raw_rate": 0}, []),  # as its hello says
-        ({"pose_rate": 50}, [("rate", {"stream": "pose", "hz": "50"})]),
-        ({"raw_rate": 200}, [("rate", {"stream": "raw", "hz": "200"})]),
-        ({"streams": ("pose", "raw")}, [("fields", {"streams": "pose,raw"})]),
-        ({"start": True}, [("start", {})]),
-    ],
-)
-def test_a_probes_settings_become_the_commands_that_are_needed(
-    settings: dict[str, Any], orders: list[tuple[str, dict[str, str]]]
-) -> None:
-    hello = FakeProbe().hello_fields
-    assert orders_of(ProbeSettings(**settings), hello) == orders
-
-
-def test_a_rate_that_is_set_back_before_the_next_hello_is_set_back(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    registry = Registry(Config())
-    registry.add("00112233445566aa").probe.hello.update(FakeProbe().hello_fields)
-    commander, sent = Commander(registry), []
-
-    async def command(_: str, name: str, parameters: dict[str, str]) -> None:
-        sent.append((name, parameters["hz"]))
-
-    monkeypatch.setattr(commander, "command", command)
-    for rate in (50, 100, 100):
-        settings = ProbeSettings(pose_rate=rate)
-        asyncio.run(commander.set_up("00112233445566aa", settings))
-    assert sent == [("rate", "50"), ("rate", "100")]

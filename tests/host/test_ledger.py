@@ -134,6 +134,17 @@ def test_each_boot_with_its_hello_is_exact() -> None:
     assert (counts["boots"], counts["sent"], counts["lost"]) == (3, 11, 2)
     assert counts["earlier_boots"]["sent"] == 22
     assert counts["earlier_boots"]["lost"] == 4
+    total = totals(counts)
+    assert (total.sent, total.received, total.lost) == (33, 27, 6)
+
+
+def test_totals_add_all_boots_and_take_what_is_not_there_for_0() -> None:
+    earlier = {"sent": 5, "skewed": {"missing": 1}}
+    counts = {"sent": 3, "skewed": {"missing": 2, "late": 1}, "earlier_boots": earlier}
+    total = totals(counts)
+    assert (total.sent, total.received, total.lost, total.duplicated) == (8, 0, 0, 0)
+    assert total.skewed == {"missing": 3, "late": 1}
+    assert totals({}).sent == 0
 
 
 def test_a_hello_with_another_boot_count_begins_a_boot_whatever_its_number() -> None:

@@ -310,7 +310,7 @@ def test_a_second_daemon_on_a_port_says_one_line_and_the_first_goes_on(
             desk.pose(desk.probe.sequence - 1)
             time.sleep(1.0)  # it tries again, and again in vain
             second.stop()
-            assert sum("held by" in line for line in second.lines) == 1
+            assert sum("in use by" in line for line in second.lines) == 1
         desk.port.write(desk.probe.poses(50))
         desk.pose(desk.probe.sequence - 1)
         assert desk.ledger(desk.probe.sequence)["lost"] == 0

@@ -47,7 +47,7 @@ STALE_STATES = frozenset({"gone", "silent"})
 ERROR_STATES = frozenset({"fault", "other schema"})
 
 Said = Mapping[str, Any]
-Message = tuple[Topic, bytes]
+RosMessage = tuple[Topic, bytes]
 
 
 class Translator:
@@ -68,7 +68,7 @@ class Translator:
     def topics(self) -> tuple[Topic, ...]:
         return (self.imu, self.mag, self.pose, TF, DIAGNOSTICS)
 
-    def take(self, record: Record) -> Iterator[Message]:
+    def take(self, record: Record) -> Iterator[RosMessage]:
         if record.topic == "pose":
             yield from self._take_pose(record.t_ns, record.said)
         elif record.topic == "raw":
@@ -78,7 +78,7 @@ class Translator:
             said = [self.diagnose(status)]
             yield DIAGNOSTICS, cdr.diagnostic_array(record.t_ns, "", said)
 
-    def _take_pose(self, t_ns: int, pose: Said) -> Iterator[Message]:
+    def _take_pose(self, t_ns: int, pose: Said) -> Iterator[RosMessage]:
         orientation: Sequence[float] = pose["q"]
         covariance = orientation_covariance(pose)
         self._pose_us = pose["t_device_us"]
@@ -95,7 +95,7 @@ class Translator:
                 cdr.transform(t_ns, self._world, self.frame, position, orientation),
             )
 
-    def _take_raw(self, t_ns: int, raw: Said) -> Iterator[Message]:
+    def _take_raw(self, t_ns: int, raw: Said) -> Iterator[RosMessage]:
         t_us: int = raw["t_device_us"]
         if raw["acc_m_s2"] is not None and raw["gyr_rad_s"] is not None:
             self._sample = raw
@@ -120,7 +120,7 @@ class Translator:
         orientation: Sequence[float],
         covariance: Sequence[float],
         sample: Said | None,
-    ) -> Message:
+    ) -> RosMessage:
         known = cdr.ABSENT if sample is None else cdr.UNKNOWN
         nothing = (0.0, 0.0, 0.0)
         rate = nothing if sample is None else sample["gyr_rad_s"]

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: MIT
+"""The command line against a running daemon."""
+
+from __future__ import annotations
+
+import json
+import threading
+from pathlib import Path
+
+import pytest
+
+from chain import Chain
+from fakes import PATIENCE_S, free_endpoint
+from imud import cli
+from imud.client import Client
+from imud.errors import DaemonNotFound
+
+
+def test_listen_prints_what_is_published_and_sums_up(
+    chain: Chain, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stop = threading.Event()
+
+    def stream() -> None:
+        while not stop.wait(0.005):
+            chain.port.write(chain.probe.say("pose"))
+
+    streamer = threading.Thread(target=stream)
+    streamer.start()
+    connect = ["--connect", chain.daemon.endpoint]
+    try:
+        angles = ["--json", "--angles", "nectec"]
+        assert cli.main(["listen", "--seconds", "0.6", *angles, *connect]) == 0
+        printed = capsys.readouterr()
+        assert cli.main(["listen", chain.probe.name, "--seconds", "2.5", *connect]) == 0
+        shown = capsys.readouterr()
+        assert cli.main(["list", *connect]) == 0
+        listed = capsys.readouterr()
+    finally:
+        stop.set()
+        streamer.join()
+    poses = [json.loads(line) for line in printed.out.splitlines()]
+    first, count = poses[0]["seq"], len(poses)
+    assert [pose["seq"] for pose in poses] == list(range(first, first + count))
+    assert list(poses[0]["nectec"].values()) == pytest.approx([0, -90, 90])
+    assert f"{count} poses received" in printed.err
+    assert "0 messages missing by sequence" in printed.err
+    lines = shown.out.splitlines()
+    assert lines[0].split()[:4] == ["probe", "yaw", "pitch", "roll"]
+    assert lines[1].startswith(chain.probe.name)
+    assert "at_rest" in lines[1]
+    assert "0 messages missing by sequence" in lines[-2]
+    assert [line for line in lines if "sent = " in line] == lines[-1:]
+    assert " 0 lost;" in lines[-1]
+    assert shown.err == ""
+    assert listed.out.splitlines()[0].split()[:3] == ["probe", "state", "board"]
+    assert "0 of " in listed.out
+
+
+def test_list_as_json_is_the_status(
+    chain: Chain, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["list", "--json", "--connect", chain.daemon.endpoint]) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    assert json.loads(line)["probe_id"] == chain.probe.name
+
+
+def test_tare_from_the_command_line(
+    chain: Chain, capsys: pytest.CaptureFixture[str]
+) -> None:
+    server = threading.Thread(target=chain.port.serve, args=(chain.probe, 1))
+    server.start()
+    assert cli.main(["tare", "--undo", "--connect", chain.daemon.endpoint]) == 0
+    server.join(PATIENCE_S)
+    assert capsys.readouterr().out == f"{chain.probe.name}: tare done\n"
+    assert chain.probe.commands[-1]["arguments"] == (2, 0)
+
+
+def test_restart_from_the_command_line(
+    chain: Chain, capsys: pytest.CaptureFixture[str]
+) -> None:
+    connect = ["--connect", chain.daemon.endpoint]
+    server = threading.Thread(target=chain.port.serve, args=(chain.probe, 1))
+    server.start()
+    assert cli.main(["restart", "--filter", "mahony", *connect]) == 0
+    server.join(PATIENCE_S)
+    assert capsys.readouterr().out == f"{chain.probe.name}: restart done\n"
+    assert chain.probe.commands[-1]["arguments"] == (3, 0)
+    chain.probe.results["restart"] = "bad_argument"
+    server = threading.Thread(target=chain.port.serve, args=(chain.probe, 1))
+    server.start()
+    assert cli.main(["restart", "--filter", "dcm_pi", *connect]) == 1
+    server.join(PATIENCE_S)
+    assert capsys.readouterr().err == (
+        f"imud: probe {chain.probe.name} has no filter dcm_pi: its firmware was built "
+        "without it and runs fuse\n"
+    )
+
+
+def test_no_pose_is_one_line(chain: Chain, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["listen", "--seconds", "0.2", "--connect", chain.daemon.endpoint]
+    assert cli.main(arguments) == 1
+    assert capsys.readouterr().err == (
+        "imud: no pose arrived; is a probe streaming? try imud list, and imud start\n"
+    )
+
+
+@pytest.mark.parametrize("command", ["listen", "list", "start"])
+def test_no_daemon_is_one_line(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    endpoint = free_endpoint()
+    assert cli.main([command, "--connect", endpoint]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"imud: no imud at {endpoint}; start one with imud run")
+
+
+def test_an_endpoint_that_is_none_is_one_line() -> None:
+    with pytest.raises(DaemonNotFound, match="here is no endpoint"):
+        Client("here")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        *([], ["run"], ["listen"], ["list"], ["start"], ["stop"], ["tare"]),
+        *(["restart"], ["decode"]),
+    ],
+)
+def test_every_command_has_help_with_an_example(
+    command: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main([*command, "--help"])
+    assert ended.value.code == 0
+    assert "example: imud " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        [],
+        ["fly"],
+        ["listen", "--seconds", "0"],
+        ["run", "--log", "a", "--no-log"],
+        ["restart", "--filter", "none"],
+    ],
+)
+def test_wrong_usage_is_exit_code_2(
+    command: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(command)
+    assert ended.value.code == 2
+    assert "usage: imud" in capsys.readouterr().err
+
+
+def test_no_port_to_look_at_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "imud.toml"
+    file.write_text("[ports]\nfind = false\n")
+    assert cli.main(["run", "--config", str(file)]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "is off and no port is named; name one: imud run /dev/ttyUSB0" in line

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: MIT
+"""Logs on a disk or in a folder that fails."""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from imud.daemon import lane as lane_module
+from imud.daemon.lane import Lane
+from imud.errors import FileError
+from imud.log.file import Settings
+from imud.log.reader import read_log
+from imud.probes.record import Record
+from imud.sinks.log import LogSink
+from log_files import frames, records
+
+
+@contextmanager
+def lane(sink: LogSink, monkeypatch: pytest.MonkeyPatch) -> Iterator[Lane]:
+    """As the daemon runs it, without waiting long after a fault."""
+    monkeypatch.setattr(lane_module, "RETRY_S", 0.0)
+    sink.period_s = 0.0
+    made = Lane(sink)
+    made.start()
+    yield made
+    assert made.close(30)
+
+
+def counts(lane: Lane) -> tuple[int, int]:
+    return sum(lane.taken("left").values()), lane.dropped("left")
+
+
+def hand_over(lane: Lane, put: list[Record]) -> tuple[int, int]:
+    """How many were logged and how many dropped, by the lane's own counts."""
+    taken, dropped = counts(lane)
+    with lane._wake:  # as one batch
+        for record in put:
+            lane.put(record)
+    until = time.monotonic() + 30
+    while sum(counts(lane)) < taken + dropped + len(put):
+        assert time.monotonic() < until
+        time.sleep(0.001)
+    return counts(lane)[0] - taken, counts(lane)[1] - dropped
+
+
+def test_below_its_floor_logging_pauses_with_one_line_and_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    disk = SimpleNamespace(f_bavail=1000, f_frsize=1_000_000)
+    monkeypatch.setattr(os, "statvfs", lambda _: disk)
+    monkeypatch.setattr(os, "fstatvfs", lambda _: disk)
+    put = records(60)
+    sink = LogSink(tmp_path, Settings(floor_bytes=500 * 10**6))
+    caplog.set_level("INFO", "imud")
+    with lane(sink, monkeypatch) as made:
+        assert hand_over(made, put[:10]) == (10, 0)
+        disk.f_bavail = 499
+        assert hand_over(made, put[10:20]) == (10, 0)  # these were brought out
+        for _ in range(3):
+            assert hand_over(made, put[20:30]) == (0, 10)
+        disk.f_bavail = 540  # not enough to begin again
+        assert hand_over(made, put[30:40]) == (0, 10)
+        disk.f_bavail = 551
+        assert hand_over(made, put[40:50]) == (10, 0)
+    assert [record.getMessage() for record in caplog.records] == [
+        f"log fails and is tried again: {tmp_path} is on a disk with less than 500 MB "
+        "free (log.floor_mb); logging pauses until there is room",
+        "log works again",
+    ]
+    files = sorted(tmp_path.iterdir())
+    assert [len(frames(path)) for path in files] == [20, 10]
+    for path in files:
+        list(read_log(path))
+
+
+def test_a_disk_that_is_full_at_the_start_does_not_keep_imud_from_starting(
+    tmp_path: Path,
+) -> None:
+    sink = LogSink(tmp_path, Settings(floor_bytes=1 << 60))
+    sink.open()
+    with pytest.raises(FileError, match="logging pauses until there is room"):
+        sink.take(records(1)[0])
+    sink.flush()
+    sink.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_full_disk_did_not_take_is_counted_and_leaves_no_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same error in the same places as a disk without a block left."""
+    create = LogSink._create
+    is_full = False
+
+    def opened(sink: LogSink) -> tuple[Path, Any]:
+        path, file = create(sink)
+        if is_full:
+            file.close()
+            return path, Path("/dev/full").open("wb")
+        return path, file
+
+    monkeypatch.setattr(LogSink, "_create", opened)
+    monkeypatch.setattr(os, "fdatasync", lambda _: None)
+    put = records(50)
+    sink = LogSink(tmp_path)
+    with lane(sink, monkeypatch) as made:
+        assert hand_over(made, put[:10]) == (10, 0)
+        is_full = True
+        assert sink.path is not None
+        sink.path.unlink()  # it begins another
+        for _ in range(5):
+            assert hand_over(made, put[10:20]) == (0, 10)
+        is_full = False
+        assert hand_over(made, put[20:30]) == (10, 0)
+    files = sorted(tmp_path.iterdir())
+    assert [len(frames(path)) for path in files] == [10]
+
+
+def test_a_limit_on_the_size_of_files_cuts_at_a_message_and_logging_goes_on(
+    tmp_path: Path,
+) -> None:
+    """In a process of its own: limits hold for all that it writes."""
+    script = f"""
+import signal, sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from pathlib import Path
+from imud.daemon import lane as lane_module
+from imud.daemon.lane import Lane
+from imud.sinks.log import LogSink
+from log_files import records
+from test_log_disk import counts, hand_over
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+lane_module.RETRY_S = 0.0
+sink = LogSink(Path({str(tmp_path)!r}))
+sink.period_s = 0.0
+lane = Lane(sink)
+lane.start()
+put = records(2000)
+for begin in range(0, 2000, 20):
+    hand_over(lane, put[begin : begin + 20])
+lane.close(30)
+print(*counts(lane))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000)),
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    logged, dropped = map(int, done.stdout.split())
+    assert logged + dropped == 2000
+    assert dropped > 0
+    found = [frame for path in tmp_path.iterdir() for frame in frames(path)]
+    assert len(found) == len(set(found)) >= logged > 1000
+
+
+def test_a_folder_that_is_removed_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    put = records(40)
+    sink = LogSink(tmp_path / "logs")
+    with lane(sink, monkeypatch) as made:
+        assert hand_over(made, put[:10]) == (10, 0)
+        for path in (tmp_path / "logs").iterdir():
+            path.unlink()
+        (tmp_path / "logs").rmdir()
+        assert hand_over(made, put[10:20]) == (0, 10)
+        assert hand_over(made, put[20:30]) == (10, 0)
+    (path,) = (tmp_path / "logs").iterdir()
+    assert frames(path) == [record.content for record in put[20:30]]
+    assert "was removed while it was written" in caplog.text
+
+
+def test_a_folder_that_becomes_read_only_costs_what_comes_then(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    put = records(40)
+    sink = LogSink(tmp_path, Settings(rotate_bytes=1))
+    refused = OSError(30, "Read-only file system")
+    is_refused = False
+    create = LogSink._create
+
+    def opened(sink: LogSink) -> tuple[Path, Any]:
+        if is_refused:
+            raise refused
+        return create(sink)
+
+    monkeypatch.setattr(LogSink, "_create", opened)
+    with lane(sink, monkeypatch) as made:
+        assert hand_over(made, put[:10]) == (10, 0)
+        is_refused = True
+        assert hand_over(made, put[10:20]) == (0, 10)
+        assert hand_over(made, put[20:30]) == (0, 10)
+        is_refused = False
+        assert hand_over(made, put[30:40]) == (10, 0)
+    assert caplog.text.count("Read-only file system") == 1
+    found = [frame for path in sorted(tmp_path.iterdir()) for frame in frames(path)]
+    assert found == [record.content for record in [*put[:10], *put[30:40]]]

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: MIT
+"""What goes wrong with a port: one line each, and the daemon goes on."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import queue
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from chain import Chain
+from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
+from imud import _core
+from imud.client import Client
+from imud.errors import CommandRefused
+from imud.wire import schema
+
+
+def test_an_absent_port_is_told_once_and_taken_up_when_it_comes(
+    tmp_path: Path,
+) -> None:
+    with DaemonProcess(tmp_path / "port", directory=tmp_path, log=False) as process:
+        process.expect("port does not exist; it is opened when it appears")
+        probe, port = FakeProbe(), Port(tmp_path / "port")
+        process.expect(": open$")
+        port.write(probe.say("hello"))
+        process.expect("found on")
+        process.stop()
+        port.vanish()
+        assert sum("does not exist" in line for line in process.lines) == 1
+
+
+def test_a_port_that_vanishes_is_told_once_and_counted_over(tmp_path: Path) -> None:
+    made = Chain(tmp_path)
+    made.port.write(made.probe.poses(5) + made.probe.say("event"))
+    made.daemon.expect("stream started")
+    made.port.vanish()
+    made.daemon.expect("port vanished; it is opened when it is back")
+    made.probe.poses(4)
+    made.port = Port(made.port.path)
+    made.daemon.expect(": open$")
+    made.port.write(made.probe.say("hello"))
+    made.daemon.expect("found on")
+    status = made.status_when(lambda s: s["port"] is not None)
+    assert status["ledger"]["lost"] == 4
+    made.daemon.stop()
+    made.close()
+    lines = [line for line in made.daemon.lines if "port" in line]
+    assert sum("vanished" in line for line in lines) == 1
+    assert sum("does not exist" in line for line in lines) == 0
+
+
+def test_a_busy_port_is_told_once_and_taken_up_when_it_is_free(tmp_path: Path) -> None:
+    port = Port(tmp_path / "port")
+    holder = os.open(port.path, os.O_RDWR | os.O_NOCTTY)
+    fcntl.flock(holder, fcntl.LOCK_EX)
+    with DaemonProcess(port.path, directory=tmp_path, log=False) as process:
+        process.expect("port is in use by another program")
+        fcntl.flock(holder, fcntl.LOCK_UN)
+        process.expect(": open$")
+        process.stop()
+        assert sum("in use by" in line for line in process.lines) == 1
+    os.close(holder)
+    port.vanish()
+
+
+def test_a_file_that_is_no_port_is_told_once(tmp_path: Path) -> None:
+    file = tmp_path / "port"
+    file.touch()
+    with DaemonProcess(file, directory=tmp_path, log=False) as process:
+        process.expect("port can't be opened: is it a serial port\\?")
+        process.stop()
+        assert sum("serial port" in line for line in process.lines) == 1
+
+
+def test_a_stream_of_noise_is_told_once_and_ends_nothing(tmp_path: Path) -> None:
+    port, probe = Port(tmp_path / "port"), FakeProbe()
+    with DaemonProcess(port.path, directory=tmp_path, log=False) as process:
+        process.expect("listens on")
+        port.wait_open()
+        noise = bytes(range(1, 256)) * 2
+        port.write(noise)
+        process.expect("510 bytes without a valid message; is it a probe at 500000")
+        port.write(noise + b"\0" + probe.say("hello"))
+        process.expect("found on")
+        process.stop()
+        assert sum("without a valid message" in line for line in process.lines) == 1
+    port.vanish()
+
+
+def test_a_probe_of_another_schema_is_told_once_and_listed(tmp_path: Path) -> None:
+    port = Port(tmp_path / "port")
+    probe = FakeProbe(
+        schema_fingerprint=schema.FINGERPRINT ^ 0x1234, firmware="0.0.9+old"
+    )
+    with DaemonProcess(port.path, directory=tmp_path, log=False) as process:
+        process.expect("listens on")
+        port.wait_open()
+        for _ in range(20):
+            content = probe.content("pose")
+            port.write(_core.encode_frame(schema.SEED ^ 0x1234, content))
+            port.write(probe.say("hello"))
+        line = process.expect("speaks schema")
+        assert f"{schema.FINGERPRINT ^ 0x1234:#010x} (firmware 0.0.9+old)" in line
+        assert "update one of them" in line
+        with Client(process.endpoint) as client:
+            heard: queue.Queue[bytes] = queue.Queue()
+            client.subscribe("status", None, lambda _, payload: heard.put(payload))
+            status = json.loads(heard.get(timeout=PATIENCE_S))
+            assert status["state"] == "other schema"
+            assert status["hello"]["firmware"] == "0.0.9+old"
+            assert status["link"]["corrupt"] == 0
+            assert status["link"]["foreign"] + status["link"]["partial"] == 20
+            with pytest.raises(CommandRefused, match="speaks another schema"):
+                client.command(probe.name, "start")
+        process.stop()
+        assert sum("speaks schema" in line for line in process.lines) == 1
+        assert not any("corrupt" in line for line in process.lines)
+    port.vanish()
+
+
+def test_two_daemons_on_one_endpoint_are_told_apart(chain: Chain) -> None:
+    second = subprocess.run(
+        [
+            *(sys.executable, "-m", "imud", "run", "/dev/none", "--no-log"),
+            *("--listen", chain.daemon.endpoint),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=PATIENCE_S,
+    )
+    assert second.returncode == 1
+    (line,) = second.stderr.splitlines()
+    assert line.startswith(f"imud: can't listen on {chain.daemon.endpoint}")

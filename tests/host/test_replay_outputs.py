@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: MIT
+"""A log replayed: on a pty, into a daemon, over Zenoh."""
+
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from fakes import DaemonProcess, FakeProbe, free_endpoint
+from imud import cli
+from imud.client import Client
+from imud.probes.session import Probe as HeardProbe
+from imud.probes.session import Received, Session
+from imud.recordings import replay
+from imud.wire import schema
+from log_files import frames, records, write
+
+
+def test_pace_follows_the_times_of_the_log() -> None:
+    now, slept = [100.0], []
+
+    def sleep(seconds: float) -> None:
+        slept.append(round(seconds, 6))
+        now[0] += seconds
+
+    pace = replay.Pace(4.0, lambda: now[0], sleep)
+    for t_ns in (0, 10**9, 1_500_000_000, 1_400_000_000, 3 * 10**9):
+        pace.wait(t_ns)
+    assert slept == [0.25, 0.125, 0.375]
+    slept.clear()
+    free = replay.Pace(None, lambda: now[0], sleep)
+    free.wait(0)
+    free.wait(10**12)
+    assert slept == []
+
+
+def test_a_log_replayed_on_a_pty_gives_the_frames_that_were_logged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    put = records(3000)
+    path = write(tmp_path, put)
+    link = tmp_path / "probe"
+    words = ["replay", str(path), "--speed", "max", "--link", str(link)]
+    playing = threading.Thread(target=cli.main, args=(words,))
+    playing.start()
+    while not link.is_symlink():
+        assert playing.is_alive()
+    probe = HeardProbe("left")
+    session = Session(lambda _: probe, None, probe)
+    found: list[bytes] = []
+    port = os.open(link, os.O_RDONLY | os.O_NOCTTY)
+    try:
+        while len(found) < len(put):
+            events = session.receive(b"\0" * (not found) + os.read(port, 4096), None)
+            found += [each.content for each in events if isinstance(each, Received)]
+    finally:
+        os.close(port)
+    playing.join()
+    assert found == [record.content for record in put]
+    assert session.corrupt.total() == 0
+    assert not link.exists()
+    assert "probe left is on" in capsys.readouterr().out
+
+
+def test_a_log_replayed_into_a_daemon_is_heard_as_a_probe(tmp_path: Path) -> None:
+    probe = FakeProbe()
+    put = records(200, probe)
+    hello = probe.content("hello")
+    last = put[-1]
+    put.append(msgspec.structs.replace(last, topic="hello", payload=b"", content=hello))
+    path = write(tmp_path / "in", put)
+    link = tmp_path / "probe"
+    words = ["replay", str(path), "--speed", "max", "--link", str(link)]
+    playing = threading.Thread(target=cli.main, args=(words,))
+    playing.start()
+    while not link.is_symlink():
+        assert playing.is_alive()
+    with DaemonProcess(link, directory=tmp_path) as daemon:
+        daemon.expect("probe 00112233445566aa found")
+        playing.join()
+        daemon.stop()
+        assert frames(daemon.log) == [record.content for record in put]
+
+
+def test_a_log_replayed_over_zenoh_is_what_was_published(tmp_path: Path) -> None:
+    put = records(300)
+    path = write(tmp_path / "in", put)
+    link = tmp_path / "none"
+    with DaemonProcess(link, directory=tmp_path, log=False) as daemon:
+        daemon.expect("listens on")
+        with Client(daemon.endpoint) as client, Client(daemon.endpoint) as player:
+            heard: list[tuple[str, bytes]] = []
+            key = "imud/left/*"
+            subscriber = client.session.declare_subscriber(
+                key, lambda s: heard.append((str(s.key_expr), s.payload.to_bytes()))
+            )
+            # Whoever subscribes is known to the router before it answers.
+            client.statuses()
+            what = replay.recording([path])
+            assert replay.to_network(what, player, None) == 0
+            subscriber_done = threading.Event()
+            marker = client.session.declare_subscriber(
+                "end", lambda _: subscriber_done.set()
+            )
+            client.statuses()
+            player.session.put("end", b"")
+            assert subscriber_done.wait(30)
+            marker.undeclare()
+            subscriber.undeclare()
+    wanted = [("imud/left/frame", record.content) for record in put]
+    assert [each for each in heard if each[0].endswith("frame")] == wanted
+    poses = [("imud/left/pose", r.payload) for r in put if r.topic == "pose"]
+    assert [each for each in heard if each[0].endswith("/pose")] == poses
+
+
+def test_of_several_probes_one_is_chosen_for_a_link(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path, records(3, name="left"), records(3, name="right"))
+    assert cli.main(["replay", str(path), "--link", str(tmp_path / "x")]) == 1
+    assert "choose one with --probe" in capsys.readouterr().err
+    assert cli.main(["replay", str(path), "--probe", "up"]) == 1
+    assert "no probe up; there is left, right" in capsys.readouterr().err
+
+
+def test_a_log_of_another_schema_is_not_given_out_as_of_this_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The seed of a frame's CRC would say that it is."""
+    path = write(tmp_path, records(3))
+    monkeypatch.setattr(schema, "FINGERPRINT", schema.FINGERPRINT ^ 1)
+    assert cli.main(["replay", str(path)]) == 1
+    assert "is of another schema than this imud" in capsys.readouterr().err
+
+
+def test_an_endpoint_without_a_network_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path, records(3))
+    assert cli.main(["replay", str(path), "--connect", free_endpoint()]) == 1
+    assert capsys.readouterr().err.startswith("imud: no imud at")

@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: MIT
+"""Messages, types and keys of ROS 2 are those of other implementations."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import zenoh
+from hypothesis import given
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
+from zenoh.ext import Int64, z_deserialize
+from zenoh_ros2_sdk import attachment as other_attachment
+from zenoh_ros2_sdk import entity, keyexpr, qos
+
+import ros_types
+from imud.ros2 import cdr
+from imud.ros2 import topics as ros2
+from imud.ros2.cdr import Diagnosis, Level
+from imud.ros2.topics import Node, Topic
+from imud.sinks.ros2 import DIAGNOSTICS, TF
+from ros_values import FIELD, FORCE, JAZZY, RATE, T_NS, Q
+
+TYPES = JAZZY.types
+
+# One of each length that aligns what follows otherwise, and one that is not ASCII.
+FRAMES = ("", "a", "ab", "abc", "abcd", "imu_12", "probe_00112233445566aa", "Mühle")
+
+XYZW = (0.1, -0.2, 0.3, 0.9)
+COVARIANCE = tuple(0.25 * n for n in range(9))
+
+DIAGNOSES = [
+    Diagnosis(Level.WARN, "imud: tip", "3 lost", "0123", {"state": "ok", "n": ""}),
+    Diagnosis(Level.STALE, "x", "", "", {}),
+]
+
+
+def theirs(kind: ros2.Type, build: Callable[[Callable[..., Any]], Any]) -> list[bytes]:
+    """What both other serialisers make of a message that `build` makes of its parts."""
+
+    def of_rosbags(name: str, *values: Any) -> Any:
+        (full,) = (t for t in TYPES if t.endswith(f"/msg/{name}") and t in PARTS)
+        return TYPES[full](
+            *(np.array(v) if isinstance(v, tuple) else v for v in values)
+        )
+
+    def of_pycdr2(name: str, *values: Any) -> Any:
+        return getattr(ros_types, name)(
+            *(list(v) if isinstance(v, tuple) else v for v in values)
+        )
+
+    return [
+        bytes(JAZZY.serialize_cdr(build(of_rosbags), kind.name)),
+        build(of_pycdr2).serialize(),
+    ]
+
+
+PARTS = frozenset(
+    {
+        "builtin_interfaces/msg/Time",
+        "std_msgs/msg/Header",
+        "geometry_msgs/msg/Point",
+        "geometry_msgs/msg/Pose",
+        "geometry_msgs/msg/Quaternion",
+        "geometry_msgs/msg/Transform",
+        "geometry_msgs/msg/TransformStamped",
+        "geometry_msgs/msg/Vector3",
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        "diagnostic_msgs/msg/KeyValue",
+        *(kind.name for kind in ros2.TYPES),
+    }
+)
+
+
+def header(make: Callable[..., Any], frame: str) -> Any:
+    return make("Header", make("Time", *divmod(T_NS, 10**9)), frame)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_an_imu_is_byte_for_byte_that_of_two_other_serialisers(frame: str) -> None:
+    ours = cdr.imu(T_NS, frame, Q, COVARIANCE, RATE, cdr.UNKNOWN, FORCE, cdr.ABSENT)
+    others = theirs(
+        ros2.IMU,
+        lambda make: make(
+            "Imu",
+            header(make, frame),
+            make("Quaternion", *XYZW),
+            COVARIANCE,
+            make("Vector3", *RATE),
+            (0.0,) * 9,
+            make("Vector3", *FORCE),
+            (-1.0,) + (0.0,) * 8,
+        ),
+    )
+    assert others == [ours, ours]
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_a_magnetic_field_is_byte_for_byte_theirs(frame: str) -> None:
+    ours = cdr.magnetic_field(T_NS, frame, FIELD, COVARIANCE)
+    others = theirs(
+        ros2.MAGNETIC_FIELD,
+        lambda make: make(
+            "MagneticField", header(make, frame), make("Vector3", *FIELD), COVARIANCE
+        ),
+    )
+    assert others == [ours, ours]
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_a_pose_is_byte_for_byte_theirs(frame: str) -> None:
+    ours = cdr.pose_stamped(T_NS, frame, FORCE, Q)
+    others = theirs(
+        ros2.POSE_STAMPED,
+        lambda make: make(
+            "PoseStamped",
+            header(make, frame),
+            make("Pose", make("Vector3", *FORCE), make("Quaternion", *XYZW)),
+        ),
+    )
+    assert others == [ours, ours]
+
+
+@pytest.mark.parametrize("child", FRAMES)
+@pytest.mark.parametrize("frame", FRAMES[:5])
+def test_a_transform_is_byte_for_byte_theirs(frame: str, child: str) -> None:
+    ours = cdr.transform(T_NS, frame, child, FORCE, Q)
+    others = theirs(
+        ros2.TF_MESSAGE,
+        lambda make: make(
+            "TFMessage",
+            [
+                make(
+                    "TransformStamped",
+                    header(make, frame),
+                    child,
+                    make(
+                        "Transform", make("Vector3", *FORCE), make("Quaternion", *XYZW)
+                    ),
+                )
+            ],
+        ),
+    )
+    assert others == [ours, ours]
+
+
+def diagnostics(make: Callable[..., Any], frame: str, said: list[Diagnosis]) -> Any:
+    return make(
+        "DiagnosticArray",
+        header(make, frame),
+        [
+            make(
+                "DiagnosticStatus",
+                int(one.level),
+                one.name,
+                one.message,
+                one.hardware_id,
+                [make("KeyValue", *pair) for pair in one.values.items()],
+            )
+            for one in said
+        ],
+    )
+
+
+TEXT = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=9)
+
+
+@given(
+    frame=TEXT,
+    said=st.lists(
+        st.builds(
+            Diagnosis,
+            st.sampled_from(Level),
+            TEXT,
+            TEXT,
+            TEXT,
+            st.dictionaries(TEXT, TEXT, max_size=3),
+        ),
+        max_size=3,
+    ),
+)
+def test_diagnostics_are_byte_for_byte_theirs(
+    frame: str, said: list[Diagnosis]
+) -> None:
+    ours = cdr.diagnostic_array(T_NS, frame, said)
+    others = theirs(ros2.DIAGNOSTIC_ARRAY, lambda make: diagnostics(make, frame, said))
+    assert others == [ours, ours]
+
+
+@pytest.mark.parametrize("kind", ros2.TYPES, ids=lambda kind: kind.name)
+@pytest.mark.parametrize(
+    "store", [Stores.ROS2_IRON, Stores.ROS2_JAZZY, Stores.ROS2_KILTED]
+)
+def test_a_type_has_the_hash_of_its_definition(kind: ros2.Type, store: Stores) -> None:
+    assert get_typestore(store).hash_rihs01(kind.name) == kind.hash
+
+
+TOPICS = (Topic("/imud/tip/imu/data", ros2.IMU), TF, DIAGNOSTICS)
+
+
+@pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.name)
+def test_keys_and_tokens_are_those_of_another_implementation(topic: Topic) -> None:
+    node = Node(3, "51f2a", "imud")
+    other_node = entity.NodeEntity(3, "51f2a", 0, "imud")
+    assert node.token == keyexpr.node_liveliness_keyexpr(other_node)
+    # Its own default of depth is 10, that of rmw_zenoh is 42: it is always said here.
+    reliable = qos.QosProfile(history_depth=topic.depth)
+    other = entity.EndpointEntity(
+        other_node,
+        7,
+        entity.EntityKind.PUBLISHER,
+        topic.name,
+        topic.type.dds,
+        topic.type.hash,
+        reliable.encode(),
+    )
+    assert node.publisher_token(7, topic) == keyexpr.endpoint_liveliness_keyexpr(other)
+    assert qos.QosProfile.decode(topic.qos) == reliable
+    key = keyexpr.topic_keyexpr(3, topic.name, topic.type.dds, topic.type.hash)
+    assert topic.key(3) == key
+
+
+def test_an_attachment_is_read_by_zenoh_and_by_another_implementation() -> None:
+    gid = ros2.gid_of("@ros2_lv/0/token")
+    data = ros2.attachment(5, T_NS, gid)
+    other = other_attachment.Attachment.from_bytes(data)
+    assert (other.sequence_id, other.timestamp_ns, other.gid) == (5, T_NS, gid)
+    assert other.to_bytes() == data
+    read = z_deserialize(tuple[Int64, Int64, bytes], zenoh.ZBytes(data))
+    assert read == (5, T_NS, gid)
+
+
+def test_a_gid_is_the_hash_of_the_token_low_half_first() -> None:
+    # XXH3-128 of nothing, by the test vectors of xxHash's specification.
+    low, high = 0x6001C324468D497F, 0x99AA06D3014798D8
+    assert ros2.gid_of("") == struct.pack("<QQ", low, high)

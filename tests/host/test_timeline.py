@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: MIT
+"""UTC that never falls, whatever is done to the host's clock."""
+
+from __future__ import annotations
+
+import json
+import queue
+import re
+import select
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
+from imud.client import Client
+from imud.probes.record import Stamp
+from imud.probes.session import Probe, Received, Session
+from imud.probes.timeline import READING_NS, Rising, Timeline
+
+SECOND = 1_000_000_000
+MS = 1_000_000
+
+TURNS = st.lists(
+    st.tuples(
+        st.integers(-5000, 20_000), st.integers(-9000, 9000), st.floats(-0.02, 0.02)
+    ),
+    max_size=30,
+)
+
+
+@given(TURNS, st.lists(st.integers(-3000, 3000), min_size=30, max_size=30))
+def test_a_rising_function_never_falls_whatever_it_is_told(
+    turns: list[tuple[int, int, float]], late: list[int]
+) -> None:
+    rising = Rising()
+    rising.turn(0, 0, 0.0)
+    asked: dict[int, int] = {}
+    x = 0
+    for (step, error, rate), back in zip(turns, late, strict=False):
+        rising.turn(x + step, x + step + error, rate)
+        x += abs(step) // 3
+        for at in (x, x + back):
+            asked.setdefault(at, rising.at(at))
+    # So long as no more pieces came in between than are kept.
+    if len(turns) < 15:
+        inside = [asked[at] for at in sorted(asked) if at >= 0]
+        assert inside == sorted(inside)
+
+
+def ahead(timeline: Timeline, host_ns: int) -> int:
+    return timeline.ahead(host_ns, timeline.utc(host_ns))
+
+
+def test_utc_follows_a_step_forwards_at_once() -> None:
+    timeline = Timeline(1000 * SECOND)
+    assert timeline.utc(SECOND) == 1001 * SECOND
+    assert timeline.follow(SECOND, 1001 * SECOND, SECOND) == 0
+    assert timeline.follow(2 * SECOND, 1005 * SECOND, 2 * SECOND) == 3 * SECOND
+    assert timeline.utc(2 * SECOND + 1) == 1005 * SECOND + 1
+    assert timeline.utc(SECOND) == 1001 * SECOND
+    assert (timeline.steps, timeline.last_step_ns) == (1, 3 * SECOND)
+    assert ahead(timeline, 2 * SECOND + 1) == 0
+
+
+def test_utc_makes_up_a_step_backwards_without_running_back() -> None:
+    timeline = Timeline(1000 * SECOND)
+    timeline.utc(2 * SECOND)
+    assert timeline.follow(2 * SECOND, 1001 * SECOND, 2 * SECOND) == -SECOND
+    times = [timeline.utc(2 * SECOND + i * 100 * MS) for i in range(150)]
+    assert times == sorted(times)
+    assert times[0] == 1002 * SECOND
+    assert ahead(timeline, 2 * SECOND) == SECOND
+    assert ahead(timeline, 7 * SECOND) == pytest.approx(SECOND // 2, abs=2)
+    assert timeline.utc(13 * SECOND) == 1012 * SECOND
+    assert ahead(timeline, 13 * SECOND) == 0
+
+
+def test_a_reading_that_took_long_is_left_out() -> None:
+    timeline = Timeline(0)
+    assert timeline.follow(0, SECOND, READING_NS + 1) == 0
+    assert timeline.follow(0, READING_NS, 0) == 0
+    assert timeline.steps == 0
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What NTP does to a host's UTC at STEPPED_NS: a step, or a slew for 20 s."""
+
+    step_ns: int = 0
+    slew_ppm: int = 0
+
+    def utc(self, host_ns: int) -> int:
+        since_ns = max(0, host_ns - STEPPED_NS)
+        step_ns = self.step_ns if since_ns else 0
+        slewed_ns = min(since_ns, 20 * SECOND) * self.slew_ppm // 1_000_000
+        return 1_700_000_000 * SECOND + host_ns + step_ns + slewed_ns
+
+
+HOUR = 3600 * SECOND
+STEPPED_NS = 15 * SECOND + 3 * MS + 7
+SETTINGS = {
+    "a second on": Setting(step_ns=SECOND),
+    "a second back": Setting(step_ns=-SECOND),
+    "an hour on": Setting(step_ns=HOUR),
+    "an hour back": Setting(step_ns=-HOUR),
+    "2 ms on": Setting(step_ns=2 * MS),
+    "2 ms back": Setting(step_ns=-2 * MS),
+    "a slew on": Setting(slew_ppm=500),
+    "a slew back": Setting(slew_ppm=-500),
+}
+
+
+def said_under(
+    setting: Setting, seconds: int
+) -> tuple[list[int], list[Stamp], Timeline]:
+    """When each pose was sampled, in the host's time; what was said of it."""
+    probe, known = FakeProbe(), Probe(FakeProbe().name)
+    timeline = Timeline(setting.utc(0))
+    session = Session(lambda _: known, 0, timeline=timeline)
+    session.receive(b"\0" + probe.say("hello"), MS)
+    sampled: list[int] = []
+    stamps: list[Stamp] = []
+    for number in range(1, 100 * seconds):
+        at_ns = number * 10 * MS
+        if number % 100 == 20:
+            known.clock.heard(at_ns // 1000, at_ns - MS // 10)
+        probe.time_us = at_ns // 1000
+        came_ns = at_ns + 5 * MS if number % 100 else at_ns + MS // 10
+        timeline.follow(came_ns, setting.utc(came_ns), came_ns)
+        (event,) = session.receive(probe.say("pose"), came_ns)
+        assert isinstance(event, Received)
+        sampled.append(at_ns)
+        stamps.append(event.stamp)
+    return sampled, stamps, timeline
+
+
+@pytest.mark.parametrize("setting", SETTINGS.values(), ids=SETTINGS)
+def test_when_utc_is_set_no_time_falls_and_each_bound_holds(setting: Setting) -> None:
+    sampled, stamps, timeline = said_under(setting, 60)
+    times = [stamp.t_ns or 0 for stamp in stamps]
+    assert times == sorted(times)
+    bounds = [stamp.t_bound_ns for stamp in stamps]
+    for at_ns, t_ns, bound_ns in zip(sampled, times, bounds, strict=True):
+        if bound_ns is not None:
+            assert abs(t_ns - setting.utc(at_ns)) <= bound_ns
+    wide = [
+        at_ns
+        for at_ns, bound_ns in zip(sampled, bounds, strict=True)
+        if at_ns > 10 * SECOND and (bound_ns is None or bound_ns > 1.5 * MS)
+    ]
+    assert timeline.steps == (1 if setting.step_ns else 0)
+    assert timeline.last_step_ns == pytest.approx(setting.step_ns, abs=READING_NS)
+    if setting.slew_ppm:
+        assert wide == []
+    elif setting.step_ns > 0:
+        # Those alone that were taken before it was known.
+        assert max(wide) - min(wide) < 30 * MS
+    else:
+        # A tenth of the time is made up: ten times the step.
+        until_ns = min(STEPPED_NS - 10 * setting.step_ns, 60 * SECOND)
+        assert max(wide) == pytest.approx(until_ns, abs=30 * MS)
+
+
+SETTABLE = """
+import signal, sys, time
+from imud.cli import program
+
+read, steps = time.time_ns, []
+time.time_ns = lambda: read() + sum(steps)
+signal.signal(signal.SIGUSR1, lambda *_: steps.append(3600 * 10**9))
+signal.signal(signal.SIGUSR2, lambda *_: steps.append(-(10**9)))
+sys.argv[0] = "imud"
+program()
+"""
+
+
+def test_a_running_daemon_says_that_utc_was_set_and_goes_on(tmp_path: Path) -> None:
+    script = tmp_path / "settable.py"
+    script.write_text(SETTABLE)
+    probe, port = FakeProbe(), Port(tmp_path / "port")
+    program = (str(script),)
+    heard: queue.Queue[dict[str, Any]] = queue.Queue()
+    # Real UTC just before and after each pose was sampled, by its number on the wire.
+    sampled: dict[int, tuple[int, int]] = {}
+
+    def device_us() -> int:
+        return time.monotonic_ns() // 1000 & 0xFFFFFFFF
+
+    def speak(count: int) -> list[dict[str, Any]]:
+        """So many poses, one in 5 ms, with answers in between; what came of them."""
+        for _ in range(count):
+            before_ns = time.time_ns()
+            probe.time_us = device_us()
+            sampled[probe.sequence] = before_ns, time.time_ns()
+            port.write(probe.say("pose"))
+            select.select([port.master], [], [], 0.005)
+            probe.time_us = device_us()
+            port.write(port.answers(probe))
+        return [heard.get(timeout=PATIENCE_S) for _ in range(count)]
+
+    with DaemonProcess(port.path, directory=tmp_path, program=program) as daemon:
+        port.wait_open()
+        probe.time_us = device_us()
+        port.write(b"\0" + probe.say("hello"))
+        daemon.expect("found on")
+        with Client(daemon.endpoint) as client:
+            clocks: queue.Queue[dict[str, Any]] = queue.Queue()
+            statuses: queue.Queue[dict[str, Any]] = queue.Queue()
+            for topic, into in (("pose", heard), ("clock", clocks)):
+                client.subscribe(topic, None, taker(into))
+            client.statuses()  # then the router knows who subscribes
+            before = speak(200)
+            daemon.process.send_signal(signal.SIGUSR1)
+            while clocks.empty():
+                before += speak(1)
+            on = clocks.get()
+            after = speak(100)
+            daemon.process.send_signal(signal.SIGUSR2)
+            client.subscribe("status", None, taker(statuses))
+            while clocks.empty():
+                after += speak(1)
+            back = clocks.get()
+            late = speak(100)
+            status = statuses.get(timeout=PATIENCE_S)
+            while status["clock"]["host_steps"] < 2:
+                late += speak(10)
+                status = statuses.get(timeout=PATIENCE_S)
+        lines = [daemon.expect(re.escape(what)) for what in ("+3600.0", "-1.0")]
+        daemon.stop()
+    port.vanish()
+    assert on["step_ns"] == pytest.approx(HOUR, abs=100 * MS)
+    assert back["step_ns"] == pytest.approx(-SECOND, abs=100 * MS)
+    assert "time stamps follow slowly" in lines[1]
+    assert "time stamps follow slowly" not in lines[0]
+    assert_honest(before + after + late, sampled)
+    assert after[-1]["t_ns"] - sampled[after[-1]["seq"]][0] > HOUR - SECOND
+    # Of the second, a tenth of the time since is made up.
+    assert 300_000 < late[0]["t_bound_us"] < 1_100_000
+    assert status["clock"]["host_ahead_ns"] > SECOND // 3
+    assert status["state"] != "silent"
+
+
+def assert_honest(
+    poses: list[dict[str, Any]], sampled: dict[int, tuple[int, int]]
+) -> None:
+    """No time falls, and each is within its bound, by one of the settings of UTC."""
+    times = [pose["t_ns"] for pose in poses]
+    assert times == sorted(times)
+    for pose in poses[100:]:
+        bound_ns = 1000 * pose["t_bound_us"]
+        earliest, latest = sampled[pose["seq"]]
+        assert any(
+            earliest - bound_ns <= pose["t_ns"] - set_ns <= latest + bound_ns
+            for set_ns in (0, HOUR, HOUR - SECOND)
+        )
+
+
+def taker(into: queue.Queue[dict[str, Any]]) -> Callable[[str, bytes], None]:
+    return lambda _, payload: into.put(json.loads(payload))

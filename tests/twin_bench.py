@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: MIT
+"""The firmware's own C as a probe, and its messages for a twin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from core.desk import lib
+from core.probe_bench import MPU9250, Bench, Memory, command_frame
+from core.scenes import scene, tumble
+from imud.probes.session import Probe, Received, Session
+from imud.stages.twin import Outcome, Twin
+from imud.wire.frame import FrameDecoder
+from imud.wire.messages import Message, decode, encode
+
+PERIOD_US = 5000
+SAMPLES = scene(tumble(8, 200, seed=4), 200, seed=4).samples(MPU9250)
+POSE, BOTH = lib.STREAM_POSE, lib.STREAM_POSE | lib.STREAM_RAW
+
+
+class Life(Bench):
+    """A probe whose time goes by in samples, and the contents of all it says."""
+
+    def __init__(self, memory: Memory | None = None) -> None:
+        self.contents: list[bytes] = []
+        self.at = 0
+        self.token = 0
+        super().__init__(memory)
+
+    def _send(self, data: Any, length: int) -> bool:
+        self.contents += FrameDecoder().feed(bytes(data[0:length]))
+        return True
+
+    def wake(self) -> Life:
+        self.find_sensor()
+        return self
+
+    def live(self, count: int, **flags: bool) -> Life:
+        for _ in range(count):
+            row = SAMPLES[self.at % len(SAMPLES)].copy()
+            for name, is_so in flags.items():
+                row[name] = is_so
+            self.at += 1
+            self.now_us += PERIOD_US
+            self.sample(row)
+            lib.probe_step(self.c, False, self.time_us)
+        return self
+
+    def miss(self, count: int) -> Life:
+        """Samples that the probe is too late for; the next one says so."""
+        self.now_us += count * PERIOD_US
+        lib.probe_overrun(self.c, count, self.time_us)
+        return self.live(1, has_gap=True)
+
+    def faint(self, count: int) -> Life:
+        """The bus fails and the sensor is set up again."""
+        self.fail()
+        self.now_us += count * PERIOD_US
+        self.find_sensor()
+        return self.live(1, has_gap=True)
+
+    def order(self, command: int, first: int = 0, second: int = 0) -> Life:
+        self.token += 1
+        self.receive(command_frame(command, self.token, first, second))
+        return self
+
+
+def followed(*, raw_hz: int = 200) -> Life:
+    """A probe that streams both from its boot."""
+    life = Life().order(lib.COMMAND_FIELDS, BOTH)
+    return life.order(lib.COMMAND_RATE, 1, raw_hz).order(lib.COMMAND_START).wake()
+
+
+def heard(contents: Iterable[bytes]) -> tuple[Twin, list[Outcome]]:
+    """What a twin makes of what a session passes on to it."""
+    twin = Twin()
+    probes: dict[str, Probe] = {}
+    session = Session(lambda name: probes.setdefault(name, Probe(name)))
+    outcomes = [
+        outcome
+        for content in contents
+        for event in session.take(content, None)
+        if isinstance(event, Received)
+        and (outcome := twin.take(event.message, event.content)) is not None
+    ]
+    return twin, outcomes
+
+
+def named(contents: list[bytes], name: str) -> list[int]:
+    """Where messages of that name, or events, are."""
+    found = []
+    for at, content in enumerate(contents):
+        message = decode(content)
+        assert isinstance(message, Message)
+        if name in (message.name, message.fields.get("event")):
+            found.append(at)
+    return found
+
+
+def changed(content: bytes, **fields: Any) -> bytes:
+    message = decode(content)
+    assert isinstance(message, Message)
+    return encode(
+        message.name,
+        dict(message.fields) | fields,
+        message.sequence,
+        message.time_us,
+    )
+
+
+def without(contents: list[bytes], *gone: int) -> list[bytes]:
+    return [content for at, content in enumerate(contents) if at not in gone]
+
+
+def message_of(content: bytes) -> Message:
+    message = decode(content)
+    assert isinstance(message, Message)
+    return message
