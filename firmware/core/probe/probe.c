@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The probe's states and messages; see probe.h.
+// The probe: its start, its samples, its steps, its light; see probe.h.
 #include "core/probe/probe.h"
 
 #include <stddef.h>
