@@ -24,7 +24,7 @@ from core.scenes import (
     scene,
     tumble,
 )
-from core.test_fuse import CALIBRATIONS, wild_samples
+from core.test_fuse_extremes import CALIBRATIONS, wild_samples
 from imud import rotation
 
 # Of a sensor, as its driver gives them.

@@ -10,7 +10,7 @@ import pytest
 
 import native
 from core.fake_card import FakeCard
-from core.test_logbook import LOST_US_MAX, SECOND, Log
+from core.log_desk import LOST_US_MAX, SECOND, Log
 from fakes import FakeProbe
 from imud import cli
 from imud.log.reader import Logged, read_log
