@@ -163,11 +163,6 @@ def test_where_the_other_tests_work_a_product_beyond_32_bits_ends_the_process(
     assert ("leaves 32 bits" in done.stderr) != is_sound
 
 
-def test_differences_are_held_at_the_ends_of_the_range():
-    for a, b in product(EDGES, EDGES):
-        assert lib.fixed_sub_sat(a, b) == held(a - b), (a, b)
-
-
 @given(int32s, st.integers(0, INT32_MAX))
 def test_a_clamp_holds_the_value_within_plus_and_minus_the_limit(value, limit):
     assert lib.fixed_clamp(value, limit) == max(-limit, min(limit, value))

@@ -54,13 +54,6 @@ int32_t fixed_dot3_q14(const int32_t v[3], const int16_t m[3]);
 // The high word of the unsigned product, floored.
 uint32_t fixed_umul_q32(uint32_t a, uint32_t b);
 
-// a - b, held at the ends of the range.
-static inline int32_t fixed_sub_sat(int32_t a, int32_t b) {
-    int32_t difference;
-    return __builtin_sub_overflow(a, b, &difference) ? (a < 0 ? INT32_MIN : INT32_MAX)
-                                                     : difference;
-}
-
 // `value`, held within +-limit.
 int32_t fixed_clamp(int32_t value, int32_t limit);
 
