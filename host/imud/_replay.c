@@ -108,7 +108,7 @@ static PyObject *replay_step(PyObject *self, PyObject *content) {
         .time_us = header.time_us,
         .acc = counts_of(raw.acc),
         .gyr = counts_of(raw.gyr),
-        .mag = has_mag ? counts_of(raw.mag) : (struct counts){0},
+        .mag = has_mag ? counts_of(raw.mag) : (struct counts){.x = 0},
         .temperature_cdeg = raw.temperature,
         .has_mag = has_mag,
         .mag_overflow = (raw.sample_flags & SAMPLE_MAG_OVERFLOW) != 0,
