@@ -36,7 +36,10 @@ def twin(folder: Path, thumb: Path | None = None) -> Path:
         for name in sorted(parts)
         if thumb is None or not name.startswith("thumb")
     ]
-    objects += [BUILT / "chips" / f"{p.stem}.o" for p in (SIM / "chips").glob("*.c")]
+    objects += [
+        (BUILT / path.relative_to(SIM)).with_suffix(".o")
+        for path in (SIM / "chips").rglob("*.c")
+    ]
     sources = [Path(__file__).with_name("thumb_twin.c")]
     if thumb is not None:
         sources += sorted(thumb.glob("*.c"))

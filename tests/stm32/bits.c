@@ -35,7 +35,7 @@ void bits_begin(int32_t filter) {
     number = 0;
     noise = 2463534242U;
     digest = 2166136261U;
-    gyr = (struct counts){0};
+    gyr = (struct counts){.x = 0};
     calibration_clear(&calibration);
     (void)pose_begin(&tracker, &calibration, &sensor, filter);
 }
@@ -49,8 +49,10 @@ static void take_up(int32_t value) {
 void bits_step(void) {
     struct sample sample = {
         .time_us = number * PERIOD_US,
-        .acc = {random_within(5), random_within(5), (int16_t)(1366 + random_within(5))},
-        .gyr = {random_within(3), random_within(3), random_within(3)},
+        .acc = {.x = random_within(5),
+                .y = random_within(5),
+                .z = (int16_t)(1366 + random_within(5))},
+        .gyr = {.x = random_within(3), .y = random_within(3), .z = random_within(3)},
         .temperature_cdeg = 2500,
         .has_mag = number % 4 == 0,
     };
