@@ -132,7 +132,7 @@ def test_a_device_that_makes_up_ids_fills_no_memory(tmp_path: Path) -> None:
         daemon.expect("found on")
         for number in range(2 * PROBES_MAX):
             port.write(FakeProbe(probe_id=number.to_bytes(8, "big")).say("hello"))
-        daemon.expect(f"{PROBES_MAX} probes were heard, so probe .* is left out")
+        daemon.expect(f"{PROBES_MAX} probes were heard, so probe .* is ignored")
         while True:  # an answer is of the turn in which it is asked
             port.write(honest.say("hello"))
             with Client(daemon.endpoint) as client:
