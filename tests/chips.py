@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import native
@@ -15,5 +16,8 @@ def load(name: str, *, core: bool = True) -> tuple[Any, Any]:
 
     A model is sim/chips/NAME.h, all files of sim/chips/NAME/, and what models share.
     """
-    sources = sorted([*CHIPS.glob("*.c"), *(CHIPS / name).glob("*.c")])
-    return native.load(sources, [CHIPS / f"{name}.h"], core=core)
+    return native.load(sources(name), [CHIPS / f"{name}.h"], core=core)
+
+
+def sources(name: str) -> list[Path]:
+    return sorted([*CHIPS.glob("*.c"), *(CHIPS / name).glob("*.c")])

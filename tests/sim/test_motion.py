@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+import chips
 import native
 from nano_desk import NANO, image, run
 
@@ -22,7 +23,7 @@ def desk() -> Path:
 
 
 ffi, lib = native.load(
-    extra_sources=["sim/motion.c"],
+    extra_sources=["sim/motion.c", *chips.sources("mpu9250")],
     extra_headers=["sim/chips/mpu9250.h", "sim/motion.h"],
     core=False,
 )
