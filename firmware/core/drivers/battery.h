@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// A Li-ion cell and its charger, a BQ24072: what their pins say, made steady.
+// A Li-ion cell and its charger, a BQ24072: smooths and debounces what their pins say.
 #ifndef BATTERY_H
 #define BATTERY_H
 
@@ -7,17 +7,17 @@
 #include <stdint.h>
 
 enum {
-    BATTERY_UNKNOWN = 65535,  // nothing is wired; null in the message
-    // A Li-ion cell is near its end at 3.3 V: soon its protection cuts it off, at 2.4
-    // to 3.0 V, and a regulator to 3.3 V already follows it down. Relieved of its load
-    // it does not get back to 3.5 V by itself.
+    BATTERY_UNKNOWN = 65535,  // nothing is connected; null in the message
+    // At 3.3 V a Li-ion cell is nearly empty: its protection disconnects it at 2.4 to
+    // 3.0 V, and a 3.3 V regulator already drops with it. Without load it does not
+    // recover to 3.5 V.
     BATTERY_LOW_MV = 3300,
     BATTERY_GOOD_MV = 3500,
-    // What a divider by two can bring from a cell: below, it is not one that feeds the
-    // probe; above, not one that the charger has charged, to 4.2 V.
+    // Limits of a plausible cell: below, it could not power the probe; above, it was
+    // not charged by this charger, which stops at 4.2 V.
     BATTERY_MIN_MV = 2000,
     BATTERY_MAX_MV = 4600,
-    BATTERY_PERIOD_MS = 100,  // of the readings
+    BATTERY_PERIOD_MS = 100,  // between readings
 };
 
 struct battery_reading {
@@ -26,9 +26,9 @@ struct battery_reading {
     bool is_charge_low;  // CHG
 };
 
-// Starts with zeros, mv with BATTERY_UNKNOWN. The first line is for all to read.
+// Initialised by battery_init(). Others may read the first two lines.
 struct battery {
-    uint16_t mv;  // smoothed, BATTERY_UNKNOWN
+    uint16_t mv;  // smoothed, or BATTERY_UNKNOWN
     bool is_external, is_charging, is_low;
     uint8_t supply_for;  // readings that PGOOD has differed from is_external
     uint8_t charge_for;  // readings that CHG has been low
@@ -38,12 +38,12 @@ struct battery {
 
 void battery_init(struct battery *battery);
 
-// Takes a reading, one each BATTERY_PERIOD_MS. Returns true once where the battery has
-// got low: below BATTERY_LOW_MV for 10 s with nothing at the charger's input, so that a
-// dip under load is none. It recovers with external power or above BATTERY_GOOD_MV.
+// Takes one reading every BATTERY_PERIOD_MS. Returns true once when the battery becomes
+// low: below BATTERY_LOW_MV for 10 s without external supply, so a short dip under load
+// does not count. It is no longer low with external supply or above BATTERY_GOOD_MV.
 bool battery_step(struct battery *battery, const struct battery_reading *reading);
 
-// Flags `power` of the protocol.
+// Returns the flags `power` of the protocol.
 uint8_t battery_power(const struct battery *battery);
 
 #endif

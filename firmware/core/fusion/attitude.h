@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The filter that runs: measurements in, orientation and its quality out. Which one is
-// said when it starts, or, where -DATTITUDE_ONLY=name leaves that one alone in the
-// image, when it is built. What each function promises: fuse.h.
+// The filter in use: measurements in, orientation and its quality out. It is selected
+// when it starts. If -DATTITUDE_ONLY=name is given, the image contains that filter
+// only. fuse.h says what each function does, with units and ranges.
 #ifndef ATTITUDE_H
 #define ATTITUDE_H
 
@@ -87,7 +87,7 @@ struct attitude {
     };
 };
 
-// True for a filter that this build has, as an enum filter or any number.
+// True if this build has the filter `kind`, an enum filter or any other number.
 bool attitude_has(int32_t kind);
 
 enum filter attitude_kind(const struct attitude *attitude);

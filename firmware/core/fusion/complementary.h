@@ -3,10 +3,10 @@
 // table I), roll and pitch by the gyroscope and the vertical (equations 7.1 to 7.5,
 // alpha 0.9), yaw by the field alone (equations 7.6 to 7.8).
 //
-// As printed: equation 7.2 leaves no roll beyond a quarter turn, so that nothing upside
-// down is told, and is not the roll of three angles where there is pitch as well (a
-// degree at 17 and 23); a rate turns its own angle, whatever the other; both constants
-// are of an iteration, whatever its length, 15 ms there.
+// We implement it as printed, with these consequences: equation 7.2 gives no roll
+// beyond 90 degrees, so upside down is not recognised, and is wrong if there is pitch
+// as well (by a degree at 17 and 23 degrees); each rate changes only its own angle;
+// both constants apply to one iteration, whatever its length (15 ms in the thesis).
 #ifndef COMPLEMENTARY_H
 #define COMPLEMENTARY_H
 
@@ -14,14 +14,14 @@
 
 struct complementary {
     struct paper_filter common;
-    struct vector force_m_s2_q21;  // as the noise filter lets it through
-    struct vector field_ut_q18;    // the same
-    q7_25_t roll_rad, pitch_rad;   // up to 21 rad, the format being that of a rate
+    struct vector force_m_s2_q21;  // after the noise filter
+    struct vector field_ut_q18;    // after the noise filter
+    q7_25_t roll_rad, pitch_rad;   // up to 21 rad; a rate's format
     turn32_t yaw;                  // from north, counter-clockwise
 };
 
-// The functions of fuse.h; rate and delay make no difference. Yaw is held between two
-// readings of the field: the thesis has no rate for it.
+// The functions of fuse.h; rate and delay are ignored. Yaw stays constant between two
+// field readings: in the thesis no rate changes it.
 void complementary_init(struct complementary *complementary, uint16_t rate_hz,
                         uint16_t gyr_delay_us);
 void complementary_restart(struct complementary *complementary);

@@ -3,11 +3,11 @@
 // MATLAB"): a rotation matrix stepped to first order, its rows kept orthonormal, and
 // two PI controllers whose outputs are the gyroscope's offsets (equations 6 to 16).
 //
-// It has no magnetometer: the first field tells north, and heading is free from there.
-// Its two readings that don't fit together are settled here: of equations 12 to 14 z is
-// the world's, a row as in equations 7 to 11, and x and y the gyroscope's own axes;
-// with the matrix's own columns or rows all through, the loop diverges for half of all
-// headings.
+// It uses no magnetometer: the first field reading gives north, and heading drifts from
+// then on. The paper's equations contradict each other; we read z in equations 12 to 14
+// as the world's axis, a row as in equations 7 to 11, and x and y as the gyroscope's
+// own axes. With only columns or only rows of the matrix the loop diverges for half of
+// all headings.
 #ifndef DCM_PI_H
 #define DCM_PI_H
 
@@ -19,7 +19,7 @@ struct dcm_pi {
     q2_30_t sum_x_rad_s, sum_y_rad_s;  // the controllers' integral parts, +-1 rad/s
 };
 
-// The functions of fuse.h; rate and delay make no difference.
+// The functions of fuse.h; rate and delay are ignored.
 void dcm_pi_init(struct dcm_pi *dcm_pi, uint16_t rate_hz, uint16_t gyr_delay_us);
 void dcm_pi_restart(struct dcm_pi *dcm_pi);
 void dcm_pi_step(struct dcm_pi *dcm_pi, const struct measurement *measurement,

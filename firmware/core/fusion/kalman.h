@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// One scalar reading of a small Kalman filter: what it does to the covariance, and how
-// much of the reading's surprise each state takes.
+// The update of a small Kalman filter with one scalar reading: the new covariance, and
+// the gain of each state.
 #ifndef KALMAN_H
 #define KALMAN_H
 
@@ -12,16 +12,16 @@ enum {
     KALMAN_PAIRS = KALMAN_STATES * (KALMAN_STATES + 1) / 2,
 };
 
-// The place of a state's variance.
+// The index of a state's variance.
 static inline uint8_t kalman_variance(uint8_t state) {
     return (uint8_t)(state * (state + 3) / 2);
 }
 
-// A reading is row * states + noise. `row` has KALMAN_STATES elements, zeros after
-// those of the `states` there are; covariance and the noise's variance are in one
-// format. The gains are held within +-1, and a variance never falls below one step.
-// Needs |row| <= 1.8, noise in [1, 2^30 - 2] and variances whose sum is at most 2^28;
-// the variance of the reading, noise included, is held below 2^30.
+// The reading is modelled as row * states + noise. `row` has KALMAN_STATES elements;
+// those after the first `states` are 0. The covariance and the variance `noise` have
+// the same Q format. Gains are limited to +-1, and a variance never falls below one
+// step. Needs |row| <= 1.8, noise in [1, 2^30 - 2], and variances whose sum is at most
+// 2^28. The variance of the reading, with noise, is limited to less than 2^30.
 void kalman_read(int32_t covariance[], uint8_t states, const q2_14_t row[],
                  int32_t noise, q2_30_t gain[]);
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // Madgwick's filter ("An efficient orientation filter for inertial and
-// inertial/magnetic sensor arrays", 2010), which the paper by Rozanowski and others
-// runs (section III.E). They found beta by trial and do not give it: it is Madgwick's
-// own for nine axes.
+// inertial/magnetic sensor arrays", 2010), used in the paper by Rozanowski and others
+// (section III.E). They found beta by trial and do not state it; we use Madgwick's own
+// value for nine axes.
 #ifndef MADGWICK_H
 #define MADGWICK_H
 
@@ -13,9 +13,9 @@ struct madgwick {
     struct quat earth_from_body;  // earth: x north, z up, as in Madgwick's report
 };
 
-// The functions of fuse.h; rate and delay make no difference. Between two readings of
-// the field the form for six axes corrects: no reading is used twice, nor turned by a
-// rotation that it does not know of.
+// The functions of fuse.h; rate and delay are ignored. Between two field readings
+// the six-axis form corrects: no reading is used twice, or after a rotation that it
+// does not include.
 void madgwick_init(struct madgwick *madgwick, uint16_t rate_hz, uint16_t gyr_delay_us);
 void madgwick_restart(struct madgwick *madgwick);
 void madgwick_step(struct madgwick *madgwick, const struct measurement *measurement,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Mahony's explicit complementary filter (Mahony, Hamel and Pflimlin 2008, section V),
-// as the NECTEC paper runs it (section 6.1): Kp 15, Ki 0, accelerometer and
+// with the parameters of the NECTEC paper (section 6.1): Kp 15, Ki 0, accelerometer and
 // magnetometer, a quaternion stepped to first order every 5 ms.
 #ifndef MAHONY_H
 #define MAHONY_H
@@ -12,9 +12,9 @@ struct mahony {
     struct quat world_from_body;
 };
 
-// The functions of fuse.h; rate and delay make no difference. Between two readings of
-// the field the vertical alone corrects: no reading is used twice, nor turned by a
-// rotation that it does not know of.
+// The functions of fuse.h; rate and delay are ignored. Between two field readings
+// only the vertical corrects: no reading is used twice, or after a rotation that it
+// does not include.
 void mahony_init(struct mahony *mahony, uint16_t rate_hz, uint16_t gyr_delay_us);
 void mahony_restart(struct mahony *mahony);
 void mahony_step(struct mahony *mahony, const struct measurement *measurement,
