@@ -5,7 +5,10 @@
 #include "core/drivers/mpu9250.h"
 
 #define TEXT(name) #name
-#define HEADER(name) TEXT(name.h)
+// Spaces would be part of the name.
+// clang-format off
+#define HEADER(name) TEXT(core/fusion/name.h)
+// clang-format on
 #include HEADER(FILTER)
 
 #define PASTE(one, other) one##_##other

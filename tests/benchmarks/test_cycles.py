@@ -258,3 +258,8 @@ def test_a_pose_for_every_sample_takes_its_share_of_the_wire(
     assert found.poses_hz == pytest.approx(380.0, abs=0.2)
     assert found.late == found.lost == found.log_dropped == 0
     assert 0.3 < found.wire < 0.5
+
+
+def test_a_filter_of_ours_is_built_alone_for_the_avr(tmp_path: Path) -> None:
+    filters.build_house("mahony", tmp_path / "mahony.elf")
+    assert (tmp_path / "mahony.elf").stat().st_size > 0
