@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
@@ -10,7 +11,7 @@ STEP_US = 1000  # between two calls of set-up
 SETUP_MAX_US = 1_500_000  # what set-up takes in the worst case, refusals included
 
 
-class SensorBench:
+class SensorBench(ABC):
     """One clock, and one wire that can be pulled at a transaction."""
 
     def __init__(
@@ -43,15 +44,17 @@ class SensorBench:
         self._bursts = ffi.new("struct bus_burst[]", lib.SENSOR_BURSTS_MAX)
 
     @property
+    @abstractmethod
     def clock_ns(self) -> int:
-        raise NotImplementedError
+        """Time on this bench."""
 
+    @abstractmethod
     def let_pass(self, us: int) -> None:
-        raise NotImplementedError
+        """Lets the clock and the chip run on."""
 
+    @abstractmethod
     def sample(self) -> Any:
         """Take the sample that the next data-ready edge starts."""
-        raise NotImplementedError
 
     def _wired(self, move: Callable[..., int]) -> Callable[..., int]:
         def transfer(*arguments: Any) -> int:
