@@ -25,6 +25,7 @@ static void measure(struct message_status *out) {
     out->supply = supply_mv > 0 ? supply_mv : STATUS_SUPPLY_NULL;
     out->samples_ready = board_samples_ready();
     out->stack_free = board_stack_free();
+    out->receive_lost = board_receive_lost();
 }
 
 static struct outlet wire = {.put = board_send};

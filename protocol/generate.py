@@ -20,6 +20,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SCHEMA = ROOT / "protocol" / "schema.toml"
 C_HEADER = Path("firmware/core/wire/messages.h")
 C_SOURCE = Path("firmware/core/wire/messages.c")
+C_RECORDS = Path("firmware/core/params/records.h")
 PYTHON = Path("host/imud/wire/schema.py")
 DOCUMENT = Path("protocol/PROTOCOL.md")
 
@@ -32,6 +33,7 @@ def outputs(schema: Schema) -> dict[Path, str]:
     return {
         C_HEADER: c_code.header(schema),
         C_SOURCE: c_code.source(schema),
+        C_RECORDS: c_code.records_header(schema),
         PYTHON: python_code.module(schema),
         DOCUMENT: tables.document(schema, document),
     }

@@ -80,7 +80,7 @@ def test_core_includes_core_and_four_standard_headers_only(path):
 
 
 # Each room of core/ may use those before it.
-ROOMS = ("math", "wire", "drivers", "fusion", "storage", "probe")
+ROOMS = ("math", "wire", "drivers", "fusion", "storage", "params", "probe")
 
 
 @core_files

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The C: firmware/core/wire/messages.h and messages.c."""
+"""The C: firmware/core/wire/messages.h and messages.c, core/params/records.h."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
 
-from generator.schema import COLUMNS, TYPES, Field, Message, Schema
+from generator.schema import COLUMNS, TYPES, Field, Message, Record, Schema
 
 LAYOUT = Path(__file__).parent / "layout.c"
 
@@ -47,6 +47,13 @@ def constants(schema: Schema) -> Iterator[tuple[str, str]]:
         for field in message.fields:
             if field.null is not None:
                 yield f"{place}: field {field.name}", null_name(message, field)
+    for record in schema.records:
+        place = f"record {record.name}"
+        yield place, record_name(record)
+        yield place, f"{record_name(record)}_SIZE"
+        for part in record.parts:
+            if part.null is not None:
+                yield f"{place}: part {part.name}", null_name(record, part)
     for kind, groups in (("enums", schema.enums), ("flags", schema.flags)):
         for group, members in groups.items():
             for name in members:
@@ -61,8 +68,53 @@ def size_name(message: Message) -> str:
     return f"MESSAGE_{message.name.upper()}_SIZE"
 
 
-def null_name(message: Message, field: Field) -> str:
-    return f"{message.name}_{field.name}_null".upper()
+def record_name(record: Record) -> str:
+    return f"PARAMS_{record.name.upper()}"
+
+
+def null_name(owner: Message | Record, field: Field) -> str:
+    return f"{owner.name}_{field.name}_null".upper()
+
+
+def records_header(schema: Schema) -> str:
+    """The text of records.h."""
+    lines = [
+        "// SPDX-License-Identifier: MIT",
+        "// The records of the params. Generated from schema.toml by",
+        "// protocol/generate.py; what each part means is in PROTOCOL.md.",
+        "#ifndef RECORDS_H",
+        "#define RECORDS_H",
+        "",
+        "#include <stdint.h>",
+        "",
+        "// Tags.",
+        "enum params_record {",
+        *(f"    {record_name(r)} = {r.tag}," for r in schema.records),
+        "};",
+        "",
+        "// Bytes of the parts.",
+        "enum {",
+        *(f"    {record_name(r)}_SIZE = {r.size}," for r in schema.records),
+        "};",
+        "",
+        "// Numbers that say \"not known\", in every value of a part.",
+    ]
+    for record in schema.records:
+        lines += nulls(record, record.parts)
+    for record in schema.records:
+        lines += ["", f"struct record_{record.name} {{"]
+        lines += with_comments(map(member, record.parts))
+        lines += ["};"]
+    lines += ["", "#endif"]
+    return "".join(f"{line}\n" for line in lines)
+
+
+def nulls(owner: Message | Record, fields: Iterable[Field]) -> Iterator[str]:
+    """A constant for each null."""
+    for field in fields:
+        if field.null is not None:
+            null = number(field.null, field.type)
+            yield f"#define {null_name(owner, field)} {null}"
 
 
 def header(schema: Schema) -> str:
@@ -124,10 +176,7 @@ def header_constants(schema: Schema) -> Iterator[str]:
         '// Wire numbers that say "not available", in every value of a field.',
     )
     for message in schema.messages:
-        for field in message.fields:
-            if field.null is not None:
-                null = number(field.null, field.type)
-                yield f"#define {null_name(message, field)} {null}"
+        yield from nulls(message, message.fields)
 
 
 def source(schema: Schema) -> str:

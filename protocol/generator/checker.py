@@ -14,9 +14,11 @@ from generator import c_code
 from generator.schema import (
     CONTENT_MAX,
     HELLO_SEED,
+    RECORD_MAX,
     TYPES,
     Field,
     Message,
+    Record,
     Schema,
     SchemaError,
 )
@@ -50,7 +52,9 @@ class Checker:
 
     def schema(self) -> Schema:
         """The whole schema; raises SchemaError with one line for each problem."""
-        self.keys("schema", self.raw, {"protocol", "enums", "flags", "message"})
+        self.keys(
+            "schema", self.raw, {"protocol", "enums", "flags", "message"}, "record"
+        )
         protocol = self.table("protocol", self.raw.get("protocol"))
         self.keys("protocol", protocol, {"version"})
         version = self.number("protocol: version", protocol.get("version"), 1, 255)
@@ -59,7 +63,10 @@ class Checker:
         self.check_ids(messages)
         self.check_fields(messages)
         self.check_hello(messages)
-        schema = Schema(version, self.enums, self.flags, messages)
+        tables = self.tables("record", self.raw["record"]) if "record" in self.raw else []
+        records = tuple(self.record(i, table) for i, table in enumerate(tables))
+        self.check_records(records)
+        schema = Schema(version, self.enums, self.flags, messages, records)
         if not self.problems:
             for place, problem in c_code.clashes(schema):
                 self.say(place, problem)
@@ -170,17 +177,31 @@ class Checker:
             tuple(self.field(place, table) for table in tables),
         )
 
-    def field(self, place: str, table: object) -> Field:
-        raw = self.table(f"{place}: fields", table)
-        name = self.name(f"{place}: fields", raw.get("name"))
-        place = f"{place}: field {name}"
-        self.keys(
-            place,
-            raw,
-            {"name", "tag", "type", "meaning"},
-            "count scale unit null enum flags format",
+    def record(self, index: int, table: object) -> Record:
+        raw = self.table(f"record {index}", table)
+        name = self.name(f"record {index}", raw.get("name"))
+        place = f"record {name or index}"
+        self.keys(place, raw, {"name", "tag", "meaning", "parts"})
+        tables = self.tables(f"{place}: parts", raw.get("parts"))
+        return Record(
+            name,
+            # 255 is what an erased byte of memory reads as.
+            self.number(f"{place}: tag", raw.get("tag"), 1, 254),
+            self.text(f"{place}: meaning", raw.get("meaning")),
+            tuple(self.field(place, table, "part") for table in tables),
         )
-        tag = self.number(f"{place}: tag", raw.get("tag"), 1, 255)
+
+    def field(self, place: str, table: object, kind_of: str = "field") -> Field:
+        """A field of a message; a part of a record is one without a tag."""
+        raw = self.table(f"{place}: {kind_of}s", table)
+        name = self.name(f"{place}: {kind_of}s", raw.get("name"))
+        place = f"{place}: {kind_of} {name}"
+        needed = {"name", "type", "meaning"}
+        tag = 0
+        if kind_of == "field":
+            needed.add("tag")
+            tag = self.number(f"{place}: tag", raw.get("tag"), 1, 255)
+        self.keys(place, raw, needed, "count scale unit null enum flags format")
         kind = raw.get("type")
         if kind not in TYPES:
             self.say(place, f"unknown type {kind!r}, known are {', '.join(TYPES)}")
@@ -268,6 +289,21 @@ class Checker:
                 self.say(
                     f"message {message.name}",
                     f"{message.size} bytes of content, {CONTENT_MAX} at most",
+                )
+
+    def check_records(self, records: tuple[Record, ...]) -> None:
+        for one, other in combinations(records, 2):
+            for what in ("name", "tag"):
+                if getattr(one, what) == getattr(other, what):
+                    self.say(f"record {other.name}", f"its {what} is taken")
+        for record in records:
+            names = [part.name for part in record.parts]
+            for name in sorted({name for name in names if names.count(name) > 1}):
+                self.say(f"record {record.name}: part {name}", "its name is taken")
+            if record.size > RECORD_MAX:
+                self.say(
+                    f"record {record.name}",
+                    f"{record.size} bytes, {RECORD_MAX} at most",
                 )
 
     def check_hello(self, messages: tuple[Message, ...]) -> None:

@@ -73,6 +73,15 @@ class MessageType:
     id: int
     direction: Literal["probe", "host"]
     fields: tuple[Field, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RecordType:
+    \"\"\"A record of the params; its parts are fields without a tag (0).\"\"\"
+
+    name: str
+    tag: int
+    parts: tuple[Field, ...]
 """
 
 
@@ -139,6 +148,17 @@ def module(schema: Schema) -> str:
         ]
         for field in message.fields:
             lines += field_lines(field)
+        lines += ["        ),", "    ),"]
+    lines += [")", "", "RECORDS = ("]
+    for record in schema.records:
+        lines += [
+            "    RecordType(",
+            f'        "{record.name}",',
+            f"        {record.tag},",
+            "        (",
+        ]
+        for part in record.parts:
+            lines += field_lines(part)
         lines += ["        ),", "    ),"]
     lines += [")"]
     return "".join(f"{line}\n" for line in lines)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The schema as data: messages, fields, enums and flags, and their fingerprint."""
+"""The schema as data: messages, records, enums and flags, and their fingerprint."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from decimal import Decimal
 
 HEADER_SIZE = 9  # id, sequence u32, time_us u32
 CONTENT_MAX = 120  # FRAME_CONTENT_MAX of firmware/core/wire/frame.h
+RECORD_MAX = 255  # bytes; its length is told in one
 HELLO_SEED = 0xFFFF
 COLUMNS = 88  # of a generated line
 
@@ -40,7 +41,9 @@ TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A field of a message; a wire number times `scale` is in `unit`."""
+    """A field of a message, or a part of a record, whose tag is 0; a wire number times
+    `scale` is in `unit`.
+    """
 
     name: str
     tag: int
@@ -83,13 +86,29 @@ class Message:
 
 
 @dataclass(frozen=True, slots=True)
+class Record:
+    """A record of the params."""
+
+    name: str
+    tag: int
+    meaning: str
+    parts: tuple[Field, ...]
+
+    @property
+    def size(self) -> int:
+        """Bytes of its parts, without its tag and length."""
+        return sum(part.size for part in self.parts)
+
+
+@dataclass(frozen=True, slots=True)
 class Schema:
-    """All messages. Enums map names to values, flags map names to bits."""
+    """All messages and records. Enums map names to values, flags map names to bits."""
 
     version: int
     enums: dict[str, dict[str, int]]
     flags: dict[str, dict[str, int]]
     messages: tuple[Message, ...]
+    records: tuple[Record, ...]
 
     @property
     def canonical(self) -> str:
@@ -102,13 +121,10 @@ class Schema:
                 lines.append(" ".join([kind, group, *words]))
         for message in sorted(self.messages, key=lambda message: message.id):
             lines.append(f"message {message.name} {message.id}")
-            for field in message.fields:
-                null = "-" if field.null is None else field.null
-                lines.append(
-                    f"field {field.name} {field.tag} {field.type} {field.count} "
-                    f"{scale_text(field.scale)} {field.unit or '-'} {null} "
-                    f"{field.enum or '-'} {field.flags or '-'}"
-                )
+            lines += map(canonical_field, message.fields)
+        for record in sorted(self.records, key=lambda record: record.tag):
+            lines.append(f"record {record.name} {record.tag}")
+            lines += map(canonical_field, record.parts)
         return "".join(f"{line}\n" for line in lines)
 
     @property
@@ -121,6 +137,15 @@ class Schema:
     def seed(self) -> int:
         """Start of the CRC-16 of all messages but hello."""
         return self.fingerprint & 0xFFFF
+
+
+def canonical_field(field: Field) -> str:
+    null = "-" if field.null is None else field.null
+    return (
+        f"field {field.name} {field.tag} {field.type} {field.count} "
+        f"{scale_text(field.scale)} {field.unit or '-'} {null} "
+        f"{field.enum or '-'} {field.flags or '-'}"
+    )
 
 
 def scale_text(scale: Decimal | str) -> str:

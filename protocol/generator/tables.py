@@ -5,7 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from generator.schema import HEADER_SIZE, HELLO_SEED, Field, Schema, SchemaError
+from generator.schema import (
+    HEADER_SIZE,
+    HELLO_SEED,
+    Field,
+    Schema,
+    SchemaError,
+)
 
 BEGIN, END = "<!-- begin generated: {} -->", "<!-- end generated -->"
 
@@ -15,6 +21,7 @@ def document(schema: Schema, text: str) -> str:
     for name, lines in (
         ("constants", constants(schema)),
         ("messages", messages(schema)),
+        ("records", records(schema)),
         ("groups", groups(schema)),
     ):
         begin = BEGIN.format(name)
@@ -54,22 +61,39 @@ def messages(schema: Schema) -> list[str]:
         rows = []
         offset = HEADER_SIZE
         for field in message.fields:
-            rows.append(row(field, offset))
+            rows.append([str(offset), str(field.tag), *row(field)])
             offset += 1 + field.size
         lines += table("| at | tag | field | values | unit | null | meaning |", rows)
     return lines[1:]
 
 
-def row(field: Field, offset: int) -> list[str]:
-    """A field's cells; its tag is at byte `offset` of the content."""
+def records(schema: Schema) -> list[str]:
+    lines: list[str] = []
+    for record in schema.records:
+        lines += [
+            "",
+            f"### {record.name}, tag {record.tag}",
+            "",
+            f"{record.meaning} {record.size} bytes.",
+            "",
+        ]
+        rows = []
+        offset = 0
+        for part in record.parts:
+            rows.append([str(offset), *row(part)])
+            offset += part.size
+        lines += table("| at | part | values | unit | null | meaning |", rows)
+    return lines[1:]
+
+
+def row(field: Field) -> list[str]:
+    """The cells of a field or part that do not tell its place."""
     unit = field.scaled_unit
     if field.enum:
         unit = f"enum {field.enum}"
     if field.flags:
         unit = f"flags {field.flags}"
     return [
-        str(offset),
-        str(field.tag),
         f"`{field.name}`",
         f"`{field.type}`" + (f" x {field.count}" if field.count > 1 else ""),
         unit,

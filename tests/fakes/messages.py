@@ -61,6 +61,7 @@ STATUS: dict[str, Any] = {
     "cycles_worst": 50000,
     "stack_free": 700,
     "supply": None,
+    "receive_lost": 0,
 }
 EQUIPMENT: dict[str, Any] = {
     "clock": "crystal",

@@ -53,12 +53,12 @@ def test_each_stale_file_is_named_with_what_differs(project: Path) -> None:
         file = project / path
         fresh = file.read_text("utf-8")
         # Only inside generated text: the generator leaves the document's prose alone.
-        file.write_text(fresh.replace("sample_flags", "simple_flags"), "utf-8")
+        file.write_text(fresh.replace("temperature", "temperament"), "utf-8")
         done = run(project, "--check")
         assert done.returncode == 1
         lines = done.stdout.splitlines()
         assert lines[0].startswith(f"{path} is stale")
-        assert any(line.startswith("-") and "simple_flags" in line for line in lines)
+        assert any(line.startswith("-") and "temperament" in line for line in lines)
         assert len([line for line in lines if " is stale" in line]) == 1
         assert run(project).returncode == 0
         assert file.read_text("utf-8") == fresh

@@ -34,7 +34,7 @@ struct probe_port {
     const struct settings_storage *storage;
     // Fills board, firmware, reset_cause and reset_address.
     void (*describe)(struct message_hello *out);
-    // Fills samples_ready, stack_free and supply.
+    // Fills samples_ready, stack_free, supply and receive_lost.
     void (*measure)(struct message_status *out);
     // See board.h.
     bool (*unique_id)(uint8_t id[8]);

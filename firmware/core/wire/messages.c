@@ -123,25 +123,26 @@ static enum message_result decode(layout *fields, const uint8_t *content,
 
 static layout HELLO[] = {
     MESSAGE_HELLO,
-    FIELD(1, 1, 1),   // protocol_version
-    FIELD(2, 1, 4),   // schema_fingerprint
-    FIELD(3, 16, 1),  // firmware
-    FIELD(4, 1, 1),   // board
-    FIELD(5, 8, 1),   // probe_id
-    FIELD(6, 1, 1),   // sensor
-    FIELD(7, 2, 1),   // who_am_i
-    FIELD(8, 3, 1),   // mag_adjust
-    FIELD(9, 1, 1),   // self_test
-    FIELD(10, 1, 2),  // sample_rate
-    FIELD(11, 1, 2),  // pose_rate
-    FIELD(12, 1, 2),  // raw_rate
-    FIELD(13, 1, 4),  // acc_lsb
-    FIELD(14, 1, 4),  // gyr_lsb
-    FIELD(15, 1, 4),  // mag_lsb
-    FIELD(16, 1, 2),  // boot_count
-    FIELD(17, 1, 1),  // reset_cause
-    FIELD(18, 1, 1),  // filter
-    FIELD(19, 1, 4),  // reset_address
+    FIELD(1, 1, 1),    // protocol_version
+    FIELD(2, 1, 4),    // schema_fingerprint
+    FIELD(3, 16, 1),   // firmware
+    FIELD(4, 1, 1),    // board
+    FIELD(5, 8, 1),    // probe_id
+    FIELD(6, 1, 1),    // sensor
+    FIELD(7, 2, 1),    // who_am_i
+    FIELD(8, 3, 1),    // mag_adjust
+    FIELD(9, 1, 1),    // self_test
+    FIELD(10, 1, 2),   // sample_rate
+    FIELD(11, 1, 2),   // pose_rate
+    FIELD(12, 1, 2),   // raw_rate
+    FIELD(13, 1, 4),   // acc_lsb
+    FIELD(14, 1, 4),   // gyr_lsb
+    FIELD(15, 1, 4),   // mag_lsb
+    FIELD(16, 1, 2),   // boot_count
+    FIELD(17, 1, 1),   // reset_cause
+    FIELD(18, 1, 1),   // filter
+    FIELD(19, 1, 4),   // reset_address
+    FIELD(113, 1, 4),  // params_digest
     0,
 };
 
@@ -236,6 +237,7 @@ static layout STATUS[] = {
     FIELD(63, 1, 4),  // cycles_worst
     FIELD(64, 1, 2),  // stack_free
     FIELD(65, 1, 2),  // supply
+    FIELD(66, 1, 2),  // receive_lost
     0,
 };
 
@@ -278,6 +280,26 @@ enum message_result message_equipment_decode(const uint8_t *content, uint8_t len
                                              struct message_header *header,
                                              struct message_equipment *out) {
     return decode(EQUIPMENT, content, length, MESSAGE_EQUIPMENT_SIZE, header, out);
+}
+
+static layout PARAMS[] = {
+    MESSAGE_PARAMS,
+    FIELD(120, 1, 4),   // set_digest
+    FIELD(121, 1, 2),   // set_length
+    FIELD(122, 1, 2),   // part_offset
+    FIELD(123, 28, 1),  // part
+    0,
+};
+
+uint8_t message_params_encode(const struct message_params *message, uint32_t sequence,
+                              uint32_t time_us, uint8_t *content) {
+    return encode(PARAMS, message, sequence, time_us, content);
+}
+
+enum message_result message_params_decode(const uint8_t *content, uint8_t length,
+                                          struct message_header *header,
+                                          struct message_params *out) {
+    return decode(PARAMS, content, length, MESSAGE_PARAMS_SIZE, header, out);
 }
 
 static layout COMMAND[] = {

@@ -6,12 +6,12 @@
 
 #include <stdint.h>
 
-#define SCHEMA_FINGERPRINT 0xd2018df2u
-#define SCHEMA_SEED 0x8df2u  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0xe620c0cau
+#define SCHEMA_SEED 0xc0cau  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,
-    MESSAGE_CONTENT_MAX = 91,  // the longest message
+    MESSAGE_CONTENT_MAX = 96,  // the longest message
 };
 
 enum message_id {
@@ -21,18 +21,20 @@ enum message_id {
     MESSAGE_EVENT = 0x09,
     MESSAGE_STATUS = 0x0a,
     MESSAGE_EQUIPMENT = 0x11,
+    MESSAGE_PARAMS = 0x12,
     MESSAGE_COMMAND = 0x0c,
     MESSAGE_REPLY = 0x0f,
 };
 
 // Bytes of content.
 enum {
-    MESSAGE_HELLO_SIZE = 91,
+    MESSAGE_HELLO_SIZE = 96,
     MESSAGE_RAW_SIZE = 35,
     MESSAGE_POSE_SIZE = 55,
     MESSAGE_EVENT_SIZE = 18,
-    MESSAGE_STATUS_SIZE = 74,
+    MESSAGE_STATUS_SIZE = 77,
     MESSAGE_EQUIPMENT_SIZE = 52,
+    MESSAGE_PARAMS_SIZE = 49,
     MESSAGE_COMMAND_SIZE = 23,
     MESSAGE_REPLY_SIZE = 25,
 };
@@ -82,6 +84,8 @@ enum event {
     EVENT_RADIO_CONNECTED = 23,
     EVENT_RADIO_DROPPED = 24,
     EVENT_RADIO_FAULT = 25,
+    EVENT_PARAMS_CHANGED = 26,
+    EVENT_PARAMS_LOST = 27,
 };
 
 enum cause {
@@ -96,7 +100,6 @@ enum cause {
     CAUSE_WRONG_CHIP = 8,
     CAUSE_MOTION = 9,
     CAUSE_LATE = 10,
-    CAUSE_SELF_TEST = 11,
     CAUSE_CRYSTAL = 12,
     CAUSE_ABSENT = 13,
     CAUSE_UNPREPARED = 14,
@@ -142,6 +145,9 @@ enum command {
     COMMAND_RESET = 7,
     COMMAND_RESTART = 8,
     COMMAND_TIME = 9,
+    COMMAND_PARAMS_WRITE = 10,
+    COMMAND_PARAMS_APPLY = 11,
+    COMMAND_PARAMS_TELL = 12,
 };
 
 enum result {
@@ -149,6 +155,10 @@ enum result {
     RESULT_UNKNOWN_COMMAND = 1,
     RESULT_BAD_ARGUMENT = 2,
     RESULT_NOT_READY = 3,
+    RESULT_BUSY = 4,
+    RESULT_DAMAGED = 5,
+    RESULT_REFUSED = 6,
+    RESULT_FAILED = 7,
 };
 
 enum filter {
@@ -158,6 +168,30 @@ enum filter {
     FILTER_MAHONY = 3,
     FILTER_MADGWICK = 4,
     FILTER_DCM_PI = 5,
+};
+
+enum method {
+    METHOD_UNKNOWN = 0,
+    METHOD_GUIDED = 1,
+    METHOD_POSITIONS = 2,
+    METHOD_EXTREMES = 3,
+    METHOD_WAVE = 4,
+    METHOD_LEARNED = 5,
+    METHOD_DIMPLE = 6,
+    METHOD_SPHERE = 7,
+    METHOD_MEASURED = 8,
+    METHOD_TYPED = 9,
+};
+
+enum button_does {
+    BUTTON_DOES_STREAM = 0,
+    BUTTON_DOES_TELL = 1,
+};
+
+enum reference {
+    REFERENCE_NONE = 0,
+    REFERENCE_HEADING = 1,
+    REFERENCE_FULL = 2,
 };
 
 enum {
@@ -258,6 +292,7 @@ struct message_hello {
     uint8_t reset_cause;  // RESET_CAUSE_ flags
     uint8_t filter;       // enum filter
     uint32_t reset_address;
+    uint32_t params_digest;
 };
 
 uint8_t message_hello_encode(const struct message_hello *message, uint32_t sequence,
@@ -324,6 +359,7 @@ struct message_status {
     uint32_t cycles_worst;
     uint16_t stack_free;  // bytes
     uint16_t supply;      // mV
+    uint16_t receive_lost;
 };
 
 uint8_t message_status_encode(const struct message_status *message, uint32_t sequence,
@@ -353,6 +389,19 @@ uint8_t message_equipment_encode(const struct message_equipment *message,
 enum message_result message_equipment_decode(const uint8_t *content, uint8_t length,
                                              struct message_header *header,
                                              struct message_equipment *out);
+
+struct message_params {
+    uint32_t set_digest;
+    uint16_t set_length;
+    uint16_t part_offset;
+    uint8_t part[28];
+};
+
+uint8_t message_params_encode(const struct message_params *message, uint32_t sequence,
+                              uint32_t time_us, uint8_t *content);
+enum message_result message_params_decode(const uint8_t *content, uint8_t length,
+                                          struct message_header *header,
+                                          struct message_params *out);
 
 struct message_command {
     uint8_t command;  // enum command

@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0xD2018DF2
-SEED = 0x8DF2  # of the CRC of all messages but hello
+FINGERPRINT = 0xE620C0CA
+SEED = 0xC0CA  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -62,6 +62,8 @@ class Event(IntEnum):
     RADIO_CONNECTED = 23
     RADIO_DROPPED = 24
     RADIO_FAULT = 25
+    PARAMS_CHANGED = 26
+    PARAMS_LOST = 27
 
 
 class Cause(IntEnum):
@@ -76,7 +78,6 @@ class Cause(IntEnum):
     WRONG_CHIP = 8
     MOTION = 9
     LATE = 10
-    SELF_TEST = 11
     CRYSTAL = 12
     ABSENT = 13
     UNPREPARED = 14
@@ -122,6 +123,9 @@ class Command(IntEnum):
     RESET = 7
     RESTART = 8
     TIME = 9
+    PARAMS_WRITE = 10
+    PARAMS_APPLY = 11
+    PARAMS_TELL = 12
 
 
 class Result(IntEnum):
@@ -129,6 +133,10 @@ class Result(IntEnum):
     UNKNOWN_COMMAND = 1
     BAD_ARGUMENT = 2
     NOT_READY = 3
+    BUSY = 4
+    DAMAGED = 5
+    REFUSED = 6
+    FAILED = 7
 
 
 class Filter(IntEnum):
@@ -138,6 +146,30 @@ class Filter(IntEnum):
     MAHONY = 3
     MADGWICK = 4
     DCM_PI = 5
+
+
+class Method(IntEnum):
+    UNKNOWN = 0
+    GUIDED = 1
+    POSITIONS = 2
+    EXTREMES = 3
+    WAVE = 4
+    LEARNED = 5
+    DIMPLE = 6
+    SPHERE = 7
+    MEASURED = 8
+    TYPED = 9
+
+
+class ButtonDoes(IntEnum):
+    STREAM = 0
+    TELL = 1
+
+
+class Reference(IntEnum):
+    NONE = 0
+    HEADING = 1
+    FULL = 2
 
 
 class ResetCauseFlags(IntFlag):
@@ -234,6 +266,15 @@ class MessageType:
     fields: tuple[Field, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class RecordType:
+    """A record of the params; its parts are fields without a tag (0)."""
+
+    name: str
+    tag: int
+    parts: tuple[Field, ...]
+
+
 MESSAGES = (
     MessageType(
         "hello",
@@ -259,6 +300,7 @@ MESSAGES = (
             Field("reset_cause", 17, "u8", flags=ResetCauseFlags),
             Field("filter", 18, "u8", enum=Filter),
             Field("reset_address", 19, "u32", format="hex"),
+            Field("params_digest", 113, "u32", format="hex"),
         ),
     ),
     MessageType(
@@ -317,6 +359,7 @@ MESSAGES = (
             Field("cycles_worst", 63, "u32"),
             Field("stack_free", 64, "u16", unit="bytes", null=65535),
             Field("supply", 65, "u16", unit="mV", null=65535),
+            Field("receive_lost", 66, "u16"),
         ),
     ),
     MessageType(
@@ -340,6 +383,17 @@ MESSAGES = (
         ),
     ),
     MessageType(
+        "params",
+        0x12,
+        "probe",
+        (
+            Field("set_digest", 120, "u32", format="hex"),
+            Field("set_length", 121, "u16"),
+            Field("part_offset", 122, "u16"),
+            Field("part", 123, "bytes", 28),
+        ),
+    ),
+    MessageType(
         "command",
         0x0C,
         "host",
@@ -358,6 +412,70 @@ MESSAGES = (
             Field("replied_token", 81, "u16"),
             Field("result", 82, "u8", enum=Result),
             Field("value", 83, "i32", 2),
+        ),
+    ),
+)
+
+RECORDS = (
+    RecordType(
+        "acc",
+        1,
+        (
+            Field("bias", 0, "i32", 3, scale=2.0**-14, unit="counts"),
+            Field("matrix", 0, "i16", 9, scale=2.0**-14),
+            Field("sigma", 0, "u16", scale=1e-4, unit="m/s2", null=65535),
+            Field("residual", 0, "u16", scale=1e-4, unit="m/s2", null=65535),
+            Field("temperature", 0, "i16", scale=0.01, unit="degC", null=-32768),
+            Field("day", 0, "u16", unit="days", null=65535),
+            Field("method", 0, "u8", enum=Method),
+        ),
+    ),
+    RecordType(
+        "gyr",
+        2,
+        (
+            Field("bias", 0, "i32", 3, scale=2.0**-14, unit="counts"),
+            Field("matrix", 0, "i16", 9, scale=2.0**-14),
+            Field("sigma", 0, "u16", scale=1e-5, null=65535),
+            Field("residual", 0, "u16", scale=1e-5, unit="rad", null=65535),
+            Field("temperature", 0, "i16", scale=0.01, unit="degC", null=-32768),
+            Field("day", 0, "u16", unit="days", null=65535),
+            Field("method", 0, "u8", enum=Method),
+        ),
+    ),
+    RecordType(
+        "mag",
+        3,
+        (
+            Field("bias", 0, "i32", 3, scale=2.0**-14, unit="counts"),
+            Field("matrix", 0, "i16", 9, scale=2.0**-14),
+            Field("sigma", 0, "u16", scale=0.01, unit="uT", null=65535),
+            Field("residual", 0, "u16", scale=0.01, unit="uT", null=65535),
+            Field("temperature", 0, "i16", scale=0.01, unit="degC", null=-32768),
+            Field("day", 0, "u16", unit="days", null=65535),
+            Field("method", 0, "u8", enum=Method),
+            Field("norm", 0, "u16", scale=0.01, unit="uT", null=65535),
+            Field("dip", 0, "i16", scale=0.01, unit="deg", null=-32768),
+            Field("lag", 0, "i16", scale=1e-6, unit="s", null=-32768),
+        ),
+    ),
+    RecordType(
+        "tip",
+        4,
+        (
+            Field("offset", 0, "i32", 3, scale=1e-6, unit="m", null=-2147483648),
+            Field("axis", 0, "i16", 3, scale=2.0**-14, null=-32768),
+            Field("sigma", 0, "u16", scale=1e-5, unit="m", null=65535),
+            Field("day", 0, "u16", unit="days", null=65535),
+            Field("method", 0, "u8", enum=Method),
+        ),
+    ),
+    RecordType(
+        "options",
+        5,
+        (
+            Field("button_does", 0, "u8", enum=ButtonDoes),
+            Field("reference", 0, "u8", enum=Reference),
         ),
     ),
 )
