@@ -22,7 +22,7 @@ void calibration_clear(struct calibration *calibration) {
     sensor_clear(&calibration->mag);
 }
 
-static bool sensor_is_valid(const struct calibration_of_sensor *sensor) {
+bool calibration_of_sensor_is_valid(const struct calibration_of_sensor *sensor) {
     for (uint8_t row = 0; row < 3; ++row) {
         uint32_t sum = 0;
         for (uint8_t column = 0; column < 3; ++column) {
@@ -37,8 +37,9 @@ static bool sensor_is_valid(const struct calibration_of_sensor *sensor) {
 }
 
 bool calibration_is_valid(const struct calibration *calibration) {
-    return sensor_is_valid(&calibration->acc) && sensor_is_valid(&calibration->gyr) &&
-           sensor_is_valid(&calibration->mag);
+    return calibration_of_sensor_is_valid(&calibration->acc) &&
+           calibration_of_sensor_is_valid(&calibration->gyr) &&
+           calibration_of_sensor_is_valid(&calibration->mag);
 }
 
 // Half of nano * 1e-9 * 2^bits, as q2_30: nano * 2^30 / 1e9 * 2^(bits - 1), with

@@ -23,6 +23,7 @@ struct calibration {
 void calibration_clear(struct calibration *calibration);
 
 // True where the bounds above hold.
+bool calibration_of_sensor_is_valid(const struct calibration_of_sensor *sensor);
 bool calibration_is_valid(const struct calibration *calibration);
 
 // One sample in physical units, body frame.

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: MIT
+// The params in memory, and their change as one transaction: records are staged in the
+// spare bank, checked, and switched to at once, or not at all.
+#ifndef PARAMS_STORE_H
+#define PARAMS_STORE_H
+
+#include "core/params/params.h"
+#include "core/storage/bank.h"
+#include "core/wire/messages.h"
+
+enum {
+    PARAMS_WORD = 4,                                 // bytes that are staged at a time
+    PARAMS_PART = 28,                                // bytes that a message tells
+    PARAMS_ROOM = MEMORY_PARAMS_BANK - BANK_HEADER,  // for all records
+};
+
+struct params_store {
+    struct bank bank;
+    uint8_t phase;
+    uint8_t result;      // enum result of the last change
+    uint8_t tag, fault;  // of the record that was refused
+    bool is_staging;     // `staged` is on its way into memory
+    uint16_t at;         // of the next part to be checked, or of `staged`
+    uint16_t told;       // of the part to be told
+    uint8_t staged[PARAMS_WORD];
+    uint16_t length;  // of the records that were asked for
+    uint32_t digest;  // theirs
+    uint32_t crc;     // of what was checked
+};
+
+enum params_step {
+    PARAMS_IDLE,
+    PARAMS_WORKS,
+    PARAMS_TELLS,    // tell the part at `told` of the spare bank, then step on
+    PARAMS_CHANGED,  // the params are others now
+};
+
+// Loads the params in force: those of the newer good bank, or none. Returns false where
+// params were lost. `store->bank` has their length and digest. The memory must be
+// ready.
+bool params_store_open(struct params_store *store, const struct memory *memory,
+                       struct params *out);
+
+// Takes four bytes of records for the spare bank, a multiple of four from the start.
+// RESULT_BUSY: not yet; RESULT_FAILED: the memory does not keep them.
+enum result params_store_write(struct params_store *store, int32_t at, int32_t word);
+
+// Asks for the staged records, with their length and digest, to be put in force.
+// RESULT_BUSY until it is known: ask again. RESULT_OK where they are in force.
+// RESULT_DAMAGED: their digest is another; RESULT_REFUSED: `refusal` has the tag of the
+// record, and enum params_fault. Nothing has changed then.
+enum result params_store_apply(struct params_store *store, int32_t length,
+                               int32_t digest, int32_t refusal[2]);
+
+// One part of what is to be done; the memory must be ready. `params` change only with
+// PARAMS_CHANGED.
+enum params_step params_store_step(struct params_store *store, struct params *params);
+
+// Fills `out` with the bytes from `at` on of a bank with `length` bytes of records,
+// zeros behind them.
+void params_store_part(const struct params_store *store, enum bank_side side,
+                       uint16_t length, uint16_t at, uint8_t out[PARAMS_PART]);
+
+#endif

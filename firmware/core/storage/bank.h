@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: MIT
+// Two banks of memory with bytes under one CRC, written in turn: what is being written
+// goes into the spare bank, and counts from one write to the next, or not at all,
+// wherever the power is cut.
+//
+// A bank: a mark, which checks the sequence number behind it, the content's length and
+// its CRC-32, little endian, then the content. The mark is blanked before anything else
+// of a bank is touched and written back last.
+#ifndef BANK_H
+#define BANK_H
+
+#include "core/storage/memory.h"
+
+enum { BANK_HEADER = 8 };  // bytes of a bank before its content
+
+struct bank {
+    struct memory_writer writer;
+    uint16_t first;    // offset in memory of the first of the two
+    uint16_t size;     // of each, with its header
+    uint8_t current;   // the good and newer one: 0 or 1
+    uint8_t sequence;  // of the current bank
+    uint16_t length;   // of its content; 0 where neither is good
+    uint32_t digest;   // of its content
+};
+
+enum bank_side { BANK_CURRENT = 0, BANK_SPARE = 1 };
+
+// Finds the newer good bank. Returns false where a bank with a mark is not what its CRC
+// says: what was in it is lost, and the other one counts, if it is good. The memory
+// must be ready.
+bool bank_open(struct bank *bank, const struct memory *memory, uint16_t first,
+               uint16_t size);
+
+uint8_t bank_read(const struct bank *bank, enum bank_side side, uint16_t at);
+
+// Each of these starts to write one byte at most, for which the memory must be ready,
+// and returns MEMORY_BUSY; MEMORY_OK where nothing is left to be written, and
+// MEMORY_FAILED where a byte was written three times in vain.
+
+// Blanks the mark of the spare bank, if it has one.
+enum memory_result bank_blank(struct bank *bank) MUST_CHECK;
+// A byte of the spare bank's content.
+enum memory_result bank_put(struct bank *bank, uint16_t at, uint8_t value) MUST_CHECK;
+// Makes the spare bank the current one. `digest`: the CRC-32 of its content.
+enum memory_result bank_commit(struct bank *bank, uint16_t length,
+                               uint32_t digest) MUST_CHECK;
+
+// The CRC-32 of zlib and Ethernet: that of no bytes is 0, and that of bytes before one
+// more gives theirs with it.
+uint32_t crc32_add(uint32_t crc, uint8_t byte);
+
+#endif

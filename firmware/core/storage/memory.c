@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: MIT
+// Bytes of a board's memory; see memory.h.
+#include "core/storage/memory.h"
+
+enum { TRIES_MAX = 3 };  // EEPROM cells fail for good, not now and then
+
+uint8_t memory_read(const struct memory *memory, uint16_t offset) {
+    return memory->read(memory->port, offset);
+}
+
+enum memory_result memory_put(struct memory_writer *writer, uint16_t offset,
+                              uint8_t value) {
+    const struct memory *memory = writer->memory;
+    if (memory_read(memory, offset) == value) {
+        return MEMORY_OK;
+    }
+    // A byte that is written again counts its tries, any other starts over.
+    if (offset != writer->last) {
+        writer->last = offset;
+        writer->tries = 0;
+    }
+    if (writer->tries == TRIES_MAX) {
+        writer->tries = 0;
+        return MEMORY_FAILED;
+    }
+    ++writer->tries;
+    memory->write(memory->port, offset, value);
+    return MEMORY_BUSY;
+}

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: MIT
+"""The records of the params on the wire: parts to a whole, digest, and back."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+
+from imud.wire.messages import Message
+
+PART = 28  # bytes that a message of the probe tells
+WORD = 4  # bytes that a command writes
+SETS_MAX = 4  # digests whose parts are kept, the newest
+
+
+def digest_of(records: bytes) -> int:
+    """The digest of a list of records: the CRC-32 of its bytes; 0 of none."""
+    return zlib.crc32(records)
+
+
+def words_of(records: bytes) -> Iterator[tuple[int, int]]:
+    """The arguments of each `params_write` that brings the records to a probe."""
+    for at in range(0, len(records), WORD):
+        word = records[at : at + WORD].ljust(WORD, b"\0")
+        yield at, int.from_bytes(word, "little", signed=True)
+
+
+class ParamsParts:
+    """Puts the parts together that a probe tells. Knows several sets by their digests:
+    parts of the next come while the one before is in force.
+    """
+
+    def __init__(self) -> None:
+        self._parts: dict[tuple[int, int], dict[int, bytes]] = {}
+        self._whole: dict[int, bytes] = {0: b""}
+
+    def take(self, message: Message) -> int | None:
+        """Takes a message `params`. The digest of a set that is whole now and was not
+        known before; else None.
+        """
+        digest, length = message.fields["set_digest"], message.fields["set_length"]
+        at, part = message.fields["part_offset"], message.fields["part"]
+        if (
+            not isinstance(digest, int)
+            or not isinstance(length, int)
+            or not isinstance(at, int)
+            or not isinstance(part, str)
+            or digest in self._whole
+        ):
+            return None
+        key = (digest, length)
+        parts = self._parts.setdefault(key, {})
+        parts[at] = bytes.fromhex(part)
+        while len(self._parts) > SETS_MAX:
+            del self._parts[next(iter(self._parts))]
+        wanted = range(0, length, PART)
+        if not all(at in parts for at in wanted):
+            return None
+        records = b"".join(parts[at] for at in wanted)[:length]
+        # What a probe told before it found that they are damaged is not kept.
+        self._parts.pop(key, None)
+        if digest_of(records) != digest:
+            return None
+        self._whole[digest] = records
+        return digest
+
+    def get(self, digest: int) -> bytes | None:
+        """The records of that digest, if all of their parts were heard."""
+        return self._whole.get(digest)
