@@ -11,7 +11,7 @@
 #include "core/drivers/sensor.h"
 #include "core/probe/acquisition.h"
 #include "core/probe/probe.h"
-#include "core/storage/settings.h"
+#include "core/storage/memory.h"
 
 // Clocks, pins, interrupts. The device clock runs from reset.
 void board_init(void);
@@ -60,8 +60,8 @@ uint16_t board_receive_lost(void);
 bool board_button_is_down(void);
 void board_led_set(bool on);
 
-// Memory that survives power; see core/storage/settings.h.
-extern const struct settings_storage board_storage;
+// Memory that survives without power; see core/storage/memory.h.
+extern const struct memory board_memory;
 
 // Supply in mV, 0 where it can't be known. Bytes of stack never used yet.
 uint16_t board_supply_mv(void);

@@ -31,7 +31,7 @@ static void measure(struct message_status *out) {
 static struct outlet wire = {.put = board_send};
 static const IN_FLASH struct probe_port probe_port = {
     .wire = &wire,
-    .storage = &board_storage,
+    .memory = &board_memory,
     .describe = describe,
     .measure = measure,
     .unique_id = board_unique_id,

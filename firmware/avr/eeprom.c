@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-// The EEPROM as memory for settings.
+// The EEPROM as memory for settings and params.
 #include <avr/io.h>
 #include <util/atomic.h>
 
 #include "../board.h"
 
-_Static_assert(2 * SETTINGS_SLOT <= E2END + 1, "both slots must fit the EEPROM");
+_Static_assert(MEMORY_SIZE <= E2END + 1, "it must fit the EEPROM");
 
 static bool is_ready(void *port) {
     (void)port;
@@ -31,4 +31,4 @@ static void write_byte(void *port, uint16_t offset, uint8_t value) {
     }
 }
 
-const struct settings_storage board_storage = {read_byte, write_byte, is_ready, 0};
+const struct memory board_memory = {read_byte, write_byte, is_ready, 0};

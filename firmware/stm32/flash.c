@@ -20,7 +20,7 @@ enum {
 #define KEY_2 UINT32_C(0xCDEF89AB)
 #define FIRST_ADDRESS UINT32_C(0x080C0000)
 
-_Static_assert(2 * SETTINGS_SLOT <= JOURNAL_BYTES, "both slots must fit the journal");
+_Static_assert((int)MEMORY_SIZE <= (int)JOURNAL_BYTES, "it must fit the journal");
 
 static struct journal journal;
 
@@ -109,4 +109,4 @@ static void write_byte(void *port, uint16_t offset, uint8_t value) {
     journal_write(&journal, offset, value);
 }
 
-const struct settings_storage board_storage = {read_byte, write_byte, is_ready, 0};
+const struct memory board_memory = {read_byte, write_byte, is_ready, 0};

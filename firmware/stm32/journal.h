@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// A few hundred bytes that can be written one by one, kept in flash that can only be
+// A thousand bytes that can be written one by one, kept in flash that can only be
 // erased a sector at a time: records appended to one of two sectors. No registers.
 //
 // The first word of a sector is its header, with a generation; the newer generation
@@ -20,7 +20,7 @@
 
 enum {
     JOURNAL_SECTORS = 2,
-    JOURNAL_BYTES = 512,
+    JOURNAL_BYTES = 1024,
     JOURNAL_ERASED = 0xFF,  // a byte that was never written
 };
 

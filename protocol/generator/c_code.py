@@ -97,7 +97,7 @@ def records_header(schema: Schema) -> str:
         *(f"    {record_name(r)}_SIZE = {r.size}," for r in schema.records),
         "};",
         "",
-        "// Numbers that say \"not known\", in every value of a part.",
+        '// Numbers that say "not known", in every value of a part.',
     ]
     for record in schema.records:
         lines += nulls(record, record.parts)

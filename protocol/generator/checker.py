@@ -63,7 +63,9 @@ class Checker:
         self.check_ids(messages)
         self.check_fields(messages)
         self.check_hello(messages)
-        tables = self.tables("record", self.raw["record"]) if "record" in self.raw else []
+        tables = (
+            self.tables("record", self.raw["record"]) if "record" in self.raw else []
+        )
         records = tuple(self.record(i, table) for i, table in enumerate(tables))
         self.check_records(records)
         schema = Schema(version, self.enums, self.flags, messages, records)

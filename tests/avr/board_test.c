@@ -101,7 +101,7 @@ static void fill_wire(void) {
 }
 
 static void use_eeprom(void) {
-    const struct settings_storage *storage = &board_storage;
+    const struct memory *storage = &board_memory;
     uint8_t differences = 0;
     for (uint16_t offset = 500; offset < 520; offset++) {
         storage->write(storage->port, offset, (uint8_t)(offset * 7));

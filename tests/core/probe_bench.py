@@ -77,16 +77,16 @@ class Memory:
     """An EEPROM that is ready again two questions after a write."""
 
     def __init__(self) -> None:
-        self.cells = bytearray(b"\xff" * 2 * lib.SETTINGS_SLOT)
+        self.cells = bytearray(b"\xff" * lib.MEMORY_SIZE)
         self.is_broken = False
         self._busy = 0
         self._callbacks = callbacks(
-            "struct settings_storage",
+            "struct memory",
             read=self._read,
             write=self._write,
             is_ready=self._is_ready,
         )
-        self.c = ffi.new("struct settings_storage *", self._callbacks)
+        self.c = ffi.new("struct memory *", self._callbacks)
 
     def settle(self) -> None:
         """A write that has begun ends by itself while a probe reboots."""
@@ -143,7 +143,7 @@ class Bench:
         )
         self._put = callbacks("struct outlet", put=self._send)
         self.wire = ffi.new("struct outlet *", self._put)
-        port = {**self._callbacks, "wire": self.wire, "storage": self.memory.c}
+        port = {**self._callbacks, "wire": self.wire, "memory": self.memory.c}
         self.port = ffi.new("struct probe_port *", port)
         self.unique_id = unique_id
         self.reset_cause, self.reset_address = reset_cause, reset_address

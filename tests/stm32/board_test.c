@@ -266,7 +266,7 @@ static void tell_battery(void) {
 }
 
 static void use_storage(void) {
-    const struct settings_storage *storage = &board_storage;
+    const struct memory *storage = &board_memory;
     int32_t differences = 0;
     uint32_t longest = 0;
     for (uint16_t offset = 100; offset < 120; offset++) {
@@ -291,7 +291,7 @@ static void use_storage(void) {
 }
 
 static void look_at_storage(void) {
-    const struct settings_storage *storage = &board_storage;
+    const struct memory *storage = &board_memory;
     put("holds");
     put_number(storage->read(storage->port, 100));
     put_number(storage->read(storage->port, 119));

@@ -271,7 +271,7 @@ def test_settings_saved_through_it_survive_a_cut_at_every_operation():
             ffi.callback("bool(void *)", lambda _: True),
         )
         storage = ffi.new(
-            "struct settings_storage *",
+            "struct memory *",
             {"read": keep[0], "write": keep[1], "is_ready": keep[2]},
         )
         settings = ffi.new("struct settings *")
@@ -279,18 +279,18 @@ def test_settings_saved_through_it_survive_a_cut_at_every_operation():
         result = lib.settings_load(storage, settings, writer)
         return settings, writer, storage, (result, keep)
 
-    def save(settings: Any, writer: Any, storage: Any) -> int:
+    def save(settings: Any, writer: Any) -> int:
         lib.settings_save(writer)
         for _ in range(1000):
-            result = lib.settings_step(writer, storage, settings)
-            if result != lib.SETTINGS_BUSY:
+            result = lib.settings_step(writer, settings)
+            if result != lib.MEMORY_BUSY:
                 return int(result)
         raise AssertionError("a save without an end")
 
     flash = Flash()
     settings, writer, storage, _ = start(flash)
     settings.boot_count = 1
-    assert save(settings, writer, storage) == lib.SETTINGS_OK
+    assert save(settings, writer) == lib.MEMORY_OK
     cut, known, completed = 1, 1, 0
     while completed < 3:
         flash.is_off, flash.cut_at = False, None
@@ -300,7 +300,7 @@ def test_settings_saved_through_it_survive_a_cut_at_every_operation():
         known = settings.boot_count
         settings.boot_count = known + 1
         flash.cut_at = len(flash.operations) + cut
-        save(settings, writer, storage)
+        save(settings, writer)
         assert keep
         if flash.is_off:
             cut += 1

@@ -3,6 +3,7 @@
 #include <stddef.h>
 
 #include "core/probe/probe.h"
+#include "core/probe/probe_params.h"
 #include "core/probe/send.h"
 
 static enum result set_rate(struct probe *probe, int32_t value[2]) {
@@ -54,7 +55,7 @@ static enum result restart(struct probe *probe, int32_t value[2], uint32_t now_u
     if (probe->identity == NULL) {
         return RESULT_NOT_READY;
     }
-    (void)pose_begin(&probe->tracker, &probe->settings.calibration, probe->identity,
+    (void)pose_begin(&probe->tracker, &probe->params.calibration, probe->identity,
                      wanted);
     value[0] = wanted;
     probe_tell(probe, EVENT_RESTARTED, CAUSE_COMMAND, wanted, now_us);
@@ -88,6 +89,13 @@ static enum result carry_out(struct probe *probe, const struct message_command *
     case COMMAND_RESTART:
         return restart(probe, value, now_us);
     case COMMAND_TIME:
+        return RESULT_OK;
+    case COMMAND_PARAMS_WRITE:
+        return params_store_write(&probe->store, value[0], value[1]);
+    case COMMAND_PARAMS_APPLY:
+        return params_store_apply(&probe->store, value[0], value[1], value);
+    case COMMAND_PARAMS_TELL:
+        probe_params_tell_all(probe);
         return RESULT_OK;
     default:
         return RESULT_UNKNOWN_COMMAND;

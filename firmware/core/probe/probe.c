@@ -5,6 +5,7 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "core/probe/probe_params.h"
 #include "core/probe/send.h"
 
 enum {
@@ -44,7 +45,7 @@ void probe_begin(struct probe *probe, const IN_FLASH struct probe_port *port,
     frame_decoder_init(&probe->decoder, SCHEMA_SEED, MESSAGE_HELLO, probe->received,
                        sizeof probe->received);
     const enum settings_result loaded =
-        settings_load(port->storage, &probe->settings, &probe->writer);
+        settings_load(port->memory, &probe->settings, &probe->writer);
     uint8_t id_bits = 0;
     for (uint8_t i = 0; i < sizeof probe->settings.probe_id; ++i) {
         id_bits |= probe->settings.probe_id[i];
@@ -54,7 +55,9 @@ void probe_begin(struct probe *probe, const IN_FLASH struct probe_port *port,
     }
     ++probe->settings.boot_count;
     settings_save(&probe->writer);
+    probe_params_load(probe, now_us);
     send_hello(probe, TO_BOTH, now_us);
+    probe_params_tell_all(probe);
     if (loaded != SETTINGS_OK) {
         probe_tell(probe, EVENT_SETTINGS_RESTORED, CAUSE_BOOT, loaded, now_us);
     }
@@ -69,7 +72,7 @@ void probe_equip(struct probe *probe, struct probe_log *log,
 void probe_sensor_ready(struct probe *probe, const struct sensor_identity *identity,
                         uint32_t now_us) {
     if (probe->identity == NULL) {
-        (void)pose_begin(&probe->tracker, &probe->settings.calibration, identity,
+        (void)pose_begin(&probe->tracker, &probe->params.calibration, identity,
                          ATTITUDE_DEFAULT);
     }
     if (probe->is_faulty) {
@@ -80,6 +83,7 @@ void probe_sensor_ready(struct probe *probe, const struct sensor_identity *ident
     probe->identity = identity;
     probe->is_faulty = false;
     send_hello(probe, TO_BOTH, now_us);
+    probe_params_tell_all(probe);
 }
 
 void probe_sensor_failed(struct probe *probe, enum event event, enum cause cause,
@@ -151,6 +155,7 @@ void probe_log(struct probe *probe, bool is_on, uint32_t now_us) {
         log->earlier += log->outlet.sequence;
         log->outlet.sequence = 0;
         send_hello(probe, TO_CARD, now_us);
+        probe_params_tell_all(probe);
     }
 }
 
@@ -162,12 +167,28 @@ void probe_worked(struct probe *probe, uint32_t cycles) {
     }
 }
 
+// The origin that the params ask for at the start of a stream.
+static void set_reference(struct probe *probe, enum cause cause, uint32_t now_us) {
+    if (probe->params.reference == REFERENCE_NONE || probe->identity == NULL ||
+        !probe->tracker.has_sample) {
+        return;
+    }
+    const enum pose_origin origin = probe->params.reference == REFERENCE_FULL
+                                        ? POSE_ORIGIN_FULL
+                                        : POSE_ORIGIN_HEADING;
+    pose_set_origin(&probe->tracker, origin);
+    probe_tell(probe, EVENT_TARED, cause, origin, now_us);
+}
+
 void probe_set_streaming(struct probe *probe, bool is_streaming, enum cause cause,
                          uint32_t now_us) {
     if (probe->is_streaming == is_streaming) {
         return;
     }
     probe->is_streaming = is_streaming;
+    if (is_streaming) {
+        set_reference(probe, cause, now_us);
+    }
     probe_tell(probe, is_streaming ? EVENT_STREAM_STARTED : EVENT_STREAM_STOPPED, cause,
                0, now_us);
 }
@@ -179,18 +200,30 @@ static void follow_button(struct probe *probe, bool is_down, uint32_t now_us) {
         break;
     case BUTTON_RELEASED:
         probe_tell(probe, EVENT_BUTTON_RELEASED, CAUSE_BUTTON, 0, now_us);
-        probe_set_streaming(probe, !probe->is_streaming, CAUSE_BUTTON, now_us);
+        if (probe->params.button_does == BUTTON_DOES_STREAM) {
+            probe_set_streaming(probe, !probe->is_streaming, CAUSE_BUTTON, now_us);
+        }
         break;
     default:
         break;
     }
 }
 
-static void save_settings(struct probe *probe, uint32_t now_us) {
-    if (settings_step(&probe->writer, probe->port->storage, &probe->settings) ==
-        SETTINGS_FAILED) {
-        probe_tell(probe, EVENT_SETTINGS_FAILED, CAUSE_NONE, probe->writer.offset,
-                   now_us);
+// Work for the memory, of which only one thing goes on at a time.
+static void use_memory(struct probe *probe, uint32_t now_us) {
+    if (!probe->port->memory->is_ready(probe->port->memory->port)) {
+        return;
+    }
+    switch (settings_step(&probe->writer, &probe->settings)) {
+    case MEMORY_FAILED:
+        probe_tell(probe, EVENT_SETTINGS_FAILED, CAUSE_NONE,
+                   probe->writer.bank.writer.last, now_us);
+        break;
+    case MEMORY_OK:
+        probe_params_step(probe, now_us);
+        break;
+    default:
+        break;
     }
 }
 
@@ -216,8 +249,9 @@ void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
     } else if (probe->said < 2 && elapsed_us >= HELLO_PHASE_US) {
         probe->said = 2;
         send_hello(probe, TO_BOTH, now_us);
+        probe_params_tell_one(probe);
     } else {
-        save_settings(probe, now_us);
+        use_memory(probe, now_us);
     }
 }
 

@@ -6,6 +6,7 @@
 
 #include "core/drivers/button.h"
 #include "core/fusion/pose.h"
+#include "core/params/store.h"
 #include "core/probe/in_flash.h"
 #include "core/probe/outlet.h"
 #include "core/storage/settings.h"
@@ -31,7 +32,7 @@ struct probe_log {
 // What the probe asks of a board.
 struct probe_port {
     struct outlet *wire;
-    const struct settings_storage *storage;
+    const struct memory *memory;
     // Fills board, firmware, reset_cause and reset_address.
     void (*describe)(struct message_hello *out);
     // Fills samples_ready, stack_free, supply and receive_lost.
@@ -63,6 +64,10 @@ struct probe {
     uint32_t refused_us;           // when a refused calibration was last told
     struct settings settings;
     struct settings_writer writer;
+    struct params params;
+    struct params_store store;
+    uint16_t part_at;   // of the params' part that is told next
+    uint8_t parts_due;  // parts still to be told
     int32_t last_value[2];
     // NULL where the board has no more than sensor, wire and button.
     struct probe_log *log;
@@ -73,7 +78,7 @@ struct probe {
     struct pose_tracker tracker;
 };
 
-// Loads the settings, counts the boot, makes the probe's id where it has none.
+// Loads settings and params, counts the boot, makes the probe's id where it has none.
 void probe_begin(struct probe *probe, const IN_FLASH struct probe_port *port,
                  uint32_t now_us);
 

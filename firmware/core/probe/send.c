@@ -53,6 +53,7 @@ static void make_hello(const struct probe *probe, struct message_hello *out) {
         .raw_rate = probe->settings.raw_rate_hz,
         .boot_count = probe->settings.boot_count,
         .filter = send_filter(probe),
+        .params_digest = probe->store.bank.digest,
     };
     probe->port->describe(out);
     memcpy(out->probe_id, probe->settings.probe_id, sizeof out->probe_id);
@@ -118,6 +119,20 @@ NOINLINE void send_reply(struct probe *probe, const struct message_command *comm
         .value = {probe->last_value[0], probe->last_value[1]},
     };
     put(probe, TO_WIRE, bytes, message_reply_encode(&message, 0, now_us, bytes + 1));
+}
+
+NOINLINE void send_params(struct probe *probe, enum bank_side side, uint16_t at,
+                          uint32_t now_us) {
+    uint8_t bytes[MESSAGE_PARAMS_SIZE + FRAME_AROUND];
+    const struct params_store *store = &probe->store;
+    const bool is_current = side == BANK_CURRENT;
+    struct message_params message = {
+        .set_digest = is_current ? store->bank.digest : store->digest,
+        .set_length = is_current ? store->bank.length : store->length,
+        .part_offset = at,
+    };
+    params_store_part(store, side, message.set_length, at, message.part);
+    put(probe, TO_BOTH, bytes, message_params_encode(&message, 0, now_us, bytes + 1));
 }
 
 static void make_raw(const struct sample *sample, struct message_raw *out) {

@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: MIT
+// The probe's params; see probe_params.h.
+#include "core/probe/probe_params.h"
+
+#include <stddef.h>
+#include <string.h>
+
+#include "core/probe/send.h"
+
+void probe_params_load(struct probe *probe, uint32_t now_us) {
+    const bool is_whole =
+        params_store_open(&probe->store, probe->port->memory, &probe->params);
+    if (!is_whole) {
+        probe_tell(probe, EVENT_PARAMS_LOST, CAUSE_WORN,
+                   (int32_t)probe->store.bank.digest, now_us);
+    }
+}
+
+void probe_params_tell_all(struct probe *probe) {
+    probe->part_at = 0;
+    // One, too, where there are no records.
+    probe->parts_due = (uint8_t)(probe->store.bank.length / PARAMS_PART + 1);
+}
+
+void probe_params_tell_one(struct probe *probe) {
+    if (probe->parts_due == 0) {
+        probe->parts_due = 1;
+    }
+}
+
+static void tell_part(struct probe *probe, uint32_t now_us) {
+    const uint16_t length = probe->store.bank.length;
+    send_params(probe, BANK_CURRENT, probe->part_at, now_us);
+    --probe->parts_due;
+    probe->part_at = (uint16_t)(probe->part_at + PARAMS_PART);
+    if (probe->part_at >= length) {
+        probe->part_at = 0;
+        probe->parts_due = 0;  // one was too many where parts divide the length
+    }
+}
+
+// The filter begins anew where it was fed by another calibration: what it has learned
+// is in the other one's units.
+static void change(struct probe *probe, const struct calibration *before,
+                   uint32_t now_us) {
+    const uint8_t filter = send_filter(probe);
+    probe_tell(probe, EVENT_PARAMS_CHANGED, CAUSE_COMMAND,
+               (int32_t)probe->store.bank.digest, now_us);
+    if (probe->identity != NULL &&
+        memcmp(before, &probe->params.calibration, sizeof *before) != 0) {
+        (void)pose_begin(&probe->tracker, &probe->params.calibration, probe->identity,
+                         filter);
+        probe_tell(probe, EVENT_RESTARTED, CAUSE_COMMAND, filter, now_us);
+    }
+    send_hello(probe, TO_BOTH, now_us);
+    probe->part_at = 0;
+}
+
+void probe_params_step(struct probe *probe, uint32_t now_us) {
+    const struct calibration before = probe->params.calibration;
+    switch (params_store_step(&probe->store, &probe->params)) {
+    case PARAMS_CHANGED:
+        change(probe, &before, now_us);
+        break;
+    case PARAMS_TELLS:
+        send_params(probe, BANK_SPARE, probe->store.told, now_us);
+        break;
+    case PARAMS_IDLE:
+        if (probe->parts_due > 0) {
+            tell_part(probe, now_us);
+        }
+        break;
+    default:
+        break;
+    }
+}

@@ -1,0 +1,360 @@
+# SPDX-License-Identifier: MIT
+"""Params change as one transaction: staged, checked, switched to at once, or not."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.params_desk import (
+    ACC,
+    BANK,
+    BASE,
+    FOREIGN,
+    FULL,
+    GYR,
+    MAG,
+    ONE,
+    ROOM,
+    SMALL,
+    TIP,
+    Cells,
+    PowerCutError,
+    Store,
+    again,
+    digest,
+    ffi,
+    lib,
+    options,
+    sensor,
+    stored,
+    values_of,
+)
+from core.settings_desk import LEFT_BEHIND
+
+NONE = Store().image
+OK, BUSY = lib.RESULT_OK, lib.RESULT_BUSY
+DAMAGED, REFUSED, FAILED = lib.RESULT_DAMAGED, lib.RESULT_REFUSED, lib.RESULT_FAILED
+SHORT, RANGE, TWICE = (
+    lib.PARAMS_WRONG_LENGTH,
+    lib.PARAMS_OUT_OF_RANGE,
+    lib.PARAMS_DOUBLED,
+)
+
+
+def test_a_memory_without_params_has_the_identity():
+    for filler in (0x00, 0x55, 0xB2, 0xFF):
+        store = Store(Cells(bytes([filler]) * lib.MEMORY_SIZE))
+        assert store.is_whole
+        assert (store.digest, store.records) == (0, b"")
+        params = ffi.new("struct params *")
+        lib.params_clear(params)
+        assert store.image == bytes(ffi.buffer(params))
+        assert params.calibration.mag.matrix[1][1] == ONE
+
+
+@pytest.mark.parametrize("records", [FULL, SMALL, ACC, MAG + GYR, TIP, FOREIGN, b""])
+def test_a_change_holds_and_survives_a_boot(records):
+    store = Store()
+    assert store.change(records) == OK
+    assert store.changes == (1 if records else 0)
+    assert (store.digest, store.records) == (digest(records), records)
+    after = again(store.memory)
+    assert after.is_whole
+    assert (after.digest, after.records) == (digest(records), records)
+    assert after.image == store.image
+
+
+def test_values_of_the_records_are_in_force():
+    store = Store()
+    assert store.change(FULL) == OK
+    params = store.params
+    assert list(params.calibration.acc.bias) == [12345, -12345, 0]
+    assert params.calibration.gyr.matrix[2][2] == ONE + 160
+    assert params.calibration.mag.bias[0] == 1_000_000
+    assert (params.button_does, params.reference) == (1, 2)
+
+
+def test_nothing_is_in_force_before_it_is_applied():
+    store = Store(stored(SMALL))
+    before = store.image
+    store.stage(FULL)
+    assert store.image == before
+    assert again(store.memory).image == before
+
+
+def test_all_parts_are_told_before_the_switch():
+    store = Store()
+    store.stage(FULL)
+    assert store.ask(len(FULL), digest(FULL))[0] == BUSY
+    while store.changes == 0:
+        store.step()
+        whole = b"".join(part for _, part in store.told)
+    assert whole[: len(FULL)] == FULL
+    assert not any(whole[len(FULL) :])
+    assert [at for at, _ in store.told] == list(range(0, len(FULL), lib.PARAMS_PART))
+
+
+def test_no_records_are_an_own_change_that_tells_itself():
+    store = Store(stored(FULL))
+    assert store.apply(0, 0)[0] == OK
+    assert store.told == [(0, bytes(lib.PARAMS_PART))]
+    assert store.image == NONE
+    assert (again(store.memory).digest, again(store.memory).image) == (0, NONE)
+
+
+def test_what_was_applied_can_be_asked_for_again_and_wears_nothing():
+    store = Store()
+    assert store.change(FULL) == OK
+    store.memory.writes.clear()
+    assert store.ask(len(FULL), digest(FULL))[0] == OK
+    store.stage(FULL)
+    assert store.apply(len(FULL), digest(FULL))[0] == OK
+    assert store.changes == 1
+
+
+def test_the_params_before_come_back_without_being_sent():
+    store = Store(stored(SMALL, FULL))
+    assert store.apply(len(SMALL), digest(SMALL))[0] == OK
+    assert store.image == values_of(SMALL)
+
+
+# Cuts, resets, noise.
+
+
+@pytest.mark.parametrize("left", LEFT_BEHIND, ids=str)
+@pytest.mark.parametrize("before", [(), (SMALL,), (SMALL, ACC + GYR)], ids=len)
+def test_a_cut_at_any_write_leaves_the_old_params_or_the_changed_ones(left, before):
+    start = bytes(stored(*before).bytes)
+    old = Store(Cells(start)).image
+    new = values_of(FULL)
+    plain = Store(Cells(start))
+    assert plain.change(FULL) == OK
+    count = len(plain.memory.writes)
+    assert count > len(FULL) // 2
+    for cut_at in range(1, count + 1):
+        memory = Cells(start)
+        memory.cut_at, memory.left = cut_at, LEFT_BEHIND[left]
+        store = Store(memory)
+        with pytest.raises(PowerCutError):
+            store.change(FULL)
+        after = again(memory)
+        assert after.image in ((old, new) if cut_at == count else (old,))
+        # And from there on all is as ever.
+        assert after.change(FULL) == OK
+        assert again(after.memory).image == new
+
+
+def test_a_reset_at_any_step_leaves_the_old_params_or_the_changed_ones():
+    start = bytes(stored(SMALL).bytes)
+    old, new = values_of(SMALL), values_of(FULL)
+    taken = 0
+    is_over = False
+    while not is_over:
+        store = Store(Cells(start))
+        left = taken
+        is_over = True
+        for at in range(0, len(FULL), 4):
+            store.write(at, FULL[at : at + 4])
+            while left > 0 and store.step() != lib.PARAMS_IDLE:
+                left -= 1
+            if left <= 0:
+                is_over = False
+                break
+        else:
+            store.ask(len(FULL), digest(FULL))
+            while left > 0 and store.step() != lib.PARAMS_IDLE:
+                left -= 1
+            is_over = left > 0
+        after = again(store.memory)
+        assert after.image in (old, new)
+        assert after.is_whole
+        assert after.change(FULL) == OK
+        taken += 7
+
+
+@pytest.mark.parametrize("flip", [0x01, 0x80, 0xFF])
+def test_one_spoilt_byte_of_what_is_staged_is_damage(flip):
+    start = stored(SMALL)
+    old = Store(start).image
+    for at in range(len(FULL)):
+        wrong = bytearray(FULL)
+        wrong[at] ^= flip
+        store = again(start)
+        store.stage(bytes(wrong))
+        assert store.apply(len(FULL), digest(FULL))[0] == DAMAGED
+        assert store.image == old
+        assert again(store.memory).image == old
+
+
+def test_one_spoilt_byte_in_memory_is_told_and_leaves_the_params_before():
+    memory = stored(SMALL, FULL)
+    small, full = values_of(SMALL), values_of(FULL)
+    newest = Store(memory).c.bank.current
+    used = lib.BANK_HEADER + len(FULL)
+    for offset in range(BASE, BASE + 2 * BANK):
+        spoilt = Cells(bytes(memory.bytes))
+        spoilt.bytes[offset] ^= 0x10
+        store = Store(spoilt)
+        bank, at = divmod(offset - BASE, BANK)
+        is_in_newest = bank == newest and at < used
+        assert store.image == (small if is_in_newest else full), f"byte {offset}"
+        if is_in_newest and at >= 2:  # without a mark it was never there
+            assert not store.is_whole
+
+
+@given(st.binary(min_size=2 * BANK, max_size=2 * BANK))
+def test_noise_in_memory_is_no_params(content):
+    memory = Cells()
+    memory.bytes[BASE : BASE + 2 * BANK] = content
+    assert Store(memory).image == NONE
+
+
+# Hosts that are wrong, late, or two.
+
+
+def test_missing_parts_are_damage_and_the_old_params_hold():
+    store = Store(stored(SMALL))
+    old = store.image
+    for missing in range(0, len(FULL), 4):
+        fresh = again(store.memory)
+        spare = BASE + (store.c.bank.current ^ 1) * BANK
+        fresh.memory.bytes[spare : spare + BANK] = b"\xee" * BANK
+        for at in range(0, len(FULL), 4):
+            if at != missing:
+                assert fresh.write(at, FULL[at : at + 4]) == OK
+                fresh.settle()
+        assert fresh.apply(len(FULL), digest(FULL))[0] == DAMAGED
+        assert fresh.image == old
+
+
+def test_two_hosts_at_once_are_damage_and_then_one_of_them_has_it():
+    one, other = ACC + options(1, 1), GYR + options(0, 2)
+    store = Store()
+    for at in range(0, len(one), 4):
+        for records in (one, other):
+            assert store.write(at, records[at : at + 4]) == OK
+            store.settle()
+    assert store.apply(len(one), digest(one))[0] == DAMAGED
+    assert store.image == NONE
+    assert store.apply(len(other), digest(other))[0] == OK
+    assert store.image == values_of(other)
+
+
+def test_a_word_waits_until_the_one_before_is_in_memory():
+    store = Store()
+    store.memory.busy = 3
+    assert store.write(0, FULL[:4]) == OK
+    assert store.write(4, FULL[4:8]) == BUSY
+    assert store.ask(4, digest(FULL[:4]))[0] == BUSY
+    store.settle()
+    assert store.write(4, FULL[4:8]) == OK
+
+
+def test_nothing_can_be_staged_while_a_change_is_checked():
+    store = Store()
+    store.stage(FULL)
+    assert store.ask(len(FULL), digest(FULL))[0] == BUSY
+    while store.changes == 0:
+        assert store.write(0, b"\xff\xff\xff\xff") == BUSY
+        assert store.ask(4, 77)[0] == BUSY
+        store.step()
+    assert store.image == values_of(FULL)
+
+
+def test_a_result_is_of_the_change_that_was_asked_for():
+    store = Store()
+    store.stage(FULL)
+    assert store.ask(len(FULL), 1)[0] == BUSY
+    store.settle()  # damaged, and nobody asks any more
+    assert store.apply(len(FULL), digest(FULL))[0] == OK
+
+
+@pytest.mark.parametrize(
+    ("at", "word"), [(-4, 0), (1, 0), (2, 0), (ROOM, 0), (ROOM - 3, 0), (2**31 - 4, 0)]
+)
+def test_a_word_belongs_to_a_multiple_of_four_inside_the_room(at, word):
+    assert lib.params_store_write(Store().c, at, word) == lib.RESULT_BAD_ARGUMENT
+
+
+@pytest.mark.parametrize("length", [-1, ROOM + 1, 2**31 - 1, -(2**31)])
+def test_a_length_is_inside_the_room(length):
+    assert Store().ask(length, 5)[0] == lib.RESULT_BAD_ARGUMENT
+
+
+def test_records_may_fill_the_room_to_its_last_byte():
+    records = ACC + b"\xc8\xc8" + b"x" * 200
+    left = ROOM - len(records) - 2
+    records += bytes([201, left]) + b"y" * left
+    assert len(records) == ROOM
+    store = Store()
+    assert store.change(records) == OK
+    assert again(store.memory).records == records
+
+
+@pytest.mark.parametrize(
+    ("records", "refusal"),
+    [
+        (ACC[:-1], (lib.PARAMS_ACC, SHORT)),
+        (ACC + GYR[:1], (lib.PARAMS_GYR, SHORT)),
+        (bytes([lib.PARAMS_MAG, 29]) + bytes(29), (lib.PARAMS_MAG, SHORT)),
+        (bytes([lib.PARAMS_OPTIONS, 1, 0]), (lib.PARAMS_OPTIONS, SHORT)),
+        (FOREIGN[:-1], (0x63, SHORT)),
+        (sensor(lib.PARAMS_ACC, 0, 27853), (lib.PARAMS_ACC, RANGE)),
+        (sensor(lib.PARAMS_GYR, 16384**2 + 1), (lib.PARAMS_GYR, RANGE)),
+        (sensor(lib.PARAMS_MAG, 1 - 2**31), (lib.PARAMS_MAG, RANGE)),
+        (options(2, 0), (lib.PARAMS_OPTIONS, RANGE)),
+        (options(0, 3), (lib.PARAMS_OPTIONS, RANGE)),
+        (options() + ACC + options(), (lib.PARAMS_OPTIONS, TWICE)),
+        (ACC + sensor(lib.PARAMS_ACC), (lib.PARAMS_ACC, TWICE)),
+    ],
+)
+def test_records_that_cannot_be_used_are_refused_by_name(records, refusal):
+    store = Store(stored(SMALL))
+    old = store.image
+    store.stage(records)
+    assert store.apply(len(records), digest(records)) == (REFUSED, list(refusal))
+    assert store.image == old
+    assert again(store.memory).image == old
+
+
+def test_longer_records_are_taken_as_far_as_they_are_known():
+    store = Store()
+    records = sensor(lib.PARAMS_ACC, 5, more=b"\xff" * 60) + options() + b""
+    longer = records[:-3] + b"\x05\x01\x02xyz"
+    assert store.change(longer) == OK
+    assert store.params.calibration.acc.bias[0] == 5
+    assert (store.params.button_does, store.params.reference) == (1, 2)
+
+
+def test_params_that_this_firmware_refuses_are_told_as_lost_and_kept_in_memory():
+    """What another firmware wrote, with values that only it knows."""
+    store = Store(stored(SMALL))
+    bank = BASE + (store.c.bank.current) * BANK
+    records = options(9, 9)
+    memory = Cells(bytes(store.memory.bytes))
+    memory.bytes[bank + 8 : bank + 8 + len(records)] = records
+    memory.bytes[bank + 4 : bank + 8] = digest(records).to_bytes(4, "little")
+    after = Store(memory)
+    assert not after.is_whole
+    assert (after.digest, after.image) == (0, NONE)
+    assert after.memory.writes == []
+
+
+def test_a_worn_cell_fails_the_change_and_the_old_params_hold():
+    start = stored(SMALL)
+    old = Store(start).image
+    spare = BASE + (Store(start).c.bank.current ^ 1) * BANK
+    for at in (0, 1, 5, 8, 20):
+        store = again(start)
+        store.memory.worn = {spare + at}
+        store.memory.bytes[spare + at] = 0xEE  # nothing that a change wants there
+        results = set()
+        for word in range(0, len(FULL), 4):
+            results.add(store.write(word, FULL[word : word + 4]))
+            store.settle()
+        results.add(store.apply(len(FULL), digest(FULL))[0])
+        assert FAILED in results
+        assert store.image == old
+        assert again(store.memory).image == old
