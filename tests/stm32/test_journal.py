@@ -288,13 +288,13 @@ def test_settings_saved_through_it_survive_a_cut_at_every_operation():
         raise AssertionError("a save without an end")
 
     flash = Flash()
-    settings, writer, storage, _ = start(flash)
+    settings, writer, _storage, _ = start(flash)
     settings.boot_count = 1
     assert save(settings, writer) == lib.MEMORY_OK
     cut, known, completed = 1, 1, 0
     while completed < 3:
         flash.is_off, flash.cut_at = False, None
-        settings, writer, storage, (result, keep) = start(flash)
+        settings, writer, _storage, (result, keep) = start(flash)
         assert result == lib.SETTINGS_OK
         assert settings.boot_count in (known, known + 1)
         known = settings.boot_count
