@@ -118,33 +118,6 @@ bool lsm9ds0_chip_pin_is_high(const struct lsm9ds0_chip *chip,
 // address is the sub-address: bit 7 has it move on with each byte.
 struct i2c_slave *lsm9ds0_chip_wire(struct lsm9ds0_chip *chip);
 
-static inline bool lsm9ds0_chip_start(struct lsm9ds0_chip *chip, uint64_t now_ns,
-                                      uint8_t address, bool is_read) {
-    return i2c_slave_start(lsm9ds0_chip_wire(chip), now_ns, address, is_read);
-}
-
-static inline bool lsm9ds0_chip_write(struct lsm9ds0_chip *chip, uint64_t now_ns,
-                                      uint8_t byte) {
-    return i2c_slave_write(lsm9ds0_chip_wire(chip), now_ns, byte);
-}
-
-static inline uint8_t lsm9ds0_chip_read(struct lsm9ds0_chip *chip, uint64_t now_ns,
-                                        bool ack) {
-    return i2c_slave_read(lsm9ds0_chip_wire(chip), now_ns, ack);
-}
-
-static inline void lsm9ds0_chip_stop(struct lsm9ds0_chip *chip, uint64_t now_ns) {
-    i2c_slave_stop(lsm9ds0_chip_wire(chip), now_ns);
-}
-
-static inline void lsm9ds0_chip_scl_pulse(struct lsm9ds0_chip *chip, uint64_t now_ns) {
-    i2c_slave_scl_pulse(lsm9ds0_chip_wire(chip), now_ns);
-}
-
-static inline bool lsm9ds0_chip_holds_sda(struct lsm9ds0_chip *chip, uint64_t now_ns) {
-    return i2c_slave_holds_sda(lsm9ds0_chip_wire(chip), now_ns);
-}
-
 // For tests: a register of either die with no side effects, transactions so far,
 // samples of a quantity so far, and the first thing the host did against the documents
 // (null: nothing).

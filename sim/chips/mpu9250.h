@@ -77,32 +77,6 @@ bool mpu9250_chip_int_is_high(const struct mpu9250_chip *chip);
 // The chip on the wire: its bytes, whole transactions, faults.
 struct i2c_slave *mpu9250_chip_wire(struct mpu9250_chip *chip);
 
-static inline bool mpu9250_chip_start(struct mpu9250_chip *chip, uint64_t now_ns,
-                                      uint8_t address, bool is_read) {
-    return i2c_slave_start(mpu9250_chip_wire(chip), now_ns, address, is_read);
-}
-
-static inline bool mpu9250_chip_write(struct mpu9250_chip *chip, uint64_t now_ns,
-                                      uint8_t byte) {
-    return i2c_slave_write(mpu9250_chip_wire(chip), now_ns, byte);
-}
-
-static inline uint8_t mpu9250_chip_read(struct mpu9250_chip *chip, uint64_t now_ns,
-                                        bool ack) {
-    return i2c_slave_read(mpu9250_chip_wire(chip), now_ns, ack);
-}
-
-static inline void mpu9250_chip_stop(struct mpu9250_chip *chip, uint64_t now_ns) {
-    i2c_slave_stop(mpu9250_chip_wire(chip), now_ns);
-}
-
-static inline void mpu9250_chip_scl_pulse(struct mpu9250_chip *chip, uint64_t now_ns) {
-    i2c_slave_scl_pulse(mpu9250_chip_wire(chip), now_ns);
-}
-
-static inline bool mpu9250_chip_holds_sda(struct mpu9250_chip *chip, uint64_t now_ns) {
-    return i2c_slave_holds_sda(mpu9250_chip_wire(chip), now_ns);
-}
 // For tests: a register with no side effects, transactions so far, samples taken so
 // far, and the first thing the host did against the documents (null: nothing).
 uint8_t mpu9250_chip_peek(const struct mpu9250_chip *chip, uint8_t reg);

@@ -6,7 +6,7 @@
 // has read and written what it asks for. Whether a byte is acknowledged is decided at
 // its end, from ACK as it is then, or with POS as it was at the end of the byte before.
 // Data register and shift register are separate.
-#include "../chips/lsm9ds0.h"
+#include "../chips/i2c_slave.h"
 #include "f405.h"
 
 enum {
@@ -165,7 +165,7 @@ static void end_address(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;
     i2c->is_reading = (i2c->shift & 1) != 0;
     const bool ack =
-        lsm9ds0_chip_start(m->sensor, now_ns(m), i2c->shift >> 1, i2c->is_reading);
+        i2c_slave_start(i2c_wire(m), now_ns(m), i2c->shift >> 1, i2c->is_reading);
     if (i2c_is_held(m)) {
         lose(m);
     } else if (!ack) {
@@ -180,7 +180,7 @@ static void end_address(struct f405 *m) {
 
 static void end_send(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;
-    const bool ack = lsm9ds0_chip_write(m->sensor, now_ns(m), i2c->shift);
+    const bool ack = i2c_slave_write(i2c_wire(m), now_ns(m), i2c->shift);
     const bool held = i2c_is_held(m);
     if (held && i2c->shift != 0) {
         lose(m);
@@ -204,7 +204,7 @@ static void end_receive(struct f405 *m) {
     i2c->had_ack =
         ((i2c->cr1 & CR1_POS) != 0 ? i2c->acks_next : acks) && !is_last_of_dma(m);
     i2c->acks_next = acks;
-    i2c->shift = lsm9ds0_chip_read(m->sensor, now_ns(m), i2c->had_ack);
+    i2c->shift = i2c_slave_read(i2c_wire(m), now_ns(m), i2c->had_ack);
     if (!i2c->had_ack && i2c_is_held(m)) {
         lose(m);  // the NACK did not get through
         return;
@@ -227,7 +227,7 @@ static void end_stop(struct f405 *m) {
         plan(m, BUS_STOP, RETRY_PS);  // SDA can't rise
         return;
     }
-    lsm9ds0_chip_stop(m->sensor, now_ns(m));
+    i2c_slave_stop(i2c_wire(m), now_ns(m));
     if (!i2c->is_reading) {
         i2c_tell_bus(m, false);
     }
@@ -276,7 +276,7 @@ void f405_glitch(struct f405 *m) {
     if (i2c->doing == BUS_ADDRESS || i2c->doing == BUS_SEND ||
         i2c->doing == BUS_RECEIVE) {
         i2c->sr1 |= BERR;
-        lsm9ds0_chip_stop(m->sensor, now_ns(m));
+        i2c_slave_stop(i2c_wire(m), now_ns(m));
         follow_line(m);
     }
 }

@@ -10,8 +10,12 @@ enum {
     AF_I2C = 4,
 };
 
+struct i2c_slave *i2c_wire(const struct f405 *m) {
+    return lsm9ds0_chip_wire(m->sensor);
+}
+
 bool i2c_is_held(const struct f405 *m) {
-    return lsm9ds0_chip_holds_sda(m->sensor, f405_ns(f405_when(m)));
+    return i2c_slave_holds_sda(i2c_wire(m), f405_ns(f405_when(m)));
 }
 
 bool i2c_has_pins(const struct f405 *m) {
@@ -31,12 +35,12 @@ void i2c_follow_pins(struct f405 *m) {
     const bool is_ours = !i2c_has_pins(m);
     const bool scl = !is_ours || pins_level(m, PORT_B, PIN_SCL);
     if (is_ours && scl && !i2c->scl_was_high) {
-        lsm9ds0_chip_scl_pulse(m->sensor, f405_ns(f405_when(m)));
+        i2c_slave_scl_pulse(i2c_wire(m), f405_ns(f405_when(m)));
     }
     const bool sda = !is_ours || pins_level(m, PORT_B, PIN_SDA);
     if (is_ours && scl && i2c->scl_was_high && sda && !i2c->sda_was_high) {
-        lsm9ds0_chip_stop(m->sensor,
-                          f405_ns(f405_when(m)));  // SDA rises while SCL is high
+        // SDA rises while SCL is high.
+        i2c_slave_stop(i2c_wire(m), f405_ns(f405_when(m)));
         i2c_tell_bus(m, false);
     }
     i2c->scl_was_high = scl;
