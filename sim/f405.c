@@ -22,18 +22,6 @@ static const char usage_text[] =
     "--radio is an RN-41 between probe and wire, with its settings in FILE\n"
     "--battery is a cell of so many millivolts, and its charger\n";
 
-static const char *const chip_faults[] = {
-    [CHIP_FAULT_NACK] = "nack",
-    [CHIP_FAULT_STUCK_SDA] = "stuck_sda",
-    [CHIP_FAULT_NO_DATA_READY] = "no_data_ready",
-    [CHIP_FAULT_WRONG_WHO_AM_I] = "wrong_who_am_i",
-    [CHIP_FAULT_NO_MAG] = "no_mag",
-    [CHIP_FAULT_GYR_SELF_TEST] = "gyr_self_test",
-    [CHIP_FAULT_ACC_SELF_TEST] = "acc_self_test",
-    [CHIP_FAULT_FROZEN] = "frozen",
-};
-_Static_assert((int)FAULTS_MAX <= (int)I2C_SLAVE_FAULTS_MAX, "the chip takes them all");
-
 static struct f405_board the_board;
 
 static void feel(void *context, enum lsm9ds0_chip_quantity quantity, int64_t from_ns,
@@ -261,8 +249,7 @@ static const struct run_board board_f405 = {
     .code_size = F405_FLASH_SIZE,
     .fault_kinds =
         {
-            .chip = chip_faults,
-            .chip_count = sizeof chip_faults / sizeof *chip_faults,
+            .no_mag = "no_mag",
             .card = f405_card_faults,
             .card_count = F405_CARD_FAULTS,
             .has_dies = true,

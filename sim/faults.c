@@ -8,6 +8,21 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "chips/i2c_slave.h"
+
+_Static_assert((int)FAULTS_MAX <= (int)I2C_SLAVE_FAULTS_MAX, "the chip takes them all");
+
+static const char *const chip_kinds[] = {
+    [CHIP_FAULT_NACK] = "nack",
+    [CHIP_FAULT_STUCK_SDA] = "stuck_sda",
+    [CHIP_FAULT_NO_DATA_READY] = "no_data_ready",
+    [CHIP_FAULT_WRONG_WHO_AM_I] = "wrong_who_am_i",
+    [CHIP_FAULT_NO_MAG] = NULL,  // each board has its own name
+    [CHIP_FAULT_GYR_SELF_TEST] = "gyr_self_test",
+    [CHIP_FAULT_ACC_SELF_TEST] = "acc_self_test",
+    [CHIP_FAULT_FROZEN] = "frozen",
+};
+
 static const struct {
     const char *name;
     enum fault_target target;
@@ -57,8 +72,9 @@ static bool read_word(struct faults *faults, const char **at, char *word, size_t
 
 static bool set_kind(struct faults *faults, struct fault *fault, const char *kind) {
     const struct fault_kinds *kinds = faults->kinds;
-    for (unsigned i = 0; i < kinds->chip_count; i++) {
-        if (strcmp(kind, kinds->chip[i]) == 0) {
+    for (size_t i = 0; i < sizeof chip_kinds / sizeof *chip_kinds; i++) {
+        const char *name = i == CHIP_FAULT_NO_MAG ? kinds->no_mag : chip_kinds[i];
+        if (strcmp(kind, name) == 0) {
             fault->target = FAULT_CHIP;
             fault->chip.kind = (enum chip_fault_kind)i;
             return true;

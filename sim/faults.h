@@ -80,8 +80,7 @@ struct card_fault {
 
 // The kinds of faults that a board supports.
 struct fault_kinds {
-    const char *const *chip;  // names
-    unsigned chip_count;
+    const char *no_mag;       // name of CHIP_FAULT_NO_MAG
     const char *const *card;  // names of the card's faults; null: no card
     unsigned card_count;
     bool has_dies;

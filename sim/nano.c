@@ -19,18 +19,6 @@ static const char usage_text[] =
     "       nano --self-test [--without NAME]\n"
     "       nano --version\n";
 
-static const char *const chip_faults[] = {
-    [CHIP_FAULT_NACK] = "nack",
-    [CHIP_FAULT_STUCK_SDA] = "stuck_sda",
-    [CHIP_FAULT_NO_DATA_READY] = "no_data_ready",
-    [CHIP_FAULT_WRONG_WHO_AM_I] = "wrong_who_am_i",
-    [CHIP_FAULT_NO_MAG] = "no_ak8963",
-    [CHIP_FAULT_GYR_SELF_TEST] = "gyr_self_test",
-    [CHIP_FAULT_ACC_SELF_TEST] = "acc_self_test",
-    [CHIP_FAULT_FROZEN] = "frozen",
-};
-_Static_assert((int)FAULTS_MAX <= (int)I2C_SLAVE_FAULTS_MAX, "the chip takes them all");
-
 static struct nano {
     struct run run;
     struct machine machine;
@@ -195,11 +183,7 @@ static const struct run_board board_nano = {
     .version = NANO_VERSION,
     .ticks_per_us = MACHINE_CYCLES_PER_US,
     .code_size = FOLLOW_FLASH_BYTES,
-    .fault_kinds =
-        {
-            .chip = chip_faults,
-            .chip_count = sizeof chip_faults / sizeof *chip_faults,
-        },
+    .fault_kinds = {.no_mag = "no_ak8963"},
     .memory = "is no EEPROM of 1024 bytes",
     .command = command,
     .power_up = power_up,
