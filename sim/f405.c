@@ -24,16 +24,6 @@ static const char usage_text[] =
 
 static struct f405_board the_board;
 
-static void feel(void *context, enum lsm9ds0_chip_quantity quantity, int64_t from_ns,
-                 int64_t to_ns, double mean[3]) {
-    static const enum motion_quantity quantities[] = {
-        [LSM9DS0_CHIP_GYR] = MOTION_GYR,
-        [LSM9DS0_CHIP_ACC] = MOTION_ACC,
-        [LSM9DS0_CHIP_MAG] = MOTION_MAG,
-    };
-    motion_mean(context, quantities[quantity], from_ns, to_ns, mean);
-}
-
 // Callbacks of the machine
 
 static void on_mark(void *context, bool is_begin) {
@@ -57,7 +47,7 @@ static int power_up(void *self, struct run *run) {
     struct lsm9ds0_chip_config config = lsm9ds0_chip_defaults();
     if (options->motion != NULL) {
         config.is_recorded = (run->motion.flags & MOTION_RECORDED) != 0;
-        config.motion = feel;
+        config.motion = motion_mean;
         config.context = &run->motion;
     }
     board->sensor = lsm9ds0_chip_new(&config);

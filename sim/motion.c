@@ -111,9 +111,10 @@ static void value_at(const struct motion *motion, double at, int first,
     }
 }
 
-void motion_mean(struct motion *motion, enum motion_quantity quantity, int64_t from_ns,
+void motion_mean(void *context, enum chip_quantity quantity, int64_t from_ns,
                  int64_t to_ns, double mean[3]) {
-    const int first = 3 * (int)quantity;
+    struct motion *motion = context;
+    const int first = 3 * (int)quantity;  // a record has them in the order of the enum
     const double from = position(motion, from_ns);
     const double to = position(motion, to_ns);
     read_until(motion, to);

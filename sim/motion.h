@@ -12,14 +12,14 @@
 #include <stdint.h>
 #include <stdio.h>
 
+#include "chips/chip_motion.h"
+
 enum {
     MOTION_AXES = 9,
     MOTION_KEPT = 16384,  // records held back for windows that reach into the past
     MOTION_RATE_MAX_HZ =
         100000  // the longest window, 89 ms, fits twice in what is kept
 };
-
-enum motion_quantity { MOTION_GYR, MOTION_ACC, MOTION_MAG };  // rad/s, m/s2, uT
 
 enum motion_flag { MOTION_RECORDED = 1 };
 
@@ -41,9 +41,8 @@ void motion_close(struct motion *motion);
 void motion_begin(struct motion *motion, int64_t start_ns);
 // Reads the stream up to that time. True once the last record has passed by then.
 bool motion_is_over(struct motion *motion, int64_t now_ns);
-// Writes the mean of the quantity over (from_ns, to_ns] to mean; where both are equal,
-// its value then.
-void motion_mean(struct motion *motion, enum motion_quantity quantity, int64_t from_ns,
+// A chip_motion_function, whose context is the struct motion.
+void motion_mean(void *context, enum chip_quantity quantity, int64_t from_ns,
                  int64_t to_ns, double mean[3]);
 
 #endif

@@ -44,16 +44,6 @@ static void on_reset(void *context, enum machine_reset cause) {
     run_on_reset(context);
 }
 
-static void feel(void *context, enum mpu9250_chip_quantity quantity, int64_t from_ns,
-                 int64_t to_ns, double mean[3]) {
-    static const enum motion_quantity quantities[] = {
-        [MPU9250_CHIP_GYR] = MOTION_GYR,
-        [MPU9250_CHIP_ACC] = MOTION_ACC,
-        [MPU9250_CHIP_MAG] = MOTION_MAG,
-    };
-    motion_mean(context, quantities[quantity], from_ns, to_ns, mean);
-}
-
 // The functions of struct run_board
 
 static int power_up(void *self, struct run *run) {
@@ -63,7 +53,7 @@ static int power_up(void *self, struct run *run) {
     struct mpu9250_chip_config config = mpu9250_chip_defaults();
     if (options->motion != NULL) {
         config.is_recorded = (run->motion.flags & MOTION_RECORDED) != 0;
-        config.motion = feel;
+        config.motion = motion_mean;
         config.context = &run->motion;
     }
     board->chip = mpu9250_chip_new(&config);

@@ -45,13 +45,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "chip_motion.h"
 #include "i2c_slave.h"
-
-enum lsm9ds0_chip_quantity {
-    LSM9DS0_CHIP_GYR,  // rad/s
-    LSM9DS0_CHIP_ACC,  // m/s2, specific force: +g on z when lying level
-    LSM9DS0_CHIP_MAG,  // uT
-};
 
 enum lsm9ds0_chip_pin {
     LSM9DS0_CHIP_DRDY_G,
@@ -62,13 +57,8 @@ enum lsm9ds0_chip_pin {
 // Of a fault, and on the wire.
 enum lsm9ds0_chip_die { LSM9DS0_CHIP_BOTH, LSM9DS0_CHIP_G, LSM9DS0_CHIP_XM };
 
-// Writes the mean of the quantity over (from_ns, to_ns] to mean, or its value at that
-// time where both are equal. from_ns may be negative.
-typedef void (*lsm9ds0_chip_motion)(void *context, enum lsm9ds0_chip_quantity quantity,
-                                    int64_t from_ns, int64_t to_ns, double mean[3]);
-
 struct lsm9ds0_chip_config {
-    lsm9ds0_chip_motion motion;  // null: the motion is that of lsm9ds0_chip_hold()
+    chip_motion_function motion;  // null: the motion is that of lsm9ds0_chip_hold()
     void *context;
     bool is_recorded;          // a sensor's low-pass is in the motion already
     double g_rate_error_ppm;   // of the gyroscope's clock; positive is fast
@@ -125,7 +115,7 @@ uint8_t lsm9ds0_chip_peek_g(const struct lsm9ds0_chip *chip, uint8_t reg);
 uint8_t lsm9ds0_chip_peek_xm(const struct lsm9ds0_chip *chip, uint8_t reg);
 uint64_t lsm9ds0_chip_transactions(const struct lsm9ds0_chip *chip);
 uint64_t lsm9ds0_chip_samples(const struct lsm9ds0_chip *chip,
-                              enum lsm9ds0_chip_quantity quantity);
+                              enum chip_quantity quantity);
 const char *lsm9ds0_chip_complaint(const struct lsm9ds0_chip *chip);
 
 #endif

@@ -20,21 +20,11 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "chip_motion.h"
 #include "i2c_slave.h"
 
-enum mpu9250_chip_quantity {
-    MPU9250_CHIP_GYR,  // rad/s
-    MPU9250_CHIP_ACC,  // m/s2, specific force: +g on z when lying level
-    MPU9250_CHIP_MAG,  // uT
-};
-
-// Writes the mean of the quantity over (from_ns, to_ns] to mean, or its value at that
-// time where both are equal. from_ns may be negative.
-typedef void (*mpu9250_chip_motion)(void *context, enum mpu9250_chip_quantity quantity,
-                                    int64_t from_ns, int64_t to_ns, double mean[3]);
-
 struct mpu9250_chip_config {
-    mpu9250_chip_motion motion;  // null: the motion is that of mpu9250_chip_hold()
+    chip_motion_function motion;  // null: the motion is that of mpu9250_chip_hold()
     void *context;
     bool is_recorded;           // a sensor's low-pass is in the motion already
     double rate_error_ppm;      // of the sample clock; positive is fast

@@ -16,9 +16,9 @@ G, XM = 0x6B, 0x1D
 ON = 0x80  # bit 7 of the sub-address: move on with each byte
 
 ffi, lib = chips.load("lsm9ds0", core=False)
-recorder = functools.partial(sensor_desk.recorder, "lsm9ds0", ffi)
+recorder = functools.partial(sensor_desk.recorder, ffi)
 
-GYR, ACC, MAG = lib.LSM9DS0_CHIP_GYR, lib.LSM9DS0_CHIP_ACC, lib.LSM9DS0_CHIP_MAG
+GYR, ACC, MAG = lib.CHIP_GYR, lib.CHIP_ACC, lib.CHIP_MAG
 DRDY_G = lib.LSM9DS0_CHIP_DRDY_G
 INT1, INT2 = lib.LSM9DS0_CHIP_INT1_XM, lib.LSM9DS0_CHIP_INT2_XM
 # Where each sensor lives: address, status register, first output register.

@@ -13,7 +13,7 @@ from sim.sensor_desk import MS, SensorDesk
 MPU, AK = 0x68, 0x0C
 
 ffi, lib = chips.load("mpu9250", core=False)
-recorder = functools.partial(sensor_desk.recorder, "mpu9250", ffi)
+recorder = functools.partial(sensor_desk.recorder, ffi)
 
 
 class Chip(SensorDesk):

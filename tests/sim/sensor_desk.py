@@ -118,13 +118,11 @@ class SensorDesk:
         return None if text == self.ffi.NULL else self.ffi.string(text).decode()
 
 
-def recorder(name: str, ffi: Any, quantity: int) -> tuple[Any, list[tuple[int, int]]]:
+def recorder(ffi: Any, quantity: int) -> tuple[Any, list[tuple[int, int]]]:
     """A motion that stands still, and the windows over which it was asked for it."""
     asked: list[tuple[int, int]] = []
 
-    @ffi.callback(
-        f"void(void *, enum {name}_chip_quantity, int64_t, int64_t, double *)"
-    )
+    @ffi.callback("void(void *, enum chip_quantity, int64_t, int64_t, double *)")
     def motion(_context: Any, which: int, start: int, end: int, mean: Any) -> None:
         if which == quantity:
             asked.append((start, end))

@@ -167,7 +167,7 @@ def test_a_soft_reset_takes_the_ak8963_back(chip: Chip) -> None:
 
 
 def test_the_field_is_that_of_the_middle_of_the_measurement() -> None:
-    motion, asked = recorder(lib.MPU9250_CHIP_MAG)
+    motion, asked = recorder(lib.CHIP_MAG)
     chip = Chip(motion=motion)
     chip.bypass()
     chip.ak_mode(0x16)

@@ -60,7 +60,7 @@ def test_temperature_by_the_data_sheets_formula() -> None:
 
 @pytest.mark.parametrize(("dlpf", "hz"), [(1, 184), (2, 92), (3, 41), (4, 20), (5, 10)])
 def test_the_gyroscope_is_averaged_over_its_bandwidth(dlpf: int, hz: float) -> None:
-    motion, asked = recorder(lib.MPU9250_CHIP_GYR)
+    motion, asked = recorder(lib.CHIP_GYR)
     chip = Chip(motion=motion)
     chip.write(26, dlpf)
     chip.write(25, 4)
@@ -72,7 +72,7 @@ def test_the_gyroscope_is_averaged_over_its_bandwidth(dlpf: int, hz: float) -> N
 
 @pytest.mark.parametrize(("dlpf", "hz"), [(2, 99), (3, 44.8), (4, 21.2), (6, 5.05)])
 def test_the_accelerometer_has_a_bandwidth_of_its_own(dlpf: int, hz: float) -> None:
-    motion, asked = recorder(lib.MPU9250_CHIP_ACC)
+    motion, asked = recorder(lib.CHIP_ACC)
     chip = Chip(motion=motion)
     chip.write(29, dlpf)
     chip.sample()

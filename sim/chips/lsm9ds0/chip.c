@@ -14,8 +14,8 @@ void lsm9ds0_chip_complain(struct lsm9ds0_chip *chip, const char *what) {
 }
 
 struct die *lsm9ds0_chip_die_of(struct lsm9ds0_chip *chip,
-                                enum lsm9ds0_chip_quantity quantity) {
-    return quantity == LSM9DS0_CHIP_GYR ? &chip->g : &chip->xm;
+                                enum chip_quantity quantity) {
+    return quantity == CHIP_GYR ? &chip->g : &chip->xm;
 }
 
 // The wire
@@ -91,9 +91,7 @@ struct lsm9ds0_chip *lsm9ds0_chip_new(const struct lsm9ds0_chip_config *config) 
     }
     chip->config = *config;
     chip->wire = (struct i2c_slave){.ops = &wire_ops, .chip = chip};
-    chip->held[LSM9DS0_CHIP_ACC][2] = STANDARD_GRAVITY;
-    chip->held[LSM9DS0_CHIP_MAG][1] = 20.0;
-    chip->held[LSM9DS0_CHIP_MAG][2] = -40.0;
+    chip->motion = chip_motion_from(config->motion, config->context);
     lsm9ds0_chip_power_cycle(chip, 0);
     return chip;
 }
@@ -126,15 +124,13 @@ void lsm9ds0_chip_power_cycle(struct lsm9ds0_chip *chip, uint64_t now_ns) {
     chip->xm.reg[REG_FIFO_SRC] = FIFO_EMPTY;
     memset(chip->sensors, 0, sizeof chip->sensors);
     for (int i = 0; i < SENSORS; i++) {
-        lsm9ds0_chip_restart_clock(chip, (enum lsm9ds0_chip_quantity)i);
+        lsm9ds0_chip_restart_clock(chip, (enum chip_quantity)i);
     }
 }
 
 void lsm9ds0_chip_hold(struct lsm9ds0_chip *chip, const double gyr_rad_s[3],
                        const double acc_m_s2[3], const double mag_ut[3]) {
-    memcpy(chip->held[LSM9DS0_CHIP_GYR], gyr_rad_s, sizeof chip->held[0]);
-    memcpy(chip->held[LSM9DS0_CHIP_ACC], acc_m_s2, sizeof chip->held[0]);
-    memcpy(chip->held[LSM9DS0_CHIP_MAG], mag_ut, sizeof chip->held[0]);
+    chip_motion_hold(&chip->motion, gyr_rad_s, acc_m_s2, mag_ut);
 }
 
 void lsm9ds0_chip_set_temperature(struct lsm9ds0_chip *chip, double temperature_c) {
@@ -160,13 +156,13 @@ static void end_boot(struct lsm9ds0_chip *chip) {
         chip->g.boot_end = NEVER;
         chip->g.reg[REG_CTRL5_G] &= (uint8_t)~BOOT;
         chip->gyr_on_ns = chip->wire.now_ns;
-        lsm9ds0_chip_restart_clock(chip, LSM9DS0_CHIP_GYR);
+        lsm9ds0_chip_restart_clock(chip, CHIP_GYR);
     }
     if (chip->xm.boot_end == chip->wire.now_ns) {
         chip->xm.boot_end = NEVER;
         chip->xm.reg[REG_CTRL0_XM] &= (uint8_t)~BOOT;
-        lsm9ds0_chip_restart_clock(chip, LSM9DS0_CHIP_ACC);
-        lsm9ds0_chip_restart_clock(chip, LSM9DS0_CHIP_MAG);
+        lsm9ds0_chip_restart_clock(chip, CHIP_ACC);
+        lsm9ds0_chip_restart_clock(chip, CHIP_MAG);
     }
 }
 
@@ -179,7 +175,7 @@ void lsm9ds0_chip_advance(struct lsm9ds0_chip *chip, uint64_t now_ns) {
         chip->wire.now_ns = next;
         for (int i = 0; i < SENSORS; i++) {
             if (chip->sensors[i].tick_ns == next) {
-                lsm9ds0_chip_take_sample(chip, (enum lsm9ds0_chip_quantity)i);
+                lsm9ds0_chip_take_sample(chip, (enum chip_quantity)i);
             }
         }
         end_boot(chip);
@@ -222,7 +218,7 @@ uint64_t lsm9ds0_chip_transactions(const struct lsm9ds0_chip *chip) {
 }
 
 uint64_t lsm9ds0_chip_samples(const struct lsm9ds0_chip *chip,
-                              enum lsm9ds0_chip_quantity quantity) {
+                              enum chip_quantity quantity) {
     return chip->sensors[quantity].samples;
 }
 

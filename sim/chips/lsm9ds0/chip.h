@@ -4,11 +4,11 @@
 #ifndef SIM_CHIPS_LSM9DS0_CHIP_H
 #define SIM_CHIPS_LSM9DS0_CHIP_H
 
+#include "../chip_motion.h"
 #include "../i2c_slave.h"
 #include "../lsm9ds0.h"
 
 #define NEVER UINT64_MAX
-#define STANDARD_GRAVITY 9.80665  // m/s2
 
 enum { REG_COUNT = 128, AXES = 3, SENSORS = 3 };
 
@@ -149,39 +149,34 @@ struct sensor {
 struct lsm9ds0_chip {
     struct lsm9ds0_chip_config config;
     struct i2c_slave wire;
-    double held[SENSORS][AXES];  // motion by lsm9ds0_chip_quantity
+    struct chip_motion motion;
     const char *complaint;
 
     uint64_t gyr_on_ns;  // the gyroscope left power-down
     struct die g;
     struct die xm;
-    struct sensor sensors[SENSORS];  // by lsm9ds0_chip_quantity
+    struct sensor sensors[SENSORS];  // by chip_quantity
 };
 
 // chip.c
 // Keeps the first thing that the host did against the documents.
 void lsm9ds0_chip_complain(struct lsm9ds0_chip *chip, const char *what);
-struct die *lsm9ds0_chip_die_of(struct lsm9ds0_chip *chip,
-                                enum lsm9ds0_chip_quantity quantity);
+struct die *lsm9ds0_chip_die_of(struct lsm9ds0_chip *chip, enum chip_quantity quantity);
 
 // sense.c
 // Sets the time of the next sample after a change of rate or power, or at a reboot.
-void lsm9ds0_chip_set_next_tick(struct lsm9ds0_chip *chip,
-                                enum lsm9ds0_chip_quantity quantity);
-void lsm9ds0_chip_restart_clock(struct lsm9ds0_chip *chip,
-                                enum lsm9ds0_chip_quantity quantity);
+void lsm9ds0_chip_set_next_tick(struct lsm9ds0_chip *chip, enum chip_quantity quantity);
+void lsm9ds0_chip_restart_clock(struct lsm9ds0_chip *chip, enum chip_quantity quantity);
 // Measures: `latest` of the sensor, and with the field the temperature.
-void lsm9ds0_chip_sense(struct lsm9ds0_chip *chip, enum lsm9ds0_chip_quantity quantity);
+void lsm9ds0_chip_sense(struct lsm9ds0_chip *chip, enum chip_quantity quantity);
 
 // output.c
-void lsm9ds0_chip_take_sample(struct lsm9ds0_chip *chip,
-                              enum lsm9ds0_chip_quantity quantity);
+void lsm9ds0_chip_take_sample(struct lsm9ds0_chip *chip, enum chip_quantity quantity);
 // An output byte has been read: number 0 to 5.
-void lsm9ds0_chip_release(struct lsm9ds0_chip *chip,
-                          enum lsm9ds0_chip_quantity quantity, int number);
+void lsm9ds0_chip_release(struct lsm9ds0_chip *chip, enum chip_quantity quantity,
+                          int number);
 // BDU changed: nothing is held back, newer values show.
-void lsm9ds0_chip_release_all(struct lsm9ds0_chip *chip,
-                              enum lsm9ds0_chip_quantity quantity);
+void lsm9ds0_chip_release_all(struct lsm9ds0_chip *chip, enum chip_quantity quantity);
 
 // registers.c: one byte from or to the register that the die's pointer is at.
 uint8_t lsm9ds0_chip_read_register(struct lsm9ds0_chip *chip, struct die *die);

@@ -5,43 +5,41 @@
 
 #include <stddef.h>
 
-static uint8_t status_reg(enum lsm9ds0_chip_quantity quantity) {
-    return quantity == LSM9DS0_CHIP_MAG ? REG_STATUS_M : REG_STATUS;
+static uint8_t status_reg(enum chip_quantity quantity) {
+    return quantity == CHIP_MAG ? REG_STATUS_M : REG_STATUS;
 }
 
-static uint8_t first_out_reg(enum lsm9ds0_chip_quantity quantity) {
-    return quantity == LSM9DS0_CHIP_MAG ? REG_OUT_X_L_M : REG_OUT_X_L;
+static uint8_t first_out_reg(enum chip_quantity quantity) {
+    return quantity == CHIP_MAG ? REG_OUT_X_L_M : REG_OUT_X_L;
 }
 
 // Bit 0 is x. All three have their enable bits there; the magnetometer has none.
 static uint8_t enabled_axes(const struct lsm9ds0_chip *chip,
-                            enum lsm9ds0_chip_quantity quantity) {
+                            enum chip_quantity quantity) {
     switch (quantity) {
-    case LSM9DS0_CHIP_GYR:
+    case CHIP_GYR:
         return chip->g.reg[REG_CTRL1_G] & G_AXES;
-    case LSM9DS0_CHIP_ACC:
+    case CHIP_ACC:
         return chip->xm.reg[REG_CTRL1_XM] & A_AXES;
     default:
         return 0x07;
     }
 }
 
-static bool has_bdu(const struct lsm9ds0_chip *chip,
-                    enum lsm9ds0_chip_quantity quantity) {
-    if (quantity == LSM9DS0_CHIP_GYR) {
+static bool has_bdu(const struct lsm9ds0_chip *chip, enum chip_quantity quantity) {
+    if (quantity == CHIP_GYR) {
         return (chip->g.reg[REG_CTRL4_G] & G_BDU) != 0;
     }
     return (chip->xm.reg[REG_CTRL1_XM] & XM_BDU) != 0;
 }
 
 // The host sees the latest value of an axis.
-static void show(struct lsm9ds0_chip *chip, enum lsm9ds0_chip_quantity quantity,
-                 int axis) {
+static void show(struct lsm9ds0_chip *chip, enum chip_quantity quantity, int axis) {
     const uint16_t value = (uint16_t)chip->sensors[quantity].latest[axis];
     uint8_t *at =
         &lsm9ds0_chip_die_of(chip, quantity)->reg[first_out_reg(quantity) + 2 * axis];
     const bool is_big_endian =
-        quantity == LSM9DS0_CHIP_GYR && (chip->g.reg[REG_CTRL4_G] & G_BLE) != 0;
+        quantity == CHIP_GYR && (chip->g.reg[REG_CTRL4_G] & G_BLE) != 0;
     at[is_big_endian ? 1 : 0] = (uint8_t)(value & 0xFF);
     at[is_big_endian ? 0 : 1] = (uint8_t)(value >> 8);
 }
@@ -52,8 +50,7 @@ static void flag(uint8_t *status, uint8_t bits) {
     *status |= (uint8_t)(bits | (lost << OVERRUN_SHIFT));
 }
 
-static void put_axis(struct lsm9ds0_chip *chip, enum lsm9ds0_chip_quantity quantity,
-                     int axis) {
+static void put_axis(struct lsm9ds0_chip *chip, enum chip_quantity quantity, int axis) {
     struct sensor *sensor = &chip->sensors[quantity];
     uint8_t *status = &lsm9ds0_chip_die_of(chip, quantity)->reg[status_reg(quantity)];
     const uint8_t bit = (uint8_t)(1 << axis);
@@ -68,15 +65,14 @@ static void put_axis(struct lsm9ds0_chip *chip, enum lsm9ds0_chip_quantity quant
     }
 }
 
-void lsm9ds0_chip_take_sample(struct lsm9ds0_chip *chip,
-                              enum lsm9ds0_chip_quantity quantity) {
+void lsm9ds0_chip_take_sample(struct lsm9ds0_chip *chip, enum chip_quantity quantity) {
     struct sensor *sensor = &chip->sensors[quantity];
     struct die *die = lsm9ds0_chip_die_of(chip, quantity);
     sensor->tick++;
     lsm9ds0_chip_set_next_tick(chip, quantity);
     if (i2c_slave_find_fault(&chip->wire, CHIP_FAULT_NO_DATA_READY, die->number) !=
             NULL ||
-        (quantity == LSM9DS0_CHIP_MAG &&
+        (quantity == CHIP_MAG &&
          i2c_slave_find_fault(&chip->wire, CHIP_FAULT_NO_MAG, die->number) != NULL)) {
         return;
     }
@@ -97,15 +93,14 @@ void lsm9ds0_chip_take_sample(struct lsm9ds0_chip *chip,
     } else {
         flag(status, DATA_ALL);
     }
-    if (quantity == LSM9DS0_CHIP_MAG &&
-        (chip->xm.reg[REG_CTRL7_XM] & M_MODE) == M_SINGLE) {
+    if (quantity == CHIP_MAG && (chip->xm.reg[REG_CTRL7_XM] & M_MODE) == M_SINGLE) {
         chip->xm.reg[REG_CTRL7_XM] ^= M_SINGLE ^ M_POWER_DOWN;
         lsm9ds0_chip_set_next_tick(chip, quantity);
     }
 }
 
-void lsm9ds0_chip_release(struct lsm9ds0_chip *chip,
-                          enum lsm9ds0_chip_quantity quantity, int number) {
+void lsm9ds0_chip_release(struct lsm9ds0_chip *chip, enum chip_quantity quantity,
+                          int number) {
     struct sensor *sensor = &chip->sensors[quantity];
     uint8_t *status = &lsm9ds0_chip_die_of(chip, quantity)->reg[status_reg(quantity)];
     const int axis = number / 2;
@@ -134,8 +129,7 @@ void lsm9ds0_chip_release(struct lsm9ds0_chip *chip,
     }
 }
 
-void lsm9ds0_chip_release_all(struct lsm9ds0_chip *chip,
-                              enum lsm9ds0_chip_quantity quantity) {
+void lsm9ds0_chip_release_all(struct lsm9ds0_chip *chip, enum chip_quantity quantity) {
     struct sensor *sensor = &chip->sensors[quantity];
     for (int axis = 0; axis < AXES; axis++) {
         if (sensor->waiting & (1 << axis)) {

@@ -75,11 +75,10 @@ uint8_t lsm9ds0_chip_read_register(struct lsm9ds0_chip *chip, struct die *die) {
             i2c_slave_find_fault(&chip->wire, CHIP_FAULT_WRONG_WHO_AM_I, die->number);
         value = fault != NULL ? fault->value : value;
     } else if (at >= REG_OUT_X_L && at < REG_OUT_X_L + 2 * AXES) {
-        lsm9ds0_chip_release(chip,
-                             die == &chip->g ? LSM9DS0_CHIP_GYR : LSM9DS0_CHIP_ACC,
+        lsm9ds0_chip_release(chip, die == &chip->g ? CHIP_GYR : CHIP_ACC,
                              at - REG_OUT_X_L);
     } else if (die == &chip->xm && at >= REG_OUT_X_L_M && at <= REG_OUT_Z_H_M) {
-        lsm9ds0_chip_release(chip, LSM9DS0_CHIP_MAG, at - REG_OUT_X_L_M);
+        lsm9ds0_chip_release(chip, CHIP_MAG, at - REG_OUT_X_L_M);
     }
     step(die);
     return value;
@@ -110,7 +109,7 @@ static void check_mag(struct lsm9ds0_chip *chip) {
 static void begin_boot(struct lsm9ds0_chip *chip, struct die *die) {
     die->boot_end = chip->wire.now_ns + chip->config.startup_ns;
     for (int i = 0; i < SENSORS; i++) {
-        const enum lsm9ds0_chip_quantity quantity = (enum lsm9ds0_chip_quantity)i;
+        const enum chip_quantity quantity = (enum chip_quantity)i;
         if (lsm9ds0_chip_die_of(chip, quantity) == die) {
             lsm9ds0_chip_set_next_tick(chip, quantity);
         }
@@ -123,14 +122,14 @@ static void wrote_g(struct lsm9ds0_chip *chip, uint8_t at, uint8_t old, uint8_t 
         if (!(old & G_PD)) {
             chip->gyr_on_ns = chip->wire.now_ns;
         }
-        lsm9ds0_chip_restart_clock(chip, LSM9DS0_CHIP_GYR);
+        lsm9ds0_chip_restart_clock(chip, CHIP_GYR);
     } else if (at == REG_CTRL4_G) {
         if (((value >> G_ST_SHIFT) & 0x03) == 2) {
             lsm9ds0_chip_complain(
                 chip, "LSM9DS0: a self-test of the gyroscope that is reserved");
         }
         if (changed & G_BDU) {
-            lsm9ds0_chip_release_all(chip, LSM9DS0_CHIP_GYR);
+            lsm9ds0_chip_release_all(chip, CHIP_GYR);
         }
     } else if (at == REG_CTRL5_G && (value & BOOT)) {
         begin_boot(chip, &chip->g);
@@ -152,11 +151,11 @@ static void wrote_xm(struct lsm9ds0_chip *chip, uint8_t at, uint8_t old,
                 chip, "LSM9DS0: an acceleration data rate that is reserved");
         }
         if (changed >> A_ODR_SHIFT) {
-            lsm9ds0_chip_restart_clock(chip, LSM9DS0_CHIP_ACC);
+            lsm9ds0_chip_restart_clock(chip, CHIP_ACC);
         }
         if (changed & XM_BDU) {
-            lsm9ds0_chip_release_all(chip, LSM9DS0_CHIP_ACC);
-            lsm9ds0_chip_release_all(chip, LSM9DS0_CHIP_MAG);
+            lsm9ds0_chip_release_all(chip, CHIP_ACC);
+            lsm9ds0_chip_release_all(chip, CHIP_MAG);
         }
         check_mag(chip);
         break;
@@ -169,13 +168,13 @@ static void wrote_xm(struct lsm9ds0_chip *chip, uint8_t at, uint8_t old,
         break;
     case REG_CTRL5_XM:
         if (changed & (0x07 << M_ODR_SHIFT)) {
-            lsm9ds0_chip_restart_clock(chip, LSM9DS0_CHIP_MAG);
+            lsm9ds0_chip_restart_clock(chip, CHIP_MAG);
         }
         check_mag(chip);
         break;
     case REG_CTRL7_XM:
         if (changed & (M_MODE | M_LOW_POWER) || (value & M_MODE) == M_SINGLE) {
-            lsm9ds0_chip_restart_clock(chip, LSM9DS0_CHIP_MAG);
+            lsm9ds0_chip_restart_clock(chip, CHIP_MAG);
         }
         check_mag(chip);
         break;

@@ -5,24 +5,20 @@
 
 #include <math.h>
 #include <stddef.h>
-#include <string.h>
-
-#define RAD_PER_DEG 0.017453292519943295
 
 // Samples a second by the die's own clock; 0 where the sensor is off.
-static double rate_hz(const struct lsm9ds0_chip *chip,
-                      enum lsm9ds0_chip_quantity quantity) {
+static double rate_hz(const struct lsm9ds0_chip *chip, enum chip_quantity quantity) {
     static const double gyro[4] = {95, 190, 380, 760};  // DS table 21
     const uint8_t ctrl1_g = chip->g.reg[REG_CTRL1_G];
     const int aodr = chip->xm.reg[REG_CTRL1_XM] >> A_ODR_SHIFT;
     const uint8_t ctrl7 = chip->xm.reg[REG_CTRL7_XM];
     const int modr = (chip->xm.reg[REG_CTRL5_XM] >> M_ODR_SHIFT) & 0x07;
     switch (quantity) {
-    case LSM9DS0_CHIP_GYR:
+    case CHIP_GYR:
         // DS table 22: PD 0 is power-down, PD 1 with no axis is sleep.
         return (ctrl1_g & G_PD) && (ctrl1_g & G_AXES) ? gyro[ctrl1_g >> G_DR_SHIFT]
                                                       : 0.0;
-    case LSM9DS0_CHIP_ACC:
+    case CHIP_ACC:
         // DS CTRL_REG1_XM: 3.125 Hz at 1, doubling up to 1600 Hz at 10.
         return aodr == 0 || aodr > A_ODR_LAST ? 0.0 : ldexp(3.125, aodr - 1);
     default:
@@ -37,16 +33,14 @@ static double rate_hz(const struct lsm9ds0_chip *chip,
     }
 }
 
-static double period_ns(const struct lsm9ds0_chip *chip,
-                        enum lsm9ds0_chip_quantity quantity) {
-    const double error_ppm = quantity == LSM9DS0_CHIP_GYR
-                                 ? chip->config.g_rate_error_ppm
-                                 : chip->config.xm_rate_error_ppm;
+static double period_ns(const struct lsm9ds0_chip *chip, enum chip_quantity quantity) {
+    const double error_ppm = quantity == CHIP_GYR ? chip->config.g_rate_error_ppm
+                                                  : chip->config.xm_rate_error_ppm;
     return 1e9 / (rate_hz(chip, quantity) * (1.0 + error_ppm * 1e-6));
 }
 
 void lsm9ds0_chip_set_next_tick(struct lsm9ds0_chip *chip,
-                                enum lsm9ds0_chip_quantity quantity) {
+                                enum chip_quantity quantity) {
     struct sensor *sensor = &chip->sensors[quantity];
     const bool is_booting = lsm9ds0_chip_die_of(chip, quantity)->boot_end != NEVER;
     if (is_booting || rate_hz(chip, quantity) == 0.0) {
@@ -58,45 +52,24 @@ void lsm9ds0_chip_set_next_tick(struct lsm9ds0_chip *chip,
 }
 
 void lsm9ds0_chip_restart_clock(struct lsm9ds0_chip *chip,
-                                enum lsm9ds0_chip_quantity quantity) {
+                                enum chip_quantity quantity) {
     chip->sensors[quantity].epoch_ns = chip->wire.now_ns;
     chip->sensors[quantity].tick = 1;
     lsm9ds0_chip_set_next_tick(chip, quantity);
 }
 
-static void mean_motion(struct lsm9ds0_chip *chip, enum lsm9ds0_chip_quantity quantity,
-                        int64_t from_ns, int64_t to_ns, double mean[AXES]) {
-    if (chip->config.motion != NULL) {
-        chip->config.motion(chip->config.context, quantity, from_ns, to_ns, mean);
-    } else {
-        memcpy(mean, chip->held[quantity], sizeof chip->held[quantity]);
-    }
-}
-
 // A moving average over w has its -3 dB point at 0.443 / w. Motion recorded behind such
 // a low-pass is only brought to the sample rate.
-static void low_passed(struct lsm9ds0_chip *chip, enum lsm9ds0_chip_quantity quantity,
+static void low_passed(struct lsm9ds0_chip *chip, enum chip_quantity quantity,
                        double bandwidth_hz, double mean[AXES]) {
     const int64_t now = (int64_t)chip->wire.now_ns;
     if (chip->config.is_recorded) {
         const int64_t half = (int64_t)llround(0.5 * period_ns(chip, quantity));
-        mean_motion(chip, quantity, now - half, now + half, mean);
+        chip_motion_mean(&chip->motion, quantity, now - half, now + half, mean);
         return;
     }
     const int64_t width = (int64_t)llround(0.443e9 / bandwidth_hz);
-    mean_motion(chip, quantity, now - width, now, mean);
-}
-
-// Nearest count; 16 bits two's complement.
-static int16_t to_counts(double value) {
-    const double counts = rint(value);
-    if (counts > INT16_MAX) {
-        return INT16_MAX;
-    }
-    if (counts < INT16_MIN) {
-        return INT16_MIN;
-    }
-    return (int16_t)counts;
+    chip_motion_mean(&chip->motion, quantity, now - width, now, mean);
 }
 
 static void sense_gyro(struct lsm9ds0_chip *chip, double counts[AXES]) {
@@ -118,7 +91,7 @@ static void sense_gyro(struct lsm9ds0_chip *chip, double counts[AXES]) {
     const bool is_good =
         chip->wire.now_ns - chip->gyr_on_ns >= chip->config.gyr_turn_on_ns;
     double mean[AXES];
-    low_passed(chip, LSM9DS0_CHIP_GYR,
+    low_passed(chip, CHIP_GYR,
                bandwidth_hz[ctrl1 >> G_DR_SHIFT][(ctrl1 >> G_BW_SHIFT) & 0x03], mean);
     for (int axis = 0; axis < AXES; axis++) {
         const double dps = mean[axis] / RAD_PER_DEG + sign[axis] * response_dps;
@@ -140,7 +113,7 @@ static void sense_accel(struct lsm9ds0_chip *chip, double counts[AXES]) {
     const double scale =
         self_test_sign[(ctrl2 >> A_ST_SHIFT) & 0x03] * (is_weak ? 0.1 : 1.0);
     double mean[AXES];
-    low_passed(chip, LSM9DS0_CHIP_ACC, bandwidth_hz[ctrl2 >> A_BW_SHIFT], mean);
+    low_passed(chip, CHIP_ACC, bandwidth_hz[ctrl2 >> A_BW_SHIFT], mean);
     for (int axis = 0; axis < AXES; axis++) {
         counts[axis] = (mean[axis] * 1000.0 / STANDARD_GRAVITY +
                         scale * chip->config.acc_self_test_mg[axis]) /
@@ -153,7 +126,7 @@ static void sense_mag(struct lsm9ds0_chip *chip, double counts[AXES]) {
     const int range = (chip->xm.reg[REG_CTRL6_XM] >> M_FS_SHIFT) & 0x03;
     const int64_t now = (int64_t)chip->wire.now_ns;
     double field_ut[AXES];
-    mean_motion(chip, LSM9DS0_CHIP_MAG, now, now, field_ut);
+    chip_motion_mean(&chip->motion, CHIP_MAG, now, now, field_ut);
     for (int axis = 0; axis < AXES; axis++) {
         // 1 uT is 10 mgauss.
         counts[axis] = chip->config.mag_sign[axis] * field_ut[axis] * 10.0 /
@@ -170,12 +143,11 @@ static void put_temperature(struct lsm9ds0_chip *chip) {
     chip->xm.reg[REG_OUT_TEMP_H_XM] = (uint8_t)((uint16_t)value >> 8);
 }
 
-void lsm9ds0_chip_sense(struct lsm9ds0_chip *chip,
-                        enum lsm9ds0_chip_quantity quantity) {
+void lsm9ds0_chip_sense(struct lsm9ds0_chip *chip, enum chip_quantity quantity) {
     double counts[AXES];
-    if (quantity == LSM9DS0_CHIP_GYR) {
+    if (quantity == CHIP_GYR) {
         sense_gyro(chip, counts);
-    } else if (quantity == LSM9DS0_CHIP_ACC) {
+    } else if (quantity == CHIP_ACC) {
         sense_accel(chip, counts);
     } else {
         sense_mag(chip, counts);
@@ -184,6 +156,7 @@ void lsm9ds0_chip_sense(struct lsm9ds0_chip *chip,
         }
     }
     for (int axis = 0; axis < AXES; axis++) {
-        chip->sensors[quantity].latest[axis] = to_counts(counts[axis]);
+        chip->sensors[quantity].latest[axis] =
+            chip_motion_to_counts(counts[axis], INT16_MAX);
     }
 }

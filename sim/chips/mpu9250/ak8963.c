@@ -73,7 +73,7 @@ static void ak_sense(struct mpu9250_chip *chip, double own_ut[3]) {
     const uint8_t mode = chip->ak.reg[AK_CNTL1] & AK_MODE;
     const int64_t at_ns = (int64_t)(chip->ak.measured_ns - AK_MEASURE_NS / 2);
     double field[3];
-    mpu9250_chip_mean_motion(chip, MPU9250_CHIP_MAG, at_ns, at_ns, field);
+    chip_motion_mean(&chip->motion, CHIP_MAG, at_ns, at_ns, field);
     own_ut[0] = field[1];  // PS 9.1
     own_ut[1] = field[0];
     own_ut[2] = -field[2];
@@ -95,7 +95,7 @@ static void ak_publish(struct mpu9250_chip *chip, const double own_ut[3]) {
     for (int axis = 0; axis < 3; axis++) {
         // AK 8.3.11: Hadj = H * ((ASA - 128) * 0.5 / 128 + 1)
         const double adjust = (chip->config.mag_adjust[axis] - 128) * 0.5 / 128.0 + 1.0;
-        int16_t counts = mpu9250_chip_to_counts(own_ut[axis] / lsb / adjust, limit);
+        int16_t counts = chip_motion_to_counts(own_ut[axis] / lsb / adjust, limit);
         if (counts < -limit) {
             counts = (int16_t)-limit;
         }

@@ -2,7 +2,6 @@
 // The model's life, its time and its place on the wire.
 #include "chip.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -15,27 +14,6 @@ void mpu9250_chip_complain(struct mpu9250_chip *chip, const char *what) {
 bool mpu9250_chip_has_ak8963(const struct mpu9250_chip *chip) {
     return chip->config.has_ak8963 &&
            i2c_slave_find_fault(&chip->wire, CHIP_FAULT_NO_MAG, 0) == NULL;
-}
-
-void mpu9250_chip_mean_motion(struct mpu9250_chip *chip,
-                              enum mpu9250_chip_quantity quantity, int64_t from_ns,
-                              int64_t to_ns, double mean[3]) {
-    if (chip->config.motion != NULL) {
-        chip->config.motion(chip->config.context, quantity, from_ns, to_ns, mean);
-    } else {
-        memcpy(mean, chip->held[quantity], sizeof chip->held[quantity]);
-    }
-}
-
-int16_t mpu9250_chip_to_counts(double value, double limit) {
-    const double counts = rint(value);
-    if (counts > limit) {
-        return (int16_t)limit;
-    }
-    if (counts < -limit - 1.0) {
-        return (int16_t)(-limit - 1.0);
-    }
-    return (int16_t)counts;
 }
 
 void mpu9250_chip_reset(struct mpu9250_chip *chip) {
@@ -138,9 +116,7 @@ struct mpu9250_chip *mpu9250_chip_new(const struct mpu9250_chip_config *config) 
     }
     chip->config = *config;
     chip->wire = (struct i2c_slave){.ops = &wire_ops, .chip = chip};
-    chip->held[MPU9250_CHIP_ACC][2] = STANDARD_GRAVITY;
-    chip->held[MPU9250_CHIP_MAG][1] = 20.0;
-    chip->held[MPU9250_CHIP_MAG][2] = -40.0;
+    chip->motion = chip_motion_from(config->motion, config->context);
     mpu9250_chip_power_cycle(chip, 0);
     return chip;
 }
@@ -159,9 +135,7 @@ void mpu9250_chip_power_cycle(struct mpu9250_chip *chip, uint64_t now_ns) {
 
 void mpu9250_chip_hold(struct mpu9250_chip *chip, const double gyr_rad_s[3],
                        const double acc_m_s2[3], const double mag_ut[3]) {
-    memcpy(chip->held[MPU9250_CHIP_GYR], gyr_rad_s, sizeof chip->held[0]);
-    memcpy(chip->held[MPU9250_CHIP_ACC], acc_m_s2, sizeof chip->held[0]);
-    memcpy(chip->held[MPU9250_CHIP_MAG], mag_ut, sizeof chip->held[0]);
+    chip_motion_hold(&chip->motion, gyr_rad_s, acc_m_s2, mag_ut);
 }
 
 void mpu9250_chip_set_temperature(struct mpu9250_chip *chip, double temperature_c) {

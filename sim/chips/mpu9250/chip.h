@@ -4,13 +4,13 @@
 #ifndef SIM_CHIPS_MPU9250_CHIP_H
 #define SIM_CHIPS_MPU9250_CHIP_H
 
+#include "../chip_motion.h"
 #include "../i2c_slave.h"
 #include "../mpu9250.h"
 
 #define NEVER UINT64_MAX
 #define MS UINT64_C(1000000)  // in nanoseconds
 #define US UINT64_C(1000)
-#define STANDARD_GRAVITY 9.80665  // m/s2
 
 // The two dies on the wire.
 enum { DIE_MPU = 1, DIE_AK = 2 };
@@ -125,7 +125,7 @@ struct aux {
 struct mpu9250_chip {
     struct mpu9250_chip_config config;
     struct i2c_slave wire;
-    double held[3][3];  // motion by mpu9250_chip_quantity
+    struct chip_motion motion;
     const char *complaint;
 
     uint8_t reg[REG_COUNT];
@@ -151,12 +151,6 @@ struct mpu9250_chip {
 void mpu9250_chip_complain(struct mpu9250_chip *chip, const char *what);
 // False for an MPU-6500, and while CHIP_FAULT_NO_MAG is in force.
 bool mpu9250_chip_has_ak8963(const struct mpu9250_chip *chip);
-// The mean over (from_ns, to_ns], as mpu9250_chip_motion has it.
-void mpu9250_chip_mean_motion(struct mpu9250_chip *chip,
-                              enum mpu9250_chip_quantity quantity, int64_t from_ns,
-                              int64_t to_ns, double mean[3]);
-// Nearest count, from -limit - 1 to limit (PS 3.1, 3.2: 16 bits two's complement).
-int16_t mpu9250_chip_to_counts(double value, double limit);
 // H_RESET and power-up. The AK8963 is another die and keeps its state.
 void mpu9250_chip_reset(struct mpu9250_chip *chip);
 

@@ -7,7 +7,6 @@
 #include <stddef.h>
 #include <string.h>
 
-#define RAD_PER_DEG 0.017453292519943295
 #define GYRO_START_NS (35 * MS)   // PS 3.1: start-up from sleep, typical
 #define ACCEL_START_NS (20 * MS)  // PS 3.2: from sleep
 #define INT_PULSE_NS (50 * US)    // PS 3.4.2: tINT
@@ -78,12 +77,12 @@ static struct lowpass_setting accel_lowpass(const struct mpu9250_chip *chip) {
 // What the registers of a die would hold now. A moving average over w has its -3 dB
 // point at 0.443 / w; it is centred on the delay, later where it would see the future.
 // Motion recorded behind such a low-pass is only brought to the sample rate.
-static void low_passed(struct mpu9250_chip *chip, enum mpu9250_chip_quantity quantity,
+static void low_passed(struct mpu9250_chip *chip, enum chip_quantity quantity,
                        struct lowpass_setting setting, double mean[3]) {
     const int64_t now = (int64_t)chip->wire.now_ns;
     if (chip->config.is_recorded) {
         const int64_t half = (int64_t)llround(0.5 * sample_period_ns(chip));
-        mpu9250_chip_mean_motion(chip, quantity, now - half, now + half, mean);
+        chip_motion_mean(&chip->motion, quantity, now - half, now + half, mean);
         return;
     }
     const int64_t half = (int64_t)llround(0.5 * 0.443e9 / setting.bandwidth_hz);
@@ -91,8 +90,8 @@ static void low_passed(struct mpu9250_chip *chip, enum mpu9250_chip_quantity qua
     if (delay < half) {
         delay = half;
     }
-    mpu9250_chip_mean_motion(chip, quantity, now - delay - half, now - delay + half,
-                             mean);
+    chip_motion_mean(&chip->motion, quantity, now - delay - half, now - delay + half,
+                     mean);
 }
 
 static void put_big_endian(uint8_t *at, int16_t value) {
@@ -115,7 +114,7 @@ static void sample_gyro(struct mpu9250_chip *chip) {
     // RM 4.3: 2^16 counts over 500 deg/s at FS_SEL 0.
     const double counts_per_rad_s = 65536.0 / 500.0 / RAD_PER_DEG / (1 << range);
     double mean[3];
-    low_passed(chip, MPU9250_CHIP_GYR, gyro_lowpass(chip), mean);
+    low_passed(chip, CHIP_GYR, gyro_lowpass(chip), mean);
     const double response =
         i2c_slave_find_fault(&chip->wire, CHIP_FAULT_GYR_SELF_TEST, 0) != NULL ? 0.1
                                                                                : 1.0;
@@ -132,7 +131,7 @@ static void sample_gyro(struct mpu9250_chip *chip) {
                             (chip->reg[REG_PWR_MGMT_1] & PWR_GYRO_STANDBY) != 0 ||
                             chip->wire.now_ns - chip->awake_ns < GYRO_START_NS;
         put_big_endian(&chip->inner[REG_GYRO_XOUT_H + 2 * axis],
-                       mpu9250_chip_to_counts(is_off ? 0.0 : counts, 32767.0));
+                       chip_motion_to_counts(is_off ? 0.0 : counts, 32767.0));
     }
 }
 
@@ -141,7 +140,7 @@ static void sample_accel(struct mpu9250_chip *chip) {
     const int range = (config >> RANGE_SHIFT) & 3;
     const double counts_per_m_s2 = 16384.0 / STANDARD_GRAVITY / (1 << range);  // PS 3.2
     double mean[3];
-    low_passed(chip, MPU9250_CHIP_ACC, accel_lowpass(chip), mean);
+    low_passed(chip, CHIP_ACC, accel_lowpass(chip), mean);
     const double response =
         i2c_slave_find_fault(&chip->wire, CHIP_FAULT_ACC_SELF_TEST, 0) != NULL ? 0.1
                                                                                : 1.0;
@@ -157,7 +156,7 @@ static void sample_accel(struct mpu9250_chip *chip) {
         const bool is_off = (chip->reg[REG_PWR_MGMT_2] & (0x20 >> axis)) != 0 ||
                             chip->wire.now_ns - chip->awake_ns < ACCEL_START_NS;
         put_big_endian(&chip->inner[REG_ACCEL_XOUT_H + 2 * axis],
-                       mpu9250_chip_to_counts(is_off ? 0.0 : counts, 32767.0));
+                       chip_motion_to_counts(is_off ? 0.0 : counts, 32767.0));
     }
 }
 
@@ -188,9 +187,9 @@ void mpu9250_chip_take_sample(struct mpu9250_chip *chip) {
         sample_gyro(chip);
         sample_accel(chip);
         // RM 4.23, PS 3.4.2: 333.87 LSB/degC, 0 at 21 degC.
-        put_big_endian(&chip->inner[REG_TEMP_OUT_H],
-                       mpu9250_chip_to_counts(
-                           (chip->config.temperature_c - 21.0) * 333.87, 32767));
+        put_big_endian(
+            &chip->inner[REG_TEMP_OUT_H],
+            chip_motion_to_counts((chip->config.temperature_c - 21.0) * 333.87, 32767));
     }
     mpu9250_chip_show(chip);
     // A round of the I2C master that is still under way goes on; this sample has none.
