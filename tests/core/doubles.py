@@ -8,8 +8,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pytest
 
-from core.desk import DEGREE, FIELD, FORCE, RATE, Array, apart_deg
+from core.desk import DEGREE, FIELD, FORCE, ONE, RATE, Array, apart_deg, norms
 from core.scenes import Attitude, Scene, earth, scene, tumble
 from imud import rotation
 
@@ -18,6 +19,17 @@ Step = Callable[[Array, Array, Array, Array | None, float], Array]
 
 UPSIDE_DOWN = np.array([0.0, 1.0, 0.0, 0.0])
 BIAS_DEG_S = (1.0, -2.0, 0.5)
+
+# The rates of both boards and a slower one, both ways up, and a steep field.
+motions = pytest.mark.parametrize(
+    ("rate_hz", "start", "dip_deg"),
+    [
+        (200, rotation.IDENTITY, 66),
+        (200, UPSIDE_DOWN, 85),
+        (100, UPSIDE_DOWN, 66),
+        (380, rotation.IDENTITY, 66),
+    ],
+)
 
 
 def unit(v: Array) -> Array:
@@ -125,6 +137,16 @@ def apart_from(
     found = np.concatenate([before, after])
     truth = run(felt, step, {told: np.array(BIAS_DEG_S) * DEGREE}, on_bias)
     return apart_deg(found, truth), found
+
+
+def assert_within_0_001_degrees(
+    name: str, step: Step, rate_hz: int, start: Array, dip_deg: float
+) -> None:
+    """The filter of that name is as near to doubles as that, root mean square."""
+    felt = wild(rate_hz, 30, 5, start=start, dip_deg=dip_deg)
+    apart, found = apart_from(felt, name, step)
+    assert rms(apart) < 0.001
+    assert np.abs(norms(found) / ONE - 1).max() < 1e-6
 
 
 def rms(values: Array) -> float:

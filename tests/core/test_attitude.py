@@ -13,19 +13,17 @@ from hypothesis import strategies as st
 
 import native
 from core import desk
-from core.desk import DEGREE, ONE, Array, ffi, lib
+from core.desk import ONE, Array, ffi, lib
 from core.scenes import (
     MEASUREMENT,
     ORIENTATION,
     QUALITY,
     Attitude,
     Filter,
-    at_rest,
     scene,
     tumble,
 )
 from core.test_fuse_extremes import CALIBRATIONS, wild_samples
-from imud import rotation
 
 # Of a sensor, as its driver gives them.
 IDENTITY = (
@@ -37,7 +35,6 @@ KINDS = {
     for name in ("fuse", "complementary", "mahony", "madgwick", "dcm_pi")
 }
 PAPERS = [name for name in KINDS if name != "fuse"]
-NOT_KNOWN = 2**16 - 1
 
 filters = pytest.mark.parametrize("name", KINDS)
 of_papers = pytest.mark.parametrize("name", PAPERS)
@@ -209,92 +206,6 @@ def test_an_image_of_one_filter_has_no_other_and_gives_the_same_bits(name):
         poses(library, name), poses((ffi, lib), name), strict=True
     ):
         assert np.array_equal(found, wanted)
-
-
-# What the papers' filters have in common.
-
-
-@of_papers
-def test_a_papers_filter_knows_no_sigma_rest_nor_disturbance(name):
-    _, quality = Attitude(name).feel(scene(at_rest(8), 200))
-    assert (quality["tilt_sigma_cdeg"] == NOT_KNOWN).all()
-    assert (quality["heading_sigma_cdeg"] == NOT_KNOWN).all()
-    assert not quality["is_at_rest"].any()
-    assert not quality["is_mag_disturbed"].any()
-    assert quality["is_starting"].tolist() == [True] * 599 + [False] * 1001
-
-
-@of_papers
-def test_a_field_that_stays_away_for_a_second_is_absent_and_heading_free(name):
-    felt = scene(at_rest(8), 200)
-    felt.has_mag[600:1200] = False
-    _, quality = Attitude(name).feel(felt)
-    absent = np.flatnonzero(quality["is_mag_absent"]).tolist()
-    # The last reading was the 600th sample's.
-    assert absent == [0, *range(799, 1201)]
-    if name != "dcm_pi":
-        assert np.array_equal(quality["is_heading_free"], quality["is_mag_absent"])
-
-
-@of_papers
-def test_a_magnetometer_that_reads_nothing_is_as_good_as_absent(name):
-    felt = scene(at_rest(3), 200, noise=0)
-    felt.mag[:] = 0
-    found, quality = Attitude(name).feel(felt)
-    assert quality["is_mag_absent"].all()
-    assert desk.tilt_deg(found, felt.quat).max() < 0.05
-
-
-@of_papers
-def test_a_restart_forgets_the_orientation_and_keeps_the_bias(name):
-    bias = (3.0, -2.0, 1.0)
-    felt = scene(at_rest(4), 200, seed=1, gyr_bias_deg_s=bias)
-    over = rotation.from_rotation_vector(np.array([0.0, 0.5, 1.0]))
-    turned = scene(at_rest(4, quat=over), 200, seed=2, gyr_bias_deg_s=bias)
-    probe, fresh = Attitude(name), Attitude(name)
-    for one in (probe, fresh):
-        one.set_bias(bias)
-    probe.feel(felt)
-    lib.attitude_restart(probe.c)
-    found, quality = probe.feel(turned)
-    assert quality["is_starting"][0]
-    # dcm_pi's controllers have learned what was left of the bias.
-    wanted, _ = fresh.feel(turned)
-    assert desk.apart_deg(found, wanted).max() < (0.2 if name == "dcm_pi" else 1e-9)
-    assert desk.apart_deg(found, turned.quat)[200:].max() < 8
-
-
-@of_papers
-def test_a_late_field_turns_the_heading_at_once_and_tilts_nothing(name):
-    turned = rotation.from_heading_pitch_roll(-2.0, 0.3, 0.0)
-    felt = scene(at_rest(4, quat=turned), 200, noise=0)
-    felt.has_mag[:401] = False
-    found, _ = Attitude(name).feel(felt)
-    assert desk.apart_deg(found, felt.quat)[:401].min() > 50
-    assert desk.apart_deg(found, felt.quat)[401:].max() < 0.1
-    assert desk.tilt_deg(found, felt.quat).max() < 0.1
-
-
-@pytest.mark.parametrize("name", ["mahony", "madgwick", "dcm_pi"])
-def test_a_field_along_the_vertical_tells_no_north_and_holds_nothing_up(name):
-    felt = scene(at_rest(4), 200, noise=0)
-    felt.mag[:400] = (0.3, 0, -50)
-    felt.gyr[10:110, 2] = 90 * DEGREE
-    found, _ = Attitude(name).feel(felt)
-    # 45 degrees were turned by the gyroscope, all of them.
-    turned = desk.apart_deg(found[9:10], found[399:400])[0]
-    assert turned == pytest.approx(45, abs=1)
-    assert desk.apart_deg(found, felt.quat)[-1] < 0.5
-
-
-@pytest.mark.parametrize("name", ["mahony", "madgwick", "dcm_pi"])
-def test_a_probe_that_starts_in_free_fall_levels_once_it_is_caught(name):
-    upside_down = np.array([0.0, 1.0, 0.0, 0.0])
-    felt = scene(at_rest(4, quat=upside_down), 200, noise=0)
-    felt.acc[:400] = 0
-    found, _ = Attitude(name).feel(felt)
-    assert np.abs(found[:400] - [2**30, 0, 0, 0]).max() < 100
-    assert desk.apart_deg(found, felt.quat)[402:].max() < 0.1
 
 
 # Whatever comes in.

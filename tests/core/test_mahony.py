@@ -9,8 +9,16 @@ import numpy as np
 import pytest
 
 from core import desk
-from core.desk import DEGREE, ONE, Array
-from core.doubles import UPSIDE_DOWN, apart_from, matrix_of, rms, unit, wild
+from core.desk import Array
+from core.doubles import (
+    apart_from,
+    assert_within_0_001_degrees,
+    matrix_of,
+    motions,
+    rms,
+    unit,
+    wild,
+)
 from core.scenes import Attitude, at_rest, scene
 from core.test_fuse import STARTS
 from imud import rotation
@@ -39,35 +47,15 @@ def step(
     return unit(quat + 0.5 * seconds * rotation.multiply(quat, spin))
 
 
-@pytest.mark.parametrize(
-    ("rate_hz", "start", "dip_deg"),
-    [
-        (200, rotation.IDENTITY, 66),
-        (200, UPSIDE_DOWN, 85),
-        (100, UPSIDE_DOWN, 66),
-        (380, rotation.IDENTITY, 66),
-    ],
-)
+@motions
 def test_fixed_point_is_within_0_001_degrees_of_doubles(rate_hz, start, dip_deg):
-    felt = wild(rate_hz, 30, 5, start=start, dip_deg=dip_deg)
-    apart, found = apart_from(felt, "mahony", step)
-    assert rms(apart) < 0.001
-    assert np.abs(desk.norms(found) / ONE - 1).max() < 1e-6
+    assert_within_0_001_degrees("mahony", step, rate_hz, start, dip_deg)
 
 
 def test_the_comparison_would_see_another_gain():
     felt = wild(200, 15, 5)
     apart, _ = apart_from(felt, "mahony", partial(step, gain=14.5))
     assert rms(apart) > 0.05
-
-
-@pytest.mark.parametrize("start", STARTS, ids=lambda q: str(np.round(q, 2)))
-def test_from_any_start_the_attitude_is_known_at_once(start):
-    felt = scene(at_rest(5, 200, start), 200, seed=1)
-    found, _ = Attitude("mahony").feel(felt)
-    assert desk.tilt_deg(found, felt.quat)[0] < 3
-    assert desk.apart_deg(found, felt.quat)[1:].max() < 5
-    assert desk.apart_deg(found, felt.quat)[200:].max() < 1
 
 
 @pytest.mark.parametrize("start", STARTS, ids=lambda q: str(np.round(q, 2)))
@@ -95,12 +83,3 @@ def test_a_disturbed_field_turns_the_heading_and_in_the_end_tilts_nothing():
     assert 1 < tilt.max() < 6
     assert tilt[-1] < 0.01
     assert desk.apart_deg(found, felt.quat)[-1] > 20
-
-
-def test_without_a_force_the_gyroscope_turns_alone():
-    felt = scene(at_rest(4), 200, noise=0)
-    felt.acc[400:] = 0
-    felt.gyr[400:, 2] = 90 * DEGREE
-    found, _ = Attitude("mahony").feel(felt)
-    turned = desk.apart_deg(found[-1:], felt.quat[-1:])[0]
-    assert turned == pytest.approx(180, abs=0.1)
