@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""An SD card in SPI mode, small and quick, with its wire and its time: what the tests
-of the card's driver and of the log talk to.
+"""An SD card in SPI mode, small and quick: what the tests of the card's driver and of
+the log talk to, through fake_spi.py.
 
 Section numbers are the Physical Layer Simplified Specification's, version 6.00.
 """
@@ -10,10 +10,8 @@ from __future__ import annotations
 import random
 from collections import deque
 from collections.abc import Callable
-from typing import Any
 
 BLOCK = 512
-SLOW_HZ, FAST_HZ = 328_125, 21_000_000
 ZEROS = bytes(BLOCK)
 
 ACCEPTED, BAD_CRC, WRITE_ERROR = 0xE5, 0xEB, 0xED  # upper bits may be anything
@@ -333,69 +331,3 @@ def csd1(blocks: int, length: int = 9, factor: int = 7) -> bytes:
     csd[9], csd[10] = factor >> 1, (factor & 1) << 7
     csd[15] = crc7(bytes(csd[:15])) << 1 | 1
     return bytes(csd)
-
-
-class Wire:
-    """The seam that the driver sees, and the time that passes on it."""
-
-    def __init__(self, ffi: Any, card: FakeCard) -> None:
-        self._ffi = ffi
-        self.card = card
-        self.now_us = card.now_us  # the card lives on, the host starts
-        self.is_selected = False
-        self.is_fast = False
-        self.is_stuck = False
-        self.exchanges = 0
-        self.on_exchange: Callable[[int], None] = lambda _: None
-        self._done_us = 0.0
-        self._pending: tuple[Any, bytes] | None = None
-        self._keep = {
-            "select": ffi.callback("void(void *, bool)", self._select),
-            "set_fast": ffi.callback("void(void *, bool)", self._set_fast),
-            "begin": ffi.callback(
-                "void(void *, const uint8_t *, uint8_t *, uint16_t)", self._begin
-            ),
-            "is_done": ffi.callback("bool(void *)", self._is_done),
-        }
-        self.device = ffi.new("struct spi_device *", self._keep)
-
-    def _select(self, _: Any, is_selected: bool) -> None:
-        self.is_selected = is_selected
-
-    def _set_fast(self, _: Any, is_fast: bool) -> None:
-        self.is_fast = is_fast
-
-    def _begin(self, _: Any, out: Any, into: Any, length: int) -> None:
-        assert length > 0
-        self.exchanges += 1
-        self.on_exchange(self.exchanges)
-        sent = (
-            bytes(self._ffi.buffer(out, length))
-            if out != self._ffi.NULL
-            else b"\xff" * length
-        )
-        card = self.card
-        byte_us = 8e6 / (FAST_HZ if self.is_fast else SLOW_HZ)
-        said = card.exchange(sent, self.now_us, byte_us, is_selected=self.is_selected)
-        self._done_us = self.now_us + length * byte_us
-        self._pending = (into, said) if into != self._ffi.NULL else None
-
-    def _is_done(self, _: Any) -> bool:
-        if self.is_stuck or self.now_us < self._done_us:
-            return False
-        if self._pending is not None:
-            into, said = self._pending
-            self._ffi.memmove(into, said, len(said))
-            self._pending = None
-        return True
-
-    @property
-    def time(self) -> int:
-        return int(self.now_us) & 0xFFFFFFFF
-
-    def sleep(self, tick_us: float = 1000.0) -> None:
-        """Until the exchange is over, or to the tick."""
-        until = self.now_us + tick_us
-        if self.now_us < self._done_us and not self.is_stuck:
-            until = min(until, self._done_us)
-        self.now_us = max(until, self.now_us + 1)

@@ -8,7 +8,8 @@ import zlib
 from typing import Any
 
 import chips
-from core.fake_card import BLOCK, FakeCard, Wire
+from core.fake_card import BLOCK, FakeCard
+from core.fake_spi import Wire
 
 ffi, lib = chips.load("sdcard")
 

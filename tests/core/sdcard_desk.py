@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 import native
-from core.fake_card import BLOCK, FakeCard, Wire
+from core.fake_card import BLOCK, FakeCard
+from core.fake_spi import Wire
 
 ffi, lib = native.load()
 OK, ABSENT, TIMEOUT = lib.SDCARD_OK, lib.SDCARD_ABSENT, lib.SDCARD_TIMEOUT

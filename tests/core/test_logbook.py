@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.fake_card import BLOCK, Wire
+from core.fake_card import BLOCK
+from core.fake_spi import Wire
 from core.log_desk import (
     RING,
     SECOND,

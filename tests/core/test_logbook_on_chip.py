@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from core.fake_card import BLOCK, FAST_HZ, SLOW_HZ, FakeCard, Wire
+from core.fake_card import BLOCK, FakeCard
+from core.fake_spi import FAST_HZ, SLOW_HZ, Wire
 from core.log_desk import (
     LOST_US_MAX,
     SECOND,
