@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// firmware/avr by hand: each received letter calls one function of board.h, or does
-// something that must end in a reset, and prints a line. test_board.py sends them.
+// Tests firmware/avr by hand: each received letter calls one function of board.h and
+// prints a line, or does something that must end in a reset. test_board.py sends the
+// letters.
 #include "board.h"
 
 #include <avr/interrupt.h>
@@ -83,7 +84,7 @@ static void fill_wire(void) {
     while (!board_send_is_idle()) {
         board_idle();
     }
-    const bool one = board_send((const uint8_t *)"-", 1);  // at once in the hardware
+    const bool one = board_send((const uint8_t *)"-", 1);  // straight to the UART
     const bool is_gone = board_send_is_idle();
     while (!board_send_is_idle()) {
         board_idle();
@@ -117,7 +118,7 @@ static void use_eeprom(void) {
     SAY("eeprom %u %02x\n", differences, storage->read(storage->port, 520));
 }
 
-// The clock across at least one overflow of its timer, read with interrupts on and off.
+// Reads the clock over at least one overflow of its timer, with interrupts on and off.
 static void watch_clock(void) {
     uint32_t longest = 0;
     uint32_t before = board_time_us();

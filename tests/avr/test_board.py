@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""firmware/avr, function by function, in the virtual Nano.
+"""firmware/avr in the virtual Nano, function by function.
 
-board_test.c obeys letters on its UART; what it prints are the lines here.
+board_test.c calls a function for each letter that it receives and prints a line.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ POWER_ON, EXTERNAL, BROWN_OUT, WATCHDOG, SOFTWARE = "01", "02", "04", "08", "10"
 
 OK, NACK, TIMEOUT, STUCK = 0, -1, -2, -3
 
-# Longest of any function of board.h, microseconds.
+# The longest that any function of board.h takes, in microseconds.
 BOUND_US = 5000
 
 
@@ -68,7 +68,7 @@ def board(program: Path, nano: Path, tmp_path: Path) -> Board:
         faults: list[dict[str, Any]] | None = None,
         options: tuple[str, ...] = (),
     ) -> Run:
-        """Sends letters at their times, in milliseconds."""
+        """Send letters at times in milliseconds."""
         record, summary = tmp_path / "record", tmp_path / "summary"
         (tmp_path / "faults").write_text(json.dumps(faults or []), encoding="ascii")
         command: list[str | Path] = [

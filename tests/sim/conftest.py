@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Models of chips, for tests of which the file imports the model's desk."""
+"""Models of chips. The test file imports Chip or Card from the desk of its model."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 @pytest.fixture
 def chip(request: pytest.FixtureRequest) -> Iterator[Any]:
-    """A sensor, of the file's Chip; a host that keeps to the documents."""
+    """A sensor. Fails a test that used it against the documents."""
     chip = request.module.Chip()
     yield chip
     assert chip.complaint() is None
@@ -20,7 +20,7 @@ def chip(request: pytest.FixtureRequest) -> Iterator[Any]:
 
 @pytest.fixture
 def fresh(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Any]:
-    """A card that has just got power; a host that keeps to the document."""
+    """A card after power-on. Fails a test that used it against the document."""
     card = request.module.Card(tmp_path)
     yield card
     assert card.complaint() is None
@@ -28,7 +28,7 @@ def fresh(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Any]:
 
 @pytest.fixture(params=["SDSC", "SDHC"])
 def card(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Any]:
-    """An identified card of either kind; a host that keeps to the document."""
+    """An identified card of each kind. Fails a test that broke the document's rules."""
     make = request.module.Card
     card = make(tmp_path, blocks=2048, kind=make.KINDS[request.param]).identify()
     yield card
@@ -37,5 +37,5 @@ def card(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Any]:
 
 @pytest.fixture
 def rude(request: pytest.FixtureRequest, tmp_path: Path) -> Any:
-    """An identified card; the host does something against the document."""
+    """An identified card, for tests that break the document's rules."""
     return request.module.Card(tmp_path, blocks=2048).identify()

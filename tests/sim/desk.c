@@ -1,19 +1,19 @@
 // SPDX-License-Identifier: MIT
-// A firmware to try the virtual Nano with: says how it was reset, sends bytes back,
-// reports the button, and does what some bytes ask for.
+// Firmware for tests of the virtual Nano: it sends the cause of its reset, echoes
+// bytes, reports the button, and obeys the commands below.
 #include <avr/io.h>
 #include <avr/sleep.h>
 #include <stdbool.h>
 
 enum {
     COMMAND_EEPROM = 0xE0,    // write 4 bytes, 0xA0 to 0xA3, to addresses 8 to 11
-    COMMAND_WILD = 0xE1,      // read where nothing is
+    COMMAND_WILD = 0xE1,      // read an address without memory
     COMMAND_DEEP = 0xE2,      // use 300 bytes of stack
     COMMAND_ASLEEP = 0xE3,    // sleep with interrupts off
     COMMAND_WORK = 0xE4,      // mark 1000 cycles of work
-    COMMAND_SAMPLES = 0xE6,   // 100 samples at 200 Hz, 40000 cycles of work each
-    COMMAND_TOO_MUCH = 0xE7,  // the same with 88000: more than there is time for
-    COMMAND_FLOOD = 0xE5,     // send 60000 bytes as fast as the line goes
+    COMMAND_SAMPLES = 0xE6,   // take 100 samples at 200 Hz, 40000 cycles of work each
+    COMMAND_TOO_MUCH = 0xE7,  // the same with 88000 cycles, more than there are
+    COMMAND_FLOOD = 0xE5,     // send 60000 bytes without pauses
 };
 
 static void send(uint8_t byte) {
@@ -113,7 +113,7 @@ static void obey(uint8_t byte) {
         break;
     case COMMAND_WORK:
         GPIOR0 = 1;
-        __builtin_avr_delay_cycles(999);  // and 1 for the OUT that ends it
+        __builtin_avr_delay_cycles(999);  // the OUT below takes one more
         GPIOR0 = 0;
         break;
     case COMMAND_SAMPLES:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The LSM9DS0's model on a desk, for its tests."""
+"""The model of the LSM9DS0 with an I2C master, for its tests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sim import sensor_desk
 from sim.sensor_desk import SensorDesk
 
 G, XM = 0x6B, 0x1D
-ON = 0x80  # bit 7 of the sub-address: move on with each byte
+ON = 0x80  # bit 7 of the sub-address: increment it after each byte
 
 ffi, lib = chips.load("lsm9ds0", core=False)
 recorder = functools.partial(sensor_desk.recorder, ffi)
@@ -21,14 +21,14 @@ recorder = functools.partial(sensor_desk.recorder, ffi)
 GYR, ACC, MAG = lib.CHIP_GYR, lib.CHIP_ACC, lib.CHIP_MAG
 DRDY_G = lib.LSM9DS0_CHIP_DRDY_G
 INT1, INT2 = lib.LSM9DS0_CHIP_INT1_XM, lib.LSM9DS0_CHIP_INT2_XM
-# Where each sensor lives: address, status register, first output register.
+# Of each sensor: address, status register, first output register.
 PLACES = {GYR: (G, 0x27, 0x28), ACC: (XM, 0x27, 0x28), MAG: (XM, 0x07, 0x08)}
 
 every_sensor = pytest.mark.parametrize("quantity", [GYR, ACC, MAG])
 
 
 class Chip(SensorDesk):
-    """A chip that answers at once and whose gyroscope is on at once."""
+    """A chip without start-up time, whose gyroscope turns on at once."""
 
     def __init__(self, **config: Any) -> None:
         at_once = {"startup_ns": 0, "gyr_turn_on_ns": 0}
@@ -38,7 +38,7 @@ class Chip(SensorDesk):
         super().fault(kind, die=getattr(lib, f"LSM9DS0_CHIP_{die}"), **fields)
 
     def counts(self, quantity: int) -> list[int]:
-        """The three axes, as one burst brings them."""
+        """The three axes, read in one burst."""
         address, _, out = PLACES[quantity]
         data = bytes(self.get(address, ON | out, 6))
         return [
@@ -56,7 +56,7 @@ class Chip(SensorDesk):
         return bool(self.call("pin_is_high", pin))
 
     def sample(self, quantity: int) -> int:
-        """Go on to the next sample of a sensor; return its time in ns."""
+        """Let time pass until the next sample of a sensor; return its time in ns."""
         before = self.samples(quantity)
         while self.samples(quantity) == before:
             self.advance(self.next_event())
@@ -66,13 +66,13 @@ class Chip(SensorDesk):
         return [self.sample(quantity) for _ in range(count)]
 
     def run_gyro(self, ctrl1: int = 0xBF, ctrl4: int = 0xA0) -> None:
-        """By default 380 Hz, 100 Hz wide, BDU, 2000 deg/s."""
+        """By default 380 Hz, 100 Hz bandwidth, BDU, 2000 deg/s."""
         self.put(G, 0x22, 0x08)
         self.put(G, 0x23, ctrl4)
         self.put(G, 0x20, ctrl1)
 
     def run_accel(self, ctrl1: int = 0x8F, ctrl2: int = 0xA0) -> None:
-        """By default 400 Hz, BDU, 362 Hz wide, 16 g; data-ready on INT1_XM."""
+        """By default 400 Hz, BDU, 362 Hz bandwidth, 16 g; data-ready on INT1_XM."""
         self.put(XM, 0x22, 0x04)
         self.put(XM, 0x21, ctrl2)
         self.put(XM, 0x20, ctrl1)
@@ -85,7 +85,7 @@ class Chip(SensorDesk):
         self.put(XM, 0x26, ctrl7)
 
     def run(self, quantity: int, *, bdu: bool = True) -> None:
-        """One of the three, as by default."""
+        """Turn on one of the three sensors with its defaults."""
         if quantity == GYR:
             self.run_gyro(ctrl4=0xA0 if bdu else 0x20)
         elif quantity == ACC:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The MPU-9250's model on a desk, for its tests."""
+"""The model of the MPU-9250 with an I2C master, for its tests."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ recorder = functools.partial(sensor_desk.recorder, ffi)
 
 
 class Chip(SensorDesk):
-    """A chip that answers at once; registers are the MPU's unless told otherwise."""
+    """A chip without start-up time. Without an address, registers are the MPU's."""
 
     def __init__(self, **config: Any) -> None:
         super().__init__("mpu9250", ffi, lib, **({"startup_ns": 0} | config))
@@ -48,7 +48,7 @@ class Chip(SensorDesk):
         return int(self.call("peek_ak8963", reg))
 
     def edges(self, ms: float) -> list[int]:
-        """When INT rises within the time, in ns."""
+        """The times in ns at which INT rises during the next `ms`."""
         end = self.now[0] + round(ms * MS)
         rises = []
         level = self.int_is_high()
@@ -61,31 +61,31 @@ class Chip(SensorDesk):
         return rises
 
     def edge(self) -> None:
-        """Go on to the next rise of INT."""
+        """Let time pass until INT rises."""
         while self.int_is_high():
             self.advance(self.next_event())
         while not self.int_is_high():
             self.advance(self.next_event())
 
     def sample(self, divider: int = 4, dlpf: int = 3) -> None:
-        """Samples and interrupts from now on, by default at 200 Hz."""
+        """Start samples and interrupts, by default at 200 Hz."""
         self.write(26, dlpf)
         self.write(25, divider)
         self.write(56, 0x01)
 
     def bypass(self) -> None:
-        """The host reaches the AK8963."""
+        """Connect the AK8963 to the host's bus."""
         self.write(106, 0x00)
         self.write(55, 0x02)
 
     def ak_mode(self, mode: int) -> None:
-        """AK 6.3: through power-down, with 100 us in it; by the bypass."""
+        """Set a mode through the bypass, after 100 us of power-down (AK 6.3)."""
         self.write(0x0A, 0x00, address=AK)
         self.wait(0.1)
         self.write(0x0A, mode, address=AK)
 
     def burst_of_22(self, ctrl: int = 0x4D) -> None:
-        """ST1, the data and ST2 of the AK8963 behind the chip's own 14 bytes."""
+        """Have ST1, the data and ST2 of the AK8963 follow the chip's own 14 bytes."""
         self.bypass()
         self.ak_mode(0x16)
         self.write(55, 0x00)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// A firmware whose cycles are known: ten samples of work, which a timer interrupts, and
-// a function that two others and the handler call.
+// Firmware with known cycles, for tests of the profile: ten samples of work that a
+// timer interrupts, and a function that two others and the interrupt handler call.
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/sleep.h>
@@ -12,7 +12,7 @@ __attribute__((noinline)) void shared(void) {
     __builtin_avr_delay_cycles(300);
 }
 
-// Uses many registers and a frame, so that it calls for the compiler's own prologue.
+// Uses many registers and a frame, so that the compiler calls its shared prologue.
 __attribute__((noinline)) void first(uint8_t depth) {
     volatile uint8_t local[4];
     for (uint8_t i = 0; i < sizeof local; i++) {
@@ -26,7 +26,7 @@ __attribute__((noinline)) void first(uint8_t depth) {
     }
 }
 
-// Ends in a jump to the shared function, not in a call.
+// Ends in a jump to shared() instead of a call.
 __attribute__((noinline)) void second(void) {
     __builtin_avr_delay_cycles(500);
     shared();

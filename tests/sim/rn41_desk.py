@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The RN-41's model on a desk, for its tests: the time, a UART and a host."""
+"""The model of the RN-41 with a UART, a host and the time, for its tests."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import chips
 MS = 1_000_000
 SECOND = 1000 * MS
 FACTORY = 115_200
-UP = 1.0  # s from power-up until it is ready
-LINK = 3.0  # until a host is there
+UP = 1.0  # s from power-up until the module is ready
+LINK = 3.0  # s from power-up until a host has connected
 
 ffi, lib = chips.load("rn41", core=False)
 
 
 class Radio:
-    """A module, the time, a UART and a host."""
+    """A module with a UART and a host, and the time."""
 
     def __init__(self, settings: str = "", **config: int) -> None:
         self.config = ffi.new("struct rn41_chip_config *")
@@ -50,7 +50,7 @@ class Radio:
             self.heard += bytes([byte[0]])
 
     def send(self, data: bytes) -> None:
-        """Back to back, at the rate of this side."""
+        """Send bytes without pauses, at this UART's own rate."""
         for byte in data:
             self.now += 10 * SECOND // self.baud
             lib.rn41_chip_receive(self.chip, self.now, byte, self.baud)
@@ -63,7 +63,7 @@ class Radio:
         return self.said.decode()
 
     def command(self, at: float = UP + 0.1) -> None:
-        """Into command mode."""
+        """Enter command mode."""
         self.until(at)
         self.send(b"$$$")
         self.wait(0.2)
@@ -113,7 +113,7 @@ class Radio:
 
 
 def settings(**changes: str) -> str:
-    """What a file of settings says, with some that differ from the factory's."""
+    """The text of a settings file: the factory's settings with some changed."""
     lines = dict(line.split("=", 1) for line in Radio().settings().splitlines())
     return "".join(f"{k}={v}\n" for k, v in (lines | changes).items())
 

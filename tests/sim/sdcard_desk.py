@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""An SD card's model on a desk, for its tests: an SPI master, the time, faults."""
+"""The model of an SD card with an SPI master and the time, for its tests."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MS = 1_000_000
 SLOW, FAST = 400_000, 25_000_000  # Hz
 IDLE, ILLEGAL, BAD_CRC, ADDRESS, PARAMETER = 0x01, 0x04, 0x08, 0x20, 0x40  # R1
 ERASE_RESET, ERASE_SEQUENCE = 0x02, 0x10
-ACCEPTED, CRC_ERROR, WRITE_ERROR = 0x05, 0x0B, 0x0D  # data responses, their low 5 bits
+ACCEPTED, CRC_ERROR, WRITE_ERROR = 0x05, 0x0B, 0x0D  # data responses, low 5 bits
 HCS = 1 << 30
 
 ffi, lib = chips.load("sdcard", core=False)
@@ -39,7 +39,7 @@ def pattern(number: int) -> bytes:
 
 
 class Card:
-    """A card in its socket, the time, and an SPI master."""
+    """A card in its socket, with an SPI master and the time."""
 
     KINDS: ClassVar = {"SDSC": lib.SDCARD_CHIP_SDSC, "SDHC": lib.SDCARD_CHIP_SDHC}
 
@@ -65,12 +65,12 @@ class Card:
         self.chip = ffi.gc(made, lib.sdcard_chip_free)
         self.now = 2 * MS
         self.hz = SLOW
-        self.gaps: list[int] = []  # before each answer, in bytes
+        self.gaps: list[int] = []  # bytes before each answer
 
     # The wire
 
     def send(self, data: bytes | int) -> bytes:
-        """Exchange bytes; an int is so many of 0xFF."""
+        """Exchange bytes; an int is the number of bytes of 0xFF."""
         data = b"\xff" * data if isinstance(data, int) else data
         back = bytearray()
         for byte in data:
@@ -82,7 +82,7 @@ class Card:
         lib.sdcard_chip_select(self.chip, self.now, on)
 
     def deselect(self) -> None:
-        """Raise CS, with the 8 clocks that let the card finish (SD 4.4)."""
+        """Raise CS, then give the 8 clocks that the card needs to finish (SD 4.4)."""
         self.select(on=False)
         self.send(1)
 
@@ -91,7 +91,7 @@ class Card:
         lib.sdcard_chip_advance(self.chip, self.now)
 
     def until(self, wanted: Any, limit: int = 200_000) -> int:
-        """The first byte of which `wanted` is true, and how many came before it."""
+        """Return the first byte that `wanted` accepts; note how many came before it."""
         for count in range(limit):
             byte = self.send(1)[0]
             if wanted(byte):
@@ -107,7 +107,7 @@ class Card:
     def command(
         self, index: int, argument: int = 0, more: int = 0, crc: int | None = None
     ) -> bytes:
-        """A byte's pause, a command, its answer: R1 and `more` bytes."""
+        """Send a command after a byte's pause; return R1 and `more` bytes."""
         self.send(1)
         self.send(self.frame(index, argument, crc))
         if index == 12:
@@ -123,7 +123,7 @@ class Card:
         return self.command(index, argument, more)
 
     def ready(self) -> None:
-        """Wait while it is busy: a byte that is not zero ends it (SD 7.3.2.2)."""
+        """Wait until the card is no longer busy (SD 7.3.2.2)."""
         self.until(lambda byte: byte == 0xFF)
 
     def token(self) -> int:
@@ -136,7 +136,7 @@ class Card:
         return content
 
     def put(self, content: bytes, token: int = 0xFE, crc: bytes | None = None) -> int:
-        """A block; the low five bits of its data response."""
+        """Send a block; return the low five bits of its data response."""
         self.send(1)
         self.send(bytes([token]) + content)
         self.send(crc16(content) if crc is None else crc)
@@ -207,7 +207,10 @@ class Card:
 
 
 def kind_of(stands: bytes, old: bytes, new: bytes) -> str:
-    """What a cut has made of a block: new up to somewhere, then one of three."""
+    """What a power cut has left of a block: old, new or torn.
+
+    A torn block is new up to some byte; old data, 0xFF or noise follow.
+    """
     if stands == old:
         return "old"
     if stands == new:
@@ -215,7 +218,7 @@ def kind_of(stands: bytes, old: bytes, new: bytes) -> str:
     kept = next(i for i in range(BLOCK) if stands[i] != new[i])
     if stands[kept:] in (old[kept:], b"\xff" * (BLOCK - kept)):
         return "torn"
-    # Noise: hardly a byte as it was.
+    # Noise: hardly any byte has its old value.
     same = sum(a == b for a, b in zip(stands[kept:], old[kept:], strict=True))
     assert same <= 3 + (BLOCK - kept) // 64
     return "torn"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What tests of both sensors' models share: the chip on its wire, the time, faults."""
+"""What tests of both sensors share: the chip on an I2C bus, the time, faults."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class SensorDesk:
         self.now = ffi.new("uint64_t *", 0)
 
     def call(self, what: str, *arguments: Any, of_chip: bool = True) -> Any:
-        """A function of the model, by the end of its name."""
+        """Call a function of the model by the last part of its name."""
         function = getattr(self.lib, f"{self.name}_chip_{what}")
         return function(self.chip, *arguments) if of_chip else function(*arguments)
 
-    # Whole transactions; the try_ ones return 0, -1 (refused) or -3 (SDA held).
+    # Whole transactions. Those named try_ return 0, -1 (NACK) or -3 (SDA is held low).
 
     def try_get(self, address: int, reg: int, data: Any = None) -> int:
         data = self.ffi.new("uint8_t[1]") if data is None else data
@@ -57,7 +57,7 @@ class SensorDesk:
     def put(self, address: int, reg: int, *values: int) -> None:
         assert self.try_put(address, reg, *values) == 0
 
-    # Single bytes, at the time that it is.
+    # Single bytes; they take no time.
 
     def start(self, address: int, *, is_read: bool) -> bool:
         now = self.now[0]
@@ -96,7 +96,7 @@ class SensorDesk:
         acc: Triple = (0.0, 0.0, GRAVITY),
         mag: Triple = (0.0, 20.0, -40.0),
     ) -> None:
-        """Motion from now on: rad/s, m/s2, uT."""
+        """Set the motion from now on, in rad/s, m/s2 and uT."""
         self.call("hold", gyr, acc, mag)
 
     def try_fault(self, kind: str, **fields: int) -> bool:
@@ -119,7 +119,7 @@ class SensorDesk:
 
 
 def recorder(ffi: Any, quantity: int) -> tuple[Any, list[tuple[int, int]]]:
-    """A motion that stands still, and the windows over which it was asked for it."""
+    """A motion that is zero, and the windows in which a model asked for `quantity`."""
     asked: list[tuple[int, int]] = []
 
     @ffi.callback("void(void *, enum chip_quantity, int64_t, int64_t, double *)")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""The program that runs a filter alone: what it refuses.
+"""sim/bench, which runs a filter alone: the images that it refuses.
 
-What it measures is tested where it is used, in tests/benchmarks/test_cycles.py.
+tests/benchmarks/test_cycles.py tests what it measures.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ FILES = ("--samples", NULL, "--answers", NULL, "--summary", NULL)
 
 @pytest.fixture(scope="module")
 def image(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Firmware that is no filter on the bench."""
+    """Firmware that is not a filter for sim/bench."""
     images.emulators()
     folder = tmp_path_factory.mktemp("bench")
     (folder / "other.c").write_text("int main(void) { return 0; }\n")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The model of the AK8963 within the MPU-9250, by the bypass, against its data sheet.
+"""The AK8963 in the model of the MPU-9250, through the bypass, against its data sheet.
 
 Numbers are typed from the data sheet (AK) and PS-MPU-9250A-01 (PS), not taken from the
 model.
@@ -17,7 +17,7 @@ def test_the_ak8963_is_behind_the_bypass_only(chip: Chip) -> None:
     assert chip.try_read(0x00, address=AK) == -1
     chip.bypass()
     assert chip.read(0x00, address=AK) == [0x48]
-    chip.write(106, 0x20)  # the chip's own master takes the bus
+    chip.write(106, 0x20)  # the chip's own I2C master takes the bus
     assert chip.try_read(0x00, address=AK) == -1
 
 
@@ -25,7 +25,7 @@ def test_asa_is_in_the_fuse_rom(chip: Chip) -> None:
     chip.bypass()
     chip.ak_mode(0x0F)
     assert chip.read(0x10, 3, address=AK) == [176, 178, 166]
-    assert chip.read(0x10, 4, address=AK) == [176, 178, 166, 176]  # AK 7.2.3: a ring
+    assert chip.read(0x10, 4, address=AK) == [176, 178, 166, 176]  # AK 7.2.3: it wraps
 
 
 def test_asa_outside_fuse_rom_mode_is_a_complaint() -> None:
@@ -36,7 +36,7 @@ def test_asa_outside_fuse_rom_mode_is_a_complaint() -> None:
 
 
 def field(chip: Chip) -> list[float]:
-    """The field in the MPU's axes by the data sheet's formula, uT."""
+    """The field by the data sheet's formula, in uT and in the MPU's axes."""
     data = bytes(chip.read(0x03, 7, address=AK))
     lsb = 0.15 if data[6] & 0x10 else 0.6
     own = [
@@ -57,7 +57,7 @@ def test_the_true_field_comes_out_of_the_formula(
     chip.bypass()
     chip.ak_mode(bits | 0x06)
     chip.wait(8)
-    # Half a count, and the adjustment stretches it by up to 1.2.
+    # Rounding is half a count; the adjustment multiplies it by up to 1.2.
     assert field(chip) == pytest.approx(true, abs=0.6 * lsb)
 
 
@@ -69,7 +69,7 @@ def test_continuous_modes_measure_at_8_and_100_hz(
     chip.ak_mode(mode)
     chip.wait(7.1)
     assert chip.read(0x02, address=AK) == [0x00]
-    chip.wait(0.2)  # AK 5.3.1: 7.2 ms a measurement
+    chip.wait(0.2)  # AK 5.3.1: a measurement takes 7.2 ms
     assert chip.read(0x02, 8, address=AK)[0] == 0x01
     assert chip.read(0x02, address=AK) == [0x00]
     chip.wait(period_ms - 1.0)
@@ -113,7 +113,7 @@ def test_data_stay_until_st2_is_read(chip: Chip) -> None:
 
 def test_a_strong_field_overflows(chip: Chip) -> None:
     chip.bypass()
-    chip.hold(mag=(1637.0, 1637.0, 1637.0))  # AK 6.4.3.6: sum of 4912 uT
+    chip.hold(mag=(1637.0, 1637.0, 1637.0))  # AK 6.4.3.6: overflow at a sum of 4912 uT
     chip.ak_mode(0x16)
     chip.wait(8)
     assert chip.read(0x09, address=AK) == [0x10]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The wire of both sensors' models: who answers, and the faults that they share."""
+"""The models of both sensors on the I2C bus: who answers, and their common faults."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from sim import lsm9ds0_desk, mpu9250_desk
 from sim.sensor_desk import MS, SensorDesk
 
-# Of each model: an address, WHO_AM_I and what it says, a register to write.
+# Of each model: address, register WHO_AM_I, its value, a register to write.
 PLACES = {
     "mpu9250": (mpu9250_desk.MPU, 117, 0x71, 55),
     "lsm9ds0": (lsm9ds0_desk.XM, 0x0F, 0x49, 0x22),
@@ -18,7 +18,7 @@ PLACES = {
 
 
 class Wired:
-    """A sensor of either kind, of which a register is read and another one written."""
+    """A sensor of either kind; one register is read, another one written."""
 
     def __init__(self, name: str) -> None:
         desk = {"mpu9250": mpu9250_desk, "lsm9ds0": lsm9ds0_desk}[name]

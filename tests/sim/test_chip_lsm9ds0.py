@@ -31,7 +31,7 @@ def test_reset_values_are_those_of_the_register_map(chip: Chip) -> None:
 def test_the_polarity_at_reset_can_be_the_other_one() -> None:
     chip = Chip(int_ctrl_reg_m=0x00)
     assert chip.get(XM, 0x12) == [0x00]
-    assert chip.is_high(INT1)  # active low, and at rest
+    assert chip.is_high(INT1)  # active low and not asserted
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_bit_7_of_the_sub_address_makes_it_move_on(chip: Chip, address: int) -> 
     assert after == [0x07, 0x00, 0x00]
     chip.put(address, ON | 0x20, 0x03, 0x10)
     assert chip.get(address, ON | 0x20, 2) == [0x03, 0x10]
-    chip.put(address, 0x20, 0x00, 0x05)  # both to one register
+    chip.put(address, 0x20, 0x00, 0x05)  # without ON both go to the same register
     assert chip.get(address, ON | 0x20, 2) == [0x05, 0x10]
 
 
@@ -98,7 +98,7 @@ def test_reserved_and_read_only_registers_stay_and_complain(address: int) -> Non
 @pytest.mark.parametrize(
     ("address", "reg", "value", "kept"),
     [
-        (G, 0x21, 0x40, 0x00),  # DS CTRL_REG2_G: must not be changed
+        (G, 0x21, 0x40, 0x00),  # DS CTRL_REG2_G: bits that must not be changed
         (G, 0x23, 0x08, 0x00),
         (G, 0x24, 0x20, 0x00),
         (XM, 0x1F, 0x08, 0x00),
@@ -125,11 +125,11 @@ def test_reserved_bits_stay_and_complain(
         (G, 0x23, 0x01),  # 3-wire SPI
         (G, 0x24, 0x40),  # FIFO
         (G, 0x24, 0x10),  # high-pass filter
-        (G, 0x24, 0x01),  # its data
+        (G, 0x24, 0x01),  # high-pass filtered data
         (G, 0x2E, 0x40),  # stream mode
         (G, 0x30, 0x20),
         (XM, 0x12, 0xE9),  # magnetic interrupt
-        (XM, 0x16, 0x01),  # offset
+        (XM, 0x16, 0x01),  # magnetic offset
         (XM, 0x1F, 0x40),
         (XM, 0x22, 0x20),
         (XM, 0x23, 0x01),
@@ -152,10 +152,10 @@ def test_what_is_not_modelled_complains(address: int, reg: int, value: int) -> N
         [(G, 0x23, 0x04)],  # DS CTRL_REG4_G: ST 10
         [(XM, 0x20, 0xB7)],  # DS CTRL_REG1_XM: AODR 1011
         [(XM, 0x21, 0x28)],  # DS CTRL_REG2_XM: AFS 101
-        [(XM, 0x21, 0x06)],  # AST 11: not allowed
+        [(XM, 0x21, 0x06)],  # DS CTRL_REG2_XM: AST 11, not allowed
         [(XM, 0x24, 0x34)],  # DS CTRL_REG5_XM: M_RES 01
-        [(XM, 0x26, 0x00)],  # M_ODR 110, as after reset: do not use
-        [(XM, 0x24, 0x14), (XM, 0x20, 0x57), (XM, 0x26, 0x00)],  # 100 Hz beside 50
+        [(XM, 0x26, 0x00)],  # M_ODR 110, its reset value: do not use
+        [(XM, 0x24, 0x14), (XM, 0x20, 0x57), (XM, 0x26, 0x00)],  # 100 Hz with AODR 50
         [(XM, 0x24, 0x14), (XM, 0x26, 0x00), (XM, 0x20, 0x17)],
     ],
 )

@@ -241,7 +241,7 @@ def test_the_gyroscope_reads_zero_until_it_is_on() -> None:
     assert chip.counts(GYR) == [0, 0, 0]
     chip.wait(4)
     assert 0 not in chip.counts(GYR)
-    chip.put(G, 0x20, 0xB8)  # from sleep it is on at once: it swings on
+    chip.put(G, 0x20, 0xB8)  # no turn-on time after sleep: it vibrates on
     chip.put(G, 0x20, 0xBF)
     chip.sample(GYR)
     assert 0 not in chip.counts(GYR)

@@ -37,7 +37,7 @@ def test_a_sample_sets_its_flags_and_high_bytes_clear_them(
     chip.run(quantity)
     chip.sample(quantity)
     assert chip.status(quantity) == 0x0F
-    chip.get(address, out)  # X low: nothing (AN3308)
+    chip.get(address, out)  # the low byte of X clears no flag (AN3308)
     assert chip.status(quantity) == 0x0F
     seen = []
     for reg in (out + 1, out + 3, out + 5):
@@ -84,7 +84,7 @@ def test_bdu_holds_an_axis_until_both_halves_are_read(
     chip.sample(quantity)
     word = bytes(low + chip.get(address, out + 1))
     assert int.from_bytes(word, "little", signed=True) == before[0]
-    # It is followed by what came meanwhile, which is new.
+    # Then the sample that came meanwhile shows, and is flagged as new.
     assert chip.status(quantity) & 0x09 == 0x09
     assert chip.counts(quantity) == [0, 0, 0]
 
@@ -99,7 +99,7 @@ def test_bdu_does_not_hold_the_axes_together(chip: Chip) -> None:
     chip.start(XM, is_read=True)
     data = [chip.receive() for _ in range(3)]
     chip.hold(acc=(0, 0, 0))
-    chip.sample(ACC)  # after X and a half of Y
+    chip.sample(ACC)  # X and half of Y have been read
     data += [chip.receive(ack=i < 2) for i in range(3)]
     chip.stop()
     words = [
@@ -133,8 +133,8 @@ def test_bdu_off_lets_go(chip: Chip, quantity: int) -> None:
 
 def test_disabled_axes_are_not_updated(chip: Chip) -> None:
     chip.hold(gyr=(1, 1, 1), acc=(3, 3, 3))
-    chip.run_gyro(ctrl1=0xBD)  # Z, X
-    chip.run_accel(ctrl1=0x8A)  # Y
+    chip.run_gyro(ctrl1=0xBD)  # Z and X enabled
+    chip.run_accel(ctrl1=0x8A)  # Y enabled
     chip.sample(GYR)
     chip.sample(ACC)
     chip.sample(GYR)
@@ -143,13 +143,13 @@ def test_disabled_axes_are_not_updated(chip: Chip) -> None:
     assert chip.status(ACC) & 0x0F == 0x0A
     assert [c != 0 for c in chip.counts(GYR)] == [True, False, True]
     assert [c != 0 for c in chip.counts(ACC)] == [False, True, False]
-    assert chip.status(GYR) == 0x00  # only enabled axes count
+    assert chip.status(GYR) == 0x00  # ZYXDA depends on the enabled axes only
 
 
 def test_an_axis_that_is_off_holds_no_flag_up(chip: Chip) -> None:
     chip.run_gyro()
     chip.sample(GYR)
-    chip.put(G, 0x20, 0xBD)  # Y off, its value unread
+    chip.put(G, 0x20, 0xBD)  # Y off while its value is unread
     chip.get(G, 0x29)
     chip.get(G, 0x2D)
     assert not chip.is_high(DRDY_G)
@@ -178,7 +178,7 @@ def test_data_ready_is_high_from_the_sample_until_all_is_read(
     assert chip.is_high(pin)
     assert not any(chip.is_high(other) for other in others - {DRDY_G})
     chip.sample(quantity)
-    assert chip.is_high(pin)  # no edge without a reading
+    assert chip.is_high(pin)  # stays high until the data are read
     address, _, out = PLACES[quantity]
     chip.get(address, ON | out, 5)
     assert chip.is_high(pin)
@@ -191,7 +191,7 @@ def test_data_ready_of_the_gyroscope_has_its_enable_bit(chip: Chip) -> None:
     chip.put(G, 0x22, 0x00)
     chip.sample(GYR)
     assert not chip.is_high(DRDY_G)
-    chip.put(G, 0x22, 0x28)  # H_Lactive is of INT_G
+    chip.put(G, 0x22, 0x28)  # H_Lactive concerns INT_G only
     assert chip.is_high(DRDY_G)
 
 

@@ -24,7 +24,7 @@ def test_reset_values_are_those_of_the_register_map(chip: Chip) -> None:
     expected[117] = 0x71
     expected[0:3] = list(defaults.gyr_self_test)
     expected[13:16] = list(defaults.acc_self_test)
-    # In two bursts: FIFO_R_W, 116, is the one register that a burst stays at.
+    # Two bursts, because a burst that reaches FIFO_R_W (116) stays there.
     assert [*chip.read(0, 116), 0, *chip.read(117, 11)] == expected
 
 
@@ -75,7 +75,7 @@ def test_unmodelled_registers_complain() -> None:
         (0, 3, 4, 200.0),
         (0, 1, 0, 1000.0),
         (0, 6, 255, 1000 / 256),
-        (0, 0, 4, 8000.0),  # RM 4.4: the divider works with the DLPF on only
+        (0, 0, 4, 8000.0),  # RM 4.4: the divider needs the DLPF
         (0, 7, 4, 8000.0),
         (1, 3, 4, 32000.0),
         (2, 3, 4, 32000.0),

@@ -85,8 +85,8 @@ def test_disabled_axes_and_sensors_that_start_read_zero(chip: Chip) -> None:
     chip.sample()
     chip.hold(gyr=(1, 1, 1), acc=(5, 5, 5))
     chip.wait(30)
-    assert chip.words(67, 3) == [0, 0, 0]  # PS 3.1: 35 ms
-    assert 0 not in chip.words(59, 3)  # PS 3.2: 20 ms
+    assert chip.words(67, 3) == [0, 0, 0]  # PS 3.1: starts up in 35 ms
+    assert 0 not in chip.words(59, 3)  # PS 3.2: starts up in 20 ms
     chip.wait(20)
     assert 0 not in chip.words(67, 3)
     chip.write(108, 0b00_010_001)
@@ -122,7 +122,7 @@ def test_a_burst_is_of_one_instant(chip: Chip) -> None:
 
 
 def self_test_ratios(chip: Chip) -> list[float]:
-    """ST 3: responses over factory trim, gyroscope then accelerometer."""
+    """Responses divided by factory trim (ST 3): gyroscope, then accelerometer."""
     chip.write(26, 2)
     chip.write(29, 2)
     chip.write(27, 0)

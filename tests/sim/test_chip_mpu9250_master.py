@@ -27,9 +27,9 @@ def test_a_burst_of_22_bytes_has_all_nine_axes(chip: Chip) -> None:
         if burst[14] & 1:
             raw = int.from_bytes(burst[15:17], "little", signed=True)
             adjusted = raw * 0.15 * ((176 - 128) * 0.5 / 128 + 1)
-            assert adjusted == pytest.approx(-12.5, abs=0.1)  # its x is our y
+            assert adjusted == pytest.approx(-12.5, abs=0.1)  # its x axis is our y axis
             assert burst[21] == 0x10
-    assert flags.count(0x01) == 10  # 100 Hz of 200
+    assert flags.count(0x01) == 10  # 100 Hz in samples at 200 Hz
     assert flags.count(0x00) == 10
 
 
@@ -38,14 +38,14 @@ def test_wait_for_es_puts_int_behind_the_external_bytes(
     chip: Chip, ctrl: int, waits: bool
 ) -> None:
     chip.burst_of_22(ctrl)
-    started = chip.now[0]  # the sample clock starts with the last of its registers
+    started = chip.now[0]  # a little after the restart of the sample clock
     edges = chip.edges(100)[1:]
     # START, address, register, START, address and 8 bytes: 101 bits at 400 kHz.
     late = 101 * 2500 if waits else 0
     assert len(edges) >= 18
     for edge in edges:
         since = (edge - late - started) % (5 * MS)
-        # STOP of the write to INT_ENABLE, and of the one before it.
+        # The clock restarted at SMPLRT_DIV, one write before `started`.
         assert 5 * MS - since < 200_000
 
 
@@ -62,7 +62,7 @@ def test_the_shadow_delays_external_bytes_until_all_are_there(
     end = chip.now[0] + 30 * MS
     while (event := chip.next_event()) < end:
         chip.advance(event)
-        # The high bytes of the three axes: signs change from one block to the next.
+        # Signs of the three axes, which differ between the two fields.
         signs = [chip.peek(reg) >> 7 for reg in (75, 77, 79)]
         seen.add(tuple(signs))
     assert {(0, 0, 0), (1, 1, 1)} <= seen
@@ -78,7 +78,7 @@ def test_slaves_share_the_external_bytes_in_their_order(chip: Chip) -> None:
     chip.sample()
     chip.wait(20)
     assert chip.read(73, 4) == [0x48, 0x9A, 0x48, 0x00]
-    chip.write(39, 0x02)  # slave 0 off: its place stays (RM 4.25)
+    chip.write(39, 0x02)  # slave 0 off: its bytes stay (RM 4.25)
     chip.wait(20)
     assert chip.read(73, 4) == [0x48, 0x9A, 0x48, 0x00]
 
@@ -122,7 +122,7 @@ def test_delayed_slaves_come_every_so_many_samples(chip: Chip) -> None:
     chip.write(106, 0x20)
     chip.write(52, 4)  # one sample in 5
     chip.write(103, 0x01)
-    chip.write(37, 0x80 | 0x33, 0x00, 0x81)  # nobody: each try leaves a NACK bit
+    chip.write(37, 0x80 | 0x33, 0x00, 0x81)  # no such slave: each try sets a NACK bit
     chip.sample()
     chip.read(54)
     tries = 0

@@ -94,7 +94,8 @@ def test_without_flow_control_what_has_no_room_falls_out() -> None:
     radio.send(b"x" * 10_000)
     radio.wait(1)
     lost = radio.counters.lost_to_host
-    # 10,000 bytes come within 108.5 ms, of which the air takes 3255 and room some 2 KB.
+    # 10,000 bytes come in 108.5 ms. The link carries 3255 of them; about 2 KB stay in
+    # the buffer.
     assert 10_000 - 3255 - 2048 - 75 <= lost <= 10_000 - 3255 - 2048 + 150
     assert len(radio.heard) == 10_000 - lost
 
@@ -104,7 +105,8 @@ def test_rts_rises_before_the_buffer_is_full() -> None:
     radio.baud = 921_600
     while radio.rts == 0:
         radio.send(b"x")
-    # What is on its way from any UART, a FIFO of 16 bytes too, still fits.
+    # There is still room for what a UART sends before it stops, even with a FIFO of
+    # 16 bytes.
     radio.send(b"y" * 64)
     radio.wait(1)
     assert radio.rts == 0
@@ -132,7 +134,7 @@ def test_a_slow_probe_holds_the_host_up_and_loses_nothing() -> None:
         radio.host(b"z")
         total += 1
         radio.wait(0.0001)
-    assert total >= 4000  # its own room on both sides
+    assert total >= 4000  # the buffers of the module itself
     radio.cts(False)
     radio.wait(2)
     assert len(radio.said) == total
@@ -149,7 +151,7 @@ def test_another_rate_is_garbage_both_ways() -> None:
     radio.until(LINK + 0.1)
     radio.send(b"hello, can you hear me at all?")
     radio.wait(1)
-    # Eight of those frames fall into one of its own.
+    # Eight frames at 921,600 baud last as long as one at 115,200.
     assert 0 < len(radio.heard) <= 6
     assert b"hello" not in radio.heard
     radio.baud = 9600
@@ -220,7 +222,7 @@ def test_a_dropped_link_loses_what_is_in_the_buffer() -> None:
     radio = linked(settings(SU="92"))
     radio.baud = 921_600
     radio.fault("DROP", radio.now / SECOND + 0.01, 5)
-    radio.send(b"x" * 1000)  # 10.85 ms, some after the drop
+    radio.send(b"x" * 1000)  # takes 10.85 ms; the link drops after 10
     radio.host(b"y")
     radio.wait(0.1)
     assert radio.pio2 == 0

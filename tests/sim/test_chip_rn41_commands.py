@@ -27,7 +27,7 @@ def test_bytes_within_a_second_before_make_them_data() -> None:
     radio.wait(2)
     assert radio.heard == b"x$$$"
     assert radio.said == b""
-    radio.send(b"$$$")  # after silence
+    radio.send(b"$$$")  # after a pause
     radio.wait(2)
     assert radio.said == b"CMD\r\n"
 
@@ -152,7 +152,7 @@ def test_settings_as_listed_and_used_after_a_reboot() -> None:
     assert len(radio.ask("X", 0.3).splitlines()) == 2 + 9 + 11 + 11
     radio.ask("S-,imu")
     radio.ask("SU,92")
-    # Told at once, used later.
+    # A new setting is reported at once and used after a reboot.
     assert radio.ask("GN") == "imu-1A2C\r\n"
     assert radio.ask("GU") == "921K\r\n"
     assert radio.ask("V").startswith("Ver")
@@ -240,7 +240,7 @@ def test_a_host_may_come_while_it_is_configured() -> None:
     radio.until(LINK + 0.1)
     assert radio.pio2 == 1
     assert radio.ask("GK") == "1,0,0\r\n"
-    radio.host(b"lost, nobody passes it on")  # UG, T
+    radio.host(b"lost, nobody passes it on")  # UG, command T
     radio.wait(0.1)
     assert radio.ask("---") == "END\r\n"
     radio.host(b"heard")

@@ -61,7 +61,7 @@ def test_nothing_but_a_good_cmd0_is_heard_first(
 
 
 def test_the_document_s_own_commands_have_the_crcs_that_it_prints() -> None:
-    # SD 4.5 and 7.2.2: CMD0, CMD17 with argument 0, 512 bytes of 0xFF.
+    # Examples of SD 4.5 and 7.2.2: CMD0, CMD17 with argument 0, 512 bytes of 0xFF.
     assert Card.frame(0) == bytes.fromhex("400000000095")
     assert Card.frame(17) == bytes.fromhex("510000000055")
     assert crc16(b"\xff" * 512) == b"\x7f\xa1"
@@ -98,7 +98,7 @@ def test_initialisation_takes_its_time(tmp_path: Path) -> None:
         times.add((card.now - start) // MS)
         assert card.complaint() is None
     assert min(times) >= 20
-    assert max(times) <= 302  # and a round of the host's; SD 4.2.3: within 1 s
+    assert max(times) <= 302  # 300 ms and a turn of this loop; SD 4.2.3 allows 1 s
     assert len(times) > 6
 
 
@@ -187,7 +187,7 @@ def test_the_clock_has_its_limits(tmp_path: Path) -> None:
 @pytest.mark.parametrize("index", [1, 2, 3, 5, 7, 11, 12, 15, 20, 23, 28, 52, 63])
 def test_what_is_no_command_here_is_illegal(card: Card, index: int) -> None:
     assert card.r1(index) == ILLEGAL
-    assert card.r1(13) == 0  # told once
+    assert card.r1(13) == 0  # an error is reported once
 
 
 @pytest.mark.parametrize("index", [6, 27, 42, 56])

@@ -68,7 +68,7 @@ def test_the_byte_behind_cmd12_is_no_answer(tmp_path: Path) -> None:
         card.token()
         card.send(10)
         seen.add(card.send(card.frame(12) + b"\xff")[-1])
-    assert seen == {0x3F}  # two bits of the data, then the line's rest
+    assert seen == {0x3F}  # two bits of data, then the idle line
 
 
 def test_a_stopped_read_may_be_busy_or_not(tmp_path: Path) -> None:

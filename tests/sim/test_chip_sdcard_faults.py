@@ -31,7 +31,7 @@ def test_a_pulled_card_leaves_the_line_high_and_comes_back_fresh(card: Card) -> 
     card.wait(10)
     assert card.send(card.frame(13) + b"\xff" * 20) == b"\xff" * 26
     card.wait(100)
-    # Back in: the host that goes on as before is neither heard nor blamed.
+    # The card is back but not initialised: it ignores commands without a complaint.
     assert card.send(card.frame(13) + b"\xff" * 20) == b"\xff" * 26
     card.deselect()
     card.hz = SLOW
@@ -89,7 +89,7 @@ def test_a_card_can_go_within_a_block(card: Card, kind: str) -> None:
     card.wait(1)
     card.identify()
     assert card.read(1) == pattern(1)
-    if kind == "DEAD":  # it has had its power
+    if kind == "DEAD":  # it kept its power and has programmed block 2
         assert card.read(2) == pattern(2)
 
 
@@ -100,7 +100,7 @@ def test_a_card_that_is_dead_at_first_comes_up_later(fresh: Card) -> None:
         fresh.select()
         assert fresh.send(fresh.frame(0) + b"\xff" * 8)[-8:] == b"\xff" * 8
         fresh.deselect()
-    fresh.now = 100 * MS - 60_000  # alive from within the clocks on
+    fresh.now = 100 * MS - 60_000  # it comes to life during the clocks
     fresh.send(10)
     fresh.select()
     assert fresh.send(fresh.frame(0) + b"\xff" * 8)[-8:] == b"\xff" * 8
@@ -203,7 +203,7 @@ def test_a_dead_card_says_nothing_and_takes_nothing(card: Card) -> None:
     assert card.send(b"\xfe" + pattern(1) + bytes(3)) == b"\xff" * 516
     card.wait(50)
     assert card.stored(1) == bytes(BLOCK)
-    card.send(b"\x00")  # amid something that it has not heard begin
+    card.send(b"\x00")  # the rest of a transfer whose start it missed
     card.deselect()
     card.select()
     assert card.r1(13) == 0

@@ -32,7 +32,7 @@ def test_a_command_wants_a_byte_s_pause_behind_an_answer(rude: Card) -> None:
 
 
 def test_a_command_wants_the_last_one_s_answer(rude: Card) -> None:
-    rude.r1(13)  # the second byte of R2 is yet to come
+    rude.r1(13)  # the second byte of R2 is still to be read
     rude.send(rude.frame(13))
     assert rude.complains("before the answer")
 

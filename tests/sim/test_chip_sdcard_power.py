@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a loss of power leaves on the SD card's model."""
+"""What a power cut leaves on the model of the SD card."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def test_a_block_that_power_leaves_amid_is_old_new_or_torn_200_times(
         card.ready()
         assert card.write(3, pattern(3)) == ACCEPTED
         card.send(1)
-        card.now += seed * 1400  # within the 0.3 ms that busy is at least
+        card.now += seed * 1400  # busy lasts at least 0.3 ms
         card.cut()
-        assert card.stored(2) == pattern(2)  # its busy was over
+        assert card.stored(2) == pattern(2)  # it was no longer busy with this block
         seen[kind_of(card.stored(3), b"\x55" * BLOCK, pattern(3))] += 1
         assert card.stored(0, 2) == b"\x55" * 2 * BLOCK
         assert card.stored(4, 6) == b"\x55" * 6 * BLOCK
@@ -45,7 +45,7 @@ def test_a_run_that_power_leaves_amid_loses_at_most_its_last_16_200_times(
         for number in range(count):
             assert card.put(pattern(number), 0xFC) == ACCEPTED
             card.ready()
-        # Half of them amid the next block, which was never acknowledged.
+        # In every other run the cut comes during the next block, not yet acknowledged.
         card.send(b"\xff\xfc" + pattern(99)[: seed % 2 * 300])
         card.cut()
         kinds = [
@@ -60,7 +60,7 @@ def test_a_run_that_power_leaves_amid_loses_at_most_its_last_16_200_times(
         assert card.complaint() is None
     assert torn > 50
     assert ("new", "torn", "old") in shapes
-    assert any(len(shape) > 4 for shape in shapes)  # out of order
+    assert any(len(shape) > 4 for shape in shapes)  # blocks written out of order
 
 
 def test_a_stopped_run_survives_any_cut(tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ def bits(register: int, high: int, low: int) -> int:
         1 << 20,
         8 << 20,
         100_000 * 512,
-        5000 * 2048,  # beyond 4096 of the least unit
+        5000 * 2048,  # more than 4096 of the smallest unit
         1 << 30,
         2 << 30,
     ],
@@ -58,7 +58,7 @@ def test_the_csd_of_an_sdhc_card_gives_its_size(tmp_path: Path, size: int) -> No
     csd = csd_of(card)
     assert bits(csd, 127, 126) == 1
     assert (bits(csd, 69, 48) + 1) * 512 * 1024 == size
-    # SD 5.3.3: fixed to these.
+    # SD 5.3.3 fixes these values.
     assert [bits(csd, 119, 112), bits(csd, 111, 104)] == [0x0E, 0x00]
     assert [bits(csd, 83, 80), bits(csd, 79, 79), bits(csd, 46, 46)] == [9, 0, 1]
     assert [bits(csd, 45, 39), bits(csd, 28, 26), bits(csd, 25, 22)] == [0x7F, 2, 9]
@@ -121,7 +121,7 @@ def test_status_and_configuration_come_as_data(card: Card) -> None:
     assert status[:8] == bytes(8)
     assert status[10] >> 4 == (9 if is_high else 6)  # AU_SIZE
     assert card.app(51)[0] == 0
-    # SD 5.6: version 2.00; both bus widths.
+    # SD 5.6: version 2.00, both bus widths supported.
     scr = card.data(8)
     assert scr[:2] == (b"\x02\x35" if is_high else b"\x02\x25")
     assert card.app(42)[0] == 0

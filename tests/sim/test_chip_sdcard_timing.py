@@ -18,12 +18,12 @@ def test_gaps_stay_within_their_limits_and_vary(card: Card) -> None:
     for _ in range(100):
         card.r1(13)
         card.send(1)
-    assert set(card.gaps) == set(range(1, 9))  # NCR: the first byte can't be it
+    assert set(card.gaps) == set(range(1, 9))  # NCR: 1 to 8 bytes
     card.gaps.clear()
     for _ in range(60):
         card.r1(9)
         card.data(16)
-    assert set(card.gaps[1::2]) == set(range(9))  # NCX
+    assert set(card.gaps[1::2]) == set(range(9))  # NCX: 0 to 8 bytes
     us = []
     for _ in range(60):
         assert card.r1(17, 0) == 0
@@ -68,7 +68,7 @@ def test_busy_is_seen_while_selected_and_goes_on_without(card: Card) -> None:
     assert card.send(3) == b"\xff" * 3
     card.select()
     first, *rest = card.send(3)
-    assert first in (0x00, 0x80)  # low from one clock after CS on
+    assert first in (0x00, 0x80)  # low from the first clock after CS on
     assert rest == [0, 0]
     card.deselect()
     card.wait(41)
@@ -91,7 +91,7 @@ def test_programming_waits_for_the_clocks_behind_the_response(card: Card) -> Non
     card.select(on=False)
     card.wait(1000)
     assert card.stored(1) == bytes(BLOCK)
-    card.send(1)  # CS is irrelevant (SD 4.4)
+    card.send(1)  # 8 clocks, with CS high or low (SD 4.4)
     card.wait(41)
     assert card.stored(1) == pattern(1)
     card.select()
@@ -107,7 +107,7 @@ def test_busy_after_a_stop_may_come_a_byte_late(tmp_path: Path) -> None:
         seen.add(card.send(b"\xff\xfd\xff\xff")[2:])
         card.ready()
         assert card.complaint() is None
-    assert seen == {b"\x00\x00", b"\xff\x00"}  # NBR: 0 or 1
+    assert seen == {b"\x00\x00", b"\xff\x00"}  # NBR: 0 or 1 byte
 
 
 def test_the_free_bits_of_a_data_response_are_free(card: Card) -> None:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""The virtual STM32F405 as a program: options, summary, faults, what ends a run.
+"""The virtual STM32F405 as a program: options, summary, faults, the end of a run.
 
-The firmware is one of the bare programs of tests/sim/f405.
+Its firmware is one of the bare programs in tests/sim/f405.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def test_bytes_and_time_are_told(tmp_path: Path) -> None:
 def test_the_deepest_stack_and_the_sizes_are_found(tmp_path: Path) -> None:
     summary = bare.run("stack", tmp_path).summary
     assert 5000 <= summary["stack_max"] <= 5100
-    assert 1000 <= summary["ram"] <= 2000  # 250 words and the vectors
+    assert 1000 <= summary["ram"] <= 2000  # 250 words and the vector table
     assert 500 < summary["flash"] < 2000
 
 
@@ -56,7 +56,7 @@ def test_an_access_to_what_is_not_modelled_ends_the_run(tmp_path: Path) -> None:
 
 def test_marked_work_is_measured_to_the_cycle(tmp_path: Path) -> None:
     summary = bare.run("pins", tmp_path).summary
-    # 100 turns of two instructions, the one before and the stores at both ends.
+    # 100 loops of two instructions, the one before them, and the two stores.
     assert summary["samples"] == 5
     assert summary["cycles_mean"] == summary["cycles_worst"] == 203
 
@@ -98,13 +98,13 @@ def test_a_word_that_power_left_is_torn(tmp_path: Path, write: int) -> None:
     words = struct.unpack_from("<4I", sector)
     torn, meant = words[write - 1], 0x12340000 + write - 1
     assert words[: write - 1] == tuple(0x12340000 + i for i in range(write - 1))
-    assert torn & meant == meant  # some of its bits have not fallen yet
+    assert torn & meant == meant  # some bits are still 1
     assert torn not in (meant, 0xFFFFFFFF)
     assert words[write:] == (0xFFFFFFFF,) * (4 - write)
 
 
 def test_an_erase_that_power_left_is_half_done(tmp_path: Path) -> None:
-    # A sector of zeros, and an erase of it, which takes a second.
+    # The firmware erases a sector of zeros, which takes a second.
     (tmp_path / "flash").write_bytes(bytes(MEGABYTE))
     press = ("--press", "0:3000000")
     sector = settings_after_cut(tmp_path, 1, 500_000, *press)
@@ -120,11 +120,11 @@ def test_a_reset_leaves_its_cause(tmp_path: Path) -> None:
         {"kind": "brown_out", "at_us": 800_000},
     )
     lines = bare.run("reset", tmp_path, "--seconds", "0.9", *faults, code=0).lines
-    # Power-on, software, watchdog, pin; brown-out, after which RAM is lost, software.
+    # Power-on, software, watchdog, pin. Brown-out, which loses RAM; software again.
     assert lines["cause"] == [0x0E, 0x14, 0x24, 0x04, 0x06, 0x14]
     assert lines["count"] == [1, 2, 3, 4, 1, 2]
     assert lines["cleared"] == [0] * 6
-    # Fed after 60 ms, it bites 100 ms later.
+    # The watchdog is fed after 60 ms and resets 100 ms later.
     assert 155_000 < lines["us"][0] < max(lines["us"][:8]) < 160_000
 
 

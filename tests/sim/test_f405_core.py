@@ -16,7 +16,7 @@ def test_the_clock_comes_up_as_the_manual_says(tmp_path: Path) -> None:
     assert lines["hse_us"][0] == pytest.approx(2000, abs=3)
     assert lines["pll_us"][0] == pytest.approx(150, abs=3)
     assert lines["sws"] == [2, 2]
-    # 168 MHz, to a turn of the loop that waits.
+    # 168 MHz, within one turn of the waiting loop.
     assert lines["cycles_a_ms"][0] == pytest.approx(168_000, abs=200)
     assert lines["alarms"] == [0]
 
@@ -40,14 +40,15 @@ def test_a_clock_that_stops_leaves_the_watchdog(tmp_path: Path) -> None:
     faults = bare.faults(tmp_path, {"kind": "crystal", "at_us": 50_000})
     said = bare.run("stopped", tmp_path, *faults)
     assert said.lines["cause"] == [0x0E, 0x24]
-    # The program's clock starts over 2 ms after power-up, with the crystal.
+    # The program restarts its clock 2 ms after power-up, when the crystal is ready.
     assert said.lines["last_us"][0] == pytest.approx(47_800, abs=100)
     assert said.summary["seconds"] == pytest.approx(0.15, abs=0.001)
 
 
 def test_exceptions_nest_by_priority(tmp_path: Path) -> None:
     lines = bare.ended("nvic", tmp_path)
-    # 61 comes inside 60; 62, as urgent as 60, after it; 63 last; then thread mode.
+    # 61 interrupts 60. 62 has the priority of 60 and comes after it, 63 comes last.
+    # Then thread mode goes on.
     high = [0x61, 0x1000 + 16 + 61, 0x161]
     assert lines["nesting"] == [0x60, *high, 0x160, 0x62, 0x63, 0xEE]
     assert lines["calls"] == [0xAA, 1, 0xBB, 2]
@@ -102,11 +103,11 @@ def test_faults_say_what_and_where(tmp_path: Path) -> None:
     lines = said.lines
     forced, bus_read, bus_write = 1 << 30, 0x8200, 0x400
     undefined, division = 1 << 16, 1 << 25
-    # Escalated as long as bus faults have no handler of their own.
+    # A bus fault becomes a hard fault while its own handler is disabled.
     assert lines["hfsr"] == [forced, 0, 0, 0]
     assert lines["cfsr"] == [bus_read, bus_write, undefined, division]
     assert lines["bfar"][0] == 0x70000010
-    # The store is past when the bus refuses it: two bytes further.
+    # The bus refuses a store late: the processor is two bytes further.
     assert lines["pc"] == [0, 2, 0, 0]
     assert lines["after"] == [1]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The peripherals of the virtual STM32F405, each under a bare program of its own."""
+"""The peripherals of the virtual STM32F405, each used by a bare program of its own."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import pytest
 
 import bare
 
-REGISTERS = [0x0F, 0x00, 0x08, 0x30, 0x00, 0x00]  # CTRL_REG1_G on, as i2c.c sets them
+REGISTERS = [0x0F, 0x00, 0x08, 0x30, 0x00, 0x00]  # CTRL_REG1_G and on, set by i2c.c
 AF, ARLO, BERR = 1 << 10, 1 << 9, 1 << 8
-FAULTY = 19  # transaction of i2c.c that meets the faults
+FAULTY = 19  # the transaction of i2c.c that the faults hit
 
 
 # I2C
@@ -32,7 +32,7 @@ def test_a_late_nack_costs_a_third_byte(tmp_path: Path) -> None:
 
 
 def test_a_read_takes_the_time_of_its_bits(tmp_path: Path) -> None:
-    # START, two bytes, START, two bytes, STOP: 39 bits at 320 kHz, and some code.
+    # START, two bytes, START, two bytes, STOP: 39 bits at 320 kHz, plus some code.
     assert 122 <= bare.ended("i2c", tmp_path)["us"][0] <= 135
 
 
@@ -50,7 +50,7 @@ def test_a_refused_byte_is_told(tmp_path: Path, byte: int) -> None:
     assert lines["faulty"] == [0]
     assert lines["errors"] == [AF]
     assert lines["busy"] == [0]
-    assert lines["length"][-1] == 2  # and all is well again
+    assert lines["length"][-1] == 2  # the next read works
 
 
 @pytest.mark.parametrize("byte", range(9))
@@ -65,7 +65,7 @@ def test_a_held_line_is_clocked_free_by_hand(tmp_path: Path, byte: int) -> None:
 
 
 def test_an_arbitration_lost_to_a_held_line_is_told(tmp_path: Path) -> None:
-    # The address after the second START has ones that a held line takes away.
+    # A held line turns the ones of the address after the second START into zeros.
     held = {"kind": "stuck_sda", "transaction": FAULTY, "byte": 2, "clocks": 4}
     lines = bare.ended("i2c", tmp_path, *bare.faults(tmp_path, held))
     assert lines["errors"] == [ARLO]
@@ -75,7 +75,7 @@ def test_a_stop_waits_for_a_held_line(tmp_path: Path) -> None:
     lines = bare.ended("i2c", tmp_path)
     assert lines["zero"] == [1]
     assert lines["zero_us"][0] < 120
-    # Held within the third byte, for a millisecond.
+    # The line is held for a millisecond, from the third byte on.
     held = {"kind": "stuck_sda", "at_us": lines["zero_at"][0] + 80, "for_us": 1000}
     lines = bare.ended("i2c", tmp_path, *bare.faults(tmp_path, held))
     assert lines["zero"] == [1]
@@ -97,10 +97,10 @@ def test_samples_by_interrupt_and_dma_at_each_edge(tmp_path: Path) -> None:
     assert lines["done"] == [50]
     assert lines["failed"] == [0]
     assert lines["edges"][0] in (49, 50)
-    # 760 Hz, as TIM3 captures it at 1 MHz.
+    # Periods of 760 Hz that TIM3 captures in microseconds.
     assert lines["shortest"] == [1315]
     assert lines["longest"] == [1316]
-    assert lines["axis"] == [0, 0, 0]  # it lies still
+    assert lines["axis"] == [0, 0, 0]  # the sensor lies still
 
 
 # USART and DMA
@@ -113,7 +113,7 @@ def test_bytes_come_back_by_dma_when_the_line_falls_idle(tmp_path: Path) -> None
     assert said.data.startswith(b"Hello\n1234\n")
     assert said.lines["idles"] == [2]
     assert said.lines["sent"] == [2]
-    # Overrun, idle, a byte: the first of three; reading clears all.
+    # Overrun, idle and a byte, the first of three. Reading it clears the flags.
     assert said.lines["flags"] == [0x38, 0]
     assert said.lines["byte"] == [0x41]
     assert said.summary["uart_overruns"] == 2
@@ -174,7 +174,7 @@ def test_an_erase_stops_the_code_in_flash(tmp_path: Path) -> None:
     lines = bare.run("flash", tmp_path).lines
     assert lines["stall_us"][0] == pytest.approx(1_000_000, abs=10)
     assert lines["busy"] == [0]
-    assert lines["ticks"] == [1]  # of a thousand
+    assert lines["ticks"] == [1]  # of the 1000 in that second
     assert lines["return_us"][0] == pytest.approx(1_000_000, abs=10)
 
 

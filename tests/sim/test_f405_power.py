@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Radio, battery and STOP mode of the virtual STM32F405, each under a bare program."""
+"""Radio, battery and STOP mode of the virtual STM32F405, each with a bare program."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ S$=$
 
 
 def counts(cell_mv: float) -> float:
-    """Half of the cell's voltage, as the ADC sees it."""
+    """The ADC's reading of half of the cell's voltage."""
     return cell_mv / 2 * FULL_SCALE / SUPPLY_MV
 
 
@@ -44,10 +44,10 @@ def test_cts_stops_usart2_between_bytes(tmp_path: Path) -> None:
     lines = said.lines
     assert lines["clear"] == [0]
     assert lines["raised"] == [1]  # CTS has changed
-    assert lines["held"] == [0]  # neither TXE nor TC
+    assert lines["held"] == [0]  # neither TXE nor TC is set
     assert lines["cleared"] == [0]
     assert lines["fallen"] == [1]
-    assert lines["us"][0] in (9, 10)  # of the one byte that had waited
+    assert lines["us"][0] in (9, 10)  # the byte that had waited, at 1 Mbaud
     assert lines["middle"] == [0]
     assert b"\n123\n" in said.data
     assert said.summary["firmware_complaint"] == "USART2 waits for a CTS that floats"
@@ -61,17 +61,17 @@ def test_the_radio_s_wires(tmp_path: Path) -> None:
     more = (*radio(tmp_path), "--send", f"4000000:{text}")
     said = bare.run("radio", tmp_path, *more)
     lines = said.lines
-    assert lines["starting"] == lines["during"] == [1]  # not driven: the pull-up's
+    assert lines["starting"] == lines["during"] == [1]  # pulled up, not driven
     assert lines["up"][0] == pytest.approx(1_000_000, abs=200)
     assert lines["connected"][0] == pytest.approx(3_000_000, abs=200)
     assert lines["again"][0] == pytest.approx(1_000_000, abs=200)
     assert lines["entered"] == lines["left"] == [5]
     assert lines["command"] == [int.from_bytes(b"CMD\r", "big")]
     assert lines["name"] == [int.from_bytes(b"imu-", "big")]
-    # Nobody had read for 0.1 s: RTS kept them where they were.
+    # For 0.1 s the program read nothing, and RTS kept the bytes in the radio.
     assert lines["errors"] == [0]
     assert lines["count"] == lines["right"] == [200]
-    # 20,000 bytes at 30,000 a second, but for what the buffer still holds.
+    # 20,000 bytes at 30,000 a second, less those still in the buffer.
     assert lines["us"][0] == pytest.approx((20_000 - 1536) / 0.03, rel=0.03)
     summary = said.summary
     assert summary["uart_overruns"] == 0
@@ -93,7 +93,7 @@ def test_a_wrong_rate_is_garbage_with_framing_errors(tmp_path: Path) -> None:
     said = bare.run("garbage", tmp_path, *more)
     assert said.lines["count"] == said.lines["unframed"] == [5]
     assert said.lines["right"] == [0]
-    # Nobody has set it up, so the file has what the factory did.
+    # Nobody has set the radio up, so the file has the factory's settings.
     assert "SU=11\n" in path.read_text()
     assert "ST=255\n" in path.read_text()
 
@@ -132,7 +132,7 @@ def test_a_pin_that_floats_keeps_its_charge_and_drifts(tmp_path: Path) -> None:
     up, down = lines["up"][0], lines["down"][0]
     assert up > 0.7 * FULL_SCALE
     assert down < 0.3 * FULL_SCALE
-    # To the reference, which was converted in between: 1.21 V.
+    # Its charge drifts to the reference (1.21 V), which was converted in between.
     assert lines["drifted"][0] == pytest.approx(1502, abs=3)
     assert set(lines["charger"]) == {3}
 
@@ -143,7 +143,7 @@ def test_a_cell_is_half_of_its_voltage(tmp_path: Path) -> None:
         for value in lines[name]:
             assert value == pytest.approx(counts(3700), abs=2)
     assert set(lines["charger"]) == {3}
-    # The divider's 50 kohm can't charge the sampling capacitor within 3 cycles.
+    # The divider's 50 kohm can't charge the sampling capacitor in 3 cycles.
     assert 1502 < lines["hasty"][0] < counts(3700) - 50
 
 
@@ -186,12 +186,12 @@ def test_stop_mode_ends_with_an_edge_on_the_inner_oscillator(tmp_path: Path) -> 
     said = stop(tmp_path)
     lines = said.lines
     assert lines["edges"] == [1, 1]
-    # Neither SysTick nor a timer has moved.
+    # Neither SysTick nor the timer has counted.
     assert lines["ticks"] == [0]
     assert lines["counted"][0] <= 3
     assert lines["sws"] == [0]
-    assert lines["oscillators"] == [3]  # HSI on and ready, HSE off
-    # Two sleeps to a press, and one that the watchdog ended after 0.1 s.
+    assert lines["oscillators"] == [3]  # HSI is on and ready, HSE is off
+    # Two sleeps that a press ended, and one that the watchdog ended after 0.1 s.
     assert said.summary["stopped_us"] == pytest.approx(HOUR_US + 1_100_000, abs=6000)
 
 
@@ -218,7 +218,7 @@ def test_an_event_wakes_without_an_interrupt(tmp_path: Path) -> None:
 
 
 def test_what_is_pending_and_masked_can_be_an_event(tmp_path: Path) -> None:
-    # 12,000 ticks of 16 MHz.
+    # 12,000 cycles of 16 MHz.
     assert stop(tmp_path).lines["pended"][0] == pytest.approx(750, abs=5)
 
 

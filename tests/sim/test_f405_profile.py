@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""`f405 --profile`: every instruction is somebody's, and the right one's."""
+"""`f405 --profile` counts every instruction for the right function."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import pytest
 import bare
 
 SAMPLES = 10
-TURNS = 20  # of both functions in a sample, tests/sim/f405/profiled.c
-SHARED = 302  # instructions, its return among them
+TURNS = 20  # calls of both functions in a sample, tests/sim/f405/profiled.c
+SHARED = 302  # instructions, with its return
 
 
 def symbols(image: Path) -> dict[str, tuple[int, int]]:
-    """Where each function starts and ends."""
+    """The addresses at which each function starts and ends."""
     said = subprocess.run(
         ["arm-none-eabi-nm", "-S", image], capture_output=True, text=True, check=True
     ).stdout
@@ -76,11 +76,11 @@ def test_the_total_is_that_of_the_summary(profile: Any, tmp_path: Path) -> None:
 def test_a_busy_function_is_found_with_its_instructions(profile: Any) -> None:
     functions = profile["functions"]
     calls = SAMPLES * TURNS
-    # Two times 501, and what a call, a return and four words cost.
+    # Two times 501, plus a call, a return and the copies of four words.
     assert 1002 < functions["first"]["self"]["cycles"] / calls < 1060
     inside = functions["first"]["inclusive"]["cycles"]
     assert inside - functions["first"]["self"]["cycles"] == calls * 2 * SHARED
-    # It ends in a jump, so that who came from it is not on the stack.
+    # It ends in a jump, so the stack does not show the call from it.
     assert 501 <= functions["second"]["self"]["cycles"] / calls < 505
     inside = functions["second"]["inclusive"]["cycles"]
     assert inside - functions["second"]["self"]["cycles"] == calls * SHARED

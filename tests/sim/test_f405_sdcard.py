@@ -21,7 +21,7 @@ def made(folder: Path, size: int = 1 << 20) -> Path:
 
 
 def numbered(block: int) -> bytes:
-    """What the program writes: bytes that follow from block and place."""
+    """What the program writes: each byte follows from its block and place."""
     return bytes((block * 7 + i * 13 + (i >> 8)) & 0xFF for i in range(BLOCK))
 
 
@@ -38,7 +38,7 @@ def test_a_program_writes_and_reads_back_by_dma(
     assert lines["idle"] == [1]
     assert lines["echo"] == [0x1AA]
     assert lines["ocr"] == [ocr]
-    assert lines["r1"] == [0, 0]  # CMD24, CMD25
+    assert lines["r1"] == [0, 0]  # of CMD24 and CMD25
     assert lines["response"] == [5] * 5
     assert lines["same"] == [1] * 5
     content = path.read_bytes()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The motion that a virtual board feels: means over it, and how long it lasts."""
+"""The motion file of a virtual board: its means and its end."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_means_over_a_motion_are_exact(ramp: Any) -> None:
     assert mean(ramp, 0, 100, 100) == pytest.approx([10, 20, 30])
     assert mean(ramp, 1, 103, 103) == pytest.approx([41.2, 51.5, 61.8])
     assert mean(ramp, 0, 101, 117)[0] == pytest.approx(10.9)
-    # Over the corner at 500 ms: two triangles.
+    # The window contains the corner at 500 ms: less two triangles.
     assert mean(ramp, 0, 497, 506)[0] == pytest.approx(50 - (9 + 36) / 2 / 9 / 10)
     assert mean(ramp, 0, -30, 10)[0] == pytest.approx(0.5 / 4)
 
@@ -81,7 +81,7 @@ def test_a_run_ends_with_its_motion(desk: Path, tmp_path: Path) -> None:
     path = tmp_path / "motion"
     path.write_bytes(stream(50.0, 26, [[0, 0, 0, 0, 0, 9.81, 0, 20, -40]] * 40))
     _, summary = run(desk, tmp_path, "--motion", str(path))
-    # 100 ms, 25 intervals of 20 ms, and 20 ms for the last bytes to leave.
+    # 100 ms before it, 25 intervals of 20 ms, and 20 ms in which the last bytes leave.
     assert summary["seconds"] == pytest.approx(0.62, abs=0.0011)
     _, summary = run(desk, tmp_path, "--motion", str(path), "--seconds", "1.5")
     assert summary["seconds"] == pytest.approx(1.5, abs=1e-5)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""The virtual Nano as a program: a run, its EEPROM, power, and summary.
+"""The virtual Nano as a program: runs, EEPROM, power and summary.
 
-The firmware is tests/sim/desk.c; the real image has its own tests.
+The firmware is tests/sim/desk.c. tests/system tests the real image.
 """
 
 from __future__ import annotations
@@ -75,10 +75,10 @@ def test_work_that_fits_is_never_late(desk: Path, tmp_path: Path) -> None:
 def test_work_that_does_not_fit_is_late(desk: Path, tmp_path: Path) -> None:
     _, summary = run(desk, tmp_path, "--seconds", "2", "--send", f"200000:{TOO_MUCH:x}")
     assert summary["samples"] == 100
-    # 5.5 ms of work and 0.5 ms of burst: of six edges in 30 ms five are served.
+    # 5.5 ms of work and 0.5 ms of burst: five of six edges in 30 ms are served.
     assert summary["data_ready"] >= 115
     missed = summary["data_ready"] - summary["samples"]
-    # Each edge without work counts, and so does the sample that ran over it.
+    # Each edge without work counts, and so does the sample whose work ran over it.
     assert missed - 1 <= summary["late"] <= 2 * missed + 1
 
 

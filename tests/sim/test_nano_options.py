@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Mistakes in the virtual Nano's options and files are told in a line."""
+"""The virtual Nano reports each mistake in its options and files in one line."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The virtual Nano's wire: a pseudo terminal that hosts open, flood and close."""
+"""The virtual Nano's pseudo terminal, which hosts open, flood and close."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def open_wire(link: Path) -> int:
 
 
 def read_past(wire: int, mark: bytes) -> None:
-    """Read up to a byte: the firmware's first words may or may not be heard."""
+    """Read up to a byte; what the firmware says at its start may come before it."""
     while (byte := read(wire, 1)) != mark:
         assert byte, "nothing more comes"
 
@@ -111,7 +111,7 @@ def test_what_nobody_hears_is_gone_and_counted(desk: Path, tmp_path: Path) -> No
             assert read(wire, 1)  # the flood has begun
             os.close(wire)
             wire = open_wire(link)
-            read_past(wire, b"\x00")  # it is over
+            read_past(wire, b"\x00")  # the flood is over
             os.close(wire)
         summary = stop(process, tmp_path)
     assert summary["uart_unheard"] > 0
@@ -122,7 +122,7 @@ def test_a_writer_that_closes_at_once_is_heard(desk: Path, tmp_path: Path) -> No
     with on_the_wire(desk, tmp_path) as (process, link):
         link.write_bytes(bytes([EEPROM]) + b"!")
         wire = open_wire(link)
-        read_past(wire, b"!")  # comes back once the EEPROM is written, after 14 ms
+        read_past(wire, b"!")  # echoed when the EEPROM is written, after 14 ms
         os.close(wire)
         summary = stop(process, tmp_path)
     assert summary["eeprom_writes"] == 4

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""`nano --profile`: every cycle is somebody's, and the right one's."""
+"""`nano --profile` counts every cycle for the right function."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import native
 ROOT = Path(__file__).resolve().parents[2]
 NANO = ROOT / "build" / "sim" / "nano"
 SAMPLES = 10
-TURNS = 20  # of both functions in a sample, tests/sim/profiled.c
+TURNS = 20  # calls of both functions in a sample, tests/sim/profiled.c
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def run(image: Path, *more: str | Path, code: int = 0) -> str:
 
 
 def symbols(image: Path) -> dict[str, tuple[int, int]]:
-    """Where each function starts and ends."""
+    """The addresses at which each function starts and ends."""
     said = subprocess.run(
         ["avr-nm", "-S", image], capture_output=True, text=True, check=True
     ).stdout
@@ -104,10 +104,10 @@ def test_the_total_is_that_of_the_summary(
 def test_a_busy_function_is_found_with_its_cycles(profile: Any) -> None:
     functions = profile["functions"]
     calls = SAMPLES * TURNS
-    # Each with what a call, a return and a few registers cost.
+    # Both figures include a call, a return and a few saved registers.
     assert 1000 <= functions["first"]["self"]["cycles"] / calls < 1150
     assert 1600 <= functions["first"]["inclusive"]["cycles"] / calls < 1800
-    # It ends in a jump, so that who came from it is not on the stack.
+    # It ends in a jump, so the stack does not show the call from it.
     assert 500 <= functions["second"]["self"]["cycles"] / calls < 510
     assert 800 <= functions["second"]["inclusive"]["cycles"] / calls < 815
     whole = functions["main"]["inclusive"]["cycles"]
@@ -128,7 +128,7 @@ def test_an_interrupt_is_measured_from_its_entry_to_its_return(profile: Any) -> 
     tick = profile["interrupts"]["__vector_14"]
     cycles = profile["functions"]["__vector_14"]["inclusive"]
     assert tick["cycles"] == cycles["cycles"] + cycles["outside"]
-    # One a millisecond, in 0.1 s.
+    # One a millisecond for 0.1 s.
     assert tick["calls"] in (99, 100)
     assert 300 < tick["cycles"] / tick["calls"] < 400
     assert tick["worst"] < 400
@@ -168,8 +168,8 @@ def test_parts_alone_are_a_mistake(image: Path, tmp_path: Path) -> None:
 def test_names_are_those_of_the_source_whatever_they_hold(
     image: Path, tmp_path: Path
 ) -> None:
-    # The assembler's numbered labels stay in an image that is linked with relaxation,
-    # and lie inside functions; a symbol may have any name.
+    # In an image that is linked with relaxation, the assembler's numbered labels
+    # remain inside functions. A symbol may have any name.
     odd = 'sec"ond\\of\tten'
     other = tmp_path / "odd.elf"
     label = f"0x{symbols(image)['first'][0] + 4:x}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The virtual Nano proves its corrections of simavr, and its checks are checked."""
+"""The virtual Nano passes its self-test, and fails without a correction of simavr."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The instructions that the virtual STM32F405 runs itself, beside libunicorn's."""
+"""The instructions that the virtual STM32F405 runs itself, compared with libunicorn."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SIM = ROOT / "sim"
 SOURCES = SIM / "f405"
 BUILT = ROOT / "build" / "sim"
 FLAGS = ("-std=gnu11", "-O1", *native.WARNINGS)
-# What reads an image is not in it.
+# Files of sim/f405 that read an image; the comparison needs none.
 ELSEWHERE = ("image", "follow")
 
 
@@ -28,7 +28,7 @@ def parts() -> None:
 
 
 def twin(folder: Path, thumb: Path | None = None) -> Path:
-    """The comparison with libunicorn of what was built, or of thumb's files there."""
+    """Build the comparison with libunicorn, of the tree or of the files in `thumb`."""
     program = folder / "twin"
     parts = [path.stem for path in SOURCES.glob("*.c") if path.stem not in ELSEWHERE]
     objects = [
@@ -67,7 +67,7 @@ def test_each_instruction_leaves_behind_what_libunicorns_does(
     done = compare(twin(tmp_path), seed, 100_000)
     assert done.returncode == 0, done.stdout
     run = [int(count) for count in re.findall(r"run (\d+)", done.stdout)]
-    # The others are no instructions, or would fault, or reach no memory.
+    # The others are undefined, would fault, or access what is not memory.
     assert len(run) == 2
     assert run[0] > 90_000
     assert run[1] > 25_000

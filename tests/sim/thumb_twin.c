@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
-// sim/f405/thumb*.c beside libunicorn: every instruction of 16 bits and many of 32, each
-// on registers and memory drawn at random, alone or in an IT block. What they
-// run must leave the same behind; what they leave to libunicorn is counted.
+// Compares sim/f405/thumb*.c with libunicorn: every instruction of 16 bits and many of
+// 32, each on random registers and memory, alone or in an IT block. An instruction that
+// thumb*.c runs must leave the same state behind; those left to libunicorn are counted.
 //
-//   thumb_twin SEED CASES: so many of 32 bits; prints run, left, or the first
-//   difference
+//   thumb_twin SEED CASES: CASES instructions of 32 bits; prints how many were run and
+//   how many left, or the first difference
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,12 +14,12 @@
 
 enum {
     CODE = F405_RAM + 0x1000,
-    DATA = F405_RAM + 0x8000,  // what registers point to; and the stack
+    DATA = F405_RAM + 0x8000,  // where registers and the stack point
     PAGE = 0x1000,
     BKPT = 0xBE00,
-    IT = 0xBF08,  // of one instruction; its condition in bits 4 to 7
+    IT = 0xBF08,  // a block of one instruction; condition in bits 4 to 7
     NZCV = 0xF,
-    FPU_ACTIVE = 1 << 2,  // of CONTROL
+    FPU_ACTIVE = 1 << 2,  // bit of CONTROL
 };
 
 static struct f405 machine;
@@ -36,7 +36,7 @@ static uint32_t draw(void) {
     return (uint32_t)((state * UINT64_C(0x2545F4914F6CDD1D)) >> 32);
 }
 
-// Pointers, small numbers, anything: never into what is not memory by itself.
+// Pointers into DATA, small and negative numbers, and any from 2^31 on.
 static uint32_t draw_value(void) {
     switch (draw() % 8) {
     case 0:
@@ -130,15 +130,16 @@ static void compare(const uint16_t *words, unsigned count, unsigned instructions
         return;
     }
     const uc_err error = uc_emu_start(uc, CODE | 1, end, 0, instructions);
-    // It may have jumped to where nothing is; both have been then at the target.
+    // A jump to where no memory is: both are at its target.
     const bool is_away =
         machine.pc < F405_RAM || machine.pc >= F405_RAM + F405_RAM_SIZE;
     if (error != UC_ERR_OK && !is_away) {
-        return;  // a load or a store of a peripheral, which libunicorn has not here
+        return;  // a load or store of a peripheral, which libunicorn does not have here
     }
     run++;
     for (unsigned i = 0; i < 15; i++) {
-        // SP has no bits 0 and 1 (ARM, "The ARM core registers"); libunicorn's may.
+        // Bits 0 and 1 of SP are zero (ARM, "The ARM core registers"), but not in
+        // libunicorn.
         const uint32_t theirs = ask(registers[i]) & (i == 13 ? ~UINT32_C(3) : ~0U);
         if (machine.registers.r[i] != theirs) {
             char name[8];
@@ -174,7 +175,7 @@ static void compare(const uint16_t *words, unsigned count, unsigned instructions
 static void compare_short(uint16_t word) {
     const uint16_t alone[] = {word, BKPT};
     compare(alone, 2, 1);
-    // No branch, no IT, no change of masks within a block (ARM, IT).
+    // A block must not contain branches, IT or changes of masks (ARM, IT).
     const bool may_be_conditional = (word & 0xF500) != 0xB100 && word >> 12 != 0xD &&
                                     word >> 11 != 0x1C && (word & 0xFFE0) != 0xB660 &&
                                     (word & 0xFF00) != 0xBF00;
@@ -186,11 +187,11 @@ static void compare_short(uint16_t word) {
 }
 
 static void compare_long(void) {
-    // First halves that have a meaning; bits that are open are drawn.
+    // Defined first halves; the bits that are open are random.
     static const struct {
         uint16_t value, open, second, open_second;
     } kinds[] = {
-        {0xE800, 0x01FF, 0x0000, 0xFFFF},  // several, two, table branches
+        {0xE800, 0x01FF, 0x0000, 0xFFFF},  // multiple, double, table branches
         {0xE8D0, 0x000F, 0xF000, 0x001F},
         {0xEA00, 0x01FF, 0x0000, 0x7FFF},  // shifted registers
         {0xF000, 0x07FF, 0x0000, 0x7FFF},  // immediates
@@ -229,7 +230,7 @@ static bool set_up(void) {
     const uint32_t code = UC_PROT_READ | UC_PROT_EXEC;
     const uint32_t data = UC_PROT_READ | UC_PROT_WRITE;
     machine.core.cpacr = UINT32_C(0xF) << 20;
-    machine.is_in_code = true;  // no reset that a peripheral may ask for
+    machine.is_in_code = true;  // a peripheral can't request a reset
     machine.ram = room(F405_RAM_SIZE);
     machine.flash = room(F405_FLASH_SIZE);
     machine.ccm = room(F405_CCM_SIZE);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// firmware/stm32 by hand: each received letter calls one function of board.h, or does
-// something that must end in a reset, and prints a line. test_board.py sends them.
+// Tests firmware/stm32 by hand: each received letter calls one function of board.h and
+// prints a line, or does something that must end in a reset (break_down.c).
+// test_board.py sends the letters.
 #include "board.h"
 
 #include <string.h>

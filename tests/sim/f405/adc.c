@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// ADC1: the reference, one conversion and eight by DMA, and a pin that floats.
+// ADC1: converts the reference once, then eight times by DMA, and a floating pin.
 #include "bare.h"
 
 static uint16_t samples[8];
@@ -24,7 +24,7 @@ void program(void) {
     say("us", now_us() - from < 400);
     say("calibration", AT(0x1FFF7A28) >> 16);
     say("floating", convert(1) != convert(1));
-    // SQR: eight of the reference.
+    // SQR: eight conversions of the reference.
     DMA2_STREAM(0, S_PAR) = 0x4001204C;
     DMA2_STREAM(0, S_M0AR) = (uint32_t)samples;
     DMA2_STREAM(0, S_NDTR) = 8;

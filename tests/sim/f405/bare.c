@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The start of the little programs; see bare.h.
+// Start-up code of the bare programs; see bare.h.
 #include "bare.h"
 
 extern uint32_t data_start[], data_end[], data_image[], bss_start[], bss_end[];

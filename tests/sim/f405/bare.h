@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What the little programs for the virtual STM32F405 share: registers by address
-// (RM0090 and PM0214), a line to say things on, and time.
+// What the bare programs for the virtual STM32F405 share: registers by address (RM0090
+// and PM0214), output on a serial line, and time.
 #ifndef BARE_H
 #define BARE_H
 
@@ -76,7 +76,7 @@ enum { HFSR = 0x2C, BFAR = 0x38, CPACR = 0x88 };
 #define DWT_CTRL AT(0xE0001000)
 #define DWT_CYCCNT AT(0xE0001004)
 
-// The vector table, in RAM and open for all: put a handler where you want one.
+// The vector table is in RAM, so that a program can set its handlers.
 extern void (*vectors[98])(void);
 enum {
     HARD_FAULT = 3,
@@ -88,13 +88,13 @@ enum {
 };
 enum { IRQ = 16 };
 
-// The program. It starts on HSI with TIM2 counting microseconds from power-up on, the
-// line at 1 Mbaud, and the FPU off.
+// The program under test. It starts on HSI with the line at 1 Mbaud and the FPU off;
+// TIM2 counts microseconds from power-up on.
 void program(void);
-// A line of a name and hexadecimal numbers.
+// Sends a line: the name and a hexadecimal number.
 void say(const char *name, uint32_t value);
 void flush(void);
-// Ends the run: asleep for good.
+// Ends the run by sleeping for ever.
 _Noreturn void end(void);
 
 static inline uint32_t now_us(void) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The battery's pin: open or on its divider, and the charger's two.
+// The battery's pin, open or at its divider, and the charger's two pins.
 #include "bare.h"
 
 static uint32_t convert(unsigned channel) {

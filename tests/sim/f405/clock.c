@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// From HSI to 168 MHz by the crystal, in the order of the manual; then what a crystal
-// that dies leaves.
+// Switches from HSI to 168 MHz from the crystal, in the order of the manual. Then the
+// crystal may die.
 #include "bare.h"
 
 static volatile uint32_t alarms;
@@ -10,7 +10,7 @@ static void on_nmi(void) {
     RCC_CIR |= BIT(23);
 }
 
-// Times are of the line's clock: TIM2 counts at 16 MHz / 16 until the switch.
+// TIM2 counts microseconds: at 16 MHz / 16 until the switch, at 84 MHz / 84 after it.
 void program(void) {
     vectors[2] = on_nmi;
     say("reset", RCC_CR & 0xFFFF00FF);
@@ -48,10 +48,10 @@ void program(void) {
     const uint32_t cycles = DWT_CYCCNT;
     say("cycles_a_ms", cycles);
     flush();
-    // Until the crystal dies, if it does: 10 ms.
+    // Waits up to 10 ms for the crystal to die.
     for (uint32_t tries = 0; alarms == 0 && tries < 100000; tries++) {
     }
-    USART(U_BRR) = alarms == 0 ? 42 : 4;  // 16 MHz / 4, now that it is HSI
+    USART(U_BRR) = alarms == 0 ? 42 : 4;  // 16 MHz / 4: HSI is the clock again
     say("alarms", alarms);
     say("sws", (RCC_CFGR >> 2) & 3);
     say("hse", (RCC_CR >> 17) & 1);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Sends back what comes, byte by byte, by interrupt; asleep meanwhile.
+// Echoes each byte in the interrupt handler and sleeps between bytes.
 #include "bare.h"
 
 static void on_byte(void) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Faults, each told with what the core says of it; the last one locks it up.
+// Causes faults and sends what the core reports of each; the last one locks it up.
 #include "bare.h"
 
 volatile uint32_t wanted_pc, skips;
@@ -13,7 +13,7 @@ __attribute__((used)) static void tell(const uint32_t *frame) {
     SCB(CFSR) = SCB(CFSR);
 }
 
-// Goes on `skips` bytes further.
+// Continues `skips` bytes after the instruction that failed.
 __attribute__((naked)) static void on_fault(void) {
     __asm__ volatile("mov r0, sp\n\tpush {r4, lr}\n\tmov r4, r0\n\tbl tell\n\t"
                      "ldr r0, =skips\n\tldr r0, [r0]\n\tldr r1, [r4, #24]\n\t"
@@ -52,7 +52,7 @@ void program(void) {
                          : "r4", "r5", "r6", "memory");
     say("after", 1);
     flush();
-    // A fault where its own handler stands: nothing is left but the watchdog.
+    // A fault in the handler of faults: only the watchdog could end this.
     vectors[HARD_FAULT] = in_handler;
     SCB(SHCSR) = 0;
     __asm__ volatile("udf #2");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Sector 11, at 0x080E0000: what is there, an erase and words, with the time they take.
+// Reads, erases and programs sector 11, at 0x080E0000, and measures the time of each.
 #include "bare.h"
 
 enum { AT_FLASH = 0x080E0000, WORDS = 8 };
@@ -9,7 +9,7 @@ static void unlock(void) {
     FLASH_KEYR = 0xCDEF89AB;
 }
 
-// Runs from RAM: the timer can be looked at while flash is busy.
+// Runs from RAM, so that it can read the timer while flash is busy.
 IN_RAM static uint32_t erase_from_ram(void) {
     const uint32_t from = TIM(2, TIM_CNT);
     FLASH_CR = BIT(1) | 11 << 3 | 2 << 8;
@@ -38,7 +38,7 @@ static void on_fault(void) {
     end();
 }
 
-// Code in flash that becomes other code, returning 1, then 2; and then none.
+// Writes a function that returns 1, then one that returns 2, then erases it.
 static void run_from_flash(void) {
     uint32_t (*const function)(void) = (uint32_t(*)(void))(AT_FLASH | 1);
     for (uint32_t i = 1; i <= 2; i++) {
@@ -76,7 +76,7 @@ void program(void) {
     say("program_us", now_us() - from);
     say("first", AT(AT_FLASH));
     say("last", AT(AT_FLASH + 4 * (WORDS - 1)));
-    // Ones don't come back without an erase; a byte is no word.
+    // Zeros stay zero without an erase, and a byte is not accepted for a word.
     AT(AT_FLASH) = 0x0FFFFFFF;
     while ((FLASH_SR & BIT(16)) != 0) {
     }
@@ -85,7 +85,7 @@ void program(void) {
     say("errors", FLASH_SR);
     say("byte", AT(AT_FLASH + 64));
     FLASH_SR = 0xF2;
-    // From flash itself an erase stops everything, handlers too.
+    // An erase stops all code that runs from flash, handlers too.
     vectors[TICK] = on_tick;
     SYSTICK(4) = 15999;
     SYSTICK(8) = 0;
@@ -98,7 +98,7 @@ void program(void) {
     say("busy", busy);
     say("ticks", ticks);
     SYSTICK(0) = 0;
-    // Who comes back to flash while it is busy waits there.
+    // A return from RAM to flash waits while flash is busy.
     const uint32_t left = now_us();
     begin_erase();
     say("return_us", now_us() - left);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// USART2 with CTS: a pull on an open pin is the other side.
+// USART2 with CTS. The pull of the open pin stands for the other side.
 #include "bare.h"
 
 static void pull(uint32_t how) {  // 1 up, 2 down
@@ -25,7 +25,7 @@ void program(void) {
     const uint32_t from = now_us();
     flush();
     const uint32_t us = now_us() - from;
-    // In the middle of a byte: it goes out, the one behind it waits.
+    // CTS rises in the middle of a byte, which is sent; the next one waits.
     USART(U_DR) = '2';
     USART(U_DR) = '3';
     pull(1);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The FPU's registers belong to who was interrupted: sums in floats, while handlers of
-// two priorities fill all of them with other numbers. First without access to it.
+// The core saves the FPU's registers for who is interrupted: a sum in floats, while
+// handlers of two priorities write other numbers there. The FPU is off at its first
+// use.
 #include "bare.h"
 
 static volatile uint32_t interrupts, faults, status;
@@ -32,7 +33,7 @@ static void on_usage(void) {
     __asm__ volatile("dsb\n\tisb");
 }
 
-// 1 + 1/2 + 1/4 + ..., in registers that handlers spoil.
+// 1 + 1/2 + 1/4 + ..., in registers that the handlers overwrite.
 static uint32_t sum(void) {
     uint32_t result = 0;
     __asm__ volatile("vmov.f32 s0, #1.0\n\tvmov.f32 s1, #0.5\n\t"

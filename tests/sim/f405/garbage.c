@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// A radio that is believed to be at another rate than it is.
+// Listens to the radio at a wrong baud rate.
 #include "bare.h"
 
 static void on_tick(void) {

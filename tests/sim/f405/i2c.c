@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The sensor's bus: reads of one to six bytes, refusals, the wrong order, recovery of a
-// held line.
+// The sensor's bus: reads of one to six bytes, NACKs, a read in the wrong order, and
+// the recovery of a held line.
 #include "i2c.h"
 
 enum { G = 0x6B, XM = 0x1D, MORE = 0x80, WHO_AM_I = 0x0F, CTRL1 = 0x20 };
@@ -14,7 +14,7 @@ static void read_and_say(unsigned length) {
     }
 }
 
-// The second byte's NACK asked for without POS comes too late: a third one follows.
+// Without POS, the NACK for the second byte comes too late and a third byte follows.
 static void read_two_without_pos(void) {
     I2C(I_CR1) = PE | ACK;
     (void)i2c_point(G, CTRL1 | MORE);
@@ -70,13 +70,13 @@ void program(void) {
     const uint32_t from = now_us();
     (void)i2c_read(G, CTRL1 | MORE, data, 1);
     say("us", now_us() - from);
-    // Nobody is at that address.
+    // No device has that address.
     say("nobody", i2c_address(0x30 << 1));
     say("af", I2C(I_SR1));
     say("stopped", i2c_stop(AF));
     say("status", I2C(I_SR1) | I2C(I_SR2) << 16);
     read_and_say(3);
-    // A zero that is sent looks the same on a line that is held; the STOP does not.
+    // A held line does not change a zero that is sent, but it delays the STOP.
     const uint32_t start = now_us() + 2000;
     say("zero_at", start);
     flush();
@@ -85,7 +85,7 @@ void program(void) {
     const uint32_t took = now_us() - start;
     say("zero", is_sent);
     say("zero_us", took);
-    // Whatever faults the test has set.
+    // The read that the faults of a test hit.
     wait_us(60000);
     i2c_errors = 0;
     say("at", now_us());

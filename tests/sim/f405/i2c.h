@@ -37,7 +37,7 @@ static inline void i2c_setup(void) {
     I2C(I_CR1) = PE;
 }
 
-// The flags wanted, or those of an error; 0 when time is up.
+// Returns SR1 once it has one of the flags or an error; 0 after TRIES.
 static inline uint32_t i2c_wait(uint32_t flags) {
     for (unsigned i = 0; i < TRIES; i++) {
         const uint32_t sr1 = I2C(I_SR1);
@@ -86,7 +86,7 @@ static inline bool i2c_write(uint8_t address, uint8_t reg, uint8_t value) {
     return i2c_stop((sr1 & BTF) != 0 ? 0 : sr1 | BIT(31));
 }
 
-// RM0090, "Master receiver": the last bytes are the difficult ones.
+// RM0090, "Master receiver": the last bytes need a sequence for each length.
 static inline bool i2c_read(uint8_t address, uint8_t reg, uint8_t *data,
                             unsigned length) {
     I2C(I_CR1) = PE | ACK;
@@ -100,7 +100,7 @@ static inline bool i2c_read(uint8_t address, uint8_t reg, uint8_t *data,
         (void)i2c_wait(RXNE);
         data[0] = (uint8_t)I2C(I_DR);
     } else if (length == 2) {
-        // POS: NACK goes with the second byte. ADDR is still set: nothing has come.
+        // With POS the NACK follows the second byte. No byte comes while ADDR is set.
         I2C(I_CR1) |= POS;
         (void)I2C(I_SR2);
         I2C(I_CR1) &= ~(uint32_t)ACK;

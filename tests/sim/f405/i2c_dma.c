@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Six bytes by interrupts for addresses and DMA for data, the last one refused by LAST,
-// at each edge of data-ready (PB0, EXTI0), whose moment TIM3 captures.
+// Reads six bytes at each edge of data-ready (PB0, EXTI0): addresses by interrupt, data
+// by DMA, with LAST for the NACK of the last byte. TIM3 captures the time of the edges.
 #include "i2c.h"
 
 enum { G = 0x6B, MORE = 0x80, OUT_X = 0x28, SAMPLES = 50 };
@@ -68,8 +68,8 @@ void program(void) {
     pin_alternate(GPIOB, 0, 2);
     SYSCFG_EXTICR1 = 1;
     EXTI(E_RTSR) = EXTI(E_IMR) = BIT(0);
-    // On, with its three axes, at 760 Hz; then what it has by now is read, so that each
-    // reading from there on is an edge.
+    // Turns on three axes at 760 Hz. The first read clears data-ready, so that each
+    // later sample gives an edge.
     say("good", i2c_write(G, 0x20, 0xFF));
     wait_us(300000);
     vectors[IRQ + 6] = on_ready;

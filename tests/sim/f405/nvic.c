@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Exceptions inside exceptions: who interrupts whom, masks, sleep. Lines 60 to 63 are
-// pended by hand; what happens is written down in order.
+// Nested exceptions, masks and SysTick. The program pends lines 60 to 63 and logs the
+// order in which their handlers run.
 #include "bare.h"
 
 static volatile uint32_t log_words[40];
@@ -17,9 +17,9 @@ static void pend(unsigned line) {
 
 static void on_low(void) {
     note(0x60);
-    pend(61);  // more urgent: comes now
-    pend(62);  // as urgent: comes after
-    pend(63);  // less urgent: comes last
+    pend(61);  // higher priority: runs now
+    pend(62);  // same priority: runs after this one
+    pend(63);  // lower priority: runs last
     note(0x160);
 }
 
@@ -47,7 +47,7 @@ static void on_pendsv(void) {
 
 static volatile uint32_t levels;
 
-// An interrupt whose cause is left in place comes again.
+// Runs again until it clears the cause of the interrupt.
 static void on_timer(void) {
     levels++;
     if (levels == 3) {
@@ -75,7 +75,7 @@ static void masks(void) {
     note(1);
     __asm__ volatile("cpsie i\n\tisb" ::: "memory");
     note(2);
-    // Priority 0x40 and below are masked by BASEPRI 0x40.
+    // BASEPRI 0x40 masks priority 0x40 and all lower ones.
     __asm__ volatile("msr basepri, %0" ::"r"(0x40) : "memory");
     pend(60);
     note(3);
@@ -84,7 +84,7 @@ static void masks(void) {
     say_log("masks");
 }
 
-// A window without an ISB is no window for sure.
+// Only an ISB guarantees that a pending interrupt runs between enable and disable.
 static void windows(void) {
     __asm__ volatile("cpsid i" ::: "memory");
     pend(63);
@@ -126,7 +126,7 @@ void program(void) {
     TIM(3, TIM_ARR) = 1600;
     TIM(3, TIM_DIER) = 1;
     enable_irq(29, 0);
-    TIM(3, TIM_CR1) = BIT(3) | 1;  // once
+    TIM(3, TIM_CR1) = BIT(3) | 1;  // one pulse
     wait_us(500);
     say("levels", levels);
 

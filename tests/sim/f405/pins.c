@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// The button: by EXTI on both edges, by a capture of TIM2 on the falling one, and as a
-// pin without and with its pull-up. PC6 marks work of a known length.
+// The button: EXTI at both edges, a capture of TIM2 at the falling one, and the level
+// of the pin without and with its pull-up. PC6 marks work of a known length.
 #include "bare.h"
 
 static volatile uint32_t edges[8];

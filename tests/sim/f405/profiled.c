@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
-// A firmware whose instructions are known: ten samples of work, which SysTick
-// interrupts, and a function that two others and the handler call.
+// Firmware with a known number of instructions, for tests of the profile: ten samples
+// of work that SysTick interrupts, and a function that two others and the handler call.
 #include "bare.h"
 
-// One instruction and two a turn.
+// One instruction, then two in each turn.
 #define SPEND(turns)                                                                   \
     __asm__ volatile("mov r0, #" #turns "\n1: subs r0, #1\n\tbne 1b" ::: "r0", "cc")
 
@@ -13,7 +13,7 @@ __attribute__((noinline)) void shared(void) {
     SPEND(150);
 }
 
-// Uses registers that it has to save.
+// Uses registers that it must save.
 __attribute__((noinline)) void first(uint32_t depth) {
     uint32_t local[4];
     for (unsigned i = 0; i < 4; i++) {
@@ -28,7 +28,7 @@ __attribute__((noinline)) void first(uint32_t depth) {
     }
 }
 
-// Ends in a jump to the shared function, not in a call.
+// Ends in a jump to shared() instead of a call.
 __attribute__((noinline)) void second(void) {
     SPEND(250);
     shared();

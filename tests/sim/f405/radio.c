@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// A radio at 921,600 baud: up, asked its name, connected; then much at once both ways.
+// The radio at 921,600 baud: start-up, command mode, connection, data in both
+// directions, and a reset by its pin.
 #include "bare.h"
 
 static char answer[64];
@@ -8,7 +9,7 @@ static uint8_t got[256];
 static void on_tick(void) {
 }
 
-// Up to 0.1 ms.
+// Sleeps until the next tick, at most 0.1 ms.
 static void doze(void) {
     __asm__ volatile("wfi");
 }
@@ -25,7 +26,7 @@ static void put(const char *text) {
     }
 }
 
-// What comes until a line feed, or for half a second.
+// Receives up to a line feed, for half a second at most.
 static unsigned take_line(void) {
     unsigned length = 0;
     for (const uint32_t from = now_us(); now_us() - from < 500000;) {
@@ -48,7 +49,7 @@ static uint32_t word(unsigned at) {
 }
 
 static void receive_late(void) {
-    // At 4 s come 200 bytes; nobody reads for a while, and RTS keeps them out.
+    // 200 bytes come at 4 s. Nothing reads them until 4.1 s, and RTS holds them back.
     while (now_us() < 4100000) {
         doze();
     }
@@ -69,7 +70,7 @@ static void receive_late(void) {
     say("right", right);
 }
 
-// A reset by the pin, open drain.
+// Resets the radio by its pin, as an open drain.
 static void reset_by_pin(void) {
     flush();
     wait_us(200000);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// One reset after another, each of which tells its cause; the count is kept in RAM.
+// Resets in several ways and sends the cause of each; the count is kept in RAM.
 #include "bare.h"
 
 static KEPT uint32_t magic, count;
@@ -22,7 +22,7 @@ void program(void) {
         }
     }
     if (count == 2) {
-        // 100 ms: 32 kHz / 8, 400 counts. Fed once after 60 ms.
+        // The watchdog at 100 ms (32 kHz / 8, 400 counts), fed once after 60 ms.
         IWDG(0) = 0x5555;
         IWDG(4) = 1;
         IWDG(8) = 399;
@@ -38,5 +38,5 @@ void program(void) {
             }
         }
     }
-    wait_us(2000000);  // for what comes from outside
+    wait_us(2000000);  // for resets from outside
 }

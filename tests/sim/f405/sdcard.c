@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-// A card on SPI1: identified by hand, then five blocks written and read back by DMA; at
-// 250 kHz, then 8 MHz. Blocks are numbered() of the test.
+// A card on SPI1: identified at 250 kHz, then five blocks written and read back by DMA
+// at 8 MHz. Their content is numbered() of test_f405_sdcard.py.
 #include "bare.h"
 
 enum {
     BLOCK = 512,
-    FIRST = 40,  // block
+    FIRST = 40,  // first block
     BLOCKS = 5,  // the first alone, the others in a run
     TRIES = 200000,
     RXNE = 1,
@@ -32,7 +32,7 @@ static void select(bool is_on) {
     exchange(0xFF);
 }
 
-// R1, or 0xFF where none comes.
+// Sends a command; returns R1, or 0xFF without an answer.
 static uint8_t command(uint8_t index, uint32_t argument, uint8_t crc) {
     exchange(0xFF);
     exchange(0x40 | index);
@@ -64,7 +64,7 @@ static bool wait_for(uint8_t byte) {
     return false;
 }
 
-// Streams 3 and 0 of DMA2, channel 3: out of `sent`, into `got`, all at once.
+// Sends `sent` by stream 3 and receives `got` by stream 0 of DMA2, both channel 3.
 static void exchange_all(void) {
     AT(0x40026408) = AT(0x4002640C) = 0xFFFFFFFF;
     const volatile void *ends[2] = {got, sent};
@@ -87,7 +87,7 @@ static void fill(uint32_t block) {
     }
 }
 
-// The low bits of the data response.
+// Writes a block; returns the low bits of the data response.
 static uint8_t put(uint32_t block, uint8_t token) {
     fill(block);
     exchange(0xFF);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// A card's first clocks at 8 MHz: too fast for one that is yet to be identified.
+// Gives a card its first clocks at 8 MHz, too fast before it is identified.
 #include "bare.h"
 
 void program(void) {

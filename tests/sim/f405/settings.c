@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Counts its runs in words of sector 10; erases it first where told so by the button.
+// Appends four words to sector 10 in each run. Erases it first if the button is down.
 #include "bare.h"
 
 enum { AT_FLASH = 0x080C0000, WORDS = 16 };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// WFI: a tick every millisecond for a quarter of a second and nothing else, then one
-// that wakes with interrupts masked.
+// WFI: sleeps through 250 ticks of a millisecond, then is woken by one while interrupts
+// are masked.
 #include "bare.h"
 
 static volatile uint32_t ticks;

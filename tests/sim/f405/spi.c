@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// SPI1 with an empty socket: ones come back, in the time that the rate says; what is
-// not read is overrun.
+// SPI1 with an empty socket: it receives ones in the time that the rate gives. A byte
+// that is not read causes an overrun.
 #include "bare.h"
 
 enum { RXNE = 1, TXE = 2, OVR = 64, BSY = 128 };

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// 5000 bytes of stack, and variables of a known size.
+// Uses 5000 bytes of stack, and variables of a known size.
 #include "bare.h"
 
 static volatile uint32_t variables[250];

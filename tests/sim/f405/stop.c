@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// STOP mode: left by the button's edge, by an event, by the watchdog.
+// STOP mode, ended by an edge of the button, by an event and by the watchdog.
 #include "bare.h"
 
 #define PWR_CR AT(0x40007000)
@@ -49,7 +49,7 @@ static void by_interrupt(void) {
 }
 
 static void not_entered(void) {
-    AT(0xE000E180) = BIT(9);  // the NVIC lets it through no more
+    AT(0xE000E180) = BIT(9);  // disabled in the NVIC; it can still be pending
     EXTI(EXTI_SWIER) = BIT(3);
     flush();
     const uint32_t from = now_us();
@@ -62,7 +62,7 @@ static void not_entered(void) {
 static void by_event(void) {
     EXTI(E_IMR) = 0;
     EXTI(EXTI_EMR) = BIT(3);
-    // The event register is full: of an exception, and once more by software.
+    // An exception has set the event register, and SEV sets it again; WFE clears it.
     __asm__ volatile("sev\n\twfe");
     flush();
     SCB(SCR) = BIT(2);
@@ -77,7 +77,7 @@ static void by_event(void) {
 static void by_pending(void) {
     __asm__ volatile("cpsid i\n\tsev\n\twfe");
     const uint32_t from = now_us();
-    SCB(SCR) = BIT(4);  // what is pending and masked is an event
+    SCB(SCR) = BIT(4);  // SEVONPEND: an interrupt that becomes pending is an event
     SYSTICK(8) = 0;
     SYSTICK(0) = 7;
     __asm__ volatile("wfe");

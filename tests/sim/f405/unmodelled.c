@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Reads what the virtual STM32F405 has no model of: CAN1.
+// Reads a peripheral that the virtual STM32F405 does not model: CAN1.
 #include "bare.h"
 
 void program(void) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What comes is sent back by DMA when the line falls idle; then bytes nobody reads.
+// Echoes received bytes by DMA when the line becomes idle, then reads nothing
+// for 0.1 s.
 #include "bare.h"
 
 static uint8_t ring[64];
@@ -52,7 +53,7 @@ void program(void) {
     USART(U_CR1) &= ~BIT(4);
     say("idles", idles);
     say("sent", sent);
-    // Three bytes come at 150 ms; they are looked at when all have.
+    // Three bytes come at 150 ms; the flags are read after all of them.
     wait_us(100000);
     const uint32_t sr = USART(U_SR);
     say("flags", sr & 0x3F);
