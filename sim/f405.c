@@ -101,7 +101,7 @@ static size_t line_count(const void *self) {
     if (board->radio != NULL && rn41_chip_host_room(board->radio) < RADIO_ROOM) {
         return SIZE_MAX;
     }
-    return board->machine.usart.line_count;
+    return board->machine.usart.line.count;
 }
 
 static bool send(void *self, uint64_t from, uint8_t byte) {

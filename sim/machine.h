@@ -13,6 +13,7 @@
 #include <stdint.h>
 
 #include "chips/mpu9250.h"
+#include "line.h"
 
 enum {
     MACHINE_CYCLES_PER_US = 16,
@@ -133,10 +134,7 @@ struct machine_uart {
     uint8_t received_count;
     uint64_t overruns;  // bytes lost for want of room
     uint64_t deaf;      // bytes that came with the receiver off
-    // Bytes on their way in, each with the cycle before which it doesn't start.
-    uint8_t *line;
-    uint64_t *line_from;
-    size_t line_head, line_count, line_room;
+    struct line line;   // bytes on their way in, times in cycles
     bool is_receiving;
 };
 

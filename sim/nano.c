@@ -91,7 +91,7 @@ static uint64_t asleep(const void *self) {
 }
 
 static size_t line_count(const void *self) {
-    return ((const struct nano *)self)->machine.uart.line_count;
+    return ((const struct nano *)self)->machine.uart.line.count;
 }
 
 static bool send(void *self, uint64_t from, uint8_t byte) {

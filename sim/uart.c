@@ -4,7 +4,6 @@
 // of two bytes. Replaces simavr's UART, which counts a parity bit that is not there,
 // latches the rate early and has no buffer.
 #include <simavr/avr_uart.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "machine.h"
@@ -116,9 +115,7 @@ static void write_ucsrb(avr_t *avr, avr_io_addr_t address, uint8_t value, void *
 static avr_cycle_count_t on_received(avr_t *avr, avr_cycle_count_t when, void *param) {
     struct machine *machine = param;
     struct machine_uart *uart = &machine->uart;
-    const uint8_t byte = uart->line[uart->line_head];
-    uart->line_head = (uart->line_head + 1) % uart->line_room;
-    uart->line_count--;
+    const uint8_t byte = line_take(&uart->line);
     if (!(avr->data[REG_UCSR0B] & RXEN)) {
         uart->deaf++;
     } else if (uart->received_count == FIFO_ROOM) {
@@ -129,21 +126,21 @@ static avr_cycle_count_t on_received(avr_t *avr, avr_cycle_count_t when, void *p
         avr->data[REG_UCSR0A] |= RXC;
         machine_poll_interrupts(machine);
     }
-    if (uart->line_count == 0) {
+    if (uart->line.count == 0) {
         uart->is_receiving = false;
         return 0;
     }
-    const uint64_t from = uart->line_from[uart->line_head];
+    const uint64_t from = line_next(&uart->line);
     return (from > when ? from : when) + byte_cycles(avr);
 }
 
 static void begin_receiving(struct machine *machine) {
     struct machine_uart *uart = &machine->uart;
     avr_t *avr = machine->avr;
-    if (uart->line_count == 0) {
+    if (uart->line.count == 0) {
         return;
     }
-    const uint64_t from = uart->line_from[uart->line_head];
+    const uint64_t from = line_next(&uart->line);
     const uint64_t wait = from > avr->cycle ? from - avr->cycle : 0;
     uart->is_receiving = true;
     avr_cycle_timer_register(avr, wait + byte_cycles(avr), on_received, machine);
@@ -158,31 +155,9 @@ static bool is_own(const struct machine *machine) {
 
 bool machine_send(struct machine *machine, uint64_t from_cycle, uint8_t byte) {
     struct machine_uart *uart = &machine->uart;
-    if (uart->line_count == uart->line_room) {
-        const size_t room = uart->line_room == 0 ? 256 : 2 * uart->line_room;
-        uint8_t *line = malloc(room);
-        uint64_t *from = malloc(room * sizeof *from);
-        if (line == NULL || from == NULL) {
-            free(line);
-            free(from);
-            return false;
-        }
-        for (size_t i = 0; i < uart->line_count; i++) {
-            const size_t at = (uart->line_head + i) % uart->line_room;
-            line[i] = uart->line[at];
-            from[i] = uart->line_from[at];
-        }
-        free(uart->line);
-        free(uart->line_from);
-        uart->line = line;
-        uart->line_from = from;
-        uart->line_head = 0;
-        uart->line_room = room;
+    if (!line_put(&uart->line, from_cycle, byte)) {
+        return false;
     }
-    const size_t at = (uart->line_head + uart->line_count) % uart->line_room;
-    uart->line[at] = byte;
-    uart->line_from[at] = from_cycle;
-    uart->line_count++;
     if (!uart->is_receiving) {
         begin_receiving(machine);
     }
@@ -233,8 +208,5 @@ void uart_reset(struct machine *machine) {
 }
 
 void uart_free(struct machine *machine) {
-    free(machine->uart.line);
-    free(machine->uart.line_from);
-    machine->uart.line = NULL;
-    machine->uart.line_from = NULL;
+    line_free(&machine->uart.line);
 }

@@ -2,7 +2,6 @@
 // USART2 as an asynchronous 8N1 line (RM, "Universal synchronous asynchronous receiver
 // transmitter"): a data register beside each shift register, overrun, the idle line,
 // RTS and CTS.
-#include <stdlib.h>
 
 #include "../chips/rn41.h"
 #include "../chips/uart.h"
@@ -181,11 +180,11 @@ static void write_data(struct f405 *m, uint8_t byte) {
 
 static void begin_receiving(struct f405 *m) {
     struct f405_usart *usart = &m->usart;
-    if (usart->line_count == 0) {
+    if (usart->line.count == 0) {
         return;
     }
     const uint64_t now = f405_when(m);
-    const uint64_t from = usart->line_from[usart->line_head];
+    const uint64_t from = line_next(&usart->line);
     const uint64_t start = from > now ? from : now;
     usart->is_receiving = true;
     if (m->radio != NULL) {  // bytes from the host, at the radio's own rate
@@ -217,9 +216,7 @@ static void take(struct f405 *m, uint8_t byte, bool has_stop) {
 
 void usart_received(struct f405 *m) {
     struct f405_usart *usart = &m->usart;
-    const uint8_t byte = usart->line[usart->line_head];
-    usart->line_head = (usart->line_head + 1) % usart->line_room;
-    usart->line_count--;
+    const uint8_t byte = line_take(&usart->line);
     usart->is_receiving = false;
     if (m->radio != NULL) {
         rn41_chip_host_write(m->radio, f405_ns(f405_when(m)), byte);
@@ -283,38 +280,11 @@ void usart_idle(struct f405 *m) {
     }
 }
 
-static bool make_room(struct f405_usart *usart) {
-    const size_t room = usart->line_room == 0 ? 256 : 2 * usart->line_room;
-    uint8_t *line = malloc(room);
-    uint64_t *from = malloc(room * sizeof *from);
-    if (line == NULL || from == NULL) {
-        free(line);
-        free(from);
-        return false;
-    }
-    for (size_t i = 0; i < usart->line_count; i++) {
-        const size_t at = (usart->line_head + i) % usart->line_room;
-        line[i] = usart->line[at];
-        from[i] = usart->line_from[at];
-    }
-    free(usart->line);
-    free(usart->line_from);
-    usart->line = line;
-    usart->line_from = from;
-    usart->line_head = 0;
-    usart->line_room = room;
-    return true;
-}
-
 bool f405_send(struct f405 *m, uint64_t from_ps, uint8_t byte) {
     struct f405_usart *usart = &m->usart;
-    if (usart->line_count == usart->line_room && !make_room(usart)) {
+    if (!line_put(&usart->line, from_ps, byte)) {
         return false;
     }
-    const size_t at = (usart->line_head + usart->line_count) % usart->line_room;
-    usart->line[at] = byte;
-    usart->line_from[at] = from_ps;
-    usart->line_count++;
     if (!usart->is_receiving) {
         begin_receiving(m);
     }
@@ -322,10 +292,7 @@ bool f405_send(struct f405 *m, uint64_t from_ps, uint8_t byte) {
 }
 
 void usart_free(struct f405 *m) {
-    free(m->usart.line);
-    free(m->usart.line_from);
-    m->usart.line = NULL;
-    m->usart.line_from = NULL;
+    line_free(&m->usart.line);
 }
 
 bool usart_pump(struct f405 *m) {
@@ -444,10 +411,6 @@ void usart_reset(struct f405 *m, unsigned unit) {
         .overruns = usart->overruns,
         .deaf = usart->deaf,
         .line = usart->line,
-        .line_from = usart->line_from,
-        .line_head = usart->line_head,
-        .line_count = usart->line_count,
-        .line_room = usart->line_room,
     };
     f405_never(m, EVENT_USART_SENT);
     f405_never(m, EVENT_USART_IDLE);

@@ -4,8 +4,9 @@
 #define SIM_F405_USART_H
 
 #include <stdbool.h>
-#include <stddef.h>
 #include <stdint.h>
+
+#include "../line.h"
 
 struct f405;
 
@@ -18,10 +19,7 @@ struct f405_usart {
     uint64_t overruns, deaf;
     bool was_cts_high;
     uint64_t busy_until;  // receiving, with a frame of another rate
-    // Bytes on their way in, each with the time before which it doesn't start.
-    uint8_t *line;
-    uint64_t *line_from;
-    size_t line_head, line_count, line_room;
+    struct line line;     // bytes on their way in, times in picoseconds
     bool is_receiving;
 };
 

@@ -40,6 +40,7 @@ def twin(folder: Path, thumb: Path | None = None) -> Path:
         (BUILT / path.relative_to(SIM)).with_suffix(".o")
         for path in (SIM / "chips").rglob("*.c")
     ]
+    objects.append(BUILT / "line.o")
     sources = [Path(__file__).with_name("thumb_twin.c")]
     if thumb is not None:
         sources += sorted(thumb.glob("*.c"))
