@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fakes import EXAMPLES, HELLO, POSE, FakeProbe
 from imud.wire import schema
-from imud.wire.messages import Message, Skew, _examine, decode, encode
+from imud.wire.messages import Message, Skew, _examine, decode, encode, place_of
 
 HEADER = 9
 
@@ -52,6 +52,21 @@ def test_a_message_comes_back_as_it_was(name: str) -> None:
             assert said.fields[field] == value
         else:
             assert said.fields[field] == approx(value)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_the_place_of_a_field_holds_its_value(name: str) -> None:
+    content = encode(name, EXAMPLES[name], 1, 2)
+    parts = fields_of(content, name)
+    for field, part in zip(EXAMPLES[name], parts, strict=True):
+        place = place_of(name, field)
+        assert content[place] == part[1:]
+        assert content[place.start - 1 : place.start] == part[:1]
+
+
+def test_a_field_that_a_message_lacks_has_no_place() -> None:
+    with pytest.raises(ValueError, match="pose has no field uptime"):
+        place_of("pose", "uptime")
 
 
 @given(st.lists(st.integers(-(2**30), 2**30), min_size=4, max_size=4))

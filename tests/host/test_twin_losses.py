@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import functools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from core.desk import lib
 from core.probe_bench import Memory
 from imud import _core
-from imud.stages.twin import Began, Differs, Lost, State
+from imud.stages.twin import Began, Differs, Lost, State, Twin
 from twin_bench import (
     BOTH,
     POSE,
@@ -71,6 +72,48 @@ def test_a_lost_pose_takes_its_latched_flags_along(flag: str) -> None:
     twin, outcomes = heard(without(life.contents, at))
     assert len(outcomes) == 1
     assert (twin.state, twin.compared) == (State.FOLLOWING, 54)
+
+
+class LongerReplay:
+    """The replay of a schema in which a field follows the flags of a pose."""
+
+    LATER = bytes((36, 0x00, 0x00))  # its tag and its value
+
+    def __init__(self, hello: bytes) -> None:
+        self._replay = _core.Replay(hello)
+
+    def restart(self, number: int) -> None:
+        self._replay.restart(number)
+
+    def step(self, raw: bytes) -> None:
+        self._replay.step(raw)
+
+    def pose(self, sequence: int, time_us: int) -> bytes:
+        return self._replay.pose(sequence, time_us) + self.LATER
+
+
+@pytest.mark.parametrize(
+    ("later", "differed"), [(LongerReplay.LATER, 0), (bytes((36, 0x20, 0x00)), 1)]
+)
+def test_latched_flags_are_found_where_a_field_follows_them(
+    later: bytes, differed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    core = SimpleNamespace(Replay=LongerReplay)
+    monkeypatch.setattr("imud.stages.twin._core", core)
+    life = followed().live(99).live(1, acc_clipped=True).live(10)
+    poses = named(life.contents, "pose")
+    gone = next(
+        at for at in poses if "clipped" in str(message_of(life.contents[at]).fields)
+    )
+    after = poses[poses.index(gone) + 1]
+    twin = Twin()
+    for at, content in enumerate(life.contents):
+        end = b""
+        if at in poses:
+            end = later if at == after else LongerReplay.LATER
+        if at != gone:
+            twin.take(message_of(content), content + end)
+    assert (twin.compared, twin.differed) == (54, differed)
 
 
 @pytest.mark.parametrize("command", [lib.COMMAND_TARE, lib.COMMAND_RESTART])

@@ -17,7 +17,6 @@ loss is never taken for a difference:
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 from enum import Enum
 
@@ -34,8 +33,8 @@ CHANGES = frozenset({"restart", "tare"})
 # Flags of a pose about all samples since the pose before it.
 LATCHED = schema.PoseFlags.CLIPPED | schema.PoseFlags.GAP
 
-# The flags are the last bytes of a pose.
-_FLAGS = struct.Struct("<H")
+# Where the flags are in the content of a pose.
+_FLAGS = messages.place_of("pose", "pose_flags")
 
 _UNABLE = "this imud can't compute it"
 
@@ -317,10 +316,13 @@ class Twin:
 
 def _differ_in_latches(probe: bytes, twin: bytes) -> bool:
     """Whether they differ only in latched flags that a missing pose had taken."""
-    end = len(twin) - _FLAGS.size
-    said, computed = (_FLAGS.unpack_from(pose, end)[0] for pose in (probe, twin))
+    said, computed = (int.from_bytes(pose[_FLAGS], "little") for pose in (probe, twin))
     is_fewer = said & ~computed == 0 and computed & ~said & ~LATCHED == 0
-    return bool(is_fewer) and probe[:end] == twin[:end]
+    return is_fewer and _without_flags(probe) == _without_flags(twin)
+
+
+def _without_flags(pose: bytes) -> bytes:
+    return pose[: _FLAGS.start] + pose[_FLAGS.stop :]
 
 
 def _differing(message: Message, twin: bytes) -> tuple[str, ...]:

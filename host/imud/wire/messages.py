@@ -198,6 +198,16 @@ def _is_other_hello(codec: _Codec, content: bytes, count: int, kind: SkewKind) -
     return is_other and kind in ("missing", "unknown")
 
 
+def place_of(name: str, field: str) -> slice:
+    """Where the value of a field is in the content of a message, behind its tag."""
+    offset = _HEADER.size
+    for each in _BY_NAME[name].fields:
+        if each.name == field:
+            return slice(offset + 1, offset + 1 + each.size)
+        offset += 1 + each.size
+    raise ValueError(f"{name} has no field {field}")
+
+
 def encode(
     name: str, fields: Mapping[str, object], sequence: int, time_us: int
 ) -> bytes:
