@@ -57,7 +57,7 @@ class Pose(Numbered, frozen=True, kw_only=True):
 
 
 class Raw(Numbered, frozen=True, kw_only=True):
-    """One sample of the sensor in the axes of the body: calibrated, and as counts."""
+    """One sample of the sensor in the axes of the body, uncalibrated: SI and counts."""
 
     acc_m_s2: Vector | None
     gyr_rad_s: Vector | None
