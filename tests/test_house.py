@@ -24,7 +24,8 @@ SOURCES = ("*.c", "*.h", "*.ld", "*.py", "*.pyi", "*.S", "*.sh")
 
 # Byte order and register fields, not numbers of a Q format, are shifted here.
 BYTE_SHUFFLERS = {
-    *("frame.c", "logbook.c", "messages.c", "mpu9250.c", "sdcard.c", "settings.c")
+    *("frame.c", "logbook.c", "messages.c", "mpu9250.c", "sdcard.c", "settings.c"),
+    "crc32.c",
 }
 
 COMPILERS = {

@@ -26,6 +26,9 @@ void calibration_clear(struct calibration *calibration);
 bool calibration_of_sensor_is_valid(const struct calibration_of_sensor *sensor);
 bool calibration_is_valid(const struct calibration *calibration);
 
+bool calibration_is_same(const struct calibration *one,
+                         const struct calibration *other);
+
 // One sample in physical units, body frame.
 struct measurement {
     struct vector gyr_rad_s_q25;  // q7_25, each held within +-38 rad/s

@@ -64,7 +64,7 @@ enum params_fault params_read(const struct params_source *source, struct params 
                               uint8_t *tag) {
     struct params read;
     params_clear(&read);
-    uint8_t seen = 0;  // bit `tag` of those up to TAGS_MAX
+    bool is_seen[TAGS_MAX] = {false};
     uint16_t at = 0;
     while (at < source->length) {
         const uint16_t left = (uint16_t)(source->length - at);
@@ -74,11 +74,12 @@ enum params_fault params_read(const struct params_source *source, struct params 
         if (left < 2 || length > left - 2) {
             return PARAMS_WRONG_LENGTH;
         }
-        const uint8_t bit = (uint8_t)(*tag < TAGS_MAX ? 1u << *tag : 0u);
-        if ((seen & bit) != 0) {
-            return PARAMS_DOUBLED;
+        if (*tag < TAGS_MAX) {
+            if (is_seen[*tag]) {
+                return PARAMS_DOUBLED;
+            }
+            is_seen[*tag] = true;
         }
-        seen |= bit;
         const enum params_fault fault =
             take(source, *tag, (uint16_t)(at + 2), length, &read);
         if (fault != PARAMS_FINE) {

@@ -3,7 +3,6 @@
 #include "core/probe/probe_params.h"
 
 #include <stddef.h>
-#include <string.h>
 
 #include "core/probe/send.h"
 
@@ -47,7 +46,7 @@ static void change(struct probe *probe, const struct calibration *before,
     probe_tell(probe, EVENT_PARAMS_CHANGED, CAUSE_COMMAND,
                (int32_t)probe->store.bank.digest, now_us);
     if (probe->identity != NULL &&
-        memcmp(before, &probe->params.calibration, sizeof *before) != 0) {
+        !calibration_is_same(before, &probe->params.calibration)) {
         (void)pose_begin(&probe->tracker, &probe->params.calibration, probe->identity,
                          filter);
         probe_tell(probe, EVENT_RESTARTED, CAUSE_COMMAND, filter, now_us);

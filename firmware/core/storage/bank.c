@@ -15,18 +15,6 @@ static uint8_t mark_of(uint8_t sequence) {
     return sequence ^ MARK_XOR;
 }
 
-uint32_t crc32_add(uint32_t crc, uint8_t byte) {
-    crc = ~crc ^ byte;
-    for (uint8_t bit = 0; bit < 8; ++bit) {
-        const bool is_odd = (crc & 1) != 0;
-        crc >>= 1;
-        if (is_odd) {
-            crc ^= UINT32_C(0xEDB88320);
-        }
-    }
-    return ~crc;
-}
-
 static uint16_t place_of(const struct bank *bank, uint8_t index, uint16_t at) {
     return (uint16_t)(bank->first + (index != 0 ? bank->size : 0) + at);
 }
@@ -36,7 +24,7 @@ static uint8_t read_at(const struct bank *bank, uint8_t index, uint16_t at) {
 }
 
 uint8_t bank_read(const struct bank *bank, enum bank_side side, uint16_t at) {
-    return read_at(bank, bank->current ^ (uint8_t)side, (uint16_t)(at + BANK_HEADER));
+    return read_at(bank, (uint8_t)(bank->current ^ side), (uint16_t)(at + BANK_HEADER));
 }
 
 struct header {
@@ -67,10 +55,12 @@ bool bank_open(struct bank *bank, const struct memory *memory, uint16_t first,
     bool is_whole = true;
     bool has_one = false;
     for (uint8_t index = 0; index < 2; ++index) {
+        uint8_t bytes[BANK_HEADER];
         struct header header;
         for (uint8_t i = 0; i < BANK_HEADER; ++i) {
-            ((uint8_t *)&header)[i] = read_at(bank, index, i);
+            bytes[i] = read_at(bank, index, i);
         }
+        memcpy(&header, bytes, sizeof header);
         if (header.mark != mark_of(header.sequence)) {
             continue;
         }
@@ -110,10 +100,11 @@ enum memory_result bank_put(struct bank *bank, uint16_t at, uint8_t value) {
 enum memory_result bank_commit(struct bank *bank, uint16_t length, uint32_t digest) {
     const uint8_t sequence = (uint8_t)(bank->sequence + 1);
     const struct header header = {mark_of(sequence), sequence, length, digest};
+    uint8_t bytes[BANK_HEADER];
+    memcpy(bytes, &header, sizeof bytes);
     // The mark last.
     for (uint8_t i = BANK_HEADER; i-- > 0;) {
-        const enum memory_result result =
-            write_at(bank, i, ((const uint8_t *)&header)[i]);
+        const enum memory_result result = write_at(bank, i, bytes[i]);
         if (result != MEMORY_OK) {
             return result;
         }

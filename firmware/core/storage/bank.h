@@ -9,6 +9,7 @@
 #ifndef BANK_H
 #define BANK_H
 
+#include "core/storage/crc32.h"
 #include "core/storage/memory.h"
 
 enum { BANK_HEADER = 8 };  // bytes of a bank before its content
@@ -44,9 +45,5 @@ enum memory_result bank_put(struct bank *bank, uint16_t at, uint8_t value) MUST_
 // Makes the spare bank the current one. `digest`: the CRC-32 of its content.
 enum memory_result bank_commit(struct bank *bank, uint16_t length,
                                uint32_t digest) MUST_CHECK;
-
-// The CRC-32 of zlib and Ethernet: that of no bytes is 0, and that of bytes before one
-// more gives theirs with it.
-uint32_t crc32_add(uint32_t crc, uint8_t byte);
 
 #endif
