@@ -1,6 +1,7 @@
 ; SPDX-License-Identifier: MIT
-; The products of fixed.h, exact, column by column of bytes, then those of quat.h. Cycles, `ret` included and
-; the call of 3 or 4 not: fixed_mul_q30 108, fixed_mul_q32 98, fixed_umul_q32 90.
+; The products of fixed.h, exact, column by column of bytes, then those of quat.h.
+; Cycles, `ret` included and the call of 3 or 4 not: fixed_mul_q30 110,
+; fixed_mul_q32 103, fixed_umul_q32 138; of that a few more where a highest bit is set.
 ;
 ; Calling convention: a arrives in r25..r22, b in r21..r18, the result leaves in
 ; r25..r22; r18 to r27, r30 and r31 are free to use, r1 must be zero at the return.
@@ -47,8 +48,26 @@
     adc     \z, ZERO
     .endm
 
-    ; Columns 0 to 2 of both signednesses. \half: half of what is added to P3.
-    .macro low_columns half
+; Two ways into one product; P3 enters as half of what is added to it. With T set the
+; result is the high word of the product, else bits 61 to 30.
+    .section .text.fixed_mul_q30, "ax", @progbits
+
+; int32_t fixed_mul_q32(int32_t a, int32_t b): the high word of the product plus 2^31.
+    .global fixed_mul_q32
+    .type   fixed_mul_q32, @function
+fixed_mul_q32:
+    ldi     P3, 0x40
+    set
+    rjmp    product
+    .size   fixed_mul_q32, . - fixed_mul_q32
+
+; int32_t fixed_mul_q30(int32_t a, int32_t b): bits 61 to 30 of the product plus 2^29.
+    .global fixed_mul_q30
+    .type   fixed_mul_q30, @function
+fixed_mul_q30:
+    ldi     P3, 0x10
+    clt
+product:
     clr     ZERO
     mul     A0, B0
     mov     P1, r1
@@ -59,7 +78,6 @@
     mul     A1, B0
     add     P1, r0
     adc     P2, r1
-    ldi     P3, \half
     adc     P3, P3
     mul     A0, B2
     add     P2, r0
@@ -68,11 +86,7 @@
     adc     P4, P4
     add_unsigned A1, B1, P2, P3, P4
     add_unsigned A2, B0, P2, P3, P4
-    .endm
 
-    ; r25:r24:P5:P4:P3 = bytes 7 to 3 of the signed product plus \half * 2^25.
-    .macro signed_product half
-    low_columns \half
     mulsu   B3, A0
     sbc     P5, P5          ; minus the sign
     add     P3, r0
@@ -106,14 +120,7 @@
     muls    A0, B3
     add     r24, r0
     adc     r25, r1
-    .endm
-
-; int32_t fixed_mul_q30(int32_t a, int32_t b): bits 61 to 30 of the product plus 2^29.
-    .section .text.fixed_mul_q30, "ax", @progbits
-    .global fixed_mul_q30
-    .type   fixed_mul_q30, @function
-fixed_mul_q30:
-    signed_product 0x10
+    brts    1f
     .rept   2
     lsl     P3
     rol     P4
@@ -121,58 +128,45 @@ fixed_mul_q30:
     rol     r24
     rol     r25
     .endr
-    movw    r22, P4
+1:  movw    r22, P4
     clr     r1
     ret
     .size   fixed_mul_q30, . - fixed_mul_q30
 
-; int32_t fixed_mul_q32(int32_t a, int32_t b): the high word of the product plus 2^31.
-    .section .text.fixed_mul_q32, "ax", @progbits
-    .global fixed_mul_q32
-    .type   fixed_mul_q32, @function
-fixed_mul_q32:
-    signed_product 0x40
-    movw    r22, P4
-    clr     r1
-    ret
-    .size   fixed_mul_q32, . - fixed_mul_q32
-
-; uint32_t fixed_umul_q32(uint32_t a, uint32_t b): the high word of the product.
+; uint32_t fixed_umul_q32(uint32_t a, uint32_t b): the high word of the product. It is
+; that of the signed product, plus b where a's highest bit is set, plus a where b's is.
     .section .text.fixed_umul_q32, "ax", @progbits
     .global fixed_umul_q32
     .type   fixed_umul_q32, @function
 fixed_umul_q32:
-    low_columns 0
-    mul     A0, B3
-    add     P3, r0
-    adc     P4, r1
-    clr     P5
-    adc     P5, P5
-    add_unsigned A1, B2, P3, P4, P5
-    add_unsigned A2, B1, P3, P4, P5
-    add_unsigned A3, B0, P3, P4, P5
-
-    mul     A1, B3
-    add     P4, r0
-    adc     P5, r1
-    clr     A0              ; bytes 6 and 7 take the places of a0 and a1
-    adc     A0, A0
-    add_unsigned A2, B2, P4, P5, A0
-    add_unsigned A3, B1, P4, P5, A0
-
-    mul     A2, B3
-    add     P5, r0
-    adc     A0, r1
-    clr     A1
-    adc     A1, A1
-    add_unsigned A3, B2, P5, A0, A1
-
-    mul     A3, B3
-    add     r0, A0
-    adc     r1, A1
-    movw    r24, r0
-    movw    r22, P4
-    clr     r1
+    movw    r26, B0
+    movw    r30, B2
+    sbrc    A3, 7
+    rjmp    1f
+    clr     r26
+    clr     r27
+    movw    r30, r26
+1:  sbrs    B3, 7
+    rjmp    2f
+    add     r26, A0
+    adc     r27, A1
+    adc     r30, A2
+    adc     r31, A3
+2:  push    r31
+    push    r30
+    push    r27
+    push    r26
+    ldi     P3, 0
+    set
+    rcall   product
+    pop     r18
+    pop     r19
+    pop     r20
+    pop     r21
+    add     r22, r18
+    adc     r23, r19
+    adc     r24, r20
+    adc     r25, r21
     ret
     .size   fixed_umul_q32, . - fixed_umul_q32
 
@@ -323,19 +317,25 @@ fixed_dot3_q14:
     adc     \z, NIL
     .endm
 
+    ; Saves what C wants back, as compiled functions do: libgcc's code pushes all such
+    ; registers, makes room for X bytes on the stack and goes on at Z.
+    .macro save
+    clr     r26
+    clr     r27
+    ldi     r30, lo8(gs(1f))
+    ldi     r31, hi8(gs(1f))
+    jmp     __prologue_saves__
+1:  rcall   take
+    .endm
+
     .section .text.quat_multiply, "ax", @progbits
 
-; Saves what C wants back, takes the arguments a, b and out.
-save:
-    pop     r31
-    pop     r30
-    .irp    n, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 14, 15, 16, 17, 28, 29
-    push    r\n
-    .endr
-    clr     NIL
+; Takes the arguments a, b and out.
+take:
     movw    r28, r24
     movw    OTHER, r22
     movw    OUT, r20
+    clr     NIL
     ; The row of z; rows go z, y, x.
     ldi     r24, 12
     mov     I, r24
@@ -343,14 +343,17 @@ save:
     mov     J, r24
     ldi     r24, 8
     mov     K, r24
-    ijmp
+    ret
 
+; Gives back r26 bytes of the stack, and what C wants back.
 restore:
     clr     r1
-    .irp    n, 29, 28, 17, 16, 15, 14, 12, 11, 10, 9, 8, 7, 6, 5, 4, 3, 2
-    pop     r\n
-    .endr
-    ret
+    in      r28, _SFR_IO_ADDR(SPL)
+    in      r29, _SFR_IO_ADDR(SPH)
+    add     r28, r26
+    adc     r29, r1
+    ldi     r30, 18         ; registers
+    jmp     __epilogue_restores__
 
 ; On to the row before; Z is set behind that of x.
 next_row:
@@ -446,7 +449,7 @@ twice:
     .global quat_multiply
     .type   quat_multiply, @function
 quat_multiply:
-    rcall   save
+    save
 1:  ldi     r24, 0x20
     rcall   clear
     rcall   cross
@@ -488,6 +491,7 @@ quat_multiply:
     st      X+, r0
     dec     r24
     brne    3b
+    clr     r26
     rjmp    restore
     .size   quat_multiply, . - quat_multiply
 
@@ -495,7 +499,7 @@ quat_multiply:
     .global quat_rotate
     .type   quat_rotate, @function
 quat_rotate:
-    rcall   save
+    save
     push    r22             ; v, for the end
     push    r23
     ldi     r24, 4          ; a vector begins where a quaternion has its x
@@ -554,9 +558,6 @@ quat_rotate:
     st      X+, r23
     rcall   next_row
     brne    2b
-    ldi     r24, 14
-3:  pop     r0
-    dec     r24
-    brne    3b
+    ldi     r26, 14         ; t, and the address of v
     rjmp    restore
     .size   quat_rotate, . - quat_rotate
