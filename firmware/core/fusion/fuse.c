@@ -10,10 +10,11 @@
 enum {
     STAGES = 10,         // of a frame: at 100 samples a second, one a sample
     STEP_MAX_US = 7500,  // 41.4 rad/s an axis and 2 % of scale turn 0.55 rad in it
-    STEPS_MAX = 8,
-    UNSETTLED = 100,    // frames after lost motion in which levelling tells no bias
-    FIELD_ABSENT = 10,  // frames without a reading
+    UNSETTLED = 100,     // frames after lost motion in which levelling tells no bias
+    FIELD_ABSENT = 10,   // frames without a reading
 };
+
+#define INTERVAL_MAX_US UINT16_C(60000)  // is integrated: eight steps
 
 // Seconds times 2^35, so that rad/s q7_25 gives rad q2_30, within 4e-7 of them. Needs
 // |us| <= 15000.
@@ -36,11 +37,11 @@ void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us) {
 }
 
 void fuse_restart(struct fuse *fuse) {
-    const size_t kept = offsetof(struct fuse, inertial_from_body);
-    memset((uint8_t *)fuse + kept, 0, sizeof *fuse - kept);
-    fuse->inertial_from_body = QUAT_IDENTITY;
-    fuse->level_from_inertial = QUAT_IDENTITY;
-    fuse->world_from_inertial = QUAT_IDENTITY;
+    const size_t first = offsetof(struct fuse, in_frame);
+    memset(&fuse->in_frame, 0, offsetof(struct fuse, bias_rad_s_q25) - first);
+    quat_set_identity(&fuse->inertial_from_body);
+    quat_set_identity(&fuse->level_from_inertial);
+    quat_set_identity(&fuse->world_from_inertial);
     fuse->stage = STAGES;
     fuse->field_age = FIELD_ABSENT;
     fuse->heading_variance = FUSE_HEADING_VARIANCE_MAX_Q30;
@@ -52,12 +53,12 @@ void fuse_turn(struct quat *q, const struct vector *angle_rad_q30) {
     quat_multiply(q, &turn, q);
 }
 
-static void integrate(struct fuse *fuse, uint32_t interval_us) {
-    for (uint8_t step = 0; step < STEPS_MAX && interval_us > 0; ++step) {
-        const uint32_t part = interval_us > STEP_MAX_US ? STEP_MAX_US : interval_us;
-        interval_us -= part;
+static void integrate(struct fuse *fuse, uint16_t interval_us) {
+    while (interval_us > 0) {
+        const uint16_t part = interval_us > STEP_MAX_US ? STEP_MAX_US : interval_us;
+        interval_us = (uint16_t)(interval_us - part);
         struct vector angle;
-        int32_t seconds = seconds_q35((int32_t)part);
+        int32_t seconds = seconds_q35(part);
         seconds += fixed_mul_q30(seconds, fuse->scale);
         vector_scale(&fuse->rate_rad_s_q25, seconds, &angle);
         fuse_turn(&fuse->inertial_from_body, &angle);
@@ -67,21 +68,22 @@ static void integrate(struct fuse *fuse, uint32_t interval_us) {
 // Turns v to the inertial frame and adds it, with 8 bits less, to a sum over the frame.
 static void add_turned(const struct matrix *inertial_from_body, const struct vector *v,
                        struct vector *sum) {
-    const int32_t coarse[3] = {fixed_scale_down(v->x, 8), fixed_scale_down(v->y, 8),
-                               fixed_scale_down(v->z, 8)};
-    int32_t turned[3];
-    matrix_turn(inertial_from_body, coarse, turned);
-    sum->x += turned[0];
-    sum->y += turned[1];
-    sum->z += turned[2];
+    int32_t coarse[3];
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        coarse[axis] = fixed_scale_down(v->axis[axis], 8);
+    }
+    for (uint8_t row = 0; row < 3; ++row) {
+        sum->axis[row] += fixed_dot3_q14(coarse, inertial_from_body->row[row]);
+    }
 }
 
 void fuse_take_mean(const struct fuse *fuse, struct vector *sum, int32_t limit,
                     struct vector *out) {
-    vector_scale(sum, fuse->coefficients.share, out);
-    vector_clamp(out, limit, out);
-    *out = (struct vector){.x = out->x * 256, .y = out->y * 256, .z = out->z * 256};
-    *sum = (struct vector){0};
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        const int32_t mean = fixed_mul_q30(sum->axis[axis], fuse->coefficients.share);
+        out->axis[axis] = fixed_clamp(mean, limit) * 256;
+        sum->axis[axis] = 0;
+    }
 }
 
 static void run_stage(struct fuse *fuse) {
@@ -129,18 +131,19 @@ void fuse_step(struct fuse *fuse, const struct measurement *measurement,
     const struct fuse_coefficients *coefficients = &fuse->coefficients;
     const struct vector *rate = &fuse->rate_rad_s_q25;
     struct matrix inertial_from_body;
+    const bool is_long = interval_us > INTERVAL_MAX_US;
     const bool is_first = fuse->frames == 0 && fuse->in_frame == 0;
     vector_subtract(&measurement->gyr_rad_s_q25, &fuse->bias_rad_s_q25,
                     &fuse->rate_rad_s_q25);
     if (is_first) {
         fuse_level_first(fuse, &measurement->acc_m_s2_q21);
     } else {
-        integrate(fuse, interval_us);
+        integrate(fuse, is_long ? INTERVAL_MAX_US : (uint16_t)interval_us);
     }
     if (measurement->gyr_clipped && fuse->clipped < UINT8_MAX) {
         ++fuse->clipped;
     }
-    if (interval_us > (uint32_t)STEP_MAX_US * STEPS_MAX && !is_first) {
+    if (is_long && !is_first) {
         fuse->clipped = FUSE_CLIPPED_LOST;
     }
     if (measurement->acc_clipped || fuse->clipped > 0) {

@@ -32,57 +32,62 @@ struct fuse_coefficients {
     int32_t lead_s_q35;  // of the motion before what was integrated
 };
 
+// The smaller and the busier a member, the further up: the AVR reaches the first 64
+// bytes of a struct in one instruction.
 struct fuse {
     struct fuse_coefficients coefficients;
-    // Bias and scale of the rates that were measured, and the covariance of the bias in
-    // deg/s and of the scale in 500ths.
-    struct vector bias_rad_s_q25;
-    q2_30_t scale;
-    q6_26_t motion_covariance[FUSE_MOTION_PAIRS];
-    struct vector calibrated_rad_s_q25;  // the bias that the start-up calibration found
-    // The field of the place in the level frame, then that of the probe in the body.
-    q14_18_t field_ut[KALMAN_STATES];
+    q2_30_t scale;  // of the rates that were measured, less 1
     // How far field readings are behind the gyroscope, and half its variance in ms2.
     int32_t lag_s_q35;
     q13_19_t lag_variance;
-    // A restart forgets all from here on.
+    // A restart forgets all from here to bias_rad_s_q25.
+    uint8_t in_frame, stage;  // of the frame that runs
+    uint8_t frames;           // since the start, held at 255
+    uint8_t clipped;          // samples of this frame that lost motion
+    uint8_t unsettled;        // frames until levelling tells of bias again
+    uint8_t rest_looks;       // in a row that saw no motion
+    uint8_t settled_looks;    // up to one more than the low-pass takes to settle
+    uint8_t rest_axis;        // whose bias is read next
+    uint8_t field_age;        // frames since the last reading, held at 255
+    uint8_t field_learnt;     // readings whose mean is the place's field
+    bool has_reading;
+    bool is_turned;            // the last one surprised by its direction only
+    uint16_t field_surprise;   // squared, mean, 64ths of 1 uT2
+    uint16_t field_astray;     // share of late readings that surprise, 65536ths
+    q13_19_t field_noise;      // of this reading, uT2
+    q2_30_t heading_variance;  // rad2; 1: no field has told the heading yet
+    q14_18_t rate_square;      // (rad/s)^2, mean over 3 s
+    q7_25_t tilting_rad_s[2];  // what levelling had to correct, as a rate
+    // Sums over the frame, in the inertial frame, m/s2 and rad/s.
+    struct vector force_sum_q13, turn_sum_q17;
+    struct vector rate_rad_s_q25;     // of the last sample, bias removed
     struct quat inertial_from_body;   // integrated gyroscope
     struct quat level_from_inertial;  // the correction of its tilt
     struct quat world_from_inertial;  // and of its heading
-    struct vector rate_rad_s_q25;     // of the last sample, bias removed
-    q14_18_t rate_square;             // (rad/s)^2, mean over 3 s
-    uint8_t in_frame, stage;          // of the frame that runs
-    uint8_t frames;                   // since the start, held at 255
-    uint8_t clipped;                  // samples of this frame that lost motion
-    uint8_t unsettled;                // frames until levelling tells of bias again
-    // Sums over the frame, in the inertial frame, m/s2 and rad/s.
-    struct vector force_sum_q13, turn_sum_q17;
-    struct lowpass force;      // inertial frame
-    q7_25_t tilting_rad_s[2];  // what levelling had to correct, as a rate
+    struct lowpass force;             // inertial frame
     // What a bias and the scale of the gyroscope would turn the vertical by: two rows
     // of the rotation to the level frame, and the rate about its x and y.
     struct lowpass_axis regressor[2 * FUSE_MOTION_STATES];
     struct lowpass rest_rate, rest_force;
-    uint8_t rest_looks;     // in a row that saw no motion
-    uint8_t settled_looks;  // up to one more than the low-pass takes to settle
-    uint8_t rest_axis;      // whose bias is read next
     // The field reading of this frame, with the rate and the attitude that it was taken
     // in until its stage, then in the level frame.
-    q14_18_t reading_ut[3];
-    q7_25_t reading_rad_s[3];
+    struct vector reading_ut_q18;
+    struct vector reading_rad_s_q25;
     union {
         struct quat reading_attitude;
         struct matrix level_from_body;
     };
     q13_19_t field_covariance[KALMAN_PAIRS];  // uT2
-    q13_19_t field_noise;                     // of this reading, uT2
-    uint16_t field_surprise;                  // squared, mean, 64ths of 1 uT2
-    uint16_t field_astray;  // share of late readings that surprise, 65536ths
-    uint8_t field_age;      // frames since the last reading, held at 255
-    uint8_t field_learnt;   // readings whose mean is the place's field
-    bool has_reading;
-    bool is_turned;            // the last one surprised by its direction only
-    q2_30_t heading_variance;  // rad2; 1: no field has told the heading yet
+    // Bias of the rates that were measured, and the covariance of the bias in deg/s and
+    // of the scale in 500ths.
+    struct vector bias_rad_s_q25;
+    struct vector calibrated_rad_s_q25;  // the bias that the start-up calibration found
+    q6_26_t motion_covariance[FUSE_MOTION_PAIRS];
+    // The field of the place in the level frame, then that of the probe in the body.
+    union {
+        q14_18_t field_ut[KALMAN_STATES];
+        struct vector place_ut_q18;
+    };
 };
 
 // For 100 to 800 samples a second, of a gyroscope whose rates come `gyr_delay_us` (at

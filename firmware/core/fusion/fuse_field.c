@@ -53,7 +53,7 @@ enum {
 #define LEVEL_ERROR_Q30 INT32_C(5622099)
 #define COVARIANCE_SHARE_Q30 INT32_C(161061274)  // 0.15: fitted, see fuse_quality
 
-// A stage's numbers are on the stack only while it runs.
+// One copy, whose numbers are on the stack only while it runs.
 #define NOINLINE __attribute__((noinline))
 
 void fuse_init_lag(struct fuse *fuse) {
@@ -65,19 +65,18 @@ void fuse_init_lag(struct fuse *fuse) {
 // by the last rate times the lag.
 void fuse_take_reading(struct fuse *fuse, const struct vector *field_ut_q18) {
     struct vector angle;
-    vector_clamp(&fuse->rate_rad_s_q25, LAG_RATE_Q25, &angle);
-    memcpy(fuse->reading_rad_s, angle.axis, sizeof fuse->reading_rad_s);
+    vector_clamp(&fuse->rate_rad_s_q25, LAG_RATE_Q25, &fuse->reading_rad_s_q25);
     vector_scale(&fuse->rate_rad_s_q25, -fuse->lag_s_q35, &angle);
     vector_clamp(&angle, LAG_ANGLE_Q30, &angle);
     fuse->reading_attitude = fuse->inertial_from_body;
     fuse_turn(&fuse->reading_attitude, &angle);
-    memcpy(fuse->reading_ut, field_ut_q18->axis, sizeof fuse->reading_ut);
+    fuse->reading_ut_q18 = *field_ut_q18;
     fuse->has_reading = true;
 }
 
-static void to_level(const struct fuse *fuse, int32_t v[3]) {
-    const int32_t body[3] = {v[0], v[1], v[2]};
-    matrix_turn(&fuse->level_from_body, body, v);
+static void to_level(const struct fuse *fuse, struct vector *v) {
+    const struct vector body = *v;
+    matrix_turn(&fuse->level_from_body, body.axis, v->axis);
 }
 
 void fuse_stage_reading(struct fuse *fuse) {
@@ -88,14 +87,14 @@ void fuse_stage_reading(struct fuse *fuse) {
     quat_multiply(&fuse->level_from_inertial, &fuse->reading_attitude, &attitude);
     quat_renormalise(&attitude);
     matrix_from_quat(&attitude, &fuse->level_from_body);
-    to_level(fuse, fuse->reading_ut);
-    to_level(fuse, fuse->reading_rad_s);
+    to_level(fuse, &fuse->reading_ut_q18);
+    to_level(fuse, &fuse->reading_rad_s_q25);
 }
 
 // An axis of the reading less the expected place + level_from_body * own; below
 // 8192 uT.
-static q14_18_t field_away(const struct fuse *fuse, uint8_t axis) {
-    return fuse->reading_ut[axis] - fuse->field_ut[axis] -
+NOINLINE static q14_18_t field_away(const struct fuse *fuse, uint8_t axis) {
+    return fuse->reading_ut_q18.axis[axis] - fuse->field_ut[axis] -
            fixed_dot3_q14(fuse->field_ut + 3, fuse->level_from_body.row[axis]);
 }
 
@@ -140,48 +139,42 @@ NOINLINE static void predict_field(struct fuse *fuse) {
                                                  : HEADING_WANDER) +
                              fixed_mul_q30(bias_variance, HEADING_WANDER_BIAS_Q30) * 2;
     if (!fuse->has_reading) {
-        fuse->heading_variance =
-            fixed_clamp(fuse->heading_variance + fixed_scale_down(turn_q40, 10),
-                        FUSE_HEADING_VARIANCE_MAX_Q30);
+        fixed_add_clamped(&fuse->heading_variance, fixed_scale_down(turn_q40, 10),
+                          FUSE_HEADING_VARIANCE_MAX_Q30);
     }
     // The horizontal field, at most 60 uT: half of it, and it times the turn, as
     // 2^32ths.
-    const int32_t x = fixed_clamp(fuse->field_ut[0], PLACE_TURNED_Q18);
-    const int32_t y = fixed_clamp(fuse->field_ut[1], PLACE_TURNED_Q18);
-    const int32_t half_x = fixed_half_floor(x);
-    const int32_t half_y = fixed_half_floor(y);
-    const int32_t turned_x = fixed_mul_q30(x * 16, turn_q40);
-    const int32_t turned_y = fixed_mul_q30(y * 16, turn_q40);
+    int32_t half[2];
+    int32_t turned[2];
+    for (uint8_t axis = 0; axis < 2; ++axis) {
+        const int32_t place = fixed_clamp(fuse->field_ut[axis], PLACE_TURNED_Q18);
+        half[axis] = fixed_half_floor(place);
+        turned[axis] = fixed_mul_q30(place * 16, turn_q40);
+    }
     if (covariance[0] + covariance[2] < PLACE_SPREAD_MAX) {
-        covariance[0] += fixed_mul_q30(half_y, turned_y);
-        covariance[1] -= fixed_mul_q30(half_x, turned_y);
-        covariance[2] += fixed_mul_q30(half_x, turned_x);
+        covariance[0] += fixed_mul_q30(half[1], turned[1]);
+        covariance[1] -= fixed_mul_q30(half[0], turned[1]);
+        covariance[2] += fixed_mul_q30(half[0], turned[0]);
     }
     const bool is_astray = fuse->field_astray > FIELD_ASTRAY && !fuse_is_at_rest(fuse);
+    int32_t wander = PLACE_WANDER;
     for (uint8_t state = 0; state < KALMAN_STATES; ++state) {
-        int32_t *variance = &covariance[kalman_variance(state)];
-        *variance += state < 3   ? PLACE_WANDER
-                     : is_astray ? OWN_WANDER_ASTRAY
-                                 : OWN_WANDER;
-        *variance = fixed_clamp(*variance, FIELD_VARIANCE_MAX);
+        if (state == 3) {
+            wander = is_astray ? OWN_WANDER_ASTRAY : OWN_WANDER;
+        }
+        fixed_add_clamped(covariance, wander, FIELD_VARIANCE_MAX);
+        covariance += state + 2;
     }
 }
 
 // In a body that turns, the field of the place moves by place x rate. The part of the
 // reading's surprise along that direction is an error of the lag.
 void fuse_follow_lag(struct fuse *fuse) {
-    const q7_25_t *rate = fuse->reading_rad_s;
     struct vector place;
+    struct vector slope;  // uT/s as q18_13, at most 346 * 62.4
     int32_t norm;
-    vector_clamp(&(struct vector){.x = fuse->field_ut[0],
-                                  .y = fuse->field_ut[1],
-                                  .z = fuse->field_ut[2]},
-                 LAG_FIELD_Q18, &place);
-    // uT/s as q18_13, at most 346 * 62.4.
-    struct vector slope = {
-        .x = fixed_mul_q30(place.y, rate[2]) - fixed_mul_q30(place.z, rate[1]),
-        .y = fixed_mul_q30(place.z, rate[0]) - fixed_mul_q30(place.x, rate[2]),
-        .z = fixed_mul_q30(place.x, rate[1]) - fixed_mul_q30(place.y, rate[0])};
+    vector_clamp(&fuse->place_ut_q18, LAG_FIELD_Q18, &place);
+    vector_cross(&place, &fuse->reading_rad_s_q25, &slope);
     if (!vector_normalise(&slope, &slope, &norm)) {
         return;
     }
@@ -274,17 +267,16 @@ void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis) {
     const q14_18_t away = field_step(fuse, axis);
     kalman_read(fuse->field_covariance, KALMAN_STATES, row, fuse->field_noise, gain);
     for (uint8_t state = 0; state < KALMAN_STATES; ++state) {
-        fuse->field_ut[state] =
-            fixed_clamp(fuse->field_ut[state] + fixed_mul_q30(gain[state], away),
-                        state < 3 ? PLACE_LIMIT_Q18 : OWN_LIMIT_Q18);
+        fixed_add_clamped(&fuse->field_ut[state], fixed_mul_q30(gain[state], away),
+                          state < 3 ? PLACE_LIMIT_Q18 : OWN_LIMIT_Q18);
     }
 }
 
 // The heading's variance, rad2, from that of the field. `north` is the horizontal unit
 // vector of the field in the level frame, `norm` the length of the horizontal field,
 // uT.
-static q2_30_t heading_variance_of(const struct fuse *fuse, const struct vector *north,
-                                   q14_18_t norm) {
+NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
+                                            const struct vector *north, q14_18_t norm) {
     const int32_t *covariance = fuse->field_covariance;
     const int32_t across_y =
         fixed_mul_q30(covariance[0], north->y) - fixed_mul_q30(covariance[1], north->x);
@@ -306,8 +298,9 @@ static q2_30_t heading_variance_of(const struct fuse *fuse, const struct vector 
 
 void fuse_stage_world(struct fuse *fuse) {
     struct vector north = {.x = fuse->field_ut[0], .y = fuse->field_ut[1], .z = 0};
-    struct quat turn = QUAT_IDENTITY;
+    struct quat turn;
     int32_t norm;
+    quat_set_identity(&turn);
     if (fuse->field_learnt > 0 && vector_normalise(&north, &north, &norm)) {
         // The angle that brings the horizontal field to north, y.
         quat_about_z(north.y, north.x, &turn);

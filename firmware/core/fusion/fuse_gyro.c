@@ -59,14 +59,14 @@ void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25) {
 // True where |v - mean| is below the limit, which is at most 2^21.
 static bool is_near(const struct vector *v, const struct lowpass *mean, int32_t limit) {
     struct vector away;
-    lowpass_read(mean, &away);
-    vector_subtract(v, &away, &away);
-    if (vector_exceeds(&away, limit)) {
-        return false;
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        const int32_t off = v->axis[axis] - mean->axis[axis].level;
+        if (fixed_magnitude(off) > (uint32_t)limit) {
+            return false;
+        }
+        away.axis[axis] = off * 512;  // keeps the precision of the squares
     }
-    // 2^9 keeps the precision of the squares.
     const uint32_t bound = (uint32_t)limit * 512;
-    away = (struct vector){.x = away.x * 512, .y = away.y * 512, .z = away.z * 512};
     return vector_square_q32(&away) < fixed_umul_q32(bound, bound);
 }
 
@@ -114,10 +114,11 @@ void fuse_stage_regressors(struct fuse *fuse) {
         lowpass_axis_step(regressor, &fuse_level_gain, turn.axis[row], fuse->frames);
         ++regressor;
     }
+    int32_t *variance = fuse->motion_covariance;
     for (uint8_t state = 0; state < FUSE_MOTION_STATES; ++state) {
-        int32_t *variance = &fuse->motion_covariance[kalman_variance(state)];
-        const int32_t limit = state < 3 ? BIAS_VARIANCE_MAX : SCALE_VARIANCE_MAX;
-        *variance = fixed_clamp(*variance + MOTION_WANDER, limit);
+        fixed_add_clamped(variance, MOTION_WANDER,
+                          state < 3 ? BIAS_VARIANCE_MAX : SCALE_VARIANCE_MAX);
+        variance += state + 2;
     }
 }
 
@@ -128,12 +129,12 @@ static void read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
     kalman_read(fuse->motion_covariance, FUSE_MOTION_STATES, row, noise, gain);
     int32_t *bias = fuse->bias_rad_s_q25.axis;
     for (uint8_t i = 0; i < 3; ++i) {
-        bias[i] = fixed_clamp(bias[i] + fixed_mul_q30(gain[i], surprise_rad_s),
-                              BIAS_LIMIT_Q25);
+        fixed_add_clamped(&bias[i], fixed_mul_q30(gain[i], surprise_rad_s),
+                          BIAS_LIMIT_Q25);
     }
     const int32_t scale_step =
         fixed_mul_q30(fixed_mul_q30(gain[3], surprise_rad_s), SCALE_GAIN_Q30) * 2;
-    fuse->scale = fixed_clamp(fuse->scale + scale_step, SCALE_LIMIT_Q30);
+    fixed_add_clamped(&fuse->scale, scale_step, SCALE_LIMIT_Q30);
 }
 
 void fuse_stage_rest(struct fuse *fuse) {

@@ -14,14 +14,16 @@ void kalman_read(int32_t covariance[], uint8_t states, const q2_14_t row[],
     // Of each state with the reading, |shared| <= 1.8 * 2^28 by Cauchy and Schwarz, and
     // of the reading itself.
     int32_t shared[KALMAN_STATES] = {0};
+    const int32_t *row_of_pairs = covariance;
     for (uint8_t a = 0; a < states; ++a) {
         // A row of the whole matrix: along the triangle's row, then down its column.
         int32_t line[KALMAN_STATES] = {0};
-        const int32_t *pair = &covariance[a * (a + 1) / 2];
+        const int32_t *pair = row_of_pairs;
         for (uint8_t b = 0; b < states; ++b) {
             line[b] = *pair;
             pair += b < a ? 1 : b + 1;
         }
+        row_of_pairs += a + 1;
         shared[a] = dot(line, row);
     }
     const int32_t known = fixed_clamp(dot(shared, row), SPREAD_MAX - noise);

@@ -6,6 +6,10 @@ int32_t fixed_clamp(int32_t value, int32_t limit) {
     return value > limit ? limit : value < -limit ? -limit : value;
 }
 
+void fixed_add_clamped(int32_t *value, int32_t step, int32_t limit) {
+    *value = fixed_clamp(*value + step, limit);
+}
+
 uint32_t fixed_magnitude(int32_t value) {
     return value < 0 ? 0u - (uint32_t)value : (uint32_t)value;
 }

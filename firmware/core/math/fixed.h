@@ -57,6 +57,9 @@ uint32_t fixed_umul_q32(uint32_t a, uint32_t b);
 // `value`, held within +-limit.
 int32_t fixed_clamp(int32_t value, int32_t limit);
 
+// *value + step, held within +-limit, to *value; the sum must fit.
+void fixed_add_clamped(int32_t *value, int32_t step, int32_t limit);
+
 // |value|; the most negative number gives 2^31.
 uint32_t fixed_magnitude(int32_t value);
 

@@ -2,6 +2,10 @@
 // Quaternion arithmetic; see quat.h for formats and bounds.
 #include "core/math/quat.h"
 
+void quat_set_identity(struct quat *out) {
+    *out = QUAT_IDENTITY;
+}
+
 void quat_conjugate(const struct quat *q, struct quat *out) {
     const q2_30_t *part = &q->w;  // four in a row
     q2_30_t *opposite = &out->w;
@@ -34,9 +38,10 @@ void quat_from_small_angle(const struct vector *angle_rad_q30, struct quat *out)
     const q2_30_t gain = Q2_30_ONE / 2 - fixed_mul_q30(square, ONE_48TH);
     out->w =
         Q2_30_ONE - eighth + fixed_mul_q30(fixed_mul_q30(square, eighth), ONE_48TH);
-    out->x = fixed_mul_q30(angle_rad_q30->x, gain);
-    out->y = fixed_mul_q30(angle_rad_q30->y, gain);
-    out->z = fixed_mul_q30(angle_rad_q30->z, gain);
+    q2_30_t *const part = &out->x;  // three in a row
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        part[axis] = fixed_mul_q30(angle_rad_q30->axis[axis], gain);
+    }
 }
 
 void quat_from_heading(turn32_t heading, struct quat *out) {
@@ -48,7 +53,7 @@ void quat_from_heading(turn32_t heading, struct quat *out) {
 void quat_about_z(int32_t cosine, int32_t sine, struct quat *out) {
     struct vector unit = {.x = cosine, .y = sine, .z = 0};
     int32_t norm;
-    *out = QUAT_IDENTITY;
+    quat_set_identity(out);
     if (!vector_normalise(&unit, &unit, &norm)) {
         return;
     }
@@ -56,10 +61,13 @@ void quat_about_z(int32_t cosine, int32_t sine, struct quat *out) {
     // whose terms do not cancel.
     const q2_30_t half_cosine = fixed_half_floor(unit.x);
     const q2_30_t half_sine = fixed_half_floor(unit.y);
-    unit =
-        half_cosine >= 0
-            ? (struct vector){.x = Q2_30_ONE / 2 + half_cosine, .y = half_sine, .z = 0}
-            : (struct vector){.x = half_sine, .y = Q2_30_ONE / 2 - half_cosine, .z = 0};
+    unit.x = half_sine;
+    unit.y = half_sine;
+    if (half_cosine >= 0) {
+        unit.x = Q2_30_ONE / 2 + half_cosine;
+    } else {
+        unit.y = Q2_30_ONE / 2 - half_cosine;
+    }
     (void)vector_normalise(&unit, &unit, &norm);
     out->w = unit.x;
     out->z = unit.y;

@@ -11,6 +11,9 @@ struct quat {
 
 #define QUAT_IDENTITY ((struct quat){Q2_30_ONE, 0, 0, 0})
 
+// Writes QUAT_IDENTITY, in less code than an assignment.
+void quat_set_identity(struct quat *out);
+
 // a * b; `out` may be either. Needs norms whose product is at most 1.2: then no
 // component leaves q2_30 and each is within 1 step.
 void quat_multiply(const struct quat *a, const struct quat *b, struct quat *out);
