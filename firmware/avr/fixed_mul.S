@@ -1,5 +1,6 @@
 ; SPDX-License-Identifier: MIT
-; The products of fixed.h, exact, column by column of bytes, then those of quat.h.
+; What of core/math is smaller here than the compiler makes it: products, exact, column
+; by column of bytes, limits, ratios, then vectors, quaternions and matrices.
 ; Cycles, `ret` included and the call of 3 or 4 not: fixed_mul_q30 110,
 ; fixed_mul_q32 103, fixed_umul_q32 138; of that a few more where a highest bit is set.
 ;
@@ -170,6 +171,98 @@ fixed_umul_q32:
     ret
     .size   fixed_umul_q32, . - fixed_umul_q32
 
+; int32_t fixed_clamp(int32_t value, int32_t limit). Leaves r30 and r31.
+    .section .text.fixed_clamp, "ax", @progbits
+    .global fixed_clamp
+    .type   fixed_clamp, @function
+fixed_clamp:
+    cp      r18, r22
+    cpc     r19, r23
+    cpc     r20, r24
+    cpc     r21, r25
+    brlt    1f
+    com     r21
+    com     r20
+    com     r19
+    neg     r18
+    sbci    r19, 0xFF
+    sbci    r20, 0xFF
+    sbci    r21, 0xFF
+    cp      r22, r18
+    cpc     r23, r19
+    cpc     r24, r20
+    cpc     r25, r21
+    brge    2f
+1:  movw    r22, r18
+    movw    r24, r20
+2:  ret
+    .size   fixed_clamp, . - fixed_clamp
+
+; void fixed_add_clamped(int32_t *value, int32_t step, int32_t limit)
+    .global fixed_add_clamped
+    .type   fixed_add_clamped, @function
+fixed_add_clamped:
+    movw    r30, r24
+    movw    r24, r22
+    movw    r22, r20
+    movw    r20, r18
+    movw    r18, r16
+    ld      r0, Z
+    add     r22, r0
+    ldd     r0, Z+1
+    adc     r23, r0
+    ldd     r0, Z+2
+    adc     r24, r0
+    ldd     r0, Z+3
+    adc     r25, r0
+    rcall   fixed_clamp
+    st      Z, r22
+    std     Z+1, r23
+    std     Z+2, r24
+    std     Z+3, r25
+    ret
+    .size   fixed_add_clamped, . - fixed_add_clamped
+
+; q2_30_t fixed_ratio(uint32_t numerator, uint32_t denominator): long division, a bit a
+; round. The remainder is below the denominator, which is at most 2^31, before each
+; doubling. The quotient gathers inverted, behind two bits of which the upper one ends
+; the division when it leaves.
+    .section .text.fixed_ratio, "ax", @progbits
+    .global fixed_ratio
+    .type   fixed_ratio, @function
+fixed_ratio:
+    ldi     r30, 3
+    clr     r31
+    clr     r26
+    clr     r27
+1:  sub     r22, r18
+    sbc     r23, r19
+    sbc     r24, r20
+    sbc     r25, r21
+    brcc    2f
+    add     r22, r18
+    adc     r23, r19
+    adc     r24, r20
+    adc     r25, r21        ; carries
+2:  rol     r30
+    rol     r31
+    rol     r26
+    rol     r27
+    brcs    3f
+    lsl     r22
+    rol     r23
+    rol     r24
+    rol     r25
+    rjmp    1b
+3:  movw    r22, r30
+    movw    r24, r26
+    com     r22
+    com     r23
+    com     r24
+    com     r25
+    ret
+    .size   fixed_ratio, . - fixed_ratio
+
 ; One term of a dot product: r23..r18 += *X+ (32 bits) * *Z+ (16 bits), modulo 2^48. The
 ; bytes multiply as unsigned; a negative factor then takes the other off, shifted.
 #define FACTOR r16
@@ -325,16 +418,27 @@ fixed_dot3_q14:
     ldi     r30, lo8(gs(1f))
     ldi     r31, hi8(gs(1f))
     jmp     __prologue_saves__
-1:  rcall   take
+1:
     .endm
 
     .section .text.quat_multiply, "ax", @progbits
 
-; Takes the arguments a, b and out.
+; Takes the arguments a, b and out, of which the last two are vectors: they begin where
+; a quaternion has its x.
+take_vectors:
+    movw    r26, r22
+    sbiw    r26, 4
+    movw    OTHER, r26
+    movw    r26, r20
+    sbiw    r26, 4
+    rjmp    1f
+
+; The same of quaternions.
 take:
-    movw    r28, r24
     movw    OTHER, r22
-    movw    OUT, r20
+    movw    r26, r20
+1:  movw    OUT, r26
+    movw    r28, r24
     clr     NIL
     ; The row of z; rows go z, y, x.
     ldi     r24, 12
@@ -450,6 +554,7 @@ twice:
     .type   quat_multiply, @function
 quat_multiply:
     save
+    rcall   take
 1:  ldi     r24, 0x20
     rcall   clear
     rcall   cross
@@ -500,13 +605,9 @@ quat_multiply:
     .type   quat_rotate, @function
 quat_rotate:
     save
+    rcall   take_vectors
     push    r22             ; v, for the end
     push    r23
-    ldi     r24, 4          ; a vector begins where a quaternion has its x
-    sub     r8, r24
-    sbc     r9, NIL
-    sub     r14, r24
-    sbc     r15, NIL
 1:  ldi     r24, 0x10       ; t = 2 u x v
     rcall   clear
     rcall   cross
@@ -561,3 +662,207 @@ quat_rotate:
     ldi     r26, 14         ; t, and the address of v
     rjmp    restore
     .size   quat_rotate, . - quat_rotate
+
+; void vector_cross(const struct vector *a, const struct vector *b, struct vector *out)
+    .global vector_cross
+    .type   vector_cross, @function
+vector_cross:
+    save
+    rcall   take_vectors
+    sbiw    r28, 4
+1:  mov     r30, J
+    mov     r26, K
+    rcall   multiply
+    movw    r4, r22
+    movw    r6, r24
+    mov     r30, K
+    mov     r26, J
+    rcall   multiply
+    sub     r4, r22
+    sbc     r5, r23
+    sbc     r6, r24
+    sbc     r7, r25
+    movw    r26, OUT
+    add     r26, I
+    adc     r27, NIL
+    st      X+, r4
+    st      X+, r5
+    st      X+, r6
+    st      X, r7
+    rcall   next_row
+    brne    1b
+    clr     r26
+    rjmp    restore
+    .size   vector_cross, . - vector_cross
+
+; fixed_mul_q30(a[r30], b[r26])
+multiply:
+    add     r30, r28
+    mov     r31, r29
+    adc     r31, NIL
+    ld      r22, Z
+    ldd     r23, Z+1
+    ldd     r24, Z+2
+    ldd     r25, Z+3
+    add     r26, r8
+    mov     r27, r9
+    adc     r27, NIL
+    ld      r18, X+
+    ld      r19, X+
+    ld      r20, X+
+    ld      r21, X
+    jmp     fixed_mul_q30
+
+; void vector_scale(const struct vector *v, q2_30_t gain, struct vector *out)
+    .global vector_scale
+    .type   vector_scale, @function
+vector_scale:
+    clt
+    rjmp    each_axis
+    .size   vector_scale, . - vector_scale
+
+; void vector_clamp(const struct vector *v, int32_t limit, struct vector *out)
+    .global vector_clamp
+    .type   vector_clamp, @function
+vector_clamp:
+    set
+each_axis:
+    save
+    movw    r14, r24        ; v, the number and out
+    movw    r12, r22
+    movw    r10, r20
+    movw    r28, r18
+    ldi     r16, 3
+    clr     r17
+    bld     r17, 0
+1:  movw    r26, r14
+    ld      r22, X+
+    ld      r23, X+
+    ld      r24, X+
+    ld      r25, X+
+    movw    r14, r26
+    movw    r18, r10
+    movw    r20, r12
+    sbrs    r17, 0
+    call    fixed_mul_q30
+    sbrc    r17, 0
+    call    fixed_clamp
+    st      Y+, r22
+    st      Y+, r23
+    st      Y+, r24
+    st      Y+, r25
+    dec     r16
+    brne    1b
+    clr     r26
+    rjmp    restore
+    .size   vector_clamp, . - vector_clamp
+
+; void matrix_from_quat(const struct quat *q, struct matrix *out): in each of three
+; rounds the components i, j and k are x, y, z, then y, z, x, then z, x, y.
+#define W r14
+#define IN_I r8
+#define IN_J r10
+#define IN_K r12
+
+    .global matrix_from_quat
+    .type   matrix_from_quat, @function
+matrix_from_quat:
+    save
+    movw    r30, r24
+    movw    r16, r22
+    ldi     r20, 4
+1:  ld      r22, Z+         ; a component as q1_15, 1 and -1 held a step short of them
+    ld      r23, Z+
+    ld      r24, Z+
+    ld      r25, Z+
+    bst     r25, 7
+    rcall   upper_half
+    ldi     r18, 0x80
+    cp      r24, r1
+    cpc     r25, r18
+    brne    2f
+    ldi     r24, 1
+    brts    2f
+    ldi     r24, 0xFF
+    ldi     r25, 0x7F
+2:  movw    W, IN_I
+    movw    IN_I, IN_J
+    movw    IN_J, IN_K
+    movw    IN_K, r24
+    dec     r20
+    brne    1b
+    ldi     r20, 3
+    mov     r7, r20
+3:  movw    r18, IN_J       ; (i, i): 1 - 2 (j j + k k)
+    movw    r26, IN_J
+    call    __mulhisi3
+    movw    r2, r22
+    movw    r4, r24
+    movw    r18, IN_K
+    movw    r26, IN_K
+    call    __mulhisi3
+    rcall   upper_half_of_sum
+    ldi     r18, 0
+    ldi     r19, 0x40
+    sub     r18, r24
+    sbc     r19, r25
+    movw    r30, r16
+    st      Z, r18
+    std     Z+1, r19
+    movw    r18, IN_I       ; (i, j): 2 (i j - w k), and (j, i): 2 (i j + w k)
+    movw    r26, IN_J
+    call    __mulhisi3
+    movw    r2, r22
+    movw    r4, r24
+    movw    r18, W
+    movw    r26, IN_K
+    call    __mulhisi3
+    movw    r18, r22
+    movw    r20, r24
+    rcall   upper_half_of_sum
+    movw    r26, r24
+    movw    r22, r2
+    movw    r24, r4
+    sub     r22, r18
+    sbc     r23, r19
+    sbc     r24, r20
+    sbc     r25, r21
+    rcall   upper_half
+    dec     r7
+    breq    4f
+    std     Z+2, r24
+    std     Z+3, r25
+    std     Z+6, r26
+    std     Z+7, r27
+    movw    r18, IN_I
+    movw    IN_I, IN_J
+    movw    IN_J, IN_K
+    movw    IN_K, r18
+    ldi     r18, 8
+    add     r16, r18
+    adc     r17, r1
+    rjmp    3b
+4:  sbiw    r30, 12         ; Z is at (2, 2): (0, 2)
+    st      Z, r26
+    std     Z+1, r27
+    std     Z+8, r24        ; (2, 0)
+    std     Z+9, r25
+    clr     r26
+    rjmp    restore
+    .size   matrix_from_quat, . - matrix_from_quat
+
+; The upper half of r25..r22, or of its sum with r5..r2, doubled, rounded.
+upper_half_of_sum:
+    add     r22, r2
+    adc     r23, r3
+    adc     r24, r4
+    adc     r25, r5
+upper_half:
+    lsl     r22
+    rol     r23
+    rol     r24
+    rol     r25
+    subi    r23, 0x80
+    sbci    r24, 0xFF
+    sbci    r25, 0xFF
+    ret

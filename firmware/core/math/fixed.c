@@ -2,14 +2,6 @@
 // Roots, ratios and angles in fixed point; see fixed.h for formats and bounds.
 #include "core/math/fixed.h"
 
-int32_t fixed_clamp(int32_t value, int32_t limit) {
-    return value > limit ? limit : value < -limit ? -limit : value;
-}
-
-void fixed_add_clamped(int32_t *value, int32_t step, int32_t limit) {
-    *value = fixed_clamp(*value + step, limit);
-}
-
 uint32_t fixed_magnitude(int32_t value) {
     return value < 0 ? 0u - (uint32_t)value : (uint32_t)value;
 }
@@ -41,26 +33,6 @@ uint8_t fixed_leading_zeros(uint32_t x) {
         ++zeros;
     }
     return zeros;
-}
-
-q2_30_t fixed_ratio(uint32_t numerator, uint32_t denominator) {
-    // Long division, a bit a round; remainder < denominator <= 2^31 before each
-    // doubling, so that it never leaves 32 bits.
-    uint32_t quotient = 0;
-    uint32_t remainder = numerator;
-    if (remainder >= denominator) {
-        remainder -= denominator;
-        quotient = 1;
-    }
-    for (uint8_t bit = 0; bit < 30; ++bit) {
-        remainder <<= 1;
-        quotient <<= 1;
-        if (remainder >= denominator) {
-            remainder -= denominator;
-            quotient |= 1;
-        }
-    }
-    return (q2_30_t)quotient;
 }
 
 q2_30_t fixed_rsqrt(uint32_t x) {

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
-// The products of fixed.h and quat.h in portable C. A board whose processor lacks a
-// wide multiply brings its own file in place of this one, equal to the last bit.
-#include "core/math/quat.h"
+// Products, limits and ratios, and what is made of them for vectors, quaternions and
+// matrices, in portable C. A board whose processor has registers of 8 bits brings its
+// own file in place of this one, equal to the last bit.
+#include "core/math/matrix.h"
 
 #ifndef NARROW
 #define NARROW(value) ((int32_t)(value))  // tests refuse here what does not fit
@@ -25,6 +26,52 @@ int32_t fixed_dot3_q14(const int32_t v[3], const int16_t m[3]) {
     const int64_t sum =
         (int64_t)v[0] * m[0] + (int64_t)v[1] * m[1] + (int64_t)v[2] * m[2];
     return NARROW((sum + (1 << 13)) >> 14);
+}
+
+int32_t fixed_clamp(int32_t value, int32_t limit) {
+    return value > limit ? limit : value < -limit ? -limit : value;
+}
+
+void fixed_add_clamped(int32_t *value, int32_t step, int32_t limit) {
+    *value = fixed_clamp(*value + step, limit);
+}
+
+q2_30_t fixed_ratio(uint32_t numerator, uint32_t denominator) {
+    // Long division, a bit a round; remainder < denominator <= 2^31 before each
+    // doubling, so that it never leaves 32 bits.
+    uint32_t quotient = 0;
+    uint32_t remainder = numerator;
+    if (remainder >= denominator) {
+        remainder -= denominator;
+        quotient = 1;
+    }
+    for (uint8_t bit = 0; bit < 30; ++bit) {
+        remainder <<= 1;
+        quotient <<= 1;
+        if (remainder >= denominator) {
+            remainder -= denominator;
+            quotient |= 1;
+        }
+    }
+    return (q2_30_t)quotient;
+}
+
+void vector_scale(const struct vector *v, q2_30_t gain, struct vector *out) {
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        out->axis[axis] = fixed_mul_q30(v->axis[axis], gain);
+    }
+}
+
+void vector_clamp(const struct vector *v, int32_t limit, struct vector *out) {
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        out->axis[axis] = fixed_clamp(v->axis[axis], limit);
+    }
+}
+
+void vector_cross(const struct vector *a, const struct vector *b, struct vector *out) {
+    out->x = fixed_mul_q30(a->y, b->z) - fixed_mul_q30(a->z, b->y);
+    out->y = fixed_mul_q30(a->z, b->x) - fixed_mul_q30(a->x, b->z);
+    out->z = fixed_mul_q30(a->x, b->y) - fixed_mul_q30(a->y, b->x);
 }
 
 // A product as sums take it, in 64ths of a step: floored, and without what its bytes
@@ -63,4 +110,39 @@ void quat_rotate(const struct quat *q, const struct vector *v, struct vector *ou
     *out = (struct vector){.x = v->x + rounded(x, 6),
                            .y = v->y + rounded(y, 6),
                            .z = v->z + rounded(z, 6)};
+}
+
+// A component as q1_15, 1 and -1 held a step short of them.
+static int16_t coarse(q2_30_t value) {
+    const int16_t rounded =
+        (int16_t)fixed_high_half((uint32_t)value * 2 + UINT32_C(32768));
+    if (rounded == INT16_MIN) {
+        return value < 0 ? (int16_t)-INT16_MAX : INT16_MAX;
+    }
+    return rounded;
+}
+
+// Twice a b + c d of q1_15 as q2_14. Of a unit quaternion it is at most 2, and modulo 4
+// even 2 is enough for what it is taken from.
+static q2_14_t twice(int16_t a, int16_t b, int16_t c, int16_t d) {
+    const int32_t sum = (int32_t)a * b + (int32_t)c * d;
+    return (q2_14_t)fixed_high_half((uint32_t)sum * 2 + UINT32_C(32768));
+}
+
+void matrix_from_quat(const struct quat *q, struct matrix *out) {
+    enum { ONE = 16384 };
+    const int16_t w = coarse(q->w);
+    const int16_t x = coarse(q->x);
+    const int16_t y = coarse(q->y);
+    const int16_t z = coarse(q->z);
+    const int16_t minus_w = (int16_t)-w;
+    out->row[0][0] = (q2_14_t)(ONE - twice(y, y, z, z));
+    out->row[0][1] = twice(x, y, minus_w, z);
+    out->row[0][2] = twice(x, z, w, y);
+    out->row[1][0] = twice(x, y, w, z);
+    out->row[1][1] = (q2_14_t)(ONE - twice(x, x, z, z));
+    out->row[1][2] = twice(y, z, minus_w, x);
+    out->row[2][0] = twice(x, z, minus_w, y);
+    out->row[2][1] = twice(y, z, w, x);
+    out->row[2][2] = (q2_14_t)(ONE - twice(x, x, y, y));
 }

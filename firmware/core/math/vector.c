@@ -55,22 +55,10 @@ bool vector_normalise(const struct vector *v, struct vector *unit, int32_t *norm
     return true;
 }
 
-void vector_scale(const struct vector *v, q2_30_t gain, struct vector *out) {
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        out->axis[axis] = fixed_mul_q30(v->axis[axis], gain);
-    }
-}
-
 void vector_subtract(const struct vector *a, const struct vector *b,
                      struct vector *out) {
     for (uint8_t axis = 0; axis < 3; ++axis) {
         out->axis[axis] = a->axis[axis] - b->axis[axis];
-    }
-}
-
-void vector_clamp(const struct vector *v, int32_t limit, struct vector *out) {
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        out->axis[axis] = fixed_clamp(v->axis[axis], limit);
     }
 }
 
@@ -86,10 +74,4 @@ bool vector_exceeds(const struct vector *v, int32_t limit) {
 q2_30_t vector_dot(const struct vector *a, const struct vector *b) {
     return fixed_mul_q30(a->x, b->x) + fixed_mul_q30(a->y, b->y) +
            fixed_mul_q30(a->z, b->z);
-}
-
-void vector_cross(const struct vector *a, const struct vector *b, struct vector *out) {
-    out->x = fixed_mul_q30(a->y, b->z) - fixed_mul_q30(a->z, b->y);
-    out->y = fixed_mul_q30(a->z, b->x) - fixed_mul_q30(a->x, b->z);
-    out->z = fixed_mul_q30(a->x, b->y) - fixed_mul_q30(a->y, b->x);
 }

@@ -5,7 +5,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#include "core/math/quat.h"
+#include "core/math/matrix.h"
 
 enum { BATCHES = 25, BATCH = 1024 };
 
@@ -19,7 +19,7 @@ static const int32_t edges[] = {
     INT32_MAX,   INT32_MIN,  INT32_MIN + 1,
 };
 
-static uint32_t hashes[6];
+static uint32_t hashes[11];
 
 static int put(char byte, FILE *file) {
     (void)file;
@@ -40,6 +40,22 @@ static void mix_words(uint32_t *hash, const void *words, uint8_t count) {
     }
 }
 
+// Limits and ratios, of one number and of three.
+static void limit(uint32_t a, uint32_t b) {
+    const int32_t bound = (int32_t)(b & INT32_MAX);
+    struct vector v = {.x = (int32_t)a, .y = (int32_t)(a >> 1), .z = (int32_t)(a ^ b)};
+    mix(&hashes[6], (uint32_t)fixed_clamp((int32_t)a, bound));
+    fixed_add_clamped(&v.x, bound >> 1, bound);
+    mix(&hashes[6], (uint32_t)v.x);
+    vector_scale(&v, (int32_t)b, &v);
+    mix_words(&hashes[7], &v, 3);
+    vector_clamp(&v, bound, &v);
+    mix_words(&hashes[7], &v, 3);
+    const uint32_t denominator = (uint32_t)bound + 1;
+    mix(&hashes[8], (uint32_t)fixed_ratio(a >> 1, denominator > a >> 2 ? denominator
+                                                                     : (a >> 2) + 1));
+}
+
 static void multiply(uint32_t a, uint32_t b) {
     mix(&hashes[0], (uint32_t)fixed_mul_q30((int32_t)a, (int32_t)b));
     mix(&hashes[1], (uint32_t)fixed_mul_q32((int32_t)a, (int32_t)b));
@@ -55,6 +71,16 @@ static void multiply(uint32_t a, uint32_t b) {
     struct vector turned = {.x = v[0], .y = v[1], .z = v[2]};
     quat_rotate(&q, &turned, &turned);
     mix_words(&hashes[5], &turned, 3);
+    limit(a, b);
+    struct vector crossed;
+    vector_cross(&(struct vector){.x = v[0], .y = v[1], .z = v[2]},
+                 &(struct vector){.x = q.x, .y = q.y, .z = q.z}, &crossed);
+    mix_words(&hashes[9], &crossed, 3);
+    struct matrix matrix;
+    matrix_from_quat(&q, &matrix);
+    for (uint8_t i = 0; i < 9; i++) {
+        mix(&hashes[10], (uint16_t)matrix.row[i / 3][i % 3]);
+    }
 }
 
 // Marsaglia's xorshift32.
