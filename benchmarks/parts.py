@@ -85,7 +85,7 @@ FILTER_FUNCTIONS = {
     "fuse_quality": "fuse.quality",
     "integrate": "fuse.integrate",
     "fuse_look_for_rest": "fuse.rest",
-    "add_turned": "fuse.means",
+    "add_to_means": "fuse.means",
     "fuse_take_reading": "fuse.reading",
 }
 

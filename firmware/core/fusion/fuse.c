@@ -14,6 +14,9 @@ enum {
     FIELD_ABSENT = 10,   // frames without a reading
 };
 
+// The numbers of one part of a step are not on the stack while another runs.
+#define NOINLINE __attribute__((noinline))
+
 #define INTERVAL_MAX_US UINT16_C(60000)  // is integrated: eight steps
 
 // Seconds times 2^35, so that rad/s q7_25 gives rad q2_30, within 4e-7 of them. Needs
@@ -53,7 +56,7 @@ void fuse_turn(struct quat *q, const struct vector *angle_rad_q30) {
     quat_multiply(q, &turn, q);
 }
 
-static void integrate(struct fuse *fuse, uint16_t interval_us) {
+NOINLINE static void integrate(struct fuse *fuse, uint16_t interval_us) {
     while (interval_us > 0) {
         const uint16_t part = interval_us > STEP_MAX_US ? STEP_MAX_US : interval_us;
         interval_us = (uint16_t)(interval_us - part);
@@ -75,6 +78,13 @@ static void add_turned(const struct matrix *inertial_from_body, const struct vec
     for (uint8_t row = 0; row < 3; ++row) {
         sum->axis[row] += fixed_dot3_q14(coarse, inertial_from_body->row[row]);
     }
+}
+
+NOINLINE static void add_to_means(struct fuse *fuse, const struct vector *force) {
+    struct matrix inertial_from_body;
+    matrix_from_quat(&fuse->inertial_from_body, &inertial_from_body);
+    add_turned(&inertial_from_body, force, &fuse->force_sum_q13);
+    add_turned(&inertial_from_body, &fuse->rate_rad_s_q25, &fuse->turn_sum_q17);
 }
 
 void fuse_take_mean(const struct fuse *fuse, struct vector *sum, int32_t limit,
@@ -129,8 +139,6 @@ static void run_stage(struct fuse *fuse) {
 void fuse_step(struct fuse *fuse, const struct measurement *measurement,
                uint32_t interval_us) {
     const struct fuse_coefficients *coefficients = &fuse->coefficients;
-    const struct vector *rate = &fuse->rate_rad_s_q25;
-    struct matrix inertial_from_body;
     const bool is_long = interval_us > INTERVAL_MAX_US;
     const bool is_first = fuse->frames == 0 && fuse->in_frame == 0;
     vector_subtract(&measurement->gyr_rad_s_q25, &fuse->bias_rad_s_q25,
@@ -149,9 +157,7 @@ void fuse_step(struct fuse *fuse, const struct measurement *measurement,
     if (measurement->acc_clipped || fuse->clipped > 0) {
         fuse->unsettled = UNSETTLED;
     }
-    matrix_from_quat(&fuse->inertial_from_body, &inertial_from_body);
-    add_turned(&inertial_from_body, &measurement->acc_m_s2_q21, &fuse->force_sum_q13);
-    add_turned(&inertial_from_body, rate, &fuse->turn_sum_q17);
+    add_to_means(fuse, &measurement->acc_m_s2_q21);
     const struct vector *field = &measurement->mag_ut_q18;
     if (measurement->has_mag && !fuse->has_reading &&
         (fuse->stage == 1 || fuse->stage == 2) &&

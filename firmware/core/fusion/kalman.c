@@ -2,6 +2,8 @@
 // See kalman.h.
 #include "core/fusion/kalman.h"
 
+#include <string.h>
+
 #define SPREAD_MAX INT32_C(1073741823)
 
 // row * v, as two sums that are rounded once each.
@@ -13,11 +15,13 @@ void kalman_read(int32_t covariance[], uint8_t states, const q2_14_t row[],
                  int32_t noise, q2_30_t gain[]) {
     // Of each state with the reading, |shared| <= 1.8 * 2^28 by Cauchy and Schwarz, and
     // of the reading itself.
-    int32_t shared[KALMAN_STATES] = {0};
+    int32_t shared[KALMAN_STATES];
+    int32_t *const line = gain;  // which is found later: the stack is short
+    memset(shared, 0, sizeof shared);
+    memset(line, 0, sizeof shared);
     const int32_t *row_of_pairs = covariance;
     for (uint8_t a = 0; a < states; ++a) {
         // A row of the whole matrix: along the triangle's row, then down its column.
-        int32_t line[KALMAN_STATES] = {0};
         const int32_t *pair = row_of_pairs;
         for (uint8_t b = 0; b < states; ++b) {
             line[b] = *pair;

@@ -17,11 +17,12 @@ static inline uint8_t kalman_variance(uint8_t state) {
     return (uint8_t)(state * (state + 3) / 2);
 }
 
-// The reading is modelled as row * states + noise. `row` has KALMAN_STATES elements;
-// those after the first `states` are 0. The covariance and the variance `noise` have
-// the same Q format. Gains are limited to +-1, and a variance never falls below one
-// step. Needs |row| <= 1.8, noise in [1, 2^30 - 2], and variances whose sum is at most
-// 2^28. The variance of the reading, with noise, is limited to less than 2^30.
+// The reading is modelled as row * states + noise. `row` and `gain` have KALMAN_STATES
+// elements; those after the first `states` are 0. The covariance and the variance
+// `noise` have the same Q format. Gains are limited to +-1, and a variance never falls
+// below one step. Needs |row| <= 1.8, noise in [1, 2^30 - 2], and variances whose sum
+// is at most 2^28. The variance of the reading, with noise, is limited to less than
+// 2^30.
 void kalman_read(int32_t covariance[], uint8_t states, const q2_14_t row[],
                  int32_t noise, q2_30_t gain[]);
 
