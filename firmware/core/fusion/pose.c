@@ -67,6 +67,30 @@ enum pose_result pose_step(struct pose_tracker *tracker, const struct sample *sa
     return result;
 }
 
+static uint8_t flags_of(const struct pose_tracker *tracker,
+                        const struct attitude_quality *quality) {
+    uint8_t flags = 0;
+    if (quality->is_starting) {
+        flags |= POSE_STARTING;
+    }
+    if (!tracker->is_calibrated) {
+        flags |= POSE_UNCALIBRATED;
+    }
+    if (quality->is_at_rest) {
+        flags |= POSE_AT_REST;
+    }
+    if (quality->is_mag_disturbed) {
+        flags |= POSE_MAG_DISTURBED;
+    }
+    if (quality->is_mag_absent) {
+        flags |= POSE_MAG_ABSENT;
+    }
+    if (quality->is_heading_free) {
+        flags |= POSE_HEADING_FREE;
+    }
+    return flags;
+}
+
 void pose_read(struct pose_tracker *tracker, struct message_pose *out) {
     struct attitude_quality quality;
     struct quat q;
@@ -89,13 +113,8 @@ void pose_read(struct pose_tracker *tracker, struct message_pose *out) {
     }
     out->tilt_sigma = quality.tilt_sigma_cdeg;
     out->heading_sigma = quality.heading_sigma_cdeg;
-    out->pose_flags =
-        (uint16_t)(tracker->latched_flags | (quality.is_starting ? POSE_STARTING : 0) |
-                   (tracker->is_calibrated ? 0 : POSE_UNCALIBRATED) |
-                   (quality.is_at_rest ? POSE_AT_REST : 0) |
-                   (quality.is_mag_disturbed ? POSE_MAG_DISTURBED : 0) |
-                   (quality.is_mag_absent ? POSE_MAG_ABSENT : 0) |
-                   (quality.is_heading_free ? POSE_HEADING_FREE : 0));
+    // What is latched may need the upper byte, too.
+    out->pose_flags = (uint16_t)(tracker->latched_flags | flags_of(tracker, &quality));
     tracker->latched_flags = 0;
 }
 
