@@ -263,6 +263,51 @@ fixed_ratio:
     ret
     .size   fixed_ratio, . - fixed_ratio
 
+; uint16_t fixed_sqrt(uint32_t x): digit by digit as on paper. Each of 16 rounds takes two
+; bits of x into the remainder, r20..r18, and takes off twice the root's bits and a 1,
+; where it can.
+    .section .text.fixed_sqrt, "ax", @progbits
+    .global fixed_sqrt
+    .type   fixed_sqrt, @function
+fixed_sqrt:
+    clr     r18
+    clr     r19
+    clr     r20
+    movw    r26, r18        ; the root
+    ldi     r21, 16
+1:  rcall   3f
+    rcall   3f
+    lsl     r26
+    rol     r27
+    movw    r30, r26
+    clr     r0
+    sec
+    rol     r30
+    rol     r31
+    rol     r0
+    sub     r18, r30
+    sbc     r19, r31
+    sbc     r20, r0
+    inc     r26
+    brcc    2f              ; of the subtraction: inc leaves the carry
+    dec     r26
+    add     r18, r30
+    adc     r19, r31
+    adc     r20, r0
+2:  dec     r21
+    brne    1b
+    movw    r24, r26
+    ret
+3:  lsl     r22
+    rol     r23
+    rol     r24
+    rol     r25
+    rol     r18
+    rol     r19
+    rol     r20
+    ret
+    .size   fixed_sqrt, . - fixed_sqrt
+
 ; One term of a dot product: r23..r18 += *X+ (32 bits) * *Z+ (16 bits), modulo 2^48. The
 ; bytes multiply as unsigned; a negative factor then takes the other off, shifted.
 #define FACTOR r16

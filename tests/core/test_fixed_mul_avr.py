@@ -7,6 +7,7 @@ a hash of all results of each batch.
 
 from __future__ import annotations
 
+import math
 import subprocess
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -139,6 +140,7 @@ class Hashes:
         for number in (*v, *(clamped(number, bound) for number in v)):
             self.mix(7, number)
         self.mix(8, a // 2 * 2**30 // max(bound + 1, a // 4 + 1))
+        self.mix(8, math.isqrt(a))
 
     def line(self, batch: int) -> str:
         return f"{batch} " + " ".join(f"{value:08x}" for value in self.values)

@@ -52,24 +52,6 @@ q2_30_t fixed_rsqrt(uint32_t x) {
     return y > INT32_MAX ? INT32_MAX : (q2_30_t)y;
 }
 
-uint16_t fixed_sqrt(uint32_t x) {
-    uint32_t root = 0;
-    uint32_t remainder = x;
-    uint32_t bit = UINT32_C(1) << 30;
-    while (bit > x) {
-        bit >>= 2;
-    }
-    for (; bit != 0; bit >>= 2) {
-        if (remainder >= root + bit) {
-            remainder -= root + bit;
-            root = (root >> 1) + bit;
-        } else {
-            root >>= 1;
-        }
-    }
-    return (uint16_t)root;
-}
-
 q2_30_t fixed_exp_neg(int32_t x) {
     // 2^-y with y = x log2(e) = x + 0.442695 x, below 1478, floored to 2^-21. 2^-f of
     // its fraction f is a polynomial within 5.5e-8, and the whole part halves it.

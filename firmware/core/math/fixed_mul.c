@@ -56,6 +56,24 @@ q2_30_t fixed_ratio(uint32_t numerator, uint32_t denominator) {
     return (q2_30_t)quotient;
 }
 
+uint16_t fixed_sqrt(uint32_t x) {
+    uint32_t root = 0;
+    uint32_t remainder = x;
+    uint32_t bit = UINT32_C(1) << 30;
+    while (bit > x) {
+        bit >>= 2;
+    }
+    for (; bit != 0; bit >>= 2) {
+        if (remainder >= root + bit) {
+            remainder -= root + bit;
+            root = (root >> 1) + bit;
+        } else {
+            root >>= 1;
+        }
+    }
+    return (uint16_t)root;
+}
+
 void vector_scale(const struct vector *v, q2_30_t gain, struct vector *out) {
     for (uint8_t axis = 0; axis < 3; ++axis) {
         out->axis[axis] = fixed_mul_q30(v->axis[axis], gain);

@@ -54,6 +54,7 @@ static void limit(uint32_t a, uint32_t b) {
     const uint32_t denominator = (uint32_t)bound + 1;
     mix(&hashes[8], (uint32_t)fixed_ratio(a >> 1, denominator > a >> 2 ? denominator
                                                                      : (a >> 2) + 1));
+    mix(&hashes[8], fixed_sqrt(a));
 }
 
 static void multiply(uint32_t a, uint32_t b) {
