@@ -69,6 +69,11 @@ class Store:
         return bytes(ffi.buffer(self.params))
 
     @property
+    def bank(self) -> int:
+        """The bank that is current: 0 or 1."""
+        return int(self.c.bank.content[lib.BANK_CURRENT] >= BASE + BANK)
+
+    @property
     def digest(self) -> int:
         return int(self.c.bank.digest)
 
@@ -88,14 +93,16 @@ class Store:
         if not self.memory.storage.is_ready(ffi.NULL):
             return int(lib.PARAMS_WORKS)
         before = len(self.memory.writes)
-        done = int(lib.params_store_step(self.c, self.params))
+        done = int(lib.params_store_step(self.c))
         assert len(self.memory.writes) - before <= 1
         if done == lib.PARAMS_TELLS:
             part = ffi.new("uint8_t[]", lib.PARAMS_PART)
             length, at = self.c.length, self.c.told
             lib.params_store_part(self.c, lib.BANK_SPARE, length, at, part)
             self.told.append((at, bytes(part)))
-        self.changes += done == lib.PARAMS_CHANGED
+        if done == lib.PARAMS_CHANGED:
+            self.changes += 1
+            assert lib.params_store_load(self.c, self.params)
         return done
 
     def settle(self) -> None:
@@ -117,9 +124,10 @@ class Store:
             self.settle()
 
     def ask(self, length: int, sum_of: int) -> tuple[int, list[int]]:
-        refusal = ffi.new("int32_t[2]")
-        result = lib.params_store_apply(self.c, length, signed(sum_of), refusal)
-        return int(result), list(refusal)
+        value = ffi.new("int32_t[2]", [length, signed(sum_of)])
+        result = int(lib.params_store_apply(self.c, value))
+        assert result == lib.RESULT_REFUSED or list(value) == [length, signed(sum_of)]
+        return result, list(value)
 
     def apply(self, length: int, sum_of: int) -> tuple[int, list[int]]:
         """Asks until it is known."""

@@ -97,7 +97,7 @@ def test_one_spoilt_byte_of_what_is_staged_is_damage(flip):
 def test_one_spoilt_byte_in_memory_is_told_and_leaves_the_params_before():
     memory = stored(SMALL, FULL)
     small, full = values_of(SMALL), values_of(FULL)
-    newest = Store(memory).c.bank.current
+    newest = Store(memory).bank
     used = lib.BANK_HEADER + len(FULL)
     for offset in range(BASE, BASE + 2 * BANK):
         spoilt = Cells(bytes(memory.bytes))

@@ -124,7 +124,7 @@ def test_missing_parts_are_damage_and_the_old_params_hold():
     old = store.image
     for missing in range(0, len(FULL), 4):
         fresh = again(store.memory)
-        spare = BASE + (store.c.bank.current ^ 1) * BANK
+        spare = BASE + (store.bank ^ 1) * BANK
         fresh.memory.bytes[spare : spare + BANK] = b"\xee" * BANK
         for at in range(0, len(FULL), 4):
             if at != missing:
@@ -236,7 +236,7 @@ def test_longer_records_are_taken_as_far_as_they_are_known():
 def test_params_that_this_firmware_refuses_are_told_as_lost_and_kept_in_memory():
     """What another firmware wrote, with values that only it knows."""
     store = Store(stored(SMALL))
-    bank = BASE + (store.c.bank.current) * BANK
+    bank = BASE + store.bank * BANK
     records = options(9, 9)
     memory = Cells(bytes(store.memory.bytes))
     memory.bytes[bank + 8 : bank + 8 + len(records)] = records
@@ -250,7 +250,7 @@ def test_params_that_this_firmware_refuses_are_told_as_lost_and_kept_in_memory()
 def test_a_worn_cell_fails_the_change_and_the_old_params_hold():
     start = stored(SMALL)
     old = Store(start).image
-    spare = BASE + (Store(start).c.bank.current ^ 1) * BANK
+    spare = BASE + (Store(start).bank ^ 1) * BANK
     for at in (0, 1, 5, 8, 20):
         store = again(start)
         store.memory.worn = {spare + at}

@@ -206,8 +206,8 @@ def test_a_refused_change_says_why_and_disturbs_nothing(where):
 def test_lost_params_are_told_at_boot():
     bench = Bench()
     change(bench, FULL)
-    bank = lib.MEMORY_PARAMS + bench.c.store.bank.current * lib.MEMORY_PARAMS_BANK
-    bench.memory.cells[bank + 30] ^= 1
+    content = bench.c.store.bank.content[lib.BANK_CURRENT]
+    bench.memory.cells[content + 30] ^= 1
     after = Bench(bench.memory)
     assert (lib.EVENT_PARAMS_LOST, lib.CAUSE_WORN, 0) in after.events()
     assert after.of("hello")[0].fields["params_digest"] == 0

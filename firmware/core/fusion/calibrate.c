@@ -2,8 +2,6 @@
 // Sample to measurement; see calibrate.h for units and bounds.
 #include "core/fusion/calibrate.h"
 
-#include <string.h>
-
 enum {
     ONE = 16384,      // 1 as q2_14
     ROW_MAX = 27852,  // 1.7 as q2_14
@@ -19,9 +17,9 @@ static void sensor_clear(struct calibration_of_sensor *sensor) {
 }
 
 void calibration_clear(struct calibration *calibration) {
-    sensor_clear(&calibration->acc);
-    sensor_clear(&calibration->gyr);
-    sensor_clear(&calibration->mag);
+    for (uint8_t i = 0; i < 3; ++i) {
+        sensor_clear(&calibration->sensors[i]);
+    }
 }
 
 bool calibration_of_sensor_is_valid(const struct calibration_of_sensor *sensor) {
@@ -42,19 +40,6 @@ bool calibration_is_valid(const struct calibration *calibration) {
     return calibration_of_sensor_is_valid(&calibration->acc) &&
            calibration_of_sensor_is_valid(&calibration->gyr) &&
            calibration_of_sensor_is_valid(&calibration->mag);
-}
-
-static bool sensor_is_same(const struct calibration_of_sensor *one,
-                           const struct calibration_of_sensor *other) {
-    return memcmp(one->bias, other->bias, sizeof one->bias) == 0 &&
-           memcmp(one->matrix, other->matrix, sizeof one->matrix) == 0;
-}
-
-bool calibration_is_same(const struct calibration *one,
-                         const struct calibration *other) {
-    return sensor_is_same(&one->acc, &other->acc) &&
-           sensor_is_same(&one->gyr, &other->gyr) &&
-           sensor_is_same(&one->mag, &other->mag);
 }
 
 // Half of nano * 1e-9 * 2^bits, as q2_30: nano * 2^30 / 1e9 * 2^(bits - 1), with

@@ -15,7 +15,12 @@ struct calibration_of_sensor {
 };
 
 struct calibration {
-    struct calibration_of_sensor acc, gyr, mag;
+    union {
+        struct {
+            struct calibration_of_sensor acc, gyr, mag;
+        };
+        struct calibration_of_sensor sensors[3];  // the same, to be counted
+    };
 };
 
 // Counts as they are: no bias, matrices of one. A function, since a constant would take
@@ -25,9 +30,6 @@ void calibration_clear(struct calibration *calibration);
 // True where the bounds above hold.
 bool calibration_of_sensor_is_valid(const struct calibration_of_sensor *sensor);
 bool calibration_is_valid(const struct calibration *calibration);
-
-bool calibration_is_same(const struct calibration *one,
-                         const struct calibration *other);
 
 // One sample in physical units, body frame.
 struct measurement {

@@ -11,6 +11,7 @@
 _Static_assert(offsetof(struct calibration_of_sensor, matrix) ==
                    offsetof(struct record_acc, matrix),
                "bias and matrix begin a record");
+_Static_assert(PARAMS_ACC == 1 && PARAMS_GYR == 2 && PARAMS_MAG == 3, "as sensors[]");
 enum {
     VALUES_SIZE = offsetof(struct record_acc, sigma),
     TAGS_MAX = 8,  // of the records that are known, and of those that may not be double
@@ -21,72 +22,44 @@ void params_clear(struct params *out) {
     calibration_clear(&out->calibration);
 }
 
-static void copy(const struct params_source *source, uint16_t at, uint8_t length,
-                 void *out) {
-    for (uint8_t i = 0; i < length; ++i) {
-        ((uint8_t *)out)[i] = source->read(source->context, (uint16_t)(at + i));
-    }
-}
-
-// Takes the record of `length` bytes at `at` into `out`.
-static enum params_fault take(const struct params_source *source, uint8_t tag,
-                              uint16_t at, uint8_t length, struct params *out) {
-    if (tag == PARAMS_OPTIONS) {
-        if (length < PARAMS_OPTIONS_SIZE) {
-            return PARAMS_WRONG_LENGTH;
-        }
-        copy(source, at, PARAMS_OPTIONS_SIZE, &out->button_does);
-        return out->button_does <= BUTTON_DOES_TELL && out->reference <= REFERENCE_FULL
-                   ? PARAMS_FINE
-                   : PARAMS_OUT_OF_RANGE;
-    }
-    struct calibration_of_sensor *sensor = &out->calibration.acc;
-    switch (tag) {
-    case PARAMS_ACC:
-        break;
-    case PARAMS_GYR:
-        sensor = &out->calibration.gyr;
-        break;
-    case PARAMS_MAG:
-        sensor = &out->calibration.mag;
-        break;
-    default:
-        return PARAMS_FINE;
-    }
-    if (length < VALUES_SIZE) {
-        return PARAMS_WRONG_LENGTH;
-    }
-    copy(source, at, VALUES_SIZE, sensor);
-    return calibration_of_sensor_is_valid(sensor) ? PARAMS_FINE : PARAMS_OUT_OF_RANGE;
-}
-
-enum params_fault params_read(const struct params_source *source, struct params *out,
-                              uint8_t *tag) {
-    struct params read;
-    params_clear(&read);
+enum params_fault params_read(const struct memory *memory, uint16_t offset,
+                              uint16_t length, struct params *out, uint8_t *tag) {
     bool is_seen[TAGS_MAX] = {false};
-    uint16_t at = 0;
-    while (at < source->length) {
-        const uint16_t left = (uint16_t)(source->length - at);
-        *tag = source->read(source->context, at);
-        const uint8_t length =
-            left > 1 ? source->read(source->context, (uint16_t)(at + 1)) : 0;
-        if (left < 2 || length > left - 2) {
+    const uint16_t end = (uint16_t)(offset + length);
+    params_clear(out);
+    while (offset < end) {
+        uint8_t head[2] = {0, 0};  // tag, length
+        memory_copy(memory, offset, head, end - offset < 2 ? 1 : 2);
+        offset = (uint16_t)(offset + 2);
+        *tag = head[0];
+        if (offset + head[1] > end) {
             return PARAMS_WRONG_LENGTH;
         }
-        if (*tag < TAGS_MAX) {
-            if (is_seen[*tag]) {
+        if (head[0] < TAGS_MAX) {
+            if (is_seen[head[0]]) {
                 return PARAMS_DOUBLED;
             }
-            is_seen[*tag] = true;
+            is_seen[head[0]] = true;
         }
-        const enum params_fault fault =
-            take(source, *tag, (uint16_t)(at + 2), length, &read);
-        if (fault != PARAMS_FINE) {
-            return fault;
+        struct calibration_of_sensor *sensor = NULL;
+        uint8_t *to = &out->button_does;
+        uint8_t size = 0;
+        if (head[0] == PARAMS_OPTIONS) {
+            size = PARAMS_OPTIONS_SIZE;
+        } else if (head[0] >= PARAMS_ACC && head[0] <= PARAMS_MAG) {
+            sensor = &out->calibration.sensors[head[0] - PARAMS_ACC];
+            to = (uint8_t *)sensor;
+            size = VALUES_SIZE;
         }
-        at = (uint16_t)(at + 2 + length);
+        if (head[1] < size) {
+            return PARAMS_WRONG_LENGTH;
+        }
+        memory_copy(memory, offset, to, size);
+        if ((sensor != NULL && !calibration_of_sensor_is_valid(sensor)) ||
+            out->button_does > BUTTON_DOES_TELL || out->reference > REFERENCE_FULL) {
+            return PARAMS_OUT_OF_RANGE;
+        }
+        offset = (uint16_t)(offset + head[1]);
     }
-    *out = read;
     return PARAMS_FINE;
 }

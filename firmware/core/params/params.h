@@ -6,18 +6,12 @@
 
 #include "core/fusion/calibrate.h"
 #include "core/params/records.h"
+#include "core/storage/memory.h"
 
 struct params {
     struct calibration calibration;
     uint8_t button_does;  // enum button_does
     uint8_t reference;    // enum reference
-};
-
-// Where records come from, byte by byte.
-struct params_source {
-    uint8_t (*read)(const void *context, uint16_t at);
-    const void *context;
-    uint16_t length;
 };
 
 enum params_fault {
@@ -30,10 +24,12 @@ enum params_fault {
 // No records: identity calibration and the defaults.
 void params_clear(struct params *out);
 
-// Reads a list of records. Those that it does not know, and parts behind those that it
-// knows, it passes over. Writes to `out` only where all of them are fine; otherwise
-// `tag` is that of the first record that is not.
-enum params_fault params_read(const struct params_source *source, struct params *out,
+// Reads the list of records of `length` bytes that begins at `offset` of a memory.
+// Those that it does not know, and parts behind those that it knows, it passes over.
+// Where not all of them are fine, `tag` is that of the first record that is not, and
+// `out` is not to be used.
+enum params_fault params_read(const struct memory *memory, uint16_t offset,
+                              uint16_t length, struct params *out,
                               uint8_t *tag) MUST_CHECK;
 
 #endif

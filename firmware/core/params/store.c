@@ -4,34 +4,19 @@
 
 #include <string.h>
 
-enum phase { IDLE, CHECKING, BLANKING, COMMITTING };
+enum phase { IDLE, STAGING, CHECKING, BLANKING, COMMITTING };
 
-// A side of the store's banks as a source of records.
-struct side {
-    const struct bank *bank;
-    enum bank_side side;
-};
-
-static uint8_t read_side(const void *context, uint16_t at) {
-    const struct side *side = context;
-    return bank_read(side->bank, side->side, at);
-}
-
-static enum params_fault read_params(const struct params_store *store,
-                                     enum bank_side side, uint16_t length,
-                                     struct params *out, uint8_t *tag) {
-    const struct side context = {&store->bank, side};
-    const struct params_source source = {read_side, &context, length};
-    return params_read(&source, out, tag);
+static enum params_fault read_side(struct params_store *store, enum bank_side side,
+                                   uint16_t length, struct params *out) {
+    return params_read(store->bank.writer.memory, store->bank.content[side], length,
+                       out, &store->tag);
 }
 
 bool params_store_open(struct params_store *store, const struct memory *memory,
                        struct params *out) {
-    uint8_t tag;
     memset(store, 0, sizeof *store);
     bool is_whole = bank_open(&store->bank, memory, MEMORY_PARAMS, MEMORY_PARAMS_BANK);
-    if (read_params(store, BANK_CURRENT, store->bank.length, out, &tag) !=
-        PARAMS_FINE) {
+    if (!params_store_load(store, out)) {
         params_clear(out);
         store->bank.length = 0;
         store->bank.digest = 0;
@@ -40,68 +25,65 @@ bool params_store_open(struct params_store *store, const struct memory *memory,
     return is_whole;
 }
 
+bool params_store_load(struct params_store *store, struct params *out) {
+    return read_side(store, BANK_CURRENT, store->bank.length, out) == PARAMS_FINE;
+}
+
 enum result params_store_write(struct params_store *store, int32_t at, int32_t word) {
-    if (at < 0 || at > PARAMS_ROOM - PARAMS_WORD || at % PARAMS_WORD != 0) {
+    // Negative numbers are too large here.
+    if ((uint32_t)at > PARAMS_ROOM - PARAMS_WORD || at % PARAMS_WORD != 0) {
         return RESULT_BAD_ARGUMENT;
     }
-    if (store->is_staging || store->phase != IDLE) {
+    if (store->phase != IDLE) {
         return RESULT_BUSY;
     }
-    if (store->result == RESULT_FAILED) {
-        store->result = RESULT_OK;
+    const uint8_t result = store->result;
+    store->result = RESULT_OK;
+    if (result == RESULT_FAILED) {
         return RESULT_FAILED;
     }
-    store->is_staging = true;
-    store->result = RESULT_OK;
+    store->phase = STAGING;
     store->at = (uint16_t)at;
     memcpy(store->staged, &word, sizeof store->staged);
     return RESULT_OK;
 }
 
-enum result params_store_apply(struct params_store *store, int32_t length,
-                               int32_t digest, int32_t refusal[2]) {
-    if (length < 0 || length > PARAMS_ROOM) {
+enum result params_store_apply(struct params_store *store, int32_t value[2]) {
+    const uint32_t digest = (uint32_t)value[1];
+    const uint16_t length = (uint16_t)value[0];
+    if ((uint32_t)value[0] > PARAMS_ROOM) {
         return RESULT_BAD_ARGUMENT;
     }
-    if (store->is_staging || store->phase != IDLE) {
+    if (store->phase != IDLE) {
         return RESULT_BUSY;
     }
-    const bool is_same = length == store->length && (uint32_t)digest == store->digest;
-    if (is_same && store->result != RESULT_OK) {
-        const enum result result = (enum result)store->result;
+    const uint8_t result = store->result;
+    store->result = RESULT_OK;
+    if (result != RESULT_OK && length == store->length && digest == store->digest) {
         if (result == RESULT_REFUSED) {
-            refusal[0] = store->tag;
-            refusal[1] = store->fault;
+            value[0] = store->tag;
+            value[1] = store->fault;
         }
-        store->result = RESULT_OK;
-        return result;
+        return (enum result)result;
     }
-    if (length == store->bank.length && (uint32_t)digest == store->bank.digest) {
+    if (length == store->bank.length && digest == store->bank.digest) {
         return RESULT_OK;
     }
     store->phase = CHECKING;
     store->at = 0;
     store->crc = 0;
-    store->length = (uint16_t)length;
-    store->digest = (uint32_t)digest;
+    store->length = length;
+    store->digest = digest;
     return RESULT_BUSY;
 }
 
-static void end(struct params_store *store, enum result result) {
-    store->phase = IDLE;
-    store->is_staging = false;
-    store->result = (uint8_t)result;
-}
-
 // Writes the next byte of what is staged.
-static void stage(struct params_store *store) {
+static enum memory_result stage(struct params_store *store) {
     enum memory_result result = bank_blank(&store->bank);
     for (uint8_t i = 0; i < PARAMS_WORD && result == MEMORY_OK; ++i) {
         result = bank_put(&store->bank, (uint16_t)(store->at + i), store->staged[i]);
     }
-    if (result != MEMORY_BUSY) {
-        end(store, result == MEMORY_OK ? RESULT_OK : RESULT_FAILED);
-    }
+    return result;
 }
 
 // Adds the part that is to be told to the digest; behind the last one, sees whether the
@@ -117,57 +99,57 @@ static void check(struct params_store *store) {
         return;
     }
     struct params unused;
+    store->phase = IDLE;
     if (store->crc != store->digest) {
-        end(store, RESULT_DAMAGED);
+        store->result = RESULT_DAMAGED;
         return;
     }
-    store->fault =
-        (uint8_t)read_params(store, BANK_SPARE, store->length, &unused, &store->tag);
+    store->fault = (uint8_t)read_side(store, BANK_SPARE, store->length, &unused);
     if (store->fault != PARAMS_FINE) {
-        end(store, RESULT_REFUSED);
+        store->result = RESULT_REFUSED;
         return;
     }
     store->phase = BLANKING;
 }
 
-enum params_step params_store_step(struct params_store *store, struct params *params) {
-    if (store->is_staging) {
-        stage(store);
-        return PARAMS_WORKS;
-    }
-    enum memory_result result = MEMORY_OK;
+enum params_step params_store_step(struct params_store *store) {
+    enum memory_result result;
+    enum params_step done = PARAMS_WORKS;
+    uint8_t next = IDLE;
     switch (store->phase) {
+    case IDLE:
+        return PARAMS_IDLE;
+    case STAGING:
+        result = stage(store);
+        break;
     case CHECKING:
         check(store);
         return PARAMS_TELLS;
     case BLANKING:
         result = bank_blank(&store->bank);
-        if (result == MEMORY_OK) {
-            store->phase = COMMITTING;
-            result = MEMORY_BUSY;
-        }
-        break;
-    case COMMITTING:
-        result = bank_commit(&store->bank, store->length, store->digest);
+        next = COMMITTING;
         break;
     default:
-        return PARAMS_IDLE;
+        result = bank_commit(&store->bank, store->length, store->digest);
+        done = PARAMS_CHANGED;
+        break;
     }
     if (result == MEMORY_BUSY) {
         return PARAMS_WORKS;
     }
-    end(store, result == MEMORY_OK ? RESULT_OK : RESULT_FAILED);
-    // What was checked can be read again.
-    return result == MEMORY_OK && read_params(store, BANK_CURRENT, store->bank.length,
-                                              params, &store->tag) == PARAMS_FINE
-               ? PARAMS_CHANGED
-               : PARAMS_WORKS;
+    store->phase = next;
+    if (result == MEMORY_FAILED) {
+        store->phase = IDLE;
+        store->result = RESULT_FAILED;
+        return PARAMS_WORKS;
+    }
+    return done;
 }
 
 void params_store_part(const struct params_store *store, enum bank_side side,
                        uint16_t length, uint16_t at, uint8_t out[PARAMS_PART]) {
-    for (uint8_t i = 0; i < PARAMS_PART; ++i) {
-        out[i] = at < length ? bank_read(&store->bank, side, at) : 0;
-        ++at;
-    }
+    const uint16_t left = (uint16_t)(length - at);
+    memset(out, 0, PARAMS_PART);
+    memory_copy(store->bank.writer.memory, (uint16_t)(store->bank.content[side] + at),
+                out, (uint8_t)(left < PARAMS_PART ? left : PARAMS_PART));
 }

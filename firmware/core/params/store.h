@@ -19,20 +19,19 @@ struct params_store {
     uint8_t phase;
     uint8_t result;      // enum result of the last change
     uint8_t tag, fault;  // of the record that was refused
-    bool is_staging;     // `staged` is on its way into memory
     uint16_t at;         // of the next part to be checked, or of `staged`
     uint16_t told;       // of the part to be told
+    uint16_t length;     // of the records that were asked for
+    uint32_t digest;     // theirs
+    uint32_t crc;        // of what was checked
     uint8_t staged[PARAMS_WORD];
-    uint16_t length;  // of the records that were asked for
-    uint32_t digest;  // theirs
-    uint32_t crc;     // of what was checked
 };
 
 enum params_step {
     PARAMS_IDLE,
     PARAMS_WORKS,
     PARAMS_TELLS,    // tell the part at `told` of the spare bank, then step on
-    PARAMS_CHANGED,  // the params are others now
+    PARAMS_CHANGED,  // others are current now: load them
 };
 
 // Loads the params in force: those of the newer good bank, or none. Returns false where
@@ -45,16 +44,18 @@ bool params_store_open(struct params_store *store, const struct memory *memory,
 // RESULT_BUSY: not yet; RESULT_FAILED: the memory does not keep them.
 enum result params_store_write(struct params_store *store, int32_t at, int32_t word);
 
-// Asks for the staged records, with their length and digest, to be put in force.
-// RESULT_BUSY until it is known: ask again. RESULT_OK where they are in force.
-// RESULT_DAMAGED: their digest is another; RESULT_REFUSED: `refusal` has the tag of the
+// Asks for the staged records, with their length and digest in `value`, to be put in
+// force. RESULT_BUSY until it is known: ask again. RESULT_OK where they are in force.
+// RESULT_DAMAGED: their digest is another; RESULT_REFUSED: `value` has the tag of the
 // record, and enum params_fault. Nothing has changed then.
-enum result params_store_apply(struct params_store *store, int32_t length,
-                               int32_t digest, int32_t refusal[2]);
+enum result params_store_apply(struct params_store *store, int32_t value[2]);
 
-// One part of what is to be done; the memory must be ready. `params` change only with
-// PARAMS_CHANGED.
-enum params_step params_store_step(struct params_store *store, struct params *params);
+// One part of what is to be done; the memory must be ready.
+enum params_step params_store_step(struct params_store *store);
+
+// Reads the params that are current. False where there is a record among them that
+// cannot be used, which no change lets in: it was another firmware's.
+bool params_store_load(struct params_store *store, struct params *out);
 
 // Fills `out` with the bytes from `at` on of a bank with `length` bytes of records,
 // zeros behind them.

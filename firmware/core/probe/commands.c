@@ -55,10 +55,8 @@ static enum result restart(struct probe *probe, int32_t value[2], uint32_t now_u
     if (probe->identity == NULL) {
         return RESULT_NOT_READY;
     }
-    (void)pose_begin(&probe->tracker, &probe->params.calibration, probe->identity,
-                     wanted);
+    probe_restart(probe, wanted, now_us);
     value[0] = wanted;
-    probe_tell(probe, EVENT_RESTARTED, CAUSE_COMMAND, wanted, now_us);
     return RESULT_OK;
 }
 
@@ -93,7 +91,7 @@ static enum result carry_out(struct probe *probe, const struct message_command *
     case COMMAND_PARAMS_WRITE:
         return params_store_write(&probe->store, value[0], value[1]);
     case COMMAND_PARAMS_APPLY:
-        return params_store_apply(&probe->store, value[0], value[1], value);
+        return params_store_apply(&probe->store, value);
     case COMMAND_PARAMS_TELL:
         probe_params_tell_all(probe);
         return RESULT_OK;

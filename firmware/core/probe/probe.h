@@ -6,8 +6,8 @@
 
 #include "core/drivers/button.h"
 #include "core/fusion/pose.h"
+#include "core/math/in_flash.h"
 #include "core/params/store.h"
-#include "core/probe/in_flash.h"
 #include "core/probe/outlet.h"
 #include "core/storage/settings.h"
 #include "core/wire/frame.h"

@@ -38,28 +38,38 @@ static void tell_part(struct probe *probe, uint32_t now_us) {
     }
 }
 
-// The filter begins anew where it was fed by another calibration: what it has learned
-// is in the other one's units.
-static void change(struct probe *probe, const struct calibration *before,
-                   uint32_t now_us) {
-    const uint8_t filter = send_filter(probe);
+void probe_restart(struct probe *probe, int32_t filter, uint32_t now_us) {
+    (void)pose_begin(&probe->tracker, &probe->params.calibration, probe->identity,
+                     filter);
+    probe_tell(probe, EVENT_RESTARTED, CAUSE_COMMAND, filter, now_us);
+}
+
+static uint32_t digest_of(const struct calibration *calibration) {
+    uint32_t crc = 0;
+    for (uint8_t i = 0; i < sizeof *calibration; ++i) {
+        crc = crc32_add(crc, ((const uint8_t *)calibration)[i]);
+    }
+    return crc;
+}
+
+// Puts in force what is current now. The filter begins anew where it was fed by another
+// calibration: what it has learned is in the other one's units.
+static void change(struct probe *probe, uint32_t now_us) {
+    const uint32_t before = digest_of(&probe->params.calibration);
+    (void)params_store_load(&probe->store, &probe->params);
     probe_tell(probe, EVENT_PARAMS_CHANGED, CAUSE_COMMAND,
                (int32_t)probe->store.bank.digest, now_us);
-    if (probe->identity != NULL &&
-        !calibration_is_same(before, &probe->params.calibration)) {
-        (void)pose_begin(&probe->tracker, &probe->params.calibration, probe->identity,
-                         filter);
-        probe_tell(probe, EVENT_RESTARTED, CAUSE_COMMAND, filter, now_us);
+    if (probe->identity != NULL && before != digest_of(&probe->params.calibration)) {
+        probe_restart(probe, send_filter(probe), now_us);
     }
     send_hello(probe, TO_BOTH, now_us);
     probe->part_at = 0;
 }
 
 void probe_params_step(struct probe *probe, uint32_t now_us) {
-    const struct calibration before = probe->params.calibration;
-    switch (params_store_step(&probe->store, &probe->params)) {
+    switch (params_store_step(&probe->store)) {
     case PARAMS_CHANGED:
-        change(probe, &before, now_us);
+        change(probe, now_us);
         break;
     case PARAMS_TELLS:
         send_params(probe, BANK_SPARE, probe->store.told, now_us);

@@ -13,6 +13,10 @@ void probe_params_load(struct probe *probe, uint32_t now_us);
 void probe_params_tell_all(struct probe *probe);
 void probe_params_tell_one(struct probe *probe);
 
+// Begins calibration at rest, filter and origin anew, with a filter that this build
+// has, and tells it. There must be a sensor.
+void probe_restart(struct probe *probe, int32_t filter, uint32_t now_us);
+
 // Tells, writes or checks a little, where there is anything of the kind to do. The
 // memory must be ready.
 void probe_params_step(struct probe *probe, uint32_t now_us);

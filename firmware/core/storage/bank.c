@@ -4,28 +4,7 @@
 
 #include <string.h>
 
-enum {
-    AT_MARK = 0,
-    AT_SEQUENCE = 1,
-    MARK_XOR = 0xB2,  // no byte is its own mark
-};
-
-// The mark that goes with a sequence number, so that neither can be spoilt alone.
-static uint8_t mark_of(uint8_t sequence) {
-    return sequence ^ MARK_XOR;
-}
-
-static uint16_t place_of(const struct bank *bank, uint8_t index, uint16_t at) {
-    return (uint16_t)(bank->first + (index != 0 ? bank->size : 0) + at);
-}
-
-static uint8_t read_at(const struct bank *bank, uint8_t index, uint16_t at) {
-    return memory_read(bank->writer.memory, place_of(bank, index, at));
-}
-
-uint8_t bank_read(const struct bank *bank, enum bank_side side, uint16_t at) {
-    return read_at(bank, (uint8_t)(bank->current ^ side), (uint16_t)(at + BANK_HEADER));
-}
+enum { MARK_XOR = 0xB2 };  // no byte is its own mark
 
 struct header {
     uint8_t mark, sequence;
@@ -34,67 +13,65 @@ struct header {
 };
 _Static_assert(sizeof(struct header) == BANK_HEADER, "as it lies in memory");
 
-static bool is_good(const struct bank *bank, uint8_t index,
-                    const struct header *header) {
-    if (header->length > bank->size - BANK_HEADER) {
-        return false;
-    }
-    uint32_t crc = 0;
-    for (uint16_t at = 0; at < header->length; ++at) {
-        crc = crc32_add(crc, read_at(bank, index, (uint16_t)(at + BANK_HEADER)));
-    }
-    return crc == header->digest;
+// The mark that goes with a sequence number, so that neither can be spoilt alone.
+static uint8_t mark_of(uint8_t sequence) {
+    return sequence ^ MARK_XOR;
+}
+
+uint8_t bank_read(const struct bank *bank, enum bank_side side, uint16_t at) {
+    return memory_read(bank->writer.memory, (uint16_t)(bank->content[side] + at));
 }
 
 bool bank_open(struct bank *bank, const struct memory *memory, uint16_t first,
                uint16_t size) {
     memset(bank, 0, sizeof *bank);
     bank->writer.memory = memory;
-    bank->first = first;
-    bank->size = size;
+    uint16_t content = (uint16_t)(first + BANK_HEADER);
+    bank->content[BANK_CURRENT] = content;
     bool is_whole = true;
     bool has_one = false;
-    for (uint8_t index = 0; index < 2; ++index) {
+    for (uint8_t turn = 0; turn < 2; ++turn) {
         uint8_t bytes[BANK_HEADER];
         struct header header;
-        for (uint8_t i = 0; i < BANK_HEADER; ++i) {
-            bytes[i] = read_at(bank, index, i);
-        }
+        memory_copy(memory, (uint16_t)(content - BANK_HEADER), bytes, sizeof bytes);
         memcpy(&header, bytes, sizeof header);
-        if (header.mark != mark_of(header.sequence)) {
-            continue;
+        if (header.mark == mark_of(header.sequence)) {
+            uint32_t crc = 0;
+            const bool fits = header.length <= size - BANK_HEADER;
+            for (uint16_t at = 0; fits && at < header.length; ++at) {
+                crc = crc32_add(crc, memory_read(memory, (uint16_t)(content + at)));
+            }
+            if (!fits || crc != header.digest) {
+                is_whole = false;
+            } else if (!has_one || (uint8_t)(header.sequence - bank->sequence) == 1) {
+                // Written in turn: the newer is one ahead, modulo 256.
+                has_one = true;
+                bank->content[BANK_CURRENT] = content;
+                bank->sequence = header.sequence;
+                bank->length = header.length;
+                bank->digest = header.digest;
+            }
         }
-        if (!is_good(bank, index, &header)) {
-            is_whole = false;
-            continue;
-        }
-        // Written in turn: the newer is one ahead, modulo 256.
-        if (!has_one || (uint8_t)(header.sequence - bank->sequence) == 1) {
-            has_one = true;
-            bank->current = index;
-            bank->sequence = header.sequence;
-            bank->length = header.length;
-            bank->digest = header.digest;
-        }
+        content = (uint16_t)(content + size);
     }
+    // Whichever of the two the other one is.
+    bank->content[BANK_SPARE] =
+        (uint16_t)(2 * (first + BANK_HEADER) + size - bank->content[BANK_CURRENT]);
     return is_whole;
 }
 
-static enum memory_result write_at(struct bank *bank, uint16_t at, uint8_t value) {
-    return memory_put(&bank->writer, place_of(bank, bank->current ^ 1, at), value);
+enum memory_result bank_put(struct bank *bank, uint16_t at, uint8_t value) {
+    return memory_put(&bank->writer, (uint16_t)(bank->content[BANK_SPARE] + at), value);
 }
 
 enum memory_result bank_blank(struct bank *bank) {
-    const uint8_t spare = bank->current ^ 1;
-    const uint8_t mark = mark_of(read_at(bank, spare, AT_SEQUENCE));
+    const uint16_t place = (uint16_t)(bank->content[BANK_SPARE] - BANK_HEADER);
+    uint8_t bytes[2];
+    memory_copy(bank->writer.memory, place, bytes, sizeof bytes);
+    const uint8_t mark = mark_of(bytes[1]);
     // What else it may hold is no mark, and so as good as blank.
-    return read_at(bank, spare, AT_MARK) == mark
-               ? write_at(bank, AT_MARK, (uint8_t)~mark)
-               : MEMORY_OK;
-}
-
-enum memory_result bank_put(struct bank *bank, uint16_t at, uint8_t value) {
-    return write_at(bank, (uint16_t)(at + BANK_HEADER), value);
+    return bytes[0] == mark ? memory_put(&bank->writer, place, (uint8_t)~mark)
+                            : MEMORY_OK;
 }
 
 enum memory_result bank_commit(struct bank *bank, uint16_t length, uint32_t digest) {
@@ -102,15 +79,18 @@ enum memory_result bank_commit(struct bank *bank, uint16_t length, uint32_t dige
     const struct header header = {mark_of(sequence), sequence, length, digest};
     uint8_t bytes[BANK_HEADER];
     memcpy(bytes, &header, sizeof bytes);
+    const uint16_t spare = bank->content[BANK_SPARE];
     // The mark last.
     for (uint8_t i = BANK_HEADER; i-- > 0;) {
-        const enum memory_result result = write_at(bank, i, bytes[i]);
+        const enum memory_result result =
+            memory_put(&bank->writer, (uint16_t)(spare - BANK_HEADER + i), bytes[i]);
         if (result != MEMORY_OK) {
             return result;
         }
     }
-    bank->current ^= 1;
-    ++bank->sequence;
+    bank->content[BANK_SPARE] = bank->content[BANK_CURRENT];
+    bank->content[BANK_CURRENT] = spare;
+    bank->sequence = sequence;
     bank->length = length;
     bank->digest = digest;
     return MEMORY_OK;

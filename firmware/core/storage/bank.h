@@ -14,24 +14,23 @@
 
 enum { BANK_HEADER = 8 };  // bytes of a bank before its content
 
+enum bank_side { BANK_CURRENT = 0, BANK_SPARE = 1 };
+
 struct bank {
     struct memory_writer writer;
-    uint16_t first;    // offset in memory of the first of the two
-    uint16_t size;     // of each, with its header
-    uint8_t current;   // the good and newer one: 0 or 1
-    uint8_t sequence;  // of the current bank
-    uint16_t length;   // of its content; 0 where neither is good
-    uint32_t digest;   // of its content
+    uint16_t content[2];  // offset in memory of each side's, by enum bank_side
+    uint8_t sequence;     // of the current bank
+    uint16_t length;      // of its content; 0 where neither is good
+    uint32_t digest;      // of its content
 };
-
-enum bank_side { BANK_CURRENT = 0, BANK_SPARE = 1 };
 
 // Finds the newer good bank. Returns false where a bank with a mark is not what its CRC
 // says: what was in it is lost, and the other one counts, if it is good. The memory
-// must be ready.
+// must be ready. `first`: offset of the first bank; `size`: of each.
 bool bank_open(struct bank *bank, const struct memory *memory, uint16_t first,
                uint16_t size);
 
+// A byte of a side's content.
 uint8_t bank_read(const struct bank *bank, enum bank_side side, uint16_t at);
 
 // Each of these starts to write one byte at most, for which the memory must be ready,

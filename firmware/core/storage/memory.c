@@ -8,6 +8,14 @@ uint8_t memory_read(const struct memory *memory, uint16_t offset) {
     return memory->read(memory->port, offset);
 }
 
+void memory_copy(const struct memory *memory, uint16_t offset, void *out,
+                 uint8_t length) {
+    uint8_t *to = out;
+    for (; length > 0; --length) {
+        *to++ = memory_read(memory, offset++);
+    }
+}
+
 enum memory_result memory_put(struct memory_writer *writer, uint16_t offset,
                               uint8_t value) {
     const struct memory *memory = writer->memory;

@@ -50,5 +50,7 @@ enum memory_result memory_put(struct memory_writer *writer, uint16_t offset,
                               uint8_t value) MUST_CHECK;
 
 uint8_t memory_read(const struct memory *memory, uint16_t offset);
+void memory_copy(const struct memory *memory, uint16_t offset, void *out,
+                 uint8_t length);
 
 #endif

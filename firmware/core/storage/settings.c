@@ -6,46 +6,32 @@
 #include <string.h>
 
 #include "core/fusion/calibrate.h"
+#include "core/math/in_flash.h"
 #include "core/wire/frame.h"
 #include "core/wire/messages.h"
 
 enum {
     ID_SIZE = 8,
     IDENTITY_SIZE = ID_SIZE + 2,  // and its CRC-16
-    IDENTITY_COPIES = 2,
+    IDENTITY_END = 2 * IDENTITY_SIZE,
     CRC_SEED = 0xFFFF,
 
-    POSE_RATE_HZ = 100,
-    RAW_RATE_HZ = 200,
+    RECORDS_AT = offsetof(struct settings, boots),
+    RECORDS_SIZE = offsetof(struct settings, streams) + 1 - RECORDS_AT,
 };
 
 enum phase { IDLE, IDENTITY, COMPARING, BLANKING, FILLING, COMMITTING };
 
-// The records, in the order in which they are written: tag, length, then as they lie in
-// struct settings from the boot count on.
-enum { TAG_BOOTS = 1, TAG_RATES = 2, TAG_STREAMS = 3, TAGS = 3 };
-enum {
-    BOOTS_AT = offsetof(struct settings, boot_count),
-    RATES_AT = offsetof(struct settings, pose_rate_hz),
-    STREAMS_AT = offsetof(struct settings, streams),
-    // With the tag and the length of each.
-    CONTENT_SIZE = 2 * TAGS + STREAMS_AT + 1 - BOOTS_AT,
-};
-
-// Where a record lies in struct settings, and its bytes.
-static uint8_t place_of(uint8_t tag) {
-    return tag == TAG_BOOTS ? BOOTS_AT : tag == TAG_RATES ? RATES_AT : STREAMS_AT;
-}
-
-static uint8_t size_of(uint8_t tag) {
-    return tag == TAG_BOOTS ? 2 : tag == TAG_RATES ? 4 : 1;
-}
-
 void settings_defaults(struct settings *out) {
-    memset(out, 0, sizeof *out);
-    out->pose_rate_hz = POSE_RATE_HZ;
-    out->raw_rate_hz = RAW_RATE_HZ;
-    out->streams = STREAM_POSE;
+    static const IN_FLASH struct settings defaults = {
+        .boots = {1, sizeof out->boot_count},
+        .rates = {2, sizeof out->pose_rate_hz + sizeof out->raw_rate_hz},
+        .pose_rate_hz = 100,
+        .raw_rate_hz = 200,
+        .stream = {3, sizeof out->streams},
+        .streams = STREAM_POSE,
+    };
+    *out = defaults;
 }
 
 static bool rate_is_valid(uint16_t rate_hz) {
@@ -58,97 +44,97 @@ static bool are_valid(const struct settings *settings) {
            settings->streams <= (STREAM_POSE | STREAM_RAW);
 }
 
-static void read_bytes(const struct memory *memory, uint16_t offset, void *out,
-                       uint8_t length) {
-    for (uint8_t i = 0; i < length; ++i) {
-        ((uint8_t *)out)[i] = memory_read(memory, (uint16_t)(offset + i));
+// Where our record with that tag has its length, then its values; NULL: it is none of
+// ours.
+static uint8_t *find(struct settings *settings, uint8_t tag) {
+    uint8_t *const records = (uint8_t *)settings + RECORDS_AT;
+    for (uint8_t at = 0; at < RECORDS_SIZE;) {
+        if (records[at] == tag) {
+            return &records[at + 1];
+        }
+        at = (uint8_t)(at + 2 + records[at + 1]);
     }
+    return NULL;
 }
 
 // The first firmware's settings: two slots from 0 on, each a version, the length, a
-// sequence number, the settings with a calibration that nothing set, a CRC-16.
-struct first_form {
-    struct settings settings;
-    struct calibration calibration;
+// sequence number, these values and a CRC-16. The version was blanked before anything
+// else of a slot was written, and written back last, so that it says enough.
+struct first_values {
+    uint8_t probe_id[ID_SIZE];
+    uint16_t boot_count, pose_rate_hz, raw_rate_hz;
+    uint8_t streams;
+    struct calibration calibration;  // which nothing set
 };
 enum {
     FIRST_VERSION = 1,
     FIRST_HEADER = 3,
-    FIRST_SIZE = sizeof(struct first_form),
-    FIRST_SLOT = FIRST_HEADER + FIRST_SIZE + 2,
+    FIRST_SLOT = FIRST_HEADER + sizeof(struct first_values) + 2,
 };
 _Static_assert(2 * FIRST_SLOT <= (int)MEMORY_IDENTITY, "nothing lies over it");
 
-static bool read_first_slot(const struct memory *memory, uint16_t base,
-                            struct settings *out) {
-    uint8_t header[FIRST_HEADER];
-    read_bytes(memory, base, header, sizeof header);
-    uint16_t crc = frame_crc(CRC_SEED, header, sizeof header);
-    for (uint8_t at = FIRST_HEADER; at < FIRST_SLOT; ++at) {
-        const uint8_t byte = memory_read(memory, (uint16_t)(base + at));
-        // The CRC was written with its low byte first.
-        if (at < FIRST_SLOT - 2) {
-            crc = frame_crc(crc, &byte, 1);
-        } else if (byte != (uint8_t)(at == FIRST_SLOT - 2 ? crc : crc >> 8)) {
-            return false;
+// Takes over the newer slot, which is one ahead of the other, modulo 256.
+static bool read_first_form(const struct memory *memory, struct settings *out) {
+    struct {
+        uint8_t sequence;  // of the header, the last byte
+        struct first_values values;
+    } first;
+    bool has_one = false;
+    uint8_t sequence = 0;
+    for (uint8_t slot = 0; slot <= FIRST_SLOT; slot = (uint8_t)(slot + FIRST_SLOT)) {
+        memory_copy(memory, (uint16_t)(slot + 2), &first.sequence, 1);
+        memory_copy(memory, (uint16_t)(slot + FIRST_HEADER), &first.values,
+                    offsetof(struct first_values, calibration));
+        if (memory_read(memory, slot) == FIRST_VERSION &&
+            memory_read(memory, (uint16_t)(slot + 1)) == sizeof first.values &&
+            (!has_one || (uint8_t)(first.sequence - sequence) == 1)) {
+            has_one = true;
+            sequence = first.sequence;
+            memcpy(out->probe_id, first.values.probe_id, ID_SIZE);
+            out->boot_count = first.values.boot_count;
+            out->pose_rate_hz = first.values.pose_rate_hz;
+            out->raw_rate_hz = first.values.raw_rate_hz;
+            out->streams = first.values.streams;
         }
     }
-    read_bytes(memory, base + FIRST_HEADER, out, sizeof *out);
-    return header[0] == FIRST_VERSION && header[1] == FIRST_SIZE && are_valid(out);
+    return has_one;
 }
 
-static bool read_first_form(const struct memory *memory, struct settings *out) {
-    // The newer is one ahead of the other, modulo 256.
-    const uint8_t ahead = (uint8_t)(memory_read(memory, FIRST_SLOT + FIRST_HEADER - 1) -
-                                    memory_read(memory, FIRST_HEADER - 1));
-    const uint16_t newer = ahead == 1 ? FIRST_SLOT : 0;
-    return read_first_slot(memory, newer, out) ||
-           read_first_slot(memory, FIRST_SLOT - newer, out);
-}
-
-static bool read_identity(const struct memory *memory, uint8_t *id) {
-    for (uint8_t copy = 0; copy < IDENTITY_COPIES; ++copy) {
+static void read_identity(const struct memory *memory, uint8_t *id) {
+    uint16_t place = MEMORY_IDENTITY;
+    for (; place < MEMORY_IDENTITY + IDENTITY_END; place += IDENTITY_SIZE) {
         uint8_t bytes[IDENTITY_SIZE];
-        read_bytes(memory, (uint16_t)(MEMORY_IDENTITY + copy * IDENTITY_SIZE), bytes,
-                   sizeof bytes);
+        memory_copy(memory, place, bytes, sizeof bytes);
         // A CRC over what it has given itself, first byte first, is 0.
         if (frame_crc(CRC_SEED, bytes, sizeof bytes) == 0) {
             memcpy(id, bytes, ID_SIZE);
-            return true;
         }
     }
-    return false;
 }
 
 enum settings_result settings_load(const struct memory *memory, struct settings *out,
                                    struct settings_writer *writer) {
     memset(writer, 0, sizeof *writer);
     (void)bank_open(&writer->bank, memory, MEMORY_SETTINGS, MEMORY_SETTINGS_BANK);
-    const struct bank *bank = &writer->bank;
     settings_defaults(out);
-    bool has_any = bank->length > 0;
-    if (!has_any) {
-        has_any = read_first_form(memory, out);
-    }
-    for (uint16_t at = 0; at + 2 <= bank->length;) {
-        const uint8_t tag = bank_read(bank, BANK_CURRENT, at);
-        const uint8_t length = bank_read(bank, BANK_CURRENT, (uint16_t)(at + 1));
-        at = (uint16_t)(at + 2);
-        if (tag >= 1 && tag <= TAGS && length == size_of(tag)) {
-            for (uint8_t i = 0; i < length; ++i) {
-                ((uint8_t *)out)[place_of(tag) + i] =
-                    bank_read(bank, BANK_CURRENT, (uint16_t)(at + i));
-            }
+    const uint16_t content = writer->bank.content[BANK_CURRENT];
+    const uint8_t length = (uint8_t)writer->bank.length;
+    bool has_any = length > 0 || read_first_form(memory, out);
+    for (uint8_t at = 0; at < length;) {
+        uint8_t head[2];  // tag, length
+        memory_copy(memory, (uint16_t)(content + at), head, sizeof head);
+        uint8_t *ours = find(out, head[0]);
+        if (ours != NULL && ours[0] == head[1]) {
+            memory_copy(memory, (uint16_t)(content + at + 2), ours + 1, head[1]);
         }
-        at = (uint16_t)(at + length);
+        // A list that ends in a record ends the walk.
+        at = head[1] < MEMORY_SETTINGS_BANK ? (uint8_t)(at + 2 + head[1]) : length;
     }
-    if (!has_any || !are_valid(out)) {
-        const uint16_t boots = out->boot_count;
+    if (!are_valid(out)) {
         settings_defaults(out);
-        out->boot_count = has_any ? boots : 0;
         has_any = false;
     }
-    (void)read_identity(memory, out->probe_id);
+    read_identity(memory, out->probe_id);
     return has_any ? SETTINGS_OK : SETTINGS_NONE;
 }
 
@@ -172,116 +158,95 @@ static enum memory_result write_identity(struct settings_writer *writer,
                       bytes[writer->at % IDENTITY_SIZE]);
 }
 
-// A byte of the records that are ours.
-static uint8_t own_byte(const struct settings *settings, uint8_t at) {
-    for (uint8_t tag = 1;; ++tag) {
-        const uint8_t size = size_of(tag);
-        if (at < 2) {
-            return at == 0 ? tag : size;
-        }
-        if (at < 2 + size || tag == TAGS) {
-            return ((const uint8_t *)settings)[place_of(tag) + at - 2];
-        }
-        at = (uint8_t)(at - 2 - size);
+// Byte `at` of all that is to be saved: our records, then those of other firmware in
+// the current bank, as far as there is room. `is_over` behind them.
+static uint8_t wanted_byte(const struct settings_writer *writer,
+                           struct settings *settings, uint8_t at, bool *is_over) {
+    if (at < RECORDS_SIZE) {
+        return ((const uint8_t *)settings)[RECORDS_AT + at];
     }
-}
-
-// Byte `at` of the current bank's records of other firmware; `is_over` behind them and
-// where there is no room for more.
-static uint8_t foreign_byte(const struct bank *bank, uint8_t at, bool *is_over) {
-    const uint8_t room = MEMORY_SETTINGS_BANK - BANK_HEADER - CONTENT_SIZE;
-    for (uint16_t from = 0; from + 2 <= bank->length;) {
-        const uint8_t tag = bank_read(bank, BANK_CURRENT, from);
-        const uint8_t size =
-            (uint8_t)(2 + bank_read(bank, BANK_CURRENT, (uint16_t)(from + 1)));
-        if (at < room && (tag < 1 || tag > TAGS)) {
+    *is_over = at >= MEMORY_SETTINGS_BANK - BANK_HEADER;
+    at = (uint8_t)(at - RECORDS_SIZE);
+    const struct bank *bank = &writer->bank;
+    for (uint8_t from = 0; from < bank->length;) {
+        uint8_t head[2];  // tag, length
+        memory_copy(bank->writer.memory, (uint16_t)(bank->content[BANK_CURRENT] + from),
+                    head, sizeof head);
+        if (head[1] >= MEMORY_SETTINGS_BANK) {
+            break;
+        }
+        const uint8_t size = (uint8_t)(2 + head[1]);
+        if (find(settings, head[0]) == NULL) {
             if (at < size) {
                 return bank_read(bank, BANK_CURRENT, (uint16_t)(from + at));
             }
             at = (uint8_t)(at - size);
         }
-        from = (uint16_t)(from + size);
+        from = (uint8_t)(from + size);
     }
     *is_over = true;
     return 0;
 }
 
-// Byte `at` of all that is to be saved; `is_over` behind it.
-static uint8_t wanted_byte(const struct settings_writer *writer,
-                           const struct settings *settings, uint8_t at, bool *is_over) {
-    return at < CONTENT_SIZE
-               ? own_byte(settings, at)
-               : foreign_byte(&writer->bank, (uint8_t)(at - CONTENT_SIZE), is_over);
-}
-
 // Measures what is to be saved. True where it is in memory already.
-static bool is_saved(struct settings_writer *writer, const struct settings *settings) {
+static bool is_saved(struct settings_writer *writer, struct settings *settings) {
     bool is_over = false;
     writer->crc = 0;
-    for (writer->length = 0;; ++writer->length) {
+    writer->length = 0;
+    for (;;) {
         const uint8_t byte = wanted_byte(writer, settings, writer->length, &is_over);
         if (is_over) {
-            break;
+            return writer->length == writer->bank.length &&
+                   writer->crc == writer->bank.digest;
         }
         writer->crc = crc32_add(writer->crc, byte);
+        ++writer->length;
     }
-    return writer->length == writer->bank.length && writer->crc == writer->bank.digest;
-}
-
-// One byte, or one phase, of a save.
-static enum memory_result advance(struct settings_writer *writer,
-                                  const struct settings *settings) {
-    bool is_over = true;
-    enum memory_result result = MEMORY_OK;
-    switch (writer->phase) {
-    case IDENTITY:
-        result = write_identity(writer, settings);
-        is_over = writer->at == IDENTITY_COPIES * IDENTITY_SIZE - 1;
-        break;
-    case COMPARING:
-        if (is_saved(writer, settings)) {
-            writer->phase = IDLE;
-            return MEMORY_OK;
-        }
-        break;
-    case BLANKING:
-        result = bank_blank(&writer->bank);
-        break;
-    case FILLING:
-        result = bank_put(&writer->bank, writer->at,
-                          wanted_byte(writer, settings, writer->at, &is_over));
-        is_over = writer->at == writer->length - 1;
-        break;
-    default:
-        result = bank_commit(&writer->bank, writer->length, writer->crc);
-        break;
-    }
-    if (result != MEMORY_OK) {
-        return result;
-    }
-    if (!is_over) {
-        ++writer->at;
-        return result;
-    }
-    writer->at = 0;
-    ++writer->phase;
-    if (writer->phase > COMMITTING) {
-        writer->phase = writer->is_asked_again ? IDENTITY : IDLE;
-        writer->is_asked_again = false;
-    }
-    return result;
 }
 
 enum memory_result settings_step(struct settings_writer *writer,
-                                 const struct settings *settings) {
+                                 struct settings *settings) {
     // What is in memory already takes no time.
     while (writer->phase != IDLE) {
-        const enum memory_result result = advance(writer, settings);
-        if (result == MEMORY_FAILED) {
-            writer->phase = IDLE;
+        enum memory_result result = MEMORY_OK;
+        uint8_t last = 0;  // value of `at` that ends the phase
+        bool unused;
+        switch (writer->phase) {
+        case IDENTITY:
+            result = write_identity(writer, settings);
+            last = IDENTITY_END - 1;
+            break;
+        case COMPARING:
+            if (is_saved(writer, settings)) {
+                writer->phase = IDLE;
+                return MEMORY_OK;
+            }
+            break;
+        case BLANKING:
+            result = bank_blank(&writer->bank);
+            break;
+        case FILLING:
+            result = bank_put(&writer->bank, writer->at,
+                              wanted_byte(writer, settings, writer->at, &unused));
+            last = (uint8_t)(writer->length - 1);
+            break;
+        default:
+            result = bank_commit(&writer->bank, writer->length, writer->crc);
+            break;
         }
         if (result != MEMORY_OK) {
+            writer->phase = result == MEMORY_FAILED ? IDLE : writer->phase;
             return result;
+        }
+        if (writer->at != last) {
+            ++writer->at;
+            continue;
+        }
+        writer->at = 0;
+        ++writer->phase;
+        if (writer->phase > COMMITTING) {
+            writer->phase = writer->is_asked_again ? IDENTITY : IDLE;
+            writer->is_asked_again = false;
         }
     }
     return MEMORY_OK;

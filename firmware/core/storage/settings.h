@@ -7,11 +7,15 @@
 
 #include "core/storage/bank.h"
 
+// Behind the id the records as they lie in memory: each a tag, a length, its values.
 struct settings {
     uint8_t probe_id[8];  // all zeros: none was made yet
+    uint8_t boots[2];
     uint16_t boot_count;
+    uint8_t rates[2];
     uint16_t pose_rate_hz;  // 1 to SETTINGS_RATE_MAX_HZ
     uint16_t raw_rate_hz;
+    uint8_t stream[2];
     uint8_t streams;  // flags stream of the protocol
 };
 
@@ -50,6 +54,6 @@ void settings_save(struct settings_writer *writer);
 // saved, and MEMORY_FAILED once where the memory does not keep a byte; the save is then
 // over.
 enum memory_result settings_step(struct settings_writer *writer,
-                                 const struct settings *settings) MUST_CHECK;
+                                 struct settings *settings) MUST_CHECK;
 
 #endif
