@@ -32,7 +32,7 @@ FILES = {
     "logbook_file.c": "card",
     "logbook_write.c": "card",
     "mpu9250.c": "sensor",
-    "mpu9250_mag.c": "sensor",
+    "mpu9250_setup.c": "sensor",
     "lsm9ds0.c": "sensor",
     "calibrate.c": "calibrate",
     "pose.c": "pose",

@@ -170,10 +170,10 @@ class Scripted:
             made = b"".join(value.to_bytes(2, "big", signed=True) for value in values)
         elif reg == 0x75:
             made = b"\x71"
-        elif reg == 0x00:
-            made = bytes(self.codes[3:])
-        elif reg == 0x0D:
-            made = bytes(self.codes[:3])
+        elif reg in range(3):
+            made = bytes(self.codes[3 + reg :])
+        elif reg in range(0x0D, 0x10):
+            made = bytes(self.codes[reg - 0x0D :])
         elif reg == 0x36:
             made = bytes([0 if self.is_master_dead else self._transfer()])
         else:

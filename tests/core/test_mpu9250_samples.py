@@ -219,7 +219,8 @@ def test_clocks_that_differ_double_nothing_and_lose_little(ppm):
     bench = running(mag_rate_error_ppm=ppm)
     fields = []
     for turn in range(2000):
-        bench.hold(mag=(0, 0.5 * turn, 0))  # so that no two measurements are equal
+        # No two measurements are equal; more than the field that was held before.
+        bench.hold(mag=(0, 21 + 0.5 * turn, 0))
         sample = bench.sample()
         if sample.has_mag:
             fields.append(sample.mag.y)

@@ -73,7 +73,7 @@ def test_set_up_waits_as_long_as_the_documents_want():
     assert len(reads) == 400
     assert reads[0] - wakes >= 35  # the gyroscope's start-up
     # Each run of the self-test: 20 ms after its stimulus, 200 samples at 1 kHz.
-    changes = [t for t, *what in log if what == ["write", 25]]
+    changes = [t for t, *what in log if what == ["write", 28]]
     for run, changed in zip((reads[:200], reads[200:]), changes, strict=False):
         assert run[0] - changed >= 20
         assert all(0.9 < b - a < 1.2 for a, b in itertools.pairwise(run))

@@ -88,10 +88,10 @@ enum {
 
     // Of the self-test, DS table 3, as sums of TEST_SAMPLES: 150 to 1000 deg/s at 70
     // mdps; 60 to 1700 mg at 0.061 mg.
-    GYR_RESPONSE_MIN = INT32_C(2143) * TEST_SAMPLES,
-    GYR_RESPONSE_MAX = INT32_C(14286) * TEST_SAMPLES,
-    ACC_RESPONSE_MIN = INT32_C(984) * TEST_SAMPLES,
-    ACC_RESPONSE_MAX = INT32_C(27869) * TEST_SAMPLES,
+    GYR_RESPONSE_MIN = UINT32_C(2143) * TEST_SAMPLES,
+    GYR_RESPONSE_MAX = UINT32_C(14286) * TEST_SAMPLES,
+    ACC_RESPONSE_MIN = UINT32_C(984) * TEST_SAMPLES,
+    ACC_RESPONSE_MAX = UINT32_C(27869) * TEST_SAMPLES,
     // How far a rate may stray from the first of a run: 4 deg/s.
     MOVING = 57,
 };
@@ -102,7 +102,7 @@ enum step {
     START,
     TEST_BEGIN,
     TEST_OFF,
-    TEST_TURN,
+    TEST_STIMULATE,
     TEST_ON,
     TEST_END,
     RUN,
@@ -244,8 +244,11 @@ static enum sensor_result test_sample(struct lsm9ds0 *chip,
         return SENSOR_BUS_FAILED;
     }
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        self_test_add(&chip->test, axis, little_endian(acc + 1 + 2 * axis),
-                      little_endian(gyr + 1 + 2 * axis), chip->count == 0, MOVING);
+        const uint8_t place = (uint8_t)(1 + 2 * axis);
+        const bool is_first = chip->count == 0;
+        self_test_add(&chip->test, axis, little_endian(acc + place), is_first, MOVING);
+        self_test_add(&chip->test, (uint8_t)(SELF_TEST_GYR + axis),
+                      little_endian(gyr + place), is_first, MOVING);
     }
     chip->since = now;
     chip->wait = TEST_PERIOD_TICKS;
@@ -253,19 +256,12 @@ static enum sensor_result test_sample(struct lsm9ds0 *chip,
     return chip->count < TEST_SAMPLES ? SENSOR_BUSY : go_on(chip, now, 0);
 }
 
-static enum sensor_result test_turn(struct lsm9ds0 *chip, const struct bus_device *bus,
-                                    uint16_t now) {
-    self_test_turn(&chip->test);
-    return configure(chip, bus, now, G_SELF_TEST, A_2_G | A_SELF_TEST,
-                     TEST_SETTLE_TICKS);
-}
-
 // True where all three axes answered within the limits. The sign of the gyroscope's
 // differs between axes.
-static bool responds(const int32_t *response, int32_t low, int32_t high) {
+static bool responds(const struct self_test_axis *axes, uint32_t low, uint32_t high) {
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        const uint32_t size = fixed_magnitude(response[axis]);
-        if (size < (uint32_t)low || size > (uint32_t)high) {
+        const uint32_t size = fixed_magnitude(axes[axis].on - axes[axis].off);
+        if (size < low || size > high) {
             return false;
         }
     }
@@ -273,10 +269,14 @@ static bool responds(const int32_t *response, int32_t low, int32_t high) {
 }
 
 static enum sensor_result test_end(struct lsm9ds0 *chip, uint16_t now) {
-    const int32_t *response = chip->test.response;
-    const bool acc_passes = responds(response, ACC_RESPONSE_MIN, ACC_RESPONSE_MAX);
-    const bool gyr_passes = responds(response + 3, GYR_RESPONSE_MIN, GYR_RESPONSE_MAX);
-    self_test_end(&chip->test, &chip->identity, acc_passes, gyr_passes);
+    struct self_test *test = &chip->test;
+    if (!responds(test->axes, ACC_RESPONSE_MIN, ACC_RESPONSE_MAX)) {
+        test->failed |= SELF_TEST_ACC_PASSED;
+    }
+    if (!responds(test->axes + SELF_TEST_GYR, GYR_RESPONSE_MIN, GYR_RESPONSE_MAX)) {
+        test->failed |= SELF_TEST_GYR_PASSED;
+    }
+    self_test_end(test, &chip->identity);
     return go_on(chip, now, 0);
 }
 
@@ -320,7 +320,7 @@ static enum sensor_result ready(struct lsm9ds0 *chip, const struct bus_device *b
     chip->has_mag = (chip->ready & MAG_READY) != 0;
     if (!chip->has_mag) {
         chip->identity.who_am_i[1] = 0;
-        self_test_note(&chip->identity, SELF_TEST_MAG_PASSED, false);
+        chip->identity.self_test |= SELF_TEST_MAG_FAILED;
     }
     (void)go_on(chip, now, 0);
     return SENSOR_OK;
@@ -352,8 +352,9 @@ enum sensor_result lsm9ds0_setup(void *state, const struct bus_device *bus,
         return configure(chip, bus, now, 0, A_16_G, GYR_START_TICKS);
     case TEST_BEGIN:
         return test_begin(chip, bus, now);
-    case TEST_TURN:
-        return test_turn(chip, bus, now);
+    case TEST_STIMULATE:
+        return configure(chip, bus, now, G_SELF_TEST, A_2_G | A_SELF_TEST,
+                         TEST_SETTLE_TICKS);
     case TEST_OFF:
     case TEST_ON:
         return test_sample(chip, bus, now);

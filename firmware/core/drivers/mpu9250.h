@@ -18,23 +18,16 @@ enum {
 // Starts zeroed. Private to the driver.
 struct mpu9250 {
     struct sensor_identity identity;
-    uint16_t since;    // start of the wait in force, ticks of 1.024 ms
-    uint8_t wait;      // ticks
-    uint8_t step;      // of set-up
-    uint8_t transfer;  // of the AK8963's set-up
-    uint8_t count;     // samples or tries within the step
-    bool is_asked;     // a transfer is under way
-    bool has_mag;      // the AK8963 answers
-    union {
-        struct {  // while the inertial self-test runs
-            struct self_test sums;
-            bool is_offset;  // a gyroscope axis rests too far from zero
-        } test;
-        struct {               // from then on
-            uint8_t bytes[6];  // the AK8963's data last read
-            bool was_ready;    // the burst before this one said data-ready
-        } mag;
-    };
+    uint16_t since;  // start of the wait in force, ticks of 1.024 ms
+    uint8_t wait;    // ticks
+    uint8_t step;    // of set-up
+    uint8_t count;   // samples of a run, or tries
+    bool is_asked;   // a transfer of the AK8963's set-up is under way
+    bool has_mag;    // the AK8963 answers
+    bool was_ready;  // its block before this one said data-ready
+    uint8_t mag[6];  // its data last read
+    uint8_t read;    // a register that set-up looks at
+    struct self_test test;
 };
 
 // The functions of struct sensor_driver; `state` is a struct mpu9250. Set-up takes 0.9

@@ -5,58 +5,56 @@
 #define SELF_TEST_H
 
 #include "core/drivers/sensor.h"
-#include "core/math/fixed.h"
 #include "core/wire/messages.h"
 
 _Static_assert(SELF_TEST_ACC_FAILED == SELF_TEST_ACC_PASSED * 16 &&
-                   SELF_TEST_GYR_FAILED == SELF_TEST_GYR_PASSED * 16 &&
-                   SELF_TEST_MAG_FAILED == SELF_TEST_MAG_PASSED * 16,
+                   SELF_TEST_GYR_FAILED == SELF_TEST_GYR_PASSED * 16,
                "a sensor's flags are four bits apart");
 
-struct self_test {
-    int32_t response[6];   // sums in counts, stimulus on less off: acc, gyr
-    int16_t gyr_first[3];  // counts, first of a run, to tell motion
-    bool is_moving;
+enum {
+    SELF_TEST_GYR = 3,  // the gyroscope's axes come after the accelerometer's
+    SELF_TEST_AXES = 6,
 };
 
-// Adds one axis of a sample, counts, to a run of at most 65535 samples. A rate that
-// strays more than `moving` counts from the first of its run tells motion.
-static inline void self_test_add(struct self_test *test, uint8_t axis, int16_t acc,
-                                 int16_t gyr, bool is_first, uint16_t moving) {
-    test->response[axis] += acc;
-    test->response[axis + 3] += gyr;
+// Starts zeroed.
+struct self_test {
+    bool is_moving;
+    uint8_t failed;  // flags SELF_TEST_..._PASSED of sensors that did not pass
+    struct self_test_axis {
+        int32_t off;    // sum of the run before: in the end that without the stimulus
+        int32_t on;     // sum of this run
+        int16_t first;  // of this run, to tell motion
+    } axes[SELF_TEST_AXES];  // counts
+};
+
+// Adds a reading of one axis, counts, to a run of at most 65535. A rate that strays
+// more than `moving` counts from the first of its run tells motion. How far is taken
+// modulo 2^16: none gets from one end of the range to the other between two samples.
+static inline void self_test_add(struct self_test *test, uint8_t axis, int16_t value,
+                                 bool is_first, uint16_t moving) {
+    struct self_test_axis *sums = &test->axes[axis];
     if (is_first) {
-        test->gyr_first[axis] = gyr;
+        sums->off = sums->on;
+        sums->on = 0;
+        sums->first = value;
     }
-    if (fixed_magnitude((int32_t)gyr - test->gyr_first[axis]) > moving) {
+    sums->on += value;
+    const uint16_t strays =
+        (uint16_t)((uint16_t)value - (uint16_t)sums->first + moving);
+    if (axis >= SELF_TEST_GYR && strays > 2 * moving) {
         test->is_moving = true;
     }
 }
 
-// Between the runs: the one without stimulus counts against the other.
-static inline void self_test_turn(struct self_test *test) {
-    for (uint8_t i = 0; i < 6; ++i) {
-        test->response[i] = -test->response[i];
-    }
-}
-
-// Notes the verdict on a sensor; `passed` is its flag SELF_TEST_..._PASSED.
-static inline void self_test_note(struct sensor_identity *identity, uint8_t passed,
-                                  bool passes) {
-    const uint8_t flag = passes ? passed : (uint8_t)(passed * 16);
-    identity->self_test = (uint8_t)(identity->self_test | flag);
-}
-
 // Notes the verdicts on the inertial sensors. A failure while moving is no verdict.
 static inline void self_test_end(const struct self_test *test,
-                                 struct sensor_identity *identity, bool acc_passes,
-                                 bool gyr_passes) {
-    if (acc_passes || !test->is_moving) {
-        self_test_note(identity, SELF_TEST_ACC_PASSED, acc_passes);
+                                 struct sensor_identity *identity) {
+    const uint8_t inertial = SELF_TEST_ACC_PASSED | SELF_TEST_GYR_PASSED;
+    uint8_t flags = identity->self_test | (inertial & (uint8_t)~test->failed);
+    if (!test->is_moving) {
+        flags |= (uint8_t)(test->failed * 16);
     }
-    if (gyr_passes || !test->is_moving) {
-        self_test_note(identity, SELF_TEST_GYR_PASSED, gyr_passes);
-    }
+    identity->self_test = flags;
 }
 
 #endif
