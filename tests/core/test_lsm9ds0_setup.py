@@ -151,7 +151,7 @@ def test_another_half_of_another_kind_is_refused_and_named(who):
 def test_a_half_that_does_not_answer_is_a_failed_bus_until_it_does(half):
     bench = Bench()
     bench.chip.absent = {half}
-    assert bench.set_up() == lib.SENSOR_BUS_FAILED
+    assert bench.set_up() == lib.SENSOR_BUS_NACK
     bench.chip.absent = set()
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0xD4, 0x49]
@@ -188,7 +188,7 @@ def test_a_wire_pulled_at_any_transaction_is_reported_and_the_next_set_up_works(
     for pulled_at in range(1, count + 1):
         bench = Bench()
         bench.pulled_at = pulled_at
-        assert bench.set_up() == lib.SENSOR_BUS_FAILED
+        assert bench.set_up() == lib.SENSOR_BUS_NACK
         assert bench.transactions == pulled_at
         assert bench.set_up() == lib.SENSOR_OK, f"after transaction {pulled_at}"
         assert bench.identity.self_test == BOTH_PASSED

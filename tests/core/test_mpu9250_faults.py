@@ -28,7 +28,7 @@ def test_a_wire_pulled_at_any_transaction_is_reported_and_the_next_set_up_works(
     for pulled_at in range(1 + part, count + 1, 8):
         bench = Bench()
         bench.pulled_at = pulled_at
-        assert bench.set_up() == lib.SENSOR_BUS_FAILED
+        assert bench.set_up() == lib.SENSOR_BUS_NACK
         assert bench.transactions == pulled_at
         assert bench.set_up() == lib.SENSOR_OK, f"after transaction {pulled_at}"
         assert bench.identity.self_test == ALL_PASSED
@@ -37,16 +37,16 @@ def test_a_wire_pulled_at_any_transaction_is_reported_and_the_next_set_up_works(
 
 
 @pytest.mark.parametrize("at_byte", [0, 1, 2, 5])
-def test_a_refused_byte_is_a_failed_bus(at_byte):
+def test_a_refused_byte_is_told_as_such(at_byte):
     bench = Bench()
     bench.fault(lib.CHIP_FAULT_NACK, first=30, transactions=1_000_000, at_byte=at_byte)
-    assert bench.set_up() == lib.SENSOR_BUS_FAILED
+    assert bench.set_up() == lib.SENSOR_BUS_NACK
 
 
-def test_a_held_data_line_is_a_failed_bus():
+def test_a_held_data_line_is_a_stuck_bus():
     bench = Bench()
     bench.fault(lib.CHIP_FAULT_STUCK_SDA, from_ns=400_000_000)
-    assert bench.set_up() == lib.SENSOR_BUS_FAILED
+    assert bench.set_up() == lib.SENSOR_BUS_STUCK
 
 
 @pytest.mark.parametrize("from_ms", [0, 300, 500, 750])

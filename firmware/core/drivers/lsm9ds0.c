@@ -120,21 +120,23 @@ static uint8_t sub_address(uint8_t reg, uint8_t length) {
     return length > 1 ? (uint8_t)(reg | AUTO_INCREMENT) : reg;
 }
 
-static bool read_registers(const struct bus_device *bus, uint8_t address, uint8_t reg,
-                           uint8_t *data, uint8_t length) {
-    return bus->read(bus->port, address, sub_address(reg, length), data, length) ==
-           BUS_OK;
+static enum sensor_result read_registers(const struct bus_device *bus, uint8_t address,
+                                         uint8_t reg, uint8_t *data, uint8_t length) {
+    return (enum sensor_result)bus->read(bus->port, address, sub_address(reg, length),
+                                         data, length);
 }
 
-static bool write_registers(const struct bus_device *bus, uint8_t address, uint8_t reg,
-                            const uint8_t *data, uint8_t length) {
-    return bus->write(bus->port, address, sub_address(reg, length), data, length) ==
-           BUS_OK;
+static enum sensor_result write_registers(const struct bus_device *bus, uint8_t address,
+                                          uint8_t reg, const uint8_t *data,
+                                          uint8_t length) {
+    return (enum sensor_result)bus->write(bus->port, address, sub_address(reg, length),
+                                          data, length);
 }
 
 // All that makes the gyroscope what it is, its stimulus on or off.
-static bool configure_gyr(const struct lsm9ds0 *chip, const struct bus_device *bus,
-                          uint8_t stimulus) {
+static enum sensor_result configure_gyr(const struct lsm9ds0 *chip,
+                                        const struct bus_device *bus,
+                                        uint8_t stimulus) {
     const uint8_t values[] = {
         (uint8_t)((chip->config.is_fast ? G_760_HZ : G_380_HZ) | G_100_HZ_LOW_PASS |
                   G_ON),
@@ -148,8 +150,8 @@ static bool configure_gyr(const struct lsm9ds0 *chip, const struct bus_device *b
 }
 
 // The other half, with the accelerometer's range and stimulus.
-static bool configure_xm(const struct lsm9ds0 *chip, const struct bus_device *bus,
-                         uint8_t range) {
+static enum sensor_result configure_xm(const struct lsm9ds0 *chip,
+                                       const struct bus_device *bus, uint8_t range) {
     const uint8_t values[] = {
         0,
         // Twice the sample rate and more, whatever the two clocks: else an acceleration
@@ -189,14 +191,17 @@ static enum sensor_result identify(struct lsm9ds0 *chip, const struct bus_device
     const struct lsm9ds0_config *config = &chip->config;
     struct sensor_identity *identity = &chip->identity;
     uint8_t *who = identity->who_am_i;
-    if (!read_registers(bus, config->gyr_address, REG_WHO_AM_I, &who[0], 1)) {
-        return SENSOR_BUS_FAILED;
+    enum sensor_result result =
+        read_registers(bus, config->gyr_address, REG_WHO_AM_I, &who[0], 1);
+    if (result != SENSOR_OK) {
+        return result;
     }
     if (who[0] != WHO_AM_I_G) {
         return SENSOR_WRONG_CHIP;
     }
-    if (!read_registers(bus, config->xm_address, REG_WHO_AM_I, &who[1], 1)) {
-        return SENSOR_BUS_FAILED;
+    result = read_registers(bus, config->xm_address, REG_WHO_AM_I, &who[1], 1);
+    if (result != SENSOR_OK) {
+        return result;
     }
     if (who[1] != WHO_AM_I_XM) {
         who[0] = who[1];
@@ -210,19 +215,22 @@ static enum sensor_result identify(struct lsm9ds0 *chip, const struct bus_device
     identity->acc_lsb_nm_s2 = 7178468;   // 0.732 mg
     identity->mag_lsb_pt = 8000;         // 0.08 mgauss
     const uint8_t boot = BOOT;
-    return write_registers(bus, config->gyr_address, REG_CTRL5_G, &boot, 1) &&
-                   write_registers(bus, config->xm_address, REG_CTRL0_XM, &boot, 1)
-               ? go_on(chip, now, BOOT_TICKS)
-               : SENSOR_BUS_FAILED;
+    result = write_registers(bus, config->gyr_address, REG_CTRL5_G, &boot, 1);
+    if (result == SENSOR_OK) {
+        result = write_registers(bus, config->xm_address, REG_CTRL0_XM, &boot, 1);
+    }
+    return result == SENSOR_OK ? go_on(chip, now, BOOT_TICKS) : result;
 }
 
 // Writes both halves, then waits.
 static enum sensor_result configure(struct lsm9ds0 *chip, const struct bus_device *bus,
                                     uint16_t now, uint8_t gyr_stimulus,
                                     uint8_t acc_range, uint16_t wait) {
-    return configure_gyr(chip, bus, gyr_stimulus) && configure_xm(chip, bus, acc_range)
-               ? go_on(chip, now, wait)
-               : SENSOR_BUS_FAILED;
+    enum sensor_result result = configure_gyr(chip, bus, gyr_stimulus);
+    if (result == SENSOR_OK) {
+        result = configure_xm(chip, bus, acc_range);
+    }
+    return result == SENSOR_OK ? go_on(chip, now, wait) : result;
 }
 
 static enum sensor_result test_begin(struct lsm9ds0 *chip, const struct bus_device *bus,
@@ -239,9 +247,14 @@ static enum sensor_result test_sample(struct lsm9ds0 *chip,
                                       const struct bus_device *bus, uint16_t now) {
     uint8_t acc[AXES_BYTES];
     uint8_t gyr[AXES_BYTES];
-    if (!read_registers(bus, chip->config.gyr_address, REG_STATUS_G, gyr, sizeof gyr) ||
-        !read_registers(bus, chip->config.xm_address, REG_STATUS_A, acc, sizeof acc)) {
-        return SENSOR_BUS_FAILED;
+    const struct lsm9ds0_config *config = &chip->config;
+    enum sensor_result result =
+        read_registers(bus, config->gyr_address, REG_STATUS_G, gyr, sizeof gyr);
+    if (result == SENSOR_OK) {
+        result = read_registers(bus, config->xm_address, REG_STATUS_A, acc, sizeof acc);
+    }
+    if (result != SENSOR_OK) {
+        return result;
     }
     for (uint8_t axis = 0; axis < 3; ++axis) {
         const uint8_t place = (uint8_t)(1 + 2 * axis);
@@ -280,28 +293,31 @@ static enum sensor_result test_end(struct lsm9ds0 *chip, uint16_t now) {
     return go_on(chip, now, 0);
 }
 
-// Notes whether the sensor whose status that is has data.
-static bool look_for(struct lsm9ds0 *chip, const struct bus_device *bus, uint8_t flag,
-                     uint8_t address, uint8_t reg) {
-    uint8_t status;
-    if (!read_registers(bus, address, reg, &status, 1)) {
-        return false;
-    }
-    if ((status & DATA_READY) == DATA_READY) {
+// Notes whether the sensor whose status that is has data, unless the bus has failed.
+static enum sensor_result look_for(struct lsm9ds0 *chip, const struct bus_device *bus,
+                                   enum sensor_result before, uint8_t flag,
+                                   uint8_t address, uint8_t reg) {
+    uint8_t status = 0;
+    const enum sensor_result result =
+        before == SENSOR_OK ? read_registers(bus, address, reg, &status, 1) : before;
+    if (result == SENSOR_OK && (status & DATA_READY) == DATA_READY) {
         chip->ready |= flag;
     }
-    return true;
+    return result;
 }
 
 // Waits for all three sensors. The gyroscope's data are then read, so that DRDY_G is
 // low and rises with the next.
 static enum sensor_result ready(struct lsm9ds0 *chip, const struct bus_device *bus,
                                 uint16_t now) {
-    const struct lsm9ds0_config *config = &chip->config;
-    if (!look_for(chip, bus, GYR_READY, config->gyr_address, REG_STATUS_G) ||
-        !look_for(chip, bus, ACC_READY, config->xm_address, REG_STATUS_A) ||
-        !look_for(chip, bus, MAG_READY, config->xm_address, REG_STATUS_M)) {
-        return SENSOR_BUS_FAILED;
+    const uint8_t g = chip->config.gyr_address;
+    const uint8_t xm = chip->config.xm_address;
+    enum sensor_result result = SENSOR_OK;
+    result = look_for(chip, bus, result, GYR_READY, g, REG_STATUS_G);
+    result = look_for(chip, bus, result, ACC_READY, xm, REG_STATUS_A);
+    result = look_for(chip, bus, result, MAG_READY, xm, REG_STATUS_M);
+    if (result != SENSOR_OK) {
+        return result;
     }
     const bool is_over = !is_within(chip, now, RUN_SETTLE_TICKS + DATA_READY_TICKS);
     if (chip->ready != (GYR_READY | ACC_READY | MAG_READY)) {
@@ -313,9 +329,9 @@ static enum sensor_result ready(struct lsm9ds0 *chip, const struct bus_device *b
         }
     }
     uint8_t unused[AXES_BYTES];
-    if (!read_registers(bus, config->gyr_address, REG_STATUS_G, unused,
-                        sizeof unused)) {
-        return SENSOR_BUS_FAILED;
+    result = read_registers(bus, g, REG_STATUS_G, unused, sizeof unused);
+    if (result != SENSOR_OK) {
+        return result;
     }
     chip->has_mag = (chip->ready & MAG_READY) != 0;
     if (!chip->has_mag) {
@@ -453,7 +469,9 @@ uint8_t lsm9ds0_bursts(const void *state, struct bus_burst out[SENSOR_BURSTS_MAX
 bool lsm9ds0_power_down(const struct lsm9ds0 *chip, const struct bus_device *bus) {
     const uint8_t off = 0;  // CTRL_REG1_G: PD; CTRL_REG1_XM: AODR
     const uint8_t mag_off = M_OFF;
-    return write_registers(bus, chip->config.gyr_address, REG_CTRL1_G, &off, 1) &&
-           write_registers(bus, chip->config.xm_address, REG_CTRL1_XM, &off, 1) &&
-           write_registers(bus, chip->config.xm_address, REG_CTRL7_XM, &mag_off, 1);
+    const uint8_t g = chip->config.gyr_address;
+    const uint8_t xm = chip->config.xm_address;
+    return write_registers(bus, g, REG_CTRL1_G, &off, 1) == SENSOR_OK &&
+           write_registers(bus, xm, REG_CTRL1_XM, &off, 1) == SENSOR_OK &&
+           write_registers(bus, xm, REG_CTRL7_XM, &mag_off, 1) == SENSOR_OK;
 }

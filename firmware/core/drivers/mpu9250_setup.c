@@ -229,16 +229,13 @@ static const IN_FLASH struct row rows[] = {
 
 NOINLINE static enum sensor_result read(const struct bus_device *bus, uint8_t reg,
                                         uint8_t *data, uint8_t length) {
-    return bus->read(bus->port, MPU9250_ADDRESS, reg, data, length) == BUS_OK
-               ? SENSOR_OK
-               : SENSOR_BUS_FAILED;
+    return (enum sensor_result)bus->read(bus->port, MPU9250_ADDRESS, reg, data, length);
 }
 
 NOINLINE static enum sensor_result write(const struct bus_device *bus, uint8_t reg,
                                          const uint8_t *data, uint8_t length) {
-    return bus->write(bus->port, MPU9250_ADDRESS, reg, data, length) == BUS_OK
-               ? SENSOR_OK
-               : SENSOR_BUS_FAILED;
+    return (enum sensor_result)bus->write(bus->port, MPU9250_ADDRESS, reg, data,
+                                          length);
 }
 
 static bool is_within(const struct mpu9250 *chip, uint16_t now, uint8_t ticks) {

@@ -12,10 +12,13 @@
 
 enum sensor_result {
     SENSOR_OK = 0,
-    SENSOR_BUSY = 1,         // call again; nothing is wrong
-    SENSOR_BUS_FAILED = -1,  // a transaction failed
-    SENSOR_WRONG_CHIP = -2,  // the identity register is not one we know
-    SENSOR_STUCK = -3,       // the chip answers but never gets ready
+    SENSOR_BUSY = 1,  // call again; nothing is wrong
+    // A transaction failed, and why as enum bus_result has it.
+    SENSOR_BUS_NACK = BUS_NACK,
+    SENSOR_BUS_TIMEOUT = BUS_TIMEOUT,
+    SENSOR_BUS_STUCK = BUS_STUCK,
+    SENSOR_WRONG_CHIP = -4,  // the identity register is not one we know
+    SENSOR_STUCK = -5,       // the chip answers but never gets ready
 };
 
 struct sensor_identity {

@@ -8,43 +8,12 @@ enum {
     BURSTS_FAILED_MAX = 5,  // in a row, before the sensor is set up again
 };
 
+_Static_assert((int)CAUSE_TIMEOUT - CAUSE_NACK == (int)BUS_NACK - BUS_TIMEOUT &&
+                   (int)CAUSE_STUCK_BUS - CAUSE_NACK == (int)BUS_NACK - BUS_STUCK,
+               "the protocol numbers the causes as the bus does, the other way");
+
 static enum cause cause_of(enum bus_result result) {
-    switch (result) {
-    case BUS_NACK:
-        return CAUSE_NACK;
-    case BUS_STUCK:
-        return CAUSE_STUCK_BUS;
-    default:
-        return CAUSE_TIMEOUT;
-    }
-}
-
-// A bus that remembers why its last transaction failed: a driver says only that.
-struct remembering_bus {
-    const struct bus_device *bus;
-    enum bus_result failure;
-};
-
-static enum bus_result remember(struct remembering_bus *remembering,
-                                enum bus_result result) {
-    if (result != BUS_OK) {
-        remembering->failure = result;
-    }
-    return result;
-}
-
-static enum bus_result read_registers(void *port, uint8_t address, uint8_t reg,
-                                      uint8_t *data, uint8_t length) {
-    struct remembering_bus *remembering = port;
-    const struct bus_device *bus = remembering->bus;
-    return remember(remembering, bus->read(bus->port, address, reg, data, length));
-}
-
-static enum bus_result write_registers(void *port, uint8_t address, uint8_t reg,
-                                       const uint8_t *data, uint8_t length) {
-    struct remembering_bus *remembering = port;
-    const struct bus_device *bus = remembering->bus;
-    return remember(remembering, bus->write(bus->port, address, reg, data, length));
+    return (enum cause)(CAUSE_NACK + BUS_NACK - result);
 }
 
 // Stops sampling, says why, frees the bus, and starts over a moment later.
@@ -83,9 +52,9 @@ void acquisition_begin(struct acquisition *acquisition,
 
 static void set_up(struct acquisition *acquisition, uint32_t now_us) {
     const struct sensor_driver *sensor = acquisition->port->sensor;
-    struct remembering_bus remembering = {acquisition->port->bus, BUS_OK};
-    const struct bus_device bus = {read_registers, write_registers, &remembering};
-    switch (sensor->setup(sensor->state, &bus, now_us)) {
+    const enum sensor_result result =
+        sensor->setup(sensor->state, acquisition->port->bus, now_us);
+    switch (result) {
     case SENSOR_OK:
         start_sampling(acquisition);
         probe_sensor_ready(acquisition->probe, sensor->identity(sensor->state), now_us);
@@ -102,7 +71,8 @@ static void set_up(struct acquisition *acquisition, uint32_t now_us) {
         give_up(acquisition, EVENT_SENSOR_FAULT, CAUSE_TIMEOUT, 0, now_us);
         break;
     default:
-        give_up(acquisition, EVENT_BUS_FAULT, cause_of(remembering.failure), 0, now_us);
+        give_up(acquisition, EVENT_BUS_FAULT, cause_of((enum bus_result)result), 0,
+                now_us);
         break;
     }
 }
