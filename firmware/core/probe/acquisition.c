@@ -8,26 +8,29 @@ enum {
     BURSTS_FAILED_MAX = 5,  // in a row, before the sensor is set up again
 };
 
-_Static_assert((int)CAUSE_TIMEOUT - CAUSE_NACK == (int)BUS_NACK - BUS_TIMEOUT &&
-                   (int)CAUSE_STUCK_BUS - CAUSE_NACK == (int)BUS_NACK - BUS_STUCK,
-               "the protocol numbers the causes as the bus does, the other way");
+// How a step ended: as enum reading_result has it, or enum sensor_result.
+enum outcome {
+    OUTCOME_OK = READING_OK,
+    OUTCOME_NOTHING = READING_NONE,
+    OUTCOME_NACK = READING_NACK,
+    OUTCOME_TIMEOUT = READING_TIMEOUT,
+    OUTCOME_BUS_STUCK = READING_STUCK,  // the last one that is the bus' fault
+    OUTCOME_WRONG_CHIP = SENSOR_WRONG_CHIP,
+    OUTCOME_STUCK = SENSOR_STUCK,
+    OUTCOME_SILENT = OUTCOME_STUCK - 1,
+};
 
-static enum cause cause_of(enum bus_result result) {
-    return (enum cause)(CAUSE_NACK + BUS_NACK - result);
-}
+_Static_assert((int)OUTCOME_OK == SENSOR_OK && (int)OUTCOME_NOTHING == SENSOR_BUSY &&
+                   (int)OUTCOME_NACK == SENSOR_BUS_NACK &&
+                   (int)OUTCOME_TIMEOUT == SENSOR_BUS_TIMEOUT &&
+                   (int)OUTCOME_BUS_STUCK == SENSOR_BUS_STUCK,
+               "what readings and set-up share has the same numbers");
 
-// Stops sampling, says why, frees the bus, and starts over a moment later.
-static void give_up(struct acquisition *acquisition, enum event event, enum cause cause,
-                    int32_t detail, uint32_t now_us) {
-    acquisition->port->stop_sampling();
-    if (acquisition->port->recover_bus() != BUS_OK) {
-        cause = CAUSE_STUCK_BUS;
-    }
-    probe_sensor_failed(acquisition->probe, event, cause, detail, true, now_us);
-    acquisition->phase = ACQUISITION_WAITING;
-    acquisition->since_us = now_us;
-    acquisition->has_gap = true;
-}
+static const IN_FLASH uint8_t causes[] = {
+    [-OUTCOME_NACK] = CAUSE_NACK,           [-OUTCOME_TIMEOUT] = CAUSE_TIMEOUT,
+    [-OUTCOME_BUS_STUCK] = CAUSE_STUCK_BUS, [-OUTCOME_WRONG_CHIP] = CAUSE_WRONG_CHIP,
+    [-OUTCOME_STUCK] = CAUSE_TIMEOUT,       [-OUTCOME_SILENT] = CAUSE_NO_DATA_READY,
+};
 
 static void start_sampling(const struct acquisition *acquisition) {
     const struct sensor_driver *sensor = acquisition->port->sensor;
@@ -50,75 +53,33 @@ void acquisition_begin(struct acquisition *acquisition,
     begin_setup(acquisition);
 }
 
-static void set_up(struct acquisition *acquisition, uint32_t now_us) {
+static enum outcome set_up(struct acquisition *acquisition, uint32_t now_us) {
     const struct sensor_driver *sensor = acquisition->port->sensor;
     const enum sensor_result result =
         sensor->setup(sensor->state, acquisition->port->bus, now_us);
-    switch (result) {
-    case SENSOR_OK:
+    if (result == SENSOR_OK) {
         start_sampling(acquisition);
         probe_sensor_ready(acquisition->probe, sensor->identity(sensor->state), now_us);
         acquisition->phase = ACQUISITION_SAMPLING;
         acquisition->since_us = now_us;
-        break;
-    case SENSOR_BUSY:
-        break;
-    case SENSOR_WRONG_CHIP:
-        give_up(acquisition, EVENT_SENSOR_FAULT, CAUSE_WRONG_CHIP,
-                sensor->identity(sensor->state)->who_am_i[0], now_us);
-        break;
-    case SENSOR_STUCK:
-        give_up(acquisition, EVENT_SENSOR_FAULT, CAUSE_TIMEOUT, 0, now_us);
-        break;
-    default:
-        give_up(acquisition, EVENT_BUS_FAULT, cause_of((enum bus_result)result), 0,
-                now_us);
-        break;
+        return OUTCOME_NOTHING;
     }
+    return (enum outcome)result;
 }
 
-// A burst failed: one sample is lost. Frees the bus and goes on, or sets the sensor up
-// again when that does not help.
-static void survive_burst(struct acquisition *acquisition, enum bus_result failure,
-                          uint32_t now_us) {
-    const IN_FLASH struct acquisition_port *port = acquisition->port;
-    ++acquisition->failed;
-    acquisition->has_gap = true;
-    enum cause cause = cause_of(failure);
-    if (acquisition->failed < BURSTS_FAILED_MAX) {
-        port->stop_sampling();
-        if (port->recover_bus() == BUS_OK) {
-            probe_sensor_failed(acquisition->probe, EVENT_BUS_FAULT, cause,
-                                acquisition->failed, false, now_us);
-            start_sampling(acquisition);
-            return;
-        }
-        cause = CAUSE_STUCK_BUS;
-    }
-    give_up(acquisition, EVENT_BUS_FAULT, cause, acquisition->failed, now_us);
-}
-
-// Fills in what a burst brought; false where that was none. Not inline, so that its
-// bytes are off the stack while the sample is worked on.
-__attribute__((noinline)) static bool
+// Fills in what a burst brought; OUTCOME_OK where that is a sample. Not inline, so that
+// its bytes are off the stack while the sample is worked on.
+__attribute__((noinline)) static enum outcome
 take_sample(struct acquisition *acquisition, struct sample *sample, uint32_t now_us) {
-    const struct sensor_driver *sensor = acquisition->port->sensor;
     struct reading reading;
     const enum reading_result result = acquisition->port->take_reading(&reading);
-    if (result == READING_NONE) {
-        if (now_us - acquisition->since_us >= SILENCE_US) {
-            give_up(acquisition, EVENT_SENSOR_FAULT, CAUSE_NO_DATA_READY, 0, now_us);
-        }
-        return false;
-    }
     if (result != READING_OK) {
-        survive_burst(acquisition, (enum bus_result)result, now_us);
-        return false;
+        return (enum outcome)result;
     }
+    const struct sensor_driver *sensor = acquisition->port->sensor;
     sample->has_gap = acquisition->has_gap;
     if (!sensor->parse(sensor->state, reading.bytes, reading.time_us, sample)) {
-        survive_burst(acquisition, BUS_STUCK, now_us);
-        return false;
+        return OUTCOME_BUS_STUCK;
     }
     if (reading.missed > 0) {
         probe_overrun(acquisition->probe, reading.missed, now_us);
@@ -127,26 +88,68 @@ take_sample(struct acquisition *acquisition, struct sample *sample, uint32_t now
     acquisition->has_gap = false;
     acquisition->failed = 0;
     acquisition->since_us = now_us;
-    return true;
+    return OUTCOME_OK;
+}
+
+// Stops sampling, frees the bus and says why. A burst that failed is one sample lost,
+// and sampling goes on; what else fails, or too often, or leaves the bus held, has the
+// sensor set up again a moment later.
+static void fail(struct acquisition *acquisition, enum outcome outcome,
+                 uint32_t now_us) {
+    const IN_FLASH struct acquisition_port *port = acquisition->port;
+    const bool is_bus = outcome >= OUTCOME_BUS_STUCK;
+    bool is_over = !is_bus || acquisition->phase == ACQUISITION_SETUP;
+    if (!is_over) {
+        ++acquisition->failed;
+        is_over = acquisition->failed == BURSTS_FAILED_MAX;
+    }
+    uint8_t detail = acquisition->failed;
+    if (outcome == OUTCOME_WRONG_CHIP) {
+        detail = port->sensor->identity(port->sensor->state)->who_am_i[0];
+    }
+    uint8_t cause = causes[-outcome];
+    port->stop_sampling();
+    if (port->recover_bus() != BUS_OK) {
+        cause = CAUSE_STUCK_BUS;
+        is_over = true;
+    }
+    probe_sensor_failed(acquisition->probe,
+                        is_bus ? EVENT_BUS_FAULT : EVENT_SENSOR_FAULT,
+                        (enum cause)cause, detail, is_over, now_us);
+    acquisition->has_gap = true;
+    if (is_over) {
+        acquisition->phase = ACQUISITION_WAITING;
+        acquisition->since_us = now_us;
+    } else {
+        start_sampling(acquisition);
+    }
 }
 
 bool acquisition_step(struct acquisition *acquisition, uint32_t now_us) {
     struct sample sample;
-    switch (acquisition->phase) {
-    case ACQUISITION_WAITING:
-        if (now_us - acquisition->since_us >= RETRY_US) {
+    enum outcome outcome;
+    const uint32_t elapsed_us = now_us - acquisition->since_us;
+    if (acquisition->phase == ACQUISITION_WAITING) {
+        if (elapsed_us >= RETRY_US) {
             begin_setup(acquisition);
         }
         return false;
-    case ACQUISITION_SETUP:
-        set_up(acquisition, now_us);
-        return false;
-    default:
-        break;
     }
-    if (!take_sample(acquisition, &sample, now_us)) {
-        return false;
+    if (acquisition->phase == ACQUISITION_SETUP) {
+        outcome = set_up(acquisition, now_us);
+    } else {
+        outcome = take_sample(acquisition, &sample, now_us);
+        if (outcome == OUTCOME_NOTHING && elapsed_us >= SILENCE_US) {
+            acquisition->failed = 0;
+            outcome = OUTCOME_SILENT;
+        }
     }
-    probe_sample(acquisition->probe, &sample);
-    return true;
+    if (outcome == OUTCOME_OK) {
+        probe_sample(acquisition->probe, &sample);
+        return true;
+    }
+    if (outcome != OUTCOME_NOTHING) {
+        fail(acquisition, outcome, now_us);
+    }
+    return false;
 }

@@ -47,7 +47,7 @@ struct acquisition {
     const IN_FLASH struct acquisition_port *port;
     struct probe *probe;
     enum acquisition_phase phase;
-    uint32_t since_us;  // start of the wait, or the last sample
+    uint32_t since_us;  // start of the wait, or the last burst
     uint8_t failed;     // bursts in a row
     bool has_gap;       // samples were lost before the next one
 };
