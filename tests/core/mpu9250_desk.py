@@ -111,8 +111,8 @@ class Bench(SensorBench):
 
     @property
     def burst(self) -> Any:
-        assert lib.mpu9250_bursts(self.driver, self._bursts) == 1
-        return self._bursts[0]
+        (burst,) = self.driver.bursts
+        return burst
 
     def settled(self) -> Any:
         """Return the last of enough samples for all filters to forget the past."""

@@ -41,7 +41,6 @@ class SensorBench(ABC):
         self.bus = ffi.new(
             "struct bus_device *", {"read": self._read, "write": self._write}
         )
-        self._bursts = ffi.new("struct bus_burst[]", lib.SENSOR_BURSTS_MAX)
 
     @property
     @abstractmethod
@@ -91,8 +90,7 @@ class SensorBench(ABC):
     @property
     def bursts(self) -> list[tuple[int, int, int]]:
         """Address, register and length of each."""
-        count = self.call("bursts", self._bursts)
-        return [(b.address, b.reg, b.length) for b in self._bursts[0:count]]
+        return [(b.address, b.reg, b.length) for b in self.driver.bursts]
 
     def parse(self, data: bytes, time_us: int = 0) -> Any:
         out = self.ffi.new("struct sample *")
@@ -104,7 +102,7 @@ class SensorBench(ABC):
 
     @property
     def identity(self) -> Any:
-        return self.call("identity")
+        return self.driver.identity
 
 
 def axes(counts: Any) -> tuple[int, int, int]:

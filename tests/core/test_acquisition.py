@@ -34,8 +34,6 @@ class Board:
                 begin=lambda _: self.calls.append("begin"),
                 setup=self._setup,
                 parse=self._parse,
-                identity=lambda _: MPU9250,
-                bursts=self._bursts,
             ),
             callbacks(
                 "struct acquisition_port",
@@ -46,6 +44,12 @@ class Board:
             ),
         ]
         driver, port = self._kept
+        self._bursts = ffi.new("struct bus_burst[]", BURSTS)
+        driver |= {
+            "identity": MPU9250,
+            "bursts": self._bursts,
+            "bursts_count": len(BURSTS),
+        }
         self._driver = ffi.new("struct sensor_driver *", driver)
         self._bus = ffi.new("struct bus_device *")  # the driver's affair
         port |= {"sensor": self._driver, "bus": self._bus}
@@ -66,11 +70,6 @@ class Board:
         out.has_gap, out.time_us = has_gap, time_us
         self.gaps.append(has_gap)
         return True
-
-    def _bursts(self, _: Any, out: Any) -> int:
-        for burst, (address, reg, length) in zip(out[0:2], BURSTS, strict=True):
-            burst.address, burst.reg, burst.length = address, reg, length
-        return len(BURSTS)
 
     def _recover(self) -> int:
         self.calls.append("recover")

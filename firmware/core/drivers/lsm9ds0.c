@@ -349,6 +349,13 @@ void lsm9ds0_begin(void *state) {
     memset(chip, 0, sizeof *chip);
     chip->config = config;
     chip->identity.self_test = verdict;
+    chip->bursts[0] = (struct bus_burst){config.gyr_address,
+                                         REG_STATUS_G | AUTO_INCREMENT, AXES_BYTES};
+    chip->bursts[1] = (struct bus_burst){config.xm_address,
+                                         REG_STATUS_A | AUTO_INCREMENT, AXES_BYTES};
+    chip->bursts[2] =
+        (struct bus_burst){config.xm_address, REG_TEMPERATURE | AUTO_INCREMENT,
+                           TEMPERATURE_BYTES + AXES_BYTES};
 }
 
 enum sensor_result lsm9ds0_setup(void *state, const struct bus_device *bus,
@@ -448,22 +455,6 @@ bool lsm9ds0_parse(void *state, const uint8_t *bytes, uint32_t time_us,
         out->has_gap = true;
     }
     return true;
-}
-
-const struct sensor_identity *lsm9ds0_identity(const void *state) {
-    const struct lsm9ds0 *chip = state;
-    return &chip->identity;
-}
-
-uint8_t lsm9ds0_bursts(const void *state, struct bus_burst out[SENSOR_BURSTS_MAX]) {
-    const struct lsm9ds0_config *config = &((const struct lsm9ds0 *)state)->config;
-    out[0] = (struct bus_burst){config->gyr_address, REG_STATUS_G | AUTO_INCREMENT,
-                                AXES_BYTES};
-    out[1] = (struct bus_burst){config->xm_address, REG_STATUS_A | AUTO_INCREMENT,
-                                AXES_BYTES};
-    out[2] = (struct bus_burst){config->xm_address, REG_TEMPERATURE | AUTO_INCREMENT,
-                                TEMPERATURE_BYTES + AXES_BYTES};
-    return 3;
 }
 
 bool lsm9ds0_power_down(const struct lsm9ds0 *chip, const struct bus_device *bus) {

@@ -14,6 +14,7 @@ enum {
     LSM9DS0_GYR_ADDRESS_LOW = 0x6A,  // pin SDO_G low
     LSM9DS0_XM_ADDRESS = 0x1D,       // pin SDO_XM high
     LSM9DS0_XM_ADDRESS_LOW = 0x1E,   // pin SDO_XM low
+    LSM9DS0_BURSTS = 3,              // to a sample
     LSM9DS0_RATE_HZ = 380,
     LSM9DS0_FAST_RATE_HZ = 760,
     // The document gives the low-pass a cut-off, 100 Hz, and no delay: this is that of
@@ -32,6 +33,7 @@ struct lsm9ds0_config {
 struct lsm9ds0 {
     struct lsm9ds0_config config;
     struct sensor_identity identity;
+    struct bus_burst bursts[LSM9DS0_BURSTS];
     uint16_t since;  // start of the wait in force, ticks of 1.024 ms
     uint16_t wait;   // ticks
     uint8_t step;    // of set-up
@@ -66,8 +68,6 @@ enum sensor_result lsm9ds0_setup(void *state, const struct bus_device *bus,
                                  uint32_t now_us) MUST_CHECK;
 bool lsm9ds0_parse(void *state, const uint8_t *bytes, uint32_t time_us,
                    struct sample *out) MUST_CHECK;
-const struct sensor_identity *lsm9ds0_identity(const void *state);
-uint8_t lsm9ds0_bursts(const void *state, struct bus_burst out[SENSOR_BURSTS_MAX]);
 
 // Stops all three sensors, for a board that sleeps; set-up starts them again. False
 // where the bus fails.
@@ -78,7 +78,8 @@ bool lsm9ds0_power_down(const struct lsm9ds0 *chip,
 #define LSM9DS0_DRIVER(chip)                                                           \
     {                                                                                  \
         .begin = lsm9ds0_begin, .setup = lsm9ds0_setup, .parse = lsm9ds0_parse,        \
-        .identity = lsm9ds0_identity, .bursts = lsm9ds0_bursts, .state = (chip),       \
+        .state = (chip), .identity = &(chip)->identity, .bursts = (chip)->bursts,      \
+        .bursts_count = LSM9DS0_BURSTS,                                                \
     }
 
 #endif

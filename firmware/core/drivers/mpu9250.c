@@ -120,22 +120,8 @@ bool mpu9250_parse(void *state, const uint8_t *bytes, uint32_t time_us,
     out->mag = (struct counts){0};
     out->has_mag = false;
     out->mag_overflow = false;
-    if (chip->has_mag) {
+    if (mpu9250_has_mag(chip)) {
         take_field(chip, bytes + MPU9250_INERTIAL_BYTES, out);
     }
     return true;
-}
-
-const struct sensor_identity *mpu9250_identity(const void *state) {
-    const struct mpu9250 *chip = state;
-    return &chip->identity;
-}
-
-uint8_t mpu9250_bursts(const void *state, struct bus_burst *out) {
-    const struct mpu9250 *chip = state;
-    out[0].address = MPU9250_ADDRESS;
-    out[0].reg = MPU9250_REG_ACCEL_XOUT_H;
-    out[0].length = chip->has_mag ? MPU9250_INERTIAL_BYTES + MPU9250_MAG_BYTES
-                                  : MPU9250_INERTIAL_BYTES;
-    return 1;
 }

@@ -18,12 +18,12 @@ enum {
 // Starts zeroed. Private to the driver.
 struct mpu9250 {
     struct sensor_identity identity;
+    struct bus_burst bursts[1];
     uint16_t since;  // start of the wait in force, ticks of 1.024 ms
     uint8_t wait;    // ticks
     uint8_t step;    // of set-up
     uint8_t count;   // samples of a run, or tries
     bool is_asked;   // a transfer of the AK8963's set-up is under way
-    bool has_mag;    // the AK8963 answers
     bool was_ready;  // its block before this one said data-ready
     uint8_t mag[6];  // its data last read
     uint8_t read;    // a register that set-up looks at
@@ -41,14 +41,13 @@ enum sensor_result mpu9250_setup(void *state, const struct bus_device *bus,
                                  uint32_t now_us) MUST_CHECK;
 bool mpu9250_parse(void *state, const uint8_t *bytes, uint32_t time_us,
                    struct sample *out) MUST_CHECK;
-const struct sensor_identity *mpu9250_identity(const void *state);
-uint8_t mpu9250_bursts(const void *state, struct bus_burst *out);
 
 // Initialiser of a struct sensor_driver over `chip`, a struct mpu9250.
 #define MPU9250_DRIVER(chip)                                                           \
     {                                                                                  \
         .begin = mpu9250_begin, .setup = mpu9250_setup, .parse = mpu9250_parse,        \
-        .identity = mpu9250_identity, .bursts = mpu9250_bursts, .state = (chip),       \
+        .state = (chip), .identity = &(chip)->identity, .bursts = (chip)->bursts,      \
+        .bursts_count = 1,                                                             \
     }
 
 #endif

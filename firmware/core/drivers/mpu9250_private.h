@@ -26,6 +26,11 @@ enum {
 // would store it field by field.
 extern const IN_FLASH struct sensor_identity mpu9250_known;
 
+// The AK8963 answers: its block is in the burst.
+static inline bool mpu9250_has_mag(const struct mpu9250 *chip) {
+    return chip->bursts[0].length > MPU9250_INERTIAL_BYTES;
+}
+
 // Two bytes, the upper one first.
 static inline int16_t mpu9250_word(const uint8_t *bytes) {
     return (int16_t)(uint16_t)(bytes[0] * 256u + bytes[1]);

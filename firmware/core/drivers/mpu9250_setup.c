@@ -242,6 +242,12 @@ static bool is_within(const struct mpu9250 *chip, uint16_t now, uint8_t ticks) {
     return (uint16_t)(now - chip->since) < ticks;
 }
 
+// The burst ends with the AK8963's block where there is one.
+static void set_has_mag(struct mpu9250 *chip, bool has_mag) {
+    chip->bursts[0].length =
+        has_mag ? MPU9250_INERTIAL_BYTES + MPU9250_MAG_BYTES : MPU9250_INERTIAL_BYTES;
+}
+
 static void *at(struct mpu9250 *chip, uint8_t place) {
     return (uint8_t *)chip + place;
 }
@@ -252,7 +258,7 @@ static enum sensor_result identify(struct mpu9250 *chip) {
     switch (chip->identity.who_am_i[0]) {
     case MPU6500_WHO:
         chip->identity.kind = SENSOR_MPU6500;
-        chip->has_mag = false;
+        set_has_mag(chip, false);
         return SENSOR_OK;
     case MPU9250_WHO:
     case MPU9255_WHO:
@@ -329,7 +335,7 @@ static void test_judge(struct mpu9250 *chip, uint8_t place) {
 
 // Without an AK8963 that answers the probe has six axes; identity says so.
 static void mag_is_absent(struct mpu9250 *chip) {
-    chip->has_mag = false;
+    set_has_mag(chip, false);
     chip->identity.who_am_i[1] = 0;
     chip->identity.mag_adjust[0] = 0;
     chip->identity.mag_adjust[1] = 0;
@@ -391,7 +397,7 @@ static uint8_t mag_verdict(const struct mpu9250 *chip) {
 
 static enum sensor_result do_mag_row(struct mpu9250 *chip, const struct bus_device *bus,
                                      uint16_t now, uint8_t what, uint8_t value) {
-    if (!chip->has_mag) {
+    if (!mpu9250_has_mag(chip)) {
         return SENSOR_OK;
     }
     if (what < MAG_IDENTIFY) {
@@ -445,7 +451,7 @@ static enum sensor_result do_row(struct mpu9250 *chip, const struct bus_device *
         return is_within(chip, now, value) ? SENSOR_OK : SENSOR_STUCK;
     case MASTER_IF_MAG:
         what = REG_USER_CTRL;
-        if (!chip->has_mag) {
+        if (!mpu9250_has_mag(chip)) {
             value = 0;
         }
         break;
@@ -462,7 +468,9 @@ void mpu9250_begin(void *state) {
     memset(chip, 0, sizeof *chip);
     chip->identity = mpu9250_known;
     chip->identity.self_test = verdict;
-    chip->has_mag = true;
+    set_has_mag(chip, true);
+    chip->bursts[0].address = MPU9250_ADDRESS;
+    chip->bursts[0].reg = MPU9250_REG_ACCEL_XOUT_H;
 }
 
 enum sensor_result mpu9250_setup(void *state, const struct bus_device *bus,

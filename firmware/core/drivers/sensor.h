@@ -48,12 +48,13 @@ struct sensor_driver {
     // overwritten unread. False where they can't be a reading: then nothing is written.
     bool (*parse)(void *state, const uint8_t *bytes, uint32_t time_us,
                   struct sample *out);
-    const struct sensor_identity *(*identity)(const void *state);
-    // The transfers that make one sample, at most SENSOR_BURSTS_MAX; returns how many.
-    // Together they
-    // have BUS_BURST_MAX bytes at most. Constant once set-up is done.
-    uint8_t (*bursts)(const void *state, struct bus_burst *out);
     void *state;
+    // Within the state, and constant once set-up is done: what the sensor is, and the
+    // transfers that make one sample, at most SENSOR_BURSTS_MAX. Together these have
+    // BUS_BURST_MAX bytes at most.
+    const struct sensor_identity *identity;
+    const struct bus_burst *bursts;
+    uint8_t bursts_count;
 };
 
 #endif

@@ -34,9 +34,7 @@ static const IN_FLASH uint8_t causes[] = {
 
 static void start_sampling(const struct acquisition *acquisition) {
     const struct sensor_driver *sensor = acquisition->port->sensor;
-    struct bus_burst bursts[SENSOR_BURSTS_MAX];
-    const uint8_t count = sensor->bursts(sensor->state, bursts);
-    acquisition->port->start_sampling(bursts, count);
+    acquisition->port->start_sampling(sensor->bursts, sensor->bursts_count);
 }
 
 static void begin_setup(struct acquisition *acquisition) {
@@ -59,7 +57,7 @@ static enum outcome set_up(struct acquisition *acquisition, uint32_t now_us) {
         sensor->setup(sensor->state, acquisition->port->bus, now_us);
     if (result == SENSOR_OK) {
         start_sampling(acquisition);
-        probe_sensor_ready(acquisition->probe, sensor->identity(sensor->state), now_us);
+        probe_sensor_ready(acquisition->probe, sensor->identity, now_us);
         acquisition->phase = ACQUISITION_SAMPLING;
         acquisition->since_us = now_us;
         return OUTCOME_NOTHING;
@@ -105,7 +103,7 @@ static void fail(struct acquisition *acquisition, enum outcome outcome,
     }
     uint8_t detail = acquisition->failed;
     if (outcome == OUTCOME_WRONG_CHIP) {
-        detail = port->sensor->identity(port->sensor->state)->who_am_i[0];
+        detail = port->sensor->identity->who_am_i[0];
     }
     uint8_t cause = causes[-outcome];
     port->stop_sampling();
