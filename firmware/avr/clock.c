@@ -3,6 +3,7 @@
 #include "clock.h"
 
 #include <avr/interrupt.h>
+#include <util/atomic.h>
 
 #include "../board.h"
 #include "idle.h"
@@ -29,7 +30,7 @@ ISR(TIMER1_COMPA_vect) {
 uint32_t board_time_us(void) {
     uint32_t us;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-        us = clock_us_masked();
+        us = clock_us_masked(TCNT1);
     }
     return us;
 }

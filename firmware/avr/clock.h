@@ -5,7 +5,6 @@
 
 #include <avr/io.h>
 #include <stdint.h>
-#include <util/atomic.h>
 
 enum { CLOCK_TICKS_PER_US = 2 };
 
@@ -14,27 +13,16 @@ extern volatile uint32_t clock_overflow_us;
 
 void clock_init(void);
 
-// Device time for interrupt handlers: interrupts must be off. An overflow whose handler
-// has not run is known by its flag, and came before a reading from the lower half.
-// Inline without choice: a call would have the handler save all registers first.
-__attribute__((always_inline)) static inline uint32_t clock_us_masked(void) {
-    const uint16_t ticks = TCNT1;
+// Device time of `ticks`, which were read from TCNT1 just now, for interrupt handlers:
+// interrupts must be off. An overflow whose handler has not run is known by its flag,
+// and came before a reading from the lower half. Inline without choice: a call would
+// have the handler save all registers first.
+__attribute__((always_inline)) static inline uint32_t clock_us_masked(uint16_t ticks) {
     uint32_t us = clock_overflow_us + ticks / CLOCK_TICKS_PER_US;
     if ((TIFR1 & _BV(TOV1)) != 0 && ticks < 0x8000) {
         us += 0x10000 / CLOCK_TICKS_PER_US;
     }
     return us;
-}
-
-// Ticks of 0.5 us, wrap after 32.8 ms: for short waits. 16-bit registers are read
-// through a byte that all handlers share ("Accessing 16-bit Registers"), hence the
-// block.
-static inline uint16_t clock_ticks(void) {
-    uint16_t ticks;
-    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-        ticks = TCNT1;
-    }
-    return ticks;
 }
 
 #endif

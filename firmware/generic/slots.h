@@ -17,7 +17,7 @@ struct slots {
     volatile uint8_t filled;  // slots completed
     volatile uint8_t taken;   // slots handed over
     // Bursts are on the bus, into the slot after those filled; after a failure it stays
-    // so until sampling is started again, which keeps others away.
+    // so until slots_restart(), which keeps others away.
     bool is_running;
     bool is_reported;         // the failure
     enum bus_result failure;  // of those bursts
