@@ -27,28 +27,20 @@ static bool lines_are_high(void) {
     return (PINC & lines) == lines;
 }
 
-static uint8_t mask_of(enum bus_line line) {
-    return line == BUS_SDA ? _BV(PIN_SDA) : _BV(PIN_SCL);
-}
-
 enum bus_result twi_abort(void) {
     TWCR = 0;
     return lines_are_high() ? BUS_TIMEOUT : BUS_STUCK;
 }
 
-// A line is pulled low by being an output at 0, and let go by being an input.
-void bus_line_pull_low(enum bus_line line) {
-    DDRC |= mask_of(line);
-    _delay_us(BUS_HALF_CLOCK_US);
-}
+_Static_assert(PIN_SCL == PIN_SDA + 1 && (int)BUS_SCL == 2 * (int)BUS_SDA,
+               "the lines are beside each other");
 
-void bus_line_let_go(enum bus_line line) {
-    DDRC &= (uint8_t)~mask_of(line);
+// A line is pulled low by being an output at 0, and let go by being an input, which all
+// other pins of this port are.
+uint8_t bus_lines(uint8_t pulled) {
+    DDRC = (uint8_t)(pulled << PIN_SDA);
     _delay_us(BUS_HALF_CLOCK_US);
-}
-
-bool bus_line_is_high(enum bus_line line) {
-    return (PINC & mask_of(line)) != 0;
+    return (PINC >> PIN_SDA) & BUS_BOTH;
 }
 
 // Takes 3 ms at most, 0.1 ms where nobody holds SCL.

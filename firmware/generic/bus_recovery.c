@@ -3,40 +3,33 @@
 // of its byte clocked (UM10204, "Bus clear").
 #include "generic/bus_recovery.h"
 
-#include <stdint.h>
-
 enum {
     CLOCKS = 9,        // eight bits and their acknowledge
     STRETCH_MAX = 50,  // half clocks that a device may hold SCL down
 };
 
-// False where a device holds the clock for longer than it may.
-static bool clock_rises(void) {
-    for (uint8_t tries = 0; tries <= STRETCH_MAX; tries++) {
-        bus_line_let_go(BUS_SCL);
-        if (bus_line_is_high(BUS_SCL)) {
-            return true;
-        }
+// Lets SCL go and returns which lines are high then; without SCL where a device holds
+// the clock for longer than it may.
+static uint8_t raise_clock(uint8_t pulled) {
+    uint8_t high = 0;
+    for (uint8_t tries = 0; tries <= STRETCH_MAX && (high & BUS_SCL) == 0; tries++) {
+        high = bus_lines(pulled);
     }
-    return false;
+    return high;
 }
 
 enum bus_result bus_recovery_run(void) {
-    bool is_free = clock_rises();
-    for (uint8_t clocks = 0; is_free && clocks < CLOCKS; clocks++) {
-        if (bus_line_is_high(BUS_SDA)) {
-            break;
-        }
-        bus_line_pull_low(BUS_SCL);
-        is_free = clock_rises();
+    uint8_t high = raise_clock(0);
+    for (uint8_t clocks = 0; high == BUS_SCL && clocks < CLOCKS; clocks++) {
+        (void)bus_lines(BUS_SCL);
+        high = raise_clock(0);
     }
-    if (is_free) {  // STOP: SDA rises while SCL is high
-        bus_line_pull_low(BUS_SCL);
-        bus_line_pull_low(BUS_SDA);
-        is_free = clock_rises();
+    if ((high & BUS_SCL) == 0) {
+        return BUS_STUCK;
     }
-    bus_line_let_go(BUS_SDA);
-    return is_free && bus_line_is_high(BUS_SDA) && bus_line_is_high(BUS_SCL)
-               ? BUS_OK
-               : BUS_STUCK;
+    // STOP: SDA rises while SCL is high.
+    (void)bus_lines(BUS_SCL);
+    (void)bus_lines(BUS_BOTH);
+    (void)raise_clock(BUS_SDA);
+    return bus_lines(0) == BUS_BOTH ? BUS_OK : BUS_STUCK;
 }

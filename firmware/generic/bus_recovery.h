@@ -4,7 +4,7 @@
 #ifndef BUS_RECOVERY_H
 #define BUS_RECOVERY_H
 
-#include <stdbool.h>
+#include <stdint.h>
 
 #include "core/drivers/bus.h"
 
@@ -13,12 +13,12 @@ enum {
     BUS_HALF_CLOCK_US = 5,
 };
 
-enum bus_line { BUS_SDA, BUS_SCL };
+// Flags.
+enum bus_lines { BUS_SDA = 1, BUS_SCL = 2, BUS_BOTH = BUS_SDA | BUS_SCL };
 
-// From the board. The first two return half a clock later.
-void bus_line_pull_low(enum bus_line line);
-void bus_line_let_go(enum bus_line line);
-bool bus_line_is_high(enum bus_line line);
+// From the board: pulls these lines low, lets the others go, and returns half a clock
+// later which of them are high.
+uint8_t bus_lines(uint8_t pulled);
 
 // Clocks until SDA is high, then makes a STOP. BUS_OK when both lines are high, else
 // BUS_STUCK. At most 600 half clocks, 20 where nobody holds SCL.

@@ -301,23 +301,13 @@ static void wait_half_clock(void) {
     }
 }
 
-static uint8_t pin_of(enum bus_line line) {
-    return line == BUS_SDA ? PIN_SDA : PIN_SCL;
-}
-
 // The pins are open drains: 0 pulls, 1 lets go.
-void bus_line_pull_low(enum bus_line line) {
-    gpio_set(GPIOB, pin_of(line), false);
+uint8_t bus_lines(uint8_t pulled) {
+    gpio_set(GPIOB, PIN_SDA, (pulled & BUS_SDA) == 0);
+    gpio_set(GPIOB, PIN_SCL, (pulled & BUS_SCL) == 0);
     wait_half_clock();
-}
-
-void bus_line_let_go(enum bus_line line) {
-    gpio_set(GPIOB, pin_of(line), true);
-    wait_half_clock();
-}
-
-bool bus_line_is_high(enum bus_line line) {
-    return gpio_is_high(GPIOB, pin_of(line));
+    return (uint8_t)((gpio_is_high(GPIOB, PIN_SDA) ? BUS_SDA : 0) |
+                     (gpio_is_high(GPIOB, PIN_SCL) ? BUS_SCL : 0));
 }
 
 static void hand_pins_to(enum gpio_mode mode) {

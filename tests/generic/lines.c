@@ -3,31 +3,29 @@
 
 struct lines lines;
 
-bool bus_line_is_high(enum bus_line line) {
-    return !lines.pulled[line] &&
-           (line == BUS_SDA ? lines.sda_clocks == 0 : lines.scl_waits == 0);
+static uint8_t high(void) {
+    return (uint8_t)(((lines.pulled & BUS_SDA) == 0 && lines.sda_clocks == 0 ? BUS_SDA
+                                                                            : 0) |
+                     ((lines.pulled & BUS_SCL) == 0 && lines.scl_waits == 0 ? BUS_SCL
+                                                                           : 0));
 }
 
-void bus_line_pull_low(enum bus_line line) {
-    lines.pulled[line] = true;
+uint8_t bus_lines(uint8_t pulled) {
+    const uint8_t before = high();
+    const uint8_t let_go = lines.pulled & (uint8_t)~pulled;
+    lines.pulled = pulled;
     lines.half_clocks++;
-}
-
-void bus_line_let_go(enum bus_line line) {
-    const bool was_pulled = lines.pulled[line];
-    lines.pulled[line] = false;
-    lines.half_clocks++;
-    if (line == BUS_SCL && lines.scl_waits > 0) {
+    if ((pulled & BUS_SCL) == 0 && lines.scl_waits > 0) {
         lines.scl_waits--;
     }
-    if (line == BUS_SCL && was_pulled && bus_line_is_high(BUS_SCL)) {
+    if ((let_go & BUS_SCL) != 0 && (high() & BUS_SCL) != 0) {
         lines.clocks++;
         if (lines.sda_clocks > 0) {
             lines.sda_clocks--;
         }
     }
-    if (line == BUS_SDA && was_pulled && bus_line_is_high(BUS_SDA) &&
-        bus_line_is_high(BUS_SCL)) {
+    if ((let_go & BUS_SDA) != 0 && before == BUS_SCL && high() == BUS_BOTH) {
         lines.stops++;
     }
+    return high();
 }

@@ -6,7 +6,7 @@
 #include "generic/bus_recovery.h"
 
 struct lines {
-    bool pulled[2];  // by us: BUS_SDA, BUS_SCL
+    uint8_t pulled;  // by us
     int sda_clocks;  // rising edges of SCL until the device lets SDA go; -1: never
     int scl_waits;   // half clocks that it holds SCL down, once; -1: for ever
     int clocks;      // rising edges of SCL

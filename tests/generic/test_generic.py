@@ -19,7 +19,7 @@ ffi, lib = native.load(
 def recover(sda_clocks: int = 0, scl_waits: int = 0) -> int:
     for name in ("clocks", "half_clocks", "stops"):
         setattr(lib.lines, name, 0)
-    lib.lines.pulled = [False, False]
+    lib.lines.pulled = 0
     lib.lines.sda_clocks, lib.lines.scl_waits = sda_clocks, scl_waits
     return int(lib.bus_recovery_run())
 
