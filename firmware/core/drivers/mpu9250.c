@@ -30,7 +30,8 @@ static bool take_axes(const uint8_t *bytes, struct counts *out) {
     bool is_clipped = false;
     for (uint8_t axis = 0; axis < 3; ++axis) {
         const int16_t value = mpu9250_word(bytes + 2 * axis);
-        is_clipped |= value == INT16_MAX || value <= -INT16_MAX;
+        // 32767, -32768 and -32767 follow each other modulo 2^16.
+        is_clipped |= (uint16_t)((uint16_t)value - INT16_MAX) < 3;
         out->axis[axis] = value;
     }
     return is_clipped;
@@ -48,8 +49,8 @@ enum mpu9250_field mpu9250_read_field(const struct mpu9250 *chip, int16_t field[
         // it within 49152.
         const int16_t factor = (int16_t)(128 + chip->identity.mag_adjust[axis]);
         const int32_t adjusted = fixed_scale_down((int32_t)raw * factor, 8);
-        field[axis] = (int16_t)fixed_clamp(adjusted, INT16_MAX);
-        if (field[axis] != adjusted && result == MPU9250_FIELD_OK) {
+        field[axis] = (int16_t)adjusted;
+        if (fixed_magnitude(adjusted) > INT16_MAX && result == MPU9250_FIELD_OK) {
             result = MPU9250_FIELD_BEYOND;
         }
     }
