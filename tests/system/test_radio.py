@@ -143,7 +143,7 @@ def test_more_than_the_radio_carries_is_dropped_by_whole_messages(
     assert corrupt(done) == 0
     # What a start says while the module starts, too, reaches nobody.
     lost = done.summary["radio_lost_to_host"]
-    assert lost == quiet.summary["radio_lost_to_host"] < 400
+    assert lost == quiet.summary["radio_lost_to_host"] < 500
     assert done.summary["late"] == 0
     assert done.last_status["samples_fused"] == done.last_status["samples_read"]
     assert done.last_status["messages_dropped"] > 0
