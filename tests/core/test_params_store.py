@@ -44,10 +44,12 @@ def test_a_memory_without_params_has_the_identity():
         store = Store(Cells(bytes([filler]) * lib.MEMORY_SIZE))
         assert store.is_whole
         assert (store.digest, store.records) == (0, b"")
-        params = ffi.new("struct params *")
-        lib.params_clear(params)
-        assert store.image == bytes(ffi.buffer(params))
-        assert params.calibration.mag.matrix[1][1] == ONE
+        identity = ffi.new("struct calibration *")
+        lib.calibration_clear(identity)
+        size = ffi.sizeof("struct calibration")
+        assert store.image[:size] == bytes(ffi.buffer(identity))
+        assert store.params.calibration.mag.matrix[1][1] == ONE
+        assert (store.params.button_does, store.params.reference) == (0, 0)
 
 
 @pytest.mark.parametrize("records", [FULL, SMALL, ACC, MAG + GYR, TIP, FOREIGN, b""])

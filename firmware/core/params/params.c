@@ -5,6 +5,7 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "core/storage/crc32.h"
 #include "core/wire/messages.h"
 
 // A calibration is taken as it lies in its record.
@@ -17,16 +18,12 @@ enum {
     TAGS_MAX = 8,  // of the records that are known, and of those that may not be double
 };
 
-void params_clear(struct params *out) {
-    memset(out, 0, sizeof *out);
-    calibration_clear(&out->calibration);
-}
-
 enum params_fault params_read(const struct memory *memory, uint16_t offset,
-                              uint16_t length, struct params *out, uint8_t *tag) {
+                              uint8_t length, struct params *out, uint8_t *tag) {
     bool is_seen[TAGS_MAX] = {false};
     const uint16_t end = (uint16_t)(offset + length);
-    params_clear(out);
+    memset(out, 0, sizeof *out);
+    calibration_clear(&out->calibration);
     while (offset < end) {
         uint8_t head[2] = {0, 0};  // tag, length
         memory_copy(memory, offset, head, end - offset < 2 ? 1 : 2);
@@ -60,6 +57,10 @@ enum params_fault params_read(const struct memory *memory, uint16_t offset,
             return PARAMS_OUT_OF_RANGE;
         }
         offset = (uint16_t)(offset + head[1]);
+    }
+    const uint8_t *bytes = (const uint8_t *)&out->calibration;
+    for (uint8_t i = 0; i < sizeof out->calibration; ++i) {
+        out->digest = crc32_add(out->digest, bytes[i]);
     }
     return PARAMS_FINE;
 }

@@ -12,6 +12,7 @@ struct params {
     struct calibration calibration;
     uint8_t button_does;  // enum button_does
     uint8_t reference;    // enum reference
+    uint32_t digest;      // CRC-32 of the calibration
 };
 
 enum params_fault {
@@ -21,15 +22,13 @@ enum params_fault {
     PARAMS_DOUBLED = 3,       // it is there twice
 };
 
-// No records: identity calibration and the defaults.
-void params_clear(struct params *out);
-
-// Reads the list of records of `length` bytes that begins at `offset` of a memory.
-// Those that it does not know, and parts behind those that it knows, it passes over.
-// Where not all of them are fine, `tag` is that of the first record that is not, and
-// `out` is not to be used.
+// Reads the list of records of `length` bytes that begins at `offset` of a memory;
+// without records the calibration is the identity, and the rest zeros. Those that it
+// does not know, and parts behind those that it knows, it passes over. Where not all of
+// them are fine, `tag` is that of the first record that is not, and `out` is not to be
+// used.
 enum params_fault params_read(const struct memory *memory, uint16_t offset,
-                              uint16_t length, struct params *out,
+                              uint8_t length, struct params *out,
                               uint8_t *tag) MUST_CHECK;
 
 #endif

@@ -7,7 +7,7 @@
 enum phase { IDLE, STAGING, CHECKING, BLANKING, COMMITTING };
 
 static enum params_fault read_side(struct params_store *store, enum bank_side side,
-                                   uint16_t length, struct params *out) {
+                                   uint8_t length, struct params *out) {
     return params_read(store->bank.writer.memory, store->bank.content[side], length,
                        out, &store->tag);
 }
@@ -17,10 +17,10 @@ bool params_store_open(struct params_store *store, const struct memory *memory,
     memset(store, 0, sizeof *store);
     bool is_whole = bank_open(&store->bank, memory, MEMORY_PARAMS, MEMORY_PARAMS_BANK);
     if (!params_store_load(store, out)) {
-        params_clear(out);
         store->bank.length = 0;
         store->bank.digest = 0;
         is_whole = false;
+        (void)params_store_load(store, out);
     }
     return is_whole;
 }
@@ -43,14 +43,14 @@ enum result params_store_write(struct params_store *store, int32_t at, int32_t w
         return RESULT_FAILED;
     }
     store->phase = STAGING;
-    store->at = (uint16_t)at;
+    store->at = (uint8_t)at;
     memcpy(store->staged, &word, sizeof store->staged);
     return RESULT_OK;
 }
 
 enum result params_store_apply(struct params_store *store, int32_t value[2]) {
     const uint32_t digest = (uint32_t)value[1];
-    const uint16_t length = (uint16_t)value[0];
+    const uint8_t length = (uint8_t)value[0];
     if ((uint32_t)value[0] > PARAMS_ROOM) {
         return RESULT_BAD_ARGUMENT;
     }
@@ -81,7 +81,7 @@ enum result params_store_apply(struct params_store *store, int32_t value[2]) {
 static enum memory_result stage(struct params_store *store) {
     enum memory_result result = bank_blank(&store->bank);
     for (uint8_t i = 0; i < PARAMS_WORD && result == MEMORY_OK; ++i) {
-        result = bank_put(&store->bank, (uint16_t)(store->at + i), store->staged[i]);
+        result = bank_put(&store->bank, (uint8_t)(store->at + i), store->staged[i]);
     }
     return result;
 }
@@ -147,9 +147,9 @@ enum params_step params_store_step(struct params_store *store) {
 }
 
 void params_store_part(const struct params_store *store, enum bank_side side,
-                       uint16_t length, uint16_t at, uint8_t out[PARAMS_PART]) {
-    const uint16_t left = (uint16_t)(length - at);
+                       uint8_t length, uint8_t at, uint8_t out[PARAMS_PART]) {
+    const uint8_t left = (uint8_t)(length - at);
     memset(out, 0, PARAMS_PART);
     memory_copy(store->bank.writer.memory, (uint16_t)(store->bank.content[side] + at),
-                out, (uint8_t)(left < PARAMS_PART ? left : PARAMS_PART));
+                out, left < PARAMS_PART ? left : PARAMS_PART);
 }

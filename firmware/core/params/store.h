@@ -19,9 +19,9 @@ struct params_store {
     uint8_t phase;
     uint8_t result;      // enum result of the last change
     uint8_t tag, fault;  // of the record that was refused
-    uint16_t at;         // of the next part to be checked, or of `staged`
-    uint16_t told;       // of the part to be told
-    uint16_t length;     // of the records that were asked for
+    uint8_t at;          // of the next part to be checked, or of `staged`
+    uint8_t told;        // of the part to be told
+    uint8_t length;      // of the records that were asked for
     uint32_t digest;     // theirs
     uint32_t crc;        // of what was checked
     uint8_t staged[PARAMS_WORD];
@@ -60,6 +60,6 @@ bool params_store_load(struct params_store *store, struct params *out);
 // Fills `out` with the bytes from `at` on of a bank with `length` bytes of records,
 // zeros behind them.
 void params_store_part(const struct params_store *store, enum bank_side side,
-                       uint16_t length, uint16_t at, uint8_t out[PARAMS_PART]);
+                       uint8_t length, uint8_t at, uint8_t out[PARAMS_PART]);
 
 #endif

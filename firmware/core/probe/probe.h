@@ -66,7 +66,7 @@ struct probe {
     struct settings_writer writer;
     struct params params;
     struct params_store store;
-    uint16_t part_at;   // of the params' part that is told next
+    uint8_t part_at;    // of the params' part that is told next
     uint8_t parts_due;  // parts still to be told
     int32_t last_value[2];
     // NULL where the board has no more than sensor, wire and button.

@@ -28,10 +28,10 @@ void probe_params_tell_one(struct probe *probe) {
 }
 
 static void tell_part(struct probe *probe, uint32_t now_us) {
-    const uint16_t length = probe->store.bank.length;
+    const uint8_t length = probe->store.bank.length;
     send_params(probe, BANK_CURRENT, probe->part_at, now_us);
     --probe->parts_due;
-    probe->part_at = (uint16_t)(probe->part_at + PARAMS_PART);
+    probe->part_at = (uint8_t)(probe->part_at + PARAMS_PART);
     if (probe->part_at >= length) {
         probe->part_at = 0;
         probe->parts_due = 0;  // one was too many where parts divide the length
@@ -44,22 +44,14 @@ void probe_restart(struct probe *probe, int32_t filter, uint32_t now_us) {
     probe_tell(probe, EVENT_RESTARTED, CAUSE_COMMAND, filter, now_us);
 }
 
-static uint32_t digest_of(const struct calibration *calibration) {
-    uint32_t crc = 0;
-    for (uint8_t i = 0; i < sizeof *calibration; ++i) {
-        crc = crc32_add(crc, ((const uint8_t *)calibration)[i]);
-    }
-    return crc;
-}
-
 // Puts in force what is current now. The filter begins anew where it was fed by another
 // calibration: what it has learned is in the other one's units.
 static void change(struct probe *probe, uint32_t now_us) {
-    const uint32_t before = digest_of(&probe->params.calibration);
+    const uint32_t before = probe->params.digest;
     (void)params_store_load(&probe->store, &probe->params);
     probe_tell(probe, EVENT_PARAMS_CHANGED, CAUSE_COMMAND,
                (int32_t)probe->store.bank.digest, now_us);
-    if (probe->identity != NULL && before != digest_of(&probe->params.calibration)) {
+    if (probe->identity != NULL && before != probe->params.digest) {
         probe_restart(probe, send_filter(probe), now_us);
     }
     send_hello(probe, TO_BOTH, now_us);

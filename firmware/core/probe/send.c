@@ -121,7 +121,7 @@ NOINLINE void send_reply(struct probe *probe, const struct message_command *comm
     put(probe, TO_WIRE, bytes, message_reply_encode(&message, 0, now_us, bytes + 1));
 }
 
-NOINLINE void send_params(struct probe *probe, enum bank_side side, uint16_t at,
+NOINLINE void send_params(struct probe *probe, enum bank_side side, uint8_t at,
                           uint32_t now_us) {
     uint8_t bytes[MESSAGE_PARAMS_SIZE + FRAME_AROUND];
     const struct params_store *store = &probe->store;
@@ -131,7 +131,7 @@ NOINLINE void send_params(struct probe *probe, enum bank_side side, uint16_t at,
         .set_length = is_current ? store->bank.length : store->length,
         .part_offset = at,
     };
-    params_store_part(store, side, message.set_length, at, message.part);
+    params_store_part(store, side, (uint8_t)message.set_length, at, message.part);
     put(probe, TO_BOTH, bytes, message_params_encode(&message, 0, now_us, bytes + 1));
 }
 

@@ -21,8 +21,7 @@ void send_hello(struct probe *probe, uint8_t outlets, uint32_t now_us);
 void send_status(struct probe *probe, uint32_t now_us);
 void send_equipment(struct probe *probe, uint32_t now_us);
 // The part of the params at `at`, of those in force or of those that are to be.
-void send_params(struct probe *probe, enum bank_side side, uint16_t at,
-                 uint32_t now_us);
+void send_params(struct probe *probe, enum bank_side side, uint8_t at, uint32_t now_us);
 // The last command's result and values, stamped with the time it was heard.
 void send_reply(struct probe *probe, const struct message_command *command,
                 uint32_t now_us);

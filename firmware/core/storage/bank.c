@@ -18,7 +18,7 @@ static uint8_t mark_of(uint8_t sequence) {
     return sequence ^ MARK_XOR;
 }
 
-uint8_t bank_read(const struct bank *bank, enum bank_side side, uint16_t at) {
+uint8_t bank_read(const struct bank *bank, enum bank_side side, uint8_t at) {
     return memory_read(bank->writer.memory, (uint16_t)(bank->content[side] + at));
 }
 
@@ -38,7 +38,7 @@ bool bank_open(struct bank *bank, const struct memory *memory, uint16_t first,
         if (header.mark == mark_of(header.sequence)) {
             uint32_t crc = 0;
             const bool fits = header.length <= size - BANK_HEADER;
-            for (uint16_t at = 0; fits && at < header.length; ++at) {
+            for (uint8_t at = 0; fits && at < header.length; ++at) {
                 crc = crc32_add(crc, memory_read(memory, (uint16_t)(content + at)));
             }
             if (!fits || crc != header.digest) {
@@ -48,7 +48,7 @@ bool bank_open(struct bank *bank, const struct memory *memory, uint16_t first,
                 has_one = true;
                 bank->content[BANK_CURRENT] = content;
                 bank->sequence = header.sequence;
-                bank->length = header.length;
+                bank->length = (uint8_t)header.length;
                 bank->digest = header.digest;
             }
         }
@@ -60,7 +60,7 @@ bool bank_open(struct bank *bank, const struct memory *memory, uint16_t first,
     return is_whole;
 }
 
-enum memory_result bank_put(struct bank *bank, uint16_t at, uint8_t value) {
+enum memory_result bank_put(struct bank *bank, uint8_t at, uint8_t value) {
     return memory_put(&bank->writer, (uint16_t)(bank->content[BANK_SPARE] + at), value);
 }
 
@@ -74,7 +74,7 @@ enum memory_result bank_blank(struct bank *bank) {
                             : MEMORY_OK;
 }
 
-enum memory_result bank_commit(struct bank *bank, uint16_t length, uint32_t digest) {
+enum memory_result bank_commit(struct bank *bank, uint8_t length, uint32_t digest) {
     const uint8_t sequence = (uint8_t)(bank->sequence + 1);
     const struct header header = {mark_of(sequence), sequence, length, digest};
     uint8_t bytes[BANK_HEADER];

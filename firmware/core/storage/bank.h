@@ -12,7 +12,7 @@
 #include "core/storage/crc32.h"
 #include "core/storage/memory.h"
 
-enum { BANK_HEADER = 8 };  // bytes of a bank before its content
+enum { BANK_HEADER = 8 };  // bytes of a bank before its content, of up to 248
 
 enum bank_side { BANK_CURRENT = 0, BANK_SPARE = 1 };
 
@@ -20,7 +20,7 @@ struct bank {
     struct memory_writer writer;
     uint16_t content[2];  // offset in memory of each side's, by enum bank_side
     uint8_t sequence;     // of the current bank
-    uint16_t length;      // of its content; 0 where neither is good
+    uint8_t length;       // of its content; 0 where neither is good
     uint32_t digest;      // of its content
 };
 
@@ -31,7 +31,7 @@ bool bank_open(struct bank *bank, const struct memory *memory, uint16_t first,
                uint16_t size);
 
 // A byte of a side's content.
-uint8_t bank_read(const struct bank *bank, enum bank_side side, uint16_t at);
+uint8_t bank_read(const struct bank *bank, enum bank_side side, uint8_t at);
 
 // Each of these starts to write one byte at most, for which the memory must be ready,
 // and returns MEMORY_BUSY; MEMORY_OK where nothing is left to be written, and
@@ -40,9 +40,9 @@ uint8_t bank_read(const struct bank *bank, enum bank_side side, uint16_t at);
 // Blanks the mark of the spare bank, if it has one.
 enum memory_result bank_blank(struct bank *bank) MUST_CHECK;
 // A byte of the spare bank's content.
-enum memory_result bank_put(struct bank *bank, uint16_t at, uint8_t value) MUST_CHECK;
+enum memory_result bank_put(struct bank *bank, uint8_t at, uint8_t value) MUST_CHECK;
 // Makes the spare bank the current one. `digest`: the CRC-32 of its content.
-enum memory_result bank_commit(struct bank *bank, uint16_t length,
+enum memory_result bank_commit(struct bank *bank, uint8_t length,
                                uint32_t digest) MUST_CHECK;
 
 #endif

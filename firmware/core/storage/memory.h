@@ -15,7 +15,7 @@ enum {
     MEMORY_SETTINGS = 288,  // two banks
     MEMORY_SETTINGS_BANK = 48,
     MEMORY_PARAMS = 384,  // two banks
-    MEMORY_PARAMS_BANK = 320,
+    MEMORY_PARAMS_BANK = 256,
     MEMORY_SIZE = 1024,
 };
 _Static_assert(MEMORY_SETTINGS + 2 * MEMORY_SETTINGS_BANK <= (int)MEMORY_PARAMS, "");

@@ -118,7 +118,7 @@ enum settings_result settings_load(const struct memory *memory, struct settings 
     (void)bank_open(&writer->bank, memory, MEMORY_SETTINGS, MEMORY_SETTINGS_BANK);
     settings_defaults(out);
     const uint16_t content = writer->bank.content[BANK_CURRENT];
-    const uint8_t length = (uint8_t)writer->bank.length;
+    const uint8_t length = writer->bank.length;
     bool has_any = length > 0 || read_first_form(memory, out);
     for (uint8_t at = 0; at < length;) {
         uint8_t head[2];  // tag, length
@@ -178,7 +178,7 @@ static uint8_t wanted_byte(const struct settings_writer *writer,
         const uint8_t size = (uint8_t)(2 + head[1]);
         if (find(settings, head[0]) == NULL) {
             if (at < size) {
-                return bank_read(bank, BANK_CURRENT, (uint16_t)(from + at));
+                return bank_read(bank, BANK_CURRENT, (uint8_t)(from + at));
             }
             at = (uint8_t)(at - size);
         }
