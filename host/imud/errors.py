@@ -3,6 +3,7 @@
 
 ImudError
 ├── ConfigError         a configuration file or an argument that makes no sense
+├── ParamsError         params, or a file of them, that can't be
 ├── LinkError           a serial port
 │   ├── PortNotFound
 │   ├── PortBusy
@@ -29,6 +30,10 @@ class ImudError(Exception):
 
 class ConfigError(ImudError):
     """A configuration file or an argument that makes no sense."""
+
+
+class ParamsError(ImudError):
+    """Params, or a file of them, that can't be."""
 
 
 class LinkError(ImudError):

@@ -21,6 +21,7 @@ from imud.probes.timeline import Timeline
 from imud.wire import messages, schema
 from imud.wire.frame import FrameDecoder
 from imud.wire.messages import Message, Skew, Value
+from imud.wire.params import ParamsParts
 
 # Messages that may wait for a hello, which comes every second: two seconds of 760 raw
 # messages and as many poses.
@@ -29,8 +30,7 @@ WAITING_MAX = 3072
 # A hello and a status come every second: so long without a good frame is a fault.
 SILENT_NS = 3_000_000_000
 
-# Id of the probe in a capture without a hello.
-NOBODY = "unknown"
+NOBODY = "unknown"  # id of the probe in a capture without a hello
 
 # Up to so many bytes without a good frame may be part of one, or noise at power-on;
 # more mean another baud rate or another device.
@@ -99,6 +99,7 @@ class Probe:
         self.clock = Clock()
         self.hello: dict[str, Value] = {}
         self.hello_content = b""
+        self.params_parts = ParamsParts()
         self._numbers = Counter[str]()
         self._lost: dict[str, int] = {}
 
@@ -106,9 +107,8 @@ class Probe:
         self, frame: DecodedFrame, message: Message, timeline: Timeline, byte_ns: int
     ) -> Stamp:
         """The number and the time of a good message; a byte takes `byte_ns`."""
-        name = message.name
+        name, lost = message.name, self.account.lost
         self._numbers[name] += 1
-        lost = self.account.lost
         # A late message takes back a loss.
         missing = max(0, lost - self._lost.get(name, 0))
         self._lost[name] = lost
@@ -122,14 +122,14 @@ class Probe:
         t_ns, bound_ns = timeline.utc(moment.host_ns), moment.bound_ns
         if bound_ns is not None:
             bound_ns += timeline.doubt(moment.host_ns, bound_ns, t_ns)
-        return Stamp(
-            number,
-            missing,
-            device_us,
-            t_ns,
-            bound_ns,
-            timeline.utc(frame.t_ns),
-        )
+        received_ns = timeline.utc(frame.t_ns)
+        return Stamp(number, missing, device_us, t_ns, bound_ns, received_ns)
+
+    @property
+    def params(self) -> bytes | None:
+        """The records in force, by the digest of its hello; None: not known yet."""
+        digest = self.hello.get("params_digest")
+        return self.params_parts.get(digest) if isinstance(digest, int) else None
 
     def learn(self, hello: Message, content: bytes) -> None:
         self.hello, self.hello_content = dict(hello.fields), content
@@ -182,8 +182,7 @@ class Session:
         self._is_foreign = False
         self._tallied = Counter[str]()
         self._bad = 0
-        self._heard_ns = t_ns
-        self._good_ns = t_ns
+        self._heard_ns = self._good_ns = t_ns
         self._bytes_since_good = 0
         self._told: set[type[Event]] = set()  # since the last good frame
         self.probe = presumed
@@ -342,6 +341,8 @@ class Session:
         if judged.begins_boot:
             probe.clock = Clock(probe.clock.rate)
         if judged.verdict is Verdict.GOOD and isinstance(frame.decoded, Message):
+            if frame.decoded.name == "params":
+                probe.params_parts.take(frame.decoded)
             stamp = probe.stamp(frame, frame.decoded, self._timeline, self.byte_ns)
             events.append(Received(probe, frame.decoded, frame.content, stamp))
         else:

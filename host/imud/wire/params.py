@@ -44,13 +44,13 @@ class ParamsParts:
             not isinstance(digest, int)
             or not isinstance(length, int)
             or not isinstance(at, int)
-            or not isinstance(part, str)
+            or not isinstance(part, bytes)
             or digest in self._whole
         ):
             return None
         key = (digest, length)
         parts = self._parts.setdefault(key, {})
-        parts[at] = bytes.fromhex(part)
+        parts[at] = part
         while len(self._parts) > SETS_MAX:
             del self._parts[next(iter(self._parts))]
         wanted = range(0, length, PART)
