@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import queue
 import re
 import signal
@@ -70,7 +71,11 @@ class DaemonProcess:
         if log is not None:
             command += ["--log", str(self.logs)] if log else ["--no-log"]
         self.process = subprocess.Popen(
-            command, stderr=subprocess.PIPE, text=True, cwd=directory
+            command,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=directory,
+            env=os.environ | {"XDG_STATE_HOME": str(directory / "state")},
         )
         self.lines: list[str] = []
         self._fresh: queue.Queue[str | None] = queue.Queue()

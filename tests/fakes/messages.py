@@ -27,6 +27,7 @@ HELLO: dict[str, Any] = {
     "reset_cause": ("power_on",),
     "filter": "fuse",
     "reset_address": 0,
+    "params_digest": 0,
 }
 POSE: dict[str, Any] = {
     "q": (0.5, 0.5, -0.5, 0.5),
@@ -84,6 +85,12 @@ REPLY: dict[str, Any] = {
     "result": "ok",
     "value": (0, 0),
 }
+PARAMS: dict[str, Any] = {
+    "set_digest": 0,
+    "set_length": 0,
+    "part_offset": 0,
+    "part": b"",
+}
 COMMAND: dict[str, Any] = {"command": "start", "token": 1, "arguments": (0, 0)}
 EXAMPLES: dict[str, dict[str, Any]] = {
     "hello": HELLO,
@@ -92,6 +99,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "event": EVENT,
     "status": STATUS,
     "equipment": EQUIPMENT,
+    "params": PARAMS,
     "command": COMMAND,
     "reply": REPLY,
 }

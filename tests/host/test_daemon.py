@@ -221,13 +221,13 @@ class Slow:
     def __del__(self):
         time.sleep(2)
 
-def tell_late(sink, probe, query):
+def tell_late(sink, probe, topic, query):
     sys.stderr.write("asked\\n")
     while not sys.is_finalizing():
         time.sleep(0.01)
 
 sys.slow = Slow()
-ZenohSink._tell_status = tell_late
+ZenohSink._tell = tell_late
 runpy.run_module("imud", run_name="__main__")
 """
 

@@ -38,7 +38,7 @@ os.execvp("unshare", [*{unshare!r}, "sh", "-c", mount, {logs!r}, *own])
 """
 
 # What the daemon says of a probe, which is no message of the probe's.
-OURS = ("status", "log")
+OURS = ("status", "params", "log")
 
 CONFIG = """
 [zenoh]

@@ -163,6 +163,29 @@ def test_a_viewer_has_the_last_status_the_history_and_who_is_alive(
     assert not [line for line in guarded.daemon.seen() if "does not allow" in line]
 
 
+def test_params_are_read_as_the_status_and_changed_as_commands_are(
+    guarded: Guarded, capsys: pytest.CaptureFixture[str]
+) -> None:
+    guarded.daemon.seen()
+    where = ["--connect", guarded.endpoint, "--keys", str(keys_of(guarded, "viewer"))]
+    for words in (["show"], ["history"]):
+        assert cli.main(["params", PROBE, *words, *where]) == 0
+    assert not [line for line in guarded.daemon.seen() if "does not allow" in line]
+    before = len(guarded.probe.commands)
+    with Client(guarded.endpoint, keys=keys_of(guarded, "viewer")) as viewer:
+        with pytest.raises(NotAllowed, match="may not command, as a viewer"):
+            viewer.change_params(PROBE, b"\x05\x02\1\0")
+        # Who asks all the same gets no reply.
+        query = f"imud/{PROBE}/cmd/params?records=05020100"
+        assert not list(viewer.session.get(query, timeout=WHILE_S))
+        guarded.expect_denied()
+        put = viewer.session.declare_publisher(f"imud/{PROBE}/params")
+        put.put(b"{}")
+        guarded.expect_denied()
+    assert len(guarded.probe.commands) == before
+    capsys.readouterr()
+
+
 def test_each_command_takes_keys(
     guarded: Guarded, capsys: pytest.CaptureFixture[str]
 ) -> None:

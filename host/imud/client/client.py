@@ -32,6 +32,9 @@ ALIVE_AGAIN_S = 0.5
 # The daemon tries a command three times, for a second each.
 COMMAND_TIMEOUT_S = 4.0
 
+# It gives up a change of params after a minute.
+PARAMS_TIMEOUT_S = 70.0
+
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
@@ -213,20 +216,70 @@ class Client:
 
         CommandRefused with the reason, NoReply, or NotAllowed for a role that may not.
         """
+        return self._command(probe, name, arguments, COMMAND_TIMEOUT_S)
+
+    def _command(
+        self, probe: str, name: str, arguments: dict[str, str], timeout_s: float
+    ) -> dict[str, Any]:
         self.check_may(access.COMMAND)
-        selector = f"{self._prefix}/{probe}/cmd/{name}"
-        if arguments:
-            selector += "?" + ";".join(f"{k}={v}" for k, v in arguments.items())
-        for reply in self._session.get(selector, timeout=COMMAND_TIMEOUT_S):
+        answer = self._query(f"{probe}/cmd/{name}", arguments, timeout_s)
+        if answer is None:
+            raise NoReply(
+                f"no reply to {name} for probe {probe}: it is gone (see imud list), or "
+                "your keys no longer allow commands"
+            )
+        return answer
+
+    def params(self, probe: str) -> dict[str, Any]:
+        """The params of a probe: docs/params.md. ProbeUnknown if they are not known."""
+        self.check_may("params")
+        said = self._query(f"{probe}/params", {}, QUERY_TIMEOUT_S)
+        if said is None:
+            raise ProbeUnknown(
+                f"the params of probe {probe} are not known; imud list shows the probes"
+            )
+        return said
+
+    def params_history(self, probe: str, digest: str | None = None) -> dict[str, Any]:
+        """The sets that came into force at a probe, or the one whose digest begins so:
+        docs/params.md. CommandRefused with the reason if there is none.
+        """
+        self.check_may("params")
+        asked = {"digest": digest} if digest is not None else {"history": "1"}
+        said = self._query(f"{probe}/params", asked, QUERY_TIMEOUT_S)
+        if said is None:
+            raise ProbeUnknown(f"no probe {probe} was heard; imud list shows them")
+        value: dict[str, Any] = said["value"]
+        return value
+
+    def change_params(
+        self, probe: str, records: bytes, probe_id: str = "", *, is_forced: bool = False
+    ) -> dict[str, Any]:
+        """Puts these records in force, all or none, and returns the daemon's answer.
+        `probe_id`: of the probe that they were made for; another one refuses them,
+        unless it `is_forced`. CommandRefused with the reason if they are not taken.
+        """
+        arguments = {"records": records.hex()}
+        if probe_id:
+            arguments["probe"] = probe_id
+        if is_forced:
+            arguments["force"] = "1"
+        return self._command(probe, "params", arguments, PARAMS_TIMEOUT_S)
+
+    def _query(
+        self, key: str, parameters: dict[str, str], timeout_s: float
+    ) -> dict[str, Any] | None:
+        """The answer to a query; None if there is none, CommandRefused if it is why."""
+        selector = f"{self._prefix}/{key}"
+        if parameters:
+            selector += "?" + ";".join(f"{k}={v}" for k, v in parameters.items())
+        for reply in self._session.get(selector, timeout=timeout_s):
             if reply.ok:
                 answer: dict[str, Any] = json.loads(reply.ok.payload.to_bytes())
                 return answer
             if reply.err:
                 raise CommandRefused(reply.err.payload.to_string())
-        raise NoReply(
-            f"no reply to {name} for probe {probe}: it is gone (see imud list), or "
-            "your keys no longer allow commands"
-        )
+        return None
 
 
 def _choice(names: list[str]) -> str:

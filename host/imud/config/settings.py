@@ -7,13 +7,15 @@ checked against them, and `imud config` prints them as TOML.
 
 from __future__ import annotations
 
+import os
 import re
+from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
-from imud.defaults import ENDPOINT, PREFIX
+from imud.defaults import ENDPOINT, HISTORY, PREFIX, STATE
 
 # Baud rates of our firmware: 500,000 on the Nano, which 16 MHz divides to exactly, and
 # 921,600 on the F405, the rate of an RN-41.
@@ -113,6 +115,28 @@ class Log(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = True
 
 
+class ParamsHistory(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The params of probes: what turns raw readings into poses."""
+
+    history: Annotated[
+        str,
+        Meta(
+            description="folder for each set that came into force; $XDG_STATE_HOME "
+            "stands for ~/.local/state where it is set; empty: off"
+        ),
+    ] = HISTORY
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder on this machine; None: there is no history."""
+        state = os.environ.get("XDG_STATE_HOME", "")
+        text = self.history
+        if state and text.startswith(f"{STATE}/"):
+            text = state + text.removeprefix(STATE)
+        path = os.path.expanduser(text)  # noqa: PTH111 - leaves a ~ of nobody
+        return Path(path) if path and not path.startswith("~") else None
+
+
 class Ros2(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """ROS 2 topics, as rmw_zenoh has them. This machine needs no ROS."""
 
@@ -196,6 +220,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ports: Ports = Ports()
     zenoh: Zenoh = Zenoh()
     log: Log = Log()
+    params: ParamsHistory = ParamsHistory()
     ros2: Ros2 = Ros2()
     metrics: Metrics = Metrics()
     journal: Journal = Journal()

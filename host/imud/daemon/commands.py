@@ -48,10 +48,12 @@ TIME_MAX = 3  # probes asked at a time: many wide bounds must not keep the loop 
 TARE = {"all": 0, "heading": 1, "undo": 2}
 STREAMS = {"pose": 0, "raw": 1}
 SHOWN_MAX = 40  # characters of a command from the network in a reply
+# One word or one step of a change: alone they only make that of somebody else fail.
+PARAMS_STEPS = {"params_write", "params_apply"}
 FILTERS = {each.name.lower(): each.value for each in schema.Filter if each}
 
 
-def _shown(text: str) -> str:
+def shown(text: str) -> str:
     """Untrusted text for a line: short, without control characters."""
     return "".join(c if c.isprintable() else "?" for c in text[:SHOWN_MAX])
 
@@ -73,7 +75,7 @@ def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
     }
     unknown = parameters.keys() - known.get(name, set())
     if unknown:
-        raise CommandRefused(f"{name} knows no {_shown(min(unknown))}")
+        raise CommandRefused(f"{name} knows no {shown(min(unknown))}")
     try:
         if name == "tare":
             return TARE[parameters.get("what", "all")], 0
@@ -156,23 +158,14 @@ class Commander:
         """Sends a command until there is a reply, and returns its value. Raises
         DeviceError if there is none or the probe refuses.
         """
-        entry = self._registry.named(name)
-        if entry is None:
-            raise ProbeUnknown(f"no probe {name} was heard; imud list shows them")
-        if entry.other is not None:
-            raise VersionMismatch(
-                f"probe {name} speaks another schema (firmware "
-                f"{entry.other.firmware}); update it or imud"
-            )
-        known = {member.name.lower() for member in schema.Command}
+        entry = self.entry_of(name)
+        known = {member.name.lower() for member in schema.Command} - PARAMS_STEPS
         if command not in known:
             raise CommandRefused(
-                f"there is no command {_shown(command)!r}, only "
-                f"{', '.join(sorted(known))}"
+                f"there is no command {shown(command)!r}, only "
+                f"{', '.join(sorted(known | {'params'}))}"
             )
-        arguments = arguments_of(command, parameters)
-        async with entry.commanding:
-            message = await self._ask(entry, command, arguments)
+        message = await self.ask(entry, command, arguments_of(command, parameters))
         result = message.fields["result"]
         if result == "bad_argument" and "filter" in parameters:
             raise CommandRefused(
@@ -184,6 +177,25 @@ class Commander:
                 f"probe {name} refused {command}: {str(result).replace('_', ' ')}"
             )
         return message.fields["value"]
+
+    def entry_of(self, name: str) -> ProbeEntry:
+        """The probe of that name; DeviceError if it can't be sent a command."""
+        entry = self._registry.named(name)
+        if entry is None:
+            raise ProbeUnknown(f"no probe {name} was heard; imud list shows them")
+        if entry.other is not None:
+            raise VersionMismatch(
+                f"probe {name} speaks another schema (firmware "
+                f"{entry.other.firmware}); update it or imud"
+            )
+        return entry
+
+    async def ask(
+        self, entry: ProbeEntry, command: str, arguments: tuple[int, int]
+    ) -> Message:
+        """Sends a command until there is a reply, and returns it, whatever it says."""
+        async with entry.commanding:
+            return await self._ask(entry, command, arguments)
 
     async def set_up(self, name: str, settings: ProbeSettings) -> None:
         """Applies the settings of a probe; DeviceError if it refuses one."""

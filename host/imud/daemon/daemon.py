@@ -22,6 +22,8 @@ from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake
 from imud.daemon.metrics import Metrics
 from imud.daemon.outputs import Outputs
+from imud.daemon.params_change import ParamsChange
+from imud.daemon.params_history import History
 from imud.daemon.selector import GatheringSelector
 from imud.daemon.status import STATUS_S
 from imud.daemon.systemd import Notifier
@@ -30,7 +32,7 @@ from imud.errors import ImudError, described
 from imud.journal.speaker import Speaker
 from imud.ports.finder import Finder
 from imud.probes.timeline import host_ns
-from imud.sinks.zenoh import Answer
+from imud.sinks.zenoh import HISTORY, Answer
 from imud.stages import Wants
 from imud.version import version
 
@@ -60,6 +62,9 @@ class Daemon:
         self._registry = self._intake.registry
         self._reports = self._intake.reports
         self._commander = Commander(self._registry)
+        self._params = ParamsChange(self._commander)
+        self._history = History(config.params.folder)
+        self._intake.params.keep = self._history.keep
         self._intake.on_reply = self._commander.take_reply
         self._intake.on_found = self._begin_set_up
         self._intake.stages.on_want = self._begin_commands
@@ -105,6 +110,7 @@ class Daemon:
             if self._metrics is not None:
                 self._metrics.close()
             self._hub.close()
+            self._history.close()
         logger.info("%s", self._farewell())
         if faults:
             raise faults[0]
@@ -157,7 +163,9 @@ class Daemon:
         put = {entry.name: entry.put for entry in self._registry}
         self._outputs.take_up(config, names, put)
         self._reports.announce()
+        self._intake.params.announce(self._intake.timeline.utc(host_ns()))
         self._finder.configure(config.ports)
+        self._history.configure(config.params.folder)
         if config.metrics != before.metrics:
             try:
                 self._serve_metrics()
@@ -186,6 +194,9 @@ class Daemon:
             self._finder.check(host_ns())
             for _ in self._reports.tick(elapsed_s):
                 await asyncio.sleep(0)
+            for entry in self._intake.params.due(loop.time()):
+                wants = Wants((("params_tell", {}),), "it does not tell its params")
+                self._begin_commands(entry.name, wants)
             self._notifier.alive()
             self._notifier.status(self._state())
             if self._metrics is not None:
@@ -213,8 +224,15 @@ class Daemon:
     async def _answer(
         self, name: str, command: str, parameters: dict[str, str], answer: Answer
     ) -> None:
+        value: Any
         try:
-            value = await self._commander.command(name, command, parameters)
+            if command == "params":
+                value = await self._params.command(name, parameters)
+            elif command == HISTORY:
+                probe_id = self._commander.entry_of(name).probe.probe_id
+                value = await self._history.command(probe_id, parameters)
+            else:
+                value = await self._commander.command(name, command, parameters)
         except ImudError as error:
             answer(b"", str(error))
         else:

@@ -12,6 +12,7 @@ from imud.daemon.host_clock import HostClock
 from imud.daemon.hub import Hub
 from imud.daemon.lines import ProbeLines
 from imud.daemon.log_state import LogWatch
+from imud.daemon.params_watch import ParamsWatch
 from imud.daemon.publisher import Publisher
 from imud.daemon.registry import MakeStages, ProbeEntry, ProbePort, Registry
 from imud.daemon.reports import Reports
@@ -52,6 +53,7 @@ class Intake:
             self.registry, hub, self._publisher, self._lines, self._clock, log
         )
         self.stages = StageRunner(self._publisher, self._lines)
+        self.params = ParamsWatch(self.registry, self._publisher)
         self._read_ns = host_ns()  # when the last bytes came, of whichever probe
         self.on_reply: Callable[[ProbeEntry, Received], None] = lambda *_: None
         self.on_found: Callable[[str], None] = lambda _: None
@@ -151,5 +153,7 @@ class Intake:
             self.on_reply(entry, event)
         elif message.name == "hello":
             self._lines.described(entry, message)
+        if message.name in ("hello", "params"):
+            self.params.follow(entry, self._clock.now_ns())
         self._publisher.set_alive(entry, is_alive=True)
         self.stages.take(entry, event)

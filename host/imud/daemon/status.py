@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 
 from imud.daemon.log_state import LogState
+from imud.daemon.params_watch import summary
 from imud.daemon.registry import ProbeEntry
 from imud.probes.balance import SinkCounts, balance
 from imud.probes.record import plain
@@ -47,6 +48,7 @@ def status_of(
         "log": delivered.log,
         "link": session.counts() if session is not None else None,
         "clock": _clock(entry, timeline, now_ns),
+        "params": summary(entry),
         **{stage.name: stage.status() for stage in entry.stages},
         "counters": entry.counters,
         "equipment": entry.equipment,

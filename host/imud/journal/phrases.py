@@ -26,6 +26,7 @@ FAULTS = frozenset(
         "going_to_sleep",
         "radio_dropped",
         "radio_fault",
+        "params_lost",
     }
 )
 
@@ -101,6 +102,8 @@ def event_words(name: str, cause: str, detail: int) -> str:
     why = "" if cause == "none" else f" ({cause.replace('_', ' ')})"
     if name == "clock_failed":
         return f"{what}{why}, {CLOCK_FAILED[detail != 0]}"
+    if name == "params_changed":
+        return f"{what}{why}, digest {detail & 0xFFFFFFFF:08x}"
     if detail == 0:
         return f"{what}{why}"
     return f"{what}{why}, {DETAILS.get(name, '{}').format(detail)}"

@@ -79,6 +79,14 @@ JSON_SCHEMAS: dict[str, dict[str, Any]] = {
     ),
     "status": _object(**_ABOUT),
     "clock": _object(**_ABOUT, step_ns=_COUNT),
+    "params": _object(
+        **_ABOUT,
+        probe_id=_TEXT,
+        digest={"type": ["string", "null"]},
+        error={"type": ["string", "null"]},
+        bytes=_TEXT,
+        records={"type": "object"},
+    ),
     "log": _object(
         **_ABOUT,
         state={"enum": ["on", "paused", "off"]},

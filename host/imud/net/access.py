@@ -14,9 +14,9 @@ from imud.ros2 import topics
 Role = Literal["viewer", "operator", "recorder", "daemon"]
 
 ROLES: dict[Role, str] = {
-    "viewer": "pose and status",
-    "operator": "pose and status; commands",
-    "recorder": "pose, status, event, raw, frame, twin, clock and log",
+    "viewer": "pose, status and params",
+    "operator": "pose, status and params; commands",
+    "recorder": "pose, status, params, event, raw, frame, twin, clock and log",
     "daemon": "another imud, which publishes into this network",
 }
 
@@ -24,11 +24,12 @@ Rule = dict[str, Any]
 
 # The last parts of the keys that a role may read.
 READS: dict[Role, tuple[str, ...]] = {
-    "viewer": ("pose", "status"),
-    "operator": ("pose", "status"),
+    "viewer": ("pose", "status", "params"),
+    "operator": ("pose", "status", "params"),
     "recorder": (
         "pose",
         "status",
+        "params",
         "event",
         "raw",
         "frame",
@@ -96,7 +97,8 @@ def _rules_of(role: Role, prefix: str) -> list[Rule]:
             for flow in ("ingress", "egress")
         ]
     read = [f"{prefix}/*/{topic}" for topic in READS[role]]
-    asked = [f"{prefix}/*/status", f"{prefix}/*/pose/{HISTORY}"]
+    asked = [f"{prefix}/*/{topic}" for topic in ("status", "params")]
+    asked.append(f"{prefix}/*/pose/{HISTORY}")
     replies = [*asked, f"{prefix}/*/pose"]  # the history replies on the pose's key
     read += [f"*/**/{kind.dds}/*" for kind in ROS2_READS[role]]
     alive = [f"{prefix}/*/alive", ROS2_TOKENS]

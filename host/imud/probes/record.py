@@ -15,6 +15,9 @@ from imud.wire.messages import Message, Value
 # Messages published as JSON under their own names; others only as frames.
 JSON_TOPICS = frozenset({"pose", "raw", "event"})
 
+# Keys of the daemon's own records, and what the messages of that name are called.
+TOPICS = {"status": "counters", "params": "params_part"}
+
 # Each object begins with these.
 HEAD = (
     "type",
@@ -77,8 +80,7 @@ def record_of(
     if message.name in JSON_TOPICS:
         said = describe(message, probe, stamp, hello)
         payload = _ENCODER.encode(said)
-    # `status` is the key of the daemon's own status of a probe.
-    topic = "counters" if message.name == "status" else message.name
+    topic = TOPICS.get(message.name, message.name)
     received_ns = stamp.t_received_ns or 0
     t_ns = received_ns if stamp.t_ns is None else stamp.t_ns
     return Record(

@@ -18,6 +18,12 @@ from imud.probes.record import Presence, Record
 # Time to close: what a slow subscriber has not taken by then is dropped.
 PATIENCE_S = 0.8
 
+# Topics of which late subscribers can query the last payload.
+KEPT = ("status", "params")
+
+# The command that a query for `params` with parameters is: it only reads.
+HISTORY = "params_history"
+
 # Answers a command: payload and no error, or an error.
 Answer = Callable[[bytes, str], None]
 OnCommand = Callable[[str, str, dict[str, str], Answer], None]
@@ -58,7 +64,7 @@ class ZenohSink:
         self._known: set[str] = (
             set()
         )  # probes whose liveliness is declared or withdrawn
-        self._status: dict[str, bytes] = {}
+        self._last: dict[tuple[str, str], bytes] = {}  # by probe and topic
 
     def open(self) -> None:
         # The daemon may start before the router that it connects to: the sink's thread
@@ -89,10 +95,11 @@ class ZenohSink:
         if isinstance(record, Presence):
             self._set_alive(session, record.probe, is_alive=record.is_alive)
             return
+        if record.topic in KEPT and record.payload:
+            self._last[record.probe, record.topic] = record.payload
         if record.topic == "status" and record.payload:
             if self._settings.connect:
                 self._tell_whether(is_joined=network.is_connected(session))
-            self._status[record.probe] = record.payload
             # Its presence was lost if it came or went while there was no network.
             if record.probe not in self._known:
                 is_alive = _is_alive(record.payload)
@@ -113,7 +120,8 @@ class ZenohSink:
         self._declared.clear()
         self._tokens.clear()
         self._known.clear()
-        self._status.clear()
+        # A status comes again within a second, params only when they change.
+        self._last = {k: v for k, v in self._last.items() if k[1] != "status"}
         self._links = None
         if session is not None:
             session.close()
@@ -150,10 +158,11 @@ class ZenohSink:
         )
 
     def _declare(self, session: zenoh.Session, probe: str) -> None:
-        status = self._key(probe, "status")
+        status, params = self._key(probe, "status"), self._key(probe, "params")
         command = self._key(probe, "cmd/*")
         self._declared[probe] = [
-            session.declare_queryable(status, lambda q: self._tell_status(probe, q)),
+            session.declare_queryable(status, lambda q: self._tell(probe, "status", q)),
+            session.declare_queryable(params, lambda q: self._tell_params(probe, q)),
             session.declare_queryable(command, lambda q: self._take_query(probe, q)),
             # No other program should publish there.
             session.declare_subscriber(
@@ -204,18 +213,29 @@ class ZenohSink:
             key = self._key(probe, "alive")
             self._tokens[probe] = session.liveliness().declare_token(key)
 
-    def _tell_status(self, probe: str, query: zenoh.Query) -> None:
+    def _tell(self, probe: str, topic: str, query: zenoh.Query) -> None:
         with query:
-            payload = self._status.get(probe)
+            payload = self._last.get((probe, topic))
             if payload is not None:
                 query.reply(
-                    self._key(probe, "status"),
+                    self._key(probe, topic),
                     payload,
                     encoding=zenoh.Encoding.APPLICATION_JSON,
                 )
 
+    def _tell_params(self, probe: str, query: zenoh.Query) -> None:
+        """The last payload; with parameters, something of the history."""
+        if str(query.parameters):
+            self._pass_on(probe, HISTORY, "params", query)
+        else:
+            self._tell(probe, "params", query)
+
     def _take_query(self, probe: str, query: zenoh.Query) -> None:
         name = str(query.key_expr).rpartition("/")[2]
+        self._pass_on(probe, name, f"cmd/{name}", query)
+
+    def _pass_on(self, probe: str, name: str, last: str, query: zenoh.Query) -> None:
+        """Has a command carried out; the answer is on the key that ends in `last`."""
         parameters = dict(_pairs(str(query.parameters)))
 
         def answer(payload: bytes, error: str) -> None:
@@ -224,7 +244,7 @@ class ZenohSink:
                     query.reply_err(error, encoding=zenoh.Encoding.TEXT_PLAIN)
                 else:
                     query.reply(
-                        self._key(probe, f"cmd/{name}"),
+                        self._key(probe, last),
                         payload,
                         encoding=zenoh.Encoding.APPLICATION_JSON,
                     )

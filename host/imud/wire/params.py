@@ -32,7 +32,7 @@ class ParamsParts:
 
     def __init__(self) -> None:
         self._parts: dict[tuple[int, int], dict[int, bytes]] = {}
-        self._whole: dict[int, bytes] = {0: b""}
+        self._whole: dict[int, bytes] = {}
 
     def take(self, message: Message) -> int | None:
         """Takes a message `params`. The digest of a set that is whole now and was not
@@ -45,6 +45,7 @@ class ParamsParts:
             or not isinstance(length, int)
             or not isinstance(at, int)
             or not isinstance(part, bytes)
+            or digest == 0
             or digest in self._whole
         ):
             return None
@@ -61,9 +62,20 @@ class ParamsParts:
         self._parts.pop(key, None)
         if digest_of(records) != digest:
             return None
-        self._whole[digest] = records
+        self.learn(records)
         return digest
+
+    def learn(self, records: bytes) -> None:
+        """Takes a set that is known from elsewhere to be whole."""
+        self._whole[digest_of(records)] = records
+        while len(self._whole) > SETS_MAX:
+            del self._whole[next(iter(self._whole))]
 
     def get(self, digest: int) -> bytes | None:
         """The records of that digest, if all of their parts were heard."""
-        return self._whole.get(digest)
+        if digest == 0:
+            return b""
+        records = self._whole.pop(digest, None)
+        if records is not None:
+            self._whole[digest] = records  # the one asked for last is kept longest
+        return records

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: MIT
+"""Which params the probes have: published when they change, asked for when they are not
+known, kept as history.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from imud.daemon.publisher import Publisher
+from imud.daemon.registry import ProbeEntry, Registry
+from imud.errors import ParamsError
+from imud.params.value import SENSORS, Params
+
+PARAMS = "params"  # the topic
+
+# How often a probe is asked to tell its params, while they are not known.
+ASK_S = 5.0
+
+Keep = Callable[[str, Params, int], None]
+
+
+class ParamsWatch:
+    """Knows what was said of the params of each probe."""
+
+    def __init__(self, registry: Registry, publisher: Publisher) -> None:
+        self._registry = registry
+        self._publisher = publisher
+        self._told: dict[ProbeEntry, int] = {}  # digests
+        self._ask_s: dict[ProbeEntry, float] = {}  # when to ask
+        self.keep: Keep = lambda *_: None
+
+    def follow(self, entry: ProbeEntry, t_ns: int) -> None:
+        """Called after each hello and each part of params, at `t_ns` UTC."""
+        digest = entry.probe.hello.get("params_digest")
+        records = entry.probe.params
+        if not isinstance(digest, int) or records is None:
+            return
+        if self._told.get(entry) == digest:
+            return
+        self._told[entry] = digest
+        self._publish(entry, records, t_ns)
+        try:
+            params = Params.decode(records)
+        except ParamsError:
+            return
+        if params.records:
+            self.keep(entry.probe.probe_id, params, t_ns)
+
+    def announce(self, t_ns: int) -> None:
+        """Says all params again, for sinks that have just been opened."""
+        for entry in self._registry:
+            records = entry.probe.params
+            if entry in self._told and records is not None:
+                self._publish(entry, records, t_ns)
+
+    def due(self, now_s: float) -> Iterator[ProbeEntry]:
+        """Probes that are to be asked for their params at `now_s`, the loop's time."""
+        for entry in self._registry:
+            is_readable = entry.is_alive and entry.other is None
+            is_known = not entry.probe.hello or entry.probe.params is not None
+            if not is_readable or is_known or entry.commanding.locked():
+                continue
+            # Most come by themselves, right after the hello.
+            due_s = self._ask_s.setdefault(entry, now_s + 1.0)
+            if now_s >= due_s:
+                self._ask_s[entry] = now_s + ASK_S
+                yield entry
+
+    def _publish(self, entry: ProbeEntry, records: bytes, t_ns: int) -> None:
+        said = {"probe_id": entry.probe.probe_id, "t_ns": t_ns, **described(records)}
+        self._publisher.say(entry, PARAMS, said, t_ns)
+
+
+def described(records: bytes) -> dict[str, Any]:
+    """The params for JSON: docs/params.md."""
+    try:
+        params = Params.decode(records)
+    except ParamsError as error:
+        return {"digest": None, "error": str(error), "bytes": records.hex()}
+    return {
+        "digest": f"{params.digest:08x}",
+        "error": next(iter(params.faults()), None),
+        "bytes": records.hex(),
+        "records": params.described(),
+    }
+
+
+def summary(entry: ProbeEntry) -> dict[str, Any]:
+    """What a probe's status says of its params."""
+    digest = entry.probe.hello.get("params_digest")
+    records = entry.probe.params if isinstance(digest, int) else None
+    said: dict[str, Any] = {
+        "digest": f"{digest:08x}" if isinstance(digest, int) else None,
+        "is_known": records is not None,
+    }
+    if records is None:
+        return said
+    try:
+        described = Params.decode(records).described()
+    except ParamsError:
+        return said
+    for name in SENSORS:
+        said[name] = {"is_calibrated": described[name] is not None}
+    for name in (*SENSORS, "tip"):
+        values = described[name] or {}
+        kept = {
+            key: value
+            for key, value in values.items()
+            if key in ("method", "day") or key.startswith("sigma")
+        }
+        said[name] = said.get(name, {}) | kept
+    return said | {"options": described["options"]}
