@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: MIT
+"""What turns a probe's readings into poses: `imud params PROBE show`, `save`, `load`,
+`clear` and `history`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imud.cli.arguments import add_command, add_network, client_of
+
+if TYPE_CHECKING:
+    from imud.cli.arguments import Commands
+
+
+def add(commands: Commands) -> None:
+    params = add_command(
+        commands,
+        "params",
+        "show, save or change what turns a probe's readings into poses",
+        "imud params stylus show",
+        "The params of a probe are its calibration, its tip and its options; "
+        "docs/params.md explains them.",
+    )
+    params.add_argument("probe", metavar="PROBE", help="name or id of the probe")
+    actions = params.add_subparsers(metavar="COMMAND", required=True)
+    _add_show(actions)
+    _add_save(actions)
+    _add_load(actions)
+    _add_clear(actions)
+    _add_history(actions)
+
+
+def _add_show(actions: Commands) -> None:
+    show = add_command(
+        actions,
+        "show",
+        "print the params that are in force",
+        "imud params stylus show --json",
+    )
+    show.add_argument(
+        "--json", action="store_true", help="print one JSON object, as published"
+    )
+    add_network(show)
+    show.set_defaults(run=_show)
+
+
+def _add_save(actions: Commands) -> None:
+    save = add_command(
+        actions,
+        "save",
+        "write the params to a file that people can read",
+        "imud params stylus save stylus.toml",
+    )
+    save.add_argument("file", metavar="FILE", type=Path, help="TOML file to write")
+    save.add_argument(
+        "--force", action="store_true", help="replace the file if it exists"
+    )
+    add_network(save)
+    save.set_defaults(run=_save)
+
+
+def _add_load(actions: Commands) -> None:
+    load = add_command(
+        actions,
+        "load",
+        "put the params of a file in force, all of them or none",
+        "imud params stylus load stylus.toml --dry-run",
+        "Prints what changes. The filter begins anew if a calibration changes.",
+    )
+    load.add_argument(
+        "file",
+        metavar="FILE",
+        type=Path,
+        help="file that save wrote; or the digest of params in the history, or how it "
+        "begins",
+    )
+    load.add_argument(
+        "--force", action="store_true", help="also load params of another probe"
+    )
+    load.add_argument(
+        "--dry-run", action="store_true", help="print what would change, and stop"
+    )
+    add_network(load)
+    load.set_defaults(run=_load)
+
+
+def _add_clear(actions: Commands) -> None:
+    clear = add_command(
+        actions,
+        "clear",
+        "remove all params: readings are used as the sensor gives them",
+        "imud params stylus clear",
+        "The history keeps those that were in force.",
+    )
+    add_network(clear)
+    clear.set_defaults(run=_clear)
+
+
+def _add_history(actions: Commands) -> None:
+    history = add_command(
+        actions,
+        "history",
+        "list the params that came into force, the newest first",
+        "imud params stylus history",
+        "The daemon keeps them; [params] history in its settings says where.",
+    )
+    add_network(history)
+    history.set_defaults(run=_history)
+
+
+def _show(args: argparse.Namespace) -> int:
+    from imud.cli import params_text
+
+    with client_of(args) as client:
+        return params_text.show(client, args.probe, as_json=args.json)
+
+
+def _save(args: argparse.Namespace) -> int:
+    from imud.cli import params_text
+
+    with client_of(args) as client:
+        return params_text.save(client, args.probe, args.file, is_forced=args.force)
+
+
+def _load(args: argparse.Namespace) -> int:
+    from imud.cli import params_text
+
+    wanted = params_text.of_file(args.file)
+    with client_of(args) as client:
+        if wanted is None:
+            wanted = params_text.of_history(client, args.probe, str(args.file))
+        return params_text.load(
+            client, args.probe, wanted, is_forced=args.force, is_dry=args.dry_run
+        )
+
+
+def _clear(args: argparse.Namespace) -> int:
+    from imud.cli import params_text
+
+    with client_of(args) as client:
+        return params_text.clear(client, args.probe)
+
+
+def _history(args: argparse.Namespace) -> int:
+    from imud.cli import params_text
+
+    with client_of(args) as client:
+        return params_text.history(client, args.probe)

@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: MIT
+"""`imud params`: params printed for people, saved, loaded and compared."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from imud.client import Client
+from imud.errors import CommandRefused, FileError, ParamsError
+from imud.params import file
+from imud.params.file import ParamsFile
+from imud.params.parts import NAMES, kind_of
+from imud.params.value import SENSORS, Calibration, Params
+
+TITLES = {"acc": "accelerometer", "gyr": "gyroscope", "mag": "magnetometer"}
+
+# Units of a sensor's sigma and residual. A gyroscope's sigma is a share of the rate.
+UNITS = {"acc": ("m/s2", "m/s2"), "gyr": ("%", "rad"), "mag": ("uT", "uT")}
+
+_DIGEST = re.compile(r"[0-9a-f]{1,8}")
+
+
+def show(client: Client, probe: str, *, as_json: bool) -> int:
+    said = client.params(probe)
+    if as_json:
+        sys.stdout.write(json.dumps(said, separators=(",", ":")) + "\n")
+        return 0
+    params = _decoded(said)
+    title = f"{probe}: params {params.digest:08x}"
+    if probe != said["probe_id"]:
+        title = f"{probe} ({said['probe_id']}): params {params.digest:08x}"
+    sys.stdout.write(f"{title}, {len(params.encode())} bytes\n")
+    for line in _lines(params):
+        sys.stdout.write(f"{line}\n")
+    return 0
+
+
+def _decoded(said: dict[str, Any]) -> Params:
+    return Params.decode(bytes.fromhex(said["bytes"]))
+
+
+def _lines(params: Params) -> Iterator[str]:
+    """The params in words: a title in front of the first line of each part."""
+    for name in SENSORS:
+        calibration = params.calibration(name)
+        if calibration is None:
+            yield from _titled(TITLES[name], ["not calibrated"])
+        else:
+            yield from _titled(TITLES[name], _calibration_lines(name, calibration))
+    yield from _titled("tip", _tip_lines(params))
+    options = params.options
+    words = f"the button: {options.button_does}; at the start, origin: "
+    yield from _titled("options", [words + str(options.reference)])
+    if params.unknown:
+        tags = ", ".join(f"{tag} ({len(b)} bytes)" for tag, b in params.unknown.items())
+        yield from _titled("unknown", [f"records of other firmware, kept: {tags}"])
+    for fault in params.faults():
+        yield from _titled("fault", [fault])
+
+
+def _titled(title: str, lines: list[str]) -> Iterator[str]:
+    for index, line in enumerate(lines):
+        yield f"  {'' if index else title:<14} {line}"
+
+
+def _calibration_lines(name: str, of: Calibration) -> list[str]:
+    made = _made(of.method, of.day, of.temperature_c)
+    sigma_unit, residual_unit = UNITS[name]
+    sigma = of.sigma
+    if sigma is not None and sigma_unit == "%":
+        sigma *= 100
+    sure = f"1-sigma error {_with_unit(sigma, sigma_unit)}"
+    if of.residual is not None:
+        sure += f"; residual of the fit {_with_unit(of.residual, residual_unit)}"
+    bias = " ".join(f"{value:.2f}" for value in of.bias_counts)
+    lines = [made, sure, f"bias {bias} counts; {_matrix_words(of)}"]
+    if of.norm_ut is not None or of.dip_deg is not None:
+        norm, dip = _with_unit(of.norm_ut, "uT"), _with_unit(of.dip_deg, "deg")
+        lines.append(f"in a field of {norm}, {dip} below the horizontal")
+    if of.lag_s is not None:
+        lines.append(f"{1000 * of.lag_s:.2f} ms behind the gyroscope")
+    return lines
+
+
+def _made(method: object, day: object, temperature_c: float | None) -> str:
+    how = f"method {method}" if method not in (None, "unknown") else "method not known"
+    when = f"on {day}" if day is not None else "on a day not known"
+    at = f", at {temperature_c:.1f} degC" if temperature_c is not None else ""
+    return f"calibrated {when}, {how}{at}"
+
+
+def _with_unit(value: float | None, unit: str) -> str:
+    return "not known" if value is None else f"{value:.4g} {unit}"
+
+
+def _matrix_words(of: Calibration) -> str:
+    """How far the matrix scales each axis, and turns the axes at most."""
+    scales = [
+        100 * (math.hypot(*column) - 1) for column in zip(*of.matrix, strict=True)
+    ]
+    turn = 0.0
+    for axis, column in enumerate(zip(*of.matrix, strict=True)):
+        aside = math.hypot(*(v for row, v in enumerate(column) if row != axis))
+        turn = max(turn, math.degrees(math.atan2(aside, column[axis])))
+    scale = " ".join(f"{each:+.2f}" for each in scales)
+    return f"scale {scale} %; axes turned by up to {turn:.2f} deg"
+
+
+def _tip_lines(params: Params) -> list[str]:
+    tip = params.tip
+    if tip is None:
+        return ["not known"]
+    lines = [_made(tip.method, tip.day, None).replace("calibrated", "found")]
+    if tip.offset_m is not None:
+        offset = " ".join(f"{1000 * value:.2f}" for value in tip.offset_m)
+        sigma = None if tip.sigma_m is None else 1000 * tip.sigma_m
+        lines.append(f"{offset} mm from the sensor; 1-sigma {_with_unit(sigma, 'mm')}")
+    if tip.axis is not None:
+        axis = " ".join(f"{value:.4f}" for value in tip.axis)
+        lines.append(f"axis {axis}")
+    return lines
+
+
+def save(client: Client, probe: str, path: Path, *, is_forced: bool) -> int:
+    said = client.params(probe)
+    params = _decoded(said)
+    if path.exists() and not is_forced:
+        raise FileError(f"{path} exists; --force replaces it")
+    file.write(path, params, said["probe_id"])
+    sys.stdout.write(f"{probe}: params {params.digest:08x} saved to {path}\n")
+    return 0
+
+
+def load(
+    client: Client, probe: str, wanted: ParamsFile, *, is_forced: bool, is_dry: bool
+) -> int:
+    said = client.params(probe)
+    probe_id = said["probe_id"]
+    if wanted.probe_id not in (None, probe_id) and not is_forced:
+        raise CommandRefused(
+            f"these are the params of probe {wanted.probe_id}, and {probe} is "
+            f"{probe_id}; --force loads them all the same"
+        )
+    return _change(client, probe, wanted, said, is_forced=is_forced, is_dry=is_dry)
+
+
+def clear(client: Client, probe: str) -> int:
+    return _change(client, probe, ParamsFile(Params()), client.params(probe))
+
+
+def of_file(path: Path) -> ParamsFile | None:
+    """Params that a probe would take; None where `path` is a digest and no file."""
+    if not path.exists() and _DIGEST.fullmatch(str(path)):
+        return None
+    found = file.read(path)
+    for fault in found.params.faults():
+        raise ParamsError(f"{path}: {fault}")
+    return found
+
+
+def of_history(client: Client, probe: str, digest: str) -> ParamsFile:
+    kept = client.params_history(probe, digest)
+    return ParamsFile(_decoded(kept), kept["probe_id"])
+
+
+def _change(
+    client: Client,
+    probe: str,
+    wanted: ParamsFile,
+    said: dict[str, Any],
+    *,
+    is_forced: bool = False,
+    is_dry: bool = False,
+) -> int:
+    before, after = _decoded(said), wanted.params
+    digest = f"{after.digest:08x}"
+    if before.encode() == after.encode():
+        sys.stdout.write(f"{probe}: params {digest} are in force already\n")
+        return 0
+    for line in differences(before, after):
+        sys.stdout.write(f"{line}\n")
+    if is_dry:
+        sys.stdout.write(f"{probe}: params {digest} would replace {said['digest']}\n")
+        return 0
+    sys.stdout.flush()
+    client.change_params(
+        probe, after.encode(), wanted.probe_id or "", is_forced=is_forced
+    )
+    sys.stdout.write(
+        f"{probe}: params {digest} are in force; before: {said['digest']}\n"
+    )
+    return 0
+
+
+def differences(before: Params, after: Params) -> list[str]:
+    """A table of what differs: name, before, after."""
+    old, new = dict(_cells(before)), dict(_cells(after))
+    names = [*old, *(name for name in new if name not in old)]
+    rows = [("", "before", "after")]
+    rows += [
+        (name, old.get(name, "-"), new.get(name, "-"))
+        for name in names
+        if old.get(name) != new.get(name)
+    ]
+    widths = [max(len(row[column]) for row in rows) for column in range(3)]
+    return [
+        "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+
+
+def _cells(params: Params) -> Iterator[tuple[str, str]]:
+    """Each value of the params as text, by a name for people."""
+    for name in NAMES:
+        wire = params.wire(name) or {}
+        for part in kind_of(name).parts:
+            numbers = wire.get(part.name)
+            if numbers is None or numbers == part.null:
+                continue
+            what = f"{name} {part.key}"
+            texts = part.decimals(numbers)
+            if part.is_matrix:
+                for row in range(3):
+                    yield f"{what} {row + 1}", " ".join(texts[3 * row : 3 * row + 3])
+            elif part.is_day or part.words:
+                yield what, str(part.plain(numbers))
+            else:
+                yield what, " ".join(texts)
+    for record in params.records:
+        kind = record.kind
+        tail = record.body if kind is None else kind.split(record.body)[1]
+        if tail:
+            yield f"{record.name} other bytes", tail.hex()
+
+
+def history(client: Client, probe: str) -> int:
+    kept = client.params_history(probe)
+    if not kept["entries"]:
+        sys.stdout.write(f"{probe}: no params came into force so far\n")
+        return 0
+    in_force = client.params(probe)["digest"]
+    for entry in kept["entries"]:
+        stamp, digest = entry["time"], entry["digest"]
+        time = f"{stamp[:4]}-{stamp[4:6]}-{stamp[6:8]} {stamp[9:11]}:{stamp[11:13]}"
+        is_now = digest == in_force
+        in_force = None if is_now else in_force
+        words = f"{time} UTC  {digest}{'  in force' if is_now else ''}"
+        sys.stdout.write(f"{words}\n")
+    sys.stdout.write(f"imud params {probe} load DIGEST brings one back\n")
+    return 0
