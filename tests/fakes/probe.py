@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fakes.messages import EXAMPLES, HELLO
+from fakes.params import FakeParams
 from imud.wire import schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode, encode
@@ -27,6 +28,7 @@ class FakeProbe:
         self.time_us = 0
         self.results: dict[str, str] = {}
         self.commands: list[Mapping[str, Any]] = []
+        self.params = FakeParams()
         self._decoder = FrameDecoder()
         self._replied: tuple[int, dict[str, Any]] | None = None
 
@@ -35,7 +37,8 @@ class FakeProbe:
         return str(self.hello_fields["probe_id"].hex())
 
     def content(self, name: str, **fields: Any) -> bytes:
-        example = self.hello_fields if name == "hello" else EXAMPLES[name]
+        hello = self.hello_fields | {"params_digest": self.params.digest}
+        example = hello if name == "hello" else EXAMPLES[name]
         content = encode(name, example | fields, self.sequence, self.time_us)
         self.sequence = (self.sequence + 1) & 0xFFFFFFFF
         self.time_us = (self.time_us + 5000) & 0xFFFFFFFF
@@ -51,6 +54,8 @@ class FakeProbe:
         self.sequence = self.time_us = 0
         boots = self.hello_fields["boot_count"] + 1
         self.hello_fields = self.hello_fields | {"boot_count": boots}
+        self._replied = None
+        self.params.restart()
 
     def hear(self, data: bytes) -> bytes:
         """The answers to the commands in these bytes."""
@@ -75,6 +80,10 @@ class FakeProbe:
                 "result": result,
                 "value": fields["arguments"],
             }
+            if result == "ok" and fields["command"].startswith("params_"):
+                answer = self.params.obey(fields["command"], *fields["arguments"])
+                reply["result"], reply["value"] = answer
+                said = self._tell_params()
             self._replied = token, reply
             if fields["command"] == "hello":
                 said = self.say("hello")
@@ -84,3 +93,14 @@ class FakeProbe:
                 what = {"event": CHANGES[fields["command"]], "cause": "command"}
                 said = self.say("event", **what, detail=detail)
         return said + self.say("reply", **self._replied[1])
+
+    def _tell_params(self) -> bytes:
+        """The messages about params that are due."""
+        said = b"".join(self.say("params", **part) for part in self.params.tells)
+        self.params.tells.clear()
+        if self.params.has_changed:
+            self.params.has_changed = False
+            what = {"event": "params_changed", "cause": "command"}
+            signed = self.params.digest - (self.params.digest >> 31 << 32)
+            said += self.say("event", **what, detail=signed) + self.say("hello")
+        return said
