@@ -89,7 +89,7 @@ PARAMS: dict[str, Any] = {
     "set_digest": 0,
     "set_length": 0,
     "part_offset": 0,
-    "part": b"",
+    "part": bytes(28),
 }
 COMMAND: dict[str, Any] = {"command": "start", "token": 1, "arguments": (0, 0)}
 EXAMPLES: dict[str, dict[str, Any]] = {

@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: MIT
+"""`imud params` with a daemon and a fake probe: shown, saved, loaded, cleared."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import signal
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from chain import Chain
+from configured import running
+from fakes import PATIENCE_S
+from fakes.params import parts_of
+from imud.cli import main
+from imud.client import Client
+from imud.errors import CommandRefused, ProbeUnknown
+from imud.params import file
+from imud.params.value import Params, Record
+from params_bench import GOOD
+
+
+@contextlib.contextmanager
+def answering(chain: Chain) -> Iterator[None]:
+    """The probe answers whatever comes."""
+    stop = threading.Event()
+
+    def serve() -> None:
+        while not stop.wait(0.002):
+            chain.port.write(chain.port.answers(chain.probe))
+
+    server = threading.Thread(target=serve)
+    server.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        server.join(PATIENCE_S)
+
+
+class Desk:
+    """The command line of somebody at a daemon."""
+
+    def __init__(self, chain: Chain, capsys: pytest.CaptureFixture[str]) -> None:
+        self.chain = chain
+        self.probe = chain.probe.name
+        self.params = chain.probe.params
+        self._capsys = capsys
+
+    def run(self, *words: object, probe: str = "") -> str:
+        """What it prints; AssertionError with its line on stderr if it fails."""
+        where = ["--connect", self.chain.daemon.endpoint]
+        code = main(["params", probe or self.probe, *map(str, words), *where])
+        said = self._capsys.readouterr()
+        assert code == (1 if said.err else 0)
+        assert not said.err, said.err
+        return said.out
+
+    def fails(self, *words: object, probe: str = "") -> str:
+        """Its one line on stderr."""
+        with pytest.raises(AssertionError) as caught:
+            self.run(*words, probe=probe)
+        line = str(caught.value).splitlines()[0]
+        assert line.startswith("imud: ")
+        return line
+
+
+@pytest.fixture
+def desk(chain: Chain, capsys: pytest.CaptureFixture[str]) -> Iterator[Desk]:
+    with answering(chain):
+        yield Desk(chain, capsys)
+
+
+def test_a_probe_without_params_is_shown_as_such(desk: Desk) -> None:
+    text = desk.run("show")
+    assert text.splitlines()[0] == f"{desk.probe}: params 00000000, 0 bytes"
+    assert text.count("not calibrated") == 3
+    assert desk.run("history") == f"{desk.probe}: no params came into force so far\n"
+
+
+def test_params_go_to_the_probe_and_back(desk: Desk, tmp_path: Path) -> None:
+    mine, theirs = tmp_path / "mine.toml", tmp_path / "theirs.toml"
+    mine.write_text(file.written(GOOD, desk.probe))
+    text = desk.run("load", mine, "--dry-run")
+    assert "acc sigma_m_s2       -       0.012" in text
+    assert text.endswith(f"params {GOOD.digest:08x} would replace 00000000\n")
+    assert desk.params.records == b""
+    text = desk.run("load", mine)
+    assert text.splitlines()[0].split() == ["before", "after"]
+    assert text.endswith(f"params {GOOD.digest:08x} are in force; before: 00000000\n")
+    assert desk.params.records == GOOD.encode()
+    assert desk.run("load", mine).endswith("are in force already\n")
+    desk.run("save", theirs)
+    assert theirs.read_text() == mine.read_text()
+    assert "exists; --force replaces it" in desk.fails("save", theirs)
+    desk.run("save", theirs, "--force")
+    shown = desk.run("show")
+    assert "accelerometer  calibrated on a day not known, method positions" in shown
+    assert "1-sigma error 0.012 m/s2" in shown
+    assert "the button: tell" in shown
+    said = json.loads(desk.run("show", "--json"))
+    assert said["bytes"] == GOOD.encode().hex()
+    assert said["records"]["acc"]["method"] == "positions"
+
+
+def test_what_was_in_force_comes_back_from_the_history(
+    desk: Desk, tmp_path: Path
+) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(file.written(GOOD))
+    desk.run("load", path)
+    text = desk.run("clear")
+    assert text.endswith(f"params 00000000 are in force; before: {GOOD.digest:08x}\n")
+    assert desk.params.records == b""
+    digest = f"{GOOD.digest:08x}"
+    assert digest in desk.run("history")
+    desk.run("load", digest[:5])
+    assert desk.params.records == GOOD.encode()
+    assert "there are no params" in desk.fails("load", "0bad")
+    assert f"{digest}  in force" in desk.run("history")
+
+
+def test_errors_are_one_line(desk: Desk, tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(file.written(GOOD, "1" * 16))
+    assert "--force loads them all the same" in desk.fails("load", path)
+    desk.run("load", path, "--force")
+    path.write_text(file.written(Params((Record(1, bytes(5)),))))
+    assert "acc: the record is too short" in desk.fails("load", path)
+    assert "No such file" in desk.fails("load", tmp_path / "none.toml")
+    assert "can't write" in desk.fails("save", tmp_path / "none" / "x")
+    for words in (("show",), ("history",), ("clear",)):
+        assert "probe nobody" in desk.fails(*words, probe="nobody")
+    desk.params.refusal = (1, 2)
+    assert "acc is out of range" in desk.fails("clear")
+
+
+def test_records_of_other_firmware_are_shown_and_kept(
+    desk: Desk, tmp_path: Path
+) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(file.written(GOOD.having(Record(200, b"later"))))
+    assert "record 200 other bytes  -       6c61746572" in desk.run("load", path)
+    assert "records of other firmware, kept: 200 (5 bytes)" in desk.run("show")
+
+
+def test_a_late_client_and_the_status_know_them(chain: Chain) -> None:
+    with answering(chain):
+        chain.client.change_params(chain.probe.name, GOOD.encode())
+        status = chain.status_when(
+            lambda said: said["params"]["digest"] == f"{GOOD.digest:08x}"
+        )
+        assert status["params"] == {
+            "digest": f"{GOOD.digest:08x}",
+            "is_known": True,
+            "acc": {
+                "is_calibrated": True,
+                "sigma_m_s2": 0.012,
+                "day": None,
+                "method": "positions",
+            },
+            "gyr": {"is_calibrated": False},
+            "mag": {"is_calibrated": False},
+            "tip": {},
+            "options": {"button_does": "tell", "reference": "none"},
+        }
+        with Client(chain.daemon.endpoint) as late:
+            said = late.params(chain.probe.name)
+            assert said["digest"] == f"{GOOD.digest:08x}"
+            assert said["records"]["options"]["button_does"] == "tell"
+            with pytest.raises(ProbeUnknown, match="nobody are not known"):
+                late.params("nobody")
+            with pytest.raises(CommandRefused, match="there is no command 'params_wr"):
+                late.command(chain.probe.name, "params_write")
+            assert late.command(chain.probe.name, "params_tell")["ok"]
+    chain.daemon.expect(f"params changed .command., digest {GOOD.digest:08x}")
+
+
+def test_a_daemon_asks_for_params_that_it_did_not_hear(
+    chain: Chain, tmp_path: Path
+) -> None:
+    chain.probe.params.records = GOOD.encode()
+    chain.port.write(chain.probe.say("hello"))
+    status = chain.status_when(lambda said: not said["params"]["is_known"])
+    assert status["params"]["digest"] == f"{GOOD.digest:08x}"
+    with answering(chain):
+        chain.status_when(lambda said: said["params"]["is_known"])
+    asked = [each["command"] for each in chain.probe.commands]
+    assert asked == ["params_tell"]
+    (kept,) = (tmp_path / "state/imud/params" / chain.probe.name).iterdir()
+    assert file.read(kept).params == GOOD
+    assert kept.name.endswith(f"-{GOOD.digest:08x}.toml")
+
+
+def test_a_probe_with_another_name_has_them_under_it(tmp_path: Path) -> None:
+    """The network's sink is another one after such a reload."""
+    with running(tmp_path, "# more") as (daemon, probe, port):
+        probe.params.records = GOOD.encode()
+        port.write(probe.say("hello"))
+        for part in parts_of(GOOD.encode()):
+            port.write(probe.say("params", **part))
+        settings = tmp_path / "imud.toml"
+        own = f"[probes.{probe.name}]\nname = 'stylus'"
+        settings.write_text(settings.read_text().replace("# more", own))
+        daemon.process.send_signal(signal.SIGHUP)
+        daemon.expect("reloaded: probes")
+        with Client(daemon.endpoint) as client:
+            client.wait_for("stylus", seconds=PATIENCE_S)
+            said = client.params("stylus")
+            assert (said["probe"], said["probe_id"]) == ("stylus", probe.name)
+            assert said["bytes"] == GOOD.encode().hex()
+            (entry,) = client.params_history("stylus")["entries"]
+            assert entry["digest"] == f"{GOOD.digest:08x}"
+            with pytest.raises(ProbeUnknown):
+                client.params(probe.name)
+
+
+def test_a_daemon_without_history_says_so(tmp_path: Path) -> None:
+    settings = tmp_path / "imud.toml"
+    settings.write_text('[params]\nhistory = ""\n')
+    chain = Chain(tmp_path, "--config", settings)
+    try:
+        with (
+            answering(chain),
+            pytest.raises(CommandRefused, match="keeps no history of params"),
+        ):
+            chain.client.params_history(chain.probe.name)
+        assert not (tmp_path / "state").exists()
+    finally:
+        chain.close()
