@@ -59,6 +59,13 @@ def test_a_file_is_to_be_read_by_people() -> None:
     )
 
 
+def test_a_file_that_is_empty_is_not_taken_for_no_params() -> None:
+    assert file.parse(file.written(Params())).params == Params()
+    for text in ("", "# cut off", f'probe = "{ID}"'):
+        with pytest.raises(ParamsError, match="holds no params"):
+            file.parse(text)
+
+
 def test_what_this_imud_does_not_know_is_kept() -> None:
     records = (Record(200, b"\1\2"), Record(5, b"\1\2later"), Record(1, bytes(30)))
     text = file.written(Params(records))

@@ -121,6 +121,9 @@ def parse(text: str) -> ParamsFile:
     probe_id = _text(table, "probe", _ID, "16 hexadecimal digits, an id of imud list")
     digest = _text(table, "digest", _DIGEST, "8 hexadecimal digits")
     params = Params(tuple(_in_order(table, list(_records(table)))))
+    if not params.records and digest is None:
+        # An empty file, or one that was cut off, must not clear a probe.
+        raise ParamsError("it holds no params; imud params PROBE clear removes all")
     if digest is not None and digest != f"{params.digest:08x}":
         raise ParamsError(
             f"the digest does not fit: the values give {params.digest:08x}; if you "
