@@ -91,6 +91,7 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     link: dict[str, Any] | None = None
     clock: dict[str, Any] = {}
     counters: dict[str, Any] = {}
+    params: dict[str, Any] = {}
     equipment: dict[str, Any] | None = None
     hello: dict[str, Any] = {}
 
