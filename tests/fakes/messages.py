@@ -29,6 +29,12 @@ HELLO: dict[str, Any] = {
     "reset_address": 0,
     "params_digest": 0,
 }
+PARAMS: dict[str, Any] = {
+    "set_digest": 0,
+    "set_length": 0,
+    "part_offset": 0,
+    "part": bytes(28),
+}
 POSE: dict[str, Any] = {
     "q": (0.5, 0.5, -0.5, 0.5),
     "position": None,
@@ -94,6 +100,7 @@ PARAMS: dict[str, Any] = {
 COMMAND: dict[str, Any] = {"command": "start", "token": 1, "arguments": (0, 0)}
 EXAMPLES: dict[str, dict[str, Any]] = {
     "hello": HELLO,
+    "params": PARAMS,
     "raw": RAW,
     "pose": POSE,
     "event": EVENT,

@@ -222,9 +222,9 @@ def test_parts_of_a_damaged_set_are_forgotten() -> None:
 
 def test_few_sets_are_kept_and_the_one_in_use_among_them() -> None:
     heard = ParamsParts()
-    heard.learn(GOOD.encode())
+    heard.add(GOOD.encode())
     for number in range(100):
-        heard.learn(bytes([number + 1, 0]))
+        heard.add(bytes([number + 1, 0]))
         assert heard.get(GOOD.digest) == GOOD.encode()
     assert heard.get(digest_of(bytes([1, 0]))) is None
 

@@ -26,9 +26,8 @@ from imud.probes.session import (
     Probe,
     Received,
     Session,
-    first_hello,
-    speaker_of,
 )
+from imud.probes.speaker import introduction, speaker_of
 from imud.progress import Progress
 from imud.wire import schema
 
@@ -113,13 +112,13 @@ class _LogWriter:
 
     def write(self, recording: Recording) -> _Outcome:
         name = f"recording {recording.number}"
-        hello = first_hello(self._log.frames(recording))
+        known = introduction(self._log.frames(recording))
         probes: dict[str, Probe] = {}
 
         def find(probe_id: str) -> Probe:
             return probes.setdefault(probe_id, Probe(probe_id))
 
-        probe = speaker_of(hello, find)
+        probe = speaker_of(known, find)
         stem = f"card-{self._log.card_id:08x}-{probe.probe_id}-{recording.number}"
         path = self._to / f"{stem}.mcap"
         if path.exists():

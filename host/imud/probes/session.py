@@ -8,20 +8,20 @@ wait. Everything that is not passed on is counted, here or in the account.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
 
 from imud.probes.boot import DecodedFrame
 from imud.probes.clock import Clock
-from imud.probes.ledger import Account, Judged, Verdict
+from imud.probes.ledger import Judged, Verdict
+from imud.probes.probe import Probe as Probe  # of whom all events are
 from imud.probes.record import Stamp
 from imud.probes.timeline import Timeline
 from imud.wire import messages, schema
 from imud.wire.frame import FrameDecoder
-from imud.wire.messages import Message, Skew, Value
-from imud.wire.params import ParamsParts
+from imud.wire.messages import Message, Skew
 
 # Messages that may wait for a hello, which comes every second: two seconds of 760 raw
 # messages and as many poses.
@@ -29,8 +29,6 @@ WAITING_MAX = 3072
 
 # A hello and a status come every second: so long without a good frame is a fault.
 SILENT_NS = 3_000_000_000
-
-NOBODY = "unknown"  # id of the probe in a capture without a hello
 
 # Up to so many bytes without a good frame may be part of one, or noise at power-on;
 # more mean another baud rate or another device.
@@ -52,6 +50,7 @@ class Received(msgspec.Struct, frozen=True):
     message: Message
     content: bytes
     stamp: Stamp
+    params: bytes | None = None  # records in force then; None: not known
 
     @property
     def probe_id(self) -> str:
@@ -88,75 +87,6 @@ class Silent(msgspec.Struct, frozen=True):
 
 
 Event = ProbeFound | Received | Refused | OtherSchema | OnlyNoise | Silent
-
-
-class Probe:
-    """One probe: its account, clock and latest hello, on whichever port it is."""
-
-    def __init__(self, probe_id: str) -> None:
-        self.probe_id = probe_id
-        self.account = Account()
-        self.clock = Clock()
-        self.hello: dict[str, Value] = {}
-        self.hello_content = b""
-        self.params_parts = ParamsParts()
-        self._numbers = Counter[str]()
-        self._lost: dict[str, int] = {}
-
-    def stamp(
-        self, frame: DecodedFrame, message: Message, timeline: Timeline, byte_ns: int
-    ) -> Stamp:
-        """The number and the time of a good message; a byte takes `byte_ns`."""
-        name, lost = message.name, self.account.lost
-        self._numbers[name] += 1
-        # A late message takes back a loss.
-        missing = max(0, lost - self._lost.get(name, 0))
-        self._lost[name] = lost
-        number = self._numbers[name]
-        device_us = self.clock.unroll(frame.time_us, frame.t_ns)
-        if frame.t_ns is None:
-            return Stamp(number, missing, device_us)
-        # It was on the wire for so long at least.
-        self.clock.arrived(device_us, frame.t_ns - len(frame.content) * byte_ns)
-        moment = self.clock.moment(device_us)
-        t_ns, bound_ns = timeline.utc(moment.host_ns), moment.bound_ns
-        if bound_ns is not None:
-            bound_ns += timeline.doubt(moment.host_ns, bound_ns, t_ns)
-        received_ns = timeline.utc(frame.t_ns)
-        return Stamp(number, missing, device_us, t_ns, bound_ns, received_ns)
-
-    @property
-    def params(self) -> bytes | None:
-        """The records in force, by the digest of its hello; None: not known yet."""
-        digest = self.hello.get("params_digest")
-        return self.params_parts.get(digest) if isinstance(digest, int) else None
-
-    def learn(self, hello: Message, content: bytes) -> None:
-        self.hello, self.hello_content = dict(hello.fields), content
-
-
-def first_hello(chunks: Iterable[bytes]) -> Message | None:
-    """The first hello of our schema in these bytes; None: there is none."""
-    decoder = FrameDecoder()
-    for data in chunks:
-        for content in decoder.feed(data):
-            decoded = messages.decode(content)
-            if (
-                isinstance(decoded, Message)
-                and decoded.name == "hello"
-                and decoded.fields["schema_fingerprint"] == schema.FINGERPRINT
-            ):
-                return decoded
-    return None
-
-
-def speaker_of(hello: Message | None, name: Callable[[str], Probe]) -> Probe:
-    """The probe of a capture, known before its first hello is reached."""
-    probe_id = hello.fields["probe_id"] if hello is not None else None
-    probe = name(probe_id.hex() if isinstance(probe_id, bytes) else NOBODY)
-    if hello is not None:
-        probe.learn(hello, b"")
-    return probe
 
 
 class Session:
@@ -341,10 +271,10 @@ class Session:
         if judged.begins_boot:
             probe.clock = Clock(probe.clock.rate)
         if judged.verdict is Verdict.GOOD and isinstance(frame.decoded, Message):
-            if frame.decoded.name == "params":
-                probe.params_parts.take(frame.decoded)
-            stamp = probe.stamp(frame, frame.decoded, self._timeline, self.byte_ns)
-            events.append(Received(probe, frame.decoded, frame.content, stamp))
+            message = frame.decoded
+            probe.heed(message)
+            stamp = probe.stamp(frame, message, self._timeline, self.byte_ns)
+            events.append(Received(probe, message, frame.content, stamp, probe.params))
         else:
             skew = frame.decoded if isinstance(frame.decoded, Skew) else None
             events.append(Refused(probe.probe_id, judged.verdict, skew))

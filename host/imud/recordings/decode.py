@@ -26,9 +26,8 @@ from imud.probes.session import (
     Probe,
     Received,
     Session,
-    first_hello,
-    speaker_of,
 )
+from imud.probes.speaker import introduction, speaker_of
 from imud.wire import messages, schema
 from imud.wire.messages import Message, Value
 
@@ -100,7 +99,7 @@ def _chunks(path: Path) -> Iterator[bytes]:
 
 
 def _decode_capture(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
-    probe = speaker_of(first_hello(_chunks(path)), tally.probe)
+    probe = speaker_of(introduction(_chunks(path)), tally.probe)
     session = Session(tally.probe, presumed=probe)
     for data in _chunks(path):
         yield from _described(session.receive(data, None), tally)
@@ -113,8 +112,7 @@ def _decode_card(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
     with disk.opened(path) as file:
         log = find_log(file)
         for recording in log.recordings():
-            hello = first_hello(log.frames(recording))
-            probe = speaker_of(hello, Probe)
+            probe = speaker_of(introduction(log.frames(recording)), Probe)
             name = f"recording {recording.number} of {probe.probe_id}"
             tally.probes[name] = probe
             session = Session(partial(_same, probe), None, probe)

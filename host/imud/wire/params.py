@@ -10,7 +10,8 @@ from imud.wire.messages import Message
 
 PART = 28  # bytes that a message of the probe tells
 WORD = 4  # bytes that a command writes
-SETS_MAX = 4  # digests whose parts are kept, the newest
+SETS_MAX = 4  # unfinished sets whose parts are kept, the newest
+WHOLE_MAX = 16  # whole ones
 
 
 def digest_of(records: bytes) -> int:
@@ -47,6 +48,7 @@ class ParamsParts:
             or not isinstance(part, bytes)
             or digest == 0
             or digest in self._whole
+            or at not in range(0, length, PART)
         ):
             return None
         key = (digest, length)
@@ -62,13 +64,13 @@ class ParamsParts:
         self._parts.pop(key, None)
         if digest_of(records) != digest:
             return None
-        self.learn(records)
+        self.add(records)
         return digest
 
-    def learn(self, records: bytes) -> None:
-        """Takes a set that is known from elsewhere to be whole."""
+    def add(self, records: bytes) -> None:
+        """A whole set that is known otherwise, as from the metadata of a log."""
         self._whole[digest_of(records)] = records
-        while len(self._whole) > SETS_MAX:
+        while len(self._whole) > WHOLE_MAX:
             del self._whole[next(iter(self._whole))]
 
     def get(self, digest: int) -> bytes | None:
@@ -77,5 +79,5 @@ class ParamsParts:
             return b""
         records = self._whole.pop(digest, None)
         if records is not None:
-            self._whole[digest] = records  # the one asked for last is kept longest
+            self._whole[digest] = records  # what is in use is forgotten last
         return records

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: MIT
+"""A probe as its messages tell it: what was received of it, its time, its params."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from imud.probes.boot import DecodedFrame
+from imud.probes.clock import Clock
+from imud.probes.ledger import Account
+from imud.probes.record import Stamp
+from imud.probes.timeline import Timeline
+from imud.wire.messages import Message, Value
+from imud.wire.params import ParamsParts
+
+
+class Probe:
+    """One probe: its account, clock, latest hello and params, on whichever port it is
+    and whichever boot.
+    """
+
+    def __init__(self, probe_id: str) -> None:
+        self.probe_id = probe_id
+        self.account = Account()
+        self.clock = Clock()
+        self.hello: dict[str, Value] = {}
+        self.hello_content = b""
+        self.params_parts = ParamsParts()
+        self.params_digest: int | None = None  # of those in force, as it last said
+        self._numbers = Counter[str]()
+        self._lost: dict[str, int] = {}
+
+    def stamp(
+        self, frame: DecodedFrame, message: Message, timeline: Timeline, byte_ns: int
+    ) -> Stamp:
+        """The number and the time of a good message; a byte takes `byte_ns`."""
+        name = message.name
+        self._numbers[name] += 1
+        lost = self.account.lost
+        # A late message takes back a loss.
+        missing = max(0, lost - self._lost.get(name, 0))
+        self._lost[name] = lost
+        number = self._numbers[name]
+        device_us = self.clock.unroll(frame.time_us, frame.t_ns)
+        if frame.t_ns is None:
+            return Stamp(number, missing, device_us)
+        # It was on the wire for so long at least.
+        self.clock.arrived(device_us, frame.t_ns - len(frame.content) * byte_ns)
+        moment = self.clock.moment(device_us)
+        t_ns, bound_ns = timeline.utc(moment.host_ns), moment.bound_ns
+        if bound_ns is not None:
+            bound_ns += timeline.doubt(moment.host_ns, bound_ns, t_ns)
+        return Stamp(
+            number,
+            missing,
+            device_us,
+            t_ns,
+            bound_ns,
+            timeline.utc(frame.t_ns),
+        )
+
+    def learn(self, hello: Message, content: bytes) -> None:
+        self.hello, self.hello_content = dict(hello.fields), content
+
+    @property
+    def params(self) -> bytes | None:
+        """The records in force; None while not all of their parts were heard."""
+        digest = self.params_digest
+        return None if digest is None else self.params_parts.get(digest)
+
+    def heed(self, message: Message) -> None:
+        """Takes up what a good message, in order, says about the params."""
+        said: Value = None
+        if message.name == "params":
+            self.params_parts.take(message)
+        elif message.name == "hello":
+            said = message.fields["params_digest"]
+        elif message.fields.get("event") == "params_changed":
+            said = message.fields["detail"]
+        if isinstance(said, int):
+            self.params_digest = said & 0xFFFFFFFF

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: MIT
+"""Who speaks in a file: its first hello and the params of that, known before the
+messages ahead of them are read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from imud.probes.session import Probe
+from imud.wire import messages, schema
+from imud.wire.frame import FrameDecoder
+from imud.wire.messages import Message
+from imud.wire.params import ParamsParts
+
+# Id of the probe in a capture without a hello.
+NOBODY = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class Introduction:
+    """The first hello of our schema, and the params that were told up to then."""
+
+    hello: Message
+    content: bytes
+    parts: ParamsParts
+
+
+def introduction(chunks: Iterable[bytes]) -> Introduction | None:
+    """How the probe in these bytes introduces itself; None: it does not."""
+    decoder = FrameDecoder()
+    parts = ParamsParts()
+    found: Introduction | None = None
+    for data in chunks:
+        for content in decoder.feed(data):
+            decoded = messages.decode(content)
+            if not isinstance(decoded, Message):
+                continue
+            if decoded.name == "params":
+                parts.take(decoded)
+            elif found is None and _is_ours(decoded):
+                found = Introduction(decoded, content, parts)
+        if found is not None and parts.get(_digest(found.hello)) is not None:
+            break
+    return found
+
+
+def speaker_of(known: Introduction | None, name: Callable[[str], Probe]) -> Probe:
+    """The probe of a file, known before its first hello is reached."""
+    probe_id = known.hello.fields["probe_id"] if known is not None else None
+    probe = name(probe_id.hex() if isinstance(probe_id, bytes) else NOBODY)
+    if known is not None:
+        records = known.parts.get(_digest(known.hello))
+        if records is not None:
+            probe.params_parts.add(records)
+        probe.learn(known.hello, b"")
+        probe.heed(known.hello)
+    return probe
+
+
+def _is_ours(decoded: Message) -> bool:
+    return (
+        decoded.name == "hello"
+        and decoded.fields["schema_fingerprint"] == schema.FINGERPRINT
+    )
+
+
+def _digest(hello: Message) -> int:
+    digest = hello.fields["params_digest"]
+    return digest if isinstance(digest, int) else 0
