@@ -6,6 +6,7 @@
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 
+extern PyType_Spec calibrator_spec;
 extern PyType_Spec replay_spec;
 
 // For types whose instances own no Python object but the reference to their type.

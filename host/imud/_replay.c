@@ -1,22 +1,26 @@
 // SPDX-License-Identifier: MIT
 // _core.Replay: computes a probe's poses again from its raw messages.
-#include "_module.h"
+#include "_inputs.h"
 
-#include "core/drivers/lsm9ds0.h"
-#include "core/drivers/mpu9250.h"
+#include <string.h>
+
 #include "core/fusion/pose.h"
 #include "core/wire/messages.h"
 
 struct replay {
     PyObject_HEAD struct sensor_identity identity;
-    struct calibration calibration;
+    struct calibration calibration;  // that the tracker works with
+    struct calibration next;         // from the next begin on
     struct pose_tracker tracker;
 };
 
 static bool begin(struct replay *replay, long filter) {
+    const struct calibration before = replay->calibration;
+    replay->calibration = replay->next;
     if (filter < 0 || filter > UINT8_MAX ||
         !pose_begin(&replay->tracker, &replay->calibration, &replay->identity,
                     (int32_t)filter)) {
+        replay->calibration = before;
         PyErr_Format(PyExc_ValueError, "filter %ld is not one that can be replayed",
                      filter);
         return false;
@@ -24,42 +28,18 @@ static bool begin(struct replay *replay, long filter) {
     return true;
 }
 
-// The delay of a sensor's rates, which no message carries. False for a kind of sensor
-// without a driver here.
-static bool gyr_delay_of(uint8_t sensor, uint16_t *delay_us) {
-    switch (sensor) {
-    case SENSOR_MPU9250:
-    case SENSOR_MPU6500:
-        *delay_us = MPU9250_GYR_DELAY_US;
-        return true;
-    case SENSOR_LSM9DS0:
-        *delay_us = LSM9DS0_GYR_DELAY_US;
-        return true;
-    default:
-        return false;
-    }
-}
-
 static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs) {
-    static char *names[] = {"hello", NULL};
-    Py_buffer view;
-    struct message_header header;
-    struct message_hello hello;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "y*:Replay", names, &view)) {
-        return NULL;
-    }
-    const bool is_hello =
-        view.len <= UINT8_MAX && message_hello_decode(view.buf, (uint8_t)view.len,
-                                                      &header, &hello) == MESSAGE_OK;
-    PyBuffer_Release(&view);
-    if (!is_hello || hello.sample_rate < 100 || hello.sample_rate > 800) {
-        PyErr_SetString(PyExc_ValueError, "not the hello of a probe whose sensor runs");
-        return NULL;
-    }
-    uint16_t gyr_delay_us = 0;
-    if (!gyr_delay_of(hello.sensor, &gyr_delay_us)) {
-        PyErr_Format(PyExc_ValueError, "sensor %d is not one that can be replayed",
-                     hello.sensor);
+    static char *names[] = {"hello", "params", NULL};
+    PyObject *hello = NULL;
+    PyObject *records = NULL;
+    struct sensor_identity identity;
+    struct params params;
+    uint8_t filter;
+    params_clear(&params);
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O|O:Replay", names, &hello,
+                                     &records) ||
+        !identity_of_hello(hello, &identity, &filter) ||
+        (records != NULL && !params_of_records(records, &params))) {
         return NULL;
     }
     const allocfunc allocate = (allocfunc)PyType_GetSlot(type, Py_tp_alloc);
@@ -68,56 +48,33 @@ static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs
         return NULL;
     }
     struct replay *replay = (struct replay *)self;
-    replay->identity = (struct sensor_identity){
-        .kind = hello.sensor,
-        .rate_hz = hello.sample_rate,
-        .gyr_delay_us = gyr_delay_us,
-        .gyr_lsb_nrad_s = hello.gyr_lsb,
-        .acc_lsb_nm_s2 = hello.acc_lsb,
-        .mag_lsb_pt = hello.mag_lsb,
-    };
-    calibration_clear(&replay->calibration);
-    if (!begin(replay, hello.filter)) {
+    replay->identity = identity;
+    replay->next = params.calibration;
+    if (!begin(replay, filter)) {
         Py_DECREF(self);
         return NULL;
     }
     return self;
 }
 
-static struct counts counts_of(const int16_t values[3]) {
-    return (struct counts){.x = values[0], .y = values[1], .z = values[2]};
-}
-
 static PyObject *replay_step(PyObject *self, PyObject *content) {
-    Py_buffer view;
-    struct message_header header;
-    struct message_raw raw;
-    if (PyObject_GetBuffer(content, &view, PyBUF_SIMPLE) != 0) {
+    struct sample sample;
+    if (!sample_of_raw(content, &sample)) {
         return NULL;
     }
-    const bool is_raw =
-        view.len <= UINT8_MAX &&
-        message_raw_decode(view.buf, (uint8_t)view.len, &header, &raw) == MESSAGE_OK;
-    PyBuffer_Release(&view);
-    if (!is_raw) {
-        PyErr_SetString(PyExc_ValueError, "not a raw message");
-        return NULL;
-    }
-    const bool has_mag = raw.mag[0] != RAW_MAG_NULL;
-    const struct sample sample = {
-        .time_us = header.time_us,
-        .acc = counts_of(raw.acc),
-        .gyr = counts_of(raw.gyr),
-        .mag = has_mag ? counts_of(raw.mag) : (struct counts){.x = 0},
-        .temperature_cdeg = raw.temperature,
-        .has_mag = has_mag,
-        .mag_overflow = (raw.sample_flags & SAMPLE_MAG_OVERFLOW) != 0,
-        .acc_clipped = (raw.sample_flags & SAMPLE_ACC_CLIPPED) != 0,
-        .gyr_clipped = (raw.sample_flags & SAMPLE_GYR_CLIPPED) != 0,
-        .has_gap = (raw.sample_flags & SAMPLE_GAP) != 0,
-    };
     (void)pose_step(&((struct replay *)self)->tracker, &sample);
     Py_RETURN_NONE;
+}
+
+static PyObject *replay_params(PyObject *self, PyObject *records) {
+    struct replay *replay = (struct replay *)self;
+    struct params params;
+    if (!params_of_records(records, &params)) {
+        return NULL;
+    }
+    replay->next = params.calibration;
+    return PyBool_FromLong(
+        memcmp(&replay->next, &replay->calibration, sizeof replay->next) != 0);
 }
 
 static PyObject *replay_pose(PyObject *self, PyObject *args) {
@@ -161,6 +118,9 @@ static PyMethodDef replay_methods[] = {
     {"pose", replay_pose, METH_VARARGS,
      "pose($self, sequence, time_us, /)\n--\n\nThe content of the pose message that "
      "the probe sends after the last step, the same in every bit."},
+    {"params", replay_params, METH_O,
+     "params($self, records, /)\n--\n\nPut other params in force, from the next "
+     "restart on. Whether they calibrate otherwise than those of the last."},
     {"origin", replay_origin, METH_O,
      "origin($self, kind, /)\n--\n\nSet the origin, as the probe does when it sends "
      "the event `tared` with that detail."},
@@ -172,8 +132,8 @@ static PyMethodDef replay_methods[] = {
 
 static PyType_Slot replay_slots[] = {
     {Py_tp_doc,
-     "Replay(hello)\n--\n\nComputes a probe's poses again from its hello and "
-     "all raw messages since its sensor started."},
+     "Replay(hello, params=b'')\n--\n\nComputes a probe's poses again from its hello, "
+     "the records of its params and all raw messages since its filter began."},
     {Py_tp_new, replay_new},
     {Py_tp_dealloc, instance_dealloc},
     {Py_tp_traverse, instance_traverse},

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: MIT
+// _core.Calibrator: the counts of raw messages in physical units, as the probe's filter
+// gets them.
+#include "_inputs.h"
+
+struct calibrator {
+    PyObject_HEAD struct calibration calibration;
+    struct calibration_scale scale;
+};
+
+static PyObject *calibrator_new(PyTypeObject *type, PyObject *args, PyObject *kwargs) {
+    static char *names[] = {"hello", "params", NULL};
+    PyObject *hello = NULL;
+    PyObject *records = NULL;
+    struct sensor_identity identity;
+    struct params params;
+    uint8_t filter;
+    params_clear(&params);
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O|O:Calibrator", names, &hello,
+                                     &records) ||
+        !identity_of_hello(hello, &identity, &filter) ||
+        (records != NULL && !params_of_records(records, &params))) {
+        return NULL;
+    }
+    const allocfunc allocate = (allocfunc)PyType_GetSlot(type, Py_tp_alloc);
+    PyObject *self = allocate(type, 0);
+    if (self != NULL) {
+        struct calibrator *calibrator = (struct calibrator *)self;
+        calibrator->calibration = params.calibration;
+        calibrator->scale = calibration_scale_of(&identity);
+    }
+    return self;
+}
+
+static PyObject *vector_of(const struct vector *vector, double one) {
+    return Py_BuildValue("(ddd)", vector->axis[0] / one, vector->axis[1] / one,
+                         vector->axis[2] / one);
+}
+
+static PyObject *calibrator_apply(PyObject *self, PyObject *content) {
+    const struct calibrator *calibrator = (const struct calibrator *)self;
+    struct sample sample;
+    struct measurement measured;
+    if (!sample_of_raw(content, &sample)) {
+        return NULL;
+    }
+    calibrate(&calibrator->calibration, &calibrator->scale, &sample, &measured);
+    PyObject *acc = vector_of(&measured.acc_m_s2_q21, 0x1p21);
+    PyObject *gyr = vector_of(&measured.gyr_rad_s_q25, 0x1p25);
+    PyObject *mag =
+        measured.has_mag ? vector_of(&measured.mag_ut_q18, 0x1p18) : Py_NewRef(Py_None);
+    // Releases all three where one of them is missing.
+    return Py_BuildValue("(NNN)", acc, gyr, mag);
+}
+
+static PyMethodDef calibrator_methods[] = {
+    {"apply", calibrator_apply, METH_O,
+     "apply($self, raw, /)\n--\n\nAcceleration in m/s2, rate in rad/s and field in uT "
+     "(None: none was read) of a raw message, as the filter of the probe gets them."},
+    {NULL, NULL, 0, NULL},
+};
+
+static PyType_Slot calibrator_slots[] = {
+    {Py_tp_doc, "Calibrator(hello, params=b'')\n--\n\nCalibrates raw messages as the "
+                "probe does that sent the hello and has these records in force."},
+    {Py_tp_new, calibrator_new},
+    {Py_tp_dealloc, instance_dealloc},
+    {Py_tp_traverse, instance_traverse},
+    {Py_tp_methods, calibrator_methods},
+    {0, NULL},
+};
+
+PyType_Spec calibrator_spec = {
+    .name = "imud._core.Calibrator",
+    .basicsize = sizeof(struct calibrator),
+    .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC | Py_TPFLAGS_IMMUTABLETYPE,
+    .slots = calibrator_slots,
+};

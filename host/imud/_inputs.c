@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: MIT
+// Messages and records that Python hands over, as the structs that the firmware's
+// functions take. Each function sets ValueError and returns false for what it can't
+// use.
+#include "_inputs.h"
+
+#include "core/drivers/lsm9ds0.h"
+#include "core/drivers/mpu9250.h"
+#include "core/params/store.h"
+
+// The largest scales that calibrate() has room for, 1.26 as it counts them.
+#define GYR_LSB_MAX UINT32_C(1230468)   // nrad/s
+#define ACC_LSB_MAX UINT32_C(19687500)  // nm/s2
+#define MAG_LSB_MAX UINT32_C(157500)    // pT
+
+// Decodes a message with its own decoder from any bytes of Python's; false with an
+// exception where they are no buffer, `is_good` says whether they are that message.
+#define DECODE(decode, content, header, out, is_good)                                  \
+    do {                                                                               \
+        Py_buffer view;                                                                \
+        if (PyObject_GetBuffer(content, &view, PyBUF_SIMPLE) != 0) {                   \
+            return false;                                                              \
+        }                                                                              \
+        is_good = view.len <= UINT8_MAX &&                                             \
+                  decode(view.buf, (uint8_t)view.len, header, out) == MESSAGE_OK;      \
+        PyBuffer_Release(&view);                                                       \
+    } while (0)
+
+// The delay of a sensor's rates, which no message carries; 0 for a kind of sensor
+// without a driver here.
+static uint16_t gyr_delay_of(uint8_t sensor) {
+    switch (sensor) {
+    case SENSOR_MPU9250:
+    case SENSOR_MPU6500:
+        return MPU9250_GYR_DELAY_US;
+    case SENSOR_LSM9DS0:
+        return LSM9DS0_GYR_DELAY_US;
+    default:
+        return 0;
+    }
+}
+
+bool identity_of_hello(PyObject *content, struct sensor_identity *identity,
+                       uint8_t *filter) {
+    struct message_header header;
+    struct message_hello hello;
+    bool is_hello;
+    DECODE(message_hello_decode, content, &header, &hello, is_hello);
+    if (!is_hello || hello.sample_rate < 100 || hello.sample_rate > 800) {
+        PyErr_SetString(PyExc_ValueError, "not the hello of a probe whose sensor runs");
+        return false;
+    }
+    if (gyr_delay_of(hello.sensor) == 0) {
+        PyErr_Format(PyExc_ValueError, "sensor %d is not one that can be replayed",
+                     hello.sensor);
+        return false;
+    }
+    if (hello.gyr_lsb > GYR_LSB_MAX || hello.acc_lsb > ACC_LSB_MAX ||
+        hello.mag_lsb > MAG_LSB_MAX) {
+        PyErr_SetString(PyExc_ValueError, "its scales are beyond those of any sensor");
+        return false;
+    }
+    *identity = (struct sensor_identity){
+        .kind = hello.sensor,
+        .rate_hz = hello.sample_rate,
+        .gyr_delay_us = gyr_delay_of(hello.sensor),
+        .gyr_lsb_nrad_s = hello.gyr_lsb,
+        .acc_lsb_nm_s2 = hello.acc_lsb,
+        .mag_lsb_pt = hello.mag_lsb,
+    };
+    *filter = hello.filter;
+    return true;
+}
+
+static uint8_t byte_of(const void *context, uint16_t at) {
+    return ((const uint8_t *)context)[at];
+}
+
+bool params_of_records(PyObject *records, struct params *params) {
+    static const char *const faults[] = {
+        [PARAMS_WRONG_LENGTH] = "is too short or cut off",
+        [PARAMS_OUT_OF_RANGE] = "has a value out of range",
+        [PARAMS_DOUBLED] = "is there twice",
+    };
+    Py_buffer view;
+    if (PyObject_GetBuffer(records, &view, PyBUF_SIMPLE) != 0) {
+        return false;
+    }
+    const Py_ssize_t length = view.len;
+    enum params_fault fault = PARAMS_FINE;
+    uint8_t tag = 0;
+    if (length <= PARAMS_ROOM) {
+        const struct params_source source = {byte_of, view.buf, (uint16_t)length};
+        fault = params_read(&source, params, &tag);
+    }
+    PyBuffer_Release(&view);
+    if (length > PARAMS_ROOM) {
+        PyErr_Format(PyExc_ValueError, "params of %zd bytes; a probe has room for %d",
+                     length, PARAMS_ROOM);
+        return false;
+    }
+    if (fault != PARAMS_FINE) {
+        PyErr_Format(PyExc_ValueError, "record %d of the params %s", tag,
+                     faults[fault]);
+        return false;
+    }
+    return true;
+}
+
+static struct counts counts_of(const int16_t values[3]) {
+    return (struct counts){.x = values[0], .y = values[1], .z = values[2]};
+}
+
+bool sample_of_raw(PyObject *content, struct sample *sample) {
+    struct message_header header;
+    struct message_raw raw;
+    bool is_raw;
+    DECODE(message_raw_decode, content, &header, &raw, is_raw);
+    if (!is_raw) {
+        PyErr_SetString(PyExc_ValueError, "not a raw message");
+        return false;
+    }
+    const bool has_mag = raw.mag[0] != RAW_MAG_NULL;
+    *sample = (struct sample){
+        .time_us = header.time_us,
+        .acc = counts_of(raw.acc),
+        .gyr = counts_of(raw.gyr),
+        .mag = has_mag ? counts_of(raw.mag) : (struct counts){.x = 0},
+        .temperature_cdeg = raw.temperature,
+        .has_mag = has_mag,
+        .mag_overflow = (raw.sample_flags & SAMPLE_MAG_OVERFLOW) != 0,
+        .acc_clipped = (raw.sample_flags & SAMPLE_ACC_CLIPPED) != 0,
+        .gyr_clipped = (raw.sample_flags & SAMPLE_GYR_CLIPPED) != 0,
+        .has_gap = (raw.sample_flags & SAMPLE_GAP) != 0,
+    };
+    return true;
+}
