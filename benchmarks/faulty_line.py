@@ -157,8 +157,7 @@ class Line:
                 event.content,
                 self.source.name,
                 event.stamp,
-                event.probe.hello,
-                event.probe.hello_content,
+                event.scales,
             )
 
     def _date(self, event: Received) -> None:

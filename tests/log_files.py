@@ -10,6 +10,7 @@ from fakes import FakeProbe
 from imud.log.file import Settings
 from imud.log.reader import Logged, salvage
 from imud.probes.record import Record, Stamp, record_of
+from imud.probes.scales import Scales
 from imud.sinks.log import LogSink
 from imud.wire.messages import Message, decode
 
@@ -25,6 +26,7 @@ def records(
     hello_content = probe.content("hello")
     hello = decode(hello_content)
     assert isinstance(hello, Message)
+    scales = Scales(hello_content, b"")
     made = []
     for number in range(count):
         kind = "event" if number == 2 else "raw" if number % 5 == 4 else "pose"
@@ -33,9 +35,7 @@ def records(
         assert isinstance(message, Message)
         t_ns = BEGIN_NS + number * PERIOD_NS
         stamp = Stamp(number + 1, 0, number * 5000, t_ns, 1000, t_ns + 2_000_000)
-        made.append(
-            record_of(message, content, name, stamp, hello.fields, hello_content)
-        )
+        made.append(record_of(message, content, name, stamp, scales))
     return made
 
 

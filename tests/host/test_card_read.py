@@ -83,7 +83,7 @@ def test_a_log_of_a_card_is_the_live_log_of_the_same_messages(tmp_path: Path) ->
             sink.take(
                 record_of(
                     *(event.message, event.content, probe.probe_id, stamp),
-                    *(probe.hello, probe.hello_content),
+                    event.scales,
                 )
             )
     sink.close()

@@ -13,6 +13,7 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fakes.records import calibrated_records, calibration_record
 from imud.probes.record import Record
 from imud.ros2 import topics as ros2
 from imud.ros2.cdr import Level
@@ -46,7 +47,7 @@ def pose(**fields: Any) -> Record:
     return Record("tip", "pose", b"{}", b"", 1, T_NS, T_NS, said=said)
 
 
-def raw(**fields: Any) -> Record:
+def raw(params: bytes | None = b"", **fields: Any) -> Record:
     said = {
         "type": "raw",
         "t_device_us": 1_000_000,
@@ -54,7 +55,7 @@ def raw(**fields: Any) -> Record:
         "gyr_rad_s": RATE,
         "mag_uT": None,
     } | fields
-    return Record("tip", "raw", b"{}", b"", 1, T_NS, T_NS, said=said)
+    return Record("tip", "raw", b"{}", b"", 1, T_NS, T_NS, params=params, said=said)
 
 
 def status(**fields: Any) -> Record:
@@ -142,6 +143,25 @@ def test_a_pose_is_joined_with_the_sample_before_it(
     assert (rate.x, rate.y, rate.z) == RATE
     assert (force.x, force.y, force.z) == FORCE
     assert not imu.angular_velocity_covariance.any()
+    assert not imu.linear_acceleration_covariance.any()
+
+
+def test_the_covariance_of_a_sample_is_that_of_its_calibration(
+    translator: Translator,
+) -> None:
+    records = calibrated_records(1)
+    sample = raw(records, mag_uT=(20.0, -1.0, 45.0))
+    said = said_by(translator, sample, pose())
+    imu, mag = said["/imud/tip/imu/data"][-1], said["/imud/tip/imu/mag"][-1]
+    force = imu.linear_acceleration_covariance.reshape(3, 3)
+    assert force == pytest.approx(np.eye(3) * 0.025**2)
+    assert not imu.angular_velocity_covariance.any(), "its zero is not known"
+    field = mag.magnetic_field_covariance.reshape(3, 3)
+    assert field == pytest.approx(np.eye(3) * 0.8e-6**2)
+    # Other params, of which nobody knows how sure they are.
+    unsure = b"".join(calibration_record(t, [0] * 3, [0] * 9, 65535) for t in (1, 3))
+    said = said_by(translator, raw(unsure, t_device_us=1_000_001), pose())
+    (imu,) = said["/imud/tip/imu/data"]
     assert not imu.linear_acceleration_covariance.any()
 
 

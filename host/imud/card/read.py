@@ -179,15 +179,10 @@ class _LogWriter:
         t_ns = t_device_us * 1000
         if self._started_ns is not None:
             t_ns += self._started_ns - found.first_us * 1000
-        probe = event.probe
+        name = event.probe.probe_id
         t_ns = max(0, t_ns)
         stamp = replace(event.stamp, t_ns=t_ns, t_received_ns=t_ns)
-        hello, content = probe.hello, probe.hello_content
-        log.take(
-            record_of(
-                event.message, event.content, probe.probe_id, stamp, hello, content
-            )
-        )
+        log.take(record_of(event.message, event.content, name, stamp, event.scales))
 
     def _say(self, text: str) -> None:
         self._progress.wipe()

@@ -57,12 +57,16 @@ class Pose(Numbered, frozen=True, kw_only=True):
 
 
 class Raw(Numbered, frozen=True, kw_only=True):
-    """One sample of the sensor in the axes of the body, uncalibrated: SI and counts."""
+    """One sample of the sensor in the axes of the body: calibrated with the probe's
+    params, and as counts. Without knowing the params, only counts.
+    """
 
     acc_m_s2: Vector | None
     gyr_rad_s: Vector | None
     mag_uT: Vector | None  # noqa: N815 - the unit's own spelling
     temperature_c: float | None
+    # Of the params that calibrate them; 0: the probe has none. None: not known yet.
+    params_digest: int | None = None
     acc_counts: tuple[int, int, int]
     gyr_counts: tuple[int, int, int]
     mag_counts: tuple[int, int, int] | None

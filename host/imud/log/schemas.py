@@ -60,6 +60,7 @@ JSON_SCHEMAS: dict[str, dict[str, Any]] = {
         acc_m_s2=_vector(3),
         gyr_rad_s=_vector(3),
         mag_uT=_vector(3),
+        params_digest=_OPTIONAL_COUNT,
         temperature_c=_OPTIONAL,
         acc_counts=_vector(3, is_optional=False),
         gyr_counts=_vector(3, is_optional=False),

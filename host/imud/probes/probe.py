@@ -9,9 +9,13 @@ from imud.probes.boot import DecodedFrame
 from imud.probes.clock import Clock
 from imud.probes.ledger import Account
 from imud.probes.record import Stamp
+from imud.probes.scales import UNKNOWN, Scales
 from imud.probes.timeline import Timeline
 from imud.wire.messages import Message, Value
 from imud.wire.params import ParamsParts
+
+# Messages that say what others mean.
+_TELLING = frozenset({"hello", "params", "event"})
 
 
 class Probe:
@@ -27,6 +31,7 @@ class Probe:
         self.hello_content = b""
         self.params_parts = ParamsParts()
         self.params_digest: int | None = None  # of those in force, as it last said
+        self.scales = UNKNOWN
         self._numbers = Counter[str]()
         self._lost: dict[str, int] = {}
 
@@ -59,23 +64,34 @@ class Probe:
             timeline.utc(frame.t_ns),
         )
 
-    def learn(self, hello: Message, content: bytes) -> None:
-        self.hello, self.hello_content = dict(hello.fields), content
-
     @property
     def params(self) -> bytes | None:
         """The records in force; None while not all of their parts were heard."""
         digest = self.params_digest
         return None if digest is None else self.params_parts.get(digest)
 
-    def heed(self, message: Message) -> None:
-        """Takes up what a good message, in order, says about the params."""
+    def heed(self, message: Message, content: bytes) -> None:
+        """Takes up what a good message, in order, says of the probe itself."""
+        if message.name not in _TELLING:
+            return
         said: Value = None
         if message.name == "params":
             self.params_parts.take(message)
         elif message.name == "hello":
+            self.hello, self.hello_content = dict(message.fields), content
             said = message.fields["params_digest"]
-        elif message.fields.get("event") == "params_changed":
+        elif message.fields["event"] == "params_changed":
             said = message.fields["detail"]
         if isinstance(said, int):
             self.params_digest = said & 0xFFFFFFFF
+        self._scale()
+
+    def know(self, records: bytes) -> None:
+        """Params that are known otherwise, as from the metadata of a log."""
+        self.params_parts.add(records)
+        self._scale()
+
+    def _scale(self) -> None:
+        hello, params, scales = self.hello_content, self.params, self.scales
+        if hello != scales.hello or params != scales.params:
+            self.scales = Scales(hello, params)

@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 
+from imud.probes.scales import Scales
 from imud.wire.messages import Message, Value
 
 # Messages published as JSON under their own names; others only as frames.
@@ -56,6 +57,7 @@ class Record(msgspec.Struct, frozen=True):
     t_ns: int  # UTC of what it tells
     t_received_ns: int  # UTC
     hello: bytes = b""  # content of the latest hello, which scales raw counts
+    params: bytes | None = None  # records in force; None: not known, or not a message
     said: Mapping[str, Any] = {}  # the object in `payload`, of messages
 
 
@@ -71,14 +73,13 @@ def record_of(
     content: bytes,
     probe: str,
     stamp: Stamp,
-    hello: Mapping[str, Value],
-    hello_content: bytes,
+    scales: Scales,
 ) -> Record:
     """The record of a good message."""
     said: dict[str, Any] = {}
     payload = b""
     if message.name in JSON_TOPICS:
-        said = describe(message, probe, stamp, hello)
+        said = describe(message, content, probe, stamp, scales)
         payload = _ENCODER.encode(said)
     topic = TOPICS.get(message.name, message.name)
     received_ns = stamp.t_received_ns or 0
@@ -91,17 +92,16 @@ def record_of(
         message.sequence,
         t_ns,
         received_ns,
-        hello_content,
+        scales.hello,
+        scales.params,
         said,
     )
 
 
 def describe(
-    message: Message, probe: str, stamp: Stamp, hello: Mapping[str, Value]
+    message: Message, content: bytes, probe: str, stamp: Stamp, scales: Scales
 ) -> dict[str, Any]:
-    """A message as plain values for JSON, with units in the names. `hello` has the
-    scales of raw counts, or is empty.
-    """
+    """A message as plain values for JSON, with units in the names."""
     fields = message.fields
     t_ns, received_ns = stamp.t_ns, stamp.t_received_ns
     head: dict[str, Any] = {
@@ -127,10 +127,12 @@ def describe(
             "flags": fields["pose_flags"],
         }
     if message.name == "raw":
+        acc, gyr, mag = scales.measure(content)
         return head | {
-            "acc_m_s2": _scaled(fields["acc"], hello.get("acc_lsb")),
-            "gyr_rad_s": _scaled(fields["gyr"], hello.get("gyr_lsb")),
-            "mag_uT": _scaled(fields["mag"], hello.get("mag_lsb")),
+            "acc_m_s2": acc,
+            "gyr_rad_s": gyr,
+            "mag_uT": mag,
+            "params_digest": scales.digest,
             "temperature_c": fields["temperature"],
             "acc_counts": fields["acc"],
             "gyr_counts": fields["gyr"],
@@ -171,9 +173,3 @@ def equipment_of(fields: Mapping[str, Value]) -> dict[str, Any]:
 def plain(value: Value) -> Any:
     """Bytes as hexadecimal digits, other values unchanged."""
     return value.hex() if isinstance(value, bytes) else value
-
-
-def _scaled(counts: Value, lsb: Value) -> list[float] | None:
-    if not isinstance(counts, tuple) or not isinstance(lsb, float):
-        return None
-    return [float(count) * lsb for count in counts]

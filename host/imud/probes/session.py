@@ -18,6 +18,7 @@ from imud.probes.clock import Clock
 from imud.probes.ledger import Judged, Verdict
 from imud.probes.probe import Probe as Probe  # of whom all events are
 from imud.probes.record import Stamp
+from imud.probes.scales import UNKNOWN, Scales
 from imud.probes.timeline import Timeline
 from imud.wire import messages, schema
 from imud.wire.frame import FrameDecoder
@@ -50,11 +51,16 @@ class Received(msgspec.Struct, frozen=True):
     message: Message
     content: bytes
     stamp: Stamp
-    params: bytes | None = None  # records in force then; None: not known
+    scales: Scales = UNKNOWN  # of that moment
 
     @property
     def probe_id(self) -> str:
         return self.probe.probe_id
+
+    @property
+    def params(self) -> bytes | None:
+        """The records in force when it was sent; None: not known."""
+        return self.scales.params
 
 
 class Refused(msgspec.Struct, frozen=True):
@@ -247,7 +253,7 @@ class Session:
         if probe is None:
             return
         if not probe.hello:
-            probe.learn(hello, frame.content)
+            probe.heed(hello, frame.content)
         waiting = [*self._waiting, frame]
         self._waiting.clear()
         boots = probe.account.boots
@@ -255,9 +261,6 @@ class Session:
         for each in waiting:
             self._note(probe, each, told)
         is_restart = boots > 0 and probe.account.boots > boots
-        is_heard = any(isinstance(e, Received) and e.message is hello for e in told)
-        if is_heard:
-            probe.learn(hello, frame.content)
         if is_first or is_restart:
             events.append(ProbeFound(probe.probe_id, hello, is_restart))
         events.extend(told)
@@ -272,9 +275,9 @@ class Session:
             probe.clock = Clock(probe.clock.rate)
         if judged.verdict is Verdict.GOOD and isinstance(frame.decoded, Message):
             message = frame.decoded
-            probe.heed(message)
+            probe.heed(message, frame.content)
             stamp = probe.stamp(frame, message, self._timeline, self.byte_ns)
-            events.append(Received(probe, message, frame.content, stamp, probe.params))
+            events.append(Received(probe, message, frame.content, stamp, probe.scales))
         else:
             skew = frame.decoded if isinstance(frame.decoded, Skew) else None
             events.append(Refused(probe.probe_id, judged.verdict, skew))

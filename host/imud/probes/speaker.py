@@ -53,9 +53,8 @@ def speaker_of(known: Introduction | None, name: Callable[[str], Probe]) -> Prob
     if known is not None:
         records = known.parts.get(_digest(known.hello))
         if records is not None:
-            probe.params_parts.add(records)
-        probe.learn(known.hello, b"")
-        probe.heed(known.hello)
+            probe.know(records)
+        probe.heed(known.hello, known.content)
     return probe
 
 

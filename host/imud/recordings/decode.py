@@ -130,9 +130,10 @@ def _described(
             tally.messages += 1
             yield describe(
                 event.message,
+                event.content,
                 name or event.probe.probe_id,
                 event.stamp,
-                event.probe.hello,
+                event.scales,
             )
         elif isinstance(event, OtherSchema):
             tally.other = event
@@ -154,10 +155,8 @@ def _decode_log(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
                 probe = tally.probe(record.probe)
                 sessions[record.probe] = Session(partial(_same, probe), None, probe)
             session = sessions[record.probe]
-            if record.topic == "hello" and session.probe is not None:
-                hello = messages.decode(record.data)
-                if isinstance(hello, Message):
-                    session.probe.learn(hello, record.data)
+            if session.probe is not None and record.topic in _INTRODUCE:
+                _INTRODUCE[record.topic](session.probe, record.data)
             elif record.topic == "frame":
                 times[record.data] = record
                 events = session.take(record.data, record.t_ns)
@@ -168,6 +167,19 @@ def _decode_log(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
         tally.problem = str(error)
     for name, session in sessions.items():
         yield from _described(_dated(session.close(), times), tally, name)
+
+
+def _introduce(probe: Probe, hello: bytes) -> None:
+    """The hello of the messages ahead of the first that is logged. Metadata of later
+    ones come ahead of the messages before them, and say nothing that is not logged.
+    """
+    message = messages.decode(hello)
+    if isinstance(message, Message) and not probe.hello:
+        probe.heed(message, hello)
+
+
+# What metadata say of a probe, by their topic.
+_INTRODUCE = {"hello": _introduce, "params_records": Probe.know}
 
 
 def _dated(events: list[Event], times: dict[bytes, Logged]) -> Iterator[Event]:
@@ -184,7 +196,7 @@ def _dated(events: list[Event], times: dict[bytes, Logged]) -> Iterator[Event]:
                 t_bound_ns=None,
                 t_received_ns=logged.t_ns,
             )
-            yield Received(event.probe, event.message, event.content, stamp)
+            yield replace(event, stamp=stamp)
         else:
             yield event
 

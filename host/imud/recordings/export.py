@@ -62,6 +62,7 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
         "acc_m_s2": _parts("acc_m_s2"),
         "gyr_rad_s": _parts("gyr_rad_s"),
         "mag_uT": _parts("mag_uT"),
+        "params_digest": ("params_digest",),
         "temperature_c": ("temperature_c",),
         "acc_counts": _parts("acc_counts"),
         "gyr_counts": _parts("gyr_counts"),
@@ -94,7 +95,7 @@ _WORDS = frozenset(
 _INTEGERS = frozenset(
     {
         *_HEAD,
-        *("acc_counts", "gyr_counts", "mag_counts", "detail"),
+        *("acc_counts", "gyr_counts", "mag_counts", "params_digest", "detail"),
         *("compared", "differed", "step_ns", "dropped"),
         *("clock.offset_ns", "clock.bound_us"),
         *(f"ledger.{key}" for key in _LEDGER),

@@ -18,6 +18,7 @@ from imud.probes.record import Presence, Record
 from imud.ros2 import cdr, topics
 from imud.ros2.cdr import Diagnosis, Level
 from imud.ros2.topics import Node, Topic
+from imud.wire.params import parts_of
 
 NODE = "imud"
 TF = Topic("/tf", topics.TF_MESSAGE, 100)
@@ -50,6 +51,28 @@ Said = Mapping[str, Any]
 RosMessage = tuple[Topic, bytes]
 
 
+class Errors:
+    """Covariances of samples, row by row, from the sigmas that the params know.
+
+    The gyroscope's sigma is one of its scale. The error of its zero is not known, so
+    neither is that of the rate.
+    """
+
+    def __init__(self, params: bytes | None = None) -> None:
+        self.params = params
+        known = parts_of(params or b"")
+        self.force = _diagonal(known.get("acc", {}).get("sigma"))
+        self.rate = cdr.UNKNOWN
+        self.field = _diagonal(known.get("mag", {}).get("sigma"), 1e-6)
+
+
+def _diagonal(sigma: object, unit: float = 1.0) -> Sequence[float]:
+    if not isinstance(sigma, float):
+        return cdr.UNKNOWN
+    square = (sigma * unit) ** 2
+    return (square, 0.0, 0.0, 0.0, square, 0.0, 0.0, 0.0, square)
+
+
 class Translator:
     """Turns the records of one probe into ROS 2 messages. No I/O."""
 
@@ -61,6 +84,7 @@ class Translator:
         self.mag = Topic(f"{base}/imu/mag", topics.MAGNETIC_FIELD)
         self.pose = Topic(f"{base}/pose", topics.POSE_STAMPED)
         self._sample: Said | None = None
+        self._errors = Errors()
         self._pose_us: int | None = None
         self._losses: dict[str, int] = {}
 
@@ -72,6 +96,8 @@ class Translator:
         if record.topic == "pose":
             yield from self._take_pose(record.t_ns, record.said)
         elif record.topic == "raw":
+            if record.params != self._errors.params:
+                self._errors = Errors(record.params)
             yield from self._take_raw(record.t_ns, record.said)
         elif record.topic == "status" and record.payload:
             status: Said = msgspec.json.decode(record.payload)
@@ -105,7 +131,7 @@ class Translator:
             field_t = [value * 1e-6 for value in raw["mag_uT"]]
             yield (
                 self.mag,
-                cdr.magnetic_field(t_ns, self.frame, field_t, cdr.UNKNOWN),
+                cdr.magnetic_field(t_ns, self.frame, field_t, self._errors.field),
             )
 
     def _joined(self, t_us: int) -> Said | None:
@@ -121,12 +147,13 @@ class Translator:
         covariance: Sequence[float],
         sample: Said | None,
     ) -> RosMessage:
-        known = cdr.ABSENT if sample is None else cdr.UNKNOWN
         nothing = (0.0, 0.0, 0.0)
         rate = nothing if sample is None else sample["gyr_rad_s"]
         force = nothing if sample is None else sample["acc_m_s2"]
+        of_rate = cdr.ABSENT if sample is None else self._errors.rate
+        of_force = cdr.ABSENT if sample is None else self._errors.force
         data = cdr.imu(
-            t_ns, self.frame, orientation, covariance, rate, known, force, known
+            t_ns, self.frame, orientation, covariance, rate, of_rate, force, of_force
         )
         return self.imu, data
 

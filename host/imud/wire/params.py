@@ -3,15 +3,25 @@
 
 from __future__ import annotations
 
+import contextlib
 import zlib
 from collections.abc import Iterator
 
+from imud.wire import schema
+from imud.wire.fields import Field, Impossible, Value
 from imud.wire.messages import Message
 
+HEAD = 2  # bytes of a record before its content: tag, length
+SENSORS = ("acc", "gyr", "mag")  # records that calibrate
 PART = 28  # bytes that a message of the probe tells
 WORD = 4  # bytes that a command writes
 SETS_MAX = 4  # unfinished sets whose parts are kept, the newest
 WHOLE_MAX = 16  # whole ones
+
+_KNOWN = {
+    record.tag: (record.name, [Field(part) for part in record.parts])
+    for record in schema.RECORDS
+}
 
 
 def digest_of(records: bytes) -> int:
@@ -24,6 +34,40 @@ def words_of(records: bytes) -> Iterator[tuple[int, int]]:
     for at in range(0, len(records), WORD):
         word = records[at : at + WORD].ljust(WORD, b"\0")
         yield at, int.from_bytes(word, "little", signed=True)
+
+
+def parts_of(records: bytes) -> dict[str, dict[str, Value]]:
+    """The values of the records that this imud knows, by record and part. Parts that
+    an older writer left out are None; parts and records behind a torn end are missing.
+    """
+    found: dict[str, dict[str, Value]] = {}
+    at = 0
+    while at + HEAD <= len(records):
+        tag, end = records[at], at + HEAD + records[at + 1]
+        content, at = records[at + HEAD : end], end
+        if tag in _KNOWN and end <= len(records):
+            name, fields = _KNOWN[tag]
+            found[name] = _values(fields, content)
+    return found
+
+
+def _values(fields: list[Field], content: bytes) -> dict[str, Value]:
+    values: dict[str, Value] = {}
+    at = 0
+    for field in fields:
+        end = at + field.size
+        values[field.name] = None
+        if end <= len(content):
+            # A name that a later schema gave to a number is not known here.
+            with contextlib.suppress(Impossible):
+                values[field.name] = field.unpack(content, at)
+        at = end
+    return values
+
+
+def calibrated_by(records: bytes) -> list[str]:
+    """The sensors for which there is a calibration."""
+    return [name for name in parts_of(records) if name in SENSORS]
 
 
 class ParamsParts:

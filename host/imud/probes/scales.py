@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: MIT
+"""What the counts of a probe mean: the scales of its hello and its params."""
+
+from __future__ import annotations
+
+import contextlib
+
+from imud import _core
+from imud.wire.params import digest_of
+
+Vector = tuple[float, float, float]
+
+# Acceleration in m/s2, rate in rad/s, field in uT. None: not known.
+Measured = tuple[Vector | None, Vector | None, Vector | None]
+
+
+class Scales:
+    """Calibrates raw messages as the probe itself does, with its own C."""
+
+    __slots__ = ("_calibrator", "digest", "hello", "params")
+
+    def __init__(self, hello: bytes = b"", params: bytes | None = None) -> None:
+        self.hello = hello  # content; empty: not known
+        self.params = params  # records in force; None: not known
+        # Of the params that measure() applies. None: there is nothing to apply.
+        self.digest: int | None = None
+        self._calibrator: _core.Calibrator | None = None
+        if hello and params is not None:
+            # Refused: a hello without a sensor, or records of a later firmware.
+            with contextlib.suppress(ValueError):
+                self._calibrator = _core.Calibrator(hello, params)
+                self.digest = digest_of(params)
+
+    def measure(self, raw: bytes) -> Measured:
+        """What the content of a raw message says in SI units."""
+        calibrator = self._calibrator
+        return (None, None, None) if calibrator is None else calibrator.apply(raw)
+
+
+UNKNOWN = Scales()
