@@ -23,6 +23,7 @@ from imud.probes.record import Record, plain
 from imud.version import version
 from imud.wire import messages, schema
 from imud.wire.messages import Message
+from imud.wire.params import digest_of
 
 # The world in which Foxglove draws poses: the fixed frame of its 3D panel.
 WORLD = "world"
@@ -44,7 +45,9 @@ class Settings:
 
 
 class LogFile:
-    """Writes records to a log: their channels, schemas, and the probes' hellos."""
+    """Writes records to a log: their channels and schemas, and the probes' hellos and
+    params, which the file may have no frames of.
+    """
 
     def __init__(self, file: BufferedWriter, settings: Settings) -> None:
         self._file = file
@@ -52,6 +55,7 @@ class LogFile:
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, str], int] = {}
         self._hellos: dict[str, bytes] = {}
+        self._params: dict[str, bytes] = {}
         self.index_size = 0
         self._writer = LogWriter(file, f"imud {version()}")
         fingerprint = f"{schema.FINGERPRINT:#010x}"
@@ -66,6 +70,9 @@ class LogFile:
         if record.hello and self._hellos.get(record.probe) != record.hello:
             self._hellos[record.probe] = record.hello
             self._add_metadata("hello", _identity(record.probe, record.hello))
+        if record.params and self._params.get(record.probe) != record.params:
+            self._params[record.probe] = record.params
+            self._add_metadata("params", _params(record.probe, record.params))
         if record.payload:
             self._add(record, record.topic, "json", record.payload)
         if record.topic == "pose" and record.said and self._settings.has_foxglove:
@@ -124,6 +131,12 @@ def _identity(probe: str, hello: bytes) -> dict[str, str]:
     fields = said.fields if isinstance(said, Message) else {}
     words = {name: str(plain(value)) for name, value in fields.items()}
     return words | {"probe": probe, "content": hello.hex()}
+
+
+def _params(probe: str, records: bytes) -> dict[str, str]:
+    """Params as metadata: their records in hex, and the digest that names them."""
+    digest = f"{digest_of(records):#010x}"
+    return {"probe": probe, "digest": digest, "content": records.hex()}
 
 
 def pose_in_frame(record: Record) -> bytes:

@@ -35,6 +35,9 @@ FRAME_ENCODING = "x-imud-frame"
 # Our chunks are shorter. A longer record is damage, and no memory is allocated for it.
 RECORD_MAX = 64 << 20
 
+# Metadata about a probe, and the topics under which they are read.
+METADATA_OF_PROBES = {"hello": "hello", "params": "params_records"}
+
 # What the mcap library raises for a file that is cut off or changed.
 DAMAGE = (
     McapError,
@@ -241,8 +244,9 @@ def _said_by(record: Metadata) -> LogHead | Logged | None:
     try:
         if record.name == "imud":
             return LogHead(said["version"], int(said["schema_fingerprint"], 16))
-        if record.name == "hello":
-            return Logged(said["probe"], "hello", bytes.fromhex(said["content"]), 0)
+        if record.name in METADATA_OF_PROBES:
+            topic = METADATA_OF_PROBES[record.name]
+            return Logged(said["probe"], topic, bytes.fromhex(said["content"]), 0)
     except (KeyError, ValueError):
         pass
     return None

@@ -12,13 +12,21 @@ from typing import Any
 import msgspec
 
 from imud.errors import FileError
-from imud.log.reader import Damage, Logged, LogHead, salvage, size_of
+from imud.log.reader import (
+    METADATA_OF_PROBES,
+    Damage,
+    Logged,
+    LogHead,
+    salvage,
+    size_of,
+)
 from imud.probes.ledger import totals
 from imud.probes.record import plain
 from imud.probes.session import Probe, Session
 from imud.progress import Progress
 from imud.wire import messages, schema
 from imud.wire.messages import Message
+from imud.wire.params import calibrated_by, digest_of
 
 
 class ProbeInfo:
@@ -32,12 +40,12 @@ class ProbeInfo:
         self.first_ns: dict[str, int] = {}
         self.last_ns: dict[str, int] = {}
         self.counts: Counter[str] = Counter()
+        self.digests: list[int] = []
+        self.records: dict[int, bytes] = {0: b""}  # by digest
 
     def take(self, item: Logged, *, is_ours: bool) -> None:
-        if item.topic == "hello":
-            said = messages.decode(item.data) if is_ours else None
-            if isinstance(said, Message):
-                self.hello = {name: plain(v) for name, v in said.fields.items()}
+        if item.topic in METADATA_OF_PROBES.values():
+            self._take_metadata(item, is_ours=is_ours)
             return
         topic = item.topic
         self.counts[topic] += 1
@@ -45,6 +53,28 @@ class ProbeInfo:
         self.last_ns[topic] = max(item.t_ns, self.last_ns.get(topic, item.t_ns))
         if topic == "frame" and is_ours:
             self.session.take(item.data, item.t_ns)
+
+    def _take_metadata(self, item: Logged, *, is_ours: bool) -> None:
+        if item.topic == "params_records":
+            self.records[digest_of(item.data)] = item.data
+            return
+        said = messages.decode(item.data) if is_ours else None
+        if isinstance(said, Message):
+            self.hello = {name: plain(v) for name, v in said.fields.items()}
+            digest = said.fields["params_digest"]
+            if isinstance(digest, int) and digest not in self.digests:
+                self.digests.append(digest)
+
+    def params(self) -> list[dict[str, Any]]:
+        """The params in force, in their order, and what each calibrates."""
+        return [
+            {
+                "digest": f"{digest:#010x}",
+                "bytes": len(self.records[digest]) if digest in self.records else None,
+                "calibrated": calibrated_by(self.records.get(digest, b"")),
+            }
+            for digest in self.digests
+        ]
 
     def rate_hz(self, topic: str) -> float | None:
         span_ns = self.last_ns[topic] - self.first_ns[topic]
@@ -60,6 +90,7 @@ class ProbeInfo:
             "board": self.hello.get("board"),
             "firmware": self.hello.get("firmware"),
             "sensor": self.hello.get("sensor"),
+            "params": self.params(),
             "topics": {
                 topic: {"messages": self.counts[topic], "rate_hz": self.rate_hz(topic)}
                 for topic in sorted(self.counts)
@@ -156,6 +187,7 @@ def _words(told: dict[str, Any]) -> str:
                 f": {probe['board']}, firmware {probe['firmware']}, {probe['sensor']}"
             )
         lines.append("".join(who))
+        lines += [f"    params {_params(each)}" for each in probe["params"]]
         for topic, found in probe["topics"].items():
             rate = found["rate_hz"]
             at = f"{rate:10.1f} Hz" if rate is not None else ""
@@ -167,6 +199,15 @@ def _words(told: dict[str, Any]) -> str:
             f"{probe['boots']} {'boot' if probe['boots'] == 1 else 'boots'}"
         )
     return "\n".join(lines)
+
+
+def _params(each: dict[str, Any]) -> str:
+    if each["bytes"] is None:
+        return f"{each['digest']}, which the log does not hold"
+    if not each["bytes"]:
+        return "none: as the sensor comes"
+    sensors = ", ".join(each["calibrated"]) or "nothing"
+    return f"{each['digest']}: {each['bytes']} bytes, calibrate {sensors}"
 
 
 def _utc(t_ns: int) -> str:

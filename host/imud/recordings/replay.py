@@ -17,6 +17,7 @@ from imud import _core
 from imud.client import Client
 from imud.errors import ConfigError, FileError, ProbeUnknown
 from imud.log.reader import (
+    METADATA_OF_PROBES,
     Damage,
     Logged,
     LogHead,
@@ -32,7 +33,7 @@ from imud.wire import schema
 from imud.wire.frame import encode_frame
 
 # Topics of a log that `imud run` does not publish.
-NOT_PUBLISHED = frozenset({"hello", "pose_in_frame"})
+NOT_PUBLISHED = frozenset({*METADATA_OF_PROBES.values(), "pose_in_frame"})
 
 
 class Pace:
@@ -113,7 +114,7 @@ def _contents(path: Path) -> tuple[int, dict[str, str], bool]:
         for item in salvage(path, bar.update):
             if isinstance(item, LogHead):
                 is_ours = item.fingerprint == schema.FINGERPRINT
-            if not isinstance(item, Logged) or item.topic == "hello":
+            if not isinstance(item, Logged) or item.topic in NOT_PUBLISHED:
                 continue
             if begin_ns is None:
                 begin_ns = item.t_ns
