@@ -10,9 +10,11 @@ from core.desk import lib
 from core.probe_bench import MPU9250, Bench, Memory, command_frame
 from core.scenes import scene, tumble
 from imud.probes.session import Probe, Received, Session
-from imud.stages.twin import Outcome, Twin
+from imud.stages.twin import Twin
+from imud.stages.twin_outcomes import Outcome
 from imud.wire.frame import FrameDecoder
 from imud.wire.messages import Message, decode, encode
+from imud.wire.params import digest_of, words_of
 
 PERIOD_US = 5000
 SAMPLES = scene(tumble(8, 200, seed=4), 200, seed=4).samples(MPU9250)
@@ -65,24 +67,52 @@ class Life(Bench):
         self.receive(command_frame(command, self.token, first, second))
         return self
 
+    def load(self, records: bytes) -> Life:
+        """Puts these params in force by commands, while samples go on."""
+        for at, word in words_of(records):
+            self._insist(lib.COMMAND_PARAMS_WRITE, at, word)
+        digest = digest_of(records)
+        digest -= (digest >> 31) << 32
+        self._insist(lib.COMMAND_PARAMS_APPLY, len(records), digest)
+        return self
 
-def followed(*, raw_hz: int = 200) -> Life:
+    def _insist(self, command: int, first: int, second: int) -> None:
+        """Sends a command until the probe is no longer busy."""
+        for _ in range(1000):
+            self.order(command, first, second)
+            result = message_of(self.contents[-1]).fields["result"]
+            if result != "busy":
+                break
+            self.live(1)
+        assert result == "ok"
+
+
+def followed(memory: Memory | None = None, *, raw_hz: int = 200) -> Life:
     """A probe that streams both from its boot."""
-    life = Life().order(lib.COMMAND_FIELDS, BOTH)
+    life = Life(memory).order(lib.COMMAND_FIELDS, BOTH)
     return life.order(lib.COMMAND_RATE, 1, raw_hz).order(lib.COMMAND_START).wake()
+
+
+def received(contents: Iterable[bytes]) -> list[Received]:
+    """What a session passes on."""
+    probes: dict[str, Probe] = {}
+    session = Session(lambda name: probes.setdefault(name, Probe(name)))
+    return [
+        event
+        for content in contents
+        for event in session.take(content, None)
+        if isinstance(event, Received)
+    ]
 
 
 def heard(contents: Iterable[bytes]) -> tuple[Twin, list[Outcome]]:
     """What a twin makes of what a session passes on to it."""
     twin = Twin()
-    probes: dict[str, Probe] = {}
-    session = Session(lambda name: probes.setdefault(name, Probe(name)))
     outcomes = [
         outcome
-        for content in contents
-        for event in session.take(content, None)
-        if isinstance(event, Received)
-        and (outcome := twin.take(event.message, event.content)) is not None
+        for event in received(contents)
+        if (outcome := twin.take(event.message, event.content, event.params))
+        is not None
     ]
     return twin, outcomes
 

@@ -6,7 +6,14 @@ from __future__ import annotations
 import pytest
 
 from core.desk import lib
-from imud.stages.twin import Began, Differs, State, Stopped, WantsRaw, WantsRestart
+from imud.stages.twin_outcomes import (
+    Began,
+    Differs,
+    State,
+    Stopped,
+    WantsRaw,
+    WantsRestart,
+)
 from twin_bench import BOTH, Life, changed, followed, heard, message_of, named, without
 
 
@@ -117,7 +124,7 @@ def test_a_probe_that_is_there_again_is_met_anew():
     assert twin.state is State.WAITING
     begun = len(life.contents)
     later = life.live(300).contents[begun:]
-    asked = [twin.take(message, b) for b in later if (message := message_of(b))]
+    asked = [twin.take(message, b, b"") for b in later if (message := message_of(b))]
     assert asked.count(WantsRestart()) == 1
 
 

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from core.desk import lib
 from core.probe_bench import Memory
 from imud import _core
-from imud.stages.twin import Began, Differs, Lost, State, Twin
+from imud.stages.twin import Twin
+from imud.stages.twin_outcomes import Began, Differs, Lost, State
 from twin_bench import (
     BOTH,
     POSE,
@@ -79,8 +80,8 @@ class LongerReplay:
 
     LATER = bytes((36, 0x00, 0x00))  # its tag and its value
 
-    def __init__(self, hello: bytes) -> None:
-        self._replay = _core.Replay(hello)
+    def __init__(self, hello: bytes, params: bytes) -> None:
+        self._replay = _core.Replay(hello, params)
 
     def restart(self, number: int) -> None:
         self._replay.restart(number)

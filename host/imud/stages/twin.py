@@ -11,17 +11,33 @@ loss is never taken for a difference:
   missing since the filter began.
 - One message missing between two such raw messages was no sample. It was no change of
   origin and no restart either: each of those is two messages, an event and the reply to
-  its command. It may have been a pose, with its latched flags.
+  its command or the hello after a change of the params. It may have been a pose, with
+  its latched flags.
 - Any other gap in the sequence ends it until the filter begins again.
+- After any gap the params may be others than those last heard of, until a hello names
+  them. A twin that began with them meanwhile is dropped where its first pose differs.
+
+It computes with the params that the probe had in force when the filter began. Where it
+does not know them it asks for them, and then for a restart.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import Enum
-
 from imud import _core
-from imud.wire import messages, schema
+from imud.stages.twin_outcomes import (
+    Began,
+    Differs,
+    Lost,
+    Outcome,
+    State,
+    Stopped,
+    WantsParams,
+    WantsRaw,
+    WantsRestart,
+    differ_in_latches,
+    differing,
+)
+from imud.wire import schema
 from imud.wire.messages import Message, Value
 
 # The stream `raw` in the command `rate`, as in the schema.
@@ -30,70 +46,9 @@ RAW_STREAM = 1
 # Commands that change the poses that follow; their event comes before the reply.
 CHANGES = frozenset({"restart", "tare"})
 
-# Flags of a pose about all samples since the pose before it.
-LATCHED = schema.PoseFlags.CLIPPED | schema.PoseFlags.GAP
-
-# Where the flags are in the content of a pose.
-_FLAGS = messages.place_of("pose", "pose_flags")
-
 _UNABLE = "this imud can't compute it"
 
 _MASK = (1 << 32) - 1
-
-
-class State(Enum):
-    WAITING = "waiting"  # for a stream, and for the filter to begin
-    FOLLOWING = "following"
-    LOST = "lost"
-    DIFFERS = "differs"  # follows, and has met a difference since the filter began
-
-
-@dataclass(frozen=True, slots=True)
-class Began:
-    """The filter began and the twin follows it."""
-
-    sequence: int
-
-
-@dataclass(frozen=True, slots=True)
-class Stopped:
-    """The stream or the boot ended, and the twin with it."""
-
-    sequence: int
-
-
-@dataclass(frozen=True, slots=True)
-class Lost:
-    """The twin can't follow from this message on."""
-
-    sequence: int
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class Differs:
-    """A pose differs from what its samples give."""
-
-    sequence: int
-    fields: tuple[str, ...]  # that differ
-    probe: bytes  # content as received
-    twin: bytes
-    is_first: bool  # since the filter began
-
-
-@dataclass(frozen=True, slots=True)
-class WantsRaw:
-    """The probe should send a raw message for each sample."""
-
-    rate_hz: int | None  # None: the rate is right already
-
-
-@dataclass(frozen=True, slots=True)
-class WantsRestart:
-    """The probe should restart its filter."""
-
-
-Outcome = Began | Stopped | Lost | Differs | WantsRaw | WantsRestart
 
 
 class Twin:
@@ -113,9 +68,14 @@ class Twin:
         self._is_ripe = False  # the same, and the first sample comes next
         self._is_streaming = False
         self._raw_us: int | None = None  # time of the last raw message
+        self._params: bytes | None = None  # in force now, as far as is known
+        self._is_sure = False  # of these: nothing is missing since they were named
+        self._is_changing = False  # the last message changed them
         self._asked: set[type[Outcome]] = set()  # since the stream began
         # Known since the filter began:
         self._replay: _core.Replay | None = None
+        self._number: int | None = None  # of the filter, where an event named it
+        self._is_guess = False  # its params may be others
         self._steps = 0
         self._hole: int | None = None  # a missing number that may be harmless
         self._had_hole = False
@@ -126,8 +86,12 @@ class Twin:
         self._sequence = None
         self._boot(is_new=False)
 
-    def take(self, message: Message, content: bytes) -> Outcome | None:
+    def take(
+        self, message: Message, content: bytes, params: bytes | None
+    ) -> Outcome | None:
+        """`params`: the records in force with this message; None: not known."""
         had_replay = self._replay is not None
+        self._params = params
         outcome = self._miss(message) or self._take(message, content)
         if outcome is None and had_replay and self._replay is None:
             return Stopped(message.sequence)
@@ -136,19 +100,22 @@ class Twin:
     def _miss(self, message: Message) -> Lost | None:
         """Looks for a gap in the sequence before this message."""
         last, self._sequence = self._sequence, message.sequence
+        was_changing, self._is_changing = self._is_changing, False
         first = None if last is None else (last + 1) & _MASK
         if message.name == "hello" and message.sequence == 0 and first != 0:
             self._boot(is_new=True)
             return None
         if first is None or message.sequence == first:
             return None
-        self._is_new = self._is_ripe = False
+        self._is_new = self._is_ripe = self._is_sure = False
         self._raw_rate = None
         is_begin = message.fields.get("event") == "restarted"
         if self._replay is None or is_begin:
             return None
         is_one = message.sequence == (first + 1) & _MASK
         may_be_change = message.fields.get("replied_command") in CHANGES
+        # What follows a change of the params is the restart that it brings.
+        may_be_change = may_be_change or was_changing
         if not is_one or may_be_change or self._hole is not None:
             return self._lose(first, "a message is missing")
         self._hole = first
@@ -175,6 +142,7 @@ class Twin:
         sample_rate = hello.fields["sample_rate"]
         if not isinstance(sample_rate, int) or sample_rate == 0:
             return None
+        self._is_sure = True
         self._hello = content
         self._sample_rate = sample_rate
         self._raw_rate = hello.fields["raw_rate"]
@@ -182,7 +150,7 @@ class Twin:
             # The first hello with a sensor comes when the filter begins.
             self._is_new = False
             self._is_ripe = self._is_streaming and self._raw_rate == sample_rate
-        return None
+        return self._compare_params(hello.sequence)
 
     def _take_event(self, message: Message) -> Outcome | None:
         name, detail = message.fields["event"], message.fields["detail"]
@@ -190,6 +158,9 @@ class Twin:
             # Without a stream there are samples that are not sent.
             self._is_streaming = name == "stream_started"
             self._wait()
+        elif name == "params_changed":
+            # Where they calibrate otherwise, the filter begins anew with the next.
+            self._is_sure = self._is_changing = True
         elif name == "restarted" and self._hello and isinstance(detail, int):
             return self._begin(message.sequence, detail)
         elif name == "tared" and self._replay is not None and isinstance(detail, int):
@@ -232,6 +203,8 @@ class Twin:
         if self._replay is None:
             if self._raw_rate is not None and not is_full:
                 return self._ask(WantsRaw(self._sample_rate))
+            if self._params is None:
+                return self._ask(WantsParams())
             return self._ask(WantsRestart()) if is_next and is_full else None
         if self._hole is not None:
             if not is_next:
@@ -263,23 +236,58 @@ class Twin:
         twin = self._replay.pose(message.sequence, message.time_us)
         self.compared += 1
         is_unlatched, self._is_unlatched = self._is_unlatched, False
-        if twin == content or (is_unlatched and _differ_in_latches(content, twin)):
+        if twin == content or (is_unlatched and differ_in_latches(content, twin)):
             return None
+        if self._is_guess:
+            self.compared -= 1
+            return self._lose(message.sequence, "its params may be others")
         self.differed += 1
         is_first, self.state = self.state is State.FOLLOWING, State.DIFFERS
-        fields = _differing(message, twin)
+        fields = differing(message, twin)
         return Differs(message.sequence, fields, content, twin, is_first)
 
-    def _begin(self, sequence: int, number: int | None) -> Outcome:
-        """The filter begins: the one of that number, or (None) the one of the hello."""
+    def _compare_params(self, sequence: int) -> Outcome | None:
+        """A hello named the params. Those of the twin calibrate as they do, or the
+        event of a change is missing.
+        """
+        was_guess, self._is_guess = self._is_guess, False
+        if self._replay is None:
+            return None
+        if self._params is None:
+            # A change without a restart calibrates as before.
+            return self._wait_for_params() if was_guess else None
         try:
-            self._replay = _core.Replay(self._hello)
+            is_other = self._replay.params(self._params)
+        except ValueError as error:
+            return self._lose(sequence, f"{_UNABLE}: {error}")
+        if not is_other:
+            return None
+        if self._steps == 0 and self._number is not None:
+            return self._begin(sequence, self._number)
+        return self._lose(sequence, "its params have changed")
+
+    def _wait_for_params(self) -> Outcome | None:
+        """The filter began with params that are not known: it must begin once more."""
+        self._replay = None
+        self._is_ripe = False
+        self.state = State.WAITING
+        self._asked.discard(WantsRestart)
+        return self._ask(WantsParams())
+
+    def _begin(self, sequence: int, number: int | None) -> Outcome | None:
+        """The filter begins: the one of that number, or (None) the one of the hello."""
+        if self._params is None:
+            return self._wait_for_params()
+        try:
+            self._replay = _core.Replay(self._hello, self._params)
             if number is not None:
                 self._replay.restart(number)
         except ValueError as error:
             return self._lose(sequence, f"{_UNABLE}: {error}")
         self.state = State.FOLLOWING
         self._is_ripe = False
+        self._number = number
+        self._is_guess = not self._is_sure
         self._steps = 0
         self._hole = None
         self._had_hole = self._is_unlatched = False
@@ -312,20 +320,3 @@ class Twin:
             return None
         self._asked.add(type(outcome))
         return outcome
-
-
-def _differ_in_latches(probe: bytes, twin: bytes) -> bool:
-    """Whether they differ only in latched flags that a missing pose had taken."""
-    said, computed = (int.from_bytes(pose[_FLAGS], "little") for pose in (probe, twin))
-    is_fewer = said & ~computed == 0 and computed & ~said & ~LATCHED == 0
-    return is_fewer and _without_flags(probe) == _without_flags(twin)
-
-
-def _without_flags(pose: bytes) -> bytes:
-    return pose[: _FLAGS.start] + pose[_FLAGS.stop :]
-
-
-def _differing(message: Message, twin: bytes) -> tuple[str, ...]:
-    other = messages.decode(twin)
-    fields = other.fields if isinstance(other, Message) else {}
-    return tuple(n for n, value in message.fields.items() if value != fields.get(n))

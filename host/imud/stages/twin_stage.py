@@ -9,12 +9,13 @@ from typing import Any
 from imud.config.settings import Config
 from imud.probes.session import ProbeFound, Received
 from imud.stages import Outcome, Says, Tells, Wants
-from imud.stages.twin import (
+from imud.stages.twin import Twin
+from imud.stages.twin_outcomes import (
     Began,
     Differs,
     Lost,
     Stopped,
-    Twin,
+    WantsParams,
     WantsRaw,
     WantsRestart,
 )
@@ -45,13 +46,13 @@ class TwinStage:
         if twin is None:
             return
         state = twin.state
-        outcome = twin.take(received.message, received.content)
+        outcome = twin.take(received.message, received.content, received.params)
         place = {
             "seq": received.message.sequence,
             "t_device_us": received.stamp.t_device_us,
             "t_ns": received.stamp.t_ns,
         }
-        if isinstance(outcome, WantsRaw | WantsRestart):
+        if isinstance(outcome, WantsRaw | WantsRestart | WantsParams):
             yield Wants(_commands(outcome), FAILURE)
         elif outcome is not None:
             self._note(outcome, place)
@@ -90,10 +91,12 @@ class TwinStage:
 
 
 def _commands(
-    wants: WantsRaw | WantsRestart,
+    wants: WantsRaw | WantsRestart | WantsParams,
 ) -> tuple[tuple[str, dict[str, str]], ...]:
     if isinstance(wants, WantsRestart):
         return (("restart", {}),)
+    if isinstance(wants, WantsParams):
+        return (("params_tell", {}),)
     fields = ("fields", {"streams": "pose,raw"})
     if wants.rate_hz is None:
         return (fields,)

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: MIT
+"""What a twin says: its state, its outcomes, and how two poses differ."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from imud.wire import messages, schema
+from imud.wire.messages import Message
+
+# Flags of a pose about all samples since the pose before it.
+LATCHED = schema.PoseFlags.CLIPPED | schema.PoseFlags.GAP
+
+# Where the flags are in the content of a pose.
+_FLAGS = messages.place_of("pose", "pose_flags")
+
+
+class State(Enum):
+    WAITING = "waiting"  # for a stream, and for the filter to begin
+    FOLLOWING = "following"
+    LOST = "lost"
+    DIFFERS = "differs"  # follows, and has met a difference since the filter began
+
+
+@dataclass(frozen=True, slots=True)
+class Began:
+    """The filter began and the twin follows it."""
+
+    sequence: int
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """The stream or the boot ended, and the twin with it."""
+
+    sequence: int
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """The twin can't follow from this message on."""
+
+    sequence: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Differs:
+    """A pose differs from what its samples give."""
+
+    sequence: int
+    fields: tuple[str, ...]  # that differ
+    probe: bytes  # content as received
+    twin: bytes
+    is_first: bool  # since the filter began
+
+
+@dataclass(frozen=True, slots=True)
+class WantsRaw:
+    """The probe should send a raw message for each sample."""
+
+    rate_hz: int | None  # None: the rate is right already
+
+
+@dataclass(frozen=True, slots=True)
+class WantsRestart:
+    """The probe should restart its filter."""
+
+
+@dataclass(frozen=True, slots=True)
+class WantsParams:
+    """The probe should tell its params."""
+
+
+Outcome = Began | Stopped | Lost | Differs | WantsRaw | WantsRestart | WantsParams
+
+
+def differ_in_latches(probe: bytes, twin: bytes) -> bool:
+    """Whether they differ only in latched flags that a missing pose had take    said, computed = (int.from_bytes(pose[_FLAGS], "little") for pose in (probe, twin))
+    is_fewer = said & ~computed == 0 and computed & ~said & ~LATCHED == 0
+    return is_fewer and _without_flags(probe) == _without_flags(twin)
+
+
+def _without_flags(pose: bytes) -> bytes:
+    return pose[: _FLAGS.start] + pose[_FLAGS.stop :]
+
+
+nd]
+
+
+def differing(message: Message, twin: bytes) -> tuple[str, ...]:
+    other = messages.decode(twin)
+    fields = other.fields if isinstance(other, Message) else {}
+    return tuple(n for n, value in message.fields.items() if value != fields.get(n))

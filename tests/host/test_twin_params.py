@@ -1,0 +1,289 @@
+# SPDX-License-Identifier: MIT
+"""The twin of a calibrated probe: equal in every bit, through each change, and whatever
+message of a change is lost.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from core.desk import lib
+from core.probe_bench import Memory
+from fakes.records import any_records, calibrated_records, record
+from imud.config.settings import Config
+from imud.probes.session import Received
+from imud.stages import Wants
+from imud.stages.twin import Twin
+from imud.stages.twin_outcomes import (
+    Began,
+    Differs,
+    Lost,
+    State,
+    WantsParams,
+    WantsRestart,
+)
+from imud.stages.twin_stage import TwinStage
+from twin_bench import (
+    BOTH,
+    Life,
+    changed,
+    followed,
+    heard,
+    message_of,
+    named,
+    received,
+    without,
+)
+
+ONE, OTHER = calibrated_records(1), calibrated_records(2)
+SETUP_STEPS = 160  # of 5 ms: the self-test of an MPU-9250 takes longer
+
+
+@functools.cache
+def cells_with(records: bytes) -> bytes:
+    """The memory of a probe that has these params."""
+    memory = Memory()
+    Life(memory).wake().load(records).live(20)
+    return bytes(memory.cells)
+
+
+def calibrated(records: bytes = ONE) -> Life:
+    """A calibrated probe that streams both from its boot, and told its params while the
+    sensor was set up.
+    """
+    memory = Memory()
+    memory.cells[:] = cells_with(records)
+    life = Life(memory).order(lib.COMMAND_FIELDS, BOTH)
+    life.order(lib.COMMAND_RATE, 1, 200).order(lib.COMMAND_START)
+    for _ in range(SETUP_STEPS):
+        life.step()
+    return life.wake()
+
+
+def test_a_calibrated_probe_and_its_twin_are_equal_in_every_bit():
+    life = calibrated().live(900)
+    twin, outcomes = heard(life.contents)
+    assert [type(outcome) for outcome in outcomes] == [Began]
+    assert (twin.state, twin.compared, twin.differed) == (State.FOLLOWING, 450, 0)
+    # With other params it is another's.
+    samples, poses = named(life.contents, "raw"), named(life.contents, "pose")
+    assert len(samples) == 900
+    plain = followed().live(900)
+    assert [life.contents[at] for at in poses] != [
+        plain.contents[at] for at in named(plain.contents, "pose")
+    ]
+
+
+@given(seed=st.integers(0, 2**32))
+def test_any_params_that_a_probe_takes_are_followed(seed: int) -> None:
+    life = calibrated(any_records(seed)).live(60)
+    twin, outcomes = heard(life.contents)
+    assert [type(outcome) for outcome in outcomes] == [Began]
+    assert (twin.state, twin.compared, twin.differed) == (State.FOLLOWING, 30, 0)
+
+
+def test_it_follows_every_change_of_params():
+    life = calibrated().live(600)
+    for records in (OTHER, b"", OTHER + record(5, b"\0\0"), ONE):
+        life.load(records).live(100)
+    twin, outcomes = heard(life.contents)
+    # One of the changes leaves the calibration: the filter goes on.
+    assert len(named(life.contents, "params_changed")) == 4
+    restarts = named(life.contents, "restarted")
+    assert len(restarts) == 4
+    life.load(ONE + record(5, b"\x01\0")).live(100)
+    assert len(named(life.contents, "restarted")) == 4
+    twin, outcomes = heard(life.contents)
+    numbers = [message_of(life.contents[at]).sequence for at in restarts]
+    assert [type(outcome) for outcome in outcomes] == [Began] * 5
+    assert [o.sequence for o in outcomes[1:] if isinstance(o, Began)] == numbers
+    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+    assert twin.compared == len(named(life.contents, "pose"))
+
+
+def test_it_asks_for_params_that_it_missed_and_then_for_a_restart():
+    life = calibrated().live(50)
+    # Heard from here on, when all parts were told already.
+    begin = named(life.contents, "hello")[-1] + 1
+    gone = [at for at in named(life.contents, "params") if at >= begin]
+    life.order(lib.COMMAND_HELLO).live(20)
+    contents = [
+        c for at, c in enumerate(life.contents) if at >= begin and at not in gone
+    ]
+    twin, outcomes = heard(contents)
+    assert outcomes == [WantsParams()]
+    assert twin.state is State.WAITING
+    before = len(life.contents)
+    life.order(lib.COMMAND_PARAMS_TELL).live(30)
+    contents += life.contents[before:]
+    assert heard(contents)[1] == [WantsParams(), WantsRestart()]
+    before = len(life.contents)
+    life.order(lib.COMMAND_RESTART).live(100)
+    contents += life.contents[before:]
+    twin, outcomes = heard(contents)
+    assert [type(each) for each in outcomes] == [WantsParams, WantsRestart, Began]
+    assert (twin.state, twin.compared, twin.differed) == (State.FOLLOWING, 50, 0)
+
+
+def test_a_restart_with_params_that_it_does_not_know_is_asked_for_again():
+    life = calibrated().live(50)
+    begin = len(life.contents)
+    life.load(OTHER).live(20)
+    missed = [at for at in named(life.contents, "params") if at >= begin][1]
+    twin, outcomes = heard(without(life.contents, missed))
+    asked = [type(each) for each in outcomes]
+    assert asked == [Began, WantsParams]
+    assert twin.state is State.WAITING
+    life.order(lib.COMMAND_PARAMS_TELL).live(20).order(lib.COMMAND_RESTART).live(60)
+    twin, outcomes = heard(without(life.contents, missed))
+    assert [type(each) for each in outcomes] == [*asked, WantsRestart, Began]
+    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+
+
+# Which of the three messages of a change are lost, and what the twin makes of it.
+@pytest.mark.parametrize(
+    ("gone", "outcomes"),
+    [
+        ((), [Began, Began]),
+        ((0,), [Began, Began, Began]),
+        ((1,), [Began, Lost]),
+        ((2,), [Began, Began]),
+        ((0, 1), [Began, Lost]),
+        ((0, 2), [Began, Began, Lost]),
+        ((1, 2), [Began, Lost]),
+        ((0, 1, 2), [Began, Lost]),
+    ],
+)
+def test_a_change_of_which_messages_are_lost(
+    gone: tuple[int, ...], outcomes: list[type]
+) -> None:
+    life = calibrated().live(620)
+    begin = len(life.contents)
+    life.load(OTHER).live(300)
+    at = named(life.contents, "params_changed")[-1]
+    assert at >= begin
+    change = [message_of(c) for c in life.contents[at : at + 3]]
+    assert [m.fields.get("event", m.name) for m in change] == [
+        *("params_changed", "restarted", "hello")
+    ]
+    twin, found = heard(without(life.contents, *(at + n for n in gone)))
+    assert [type(each) for each in found] == outcomes
+    assert twin.differed == 0
+
+
+def test_a_restart_after_a_change_that_was_lost_is_no_difference():
+    life = calibrated().live(620)
+    life.load(OTHER)
+    at = named(life.contents, "params_changed")[-1]
+    gone = range(at, len(life.contents))
+    life.live(5).order(lib.COMMAND_RESTART).live(150)
+    later = [each for each in named(life.contents, "hello") if each > at]
+    assert later, "the params are named again"
+    twin, outcomes = heard(without(life.contents, *gone))
+    assert [type(each) for each in outcomes] == [Began, Lost, Began, Lost]
+    assert twin.differed == 0
+
+
+def test_a_difference_of_a_calibrated_probe_is_told():
+    life = calibrated().live(300)
+    at = named(life.contents, "pose")[77]
+    wrong = changed(life.contents[at], tilt_sigma=1.0)
+    contents = [*life.contents[:at], wrong, *life.contents[at + 1 :]]
+    twin, outcomes = heard(contents)
+    assert isinstance(outcomes[-1], Differs)
+    assert (twin.state, twin.differed) == (State.DIFFERS, 1)
+
+
+def test_params_that_this_firmware_would_refuse_end_it():
+    life = calibrated().live(5)
+    twin = Twin()
+    outcomes = [
+        twin.take(each.message, each.content, b"\x01" if each.params else each.params)
+        for each in received(life.contents)
+    ]
+    (lost,) = [each for each in outcomes if each is not None]
+    assert isinstance(lost, Lost)
+    assert "record 1 of the params" in lost.reason
+
+
+def test_the_stage_asks_the_probe_to_tell_its_params():
+    life = calibrated().live(50)
+    begin = named(life.contents, "hello")[-1] + 1
+    life.order(lib.COMMAND_HELLO).live(20)
+    contents = [
+        content
+        for at, content in enumerate(life.contents)
+        if at >= begin and at not in named(life.contents, "params")
+    ]
+    stage = TwinStage(Config(twin=True))
+    wants = [
+        outcome
+        for each in received(contents)
+        if isinstance(each, Received)
+        for outcome in stage.take(each)
+    ]
+    assert wants == [Wants((("params_tell", {}),), "its twin can't begin")]
+
+
+def a_life(seed: int) -> list[bytes]:
+    """A probe whose params change again and again, among tares and restarts."""
+    random = np.random.default_rng(seed)
+    life = calibrated(any_records(seed)).order(lib.COMMAND_FIELDS, BOTH)
+    # Few bytes: a byte takes many messages.
+    first, second = ONE[41:82], OTHER[41:82]
+    actions = [
+        lambda: life.load(first),
+        lambda: life.load(second),
+        lambda: life.load(record(5, bytes((int(random.integers(2)), 0)))),
+        lambda: life.load(b""),
+        lambda: life.order(lib.COMMAND_TARE, int(random.integers(3))),
+        lambda: life.order(lib.COMMAND_RESTART),
+        lambda: life.order(lib.COMMAND_PARAMS_TELL),
+        lambda: life.order(lib.COMMAND_HELLO),
+        lambda: life.order(lib.COMMAND_STOP).order(lib.COMMAND_START),
+    ]
+    for _ in range(10):
+        actions[random.choice(len(actions))]()
+        life.live(int(random.choice([0, 1, 3, 20, 60])))
+    return life.contents
+
+
+@functools.cache
+def a_known_life(seed: int) -> list[bytes]:
+    return a_life(seed)
+
+
+def assert_no_difference(contents: list[bytes]) -> None:
+    twin, outcomes = heard(contents)
+    assert not any(isinstance(outcome, Differs) for outcome in outcomes)
+    assert twin.differed == 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_single_loss_is_a_difference(seed: int) -> None:
+    contents = a_known_life(seed)
+    assert_no_difference(contents)
+    gone = set(range(seed, len(contents), max(1, len(contents) // 60)))
+    for at in named(contents, "params_changed"):
+        gone |= set(range(at - 2, at + 6))
+    for at in sorted(gone & set(range(len(contents)))):
+        assert_no_difference(without(contents, at))
+
+
+@given(st.data())
+def test_no_loss_is_a_difference(data: st.DataObject) -> None:
+    contents = a_known_life(data.draw(st.integers(0, 9)))
+    share = data.draw(st.sampled_from([0.002, 0.01, 0.05, 0.3]))
+    random = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    kept = random.random(len(contents)) >= share
+    # The messages of a change above all.
+    for at in named(contents, "params_changed"):
+        kept[at : at + 3] &= random.random(3) >= 0.5
+    begun = data.draw(st.integers(0, len(contents)))
+    kept[begun : begun + data.draw(st.integers(0, 8))] = False
+    assert_no_difference([c for c, k in zip(contents, kept, strict=True) if k])
