@@ -8,6 +8,7 @@
 #include "core/drivers/lsm9ds0.h"
 #include "core/drivers/mpu9250.h"
 #include "core/fusion/pose.h"
+#include "core/params/store.h"
 #include "core/probe/probe.h"
 #include "core/wire/frame.h"
 #include "core/wire/messages.h"
@@ -15,9 +16,12 @@
 static struct frame_decoder decoder;
 static uint8_t content[MESSAGE_CONTENT_MAX + FRAME_CRC];
 static struct sensor_identity identity;
-static struct calibration calibration;
+static uint8_t records[PARAMS_ROOM];  // of the params that were told last
+static struct message_params told;    // whose they are
+static struct params params;
 static struct pose_tracker tracker;
 static bool has_sensor;
+static bool has_sample;  // no hello begins anew what has begun
 
 static void send(const uint8_t *bytes, uint8_t length) {
     while (!board_send(bytes, length)) {
@@ -25,11 +29,38 @@ static void send(const uint8_t *bytes, uint8_t length) {
     }
 }
 
+static void take_params(uint8_t length) {
+    struct message_header header;
+    struct message_params part;
+    if (message_params_decode(content, length, &header, &part) != MESSAGE_OK ||
+        part.set_length > PARAMS_ROOM || part.part_offset >= part.set_length) {
+        return;
+    }
+    const uint16_t left = (uint16_t)(part.set_length - part.part_offset);
+    memcpy(records + part.part_offset, part.part,
+           left < sizeof part.part ? left : sizeof part.part);
+    told = part;
+}
+
+static uint8_t record_byte(const void *context, uint16_t at) {
+    return ((const uint8_t *)context)[at];
+}
+
+// The params of that digest. What can't be read leaves poses that differ.
+static void put_in_force(uint32_t digest) {
+    const struct params_source source = {
+        record_byte, records, digest == told.set_digest ? told.set_length : 0};
+    uint8_t tag;
+    if (params_read(&source, &params, &tag) != PARAMS_FINE) {
+        params_clear(&params);
+    }
+}
+
 static void take_hello(uint8_t length) {
     struct message_header header;
     struct message_hello hello;
     if (message_hello_decode(content, length, &header, &hello) != MESSAGE_OK ||
-        hello.sample_rate == 0 || has_sensor) {
+        hello.sample_rate == 0 || has_sample) {
         return;
     }
     identity = (struct sensor_identity){
@@ -41,8 +72,8 @@ static void take_hello(uint8_t length) {
         .acc_lsb_nm_s2 = hello.acc_lsb,
         .mag_lsb_pt = hello.mag_lsb,
     };
-    calibration_clear(&calibration);
-    has_sensor = pose_begin(&tracker, &calibration, &identity, hello.filter);
+    put_in_force(hello.params_digest);
+    has_sensor = pose_begin(&tracker, &params.calibration, &identity, hello.filter);
 }
 
 static struct counts counts_of(const int16_t values[3]) {
@@ -70,6 +101,7 @@ static void take_raw(uint8_t length) {
         sample.mag = counts_of(raw.mag);
     }
     (void)pose_step(&tracker, &sample);
+    has_sample = true;
 }
 
 static void take_event(uint8_t length) {
@@ -81,7 +113,9 @@ static void take_event(uint8_t length) {
     if (event.event == EVENT_TARED) {
         pose_set_origin(&tracker, (enum pose_origin)event.detail);
     } else if (event.event == EVENT_RESTARTED) {
-        (void)pose_begin(&tracker, &calibration, &identity, event.detail);
+        (void)pose_begin(&tracker, &params.calibration, &identity, event.detail);
+    } else if (event.event == EVENT_PARAMS_CHANGED) {
+        put_in_force((uint32_t)event.detail);
     }
 }
 
@@ -105,6 +139,8 @@ static void take(uint8_t length) {
     bool is_answered = false;
     if (content[0] == MESSAGE_HELLO) {
         take_hello(length);
+    } else if (content[0] == MESSAGE_PARAMS) {
+        take_params(length);
     } else if (has_sensor && content[0] == MESSAGE_RAW) {
         take_raw(length);
     } else if (has_sensor && content[0] == MESSAGE_EVENT) {

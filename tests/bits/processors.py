@@ -22,7 +22,8 @@ import images
 from imud import _core
 from imud.wire import messages
 from imud.wire.frame import FrameDecoder, encode_frame
-from imud.wire.messages import Message
+from imud.wire.messages import Message, Value
+from imud.wire.params import ParamsParts
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 FIRMWARE = ROOT / "firmware"
@@ -173,19 +174,33 @@ def has_sensor(content: bytes) -> bool:
 def replayed(contents: Sequence[bytes]) -> Iterator[bytes]:
     """The same, by the host's build of the same C."""
     replay: _core.Replay | None = None
+    parts = ParamsParts()
     for content in contents:
         message = messages.decode(content)
         assert isinstance(message, Message)
-        if replay is None and has_sensor(content):
-            replay = _core.Replay(content)
+        if message.name == "params":
+            parts.take(message)
+        elif replay is None and has_sensor(content):
+            digest = message.fields["params_digest"]
+            replay = _core.Replay(content, whole(parts, digest))
         if replay is None:
             continue
         if message.name == "raw":
             replay.step(content)
         elif message.name == "pose":
             yield replay.pose(message.sequence, message.time_us)
+        elif message.fields.get("event") == "params_changed":
+            replay.params(whole(parts, message.fields["detail"]))
         elif message.fields.get("event") in ("tared", "restarted"):
             change = {"tared": replay.origin, "restarted": replay.restart}
             detail = message.fields["detail"]
             assert isinstance(detail, int)
             change[str(message.fields["event"])](detail)
+
+
+def whole(parts: ParamsParts, digest: Value) -> bytes:
+    """The records of that digest, which was told."""
+    assert isinstance(digest, int)
+    records = parts.get(digest & 0xFFFFFFFF)
+    assert records is not None
+    return records

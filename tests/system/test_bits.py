@@ -10,18 +10,26 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
 
-from bits.processors import PROCESSORS, computed
+from bits.processors import PROCESSORS, computed, has_sensor, replayed
+from fakes import FakeProbe
+from fakes.records import any_records, parts_of
 from imud.virtual import motion, sensors
+from imud.wire.messages import Message, decode, encode
+from imud.wire.params import digest_of
 from length import choose
 from system.virtual import BOARDS, Run, Stub, assert_nothing_is_lost, run, send
 
 # `make bits` takes ten minutes of recordings.
 SECONDS = float(os.environ.get("IMU_BITS_SECONDS", choose(everyday=14, long=62)))
 RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "data" / "broad"
+
+# How long random params are in force.
+PARAMS_US = 1_000_000
 
 # While it moves: an origin, a heading alone, a filter that begins anew.
 CHANGES = (
@@ -75,6 +83,69 @@ def test_a_log_of_poses_has_one_hash_on_every_processor(
     reference = [content for content, message in both if message.name == "pose"]
     assert len(reference) > 100 * (SECONDS - 2)
     poses = computed(processor, log.contents, tmp_path)
+    first = next((n for n, p in enumerate(poses) if p != reference[n]), None)
+    assert first is None, f"pose {first} of {len(reference)} differs"
+    assert digest(poses) == digest(reference)
+
+
+def under_params(contents: Sequence[bytes], seed: int) -> list[bytes]:
+    """The log of a probe with random params, which change every second: the filter then
+    begins anew with them.
+    """
+    changed: list[bytes] = []
+    is_begun = False
+    due_us = 0
+    for content in contents:
+        message = decode(content)
+        assert isinstance(message, Message)
+        at = message.sequence, message.time_us
+        if not is_begun and has_sensor(content):
+            records = any_records(seed)
+            fields = {**message.fields, "params_digest": digest_of(records)}
+            changed += params_messages(records, *at)
+            changed.append(encode("hello", fields, *at))
+            is_begun, due_us = True, message.time_us + PARAMS_US
+            continue
+        if is_begun and message.name == "raw" and message.time_us >= due_us:
+            seed += 1
+            records = any_records(seed)
+            detail = digest_of(records) - ((digest_of(records) >> 31) << 32)
+            changed += params_messages(records, *at)
+            for event, number in (("params_changed", detail), ("restarted", 1)):
+                said = {"event": event, "cause": "command", "detail": number}
+                changed.append(encode("event", said, *at))
+            due_us += PARAMS_US
+        changed.append(content)
+    return changed
+
+
+def params_messages(records: bytes, sequence: int, time_us: int) -> Iterator[bytes]:
+    return parts_of(
+        FakeProbe(), records, lambda name, **said: encode(name, said, sequence, time_us)
+    )
+
+
+@pytest.fixture(scope="module")
+def calibrated(log: Run) -> tuple[list[bytes], list[bytes]]:
+    """The log under random params, and the poses that the host gives for it."""
+    contents = under_params(log.contents, seed=len(log.contents))
+    return contents, list(replayed(contents))
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("processor", PROCESSORS)
+def test_any_params_give_one_hash_on_every_processor(
+    log: Run,
+    calibrated: tuple[list[bytes], list[bytes]],
+    processor: str,
+    tmp_path: Path,
+) -> None:
+    contents, reference = calibrated
+    plain = list(replayed(log.contents))
+    assert len(plain) == len(reference)
+    assert plain != reference
+    poses = computed(processor, contents, tmp_path)
     first = next((n for n, p in enumerate(poses) if p != reference[n]), None)
     assert first is None, f"pose {first} of {len(reference)} differs"
     assert digest(poses) == digest(reference)
