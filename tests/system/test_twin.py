@@ -6,10 +6,21 @@ from __future__ import annotations
 from typing import Any
 
 from fakes import PATIENCE_S, DaemonProcess, Port
+from fakes.records import calibrated_records
 from imud.client import Client
+from imud.recordings.decode import Tally, decode_file
+from imud.stages.twin_outcomes import Began, State
 from imud.wire.frame import encode_frame
+from imud.wire.params import digest_of, words_of
 from system.test_chain import LiveProbe, hear
-from system.virtual import Stub, run, write_hand
+from system.virtual import Stub, run, send, write_hand
+from twin_bench import heard
+
+# Between two parts of params: the Nano's memory takes 3.4 ms a byte.
+PART_US = 60_000
+# How often they are asked for: each part is checked in a step of its own.
+APPLIES = 10
+SECONDS = 14.0
 
 
 def twin_when(client: Client, key: str, least: Any) -> dict[str, Any]:
@@ -43,6 +54,49 @@ def test_it_follows_a_live_probe_through_a_tare_and_its_button(stub: Stub) -> No
     assert (status["ledger"]["lost"], status["ledger"]["corrupt"]) == (0, 0)
     assert (twin["state"], twin["differed"]) == ("following", 0)
     assert (twin["lost"], twin["first_difference"]) == (None, None)
+
+
+def upload(records: bytes, begin_us: int) -> list[str]:
+    """Options that send these params, each part when the one before is in memory, and
+    ask for them until they are in force.
+    """
+    digest = digest_of(records) - ((digest_of(records) >> 31) << 32)
+    orders = [("params_write", at, word) for at, word in words_of(records)]
+    orders += [("params_apply", len(records), digest)] * APPLIES
+    options = []
+    for number, order in enumerate(orders):
+        at_us = begin_us + number * PART_US
+        options += ["--send", f"{at_us}:{send(*order, token=100 + number)}"]
+    return options
+
+
+def test_a_probe_that_is_calibrated_as_it_runs_has_the_twins_bits(stub: Stub) -> None:
+    records = calibrated_records(1)
+    hand = write_hand(stub.folder / "hand", SECONDS)
+    options = ["--press", "200000:300000", *stub.raw_too]
+    options += upload(records, 6_000_000)
+    done = run(stub, SECONDS, "--motion", hand, *options)
+    twin, outcomes = heard(done.contents)
+    assert [type(outcome) for outcome in outcomes] == [Began, Began]
+    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+    assert twin.compared == len(done.named("pose"))
+    # The daemon says of each sample which params calibrate it.
+    port = Port(stub.folder / "port")
+    with DaemonProcess(port.path, "--twin", directory=stub.folder) as daemon:
+        port.wait_open()
+        data = b"".join(map(encode_frame, done.contents))
+        for at in range(0, len(data), 2048):
+            port.write(data[at : at + 2048])
+        with Client(daemon.endpoint) as client:
+            live = twin_when(client, "compared", twin.compared)
+        daemon.stop()
+    assert (live["state"], live["differed"]) == ("following", 0)
+    said = [item for item in decode_file(daemon.log, Tally()) if item["type"] == "raw"]
+    digests = [item["params_digest"] for item in said]
+    changed = digests.index(digest_of(records))
+    assert set(digests[:changed]) == {0}
+    assert set(digests[changed:]) == {digest_of(records)}
+    port.vanish()
 
 
 def test_a_pose_that_was_changed_on_its_way_is_told_by_its_number(stub: Stub) -> None:
