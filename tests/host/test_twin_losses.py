@@ -113,7 +113,7 @@ def test_latched_flags_are_found_where_a_field_follows_them(
         if at in poses:
             end = later if at == after else LongerReplay.LATER
         if at != gone:
-            twin.take(message_of(content), content + end)
+            twin.take(message_of(content), content + end, b"")
     assert (twin.compared, twin.differed) == (54, differed)
 
 
