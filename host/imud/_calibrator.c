@@ -15,7 +15,7 @@ static PyObject *calibrator_new(PyTypeObject *type, PyObject *args, PyObject *kw
     struct sensor_identity identity;
     struct params params;
     uint8_t filter;
-    params_clear(&params);
+    calibration_clear(&params.calibration);
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O|O:Calibrator", names, &hello,
                                      &records) ||
         !identity_of_hello(hello, &identity, &filter) ||

@@ -72,8 +72,8 @@ bool identity_of_hello(PyObject *content, struct sensor_identity *identity,
     return true;
 }
 
-static uint8_t byte_of(const void *context, uint16_t at) {
-    return ((const uint8_t *)context)[at];
+static uint8_t byte_of(void *records, uint16_t at) {
+    return ((const uint8_t *)records)[at];
 }
 
 bool params_of_records(PyObject *records, struct params *params) {
@@ -90,8 +90,8 @@ bool params_of_records(PyObject *records, struct params *params) {
     enum params_fault fault = PARAMS_FINE;
     uint8_t tag = 0;
     if (length <= PARAMS_ROOM) {
-        const struct params_source source = {byte_of, view.buf, (uint16_t)length};
-        fault = params_read(&source, params, &tag);
+        const struct memory memory = {.read = byte_of, .port = view.buf};
+        fault = params_read(&memory, 0, (uint8_t)length, params, &tag);
     }
     PyBuffer_Release(&view);
     if (length > PARAMS_ROOM) {

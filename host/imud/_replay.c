@@ -35,7 +35,7 @@ static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs
     struct sensor_identity identity;
     struct params params;
     uint8_t filter;
-    params_clear(&params);
+    calibration_clear(&params.calibration);
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O|O:Replay", names, &hello,
                                      &records) ||
         !identity_of_hello(hello, &identity, &filter) ||

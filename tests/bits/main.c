@@ -42,17 +42,18 @@ static void take_params(uint8_t length) {
     told = part;
 }
 
-static uint8_t record_byte(const void *context, uint16_t at) {
-    return ((const uint8_t *)context)[at];
+static uint8_t record_byte(void *port, uint16_t at) {
+    (void)port;
+    return records[at];
 }
 
 // The params of that digest. What can't be read leaves poses that differ.
 static void put_in_force(uint32_t digest) {
-    const struct params_source source = {
-        record_byte, records, digest == told.set_digest ? told.set_length : 0};
+    const struct memory memory = {.read = record_byte};
+    const uint8_t length = digest == told.set_digest ? (uint8_t)told.set_length : 0;
     uint8_t tag;
-    if (params_read(&source, &params, &tag) != PARAMS_FINE) {
-        params_clear(&params);
+    if (params_read(&memory, 0, length, &params, &tag) != PARAMS_FINE) {
+        calibration_clear(&params.calibration);
     }
 }
 

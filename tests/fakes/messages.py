@@ -91,12 +91,6 @@ REPLY: dict[str, Any] = {
     "result": "ok",
     "value": (0, 0),
 }
-PARAMS: dict[str, Any] = {
-    "set_digest": 0,
-    "set_length": 0,
-    "part_offset": 0,
-    "part": bytes(28),
-}
 COMMAND: dict[str, Any] = {"command": "start", "token": 1, "arguments": (0, 0)}
 EXAMPLES: dict[str, dict[str, Any]] = {
     "hello": HELLO,
@@ -106,7 +100,6 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "event": EVENT,
     "status": STATUS,
     "equipment": EQUIPMENT,
-    "params": PARAMS,
     "command": COMMAND,
     "reply": REPLY,
 }

@@ -6,7 +6,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator
 
-ROOM = 312
+ROOM = 248
 PART = 28
 
 Answer = tuple[str, tuple[int, int]]

@@ -37,7 +37,9 @@ class FakeProbe:
         return str(self.hello_fields["probe_id"].hex())
 
     def content(self, name: str, **fields: Any) -> bytes:
-        hello = self.hello_fields | {"params_digest": self.params.digest}
+        # One that a test made up stands while none were put in force.
+        digest = self.params.digest or self.hello_fields["params_digest"]
+        hello = self.hello_fields | {"params_digest": digest}
         example = hello if name == "hello" else EXAMPLES[name]
         content = encode(name, example | fields, self.sequence, self.time_us)
         self.sequence = (self.sequence + 1) & 0xFFFFFFFF

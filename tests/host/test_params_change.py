@@ -264,7 +264,7 @@ def test_those_of_another_probe_need_force(wire: Wire) -> None:
         (b"\x01", "end within a record, at byte 0"),
         (b"\x05\x02\0\0\x05\x02\0\0", "options is there twice"),
         (Params((Record(1, bytes(5)),)).encode(), "acc: the record is too short"),
-        (TOO_LONG.encode(), "take 404 bytes, and a probe has room for 312"),
+        (TOO_LONG.encode(), "take 404 bytes, and a probe has room for 248"),
     ],
 )
 def test_what_a_probe_would_refuse_is_not_sent(

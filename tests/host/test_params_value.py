@@ -23,7 +23,7 @@ from params_bench import GOOD, RECORDS, SOUND
 ffi, lib = native.load()
 
 # What the firmware reads records by.
-READ = dict(ffi.typeof("struct params_source").fields)["read"].type
+READ = dict(ffi.typeof("struct memory").fields)["read"].type
 
 IDENTITY = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
 
@@ -67,12 +67,14 @@ def test_what_the_firmware_refuses_is_refused(params: Params) -> None:
         return int(records[at][0])
 
     size = len(params.encode())
-    source = ffi.new("struct params_source *", {"read": read, "length": size})
+    memory = ffi.new("struct memory *", {"read": read})
     out, tag = ffi.new("struct params *"), ffi.new("uint8_t *")
-    fault = lib.params_read(source, out, tag)
+    if size > ROOM:
+        assert params.faults()
+        return
+    fault = lib.params_read(memory, 0, size, out, tag)
     ours = params.without("tip").faults()
-    if size <= ROOM:
-        assert bool(ours) == (fault != 0), ours
+    assert bool(ours) == (fault != 0), ours
     if fault:
         assert any(line.startswith(KINDS[tag[0]].name) for line in ours)
 

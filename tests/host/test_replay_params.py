@@ -52,16 +52,16 @@ REFUSED = {
     ),
     "record 1 of the params is there twice": IDENTITY
     + calibration_record(1, [0, 0, 0], EYE),
-    "params of 313 bytes": record(200, bytes(255)) + record(201, bytes(54)),
+    "params of 249 bytes": record(200, bytes(247)),
 }
 
 
 def calibration_of(records: bytes) -> Any:
     """As the firmware reads it."""
-    made = callbacks("struct params_source", read=lambda _, at: records[at])
-    source = ffi.new("struct params_source *", {**made, "length": len(records)})
+    made = callbacks("struct memory", read=lambda _, at: records[at])
+    memory = ffi.new("struct memory *", made)
     out, tag = ffi.new("struct params *"), ffi.new("uint8_t *")
-    assert lib.params_read(source, out, tag) == lib.PARAMS_FINE
+    assert lib.params_read(memory, 0, len(records), out, tag) == lib.PARAMS_FINE
     calibration = ffi.new("struct calibration *")
     calibration[0] = out.calibration
     return calibration

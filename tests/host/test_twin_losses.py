@@ -83,6 +83,9 @@ class LongerReplay:
     def __init__(self, hello: bytes, params: bytes) -> None:
         self._replay = _core.Replay(hello, params)
 
+    def params(self, records: bytes) -> bool:
+        return self._replay.params(records)
+
     def restart(self, number: int) -> None:
         self._replay.restart(number)
 

@@ -21,7 +21,7 @@ from imud.errors import FileError, ParamsError
 from imud.params.parts import KINDS, NAMES, Kind, Part
 from imud.params.value import Params, Record
 
-# Longer files are none of ours: 312 bytes of records are about 3 kB of text.
+# Longer files are none of ours: 248 bytes of records are about 3 kB of text.
 SIZE_MAX = 100_000
 SHOWN_MAX = 60  # characters of a value that a message repeats
 

@@ -17,7 +17,7 @@ from imud.params.parts import KINDS, NAMES, Kind, Plain, Wire, kind_of
 from imud.wire.params import digest_of
 
 # As firmware/core/params and core/fusion/calibrate.h have them.
-ROOM = 312  # bytes of all records: PARAMS_ROOM
+ROOM = 248  # bytes of all records: PARAMS_ROOM
 ROW_MAX = 27852  # 1.7, the sum of magnitudes of a matrix's row
 BIAS_MAX = 16384 * 16384  # counts
 SENSORS = ("acc", "gyr", "mag")

@@ -77,16 +77,14 @@ Outcome = Began | Stopped | Lost | Differs | WantsRaw | WantsRestart | WantsPara
 
 
 def differ_in_latches(probe: bytes, twin: bytes) -> bool:
-    """Whether they differ only in latched flags that a missing pose had take    said, computed = (int.from_bytes(pose[_FLAGS], "little") for pose in (probe, twin))
+    """Whether they differ only in latched flags that a missing pose had taken."""
+    said, computed = (int.from_bytes(pose[_FLAGS], "little") for pose in (probe, twin))
     is_fewer = said & ~computed == 0 and computed & ~said & ~LATCHED == 0
     return is_fewer and _without_flags(probe) == _without_flags(twin)
 
 
 def _without_flags(pose: bytes) -> bytes:
     return pose[: _FLAGS.start] + pose[_FLAGS.stop :]
-
-
-nd]
 
 
 def differing(message: Message, twin: bytes) -> tuple[str, ...]:
