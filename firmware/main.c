@@ -11,7 +11,7 @@ static struct probe probe;
 static struct acquisition acquisition;
 
 static void describe(struct message_hello *out) {
-    static const char firmware[] = FIRMWARE_BUILD;
+    static const IN_FLASH char firmware[] = FIRMWARE_BUILD;
     for (uint8_t i = 0; i < sizeof out->firmware && firmware[i] != '\0'; i++) {
         out->firmware[i] = firmware[i];
     }

@@ -31,7 +31,7 @@ enum {
 #define SCALE_GAIN_Q30 INT32_C(1968667994)
 
 // Of VQF's rest filter, 0.5 s, at 100 looks a second.
-static const struct lowpass_gain rest_gain = {INT32_C(15186015), INT32_C(1052480291),
+static const IN_FLASH struct lowpass_gain rest_gain = {INT32_C(15186015), INT32_C(1052480291),
                                               REST_SETTLE};
 
 // Covariance of a bias that is known this well, and of a scale known as before.

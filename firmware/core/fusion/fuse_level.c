@@ -10,7 +10,7 @@
 // A correction, rad a frame as q2_30, to rad/s q7_25: 10 / 2^5.
 #define TILTING_GAIN_Q30 INT32_C(335544320)
 
-const struct lowpass_gain fuse_level_gain = {INT32_C(25313025), INT32_C(1038540224),
+const IN_FLASH struct lowpass_gain fuse_level_gain = {INT32_C(25313025), INT32_C(1038540224),
                                              FUSE_LEVEL_SETTLE};
 
 // Turns the level frame so that the low-passed specific force points up. Leaves the

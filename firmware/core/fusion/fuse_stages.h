@@ -27,7 +27,7 @@ enum {
 #define FUSE_HEADING_FREE_Q30 INT32_C(294380000)           // (30 deg)^2
 
 // Of VQF's tau_acc, 3 s, at FUSE_FRAMES_HZ.
-extern const struct lowpass_gain fuse_level_gain;
+extern const IN_FLASH struct lowpass_gain fuse_level_gain;
 
 static inline bool fuse_is_at_rest(const struct fuse *fuse) {
     return fuse->rest_looks == FUSE_REST_LOOKS;

@@ -2,7 +2,7 @@
 // Second-order Butterworth low-pass; see lowpass.h.
 #include "core/fusion/lowpass.h"
 
-void lowpass_axis_step(struct lowpass_axis *axis, const struct lowpass_gain *gain,
+void lowpass_axis_step(struct lowpass_axis *axis, const IN_FLASH struct lowpass_gain *gain,
                        int32_t input, uint8_t count) {
     const int32_t error = input - axis->level;
     if (count <= gain->settle) {
@@ -15,7 +15,7 @@ void lowpass_axis_step(struct lowpass_axis *axis, const struct lowpass_gain *gai
     axis->band = 2 * middle - axis->band;
 }
 
-void lowpass_step(struct lowpass *filter, const struct lowpass_gain *gain,
+void lowpass_step(struct lowpass *filter, const IN_FLASH struct lowpass_gain *gain,
                   const struct vector *input, uint8_t count) {
     for (uint8_t axis = 0; axis < 3; ++axis) {
         lowpass_axis_step(&filter->axis[axis], gain, input->axis[axis], count);

@@ -4,6 +4,7 @@
 #ifndef LOWPASS_H
 #define LOWPASS_H
 
+#include "core/math/in_flash.h"
 #include "core/math/vector.h"
 
 struct lowpass_axis {
@@ -23,11 +24,11 @@ struct lowpass_gain {
 
 // Takes the `count`th input, counted from 1; any number above `settle` will do once it
 // has settled. Needs |input| <= 1e9; the states stay below 1.1 of the largest input.
-void lowpass_axis_step(struct lowpass_axis *axis, const struct lowpass_gain *gain,
+void lowpass_axis_step(struct lowpass_axis *axis, const IN_FLASH struct lowpass_gain *gain,
                        int32_t input, uint8_t count);
 
 // The same of three axes.
-void lowpass_step(struct lowpass *filter, const struct lowpass_gain *gain,
+void lowpass_step(struct lowpass *filter, const IN_FLASH struct lowpass_gain *gain,
                   const struct vector *input, uint8_t count);
 
 // The output, in the format of the input.
