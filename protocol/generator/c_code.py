@@ -138,7 +138,8 @@ def header(schema: Schema) -> str:
         "    uint32_t time_us;",
         "};",
         "",
-        "// encode() writes to `content` (the message's size) and returns the length.",
+        "// encode() writes to `content` (the message's size) and returns the length. The",
+        "// message may be in the same buffer, behind the header and all tags.",
         "// decode() leaves `header` and `out` untouched unless MESSAGE_OK.",
     ]
     for message in schema.messages:

@@ -51,9 +51,10 @@ static uint8_t encode(layout *at, const void *message, uint32_t sequence,
     for (uint8_t end = 0; *at != 0; at += 2) {
         const struct field field = field_first(at, end);
         *to++ = field.tag;
-        memcpy(to, (const uint8_t *)message + field.offset, field.length);
-        to += field.length;
         end = (uint8_t)(field.offset + field.length);
+        for (uint8_t i = field.offset; i < end; ++i) {
+            *to++ = ((const uint8_t *)message)[i];
+        }
     }
     return (uint8_t)(to - content);
 }

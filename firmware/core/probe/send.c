@@ -69,11 +69,25 @@ static void make_hello(const struct probe *probe, struct message_hello *out) {
     }
 }
 
-NOINLINE void send_hello(struct probe *probe, uint8_t outlets, uint32_t now_us) {
+// Behind the header (9 bytes) and a tag for each field. On the AVR, whose structs have
+// no gaps, the assertion tells when there are more.
+enum { HELLO_BEFORE = 32 };
+_Static_assert(HELLO_BEFORE + sizeof(struct message_hello) > MESSAGE_HELLO_SIZE, "");
+
+// The message is encoded where it is: the stack is short.
+union hello_buffer {
     uint8_t bytes[MESSAGE_HELLO_SIZE + FRAME_AROUND];
-    struct message_hello message;
-    make_hello(probe, &message);
-    put(probe, outlets, bytes, message_hello_encode(&message, 0, now_us, bytes + 1));
+    struct {
+        uint8_t before[HELLO_BEFORE];
+        struct message_hello message;
+    };
+};
+
+NOINLINE void send_hello(struct probe *probe, uint8_t outlets, uint32_t now_us) {
+    union hello_buffer buffer;
+    make_hello(probe, &buffer.message);
+    put(probe, outlets, buffer.bytes,
+        message_hello_encode(&buffer.message, 0, now_us, buffer.bytes + 1));
 }
 
 void probe_say_hello(struct probe *probe, uint32_t now_us) {

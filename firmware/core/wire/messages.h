@@ -269,7 +269,8 @@ struct message_header {
     uint32_t time_us;
 };
 
-// encode() writes to `content` (the message's size) and returns the length.
+// encode() writes to `content` (the message's size) and returns the length. The
+// message may be in the same buffer, behind the header and all tags.
 // decode() leaves `header` and `out` untouched unless MESSAGE_OK.
 
 struct message_hello {
