@@ -124,6 +124,7 @@ def header(schema: Schema) -> str:
         "#ifndef MESSAGES_H",
         "#define MESSAGES_H",
         "",
+        "#include <stdbool.h>",
         "#include <stdint.h>",
         "",
         *header_constants(schema),
@@ -140,12 +141,14 @@ def header(schema: Schema) -> str:
         "",
         "// encode() writes to `content` (the message's size) and returns the length. The",
         "// message may be in the same buffer, behind the header and all tags.",
-        "// decode() leaves `header` and `out` untouched unless MESSAGE_OK.",
+        "// decode() leaves `header` and `out` untouched unless MESSAGE_OK. take() is as",
+        "// strict, says no more than true, and then only `out` is good. Its length is not 0.",
     ]
     for message in schema.messages:
         lines += ["", f"struct message_{message.name} {{"]
         lines += with_comments(map(member, message.fields))
         lines += ["};", "", *encode_head(message, ";"), *decode_head(message, ";")]
+        lines += take_head(message, ";")
     lines += ["", "#endif"]
     return "".join(f"{line}\n" for line in lines)
 
@@ -202,6 +205,8 @@ def functions(message: Message) -> Iterator[str]:
     yield from ("}", "", *decode_head(message, " {"))
     size = size_name(message)
     yield f"    return decode({name}, content, length, {size}, header, out);"
+    yield from ("}", "", *take_head(message, " {"))
+    yield f"    return take({name}, content, length, out);"
     yield "}"
 
 
@@ -222,6 +227,19 @@ def encode_head(message: Message, end: str) -> list[str]:
             "uint32_t sequence",
             "uint32_t time_us",
             "uint8_t *content",
+        ],
+        f"){end}",
+    )
+
+
+def take_head(message: Message, end: str) -> list[str]:
+    """The short decoder up to `end`: a semicolon, or what opens its body."""
+    return wrapped(
+        f"bool message_{message.name}_take(",
+        [
+            "const uint8_t *content",
+            "uint8_t length",
+            f"struct message_{message.name} *out",
         ],
         f"){end}",
     )

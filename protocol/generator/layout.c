@@ -59,6 +59,24 @@ static uint8_t encode(layout *at, const void *message, uint32_t sequence,
     return (uint8_t)(to - content);
 }
 
+static bool take(layout *at, const uint8_t *content, uint8_t length, void *out) {
+    uint8_t next = HEADER_SIZE;
+    if (content[0] != *at++) {
+        return false;
+    }
+    for (uint8_t end = 0; *at != 0; at += 2) {
+        const struct field field = field_first(at, end);
+        const uint8_t first = (uint8_t)(next + 1);
+        next = (uint8_t)(first + field.length);
+        if (next > length || content[first - 1] != field.tag) {
+            return false;
+        }
+        memcpy((uint8_t *)out + field.offset, content + first, field.length);
+        end = (uint8_t)(field.offset + field.length);
+    }
+    return next == length;
+}
+
 // Names what stands at `at` where the `expected` field does not, or 0 where none is
 // left to come.
 static enum message_result misplaced(layout *fields, const uint8_t *at, uint8_t left,

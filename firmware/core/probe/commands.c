@@ -101,15 +101,14 @@ static enum result carry_out(struct probe *probe, const struct message_command *
 }
 
 void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us) {
-    struct message_header header;
     struct message_command command;
     uint8_t length;
     const enum frame_result framed = frame_decode(&probe->decoder, byte, &length);
     if (framed == FRAME_PENDING) {
         return;
     }
-    if (framed != FRAME_OK || message_command_decode(probe->received, length, &header,
-                                                     &command) != MESSAGE_OK) {
+    if (framed != FRAME_OK ||
+        !message_command_take(probe->received, length, &command)) {
         ++probe->status.commands_bad;
         return;
     }

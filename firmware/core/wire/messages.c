@@ -58,6 +58,24 @@ static uint8_t encode(layout *at, const void *message, uint32_t sequence,
     return (uint8_t)(to - content);
 }
 
+static bool take(layout *at, const uint8_t *content, uint8_t length, void *out) {
+    uint8_t next = HEADER_SIZE;
+    if (content[0] != *at++) {
+        return false;
+    }
+    for (uint8_t end = 0; *at != 0; at += 2) {
+        const struct field field = field_first(at, end);
+        const uint8_t first = (uint8_t)(next + 1);
+        next = (uint8_t)(first + field.length);
+        if (next > length || content[first - 1] != field.tag) {
+            return false;
+        }
+        memcpy((uint8_t *)out + field.offset, content + first, field.length);
+        end = (uint8_t)(field.offset + field.length);
+    }
+    return next == length;
+}
+
 // Names what stands at `at` where the `expected` field does not, or 0 where none is
 // left to come.
 static enum message_result misplaced(layout *fields, const uint8_t *at, uint8_t left,
@@ -158,6 +176,11 @@ enum message_result message_hello_decode(const uint8_t *content, uint8_t length,
     return decode(HELLO, content, length, MESSAGE_HELLO_SIZE, header, out);
 }
 
+bool message_hello_take(const uint8_t *content, uint8_t length,
+                        struct message_hello *out) {
+    return take(HELLO, content, length, out);
+}
+
 static layout RAW[] = {
     MESSAGE_RAW,
     FIELD(20, 3, 2),  // acc
@@ -177,6 +200,10 @@ enum message_result message_raw_decode(const uint8_t *content, uint8_t length,
                                        struct message_header *header,
                                        struct message_raw *out) {
     return decode(RAW, content, length, MESSAGE_RAW_SIZE, header, out);
+}
+
+bool message_raw_take(const uint8_t *content, uint8_t length, struct message_raw *out) {
+    return take(RAW, content, length, out);
 }
 
 static layout POSE[] = {
@@ -201,6 +228,11 @@ enum message_result message_pose_decode(const uint8_t *content, uint8_t length,
     return decode(POSE, content, length, MESSAGE_POSE_SIZE, header, out);
 }
 
+bool message_pose_take(const uint8_t *content, uint8_t length,
+                       struct message_pose *out) {
+    return take(POSE, content, length, out);
+}
+
 static layout EVENT[] = {
     MESSAGE_EVENT,
     FIELD(40, 1, 1),  // event
@@ -218,6 +250,11 @@ enum message_result message_event_decode(const uint8_t *content, uint8_t length,
                                          struct message_header *header,
                                          struct message_event *out) {
     return decode(EVENT, content, length, MESSAGE_EVENT_SIZE, header, out);
+}
+
+bool message_event_take(const uint8_t *content, uint8_t length,
+                        struct message_event *out) {
+    return take(EVENT, content, length, out);
 }
 
 static layout STATUS[] = {
@@ -253,6 +290,11 @@ enum message_result message_status_decode(const uint8_t *content, uint8_t length
     return decode(STATUS, content, length, MESSAGE_STATUS_SIZE, header, out);
 }
 
+bool message_status_take(const uint8_t *content, uint8_t length,
+                         struct message_status *out) {
+    return take(STATUS, content, length, out);
+}
+
 static layout EQUIPMENT[] = {
     MESSAGE_EQUIPMENT,
     FIELD(100, 1, 1),  // clock
@@ -283,6 +325,11 @@ enum message_result message_equipment_decode(const uint8_t *content, uint8_t len
     return decode(EQUIPMENT, content, length, MESSAGE_EQUIPMENT_SIZE, header, out);
 }
 
+bool message_equipment_take(const uint8_t *content, uint8_t length,
+                            struct message_equipment *out) {
+    return take(EQUIPMENT, content, length, out);
+}
+
 static layout PARAMS[] = {
     MESSAGE_PARAMS,
     FIELD(120, 1, 4),   // set_digest
@@ -301,6 +348,11 @@ enum message_result message_params_decode(const uint8_t *content, uint8_t length
                                           struct message_header *header,
                                           struct message_params *out) {
     return decode(PARAMS, content, length, MESSAGE_PARAMS_SIZE, header, out);
+}
+
+bool message_params_take(const uint8_t *content, uint8_t length,
+                         struct message_params *out) {
+    return take(PARAMS, content, length, out);
 }
 
 static layout COMMAND[] = {
@@ -322,6 +374,11 @@ enum message_result message_command_decode(const uint8_t *content, uint8_t lengt
     return decode(COMMAND, content, length, MESSAGE_COMMAND_SIZE, header, out);
 }
 
+bool message_command_take(const uint8_t *content, uint8_t length,
+                          struct message_command *out) {
+    return take(COMMAND, content, length, out);
+}
+
 static layout REPLY[] = {
     MESSAGE_REPLY,
     FIELD(80, 1, 1),  // replied_command
@@ -340,4 +397,9 @@ enum message_result message_reply_decode(const uint8_t *content, uint8_t length,
                                          struct message_header *header,
                                          struct message_reply *out) {
     return decode(REPLY, content, length, MESSAGE_REPLY_SIZE, header, out);
+}
+
+bool message_reply_take(const uint8_t *content, uint8_t length,
+                        struct message_reply *out) {
+    return take(REPLY, content, length, out);
 }

@@ -4,6 +4,7 @@
 #ifndef MESSAGES_H
 #define MESSAGES_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #define SCHEMA_FINGERPRINT 0xe620c0cau
@@ -271,7 +272,8 @@ struct message_header {
 
 // encode() writes to `content` (the message's size) and returns the length. The
 // message may be in the same buffer, behind the header and all tags.
-// decode() leaves `header` and `out` untouched unless MESSAGE_OK.
+// decode() leaves `header` and `out` untouched unless MESSAGE_OK. take() is as
+// strict, says no more than true, and then only `out` is good. Its length is not 0.
 
 struct message_hello {
     uint8_t protocol_version;
@@ -301,6 +303,8 @@ uint8_t message_hello_encode(const struct message_hello *message, uint32_t seque
 enum message_result message_hello_decode(const uint8_t *content, uint8_t length,
                                          struct message_header *header,
                                          struct message_hello *out);
+bool message_hello_take(const uint8_t *content, uint8_t length,
+                        struct message_hello *out);
 
 struct message_raw {
     int16_t acc[3];        // counts
@@ -315,6 +319,7 @@ uint8_t message_raw_encode(const struct message_raw *message, uint32_t sequence,
 enum message_result message_raw_decode(const uint8_t *content, uint8_t length,
                                        struct message_header *header,
                                        struct message_raw *out);
+bool message_raw_take(const uint8_t *content, uint8_t length, struct message_raw *out);
 
 struct message_pose {
     int32_t q[4];            // 2^-30
@@ -330,6 +335,8 @@ uint8_t message_pose_encode(const struct message_pose *message, uint32_t sequenc
 enum message_result message_pose_decode(const uint8_t *content, uint8_t length,
                                         struct message_header *header,
                                         struct message_pose *out);
+bool message_pose_take(const uint8_t *content, uint8_t length,
+                       struct message_pose *out);
 
 struct message_event {
     uint8_t event;  // enum event
@@ -342,6 +349,8 @@ uint8_t message_event_encode(const struct message_event *message, uint32_t seque
 enum message_result message_event_decode(const uint8_t *content, uint8_t length,
                                          struct message_header *header,
                                          struct message_event *out);
+bool message_event_take(const uint8_t *content, uint8_t length,
+                        struct message_event *out);
 
 struct message_status {
     uint32_t uptime;  // s
@@ -368,6 +377,8 @@ uint8_t message_status_encode(const struct message_status *message, uint32_t seq
 enum message_result message_status_decode(const uint8_t *content, uint8_t length,
                                           struct message_header *header,
                                           struct message_status *out);
+bool message_status_take(const uint8_t *content, uint8_t length,
+                         struct message_status *out);
 
 struct message_equipment {
     uint8_t clock;     // enum clock
@@ -390,6 +401,8 @@ uint8_t message_equipment_encode(const struct message_equipment *message,
 enum message_result message_equipment_decode(const uint8_t *content, uint8_t length,
                                              struct message_header *header,
                                              struct message_equipment *out);
+bool message_equipment_take(const uint8_t *content, uint8_t length,
+                            struct message_equipment *out);
 
 struct message_params {
     uint32_t set_digest;
@@ -403,6 +416,8 @@ uint8_t message_params_encode(const struct message_params *message, uint32_t seq
 enum message_result message_params_decode(const uint8_t *content, uint8_t length,
                                           struct message_header *header,
                                           struct message_params *out);
+bool message_params_take(const uint8_t *content, uint8_t length,
+                         struct message_params *out);
 
 struct message_command {
     uint8_t command;  // enum command
@@ -415,6 +430,8 @@ uint8_t message_command_encode(const struct message_command *message, uint32_t s
 enum message_result message_command_decode(const uint8_t *content, uint8_t length,
                                            struct message_header *header,
                                            struct message_command *out);
+bool message_command_take(const uint8_t *content, uint8_t length,
+                          struct message_command *out);
 
 struct message_reply {
     uint8_t replied_command;  // enum command
@@ -428,5 +445,7 @@ uint8_t message_reply_encode(const struct message_reply *message, uint32_t seque
 enum message_result message_reply_decode(const uint8_t *content, uint8_t length,
                                          struct message_header *header,
                                          struct message_reply *out);
+bool message_reply_take(const uint8_t *content, uint8_t length,
+                        struct message_reply *out);
 
 #endif
