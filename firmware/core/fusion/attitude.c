@@ -47,6 +47,15 @@ void attitude_step(struct attitude *attitude, const struct measurement *measurem
     DISPATCH(step, measurement, interval_us)
 }
 
+void attitude_take(struct attitude *attitude, const struct measurement *measurement,
+                   uint32_t interval_us) {
+    DISPATCH(take, measurement, interval_us)
+}
+
+void attitude_work(struct attitude *attitude) {
+    DISPATCH(work)
+}
+
 void attitude_set_bias(struct attitude *attitude, const struct vector *bias_rad_s_q25) {
     DISPATCH(set_bias, bias_rad_s_q25)
 }

@@ -13,6 +13,16 @@
 #include "core/fusion/quality.h"
 #include "core/wire/messages.h"
 
+// The papers' filters do all their work with the measurement at hand.
+#define complementary_take complementary_step
+#define mahony_take mahony_step
+#define madgwick_take madgwick_step
+#define dcm_pi_take dcm_pi_step
+#define complementary_work(filter) ((void)(filter))
+#define mahony_work(filter) ((void)(filter))
+#define madgwick_work(filter) ((void)(filter))
+#define dcm_pi_work(filter) ((void)(filter))
+
 #ifdef ATTITUDE_ONLY
 
 #define ATTITUDE_PASTE(one, other) one##_##other
@@ -51,10 +61,14 @@ static inline void attitude_restart(struct attitude *attitude) {
     ATTITUDE_CALL(restart)(&attitude->only);
 }
 
-static inline void attitude_step(struct attitude *attitude,
+static inline void attitude_take(struct attitude *attitude,
                                  const struct measurement *measurement,
                                  uint32_t interval_us) {
-    ATTITUDE_CALL(step)(&attitude->only, measurement, interval_us);
+    ATTITUDE_CALL(take)(&attitude->only, measurement, interval_us);
+}
+
+static inline void attitude_work(struct attitude *attitude) {
+    ATTITUDE_CALL(work)(&attitude->only);
 }
 
 static inline void attitude_set_bias(struct attitude *attitude,
@@ -99,6 +113,10 @@ void attitude_init(struct attitude *attitude, enum filter kind, uint16_t rate_hz
 void attitude_restart(struct attitude *attitude);
 void attitude_step(struct attitude *attitude, const struct measurement *measurement,
                    uint32_t interval_us);
+// The same in two, see fuse.h.
+void attitude_take(struct attitude *attitude, const struct measurement *measurement,
+                   uint32_t interval_us);
+void attitude_work(struct attitude *attitude);
 void attitude_set_bias(struct attitude *attitude, const struct vector *bias_rad_s_q25);
 void attitude_orientation(const struct attitude *attitude, struct quat *out);
 void attitude_quality(const struct attitude *attitude, struct attitude_quality *out);

@@ -136,7 +136,7 @@ static void run_stage(struct fuse *fuse) {
     ++fuse->stage;
 }
 
-void fuse_step(struct fuse *fuse, const struct measurement *measurement,
+void fuse_take(struct fuse *fuse, const struct measurement *measurement,
                uint32_t interval_us) {
     const struct fuse_coefficients *coefficients = &fuse->coefficients;
     const bool is_long = interval_us > INTERVAL_MAX_US;
@@ -144,7 +144,7 @@ void fuse_step(struct fuse *fuse, const struct measurement *measurement,
     vector_subtract(&measurement->gyr_rad_s_q25, &fuse->bias_rad_s_q25,
                     &fuse->rate_rad_s_q25);
     if (is_first) {
-        fuse_level_first(fuse, &measurement->acc_m_s2_q21);
+        fuse_take_first(fuse, &measurement->acc_m_s2_q21);
     } else {
         integrate(fuse, is_long ? INTERVAL_MAX_US : (uint16_t)interval_us);
     }
@@ -165,19 +165,35 @@ void fuse_step(struct fuse *fuse, const struct measurement *measurement,
         fuse_take_reading(fuse, field);
     }
     // Of two samples in a row, one runs a stage and one looks for rest.
+    ++fuse->in_stride;
+    if (fuse->in_stride == coefficients->stride) {
+        fuse->in_stride = 0;
+    }
     ++fuse->in_frame;
     if (fuse->in_frame == coefficients->frame) {
         fuse->in_frame = 0;
+        fuse->in_stride = 0;
         fuse->stage = 0;
         quat_renormalise(&fuse->inertial_from_body);
     }
-    const uint8_t in_stride = (uint8_t)(fuse->in_frame % coefficients->stride);
-    if (in_stride == 0 && fuse->stage < STAGES) {
-        run_stage(fuse);
-    }
-    if (in_stride == coefficients->stride - 1) {
+    if (fuse->in_stride == coefficients->stride - 1) {
         fuse_look_for_rest(fuse, measurement);
     }
+}
+
+void fuse_work(struct fuse *fuse) {
+    if (fuse->frames == 0 && fuse->in_frame == 1) {
+        fuse_level_first(fuse);
+    }
+    if (fuse->in_stride == 0 && fuse->stage < STAGES) {
+        run_stage(fuse);
+    }
+}
+
+void fuse_step(struct fuse *fuse, const struct measurement *measurement,
+               uint32_t interval_us) {
+    fuse_take(fuse, measurement, interval_us);
+    fuse_work(fuse);
 }
 
 void fuse_orientation(const struct fuse *fuse, struct quat *out) {

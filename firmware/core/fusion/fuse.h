@@ -42,6 +42,7 @@ struct fuse {
     q13_19_t lag_variance;
     // A restart forgets all from here to bias_rad_s_q25.
     uint8_t in_frame, stage;  // of the frame that runs
+    uint8_t in_stride;        // samples since one that was for a stage
     uint8_t frames;           // since the start, held at 255
     uint8_t clipped;          // samples of this frame that lost motion
     uint8_t unsettled;        // frames until levelling tells of bias again
@@ -103,6 +104,12 @@ void fuse_restart(struct fuse *fuse);
 // loses more than a little, level and heading are found anew, as after a start.
 void fuse_step(struct fuse *fuse, const struct measurement *measurement,
                uint32_t interval_us);
+
+// The same in two: a measurement is on the stack only until it is taken, not while a
+// stage of the frame works.
+void fuse_take(struct fuse *fuse, const struct measurement *measurement,
+               uint32_t interval_us);
+void fuse_work(struct fuse *fuse);
 
 // A calibration at rest has found the gyroscope's bias, which from there on is taken
 // for rest within 2 deg/s of it. Before, the bias is found in rests and from motion.

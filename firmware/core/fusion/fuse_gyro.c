@@ -31,8 +31,8 @@ enum {
 #define SCALE_GAIN_Q30 INT32_C(1968667994)
 
 // Of VQF's rest filter, 0.5 s, at 100 looks a second.
-static const IN_FLASH struct lowpass_gain rest_gain = {INT32_C(15186015), INT32_C(1052480291),
-                                              REST_SETTLE};
+static const IN_FLASH struct lowpass_gain rest_gain = {
+    INT32_C(15186015), INT32_C(1052480291), REST_SETTLE};
 
 // Covariance of a bias that is known this well, and of a scale known as before.
 static void set_bias_variance(struct fuse *fuse, int32_t bias_variance) {
@@ -72,7 +72,6 @@ static bool is_near(const struct vector *v, const struct lowpass *mean, int32_t 
 
 void fuse_look_for_rest(struct fuse *fuse, const struct measurement *measurement) {
     struct vector rate;
-    struct vector wander;
     if (fuse->settled_looks <= REST_SETTLE) {
         ++fuse->settled_looks;
     }
@@ -80,11 +79,12 @@ void fuse_look_for_rest(struct fuse *fuse, const struct measurement *measurement
     lowpass_step(&fuse->rest_rate, &rest_gain, &rate, fuse->settled_looks);
     lowpass_step(&fuse->rest_force, &rest_gain, &measurement->acc_m_s2_q21,
                  fuse->settled_looks);
-    lowpass_read(&fuse->rest_rate, &wander);
-    vector_subtract(&wander, &fuse->calibrated_rad_s_q25, &wander);
-    if (!is_near(&rate, &fuse->rest_rate, REST_RATE_Q25) ||
-        !is_near(&measurement->acc_m_s2_q21, &fuse->rest_force, REST_FORCE_Q21) ||
-        vector_exceeds(&wander, REST_RATE_Q25)) {
+    const bool is_near_mean =
+        is_near(&rate, &fuse->rest_rate, REST_RATE_Q25) &&
+        is_near(&measurement->acc_m_s2_q21, &fuse->rest_force, REST_FORCE_Q21);
+    lowpass_read(&fuse->rest_rate, &rate);
+    vector_subtract(&rate, &fuse->calibrated_rad_s_q25, &rate);
+    if (!is_near_mean || vector_exceeds(&rate, REST_RATE_Q25)) {
         fuse->rest_looks = 0;
     } else if (fuse->rest_looks < FUSE_REST_LOOKS) {
         ++fuse->rest_looks;

@@ -10,8 +10,8 @@
 // A correction, rad a frame as q2_30, to rad/s q7_25: 10 / 2^5.
 #define TILTING_GAIN_Q30 INT32_C(335544320)
 
-const IN_FLASH struct lowpass_gain fuse_level_gain = {INT32_C(25313025), INT32_C(1038540224),
-                                             FUSE_LEVEL_SETTLE};
+const IN_FLASH struct lowpass_gain fuse_level_gain = {
+    INT32_C(25313025), INT32_C(1038540224), FUSE_LEVEL_SETTLE};
 
 // Turns the level frame so that the low-passed specific force points up. Leaves the
 // correction about x and y in tilting_rad_s.
@@ -41,10 +41,13 @@ static void follow_gravity(struct fuse *fuse) {
     quat_renormalise(level);
 }
 
-void fuse_level_first(struct fuse *fuse, const struct vector *force_body) {
+void fuse_take_first(struct fuse *fuse, const struct vector *force_body) {
     for (uint8_t axis = 0; axis < 3; ++axis) {
         fuse->force.axis[axis].level = force_body->axis[axis];
     }
+}
+
+void fuse_level_first(struct fuse *fuse) {
     follow_gravity(fuse);
     fuse->world_from_inertial = fuse->level_from_inertial;
 }

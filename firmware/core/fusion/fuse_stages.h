@@ -48,7 +48,8 @@ void fuse_take_mean(const struct fuse *fuse, struct vector *sum, int32_t limit,
 // fuse_level.c
 
 // The first sample is levelled at once. Force in the body frame, m/s2 q11_21.
-void fuse_level_first(struct fuse *fuse, const struct vector *force_body);
+void fuse_take_first(struct fuse *fuse, const struct vector *force_body);
+void fuse_level_first(struct fuse *fuse);
 // Level from the mean force of the frame.
 void fuse_stage_level(struct fuse *fuse);
 

@@ -2,8 +2,9 @@
 // Second-order Butterworth low-pass; see lowpass.h.
 #include "core/fusion/lowpass.h"
 
-void lowpass_axis_step(struct lowpass_axis *axis, const IN_FLASH struct lowpass_gain *gain,
-                       int32_t input, uint8_t count) {
+void lowpass_axis_step(struct lowpass_axis *axis,
+                       const IN_FLASH struct lowpass_gain *gain, int32_t input,
+                       uint8_t count) {
     const int32_t error = input - axis->level;
     if (count <= gain->settle) {
         axis->level += error / count;

@@ -24,8 +24,9 @@ struct lowpass_gain {
 
 // Takes the `count`th input, counted from 1; any number above `settle` will do once it
 // has settled. Needs |input| <= 1e9; the states stay below 1.1 of the largest input.
-void lowpass_axis_step(struct lowpass_axis *axis, const IN_FLASH struct lowpass_gain *gain,
-                       int32_t input, uint8_t count);
+void lowpass_axis_step(struct lowpass_axis *axis,
+                       const IN_FLASH struct lowpass_gain *gain, int32_t input,
+                       uint8_t count);
 
 // The same of three axes.
 void lowpass_step(struct lowpass *filter, const IN_FLASH struct lowpass_gain *gain,

@@ -2,8 +2,6 @@
 // Sample to pose; see pose.h.
 #include "core/fusion/pose.h"
 
-#include <string.h>
-
 // A gap after which the orientation is found anew: a hand turns far in that time.
 #define RESTART_US UINT32_C(250000)
 
@@ -25,7 +23,8 @@ bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibrat
     return true;
 }
 
-static enum pose_result calibrate_at_rest(struct pose_tracker *tracker,
+__attribute__((noinline)) static enum pose_result
+calibrate_at_rest(struct pose_tracker *tracker,
                                           const struct sample *sample) {
     q16_16_t mean_counts[3];
     struct vector bias;
@@ -43,7 +42,9 @@ static enum pose_result calibrate_at_rest(struct pose_tracker *tracker,
     }
 }
 
-enum pose_result pose_step(struct pose_tracker *tracker, const struct sample *sample) {
+// Not inline, so that the measurement is off the stack when it was taken.
+__attribute__((noinline)) static enum pose_result follow(struct pose_tracker *tracker,
+                                                         const struct sample *sample) {
     enum pose_result result = POSE_OK;
     struct measurement measurement;
     uint32_t interval_us = sample->time_us - tracker->last_us;
@@ -63,7 +64,13 @@ enum pose_result pose_step(struct pose_tracker *tracker, const struct sample *sa
         tracker->latched_flags |= POSE_GAP;
     }
     calibrate(tracker->calibration, &tracker->scale, sample, &measurement);
-    attitude_step(&tracker->attitude, &measurement, interval_us);
+    attitude_take(&tracker->attitude, &measurement, interval_us);
+    return result;
+}
+
+enum pose_result pose_step(struct pose_tracker *tracker, const struct sample *sample) {
+    const enum pose_result result = follow(tracker, sample);
+    attitude_work(&tracker->attitude);
     return result;
 }
 
@@ -93,20 +100,19 @@ static uint8_t flags_of(const struct pose_tracker *tracker,
 
 void pose_read(struct pose_tracker *tracker, struct message_pose *out) {
     struct attitude_quality quality;
-    struct quat q;
-    attitude_orientation(&tracker->attitude, &q);
+    struct quat *const q = (struct quat *)out->q;
+    _Static_assert(sizeof *q == sizeof out->q, "w, x, y, z");
+    attitude_orientation(&tracker->attitude, q);
     attitude_quality(&tracker->attitude, &quality);
     if (tracker->origin != POSE_ORIGIN_NONE) {
         if (tracker->origin == POSE_ORIGIN_FULL) {
-            quat_multiply(&q, &tracker->to_origin, &q);
+            quat_multiply(q, &tracker->to_origin, q);
         } else {
-            quat_multiply(&tracker->to_origin, &q, &q);
+            quat_multiply(&tracker->to_origin, q, q);
         }
-        quat_renormalise(&q);
+        quat_renormalise(q);
         tracker->latched_flags |= POSE_TARED;
     }
-    _Static_assert(sizeof q == sizeof out->q, "w, x, y, z");
-    memcpy(out->q, &q, sizeof q);
     for (uint8_t axis = 0; axis < 3; ++axis) {
         out->position[axis] = POSE_POSITION_NULL;
         out->normal[axis] = POSE_NORMAL_NULL;
