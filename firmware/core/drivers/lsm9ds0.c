@@ -273,7 +273,7 @@ static enum sensor_result test_sample(struct lsm9ds0 *chip,
 // differs between axes.
 static bool responds(const struct self_test_axis *axes, uint32_t low, uint32_t high) {
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        const uint32_t size = fixed_magnitude(axes[axis].on - axes[axis].off);
+        const uint32_t size = fixed_magnitude(axes[axis].sum);
         if (size < low || size > high) {
             return false;
         }

@@ -21,8 +21,7 @@ struct self_test {
     bool is_moving;
     uint8_t failed;  // flags SELF_TEST_..._PASSED of sensors that did not pass
     struct self_test_axis {
-        int32_t off;    // sum of the run before: in the end that without the stimulus
-        int32_t on;     // sum of this run
+        int32_t sum;    // of this run, less that of the run before
         int16_t first;  // of this run, to tell motion
     } axes[SELF_TEST_AXES];  // counts
 };
@@ -34,15 +33,24 @@ static inline void self_test_add(struct self_test *test, uint8_t axis, int16_t v
                                  bool is_first, uint16_t moving) {
     struct self_test_axis *sums = &test->axes[axis];
     if (is_first) {
-        sums->off = sums->on;
-        sums->on = 0;
+        sums->sum = -sums->sum;
         sums->first = value;
     }
-    sums->on += value;
+    sums->sum += value;
     const uint16_t strays =
         (uint16_t)((uint16_t)value - (uint16_t)sums->first + moving);
     if (axis >= SELF_TEST_GYR && strays > 2 * moving) {
         test->is_moving = true;
+    }
+}
+
+// Holds the gyroscope's sums of the run without the stimulus against a limit.
+static inline void self_test_offset(struct self_test *test, uint32_t limit) {
+    for (uint8_t axis = SELF_TEST_GYR; axis < SELF_TEST_AXES; ++axis) {
+        const int32_t sum = test->axes[axis].sum;
+        if (sum > (int32_t)limit || sum < -(int32_t)limit) {
+            test->failed |= SELF_TEST_GYR_PASSED;
+        }
     }
 }
 
