@@ -10,9 +10,10 @@ static enum result set_rate(struct probe *probe, int32_t value[2]) {
     uint16_t *rate_hz =
         value[0] == 1 ? &probe->settings.raw_rate_hz : &probe->settings.pose_rate_hz;
     const int32_t wanted = value[1];
+    const uint16_t limit_hz =
+        probe->identity != NULL ? probe->identity->rate_hz : SETTINGS_RATE_MAX_HZ;
     value[1] = *rate_hz;
-    if (value[0] < 0 || value[0] > 1 || wanted < 1 || wanted > SETTINGS_RATE_MAX_HZ ||
-        (probe->identity != NULL && wanted > probe->identity->rate_hz)) {
+    if ((uint32_t)value[0] > 1 || (uint32_t)wanted - 1 >= limit_hz) {
         return RESULT_BAD_ARGUMENT;
     }
     *rate_hz = (uint16_t)wanted;
@@ -24,7 +25,7 @@ static enum result set_rate(struct probe *probe, int32_t value[2]) {
 static enum result set_fields(struct probe *probe, int32_t value[2]) {
     const int32_t wanted = value[0];
     value[0] = probe->settings.streams;
-    if (wanted < 1 || wanted > (STREAM_POSE | STREAM_RAW)) {
+    if ((uint32_t)wanted - 1 >= (STREAM_POSE | STREAM_RAW)) {
         return RESULT_BAD_ARGUMENT;
     }
     probe->settings.streams = (uint8_t)wanted;
@@ -35,7 +36,7 @@ static enum result set_fields(struct probe *probe, int32_t value[2]) {
 
 static enum result set_origin(struct probe *probe, const int32_t value[2],
                               uint32_t now_us) {
-    if (value[0] < POSE_ORIGIN_FULL || value[0] > POSE_ORIGIN_NONE) {
+    if ((uint32_t)value[0] > POSE_ORIGIN_NONE) {
         return RESULT_BAD_ARGUMENT;
     }
     if (probe->identity == NULL || !probe->tracker.has_sample) {

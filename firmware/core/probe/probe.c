@@ -267,21 +267,22 @@ enum state probe_state(const struct probe *probe) {
 }
 
 bool probe_led(const struct probe *probe, uint32_t now_us) {
-    // Where in two seconds it is, as a fraction of 2^32: 2^32 / 2e6 is 2147 and
-    // 2077252343 / 2^32. A step more, so that no whole millisecond falls below itself.
-    const uint32_t phase =
-        now_us * 2147 + fixed_umul_q32(now_us, UINT32_C(2077252343)) + 1;
+    // Where in two seconds it is, as a fraction of 2^16, by one of 2^32: 2^32 / 2e6 is
+    // 2147 and 2077252343 / 2^32. A step more, so that no whole millisecond falls below
+    // itself.
+    const uint32_t fine = now_us * 2147 + fixed_umul_q32(now_us, UINT32_C(2077252343));
+    const uint16_t phase = (uint16_t)(fixed_high_half(fine) + 1);
     switch (probe_state(probe)) {
     case STATE_STREAMING:
         return true;
     case STATE_CALIBRATING:
-        return fixed_high_half(phase * 10) < PHASE_MS(1000);
+        return (uint16_t)(phase * 10u) < PHASE_MS(1000);
     case STATE_FAULT: {
-        const uint16_t in_a_second = fixed_high_half(phase * 2);
+        const uint16_t in_a_second = (uint16_t)(phase * 2u);
         return in_a_second < PHASE_MS(160) ||
                (in_a_second >= PHASE_MS(400) && in_a_second < PHASE_MS(560));
     }
     default:
-        return fixed_high_half(phase) < PHASE_MS(50);
+        return phase < PHASE_MS(50);
     }
 }
