@@ -34,7 +34,7 @@ uint16_t board_entropy(void);
 
 // The sensor soldered to this board, and its bus for set-up (not while sampling).
 extern const struct sensor_driver board_sensor;
-extern const struct bus_device board_bus;
+extern const IN_FLASH struct bus_device board_bus;
 // Frees a held bus by clocking it, then a STOP. BUS_OK when both lines are high.
 enum bus_result board_bus_recover(void) MUST_CHECK;
 

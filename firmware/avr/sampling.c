@@ -192,7 +192,7 @@ static enum bus_result write_registers(void *port, uint8_t address, uint8_t reg,
     return result;
 }
 
-const struct bus_device board_bus = {read_registers, write_registers, 0};
+const IN_FLASH struct bus_device board_bus = {read_registers, write_registers, 0};
 
 // This board's sensor has one burst a sample.
 void board_sampling_start(const struct bus_burst *bursts, uint8_t count) {

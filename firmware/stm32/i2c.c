@@ -293,7 +293,7 @@ static enum bus_result write_registers(void *port, uint8_t address, uint8_t reg,
     return poll(address, reg, length);
 }
 
-const struct bus_device board_bus = {read_registers, write_registers, 0};
+const IN_FLASH struct bus_device board_bus = {read_registers, write_registers, 0};
 
 static void wait_half_clock(void) {
     const uint32_t begun_us = clock_us();

@@ -139,10 +139,11 @@ def header(schema: Schema) -> str:
         "    uint32_t time_us;",
         "};",
         "",
-        "// encode() writes to `content` (the message's size) and returns the length. The",
-        "// message may be in the same buffer, behind the header and all tags.",
+        "// encode() writes to `content` (the message's size) and returns the length.",
+        "// The message may be in the same buffer, behind the header and all tags.",
         "// decode() leaves `header` and `out` untouched unless MESSAGE_OK. take() is as",
-        "// strict, says no more than true, and then only `out` is good. Its length is not 0.",
+        "// strict, says no more than true, and only then `out` is good. Its length is",
+        "// not 0.",
     ]
     for message in schema.messages:
         lines += ["", f"struct message_{message.name} {{"]

@@ -28,7 +28,7 @@ static void say(const char *text) {
 
 static void read_chip(uint8_t address) {
     uint8_t value = 0;
-    const struct bus_device *bus = &board_bus;
+    const IN_FLASH struct bus_device *bus = &board_bus;
     const uint32_t begun = board_time_us();
     const enum bus_result result = bus->read(bus->port, address, WHO_AM_I, &value, 1);
     SAY("read %d %02x %lu\n", result, value, board_time_us() - begun);
@@ -44,7 +44,7 @@ static void recover(void) {
 static void set_chip_up(void) {
     static const uint8_t rate[] = {4, 2, 0x18, 0x18, 2};  // SMPLRT_DIV and on
     static const uint8_t pulse[] = {0, 1};                // INT_PIN_CFG, INT_ENABLE
-    const struct bus_device *bus = &board_bus;
+    const IN_FLASH struct bus_device *bus = &board_bus;
     const enum bus_result first = bus->write(bus->port, ADDRESS, 0x19, rate, 5);
     const enum bus_result second = bus->write(bus->port, ADDRESS, 0x37, pulse, 2);
     SAY("set up %d %d\n", first, second);

@@ -103,7 +103,7 @@ static void say(const char *text) {
 
 static void read_chip(uint8_t address, uint8_t reg, uint8_t length) {
     uint8_t bytes[8] = {0};
-    const struct bus_device *bus = &board_bus;
+    const IN_FLASH struct bus_device *bus = &board_bus;
     const uint32_t begun = board_time_us();
     const enum bus_result result = bus->read(bus->port, address, reg, bytes, length);
     const uint32_t took = board_time_us() - begun;
@@ -128,7 +128,7 @@ static void recover(void) {
 static void set_chip_up(void) {
     static const uint8_t gyr[] = {0x8F, 0x00, 0x08, 0xA0};
     static const uint8_t xm[] = {0x8F, 0x20, 0x00, 0x00, 0x74, 0x00, 0x00};
-    const struct bus_device *bus = &board_bus;
+    const IN_FLASH struct bus_device *bus = &board_bus;
     const enum bus_result first =
         bus->write(bus->port, XM, CTRL_REG1 | MANY, xm, sizeof xm);
     const enum bus_result second =

@@ -6,6 +6,8 @@
 
 #include <stdint.h>
 
+#include "core/math/in_flash.h"
+
 #define MUST_CHECK __attribute__((warn_unused_result))
 
 enum bus_result {

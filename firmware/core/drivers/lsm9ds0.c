@@ -120,22 +120,23 @@ static uint8_t sub_address(uint8_t reg, uint8_t length) {
     return length > 1 ? (uint8_t)(reg | AUTO_INCREMENT) : reg;
 }
 
-static enum sensor_result read_registers(const struct bus_device *bus, uint8_t address,
-                                         uint8_t reg, uint8_t *data, uint8_t length) {
+static enum sensor_result read_registers(const IN_FLASH struct bus_device *bus,
+                                         uint8_t address, uint8_t reg, uint8_t *data,
+                                         uint8_t length) {
     return (enum sensor_result)bus->read(bus->port, address, sub_address(reg, length),
                                          data, length);
 }
 
-static enum sensor_result write_registers(const struct bus_device *bus, uint8_t address,
-                                          uint8_t reg, const uint8_t *data,
-                                          uint8_t length) {
+static enum sensor_result write_registers(const IN_FLASH struct bus_device *bus,
+                                          uint8_t address, uint8_t reg,
+                                          const uint8_t *data, uint8_t length) {
     return (enum sensor_result)bus->write(bus->port, address, sub_address(reg, length),
                                           data, length);
 }
 
 // All that makes the gyroscope what it is, its stimulus on or off.
 static enum sensor_result configure_gyr(const struct lsm9ds0 *chip,
-                                        const struct bus_device *bus,
+                                        const IN_FLASH struct bus_device *bus,
                                         uint8_t stimulus) {
     const uint8_t values[] = {
         (uint8_t)((chip->config.is_fast ? G_760_HZ : G_380_HZ) | G_100_HZ_LOW_PASS |
@@ -151,7 +152,8 @@ static enum sensor_result configure_gyr(const struct lsm9ds0 *chip,
 
 // The other half, with the accelerometer's range and stimulus.
 static enum sensor_result configure_xm(const struct lsm9ds0 *chip,
-                                       const struct bus_device *bus, uint8_t range) {
+                                       const IN_FLASH struct bus_device *bus,
+                                       uint8_t range) {
     const uint8_t values[] = {
         0,
         // Twice the sample rate and more, whatever the two clocks: else an acceleration
@@ -186,8 +188,8 @@ static bool is_within(const struct lsm9ds0 *chip, uint16_t now, uint16_t wait) {
 }
 
 // Each half by its name, before a register of a chip that may be another is written.
-static enum sensor_result identify(struct lsm9ds0 *chip, const struct bus_device *bus,
-                                   uint16_t now) {
+static enum sensor_result
+identify(struct lsm9ds0 *chip, const IN_FLASH struct bus_device *bus, uint16_t now) {
     const struct lsm9ds0_config *config = &chip->config;
     struct sensor_identity *identity = &chip->identity;
     uint8_t *who = identity->who_am_i;
@@ -223,9 +225,10 @@ static enum sensor_result identify(struct lsm9ds0 *chip, const struct bus_device
 }
 
 // Writes both halves, then waits.
-static enum sensor_result configure(struct lsm9ds0 *chip, const struct bus_device *bus,
-                                    uint16_t now, uint8_t gyr_stimulus,
-                                    uint8_t acc_range, uint16_t wait) {
+static enum sensor_result configure(struct lsm9ds0 *chip,
+                                    const IN_FLASH struct bus_device *bus, uint16_t now,
+                                    uint8_t gyr_stimulus, uint8_t acc_range,
+                                    uint16_t wait) {
     enum sensor_result result = configure_gyr(chip, bus, gyr_stimulus);
     if (result == SENSOR_OK) {
         result = configure_xm(chip, bus, acc_range);
@@ -233,8 +236,8 @@ static enum sensor_result configure(struct lsm9ds0 *chip, const struct bus_devic
     return result == SENSOR_OK ? go_on(chip, now, wait) : result;
 }
 
-static enum sensor_result test_begin(struct lsm9ds0 *chip, const struct bus_device *bus,
-                                     uint16_t now) {
+static enum sensor_result
+test_begin(struct lsm9ds0 *chip, const IN_FLASH struct bus_device *bus, uint16_t now) {
     if (chip->identity.self_test != 0) {
         chip->step = RUN;
         return SENSOR_BUSY;
@@ -243,8 +246,8 @@ static enum sensor_result test_begin(struct lsm9ds0 *chip, const struct bus_devi
 }
 
 // Adds one sample of a run; TEST_SAMPLES * 32768 fit by far.
-static enum sensor_result test_sample(struct lsm9ds0 *chip,
-                                      const struct bus_device *bus, uint16_t now) {
+static enum sensor_result
+test_sample(struct lsm9ds0 *chip, const IN_FLASH struct bus_device *bus, uint16_t now) {
     uint8_t acc[AXES_BYTES];
     uint8_t gyr[AXES_BYTES];
     const struct lsm9ds0_config *config = &chip->config;
@@ -294,7 +297,8 @@ static enum sensor_result test_end(struct lsm9ds0 *chip, uint16_t now) {
 }
 
 // Notes whether the sensor whose status that is has data, unless the bus has failed.
-static enum sensor_result look_for(struct lsm9ds0 *chip, const struct bus_device *bus,
+static enum sensor_result look_for(struct lsm9ds0 *chip,
+                                   const IN_FLASH struct bus_device *bus,
                                    enum sensor_result before, uint8_t flag,
                                    uint8_t address, uint8_t reg) {
     uint8_t status = 0;
@@ -308,8 +312,8 @@ static enum sensor_result look_for(struct lsm9ds0 *chip, const struct bus_device
 
 // Waits for all three sensors. The gyroscope's data are then read, so that DRDY_G is
 // low and rises with the next.
-static enum sensor_result ready(struct lsm9ds0 *chip, const struct bus_device *bus,
-                                uint16_t now) {
+static enum sensor_result ready(struct lsm9ds0 *chip,
+                                const IN_FLASH struct bus_device *bus, uint16_t now) {
     const uint8_t g = chip->config.gyr_address;
     const uint8_t xm = chip->config.xm_address;
     enum sensor_result result = SENSOR_OK;
@@ -358,7 +362,7 @@ void lsm9ds0_begin(void *state) {
                            TEMPERATURE_BYTES + AXES_BYTES};
 }
 
-enum sensor_result lsm9ds0_setup(void *state, const struct bus_device *bus,
+enum sensor_result lsm9ds0_setup(void *state, const IN_FLASH struct bus_device *bus,
                                  uint32_t now_us) {
     struct lsm9ds0 *chip = state;
     // Ticks wrap after 67 s, at the wrap of now_us too: waits are far shorter.
@@ -457,7 +461,8 @@ bool lsm9ds0_parse(void *state, const uint8_t *bytes, uint32_t time_us,
     return true;
 }
 
-bool lsm9ds0_power_down(const struct lsm9ds0 *chip, const struct bus_device *bus) {
+bool lsm9ds0_power_down(const struct lsm9ds0 *chip,
+                        const IN_FLASH struct bus_device *bus) {
     const uint8_t off = 0;  // CTRL_REG1_G: PD; CTRL_REG1_XM: AODR
     const uint8_t mag_off = M_OFF;
     const uint8_t g = chip->config.gyr_address;

@@ -64,7 +64,7 @@ struct lsm9ds0 {
 // Beyond 2000 deg/s and 16 g, where the registers go on but the document does not, a
 // sample is clipped; beyond 2 gauss the field has overflowed.
 void lsm9ds0_begin(void *state);
-enum sensor_result lsm9ds0_setup(void *state, const struct bus_device *bus,
+enum sensor_result lsm9ds0_setup(void *state, const IN_FLASH struct bus_device *bus,
                                  uint32_t now_us) MUST_CHECK;
 bool lsm9ds0_parse(void *state, const uint8_t *bytes, uint32_t time_us,
                    struct sample *out) MUST_CHECK;
@@ -72,7 +72,7 @@ bool lsm9ds0_parse(void *state, const uint8_t *bytes, uint32_t time_us,
 // Stops all three sensors, for a board that sleeps; set-up starts them again. False
 // where the bus fails.
 bool lsm9ds0_power_down(const struct lsm9ds0 *chip,
-                        const struct bus_device *bus) MUST_CHECK;
+                        const IN_FLASH struct bus_device *bus) MUST_CHECK;
 
 // Initialiser of a struct sensor_driver over `chip`, a struct lsm9ds0.
 #define LSM9DS0_DRIVER(chip)                                                           \

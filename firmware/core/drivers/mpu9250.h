@@ -37,7 +37,7 @@ struct mpu9250 {
 // whose bytes can be no reading (all zeros or all ones) has both clipped flags, no
 // temperature and no magnetic field.
 void mpu9250_begin(void *state);
-enum sensor_result mpu9250_setup(void *state, const struct bus_device *bus,
+enum sensor_result mpu9250_setup(void *state, const IN_FLASH struct bus_device *bus,
                                  uint32_t now_us) MUST_CHECK;
 bool mpu9250_parse(void *state, const uint8_t *bytes, uint32_t time_us,
                    struct sample *out) MUST_CHECK;

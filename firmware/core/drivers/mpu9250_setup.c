@@ -117,7 +117,7 @@ enum {
     IDENTIFY,  // by the WHO_AM_I that was read
     // Where there is a verdict on the inertial sensors, goes on so many rows further.
     SKIP_IF_TESTED,
-    TEST_RUN,    // TEST_SAMPLES, one a call
+    TEST_RUN,     // TEST_SAMPLES, one a call
     TEST_OFFSET,  // of the gyroscope, after the run without the stimulus
     TEST_JUDGE,   // the place of an axis' sum; its code was read
     TEST_END,
@@ -229,13 +229,14 @@ static const IN_FLASH struct row rows[] = {
     {DONE, 0},
 };
 
-NOINLINE static enum sensor_result read(const struct bus_device *bus, uint8_t reg,
-                                        uint8_t *data, uint8_t length) {
+NOINLINE static enum sensor_result read(const IN_FLASH struct bus_device *bus,
+                                        uint8_t reg, uint8_t *data, uint8_t length) {
     return (enum sensor_result)bus->read(bus->port, MPU9250_ADDRESS, reg, data, length);
 }
 
-NOINLINE static enum sensor_result write(const struct bus_device *bus, uint8_t reg,
-                                         const uint8_t *data, uint8_t length) {
+NOINLINE static enum sensor_result write(const IN_FLASH struct bus_device *bus,
+                                         uint8_t reg, const uint8_t *data,
+                                         uint8_t length) {
     return (enum sensor_result)bus->write(bus->port, MPU9250_ADDRESS, reg, data,
                                           length);
 }
@@ -270,8 +271,8 @@ static enum sensor_result identify(struct mpu9250 *chip) {
     }
 }
 
-static enum sensor_result test_run(struct mpu9250 *chip, const struct bus_device *bus,
-                                   uint16_t now) {
+static enum sensor_result
+test_run(struct mpu9250 *chip, const IN_FLASH struct bus_device *bus, uint16_t now) {
     uint8_t bytes[MPU9250_INERTIAL_BYTES];
     const enum sensor_result result =
         read(bus, MPU9250_REG_ACCEL_XOUT_H, bytes, sizeof bytes);
@@ -344,8 +345,8 @@ static void mag_is_absent(struct mpu9250 *chip) {
 // One transfer, in two or more calls: asked for, then looked after. SLV4 is the slave
 // that transfers once and says when that is done.
 static enum sensor_result mag_transfer(struct mpu9250 *chip,
-                                       const struct bus_device *bus, uint16_t now,
-                                       uint8_t what, uint8_t value) {
+                                       const IN_FLASH struct bus_device *bus,
+                                       uint16_t now, uint8_t what, uint8_t value) {
     const uint8_t reg = (uint8_t)(what - MAG);
     const bool is_read = reg < AK_CNTL1 || reg > AK_ASTC;
     enum sensor_result result;
@@ -394,7 +395,8 @@ static uint8_t mag_verdict(const struct mpu9250 *chip) {
                : SELF_TEST_MAG_FAILED;
 }
 
-static enum sensor_result do_mag_row(struct mpu9250 *chip, const struct bus_device *bus,
+static enum sensor_result do_mag_row(struct mpu9250 *chip,
+                                     const IN_FLASH struct bus_device *bus,
                                      uint16_t now, uint8_t what, uint8_t value) {
     if (!mpu9250_has_mag(chip)) {
         return SENSOR_OK;
@@ -414,8 +416,9 @@ static enum sensor_result do_mag_row(struct mpu9250 *chip, const struct bus_devi
     return SENSOR_OK;
 }
 
-static enum sensor_result do_row(struct mpu9250 *chip, const struct bus_device *bus,
-                                 uint16_t now, uint8_t what, uint8_t value) {
+static enum sensor_result do_row(struct mpu9250 *chip,
+                                 const IN_FLASH struct bus_device *bus, uint16_t now,
+                                 uint8_t what, uint8_t value) {
     if (what >= READ) {
         return read(bus, (uint8_t)(what - READ), at(chip, value), 1);
     }
@@ -475,7 +478,7 @@ void mpu9250_begin(void *state) {
     chip->bursts[0].reg = MPU9250_REG_ACCEL_XOUT_H;
 }
 
-enum sensor_result mpu9250_setup(void *state, const struct bus_device *bus,
+enum sensor_result mpu9250_setup(void *state, const IN_FLASH struct bus_device *bus,
                                  uint32_t now_us) {
     struct mpu9250 *chip = state;
     const struct row row = rows[chip->step];

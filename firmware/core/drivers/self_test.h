@@ -21,8 +21,8 @@ struct self_test {
     bool is_moving;
     uint8_t failed;  // flags SELF_TEST_..._PASSED of sensors that did not pass
     struct self_test_axis {
-        int32_t sum;    // of this run, less that of the run before
-        int16_t first;  // of this run, to tell motion
+        int32_t sum;         // of this run, less that of the run before
+        int16_t first;       // of this run, to tell motion
     } axes[SELF_TEST_AXES];  // counts
 };
 

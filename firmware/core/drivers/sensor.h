@@ -41,7 +41,7 @@ struct sensor_driver {
     void (*begin)(void *state);
     // Does one step of set-up, one or a few transactions; SENSOR_OK once samples flow.
     // On a failure call begin() again, after the bus has been recovered.
-    enum sensor_result (*setup)(void *state, const struct bus_device *bus,
+    enum sensor_result (*setup)(void *state, const IN_FLASH struct bus_device *bus,
                                 uint32_t now_us);
     // Turns the bytes of a sample's bursts, which follow each other, into that sample;
     // fills everything but has_gap, which it sets where the chip says that samples were

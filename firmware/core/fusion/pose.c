@@ -24,8 +24,7 @@ bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibrat
 }
 
 __attribute__((noinline)) static enum pose_result
-calibrate_at_rest(struct pose_tracker *tracker,
-                                          const struct sample *sample) {
+calibrate_at_rest(struct pose_tracker *tracker, const struct sample *sample) {
     q16_16_t mean_counts[3];
     struct vector bias;
     switch (gyro_calibrator_step(&tracker->calibrator, sample, tracker->identity,

@@ -33,7 +33,8 @@ static const IN_FLASH uint8_t causes[] = {
 };
 
 // Not inline: two copies would take more of the AVR's flash.
-__attribute__((noinline)) static void start_sampling(const struct acquisition *acquisition) {
+__attribute__((noinline)) static void
+start_sampling(const struct acquisition *acquisition) {
     const struct sensor_driver *sensor = acquisition->port->sensor;
     acquisition->port->start_sampling(sensor->bursts, sensor->bursts_count);
 }

@@ -30,7 +30,7 @@ struct reading {
 // What acquisition asks of a board; see board.h for each of the functions.
 struct acquisition_port {
     const struct sensor_driver *sensor;
-    const struct bus_device *bus;  // for set-up, not while sampling
+    const IN_FLASH struct bus_device *bus;  // for set-up, not while sampling
     enum bus_result (*recover_bus)(void);
     void (*start_sampling)(const struct bus_burst *bursts, uint8_t count);
     void (*stop_sampling)(void);
