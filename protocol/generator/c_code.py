@@ -141,9 +141,9 @@ def header(schema: Schema) -> str:
         "",
         "// encode() writes to `content` (the message's size) and returns the length.",
         "// The message may be in the same buffer, behind the header and all tags.",
-        "// decode() leaves `header` and `out` untouched unless MESSAGE_OK. take() is as",
-        "// strict, says no more than true, and only then `out` is good. Its length is",
-        "// not 0.",
+        "// decode() leaves `header` and `out` untouched unless MESSAGE_OK. take() is",
+        "// as strict, says no more than true, and only then `out` is good. Its length",
+        "// is not 0.",
     ]
     for message in schema.messages:
         lines += ["", f"struct message_{message.name} {{"]

@@ -17,7 +17,7 @@ from system.virtual import Stub, run, send, write_hand
 from twin_bench import heard
 
 # Between two parts of params: the Nano's memory takes 3.4 ms a byte.
-PART_US = 60_000
+PART_US = 60_000  # a word takes 14 ms of writing, in steps of 5 ms
 # How often they are asked for: each part is checked in a step of its own.
 APPLIES = 10
 SECONDS = 14.0

@@ -61,6 +61,12 @@ static inline void attitude_restart(struct attitude *attitude) {
     ATTITUDE_CALL(restart)(&attitude->only);
 }
 
+static inline void attitude_step(struct attitude *attitude,
+                                 const struct measurement *measurement,
+                                 uint32_t interval_us) {
+    ATTITUDE_CALL(step)(&attitude->only, measurement, interval_us);
+}
+
 static inline void attitude_take(struct attitude *attitude,
                                  const struct measurement *measurement,
                                  uint32_t interval_us) {

@@ -25,6 +25,10 @@ bool params_store_open(struct params_store *store, const struct memory *memory,
     return is_whole;
 }
 
+bool params_store_is_staging(const struct params_store *store) {
+    return store->phase == STAGING;
+}
+
 bool params_store_load(struct params_store *store, struct params *out) {
     return read_side(store, BANK_CURRENT, store->bank.length, out) == PARAMS_FINE;
 }

@@ -229,6 +229,9 @@ static void use_memory(struct probe *probe, uint32_t now_us) {
 
 void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
     follow_button(probe, is_button_down, now_us);
+    if (params_store_is_staging(&probe->store)) {
+        use_memory(probe, now_us);  // a host waits for each byte, and there are many
+    }
     // What is not urgent waits a little for a sample that was less work, and goes one
     // at a time.
     if (probe->is_heavy && probe->waits < WAITS_MAX) {

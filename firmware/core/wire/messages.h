@@ -272,9 +272,9 @@ struct message_header {
 
 // encode() writes to `content` (the message's size) and returns the length.
 // The message may be in the same buffer, behind the header and all tags.
-// decode() leaves `header` and `out` untouched unless MESSAGE_OK. take() is as
-// strict, says no more than true, and only then `out` is good. Its length is
-// not 0.
+// decode() leaves `header` and `out` untouched unless MESSAGE_OK. take() is
+// as strict, says no more than true, and only then `out` is good. Its length
+// is not 0.
 
 struct message_hello {
     uint8_t protocol_version;
