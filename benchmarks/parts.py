@@ -74,7 +74,7 @@ FILES = {
     "fixed.c": CALLER,
     "fixed_mul.S": CALLER,
     "fixed_mul.c": CALLER,
-    "memory.c": CALLER,
+    "string.c": CALLER,
     "vector.c": CALLER,
     "quat.c": CALLER,
     "matrix.c": CALLER,

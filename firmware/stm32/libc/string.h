@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // The part of the standard header that core/ and the compiler ask for, so that the
-// image needs no C library; memory.c has the functions.
+// image needs no C library; string.c has the functions.
 #ifndef STRING_H
 #define STRING_H
 

@@ -12,7 +12,7 @@ import native
 
 NAMES = ("memcpy", "memmove", "memset", "memcmp")
 ffi, lib = native.load(
-    ["firmware/stm32/memory.c"],
+    ["firmware/stm32/string.c"],
     ["firmware/stm32/libc/string.h"],
     [f"{name}=our_{name}" for name in NAMES],
     core=False,
