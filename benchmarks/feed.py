@@ -294,6 +294,7 @@ def hello(chip: Chip = MPU9250) -> bytes:
         "reset_cause": (),
         "filter": "fuse",
         "reset_address": 0,
+        "params_digest": 0,
     }
     return messages.encode("hello", fields, sequence=0, time_us=0)
 

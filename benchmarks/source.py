@@ -40,6 +40,7 @@ _HELLO: dict[str, Any] = {
     "reset_cause": ("power_on",),
     "filter": "fuse",
     "reset_address": 0,
+    "params_digest": 0,
 }
 
 
