@@ -87,6 +87,8 @@ FILTER_FILES = {"fuse.c", "fuse_level.c", "fuse_gyro.c", "fuse_field.c"}
 FILTER_STAGE = "fuse_stage_"
 FILTER_FUNCTIONS = {
     "fuse_step": "fuse.step",
+    "fuse_take": "fuse.step",
+    "fuse_work": "fuse.step",
     "fuse_orientation": "fuse.orientation",
     "fuse_quality": "fuse.quality",
     "integrate": "fuse.integrate",
