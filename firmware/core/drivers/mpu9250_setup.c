@@ -327,7 +327,7 @@ static void test_judge(struct mpu9250 *chip, uint8_t place) {
         trim = factory_trim(code);
     }
     // In half counts: from the trim to three times as much.
-    const int32_t above = sum / (TEST_SAMPLES / 2) - trim;
+    const int32_t above = sum / (int32_t)(TEST_SAMPLES / 2) - (int32_t)trim;
     if (above < 0 || (flag == SELF_TEST_ACC_PASSED && above > (int32_t)trim * 2)) {
         test->failed |= flag;
     }
