@@ -177,7 +177,7 @@ static void set_reference(struct probe *probe, enum cause cause, uint32_t now_us
                                         ? POSE_ORIGIN_FULL
                                         : POSE_ORIGIN_HEADING;
     pose_set_origin(&probe->tracker, origin);
-    probe_tell(probe, EVENT_TARED, cause, origin, now_us);
+    probe_tell(probe, EVENT_TARED, cause, (int32_t)origin, now_us);
 }
 
 void probe_set_streaming(struct probe *probe, bool is_streaming, enum cause cause,
