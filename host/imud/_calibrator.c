@@ -9,17 +9,11 @@ struct calibrator {
 };
 
 static PyObject *calibrator_new(PyTypeObject *type, PyObject *args, PyObject *kwargs) {
-    static char *names[] = {"hello", "params", NULL};
-    PyObject *hello = NULL;
-    PyObject *records = NULL;
     struct sensor_identity identity;
     struct params params;
     uint8_t filter;
-    calibration_clear(&params.calibration);
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O|O:Calibrator", names, &hello,
-                                     &records) ||
-        !identity_of_hello(hello, &identity, &filter) ||
-        (records != NULL && !params_of_records(records, &params))) {
+    if (!probe_of_arguments(args, kwargs, "O|O:Calibrator", &identity, &filter,
+                            &params)) {
         return NULL;
     }
     const allocfunc allocate = (allocfunc)PyType_GetSlot(type, Py_tp_alloc);

@@ -40,8 +40,8 @@ static uint16_t gyr_delay_of(uint8_t sensor) {
     }
 }
 
-bool identity_of_hello(PyObject *content, struct sensor_identity *identity,
-                       uint8_t *filter) {
+static bool identity_of_hello(PyObject *content, struct sensor_identity *identity,
+                              uint8_t *filter) {
     struct message_header header;
     struct message_hello hello;
     bool is_hello;
@@ -105,6 +105,24 @@ bool params_of_records(PyObject *records, struct params *params) {
         return false;
     }
     return true;
+}
+
+bool probe_of_arguments(PyObject *args, PyObject *kwargs, const char *format,
+                        struct sensor_identity *identity, uint8_t *filter,
+                        struct params *params) {
+    static char *names[] = {"hello", "params", NULL};
+    PyObject *hello = NULL;
+    PyObject *records = NULL;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, format, names, &hello, &records) ||
+        !identity_of_hello(hello, identity, filter)) {
+        return false;
+    }
+    if (records != NULL) {
+        return params_of_records(records, params);
+    }
+    const struct memory none = {0};
+    uint8_t tag;
+    return params_read(&none, 0, 0, params, &tag) == PARAMS_FINE;
 }
 
 static struct counts counts_of(const int16_t values[3]) {

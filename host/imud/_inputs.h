@@ -9,9 +9,11 @@
 #include "core/drivers/sensor.h"
 #include "core/params/params.h"
 
-// The sensor of a hello, and the filter that runs.
-bool identity_of_hello(PyObject *content, struct sensor_identity *identity,
-                       uint8_t *filter);
+// The arguments (hello, params=b"") of a type: the sensor of the hello and the filter
+// that runs, and the values of the records. `format`: as of PyArg_ParseTuple.
+bool probe_of_arguments(PyObject *args, PyObject *kwargs, const char *format,
+                        struct sensor_identity *identity, uint8_t *filter,
+                        struct params *params);
 
 // The values of records that the firmware would take.
 bool params_of_records(PyObject *records, struct params *params);

@@ -29,17 +29,10 @@ static bool begin(struct replay *replay, long filter) {
 }
 
 static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs) {
-    static char *names[] = {"hello", "params", NULL};
-    PyObject *hello = NULL;
-    PyObject *records = NULL;
     struct sensor_identity identity;
     struct params params;
     uint8_t filter;
-    calibration_clear(&params.calibration);
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O|O:Replay", names, &hello,
-                                     &records) ||
-        !identity_of_hello(hello, &identity, &filter) ||
-        (records != NULL && !params_of_records(records, &params))) {
+    if (!probe_of_arguments(args, kwargs, "O|O:Replay", &identity, &filter, &params)) {
         return NULL;
     }
     const allocfunc allocate = (allocfunc)PyType_GetSlot(type, Py_tp_alloc);
