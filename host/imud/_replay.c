@@ -2,25 +2,23 @@
 // _core.Replay: computes a probe's poses again from its raw messages.
 #include "_inputs.h"
 
-#include <string.h>
-
 #include "core/fusion/pose.h"
 #include "core/wire/messages.h"
 
 struct replay {
     PyObject_HEAD struct sensor_identity identity;
-    struct calibration calibration;  // that the tracker works with
-    struct calibration next;         // from the next begin on
+    struct params params;  // whose calibration the tracker works with
+    struct params next;    // from the next begin on
     struct pose_tracker tracker;
 };
 
 static bool begin(struct replay *replay, long filter) {
-    const struct calibration before = replay->calibration;
-    replay->calibration = replay->next;
+    const struct params before = replay->params;
+    replay->params = replay->next;
     if (filter < 0 || filter > UINT8_MAX ||
-        !pose_begin(&replay->tracker, &replay->calibration, &replay->identity,
+        !pose_begin(&replay->tracker, &replay->params.calibration, &replay->identity,
                     (int32_t)filter)) {
-        replay->calibration = before;
+        replay->params = before;
         PyErr_Format(PyExc_ValueError, "filter %ld is not one that can be replayed",
                      filter);
         return false;
@@ -42,7 +40,7 @@ static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs
     }
     struct replay *replay = (struct replay *)self;
     replay->identity = identity;
-    replay->next = params.calibration;
+    replay->next = params;
     if (!begin(replay, filter)) {
         Py_DECREF(self);
         return NULL;
@@ -59,26 +57,15 @@ static PyObject *replay_step(PyObject *self, PyObject *content) {
     Py_RETURN_NONE;
 }
 
-// By its arrays: between two sensors there may be bytes of no meaning.
-static bool is_same(const struct calibration_of_sensor *one,
-                    const struct calibration_of_sensor *other) {
-    return memcmp(one->bias, other->bias, sizeof one->bias) == 0 &&
-           memcmp(one->matrix, other->matrix, sizeof one->matrix) == 0;
-}
-
 static PyObject *replay_params(PyObject *self, PyObject *records) {
     struct replay *replay = (struct replay *)self;
     struct params params;
     if (!params_of_records(records, &params)) {
         return NULL;
     }
-    replay->next = params.calibration;
-    const struct calibration *now = &replay->calibration;
-    const struct calibration *next = &replay->next;
-    const bool is_other = !is_same(&now->acc, &next->acc) ||
-                          !is_same(&now->gyr, &next->gyr) ||
-                          !is_same(&now->mag, &next->mag);
-    return PyBool_FromLong(is_other);
+    replay->next = params;
+    // As the probe tells whether its filter has to begin anew.
+    return PyBool_FromLong(params.digest != replay->params.digest);
 }
 
 static PyObject *replay_pose(PyObject *self, PyObject *args) {
