@@ -242,7 +242,7 @@ def test_the_f405s_image_runs_the_filter_that_it_is_told_to(
     tmp_path: Path, f405_image: Path
 ) -> None:
     hand = tmp_path / "hand.npz"
-    sensors.generate(4.0, seed=3).save(hand)
+    sensors.generate(2.0, seed=3).save(hand)
     found = f405_load.each_filter(f405_image, hand, seed=1)
     assert list(found) == ["fuse", "complementary", "mahony", "madgwick", "dcm_pi"]
     assert all(500 < each["step_mean"] < 5000 for each in found.values())

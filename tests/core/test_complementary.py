@@ -10,7 +10,7 @@ import pytest
 
 from core import desk
 from core.desk import DEGREE, FIELD, FORCE, ONE, RATE, Array, G
-from core.doubles import BIAS_DEG_S, UPSIDE_DOWN, rms, unit, wild
+from core.doubles import BIAS_DEG_S, UPSIDE_DOWN, WILD_S, rms, unit, wild
 from core.scenes import Attitude, Scene, at_rest, scene, tumble
 from core.test_fuse import STARTS
 from imud import rotation
@@ -90,6 +90,7 @@ def apart(felt: Scene, alpha: float = 0.9) -> tuple[Array, Array]:
     return desk.apart_deg(found, doubles(felt, {told: BIAS_DEG_S}, alpha)), found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("rate_hz", "start", "dip_deg", "sway_m_s2"),
     [
@@ -103,7 +104,7 @@ def apart(felt: Scene, alpha: float = 0.9) -> tuple[Array, Array]:
 def test_fixed_point_is_within_0_002_degrees_of_doubles(
     rate_hz, start, dip_deg, sway_m_s2
 ):
-    felt = wild(rate_hz, 30, 5, start=start, dip_deg=dip_deg, sway_m_s2=sway_m_s2)
+    felt = wild(rate_hz, WILD_S, 5, start=start, dip_deg=dip_deg, sway_m_s2=sway_m_s2)
     away, found = apart(felt)
     assert rms(away) < 0.002
     assert np.abs(desk.norms(found) / ONE - 1).max() < 1e-8

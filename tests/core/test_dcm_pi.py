@@ -13,6 +13,7 @@ from core import desk
 from core.desk import DEGREE, ONE, Array, G
 from core.doubles import (
     UPSIDE_DOWN,
+    WILD_S,
     apart_from,
     matrix_of,
     quat_of,
@@ -73,6 +74,7 @@ class Step:
         self.matrix = np.array([0.5 * (3 - row @ row) * row for row in rows])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("rate_hz", "start"),
     [
@@ -83,7 +85,7 @@ class Step:
     ],
 )
 def test_fixed_point_is_within_0_002_degrees_of_doubles(rate_hz, start):
-    felt = wild(rate_hz, 30, 5, start=start)
+    felt = wild(rate_hz, WILD_S, 5, start=start)
     step = Step()
     apart, found = apart_from(felt, "dcm_pi", step, step.forget)
     # Most of it is how a matrix that is not quite orthonormal becomes a quaternion.

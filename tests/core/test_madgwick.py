@@ -89,6 +89,7 @@ def step(
     return rotation.multiply(ENU_FROM_EARTH, unit(earth + seconds * change))
 
 
+@pytest.mark.long
 @motions
 def test_fixed_point_is_within_0_001_degrees_of_doubles(rate_hz, start, dip_deg):
     assert_within_0_001_degrees("madgwick", step, rate_hz, start, dip_deg)

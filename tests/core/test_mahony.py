@@ -47,6 +47,7 @@ def step(
     return unit(quat + 0.5 * seconds * rotation.multiply(quat, spin))
 
 
+@pytest.mark.long
 @motions
 def test_fixed_point_is_within_0_001_degrees_of_doubles(rate_hz, start, dip_deg):
     assert_within_0_001_degrees("mahony", step, rate_hz, start, dip_deg)

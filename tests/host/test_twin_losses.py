@@ -16,6 +16,7 @@ from core.probe_bench import Memory
 from imud import _core
 from imud.stages.twin import Twin
 from imud.stages.twin_outcomes import Began, Differs, Lost, State
+from length import choose
 from twin_bench import (
     BOTH,
     POSE,
@@ -223,7 +224,8 @@ def assert_no_difference(contents: list[bytes]) -> int:
     return twin.compared
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(choose(everyday=3, long=6)))
 def test_no_single_loss_is_a_difference(seed: int) -> None:
     contents = a_known_life(seed)
     assert_no_difference(contents)

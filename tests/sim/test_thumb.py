@@ -74,6 +74,7 @@ def test_each_instruction_leaves_behind_what_libunicorns_does(
     assert run[1] > 25_000
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("what", "instead"),
     [
@@ -88,7 +89,7 @@ def test_each_instruction_leaves_behind_what_libunicorns_does(
         ("value = rotate(0x80 | (coded & 0x7F)", "value = rotate(coded & 0x7F"),
         ("result = base + signed_product;", "result = base + product;"),
         (": field(b, 12, 4) << 1 | top;", ": field(b, 12, 4) | top << 4;"),
-    ],
+    ][:choose(everyday=2, long=None)],
 )  # fmt: skip
 def test_an_instruction_gone_wrong_is_found(
     tmp_path: Path, what: str, instead: str

@@ -25,7 +25,7 @@ from length import choose
 from system.virtual import BOARDS, Run, Stub, assert_nothing_is_lost, run, send
 
 # `make bits` takes ten minutes of recordings.
-SECONDS = float(os.environ.get("IMU_BITS_SECONDS", choose(everyday=14, long=62)))
+SECONDS = float(os.environ.get("IMU_BITS_SECONDS", choose(everyday=8, long=62)))
 RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "data" / "broad"
 
 # How long random params are in force.
@@ -33,11 +33,11 @@ PARAMS_US = 1_000_000
 
 # While it moves: an origin, a heading alone, a filter that begins anew.
 CHANGES = (
-    ("tare", 0, 4_000_000),
+    ("tare", 0, 3_500_000),
+    ("tare", 1, 4_000_000),
+    ("restart", 0, 5_000_000),
     ("tare", 1, 6_000_000),
-    ("restart", 0, 8_000_000),
-    ("tare", 1, 10_000_000),
-    ("tare", 2, 12_000_000),
+    ("tare", 2, 7_000_000),
 )
 
 
