@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: MIT
-"""Smooth quantities and attitudes over time with their exact derivatives: what the
-simulated hand's motion is made of.
+"""Smooth quantities and attitudes over time with their exact derivatives: what
+simulated motions are made of.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
@@ -37,6 +37,13 @@ class Curve:
             self.second * other.value
             + 2.0 * self.first * other.first
             + self.value * other.second,
+        )
+
+    def through(self, *functions: Callable[[FloatArray], FloatArray]) -> Curve:
+        """A function of this curve, given with its first and second derivative."""
+        value, first, second = (function(self.value) for function in functions)
+        return Curve(
+            value, first * self.first, second * self.first**2 + first * self.second
         )
 
     def along(self, vector: FloatArray) -> Curve:
@@ -88,6 +95,45 @@ def shape(polynomial: np.polynomial.Polynomial, u: FloatArray, span: float) -> C
         np.asarray(polynomial.deriv(1)(u)) / span,
         np.asarray(polynomial.deriv(2)(u)) / span**2,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A stretch of a scalar curve: a step with least jerk, and a rate a second that
+    goes smoothly from one value to another.
+    """
+
+    seconds: float
+    step: float = 0.0
+    start_rate: float = 0.0
+    end_rate: float = 0.0
+
+
+RISE = STEP.integ()
+
+
+def joined(pieces: Sequence[Piece], t: FloatArray) -> Curve:
+    """Pieces one after the other as a curve of shape (n, 1) that starts at 0.
+
+    The last piece should end after the last of `t`; its end is held.
+    """
+    seconds, step, start_rate, end_rate = np.array([astuple(each) for each in pieces]).T
+    change = end_rate - start_rate
+    ends = np.cumsum(seconds)
+    gains = np.cumsum(step + seconds * (start_rate + change * RISE(1.0)))
+    index = np.minimum(np.searchsorted(ends, t, side="right"), len(ends) - 1)
+    span = seconds[index]
+    u = np.minimum((t - ends[index]) / span + 1.0, 1.0)
+    step, start_rate, change = step[index], start_rate[index], change[index]
+    moved, turned = shape(STEP, u, 1.0), shape(RISE, u, 1.0)
+    whole = Curve(
+        np.concatenate([[0.0], gains])[index]
+        + step * moved.value
+        + span * (start_rate * u + change * turned.value),
+        step * moved.first / span + start_rate + change * turned.first,
+        step * moved.second / span**2 + change * turned.second / span,
+    )
+    return Curve(whole.value[:, None], whole.first[:, None], whole.second[:, None])
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ import numpy as np
 
 from imud import rotation
 from imud.rotation import FloatArray
+from imud.virtual.bodies import Body, held
 from imud.virtual.curves import BUMP, STEP, Curve, Turning, Waves, about, blend, shape
 from imud.virtual.hand import Hand, Leg
 from imud.virtual.motion import GRAVITY_M_S2, Motion, join
@@ -35,6 +36,22 @@ class SensorErrors:
     acc_offset_mg: float = 60.0
     mag_offset_ut: float = 0.0  # of a calibrated magnetometer
 
+    def noise(self, rate_hz: float) -> FloatArray:
+        """Of records at this rate, SI units (uT): a row for each sensor."""
+        averaged = math.sqrt(max(1.0, NOISE_WINDOW_S * rate_hz))
+        noise = np.array(
+            [
+                [self.gyr_noise_dps * averaged],
+                [self.acc_noise_mg * averaged],
+                # The AK8963 measures one instant: no averaging.
+                [self.mag_noise_ut],
+            ]
+        )
+        return np.asarray(noise * SI)
+
+
+# One deg/s, mg and uT, as rows.
+SI = np.array([[math.radians(1.0)], [GRAVITY_M_S2 / 1000.0], [1.0]])
 
 NO_ERRORS = SensorErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -98,21 +115,11 @@ class _Probe:
         self.rate_hz = rate_hz
         self.world = world
         self.errors = errors
-        scale = np.array([math.radians(1.0), GRAVITY_M_S2 / 1000.0, 1.0])[:, None]
         spread = np.array(
             [[errors.gyr_offset_dps], [errors.acc_offset_mg], [errors.mag_offset_ut]]
         )
-        self.offset = self.noise.uniform(-1.0, 1.0, (3, 3)) * spread * scale
-        window = max(1.0, NOISE_WINDOW_S * rate_hz)
-        sigma = np.array(
-            [
-                [errors.gyr_noise_dps * math.sqrt(window)],
-                [errors.acc_noise_mg * math.sqrt(window)],
-                # The AK8963 measures one instant: no averaging.
-                [errors.mag_noise_ut],
-            ]
-        )
-        self.sigma = sigma * scale
+        self.offset = self.noise.uniform(-1.0, 1.0, (3, 3)) * spread * SI
+        self.sigma = errors.noise(rate_hz)
 
     def motions(self) -> Iterator[Motion]:
         """Endless motions, one a leg."""
@@ -131,21 +138,13 @@ class _Probe:
 
         turning = self._attitude(leg, t, step)
         tip = self._tip_path(leg, t, step, bump)
-        offset = np.array(self.world.tip_m)
-        lever_speed = np.cross(turning.rate, offset)
-        lever_force = np.cross(turning.acceleration, offset)
-        lever_force += np.cross(turning.rate, lever_speed)
-        position = tip.value - rotation.rotate(turning.quat, offset)
-        velocity = tip.first - rotation.rotate(turning.quat, lever_speed)
-        acceleration = tip.second - rotation.rotate(turning.quat, lever_force)
-
-        body_from_world = rotation.inverse(turning.quat)
-        up = np.array([0.0, 0.0, GRAVITY_M_S2])
+        place = Body(turning, tip).at(-np.array(self.world.tip_m))
+        field = self.world.field_at(place.value)
         felt = np.stack(
             [
                 turning.rate,
-                rotation.rotate(body_from_world, acceleration + up),
-                rotation.rotate(body_from_world, self.world.field_at(position)),
+                Body(turning, place).specific_force(),
+                rotation.rotate(rotation.inverse(turning.quat), field),
             ],
             axis=1,
         )
@@ -156,8 +155,8 @@ class _Probe:
             acc=felt[:, 1],
             mag=felt[:, 2],
             quat=turning.quat,
-            position=position,
-            velocity=velocity,
+            position=place.value,
+            velocity=place.first,
             tip=tip.value,
             movement=np.full(count, begun > 0),
             is_rest=np.full(count, leg.is_rest),
@@ -169,9 +168,7 @@ class _Probe:
         change = rotation.to_rotation_vector(
             rotation.multiply(rotation.inverse(leg.start.quat), leg.end.quat)
         )
-        still = np.zeros((len(t), 3))
-        start = Turning(np.broadcast_to(leg.start.quat, (len(t), 4)), still, still)
-        turning = start.then(about(change, step))
+        turning = held(leg.start.quat, len(t)).then(about(change, step))
         sway = blend(leg.start.held, leg.end.held, step) * self.turn_sway.at(t)
         for index, axis in enumerate(np.eye(3)):
             pick = slice(index, index + 1)
