@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imud.virtual.motion import Motion
+from imud.virtual.motions.limbs import pointing, running, walking
 from imud.virtual.motions.machines import centrifuge, robot_arm, turntable, vehicle
 from imud.virtual.motions.module import MODULES
 from imud.virtual.motions.ride import RATE_HZ, Ride
@@ -24,8 +25,8 @@ from imud.virtual.motions.swings import (
     two_axis_pendulum,
 )
 
-# Room and module of seeds 0 and 1, of 2 and 3, and so on, then from the first again.
-CONDITIONS = (
+# Room and module of seeds 0 and 1, of 2 and 3, and so on.
+CONDITIONS = 2 * (
     ("uniform", "small"),
     ("gradient", "large"),
     ("table", "small"),
@@ -42,7 +43,7 @@ SETS = {TUNING: 0, JUDGING: 1}  # seeds: these, and every second one
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Recordings of one kind of ride."""
+    """Recordings of one kind of ride. Conditions repeat from the first."""
 
     ride: Callable[[np.random.Generator], Ride]
     conditions: tuple[tuple[str, str], ...] = CONDITIONS
@@ -56,6 +57,9 @@ GROUPS = {
     "centrifuge": Group(centrifuge),
     "robot_arm": Group(robot_arm),
     "vehicle": Group(vehicle),
+    "walking": Group(walking),
+    "running": Group(running),
+    "pointing": Group(pointing),
     "one_axis": Group(one_axis),
 }
 

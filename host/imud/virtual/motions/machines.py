@@ -133,12 +133,12 @@ def _arc(random: np.random.Generator) -> list[list[Piece]]:
     return [base, *([Piece(seconds + 2.0)] for _ in ARM_JOINTS[1:])]
 
 
-LATERAL_M_S2 = 4.0  # at most, in a turn
+LATERAL_M_S2 = 2.5  # at most, in a turn
 FASTEST_M_S = 25.0
 
 
 def vehicle(random: np.random.Generator) -> Ride:
-    """A vehicle: up to 25 m/s, turns of 5 to 40 s with up to 4 m/s2 sideways, stops,
+    """A vehicle: up to 25 m/s, turns of 5 to 40 s with up to 2.5 m/s2 sideways, stops,
     slopes, sway of its springs and vibration.
     """
     seconds, rest_s = random.uniform(*SECONDS), random.uniform(*REST_S)
@@ -146,10 +146,10 @@ def vehicle(random: np.random.Generator) -> Ride:
     speed, turn = 0.0, 0.0
     while passed < seconds:
         faster = random.choice([0.0, *random.uniform(3.0, FASTEST_M_S, 4)])
-        sideways = random.uniform(0.5, LATERAL_M_S2) * random.choice([-1.0, 0.0, 1.0])
+        sideways = random.uniform(0.3, LATERAL_M_S2) * random.choice([-1.0, 0.0, 1.0])
         following = sideways / faster if faster else 0.0
         following = float(np.clip(following, -0.7, 0.7))
-        ramp = max(1.5, abs(faster - speed) / random.uniform(0.8, 2.0))
+        ramp = max(1.5, abs(faster - speed) / random.uniform(0.5, 1.5))
         hold = random.uniform(5.0, 40.0) if faster else random.uniform(2.0, 6.0)
         speeds += [Piece(ramp, step=faster - speed), Piece(hold)]
         turns.append(Piece(ramp, start_rate=turn, end_rate=following))

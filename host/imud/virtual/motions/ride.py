@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,8 +81,3 @@ def scaled(curve: Curve, factor: float, shift: float = 0.0) -> Curve:
     return Curve(
         factor * curve.value + shift, factor * curve.first, factor * curve.second
     )
-
-
-def until(seconds: float, pieces: Sequence[Piece]) -> bool:
-    """Whether pieces last longer than so many seconds."""
-    return sum(piece.seconds for piece in pieces) > seconds

@@ -105,7 +105,7 @@ def gradient(random: np.random.Generator, ride: Ride) -> Room:
 
 def table(random: np.random.Generator, ride: Ride) -> Room:
     """A steel table: four dipoles 0.5 to 1 m below the lowest place. Where the ride
-    comes nearest, their field is 4 to 12 uT.
+    comes nearest, their field is 6 to 20 uT.
     """
     room = uniform(random, ride)
     place = ride.body.place.value
@@ -117,14 +117,14 @@ def table(random: np.random.Generator, ride: Ride) -> Room:
     pairs = list(zip((below + corners).tolist(), moments, strict=True))
     units = [Magnet(_triple(at), _triple(moment)) for at, moment in pairs]
     whole = np.linalg.norm(sum(unit.field_ut(place) for unit in units), axis=1).max()
-    size = random.uniform(4.0, 12.0) / float(whole)
+    size = random.uniform(6.0, 20.0) / float(whole)
     iron = tuple(Magnet(_triple(at), _triple(size * moment)) for at, moment in pairs)
     return Room(room.field_ut, room.origin_m, iron=iron)
 
 
 def passing(random: np.random.Generator, ride: Ride) -> Room:
     """Iron that passes two to six times, 0.5 to 1.5 m away at 0.3 to 2 m/s, with 5 to
-    25 uT when it is nearest.
+    25 uT at most.
     """
     room = uniform(random, ride)
     place, t = ride.body.place.value, ride.t
@@ -138,8 +138,8 @@ def passing(random: np.random.Generator, ride: Ride) -> Room:
         # It keeps up with what drives on, so that it takes seconds there too.
         speed = ride.body.place.first[index] + random.uniform(0.3, 2.0) * along
         unit = Passing(moment, near, float(t[index]), speed)
-        here = unit.field_ut(place[index : index + 1], t[index : index + 1])
-        size = random.uniform(5.0, 25.0) / float(np.linalg.norm(here))
+        strongest = np.linalg.norm(unit.field_ut(place, t), axis=1).max()
+        size = random.uniform(5.0, 25.0) / float(strongest)
         found.append(Passing(size * moment, near, float(t[index]), speed))
     return Room(room.field_ut, room.origin_m, passing=tuple(found))
 
