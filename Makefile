@@ -74,10 +74,11 @@ firmware: ## the image of a board (BOARD=nano, f405): .pio/build/nano/firmware.h
 sim: ## the virtual boards: build/sim/nano, build/sim/f405
 	@$(PYTHON) tools/setup.py demo
 
-bench: ## accuracy on recordings with optical truth, beside VQF: tables and JSON
+bench: ## accuracy on recordings and on made motions, beside VQF: tables and JSON
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/accuracy.py
 	@python benchmarks/accuracy.py --board f405
+	@python benchmarks/groups.py
 
 bench-nano: ## cycles, stack, flash and RAM: the image, its parts, every filter
 	@$(PYTHON) tools/setup.py bench

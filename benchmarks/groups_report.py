@@ -97,10 +97,12 @@ HEADS = (
 
 def by_group(outcomes: Sequence[Outcome]) -> dict[str, Summary]:
     """Each kind of ride; recordings with a magnet on the sensor are one group."""
-    return summaries(
-        outcomes,
-        lambda recipe: MAGNET if recipe.room == MAGNET else recipe.group,
-    )
+    return summaries(outcomes, row_of)
+
+
+def row_of(recipe: Recipe) -> str:
+    """The name of the group in which a recording counts."""
+    return MAGNET if recipe.room == MAGNET else recipe.group
 
 
 def by_condition(outcomes: Sequence[Outcome]) -> dict[str, Summary]:

@@ -21,7 +21,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +37,7 @@ from imud.rotation import FloatArray
 Params = Mapping[str, float]
 # Scores as recorded, and the mean over the directions of a magnet, if there is one.
 Pair = tuple[Score, Score | None]
+T = TypeVar("T")
 IntArray = npt.NDArray[np.intp]
 
 SOURCE = scoring.PROJECT / "tests" / "core" / "fuse_twin.c"
@@ -227,14 +228,14 @@ def load(path: Path) -> Course:
 
 
 def load_all(
-    paths: Sequence[Path], how: Callable[[Path], Course], jobs: int
+    recordings: Sequence[T], how: Callable[[T], Course], jobs: int
 ) -> list[Course]:
     """Load recordings in several processes: VQF takes a Python call for each sample."""
-    progress = Progress(f"{len(paths)} recordings", len(paths))
+    progress = Progress(f"{len(recordings)} recordings", len(recordings))
     found = []
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, context) as pool:
-        for each in pool.map(how, paths):
+        for each in pool.map(how, recordings):
             found.append(each)
             progress.advance()
     progress.end()

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The value of each part of the filter: its errors with that part taken away.
 
-Uses the twin in doubles, on samples that the host simulates from the recordings.
+Uses the twin in doubles, on samples that the host simulates from the recordings or,
+with --made, from made motions.
 """
 
 from __future__ import annotations
@@ -20,10 +21,12 @@ import scoring
 import twin
 import wire
 from feed import MPU9250, Feed, sampled
+from groups_report import MAGNET, row_of
 from scoring import Score
 from twin import Course, Pair, Params
 
 from imud.progress import Progress
+from imud.virtual.motions.groups import GROUPS, SETS, Recipe, recipes
 
 OUTPUT = twin.BUILD / "without.json"
 
@@ -60,6 +63,8 @@ BIASED = f"all, {twin.BODY_BIAS_UT:g} uT in the body"
 BEGUN_AFTER_S = 2.0
 BIAS_DEG_S = (0.57, -0.46, 0.34)
 
+MADE = (*GROUPS, MAGNET)
+
 Table = dict[str, dict[str, Score]]
 
 
@@ -79,11 +84,12 @@ def measure(courses: Sequence[Course], parts: Sequence[str], jobs: int) -> Table
 def means(courses: Sequence[Course], pairs: Sequence[Pair]) -> dict[str, Score]:
     """Means over all trials, each group that occurs, and all trials with a magnet."""
     found = {}
-    for name in ("all", *scoring.GROUPS):
+    made = (name for each in courses for name in each.trial.groups if name in MADE)
+    for name in dict.fromkeys(("all", *scoring.GROUPS, *made)):
         members = [
             score
             for each, (score, _) in zip(courses, pairs, strict=True)
-            if each.trial.is_in(name)
+            if each.trial.is_in(name) or name in each.trial.groups
         ]
         if members:
             found[name] = Score.mean(members)
@@ -107,6 +113,13 @@ def load_in_motion(path: Path) -> Course:
     return twin.course(trial, begun, is_calibrated=False, after_s=after_s)
 
 
+def load_made(recipe: Recipe) -> Course:
+    """Make a recording of docs/motions.md."""
+    motion = recipe.made()
+    trial = scoring.Trial(Path(str(recipe)), motion, (row_of(recipe),))
+    return twin.course(trial, sampled(motion))
+
+
 def print_table(title: str, table: Table) -> None:
     report.print_table(
         f"{title}; total, heading, inclination error, degrees rms",
@@ -115,16 +128,11 @@ def print_table(title: str, table: Table) -> None:
     )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Print the tables and write the JSON."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, epilog="example: benchmarks/without.py --trials 07 32"
-    )
-    twin.add_arguments(parser, OUTPUT)
-    args = parser.parse_args(argv)
+def of_recordings(args: argparse.Namespace) -> dict[str, Table]:
+    """Print and return the tables of recordings; none if there are none."""
     paths = twin.find(args)
     if not paths:
-        return 0
+        return {}
     tables = {}
     for name, title, load, parts in (
         ("calibrated", "without", twin.load, tuple(PARTS)),
@@ -133,6 +141,35 @@ def main(argv: Sequence[str] | None = None) -> int:
         courses = twin.load_all(paths, load, args.jobs)
         tables[name] = measure(courses, parts, args.jobs)
         print_table(title, tables[name])
+    return tables
+
+
+def of_made(args: argparse.Namespace) -> dict[str, Table]:
+    """Print and return the table of made motions."""
+    courses = twin.load_all(list(recipes(args.made)), load_made, args.jobs)
+    table = measure(courses, tuple(PARTS), args.jobs)
+    print_table(f"{args.made}, without", table)
+    return {args.made: table}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the tables and write the JSON."""
+    parser = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="examples: benchmarks/without.py --trials 07 32; "
+        "benchmarks/without.py --made tuning",
+    )
+    twin.add_arguments(parser, OUTPUT)
+    parser.add_argument(
+        "--made",
+        metavar="SET",
+        choices=SETS,
+        help=f"made motions instead of recordings: {' or '.join(SETS)}",
+    )
+    args = parser.parse_args(argv)
+    tables = of_made(args) if args.made else of_recordings(args)
+    if not tables:
+        return 0
     document = {"parts": PARTS, "scores_deg": tables}
     args.output.parent.mkdir(parents=True, exist_ok=True)
     args.output.write_text(json.dumps(report.plain(document), indent=1) + "\n")
