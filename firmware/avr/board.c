@@ -35,6 +35,9 @@ static void pins_init(void) {
 
 void board_init(void) {
     reset_init();
+    while ((EECR & _BV(EEPE)) != 0) {
+        // A write from before the reset goes on, for 3.4 ms at most.
+    }
     pins_init();
     clock_init();
     twi_init();

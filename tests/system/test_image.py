@@ -219,3 +219,20 @@ def test_power_cut_at_a_write_of_memory_leaves_one_good_slot(
     assert boot_of(after)[1] in (
         (boots + 1, boots + 2) if cut.summary["power_cut"] else (boots + 2,)
     )
+
+
+def test_resets_while_memory_is_written_lose_no_settings(stub: Stub) -> None:
+    memory = ("--eeprom", stub.folder / "memory")
+    kept, boots = boot_of(
+        run(stub, 2, *memory, "--send", f"500000:{send('rate', 0, 50)}")
+    )
+    # A boot writes its number, a byte every 5 ms. Each reset comes 0.4 ms later in it.
+    moments = [15_000 * n + 200 * n * n for n in range(1, 33)]
+    resets = [{"kind": "reset", "at_us": at_us} for at_us in moments]
+    done = run(stub, 2, *memory, faults=resets)
+    assert done.summary["resets"] == len(resets)
+    assert done.summary["firmware_complaint"] is None
+    hello = done.named("hello")[-1].fields
+    assert (hello["probe_id"], hello["pose_rate"]) == (kept, 50)
+    assert boots < hello["boot_count"] <= boots + 1 + len(resets)
+    assert ("settings_restored", "boot") not in done.events
