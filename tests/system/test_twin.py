@@ -11,15 +11,12 @@ from imud.client import Client
 from imud.recordings.decode import Tally, decode_file
 from imud.stages.twin_outcomes import Began, State
 from imud.wire.frame import encode_frame
-from imud.wire.params import digest_of, words_of
+from imud.wire.params import digest_of
+from system.params_orders import upload
 from system.test_chain import LiveProbe, hear
-from system.virtual import Stub, run, send, write_hand
+from system.virtual import Stub, run, write_hand
 from twin_bench import heard
 
-# Between two parts of params: the Nano's memory takes 3.4 ms a byte.
-PART_US = 60_000  # a word takes 14 ms of writing, in steps of 5 ms
-# How often they are asked for: each part is checked in a step of its own.
-APPLIES = 10
 SECONDS = 14.0
 
 
@@ -54,20 +51,6 @@ def test_it_follows_a_live_probe_through_a_tare_and_its_button(stub: Stub) -> No
     assert (status["ledger"]["lost"], status["ledger"]["corrupt"]) == (0, 0)
     assert (twin["state"], twin["differed"]) == ("following", 0)
     assert (twin["lost"], twin["first_difference"]) == (None, None)
-
-
-def upload(records: bytes, begin_us: int) -> list[str]:
-    """Options that send these params, each part when the one before is in memory, and
-    ask for them until they are in force.
-    """
-    digest = digest_of(records) - ((digest_of(records) >> 31) << 32)
-    orders = [("params_write", at, word) for at, word in words_of(records)]
-    orders += [("params_apply", len(records), digest)] * APPLIES
-    options = []
-    for number, order in enumerate(orders):
-        at_us = begin_us + number * PART_US
-        options += ["--send", f"{at_us}:{send(*order, token=100 + number)}"]
-    return options
 
 
 def test_a_probe_that_is_calibrated_as_it_runs_has_the_twins_bits(stub: Stub) -> None:
