@@ -11,7 +11,7 @@ from typing import Any
 from imud.daemon.publisher import Publisher
 from imud.daemon.registry import ProbeEntry, Registry
 from imud.errors import ParamsError
-from imud.params.value import SENSORS, Params
+from imud.params.value import SENSORS, Params, payload_of
 
 PARAMS = "params"  # the topic
 
@@ -69,22 +69,8 @@ class ParamsWatch:
                 yield entry
 
     def _publish(self, entry: ProbeEntry, records: bytes, t_ns: int) -> None:
-        said = {"probe_id": entry.probe.probe_id, "t_ns": t_ns, **described(records)}
+        said = {"probe_id": entry.probe.probe_id, "t_ns": t_ns, **payload_of(records)}
         self._publisher.say(entry, PARAMS, said, t_ns)
-
-
-def described(records: bytes) -> dict[str, Any]:
-    """The params for JSON: docs/params.md."""
-    try:
-        params = Params.decode(records)
-    except ParamsError as error:
-        return {"digest": None, "error": str(error), "bytes": records.hex()}
-    return {
-        "digest": f"{params.digest:08x}",
-        "error": next(iter(params.faults()), None),
-        "bytes": records.hex(),
-        "records": params.described(),
-    }
 
 
 def summary(entry: ProbeEntry) -> dict[str, Any]:

@@ -243,6 +243,20 @@ class Params(msgspec.Struct, frozen=True):
         return said
 
 
+def payload_of(records: bytes) -> dict[str, Any]:
+    """What is published of params, for JSON: docs/params.md."""
+    try:
+        params = Params.decode(records)
+    except ParamsError as error:
+        return {"digest": None, "error": str(error), "bytes": records.hex()}
+    return {
+        "digest": f"{params.digest:08x}",
+        "error": next(iter(params.faults()), None),
+        "bytes": records.hex(),
+        "records": params.described(),
+    }
+
+
 def _sensor_faults(name: str, wire: Mapping[str, Wire]) -> Iterator[str]:
     if "matrix" not in wire:
         yield f"{name}: the record is too short for a calibration"

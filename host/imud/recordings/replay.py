@@ -28,12 +28,17 @@ from imud.log.reader import (
 )
 from imud.net import network
 from imud.progress import Progress
+from imud.recordings.opening import Opening
 from imud.recordings.pty import PortGone, PtyPort
 from imud.wire import schema
 from imud.wire.frame import encode_frame
 
-# Topics of a log that `imud run` does not publish.
-NOT_PUBLISHED = frozenset({*METADATA_OF_PROBES.values(), "pose_in_frame"})
+# What the metadata say, and topics of a log that `imud run` does not publish.
+METADATA = frozenset(METADATA_OF_PROBES.values())
+NOT_PUBLISHED = METADATA | {"pose_in_frame"}
+
+# Topics of which late subscribers can query the last payload.
+KEPT = ("status", "params")
 
 
 class Pace:
@@ -137,6 +142,7 @@ class _Player:
         self._bar = Progress("replaying", sum(self._sizes.values()))
         self._begun = 0  # bytes of the files before
         self.count = 0
+        self.openings = {name: Opening() for name in what.probes}
 
     def __enter__(self) -> _Player:
         return self
@@ -157,6 +163,9 @@ class _Player:
                     if item.size:
                         self._bar.wipe()
                         _say(f"{path}: left out {item.size} damaged bytes")
+                elif isinstance(item, Logged) and item.topic in METADATA:
+                    if item.probe in self.openings:
+                        self.openings[item.probe].take(item.topic, item.data)
                 elif self._is_played(item):
                     self._pace.wait(item.t_ns)
                     yield item
@@ -207,6 +216,10 @@ def to_ports(what: Recording, link: Path | None, speed: float | None) -> int:
                 if not 1 <= len(item.data) <= _core.CONTENT_MAX:
                     strange += 1
                     continue
+                opening = player.openings.pop(item.probe, None)
+                if opening is not None:
+                    for content in opening.contents(item.data):
+                        ports[item.probe].write(encode_frame(content))
                 ports[item.probe].write(encode_frame(item.data))
                 player.count += 1
             for each in ports.values():
@@ -222,36 +235,46 @@ def to_ports(what: Recording, link: Path | None, speed: float | None) -> int:
 
 
 class NetworkProbe:
-    """A replayed probe on the network: its liveliness, its last status on request, and
-    a refusal for every command.
+    """A replayed probe on the network: its liveliness, its last status and params on
+    request, and a refusal for every command. `params`: those of before the log.
     """
 
-    def __init__(self, session: zenoh.Session, key: str) -> None:
+    def __init__(self, session: zenoh.Session, key: str, params: bytes) -> None:
         self._key = key
-        self._status = b""
+        self._last = {"params": params}
         self._declared: list[object] = [
-            session.declare_queryable(f"{key}/status", self._tell_status),
+            session.declare_queryable(
+                f"{key}/status", lambda q: self._tell("status", q)
+            ),
+            session.declare_queryable(f"{key}/params", self._tell_params),
             session.declare_queryable(f"{key}/cmd/*", self._refuse),
         ]
         self._token = session.liveliness().declare_token(f"{key}/alive")
 
     def take(self, item: Logged) -> None:
-        if item.topic == "status":
-            self._status = item.data
+        if item.topic in KEPT:
+            self._last[item.topic] = item.data
 
     def close(self) -> None:
         self._token.undeclare()
         self._declared.clear()
 
-    def _tell_status(self, query: zenoh.Query) -> None:
+    def _tell(self, topic: str, query: zenoh.Query) -> None:
         with query:
-            if self._status:
-                query.reply(f"{self._key}/status", self._status, encoding=_JSON)
+            if payload := self._last.get(topic):
+                query.reply(f"{self._key}/{topic}", payload, encoding=_JSON)
+
+    def _tell_params(self, query: zenoh.Query) -> None:
+        if str(query.parameters):
+            self._refuse(query)  # the history
+        else:
+            self._tell("params", query)
 
     def _refuse(self, query: zenoh.Query) -> None:
         with query:
             query.reply_err(
-                "this is the replay of a log, which takes no commands",
+                "this is the replay of a log, which takes no commands and has no "
+                "history",
                 encoding=zenoh.Encoding.TEXT_PLAIN,
             )
 
@@ -289,7 +312,9 @@ def to_network(what: Recording, client: Client, speed: float | None) -> int:
             for item in player.items():
                 key = f"{item.prefix}/{item.probe}"
                 if item.probe not in probes:
-                    probes[item.probe] = NetworkProbe(session, key)
+                    opening = player.openings[item.probe]
+                    params = opening.payload(item.probe, item.t_ns)
+                    probes[item.probe] = NetworkProbe(session, key, params)
                 probes[item.probe].take(item)
                 is_frame = item.topic == "frame"
                 # BLOCK: a slow network slows the replay down and drops nothing.
