@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import queue
 import re
 import signal
 import socket
@@ -49,6 +50,32 @@ def test_a_reload_gives_a_probe_its_name_and_loses_no_count(tmp_path: Path) -> N
         daemon.expect("reloaded: probes")
         daemon.stop()
         assert any("probe tip: 21 received, 0 lost" in line for line in daemon.lines)
+
+
+def test_a_renamed_probe_costs_no_subscriber_its_connection(tmp_path: Path) -> None:
+    """Zenoh can leave a client deaf that connects while a router closes."""
+    own = "[probes.00112233445566aa]\nname = 'tip'"
+    with (
+        running(tmp_path, own) as (daemon, probe, port),
+        Client(daemon.endpoint) as client,
+    ):
+        client.wait_for("tip")
+        heard: queue.SimpleQueue[str] = queue.SimpleQueue()
+        client.subscribe("pose", None, lambda name, _: heard.put(name))
+        links: list[object] = []
+        listener = client.session.info.declare_link_events_listener(links.append)
+        for old, new in (("tip", "stylus"), ("stylus", "tip")) * 2:
+            reload(daemon, tmp_path, f"'{old}'", f"'{new}'")
+            daemon.expect("reloaded: probes")
+            assert client.wait_for(new) == new
+            assert client.alive() == [new]
+            port.write(probe.poses(1))
+            assert heard.get(timeout=PATIENCE_S) == new
+            ledger_when(client, lambda each: each["adds_up"])
+            assert [status["probe"] for status in client.statuses()] == [new]
+        assert links == []
+        listener.undeclare()
+        daemon.stop()
 
 
 LOG_OFF, LOG_ON = "[log]\nenabled = false", "[log]\nenabled = true"

@@ -41,6 +41,7 @@ class Outputs:
         self._on_notice = on_notice
         self._made_of: dict[str, object] = {}  # settings of each sink
         self._log: LogSink | None = None
+        self._network: ZenohSink | None = None
         self._is_told_of_refusals = False
 
     @property
@@ -103,7 +104,10 @@ class Outputs:
         if network.keys and not self._is_told_of_refusals:
             self._is_told_of_refusals = True
             tell_refusals(lambda kind, text: self._on_notice(kind, text, True))
-        return ZenohSink(network, self._on_command, self._on_notice)
+        # Where only probes are renamed, subscribers keep their connection.
+        before = self._network if self._made_of.get(NETWORK) == network else None
+        self._network = ZenohSink(network, self._on_command, self._on_notice, before)
+        return self._network
 
     def _logger(self, directory: str, settings: Settings) -> LogSink:
         self._log = LogSink(Path(directory), settings)

@@ -35,6 +35,10 @@ OnNotice = Callable[[object, str, bool], None]
 class ZenohSink:
     """A Zenoh session that is a router, a peer or a client of a router elsewhere, as
     the settings say. Its callbacks run in threads of Zenoh.
+
+    `before`: a sink of the same settings that this one replaces. It takes over that
+    one's session, once that has closed: Zenoh can leave a client that connects while a
+    router closes on a connection that nobody serves.
     """
 
     name = "zenoh"
@@ -46,7 +50,13 @@ class ZenohSink:
         settings: Zenoh,
         on_command: OnCommand,
         on_notice: OnNotice = lambda *_: None,
+        before: ZenohSink | None = None,
     ) -> None:
+        self._before = before
+        self._is_followed = False
+        self._left: zenoh.Session | None = None  # to the sink that follows
+        if before is not None:
+            before._is_followed = True
         self._settings = settings
         self._prefix = settings.prefix
         self._on_command = on_command
@@ -73,11 +83,17 @@ class ZenohSink:
             self._open()
 
     def _open(self) -> zenoh.Session:
-        session = network.open_daemon(self._settings)
-        self._session = session
+        session = self._inherited() or network.open_daemon(self._settings)
+        self._session, self._before = session, None
         self._links = session.info.declare_link_events_listener(self._tell_link)
         if self._is_guest:
             self._tell_whether(is_joined=True)
+        return session
+
+    def _inherited(self) -> zenoh.Session | None:
+        """The session that the sink before has left, or this one itself."""
+        before = self._before or self
+        session, before._left = before._left, None
         return session
 
     def take(self, record: Record | Presence) -> None:
@@ -115,6 +131,9 @@ class ZenohSink:
 
     def close(self) -> None:
         session, self._session = self._session, None
+        if session is not None and self._is_followed and not self._is_guest:
+            self._undeclare()
+            self._left, session = session, None
         self._is_joined = None
         self._publishers.clear()
         self._declared.clear()
@@ -125,6 +144,14 @@ class ZenohSink:
         self._links = None
         if session is not None:
             session.close()
+
+    def _undeclare(self) -> None:
+        """Leaves nothing of its own in a session that another sink takes over."""
+        own: list[Any] = [*self._publishers.values(), *self._tokens.values()]
+        own += [each for declared in self._declared.values() for each in declared]
+        own += [] if self._links is None else [self._links]
+        for each in own:
+            each.undeclare()
 
     def _key(self, probe: str, last: str) -> str:
         return f"{self._prefix}/{probe}/{last}"
