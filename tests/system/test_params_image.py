@@ -40,7 +40,7 @@ NEW = (
     + record(OPTIONS, bytes((1, 2)))
     + record(FOREIGN, b"other")
 )
-CASES = choose(everyday=3, long=None)  # cuts, and resets; None: all
+CASES = choose(everyday=2, long=None)  # cuts, and resets; None: all
 PARTS = choose(everyday=1, long=12)  # tests that share them
 
 STEP_US = 5010  # no multiple of the firmware's steps of 5 ms
