@@ -127,6 +127,8 @@ def header(schema: Schema) -> str:
         "#include <stdbool.h>",
         "#include <stdint.h>",
         "",
+        '#include "core/math/in_flash.h"',
+        "",
         *header_constants(schema),
         "",
         "enum message_result {",
@@ -144,12 +146,22 @@ def header(schema: Schema) -> str:
         "// decode() leaves `header` and `out` untouched unless MESSAGE_OK. take() is",
         "// as strict, says no more than true, and only then `out` is good. Its length",
         "// is not 0.",
+        "//",
+        "// message_fill() encodes a message of any layout, but for the two numbers of",
+        "// its header: those lie at these offsets of the content.",
+        "enum { MESSAGE_SEQUENCE_AT = 1, MESSAGE_TIME_AT = 5 };",
+        "typedef const IN_FLASH uint8_t message_layout;",
+        *wrapped(
+            "uint8_t message_fill(",
+            ["message_layout *layout", "const void *message", "uint8_t *content"],
+            ");",
+        ),
     ]
     for message in schema.messages:
         lines += ["", f"struct message_{message.name} {{"]
         lines += with_comments(map(member, message.fields))
         lines += ["};", "", *encode_head(message, ";"), *decode_head(message, ";")]
-        lines += take_head(message, ";")
+        lines += [*take_head(message, ";"), f"extern {layout_head(message)};"]
     lines += ["", "#endif"]
     return "".join(f"{line}\n" for line in lines)
 
@@ -195,8 +207,8 @@ def source(schema: Schema) -> str:
 
 def functions(message: Message) -> Iterator[str]:
     """A message's layout, its encoder and its decoder."""
-    name = message.name.upper()
-    yield from ("", f"static layout {name}[] = {{", f"    {id_name(message)},")
+    name = f"message_{message.name}_layout"
+    yield from ("", f"{layout_head(message)} = {{", f"    {id_name(message)},")
     yield from with_comments(
         (f"FIELD({field.tag}, {field.count}, {TYPES[field.type].size}),", field.name)
         for field in message.fields
@@ -205,9 +217,12 @@ def functions(message: Message) -> Iterator[str]:
     yield f"    return encode({name}, message, sequence, time_us, content);"
     yield from ("}", "", *decode_head(message, " {"))
     size = size_name(message)
-    yield f"    return decode({name}, content, length, {size}, header, out);"
+    decoded = [name, "content", "length", size, "header", "out"]
+    yield from wrapped("    return decode(", decoded, ");")
     yield from ("}", "", *take_head(message, " {"))
-    yield f"    return take({name}, content, length, out);"
+    taken = [f"return length == {size} &&", f"take({name}, content, out);"]
+    gap = " " if 5 + sum(map(len, taken)) <= COLUMNS else f"\n{' ' * 11}"
+    yield f"    {gap.join(taken)}"
     yield "}"
 
 
@@ -217,6 +232,12 @@ def prologue(last: str) -> tuple[str, ...]:
         "// Messages to content bytes and back. Generated from schema.toml by",
         f"// {last}",
     )
+
+
+def layout_head(message: Message) -> str:
+    """The declaration of a message's layout."""
+    length = 1 + 2 * len(message.fields) + 1
+    return f"message_layout message_{message.name}_layout[{length}]"
 
 
 def encode_head(message: Message, end: str) -> list[str]:

@@ -15,39 +15,27 @@ _Static_assert((int)MESSAGE_CONTENT_MAX <= (int)FRAME_CONTENT_MAX, "fits a frame
 
 enum { HEADER_SIZE = 9 };
 
-// Constants take RAM on the AVR where nothing says that they stay in flash (ISO/IEC TR
-// 18037, 5.1: named address spaces).
-#ifdef __FLASH
-#define FLASH __flash
-#else
-#define FLASH
-#endif
-
-// A message's id, then for each field its tag and its values: how many, of how many
-// bytes. 0 ends it.
-typedef const FLASH uint8_t layout;
-#define FIELD(tag, count, size) tag, (count)*8 + (size)
+// A message's id, then for each field its tag, and its bytes and what they are aligned
+// to, together. 0 ends it.
+#define FIELD(tag, count, size) tag, (size) / 2 * 64 + (count) * (size)
 
 // A field that a walk over the layout has come to, and where it lies in memory.
 struct field {
     uint8_t tag, length, offset;
 };
 
-static struct field field_first(layout *at, uint8_t end) {
-    const uint8_t size = at[1] % 8;
-    const uint8_t unit = size == 4   ? _Alignof(uint32_t)
-                         : size == 2 ? _Alignof(uint16_t)
+static struct field field_first(message_layout *at, uint8_t end) {
+    const uint8_t size = at[1] / 64;
+    const uint8_t unit = size == 2   ? _Alignof(uint32_t)
+                         : size == 1 ? _Alignof(uint16_t)
                                      : 1;
-    return (struct field){at[0], (uint8_t)(at[1] / 8 * size),
-                          (uint8_t)((end + unit - 1) / unit * unit)};
+    return (struct field){at[0], at[1] % 64, (uint8_t)((end + unit - 1) / unit * unit)};
 }
 
-static uint8_t encode(layout *at, const void *message, uint32_t sequence,
-                      uint32_t time_us, uint8_t *content) {
+uint8_t message_fill(message_layout *layout, const void *message, uint8_t *content) {
     uint8_t *to = content + HEADER_SIZE;
-    content[0] = *at++;
-    memcpy(content + 1, &sequence, sizeof sequence);
-    memcpy(content + 5, &time_us, sizeof time_us);
+    message_layout *at = layout + 1;
+    content[0] = layout[0];
     for (uint8_t end = 0; *at != 0; at += 2) {
         const struct field field = field_first(at, end);
         *to++ = field.tag;
@@ -59,28 +47,35 @@ static uint8_t encode(layout *at, const void *message, uint32_t sequence,
     return (uint8_t)(to - content);
 }
 
-static bool take(layout *at, const uint8_t *content, uint8_t length, void *out) {
-    uint8_t next = HEADER_SIZE;
+static uint8_t encode(message_layout *layout, const void *message, uint32_t sequence,
+                      uint32_t time_us, uint8_t *content) {
+    memcpy(content + MESSAGE_SEQUENCE_AT, &sequence, sizeof sequence);
+    memcpy(content + MESSAGE_TIME_AT, &time_us, sizeof time_us);
+    return message_fill(layout, message, content);
+}
+
+// Of content that is as long as the message.
+static bool take(message_layout *at, const uint8_t *content, void *out) {
     if (content[0] != *at++) {
         return false;
     }
+    content += HEADER_SIZE;
     for (uint8_t end = 0; *at != 0; at += 2) {
         const struct field field = field_first(at, end);
-        const uint8_t first = (uint8_t)(next + 1);
-        next = (uint8_t)(first + field.length);
-        if (next > length || content[first - 1] != field.tag) {
+        if (*content != field.tag) {
             return false;
         }
-        memcpy((uint8_t *)out + field.offset, content + first, field.length);
+        memcpy((uint8_t *)out + field.offset, content + 1, field.length);
+        content += 1 + field.length;
         end = (uint8_t)(field.offset + field.length);
     }
-    return next == length;
+    return true;
 }
 
 // Names what stands at `at` where the `expected` field does not, or 0 where none is
 // left to come.
-static enum message_result misplaced(layout *fields, const uint8_t *at, uint8_t left,
-                                     uint8_t expected) {
+static enum message_result misplaced(message_layout *fields, const uint8_t *at,
+                                     uint8_t left, uint8_t expected) {
     if (left == 0) {
         return MESSAGE_MISSING_FIELD;
     }
@@ -97,7 +92,7 @@ static enum message_result misplaced(layout *fields, const uint8_t *at, uint8_t 
     return *at == expected ? MESSAGE_WRONG_LENGTH : MESSAGE_OUT_OF_ORDER;
 }
 
-static enum message_result decode(layout *fields, const uint8_t *content,
+static enum message_result decode(message_layout *fields, const uint8_t *content,
                                   uint8_t length, uint8_t size,
                                   struct message_header *header, void *out) {
     const uint8_t id = *fields++;
@@ -109,7 +104,7 @@ static enum message_result decode(layout *fields, const uint8_t *content,
     }
     const uint8_t *from = content + HEADER_SIZE;
     uint8_t left = (uint8_t)(length - HEADER_SIZE);
-    layout *at = fields;
+    message_layout *at = fields;
     for (; *at != 0; at += 2) {
         const struct field field = field_first(at, 0);
         if (left <= field.length || *from != field.tag) {
@@ -128,8 +123,8 @@ static enum message_result decode(layout *fields, const uint8_t *content,
         }
     }
     header->id = id;
-    memcpy(&header->sequence, content + 1, sizeof header->sequence);
-    memcpy(&header->time_us, content + 5, sizeof header->time_us);
+    memcpy(&header->sequence, content + MESSAGE_SEQUENCE_AT, sizeof header->sequence);
+    memcpy(&header->time_us, content + MESSAGE_TIME_AT, sizeof header->time_us);
     from = content + HEADER_SIZE;
     uint8_t end = 0;
     for (at = fields; *at != 0; at += 2) {

@@ -277,8 +277,8 @@ def test_the_nulls_are_the_same(compiler: str) -> None:
     ]
     assert len(checks) >= 8
     done = subprocess.run(
-        [compiler, "-std=gnu11", "-fsyntax-only", "-xc", "-"],
-        input='#include "firmware/core/wire/messages.h"\n' + "\n".join(checks),
+        [compiler, "-std=gnu11", "-Ifirmware", "-fsyntax-only", "-xc", "-"],
+        input='#include "core/wire/messages.h"\n' + "\n".join(checks),
         cwd=wire.ROOT,
         capture_output=True,
         text=True,

@@ -28,8 +28,8 @@ struct sensor_identity {
     uint8_t self_test;        // flags self_test of the protocol
     uint16_t rate_hz;         // samples a second
     uint16_t gyr_delay_us;    // of the rate behind the motion, by the chip's low-pass
-    uint32_t gyr_lsb_nrad_s;  // one count of the gyroscope, 1e-9 rad/s
     uint32_t acc_lsb_nm_s2;   // one count of the accelerometer, 1e-9 m/s2
+    uint32_t gyr_lsb_nrad_s;  // one count of the gyroscope, 1e-9 rad/s
     uint32_t mag_lsb_pt;      // one count of the magnetometer, 1e-6 uT (picotesla)
 };
 

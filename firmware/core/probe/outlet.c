@@ -7,8 +7,8 @@
 #include "core/wire/frame.h"
 #include "core/wire/messages.h"
 
-// Of the buffer: the byte that framing adds, the message's id, its sequence number.
-enum { ID_AT = 1, SEQUENCE_AT = 2 };
+// Of the buffer: behind the byte that framing adds.
+enum { ID_AT = 1, SEQUENCE_AT = 1 + MESSAGE_SEQUENCE_AT };
 
 void outlet_put(struct outlet *outlet, uint8_t *bytes, uint8_t length) {
     // Little endian, as messages.c asserts of all our processors.

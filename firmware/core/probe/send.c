@@ -21,9 +21,13 @@ NOINLINE static void put_copy(struct outlet *outlet, const uint8_t *bytes,
     outlet_put(outlet, copy, length);
 }
 
-// Hands the content at bytes + 1 to its outlets, which number it.
-static void put(struct probe *probe, uint8_t outlets, uint8_t *bytes, uint8_t length) {
+// Encodes a message behind the first of `bytes`, and hands it to its outlets, which
+// number it.
+NOINLINE static void put(struct probe *probe, uint8_t outlets, message_layout *layout,
+                         const void *message, uint8_t *bytes, uint32_t time_us) {
     const uint8_t open = open_of(probe, outlets);
+    const uint8_t length = message_fill(layout, message, bytes + 1);
+    memcpy(bytes + 1 + MESSAGE_TIME_AT, &time_us, sizeof time_us);
     if ((open & TO_CARD) != 0) {
         put_copy(&probe->log->outlet, bytes, length);
     }
@@ -36,7 +40,7 @@ NOINLINE void probe_tell(struct probe *probe, enum event event, enum cause cause
                          int32_t detail, uint32_t now_us) {
     uint8_t bytes[MESSAGE_EVENT_SIZE + FRAME_AROUND];
     const struct message_event message = {(uint8_t)event, (uint8_t)cause, detail};
-    put(probe, TO_BOTH, bytes, message_event_encode(&message, 0, now_us, bytes + 1));
+    put(probe, TO_BOTH, message_event_layout, &message, bytes, now_us);
 }
 
 uint8_t send_filter(const struct probe *probe) {
@@ -44,28 +48,30 @@ uint8_t send_filter(const struct probe *probe) {
                                              : ATTITUDE_DEFAULT);
 }
 
-static void make_hello(const struct probe *probe, struct message_hello *out) {
+#define OFFSET(type, member) offsetof(struct type, member)
+_Static_assert(OFFSET(message_hello, self_test) - OFFSET(message_hello, sensor) ==
+                       OFFSET(sensor_identity, self_test) &&
+                   OFFSET(message_hello, mag_lsb) - OFFSET(message_hello, acc_lsb) ==
+                       OFFSET(sensor_identity, mag_lsb_pt) -
+                           OFFSET(sensor_identity, acc_lsb_nm_s2),
+               "these parts of an identity lie as in a hello");
+
+NOINLINE static void make_hello(const struct probe *probe, struct message_hello *out) {
     const struct sensor_identity *identity = probe->identity;
-    *out = (struct message_hello){
-        .protocol_version = PROTOCOL_VERSION,
-        .schema_fingerprint = SCHEMA_FINGERPRINT,
-        .pose_rate = probe->settings.pose_rate_hz,
-        .raw_rate = probe->settings.raw_rate_hz,
-        .boot_count = probe->settings.boot_count,
-        .filter = send_filter(probe),
-        .params_digest = probe->store.bank.digest,
-    };
+    memset(out, 0, sizeof *out);
+    out->protocol_version = PROTOCOL_VERSION;
+    out->schema_fingerprint = SCHEMA_FINGERPRINT;
+    out->pose_rate = probe->settings.pose_rate_hz;
+    out->raw_rate = probe->settings.raw_rate_hz;
+    out->boot_count = probe->settings.boot_count;
+    out->filter = send_filter(probe);
+    out->params_digest = probe->store.bank.digest;
     probe->port->describe(out);
     memcpy(out->probe_id, probe->settings.probe_id, sizeof out->probe_id);
     if (identity != NULL) {
-        out->sensor = identity->kind;
-        memcpy(out->who_am_i, identity->who_am_i, sizeof out->who_am_i);
-        memcpy(out->mag_adjust, identity->mag_adjust, sizeof out->mag_adjust);
-        out->self_test = identity->self_test;
+        memcpy(&out->sensor, identity, OFFSET(sensor_identity, self_test) + 1);
         out->sample_rate = identity->rate_hz;
-        out->acc_lsb = identity->acc_lsb_nm_s2;
-        out->gyr_lsb = identity->gyr_lsb_nrad_s;
-        out->mag_lsb = identity->mag_lsb_pt;
+        memcpy(&out->acc_lsb, &identity->acc_lsb_nm_s2, 3 * sizeof out->acc_lsb);
     }
 }
 
@@ -86,8 +92,7 @@ union hello_buffer {
 NOINLINE void send_hello(struct probe *probe, uint8_t outlets, uint32_t now_us) {
     union hello_buffer buffer;
     make_hello(probe, &buffer.message);
-    put(probe, outlets, buffer.bytes,
-        message_hello_encode(&buffer.message, 0, now_us, buffer.bytes + 1));
+    put(probe, outlets, message_hello_layout, &buffer.message, buffer.bytes, now_us);
 }
 
 void probe_say_hello(struct probe *probe, uint32_t now_us) {
@@ -103,7 +108,7 @@ NOINLINE void send_status(struct probe *probe, uint32_t now_us) {
     status->cycles_mean = probe->samples > 0 ? probe->cycles_sum / probe->samples : 0;
     status->messages_sent = wire->sequence - wire->dropped + 1;  // itself
     status->messages_dropped = wire->dropped;
-    put(probe, TO_BOTH, bytes, message_status_encode(status, 0, now_us, bytes + 1));
+    put(probe, TO_BOTH, message_status_layout, status, bytes, now_us);
     probe->samples = 0;
     probe->cycles_sum = 0;
     status->cycles_worst = 0;
@@ -119,8 +124,7 @@ NOINLINE void send_equipment(struct probe *probe, uint32_t now_us) {
         message.messages_unlogged = card->dropped;
         message.messages_logged = log->earlier + card->sequence - card->dropped;
     }
-    put(probe, TO_BOTH, bytes,
-        message_equipment_encode(&message, 0, now_us, bytes + 1));
+    put(probe, TO_BOTH, message_equipment_layout, &message, bytes, now_us);
 }
 
 NOINLINE void send_reply(struct probe *probe, const struct message_command *command,
@@ -132,7 +136,7 @@ NOINLINE void send_reply(struct probe *probe, const struct message_command *comm
         .result = probe->last_result,
         .value = {probe->last_value[0], probe->last_value[1]},
     };
-    put(probe, TO_WIRE, bytes, message_reply_encode(&message, 0, now_us, bytes + 1));
+    put(probe, TO_WIRE, message_reply_layout, &message, bytes, now_us);
 }
 
 NOINLINE void send_params(struct probe *probe, enum bank_side side, uint8_t at,
@@ -146,7 +150,7 @@ NOINLINE void send_params(struct probe *probe, enum bank_side side, uint8_t at,
         .part_offset = at,
     };
     params_store_part(store, side, (uint8_t)message.set_length, at, message.part);
-    put(probe, TO_BOTH, bytes, message_params_encode(&message, 0, now_us, bytes + 1));
+    put(probe, TO_BOTH, message_params_layout, &message, bytes, now_us);
 }
 
 static void make_raw(const struct sample *sample, struct message_raw *out) {
@@ -175,14 +179,13 @@ NOINLINE void send_raw(struct probe *probe, uint8_t outlets,
     uint8_t bytes[MESSAGE_RAW_SIZE + FRAME_AROUND];
     struct message_raw message;
     make_raw(sample, &message);
-    put(probe, outlets, bytes,
-        message_raw_encode(&message, 0, sample->time_us, bytes + 1));
+    put(probe, outlets, message_raw_layout, &message, bytes, sample->time_us);
 }
 
 NOINLINE static void put_pose(struct probe *probe, uint8_t outlet,
                               const struct message_pose *message, uint32_t time_us) {
     uint8_t bytes[MESSAGE_POSE_SIZE + FRAME_AROUND];
-    put(probe, outlet, bytes, message_pose_encode(message, 0, time_us, bytes + 1));
+    put(probe, outlet, message_pose_layout, message, bytes, time_us);
 }
 
 // Clipped and gap are of all samples since the last pose, which is another on the card

@@ -14,39 +14,27 @@ _Static_assert((int)MESSAGE_CONTENT_MAX <= (int)FRAME_CONTENT_MAX, "fits a frame
 
 enum { HEADER_SIZE = 9 };
 
-// Constants take RAM on the AVR where nothing says that they stay in flash (ISO/IEC TR
-// 18037, 5.1: named address spaces).
-#ifdef __FLASH
-#define FLASH __flash
-#else
-#define FLASH
-#endif
-
-// A message's id, then for each field its tag and its values: how many, of how many
-// bytes. 0 ends it.
-typedef const FLASH uint8_t layout;
-#define FIELD(tag, count, size) tag, (count)*8 + (size)
+// A message's id, then for each field its tag, and its bytes and what they are aligned
+// to, together. 0 ends it.
+#define FIELD(tag, count, size) tag, (size) / 2 * 64 + (count) * (size)
 
 // A field that a walk over the layout has come to, and where it lies in memory.
 struct field {
     uint8_t tag, length, offset;
 };
 
-static struct field field_first(layout *at, uint8_t end) {
-    const uint8_t size = at[1] % 8;
-    const uint8_t unit = size == 4   ? _Alignof(uint32_t)
-                         : size == 2 ? _Alignof(uint16_t)
+static struct field field_first(message_layout *at, uint8_t end) {
+    const uint8_t size = at[1] / 64;
+    const uint8_t unit = size == 2   ? _Alignof(uint32_t)
+                         : size == 1 ? _Alignof(uint16_t)
                                      : 1;
-    return (struct field){at[0], (uint8_t)(at[1] / 8 * size),
-                          (uint8_t)((end + unit - 1) / unit * unit)};
+    return (struct field){at[0], at[1] % 64, (uint8_t)((end + unit - 1) / unit * unit)};
 }
 
-static uint8_t encode(layout *at, const void *message, uint32_t sequence,
-                      uint32_t time_us, uint8_t *content) {
+uint8_t message_fill(message_layout *layout, const void *message, uint8_t *content) {
     uint8_t *to = content + HEADER_SIZE;
-    content[0] = *at++;
-    memcpy(content + 1, &sequence, sizeof sequence);
-    memcpy(content + 5, &time_us, sizeof time_us);
+    message_layout *at = layout + 1;
+    content[0] = layout[0];
     for (uint8_t end = 0; *at != 0; at += 2) {
         const struct field field = field_first(at, end);
         *to++ = field.tag;
@@ -58,28 +46,35 @@ static uint8_t encode(layout *at, const void *message, uint32_t sequence,
     return (uint8_t)(to - content);
 }
 
-static bool take(layout *at, const uint8_t *content, uint8_t length, void *out) {
-    uint8_t next = HEADER_SIZE;
+static uint8_t encode(message_layout *layout, const void *message, uint32_t sequence,
+                      uint32_t time_us, uint8_t *content) {
+    memcpy(content + MESSAGE_SEQUENCE_AT, &sequence, sizeof sequence);
+    memcpy(content + MESSAGE_TIME_AT, &time_us, sizeof time_us);
+    return message_fill(layout, message, content);
+}
+
+// Of content that is as long as the message.
+static bool take(message_layout *at, const uint8_t *content, void *out) {
     if (content[0] != *at++) {
         return false;
     }
+    content += HEADER_SIZE;
     for (uint8_t end = 0; *at != 0; at += 2) {
         const struct field field = field_first(at, end);
-        const uint8_t first = (uint8_t)(next + 1);
-        next = (uint8_t)(first + field.length);
-        if (next > length || content[first - 1] != field.tag) {
+        if (*content != field.tag) {
             return false;
         }
-        memcpy((uint8_t *)out + field.offset, content + first, field.length);
+        memcpy((uint8_t *)out + field.offset, content + 1, field.length);
+        content += 1 + field.length;
         end = (uint8_t)(field.offset + field.length);
     }
-    return next == length;
+    return true;
 }
 
 // Names what stands at `at` where the `expected` field does not, or 0 where none is
 // left to come.
-static enum message_result misplaced(layout *fields, const uint8_t *at, uint8_t left,
-                                     uint8_t expected) {
+static enum message_result misplaced(message_layout *fields, const uint8_t *at,
+                                     uint8_t left, uint8_t expected) {
     if (left == 0) {
         return MESSAGE_MISSING_FIELD;
     }
@@ -96,7 +91,7 @@ static enum message_result misplaced(layout *fields, const uint8_t *at, uint8_t 
     return *at == expected ? MESSAGE_WRONG_LENGTH : MESSAGE_OUT_OF_ORDER;
 }
 
-static enum message_result decode(layout *fields, const uint8_t *content,
+static enum message_result decode(message_layout *fields, const uint8_t *content,
                                   uint8_t length, uint8_t size,
                                   struct message_header *header, void *out) {
     const uint8_t id = *fields++;
@@ -108,7 +103,7 @@ static enum message_result decode(layout *fields, const uint8_t *content,
     }
     const uint8_t *from = content + HEADER_SIZE;
     uint8_t left = (uint8_t)(length - HEADER_SIZE);
-    layout *at = fields;
+    message_layout *at = fields;
     for (; *at != 0; at += 2) {
         const struct field field = field_first(at, 0);
         if (left <= field.length || *from != field.tag) {
@@ -127,8 +122,8 @@ static enum message_result decode(layout *fields, const uint8_t *content,
         }
     }
     header->id = id;
-    memcpy(&header->sequence, content + 1, sizeof header->sequence);
-    memcpy(&header->time_us, content + 5, sizeof header->time_us);
+    memcpy(&header->sequence, content + MESSAGE_SEQUENCE_AT, sizeof header->sequence);
+    memcpy(&header->time_us, content + MESSAGE_TIME_AT, sizeof header->time_us);
     from = content + HEADER_SIZE;
     uint8_t end = 0;
     for (at = fields; *at != 0; at += 2) {
@@ -140,7 +135,7 @@ static enum message_result decode(layout *fields, const uint8_t *content,
     return MESSAGE_OK;
 }
 
-static layout HELLO[] = {
+message_layout message_hello_layout[42] = {
     MESSAGE_HELLO,
     FIELD(1, 1, 1),    // protocol_version
     FIELD(2, 1, 4),    // schema_fingerprint
@@ -167,21 +162,22 @@ static layout HELLO[] = {
 
 uint8_t message_hello_encode(const struct message_hello *message, uint32_t sequence,
                              uint32_t time_us, uint8_t *content) {
-    return encode(HELLO, message, sequence, time_us, content);
+    return encode(message_hello_layout, message, sequence, time_us, content);
 }
 
 enum message_result message_hello_decode(const uint8_t *content, uint8_t length,
                                          struct message_header *header,
                                          struct message_hello *out) {
-    return decode(HELLO, content, length, MESSAGE_HELLO_SIZE, header, out);
+    return decode(message_hello_layout, content, length, MESSAGE_HELLO_SIZE, header,
+                  out);
 }
 
 bool message_hello_take(const uint8_t *content, uint8_t length,
                         struct message_hello *out) {
-    return take(HELLO, content, length, out);
+    return length == MESSAGE_HELLO_SIZE && take(message_hello_layout, content, out);
 }
 
-static layout RAW[] = {
+message_layout message_raw_layout[12] = {
     MESSAGE_RAW,
     FIELD(20, 3, 2),  // acc
     FIELD(21, 3, 2),  // gyr
@@ -193,20 +189,20 @@ static layout RAW[] = {
 
 uint8_t message_raw_encode(const struct message_raw *message, uint32_t sequence,
                            uint32_t time_us, uint8_t *content) {
-    return encode(RAW, message, sequence, time_us, content);
+    return encode(message_raw_layout, message, sequence, time_us, content);
 }
 
 enum message_result message_raw_decode(const uint8_t *content, uint8_t length,
                                        struct message_header *header,
                                        struct message_raw *out) {
-    return decode(RAW, content, length, MESSAGE_RAW_SIZE, header, out);
+    return decode(message_raw_layout, content, length, MESSAGE_RAW_SIZE, header, out);
 }
 
 bool message_raw_take(const uint8_t *content, uint8_t length, struct message_raw *out) {
-    return take(RAW, content, length, out);
+    return length == MESSAGE_RAW_SIZE && take(message_raw_layout, content, out);
 }
 
-static layout POSE[] = {
+message_layout message_pose_layout[14] = {
     MESSAGE_POSE,
     FIELD(30, 4, 4),  // q
     FIELD(31, 3, 4),  // position
@@ -219,21 +215,21 @@ static layout POSE[] = {
 
 uint8_t message_pose_encode(const struct message_pose *message, uint32_t sequence,
                             uint32_t time_us, uint8_t *content) {
-    return encode(POSE, message, sequence, time_us, content);
+    return encode(message_pose_layout, message, sequence, time_us, content);
 }
 
 enum message_result message_pose_decode(const uint8_t *content, uint8_t length,
                                         struct message_header *header,
                                         struct message_pose *out) {
-    return decode(POSE, content, length, MESSAGE_POSE_SIZE, header, out);
+    return decode(message_pose_layout, content, length, MESSAGE_POSE_SIZE, header, out);
 }
 
 bool message_pose_take(const uint8_t *content, uint8_t length,
                        struct message_pose *out) {
-    return take(POSE, content, length, out);
+    return length == MESSAGE_POSE_SIZE && take(message_pose_layout, content, out);
 }
 
-static layout EVENT[] = {
+message_layout message_event_layout[8] = {
     MESSAGE_EVENT,
     FIELD(40, 1, 1),  // event
     FIELD(41, 1, 1),  // cause
@@ -243,21 +239,22 @@ static layout EVENT[] = {
 
 uint8_t message_event_encode(const struct message_event *message, uint32_t sequence,
                              uint32_t time_us, uint8_t *content) {
-    return encode(EVENT, message, sequence, time_us, content);
+    return encode(message_event_layout, message, sequence, time_us, content);
 }
 
 enum message_result message_event_decode(const uint8_t *content, uint8_t length,
                                          struct message_header *header,
                                          struct message_event *out) {
-    return decode(EVENT, content, length, MESSAGE_EVENT_SIZE, header, out);
+    return decode(message_event_layout, content, length, MESSAGE_EVENT_SIZE, header,
+                  out);
 }
 
 bool message_event_take(const uint8_t *content, uint8_t length,
                         struct message_event *out) {
-    return take(EVENT, content, length, out);
+    return length == MESSAGE_EVENT_SIZE && take(message_event_layout, content, out);
 }
 
-static layout STATUS[] = {
+message_layout message_status_layout[36] = {
     MESSAGE_STATUS,
     FIELD(50, 1, 4),  // uptime
     FIELD(51, 1, 1),  // state
@@ -281,21 +278,22 @@ static layout STATUS[] = {
 
 uint8_t message_status_encode(const struct message_status *message, uint32_t sequence,
                               uint32_t time_us, uint8_t *content) {
-    return encode(STATUS, message, sequence, time_us, content);
+    return encode(message_status_layout, message, sequence, time_us, content);
 }
 
 enum message_result message_status_decode(const uint8_t *content, uint8_t length,
                                           struct message_header *header,
                                           struct message_status *out) {
-    return decode(STATUS, content, length, MESSAGE_STATUS_SIZE, header, out);
+    return decode(message_status_layout, content, length, MESSAGE_STATUS_SIZE, header,
+                  out);
 }
 
 bool message_status_take(const uint8_t *content, uint8_t length,
                          struct message_status *out) {
-    return take(STATUS, content, length, out);
+    return length == MESSAGE_STATUS_SIZE && take(message_status_layout, content, out);
 }
 
-static layout EQUIPMENT[] = {
+message_layout message_equipment_layout[28] = {
     MESSAGE_EQUIPMENT,
     FIELD(100, 1, 1),  // clock
     FIELD(101, 1, 2),  // battery
@@ -316,21 +314,23 @@ static layout EQUIPMENT[] = {
 uint8_t message_equipment_encode(const struct message_equipment *message,
                                  uint32_t sequence, uint32_t time_us,
                                  uint8_t *content) {
-    return encode(EQUIPMENT, message, sequence, time_us, content);
+    return encode(message_equipment_layout, message, sequence, time_us, content);
 }
 
 enum message_result message_equipment_decode(const uint8_t *content, uint8_t length,
                                              struct message_header *header,
                                              struct message_equipment *out) {
-    return decode(EQUIPMENT, content, length, MESSAGE_EQUIPMENT_SIZE, header, out);
+    return decode(message_equipment_layout, content, length, MESSAGE_EQUIPMENT_SIZE,
+                  header, out);
 }
 
 bool message_equipment_take(const uint8_t *content, uint8_t length,
                             struct message_equipment *out) {
-    return take(EQUIPMENT, content, length, out);
+    return length == MESSAGE_EQUIPMENT_SIZE &&
+           take(message_equipment_layout, content, out);
 }
 
-static layout PARAMS[] = {
+message_layout message_params_layout[10] = {
     MESSAGE_PARAMS,
     FIELD(120, 1, 4),   // set_digest
     FIELD(121, 1, 2),   // set_length
@@ -341,21 +341,22 @@ static layout PARAMS[] = {
 
 uint8_t message_params_encode(const struct message_params *message, uint32_t sequence,
                               uint32_t time_us, uint8_t *content) {
-    return encode(PARAMS, message, sequence, time_us, content);
+    return encode(message_params_layout, message, sequence, time_us, content);
 }
 
 enum message_result message_params_decode(const uint8_t *content, uint8_t length,
                                           struct message_header *header,
                                           struct message_params *out) {
-    return decode(PARAMS, content, length, MESSAGE_PARAMS_SIZE, header, out);
+    return decode(message_params_layout, content, length, MESSAGE_PARAMS_SIZE, header,
+                  out);
 }
 
 bool message_params_take(const uint8_t *content, uint8_t length,
                          struct message_params *out) {
-    return take(PARAMS, content, length, out);
+    return length == MESSAGE_PARAMS_SIZE && take(message_params_layout, content, out);
 }
 
-static layout COMMAND[] = {
+message_layout message_command_layout[8] = {
     MESSAGE_COMMAND,
     FIELD(70, 1, 1),  // command
     FIELD(71, 1, 2),  // token
@@ -365,21 +366,22 @@ static layout COMMAND[] = {
 
 uint8_t message_command_encode(const struct message_command *message, uint32_t sequence,
                                uint32_t time_us, uint8_t *content) {
-    return encode(COMMAND, message, sequence, time_us, content);
+    return encode(message_command_layout, message, sequence, time_us, content);
 }
 
 enum message_result message_command_decode(const uint8_t *content, uint8_t length,
                                            struct message_header *header,
                                            struct message_command *out) {
-    return decode(COMMAND, content, length, MESSAGE_COMMAND_SIZE, header, out);
+    return decode(message_command_layout, content, length, MESSAGE_COMMAND_SIZE, header,
+                  out);
 }
 
 bool message_command_take(const uint8_t *content, uint8_t length,
                           struct message_command *out) {
-    return take(COMMAND, content, length, out);
+    return length == MESSAGE_COMMAND_SIZE && take(message_command_layout, content, out);
 }
 
-static layout REPLY[] = {
+message_layout message_reply_layout[10] = {
     MESSAGE_REPLY,
     FIELD(80, 1, 1),  // replied_command
     FIELD(81, 1, 2),  // replied_token
@@ -390,16 +392,17 @@ static layout REPLY[] = {
 
 uint8_t message_reply_encode(const struct message_reply *message, uint32_t sequence,
                              uint32_t time_us, uint8_t *content) {
-    return encode(REPLY, message, sequence, time_us, content);
+    return encode(message_reply_layout, message, sequence, time_us, content);
 }
 
 enum message_result message_reply_decode(const uint8_t *content, uint8_t length,
                                          struct message_header *header,
                                          struct message_reply *out) {
-    return decode(REPLY, content, length, MESSAGE_REPLY_SIZE, header, out);
+    return decode(message_reply_layout, content, length, MESSAGE_REPLY_SIZE, header,
+                  out);
 }
 
 bool message_reply_take(const uint8_t *content, uint8_t length,
                         struct message_reply *out) {
-    return take(REPLY, content, length, out);
+    return length == MESSAGE_REPLY_SIZE && take(message_reply_layout, content, out);
 }

@@ -7,6 +7,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "core/math/in_flash.h"
+
 #define SCHEMA_FINGERPRINT 0xe620c0cau
 #define SCHEMA_SEED 0xc0cau  // CRC of all messages but hello
 
@@ -275,6 +277,12 @@ struct message_header {
 // decode() leaves `header` and `out` untouched unless MESSAGE_OK. take() is
 // as strict, says no more than true, and only then `out` is good. Its length
 // is not 0.
+//
+// message_fill() encodes a message of any layout, but for the two numbers of
+// its header: those lie at these offsets of the content.
+enum { MESSAGE_SEQUENCE_AT = 1, MESSAGE_TIME_AT = 5 };
+typedef const IN_FLASH uint8_t message_layout;
+uint8_t message_fill(message_layout *layout, const void *message, uint8_t *content);
 
 struct message_hello {
     uint8_t protocol_version;
@@ -306,6 +314,7 @@ enum message_result message_hello_decode(const uint8_t *content, uint8_t length,
                                          struct message_hello *out);
 bool message_hello_take(const uint8_t *content, uint8_t length,
                         struct message_hello *out);
+extern message_layout message_hello_layout[42];
 
 struct message_raw {
     int16_t acc[3];        // counts
@@ -321,6 +330,7 @@ enum message_result message_raw_decode(const uint8_t *content, uint8_t length,
                                        struct message_header *header,
                                        struct message_raw *out);
 bool message_raw_take(const uint8_t *content, uint8_t length, struct message_raw *out);
+extern message_layout message_raw_layout[12];
 
 struct message_pose {
     int32_t q[4];            // 2^-30
@@ -338,6 +348,7 @@ enum message_result message_pose_decode(const uint8_t *content, uint8_t length,
                                         struct message_pose *out);
 bool message_pose_take(const uint8_t *content, uint8_t length,
                        struct message_pose *out);
+extern message_layout message_pose_layout[14];
 
 struct message_event {
     uint8_t event;  // enum event
@@ -352,6 +363,7 @@ enum message_result message_event_decode(const uint8_t *content, uint8_t length,
                                          struct message_event *out);
 bool message_event_take(const uint8_t *content, uint8_t length,
                         struct message_event *out);
+extern message_layout message_event_layout[8];
 
 struct message_status {
     uint32_t uptime;  // s
@@ -380,6 +392,7 @@ enum message_result message_status_decode(const uint8_t *content, uint8_t length
                                           struct message_status *out);
 bool message_status_take(const uint8_t *content, uint8_t length,
                          struct message_status *out);
+extern message_layout message_status_layout[36];
 
 struct message_equipment {
     uint8_t clock;     // enum clock
@@ -404,6 +417,7 @@ enum message_result message_equipment_decode(const uint8_t *content, uint8_t len
                                              struct message_equipment *out);
 bool message_equipment_take(const uint8_t *content, uint8_t length,
                             struct message_equipment *out);
+extern message_layout message_equipment_layout[28];
 
 struct message_params {
     uint32_t set_digest;
@@ -419,6 +433,7 @@ enum message_result message_params_decode(const uint8_t *content, uint8_t length
                                           struct message_params *out);
 bool message_params_take(const uint8_t *content, uint8_t length,
                          struct message_params *out);
+extern message_layout message_params_layout[10];
 
 struct message_command {
     uint8_t command;  // enum command
@@ -433,6 +448,7 @@ enum message_result message_command_decode(const uint8_t *content, uint8_t lengt
                                            struct message_command *out);
 bool message_command_take(const uint8_t *content, uint8_t length,
                           struct message_command *out);
+extern message_layout message_command_layout[8];
 
 struct message_reply {
     uint8_t replied_command;  // enum command
@@ -448,5 +464,6 @@ enum message_result message_reply_decode(const uint8_t *content, uint8_t length,
                                          struct message_reply *out);
 bool message_reply_take(const uint8_t *content, uint8_t length,
                         struct message_reply *out);
+extern message_layout message_reply_layout[10];
 
 #endif
