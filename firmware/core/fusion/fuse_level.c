@@ -22,7 +22,9 @@ static void follow_gravity(struct fuse *fuse) {
     fuse->tilting_rad_s[0] = 0;
     fuse->tilting_rad_s[1] = 0;
     lowpass_read(&fuse->force, &up);
-    quat_rotate(level, &up, &up);
+    if (fuse->frames > 0) {  // before the first levelling they are the same
+        quat_rotate(level, &up, &up);
+    }
     if (!vector_normalise(&up, &up, &norm) || norm < FORCE_MIN_Q21) {
         return;
     }
