@@ -198,15 +198,29 @@ fixed_clamp:
 2:  ret
     .size   fixed_clamp, . - fixed_clamp
 
-; void fixed_add_clamped(int32_t *value, int32_t step, int32_t limit)
+; void fixed_add_clamped(int32_t step, int32_t limit, int32_t *sum)
     .global fixed_add_clamped
     .type   fixed_add_clamped, @function
 fixed_add_clamped:
-    movw    r30, r24
-    movw    r24, r22
-    movw    r22, r20
-    movw    r20, r18
-    movw    r18, r16
+    movw    r30, r16
+    rcall   add_sum
+    rcall   fixed_clamp
+    rjmp    store_sum
+    .size   fixed_add_clamped, . - fixed_add_clamped
+
+; void fixed_add(int32_t step, int32_t *sum)
+    .global fixed_add
+    .type   fixed_add, @function
+fixed_add:
+    movw    r30, r20
+    rcall   add_sum
+store_sum:
+    st      Z, r22
+    std     Z+1, r23
+    std     Z+2, r24
+    std     Z+3, r25
+    ret
+add_sum:
     ld      r0, Z
     add     r22, r0
     ldd     r0, Z+1
@@ -215,13 +229,8 @@ fixed_add_clamped:
     adc     r24, r0
     ldd     r0, Z+3
     adc     r25, r0
-    rcall   fixed_clamp
-    st      Z, r22
-    std     Z+1, r23
-    std     Z+2, r24
-    std     Z+3, r25
     ret
-    .size   fixed_add_clamped, . - fixed_add_clamped
+    .size   fixed_add, . - fixed_add
 
 ; q2_30_t fixed_ratio(uint32_t numerator, uint32_t denominator): long division, a bit a
 ; round. The remainder is below the denominator, which is at most 2^31, before each

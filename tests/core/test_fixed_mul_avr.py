@@ -136,6 +136,7 @@ class Hashes:
         self.mix(6, clamped(signed(a), bound))
         v = [clamped(signed(signed(a) + bound // 2), bound), a // 2, signed(a ^ b)]
         self.mix(6, v[0])
+        self.mix(6, (signed(a) >> 1) + bound // 2)
         v = [signed((number * signed(b) + 2**29) >> 30) for number in v]
         for number in (*v, *(clamped(number, bound) for number in v)):
             self.mix(7, number)

@@ -125,30 +125,51 @@ __attribute__((noinline)) static bool exceeds(uint16_t counts, uint32_t lsb_nano
     return (uint32_t)counts * (uint16_t)(lsb_nano / 1024) > limit;
 }
 
+// Adds the `count`th sample of one axis, from 0 on. Not inline: the AVR then has the
+// axis at hand in a register.
+__attribute__((noinline)) static void add_sample(struct gyro_calibrator_axis *axis,
+                                                 uint16_t count, int16_t rate,
+                                                 int16_t force) {
+    if (count == 0) {
+        *axis = (struct gyro_calibrator_axis){0, 0, rate, rate};
+    }
+    fixed_add(rate, &axis->sum);
+    if (count == CALIBRATOR_SAMPLES / 2) {
+        axis->turn = -axis->turn;  // from here on the second half
+    }
+    fixed_add(force, &axis->turn);
+    if (rate < axis->low) {
+        axis->low = rate;
+    }
+    if (rate > axis->high) {
+        axis->high = rate;
+    }
+}
+
+static bool has_turned(const struct gyro_calibrator *calibrator,
+                       const struct sensor_identity *identity) {
+    for (uint8_t i = 0; i < 3; ++i) {
+        // At most 65535: 256 times -32768, less 256 times 32767.
+        const uint16_t turn =
+            (uint16_t)(fixed_magnitude(calibrator->axes[i].turn) / 256);
+        if (exceeds(turn, identity->acc_lsb_nm_s2, TURN_MAX)) {
+            return true;
+        }
+    }
+    return false;
+}
+
 enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
                                             const struct sample *sample,
                                             const struct sensor_identity *identity,
                                             q16_16_t mean_counts[3]) {
-    struct gyro_calibrator_axis *axis = calibrator->axes;
     const uint16_t count = calibrator->count;
     uint16_t span = 0;      // of the widest axis
     uint16_t furthest = 0;  // from zero
     for (uint8_t i = 0; i < 3; ++i) {
+        struct gyro_calibrator_axis *axis = &calibrator->axes[i];
         const int16_t rate = sample->gyr.axis[i];
-        if (count == 0) {
-            *axis = (struct gyro_calibrator_axis){0, 0, rate, rate};
-        }
-        axis->sum += rate;
-        if (count == CALIBRATOR_SAMPLES / 2) {
-            axis->turn = -axis->turn;  // from here on the second half
-        }
-        axis->turn += sample->acc.axis[i];
-        if (rate < axis->low) {
-            axis->low = rate;
-        }
-        if (rate > axis->high) {
-            axis->high = rate;
-        }
+        add_sample(axis, count, rate, sample->acc.axis[i]);
         const uint16_t axis_span = (uint16_t)(axis->high - axis->low);
         if (axis_span > span) {
             span = axis_span;
@@ -157,19 +178,13 @@ enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
         if (size > furthest) {
             furthest = size;
         }
-        ++axis;
     }
-    bool has_moved = sample->gyr_clipped || sample->has_gap ||
-                     exceeds(span, identity->gyr_lsb_nrad_s, SPAN_MAX) ||
-                     exceeds(furthest, identity->gyr_lsb_nrad_s, BIAS_MAX);
+    const bool is_last = count == CALIBRATOR_SAMPLES - 1;
     calibrator->count = (uint16_t)(count + 1);
-    const bool is_last = calibrator->count == CALIBRATOR_SAMPLES;
-    for (axis = calibrator->axes; is_last && axis < calibrator->axes + 3; ++axis) {
-        // At most 65535: 256 times -32768, less 256 times 32767.
-        const uint16_t turn = (uint16_t)(fixed_magnitude(axis->turn) / 256);
-        has_moved |= exceeds(turn, identity->acc_lsb_nm_s2, TURN_MAX);
-    }
-    if (has_moved) {
+    if (sample->gyr_clipped || sample->has_gap ||
+        exceeds(span, identity->gyr_lsb_nrad_s, SPAN_MAX) ||
+        exceeds(furthest, identity->gyr_lsb_nrad_s, BIAS_MAX) ||
+        (is_last && has_turned(calibrator, identity))) {
         calibrator->count = 0;
         calibrator->span_counts = span;
         return CALIBRATOR_MOVED;

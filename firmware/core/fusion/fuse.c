@@ -76,7 +76,8 @@ static void add_turned(const struct matrix *inertial_from_body, const struct vec
         coarse[axis] = fixed_scale_down(v->axis[axis], 8);
     }
     for (uint8_t row = 0; row < 3; ++row) {
-        sum->axis[row] += fixed_dot3_q14(coarse, inertial_from_body->row[row]);
+        fixed_add(fixed_dot3_q14(coarse, inertial_from_body->row[row]),
+                  &sum->axis[row]);
     }
 }
 

@@ -110,7 +110,7 @@ NOINLINE static void learn_place(struct fuse *fuse) {
     ++fuse->field_learnt;
     for (uint8_t row = 0; row < KALMAN_STATES; ++row) {
         if (row < 3) {
-            fuse->field_ut[row] += field_away(fuse, row) / fuse->field_learnt;
+            fixed_add(field_away(fuse, row) / fuse->field_learnt, &fuse->field_ut[row]);
         }
         for (uint8_t column = 0; column < row; ++column) {
             *pair = row < 3 || column > 2 ? 0
@@ -139,8 +139,8 @@ NOINLINE static void predict_field(struct fuse *fuse) {
                                                  : HEADING_WANDER) +
                              fixed_mul_q30(bias_variance, HEADING_WANDER_BIAS_Q30) * 2;
     if (!fuse->has_reading) {
-        fixed_add_clamped(&fuse->heading_variance, fixed_scale_down(turn_q40, 10),
-                          FUSE_HEADING_VARIANCE_MAX_Q30);
+        fixed_add_clamped(fixed_scale_down(turn_q40, 10), FUSE_HEADING_VARIANCE_MAX_Q30,
+                          &fuse->heading_variance);
     }
     // The horizontal field, at most 60 uT: half of it, and it times the turn, as
     // 2^32ths.
@@ -152,9 +152,9 @@ NOINLINE static void predict_field(struct fuse *fuse) {
         turned[axis] = fixed_mul_q30(place * 16, turn_q40);
     }
     if (covariance[0] + covariance[2] < PLACE_SPREAD_MAX) {
-        covariance[0] += fixed_mul_q30(half[1], turned[1]);
-        covariance[1] -= fixed_mul_q30(half[0], turned[1]);
-        covariance[2] += fixed_mul_q30(half[0], turned[0]);
+        fixed_add(fixed_mul_q30(half[1], turned[1]), &covariance[0]);
+        fixed_add(-fixed_mul_q30(half[0], turned[1]), &covariance[1]);
+        fixed_add(fixed_mul_q30(half[0], turned[0]), &covariance[2]);
     }
     const bool is_astray = fuse->field_astray > FIELD_ASTRAY && !fuse_is_at_rest(fuse);
     int32_t wander = PLACE_WANDER;
@@ -162,7 +162,7 @@ NOINLINE static void predict_field(struct fuse *fuse) {
         if (state == 3) {
             wander = is_astray ? OWN_WANDER_ASTRAY : OWN_WANDER;
         }
-        fixed_add_clamped(covariance, wander, FIELD_VARIANCE_MAX);
+        fixed_add_clamped(wander, FIELD_VARIANCE_MAX, covariance);
         covariance += state + 2;
     }
 }
@@ -267,8 +267,9 @@ void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis) {
     const q14_18_t away = field_step(fuse, axis);
     kalman_read(fuse->field_covariance, KALMAN_STATES, row, fuse->field_noise, gain);
     for (uint8_t state = 0; state < KALMAN_STATES; ++state) {
-        fixed_add_clamped(&fuse->field_ut[state], fixed_mul_q30(gain[state], away),
-                          state < 3 ? PLACE_LIMIT_Q18 : OWN_LIMIT_Q18);
+        fixed_add_clamped(fixed_mul_q30(gain[state], away),
+                          state < 3 ? PLACE_LIMIT_Q18 : OWN_LIMIT_Q18,
+                          &fuse->field_ut[state]);
     }
 }
 

@@ -98,7 +98,8 @@ void fuse_stage_regressors(struct fuse *fuse) {
     struct quat attitude;
     struct matrix level_from_body;
     const uint32_t square = vector_square_q32(&fuse->rate_rad_s_q25);
-    fuse->rate_square += ((int32_t)square - fuse->rate_square) / FUSE_LEVEL_SETTLE;
+    fixed_add(((int32_t)square - fuse->rate_square) / FUSE_LEVEL_SETTLE,
+              &fuse->rate_square);
     fuse_take_mean(fuse, &fuse->turn_sum_q17, TURN_MEAN_LIMIT_Q17, &turn);
     quat_rotate(&fuse->level_from_inertial, &turn, &turn);
     quat_multiply(&fuse->level_from_inertial, &fuse->inertial_from_body, &attitude);
@@ -116,8 +117,8 @@ void fuse_stage_regressors(struct fuse *fuse) {
     }
     int32_t *variance = fuse->motion_covariance;
     for (uint8_t state = 0; state < FUSE_MOTION_STATES; ++state) {
-        fixed_add_clamped(variance, MOTION_WANDER,
-                          state < 3 ? BIAS_VARIANCE_MAX : SCALE_VARIANCE_MAX);
+        fixed_add_clamped(MOTION_WANDER,
+                          state < 3 ? BIAS_VARIANCE_MAX : SCALE_VARIANCE_MAX, variance);
         variance += state + 2;
     }
 }
@@ -129,12 +130,12 @@ static void read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
     kalman_read(fuse->motion_covariance, FUSE_MOTION_STATES, row, noise, gain);
     int32_t *bias = fuse->bias_rad_s_q25.axis;
     for (uint8_t i = 0; i < 3; ++i) {
-        fixed_add_clamped(&bias[i], fixed_mul_q30(gain[i], surprise_rad_s),
-                          BIAS_LIMIT_Q25);
+        fixed_add_clamped(fixed_mul_q30(gain[i], surprise_rad_s), BIAS_LIMIT_Q25,
+                          &bias[i]);
     }
     const int32_t scale_step =
         fixed_mul_q30(fixed_mul_q30(gain[3], surprise_rad_s), SCALE_GAIN_Q30) * 2;
-    fixed_add_clamped(&fuse->scale, scale_step, SCALE_LIMIT_Q30);
+    fixed_add_clamped(scale_step, SCALE_LIMIT_Q30, &fuse->scale);
 }
 
 void fuse_stage_rest(struct fuse *fuse) {

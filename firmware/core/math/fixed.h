@@ -57,8 +57,12 @@ uint32_t fixed_umul_q32(uint32_t a, uint32_t b);
 // `value`, held within +-limit.
 int32_t fixed_clamp(int32_t value, int32_t limit);
 
-// *value + step, held within +-limit, to *value; the sum must fit.
-void fixed_add_clamped(int32_t *value, int32_t step, int32_t limit);
+// *sum += step; the sum must fit. A call takes less of the AVR's flash than a sum of 32
+// bits in memory, the least where `step` is what a function returned.
+void fixed_add(int32_t step, int32_t *sum);
+
+// The same, and the sum held within +-limit.
+void fixed_add_clamped(int32_t step, int32_t limit, int32_t *sum);
 
 // |value|; the most negative number gives 2^31.
 uint32_t fixed_magnitude(int32_t value);

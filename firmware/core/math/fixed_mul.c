@@ -32,8 +32,12 @@ int32_t fixed_clamp(int32_t value, int32_t limit) {
     return value > limit ? limit : value < -limit ? -limit : value;
 }
 
-void fixed_add_clamped(int32_t *value, int32_t step, int32_t limit) {
-    *value = fixed_clamp(*value + step, limit);
+void fixed_add(int32_t step, int32_t *sum) {
+    *sum += step;
+}
+
+void fixed_add_clamped(int32_t step, int32_t limit, int32_t *sum) {
+    *sum = fixed_clamp(*sum + step, limit);
 }
 
 q2_30_t fixed_ratio(uint32_t numerator, uint32_t denominator) {

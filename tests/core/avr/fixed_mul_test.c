@@ -45,15 +45,18 @@ static void limit(uint32_t a, uint32_t b) {
     const int32_t bound = (int32_t)(b & INT32_MAX);
     struct vector v = {.x = (int32_t)a, .y = (int32_t)(a >> 1), .z = (int32_t)(a ^ b)};
     mix(&hashes[6], (uint32_t)fixed_clamp((int32_t)a, bound));
-    fixed_add_clamped(&v.x, bound >> 1, bound);
+    fixed_add_clamped(bound >> 1, bound, &v.x);
     mix(&hashes[6], (uint32_t)v.x);
+    int32_t sum = (int32_t)a >> 1;
+    fixed_add(bound >> 1, &sum);
+    mix(&hashes[6], (uint32_t)sum);
     vector_scale(&v, (int32_t)b, &v);
     mix_words(&hashes[7], &v, 3);
     vector_clamp(&v, bound, &v);
     mix_words(&hashes[7], &v, 3);
     const uint32_t denominator = (uint32_t)bound + 1;
     mix(&hashes[8], (uint32_t)fixed_ratio(a >> 1, denominator > a >> 2 ? denominator
-                                                                     : (a >> 2) + 1));
+                                                                       : (a >> 2) + 1));
     mix(&hashes[8], fixed_sqrt(a));
 }
 
