@@ -62,6 +62,22 @@ fixed_mul_q32:
     rjmp    product
     .size   fixed_mul_q32, . - fixed_mul_q32
 
+; int32_t fixed_mul_at(const int32_t *a, const int32_t *b): fixed_mul_q30 of both.
+    .global fixed_mul_at
+    .type   fixed_mul_at, @function
+fixed_mul_at:
+    movw    r26, r24
+    movw    r30, r22
+    ld      A0, X+
+    ld      A1, X+
+    ld      A2, X+
+    ld      A3, X
+    ld      B0, Z
+    ldd     B1, Z+1
+    ldd     B2, Z+2
+    ldd     B3, Z+3
+    .size   fixed_mul_at, . - fixed_mul_at
+
 ; int32_t fixed_mul_q30(int32_t a, int32_t b): bits 61 to 30 of the product plus 2^29.
     .global fixed_mul_q30
     .type   fixed_mul_q30, @function

@@ -152,9 +152,9 @@ NOINLINE static void predict_field(struct fuse *fuse) {
         turned[axis] = fixed_mul_q30(place * 16, turn_q40);
     }
     if (covariance[0] + covariance[2] < PLACE_SPREAD_MAX) {
-        fixed_add(fixed_mul_q30(half[1], turned[1]), &covariance[0]);
-        fixed_add(-fixed_mul_q30(half[0], turned[1]), &covariance[1]);
-        fixed_add(fixed_mul_q30(half[0], turned[0]), &covariance[2]);
+        fixed_add(fixed_mul_at(&half[1], &turned[1]), &covariance[0]);
+        fixed_add(-fixed_mul_at(&half[0], &turned[1]), &covariance[1]);
+        fixed_add(fixed_mul_at(&half[0], &turned[0]), &covariance[2]);
     }
     const bool is_astray = fuse->field_astray > FIELD_ASTRAY && !fuse_is_at_rest(fuse);
     int32_t wander = PLACE_WANDER;
@@ -279,10 +279,10 @@ void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis) {
 NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
                                             const struct vector *north, q14_18_t norm) {
     const int32_t *covariance = fuse->field_covariance;
-    const int32_t across_y =
-        fixed_mul_q30(covariance[0], north->y) - fixed_mul_q30(covariance[1], north->x);
-    const int32_t across_x =
-        fixed_mul_q30(covariance[2], north->x) - fixed_mul_q30(covariance[1], north->y);
+    const int32_t across_y = fixed_mul_at(&covariance[0], &north->y) -
+                             fixed_mul_at(&covariance[1], &north->x);
+    const int32_t across_x = fixed_mul_at(&covariance[2], &north->x) -
+                             fixed_mul_at(&covariance[1], &north->y);
     const int32_t across =
         fixed_mul_q30(across_y, north->y) + fixed_mul_q30(across_x, north->x);
     // The vertical field seen through an error of the level, at most 19 uT, as 2^26ths.

@@ -44,6 +44,9 @@ typedef int32_t turn32_t;
 // The product over 2^30 must fit 32 bits.
 int32_t fixed_mul_q30(int32_t a, int32_t b);
 
+// The same of numbers in memory, which takes less of the AVR's flash.
+int32_t fixed_mul_at(const int32_t *a, const int32_t *b);
+
 // round(a * b / 2^32); always fits.
 int32_t fixed_mul_q32(int32_t a, int32_t b);
 

@@ -13,6 +13,10 @@ int32_t fixed_mul_q30(int32_t a, int32_t b) {
     return NARROW((product + (INT64_C(1) << 29)) >> 30);
 }
 
+int32_t fixed_mul_at(const int32_t *a, const int32_t *b) {
+    return fixed_mul_q30(*a, *b);
+}
+
 int32_t fixed_mul_q32(int32_t a, int32_t b) {
     const int64_t product = (int64_t)a * b;
     return NARROW((product + (INT64_C(1) << 31)) >> 32);
