@@ -153,22 +153,30 @@ NOINLINE void send_params(struct probe *probe, enum bank_side side, uint8_t at,
     put(probe, TO_BOTH, message_params_layout, &message, bytes, now_us);
 }
 
+_Static_assert(OFFSET(message_raw, acc) == 0 &&
+                   OFFSET(message_raw, sample_flags) ==
+                       OFFSET(sample, has_mag) - OFFSET(sample, acc),
+               "a sample's numbers lie as in its message");
+
 static void make_raw(const struct sample *sample, struct message_raw *out) {
-    *out = (struct message_raw){
-        .acc = {sample->acc.x, sample->acc.y, sample->acc.z},
-        .gyr = {sample->gyr.x, sample->gyr.y, sample->gyr.z},
-        .mag = {RAW_MAG_NULL, RAW_MAG_NULL, RAW_MAG_NULL},
-        .temperature = sample->temperature_cdeg,
-        .sample_flags = (uint8_t)((sample->mag_overflow ? SAMPLE_MAG_OVERFLOW : 0) |
-                                  (sample->acc_clipped ? SAMPLE_ACC_CLIPPED : 0) |
-                                  (sample->gyr_clipped ? SAMPLE_GYR_CLIPPED : 0) |
-                                  (sample->has_gap ? SAMPLE_GAP : 0)),
-    };
-    if (sample->has_mag) {
-        out->mag[0] = sample->mag.x;
-        out->mag[1] = sample->mag.y;
-        out->mag[2] = sample->mag.z;
+    uint8_t flags = 0;
+    memcpy(out, &sample->acc, OFFSET(message_raw, sample_flags));
+    for (uint8_t axis = 0; axis < 3 && !sample->has_mag; ++axis) {
+        out->mag[axis] = RAW_MAG_NULL;
     }
+    if (sample->mag_overflow) {
+        flags |= SAMPLE_MAG_OVERFLOW;
+    }
+    if (sample->acc_clipped) {
+        flags |= SAMPLE_ACC_CLIPPED;
+    }
+    if (sample->gyr_clipped) {
+        flags |= SAMPLE_GYR_CLIPPED;
+    }
+    if (sample->has_gap) {
+        flags |= SAMPLE_GAP;
+    }
+    out->sample_flags = flags;
 }
 
 NOINLINE void send_raw(struct probe *probe, uint8_t outlets,

@@ -91,14 +91,16 @@ enum frame_result frame_decode(struct frame_decoder *decoder, uint8_t byte,
         return result;
     }
     if (decoder->remaining > 0) {
-        append(decoder, byte);
         decoder->remaining--;
-        return FRAME_PENDING;
+    } else {
+        const uint8_t before = decoder->code;
+        decoder->code = byte;
+        decoder->remaining = (uint8_t)(byte - 1);
+        if (before == 0) {
+            return FRAME_PENDING;
+        }
+        byte = 0;  // which the code before stands for
     }
-    if (decoder->code != 0) {
-        append(decoder, 0);  // the zero that the code before stands for
-    }
-    decoder->code = byte;
-    decoder->remaining = (uint8_t)(byte - 1);
+    append(decoder, byte);
     return FRAME_PENDING;
 }
