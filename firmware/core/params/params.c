@@ -60,7 +60,7 @@ enum params_fault params_read(const struct memory *memory, uint16_t offset,
     }
     const uint8_t *bytes = (const uint8_t *)&out->calibration;
     for (uint8_t i = 0; i < sizeof out->calibration; ++i) {
-        out->digest = crc32_add(out->digest, bytes[i]);
+        crc32_add(&out->digest, bytes[i]);
     }
     return PARAMS_FINE;
 }

@@ -95,8 +95,7 @@ static enum memory_result stage(struct params_store *store) {
 static void check(struct params_store *store) {
     store->told = store->at;
     for (uint8_t i = 0; i < PARAMS_PART && store->at < store->length; ++i) {
-        store->crc =
-            crc32_add(store->crc, bank_read(&store->bank, BANK_SPARE, store->at));
+        crc32_add(&store->crc, bank_read(&store->bank, BANK_SPARE, store->at));
         ++store->at;
     }
     if (store->at < store->length) {

@@ -101,8 +101,10 @@ void probe_overrun(struct probe *probe, uint16_t missed, uint32_t now_us) {
 }
 
 // True `rate_hz` times in `of_hz` calls, evenly; always where that is more. The setting
-// of a rate may come from before the sensor was known.
-static bool is_due(uint16_t *phase, uint16_t rate_hz, uint16_t of_hz) {
+// of a rate may come from before the sensor was known. Not inline: two copies would
+// take more of the AVR's flash.
+__attribute__((noinline)) static bool is_due(uint16_t *phase, uint16_t rate_hz,
+                                             uint16_t of_hz) {
     if (rate_hz >= of_hz) {
         return true;
     }

@@ -130,12 +130,12 @@ NOINLINE void send_equipment(struct probe *probe, uint32_t now_us) {
 NOINLINE void send_reply(struct probe *probe, const struct message_command *command,
                          uint32_t now_us) {
     uint8_t bytes[MESSAGE_REPLY_SIZE + FRAME_AROUND];
-    const struct message_reply message = {
+    struct message_reply message = {
         .replied_command = command->command,
         .replied_token = command->token,
         .result = probe->last_result,
-        .value = {probe->last_value[0], probe->last_value[1]},
     };
+    memcpy(message.value, probe->last_value, sizeof message.value);
     put(probe, TO_WIRE, message_reply_layout, &message, bytes, now_us);
 }
 

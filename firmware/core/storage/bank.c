@@ -22,6 +22,19 @@ uint8_t bank_read(const struct bank *bank, enum bank_side side, uint8_t at) {
     return memory_read(bank->writer.memory, (uint16_t)(bank->content[side] + at));
 }
 
+// True where content of that length fits a bank of that size, and its CRC is right.
+static bool is_good(const struct memory *memory, uint16_t content, uint16_t size,
+                    const struct header *header) {
+    uint32_t crc = 0;
+    if (header->length > size - BANK_HEADER) {
+        return false;
+    }
+    for (uint8_t at = 0; at < header->length; ++at) {
+        crc32_add(&crc, memory_read(memory, content++));
+    }
+    return crc == header->digest;
+}
+
 bool bank_open(struct bank *bank, const struct memory *memory, uint16_t first,
                uint16_t size) {
     memset(bank, 0, sizeof *bank);
@@ -31,17 +44,10 @@ bool bank_open(struct bank *bank, const struct memory *memory, uint16_t first,
     bool is_whole = true;
     bool has_one = false;
     for (uint8_t turn = 0; turn < 2; ++turn) {
-        uint8_t bytes[BANK_HEADER];
         struct header header;
-        memory_copy(memory, (uint16_t)(content - BANK_HEADER), bytes, sizeof bytes);
-        memcpy(&header, bytes, sizeof header);
+        memory_copy(memory, (uint16_t)(content - BANK_HEADER), &header, sizeof header);
         if (header.mark == mark_of(header.sequence)) {
-            uint32_t crc = 0;
-            const bool fits = header.length <= size - BANK_HEADER;
-            for (uint8_t at = 0; fits && at < header.length; ++at) {
-                crc = crc32_add(crc, memory_read(memory, (uint16_t)(content + at)));
-            }
-            if (!fits || crc != header.digest) {
+            if (!is_good(memory, content, size, &header)) {
                 is_whole = false;
             } else if (!has_one || (uint8_t)(header.sequence - bank->sequence) == 1) {
                 // Written in turn: the newer is one ahead, modulo 256.

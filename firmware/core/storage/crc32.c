@@ -4,14 +4,14 @@
 
 #include <stdbool.h>
 
-uint32_t crc32_add(uint32_t crc, uint8_t byte) {
-    crc = ~crc ^ byte;
+void crc32_add(uint32_t *crc, uint8_t byte) {
+    uint32_t inverse = ~*crc ^ byte;
     for (uint8_t bit = 0; bit < 8; ++bit) {
-        const bool is_odd = (crc & 1) != 0;
-        crc >>= 1;
+        const bool is_odd = ((uint8_t)inverse & 1) != 0;
+        inverse >>= 1;
         if (is_odd) {
-            crc ^= UINT32_C(0xEDB88320);
+            inverse ^= UINT32_C(0xEDB88320);
         }
     }
-    return ~crc;
+    *crc = ~inverse;
 }

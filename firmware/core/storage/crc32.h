@@ -7,6 +7,6 @@
 #include <stdint.h>
 
 // The CRC of bytes that have `crc`, and one more. That of no bytes is 0.
-uint32_t crc32_add(uint32_t crc, uint8_t byte);
+void crc32_add(uint32_t *crc, uint8_t byte);
 
 #endif

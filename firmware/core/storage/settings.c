@@ -199,7 +199,7 @@ static bool is_saved(struct settings_writer *writer, struct settings *settings) 
             return writer->length == writer->bank.length &&
                    writer->crc == writer->bank.digest;
         }
-        writer->crc = crc32_add(writer->crc, byte);
+        crc32_add(&writer->crc, byte);
         ++writer->length;
     }
 }
