@@ -184,7 +184,7 @@ void fuse_follow_lag(struct fuse *fuse) {
     kalman_read(&fuse->lag_variance, 1, row, fuse->field_noise, gain);
     q14_18_t along = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        along += fixed_mul_q30(slope.axis[axis], field_step(fuse, axis));
+        fixed_add(fixed_mul_q30(slope.axis[axis], field_step(fuse, axis)), &along);
     }
     const int32_t lag = fuse->lag_s_q35 - fixed_mul_q30(gain[0], along) * LAG_MS_Q17;
     fuse->lag_s_q35 = fixed_clamp(lag > 0 ? lag : 0, LAG_MAX_Q35);
@@ -196,14 +196,14 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
     uint32_t square = 0;  // 4096ths of 1 uT2, at most 90 uT an axis
     int32_t longer = 0;   // the horizontal field's square, 64ths of 1 uT2
     int32_t off = 0;
-    uint32_t horizontal = 0;
+    int32_t horizontal = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
         off = fixed_clamp(field_away(fuse, axis), FIELD_FAR_Q18);
         square += (uint32_t)fixed_mul_q30(off * 8, off * 8);
         if (axis < 2) {
             const int32_t place = fixed_clamp(fuse->field_ut[axis], PLACE_TURNED_Q18);
-            longer += fixed_mul_q30(off, off + 2 * place);
-            horizontal += fixed_magnitude(place);
+            fixed_add(fixed_mul_q30(off, off + 2 * place), &longer);
+            fixed_add((int32_t)fixed_magnitude(place), &horizontal);
         }
     }
     // A field of the same length and steepness means that the heading is wrong.
@@ -211,7 +211,7 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
         square > FIELD_UNIT_FINE * 8 &&
         fixed_magnitude(off) < (uint32_t)FIELD_TURNED_Q18 &&
         fixed_magnitude(longer) <
-            (uint32_t)fixed_mul_q30((int32_t)horizontal, FIELD_TURNED_GAIN_Q30);
+            (uint32_t)fixed_mul_q30(horizontal, FIELD_TURNED_GAIN_Q30);
     const uint16_t coarse =
         square < UINT16_MAX * UINT32_C(64) ? (uint16_t)(square / 64) : UINT16_MAX;
     fuse->field_surprise =
@@ -284,7 +284,7 @@ NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
     const int32_t across_x = fixed_mul_at(&covariance[2], &north->x) -
                              fixed_mul_at(&covariance[1], &north->y);
     const int32_t across =
-        fixed_mul_q30(across_y, north->y) + fixed_mul_q30(across_x, north->x);
+        fixed_mul_at(&across_y, &north->y) + fixed_mul_at(&across_x, &north->x);
     // The vertical field seen through an error of the level, at most 19 uT, as 2^26ths.
     const int32_t leaning = fixed_mul_q30(fuse->field_ut[2], LEVEL_ERROR_Q30) * 256;
     const int32_t total_q19 = fixed_mul_q30(across, COVARIANCE_SHARE_Q30) +

@@ -45,7 +45,7 @@ void kalman_read(int32_t covariance[], uint8_t states, const q2_14_t row[],
     int32_t *pair = covariance;
     for (uint8_t a = 0; a < states; ++a) {
         for (uint8_t b = 0; b <= a; ++b) {
-            *pair -= fixed_mul_q30(gain[a], shared[b]);
+            *pair -= fixed_mul_at(&gain[a], &shared[b]);
             ++pair;
         }
         if (pair[-1] < 1) {

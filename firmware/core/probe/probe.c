@@ -272,11 +272,9 @@ enum state probe_state(const struct probe *probe) {
 }
 
 bool probe_led(const struct probe *probe, uint32_t now_us) {
-    // Where in two seconds it is, as a fraction of 2^16, by one of 2^32: 2^32 / 2e6 is
-    // 2147 and 2077252343 / 2^32. A step more, so that no whole millisecond falls below
-    // itself.
-    const uint32_t fine = now_us * 2147 + fixed_umul_q32(now_us, UINT32_C(2077252343));
-    const uint16_t phase = (uint16_t)(fixed_high_half(fine) + 1);
+    // Where in two seconds it is, as a fraction of 2^16: 2^16 / 2e6 is 140737488.36 /
+    // 2^32. A step more, so that no whole millisecond falls below itself.
+    const uint16_t phase = (uint16_t)(fixed_umul_q32(now_us, UINT32_C(140737488)) + 1);
     switch (probe_state(probe)) {
     case STATE_STREAMING:
         return true;
