@@ -33,7 +33,7 @@ bool board_unique_id(uint8_t id[8]);
 uint16_t board_entropy(void);
 
 // The sensor soldered to this board, and its bus for set-up (not while sampling).
-extern const struct sensor_driver board_sensor;
+extern const IN_FLASH struct sensor_driver board_sensor;
 extern const IN_FLASH struct bus_device board_bus;
 // Frees a held bus by clocking it, then a STOP. BUS_OK when both lines are high.
 enum bus_result board_bus_recover(void) MUST_CHECK;
@@ -61,7 +61,7 @@ bool board_button_is_down(void);
 void board_led_set(bool on);
 
 // Memory that survives without power; see core/storage/memory.h.
-extern const struct memory board_memory;
+extern const IN_FLASH struct memory board_memory;
 
 // Supply in mV, 0 where it can't be known. Bytes of stack never used yet.
 uint16_t board_supply_mv(void);

@@ -19,7 +19,7 @@
 volatile bool idle_has_work;
 
 static struct mpu9250 chip;
-const struct sensor_driver board_sensor = MPU9250_DRIVER(&chip);
+const IN_FLASH struct sensor_driver board_sensor = MPU9250_DRIVER(&chip);
 
 // Pins that nothing is wired to get their pull-ups, so that they do not float
 // ("Unconnected Pins"). The bus and the sensor's INT must not: they belong to a chip of

@@ -14,7 +14,7 @@ static struct lsm9ds0 chip = {
                .xm_address = LSM9DS0_XM_ADDRESS,
                .is_fast = CHIP_IS_FAST},
 };
-const struct sensor_driver board_sensor = LSM9DS0_DRIVER(&chip);
+const IN_FLASH struct sensor_driver board_sensor = LSM9DS0_DRIVER(&chip);
 
 bool chip_power_down(void) {
     return lsm9ds0_power_down(&chip, &board_bus);

@@ -109,4 +109,4 @@ static void write_byte(void *port, uint16_t offset, uint8_t value) {
     journal_write(&journal, offset, value);
 }
 
-const struct memory board_memory = {read_byte, write_byte, is_ready, 0};
+const IN_FLASH struct memory board_memory = {read_byte, write_byte, is_ready, 0};

@@ -102,7 +102,7 @@ static void fill_wire(void) {
 }
 
 static void use_eeprom(void) {
-    const struct memory *storage = &board_memory;
+    const IN_FLASH struct memory *storage = &board_memory;
     uint8_t differences = 0;
     for (uint16_t offset = 500; offset < 520; offset++) {
         storage->write(storage->port, offset, (uint8_t)(offset * 7));

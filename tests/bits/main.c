@@ -49,7 +49,7 @@ static uint8_t record_byte(void *port, uint16_t at) {
 
 // The params of that digest. What can't be read leaves poses that differ.
 static void put_in_force(uint32_t digest) {
-    const struct memory memory = {.read = record_byte};
+    static const IN_FLASH struct memory memory = {.read = record_byte};
     const uint8_t length = (uint8_t)(digest == told.set_digest ? told.set_length : 0);
     uint8_t tag;
     if (params_read(&memory, 0, length, &params, &tag) != PARAMS_FINE) {

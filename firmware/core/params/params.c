@@ -18,7 +18,7 @@ enum {
     TAGS_MAX = 8,  // of the records that are known, and of those that may not be double
 };
 
-enum params_fault params_read(const struct memory *memory, uint16_t offset,
+enum params_fault params_read(const IN_FLASH struct memory *memory, uint16_t offset,
                               uint8_t length, struct params *out, uint8_t *tag) {
     bool is_seen[TAGS_MAX] = {false};
     const uint16_t end = (uint16_t)(offset + length);

@@ -27,7 +27,7 @@ enum params_fault {
 // does not know, and parts behind those that it knows, it passes over. Where not all of
 // them are fine, `tag` is that of the first record that is not, and `out` is not to be
 // used.
-enum params_fault params_read(const struct memory *memory, uint16_t offset,
+enum params_fault params_read(const IN_FLASH struct memory *memory, uint16_t offset,
                               uint8_t length, struct params *out,
                               uint8_t *tag) MUST_CHECK;
 

@@ -12,7 +12,7 @@ static enum params_fault read_side(struct params_store *store, enum bank_side si
                        out, &store->tag);
 }
 
-bool params_store_open(struct params_store *store, const struct memory *memory,
+bool params_store_open(struct params_store *store, const IN_FLASH struct memory *memory,
                        struct params *out) {
     memset(store, 0, sizeof *store);
     bool is_whole = bank_open(&store->bank, memory, MEMORY_PARAMS, MEMORY_PARAMS_BANK);

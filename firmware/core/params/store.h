@@ -37,7 +37,7 @@ enum params_step {
 // Loads the params in force: those of the newer good bank, or none. Returns false where
 // params were lost. `store->bank` has their length and digest. The memory must be
 // ready.
-bool params_store_open(struct params_store *store, const struct memory *memory,
+bool params_store_open(struct params_store *store, const IN_FLASH struct memory *memory,
                        struct params *out);
 
 // Takes four bytes of records for the spare bank, a multiple of four from the start.

@@ -35,12 +35,12 @@ static const IN_FLASH uint8_t causes[] = {
 // Not inline: two copies would take more of the AVR's flash.
 __attribute__((noinline)) static void
 start_sampling(const struct acquisition *acquisition) {
-    const struct sensor_driver *sensor = acquisition->port->sensor;
+    const IN_FLASH struct sensor_driver *sensor = acquisition->port->sensor;
     acquisition->port->start_sampling(sensor->bursts, sensor->bursts_count);
 }
 
 static void begin_setup(struct acquisition *acquisition) {
-    const struct sensor_driver *sensor = acquisition->port->sensor;
+    const IN_FLASH struct sensor_driver *sensor = acquisition->port->sensor;
     sensor->begin(sensor->state);
     acquisition->phase = ACQUISITION_SETUP;
     acquisition->failed = 0;
@@ -54,7 +54,7 @@ void acquisition_begin(struct acquisition *acquisition,
 }
 
 static enum outcome set_up(struct acquisition *acquisition, uint32_t now_us) {
-    const struct sensor_driver *sensor = acquisition->port->sensor;
+    const IN_FLASH struct sensor_driver *sensor = acquisition->port->sensor;
     const enum sensor_result result =
         sensor->setup(sensor->state, acquisition->port->bus, now_us);
     if (result == SENSOR_OK) {
@@ -76,7 +76,7 @@ take_sample(struct acquisition *acquisition, struct sample *sample, uint32_t now
     if (result != READING_OK) {
         return (enum outcome)result;
     }
-    const struct sensor_driver *sensor = acquisition->port->sensor;
+    const IN_FLASH struct sensor_driver *sensor = acquisition->port->sensor;
     sample->has_gap = acquisition->has_gap;
     if (!sensor->parse(sensor->state, reading.bytes, reading.time_us, sample)) {
         return OUTCOME_BUS_STUCK;

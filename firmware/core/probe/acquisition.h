@@ -29,7 +29,7 @@ struct reading {
 
 // What acquisition asks of a board; see board.h for each of the functions.
 struct acquisition_port {
-    const struct sensor_driver *sensor;
+    const IN_FLASH struct sensor_driver *sensor;
     const IN_FLASH struct bus_device *bus;  // for set-up, not while sampling
     enum bus_result (*recover_bus)(void);
     void (*start_sampling)(const struct bus_burst *bursts, uint8_t count);

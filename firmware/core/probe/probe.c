@@ -27,7 +27,10 @@ static void make_id(struct probe *probe) {
     if (probe->port->unique_id(id)) {
         return;
     }
-    uint16_t words[4] = {1, 2, 3, 4};
+    uint16_t words[4];
+    for (uint8_t i = 0; i < 4; ++i) {
+        words[i] = (uint16_t)(i + 1);
+    }
     for (uint8_t i = 0; i < ENTROPY_READINGS; ++i) {
         const uint16_t reading = probe->port->entropy();
         const uint8_t bytes[2] = {(uint8_t)(reading % 256), (uint8_t)(reading / 256)};

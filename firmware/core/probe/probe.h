@@ -32,7 +32,7 @@ struct probe_log {
 // What the probe asks of a board.
 struct probe_port {
     struct outlet *wire;
-    const struct memory *memory;
+    const IN_FLASH struct memory *memory;
     // Fills board, firmware, reset_cause and reset_address.
     void (*describe)(struct message_hello *out);
     // Fills samples_ready, stack_free, supply and receive_lost.

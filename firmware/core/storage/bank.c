@@ -23,8 +23,8 @@ uint8_t bank_read(const struct bank *bank, enum bank_side side, uint8_t at) {
 }
 
 // True where content of that length fits a bank of that size, and its CRC is right.
-static bool is_good(const struct memory *memory, uint16_t content, uint16_t size,
-                    const struct header *header) {
+static bool is_good(const IN_FLASH struct memory *memory, uint16_t content,
+                    uint16_t size, const struct header *header) {
     uint32_t crc = 0;
     if (header->length > size - BANK_HEADER) {
         return false;
@@ -35,7 +35,7 @@ static bool is_good(const struct memory *memory, uint16_t content, uint16_t size
     return crc == header->digest;
 }
 
-bool bank_open(struct bank *bank, const struct memory *memory, uint16_t first,
+bool bank_open(struct bank *bank, const IN_FLASH struct memory *memory, uint16_t first,
                uint16_t size) {
     memset(bank, 0, sizeof *bank);
     bank->writer.memory = memory;

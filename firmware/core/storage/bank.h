@@ -27,7 +27,7 @@ struct bank {
 // Finds the newer good bank. Returns false where a bank with a mark is not what its CRC
 // says: what was in it is lost, and the other one counts, if it is good. The memory
 // must be ready. `first`: offset of the first bank; `size`: of each.
-bool bank_open(struct bank *bank, const struct memory *memory, uint16_t first,
+bool bank_open(struct bank *bank, const IN_FLASH struct memory *memory, uint16_t first,
                uint16_t size);
 
 // A byte of a side's content.

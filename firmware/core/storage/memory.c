@@ -4,11 +4,11 @@
 
 enum { TRIES_MAX = 3 };  // EEPROM cells fail for good, not now and then
 
-uint8_t memory_read(const struct memory *memory, uint16_t offset) {
+uint8_t memory_read(const IN_FLASH struct memory *memory, uint16_t offset) {
     return memory->read(memory->port, offset);
 }
 
-void memory_copy(const struct memory *memory, uint16_t offset, void *out,
+void memory_copy(const IN_FLASH struct memory *memory, uint16_t offset, void *out,
                  uint8_t length) {
     uint8_t *to = out;
     for (; length > 0; --length) {
@@ -18,7 +18,7 @@ void memory_copy(const struct memory *memory, uint16_t offset, void *out,
 
 enum memory_result memory_put(struct memory_writer *writer, uint16_t offset,
                               uint8_t value) {
-    const struct memory *memory = writer->memory;
+    const IN_FLASH struct memory *memory = writer->memory;
     if (memory_read(memory, offset) == value) {
         return MEMORY_OK;
     }

@@ -38,7 +38,7 @@ enum memory_result {
 
 // Writes bytes one after the other, and gives up on one that memory never takes.
 struct memory_writer {
-    const struct memory *memory;
+    const IN_FLASH struct memory *memory;
     uint16_t last;  // offset of the byte written last
     uint8_t tries;  // writes of that byte
 };
@@ -49,8 +49,8 @@ struct memory_writer {
 enum memory_result memory_put(struct memory_writer *writer, uint16_t offset,
                               uint8_t value) MUST_CHECK;
 
-uint8_t memory_read(const struct memory *memory, uint16_t offset);
-void memory_copy(const struct memory *memory, uint16_t offset, void *out,
+uint8_t memory_read(const IN_FLASH struct memory *memory, uint16_t offset);
+void memory_copy(const IN_FLASH struct memory *memory, uint16_t offset, void *out,
                  uint8_t length);
 
 #endif

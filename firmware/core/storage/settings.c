@@ -74,7 +74,8 @@ enum {
 _Static_assert(2 * FIRST_SLOT <= (int)MEMORY_IDENTITY, "nothing lies over it");
 
 // Takes over the newer slot, which is one ahead of the other, modulo 256.
-static bool read_first_form(const struct memory *memory, struct settings *out) {
+static bool read_first_form(const IN_FLASH struct memory *memory,
+                            struct settings *out) {
     struct {
         uint8_t sequence;  // of the header, the last byte
         struct first_values values;
@@ -100,7 +101,7 @@ static bool read_first_form(const struct memory *memory, struct settings *out) {
     return has_one;
 }
 
-static void read_identity(const struct memory *memory, uint8_t *id) {
+static void read_identity(const IN_FLASH struct memory *memory, uint8_t *id) {
     uint16_t place = MEMORY_IDENTITY;
     for (; place < MEMORY_IDENTITY + IDENTITY_END; place += IDENTITY_SIZE) {
         uint8_t bytes[IDENTITY_SIZE];
@@ -112,7 +113,8 @@ static void read_identity(const struct memory *memory, uint8_t *id) {
     }
 }
 
-enum settings_result settings_load(const struct memory *memory, struct settings *out,
+enum settings_result settings_load(const IN_FLASH struct memory *memory,
+                                   struct settings *out,
                                    struct settings_writer *writer) {
     memset(writer, 0, sizeof *writer);
     (void)bank_open(&writer->bank, memory, MEMORY_SETTINGS, MEMORY_SETTINGS_BANK);

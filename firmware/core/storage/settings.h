@@ -42,7 +42,8 @@ void settings_defaults(struct settings *out);
 // Reads the settings, those of the first firmware where there are no others, or returns
 // the defaults and SETTINGS_NONE; the id by itself, wherever it is. It does not wait
 // for the memory: call it at boot, before any save.
-enum settings_result settings_load(const struct memory *memory, struct settings *out,
+enum settings_result settings_load(const IN_FLASH struct memory *memory,
+                                   struct settings *out,
                                    struct settings_writer *writer) MUST_CHECK;
 
 // Requests a save, which writes only what differs. Ask again after each change while
