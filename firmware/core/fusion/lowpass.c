@@ -7,7 +7,8 @@ void lowpass_axis_step(struct lowpass_axis *axis,
                        uint8_t count) {
     const int32_t error = input - axis->level;
     if (count <= gain->settle) {
-        fixed_add(error / count, &axis->level);
+        // The first sample has work enough: the AVR divides in 640 cycles.
+        fixed_add(count == 1 ? error : error / count, &axis->level);
         return;
     }
     const int32_t middle = fixed_mul_q30(
