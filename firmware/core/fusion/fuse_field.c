@@ -120,7 +120,8 @@ NOINLINE static void learn_place(struct fuse *fuse) {
         }
         *pair = OWN_VARIANCE;
         if (row < 3) {
-            *pair += fuse_is_at_rest(fuse) ? PLACE_VARIANCE : PLACE_VARIANCE_MOVING;
+            fixed_add(fuse_is_at_rest(fuse) ? PLACE_VARIANCE : PLACE_VARIANCE_MOVING,
+                      pair);
         }
         ++pair;
     }
