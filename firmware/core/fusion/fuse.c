@@ -91,8 +91,7 @@ NOINLINE static void add_to_means(struct fuse *fuse, const struct vector *force)
 void fuse_take_mean(const struct fuse *fuse, struct vector *sum, int32_t limit,
                     struct vector *out) {
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        const int32_t mean =
-            fixed_mul_at(&sum->axis[axis], &fuse->coefficients.share);
+        const int32_t mean = fixed_mul_at(&sum->axis[axis], &fuse->coefficients.share);
         out->axis[axis] = fixed_clamp(mean, limit) * 256;
         sum->axis[axis] = 0;
     }

@@ -208,11 +208,10 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
         }
     }
     // A field of the same length and steepness means that the heading is wrong.
-    fuse->is_turned =
-        square > FIELD_UNIT_FINE * 8 &&
-        fixed_magnitude(off) < (uint32_t)FIELD_TURNED_Q18 &&
-        fixed_magnitude(longer) <
-            (uint32_t)fixed_mul_q30(horizontal, FIELD_TURNED_GAIN_Q30);
+    fuse->is_turned = square > FIELD_UNIT_FINE * 8 &&
+                      fixed_magnitude(off) < (uint32_t)FIELD_TURNED_Q18 &&
+                      fixed_magnitude(longer) <
+                          (uint32_t)fixed_mul_q30(horizontal, FIELD_TURNED_GAIN_Q30);
     const uint16_t coarse =
         square < UINT16_MAX * UINT32_C(64) ? (uint16_t)(square / 64) : UINT16_MAX;
     fuse->field_surprise =

@@ -19,12 +19,12 @@ void quat_renormalise(struct quat *q) {
     q2_30_t *const part = &q->w;  // four in a row
     q2_30_t square = 0;
     for (uint8_t i = 0; i < 4; ++i) {
-        square += fixed_mul_at(&part[i], &part[i]);
+        square += fixed_mul_q30(part[i], part[i]);
     }
     // (3 - |q|^2) / 2 = 1 + (1 - |q|^2) / 2
     const q2_30_t gain = Q2_30_ONE + fixed_half_floor(Q2_30_ONE - square);
     for (uint8_t i = 0; i < 4; ++i) {
-        part[i] = fixed_mul_at(&part[i], &gain);
+        part[i] = fixed_mul_q30(part[i], gain);
     }
 }
 

@@ -9,7 +9,7 @@ _Static_assert(sizeof(struct vector) == 3 * sizeof(int32_t),
 int32_t vector_square_q30(const struct vector *v) {
     int32_t sum = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        sum += fixed_mul_at(&v->axis[axis], &v->axis[axis]);
+        sum += fixed_mul_q30(v->axis[axis], v->axis[axis]);
     }
     return sum;
 }
