@@ -13,7 +13,7 @@ void lowpass_axis_step(struct lowpass_axis *axis,
     }
     const int32_t middle = fixed_mul_q30(
         axis->band + fixed_mul_q30(error, gain->integrator), gain->feedback);
-    fixed_add(2 * fixed_mul_q30(middle, gain->integrator), &axis->level);
+    axis->level += 2 * fixed_mul_q30(middle, gain->integrator);
     axis->band = 2 * middle - axis->band;
 }
 
