@@ -6,12 +6,13 @@ properties that these tests record: pytest -o junit_family=xunit1 --junitxml FIL
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,9 @@ BACK_S = 2.0
 
 # The wire is pulled at so many places of a frame, and at both of its ends.
 PLACES = 12
+
+# Between two messages of a probe that streams.
+STREAM_S = 0.01
 
 Record = Callable[[str, object], None]
 
@@ -90,7 +94,7 @@ class Bench:
         self.port.vanish()
 
 
-@contextmanager
+@contextlib.contextmanager
 def bench(directory: Path, settings: str = "") -> Iterator[Bench]:
     made = Bench(directory, settings)
     try:
@@ -241,13 +245,17 @@ def test_a_probes_own_settings_are_applied_whenever_it_appears(
 def test_a_second_start_while_it_streams_is_back_in_2_s(
     tmp_path: Path, record_property: Record
 ) -> None:
+    """In the probe's time, which a busy machine slows down as it does the daemon."""
     probe, port = FakeProbe(), Port(tmp_path / "port")
+    os.set_blocking(port.master, False)
     ended = threading.Event()
 
     def stream() -> None:
-        while not ended.wait(0.01):
+        while not ended.wait(STREAM_S):
             is_due = probe.sequence % 100 == 0
-            port.write(probe.say("hello") if is_due else probe.say("pose"))
+            # What nobody reads is lost.
+            with contextlib.suppress(BlockingIOError):
+                port.write(probe.say("hello") if is_due else probe.say("pose"))
 
     streamer = threading.Thread(target=stream, daemon=True)
     streamer.start()
@@ -256,9 +264,9 @@ def test_a_second_start_while_it_streams_is_back_in_2_s(
         for _ in range(3):
             with DaemonProcess(port.path, directory=tmp_path, log=False) as daemon:
                 daemon.expect("listens on")
-                begin = time.monotonic()
+                begin = probe.sequence
                 daemon.expect("found on")
-                slowest_s = max(slowest_s, time.monotonic() - begin)
+                slowest_s = max(slowest_s, STREAM_S * (probe.sequence - begin))
                 daemon.process.kill()
     finally:
         ended.set()
