@@ -6,6 +6,9 @@ has keys.
 from __future__ import annotations
 
 import json
+import os
+import queue
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,12 +18,12 @@ import pytest
 import zenoh
 import zenoh.ext
 
-from fakes import DaemonProcess
+from fakes import PATIENCE_S, DaemonProcess
 from guarded import PROBE, WHILE_S, Guarded, heard, tls_endpoint
 from imud import cli
 from imud.client import Client
 from imud.errors import DaemonNotFound
-from imud.net import keys, network
+from imud.net import keys, network, refusals
 from imud.net.network import Credentials
 
 
@@ -130,6 +133,39 @@ def test_with_mutual_tls_password_and_certificate_have_to_be_of_one_user(
             assert "(viewer) asked" in line
         finally:
             session.close()
+
+
+def denied(session: str) -> bytes:
+    """A line of Zenoh's log, as refusals.py reads them."""
+    return f"demux{{ src=demux/{session}}}: a message was intercepted\n".encode()
+
+
+def test_a_denied_message_waits_for_the_name_of_who_sent_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(refusals, "_known", {})
+    source, end = os.pipe()
+    told: queue.Queue[str] = queue.Queue()
+    reader = threading.Thread(
+        target=refusals._read_log, args=(source, lambda _, line: told.put(line))
+    )
+    reader.start()
+    try:
+        os.write(end, denied("0abcdef0"))
+        with pytest.raises(queue.Empty):
+            told.get(timeout=0.1)
+        refusals.know("abcdef0123456789", "the viewer")
+        assert "the viewer asked" in told.get(timeout=PATIENCE_S)
+        # It waits once for a session that nobody names.
+        monkeypatch.setattr(refusals, "NAMED_S", 0.0)
+        os.write(end, denied("12345678"))
+        assert "somebody asked" in told.get(timeout=PATIENCE_S)
+        monkeypatch.setattr(refusals, "NAMED_S", 10 * PATIENCE_S)
+        os.write(end, denied("12345678"))
+        assert "somebody asked" in told.get(timeout=PATIENCE_S)
+    finally:
+        os.close(end)
+        reader.join()
 
 
 def test_with_mutual_tls_an_unknown_certificate_or_none_is_refused(

@@ -15,6 +15,10 @@ import zenoh
 
 KNOWN_MAX = 256  # sessions whose name is remembered
 
+# Zenoh tells who connected in a thread of its own, maybe after it has denied the first
+# message of that session. So long a line waits for its session's name.
+NAMED_S = 2.0
+
 # Lines of Zenoh's log: an accepted link, and one that is then refused.
 _LINK = re.compile(r"Accepted \w+ connection on \S+?: (?P<who>[^\s.]\S*?)\.?(?:\s|$)")
 _REFUSED = re.compile(r"establishment::accept: (?P<why>.*?)\.?(?: at /.*)?$")
@@ -38,13 +42,25 @@ _SESSION_DIGITS = 7
 
 # Names of sessions by the first digits of their ids. Zenoh has one log a process.
 _known: dict[str, str] = {}
+_has_more = threading.Condition()
 
 
 def know(session_id: str, who: str) -> None:
     """Remembers a session's name for the line about a message it was denied."""
-    while len(_known) >= KNOWN_MAX:
-        _known.pop(next(iter(_known)), None)
-    _known[session_id[:_SESSION_DIGITS]] = who
+    with _has_more:
+        while len(_known) >= KNOWN_MAX:
+            del _known[next(iter(_known))]
+        _known[session_id[:_SESSION_DIGITS]] = who
+        _has_more.notify_all()
+
+
+def _name_of(session_id: str) -> str:
+    """Waits for the name, but only once: later messages find "somebody"."""
+    digits = session_id.lstrip("0")[:_SESSION_DIGITS]
+    with _has_more:
+        if not _has_more.wait_for(lambda: digits in _known, NAMED_S):
+            know(digits, "somebody")
+        return _known[digits]
 
 
 def tell_refusals(tell: Callable[[str, str], None]) -> None:
@@ -80,8 +96,7 @@ def _read_log(source: int, tell: Callable[[str, str], None]) -> None:
                 if not refused["why"].startswith("New transport"):
                     tell("refused", f"network: {who} was refused: {refused['why']}")
             elif denied := _DENIED.search(line):
-                session = denied["session"].lstrip("0")[:_SESSION_DIGITS]
-                by = _known.get(session, "somebody")
+                by = _name_of(denied["session"])
                 tell("denied", f"network: {by} asked for what its role does not allow")
             elif "zenoh" not in line:  # printed by another library
                 sys.stderr.write(f"{line}\n")
