@@ -2,11 +2,15 @@
 // A run of a virtual board from its start to its end, in real time or as fast as it
 // goes; see run.h.
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <signal.h>
+#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "run_parts.h"
 
@@ -14,6 +18,10 @@ enum {
     TICK_US = 1000,             // how often cable and wall clock are looked at
     SETTLE_US = 20000,          // time for frames to leave after the last record
     PACE_SLACK_NS = 200000000,  // a larger delay is not caught up
+    // With --now: the steps of the host's time. No large delay is caught up, because
+    // time would run too fast for the host.
+    NOW_TICK_US = 100,
+    NOW_SLACK_NS = 1000000,
 };
 
 static volatile sig_atomic_t wants_stop;
@@ -92,7 +100,12 @@ static int64_t wall_ns(void) {
     return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
 }
 
-// Converts a device time to nanoseconds of the wall clock since power came, with the
+// The host's time: what it is told by --now, or the wall clock.
+static int64_t host_ns(const struct run *run) {
+    return run->now_ns == NULL ? wall_ns() : atomic_load(run->now_ns);
+}
+
+// Converts a device time to nanoseconds of the host's time since power came, with the
 // clock's error.
 static int64_t after_power(const struct run *run, uint64_t tick) {
     const double device_ns = (double)run->board->nanoseconds(tick);
@@ -102,17 +115,22 @@ static int64_t after_power(const struct run *run, uint64_t tick) {
     return llround(device_ns - device_ns * fast_ppm * 1e-6);
 }
 
-// Waits until the wall clock has come as far as the device.
+// Waits until the wall clock has come as far as the device. Tells the host's time.
 static void pace(struct run *run) {
-    const uint64_t now = run->board->now(run->self);
-    const int64_t ahead = run->power_ns + after_power(run, now) - wall_ns();
+    const int64_t run_ns = after_power(run, run->board->now(run->self));
+    const int64_t slack_ns = run->now_ns == NULL ? PACE_SLACK_NS : NOW_SLACK_NS;
+    const int64_t ahead = run->pace_ns + run_ns - wall_ns();
     if (ahead > 0) {
         const struct timespec wait = {.tv_sec = ahead / 1000000000,
                                       .tv_nsec = ahead % 1000000000};
         (void)nanosleep(&wait, NULL);
-    } else if (ahead < -PACE_SLACK_NS) {
-        run->power_ns -= ahead;
-        run->caught_up_ns += (uint64_t)-ahead;
+    } else if (ahead < -slack_ns) {
+        run->pace_ns -= ahead;
+    }
+    if (run->now_ns == NULL) {
+        run->power_ns = run->pace_ns;
+    } else {
+        atomic_store(run->now_ns, run->power_ns + run_ns);
     }
 }
 
@@ -120,7 +138,7 @@ static void pace(struct run *run) {
 // multiples of its latency, or by a busy host, which reads nothing for a while once a
 // second.
 static bool is_held(const struct run *run) {
-    const double now_ms = (double)(wall_ns() - run->power_ns) * 1e-6;
+    const double now_ms = (double)(host_ns(run) - run->power_ns) * 1e-6;
     const double batch_ms = run->options.batch_ms;
     if (batch_ms > 0.0 && fmod(now_ms, batch_ms) >= TICK_US / 1000.0) {
         return true;
@@ -141,9 +159,9 @@ static void exchange(struct run *run, bool is_paced) {
     if (run->inbox_count == 0 &&
         run->board->line_count(run->self) < sizeof run->inbox) {
         run->inbox_count = cable_get(run->cable, run->inbox, sizeof run->inbox);
-        run->inbox_ns = wall_ns();
+        run->inbox_ns = host_ns(run);
     }
-    // Where the board is behind the wall clock, a byte must not be received before it
+    // Where the board is behind the host's time, a byte must not be received before it
     // was sent.
     const int64_t now_ns = run->power_ns + after_power(run, run->board->now(run->self));
     if (is_paced && now_ns < run->inbox_ns) {
@@ -158,9 +176,10 @@ static void exchange(struct run *run, bool is_paced) {
 // False when the processor can't go on.
 static bool run_all(struct run *run) {
     const struct run_board *board = run->board;
-    const uint64_t step = TICK_US * board->ticks_per_us;
+    const uint64_t tick_us = run->now_ns == NULL ? TICK_US : NOW_TICK_US;
+    const uint64_t step = tick_us * board->ticks_per_us;
     const bool is_paced = run->cable != NULL && !run->options.is_fast;
-    run->power_ns = is_paced ? wall_ns() : 0;
+    run->power_ns = run->pace_ns = is_paced ? host_ns(run) : 0;
     uint64_t tick = 0;
     while (!run_is_stopping() && !run->is_over) {
         uint64_t until = tick + step;
@@ -212,6 +231,26 @@ static int begin_profile(struct run *run) {
     return 0;
 }
 
+static int open_now(struct run *run) {
+    const char *path = run->options.now;
+    const int file = open(path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+    if (file < 0) {
+        return run_complain(run, path, "can't be written");
+    }
+    void *map = MAP_FAILED;
+    if (ftruncate(file, sizeof *run->now_ns) == 0) {
+        map = mmap(NULL, sizeof *run->now_ns, PROT_READ | PROT_WRITE, MAP_SHARED, file,
+                   0);
+    }
+    (void)close(file);
+    if (map == MAP_FAILED) {
+        return run_complain(run, path, "can't be written");
+    }
+    run->now_ns = map;
+    atomic_store(run->now_ns, wall_ns());
+    return 0;
+}
+
 static int set_up(struct run *run) {
     const struct run_options *options = &run->options;
     if (options->faults != NULL &&
@@ -236,6 +275,9 @@ static int set_up(struct run *run) {
         if (run->record == NULL) {
             return run_complain(run, options->record, "can't be written");
         }
+    }
+    if (options->now != NULL && (code = open_now(run)) != 0) {
+        return code;
     }
     if (options->pty != NULL) {
         run->cable = malloc(sizeof *run->cable);

@@ -30,6 +30,7 @@ enum {
     " [--seed N]\n"                                                                    \
     "            [--clock-ppm N] [--clock-drift PPM_S] [--batch-ms N]"                 \
     " [--burst-ms N]\n"                                                                \
+    "            [--now FILE]\n"                                                       \
     "            [--faults FILE] [--press START_US:END_US]... [--send US:HEX]...\n"
 
 // What a board reports at the end of a run.
@@ -121,6 +122,7 @@ struct run_event {
 struct run_options {
     const char *image, *motion, *pty, *record, *summary, *memory, *faults;
     const char *profile, *parts;
+    const char *now;  // the run's time is kept here; see run_main()
     bool is_fast;
     double seconds;             // 0: no limit
     double clock_ppm, drift;    // how fast its clock is; growth of that, ppm a second
@@ -148,9 +150,10 @@ struct run {
     struct faults faults;
     struct run_event events[RUN_EVENTS_MAX];
     unsigned event_count;
-    int64_t power_ns;       // wall clock when power came; 0: not paced
-    uint64_t caught_up_ns;  // delay against the wall clock that was given up
-    uint8_t inbox[256];     // read from the cable at inbox_ns, wall clock
+    int64_t power_ns;  // the host's time when power came; 0: not paced
+    int64_t pace_ns;   // wall clock at which power would have come without delays
+    _Atomic int64_t *now_ns;  // the file of --now. Null: the host has the wall clock
+    uint8_t inbox[256];       // read from the cable at inbox_ns, the host's time
     size_t inbox_count;
     int64_t inbox_ns;
     bool is_scheduled;
@@ -171,6 +174,11 @@ struct run {
 };
 
 // Runs the board as its arguments say. Returns the exit code.
+//
+// With --now, the file holds the time that the run has come to, every 0.1 ms: ns
+// as int64_t in this machine's byte order, from the wall clock's time when power came.
+// A program that maps it and takes it for its clock sees a probe in real time, however
+// often a busy machine makes the run stand still.
 int run_main(struct run *run, const struct run_board *board, void *self,
              char **arguments);
 // Fills the memory that survives power from the file of --eeprom, if given; for the

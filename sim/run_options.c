@@ -82,11 +82,17 @@ static bool set_path(const struct run_path *paths, const char *name,
 static const char *set_option(struct run *run, const char *name, const char *value) {
     struct run_options *options = &run->options;
     const struct run_path paths[] = {
-        {"--image", &options->image},     {"--motion", &options->motion},
-        {"--pty", &options->pty},         {"--record", &options->record},
-        {"--summary", &options->summary}, {"--eeprom", &options->memory},
-        {"--faults", &options->faults},   {"--profile", &options->profile},
-        {"--parts", &options->parts},     {NULL, NULL},
+        {"--image", &options->image},
+        {"--motion", &options->motion},
+        {"--pty", &options->pty},
+        {"--record", &options->record},
+        {"--summary", &options->summary},
+        {"--eeprom", &options->memory},
+        {"--faults", &options->faults},
+        {"--profile", &options->profile},
+        {"--parts", &options->parts},
+        {"--now", &options->now},
+        {NULL, NULL},
     };
     if (set_path(paths, name, value) || set_path(run->board->paths, name, value)) {
         return NULL;
@@ -171,6 +177,9 @@ int run_parse_options(struct run *run, char **rest) {
     }
     if (options->pty != NULL && options->record != NULL) {
         return 1 + run_usage(run, "--pty and --record exclude each other", NULL);
+    }
+    if (options->now != NULL && (options->pty == NULL || options->is_fast)) {
+        return 1 + run_usage(run, "--now needs --pty and real time", NULL);
     }
     const char *problem = board->check == NULL ? NULL : board->check(run->self);
     if (problem == NULL && options->parts != NULL && options->profile == NULL) {

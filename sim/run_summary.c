@@ -82,7 +82,6 @@ static void write_numbers(FILE *file, const struct run *run,
         {"bus_transactions", report->bus_transactions},
         {"power_ns", (uint64_t)run->power_ns},
         {"clock_start_ns", start == RUN_NEVER ? 0 : run->board->nanoseconds(start)},
-        {"caught_up_ns", run->caught_up_ns},
     };
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
         (void)fprintf(file, "  \"%s\": %" PRIu64 ",\n", numbers[i].name,
