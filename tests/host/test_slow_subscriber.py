@@ -59,7 +59,6 @@ def resident_mb(pid: int) -> float:
     return int(line.split()[1]) / 1024
 
 
-@pytest.mark.timeout(300)
 def test_a_subscriber_that_stands_still_costs_another_nothing(
     tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:

@@ -94,7 +94,6 @@ def run(stub: Stub, link: tuple[object, ...]) -> Run:
     return Run(got, status, summary)
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize("link", LINKS.values(), ids=LINKS)
 def test_samples_are_timed_to_a_millisecond(
     stub: Stub, link: tuple[object, ...]
