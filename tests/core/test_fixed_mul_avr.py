@@ -119,6 +119,7 @@ class Hashes:
         )
         for i, result in enumerate(results):
             self.mix(i, result)
+        self.mix(0, results[0])  # of numbers in memory
         v = [signed(a), signed(b), signed(a ^ b)]
         p, q = [*v, signed(a + b)], [*v[1:], signed(a - b), v[0]]
         for number in multiplied(p, q):

@@ -65,6 +65,7 @@ static void multiply(uint32_t a, uint32_t b) {
     mix(&hashes[1], (uint32_t)fixed_mul_q32((int32_t)a, (int32_t)b));
     mix(&hashes[2], fixed_umul_q32(a, b));
     const int32_t v[3] = {(int32_t)a, (int32_t)b, (int32_t)(a ^ b)};
+    mix(&hashes[0], (uint32_t)fixed_mul_at(&v[0], &v[1]));
     const int16_t m[3] = {(int16_t)(b >> 8), (int16_t)a, (int16_t)(a + b)};
     mix(&hashes[3], (uint32_t)fixed_dot3_q14(v, m));
     // In place, as the filter does.
