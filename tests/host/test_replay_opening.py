@@ -185,6 +185,7 @@ def test_who_subscribes_late_asks_for_the_params_in_force(
         playing.start()
         try:
             assert held.reached.wait(PATIENCE_S)
+            client.wait_for("left", seconds=PATIENCE_S)
             said = client.params("left")
             with pytest.raises(CommandRefused, match="the replay of a log, which"):
                 client.params_history("left")
