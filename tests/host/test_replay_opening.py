@@ -5,6 +5,7 @@ is a later part of a longer one, and tells them to late subscribers.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import threading
@@ -175,11 +176,14 @@ def test_who_subscribes_late_asks_for_the_params_in_force(
     path = write(tmp_path / "in", put)
     held = Held()
     monkeypatch.setattr(replay, "Pace", lambda _: held)
-    with (
-        DaemonProcess(tmp_path / "none", directory=tmp_path, log=False) as daemon,
-        Client(daemon.endpoint) as client,
-        Client(daemon.endpoint) as player,
-    ):
+    with contextlib.ExitStack() as stack:
+        daemon = stack.enter_context(
+            DaemonProcess(tmp_path / "none", directory=tmp_path, log=False)
+        )
+        daemon.expect("listens on")
+        client, player = (
+            stack.enter_context(Client(daemon.endpoint)) for _ in range(2)
+        )
         what = replay.recording([path])
         playing = threading.Thread(target=replay.to_network, args=(what, player, None))
         playing.start()
