@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 BATCHES, BATCH = 25, 1024
-SECONDS = 34  # the program takes 31 s
+SECONDS = 42  # the program takes 34 s, that of avr-gcc 14.2 up to 3 s more
 
 EDGES = (
     *(0, 1, -1, 2, -2, 32767, 32768, -32768, 65535, 65536),
