@@ -5,16 +5,15 @@ told before the log began.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import msgspec
 
+from imud.log.reader import METADATA_OF_PROBES
 from imud.params.value import payload_of
 from imud.wire import messages
 from imud.wire.messages import Message
-from imud.wire.params import PART, digest_of
+from imud.wire.params import digest_of, messages_of
 
-HELLO, PARAMS = "hello", "params_records"  # topics of the metadata
+HELLO, PARAMS = (METADATA_OF_PROBES[name] for name in ("hello", "params"))
 
 
 class Opening:
@@ -65,7 +64,10 @@ class Opening:
         message, records = messages.decode(first), self.records
         if self._hello is None or not records or not isinstance(message, Message):
             return []
-        told = [("hello", self._hello.fields), *_parts(records)]
+        told = [
+            ("hello", self._hello.fields),
+            *(("params", fields) for fields in messages_of(records)),
+        ]
         begin = message.sequence - len(told)
         if begin < 0:
             return []
@@ -73,16 +75,3 @@ class Opening:
             messages.encode(name, fields, begin + number, message.time_us)
             for number, (name, fields) in enumerate(told)
         ]
-
-
-def _parts(records: bytes) -> Iterator[tuple[str, dict[str, messages.Value]]]:
-    for at in range(0, len(records), PART):
-        yield (
-            "params",
-            {
-                "set_digest": digest_of(records),
-                "set_length": len(records),
-                "part_offset": at,
-                "part": records[at : at + PART].ljust(PART, b"\0"),
-            },
-        )

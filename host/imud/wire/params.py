@@ -36,6 +36,17 @@ def words_of(records: bytes) -> Iterator[tuple[int, int]]:
         yield at, int.from_bytes(word, "little", signed=True)
 
 
+def messages_of(records: bytes) -> Iterator[dict[str, Value]]:
+    """The fields of each message `params` by which a probe tells the records."""
+    for at in range(0, len(records), PART):
+        yield {
+            "set_digest": digest_of(records),
+            "set_length": len(records),
+            "part_offset": at,
+            "part": records[at : at + PART].ljust(PART, b"\0"),
+        }
+
+
 def parts_of(records: bytes) -> dict[str, dict[str, Value]]:
     """The values of the records that this imud knows, by record and part. Parts that
     an older writer left out are None; parts and records behind a torn end are missing.
