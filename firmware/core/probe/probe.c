@@ -27,7 +27,7 @@ static void make_id(struct probe *probe) {
     if (probe->port->unique_id(id)) {
         return;
     }
-    uint16_t words[4];
+    uint16_t words[4];  // not initialised by a table, which would take RAM on the AVR
     for (uint8_t i = 0; i < 4; ++i) {
         words[i] = (uint16_t)(i + 1);
     }
