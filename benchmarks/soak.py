@@ -73,6 +73,8 @@ class Pruned:
     def prune(self, *, is_end: bool = False) -> None:
         files = sorted(self.folder.glob("*.mcap"), key=lambda path: path.stat().st_ino)
         files.sort(key=lambda path: path.stat().st_mtime_ns)
+        # The next file is there before the last bytes of the one before it are.
+        files = [path for path in files if path.stat().st_size > 0]
         for path in files if is_end else files[:-1]:
             with path.open("rb") as file:
                 summary = make_reader(file).get_summary()
