@@ -18,8 +18,8 @@ from twin import Course, Params
 from imud.rotation import FloatArray
 
 # The parameters of the stated errors.
-TILT = ("tilt_floor", "tilt_rate")
-HEADING = ("heading_floor", "covariance_share", "level_error")
+TILT = ("tilt_floor", "tilt_drift")
+HEADING = ("heading_floor", "covariance_share", "level_drift", "residual_share")
 FACTOR = 2.0  # at most between a drawn parameter and the firmware's, up or down
 INSIDE = 0.95  # the share of true errors that stated ones should hold
 
@@ -43,31 +43,37 @@ class Terms:
 
     tilt: FloatArray
     heading: FloatArray
-    rate: FloatArray  # of tilt, for a tilt_rate of 1
+    drift: FloatArray  # of tilt, for a tilt_drift of 1
     across: FloatArray  # of heading, for all of the field's covariance
-    leaning: FloatArray  # of heading, for a level_error of 1
+    leaning: FloatArray  # of heading, for a level_drift of 1
+    residual: FloatArray  # of heading, for all of what readings surprise by
 
     @staticmethod
     def of(course: Course, params: Params) -> Terms:
         none = dict(params) | dict.fromkeys((*TILT, *HEADING), 0.0)
-        one, other = (
+        one, *others = (
             course.track(none | dict.fromkeys(names, 1.0), course.samples)
-            for names in (("tilt_rate", "covariance_share"), ("level_error",))
+            for names in (
+                ("tilt_drift", "covariance_share"),
+                ("level_drift",),
+                ("residual_share",),
+            )
         )
         found = scoring.errors(one.quats, course.truth)
-        terms = (*one.sigmas_deg.T, other.sigmas_deg[:, 1])
+        terms = (*one.sigmas_deg.T, *(each.sigmas_deg[:, 1] for each in others))
         rows = np.stack([found.inclination, found.heading, *terms])
         return Terms(*rows[:, np.isfinite(rows).all(axis=0)])
 
     def tilt_inside(self, params: Params) -> float:
-        squares = params["tilt_floor"] ** 2 + params["tilt_rate"] ** 2 * self.rate**2
+        squares = params["tilt_floor"] ** 2 + params["tilt_drift"] ** 2 * self.drift**2
         return share_inside(self.tilt, squares)
 
     def heading_inside(self, params: Params) -> float:
         squares = (
             params["heading_floor"] ** 2
             + params["covariance_share"] * self.across**2
-            + params["level_error"] ** 2 * self.leaning**2
+            + params["level_drift"] ** 2 * self.leaning**2
+            + params["residual_share"] * self.residual**2
         )
         return share_inside(self.heading, squares)
 
@@ -80,14 +86,7 @@ def coverage(course: Course, params: Params) -> Coverage:
     """Shares of true errors inside those that the filter states."""
     track = course.track(params, course.samples)
     found = scoring.errors(track.quats, course.truth)
-    shares, nulls = [], []
-    for error, sigma in zip(
-        (found.inclination, found.heading), track.sigmas_deg.T, strict=True
-    ):
-        is_stated = np.isfinite(error) & np.isfinite(sigma)
-        shares.append(share_inside(error[is_stated], sigma[is_stated] ** 2))
-        nulls.append(float(1.0 - is_stated.sum() / np.isfinite(error).sum()))
-    return Coverage(*shares, *nulls)
+    return scoring.coverage_of(found, *track.sigmas_deg.T)
 
 
 def by_group(courses: Sequence[Course], values: Iterable[T]) -> dict[str, list[T]]:

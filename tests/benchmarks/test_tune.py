@@ -27,10 +27,11 @@ FOLDED = ("01_made", "03_made", "05_made")  # one of each fold
 # Of itself, more than it should be.
 SURE = {
     "tilt_floor": 0.05,
-    "tilt_rate": 0.05,
+    "tilt_drift": 0.05,
     "heading_floor": 0.005,
     "covariance_share": 0.001,
-    "level_error": 0.01,
+    "level_drift": 0.01,
+    "residual_share": 0.001,
 }
 
 
@@ -68,7 +69,8 @@ def assert_same(one: engines.Estimate, other: engines.Estimate) -> None:
     assert np.sqrt(np.mean(apart**2)) < 0.02
     for name in ("tilt_sigma_deg", "heading_sigma_deg"):
         mine, theirs = getattr(one, name), getattr(other, name)
-        assert np.array_equal(np.isnan(mine), np.isnan(theirs))
+        # They may leave the largest stated error at different poses.
+        assert np.mean(np.isnan(mine) != np.isnan(theirs)) < 0.01
         assert np.nanmax(np.abs(mine - theirs)) < 0.05
 
 
@@ -93,7 +95,7 @@ def test_the_twin_is_within_0_02_degrees_of_the_firmware_on_a_recording(
 def test_every_parameter_has_a_name_and_a_place() -> None:
     known = twin.defaults()
     assert known["lag_s"] == 0.0125
-    assert known["level_error"] == 0.3
+    assert known["level_drift"] == 6
     assert all(value > 0 for value in known.values())
     drawn = {*tune.ESTIMATE, *stated.TILT, *stated.HEADING}
     taken = {name for part in without.PARTS.values() for name in part}
@@ -152,7 +154,7 @@ def test_begun_in_motion_nothing_has_calibrated_the_gyroscope(tmp_path: Path) ->
         course.score(twin.defaults() | dict(without.PARTS[part]))[0].inclination
         for part in (without.WHOLE, "bias")
     ]
-    assert scores[0] < 0.7 * scores[1]
+    assert scores[0] < 0.85 * scores[1]
 
 
 def test_what_is_drawn_is_within_a_factor_of_two_and_the_same_for_a_seed() -> None:
@@ -184,17 +186,20 @@ def test_what_is_stated_is_chosen_to_hold_95_percent(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     random = np.random.default_rng(1)
-    rate, across, leaning = random.uniform(0.5, 3.0, (3, 20_000))
+    drift, across, leaning, residual = random.uniform(0.1, 3.0, (4, 20_000))
     known = twin.defaults()
     # Errors half as large again as the firmware has them.
-    tilt = 1.5 * np.hypot(known["tilt_floor"], known["tilt_rate"] * rate)
+    tilt = 1.5 * np.hypot(known["tilt_floor"], known["tilt_drift"] * drift)
     heading = 1.5 * np.sqrt(
         known["heading_floor"] ** 2
         + known["covariance_share"] * across**2
-        + (known["level_error"] * leaning) ** 2
+        + (known["level_drift"] * leaning) ** 2
+        + known["residual_share"] * residual**2
     )
     tilt, heading = random.standard_normal((2, 20_000)) * [tilt, heading]
-    terms = stated.Terms(np.abs(tilt), np.abs(heading), rate, across, leaning)
+    terms = stated.Terms(
+        np.abs(tilt), np.abs(heading), drift, across, leaning, residual
+    )
     monkeypatch.setattr(stated.Terms, "of", lambda *_: terms)
     assert terms.tilt_inside(known) == pytest.approx(0.81, abs=0.01)
     assert terms.heading_inside(known) == pytest.approx(0.81, abs=0.01)

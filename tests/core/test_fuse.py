@@ -100,21 +100,22 @@ def test_motion_is_followed_at_every_rate_of_the_house(rate_hz):
     begun = 5 * rate_hz
     assert rms(desk.tilt_deg(found, felt.quat)[begun:]) < 1.0
     assert not quality["is_mag_absent"][begun:].any()
-    assert quality["tilt_sigma_cdeg"][begun:].min() >= 28
+    assert quality["tilt_sigma_cdeg"][begun:].min() >= 40
     # 95 of 100 within two sigmas.
     tilt = desk.tilt_deg(found, felt.quat)[begun:]
     assert np.mean(tilt < 0.02 * quality["tilt_sigma_cdeg"][begun:]) > 0.95
 
 
-def test_the_tilt_sigma_grows_with_the_motion():
-    felt = scene(at_rest(20), 200)
-    felt.gyr[2000:3000, 2] = 500 * DEGREE
-    quality = centred(200).feel(felt)[2]
+def test_the_tilt_sigma_grows_with_what_levelling_goes_on_to_correct():
+    felt = scene(at_rest(60), 200)
+    felt.gyr[2000:3000, 0] += 3 * DEGREE  # a turn that never was
+    found, _, quality = centred(200).feel(felt)
     sigma = quality["tilt_sigma_cdeg"].astype(int)
     assert (sigma[:599] == NOT_KNOWN).all()
-    assert 28 <= sigma[1900] <= 30
-    assert 80 <= sigma[2990] <= 120
-    assert sigma[-1] < sigma[2990]
+    assert sigma[1900] == 40
+    assert desk.tilt_deg(found, felt.quat)[2990] > 1.5
+    assert 150 <= sigma[2990] <= 600
+    assert sigma[-1] < 100
 
 
 def passing_magnet(felt: Scene, begin_s: float, end_s: float) -> Scene:
@@ -126,13 +127,15 @@ def passing_magnet(felt: Scene, begin_s: float, end_s: float) -> Scene:
     return felt
 
 
-def test_a_passing_magnet_tilts_nothing_not_even_by_a_bit():
+def test_a_passing_magnet_tilts_by_little_through_what_it_tells_of_the_gyroscope():
     quat = tumble(30, 200, 4)
     calm = centred(200).feel(scene(quat, 200, seed=6))
     disturbed = centred(200).feel(passing_magnet(scene(quat, 200, seed=6), 8, 20))
-    assert np.array_equal(calm[1], disturbed[1])
     assert not np.array_equal(calm[0], disturbed[0])
-    for name in ("tilt_sigma_cdeg", "is_at_rest", "is_starting"):
+    tilts = [desk.tilt_deg(found, quat) for found, _, _ in (calm, disturbed)]
+    assert np.abs(tilts[0] - tilts[1]).max() < 0.15
+    assert rms(tilts[1]) < 1.3 * rms(tilts[0])
+    for name in ("is_at_rest", "is_starting"):
         assert np.array_equal(calm[2][name], disturbed[2][name])
 
 

@@ -43,8 +43,8 @@ def test_clipped_sensors_leave_a_sound_quaternion_and_the_level_comes_back():
     felt.gyr[1400:] = 0
     felt.acc[1400:] = (0, 0, G)
     found, _, quality = centred(200).feel(felt)
-    # 0.20 deg a 100 deg/s, of the 3464 deg/s of a corner, half forgotten by the mean.
-    assert 450 < quality["tilt_sigma_cdeg"][1399] < 650
+    # Levelling corrects more than it is believed to: the limit, partly forgotten.
+    assert 600 < quality["tilt_sigma_cdeg"][1399] < 1100
     assert np.abs(desk.norms(found) / ONE - 1).max() < 1e-6
     assert desk.tilt_deg(found[-1:], LEVEL[None])[0] < 0.5
 

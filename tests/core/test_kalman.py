@@ -70,8 +70,8 @@ def test_gains_and_covariance_are_those_of_doubles(states):
 
 
 def test_the_indices_of_variances():
-    assert [lib.kalman_variance(state) for state in range(6)] == [0, 2, 5, 9, 14, 20]
-    assert lib.KALMAN_PAIRS == 21
+    assert [lib.kalman_variance(a) for a in range(7)] == [0, 2, 5, 9, 14, 20, 27]
+    assert lib.KALMAN_PAIRS == 28
 
 
 @pytest.mark.parametrize("noise", [1, 2**20, 2**29, 2**30 - 2])

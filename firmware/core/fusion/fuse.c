@@ -9,7 +9,7 @@
 
 enum {
     STAGES = 10,         // of a frame: at 100 samples a second, one a sample
-    STEP_MAX_US = 7500,  // 41.4 rad/s an axis and 2 % of scale turn 0.55 rad in it
+    STEP_MAX_US = 7000,  // 41.4 rad/s an axis and 8 % of scale turn 0.55 rad in it
     UNSETTLED = 100,     // frames after lost motion in which levelling tells no bias
     FIELD_ABSENT = 10,   // frames without a reading
 };
@@ -17,7 +17,7 @@ enum {
 // The numbers of one part of a step are not on the stack while another runs.
 #define NOINLINE __attribute__((noinline))
 
-#define INTERVAL_MAX_US UINT16_C(60000)  // is integrated: eight steps
+#define INTERVAL_MAX_US UINT16_C(60000)  // is integrated: nine steps
 
 // Seconds times 2^35, so that rad/s q7_25 gives rad q2_30, within 4e-7 of them. Needs
 // |us| <= 15000.
@@ -61,31 +61,29 @@ NOINLINE static void integrate(struct fuse *fuse, uint16_t interval_us) {
         const uint16_t part = interval_us > STEP_MAX_US ? STEP_MAX_US : interval_us;
         interval_us = (uint16_t)(interval_us - part);
         struct vector angle;
-        int32_t seconds = seconds_q35(part);
-        seconds += fixed_mul_q30(seconds, fuse->scale);
-        vector_scale(&fuse->rate_rad_s_q25, seconds, &angle);
+        vector_scale(&fuse->rate_rad_s_q25, seconds_q35(part), &angle);
         fuse_turn(&fuse->inertial_from_body, &angle);
     }
 }
 
-// Turns v to the inertial frame and adds it, with 8 bits less, to a sum over the frame.
-static void add_turned(const struct matrix *inertial_from_body, const struct vector *v,
-                       struct vector *sum) {
-    int32_t coarse[3];
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        coarse[axis] = fixed_scale_down(v->axis[axis], 8);
-    }
-    for (uint8_t row = 0; row < 3; ++row) {
-        fixed_add(fixed_dot3_q14(coarse, inertial_from_body->row[row]),
-                  &sum->axis[row]);
-    }
-}
-
+// Adds the force, and the rate about each axis of the body, to the sums over the frame.
 NOINLINE static void add_to_means(struct fuse *fuse, const struct vector *force) {
     struct matrix inertial_from_body;
+    int32_t coarse[3];  // m/s2 q13
+    int16_t rate[3];    // rad/s q9
     matrix_from_quat(&fuse->inertial_from_body, &inertial_from_body);
-    add_turned(&inertial_from_body, force, &fuse->force_sum_q13);
-    add_turned(&inertial_from_body, &fuse->rate_rad_s_q25, &fuse->turn_sum_q17);
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        coarse[axis] = fixed_scale_down(force->axis[axis], 8);
+        rate[axis] = (int16_t)fixed_scale_down(fuse->rate_rad_s_q25.axis[axis], 16);
+    }
+    for (uint8_t row = 0; row < 3; ++row) {
+        const q2_14_t *turn = inertial_from_body.row[row];
+        fixed_add(fixed_dot3_q14(coarse, turn), &fuse->force_sum_q13.axis[row]);
+        for (uint8_t axis = 0; axis < 3; ++axis) {
+            fixed_add(fixed_byte_floor((int32_t)turn[axis] * rate[axis]),
+                      &fuse->turn_sum_q15[axis].axis[row]);
+        }
+    }
 }
 
 void fuse_take_mean(const struct fuse *fuse, struct vector *sum, int32_t limit,
@@ -110,16 +108,10 @@ static void run_stage(struct fuse *fuse) {
         fuse_stage_reading(fuse);
         break;
     case 3:
-        if (at_rest) {
-            fuse_stage_rest(fuse);
-        } else {
-            fuse_stage_motion(fuse, 0);
-        }
+        fuse_stage_motion(fuse, 0);
         break;
     case 4:
-        if (!at_rest) {
-            fuse_stage_motion(fuse, 1);
-        }
+        fuse_stage_motion(fuse, 1);
         break;
     case 5:
         fuse_stage_field(fuse);
@@ -144,6 +136,10 @@ void fuse_take(struct fuse *fuse, const struct measurement *measurement,
     const bool is_first = fuse->frames == 0 && fuse->in_frame == 0;
     vector_subtract(&measurement->gyr_rad_s_q25, &fuse->bias_rad_s_q25,
                     &fuse->rate_rad_s_q25);
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        int32_t *rate = &fuse->rate_rad_s_q25.axis[axis];
+        fixed_add(fixed_mul_at(rate, &fuse->scale[axis]), rate);
+    }
     if (is_first) {
         fuse_take_first(fuse, &measurement->acc_m_s2_q21);
     } else {
@@ -216,13 +212,13 @@ void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
     out->is_mag_disturbed =
         !out->is_mag_absent && fuse->field_surprise > FUSE_FIELD_UNIT;
     out->is_heading_free = fuse_is_heading_free(fuse);
-    // 0.28^2 + (0.20 W / 100 deg/s)^2 deg2, W the rms rate over 3 s, as 1e-4 deg2:
-    // 784 + 131.3 (rad/s)^2. Fitted to recordings with optical truth.
-    const uint32_t tilt = 784 + fixed_umul_q32((uint32_t)fuse->rate_square, 2151420);
+    // 0.4 deg, and what levelling corrected in 10.4 s: (rad/s)^2 q2_30 to 1e-4 deg2 is
+    // 10.4^2 / 32.7. Fitted to made motions with exact truth (docs/motions.md).
+    const uint32_t tilt = 1600 + (uint32_t)fuse->drift_square * 10 / 3;
     out->tilt_sigma_cdeg = out->is_starting ? UINT16_MAX : fixed_sqrt(tilt);
-    // 0.6 deg, and the variance: rad2 q2_30 to 1e-4 deg2 is 0.030573.
+    // 0.4 deg, and the variance: rad2 q2_30 to 1e-4 deg2 is 0.030573.
     const uint32_t heading =
-        3600 + fixed_umul_q32((uint32_t)fuse->heading_variance, 131310000);
+        1600 + fixed_umul_q32((uint32_t)fuse->heading_variance, 131310000);
     out->heading_sigma_cdeg =
         out->is_starting || out->is_heading_free ? UINT16_MAX : fixed_sqrt(heading);
 }

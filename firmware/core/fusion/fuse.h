@@ -4,11 +4,11 @@
 // Of the VQF family (Laidig and Seel 2023, section 3): the gyroscope is integrated into
 // an almost-inertial frame, the specific force is low-passed there and levels it, and
 // heading is one angle beside it, so that a disturbed field never tilts the probe.
-// Beside them two small Kalman filters: one learns the gyroscope's bias and scale from
-// what levelling had to correct, one the field of the place and the probe's own, which
-// turns with it; and how late field readings are is learned from turns. Samples make
-// frames of 100 ms; all but the integration is done once a frame, in stages that no two
-// samples share.
+// Beside them two small Kalman filters: one learns the gyroscope's bias and three
+// scales from what levelling had to correct and from how the field turns, one the field
+// of the place and the probe's own, which turns with it; and how late field readings
+// are is learned from turns. Samples make frames of 100 ms; all but the integration is
+// done once a frame, in stages that no two samples share.
 #ifndef FUSE_H
 #define FUSE_H
 
@@ -20,7 +20,10 @@
 #include "core/math/quat.h"
 
 enum {
-    FUSE_MOTION_STATES = 4,
+    FUSE_FIELD_STATES = 6,
+    FUSE_FIELD_PAIRS = FUSE_FIELD_STATES * (FUSE_FIELD_STATES + 1) / 2,
+    FUSE_MOTION_STATES = 7,
+    FUSE_TURNS = 6,  // states that turn the probe: bias and scales
     FUSE_MOTION_PAIRS = FUSE_MOTION_STATES * (FUSE_MOTION_STATES + 1) / 2,
 };
 
@@ -32,11 +35,15 @@ struct fuse_coefficients {
     int32_t lead_s_q35;  // of the motion before what was integrated
 };
 
+struct fuse_regressor {
+    struct lowpass_short state[FUSE_TURNS];
+};
+
 // The smaller and the busier a member, the further up: the AVR reaches the first 64
 // bytes of a struct in one instruction.
 struct fuse {
     struct fuse_coefficients coefficients;
-    q2_30_t scale;  // of the rates that were measured, less 1
+    q2_30_t scale[3];  // of the rates that were measured, less 1
     // How far field readings are behind the gyroscope, and half its variance in ms2.
     int32_t lag_s_q35;
     q13_19_t lag_variance;
@@ -57,18 +64,27 @@ struct fuse {
     uint16_t field_astray;     // share of late readings that surprise, 65536ths
     q13_19_t field_noise;      // of this reading, uT2
     q2_30_t heading_variance;  // rad2; 1: no field has told the heading yet
-    q14_18_t rate_square;      // (rad/s)^2, mean over 3 s
     q7_25_t tilting_rad_s[2];  // what levelling had to correct, as a rate
-    // Sums over the frame, in the inertial frame, m/s2 and rad/s.
-    struct vector force_sum_q13, turn_sum_q17;
-    struct vector rate_rad_s_q25;     // of the last sample, bias removed
+    q7_25_t drift_rad_s[2];    // what of it goes on, and its square, (rad/s)^2
+    q2_30_t drift_square;
+    q14_18_t residual;  // uT2: by how much readings go on to surprise
+    // The unit vector across the horizontal field, and half of what a heading error of
+    // 4 degrees changes there, uT.
+    q2_14_t across[2], turned_by;
+    int32_t turned_q21;  // (4 deg)^2: growth of the heading's variance in this frame
+    // Sums over the frame in the inertial frame, m/s2 and rad/s; of the rate, one for
+    // each axis of the body.
+    struct vector force_sum_q13, turn_sum_q15[3];
+    struct vector rate_rad_s_q25;     // of the last sample, without bias and scale
     struct quat inertial_from_body;   // integrated gyroscope
     struct quat level_from_inertial;  // the correction of its tilt
     struct quat world_from_inertial;  // and of its heading
     struct lowpass force;             // inertial frame
-    // What a bias and the scale of the gyroscope would turn the vertical by: two rows
-    // of the rotation to the level frame, and the rate about its x and y.
-    struct lowpass_axis regressor[2 * FUSE_MOTION_STATES];
+    // What a bias and scales of the gyroscope would turn the vertical by, about x and y
+    // of the level frame: rows of the rotation to it, and rates in 500 deg/s. Then what
+    // the estimates have taken off it.
+    struct fuse_regressor regressor[2];
+    struct lowpass_axis taken_off[2];
     struct lowpass rest_rate, rest_force;
     // The field reading of this frame, with the rate and the attitude that it was taken
     // in until its stage, then in the level frame.
@@ -78,15 +94,16 @@ struct fuse {
         struct quat reading_attitude;
         struct matrix level_from_body;
     };
-    q13_19_t field_covariance[KALMAN_PAIRS];  // uT2
-    // Bias of the rates that were measured, and the covariance of the bias in deg/s and
-    // of the scale in 500ths.
+    q13_19_t field_covariance[FUSE_FIELD_PAIRS];  // uT2
+    // Bias of the rates that were measured, and the covariance of the bias in 4ths of
+    // 1 deg/s, of the scales in 500ths and of the heading's error in 4 deg.
     struct vector bias_rad_s_q25;
     struct vector calibrated_rad_s_q25;  // the bias that the start-up calibration found
-    q6_26_t motion_covariance[FUSE_MOTION_PAIRS];
+    q11_21_t motion_covariance[FUSE_MOTION_PAIRS];
+    uint16_t warming;  // 256ths of a step: what a gyroscope that warms up wanders more
     // The field of the place in the level frame, then that of the probe in the body.
     union {
-        q14_18_t field_ut[KALMAN_STATES];
+        q14_18_t field_ut[FUSE_FIELD_STATES];
         struct vector place_ut_q18;
     };
 };

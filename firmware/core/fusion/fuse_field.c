@@ -20,38 +20,54 @@ enum {
 #define LAG_FIELD_Q18 INT32_C(52428800)   // 200 uT an axis
 #define LAG_SLOPE_MAX INT32_C(16383500)   // 2 uT/ms as uT/s q18_13
 
-// Variances in uT2 as q13_19; noise of 5 uT2 s: mostly what is uneven in the field of a
-// room.
+// Variances in uT2 as q13_19; noise of 5.5 uT2 s: mostly what is uneven in the field of
+// a room.
 #define OWN_VARIANCE INT32_C(327680)    // (0.79 uT)^2: what a calibration leaves
 #define PLACE_VARIANCE INT32_C(131072)  // (0.5 uT)^2 of a mean of 2 s at rest
 #define PLACE_VARIANCE_MOVING INT32_C(4849664)  // 9.25 uT2 where there was no rest
 #define FIELD_VARIANCE_MAX INT32_C(42467328)    // (9 uT)^2
-#define FIELD_NOISE INT32_C(26214400)           // 5 uT2 s over 0.1 s
+#define FIELD_NOISE INT32_C(28835840)           // 5.5 uT2 s over 0.1 s
 #define FIELD_NOISE_MAX INT32_C(471859200)      // 900 uT2
-#define PLACE_WANDER INT32_C(1573)              // 0.03 uT2/s
+#define PLACE_WANDER INT32_C(1049)              // 0.02 uT2/s
 #define OWN_WANDER INT32_C(1)                   // (0.26 uT)^2 an hour
 #define OWN_WANDER_ASTRAY INT32_C(838861)       // 16 uT2/s
 #define FIELD_UNIT_FINE (FUSE_FIELD_UNIT * UINT32_C(64))
-#define FIELD_STEP_MAX_Q18 INT32_C(1572864)     // 6 uT
-#define FIELD_FAR_Q18 INT32_C(23592960)         // 30 * 3 uT
-#define PLACE_LIMIT_Q18 INT32_C(943718400)      // 3600 uT
-#define OWN_LIMIT_Q18 INT32_C(104857600)        // 400 uT
-#define PLACE_TURNED_Q18 INT32_C(15728640)      // 60 uT
-#define PLACE_SPREAD_MAX INT32_C(31457280)      // 60 uT2, below the variances' limit
-#define FIELD_TURNED_Q18 INT32_C(786432)        // 3 uT
+// What levelling goes on to correct leans the vertical field: 810 s2 of it in q13_19.
+#define LEANING_MAX_Q18 INT32_C(291271)  // 900 uT2 / 810
+#define LEANING_NOISE INT32_C(1620)
+// What a reading tells of the heading has a noise of its own, as quarters of 1 uT2 in
+// q11_21: 0.7 of that above, times 1 and the squared distance of a reading in units,
+// which is at most 25; and 8100 s2 of what leans, at most 506 uT2.
+#define TURNING_NOISE INT32_C(547)
+#define TURNING_FAR (FIELD_UNIT_FINE * 25)
+#define TURNING_LEANING_MAX_Q18 INT32_C(16384)
+#define TURNING_LEANING INT32_C(16200)
+#define TURNING_NOISE_MAX INT32_C(1000000000)
+#define TURNED_BY_Q30 INT32_C(2342541)         // half of 4 deg, from q14_18 to q2_14
+#define TURNED_BY_FIELD_Q18 INT32_C(13107200)  // 50 uT
+#define TURNED_OFF_Q30 INT32_C(1199381129)     // half of a degree, from q14_18 to q7_25
+#define RESIDUAL_LIMIT_Q18 INT32_C(2621440)    // 10 uT
+#define RESIDUAL_FREE_Q18 INT32_C(524288)      // 2 uT2 are noise
+#define FIELD_STEP_MAX_Q18 INT32_C(1572864)    // 6 uT
+#define FIELD_FAR_Q18 INT32_C(23592960)        // 30 * 3 uT
+#define PLACE_LIMIT_Q18 INT32_C(943718400)     // 3600 uT
+#define OWN_LIMIT_Q18 INT32_C(104857600)       // 400 uT
+#define PLACE_TURNED_Q18 INT32_C(15728640)     // 60 uT
+#define PLACE_SPREAD_MAX INT32_C(31457280)     // 60 uT2, below the variances' limit
+#define FIELD_TURNED_Q18 INT32_C(786432)       // 3 uT
 #define FIELD_TURNED_GAIN_Q30 INT32_C(1572864)  // 2 * 3 uT times uT q14_18 to 64ths
 #define HORIZONTAL_MIN_Q18 INT32_C(262144)      // 1 uT
-// Heading variance that a frame adds, rad2 as 2^-40ths: 0.05 deg2/s; 0.3 where no
-// reading comes; 40 where readings say that it is wrong; and 20 s times the mean of the
-// bias' three variances, halved.
-#define HEADING_WANDER INT32_C(1674652)
-#define HEADING_WANDER_ALONE INT32_C(10047910)
-#define HEADING_WANDER_TURNED INT32_C(1339721268)
-#define HEADING_WANDER_BIAS_Q30 INT32_C(1786295440)
-// What a heading's stated variance has beside the covariance's share: the field is seen
-// through a level that is 0.3 deg off.
-#define LEVEL_ERROR_Q30 INT32_C(5622099)
-#define COVARIANCE_SHARE_Q30 INT32_C(161061274)  // 0.15: fitted, see fuse_quality
+// Heading variance that a frame adds, rad2 as 2^-39ths: 0.05 deg2/s; 0.3 where no
+// reading comes; 40 where readings say that it is wrong; and by what the gyroscope's
+// uncertainty turned it, (4 deg)^2 q11_21.
+#define HEADING_WANDER INT32_C(837326)
+#define HEADING_WANDER_ALONE INT32_C(5023956)
+#define HEADING_WANDER_TURNED INT32_C(669860790)
+#define HEADING_TURNED INT32_C(1278)
+// A heading's stated variance has a quarter of the covariance, and (6 s)^2 of what
+// leans: fitted, see fuse_quality.
+#define COVARIANCE_SHARE 4
+#define HEADING_LEANING INT32_C(36)
 
 // One copy, whose numbers are on the stack only while it runs.
 #define NOINLINE __attribute__((noinline))
@@ -107,8 +123,9 @@ static q14_18_t field_step(const struct fuse *fuse, uint8_t axis) {
 // probe's own field, and correlated with it.
 NOINLINE static void learn_place(struct fuse *fuse) {
     int32_t *pair = fuse->field_covariance;
+    fuse_forget_turned(fuse);
     ++fuse->field_learnt;
-    for (uint8_t row = 0; row < KALMAN_STATES; ++row) {
+    for (uint8_t row = 0; row < FUSE_FIELD_STATES; ++row) {
         if (row < 3) {
             fixed_add(field_away(fuse, row) / fuse->field_learnt, &fuse->field_ut[row]);
         }
@@ -131,16 +148,12 @@ NOINLINE static void learn_place(struct fuse *fuse) {
 // heading, and both fields wander, the probe's more where readings keep surprising.
 NOINLINE static void predict_field(struct fuse *fuse) {
     int32_t *covariance = fuse->field_covariance;
-    const int32_t *motion = fuse->motion_covariance;
-    const int32_t bias_variance = motion[kalman_variance(0)] +
-                                  motion[kalman_variance(1)] +
-                                  motion[kalman_variance(2)];
-    const int32_t turn_q40 = (!fuse->has_reading ? HEADING_WANDER_ALONE
+    const int32_t turn_q39 = (!fuse->has_reading ? HEADING_WANDER_ALONE
                               : fuse->is_turned  ? HEADING_WANDER_TURNED
                                                  : HEADING_WANDER) +
-                             fixed_mul_q30(bias_variance, HEADING_WANDER_BIAS_Q30) * 2;
+                             fuse->turned_q21 * HEADING_TURNED;
     if (!fuse->has_reading) {
-        fixed_add_clamped(fixed_scale_down(turn_q40, 10), FUSE_HEADING_VARIANCE_MAX_Q30,
+        fixed_add_clamped(fixed_scale_down(turn_q39, 9), FUSE_HEADING_VARIANCE_MAX_Q30,
                           &fuse->heading_variance);
     }
     // The horizontal field, at most 60 uT: half of it, and it times the turn, as
@@ -150,7 +163,7 @@ NOINLINE static void predict_field(struct fuse *fuse) {
     for (uint8_t axis = 0; axis < 2; ++axis) {
         const int32_t place = fixed_clamp(fuse->field_ut[axis], PLACE_TURNED_Q18);
         half[axis] = fixed_half_floor(place);
-        turned[axis] = fixed_mul_q30(place * 16, turn_q40);
+        turned[axis] = fixed_mul_q30(place * 32, turn_q39);
     }
     if (covariance[0] + covariance[2] < PLACE_SPREAD_MAX) {
         fixed_add(fixed_mul_at(&half[1], &turned[1]), &covariance[0]);
@@ -159,7 +172,7 @@ NOINLINE static void predict_field(struct fuse *fuse) {
     }
     const bool is_astray = fuse->field_astray > FIELD_ASTRAY && !fuse_is_at_rest(fuse);
     int32_t wander = PLACE_WANDER;
-    for (uint8_t state = 0; state < KALMAN_STATES; ++state) {
+    for (uint8_t state = 0; state < FUSE_FIELD_STATES; ++state) {
         if (state == 3) {
             wander = is_astray ? OWN_WANDER_ASTRAY : OWN_WANDER;
         }
@@ -191,26 +204,79 @@ void fuse_follow_lag(struct fuse *fuse) {
     fuse->lag_s_q35 = fixed_clamp(lag > 0 ? lag : 0, LAG_MAX_Q35);
 }
 
+// The square of the vertical field, seen through a level that leans by what levelling
+// goes on to correct in a second: uT2, at most 28.
+static q14_18_t leaning(const struct fuse *fuse) {
+    const int32_t vertical = fixed_clamp(fuse->field_ut[2], PLACE_TURNED_Q18) * 64;
+    return fixed_mul_q30(fixed_mul_q30(vertical, vertical), fuse->drift_square);
+}
+
+// A reading across the horizontal field tells by how much errors of the gyroscope
+// turned the heading. `square`: of the reading's distance, 4096ths of 1 uT2.
+NOINLINE static void read_turning(struct fuse *fuse, const q14_18_t away[3],
+                                  uint32_t square) {
+    q2_14_t row[KALMAN_STATES] = {fuse->across[0], fuse->across[1]};
+    int32_t shared[KALMAN_STATES];
+    if (fuse->turned_by == 0) {
+        return;
+    }
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        row[3 + axis] = (q2_14_t)fixed_scale_down(
+            (int32_t)row[0] * fuse->level_from_body.row[0][axis] +
+                (int32_t)row[1] * fuse->level_from_body.row[1][axis],
+            14);
+    }
+    const int32_t off = fixed_clamp(fixed_dot3_q14(away, row), RESIDUAL_LIMIT_Q18);
+    const int32_t far = fixed_mul_q30(off * 64, off * 64);
+    fixed_add((far - fuse->residual) / 64, &fuse->residual);
+    const uint32_t distance = square < TURNING_FAR ? square : TURNING_FAR;
+    const int32_t own =
+        (int32_t)(distance + FIELD_UNIT_FINE) * TURNING_NOISE +
+        fixed_clamp(leaning(fuse), TURNING_LEANING_MAX_Q18) * TURNING_LEANING;
+    // Of the heading's variance, what the field's covariance has already.
+    const int32_t spread =
+        kalman_share(fuse->field_covariance, FUSE_FIELD_STATES, row, shared);
+    const int32_t across = fixed_dot3_q14(shared, row);
+    const q2_30_t turned_by = fuse->turned_by * INT32_C(65536);
+    const int32_t seen = fixed_mul_q30(
+        fixed_mul_q30(fuse->motion_covariance[FUSE_MOTION_PAIRS - 1], turned_by),
+        turned_by);
+    int32_t noise = own + spread - (seen < across ? seen : across);
+    if (noise < own / 4) {
+        noise = own / 4;
+    }
+    memset(row, 0, sizeof row);
+    row[FUSE_TURNS] = fuse->turned_by;
+    fuse_read_motion(
+        fuse, row, fixed_clamp(noise, TURNING_NOISE_MAX),
+        fixed_mul_q30(fixed_clamp(off, FIELD_STEP_MAX_Q18), TURNED_OFF_Q30));
+}
+
 // Measures how far the reading is from the expected one, and sets its noise by that:
 // the farther, the less it weighs.
 NOINLINE static void weigh_field(struct fuse *fuse) {
-    uint32_t square = 0;  // 4096ths of 1 uT2, at most 90 uT an axis
-    int32_t longer = 0;   // the horizontal field's square, 64ths of 1 uT2
-    int32_t off = 0;
+    q14_18_t away[3];
+    uint32_t square = 0;      // 4096ths of 1 uT2, at most 90 uT an axis
+    int32_t longer = 0;       // the field's square, 64ths of 1 uT2
+    int32_t longer_flat = 0;  // the horizontal field's
+    int32_t length = 0;
     int32_t horizontal = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        off = fixed_clamp(field_away(fuse, axis), FIELD_FAR_Q18);
+        const int32_t off = fixed_clamp(field_away(fuse, axis), FIELD_FAR_Q18);
+        const int32_t place = fixed_clamp(fuse->field_ut[axis], FIELD_FAR_Q18);
+        away[axis] = off;
         square += (uint32_t)fixed_mul_q30(off * 8, off * 8);
+        longer_flat = longer;
         if (axis < 2) {
-            const int32_t place = fixed_clamp(fuse->field_ut[axis], PLACE_TURNED_Q18);
-            fixed_add(fixed_mul_q30(off, off + 2 * place), &longer);
             fixed_add((int32_t)fixed_magnitude(place), &horizontal);
         }
+        fixed_add(fixed_mul_q30(off, off + 2 * place), &longer);
+        fixed_add(fixed_mul_q30(place, place), &length);
     }
     // A field of the same length and steepness means that the heading is wrong.
     fuse->is_turned = square > FIELD_UNIT_FINE * 8 &&
-                      fixed_magnitude(off) < (uint32_t)FIELD_TURNED_Q18 &&
-                      fixed_magnitude(longer) <
+                      fixed_magnitude(away[2]) < (uint32_t)FIELD_TURNED_Q18 &&
+                      fixed_magnitude(longer_flat) <
                           (uint32_t)fixed_mul_q30(horizontal, FIELD_TURNED_GAIN_Q30);
     const uint16_t coarse =
         square < UINT16_MAX * UINT32_C(64) ? (uint16_t)(square / 64) : UINT16_MAX;
@@ -223,13 +289,17 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
         // Readings at rest repeat each other.
         noise = fixed_clamp(noise, FIELD_NOISE_MAX / 4) * 4;
     } else {
-        // A mean over 1.6 s.
-        fuse->field_astray =
-            (uint16_t)(fuse->field_astray - fuse->field_astray / 16 +
-                       (square > FIELD_UNIT_FINE && !fuse->is_turned ? UINT16_MAX / 16
-                                                                     : 0));
+        // A mean over 1.6 s. An error of level or heading turns a reading and leaves
+        // its length, within 2 uT: 2 * 2 * 64, of a length in 8ths.
+        const bool is_strange =
+            square > FIELD_UNIT_FINE && !fuse->is_turned &&
+            fixed_magnitude(longer) > UINT32_C(32) * fixed_sqrt((uint32_t)length);
+        fuse->field_astray = (uint16_t)(fuse->field_astray - fuse->field_astray / 16 +
+                                        (is_strange ? UINT16_MAX / 16 : 0));
     }
+    fixed_add(fixed_clamp(leaning(fuse), LEANING_MAX_Q18) * LEANING_NOISE, &noise);
     fuse->field_noise = fixed_clamp(noise, FIELD_NOISE_MAX);
+    read_turning(fuse, away, square);
 }
 
 void fuse_stage_field(struct fuse *fuse) {
@@ -265,8 +335,9 @@ void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis) {
     row[axis] = FUSE_Q2_14_ONE;
     memcpy(row + 3, fuse->level_from_body.row[axis], 3 * sizeof *row);
     const q14_18_t away = field_step(fuse, axis);
-    kalman_read(fuse->field_covariance, KALMAN_STATES, row, fuse->field_noise, gain);
-    for (uint8_t state = 0; state < KALMAN_STATES; ++state) {
+    kalman_read(fuse->field_covariance, FUSE_FIELD_STATES, row, fuse->field_noise,
+                gain);
+    for (uint8_t state = 0; state < FUSE_FIELD_STATES; ++state) {
         fixed_add_clamped(fixed_mul_q30(gain[state], away),
                           state < 3 ? PLACE_LIMIT_Q18 : OWN_LIMIT_Q18,
                           &fuse->field_ut[state]);
@@ -285,16 +356,19 @@ NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
                              fixed_mul_at(&covariance[1], &north->y);
     const int32_t across =
         fixed_mul_at(&across_y, &north->y) + fixed_mul_at(&across_x, &north->x);
-    // The vertical field seen through an error of the level, at most 19 uT, as 2^26ths.
-    const int32_t leaning = fixed_mul_q30(fuse->field_ut[2], LEVEL_ERROR_Q30) * 256;
-    const int32_t total_q19 = fixed_mul_q30(across, COVARIANCE_SHARE_Q30) +
-                              fixed_scale_down(fixed_mul_q30(leaning, leaning), 3);
-    const uint32_t total_q18 = (uint32_t)(total_q19 > 0 ? total_q19 : 0) / 2;
-    if (total_q18 >= (uint32_t)norm) {
+    const int32_t residual = fuse->residual - RESIDUAL_FREE_Q18;
+    const int32_t total_q19 = across / COVARIANCE_SHARE +
+                              2 * (HEADING_LEANING * leaning(fuse)) +
+                              2 * (residual > 0 ? residual : 0);
+    // Divided by the field twice; 64ths keep the first quotient in range.
+    const uint32_t total_q12 = (uint32_t)(total_q19 > 0 ? total_q19 : 0) / 128;
+    if (total_q12 >= (uint32_t)norm) {
         return FUSE_HEADING_VARIANCE_MAX_Q30;
     }
-    const int32_t once = fixed_ratio(total_q18, (uint32_t)norm);
-    return fixed_ratio((uint32_t)fixed_scale_down(once, 12), (uint32_t)norm);
+    const uint32_t once =
+        (uint32_t)fixed_scale_down(fixed_ratio(total_q12, (uint32_t)norm), 6);
+    return once < (uint32_t)norm ? fixed_ratio(once, (uint32_t)norm)
+                                 : FUSE_HEADING_VARIANCE_MAX_Q30;
 }
 
 void fuse_stage_world(struct fuse *fuse) {
@@ -312,6 +386,11 @@ void fuse_stage_world(struct fuse *fuse) {
         } else if (fuse->field_age == 0) {
             fuse->heading_variance = heading_variance_of(fuse, &north, norm);
         }
+        // An error of the heading, which is behind by it, turns the field against it.
+        fuse->across[0] = (q2_14_t)-fixed_scale_down(north.y, 16);
+        fuse->across[1] = (q2_14_t)fixed_scale_down(north.x, 16);
+        fuse->turned_by = (q2_14_t)-fixed_mul_q30(
+            fixed_clamp(norm, TURNED_BY_FIELD_Q18), TURNED_BY_Q30);
     }
     fuse->has_reading = false;
     quat_multiply(&turn, &fuse->level_from_inertial, &fuse->world_from_inertial);

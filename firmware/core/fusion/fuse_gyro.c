@@ -1,12 +1,17 @@
 // SPDX-License-Identifier: MIT
-// Rest, and the gyroscope's bias and scale: one Kalman filter of four states, which a
-// rest tells of the bias, and what levelling had to correct of both.
+// Rest, and the gyroscope's bias and scales: one Kalman filter of them and of the error
+// of the integrated heading. A rest tells of the bias, what levelling had to correct of
+// bias and scales, and a reading across the horizontal field of what has turned the
+// heading.
 #include <string.h>
 
 #include "core/fusion/fuse_stages.h"
 
 enum {
     REST_SETTLE = 50,  // looks in VQF's mean of 0.5 s
+    // Of what levelling goes on to correct, and of its square: 2 and 6.4 s.
+    DRIFT_FRAMES = 20,
+    DRIFT_SQUARE_FRAMES = 64,
 };
 
 #define REST_RATE_Q25 INT32_C(1171299)          // VQF's 2 deg/s
@@ -14,40 +19,72 @@ enum {
 #define REST_RATE_LIMIT_Q25 INT32_C(335544320)  // 10 rad/s: keeps the low-pass in range
 #define BIAS_LIMIT_Q25 INT32_C(114085069)       // 3.4 rad/s
 
-// Variances of the bias in (deg/s)^2 and of the scale in 500ths squared, as q6_26.
-#define BIAS_VARIANCE_MAX INT32_C(16777216)    // (0.5 deg/s)^2
-#define BIAS_VARIANCE_FOUND INT32_C(6711)      // (0.01 deg/s)^2
-#define SCALE_VARIANCE_MAX INT32_C(150994944)  // 0.3 %: (1.5 / 500)^2
-#define MOTION_WANDER INT32_C(671)             // 1e-4 a second
-#define MOTION_NOISE INT32_C(201326592)  // 0.3 (deg/s)^2 s of what levelling corrects
-#define REST_NOISE INT32_C(60398)        // (0.03 deg/s)^2 of a mean at rest
+// Variances as q11_21: of the bias in 4ths of 1 deg/s, of scales in 500ths, of the
+// heading's error in 4 deg.
+#define BIAS_VARIANCE_MAX INT32_C(8388608)     // (0.5 deg/s)^2
+#define BIAS_VARIANCE_FOUND INT32_C(3355)      // (0.01 deg/s)^2
+#define SCALE_VARIANCE_MAX INT32_C(52428800)   // 1 %: (5 / 500)^2
+#define TURNED_VARIANCE_MAX INT32_C(52428800)  // (20 deg)^2
+#define TURNED_STEP_MAX INT32_C(786432)        // 6 deg2
+#define BIAS_WANDER INT32_C(503)               // 1.5e-4 (deg/s)^2 a second
+#define WARMING_BITS 5
+#define WARMING UINT16_C(53687)   // 5e-4 (deg/s)^2 a second more, as 32nds
+#define SCALE_WANDER INT32_C(21)  // 4e-10 a second
+// Of what levelling corrects: 1 (deg/s)^2 s, and 10 s times the square of what it goes
+// on to correct, at most 3.1 (deg/s)^2, from q2_30.
+#define MOTION_NOISE INT32_C(20971520)
+#define MOTION_DRIFT INT32_C(641)
+#define MOTION_DRIFT_MAX_Q30 INT32_C(1000000)
+#define REST_NOISE INT32_C(30199)  // (0.03 deg/s)^2 of a mean at rest, in 4ths
+#define REST_SURPRISE_Q25 INT32_C(134217728)  // 4 rad/s
 #define TILTING_LIMIT_Q25 INT32_C(2928177)    // 5 deg/s
-#define TURN_MEAN_LIMIT_Q17 INT32_C(2228224)  // 17 rad/s an axis: 29.4 in all
-#define TURN_LIMIT_Q25 INT32_C(439226488)     // 1.5 * 500 deg/s
-#define SCALE_LIMIT_Q30 INT32_C(21474836)     // 2 %
-// rad/s q7_25 over 500 deg/s to q2_14: 2^-11 * 0.1145916.
-#define TURN_GAIN_Q30 INT32_C(60079)
+#define TURN_MEAN_LIMIT_Q15 INT32_C(1540096)  // 47 rad/s
+#define TURN_LIMIT_Q14 INT32_C(24576)         // 1.5 * 500 deg/s
+#define SCALE_LIMIT_Q30 INT32_C(85899346)     // 8 %
+// rad/s as q23 over 500 deg/s to q2_14: 2^-9 * 0.1145916.
+#define TURN_GAIN_Q30 INT32_C(240316)
+// A scale as q2_30 times 500 deg/s to rad/s q7_25: 8.726646 / 2^5.
+#define EFFECT_GAIN_Q30 INT32_C(292817659)
 // Scale a rad/s of surprise, from q7_25 to q2_30: 57.29578 / 500 * 2^5, halved.
 #define SCALE_GAIN_Q30 INT32_C(1968667994)
+// 0.1 s of a rate in 1 deg/s, in 4 deg.
+#define TURNED_GAIN_Q30 INT32_C(26843546)
+
+enum {
+    SCALE = 3,                                    // the first state of the scales
+    HEADING = 6,                                  // and that of the heading's error
+    HEADING_PAIRS = HEADING * (HEADING + 1) / 2,  // before its covariances
+};
 
 // Of VQF's rest filter, 0.5 s, at 100 looks a second.
 static const IN_FLASH struct lowpass_gain rest_gain = {
     INT32_C(15186015), INT32_C(1052480291), REST_SETTLE};
 
-// Covariance of a bias that is known this well, and of a scale known as before.
+// Covariance of a bias that is known this well, and of scales and heading known as
+// before, each for itself.
 static void set_bias_variance(struct fuse *fuse, int32_t bias_variance) {
-    int32_t *covariance = fuse->motion_covariance;
-    const int32_t scale_variance = covariance[kalman_variance(3)];
-    memset(covariance, 0, sizeof fuse->motion_covariance);
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        covariance[kalman_variance(axis)] = bias_variance;
+    int32_t *pair = fuse->motion_covariance;
+    for (uint8_t state = 0; state < FUSE_MOTION_STATES; ++state) {
+        memset(pair, 0, state * sizeof *pair);
+        pair += state;
+        if (state < SCALE) {
+            *pair = bias_variance;
+        }
+        ++pair;
     }
-    covariance[kalman_variance(3)] = scale_variance;
 }
 
 void fuse_init_gyro(struct fuse *fuse) {
-    fuse->motion_covariance[kalman_variance(3)] = SCALE_VARIANCE_MAX;
+    for (uint8_t state = SCALE; state < HEADING; ++state) {
+        fuse->motion_covariance[kalman_variance(state)] = SCALE_VARIANCE_MAX;
+    }
     set_bias_variance(fuse, BIAS_VARIANCE_MAX);
+    fuse->warming = WARMING;
+}
+
+void fuse_forget_turned(struct fuse *fuse) {
+    memset(&fuse->motion_covariance[HEADING_PAIRS], 0,
+           FUSE_MOTION_STATES * sizeof *fuse->motion_covariance);
 }
 
 void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25) {
@@ -91,73 +128,136 @@ void fuse_look_for_rest(struct fuse *fuse, const struct measurement *measurement
     }
 }
 
-// Two rows of the attitude (-1 to 1 as 2^29ths) for the bias, and the frame's mean rate
-// for the scale.
-void fuse_stage_regressors(struct fuse *fuse) {
-    struct vector turn;
-    struct quat attitude;
-    struct matrix level_from_body;
-    const uint32_t square = vector_square_q32(&fuse->rate_rad_s_q25);
-    fixed_add(((int32_t)square - fuse->rate_square) / FUSE_LEVEL_SETTLE,
-              &fuse->rate_square);
-    fuse_take_mean(fuse, &fuse->turn_sum_q17, TURN_MEAN_LIMIT_Q17, &turn);
-    quat_rotate(&fuse->level_from_inertial, &turn, &turn);
-    quat_multiply(&fuse->level_from_inertial, &fuse->inertial_from_body, &attitude);
-    matrix_from_quat(&attitude, &level_from_body);
-    struct lowpass_axis *regressor = fuse->regressor;
-    for (uint8_t row = 0; row < 2; ++row) {
-        for (uint8_t axis = 0; axis < 3; ++axis) {
-            lowpass_axis_step(regressor, &fuse_level_gain,
-                              level_from_body.row[row][axis] * -INT32_C(32768),
-                              fuse->frames);
-            ++regressor;
-        }
-        lowpass_axis_step(regressor, &fuse_level_gain, turn.axis[row], fuse->frames);
-        ++regressor;
-    }
-    int32_t *variance = fuse->motion_covariance;
-    for (uint8_t state = 0; state < FUSE_MOTION_STATES; ++state) {
-        fixed_add_clamped(MOTION_WANDER,
-                          state < 3 ? BIAS_VARIANCE_MAX : SCALE_VARIANCE_MAX, variance);
-        variance += state + 2;
-    }
+// The rate by which bias and scales that are as estimated turn the level frame about an
+// axis that has this row.
+static q7_25_t effect(const struct fuse *fuse, const q2_14_t row[FUSE_TURNS]) {
+    return fixed_dot3_q14(fuse->bias_rad_s_q25.axis, row) +
+           fixed_mul_q30(fixed_dot3_q14(fuse->scale, row + SCALE), EFFECT_GAIN_Q30);
 }
 
-// Takes a reading of bias and scale whose surprise is `surprise_rad_s`.
-static void read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
-                        q7_25_t surprise_rad_s) {
+// The uncertainty that a frame adds to bias, scales and heading. `up`: by how much each
+// state turns the level frame about the vertical.
+static void predict_motion(struct fuse *fuse, const q2_14_t up[KALMAN_STATES]) {
+    int32_t shared[KALMAN_STATES];
+    int32_t *covariance = fuse->motion_covariance;
+    const int32_t bias_wander = BIAS_WANDER + (fuse->warming >> WARMING_BITS);
+    fuse->warming = (uint16_t)(fuse->warming - fuse->warming / 256);
+    for (uint8_t state = 0; state < HEADING; ++state) {
+        const bool is_bias = state < SCALE;
+        fixed_add_clamped(is_bias ? bias_wander : SCALE_WANDER,
+                          is_bias ? BIAS_VARIANCE_MAX : SCALE_VARIANCE_MAX,
+                          &covariance[kalman_variance(state)]);
+    }
+    kalman_share(covariance, HEADING, up, shared);
+    int32_t *heading = covariance + HEADING_PAIRS;
+    int32_t growth = 0;
+    for (uint8_t state = 0; state < HEADING; ++state) {
+        // Before and after the step: twice the half of it.
+        const int32_t step = fixed_mul_q30(shared[state], TURNED_GAIN_Q30);
+        const int32_t twice = 2 * heading[state] + step;
+        fixed_add(fixed_mul_q30(twice, up[state] * INT32_C(65536)), &growth);
+        fixed_add(step, &heading[state]);
+    }
+    growth = fixed_clamp(fixed_mul_q30(growth, TURNED_GAIN_Q30), TURNED_STEP_MAX);
+    fuse->turned_q21 = growth > 0 ? growth : 0;
+    fixed_add_clamped(fuse->turned_q21, TURNED_VARIANCE_MAX, &heading[HEADING]);
+}
+
+void fuse_stage_regressors(struct fuse *fuse) {
+    struct quat attitude;
+    struct matrix turn;
+    q2_14_t row[3][KALMAN_STATES] = {{0}};
+    matrix_from_quat(&fuse->level_from_inertial, &turn);
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        struct vector rate;
+        struct vector level;
+        fuse_take_mean(fuse, &fuse->turn_sum_q15[axis], TURN_MEAN_LIMIT_Q15, &rate);
+        matrix_turn(&turn, rate.axis, level.axis);
+        for (uint8_t i = 0; i < 3; ++i) {
+            row[i][SCALE + axis] = (q2_14_t)fixed_clamp(
+                fixed_mul_q30(level.axis[i], TURN_GAIN_Q30), TURN_LIMIT_Q14);
+        }
+    }
+    quat_multiply(&fuse->level_from_inertial, &fuse->inertial_from_body, &attitude);
+    matrix_from_quat(&attitude, &turn);
+    for (uint8_t i = 0; i < 3; ++i) {
+        for (uint8_t axis = 0; axis < 3; ++axis) {
+            row[i][axis] = (q2_14_t)-turn.row[i][axis];
+        }
+    }
+    for (uint8_t i = 0; i < 2; ++i) {
+        for (uint8_t state = 0; state < FUSE_TURNS; ++state) {
+            lowpass_short_step(&fuse->regressor[i].state[state], &fuse_level_gain,
+                               row[i][state], fuse->frames);
+        }
+        lowpass_axis_step(&fuse->taken_off[i], &fuse_level_gain, effect(fuse, row[i]),
+                          fuse->frames);
+    }
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        row[2][axis] = (q2_14_t)(row[2][axis] / 4);
+    }
+    predict_motion(fuse, row[2]);
+}
+
+void fuse_read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
+                      q7_25_t surprise) {
     q2_30_t gain[KALMAN_STATES];
     kalman_read(fuse->motion_covariance, FUSE_MOTION_STATES, row, noise, gain);
-    int32_t *bias = fuse->bias_rad_s_q25.axis;
-    for (uint8_t i = 0; i < 3; ++i) {
-        fixed_add_clamped(fixed_mul_q30(gain[i], surprise_rad_s), BIAS_LIMIT_Q25,
-                          &bias[i]);
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        fixed_add_clamped(fixed_scale_down(fixed_mul_q30(gain[axis], surprise), 2),
+                          BIAS_LIMIT_Q25, &fuse->bias_rad_s_q25.axis[axis]);
+        const int32_t step = fixed_mul_q30(gain[SCALE + axis], surprise);
+        fixed_add_clamped(fixed_mul_q30(step, SCALE_GAIN_Q30) * 2, SCALE_LIMIT_Q30,
+                          &fuse->scale[axis]);
     }
-    const int32_t scale_step =
-        fixed_mul_q30(fixed_mul_q30(gain[3], surprise_rad_s), SCALE_GAIN_Q30) * 2;
-    fixed_add_clamped(scale_step, SCALE_LIMIT_Q30, &fuse->scale);
 }
 
-void fuse_stage_rest(struct fuse *fuse) {
+static void read_rest(struct fuse *fuse) {
     q2_14_t row[KALMAN_STATES] = {0};
     const uint8_t axis = fuse->rest_axis;
+    const int32_t surprise =
+        fuse->rest_rate.axis[axis].level - fuse->bias_rad_s_q25.axis[axis];
     row[axis] = FUSE_Q2_14_ONE;
-    read_motion(fuse, row, REST_NOISE,
-                fuse->rest_rate.axis[axis].level - fuse->bias_rad_s_q25.axis[axis]);
+    fuse_read_motion(fuse, row, REST_NOISE,
+                     fixed_clamp(surprise, REST_SURPRISE_Q25) * 4);
     fuse->rest_axis = (uint8_t)(axis == 2 ? 0 : axis + 1);
 }
 
+// The surprise of levelling is that of an error that has always been there: what the
+// estimates took off each correction is taken back, and what those of now would have
+// taken off is not a surprise.
 void fuse_stage_motion(struct fuse *fuse, uint8_t axis) {
-    const struct lowpass_axis *regressor = &fuse->regressor[axis * FUSE_MOTION_STATES];
+    const bool is_at_rest = fuse_is_at_rest(fuse);
+    q2_14_t row[KALMAN_STATES] = {0};
+    if (is_at_rest && axis == 0) {
+        read_rest(fuse);
+    }
     if (fuse->frames <= FUSE_LEVEL_SETTLE || fuse->unsettled > 0) {
         return;
     }
-    q2_14_t row[KALMAN_STATES] = {0};
-    for (uint8_t i = 0; i < 3; ++i) {
-        row[i] = (q2_14_t)fixed_scale_down(regressor[i].level, 15);
+    for (uint8_t state = 0; state < FUSE_TURNS; ++state) {
+        row[state] = fuse->regressor[axis].state[state].level;
     }
-    row[3] = (q2_14_t)fixed_mul_q30(fixed_clamp(regressor[3].level, TURN_LIMIT_Q25),
-                                    TURN_GAIN_Q30);
-    read_motion(fuse, row, MOTION_NOISE,
-                fixed_clamp(fuse->tilting_rad_s[axis], TILTING_LIMIT_Q25));
+    const int32_t surprise = fixed_clamp(
+        fuse->tilting_rad_s[axis] + fuse->taken_off[axis].level - effect(fuse, row),
+        TILTING_LIMIT_Q25);
+    q7_25_t *drift = &fuse->drift_rad_s[axis];
+    fixed_add((surprise - *drift) / DRIFT_FRAMES, drift);
+    if (axis == 1) {
+        const int32_t x = drift[-1] * 32;
+        const int32_t y = drift[0] * 32;
+        const int32_t square = (fixed_mul_q30(x, x) + fixed_mul_q30(y, y)) / 2;
+        fixed_add((square - fuse->drift_square) / DRIFT_SQUARE_FRAMES,
+                  &fuse->drift_square);
+    }
+    if (!is_at_rest) {
+        for (uint8_t i = 0; i < 3; ++i) {
+            row[i] = (q2_14_t)(row[i] / 4);
+        }
+        fuse_read_motion(fuse, row,
+                         MOTION_NOISE +
+                             fixed_clamp(fuse->drift_square, MOTION_DRIFT_MAX_Q30) *
+                                 MOTION_DRIFT,
+                         surprise);
+    }
 }

@@ -57,7 +57,7 @@ void fuse_level_first(struct fuse *fuse) {
 // Orientation lost: keep it as the initial guess, and level again.
 static void lose_orientation(struct fuse *fuse) {
     memset(&fuse->force, 0, sizeof fuse->force);
-    memset(fuse->regressor, 0, sizeof fuse->regressor);
+    memset(fuse->regressor, 0, sizeof fuse->regressor + sizeof fuse->taken_off);
     fuse->frames = 0;
     fuse->field_learnt = 0;
     fuse->heading_variance = FUSE_HEADING_VARIANCE_MAX_Q30;

@@ -3,7 +3,7 @@
 //
 //   fuse.c        integration, the order of the stages, orientation and quality
 //   fuse_level.c  the vertical, from the specific force
-//   fuse_gyro.c   rest, and the gyroscope's bias and scale
+//   fuse_gyro.c   rest, and the gyroscope's bias and scales
 //   fuse_field.c  heading, from the magnetic field
 //
 // Frames of reference: body; inertial, which drifts with the gyroscope; level, with z
@@ -55,18 +55,23 @@ void fuse_stage_level(struct fuse *fuse);
 
 // fuse_gyro.c
 
-// Bias and scale as unsure as a gyroscope's can be.
+// Bias and scales as unsure as a gyroscope's can be.
 void fuse_init_gyro(struct fuse *fuse);
+// The heading is that of a field learned anew: no error of it is known.
+void fuse_forget_turned(struct fuse *fuse);
 // Rest: for 1.5 s rates and force have stayed near their short mean, and the mean rate
 // near the calibrated bias.
 void fuse_look_for_rest(struct fuse *fuse, const struct measurement *measurement);
-// How errors of bias and scale would tilt the level frame.
+// How errors of bias and scales would turn the level frame, and what they add to the
+// uncertainty of the heading.
 void fuse_stage_regressors(struct fuse *fuse);
-// At rest the mean rate is the bias; one axis a frame.
-void fuse_stage_rest(struct fuse *fuse);
-// In motion, what levelling had to correct about an axis (0: x, 1: y) tells of bias and
-// scale.
+// What levelling had to correct about an axis (0: x, 1: y) tells of bias and scales in
+// motion. At rest the mean rate is the bias, of one body axis a frame.
 void fuse_stage_motion(struct fuse *fuse, uint8_t axis);
+// Takes a reading of bias, scales and heading, whose states and units are those of
+// motion_covariance; its surprise in its own unit times a degree, as q7_25.
+void fuse_read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
+                      q7_25_t surprise);
 
 // fuse_field.c
 

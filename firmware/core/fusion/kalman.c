@@ -6,19 +6,18 @@
 
 #define SPREAD_MAX INT32_C(1073741823)
 
-// row * v, as two sums that are rounded once each.
+// row * v, as sums that are rounded once each.
 static int32_t dot(const int32_t v[KALMAN_STATES], const q2_14_t row[KALMAN_STATES]) {
-    return fixed_dot3_q14(v, row) + fixed_dot3_q14(v + 3, row + 3);
+    const int32_t last = fixed_mul_q30(v[6], row[6] * INT32_C(65536));
+    return fixed_dot3_q14(v, row) + fixed_dot3_q14(v + 3, row + 3) + last;
 }
 
-void kalman_read(int32_t covariance[], uint8_t states, const q2_14_t row[],
-                 int32_t noise, q2_30_t gain[]) {
-    // Of each state with the reading, |shared| <= 1.8 * 2^28 by Cauchy and Schwarz, and
-    // of the reading itself.
-    int32_t shared[KALMAN_STATES];
-    int32_t *const line = gain;  // which is found later: the stack is short
-    memset(shared, 0, sizeof shared);
-    memset(line, 0, sizeof shared);
+int32_t kalman_share(const int32_t covariance[], uint8_t states, const q2_14_t row[],
+                     int32_t shared[]) {
+    // |shared| <= 1.8 * 2^28 by Cauchy and Schwarz.
+    int32_t line[KALMAN_STATES];
+    memset(line, 0, sizeof line);
+    memset(shared, 0, sizeof line);
     const int32_t *row_of_pairs = covariance;
     for (uint8_t a = 0; a < states; ++a) {
         // A row of the whole matrix: along the triangle's row, then down its column.
@@ -30,7 +29,15 @@ void kalman_read(int32_t covariance[], uint8_t states, const q2_14_t row[],
         row_of_pairs += a + 1;
         shared[a] = dot(line, row);
     }
-    const int32_t known = fixed_clamp(dot(shared, row), SPREAD_MAX - noise);
+    return dot(shared, row);
+}
+
+void kalman_read(int32_t covariance[], uint8_t states, const q2_14_t row[],
+                 int32_t noise, q2_30_t gain[]) {
+    int32_t shared[KALMAN_STATES];
+    memset(gain, 0, sizeof shared);
+    const int32_t known =
+        fixed_clamp(kalman_share(covariance, states, row, shared), SPREAD_MAX - noise);
     const int32_t spread = known > 0 ? known + noise : noise;
     // In [2^30, 2^31), so that its inverse has all its bits.
     const uint8_t up = (uint8_t)(fixed_leading_zeros((uint32_t)spread) - 1);

@@ -7,7 +7,7 @@
 #include "core/math/fixed.h"
 
 enum {
-    KALMAN_STATES = 6,  // at most
+    KALMAN_STATES = 7,  // at most
     // A covariance is its lower triangle by rows: (a, b), a >= b, at a (a + 1) / 2 + b.
     KALMAN_PAIRS = KALMAN_STATES * (KALMAN_STATES + 1) / 2,
 };
@@ -17,12 +17,18 @@ static inline uint8_t kalman_variance(uint8_t state) {
     return (uint8_t)(state * (state + 3) / 2);
 }
 
+// Of each state its covariance with row * states, in the format of the covariance;
+// returns the variance of row * states. `row` and `shared` have KALMAN_STATES elements;
+// those after the first `states` are 0. Needs |row| <= 1.8 and variances whose sum is
+// at most 2^28; that variance is then at most 2^30.
+int32_t kalman_share(const int32_t covariance[], uint8_t states, const q2_14_t row[],
+                     int32_t shared[]);
+
 // The reading is modelled as row * states + noise. `row` and `gain` have KALMAN_STATES
 // elements; those after the first `states` are 0. The covariance and the variance
 // `noise` have the same Q format. Gains are limited to +-1, and a variance never falls
-// below one step. Needs |row| <= 1.8, noise in [1, 2^30 - 2], and variances whose sum
-// is at most 2^28. The variance of the reading, with noise, is limited to less than
-// 2^30.
+// below one step. Needs what kalman_share needs, and noise in [1, 2^30 - 2]. The
+// variance of the reading, with noise, is limited to less than 2^30.
 void kalman_read(int32_t covariance[], uint8_t states, const q2_14_t row[],
                  int32_t noise, q2_30_t gain[]);
 

@@ -14,7 +14,7 @@
 // | q18_14_t  | +-131072     | 6.1e-5        | sensor counts less their bias          |
 // | q2_14_t   | +-2          | 6.1e-5        | elements of calibration matrices       |
 // | q13_19_t  | +-4096       | 1.9e-6        | covariance of fields, uT2              |
-// | q6_26_t   | +-32         | 1.5e-8        | covariance of bias and scale           |
+// | q11_21_t  | +-1024       | 4.8e-7        | covariance of bias, scales and heading |
 // | turn32_t  | +-half turn  | 1.5e-9 rad    | angles that wrap where they overflow   |
 //
 // Products round to nearest, ties towards +infinity; `_floor` says otherwise.
@@ -34,7 +34,6 @@ typedef int32_t q16_16_t;
 typedef int32_t q18_14_t;
 typedef int16_t q2_14_t;
 typedef int32_t q13_19_t;
-typedef int32_t q6_26_t;
 typedef int32_t turn32_t;
 
 #define Q2_30_ONE INT32_C(1073741824)
@@ -87,6 +86,11 @@ static inline uint16_t fixed_high_half(uint32_t value) {
 // value / 2, rounded down: exact where one bit of headroom is wanted.
 static inline int32_t fixed_half_floor(int32_t value) {
     return value >> 1;
+}
+
+// value / 256, rounded down: moves bytes only.
+static inline int32_t fixed_byte_floor(int32_t value) {
+    return value >> 8;
 }
 
 // Angles wrap: the sum is taken modulo one turn.
