@@ -17,11 +17,10 @@ from pathlib import Path
 
 import engines
 import groups_report
-import numpy as np
 import report
 import scoring
 from boards import BOARDS
-from engines import HOST, VQF, Estimate
+from engines import HOST, VQF
 from feed import sampled
 from groups_report import Outcome
 
@@ -59,19 +58,7 @@ def outcome(
         scoring.coverage_at(
             own.times_s, own.quats, own.tilt_sigma_deg, own.heading_sigma_deg, motion
         ),
-        *sigmas(own, motion),
     )
-
-
-def sigmas(own: Estimate, motion: Motion) -> tuple[float, float]:
-    """The medians of the stated tilt and heading errors while moving, degrees."""
-    is_scored = scoring.counted(own.times_s, motion)
-    medians = []
-    for sigma in (own.tilt_sigma_deg, own.heading_sigma_deg):
-        assert sigma is not None
-        stated = sigma[is_scored & np.isfinite(sigma)]
-        medians.append(float(np.median(stated)) if stated.size else float("nan"))
-    return medians[0], medians[1]
 
 
 def measure_all(found: Sequence[Recipe], args: argparse.Namespace) -> list[Outcome]:

@@ -32,8 +32,6 @@ class Outcome:
     board: str
     scores: Mapping[str, Score]
     coverage: Coverage
-    tilt_sigma_deg: float  # medians of what ours stated
-    heading_sigma_deg: float
 
     @property
     def is_worse(self) -> bool:
@@ -61,16 +59,14 @@ class Summary:
     @staticmethod
     def of(outcomes: Sequence[Outcome]) -> Summary:
         scores = report.average([each.scores for each in outcomes])
-        mine = scores[HOST]
+        coverage = Coverage.mean([each.coverage for each in outcomes])
         return Summary(
             len(outcomes),
             scores,
-            Coverage.mean([each.coverage for each in outcomes]),
+            coverage,
             float(np.mean([each.is_worse for each in outcomes])),
-            float(np.mean([each.tilt_sigma_deg for each in outcomes]))
-            / mine.inclination,
-            float(np.mean([each.heading_sigma_deg for each in outcomes]))
-            / mine.heading,
+            coverage.tilt_sigma_deg / scores[HOST].inclination,
+            coverage.heading_sigma_deg / scores[HOST].heading,
         )
 
     def ratio(self, kind: str) -> float:

@@ -85,16 +85,20 @@ class Coverage:
     """Shares of the poses in a trial's movement, 0 to 1.
 
     Of poses with a sigma, those with an error inside SIGMAS of it; of all poses, those
-    without a sigma.
+    without a sigma. Beside them the medians of the sigmas, degrees.
     """
 
     tilt: float
     heading: float
     tilt_null: float
     heading_null: float
+    tilt_sigma_deg: float = np.nan
+    heading_sigma_deg: float = np.nan
 
     def __str__(self) -> str:
-        tilt, heading, no_tilt, no_heading = (100.0 * each for each in astuple(self))
+        tilt, heading, no_tilt, no_heading = (
+            100.0 * each for each in astuple(self)[:4]
+        )
         return f"{tilt:5.1f} {heading:5.1f} ({no_tilt:.1f} {no_heading:.1f})"
 
     @staticmethod
@@ -211,14 +215,23 @@ def coverage_at(
     """Shares of true errors inside the stated sigmas, which may be NaN; degrees."""
     moving = counted(times_s, truth)
     found = errors_at(times_s[moving], estimate[moving], truth)
+    return coverage_of(found, tilt_sigma_deg[moving], heading_sigma_deg[moving])
+
+
+def coverage_of(
+    found: Errors, tilt_sigma_deg: FloatArray, heading_sigma_deg: FloatArray
+) -> Coverage:
+    """The same from the true errors at the poses that count."""
     is_seen = np.isfinite(found.total)
-    shares, nulls = [], []
+    shares, nulls, medians = [], [], []
     for error, sigma in (
-        (found.inclination, tilt_sigma_deg[moving]),
-        (found.heading, heading_sigma_deg[moving]),
+        (found.inclination, tilt_sigma_deg),
+        (found.heading, heading_sigma_deg),
     ):
         is_stated = is_seen & np.isfinite(sigma)
-        is_within = error[is_stated] <= SIGMAS * sigma[is_stated]
-        shares.append(float(is_within.mean()) if is_stated.any() else np.nan)
+        inside = error[is_stated] <= SIGMAS * sigma[is_stated]
+        has_any = is_stated.any()
+        shares.append(float(inside.mean()) if has_any else np.nan)
         nulls.append(float(1.0 - is_stated.sum() / max(1, is_seen.sum())))
-    return Coverage(*shares, *nulls)
+        medians.append(float(np.median(sigma[is_stated])) if has_any else np.nan)
+    return Coverage(*shares, *nulls, *medians)

@@ -33,8 +33,8 @@ def outcome(
         "host": Score(1.0, heading, inclination),
         "vqf": Score(2.5, 2.0, 1.0),
     }
-    shares = Coverage(*coverage, 0.0, 0.0)
-    return Outcome(Recipe(group, seed), "nano", scores, shares, 0.25, 2.0)
+    shares = Coverage(*coverage, 0.0, 0.0, 0.25, 2.0)
+    return Outcome(Recipe(group, seed), "nano", scores, shares)
 
 
 def test_a_recording_is_worse_by_a_fifth_and_half_a_degree() -> None:
@@ -47,8 +47,6 @@ def test_a_recording_is_worse_by_a_fifth_and_half_a_degree() -> None:
         "nano",
         {"host": Score(5.0, 5.5, 0.0), "vqf": Score(4.8, 4.8, 0.0)},
         Coverage(1.0, 1.0, 0.0, 0.0),
-        1.0,
-        1.0,
     )
     assert not small.is_worse  # not by a fifth
 
@@ -109,10 +107,9 @@ def test_the_median_of_stated_errors_leaves_out_the_rest() -> None:
     times = np.array([1.0, 9.0, 10.0, 11.0, 12.0])  # it rests for 8 s
     quats = np.tile([1.0, 0.0, 0.0, 0.0], (5, 1))
     tilt = np.array([99.0, 1.0, 2.0, 3.0, np.nan])
-    own = groups.Estimate(times, quats, tilt, np.full(5, np.nan))
-    found = groups.sigmas(own, motion)
-    assert found[0] == 2.0
-    assert math.isnan(found[1])
+    found = scoring.coverage_at(times, quats, tilt, np.full(5, np.nan), motion)
+    assert found.tilt_sigma_deg == 2.0
+    assert math.isnan(found.heading_sigma_deg)
 
 
 def test_a_recording_is_scored_as_broad_is() -> None:

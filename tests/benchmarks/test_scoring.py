@@ -156,7 +156,7 @@ def test_coverage_where_no_sigma_is_stated_is_unknown_and_spoils_no_mean() -> No
     assert unknown.tilt_null == 1.0
     known = scoring.coverage_at(times, truth.quat, ones, ones, truth)
     mean = scoring.Coverage.mean([unknown, known])
-    assert mean == scoring.Coverage(1.0, 1.0, 0.5, 0.0)
+    assert mean == scoring.Coverage(1.0, 1.0, 0.5, 0.0, 1.0, 1.0)
 
 
 def test_each_public_trial_is_in_one_fold_and_each_fold_has_all_groups(
