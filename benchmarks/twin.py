@@ -40,8 +40,9 @@ Pair = tuple[Score, Score | None]
 T = TypeVar("T")
 IntArray = npt.NDArray[np.intp]
 
-SOURCE = scoring.PROJECT / "tests" / "core" / "fuse_twin.c"
-HEADER = SOURCE.with_suffix(".h")
+FOLDER = scoring.PROJECT / "tests" / "core"
+HEADER = FOLDER / "fuse_twin.h"
+SOURCES = sorted(FOLDER.glob("fuse_twin*.c"))
 BUILD = scoring.PROJECT / "build" / "benchmarks"
 # No fused multiply-add, so that every machine gives the same figures.
 COMPILE = ("gcc", "-std=gnu11", "-O2", "-ffp-contract=off", "-fPIC", "-shared")
@@ -72,13 +73,14 @@ class _Params(ctypes.Structure):
 @functools.cache
 def library() -> ctypes.CDLL:
     """The twin, compiled once for each content."""
-    content = SOURCE.read_bytes() + HEADER.read_bytes()
+    files = (*SOURCES, *sorted(FOLDER.glob("fuse_twin*.h")))
+    content = b"".join(path.read_bytes() for path in files)
     digest = hashlib.sha256(content).hexdigest()[:16]
     target = BUILD / f"fuse_twin_{digest}.so"
     if not target.exists():
         BUILD.mkdir(parents=True, exist_ok=True)
         made = target.with_suffix(f".{os.getpid()}")
-        subprocess.run([*COMPILE, SOURCE, "-lm", "-o", made], check=True)
+        subprocess.run([*COMPILE, *SOURCES, "-lm", "-o", made], check=True)
         made.replace(target)
     found = ctypes.CDLL(str(target))
     found.fuse_twin_run.restype = found.fuse_twin_defaults.restype = None

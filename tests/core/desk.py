@@ -14,6 +14,7 @@ import native
 from imud import rotation
 
 HELPERS = ("loops", "fuse_twin")
+TWIN_PARTS = ("fuse_twin_field", "fuse_twin_math")
 
 ffi, lib = native.load(
     [
@@ -23,7 +24,7 @@ ffi, lib = native.load(
             if path.stem != "fixed_mul"
         ),
         "tests/core/checked_mul.c",
-        *(f"tests/core/{name}.c" for name in HELPERS),
+        *(f"tests/core/{name}.c" for name in (*HELPERS, *TWIN_PARTS)),
     ],
     [
         *sorted(native.CORE.rglob("*.h")),

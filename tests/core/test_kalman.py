@@ -46,7 +46,7 @@ def row_of(random: np.random.Generator, states: int) -> desk.Array:
     return desk.unit_rows(random, 1, states)[0] * random.uniform(0.1, 1.8)
 
 
-@pytest.mark.parametrize("states", [1, 4, 6])
+@pytest.mark.parametrize("states", [1, 4, 6, 7])
 def test_gains_and_covariance_are_those_of_doubles(states):
     random = np.random.default_rng(states)
     for _ in range(400):
@@ -60,13 +60,30 @@ def test_gains_and_covariance_are_those_of_doubles(states):
         spread = row @ shared + noise
         if spread > 2**30 - 1:
             continue
-        gains = np.clip(shared / spread, -1, 1)
+        gains = shared / spread
+        is_forgotten = np.abs(gains) > 1
+        if (np.abs(np.abs(gains) - 1) < 1e-6).any():
+            continue  # either way
+        gains[is_forgotten] = 0
         found = read(pairs, states, row, noise)
         # Rounding of `shared`, a step, over the spread, and of the gain itself.
         assert np.abs(found - gains).max() < 4 / spread + 1e-8
-        if np.abs(shared / spread).max() < 1:
-            after = before - np.outer(gains, shared)
-            assert np.abs(unpacked(pairs, states) - after).max() < 8 + 1e-7 * size
+        apart = np.eye(states, dtype=bool)
+        is_kept = apart | ~(is_forgotten[:, None] | is_forgotten[None, :])
+        after = np.where(is_kept, before - np.outer(gains, shared), 0)
+        assert np.abs(unpacked(pairs, states) - after).max() < 8 + 1e-7 * size
+
+
+def test_a_state_that_is_forgotten_keeps_its_variance():
+    before = covariance_of(np.random.default_rng(3), 7, SUM_MAX)
+    pairs = ffi.new("int32_t[]", packed(before))
+    known = unpacked(pairs, 7)
+    lib.kalman_forget(pairs, 7, 4)
+    found = unpacked(pairs, 7)
+    assert found[4, 4] == known[4, 4]
+    assert (np.delete(found[4], 4) == 0).all()
+    others = np.ix_([0, 1, 2, 3, 5, 6], [0, 1, 2, 3, 5, 6])
+    assert (found[others] == known[others]).all()
 
 
 def test_the_indices_of_variances():

@@ -44,7 +44,7 @@ LEVEL_STEP = 0.15
 BIAS_DEG_S = 1.0  # here, and what the filter may take for it
 
 # What is observable, degrees, once it had the time for it.
-TILT, TILT_RMS = 0.5, 0.1
+TILT, TILT_RMS = 0.8, 0.1
 TILT_AFTER_CLIPPING_S = 25
 HEADING, HEADING_RMS = 2.0, 0.3
 HEADING_AFTER_DISTURBANCE_S = 30
@@ -179,7 +179,7 @@ def test_a_calm_minute_passes(seen):
     "spoilt",
     [
         lambda q: turned(q, slice(5000, None), 0, 0, 1.5),  # one jump
-        lambda q: turned(q, slice(None), 0.6, 0, 0),  # a tilt
+        lambda q: turned(q, slice(None), 1.0, 0, 0),  # a tilt
         lambda q: turned(q, slice(None), 0, 0, 3),  # a heading
         lambda q: np.where(np.arange(len(q))[:, None] == 77, q * (1 + 2e-6), q),
     ],

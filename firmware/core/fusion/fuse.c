@@ -96,7 +96,6 @@ void fuse_take_mean(const struct fuse *fuse, struct vector *sum, int32_t limit,
 }
 
 static void run_stage(struct fuse *fuse) {
-    const bool at_rest = fuse_is_at_rest(fuse);
     switch (fuse->stage) {
     case 0:
         fuse_stage_level(fuse);
@@ -106,18 +105,19 @@ static void run_stage(struct fuse *fuse) {
         break;
     case 2:
         fuse_stage_reading(fuse);
+        fuse_stage_predict(fuse);
         break;
     case 3:
-        fuse_stage_motion(fuse, 0);
+        fuse_stage_motion(fuse);
         break;
     case 4:
-        fuse_stage_motion(fuse, 1);
-        break;
-    case 5:
         fuse_stage_field(fuse);
-        if (fuse->has_reading && !at_rest) {
+        if (fuse->has_reading && !fuse_is_at_rest(fuse)) {
             fuse_follow_lag(fuse);
         }
+        break;
+    case 5:
+        fuse_stage_turning(fuse);
         break;
     case 9:
         fuse_stage_world(fuse);

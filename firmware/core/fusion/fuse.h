@@ -50,7 +50,7 @@ struct fuse {
     // A restart forgets all from here to bias_rad_s_q25.
     uint8_t in_frame, stage;  // of the frame that runs
     uint8_t in_stride;        // samples since one that was for a stage
-    uint8_t frames;           // since the start, held at 255
+    uint8_t frames;           // since the start; after 255 comes 254
     uint8_t clipped;          // samples of this frame that lost motion
     uint8_t unsettled;        // frames until levelling tells of bias again
     uint8_t rest_looks;       // in a row that saw no motion
@@ -65,13 +65,14 @@ struct fuse {
     q13_19_t field_noise;      // of this reading, uT2
     q2_30_t heading_variance;  // rad2; 1: no field has told the heading yet
     q7_25_t tilting_rad_s[2];  // what levelling had to correct, as a rate
-    q7_25_t drift_rad_s[2];    // what of it goes on, and its square, (rad/s)^2
+    int16_t drift_q18[2];      // what of it goes on, rad/s, and its square
     q2_30_t drift_square;
     q14_18_t residual;  // uT2: by how much readings go on to surprise
     // The unit vector across the horizontal field, and half of what a heading error of
     // 4 degrees changes there, uT.
     q2_14_t across[2], turned_by;
-    int32_t turned_q21;  // (4 deg)^2: growth of the heading's variance in this frame
+    q2_14_t up[FUSE_TURNS];  // by how much each state turns it about the vertical
+    uint16_t turned_q17;  // (4 deg)^2: growth of the heading's variance in this frame
     // Sums over the frame in the inertial frame, m/s2 and rad/s; of the rate, one for
     // each axis of the body.
     struct vector force_sum_q13, turn_sum_q15[3];

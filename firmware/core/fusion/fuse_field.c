@@ -59,11 +59,11 @@ enum {
 #define HORIZONTAL_MIN_Q18 INT32_C(262144)      // 1 uT
 // Heading variance that a frame adds, rad2 as 2^-39ths: 0.05 deg2/s; 0.3 where no
 // reading comes; 40 where readings say that it is wrong; and by what the gyroscope's
-// uncertainty turned it, (4 deg)^2 q11_21.
+// uncertainty turned it, (4 deg)^2 as 2^-17ths.
 #define HEADING_WANDER INT32_C(837326)
 #define HEADING_WANDER_ALONE INT32_C(5023956)
 #define HEADING_WANDER_TURNED INT32_C(669860790)
-#define HEADING_TURNED INT32_C(1278)
+#define HEADING_TURNED INT32_C(20443)
 // A heading's stated variance has a quarter of the covariance, and (6 s)^2 of what
 // leans: fitted, see fuse_quality.
 #define COVARIANCE_SHARE 4
@@ -151,7 +151,7 @@ NOINLINE static void predict_field(struct fuse *fuse) {
     const int32_t turn_q39 = (!fuse->has_reading ? HEADING_WANDER_ALONE
                               : fuse->is_turned  ? HEADING_WANDER_TURNED
                                                  : HEADING_WANDER) +
-                             fuse->turned_q21 * HEADING_TURNED;
+                             fuse->turned_q17 * HEADING_TURNED;
     if (!fuse->has_reading) {
         fixed_add_clamped(fixed_scale_down(turn_q39, 9), FUSE_HEADING_VARIANCE_MAX_Q30,
                           &fuse->heading_variance);
@@ -193,14 +193,14 @@ void fuse_follow_lag(struct fuse *fuse) {
         return;
     }
     // 2^14 / 1000 / 2^13 of it, which is in uT/ms; at most 2.
-    q2_14_t row[KALMAN_STATES] = {(q2_14_t)(fixed_clamp(norm, LAG_SLOPE_MAX) / 500)};
-    q2_30_t gain[KALMAN_STATES];
-    kalman_read(&fuse->lag_variance, 1, row, fuse->field_noise, gain);
+    const q2_14_t row = (q2_14_t)(fixed_clamp(norm, LAG_SLOPE_MAX) / 500);
+    q2_30_t gain;
+    kalman_read(&fuse->lag_variance, 1, &row, fuse->field_noise, &gain);
     q14_18_t along = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
         fixed_add(fixed_mul_q30(slope.axis[axis], field_step(fuse, axis)), &along);
     }
-    const int32_t lag = fuse->lag_s_q35 - fixed_mul_q30(gain[0], along) * LAG_MS_Q17;
+    const int32_t lag = fuse->lag_s_q35 - fixed_mul_q30(gain, along) * LAG_MS_Q17;
     fuse->lag_s_q35 = fixed_clamp(lag > 0 ? lag : 0, LAG_MAX_Q35);
 }
 
@@ -211,24 +211,19 @@ static q14_18_t leaning(const struct fuse *fuse) {
     return fixed_mul_q30(fixed_mul_q30(vertical, vertical), fuse->drift_square);
 }
 
-// A reading across the horizontal field tells by how much errors of the gyroscope
-// turned the heading. `square`: of the reading's distance, 4096ths of 1 uT2.
-NOINLINE static void read_turning(struct fuse *fuse, const q14_18_t away[3],
-                                  uint32_t square) {
-    q2_14_t row[KALMAN_STATES] = {fuse->across[0], fuse->across[1]};
-    int32_t shared[KALMAN_STATES];
-    if (fuse->turned_by == 0) {
-        return;
-    }
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        row[3 + axis] = (q2_14_t)fixed_scale_down(
-            (int32_t)row[0] * fuse->level_from_body.row[0][axis] +
-                (int32_t)row[1] * fuse->level_from_body.row[1][axis],
-            14);
-    }
-    const int32_t off = fixed_clamp(fixed_dot3_q14(away, row), RESIDUAL_LIMIT_Q18);
-    const int32_t far = fixed_mul_q30(off * 64, off * 64);
-    fixed_add((far - fuse->residual) / 64, &fuse->residual);
+// An axis of the reading's surprise, held within 90 uT; adds its square, 4096ths of
+// 1 uT2.
+static q14_18_t add_away(const struct fuse *fuse, uint8_t axis, uint32_t *square) {
+    const q14_18_t off = fixed_clamp(field_away(fuse, axis), FIELD_FAR_Q18);
+    *square += (uint32_t)fixed_mul_q30(off * 8, off * 8);
+    return off;
+}
+
+// The variance of a reading along `row` that does not come from the gyroscope, as
+// quarters of 1 uT2 in q11_21. `square`: of the reading's distance, 4096ths of 1 uT2.
+NOINLINE static int32_t turning_noise(const struct fuse *fuse, const q2_14_t row[],
+                                      uint32_t square) {
+    int32_t shared[FUSE_FIELD_STATES];
     const uint32_t distance = square < TURNING_FAR ? square : TURNING_FAR;
     const int32_t own =
         (int32_t)(distance + FIELD_UNIT_FINE) * TURNING_NOISE +
@@ -241,31 +236,54 @@ NOINLINE static void read_turning(struct fuse *fuse, const q14_18_t away[3],
     const int32_t seen = fixed_mul_q30(
         fixed_mul_q30(fuse->motion_covariance[FUSE_MOTION_PAIRS - 1], turned_by),
         turned_by);
-    int32_t noise = own + spread - (seen < across ? seen : across);
-    if (noise < own / 4) {
-        noise = own / 4;
+    const int32_t noise = own + spread - (seen < across ? seen : across);
+    return fixed_clamp(noise < own / 4 ? own / 4 : noise, TURNING_NOISE_MAX);
+}
+
+// What of the reading is across the horizontal field, and the noise of it.
+NOINLINE static q14_18_t look_across(const struct fuse *fuse, int32_t *noise) {
+    q2_14_t row[FUSE_FIELD_STATES] = {fuse->across[0], fuse->across[1]};
+    uint32_t square = 0;
+    q14_18_t off = 0;
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        const q14_18_t away = add_away(fuse, axis, &square);
+        fixed_add(fixed_mul_q30(away, row[axis] * INT32_C(65536)), &off);
+        row[3 + axis] = (q2_14_t)fixed_scale_down(
+            (int32_t)row[0] * fuse->level_from_body.row[0][axis] +
+                (int32_t)row[1] * fuse->level_from_body.row[1][axis],
+            14);
     }
-    memset(row, 0, sizeof row);
+    *noise = turning_noise(fuse, row, square);
+    return fixed_clamp(off, RESIDUAL_LIMIT_Q18);
+}
+
+void fuse_stage_turning(struct fuse *fuse) {
+    int32_t noise;
+    if (!fuse->has_reading || fuse->turned_by == 0) {
+        return;
+    }
+    const int32_t off = look_across(fuse, &noise);
+    const int32_t far = fixed_mul_q30(off * 64, off * 64);
+    fixed_add((far - fuse->residual) / 64, &fuse->residual);
+    q2_14_t row[KALMAN_STATES] = {0};
     row[FUSE_TURNS] = fuse->turned_by;
     fuse_read_motion(
-        fuse, row, fixed_clamp(noise, TURNING_NOISE_MAX),
+        fuse, row, noise,
         fixed_mul_q30(fixed_clamp(off, FIELD_STEP_MAX_Q18), TURNED_OFF_Q30));
 }
 
 // Measures how far the reading is from the expected one, and sets its noise by that:
 // the farther, the less it weighs.
 NOINLINE static void weigh_field(struct fuse *fuse) {
-    q14_18_t away[3];
-    uint32_t square = 0;      // 4096ths of 1 uT2, at most 90 uT an axis
+    uint32_t square = 0;  // 4096ths of 1 uT2, at most 90 uT an axis
+    int32_t off = 0;
     int32_t longer = 0;       // the field's square, 64ths of 1 uT2
     int32_t longer_flat = 0;  // the horizontal field's
     int32_t length = 0;
     int32_t horizontal = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        const int32_t off = fixed_clamp(field_away(fuse, axis), FIELD_FAR_Q18);
         const int32_t place = fixed_clamp(fuse->field_ut[axis], FIELD_FAR_Q18);
-        away[axis] = off;
-        square += (uint32_t)fixed_mul_q30(off * 8, off * 8);
+        off = add_away(fuse, axis, &square);
         longer_flat = longer;
         if (axis < 2) {
             fixed_add((int32_t)fixed_magnitude(place), &horizontal);
@@ -275,7 +293,7 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
     }
     // A field of the same length and steepness means that the heading is wrong.
     fuse->is_turned = square > FIELD_UNIT_FINE * 8 &&
-                      fixed_magnitude(away[2]) < (uint32_t)FIELD_TURNED_Q18 &&
+                      fixed_magnitude(off) < (uint32_t)FIELD_TURNED_Q18 &&
                       fixed_magnitude(longer_flat) <
                           (uint32_t)fixed_mul_q30(horizontal, FIELD_TURNED_GAIN_Q30);
     const uint16_t coarse =
@@ -299,7 +317,6 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
     }
     fixed_add(fixed_clamp(leaning(fuse), LEANING_MAX_Q18) * LEANING_NOISE, &noise);
     fuse->field_noise = fixed_clamp(noise, FIELD_NOISE_MAX);
-    read_turning(fuse, away, square);
 }
 
 void fuse_stage_field(struct fuse *fuse) {
@@ -330,8 +347,8 @@ void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis) {
     if (!fuse->has_reading) {
         return;
     }
-    q2_30_t gain[KALMAN_STATES];
-    q2_14_t row[KALMAN_STATES] = {0};
+    q2_30_t gain[FUSE_FIELD_STATES];
+    q2_14_t row[FUSE_FIELD_STATES] = {0};
     row[axis] = FUSE_Q2_14_ONE;
     memcpy(row + 3, fuse->level_from_body.row[axis], 3 * sizeof *row);
     const q14_18_t away = field_step(fuse, axis);

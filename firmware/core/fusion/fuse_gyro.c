@@ -9,9 +9,10 @@
 
 enum {
     REST_SETTLE = 50,  // looks in VQF's mean of 0.5 s
-    // Of what levelling goes on to correct, and of its square: 2 and 6.4 s.
-    DRIFT_FRAMES = 20,
-    DRIFT_SQUARE_FRAMES = 64,
+    // Of what levelling goes on to correct, and of its square: 2 and 6.4 s, a look of
+    // an axis every second frame.
+    DRIFT_LOOKS = 10,
+    DRIFT_SQUARE_LOOKS = 32,
 };
 
 #define REST_RATE_Q25 INT32_C(1171299)          // VQF's 2 deg/s
@@ -31,18 +32,17 @@ enum {
 #define WARMING UINT16_C(53687)   // 5e-4 (deg/s)^2 a second more, as 32nds
 #define SCALE_WANDER INT32_C(21)  // 4e-10 a second
 // Of what levelling corrects: 1 (deg/s)^2 s, and 10 s times the square of what it goes
-// on to correct, at most 3.1 (deg/s)^2, from q2_30.
-#define MOTION_NOISE INT32_C(20971520)
-#define MOTION_DRIFT INT32_C(641)
+// on to correct, at most 3.1 (deg/s)^2, from q2_30; over the 0.2 s of a look.
+#define MOTION_NOISE INT32_C(10485760)
+#define MOTION_DRIFT INT32_C(321)
 #define MOTION_DRIFT_MAX_Q30 INT32_C(1000000)
 #define REST_NOISE INT32_C(30199)  // (0.03 deg/s)^2 of a mean at rest, in 4ths
 #define REST_SURPRISE_Q25 INT32_C(134217728)  // 4 rad/s
 #define TILTING_LIMIT_Q25 INT32_C(2928177)    // 5 deg/s
-#define TURN_MEAN_LIMIT_Q15 INT32_C(1540096)  // 47 rad/s
 #define TURN_LIMIT_Q14 INT32_C(24576)         // 1.5 * 500 deg/s
 #define SCALE_LIMIT_Q30 INT32_C(85899346)     // 8 %
-// rad/s as q23 over 500 deg/s to q2_14: 2^-9 * 0.1145916.
-#define TURN_GAIN_Q30 INT32_C(240316)
+// rad/s as q15 over 500 deg/s to q2_14: 2^-1 * 0.1145916.
+#define TURN_GAIN_Q30 INT32_C(61520895)
 // A scale as q2_30 times 500 deg/s to rad/s q7_25: 8.726646 / 2^5.
 #define EFFECT_GAIN_Q30 INT32_C(292817659)
 // Scale a rad/s of surprise, from q7_25 to q2_30: 57.29578 / 500 * 2^5, halved.
@@ -56,21 +56,18 @@ enum {
     HEADING_PAIRS = HEADING * (HEADING + 1) / 2,  // before its covariances
 };
 
+// One copy, whose numbers are on the stack only while it runs.
+#define NOINLINE __attribute__((noinline))
+
 // Of VQF's rest filter, 0.5 s, at 100 looks a second.
 static const IN_FLASH struct lowpass_gain rest_gain = {
     INT32_C(15186015), INT32_C(1052480291), REST_SETTLE};
 
-// Covariance of a bias that is known this well, and of scales and heading known as
-// before, each for itself.
+// Covariance of a bias that is known this well, whatever else is known.
 static void set_bias_variance(struct fuse *fuse, int32_t bias_variance) {
-    int32_t *pair = fuse->motion_covariance;
-    for (uint8_t state = 0; state < FUSE_MOTION_STATES; ++state) {
-        memset(pair, 0, state * sizeof *pair);
-        pair += state;
-        if (state < SCALE) {
-            *pair = bias_variance;
-        }
-        ++pair;
+    for (uint8_t state = 0; state < SCALE; ++state) {
+        kalman_forget(fuse->motion_covariance, FUSE_MOTION_STATES, state);
+        fuse->motion_covariance[kalman_variance(state)] = bias_variance;
     }
 }
 
@@ -83,8 +80,8 @@ void fuse_init_gyro(struct fuse *fuse) {
 }
 
 void fuse_forget_turned(struct fuse *fuse) {
-    memset(&fuse->motion_covariance[HEADING_PAIRS], 0,
-           FUSE_MOTION_STATES * sizeof *fuse->motion_covariance);
+    kalman_forget(fuse->motion_covariance, FUSE_MOTION_STATES, HEADING);
+    fuse->motion_covariance[kalman_variance(HEADING)] = 0;
 }
 
 void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25) {
@@ -137,8 +134,8 @@ static q7_25_t effect(const struct fuse *fuse, const q2_14_t row[FUSE_TURNS]) {
 
 // The uncertainty that a frame adds to bias, scales and heading. `up`: by how much each
 // state turns the level frame about the vertical.
-static void predict_motion(struct fuse *fuse, const q2_14_t up[KALMAN_STATES]) {
-    int32_t shared[KALMAN_STATES];
+static void predict_motion(struct fuse *fuse, const q2_14_t up[FUSE_TURNS]) {
+    int32_t shared[FUSE_TURNS];
     int32_t *covariance = fuse->motion_covariance;
     const int32_t bias_wander = BIAS_WANDER + (fuse->warming >> WARMING_BITS);
     fuse->warming = (uint16_t)(fuse->warming - fuse->warming / 256);
@@ -159,49 +156,69 @@ static void predict_motion(struct fuse *fuse, const q2_14_t up[KALMAN_STATES]) {
         fixed_add(step, &heading[state]);
     }
     growth = fixed_clamp(fixed_mul_q30(growth, TURNED_GAIN_Q30), TURNED_STEP_MAX);
-    fuse->turned_q21 = growth > 0 ? growth : 0;
-    fixed_add_clamped(fuse->turned_q21, TURNED_VARIANCE_MAX, &heading[HEADING]);
+    if (growth < 0) {
+        growth = 0;
+    }
+    fuse->turned_q17 = (uint16_t)(growth / 16);
+    fixed_add_clamped(growth, TURNED_VARIANCE_MAX, &heading[HEADING]);
+}
+
+void fuse_stage_predict(struct fuse *fuse) {
+    predict_motion(fuse, fuse->up);
+}
+
+// Rates over the frame about the axes of the body, in the level frame: the columns of
+// `row` after the third.
+NOINLINE static void turn_rates(struct fuse *fuse, q2_14_t row[3][FUSE_TURNS]) {
+    struct matrix level_from_inertial;
+    const q2_30_t gain = fixed_mul_q30(fuse->coefficients.share, TURN_GAIN_Q30);
+    matrix_from_quat(&fuse->level_from_inertial, &level_from_inertial);
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        struct vector rate;
+        struct vector *sum = &fuse->turn_sum_q15[axis];
+        matrix_turn(&level_from_inertial, sum->axis, rate.axis);
+        memset(sum, 0, sizeof *sum);
+        for (uint8_t i = 0; i < 3; ++i) {
+            row[i][SCALE + axis] =
+                (q2_14_t)fixed_clamp(fixed_mul_q30(rate.axis[i], gain), TURN_LIMIT_Q14);
+        }
+    }
+}
+
+// The rotation from the body to the level frame, the other way round: the columns
+// before.
+NOINLINE static void turn_axes(const struct fuse *fuse, q2_14_t row[3][FUSE_TURNS]) {
+    struct quat attitude;
+    struct matrix level_from_body;
+    quat_multiply(&fuse->level_from_inertial, &fuse->inertial_from_body, &attitude);
+    matrix_from_quat(&attitude, &level_from_body);
+    for (uint8_t i = 0; i < 3; ++i) {
+        for (uint8_t axis = 0; axis < 3; ++axis) {
+            row[i][axis] = (q2_14_t)-level_from_body.row[i][axis];
+        }
+    }
 }
 
 void fuse_stage_regressors(struct fuse *fuse) {
-    struct quat attitude;
-    struct matrix turn;
-    q2_14_t row[3][KALMAN_STATES] = {{0}};
-    matrix_from_quat(&fuse->level_from_inertial, &turn);
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        struct vector rate;
-        struct vector level;
-        fuse_take_mean(fuse, &fuse->turn_sum_q15[axis], TURN_MEAN_LIMIT_Q15, &rate);
-        matrix_turn(&turn, rate.axis, level.axis);
-        for (uint8_t i = 0; i < 3; ++i) {
-            row[i][SCALE + axis] = (q2_14_t)fixed_clamp(
-                fixed_mul_q30(level.axis[i], TURN_GAIN_Q30), TURN_LIMIT_Q14);
-        }
-    }
-    quat_multiply(&fuse->level_from_inertial, &fuse->inertial_from_body, &attitude);
-    matrix_from_quat(&attitude, &turn);
-    for (uint8_t i = 0; i < 3; ++i) {
-        for (uint8_t axis = 0; axis < 3; ++axis) {
-            row[i][axis] = (q2_14_t)-turn.row[i][axis];
-        }
-    }
+    q2_14_t row[3][FUSE_TURNS];
+    turn_rates(fuse, row);
+    turn_axes(fuse, row);
     for (uint8_t i = 0; i < 2; ++i) {
         for (uint8_t state = 0; state < FUSE_TURNS; ++state) {
-            lowpass_short_step(&fuse->regressor[i].state[state], &fuse_level_gain,
-                               row[i][state], fuse->frames);
+            lowpass_short_step(&fuse->regressor[i].state[state], row[i][state],
+                               fuse->frames);
         }
         lowpass_axis_step(&fuse->taken_off[i], &fuse_level_gain, effect(fuse, row[i]),
                           fuse->frames);
     }
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        row[2][axis] = (q2_14_t)(row[2][axis] / 4);
+    for (uint8_t state = 0; state < FUSE_TURNS; ++state) {
+        fuse->up[state] = (q2_14_t)(state < SCALE ? row[2][state] / 4 : row[2][state]);
     }
-    predict_motion(fuse, row[2]);
 }
 
 void fuse_read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
                       q7_25_t surprise) {
-    q2_30_t gain[KALMAN_STATES];
+    q2_30_t gain[FUSE_MOTION_STATES];
     kalman_read(fuse->motion_covariance, FUSE_MOTION_STATES, row, noise, gain);
     for (uint8_t axis = 0; axis < 3; ++axis) {
         fixed_add_clamped(fixed_scale_down(fixed_mul_q30(gain[axis], surprise), 2),
@@ -213,7 +230,7 @@ void fuse_read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
 }
 
 static void read_rest(struct fuse *fuse) {
-    q2_14_t row[KALMAN_STATES] = {0};
+    q2_14_t row[FUSE_MOTION_STATES] = {0};
     const uint8_t axis = fuse->rest_axis;
     const int32_t surprise =
         fuse->rest_rate.axis[axis].level - fuse->bias_rad_s_q25.axis[axis];
@@ -225,11 +242,12 @@ static void read_rest(struct fuse *fuse) {
 
 // The surprise of levelling is that of an error that has always been there: what the
 // estimates took off each correction is taken back, and what those of now would have
-// taken off is not a surprise.
-void fuse_stage_motion(struct fuse *fuse, uint8_t axis) {
+// taken off is not a surprise. The axes take turns.
+void fuse_stage_motion(struct fuse *fuse) {
     const bool is_at_rest = fuse_is_at_rest(fuse);
-    q2_14_t row[KALMAN_STATES] = {0};
-    if (is_at_rest && axis == 0) {
+    const uint8_t axis = fuse->frames % 2;
+    q2_14_t row[FUSE_MOTION_STATES] = {0};
+    if (is_at_rest) {
         read_rest(fuse);
     }
     if (fuse->frames <= FUSE_LEVEL_SETTLE || fuse->unsettled > 0) {
@@ -241,13 +259,15 @@ void fuse_stage_motion(struct fuse *fuse, uint8_t axis) {
     const int32_t surprise = fixed_clamp(
         fuse->tilting_rad_s[axis] + fuse->taken_off[axis].level - effect(fuse, row),
         TILTING_LIMIT_Q25);
-    q7_25_t *drift = &fuse->drift_rad_s[axis];
-    fixed_add((surprise - *drift) / DRIFT_FRAMES, drift);
+    int16_t *drift = fuse->drift_q18;
+    drift[axis] =
+        (int16_t)(drift[axis] +
+                  (fixed_scale_down(surprise, 7) - drift[axis]) / DRIFT_LOOKS);
     if (axis == 1) {
-        const int32_t x = drift[-1] * 32;
-        const int32_t y = drift[0] * 32;
+        const int32_t x = drift[0] * INT32_C(4096);
+        const int32_t y = drift[1] * INT32_C(4096);
         const int32_t square = (fixed_mul_q30(x, x) + fixed_mul_q30(y, y)) / 2;
-        fixed_add((square - fuse->drift_square) / DRIFT_SQUARE_FRAMES,
+        fixed_add((square - fuse->drift_square) / DRIFT_SQUARE_LOOKS,
                   &fuse->drift_square);
     }
     if (!is_at_rest) {

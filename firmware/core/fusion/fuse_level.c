@@ -72,9 +72,8 @@ void fuse_stage_level(struct fuse *fuse) {
     if (fuse->unsettled > 0) {
         --fuse->unsettled;
     }
-    if (fuse->frames < UINT8_MAX) {
-        ++fuse->frames;
-    }
+    fuse->frames =
+        (uint8_t)(fuse->frames < UINT8_MAX ? fuse->frames + 1 : UINT8_MAX - 1);
     fuse_take_mean(fuse, &fuse->force_sum_q13, FORCE_LIMIT_Q13, &force);
     lowpass_step(&fuse->force, &fuse_level_gain, &force, fuse->frames);
     follow_gravity(fuse);

@@ -62,12 +62,13 @@ void fuse_forget_turned(struct fuse *fuse);
 // Rest: for 1.5 s rates and force have stayed near their short mean, and the mean rate
 // near the calibrated bias.
 void fuse_look_for_rest(struct fuse *fuse, const struct measurement *measurement);
-// How errors of bias and scales would turn the level frame, and what they add to the
-// uncertainty of the heading.
+// How errors of bias and scales would turn the level frame.
 void fuse_stage_regressors(struct fuse *fuse);
-// What levelling had to correct about an axis (0: x, 1: y) tells of bias and scales in
-// motion. At rest the mean rate is the bias, of one body axis a frame.
-void fuse_stage_motion(struct fuse *fuse, uint8_t axis);
+// What they add to the uncertainty of the heading.
+void fuse_stage_predict(struct fuse *fuse);
+// What levelling had to correct about x or y tells of bias and scales in motion. At
+// rest the mean rate is the bias, of one body axis a frame.
+void fuse_stage_motion(struct fuse *fuse);
 // Takes a reading of bias, scales and heading, whose states and units are those of
 // motion_covariance; its surprise in its own unit times a degree, as q7_25.
 void fuse_read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
@@ -84,6 +85,9 @@ void fuse_take_reading(struct fuse *fuse, const struct vector *field_ut_q18);
 void fuse_stage_reading(struct fuse *fuse);
 // Predicts the field, and weighs the reading. Without a reading, only predicts.
 void fuse_stage_field(struct fuse *fuse);
+// A reading across the horizontal field tells by how much errors of the gyroscope
+// turned the heading.
+void fuse_stage_turning(struct fuse *fuse);
 // Learns from the reading how late readings are.
 void fuse_follow_lag(struct fuse *fuse);
 // Takes one axis of the reading into the field of the place and of the probe.

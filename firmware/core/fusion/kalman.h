@@ -17,16 +17,18 @@ static inline uint8_t kalman_variance(uint8_t state) {
     return (uint8_t)(state * (state + 3) / 2);
 }
 
-// Of each state its covariance with row * states, in the format of the covariance;
-// returns the variance of row * states. `row` and `shared` have KALMAN_STATES elements;
-// those after the first `states` are 0. Needs |row| <= 1.8 and variances whose sum is
-// at most 2^28; that variance is then at most 2^30.
+// Of each of the states its covariance with row * states, in the format of the
+// covariance; returns the variance of row * states. Needs |row| <= 2.8 and variances
+// whose sum is at most 2^28.
 int32_t kalman_share(const int32_t covariance[], uint8_t states, const q2_14_t row[],
                      int32_t shared[]);
 
-// The reading is modelled as row * states + noise. `row` and `gain` have KALMAN_STATES
-// elements; those after the first `states` are 0. The covariance and the variance
-// `noise` have the same Q format. Gains are limited to +-1, and a variance never falls
+// Nothing that is known of other states tells of this one any more; its variance stays.
+void kalman_forget(int32_t covariance[], uint8_t states, uint8_t state);
+
+// The reading is modelled as row * states + noise; finds the gain of each of the
+// states. The covariance and the variance `noise` have the same Q format. Where a gain
+// would be above 1, that state is forgotten, and its gain is 0. A variance never falls
 // below one step. Needs what kalman_share needs, and noise in [1, 2^30 - 2]. The
 // variance of the reading, with noise, is limited to less than 2^30.
 void kalman_read(int32_t covariance[], uint8_t states, const q2_14_t row[],

@@ -2,9 +2,8 @@
 // Second-order Butterworth low-pass; see lowpass.h.
 #include "core/fusion/lowpass.h"
 
-// Of 16 bits in the 32 that a step calculates with: |input| stays below 1e9.
-enum { SHORT_BITS = 15 };
-#define SHORT_STEP INT32_C(32768)
+// Of 3 s in steps of 0.1 s: the gains of lowpass.h as 2^16ths, 1 less the feedback.
+enum { SHORT_INTEGRATOR = 1545, SHORT_LOSS = 2149, SHORT_SETTLE = 30 };
 
 void lowpass_axis_step(struct lowpass_axis *axis,
                        const IN_FLASH struct lowpass_gain *gain, int32_t input,
@@ -21,13 +20,20 @@ void lowpass_axis_step(struct lowpass_axis *axis,
     axis->band = 2 * middle - axis->band;
 }
 
-void lowpass_short_step(struct lowpass_short *axis,
-                        const IN_FLASH struct lowpass_gain *gain, int16_t input,
-                        uint8_t count) {
-    struct lowpass_axis fine = {axis->band * SHORT_STEP, axis->level * SHORT_STEP};
-    lowpass_axis_step(&fine, gain, input * SHORT_STEP, count);
-    axis->band = (int16_t)fixed_scale_down(fine.band, SHORT_BITS);
-    axis->level = (int16_t)fixed_scale_down(fine.level, SHORT_BITS);
+void lowpass_short_step(struct lowpass_short *axis, int16_t input, uint8_t count) {
+    const int32_t error = (int32_t)input - axis->level;
+    if (count <= SHORT_SETTLE) {
+        axis->level = (int16_t)(axis->level + error / count);
+        return;
+    }
+    // As lowpass_axis_step, with 8 bits more than the states have.
+    int32_t middle =
+        axis->band * INT32_C(256) + fixed_byte_floor(error * SHORT_INTEGRATOR + 128);
+    middle -= fixed_byte_floor((int32_t)(int16_t)fixed_byte_floor(middle) * SHORT_LOSS);
+    const int32_t step = (int32_t)(int16_t)fixed_byte_floor(middle) * SHORT_INTEGRATOR;
+    axis->level =
+        (int16_t)(axis->level + (int16_t)fixed_high_half((uint32_t)(2 * step + 32768)));
+    axis->band = (int16_t)(fixed_byte_floor(2 * middle + 128) - axis->band);
 }
 
 void lowpass_step(struct lowpass *filter, const IN_FLASH struct lowpass_gain *gain,

@@ -15,8 +15,9 @@ struct lowpass {
     struct lowpass_axis axis[3];
 };
 
-// The same in 16 bits, for what needs no more than 1e-3 of its range: the output stays
-// within 12 steps of that of 32 bits.
+// The same in 16 bits, for what needs no more than 1e-3 of its range, with a step of
+// 0.1 s and a time constant of 3 s. The output stays within 16 steps of that of 32
+// bits.
 struct lowpass_short {
     int16_t band, level;
 };
@@ -34,10 +35,8 @@ void lowpass_axis_step(struct lowpass_axis *axis,
                        const IN_FLASH struct lowpass_gain *gain, int32_t input,
                        uint8_t count);
 
-// Needs |input| below 30,000.
-void lowpass_short_step(struct lowpass_short *axis,
-                        const IN_FLASH struct lowpass_gain *gain, int16_t input,
-                        uint8_t count);
+// Needs |input| at most 25,000.
+void lowpass_short_step(struct lowpass_short *axis, int16_t input, uint8_t count);
 
 // The same of three axes.
 void lowpass_step(struct lowpass *filter, const IN_FLASH struct lowpass_gain *gain,
