@@ -209,27 +209,38 @@ class _Build:
 
         The key is a digest of the preprocessed text, in which -D flags have taken
         effect: libraries with other flags share an object where those change nothing.
+        A link named by what the text comes from saves preprocessing it again.
         """
+        known = self._cached(source, self.object_flags, ".known")
+        if known.exists():
+            return known.resolve()
         try:
             text = _run("gcc", *self.object_flags, "-E", str(source))
             others = [flag for flag in self.object_flags if not flag.startswith("-D")]
             key = self._digest(text=f"{' '.join(others)}\0{text}")
             target = CACHE / f"{source.stem}-{key}.o"
-            if target.exists():
-                return target
-            # In its final folder, because the coverage notes are written beside it.
-            made = target.with_suffix(".part.o")
-            _run("gcc", *self.object_flags, "-c", str(source), "-o", str(made))
+            if not target.exists():
+                # Compiled in this folder: the coverage notes are written beside it.
+                made = target.with_suffix(".part.o")
+                _run("gcc", *self.object_flags, "-c", str(source), "-o", str(made))
+                made.rename(target)
         except NativeBuildError as error:
             if not _is_partial():
                 raise
             sys.stderr.write(f"{source.name} is left out: {error}\n")
             return None
-        made.rename(target)
+        known.unlink(missing_ok=True)
+        known.symlink_to(target.name)
         return target
 
     def _is_whole(self, header: Path) -> bool:
-        """Whether a header compiles by itself; if not, raises unless _is_partial()."""
+        """Whether a header compiles by itself; if not, raises unless _is_partial().
+
+        A header that does is not compiled again until it or one beside it changes.
+        """
+        known = self._cached(header, self.flags, ".whole")
+        if known.exists():
+            return True
         seam = f'#include "{header}"\n'
         strict = (*self.flags, *WARNINGS, "-fsyntax-only", "-xc", "-")
         try:
@@ -239,7 +250,19 @@ class _Build:
                 raise
             sys.stderr.write(f"{header.name} is left out: {error}\n")
             return False
+        known.touch()
         return True
+
+    def _cached(self, path: Path, flags: Sequence[str], suffix: str) -> Path:
+        """A name in the cache for a file, the flags, and all headers that it may see.
+
+        Files of the core include only the core's (tests/test_house.py), so that what
+        is known of them holds for every library.
+        """
+        near = [p for p in self.seen if p.is_relative_to(CORE)]
+        seen = near if path.is_relative_to(CORE) else self.seen
+        key = self._digest(path, *seen, text=" ".join(flags))
+        return CACHE / f"{path.stem}-{key}{suffix}"
 
     @staticmethod
     def _refuse_twins(headers: Sequence[Path]) -> None:
