@@ -31,8 +31,18 @@ from prototypes import NativeBuildError, declarations
 
 ROOT = Path(__file__).resolve().parent.parent
 CORE = ROOT / "firmware" / "core"
+CHIPS = ROOT / "sim" / "chips"
 CACHE = ROOT / "build" / "native"
 OWN = (Path(__file__), Path(__file__).with_name("prototypes.py"))
+
+# With the core and the chips' models in the library of load(): a library of their own
+# would take seconds to build. Each has a header.
+BESIDE = (
+    *("firmware/generic/bus_recovery", "firmware/stm32/identity"),
+    *("firmware/stm32/journal", "sim/motion"),
+    *("tests/core/loops", "tests/generic/lines", "tests/stm32/bits"),
+)
+BESIDE_HEADERS = ("firmware/generic/slots.h",)
 
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror")
 
@@ -74,22 +84,25 @@ def coverage() -> tuple[str, ...]:
 
 
 def load(
-    extra_sources: Iterable[str | Path] = (),
-    extra_headers: Iterable[str | Path] = (),
+    sources: Iterable[str | Path] | None = None,
+    headers: Iterable[str | Path] = (),
     defines: Iterable[str] = (),
-    *,
-    core: bool = True,
 ) -> tuple[Any, Any]:
-    """Return (ffi, lib) of firmware/core and of extra files; build them if needed.
+    """Return (ffi, lib) of C files and what their headers declare; build it if needed.
 
-    Paths are relative to the project's root; a define is "NAME" or "NAME=VALUE".
-    Raises NativeBuildError with the compiler's message.
+    Without arguments, of firmware/core, the chips' models and the files BESIDE. Paths
+    are relative to the project's root; a define is "NAME" or "NAME=VALUE". Raises
+    NativeBuildError with the compiler's message.
     """
+    if sources is None:
+        sources = [*CORE.rglob("*.c"), *CHIPS.rglob("*.c")]
+        sources += [f"{name}.c" for name in BESIDE]
+        headers = [*CORE.rglob("*.h"), *CHIPS.glob("*.h"), *BESIDE_HEADERS]
+        headers += [f"{name}.h" for name in BESIDE]
     return _load(
-        tuple((ROOT / path).resolve() for path in extra_sources),
-        tuple((ROOT / path).resolve() for path in extra_headers),
+        tuple(sorted((ROOT / path).resolve() for path in sources)),
+        tuple(sorted((ROOT / path).resolve() for path in headers)),
         tuple(defines),
-        core,
         compile_flags(),
         coverage(),
     )
@@ -97,17 +110,13 @@ def load(
 
 @functools.cache
 def _load(
-    extra_sources: tuple[Path, ...],
-    extra_headers: tuple[Path, ...],
+    sources: tuple[Path, ...],
+    headers: tuple[Path, ...],
     defines: tuple[str, ...],
-    core: bool,
     flags: tuple[str, ...],
     counting: tuple[str, ...],
 ) -> tuple[Any, Any]:
-    ours = [*sorted(CORE.rglob("*.c"))] if core else []
-    headers = [*sorted(CORE.rglob("*.h"))] if core else []
-    headers += extra_headers
-    build = _Build([*ours, *extra_sources], headers, defines, flags, counting)
+    build = _Build(sources, headers, defines, flags, counting)
     spec = importlib.util.spec_from_file_location(build.name, build.library())
     if spec is None or spec.loader is None:
         raise NativeBuildError(f"{build.name} is no extension module")

@@ -58,7 +58,7 @@ def planted(tmp_path: Path) -> tuple[Path, Path]:
 
 def test_a_header_is_enough_to_reach_all_it_declares(planted):
     header, source = planted
-    ffi, lib = native.load([source], [header], core=False)
+    ffi, lib = native.load([source], [header])
     assert lib.planted_add(2, 3) == 5
     assert lib.planted_sum([200, 100] + [0] * 8) == 300 - 256
     assert (lib.PLANTED_LOW, lib.PLANTED_NEXT, lib.PLANTED_WIDE) == (-3, -2, 4)
@@ -71,10 +71,10 @@ def test_a_header_is_enough_to_reach_all_it_declares(planted):
 
 def test_a_changed_file_is_compiled_again(planted):
     header, source = planted
-    _, before = native.load([source], [header], core=False)
+    _, before = native.load([source], [header])
     source.write_text(SOURCE.replace("a + b", "a - b"))
     native.forget()
-    _, after = native.load([source], [header], core=False)
+    _, after = native.load([source], [header])
     assert (before.planted_add(2, 3), after.planted_add(2, 3)) == (5, -1)
 
 
@@ -91,7 +91,7 @@ def test_a_warning_stops_the_build(planted, fault, complaint):
     header, source = planted
     source.write_text(SOURCE + fault)
     with pytest.raises(native.NativeBuildError, match=complaint):
-        native.load([source], [header], core=False)
+        native.load([source], [header])
 
 
 def test_two_headers_with_one_guard_are_refused(planted, tmp_path):
@@ -99,4 +99,4 @@ def test_two_headers_with_one_guard_are_refused(planted, tmp_path):
     twin = tmp_path / "twin.h"
     twin.write_text(HEADER)
     with pytest.raises(native.NativeBuildError, match="both guard by PLANTED_H"):
-        native.load([source], [header, twin], core=False)
+        native.load([source], [header, twin])

@@ -38,7 +38,7 @@ CALLER = """
 import sys
 import native
 folder, call = sys.argv[1:]
-ffi, lib = native.load([folder + "/planted.c"], [folder + "/planted.h"], core=False)
+ffi, lib = native.load([folder + "/planted.c"], [folder + "/planted.h"])
 print("loaded", flush=True)
 eval(call, {"lib": lib})
 print("survived", flush=True)

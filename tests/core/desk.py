@@ -30,7 +30,6 @@ ffi, lib = native.load(
         *sorted(native.CORE.rglob("*.h")),
         *(f"tests/core/{name}.h" for name in HELPERS),
     ],
-    core=False,
 )
 
 DEGREE = math.pi / 180

@@ -7,11 +7,11 @@ from __future__ import annotations
 import zlib
 from typing import Any
 
-import chips
+import native
 from core.fake_card import BLOCK, FakeCard
 from core.fake_spi import Wire
 
-ffi, lib = chips.load("sdcard")
+ffi, lib = native.load()
 
 RING = 65536
 FRAME = 118  # bytes: raw and pose of a sample

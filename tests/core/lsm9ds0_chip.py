@@ -6,9 +6,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import chips
+import native
 
-ffi, lib = chips.load("lsm9ds0")
+ffi, lib = native.load()
 Triple = tuple[float, float, float]
 BIT_US = 2.5  # 400 kHz
 ACC_PASSED, GYR_PASSED = lib.SELF_TEST_ACC_PASSED, lib.SELF_TEST_GYR_PASSED

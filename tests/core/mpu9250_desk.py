@@ -7,10 +7,10 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import chips
+import native
 from core.sensor_desk import SensorBench
 
-ffi, lib = chips.load("mpu9250")
+ffi, lib = native.load()
 G = 9.80665
 DEGREE = math.pi / 180
 ACC_LSB = 16 * G / 32768

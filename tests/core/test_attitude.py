@@ -196,7 +196,6 @@ def test_an_image_of_one_filter_has_no_other_and_gives_the_same_bits(name):
         ],
         ["firmware/core/fusion/pose.h", "tests/core/loops.h"],
         [f"ATTITUDE_ONLY={name}"],
-        core=False,
     )
     only = library[1]
     assert [kind for kind in range(-1, 300) if only.attitude_has(kind)] == [KINDS[name]]

@@ -19,7 +19,7 @@ from core import desk
 from core.desk import INT32_MAX, INT32_MIN
 
 # The products as the firmware has them, not the guarded ones of the desk.
-ffi, lib = native.load(["tests/core/loops.c"], ["tests/core/loops.h"])
+ffi, lib = native.load()
 
 EDGES = sorted(
     {

@@ -10,10 +10,7 @@ import pytest
 
 import native
 
-ffi, lib = native.load(
-    ["firmware/generic/bus_recovery.c", "tests/generic/lines.c"],
-    ["firmware/generic/slots.h", "tests/generic/lines.h"],
-)
+ffi, lib = native.load()
 
 
 def recover(sda_clocks: int = 0, scl_waits: int = 0) -> int:

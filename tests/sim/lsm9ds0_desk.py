@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-import chips
+import native
 from sim import sensor_desk
 from sim.sensor_desk import SensorDesk
 
 G, XM = 0x6B, 0x1D
 ON = 0x80  # bit 7 of the sub-address: increment it after each byte
 
-ffi, lib = chips.load("lsm9ds0", core=False)
+ffi, lib = native.load()
 recorder = functools.partial(sensor_desk.recorder, ffi)
 
 GYR, ACC, MAG = lib.CHIP_GYR, lib.CHIP_ACC, lib.CHIP_MAG

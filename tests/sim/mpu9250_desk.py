@@ -6,13 +6,13 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-import chips
+import native
 from sim import sensor_desk
 from sim.sensor_desk import MS, SensorDesk
 
 MPU, AK = 0x68, 0x0C
 
-ffi, lib = chips.load("mpu9250", core=False)
+ffi, lib = native.load()
 recorder = functools.partial(sensor_desk.recorder, ffi)
 
 

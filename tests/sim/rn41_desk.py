@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import chips
+import native
 
 MS = 1_000_000
 SECOND = 1000 * MS
@@ -13,7 +13,7 @@ FACTORY = 115_200
 UP = 1.0  # s from power-up until the module is ready
 LINK = 3.0  # s from power-up until a host has connected
 
-ffi, lib = chips.load("rn41", core=False)
+ffi, lib = native.load()
 
 
 class Radio:

@@ -8,7 +8,7 @@ import hashlib
 from pathlib import Path
 from typing import Any, ClassVar
 
-import chips
+import native
 
 BLOCK = 512
 MS = 1_000_000
@@ -18,7 +18,7 @@ ERASE_RESET, ERASE_SEQUENCE = 0x02, 0x10
 ACCEPTED, CRC_ERROR, WRITE_ERROR = 0x05, 0x0B, 0x0D  # data responses, low 5 bits
 HCS = 1 << 30
 
-ffi, lib = chips.load("sdcard", core=False)
+ffi, lib = native.load()
 
 
 def crc7(data: bytes) -> int:

@@ -12,7 +12,6 @@ from typing import Any
 
 import pytest
 
-import chips
 import native
 from nano_desk import NANO, image, run
 
@@ -22,11 +21,7 @@ def desk() -> Path:
     return image()
 
 
-ffi, lib = native.load(
-    extra_sources=["sim/motion.c", *chips.sources("mpu9250")],
-    extra_headers=["sim/chips/mpu9250.h", "sim/motion.h"],
-    core=False,
-)
+ffi, lib = native.load()
 
 
 def stream(rate_hz: float, count: int, records: list[list[float]]) -> bytes:

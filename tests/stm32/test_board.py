@@ -253,7 +253,7 @@ def test_what_is_stored_is_there_after_a_power_cut(
 def test_every_filter_gives_the_bits_of_the_host_with_and_without_the_fpu(
     board: Board,
 ) -> None:
-    _, lib = native.load(["tests/stm32/bits.c"], ["tests/stm32/bits.h"])
+    _, lib = native.load()
     digests = []
     for kind in range(lib.FILTER_FUSE, lib.FILTER_DCM_PI + 1):
         lib.bits_begin(kind)

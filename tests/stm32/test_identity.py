@@ -8,9 +8,7 @@ from hypothesis import strategies as st
 
 import native
 
-ffi, lib = native.load(
-    ["firmware/stm32/identity.c"], ["firmware/stm32/identity.h"], core=False
-)
+ffi, lib = native.load()
 
 words = st.lists(st.integers(0, 2**32 - 1), min_size=3, max_size=3)
 

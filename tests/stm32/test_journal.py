@@ -13,9 +13,7 @@ from hypothesis import strategies as st
 
 import native
 
-ffi, lib = native.load(
-    ["firmware/stm32/journal.c"], ["firmware/stm32/journal.h"], core=True
-)
+ffi, lib = native.load()
 
 WORDS = 4 * lib.JOURNAL_BYTES
 BLANK = 0xFFFFFFFF

@@ -15,7 +15,6 @@ ffi, lib = native.load(
     ["firmware/stm32/string.c"],
     ["firmware/stm32/libc/string.h"],
     [f"{name}=our_{name}" for name in NAMES],
-    core=False,
 )
 
 SIZE = 64
