@@ -10,22 +10,28 @@ none is left over at the end.
 
 from __future__ import annotations
 
-import ast
 import functools
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 from xdist.scheduler import LoadScopeScheduling
 
+from native import CACHE, locked
 from pace import UNKNOWN_S, file_of, seconds_of_files
 
 TESTS = Path(__file__).resolve().parent
 ROOT = TESTS.parent
 UNIT_S = 1.0
+
+# Parsing all of the tests would take a second of each process.
+IMPORTS = re.compile(
+    r"^ *(?:from ([\w.]+) import (\([^)]*\)|.*)|import (.*))$", re.MULTILINE
+)
+WORD = re.compile(r"[\w.]+")
 
 
 @functools.cache
@@ -35,11 +41,9 @@ def loads_c(path: Path) -> bool:
     if "native.load(" in text:
         return True
     modules = set()
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Import):
-            modules |= {name.name for name in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            modules |= {node.module, *(f"{node.module}.{n.name}" for n in node.names)}
+    for module, names, plain in IMPORTS.findall(text):
+        modules |= {module, *(f"{module}.{name}" for name in WORD.findall(names))}
+        modules |= set(WORD.findall(plain))
     files = (TESTS / f"{name.replace('.', '/')}.py" for name in modules)
     return any(loads_c(file) for file in files if file.is_file())
 
@@ -55,6 +59,18 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
     if wanted is None or collection_path.suffix != ".py":
         return None
     return True if loads_c(collection_path) != (wanted == "native") else None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
+    """Of processes that run the same files one collects at a time: the first compiles
+    modules and C, which the others then find.
+    """
+    if not hasattr(session.config, "workerinput"):
+        return (yield)
+    CACHE.mkdir(parents=True, exist_ok=True)
+    with locked(CACHE / f".collect-{os.environ.get('IMU_TESTS', 'all')}"):
+        return (yield)
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:

@@ -3,19 +3,30 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 from pathlib import Path
+from types import ModuleType
 
-import picture
 import pytest
 
 
-def test_words_that_would_overlap_move_up_and_keep_their_order() -> None:
+@pytest.fixture(scope="module")
+def picture() -> ModuleType:
+    """Imported when it is used, because matplotlib takes long."""
+    return importlib.import_module("picture")
+
+
+def test_words_that_would_overlap_move_up_and_keep_their_order(
+    picture: ModuleType,
+) -> None:
     found = picture.apart([1.0, 0.1, 0.15, 0.2], 0.1)
     assert found == pytest.approx([1.0, 0.1, 0.2, 0.3])
 
 
-def test_smoothing_keeps_the_level_and_leaves_out_what_was_not_seen() -> None:
+def test_smoothing_keeps_the_level_and_leaves_out_what_was_not_seen(
+    picture: ModuleType,
+) -> None:
     errors = [2.0] * 50 + [None] * 5 + [2.0] * 50
     assert picture.smoothed(errors, 0.1) == pytest.approx([2.0] * 105)
 
@@ -49,6 +60,7 @@ def write(folder: Path) -> None:
     ],
 )
 def test_a_picture_shows_what_was_measured_and_nothing_else(
+    picture: ModuleType,
     name: str,
     there: list[str],
     absent: str,
@@ -72,7 +84,7 @@ def test_a_picture_shows_what_was_measured_and_nothing_else(
 
 
 def test_without_measurements_it_says_what_to_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    picture: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(picture, "MEASURED", picture.scoring.PROJECT / "nowhere")
     monkeypatch.setattr(picture, "PICTURES", tmp_path)
