@@ -52,7 +52,7 @@ bits: ## ten minutes of recordings have the same poses on every processor
 coverage: ## fails where a line of firmware/core is run by no test
 	@$(PYTHON) tools/setup.py coverage
 	@rm -rf build/native
-	@IMU_COVERAGE=1 IMU_TESTS=native python -m pytest -q -n $(cores)
+	@IMU_COVERAGE=1 IMU_TESTS=native python -m pytest -q -n $(cores) --ignore tests/fuzz
 	@gcovr --fail-under-line 100 --filter firmware/core/ build/native
 
 fuzz: ## any input at all, with clang's fuzzer (SECONDS=60 for each target)

@@ -19,7 +19,7 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import compress
 from pathlib import Path
@@ -46,8 +46,11 @@ BESIDE_HEADERS = ("firmware/generic/slots.h",)
 
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror")
 
+PLAIN = ("-std=gnu11", "-O1", "-g1", "-fPIC")
 # Needed when compiling: given to the linker alone, -fsanitize instruments nothing.
 UNDEFINED = ("-fsanitize=undefined", "-fno-sanitize-recover=undefined")
+
+ADDRESS = ("-fsanitize=address", "-fno-omit-frame-pointer")
 
 _preloaded: dict[str, str] = {}
 
@@ -58,7 +61,7 @@ def sanitizers() -> tuple[str, ...]:
     The interpreter must then start with libasan.so in LD_PRELOAD, as by `make test`.
     """
     if os.environ.get("IMU_ASAN") == "1":
-        return (*UNDEFINED, "-fsanitize=address", "-fno-omit-frame-pointer")
+        return (*UNDEFINED, *ADDRESS)
     return UNDEFINED
 
 
@@ -75,7 +78,7 @@ def environment() -> dict[str, str]:
 
 def compile_flags() -> tuple[str, ...]:
     """The flags for every C file, without those for warnings."""
-    return ("-std=gnu11", "-O1", "-g1", "-fPIC", *sanitizers())
+    return (*PLAIN, *sanitizers())
 
 
 def coverage() -> tuple[str, ...]:
@@ -131,6 +134,13 @@ def _load(
     return module.ffi, module.lib
 
 
+def program(sources: Iterable[Path]) -> Path:
+    """Return a program of C files under both sanitizers; in `make test` it shares the
+    objects of load().
+    """
+    return _Build([*sources], (), (), (*PLAIN, *UNDEFINED, *ADDRESS), ()).program()
+
+
 def forget() -> None:
     """Make the next load() read the files again."""
     _load.cache_clear()
@@ -169,21 +179,33 @@ class _Build:
 
     def library(self) -> Path:
         """Return the extension module's path; build the module if it is absent."""
-        target = CACHE / f"{self.name}.so"
+        return self._built(CACHE / f"{self.name}.so", self._build)
+
+    def program(self) -> Path:
+        """Return the path of a program of the sources; link it if it is absent."""
+        return self._built(CACHE / f"{self.name}.elf", self._link)
+
+    @staticmethod
+    def _built(target: Path, build: Callable[[Path], None]) -> Path:
         if target.exists():
             return target
         CACHE.mkdir(parents=True, exist_ok=True)
         with locked(CACHE / ".lock"):
             if not target.exists():
-                self._build(target)
+                build(target)
         return target
+
+    def _link(self, target: Path) -> None:
+        made = target.with_suffix(".part")
+        objects = map(str, self._objects())
+        _run("gcc", *self.flags, *objects, *self.libraries, "-o", str(made))
+        made.rename(target)
 
     def _build(self, target: Path) -> None:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             are_whole = pool.map(self._is_whole, self.headers)
-            tried = pool.map(self._object, self.sources)
             headers = list(compress(self.headers, are_whole))
-            objects = [made for made in tried if made is not None]
+        objects = self._objects()
         self._refuse_twins(headers)
         seam = "".join(f'#include "{path}"\n' for path in headers)
         defined = _defined_symbols(objects)
@@ -212,6 +234,10 @@ class _Build:
                 str(made),
             )
             made.rename(target)
+
+    def _objects(self) -> list[Path]:
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            return [made for made in pool.map(self._object, self.sources) if made]
 
     def _object(self, source: Path) -> Path | None:
         """Compile one file with warnings as errors, unless its object is in the cache.
@@ -301,11 +327,7 @@ def _is_partial() -> bool:
 
 def _run(*command: str, stdin: str | None = None) -> str:
     done = subprocess.run(
-        command,
-        input=stdin,
-        capture_output=True,
-        text=True,
-        check=False,
+        command, input=stdin, capture_output=True, text=True, check=False
     )
     if done.returncode:
         hint = "" if _is_partial() else "\n(IMU_NATIVE_PARTIAL=1 leaves such files out)"

@@ -36,9 +36,9 @@ WORD = re.compile(r"[\w.]+")
 
 @functools.cache
 def loads_c(path: Path) -> bool:
-    """Whether a test file, or a module that it imports, calls native.load()."""
+    """Whether a test file, or a module that it imports, has native build its C."""
     text = path.read_text()
-    if "native.load(" in text:
+    if "native.load(" in text or "native.program(" in text:
         return True
     modules = set()
     for module, names, plain in IMPORTS.findall(text):
