@@ -5,7 +5,10 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import os
+import re
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from native import locked
@@ -27,21 +30,34 @@ def emulators() -> Path:
 def program(*command: str | Path) -> Path:
     """Run a compiler's command, given without -o, and return the program's path.
 
-    The result is cached by a digest of the command, the preprocessed text and the
-    linker scripts.
+    It is cached by a digest of the command, the preprocessed sources and the linker
+    scripts. Programs with the same flags share the objects of the same sources.
     """
-    digest = hashlib.sha256(" ".join(map(str, command)).encode())
-    digest.update(
-        subprocess.run([*command, "-E"], cwd=ROOT, stdout=-1, check=True).stdout
-    )
-    for word in command:
-        if str(word).endswith(".ld"):
-            digest.update(Path(word).read_bytes())
-    made = CACHE / f"{digest.hexdigest()[:16]}.elf"
+    words = [str(word) for word in command]
+    sources = [word for word in words if word.endswith((".c", ".S"))]
+    flags = [word for word in words if word not in sources]
     CACHE.mkdir(parents=True, exist_ok=True)
     with locked(CACHE / ".lock"):
-        if not made.exists():
-            part = made.with_suffix(".part")
-            subprocess.run([*command, "-o", part], cwd=ROOT, check=True)
-            part.rename(made)
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            objects = list(pool.map(lambda source: _object(flags, source), sources))
+        scripts = [Path(word).read_bytes() for word in words if word.endswith(".ld")]
+        return _made(".elf", [*flags, *map(str, objects)], b"".join(scripts))
+
+
+def _object(flags: list[str], source: str) -> Path:
+    text = subprocess.run([*flags, source, "-E"], cwd=ROOT, stdout=-1, check=True)
+    return _made(".o", [*flags, "-c", source], text.stdout, ignored=r"-[DI]|-Wl,|/")
+
+
+def _made(
+    suffix: str, command: list[str], content: bytes, ignored: str = r"(?!)"
+) -> Path:
+    """What a command makes of this content; its words of that kind do not matter."""
+    kept = [word for word in command if not re.match(ignored, word)]
+    digest = hashlib.sha256(" ".join(kept).encode() + b"\0" + content)
+    made = CACHE / f"{digest.hexdigest()[:16]}{suffix}"
+    if not made.exists():
+        part = made.with_suffix(".part")
+        subprocess.run([*command, "-o", part], cwd=ROOT, check=True)
+        part.rename(made)
     return made

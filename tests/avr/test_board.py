@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 
 import images
+from bits.processors import PROCESSORS, command
 
 POWER_ON, EXTERNAL, BROWN_OUT, WATCHDOG, SOFTWARE = "01", "02", "04", "08", "10"
 
@@ -49,11 +50,7 @@ def program(root: Path) -> Path:
     core = {*(root / "firmware" / "core").rglob("*.c")}
     core.discard(root / "firmware" / "core" / "math" / "fixed_mul.c")
     return images.program(
-        *("avr-gcc", "-mmcu=atmega328p", "-DF_CPU=16000000L", "-std=gnu11"),
-        *("-Os", "-fshort-enums", "-mstrict-X", "-mcall-prologues"),
-        *("-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections"),
-        *("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"),
-        *("-I", root / "firmware", root / "tests" / "avr" / "board_test.c"),
+        *(*command(PROCESSORS["atmega328p"]), root / "tests" / "avr" / "board_test.c"),
         *sorted(core),
         *sorted((root / "firmware" / "generic").glob("*.c")),
         *sorted((root / "firmware" / "avr").glob("*.[cS]")),

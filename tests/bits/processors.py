@@ -84,15 +84,22 @@ def flags(environment: str) -> tuple[str, ...]:
     return tuple(words)
 
 
+def command(processor: Processor) -> tuple[str | Path, ...]:
+    """The compiler and its flags, as for the board's image."""
+    own = flags(processor.environment)
+    return (
+        *(*processor.compiler, *own, "-Werror", "-Wl,--gc-sections"),
+        *("-I", FIRMWARE),
+    )
+
+
 def build(processor: Processor) -> Path:
     core = sorted((FIRMWARE / "core").rglob("*.c"))
     own = [*(FIRMWARE / processor.folder).glob("*.[cS]")]
     own += (FIRMWARE / "generic").glob("*.c")
     sources = [file for file in core if processor.portable or file.stem != "fixed_mul"]
     return images.program(
-        *processor.compiler,
-        *flags(processor.environment),
-        *("-Werror", "-Wl,--gc-sections", "-I", FIRMWARE),
+        *command(processor),
         *(ROOT / "tests" / "bits" / "main.c", *sources, *sorted(own)),
     )
 

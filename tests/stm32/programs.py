@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import images
+from bits.processors import PROCESSORS, command
 from length import choose
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -24,16 +25,10 @@ FLOAT_ABIS = choose(
 
 def board_program(float_abi: str, sources: Iterable[Path]) -> Path:
     """Of these sources; `soft` leaves the FPU off, `hard` uses it."""
-    fpu = ("-mfpu=fpv4-sp-d16",) if float_abi == "hard" else ()
+    fpu = "cortex_m4_fpu" if float_abi == "hard" else "cortex_m4"
     return images.program(
-        *("arm-none-eabi-gcc", "-mthumb", "-mcpu=cortex-m4"),
-        *(f"-mfloat-abi={float_abi}", *fpu, "-DF_CPU=168000000L"),
-        *("-std=gnu11", "-O2", "-ffreestanding", "-fbuiltin", "-fno-common"),
-        *("-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections"),
-        *("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"),
-        *("-nostdlib", "-Wl,--fatal-warnings", "-I", FIRMWARE),
-        *("-I", FIRMWARE / "stm32" / "libc", "-I", ROOT / "tests" / "stm32"),
-        *("-T", FIRMWARE / "stm32" / "stm32f405.ld", *sorted(sources)),
+        *command(PROCESSORS[fpu]),
+        *("-I", ROOT / "tests" / "stm32", *sorted(sources)),
         *sorted((FIRMWARE / "core").rglob("*.c")),
         *sorted((FIRMWARE / "generic").glob("*.c")),
         *sorted((FIRMWARE / "stm32").glob("*.c")),

@@ -26,6 +26,8 @@ from system.virtual import BOARDS, Run, Stub, assert_nothing_is_lost, run, send
 
 # `make bits` takes ten minutes of recordings.
 SECONDS = float(os.environ.get("IMU_BITS_SECONDS", choose(everyday=8, long=62)))
+# As everywhere, the FPU, which images leave off, is for `make test-long`.
+NAMES = choose(everyday=[n for n in PROCESSORS if "fpu" not in n], long=[*PROCESSORS])
 RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "data" / "broad"
 
 # How long random params are in force.
@@ -75,7 +77,7 @@ def log(
 
 @pytest.mark.long
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize("processor", [*PROCESSORS, "host"])
+@pytest.mark.parametrize("processor", [*NAMES, "host"])
 def test_a_log_of_poses_has_one_hash_on_every_processor(
     log: Run, processor: str, tmp_path: Path
 ) -> None:
@@ -134,7 +136,7 @@ def calibrated(log: Run) -> tuple[list[bytes], list[bytes]]:
 
 @pytest.mark.long
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize("processor", PROCESSORS)
+@pytest.mark.parametrize("processor", NAMES)
 def test_any_params_give_one_hash_on_every_processor(
     log: Run,
     calibrated: tuple[list[bytes], list[bytes]],
