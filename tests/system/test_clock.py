@@ -7,6 +7,7 @@ both stand still together. With -rP each run says its figures.
 
 from __future__ import annotations
 
+import itertools
 import sys
 from dataclasses import dataclass
 from typing import Any
@@ -17,8 +18,9 @@ import pytest
 
 from fakes import PATIENCE_S, DaemonProcess
 from imud.client import Client
+from length import choose
 from system.test_chain import LiveProbe, drained, hear, take
-from system.virtual import Stub
+from system.virtual import BOARDS, Stub
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -94,11 +96,17 @@ def run(stub: Stub, link: tuple[object, ...]) -> Run:
     return Run(got, status, summary)
 
 
-@pytest.mark.parametrize("link", LINKS.values(), ids=LINKS)
-def test_samples_are_timed_to_a_millisecond(
-    stub: Stub, link: tuple[object, ...]
-) -> None:
-    done = run(stub, link)
+# Each board and each link; `make test-long` has them in all pairs.
+PAIRS = [*zip(BOARDS, LINKS, strict=True)]
+ALL_PAIRS = [*itertools.product(BOARDS, LINKS)]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("stub", "link"), choose(everyday=PAIRS, long=ALL_PAIRS), indirect=["stub"]
+)
+def test_samples_are_timed_to_a_millisecond(stub: Stub, link: str) -> None:
+    done = run(stub, LINKS[link])
     got, summary, status = done.poses, done.summary, done.status
     device_ns = np.array([1000.0 * pose["t_device_us"] for pose in got])
     run_ns = summary["clock_start_ns"] + device_ns
