@@ -9,6 +9,7 @@ import json
 import re
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -44,20 +45,32 @@ def emulator() -> Path:
     return images.emulators() / "f405"
 
 
-def image(program: str, folder: Path) -> Path:
+@functools.cache
+def image(program: str) -> Path:
     """Compile one of the programs."""
     if shutil.which(COMPILER) is None:
         pytest.fail(f"{COMPILER} is not there: make setup", pytrace=False)
-    made = folder / f"{program}.elf"
     files = (SOURCES / "bare.c", SOURCES / f"{program}.c")
-    subprocess.run([COMPILER, *FLAGS, "-o", made, *files], check=True)
-    return made
+    return images.program(COMPILER, *FLAGS, *files)
 
 
 def run(program: str, folder: Path, *more: str, code: int = 1) -> Said:
-    """Run a program. It ends by itself, asleep for good, unless `code` says else."""
+    """Run a program. It ends by itself, asleep for good, unless `code` says else.
+
+    A run without options is made once: it would give the same again.
+    """
+    return _run(program, folder, *more, code=code) if more else _plain(program, code)
+
+
+@functools.cache
+def _plain(program: str, code: int) -> Said:
+    with tempfile.TemporaryDirectory() as folder:
+        return _run(program, Path(folder), code=code)
+
+
+def _run(program: str, folder: Path, *more: str, code: int) -> Said:
     record, summary = folder / "bytes", folder / "summary.json"
-    command: list[str | Path] = [emulator(), "--image", image(program, folder)]
+    command: list[str | Path] = [emulator(), "--image", image(program)]
     command += ["--record", record, "--summary", summary, *more]
     done = subprocess.run(
         command,
@@ -71,10 +84,10 @@ def run(program: str, folder: Path, *more: str, code: int = 1) -> Said:
     return Said(parse(data), data, json.loads(summary.read_text()), done.stderr)
 
 
-def refused(program: str, folder: Path, *more: str) -> str:
+def refused(program: str, *more: str) -> str:
     """Run a program with options that are a mistake. Return what it says of them."""
     done = subprocess.run(
-        [emulator(), "--image", image(program, folder), *more],
+        [emulator(), "--image", image(program), *more],
         capture_output=True,
         text=True,
         check=False,

@@ -135,7 +135,7 @@ def test_bytes_go_both_ways_over_the_pty(tmp_path: Path) -> None:
     link, summary = tmp_path / "wire", tmp_path / "summary.json"
     process = subprocess.Popen(
         [
-            *(bare.emulator(), "--image", bare.image("echo", tmp_path), "--fast"),
+            *(bare.emulator(), "--image", bare.image("echo"), "--fast"),
             *("--pty", link, "--summary", summary),
         ],
         stderr=subprocess.PIPE,
@@ -183,7 +183,7 @@ def read(wire: int, length: int) -> bytes:
 def test_a_mistake_is_told_in_a_line(
     tmp_path: Path, arguments: list[str], says: str
 ) -> None:
-    image = bare.image("stack", tmp_path)
+    image = bare.image("stack")
     path = tmp_path / "faults.json"
     path.write_text('[{"kind": "nack", "die": 3}]')
     given = [text.format(image=image, faults=path) for text in arguments]

@@ -247,5 +247,5 @@ def test_a_mistake_is_told(tmp_path: Path, more: list[str], says: str) -> None:
     (tmp_path / "drop").write_text('[{"kind": "radio_drop", "at_us": 1}]')
     (tmp_path / "mv").write_text('[{"kind": "battery", "mv": 6601}]')
     given = [text.format(folder=tmp_path) for text in more]
-    said = bare.refused("stack", tmp_path, *given)
+    said = bare.refused("stack", *given)
     assert says in said.splitlines()[0]

@@ -33,7 +33,7 @@ def symbols(image: Path) -> dict[str, tuple[int, int]]:
 @pytest.fixture(scope="module")
 def profile(tmp_path_factory: pytest.TempPathFactory) -> Any:
     folder = tmp_path_factory.mktemp("profile")
-    where = symbols(bare.image("profiled", folder))
+    where = symbols(bare.image("profiled"))
     lines = ["8000000 8100000 -"]
     for function, part in {
         "first": "one",
@@ -121,9 +121,9 @@ def test_parts_that_cannot_be_are_refused(tmp_path: Path, text: str) -> None:
     parts = tmp_path / "parts"
     parts.write_text(text)
     more = ("--profile", str(tmp_path / "out"), "--parts", str(parts))
-    assert "START END PART" in bare.refused("profiled", tmp_path, *more)
+    assert "START END PART" in bare.refused("profiled", *more)
 
 
 def test_parts_alone_are_a_mistake(tmp_path: Path) -> None:
-    said = bare.refused("profiled", tmp_path, "--parts", str(tmp_path))
+    said = bare.refused("profiled", "--parts", str(tmp_path))
     assert "--parts needs --profile" in said

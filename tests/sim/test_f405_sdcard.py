@@ -132,7 +132,7 @@ def test_options_that_make_no_card_are_told(
     made(tmp_path)
     (tmp_path / "odd.img").write_bytes(bytes(1000))
     bare.faults(tmp_path, {"kind": "power_cut", "card_write": 1})
-    image = bare.image("sdcard", tmp_path)
+    image = bare.image("sdcard")
     done = subprocess.run(
         [bare.emulator(), "--image", image, *options],
         cwd=tmp_path,
