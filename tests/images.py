@@ -8,6 +8,7 @@ import hashlib
 import os
 import re
 import subprocess
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -39,14 +40,17 @@ def program(*command: str | Path) -> Path:
     CACHE.mkdir(parents=True, exist_ok=True)
     with locked(CACHE / ".lock"):
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            objects = list(pool.map(lambda source: _object(flags, source), sources))
+            objects = list(pool.map(lambda source: compiled(flags, source), sources))
         scripts = [Path(word).read_bytes() for word in words if word.endswith(".ld")]
         return _made(".elf", [*flags, *map(str, objects)], b"".join(scripts))
 
 
-def _object(flags: list[str], source: str) -> Path:
+def compiled(flags: Sequence[str | Path], source: str | Path) -> Path:
+    """Return the object of a source, by a compiler and its flags; cached as above."""
+    CACHE.mkdir(parents=True, exist_ok=True)
     text = subprocess.run([*flags, source, "-E"], cwd=ROOT, stdout=-1, check=True)
-    return _made(".o", [*flags, "-c", source], text.stdout, ignored=r"-[DI]|-Wl,|/")
+    words = [*map(str, flags), "-c", str(source)]
+    return _made(".o", words, text.stdout, ignored=r"-[DI]|-Wl,|/")
 
 
 def _made(
@@ -57,7 +61,7 @@ def _made(
     digest = hashlib.sha256(" ".join(kept).encode() + b"\0" + content)
     made = CACHE / f"{digest.hexdigest()[:16]}{suffix}"
     if not made.exists():
-        part = made.with_suffix(".part")
+        part = made.with_suffix(f".{os.getpid()}.part")
         subprocess.run([*command, "-o", part], cwd=ROOT, check=True)
         part.rename(made)
     return made

@@ -5,12 +5,15 @@ portable C may use, and that it compiles without a warning wherever it must run.
 from __future__ import annotations
 
 import ast
+import functools
 import re
 import subprocess
 from pathlib import Path
 
 import pytest
 
+import images
+from bits.processors import PROCESSORS, command
 from native import WARNINGS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -28,11 +31,7 @@ BYTE_SHUFFLERS = {
     "crc32.c",
 }
 
-COMPILERS = {
-    "gcc": ("-O2",),
-    "avr-gcc": ("-mmcu=atmega328p", "-Os"),
-    "arm-none-eabi-gcc": ("-mthumb", "-mcpu=cortex-m4", "-mfloat-abi=soft", "-Os"),
-}
+COMPILERS = ("gcc", "avr-gcc", "arm-none-eabi-gcc")
 # Names for arithmetic on float and double: libgcc's (sf, df), then those of the ARM
 # run-time ABI (IHI0043, 4.1.2), whose integer division must not be taken for one.
 FLOAT_HELPER = re.compile(
@@ -224,10 +223,22 @@ def test_a_sized_constant_is_one_number():
         assert not sized.findall(path.read_text()), identified(path)
 
 
+@functools.cache
+def flags_of(compiler):
+    """As for the images, so that programs of other tests share the objects; without
+    their defines, because the image of a board has a part of the core.
+    """
+    processor = {"avr-gcc": "atmega328p", "arm-none-eabi-gcc": "cortex_m4"}
+    if compiler in processor:
+        words = command(PROCESSORS[processor[compiler]])
+        return [word for word in words if not str(word).startswith("-D")]
+    return [compiler, "-std=gnu11", "-O2", *WARNINGS, "-Wvla", "-I", FIRMWARE]
+
+
 @core_sources
 @pytest.mark.parametrize("compiler", COMPILERS)
-def test_core_compiles_without_a_warning_and_without_floats(compiler, path, tmp_path):
-    made = compiled(compiler, path, tmp_path)
+def test_core_compiles_without_a_warning_and_without_floats(compiler, path):
+    made = images.compiled(flags_of(compiler), path)
     prefix = compiler.removesuffix("gcc")
     symbols = subprocess.run(
         [f"{prefix}nm", made], capture_output=True, text=True, check=True
@@ -239,17 +250,6 @@ def test_core_compiles_without_a_warning_and_without_floats(compiler, path, tmp_
     # AVR constants live in RAM too, so it cannot tell.
     if compiler != "avr-gcc":
         assert not re.findall(r" [bBdDC] (\w+)", symbols)
-
-
-def compiled(compiler: str, path: Path, folder: Path) -> Path:
-    made = folder / "core.o"
-    command = (
-        *(compiler, "-std=gnu11", *COMPILERS[compiler], *WARNINGS, "-Wvla"),
-        *(f"-I{FIRMWARE}", "-c", path, "-o", made),
-    )
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return made
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,7 @@ def command(processor: Processor) -> tuple[str | Path, ...]:
     """The compiler and its flags, as for the board's image."""
     own = flags(processor.environment)
     return (
-        *(*processor.compiler, *own, "-Werror", "-Wl,--gc-sections"),
+        *(*processor.compiler, *own, "-Werror", "-Wvla", "-Wl,--gc-sections"),
         *("-I", FIRMWARE),
     )
 
