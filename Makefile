@@ -49,10 +49,11 @@ bits: ## ten minutes of recordings have the same poses on every processor
 	@$(PYTHON) tools/setup.py test
 	@IMU_BITS_SECONDS=600 python -m pytest -q -o timeout=1800 tests/system/test_bits.py
 
-coverage: ## fails where a line of firmware/core is run by no test
+coverage: ## fails where a line of firmware/core is run by none of its tests
 	@$(PYTHON) tools/setup.py coverage
 	@rm -rf build/native
-	@IMU_COVERAGE=1 IMU_TESTS=native python -m pytest -q -n $(cores) --ignore tests/fuzz
+	@IMU_COVERAGE=1 IMU_TESTS=native python -m pytest -q -n $(cores) \
+	  tests/core tests/protocol
 	@gcovr --fail-under-line 100 --filter firmware/core/ build/native
 
 fuzz: ## any input at all, with clang's fuzzer (SECONDS=60 for each target)
