@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: MIT
 """Static checks of the whole source; with --format, formats it instead.
 
-Every check runs even if an earlier one fails, so that one run shows all problems.
+Every check runs even if another fails, so that one run shows all problems. Checks run
+side by side, one for each core.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -44,7 +47,9 @@ def main() -> None:
         run("clang-format", "-i", *sources(*C_FOLDERS))
         run("ruff", "format", "--quiet")
         return
-    failed = [name for name, command in checks() if not passes(name, command)]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        tried = [(name, pool.submit(passes, name, words)) for name, words in checks()]
+    failed = [name for name, is_good in tried if not is_good.result()]
     if failed:
         sys.exit(f"\nnot passed: {', '.join(failed)}")
 
@@ -55,19 +60,23 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
     chips = sources("sim/chips", kinds=("*.c",))
     avr = sources("firmware/avr", kinds=("*.c",))
     stm32 = sources("firmware/stm32", kinds=("*.c",))
+    # The longest first.
+    for name, files in (("core", portable), ("chips", chips)):
+        yield (
+            f"clang-tidy, {name}",
+            ("clang-tidy", "--quiet", *files, "--", "-std=gnu11", *INCLUDES),
+        )
+    rules = ("tests/test_house.py", "tests/test_limits.py")
+    yield "rules of the house", (python, "-m", "pytest", "-q", *rules)
+    yield "types", ("mypy",)
     yield (
         "layout of C",
         ("clang-format", "--dry-run", "-Werror", *sources(*C_FOLDERS)),
     )
     yield "layout of Python", ("ruff", "format", "--check", "--quiet")
     yield "lint of Python", ("ruff", "check", "--quiet")
-    yield "types", ("mypy",)
     yield "imports", ("lint-imports",)
     yield "generated files", (python, "protocol/generate.py", "--check")
-    yield (
-        "clang-tidy",
-        ("clang-tidy", "--quiet", *portable, *chips, "--", "-std=gnu11", *INCLUDES),
-    )
     yield "cppcheck", (*CPPCHECK, *INCLUDES, *portable, *chips)
     yield (
         "cppcheck, avr",
@@ -80,8 +89,6 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
             *("-Ifirmware/stm32/libc", *stm32),
         ),
     )
-    rules = ("tests/test_house.py", "tests/test_limits.py")
-    yield "rules of the house", (python, "-m", "pytest", "-q", *rules)
 
 
 def sources(*folders: str, kinds: tuple[str, ...] = ("*.c", "*.h")) -> list[str]:
@@ -94,8 +101,6 @@ def sources(*folders: str, kinds: tuple[str, ...] = ("*.c", "*.h")) -> list[str]
 
 
 def passes(name: str, command: tuple[str, ...]) -> bool:
-    sys.stdout.write(f"{name:<22}")
-    sys.stdout.flush()
     start = time.monotonic()
     done = subprocess.run(
         command,
@@ -107,10 +112,9 @@ def passes(name: str, command: tuple[str, ...]) -> bool:
         check=False,
     )
     is_good = done.returncode == 0
-    word = "" if is_good else "  not passed"
-    sys.stdout.write(f"{time.monotonic() - start:7.1f} s{word}\n")
-    if not is_good:
-        sys.stdout.write(f"{done.stdout}\n")
+    told = "" if is_good else f"  not passed\n{done.stdout}"
+    sys.stdout.write(f"{name:<22}{time.monotonic() - start:7.1f} s{told}\n")
+    sys.stdout.flush()
     return is_good
 
 
