@@ -50,7 +50,7 @@ def test_a_card_pulled_while_nothing_is_written_is_missed_and_found_again():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(choose(everyday=10, long=40)))
+@pytest.mark.parametrize("seed", range(choose(everyday=4, long=40)))
 def test_a_pull_at_any_exchange_ends_a_recording_and_another_begins(seed):
     volume = Volume(1000)
     log = opened(volume)
@@ -82,7 +82,7 @@ def test_a_pull_at_any_exchange_ends_a_recording_and_another_begins(seed):
 
 @pytest.mark.long
 @pytest.mark.parametrize("is_slow", [False, True])
-@pytest.mark.parametrize("seed", range(choose(everyday=10, long=50)))
+@pytest.mark.parametrize("seed", range(choose(everyday=4, long=50)))
 def test_a_cut_at_any_moment_loses_half_a_second_at_most(seed, is_slow):
     chance = random.Random(seed)  # noqa: S311, no secret
     volume = Volume(1000)

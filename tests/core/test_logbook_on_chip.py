@@ -144,7 +144,7 @@ def test_what_is_put_in_is_on_the_card(bench, kind, seed):
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", range(choose(everyday=6, long=30)))
+@pytest.mark.parametrize("seed", range(choose(everyday=3, long=30)))
 def test_a_cut_loses_half_a_second_at_most_and_the_rest_is_gone_on_with(
     bench, kind, seed
 ):
@@ -167,7 +167,7 @@ def test_a_cut_loses_half_a_second_at_most_and_the_rest_is_gone_on_with(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(choose(everyday=5, long=20)))
+@pytest.mark.parametrize("seed", range(choose(everyday=3, long=20)))
 def test_a_reset_of_the_host_amid_anything_is_gone_on_from(bench, seed):
     chance = random.Random(seed)  # noqa: S311, no secret
     it = bench("sdhc", seed)

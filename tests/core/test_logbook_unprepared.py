@@ -118,7 +118,7 @@ def test_a_head_that_is_not_of_this_file_is_refused(changed):
 
 
 @pytest.mark.long
-@settings(max_examples=choose(everyday=40, long=200))
+@settings(max_examples=choose(everyday=20, long=200))
 @given(st.data())
 def test_rubbish_never_lets_it_write_beyond_the_file(data):
     volume = Volume(300, cluster=data.draw(st.sampled_from([1, 4])), others=20)
