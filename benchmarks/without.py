@@ -36,7 +36,14 @@ FOREVER = 1e9  # a noise or a unit so large that what it scales has no weight
 
 PARTS: dict[str, Params] = {
     WHOLE: {},
-    "scale": {"scale_sd": 0.0},
+    "scales": {"scale_sd": 0.0},
+    # The field tells nothing of the gyroscope; turning does not widen the heading's.
+    "told by field": {"turning_share": FOREVER},
+    "warming up": {"warm_wander": 0.0},
+    # The level is as sure as if levelling corrected nothing.
+    "level's error": {"field_drift": 0.0, "turning_drift": 0.0, "motion_drift": 0.0},
+    # Any surprising reading may free the probe's own field.
+    "length gate": {"astray_length": 0.0},
     "hard iron": {"own_sd": NOTHING, "astray_wander": 0.0},
     "freeing it": {"astray_wander": 0.0},
     # Keep the initial estimate of the lag; assume no lag.
@@ -55,7 +62,7 @@ PARTS: dict[str, Params] = {
     "bias": {"bias_sd": 0.0},
 }
 # Parts that are also measured without the calibration at start-up.
-UNCALIBRATED = (WHOLE, "scale", "bias by motion", "bias")
+UNCALIBRATED = (WHOLE, "scales", "bias by motion", "bias")
 
 BIASED = f"all, {twin.BODY_BIAS_UT:g} uT in the body"
 
