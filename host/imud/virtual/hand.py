@@ -33,6 +33,7 @@ class Leg:
     end: Stance
     records: int
     bend: FloatArray = field(default_factory=lambda: np.zeros(3))  # m, at the middle
+    swerve: FloatArray = field(default_factory=lambda: np.zeros(3))  # rad, there too
     is_rest: bool = False
     is_stroke: bool = False
 

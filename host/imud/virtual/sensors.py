@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -86,6 +87,8 @@ class World:
     dip_deg: float = 66.0  # the field points down by this, as in central Europe
     magnets: tuple[Magnet, ...] = ()
     tip_m: tuple[float, float, float] = (0.12, 0.0, 0.0)  # from the sensor, body frame
+    # How the field changes from the origin on, a row for each axis of the world, uT/m.
+    gradient_ut_m: tuple[tuple[float, float, float], ...] = ()
 
     def field_at(self, position: FloatArray) -> FloatArray:
         """The magnetic field at points of the world: shape (n, 3), m in and uT out."""
@@ -94,17 +97,35 @@ class World:
         total = np.broadcast_to(earth, position.shape)
         for magnet in self.magnets:
             total = total + magnet.field_ut(position)
+        if self.gradient_ut_m:
+            total = total + position @ np.array(self.gradient_ut_m).T
         return total
+
+
+class Legs(Protocol):
+    """A hand: what it does, leg by leg."""
+
+    def legs(self) -> Iterator[Leg]:
+        """What it does next; each leg begins where the one before ended."""
+
+
+# Makes a hand from its random numbers and the rate of the records, Hz.
+MakeHand = Callable[[np.random.Generator, float], Legs]
 
 
 class _Probe:
     """Turns legs into records: exact motion first, then the sensor's errors."""
 
     def __init__(
-        self, seed: int, rate_hz: float, world: World, errors: SensorErrors
+        self,
+        seed: int,
+        rate_hz: float,
+        world: World,
+        errors: SensorErrors,
+        make_hand: MakeHand,
     ) -> None:
         path_seed, sway_seed, noise_seed = np.random.SeedSequence(seed).spawn(3)
-        self.hand = Hand(np.random.default_rng(path_seed), rate_hz)
+        self.hand = make_hand(np.random.default_rng(path_seed), rate_hz)
         sway = np.random.default_rng(sway_seed)
         # A slow sway and the physiological tremor of 8 to 12 Hz, rms in rad and m.
         self.turn_sway = Waves.draw(sway, [(0.3, 2.0, 0.02), (8.0, 12.0, 0.001)])
@@ -136,7 +157,7 @@ class _Probe:
         step = shape(STEP, u[:, None], span)
         bump = shape(BUMP, u[:, None], span)
 
-        turning = self._attitude(leg, t, step)
+        turning = self._attitude(leg, t, step, bump)
         tip = self._tip_path(leg, t, step, bump)
         place = Body(turning, tip).at(-np.array(self.world.tip_m))
         field = self.world.field_at(place.value)
@@ -164,11 +185,15 @@ class _Probe:
             is_recorded=False,
         )
 
-    def _attitude(self, leg: Leg, t: FloatArray, step: Curve) -> Turning:
+    def _attitude(self, leg: Leg, t: FloatArray, step: Curve, bump: Curve) -> Turning:
         change = rotation.to_rotation_vector(
             rotation.multiply(rotation.inverse(leg.start.quat), leg.end.quat)
         )
         turning = held(leg.start.quat, len(t)).then(about(change, step))
+        if leg.swerve.any():
+            turning = turning.then(about(leg.swerve, bump))
+        if leg.start.held == leg.end.held == 0.0:
+            return turning
         sway = blend(leg.start.held, leg.end.held, step) * self.turn_sway.at(t)
         for index, axis in enumerate(np.eye(3)):
             pick = slice(index, index + 1)
@@ -182,7 +207,9 @@ class _Probe:
         still = np.zeros((len(t), 3))
         start = Curve(np.broadcast_to(leg.start.tip, (len(t), 3)), still, still)
         path = start + step.along(leg.end.tip - leg.start.tip) + bump.along(leg.bend)
-        path = path + blend(leg.start.free, leg.end.free, step) * self.tip_sway.at(t)
+        if leg.start.free != 0.0 or leg.end.free != 0.0:
+            sway = blend(leg.start.free, leg.end.free, step) * self.tip_sway.at(t)
+            path = path + sway
         if leg.is_stroke:
             path = path + bump * self.grain.at(t)
         return path
@@ -193,12 +220,16 @@ def stream(
     rate_hz: float = HAND_RATE_HZ,
     world: World | None = None,
     errors: SensorErrors | None = None,
+    make_hand: MakeHand = Hand,
 ) -> Iterator[Motion]:
-    """An endless motion of a hand-held probe, in pieces: rests, strokes, turns, grips.
+    """A motion of a hand-held probe, in pieces. The usual hand never ends: rests,
+    strokes, turns, grips; it starts with 3 to 5 s of rest.
 
-    It starts with 3 to 5 s of rest. The same seed gives the same motion.
+    The same seed gives the same motion.
     """
-    return _Probe(seed, rate_hz, world or World(), errors or SensorErrors()).motions()
+    return _Probe(
+        seed, rate_hz, world or World(), errors or SensorErrors(), make_hand
+    ).motions()
 
 
 def generate(

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from imud.virtual.sensors import SensorErrors
 
 MG = GRAVITY_M_S2 / 1000.0
 NOISE = SensorErrors()  # as in the MPU-9250's product specification
+
+NO_VECTOR = np.zeros(3)
+NO_MATRIX = np.zeros((3, 3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,18 +33,78 @@ class Module:
     mag: FloatArray
     mag_bias: FloatArray  # uT
     noise: SensorErrors = NOISE
+    acc_drift: FloatArray = field(default_factory=NO_VECTOR.copy)  # as drift, m/s2
+    gyr_from_acc: FloatArray = field(default_factory=NO_MATRIX.copy)  # rad/s a m/s2
+    acc_floor: float = 0.0  # m/s2 rms of an axis, another one in each rest
+    mag_lag_s: float = 0.0  # its readings are of so long ago
 
     def measures(self, exact: Motion, random: np.random.Generator) -> Motion:
         """An exact motion as this module measures it."""
-        t = np.arange(len(exact)) / exact.rate_hz
-        true = np.stack([exact.gyr, exact.acc, exact.mag])
-        matrices = np.stack([self.gyr, self.acc, self.mag])
-        biases = np.stack([self.gyr_bias, self.acc_bias, self.mag_bias])
+        return self.sensor(exact.rate_hz, random).feel(exact)
+
+    def sensor(self, rate_hz: float, random: np.random.Generator) -> Sensor:
+        """This module at work, on a motion of `rate_hz`."""
+        return Sensor(self, rate_hz, random)
+
+
+class Sensor:
+    """A module at work: feels a motion piece by piece."""
+
+    def __init__(
+        self, module: Module, rate_hz: float, random: np.random.Generator
+    ) -> None:
+        self._module = module
+        self._rate_hz = rate_hz
+        self._random = random
+        self._felt = 0  # records so far
+        self._floor = NO_VECTOR
+        self._is_rest = False
+        self._field = np.zeros((0, 3))  # the latest of what the magnetometer is behind
+
+    def feel(self, exact: Motion) -> Motion:
+        """The next piece of an exact motion as the module measures it."""
+        module, rate_hz = self._module, self._rate_hz
+        t = (self._felt + np.arange(len(exact))) / rate_hz
+        self._felt += len(exact)
+        true = np.stack([exact.gyr, exact.acc, self._late(exact.mag)])
+        matrices = np.stack([module.gyr, module.acc, module.mag])
+        biases = np.stack([module.gyr_bias, module.acc_bias, module.mag_bias])
         felt = true @ matrices.swapaxes(1, 2) + biases[:, None]
-        felt[0] += np.outer(self.warming(t), self.drift)
-        sigma = self.noise.noise(exact.rate_hz)[:, None]
-        felt += sigma * random.standard_normal(felt.shape)
+        warmth = module.warming(t)
+        felt[0] += np.outer(warmth, module.drift) + exact.acc @ module.gyr_from_acc.T
+        felt[1] += np.outer(warmth, module.acc_drift) + self._floors(exact)
+        sigma = module.noise.noise(rate_hz)[:, None]
+        felt += sigma * self._random.standard_normal(felt.shape)
         return replace(exact, gyr=felt[0], acc=felt[1], mag=felt[2])
+
+    def _late(self, mag: FloatArray) -> FloatArray:
+        """The field as it was `mag_lag_s` ago; before the start as at the start."""
+        behind = self._module.mag_lag_s * self._rate_hz
+        if behind == 0.0:
+            return mag
+        keep = math.ceil(behind) + 1
+        if len(self._field) == 0:
+            self._field = np.repeat(mag[:1], keep, axis=0)
+        known = np.concatenate([self._field, mag])
+        self._field = known[-keep:]
+        at = np.arange(len(mag)) + keep - behind
+        places = np.arange(len(known))
+        courses = [np.interp(at, places, known[:, axis]) for axis in range(3)]
+        return np.stack(courses, axis=1)
+
+    def _floors(self, exact: Motion) -> FloatArray:
+        """The error that a rest does not average out; kept until the next one."""
+        found = np.zeros((len(exact), 3))
+        if self._module.acc_floor == 0.0 or exact.is_rest is None:
+            return found
+        is_rest = np.concatenate([[self._is_rest], exact.is_rest])
+        self._is_rest = bool(is_rest[-1])
+        begins = np.flatnonzero(~is_rest[:-1] & is_rest[1:])
+        found[:] = self._floor
+        for begin in begins:
+            self._floor = self._random.normal(0.0, self._module.acc_floor, 3)
+            found[begin:] = self._floor
+        return found
 
 
 @dataclass(frozen=True, slots=True)
