@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: MIT
+"""What the fits share: cross-product matrices, integrated turns, symmetric matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from imud import rotation
+from imud.rotation import FloatArray
+
+
+def skew(vectors: FloatArray) -> FloatArray:
+    """Matrices of shape (..., 3, 3) that multiply as `vectors` cross does."""
+    zero = np.zeros(vectors.shape[:-1])
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def turn(vector: FloatArray) -> FloatArray:
+    """Rotation matrices of rotation vectors, rad."""
+    return rotation.to_matrix(rotation.from_rotation_vector(vector))
+
+
+def integrated(rate: FloatArray, step_s: float) -> FloatArray:
+    """Attitudes at the beginning of each step and after the last, as matrices of shape
+    (n + 1, 3, 3), world_from_body; the first is the identity. `rate` in rad/s.
+    """
+    turned = np.concatenate(
+        [rotation.IDENTITY[None], rotation.from_rotation_vector(rate * step_s)]
+    )
+    reach = 1
+    while reach < len(turned):  # after each round an entry spans `2 reach` steps
+        turned[reach:] = rotation.multiply(turned[:-reach], turned[reach:])
+        reach *= 2
+    return rotation.to_matrix(turned)
+
+
+def onto(start: FloatArray, end: FloatArray) -> FloatArray:
+    """The rotation matrix of the smallest turn from one unit vector to another."""
+    across = np.cross(start, end)
+    sine, cosine = float(np.linalg.norm(across)), float(start @ end)
+    if sine < 1e-12:
+        if cosine > 0.0:
+            return np.eye(3)
+        # Half a turn about any axis at right angles.
+        across = np.cross(start, np.eye(3)[np.argmin(np.abs(start))])
+    axis = across / np.linalg.norm(across)
+    return turn(axis * np.arctan2(sine, cosine))
+
+
+def units(vectors: FloatArray) -> FloatArray:
+    """The same directions with length 1."""
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
+def closest_turn(matrix: FloatArray) -> FloatArray:
+    """The rotation matrix that is nearest to a matrix of positive determinant."""
+    left, _, right = np.linalg.svd(matrix)
+    return np.asarray(left @ right)
+
+
+def symmetric(six: FloatArray) -> FloatArray:
+    """The symmetric matrix of xx, yy, zz, xy, xz, yz."""
+    xx, yy, zz, xy, xz, yz = six
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def symmetric_slopes(vectors: FloatArray) -> FloatArray:
+    """How symmetric(six) @ vector changes with each of the six: shape (..., 3, 6)."""
+    zero = np.zeros(vectors.shape[:-1])
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    rows = [[x, zero, zero, y, z, zero], [zero, y, zero, x, zero, z]]
+    rows.append([zero, zero, z, zero, x, y])
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def row_slopes(vectors: FloatArray) -> FloatArray:
+    """How matrix @ vector changes with each of its nine entries, rows first: shape
+    (..., 3, 9).
+    """
+    slopes = np.zeros((*vectors.shape[:-1], 3, 9))
+    for row in range(3):
+        slopes[..., row, 3 * row : 3 * row + 3] = vectors
+    return slopes
+
+
+def spread(random: np.random.Generator, count: int) -> FloatArray:
+    """Attitudes as matrices, each as likely as any other."""
+    quats = random.standard_normal((count, 4))
+    return rotation.to_matrix(units(quats))

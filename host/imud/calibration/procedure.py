@@ -1,0 +1,313 @@
+# SPDX-License-Identifier: MIT
+"""The guided calibration as a state machine: samples in; events and a status out, which
+a terminal and a page show alike. It does no I/O and has no clock.
+
+Lay it still, turn it, lay it still: each stop in another attitude is a pose. After the
+twelfth good pose, once the score allows it, come two more for the housing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from imud.calibration import accelerometer, faults, housing, poses, whole
+from imud.calibration.accelerometer import AccFit
+from imud.calibration.algebra import units
+from imud.calibration.faults import Fault
+from imud.calibration.poses import Pose
+from imud.calibration.recording import Gatherer, Recording, Sample, Scale
+from imud.calibration.stops import BLOCK_S, Blocks, Stop
+from imud.calibration.whole import Fit
+from imud.rotation import FloatArray
+
+GOOD_S = 1.5  # of stillness: then the pose counts; more makes it better
+POSES = 12
+POSES_MAX = 24  # with so many poses it is done or refused
+ALIKE = math.cos(math.radians(20.0))  # stops closer than this are one pose
+TILT_DONE_DEG = 0.1  # good enough to stop asking
+MOVED_S = 0.75  # stillness that ended too early is told about
+
+Phase = Literal["poses", "base_down", "half_turn", "done", "refused"]
+OVER = ("done", "refused")
+
+
+class PoseTaken(msgspec.Struct, frozen=True):
+    """A stop counts; `is_new` is False for an attitude that was there before."""
+
+    count: int
+    up: tuple[float, float, float]
+    is_new: bool
+
+
+class Troubled(msgspec.Struct, frozen=True):
+    """Something went wrong; the procedure goes on."""
+
+    fault: Fault
+
+
+class Finished(msgspec.Struct, frozen=True):
+    """The calibration is good."""
+
+    fit: Fit
+    turn: FloatArray | None  # from the sensor's frame to the housing's, if known
+
+
+class Refused(msgspec.Struct, frozen=True):
+    """It is not good enough, or can't be made."""
+
+    fault: Fault
+
+
+Event = PoseTaken | Troubled | Finished | Refused
+
+
+class Status(msgspec.Struct, frozen=True):
+    """What a screen shows."""
+
+    phase: Phase
+    says: str  # what to do now
+    poses: int
+    of: int
+    ups: tuple[tuple[float, float, float], ...]  # of the poses that count
+    wanted: str | None  # name of the pose to lay it in
+    is_still: bool
+    still_share: float  # of the time that a pose takes, 0 to 1
+    tilt_deg: float | None
+    heading_deg: float | None
+    trouble: str | None
+    seconds: float
+
+
+@dataclass(slots=True)
+class _Still:
+    """The stop under way."""
+
+    start: int = -1  # step; -1: the probe moves
+    is_taken: bool = False
+
+
+@dataclass(slots=True)
+class Procedure:
+    """One calibration of a module, from its raw samples.
+
+    `count`: how many poses to ask for. `wants_housing`: whether the two for the housing
+    follow.
+    """
+
+    scale: Scale
+    count: int = POSES
+    wants_housing: bool = True
+    has_mag: bool = True
+    phase: Phase = "poses"
+    fit: Fit | None = None
+    trouble: Fault | None = None
+    ups: list[FloatArray] = field(default_factory=list)
+    wanted: Pose = poses.BASE_DOWN
+    _gatherer: Gatherer = field(init=False)
+    _still: _Still = field(default_factory=_Still)
+    _stops: list[Stop] = field(default_factory=list)
+    _checked: int = 0
+    _first_down: Stop | None = None
+
+    def __post_init__(self) -> None:
+        self._gatherer = Gatherer(self.scale)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has finished or was refused."""
+        return self.phase in OVER
+
+    def feed(self, sample: Sample) -> list[Event]:
+        """Takes the next sample."""
+        if self.is_over:
+            return []
+        self._gatherer.add(sample)
+        block = max(2, round(BLOCK_S / self._gatherer.step_s))
+        if len(self._gatherer) < self._checked + block:
+            return []
+        self._checked += block
+        return self._look(self._gatherer.recording())
+
+    def end(self) -> list[Event]:
+        """The user has had enough: what there is, is judged."""
+        if self.is_over:
+            return []
+        return [self._judge(self._gatherer.recording())]
+
+    def recording(self) -> Recording:
+        """All that it was fed."""
+        return self._gatherer.recording()
+
+    def _look(self, recording: Recording) -> list[Event]:
+        """Follows the stillness by one block."""
+        blocks = Blocks.of(recording)
+        runs = np.flatnonzero(blocks.is_still == 0.0)
+        start = int(runs[-1] + 1 if len(runs) else 0) * blocks.size
+        end = len(blocks.is_still) * blocks.size
+        if start == end:
+            return self._move(recording)
+        if self._still.start != start:
+            self._still = _Still(start)
+        seconds = (end - start) * recording.step_s
+        if self._still.is_taken or seconds < GOOD_S:
+            return []
+        self._still.is_taken = True
+        self._stops = [s for s in blocks.stops() if _is_long(s, recording)]
+        return self._take(recording)
+
+    def _move(self, recording: Recording) -> list[Event]:
+        """The probe moves; perhaps it did so too early."""
+        still, self._still = self._still, _Still()
+        if still.start < 0 or still.is_taken:
+            return []
+        lasted = (len(recording) - still.start) * recording.step_s
+        if lasted < MOVED_S:
+            return []
+        return self._trouble(
+            Fault(
+                "moved",
+                f"it moved after {lasted:.1f} s",
+                "lay it on something and let go, for two seconds",
+            )
+        )
+
+    def _trouble(self, fault: Fault) -> list[Event]:
+        self.trouble = fault
+        return [Troubled(fault)]
+
+    def _take(self, recording: Recording) -> list[Event]:
+        """A stop is long enough."""
+        self.trouble = None
+        self.fit = whole.fit(recording, self._stops)
+        wrong = faults.of_module(recording, self._stops, self.fit)
+        if wrong is not None:
+            return [self._refuse(wrong)]
+        up = self._up(recording, self._stops[-1])
+        if self.phase != "poses":
+            return self._take_housing(recording, up)
+        is_new = all(other @ up < ALIKE for other in self.ups)
+        if is_new:
+            self.ups.append(up)
+        events: list[Event] = [PoseTaken(len(self.ups), _triple(up), is_new)]
+        self.wanted = poses.wanted(self.fit.acc if self.fit else self._early(recording))
+        if self.fit is not None:
+            spoilt = faults.of_field(self.fit.mag, self.fit.score.heading_deg)
+            if spoilt is not None and len(self._stops) >= 6:
+                events += self._trouble(spoilt)
+        if not is_new:
+            events += self._trouble(
+                Fault("again", "it lay like this before", f"now {self.wanted.words}")
+            )
+        return events + self._after_pose(recording)
+
+    def _early(self, recording: Recording) -> AccFit:
+        """What a few stops say, for the choice of the next one."""
+        readings, sigma = accelerometer.means(recording, self._stops)
+        return accelerometer.fit(readings, sigma)
+
+    def _up(self, recording: Recording, stop: Stop) -> FloatArray:
+        """Where up is in the body, as well as it is known."""
+        mean = recording.acc[stop.start : stop.end].mean(axis=0)
+        return units(self.fit.acc.force(mean) if self.fit is not None else mean)
+
+    def _after_pose(self, recording: Recording) -> list[Event]:
+        if len(self.ups) < self.count or self.fit is None:
+            return []
+        weak = self._weakness()
+        is_sharp = self.fit.score.tilt_deg <= TILT_DONE_DEG
+        if weak is None and (is_sharp or len(self.ups) >= POSES_MAX):
+            if not self.wants_housing:
+                return [self._judge(recording)]
+            self.phase, self.wanted = "base_down", poses.BASE_DOWN
+            self._first_down = None
+        elif len(self._stops) >= POSES_MAX:
+            return [self._judge(recording)]
+        return []
+
+    def _take_housing(self, recording: Recording, up: FloatArray) -> list[Event]:
+        last, first = self._stops[-1], self._first_down
+        if first is None or self.fit is None:
+            if up @ poses.BASE_DOWN.up < ALIKE:
+                leans = Fault("not_base_down", "it is not base down", "lay it so")
+                return self._trouble(leans)
+            self.phase, self._first_down = "half_turn", last
+            return []
+        between = slice(first.middle, last.middle)
+        angle = housing.turn_about_up(self.fit.gyr.rate[between], recording.step_s, up)
+        turn = housing.turned(self._up(recording, first), up, angle)
+        if isinstance(turn, Fault):
+            # Where it lies now may be the first of another try.
+            self._first_down = last if up @ poses.BASE_DOWN.up > ALIKE else None
+            self.phase = "half_turn" if self._first_down is not None else "base_down"
+            return self._trouble(turn)
+        return [self._judge(recording, turn)]
+
+    def _weakness(self) -> Fault | None:
+        return faults.of_score(self.fit, len(self._stops), has_mag=self.has_mag)
+
+    def _judge(self, recording: Recording, turn: FloatArray | None = None) -> Event:
+        """The last word: a last fit, of all stops."""
+        stops = [s for s in Blocks.of(recording).stops() if _is_long(s, recording)]
+        self._stops = stops
+        self.fit = whole.fit(recording, stops)
+        wrong = faults.of_module(recording, stops, self.fit) or self._weakness()
+        if wrong is not None or self.fit is None:
+            return self._refuse(wrong or faults.of_score(None, 0, has_mag=False))
+        self.phase = "done"
+        return Finished(self.fit, turn)
+
+    def _refuse(self, fault: Fault | None) -> Refused:
+        self.phase = "refused"
+        self.trouble = fault
+        return Refused(fault or Fault("unknown", "it can't be calibrated", "try again"))
+
+    def status(self) -> Status:
+        """What a screen shows now."""
+        step_s = self._gatherer.step_s
+        is_still = self._still.start >= 0
+        still_s = (self._checked - self._still.start) * step_s if is_still else 0.0
+        score = self.fit.score if self.fit is not None else None
+        return Status(
+            self.phase,
+            self._says(is_still=is_still),
+            len(self.ups),
+            self.count,
+            tuple(map(_triple, self.ups)),
+            self.wanted.name if not self.is_over else None,
+            is_still,
+            1.0 if self._still.is_taken else min(1.0, still_s / GOOD_S),
+            score.tilt_deg if score else None,
+            score.heading_deg if score else None,
+            str(self.trouble) if self.trouble is not None else None,
+            len(self._gatherer) * step_s,
+        )
+
+    def _says(self, *, is_still: bool) -> str:
+        if self.phase == "done":
+            return "Done."
+        if self.phase == "refused":
+            return "Refused."
+        if is_still and not self._still.is_taken:
+            return "Let it lie still..."
+        done, of = len(self.ups), max(self.count, len(self.ups) + 1)
+        if self.phase == "base_down":
+            return "All poses are good. Now for its housing: lay it base down."
+        if self.phase == "half_turn":
+            return "Good. Turn it by half a turn on the spot, base down."
+        if done == 0:
+            return "Lay it still, base down."
+        return f"Good ({done} of {of}). Now lay it {self.wanted.words}."
+
+
+def _is_long(stop: Stop, recording: Recording) -> bool:
+    return len(stop) * recording.step_s >= GOOD_S - BLOCK_S / 2
+
+
+def _triple(vector: FloatArray) -> tuple[float, float, float]:
+    x, y, z = map(float, vector)
+    return x, y, z

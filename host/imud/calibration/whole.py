@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: MIT
+"""All three sensors at once from one recording of stops and turns."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from imud.calibration import accelerometer, gyroscope, magnetometer, path
+from imud.calibration.accelerometer import AccFit
+from imud.calibration.algebra import units
+from imud.calibration.gyroscope import GyrFit
+from imud.calibration.magnetometer import MagFit, Readings
+from imud.calibration.recording import GRAVITY_M_S2, Recording
+from imud.calibration.score import Score, score
+from imud.calibration.stops import Stop, find_stops
+from imud.rotation import FloatArray
+
+STOPS_MIN = 4  # with fewer there is nothing to fit
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """What one recording says of a module. `mag` is None without readings that
+    determine it.
+    """
+
+    stops: tuple[Stop, ...]
+    acc: AccFit
+    gyr: GyrFit
+    mag: MagFit | None
+    up: FloatArray  # (k, 3) unit vectors: where up is in the body, of each stop
+    score: Score
+    step_s: float  # of the recording
+    temperature_c: float | None
+
+
+def fit(recording: Recording, stops: list[Stop] | None = None) -> Fit | None:
+    """The calibration of a recording; None with fewer than STOPS_MIN stops. `stops`:
+    those to use, else all that are found.
+    """
+    if stops is None:
+        stops = find_stops(recording)
+    if len(stops) < STOPS_MIN:
+        return None
+    readings, sigma = accelerometer.means(recording, stops)
+    acc = accelerometer.fit(readings, sigma)
+    up = units(acc.force(readings))
+    gyr = gyroscope.fit(recording, stops, up, sigma / GRAVITY_M_S2)
+    middles = np.array([stop.middle for stop in stops])
+    attitude = path.levelled(gyr.attitude, middles, up)[:-1]
+    broken = [
+        0.0 if recording.is_whole(int(start), int(end)) else 1.0
+        for start, end in itertools.pairwise(middles)
+    ]
+    mag = magnetometer.fit(
+        Readings.of(recording, attitude, gyr.rate),
+        middles * recording.step_s,
+        np.array(broken),
+    )
+    return Fit(
+        tuple(stops),
+        acc,
+        gyr,
+        mag,
+        up,
+        score(acc, mag, len(stops)),
+        recording.step_s,
+        recording.temperature_c,
+    )

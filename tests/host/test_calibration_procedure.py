@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: MIT
+"""The guided procedure as a state machine, fed by hands that obey it and by others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import EARTH, UPS, errors, housing_error, samples
+
+from imud.calibration.outcome import housing_of, of_fit
+from imud.calibration.procedure import (
+    Event,
+    Finished,
+    PoseTaken,
+    Procedure,
+    Refused,
+    Troubled,
+)
+from imud.calibration.recording import COUNT_MAX, Sample
+from imud.params.value import Params
+from imud.rotation import FloatArray
+from imud.virtual.calibrating import SCALE, Follower, Manners, Sampler, pieces
+from imud.virtual.modules import shop
+from imud.virtual.motions.module import Module
+
+
+def module(seed: int = 1) -> Module:
+    return shop(np.random.default_rng([seed, 78]), warm_degc=0.0)
+
+
+def fed(procedure: Procedure, found: Iterable[Sample]) -> list[Event]:
+    return [event for each in found for event in procedure.feed(each)]
+
+
+def kinds(events: list[Event]) -> list[str]:
+    return [e.fault.kind for e in events if isinstance(e, Troubled | Refused)]
+
+
+def obeyed(
+    name: str = "calibrate", seed: int = 1, seconds: float = 75.0
+) -> list[Event]:
+    """What comes of a hand that follows a procedure of its own."""
+    procedure, sampler = Procedure(SCALE), Sampler()
+    events: list[Event] = []
+    for piece in pieces(name, module(seed), seed, 500.0):
+        events += fed(procedure, sampler.samples(piece))
+        if procedure.is_over or procedure.status().seconds > seconds:
+            break
+    return events
+
+
+def test_a_hand_that_obeys_is_done_within_a_minute_with_its_housing() -> None:
+    seed = 1
+    events = obeyed(seed=seed)
+    done = events[-1]
+    assert isinstance(done, Finished)
+    assert done.turn is not None
+    assert errors(module(seed), done.fit)["tilt"] < 0.08
+    leaning = housing_error(module(seed), done.fit, np.eye(3))
+    assert housing_error(module(seed), done.fit, done.turn) < 0.1 < leaning
+    assert done.fit.stops[-1].end * done.fit.step_s < 60.0
+    poses = [event.count for event in events if isinstance(event, PoseTaken)]
+    assert poses == list(range(1, 13))
+
+
+def test_scores_fall_and_the_words_follow() -> None:
+    procedure = Procedure(SCALE, wants_housing=False)
+    assert procedure.status().says == "Lay it still, base down."
+    said, tilts = [], []
+    for each in samples(module(), 1):
+        if procedure.feed(each):
+            status = procedure.status()
+            said.append(status.says)
+            if status.tilt_deg is not None:
+                tilts.append(status.tilt_deg)
+    assert said[0].startswith("Good (1 of 12). Now lay it ")
+    assert said[-1] == "Done."
+    assert tilts[0] > 0.5
+    assert tilts[-1] < 0.1
+    assert procedure.is_over
+    assert procedure.feed(Sample(10**9, (0, 0, 0), (0, 0, 0))) == []
+
+
+def test_a_probe_that_moves_too_early_is_told_so() -> None:
+    short = samples(module(), 2, UPS, Manners(stop_s=1.2))
+    procedure = Procedure(SCALE)
+    assert set(kinds(fed(procedure, short))) == {"moved"}
+    status = procedure.status()
+    assert status.poses == 0
+    assert "lay it on something" in (status.trouble or "")
+
+
+def test_a_pose_that_was_there_before_does_not_count_twice() -> None:
+    twice = samples(module(), 3, [UPS[0], UPS[0], UPS[1]])
+    procedure = Procedure(SCALE)
+    events = fed(procedure, twice)
+    assert [e.is_new for e in events if isinstance(e, PoseTaken)] == [True, False, True]
+    assert procedure.status().poses == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("lazy", "missing_poses"), ("air", "too_few")]
+)
+def test_who_does_not_listen_is_refused_with_a_cure(name: str, kind: str) -> None:
+    procedure, sampler = Procedure(SCALE), Sampler()
+    for piece in pieces(name, module(), 4, 500.0):
+        fed(procedure, sampler.samples(piece))
+        if procedure.is_over or procedure.status().seconds > 60.0:
+            break
+    (refused,) = procedure.end()
+    assert isinstance(refused, Refused)
+    assert refused.fault.kind == kind
+    assert refused.fault.cure
+
+
+def test_iron_beside_the_table_is_named() -> None:
+    events = obeyed("iron", 5, 120.0)
+    assert "uneven_field" in kinds(events)
+    assert not isinstance(events[-1], Finished)
+
+
+def changed(
+    found: Iterable[Sample], acc: FloatArray, gyr: FloatArray, mag: FloatArray
+) -> Iterator[Sample]:
+    """Samples with their axes mixed by matrices of whole numbers."""
+
+    def mixed(matrix: FloatArray, counts: tuple[int, int, int]) -> tuple[int, int, int]:
+        x, y, z = (matrix @ np.array(counts)).astype(int).tolist()
+        return x, y, z
+
+    for s in found:
+        own = mixed(mag, s.mag) if s.mag is not None else None
+        yield Sample(s.t_us, mixed(acc, s.acc), mixed(gyr, s.gyr), own)
+
+
+SAME = np.eye(3, dtype=int)
+DEAD = np.diag([1, 0, 1])
+SWAPPED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+
+
+@pytest.mark.parametrize(
+    ("matrices", "kind", "words"),
+    [
+        ((DEAD, SAME, SAME), "dead_axis", "accelerometer's y"),
+        ((SAME, DEAD, SAME), "dead_axis", "gyroscope's y"),
+        ((SAME, SAME, DEAD), "dead_axis", "magnetometer's y"),
+        ((SAME, SWAPPED, SAME), "swapped_axes", "y, x, -z"),
+        ((SAME, SAME, SWAPPED), "swapped_axes", "magnetometer's axes"),
+    ],
+)
+def test_a_broken_module_is_refused_with_its_fault(
+    matrices: tuple[FloatArray, FloatArray, FloatArray], kind: str, words: str
+) -> None:
+    procedure = Procedure(SCALE)
+    events = fed(procedure, changed(samples(module(), 6), *matrices))
+    refused = events[-1]
+    assert isinstance(refused, Refused)
+    assert refused.fault.kind == kind
+    assert words in refused.fault.reason
+
+
+def test_a_saturated_axis_is_a_dead_one() -> None:
+    def stuck(found: Iterable[Sample]) -> Iterator[Sample]:
+        for s in found:
+            yield Sample(s.t_us, (COUNT_MAX, s.acc[1], s.acc[2]), s.gyr, s.mag)
+
+    events = fed(Procedure(SCALE), stuck(samples(module(), 6)))
+    assert isinstance(events[-1], Refused)
+    assert "the accelerometer's x axis" in events[-1].fault.reason
+
+
+def test_a_magnet_on_the_probe_is_refused() -> None:
+    own = replace(module(), mag_bias=np.array([300.0, 0.0, 100.0]))
+    procedure = Procedure(SCALE)
+    events = fed(procedure, samples(own, 7)) + procedure.end()
+    assert "magnet" in kinds(events)
+    assert isinstance(events[-1], Refused)
+
+
+def test_the_housing_needs_base_down_and_half_a_turn() -> None:
+    procedure = Procedure(SCALE)
+    # After the twelve it lies on its front, then base down, is turned by little only,
+    # and at last by half a turn.
+    ups: list[FloatArray | None] = [*UPS, UPS[3], UPS[0], None]
+    events = fed(procedure, samples(module(), 8, ups))
+    assert "not_base_down" in kinds(events)
+    done = events[-1]
+    assert isinstance(done, Finished)
+    found = of_fit(done.fit, SCALE, Params(), done.turn)
+    assert found.housing_deg is not None
+    assert found.params.acc is not None
+    assert done.turn is not None
+    assert np.allclose(housing_of(found.params.acc), done.turn, atol=1e-3)
+    # A later calibration without the housing's two poses keeps that turn.
+    again = of_fit(done.fit, SCALE, found.params)
+    assert again.housing_deg is None
+    assert again.params.acc is not None
+    assert np.allclose(again.params.acc.matrix, found.params.acc.matrix, atol=2e-4)
+
+
+def test_params_say_how_sure_they_are() -> None:
+    procedure = Procedure(SCALE, wants_housing=False)
+    done = fed(procedure, samples(module(), 9))[-1]
+    assert isinstance(done, Finished)
+    params = of_fit(done.fit, SCALE, Params()).params
+    assert params.faults() == []
+    assert params.acc is not None
+    assert params.gyr is not None
+    assert params.mag is not None
+    assert 0.002 < (params.acc.sigma or 0.0) < 0.02
+    assert 0.0001 <= (params.gyr.sigma or 0.0) < 0.002
+    assert 0.01 < (params.mag.sigma or 0.0) < 0.3
+    assert params.mag.norm_ut == pytest.approx(48.0, rel=0.1)
+    assert params.mag.method == "guided"
+    only = of_fit(done.fit, SCALE, Params(), sensors=("gyr",)).params
+    assert only.acc is None
+    assert only.gyr == params.gyr
+
+
+def test_the_field_of_the_place_does_not_matter_to_the_levels() -> None:
+    weak = replace(EARTH, field_ut=25.0)
+    procedure = Procedure(SCALE, wants_housing=False)
+    done = fed(procedure, samples(module(), 10, world=weak))[-1]
+    assert isinstance(done, Finished)
+    assert done.fit.score.heading_deg is not None
+    assert errors(module(), done.fit)["tilt"] < 0.08
+
+
+def test_a_follower_begins_again_when_it_is_done() -> None:
+    follower = Follower(Procedure(SCALE))
+    ups = follower.ups()
+    assert next(ups) == pytest.approx([0.0, 0.0, 1.0])
+    follower.procedure.phase = "done"
+    assert next(ups) is not None
+    assert follower.procedure.phase == "poses"
