@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: MIT
+"""The papers' methods on the same recordings as ours, each with what it leaves over."""
+
+from __future__ import annotations
+
+import datetime
+
+import numpy as np
+
+from imud.calibration import extremes, half_turns, six_positions
+from imud.calibration.affine import Affine, Found, MethodError, means
+from imud.calibration.outcome import Outcome, with_sensor
+from imud.calibration.recording import GRAVITY_M_S2, Recording, Scale
+from imud.calibration.stops import Stop, find_stops
+from imud.params.value import Params
+
+METHODS = ("positions", "extremes", "extremes-as-printed", "half-turns")
+
+
+def of_method(
+    recording: Recording,
+    method: str,
+    scale: Scale,
+    before: Params,
+    day: datetime.date | None = None,
+) -> Outcome:
+    """The params before with what one of the papers' METHODS makes of a recording.
+    MethodError if it lacks what the method needs.
+    """
+    stops = find_stops(recording)
+    found = by_method(recording, stops, method)
+    kind = "extremes" if method.startswith("extremes") else "positions"
+    made = {"temperature_c": recording.temperature_c, "day": day, "method": kind}
+    params, done = before, []
+    residuals = {
+        "acc": ("residual_m_s2", _gravity_left(recording, stops, found.acc)),
+        "mag": ("residual_uT", _field_left(recording, found.mag)),
+    }
+    for name, affine in (("acc", found.acc), ("gyr", found.gyr), ("mag", found.mag)):
+        if affine is None:
+            continue
+        key, residual = residuals.get(name, ("", None))
+        own = {key: residual} if residual is not None else {}
+        params = with_sensor(params, name, affine, scale, made | own)
+        done.append(name)
+    params.check()
+    return Outcome(
+        params,
+        tuple(done),
+        len(stops),
+        recording.seconds,
+        recording.temperature_c,
+    )
+
+
+def by_method(recording: Recording, stops: list[Stop], method: str) -> Found:
+    """What one of METHODS makes of a recording."""
+    if method == "positions":
+        return six_positions.fit(recording, stops)
+    if method == "half-turns":
+        return half_turns.fit(recording, stops)
+    there = recording.mag[np.isfinite(recording.mag[:, 0])]
+    if len(there) == 0:
+        raise MethodError("there are no readings of the magnetometer")
+    is_printed = method == "extremes-as-printed"
+    return Found(mag=extremes.fit(there, as_printed=is_printed))
+
+
+def _gravity_left(
+    recording: Recording, stops: list[Stop], acc: Affine | None
+) -> float | None:
+    """Rms by which gravity's length is off at the stops, m/s2."""
+    if acc is None:
+        return None
+    lengths = np.linalg.norm(acc.apply(means(recording.acc, stops)), axis=1)
+    return float(np.sqrt(((lengths - GRAVITY_M_S2) ** 2).mean()))
+
+
+def _field_left(recording: Recording, mag: Affine | None) -> float | None:
+    """Standard deviation of the field's strength, uT."""
+    if mag is None:
+        return None
+    there = recording.mag[np.isfinite(recording.mag[:, 0])]
+    return float(np.linalg.norm(mag.apply(there), axis=1).std())
