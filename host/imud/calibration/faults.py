@@ -32,6 +32,7 @@ FIELD_UT = (18.0, 75.0)  # of the Earth, with some room
 WRONG_RAD = math.radians(10.0)  # rms of gravity after a turn: axes are swapped
 BETTER = 4.0  # swapped axes explain the turns better by this factor
 SHAKING_CHI = 4.0
+STOPS_MIN = 6  # with fewer nothing is said of the module
 
 
 class Fault(msgspec.Struct, frozen=True):
@@ -50,16 +51,18 @@ BROKEN = "try another module, and check the wires"
 
 def of_module(recording: Recording, stops: list[Stop], fit: Fit | None) -> Fault | None:
     """A sensor that can't be calibrated, as far as the recording shows it."""
-    return _stuck(recording, stops) or (_swapped(recording, fit) if fit else None)
-
-
-def _stuck(recording: Recording, stops: list[Stop]) -> Fault | None:
-    if len(stops) < 6:
+    if fit is None or len(stops) < STOPS_MIN:
         return None
+    return _stuck(recording, stops, fit) or _swapped(recording, fit)
+
+
+def _stuck(recording: Recording, stops: list[Stop], fit: Fit) -> Fault | None:
     rest, _ = means(recording, stops)
+    # A live axis may hardly change, too, but then gravity keeps its length.
+    acc = np.ptp(rest, axis=0) if fit.acc.chi > SHAKING_CHI else None
     there = recording.mag[np.isfinite(recording.mag[:, 0])]
     sensors = (
-        ("accelerometer", np.ptp(rest, axis=0), ALIVE_M_S2, DEAD_M_S2),
+        ("accelerometer", acc, ALIVE_M_S2, DEAD_M_S2),
         ("gyroscope", np.ptp(recording.gyr, axis=0), ALIVE_RAD_S, DEAD_RAD_S),
         ("magnetometer", np.ptp(there, axis=0) if len(there) else None, *MAG_RANGE),
     )
@@ -80,7 +83,7 @@ MAG_RANGE = (ALIVE_UT, DEAD_UT)
 
 
 def _swapped(recording: Recording, fit: Fit) -> Fault | None:
-    if len(fit.stops) >= 6 and fit.gyr.residual_rad > WRONG_RAD:
+    if fit.gyr.residual_rad > WRONG_RAD:
         axes = _gyro_axes(recording, fit)
         if axes is not None:
             return Fault(
@@ -96,7 +99,7 @@ def _swapped(recording: Recording, fit: Fit) -> Fault | None:
             BROKEN,
         )
     mag = fit.mag
-    if mag is not None and len(fit.stops) >= 6:
+    if mag is not None:
         turned = closest_turn(mag.matrix) if np.linalg.det(mag.matrix) > 0.0 else None
         if turned is None or np.trace(turned) < 1.0 + 2.0 * math.cos(0.5):
             return Fault(

@@ -19,9 +19,11 @@ from imud.calibration.magnetometer import NOISE_UT, MagFit
 from imud.calibration.recording import GRAVITY_M_S2
 from imud.rotation import FloatArray
 
-# Worse scores than these are refused, degrees.
-TILT_MAX_DEG = 0.3
-HEADING_MAX_DEG = 2.0
+# Worse scores than these are refused, degrees. Of 600 simulated recordings of all kinds
+# none was accepted of which the error was over 0.5 of tilt or 3 of heading, and 41 % of
+# the good ones were refused.
+TILT_MAX_DEG = 0.4
+HEADING_MAX_DEG = 2.5
 
 TILT_FLOOR_DEG = 0.05  # what no residual shows
 NOISE_RMS_UT = math.sqrt(0.5**2 + 0.15**2 / 12.0)  # of a reading, rounding included
