@@ -143,6 +143,9 @@ NO_SENSE = [
     ["--save-motion", "a.npz"],
     ["--save-motion", "a.npz", "--seconds", "1", "--motion", "b.npz"],
     ["--faster"],
+    ["--hand", "nobody"],
+    ["--hand", "calibrate", "--motion", "a.npz"],
+    ["--module", "shop", "--save-motion", "a.npz", "--seconds", "1"],
     ["--parts", "parts"],
 ]
 # Of what a board does not have.
@@ -181,6 +184,15 @@ def test_a_bad_recording_is_one_line(
     assert cli.main(words) == 1
     said = capsys.readouterr().err
     assert said.startswith(f"imud: {path}:1: no column gyr_x_rad_s,")
+    assert said.count("\n") == 1
+
+
+def test_a_module_that_is_none_is_one_line(
+    stand_in: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["sim", "nano", *stand_in(ECHO), "--module", "best"]) == 1
+    said = capsys.readouterr().err
+    assert "can't read module best" in said
     assert said.count("\n") == 1
 
 

@@ -25,6 +25,14 @@ _FILES = {
     "and wire",
 }
 
+# As imud.virtual.calibrating has them, which loads numpy.
+HANDS = {
+    "calibrate": "lays it down as the guided calibration asks",
+    "lazy": "the same, but tilts it by about 20 degrees only",
+    "air": "holds it in the air all the time",
+    "iron": "as calibrate, beside a loudspeaker",
+}
+
 # Options that bend its clock and its wire, in real time.
 _WIRE = {
     "clock-ppm": ("PPM", "its clock is fast by this many parts per million"),
@@ -56,6 +64,7 @@ def add(commands: Commands) -> None:
             "Without --motion, a simulated hand moves it: strokes, turns, rests.",
         )
         _add_motion(parser)
+        _add_module(parser)
         _add_output(parser, board)
         _add_streams(parser, board)
         _add_hardware(parser, board)
@@ -91,6 +100,21 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--fast", action="store_true", help="run as fast as possible, not in real time"
+    )
+
+
+def _add_module(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--module",
+        metavar="MODULE",
+        help="the errors of its sensor: shop (as bought, drawn by --seed), calibrated, "
+        "or a file (docs/calibration.md)",
+    )
+    parser.add_argument(
+        "--hand",
+        choices=HANDS,
+        help="a hand that calibrates it: "
+        + "; ".join(f"{name}: {what}" for name, what in HANDS.items()),
     )
 
 
@@ -159,6 +183,10 @@ def _add_hardware(parser: argparse.ArgumentParser, board: Board) -> None:
 def _run(args: argparse.Namespace) -> int:
     if args.save_motion and (args.motion or not args.seconds):
         args.parser.error("--save-motion saves the hand's motion: needs --seconds N")
+    if (args.module or args.hand) and args.save_motion:
+        args.parser.error("--save-motion saves the usual hand's motion, without module")
+    if args.hand and args.motion:
+        args.parser.error("--hand and --motion: one of them moves it")
     if args.record and not args.motion and not args.seconds:
         args.parser.error("--record needs --seconds N: the hand never stops")
     if getattr(args, "parts", None) and not args.profile:

@@ -16,7 +16,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import IO, TYPE_CHECKING
@@ -160,7 +160,7 @@ def run(args: argparse.Namespace) -> int:
     """
     link = args.link or default_link(args.board)
     words = command_line(args, link)
-    rate_hz, pieces, seconds = _motion(args)
+    rate_hz, pieces, seconds = motion_of(args)
     with subprocess.Popen(
         words, stdin=subprocess.PIPE, stderr=subprocess.PIPE
     ) as emulator:
@@ -191,12 +191,14 @@ def run(args: argparse.Namespace) -> int:
     return status if status >= 0 else 128 - status
 
 
-def _motion(
+def motion_of(
     args: argparse.Namespace,
 ) -> tuple[float, Iterable[Motion], float | None]:
     """The motion: its rate in Hz, its pieces, and how many seconds are wanted."""
     from imud.virtual import motion, sensors
 
+    if args.module is not None or args.hand is not None:
+        return _with_module(args)
     if args.motion is None and args.save_motion is None:
         return sensors.HAND_RATE_HZ, sensors.stream(args.seed), args.seconds
     if args.motion is not None:
@@ -212,6 +214,34 @@ def _motion(
     starts = range(0, len(recording), FEED_RECORDS)
     pieces = (recording[start : start + FEED_RECORDS] for start in starts)
     return recording.rate_hz, pieces, args.seconds or recording.seconds
+
+
+def _with_module(
+    args: argparse.Namespace,
+) -> tuple[float, Iterable[Motion], float | None]:
+    """The motion as a chosen module measures it, with that module's errors."""
+    import numpy as np
+
+    from imud.virtual import calibrating, modules, motion, sensors
+
+    module = modules.named(args.module or modules.CALIBRATED, args.seed)
+    rate_hz = sensors.HAND_RATE_HZ
+    if args.hand is not None:
+        found = calibrating.pieces(args.hand, module, args.seed, rate_hz)
+        return rate_hz, found, args.seconds
+    random = np.random.default_rng([args.seed, 2])
+    if args.motion is None:
+        exact = sensors.stream(args.seed, rate_hz, errors=sensors.NO_ERRORS)
+        feel = module.sensor(rate_hz, random).feel
+        return rate_hz, map(feel, exact), args.seconds
+    recording = motion.load(args.motion)
+    if recording.is_recorded:
+        # Its own noise is in it.
+        module = replace(module, noise=sensors.NO_ERRORS)
+    felt = module.measures(recording, random)
+    starts = range(0, len(felt), FEED_RECORDS)
+    pieces = (felt[start : start + FEED_RECORDS] for start in starts)
+    return felt.rate_hz, pieces, args.seconds or felt.seconds
 
 
 def _watched(
