@@ -14,14 +14,24 @@ import traceback
 from collections.abc import Sequence
 from typing import NoReturn
 
-from imud.cli import card, daemon, keys, params, probe, recordings, sim, watch
+from imud.cli import (
+    calibrate,
+    card,
+    daemon,
+    keys,
+    params,
+    probe,
+    recordings,
+    sim,
+    watch,
+)
 from imud.errors import ImudError, described
 
 # Exit code of a fault of imud's own: EX_SOFTWARE of sysexits.h.
 FAULT = 70
 
 # In the order of the list of commands.
-GROUPS = (daemon, sim, watch, probe, params, recordings, card, keys)
+GROUPS = (daemon, sim, watch, probe, calibrate, params, recordings, card, keys)
 
 
 def _plain(text: str) -> str:

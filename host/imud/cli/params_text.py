@@ -169,6 +169,21 @@ def of_history(client: Client, probe: str, digest: str) -> ParamsFile:
     return ParamsFile(_decoded(kept), kept["probe_id"])
 
 
+def undo(client: Client, probe: str, *, is_dry: bool = False) -> int:
+    """Brings back what was in force before; without a history of it, no params."""
+    said = client.params(probe)
+    kept = [each["digest"] for each in client.params_history(probe)["entries"]]
+    if said["digest"] in kept:
+        kept = kept[kept.index(said["digest"]) + 1 :]
+    earlier = next((each for each in kept if each != said["digest"]), None)
+    if earlier is None and not _decoded(said).records:
+        raise CommandRefused(f"{probe} has no params, and none were in force before")
+    wanted = ParamsFile(Params())
+    if earlier is not None:
+        wanted = of_history(client, probe, earlier)
+    return _change(client, probe, wanted, said, is_dry=is_dry)
+
+
 def _change(
     client: Client,
     probe: str,

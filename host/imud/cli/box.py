@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: MIT
+"""A probe as a box, seen from in front and above: for terminals in braille, and as
+polygons for pictures.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from imud.calibration.algebra import onto, turn
+from imud.calibration.path import UP
+from imud.calibration.poses import Pose
+from imud.rotation import FloatArray
+
+HALF = np.array([1.2, 0.7, 0.35])  # of its length, width and height
+SIDES = {
+    (0, 1): "front",
+    (0, -1): "back",
+    (1, 1): "left",
+    (1, -1): "right",
+    (2, 1): "top",
+    (2, -1): "bottom",
+}
+# From the world to the picture: turned about the vertical, then tipped to the eye.
+VIEW = turn(np.array([0.42, 0.0, 0.0])) @ turn(np.array([0.0, 0.0, -0.6]))
+EYE = -VIEW[1]  # towards whoever looks
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """A side of the box that is seen: its name, corners and middle in the picture, x to
+    the right and y up.
+    """
+
+    name: str
+    corners: FloatArray  # (4, 2)
+    middle: FloatArray  # (2,)
+
+
+def lying(pose: Pose) -> FloatArray:
+    """The attitude of a box that lies so, as a matrix from the body to the world; its
+    heading is one in which the sides that are up are seen best, then its front.
+    """
+    level = onto(pose.up, UP)
+    angles = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+    return max(
+        (turn(UP * a) @ level for a in angles), key=lambda at: _seen_of(pose, at)
+    )
+
+
+def _seen_of(pose: Pose, attitude: FloatArray) -> float:
+    """How well the sides of a pose are seen, and its front."""
+    facing = attitude.T @ EYE  # of each axis of the body
+    named = [sign * facing[axis] for axis, sign in enumerate(pose.sign) if sign]
+    return float(min(named) + 0.3 * min(facing[0], 0.5))
+
+
+def sides(attitude: FloatArray) -> Iterator[Side]:
+    """The sides of a box that are seen."""
+    for (axis, sign), name in SIDES.items():
+        normal = attitude @ (sign * np.eye(3)[axis])
+        if normal @ EYE <= 1e-6:
+            continue
+        others = [other for other in range(3) if other != axis]
+        corners = []
+        for one, two in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
+            corner = np.zeros(3)
+            corner[[axis, *others]] = sign, one, two
+            corners.append(_seen(attitude @ (corner * HALF)))
+        middle = _seen(attitude @ (sign * np.eye(3)[axis] * HALF))
+        yield Side(name, np.array(corners), middle)
+
+
+def _seen(point: FloatArray) -> FloatArray:
+    return np.asarray((VIEW @ point)[[0, 2]])
+
+
+# Braille characters have two columns of four dots.
+COLUMNS, ROWS = 16, 7
+DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
+MARKS = {"front": ((0, 2), (1, 3)), "bottom": ((0, 2),)}  # corners to be joined
+REACH = 1.5  # of the picture from its middle, in the box's units
+
+
+def picture(pose: Pose) -> list[str]:
+    """The box in braille, ROWS lines of COLUMNS characters; its front has a cross, its
+    base one diagonal.
+    """
+    dots = np.zeros((4 * ROWS, 2 * COLUMNS), dtype=bool)
+    for side in sides(lying(pose)):
+        for start, end in zip(side.corners, np.roll(side.corners, -1, 0), strict=True):
+            _draw(dots, start, end)
+        for start, end in MARKS.get(side.name, ()):
+            _draw(dots, side.corners[start], side.corners[end])
+    return [_line(dots[4 * row : 4 * row + 4]) for row in range(ROWS)]
+
+
+def _draw(dots: FloatArray, start: FloatArray, end: FloatArray) -> None:
+    height, width = dots.shape
+    share = np.linspace(0.0, 1.0, 64)[:, None]
+    points = start + share * (end - start)
+    scale = min(width, height) / 2.0 / REACH
+    columns = np.rint(width / 2.0 - 0.5 + points[:, 0] * scale).astype(int)
+    rows = np.rint(height / 2.0 - 0.5 - points[:, 1] * scale).astype(int)
+    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    dots[rows[inside], columns[inside]] = True
+
+
+def _line(dots: FloatArray) -> str:
+    text = ""
+    for column in range(COLUMNS):
+        bits = 0
+        for row, side in itertools.product(range(4), range(2)):
+            if dots[row, 2 * column + side]:
+                bits |= DOTS[row][side]
+        text += chr(0x2800 + bits)
+    return text

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: MIT
+"""`imud calibrate` at work: samples to a procedure, its outcome to the probe."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import sys
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from imud.calibration import faults, housing, verify, wave, whole
+from imud.calibration.faults import Fault
+from imud.calibration.outcome import Outcome, of_fit, of_wave
+from imud.calibration.papers import of_method
+from imud.calibration.procedure import Finished, Procedure, Refused
+from imud.calibration.recording import Gatherer, Sample
+from imud.calibration.stops import find_stops
+from imud.calibration.verify import Report, Verify, affine_of
+from imud.calibration.wave import Wave, Waving
+from imud.cli import calibrate_text
+from imud.cli.calibrate_screen import Quit, Screen
+from imud.cli.calibrate_source import Live, Subject, of_file
+from imud.errors import CommandRefused, ImudError
+
+if TYPE_CHECKING:
+    from imud.client import Client
+    from imud.params.value import Params
+
+SENSORS = {"all": ("acc", "gyr", "mag"), "acc": ("acc",), "gyro": ("gyr",)}
+
+
+class CalibrationRefused(ImudError):
+    """It is not good enough: why, and what to do. What was in force still is."""
+
+
+def live(client: Client, probe: str, args: argparse.Namespace) -> int:
+    """With a probe, through its daemon; returns the exit code."""
+    with Live(client, probe, args.prefix, args.keys) as source:
+        screen = Screen(probe)
+        try:
+            with screen.opened():
+                found = _followed(source.samples(), source.subject, screen, args)
+        except Quit:
+            sys.stdout.write("given up; the calibration is as before\n")
+            return 1
+        if isinstance(found, Report):
+            return calibrate_text.verified(probe, found)
+        calibrate_text.outcome(probe, found, source.subject.params)
+        if args.dry_run:
+            return _not_changed(probe, found.params)
+        source.put_in_force(found.params)
+    sys.stdout.write(
+        f"{probe}: params {found.params.digest:08x} are in force; "
+        f"imud calibrate undo {probe} takes them back\n"
+    )
+    return 0
+
+
+def from_file(args: argparse.Namespace) -> int:
+    """With a log or a capture; returns the exit code."""
+    name, subject, samples = of_file(args.source, args.probe)
+    if args.what == "verify":
+        recording = Gatherer.of(subject.scale, samples).recording()
+        report = verify.report(
+            recording, subject.scale, subject.params, has_mag=subject.has_mag
+        )
+        return calibrate_text.verified(name, report)
+    if args.dry_run:
+        found = _of_samples(subject, samples, args)
+        calibrate_text.outcome(name, found, subject.params)
+        return _not_changed(name, found.params)
+    from imud.cli.arguments import client_of
+    from imud.params.value import Params
+
+    with client_of(args) as client:
+        probe = client.only_probe(args.probe)
+        said = client.params(probe)
+        if said["probe_id"] != subject.probe_id and not args.force:
+            raise CommandRefused(
+                f"{args.source} is of probe {subject.probe_id}, and {probe} is "
+                f"{said['probe_id']}; --force takes it all the same"
+            )
+        before = Params.decode(bytes.fromhex(said["bytes"]))
+        subject = Subject(said["probe_id"], subject.scale, subject.has_mag, before)
+        found = _of_samples(subject, samples, args)
+        calibrate_text.outcome(probe, found, before)
+        client.change_params(probe, found.params.encode(), said["probe_id"])
+    sys.stdout.write(f"{probe}: params {found.params.digest:08x} are in force\n")
+    return 0
+
+
+def _not_changed(probe: str, params: Params) -> int:
+    sys.stdout.write(f"{probe}: params {params.digest:08x} were not put in force\n")
+    return 0
+
+
+def _today() -> datetime.date:
+    return datetime.datetime.now(datetime.UTC).date()
+
+
+def _followed(
+    samples: Iterable[Sample | None],
+    subject: Subject,
+    screen: Screen,
+    args: argparse.Namespace,
+) -> Outcome | Report:
+    """What comes of samples as they arrive."""
+    if args.what == "verify":
+        return _verified(samples, subject, screen)
+    if args.what == "mag":
+        return _waved(samples, subject, screen)
+    procedure = Procedure(
+        subject.scale,
+        wants_housing=args.what == "all" and not args.no_housing,
+        has_mag=subject.has_mag and args.what == "all",
+    )
+    for sample in samples:
+        events = procedure.feed(sample) if sample is not None else []
+        if screen.is_ended():
+            events += procedure.end()
+        screen.show(procedure.status())
+        for event in events:
+            if isinstance(event, Refused):
+                raise CalibrationRefused(_refusal(event.fault))
+            if isinstance(event, Finished):
+                return _finished(procedure, event, subject, args)
+    raise CalibrationRefused("the samples ended too early; begin again")
+
+
+def _finished(
+    procedure: Procedure,
+    event: Finished,
+    subject: Subject,
+    args: argparse.Namespace,
+) -> Outcome:
+    if args.method != "guided":
+        return of_method(
+            procedure.recording(), args.method, subject.scale, subject.params, _today()
+        )
+    return of_fit(
+        event.fit,
+        subject.scale,
+        subject.params,
+        event.turn,
+        _today(),
+        sensors=SENSORS[args.what],
+    )
+
+
+def _refusal(fault: Fault) -> str:
+    return f"refused: {fault}; what was in force still is"
+
+
+def _verified(
+    samples: Iterable[Sample | None], subject: Subject, screen: Screen
+) -> Report:
+    check = Verify(subject.scale, subject.params, subject.has_mag)
+    screen.say(check.says)
+    for sample in samples:
+        report = check.feed(sample) if sample is not None else None
+        screen.is_ended()
+        if report is not None:
+            return report
+        if sample is None:
+            screen.say(check.says)
+    raise CalibrationRefused("the samples ended too early; begin again")
+
+
+def _waved(
+    samples: Iterable[Sample | None], subject: Subject, screen: Screen
+) -> Outcome:
+    waving = _waving(subject)
+    screen.say(waving.says)
+    for sample in samples:
+        found = waving.feed(sample) if sample is not None else None
+        if screen.is_ended():
+            found = waving.end()
+        if sample is None or found is not None:
+            screen.say(waving.says)
+        if found is not None:
+            return _of_wave(found, waving, subject)
+    raise CalibrationRefused("the samples ended too early; begin again")
+
+
+def _waving(subject: Subject) -> Waving:
+    if not subject.has_mag:
+        raise CalibrationRefused("this probe has no magnetometer")
+    params, scale = subject.params, subject.scale
+    return Waving(
+        scale,
+        affine_of(params.acc, scale.acc_m_s2),
+        affine_of(params.gyr, scale.gyr_rad_s),
+        wave.tilt_deg(params.acc),
+    )
+
+
+def _of_wave(found: Wave | Fault, waving: Waving, subject: Subject) -> Outcome:
+    if isinstance(found, Fault):
+        raise CalibrationRefused(_refusal(found))
+    return of_wave(found, subject.scale, subject.params, waving.temperature_c, _today())
+
+
+def _of_samples(
+    subject: Subject, samples: list[Sample], args: argparse.Namespace
+) -> Outcome:
+    """What comes of all samples of a file."""
+    if args.what == "mag":
+        waving = _waving(subject)
+        for sample in samples:
+            if isinstance(found := waving.feed(sample), Wave):
+                return _of_wave(found, waving, subject)
+        return _of_wave(waving.end(), waving, subject)
+    recording = Gatherer.of(subject.scale, samples).recording()
+    if args.method != "guided":
+        return of_method(
+            recording, args.method, subject.scale, subject.params, _today()
+        )
+    stops = find_stops(recording)
+    fit = whole.fit(recording, stops)
+    has_mag = subject.has_mag and args.what == "all"
+    wrong = faults.of_module(recording, stops, fit) or faults.of_score(
+        fit, len(stops), has_mag=has_mag
+    )
+    if wrong is not None or fit is None:
+        raise CalibrationRefused(_refusal(wrong) if wrong else "there is nothing in it")
+    turn = None if args.no_housing else housing.found(recording, fit)
+    return of_fit(
+        fit,
+        subject.scale,
+        subject.params,
+        turn,
+        _today(),
+        sensors=SENSORS[args.what],
+    )

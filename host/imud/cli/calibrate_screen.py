@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: MIT
+"""What `imud calibrate` shows meanwhile: a screen on a terminal, lines in a pipe."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import sys
+import time
+from collections.abc import Iterator
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.text import Text
+
+from imud.calibration.poses import ALL
+from imud.calibration.procedure import Status
+from imud.calibration.score import HEADING_MAX_DEG, TILT_MAX_DEG
+from imud.cli.box import COLUMNS, picture
+from imud.cli.monitor import keys_of
+
+DRAW_S = 0.1
+BAR = 20  # characters
+
+POSES = {pose.name: pose for pose in ALL}
+
+
+class Quit(Exception):
+    """The user pressed q."""
+
+
+def lines(probe: str, status: Status) -> list[Text]:
+    """The screen of the guided calibration."""
+    head = Text(f"{probe}  ", style="bold")
+    head.append(f"pose {status.poses} of {status.of}", style="cyan")
+    head.append(f"  {status.seconds:.0f} s", style="dim")
+    drawn = [" " * COLUMNS] * 7
+    if status.wanted is not None:
+        drawn = picture(POSES[status.wanted])
+    filled = round(BAR * status.still_share) if status.is_still else 0
+    bar = "█" * filled + "░" * (BAR - filled)
+    beside = [
+        Text(status.says, style="bold green" if status.phase == "done" else "bold"),
+        Text(f"{bar} {'still' if status.is_still else 'moves'}"),
+        Text(""),
+        _error("tilt   ", status.tilt_deg, TILT_MAX_DEG),
+        _error("heading", status.heading_deg, HEADING_MAX_DEG),
+        Text(""),
+        Text(status.trouble or "", style="yellow"),
+    ]
+    shown = [head]
+    for left, right in zip(drawn, beside, strict=True):
+        line = Text(f" {left}  ", style="yellow")
+        line.append_text(right)
+        shown.append(line)
+    shown.append(Text(" X is its front, / its base", style="dim"))
+    shown.append(Text("Enter judges what there is; q gives up", style="dim"))
+    return shown
+
+
+def _error(what: str, deg: float | None, limit: float) -> Text:
+    if deg is None:
+        return Text(f"{what}  not yet", style="dim")
+    style = "green" if deg <= limit else "red"
+    return Text(f"{what}  +-{deg:.2f} degrees", style=style)
+
+
+class Screen:
+    """Shows a status whenever it is due. In a pipe: each new sentence and trouble."""
+
+    def __init__(self, probe: str) -> None:
+        self._probe = probe
+        self._console = Console(highlight=False)
+        self._live: Live | None = None
+        self._drawn_s = 0.0
+        self._said: tuple[str, str | None] = ("", None)
+        self._keyboard: int | None = None
+
+    @contextlib.contextmanager
+    def opened(self) -> Iterator[Screen]:
+        """While it is open, keys go to it."""
+        if not self._console.is_terminal:
+            yield self
+            return
+        with keys_of(sys.stdin) as self._keyboard:
+            live = Live(Text(""), console=self._console, auto_refresh=False)
+            with live as self._live:
+                yield self
+
+    def show(self, status: Status) -> None:
+        """Shows the guided procedure."""
+        if self._live is None:
+            self.say(status.says, status.trouble)
+            return
+        now_s = time.monotonic()
+        if now_s - self._drawn_s >= DRAW_S or status.phase in ("done", "refused"):
+            self._drawn_s = now_s
+            self._live.update(Group(*lines(self._probe, status)), refresh=True)
+
+    def say(self, words: str, trouble: str | None = None) -> None:
+        """One sentence, if it is another one than before."""
+        said, self._said = self._said, (words, trouble)
+        if self._live is not None:
+            if said != self._said:
+                self._live.update(Text(words, style="bold"), refresh=True)
+            return
+        if trouble is not None and trouble != said[1]:
+            sys.stdout.write(f"{trouble}\n")
+        if words != said[0]:
+            sys.stdout.write(f"{words}\n")
+        sys.stdout.flush()
+
+    def is_ended(self) -> bool:
+        """Whether Enter was pressed; Quit for q."""
+        if self._keyboard is None or not select.select([self._keyboard], [], [], 0)[0]:
+            return False
+        pressed = os.read(self._keyboard, 64)
+        if not pressed or b"q" in pressed.lower():
+            raise Quit
+        return b"\n" in pressed or b"\r" in pressed

@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: MIT
+"""Where `imud calibrate` gets raw samples from: a probe by its daemon, or a file."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import statistics
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from imud.calibration.recording import Sample, Scale
+from imud.client import Client, Event, Raw, subscribe
+from imud.errors import DeviceError, FileError, ImudError, NoReply, ProbeUnknown
+from imud.params.value import Params
+
+# A probe that sends raw samples is heard within this time.
+HEARD_S = 1.5
+SILENT_S = 5.0
+STATUS_S = 3.0
+TICK_S = 0.1
+RATE_MIN_HZ = 50.0
+LONGEST_S = 900.0  # of a file: its last samples
+
+# The chip without a magnetometer.
+NO_MAG = ("mpu6500", "none")
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """Whose samples they are."""
+
+    probe_id: str
+    scale: Scale
+    has_mag: bool
+    params: Params
+
+
+def scale_of(hello: Mapping[str, Any], rate_hz: float) -> Scale:
+    """The values of a probe's counts."""
+    return Scale(hello["acc_lsb"], hello["gyr_lsb"], hello["mag_lsb"], rate_hz)
+
+
+def sample_of(raw: Raw) -> Sample:
+    """A published raw sample."""
+    return Sample(
+        raw.t_device_us,
+        raw.acc_counts,
+        raw.gyr_counts,
+        raw.mag_counts,
+        raw.temperature_c,
+        "acc_clipped" in raw.flags or "gyr_clipped" in raw.flags,
+    )
+
+
+def _status(client: Client, probe: str) -> dict[str, Any]:
+    """The status of a probe; the first one comes a second after it was found."""
+    until_s = time.monotonic() + STATUS_S
+    while not (found := client.statuses(probe)):
+        if time.monotonic() > until_s:
+            raise NoReply(f"no status of probe {probe} came: see what imud run says")
+        time.sleep(TICK_S)
+    return found[0]
+
+
+class Live:
+    """The raw samples of a probe as they come. While it is open, the probe sends all of
+    them; afterwards it does as before.
+    """
+
+    def __init__(
+        self,
+        client: Client,
+        probe: str,
+        prefix: str,
+        keys: Path | None,
+    ) -> None:
+        self._client = client
+        self._probe = probe
+        said = client.params(probe)
+        self._digest = said["digest"]
+        status = _status(client, probe)
+        self._hello = status["hello"]
+        self._state = status["state"]
+        self.subject = Subject(
+            said["probe_id"],
+            scale_of(self._hello, self._hello["sample_rate"]),
+            self._hello["sensor"] not in NO_MAG,
+            Params.decode(bytes.fromhex(said["bytes"])),
+        )
+        self._subscription = subscribe(
+            probe,
+            topics=("raw", "event"),
+            endpoint=client.endpoint,
+            prefix=prefix,
+            keys=keys,
+        )
+        self._undo: list[tuple[str, dict[str, str]]] = []
+
+    def __enter__(self) -> Self:
+        try:
+            self._set_up()
+        except BaseException:
+            self._subscription.close()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._subscription.close()
+        for name, arguments in reversed(self._undo):
+            with contextlib.suppress(ImudError):  # it may be gone
+                self._client.command(self._probe, name, **arguments)
+
+    def _set_up(self) -> None:
+        """Makes the probe send raw samples, all of them."""
+        sample_rate, raw_rate = self._hello["sample_rate"], self._hello["raw_rate"]
+        if raw_rate != sample_rate:
+            self._do("rate", {"stream": "raw", "hz": str(sample_rate)})
+            self._undo.append(("rate", {"stream": "raw", "hz": str(raw_rate)}))
+        if self._is_heard():
+            return
+        self._do("fields", {"streams": "pose,raw"})
+        self._undo.append(("fields", {"streams": "pose"}))
+        if not self._is_heard():
+            self._do("start", {})
+            self._undo.append(("stop", {}))
+
+    def _do(self, name: str, arguments: dict[str, str]) -> None:
+        self._client.command(self._probe, name, **arguments)
+
+    def _is_heard(self) -> bool:
+        until_s = time.monotonic() + HEARD_S
+        while (left_s := until_s - time.monotonic()) > 0:
+            if isinstance(self._subscription.get(left_s), Raw):
+                return True
+        return False
+
+    def samples(self) -> Iterator[Sample | None]:
+        """Sample by sample; None when nothing came for a moment. DeviceError if the
+        probe restarts, NoReply if it is gone.
+        """
+        last_us, heard_s = -1, time.monotonic()
+        while True:
+            message = self._subscription.get(TICK_S)
+            if isinstance(message, Raw):
+                if message.t_device_us < last_us:
+                    raise DeviceError(
+                        f"probe {self._probe} restarted: its calibration is as before; "
+                        "begin again"
+                    )
+                last_us, heard_s = message.t_device_us, time.monotonic()
+                yield sample_of(message)
+                continue
+            if isinstance(message, Event) and message.event == "params_changed":
+                self._is_changed()
+            if time.monotonic() - heard_s > SILENT_S:
+                raise NoReply(
+                    f"no raw samples from probe {self._probe} for {SILENT_S:g} s: is "
+                    "it unplugged? Its calibration is as before"
+                )
+            yield None
+
+    def _is_changed(self) -> None:
+        raise DeviceError(
+            f"the params of probe {self._probe} were changed by somebody else; begin "
+            "again"
+        )
+
+    def put_in_force(self, params: Params) -> None:
+        """All of them or none. DeviceError if others came into force meanwhile."""
+        if self._client.params(self._probe)["digest"] != self._digest:
+            self._is_changed()
+        self._client.change_params(self._probe, params.encode(), self.subject.probe_id)
+
+
+@dataclass(slots=True)
+class _Heard:
+    """What a file has of one boot of a probe."""
+
+    hello: Mapping[str, Any]
+    samples: list[Sample]
+
+
+def of_file(path: Path, probe: str | None) -> tuple[str, Subject, list[Sample]]:
+    """The probe in a log or capture, and its samples: those of the boot with the most.
+    FileError if there are none.
+    """
+    from imud.recordings.decode import Tally, decode_file
+
+    tally = Tally()
+    hellos: dict[str, Mapping[str, Any]] = {}
+    boots: dict[str, list[_Heard]] = {}
+    for item in decode_file(path, tally):
+        name = item["probe"]
+        if item["type"] == "hello":
+            hellos[name] = item
+        elif item["type"] == "raw" and name in hellos:
+            own = boots.setdefault(name, [])
+            t_us = item["t_device_us"]
+            if not own or t_us < own[-1].samples[-1].t_us:
+                own.append(_Heard(hellos[name], []))
+            own[-1].samples.append(_logged(item))
+    name = _chosen(path, boots, tally, probe)
+    best = max(boots[name], key=lambda each: len(each.samples))
+    return name, _subject(path, name, best, tally), best.samples
+
+
+def _logged(item: Mapping[str, Any]) -> Sample:
+    flags = item["flags"]
+    return Sample(
+        item["t_device_us"],
+        item["acc_counts"],
+        item["gyr_counts"],
+        item["mag_counts"],
+        item["temperature_c"],
+        "acc_clipped" in flags or "gyr_clipped" in flags,
+    )
+
+
+def _chosen(path: Path, boots: Mapping[str, Any], tally: Any, probe: str | None) -> str:
+    if not boots:
+        why = f"; {tally.problem}" if tally.problem else ""
+        raise FileError(
+            f"{path} holds no raw samples{why}; log them with streams = "
+            '["pose", "raw"] of the probe'
+        )
+    if probe in boots:
+        return str(probe)
+    if len(boots) > 1:
+        raise ProbeUnknown(f"{path} holds {', '.join(boots)}: name one of them")
+    return str(next(iter(boots)))
+
+
+def _subject(path: Path, name: str, best: _Heard, tally: Any) -> Subject:
+    hello, samples = best.hello, best.samples
+    steps = [b.t_us - a.t_us for a, b in itertools.pairwise(samples)]
+    rate_hz = 1e6 / statistics.median(steps) if steps else 0.0
+    if rate_hz < RATE_MIN_HZ:
+        raise FileError(
+            f"{path}: {rate_hz:.0f} raw samples a second are too few; raw_rate of the "
+            f"probe has to be {RATE_MIN_HZ:g} or more"
+        )
+    del samples[: -round(LONGEST_S * rate_hz)]
+    heard = tally.probes.get(name)
+    records = heard.params if heard is not None else None
+    return Subject(
+        str(hello["probe_id"]),
+        scale_of(hello, rate_hz),
+        hello["sensor"] not in NO_MAG,
+        Params.decode(records or b""),
+    )

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: MIT
+"""`imud calibrate` with a daemon and a fake probe that sends raw samples."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+from msgspec.structs import replace
+from simulated import affine_errors
+
+from chain import Chain
+from fakes import PATIENCE_S
+from fakes.params import parts_of
+from imud.calibration.poses import TWELVE
+from imud.calibration.recording import Sample
+from imud.calibration.verify import affine_of
+from imud.cli import calibrate_source, main
+from imud.params.value import Params
+from imud.virtual.calibrating import SCALE
+from params_bench import GOOD
+from raw_probe import Stream, calibrating, lying, module
+
+
+class Desk:
+    """Somebody who calibrates."""
+
+    def __init__(self, chain: Chain, capsys: pytest.CaptureFixture[str]) -> None:
+        self.chain = chain
+        self.probe = chain.probe.name
+        self._capsys = capsys
+
+    @property
+    def in_force(self) -> Params:
+        return Params.decode(self.chain.probe.params.records)
+
+    def run(self, *words: str) -> tuple[int, str, str]:
+        """The exit code, and what it prints to stdout and stderr."""
+        code = main(["calibrate", *words, "--connect", self.chain.daemon.endpoint])
+        said = self._capsys.readouterr()
+        return code, said.out, said.err
+
+    def refused(self, *words: str) -> str:
+        """Its one line on stderr; nothing has changed."""
+        before = self.chain.probe.params.records
+        code, _, err = self.run(*words)
+        assert code == 1
+        assert err.startswith("imud: ")
+        assert err.count("\n") == 1
+        assert self.chain.probe.params.records == before
+        return err
+
+
+@pytest.fixture
+def desk(
+    chain: Chain,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> Desk:
+    # The probe sends no raw samples until it is told to: no need to wait for them.
+    monkeypatch.setattr(calibrate_source, "HEARD_S", 0.3)
+    return Desk(chain, capsys)
+
+
+def test_a_probe_is_calibrated_and_the_calibration_undone(desk: Desk) -> None:
+    with Stream(desk.chain, calibrating()):
+        code, out, err = desk.run(desk.probe, "--no-housing")
+        assert (code, err) == (0, "")
+        lines = out.splitlines()
+        assert lines[0] == "Lay it still, base down."
+        assert any(line.startswith("Good (1 of 12). Now lay it ") for line in lines)
+        assert f"{desk.probe}: calibrated from 12 stops" in out
+        assert ", at 24.5 degC" in out
+        assert "tilt           +-0.0" in out
+        assert "uT left over; field 4" in out
+        params = desk.in_force
+        assert f"params {params.digest:08x} are in force" in out
+        left = affine_errors(
+            module(),
+            affine_of(params.acc, SCALE.acc_m_s2),
+            affine_of(params.mag, SCALE.mag_ut),
+        )
+        assert left["tilt"] < 0.1
+        assert left["heading"] < 0.4
+        assert params.gyr is not None
+        assert desk.run("history", desk.probe)[1].count("in force") == 1
+        code, out, _ = desk.run("undo")
+        assert code == 0
+        assert desk.in_force == Params()
+        # Undone once more, it is back.
+        assert desk.run("undo", "--dry-run")[0] == 0
+        assert desk.in_force == Params()
+        assert desk.run("undo", desk.probe)[0] == 0
+        assert desk.in_force == params
+
+
+def test_there_is_nothing_to_undo_on_a_probe_without_params(desk: Desk) -> None:
+    with Stream(desk.chain, ()):
+        line = desk.refused("undo")
+    assert "has no params, and none were in force before" in line
+
+
+def test_a_dry_run_changes_nothing_and_keeps_other_records(desk: Desk) -> None:
+    desk.chain.probe.params.records = GOOD.encode()
+    with Stream(desk.chain, calibrating()):
+        for part in parts_of(GOOD.encode()):
+            desk.chain.port.write(desk.chain.probe.say("params", **part))
+        code, out, err = desk.run("--no-housing", "--dry-run")
+    assert (code, err) == (0, "")
+    assert "were not put in force" in out
+    assert "options" not in out  # they stay as they are
+    assert desk.in_force == GOOD
+
+
+def test_raw_samples_are_switched_on_and_off_again(desk: Desk) -> None:
+    desk.chain.probe.hello_fields |= {"raw_rate": 0}
+    ups = [pose.up for pose in TWELVE[:4]]
+    with Stream(desk.chain, lying(ups, 3), asks="start"):
+        code, out, _ = desk.run("verify")
+    assert code == 1
+    assert out.count("not calibrated: imud calibrate PROBE") == 3
+    asked = [
+        (each["command"], each["arguments"])
+        for each in desk.chain.probe.commands
+        if each["command"] != "rate"  # as the last hello that was heard
+    ]
+    assert asked == [
+        *(("fields", (3, 0)), ("start", (0, 0))),
+        *(("stop", (0, 0)), ("fields", (1, 0))),
+    ]
+
+
+def test_a_part_alone_leaves_the_others(desk: Desk) -> None:
+    with Stream(desk.chain, calibrating()):
+        code, out, _ = desk.run("gyro", desk.probe)
+    assert code == 0
+    assert desk.in_force.acc is None
+    assert desk.in_force.gyr is not None
+    assert "accelerometer" not in out
+
+
+def test_a_restart_ends_it_with_one_line(desk: Desk) -> None:
+    again = [*calibrating()[:900], *calibrating()[:900]]
+    with Stream(desk.chain, again):
+        line = desk.refused(desk.probe)
+    assert "restarted: its calibration is as before; begin again" in line
+
+
+def test_a_probe_that_falls_silent_is_told(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calibrate_source, "SILENT_S", 0.5)
+    with Stream(desk.chain, calibrating()[:900]):
+        line = desk.refused(desk.probe)
+    assert "is it unplugged? Its calibration is as before" in line
+
+
+def test_params_that_somebody_else_changes_end_it(desk: Desk) -> None:
+    stream = Stream(desk.chain, calibrating())
+
+    def change() -> None:
+        while stream.sent < 1500:
+            threading.Event().wait(0.01)
+        desk.chain.client.change_params(desk.probe, GOOD.encode())
+
+    other = threading.Thread(target=change)
+    with stream:
+        other.start()
+        code, _, err = desk.run(desk.probe)
+        other.join(PATIENCE_S)
+    assert code == 1
+    assert "were changed by somebody else; begin again" in err
+    assert desk.in_force == GOOD
+
+
+def test_a_dead_axis_is_refused_and_nothing_changes(desk: Desk) -> None:
+    def dead(counts: tuple[int, int, int]) -> tuple[int, int, int]:
+        return counts[0], 0, counts[2]
+
+    broken = [Sample(s.t_us, dead(s.acc), s.gyr, s.mag) for s in calibrating()]
+    with Stream(desk.chain, broken):
+        line = desk.refused(desk.probe)
+    assert "refused: the accelerometer's y axis does not follow" in line
+    assert "what was in force still is" in line
+
+
+def test_an_old_calibration_is_verified(desk: Desk) -> None:
+    with Stream(desk.chain, calibrating()):
+        assert desk.run("--no-housing")[0] == 0
+    ups = [pose.up for pose in TWELVE[:4]]
+    later = [replace(each, t_us=each.t_us + 60_000_000) for each in lying(ups)]
+    with Stream(desk.chain, later):
+        code, out, _ = desk.run("verify")
+    assert code == 0
+    assert "the calibration is good" in out
+    assert "Lay it still." in out
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("stylus", "other"),
+        ("mag", "stylus", "--method", "positions"),
+        ("stylus", "--force"),
+        ("undo", "stylus", "--from", "a.mcap"),
+        ("stylus", "--method", "best"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_usage_errors(words: tuple[str, ...]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["calibrate", *words])
+    assert end.value.code == 2

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: MIT
+"""What `imud calibrate` draws on a terminal."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+from imud.calibration.poses import ALL, TWELVE, Pose
+from imud.calibration.procedure import Procedure
+from imud.cli import calibrate_screen
+from imud.cli.box import COLUMNS, ROWS, lying, picture, sides
+from imud.cli.calibrate_screen import Quit, Screen, lines
+from imud.virtual.calibrating import SCALE
+from raw_probe import calibrating
+
+
+def test_a_box_lies_as_its_pose_says_and_shows_the_sides_that_are_up() -> None:
+    for pose in ALL:
+        assert np.allclose(lying(pose) @ pose.up, [0, 0, 1])
+        seen = {side.name for side in sides(lying(pose))}
+        words = {"front", "back", "left", "right", "top", "bottom"}
+        if sum(map(abs, pose.sign)) == 2:
+            assert {w for w in pose.words.split() if w in words} <= seen
+        assert len(seen) <= 3
+
+
+def test_the_box_is_drawn_in_braille_and_its_front_has_a_cross() -> None:
+    down, back_up = picture(TWELVE[0]), picture(Pose((-1, 0, 0)))
+    for drawn in (down, back_up):
+        assert len(drawn) == ROWS
+        assert all(len(row) == COLUMNS for row in drawn)
+
+    def dots(drawn: list[str]) -> int:
+        return sum((ord(c) - 0x2800).bit_count() for row in drawn for c in row)
+
+    assert dots(down) > 60
+    assert down != picture(TWELVE[1])
+    assert down != back_up
+
+
+def test_the_screen_says_what_to_do_and_how_good_it_is() -> None:
+    procedure = Procedure(SCALE)
+    first = "\n".join(line.plain for line in lines("stylus", procedure.status()))
+    assert "stylus  pose 0 of 12" in first
+    assert "Lay it still, base down." in first
+    assert first.count("not yet") == 2
+    for each in calibrating()[:2650]:
+        procedure.feed(each)
+    shown = lines("stylus", procedure.status())
+    later = "\n".join(line.plain for line in shown)
+    assert "pose 7 of 12" in later
+    assert "Good (7 of 12). Now lay it " in later
+    assert "tilt     +-0." in later
+    assert "moves" in later
+    assert "Enter judges what there is; q gives up" in later
+    assert max(len(line.plain) for line in shown) <= 100
+
+
+@pytest.mark.parametrize(("key", "is_end"), [(b"\n", True), (b"x", False)])
+def test_keys_end_or_give_up(
+    monkeypatch: pytest.MonkeyPatch, key: bytes, is_end: bool
+) -> None:
+    master, slave = pty.openpty()
+    drained = threading.Thread(target=_drain, args=(master,), daemon=True)
+    with open(slave, "r+b", buffering=0) as terminal:  # noqa: PTH123 - a descriptor
+        text = os.fdopen(os.dup(slave), "w")
+        monkeypatch.setattr(sys, "stdin", terminal)
+        monkeypatch.setattr(sys, "stdout", text)
+        monkeypatch.setenv("TERM", "xterm")
+        screen = Screen("stylus")
+        drained.start()
+        with screen.opened():
+            screen.show(Procedure(SCALE).status())
+            assert not screen.is_ended()
+            os.write(master, key)
+            select.select([slave], [], [], 5.0)
+            assert screen.is_ended() == is_end
+            os.write(master, b"q")
+            select.select([slave], [], [], 5.0)
+            with pytest.raises(Quit):
+                screen.is_ended()
+        text.close()
+    os.close(master)
+
+
+def _drain(master: int) -> None:
+    try:
+        while os.read(master, 4096):
+            pass
+    except OSError:
+        pass
+
+
+def test_a_pipe_gets_each_sentence_once(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(calibrate_screen, "DRAW_S", 0.0)
+    screen = Screen("stylus")
+    with screen.opened():
+        for words in ("one", "one", "two", "two", "one"):
+            screen.say(words)
+        screen.say("one", "it moved")
+        screen.say("one", "it moved")
+    assert capsys.readouterr().out == "one\ntwo\none\nit moved\n"

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: MIT
+"""A fake probe that sends the raw samples of a simulated module."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from simulated import UPS, samples
+
+from chain import Chain
+from fakes import PATIENCE_S, FakeProbe
+from imud.calibration.recording import Sample
+from imud.rotation import FloatArray
+from imud.virtual.modules import shop
+from imud.virtual.motions.module import Module
+
+# As of the samples that imud.virtual.calibrating makes.
+RATES = {"sample_rate": 100, "raw_rate": 100}
+BURST = 20  # samples written together
+PAUSE_S = 0.004  # between bursts: 50 times as fast as a probe
+
+
+@cache
+def module() -> Module:
+    return shop(np.random.default_rng([1, 80]), warm_degc=0.0)
+
+
+@cache
+def calibrating(poses: int = 12) -> tuple[Sample, ...]:
+    """The guided poses of the module."""
+    return tuple(samples(module(), 1, UPS[:poses]))
+
+
+def lying(ups: Sequence[FloatArray | None], seed: int = 2) -> tuple[Sample, ...]:
+    """The module, laid with each of these directions up."""
+    return tuple(samples(module(), seed, ups))
+
+
+def raw(probe: FakeProbe, sample: Sample) -> bytes:
+    """The message of a sample at its time."""
+    probe.time_us = sample.t_us
+    own = {"acc": sample.acc, "gyr": sample.gyr, "mag": sample.mag}
+    return probe.say("raw", **own, temperature=24.5)
+
+
+def capture(path: Path, probe: FakeProbe, found: Sequence[Sample]) -> Path:
+    """A file of the bytes that the probe sends: a hello, and the samples."""
+    probe.time_us = found[0].t_us if found else 0
+    data = [probe.say("hello"), *(raw(probe, each) for each in found)]
+    path.write_bytes(b"\0" + b"".join(data))
+    return path
+
+
+class Stream:
+    """Sends samples on the port of a chain and answers commands, until it is closed. It
+    begins when it is told to by the command `asks`; after the last sample it is silent.
+    """
+
+    def __init__(
+        self, chain: Chain, found: Sequence[Sample], asks: str = "fields"
+    ) -> None:
+        self._chain = chain
+        self._samples = found
+        self._asks = asks
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self.sent = 0
+
+    def __enter__(self) -> Self:
+        probe = self._chain.probe
+        probe.hello_fields = probe.hello_fields | RATES
+        self._chain.port.write(probe.say("hello"))
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join(PATIENCE_S)
+
+    def _run(self) -> None:
+        probe, port = self._chain.probe, self._chain.port
+        before = len(probe.commands)
+        while not self._stop.wait(PAUSE_S):
+            port.write(port.answers(probe))
+            told = {each["command"] for each in probe.commands[before:]}
+            if self._asks not in told:
+                continue
+            burst = self._samples[self.sent : self.sent + BURST]
+            self.sent += len(burst)
+            port.write(b"".join(raw(probe, each) for each in burst))
