@@ -14,8 +14,10 @@ from simulated import UPS, samples
 
 from chain import Chain
 from fakes import PATIENCE_S, FakeProbe
+from imud.calibration.algebra import units
 from imud.calibration.recording import Sample
 from imud.rotation import FloatArray
+from imud.virtual.calibrating import Manners
 from imud.virtual.modules import shop
 from imud.virtual.motions.module import Module
 
@@ -39,6 +41,14 @@ def calibrating(poses: int = 12) -> tuple[Sample, ...]:
 def lying(ups: Sequence[FloatArray | None], seed: int = 2) -> tuple[Sample, ...]:
     """The module, laid with each of these directions up."""
     return tuple(samples(module(), seed, ups))
+
+
+@cache
+def waved(seconds: float = 32.0) -> tuple[Sample, ...]:
+    """The module turned about in the air."""
+    ups = list(units(np.random.default_rng(6).standard_normal((40, 3))))
+    manners = Manners(stop_s=0.02, move_s=1.5, is_held=True, swerve_rad=0.6)
+    return tuple(samples(module(), 6, ups[: int(seconds / 1.52)], manners))
 
 
 def raw(probe: FakeProbe, sample: Sample) -> bytes:

@@ -12,14 +12,14 @@ from simulated import affine_errors
 from chain import Chain
 from fakes import PATIENCE_S
 from fakes.params import parts_of
+from imud.calibration.affine import affine_of
 from imud.calibration.poses import TWELVE
 from imud.calibration.recording import Sample
-from imud.calibration.verify import affine_of
 from imud.cli import calibrate_source, main
 from imud.params.value import Params
 from imud.virtual.calibrating import SCALE
 from params_bench import GOOD
-from raw_probe import Stream, calibrating, lying, module
+from raw_probe import Stream, calibrating, lying, module, waved
 
 
 class Desk:
@@ -182,6 +182,22 @@ def test_a_dead_axis_is_refused_and_nothing_changes(desk: Desk) -> None:
         line = desk.refused(desk.probe)
     assert "refused: the accelerometer's y axis does not follow" in line
     assert "what was in force still is" in line
+
+
+def test_what_the_daemon_has_learned_is_put_in_force(desk: Desk) -> None:
+    with Stream(desk.chain, waved(), asks="start"):
+        line = desk.refused("learned")
+        assert f"nothing was learned of probe {desk.probe}: it is waiting" in line
+        desk.chain.client.command(desk.probe, "start")
+        learned = desk.chain.status_when(lambda said: bool(said["learn"]["records"]))
+        assert learned["learn"]["state"] == "proposes"
+        assert desk.run("learned", "--dry-run")[0] == 0
+        assert desk.in_force == Params()
+        code, out, _ = desk.run("learned")
+    assert code == 0
+    assert "mag method         -       learned" in out
+    assert desk.in_force.mag is not None
+    desk.chain.daemon.expect("imud calibrate learned puts that in force")
 
 
 def test_an_old_calibration_is_verified(desk: Desk) -> None:

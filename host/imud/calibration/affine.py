@@ -16,6 +16,7 @@ from imud.calibration.poses import FACES
 from imud.calibration.recording import Recording
 from imud.calibration.stops import Stop
 from imud.errors import ImudError
+from imud.params.value import Calibration
 from imud.rotation import FloatArray
 
 FACE_MAX_RAD = math.radians(30.0)  # between a stop and the face that it shows
@@ -45,6 +46,15 @@ class Affine:
         if self.sigma is None:
             return values
         return np.where(np.abs(values) < 3.0 * self.sigma, 0.0, values)
+
+
+def affine_of(of: Calibration | None, unit: float) -> Affine:
+    """A calibration of the params for readings in nominal units, which are counts times
+    `unit`; none: as read.
+    """
+    if of is None:
+        return Affine(np.eye(3), np.zeros(3))
+    return Affine(np.array(of.matrix), np.array(of.bias_counts) * unit)
 
 
 @dataclass(frozen=True, slots=True)

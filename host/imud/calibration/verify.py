@@ -16,7 +16,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from imud.calibration.affine import Affine
+from imud.calibration.affine import Affine, affine_of
 from imud.calibration.algebra import integrated, units
 from imud.calibration.recording import GRAVITY_M_S2, Gatherer, Recording, Sample, Scale
 from imud.calibration.stops import Stop, find_stops
@@ -105,13 +105,6 @@ def _are_apart(recording: Recording, stops: list[Stop]) -> bool:
 
 def _ups(acc: FloatArray, stops: list[Stop]) -> FloatArray:
     return units(np.array([acc[stop.start : stop.end].mean(axis=0) for stop in stops]))
-
-
-def affine_of(of: Calibration | None, unit: float) -> Affine:
-    """A calibration of the params for readings in nominal units; none: as read."""
-    if of is None:
-        return Affine(np.eye(3), np.zeros(3))
-    return Affine(np.array(of.matrix), np.array(of.bias_counts) * unit)
 
 
 def report(

@@ -18,6 +18,7 @@ PARTS = {
     "gyro": "the gyroscope alone, from turns between stops",
     "mag": "the magnetometer alone: wave the probe about",
     "verify": "check the calibration that is in force, in ten seconds",
+    "learned": "put in force what the daemon has learned from free motion",
     "undo": "bring back the params of before",
     "history": "list the params that came into force",
 }
@@ -89,7 +90,7 @@ def _run(args: argparse.Namespace) -> int:
         args.parser.error("--method is for calibrating all sensors")
     if args.force and args.source is None:
         args.parser.error("--force is for --from FILE")
-    if args.source is not None and what in ("undo", "history"):
+    if args.source is not None and what in ("learned", "undo", "history"):
         args.parser.error(f"{what} takes no --from")
     from imud.cli import calibrate_run
 
@@ -101,6 +102,8 @@ def _run(args: argparse.Namespace) -> int:
             from imud.cli import params_text
 
             return params_text.history(client, probe)
+        if what == "learned":
+            return calibrate_run.learned(client, probe, args)
         if what == "undo":
             from imud.cli import params_text
 

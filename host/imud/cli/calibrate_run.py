@@ -10,22 +10,23 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from imud.calibration import faults, housing, verify, wave, whole
+from imud.calibration.affine import affine_of
 from imud.calibration.faults import Fault
 from imud.calibration.outcome import Outcome, of_fit, of_wave
 from imud.calibration.papers import of_method
 from imud.calibration.procedure import Finished, Procedure, Refused
 from imud.calibration.recording import Gatherer, Sample
 from imud.calibration.stops import find_stops
-from imud.calibration.verify import Report, Verify, affine_of
+from imud.calibration.verify import Report, Verify
 from imud.calibration.wave import Wave, Waving
-from imud.cli import calibrate_text
+from imud.cli import calibrate_text, params_text
 from imud.cli.calibrate_screen import Quit, Screen
 from imud.cli.calibrate_source import Live, Subject, of_file
 from imud.errors import CommandRefused, ImudError
+from imud.params.value import Params
 
 if TYPE_CHECKING:
     from imud.client import Client
-    from imud.params.value import Params
 
 SENSORS = {"all": ("acc", "gyr", "mag"), "acc": ("acc",), "gyro": ("gyr",)}
 
@@ -71,7 +72,6 @@ def from_file(args: argparse.Namespace) -> int:
         calibrate_text.outcome(name, found, subject.params)
         return _not_changed(name, found.params)
     from imud.cli.arguments import client_of
-    from imud.params.value import Params
 
     with client_of(args) as client:
         probe = client.only_probe(args.probe)
@@ -87,6 +87,27 @@ def from_file(args: argparse.Namespace) -> int:
         calibrate_text.outcome(probe, found, before)
         client.change_params(probe, found.params.encode(), said["probe_id"])
     sys.stdout.write(f"{probe}: params {found.params.digest:08x} are in force\n")
+    return 0
+
+
+def learned(client: Client, probe: str, args: argparse.Namespace) -> int:
+    """Puts in force what the daemon proposes; returns the exit code."""
+    said = client.params(probe)
+    told = next(iter(client.statuses(probe)), {}).get("learn", {})
+    if not told.get("records"):
+        raise CommandRefused(
+            f"nothing was learned of probe {probe}: it is {told.get('state', 'off')}; "
+            "it has to send raw samples while it is turned about"
+        )
+    params = Params.decode(bytes.fromhex(told["records"]))
+    before = Params.decode(bytes.fromhex(said["bytes"]))
+    for line in params_text.differences(before, params):
+        sys.stdout.write(f"{line}\n")
+    sys.stdout.write(f"  heading        +-{told['heading_deg']:.2f} degrees\n")
+    if args.dry_run:
+        return _not_changed(probe, params)
+    client.change_params(probe, params.encode(), said["probe_id"])
+    sys.stdout.write(f"{probe}: params {params.digest:08x} are in force\n")
     return 0
 
 

@@ -137,6 +137,18 @@ class ParamsHistory(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return Path(path) if path and not path.startswith("~") else None
 
 
+class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Calibration without a procedure, from raw samples of probes that send them."""
+
+    learn: Annotated[
+        Literal["off", "propose", "apply"],
+        Meta(
+            description="the magnetometer, while a probe is turned about: say what its "
+            "calibration would be, or also put that in force"
+        ),
+    ] = "propose"
+
+
 class Ros2(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """ROS 2 topics, as rmw_zenoh has them. This machine needs no ROS."""
 
@@ -221,6 +233,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     zenoh: Zenoh = Zenoh()
     log: Log = Log()
     params: ParamsHistory = ParamsHistory()
+    calibration: Calibration = Calibration()
     ros2: Ros2 = Ros2()
     metrics: Metrics = Metrics()
     journal: Journal = Journal()

@@ -9,7 +9,7 @@ import gc
 import logging
 import signal
 import sys
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Mapping
 from functools import partial
 from typing import Any
 
@@ -226,18 +226,24 @@ class Daemon:
     ) -> None:
         value: Any
         try:
-            if command == "params":
-                value = await self._params.command(name, parameters)
-            elif command == HISTORY:
+            if command == HISTORY:
                 probe_id = self._commander.entry_of(name).probe.probe_id
                 value = await self._history.command(probe_id, parameters)
             else:
-                value = await self._commander.command(name, command, parameters)
+                value = await self._carry_out(name, command, parameters)
         except ImudError as error:
             answer(b"", str(error))
         else:
             reply = {"ok": True, "probe": name, "command": command, "value": value}
             answer(self._encoder.encode(reply), "")
+
+    async def _carry_out(
+        self, name: str, command: str, parameters: Mapping[str, str]
+    ) -> Any:
+        """A command to a probe, or a change of its params."""
+        if command == "params":
+            return await self._params.command(name, parameters)
+        return await self._commander.command(name, command, parameters)
 
     def _begin_set_up(self, name: str) -> None:
         before = self._setting_up.get(name)
@@ -263,7 +269,7 @@ class Daemon:
         """Sends a probe the commands that one of its stages wants."""
         try:
             for command, parameters in wants.commands:
-                await self._commander.command(name, command, parameters)
+                await self._carry_out(name, command, parameters)
         except ImudError as error:
             text = f"probe {name}: {wants.failure}: {error}"
             self._speaker.say((wants.failure, name), text, is_warning=True)

@@ -78,6 +78,14 @@ JSON_SCHEMAS: dict[str, dict[str, Any]] = {
         lost={"type": ["object", "null"]},
         first_difference={"type": ["object", "null"]},
     ),
+    "learn": _object(
+        **_ABOUT,
+        state={"type": "string"},
+        heading_deg=_OPTIONAL,
+        sigma_uT=_OPTIONAL,
+        digest={"type": ["string", "null"]},
+        records={"type": ["string", "null"]},
+    ),
     "status": _object(**_ABOUT),
     "clock": _object(**_ABOUT, step_ns=_COUNT),
     "params": _object(

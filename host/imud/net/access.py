@@ -16,7 +16,7 @@ Role = Literal["viewer", "operator", "recorder", "daemon"]
 ROLES: dict[Role, str] = {
     "viewer": "pose, status and params",
     "operator": "pose, status and params; commands",
-    "recorder": "pose, status, params, event, raw, frame, twin, clock and log",
+    "recorder": "pose, status, params, event, raw, frame, twin, learn, clock and log",
     "daemon": "another imud, which publishes into this network",
 }
 
@@ -34,6 +34,7 @@ READS: dict[Role, tuple[str, ...]] = {
         "raw",
         "frame",
         "twin",
+        "learn",
         "clock",
         "log",
     ),

@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from imud.config.settings import Config
 from imud.stages import Stage
+from imud.stages.learn import LearnStage
 from imud.stages.twin_stage import TwinStage
 
 
 def stages_of(config: Config) -> list[Stage]:
     """New stages for one probe."""
-    return [TwinStage(config)]
+    return [TwinStage(config), LearnStage(config)]

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: MIT
+"""The stage that learns the magnetometer from free motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from simulated import affine_errors, recorded
+
+from fakes import FakeProbe
+from imud.calibration import whole
+from imud.calibration.affine import affine_of
+from imud.calibration.outcome import of_fit
+from imud.calibration.recording import Sample
+from imud.config.settings import Calibration, Config
+from imud.params.value import Params
+from imud.probes.probe import Probe
+from imud.probes.session import ProbeFound, Received, Session
+from imud.stages import Outcome, Says, Tells, Wants
+from imud.stages.learn import LearnStage, worker
+from imud.virtual.calibrating import SCALE
+from raw_probe import RATES, calibrating, lying, module, raw, waved
+
+
+class AtOnce(Executor):
+    """Does its work when it is given it."""
+
+    def submit(
+        self, work: Callable[..., Any], /, *arguments: Any, **_: Any
+    ) -> Future[Any]:
+        done: Future[Any] = Future()
+        done.set_result(work(*arguments))
+        return done
+
+
+def config(mode: Any) -> Config:
+    return Config(calibration=Calibration(learn=mode))
+
+
+class Bench:
+    """A stage and the messages of a probe."""
+
+    def __init__(self, mode: str = "propose", params: Params | None = None) -> None:
+        self.stage = LearnStage(config(mode), AtOnce())
+        self.probe = FakeProbe(**RATES)
+        heard = Probe(self.probe.name)
+        self.session = Session(lambda _: heard)
+        self.outcomes: list[Outcome] = []
+        params = params or Params()
+        heard.know(params.encode())
+        self.probe.hello_fields |= {"params_digest": params.digest}
+        self.hear(self.probe.say("hello"))
+
+    def hear(self, data: bytes) -> None:
+        for event in self.session.receive(b"\0" + data, None):
+            if isinstance(event, ProbeFound):
+                self.stage.appear(event)
+            elif isinstance(event, Received):
+                self.outcomes += self.stage.take(event)
+
+    def play(self, found: Sequence[Sample]) -> None:
+        for each in found:
+            self.hear(raw(self.probe, each))
+
+    def of(self, kind: type[Any]) -> list[Any]:
+        return [each for each in self.outcomes if isinstance(each, kind)]
+
+
+def levelled() -> Params:
+    """The module with its accelerometer and gyroscope calibrated."""
+    fit = whole.fit(recorded(calibrating()))
+    assert fit is not None
+    return of_fit(fit, SCALE, Params(), sensors=("acc", "gyr")).params
+
+
+def test_free_motion_gives_a_proposal_and_one_command_to_take_it() -> None:
+    before = levelled()
+    bench = Bench(params=before)
+    assert bench.stage.status()["state"] == "waiting"
+    bench.play(waved())
+    (said,) = bench.of(Says)
+    (told,) = bench.of(Tells)
+    assert bench.of(Wants) == []
+    assert "imud calibrate learned puts that in force" in told.text
+    assert said.topic == "learn"
+    status = bench.stage.status()
+    assert status["state"] == "proposes"
+    assert 0.05 < status["heading_deg"] < 1.0
+    params = Params.decode(bytes.fromhex(status["records"]))
+    assert params.acc == before.acc
+    assert params.mag is not None
+    assert params.mag.method == "learned"
+    left = affine_errors(
+        module(),
+        affine_of(params.acc, SCALE.acc_m_s2),
+        affine_of(params.mag, SCALE.mag_ut),
+    )
+    assert left["heading"] < 1.0
+
+
+def test_applying_it_is_one_change_of_the_params_of_that_probe() -> None:
+    bench = Bench("apply", levelled())
+    bench.play(waved())
+    (wants,) = bench.of(Wants)
+    ((command, parameters),) = wants.commands
+    assert command == "params"
+    assert parameters["probe"] == bench.probe.name
+    records = bytes.fromhex(parameters["records"])
+    assert Params.decode(records).mag is not None
+
+
+def test_a_better_calibration_stays() -> None:
+    fit = whole.fit(recorded(calibrating()))
+    assert fit is not None
+    bench = Bench("apply", of_fit(fit, SCALE, Params()).params)
+    bench.play(waved())
+    assert bench.outcomes == []
+    assert bench.stage.status()["state"] == "listening"
+
+
+def test_a_probe_that_lies_teaches_nothing() -> None:
+    bench = Bench()
+    bench.play(lying([np.array([0.0, 0.0, 1.0])] * 2, 3))
+    still = lying([np.array([0.0, 0.0, 1.0])], 4)
+    for part in range(12):
+        bench.play(
+            [replace(s, t_us=s.t_us + 7_000_000 + part * 2_000_000) for s in still]
+        )
+    assert bench.outcomes == []
+
+
+def test_off_is_off_and_a_reload_switches_it() -> None:
+    bench = Bench("off")
+    bench.play(waved(4.0))
+    assert bench.stage.status()["state"] == "off"
+    bench.stage.configure(config("propose"))
+    assert bench.stage.status()["state"] == "waiting"
+
+
+def test_other_params_and_another_boot_begin_anew() -> None:
+    bench = Bench(params=levelled())
+    bench.play(waved())
+    assert bench.stage.status()["state"] == "proposes"
+    bench.probe.restart()
+    bench.hear(bench.probe.say("hello"))
+    assert bench.stage.status()["state"] == "waiting"
+
+
+def test_a_probe_without_magnetometer_is_left_alone() -> None:
+    bench = Bench()
+    bench.probe.hello_fields |= {"sensor": "mpu6500", "boot_count": 8}
+    bench.probe.restart()
+    bench.hear(bench.probe.say("hello"))
+    bench.play(waved(3.0))
+    assert bench.stage.status()["state"] == "waiting"
+
+
+def test_fits_have_one_thread_for_all_probes() -> None:
+    assert worker() is worker()
+    assert worker().submit(lambda: 5).result(10.0) == 5
+    assert LearnStage(Config()).farewell() == ""
+
+
+@pytest.mark.parametrize("mode", ["off", "propose", "apply"])
+def test_the_setting_has_three_values(mode: str) -> None:
+    assert LearnStage(config(mode)).status()["records"] is None
