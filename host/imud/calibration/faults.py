@@ -16,7 +16,6 @@ from imud.calibration.accelerometer import means
 from imud.calibration.algebra import closest_turn
 from imud.calibration.magnetometer import MagFit
 from imud.calibration.recording import GRAVITY_M_S2, Recording
-from imud.calibration.score import HEADING_MAX_DEG, TILT_MAX_DEG
 from imud.calibration.stops import Stop
 from imud.calibration.whole import Fit
 from imud.rotation import FloatArray
@@ -185,7 +184,7 @@ def of_score(fit: Fit | None, stops: int, *, has_mag: bool) -> Fault | None:
     heading = fit.score.heading_deg
     if not has_mag:
         return None
-    if fit.mag is not None and heading is not None and heading <= HEADING_MAX_DEG:
+    if fit.mag is not None and fit.score.is_headed:
         return of_magnets(fit.mag)
     if heading is None:
         return Fault(
@@ -201,7 +200,7 @@ def of_score(fit: Fit | None, stops: int, *, has_mag: bool) -> Fault | None:
 
 
 def _weak_level(fit: Fit) -> Fault:
-    found = f"tilt would be +-{fit.score.tilt_deg:.2f} degrees, over {TILT_MAX_DEG:g}"
+    found = f"tilt would be +-{fit.score.tilt_deg:.2f} degrees"
     if fit.acc.chi > SHAKING_CHI:
         return Fault(
             "shaking",

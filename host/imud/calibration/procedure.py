@@ -78,7 +78,9 @@ class Status(msgspec.Struct, frozen=True):
     is_still: bool
     still_share: float  # of the time that a pose takes, 0 to 1
     tilt_deg: float | None
+    is_level: bool  # the tilt is good enough
     heading_deg: float | None
+    is_headed: bool  # so is the heading
     trouble: str | None
     seconds: float
 
@@ -282,7 +284,9 @@ class Procedure:
             is_still,
             1.0 if self._still.is_taken else min(1.0, still_s / GOOD_S),
             score.tilt_deg if score else None,
+            score is not None and score.is_level,
             score.heading_deg if score else None,
+            score is not None and score.is_headed,
             str(self.trouble) if self.trouble is not None else None,
             len(self._gatherer) * step_s,
         )

@@ -16,7 +16,6 @@ from rich.text import Text
 
 from imud.calibration.poses import ALL
 from imud.calibration.procedure import Status
-from imud.calibration.score import HEADING_MAX_DEG, TILT_MAX_DEG
 from imud.cli.box import COLUMNS, picture
 from imud.cli.monitor import keys_of
 
@@ -44,8 +43,8 @@ def lines(probe: str, status: Status) -> list[Text]:
         Text(status.says, style="bold green" if status.phase == "done" else "bold"),
         Text(f"{bar} {'still' if status.is_still else 'moves'}"),
         Text(""),
-        _error("tilt   ", status.tilt_deg, TILT_MAX_DEG),
-        _error("heading", status.heading_deg, HEADING_MAX_DEG),
+        _error("tilt   ", status.tilt_deg, is_good=status.is_level),
+        _error("heading", status.heading_deg, is_good=status.is_headed),
         Text(""),
         Text(status.trouble or "", style="yellow"),
     ]
@@ -59,10 +58,10 @@ def lines(probe: str, status: Status) -> list[Text]:
     return shown
 
 
-def _error(what: str, deg: float | None, limit: float) -> Text:
+def _error(what: str, deg: float | None, *, is_good: bool) -> Text:
     if deg is None:
         return Text(f"{what}  not yet", style="dim")
-    style = "green" if deg <= limit else "red"
+    style = "green" if is_good else "red"
     return Text(f"{what}  +-{deg:.2f} degrees", style=style)
 
 

@@ -28,7 +28,7 @@ RECORDS_HZ = 500.0
 
 # Sensors in a hand's middle: it turns about the probe. A probe is laid down anywhere.
 PROBE = World(tip_m=(0.0, 0.0, 0.0))
-IRON = Magnet((0.25, 0.1, -0.1), (1.2, -0.6, 0.4))  # a loudspeaker beside the table
+IRON = Magnet((0.25, 0.1, -0.1), (2.4, -1.2, 0.8))  # a loudspeaker beside the table
 
 SWAYING = 0.35  # rad of tilt rms of a lazy hand
 
