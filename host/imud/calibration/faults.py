@@ -14,6 +14,7 @@ import numpy as np
 from imud.calibration import poses
 from imud.calibration.accelerometer import means
 from imud.calibration.algebra import closest_turn
+from imud.calibration.earth import Earth, strangeness
 from imud.calibration.magnetometer import MagFit
 from imud.calibration.recording import GRAVITY_M_S2, Recording
 from imud.calibration.stops import Stop
@@ -148,6 +149,16 @@ def of_field(mag: MagFit | None, heading_deg: float | None) -> Fault | None:
             "move away from iron, cables and loudspeakers",
         )
     return of_magnets(mag)
+
+
+def of_room(fit: Fit, earth: Earth | None) -> Fault | None:
+    """The same, and a field that is not that of the place."""
+    mag = fit.mag
+    if mag is None:
+        return None
+    strange = strangeness(earth, mag.norm_ut, mag.dip_deg) if earth else None
+    other = Fault("strange_room", strange, "move away from it") if strange else None
+    return of_field(mag, fit.score.heading_deg) or other
 
 
 def of_magnets(mag: MagFit) -> Fault | None:

@@ -11,7 +11,7 @@ and its length in the sensor's own unit, can be seen.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -75,6 +75,15 @@ class MagFit:
     covariance: FloatArray  # of D (9), bias, field, lag, knots
     residual: FloatArray  # (n, 3) uT
     weights: FloatArray  # (n,) 1 for a reading that fits
+
+    def scaled(self, factor: float) -> MagFit:
+        """The same fit in a unit in which the field is stronger by that factor."""
+        return replace(
+            self,
+            matrix=factor * self.matrix,
+            field=factor * self.field,
+            residual=factor * self.residual,
+        )
 
     @property
     def level_ut(self) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 
 from imud.calibration.affine import Affine
 from imud.calibration.algebra import closest_turn
+from imud.calibration.earth import Earth, strangeness
 from imud.calibration.magnetometer import MagFit
 from imud.calibration.recording import GRAVITY_M_S2, Scale
 from imud.calibration.wave import Wave
@@ -39,6 +40,7 @@ class Outcome:
     heading_deg: float | None = None
     level_ut: float | None = None  # of the field; the heading's error scales with it
     housing_deg: float | None = None  # by how much the sensor is turned in its housing
+    note: str | None = None  # what is strange about the room
 
 
 def of_fit(
@@ -48,9 +50,11 @@ def of_fit(
     turn: FloatArray | None = None,
     day: datetime.date | None = None,
     sensors: tuple[str, ...] = SENSORS,
+    earth: Earth | None = None,
 ) -> Outcome:
     """The params before with new calibrations of these sensors. `turn`: from the
-    sensor's frame into the housing's; None: as before.
+    sensor's frame into the housing's; None: as before. `earth`: the field of the place,
+    which gives the magnetometer its scale if it was measured there.
     """
     into = housing_of(before.acc) if turn is None else turn
     made = {"temperature_c": fit.temperature_c, "day": day, "method": "guided"}
@@ -68,6 +72,10 @@ def of_fit(
         params = with_sensor(params, "gyr", affine, scale, made | own)
         done.append("gyr")
     mag, field_deg = fit.mag, fit.score.field_deg
+    note = None
+    if mag is not None and earth is not None and "mag" in sensors:
+        note = strangeness(earth, mag.norm_ut, mag.dip_deg)
+        mag = mag if note is not None else mag.scaled(earth.norm_uT / mag.norm_ut)
     if "mag" in sensors and mag is not None and field_deg is not None:
         params = _with_mag(params, mag, field_deg, into, scale, made)
         done.append("mag")
@@ -83,6 +91,7 @@ def of_fit(
         fit.score.heading_deg if "mag" in done else None,
         mag.level_ut if mag is not None and "mag" in done else None,
         None if turn is None else math.degrees(_angle(turn)),
+        note,
     )
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from imud.calibration import accelerometer, faults, housing, poses, whole
 from imud.calibration.accelerometer import AccFit
 from imud.calibration.algebra import units
+from imud.calibration.earth import Earth
 from imud.calibration.faults import Fault
 from imud.calibration.poses import Pose
 from imud.calibration.recording import Gatherer, Recording, Sample, Scale
@@ -105,6 +106,7 @@ class Procedure:
     count: int = POSES
     wants_housing: bool = True
     has_mag: bool = True
+    earth: Earth | None = None  # the field of the place, if it is known
     phase: Phase = "poses"
     fit: Fit | None = None
     trouble: Fault | None = None
@@ -198,7 +200,7 @@ class Procedure:
         events: list[Event] = [PoseTaken(len(self.ups), _triple(up), is_new)]
         self.wanted = poses.wanted(self.fit.acc if self.fit else self._early(recording))
         if self.fit is not None:
-            spoilt = faults.of_field(self.fit.mag, self.fit.score.heading_deg)
+            spoilt = faults.of_room(self.fit, self.earth)
             if spoilt is not None and len(self._stops) >= 6:
                 events += self._trouble(spoilt)
         if not is_new:

@@ -135,6 +135,7 @@ def _followed(
         subject.scale,
         wants_housing=args.what == "all" and not args.no_housing,
         has_mag=subject.has_mag and args.what == "all",
+        earth=subject.earth,
     )
     for sample in samples:
         events = procedure.feed(sample) if sample is not None else []
@@ -166,6 +167,7 @@ def _finished(
         event.turn,
         _today(),
         sensors=SENSORS[args.what],
+        earth=subject.earth,
     )
 
 

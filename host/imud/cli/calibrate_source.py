@@ -13,6 +13,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+import msgspec
+
+from imud.calibration.earth import Earth
 from imud.calibration.recording import Sample, Scale
 from imud.client import Client, Event, Raw, subscribe
 from imud.errors import DeviceError, FileError, ImudError, NoReply, ProbeUnknown
@@ -38,6 +41,7 @@ class Subject:
     scale: Scale
     has_mag: bool
     params: Params
+    earth: Earth | None = None  # the field of the place, if the daemon knows it
 
 
 def scale_of(hello: Mapping[str, Any], rate_hz: float) -> Scale:
@@ -91,6 +95,7 @@ class Live:
             scale_of(self._hello, self._hello["sample_rate"]),
             self._hello["sensor"] not in NO_MAG,
             Params.decode(bytes.fromhex(said["bytes"])),
+            msgspec.convert(status.get("place"), Earth | None),
         )
         self._subscription = subscribe(
             probe,

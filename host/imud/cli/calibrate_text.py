@@ -36,6 +36,8 @@ def _lines(probe: str, found: Outcome) -> Iterator[str]:
         )
     for name in found.sensors:
         yield f"  {TITLES[name]:<14} {_left(found.params, name)}"
+    if found.note is not None:
+        yield f"  the room       {found.note}"
     if found.housing_deg is not None:
         turned = f"the sensor is turned by {found.housing_deg:.2f} degrees"
         yield f"  housing        {turned}"

@@ -13,6 +13,7 @@ from imud.config.settings import (
     RATES,
     Config,
     Metrics,
+    Place,
     Ports,
     ProbeSettings,
     Zenoh,
@@ -41,6 +42,7 @@ def contradictions(config: Config) -> Iterator[Mistake]:
             ("zenoh", "prefix"), f"{cut(config.zenoh.prefix)!r} can't be part of a key"
         )
     yield from _of_metrics(config.metrics)
+    yield from _of_place(config.place)
     yield from _of_probes(config.probes)
     if config.ros2.enabled:
         yield from _of_ros2(config)
@@ -76,6 +78,17 @@ def _of_metrics(section: Metrics) -> Iterator[Mistake]:
             path,
             f"{cut(address[0])} is beyond this machine; listen on 127.0.0.1, or let "
             "anybody read: open_to_all = true",
+        )
+
+
+def _of_place(section: Place) -> Iterator[Mistake]:
+    is_known = section.latitude_deg is not None
+    if is_known != (section.longitude_deg is not None):
+        missing = "longitude_deg" if is_known else "latitude_deg"
+        yield Mistake(("place", missing), "is missing: a place has both")
+    elif section.north == "true" and not is_known:
+        yield Mistake(
+            ("place", "north"), "true north needs latitude_deg and longitude_deg"
         )
 
 

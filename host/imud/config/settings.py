@@ -149,6 +149,26 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = "propose"
 
 
+class Place(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where the probes are: the Earth's magnetic field of the place."""
+
+    latitude_deg: Annotated[
+        Annotated[float, Meta(ge=-90, le=90)] | None,
+        Meta(description="north is positive", examples=[52.2]),
+    ] = None
+    longitude_deg: Annotated[
+        Annotated[float, Meta(ge=-180, le=360)] | None,
+        Meta(description="east is positive", examples=[21.0]),
+    ] = None
+    altitude_m: Annotated[
+        float, Meta(ge=-1000, le=100_000, description="above the sea")
+    ] = 0.0
+    north: Annotated[
+        Literal["magnetic", "true"],
+        Meta(description="what the heading of all published poses refers to"),
+    ] = "magnetic"
+
+
 class Ros2(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """ROS 2 topics, as rmw_zenoh has them. This machine needs no ROS."""
 
@@ -234,6 +254,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     log: Log = Log()
     params: ParamsHistory = ParamsHistory()
     calibration: Calibration = Calibration()
+    place: Place = Place()
     ros2: Ros2 = Ros2()
     metrics: Metrics = Metrics()
     journal: Journal = Journal()

@@ -227,9 +227,10 @@ def _keys(value: Struct, *, is_said: bool) -> Iterator[str]:
             note = "" if is_said else f"  # {_comment(field.type)}"
             examples = [] if is_said else _examples(field.type)
             yield f"{field.name} = {_toml(examples[0] if examples else held)}{note}"
-        elif not is_said:
-            example = next(iter(_examples(field.type)), 0)
-            yield f"{field.name} = {_toml(example)}  # {_comment(field.type)}"
+            continue
+        example = f"{field.name} = {_toml(next(iter(_examples(field.type)), 0))}"
+        # Without a default there is only an example to show.
+        yield f"# {example}" if is_said else f"{example}  # {_comment(field.type)}"
 
 
 def _comment(hint: object) -> str:

@@ -135,7 +135,9 @@ class Intake:
         entry.last_heard_ns = stamp.t_received_ns or self._clock.now_ns()
         entry.stamp = stamp
         entry.received += 1
-        record = record_of(message, event.content, entry.name, stamp, event.scales)
+        record = record_of(
+            message, event.content, entry.name, stamp, event.scales, entry.north
+        )
         self._publisher.put(entry, record)
         if message.name == "pose":
             entry.poses += 1

@@ -4,10 +4,13 @@
 from __future__ import annotations
 
 import asyncio
+import datetime
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Protocol
 
-from imud.config.settings import Config
+from imud.calibration.earth import Earth, earth_at
+from imud.config.settings import Config, Place
+from imud.probes.north import North
 from imud.probes.record import Stamp
 from imud.probes.session import OtherSchema, Probe, Session
 from imud.stages import Stage
@@ -61,12 +64,21 @@ class ProbeEntry:
         self.corrupt_before = 0  # on ports that it has left
         self.told_losses: tuple[int, int, int, int] = (0, 0, 0, 0)
         self.commanding = asyncio.Lock()  # held while a command waits for its reply
+        self.earth: Earth | None = None  # the field of its place
+        self.north: North | None = None  # turns its poses to true north
+        self._locate(config.place)
 
     def configure(self, config: Config) -> None:
         self.name = config.name_of(self.probe.probe_id)
         self.is_logged = config.settings_of(self.probe.probe_id).log
+        self._locate(config.place)
         for stage in self.stages:
             stage.configure(config)
+
+    def _locate(self, place: Place) -> None:
+        self.earth, self.north = earth_of(place), None
+        if self.earth is not None and place.north == "true":
+            self.north = North(self.earth.declination_deg)
 
     @property
     def session(self) -> Session | None:
@@ -88,6 +100,14 @@ class ProbeEntry:
         """What came of it, for the daemon's last line."""
         text = f"probe {self.name}: {self.received} received, {self.lost} lost"
         return ", ".join(filter(None, (text, *(s.farewell() for s in self.stages))))
+
+
+def earth_of(place: Place) -> Earth | None:
+    """The magnetic field of the place, today; None: the place is not known."""
+    if place.latitude_deg is None or place.longitude_deg is None:
+        return None
+    day = datetime.datetime.now(datetime.UTC).date()
+    return earth_at(place.latitude_deg, place.longitude_deg, place.altitude_m, day)
 
 
 class Registry:

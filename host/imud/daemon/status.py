@@ -49,6 +49,7 @@ def status_of(
         "link": session.counts() if session is not None else None,
         "clock": _clock(entry, timeline, now_ns),
         "params": summary(entry),
+        "place": msgspec.to_builtins(entry.earth),
         **{stage.name: stage.status() for stage in entry.stages},
         "counters": entry.counters,
         "equipment": entry.equipment,

@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 
+from imud.probes.north import North
 from imud.probes.scales import Scales
 from imud.wire.messages import Message, Value
 
@@ -74,12 +75,15 @@ def record_of(
     probe: str,
     stamp: Stamp,
     scales: Scales,
+    north: North | None = None,
 ) -> Record:
-    """The record of a good message."""
+    """The record of a good message; poses refer to true north with `north`."""
     said: dict[str, Any] = {}
     payload = b""
     if message.name in JSON_TOPICS:
         said = describe(message, content, probe, stamp, scales)
+        if north is not None and message.name == "pose":
+            said = north.turned(said)
         payload = _ENCODER.encode(said)
     topic = TOPICS.get(message.name, message.name)
     received_ns = stamp.t_received_ns or 0

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: MIT
+"""Poses that refer to true north."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+# Poses with these flags refer to no north.
+FREE = {"tared", "heading_free"}
+
+
+class North:
+    """Turns described poses from magnetic to true north. `declination_deg`: from true
+    to magnetic north, east positive.
+    """
+
+    def __init__(self, declination_deg: float) -> None:
+        angle = -math.radians(declination_deg)  # about up
+        self._half = math.cos(angle / 2.0), math.sin(angle / 2.0)
+        self._whole = math.cos(angle), math.sin(angle)
+
+    def turned(self, said: Mapping[str, Any]) -> dict[str, Any]:
+        """A pose as describe() gives it, with east and north of the map."""
+        if FREE & set(said["flags"]):
+            return dict(said)
+        cosine, sine = self._half
+        w, x, y, z = said["q"]
+        q = (
+            cosine * w - sine * z,
+            cosine * x - sine * y,
+            cosine * y + sine * x,
+            cosine * z + sine * w,
+        )
+        vectors = {key: self._vector(said[key]) for key in ("position_m", "normal")}
+        return {**said, "q": q, **vectors}
+
+    def _vector(self, vector: Any) -> Any:
+        if vector is None:
+            return None
+        cosine, sine = self._whole
+        east, north, up = vector
+        return (cosine * east - sine * north, sine * east + cosine * north, up)

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: MIT
+"""The place of the probes: its magnetic field, and true north."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from simulated import recorded
+
+from configured import running
+from fakes import PATIENCE_S, status_of
+from imud import rotation
+from imud.calibration import whole
+from imud.calibration.earth import Earth, earth_at, strangeness
+from imud.calibration.outcome import of_fit
+from imud.client import Client, subscribe
+from imud.config.reader import load
+from imud.errors import ConfigError
+from imud.params.value import Params
+from imud.probes.north import North
+from imud.virtual.calibrating import SCALE
+from raw_probe import calibrating
+
+DAY = datetime.date(2026, 7, 2)
+WARSAW = Earth(50.575, 68.32, 7.0)
+
+
+def test_the_model_gives_the_field_of_its_test_values() -> None:
+    """WMM2025 at 80 N, 0 E, 0 km, 2025.0: X 6521.6, Y 145.9, Z 54791.5 nT."""
+    found = earth_at(80.0, 0.0, 0.0, datetime.date(2025, 1, 1))
+    x, y, z = 6521.6, 145.9, 54791.5
+    assert found.declination_deg == pytest.approx(
+        math.degrees(math.atan2(y, x)), abs=0.002
+    )
+    level = math.hypot(x, y)
+    assert found.dip_deg == pytest.approx(math.degrees(math.atan2(z, level)), abs=0.002)
+    assert found.norm_uT == pytest.approx(math.hypot(level, z) / 1000.0, abs=0.001)
+
+
+def test_it_goes_on_after_the_models_end() -> None:
+    assert earth_at(52.2, 21.0, 100.0, datetime.date(2033, 1, 1)).norm_uT > 45.0
+
+
+@pytest.mark.parametrize(
+    ("norm", "dip", "words"),
+    [
+        (50.0, 68.0, None),
+        (56.0, 71.0, None),
+        (57.7, 68.0, "14 % too strong: iron nearby"),
+        (40.0, 68.0, "21 % too weak"),
+        (50.0, 75.0, "7 degrees too steep"),
+        (50.0, 60.0, "8 degrees too flat"),
+    ],
+)
+def test_a_field_that_is_not_of_the_place_is_strange(
+    norm: float, dip: float, words: str | None
+) -> None:
+    found = strangeness(WARSAW, norm, dip)
+    assert found is None if words is None else words in (found or "")
+
+
+def test_the_place_gives_the_magnetometer_its_scale() -> None:
+    fit = whole.fit(recorded(calibrating()))
+    assert fit is not None
+    assert fit.mag is not None
+    here = Earth(50.0, fit.mag.dip_deg, 0.0)
+    found = of_fit(fit, SCALE, Params(), earth=here)
+    assert found.note is None
+    assert found.params.mag is not None
+    assert found.params.mag.norm_ut == pytest.approx(50.0, abs=0.01)
+    away = of_fit(fit, SCALE, Params(), earth=other_norm(here))
+    assert away.note is not None
+    assert "iron nearby" in away.note
+    assert away.params.mag is not None
+    assert away.params.mag.norm_ut == pytest.approx(fit.mag.norm_ut, abs=0.01)
+
+
+def other_norm(earth: Earth) -> Earth:
+    return Earth(30.0, earth.dip_deg, 0.0)
+
+
+def test_poses_turn_to_true_north() -> None:
+    """A probe that points to magnetic north points by the declination east of it."""
+    north = North(7.0)
+    ahead = rotation.from_heading_pitch_roll(math.pi / 2, 0.1, 0.2)
+    said = {
+        "q": tuple(ahead.tolist()),
+        "position_m": (0.0, 2.0, 1.0),
+        "normal": None,
+        "flags": (),
+    }
+    turned = north.turned(said)
+    yaw, pitch, roll = rotation.to_yaw_pitch_roll(np.array(turned["q"]))
+    assert math.degrees(yaw) == pytest.approx(90.0 - 7.0)
+    assert (pitch, roll) == pytest.approx((0.1, 0.2))
+    east = 2.0 * math.sin(math.radians(7.0))
+    assert turned["position_m"][0] == pytest.approx(east)
+    assert turned["position_m"][2] == 1.0
+    assert turned["normal"] is None
+    for flag in ("tared", "heading_free"):
+        assert north.turned(said | {"flags": (flag,)})["q"] == said["q"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("latitude_deg = 52", "longitude_deg"),
+        ("longitude_deg = 21", "latitude_deg"),
+        ("latitude_deg = 91\nlongitude_deg = 0", "latitude_deg"),
+        ('north = "true"', "true north needs latitude_deg and longitude_deg"),
+    ],
+)
+def test_half_a_place_is_a_mistake(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "imud.toml"
+    path.write_text(f"[place]\n{text}\n")
+    with pytest.raises(ConfigError, match=words):
+        load(path)
+
+
+def test_a_daemon_publishes_true_north_and_the_field(tmp_path: Path) -> None:
+    place = '[place]\nlatitude_deg = 52.2\nlongitude_deg = 21.0\nnorth = "true"\n'
+    with (
+        running(tmp_path, place) as (daemon, probe, port),
+        Client(daemon.endpoint) as client,
+    ):
+        client.wait_for(seconds=PATIENCE_S)
+        found = status_of(client)["place"]
+        assert found["declination_deg"] == pytest.approx(7.0, abs=0.5)
+        assert found["norm_uT"] == pytest.approx(50.6, abs=0.5)
+        with subscribe(endpoint=daemon.endpoint) as poses:
+            pose = None
+            while pose is None:
+                port.write(probe.poses(1))
+                pose = poses.get(0.1)
+    magnetic = rotation.angles_deg((0.5, 0.5, -0.5, 0.5), "nautical")
+    assert pose.yaw_pitch_roll_deg[0] == pytest.approx(
+        magnetic.yaw_deg - found["declination_deg"], abs=1e-6
+    )
