@@ -23,7 +23,7 @@ from imud.virtual.modules import calibrated, shop
 from imud.virtual.motions.module import MG, Module
 from imud.virtual.sensors import World
 
-MODULES = 6
+MODULES = 3
 
 
 @cache

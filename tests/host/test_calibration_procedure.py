@@ -25,6 +25,7 @@ from imud.rotation import FloatArray
 from imud.virtual.calibrating import SCALE, Follower, Manners, Sampler, pieces
 from imud.virtual.modules import shop
 from imud.virtual.motions.module import Module
+from length import choose
 
 
 def module(seed: int = 1) -> Module:
@@ -101,6 +102,7 @@ def test_a_pose_that_was_there_before_does_not_count_twice() -> None:
     assert procedure.status().poses == 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "kind"), [("lazy", "missing_poses"), ("air", "too_few")]
 )
@@ -108,7 +110,9 @@ def test_who_does_not_listen_is_refused_with_a_cure(name: str, kind: str) -> Non
     procedure, sampler = Procedure(SCALE), Sampler()
     for piece in pieces(name, module(), 4, 500.0):
         fed(procedure, sampler.samples(piece))
-        if procedure.is_over or procedure.status().seconds > 60.0:
+        if procedure.is_over or procedure.status().seconds > choose(
+            everyday=30.0, long=60.0
+        ):
             break
     (refused,) = procedure.end()
     assert isinstance(refused, Refused)
@@ -116,8 +120,9 @@ def test_who_does_not_listen_is_refused_with_a_cure(name: str, kind: str) -> Non
     assert refused.fault.cure
 
 
+@pytest.mark.long
 def test_iron_beside_the_table_is_named() -> None:
-    events = obeyed("iron", 5, 120.0)
+    events = obeyed("iron", 5, choose(everyday=30.0, long=120.0))
     assert "uneven_field" in kinds(events)
     assert not isinstance(events[-1], Finished)
 

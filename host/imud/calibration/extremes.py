@@ -32,15 +32,19 @@ class Extremes:
 
     def take(self, reading: FloatArray) -> None:
         """The next reading of the magnetometer, shape (3,), uT."""
+        self.stretch(reading)
+        found = self.found()
+        if found is not None:
+            share = 1.0 - abs(1.0 - float(np.linalg.norm(found.apply(reading))))
+            self._shares = [*self._shares[1 - SMOOTHING :], share]
+
+    def stretch(self, reading: FloatArray) -> None:
+        """Takes a reading without its share of the bar."""
         for axis in self._axes:
             if reading[axis] > self.high[axis]:
                 self.high[axis] = reading[axis]
             elif reading[axis] < self.low[axis]:
                 self.low[axis] = reading[axis]
-        found = self.found()
-        if found is not None:
-            share = 1.0 - abs(1.0 - float(np.linalg.norm(found.apply(reading))))
-            self._shares = [*self._shares[1 - SMOOTHING :], share]
 
     @property
     def quality_percent(self) -> float | None:
@@ -70,7 +74,7 @@ def fit(readings: FloatArray, *, as_printed: bool = False) -> Affine:
     """
     extremes = Extremes(as_printed=as_printed)
     for reading in readings:
-        extremes.take(reading)
+        extremes.stretch(reading)
     found = extremes.found()
     if found is None:
         raise MethodError("the magnetometer did not change: turn the probe")
