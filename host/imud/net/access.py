@@ -15,7 +15,7 @@ Role = Literal["viewer", "operator", "recorder", "daemon"]
 
 ROLES: dict[Role, str] = {
     "viewer": "pose, status and params",
-    "operator": "pose, status and params; commands",
+    "operator": "pose, status, params, event and raw; commands",
     "recorder": "pose, status, params, event, raw, frame, twin, learn, clock and log",
     "daemon": "another imud, which publishes into this network",
 }
@@ -25,7 +25,8 @@ Rule = dict[str, Any]
 # The last parts of the keys that a role may read.
 READS: dict[Role, tuple[str, ...]] = {
     "viewer": ("pose", "status", "params"),
-    "operator": ("pose", "status", "params"),
+    # To calibrate a probe takes its samples and events.
+    "operator": ("pose", "status", "params", "event", "raw"),
     "recorder": (
         "pose",
         "status",
