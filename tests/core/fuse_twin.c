@@ -226,6 +226,19 @@ void fuse_twin_defaults(struct fuse_twin_params *params) {
     };
 }
 
+// A calibration at rest has found the bias, within 0.01 deg/s.
+static void take_calibration(struct twin *t, const double *bias) {
+    for (int i = 0; i < STATES; ++i) {
+        for (int j = 0; j < 3; ++j) {
+            t->motion[STATES * i + j] = t->motion[STATES * j + i] = 0;
+        }
+    }
+    for (int i = 0; i < 3; ++i) {
+        t->bias[i] = t->calibrated[i] = bias[i];
+        t->motion[(STATES + 1) * i] = 1e-4;
+    }
+}
+
 void fuse_twin_run(const struct fuse_twin_params *params, int count, int rate_hz,
                    double gyr_delay_s, const double *gyr, const double *acc,
                    const double *mag, const bool *has_mag, const double *interval_s,
@@ -249,15 +262,7 @@ void fuse_twin_run(const struct fuse_twin_params *params, int count, int rate_hz
     for (int k = 0; k < count; ++k) {
         double turn[4], v[3], limited[3];
         if (k == calibrated_at) {
-            for (int i = 0; i < STATES; ++i) {
-                for (int j = 0; j < 3; ++j) {
-                    t.motion[STATES * i + j] = t.motion[STATES * j + i] = 0;
-                }
-            }
-            for (int i = 0; i < 3; ++i) {
-                t.bias[i] = t.calibrated[i] = bias_found[i];
-                t.motion[(STATES + 1) * i] = 1e-4;
-            }
+            take_calibration(&t, bias_found);
         }
         for (int i = 0; i < 3; ++i) {
             limited[i] = twin_clamp(gyr[3 * k + i], 10);

@@ -28,7 +28,7 @@ enum {
 #define TURNED_VARIANCE_MAX INT32_C(52428800)  // (20 deg)^2
 #define TURNED_STEP_MAX INT32_C(786432)        // 6 deg2
 #define BIAS_WANDER INT32_C(503)               // 1.5e-4 (deg/s)^2 a second
-#define WARMING_BITS 5
+#define WARMING_STEPS 32
 #define WARMING UINT16_C(53687)   // 5e-4 (deg/s)^2 a second more, as 32nds
 #define SCALE_WANDER INT32_C(21)  // 4e-10 a second
 // Of what levelling corrects: 1 (deg/s)^2 s, and 10 s times the square of what it goes
@@ -137,7 +137,7 @@ static q7_25_t effect(const struct fuse *fuse, const q2_14_t row[FUSE_TURNS]) {
 static void predict_motion(struct fuse *fuse, const q2_14_t up[FUSE_TURNS]) {
     int32_t shared[FUSE_TURNS];
     int32_t *covariance = fuse->motion_covariance;
-    const int32_t bias_wander = BIAS_WANDER + (fuse->warming >> WARMING_BITS);
+    const int32_t bias_wander = BIAS_WANDER + fuse->warming / WARMING_STEPS;
     fuse->warming = (uint16_t)(fuse->warming - fuse->warming / 256);
     for (uint8_t state = 0; state < HEADING; ++state) {
         const bool is_bias = state < SCALE;
