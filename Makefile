@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 # Each command installs what it needs first; `make` alone lists them.
 .PHONY: help demo test test-long fresh bits coverage fuzz check format firmware sim \
-	bench bench-nano bench-f405 bench-card bench-host pictures setup clean
+	bench bench-nano bench-f405 bench-card bench-host bench-calibration pictures setup \
+	clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= python3
@@ -99,9 +100,14 @@ bench-host: ## the daemon: decoding, latency, CPU, memory, clocks; 12 h with fau
 	@python benchmarks/clocks.py
 	@python benchmarks/soak.py
 
+bench-calibration: ## how well simulated modules are calibrated; 2,000 verdicts
+	@$(PYTHON) tools/setup.py bench
+	@python benchmarks/calibration.py
+
 pictures: ## docs/pictures, from what `make bench` has measured
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/picture.py
+	@python benchmarks/picture_poses.py
 
 setup: ## everything any of these needs
 	@$(PYTHON) tools/setup.py check

@@ -19,6 +19,11 @@ OTHER = "#d5dbdb"
 
 def main() -> None:
     """Writes the picture."""
+    OUTPUT.write_text(drawn())
+
+
+def drawn() -> str:
+    """The picture as SVG."""
     rows = -(-len(TWELVE) // COLUMNS)
     width, height = COLUMNS * CELL_X, rows * CELL_Y
     head = (
@@ -29,7 +34,7 @@ def main() -> None:
     for index, pose in enumerate(TWELVE):
         left, top = index % COLUMNS * CELL_X, index // COLUMNS * CELL_Y
         lines += cell(pose, index + 1, left + CELL_X / 2, top + CELL_Y / 2 - 12)
-    OUTPUT.write_text("\n".join([*lines, "</svg>"]) + "\n")
+    return "\n".join([*lines, "</svg>"]) + "\n"
 
 
 def cell(pose: Pose, number: int, x: float, y: float) -> Iterator[str]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
+from msgspec.structs import replace
 from simulated import UPS, samples
 
 from chain import Chain
@@ -77,6 +78,7 @@ class Stream:
         self._chain = chain
         self._samples = found
         self._asks = asks
+        self._begin_us = chain.probe.time_us  # its time goes on
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self.sent = 0
@@ -102,4 +104,5 @@ class Stream:
                 continue
             burst = self._samples[self.sent : self.sent + BURST]
             self.sent += len(burst)
-            port.write(b"".join(raw(probe, each) for each in burst))
+            later = [replace(each, t_us=each.t_us + self._begin_us) for each in burst]
+            port.write(b"".join(raw(probe, each) for each in later))

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import msgspec
 import numpy as np
 
-from imud.calibration import poses
+from imud.calibration import gyroscope, poses
 from imud.calibration.accelerometer import means
 from imud.calibration.algebra import closest_turn
 from imud.calibration.earth import Earth, strangeness
@@ -112,22 +113,12 @@ def _swapped(recording: Recording, fit: Fit) -> Fault | None:
 
 def _gyro_axes(recording: Recording, fit: Fit) -> str | None:
     """The signed order of axes that explains the turns; None if no other one does."""
-    from imud.calibration import gyroscope
-
-    sigma = np.full(len(fit.stops), 1e-3)
     best, found = fit.gyr.residual_rad / BETTER, None
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
             gyr = recording.gyr[:, list(order)] * np.array(signs)
-            other = Recording(
-                recording.step_s,
-                recording.acc,
-                gyr,
-                recording.mag,
-                recording.mag_late_s,
-                recording.breaks,
-            )
-            off = gyroscope.fit(other, list(fit.stops), fit.up, sigma).residual_rad
+            other = replace(recording, gyr=gyr)
+            off = gyroscope.mismatch(other, list(fit.stops), fit.up)
             if off < best:
                 best = off
                 names = ("-" if s < 0 else "" for s in signs)

@@ -102,6 +102,16 @@ def fit(
     )
 
 
+def mismatch(recording: Recording, stops: list[Stop], up: FloatArray) -> float:
+    """The rms angle by which gravity is off after the turns, rad, without a fit."""
+    middles = np.array([stop.middle for stop in stops])
+    pairs = _pairs(recording, middles)
+    shifted = recording.gyr - bias_course(recording, stops)
+    nothing = np.zeros(PARAMETERS)
+    _, off, _ = _linear(shifted, recording.step_s, nothing, middles, pairs, up)
+    return float(np.sqrt((off.reshape(-1, 3) ** 2).sum(axis=1).mean()))
+
+
 def _pairs(recording: Recording, middles: IntArray) -> IntArray:
     """Which stops are followed by another one without a gap between them."""
     whole = [

@@ -16,7 +16,7 @@ from typing import Any, Self
 import msgspec
 
 from imud.calibration.earth import Earth
-from imud.calibration.recording import Sample, Scale
+from imud.calibration.recording import NO_MAG, Sample, Scale
 from imud.client import Client, Event, Raw, subscribe
 from imud.errors import DeviceError, FileError, ImudError, NoReply, ProbeUnknown
 from imud.params.value import Params
@@ -28,9 +28,6 @@ STATUS_S = 3.0
 TICK_S = 0.1
 RATE_MIN_HZ = 50.0
 LONGEST_S = 900.0  # of a file: its last samples
-
-# The chip without a magnetometer.
-NO_MAG = ("mpu6500", "none")
 
 
 @dataclass(frozen=True, slots=True)

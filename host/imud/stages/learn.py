@@ -20,7 +20,7 @@ from imud.calibration import wave
 from imud.calibration.affine import affine_of
 from imud.calibration.faults import of_magnets
 from imud.calibration.outcome import of_wave
-from imud.calibration.recording import Gatherer, Sample, Scale
+from imud.calibration.recording import NO_MAG, Gatherer, Sample, Scale
 from imud.calibration.wave import Wave
 from imud.config.settings import Config
 from imud.errors import ParamsError
@@ -92,7 +92,7 @@ class LearnStage:
         hello = found.hello.fields
         self._probe_id = found.probe_id
         self._scale = None
-        if hello["sensor"] not in ("none", "mpu6500"):
+        if hello["sensor"] not in NO_MAG:
             self._scale = Scale(
                 _float(hello["acc_lsb"]),
                 _float(hello["gyr_lsb"]),
