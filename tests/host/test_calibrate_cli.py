@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from msgspec.structs import replace
@@ -191,12 +193,21 @@ def test_a_dead_axis_is_refused_and_nothing_changes(desk: Desk) -> None:
     assert "what was in force still is" in line
 
 
-def test_what_the_daemon_has_learned_is_put_in_force(desk: Desk) -> None:
+def test_what_the_daemon_has_learned_is_put_in_force(
+    chain: Chain, capsys: pytest.CaptureFixture[str]
+) -> None:
+    desk = Desk(chain, capsys)  # of its own, for it learns from all samples
+    until_s = time.monotonic() + PATIENCE_S
+
+    def is_learned(said: dict[str, Any]) -> bool:
+        assert time.monotonic() < until_s, said["learn"]
+        return bool(said["learn"]["records"])
+
     with Stream(desk.chain, waved(), asks="start"):
         line = desk.refused("learned")
         assert f"nothing was learned of probe {desk.probe}: it is " in line
         desk.chain.client.command(desk.probe, "start")
-        learned = desk.chain.status_when(lambda said: bool(said["learn"]["records"]))
+        learned = desk.chain.status_when(is_learned)
         assert learned["learn"]["state"] == "proposes"
         assert desk.run("learned", "--dry-run")[0] == 0
         assert desk.in_force == Params()
