@@ -101,7 +101,7 @@ struct fuse {
     struct vector bias_rad_s_q25;
     struct vector calibrated_rad_s_q25;  // the bias that the start-up calibration found
     q11_21_t motion_covariance[FUSE_MOTION_PAIRS];
-    uint16_t warming;  // 256ths of a step: what a gyroscope that warms up wanders more
+    uint16_t warming;  // 32nds of a step: by how much a bias that warms up wanders more
     // The field of the place in the level frame, then that of the probe in the body.
     union {
         q14_18_t field_ut[FUSE_FIELD_STATES];
