@@ -98,8 +98,14 @@ static void predict_motion(struct twin *t, const double *up) {
         t->motion[STATES * i + HEADING] = heading[i];
         after += up[i] * heading[i];
     }
-    t->turned = fmax(0, fmin(6, frame_s * (before + after)));
-    heading[HEADING] = fmin(heading[HEADING] + t->turned, 400);
+    const double growth = fmax(0, frame_s * (before + after));
+    t->turned = fmin(6, growth);
+    if (heading[HEADING] + growth > 400) {
+        for (int i = 0; i < HEADING; ++i) {
+            t->motion[STATES * i + HEADING] = heading[i] = 0;
+        }
+    }
+    heading[HEADING] = fmin(heading[HEADING] + growth, 400);
 }
 
 // How errors of bias and scale turn the level frame, about its x and y and about the

@@ -155,11 +155,15 @@ static void predict_motion(struct fuse *fuse, const q2_14_t up[FUSE_TURNS]) {
         fixed_add(fixed_mul_q30(twice, up[state] * INT32_C(65536)), &growth);
         fixed_add(step, &heading[state]);
     }
-    growth = fixed_clamp(fixed_mul_q30(growth, TURNED_GAIN_Q30), TURNED_STEP_MAX);
+    growth = fixed_mul_q30(growth, TURNED_GAIN_Q30);
     if (growth < 0) {
         growth = 0;
     }
-    fuse->turned_q17 = (uint16_t)(growth / 16);
+    fuse->turned_q17 = (uint16_t)(fixed_clamp(growth, TURNED_STEP_MAX) / 16);
+    if (growth > TURNED_VARIANCE_MAX - heading[HEADING]) {
+        // It is limited, so that its covariances would soon be more than it allows.
+        kalman_forget(covariance, FUSE_MOTION_STATES, HEADING);
+    }
     fixed_add_clamped(growth, TURNED_VARIANCE_MAX, &heading[HEADING]);
 }
 
