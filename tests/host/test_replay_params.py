@@ -29,7 +29,8 @@ from replay_bench import KINDS, LSM9DS0, MPU9250, SAMPLES, hello, poses, raw, re
 EYE = [ONE, 0, 0, 0, ONE, 0, 0, 0, ONE]
 IDENTITY = b"".join(calibration_record(tag, [0, 0, 0], EYE) for tag in (1, 2, 3))
 
-# The first half of SHA-256 of the poses of SAMPLES from a firmware that had no params.
+# The first half of SHA-256 of the poses of SAMPLES, of the papers' filters from a
+# firmware that had no params.
 BEFORE = {
     lib.FILTER_FUSE: "73cb64381af3e4fa0db6ebd32395ed61",
     lib.FILTER_COMPLEMENTARY: "58e82b104c9c41756759332b9ce31ed9",
