@@ -100,6 +100,22 @@ def test_the_scale_about_the_vertical_is_learned_from_the_field():
     assert rms(desk.heading_deg(found, felt.quat)[-4000:]) < 2
 
 
+def test_without_readings_what_the_gyroscope_tells_of_the_heading_stays_possible():
+    t = np.arange(90 * 200) / 200
+    angle = np.maximum(t - 5, 0) * 90 * DEGREE
+    about_z = rotation.from_rotation_vector(angle[:, None] * np.array([0.0, 0.0, 1.0]))
+    felt = scene(rotation.multiply(about_z, np.tile(LEVEL, (len(t), 1))), 200, seed=3)
+    felt.has_mag[2000:] = False
+    probe = centred(200)
+    probe.set_bias((0, 0, 0))
+    probe.feel(felt)
+    pairs = list(probe.c.motion_covariance)
+    variances = [pairs[desk.lib.kalman_variance(state)] for state in range(7)]
+    assert variances[6] == 25 * 2**21  # (20 deg)^2: no more is said of it
+    for shared, variance in zip(pairs[21:27], variances[:6], strict=True):
+        assert abs(shared) <= np.sqrt(float(variance) * variances[6])
+
+
 @pytest.mark.parametrize("behind", [0, 2, 4])
 def test_the_lag_of_the_field_is_learned_from_motion(behind):
     felt = scene(tumble(120, 200, 9), 200, seed=8)
