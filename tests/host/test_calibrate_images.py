@@ -14,15 +14,13 @@ from imud.calibration.housing import found as housing_found
 from imud.calibration.recording import Gatherer
 from imud.cli.calibrate_source import of_file
 from imud.virtual import modules, sim
-from length import IS_LONG
+from length import choose
 
 SEED = 3
-each_board = pytest.mark.parametrize("board", sim.BOARDS)
 
 
 @pytest.mark.long
-@pytest.mark.skipif(not IS_LONG, reason="make test-long: a minute on each board")
-@each_board
+@pytest.mark.parametrize("board", choose(everyday=["nano"], long=list(sim.BOARDS)))
 def test_a_shop_module_is_calibrated_from_what_its_image_sends(
     boards: dict[str, tuple[Path, Path]], board: str, tmp_path: Path
 ) -> None:
