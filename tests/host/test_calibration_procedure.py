@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cache
 
@@ -26,13 +26,6 @@ from imud.rotation import FloatArray
 from imud.virtual.calibrating import SCALE, Follower, Manners, Sampler, pieces
 from imud.virtual.modules import shop
 from imud.virtual.motions.module import Module
-from length import IS_LONG
-
-
-def long(test: Callable[..., None]) -> Callable[..., None]:
-    """Of `make test-long` alone."""
-    reason = "make test-long: a minute of a hand and all its fits"
-    return pytest.mark.long(pytest.mark.skipif(not IS_LONG, reason=reason)(test))
 
 
 @cache
@@ -116,7 +109,6 @@ def test_a_pose_that_was_there_before_does_not_count_twice() -> None:
     assert procedure.status().poses == 2
 
 
-@long
 @pytest.mark.parametrize(
     ("name", "kind"), [("lazy", "missing_poses"), ("air", "too_few")]
 )
@@ -132,7 +124,6 @@ def test_who_does_not_listen_is_refused_with_a_cure(name: str, kind: str) -> Non
     assert refused.fault.cure
 
 
-@long
 def test_iron_beside_the_table_is_named() -> None:
     events = obeyed("iron", 5, 120.0)
     assert "uneven_field" in kinds(events)
