@@ -84,7 +84,7 @@ static void predict_motion(struct twin *t, const double *up) {
         double *bias = &t->motion[(STATES + 1) * (BIAS + i)];
         double *scale = &t->motion[(STATES + 1) * (SCALE + i)];
         const double wander =
-            params->bias_wander + params->warm_wander * exp(-t->frames / 256.0);
+            params->bias_wander + params->warm_wander * exp(-t->age / 256.0);
         *bias = fmin(*bias + wander * frame_s, pow(params->bias_sd, 2));
         *scale = fmin(*scale + 1e-5, pow(500 * params->scale_sd, 2));
     }
@@ -143,13 +143,29 @@ static void find_regressors(struct twin *t, int frame) {
     predict_motion(t, up);
 }
 
+// The bias that a calibration at rest found has turned the inertial frame until then.
+static void begin_again(struct twin *t) {
+    memset(&t->force, 0, sizeof t->force);
+    for (int i = 0; i < 2; ++i) {
+        memset(&t->bias_row[i], 0, sizeof t->bias_row[i]);
+        memset(&t->scale_row[i], 0, sizeof t->scale_row[i]);
+        memset(&t->used[i], 0, sizeof t->used[i]);
+    }
+    t->frames = t->learnt = 0;
+    t->heading_variance = INFINITY;
+}
+
 static void run_stage(struct twin *t, int stage, int frame) {
     const bool is_resting = t->rest == 150;
     double v[4];
     double row[STATES] = {0};
     switch (stage) {
     case 0:
+        if (t->frames == BEGIN_AGAIN) {
+            begin_again(t);
+        }
         ++t->frames;
+        ++t->age;
         for (int i = 0; i < 3; ++i) {
             v[i] = t->force_sum[i] / frame;
             t->force_sum[i] = 0;
@@ -188,6 +204,9 @@ static void run_stage(struct twin *t, int stage, int frame) {
         twin_multiply(about_z, t->level, t->world);
         twin_find_heading_variance(t);
         t->has_reading = false;
+        if (t->frames == 1 && is_resting) {
+            t->frames = 30;
+        }
         break;
     }
     default:
@@ -227,6 +246,7 @@ void fuse_twin_defaults(struct fuse_twin_params *params) {
         .heading_floor = 0.4,
         .covariance_share = 0.25,
         .level_drift = 6,
+        .level_start = 0.1,
         .residual_share = 1,
         .residual_free = 2,
     };
@@ -243,6 +263,10 @@ static void take_calibration(struct twin *t, const double *bias) {
         t->bias[i] = t->calibrated[i] = bias[i];
         t->motion[(STATES + 1) * i] = 1e-4;
     }
+    if (t->frames > 0) {
+        t->frames = BEGIN_AGAIN;
+        t->rest = 150;
+    }
 }
 
 void fuse_twin_run(const struct fuse_twin_params *params, int count, int rate_hz,
@@ -254,6 +278,7 @@ void fuse_twin_run(const struct fuse_twin_params *params, int count, int rate_hz
     struct twin t = {.params = params,
                      .lag = params->lag_s,
                      .lag_variance = pow(params->lag_sd, 2),
+                     .drift_square = pow(params->level_start * DEGREE, 2),
                      .inertial = {1, 0, 0, 0},
                      .level = {1, 0, 0, 0},
                      .world = {1, 0, 0, 0}};

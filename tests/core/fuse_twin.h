@@ -37,6 +37,7 @@ struct fuse_twin_params {
     double heading_floor;   // deg
     double covariance_share;  // of the field's covariance in the stated heading error
     double level_drift;       // s, of what levelling goes on to correct: its part in it
+    double level_start;       // deg/s: what levelling goes on to correct, at the start
     double residual_share;    // of the square by which readings go on to surprise
     double residual_free;     // uT2 of it that are noise
 };

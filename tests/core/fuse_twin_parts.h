@@ -16,6 +16,7 @@ enum {
     SCALE = 3,    // scales, 500ths
     HEADING = 6,  // error of the integrated heading, deg
     STATES = 7,
+    BEGIN_AGAIN = 1 << 30,  // as a number of frames
 };
 
 struct twin {
@@ -29,7 +30,7 @@ struct twin {
     double bias[3], calibrated[3], scale[3], motion[STATES * STATES];
     double turned;  // deg2: growth of the heading's variance in this frame
     double rate[3];
-    int frames, rest, looks, rest_axis;
+    int frames, age, rest, looks, rest_axis;
     double attitude[4], reading[3], rows[3][3];
     bool has_reading, is_turned;
     double place[3], own[3], field[36], noise, astray;

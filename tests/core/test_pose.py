@@ -87,10 +87,11 @@ def test_position_and_normal_are_not_available():
 def test_sigmas_are_null_while_starting_and_known_afterwards():
     poses, _ = Tracker().feel(felt(at_rest(6)).samples(MPU9250))
     starting = has(poses, lib.POSE_STARTING)
-    assert starting.tolist() == [True] * 599 + [False] * 601
+    # Until the calibration, then while the field of the place is learned.
+    assert starting.tolist() == [True] * 907 + [False] * 293
     for name in ("tilt_sigma", "heading_sigma"):
         assert ((poses[name] == NOT_KNOWN) == starting).all()
-        assert poses[name][599] < 500  # 5 degrees
+        assert poses[name][907] < 500  # 5 degrees
 
 
 def test_the_calibration_comes_once_after_its_window_and_removes_the_bias():

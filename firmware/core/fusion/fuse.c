@@ -17,6 +17,8 @@ enum {
 // The numbers of one part of a step are not on the stack while another runs.
 #define NOINLINE __attribute__((noinline))
 
+// (0.1 deg/s)^2: of levelling before it has told, a stated tilt of 1.1 deg.
+#define DRIFT_SQUARE_START_Q30 INT32_C(3271)
 #define INTERVAL_MAX_US UINT16_C(60000)  // is integrated: nine steps
 
 // Seconds times 2^35, so that rad/s q7_25 gives rad q2_30, within 4e-7 of them. Needs
@@ -48,6 +50,7 @@ void fuse_restart(struct fuse *fuse) {
     fuse->stage = STAGES;
     fuse->field_age = FIELD_ABSENT;
     fuse->heading_variance = FUSE_HEADING_VARIANCE_MAX_Q30;
+    fuse->drift_square = DRIFT_SQUARE_START_Q30;
 }
 
 void fuse_turn(struct quat *q, const struct vector *angle_rad_q30) {
@@ -205,7 +208,7 @@ void fuse_orientation(const struct fuse *fuse, struct quat *out) {
 
 void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
     out->is_starting =
-        fuse->frames < FUSE_LEVEL_SETTLE ||
+        (uint8_t)(fuse->frames + 1) <= FUSE_LEVEL_SETTLE ||  // FUSE_FRAMES_LOST is 0
         (fuse->field_learnt > 0 && fuse->field_learnt < FUSE_FIELD_LEARN);
     out->is_at_rest = fuse_is_at_rest(fuse);
     out->is_mag_absent = fuse->field_age >= FIELD_ABSENT;

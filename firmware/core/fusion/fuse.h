@@ -50,7 +50,7 @@ struct fuse {
     // A restart forgets all from here to bias_rad_s_q25.
     uint8_t in_frame, stage;  // of the frame that runs
     uint8_t in_stride;        // samples since one that was for a stage
-    uint8_t frames;           // since the start; after 255 comes 254
+    uint8_t frames;           // since the start, at most 254; 255: begin again
     uint8_t clipped;          // samples of this frame that lost motion
     uint8_t unsettled;        // frames until levelling tells of bias again
     uint8_t rest_looks;       // in a row that saw no motion

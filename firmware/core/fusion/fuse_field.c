@@ -410,6 +410,9 @@ void fuse_stage_world(struct fuse *fuse) {
             fixed_clamp(norm, TURNED_BY_FIELD_Q18), TURNED_BY_Q30);
     }
     fuse->has_reading = false;
+    if (fuse->frames == 1 && fuse_is_at_rest(fuse)) {
+        fuse->frames = FUSE_LEVEL_SETTLE;  // what comes next is no better than this
+    }
     quat_multiply(&turn, &fuse->level_from_inertial, &fuse->world_from_inertial);
     quat_renormalise(&fuse->world_from_inertial);
 }

@@ -88,6 +88,11 @@ void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25) {
     vector_clamp(bias_rad_s_q25, BIAS_LIMIT_Q25, &fuse->bias_rad_s_q25);
     fuse->calibrated_rad_s_q25 = fuse->bias_rad_s_q25;
     set_bias_variance(fuse, BIAS_VARIANCE_FOUND);
+    if (fuse->frames > 0) {
+        // It has turned the inertial frame, in which forces and fields lie.
+        fuse->frames = FUSE_FRAMES_LOST;
+        fuse->rest_looks = FUSE_REST_LOOKS;
+    }
 }
 
 // True where |v - mean| is below the limit, which is at most 2^21.

@@ -65,7 +65,7 @@ static void lose_orientation(struct fuse *fuse) {
 
 void fuse_stage_level(struct fuse *fuse) {
     struct vector force;
-    if (fuse->clipped >= FUSE_CLIPPED_LOST) {
+    if (fuse->clipped >= FUSE_CLIPPED_LOST || fuse->frames == FUSE_FRAMES_LOST) {
         lose_orientation(fuse);
     }
     fuse->clipped = 0;
@@ -73,7 +73,7 @@ void fuse_stage_level(struct fuse *fuse) {
         --fuse->unsettled;
     }
     fuse->frames =
-        (uint8_t)(fuse->frames < UINT8_MAX ? fuse->frames + 1 : UINT8_MAX - 1);
+        (uint8_t)(fuse->frames < UINT8_MAX - 1 ? fuse->frames + 1 : UINT8_MAX - 2);
     fuse_take_mean(fuse, &fuse->force_sum_q13, FORCE_LIMIT_Q13, &force);
     lowpass_step(&fuse->force, &fuse_level_gain, &force, fuse->frames);
     follow_gravity(fuse);
