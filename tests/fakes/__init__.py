@@ -9,7 +9,7 @@ from fakes.daemon import (
     status_of,
 )
 from fakes.messages import COMMAND, EQUIPMENT, EXAMPLES, HELLO, POSE
-from fakes.port import PATIENCE_S, Port
+from fakes.port import PATIENCE_S, SOON_S, Port
 from fakes.probe import FakeProbe
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "HELLO",
     "PATIENCE_S",
     "POSE",
+    "SOON_S",
     "DaemonProcess",
     "FakeProbe",
     "Port",

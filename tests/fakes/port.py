@@ -15,6 +15,8 @@ from fakes.probe import FakeProbe
 
 # Limit for every wait: long enough for a busy machine.
 PATIENCE_S = 30.0
+# What ends at once, ends within it on a busy machine.
+SOON_S = 5.0
 # Baud rates that tests set.
 RATES = (38_400, 115_200, 230_400, 500_000, 921_600)
 

@@ -19,6 +19,7 @@ import zenoh
 
 from fakes import (
     PATIENCE_S,
+    SOON_S,
     DaemonProcess,
     FakeProbe,
     Port,
@@ -201,7 +202,7 @@ def test_nothing_was_lost_and_nothing_was_a_fault(room: Room) -> None:
         time.sleep(0.1)
     assert ledger["lost"] == 0
     assert ledger["adds_up"], ledger
-    assert room.daemon.stop() < 1.0
+    assert room.daemon.stop() < SOON_S
     assert_honest(room.daemon)
     # However many keys somebody makes up.
     assert (

@@ -17,6 +17,7 @@ from typing import Any
 from fakes import (
     EXAMPLES,
     PATIENCE_S,
+    SOON_S,
     DaemonProcess,
     FakeProbe,
     Port,
@@ -117,7 +118,7 @@ def test_a_probe_that_lies_is_no_fault_and_writes_no_line_of_the_journal(
                 if last["seq"] < probe.sequence and last["seq"] < 1000:
                     break
                 assert time.monotonic() < begin + PATIENCE_S
-        assert daemon.stop() < 2.0
+        assert daemon.stop() < SOON_S
     assert_honest(daemon)
     # Three of a kind and probe in 10 s: 20,000 lies, of a hundred ids, are no flood.
     assert len(daemon.lines) < 1000

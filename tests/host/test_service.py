@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from configured import running
-from fakes import DaemonProcess
+from fakes import SOON_S, DaemonProcess
 from imud.cli import main
 from imud.daemon.systemd import Notifier
 from imud.log.reader import Logged, read_log
@@ -68,7 +68,7 @@ def test_systemd_is_told_of_each_step(tmp_path: Path, manager: Manager) -> None:
         daemon.process.send_signal(signal.SIGHUP)
         assert "MONOTONIC_USEC=" in manager.expect("RELOADING=1")
         manager.expect("READY=1")
-        assert daemon.stop() < 1.0
+        assert daemon.stop() < SOON_S
         manager.expect("STOPPING=1")
 
 
@@ -115,7 +115,7 @@ def test_the_watchdog_hears_of_a_loop_that_lives_and_of_no_other(
         manager.expect_none(2.5)
         daemon.process.send_signal(signal.SIGCONT)
         manager.expect("WATCHDOG=1")
-        assert daemon.stop() < 1.0
+        assert daemon.stop() < SOON_S
 
 
 def test_nothing_is_told_where_nobody_listens(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import reference
-from fakes import PATIENCE_S, DaemonProcess, Port
+from fakes import PATIENCE_S, SOON_S, DaemonProcess, Port
 from imud import _core
 from imud.client import Client
 from imud.recordings import decode
@@ -117,7 +117,7 @@ def test_damage_on_the_wire_adds_up_to_the_frame(stub: Stub, seed: int) -> None:
                 ledger = statuses.get(timeout=PATIENCE_S)["ledger"]
                 if ledger["sent"] == last + 1 and passed_on(ledger) == [len(good)] * 2:
                     break
-        assert daemon.stop() < 5
+        assert daemon.stop() < SOON_S
     assert ledger["sent"] == done.summary["frames"]
     assert ledger["received"] == len(good)
     assert ledger["lost"] == done.summary["frames"] - len(good)
