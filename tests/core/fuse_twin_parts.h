@@ -55,8 +55,8 @@ double twin_clamp(double value, double limit);
 double twin_distance(const double *a, const double *b);
 void twin_matrix_of(const double *q, double matrix[3][3]);
 // One scalar reading: changes the covariance, gives the gains. Where one would be above
-// 1 in the units of fuse.c, of which the states have `units` and the reading has `unit`,
-// what that state has in common with the others is forgotten.
+// 1 in the units of fuse.c, of which the states have `units` and the reading has
+// `unit`, what that state has in common with the others is forgotten.
 void twin_kalman(int states, double *covariance, const double *row, double noise,
                  const double *units, double unit, double *gain);
 

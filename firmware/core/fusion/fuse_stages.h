@@ -15,12 +15,12 @@
 
 enum {
     FUSE_FRAMES_HZ = 10,
-    FUSE_LEVEL_SETTLE = 30,  // frames in VQF's tau_acc, 3 s
+    FUSE_LEVEL_SETTLE = 30,        // frames in VQF's tau_acc, 3 s
     FUSE_FRAMES_LOST = UINT8_MAX,  // level and heading are found anew
-    FUSE_REST_LOOKS = 150,   // VQF's rest: 1.5 s without motion, at 100 looks a second
-    FUSE_CLIPPED_LOST = 4,   // samples of a frame whose motion was lost: so is attitude
-    FUSE_FIELD_LEARN = 20,   // readings whose mean is the first field: 2 s
-    FUSE_FIELD_UNIT = 576,   // (3 uT)^2 as 64ths of 1 uT2
+    FUSE_REST_LOOKS = 150,  // VQF's rest: 1.5 s without motion, at 100 looks a second
+    FUSE_CLIPPED_LOST = 4,  // samples of a frame whose motion was lost: so is attitude
+    FUSE_FIELD_LEARN = 20,  // readings whose mean is the first field: 2 s
+    FUSE_FIELD_UNIT = 576,  // (3 uT)^2 as 64ths of 1 uT2
     FUSE_Q2_14_ONE = 16384,
 };
 
