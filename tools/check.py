@@ -19,6 +19,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 CORE = Path("firmware/core")
+PAGE_TOOLS = ROOT / "build" / "web" / "node_modules" / ".bin"
 C_FOLDERS = ("benchmarks", "firmware", "host/imud", "protocol", "sim")
 INCLUDES = ("-Ifirmware", "-Isim", "-Isim/chips")
 
@@ -76,6 +77,13 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
     yield "layout of Python", ("ruff", "format", "--check", "--quiet")
     yield "lint of Python", ("ruff", "check", "--quiet")
     yield "imports", ("lint-imports",)
+    yield (
+        "types of the page",
+        (str(PAGE_TOOLS / "tsc"), "-p", "tools/web/tsconfig.json"),
+    )
+    eslint = ("--config", "build/web/eslint.config.js", "host/imud/web/site")
+    yield "lint of the page", (str(PAGE_TOOLS / "eslint"), *eslint)
+    yield "the page's libraries", (python, "tools/vendor.py", "--check")
     yield "generated files", (python, "protocol/generate.py", "--check")
     yield "cppcheck", (*CPPCHECK, *INCLUDES, *portable, *chips)
     yield (

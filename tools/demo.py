@@ -21,7 +21,7 @@ from types import FrameType
 from typing import Any, NoReturn
 
 from imud.client import Client
-from imud.defaults import PORT
+from imud.defaults import PAGE, PORT
 from imud.errors import ImudError
 from imud.probes.ledger import totals
 
@@ -42,7 +42,7 @@ NEXT = (
     ("make demo BOARD=both", "both boards at once"),
     (".venv/bin/imud sim nano --stream", "a virtual probe to keep"),
     (".venv/bin/imud run /tmp/imud-nano", "the daemon, in another terminal"),
-    (".venv/bin/imud monitor", "all probes on one screen, in a third"),
+    (".venv/bin/imud view", "the page, or imud monitor for the terminal, in a third"),
     ("make firmware", "the image to flash"),
 )
 
@@ -123,19 +123,19 @@ def interrupted(_number: int, _frame: FrameType | None) -> NoReturn:
 
 def run(boards: Sequence[str], seconds: float | None, wanted: int | None) -> int:
     ROOM.mkdir(parents=True, exist_ok=True)
-    port = free_port(wanted)
+    port = free_port(PORT, wanted)
+    page = f"127.0.0.1:{free_port(int(PAGE.rpartition(':')[2]))}"
     endpoint = f"tcp/127.0.0.1:{port}"
     begun_s = time.time()
     with ExitStack() as stack:
         probes = {board: stack.enter_context(virtual(board)) for board in boards}
         for board, probe in probes.items():
             serial = serial_of(board)
-            complaint = f"no serial port at {serial}"
-            wait_for(serial.exists, START_S, probe, complaint)
+            wait_for(serial.exists, START_S, probe, f"no serial port at {serial}")
         daemon = stack.enter_context(
             child(
                 *("imud run", "daemon", "run", *map(str, map(serial_of, boards))),
-                *("--log", str(ROOM), "--listen", endpoint),
+                *("--log", str(ROOM), "--listen", endpoint, "--page", page),
             )
         )
         wait_for(lambda: answers(port), START_S, daemon, f"nothing at {endpoint}")
@@ -151,6 +151,7 @@ def run(boards: Sequence[str], seconds: float | None, wanted: int | None) -> int
                 f"virtual {board} -> {serial_of(board).relative_to(ROOT)} -> imud -> "
                 f"Zenoh {endpoint} -> imud listen\n"
             )
+        sys.stdout.write(f"the page is at http://{page}: open it in a browser\n")
         are, gyroscopes = (
             ("the probes lie", "their gyroscopes")
             if len(boards) > 1
@@ -192,9 +193,9 @@ def virtual(board: str) -> Iterator[Child]:
         yield started
 
 
-def free_port(wanted: int | None) -> int:
+def free_port(usual: int, wanted: int | None = None) -> int:
     """The wanted port; without one the usual port, or any free one if it is taken."""
-    for port in (wanted or PORT, 0):
+    for port in (wanted or usual, 0):
         with socket.socket() as probe:
             # As the daemon does, so that connections left from a past run do no harm.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -206,18 +207,17 @@ def free_port(wanted: int | None) -> int:
                         f"port {wanted} of 127.0.0.1 is taken, likely by another imud "
                         "or demo; stop that one, or name another port"
                     ) from error
-                sys.stdout.write(f"port {PORT} is taken, likely by another imud\n")
+                sys.stdout.write(f"port {usual} is taken, likely by another imud\n")
             else:
                 return int(probe.getsockname()[1])
     raise DemoError("the system has no free port on 127.0.0.1")
 
 
 def answers(port: int) -> bool:
-    try:
+    with suppress(OSError):
         socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
-    except OSError:
-        return False
-    return True
+        return True
+    return False
 
 
 class Child:

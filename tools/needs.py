@@ -89,6 +89,8 @@ TEST_NEEDS = (
     Need("dosfstools", has("fsck.fat")),
     Need("mtools", has("mdir")),
     Need("fdisk", has("sfdisk")),
+    # Shows the page to the tests.
+    Need("chromium", has("chromium")),
     # For systemd-analyze; not installed where another init system is in use.
     Need("systemd", lambda: has("systemd-analyze")() or Path("/sbin/init").exists()),
 )
@@ -99,6 +101,9 @@ CHECK_NEEDS = (
     Need("libclang-rt-dev", compiles(FUZZED, "clang", until="-fsanitize=fuzzer")),
     Need("clang-tidy", has("clang-tidy")),
     Need("cppcheck", has("cppcheck")),
+    # For the tools that check the page.
+    Need("nodejs", has("node")),
+    Need("npm", has("npm")),
 )
 
 

@@ -72,7 +72,7 @@ def main(arguments: Sequence[str]) -> None:
             lambda: install_python_packages(args.command),
         )
         if args.command == "check":
-            install_package()
+            at_once(install_package, install_page_tools)
             return
         at_once(
             install_package, lambda: build_images(boards), lambda: build_sim(boards)
@@ -180,6 +180,11 @@ def install_package() -> None:
         str(ROOT),
     )
     stamp.write_text(digest.hexdigest())
+
+
+def install_page_tools() -> None:
+    """Install the npm packages that check the page: tools/web/package.json."""
+    step("tools of the page", venv("python"), "tools/vendor.py", "--install")
 
 
 def pip(*arguments: str) -> tuple[str, ...]:

@@ -63,6 +63,7 @@ class DaemonProcess:
         log: bool | None = True,  # None: leave it to the configuration
         program: tuple[str, ...] = ("-m", "imud"),
         endpoint: str = "",
+        page: bool | None = False,  # True: at any free port; None: as with the log
     ) -> None:
         self.endpoint = endpoint or free_endpoint()
         self.logs = directory / "logs"
@@ -70,6 +71,8 @@ class DaemonProcess:
         command += ["--listen", self.endpoint]
         if log is not None:
             command += ["--log", str(self.logs)] if log else ["--no-log"]
+        if page is not None:
+            command += ["--page", "127.0.0.1:0"] if page else ["--no-page"]
         self.process = subprocess.Popen(
             command,
             stderr=subprocess.PIPE,

@@ -194,7 +194,7 @@ def test_the_journal_of_systemd_has_levels_and_no_time(tmp_path: Path) -> None:
     environment = os.environ | {"JOURNAL_STREAM": f"{file.st_dev}:{file.st_ino}"}
     with subprocess.Popen(
         [
-            *(sys.executable, "-m", "imud", "run", "--no-log"),
+            *(sys.executable, "-m", "imud", "run", "--no-log", "--no-page"),
             *("--config", tmp_path / "imud.toml", "--listen", "tcp/127.0.0.1:0"),
         ],
         stderr=write,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imud.cli.arguments import add_command
-from imud.defaults import ENDPOINT
+from imud.defaults import ENDPOINT, PAGE
 
 if TYPE_CHECKING:
     from imud.cli.arguments import Commands
@@ -59,6 +59,14 @@ def _add_run(commands: Commands) -> None:
         help="admit only users with keys from this folder, which imud keys made "
         "(default: no keys; then it listens on this machine only)",
     )
+    page = run.add_mutually_exclusive_group()
+    page.add_argument(
+        "--page",
+        metavar="HOST:PORT",
+        help="where browsers on this machine find the page; port 0: any that is free "
+        f"(default: {PAGE})",
+    )
+    page.add_argument("--no-page", action="store_true", help="serve no page")
     run.add_argument(
         "--twin",
         action="store_true",
@@ -128,6 +136,8 @@ def _run(args: argparse.Namespace) -> int:
             log_dir=args.log,
             is_logging=not args.no_log,
             is_twin=args.twin,
+            page=args.page,
+            is_page=not args.no_page,
             level=args.log_level,
         )
     )

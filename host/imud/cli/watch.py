@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Probes as the network sees them: `imud listen`, `imud list` and `imud monitor`."""
+"""Probes as the network sees them: `imud listen`, `list`, `monitor` and `view`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from imud.cli.arguments import (
     add_probe,
     client_of,
 )
+from imud.defaults import PAGE
 
 if TYPE_CHECKING:
     from imud.cli.arguments import Commands
@@ -25,6 +26,7 @@ def add(commands: Commands) -> None:
     _add_listen(commands)
     _add_list(commands)
     _add_monitor(commands)
+    _add_view(commands)
 
 
 def _add_listen(commands: Commands) -> None:
@@ -93,6 +95,27 @@ def _add_monitor(commands: Commands) -> None:
     monitor.set_defaults(run=_monitor)
 
 
+def _add_view(commands: Commands) -> None:
+    view = add_command(
+        commands,
+        "view",
+        "open the page in a browser; for a daemon elsewhere, serve it here",
+        "imud view --connect tcp/192.168.1.10:7447",
+        "Without --connect it opens the page of the daemon on this machine. What it "
+        "serves itself ends with Ctrl-C.",
+    )
+    view.add_argument(
+        "--page",
+        metavar="HOST:PORT",
+        help=f"serve the page here (default: {PAGE}, or any port if it is taken)",
+    )
+    view.add_argument(
+        "--no-open", action="store_true", help="print the address, open no browser"
+    )
+    add_network(view)
+    view.set_defaults(run=_view)
+
+
 def _listen(args: argparse.Namespace) -> int:
     from imud.cli import pose_table
 
@@ -113,3 +136,11 @@ def _monitor(args: argparse.Namespace) -> int:
     from imud.cli import monitor
 
     return monitor.run(args.connect, args.prefix, keys=args.keys, seconds=args.seconds)
+
+
+def _view(args: argparse.Namespace) -> int:
+    from imud.cli import page
+
+    return page.run(
+        args.connect, args.prefix, args.keys, args.page, is_opened=not args.no_open
+    )

@@ -40,6 +40,8 @@ def load(
     log_dir: Path | None = None,
     is_logging: bool = True,
     is_twin: bool = False,
+    page: str | None = None,
+    is_page: bool = True,
     level: str | None = None,
 ) -> Config:
     """The settings of a file, with arguments of the command line in their place.
@@ -62,6 +64,10 @@ def load(
         config = replace(config, log=replace(config.log, enabled=False))
     if is_twin:
         config = replace(config, twin=True)
+    if page is not None:
+        config = replace(config, web=replace(config.web, enabled=True, listen=page))
+    if not is_page:
+        config = replace(config, web=replace(config.web, enabled=False))
     if level is not None:
         said: dict[str, object] = {"level": level}
         journal = msgspec.convert(msgspec.to_builtins(config.journal) | said, Journal)

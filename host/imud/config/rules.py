@@ -16,12 +16,13 @@ from imud.config.settings import (
     Place,
     Ports,
     ProbeSettings,
+    Web,
     Zenoh,
     listens_on,
     port_and_baud,
 )
 from imud.config.toml import Mistake, cut
-from imud.defaults import ENDPOINT
+from imud.defaults import ENDPOINT, PAGE
 from imud.endpoint import host_and_port, is_local, is_loopback, link_of
 from imud.ros2 import topics
 
@@ -41,6 +42,7 @@ def contradictions(config: Config) -> Iterator[Mistake]:
         yield Mistake(
             ("zenoh", "prefix"), f"{cut(config.zenoh.prefix)!r} can't be part of a key"
         )
+    yield from _of_page(config.web)
     yield from _of_metrics(config.metrics)
     yield from _of_place(config.place)
     yield from _of_probes(config.probes)
@@ -62,6 +64,19 @@ def _of_ports(section: Ports) -> Iterator[Mistake]:
             yield Mistake(("ports", "named"), f"baud {baud} is not in 1..{BAUD_MAX}")
     if not section.rates:
         yield Mistake(("ports", "rates"), f"is empty; try {list(RATES)}")
+
+
+def _of_page(section: Web) -> Iterator[Mistake]:
+    path = ("web", "listen")
+    address = host_and_port(section.listen)
+    if address is None:
+        yield Mistake(path, f"{_quoted(section.listen)} is not HOST:PORT, as {PAGE}")
+    elif not is_loopback(address[0]):
+        yield Mistake(
+            path,
+            f"{cut(address[0])} is beyond this machine; listen on 127.0.0.1, and use "
+            "imud view --connect elsewhere",
+        )
 
 
 def _of_metrics(section: Metrics) -> Iterator[Mistake]:

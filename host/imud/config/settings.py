@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from imud.defaults import ENDPOINT, HISTORY, PREFIX, STATE
+from imud.defaults import ENDPOINT, HISTORY, PAGE, PREFIX, STATE
 
 # Baud rates of our firmware: 500,000 on the Nano, which 16 MHz divides to exactly, and
 # 921,600 on the F405, the rate of an RN-41.
@@ -190,6 +190,15 @@ class Ros2(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = ()
 
 
+class Web(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The page for browsers on this machine."""
+
+    enabled: Annotated[bool, Meta(description="serve it")] = True
+    listen: Annotated[
+        str, Meta(description="its address, HOST:PORT of this machine alone")
+    ] = PAGE
+
+
 class Metrics(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Metrics for Prometheus."""
 
@@ -256,6 +265,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     calibration: Calibration = Calibration()
     place: Place = Place()
     ros2: Ros2 = Ros2()
+    web: Web = Web()
     metrics: Metrics = Metrics()
     journal: Journal = Journal()
     probes: Annotated[

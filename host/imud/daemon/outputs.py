@@ -14,14 +14,18 @@ from imud.daemon.hub import Hub
 from imud.daemon.lane import Sink
 from imud.daemon.log_state import LOG
 from imud.daemon.reports import NETWORK
+from imud.endpoint import host_and_port
 from imud.log.file import Settings
 from imud.net.network import own_credentials
 from imud.net.refusals import tell_refusals
 from imud.sinks.log import LogSink
+from imud.sinks.page import PageSink
 from imud.sinks.ros2 import Ros2Sink, own_network
 from imud.sinks.zenoh import OnCommand, OnNotice, ZenohSink
+from imud.web.server import Page
+from imud.web.users import KeyUsers, Users
 
-ROS2 = "ros2"  # name of the sink
+ROS2, PAGE = "ros2", "web"  # names of sinks
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +102,20 @@ class Outputs:
                     own_credentials(network, is_abroad=bool(ros2.connect)),
                 ),
             )
+        address = host_and_port(config.web.listen)
+        if config.web.enabled and address is not None:
+            wanted[PAGE] = Wanted(
+                (config.web, network.keys), lambda: self._page(address, network.keys)
+            )
         return wanted
+
+    def _page(self, address: tuple[str, int], keys: str) -> PageSink:
+        users: Users | None = KeyUsers(Path(keys)) if keys else None
+        return PageSink(
+            lambda: Page(
+                address, self._on_command, users=users, on_notice=self._on_notice
+            )
+        )
 
     def _zenoh(self, network: Zenoh) -> ZenohSink:
         if network.keys and not self._is_told_of_refusals:

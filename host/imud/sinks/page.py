@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: MIT
+"""Feeds the page of this daemon with every record's JSON, sixty times a second."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+
+from imud.errors import ListenFailed
+from imud.probes.record import Presence, Record
+from imud.web.server import Page
+
+# With a browser, records are handed on as often as a screen is drawn.
+WATCHED_S = 1 / 60
+IDLE_S = 0.2
+
+# A port that was taken is tried again this often.
+AGAIN_S = 5.0
+PATIENCE_S = 0.8
+
+logger = logging.getLogger("imud")
+
+
+class PageSink:
+    """Serves the page while it can: a port that is taken does not stop the daemon."""
+
+    name = "web"
+    patience_s = PATIENCE_S
+
+    def __init__(self, make: Callable[[], Page]) -> None:
+        self._make = make
+        self._page: Page | None = None
+        self._again_s = 0.0
+        self._is_told = False
+        self.period_s = IDLE_S
+
+    def open(self) -> None:
+        page = self._make()
+        try:
+            page.start()
+        except ListenFailed as error:
+            self._again_s = time.monotonic() + AGAIN_S
+            if not self._is_told:
+                logger.warning("%s", error)
+            self._is_told = True
+        else:
+            self._page = page
+            logger.info("the page is at %s", page.url)
+
+    def take(self, record: Record | Presence) -> None:
+        if self._page is not None and isinstance(record, Record) and record.payload:
+            self._page.take(record.probe, record.topic, record.payload)
+
+    def flush(self) -> None:
+        page = self._page
+        self.period_s = WATCHED_S if page is not None and page.is_watched else IDLE_S
+        if page is not None:
+            page.flush()
+        elif time.monotonic() > self._again_s:
+            self.open()
+
+    def close(self) -> None:
+        page, self._page = self._page, None
+        if page is not None:
+            page.close()

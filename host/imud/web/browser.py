@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: MIT
+"""One connected browser: what it wants, what waits for it, and when it is sent.
+
+A message is lines of JSON. The first is a head with the message's number, which the
+browser reports back once it has drawn it: a browser that does not draw is sent nothing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import deque
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
+
+import msgspec
+
+from imud.web.feed import EVENT, LATEST, STREAMS, Key
+
+# Messages that a browser may be behind with: a quarter of a second at 60 Hz, which
+# covers a slow frame and the collection of garbage.
+WINDOW = 16
+# Payloads that wait for a browser that wants all of them: 2 s of a probe at 200 Hz.
+WAITING_MAX = 400
+ANSWERS_MAX = 64
+# Without anything new a head alone is sent so often: it shows that the server is there.
+HEARTBEAT_S = 0.2
+RATE_HZ = 60.0
+
+Send = Callable[[bytes], Awaitable[None]]
+
+_encode = msgspec.json.Encoder().encode
+
+
+class Browser:
+    """Belongs to the server's loop, which makes all calls."""
+
+    def __init__(self) -> None:
+        self._reads: frozenset[str] = frozenset()
+        self._every: frozenset[Key] = frozenset()
+        self._period_s = 1.0 / RATE_HZ
+        self._due_s = 0.0
+        self._latest: dict[Key, bytes] = {}
+        self._waiting: dict[Key, deque[bytes]] = {}
+        self._answers: deque[bytes] = deque(maxlen=ANSWERS_MAX)
+        self._wake = asyncio.Event()
+        self._sent = 0
+        self._seen = 0
+        self.left_out = 0  # payloads of streams for which there was no room
+
+    def grant(self, reads: frozenset[str]) -> None:
+        """Sets the topics that its user may read."""
+        self._reads = reads
+
+    def watch(self, every: frozenset[Key], rate_hz: float) -> None:
+        """Sets of what it wants every payload, and how often it draws."""
+        self._every = frozenset(key for key in every if key[1] in STREAMS)
+        self._waiting = {k: v for k, v in self._waiting.items() if k in self._every}
+        self._period_s = 1.0 / rate_hz
+
+    def seen(self, number: int) -> None:
+        """The browser has drawn the message of that number."""
+        if self._seen < number <= self._sent:
+            self._seen = number
+            self._wake.set()
+
+    def put(self, fresh: Mapping[Key, deque[bytes]]) -> None:
+        for key, payloads in fresh.items():
+            topic = key[1]
+            if topic not in self._reads:
+                continue
+            if key in self._every or topic == EVENT:
+                waiting = self._waiting.setdefault(key, deque())
+                waiting.extend(payloads)
+                while len(waiting) > WAITING_MAX:
+                    waiting.popleft()
+                    self.left_out += 1
+            elif topic in LATEST:
+                self._latest[key] = payloads[-1]
+        self._wake.set()
+
+    def say(self, said: Mapping[str, Any]) -> None:
+        """Something of the server's own, such as the answer to a command."""
+        self._answers.append(_encode(said))
+        self._wake.set()
+
+    async def write(self, send: Send) -> None:
+        """Sends what waits, at the rate of the screen, until it is cancelled."""
+        loop = asyncio.get_running_loop()
+        while True:
+            while self._sent - self._seen >= WINDOW:
+                self._wake.clear()
+                await self._wake.wait()
+            await asyncio.sleep(max(0.0, self._due_s - loop.time()))
+            if not (self._latest or self._waiting or self._answers):
+                self._wake.clear()
+                try:
+                    async with asyncio.timeout(HEARTBEAT_S):
+                        await self._wake.wait()
+                except TimeoutError:
+                    pass
+                else:
+                    continue
+            self._due_s = loop.time() + self._period_s
+            await send(self._compose())
+
+    def _compose(self) -> bytes:
+        self._sent += 1
+        head = {
+            "type": "head",
+            "n": self._sent,
+            "t_ms": time.time_ns() / 1e6,
+            "left_out": self.left_out,
+        }
+        lines = [_encode(head), *self._answers]
+        for waiting in self._waiting.values():
+            lines += waiting
+        lines += self._latest.values()
+        self._answers.clear()
+        self._waiting.clear()
+        self._latest.clear()
+        return b"\n".join(lines)

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: MIT
+"""What has arrived since the browsers were last served. Any thread may bring payloads;
+the server's loop takes them.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Mapping
+
+Key = tuple[str, str]  # probe and topic
+
+# Topics that everybody sees, as their last payload; of events everyone.
+LATEST = frozenset({"pose", "status", "params", "clock", "log", "twin"})
+EVENT = "event"
+# Topics of which a browser can ask for every payload of one probe.
+STREAMS = frozenset({"pose", "raw"})
+
+# Payloads of one key that wait for the loop: a second of a probe at 1000 Hz.
+FRESH_MAX = 1000
+# Keys that are kept: a network without keys could bring any number of names.
+KEYS_MAX = 2048
+
+
+class Feed:
+    """Gathers payloads by probe and topic."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._fresh: dict[Key, deque[bytes]] = {}
+        self._last: dict[Key, bytes] = {}
+        self.is_watched = False  # else only the last payload is kept
+
+    def take(self, probe: str, topic: str, payload: bytes) -> None:
+        key = (probe, topic)
+        with self._lock:
+            if key not in self._last and len(self._last) >= KEYS_MAX:
+                return
+            self._last[key] = payload
+            if not self.is_watched:
+                return
+            if topic not in STREAMS and topic != EVENT:
+                self._fresh[key] = deque((payload,))
+            elif (fresh := self._fresh.get(key)) is not None:
+                fresh.append(payload)
+            else:
+                self._fresh[key] = deque((payload,), FRESH_MAX)
+
+    def swap(self) -> Mapping[Key, deque[bytes]]:
+        """What came since the last call."""
+        with self._lock:
+            fresh, self._fresh = self._fresh, {}
+        return fresh
+
+    def last(self) -> dict[Key, deque[bytes]]:
+        """The last payload of each key that a new browser begins with."""
+        with self._lock:
+            return {
+                key: deque((payload,))
+                for key, payload in self._last.items()
+                if key[1] in LATEST
+            }

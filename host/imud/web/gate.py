@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: MIT
+"""Counts connections, and every refusal by its reason."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+from websockets.asyncio.server import ServerConnection
+
+# Gets lines for the journal: the kind, the text, whether it is a warning.
+OnNotice = Callable[[object, str, bool], None]
+
+# A browser fetches the files over at most 6 connections at a time.
+CONNECTIONS_MAX = 128
+BROWSERS_MAX = 64
+
+REASONS = {
+    "host": "the page was asked for by a name that is not this machine's",
+    "origin": "a page of another site wants to connect",
+    "path": "there is no such file",
+    "connections": f"there are {CONNECTIONS_MAX} connections",
+    "browsers": f"there are {BROWSERS_MAX} browsers",
+    "unreadable": "what it sent is no HTTP request of a browser",
+    "oversized": "its message was too long",
+    "malformed": "its message was not one of the page's",
+    "login": "wrong user or password",
+    "role": "its role does not allow commands",
+    "busy": "it sent too many commands at once",
+}
+
+# The library would log each broken handshake; they are counted here.
+quiet = logging.getLogger("imud.web")
+quiet.addHandler(logging.NullHandler())
+quiet.propagate = False
+
+
+class Gate:
+    """The connections that are open, and what was refused since the start."""
+
+    def __init__(self, on_notice: OnNotice) -> None:
+        self._on_notice = on_notice
+        self._open: set[Connection] = set()
+        self.refused: Counter[str] = Counter()
+
+    def refuse(self, reason: str, connection: ServerConnection) -> None:
+        """Counts a refusal, and tells the journal."""
+        self.refused[reason] += 1
+        address = connection.remote_address
+        client = f"{address[0]}:{address[1]}" if address else "somebody"
+        text = f"page: {client} was refused: {REASONS[reason]}"
+        self._on_notice(("page", reason), text, True)
+
+    def enter(self, connection: Connection) -> bool:
+        """Whether there is room for another connection."""
+        if len(self._open) >= CONNECTIONS_MAX:
+            self.refuse("connections", connection)
+            return False
+        self._open.add(connection)
+        return True
+
+    def leave(self, connection: Connection) -> None:
+        if connection not in self._open:
+            return
+        self._open.discard(connection)
+        # A browser may open a connection in advance, and never use it.
+        if connection.has_spoken and not connection.is_answered:
+            self.refuse("unreadable", connection)
+
+    def connection(self, *arguments: Any, **named: Any) -> Connection:
+        """Makes the object for a connection that was accepted."""
+        return Connection(self, *arguments, **named)
+
+
+class Connection(ServerConnection):
+    """A connection that goes through a gate."""
+
+    def __init__(self, gate: Gate, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._gate = gate
+        self.has_spoken = False
+        self.is_answered = False  # its request was read
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        if not self._gate.enter(self):
+            self.transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        self.has_spoken = True
+        super().data_received(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._gate.leave(self)
+        super().connection_lost(exc)

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: MIT
+"""What a browser may say: JSON objects with a `do`. Anything else is refused."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+# One part of a key, or of a selector: Zenoh gives the excluded characters a meaning.
+Name = Annotated[str, Meta(max_length=200, pattern=r"^[^/*$#?;=\s]+$")]
+Value = Annotated[str, Meta(max_length=8192, pattern=r"^[^;]*$")]
+Secret = Annotated[str, Meta(max_length=200)]
+
+
+class _Said(
+    msgspec.Struct,
+    frozen=True,
+    forbid_unknown_fields=True,
+    tag_field="do",
+    tag=str.lower,
+):
+    pass
+
+
+class Login(_Said, frozen=True):
+    """Who uses the browser. With a token the name is empty."""
+
+    user: Secret
+    secret: Secret
+
+
+class Watch(_Said, frozen=True):
+    """Of which probes' topics it wants every payload, and how often it draws."""
+
+    every: Annotated[tuple[tuple[Name, Name], ...], Meta(max_length=16)] = ()
+    rate_hz: Annotated[float, Meta(ge=0.2, le=240)] = 60.0
+
+
+class Seen(_Said, frozen=True):
+    """The number of the last message that it has drawn."""
+
+    n: int
+
+
+class Ask(_Said, frozen=True):
+    """A command for a probe; the answer has the same id."""
+
+    id: int
+    probe: Name
+    command: Name
+    parameters: Annotated[dict[Name, Value], Meta(max_length=8)] = {}
+
+
+decode = msgspec.json.Decoder(Login | Watch | Seen | Ask).decode

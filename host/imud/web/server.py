@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: MIT
+"""Serves the page over HTTP and its live data over a WebSocket, in a thread of its own.
+
+Browsers get what Feed gathers; their commands go to `on_ask`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import socket
+import threading
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any, cast
+
+import msgspec
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.exceptions import ConnectionClosed
+from websockets.frames import CloseCode
+from websockets.http11 import Request, Response
+
+from imud.errors import ListenFailed
+from imud.version import version
+from imud.web import doors, gate
+from imud.web.browser import Browser
+from imud.web.feed import Feed
+from imud.web.files import Files
+from imud.web.gate import Connection, Gate, OnNotice
+from imud.web.users import Everybody, Users
+from imud.web.visit import Host, OnAsk, Visit
+
+MESSAGE_MAX = 16 * 1024  # bytes from a browser: a command with its parameters
+HANDSHAKE_S = 5.0
+CLOSE_S = 0.5
+PATIENCE_S = 2.0  # to wait for the thread to start, and to end
+
+
+class Page:
+    """The server. take() and flush() may be called in any thread."""
+
+    def __init__(
+        self,
+        address: tuple[str, int],
+        on_ask: OnAsk,
+        *,
+        users: Users | None = None,
+        about: Mapping[str, Any] | None = None,
+        on_notice: OnNotice = lambda *_: None,
+    ) -> None:
+        self._address = address
+        self._feed = Feed()
+        self._gate = Gate(on_notice)
+        said = {"type": "page", "imud": version(), **(about or {})}
+        self._host = Host(self._gate, self._feed, users or Everybody(), on_ask, said)
+        self._files = Files()
+        self._browsers: set[Browser] = set()
+        self._socket: socket.socket | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._stop = asyncio.Event()
+        self._is_up = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="imud-page", daemon=True)
+
+    @property
+    def url(self) -> str:
+        """Its address, with the port that the system chose if 0 was asked for."""
+        host, port = self._address
+        if self._socket is not None:
+            port = int(self._socket.getsockname()[1])
+        return f"http://{f'[{host}]' if ':' in host else host}:{port}"
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether a browser is connected."""
+        return self._feed.is_watched
+
+    @property
+    def refused(self) -> Mapping[str, int]:
+        """How many requests and messages were refused so far, by reason."""
+        return self._gate.refused
+
+    def start(self) -> None:
+        """Listens, then serves in a thread; ListenFailed where that is not possible."""
+        host, port = self._address
+        try:
+            family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+            self._socket = socket.create_server(
+                (host, port), family=family, backlog=gate.CONNECTIONS_MAX
+            )
+        except (OSError, UnicodeError) as error:
+            number = getattr(error, "errno", None)
+            reason = os.strerror(number) if number else "not an address"
+            raise ListenFailed(
+                f"can't serve the page on {host}:{port}: {reason}; name another "
+                "address with --page or [web] listen"
+            ) from error
+        self._thread.start()
+        self._is_up.wait(PATIENCE_S)
+
+    def close(self) -> None:
+        if self._loop is not None and self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._stop.set)
+            self._thread.join(PATIENCE_S)
+        if self._socket is not None:
+            self._socket.close()
+
+    def take(self, probe: str, topic: str, payload: bytes) -> None:
+        """Something that was published about a probe: JSON on one line."""
+        self._feed.take(probe, topic, payload)
+
+    def flush(self) -> None:
+        """Has the browsers served with what was taken."""
+        if self._feed.is_watched and self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # the loop has ended
+                self._loop.call_soon_threadsafe(self._deliver)
+
+    def _deliver(self) -> None:
+        fresh = self._feed.swap()
+        if fresh:
+            for browser in self._browsers:
+                browser.put(fresh)
+
+    def _run(self) -> None:
+        asyncio.run(self._serve())
+
+    async def _serve(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        async with serve(
+            self._talk,
+            sock=self._socket,
+            process_request=self._request,
+            # A class to the library, which only calls it.
+            create_connection=cast(type[ServerConnection], self._gate.connection),
+            compression=None,
+            server_header=None,
+            open_timeout=HANDSHAKE_S,
+            close_timeout=CLOSE_S,
+            max_size=MESSAGE_MAX,
+            logger=gate.quiet,
+        ):
+            self._is_up.set()
+            await self._stop.wait()
+
+    def _request(
+        self, connection: ServerConnection, request: Request
+    ) -> Response | None:
+        """The answer to a request; None lets the WebSocket's handshake go on."""
+        if isinstance(connection, Connection):
+            connection.is_answered = True
+        if (found := doors.refusal(request)) is not None:
+            return self._refused(connection, *found)
+        path = doors.path_of(request)
+        if path == doors.SOCKET:
+            if len(self._browsers) < gate.BROWSERS_MAX:
+                return None
+            busy = HTTPStatus.SERVICE_UNAVAILABLE
+            return self._refused(connection, "browsers", busy)
+        file = self._files.get(path)
+        if file is None:
+            return self._refused(connection, "path", HTTPStatus.NOT_FOUND)
+        return doors.file_answer(request, file)
+
+    def _refused(
+        self, connection: ServerConnection, reason: str, status: HTTPStatus
+    ) -> Response:
+        self._gate.refuse(reason, connection)
+        return doors.answer(status, gate.REASONS[reason])
+
+    async def _talk(self, connection: ServerConnection) -> None:
+        """Serves one browser until it leaves."""
+        visit = Visit(self._host, connection)
+        browser = visit.browser
+        self._browsers.add(browser)
+        self._feed.is_watched = True
+        writing = asyncio.create_task(browser.write(connection.send))
+        try:
+            async for message in connection:
+                await visit.hear(message)
+        except ConnectionClosed as closed:
+            if (
+                closed.sent is not None
+                and closed.sent.code == CloseCode.MESSAGE_TOO_BIG
+            ):
+                self._gate.refuse("oversized", connection)
+        except msgspec.MsgspecError:
+            self._gate.refuse("malformed", connection)
+            await connection.close(CloseCode.POLICY_VIOLATION)
+        finally:
+            writing.cancel()
+            await asyncio.wait([writing])
+            self._browsers.discard(browser)
+            self._feed.is_watched = bool(self._browsers)

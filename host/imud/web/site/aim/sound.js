@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: MIT
+// @ts-check
+// Two notes and a vibration when a target is reached.
+
+const NOTES = [660, 880]; // Hz
+const NOTE_S = 0.14;
+
+/** @type {AudioContext | null} */
+let context = null;
+
+/** Allows sounds; to be called while somebody presses something. */
+export function allowSound() {
+  context ??= new AudioContext();
+  void context.resume();
+}
+
+/** Tells the ear and the hand. */
+export function chime() {
+  navigator.vibrate?.([80, 60, 80]);
+  if (context === null || context.state !== "running") {
+    return;
+  }
+  NOTES.forEach((frequency, index) => {
+    const { currentTime, destination } = /** @type {AudioContext} */ (context);
+    const begin = currentTime + index * NOTE_S;
+    const tone = /** @type {AudioContext} */ (context).createOscillator();
+    const volume = /** @type {AudioContext} */ (context).createGain();
+    tone.frequency.value = frequency;
+    volume.gain.setValueAtTime(0.2, begin);
+    volume.gain.exponentialRampToValueAtTime(0.001, begin + 2 * NOTE_S);
+    tone.connect(volume).connect(destination);
+    tone.start(begin);
+    tone.stop(begin + 2 * NOTE_S);
+  });
+}

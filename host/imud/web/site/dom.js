@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: MIT
+// @ts-check
+// Elements are made by code, and text is set as text: nothing from the network is HTML.
+
+/**
+ * Makes an element. `on...` properties are listeners, the others attributes; null and
+ * false leave an attribute out.
+ * @template {keyof HTMLElementTagNameMap} K
+ * @param {K} tag
+ * @param {Record<string, unknown>} [properties]
+ * @param {...(Node | string | null)} children
+ * @returns {HTMLElementTagNameMap[K]}
+ */
+export function make(tag, properties = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(properties)) {
+    if (name.startsWith("on") && typeof value === "function") {
+      element.addEventListener(name.slice(2), /** @type {EventListener} */ (value));
+    } else if (value !== null && value !== undefined && value !== false) {
+      element.setAttribute(name, value === true ? "" : String(value));
+    }
+  }
+  element.append(...children.filter((child) => child !== null));
+  return element;
+}
+
+/**
+ * Sets the text of an element if it differs.
+ * @param {Element} element
+ * @param {string} text
+ */
+export function say(element, text) {
+  if (element.textContent !== text) {
+    element.textContent = text;
+  }
+}
+
+/**
+ * Sets or removes an attribute if it differs.
+ * @param {Element} element
+ * @param {string} name
+ * @param {string | boolean} value
+ */
+export function mark(element, name, value) {
+  const text = value === true ? "" : value;
+  if (text === false) {
+    element.removeAttribute(name);
+  } else if (element.getAttribute(name) !== text) {
+    element.setAttribute(name, text);
+  }
+}
+
+const SVG = "http://www.w3.org/2000/svg";
+
+/**
+ * Makes an element of a drawing.
+ * @param {string} tag
+ * @param {Record<string, string | number>} properties
+ * @param {...(Node | string)} children
+ * @returns {SVGElement}
+ */
+export function draw(tag, properties = {}, ...children) {
+  const element = document.createElementNS(SVG, tag);
+  for (const [name, value] of Object.entries(properties)) {
+    element.setAttribute(name, String(value));
+  }
+  element.append(...children);
+  return /** @type {SVGElement} */ (element);
+}
+
+/**
+ * Has the browser save a file.
+ * @param {string} name
+ * @param {Blob} blob
+ */
+export function save(name, blob) {
+  const url = URL.createObjectURL(blob);
+  const link = make("a", { href: url, download: name });
+  document.body.append(link);
+  link.click();
+  link.remove();
+  setTimeout(() => URL.revokeObjectURL(url), 10_000);
+}
+
+/**
+ * A value that this browser keeps; the default if there is none or it can't be read.
+ * @template T
+ * @param {string} name
+ * @param {T} fallback
+ * @returns {T}
+ */
+export function kept(name, fallback) {
+  try {
+    const text = localStorage.getItem(`imud.${name}`);
+    return text === null ? fallback : JSON.parse(text);
+  } catch {
+    return fallback;
+  }
+}
+
+/**
+ * Keeps a value in this browser, where that is allowed.
+ * @param {string} name
+ * @param {unknown} value
+ */
+export function keep(name, value) {
+  try {
+    localStorage.setItem(`imud.${name}`, JSON.stringify(value));
+  } catch {
+    // A browser may refuse to keep anything; then the default holds next time.
+  }
+}

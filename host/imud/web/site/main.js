@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: MIT
+// @ts-check
+// Starts the page: header, connection, and the view that the address names.
+
+import { Link } from "./link.js";
+import { Model } from "./model.js";
+import { Header } from "./header.js";
+import { Keys } from "./keys.js";
+import { make } from "./dom.js";
+import { AimView } from "./views/aim.js";
+import { ProbeView } from "./views/probe.js";
+import { ProbesView } from "./views/probes.js";
+import { SignalsView } from "./views/signals.js";
+
+/**
+ * @typedef {object} View
+ * @property {HTMLElement} element
+ * @property {readonly string[]} every topics of which it needs every payload
+ * @property {(nowMs: number) => void} draw
+ * @property {() => void} close
+ * @property {Record<string, [string, () => void]>} keys what a key does, and how
+ * @property {() => void} [recolour] the theme has changed
+ */
+
+/** @type {Record<string, { title: string, make: (model: Model) => View }>} */
+export const VIEWS = {
+  probe: { title: "Probe", make: (model) => new ProbeView(model) },
+  signals: { title: "Signals", make: (model) => new SignalsView(model) },
+  aim: { title: "Aim", make: (model) => new AimView(model) },
+  probes: { title: "Probes", make: (model) => new ProbesView(model) },
+};
+
+// How often the screen's rate is measured, and what the server is asked for at least.
+const RATE_MS = 2000;
+const RATE_LEAST_HZ = 15;
+
+class Page {
+  constructor() {
+    this.link = new Link();
+    this.model = new Model(this.link);
+    this.main = make("main", { tabindex: "-1" });
+    this.header = new Header(this.model, VIEWS, () => this.view?.recolour?.());
+    this.keys = new Keys(this.header, () => this.view?.keys ?? {});
+    /** @type {View | null} */
+    this.view = null;
+    this.viewName = "";
+    this.frames = 0;
+    this._rate = { sinceMs: performance.now(), frames: 0, hz: 60 };
+    document.body.append(...this.header.elements, this.main);
+    addEventListener("hashchange", () => this.route());
+    this.model.addEventListener("list", () => this.route());
+    this.route();
+    this.link.open();
+    requestAnimationFrame((nowMs) => this.frame(nowMs));
+  }
+
+  /** Shows what the address names: #/signals/stylus. */
+  route() {
+    const [, name, probe] = location.hash.split("/").map(decodeURIComponent);
+    const wanted = name in VIEWS ? name : "probe";
+    if (probe && probe !== this.model.selected) {
+      this.model.select(probe);
+    }
+    if (wanted !== this.viewName) {
+      this.view?.close();
+      this.viewName = wanted;
+      this.view = VIEWS[wanted].make(this.model);
+      this.main.replaceChildren(this.view.element);
+      this.main.scrollTop = 0;
+      document.title = `${VIEWS[wanted].title} · imud`;
+    }
+    this.header.show(wanted);
+  }
+
+  /** @param {number} nowMs */
+  frame(nowMs) {
+    this.frames += 1;
+    const rate = this._rate;
+    if (nowMs - rate.sinceMs > RATE_MS) {
+      const hz = ((this.frames - rate.frames) * 1000) / (nowMs - rate.sinceMs);
+      const asked = Math.max(RATE_LEAST_HZ, Math.min(60, 5 * Math.ceil(hz / 5)));
+      this._rate = { sinceMs: nowMs, frames: this.frames, hz: asked };
+    }
+    const every = this.view?.every ?? [];
+    const { selected } = this.model;
+    this.link.watch(selected ? every.map((topic) => [selected, topic]) : [], rate.hz);
+    this.header.draw(performance.now());
+    this.view?.draw(performance.now());
+    this.link.drawn();
+    requestAnimationFrame((nextMs) => this.frame(nextMs));
+  }
+}
+
+// Within reach of the browser's console, and of the tests.
+Object.assign(globalThis, { imud: new Page() });

@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: MIT
+// @ts-check
+// What the page knows of the probes: the last of each kind of message, and when it came.
+
+/** @typedef {import("./link.js").Line} Line */
+/** @typedef {import("./rotation.js").Quat} Quat */
+
+/**
+ * @typedef {object} Pose
+ * @property {string} probe
+ * @property {number} number
+ * @property {number} missing
+ * @property {number} t_device_us
+ * @property {number | null} t_ns
+ * @property {number | null} t_bound_us
+ * @property {number | null} age_us
+ * @property {Quat} q
+ * @property {[number, number, number] | null} position_m
+ * @property {[number, number, number] | null} normal
+ * @property {number | null} tilt_sigma_deg
+ * @property {number | null} heading_sigma_deg
+ * @property {string[]} flags
+ */
+
+// A value is stale when the next one is late: after five of its periods, and at least
+// after this long; at most after the second number.
+const STALE_MIN_MS = 200;
+const STALE_MAX_MS = 450;
+
+/** One probe, as far as the page has heard. */
+export class Probe {
+  /** @param {string} name */
+  constructor(name) {
+    this.name = name;
+    /** @type {Pose | null} */
+    this.pose = null;
+    this.poseMs = -Infinity;
+    this._periodMs = 100;
+    /** @type {Line | null} */
+    this.status = null;
+    this.statusMs = -Infinity;
+    /** @type {Line | null} */
+    this.params = null;
+    /** @type {Line | null} */
+    this.event = null;
+  }
+
+  /** @param {number} nowMs */
+  isStale(nowMs) {
+    const patience = Math.max(STALE_MIN_MS, 5 * this._periodMs);
+    return nowMs - this.poseMs > Math.min(patience, STALE_MAX_MS);
+  }
+
+  /**
+   * What the probe does, in the daemon's words.
+   * @param {number} nowMs
+   */
+  state(nowMs) {
+    if (this.status === null) {
+      return "unknown";
+    }
+    return nowMs - this.statusMs < 3000 ? String(this.status.state) : "unheard";
+  }
+
+  /**
+   * @param {Line} line
+   * @param {number} nowMs
+   */
+  take(line, nowMs) {
+    if (line.type === "pose") {
+      const pose = /** @type {Pose} */ (/** @type {unknown} */ (line));
+      const gapMs = nowMs - this.poseMs;
+      if (gapMs < 1000) {
+        this._periodMs += (gapMs - this._periodMs) / 16;
+      }
+      this.pose = pose;
+      this.poseMs = nowMs;
+    } else if (line.type === "status") {
+      this.status = line;
+      this.statusMs = nowMs;
+    } else if (line.type === "params") {
+      this.params = line;
+    } else if (line.type === "event") {
+      this.event = line;
+    }
+  }
+}
+
+/** All probes by name. Emits "probe" with each line about one, and "list". */
+export class Model extends EventTarget {
+  /** @param {import("./link.js").Link} link */
+  constructor(link) {
+    super();
+    this.link = link;
+    /** @type {Map<string, Probe>} */
+    this.probes = new Map();
+    /** @type {Line} */
+    this.page = { type: "page", role: "", reads: [], commands: false, imud: "" };
+    this.selected = "";
+    link.addEventListener("line", (event) => {
+      this._take(/** @type {CustomEvent<Line>} */ (event).detail);
+    });
+  }
+
+  /** @returns {Probe | undefined} */
+  get probe() {
+    return this.probes.get(this.selected);
+  }
+
+  get names() {
+    return [...this.probes.keys()].sort();
+  }
+
+  get mayCommand() {
+    return Boolean(this.page.commands) && this.link.state === "open";
+  }
+
+  /** @param {string} topic */
+  mayRead(topic) {
+    return this.page.reads.includes(topic);
+  }
+
+  /** @param {string} name */
+  select(name) {
+    if (name !== this.selected) {
+      this.selected = name;
+      this.dispatchEvent(new CustomEvent("list"));
+    }
+  }
+
+  /** @param {Line} line */
+  _take(line) {
+    if (line.type === "page") {
+      this.page = line;
+      this.dispatchEvent(new CustomEvent("list"));
+    } else if (typeof line.probe === "string") {
+      let probe = this.probes.get(line.probe);
+      if (probe === undefined) {
+        probe = new Probe(line.probe);
+        this.probes.set(line.probe, probe);
+        this.selected ||= line.probe;
+        this.dispatchEvent(new CustomEvent("list"));
+      }
+      probe.take(line, performance.now());
+      this.dispatchEvent(new CustomEvent("probe", { detail: line }));
+    }
+  }
+}

@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: MIT
+// @ts-check
+// One plot with its own legend, which shows the values at the cursor, else the last ones.
+
+import uPlot from "../vendor/uplot/uPlot.esm.min.js";
+import { make, say } from "../dom.js";
+import { fixed } from "../format.js";
+import { reduce } from "./reduce.js";
+
+/** @typedef {import("./plots.js").Plot} Plot */
+/** @typedef {import("./history.js").History} History */
+/** @typedef {{ from: number, to: number }} Window seconds */
+
+const HEIGHT = 168;
+const LEAST_RANGE = 0.2; // of the y axis: noise of a probe at rest does not fill it
+const FONT = "12px system-ui, sans-serif";
+const TIME_SPACE = 84; // pixels between two times below the plot
+
+/** @param {string} name */
+function css(name) {
+  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+}
+
+/**
+ * A time of day, with tenths where it is between seconds.
+ * @param {number} seconds
+ */
+function clock(seconds) {
+  const time = new Date(Math.round(seconds * 1000));
+  const tenths = time.getMilliseconds() ? `.${Math.round(time.getMilliseconds() / 100)}` : "";
+  return time.toTimeString().slice(0, 8) + tenths;
+}
+
+/** A card with a plot. */
+export class Chart {
+  /**
+   * @param {Plot} plot
+   * @param {History} history
+   * @param {{ onZoom: (window: Window) => void, onLive: () => void }} events
+   */
+  constructor(plot, history, { onZoom, onLive }) {
+    this.plot = plot;
+    this._history = history;
+    this._columns = plot.series.map(([, column]) => history.names.indexOf(column));
+    this._values = plot.series.map(() => make("b", {}, "–"));
+    const legend = plot.series.map(([name, , colour], index) => {
+      const swatch = make("i", { class: "swatch", "data-colour": colour });
+      const button = make(
+        "button",
+        { class: "series", "aria-pressed": "true", onclick: () => this._toggle(index, button) },
+        swatch,
+        `${name} `,
+        this._values[index],
+      );
+      return button;
+    });
+    this._canvas = make("div", { class: "plot" });
+    this.element = make(
+      "div",
+      { class: "card chart", "data-plot": plot.id },
+      make(
+        "div",
+        { class: "card-head" },
+        make("h2", {}, `${plot.title}, ${plot.unit}`),
+        make("div", { class: "row" }, ...legend),
+      ),
+      this._canvas,
+    );
+    this._onZoom = onZoom;
+    /** @type {uPlot | null} */
+    this._plot = null;
+    this._canvas.addEventListener("dblclick", onLive);
+    this._resizer = new ResizeObserver(() => this._resize());
+    this._resizer.observe(this._canvas);
+  }
+
+  /**
+   * Draws the rows of a window.
+   * @param {Window} window
+   */
+  draw({ from, to }) {
+    const plot = this._plot;
+    if (plot === null) {
+      return;
+    }
+    const wrap = this.plot.isAngle ? 270 : Infinity;
+    const bins = Math.max(50, Math.round(plot.width));
+    const data = reduce(this._history, this._columns, from, to, bins, wrap);
+    plot.batch(() => {
+      plot.setData(/** @type {any} */ (data), false);
+      plot.setScale("x", { min: from, max: to });
+    });
+    this._legend(plot, data);
+  }
+
+  recolour() {
+    this._plot?.destroy();
+    this._plot = null;
+    this._resize();
+  }
+
+  close() {
+    this._resizer.disconnect();
+    this._plot?.destroy();
+  }
+
+  /** The plot as it is on the screen. */
+  get picture() {
+    return this._plot?.ctx.canvas ?? null;
+  }
+
+  /**
+   * @param {uPlot} plot
+   * @param {(number | null)[][]} data
+   */
+  _legend(plot, data) {
+    const last = data[0].length - 1;
+    const at = plot.cursor.idx ?? last;
+    this._values.forEach((element, index) => {
+      const value = data[index + 1]?.[Math.min(at, last)];
+      say(element, fixed(value, this.plot.isAngle ? 2 : 3, 8));
+    });
+  }
+
+  /**
+   * @param {number} index
+   * @param {HTMLElement} button
+   */
+  _toggle(index, button) {
+    const isShown = button.getAttribute("aria-pressed") !== "true";
+    button.setAttribute("aria-pressed", String(isShown));
+    this._plot?.setSeries(index + 1, { show: isShown });
+  }
+
+  _resize() {
+    const width = this._canvas.clientWidth;
+    if (width < 10) {
+      return;
+    }
+    if (this._plot === null) {
+      this._plot = new uPlot(this._options(width), [[]], this._canvas);
+    } else if (this._plot.width !== width) {
+      this._plot.setSize({ width, height: HEIGHT });
+    }
+  }
+
+  /** @param {number} width */
+  _options(width) {
+    const axis = {
+      stroke: css("muted"),
+      font: FONT,
+      grid: { stroke: css("line"), width: 1 },
+      ticks: { stroke: css("line"), width: 1, size: 4 },
+    };
+    /** @type {uPlot.Options} */
+    const options = {
+      width,
+      height: HEIGHT,
+      legend: { show: false },
+      cursor: {
+        sync: { key: "imud" },
+        drag: { x: true, y: false, setScale: false },
+        bind: { dblclick: () => null },
+        points: { size: 6 },
+      },
+      scales: {
+        x: { time: true, range: (_, min, max) => [min, max] },
+        y: { range: (_, min, max) => this._range(min, max) },
+      },
+      axes: [
+        { ...axis, size: 30, space: TIME_SPACE, values: (_, times) => times.map(clock) },
+        { ...axis, size: 52 },
+      ],
+      series: [{}, ...this.plot.series.map((one) => this._series(one))],
+      hooks: { setSelect: [(plot) => this._select(plot)] },
+    };
+    return options;
+  }
+
+  /** @param {[string, string, string]} series */
+  _series([label, , colour]) {
+    return { label, stroke: css(colour), width: 1.5, points: { show: false } };
+  }
+
+  /**
+   * @param {number | null} min
+   * @param {number | null} max
+   * @returns {[number, number]}
+   */
+  _range(min, max) {
+    let [low, high] = [min ?? 0, max ?? 1];
+    if (this.plot.isFromZero) {
+      low = Math.min(0, low);
+    }
+    const missing = Math.max(0, LEAST_RANGE - (high - low));
+    low -= this.plot.isFromZero ? 0 : missing / 2;
+    high += this.plot.isFromZero ? missing : missing / 2;
+    const margin = 0.06 * (high - low);
+    return [this.plot.isFromZero ? low : low - margin, high + margin];
+  }
+
+  /** @param {uPlot} plot */
+  _select(plot) {
+    const { left, width } = plot.select;
+    if (width > 4) {
+      const from = plot.posToVal(left, "x");
+      this._onZoom({ from, to: plot.posToVal(left + width, "x") });
+    }
+    plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+  }
+}

@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: MIT
+// @ts-check
+// The plots that there are: what each shows, from which history, in which unit.
+
+/**
+ * @typedef {object} Plot
+ * @property {string} id
+ * @property {string} title
+ * @property {string} unit
+ * @property {"pose" | "raw"} source
+ * @property {[name: string, column: string, colour: string][]} series
+ * @property {boolean} [isAngle] its values jump at 180 degrees
+ * @property {boolean} [isFromZero]
+ */
+
+/** @type {readonly Plot[]} */
+export const PLOTS = [
+  {
+    id: "attitude",
+    title: "Attitude",
+    unit: "°",
+    source: "pose",
+    isAngle: true,
+    series: [
+      ["yaw", "yaw_deg", "axis-z"],
+      ["pitch", "pitch_deg", "axis-y"],
+      ["roll", "roll_deg", "axis-x"],
+    ],
+  },
+  {
+    id: "sigma",
+    title: "Stated errors, one sigma",
+    unit: "°",
+    source: "pose",
+    isFromZero: true,
+    series: [
+      ["tilt", "tilt_sigma_deg", "axis-y"],
+      ["heading", "heading_sigma_deg", "axis-z"],
+    ],
+  },
+  {
+    id: "acc",
+    title: "Acceleration",
+    unit: "m/s²",
+    source: "raw",
+    series: [
+      ["x", "acc_x_m_s2", "axis-x"],
+      ["y", "acc_y_m_s2", "axis-y"],
+      ["z", "acc_z_m_s2", "axis-z"],
+    ],
+  },
+  {
+    id: "gyr",
+    title: "Angular rate",
+    unit: "°/s",
+    source: "raw",
+    series: [
+      ["x", "gyr_x_deg_s", "axis-x"],
+      ["y", "gyr_y_deg_s", "axis-y"],
+      ["z", "gyr_z_deg_s", "axis-z"],
+    ],
+  },
+  {
+    id: "mag",
+    title: "Magnetic field",
+    unit: "µT",
+    source: "raw",
+    series: [
+      ["x", "mag_x_uT", "axis-x"],
+      ["y", "mag_y_uT", "axis-y"],
+      ["z", "mag_z_uT", "axis-z"],
+    ],
+  },
+  {
+    id: "pitch",
+    title: "Pitch: fused, accelerometer alone, gyroscope alone",
+    unit: "°",
+    source: "raw",
+    isAngle: true,
+    series: [
+      ["fused", "fused_pitch_deg", "accent"],
+      ["accelerometer", "acc_pitch_deg", "warn"],
+      ["gyroscope", "gyr_pitch_deg", "fourth"],
+    ],
+  },
+  {
+    id: "roll",
+    title: "Roll: fused, accelerometer alone, gyroscope alone",
+    unit: "°",
+    source: "raw",
+    isAngle: true,
+    series: [
+      ["fused", "fused_roll_deg", "accent"],
+      ["accelerometer", "acc_roll_deg", "warn"],
+      ["gyroscope", "gyr_roll_deg", "fourth"],
+    ],
+  },
+  {
+    id: "temperature",
+    title: "Temperature",
+    unit: "°C",
+    source: "raw",
+    series: [["sensor", "temperature_c", "axis-x"]],
+  },
+  {
+    id: "delay",
+    title: "Age at the daemon, and when it reached this page",
+    unit: "ms",
+    source: "pose",
+    isFromZero: true,
+    series: [
+      ["at the daemon", "age_ms", "axis-y"],
+      ["here", "latency_ms", "axis-z"],
+    ],
+  },
+];
+
+/** What is shown at first. */
+export const FIRST = ["attitude", "sigma", "delay"];

@@ -1,0 +1,180 @@
+// SPDX-License-Identifier: MIT
+// @ts-check
+// Commands to the selected probe: each button says what happened.
+
+import { make, mark, say } from "../dom.js";
+import { tell } from "../header.js";
+
+/** @typedef {import("../model.js").Model} Model */
+
+/** The card with the buttons. */
+export class Controls {
+  /** @param {Model} model */
+  constructor(model) {
+    this._model = model;
+    this._start = this._button("Start", "start", {}, "primary");
+    this._stop = this._button("Stop", "stop", {});
+    this._origin = make(
+      "select",
+      { "aria-label": "Kind of origin" },
+      make("option", { value: "all" }, "orientation"),
+      make("option", { value: "heading" }, "heading only"),
+    );
+    const set = make("button", { onclick: () => this._setOrigin() }, "Set origin");
+    const undo = this._button("Undo", "tare", { what: "undo" });
+    this._why = make("p", { class: "muted small" });
+    this._pose = this._rateField("Poses a second");
+    this._raw = this._rateField("Raw samples a second");
+    this._sends = make("input", { type: "checkbox", name: "raw" });
+    this._rates = make(
+      "form",
+      {
+        class: "stack",
+        onsubmit: (/** @type {Event} */ event) => {
+          event.preventDefault();
+          this._setRates();
+        },
+      },
+      make("label", { class: "field" }, "Poses a second", this._pose),
+      make("label", { class: "check" }, this._sends, "also send raw samples"),
+      make("label", { class: "field" }, "Raw samples a second", this._raw),
+      make("div", { class: "row" }, make("button", {}, "Apply")),
+    );
+    this._confirm = this._makeConfirm();
+    const more = make(
+      "details",
+      {},
+      make("summary", {}, "Rates, restart, reset"),
+      make(
+        "div",
+        { class: "stack inner" },
+        this._rates,
+        make(
+          "div",
+          { class: "row" },
+          this._button("Restart the filter", "restart", {}),
+          make(
+            "button",
+            { class: "danger", onclick: () => this._confirm.showModal() },
+            "Reset calibration",
+          ),
+        ),
+      ),
+    );
+    this.element = make(
+      "div",
+      { class: "card controls" },
+      make("div", { class: "row" }, this._start, this._stop),
+      make("div", { class: "row origin" }, set, this._origin, undo),
+      this._why,
+      more,
+      this._confirm,
+    );
+    this.keys = /** @type {import("../keys.js").Map} */ ({
+      s: ["start", () => this._start.click()],
+      x: ["stop", () => this._stop.click()],
+      o: ["set origin", () => this._setOrigin()],
+    });
+    /** @type {string} */
+    this._ratesOf = "";
+  }
+
+  close() {
+    this._confirm.close();
+  }
+
+  draw() {
+    const { probe, mayCommand, page, link } = this._model;
+    const isOn = mayCommand && probe !== undefined;
+    for (const button of this.element.querySelectorAll("button")) {
+      mark(button, "disabled", !isOn);
+    }
+    const isReadOnly = link.state === "open" && !page.commands;
+    say(this._why, isReadOnly ? `As a ${page.role} you may look, not command.` : "");
+    this._why.hidden = !isReadOnly;
+    const isStreaming = probe?.state(performance.now()) === "streaming";
+    mark(this._start, "class", isStreaming ? "" : "primary");
+    const hello = probe?.status?.hello;
+    const rates = `${probe?.name} ${hello?.pose_rate} ${hello?.raw_rate}`;
+    if (hello && rates !== this._ratesOf) {
+      this._ratesOf = rates;
+      this._pose.value = String(hello.pose_rate ?? "");
+      this._raw.value = String(hello.raw_rate || hello.pose_rate || 100);
+    }
+  }
+
+  /** @param {string} name */
+  _rateField(name) {
+    return make("input", { type: "number", min: 1, max: 1000, "aria-label": name });
+  }
+
+  /**
+   * @param {string} text
+   * @param {string} command
+   * @param {Record<string, string>} parameters
+   * @param {string} [kind]
+   */
+  _button(text, command, parameters, kind = "") {
+    const what = command === "tare" ? "Undo origin" : text;
+    const run = () => this._run(what, [[command, parameters]]);
+    return make("button", { class: kind, "data-command": command, onclick: run }, text);
+  }
+
+  _setOrigin() {
+    this._run("Set origin", [["tare", { what: this._origin.value }]]);
+  }
+
+  _setRates() {
+    /** @type {[string, Record<string, string>][]} */
+    const commands = [["rate", { stream: "pose", hz: this._pose.value }]];
+    if (this._sends.checked) {
+      commands.push(["rate", { stream: "raw", hz: this._raw.value }]);
+    }
+    commands.push(["fields", { streams: this._sends.checked ? "pose,raw" : "pose" }]);
+    this._run("Rates", commands);
+  }
+
+  _makeConfirm() {
+    const dialog = make("dialog", { "aria-label": "Reset calibration" });
+    const reset = () => {
+      dialog.close();
+      this._run("Reset calibration", [["params", { records: "" }]]);
+    };
+    dialog.append(
+      make("h1", {}, "Reset calibration?"),
+      make(
+        "p",
+        {},
+        "All calibration of this probe is removed, its tip as well. The daemon keeps the " +
+          "set: imud params PROBE history brings it back.",
+      ),
+      make(
+        "div",
+        { class: "row" },
+        make("button", { onclick: () => dialog.close() }, "Cancel"),
+        make("button", { class: "danger", onclick: reset }, "Reset"),
+      ),
+    );
+    return dialog;
+  }
+
+  /**
+   * Sends commands one after the other, and tells what came of them.
+   * @param {string} what
+   * @param {[string, Record<string, string>][]} commands
+   */
+  async _run(what, commands) {
+    const probe = this._model.selected;
+    if (!probe || !this._model.mayCommand) {
+      return;
+    }
+    try {
+      for (const [command, parameters] of commands) {
+        await this._model.link.ask(probe, command, parameters);
+      }
+      tell(`${what}: done`);
+    } catch (error) {
+      tell(`${what}: ${error instanceof Error ? error.message : error}`, true);
+    }
+  }
+}

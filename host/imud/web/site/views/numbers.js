@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: MIT
+// @ts-check
+// The numbers of one probe: each with its unit and its error.
+
+import { make, mark, say } from "../dom.js";
+import { angle, fixed, micros, sigma, UNKNOWN, whole } from "../format.js";
+import { heading, toAngles } from "../rotation.js";
+import { convention, conventionChoice } from "./convention.js";
+import { both } from "./words.js";
+
+/** @typedef {import("../model.js").Pose} Pose */
+/** @typedef {import("../model.js").Probe} Probe */
+/** @typedef {import("../link.js").Line} Line */
+
+/** A row: name, value with unit, error. */
+class Quantity {
+  /**
+   * @param {string} name
+   * @param {string} unit
+   * @param {string} [key]
+   */
+  constructor(name, unit, key = name.toLowerCase()) {
+    this._value = make("span", { class: "value", "data-value": key }, UNKNOWN);
+    this._error = make("span", { class: "error-of", "data-sigma": key }, "");
+    const number = make("dd", {}, this._value, make("span", { class: "unit" }, unit), this._error);
+    this.row = make("div", { class: "quantity" }, make("dt", {}, name), number);
+  }
+
+  /**
+   * Shows a value; null hides the row.
+   * @param {string | null} value
+   * @param {string} [error]
+   */
+  show(value, error = "") {
+    this.row.hidden = value === null;
+    say(this._value, value ?? "");
+    say(this._error, error);
+  }
+}
+
+/** A card with the numbers. */
+export class Numbers {
+  constructor() {
+    this._convention = convention();
+    this._yaw = new Quantity("Yaw", "°");
+    this._pitch = new Quantity("Pitch", "°");
+    this._roll = new Quantity("Roll", "°");
+    this._heading = new Quantity("Heading", "°");
+    this._tip = new Quantity("Tip", "mm");
+    this._rate = new Quantity("Rate", "Hz");
+    this._lost = new Quantity("Lost", "");
+    this._age = new Quantity("Age", "");
+    this._battery = new Quantity("Battery", "V");
+    this._radio = new Quantity("Radio", "");
+    this._card = new Quantity("Card", "");
+    const choice = conventionChoice(() => {
+      this._convention = convention();
+    });
+    const rows = (/** @type {Quantity[]} */ ...of) => of.map(({ row }) => row);
+    this.element = make(
+      "div",
+      { class: "card numbers" },
+      make("div", { class: "card-head" }, make("h2", {}, "Orientation"), choice),
+      make(
+        "dl",
+        { class: "quantities large" },
+        ...rows(this._yaw, this._pitch, this._roll),
+      ),
+      make(
+        "dl",
+        { class: "quantities" },
+        ...rows(this._heading, this._tip, this._rate, this._lost, this._age),
+        ...rows(this._battery, this._radio, this._card),
+      ),
+    );
+  }
+
+  /**
+   * @param {Probe} probe
+   * @param {boolean} isStale
+   */
+  show({ pose, status }, isStale) {
+    mark(this.element, "data-stale", isStale);
+    if (pose !== null) {
+      this._pose(pose);
+    } else {
+      this._tip.show(null);
+    }
+    this._age.show(micros(pose?.age_us), pose?.t_bound_us ? `±${micros(pose.t_bound_us)}` : "");
+    this._status(status);
+  }
+
+  /** @param {Pose} pose */
+  _pose(pose) {
+    const { yaw, pitch, roll } = toAngles(pose.q, this._convention);
+    const tilt = sigma(pose.tilt_sigma_deg);
+    const turn = sigma(pose.heading_sigma_deg);
+    // NECTEC's paper calls the rotation about the vertical roll.
+    const isTurned = this._convention === "nectec";
+    this._yaw.show(angle(yaw), isTurned ? tilt : turn);
+    this._pitch.show(angle(pitch), tilt);
+    this._roll.show(angle(roll), isTurned ? turn : tilt);
+    const toNorth = heading(pose.q);
+    this._heading.show(fixed(toNorth, 1, 5), toNorth === null ? "upright" : turn);
+    const mm = pose.position_m?.map((metres) => fixed(metres * 1000, 1, 7));
+    this._tip.show(mm?.join(" ") ?? null);
+    mark(this.element, "data-number", String(pose.number));
+  }
+
+  /** @param {Line | null} status */
+  _status(status) {
+    const ledger = status?.ledger;
+    const equipment = status?.equipment;
+    this._rate.show(fixed(status?.pose_rate_hz, 1));
+    const lost = both(ledger, "lost");
+    const sent = both(ledger, "sent");
+    this._lost.show(whole(lost), sent ? `of ${whole(sent)}` : "");
+    mark(this._lost.row, "data-kind", lost ? "warn" : false);
+    const volts = equipment?.battery_v ?? null;
+    const power = (equipment?.power ?? []).join(", ");
+    this._battery.show(volts === null ? null : fixed(volts, 2), power);
+    this._radio.show(equipment?.radio?.state ?? null);
+    this._card.show(equipment?.card?.state ?? null);
+  }
+}

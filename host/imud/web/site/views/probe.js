@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: MIT
+// @ts-check
+// One probe: the 3D picture, its numbers with their errors, and what can be done to it.
+
+import { keep, kept, make, mark, say } from "../dom.js";
+import { span } from "../format.js";
+import { Scene } from "../scene/scene.js";
+import { Controls } from "./controls.js";
+import { Numbers } from "./numbers.js";
+import { flagWords, STATES } from "./words.js";
+
+/** @typedef {import("../model.js").Model} Model */
+/** @typedef {import("../model.js").Probe} Probe */
+
+// Numbers change at most this often: faster ones can't be read.
+const NUMBERS_MS = 50;
+
+/**
+ * @param {string} name
+ * @param {[string, string][]} choices
+ * @param {(value: string) => void} onChange
+ */
+function choice(name, choices, onChange) {
+  const options = choices.map(([value, text]) => make("option", { value }, text));
+  const field = make(
+    "select",
+    { "aria-label": name, onchange: () => onChange(field.value) },
+    ...options,
+  );
+  return field;
+}
+
+/** A view of the selected probe. */
+export class ProbeView {
+  /** @param {Model} model */
+  constructor(model) {
+    this._model = model;
+    /** @type {readonly string[]} */
+    this.every = [];
+    this._numbersMs = 0;
+    this._stage = make("div", { class: "stage" });
+    this._state = make("span", { class: "chip", "data-part": "state" });
+    this._age = make("span", { class: "chip warn", "data-part": "age", hidden: true });
+    this._flags = make("span", { class: "flags", "data-part": "flags" });
+    this._empty = make(
+      "p",
+      { class: "empty" },
+      "No probe yet. Plug one in, or start a virtual one: imud sim nano --stream",
+    );
+    this._numbers = new Numbers();
+    this._controls = new Controls(model);
+    this.keys = /** @type {import("../keys.js").Map} */ ({
+      ...this._controls.keys,
+      b: ["probe or cuboid", () => this._nextBody()],
+    });
+    this._body = choice(
+      "Body",
+      [
+        ["probe", "probe"],
+        ["cuboid", "cuboid"],
+      ],
+      (kind) => this._setBody(kind),
+    );
+    this._body.value = kept("body", "probe");
+    const camera = choice(
+      "View from",
+      [
+        ["world", "fixed view"],
+        ["behind", "from behind"],
+      ],
+      (from) => this.scene?.orbit.setBehind(from === "behind"),
+    );
+    this.element = make(
+      "section",
+      { class: "probe view" },
+      make(
+        "div",
+        { class: "picture" },
+        this._stage,
+        make("div", { class: "over top-left" }, this._state, this._age, this._flags),
+        make("div", { class: "over bottom-left" }, this._body, camera),
+        make("p", { class: "over bottom-right legend" }, "sector and cone: two sigma"),
+        this._empty,
+      ),
+      make("aside", { class: "side" }, this._numbers.element, this._controls.element),
+    );
+    this.scene = this._makeScene();
+    this._setBody(this._body.value);
+  }
+
+  close() {
+    this.scene?.close();
+    this._controls.close();
+  }
+
+  recolour() {
+    this.scene?.recolour();
+  }
+
+  /** @param {number} nowMs */
+  draw(nowMs) {
+    const probe = this._model.probe;
+    this._empty.hidden = probe !== undefined;
+    this._controls.draw();
+    if (probe !== undefined) {
+      const isStale = probe.isStale(nowMs) || this._model.link.state !== "open";
+      if (probe.pose !== null) {
+        this.scene?.show(probe.pose);
+      }
+      this.scene?.setStale(isStale);
+      if (nowMs - this._numbersMs >= NUMBERS_MS) {
+        this._numbersMs = nowMs;
+        this._show(probe, nowMs, isStale);
+      }
+    }
+    this.scene?.draw();
+  }
+
+  /**
+   * @param {Probe} probe
+   * @param {number} nowMs
+   * @param {boolean} isStale
+   */
+  _show(probe, nowMs, isStale) {
+    this._numbers.show(probe, isStale);
+    const state = probe.state(nowMs);
+    say(this._state, STATES[state]?.[0] ?? state);
+    mark(this._state, "class", `chip ${STATES[state]?.[1] ?? ""}`);
+    this._age.hidden = !isStale || probe.pose === null;
+    say(this._age, `${span((nowMs - probe.poseMs) / 1000)} old`);
+    const flags = probe.pose?.flags ?? [];
+    const text = flags.join(" ");
+    if (this._flags.dataset.flags !== text) {
+      this._flags.dataset.flags = text;
+      const chips = flags.map((flag) => {
+        const [words, kind] = flagWords(flag);
+        return make("span", { class: `chip ${kind}` }, words);
+      });
+      this._flags.replaceChildren(...chips);
+    }
+  }
+
+  _makeScene() {
+    try {
+      return new Scene(this._stage);
+    } catch (error) {
+      this._stage.append(make("p", { class: "empty" }, `No 3D picture: ${error}`));
+      return null;
+    }
+  }
+
+  /** @param {string} kind */
+  _setBody(kind) {
+    keep("body", kind);
+    this.scene?.setBody(kind === "cuboid" ? "cuboid" : "probe");
+  }
+
+  _nextBody() {
+    this._body.value = this._body.value === "cuboid" ? "probe" : "cuboid";
+    this._setBody(this._body.value);
+  }
+}

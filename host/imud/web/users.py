@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: MIT
+"""Who may use the page, and for what: everybody where there are no keys, else the users
+of `imud keys` with their passwords, each by its role.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Protocol
+
+import msgspec
+
+from imud.errors import ConfigError
+from imud.net import access
+from imud.net.network import USERS, read_roles
+from imud.web.feed import EVENT, LATEST, STREAMS
+
+TOPICS = LATEST | STREAMS | {EVENT}
+
+
+class Grant(msgspec.Struct, frozen=True):
+    """What somebody may do on the page."""
+
+    role: str
+    reads: frozenset[str]  # topics
+    commands: bool
+
+
+NOTHING = Grant("", frozenset(), commands=False)
+EVERYTHING = Grant("everybody", TOPICS, commands=True)
+
+
+def grant_of(role: access.Role) -> Grant:
+    """The rights of a role on the network, which it has on the page as well."""
+    reads = frozenset(topic for topic in TOPICS if role in access.who_may(topic))
+    return Grant(role, reads, commands=role in access.who_may(access.COMMAND))
+
+
+class Users(Protocol):
+    """Decides what a browser may do."""
+
+    def at_first(self) -> Grant:
+        """Before it has said anything."""
+
+    def log_in(self, user: str, secret: str) -> Grant | None:
+        """With a name and a password or token; None: refused."""
+
+
+class Everybody:
+    """Without keys: whoever reaches the page may do everything."""
+
+    def at_first(self) -> Grant:
+        return EVERYTHING
+
+    def log_in(self, user: str, secret: str) -> Grant | None:  # noqa: ARG002 - no users
+        return EVERYTHING
+
+
+class KeyUsers:
+    """The users in a folder of `imud keys`; ConfigError if it can't be read."""
+
+    def __init__(self, folder: Path) -> None:
+        self._roles = read_roles(folder)
+        self._passwords = _read_passwords(folder / USERS)
+
+    def at_first(self) -> Grant:
+        return NOTHING
+
+    def log_in(self, user: str, secret: str) -> Grant | None:
+        known = self._passwords.get(user, "")
+        is_right = secrets.compare_digest(known.encode(), secret.encode())
+        role = self._roles.get(user)
+        return grant_of(role) if known and is_right and role is not None else None
+
+
+class TokenHolder:
+    """One role for who has the token that `imud view` puts into the address."""
+
+    def __init__(self, role: access.Role) -> None:
+        self._role = role
+        self.token = secrets.token_urlsafe(24)
+
+    def at_first(self) -> Grant:
+        return NOTHING
+
+    def log_in(self, user: str, secret: str) -> Grant | None:  # noqa: ARG002 - no users
+        is_right = secrets.compare_digest(self.token.encode(), secret.encode())
+        return grant_of(self._role) if is_right else None
+
+
+def _read_passwords(path: Path) -> Mapping[str, str]:
+    try:
+        lines = path.read_text("utf-8").splitlines()
+    except OSError as error:
+        raise ConfigError(f"can't read {path}: {error.strerror}") from error
+    pairs = (line.partition(":") for line in lines)
+    return {user: password for user, _, password in pairs if user and password}

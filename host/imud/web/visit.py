@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: MIT
+"""The dialogue with one browser: who it is, what it watches, what it asks for."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgspec
+from websockets.asyncio.server import ServerConnection
+from websockets.frames import CloseCode
+
+from imud.web.browser import Browser
+from imud.web.feed import Feed
+from imud.web.gate import Gate
+from imud.web.messages import Ask, Login, Seen, Watch, decode
+from imud.web.users import NOTHING, Grant, Users
+
+# Answers a command: JSON and no error, or an error.
+Answer = Callable[[bytes, str], None]
+# Carries out a command: probe, command, parameters, and where the answer goes.
+OnAsk = Callable[[str, str, dict[str, str], Answer], None]
+
+ASKS_MAX = 8  # commands of one browser that are not yet answered
+LOGINS_MAX = 3
+LOGIN_PAUSE_S = 0.5  # after a wrong password
+
+
+class Host(msgspec.Struct, frozen=True):
+    """What all visits share."""
+
+    gate: Gate
+    feed: Feed
+    users: Users
+    on_ask: OnAsk
+    about: Mapping[str, Any]
+
+
+class Visit:
+    """Belongs to the server's loop."""
+
+    def __init__(self, host: Host, connection: ServerConnection) -> None:
+        self._host = host
+        self._connection = connection
+        self._loop = asyncio.get_running_loop()
+        self._grant = NOTHING
+        self._failed_logins = 0
+        self._asking = 0
+        self.browser = Browser()
+        self.admit(host.users.at_first())
+
+    def admit(self, grant: Grant) -> None:
+        """Tells the browser what it may do, and what is known by now."""
+        self._grant = grant
+        self.browser.grant(grant.reads)
+        self.browser.say(
+            {
+                **self._host.about,
+                "role": grant.role,
+                "reads": sorted(grant.reads),
+                "commands": grant.commands,
+            }
+        )
+        self.browser.put(self._host.feed.last())
+
+    async def hear(self, message: str | bytes) -> None:
+        """Acts on a message; MsgspecError if it is none of ours."""
+        said = decode(message)
+        if isinstance(said, Seen):
+            self.browser.seen(said.n)
+        elif isinstance(said, Watch):
+            self.browser.watch(frozenset(said.every), said.rate_hz)
+        elif isinstance(said, Ask):
+            self._ask(said)
+        elif isinstance(said, Login):
+            await self._log_in(said)
+
+    def _ask(self, asked: Ask) -> None:
+        reason = "role" if not self._grant.commands else ""
+        reason = reason or ("busy" if self._asking >= ASKS_MAX else "")
+        if reason:
+            self._host.gate.refuse(reason, self._connection)
+            words = "your role does not allow commands"
+            words = "too many commands at once" if reason == "busy" else words
+            self._say_answer(asked.id, b"", words)
+            return
+        self._asking += 1
+
+        def answer(payload: bytes, error: str) -> None:
+            try:
+                self._loop.call_soon_threadsafe(self._answered, asked, payload, error)
+            except RuntimeError:
+                return  # the server has ended
+
+        self._host.on_ask(asked.probe, asked.command, dict(asked.parameters), answer)
+
+    def _answered(self, asked: Ask, payload: bytes, error: str) -> None:
+        self._asking -= 1
+        self._say_answer(asked.id, payload, error)
+
+    def _say_answer(self, number: int, payload: bytes, error: str) -> None:
+        value = msgspec.Raw(payload) if payload else None
+        said = {"type": "answer", "id": number, "error": error, "answer": value}
+        self.browser.say(said)
+
+    async def _log_in(self, said: Login) -> None:
+        grant = self._host.users.log_in(said.user, said.secret)
+        if grant is not None:
+            self.admit(grant)
+            return
+        self._host.gate.refuse("login", self._connection)
+        self._failed_logins += 1
+        # Nothing else of this browser is read meanwhile.
+        await asyncio.sleep(LOGIN_PAUSE_S)
+        self.browser.say({"type": "login", "error": "wrong user or password"})
+        if self._failed_logins >= LOGINS_MAX:
+            await self._connection.close(CloseCode.POLICY_VIOLATION)
