@@ -23,11 +23,15 @@ class Chain:
         *arguments: object,
         prefix: str = "imud",
         program: tuple[str, ...] = ("-m", "imud"),
+        page: bool | None = False,
     ) -> None:
         self.probe = FakeProbe()
         self.port = Port(directory / "port")
         self.daemon = DaemonProcess(
-            self.port.path, *arguments, directory=directory, program=program
+            *(self.port.path, *arguments),
+            directory=directory,
+            program=program,
+            page=page,
         )
         self.daemon.expect("listens on")
         self.port.wait_open()

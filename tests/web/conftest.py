@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: MIT
-"""What the tests of the page share: its server, and a browser."""
+"""What the tests of the page share: its server alone, and a browser."""
 
 from __future__ import annotations
 
 import contextlib
+import shutil
 from collections.abc import Iterator
 
 import pytest
+from playwright.sync_api import Browser, sync_playwright
 
+from web.desk import ARGUMENTS
 from web.served import Served
 
 
@@ -16,3 +19,15 @@ def served() -> Iterator[Served]:
     made = Served()
     with contextlib.closing(made.page):
         yield made
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """The system's Chromium, one for all tests of a file."""
+    path = shutil.which("chromium")
+    if path is None:
+        pytest.fail("chromium is not there: tools/setup.py test", pytrace=False)
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=path, args=[*ARGUMENTS])
+        yield chromium
+        chromium.close()

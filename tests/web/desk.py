@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: MIT
+"""A probe in a hand, a daemon that serves the page, and the page in Chromium."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Self
+
+from playwright.sync_api import Browser, Page, Request
+
+from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_address
+from imud.client import Client
+
+PERIOD_S = 0.02
+# Frames that a browser without a screen draws, and what is said of it.
+ARGUMENTS = ("--no-sandbox", "--enable-unsafe-swiftshader")
+# Chromium's own remark on software rendering.
+REMARK = "GPU stall due to ReadPixels"
+
+
+class Hand(threading.Thread):
+    """Holds a probe: it says its pose again and again, and answers commands."""
+
+    def __init__(self, port: Port, probe: FakeProbe) -> None:
+        super().__init__(daemon=True)
+        self._port, self._probe = port, probe
+        self._is_over = threading.Event()
+        self._fields: dict[str, Any] = {}
+        self.is_talking = True
+        self.is_telling_raw = False
+
+    def turn(self, q: tuple[float, ...], **fields: Any) -> None:
+        self._fields = {"q": q, **fields}
+
+    def run(self) -> None:
+        count = 0
+        while not self._is_over.wait(PERIOD_S):
+            data = self._port.answers(self._probe)
+            if self.is_talking:
+                data += self._probe.say("pose", **self._fields)
+                if self.is_telling_raw:
+                    data += self._probe.say("raw")
+                if count % 25 == 0:
+                    data += self._probe.say("status")
+                count += 1
+            self._port.write(data)
+
+    def stop(self) -> None:
+        self._is_over.set()
+        self.join()
+
+
+class Desk:
+    """All of it. `poses` are those that a subscriber of the daemon got, by number."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        host, port = free_address()
+        self.address = f"{host}:{port}"
+        self.probe = FakeProbe()
+        self.port = Port(folder / "port")
+        self.poses: dict[int, dict[str, Any]] = {}
+        self.daemon = self._start()
+        self.hand = Hand(self.port, self.probe)
+        self.hand.turn((1.0, 0.0, 0.0, 0.0))
+        self.hand.start()
+
+    @property
+    def url(self) -> str:
+        return f"http://{self.address}/"
+
+    def _start(self) -> DaemonProcess:
+        daemon = DaemonProcess(
+            *(self.port.path, "--page", self.address),
+            directory=self._folder,
+            log=False,
+            page=None,
+        )
+        daemon.expect("the page is at")
+        self.port.wait_open()
+        self.port.write(self.probe.say("hello"))
+        daemon.expect("found on")
+        self._client = Client(daemon.endpoint)
+        self._client.wait_for(seconds=PATIENCE_S)
+        self._client.subscribe("pose", None, self._keep)
+        return daemon
+
+    def _keep(self, _: str, payload: bytes) -> None:
+        pose = json.loads(payload)
+        self.poses[pose["number"]] = pose
+
+    def end_daemon(self) -> None:
+        self._client.close()
+        self.daemon.stop()
+        self.daemon.__exit__(None, None, None)
+
+    def restart_daemon(self) -> None:
+        self.hand.stop()
+        self.port.vanish()
+        self.port = Port(self.port.path)
+        self.daemon = self._start()
+        self.hand = Hand(self.port, self.probe)
+        self.hand.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.hand.stop()
+        self._client.close()
+        self.daemon.__exit__(None, None, None)
+        self.port.vanish()
+
+
+class Seen:
+    """The page, and what it complained of and asked for."""
+
+    def __init__(self, page: Page, host: str) -> None:
+        self.page = page
+        self.complaints: list[str] = []
+        self.elsewhere: list[str] = []
+        self._host = host
+        page.on("console", lambda said: self._hear(said.type, said.text))
+        page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        page.on("request", self._follow)
+        page.set_default_timeout(1000 * PATIENCE_S)
+
+    def _hear(self, kind: str, text: str) -> None:
+        if kind in ("error", "warning") and REMARK not in text:
+            self.complaints.append(text)
+
+    def _follow(self, request: Request) -> None:
+        if not request.url.startswith((f"http://{self._host}/", "blob:")):
+            self.elsewhere.append(request.url)
+
+    def until(self, is_so: str, argument: Any = None) -> None:
+        """Waits for JavaScript to be true; the page's policy forbids that it polls."""
+        end_s = time.monotonic() + PATIENCE_S
+        while not self.page.evaluate(is_so, argument):
+            assert time.monotonic() < end_s, is_so
+            self.page.wait_for_timeout(20)
+
+    def prefer(self, convention: str) -> None:
+        """Sets the convention of angles for the views that are opened from here on."""
+        self.page.evaluate(
+            "name => localStorage.setItem('imud.convention', JSON.stringify(name))",
+            convention,
+        )
+
+    def text(self, selector: str) -> str:
+        """With the signs and spaces of the keyboard."""
+        text = self.page.locator(selector).inner_text()
+        return text.replace("\u2212", "-").replace("\u2007", "").strip()
+
+    def number(self, key: str) -> float:
+        return float(self.text(f'[data-value="{key}"]'))
+
+
+@contextlib.contextmanager
+def seen(browser: Browser, desk: Desk, **options: Any) -> Iterator[Seen]:
+    """The page, opened; it must not complain or ask for anything elsewhere."""
+    options = {"viewport": {"width": 900, "height": 600}} | options
+    context = browser.new_context(**options)
+    try:
+        found = Seen(context.new_page(), desk.address)
+        found.page.goto(desk.url)
+        found.until("Boolean(globalThis.imud?.model.probe?.pose)")
+        yield found
+        assert found.elsewhere == []
+        assert found.complaints == []
+    finally:
+        context.close()
