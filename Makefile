@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 # Each command installs what it needs first; `make` alone lists them.
 .PHONY: help demo test test-long fresh bits coverage fuzz check format firmware sim \
-	bench bench-nano bench-f405 bench-card bench-host bench-calibration pictures setup \
-	clean
+	bench bench-nano bench-f405 bench-card bench-host bench-calibration bench-page \
+	pictures setup clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= python3
@@ -103,6 +103,10 @@ bench-host: ## the daemon: decoding, latency, CPU, memory, clocks; 12 h with fau
 bench-calibration: ## how well simulated modules are calibrated; 2,000 verdicts
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/calibration.py
+
+bench-page: ## the page in Chromium: frames, latency, memory; what a browser costs
+	@$(PYTHON) tools/setup.py bench
+	@python benchmarks/page.py
 
 pictures: ## docs/pictures, from what `make bench` has measured
 	@$(PYTHON) tools/setup.py bench

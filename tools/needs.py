@@ -83,14 +83,14 @@ BOARD_NEEDS = {
 }
 # Tests compile the core with a C library for ARM; the image needs none.
 NEWLIB = Need("libnewlib-arm-none-eabi", compiles("#include <string.h>", *ARM))
+CHROMIUM = Need("chromium", has("chromium"))  # shows the page to tests
 TEST_NEEDS = (
     NEWLIB,
+    CHROMIUM,
     # Independent tools that check a card which `imud card prepare` made.
     Need("dosfstools", has("fsck.fat")),
     Need("mtools", has("mdir")),
     Need("fdisk", has("sfdisk")),
-    # Shows the page to the tests.
-    Need("chromium", has("chromium")),
     # For systemd-analyze; not installed where another init system is in use.
     Need("systemd", lambda: has("systemd-analyze")() or Path("/sbin/init").exists()),
 )
@@ -111,6 +111,7 @@ def system_needs(command: str, boards: Sequence[str]) -> tuple[Need, ...]:
     needs = BUILD_NEEDS + tuple(need for name in boards for need in BOARD_NEEDS[name])
     needs += TEST_NEEDS if command in ("test", "coverage") else ()
     needs += CHECK_NEEDS if command == "check" else ()
+    needs += (CHROMIUM,) if command == "bench" else ()
     return needs
 
 

@@ -46,6 +46,8 @@ class Page {
     this.viewName = "";
     this.frames = 0;
     this._rate = { sinceMs: performance.now(), frames: 0, hz: 60 };
+    // That of the file is there before any script.
+    document.querySelector("body > header")?.remove();
     document.body.append(...this.header.elements, this.main);
     addEventListener("hashchange", () => this.route());
     this.model.addEventListener("list", () => this.route());
