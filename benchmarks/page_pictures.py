@@ -21,19 +21,27 @@ PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 START_S = 20.0
 VIEWS = ("probe", "signals", "aim", "probes")
 SIZE, PHONE = {"width": 1180, "height": 720}, {"width": 360, "height": 720}
-SHOWN_S = 11.0  # fills the plots
+# The plots are to be full, and the probe not yet far from the target.
+SHOWN_S = {"probe": 2.0, "signals": 11.0, "aim": 0.3, "probes": 1.5}
 
-# Aims 12 degrees beside where the probe is, and asks for all plots of poses.
-SET_UP = """() => {
+# Plots of poses and raw samples, which the probe is asked for.
+PLOTS = """async () => {
+  const plots = ["attitude", "sigma", "gyr", "pitch"];
+  localStorage.setItem("imud.plots", JSON.stringify(plots));
+  const { model } = globalThis.imud;
+  await model.link.ask(model.selected, "rate", { stream: "raw", hz: "100" });
+  await model.link.ask(model.selected, "fields", { streams: "pose,raw" });
+}"""
+
+# Aims 3 degrees beside where the probe is.
+AIM = """() => {
   const { model } = globalThis.imud;
   const [w, x, y, z] = model.probe.pose.q;
-  const [c, s] = [Math.cos(0.105), Math.sin(0.105)];
+  const [c, s] = [Math.cos(0.026), Math.sin(0.026)];
   const q = [c * w - s * y, c * x + s * z, c * y + s * w, c * z - s * x];
   const target = { name: "entry", q, axis: "x", tolerance_deg: 2, hold_s: 2 };
   localStorage.setItem("imud.targets", JSON.stringify([target]));
   localStorage.setItem("imud.target", JSON.stringify("entry"));
-  const plots = ["attitude", "sigma", "gyr", "pitch"];
-  localStorage.setItem("imud.plots", JSON.stringify(plots));
 }"""
 
 
@@ -48,10 +56,12 @@ def take(browser: Browser, url: str, scheme: str, *, is_phone: bool) -> None:
         if time.monotonic() > until_s:
             sys.exit("no pose came")
         page.wait_for_timeout(100)
-    page.evaluate(SET_UP)
+    page.evaluate(PLOTS)
     for view in VIEWS:
+        if view == "aim":
+            page.evaluate(AIM)
         page.evaluate("view => { location.hash = `#/${view}` }", view)
-        page.wait_for_timeout(1000 * (SHOWN_S if view == "signals" else 2.0))
+        page.wait_for_timeout(1000 * SHOWN_S[view])
         kind = "-phone" if is_phone else ""
         page.screenshot(path=PICTURES / f"page-{view}{kind}-{scheme}.png")
     page.context.close()

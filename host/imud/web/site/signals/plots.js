@@ -73,7 +73,7 @@ export const PLOTS = [
   },
   {
     id: "pitch",
-    title: "Pitch: fused, accelerometer alone, gyroscope alone",
+    title: "Pitch",
     unit: "°",
     source: "raw",
     isAngle: true,
@@ -85,7 +85,7 @@ export const PLOTS = [
   },
   {
     id: "roll",
-    title: "Roll: fused, accelerometer alone, gyroscope alone",
+    title: "Roll",
     unit: "°",
     source: "raw",
     isAngle: true,
@@ -104,13 +104,13 @@ export const PLOTS = [
   },
   {
     id: "delay",
-    title: "Age at the daemon, and when it reached this page",
+    title: "Age",
     unit: "ms",
     source: "pose",
     isFromZero: true,
     series: [
       ["at the daemon", "age_ms", "axis-y"],
-      ["here", "latency_ms", "axis-z"],
+      ["at this page", "latency_ms", "axis-z"],
     ],
   },
 ];

@@ -17,8 +17,8 @@ export class Controls {
     this._origin = make(
       "select",
       { "aria-label": "Kind of origin" },
-      make("option", { value: "all" }, "orientation"),
-      make("option", { value: "heading" }, "heading only"),
+      make("option", { value: "all" }, "full"),
+      make("option", { value: "heading" }, "heading"),
     );
     const set = make("button", { onclick: () => this._setOrigin() }, "Set origin");
     const undo = this._button("Undo", "tare", { what: "undo" });
