@@ -78,7 +78,6 @@ class Desk:
         daemon = DaemonProcess(
             *(self.port.path, "--page", self.address),
             directory=self._folder,
-            log=False,
             page=None,
         )
         daemon.expect("the page is at")

@@ -15,6 +15,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from imud.web.logs import LogFolder
 from imud.web.server import Page
 from imud.web.users import Users
 
@@ -36,13 +37,16 @@ class Asked:
 class Served:
     """A page, what it was asked, and what it told the journal."""
 
-    def __init__(self, users: Users | None = None) -> None:
+    def __init__(
+        self, users: Users | None = None, logs: LogFolder | None = None
+    ) -> None:
         self.asked = Asked()
         self.notices: list[str] = []
         self.page = Page(
             ("127.0.0.1", 0),
             self.asked,
             users=users,
+            logs=logs,
             on_notice=lambda _, text, __: self.notices.append(text),
         )
         self.page.start()

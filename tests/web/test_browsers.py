@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+import base64
 import contextlib
 from pathlib import Path
 from typing import Any
 
 from imud.net import keys
+from imud.net.access import Role
 from imud.net.network import read_credentials
 from imud.web.browser import HEARTBEAT_S, WAITING_MAX, WINDOW
+from imud.web.logs import LogFolder
 from imud.web.server import Page
 from imud.web.users import KeyUsers, TokenHolder
 from imud.web.visit import ASKS_MAX, LOGINS_MAX
@@ -152,3 +155,41 @@ def test_users_of_imud_keys_have_their_roles_on_the_page(tmp_path: Path) -> None
         assert users.log_in("viewer", mine.password + "x") is None
     assert users.log_in("nobody", "") is None
     assert users.at_first().reads == frozenset()
+
+
+def test_logs_are_listed_and_read_and_nothing_else_is(tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    content = bytes(range(256)) * 1000
+    (tmp_path / "logs" / "a.mcap").write_bytes(content)
+    (tmp_path / "secret.mcap").write_bytes(b"secret")
+    served = Served(logs=LogFolder(tmp_path / "logs"))
+    with contextlib.closing(served.page), served.live() as browser:
+        assert browser.next("page")["logs"]
+        browser.say(do="logs", id=1)
+        (file,) = browser.next("answer")["answer"]
+        assert (file["name"], file["bytes"]) == ("a.mcap", len(content))
+        come = b""
+        while len(come) < len(content):
+            browser.say(do="read", id=2, name="a.mcap", offset=len(come))
+            come += base64.b64decode(browser.next("answer")["answer"])
+        assert come == content
+        for name in ("b.mcap", "..", "secret.mcap"):
+            browser.say(do="read", id=3, name=name, offset=0)
+            assert browser.next("answer")["error"] == "there is no such log"
+        browser.say(do="read", id=4, name="../secret.mcap", offset=0)
+        browser.until_closed()
+    assert served.page.refused == {"malformed": 1}
+
+
+def test_logs_are_for_who_may_read_samples(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"x")
+    cases: tuple[tuple[Role, bool], ...] = (("viewer", False), ("recorder", True))
+    for role, is_allowed in cases:
+        users = TokenHolder(role)
+        served = Served(users, LogFolder(tmp_path))
+        with contextlib.closing(served.page), served.live() as browser:
+            browser.say(do="login", user="", secret=users.token)
+            browser.say(do="logs", id=1)
+            answer = browser.next("answer")
+            assert bool(answer["answer"]) == is_allowed
+            assert served.page.refused["role"] == (not is_allowed)

@@ -221,6 +221,11 @@ def test_all_probes_are_listed_with_their_ledger(shown: Seen, desk: Desk) -> Non
     card.get_by_text("streaming").wait_for()
     card.get_by_text("zenoh").wait_for()
     assert "of" in shown.text('[data-fact="lost"] dd')
+    with shown.page.expect_download() as saved:
+        shown.page.get_by_role("button", name="Download").click()
+    log = Path(saved.value.path()).read_bytes()
+    assert len(log) > 1000
+    assert desk.daemon.log.read_bytes().startswith(log)
 
 
 def test_everything_can_be_done_by_keyboard(shown: Seen, desk: Desk) -> None:

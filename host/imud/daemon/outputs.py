@@ -22,6 +22,7 @@ from imud.sinks.log import LogSink
 from imud.sinks.page import PageSink
 from imud.sinks.ros2 import Ros2Sink, own_network
 from imud.sinks.zenoh import OnCommand, OnNotice, ZenohSink
+from imud.web.logs import LogFolder
 from imud.web.server import Page
 from imud.web.users import KeyUsers, Users
 
@@ -104,16 +105,24 @@ class Outputs:
             )
         address = host_and_port(config.web.listen)
         if config.web.enabled and address is not None:
+            logs = LogFolder(Path(log.dir)) if log.enabled else None
             wanted[PAGE] = Wanted(
-                (config.web, network.keys), lambda: self._page(address, network.keys)
+                (config.web, network.keys, log.enabled, log.dir),
+                lambda: self._page(address, network.keys, logs),
             )
         return wanted
 
-    def _page(self, address: tuple[str, int], keys: str) -> PageSink:
+    def _page(
+        self, address: tuple[str, int], keys: str, logs: LogFolder | None
+    ) -> PageSink:
         users: Users | None = KeyUsers(Path(keys)) if keys else None
         return PageSink(
             lambda: Page(
-                address, self._on_command, users=users, on_notice=self._on_notice
+                address,
+                self._on_command,
+                users=users,
+                logs=logs,
+                on_notice=self._on_notice,
             )
         )
 

@@ -61,6 +61,11 @@ class Browser:
         self._waiting = {k: v for k, v in self._waiting.items() if k in self._every}
         self._period_s = 1.0 / rate_hz
 
+    @property
+    def answers(self) -> int:
+        """Answers that wait to be sent."""
+        return len(self._answers)
+
     def seen(self, number: int) -> None:
         """The browser has drawn the message of that number."""
         if self._seen < number <= self._sent:

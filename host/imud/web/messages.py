@@ -53,4 +53,18 @@ class Ask(_Said, frozen=True):
     parameters: Annotated[dict[Name, Value], Meta(max_length=8)] = {}
 
 
-decode = msgspec.json.Decoder(Login | Watch | Seen | Ask).decode
+class Logs(_Said, frozen=True):
+    """Asks for the list of logs; the answer has the same id."""
+
+    id: int
+
+
+class Read(_Said, frozen=True):
+    """Asks for the next part of a log; the answer has the same id."""
+
+    id: int
+    name: Name
+    offset: Annotated[int, Meta(ge=0)]
+
+
+decode = msgspec.json.Decoder(Login | Watch | Seen | Ask | Logs | Read).decode

@@ -28,6 +28,7 @@ from imud.web.browser import Browser
 from imud.web.feed import Feed
 from imud.web.files import Files
 from imud.web.gate import Connection, Gate, OnNotice
+from imud.web.logs import LogFolder
 from imud.web.users import Everybody, Users
 from imud.web.visit import Host, OnAsk, Visit
 
@@ -47,13 +48,15 @@ class Page:
         *,
         users: Users | None = None,
         about: Mapping[str, Any] | None = None,
+        logs: LogFolder | None = None,
         on_notice: OnNotice = lambda *_: None,
     ) -> None:
         self._address = address
         self._feed = Feed()
         self._gate = Gate(on_notice)
         said = {"type": "page", "imud": version(), **(about or {})}
-        self._host = Host(self._gate, self._feed, users or Everybody(), on_ask, said)
+        users = users or Everybody()
+        self._host = Host(self._gate, self._feed, users, on_ask, said, logs)
         self._files = Files()
         self._browsers: set[Browser] = set()
         self._socket: socket.socket | None = None

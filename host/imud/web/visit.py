@@ -14,7 +14,8 @@ from websockets.frames import CloseCode
 from imud.web.browser import Browser
 from imud.web.feed import Feed
 from imud.web.gate import Gate
-from imud.web.messages import Ask, Login, Seen, Watch, decode
+from imud.web.logs import LogFolder
+from imud.web.messages import Ask, Login, Logs, Read, Seen, Watch, decode
 from imud.web.users import NOTHING, Grant, Users
 
 # Answers a command: JSON and no error, or an error.
@@ -22,6 +23,7 @@ Answer = Callable[[bytes, str], None]
 # Carries out a command: probe, command, parameters, and where the answer goes.
 OnAsk = Callable[[str, str, dict[str, str], Answer], None]
 
+TOO_MUCH = "too many commands at once"
 ASKS_MAX = 8  # commands of one browser that are not yet answered
 LOGINS_MAX = 3
 LOGIN_PAUSE_S = 0.5  # after a wrong password
@@ -35,6 +37,7 @@ class Host(msgspec.Struct, frozen=True):
     users: Users
     on_ask: OnAsk
     about: Mapping[str, Any]
+    logs: LogFolder | None = None  # None: there are none here
 
 
 class Visit:
@@ -60,6 +63,7 @@ class Visit:
                 "role": grant.role,
                 "reads": sorted(grant.reads),
                 "commands": grant.commands,
+                "logs": self._has_logs(),
             }
         )
         self.browser.put(self._host.feed.last())
@@ -75,6 +79,32 @@ class Visit:
             self._ask(said)
         elif isinstance(said, Login):
             await self._log_in(said)
+        else:
+            await self._tell_logs(said)
+
+    def _has_logs(self) -> bool:
+        """A log holds all topics: it is for who may read samples."""
+        return self._host.logs is not None and "raw" in self._grant.reads
+
+    async def _tell_logs(self, said: Logs | Read) -> None:
+        logs = self._host.logs
+        if logs is None or not self._has_logs():
+            self._host.gate.refuse("role", self._connection)
+            self._say_answer(said.id, b"", "there are no logs for your role")
+            return
+        if self.browser.answers >= ASKS_MAX:
+            self._host.gate.refuse("busy", self._connection)
+            self._say_answer(said.id, b"", TOO_MUCH)
+            return
+        try:
+            if isinstance(said, Logs):
+                value: Any = await asyncio.to_thread(logs.files)
+            else:  # bytes become base64 in JSON
+                value = await asyncio.to_thread(logs.read, said.name, said.offset)
+        except OSError as error:
+            self._say_answer(said.id, b"", error.strerror or "it can't be read")
+        else:
+            self._say_answer(said.id, msgspec.json.encode(value), "")
 
     def _ask(self, asked: Ask) -> None:
         reason = "role" if not self._grant.commands else ""
@@ -82,7 +112,7 @@ class Visit:
         if reason:
             self._host.gate.refuse(reason, self._connection)
             words = "your role does not allow commands"
-            words = "too many commands at once" if reason == "busy" else words
+            words = TOO_MUCH if reason == "busy" else words
             self._say_answer(asked.id, b"", words)
             return
         self._asking += 1

@@ -97,8 +97,31 @@ export class Link extends EventTarget {
     if (this.state !== "open") {
       return Promise.reject(new Error("not connected"));
     }
+    return this._request({ do: "ask", probe, command, parameters });
+  }
+
+  /** @returns {Promise<{ name: string, bytes: number, changed_ms: number }[]>} */
+  logs() {
+    return this._request({ do: "logs" });
+  }
+
+  /**
+   * A part of a log, from that byte on; empty at its end.
+   * @param {string} name
+   * @param {number} offset
+   */
+  async read(name, offset) {
+    const text = atob(await this._request({ do: "read", name, offset }));
+    return Uint8Array.from(text, (letter) => letter.charCodeAt(0));
+  }
+
+  /**
+   * @param {object} said
+   * @returns {Promise<any>}
+   */
+  _request(said) {
     const id = ++this._asked;
-    this._send({ do: "ask", id, probe, command, parameters });
+    this._send({ ...said, id });
     return new Promise((resolve, reject) => this._waiting.set(id, { resolve, reject }));
   }
 

@@ -4,6 +4,7 @@
 
 import { make, mark, say } from "../dom.js";
 import { fixed, micros, sigma, span, UNKNOWN, whole } from "../format.js";
+import { LogList } from "./logs.js";
 import { both, STATES } from "./words.js";
 
 /** @typedef {import("../model.js").Model} Model */
@@ -151,9 +152,10 @@ export class ProbesView {
     /** @type {Map<string, Row>} */
     this._rows = new Map();
     this._cards = make("div", { class: "cards" });
+    this._logs = new LogList(model);
     this._foot = make("p", { class: "muted small foot" });
     this._empty = make("p", { class: "empty" }, "No probe yet.");
-    this.element = make("section", { class: "probes view" }, this._empty, this._cards, this._foot);
+    this.element = make("section", { class: "probes view" }, this._empty, this._cards, this._logs.element, this._foot);
   }
 
   close() {}
@@ -165,6 +167,7 @@ export class ProbesView {
     }
     this._drawnMs = nowMs;
     const { names, page, link } = this._model;
+    this._logs.draw(nowMs);
     this._empty.hidden = names.length > 0;
     for (const name of names) {
       if (!this._rows.has(name)) {

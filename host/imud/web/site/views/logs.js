@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: MIT
+// @ts-check
+// The logs of the daemon, to download.
+
+import { make, say, save } from "../dom.js";
+import { fixed } from "../format.js";
+import { tell } from "../header.js";
+
+/** @typedef {import("../model.js").Model} Model */
+
+const AGAIN_MS = 5000;
+
+/** A card with the list; hidden where there are none. */
+export class LogList {
+  /** @param {Model} model */
+  constructor(model) {
+    this._model = model;
+    this._askedMs = -Infinity;
+    this._listed = "";
+    this._rows = make("ul", { class: "targets" });
+    this.element = make("div", { class: "card", hidden: true }, make("h2", {}, "Logs"), this._rows);
+  }
+
+  /** @param {number} nowMs */
+  draw(nowMs) {
+    const { page, link } = this._model;
+    const isOn = Boolean(page.logs) && link.state === "open";
+    if (isOn && nowMs - this._askedMs > AGAIN_MS) {
+      this._askedMs = nowMs;
+      link.logs().then(
+        (files) => this._show(files),
+        () => {
+          this.element.hidden = true;
+        },
+      );
+    }
+  }
+
+  /** @param {{ name: string, bytes: number, changed_ms: number }[]} files */
+  _show(files) {
+    this.element.hidden = files.length === 0;
+    const text = JSON.stringify(files);
+    if (text === this._listed) {
+      return;
+    }
+    this._listed = text;
+    const items = files.map(({ name, bytes, changed_ms: changed }) => {
+      const button = make(
+        "button",
+        { "data-log": name, onclick: () => this._load(name, button) },
+        "Download",
+      );
+      const when = new Date(changed).toLocaleString();
+      const about = make("span", {}, name, make("br"), `${fixed(bytes / 1e6, 1)} MB, ${when}`);
+      return make("li", {}, about, button);
+    });
+    this._rows.replaceChildren(...items);
+  }
+
+  /**
+   * Fetches a log part by part. One that is being written ends where it does then.
+   * @param {string} name
+   * @param {HTMLButtonElement} button
+   */
+  async _load(name, button) {
+    const parts = [];
+    let offset = 0;
+    button.disabled = true;
+    try {
+      for (;;) {
+        const part = await this._model.link.read(name, offset);
+        if (part.length === 0) {
+          break;
+        }
+        parts.push(part);
+        offset += part.length;
+        say(button, `${fixed(offset / 1e6, 1)} MB`);
+      }
+      save(name, new Blob(parts));
+    } catch (error) {
+      tell(`${name}: ${error instanceof Error ? error.message : error}`, true);
+    }
+    button.disabled = false;
+    say(button, "Download");
+  }
+}
