@@ -32,7 +32,7 @@ from websockets.typing import Origin
 OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "page.json"
 PROBES = 8
 PATIENCE_S = 30.0
-WARM_UP_S = 4.0
+WARM_UP_S = 7.0  # the picture adapts to the machine meanwhile
 ARGUMENTS = ("--no-sandbox", "--enable-unsafe-swiftshader")
 
 # Of each drawn frame: when it was, how long it took, and the age of the pose since the

@@ -20,6 +20,7 @@ import { SignalsView } from "./views/signals.js";
  * @property {() => void} close
  * @property {Record<string, [string, () => void]>} keys what a key does, and how
  * @property {() => void} [recolour] the theme has changed
+ * @property {(hz: number) => void} [adapt] so many frames a second were drawn
  */
 
 /** @type {Record<string, { title: string, make: (model: Model) => View }>} */
@@ -81,6 +82,7 @@ class Page {
     if (nowMs - rate.sinceMs > RATE_MS) {
       const hz = ((this.frames - rate.frames) * 1000) / (nowMs - rate.sinceMs);
       const asked = Math.max(RATE_LEAST_HZ, Math.min(60, 5 * Math.ceil(hz / 5)));
+      this.view?.adapt?.(hz);
       this._rate = { sinceMs: nowMs, frames: this.frames, hz: asked };
     }
     const every = this.view?.every ?? [];

@@ -18,6 +18,12 @@ import { Trail } from "./trail.js";
 
 const NOSE = /** @type {const} */ ([1.02, 0, 0]);
 
+// With fewer frames a second than SLOW_HZ the picture gets coarser, down to a part of the
+// screen's pixels; with more than FAST_HZ it gets finer again.
+const SLOW_HZ = 35;
+const FAST_HZ = 55;
+const COARSEST = 0.5;
+
 /** The colours of the page's theme. */
 export function coloursOf(element = document.documentElement) {
   const style = getComputedStyle(element);
@@ -42,7 +48,9 @@ export class Scene {
     this.frames = 0;
     this.body = new three.Group();
     this._renderer = new three.WebGLRenderer({ antialias: true, alpha: true });
-    this._renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this._finest = Math.min(devicePixelRatio, 2);
+    this._ratio = this._finest;
+    this._renderer.setPixelRatio(this._ratio);
     this.canvas = this._renderer.domElement;
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
@@ -131,6 +139,21 @@ export class Scene {
     const [east, north] = rotate(pose.q, [1, 0, 0]);
     this.orbit.follow(Math.atan2(north, east), Math.hypot(east, north));
     this._isDirty = true;
+  }
+
+  /**
+   * Draws coarser where the machine is slow, as with software rendering.
+   * @param {number} hz frames a second
+   */
+  adapt(hz) {
+    const factor = hz < SLOW_HZ ? 0.75 : hz > FAST_HZ ? 1.2 : 1;
+    const ratio = Math.min(this._finest, Math.max(COARSEST, this._ratio * factor));
+    if (ratio !== this._ratio) {
+      this._ratio = ratio;
+      this._renderer.setPixelRatio(ratio);
+      this._isDirty = true;
+      this.draw();
+    }
   }
 
   /** Has the next frame drawn. */

@@ -97,6 +97,11 @@ export class ProbeView {
     this.scene?.recolour();
   }
 
+  /** @param {number} hz frames a second */
+  adapt(hz) {
+    this.scene?.adapt(hz);
+  }
+
   /** @param {number} nowMs */
   draw(nowMs) {
     const probe = this._model.probe;
