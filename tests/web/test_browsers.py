@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from imud.net import keys
-from imud.net.access import Role
+from imud.net.access import Role, who_may
 from imud.net.network import read_credentials
 from imud.web.browser import HEARTBEAT_S, WAITING_MAX, WINDOW
 from imud.web.logs import LogFolder
@@ -151,7 +151,7 @@ def test_users_of_imud_keys_have_their_roles_on_the_page(tmp_path: Path) -> None
         assert grant is not None
         assert grant.role == name
         assert grant.commands == (name == "operator")
-        assert ("raw" in grant.reads) == (name == "recorder")
+        assert ("raw" in grant.reads) == (name in who_may("raw"))
         assert users.log_in("viewer", mine.password + "x") is None
     assert users.log_in("nobody", "") is None
     assert users.at_first().reads == frozenset()
@@ -181,9 +181,13 @@ def test_logs_are_listed_and_read_and_nothing_else_is(tmp_path: Path) -> None:
     assert served.page.refused == {"malformed": 1}
 
 
-def test_logs_are_for_who_may_read_samples(tmp_path: Path) -> None:
+def test_logs_are_for_who_may_read_every_message(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_bytes(b"x")
-    cases: tuple[tuple[Role, bool], ...] = (("viewer", False), ("recorder", True))
+    cases: tuple[tuple[Role, bool], ...] = (
+        ("viewer", False),
+        ("operator", False),
+        ("recorder", True),
+    )
     for role, is_allowed in cases:
         users = TokenHolder(role)
         served = Served(users, LogFolder(tmp_path))

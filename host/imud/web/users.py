@@ -26,16 +26,22 @@ class Grant(msgspec.Struct, frozen=True):
     role: str
     reads: frozenset[str]  # topics
     commands: bool
+    logs: bool  # download them
 
 
-NOTHING = Grant("", frozenset(), commands=False)
-EVERYTHING = Grant("everybody", TOPICS, commands=True)
+NOTHING = Grant("", frozenset(), commands=False, logs=False)
+EVERYTHING = Grant("everybody", TOPICS, commands=True, logs=True)
 
 
 def grant_of(role: access.Role) -> Grant:
     """The rights of a role on the network, which it has on the page as well."""
     reads = frozenset(topic for topic in TOPICS if role in access.who_may(topic))
-    return Grant(role, reads, commands=role in access.who_may(access.COMMAND))
+    return Grant(
+        role,
+        reads,
+        commands=role in access.who_may(access.COMMAND),
+        logs=role in access.who_may("frame"),  # which logs consist of
+    )
 
 
 class Users(Protocol):

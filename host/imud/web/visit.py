@@ -83,8 +83,7 @@ class Visit:
             await self._tell_logs(said)
 
     def _has_logs(self) -> bool:
-        """A log holds all topics: it is for who may read samples."""
-        return self._host.logs is not None and "raw" in self._grant.reads
+        return self._host.logs is not None and self._grant.logs
 
     async def _tell_logs(self, said: Logs | Read) -> None:
         logs = self._host.logs
