@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 from pathlib import Path
 
@@ -46,6 +47,11 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             f"{path.relative_to(ROOT)}: a sanitizer ended a process"
         )
         terminalreporter.write_line(path.read_text(errors="replace"))
+    if shutil.which("chromium") is None:
+        terminalreporter.write_line(
+            "chromium is not there, so the page was not tested in a browser: "
+            "apt-get install chromium"
+        )
 
 
 def complaints() -> list[Path]:

@@ -83,10 +83,11 @@ BOARD_NEEDS = {
 }
 # Tests compile the core with a C library for ARM; the image needs none.
 NEWLIB = Need("libnewlib-arm-none-eabi", compiles("#include <string.h>", *ARM))
-CHROMIUM = Need("chromium", has("chromium"))  # shows the page to tests
+# Shows the page to tests, which leave that out where it is not: Ubuntu has no package.
+CHROMIUM = Need("chromium", has("chromium"))
+BROWSING = ("test", "bench")  # commands that use it
 TEST_NEEDS = (
     NEWLIB,
-    CHROMIUM,
     # Independent tools that check a card which `imud card prepare` made.
     Need("dosfstools", has("fsck.fat")),
     Need("mtools", has("mdir")),
@@ -111,7 +112,6 @@ def system_needs(command: str, boards: Sequence[str]) -> tuple[Need, ...]:
     needs = BUILD_NEEDS + tuple(need for name in boards for need in BOARD_NEEDS[name])
     needs += TEST_NEEDS if command in ("test", "coverage") else ()
     needs += CHECK_NEEDS if command == "check" else ()
-    needs += (CHROMIUM,) if command == "bench" else ()
     return needs
 
 

@@ -25,6 +25,8 @@ from typing import NoReturn
 
 from needs import (
     BOARD_NEEDS,
+    BROWSING,
+    CHROMIUM,
     PYTHON_NEEDS,
     Need,
     missing,
@@ -68,7 +70,7 @@ def main(arguments: Sequence[str]) -> None:
         refuse_what_cannot_be_installed(PYTHON_NEEDS + needs)
         install_system_packages(PYTHON_NEEDS)
         at_once(
-            lambda: install_system_packages(needs),
+            lambda: install_all_packages(needs, args.command),
             lambda: install_python_packages(args.command),
         )
         if args.command == "check":
@@ -130,6 +132,26 @@ def install_system_packages(needs: Sequence[Need]) -> None:
     step("system packages", "sh", "-c", f"{line} || {{ {update} && {line}; }}")
     if left := missing(needs):
         sys.exit(f"{', '.join(left)}: installed, and still not found; see {LOG}")
+
+
+def install_all_packages(needs: Sequence[Need], command: str) -> None:
+    install_system_packages(needs)
+    if command in BROWSING:
+        install_browser()
+
+
+def install_browser() -> None:
+    """Install Chromium where that is possible; say so where it is not."""
+    if not missing((CHROMIUM,)):
+        return
+    try:
+        refuse_what_cannot_be_installed((CHROMIUM,))
+        install_system_packages((CHROMIUM,))
+    except SystemExit:
+        sys.stdout.write(
+            "chromium is not there and could not be installed: the page is not tested "
+            "in a browser\n"
+        )
 
 
 def install_python_packages(command: str) -> None:

@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, Page, Request
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port, free_address
 from imud.client import Client
 
-PERIOD_S = 0.02
+PERIOD_S = 0.05
 # Frames that a browser without a screen draws, and what is said of it.
 ARGUMENTS = ("--no-sandbox", "--enable-unsafe-swiftshader")
 # Chromium's own remark on software rendering.
@@ -163,7 +163,7 @@ class Seen:
 @contextlib.contextmanager
 def seen(browser: Browser, desk: Desk, **options: Any) -> Iterator[Seen]:
     """The page, opened; it must not complain or ask for anything elsewhere."""
-    options = {"viewport": {"width": 900, "height": 600}} | options
+    options = {"viewport": {"width": 800, "height": 480}} | options
     context = browser.new_context(**options)
     try:
         found = Seen(context.new_page(), desk.address)

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
+import length
 from imud import rotation
 from streaming import until
 from web.desk import Desk, Seen, seen
@@ -24,16 +25,21 @@ CONVENTIONS = ("nautical", "aerospace", "nectec")
 
 # Yaw, pitch and roll in degrees: round the compass, across 180, through gimbal lock.
 TURN = (
-    (0, 0, 0),
-    (90, 10, -20),
     (179.99, 0, 0),
-    (-179.99, 0, 0),
-    (-90, 45, 179.9),
-    (30, 89.9, 15),
+    (-179.99, 10, -20),
     (30, 90, 15),
-    (30, -90, 15),
     (-120, -89.99, -179.99),
-    (12.34, -56.78, 90.12),
+    *length.choose(
+        everyday=(),
+        long=(
+            (0, 0, 0),
+            (90, 10, -20),
+            (-90, 45, 179.9),
+            (30, 89.9, 15),
+            (30, -90, 15),
+            (12.34, -56.78, 90.12),
+        ),
+    ),
 )
 
 STATE = """() => {
@@ -91,6 +97,7 @@ def differences(shown: Seen, want: tuple[float, ...]) -> list[float]:
     return [(angle - wanted + 180) % 360 - 180 for angle, wanted in pairs]
 
 
+@pytest.mark.long
 def test_picture_and_numbers_are_the_daemons_through_every_turn(
     shown: Seen, desk: Desk
 ) -> None:
@@ -243,11 +250,13 @@ def test_everything_can_be_done_by_keyboard(shown: Seen, desk: Desk) -> None:
     page.keyboard.press("Enter")
     page.wait_for_selector("dialog[open]", state="detached")
     page.evaluate("document.activeElement.blur()")
-    reached = set()
+    wanted = {"Signals", "Start", "Stop", "Set origin", "Undo"}
     for _ in range(25):
         page.keyboard.press("Tab")
-        reached.add(page.evaluate("document.activeElement.textContent"))
-    assert {"Signals", "Start", "Stop", "Set origin", "Undo"} <= reached
+        wanted.discard(page.evaluate("document.activeElement.textContent"))
+        if not wanted:
+            break
+    assert not wanted
 
 
 @pytest.mark.parametrize("view", ["probe", "signals", "aim", "probes"])
