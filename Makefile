@@ -108,10 +108,12 @@ bench-page: ## the page in Chromium: frames, latency, memory; what a browser cos
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/page.py
 
-pictures: ## docs/pictures, from what `make bench` has measured
+pictures: ## docs/pictures, from what `make bench` has measured, and of the page
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/picture.py
 	@python benchmarks/picture_poses.py
+	@python benchmarks/page_pictures.py
+	@python benchmarks/page_moving.py
 
 setup: ## everything any of these needs
 	@$(PYTHON) tools/setup.py check

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import scoring
 from live import cpu_s, feed, free_endpoint, idle_s
+from page_desk import ARGUMENTS
 from playwright.sync_api import Browser, Page, sync_playwright
 from soak import rss_mib
 from websockets.sync.client import connect
@@ -33,7 +34,6 @@ OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "page.json"
 PROBES = 8
 PATIENCE_S = 30.0
 WARM_UP_S = 7.0  # the picture adapts to the machine meanwhile
-ARGUMENTS = ("--no-sandbox", "--enable-unsafe-swiftshader")
 
 # Of each drawn frame: when it was, how long it took, and the age of the pose since the
 # daemon had read it from the port. Both clocks are this machine's.
