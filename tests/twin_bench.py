@@ -9,12 +9,12 @@ from typing import Any
 from core.desk import lib
 from core.probe_bench import MPU9250, Bench, Memory, command_frame
 from core.scenes import scene, tumble
-from imud.probes.session import Probe, Received, Session
 from imud.stages.twin import Twin
 from imud.stages.twin_outcomes import Outcome
 from imud.wire.frame import FrameDecoder
 from imud.wire.messages import Message, decode, encode
 from imud.wire.params import digest_of, words_of
+from sessions import received
 
 PERIOD_US = 5000
 SAMPLES = scene(tumble(8, 200, seed=4), 200, seed=4).samples(MPU9250)
@@ -91,18 +91,6 @@ def followed(memory: Memory | None = None, *, raw_hz: int = 200) -> Life:
     """A probe that streams both from its boot."""
     life = Life(memory).order(lib.COMMAND_FIELDS, BOTH)
     return life.order(lib.COMMAND_RATE, 1, raw_hz).order(lib.COMMAND_START).wake()
-
-
-def received(contents: Iterable[bytes]) -> list[Received]:
-    """What a session passes on."""
-    probes: dict[str, Probe] = {}
-    session = Session(lambda name: probes.setdefault(name, Probe(name)))
-    return [
-        event
-        for content in contents
-        for event in session.take(content, None)
-        if isinstance(event, Received)
-    ]
 
 
 def heard(contents: Iterable[bytes]) -> tuple[Twin, list[Outcome]]:

@@ -113,6 +113,9 @@ def _of_probes(probes: dict[str, ProbeSettings]) -> Iterator[Mistake]:
         path = ("probes", probe_id)
         if not _PROBE_ID.fullmatch(probe_id):
             yield Mistake(path, "an id is 16 hexadecimal digits; imud list shows them")
+        for name in ("raw_rate", "streams"):
+            if probe.fuse_on_host and getattr(probe, name) is not None:
+                yield Mistake((*path, name), "fuse_on_host sets it: leave it out")
         if not probe.name:
             continue
         if not _NAME.fullmatch(probe.name):

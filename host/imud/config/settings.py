@@ -248,6 +248,10 @@ class ProbeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         bool,
         Meta(description="start it when it is found, without a press of its button"),
     ] = False
+    fuse_on_host: Annotated[
+        bool,
+        Meta(description="compute its poses here, from all its raw samples"),
+    ] = False
     log: Annotated[bool, Meta(description="keep it in the log")] = True
 
 

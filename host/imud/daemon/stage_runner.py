@@ -5,11 +5,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import msgspec
+
 from imud.daemon.lines import ProbeLines
 from imud.daemon.publisher import Publisher
 from imud.daemon.registry import ProbeEntry
+from imud.probes.record import record_of
 from imud.probes.session import ProbeFound, Received
-from imud.stages import Outcome, Says, Stage, Tells, Wants
+from imud.stages import Adds, Outcome, Says, Stage, Tells, Wants
+from imud.wire.messages import Message, decode
 
 
 class StageRunner:
@@ -39,3 +43,18 @@ class StageRunner:
         elif isinstance(outcome, Says):
             t_ns, sequence = entry.last_heard_ns, received.message.sequence
             self._publisher.say(entry, outcome.topic, outcome.values, t_ns, sequence)
+        elif isinstance(outcome, Adds):
+            self._add(entry, received, outcome)
+
+    def _add(self, entry: ProbeEntry, received: Received, added: Adds) -> None:
+        message = decode(added.content)
+        if not isinstance(message, Message):
+            raise TypeError(f"a stage added {message}")
+        stamp = msgspec.structs.replace(received.stamp, number=added.number, missing=0)
+        record = record_of(
+            message, added.content, entry.name, stamp, received.scales, entry.north
+        )
+        self._publisher.put(entry, msgspec.structs.replace(record, content=b""))
+        if message.name == "pose":
+            entry.poses += 1
+            entry.pose = record.said

@@ -40,7 +40,16 @@ class Tells(msgspec.Struct, frozen=True):
     is_warning: bool = False
 
 
-Outcome = Wants | Says | Tells
+class Adds(msgspec.Struct, frozen=True):
+    """A message that the probe did not send, computed from the one at hand: published
+    with that one's times and number, and not sent on as a frame.
+    """
+
+    content: bytes  # as its frame would hold it
+    number: int  # counts those of its kind, from 1 on
+
+
+Outcome = Wants | Says | Tells | Adds
 
 
 class Stage(Protocol):

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: MIT
+"""Fusion on the host: poses for a probe that sends only raw samples, computed with the
+same C as a probe runs. Where the configuration has `fuse_on_host` for it.
+
+A probe that sends poses itself, or not every sample, is asked once for all its raw
+samples instead. A sample after a loss gets the flag `gap`, as the probe would set it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from imud import _core
+from imud.config.settings import Config
+from imud.probes.session import ProbeFound, Received
+from imud.stages import Adds, Outcome, Tells, Wants
+from imud.wire import schema
+from imud.wire.messages import Message, place_of
+
+FAILURE = "its raw samples can't be had, from which to compute poses"
+
+_FILTER = place_of("hello", "filter")
+_FLAGS = place_of("raw", "sample_flags")
+
+
+class FusionStage:
+    """The filter of one probe, or none where the configuration has it off."""
+
+    name = "fusion"
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self._poses = 0
+        self._forget()
+
+    def _forget(self) -> None:
+        self._hello: Message | None = None  # the last one that knows a sensor
+        self._content = b""  # the same, with a filter
+        self._replay: _core.Replay | None = None
+        self._records: bytes | None = None  # of the params that it works with
+        self._phase = 0  # of the poses among the samples
+        self._has_asked = False
+
+    def configure(self, config: Config) -> None:
+        self._config = config
+
+    def appear(self, found: ProbeFound) -> None:  # noqa: ARG002 - any boot ends it
+        self._forget()
+
+    def take(self, received: Received) -> Iterator[Outcome]:
+        if not self._config.settings_of(received.probe_id).fuse_on_host:
+            self._forget()
+            return
+        message = received.message
+        if message.name == "hello" and message.fields["sample_rate"]:
+            yield from self._take_hello(message, received.content)
+        elif message.name == "pose":
+            yield from self._ask()
+        elif message.name == "event":
+            self._take_event(message)
+        elif message.name == "raw" and received.params is not None:
+            yield from self._take_raw(received, received.params)
+
+    def _take_hello(self, hello: Message, content: bytes) -> Iterator[Outcome]:
+        own = bytearray(content)
+        if hello.fields["filter"] == "none":
+            own[_FILTER] = bytes([schema.Filter.FUSE])
+        self._hello, self._content = hello, bytes(own)
+        if hello.fields["raw_rate"] != hello.fields["sample_rate"]:
+            yield from self._ask()
+
+    def _ask(self) -> Iterator[Wants]:
+        """For all raw samples and nothing else, once."""
+        if self._has_asked or self._hello is None:
+            return
+        self._has_asked = True
+        rate = {"stream": "raw", "hz": str(self._hello.fields["sample_rate"])}
+        yield Wants((("rate", rate), ("fields", {"streams": "raw"})), FAILURE)
+
+    def _take_event(self, message: Message) -> None:
+        detail = message.fields["detail"]
+        if self._replay is None or not isinstance(detail, int):
+            return
+        if message.fields["event"] == "tared":
+            self._replay.origin(detail)
+        elif message.fields["event"] == "restarted":
+            self._replay.restart(detail or int(schema.Filter.FUSE))
+
+    def _take_raw(self, received: Received, records: bytes) -> Iterator[Outcome]:
+        hello = self._hello
+        if hello is None:
+            return
+        if self._replay is None:
+            self._replay = _core.Replay(self._content, records)
+            yield Tells("began", "its poses are computed here, from its raw samples")
+        elif records != self._records and self._replay.params(records):
+            self._replay = _core.Replay(self._content, records)
+        self._records = records
+        content = received.content
+        if received.stamp.missing:
+            own = bytearray(content)
+            own[_FLAGS.start] |= int(schema.SampleFlags.GAP)
+            content = bytes(own)
+        self._replay.step(content)
+        if self._is_due(hello):
+            message = received.message
+            self._poses += 1
+            pose = self._replay.pose(message.sequence, message.time_us)
+            yield Adds(pose, self._poses)
+
+    def _is_due(self, hello: Message) -> bool:
+        """True `pose_rate` times a second, evenly, as core/probe/probe.c has it."""
+        rate_hz, of_hz = hello.fields["pose_rate"], hello.fields["sample_rate"]
+        if not isinstance(rate_hz, int) or not isinstance(of_hz, int):
+            return False
+        self._phase += min(rate_hz, of_hz)
+        is_due = self._phase >= of_hz
+        self._phase -= of_hz if is_due else 0
+        return is_due
+
+    def status(self) -> dict[str, Any]:
+        return {"is_on_host": self._replay is not None, "poses": self._poses}
+
+    def farewell(self) -> str:
+        return f"{self._poses} poses computed here" if self._poses else ""

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: MIT
+"""Fusion on the host: the poses of a probe that sends only raw samples are those that
+it would have sent."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import pytest
+
+from core.desk import lib
+from imud.config.reader import load
+from imud.config.settings import Config, ProbeSettings
+from imud.errors import ConfigError
+from imud.probes.session import Received
+from imud.stages import Adds, Outcome, Wants
+from imud.stages.fusion import FusionStage
+from sessions import received
+from twin_bench import (
+    Life,
+    changed,
+    followed,
+    message_of,
+    named,
+    without,
+)
+
+TIME_ON = slice(5, None)  # of content: all but id and number
+
+
+def stage_of(event: Received, *, is_on: bool = True) -> FusionStage:
+    settings = ProbeSettings(fuse_on_host=is_on)
+    return FusionStage(Config(probes={event.probe_id: settings}))
+
+
+def fused(contents: list[bytes], *, is_on: bool = True) -> list[Outcome]:
+    """What the stage answers to these messages."""
+    events = received(contents)
+    stage = stage_of(events[0], is_on=is_on)
+    return [outcome for event in events for outcome in stage.take(event)]
+
+
+def added(outcomes: list[Outcome]) -> list[bytes]:
+    return [each.content for each in outcomes if isinstance(each, Adds)]
+
+
+def own_poses(contents: list[bytes]) -> list[bytes]:
+    return [contents[at] for at in named(contents, "pose")]
+
+
+def tail(contents: list[bytes]) -> list[bytes]:
+    return [content[TIME_ON] for content in contents]
+
+
+def test_its_poses_are_in_every_bit_those_of_the_probe() -> None:
+    life = followed().live(620)
+    for change in (
+        lambda: life.order(lib.COMMAND_TARE, 0),
+        lambda: life.miss(2),
+        lambda: life.live(1, gyr_clipped=True),
+        lambda: life.order(lib.COMMAND_RESTART),
+        lambda: life.order(lib.COMMAND_TARE, 1),
+        lambda: life.order(lib.COMMAND_RESTART, lib.FILTER_MAHONY),
+    ):
+        change()
+        life.live(150)
+    here = added(fused(life.contents))
+    assert len(here) > 700
+    assert tail(here) == tail(own_poses(life.contents))
+
+
+def test_a_board_without_a_filter_gets_ours() -> None:
+    life = followed().live(620)
+    contents = [
+        changed(content, filter="none")
+        if message_of(content).name == "hello"
+        else content
+        for content in life.contents
+    ]
+    assert tail(added(fused(contents))) == tail(own_poses(life.contents))
+
+
+def test_a_sample_after_a_loss_says_so_in_the_next_pose() -> None:
+    life = followed().live(620)
+    raws = named(life.contents, "raw")
+    outcomes = fused(without(life.contents, *raws[500:504]))
+    poses = [message_of(content) for content in added(outcomes)]
+    gaps = [pose for pose in poses if "gap" in pose.fields["pose_flags"]]
+    lost_us = message_of(life.contents[raws[503]]).time_us
+    assert [lost_us < pose.time_us <= lost_us + 10_000 for pose in gaps] == [True]
+
+
+def test_it_asks_once_for_all_samples_and_no_poses() -> None:
+    life = followed(raw_hz=50).live(400)
+    outcomes = fused(life.contents)
+    (wants,) = [each for each in outcomes if isinstance(each, Wants)]
+    assert wants.commands == (
+        ("rate", {"stream": "raw", "hz": "200"}),
+        ("fields", {"streams": "raw"}),
+    )
+
+
+def test_the_rate_of_poses_is_the_probes() -> None:
+    life = Life().order(lib.COMMAND_FIELDS, lib.STREAM_RAW)
+    life.order(lib.COMMAND_RATE, 0, 25).order(lib.COMMAND_START).wake().live(800)
+    outcomes = fused(life.contents)
+    times = [message_of(content).time_us for content in added(outcomes)]
+    assert {b - a for a, b in itertools.pairwise(times)} == {40_000}
+    numbers = [each.number for each in outcomes if isinstance(each, Adds)]
+    assert numbers == list(range(1, len(times) + 1))
+
+
+def test_it_is_off_by_default() -> None:
+    assert fused(followed().live(300).contents, is_on=False) == []
+
+
+@pytest.mark.parametrize("line", ['streams = ["pose"]', "raw_rate = 100"])
+def test_what_contradicts_it_is_named(tmp_path: Path, line: str) -> None:
+    file = tmp_path / "imud.toml"
+    file.write_text(f"[probes.00112233445566aa]\nfuse_on_host = true\n{line}\n")
+    with pytest.raises(ConfigError, match="fuse_on_host sets it"):
+        load(file)
