@@ -31,7 +31,7 @@ test test-long coverage: export OPENBLAS_NUM_THREADS := 1
 help: ## this list
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1\t/p' Makefile | expand -t 14
 
-demo: ## virtual probes, the daemon, a subscriber (BOARD=nano, f405, both; SECONDS=15)
+demo: ## virtual probes, daemon, subscriber (BOARD=nano, f405, both, micropython)
 	@$(PYTHON) tools/setup.py demo --board $(BOARD)
 	@python tools/demo.py --board $(BOARD) $(if $(SECONDS),--seconds $(SECONDS))
 
@@ -69,9 +69,9 @@ format: ## lays out C and Python
 	@$(PYTHON) tools/setup.py check
 	@python tools/check.py --format
 
-firmware: ## the image of a board (BOARD=nano, f405): .pio/build/nano/firmware.hex
+firmware: ## the image of a board (BOARD=nano, f405, micropython)
 	@$(PYTHON) tools/setup.py demo --board $(BOARD)
-	@pio run --environment $(environment)
+	@$(if $(filter micropython,$(BOARD)),,pio run --environment $(environment))
 
 sim: ## the virtual boards: build/sim/nano, build/sim/f405
 	@$(PYTHON) tools/setup.py demo

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Makes the C, the Python and the tables of PROTOCOL.md from schema.toml.
+"""Makes C, Python, MicroPython and the tables of PROTOCOL.md from schema.toml.
 
 `python protocol/generate.py` writes the files that are stale; with `--check` it writes
 nothing, but names them and exits with 1.
@@ -12,7 +12,7 @@ import difflib
 import sys
 from pathlib import Path
 
-from generator import c_code, python_code, tables
+from generator import c_code, micropython_code, python_code, tables
 from generator.checker import load
 from generator.schema import Schema, SchemaError
 
@@ -22,6 +22,7 @@ C_HEADER = Path("firmware/core/wire/messages.h")
 C_SOURCE = Path("firmware/core/wire/messages.c")
 C_RECORDS = Path("firmware/core/params/records.h")
 PYTHON = Path("host/imud/wire/schema.py")
+MICROPYTHON = Path("firmware/micropython/probe/wire.py")
 DOCUMENT = Path("protocol/PROTOCOL.md")
 
 DIFF_LINES = 20  # shown of a stale file
@@ -35,6 +36,7 @@ def outputs(schema: Schema) -> dict[Path, str]:
         C_SOURCE: c_code.source(schema),
         C_RECORDS: c_code.records_header(schema),
         PYTHON: python_code.module(schema),
+        MICROPYTHON: micropython_code.module(schema),
         DOCUMENT: tables.document(schema, document),
     }
 

@@ -100,11 +100,35 @@ def f405_image() -> Path:
 
 
 @pytest.fixture(scope="session")
+def micropython() -> Path:
+    """MicroPython with the module imuprobe, for this machine."""
+    path = ROOT / "build" / "micropython" / "host" / "micropython"
+    return built(path, "tools/micropython.py host")
+
+
+@pytest.fixture(scope="session")
+def micropython_image() -> Path:
+    """MicroPython with the module and the package inside, for an STM32F405."""
+    path = ROOT / "build" / "micropython" / "pyboard" / "micropython"
+    return built(path, "make firmware BOARD=micropython")
+
+
+@pytest.fixture(scope="session")
+def plain_image(micropython_image: Path) -> Path:
+    """The same, with a main.py that makes no use of the module."""
+    return built(micropython_image.with_name("plain"), "tools/micropython.py plain")
+
+
+@pytest.fixture(scope="session")
 def boards(
-    nano: Path, image: Path, f405: Path, f405_image: Path
+    nano: Path, image: Path, f405: Path, f405_image: Path, micropython_image: Path
 ) -> dict[str, tuple[Path, Path]]:
     """By name: the simulator of a virtual board, and its image."""
-    return {"nano": (nano, image), "f405": (f405, f405_image)}
+    return {
+        "nano": (nano, image),
+        "f405": (f405, f405_image),
+        "micropython": (f405, micropython_image),
+    }
 
 
 def built(path: Path, command: str) -> Path:

@@ -28,7 +28,9 @@ from imud.probes.ledger import totals
 ROOT = Path(__file__).resolve().parent.parent
 ROOM = ROOT / "build" / "demo"
 IMUD = (sys.executable, "-m", "imud")
-BOARDS = {"nano": ("nano",), "f405": ("f405",), "both": ("nano", "f405")}
+BOARDS = {"nano": ["nano"], "f405": ["f405"], "both": ["nano", "f405"]}
+BOARDS["micropython"] = ["micropython"]
+AS_TOLD = {"micropython": "f405"}  # by its hello, which names the hardware
 
 # The pose rate of a probe at its defaults.
 RATE_HZ = 100.0
@@ -152,12 +154,8 @@ def run(boards: Sequence[str], seconds: float | None, wanted: int | None) -> int
                 f"Zenoh {endpoint} -> imud listen\n"
             )
         sys.stdout.write(f"the page is at http://{page}: open it in a browser\n")
-        are, gyroscopes = (
-            ("the probes lie", "their gyroscopes")
-            if len(boards) > 1
-            else ("the probe lies", "its gyroscope")
-        )
-        sys.stdout.write(f"{are} still for a moment to calibrate {gyroscopes}\n")
+        are = "the probes lie" if len(boards) > 1 else "the probe lies"
+        sys.stdout.write(f"{are} still for a moment, for the gyroscope's bias\n")
         sys.stdout.flush()
         wait_for(
             lambda: len(tallies) == len(boards), FIRST_POSE_S, daemon, "no pose came"
@@ -170,7 +168,8 @@ def run(boards: Sequence[str], seconds: float | None, wanted: int | None) -> int
     faults = [f"{name} ended by itself; see {ROOM}" for name in ended]
     faults += [] if listened == 0 else [f"imud listen ended with {listened}"]
     heard = {str(status["hello"]["board"]): status for status in statuses}
-    if sorted(heard) != sorted(boards) or len(statuses) != len(boards):
+    told = sorted(AS_TOLD.get(board, board) for board in boards)
+    if sorted(heard) != told or len(statuses) != len(boards):
         faults.append(f"{len(statuses)} probes have a status, not {len(boards)}")
     for board, status in heard.items():
         tally = tallies[str(status["probe"])]

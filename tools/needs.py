@@ -81,11 +81,13 @@ BOARD_NEEDS = {
         Need("libunicorn-dev", compiles("#include <unicorn/unicorn.h>", "gcc")),
     ),
 }
-# Tests compile the core with a C library for ARM; the image needs none.
+# Tests compile the core with a C library for ARM, and MicroPython needs one; our own
+# images need none.
 NEWLIB = Need("libnewlib-arm-none-eabi", compiles("#include <string.h>", *ARM))
 # Shows the page to tests, which leave that out where it is not: Ubuntu has no package.
 CHROMIUM = Need("chromium", has("chromium"))
 BROWSING = ("test", "bench")  # commands that use it
+BOARD_NEEDS["micropython"] = (*BOARD_NEEDS["f405"], NEWLIB)
 TEST_NEEDS = (
     NEWLIB,
     # Independent tools that check a card which `imud card prepare` made.

@@ -44,12 +44,13 @@ LEAST_PYTHON = (3, 11)
 TESTS = ("test", "peers", "pictures")  # the benchmarks are tested, too
 GROUPS = {
     "demo": ("build", "firmware"),
-    "test": ("build", "firmware", *TESTS),
-    "check": ("build", "firmware", *TESTS, "check"),
-    "coverage": ("build", "firmware", *TESTS, "coverage"),
-    "bench": ("build", "firmware", *TESTS, "bench"),
+    "test": ("build", "firmware", "micropython", *TESTS),
+    "check": ("build", "firmware", "micropython", *TESTS, "check"),
+    "coverage": ("build", "firmware", "micropython", *TESTS, "coverage"),
+    "bench": ("build", "firmware", "micropython", *TESTS, "bench"),
 }
 ENVIRONMENTS = {"nano": "nano", "f405": "stm32f405"}  # of platformio.ini
+MICROPYTHON = "micropython"  # the board that PlatformIO does not build
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -57,11 +58,18 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument(
         "command", choices=GROUPS, help="the command of make to get ready for"
     )
-    parser.add_argument("--board", default="both", choices=(*BOARD_NEEDS, "both"))
+    parser.add_argument(
+        "--board", default="both", choices=(*BOARD_NEEDS, "both"), help="which to build"
+    )
     args = parser.parse_args(arguments)
     if sys.version_info < LEAST_PYTHON:
         run_under_another_python(arguments)
-    boards = tuple(BOARD_NEEDS) if args.board == "both" else (args.board,)
+    boards = tuple(ENVIRONMENTS) if args.board == "both" else (args.board,)
+    groups = GROUPS[args.command]
+    if MICROPYTHON in groups:
+        boards = (*boards, MICROPYTHON)
+    elif MICROPYTHON in boards:
+        groups = (*groups, MICROPYTHON)
     BUILD.mkdir(exist_ok=True)
     with (BUILD / ".setup.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -71,24 +79,37 @@ def main(arguments: Sequence[str]) -> None:
         install_system_packages(PYTHON_NEEDS)
         at_once(
             lambda: install_all_packages(needs, args.command),
-            lambda: install_python_packages(args.command),
+            lambda: install_python_packages(groups),
         )
         if args.command == "check":
             at_once(install_package, install_page_tools)
             return
         at_once(
-            install_package, lambda: build_images(boards), lambda: build_sim(boards)
+            install_package,
+            lambda: build_images(boards),
+            lambda: build_sim(boards),
+            lambda: build_micropython(args.command, boards),
         )
 
 
 def build_images(boards: Sequence[str]) -> None:
-    chosen = [word for name in boards for word in ("--environment", ENVIRONMENTS[name])]
-    step("firmware images", venv("pio"), "run", "--silent", *chosen)
+    names = [ENVIRONMENTS[name] for name in boards if name in ENVIRONMENTS]
+    chosen = [word for name in names for word in ("--environment", name)]
+    if chosen:
+        step("firmware images", venv("pio"), "run", "--silent", *chosen)
+
+
+def build_micropython(command: str, boards: Sequence[str]) -> None:
+    """Build the image, and for tests the program for this machine."""
+    if MICROPYTHON in boards:
+        targets = ("pyboard",) if command == "demo" else ("pyboard", "plain", "host")
+        step(MICROPYTHON, venv("python"), "tools/micropython.py", *targets)
 
 
 def build_sim(boards: Sequence[str]) -> None:
     """Build all of sim/ for both boards, or only the named board's emulator."""
-    targets = [f"../build/sim/{name}" for name in boards] if len(boards) == 1 else []
+    emulator = "f405" if boards[0] == MICROPYTHON else boards[0]
+    targets = [f"../build/sim/{emulator}"] if len(boards) == 1 else []
     jobs = f"--jobs={os.cpu_count() or 1}"
     step("virtual boards", "make", "--silent", jobs, "--directory", "sim", *targets)
 
@@ -154,9 +175,9 @@ def install_browser() -> None:
         )
 
 
-def install_python_packages(command: str) -> None:
+def install_python_packages(groups: Sequence[str]) -> None:
     make_environment()
-    install_requirements(command)
+    install_requirements(groups)
 
 
 def make_environment() -> None:
@@ -165,12 +186,12 @@ def make_environment() -> None:
         step("virtual environment", sys.executable, "-m", "venv", "--clear", str(VENV))
 
 
-def install_requirements(command: str) -> None:
+def install_requirements(groups: Sequence[str]) -> None:
     import tomllib  # Python 3.11, which main() has made sure of
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     wanted = list(project["project"]["dependencies"])
-    for group in GROUPS[command]:
+    for group in groups:
         wanted += project["dependency-groups"][group]
     stamp = VENV / "requirements.json"
     there = json.loads(stamp.read_text()) if stamp.exists() else []

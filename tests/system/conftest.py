@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from system.virtual import BOARDS, Stub
+from system.virtual import ALL_BOARDS, BOARDS, Stub
 
 
 @pytest.fixture(params=BOARDS)
@@ -16,4 +16,4 @@ def stub(
 ) -> Stub:
     """Each board in turn, unless a test says which."""
     name = request.param
-    return Stub(BOARDS[name], *boards[name], tmp_path)
+    return Stub(ALL_BOARDS[name], *boards[name], tmp_path)

@@ -16,6 +16,7 @@ from system.virtual import (
     Run,
     Stub,
     assert_nothing_is_lost,
+    every_board,
     run,
     send,
     write_hand,
@@ -41,6 +42,7 @@ def without_card(done: Run) -> list[tuple[Any, Any]]:
 # The button and commands.
 
 
+@every_board
 def test_a_click_starts_the_stream_and_the_next_one_stops_it(stub: Stub) -> None:
     done = run(stub, 4, *CLICK, "--press", "2000000:2100000")
     events = without_card(done)
@@ -73,6 +75,7 @@ def test_bounce_never_toggles(stub: Stub) -> None:
     assert not done.named("pose")
 
 
+@every_board
 def test_poses_come_at_100_hz_by_default(stub: Stub) -> None:
     done = run(stub, 6, *CLICK)
     times = np.array([pose.time_us for pose in done.named("pose")])
@@ -99,6 +102,7 @@ def test_a_rate_is_kept_evenly(stub: Stub, rate_hz: int) -> None:
     assert_nothing_is_lost(done)
 
 
+@every_board
 def test_commands_start_stop_tare_and_reset(stub: Stub) -> None:
     words = [("start", 1_500_000), ("tare", 2_000_000), ("stop", 2_500_000)]
     words += [("hello", 2_600_000), ("reset", 3_000_000)]
@@ -124,6 +128,7 @@ def test_commands_start_stop_tare_and_reset(stub: Stub) -> None:
     assert done.summary["resets"] == 1
 
 
+@every_board
 def test_noise_on_the_wire_is_counted_and_a_command_behind_it_obeyed(
     stub: Stub,
 ) -> None:
@@ -187,6 +192,7 @@ def boot_of(done: Run) -> tuple[Any, int]:
     return fields["probe_id"], fields["boot_count"]
 
 
+@every_board
 def test_a_probe_keeps_its_id_and_settings_and_counts_its_boots(stub: Stub) -> None:
     memory = ("--eeprom", stub.folder / "memory")
     first = run(stub, 2, *memory, "--send", f"500000:{send('rate', 0, 50)}")

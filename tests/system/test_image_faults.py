@@ -11,7 +11,7 @@ import pytest
 
 from imud.virtual import motion
 from system.test_image import CLICK, each
-from system.virtual import Run, Stub, assert_nothing_is_lost, run
+from system.virtual import Run, Stub, assert_nothing_is_lost, every_board, run
 
 
 def poses_after(done: Run, time_us: int) -> int:
@@ -86,6 +86,7 @@ def test_a_wire_stuck_at_any_byte_is_clocked_free(stub: Stub, byte: int) -> None
     assert_it_came_back(done)
 
 
+@every_board
 def test_a_wire_held_for_a_second_is_a_fault_until_it_is_let_go(stub: Stub) -> None:
     fault = {"kind": "stuck_sda", "at_us": 2_000_000, "for_us": 1_000_000}
     done = run(stub, 6, *CLICK, faults=[fault])
@@ -96,6 +97,7 @@ def test_a_wire_held_for_a_second_is_a_fault_until_it_is_let_go(stub: Stub) -> N
     assert_it_came_back(done)
 
 
+@every_board
 def test_stopped_data_ready_is_told_and_the_sensor_set_up_again(stub: Stub) -> None:
     fault = {"kind": "no_data_ready", "at_us": 2_000_000, "for_us": 300_000}
     done = run(stub, 6, *CLICK, faults=[fault])
@@ -104,6 +106,7 @@ def test_stopped_data_ready_is_told_and_the_sensor_set_up_again(stub: Stub) -> N
     assert_it_came_back(done)
 
 
+@every_board
 def test_a_wrong_chip_is_refused_by_name(stub: Stub) -> None:
     fault = {"kind": "wrong_who_am_i", "value": 0x12}
     done = run(stub, 3, *CLICK, faults=[fault])
@@ -114,6 +117,7 @@ def test_a_wrong_chip_is_refused_by_name(stub: Stub) -> None:
     assert not done.named("pose")
 
 
+@every_board
 def test_without_its_magnetometer_a_probe_has_six_axes_and_says_so(stub: Stub) -> None:
     done = run(stub, 6, *CLICK, faults=[{"kind": stub.board.no_mag}])
     pose = done.named("pose")[-1].fields
@@ -132,6 +136,7 @@ def test_a_failing_self_test_is_in_the_hello(stub: Stub, part: str) -> None:
     assert f"{part}_passed" not in verdict
 
 
+@every_board
 def test_a_brown_out_is_in_the_next_hello(stub: Stub) -> None:
     done = run(stub, 5, faults=[{"kind": "brown_out", "at_us": 2_000_000}])
     hellos = done.named("hello")

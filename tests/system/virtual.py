@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import subprocess
 from collections.abc import Mapping, Sequence
@@ -10,6 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from imud.recordings import decode
 from imud.virtual import motion, sensors
@@ -76,6 +79,11 @@ F405 = Board(
     write_us=8,
 )
 BOARDS = {board.name: board for board in (NANO, F405)}
+
+# The F405 again, with the same sensor, running MicroPython.
+MICROPYTHON = dataclasses.replace(F405, name="micropython", stack=24 * 1024)
+ALL_BOARDS = BOARDS | {MICROPYTHON.name: MICROPYTHON}
+every_board = pytest.mark.parametrize("stub", ALL_BOARDS, indirect=True)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Virtual probes: `imud sim nano` and `imud sim f405`."""
+"""Virtual probes: `imud sim nano`, `imud sim f405`, `imud sim micropython`."""
 
 from __future__ import annotations
 

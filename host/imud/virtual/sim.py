@@ -71,7 +71,20 @@ F405 = Board(
     files=("faults", "eeprom", "summary", "profile", "parts", "card", "radio"),
     has_battery=True,
 )
-BOARDS = {board.name: board for board in (NANO, F405)}
+MICROPYTHON = Board(
+    name="micropython",
+    title="MicroPython board",
+    what="an STM32F405 (pyboard) with an LSM9DS0, running MicroPython",
+    sample_rate_hz=380,
+    memory="flash",
+    image=Path("build/micropython/pyboard/micropython"),
+    simulator=Path("build/sim/f405"),
+    image_variable="IMUD_IMAGE_MICROPYTHON",
+    simulator_variable="IMUD_SIM_F405",
+    files=("faults", "eeprom", "summary", "profile", "parts"),
+    has_battery=False,
+)
+BOARDS = {board.name: board for board in (NANO, F405, MICROPYTHON)}
 
 # Device times of the button press and the commands of --stream, --raw and --rate. The
 # button is down for several times the firmware's debounce of 50 ms, which runs slower

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: MIT
+// Which parts of MicroPython our two small ports have; see py/mpconfig.h there.
+#ifndef PORT_CONFIG_H
+#define PORT_CONFIG_H
+
+#include <alloca.h>
+#include <stdint.h>
+
+#define MICROPY_CONFIG_ROM_LEVEL (MICROPY_CONFIG_ROM_LEVEL_CORE_FEATURES)
+#define MICROPY_ENABLE_COMPILER (1)
+#define MICROPY_PERSISTENT_CODE_LOAD (1)
+#define MICROPY_ENABLE_GC (1)
+#define MICROPY_HELPER_REPL (0)
+#define MICROPY_KBD_EXCEPTION (1)
+#define MICROPY_ENABLE_SCHEDULER (1)
+#define MICROPY_STACK_CHECK (1)
+#define MICROPY_ERROR_REPORTING (MICROPY_ERROR_REPORTING_NORMAL)
+#define MICROPY_ENABLE_SOURCE_LINE (1)
+#define MICROPY_LONGINT_IMPL (MICROPY_LONGINT_IMPL_MPZ)
+#define MICROPY_FLOAT_IMPL (MICROPY_FLOAT_IMPL_FLOAT)
+#define MICROPY_PY_ARRAY (1)
+#define MICROPY_PY_ARRAY_SLICE_ASSIGN (1)
+#define MICROPY_PY_BUILTINS_BYTEARRAY (1)
+#define MICROPY_PY_BUILTINS_MEMORYVIEW (1)
+#define MICROPY_PY_BUILTINS_PROPERTY (1)
+#define MICROPY_PY_BUILTINS_SLICE (1)
+#define MICROPY_PY_ERRNO (1)
+#define MICROPY_PY_GC (1)
+#define MICROPY_PY_IO (0)
+#define MICROPY_PY_MATH (1)
+#define MICROPY_PY_MICROPYTHON_MEM_INFO (1)
+#define MICROPY_PY_STRUCT (1)
+#define MICROPY_PY_SYS (1)
+#define MICROPY_PY_SYS_STDFILES (0)
+#define MICROPY_PY_ATTRTUPLE (1)
+// Files are found by what main.c knows of them.
+#define MICROPY_ENABLE_EXTERNAL_IMPORT (1)
+
+typedef long mp_off_t;
+#define MP_STATE_PORT MP_STATE_VM
+
+#endif

@@ -1,0 +1,6 @@
+// SPDX-License-Identifier: MIT
+// What MicroPython asks of a port, beside py/mphal.h.
+#include "shared/runtime/interrupt_char.h"
+
+// No virtual pins.
+#define mp_hal_pin_obj_t mp_obj_t

@@ -1,0 +1,9 @@
+# SPDX-License-Identifier: MIT
+"""The probe on a MicroPython board: main.py calls run() with its sensor and pins."""
+
+from .bus import Bus
+from .loop import run
+from .sensors import LSM9DS0, MPU9250
+from .storage import FileStorage
+
+__all__ = ("LSM9DS0", "MPU9250", "Bus", "FileStorage", "run")

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: MIT
+"""What a board says of itself in `hello`."""
+
+import sys
+
+import machine
+
+from micropython import const
+
+_F405 = const(2)  # enum board of the protocol
+_FIRMWARE_MAX = const(16)  # characters
+
+# Flags of the protocol's reset_cause, by the names of machine's constants.
+_CAUSES = (
+    ("PWRON_RESET", 1),
+    ("HARD_RESET", 2),
+    ("BROWN_OUT_RESET", 4),
+    ("WDT_RESET", 8),
+    ("SOFT_RESET", 16),
+)
+
+
+def firmware():
+    """MicroPython, its version and its port, as in "mpy 1.29 pyboard"."""
+    version = sys.implementation[1]
+    return "mpy {}.{} {}".format(version[0], version[1], sys.platform)[:_FIRMWARE_MAX]
+
+
+def reset_cause():
+    """Flags of the protocol's reset_cause; 0: not known."""
+    cause = machine.reset_cause()
+    for name, flag in _CAUSES:
+        if cause == getattr(machine, name, None):
+            return flag
+    return 0
+
+
+def facts():
+    """The arguments of Probe() that describe the board."""
+    return {
+        "id": machine.unique_id(),
+        "firmware": firmware(),
+        "board": _F405,
+        "reset_cause": reset_cause(),
+        "mhz": machine.freq() // 1_000_000,
+    }

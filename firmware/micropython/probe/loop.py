@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: MIT
+"""The main loop of a probe: sensor to probe, probe to wire, until it is interrupted."""
+
+from time import ticks_diff, ticks_ms
+
+import machine
+from machine import Pin
+
+from micropython import const, kbd_intr
+
+from .board import facts
+
+try:
+    from imuprobe import Probe
+except ImportError:
+    Probe = None  # a MicroPython without the module
+
+_WATCHDOG_MS = const(5000)
+_SUPPLY_MS = const(1000)
+_DRAIN_MS = const(200)  # for the last frames before a reset
+_CTRL_C = const(3)
+
+
+def run(
+    sensor,
+    ready,
+    wire,
+    *,
+    button=None,
+    led=None,
+    storage=None,
+    supply=None,
+    watchdog=True,
+    plain=False,
+):
+    """Runs the probe: that of the C module or, where there is none or `plain` is true,
+    one that sends raw samples for a host to fuse. It ends with an exception only.
+
+    `sensor`: of sensors.py; `ready`: the Pin of its data-ready; `wire`: a UART, the
+    USB_VCP, or another stream; `button`: a Pin that is low while it is pressed;
+    `storage`: of storage.py, None: nothing is kept; `supply`: a function that returns
+    the supply in mV.
+    """
+    probe = _attached(sensor, ready, storage, plain)
+    _listen(ready, probe.edge)
+    # Frames hold any byte, Ctrl-C too.
+    kbd_intr(-1)
+    try:
+        _turn_for_ever(probe, wire, button, led, supply, watchdog)
+    finally:
+        kbd_intr(_CTRL_C)
+        ready.irq(None)
+
+
+def _attached(sensor, ready, storage, plain):
+    if Probe is not None and not plain:
+        probe = Probe(storage, **facts())
+        sensor.attach(probe, ready)
+        return probe
+    from .plain import Probe as PlainProbe
+
+    probe = PlainProbe(storage, **facts())
+    sensor.attach_plain(probe, ready)
+    return probe
+
+
+def _listen(ready, edge):
+    """As a hard interrupt, whose time is exact, where the port has them."""
+    try:
+        ready.irq(edge, Pin.IRQ_RISING, hard=True)
+    except (TypeError, ValueError):
+        ready.irq(edge, Pin.IRQ_RISING)
+
+
+def _turn_for_ever(probe, wire, button, led, supply, watchdog):
+    feed = machine.WDT(timeout=_WATCHDOG_MS).feed if watchdog else _nothing
+    idle = machine.idle
+    acquire, receive, step, send = probe.acquire, probe.receive, probe.step, probe.send
+    is_up = button.value if button is not None else _one
+    light = led.value if led is not None else _nothing
+    was_lit = None
+    told_ms = ticks_ms()
+    while True:
+        worked = acquire()
+        receive(wire)
+        is_lit = step(not is_up())
+        if is_lit is not was_lit:
+            was_lit = is_lit
+            light(is_lit)
+        send(wire)
+        feed()
+        if worked:
+            continue
+        if supply is not None and ticks_diff(ticks_ms(), told_ms) >= _SUPPLY_MS:
+            told_ms = ticks_ms()
+            probe.supply(supply())
+        if probe.wants_reset():
+            _reset(probe, wire)
+        idle()
+
+
+def _reset(probe, wire):
+    begun_ms = ticks_ms()
+    txdone = getattr(wire, "txdone", None)
+    while ticks_diff(ticks_ms(), begun_ms) < _DRAIN_MS:
+        if probe.send(wire) == 0 and (txdone is None or txdone()):
+            break
+        machine.idle()
+    machine.reset()
+
+
+def _one():
+    return 1
+
+
+def _nothing(*_):
+    return None

@@ -1,0 +1,340 @@
+# SPDX-License-Identifier: MIT
+"""A probe without the C module: raw samples, for a host that fuses them. Its methods
+are those of imuprobe.Probe.
+"""
+
+import struct
+from time import ticks_diff, ticks_us
+
+from micropython import const
+
+from . import wire
+from .button import Button
+from .link import Link
+from .plain_settings import Settings, id_of
+
+_STEP_US = const(5000)
+_SECOND_US = const(1_000_000)
+_HELLO_US = const(500_000)
+_RETRY_US = const(200_000)  # between two attempts to bring the sensor up
+_SILENCE_US = const(50_000)  # without data-ready
+_FAILED_MAX = const(5)  # readings in a row, before the sensor is set up again
+_WAITING, _SETUP, _SAMPLING = const(0), const(1), const(2)
+_CAUSES = {110: wire.CAUSE_TIMEOUT}  # ETIMEDOUT
+
+
+def _message(template):
+    """Content that can be filled in, with room for a CRC."""
+    return bytearray(template + b"\0\0")
+
+
+class Probe:
+    def __init__(
+        self, storage=None, *, id, firmware, board=0, reset_cause=0, mhz=1, room=2048
+    ):
+        now = ticks_us()
+        self._settings = Settings(storage)
+        self._mhz = mhz
+        self._link = Link(room)
+        self._button = Button(now)
+        self._raw = _message(wire.RAW)
+        self._hello = _message(wire.HELLO)
+        self._status = _message(wire.STATUS)
+        struct.pack_into("<16s", self._hello, wire.HELLO_FIRMWARE, firmware.encode())
+        self._hello[wire.HELLO_BOARD] = board
+        struct.pack_into("<8s", self._hello, wire.HELLO_PROBE_ID, id_of(id))
+        self._hello[wire.HELLO_RESET_CAUSE] = reset_cause
+        self._driver = None
+        self._recover = None
+        self._phase = _WAITING
+        self._since = now
+        self._is_streaming = self._is_faulty = self._has_gap = False
+        self._failed = self._raw_phase = 0
+        self._edges = self._taken = 0
+        self._stamp = now
+        self._read = self._overruns = self._faults = self._recoveries = 0
+        self._commands = self._token = self._result = 0
+        self._value = (0, 0)
+        self._work_us = self._worst_us = self._samples = 0
+        self._uptime = 0
+        self._has_told_hello = False
+        self._second = self._stepped = now
+        self._wants_reset = False
+        self._save(now)
+        self._tell_hello(now)
+
+    def _save(self, now):
+        if not self._settings.save():
+            self.tell(wire.EVENT_SETTINGS_FAILED, wire.CAUSE_NONE, 0, now)
+
+    # Sensor
+
+    def attach(self, driver, i2c, ready, recover=None):
+        """`driver`: of driver_lsm9ds0.py or driver_mpu9250.py, not yet begun."""
+        self._driver = driver
+        self._ready = ready.value
+        self._recover = recover
+        self._phase = _SETUP
+        driver.begin(i2c)
+
+    def edge(self, _pin):
+        self._stamp = ticks_us()
+        self._edges += 1
+
+    def acquire(self):
+        """One step of the sensor: of its set-up, or the next sample. True where there
+        was a sample.
+        """
+        if self._driver is None:
+            return False
+        now = ticks_us()
+        try:
+            if self._phase == _SAMPLING:
+                return self._take_sample(now)
+            if self._phase == _SETUP:
+                self._set_up(now)
+            elif ticks_diff(now, self._since) >= _RETRY_US:
+                self._phase = _SETUP
+                self._driver.begin()
+        except OSError as error:
+            self._fail(error, now)
+        return False
+
+    def _set_up(self, now):
+        driver = self._driver
+        if not driver.set_up(now):
+            return
+        self._phase = _SAMPLING
+        self._since = now
+        self._failed = 0
+        self._taken = self._edges
+        driver.describe(self._hello)
+        if self._is_faulty:
+            self._is_faulty = False
+            self._recoveries += 1
+            self.tell(wire.EVENT_BUS_RECOVERED, wire.CAUSE_NONE, self._recoveries, now)
+        self._tell_hello(now)
+        if self._ready():
+            # Of a reading that waits already nobody knows since when.
+            driver.read(self._raw)
+
+    def _take_sample(self, now):
+        waiting = self._edges - self._taken
+        if not waiting:
+            if ticks_diff(now, self._since) >= _SILENCE_US:
+                self._lose(wire.EVENT_SENSOR_FAULT, wire.CAUSE_NO_DATA_READY, 0, now)
+            return False
+        stamp = self._stamp
+        self._taken += waiting
+        raw = self._raw
+        if not self._driver.read(raw):
+            raise OSError(5)  # EIO: bytes that are no reading
+        self._failed = 0
+        self._since = now
+        self._read += 1
+        if waiting > 1:
+            self._overruns += waiting - 1
+            self._has_gap = True
+            self.tell(wire.EVENT_OVERRUN, wire.CAUSE_LATE, waiting - 1, now)
+        if self._has_gap:
+            self._has_gap = False
+            raw[wire.RAW_SAMPLE_FLAGS] |= wire.SAMPLE_GAP
+        if self._is_streaming and self._is_due():
+            self._link.put(raw, len(wire.RAW), stamp)
+        self._worked(ticks_diff(ticks_us(), now))
+        return True
+
+    def _is_due(self):
+        """True `rate` times a second, evenly."""
+        of_hz = self._driver.rate_hz
+        rate = self._settings.rate
+        if rate >= of_hz:
+            return True
+        self._raw_phase += rate
+        if self._raw_phase < of_hz:
+            return False
+        self._raw_phase -= of_hz
+        return True
+
+    def _worked(self, us):
+        self._work_us += us
+        self._samples += 1
+        if us > self._worst_us:
+            self._worst_us = us
+
+    def _fail(self, error, now):
+        """A transfer failed: one sample is lost or, too often, the sensor."""
+        number = error.args[0] if error.args else 0
+        if number == self._driver.WRONG_CHIP:
+            who = self._driver.who_am_i
+            self._lose(wire.EVENT_SENSOR_FAULT, wire.CAUSE_WRONG_CHIP, who, now)
+            return
+        self._failed += 1
+        cause = _CAUSES.get(number, wire.CAUSE_NACK)
+        is_free = self._recover is None or self._recover()
+        if not is_free:
+            cause = wire.CAUSE_STUCK_BUS
+        self._faults += 1
+        self._has_gap = True
+        self.tell(wire.EVENT_BUS_FAULT, cause, self._failed, now)
+        if not is_free or self._phase == _SETUP or self._failed >= _FAILED_MAX:
+            self._give_up(now)
+
+    def _lose(self, event, cause, detail, now):
+        self._faults += 1
+        self._has_gap = True
+        self.tell(event, cause, detail, now)
+        self._give_up(now)
+
+    def _give_up(self, now):
+        self._is_faulty = True
+        self._phase = _WAITING
+        self._since = now
+
+    # Messages
+
+    def tell(self, event, cause, detail, now=None):
+        content = _message(wire.EVENT)
+        content[wire.EVENT_EVENT] = event
+        content[wire.EVENT_CAUSE] = cause
+        struct.pack_into("<i", content, wire.EVENT_DETAIL, detail)
+        self._link.put(content, len(wire.EVENT), ticks_us() if now is None else now)
+
+    def _tell_hello(self, now):
+        hello = self._hello
+        struct.pack_into("<H", hello, wire.HELLO_BOOT_COUNT, self._settings.boots)
+        struct.pack_into("<H", hello, wire.HELLO_RAW_RATE, self._rate_told())
+        struct.pack_into("<H", hello, wire.HELLO_POSE_RATE, 100)
+        self._link.put(hello, len(wire.HELLO), now)
+
+    def _rate_told(self):
+        driver, rate = self._driver, self._settings.rate
+        return rate if driver is None else min(rate, driver.rate_hz)
+
+    def _tell_status(self, now):
+        status, link = self._status, self._link
+        mean_us = self._work_us // self._samples if self._samples else 0
+        for place, value in (
+            (wire.STATUS_UPTIME, self._uptime),
+            (wire.STATUS_SAMPLES_READY, self._edges),
+            (wire.STATUS_SAMPLES_READ, self._read),
+            (wire.STATUS_OVERRUNS, self._overruns),
+            (wire.STATUS_MESSAGES_SENT, link.sent + 1),
+            (wire.STATUS_MESSAGES_DROPPED, link.dropped),
+            (wire.STATUS_CYCLES_MEAN, mean_us * self._mhz),
+            (wire.STATUS_CYCLES_WORST, self._worst_us * self._mhz),
+        ):
+            struct.pack_into("<I", status, place, value)
+        for place, value in (
+            (wire.STATUS_BUS_FAULTS, self._faults),
+            (wire.STATUS_BUS_RECOVERIES, self._recoveries),
+            (wire.STATUS_COMMANDS_RECEIVED, self._commands),
+            (wire.STATUS_COMMANDS_BAD, link.bad),
+        ):
+            struct.pack_into("<H", status, place, value & 0xFFFF)
+        status[wire.STATUS_STATE] = self._state()
+        link.put(status, len(wire.STATUS), now)
+        self._work_us = self._worst_us = self._samples = 0
+
+    def supply(self, mv):
+        struct.pack_into("<H", self._status, wire.STATUS_SUPPLY, mv or 0xFFFF)
+
+    def _state(self):
+        if self._is_faulty:
+            return wire.STATE_FAULT
+        return wire.STATE_STREAMING if self._is_streaming else wire.STATE_IDLE
+
+    # The wire, and steps
+
+    def receive(self, stream):
+        """Obeys the commands among the bytes that are there."""
+        while True:
+            command = self._link.receive(stream)
+            if command is None:
+                return
+            now = ticks_us()
+            self._commands += 1
+            (token,) = struct.unpack_from("<H", command, wire.COMMAND_TOKEN)
+            if token == 0 or token != self._token:
+                self._token = token
+                values = struct.unpack_from("<ii", command, wire.COMMAND_ARGUMENTS)
+                order = command[wire.COMMAND_COMMAND]
+                self._result, self._value = self._obey(order, values, now)
+            self._reply(command[wire.COMMAND_COMMAND], token, now)
+
+    def _obey(self, order, values, now):
+        """The result of a command and its values."""
+        if order in (wire.COMMAND_START, wire.COMMAND_STOP):
+            self._stream(order == wire.COMMAND_START, wire.CAUSE_COMMAND, now)
+        elif order == wire.COMMAND_HELLO:
+            self._tell_hello(now)
+        elif order == wire.COMMAND_RATE:
+            if values[0] != 1 or not 1 <= values[1] <= 1000:
+                return wire.RESULT_BAD_ARGUMENT, (values[0], self._settings.rate)
+            self._settings.rate = values[1]
+            self._save(now)
+        elif order == wire.COMMAND_FIELDS:
+            if values[0] != wire.STREAM_RAW:
+                return wire.RESULT_BAD_ARGUMENT, (wire.STREAM_RAW, 0)
+        elif order == wire.COMMAND_RESET:
+            self._wants_reset = True
+        elif order == wire.COMMAND_PARAMS_TELL:
+            self._link.put(_message(wire.PARAMS), len(wire.PARAMS), now)
+        elif order != wire.COMMAND_TIME:
+            return wire.RESULT_UNKNOWN_COMMAND, values
+        return wire.RESULT_OK, values
+
+    def _reply(self, order, token, now):
+        content = _message(wire.REPLY)
+        content[wire.REPLY_REPLIED_COMMAND] = order
+        struct.pack_into("<H", content, wire.REPLY_REPLIED_TOKEN, token)
+        content[wire.REPLY_RESULT] = self._result
+        struct.pack_into("<ii", content, wire.REPLY_VALUE, *self._value)
+        self._link.put(content, len(wire.REPLY), now)
+
+    def _stream(self, is_on, cause, now):
+        if is_on is self._is_streaming:
+            return
+        self._is_streaming = is_on
+        event = wire.EVENT_STREAM_STARTED if is_on else wire.EVENT_STREAM_STOPPED
+        self.tell(event, cause, 0, now)
+
+    def send(self, stream):
+        """Writes what waits; returns how many bytes wait still."""
+        return self._link.send(stream)
+
+    def step(self, is_down):
+        """Every 5 ms the button and the periodic messages; returns what the LED
+        shows.
+        """
+        now = ticks_us()
+        if ticks_diff(now, self._stepped) >= _STEP_US:
+            self._stepped = now
+            if self._button.step(is_down, now):
+                self._click(now)
+            elapsed_us = ticks_diff(now, self._second)
+            if elapsed_us >= _SECOND_US:
+                self._second = now
+                self._uptime += 1
+                self._has_told_hello = False
+                self._tell_status(now)
+            elif elapsed_us >= _HELLO_US and not self._has_told_hello:
+                self._has_told_hello = True
+                self._tell_hello(now)
+        return self._light(now)
+
+    def _click(self, now):
+        if self._button.is_down:
+            self.tell(wire.EVENT_BUTTON_PRESSED, wire.CAUSE_BUTTON, 0, now)
+            return
+        self.tell(wire.EVENT_BUTTON_RELEASED, wire.CAUSE_BUTTON, 0, now)
+        self._stream(not self._is_streaming, wire.CAUSE_BUTTON, now)
+
+    def _light(self, now):
+        """Idle: a flash every second; fault: four; streaming: on."""
+        if self._is_faulty:
+            return (now >> 17) & 1 == 0
+        return self._is_streaming or (now >> 15) & 31 == 0
+
+    def wants_reset(self):
+        return self._wants_reset

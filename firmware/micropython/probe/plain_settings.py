@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: MIT
+"""What a probe without the C module keeps without power, and how its id is made."""
+
+import struct
+
+from micropython import const
+
+_CELLS = const(1024)  # bytes of a storage
+_PLACE = const(896)  # among them: what the C firmware leaves free
+_FORM = "<HHH"  # boots, raw rate, their check
+_CHECK = const(0x5AA5)
+_RATE_MAX = const(1000)
+
+
+def id_of(data):
+    """FNV-1a of 64 bits, as the C folds the id of a chip."""
+    value = 0xCBF29CE484222325
+    for byte in data:
+        value = ((value ^ byte) * 0x100000001B3) & 0xFFFFFFFFFFFFFFFF
+    return bytes((value >> (8 * i)) & 0xFF for i in range(8))
+
+
+class Settings:
+    """`boots` counts this one. `rate`: raw messages a second, at most."""
+
+    def __init__(self, storage):
+        self._storage = storage
+        self._cells = bytearray(b"\xff" * _CELLS)
+        if storage is not None:
+            storage.load(self._cells)
+        boots, rate, check = struct.unpack_from(_FORM, self._cells, _PLACE)
+        is_good = check == boots ^ rate ^ _CHECK and 1 <= rate <= _RATE_MAX
+        self.boots, self.rate = (boots, rate) if is_good else (0, _RATE_MAX)
+        self.boots = (self.boots + 1) & 0xFFFF
+
+    def save(self):
+        """False where they are not kept."""
+        values = self.boots, self.rate, self.boots ^ self.rate ^ _CHECK
+        struct.pack_into(_FORM, self._cells, _PLACE, *values)
+        if self._storage is not None:
+            try:
+                self._storage.save(self._cells)
+            except OSError:
+                return False
+        return True

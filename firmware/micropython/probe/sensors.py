@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: MIT
+"""The sensors that a probe may have, as main.py names them."""
+
+from micropython import const
+
+_MPU9250 = const(1)  # enum sensor of the protocol
+_LSM9DS0 = const(3)
+
+
+class Sensor:
+    """`bus`: a Bus, which can be freed, or a machine.I2C."""
+
+    def __init__(self, bus):
+        self.i2c = getattr(bus, "i2c", bus)
+        self.recover = getattr(bus, "recover", None)
+
+
+class MPU9250(Sensor):
+    """With its AK8963, pin AD0 low; 200 samples a second."""
+
+    def attach(self, probe, ready):
+        """To a Probe of the C module."""
+        probe.attach(_MPU9250, self.i2c, ready, self.recover)
+
+    def attach_plain(self, probe, ready):
+        from .driver_mpu9250 import Driver
+
+        probe.attach(Driver(), self.i2c, ready, self.recover)
+
+
+class LSM9DS0(Sensor):
+    """Its gyroscope's DRDY_G is the data-ready pin; 380 samples a second. `fast`: 760,
+    with the C module.
+    """
+
+    def __init__(self, bus, gyr=0x6B, xm=0x1D, fast=False):
+        super().__init__(bus)
+        self.gyr = gyr
+        self.xm = xm
+        self.fast = fast
+
+    def attach(self, probe, ready):
+        """To a Probe of the C module."""
+        probe.attach(
+            *(_LSM9DS0, self.i2c, ready, self.recover),
+            gyr=self.gyr,
+            xm=self.xm,
+            fast=self.fast,
+        )
+
+    def attach_plain(self, probe, ready):
+        from .driver_lsm9ds0 import Driver
+
+        probe.attach(Driver(self.gyr, self.xm), self.i2c, ready, self.recover)

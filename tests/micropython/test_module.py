@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: MIT
+"""The module imuprobe in MicroPython on this machine: the probe of core/, in every
+bit."""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bits.processors import replayed
+from imud.virtual import sensors
+from imud.wire import schema
+from imud.wire.frame import FrameDecoder, encode_frame
+from imud.wire.messages import Message, decode, encode
+from length import choose
+
+FEED = Path(__file__).with_name("feed.py")
+RATE_HZ = 200
+MAG_NULL = -32768
+LSB = (4788403e-9, 1065264e-9, 0.15)  # m/s2, rad/s and uT, as feed.py says
+SECONDS = choose(everyday=12, long=62)
+ALL = int(schema.StreamFlags.POSE | schema.StreamFlags.RAW)
+
+
+@dataclass
+class Tape:
+    """Samples and commands as feed.py reads them."""
+
+    data: bytearray = field(default_factory=bytearray)
+    tokens: int = 0
+
+    def sample(self, time_us: int, values: Iterable[int]) -> None:
+        self.data += struct.pack("<I11h", time_us, *values)
+
+    def command(self, time_us: int, name: str, first: int = 0, second: int = 0) -> None:
+        self.tokens += 1
+        fields = {
+            "command": name,
+            "token": self.tokens,
+            "arguments": (first, second),
+        }
+        frame = encode_frame(encode("command", fields, self.tokens, 0))
+        self.data += struct.pack("<III", 0xFFFFFFFF, time_us, len(frame)) + frame
+
+
+def hand(seconds: float) -> list[tuple[int, tuple[int, ...]]]:
+    """A hand's motion as samples: device time, us, and the values of a raw message."""
+    moved = sensors.generate(seconds, seed=3)
+    step = round(moved.rate_hz / RATE_HZ)
+    kinds = zip((moved.acc, moved.gyr, moved.mag), LSB, strict=True)
+    counts = np.hstack([np.rint(kind[::step] / lsb) for kind, lsb in kinds])
+    rows = np.clip(counts, -32767, 32767).astype(int)
+    found = []
+    for number, row in enumerate(rows):
+        acc_gyr, mag = tuple(row[:6]), tuple(row[6:])
+        has_mag = number % 2 == 0
+        values = (*acc_gyr, *(mag if has_mag else (MAG_NULL,) * 3), 2500, 0)
+        found.append((1000 + number * 5000, values))
+    return found
+
+
+def fed(
+    micropython: Path, tape: Tape, folder: Path, memory: Path | None = None
+) -> list[bytes]:
+    """The contents that the module sends for a tape."""
+    samples, frames = folder / "samples", folder / "frames"
+    samples.write_bytes(tape.data)
+    words = [micropython, FEED, samples, frames, memory or folder / "memory"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    decoder = FrameDecoder()
+    contents = decoder.feed(frames.read_bytes())
+    assert len(contents) == frames.read_bytes().count(0)
+    return contents
+
+
+def named(contents: Iterable[bytes], name: str) -> list[Message]:
+    messages = [decode(content) for content in contents]
+    return [m for m in messages if isinstance(m, Message) and m.name == name]
+
+
+@pytest.mark.long
+def test_its_poses_are_those_of_the_native_core(
+    micropython: Path, tmp_path: Path
+) -> None:
+    tape = Tape()
+    tape.command(1, "rate", 1, RATE_HZ)
+    tape.command(2, "fields", ALL)
+    tape.command(3, "start")
+    for number, (time_us, values) in enumerate(hand(SECONDS)):
+        tape.sample(time_us, values)
+        if number == 1000:
+            tape.command(time_us + 100, "tare", 1)
+        if number == 1500:
+            tape.command(time_us + 100, "restart", int(schema.Filter.MAHONY))
+    contents = fed(micropython, tape, tmp_path)
+    poses = [content for content in contents if content[0] == 0x06]
+    assert len(poses) > 100 * (SECONDS - 1)
+    assert poses == list(replayed(contents))
+    status = named(contents, "status")[-1].fields
+    assert status["messages_dropped"] == 0
+    assert status["samples_read"] == status["samples_fused"]
+
+
+def test_its_settings_survive_and_a_boot_is_counted(
+    micropython: Path, tmp_path: Path
+) -> None:
+    memory = tmp_path / "settings"
+    counts = []
+    for _ in range(3):
+        tape = Tape()
+        tape.command(100, "rate", 0, 50)
+        for time_us, values in hand(2):
+            tape.sample(time_us, values)
+        hellos = named(fed(micropython, tape, tmp_path, memory), "hello")
+        counts.append((hellos[0].fields["boot_count"], hellos[0].fields["pose_rate"]))
+        assert {hello.fields["probe_id"] for hello in hellos} == {fnv(b"host")}
+    assert counts == [(1, 100), (2, 50), (3, 50)]
+
+
+def fnv(data: bytes) -> bytes:
+    """FNV-1a of 64 bits, little endian."""
+    value = 0xCBF29CE484222325
+    for byte in data:
+        value = (value ^ byte) * 0x100000001B3 % 2**64
+    return value.to_bytes(8, "little")
