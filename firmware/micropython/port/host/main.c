@@ -20,7 +20,7 @@
 
 enum { STACK_BYTES = 400000 };
 
-static char heap[16 << 20];
+static char heap[64 << 20];
 
 mp_uint_t mp_hal_stdout_tx_strn(const char *bytes, size_t length) {
     return fwrite(bytes, 1, length, stdout);
