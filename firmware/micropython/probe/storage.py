@@ -35,8 +35,16 @@ class FileStorage:
         with open(self._part, "wb") as file:
             if file.write(cells) != len(cells):
                 raise OSError(28)  # ENOSPC
+        _sync()
         try:
             os.rename(self._part, self._path)
         except OSError:  # FAT renames to no name that is taken
             os.remove(self._path)
             os.rename(self._part, self._path)
+        _sync()
+
+
+def _sync():
+    """Has the port write what it holds back, where it does such a thing."""
+    if hasattr(os, "sync"):
+        os.sync()
