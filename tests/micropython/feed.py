@@ -4,8 +4,9 @@ what it sends to another file.
 
     micropython feed.py SAMPLES FRAMES MEMORY
 
-A sample is its time, u32 microseconds, and the eleven values of sample(). A command
-frame stands among them as a length of 0xFFFFFFFF, its time, its length and its bytes.
+A sample is its time, u32 microseconds, and the eleven values of sample(). Among them
+stand command frames, as 0xFFFFFFFF, their time, their length and their bytes, and what
+sensor() is told, as 0xFFFFFFFE and seven numbers.
 """
 
 import struct
@@ -18,6 +19,7 @@ import host
 
 STEP_US = 5000
 COMMAND = 0xFFFFFFFF
+SENSOR = 0xFFFFFFFE
 
 
 class Storage:
@@ -40,7 +42,6 @@ def play(probe, data, sent):
     """Plays the samples and commands; appends what is sent."""
     out = bytearray(4096)
     values = array("h", bytes(22))
-    is_begun = False
     at = 0
     while at < len(data):
         (time_us,) = struct.unpack_from("<I", data, at)
@@ -50,13 +51,15 @@ def play(probe, data, sent):
             at += 8
             probe.receive(data[at : at + length], time_us)
             at += length
+        elif time_us == SENSOR:
+            about = struct.unpack_from("<7I", data, at)
+            at += 28
+            time_us = about[-1]
+            probe.sensor(*about)
         else:
             for i in range(11):
                 values[i] = struct.unpack_from("<h", data, at + 2 * i)[0]
             at += 22
-            if not is_begun:
-                is_begun = True
-                probe.sensor(1, 200, 4788403, 1065264, 150000, 3900, time_us)
             probe.sample(values, time_us)
         probe.step(False, time_us)
         sent.append(bytes(out[: probe.take(out)]))

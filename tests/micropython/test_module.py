@@ -19,11 +19,14 @@ from imud.wire import schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode, encode
 from length import choose
+from system.virtual import F405, Stub, run, write_hand
 
 FEED = Path(__file__).with_name("feed.py")
 RATE_HZ = 200
 MAG_NULL = -32768
-LSB = (4788403e-9, 1065264e-9, 0.15)  # m/s2, rad/s and uT, as feed.py says
+ABOUT = (int(schema.Sensor.MPU9250), RATE_HZ, 4788403, 1065264, 150000, 3900)
+LSB = (4788403e-9, 1065264e-9, 0.15)  # m/s2, rad/s and uT: the same
+LSM9DS0 = (int(schema.Sensor.LSM9DS0), 380, 7178468, 1221730, 8000, 2251)
 SECONDS = choose(everyday=12, long=62)
 ALL = int(schema.StreamFlags.POSE | schema.StreamFlags.RAW)
 
@@ -37,6 +40,10 @@ class Tape:
 
     def sample(self, time_us: int, values: Iterable[int]) -> None:
         self.data += struct.pack("<I11h", time_us, *values)
+
+    def sensor(self, time_us: int, *about: int) -> None:
+        """Kind, rate, lsb of acceleration, rate and field, delay of the gyroscope."""
+        self.data += struct.pack("<8I", 0xFFFFFFFE, *about, time_us)
 
     def command(self, time_us: int, name: str, first: int = 0, second: int = 0) -> None:
         self.tokens += 1
@@ -93,6 +100,7 @@ def test_its_poses_are_those_of_the_native_core(
     tape.command(1, "rate", 1, RATE_HZ)
     tape.command(2, "fields", ALL)
     tape.command(3, "start")
+    tape.sensor(4, *ABOUT)
     for number, (time_us, values) in enumerate(hand(SECONDS)):
         tape.sample(time_us, values)
         if number == 1000:
@@ -116,6 +124,7 @@ def test_its_settings_survive_and_a_boot_is_counted(
     for _ in range(3):
         tape = Tape()
         tape.command(100, "rate", 0, 50)
+        tape.sensor(101, *ABOUT)
         for time_us, values in hand(2):
             tape.sample(time_us, values)
         hellos = named(fed(micropython, tape, tmp_path, memory), "hello")
@@ -130,3 +139,33 @@ def fnv(data: bytes) -> bytes:
     for byte in data:
         value = (value ^ byte) * 0x100000001B3 % 2**64
     return value.to_bytes(8, "little")
+
+
+@pytest.mark.long
+def test_the_samples_of_the_c_board_give_its_poses(
+    micropython: Path, f405: Path, f405_image: Path, tmp_path: Path
+) -> None:
+    stub = Stub(F405, f405, f405_image, tmp_path)
+    moved = write_hand(tmp_path / "hand", SECONDS)
+    words = ("--motion", moved, "--press", "200000:300000", *stub.raw_too)
+    done = run(stub, SECONDS, *words)
+    raws = done.named("raw")
+    tape = Tape()
+    tape.command(1, "rate", 1, 380)
+    tape.command(2, "fields", ALL)
+    tape.command(3, "start")
+    tape.sensor(raws[0].time_us - 1000, *LSM9DS0)
+    flags = {flag.name.lower(): flag for flag in schema.SampleFlags if flag.name}
+    for raw in raws:
+        told = raw.fields
+        mag = told["mag"] or (MAG_NULL,) * 3
+        cdeg = round(float(told["temperature"]) * 100)
+        bits = sum(int(flags[name]) for name in told["sample_flags"])
+        tape.sample(raw.time_us, (*told["acc"], *told["gyr"], *mag, cdeg, bits))
+    contents = fed(micropython, tape, tmp_path)
+    theirs, ours = (
+        [content[5:] for content in each if content[0] == 0x06]  # but for their numbers
+        for each in (done.contents, contents)
+    )
+    assert len(ours) > 100 * (SECONDS - 2)
+    assert ours == theirs
