@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 # Each command installs what it needs first; `make` alone lists them.
 .PHONY: help demo test test-long fresh bits coverage fuzz check format firmware sim \
-	bench bench-nano bench-f405 bench-card bench-host bench-calibration bench-page \
-	pictures setup clean
+	bench bench-nano bench-f405 bench-mpy bench-card bench-host bench-calibration \
+	bench-page pictures setup clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= python3
@@ -89,6 +89,10 @@ bench-nano: ## cycles, stack, flash and RAM: the image, its parts, every filter
 bench-f405: ## the same of the F405: instructions, both of its rates, every filter
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/cycles.py --board f405
+
+bench-mpy: ## MicroPython on the virtual F405: instructions, heap, pauses
+	@$(PYTHON) tools/setup.py bench
+	@python benchmarks/micropython.py
 
 bench-card: ## an hour of logging on the virtual F405, compared with its wire
 	@$(PYTHON) tools/setup.py bench

@@ -103,7 +103,7 @@ def f405_image() -> Path:
 def micropython() -> Path:
     """MicroPython with the module imuprobe, for this machine."""
     path = ROOT / "build" / "micropython" / "host" / "micropython"
-    return built(path, "tools/micropython.py host")
+    return built(path, "tools/micropython_build.py host")
 
 
 @pytest.fixture(scope="session")
@@ -116,7 +116,9 @@ def micropython_image() -> Path:
 @pytest.fixture(scope="session")
 def plain_image(micropython_image: Path) -> Path:
     """The same, with a main.py that makes no use of the module."""
-    return built(micropython_image.with_name("plain"), "tools/micropython.py plain")
+    return built(
+        micropython_image.with_name("plain"), "tools/micropython_build.py plain"
+    )
 
 
 @pytest.fixture(scope="session")

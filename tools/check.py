@@ -85,7 +85,7 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
     yield "lint of the page", (str(PAGE_TOOLS / "eslint"), *eslint)
     yield "the page's libraries", (python, "tools/vendor.py", "--check")
     yield "generated files", (python, "protocol/generate.py", "--check")
-    yield "MicroPython", (python, "tools/micropython.py", "check")
+    yield "MicroPython", (python, "tools/micropython_build.py", "check")
     yield "cppcheck", (*CPPCHECK, *INCLUDES, *portable, *chips)
     yield (
         "cppcheck, avr",

@@ -103,7 +103,7 @@ def build_micropython(command: str, boards: Sequence[str]) -> None:
     """Build the image, and for tests the program for this machine."""
     if MICROPYTHON in boards:
         targets = ("pyboard",) if command == "demo" else ("pyboard", "plain", "host")
-        step(MICROPYTHON, venv("python"), "tools/micropython.py", *targets)
+        step(MICROPYTHON, venv("python"), "tools/micropython_build.py", *targets)
 
 
 def build_sim(boards: Sequence[str]) -> None:

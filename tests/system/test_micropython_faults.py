@@ -25,7 +25,7 @@ def made(root: Path, f405: Path, micropython_image: Path, tmp_path: Path) -> Mad
 
     def make(name: str) -> Stub:
         source = root / "tests" / "micropython" / "mains" / f"{name}.py"
-        words = (sys.executable, "tools/micropython.py", source)
+        words = (sys.executable, "tools/micropython_build.py", source)
         subprocess.run(words, cwd=root, check=True)
         return Stub(MICROPYTHON, f405, micropython_image.with_name(name), tmp_path)
 

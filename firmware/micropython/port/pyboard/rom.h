@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The modules that are inside the image; tools/micropython.py makes the table.
+// The modules that are inside the image; tools/micropython_build.py makes the table.
 #ifndef PYBOARD_ROM_H
 #define PYBOARD_ROM_H
 

@@ -35,7 +35,9 @@ IMAGES = {"pyboard": MAINS / "main.py", "plain": MAINS / "plain.py"}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="tools/micropython.py", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="tools/micropython_build.py", description=__doc__
+    )
     parser.add_argument("target", nargs="+", help="host, pyboard, plain, check or FILE")
     targets = parser.parse_args().target
     BUILD.mkdir(parents=True, exist_ok=True)
