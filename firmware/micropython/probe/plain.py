@@ -30,7 +30,15 @@ def _message(template):
 
 class Probe:
     def __init__(
-        self, storage=None, *, id, firmware, board=0, reset_cause=0, mhz=1, room=2048
+        self,
+        storage=None,
+        *,
+        id,
+        firmware,
+        board=wire.BOARD_F405,
+        reset_cause=0,
+        mhz=1,
+        room=2048,
     ):
         now = ticks_us()
         self._settings = Settings(storage)

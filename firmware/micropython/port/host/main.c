@@ -8,6 +8,7 @@
 #include <sys/stat.h>
 #include <time.h>
 
+#include "chips_time.h"
 #include "py/builtin.h"
 #include "py/compile.h"
 #include "py/gc.h"
@@ -31,6 +32,10 @@ int mp_hal_stdin_rx_chr(void) {
 }
 
 static uint64_t now_us(void) {
+    uint64_t us;
+    if (chips_time_us(&us)) {
+        return us;
+    }
     struct timespec now;
     (void)clock_gettime(CLOCK_MONOTONIC, &now);
     return (uint64_t)now.tv_sec * 1000000 + (uint64_t)now.tv_nsec / 1000;

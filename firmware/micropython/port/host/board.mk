@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: MIT
+# This machine, with the modelled sensors of sim/chips.
+CHIPS := $(abspath ../../../sim/chips)
+CHIP_C := i2c_slave.c chip_motion.c
+CHIP_C += $(patsubst $(CHIPS)/%,%,$(wildcard $(CHIPS)/mpu9250/*.c $(CHIPS)/lsm9ds0/*.c))
+
+CFLAGS += -O2 -g -I$(CHIPS)
+LIB := -lm
+BOARD_O := $(CHIP_C:%.c=$(BUILD)/chips/%.o)
+
+$(BUILD)/chips/%.o: $(CHIPS)/%.c
+	$(Q)$(MKDIR) -p $(@D)
+	$(Q)$(CC) $(CFLAGS) -I$(CHIPS) -c -o $@ $<
