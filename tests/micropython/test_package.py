@@ -33,7 +33,7 @@ def test_the_guide_shows_the_main_that_runs_on_the_virtual_board(root: Path) -> 
     runs = (FOLDER / "port" / "pyboard" / "main.py").read_text()
     own = {line.strip() for line in runs.splitlines()}
     only_shown = [line for line in lines if line and line not in own]
-    # The virtual board has no files.
+    # The virtual board has no file system.
     assert only_shown == [
         "from probe import LSM9DS0, Bus, FileStorage, run",
         'storage=FileStorage("probe.settings"),',

@@ -22,7 +22,7 @@ _CAUSES = (
 
 def firmware():
     """MicroPython, its version and its port, as in "mpy 1.29 pyboard"."""
-    version = sys.implementation[1]
+    version = sys.implementation.version
     return "mpy {}.{} {}".format(version[0], version[1], sys.platform)[:_FIRMWARE_MAX]
 
 

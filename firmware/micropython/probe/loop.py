@@ -11,9 +11,9 @@ from micropython import const, kbd_intr
 from .board import facts
 
 try:
-    from imuprobe import Probe
-except ImportError:
-    Probe = None  # a MicroPython without the module
+    import imuprobe
+except ImportError:  # a MicroPython without the module
+    imuprobe = None
 
 _WATCHDOG_MS = const(5000)
 _SUPPLY_MS = const(1000)
@@ -53,13 +53,13 @@ def run(
 
 
 def _attached(sensor, ready, storage, plain):
-    if Probe is not None and not plain:
-        probe = Probe(storage, **facts())
+    if imuprobe is not None and not plain:
+        probe = imuprobe.Probe(storage, **facts())
         sensor.attach(probe, ready)
         return probe
-    from .plain import Probe as PlainProbe
+    from .plain import Probe
 
-    probe = PlainProbe(storage, **facts())
+    probe = Probe(storage, **facts())
     sensor.attach_plain(probe, ready)
     return probe
 

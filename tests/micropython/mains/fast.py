@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The probe of main.py at 760 samples a second."""
 
-import flash
+import f405
 from machine import I2C, UART, Pin
 from probe import LSM9DS0, run
 
@@ -10,5 +10,5 @@ run(
     ready=Pin("Y11", Pin.IN, Pin.PULL_DOWN),
     wire=UART(2, 921_600),
     button=Pin("X17", Pin.IN, Pin.PULL_UP),
-    storage=flash,
+    storage=f405,
 )

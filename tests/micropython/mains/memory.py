@@ -3,7 +3,7 @@
 
 import gc
 
-import flash
+import f405
 from machine import I2C, UART, Pin
 from probe import LSM9DS0, run
 
@@ -22,6 +22,6 @@ run(
     ready=Pin("Y11", Pin.IN, Pin.PULL_DOWN),
     wire=UART(2, 921_600),
     button=Pin("X17", Pin.IN, Pin.PULL_UP),
-    storage=flash,
+    storage=f405,
     supply=bytes_taken,
 )

@@ -4,7 +4,7 @@ without the module."""
 
 import gc
 
-import flash
+import f405
 from machine import I2C, UART, Pin
 from probe import LSM9DS0, run
 
@@ -23,7 +23,7 @@ run(
     ready=Pin("Y11", Pin.IN, Pin.PULL_DOWN),
     wire=UART(2, 921_600),
     button=Pin("X17", Pin.IN, Pin.PULL_UP),
-    storage=flash,
+    storage=f405,
     supply=bytes_taken,
     plain=True,
 )

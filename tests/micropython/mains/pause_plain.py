@@ -5,7 +5,7 @@ without the module.
 
 from time import ticks_diff, ticks_us
 
-import flash
+import f405
 from machine import I2C, UART, Pin
 from probe import LSM9DS0, run
 
@@ -35,7 +35,7 @@ run(
     ready=Pin("Y11", Pin.IN, Pin.PULL_DOWN),
     wire=UART(2, 921_600),
     button=button,
-    storage=flash,
+    storage=f405,
     supply=button.told,
     plain=True,
 )

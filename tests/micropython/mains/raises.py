@@ -3,7 +3,7 @@
 
 from time import ticks_diff, ticks_ms
 
-import flash
+import f405
 from machine import I2C, UART, Pin
 from probe import LSM9DS0, run
 
@@ -20,6 +20,6 @@ run(
     LSM9DS0(I2C(1, freq=400_000)),
     ready=Pin("Y11", Pin.IN, Pin.PULL_DOWN),
     wire=UART(2, 921_600),
-    storage=flash,
+    storage=f405,
     supply=fail,
 )

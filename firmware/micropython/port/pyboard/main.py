@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The probe of docs/f405.md: an LSM9DS0 on X9 and X10, the host on X3 and X4."""
 
-import flash
-import machine
+import f405
 from machine import I2C, UART, Pin
 from probe import LSM9DS0, Bus, run
 
@@ -12,6 +11,6 @@ run(
     wire=UART(2, 921_600),
     button=Pin("X17", Pin.IN, Pin.PULL_UP),
     led=Pin("LED_BLUE", Pin.OUT),
-    storage=flash,
-    supply=machine.supply_mv,
+    storage=f405,
+    supply=f405.supply_mv,
 )

@@ -44,12 +44,6 @@ static mp_obj_t machine_freq(void) {
 }
 static MP_DEFINE_CONST_FUN_OBJ_0(machine_freq_obj, machine_freq);
 
-// supply_mv(): this board's own; elsewhere a pin of the ADC measures it.
-static mp_obj_t machine_supply_mv(void) {
-    return MP_OBJ_NEW_SMALL_INT(board_supply_mv());
-}
-static MP_DEFINE_CONST_FUN_OBJ_0(machine_supply_mv_obj, machine_supply_mv);
-
 // WDT(timeout=...): its time is the board's, 200 ms.
 static mp_obj_t wdt_make_new(const mp_obj_type_t *type, size_t n_args, size_t n_kw,
                              const mp_obj_t *args);
@@ -85,7 +79,6 @@ static const mp_rom_map_elem_t table[] = {
     {MP_ROM_QSTR(MP_QSTR_reset_cause), MP_ROM_PTR(&machine_reset_cause_obj)},
     {MP_ROM_QSTR(MP_QSTR_unique_id), MP_ROM_PTR(&machine_unique_id_obj)},
     {MP_ROM_QSTR(MP_QSTR_freq), MP_ROM_PTR(&machine_freq_obj)},
-    {MP_ROM_QSTR(MP_QSTR_supply_mv), MP_ROM_PTR(&machine_supply_mv_obj)},
     {MP_ROM_QSTR(MP_QSTR_PWRON_RESET), MP_ROM_INT(RESET_CAUSE_POWER_ON)},
     {MP_ROM_QSTR(MP_QSTR_HARD_RESET), MP_ROM_INT(RESET_CAUSE_EXTERNAL)},
     {MP_ROM_QSTR(MP_QSTR_BROWN_OUT_RESET), MP_ROM_INT(RESET_CAUSE_BROWN_OUT)},

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The probe of main.py as on a board without the C module: raw samples alone."""
 
-import flash
-import machine
+import f405
 from machine import I2C, UART, Pin
 from probe import LSM9DS0, Bus, run
 
@@ -12,7 +11,7 @@ run(
     wire=UART(2, 921_600),
     button=Pin("X17", Pin.IN, Pin.PULL_UP),
     led=Pin("LED_BLUE", Pin.OUT),
-    storage=flash,
-    supply=machine.supply_mv,
+    storage=f405,
+    supply=f405.supply_mv,
     plain=True,
 )

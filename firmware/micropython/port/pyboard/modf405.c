@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The module flash: a storage for the probe's settings where there is no file system,
-// in the journal of firmware/stm32, which the C firmware reads, too.
+// The module f405, what firmware/stm32 has and machine has not: a storage for the
+// probe's settings without a file system, in the journal that the C firmware reads,
+// too; and the supply.
 #include "py/mperrno.h"
 #include "py/runtime.h"
 
@@ -13,7 +14,7 @@ static void get_cells(mp_obj_t object, mp_buffer_info_t *cells, mp_uint_t flags)
     }
 }
 
-static mp_obj_t flash_load(mp_obj_t object) {
+static mp_obj_t f405_load(mp_obj_t object) {
     mp_buffer_info_t cells;
     get_cells(object, &cells, MP_BUFFER_WRITE);
     for (uint16_t offset = 0; offset < MEMORY_SIZE; offset++) {
@@ -21,10 +22,10 @@ static mp_obj_t flash_load(mp_obj_t object) {
     }
     return mp_const_none;
 }
-static MP_DEFINE_CONST_FUN_OBJ_1(flash_load_obj, flash_load);
+static MP_DEFINE_CONST_FUN_OBJ_1(f405_load_obj, f405_load);
 
 // From the end on: what makes a bank count is its first byte.
-static mp_obj_t flash_save(mp_obj_t object) {
+static mp_obj_t f405_save(mp_obj_t object) {
     mp_buffer_info_t cells;
     get_cells(object, &cells, MP_BUFFER_READ);
     const uint8_t *bytes = cells.buf;
@@ -38,17 +39,24 @@ static mp_obj_t flash_save(mp_obj_t object) {
     }
     return mp_const_none;
 }
-static MP_DEFINE_CONST_FUN_OBJ_1(flash_save_obj, flash_save);
+static MP_DEFINE_CONST_FUN_OBJ_1(f405_save_obj, f405_save);
+
+// supply_mv(): 0 where it can't be known.
+static mp_obj_t f405_supply_mv(void) {
+    return MP_OBJ_NEW_SMALL_INT(board_supply_mv());
+}
+static MP_DEFINE_CONST_FUN_OBJ_0(f405_supply_mv_obj, f405_supply_mv);
 
 static const mp_rom_map_elem_t table[] = {
-    {MP_ROM_QSTR(MP_QSTR___name__), MP_ROM_QSTR(MP_QSTR_flash)},
-    {MP_ROM_QSTR(MP_QSTR_load), MP_ROM_PTR(&flash_load_obj)},
-    {MP_ROM_QSTR(MP_QSTR_save), MP_ROM_PTR(&flash_save_obj)},
+    {MP_ROM_QSTR(MP_QSTR___name__), MP_ROM_QSTR(MP_QSTR_f405)},
+    {MP_ROM_QSTR(MP_QSTR_load), MP_ROM_PTR(&f405_load_obj)},
+    {MP_ROM_QSTR(MP_QSTR_save), MP_ROM_PTR(&f405_save_obj)},
+    {MP_ROM_QSTR(MP_QSTR_supply_mv), MP_ROM_PTR(&f405_supply_mv_obj)},
 };
 static MP_DEFINE_CONST_DICT(globals, table);
 
-const mp_obj_module_t flash_module = {
+const mp_obj_module_t f405_module = {
     .base = {&mp_type_module},
     .globals = (mp_obj_dict_t *)&globals,
 };
-MP_REGISTER_MODULE(MP_QSTR_flash, flash_module);
+MP_REGISTER_MODULE(MP_QSTR_f405, f405_module);
