@@ -12,13 +12,15 @@ from typing import Any
 import pytest
 
 from fakes import FakeProbe
+from fakes.messages import EXAMPLES
 from imud.config.settings import Config
 from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake
 from imud.journal.speaker import Speaker
 from imud.probes.record import Record
 from imud.probes.session import ProbeFound, Received, Session
-from imud.stages import Outcome, Says, Stage, Tells, Wants
+from imud.stages import Adds, Outcome, Says, Stage, Tells, Wants
+from imud.wire.messages import encode
 
 
 class Shakes:
@@ -58,7 +60,7 @@ class Bench:
     """An intake whose probes have a stage each, and what its hub is given."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        hub = Hub()
+        self.hub = hub = Hub()
         self.records: list[Record] = []
         monkeypatch.setattr(hub, "put", self._put)
         self.stages: list[Shakes] = []
@@ -146,3 +148,31 @@ def test_each_probe_has_stages_of_its_own_that_hear_of_a_reload(bench: Bench) ->
     config = Config(twin=True)
     bench.intake.registry.configure(config)
     assert all(stage.config is config for stage in bench.stages)
+
+
+class Doubles(Shakes):
+    """Adds a pose of its own for each raw message."""
+
+    def take(self, received: Received) -> Iterator[Outcome]:
+        if received.message.name == "raw":
+            self.count += 1
+            message = received.message
+            pose = encode("pose", EXAMPLES["pose"], message.sequence, message.time_us)
+            yield Adds(pose, self.count)
+
+
+def test_a_message_that_a_stage_adds_is_published_but_not_as_a_frame(
+    bench: Bench,
+) -> None:
+    bench.intake = Intake(Config(), bench.hub, Speaker(), lambda c: [Doubles(c)])
+    bench.session = Session(bench.intake.probe)
+    probe = FakeProbe()
+    bench.hear(probe.say("hello") + probe.say("raw") + probe.say("raw"))
+    raws, poses = bench.said("raw"), bench.said("pose")
+    assert [pose["number"] for pose in poses] == [1, 2]
+    assert [pose["seq"] for pose in poses] == [raw["seq"] for raw in raws]
+    assert [pose["t_device_us"] for pose in poses] == [r["t_device_us"] for r in raws]
+    assert all(not r.content for r in bench.records if r.topic == "pose")
+    entry = bench.intake.registry.named(probe.name)
+    assert entry is not None
+    assert (entry.poses, entry.pose["number"], entry.received) == (2, 2, 3)

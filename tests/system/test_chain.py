@@ -25,47 +25,10 @@ from imud.wire import schema
 from imud.wire.messages import Message
 from imud.wire.messages import decode as decode_content
 from length import choose
+from system.live import LiveProbe, hear, take
 from system.virtual import Stub, every_board, run
 
 CLICK = ("--press", "200000:300000")
-
-
-class LiveProbe:
-    """A virtual probe on a pty, in real time."""
-
-    def __init__(self, stub: Stub, *options: object) -> None:
-        self.port = stub.folder / "probe"
-        self.summary = stub.folder / "live.json"
-        words = ["--image", stub.image, "--pty", self.port, "--summary", self.summary]
-        self.process = subprocess.Popen(
-            [str(stub.simulator), *map(str, [*words, *options])],
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        assert self.process.stderr is not None
-        assert self.process.stderr.readline().startswith("ready")
-
-    def end(self, by: signal.Signals = signal.SIGTERM) -> dict[str, Any]:
-        """Ends it and returns its summary."""
-        self.process.send_signal(by)
-        self.process.wait(PATIENCE_S)
-        if self.process.stderr is not None:
-            self.process.stderr.close()
-        if by == signal.SIGKILL:
-            self.port.unlink(missing_ok=True)
-            return {}
-        found: dict[str, Any] = json.loads(self.summary.read_text())
-        return found
-
-
-def hear(client: Client, topic: str) -> queue.Queue[dict[str, Any]]:
-    heard: queue.Queue[dict[str, Any]] = queue.Queue()
-    client.subscribe(topic, None, lambda _, payload: heard.put(json.loads(payload)))
-    return heard
-
-
-def take(heard: queue.Queue[dict[str, Any]], count: int) -> list[dict[str, Any]]:
-    return [heard.get(timeout=PATIENCE_S) for _ in range(count)]
 
 
 def drained(heard: queue.Queue[dict[str, Any]]) -> Iterator[dict[str, Any]]:

@@ -19,7 +19,8 @@ import pytest
 from fakes import PATIENCE_S, DaemonProcess
 from imud.client import Client
 from length import choose
-from system.test_chain import LiveProbe, drained, hear, take
+from system.live import LiveProbe, hear, take
+from system.test_chain import drained
 from system.virtual import BOARDS, Stub
 
 Array = npt.NDArray[np.float64]

@@ -3,19 +3,21 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bits.processors import replayed
+from fakes import PATIENCE_S, DaemonProcess
+from imud.client import Client
 from imud.config.settings import Config, ProbeSettings
 from imud.stages import Adds
 from imud.stages.fusion import FusionStage
 from imud.wire.messages import Message, decode
 from length import choose
 from sessions import received
+from system.live import LiveProbe, hear, take
 from system.virtual import (
     MICROPYTHON,
     Run,
@@ -27,7 +29,7 @@ from system.virtual import (
 )
 
 CLICK = ("--press", "200000:300000")
-SECONDS = choose(everyday=6, long=62)
+SECONDS = choose(everyday=5, long=62)
 
 
 @pytest.fixture
@@ -43,7 +45,7 @@ def moved(stub: Stub, *options: object) -> Run:
 
 @pytest.mark.long
 def test_its_poses_are_in_every_bit_those_of_the_native_core(stub: Stub) -> None:
-    done = moved(stub, "--send", f"4000000:{send('tare', 1, token=9)}")
+    done = moved(stub, "--send", f"3500000:{send('tare', 1, token=9)}")
     assert_nothing_is_lost(done)
     poses = [content for content in done.contents if content[0] == 0x06]
     assert len(poses) > 100 * (SECONDS - 2)
@@ -63,10 +65,13 @@ def test_it_has_the_id_of_the_c_firmware(stub: Stub, f405_image: Path) -> None:
     assert len(ids) == 1
 
 
-@pytest.fixture
-def plain(stub: Stub, plain_image: Path) -> Stub:
-    """The same board without the module."""
-    return dataclasses.replace(stub, image=plain_image)
+@pytest.fixture(scope="module")
+def plain(
+    f405: Path, plain_image: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Run:
+    """The same board and hand without the module."""
+    folder = tmp_path_factory.mktemp("plain")
+    return moved(Stub(MICROPYTHON, f405, plain_image, folder))
 
 
 def fused(done: Run) -> list[Message]:
@@ -85,9 +90,9 @@ def quaternions(poses: list[Message]) -> dict[int, np.ndarray]:
 
 
 def test_without_the_module_the_host_computes_the_same_poses(
-    stub: Stub, plain: Stub
+    stub: Stub, plain: Run
 ) -> None:
-    poses = quaternions(fused(moved(plain)))
+    poses = quaternions(fused(plain))
     reference = quaternions(moved(stub).named("pose"))
     late = 100 * (SECONDS - 2)
     both = sorted(at for at in poses.keys() & reference.keys() if at > late)
@@ -96,9 +101,31 @@ def test_without_the_module_the_host_computes_the_same_poses(
     assert np.degrees(2 * np.arccos(np.clip(min(cosines), 0, 1))) < 5
 
 
-def test_without_the_module_no_sample_is_lost(plain: Stub) -> None:
-    done = moved(plain)
-    times = np.array([raw.time_us for raw in done.named("raw")])
+def test_without_the_module_no_sample_is_lost(plain: Run) -> None:
+    times = np.array([raw.time_us for raw in plain.named("raw")])
     assert len(times) > 370 * (SECONDS - 2)
     assert np.all(np.rint(np.diff(times) * 380e-6) == 1)
-    assert_nothing_is_lost(done)
+    assert_nothing_is_lost(plain)
+
+
+def test_a_board_without_the_module_has_poses_at_a_subscriber(
+    f405: Path, plain_image: Path, tmp_path: Path
+) -> None:
+    stub = Stub(MICROPYTHON, f405, plain_image, tmp_path)
+    name = run(stub, 0.5).named("hello")[0].fields["probe_id"]
+    assert isinstance(name, bytes)
+    config = tmp_path / "imud.toml"
+    config.write_text(f"[probes.{name.hex()}]\nfuse_on_host = true\n")
+    probe = LiveProbe(stub, "--press", "200000:300000")
+    with DaemonProcess(probe.port, "--config", config, directory=tmp_path) as daemon:
+        daemon.expect("found on")
+        with Client(daemon.endpoint) as client:
+            client.wait_for(seconds=PATIENCE_S)
+            poses = take(hear(client, "pose"), 60)
+            (status,) = client.statuses()
+        probe.end()
+        daemon.stop()
+    numbers = [pose["number"] for pose in poses]
+    assert numbers == list(range(numbers[0], numbers[0] + 60))
+    assert status["fusion"]["is_on_host"]
+    assert status["ledger"]["lost"] == 0

@@ -47,8 +47,8 @@ def test_the_module_takes_no_memory_while_it_streams(made: Made) -> None:
 
 def test_without_the_module_a_sample_takes_no_memory(made: Made) -> None:
     stub = made("memory_plain")
-    found = taken(run(stub, 6, *CLICK))
-    assert len(found) >= 3
+    found = taken(run(stub, 4.2, *CLICK))
+    assert len(found) >= 2
     # The messages of a second take some, those of its samples none.
     assert max(found) < SAMPLES * LEAST / 4
 

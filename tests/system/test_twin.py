@@ -12,8 +12,8 @@ from imud.recordings.decode import Tally, decode_file
 from imud.stages.twin_outcomes import Began, State
 from imud.wire.frame import encode_frame
 from imud.wire.params import digest_of
+from system.live import LiveProbe, hear
 from system.params_orders import upload
-from system.test_chain import LiveProbe, hear
 from system.virtual import Stub, run, write_hand
 from twin_bench import heard
 

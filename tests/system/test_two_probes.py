@@ -16,8 +16,8 @@ from imud.client import Client
 from imud.recordings.decode import Tally, decode_file
 from imud.wire.frame import encode_frame
 from imud.wire.params import digest_of
+from system.live import hear
 from system.params_orders import upload
-from system.test_chain import hear
 from system.virtual import Run, Stub, run
 
 SECONDS = 5.0
