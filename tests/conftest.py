@@ -6,6 +6,8 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import hypothesis
@@ -101,9 +103,8 @@ def f405_image() -> Path:
 
 @pytest.fixture(scope="session")
 def micropython() -> Path:
-    """MicroPython with the module imuprobe, for this machine."""
-    path = ROOT / "build" / "micropython" / "host" / "micropython"
-    return built(path, "tools/micropython_build.py host")
+    """MicroPython with the module imuprobe, for this machine; built if it is not."""
+    return micropython_of("host") / "host" / "micropython"
 
 
 @pytest.fixture(scope="session")
@@ -114,11 +115,9 @@ def micropython_image() -> Path:
 
 
 @pytest.fixture(scope="session")
-def plain_image(micropython_image: Path) -> Path:
-    """The same, with a main.py that makes no use of the module."""
-    return built(
-        micropython_image.with_name("plain"), "tools/micropython_build.py plain"
-    )
+def plain_image() -> Path:
+    """The same, with a main.py that makes no use of the module; built if it is not."""
+    return micropython_of("plain") / "pyboard" / "plain"
 
 
 @pytest.fixture(scope="session")
@@ -131,6 +130,13 @@ def boards(
         "f405": (f405, f405_image),
         "micropython": (f405, micropython_image),
     }
+
+
+def micropython_of(target: str) -> Path:
+    """Have tools/micropython_build.py make a target; returns where all of them are."""
+    words = (sys.executable, "tools/micropython_build.py", target)
+    subprocess.run(words, cwd=ROOT, check=True)
+    return ROOT / "build" / "micropython"
 
 
 def built(path: Path, command: str) -> Path:

@@ -14,6 +14,8 @@ from imud.wire import schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode, encode
 
+pytestmark = pytest.mark.long
+
 HERE = Path(__file__).resolve().parent
 PACKAGE = HERE.parents[1] / "firmware" / "micropython"
 FIRST_US, EACH_US, MOTIONS = 3_000_000, 100_000, 20  # as in driven.py

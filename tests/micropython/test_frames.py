@@ -14,13 +14,14 @@ import pytest
 
 from imud import _core
 from imud.wire.schema import HELLO_SEED
-from length import choose
 from reference import HELLO_ID
+
+pytestmark = pytest.mark.long
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 PACKAGE = ROOT / "firmware" / "micropython" / "probe"
-COUNT = choose(everyday=1000, long=10_000)
+COUNT = 10_000
 
 
 def vectors() -> list[tuple[int, bytes, bytes]]:
@@ -46,7 +47,6 @@ def random_contents() -> list[tuple[int, bytes]]:
     return contents
 
 
-@pytest.mark.long
 def test_plain_viper_and_c_make_the_same_frames(
     micropython: Path, tmp_path: Path
 ) -> None:

@@ -18,8 +18,9 @@ from imud.virtual import sensors
 from imud.wire import schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode, encode
-from length import choose
 from system.virtual import F405, Stub, run, write_hand
+
+pytestmark = pytest.mark.long
 
 FEED = Path(__file__).with_name("feed.py")
 RATE_HZ = 200
@@ -27,7 +28,7 @@ MAG_NULL = -32768
 ABOUT = (int(schema.Sensor.MPU9250), RATE_HZ, 4788403, 1065264, 150000, 3900)
 LSB = (4788403e-9, 1065264e-9, 0.15)  # m/s2, rad/s and uT: the same
 LSM9DS0 = (int(schema.Sensor.LSM9DS0), 380, 7178468, 1221730, 8000, 2251)
-SECONDS = choose(everyday=12, long=62)
+SECONDS = 62
 ALL = int(schema.StreamFlags.POSE | schema.StreamFlags.RAW)
 
 
@@ -92,7 +93,6 @@ def named(contents: Iterable[bytes], name: str) -> list[Message]:
     return [m for m in messages if isinstance(m, Message) and m.name == name]
 
 
-@pytest.mark.long
 def test_its_poses_are_those_of_the_native_core(
     micropython: Path, tmp_path: Path
 ) -> None:
@@ -141,7 +141,6 @@ def fnv(data: bytes) -> bytes:
     return value.to_bytes(8, "little")
 
 
-@pytest.mark.long
 def test_the_samples_of_the_c_board_give_its_poses(
     micropython: Path, f405: Path, f405_image: Path, tmp_path: Path
 ) -> None:

@@ -7,7 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from length import choose
 from system.virtual import ALL_BOARDS, BOARDS, Stub
+
+# Images of MicroPython beside that of `make firmware`, for `make test-long`.
+collect_ignore = choose(
+    everyday=["test_micropython_faults.py", "test_micropython_plain.py"], long=[]
+)
 
 
 @pytest.fixture(params=BOARDS)

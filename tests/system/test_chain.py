@@ -26,7 +26,7 @@ from imud.wire.messages import Message
 from imud.wire.messages import decode as decode_content
 from length import choose
 from system.live import LiveProbe, hear, take
-from system.virtual import Stub, every_board, run
+from system.virtual import ALL_BOARDS, Stub, run
 
 CLICK = ("--press", "200000:300000")
 
@@ -98,7 +98,7 @@ def test_damage_on_the_wire_adds_up_to_the_frame(stub: Stub, seed: int) -> None:
     port.vanish()
 
 
-@every_board
+@pytest.mark.parametrize("stub", ALL_BOARDS, indirect=True)
 def test_a_live_probe_reaches_a_subscriber_with_nothing_lost(stub: Stub) -> None:
     probe = LiveProbe(stub, "--press", "1500000:1700000")
     with DaemonProcess(probe.port, directory=stub.folder) as daemon:

@@ -12,6 +12,8 @@ import pytest
 
 from system.virtual import MICROPYTHON, Run, Stub, run
 
+pytestmark = pytest.mark.long
+
 CLICK = ("--press", "200000:300000")
 SAMPLES = 380  # a second
 LEAST = 16  # bytes that anything takes of the heap

@@ -20,6 +20,7 @@ from imud.wire import schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, encode
 from imud.wire.messages import decode as decode_content
+from length import choose
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +84,9 @@ BOARDS = {board.name: board for board in (NANO, F405)}
 # The F405 again, with the same sensor, running MicroPython.
 MICROPYTHON = dataclasses.replace(F405, name="micropython", stack=24 * 1024)
 ALL_BOARDS = BOARDS | {MICROPYTHON.name: MICROPYTHON}
-every_board = pytest.mark.parametrize("stub", ALL_BOARDS, indirect=True)
+LONG = pytest.param(MICROPYTHON.name, marks=pytest.mark.long)
+NAMES = choose(everyday=[*BOARDS], long=[*BOARDS, LONG])
+every_board = pytest.mark.parametrize("stub", NAMES, indirect=True)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ CHIPS := $(abspath ../../../sim/chips)
 CHIP_C := i2c_slave.c chip_motion.c
 CHIP_C += $(patsubst $(CHIPS)/%,%,$(wildcard $(CHIPS)/mpu9250/*.c $(CHIPS)/lsm9ds0/*.c))
 
-CFLAGS += -O1 -g -I$(CHIPS)
+CFLAGS += -O1 -I$(CHIPS)
 LIB := -lm
 BOARD_O := $(CHIP_C:%.c=$(BUILD)/chips/%.o)
 

@@ -3,7 +3,7 @@
 STM32 := start clock reset flash journal adc uart i2c identity
 MACHINE := -mthumb -mcpu=cortex-m4 -mfloat-abi=hard -mfpu=fpv4-sp-d16
 
-CFLAGS += $(MACHINE) -O2 -g -fsingle-precision-constant -DF_CPU=168000000L
+CFLAGS += $(MACHINE) -O2 -fsingle-precision-constant -DF_CPU=168000000L
 CFLAGS += -I$(FIRMWARE) -I$(FIRMWARE)/stm32
 LDFLAGS += $(MACHINE) -nostartfiles --specs=nano.specs -T pyboard/pyboard.ld
 LIB := -lm
