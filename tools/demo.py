@@ -30,7 +30,6 @@ ROOM = ROOT / "build" / "demo"
 IMUD = (sys.executable, "-m", "imud")
 BOARDS = {"nano": ["nano"], "f405": ["f405"], "both": ["nano", "f405"]}
 BOARDS["micropython"] = ["micropython"]
-AS_TOLD = {"micropython": "f405"}  # by its hello, which names the hardware
 
 # The pose rate of a probe at its defaults.
 RATE_HZ = 100.0
@@ -168,8 +167,7 @@ def run(boards: Sequence[str], seconds: float | None, wanted: int | None) -> int
     faults = [f"{name} ended by itself; see {ROOM}" for name in ended]
     faults += [] if listened == 0 else [f"imud listen ended with {listened}"]
     heard = {str(status["hello"]["board"]): status for status in statuses}
-    told = sorted(AS_TOLD.get(board, board) for board in boards)
-    if sorted(heard) != told or len(statuses) != len(boards):
+    if sorted(heard) != sorted(boards) or len(statuses) != len(boards):
         faults.append(f"{len(statuses)} probes have a status, not {len(boards)}")
     for board, status in heard.items():
         tally = tallies[str(status["probe"])]

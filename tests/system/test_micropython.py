@@ -39,6 +39,7 @@ def test_its_poses_are_in_every_bit_those_of_the_native_core(stub: Stub) -> None
 
 def test_its_hello_tells_micropython_and_its_version(stub: Stub) -> None:
     hello = run(stub, 1).named("hello")[-1].fields
+    assert hello["board"] == "micropython"
     assert str(hello["firmware"]).startswith("mpy 1.")
     assert str(hello["firmware"]).endswith(" pyboard")
     assert hello["reset_cause"] == ("power_on",)

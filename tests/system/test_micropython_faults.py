@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from system.virtual import MICROPYTHON, Run, Stub, run
+from system.virtual import MICROPYTHON, Run, Stub, assert_nothing_is_lost, run
 
 pytestmark = pytest.mark.long
 
@@ -75,3 +75,13 @@ def test_a_program_that_ends_is_told_and_starts_again_by_itself(
     # Whoever listens misses no message of a start, the hello first of all.
     firsts = [m for m in done.messages if m.sequence == 0]
     assert [m.name for m in firsts] == ["hello"] * 3
+
+
+def test_a_function_that_raises_is_told_and_the_stream_goes_on(made: Made) -> None:
+    done = run(made("hook"), 6, *CLICK)
+    failures = [m for m in done.named("event") if m.fields["event"] == "hook_failed"]
+    assert [m.fields["detail"] for m in failures] == list(range(1, len(failures) + 1))
+    assert len(failures) >= 3
+    times = [pose.time_us for pose in done.named("pose")]
+    assert times[-1] > 5_900_000
+    assert_nothing_is_lost(done)

@@ -9,8 +9,8 @@
 
 #include "core/math/in_flash.h"
 
-#define SCHEMA_FINGERPRINT 0xe620c0cau
-#define SCHEMA_SEED 0xc0cau  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0xe9a1d381u
+#define SCHEMA_SEED 0xd381u  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,
@@ -45,6 +45,7 @@ enum {
 enum board {
     BOARD_NANO = 1,
     BOARD_F405 = 2,
+    BOARD_MICROPYTHON = 3,
 };
 
 enum sensor {
@@ -89,6 +90,7 @@ enum event {
     EVENT_RADIO_FAULT = 25,
     EVENT_PARAMS_CHANGED = 26,
     EVENT_PARAMS_LOST = 27,
+    EVENT_HOOK_FAILED = 28,
 };
 
 enum cause {

@@ -7,7 +7,7 @@ import machine
 
 from micropython import const
 
-_F405 = const(2)  # enum board of the protocol
+_MICROPYTHON = const(3)  # enum board of the protocol
 _FIRMWARE_MAX = const(16)  # characters
 
 # Flags of the protocol's reset_cause, by the names of machine's constants.
@@ -40,7 +40,7 @@ def facts():
     return {
         "id": machine.unique_id(),
         "firmware": firmware(),
-        "board": _F405,
+        "board": _MICROPYTHON,
         "reset_cause": reset_cause(),
         "mhz": machine.freq() // 1_000_000,
     }

@@ -16,9 +16,10 @@ except ImportError:  # a MicroPython without the module
     imuprobe = None
 
 _WATCHDOG_MS = const(5000)
-_SUPPLY_MS = const(1000)
+_HOOKS_MS = const(1000)
 _DRAIN_MS = const(200)  # for the last frames before a reset
 _CTRL_C = const(3)
+_HOOK_FAILED = const(28)  # enum event of the protocol
 
 
 def run(
@@ -30,6 +31,7 @@ def run(
     led=None,
     storage=None,
     supply=None,
+    hook=None,
     watchdog=True,
     plain=False,
 ):
@@ -39,14 +41,15 @@ def run(
     `sensor`: of sensors.py; `ready`: the Pin of its data-ready; `wire`: a UART, the
     USB_VCP, or another stream; `button`: a Pin that is low while it is pressed;
     `storage`: of storage.py, None: nothing is kept; `supply`: a function that returns
-    the supply in mV.
+    the supply in mV; `hook`: a function that is called once a second. An exception of
+    `supply` or `hook` is told as the event hook_failed, and the probe goes on.
     """
     probe = _attached(sensor, ready, storage, plain)
     _listen(ready, probe.edge)
     # Frames hold any byte, Ctrl-C too.
     kbd_intr(-1)
     try:
-        _turn_for_ever(probe, wire, button, led, supply, watchdog)
+        _turn_for_ever(probe, wire, button, led, Hooks(supply, hook), watchdog)
     finally:
         kbd_intr(_CTRL_C)
         ready.irq(None)
@@ -72,14 +75,37 @@ def _listen(ready, edge):
         ready.irq(edge, Pin.IRQ_RISING)
 
 
-def _turn_for_ever(probe, wire, button, led, supply, watchdog):
+class Hooks:
+    """The user's functions, called once a second."""
+
+    def __init__(self, supply, hook):
+        self._supply = supply
+        self._hook = hook
+        self._called_ms = ticks_ms()
+        self._failures = 0
+
+    def step(self, probe):
+        now_ms = ticks_ms()
+        if ticks_diff(now_ms, self._called_ms) < _HOOKS_MS:
+            return
+        self._called_ms = now_ms
+        try:
+            if self._supply is not None:
+                probe.supply(self._supply())
+            if self._hook is not None:
+                self._hook()
+        except Exception:  # noqa: BLE001 - whatever it is, it is told
+            self._failures += 1
+            probe.tell(_HOOK_FAILED, 0, self._failures)
+
+
+def _turn_for_ever(probe, wire, button, led, hooks, watchdog):
     feed = machine.WDT(timeout=_WATCHDOG_MS).feed if watchdog else _nothing
     idle = machine.idle
     acquire, receive, step, send = probe.acquire, probe.receive, probe.step, probe.send
     is_up = button.value if button is not None else _one
     light = led.value if led is not None else _nothing
     was_lit = None
-    told_ms = ticks_ms()
     while True:
         worked = acquire()
         receive(wire)
@@ -91,9 +117,7 @@ def _turn_for_ever(probe, wire, button, led, supply, watchdog):
         feed()
         if worked:
             continue
-        if supply is not None and ticks_diff(ticks_ms(), told_ms) >= _SUPPLY_MS:
-            told_ms = ticks_ms()
-            probe.supply(supply())
+        hooks.step(probe)
         if probe.wants_reset():
             _reset(probe, wire)
         idle()

@@ -35,7 +35,7 @@ class Probe:
         *,
         id,
         firmware,
-        board=wire.BOARD_F405,
+        board=wire.BOARD_MICROPYTHON,
         reset_cause=0,
         mhz=1,
         room=2048,

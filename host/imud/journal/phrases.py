@@ -27,6 +27,7 @@ FAULTS = frozenset(
         "radio_dropped",
         "radio_fault",
         "params_lost",
+        "hook_failed",
     }
 )
 
@@ -42,6 +43,7 @@ DETAILS = {
     "log_ended": "recording {}",
     "battery_low": "{} mV",
     "going_to_sleep": "{} mV",
+    "hook_failed": "{} times since its start",
 }
 # When the crystal failed, by the detail: 0 or 1. The spare clock takes over.
 CLOCK_FAILED = ("at its start", "while it ran")

@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0xE620C0CA
-SEED = 0xC0CA  # of the CRC of all messages but hello
+FINGERPRINT = 0xE9A1D381
+SEED = 0xD381  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -20,6 +20,7 @@ HEADER = "<BII"  # id, sequence, time_us
 class Board(IntEnum):
     NANO = 1
     F405 = 2
+    MICROPYTHON = 3
 
 
 class Sensor(IntEnum):
@@ -64,6 +65,7 @@ class Event(IntEnum):
     RADIO_FAULT = 25
     PARAMS_CHANGED = 26
     PARAMS_LOST = 27
+    HOOK_FAILED = 28
 
 
 class Cause(IntEnum):

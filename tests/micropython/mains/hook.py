@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: MIT
+"""Functions that raise exceptions from 2 s after the start on."""
+
+from time import ticks_diff, ticks_ms
+
+import f405
+from machine import I2C, UART, Pin
+from probe import LSM9DS0, run
+
+begun_ms = ticks_ms()
+
+
+def fail():
+    if ticks_diff(ticks_ms(), begun_ms) > 2000:
+        raise RuntimeError("planted")
+    return 3300
+
+
+run(
+    LSM9DS0(I2C(1, freq=400_000)),
+    ready=Pin("Y11", Pin.IN, Pin.PULL_DOWN),
+    wire=UART(2, 921_600),
+    button=Pin("X17", Pin.IN, Pin.PULL_UP),
+    storage=f405,
+    supply=fail,
+    hook=fail,
+)
