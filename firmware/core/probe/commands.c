@@ -34,8 +34,7 @@ static enum result set_fields(struct probe *probe, int32_t value[2]) {
     return RESULT_OK;
 }
 
-static enum result set_origin(struct probe *probe, const int32_t value[2],
-                              uint32_t now_us) {
+static enum result set_origin(struct probe *probe, const int32_t value[2]) {
     if ((uint32_t)value[0] > POSE_ORIGIN_NONE) {
         return RESULT_BAD_ARGUMENT;
     }
@@ -43,11 +42,11 @@ static enum result set_origin(struct probe *probe, const int32_t value[2],
         return RESULT_NOT_READY;
     }
     pose_set_origin(&probe->tracker, (enum pose_origin)value[0]);
-    probe_tell(probe, EVENT_TARED, CAUSE_COMMAND, value[0], now_us);
+    send_event(probe, EVENT_TARED, CAUSE_COMMAND, value[0]);
     return RESULT_OK;
 }
 
-static enum result restart(struct probe *probe, int32_t value[2], uint32_t now_us) {
+static enum result restart(struct probe *probe, int32_t value[2]) {
     const int32_t wanted = value[0] == FILTER_NONE ? send_filter(probe) : value[0];
     value[0] = send_filter(probe);
     if (!attitude_has(wanted)) {
@@ -56,37 +55,37 @@ static enum result restart(struct probe *probe, int32_t value[2], uint32_t now_u
     if (probe->identity == NULL) {
         return RESULT_NOT_READY;
     }
-    probe_restart(probe, wanted, now_us);
+    probe_restart(probe, wanted);
     value[0] = wanted;
     return RESULT_OK;
 }
 
-static enum result carry_out(struct probe *probe, const struct message_command *command,
-                             uint32_t now_us) {
+static enum result carry_out(struct probe *probe,
+                             const struct message_command *command) {
     int32_t *value = probe->last_value;
     value[0] = command->arguments[0];
     value[1] = command->arguments[1];
     switch (command->command) {
     case COMMAND_START:
-        probe_set_streaming(probe, true, CAUSE_COMMAND, now_us);
+        probe_stream(probe, true, CAUSE_COMMAND);
         return RESULT_OK;
     case COMMAND_STOP:
-        probe_set_streaming(probe, false, CAUSE_COMMAND, now_us);
+        probe_stream(probe, false, CAUSE_COMMAND);
         return RESULT_OK;
     case COMMAND_RATE:
         return set_rate(probe, value);
     case COMMAND_FIELDS:
         return set_fields(probe, value);
     case COMMAND_HELLO:
-        send_hello(probe, TO_BOTH, now_us);
+        send_hello(probe, TO_BOTH);
         return RESULT_OK;
     case COMMAND_TARE:
-        return set_origin(probe, value, now_us);
+        return set_origin(probe, value);
     case COMMAND_RESET:
         probe->wants_reset = true;
         return RESULT_OK;
     case COMMAND_RESTART:
-        return restart(probe, value, now_us);
+        return restart(probe, value);
     case COMMAND_TIME:
         return RESULT_OK;
     case COMMAND_PARAMS_WRITE:
@@ -114,11 +113,12 @@ void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us) {
         return;
     }
     ++probe->status.commands_received;
+    probe->now_us = now_us;
     // A command whose reply was lost comes again with its token: it gets the reply, and
     // is not carried out twice.
     if (command.token == 0 || command.token != probe->last_token) {
-        probe->last_result = (uint8_t)carry_out(probe, &command, now_us);
+        probe->last_result = (uint8_t)carry_out(probe, &command);
         probe->last_token = command.token;
     }
-    send_reply(probe, &command, now_us);
+    send_reply(probe, &command);
 }

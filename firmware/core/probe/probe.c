@@ -44,6 +44,7 @@ void probe_begin(struct probe *probe, const IN_FLASH struct probe_port *port,
                  uint32_t now_us) {
     memset(probe, 0, sizeof *probe);
     probe->port = port;
+    probe->now_us = now_us;
     probe->second_us = now_us;
     frame_decoder_init(&probe->decoder, SCHEMA_SEED, MESSAGE_HELLO, probe->received,
                        sizeof probe->received);
@@ -58,11 +59,11 @@ void probe_begin(struct probe *probe, const IN_FLASH struct probe_port *port,
     }
     ++probe->settings.boot_count;
     settings_save(&probe->writer);
-    probe_params_load(probe, now_us);
-    send_hello(probe, TO_BOTH, now_us);
+    probe_params_load(probe);
+    send_hello(probe, TO_BOTH);
     probe_params_tell_all(probe);
     if (loaded != SETTINGS_OK) {
-        probe_tell(probe, EVENT_SETTINGS_RESTORED, CAUSE_BOOT, loaded, now_us);
+        send_event(probe, EVENT_SETTINGS_RESTORED, CAUSE_BOOT, loaded);
     }
 }
 
@@ -74,25 +75,27 @@ void probe_equip(struct probe *probe, struct probe_log *log,
 
 void probe_sensor_ready(struct probe *probe, const struct sensor_identity *identity,
                         uint32_t now_us) {
+    probe->now_us = now_us;
     if (probe->identity == NULL) {
         (void)pose_begin(&probe->tracker, &probe->params.calibration, identity,
                          ATTITUDE_DEFAULT);
     }
     if (probe->is_faulty) {
         ++probe->status.bus_recoveries;
-        probe_tell(probe, EVENT_BUS_RECOVERED, CAUSE_NONE, probe->status.bus_recoveries,
-                   now_us);
+        send_event(probe, EVENT_BUS_RECOVERED, CAUSE_NONE,
+                   probe->status.bus_recoveries);
     }
     probe->identity = identity;
     probe->is_faulty = false;
-    send_hello(probe, TO_BOTH, now_us);
+    send_hello(probe, TO_BOTH);
     probe_params_tell_all(probe);
 }
 
 void probe_sensor_failed(struct probe *probe, enum event event, enum cause cause,
                          int32_t detail, bool is_over, uint32_t now_us) {
     ++probe->status.bus_faults;
-    probe_tell(probe, event, cause, detail, now_us);
+    probe->now_us = now_us;
+    send_event(probe, event, cause, detail);
     if (is_over) {
         probe->is_faulty = true;
     }
@@ -100,7 +103,8 @@ void probe_sensor_failed(struct probe *probe, enum event event, enum cause cause
 
 void probe_overrun(struct probe *probe, uint16_t missed, uint32_t now_us) {
     probe->status.overruns += missed;
-    probe_tell(probe, EVENT_OVERRUN, CAUSE_LATE, missed, now_us);
+    probe->now_us = now_us;
+    send_event(probe, EVENT_OVERRUN, CAUSE_LATE, missed);
 }
 
 // True `rate_hz` times in `of_hz` calls, evenly; always where that is more. The setting
@@ -128,19 +132,19 @@ static uint8_t outlets_of(const struct probe *probe, uint8_t stream, bool is_due
 
 void probe_sample(struct probe *probe, const struct sample *sample) {
     const uint16_t rate_hz = probe->identity->rate_hz;
+    probe->now_us = sample->time_us;
     ++probe->status.samples_read;
     const enum pose_result result = pose_step(&probe->tracker, sample);
     ++probe->status.samples_fused;
     if (result == POSE_CALIBRATED) {
-        probe_tell(probe, EVENT_CALIBRATION_DONE, CAUSE_NONE, CALIBRATOR_SAMPLES,
-                   sample->time_us);
+        send_event(probe, EVENT_CALIBRATION_DONE, CAUSE_NONE, CALIBRATOR_SAMPLES);
     } else if (result == POSE_MOVED &&
                (!probe->has_told_refusal ||
-                sample->time_us - probe->refused_us >= REFUSAL_PERIOD_US)) {
+                probe->now_us - probe->refused_us >= REFUSAL_PERIOD_US)) {
         probe->has_told_refusal = true;
-        probe->refused_us = sample->time_us;
-        probe_tell(probe, EVENT_CALIBRATION_REFUSED, CAUSE_MOTION,
-                   probe->tracker.calibrator.span_counts, sample->time_us);
+        probe->refused_us = probe->now_us;
+        send_event(probe, EVENT_CALIBRATION_REFUSED, CAUSE_MOTION,
+                   probe->tracker.calibrator.span_counts);
     }
     // The phases run on while nothing streams, so that the instants of a rate's
     // messages do not depend on when the button was pressed.
@@ -150,7 +154,7 @@ void probe_sample(struct probe *probe, const struct sample *sample) {
         is_due(&probe->pose_phase, probe->settings.pose_rate_hz, rate_hz);
     probe->is_heavy = probe->is_streaming && pose_is_due && sample->has_mag;
     send_raw(probe, outlets_of(probe, STREAM_RAW, raw_is_due), sample);
-    send_pose(probe, outlets_of(probe, STREAM_POSE, pose_is_due), sample->time_us);
+    send_pose(probe, outlets_of(probe, STREAM_POSE, pose_is_due));
 }
 
 void probe_log(struct probe *probe, bool is_on, uint32_t now_us) {
@@ -159,7 +163,8 @@ void probe_log(struct probe *probe, bool is_on, uint32_t now_us) {
     if (is_on) {
         log->earlier += log->outlet.sequence;
         log->outlet.sequence = 0;
-        send_hello(probe, TO_CARD, now_us);
+        probe->now_us = now_us;
+        send_hello(probe, TO_CARD);
         probe_params_tell_all(probe);
     }
 }
@@ -173,7 +178,7 @@ void probe_worked(struct probe *probe, uint32_t cycles) {
 }
 
 // The origin that the params ask for at the start of a stream.
-static void set_reference(struct probe *probe, enum cause cause, uint32_t now_us) {
+static void set_reference(struct probe *probe, enum cause cause) {
     if (probe->params.reference == REFERENCE_NONE || probe->identity == NULL ||
         !probe->tracker.has_sample) {
         return;
@@ -182,31 +187,36 @@ static void set_reference(struct probe *probe, enum cause cause, uint32_t now_us
                                         ? POSE_ORIGIN_FULL
                                         : POSE_ORIGIN_HEADING;
     pose_set_origin(&probe->tracker, origin);
-    probe_tell(probe, EVENT_TARED, cause, (int32_t)origin, now_us);
+    send_event(probe, EVENT_TARED, cause, (int32_t)origin);
 }
 
-void probe_set_streaming(struct probe *probe, bool is_streaming, enum cause cause,
-                         uint32_t now_us) {
+void probe_stream(struct probe *probe, bool is_streaming, enum cause cause) {
     if (probe->is_streaming == is_streaming) {
         return;
     }
     probe->is_streaming = is_streaming;
     if (is_streaming) {
-        set_reference(probe, cause, now_us);
+        set_reference(probe, cause);
     }
-    probe_tell(probe, is_streaming ? EVENT_STREAM_STARTED : EVENT_STREAM_STOPPED, cause,
-               0, now_us);
+    send_event(probe, is_streaming ? EVENT_STREAM_STARTED : EVENT_STREAM_STOPPED, cause,
+               0);
 }
 
-static void follow_button(struct probe *probe, bool is_down, uint32_t now_us) {
-    switch (button_step(&probe->button, is_down, now_us)) {
+void probe_set_streaming(struct probe *probe, bool is_streaming, enum cause cause,
+                         uint32_t now_us) {
+    probe->now_us = now_us;
+    probe_stream(probe, is_streaming, cause);
+}
+
+static void follow_button(struct probe *probe, bool is_down) {
+    switch (button_step(&probe->button, is_down, probe->now_us)) {
     case BUTTON_PRESSED:
-        probe_tell(probe, EVENT_BUTTON_PRESSED, CAUSE_BUTTON, 0, now_us);
+        send_event(probe, EVENT_BUTTON_PRESSED, CAUSE_BUTTON, 0);
         break;
     case BUTTON_RELEASED:
-        probe_tell(probe, EVENT_BUTTON_RELEASED, CAUSE_BUTTON, 0, now_us);
+        send_event(probe, EVENT_BUTTON_RELEASED, CAUSE_BUTTON, 0);
         if (probe->params.button_does == BUTTON_DOES_STREAM) {
-            probe_set_streaming(probe, !probe->is_streaming, CAUSE_BUTTON, now_us);
+            probe_stream(probe, !probe->is_streaming, CAUSE_BUTTON);
         }
         break;
     default:
@@ -215,17 +225,17 @@ static void follow_button(struct probe *probe, bool is_down, uint32_t now_us) {
 }
 
 // Work for the memory, of which only one thing goes on at a time.
-static void use_memory(struct probe *probe, uint32_t now_us) {
+static void use_memory(struct probe *probe) {
     if (!probe->port->memory->is_ready(probe->port->memory->port)) {
         return;
     }
     switch (settings_step(&probe->writer, &probe->settings)) {
     case MEMORY_FAILED:
-        probe_tell(probe, EVENT_SETTINGS_FAILED, CAUSE_NONE,
-                   probe->writer.bank.writer.last, now_us);
+        send_event(probe, EVENT_SETTINGS_FAILED, CAUSE_NONE,
+                   probe->writer.bank.writer.last);
         break;
     case MEMORY_OK:
-        probe_params_step(probe, now_us);
+        probe_params_step(probe);
         break;
     default:
         break;
@@ -233,9 +243,10 @@ static void use_memory(struct probe *probe, uint32_t now_us) {
 }
 
 void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
-    follow_button(probe, is_button_down, now_us);
+    probe->now_us = now_us;
+    follow_button(probe, is_button_down);
     if (params_store_is_staging(&probe->store)) {
-        use_memory(probe, now_us);  // a host waits for each byte, and there are many
+        use_memory(probe);  // a host waits for each byte, and there are many
     }
     // What is not urgent waits a little for a sample that was less work, and goes one
     // at a time.
@@ -249,17 +260,17 @@ void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
         probe->second_us += SECOND_US;
         ++probe->status.uptime;
         probe->said = 0;
-        send_status(probe, now_us);
+        send_status(probe);
     } else if (!PROBE_IS_WIRE_ONLY && probe->equipment != NULL && probe->said == 0 &&
                elapsed_us >= EQUIPMENT_PHASE_US) {
         probe->said = 1;
-        send_equipment(probe, now_us);
+        send_equipment(probe);
     } else if (probe->said < 2 && elapsed_us >= HELLO_PHASE_US) {
         probe->said = 2;
-        send_hello(probe, TO_BOTH, now_us);
+        send_hello(probe, TO_BOTH);
         probe_params_tell_one(probe);
     } else {
-        use_memory(probe, now_us);
+        use_memory(probe);
     }
 }
 

@@ -54,6 +54,7 @@ struct probe {
     uint8_t waits;   // steps since then
     bool has_told_refusal;
     bool wants_reset;
+    uint32_t now_us;  // of what is worked on: messages are stamped with it
     uint8_t last_result;
     uint16_t last_token;
     uint16_t pose_phase, raw_phase;

@@ -6,12 +6,12 @@
 
 #include "core/probe/send.h"
 
-void probe_params_load(struct probe *probe, uint32_t now_us) {
+void probe_params_load(struct probe *probe) {
     const bool is_whole =
         params_store_open(&probe->store, probe->port->memory, &probe->params);
     if (!is_whole) {
-        probe_tell(probe, EVENT_PARAMS_LOST, CAUSE_WORN,
-                   (int32_t)probe->store.bank.digest, now_us);
+        send_event(probe, EVENT_PARAMS_LOST, CAUSE_WORN,
+                   (int32_t)probe->store.bank.digest);
     }
 }
 
@@ -27,9 +27,9 @@ void probe_params_tell_one(struct probe *probe) {
     }
 }
 
-static void tell_part(struct probe *probe, uint32_t now_us) {
+static void tell_part(struct probe *probe) {
     const uint8_t length = probe->store.bank.length;
-    send_params(probe, BANK_CURRENT, probe->part_at, now_us);
+    send_params(probe, BANK_CURRENT, probe->part_at);
     --probe->parts_due;
     probe->part_at = (uint8_t)(probe->part_at + PARAMS_PART);
     if (probe->part_at >= length) {
@@ -38,37 +38,37 @@ static void tell_part(struct probe *probe, uint32_t now_us) {
     }
 }
 
-void probe_restart(struct probe *probe, int32_t filter, uint32_t now_us) {
+void probe_restart(struct probe *probe, int32_t filter) {
     (void)pose_begin(&probe->tracker, &probe->params.calibration, probe->identity,
                      filter);
-    probe_tell(probe, EVENT_RESTARTED, CAUSE_COMMAND, filter, now_us);
+    send_event(probe, EVENT_RESTARTED, CAUSE_COMMAND, filter);
 }
 
 // Puts in force what is current now. The filter begins anew where it was fed by another
 // calibration: what it has learned is in the other one's units.
-static void change(struct probe *probe, uint32_t now_us) {
+static void change(struct probe *probe) {
     const uint32_t before = probe->params.digest;
     (void)params_store_load(&probe->store, &probe->params);
-    probe_tell(probe, EVENT_PARAMS_CHANGED, CAUSE_COMMAND,
-               (int32_t)probe->store.bank.digest, now_us);
+    send_event(probe, EVENT_PARAMS_CHANGED, CAUSE_COMMAND,
+               (int32_t)probe->store.bank.digest);
     if (probe->identity != NULL && before != probe->params.digest) {
-        probe_restart(probe, send_filter(probe), now_us);
+        probe_restart(probe, send_filter(probe));
     }
-    send_hello(probe, TO_BOTH, now_us);
+    send_hello(probe, TO_BOTH);
     probe->part_at = 0;
 }
 
-void probe_params_step(struct probe *probe, uint32_t now_us) {
+void probe_params_step(struct probe *probe) {
     switch (params_store_step(&probe->store)) {
     case PARAMS_CHANGED:
-        change(probe, now_us);
+        change(probe);
         break;
     case PARAMS_TELLS:
-        send_params(probe, BANK_SPARE, probe->store.told, now_us);
+        send_params(probe, BANK_SPARE, probe->store.told);
         break;
     case PARAMS_IDLE:
         if (probe->parts_due > 0) {
-            tell_part(probe, now_us);
+            tell_part(probe);
         }
         break;
     default:

@@ -8,6 +8,12 @@
 // Each message's buffers are on the stack only while it is made, not all at once.
 #define NOINLINE __attribute__((noinline))
 
+void probe_tell(struct probe *probe, enum event event, enum cause cause, int32_t detail,
+                uint32_t now_us) {
+    probe->now_us = now_us;
+    send_event(probe, event, cause, detail);
+}
+
 // Those of the outlets that are open.
 static uint8_t open_of(const struct probe *probe, uint8_t outlets) {
     const bool has_log = TO_CARD != 0 && probe->log != NULL;
@@ -24,10 +30,10 @@ NOINLINE static void put_copy(struct outlet *outlet, const uint8_t *bytes,
 // Encodes a message behind the first of `bytes`, and hands it to its outlets, which
 // number it.
 NOINLINE static void put(struct probe *probe, uint8_t outlets, message_layout *layout,
-                         const void *message, uint8_t *bytes, uint32_t time_us) {
+                         const void *message, uint8_t *bytes) {
     const uint8_t open = open_of(probe, outlets);
     const uint8_t length = message_fill(layout, message, bytes + 1);
-    memcpy(bytes + 1 + MESSAGE_TIME_AT, &time_us, sizeof time_us);
+    memcpy(bytes + 1 + MESSAGE_TIME_AT, &probe->now_us, sizeof probe->now_us);
     if ((open & TO_CARD) != 0) {
         put_copy(&probe->log->outlet, bytes, length);
     }
@@ -36,11 +42,11 @@ NOINLINE static void put(struct probe *probe, uint8_t outlets, message_layout *l
     }
 }
 
-NOINLINE void probe_tell(struct probe *probe, enum event event, enum cause cause,
-                         int32_t detail, uint32_t now_us) {
+NOINLINE void send_event(struct probe *probe, enum event event, enum cause cause,
+                         int32_t detail) {
     uint8_t bytes[MESSAGE_EVENT_SIZE + FRAME_AROUND];
     const struct message_event message = {(uint8_t)event, (uint8_t)cause, detail};
-    put(probe, TO_BOTH, message_event_layout, &message, bytes, now_us);
+    put(probe, TO_BOTH, message_event_layout, &message, bytes);
 }
 
 uint8_t send_filter(const struct probe *probe) {
@@ -89,17 +95,18 @@ union hello_buffer {
     };
 };
 
-NOINLINE void send_hello(struct probe *probe, uint8_t outlets, uint32_t now_us) {
+NOINLINE void send_hello(struct probe *probe, uint8_t outlets) {
     union hello_buffer buffer;
     make_hello(probe, &buffer.message);
-    put(probe, outlets, message_hello_layout, &buffer.message, buffer.bytes, now_us);
+    put(probe, outlets, message_hello_layout, &buffer.message, buffer.bytes);
 }
 
 void probe_say_hello(struct probe *probe, uint32_t now_us) {
-    send_hello(probe, TO_BOTH, now_us);
+    probe->now_us = now_us;
+    send_hello(probe, TO_BOTH);
 }
 
-NOINLINE void send_status(struct probe *probe, uint32_t now_us) {
+NOINLINE void send_status(struct probe *probe) {
     uint8_t bytes[MESSAGE_STATUS_SIZE + FRAME_AROUND];
     struct message_status *status = &probe->status;
     const struct outlet *wire = probe->port->wire;
@@ -108,13 +115,13 @@ NOINLINE void send_status(struct probe *probe, uint32_t now_us) {
     status->cycles_mean = probe->samples > 0 ? probe->cycles_sum / probe->samples : 0;
     status->messages_sent = wire->sequence - wire->dropped + 1;  // itself
     status->messages_dropped = wire->dropped;
-    put(probe, TO_BOTH, message_status_layout, status, bytes, now_us);
+    put(probe, TO_BOTH, message_status_layout, status, bytes);
     probe->samples = 0;
     probe->cycles_sum = 0;
     status->cycles_worst = 0;
 }
 
-NOINLINE void send_equipment(struct probe *probe, uint32_t now_us) {
+NOINLINE void send_equipment(struct probe *probe) {
     uint8_t bytes[MESSAGE_EQUIPMENT_SIZE + FRAME_AROUND];
     struct message_equipment message = {.battery = EQUIPMENT_BATTERY_NULL};
     probe->equipment(&message);
@@ -124,11 +131,10 @@ NOINLINE void send_equipment(struct probe *probe, uint32_t now_us) {
         message.messages_unlogged = card->dropped;
         message.messages_logged = log->earlier + card->sequence - card->dropped;
     }
-    put(probe, TO_BOTH, message_equipment_layout, &message, bytes, now_us);
+    put(probe, TO_BOTH, message_equipment_layout, &message, bytes);
 }
 
-NOINLINE void send_reply(struct probe *probe, const struct message_command *command,
-                         uint32_t now_us) {
+NOINLINE void send_reply(struct probe *probe, const struct message_command *command) {
     uint8_t bytes[MESSAGE_REPLY_SIZE + FRAME_AROUND];
     struct message_reply message = {
         .replied_command = command->command,
@@ -136,11 +142,10 @@ NOINLINE void send_reply(struct probe *probe, const struct message_command *comm
         .result = probe->last_result,
     };
     memcpy(message.value, probe->last_value, sizeof message.value);
-    put(probe, TO_WIRE, message_reply_layout, &message, bytes, now_us);
+    put(probe, TO_WIRE, message_reply_layout, &message, bytes);
 }
 
-NOINLINE void send_params(struct probe *probe, enum bank_side side, uint8_t at,
-                          uint32_t now_us) {
+NOINLINE void send_params(struct probe *probe, enum bank_side side, uint8_t at) {
     uint8_t bytes[MESSAGE_PARAMS_SIZE + FRAME_AROUND];
     const struct params_store *store = &probe->store;
     const bool is_current = side == BANK_CURRENT;
@@ -150,7 +155,7 @@ NOINLINE void send_params(struct probe *probe, enum bank_side side, uint8_t at,
         .part_offset = at,
     };
     params_store_part(store, side, (uint8_t)message.set_length, at, message.part);
-    put(probe, TO_BOTH, message_params_layout, &message, bytes, now_us);
+    put(probe, TO_BOTH, message_params_layout, &message, bytes);
 }
 
 _Static_assert(OFFSET(message_raw, acc) == 0 &&
@@ -187,18 +192,18 @@ NOINLINE void send_raw(struct probe *probe, uint8_t outlets,
     uint8_t bytes[MESSAGE_RAW_SIZE + FRAME_AROUND];
     struct message_raw message;
     make_raw(sample, &message);
-    put(probe, outlets, message_raw_layout, &message, bytes, sample->time_us);
+    put(probe, outlets, message_raw_layout, &message, bytes);
 }
 
 NOINLINE static void put_pose(struct probe *probe, uint8_t outlet,
-                              const struct message_pose *message, uint32_t time_us) {
+                              const struct message_pose *message) {
     uint8_t bytes[MESSAGE_POSE_SIZE + FRAME_AROUND];
-    put(probe, outlet, message_pose_layout, message, bytes, time_us);
+    put(probe, outlet, message_pose_layout, message, bytes);
 }
 
 // Clipped and gap are of all samples since the last pose, which is another on the card
 // than on the wire.
-NOINLINE void send_pose(struct probe *probe, uint8_t outlets, uint32_t time_us) {
+NOINLINE void send_pose(struct probe *probe, uint8_t outlets) {
     const uint8_t open = open_of(probe, outlets);
     struct probe_log *const log = TO_CARD != 0 ? probe->log : NULL;
     if (open == 0) {
@@ -207,7 +212,7 @@ NOINLINE void send_pose(struct probe *probe, uint8_t outlets, uint32_t time_us) 
     struct message_pose message;
     pose_read(&probe->tracker, &message);
     if ((open & TO_CARD) != 0) {
-        put_pose(probe, TO_CARD, &message, time_us);
+        put_pose(probe, TO_CARD, &message);
         log->unsent_flags |= message.pose_flags & (POSE_CLIPPED | POSE_GAP);
     }
     if ((open & TO_WIRE) == 0) {
@@ -217,5 +222,5 @@ NOINLINE void send_pose(struct probe *probe, uint8_t outlets, uint32_t time_us) 
         message.pose_flags |= log->unsent_flags;
         log->unsent_flags = 0;
     }
-    put_pose(probe, TO_WIRE, &message, time_us);
+    put_pose(probe, TO_WIRE, &message);
 }

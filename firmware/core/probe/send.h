@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Every message of a probe, each made by one function, for the wire and the card alike.
-// Private to core/probe/; what boards may send is in probe.h.
+// Private to core/probe/; what boards may send is in probe.h. Each is stamped with
+// probe->now_us.
 #ifndef SEND_H
 #define SEND_H
 
@@ -16,17 +17,18 @@ enum {
 // The filter in use, or the one that will run once there is a sensor: enum filter.
 uint8_t send_filter(const struct probe *probe);
 
-void send_hello(struct probe *probe, uint8_t outlets, uint32_t now_us);
+void send_event(struct probe *probe, enum event event, enum cause cause,
+                int32_t detail);
+void send_hello(struct probe *probe, uint8_t outlets);
 // Ends the second whose load it tells.
-void send_status(struct probe *probe, uint32_t now_us);
-void send_equipment(struct probe *probe, uint32_t now_us);
+void send_status(struct probe *probe);
+void send_equipment(struct probe *probe);
 // The part of the params at `at`, of those in force or of those that are to be.
-void send_params(struct probe *probe, enum bank_side side, uint8_t at, uint32_t now_us);
-// The last command's result and values, stamped with the time it was heard.
-void send_reply(struct probe *probe, const struct message_command *command,
-                uint32_t now_us);
+void send_params(struct probe *probe, enum bank_side side, uint8_t at);
+// The last command's result and values.
+void send_reply(struct probe *probe, const struct message_command *command);
 void send_raw(struct probe *probe, uint8_t outlets, const struct sample *sample);
 // Reads the pose of the last sample, where it goes anywhere.
-void send_pose(struct probe *probe, uint8_t outlets, uint32_t time_us);
+void send_pose(struct probe *probe, uint8_t outlets);
 
 #endif
