@@ -12,10 +12,10 @@
 #include "clock.h"
 #include "generic/slots.h"
 #include "idle.h"
+#include "sensor_memory.h"
 #include "twi.h"
 
 enum {
-    SLOTS = 2,
     // Seven times what 24 bytes take at 400 kHz.
     TRANSFER_TICKS_MAX = 4500 * CLOCK_TICKS_PER_US,
 };
@@ -30,7 +30,7 @@ enum {
 
 // Shared with the handlers, which slots.h protects.
 static struct slots slots;
-static struct reading readings[SLOTS];
+static struct reading *const readings = sensor_memory.readings;
 static struct bus_burst burst;
 static bool is_write;      // of set-up: the bytes go to the device
 static uint8_t *cursor;    // where the next byte goes, or comes from
@@ -38,7 +38,7 @@ static uint8_t remaining;  // bytes of the transfer still to come
 static uint16_t begun;     // ticks
 static uint32_t ready;
 
-_Static_assert(SLOTS == 2, "one bit tells them apart");
+_Static_assert(READING_SLOTS == 2, "one bit tells them apart");
 
 static inline struct reading *filling(void) {
     return (slots.filled & 1) != 0 ? &readings[1] : &readings[0];
@@ -57,7 +57,7 @@ ISR(INT0_vect) {
     const uint16_t ticks = TCNT1;
     const uint32_t now_us = clock_us_masked(ticks);
     ready++;
-    if (slots.is_running || slots_are_full(&slots, SLOTS)) {
+    if (slots.is_running || slots_are_full(&slots, READING_SLOTS)) {
         slots_miss_one(&slots);
         return;
     }
@@ -213,7 +213,7 @@ void board_sampling_stop(void) {
 }
 
 enum reading_result board_reading_take(struct reading *out) {
-    if (slots_take(&slots, readings, SLOTS, out)) {
+    if (slots_take(&slots, readings, READING_SLOTS, out)) {
         GPIOR0 = 1;  // until board_idle
         return READING_OK;
     }
