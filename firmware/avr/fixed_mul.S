@@ -62,6 +62,25 @@ fixed_mul_q32:
     rjmp    product
     .size   fixed_mul_q32, . - fixed_mul_q32
 
+; int32_t fixed_mul_q14(int32_t value, int16_t element): the element arrives where the
+; upper half of a factor does.
+    .global fixed_mul_q14
+    .type   fixed_mul_q14, @function
+fixed_mul_q14:
+    clr     B0
+    clr     B1
+    rjmp    fixed_mul_q30
+    .size   fixed_mul_q14, . - fixed_mul_q14
+
+; int32_t fixed_square_q30(int32_t a)
+    .global fixed_square_q30
+    .type   fixed_square_q30, @function
+fixed_square_q30:
+    movw    B0, A0
+    movw    B2, A2
+    rjmp    fixed_mul_q30
+    .size   fixed_square_q30, . - fixed_square_q30
+
 ; int32_t fixed_mul_at(const int32_t *a, const int32_t *b): fixed_mul_q30 of both.
     .global fixed_mul_at
     .type   fixed_mul_at, @function
@@ -223,6 +242,23 @@ fixed_add_clamped:
     rcall   fixed_clamp
     rjmp    store_sum
     .size   fixed_add_clamped, . - fixed_add_clamped
+
+; void fixed_add_product(int32_t value, int16_t element, int32_t *sum)
+    .global fixed_add_product
+    .type   fixed_add_product, @function
+fixed_add_product:
+    mov     r0, B2
+    or      r0, B3
+    breq    1f
+    push    B0
+    push    B1
+    rcall   fixed_mul_q14
+    pop     r31
+    pop     r30
+    rcall   add_sum
+    rjmp    store_sum
+1:  ret
+    .size   fixed_add_product, . - fixed_add_product
 
 ; void fixed_add(int32_t step, int32_t *sum)
     .global fixed_add
@@ -782,6 +818,80 @@ multiply:
     ld      r20, X+
     ld      r21, X
     jmp     fixed_mul_q30
+
+; uint32_t vector_square_q32(const struct vector *v): of each axis the magnitude, which is
+; unsigned.
+    .global vector_square_q32
+    .type   vector_square_q32, @function
+vector_square_q32:
+    set
+    rjmp    square
+    .size   vector_square_q32, . - vector_square_q32
+
+; int32_t vector_square_q30(const struct vector *v)
+    .global vector_square_q30
+    .type   vector_square_q30, @function
+vector_square_q30:
+    clt
+square:
+    save
+    movw    r14, r24
+    clr     r4
+    clr     r5
+    movw    r6, r4
+    ldi     r16, 3
+    clr     r17
+    bld     r17, 0
+1:  movw    r26, r14
+    ld      r22, X+
+    ld      r23, X+
+    ld      r24, X+
+    ld      r25, X+
+    movw    r14, r26
+    sbrc    r17, 0
+    call    fixed_magnitude
+    movw    r18, r22
+    movw    r20, r24
+    sbrs    r17, 0
+    call    fixed_mul_q30
+    sbrc    r17, 0
+    call    fixed_umul_q32
+    add     r4, r22
+    adc     r5, r23
+    adc     r6, r24
+    adc     r7, r25
+    dec     r16
+    brne    1b
+    movw    r22, r4
+    movw    r24, r6
+    clr     r26
+    rjmp    restore
+    .size   vector_square_q30, . - vector_square_q30
+
+; void vector_subtract(const struct vector *a, const struct vector *b, struct vector *out)
+    .global vector_subtract
+    .type   vector_subtract, @function
+vector_subtract:
+    push    r28
+    push    r29
+    movw    r26, r24
+    movw    r30, r22
+    movw    r28, r20
+    ldi     r18, 3
+1:  ldi     r19, 4
+    clc
+2:  ld      r24, X+
+    ld      r0, Z+
+    sbc     r24, r0
+    st      Y+, r24
+    dec     r19             ; leaves the carry
+    brne    2b
+    dec     r18
+    brne    1b
+    pop     r29
+    pop     r28
+    ret
+    .size   vector_subtract, . - vector_subtract
 
 ; void vector_scale(const struct vector *v, q2_30_t gain, struct vector *out)
     .global vector_scale

@@ -86,6 +86,30 @@ def test_products_round_ties_towards_plus_infinity():
         assert lib.fixed_mul_q32(-odd * 2**8, 2**23) == (1 - odd) // 2
 
 
+@given(int32s, st.integers(-(2**15), 2**15 - 1), int32s)
+def test_a_product_with_an_element_is_rounded_and_may_be_added(value, element, before):
+    exact = nearest(value * element, 14)
+    if not fits(exact):
+        return
+    assert lib.fixed_mul_q14(value, element) == exact
+    if fits(before + exact):
+        total = ffi.new("int32_t *", before)
+        lib.fixed_add_product(value, element, total)
+        assert total[0] == before + exact
+
+
+@given(int32s)
+def test_a_square_is_the_product_with_itself(value):
+    if fits(nearest(value * value, 30)):
+        assert lib.fixed_square_q30(value) == nearest(value * value, 30)
+
+
+@given(int32s, st.integers(1, 255))
+def test_a_quotient_is_rounded_towards_zero(value, divisor):
+    exact = abs(value) // divisor
+    assert lib.fixed_divide(value, divisor) == (exact if value > 0 else -exact)
+
+
 @given(int32s, int32s)
 def test_products_of_any_numbers_equal_exact_integers(a, b):
     if fits(nearest(a * b, 30)):

@@ -98,7 +98,7 @@ class Hashes:
     """The running hashes, as `mix` in the program makes them."""
 
     def __init__(self) -> None:
-        self.values = [0] * 11
+        self.values = [0] * 12
 
     def mix(self, index: int, result: int) -> None:
         value = self.values[index]
@@ -127,6 +127,7 @@ class Hashes:
         for number in rotated(q, v):
             self.mix(5, number)
         self.limit(a, b)
+        self.add_up(a, b)
         for number in crossed(v, q[1:]):
             self.mix(9, number)
         for number in matrix(q):
@@ -143,6 +144,20 @@ class Hashes:
             self.mix(7, number)
         self.mix(8, a // 2 * 2**30 // max(bound + 1, a // 4 + 1))
         self.mix(8, math.isqrt(a))
+
+    def add_up(self, a: int, b: int) -> None:
+        def product(x: int, y: int) -> int:
+            return signed((x * y + 2**29) >> 30)
+
+        v = [signed(a), signed(b), signed(a ^ b)]
+        element = signed(b >> 16, 16) * 2**16
+        self.mix(11, product(v[0], v[0]))
+        self.mix(11, product(v[0], element))
+        self.mix(11, v[1] + product(v[0], element))
+        self.mix(11, sum(product(x, x) for x in v))
+        self.mix(11, sum(x * x >> 32 for x in v))
+        for x, y in zip(v, (v[2], *v[:2]), strict=True):
+            self.mix(11, x - y)
 
     def line(self, batch: int) -> str:
         return f"{batch} " + " ".join(f"{value:08x}" for value in self.values)
@@ -183,6 +198,7 @@ def printed(
             *("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"),
             *("-I", root / "firmware", "-o", program),
             root / "tests" / "core" / "avr" / "fixed_mul_test.c",
+            root / "firmware" / "core" / "math" / "fixed.c",
             root / "firmware" / "avr" / "fixed_mul.S",
         ],
         check=True,

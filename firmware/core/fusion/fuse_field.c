@@ -127,7 +127,8 @@ NOINLINE static void learn_place(struct fuse *fuse) {
     ++fuse->field_learnt;
     for (uint8_t row = 0; row < FUSE_FIELD_STATES; ++row) {
         if (row < 3) {
-            fixed_add(field_away(fuse, row) / fuse->field_learnt, &fuse->field_ut[row]);
+            fixed_add(fixed_divide(field_away(fuse, row), fuse->field_learnt),
+                      &fuse->field_ut[row]);
         }
         for (uint8_t column = 0; column < row; ++column) {
             *pair = row < 3 || column > 2 ? 0
@@ -163,7 +164,7 @@ NOINLINE static void predict_field(struct fuse *fuse) {
     for (uint8_t axis = 0; axis < 2; ++axis) {
         const int32_t place = fixed_clamp(fuse->field_ut[axis], PLACE_TURNED_Q18);
         half[axis] = fixed_half_floor(place);
-        turned[axis] = fixed_mul_q30(place * 32, turn_q39);
+        turned[axis] = fixed_mul_q30(fixed_scale_up(place, 5), turn_q39);
     }
     if (covariance[0] + covariance[2] < PLACE_SPREAD_MAX) {
         fixed_add(fixed_mul_at(&half[1], &turned[1]), &covariance[0]);
@@ -208,14 +209,14 @@ void fuse_follow_lag(struct fuse *fuse) {
 // goes on to correct in a second: uT2, at most 28.
 static q14_18_t leaning(const struct fuse *fuse) {
     const int32_t vertical = fixed_clamp(fuse->field_ut[2], PLACE_TURNED_Q18) * 64;
-    return fixed_mul_q30(fixed_mul_q30(vertical, vertical), fuse->drift_square);
+    return fixed_mul_q30(fixed_square_q30(vertical), fuse->drift_square);
 }
 
 // An axis of the reading's surprise, held within 90 uT; adds its square, 4096ths of
 // 1 uT2.
 static q14_18_t add_away(const struct fuse *fuse, uint8_t axis, uint32_t *square) {
     const q14_18_t off = fixed_clamp(field_away(fuse, axis), FIELD_FAR_Q18);
-    *square += (uint32_t)fixed_mul_q30(off * 8, off * 8);
+    fixed_add(fixed_square_q30(fixed_scale_up(off, 3)), (int32_t *)square);
     return off;
 }
 
@@ -232,12 +233,12 @@ NOINLINE static int32_t turning_noise(const struct fuse *fuse, const q2_14_t row
     const int32_t spread =
         kalman_share(fuse->field_covariance, FUSE_FIELD_STATES, row, shared);
     const int32_t across = fixed_dot3_q14(shared, row);
-    const q2_30_t turned_by = fuse->turned_by * INT32_C(65536);
-    const int32_t seen = fixed_mul_q30(
-        fixed_mul_q30(fuse->motion_covariance[FUSE_MOTION_PAIRS - 1], turned_by),
-        turned_by);
+    const int32_t seen = fixed_mul_q14(
+        fixed_mul_q14(fuse->motion_covariance[FUSE_MOTION_PAIRS - 1], fuse->turned_by),
+        fuse->turned_by);
     const int32_t noise = own + spread - (seen < across ? seen : across);
-    return fixed_clamp(noise < own / 4 ? own / 4 : noise, TURNING_NOISE_MAX);
+    const int32_t least = fixed_divide(own, 4);
+    return fixed_clamp(noise < least ? least : noise, TURNING_NOISE_MAX);
 }
 
 // What of the reading is across the horizontal field, and the noise of it.
@@ -247,7 +248,7 @@ NOINLINE static q14_18_t look_across(const struct fuse *fuse, int32_t *noise) {
     q14_18_t off = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
         const q14_18_t away = add_away(fuse, axis, &square);
-        fixed_add(fixed_mul_q30(away, row[axis] * INT32_C(65536)), &off);
+        fixed_add_product(away, row[axis], &off);
         row[3 + axis] = (q2_14_t)fixed_scale_down(
             (int32_t)row[0] * fuse->level_from_body.row[0][axis] +
                 (int32_t)row[1] * fuse->level_from_body.row[1][axis],
@@ -263,8 +264,8 @@ void fuse_stage_turning(struct fuse *fuse) {
         return;
     }
     const int32_t off = look_across(fuse, &noise);
-    const int32_t far = fixed_mul_q30(off * 64, off * 64);
-    fixed_add((far - fuse->residual) / 64, &fuse->residual);
+    const int32_t far = fixed_square_q30(fixed_scale_up(off, 6));
+    fixed_add(fixed_divide(far - fuse->residual, 64), &fuse->residual);
     q2_14_t row[KALMAN_STATES] = {0};
     row[FUSE_TURNS] = fuse->turned_by;
     fuse_read_motion(
@@ -289,7 +290,7 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
             fixed_add((int32_t)fixed_magnitude(place), &horizontal);
         }
         fixed_add(fixed_mul_q30(off, off + 2 * place), &longer);
-        fixed_add(fixed_mul_q30(place, place), &length);
+        fixed_add(fixed_square_q30(place), &length);
     }
     // A field of the same length and steepness means that the heading is wrong.
     fuse->is_turned = square > FIELD_UNIT_FINE * 8 &&
@@ -374,7 +375,7 @@ NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
     const int32_t across =
         fixed_mul_at(&across_y, &north->y) + fixed_mul_at(&across_x, &north->x);
     const int32_t residual = fuse->residual - RESIDUAL_FREE_Q18;
-    const int32_t total_q19 = across / COVARIANCE_SHARE +
+    const int32_t total_q19 = fixed_divide(across, COVARIANCE_SHARE) +
                               2 * (HEADING_LEANING * leaning(fuse)) +
                               2 * (residual > 0 ? residual : 0);
     // Divided by the field twice; 64ths keep the first quotient in range.

@@ -98,14 +98,16 @@ void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25) {
 // True where |v - mean| is below the limit, which is at most 2^21.
 static bool is_near(const struct vector *v, const struct lowpass *mean, int32_t limit) {
     struct vector away;
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        const int32_t off = v->axis[axis] - mean->axis[axis].level;
-        if (fixed_magnitude(off) > (uint32_t)limit) {
-            return false;
-        }
-        away.axis[axis] = off * 512;  // keeps the precision of the squares
+    lowpass_read(mean, &away);
+    vector_subtract(v, &away, &away);
+    if (vector_exceeds(&away, limit)) {
+        return false;
     }
-    const uint32_t bound = (uint32_t)limit * 512;
+    // Scaled up, which keeps the precision of the squares.
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        away.axis[axis] = fixed_scale_up(away.axis[axis], 9);
+    }
+    const uint32_t bound = (uint32_t)fixed_scale_up(limit, 9);
     return vector_square_q32(&away) < fixed_umul_q32(bound, bound);
 }
 
@@ -157,14 +159,14 @@ static void predict_motion(struct fuse *fuse, const q2_14_t up[FUSE_TURNS]) {
         // Before and after the step: twice the half of it.
         const int32_t step = fixed_mul_q30(shared[state], TURNED_GAIN_Q30);
         const int32_t twice = 2 * heading[state] + step;
-        fixed_add(fixed_mul_q30(twice, up[state] * INT32_C(65536)), &growth);
+        fixed_add_product(twice, up[state], &growth);
         fixed_add(step, &heading[state]);
     }
     growth = fixed_mul_q30(growth, TURNED_GAIN_Q30);
     if (growth < 0) {
         growth = 0;
     }
-    fuse->turned_q17 = (uint16_t)(fixed_clamp(growth, TURNED_STEP_MAX) / 16);
+    fuse->turned_q17 = (uint16_t)fixed_divide(fixed_clamp(growth, TURNED_STEP_MAX), 16);
     if (growth > TURNED_VARIANCE_MAX - heading[HEADING]) {
         // It is limited, so that its covariances would soon be more than it allows.
         kalman_forget(covariance, FUSE_MOTION_STATES, HEADING);
@@ -245,7 +247,7 @@ static void read_rest(struct fuse *fuse) {
         fuse->rest_rate.axis[axis].level - fuse->bias_rad_s_q25.axis[axis];
     row[axis] = FUSE_Q2_14_ONE;
     fuse_read_motion(fuse, row, REST_NOISE,
-                     fixed_clamp(surprise, REST_SURPRISE_Q25) * 4);
+                     fixed_scale_up(fixed_clamp(surprise, REST_SURPRISE_Q25), 2));
     fuse->rest_axis = (uint8_t)(axis == 2 ? 0 : axis + 1);
 }
 

@@ -2,14 +2,10 @@
 // See kalman.h.
 #include "core/fusion/kalman.h"
 
-#define SPREAD_MAX INT32_C(1073741823)
+// One copy, whose numbers are on the stack only while it runs.
+#define NOINLINE __attribute__((noinline))
 
-// Adds value * element to a sum. Many rows have only a few elements.
-static void add_product(int32_t value, q2_14_t element, int32_t *sum) {
-    if (element != 0) {
-        fixed_add(fixed_mul_q30(value, element * INT32_C(65536)), sum);
-    }
-}
+#define SPREAD_MAX INT32_C(1073741823)
 
 int32_t kalman_share(const int32_t covariance[], uint8_t states, const q2_14_t row[],
                      int32_t shared[]) {
@@ -20,11 +16,11 @@ int32_t kalman_share(const int32_t covariance[], uint8_t states, const q2_14_t r
         const int32_t *pair = row_of_pairs;
         shared[a] = 0;
         for (uint8_t b = 0; b < states; ++b) {
-            add_product(*pair, row[b], &shared[a]);
+            fixed_add_product(*pair, row[b], &shared[a]);
             pair += b < a ? 1 : b + 1;
         }
         row_of_pairs += a + 1;
-        add_product(shared[a], row[a], &known);
+        fixed_add_product(shared[a], row[a], &known);
     }
     return known;
 }
@@ -41,9 +37,23 @@ void kalman_forget(int32_t covariance[], uint8_t states, uint8_t state) {
     }
 }
 
+// Takes found * shared off the pairs of a row, whose last is a variance.
+NOINLINE static void subtract_row(int32_t *pair, q2_30_t found, const int32_t *shared,
+                                  const int32_t *last) {
+    for (; shared <= last; ++shared) {
+        fixed_add(-fixed_mul_q30(found, *shared), pair);
+        ++pair;
+    }
+    if (pair[-1] < 1) {
+        pair[-1] = 1;
+    }
+}
+
 void kalman_read(int32_t covariance[], uint8_t states, const q2_14_t row[],
                  int32_t noise, q2_30_t gain[]) {
-    int32_t shared[KALMAN_STATES];
+    // A gain takes the place of what its state shares with the reading: from the last
+    // state on, so that those before it still find what they need.
+    int32_t *const shared = gain;
     const int32_t known =
         fixed_clamp(kalman_share(covariance, states, row, shared), SPREAD_MAX - noise);
     const int32_t spread = known > 0 ? known + noise : noise;
@@ -56,18 +66,17 @@ void kalman_read(int32_t covariance[], uint8_t states, const q2_14_t row[],
             kalman_forget(covariance, states, a);
             shared[a] = 0;
         }
+    }
+    int32_t *row_of_pairs = covariance + states * (states + 1) / 2;
+    int32_t *last = gain + states;
+    do {
+        --last;
         // shared / spread, a half of it in the product.
-        const int32_t scaled = fixed_scale_up(shared[a], (uint8_t)(up - 1));
-        gain[a] = 2 * fixed_mul_q30(scaled, inverse);
-    }
-    int32_t *pair = covariance;
-    for (uint8_t a = 0; a < states; ++a) {
-        for (uint8_t b = 0; b <= a; ++b) {
-            *pair -= fixed_mul_at(&gain[a], &shared[b]);
-            ++pair;
-        }
-        if (pair[-1] < 1) {
-            pair[-1] = 1;
-        }
-    }
+        const int32_t scaled = fixed_scale_up(*last, (uint8_t)(up - 1));
+        const q2_30_t found = 2 * fixed_mul_q30(scaled, inverse);
+        row_of_pairs -= states;
+        --states;
+        subtract_row(row_of_pairs, found, gain, last);
+        *last = found;
+    } while (states > 0);
 }

@@ -11,7 +11,7 @@ void lowpass_axis_step(struct lowpass_axis *axis,
     const int32_t error = input - axis->level;
     if (count <= gain->settle) {
         // The first sample has work enough: the AVR divides in 640 cycles.
-        fixed_add(count == 1 ? error : error / count, &axis->level);
+        fixed_add(count == 1 ? error : fixed_divide(error, count), &axis->level);
         return;
     }
     const int32_t middle = fixed_mul_q30(
@@ -23,7 +23,7 @@ void lowpass_axis_step(struct lowpass_axis *axis,
 void lowpass_short_step(struct lowpass_short *axis, int16_t input, uint8_t count) {
     const int32_t error = (int32_t)input - axis->level;
     if (count <= SHORT_SETTLE) {
-        axis->level = (int16_t)(axis->level + error / count);
+        axis->level = (int16_t)(axis->level + fixed_divide(error, count));
         return;
     }
     // As lowpass_axis_step, with 8 bits more than the states have.

@@ -6,6 +6,10 @@ uint32_t fixed_magnitude(int32_t value) {
     return value < 0 ? 0u - (uint32_t)value : (uint32_t)value;
 }
 
+int32_t fixed_divide(int32_t value, uint8_t divisor) {
+    return value / divisor;
+}
+
 int32_t fixed_scale_up(int32_t value, uint8_t bits) {
     return (int32_t)((uint32_t)value << bits);
 }

@@ -46,6 +46,15 @@ int32_t fixed_mul_q30(int32_t a, int32_t b);
 // The same of numbers in memory, which takes less of the AVR's flash.
 int32_t fixed_mul_at(const int32_t *a, const int32_t *b);
 
+// The same of a number and itself.
+int32_t fixed_square_q30(int32_t a);
+
+// round(value * element / 2^14): keeps the format of `value`.
+int32_t fixed_mul_q14(int32_t value, q2_14_t element);
+
+// *sum += fixed_mul_q14(value, element); the sum must fit. Zeros cost little.
+void fixed_add_product(int32_t value, q2_14_t element, int32_t *sum);
+
 // round(a * b / 2^32); always fits.
 int32_t fixed_mul_q32(int32_t a, int32_t b);
 
@@ -65,6 +74,9 @@ void fixed_add(int32_t step, int32_t *sum);
 
 // The same, and the sum held within +-limit.
 void fixed_add_clamped(int32_t step, int32_t limit, int32_t *sum);
+
+// value / divisor, rounded towards zero; divisor is not 0.
+int32_t fixed_divide(int32_t value, uint8_t divisor);
 
 // |value|; the most negative number gives 2^31.
 uint32_t fixed_magnitude(int32_t value);

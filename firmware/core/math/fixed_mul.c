@@ -17,6 +17,18 @@ int32_t fixed_mul_at(const int32_t *a, const int32_t *b) {
     return fixed_mul_q30(*a, *b);
 }
 
+int32_t fixed_square_q30(int32_t a) {
+    return fixed_mul_q30(a, a);
+}
+
+int32_t fixed_mul_q14(int32_t value, q2_14_t element) {
+    return fixed_mul_q30(value, element * INT32_C(65536));
+}
+
+void fixed_add_product(int32_t value, q2_14_t element, int32_t *sum) {
+    *sum += fixed_mul_q14(value, element);
+}
+
 int32_t fixed_mul_q32(int32_t a, int32_t b) {
     const int64_t product = (int64_t)a * b;
     return NARROW((product + (INT64_C(1) << 31)) >> 32);
@@ -80,6 +92,30 @@ uint16_t fixed_sqrt(uint32_t x) {
         }
     }
     return (uint16_t)root;
+}
+
+int32_t vector_square_q30(const struct vector *v) {
+    int32_t sum = 0;
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        sum += fixed_mul_q30(v->axis[axis], v->axis[axis]);
+    }
+    return sum;
+}
+
+uint32_t vector_square_q32(const struct vector *v) {
+    uint32_t sum = 0;
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        const uint32_t size = fixed_magnitude(v->axis[axis]);
+        sum += fixed_umul_q32(size, size);
+    }
+    return sum;
+}
+
+void vector_subtract(const struct vector *a, const struct vector *b,
+                     struct vector *out) {
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        out->axis[axis] = a->axis[axis] - b->axis[axis];
+    }
 }
 
 void vector_scale(const struct vector *v, q2_30_t gain, struct vector *out) {

@@ -6,23 +6,6 @@
 _Static_assert(sizeof(struct vector) == 3 * sizeof(int32_t),
                "x, y, z and the axes are the same bytes");
 
-int32_t vector_square_q30(const struct vector *v) {
-    int32_t sum = 0;
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        sum += fixed_mul_q30(v->axis[axis], v->axis[axis]);
-    }
-    return sum;
-}
-
-uint32_t vector_square_q32(const struct vector *v) {
-    uint32_t sum = 0;
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        const uint32_t size = fixed_magnitude(v->axis[axis]);
-        sum += fixed_umul_q32(size, size);
-    }
-    return sum;
-}
-
 bool vector_normalise(const struct vector *v, struct vector *unit, int32_t *norm) {
     uint32_t bits = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
@@ -53,13 +36,6 @@ bool vector_normalise(const struct vector *v, struct vector *unit, int32_t *norm
         *norm = fixed_scale_up_sat(length, (uint8_t)(quarter - up));
     }
     return true;
-}
-
-void vector_subtract(const struct vector *a, const struct vector *b,
-                     struct vector *out) {
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        out->axis[axis] = a->axis[axis] - b->axis[axis];
-    }
 }
 
 bool vector_exceeds(const struct vector *v, int32_t limit) {

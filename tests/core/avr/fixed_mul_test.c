@@ -19,7 +19,7 @@ static const int32_t edges[] = {
     INT32_MAX,   INT32_MIN,  INT32_MIN + 1,
 };
 
-static uint32_t hashes[11];
+static uint32_t hashes[12];
 
 static int put(char byte, FILE *file) {
     (void)file;
@@ -60,6 +60,23 @@ static void limit(uint32_t a, uint32_t b) {
     mix(&hashes[8], fixed_sqrt(a));
 }
 
+// Products and sums of one number, and of three.
+static void add_up(uint32_t a, uint32_t b) {
+    const int16_t element = (int16_t)(b >> 16);
+    int32_t sum = (int32_t)b;
+    mix(&hashes[11], (uint32_t)fixed_square_q30((int32_t)a));
+    mix(&hashes[11], (uint32_t)fixed_mul_q14((int32_t)a, element));
+    fixed_add_product((int32_t)a, element, &sum);
+    fixed_add_product((int32_t)a, 0, &sum);
+    mix(&hashes[11], (uint32_t)sum);
+    struct vector v = {.x = (int32_t)a, .y = (int32_t)b, .z = (int32_t)(a ^ b)};
+    const struct vector u = {.x = v.z, .y = v.x, .z = v.y};
+    mix(&hashes[11], (uint32_t)vector_square_q30(&v));
+    mix(&hashes[11], vector_square_q32(&v));
+    vector_subtract(&v, &u, &v);
+    mix_words(&hashes[11], &v, 3);
+}
+
 static void multiply(uint32_t a, uint32_t b) {
     mix(&hashes[0], (uint32_t)fixed_mul_q30((int32_t)a, (int32_t)b));
     mix(&hashes[1], (uint32_t)fixed_mul_q32((int32_t)a, (int32_t)b));
@@ -77,6 +94,7 @@ static void multiply(uint32_t a, uint32_t b) {
     quat_rotate(&q, &turned, &turned);
     mix_words(&hashes[5], &turned, 3);
     limit(a, b);
+    add_up(a, b);
     struct vector crossed;
     vector_cross(&(struct vector){.x = v[0], .y = v[1], .z = v[2]},
                  &(struct vector){.x = q.x, .y = q.y, .z = q.z}, &crossed);
