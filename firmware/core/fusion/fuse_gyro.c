@@ -98,16 +98,14 @@ void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25) {
 // True where |v - mean| is below the limit, which is at most 2^21.
 static bool is_near(const struct vector *v, const struct lowpass *mean, int32_t limit) {
     struct vector away;
-    lowpass_read(mean, &away);
-    vector_subtract(v, &away, &away);
-    if (vector_exceeds(&away, limit)) {
-        return false;
-    }
-    // Scaled up, which keeps the precision of the squares.
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        away.axis[axis] = fixed_scale_up(away.axis[axis], 9);
+        const int32_t off = v->axis[axis] - mean->axis[axis].level;
+        if (fixed_magnitude(off) > (uint32_t)limit) {
+            return false;
+        }
+        away.axis[axis] = fixed_scale_up(off, 9);  // keeps the precision of the squares
     }
-    const uint32_t bound = (uint32_t)fixed_scale_up(limit, 9);
+    const uint32_t bound = (uint32_t)limit * 512;
     return vector_square_q32(&away) < fixed_umul_q32(bound, bound);
 }
 

@@ -15,7 +15,13 @@ int32_t fixed_scale_up(int32_t value, uint8_t bits) {
 }
 
 int32_t fixed_scale_up_sat(uint32_t value, uint8_t bits) {
-    return value > (uint32_t)INT32_MAX >> bits ? INT32_MAX : (int32_t)(value << bits);
+    for (; bits > 0; --bits) {
+        if (value > (uint32_t)INT32_MAX / 2) {
+            return INT32_MAX;
+        }
+        value *= 2;
+    }
+    return value > INT32_MAX ? INT32_MAX : (int32_t)value;
 }
 
 int32_t fixed_scale_down(int32_t value, uint8_t bits) {
