@@ -103,6 +103,30 @@ def test_free_motion_gives_a_proposal_and_one_command_to_take_it() -> None:
     assert left["heading"] < 1.0
 
 
+def test_a_fit_that_ends_after_the_stream_is_told_with_the_next_message() -> None:
+    bench = Bench(params=levelled())
+    later: list[Callable[[], None]] = []
+
+    class Later(Executor):
+        def submit(
+            self, work: Callable[..., Any], /, *arguments: Any, **_: Any
+        ) -> Future[Any]:
+            done: Future[Any] = Future()
+            later.append(lambda: done.set_result(work(*arguments)))
+            return done
+
+    bench.stage = LearnStage(config("propose"), Later())
+    bench.hear(bench.probe.say("hello"))
+    bench.probe.restart()
+    bench.hear(bench.probe.say("hello"))
+    bench.play(waved())
+    (finish,) = later
+    finish()
+    assert not bench.of(Says)
+    bench.hear(bench.probe.say("status"))
+    assert len(bench.of(Says)) == 1
+
+
 def test_applying_it_is_one_change_of_the_params_of_that_probe() -> None:
     bench = Bench("apply", levelled())
     bench.play(waved())

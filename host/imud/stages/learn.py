@@ -102,17 +102,17 @@ class LearnStage:
         self._forget()
 
     def take(self, received: Received) -> Iterator[Outcome]:
-        if self._mode == "off" or received.message.name != "raw":
-            return
-        scale, params = self._scale, received.params
-        if scale is None or params is None:
+        if self._mode == "off":
             return
         if self._digest != received.scales.digest:
             self._forget()
             self._digest = received.scales.digest
+        # With any message: the stream may have stopped while the fit ran.
         if self._fit is not None and self._fit.done():
             yield from self._picked_up(self._fit.result(), received)
-        self._note(received, scale, params)
+        scale, params = self._scale, received.params
+        if received.message.name == "raw" and scale is not None and params is not None:
+            self._note(received, scale, params)
 
     def _note(self, received: Received, scale: Scale, params: bytes) -> None:
         samples, t_us = self._samples, received.stamp.t_device_us
