@@ -20,9 +20,9 @@ PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 # Without a sandbox of its own, as root; drawn by the processor.
 ARGUMENTS = ("--no-sandbox", "--enable-unsafe-swiftshader")
 START_S = 30.0
-BOARDS = ("nano", "f405")
-# Of the virtual boards, by their ids.
-NAMES = {"11bef7fdb5481413": "stylus", "c65c26226523f231": "forearm"}
+# The virtual boards: how each is held, and its name by its id.
+BOARDS = {"nano": ("--module", "shop", "--hand", "calibrate"), "f405": ()}
+NAMES = {"11bef7fdb5481413": "module", "c65c26226523f231": "stylus"}
 # Rest at the start, until both boards have calibrated their gyroscopes.
 REST_S = 8.0
 
@@ -47,8 +47,8 @@ def served() -> Iterator[str]:
 
         config = folder / "imud.toml"
         ports = [folder / board for board in BOARDS]
-        for board, port in zip(BOARDS, ports, strict=True):
-            start("sim", board, "--stream", "--link", str(port))
+        for (board, held), port in zip(BOARDS.items(), ports, strict=True):
+            start("sim", board, *held, "--stream", "--link", str(port))
         names = "".join(
             f'[probes.{probe_id}]\nname = "{name}"\n'
             for probe_id, name in NAMES.items()
@@ -83,13 +83,13 @@ def chromium() -> Iterator[Browser]:
 def opened(
     browser: Browser, url: str, size: tuple[int, int], *, is_dark: bool
 ) -> Iterator[Page]:
-    """The page in a window of that size, once it shows a pose."""
+    """The page in a window of that size, once it shows a pose of the stylus."""
     context = browser.new_context(
         viewport={"width": size[0], "height": size[1]},
         color_scheme="dark" if is_dark else "light",
     )
     page = context.new_page()
-    page.goto(url)
+    page.goto(f"{url}/#/probe/stylus")
     wait_for(
         lambda: page.evaluate("Boolean(globalThis.imud?.model.probe?.pose)"),
         lambda: page.wait_for_timeout(100),

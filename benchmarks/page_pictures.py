@@ -10,10 +10,10 @@ import sys
 from page_desk import PICTURES, chromium, opened, served
 from playwright.sync_api import Browser
 
-VIEWS = ("probe", "signals", "aim", "probes")
+VIEWS = ("probe", "signals", "calibrate", "aim", "probes")
 SIZE, PHONE = (1180, 720), (360, 720)
 # The plots are to be full, and the probe not yet far from the target.
-SHOWN_S = {"probe": 2.0, "signals": 11.0, "aim": 0.3, "probes": 1.5}
+SHOWN_S = {"probe": 2.0, "signals": 11.0, "calibrate": 30.0, "aim": 0.3, "probes": 1.5}
 
 # Plots of poses and raw samples, which the probe is asked for.
 PLOTS = """async () => {
@@ -35,15 +35,25 @@ AIM = """() => {
   localStorage.setItem("imud.target", JSON.stringify("entry"));
 }"""
 
+# Anew, if it was begun for another picture.
+CALIBRATE = """async () => {
+  const { link } = globalThis.imud.model;
+  await link.calibrate("module", "stop");
+  await link.calibrate("module", "all");
+}"""
+
 
 def take(browser: Browser, url: str, scheme: str, *, is_phone: bool) -> None:
     size = PHONE if is_phone else SIZE
     with opened(browser, url, size, is_dark=scheme == "dark") as page:
         page.evaluate(PLOTS)
         for view in VIEWS:
+            probe = "module" if view == "calibrate" else "stylus"
             if view == "aim":
                 page.evaluate(AIM)
-            page.evaluate("view => { location.hash = `#/${view}` }", view)
+            if view == "calibrate":
+                page.evaluate(CALIBRATE)
+            page.evaluate(f"location.hash = '#/{view}/{probe}'")
             page.wait_for_timeout(1000 * SHOWN_S[view])
             kind = "-phone" if is_phone else ""
             page.screenshot(path=PICTURES / f"page-{view}{kind}-{scheme}.png")

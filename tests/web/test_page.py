@@ -13,9 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 from playwright.sync_api import Browser
+from simulated import affine_errors
 
 import length
 from imud import rotation
+from imud.calibration.affine import affine_of
+from imud.params.value import Params
+from imud.virtual.calibrating import SCALE
+from raw_probe import calibrating, module
 from streaming import until
 from web.desk import Desk, Seen, seen
 
@@ -222,6 +227,34 @@ def test_a_target_is_reached_only_when_error_and_two_sigma_are_inside(
     assert page.locator(".protocol tbody tr").count() == 1
 
 
+def test_a_probe_is_calibrated_from_empty_to_applied_and_back(
+    shown: Seen, desk: Desk
+) -> None:
+    page = shown.page
+    page.get_by_role("link", name="Calibrate").click()
+    desk.hand.calibrate(calibrating())
+    shown.until("globalThis.imud.model.probe.status.hello.raw_rate === 100")
+    page.get_by_role("button", name="Begin").click()
+    page.get_by_text("The probe is asked for raw samples").wait_for()
+    page.get_by_text("pose 12 of 12").wait_for()
+    assert shown.number("cal-tilt") < 0.1
+    assert page.evaluate("globalThis.imud.view._cover.covered") >= 12
+    page.get_by_role("button", name="Judge now").click()
+    page.get_by_text("not in force yet").wait_for()
+    assert not desk.probe.params.records
+    page.get_by_role("button", name="Apply").click()
+    page.get_by_text("The calibration is in force").wait_for()
+    found = Params.decode(desk.probe.params.records)
+    acc, mag = found.calibration("acc"), found.calibration("mag")
+    left = affine_errors(
+        module(), affine_of(acc, SCALE.acc_m_s2), affine_of(mag, SCALE.mag_ut)
+    )
+    assert left["tilt"] < 0.1
+    page.locator("button:enabled").get_by_text("Undo", exact=True).click()
+    page.get_by_text("The params of before are in force").wait_for()
+    assert not desk.probe.params.records
+
+
 def test_all_probes_are_listed_with_their_ledger(shown: Seen, desk: Desk) -> None:
     shown.page.get_by_role("link", name="Probes").click()
     card = shown.page.locator(f'[data-probe="{desk.probe.name}"]')
@@ -237,7 +270,7 @@ def test_all_probes_are_listed_with_their_ledger(shown: Seen, desk: Desk) -> Non
 
 def test_everything_can_be_done_by_keyboard(shown: Seen, desk: Desk) -> None:
     page = shown.page
-    for key, view in (("2", "signals"), ("3", "aim"), ("4", "probes"), ("1", "probe")):
+    for key, view in (("2", "signals"), ("4", "aim"), ("5", "probes"), ("1", "probe")):
         page.keyboard.press(key)
         page.wait_for_selector(f".{view}.view")
         assert page.evaluate("location.hash").startswith(f"#/{view}/")
@@ -259,7 +292,7 @@ def test_everything_can_be_done_by_keyboard(shown: Seen, desk: Desk) -> None:
     assert not wanted
 
 
-@pytest.mark.parametrize("view", ["probe", "signals", "aim", "probes"])
+@pytest.mark.parametrize("view", ["probe", "signals", "calibrate", "aim", "probes"])
 def test_a_phone_shows_all_of_it(shown: Seen, view: str) -> None:
     shown.page.set_viewport_size({"width": 360, "height": 640})
     shown.page.evaluate("view => { location.hash = `#/${view}` }", view)

@@ -11,8 +11,10 @@ from collections.abc import Mapping
 
 Key = tuple[str, str]  # probe and topic
 
+CALIBRATION = "calibration"  # the server's own: how a guided calibration does
+
 # Topics that everybody sees, as their last payload; of events everyone.
-LATEST = frozenset({"pose", "status", "params", "clock", "log", "twin"})
+LATEST = frozenset({"pose", "status", "params", "clock", "log", "twin", CALIBRATION})
 EVENT = "event"
 # Topics of which a browser can ask for every payload of one probe.
 STREAMS = frozenset({"pose", "raw"})
@@ -52,6 +54,11 @@ class Feed:
         with self._lock:
             fresh, self._fresh = self._fresh, {}
         return fresh
+
+    def known(self, key: Key) -> bytes | None:
+        """The last payload of a key."""
+        with self._lock:
+            return self._last.get(key)
 
     def last(self) -> dict[Key, deque[bytes]]:
         """The last payload of each key that a new browser begins with."""

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
+
+from imud.calibration.session import Kind
 
 # One part of a key, or of a selector: Zenoh gives the excluded characters a meaning.
 Name = Annotated[str, Meta(max_length=200, pattern=r"^[^/*$#?;=\s]+$")]
@@ -53,6 +55,14 @@ class Ask(_Said, frozen=True):
     parameters: Annotated[dict[Name, Value], Meta(max_length=8)] = {}
 
 
+class Calibrate(_Said, frozen=True):
+    """Begins a calibration of a probe; `end` has it judged, `stop` gives it up."""
+
+    id: int
+    probe: Name
+    kind: Kind | Literal["end", "stop"]
+
+
 class Logs(_Said, frozen=True):
     """Asks for the list of logs; the answer has the same id."""
 
@@ -67,4 +77,5 @@ class Read(_Said, frozen=True):
     offset: Annotated[int, Meta(ge=0)]
 
 
-decode = msgspec.json.Decoder(Login | Watch | Seen | Ask | Logs | Read).decode
+Said = Login | Watch | Seen | Ask | Calibrate | Logs | Read
+decode = msgspec.json.Decoder(Said).decode

@@ -25,9 +25,10 @@ from imud.errors import ListenFailed
 from imud.version import version
 from imud.web import doors, gate
 from imud.web.browser import Browser
-from imud.web.feed import Feed
+from imud.web.feed import CALIBRATION, Feed
 from imud.web.files import Files
 from imud.web.gate import Connection, Gate, OnNotice
+from imud.web.guide import GuideError, Guides
 from imud.web.logs import LogFolder
 from imud.web.users import Everybody, Users
 from imud.web.visit import Host, OnAsk, Visit
@@ -56,7 +57,11 @@ class Page:
         self._gate = Gate(on_notice)
         said = {"type": "page", "imud": version(), **(about or {})}
         users = users or Everybody()
-        self._host = Host(self._gate, self._feed, users, on_ask, said, logs)
+        self._guides = Guides(self._feed, self._ask, self._tell)
+        self._host = Host(
+            self._gate, self._feed, users, on_ask, said, self._guides, logs
+        )
+        self._on_ask = on_ask
         self._files = Files()
         self._browsers: set[Browser] = set()
         self._socket: socket.socket | None = None
@@ -121,6 +126,7 @@ class Page:
     def _deliver(self) -> None:
         fresh = self._feed.swap()
         if fresh:
+            self._guides.take(fresh)
             for browser in self._browsers:
                 browser.put(fresh)
 
@@ -144,6 +150,34 @@ class Page:
         ):
             self._is_up.set()
             await self._stop.wait()
+            await self._guides.close()
+
+    def _tell(self, probe: str, state: bytes) -> None:
+        """How a calibration does."""
+        self._feed.take(probe, CALIBRATION, state)
+        self._deliver()
+
+    async def _ask(
+        self, probe: str, command: str, parameters: Mapping[str, str]
+    ) -> Any:
+        """Has a command carried out; GuideError with the reason if it is not."""
+        loop = asyncio.get_running_loop()
+        done: asyncio.Future[bytes] = loop.create_future()
+
+        def settle(payload: bytes, error: str) -> None:
+            if done.cancelled():
+                return
+            if error:
+                done.set_exception(GuideError(error))
+            else:
+                done.set_result(payload)
+
+        def answer(payload: bytes, error: str) -> None:
+            with contextlib.suppress(RuntimeError):  # the loop has ended
+                loop.call_soon_threadsafe(settle, payload, error)
+
+        self._on_ask(probe, command, dict(parameters), answer)
+        return await done
 
     def _request(
         self, connection: ServerConnection, request: Request

@@ -12,10 +12,11 @@ from websockets.asyncio.server import ServerConnection
 from websockets.frames import CloseCode
 
 from imud.web.browser import Browser
-from imud.web.feed import Feed
+from imud.web.feed import CALIBRATION, Feed
 from imud.web.gate import Gate
+from imud.web.guide import GuideError, Guides
 from imud.web.logs import LogFolder
-from imud.web.messages import Ask, Login, Logs, Read, Seen, Watch, decode
+from imud.web.messages import Ask, Calibrate, Login, Logs, Read, Seen, Watch, decode
 from imud.web.users import NOTHING, Grant, Users
 
 # Answers a command: JSON and no error, or an error.
@@ -37,6 +38,7 @@ class Host(msgspec.Struct, frozen=True):
     users: Users
     on_ask: OnAsk
     about: Mapping[str, Any]
+    guides: Guides
     logs: LogFolder | None = None  # None: there are none here
 
 
@@ -77,6 +79,8 @@ class Visit:
             self.browser.watch(frozenset(said.every), said.rate_hz)
         elif isinstance(said, Ask):
             self._ask(said)
+        elif isinstance(said, Calibrate):
+            await self._calibrate(said)
         elif isinstance(said, Login):
             await self._log_in(said)
         else:
@@ -104,6 +108,24 @@ class Visit:
             self._say_answer(said.id, b"", error.strerror or "it can't be read")
         else:
             self._say_answer(said.id, msgspec.json.encode(value), "")
+
+    async def _calibrate(self, said: Calibrate) -> None:
+        if not (self._grant.commands and CALIBRATION in self._grant.reads):
+            self._host.gate.refuse("role", self._connection)
+            self._say_answer(said.id, b"", "your role does not allow to calibrate")
+            return
+        guides = self._host.guides
+        try:
+            if said.kind == "stop":
+                await guides.stop(said.probe)
+            elif said.kind == "end":
+                guides.end(said.probe)
+            else:
+                guides.begin(said.probe, said.kind)
+        except GuideError as error:
+            self._say_answer(said.id, b"", str(error))
+        else:
+            self._say_answer(said.id, b"true", "")
 
     def _ask(self, asked: Ask) -> None:
         reason = "role" if not self._grant.commands else ""

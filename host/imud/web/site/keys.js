@@ -18,8 +18,9 @@ export class Keys {
     this._own = {
       1: ["Probe", () => header.go("probe")],
       2: ["Signals", () => header.go("signals")],
-      3: ["Aim", () => header.go("aim")],
-      4: ["Probes", () => header.go("probes")],
+      3: ["Calibrate", () => header.go("calibrate")],
+      4: ["Aim", () => header.go("aim")],
+      5: ["Probes", () => header.go("probes")],
       "[": ["previous probe", () => header.step(-1)],
       "]": ["next probe", () => header.step(1)],
       t: ["light or dark", () => header.toggleTheme()],

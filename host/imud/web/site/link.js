@@ -100,6 +100,15 @@ export class Link extends EventTarget {
     return this._request({ do: "ask", probe, command, parameters });
   }
 
+  /**
+   * Begins a calibration of that kind; "end" has it judged, "stop" gives it up.
+   * @param {string} probe
+   * @param {string} kind
+   */
+  calibrate(probe, kind) {
+    return this._request({ do: "calibrate", probe, kind });
+  }
+
   /** @returns {Promise<{ name: string, bytes: number, changed_ms: number }[]>} */
   logs() {
     return this._request({ do: "logs" });

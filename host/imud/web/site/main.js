@@ -8,6 +8,7 @@ import { Header } from "./header.js";
 import { Keys } from "./keys.js";
 import { make } from "./dom.js";
 import { AimView } from "./views/aim.js";
+import { CalibrateView } from "./views/calibrate.js";
 import { ProbeView } from "./views/probe.js";
 import { ProbesView } from "./views/probes.js";
 import { SignalsView } from "./views/signals.js";
@@ -27,6 +28,7 @@ import { SignalsView } from "./views/signals.js";
 export const VIEWS = {
   probe: { title: "Probe", make: (model) => new ProbeView(model) },
   signals: { title: "Signals", make: (model) => new SignalsView(model) },
+  calibrate: { title: "Calibrate", make: (model) => new CalibrateView(model) },
   aim: { title: "Aim", make: (model) => new AimView(model) },
   probes: { title: "Probes", make: (model) => new ProbesView(model) },
 };

@@ -42,6 +42,8 @@ export class Probe {
     /** @type {Line | null} */
     this.params = null;
     /** @type {Line | null} */
+    this.calibration = null;
+    /** @type {Line | null} */
     this.event = null;
   }
 
@@ -80,6 +82,8 @@ export class Probe {
       this.statusMs = nowMs;
     } else if (line.type === "params") {
       this.params = line;
+    } else if (line.type === "calibration") {
+      this.calibration = line;
     } else if (line.type === "event") {
       this.event = line;
     }

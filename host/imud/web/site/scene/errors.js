@@ -29,6 +29,7 @@ export class Errors {
     this._cone = new three.Mesh(new three.BufferGeometry(), flat("#888888", 0.22));
     this._shown = { heading: -1, tilt: -1 };
     this._needle.position.z = 0.004;
+    this._needle.visible = false; // until there is a pose
     scene.add(this._sector, this._needle);
   }
 

@@ -14,7 +14,7 @@ import { Trail } from "./trail.js";
 /** @typedef {import("../model.js").Pose} Pose */
 /** @typedef {"probe" | "cuboid"} BodyName */
 /** @typedef {{ ink: string, muted: string, line: string, surface: string,
- *   accent: string, x: string, y: string, z: string, warn: string }} Colours */
+ *   accent: string, good: string, x: string, y: string, z: string, warn: string }} Colours */
 
 const NOSE = /** @type {const} */ ([1.02, 0, 0]);
 
@@ -34,6 +34,7 @@ export function coloursOf(element = document.documentElement) {
     line: of("line"),
     surface: of("surface"),
     accent: of("accent"),
+    good: of("good"),
     x: of("axis-x"),
     y: of("axis-y"),
     z: of("axis-z"),
@@ -43,8 +44,13 @@ export function coloursOf(element = document.documentElement) {
 
 /** Owns a canvas that fills its parent. */
 export class Scene {
-  /** @param {HTMLElement} parent */
-  constructor(parent) {
+  /**
+   * @param {HTMLElement} parent
+   * @param {three.Object3D} [attached] turns with the body, in the place of its path and
+   *   of the shapes of its errors
+   */
+  constructor(parent, attached) {
+    this._attached = attached;
     this.frames = 0;
     this.body = new three.Group();
     this._renderer = new three.WebGLRenderer({ antialias: true, alpha: true });
@@ -68,7 +74,6 @@ export class Scene {
     this._world = null;
     /** @type {BodyName} */
     this._kind = "probe";
-    this.hasTrail = true;
     this._isDirty = true;
     this._isStale = false;
     /** @type {Pose | null} */
@@ -95,7 +100,11 @@ export class Scene {
     const make = kind === "cuboid" ? makeCuboid : makeProbe;
     this.body.clear();
     this.body.add(make(coloursOf()));
-    this._errors.attach();
+    if (this._attached) {
+      this.body.add(this._attached);
+    } else {
+      this._errors.attach();
+    }
     this.setStale(this._isStale, true);
   }
 
@@ -134,8 +143,10 @@ export class Scene {
     this._pose = pose;
     const [w, x, y, z] = pose.q;
     this.body.quaternion.set(x, y, z, w);
-    this._errors.show(pose);
-    this._trail.add(this.hasTrail ? rotate(pose.q, NOSE) : null);
+    if (!this._attached) {
+      this._errors.show(pose);
+    }
+    this._trail.add(this._attached ? null : rotate(pose.q, NOSE));
     const [east, north] = rotate(pose.q, [1, 0, 0]);
     this.orbit.follow(Math.atan2(north, east), Math.hypot(east, north));
     this._isDirty = true;

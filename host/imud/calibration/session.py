@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: MIT
+"""A calibration of any kind as a screen follows it: samples in, a state of JSON values
+out. It does no I/O and has no clock.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from imud.calibration import poses, wave
+from imud.calibration.affine import affine_of
+from imud.calibration.earth import Earth
+from imud.calibration.extremes import Extremes
+from imud.calibration.faults import Fault
+from imud.calibration.outcome import Outcome, of_fit, of_wave
+from imud.calibration.procedure import Event, Finished, Procedure, Refused
+from imud.calibration.recording import Sample, Scale
+from imud.calibration.verify import Verify
+from imud.calibration.wave import Wave, Waving
+from imud.errors import ImudError
+from imud.params.value import Params
+
+Kind = Literal["all", "acc", "gyro", "mag", "verify"]
+SENSORS = {"all": ("acc", "gyr", "mag"), "acc": ("acc",), "gyro": ("gyr",)}
+
+POSES = {pose.name: pose for pose in poses.ALL}
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """What is calibrated."""
+
+    scale: Scale
+    params: Params  # in force
+    has_mag: bool
+    earth: Earth | None = None  # the field of the place, if it is known
+
+
+@dataclass(slots=True)
+class Session:
+    """Follows one kind of calibration until it is over. `day` goes into the params."""
+
+    kind: Kind
+    subject: Subject
+    day: datetime.date
+    phase: str = "running"  # then done or refused
+    outcome: Outcome | None = None
+    _guide: Procedure | Waving | Verify = field(init=False)
+    _bar: Extremes = field(default_factory=Extremes)
+    _findings: list[dict[str, Any]] = field(default_factory=list)
+    _why: str | None = None
+    _last_us: int = -1
+
+    def __post_init__(self) -> None:
+        subject, kind = self.subject, self.kind
+        scale, params = subject.scale, subject.params
+        if kind == "verify":
+            self._guide = Verify(scale, params, subject.has_mag)
+        elif kind == "mag":
+            acc = affine_of(params.acc, scale.acc_m_s2)
+            gyr = affine_of(params.gyr, scale.gyr_rad_s)
+            self._guide = Waving(scale, acc, gyr, wave.tilt_deg(params.acc))
+            if not subject.has_mag:
+                self._refuse("this probe has no magnetometer")
+        else:
+            self._guide = Procedure(
+                scale,
+                wants_housing=kind == "all",
+                has_mag=subject.has_mag and kind == "all",
+                earth=subject.earth,
+            )
+
+    @property
+    def is_over(self) -> bool:
+        """Whether there is a result, or none to come."""
+        return self.phase != "running"
+
+    def feed(self, sample: Sample) -> None:
+        """Takes the next sample."""
+        if self.is_over:
+            return
+        if sample.t_us < self._last_us:
+            self._refuse("the probe restarted; begin again")
+            return
+        self._last_us = sample.t_us
+        if sample.mag is not None:
+            self._bar.take(np.array(sample.mag) * self.subject.scale.mag_ut)
+        guide = self._guide
+        if isinstance(guide, Procedure):
+            self._guided(guide.feed(sample))
+        elif isinstance(guide, Waving):
+            self._waved(guide, guide.feed(sample))
+        elif (report := guide.feed(sample)) is not None:
+            self._findings = [msgspec.to_builtins(each) for each in report.findings]
+            self.phase = "done"
+
+    def end(self) -> None:
+        """The user has had enough: what there is, is judged."""
+        if self.is_over:
+            return
+        guide = self._guide
+        if isinstance(guide, Procedure):
+            self._guided(guide.end())
+        elif isinstance(guide, Waving):
+            self._waved(guide, guide.end())
+        else:
+            self._refuse("it was ended early; begin again")
+
+    def _guided(self, events: list[Event]) -> None:
+        for event in events:
+            if isinstance(event, Refused):
+                self._refuse(str(event.fault))
+            elif isinstance(event, Finished):
+                self._make(partial(self._of_fit, event))
+
+    def _of_fit(self, event: Finished) -> Outcome:
+        subject = self.subject
+        return of_fit(
+            event.fit,
+            subject.scale,
+            subject.params,
+            event.turn,
+            self.day,
+            sensors=SENSORS[self.kind],
+            earth=subject.earth,
+        )
+
+    def _waved(self, guide: Waving, found: Wave | Fault | None) -> None:
+        if isinstance(found, Fault):
+            self._refuse(str(found))
+        elif found is not None:
+            scale, params = self.subject.scale, self.subject.params
+            warmth = guide.temperature_c
+            self._make(partial(of_wave, found, scale, params, warmth, self.day))
+
+    def _make(self, outcome: Callable[[], Outcome]) -> None:
+        try:
+            self.outcome = outcome()
+        except ImudError as error:
+            self._refuse(str(error))
+        else:
+            self.phase = "done"
+
+    def _refuse(self, why: str) -> None:
+        self.phase, self._why = "refused", why
+
+    def state(self) -> dict[str, Any]:
+        """What a screen shows now."""
+        said: dict[str, Any] = {
+            "kind": self.kind,
+            "phase": self.phase,
+            "why": self._why,
+            "quality_percent": self._bar.quality_percent,
+            "findings": self._findings,
+            "ellipsoid": self._ellipsoid(),
+            "outcome": _told(self.outcome) if self.outcome is not None else None,
+        }
+        guide = self._guide
+        if isinstance(guide, Procedure):
+            status: dict[str, Any] = msgspec.to_builtins(guide.status())
+            pose = POSES.get(status["wanted"] or "")
+            status["step"] = status.pop("phase")
+            status["wanted"] = None if pose is None else pose.up.tolist()
+            return status | said
+        said |= {"says": guide.says, "seconds": guide.seconds}
+        if isinstance(guide, Waving) and guide.wave is not None:
+            said["heading_deg"] = guide.wave.heading_deg
+        return said
+
+    def _ellipsoid(self) -> dict[str, Any] | None:
+        """The magnetometer's fit so far, for readings in uT."""
+        guide = self._guide
+        fit = None
+        if isinstance(guide, Procedure) and guide.fit is not None:
+            fit = guide.fit.mag
+        elif isinstance(guide, Waving) and guide.wave is not None:
+            fit = guide.wave.mag
+        if fit is None:
+            return None
+        return {
+            "matrix": fit.matrix.tolist(),
+            "bias_uT": fit.bias.tolist(),
+            "norm_uT": fit.norm_ut,
+        }
+
+
+def _told(found: Outcome) -> dict[str, Any]:
+    """The result, and the params that have it."""
+    left = {}
+    for name in found.sensors:
+        of = found.params.calibration(name)
+        left[name] = of.residual if of is not None else None
+    return {
+        "sensors": list(found.sensors),
+        "residuals": left,  # m/s2, rad, uT
+        "poses": found.poses,
+        "seconds": found.seconds,
+        "temperature_c": found.temperature_c,
+        "tilt_deg": found.tilt_deg,
+        "heading_deg": found.heading_deg,
+        "level_uT": found.level_ut,
+        "housing_deg": found.housing_deg,
+        "note": found.note,
+        "records": found.params.encode().hex(),
+        "digest": f"{found.params.digest:08x}",
+    }

@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: MIT
+"""Guided calibrations that browsers have begun, one a probe: has the probe send its raw
+samples, hands them to a calibrator, and tells its states on the topic `calibration`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import sys
+from collections import deque
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
+
+import msgspec
+
+from imud.calibration.earth import Earth
+from imud.calibration.recording import NO_MAG, Scale
+from imud.calibration.session import Kind
+from imud.web.calibrator import End, Task
+from imud.web.feed import CALIBRATION, Feed, Key
+
+HEARD_S = 1.0  # a probe that sends raw samples is heard within this time
+SILENT_S = 5.0
+TICK_S = 0.25
+WAITING_MAX = 4 << 20  # bytes that the calibrator has not read
+LINE_MAX = 1 << 20
+EARLY_MAX = 4000  # samples that come before the calibrator is there
+
+# Has a command carried out: probe, command, parameters; GuideError if it is refused.
+Ask = Callable[[str, str, Mapping[str, str]], Awaitable[Any]]
+# Gets the state of a probe's calibration, as a line of JSON.
+Tell = Callable[[str, bytes], None]
+
+_encode = msgspec.json.Encoder().encode
+
+
+class GuideError(Exception):
+    """A calibration can't go on: why."""
+
+
+class Guide:
+    """One calibration. Belongs to the server's loop."""
+
+    def __init__(
+        self, probe: str, kind: Kind, feed: Feed, ask: Ask, tell: Tell
+    ) -> None:
+        self._probe, self._kind = probe, kind
+        self._feed, self._ask, self._tell = feed, ask, tell
+        self._heard = asyncio.Event()
+        self._early: deque[bytes] = deque(maxlen=EARLY_MAX)
+        self._process: asyncio.subprocess.Process | None = None
+        self._undo: list[tuple[str, dict[str, str]]] = []
+        self._task = asyncio.get_running_loop().create_task(self._run())
+
+    @property
+    def is_over(self) -> bool:
+        return self._task.done()
+
+    def take(self, payloads: deque[bytes]) -> None:
+        """Raw samples, as they were published."""
+        self._heard.set()
+        if self._process is None:
+            self._early.extend(payloads)
+        else:
+            self._write(b"\n".join(payloads))
+
+    def end(self) -> None:
+        """Has what there is judged."""
+        self._write(_encode(End()))
+
+    def _write(self, lines: bytes) -> None:
+        process = self._process
+        if process is not None and process.returncode is None and process.stdin:
+            process.stdin.write(lines + b"\n")
+
+    async def stop(self) -> None:
+        """Gives it up, and leaves the probe as it was."""
+        self._task.cancel()
+        await asyncio.wait([self._task])
+
+    async def _run(self) -> None:
+        try:
+            self._say(phase="preparing", says="The probe is asked for raw samples.")
+            task = self._make_task()
+            await self._set_up()
+            await self._follow(task)
+        except GuideError as error:
+            self._say(phase="refused", why=str(error))
+        finally:
+            if self._process is not None and self._process.returncode is None:
+                self._process.kill()
+            for command, parameters in reversed(self._undo):
+                with contextlib.suppress(GuideError):  # it may be gone
+                    await self._ask(self._probe, command, parameters)
+
+    def _make_task(self) -> Task:
+        status, params = self._known("status"), self._known("params")
+        hello = status.get("hello") or {}
+        if not hello or params.get("bytes") is None:
+            raise GuideError("the probe has not told its params yet; try again")
+        rate_hz = hello["sample_rate"]
+        scale = Scale(hello["acc_lsb"], hello["gyr_lsb"], hello["mag_lsb"], rate_hz)
+        earth = msgspec.convert(status.get("place"), Earth | None)
+        has_mag = hello["sensor"] not in NO_MAG
+        digest = params.get("digest") or ""
+        return Task(
+            self._probe, self._kind, scale, has_mag, params["bytes"], digest, earth
+        )
+
+    def _known(self, topic: str) -> dict[str, Any]:
+        payload = self._feed.known((self._probe, topic))
+        return msgspec.json.decode(payload) if payload is not None else {}
+
+    async def _set_up(self) -> None:
+        """Has the probe send all its raw samples."""
+        hello = self._known("status")["hello"]
+        sample_hz, raw_hz = hello["sample_rate"], hello["raw_rate"]
+        if raw_hz != sample_hz:
+            await self._do("rate", stream="raw", hz=str(sample_hz))
+            self._undo.append(("rate", {"stream": "raw", "hz": str(raw_hz)}))
+        if await self._is_heard():
+            return
+        await self._do("fields", streams="pose,raw")
+        self._undo.append(("fields", {"streams": "pose"}))
+        if not await self._is_heard():
+            await self._do("start")
+            self._undo.append(("stop", {}))
+
+    async def _do(self, command: str, **parameters: str) -> None:
+        await self._ask(self._probe, command, parameters)
+
+    async def _is_heard(self) -> bool:
+        self._heard.clear()
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._heard.wait(), HEARD_S)
+        return self._heard.is_set()
+
+    async def _follow(self, task: Task) -> None:
+        """Hands over what comes until the calibrator is done."""
+        self._process = process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-P", "-m", "imud.web.calibrator"),
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            limit=LINE_MAX,
+        )
+        self._write(b"\n".join((_encode(task), *self._early)))
+        loop = asyncio.get_running_loop()
+        watching = loop.create_task(self._watch(process))
+        try:
+            last = b""
+            while process.stdout and (line := await process.stdout.readline()):
+                last = line.rstrip(b"\n")
+                self._tell(self._probe, last)
+        finally:
+            watching.cancel()
+            await asyncio.wait([watching])
+        if not watching.cancelled() and (error := watching.exception()) is not None:
+            raise error
+        if b'"phase":"running"' in last or not last:
+            raise GuideError("the calibration ended early; begin again")
+
+    async def _watch(self, process: asyncio.subprocess.Process) -> None:
+        """Ends the calibrator if nothing comes, or it does not keep up."""
+        while True:
+            self._heard.clear()
+            try:
+                await asyncio.wait_for(self._heard.wait(), SILENT_S)
+            except TimeoutError:
+                process.kill()
+                raise GuideError(
+                    "the probe sends no raw samples any more; is it unplugged?"
+                ) from None
+            await asyncio.sleep(TICK_S)
+            waiting = process.stdin.transport.get_write_buffer_size()  # type: ignore[union-attr]
+            if waiting > WAITING_MAX:
+                process.kill()
+                raise GuideError("this machine is too busy to calibrate; begin again")
+
+    def _say(self, **said: Any) -> None:
+        head = {"type": CALIBRATION, "probe": self._probe, "kind": self._kind}
+        self._tell(self._probe, _encode(head | said))
+
+
+class Guides:
+    """All calibrations under way. Belongs to the server's loop."""
+
+    def __init__(self, feed: Feed, ask: Ask, tell: Tell) -> None:
+        self._feed, self._ask, self._tell = feed, ask, tell
+        self._all: dict[str, Guide] = {}
+
+    def begin(self, probe: str, kind: Kind) -> None:
+        """Begins one; GuideError if there is one of that probe."""
+        before = self._all.get(probe)
+        if before is not None and not before.is_over:
+            raise GuideError("this probe is being calibrated")
+        self._all[probe] = Guide(probe, kind, self._feed, self._ask, self._tell)
+
+    def end(self, probe: str) -> None:
+        """Has the one of a probe judge what there is."""
+        if probe in self._all:
+            self._all[probe].end()
+
+    async def stop(self, probe: str) -> None:
+        """Gives up the one of a probe, and forgets what came of it."""
+        guide = self._all.pop(probe, None)
+        if guide is not None:
+            await guide.stop()
+            said = {"type": CALIBRATION, "probe": probe, "phase": "none"}
+            self._tell(probe, _encode(said))
+
+    def take(self, fresh: Mapping[Key, deque[bytes]]) -> None:
+        """What was published."""
+        for probe, guide in self._all.items():
+            payloads = fresh.get((probe, "raw"))
+            if payloads and not guide.is_over:
+                guide.take(payloads)
+
+    async def close(self) -> None:
+        for probe in [*self._all]:
+            await self.stop(probe)

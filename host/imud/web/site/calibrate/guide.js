@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: MIT
+// @ts-check
+// What to do now, how far it is, and how good it would be.
+
+import { make, mark, say } from "../dom.js";
+import { fixed } from "../format.js";
+
+/** @typedef {import("../link.js").Line} Line */
+
+/** @type {Record<string, string>} */
+export const KINDS = {
+  all: "all sensors, 12 poses",
+  acc: "accelerometer alone",
+  gyro: "gyroscope alone",
+  mag: "magnetometer alone, by waving",
+  verify: "check, in ten seconds",
+};
+
+/** @type {Record<string, string>} */
+const FIRST = {
+  none: "Choose what to calibrate. You need a table, and half an arm of distance from iron.",
+  refused: "Refused. What was in force still is.",
+  done: "Done.",
+};
+
+/** A card. */
+export class GuideCard {
+  /** @param {{ begin: () => void, end: () => void, stop: () => void }} events */
+  constructor({ begin, end, stop }) {
+    const options = Object.entries(KINDS).map(([value, text]) => make("option", { value }, text));
+    this.kind = make("select", { "aria-label": "What to calibrate" }, ...options);
+    this.begin = make("button", { class: "primary", onclick: begin }, "Begin");
+    this._end = make("button", { onclick: end }, "Judge now");
+    this._stop = make("button", { onclick: stop }, "Give up");
+    this._says = make("p", { class: "says", role: "status", "data-part": "says" });
+    this._trouble = make("p", { class: "notice", role: "alert", hidden: true });
+    this._still = make("progress", { max: 1, value: 0, "aria-label": "Time that it lies still" });
+    this._state = make("span", { class: "chip" });
+    this._poses = make("b", {});
+    this._tilt = make("dd", { class: "value", "data-value": "cal-tilt" });
+    this._heading = make("dd", { class: "value", "data-value": "cal-heading" });
+    this._bar = make("progress", { max: 100, value: 0, "aria-label": "Quality of the field" });
+    this._quality = make("span", { class: "value" });
+    this._steps = make(
+      "div",
+      { class: "stack" },
+      make("div", { class: "row" }, this._state, this._still, this._poses),
+      make(
+        "dl",
+        { class: "facts" },
+        make("div", {}, make("dt", {}, "tilt, error to expect"), this._tilt),
+        make("div", {}, make("dt", {}, "heading, error to expect"), this._heading),
+      ),
+      make("div", { class: "row quality" }, make("span", { class: "muted" }, "field"), this._bar, this._quality),
+    );
+    this.element = make(
+      "div",
+      { class: "card guide" },
+      make("div", { class: "row" }, this.kind, this.begin, this._end, this._stop),
+      this._says,
+      this._trouble,
+      this._steps,
+    );
+  }
+
+  /**
+   * @param {Line | null} line
+   * @param {boolean} mayBegin
+   */
+  show(line, mayBegin) {
+    const phase = line?.phase ?? "none";
+    const isRunning = phase === "running" || phase === "preparing";
+    this.kind.hidden = this.begin.hidden = isRunning;
+    mark(this.begin, "disabled", !mayBegin);
+    this._end.hidden = phase !== "running" || line?.kind === "verify";
+    this._stop.hidden = !isRunning;
+    say(this._says, isRunning ? line?.says : (FIRST[phase] ?? ""));
+    const trouble = isRunning ? line?.trouble : line?.why;
+    this._trouble.hidden = !trouble;
+    say(this._trouble, trouble ?? "");
+    this._steps.hidden = phase !== "running";
+    if (phase === "running" && line !== null) {
+      this._running(line);
+    }
+  }
+
+  /** @param {Line} line */
+  _running(line) {
+    const hasPoses = line.poses !== undefined;
+    this._state.hidden = this._still.hidden = !hasPoses;
+    say(this._state, line.is_still ? "still" : "moves");
+    mark(this._state, "class", line.is_still ? "chip good" : "chip");
+    this._still.value = line.is_still ? line.still_share : 0;
+    say(this._poses, hasPoses ? `pose ${line.poses} of ${line.of}` : `${fixed(line.seconds, 0)} s`);
+    error(this._tilt, line.tilt_deg, line.is_level);
+    error(this._heading, line.heading_deg, line.is_headed);
+    const percent = line.quality_percent;
+    this._bar.value = percent ?? 0;
+    say(this._quality, percent === null ? "" : `${fixed(percent, 0, 3)} %`);
+  }
+}
+
+/**
+ * @param {HTMLElement} element
+ * @param {number | null | undefined} degrees
+ * @param {boolean} isGood
+ */
+function error(element, degrees, isGood) {
+  const isKnown = degrees !== null && degrees !== undefined;
+  say(element, isKnown ? `±${fixed(degrees, 2)}°` : "not yet");
+  mark(element, "data-good", isKnown && isGood);
+}

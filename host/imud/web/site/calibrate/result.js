@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: MIT
+// @ts-check
+// What came of a calibration: the errors to expect, what is left over, apply and undo.
+
+import { make, mark, say } from "../dom.js";
+import { fixed } from "../format.js";
+
+/** @typedef {import("../link.js").Line} Line */
+
+const GRAVITY = 9.80665;
+const DEGREES = 180 / Math.PI;
+/** @type {Record<string, string>} */
+const SENSORS = { acc: "accelerometer", gyr: "gyroscope", mag: "magnetometer" };
+/** @type {Record<string, string>} */
+const VERDICTS = { good: "good", bad: "bad", "not calibrated": "warn", "not seen": "warn" };
+
+/**
+ * What a fit leaves over, in the unit that people know.
+ * @param {string} name
+ * @param {number | null} residual m/s2, rad, uT
+ */
+function left(name, residual) {
+  if (residual === null) {
+    return "calibrated";
+  }
+  if (name === "acc") {
+    return `${fixed((1000 * residual) / GRAVITY, 2)} mg left over at the stops`;
+  }
+  if (name === "gyr") {
+    return `${fixed(residual * DEGREES, 2)}° left over after a turn`;
+  }
+  return `${fixed(residual, 2)} µT left over`;
+}
+
+/** A card; hidden until there is a result. */
+export class ResultCard {
+  /** @param {{ apply: () => void, undo: () => void }} events */
+  constructor({ apply, undo }) {
+    this._list = make("dl", { class: "result" });
+    this._verdict = make("span", { class: "chip" });
+    this.apply = make("button", { class: "primary", onclick: apply }, "Apply");
+    this.undo = make("button", { onclick: undo }, "Undo");
+    this._said = "";
+    this.element = make(
+      "div",
+      { class: "card", hidden: true },
+      make("div", { class: "card-head" }, make("h2", {}, "Result"), this._verdict),
+      this._list,
+      make("div", { class: "row" }, this.apply, this.undo),
+    );
+  }
+
+  /**
+   * @param {Line | null} line
+   * @param {string | null} inForce digest of the params
+   * @param {boolean} mayCommand
+   */
+  show(line, inForce, mayCommand) {
+    const outcome = line?.outcome ?? null;
+    const findings = line?.findings ?? [];
+    this.element.hidden = line?.phase !== "done";
+    if (line === null || this.element.hidden) {
+      return;
+    }
+    const isApplied = outcome !== null && inForce === outcome.digest;
+    const isBefore = inForce === line.before_digest;
+    this.apply.hidden = this.undo.hidden = outcome === null;
+    mark(this.apply, "disabled", !mayCommand || !isBefore || isApplied);
+    mark(this.undo, "disabled", !mayCommand || !isApplied);
+    const isGood = findings.every((/** @type {any} */ one) => one.verdict === "good");
+    const words = outcome === null ? (isGood ? "it holds" : "calibrate again") : "";
+    const state = isApplied ? "in force" : isBefore ? "not in force yet" : "other params are in force";
+    say(this._verdict, words || state);
+    mark(this._verdict, "class", `chip ${(words ? isGood : isApplied) ? "good" : "warn"}`);
+    const text = JSON.stringify([outcome, findings]);
+    if (text !== this._said) {
+      this._said = text;
+      this._list.replaceChildren(...(outcome === null ? checked(findings) : rows(outcome)));
+    }
+  }
+}
+
+/**
+ * @param {string} name
+ * @param {string} text
+ * @param {string} [kind]
+ */
+function row(name, text, kind = "") {
+  return make("div", {}, make("dt", {}, name), make("dd", { class: kind }, text));
+}
+
+/** @param {any} outcome */
+function rows(outcome) {
+  const found = [];
+  const degrees = (/** @type {number} */ value) => `±${fixed(value, 2)}°`;
+  if (outcome.tilt_deg !== null) {
+    found.push(row("tilt", `${degrees(outcome.tilt_deg)} to expect`, "value"));
+  }
+  if (outcome.heading_deg !== null) {
+    const where = `where ${fixed(outcome.level_uT, 1)} µT of the field are level`;
+    found.push(row("heading", `${degrees(outcome.heading_deg)} to expect, ${where}`, "value"));
+  }
+  for (const name of outcome.sensors) {
+    found.push(row(SENSORS[name], left(name, outcome.residuals[name])));
+  }
+  if (outcome.housing_deg !== null) {
+    found.push(row("housing", `the sensor is turned by ${fixed(outcome.housing_deg, 2)}°`));
+  }
+  if (outcome.note !== null) {
+    found.push(row("the room", outcome.note));
+  }
+  return found;
+}
+
+/** @param {any[]} findings */
+function checked(findings) {
+  return findings.map(({ sensor, verdict, words }) => {
+    const kind = VERDICTS[verdict] ?? "";
+    return row(SENSORS[sensor], verdict === "good" ? words : `${verdict}: ${words}`, kind);
+  });
+}

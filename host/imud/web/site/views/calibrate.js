@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: MIT
+// @ts-check
+// Calibrates the selected probe: says how to lay it, shows what has been covered, and
+// puts the result in force.
+
+import { make } from "../dom.js";
+import { tell } from "../header.js";
+import { Cloud } from "../calibrate/cloud.js";
+import { Cover } from "../calibrate/cover.js";
+import { GuideCard } from "../calibrate/guide.js";
+import { ResultCard } from "../calibrate/result.js";
+import { coloursOf, Scene } from "../scene/scene.js";
+
+/** @typedef {import("../model.js").Model} Model */
+/** @typedef {import("../link.js").Line} Line */
+
+/** A view of the selected probe. */
+export class CalibrateView {
+  /** @param {Model} model */
+  constructor(model) {
+    this._model = model;
+    this.every = ["raw"];
+    this._cover = new Cover();
+    this._cloud = new Cloud();
+    this._guide = new GuideCard({
+      begin: () => this._do(this._guide.kind.value),
+      end: () => this._do("end"),
+      stop: () => this._do("stop"),
+    });
+    this._result = new ResultCard({
+      apply: () => this._change("outcome"),
+      undo: () => this._change("before"),
+    });
+    this._stage = make("div", { class: "stage" });
+    this._legend = make("p", { class: "over bottom-right legend" });
+    this.element = make(
+      "section",
+      { class: "calibrate view" },
+      make("div", { class: "picture" }, this._stage, this._legend),
+      make("aside", { class: "side" }, this._guide.element, this._result.element, this._cloud.element),
+    );
+    this.keys = /** @type {import("../keys.js").Map} */ ({
+      b: ["begin", () => this._guide.begin.click()],
+      e: ["judge what there is", () => this._do("end")],
+      x: ["give up", () => this._do("stop")],
+      y: ["apply", () => this._result.apply.click()],
+      u: ["undo", () => this._result.undo.click()],
+    });
+    this.scene = this._makeScene();
+    this.recolour();
+    this._probe = model.selected;
+    this._take = (/** @type {Event} */ event) => {
+      this._hear(/** @type {CustomEvent<Line>} */ (event).detail);
+    };
+    model.addEventListener("probe", this._take);
+  }
+
+  close() {
+    this._model.removeEventListener("probe", this._take);
+    this.scene?.close();
+  }
+
+  recolour() {
+    this.scene?.recolour();
+    this._cover.recolour(coloursOf());
+    this._cloud.recolour();
+  }
+
+  /** @param {number} hz frames a second */
+  adapt(hz) {
+    this.scene?.adapt(hz);
+  }
+
+  /** @param {number} nowMs */
+  draw(nowMs) {
+    const { probe, selected, mayCommand, link } = this._model;
+    if (selected !== this._probe) {
+      this._probe = selected;
+      this._cloud.clear();
+    }
+    const line = probe?.calibration ?? null;
+    const isOn = line !== null && line.phase !== "none";
+    this._guide.show(line, mayCommand && probe !== undefined && this._model.mayRead("calibration"));
+    this._result.show(line, probe?.params?.digest ?? null, mayCommand);
+    this._cloud.fit(isOn ? (line.ellipsoid ?? null) : null);
+    this._cloud.draw();
+    const isGuided = isOn && line.ups !== undefined;
+    this._cover.group.visible = isGuided;
+    if (this._cover.show(isGuided ? line.ups : [], isGuided ? line.wanted : null)) {
+      this.scene?.invalidate();
+    }
+    this._legend.textContent = isGuided ? "green: was up; blue: lay it so that this is up" : "";
+    if (probe?.pose) {
+      this.scene?.show(probe.pose);
+      this.scene?.setStale(probe.isStale(nowMs) || link.state !== "open");
+    }
+    this.scene?.draw();
+  }
+
+  /** @param {Line} line */
+  _hear(line) {
+    const { selected, probe } = this._model;
+    const lsb = probe?.status?.hello?.mag_lsb;
+    if (line.probe !== selected || line.type !== "raw" || !line.mag_counts || !lsb) {
+      return;
+    }
+    this._cloud.add(line.mag_counts.map((/** @type {number} */ count) => count * lsb));
+  }
+
+  /** @param {string} kind */
+  async _do(kind) {
+    const { link, selected } = this._model;
+    if (kind in { all: 1, mag: 1 }) {
+      this._cloud.clear();
+    }
+    try {
+      await link.calibrate(selected, kind);
+    } catch (error) {
+      tell(error instanceof Error ? error.message : String(error), true);
+    }
+  }
+
+  /** @param {"outcome" | "before"} which params to put in force */
+  async _change(which) {
+    const { link, probe, selected } = this._model;
+    const line = probe?.calibration;
+    const records = which === "outcome" ? line?.outcome?.records : line?.before;
+    if (records === undefined) {
+      return;
+    }
+    try {
+      await link.ask(selected, "params", { records });
+      tell(which === "outcome" ? "The calibration is in force" : "The params of before are in force");
+    } catch (error) {
+      tell(error instanceof Error ? error.message : String(error), true);
+    }
+  }
+
+  _makeScene() {
+    try {
+      return new Scene(this._stage, this._cover.group);
+    } catch (error) {
+      this._stage.append(make("p", { class: "empty" }, `No 3D picture: ${error}`));
+      return null;
+    }
+  }
+}

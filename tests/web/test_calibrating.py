@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: MIT
+"""Calibrating through the page's server, without a browser."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import threading
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import pytest
+
+from imud.calibration.recording import Sample
+from imud.virtual.calibrating import SCALE
+from imud.web import calibrator, guide
+from imud.web.calibrator import End, Task
+from imud.web.users import TokenHolder
+from raw_probe import calibrating, waved
+from web.served import Live, Served, until
+
+PROBE = "stylus"
+HELLO = {
+    "sample_rate": 100,
+    "raw_rate": 0,
+    "acc_lsb": SCALE.acc_m_s2,
+    "gyr_lsb": SCALE.gyr_rad_s,
+    "mag_lsb": SCALE.mag_ut,
+    "sensor": "mpu9250",
+}
+
+
+def payload(sample: Sample) -> bytes:
+    return json.dumps(
+        {
+            "type": "raw",
+            "probe": PROBE,
+            "t_device_us": sample.t_us,
+            "acc_counts": sample.acc,
+            "gyr_counts": sample.gyr,
+            "mag_counts": sample.mag,
+            "temperature_c": 24.5,
+            "flags": [],
+        }
+    ).encode()
+
+
+def states(kind: str, samples: Sequence[Sample], *, ends: bool) -> list[dict[str, Any]]:
+    """What a calibrator says of these samples."""
+    task = Task(PROBE, kind, SCALE, True, "", "")  # type: ignore[arg-type] # a Kind
+    lines = [calibrator._encode(task), *map(payload, samples)]
+    lines += [calibrator._encode(End())] if ends else []
+    out = io.BytesIO()
+    calibrator.run(io.BytesIO(b"\n".join(lines) + b"\n"), out)
+    return [json.loads(line) for line in out.getvalue().splitlines()]
+
+
+def test_too_little_is_refused_with_the_reason() -> None:
+    *_, last = states("all", calibrating()[:1500], ends=True)
+    assert last["phase"] == "refused"
+    assert last["outcome"] is None
+    assert "; " in last["why"]
+
+
+def test_a_restart_of_the_probe_is_refused() -> None:
+    found = calibrating()
+    *_, last = states("acc", [*found[:500], *found[:5]], ends=False)
+    assert (last["phase"], last["why"]) == (
+        "refused",
+        "the probe restarted; begin again",
+    )
+
+
+@pytest.mark.parametrize(("kind", "what"), [("mag", "ellipsoid"), ("verify", "says")])
+def test_a_wave_and_a_check_tell_how_they_do(kind: str, what: str) -> None:
+    *_, last = states(kind, waved(20.0), ends=True)
+    assert last["kind"] == kind
+    assert last["phase"] in ("done", "refused")
+    assert last[what]
+
+
+@contextlib.contextmanager
+def known(served: Served) -> Iterator[Live]:
+    """A browser of a server that knows a probe."""
+    params = {"type": "params", "probe": PROBE, "digest": "0", "bytes": ""}
+    status = {"type": "status", "probe": PROBE, "hello": HELLO}
+    for said in (params, status):
+        served.page.take(PROBE, said["type"], json.dumps(said).encode())
+    with served.live() as browser:
+        yield browser
+
+
+def calibration(browser: Live, phase: str) -> dict[str, Any]:
+    while True:
+        said = browser.next("calibration")
+        if said["phase"] == phase:
+            return said
+
+
+class Sending(threading.Thread):
+    """Publishes samples, fifty times as fast as a probe, until it is stopped."""
+
+    def __init__(self, served: Served) -> None:
+        super().__init__(daemon=True)
+        self._served = served
+        self._is_over = threading.Event()
+
+    def run(self) -> None:
+        for start in range(0, len(calibrating()), 50):
+            for sample in calibrating()[start : start + 50]:
+                self._served.page.take(PROBE, "raw", payload(sample))
+            self._served.page.flush()
+            if self._is_over.wait(0.01):
+                return
+
+    def stop(self) -> None:
+        self._is_over.set()
+        self.join()
+
+
+def test_a_probe_sends_raw_samples_only_while_it_is_calibrated(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(guide, "HEARD_S", 0.1)
+    with known(served) as browser:
+        browser.say(do="calibrate", id=1, probe=PROBE, kind="all")
+        calibration(browser, "preparing")
+        browser.say(do="calibrate", id=2, probe=PROBE, kind="acc")
+        while (answer := browser.next("answer"))["id"] != 2:
+            pass
+        assert answer["error"] == "this probe is being calibrated"
+        until(lambda: len(served.asked.all) == 3)
+        sending = Sending(served)
+        sending.start()
+        while (said := calibration(browser, "running"))["poses"] == 0:
+            pass
+        assert " of 12). Now lay it " in said["says"]
+        browser.say(do="calibrate", id=3, probe=PROBE, kind="stop")
+        calibration(browser, "none")
+        sending.stop()
+        assert [(command, given) for _, command, given in served.asked.all] == [
+            ("rate", {"stream": "raw", "hz": "100"}),
+            *(("fields", {"streams": "pose,raw"}), ("start", {})),
+            *(("stop", {}), ("fields", {"streams": "pose"})),
+            ("rate", {"stream": "raw", "hz": "0"}),
+        ]
+
+
+def test_a_viewer_may_not_calibrate() -> None:
+    users = TokenHolder("viewer")
+    served = Served(users)
+    with contextlib.closing(served.page), known(served) as browser:
+        browser.say(do="login", user="", secret=users.token)
+        browser.say(do="calibrate", id=1, probe=PROBE, kind="all")
+        assert "role" in browser.next("answer")["error"]
+    assert served.asked.all == []
