@@ -54,6 +54,9 @@ def take(browser: Browser, url: str, scheme: str, *, is_phone: bool) -> None:
             if view == "calibrate":
                 page.evaluate(CALIBRATE)
             page.evaluate(f"location.hash = '#/{view}/{probe}'")
+            page.wait_for_timeout(300)
+            # As on a machine that need not make the picture coarser.
+            page.evaluate("globalThis.imud.view.adapt = null")
             page.wait_for_timeout(1000 * SHOWN_S[view])
             kind = "-phone" if is_phone else ""
             page.screenshot(path=PICTURES / f"page-{view}{kind}-{scheme}.png")

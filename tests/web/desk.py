@@ -20,7 +20,7 @@ from imud.client import Client
 from raw_probe import RATES, raw
 
 PERIOD_S = 0.05
-BURST = 200  # samples of a calibration in a period
+BURST = 60  # samples of a calibration in a period
 # Frames that a browser without a screen draws, and what is said of it.
 ARGUMENTS = ("--no-sandbox", "--enable-unsafe-swiftshader")
 # Chromium's own remark on software rendering.
@@ -38,6 +38,7 @@ class Hand(threading.Thread):
         self.is_talking = True
         self.is_telling_raw = False
         self._samples: list[Sample] = []
+        self._lying: list[Sample] = []  # how it lies after a calibration's samples
 
     def turn(self, q: tuple[float, ...], **fields: Any) -> None:
         self._fields = {"q": q, **fields}
@@ -46,23 +47,30 @@ class Hand(threading.Thread):
         """Says these raw samples once it is asked for any, faster than a probe."""
         begin_us = self._probe.time_us
         self._samples = [replace(each, t_us=each.t_us + begin_us) for each in samples]
+        self._lying = self._samples[-1:]
         self._probe.commands.clear()
         self._probe.hello_fields = self._probe.hello_fields | RATES
         self._port.write(self._probe.say("hello"))
 
+    def pick_up(self) -> None:
+        """Ends the calibration's samples."""
+        self._lying = []
+
     def _burst(self) -> bytes:
-        asked = any(each["command"] == "fields" for each in self._probe.commands)
-        now, self._samples = self._samples[:BURST], self._samples[BURST:]
-        if not asked:
-            self._samples = now + self._samples
+        if not any(each["command"] == "fields" for each in self._probe.commands):
             return b""
+        now, self._samples = self._samples[:BURST], self._samples[BURST:]
+        if not now:
+            (last,) = self._lying
+            now = [replace(last, t_us=last.t_us + 10_000 * n) for n in range(1, 6)]
+            self._lying = now[-1:]
         return b"".join(raw(self._probe, each) for each in now)
 
     def run(self) -> None:
         count = 0
         while not self._is_over.wait(PERIOD_S):
             data = self._port.answers(self._probe)
-            if self._samples:
+            if self._lying:
                 data += self._burst()
             elif self.is_talking:
                 data += self._probe.say("pose", **self._fields)

@@ -49,6 +49,7 @@ class Browser:
         self._wake = asyncio.Event()
         self._sent = 0
         self._seen = 0
+        self.is_playing = False  # a log, in the place of what is live
         self.left_out = 0  # payloads of streams for which there was no room
 
     def grant(self, reads: frozenset[str]) -> None:
@@ -72,7 +73,18 @@ class Browser:
             self._seen = number
             self._wake.set()
 
-    def put(self, fresh: Mapping[Key, deque[bytes]]) -> None:
+    def play(self, *, is_playing: bool) -> None:
+        """From here on it gets what a log has, or again what is live."""
+        self.is_playing = is_playing
+        self._latest.clear()
+        self._waiting.clear()
+
+    def put(
+        self, fresh: Mapping[Key, deque[bytes]], *, is_played: bool = False
+    ) -> None:
+        """Payloads by probe and topic, which are live or `is_played` from a log."""
+        if is_played != self.is_playing:
+            return
         for key, payloads in fresh.items():
             topic = key[1]
             if topic not in self._reads:

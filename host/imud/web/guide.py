@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import sys
 from collections import deque
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
@@ -17,6 +16,7 @@ import msgspec
 from imud.calibration.earth import Earth
 from imud.calibration.recording import NO_MAG, Scale
 from imud.calibration.session import Kind
+from imud.web import processes
 from imud.web.calibrator import End, Task
 from imud.web.feed import CALIBRATION, Feed, Key
 
@@ -24,7 +24,6 @@ HEARD_S = 1.0  # a probe that sends raw samples is heard within this time
 SILENT_S = 5.0
 TICK_S = 0.25
 WAITING_MAX = 4 << 20  # bytes that the calibrator has not read
-LINE_MAX = 1 << 20
 EARLY_MAX = 4000  # samples that come before the calibrator is there
 
 # Has a command carried out: probe, command, parameters; GuideError if it is refused.
@@ -49,7 +48,7 @@ class Guide:
         self._feed, self._ask, self._tell = feed, ask, tell
         self._heard = asyncio.Event()
         self._early: deque[bytes] = deque(maxlen=EARLY_MAX)
-        self._process: asyncio.subprocess.Process | None = None
+        self._process: processes.Process | None = None
         self._undo: list[tuple[str, dict[str, str]]] = []
         self._task = asyncio.get_running_loop().create_task(self._run())
 
@@ -70,9 +69,7 @@ class Guide:
         self._write(_encode(End()))
 
     def _write(self, lines: bytes) -> None:
-        process = self._process
-        if process is not None and process.returncode is None and process.stdin:
-            process.stdin.write(lines + b"\n")
+        processes.write(self._process, lines)
 
     async def stop(self) -> None:
         """Gives it up, and leaves the probe as it was."""
@@ -88,8 +85,8 @@ class Guide:
         except GuideError as error:
             self._say(phase="refused", why=str(error))
         finally:
-            if self._process is not None and self._process.returncode is None:
-                self._process.kill()
+            if self._process is not None:
+                processes.kill(self._process)
             for command, parameters in reversed(self._undo):
                 with contextlib.suppress(GuideError):  # it may be gone
                     await self._ask(self._probe, command, parameters)
@@ -138,12 +135,7 @@ class Guide:
 
     async def _follow(self, task: Task) -> None:
         """Hands over what comes until the calibrator is done."""
-        self._process = process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-P", "-m", "imud.web.calibrator"),
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            limit=LINE_MAX,
-        )
+        self._process = process = await processes.start("imud.web.calibrator")
         self._write(b"\n".join((_encode(task), *self._early)))
         loop = asyncio.get_running_loop()
         watching = loop.create_task(self._watch(process))
@@ -160,21 +152,21 @@ class Guide:
         if b'"phase":"running"' in last or not last:
             raise GuideError("the calibration ended early; begin again")
 
-    async def _watch(self, process: asyncio.subprocess.Process) -> None:
+    async def _watch(self, process: processes.Process) -> None:
         """Ends the calibrator if nothing comes, or it does not keep up."""
         while True:
             self._heard.clear()
             try:
                 await asyncio.wait_for(self._heard.wait(), SILENT_S)
             except TimeoutError:
-                process.kill()
+                processes.kill(process)
                 raise GuideError(
                     "the probe sends no raw samples any more; is it unplugged?"
                 ) from None
             await asyncio.sleep(TICK_S)
             waiting = process.stdin.transport.get_write_buffer_size()  # type: ignore[union-attr]
             if waiting > WAITING_MAX:
-                process.kill()
+                processes.kill(process)
                 raise GuideError("this machine is too busy to calibrate; begin again")
 
     def _say(self, **said: Any) -> None:

@@ -32,11 +32,15 @@ class LogFolder:
         found.sort(key=lambda file: file["changed_ms"], reverse=True)
         return found[:LISTED_MAX]
 
-    def read(self, name: str, offset: int) -> bytes:
-        """At most CHUNK_BYTES of a log; OSError if there is no such file."""
+    def path(self, name: str) -> Path:
+        """The path of a log; OSError if there is no such file."""
         # Only a name that is listed, so that nothing else can be read.
         if name not in (file["name"] for file in self.files()):
             raise FileNotFoundError(errno.ENOENT, "there is no such log", name)
-        with (self._folder / name).open("rb") as file:
+        return self._folder / name
+
+    def read(self, name: str, offset: int) -> bytes:
+        """At most CHUNK_BYTES of a log; OSError if there is no such file."""
+        with self.path(name).open("rb") as file:
             file.seek(offset)
             return file.read(CHUNK_BYTES)

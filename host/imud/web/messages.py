@@ -77,5 +77,19 @@ class Read(_Said, frozen=True):
     offset: Annotated[int, Meta(ge=0)]
 
 
-Said = Login | Watch | Seen | Ask | Calibrate | Logs | Read
+class Play(_Said, frozen=True):
+    """Plays a log so many times as fast as it was, from its beginning; of the one that
+    is played, another speed. 0: stands still.
+    """
+
+    id: int
+    name: Name
+    speed: Annotated[float, Meta(ge=0, le=100)] = 1.0
+
+
+class Live(_Said, frozen=True):
+    """Ends the log: what is live is sent again."""
+
+
+Said = Login | Watch | Seen | Ask | Calibrate | Logs | Read | Play | Live
 decode = msgspec.json.Decoder(Said).decode

@@ -30,6 +30,7 @@ from imud.web.files import Files
 from imud.web.gate import Connection, Gate, OnNotice
 from imud.web.guide import GuideError, Guides
 from imud.web.logs import LogFolder
+from imud.web.playing import Players
 from imud.web.users import Everybody, Users
 from imud.web.visit import Host, OnAsk, Visit
 
@@ -59,7 +60,8 @@ class Page:
         users = users or Everybody()
         self._guides = Guides(self._feed, self._ask, self._tell)
         self._host = Host(
-            self._gate, self._feed, users, on_ask, said, self._guides, logs
+            *(self._gate, self._feed, users, on_ask, said),
+            *(self._guides, Players(), logs),
         )
         self._on_ask = on_ask
         self._files = Files()
@@ -226,5 +228,6 @@ class Page:
         finally:
             writing.cancel()
             await asyncio.wait([writing])
+            await visit.close()
             self._browsers.discard(browser)
             self._feed.is_watched = bool(self._browsers)

@@ -16,7 +16,19 @@ from imud.web.feed import CALIBRATION, Feed
 from imud.web.gate import Gate
 from imud.web.guide import GuideError, Guides
 from imud.web.logs import LogFolder
-from imud.web.messages import Ask, Calibrate, Login, Logs, Read, Seen, Watch, decode
+from imud.web.messages import (
+    Ask,
+    Calibrate,
+    Live,
+    Login,
+    Logs,
+    Play,
+    Read,
+    Seen,
+    Watch,
+    decode,
+)
+from imud.web.playing import Players, Playing
 from imud.web.users import NOTHING, Grant, Users
 
 # Answers a command: JSON and no error, or an error.
@@ -25,6 +37,7 @@ Answer = Callable[[bytes, str], None]
 OnAsk = Callable[[str, str, dict[str, str], Answer], None]
 
 TOO_MUCH = "too many commands at once"
+NO_LOGS = "there are no logs for your role"
 ASKS_MAX = 8  # commands of one browser that are not yet answered
 LOGINS_MAX = 3
 LOGIN_PAUSE_S = 0.5  # after a wrong password
@@ -39,6 +52,7 @@ class Host(msgspec.Struct, frozen=True):
     on_ask: OnAsk
     about: Mapping[str, Any]
     guides: Guides
+    players: Players
     logs: LogFolder | None = None  # None: there are none here
 
 
@@ -52,6 +66,7 @@ class Visit:
         self._grant = NOTHING
         self._failed_logins = 0
         self._asking = 0
+        self._playing: Playing | None = None
         self.browser = Browser()
         self.admit(host.users.at_first())
 
@@ -66,6 +81,7 @@ class Visit:
                 "reads": sorted(grant.reads),
                 "commands": grant.commands,
                 "logs": self._has_logs(),
+                "playing": self._playing.name if self._playing else None,
             }
         )
         self.browser.put(self._host.feed.last())
@@ -83,8 +99,47 @@ class Visit:
             await self._calibrate(said)
         elif isinstance(said, Login):
             await self._log_in(said)
+        elif isinstance(said, Play):
+            await self._play(said)
+        elif isinstance(said, Live):
+            await self._go_live()
         else:
             await self._tell_logs(said)
+
+    async def close(self) -> None:
+        """The browser has left."""
+        if self._playing is not None:
+            await self._playing.stop()
+
+    async def _play(self, said: Play) -> None:
+        logs, players = self._host.logs, self._host.players
+        reason = "" if logs is not None and self._has_logs() else "role"
+        if self._playing is None and not reason and players.is_full:
+            reason = "busy"
+        if logs is None or reason:
+            self._host.gate.refuse(reason, self._connection)
+            words = "too many logs are being played" if reason == "busy" else NO_LOGS
+            self._say_answer(said.id, b"", words)
+            return
+        try:
+            path = await asyncio.to_thread(logs.path, said.name)
+        except OSError as error:
+            self._say_answer(said.id, b"", error.strerror or "it can't be read")
+            return
+        if self._playing is not None and self._playing.name == said.name:
+            self._playing.set_speed(said.speed)
+        else:
+            await self.close()
+            self._playing = Playing(path, said.speed, self.browser, players)
+            self.browser.play(is_playing=True)
+            self.admit(self._grant)
+        self._say_answer(said.id, b"true", "")
+
+    async def _go_live(self) -> None:
+        await self.close()
+        self._playing = None
+        self.browser.play(is_playing=False)
+        self.admit(self._grant)
 
     def _has_logs(self) -> bool:
         return self._host.logs is not None and self._grant.logs
@@ -93,7 +148,7 @@ class Visit:
         logs = self._host.logs
         if logs is None or not self._has_logs():
             self._host.gate.refuse("role", self._connection)
-            self._say_answer(said.id, b"", "there are no logs for your role")
+            self._say_answer(said.id, b"", NO_LOGS)
             return
         if self.browser.answers >= ASKS_MAX:
             self._host.gate.refuse("busy", self._connection)

@@ -32,14 +32,14 @@ export function angle(degrees) {
 }
 
 /**
- * A one-sigma error in degrees; sigmas below a hundredth are shown as such.
+ * A one-sigma error in degrees.
  * @param {number | null | undefined} degrees
  */
 export function sigma(degrees) {
   if (degrees === null || degrees === undefined) {
     return "unknown";
   }
-  return `±${fixed(degrees, degrees < 10 ? 2 : 1)}`;
+  return `±${fixed(degrees, degrees < 10 ? 2 : 1)}°`;
 }
 
 /**

@@ -5,6 +5,7 @@
 
 import { draw, keep, kept, make, mark, say } from "./dom.js";
 import { LoginDialog } from "./login.js";
+import { PlayBar } from "./playbar.js";
 
 /** @typedef {import("./model.js").Model} Model */
 
@@ -59,6 +60,7 @@ export class Header {
     this._link = make("div", { class: "link", role: "status" }, this._words);
     this._banner = make("div", { class: "banner", role: "alert", hidden: true });
     this._login = new LoginDialog(model.link);
+    this._playbar = new PlayBar(model);
     const theme = icon(MOON, "Light or dark", () => this.toggleTheme());
     this.help = icon(QUESTION, "Keys", () => {});
     this._setTheme(kept("theme", "") || preferred(), false);
@@ -73,7 +75,7 @@ export class Header {
     const tools = make("div", { class: "tools" }, this._link, this._choice, theme, this.help);
     this.elements = [
       make("header", { class: "top" }, brand, this._tabs, tools),
-      this._banner,
+      make("div", { class: "lines" }, this._banner, this._playbar.element),
       toasts,
       this._login.element,
     ];
@@ -115,8 +117,9 @@ export class Header {
   draw(nowMs) {
     void nowMs;
     const { state } = this._model.link;
-    say(this._words, WORDS[state]);
+    say(this._words, state === "open" && this._model.page.playing ? "log" : WORDS[state]);
     mark(this._link, "data-state", state);
+    this._playbar.draw();
   }
 
   toggleTheme() {

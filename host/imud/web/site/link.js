@@ -115,6 +115,20 @@ export class Link extends EventTarget {
   }
 
   /**
+   * Plays a log in the place of what is live, so many times as fast; 0: stands still.
+   * @param {string} name
+   * @param {number} speed
+   */
+  play(name, speed) {
+    return this._request({ do: "play", name, speed });
+  }
+
+  /** Ends the log: what is live comes again. */
+  live() {
+    this._send({ do: "live" });
+  }
+
+  /**
    * A part of a log, from that byte on; empty at its end.
    * @param {string} name
    * @param {number} offset

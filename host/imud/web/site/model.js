@@ -90,7 +90,10 @@ export class Probe {
   }
 }
 
-/** All probes by name. Emits "probe" with each line about one, and "list". */
+/**
+ * All probes by name. Emits "probe" with each line about one, "list", and "reset" when a
+ * log takes the place of what is live, or the other way round.
+ */
 export class Model extends EventTarget {
   /** @param {import("./link.js").Link} link */
   constructor(link) {
@@ -101,6 +104,8 @@ export class Model extends EventTarget {
     /** @type {Line} */
     this.page = { type: "page", role: "", reads: [], commands: false, imud: "" };
     this.selected = "";
+    /** @type {Line | null} */
+    this.played = null; // where the log is that is played
     link.addEventListener("line", (event) => {
       this._take(/** @type {CustomEvent<Line>} */ (event).detail);
     });
@@ -116,7 +121,7 @@ export class Model extends EventTarget {
   }
 
   get mayCommand() {
-    return Boolean(this.page.commands) && this.link.state === "open";
+    return Boolean(this.page.commands) && !this.page.playing && this.link.state === "open";
   }
 
   /** @param {string} topic */
@@ -135,14 +140,23 @@ export class Model extends EventTarget {
   /** @param {Line} line */
   _take(line) {
     if (line.type === "page") {
+      if ((line.playing ?? null) !== (this.page.playing ?? null)) {
+        this.probes.clear();
+        this.played = null;
+        this.dispatchEvent(new CustomEvent("reset"));
+      }
       this.page = line;
       this.dispatchEvent(new CustomEvent("list"));
+    } else if (line.type === "played") {
+      this.played = line;
     } else if (typeof line.probe === "string") {
       let probe = this.probes.get(line.probe);
       if (probe === undefined) {
         probe = new Probe(line.probe);
         this.probes.set(line.probe, probe);
-        this.selected ||= line.probe;
+        if (!this.probes.has(this.selected)) {
+          this.selected = line.probe;
+        }
         this.dispatchEvent(new CustomEvent("list"));
       }
       probe.take(line, performance.now());

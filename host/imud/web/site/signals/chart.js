@@ -31,6 +31,34 @@ function clock(seconds) {
   return time.toTimeString().slice(0, 8) + tenths;
 }
 
+/**
+ * The line of a series, broken where a value is missing.
+ * @param {uPlot} plot
+ * @param {number} series
+ * @param {number} first
+ * @param {number} last
+ */
+function paths(plot, series, first, last) {
+  const stroke = new Path2D();
+  const [times, values] = [plot.data[0], plot.data[series]];
+  let isDrawn = false;
+  for (let i = first; i <= last; i++) {
+    const value = values[i];
+    if (value === null || value === undefined) {
+      isDrawn = false;
+      continue;
+    }
+    const [x, y] = [plot.valToPos(times[i], "x", true), plot.valToPos(value, "y", true)];
+    if (isDrawn) {
+      stroke.lineTo(x, y);
+    } else {
+      stroke.moveTo(x, y);
+    }
+    isDrawn = true;
+  }
+  return { stroke };
+}
+
 /** A card with a plot. */
 export class Chart {
   /**
@@ -179,7 +207,7 @@ export class Chart {
 
   /** @param {[string, string, string]} series */
   _series([label, , colour]) {
-    return { label, stroke: css(colour), width: 1.5, points: { show: false } };
+    return { label, stroke: css(colour), width: 1.5, points: { show: false }, paths };
   }
 
   /**

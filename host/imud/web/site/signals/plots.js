@@ -79,8 +79,8 @@ export const PLOTS = [
     isAngle: true,
     series: [
       ["fused", "fused_pitch_deg", "accent"],
-      ["accelerometer", "acc_pitch_deg", "warn"],
-      ["gyroscope", "gyr_pitch_deg", "fourth"],
+      ["acc. alone", "acc_pitch_deg", "warn"],
+      ["gyro alone", "gyr_pitch_deg", "fourth"],
     ],
   },
   {
@@ -91,8 +91,8 @@ export const PLOTS = [
     isAngle: true,
     series: [
       ["fused", "fused_roll_deg", "accent"],
-      ["accelerometer", "acc_roll_deg", "warn"],
-      ["gyroscope", "gyr_roll_deg", "fourth"],
+      ["acc. alone", "acc_roll_deg", "warn"],
+      ["gyro alone", "gyr_roll_deg", "fourth"],
     ],
   },
   {

@@ -52,9 +52,20 @@ export class LogList {
       );
       const when = new Date(changed).toLocaleString();
       const about = make("span", {}, name, make("br"), `${fixed(bytes / 1e6, 1)} MB, ${when}`);
-      return make("li", {}, about, button);
+      const play = make("button", { "data-play": name, onclick: () => this._play(name) }, "Play");
+      return make("li", {}, about, make("div", { class: "row" }, play, button));
     });
     this._rows.replaceChildren(...items);
+  }
+
+  /** @param {string} name */
+  async _play(name) {
+    try {
+      await this._model.link.play(name, 1);
+      location.hash = "#/probe";
+    } catch (error) {
+      tell(`${name}: ${error instanceof Error ? error.message : error}`, true);
+    }
   }
 
   /**

@@ -82,8 +82,8 @@ class Row {
   _quality({ pose }) {
     const tilt = pose?.tilt_sigma_deg;
     const turn = pose?.heading_sigma_deg;
-    this._fact("tilt", pose ? sigma(tilt) + (tilt === null ? "" : "°") : UNKNOWN);
-    this._fact("heading", pose ? sigma(turn) + (turn === null ? "" : "°") : UNKNOWN);
+    this._fact("tilt", pose ? sigma(tilt) : UNKNOWN);
+    this._fact("heading", pose ? sigma(turn) : UNKNOWN);
   }
 
   /** @param {import("../link.js").Line} status */
@@ -169,6 +169,12 @@ export class ProbesView {
     const { names, page, link } = this._model;
     this._logs.draw(nowMs);
     this._empty.hidden = names.length > 0;
+    for (const [name, row] of this._rows) {
+      if (!names.includes(name)) {
+        row.element.remove();
+        this._rows.delete(name);
+      }
+    }
     for (const name of names) {
       if (!this._rows.has(name)) {
         const row = new Row(this._model, name);

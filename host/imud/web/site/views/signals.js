@@ -33,6 +33,7 @@ export function recorderOf(model) {
     const fresh = { recorder, probe: model.selected };
     made = fresh;
     recorders.set(model, made);
+    model.addEventListener("reset", () => recorder.clear());
     model.addEventListener("probe", (event) => {
       const line = /** @type {CustomEvent} */ (event).detail;
       if (model.selected !== fresh.probe) {
@@ -78,17 +79,16 @@ export class SignalsView {
       make("button", { onclick: send }, "Send raw samples"),
     );
     this._restart = make(
-      "div",
-      { class: "row", hidden: true },
-      make("button", { onclick: restart }, "Restart the gyroscope's angles"),
+      "button",
+      { class: "small", hidden: true, onclick: restart },
+      "Restart the gyroscope's angles",
     );
     this.element = make(
       "section",
       { class: "signals view" },
       this._bar.element,
-      this._makeChoice(),
+      make("div", { class: "row between" }, this._makeChoice(), this._restart),
       this._noRaw,
-      this._restart,
       this._list,
     );
     this._list.addEventListener("wheel", (event) => this._wheel(event), { passive: false });

@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: MIT
+"""Python programs beside the server, each for one piece of work: it reads lines and
+writes lines.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import sys
+
+LINE_MAX = 1 << 20
+
+Process = asyncio.subprocess.Process
+
+
+async def start(module: str, *arguments: str) -> Process:
+    """Runs a module of ours."""
+    return await asyncio.create_subprocess_exec(
+        *(sys.executable, "-P", "-m", module, *arguments),
+        stdin=asyncio.subprocess.PIPE,
+        stdout=asyncio.subprocess.PIPE,
+        limit=LINE_MAX,
+    )
+
+
+def kill(process: Process) -> None:
+    """Ends it at once; its output then ends as well."""
+    if process.returncode is None:
+        # Its own kill() would take its exit code from asyncio, which complains.
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process.pid, signal.SIGKILL)
+
+
+def write(process: Process | None, lines: bytes) -> None:
+    """Hands it lines, if it is there."""
+    if process is not None and process.returncode is None and process.stdin:
+        process.stdin.write(lines + b"\n")

@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: MIT
+"""The end of a calibration in the page."""
+
+from __future__ import annotations
+
+from simulated import affine_errors
+
+from imud.calibration.affine import affine_of
+from imud.params.value import Params
+from imud.virtual.calibrating import SCALE
+from raw_probe import module
+from web.desk import Desk, Seen
+
+
+def apply_and_undo(shown: Seen, desk: Desk) -> None:
+    """Judges the calibration under way, applies it, and takes it back."""
+    page = shown.page
+    page.get_by_role("button", name="Judge now").click()
+    page.get_by_text("not in force yet").wait_for()
+    assert not desk.probe.params.records
+    page.get_by_role("button", name="Apply").click()
+    page.get_by_text("The calibration is in force").wait_for()
+    found = Params.decode(desk.probe.params.records)
+    acc, mag = found.calibration("acc"), found.calibration("mag")
+    left = affine_errors(
+        module(), affine_of(acc, SCALE.acc_m_s2), affine_of(mag, SCALE.mag_ut)
+    )
+    assert left["tilt"] < 0.1
+    page.locator("button:enabled").get_by_text("Undo", exact=True).click()
+    page.get_by_text("The params of before are in force").wait_for()
+    assert not desk.probe.params.records
