@@ -2,9 +2,10 @@
 """Runs in MicroPython: a probe with a modelled chip, which is held in one motion after
 the other.
 
-    micropython driven.py FAKES PACKAGE KIND VARIANT FRAMES [COMMAND-IN-HEX ...]
+    micropython driven.py FAKES PACKAGE KIND VARIANT BUS FRAMES [COMMAND-IN-HEX ...]
 
-VARIANT is `module` or `plain`. From 3 s on another motion is held every 100 ms.
+VARIANT is `module` or `plain`, BUS is `i2c` or `spi`. From 3 s on another motion is
+held every 100 ms.
 """
 
 import sys
@@ -49,12 +50,12 @@ def motion(number):
 
 
 class Module:
-    def __init__(self, kind, chip, commands):
+    def __init__(self, kind, chip, bus, commands):
         import imuprobe
 
         self.probe = imuprobe.Probe(None, id=b"driven", firmware="driven", time_us=0)
         kinds = {"mpu9250": imuprobe.MPU9250, "lsm9ds0": imuprobe.LSM9DS0}
-        self.probe.attach(kinds[kind], chip, chip)
+        self.probe.attach(kinds[kind], bus, chip)
         for command in commands:
             pairs = (command[at : at + 2] for at in range(0, len(command), 2))
             self.probe.receive(bytes(int(pair, 16) for pair in pairs))
@@ -65,7 +66,7 @@ class Module:
 
 
 class Plain:
-    def __init__(self, kind, chip):
+    def __init__(self, kind, chip, bus):
         from probe.plain import Probe
 
         if kind == "mpu9250":
@@ -73,7 +74,7 @@ class Plain:
         else:
             from probe.driver_lsm9ds0 import Driver
         self.probe = Probe(None, id=b"driven", firmware="driven")
-        self.probe.attach(Driver(), chip, chip)
+        self.probe.attach(Driver(), bus, chip)
         self.wire = Wire()
 
     def sent(self):
@@ -82,11 +83,23 @@ class Plain:
         return b"".join(frames)
 
 
-def main(fakes, package, kind, variant, frames, *commands):
+def bus_of(name, chip, kind):
+    if name == "i2c":
+        return chip
+    from fake_spi import FakeSPI
+    from probe.spi import SPIBus
+
+    spi = FakeSPI(chip, kind)
+    return SPIBus(spi, spi.selects)
+
+
+def main(fakes, package, kind, variant, wire, frames, *commands):
     sys.path.append(fakes)
     sys.path.append(package)
     chip = chips.Chip(kind)
-    made = Module(kind, chip, commands) if variant == "module" else Plain(kind, chip)
+    bus = bus_of(wire, chip, kind)
+    is_module = variant == "module"
+    made = Module(kind, chip, bus, commands) if is_module else Plain(kind, chip, bus)
     probe = made.probe
     was_high = False
     held = 0

@@ -32,11 +32,13 @@ def orders() -> list[str]:
     return frames
 
 
-def driven(micropython: Path, kind: str, variant: str, folder: Path) -> list[Message]:
-    frames = folder / variant
+def driven(
+    micropython: Path, kind: str, variant: str, folder: Path, bus: str = "i2c"
+) -> list[Message]:
+    frames = folder / f"{variant}-{bus}"
     words = [micropython, HERE / "driven.py", HERE / "fake", PACKAGE, kind, variant]
     done = subprocess.run(
-        [*words, frames, *orders()], capture_output=True, text=True, check=False
+        [*words, bus, frames, *orders()], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout
     messages = [decode(content) for content in FrameDecoder().feed(frames.read_bytes())]
@@ -77,6 +79,19 @@ def test_the_package_reads_what_core_reads(
         raws = [m.time_us for m in messages if m.name == "raw"]
         assert len(raws) == pytest.approx((raws[-1] - raws[0]) * 1e-6 * KINDS[kind], 3)
     assert about(plain) == about(module)
+
+
+@pytest.mark.parametrize("variant", ["module", "plain"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_sensor_on_spi_is_read_as_on_i2c(
+    micropython: Path, tmp_path: Path, kind: str, variant: str
+) -> None:
+    wired = [
+        driven(micropython, kind, variant, tmp_path, bus) for bus in ("i2c", "spi")
+    ]
+    over_i2c, over_spi = (held(messages) for messages in wired)
+    assert over_spi == over_i2c
+    assert len(over_spi) == MOTIONS
 
 
 def about(messages: list[Message]) -> list[Any]:

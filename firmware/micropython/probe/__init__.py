@@ -4,6 +4,7 @@
 from .bus import Bus
 from .loop import run
 from .sensors import LSM9DS0, MPU9250
+from .spi import SPIBus
 from .storage import FileStorage
 
-__all__ = ("LSM9DS0", "MPU9250", "Bus", "FileStorage", "run")
+__all__ = ("LSM9DS0", "MPU9250", "Bus", "FileStorage", "SPIBus", "run")

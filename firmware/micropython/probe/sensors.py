@@ -8,7 +8,7 @@ _LSM9DS0 = const(3)
 
 
 class Sensor:
-    """`bus`: a Bus, which can be freed, or a machine.I2C."""
+    """`bus`: a Bus, which can be freed, a machine.I2C, or an SPIBus."""
 
     def __init__(self, bus):
         self.i2c = getattr(bus, "i2c", bus)
