@@ -21,10 +21,11 @@ from micropython import const
 
 '''
 
-# A probe without the module sends no equipment.
-MESSAGES = ("hello", "raw", "pose", "event", "status", "params", "command", "reply")
+# What a probe without the module sends and obeys.
+SENT = ("hello", "raw", "event", "status", "equipment", "params", "reply")
+MESSAGES = (*SENT, "command")
 ENUMS = ("command", "event", "cause", "result", "state", "sensor", "filter", "board")
-FLAGS = ("sample", "stream", "pose")
+FLAGS = ("sample", "stream", "power")
 CODES = {"u8": "B", "i8": "b", "u16": "H", "i16": "h", "u32": "I", "i32": "i"}
 ROW = 16  # bytes in a line
 

@@ -85,3 +85,14 @@ def test_a_function_that_raises_is_told_and_the_stream_goes_on(made: Made) -> No
     times = [pose.time_us for pose in done.named("pose")]
     assert times[-1] > 5_900_000
     assert_nothing_is_lost(done)
+
+
+def test_a_battery_is_measured_and_a_low_one_told(made: Made) -> None:
+    empty = {"kind": "battery", "at_us": 3_000_000, "mv": 3100}
+    done = run(made("battery"), 20, "--battery", 3900, faults=[empty])
+    told = [message.fields["battery"] for message in done.named("equipment")]
+    assert 3850 < told[0] < 3950
+    assert 3080 < told[-1] < 3150
+    (low,) = [m for m in done.named("event") if m.fields["event"] == "battery_low"]
+    assert 13_000_000 < low.time_us < 19_000_000
+    assert done.named("equipment")[-1].fields["power"] == ("low",)

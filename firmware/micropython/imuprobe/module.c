@@ -412,6 +412,16 @@ static mp_obj_t supply(mp_obj_t object, mp_obj_t mv) {
 }
 static MP_DEFINE_CONST_FUN_OBJ_2(supply_obj, supply);
 
+// battery(mv, is_low): told once a second, in `equipment`; 65535: not known.
+static mp_obj_t battery(mp_obj_t object, mp_obj_t mv, mp_obj_t is_low) {
+    struct imuprobe *self = MP_OBJ_TO_PTR(object);
+    self->battery_mv = small(mp_obj_get_int(mv));
+    self->is_battery_low = mp_obj_is_true(is_low);
+    imuprobe_use_battery(self);
+    return mp_const_none;
+}
+static MP_DEFINE_CONST_FUN_OBJ_3(battery_obj, battery);
+
 // wants_reset(): a host asked for it.
 static mp_obj_t wants_reset(mp_obj_t object) {
     const struct imuprobe *self = MP_OBJ_TO_PTR(object);
@@ -431,6 +441,7 @@ static const mp_rom_map_elem_t probe_table[] = {
     {MP_ROM_QSTR(MP_QSTR_step), MP_ROM_PTR(&step_obj)},
     {MP_ROM_QSTR(MP_QSTR_tell), MP_ROM_PTR(&tell_obj)},
     {MP_ROM_QSTR(MP_QSTR_supply), MP_ROM_PTR(&supply_obj)},
+    {MP_ROM_QSTR(MP_QSTR_battery), MP_ROM_PTR(&battery_obj)},
     {MP_ROM_QSTR(MP_QSTR_wants_reset), MP_ROM_PTR(&wants_reset_obj)},
 };
 static MP_DEFINE_CONST_DICT(probe_dict, probe_table);

@@ -45,7 +45,8 @@ struct imuprobe {
     char firmware[sizeof((struct message_hello *)0)->firmware];
     uint8_t id[8];
     uint8_t board, reset_cause, cycles_per_us;
-    uint16_t supply_mv, receive_lost;
+    uint16_t supply_mv, receive_lost, battery_mv;
+    bool is_battery_low;
 
     // The sensor, where core/ has its driver.
     struct acquisition acquisition;
@@ -77,6 +78,8 @@ extern struct imuprobe *imuprobe_current;
 
 // Fills in the ports, with a ring of `room` bytes; allocates it.
 void imuprobe_ports_init(struct imuprobe *self, uint16_t room);
+// Has the probe tell its battery from now on.
+void imuprobe_use_battery(struct imuprobe *self);
 // Chooses the driver, with all of its struct zeroed but a configuration.
 void imuprobe_use_driver(struct imuprobe *self, const struct sensor_driver *driver);
 

@@ -105,6 +105,16 @@ static void measure(struct message_status *out) {
     out->receive_lost = self->receive_lost;
 }
 
+static void describe_equipment(struct message_equipment *out) {
+    const struct imuprobe *self = imuprobe_current;
+    out->battery = self->battery_mv;
+    out->power = self->is_battery_low ? POWER_LOW : 0;
+}
+
+void imuprobe_use_battery(struct imuprobe *self) {
+    probe_equip(&self->probe, NULL, describe_equipment);
+}
+
 static bool unique_id(uint8_t id[8]) {
     memcpy(id, imuprobe_current->id, sizeof imuprobe_current->id);
     return true;

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: MIT
 """The probe on a MicroPython board: main.py calls run() with its sensor and pins."""
 
+from .battery import Battery
 from .bus import Bus
 from .loop import run
 from .sensors import LSM9DS0, MPU9250
 from .spi import SPIBus
 from .storage import FileStorage
 
-__all__ = ("LSM9DS0", "MPU9250", "Bus", "FileStorage", "SPIBus", "run")
+__all__ = ("LSM9DS0", "MPU9250", "Battery", "Bus", "FileStorage", "SPIBus", "run")

@@ -17,6 +17,11 @@ _RECEIVED_MAX = const(64)  # a command's frame, and noise
 _HIGHEST = const(0x20000000)  # half of the period of ticks_us
 
 
+def message(template):
+    """Content that can be filled in, with room for a CRC."""
+    return bytearray(template + b"\0\0")
+
+
 class Link:
     """`room`: bytes of frames that may wait."""
 

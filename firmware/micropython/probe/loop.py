@@ -31,6 +31,7 @@ def run(
     led=None,
     storage=None,
     supply=None,
+    battery=None,
     hook=None,
     watchdog=True,
     plain=False,
@@ -41,15 +42,16 @@ def run(
     `sensor`: of sensors.py; `ready`: the Pin of its data-ready; `wire`: a UART, the
     USB_VCP, or another stream; `button`: a Pin that is low while it is pressed;
     `storage`: of storage.py, None: nothing is kept; `supply`: a function that returns
-    the supply in mV; `hook`: a function that is called once a second. An exception of
-    `supply` or `hook` is told as the event hook_failed, and the probe goes on.
+    the supply in mV; `battery`: of battery.py; `hook`: a function that is called once a
+    second. An exception of these three is told as the event hook_failed, and the probe
+    goes on.
     """
     probe = _attached(sensor, ready, storage, plain)
     _listen(ready, probe.edge)
     # Frames hold any byte, Ctrl-C too.
     kbd_intr(-1)
     try:
-        _turn_for_ever(probe, wire, button, led, Hooks(supply, hook), watchdog)
+        _turn_for_ever(probe, wire, button, led, Hooks(supply, battery, hook), watchdog)
     finally:
         kbd_intr(_CTRL_C)
         ready.irq(None)
@@ -78,8 +80,9 @@ def _listen(ready, edge):
 class Hooks:
     """The user's functions, called once a second."""
 
-    def __init__(self, supply, hook):
+    def __init__(self, supply, battery, hook):
         self._supply = supply
+        self._battery = battery
         self._hook = hook
         self._called_ms = ticks_ms()
         self._failures = 0
@@ -92,6 +95,8 @@ class Hooks:
         try:
             if self._supply is not None:
                 probe.supply(self._supply())
+            if self._battery is not None:
+                self._battery.step(probe)
             if self._hook is not None:
                 self._hook()
         except Exception:  # noqa: BLE001 - whatever it is, it is told

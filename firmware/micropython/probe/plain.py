@@ -10,7 +10,8 @@ from micropython import const
 
 from . import wire
 from .button import Button
-from .link import Link
+from .link import Link, message
+from .plain_equipment import Equipment
 from .plain_settings import Settings, id_of
 
 _STEP_US = const(5000)
@@ -21,11 +22,6 @@ _SILENCE_US = const(50_000)  # without data-ready
 _FAILED_MAX = const(5)  # readings in a row, before the sensor is set up again
 _WAITING, _SETUP, _SAMPLING = const(0), const(1), const(2)
 _CAUSES = {110: wire.CAUSE_TIMEOUT}  # ETIMEDOUT
-
-
-def _message(template):
-    """Content that can be filled in, with room for a CRC."""
-    return bytearray(template + b"\0\0")
 
 
 class Probe:
@@ -45,13 +41,15 @@ class Probe:
         self._mhz = mhz
         self._link = Link(room)
         self._button = Button(now)
-        self._raw = _message(wire.RAW)
-        self._hello = _message(wire.HELLO)
-        self._status = _message(wire.STATUS)
+        self._raw = message(wire.RAW)
+        self._hello = message(wire.HELLO)
+        self._status = message(wire.STATUS)
         struct.pack_into("<16s", self._hello, wire.HELLO_FIRMWARE, firmware.encode())
         self._hello[wire.HELLO_BOARD] = board
         struct.pack_into("<8s", self._hello, wire.HELLO_PROBE_ID, id_of(id))
         self._hello[wire.HELLO_RESET_CAUSE] = reset_cause
+        self._equipment = Equipment()
+        self.battery = self._equipment.battery
         self._driver = None
         self._recover = None
         self._phase = _WAITING
@@ -202,7 +200,7 @@ class Probe:
     # Messages
 
     def tell(self, event, cause, detail, now=None):
-        content = _message(wire.EVENT)
+        content = message(wire.EVENT)
         content[wire.EVENT_EVENT] = event
         content[wire.EVENT_CAUSE] = cause
         struct.pack_into("<i", content, wire.EVENT_DETAIL, detail)
@@ -242,6 +240,7 @@ class Probe:
             struct.pack_into("<H", status, place, value & 0xFFFF)
         status[wire.STATUS_STATE] = self._state()
         link.put(status, len(wire.STATUS), now)
+        self._equipment.put(link, now)
         self._work_us = self._worst_us = self._samples = 0
 
     def supply(self, mv):
@@ -287,13 +286,13 @@ class Probe:
         elif order == wire.COMMAND_RESET:
             self._wants_reset = True
         elif order == wire.COMMAND_PARAMS_TELL:
-            self._link.put(_message(wire.PARAMS), len(wire.PARAMS), now)
+            self._link.put(message(wire.PARAMS), len(wire.PARAMS), now)
         elif order != wire.COMMAND_TIME:
             return wire.RESULT_UNKNOWN_COMMAND, values
         return wire.RESULT_OK, values
 
     def _reply(self, order, token, now):
-        content = _message(wire.REPLY)
+        content = message(wire.REPLY)
         content[wire.REPLY_REPLIED_COMMAND] = order
         struct.pack_into("<H", content, wire.REPLY_REPLIED_TOKEN, token)
         content[wire.REPLY_RESULT] = self._result

@@ -55,20 +55,6 @@ RAW_MAG = const(24)
 RAW_TEMPERATURE = const(31)
 RAW_SAMPLE_FLAGS = const(34)
 
-# q, position, normal, tilt_sigma, heading_sigma, pose_flags
-POSE = (
-    b"\x06\x00\x00\x00\x00\x00\x00\x00\x00\x1e\x00\x00\x00\x00\x00\x00"
-    b"\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x1f\x00\x00\x00\x80\x00"
-    b"\x00\x00\x80\x00\x00\x00\x80\x20\x00\x80\x00\x80\x00\x80\x21\xff"
-    b"\xff\x22\xff\xff\x23\x00\x00"
-)
-POSE_Q = const(10)
-POSE_POSITION = const(27)
-POSE_NORMAL = const(40)
-POSE_TILT_SIGMA = const(47)
-POSE_HEADING_SIGMA = const(50)
-POSE_POSE_FLAGS = const(53)
-
 # event, cause, detail
 EVENT = b"\x09\x00\x00\x00\x00\x00\x00\x00\x00\x28\x00\x29\x00\x2a\x00\x00\x00\x00"
 EVENT_EVENT = const(10)
@@ -102,6 +88,28 @@ STATUS_CYCLES_WORST = const(64)
 STATUS_STACK_FREE = const(69)
 STATUS_SUPPLY = const(72)
 STATUS_RECEIVE_LOST = const(75)
+
+# clock, battery, power, radio, radio_resets, card, card_block, card_blocks,
+# card_faults, card_busy, recording, messages_logged, messages_unlogged
+EQUIPMENT = (
+    b"\x11\x00\x00\x00\x00\x00\x00\x00\x00\x64\x00\x65\xff\xff\x66\x00"
+    b"\x67\x00\x68\x00\x00\x69\x00\x6a\x00\x00\x00\x00\x6b\x00\x00\x00"
+    b"\x00\x6c\x00\x00\x6d\x00\x00\x6e\x00\x00\x6f\x00\x00\x00\x00\x70"
+    b"\x00\x00\x00\x00"
+)
+EQUIPMENT_CLOCK = const(10)
+EQUIPMENT_BATTERY = const(12)
+EQUIPMENT_POWER = const(15)
+EQUIPMENT_RADIO = const(17)
+EQUIPMENT_RADIO_RESETS = const(19)
+EQUIPMENT_CARD = const(22)
+EQUIPMENT_CARD_BLOCK = const(24)
+EQUIPMENT_CARD_BLOCKS = const(29)
+EQUIPMENT_CARD_FAULTS = const(34)
+EQUIPMENT_CARD_BUSY = const(37)
+EQUIPMENT_RECORDING = const(40)
+EQUIPMENT_MESSAGES_LOGGED = const(43)
+EQUIPMENT_MESSAGES_UNLOGGED = const(48)
 
 # set_digest, set_length, part_offset, part
 PARAMS = (
@@ -233,12 +241,6 @@ SAMPLE_GAP = const(8)
 STREAM_POSE = const(1)
 STREAM_RAW = const(2)
 
-POSE_STARTING = const(1)
-POSE_UNCALIBRATED = const(2)
-POSE_AT_REST = const(4)
-POSE_MAG_DISTURBED = const(8)
-POSE_MAG_ABSENT = const(16)
-POSE_CLIPPED = const(32)
-POSE_HEADING_FREE = const(64)
-POSE_GAP = const(128)
-POSE_TARED = const(256)
+POWER_EXTERNAL = const(1)
+POWER_CHARGING = const(2)
+POWER_LOW = const(4)

@@ -82,7 +82,7 @@ MICROPYTHON = Board(
     image_variable="IMUD_IMAGE_MICROPYTHON",
     simulator_variable="IMUD_SIM_F405",
     files=("faults", "eeprom", "summary", "profile", "parts"),
-    has_battery=False,
+    has_battery=True,
 )
 BOARDS = {board.name: board for board in (NANO, F405, MICROPYTHON)}
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The module machine: Pin, I2C, UART, WDT, and functions of the whole board.
+// The module machine: Pin, I2C, UART, ADC, WDT, and functions of the whole board.
 #include "clock.h"
 #include "cpu.h"
 #include "gpio.h"
@@ -87,6 +87,7 @@ static const mp_rom_map_elem_t table[] = {
     {MP_ROM_QSTR(MP_QSTR_Pin), MP_ROM_PTR(&pyboard_pin_type)},
     {MP_ROM_QSTR(MP_QSTR_I2C), MP_ROM_PTR(&pyboard_i2c_type)},
     {MP_ROM_QSTR(MP_QSTR_UART), MP_ROM_PTR(&pyboard_uart_type)},
+    {MP_ROM_QSTR(MP_QSTR_ADC), MP_ROM_PTR(&pyboard_adc_type)},
     {MP_ROM_QSTR(MP_QSTR_WDT), MP_ROM_PTR(&wdt_type)},
 };
 static MP_DEFINE_CONST_DICT(globals, table);

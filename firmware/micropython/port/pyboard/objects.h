@@ -8,6 +8,7 @@
 extern const mp_obj_type_t pyboard_pin_type;
 extern const mp_obj_type_t pyboard_i2c_type;
 extern const mp_obj_type_t pyboard_uart_type;
+extern const mp_obj_type_t pyboard_adc_type;
 
 // Interrupts: an edge of a pin; an event of the I2C.
 void pins_edge(void);
