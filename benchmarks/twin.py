@@ -49,8 +49,7 @@ COMPILE = ("gcc", "-std=gnu11", "-O2", "-ffp-contract=off", "-fPIC", "-shared")
 
 GYR_DELAY_S = 3.9e-3  # of the MPU-9250 as the firmware sets it up
 CALIBRATION = 512  # samples: CALIBRATOR_SAMPLES of firmware/core/fusion/calibrate.h
-STARTING_S = 3.0  # without stated errors
-FREE_DEG = 30.0  # a heading with a larger error states none
+STARTING_S = 3.0  # in which level settles
 
 # A magnet on the probe: accuracy.py's, along four of its diagonals, whose mean is zero.
 BODY_BIAS_UT = 2.8
@@ -130,8 +129,6 @@ def run(
         ctypes.c_void_p(sigmas_deg.ctypes.data),
     )
     # From the last sample of that time on.
-    sigmas_deg[: round(STARTING_S * samples.rate_hz) - 1] = np.nan
-    sigmas_deg[sigmas_deg[:, 1] > FREE_DEG, 1] = np.nan
     return Track(quats, sigmas_deg)
 
 

@@ -269,6 +269,19 @@ static void take_calibration(struct twin *t, const double *bias) {
     }
 }
 
+// The errors of tilt and heading, deg; NAN: not known.
+static void state_errors(const struct twin *t, double *sigma_deg) {
+    const struct fuse_twin_params *params = t->params;
+    const bool is_starting =
+        t->frames < 30 || t->frames == BEGIN_AGAIN || (t->learnt > 0 && t->learnt < 20);
+    const double tilt = sqrt(pow(params->tilt_floor, 2) +
+                             pow(params->tilt_drift / DEGREE, 2) * t->drift_square);
+    const double heading =
+        sqrt(pow(params->heading_floor, 2) + t->heading_variance / (DEGREE * DEGREE));
+    sigma_deg[0] = is_starting ? NAN : tilt;
+    sigma_deg[1] = is_starting || heading > 30 ? NAN : heading;
+}
+
 void fuse_twin_run(const struct fuse_twin_params *params, int count, int rate_hz,
                    double gyr_delay_s, const double *gyr, const double *acc,
                    const double *mag, const bool *has_mag, const double *interval_s,
@@ -278,6 +291,7 @@ void fuse_twin_run(const struct fuse_twin_params *params, int count, int rate_hz
     struct twin t = {.params = params,
                      .lag = params->lag_s,
                      .lag_variance = pow(params->lag_sd, 2),
+                     .heading_variance = INFINITY,
                      .drift_square = pow(params->level_start * DEGREE, 2),
                      .inertial = {1, 0, 0, 0},
                      .level = {1, 0, 0, 0},
@@ -357,11 +371,7 @@ void fuse_twin_run(const struct fuse_twin_params *params, int count, int rate_hz
         twin_turn_by(t.rate, params->lead_share * (gyr_delay_s - 0.5 / rate_hz), turn);
         twin_multiply(out, turn, out);
         if (sigmas_deg != NULL) {
-            sigmas_deg[2 * k] =
-                sqrt(pow(params->tilt_floor, 2) +
-                     pow(params->tilt_drift / DEGREE, 2) * t.drift_square);
-            sigmas_deg[2 * k + 1] = sqrt(pow(params->heading_floor, 2) +
-                                         t.heading_variance / (DEGREE * DEGREE));
+            state_errors(&t, sigmas_deg + 2 * k);
         }
     }
 }

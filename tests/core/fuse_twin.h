@@ -46,7 +46,8 @@ void fuse_twin_defaults(struct fuse_twin_params *params);
 
 // `count` samples in SI units (rad/s, m/s2, uT), as rows of three; the calibration at
 // rest finds `bias_found` before sample `calibrated_at` (-1: never). Writes rows of w,
-// x, y, z and, unless NULL, of the tilt's and the heading's stated error, deg.
+// x, y, z and, unless NULL, of the tilt's and the heading's stated error, deg; NAN
+// where it states none.
 void fuse_twin_run(const struct fuse_twin_params *params, int count, int rate_hz,
                    double gyr_delay_s, const double *gyr, const double *acc,
                    const double *mag, const bool *has_mag, const double *interval_s,
