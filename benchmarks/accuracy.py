@@ -33,6 +33,7 @@ from engines import HOST, IMAGES, VQF, Estimate
 from feed import sampled, with_bias
 from report import Result
 from scoring import Coverage, Score, Trial
+from trusted import CALIBRATED
 
 from imud.errors import ImudError
 from imud.progress import Progress
@@ -103,11 +104,11 @@ def measure(path: Path, settings: Settings) -> Result:
 def run(trial: Trial, settings: Settings) -> Capture:
     """Run the image on a trial, as recorded or with a magnet on the probe."""
     if not settings.body_bias_ut:
-        return run_image(settings.board, trial.path)
+        return run_image(settings.board, trial.path, params=CALIBRATED)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{trial.name}.npz"
         trial.motion.save(path)
-        return run_image(settings.board, path)
+        return run_image(settings.board, path, params=CALIBRATED)
 
 
 def score(estimate: Estimate, trial: Trial) -> Score:

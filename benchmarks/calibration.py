@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shop_trials
 import simulated
 from calibration_report import GUIDED, Results, show
 
@@ -48,6 +49,7 @@ SETS = {"tuning": 0, "judging": 1}  # seeds: these, and every second one
 
 MODULES = 150
 CROWD = 2000
+SHOPS = 4  # modules a public recording
 CROWD_SEED = 300_000  # the first
 IMAGE_MODULES = 10  # of which the image's samples are used
 LONGEST_S = 150.0  # of a hand that is never done
@@ -294,6 +296,10 @@ def measured(args: argparse.Namespace, which: str) -> Results:
         many = [2 * index + SETS[which] + CROWD_SEED for index in range(args.crowd)]
         tasks = [(crowd(seed), seed) for seed in many]
         results.crowd = run(pool, measure, tasks, "recordings of all kinds")
+        shops = shop_trials.tasks(
+            2 * index + SETS[which] for index in range(args.shops)
+        )
+        results.shops = run(pool, shop_trials.measure, shops, "public recordings")
     results.fit_s = seconds_of_fit()
     return results
 
@@ -305,6 +311,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--sets", nargs="+", choices=SETS, default=["judging"])
     parser.add_argument("--modules", type=int, default=MODULES)
     parser.add_argument("--crowd", type=int, default=CROWD)
+    parser.add_argument("--shops", type=int, default=SHOPS, help="modules a recording")
     parser.add_argument(
         "--boards", nargs="*", choices=BOARDS, default=list(BOARDS), help="virtual ones"
     )
@@ -323,6 +330,7 @@ def main(arguments: Sequence[str]) -> None:
             "cases": results.cases,
             "crowd": results.crowd,
             "methods": results.methods,
+            "shops": results.shops,
             "fit_s": results.fit_s,
         }
     args.output.parent.mkdir(parents=True, exist_ok=True)

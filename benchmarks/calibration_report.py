@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import shop_trials
 from report import Figure
 
 from imud.calibration.papers import METHODS
@@ -24,6 +25,7 @@ class Results:
     cases: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     crowd: list[dict[str, Any]] = field(default_factory=list)
     methods: list[dict[str, Any]] = field(default_factory=list)
+    shops: list[dict[str, Any]] = field(default_factory=list)
     fit_s: float = math.nan
 
 
@@ -52,6 +54,8 @@ def figures(results: Results) -> list[Figure]:
             found.append(Figure(name, value, (0.0, must), (0.0, goal)))
     if results.crowd:
         found += of_crowd(results.crowd)
+    if results.shops:
+        found += shop_trials.figures(results.shops)
     if math.isfinite(results.fit_s):
         found.append(Figure("fit of 12 poses, s", results.fit_s, (0, 0.3), (0, 0.1)))
     return found

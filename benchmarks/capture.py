@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import trusted
 import wire
 from feed import Feed
 
@@ -48,11 +49,12 @@ def run(
     image: Path | None = None,
     sample_rate_hz: int | None = None,
     pose_rate_hz: int | None = None,
+    params: bytes = b"",
 ) -> Capture:
     """Run a virtual board on a motion, streaming pose and raw.
 
     The image is asked for these rates; by default it sends every sample, and poses at
-    its initial rate. Raises RunFailed.
+    its initial rate. `params`: records in force from its start. Raises RunFailed.
     """
     board = sim.BOARDS[board_name]
     if sample_rate_hz is not None:
@@ -68,6 +70,10 @@ def run(
         words: list[str | Path] = [simulator, "--image", image, "--motion", felt]
         words += ["--record", record, "--summary", summary, "--fast"]
         words += ["--press", ":".join(map(str, sim.PRESS_US))]
+        if params:
+            memory = Path(folder) / "memory"
+            trusted.memory_with(image, simulator, params, memory)
+            words += ["--eeprom", memory]
         for at_us, frame in sim.commands_us(
             board, wants_raw=True, rate_hz=pose_rate_hz
         ):
@@ -82,7 +88,8 @@ def run(
         if done.returncode != 0:
             said = done.stderr.strip().splitlines() or ["it said nothing"]
             raise RunFailed(f"{path.name}: exit code {done.returncode}: {said[-1]}")
-        return read(record, json.loads(summary.read_text()))
+        found = read(record, json.loads(summary.read_text()))
+        return replace(found, feed=replace(found.feed, params=params))
 
 
 def read(record: Path, summary: dict[str, Any]) -> Capture:

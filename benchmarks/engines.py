@@ -49,7 +49,7 @@ def poses(times_s: FloatArray, contents: Sequence[bytes]) -> Estimate:
 
 def replayed(feed: Feed, name: str) -> list[bytes]:
     """Poses of the firmware's C on this machine, at the times of the probe's poses."""
-    replay = Replay(with_filter(feed.hello, name))
+    replay = Replay(with_filter(feed.hello, name), feed.params)
     times_us = feed.rows["time_us"].tolist()
     due = dict(zip(feed.pose_after, feed.pose_sequence, strict=True))
     contents = []

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import trusted
 import wire
 
 from imud.rotation import FloatArray
@@ -148,6 +149,7 @@ class Feed:
     pose_after: Sequence[int]  # indexes of `raws`
     pose_sequence: Sequence[int]
     start_us: int  # device time at the start of the motion
+    params: bytes = b""  # the records in force
 
     @cached_property
     def rows(self) -> wire.Rows:
@@ -181,8 +183,10 @@ def with_bias(motion: Motion, bias_ut: FloatArray) -> Motion:
     return replace(motion, mag=motion.mag + bias_ut)
 
 
-def sampled(motion: Motion, chip: Chip = MPU9250) -> Feed:
-    """The messages that a virtual board sends for a motion."""
+def sampled(
+    motion: Motion, chip: Chip = MPU9250, params: bytes = trusted.CALIBRATED
+) -> Feed:
+    """The messages that a virtual board with these params sends for a motion."""
     count = int((motion.seconds - chip.first_sample_s) * chip.rate_hz)
     times = chip.first_sample_s + np.arange(count) / chip.rate_hz
     taken = times - chip.taken_before_s
@@ -223,7 +227,9 @@ def sampled(motion: Motion, chip: Chip = MPU9250) -> Feed:
         flags |= edge.astype(np.uint8) * np.uint8(flag)
     rows["sample_flags"] = flags[:, None]
     after = posed_after(count, chip.rate_hz)
-    return Feed(hello(chip), wire.to_contents(rows), after, after, start_us=0)
+    return Feed(
+        hello(chip), wire.to_contents(rows), after, after, start_us=0, params=params
+    )
 
 
 def posed_after(count: int, rate_hz: float) -> Sequence[int]:

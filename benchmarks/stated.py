@@ -50,7 +50,7 @@ class Terms:
 
     @staticmethod
     def of(course: Course, params: Params) -> Terms:
-        none = dict(params) | dict.fromkeys((*TILT, *HEADING), 0.0)
+        none = dict(params) | dict.fromkeys((*TILT, *HEADING, "level_sd"), 0.0)
         one, *others = (
             course.track(none | dict.fromkeys(names, 1.0), course.samples)
             for names in (
@@ -65,7 +65,8 @@ class Terms:
         return Terms(*rows[:, np.isfinite(rows).all(axis=0)])
 
     def tilt_inside(self, params: Params) -> float:
-        squares = params["tilt_floor"] ** 2 + params["tilt_drift"] ** 2 * self.drift**2
+        always = params["tilt_floor"] ** 2 + params["level_sd"] ** 2
+        squares = always + params["tilt_drift"] ** 2 * self.drift**2
         return share_inside(self.tilt, squares)
 
     def heading_inside(self, params: Params) -> float:

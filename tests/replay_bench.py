@@ -61,7 +61,7 @@ def poses(
     kind: int,
     rows: desk.Array,
     identity: Any = MPU9250,
-    calibration: Any = desk.UNCALIBRATED,
+    calibration: Any = desk.UNKNOWN,
 ) -> list[bytes]:
     """The contents of the firmware's poses of samples, from a start with them."""
     tracker = ffi.new("struct pose_tracker *")

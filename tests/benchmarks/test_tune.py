@@ -173,7 +173,8 @@ def test_what_is_drawn_is_within_a_factor_of_two_and_the_same_for_a_seed() -> No
 
 
 def test_stated_errors_are_the_sums_of_their_terms() -> None:
-    params = twin.defaults() | SURE
+    # The accelerometer's own error is too small for a term of the heading's.
+    params = twin.defaults() | SURE | {"level_sd": 0.0}
     terms = stated.Terms.of(made_course(), params)
     shares = stated.coverage(made_course(), params)
     assert 0.02 < shares.tilt < 0.98

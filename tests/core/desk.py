@@ -42,8 +42,12 @@ TURN = 2.0**32 / (2 * math.pi)  # turn32, rad
 INT32_MAX = 2**31 - 1
 INT32_MIN = -(2**31)
 
-UNCALIBRATED = ffi.new("struct calibration *")
-lib.calibration_clear(UNCALIBRATED)
+# Counts as they are: of sensors without errors, and of sensors nobody knows.
+EXACT = ffi.new("struct calibration *")
+UNKNOWN = ffi.new("struct calibration *")
+for _calibration in (EXACT, UNKNOWN):
+    lib.calibration_clear(_calibration)
+EXACT.acc.sigma = EXACT.mag.sigma = 0  # the gyroscope's scale is always learned
 
 Array = npt.NDArray[Any]
 

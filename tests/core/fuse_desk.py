@@ -20,13 +20,32 @@ def centred(rate_hz: int) -> Filter:
 
 
 def twin(
-    felt: Scene, calibrated_at: int = -1, bias_deg_s: object = (0, 0, 0)
+    felt: Scene,
+    calibrated_at: int = -1,
+    bias_deg_s: object = (0, 0, 0),
+    *,
+    is_known: bool = True,
 ) -> desk.Array:
     """The double-precision filter over the very numbers that the fixed one gets."""
+    return twin_stating(felt, calibrated_at, bias_deg_s, is_known=is_known)[0]
+
+
+def twin_stating(
+    felt: Scene,
+    calibrated_at: int = -1,
+    bias_deg_s: object = (0, 0, 0),
+    *,
+    is_known: bool = True,
+) -> tuple[desk.Array, desk.Array]:
+    """The same, and what it states of tilt and heading, degrees."""
     rows = felt.measurements()
     out = np.zeros((len(felt), 4))
+    stated = np.zeros((len(felt), 2))
     params = desk.ffi.new("struct fuse_twin_params *")
-    lib.fuse_twin_defaults(params)
+    if is_known:
+        lib.fuse_twin_defaults(params)
+    else:
+        lib.fuse_twin_uncalibrated(params)
     desk.call(
         lib.fuse_twin_run,
         params,
@@ -41,9 +60,9 @@ def twin(
         calibrated_at,
         np.array(bias_deg_s) * DEGREE,
         out,
-        desk.ffi.NULL,
+        stated,
     )
-    return out
+    return out, stated
 
 
 def rms(values: desk.Array) -> float:

@@ -249,7 +249,14 @@ void fuse_twin_defaults(struct fuse_twin_params *params) {
         .level_start = 0.1,
         .residual_share = 1,
         .residual_free = 2,
+        .level_sd = 0.058,
     };
+}
+
+void fuse_twin_uncalibrated(struct fuse_twin_params *params) {
+    fuse_twin_defaults(params);
+    params->own_sd = 21;
+    params->level_sd = 0.06 / DEGREE;
 }
 
 // A calibration at rest has found the bias, within 0.01 deg/s.
@@ -274,7 +281,7 @@ static void state_errors(const struct twin *t, double *sigma_deg) {
     const struct fuse_twin_params *params = t->params;
     const bool is_starting =
         t->frames < 30 || t->frames == BEGIN_AGAIN || (t->learnt > 0 && t->learnt < 20);
-    const double tilt = sqrt(pow(params->tilt_floor, 2) +
+    const double tilt = sqrt(pow(params->tilt_floor, 2) + pow(params->level_sd, 2) +
                              pow(params->tilt_drift / DEGREE, 2) * t->drift_square);
     const double heading =
         sqrt(pow(params->heading_floor, 2) + t->heading_variance / (DEGREE * DEGREE));

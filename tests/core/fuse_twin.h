@@ -40,9 +40,13 @@ struct fuse_twin_params {
     double level_start;       // deg/s: what levelling goes on to correct, at the start
     double residual_share;    // of the square by which readings go on to surprise
     double residual_free;     // uT2 of it that are noise
+    double level_sd;          // deg: of the level, as a calibration leaves it
 };
 
 void fuse_twin_defaults(struct fuse_twin_params *params);
+
+// The same where no sensor is calibrated.
+void fuse_twin_uncalibrated(struct fuse_twin_params *params);
 
 // `count` samples in SI units (rad/s, m/s2, uT), as rows of three; the calibration at
 // rest finds `bias_found` before sample `calibrated_at` (-1: never). Writes rows of w,

@@ -53,6 +53,11 @@ static void read_lag(struct twin *t, const double *away) {
     t->lag_variance *= 1 - gain * square;
 }
 
+// No calibration has told the probe's own field.
+static bool is_unknown(const struct twin *t) {
+    return t->params->own_sd > 1;
+}
+
 // The uncertainty that a frame adds to the field: that of the place turns with an error
 // of the heading, and both fields wander, the probe's more where readings keep
 // surprising.
@@ -76,7 +81,7 @@ static void predict_field(struct twin *t, bool is_resting) {
         t->field[7 * i] += i < 3       ? params->place_wander * frame_s
                            : is_astray ? params->astray_wander * frame_s
                                        : pow(2, -19);
-        t->field[7 * i] = fmin(t->field[7 * i], 81);
+        t->field[7 * i] = fmin(t->field[7 * i], is_unknown(t) ? 460 : 81);
     }
 }
 
@@ -206,7 +211,9 @@ void twin_find_heading_variance(struct twin *t) {
         y * y * t->field[0] - 2 * x * y * t->field[1] + x * x * t->field[7];
     const struct fuse_twin_params *params = t->params;
     t->heading_variance =
-        (params->covariance_share * across + pow(params->level_drift, 2) * leaning(t) +
+        ((is_unknown(t) ? across + 2.25 : params->covariance_share * across) +
+         pow(twin_clamp(t->place[2], 60) * params->level_sd * DEGREE, 2) / 3 +
+         pow(params->level_drift, 2) * leaning(t) +
          params->residual_share * fmax(0, t->residual - params->residual_free)) /
         (norm * norm);
 }

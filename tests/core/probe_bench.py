@@ -276,7 +276,7 @@ def streaming(seconds: float = 0.0) -> Bench:
 def poses_of(samples: desk.Array, kind: int = lib.FILTER_FUSE) -> desk.Array:
     """A pose a sample of a tracker that begins with them."""
     tracker = ffi.new("struct pose_tracker *")
-    assert lib.pose_begin(tracker, desk.UNCALIBRATED, MPU9250, kind)
+    assert lib.pose_begin(tracker, desk.UNKNOWN, MPU9250, kind)
     poses = np.zeros(len(samples), desk.dtype_of("struct message_pose"))
     results = np.zeros(len(samples), np.int32)
     desk.call(lib.loop_pose, tracker, len(samples), samples, poses, results)

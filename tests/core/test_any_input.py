@@ -33,7 +33,7 @@ def test_before_the_first_sample_there_is_a_unit_quaternion_too(kind, origin):
     pose = ffi.new("struct message_pose *")
     sample = ffi.new("struct sample *", {"time_us": 77})
     identity = desk.identity_of()
-    assert lib.pose_begin(tracker, desk.UNCALIBRATED, identity, kind)
+    assert lib.pose_begin(tracker, desk.EXACT, identity, kind)
     for step in range(4):
         lib.pose_read(tracker, pose)
         assert abs(np.linalg.norm(list(pose.q)) / ONE - 1) < 1e-6

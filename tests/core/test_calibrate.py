@@ -92,7 +92,7 @@ def test_counts_become_units(identity):
 
 def test_one_g_and_a_turn_a_second_are_what_the_data_sheet_says():
     counts = np.array([[2048, 5898, -333]])  # 1 g; 359.98 deg/s; -49.95 uT
-    out = calibrated(desk.UNCALIBRATED, MPU9250, samples_of(counts))[0]
+    out = calibrated(desk.EXACT, MPU9250, samples_of(counts))[0]
     assert out["acc_m_s2_q21"][0] / FORCE == pytest.approx(9.80665, abs=1e-4)
     turn = out["gyr_rad_s_q25"][1] / RATE
     assert turn == pytest.approx(5898 / 32768 * 2000 * DEGREE, abs=1e-5)
@@ -137,7 +137,7 @@ def test_a_value_beyond_its_limit_is_held_there():
 def test_a_field_that_is_not_there_is_left_alone():
     samples = samples_of(np.array([[1, 2, 3]]))
     samples["has_mag"] = False
-    out = calibrated(desk.UNCALIBRATED, MPU9250, samples)[0]
+    out = calibrated(desk.EXACT, MPU9250, samples)[0]
     assert not out["has_mag"]
     assert out["mag_ut_q18"].tolist() == [0, 0, 0]
 
@@ -169,7 +169,7 @@ def test_a_mean_of_counts_becomes_a_rate_as_single_counts_do():
 
 
 def changed(sensor: str, **fields: Any) -> Any:
-    calibration = ffi.new("struct calibration *", desk.UNCALIBRATED[0])
+    calibration = ffi.new("struct calibration *", desk.EXACT[0])
     part = getattr(calibration, sensor)
     for name, (place, value) in fields.items():
         target = getattr(part, name)
@@ -180,7 +180,7 @@ def changed(sensor: str, **fields: Any) -> Any:
 
 
 def test_no_calibration_is_a_valid_one():
-    assert lib.calibration_is_valid(desk.UNCALIBRATED)
+    assert lib.calibration_is_valid(desk.EXACT)
 
 
 @pytest.mark.parametrize("sensor", ["acc", "gyr", "mag"])

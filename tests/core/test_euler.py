@@ -303,7 +303,7 @@ def after_a_turn(origin: int, start: desk.Array, turn: desk.Array) -> desk.Array
     quat = np.vstack([at_rest(12, quat=start), path, at_rest(8, quat=path[-1])])
     samples = scene(quat, 200, noise=0).samples(MPU9250)
     tracker = ffi.new("struct pose_tracker *")
-    assert lib.pose_begin(tracker, desk.UNCALIBRATED, MPU9250, lib.FILTER_FUSE)
+    assert lib.pose_begin(tracker, desk.EXACT, MPU9250, lib.FILTER_FUSE)
     poses = np.zeros(len(samples), desk.dtype_of("struct message_pose"))
     results = np.zeros(len(samples), np.int32)
     for rows in (slice(0, 2400), slice(2400, None)):

@@ -69,7 +69,7 @@ def test_a_recording_is_followed_within_degrees(
     identity = desk.identity_of()
     samples = felt.samples(identity)
     tracker = desk.ffi.new("struct pose_tracker *")
-    assert lib.pose_begin(tracker, desk.UNCALIBRATED, identity, lib.FILTER_FUSE)
+    assert lib.pose_begin(tracker, desk.EXACT, identity, lib.FILTER_FUSE)
     poses = np.zeros(len(samples), desk.dtype_of("struct message_pose"))
     results = np.zeros(len(samples), np.int32)
     desk.call(lib.loop_pose, tracker, len(samples), samples, poses, results)

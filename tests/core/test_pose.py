@@ -30,7 +30,7 @@ class Tracker:
         self.c = ffi.new("struct pose_tracker *")
         size = ffi.sizeof(self.c[0])
         ffi.memmove(self.c, bytes([fill]) * size, size)
-        assert lib.pose_begin(self.c, desk.UNCALIBRATED, MPU9250, lib.FILTER_FUSE)
+        assert lib.pose_begin(self.c, desk.EXACT, MPU9250, lib.FILTER_FUSE)
 
     def feel(self, samples: desk.Array) -> tuple[desk.Array, desk.Array]:
         """A pose and a result a sample."""

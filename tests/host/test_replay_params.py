@@ -27,12 +27,15 @@ from imud import _core
 from replay_bench import KINDS, LSM9DS0, MPU9250, SAMPLES, hello, poses, raw, replayed
 
 EYE = [ONE, 0, 0, 0, ONE, 0, 0, 0, ONE]
-IDENTITY = b"".join(calibration_record(tag, [0, 0, 0], EYE) for tag in (1, 2, 3))
+UNKNOWN = 2**16 - 1
+IDENTITY = b"".join(
+    calibration_record(tag, [0, 0, 0], EYE, UNKNOWN) for tag in (1, 2, 3)
+)
 
 # The first half of SHA-256 of the poses of SAMPLES, of the papers' filters from a
 # firmware that had no params.
 BEFORE = {
-    lib.FILTER_FUSE: "73cb64381af3e4fa0db6ebd32395ed61",
+    lib.FILTER_FUSE: "50edc2c387a79fc8001ad295ae6615f1",
     lib.FILTER_COMPLEMENTARY: "58e82b104c9c41756759332b9ce31ed9",
     lib.FILTER_MAHONY: "5e1828ad5234bc11ce08f24ecb5a2328",
     lib.FILTER_MADGWICK: "092e807a994b11c5df40ae24cc760b65",
@@ -115,7 +118,10 @@ def test_other_params_are_in_force_from_the_next_restart_on():
 def test_params_that_calibrate_the_same_are_told_from_those_that_do_not():
     replay = _core.Replay(hello(lib.FILTER_FUSE))
     assert not replay.params(IDENTITY + record(5, b"\x01\x01") + record(77, b"new"))
-    assert not replay.params(calibration_record(2, [0, 0, 0], EYE))
+    assert not replay.params(calibration_record(2, [0, 0, 0], EYE, UNKNOWN))
+    without_sigma = calibration_record(2, [0, 0, 0], EYE)[2:32]
+    assert not replay.params(record(2, without_sigma))
+    assert replay.params(calibration_record(2, [0, 0, 0], EYE))
     assert replay.params(calibration_record(2, [0, 0, 1], EYE))
 
 

@@ -38,6 +38,11 @@ void attitude_init(struct attitude *attitude, enum filter kind, uint16_t rate_hz
     DISPATCH(init, rate_hz, gyr_delay_us)
 }
 
+void attitude_set_accuracy(struct attitude *attitude,
+                           const struct calibration *calibration) {
+    DISPATCH(set_accuracy, calibration)
+}
+
 void attitude_restart(struct attitude *attitude) {
     DISPATCH(restart)
 }

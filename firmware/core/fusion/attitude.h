@@ -22,6 +22,11 @@
 #define mahony_work(filter) ((void)(filter))
 #define madgwick_work(filter) ((void)(filter))
 #define dcm_pi_work(filter) ((void)(filter))
+// And they state no errors that a calibration has a part in.
+#define complementary_set_accuracy(filter, calibration) ((void)(filter))
+#define mahony_set_accuracy(filter, calibration) ((void)(filter))
+#define madgwick_set_accuracy(filter, calibration) ((void)(filter))
+#define dcm_pi_set_accuracy(filter, calibration) ((void)(filter))
 
 #ifdef ATTITUDE_ONLY
 
@@ -55,6 +60,12 @@ static inline void attitude_init(struct attitude *attitude, enum filter kind,
                                  uint16_t rate_hz, uint16_t gyr_delay_us) {
     (void)kind;
     ATTITUDE_CALL(init)(&attitude->only, rate_hz, gyr_delay_us);
+}
+
+static inline void attitude_set_accuracy(struct attitude *attitude,
+                                         const struct calibration *calibration) {
+    (void)calibration;
+    ATTITUDE_CALL(set_accuracy)(&attitude->only, calibration);
 }
 
 static inline void attitude_restart(struct attitude *attitude) {
@@ -116,6 +127,8 @@ enum filter attitude_kind(const struct attitude *attitude);
 void attitude_init(struct attitude *attitude, enum filter kind, uint16_t rate_hz,
                    uint16_t gyr_delay_us);
 
+void attitude_set_accuracy(struct attitude *attitude,
+                           const struct calibration *calibration);
 void attitude_restart(struct attitude *attitude);
 void attitude_step(struct attitude *attitude, const struct measurement *measurement,
                    uint32_t interval_us);

@@ -8,6 +8,7 @@ enum {
 };
 
 static void sensor_clear(struct calibration_of_sensor *sensor) {
+    sensor->sigma = UINT16_MAX;
     for (uint8_t row = 0; row < 3; ++row) {
         sensor->bias[row] = 0;
         for (uint8_t column = 0; column < 3; ++column) {

@@ -12,6 +12,9 @@
 struct calibration_of_sensor {
     q18_14_t bias[3];      // counts
     q2_14_t matrix[3][3];  // rows
+    // One-sigma error that remains, in the units of the params' records: 1e-4 m/s2 of
+    // an axis, 1e-5 of the scale, 0.01 uT of an axis. UINT16_MAX: not known.
+    uint16_t sigma;
 };
 
 struct calibration {
@@ -23,8 +26,8 @@ struct calibration {
     };
 };
 
-// Counts as they are: no bias, matrices of one. A function, since a constant would take
-// 90 bytes of the AVR's RAM.
+// Counts as they are: no bias, matrices of one, errors not known. A function, since a
+// constant would take 90 bytes of the AVR's RAM.
 void calibration_clear(struct calibration *calibration);
 
 // True where the bounds above hold.

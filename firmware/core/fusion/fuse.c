@@ -12,6 +12,7 @@ enum {
     STEP_MAX_US = 7000,  // 41.4 rad/s an axis and 8 % of scale turn 0.55 rad in it
     UNSETTLED = 100,     // frames after lost motion in which levelling tells no bias
     FIELD_ABSENT = 10,   // frames without a reading
+    LEVEL_SIGMA_MAX = 4161,  // 60 mg by two axes, 1e-4 m/s2 each
 };
 
 // The numbers of one part of a step are not on the stack while another runs.
@@ -19,6 +20,10 @@ enum {
 
 // (0.1 deg/s)^2: of levelling before it has told, a stated tilt of 1.1 deg.
 #define DRIFT_SQUARE_START_Q30 INT32_C(3271)
+// What the accelerometer leans the level by where nothing is known: (60 mg)^2 as q2_30;
+// and 1e-4 m/s2 of two axes, squared, as 2^32ths of a step of it.
+#define LEVEL_UNKNOWN_Q30 INT32_C(3865471)
+#define LEVEL_GAIN_Q32 UINT32_C(959097000)
 #define INTERVAL_MAX_US UINT16_C(60000)  // is integrated: nine steps
 
 // Seconds times 2^35, so that rad/s q7_25 gives rad q2_30, within 4e-7 of them. Needs
@@ -39,6 +44,15 @@ void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us) {
     fuse_init_lag(fuse);
     fuse_init_gyro(fuse);
     fuse_restart(fuse);
+}
+
+void fuse_set_accuracy(struct fuse *fuse, const struct calibration *calibration) {
+    fuse_set_own_accuracy(fuse, calibration->mag.sigma);
+    fuse_set_scale_accuracy(fuse, calibration->gyr.sigma);
+    const uint32_t sigma = calibration->acc.sigma;
+    fuse->level_variance = sigma >= LEVEL_SIGMA_MAX
+                               ? LEVEL_UNKNOWN_Q30
+                               : (q2_30_t)fixed_umul_q32(sigma * sigma, LEVEL_GAIN_Q32);
 }
 
 void fuse_restart(struct fuse *fuse) {
@@ -206,6 +220,11 @@ void fuse_orientation(const struct fuse *fuse, struct quat *out) {
     quat_renormalise(out);
 }
 
+// A variance as 1e-4 deg2, which is 0.030573 of rad2 q2_30.
+static uint32_t in_cdeg(q2_30_t variance) {
+    return fixed_umul_q32((uint32_t)variance, 131310000);
+}
+
 void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
     out->is_starting =
         (uint8_t)(fuse->frames + 1) <= FUSE_LEVEL_SETTLE ||  // FUSE_FRAMES_LOST is 0
@@ -217,11 +236,11 @@ void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
     out->is_heading_free = fuse_is_heading_free(fuse);
     // 0.4 deg, and what levelling corrected in 10.4 s: (rad/s)^2 q2_30 to 1e-4 deg2 is
     // 10.4^2 / 32.7. Fitted to made motions with exact truth (docs/motions.md).
-    const uint32_t tilt = 1600 + (uint32_t)fuse->drift_square * 10 / 3;
+    const uint32_t tilt =
+        1600 + (uint32_t)fuse->drift_square * 10 / 3 + in_cdeg(fuse->level_variance);
     out->tilt_sigma_cdeg = out->is_starting ? UINT16_MAX : fixed_sqrt(tilt);
-    // 0.4 deg, and the variance: rad2 q2_30 to 1e-4 deg2 is 0.030573.
-    const uint32_t heading =
-        1600 + fixed_umul_q32((uint32_t)fuse->heading_variance, 131310000);
+    // 0.4 deg, and the variance.
+    const uint32_t heading = 1600 + in_cdeg(fuse->heading_variance);
     out->heading_sigma_cdeg =
         out->is_starting || out->is_heading_free ? UINT16_MAX : fixed_sqrt(heading);
 }

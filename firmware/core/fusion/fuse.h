@@ -47,6 +47,8 @@ struct fuse {
     // How far field readings are behind the gyroscope, and half its variance in ms2.
     int32_t lag_s_q35;
     q13_19_t lag_variance;
+    int16_t own_variance;    // 16ths of 1 uT2, of the probe's own field before readings
+    q2_30_t level_variance;  // rad2, of the level by the accelerometer's own error
     // A restart forgets all from here to bias_rad_s_q25.
     uint8_t in_frame, stage;  // of the frame that runs
     uint8_t in_stride;        // samples since one that was for a stage
@@ -112,6 +114,10 @@ struct fuse {
 // For 100 to 800 samples a second, of a gyroscope whose rates come `gyr_delay_us` (at
 // most 7.5 ms) behind the motion.
 void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us);
+
+// How well the sensors are calibrated, before the first sample. Without it the own
+// field is known to 0.8 uT, gravity well, scales of the gyroscope to 1 %.
+void fuse_set_accuracy(struct fuse *fuse, const struct calibration *calibration);
 
 // Forgets the orientation, which has changed unseen; keeps the bias and the reference
 // field.

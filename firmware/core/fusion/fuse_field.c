@@ -22,15 +22,21 @@ enum {
 
 // Variances in uT2 as q13_19; noise of 5.5 uT2 s: mostly what is uneven in the field of
 // a room.
-#define OWN_VARIANCE INT32_C(327680)    // (0.79 uT)^2: what a calibration leaves
-#define PLACE_VARIANCE INT32_C(131072)  // (0.5 uT)^2 of a mean of 2 s at rest
+// What a calibration leaves, at least, and what there is without one: (0.79 uT)^2 and
+// (21 uT)^2 an axis, as 16ths of 1 uT2; and up to where its covariance is stated in
+// part.
+enum { OWN_KNOWN = 10, OWN_UNKNOWN = 7056, OWN_SIGMA_MAX = 2100, OWN_GOOD = 16 };
+#define OWN_UNIT INT32_C(32768)                 // a 16th of 1 uT2
+#define OWN_GAIN_Q32 UINT32_C(6871948)          // (0.01 uT)^2 in 16ths of 1 uT2
+#define PLACE_VARIANCE INT32_C(131072)          // (0.5 uT)^2 of a mean of 2 s at rest
 #define PLACE_VARIANCE_MOVING INT32_C(4849664)  // 9.25 uT2 where there was no rest
 #define FIELD_VARIANCE_MAX INT32_C(42467328)    // (9 uT)^2
-#define FIELD_NOISE INT32_C(28835840)           // 5.5 uT2 s over 0.1 s
-#define FIELD_NOISE_MAX INT32_C(471859200)      // 900 uT2
-#define PLACE_WANDER INT32_C(1049)              // 0.02 uT2/s
-#define OWN_WANDER INT32_C(1)                   // (0.26 uT)^2 an hour
-#define OWN_WANDER_ASTRAY INT32_C(838861)       // 16 uT2/s
+#define FIELD_VARIANCE_UNKNOWN_MAX INT32_C(241172480)  // 460 uT2
+#define FIELD_NOISE INT32_C(28835840)                  // 5.5 uT2 s over 0.1 s
+#define FIELD_NOISE_MAX INT32_C(471859200)             // 900 uT2
+#define PLACE_WANDER INT32_C(1049)                     // 0.02 uT2/s
+#define OWN_WANDER INT32_C(1)                          // (0.26 uT)^2 an hour
+#define OWN_WANDER_ASTRAY INT32_C(838861)              // 16 uT2/s
 #define FIELD_UNIT_FINE (FUSE_FIELD_UNIT * UINT32_C(64))
 // What levelling goes on to correct leans the vertical field: 810 s2 of it in q13_19.
 #define LEANING_MAX_Q18 INT32_C(291271)  // 900 uT2 / 810
@@ -68,11 +74,24 @@ enum {
 // leans: fitted, see fuse_quality.
 #define COVARIANCE_SHARE 4
 #define HEADING_LEANING INT32_C(36)
+// Of the accelerometer's error a third: the rest looks like a field of the probe's own.
+#define LEVEL_SHARE 3
+// What soft iron adds where nothing is calibrated: (1.5 uT)^2.
+#define UNCALIBRATED_VARIANCE INT32_C(1179648)
 
 // One copy, whose numbers are on the stack only while it runs.
 #define NOINLINE __attribute__((noinline))
 
+void fuse_set_own_accuracy(struct fuse *fuse, uint16_t sigma) {
+    uint32_t variance = OWN_UNKNOWN;
+    if (sigma < OWN_SIGMA_MAX) {
+        variance = fixed_umul_q32((uint32_t)sigma * sigma, OWN_GAIN_Q32);
+    }
+    fuse->own_variance = (int16_t)(variance < OWN_KNOWN ? OWN_KNOWN : variance);
+}
+
 void fuse_init_lag(struct fuse *fuse) {
+    fuse->own_variance = OWN_KNOWN;
     fuse->lag_s_q35 = LAG_Q35;
     fuse->lag_variance = LAG_VARIANCE;
 }
@@ -131,12 +150,13 @@ NOINLINE static void learn_place(struct fuse *fuse) {
                       &fuse->field_ut[row]);
         }
         for (uint8_t column = 0; column < row; ++column) {
-            *pair = row < 3 || column > 2 ? 0
-                                          : fuse->level_from_body.row[column][row - 3] *
-                                                (-OWN_VARIANCE / FUSE_Q2_14_ONE);
+            *pair = row < 3 || column > 2
+                        ? 0
+                        : (int32_t)fuse->level_from_body.row[column][row - 3] *
+                              (-2 * fuse->own_variance);
             ++pair;
         }
-        *pair = OWN_VARIANCE;
+        *pair = fuse->own_variance * OWN_UNIT;
         if (row < 3) {
             fixed_add(fuse_is_at_rest(fuse) ? PLACE_VARIANCE : PLACE_VARIANCE_MOVING,
                       pair);
@@ -173,11 +193,13 @@ NOINLINE static void predict_field(struct fuse *fuse) {
     }
     const bool is_astray = fuse->field_astray > FIELD_ASTRAY && !fuse_is_at_rest(fuse);
     int32_t wander = PLACE_WANDER;
+    const int32_t limit =
+        fuse->own_variance > OWN_GOOD ? FIELD_VARIANCE_UNKNOWN_MAX : FIELD_VARIANCE_MAX;
     for (uint8_t state = 0; state < FUSE_FIELD_STATES; ++state) {
         if (state == 3) {
             wander = is_astray ? OWN_WANDER_ASTRAY : OWN_WANDER;
         }
-        fixed_add_clamped(wander, FIELD_VARIANCE_MAX, covariance);
+        fixed_add_clamped(wander, limit, covariance);
         covariance += state + 2;
     }
 }
@@ -205,11 +227,11 @@ void fuse_follow_lag(struct fuse *fuse) {
     fuse->lag_s_q35 = fixed_clamp(lag > 0 ? lag : 0, LAG_MAX_Q35);
 }
 
-// The square of the vertical field, seen through a level that leans by what levelling
-// goes on to correct in a second: uT2, at most 28.
-static q14_18_t leaning(const struct fuse *fuse) {
+// The square of the vertical field, seen through a level that leans by an angle whose
+// square is given: uT2; of what levelling goes on to correct in a second, at most 28.
+static q14_18_t leaning(const struct fuse *fuse, q2_30_t square_rad) {
     const int32_t vertical = fixed_clamp(fuse->field_ut[2], PLACE_TURNED_Q18) * 64;
-    return fixed_mul_q30(fixed_square_q30(vertical), fuse->drift_square);
+    return fixed_mul_q30(fixed_square_q30(vertical), square_rad);
 }
 
 // An axis of the reading's surprise, held within 90 uT; adds its square, 4096ths of
@@ -228,10 +250,12 @@ NOINLINE static int32_t turning_noise(const struct fuse *fuse, const q2_14_t row
     const uint32_t distance = square < TURNING_FAR ? square : TURNING_FAR;
     const int32_t own =
         (int32_t)(distance + FIELD_UNIT_FINE) * TURNING_NOISE +
-        fixed_clamp(leaning(fuse), TURNING_LEANING_MAX_Q18) * TURNING_LEANING;
+        fixed_clamp(leaning(fuse, fuse->drift_square), TURNING_LEANING_MAX_Q18) *
+            TURNING_LEANING;
     // Of the heading's variance, what the field's covariance has already.
-    const int32_t spread =
-        kalman_share(fuse->field_covariance, FUSE_FIELD_STATES, row, shared);
+    const int32_t spread = fixed_clamp(
+        kalman_share(fuse->field_covariance, FUSE_FIELD_STATES, row, shared),
+        TURNING_NOISE_MAX);
     const int32_t across = fixed_dot3_q14(shared, row);
     const int32_t seen = fixed_mul_q14(
         fixed_mul_q14(fuse->motion_covariance[FUSE_MOTION_PAIRS - 1], fuse->turned_by),
@@ -316,7 +340,9 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
         fuse->field_astray = (uint16_t)(fuse->field_astray - fuse->field_astray / 16 +
                                         (is_strange ? UINT16_MAX / 16 : 0));
     }
-    fixed_add(fixed_clamp(leaning(fuse), LEANING_MAX_Q18) * LEANING_NOISE, &noise);
+    fixed_add(fixed_clamp(leaning(fuse, fuse->drift_square), LEANING_MAX_Q18) *
+                  LEANING_NOISE,
+              &noise);
     fuse->field_noise = fixed_clamp(noise, FIELD_NOISE_MAX);
 }
 
@@ -375,9 +401,12 @@ NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
     const int32_t across =
         fixed_mul_at(&across_y, &north->y) + fixed_mul_at(&across_x, &north->x);
     const int32_t residual = fuse->residual - RESIDUAL_FREE_Q18;
-    const int32_t total_q19 = fixed_divide(across, COVARIANCE_SHARE) +
-                              2 * (HEADING_LEANING * leaning(fuse)) +
-                              2 * (residual > 0 ? residual : 0);
+    const int32_t total_q19 =
+        (fuse->own_variance > OWN_GOOD ? across + UNCALIBRATED_VARIANCE
+                                       : fixed_divide(across, COVARIANCE_SHARE)) +
+        2 * (HEADING_LEANING * leaning(fuse, fuse->drift_square) +
+             fixed_divide(leaning(fuse, fuse->level_variance), LEVEL_SHARE) +
+             (residual > 0 ? residual : 0));
     // Divided by the field twice; 64ths keep the first quotient in range.
     const uint32_t total_q12 = (uint32_t)(total_q19 > 0 ? total_q19 : 0) / 128;
     if (total_q12 >= (uint32_t)norm) {

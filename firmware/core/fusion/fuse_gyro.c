@@ -25,6 +25,9 @@ enum {
 #define BIAS_VARIANCE_MAX INT32_C(8388608)     // (0.5 deg/s)^2
 #define BIAS_VARIANCE_FOUND INT32_C(3355)      // (0.01 deg/s)^2
 #define SCALE_VARIANCE_MAX INT32_C(52428800)   // 1 %: (5 / 500)^2
+#define SCALE_VARIANCE_MIN INT32_C(47186)      // 0.03 %, which temperature changes
+#define SCALE_VARIANCE_UNIT UINT32_C(52)       // 1e-5, squared
+#define SCALE_SIGMA_MAX 1000                   // 1 %, as 1e-5
 #define TURNED_VARIANCE_MAX INT32_C(52428800)  // (20 deg)^2
 #define TURNED_STEP_MAX INT32_C(786432)        // 6 deg2
 #define BIAS_WANDER INT32_C(503)               // 1.5e-4 (deg/s)^2 a second
@@ -72,11 +75,20 @@ static void set_bias_variance(struct fuse *fuse, int32_t bias_variance) {
 }
 
 void fuse_init_gyro(struct fuse *fuse) {
-    for (uint8_t state = SCALE; state < HEADING; ++state) {
-        fuse->motion_covariance[kalman_variance(state)] = SCALE_VARIANCE_MAX;
-    }
+    fuse_set_scale_accuracy(fuse, UINT16_MAX);
     set_bias_variance(fuse, BIAS_VARIANCE_MAX);
     fuse->warming = WARMING;
+}
+
+void fuse_set_scale_accuracy(struct fuse *fuse, uint16_t sigma) {
+    int32_t variance = SCALE_VARIANCE_MAX;
+    if (sigma < SCALE_SIGMA_MAX) {
+        variance = SCALE_VARIANCE_MIN +
+                   (int32_t)((uint32_t)sigma * sigma * SCALE_VARIANCE_UNIT);
+    }
+    for (uint8_t state = SCALE; state < HEADING; ++state) {
+        fuse->motion_covariance[kalman_variance(state)] = variance;
+    }
 }
 
 void fuse_forget_turned(struct fuse *fuse) {

@@ -58,6 +58,8 @@ void fuse_stage_level(struct fuse *fuse);
 
 // Bias and scales as unsure as a gyroscope's can be.
 void fuse_init_gyro(struct fuse *fuse);
+// How well scales are known: `sigma` of a calibration, 1e-5.
+void fuse_set_scale_accuracy(struct fuse *fuse, uint16_t sigma);
 // The heading is that of a field learned anew: no error of it is known.
 void fuse_forget_turned(struct fuse *fuse);
 // Rest: for 1.5 s rates and force have stayed near their short mean, and the mean rate
@@ -79,6 +81,8 @@ void fuse_read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
 
 // How late readings of the field are, before turns have told.
 void fuse_init_lag(struct fuse *fuse);
+// How well the probe's own field is known: `sigma` of a calibration, 0.01 uT.
+void fuse_set_own_accuracy(struct fuse *fuse, uint16_t sigma);
 // Keeps a reading of the field, uT q14_18 in the body frame, with the attitude that it
 // was measured in.
 void fuse_take_reading(struct fuse *fuse, const struct vector *field_ut_q18);

@@ -19,7 +19,8 @@ static inline uint8_t kalman_variance(uint8_t state) {
 
 // Of each of the states its covariance with row * states, in the format of the
 // covariance; returns the variance of row * states. Needs |row| <= 2.8 and variances
-// whose sum is at most 2^28.
+// whose sum is at most 2^28, or deviations whose products with |row| add up to less
+// than 2^15.5.
 int32_t kalman_share(const int32_t covariance[], uint8_t states, const q2_14_t row[],
                      int32_t shared[]);
 

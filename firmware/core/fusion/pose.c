@@ -16,6 +16,7 @@ bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibrat
     gyro_calibrator_begin(&tracker->calibrator);
     attitude_init(&tracker->attitude, (enum filter)filter, identity->rate_hz,
                   identity->gyr_delay_us);
+    attitude_set_accuracy(&tracker->attitude, calibration);
     pose_set_origin(tracker, POSE_ORIGIN_NONE);
     tracker->latched_flags = 0;
     tracker->is_calibrated = false;

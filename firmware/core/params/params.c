@@ -10,11 +10,14 @@
 
 // A calibration is taken as it lies in its record.
 _Static_assert(offsetof(struct calibration_of_sensor, matrix) ==
-                   offsetof(struct record_acc, matrix),
-               "bias and matrix begin a record");
+                       offsetof(struct record_acc, matrix) &&
+                   offsetof(struct calibration_of_sensor, sigma) ==
+                       offsetof(struct record_acc, sigma),
+               "bias, matrix and sigma begin a record");
 _Static_assert(PARAMS_ACC == 1 && PARAMS_GYR == 2 && PARAMS_MAG == 3, "as sensors[]");
 enum {
-    VALUES_SIZE = offsetof(struct record_acc, sigma),
+    VALUES_SIZE = offsetof(struct record_acc, sigma),  // at least
+    VALUES_ALL = offsetof(struct record_acc, residual),
     TAGS_MAX = 8,  // of the records that are known, and of those that may not be double
 };
 
@@ -50,6 +53,9 @@ enum params_fault params_read(const IN_FLASH struct memory *memory, uint16_t off
         }
         if (head[1] < size) {
             return PARAMS_WRONG_LENGTH;
+        }
+        if (head[1] >= VALUES_ALL && size == VALUES_SIZE) {
+            size = VALUES_ALL;
         }
         memory_copy(memory, offset, to, size);
         if ((sensor != NULL && !calibration_of_sensor_is_valid(sensor)) ||

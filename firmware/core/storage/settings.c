@@ -64,7 +64,10 @@ struct first_values {
     uint8_t probe_id[ID_SIZE];
     uint16_t boot_count, pose_rate_hz, raw_rate_hz;
     uint8_t streams;
-    struct calibration calibration;  // which nothing set
+    struct {
+        int32_t bias[3];
+        int16_t matrix[3][3];
+    } calibration[3];  // which nothing set
 };
 enum {
     FIRST_VERSION = 1,

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: MIT
+"""Public recordings felt by modules from the shop: how wrong the filter is, and what it
+says of that, without any procedure and after a guided one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import engines
+import numpy as np
+import scoring
+import simulated
+from engines import HOST, Estimate
+from feed import sampled
+from report import Figure
+from scoring import SIGMAS, Trial
+
+from imud.calibration import housing, whole
+from imud.calibration.outcome import of_fit
+from imud.calibration.poses import BASE_DOWN
+from imud.params.value import Params
+from imud.rotation import FloatArray
+from imud.virtual.calibrating import SCALE
+from imud.virtual.modules import shop
+from imud.virtual.motions.module import Module
+from imud.virtual.sensors import NO_ERRORS
+
+# Seconds after the start of movement.
+PHASES = {"under 10 s": (0.0, 10.0), "to 30 s": (10.0, 30.0), "later": (30.0, np.inf)}
+INSTANTS_S = (30.0, 60.0)
+AROUND_S = 1.0  # of an instant: the error is the rms over it
+SALT = 0x5B0B  # of these modules' seeds
+
+
+def module_of(trial: Trial, seed: int) -> Module:
+    """A module as shops sell it. The recording has its own noise and its own delay."""
+    number = int(trial.name[:2])
+    module = shop(np.random.default_rng([seed, SALT, number]))
+    return replace(module, noise=NO_ERRORS, mag_lag_s=0.0)
+
+
+def measure(task: tuple[Path, int]) -> dict[str, Any]:
+    """One recording with one module: errors and what is stated of them."""
+    path, seed = task
+    trial = scoring.load_trial(path)
+    module = module_of(trial, seed)
+    felt = module.measures(trial.motion, np.random.default_rng([seed, 2]))
+    unknown = engines.ENGINES[HOST](sampled(felt, params=b""))
+    row: dict[str, Any] = {"trial": trial.name, "seed": seed}
+    row["has_rotation"] = "translation" not in trial.name
+    row |= told(unknown, trial)
+    own = engines.ENGINES[HOST](sampled(trial.motion))
+    row["own_total"] = total(own, trial)
+    known = guided(module, seed)
+    if known is not None:
+        found = engines.ENGINES[HOST](sampled(felt, params=known))
+        row["guided_total"] = total(found, trial)
+    return row
+
+
+def total(estimate: Estimate, trial: Trial) -> float:
+    return scoring.score_at(estimate.times_s, estimate.quats, trial.motion).total
+
+
+def guided(module: Module, seed: int) -> bytes | None:
+    """The params that a guided recording of the module gives; None: it gives none. How
+    good the gyroscope's are is left out: the recordings have scale errors of their own.
+    """
+    ups = [*simulated.UPS, BASE_DOWN.up, None]
+    recording = simulated.recorded(simulated.samples(module, seed, ups))
+    fit = whole.fit(recording)
+    if fit is None:
+        return None
+    params = of_fit(fit, SCALE, Params(), housing.found(recording, fit)).params
+    gyr = params.plain("gyr") or {}
+    return params.replaced("gyr", gyr | {"sigma": None}).encode()
+
+
+def told(estimate: Estimate, trial: Trial) -> dict[str, Any]:
+    """Heading errors at the instants, degrees, and by phase the shares of true errors
+    inside the stated 95 %, and of poses without a heading.
+    """
+    moving = scoring.counted(estimate.times_s, trial.motion)
+    since_s = estimate.times_s - estimate.times_s[np.argmax(moving)]
+    errors = scoring.errors_at(estimate.times_s, estimate.quats, trial.motion)
+    is_seen = moving & np.isfinite(errors.total)
+    found: dict[str, Any] = {}
+    for instant_s in INSTANTS_S:
+        near = is_seen & (np.abs(since_s - instant_s) < AROUND_S)
+        if near.any():
+            found[f"at {instant_s:g} s"] = _rms(errors.heading[near])
+    tilt_sigma, heading_sigma = estimate.tilt_sigma_deg, estimate.heading_sigma_deg
+    assert tilt_sigma is not None
+    assert heading_sigma is not None
+    for name, (begin_s, end_s) in PHASES.items():
+        phase = is_seen & (since_s >= begin_s) & (since_s < end_s)
+        if phase.any():
+            found[name] = {
+                "tilt": inside(errors.inclination[phase], tilt_sigma[phase]),
+                "heading": inside(errors.heading[phase], heading_sigma[phase]),
+                "null": float(np.isnan(heading_sigma[phase]).mean()),
+            }
+    return found
+
+
+def inside(errors_deg: FloatArray, sigmas_deg: FloatArray) -> float | None:
+    """The share of errors within the stated 95 %; None: none is stated."""
+    is_stated = np.isfinite(sigmas_deg)
+    if not is_stated.any():
+        return None
+    return float((errors_deg <= SIGMAS * sigmas_deg)[is_stated].mean())
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def tasks(seeds: Iterable[int]) -> list[tuple[Path, int]]:
+    """Each public recording with a module of each seed; none where there are none."""
+    paths = scoring.find_trials([scoring.RECORDINGS])
+    return [(path, seed) for seed in seeds for path in paths if path.exists()]
+
+
+def figures(rows: Sequence[dict[str, Any]]) -> list[Figure]:
+    """What the project must reach."""
+    found = []
+    limits = {30.0: ((4, 10), (2, 7)), 60.0: ((2, 6), (1.5, 4))}
+    for instant_s, (must, goal) in limits.items():
+        key = f"at {instant_s:g} s"
+        errors = [row[key] for row in rows if row["has_rotation"] and key in row]
+        for share, name, index in ((50, "median", 0), (95, "95th", 1)):
+            value = float(np.percentile(errors, share)) if errors else np.nan
+            name = f"no procedure, heading {key}, {name}"
+            found.append(Figure(name, value, (0, must[index]), (0, goal[index])))
+    for name in PHASES:
+        for kind in ("tilt", "heading"):
+            shares = [row[name][kind] for row in rows if name in row]
+            value = 100 * float(np.mean([each for each in shares if each is not None]))
+            title = f"no procedure, {kind} inside, {name}, %"
+            found.append(Figure(title, value, (93.0, 100.0), (95.0, 98.0)))
+    both = [row for row in rows if "guided_total" in row]
+    if both:
+        ratio = np.mean([row["guided_total"] for row in both]) / np.mean(
+            [row["own_total"] for row in both]
+        )
+        found.append(Figure("guided / own calibration", ratio, (0, 1.15), (0, 1.0)))
+    return found

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: MIT
+"""benchmarks/shop_trials.py: what is counted of public recordings with shop modules."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shop_trials
+import trusted
+from engines import Estimate
+from scoring import Trial
+
+from imud import rotation
+from imud.params.value import Params
+from imud.virtual import sensors
+
+RATE_HZ = 200
+
+
+def estimate(wrong_deg: float, sigma_deg: float) -> tuple[Estimate, Trial]:
+    """A still probe whose heading is wrong, and states how much; null for 5 s."""
+    true = sensors.generate(40.0, seed=3, rate_hz=RATE_HZ)
+    angle = np.array([0.0, 0.0, np.radians(wrong_deg)])
+    assert true.quat is not None
+    quats = rotation.multiply(rotation.from_rotation_vector(angle), true.quat)
+    sigmas = np.full(len(true), sigma_deg)
+    times = np.arange(len(true)) / RATE_HZ
+    null = np.where(times < 5.0, np.nan, sigmas)
+    return Estimate(times, quats, sigmas, null), Trial(Path("07_made.npz"), true, ())
+
+
+@pytest.mark.parametrize(("sigma_deg", "share"), [(4.0, 1.0), (2.0, 0.0)])
+def test_errors_are_counted_against_what_is_stated(sigma_deg, share):
+    found = shop_trials.told(*estimate(6.0, sigma_deg))
+    for phase in ("under 10 s", "to 30 s"):
+        assert found[phase]["heading"] == share
+        assert found[phase]["tilt"] == 1.0
+    assert 0.0 < found["under 10 s"]["null"] < 0.6
+    assert found["to 30 s"]["null"] == 0.0
+    assert found["at 30 s"] == pytest.approx(6.0, abs=0.01)
+    assert "at 60 s" not in found
+
+
+def test_poses_that_state_nothing_are_neither_inside_nor_outside():
+    assert shop_trials.inside(np.ones(3), np.full(3, np.nan)) is None
+    sigmas = np.array([np.nan, 1.0, 1.0])
+    assert shop_trials.inside(np.array([9.0, 1.0, 3.0]), sigmas) == 0.5
+
+
+def test_the_figures_judge_rotation_and_each_phase():
+    row = {"has_rotation": True, "at 30 s": 3.0, "at 60 s": 9.0}
+    row |= {name: {"tilt": 1.0, "heading": 0.9} for name in shop_trials.PHASES}
+    row |= {"own_total": 1.0, "guided_total": 1.1}
+    still = row | {"has_rotation": False, "at 30 s": 50.0}
+    found = {each.name: each for each in shop_trials.figures([row, still])}
+    assert found["no procedure, heading at 30 s, median"].verdict == "must"
+    assert found["no procedure, heading at 60 s, 95th"].verdict == "MISSED"
+    assert found["no procedure, heading inside, later, %"].verdict == "MISSED"
+    assert found["guided / own calibration"].value == pytest.approx(1.1)
+
+
+def test_trusted_params_change_no_reading_and_say_how_good_they_are():
+    params = Params.decode(trusted.CALIBRATED)
+    for name in ("acc", "gyr", "mag"):
+        found = params.calibration(name)
+        assert found is not None
+        assert np.array_equal(found.matrix, np.eye(3))
+        assert not np.any(found.bias_counts)
+        assert (found.sigma is None) == (name == "gyr")
+
+
+def test_orders_bring_every_word_before_they_are_applied():
+    times_us = [at_us for at_us, _ in trusted.orders_us(trusted.CALIBRATED)]
+    assert len(times_us) == -(-len(trusted.CALIBRATED) // 4) + 2
+    assert (np.diff(times_us) > 0).all()

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: MIT
+"""The filter of sensors that are calibrated well, a little or not at all: what it
+starts from, and what it states."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from core import desk
+from core.desk import lib
+from core.fuse_desk import rms, twin_stating
+from core.scenes import Filter, Scene, scene, tumble
+from imud import rotation
+
+NULL = 2**16 - 1
+MILLI_G = 9.80665e-3
+UNIT_UT2 = 2.0**19  # of the field's covariance
+OWN_UT = (25.0, -18.0, 12.0)  # a module's own field
+LEANS_MG = (20.0, -25.0, 15.0)  # and its accelerometer's bias
+
+
+def told(acc: int = NULL, gyr: int = NULL, mag: int = NULL) -> Filter:
+    """A filter that was told these sigmas."""
+    calibration = desk.ffi.new("struct calibration *", desk.UNKNOWN[0])
+    calibration.acc.sigma, calibration.gyr.sigma = acc, gyr
+    calibration.mag.sigma = mag
+    found = Filter(200)
+    lib.fuse_set_accuracy(found.c, calibration)
+    return found
+
+
+def of_the_shop(felt: Scene) -> Scene:
+    felt.mag += np.array(OWN_UT)
+    felt.acc += np.array(LEANS_MG) * MILLI_G
+    return felt
+
+
+@pytest.mark.parametrize(
+    ("sigma", "ut"),
+    [
+        (0, 0.79),
+        (79, 0.79),
+        (100, 1.0),
+        (500, 5.0),
+        (2099, 20.99),
+        (2100, 21),
+        (NULL, 21),
+    ],
+)
+def test_the_own_field_is_as_uncertain_as_its_calibration_left_it(sigma, ut):
+    deviation = math.sqrt(told(mag=sigma).c.own_variance / 16)
+    assert deviation == pytest.approx(ut, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("sigma", "degrees"),
+    [(0, 0.0), (100, 0.0826), (4160, 3.437), (4161, 3.438), (NULL, 3.438)],
+)
+def test_the_level_is_as_uncertain_as_two_axes_of_the_accelerometer(sigma, degrees):
+    variance = told(acc=sigma).c.level_variance / desk.ONE
+    assert math.degrees(math.sqrt(variance)) == pytest.approx(degrees, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("sigma", "percent"),
+    [(0, 0.03), (50, 0.0583), (999, 0.996), (1000, 1.0), (NULL, 1.0)],
+)
+def test_scales_are_as_uncertain_as_their_calibration_left_them(sigma, percent):
+    pairs = told(gyr=sigma).c.motion_covariance
+    for state in (3, 4, 5):
+        variance = pairs[lib.kalman_variance(state)] / 2.0**21
+        assert 100 * math.sqrt(variance) / 500 == pytest.approx(percent, abs=0.005)
+
+
+@pytest.fixture(scope="module")
+def shop() -> Scene:
+    """A minute in a hand with a module from the shop."""
+    return of_the_shop(scene(tumble(60, 200, 11), 200, seed=4))
+
+
+def test_uncalibrated_fixed_point_follows_doubles_and_states_the_same(shop):
+    found, _, quality = told().feel(shop)
+    track, stated = twin_stating(shop, is_known=False)
+    assert rms(desk.apart_deg(found, track)) < 0.05
+    known = quality["heading_sigma_cdeg"] != NULL
+    known[: 5 * 200] = False
+    assert known.mean() > 0.8
+    for index, name in enumerate(("tilt_sigma_cdeg", "heading_sigma_cdeg")):
+        apart = quality[name][known] / 100 - stated[known, index]
+        assert np.abs(apart).max() < 0.1
+
+
+def test_without_calibration_there_is_no_heading_until_the_probe_has_turned(shop):
+    found, _, quality = told().feel(shop)
+    heading = quality["heading_sigma_cdeg"]
+    assert (heading[: 4 * 200] == NULL).all()  # it rests
+    assert quality["is_heading_free"][3 * 200 : 4 * 200].all()
+    assert (heading[20 * 200 :] < 3000).all()
+    true = desk.apart_deg(found, shop.quat)
+    assert true[20 * 200 :].max() < 20
+    stated = np.hypot(heading, quality["tilt_sigma_cdeg"]) / 100
+    assert (true <= 1.96 * stated)[20 * 200 :].mean() > 0.95
+
+
+def test_a_known_own_field_gives_a_heading_at_rest():
+    felt = scene(np.tile(rotation.IDENTITY, (1200, 1)), 200, seed=4)
+    known, unknown = (each.feel(felt)[2][-1] for each in (told(0, 0, 0), told()))
+    assert known["heading_sigma_cdeg"] < 300
+    assert unknown["heading_sigma_cdeg"] == NULL
+    assert known["tilt_sigma_cdeg"] < 60
+    assert unknown["tilt_sigma_cdeg"] > 340
+
+
+def test_the_covariance_of_an_unknown_field_stays_in_its_range(shop):
+    """Through turns, rests and gaps of readings."""
+    fuse = told()
+    for begun in range(0, len(shop), 2000):
+        piece = shop[slice(begun, begun + 2000)]
+        piece.has_mag &= np.arange(len(piece)) % 1000 < 700
+        fuse.feel(piece)
+        variances = [fuse.c.field_covariance[lib.kalman_variance(i)] for i in range(6)]
+        assert min(variances) >= 1
+        assert max(variances) <= 460 * UNIT_UT2
