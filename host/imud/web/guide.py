@@ -85,8 +85,7 @@ class Guide:
         except GuideError as error:
             self._say(phase="refused", why=str(error))
         finally:
-            if self._process is not None:
-                processes.kill(self._process)
+            await processes.end(self._process)
             for command, parameters in reversed(self._undo):
                 with contextlib.suppress(GuideError):  # it may be gone
                     await self._ask(self._probe, command, parameters)

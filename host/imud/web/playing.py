@@ -63,9 +63,7 @@ class Playing:
             while process.stdout and (line := await process.stdout.readline()):
                 self._take(line.rstrip(b"\n"))
         finally:
-            if self._process is not None:
-                processes.kill(self._process)
-                await self._process.wait()
+            await processes.end(self._process)
 
     def _take(self, line: bytes) -> None:
         probe, topic, payload = line.split(b"\t", 2)

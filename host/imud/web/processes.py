@@ -34,6 +34,13 @@ def kill(process: Process) -> None:
             os.kill(process.pid, signal.SIGKILL)
 
 
+async def end(process: Process | None) -> None:
+    """Ends it, and closes what leads to it."""
+    if process is not None:
+        kill(process)
+        await process.communicate()
+
+
 def write(process: Process | None, lines: bytes) -> None:
     """Hands it lines, if it is there."""
     if process is not None and process.returncode is None and process.stdin:
