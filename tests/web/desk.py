@@ -96,6 +96,7 @@ class Desk:
         self.probe = FakeProbe()
         self.port = Port(folder / "port")
         self.poses: dict[int, dict[str, Any]] = {}
+        self.aims: list[dict[str, Any]] = []
         self.daemon = self._start()
         self.hand = Hand(self.port, self.probe)
         self.hand.turn((1.0, 0.0, 0.0, 0.0))
@@ -118,6 +119,9 @@ class Desk:
         self._client = Client(daemon.endpoint)
         self._client.wait_for(seconds=PATIENCE_S)
         self._client.subscribe("pose", None, self._keep)
+        self._client.subscribe(
+            "aim", None, lambda _, payload: self.aims.append(json.loads(payload))
+        )
         return daemon
 
     def _keep(self, _: str, payload: bytes) -> None:

@@ -44,6 +44,14 @@ TURN = (
     ),
 )
 
+SIGMA = """() => {
+  const { probe } = globalThis.imud.model;
+  const tilt = probe.pose.tilt_sigma_deg;
+  const [w, x, y, z] = probe.pose.q;
+  const share = Math.hypot(1 - 2 * (y * y + z * z), 2 * (x * y + w * z));
+  return Math.hypot(tilt, share * probe.pose.heading_sigma_deg);
+}"""
+
 STATE = """() => {
   const { view, model } = globalThis.imud;
   const { x, y, z, w } = view.scene.body.quaternion;
@@ -198,6 +206,8 @@ def test_a_target_is_reached_only_when_error_and_two_sigma_are_inside(
         page.fill(f'[name="{name}"]', str(value))
     page.get_by_role("button", name="Aim", exact=True).click()
     page.locator('[data-part="word"]').get_by_text("Reached").wait_for()
+    until(lambda: desk.aims and desk.aims[-1]["is_reached"])
+    assert desk.aims[-1]["error_deg"] == pytest.approx(0.0, abs=1e-4)
     page.wait_for_selector('.aim[data-state="reached"]')
     assert shown.number("error") < 0.01
     assert page.locator(".protocol tbody tr").count() == 1
@@ -218,6 +228,10 @@ def test_a_target_is_reached_only_when_error_and_two_sigma_are_inside(
             ".textContent.trim()) - want) < 0.02",
             pitch - 80,
         )
+        said = {"off": "off", "unsure": "unsure"}[state]
+        until(lambda said=said: desk.aims[-1]["state"] == said)
+        assert desk.aims[-1]["error_deg"] == pytest.approx(pitch - 80, abs=1e-4)
+        assert desk.aims[-1]["sigma_deg"] == page.evaluate(SIGMA)
     desk.hand.turn(attitude(40, 80, 10), tilt_sigma=0.1, heading_sigma=None)
     page.get_by_text("how sure is not known").wait_for()
     assert page.get_attribute(".aim", "data-state") == "unsure"

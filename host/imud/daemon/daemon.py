@@ -17,6 +17,7 @@ import msgspec
 
 from imud import journal
 from imud.config.settings import Config, listens_on
+from imud.daemon.aiming import aim_at
 from imud.daemon.commands import Commander
 from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake
@@ -24,6 +25,7 @@ from imud.daemon.metrics import Metrics
 from imud.daemon.outputs import Outputs
 from imud.daemon.params_change import ParamsChange
 from imud.daemon.params_history import History
+from imud.daemon.publisher import AIM
 from imud.daemon.selector import GatheringSelector
 from imud.daemon.status import STATUS_S
 from imud.daemon.systemd import Notifier
@@ -240,9 +242,11 @@ class Daemon:
     async def _carry_out(
         self, name: str, command: str, parameters: Mapping[str, str]
     ) -> Any:
-        """A command to a probe, or a change of its params."""
+        """A command to a probe, or about it: a change of its params, an aim."""
         if command == "params":
             return await self._params.command(name, parameters)
+        if command == AIM:
+            return aim_at(self._commander.entry_of(name), parameters)
         return await self._commander.command(name, command, parameters)
 
     def _begin_set_up(self, name: str) -> None:

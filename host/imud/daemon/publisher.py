@@ -12,6 +12,8 @@ from imud.daemon.hub import Hub
 from imud.daemon.registry import ProbeEntry
 from imud.probes.record import Presence, Record
 
+AIM = "aim"  # topic: how near a probe is to where it should be
+
 
 class Publisher:
     """The way of all records from the daemon to the hub."""
@@ -23,6 +25,9 @@ class Publisher:
     def put(self, entry: ProbeEntry, record: Record) -> None:
         entry.put += 1
         self._hub.put(record)
+        if entry.aim is not None and record.topic == "pose" and record.said:
+            values = entry.aim.take(record.said)
+            self.say(entry, AIM, values, record.t_ns, record.sequence)
 
     def say(
         self,

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 from imud.calibration.earth import Earth, earth_at
 from imud.config.settings import Config, Place
+from imud.probes.aim import Aim
 from imud.probes.north import North
 from imud.probes.record import Stamp
 from imud.probes.session import OtherSchema, Probe, Session
@@ -55,6 +56,7 @@ class ProbeEntry:
         self.put = 0  # records given to the hub
         self.equipment: dict[str, Any] | None = None  # None: the board sends none
         self.pose: Mapping[str, Any] = {}
+        self.aim: Aim | None = None  # what it is to be brought to
         self.poses = 0
         self.poses_before = 0  # at the last tick
         self.pose_rate_hz = 0.0

@@ -67,6 +67,23 @@ JSON_SCHEMAS: dict[str, dict[str, Any]] = {
         mag_counts=_vector(3),
         flags=_FLAGS,
     ),
+    "aim": _object(
+        **_ABOUT | {"t_ns": _OPTIONAL_COUNT},
+        number=_COUNT,
+        t_device_us=_COUNT,
+        target=_TEXT,
+        target_q=_vector(4, is_optional=False),
+        axis={"enum": ["x", "y", "z", "all"]},
+        tolerance_deg=_NUMBER,
+        hold_s=_NUMBER,
+        error_deg=_NUMBER,
+        sigma_deg=_OPTIONAL,
+        state={"enum": ["off", "unsure", "sure"]},
+        difference_deg=_vector(3, is_optional=False),
+        held_s=_NUMBER,
+        bound_deg=_OPTIONAL,
+        is_reached={"type": "boolean"},
+    ),
     "event": _object(
         **_HEAD, event={"type": "string"}, cause={"type": "string"}, detail=_COUNT
     ),

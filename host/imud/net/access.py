@@ -14,9 +14,9 @@ from imud.ros2 import topics
 Role = Literal["viewer", "operator", "recorder", "daemon"]
 
 ROLES: dict[Role, str] = {
-    "viewer": "pose, status and params",
-    "operator": "pose, status, params, event and raw; commands",
-    "recorder": "pose, status, params, event, raw, frame, twin, learn, clock and log",
+    "viewer": "pose, aim, status and params",
+    "operator": "pose, aim, status, params, event and raw; commands",
+    "recorder": "pose, aim, status, params, event, raw, frame, twin, learn, clock, log",
     "daemon": "another imud, which publishes into this network",
 }
 
@@ -24,11 +24,12 @@ Rule = dict[str, Any]
 
 # The last parts of the keys that a role may read.
 READS: dict[Role, tuple[str, ...]] = {
-    "viewer": ("pose", "status", "params"),
+    "viewer": ("pose", "aim", "status", "params"),
     # To calibrate a probe takes its samples and events.
-    "operator": ("pose", "status", "params", "event", "raw"),
+    "operator": ("pose", "aim", "status", "params", "event", "raw"),
     "recorder": (
         "pose",
+        "aim",
         "status",
         "params",
         "event",

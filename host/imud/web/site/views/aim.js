@@ -36,6 +36,8 @@ export class AimView {
     /** @type {Target | null} */
     this._target = null;
     this._numbersMs = 0;
+    this._told = "";
+    this._toldProbe = "";
     this._form = new Form(this._convention, this._targets.freshName(), {
       aim: (target) => this._add(target),
       capture: () => this._capture(),
@@ -65,12 +67,54 @@ export class AimView {
     this._aimAt(this._targets.all.find((one) => one.name === name) ?? null);
   }
 
-  close() {}
+  close() {
+    this._tell("off=1");
+  }
+
+  /**
+   * Has the daemon publish the aim at a target, as imud/<probe>/aim; says nothing where
+   * that is not allowed.
+   * @param {string} said
+   */
+  _tell(said) {
+    const { selected, mayCommand, link } = this._model;
+    const key = `${selected} ${said}`;
+    if (key === this._told || !mayCommand || !selected) {
+      return;
+    }
+    if (this._told && this._toldProbe !== selected) {
+      link.ask(this._toldProbe, "aim", { off: "1" }).catch(() => {});
+    }
+    this._told = key;
+    this._toldProbe = selected;
+    const parameters = Object.fromEntries(new URLSearchParams(said));
+    link.ask(selected, "aim", parameters).catch(() => {});
+  }
+
+  /** What the daemon should know of the target. */
+  get _aim() {
+    if (this._target === null) {
+      return "off=1";
+    }
+    const { q, name, axis, tolerance_deg: tolerance, hold_s: hold } = this._target;
+    return new URLSearchParams({
+      q: q.join(","),
+      target: name.replaceAll(";", ","),
+      axis,
+      tolerance_deg: String(tolerance),
+      hold_s: String(hold),
+    }).toString();
+  }
 
   /** @param {number} nowMs */
   draw(nowMs) {
     const { probe, link } = this._model;
     const target = this._target;
+    if (link.state === "open") {
+      this._tell(this._aim);
+    } else {
+      this._told = "";
+    }
     const pose = probe?.pose ?? null;
     const isStale = probe === undefined || probe.isStale(nowMs) || link.state !== "open";
     mark(this.element, "data-stale", isStale);

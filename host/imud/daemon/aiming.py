@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: MIT
+"""The command `aim`: what a probe should be brought to, or nothing any more."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from imud.daemon.registry import ProbeEntry
+from imud.errors import CommandRefused
+from imud.probes.aim import Aim, Target
+
+NEEDS = (
+    "aim needs q=W,X,Y,Z with world_from_body, and may have axis=x, y, z or all, "
+    "tolerance_deg, hold_s and target=NAME; or off=1"
+)
+NAME_MAX = 60  # characters of a target
+
+
+def aim_at(entry: ProbeEntry, parameters: Mapping[str, str]) -> dict[str, Any] | None:
+    """Sets or removes the target of a probe, and returns it; CommandRefused if the
+    parameters are wrong.
+    """
+    if parameters == {"off": "1"}:
+        entry.aim = None
+        return None
+    unknown = parameters.keys() - {*Target.__struct_fields__}
+    given: dict[str, Any] = dict(parameters)
+    try:
+        q = [float(part) for part in given.pop("q", "").split(",")]
+        length = math.hypot(*q)
+        given["q"] = [part / length for part in q]
+        target = msgspec.convert(given, Target, strict=False)
+    except (ValueError, ZeroDivisionError, msgspec.ValidationError) as error:
+        raise CommandRefused(NEEDS) from error
+    limits = (length, target.tolerance_deg, target.hold_s)
+    if unknown or not all(map(math.isfinite, limits)) or len(target.target) > NAME_MAX:
+        raise CommandRefused(NEEDS)
+    entry.aim = Aim(target)
+    found: dict[str, Any] = msgspec.to_builtins(target)
+    return found

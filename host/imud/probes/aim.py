@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: MIT
+"""How near a probe is to a desired orientation, pose by pose, computed by quaternions:
+the same definitions as in web/site/aim/target.js and hold.js.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from imud import rotation
+from imud.rotation import FloatArray
+
+Axis = Literal["x", "y", "z", "all"]
+DIRECTIONS: dict[str, tuple[float, float, float]] = {
+    "x": (1.0, 0.0, 0.0),
+    "y": (0.0, 1.0, 0.0),
+    "z": (0.0, 0.0, 1.0),
+    "all": (1.0, 0.0, 0.0),
+}
+# An axis this close to the vertical (its sine) does not depend on the heading.
+UPRIGHT = 0.01
+
+
+class Target(msgspec.Struct, frozen=True):
+    """A desired orientation. What has to agree is one axis, or all of the attitude."""
+
+    q: tuple[float, float, float, float]  # world_from_body
+    target: str = "target"  # its name
+    axis: Axis = "x"
+    tolerance_deg: float = 2.0
+    hold_s: float = 2.0
+
+
+class Aim:
+    """Follows the poses of one probe towards a target."""
+
+    def __init__(self, target: Target) -> None:
+        self._target = target
+        self._wanted = np.array(target.q)
+        self._direction = np.array(DIRECTIONS[target.axis])
+        self._since_us: int | None = None
+        self._last_us = 0
+        self._bound_deg = 0.0
+        self._is_reached = False
+
+    def take(self, pose: Mapping[str, Any]) -> dict[str, Any]:
+        """What a published pose means, as plain values."""
+        target = self._target
+        error, sigma = self._error_deg(np.array(pose["q"])), self._sigma_deg(pose)
+        is_sure = sigma is not None and error + 2.0 * sigma <= target.tolerance_deg
+        state = "off" if error > target.tolerance_deg else "unsure"
+        held_s = self._hold(pose["t_device_us"], error, sigma if is_sure else None)
+        mine = rotation.angles_deg(pose["q"], "nautical")
+        wanted = rotation.angles_deg(target.q, "nautical")
+        return {
+            "number": pose["number"],
+            "t_device_us": pose["t_device_us"],
+            "t_ns": pose["t_ns"],
+            "target": target.target,
+            "target_q": target.q,
+            "axis": target.axis,
+            "tolerance_deg": target.tolerance_deg,
+            "hold_s": target.hold_s,
+            "error_deg": error,
+            "sigma_deg": sigma,
+            "state": "sure" if is_sure else state,
+            "difference_deg": [
+                _wrapped(is_ - should) for is_, should in zip(mine, wanted, strict=True)
+            ],
+            "held_s": held_s,
+            "bound_deg": self._bound_deg if is_sure else None,
+            "is_reached": self._is_reached,
+        }
+
+    def _error_deg(self, q: FloatArray) -> float:
+        if self._target.axis == "all":
+            w, *v = rotation.multiply(q, rotation.inverse(self._wanted))
+            half = math.atan2(math.hypot(*v), abs(w))
+            return math.degrees(2.0 * half)
+        is_ = rotation.rotate(q, self._direction)
+        should = rotation.rotate(self._wanted, self._direction)
+        across = float(np.linalg.norm(np.cross(is_, should)))
+        return math.degrees(math.atan2(across, float(is_ @ should)))
+
+    def _sigma_deg(self, pose: Mapping[str, Any]) -> float | None:
+        """One sigma of the error, from those of tilt and heading."""
+        tilt, turn = pose["tilt_sigma_deg"], pose["heading_sigma_deg"]
+        if tilt is None:
+            return None
+        # An origin of its own may mix tilt and heading: then all of both counts.
+        is_mixed = self._target.axis == "all" or "tared" in pose["flags"]
+        east, north, _ = rotation.rotate(np.array(pose["q"]), self._direction)
+        share = 1.0 if is_mixed else math.hypot(east, north)
+        if share < UPRIGHT:
+            return float(tilt)
+        return None if turn is None else math.hypot(tilt, share * turn)
+
+    def _hold(self, time_us: int, error: float, sigma: float | None) -> float:
+        """Seconds that it has surely been within the tolerance."""
+        if sigma is None or time_us < self._last_us:
+            self._since_us, self._bound_deg = None, 0.0
+            self._last_us = time_us
+            return 0.0
+        self._last_us = time_us
+        if self._since_us is None:
+            self._since_us = time_us
+        self._bound_deg = max(self._bound_deg, error + 2.0 * sigma)
+        held_s = (time_us - self._since_us) / 1e6
+        self._is_reached = self._is_reached or held_s >= self._target.hold_s
+        return held_s
+
+
+def _wrapped(degrees: float) -> float:
+    return degrees - 360.0 * math.floor((degrees + 180.0) / 360.0)
