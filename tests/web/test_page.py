@@ -8,7 +8,6 @@ import csv
 import io
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,49 +17,20 @@ import length
 from imud import rotation
 from raw_probe import calibrating
 from streaming import until
+from web import baranek
 from web.applied import apply_and_undo
 from web.desk import Desk, Seen, seen
-
-pytestmark = pytest.mark.together
-
-CONVENTIONS = ("nautical", "aerospace", "nectec")
-
-# Yaw, pitch and roll in degrees: round the compass, across 180, through gimbal lock.
-TURN = (
-    (179.99, 0, 0),
-    (-179.99, 10, -20),
-    (30, 90, 15),
-    (-120, -89.99, -179.99),
-    *length.choose(
-        everyday=(),
-        long=(
-            (0, 0, 0),
-            (90, 10, -20),
-            (-90, 45, 179.9),
-            (30, 89.9, 15),
-            (30, -90, 15),
-            (12.34, -56.78, 90.12),
-        ),
-    ),
+from web.turns import (
+    CONVENTIONS,
+    SIGMA,
+    STATE,
+    TURN,
+    attitude,
+    differences,
+    pose_on,
 )
 
-SIGMA = """() => {
-  const { probe } = globalThis.imud.model;
-  const tilt = probe.pose.tilt_sigma_deg;
-  const [w, x, y, z] = probe.pose.q;
-  const share = Math.hypot(1 - 2 * (y * y + z * z), 2 * (x * y + w * z));
-  return Math.hypot(tilt, share * probe.pose.heading_sigma_deg);
-}"""
-
-STATE = """() => {
-  const { view, model } = globalThis.imud;
-  const { x, y, z, w } = view.scene.body.quaternion;
-  return {
-    number: Number(document.querySelector(".numbers").dataset.number),
-    body: [w, x, y, z],
-    q: model.probe.pose.q,
-  };
-}"""
+pytestmark = pytest.mark.together
 
 
 @pytest.fixture(scope="module")
@@ -73,38 +43,6 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
 def shown(browser: Browser, desk: Desk) -> Iterator[Seen]:
     with seen(browser, desk) as found:
         yield found
-
-
-def attitude(yaw: float, pitch: float, roll: float) -> tuple[float, ...]:
-    angles = np.deg2rad([yaw, pitch, roll])
-    return tuple(map(float, rotation.from_heading_pitch_roll(*angles)))
-
-
-def pose_on(
-    shown: Seen, desk: Desk, q: tuple[float, ...], **fields: Any
-) -> dict[str, Any]:
-    """Turns the probe and returns what the page shows once it shows that."""
-    desk.hand.turn(q, **fields)
-    # On the wire a component is a multiple of 2^-30.
-    shown.until(
-        "q => globalThis.imud.model.probe.pose.q"
-        ".every((one, i) => Math.abs(one - q[i]) < 2 ** -29)",
-        [*q],
-    )
-    number = shown.page.evaluate("globalThis.imud.model.probe.pose.number")
-    shown.until(
-        "n => Number(document.querySelector('.numbers').dataset.number) >= n",
-        number,
-    )
-    state: dict[str, Any] = shown.page.evaluate(STATE)
-    return state
-
-
-def differences(shown: Seen, want: tuple[float, ...]) -> list[float]:
-    """The angles that the page shows, minus those; a whole turn is no difference."""
-    is_shown = [shown.number(key) for key in ("yaw", "pitch", "roll")]
-    pairs = zip(is_shown, want, strict=True)
-    return [(angle - wanted + 180) % 360 - 180 for angle, wanted in pairs]
 
 
 @pytest.mark.long
@@ -190,6 +128,25 @@ def test_signals_are_the_poses_and_can_be_saved(shown: Seen, desk: Desk) -> None
         shown.page.get_by_role("button", name="PNG").click()
     assert Path(saved.value.path()).read_bytes().startswith(b"\x89PNG")
     desk.hand.is_telling_raw = False
+
+
+def test_the_pi_signals_are_those_of_baraneks_equations(shown: Seen) -> None:
+    random = np.random.default_rng(4)
+    gyr = np.cumsum(random.normal(0, 0.05, (300, 3)), axis=0)
+    acc = np.array([0, 0, 9.81]) + random.normal(0, 0.5, (300, 3))
+    acc[0] = (0, 0, 9.81)  # it begins level
+    found = shown.page.evaluate(
+        """async ([gyr, acc]) => {
+          const { DcmPi } = await import("/signals/baranek.js");
+          const pi = new DcmPi();
+          return gyr.map((rate, i) => {
+            pi.step(rate, acc[i], 0.01);
+            return [...pi.error, ...pi.offset];
+          });
+        }""",
+        [gyr.tolist(), acc.tolist()],
+    )
+    assert np.abs(np.array(found) - baranek.outputs(gyr, acc, 0.01)).max() < 1e-9
 
 
 def test_a_target_is_reached_only_when_error_and_two_sigma_are_inside(

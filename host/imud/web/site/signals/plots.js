@@ -96,6 +96,26 @@ export const PLOTS = [
     ],
   },
   {
+    id: "pi-error",
+    title: "PI error, Baranek",
+    unit: "sine",
+    source: "raw",
+    series: [
+      ["x", "pi_error_x", "axis-x"],
+      ["y", "pi_error_y", "axis-y"],
+    ],
+  },
+  {
+    id: "pi-output",
+    title: "PI output, Baranek",
+    unit: "°/s",
+    source: "raw",
+    series: [
+      ["x", "pi_offset_x_deg_s", "axis-x"],
+      ["y", "pi_offset_y_deg_s", "axis-y"],
+    ],
+  },
+  {
     id: "temperature",
     title: "Temperature",
     unit: "°C",

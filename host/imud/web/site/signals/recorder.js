@@ -12,6 +12,7 @@ import {
   normalized,
   toAngles,
 } from "../rotation.js";
+import { DcmPi } from "./baranek.js";
 import { History } from "./history.js";
 
 /** @typedef {import("../link.js").Line} Line */
@@ -48,6 +49,10 @@ export const RAW_COLUMNS = [
   "gyr_roll_deg",
   "fused_pitch_deg",
   "fused_roll_deg",
+  "pi_error_x",
+  "pi_error_y",
+  "pi_offset_x_deg_s",
+  "pi_offset_y_deg_s",
 ];
 
 /** Follows one probe. */
@@ -63,6 +68,7 @@ export class Recorder {
     /** @type {Quat | null} */
     this._gyro = null;
     this._rawUs = 0;
+    this._pi = new DcmPi();
     /** @type {Quat} */
     this._fused = IDENTITY;
     this._fusedUs = -Infinity;
@@ -73,6 +79,7 @@ export class Recorder {
     this.pose.clear();
     this.raw.clear();
     this._gyro = null;
+    this._pi = new DcmPi();
     this._fusedUs = -Infinity;
   }
 
@@ -126,6 +133,12 @@ export class Recorder {
       this._mag = line.mag_uT; // it comes less often than the others
     }
     const isFresh = Math.abs(line.t_device_us - this._fusedUs) < TOGETHER_US;
+    const seconds = (line.t_device_us - this._rawUs) / 1e6;
+    if (seconds > 0 && seconds < 1 && line.acc_m_s2 && line.gyr_rad_s) {
+      this._pi.step(gyr, acc, seconds);
+    } else {
+      this._pi = new DcmPi();
+    }
     this._turn(gyr, line.t_device_us, isFresh);
     const none = { yaw: NaN, pitch: NaN, roll: NaN };
     const turned = this._gyro === null ? none : toAngles(this._gyro, "nautical");
@@ -141,6 +154,8 @@ export class Recorder {
       turned.roll,
       fused.pitch,
       fused.roll,
+      ...this._pi.error,
+      ...this._pi.offset.map((rate) => rate * DEGREES),
     ]);
   }
 
