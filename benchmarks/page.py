@@ -167,7 +167,7 @@ def memory(page: Page, minutes: float) -> list[dict[str, float]]:
 
 
 def draw_like_a_browser(url: str, to: Connection) -> None:
-    """A connection that reads everything and reports it as drawn, without drawing."""
+    """A connection that asks for what the view Probe does, and reports it as drawn."""
     with connect(
         url.replace("http", "ws", 1) + "/live",
         origin=Origin(url),
@@ -175,10 +175,16 @@ def draw_like_a_browser(url: str, to: Connection) -> None:
         compression=None,
     ) as live:
         to.send("open")
+        probe = ""
         while True:
             message = live.recv()
             assert isinstance(message, bytes)
-            number = json.loads(message.partition(b"\n")[0])["n"]
+            head, *lines = map(json.loads, message.split(b"\n"))
+            poses = [line for line in lines if line["type"] == "pose"]
+            if poses and not probe:
+                probe = poses[0]["probe"]
+                live.send(json.dumps({"do": "watch", "probe": probe}))
+            number = head["n"]
             if number % 4 == 0:
                 live.send(json.dumps({"do": "seen", "n": number}))
             if to.poll():
@@ -249,7 +255,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     found: dict[str, Any] = {"views": {}, "cost": []}
     chromium = shutil.which("chromium")
-    total_s = 30 + (2 + len(options.browsers)) * (options.seconds + 15)
+    # More than it takes: the probes are ended when all is measured.
+    total_s = 120 + (2 + len(options.browsers)) * (options.seconds + 30)
     with (
         tempfile.TemporaryDirectory() as folder,
         daemon(Path(folder), total_s) as (pid, url),

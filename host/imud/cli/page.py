@@ -48,7 +48,7 @@ class Distant:
             def take(delivery: Delivery) -> None:
                 # A line is one object; JSON of imud's has no line breaks.
                 if b"\n" not in delivery.payload:
-                    page.take(delivery.probe, topic, delivery.payload)
+                    page.take([((delivery.probe, topic), delivery.payload)])
 
             return take
 
@@ -56,7 +56,7 @@ class Distant:
             if self._client.may(topic):
                 self._client.listen(topic, None, taker(topic))
         for status in self._client.statuses():
-            page.take(str(status["probe"]), "status", _encode(status))
+            page.take([((str(status["probe"]), "status"), _encode(status))])
 
     def ask(
         self, probe: str, command: str, parameters: dict[str, str], answer: Answer

@@ -31,7 +31,8 @@ RETRY_S = 2.0
 SUCCEED_S = 10.0
 
 # A sink with a period takes many records at a time. After so many it releases the
-# interpreter, for which the loop would otherwise wait for milliseconds.
+# interpreter, for which the loop would otherwise wait for milliseconds. One whose
+# `is_quick` is true only keeps what it takes, and needs no pauses.
 PAUSE_EVERY, PAUSE_S = 16, 0.0001
 
 logger = logging.getLogger("imud")
@@ -65,6 +66,7 @@ class Lane:
         self.sink = sink
         self._capacity = capacity
         self._half = (capacity + 1) // 2
+        self._pauses = not getattr(sink, "is_quick", False)
         self._queue: deque[Item] = deque()
         self._in_hand: Sequence[Item] = ()  # out of the queue, not yet counted
         self._wake = threading.Condition()
@@ -245,7 +247,8 @@ class Lane:
             for item in items:
                 self.sink.take(item)
                 done += 1
-                if done % PAUSE_EVERY == 0 and self.sink.period_s > 0:
+                is_due = done % PAUSE_EVERY == 0 and self._pauses
+                if is_due and self.sink.period_s > 0:
                     time.sleep(PAUSE_S)
 
         is_well = self._attempt(take)

@@ -26,6 +26,8 @@ ANSWERS_MAX = 64
 # Without anything new a head alone is sent so often: it shows that the server is there.
 HEARTBEAT_S = 0.2
 RATE_HZ = 60.0
+# Poses of probes that are not looked at are sent this often.
+OTHERS_S = 0.1
 # A message may be sent this share of a period before it is due.
 SLACK = 0.4
 
@@ -40,10 +42,13 @@ class Browser:
     def __init__(self) -> None:
         self._reads: frozenset[str] = frozenset()
         self._every: frozenset[Key] = frozenset()
+        self._probe = ""  # that is looked at; empty: all are
         self._period_s = 1.0 / RATE_HZ
         self._sent_s = 0.0  # time of the loop
         self._is_beat = False
         self._latest: dict[Key, bytes] = {}
+        self._others: dict[Key, bytes] = {}
+        self._others_s = 0.0  # when they were sent last
         self._waiting: dict[Key, deque[bytes]] = {}
         self._answers: deque[bytes] = deque(maxlen=ANSWERS_MAX)
         self._wake = asyncio.Event()
@@ -56,8 +61,9 @@ class Browser:
         """Sets the topics that its user may read."""
         self._reads = reads
 
-    def watch(self, every: frozenset[Key], rate_hz: float) -> None:
-        """Sets of what it wants every payload, and how often it draws."""
+    def watch(self, every: frozenset[Key], rate_hz: float, probe: str = "") -> None:
+        """Sets of what it wants every payload, how often it draws, and which probe."""
+        self._probe = probe
         self._every = frozenset(key for key in every if key[1] in STREAMS)
         self._waiting = {k: v for k, v in self._waiting.items() if k in self._every}
         self._period_s = 1.0 / rate_hz
@@ -77,6 +83,7 @@ class Browser:
         """From here on it gets what a log has, or again what is live."""
         self.is_playing = is_playing
         self._latest.clear()
+        self._others.clear()
         self._waiting.clear()
 
     def put(
@@ -95,6 +102,8 @@ class Browser:
                 while len(waiting) > WAITING_MAX:
                     waiting.popleft()
                     self.left_out += 1
+            elif topic == "pose" and self._probe not in ("", key[0]):
+                self._others[key] = payloads[-1]
             elif topic in LATEST:
                 self._latest[key] = payloads[-1]
         self._wake.set()
@@ -133,6 +142,11 @@ class Browser:
                 self._wake.set()
 
     def _has_news(self) -> bool:
+        now_s = asyncio.get_running_loop().time()
+        if self._others and now_s - self._others_s >= OTHERS_S:
+            self._others_s = now_s
+            self._latest |= self._others
+            self._others.clear()
         return bool(self._latest or self._waiting or self._answers or self._is_beat)
 
     def _compose(self) -> bytes:

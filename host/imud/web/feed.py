@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 Key = tuple[str, str]  # probe and topic
 
@@ -34,20 +34,20 @@ class Feed:
         self._last: dict[Key, bytes] = {}
         self.is_watched = False  # else only the last payload is kept
 
-    def take(self, probe: str, topic: str, payload: bytes) -> None:
-        key = (probe, topic)
+    def take(self, payloads: Iterable[tuple[Key, bytes]]) -> None:
         with self._lock:
-            if key not in self._last and len(self._last) >= KEYS_MAX:
-                return
-            self._last[key] = payload
-            if not self.is_watched:
-                return
-            if topic not in STREAMS and topic != EVENT:
-                self._fresh[key] = deque((payload,))
-            elif (fresh := self._fresh.get(key)) is not None:
-                fresh.append(payload)
-            else:
-                self._fresh[key] = deque((payload,), FRESH_MAX)
+            for key, payload in payloads:
+                if key not in self._last and len(self._last) >= KEYS_MAX:
+                    continue
+                self._last[key] = payload
+                if not self.is_watched:
+                    continue
+                if key[1] not in STREAMS and key[1] != EVENT:
+                    self._fresh[key] = deque((payload,))
+                elif (fresh := self._fresh.get(key)) is not None:
+                    fresh.append(payload)
+                else:
+                    self._fresh[key] = deque((payload,), FRESH_MAX)
 
     def swap(self) -> Mapping[Key, deque[bytes]]:
         """What came since the last call."""

@@ -34,10 +34,13 @@ class Login(_Said, frozen=True):
 
 
 class Watch(_Said, frozen=True):
-    """Of which probes' topics it wants every payload, and how often it draws."""
+    """Of which probes' topics it wants every payload, how often it draws, and which
+    probe it looks at: poses of others are sent less often.
+    """
 
     every: Annotated[tuple[tuple[Name, Name], ...], Meta(max_length=16)] = ()
     rate_hz: Annotated[float, Meta(ge=0.2, le=240)] = 60.0
+    probe: Name | None = None
 
 
 class Seen(_Said, frozen=True):

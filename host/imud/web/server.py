@@ -11,7 +11,7 @@ import contextlib
 import os
 import socket
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from http import HTTPStatus
 from typing import Any, cast
 
@@ -25,7 +25,7 @@ from imud.errors import ListenFailed
 from imud.version import version
 from imud.web import doors, gate
 from imud.web.browser import Browser
-from imud.web.feed import CALIBRATION, Feed
+from imud.web.feed import CALIBRATION, Feed, Key
 from imud.web.files import Files
 from imud.web.gate import Connection, Gate, OnNotice
 from imud.web.guide import GuideError, Guides
@@ -115,9 +115,9 @@ class Page:
         if self._socket is not None:
             self._socket.close()
 
-    def take(self, probe: str, topic: str, payload: bytes) -> None:
-        """Something that was published about a probe: JSON on one line."""
-        self._feed.take(probe, topic, payload)
+    def take(self, payloads: Iterable[tuple[Key, bytes]]) -> None:
+        """What was published, by probe and topic: JSON on one line."""
+        self._feed.take(payloads)
 
     def flush(self) -> None:
         """Has the browsers served with what was taken."""
@@ -156,7 +156,7 @@ class Page:
 
     def _tell(self, probe: str, state: bytes) -> None:
         """How a calibration does."""
-        self._feed.take(probe, CALIBRATION, state)
+        self._feed.take([((probe, CALIBRATION), state)])
         self._deliver()
 
     async def _ask(

@@ -92,7 +92,8 @@ class Visit:
         if isinstance(said, Seen):
             self.browser.seen(said.n)
         elif isinstance(said, Watch):
-            self.browser.watch(frozenset(said.every), said.rate_hz)
+            every = frozenset(said.every)
+            self.browser.watch(every, said.rate_hz, said.probe or "")
         elif isinstance(said, Ask):
             self._ask(said)
         elif isinstance(said, Calibrate):

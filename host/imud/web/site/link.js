@@ -37,6 +37,7 @@ export class Link extends EventTarget {
     /** @type {[string, string][]} */
     this._every = [];
     this._rateHz = 60;
+    this._probe = "";
     this._decoder = new TextDecoder();
     this._credentials = takeToken() ?? storedLogin();
     setInterval(() => this._check(), 100);
@@ -66,14 +67,18 @@ export class Link extends EventTarget {
   }
 
   /**
-   * Asks for every payload of these topics, and for updates at a rate.
+   * Asks for every payload of these topics, and for updates at a rate; poses of probes
+   * that are not looked at come less often.
    * @param {[string, string][]} every
    * @param {number} rateHz
+   * @param {string} probe
    */
-  watch(every, rateHz) {
-    if (String(every) !== String(this._every) || rateHz !== this._rateHz) {
+  watch(every, rateHz, probe) {
+    const isSame = rateHz === this._rateHz && probe === this._probe;
+    if (!isSame || String(every) !== String(this._every)) {
       this._every = every;
       this._rateHz = rateHz;
+      this._probe = probe;
       this._tellWatch();
     }
   }
@@ -167,7 +172,8 @@ export class Link extends EventTarget {
 
   _tellWatch() {
     const rate = document.hidden ? HIDDEN_HZ : this._rateHz;
-    this._send({ do: "watch", every: this._every, rate_hz: rate });
+    const probe = this._probe || null;
+    this._send({ do: "watch", every: this._every, rate_hz: rate, probe });
     this._heardMs = performance.now();
   }
 

@@ -17,6 +17,7 @@ import { SignalsView } from "./views/signals.js";
  * @typedef {object} View
  * @property {HTMLElement} element
  * @property {readonly string[]} every topics of which it needs every payload
+ * @property {number} [hz] how often it needs news at most; else as often as is drawn
  * @property {(nowMs: number) => void} draw
  * @property {() => void} close
  * @property {Record<string, [string, () => void]>} keys what a key does, and how
@@ -89,7 +90,8 @@ class Page {
     }
     const every = this.view?.every ?? [];
     const { selected } = this.model;
-    this.link.watch(selected ? every.map((topic) => [selected, topic]) : [], rate.hz);
+    const hz = Math.min(rate.hz, this.view?.hz ?? rate.hz);
+    this.link.watch(selected ? every.map((topic) => [selected, topic]) : [], hz, selected);
     this.header.draw(performance.now());
     this.view?.draw(performance.now());
     this.link.drawn();

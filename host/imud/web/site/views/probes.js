@@ -147,6 +147,7 @@ export class ProbesView {
   constructor(model) {
     this._model = model;
     this.every = [];
+    this.hz = 1000 / DRAW_MS;
     this.keys = {};
     this._drawnMs = 0;
     /** @type {Map<string, Row>} */

@@ -54,6 +54,7 @@ export class SignalsView {
   constructor(model) {
     this._model = model;
     this.every = ["pose", "raw"];
+    this.hz = 1000 / DRAW_MS;
     this._recorder = recorderOf(model);
     this._recorder.setConvention(convention());
     this._span = kept("span", 10);
