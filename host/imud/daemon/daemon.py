@@ -19,6 +19,7 @@ from imud import journal
 from imud.config.settings import Config, listens_on
 from imud.daemon.aiming import aim_at
 from imud.daemon.commands import Commander
+from imud.daemon.configure import configured
 from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake
 from imud.daemon.metrics import Metrics
@@ -245,6 +246,10 @@ class Daemon:
         """A command to a probe, or about it: a change of its params, an aim."""
         if command == "params":
             return await self._params.command(name, parameters)
+        if command == "configure":
+            probe_id = self._commander.entry_of(name).probe.probe_id
+            self._take_up(self._config, configured(self._config, probe_id, parameters))
+            return None
         if command == AIM:
             return aim_at(self._commander.entry_of(name), parameters)
         return await self._commander.command(name, command, parameters)

@@ -41,13 +41,17 @@ export class Controls {
       make("div", { class: "row" }, make("button", {}, "Apply")),
     );
     this._confirm = this._makeConfirm();
+    this._name = make("input", { name: "probe-name", maxlength: 60, required: true });
+    this._log = make("button", { onclick: () => this._setLog() }, "Stop its log");
     const more = make(
       "details",
       {},
-      make("summary", {}, "Rates, restart, reset"),
+      make("summary", {}, "Name, log, rates, reset"),
       make(
         "div",
         { class: "stack inner" },
+        this._makeRename(),
+        make("div", { class: "row" }, this._log),
         this._rates,
         make(
           "div",
@@ -94,10 +98,13 @@ export class Controls {
     this._why.hidden = !isReadOnly;
     const isStreaming = probe?.state(performance.now()) === "streaming";
     mark(this._start, "class", isStreaming ? "" : "primary");
+    const isLogged = probe?.status?.log?.state !== "off";
+    say(this._log, isLogged ? "Stop its log" : "Start its log");
     const hello = probe?.status?.hello;
     const rates = `${probe?.name} ${hello?.pose_rate} ${hello?.raw_rate}`;
     if (hello && rates !== this._ratesOf) {
       this._ratesOf = rates;
+      this._name.value = probe?.name ?? "";
       this._pose.value = String(hello.pose_rate ?? "");
       this._raw.value = String(hello.raw_rate || hello.pose_rate || 100);
     }
@@ -122,6 +129,39 @@ export class Controls {
 
   _setOrigin() {
     this._run("Set origin", [["tare", { what: this._origin.value }]]);
+  }
+
+  _makeRename() {
+    const submit = (/** @type {Event} */ event) => {
+      event.preventDefault();
+      this._rename();
+    };
+    return make(
+      "form",
+      { class: "row end", onsubmit: submit },
+      make("label", { class: "field grow" }, "Name, until the daemon restarts", this._name),
+      make("button", {}, "Rename"),
+    );
+  }
+
+  /** The daemon's keys have the new name, and the page connects again. */
+  async _rename() {
+    const { selected, link, probes } = this._model;
+    const name = this._name.value.trim();
+    try {
+      await link.ask(selected, "configure", { rename: name });
+    } catch (error) {
+      tell(error instanceof Error ? error.message : String(error), true);
+      return;
+    }
+    probes.delete(selected);
+    location.hash = `#/probe/${encodeURIComponent(name)}`;
+  }
+
+  _setLog() {
+    const isLogged = this._model.probe?.status?.log?.state !== "off";
+    const log = isLogged ? "off" : "on";
+    this._run(isLogged ? "Stop its log" : "Start its log", [["configure", { log }]]);
   }
 
   _setRates() {

@@ -15,7 +15,7 @@ import { convention } from "./convention.js";
 /** @typedef {import("../model.js").Model} Model */
 
 // Plots are drawn this often: more is not seen, and costs a slow machine its frames.
-const DRAW_MS = 60;
+const DRAW_MS = 40;
 const LEAST_SPAN = 0.2;
 
 /** Recorders outlive the view, so that a look at another view loses nothing. */
@@ -54,7 +54,6 @@ export class SignalsView {
   constructor(model) {
     this._model = model;
     this.every = ["pose", "raw"];
-    this.hz = 1000 / DRAW_MS;
     this._recorder = recorderOf(model);
     this._recorder.setConvention(convention());
     this._span = kept("span", 10);
