@@ -96,3 +96,17 @@ def test_a_battery_is_measured_and_a_low_one_told(made: Made) -> None:
     (low,) = [m for m in done.named("event") if m.fields["event"] == "battery_low"]
     assert 13_000_000 < low.time_us < 19_000_000
     assert done.named("equipment")[-1].fields["power"] == ("low",)
+
+
+@pytest.mark.parametrize("name", ["log", "log_plain"])
+def test_the_log_gets_what_the_wire_gets(made: Made, name: str) -> None:
+    done = run(made(name), 4.5, *CLICK)
+    assert_nothing_is_lost(done)
+    assert len(done.named("raw" if name == "log_plain" else "pose")) > 200
+    data = done.record.read_bytes()
+    ends = {at + 1 for at, byte in enumerate(data) if byte == 0}
+    told = [int(str(m.fields["supply"])) for m in done.named("status")[1:]]
+    assert len(told) >= 3
+    assert max(told) > 5000
+    # Each is told of what was complete then: whole frames.
+    assert set(told) <= ends

@@ -3,9 +3,19 @@
 
 from .battery import Battery
 from .bus import Bus
+from .log import FileLog
 from .loop import run
 from .sensors import LSM9DS0, MPU9250
 from .spi import SPIBus
 from .storage import FileStorage
 
-__all__ = ("LSM9DS0", "MPU9250", "Battery", "Bus", "FileStorage", "SPIBus", "run")
+__all__ = (
+    "LSM9DS0",
+    "MPU9250",
+    "Battery",
+    "Bus",
+    "FileLog",
+    "FileStorage",
+    "SPIBus",
+    "run",
+)

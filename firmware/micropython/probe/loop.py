@@ -9,6 +9,7 @@ from machine import Pin
 from micropython import const, kbd_intr
 
 from .board import facts
+from .log import Tee
 
 try:
     import imuprobe
@@ -32,6 +33,7 @@ def run(
     storage=None,
     supply=None,
     battery=None,
+    log=None,
     hook=None,
     watchdog=True,
     plain=False,
@@ -42,17 +44,20 @@ def run(
     `sensor`: of sensors.py; `ready`: the Pin of its data-ready; `wire`: a UART, the
     USB_VCP, or another stream; `button`: a Pin that is low while it is pressed;
     `storage`: of storage.py, None: nothing is kept; `supply`: a function that returns
-    the supply in mV; `battery`: of battery.py; `hook`: a function that is called once a
-    second. An exception of these three is told as the event hook_failed, and the probe
-    goes on.
+    the supply in mV; `battery`: of battery.py; `log`: of log.py; `hook`: a function
+    that is called once a second. An exception of these four is told as the event
+    hook_failed, and the probe goes on.
     """
     probe = _attached(sensor, ready, storage, plain)
     _listen(ready, probe.edge)
     # Frames hold any byte, Ctrl-C too.
     kbd_intr(-1)
     try:
-        _turn_for_ever(probe, wire, button, led, Hooks(supply, battery, hook), watchdog)
+        hooks = Hooks(supply, battery, log, hook)
+        _turn_for_ever(probe, wire, button, led, log, hooks, watchdog)
     finally:
+        if log is not None:
+            log.close()
         kbd_intr(_CTRL_C)
         ready.irq(None)
 
@@ -80,9 +85,10 @@ def _listen(ready, edge):
 class Hooks:
     """The user's functions, called once a second."""
 
-    def __init__(self, supply, battery, hook):
+    def __init__(self, supply, battery, log, hook):
         self._supply = supply
         self._battery = battery
+        self._log = log
         self._hook = hook
         self._called_ms = ticks_ms()
         self._failures = 0
@@ -97,6 +103,8 @@ class Hooks:
                 probe.supply(self._supply())
             if self._battery is not None:
                 self._battery.step(probe)
+            if self._log is not None:
+                self._log.step(probe)
             if self._hook is not None:
                 self._hook()
         except Exception:  # noqa: BLE001 - whatever it is, it is told
@@ -104,10 +112,15 @@ class Hooks:
             probe.tell(_HOOK_FAILED, 0, self._failures)
 
 
-def _turn_for_ever(probe, wire, button, led, hooks, watchdog):
+def _turn_for_ever(probe, wire, button, led, log, hooks, watchdog):
     feed = machine.WDT(timeout=_WATCHDOG_MS).feed if watchdog else _nothing
     idle = machine.idle
-    acquire, receive, step, send = probe.acquire, probe.receive, probe.step, probe.send
+    acquire, receive, step = probe.acquire, probe.receive, probe.step
+    send, out = probe.send, wire
+    if log is not None:
+        log.open(probe)
+        out = Tee(wire, log)
+        send = out.sender(probe)
     is_up = button.value if button is not None else _one
     light = led.value if led is not None else _nothing
     was_lit = None
@@ -118,23 +131,25 @@ def _turn_for_ever(probe, wire, button, led, hooks, watchdog):
         if is_lit is not was_lit:
             was_lit = is_lit
             light(is_lit)
-        send(wire)
+        send(out)
         feed()
         if worked:
             continue
         hooks.step(probe)
         if probe.wants_reset():
-            _reset(probe, wire)
+            _reset(send, out, wire, log)
         idle()
 
 
-def _reset(probe, wire):
+def _reset(send, out, wire, log):
     begun_ms = ticks_ms()
     txdone = getattr(wire, "txdone", None)
     while ticks_diff(ticks_ms(), begun_ms) < _DRAIN_MS:
-        if probe.send(wire) == 0 and (txdone is None or txdone()):
+        if send(out) == 0 and (txdone is None or txdone()):
             break
         machine.idle()
+    if log is not None:
+        log.close()
     machine.reset()
 
 

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: MIT
+"""A log of the probe as files, on a card or in flash: the very frames that the wire
+gets, for `imud decode`.
+"""
+
+from time import ticks_diff, ticks_ms
+
+from micropython import const
+
+try:
+    import os
+except ImportError:  # a port without files
+    os = None
+
+_ABSENT_MS = const(500)  # a wire that takes nothing for so long has nobody to read it
+_BUFFER = const(512)
+_ENOSPC = const(28)
+_UNKNOWN = const(-1)
+
+# Enums of the protocol.
+_LOG_STARTED = const(19)
+_CARD_FAULT = const(17)
+_CARD_FULL = const(18)
+_CAUSE_BOOT = const(3)
+
+
+class FileLog:
+    """A file for each start of the program: imu-0001.bin and so on in `folder`. It has
+    all frames but those of the last second before a power cut.
+    """
+
+    def __init__(self, folder="/sd"):
+        self._folder = folder
+        self._file = None
+        self._number = 0
+        self._error = 0
+
+    def open(self, probe):
+        """Begins the next file; where that fails, the probe goes on without."""
+        try:
+            self._number = 1 + _last(os.listdir(self._folder))
+            name = "{}/imu-{:04}.bin".format(self._folder, self._number)
+            self._file = open(name, "wb")  # noqa: SIM115 - until close()
+        except OSError as error:
+            self._fail(error.args[0])
+            return
+        probe.tell(_LOG_STARTED, _CAUSE_BOOT, self._number)
+
+    def _fail(self, number):
+        self._error = number or _UNKNOWN
+        self.close()
+
+    def write(self, data, at, length):
+        if self._file is None or not length:
+            return
+        try:
+            written = self._file.write(data, at, length)
+        except OSError as error:
+            self._fail(error.args[0])
+            return
+        if written != length:
+            self._fail(_ENOSPC)
+
+    def step(self, probe):
+        """Once a second: what is written stays, and a failure is told."""
+        if self._file is not None:
+            try:
+                self._file.flush()
+            except OSError as error:
+                self._fail(error.args[0])
+        if self._error:
+            event = _CARD_FULL if self._error == _ENOSPC else _CARD_FAULT
+            self._error = 0
+            probe.tell(event, 0, 0)
+
+    def close(self):
+        file, self._file = self._file, None
+        if file is not None:
+            try:
+                file.close()
+            except OSError:  # it has failed before, and is told
+                pass
+
+
+def _last(names):
+    """The highest number of a log among file names; 0: there is none."""
+    last = 0
+    for name in names:
+        digits = name[4:-4]
+        if name.startswith("imu-") and name.endswith(".bin") and digits.isdigit():
+            last = max(last, int(digits))
+    return last
+
+
+class Tee:
+    """A wire whose bytes go to a log, too. The log goes on where nobody reads the wire,
+    such as a USB port with no host: those bytes are dropped from the wire.
+    """
+
+    def __init__(self, wire, log):
+        self._wire = wire
+        self._log = log
+        self._moved_ms = ticks_ms()
+        self._buffer = bytearray(_BUFFER)
+        self._begin = 0
+        self._end = 0
+
+    def write(self, data, at, length):
+        """Bytes that are done with, from `at` on."""
+        done = self._wire.write(data, at, length) or 0
+        now_ms = ticks_ms()
+        if done:
+            self._moved_ms = now_ms
+        elif ticks_diff(now_ms, self._moved_ms) >= _ABSENT_MS:
+            done = length
+        self._log.write(data, at, done)
+        return done
+
+    def sender(self, probe):
+        """What to call in place of probe.send, with this object."""
+        take = getattr(probe, "take", None)
+        return probe.send if take is None else lambda _: self._relay(take)
+
+    def _relay(self, take):
+        """The module writes to streams of C alone: its bytes are taken from it."""
+        if self._begin == self._end:
+            self._begin = 0
+            self._end = take(self._buffer)
+        if self._begin < self._end:
+            length = self._end - self._begin
+            self._begin += self.write(self._buffer, self._begin, length)
+        return self._end - self._begin
