@@ -90,14 +90,9 @@ class Hooks:
         self._battery = battery
         self._log = log
         self._hook = hook
-        self._called_ms = ticks_ms()
         self._failures = 0
 
-    def step(self, probe):
-        now_ms = ticks_ms()
-        if ticks_diff(now_ms, self._called_ms) < _HOOKS_MS:
-            return
-        self._called_ms = now_ms
+    def call(self, probe):
         try:
             if self._supply is not None:
                 probe.supply(self._supply())
@@ -124,6 +119,7 @@ def _turn_for_ever(probe, wire, button, led, log, hooks, watchdog):
     is_up = button.value if button is not None else _one
     light = led.value if led is not None else _nothing
     was_lit = None
+    called_ms = ticks_ms()
     while True:
         worked = acquire()
         receive(wire)
@@ -135,7 +131,9 @@ def _turn_for_ever(probe, wire, button, led, log, hooks, watchdog):
         feed()
         if worked:
             continue
-        hooks.step(probe)
+        if ticks_diff(ticks_ms(), called_ms) >= _HOOKS_MS:
+            called_ms = ticks_ms()
+            hooks.call(probe)
         if probe.wants_reset():
             _reset(send, out, wire, log)
         idle()
