@@ -3,67 +3,16 @@
 
 from __future__ import annotations
 
-import re
-import struct
-import subprocess
-import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from imud import _core
-from imud.wire.schema import HELLO_SEED
-from reference import HELLO_ID
+from micropython_frames import assert_frames_are_those_of_c
 
 pytestmark = pytest.mark.long
-
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parent.parent
-PACKAGE = ROOT / "firmware" / "micropython" / "probe"
-COUNT = 10_000
-
-
-def vectors() -> list[tuple[int, bytes, bytes]]:
-    """Seed, content and frame of each vector that is a frame."""
-    found = tomllib.loads((ROOT / "protocol" / "vectors.toml").read_text())
-    frames = []
-    for each in found["frame"] + found["good"]:
-        content, frame = bytes.fromhex(each["content"]), bytes.fromhex(each["frame"])
-        is_hello = content[0] == HELLO_ID
-        frames.append((HELLO_SEED if is_hello else each["seed"], content, frame))
-    return frames
-
-
-def random_contents() -> list[tuple[int, bytes]]:
-    """Of any length, with many zeros and with none."""
-    random = np.random.default_rng(18)
-    contents = []
-    for _ in range(COUNT):
-        length = int(random.integers(1, 121))
-        low, high = random.choice([(0, 256), (0, 2), (1, 256)])
-        data = random.integers(low, high, length, np.uint8).tobytes()
-        contents.append((int(random.integers(0, 65536)), data))
-    return contents
 
 
 def test_plain_viper_and_c_make_the_same_frames(
     micropython: Path, tmp_path: Path
 ) -> None:
-    known = vectors()
-    assert len(known) > 20
-    contents = [(seed, content) for seed, content, _ in known] + random_contents()
-    given, made = tmp_path / "contents", tmp_path / "frames"
-    given.write_bytes(
-        b"".join(struct.pack("<HH", seed, len(data)) + data for seed, data in contents)
-    )
-    done = subprocess.run(
-        [micropython, HERE / "frames.py", PACKAGE, given, made],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout
-    frames = re.findall(rb"[^\0]+\0", made.read_bytes())
-    assert frames[: len(known)] == [frame for _, _, frame in known]
-    assert frames == [_core.encode_frame(seed, data) for seed, data in contents]
+    assert_frames_are_those_of_c([micropython], 10_000, tmp_path)

@@ -1,0 +1,12 @@
+# SPDX-License-Identifier: MIT
+"""What our port for this machine has as a module, for a MicroPython with files."""
+
+
+def read(path):
+    with open(path, "rb") as file:
+        return file.read()
+
+
+def write(path, data):
+    with open(path, "wb") as file:
+        file.write(data)
