@@ -129,6 +129,9 @@ class Probe:
         if not waiting:
             if ticks_diff(now, self._since) >= _SILENCE_US:
                 self._lose(wire.EVENT_SENSOR_FAULT, wire.CAUSE_NO_DATA_READY, 0, now)
+            elif self._failed and self._ready():
+                # What the failed reading left keeps data-ready from rising again.
+                self._driver.read(self._raw)
             return False
         stamp = self._stamp
         self._taken += waiting
