@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: MIT
+"""The segments of a body, how they hang together, and which probe sits on each."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from imud.config.toml import called, line_of, mistakes, parse
+from imud.errors import ConfigError
+from imud.rotation import FloatArray
+
+Metres = Annotated[float, Meta(ge=0.0, le=3.0)]
+Side = Literal["right", "left"]
+JointName = Literal["hip", "knee", "ankle", "shoulder", "elbow", "wrist", "ball"]
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """What is known of a joint.
+
+    `flexion`: the sign of flexion as a turn of the child about z. `is_hinge`: it turns
+    mainly about z. `bends`: the sign of flexion whenever it is far from straight; 0 if
+    it bends both ways. `play_deg`: rms of its turns about the other two axes.
+    """
+
+    flexion: float
+    is_hinge: bool
+    bends: float
+    play_deg: float
+
+
+JOINTS: dict[str, Joint] = {
+    "hip": Joint(1.0, False, 0.0, 10.0),
+    "knee": Joint(-1.0, True, 1.0, 4.0),
+    "ankle": Joint(1.0, True, 0.0, 6.0),
+    "shoulder": Joint(1.0, False, 0.0, 40.0),
+    "elbow": Joint(1.0, True, 1.0, 20.0),
+    "wrist": Joint(1.0, False, 0.0, 20.0),
+    "ball": Joint(1.0, False, 0.0, 40.0),
+}
+
+
+class _Segment(msgspec.Struct, forbid_unknown_fields=True):
+    """A rigid part of the body."""
+
+    length_m: Metres = 0.0
+    probe: str | None = None
+    parent: str | None = None
+    joint: JointName = "ball"
+    at: str | None = None
+    contact: bool = False
+    marks: dict[str, tuple[float, float, float]] = {}
+
+
+class _File(msgspec.Struct, forbid_unknown_fields=True):
+    """A file that describes a body."""
+
+    segments: dict[str, _Segment]
+    name: str = "body"
+    side: Side = "right"
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A rigid part of the body; `parent` None: the root.
+
+    Marks are places in m in its frame, from the joint at its start; "end" lies
+    `length_m` below. `at`: the mark of the parent where this segment begins.
+    """
+
+    name: str
+    parent: str | None
+    joint: Joint
+    at: str
+    probe: str | None
+    is_contact: bool
+    marks: Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """A tree of segments, parents before children."""
+
+    name: str
+    side: Side
+    segments: tuple[Segment, ...]
+
+    def __getitem__(self, name: str) -> Segment:
+        return next(each for each in self.segments if each.name == name)
+
+    def joints(self) -> Iterator[tuple[Segment, Segment]]:
+        """Each parent with one of its children."""
+        for child in self.segments:
+            if child.parent is not None:
+                yield self[child.parent], child
+
+
+def read(text: str, source: str) -> Chain:
+    """The chain in a TOML text; ConfigError says what is wrong, on one line.
+
+    `source` names the file in the message.
+    """
+    try:
+        table = parse(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{source} is not TOML: {error}") from error
+    found = [(each.path, each.words) for each in mistakes(table, _File)]
+    if not found and not table.get("segments"):
+        found = [((), "it has no segments: [segments.NAME], a section for each")]
+    if not found:
+        file = msgspec.convert(table, _File)
+        found = [(("segments", *path), words) for path, words in _faults(file)]
+    if found:
+        path, words = found[0]
+        line = line_of(text, path) if path else None
+        place = f"{source}:{line}" if line is not None else source
+        key = f"{called(path)}: " if path else ""
+        raise ConfigError(f"{place}: {key}{words}")
+    return _chain(file)
+
+
+def _faults(file: _File) -> Iterator[tuple[tuple[str, ...], str]]:
+    """What can't be, although each value is allowed: where, and why."""
+    segments = file.segments
+    known = ", ".join(segments)
+    wearers: dict[str, str] = {}
+    for name, each in segments.items():
+        if each.probe is not None:
+            other = wearers.setdefault(each.probe, name)
+            if other != name:
+                yield (name, "probe"), f"{each.probe} sits on {other} already"
+        if each.parent is None:
+            continue
+        if each.parent not in segments:
+            yield (name, "parent"), f"no segment {each.parent}; there are {known}"
+            continue
+        marks = ("end", *segments[each.parent].marks)
+        if each.at is not None and each.at not in marks:
+            there = ", ".join(marks)
+            yield (name, "at"), f"{each.parent} has no mark {each.at}; it has {there}"
+        way = [name]
+        while way[-1] in segments and (above := segments[way[-1]].parent):
+            way.append(above)
+            if above == name:
+                yield (name, "parent"), f"a cycle: {' > '.join(way)}"
+                return
+            if above in way[:-1]:
+                break  # a cycle above: told at its own members
+    roots = [name for name, each in segments.items() if each.parent is None]
+    if len(roots) > 1:
+        first = roots[0]
+        yield (roots[1],), f"it has no parent, and neither has {first}; one root only"
+    if not any(each.probe for each in segments.values()):
+        yield (next(iter(segments)),), "no segment has a probe"
+
+
+def _chain(file: _File) -> Chain:
+    waiting = dict(file.segments)
+    placed: dict[str, Segment] = {}
+    while waiting:
+        for name, each in list(waiting.items()):
+            if each.parent is not None and each.parent not in placed:
+                continue
+            marks = {"end": np.array([0.0, -each.length_m, 0.0])}
+            marks |= {key: np.array(place) for key, place in each.marks.items()}
+            placed[name] = Segment(
+                name,
+                each.parent,
+                JOINTS[each.joint],
+                each.at or "end",
+                each.probe,
+                each.contact,
+                marks,
+            )
+            del waiting[name]
+    return Chain(file.name, file.side, tuple(placed.values()))

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: MIT
+"""Where a joint's axis and its centre are, in the frames of the probes beside it.
+
+T. Seel, J. Raisch, T. Schauer, IMU-Based Joint Angle Measurement for Gait Analysis,
+Sensors 14(4):6891, 2014.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from imud.rotation import FloatArray
+
+ROWS = 600  # samples that a fit uses at most
+ROUNDS = 30
+# A motion that turns less than this about the axis (rms) is refused.
+EXCITATION_MIN = math.radians(20.0)
+# So is one whose rates across the axis differ by more than this share of the rate.
+RESIDUAL_MAX = 0.35
+FORCE_MIN_M_S2 = 0.8  # rms of what turning adds to the force, for a centre
+CENTRE_RESIDUAL_MAX = 0.6
+INDEPENDENT_S = 0.5  # residuals of a limb resemble each other for this long
+
+
+class Refused(Exception):
+    """A motion from which nothing can be found; the text says what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """A hinge: unit vectors in the frames of the parent's and the child's probe."""
+
+    parent: FloatArray
+    child: FloatArray
+    residual: float  # of the rates across the axis, a share of the rates
+    excitation_rad_s: float  # rms of the rate about the axis between both
+    sigma_rad: float  # of either direction
+
+
+@dataclass(frozen=True, slots=True)
+class Centre:
+    """A joint's centre, m, from each probe in its frame."""
+
+    parent: FloatArray
+    child: FloatArray
+    residual: float  # of forces at the centre, a share of what turning adds
+    excitation_m_s2: float
+    sigma_m: float
+
+
+def axis(parent: FloatArray, child: FloatArray, rate_hz: float) -> Axis:
+    """The axis from two gyroscopes, rad/s, (n, 3) each at the same times.
+
+    Across the axis both turn equally fast, whatever the angle. Signs are arbitrary.
+    Raises Refused.
+    """
+    fast = np.linalg.norm(parent, axis=1) + np.linalg.norm(child, axis=1)
+    order = np.sort(np.argsort(fast)[-min(len(fast), 4 * ROWS) :])
+    rows = order[:: max(1, len(order) // ROWS)]
+    if len(rows) < 20:
+        raise Refused("too few samples; move for some seconds")
+    first, second = parent[rows], child[rows]
+    starts = (_main(first), _main(second))
+    both = np.concatenate(starts)
+    cost = np.inf
+    for _ in range(ROUNDS):
+        error, slope = _across(first, second, both)
+        scale = max(1.5 * float(np.median(np.abs(error))), 1e-9)
+        weight = 1.0 / np.maximum(1.0, np.abs(error) / scale)
+        normal = slope.T @ (weight[:, None] * slope) + 1e-9 * len(rows) * np.eye(6)
+        step = np.linalg.solve(normal, slope.T @ (weight * error))
+        both = both - step
+        both = np.concatenate([_unit(both[:3]), _unit(both[3:])])
+        now = float((weight * error**2).sum())
+        if abs(cost - now) < 1e-9 * max(now, 1e-12):
+            break
+        cost = now
+    error, slope = _across(first, second, both)
+    rate = child @ both[3:] - parent @ both[:3]
+    flipped = child @ both[3:] + parent @ both[:3]
+    excitation = float(np.sqrt(min((rate**2).mean(), (flipped**2).mean())))
+    moved = float(np.sqrt((first**2).sum(axis=1).mean() + (second**2).sum(1).mean()))
+    residual = float(np.sqrt((error**2).mean())) / max(moved, 1e-9)
+    if moved < EXCITATION_MIN:
+        raise Refused(
+            f"it moved by {math.degrees(moved):.0f} deg/s; bend it faster and further"
+        )
+    if residual > RESIDUAL_MAX:
+        raise Refused(f"no hinge fits: {100 * residual:.0f} % of the rates are left")
+    # Each probe's axis is seen by how fast it turns about it itself.
+    own = min(
+        float(((first @ both[:3]) ** 2).mean()), ((second @ both[3:]) ** 2).mean()
+    )
+    independent = max(1.0, len(parent) / rate_hz / INDEPENDENT_S)
+    play = float((error**2).mean())
+    sigma = math.sqrt(play / max(own, 1e-6) / independent)
+    return Axis(both[:3], both[3:], residual, excitation, min(sigma, math.pi / 2))
+
+
+def _across(
+    parent: FloatArray, child: FloatArray, both: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """|g1 x j1| - |g2 x j2| of each row, and its slope by j1 and j2."""
+    errors, slopes = [], []
+    for rates, axis_, sign in ((parent, both[:3], 1.0), (child, both[3:], -1.0)):
+        cross = np.cross(rates, axis_)
+        size = np.maximum(np.linalg.norm(cross, axis=1), 1e-6)
+        errors.append(sign * size)
+        slopes.append(sign * np.cross(cross, rates) / size[:, None])
+    return errors[0] + errors[1], np.concatenate(slopes, axis=1)
+
+
+def _main(rates: FloatArray) -> FloatArray:
+    """The direction about which it turns most."""
+    return np.asarray(np.linalg.eigh(rates.T @ rates)[1][:, -1])
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-12))
+
+
+def centre(
+    parent: tuple[FloatArray, FloatArray],
+    child: tuple[FloatArray, FloatArray],
+    rate_hz: float,
+) -> Centre:
+    """The centre from rates (rad/s) and specific forces (m/s2) of two probes.
+
+    The force at the centre is as large in both. Raises Refused.
+    """
+    terms = [_levers(gyr, rate_hz) for gyr, _ in (parent, child)]
+    rows = slice(2, -2, max(1, len(parent[0]) // (2 * ROWS)))
+    forces = [acc[rows] for _, acc in (parent, child)]
+    levers = [each[rows] for each in terms]
+    both = np.full(6, 0.05)
+    for _ in range(ROUNDS):
+        error, slope = _forces(forces, levers, both)
+        scale = max(1.5 * float(np.median(np.abs(error))), 1e-9)
+        weight = 1.0 / np.maximum(1.0, np.abs(error) / scale)
+        # A weak pull to 10 cm keeps what the motion does not show near the probe.
+        normal = slope.T @ (weight[:, None] * slope) + 10.0 * np.eye(6)
+        step = np.linalg.solve(normal, slope.T @ (weight * error) + 10.0 * both)
+        both = both - step
+        if np.abs(step).max() < 1e-6:
+            break
+    error, slope = _forces(forces, levers, both)
+    added = [
+        each @ part for each, part in zip(levers, (both[:3], both[3:]), strict=True)
+    ]
+    excitation = float(np.sqrt(np.mean([(each**2).sum(1).mean() for each in added])))
+    if excitation < FORCE_MIN_M_S2:
+        raise Refused(f"turning adds {excitation:.1f} m/s2; move it faster")
+    residual = float(np.sqrt((error**2).mean())) / excitation
+    if residual > CENTRE_RESIDUAL_MAX:
+        raise Refused(f"no centre fits: {100 * residual:.0f} % of the forces are left")
+    independent = max(1.0, len(parent[0]) / rate_hz / INDEPENDENT_S)
+    spread = np.linalg.inv(slope.T @ slope / len(error) + 1e-9 * np.eye(6))
+    sigma = math.sqrt(float((error**2).mean() * np.diag(spread).max() / independent))
+    return Centre(both[:3], both[3:], residual, excitation, sigma)
+
+
+def _levers(gyr: FloatArray, rate_hz: float) -> FloatArray:
+    """Matrices that take a place in the probe's frame to what turning adds there."""
+    change = np.gradient(gyr, 1.0 / rate_hz, axis=0)
+    square = gyr[:, :, None] * gyr[:, None, :]
+    square = square - np.eye(3) * (gyr**2).sum(axis=1)[:, None, None]
+    x, y, z = change.T
+    none = np.zeros_like(x)
+    cross = np.array([[none, -z, y], [z, none, -x], [-y, x, none]])
+    return np.asarray(np.moveaxis(cross, 2, 0) + square)
+
+
+def _forces(
+    forces: list[FloatArray], levers: list[FloatArray], both: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    errors, slopes = [], []
+    parts = (both[:3], both[3:])
+    for force, lever, place, sign in zip(
+        forces, levers, parts, (1.0, -1.0), strict=True
+    ):
+        there = force + lever @ place
+        size = np.maximum(np.linalg.norm(there, axis=1), 1e-6)
+        errors.append(sign * size)
+        along = np.einsum("ni,nij->nj", there, lever)
+        slopes.append(sign * along / size[:, None])
+    return errors[0] + errors[1], np.concatenate(slopes, axis=1)

@@ -1,0 +1,240 @@
+# SPDX-License-Identifier: MIT
+"""How each probe sits on its segment: from standing still, and from a motion.
+
+Standing gives the direction of up (y) in each probe. Ahead (x) comes from where the
+person faces, or from the hinge axis that a motion shows, which needs no heading.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from imud import rotation
+from imud.body import hinge
+from imud.body.chain import Chain
+from imud.body.hinge import Axis, Refused
+from imud.body.tracks import Track
+from imud.rotation import FloatArray
+
+UP = np.array([0.0, 0.0, 1.0])
+STILL_RAD_S = math.radians(12.0)  # rms of a person who stands still
+STANDING_S = 1.0  # at least
+SWAPPED = 0.85  # a child's force changes by less than this share of its parent's
+POSTURE = math.radians(1.5)  # how exactly people stand straight
+FACING = math.radians(8.0)  # and face where they say
+OWN_HEADING_MAX = math.radians(45.0)  # to tell left from right
+
+
+UPSIDE_DOWN = -0.8  # of up along a probe's own axis
+UPRIGHT_MAX = 0.3  # of an axis across up, a share
+
+_Right = tuple[FloatArray, float]  # a direction in a probe, and its sigma in rad
+
+
+@dataclass(frozen=True, slots=True)
+class Mount:
+    """One probe on its segment.
+
+    `up_sigma`: of y about the horizontal axes; `facing_sigma`: of x about y; rad.
+    """
+
+    probe_from_segment: FloatArray
+    up_sigma: float
+    facing_sigma: float
+    method: str  # "pose" or "motion"
+
+
+@dataclass(frozen=True, slots=True)
+class Aligned:
+    """What an alignment found: mounts by segment, hinges, remarks for people."""
+
+    mounts: Mapping[str, Mount]
+    axes: Mapping[str, Axis]
+    remarks: tuple[str, ...]
+
+
+def by_pose(chain: Chain, standing: Mapping[str, Track], facing_rad: float) -> Aligned:
+    """From standing straight and still, all segments upright, facing `facing_rad`
+    (counterclockwise from east). `standing`: tracks by segment. Raises Refused.
+    """
+    ahead = np.array([math.cos(facing_rad), math.sin(facing_rad), 0.0])
+    mounts = {}
+    for segment in chain.segments:
+        if segment.name not in standing:
+            continue
+        quat, heading_sigma = _stood(segment.name, standing[segment.name])
+        up, x = (rotation.rotate(rotation.inverse(quat), each) for each in (UP, ahead))
+        facing_sigma = math.hypot(FACING, heading_sigma)
+        mounts[segment.name] = Mount(
+            _frame(up, x, is_x=True), POSTURE, min(facing_sigma, math.pi), "pose"
+        )
+    return Aligned(mounts, {}, ())
+
+
+def by_motion(
+    chain: Chain,
+    standing: Mapping[str, Track],
+    moving: Mapping[str, Track],
+    facing_rad: float | None = None,
+) -> Aligned:
+    """From standing still, then a motion that bends every hinge.
+
+    Segments without a hinge take ahead from `facing_rad`, which may be None if there
+    are none. `moving` has the same times for all. Raises Refused.
+    """
+    axes: dict[str, Axis] = {}
+    for parent, child in chain.joints():
+        if child.joint.is_hinge and parent.name in moving and child.name in moving:
+            one, other = moving[parent.name], moving[child.name]
+            good = np.isfinite(one.gyr).all(axis=1) & np.isfinite(other.gyr).all(axis=1)
+            rate_hz = 1.0 / float(np.median(np.diff(one.times_s)))
+            try:
+                axes[child.name] = hinge.axis(one.gyr[good], other.gyr[good], rate_hz)
+            except Refused as refused:
+                raise Refused(f"{parent.name} and {child.name}: {refused}") from None
+    rights = _rights(chain, axes, standing, moving)
+    plain = None
+    if facing_rad is not None:
+        plain = by_pose(chain, standing, facing_rad).mounts
+    mounts: dict[str, Mount] = {}
+    for segment in chain.segments:
+        name = segment.name
+        if name not in standing:
+            continue
+        if name in rights:
+            quat, _ = _stood(name, standing[name])
+            up = rotation.rotate(rotation.inverse(quat), UP)
+            axis, sigma = _mean_right(up, rights[name])
+            mounts[name] = Mount(_frame(up, axis, is_x=False), POSTURE, sigma, "motion")
+        elif plain is not None:
+            mounts[name] = plain[name]
+        else:
+            raise Refused(f"{name} has no hinge; say where the person faces")
+    return Aligned(mounts, axes, _remarks(mounts))
+
+
+def _stood(name: str, track: Track) -> tuple[FloatArray, float]:
+    """The mean attitude of a probe while it stands, and its heading's sigma."""
+    good = np.isfinite(track.quat).all(axis=1)
+    times, quat, gyr = track.times_s[good], track.quat[good], track.gyr[good]
+    if len(times) < 2 or times[-1] - times[0] < STANDING_S:
+        raise Refused(f"{name}: no pose to align by; stand still for 3 s")
+    moved = float(np.sqrt((gyr**2).sum(axis=1).mean()))
+    if moved > STILL_RAD_S:
+        raise Refused(
+            f"{name} turned by {math.degrees(moved):.0f} deg/s; stand still for 3 s"
+        )
+    mean = np.linalg.eigh(quat.T @ quat)[1][:, -1]
+    sigma = track.heading_sigma[good]
+    known = sigma[np.isfinite(sigma)]
+    return mean, float(known.mean()) if len(known) else math.pi
+
+
+def _frame(up: FloatArray, other: FloatArray, *, is_x: bool) -> FloatArray:
+    """probe_from_segment with y along `up`; x or z as near to `other` as can be."""
+    y = up / np.linalg.norm(up)
+    flat = other - y * (other @ y)
+    flat = flat / np.linalg.norm(flat)
+    x, z = (flat, np.cross(flat, y)) if is_x else (np.cross(y, flat), flat)
+    return rotation.from_matrix(np.stack([x, y, z], axis=1))
+
+
+def _rights(
+    chain: Chain,
+    axes: Mapping[str, Axis],
+    standing: Mapping[str, Track],
+    moving: Mapping[str, Track],
+) -> dict[str, list[_Right]]:
+    """The directions to the right in each probe that the hinges beside it show."""
+    found: dict[str, list[_Right]] = {}
+    for parent, child in chain.joints():
+        hinge_axis = axes.get(child.name)
+        if hinge_axis is None:
+            continue
+        first, second = hinge_axis.parent, hinge_axis.child
+        if not _agree(first, second, standing[parent.name], standing[child.name]):
+            second = -second
+        if parent.name in found:
+            # The joint above has said where right is.
+            is_left = float(first @ found[parent.name][0][0]) < 0.0
+        elif child.joint.bends:
+            turned = _turned(first, second, moving[parent.name], moving[child.name])
+            is_left = turned * child.joint.flexion * child.joint.bends < 0.0
+        else:
+            raise Refused(f"{child.name}: no joint above says which way it bends")
+        if is_left:
+            first, second = -first, -second
+        # A joint's play tilts the axis that its motion shows.
+        sigma = math.hypot(hinge_axis.sigma_rad, math.radians(child.joint.play_deg))
+        found.setdefault(parent.name, []).append((first, sigma))
+        found.setdefault(child.name, []).append((second, sigma))
+    return found
+
+
+def _mean_right(up: FloatArray, rights: list[_Right]) -> _Right:
+    """The mean of several directions to the right across `up`, each with its weight."""
+    total, weights = np.zeros(3), 0.0
+    for axis, sigma in rights:
+        flat = axis - up * (axis @ up)
+        size = float(np.linalg.norm(flat))
+        if size < UPRIGHT_MAX:
+            raise Refused(
+                "the axis found is almost vertical; stand up straight, bend again"
+            )
+        total = total + flat / (size * sigma**2)
+        weights += sigma**-2
+    return total, weights**-0.5
+
+
+def _agree(first: FloatArray, second: FloatArray, one: Track, other: Track) -> bool:
+    """Whether two axes point to the same side, by the headings of both probes."""
+    in_world = []
+    for axis, track in ((first, one), (second, other)):
+        quat, _ = _stood("a segment", track)
+        in_world.append(rotation.rotate(quat, axis)[:2])
+    return bool(in_world[0] @ in_world[1] >= 0.0)
+
+
+def _turned(first: FloatArray, second: FloatArray, one: Track, other: Track) -> float:
+    """The mean turn of the child about the axis since the motion began, rad."""
+    rate = np.nan_to_num(other.gyr @ second - one.gyr @ first)
+    step = np.diff(one.times_s, prepend=one.times_s[0])
+    return float(np.cumsum(rate * step).mean())
+
+
+def check_order(chain: Chain, moving: Mapping[str, Track]) -> None:
+    """Raises Refused if a probe moves like one further up: two were swapped.
+
+    While a limb swings or walks, the specific force changes more towards its end; in a
+    squat it does not.
+    """
+    for parent, child in chain.joints():
+        one, other = moving.get(parent.name), moving.get(child.name)
+        if one is None or other is None or one.acc is None or other.acc is None:
+            continue
+        upper, lower = _change(one.acc), _change(other.acc)
+        if upper > 0.5 and lower < SWAPPED * upper:
+            raise Refused(
+                f"{child.probe} on {child.name} moves less than {parent.probe} on "
+                f"{parent.name}; are the two swapped?"
+            )
+
+
+def _change(acc: FloatArray) -> float:
+    """By how much the specific force changes, without its peaks; m/s2."""
+    size = np.linalg.norm(acc, axis=1)
+    low, high = np.nanpercentile(size, (10.0, 90.0))
+    return float(high - low)
+
+
+def _remarks(mounts: Mapping[str, Mount]) -> tuple[str, ...]:
+    """What people should know of how probes sit."""
+    return tuple(
+        f"the probe on {name} is upside down: that is allowed for"
+        for name, mount in mounts.items()
+        if rotation.to_matrix(mount.probe_from_segment)[:, 1].min() < UPSIDE_DOWN
+    )
