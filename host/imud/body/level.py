@@ -16,7 +16,7 @@ from imud import rotation
 from imud.body.tracks import Track
 from imud.rotation import FloatArray
 
-SETTLING_S = 3.0  # time constant of the low-pass
+SETTLING_S = 6.0  # time constant of the low-pass: walking averages out
 RATE_MIN_HZ = 40.0
 STILL_RAD_S = math.radians(3.0)  # spread of rates at rest
 STILL_M_S2 = 0.4
