@@ -77,8 +77,11 @@ def aligned(
     standing = {name: each.between(*GROUND_S) for name, each in found.items()}
     span = stages["squat"][0], stages["raise"][1]
     moving = {name: each.between(*span) for name, each in found.items()}
+    span = stages["walk"]
+    walking = {name: each.between(*span) for name, each in found.items()}
+    by_motion = mounting.by_motion(body, standing, moving, walking=walking)
     return {
-        "motion": mounting.by_motion(body, standing, moving).mounts,
+        "motion": by_motion.mounts,
         "pose": mounting.by_pose(body, standing, FACING).mounts,
     }
 

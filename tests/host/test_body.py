@@ -168,7 +168,10 @@ def test_a_probe_worn_upside_down_is_told_and_measured():
     over = rotation.from_rotation_vector(np.array([0.0, 0.0, math.pi]))
     one = found["shank"]
     quat, gyr = rotation.multiply(one.quat, over), rotation.rotate(over, one.gyr)
-    found["shank"] = replace(one, quat=quat, gyr=gyr)
+    assert one.acc is not None
+    found["shank"] = replace(
+        one, quat=quat, gyr=gyr, acc=rotation.rotate(over, one.acc)
+    )
     aligned = mounting.by_motion(BODY, *parts(found, made.stages))
     assert any("shank is upside down" in each for each in aligned.remarks)
     seen = posture.of(BODY, found, aligned.mounts)
@@ -200,6 +203,24 @@ def test_standing_shows_no_hinge():
     standing, _ = parts(tracks_of(LOOSE), leg_of(LOOSE).stages)
     with pytest.raises(Refused, match="thigh and shank: it moved by"):
         mounting.by_motion(BODY, standing, standing)
+
+
+def test_left_and_right_need_no_heading():
+    made, found = leg_of(EXACT), dict(tracks_of(EXACT))
+    first, last = made.stages["walk"]
+    one = found["foot"]
+    # A heading that iron turned round, of which the probe states no doubt.
+    turned = rotation.multiply(
+        heading.about_up(np.full(len(one.quat), math.radians(150.0))), one.quat
+    )
+    found["foot"] = replace(one, quat=turned, heading_sigma=one.heading_sigma * 4.0)
+    standing, moving = parts(found, made.stages)
+    walking = {name: each.between(first, last) for name, each in found.items()}
+    aligned = mounting.by_motion(BODY, standing, moving, walking=walking)
+    seen = posture.of(BODY, found, aligned.mounts)
+    truth = made.angles["foot"][::STEP]
+    rows = seen.times_s > first
+    assert rms_deg(seen.angles["foot"][rows, 0], truth[rows, 0]) < 1.5
 
 
 def test_two_free_probes_are_no_hinge():

@@ -20,6 +20,7 @@ from imud.rotation import FloatArray
 WALK = math.radians(0.7)  # rad for a root of a second: drift between two headings
 MAGNETIC_S = 30.0  # headings of a magnetometer are wrong in the same way for so long
 PLAY_S = 0.7  # turns about a joint's other axes last so long
+LEVEL_MIN = 0.05  # of the product of both axes' squares across up
 UNKNOWN = math.radians(100.0)
 
 
@@ -54,11 +55,12 @@ class Step:
             self._update(0.0, own**2 * MAGNETIC_S / passed)
         (x1, y1, _), (x2, y2, _) = right.tolist()
         level = (x1 * x1 + y1 * y1) * (x2 * x2 + y2 * y2)
-        if level < 0.05 or passed == 0.0:
+        if level < LEVEL_MIN:
             return  # an upright axis shows no heading
         seen = math.atan2(x2 * y1 - y2 * x1, x1 * x2 + y1 * y2)
         play = math.radians(self.joint.play_deg) ** 2 / level
-        self._update(seen, play * max(1.0, PLAY_S / passed))
+        # The first moment, in which the person stands, counts like PLAY_S.
+        self._update(seen, play * max(1.0, PLAY_S / passed) if passed > 0.0 else play)
 
     def _update(self, seen: float, variance: float) -> None:
         gain = self.variance / (self.variance + variance)

@@ -26,9 +26,9 @@ STANDING_S = 1.0  # at least
 SWAPPED = 0.85  # a child's force changes by less than this share of its parent's
 POSTURE = math.radians(1.5)  # how exactly people stand straight
 FACING = math.radians(8.0)  # and face where they say
-OWN_HEADING_MAX = math.radians(45.0)  # to tell left from right
 
 
+ALIKE_MIN = 0.3  # correlation of what pushes two neighbours
 UPSIDE_DOWN = -0.8  # of up along a probe's own axis
 UPRIGHT_MAX = 0.3  # of an axis across up, a share
 
@@ -80,11 +80,13 @@ def by_motion(
     standing: Mapping[str, Track],
     moving: Mapping[str, Track],
     facing_rad: float | None = None,
+    walking: Mapping[str, Track] | None = None,
 ) -> Aligned:
     """From standing still, then a motion that bends every hinge.
 
-    Segments without a hinge take ahead from `facing_rad`, which may be None if there
-    are none. `moving` has the same times for all. Raises Refused.
+    `walking` tells left from right where `moving` alone leaves it open. Segments
+    without a hinge take ahead from `facing_rad`, which may be None if there are none.
+    `moving` has the same times for all. Raises Refused.
     """
     axes: dict[str, Axis] = {}
     for parent, child in chain.joints():
@@ -96,7 +98,7 @@ def by_motion(
                 axes[child.name] = hinge.axis(one.gyr[good], other.gyr[good], rate_hz)
             except Refused as refused:
                 raise Refused(f"{parent.name} and {child.name}: {refused}") from None
-    rights = _rights(chain, axes, standing, moving)
+    rights = _rights(chain, axes, standing, (moving, walking or moving))
     plain = None
     if facing_rad is not None:
         plain = by_pose(chain, standing, facing_rad).mounts
@@ -147,16 +149,19 @@ def _rights(
     chain: Chain,
     axes: Mapping[str, Axis],
     standing: Mapping[str, Track],
-    moving: Mapping[str, Track],
+    motions: tuple[Mapping[str, Track], Mapping[str, Track]],
 ) -> dict[str, list[_Right]]:
     """The directions to the right in each probe that the hinges beside it show."""
+    moving, walking = motions
     found: dict[str, list[_Right]] = {}
     for parent, child in chain.joints():
         hinge_axis = axes.get(child.name)
         if hinge_axis is None:
             continue
         first, second = hinge_axis.parent, hinge_axis.child
-        if not _agree(first, second, standing[parent.name], standing[child.name]):
+        stood = standing[parent.name], standing[child.name]
+        moved = walking[parent.name], walking[child.name]
+        if not _agree((first, second), stood, moved):
             second = -second
         if parent.name in found:
             # The joint above has said where right is.
@@ -190,13 +195,36 @@ def _mean_right(up: FloatArray, rights: list[_Right]) -> _Right:
     return total, weights**-0.5
 
 
-def _agree(first: FloatArray, second: FloatArray, one: Track, other: Track) -> bool:
-    """Whether two axes point to the same side, by the headings of both probes."""
+def _agree(
+    axes: tuple[FloatArray, FloatArray],
+    stood: tuple[Track, Track],
+    moved: tuple[Track, Track],
+) -> bool:
+    """Whether two axes point to the same side.
+
+    Neighbours are pushed ahead together; without forces, or where these leave it open,
+    the headings of both probes tell.
+    """
+    pushes = [_ahead(axis, each) for axis, each in zip(axes, moved, strict=True)]
+    if pushes[0] is not None and pushes[1] is not None:
+        good = np.isfinite(pushes[0]) & np.isfinite(pushes[1])
+        alike = float(np.corrcoef(pushes[0][good], pushes[1][good])[0, 1])
+        if abs(alike) > ALIKE_MIN:
+            return alike > 0.0
     in_world = []
-    for axis, track in ((first, one), (second, other)):
+    for axis, track in zip(axes, stood, strict=True):
         quat, _ = _stood("a segment", track)
         in_world.append(rotation.rotate(quat, axis)[:2])
     return bool(in_world[0] @ in_world[1] >= 0.0)
+
+
+def _ahead(right: FloatArray, track: Track) -> FloatArray | None:
+    """The level force across an axis that points to the right, m/s2, over time."""
+    if track.acc is None:
+        return None
+    east, north, _ = rotation.rotate(track.quat, track.acc).T
+    x, y, _ = rotation.rotate(track.quat, right).T
+    return np.asarray((north * x - east * y) / np.hypot(x, y))
 
 
 def _turned(first: FloatArray, second: FloatArray, one: Track, other: Track) -> float:
