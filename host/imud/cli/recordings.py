@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -127,16 +128,34 @@ def _add_export(commands: Commands) -> None:
         "write logs as CSV or Parquet tables",
         "imud export logs/imud-20260102T030405Z.mcap --to csv --out tables",
         "One file for each log, probe and kind: pose, raw, event, status (its "
-        "numbers), twin, clock, log.",
+        "numbers), twin, clock, log. With --body: the joint angles of several probes.",
     )
     export.add_argument(
-        "logs", metavar="LOG", nargs="+", type=Path, help="an MCAP file"
+        "logs",
+        metavar="LOG",
+        nargs="+",
+        type=Path,
+        help="an MCAP file; with --body also PROBE=FILE, a motion (.npz, .csv)",
     )
     export.add_argument(
         "--to",
-        choices=("csv", "parquet"),
+        choices=("csv", "parquet", "sto"),
         default="csv",
-        help="file format (default: %(default)s)",
+        help="file format; sto: OpenSim's, with --body (default: %(default)s)",
+    )
+    export.add_argument(
+        "--body",
+        metavar="FILE",
+        type=Path,
+        help="the segments that the probes sit on (docs/limb.md): all logs together "
+        "become joint angles and attitudes",
+    )
+    export.add_argument(
+        "--facing",
+        metavar="DEG",
+        type=float,
+        help="with --body: the compass direction that the person faced when standing, "
+        "clockwise from north, for probes without a hinge",
     )
     export.add_argument(
         "--out",
@@ -183,6 +202,16 @@ def _replay(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
+    if args.body is not None:
+        from imud.recordings import body_export
+
+        if args.to == "parquet":
+            raise ConfigError("a body is written as csv or sto; take one of these")
+        facing = None if args.facing is None else math.radians(90.0 - args.facing)
+        names = [str(each) for each in args.logs]
+        return body_export.run(names, args.to, args.body, args.out, facing)
+    if args.to == "sto" or args.facing is not None:
+        raise ConfigError("--to sto and --facing are for bodies; name one by --body")
     from imud.recordings import export
 
     return export.run(args.logs, args.to, args.out)

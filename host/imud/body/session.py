@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: MIT
+"""A whole recording of a body: it finds where the person stands still, aligns by what
+follows, and computes posture and the paths of feet.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from imud.body import contact, mounting, posture, tracks
+from imud.body.chain import Chain
+from imud.body.contact import Path
+from imud.body.hinge import Refused
+from imud.body.mounting import Aligned
+from imud.body.posture import Posture
+from imud.body.tracks import Track
+from imud.rotation import FloatArray
+
+RATE_HZ = 100.0
+STILL_S = 1.5
+MOTION_S = 5.0  # at least, of a motion that aligns
+STILL_RAD_S = math.radians(10.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """Posture over time, paths of segments with `contact`, and remarks for people."""
+
+    posture: Posture
+    paths: Mapping[str, Path]
+    remarks: tuple[str, ...]
+
+
+def of(
+    chain: Chain, by_probe: Mapping[str, Track], facing_rad: float | None = None
+) -> Session:
+    """All of a recording: standing, a motion that aligns, standing again, the rest.
+
+    `facing_rad`: where the person faces while standing,
+    counterclockwise from east; with None, hinges that bend say what is ahead.
+
+    Raises Refused, in words for people.
+    """
+    given = {
+        each.name: by_probe[each.probe]
+        for each in chain.segments
+        if each.probe is not None and each.probe in by_probe
+    }
+    if not given:
+        raise Refused("none of its probes is there")
+    times_s = tracks.common_times(list(given.values()), RATE_HZ)
+    if len(times_s) < RATE_HZ * STILL_S:
+        raise Refused("its probes have hardly a moment in common")
+    found = {name: tracks.joined(each, times_s) for name, each in given.items()}
+    (begin_s, end_s), *later = standing(found)
+    again_s = next((each[0] for each in later if each[0] > end_s + MOTION_S), math.inf)
+    stood = {name: each.between(begin_s, end_s) for name, each in found.items()}
+    moving = {name: each.between(end_s, again_s) for name, each in found.items()}
+    walking = {name: each.between(end_s, math.inf) for name, each in found.items()}
+    aligned, why = _aligned(chain, stood, (moving, walking), facing_rad)
+    remarks = [
+        f"{each.name}: {each.probe} is not there"
+        for each in chain.segments
+        if each.probe is not None and each.name not in given
+    ]
+    remarks += [*aligned.remarks, *why]
+    try:
+        mounting.check_order(chain, walking)
+    except Refused as refused:
+        remarks.append(str(refused))
+    paths = {
+        each.name: contact.path(given[each.name])
+        for each in chain.segments
+        if each.is_contact and each.name in given and given[each.name].acc is not None
+    }
+    body = posture.of(chain, found, aligned.mounts)
+    return Session(body, paths, tuple(remarks))
+
+
+def _aligned(
+    chain: Chain,
+    stood: Mapping[str, Track],
+    motions: tuple[Mapping[str, Track], Mapping[str, Track]],
+    facing_rad: float | None,
+) -> tuple[Aligned, list[str]]:
+    """By motion; where that is refused, by the pose, and why."""
+    try:
+        return mounting.by_motion(chain, stood, motions[0], facing_rad, motions[1]), []
+    except Refused as refused:
+        if facing_rad is None:
+            raise
+        return mounting.by_pose(chain, stood, facing_rad), [
+            f"aligned by the pose alone: {refused}"
+        ]
+
+
+def standing(found: Mapping[str, Track]) -> list[tuple[float, float]]:
+    """Each STILL_S or more in which no probe turns: from and to, s. At least one."""
+    times_s = next(iter(found.values())).times_s
+    fastest: FloatArray = np.max(
+        [np.linalg.norm(each.gyr, axis=1) for each in found.values()], axis=0
+    )
+    is_still = np.nan_to_num(fastest, nan=np.inf) < STILL_RAD_S
+    edges = np.diff(np.concatenate([[False], is_still, [False]]).astype(int))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    spans = [
+        (float(times_s[start]), float(times_s[end]))
+        for start, end in zip(starts.tolist(), ends.tolist(), strict=True)
+        if times_s[end] - times_s[start] >= STILL_S
+    ]
+    if not spans:
+        raise Refused("no pose to align by: stand still for 3 s at the beginning")
+    return spans

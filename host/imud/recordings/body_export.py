@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: MIT
+"""`imud export --body FILE`: joint angles, attitudes, paths as files.
+
+.sto is OpenSim's table: version 1 of numbers, version 3 of quaternions.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from imud import rotation
+from imud.body import chain, session
+from imud.body.chain import Chain
+from imud.body.hinge import Refused
+from imud.body.session import RATE_HZ, Session
+from imud.errors import FileError
+from imud.recordings import body_tracks
+from imud.rotation import FloatArray
+
+PLANES = ("flexion", "abduction", "rotation")
+# OpenSim's ground has y up: z up turned about x.
+Y_UP = rotation.from_rotation_vector(np.array([-math.pi / 2, 0.0, 0.0]))
+
+
+def run(
+    names: Sequence[str],
+    to: str,
+    body: Path,
+    out: Path | None,
+    facing_rad: float | None,
+) -> int:
+    """Writes the files of one body and prints their names; returns 0.
+
+    Raises ConfigError for the body's file, FileError for everything else.
+    """
+    try:
+        text = body.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileError(f"can't read {body}: {error}") from error
+    limb = chain.read(text, str(body))
+    try:
+        made = session.of(limb, body_tracks.of_files(names), facing_rad)
+    except Refused as refused:
+        raise FileError(f"{limb.name}: {refused}") from refused
+    for remark in made.remarks:
+        sys.stderr.write(f"{limb.name}: {remark}\n")
+    directory = out or Path()
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        if to == "csv":
+            files = [_csv(directory, limb, made)]
+        else:
+            files = [
+                _angles_sto(directory, limb, made),
+                _quats_sto(directory, limb, made),
+            ]
+    except FileExistsError as error:
+        raise FileError(
+            f"{error.filename} is there already; name another folder with --out"
+        ) from error
+    except OSError as error:
+        raise FileError(f"can't export to {directory}: {error.strerror}") from error
+    rows = len(made.posture.times_s)
+    for file in files:
+        sys.stdout.write(f"{file}: {rows} rows\n")
+    return 0
+
+
+def _since_start(made: Session) -> FloatArray:
+    return np.asarray(made.posture.times_s - made.posture.times_s[0])
+
+
+def _names(made: Session) -> list[str]:
+    return [f"{each}_{p}" for each in made.posture.angles for p in PLANES]
+
+
+def _angles_sto(directory: Path, limb: Chain, made: Session) -> Path:
+    """Joint angles in degrees, named after the child's segment."""
+    angles = [np.degrees(each) for each in made.posture.angles.values()]
+    table = np.column_stack([_since_start(made), *angles])
+    head = [
+        f"{limb.name} joint angles",
+        "version=1",
+        f"nRows={table.shape[0]}",
+        f"nColumns={table.shape[1]}",
+        "inDegrees=yes",
+        "endheader",
+        "\t".join(["time", *_names(made)]),
+    ]
+    lines = ["\t".join(f"{value:.6f}" for value in row) for row in table.tolist()]
+    return _written(directory / f"{limb.name}-angles.sto", [*head, *lines])
+
+
+def _quats_sto(directory: Path, limb: Chain, made: Session) -> Path:
+    """Attitudes of the segments as OpenSense reads them, columns SEGMENT_imu."""
+    quats = [
+        rotation.multiply(Y_UP, made.posture.quats[each.name]) for each in limb.segments
+    ]
+    head = [
+        f"DataRate={RATE_HZ:.6f}",
+        "DataType=Quaternion",
+        "version=3",
+        "OpenSimVersion=4.5",
+        "endheader",
+        "\t".join(["time", *(f"{each.name}_imu" for each in limb.segments)]),
+    ]
+    lines = []
+    for index, time_s in enumerate(_since_start(made).tolist()):
+        cells = [",".join(f"{part:.8f}" for part in each[index]) for each in quats]
+        lines.append("\t".join([f"{time_s:.6f}", *cells]))
+    return _written(directory / f"{limb.name}-orientations.sto", [*head, *lines])
+
+
+def _written(file: Path, lines: Sequence[str]) -> Path:
+    with file.open("x", encoding="utf-8", newline="\n") as out:
+        out.write("\n".join(lines) + "\n")
+    return file
+
+
+def _csv(directory: Path, limb: Chain, made: Session) -> Path:
+    """Angles and their errors in degrees, and the places of feet in m."""
+    found = made.posture
+    columns = [found.times_s]
+    names = ["t_s"]
+    for child, angles in found.angles.items():
+        columns += [*np.degrees(angles).T, *np.degrees(found.sigmas[child]).T]
+        names += [f"{child}_{plane}_deg" for plane in PLANES]
+        names += [f"{child}_{plane}_sigma_deg" for plane in PLANES]
+    for name, path in made.paths.items():
+        for axis, place in zip("xyz", path.place.T, strict=True):
+            columns.append(np.interp(found.times_s, path.times_s, place))
+            names.append(f"{name}_{axis}_m")
+    file = directory / f"{limb.name}-body.csv"
+    with file.open("x", encoding="utf-8", newline="") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(names)
+        for row in np.column_stack(columns).tolist():
+            cells = ("" if value != value else f"{value:.6f}" for value in row)
+            writer.writerow(cells)
+    return file

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: MIT
+"""What probes on a body told: from logs, or from motion files."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from imud.body import level, tracks
+from imud.body.tracks import Track
+from imud.errors import FileError
+from imud.log.reader import Logged, salvage
+from imud.rotation import FloatArray
+from imud.virtual import motion
+
+MOTIONS = (".npz", ".csv")
+POSES_MIN = 10
+
+Rows = list[tuple[float, ...]]
+
+
+def of_files(names: Sequence[str]) -> dict[str, Track]:
+    """Tracks by probe, of logs and of motions as PROBE=FILE. Raises FileError.
+
+    Times are in s of UTC; motions begin at 0.
+    """
+    found: dict[str, Track] = {}
+    logs = []
+    for name in names:
+        probe, equals, file = name.partition("=")
+        if equals and Path(file).suffix.lower() in MOTIONS:
+            found[probe] = of_motion(Path(file))
+        elif Path(name).suffix.lower() in MOTIONS:
+            raise FileError(f"{name}: say whose it is: PROBE={name}")
+        else:
+            logs.append(Path(name))
+    if logs:
+        if found:
+            raise FileError("logs have UTC and motions have none; give one kind")
+        found = of_logs(logs)
+    return found
+
+
+def of_motion(path: Path) -> Track:
+    """The track of one motion file, by its rates and forces alone."""
+    recorded = motion.load(path)
+    try:
+        return level.attitudes(recorded.gyr, recorded.acc, recorded.rate_hz)
+    except ValueError as error:
+        raise FileError(f"{path}: {error}") from error
+
+
+def of_logs(paths: Iterable[Path]) -> dict[str, Track]:
+    """Tracks by probe of all logs together. Forces come from raw messages."""
+    poses: dict[str, Rows] = {}
+    raws: dict[str, Rows] = {}
+    undated: set[str] = set()
+    for path in paths:
+        for item in salvage(path, lambda _: None):
+            if not isinstance(item, Logged) or item.topic not in ("pose", "raw"):
+                continue
+            said = _said(item)
+            if said.get("t_ns") is None or said.get("t_bound_us") is None:
+                undated.add(item.probe)
+                continue
+            time_s = said["t_ns"] * 1e-9
+            if item.topic == "pose":
+                sigmas = (said.get("tilt_sigma_deg"), said.get("heading_sigma_deg"))
+                row = (time_s, *said["q"], *map(_number, sigmas))
+                poses.setdefault(item.probe, []).append(row)
+            elif said.get("acc_m_s2") is not None:
+                row = (time_s, *said["gyr_rad_s"], *said["acc_m_s2"])
+                raws.setdefault(item.probe, []).append(row)
+    found = {
+        probe: _track(np.array(sorted(rows)), raws.get(probe, []))
+        for probe, rows in poses.items()
+        if len(rows) >= POSES_MIN
+    }
+    lost = sorted(undated - set(found))
+    if lost:
+        raise FileError(f"{', '.join(lost)}: the clock is not known, so no common time")
+    return found
+
+
+def _said(item: Logged) -> Mapping[str, Any]:
+    with contextlib.suppress(msgspec.DecodeError, UnicodeDecodeError):
+        return msgspec.json.decode(item.data, type=dict[str, Any])
+    return {}
+
+
+def _number(value: Any) -> float:
+    return float(value) if isinstance(value, int | float) else np.nan
+
+
+def _track(poses: FloatArray, raws: Rows) -> Track:
+    _, first = np.unique(poses[:, 0], return_index=True)
+    poses = poses[first]
+    tilt, heading = np.radians(poses[:, 5]), np.radians(poses[:, 6])
+    # Before a filter has settled it states none.
+    tilt = np.where(np.isfinite(tilt), tilt, np.radians(10.0))
+    track = tracks.of_poses(poses[:, 0], poses[:, 1:5], tilt, heading)
+    if len(raws) < POSES_MIN:
+        return track
+    rows = np.array(sorted(raws))
+    rows = rows[np.unique(rows[:, 0], return_index=True)[1]]
+    at = tracks.joined(track, rows[:, 0])
+    rate_hz = 1.0 / float(np.median(np.diff(rows[:, 0])))
+    bias = level.biases(rows[:, 1:4], rows[:, 4:7], rate_hz)
+    return Track(
+        rows[:, 0],
+        at.quat,
+        rows[:, 1:4] - bias,
+        at.tilt_sigma,
+        at.heading_sigma,
+        rows[:, 4:7],
+    )
