@@ -159,6 +159,15 @@ def test_who_never_stands_still_is_told(recorded: Path):
         session.of(chain.read(leg.CHAIN, "leg"), found)
 
 
+def test_a_pose_without_a_compass_aligns_nothing(recorded: Path):
+    found = body_tracks.of_files([f"thigh={recorded / 'thigh'}.npz"])
+    body = chain.read(leg.CHAIN, "leg")
+    with pytest.raises(Refused, match="needs a compass, and thigh has none"):
+        still = {"thigh": found["thigh"].between(0.0, 5.0)}
+        still["shank"] = still["thigh"]
+        session.of(body, still, 0.0)
+
+
 def said_of(name: str, bound_us: int | None = 500) -> list[Logged]:
     """A log's messages of one probe: poses and raw samples at 50 Hz."""
     motion = made().motions[name]

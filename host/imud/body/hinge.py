@@ -15,6 +15,7 @@ import numpy as np
 from imud.rotation import FloatArray
 
 ROWS = 600  # samples that a fit uses at most
+ROWS_MIN = 20  # and at least
 ROUNDS = 30
 # A motion that turns less than this about the axis (rms) is refused.
 EXCITATION_MIN = math.radians(20.0)
@@ -60,7 +61,7 @@ def axis(parent: FloatArray, child: FloatArray, rate_hz: float) -> Axis:
     fast = np.linalg.norm(parent, axis=1) + np.linalg.norm(child, axis=1)
     order = np.sort(np.argsort(fast)[-min(len(fast), 4 * ROWS) :])
     rows = order[:: max(1, len(order) // ROWS)]
-    if len(rows) < 20:
+    if len(rows) < ROWS_MIN:
         raise Refused("too few samples; move for some seconds")
     first, second = parent[rows], child[rows]
     starts = (_main(first), _main(second))

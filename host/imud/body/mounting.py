@@ -93,6 +93,8 @@ def by_motion(
         if child.joint.is_hinge and parent.name in moving and child.name in moving:
             one, other = moving[parent.name], moving[child.name]
             good = np.isfinite(one.gyr).all(axis=1) & np.isfinite(other.gyr).all(axis=1)
+            if good.sum() < hinge.ROWS_MIN:
+                raise Refused(f"{parent.name} and {child.name}: no motion to align by")
             rate_hz = 1.0 / float(np.median(np.diff(one.times_s)))
             try:
                 axes[child.name] = hinge.axis(one.gyr[good], other.gyr[good], rate_hz)
@@ -255,6 +257,8 @@ def check_order(chain: Chain, moving: Mapping[str, Track]) -> None:
 def _change(acc: FloatArray) -> float:
     """By how much the specific force changes, without its peaks; m/s2."""
     size = np.linalg.norm(acc, axis=1)
+    if not np.isfinite(size).any():
+        return 0.0
     low, high = np.nanpercentile(size, (10.0, 90.0))
     return float(high - low)
 

@@ -93,6 +93,11 @@ def _aligned(
     except Refused as refused:
         if facing_rad is None:
             raise
+        blind = [n for n, t in stood.items() if np.isnan(t.heading_sigma).all()]
+        if blind:
+            raise Refused(
+                f"{refused}; the pose alone needs a compass, and {blind[0]} has none"
+            ) from refused
         return mounting.by_pose(chain, stood, facing_rad), [
             f"aligned by the pose alone: {refused}"
         ]
