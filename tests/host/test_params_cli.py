@@ -159,12 +159,13 @@ def test_a_late_client_and_the_status_know_them(chain: Chain) -> None:
             "is_known": True,
             "acc": {
                 "is_calibrated": True,
+                "condition": "calibrated",
                 "sigma_m_s2": 0.012,
                 "day": None,
                 "method": "positions",
             },
-            "gyr": {"is_calibrated": False},
-            "mag": {"is_calibrated": False},
+            "gyr": {"is_calibrated": False, "condition": "uncalibrated"},
+            "mag": {"is_calibrated": False, "condition": "uncalibrated"},
             "tip": {},
             "options": {"button_does": "tell", "reference": "none"},
         }

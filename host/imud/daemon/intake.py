@@ -142,6 +142,8 @@ class Intake:
         if message.name == "pose":
             entry.poses += 1
             entry.pose = record.said
+        elif message.name == "raw":
+            entry.temperature_c = record.said["temperature_c"]
         elif message.name == "status":
             entry.counters = dict(message.fields)
             entry.counters_sequence = message.sequence

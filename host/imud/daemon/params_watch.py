@@ -5,12 +5,14 @@ known, kept as history.
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Callable, Iterator
 from typing import Any
 
 from imud.daemon.publisher import Publisher
 from imud.daemon.registry import ProbeEntry, Registry
 from imud.errors import ParamsError
+from imud.params.condition import condition_of
 from imud.params.value import SENSORS, Params, payload_of
 
 PARAMS = "params"  # the topic
@@ -84,11 +86,16 @@ def summary(entry: ProbeEntry) -> dict[str, Any]:
     if records is None:
         return said
     try:
-        described = Params.decode(records).described()
+        params = Params.decode(records)
     except ParamsError:
         return said
+    described = params.described()
+    seconds = entry.last_heard_ns * 1e-9
+    today = datetime.datetime.fromtimestamp(seconds, datetime.UTC).date()
     for name in SENSORS:
+        condition = condition_of(params.plain(name), today, entry.temperature_c)
         said[name] = {"is_calibrated": described[name] is not None}
+        said[name]["condition"] = condition.value
     for name in (*SENSORS, "tip"):
         values = described[name] or {}
         kept = {

@@ -57,6 +57,7 @@ class ProbeEntry:
         self.equipment: dict[str, Any] | None = None  # None: the board sends none
         self.pose: Mapping[str, Any] = {}
         self.aim: Aim | None = None  # what it is to be brought to
+        self.temperature_c: float | None = None  # of the last raw sample
         self.poses = 0
         self.poses_before = 0  # at the last tick
         self.pose_rate_hz = 0.0
