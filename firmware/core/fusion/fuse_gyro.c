@@ -67,7 +67,7 @@ static const IN_FLASH struct lowpass_gain rest_gain = {
     INT32_C(15186015), INT32_C(1052480291), REST_SETTLE};
 
 // Covariance of a bias that is known this well, whatever else is known.
-static void set_bias_variance(struct fuse *fuse, int32_t bias_variance) {
+NOINLINE static void set_bias_variance(struct fuse *fuse, int32_t bias_variance) {
     for (uint8_t state = 0; state < SCALE; ++state) {
         kalman_forget(fuse->motion_covariance, FUSE_MOTION_STATES, state);
         fuse->motion_covariance[kalman_variance(state)] = bias_variance;

@@ -16,7 +16,7 @@ void lowpass_axis_step(struct lowpass_axis *axis,
     }
     const int32_t middle = fixed_mul_q30(
         axis->band + fixed_mul_q30(error, gain->integrator), gain->feedback);
-    axis->level += 2 * fixed_mul_q30(middle, gain->integrator);
+    fixed_add(2 * fixed_mul_q30(middle, gain->integrator), &axis->level);
     axis->band = 2 * middle - axis->band;
 }
 

@@ -23,8 +23,10 @@ struct params_store {
     uint8_t told;        // of the part to be told
     uint8_t length;      // of the records that were asked for
     uint32_t digest;     // theirs
-    uint32_t crc;        // of what was checked
-    uint8_t staged[PARAMS_WORD];
+    union {
+        uint32_t crc;                 // of what was checked
+        uint8_t staged[PARAMS_WORD];  // on their way into memory
+    };
 };
 
 enum params_step {

@@ -29,6 +29,16 @@ struct probe_log {
     uint16_t unsent_flags;  // clipped and gap of poses that were kept and not sent
 };
 
+// What a status message has of the probe's own. The runs of members that lie alike in
+// both are copied at once.
+struct probe_counts {
+    uint32_t samples_read, samples_fused, overruns;
+    uint16_t bus_faults, bus_recoveries;
+    uint16_t commands_received, commands_bad;
+    uint32_t uptime;  // s
+    uint32_t cycles_worst;
+};
+
 // What the probe asks of a board.
 struct probe_port {
     struct outlet *wire;
@@ -60,9 +70,9 @@ struct probe {
     uint16_t pose_phase, raw_phase;
     uint16_t samples;  // of the second that runs, and the cycles of their work
     uint32_t cycles_sum;
-    uint32_t second_us;            // start of the second that runs
-    struct message_status status;  // counts as it goes
-    uint32_t refused_us;           // when a refused calibration was last told
+    uint32_t second_us;  // start of the second that runs
+    struct probe_counts status;
+    uint32_t refused_us;  // when a refused calibration was last told
     struct settings settings;
     struct settings_writer writer;
     struct params params;

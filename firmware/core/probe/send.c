@@ -106,19 +106,50 @@ void probe_say_hello(struct probe *probe, uint32_t now_us) {
     send_hello(probe, TO_BOTH);
 }
 
-NOINLINE void send_status(struct probe *probe) {
-    uint8_t bytes[MESSAGE_STATUS_SIZE + FRAME_AROUND];
-    struct message_status *status = &probe->status;
+_Static_assert(OFFSET(message_status, bus_recoveries) -
+                           OFFSET(message_status, samples_read) ==
+                       OFFSET(probe_counts, bus_recoveries) &&
+                   OFFSET(message_status, commands_bad) -
+                           OFFSET(message_status, commands_received) ==
+                       OFFSET(probe_counts, commands_bad) -
+                           OFFSET(probe_counts, commands_received),
+               "these counts lie as in a status");
+
+NOINLINE static void make_status(const struct probe *probe,
+                                 struct message_status *out) {
+    const struct probe_counts *counts = &probe->status;
     const struct outlet *wire = probe->port->wire;
-    probe->port->measure(status);
-    status->state = (uint8_t)probe_state(probe);
-    status->cycles_mean = probe->samples > 0 ? probe->cycles_sum / probe->samples : 0;
-    status->messages_sent = wire->sequence - wire->dropped + 1;  // itself
-    status->messages_dropped = wire->dropped;
-    put(probe, TO_BOTH, message_status_layout, status, bytes);
+    probe->port->measure(out);
+    out->uptime = counts->uptime;
+    out->state = (uint8_t)probe_state(probe);
+    memcpy(&out->samples_read, counts, OFFSET(probe_counts, commands_received));
+    memcpy(&out->commands_received, &counts->commands_received,
+           2 * sizeof counts->commands_received);
+    out->cycles_mean = probe->samples > 0 ? probe->cycles_sum / probe->samples : 0;
+    out->cycles_worst = counts->cycles_worst;
+    out->messages_sent = wire->sequence - wire->dropped + 1;  // itself
+    out->messages_dropped = wire->dropped;
+}
+
+// As of a hello.
+enum { STATUS_BEFORE = 27 };
+_Static_assert(STATUS_BEFORE + sizeof(struct message_status) > MESSAGE_STATUS_SIZE, "");
+
+union status_buffer {
+    uint8_t bytes[MESSAGE_STATUS_SIZE + FRAME_AROUND];
+    struct {
+        uint8_t before[STATUS_BEFORE];
+        struct message_status message;
+    };
+};
+
+NOINLINE void send_status(struct probe *probe) {
+    union status_buffer buffer;
+    make_status(probe, &buffer.message);
+    put(probe, TO_BOTH, message_status_layout, &buffer.message, buffer.bytes);
     probe->samples = 0;
     probe->cycles_sum = 0;
-    status->cycles_worst = 0;
+    probe->status.cycles_worst = 0;
 }
 
 NOINLINE void send_equipment(struct probe *probe) {
