@@ -102,6 +102,21 @@ class World:
         return total
 
 
+# Lowest and highest Hz, and rms, of a part of a sway.
+Band = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Sway:
+    """How a hand sways and trembles: a slow sway, and the physiological tremor of 8 to
+    12 Hz. The grain of the surface under the tip: micrometres at tens of Hz.
+    """
+
+    turn: tuple[Band, ...] = ((0.3, 2.0, 0.02), (8.0, 12.0, 0.001))  # rad
+    tip: tuple[Band, ...] = ((0.3, 2.0, 0.003), (8.0, 12.0, 5e-5))  # m
+    grain_m: float = 4e-6
+
+
 class Legs(Protocol):
     """A hand: what it does, leg by leg."""
 
@@ -123,15 +138,14 @@ class _Probe:
         world: World,
         errors: SensorErrors,
         make_hand: MakeHand,
+        manner: Sway,
     ) -> None:
         path_seed, sway_seed, noise_seed = np.random.SeedSequence(seed).spawn(3)
         self.hand = make_hand(np.random.default_rng(path_seed), rate_hz)
         sway = np.random.default_rng(sway_seed)
-        # A slow sway and the physiological tremor of 8 to 12 Hz, rms in rad and m.
-        self.turn_sway = Waves.draw(sway, [(0.3, 2.0, 0.02), (8.0, 12.0, 0.001)])
-        self.tip_sway = Waves.draw(sway, [(0.3, 2.0, 0.003), (8.0, 12.0, 5e-5)])
-        # The grain of the surface under the tip: micrometres at tens of Hz.
-        self.grain = Waves.draw(sway, [(20.0, 60.0, 4e-6)])
+        self.turn_sway = Waves.draw(sway, manner.turn)
+        self.tip_sway = Waves.draw(sway, manner.tip)
+        self.grain = Waves.draw(sway, [(20.0, 60.0, manner.grain_m)])
         self.noise = np.random.default_rng(noise_seed)
         self.rate_hz = rate_hz
         self.world = world
@@ -221,6 +235,7 @@ def stream(
     world: World | None = None,
     errors: SensorErrors | None = None,
     make_hand: MakeHand = Hand,
+    sway: Sway = Sway(),
 ) -> Iterator[Motion]:
     """A motion of a hand-held probe, in pieces. The usual hand never ends: rests,
     strokes, turns, grips; it starts with 3 to 5 s of rest.
@@ -228,7 +243,7 @@ def stream(
     The same seed gives the same motion.
     """
     return _Probe(
-        seed, rate_hz, world or World(), errors or SensorErrors(), make_hand
+        seed, rate_hz, world or World(), errors or SensorErrors(), make_hand, sway
     ).motions()
 
 

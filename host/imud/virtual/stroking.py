@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: MIT
+"""A hand that measures: it rests, strokes, rests, over and over."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from imud import rotation
+from imud.rotation import FloatArray
+from imud.virtual.hand import Leg, Stance
+from imud.virtual.motion import Motion
+from imud.virtual.sensors import Sway
+
+# Amplitudes of the study that the limits of benchmarks/strokes.py are from: tremor of
+# 0.05 or 0.2 m/s2 and of 0.3 or 1 deg/s, a sway of 0.1 or 0.5 mm and of 0.1 or 0.4 deg.
+_TREMOR = 2.0 * math.pi * 10.0  # rad/s
+SWAYS: dict[str, Sway] = {
+    # The probe lies or stands on something at both ends.
+    "supported": Sway(grain_m=0.0),
+    # In a hand, whose tip or heel of the palm rests on the paper.
+    "paper": Sway(
+        turn=(
+            (0.2, 1.0, math.radians(0.1)),
+            (8.0, 12.0, math.radians(0.3) / _TREMOR),
+        ),
+        tip=((0.2, 1.0, 1e-4), (8.0, 12.0, 0.05 / _TREMOR**2)),
+        grain_m=0.0,
+    ),
+    "air": Sway(
+        turn=(
+            (0.2, 1.0, math.radians(0.4)),
+            (8.0, 12.0, math.radians(1.0) / _TREMOR),
+        ),
+        tip=((0.2, 1.0, 5e-4), (8.0, 12.0, 0.2 / _TREMOR**2)),
+        grain_m=0.0,
+    ),
+}
+
+SETTLES_S = 7.0  # of rest at the start: calibration at rest, and level
+PAUSE_S = 1.0  # between strokes
+AHEAD_S = 0.05  # of a stroke, by which its button is pressed
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is measured. `corners`: a closed path through these points, m, on a table;
+    without any, each stroke goes `length_m` in a direction of its own.
+    """
+
+    seconds: float = 1.0  # of a stroke
+    length_m: float = 0.1
+    turn_deg: float = 5.0  # rms about each axis, of each stroke
+    bow: float = 0.05  # of the length, aside
+    strokes: int = 8
+    support: str = "supported"  # of SWAYS
+    corners: tuple[tuple[float, float], ...] = ()
+
+
+A4 = ((0.0, 0.0), (0.297, 0.0), (0.297, 0.21), (0.0, 0.21))
+CIRCLE = tuple(
+    (0.1 * math.cos(0.25 * math.pi * k), 0.1 * math.sin(0.25 * math.pi * k))
+    for k in range(8)
+)
+
+
+class StrokingHand:
+    """Rests, then a plan's strokes with a rest after each, then rests on."""
+
+    def __init__(self, random: np.random.Generator, rate_hz: float, plan: Plan) -> None:
+        self._random = random
+        self._rate_hz = rate_hz
+        self._plan = plan
+
+    def legs(self) -> Iterator[Leg]:
+        plan, random = self._plan, self._random
+        in_hand = 0.0 if plan.support == "supported" else 1.0
+        quat = rotation.from_heading_pitch_roll(
+            random.uniform(-np.pi, np.pi),
+            math.radians(random.uniform(30.0, 60.0)),
+            math.radians(random.uniform(-30.0, 30.0)),
+        )
+        tip = np.array([*(plan.corners[0] if plan.corners else (0.0, 0.0)), 0.0])
+        lying = Stance(tip, quat, held=0.0, free=0.0)
+        stance = Stance(tip, quat, held=in_hand, free=in_hand)
+        yield self._leg(lying, lying, SETTLES_S, is_rest=True)
+        yield self._leg(lying, stance, PAUSE_S, is_rest=in_hand == 0.0)
+        # Windows of the filter and strokes begin anyhow to each other.
+        yield self._leg(stance, stance, PAUSE_S + random.uniform(0.0, 0.1))
+        for number in range(plan.strokes):
+            way = self._way(stance.tip, number)
+            turn = np.radians(random.normal(0.0, plan.turn_deg, 3))
+            after = Stance(
+                stance.tip + way,
+                rotation.multiply(stance.quat, rotation.from_rotation_vector(turn)),
+                in_hand,
+                in_hand,
+            )
+            aside = np.cross(way, random.standard_normal(3))
+            aside *= plan.bow * np.linalg.norm(way) / np.linalg.norm(aside)
+            yield self._leg(stance, after, plan.seconds, bend=aside, is_stroke=True)
+            stance = after
+            yield self._leg(stance, stance, PAUSE_S + random.uniform(0.0, 0.1))
+        while True:
+            yield self._leg(stance, stance, PAUSE_S)
+
+    def _way(self, tip: FloatArray, number: int) -> FloatArray:
+        corners = self._plan.corners
+        if corners:
+            return np.array([*corners[(number + 1) % len(corners)], 0.0]) - tip
+        way = self._random.standard_normal(3)
+        return np.asarray(way * self._plan.length_m / np.linalg.norm(way))
+
+    def _leg(
+        self,
+        start: Stance,
+        end: Stance,
+        seconds: float,
+        *,
+        bend: FloatArray | None = None,
+        is_rest: bool = False,
+        is_stroke: bool = False,
+    ) -> Leg:
+        return Leg(
+            start,
+            end,
+            max(2, round(seconds * self._rate_hz)),
+            bend=np.zeros(3) if bend is None else bend,
+            is_rest=is_rest,
+            is_stroke=is_stroke,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Stroke:
+    """The truth of a stroke: when it is, s, and how far sensor and tip move in it."""
+
+    start_s: float
+    end_s: float
+    way_m: FloatArray
+    tip_way_m: FloatArray
+
+
+def strokes_of(motion: Motion) -> list[Stroke]:
+    """The strokes of a motion, in order. ValueError: it has no truth."""
+    if motion.is_stroke is None or motion.position is None or motion.tip is None:
+        raise ValueError("a motion without truth has no known strokes")
+    edges = np.flatnonzero(np.diff(motion.is_stroke.astype(int)))
+    return [
+        Stroke(
+            (first + 1) / motion.rate_hz,
+            (last + 1) / motion.rate_hz,
+            motion.position[last + 1] - motion.position[first],
+            motion.tip[last + 1] - motion.tip[first],
+        )
+        for first, last in zip(edges[::2], edges[1::2], strict=True)
+    ]
