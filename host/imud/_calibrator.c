@@ -11,8 +11,8 @@ struct calibrator {
 static PyObject *calibrator_new(PyTypeObject *type, PyObject *args, PyObject *kwargs) {
     struct sensor_identity identity;
     struct params params;
-    uint8_t filter;
-    if (!probe_of_arguments(args, kwargs, "O|O:Calibrator", &identity, &filter,
+    struct message_hello hello;
+    if (!probe_of_arguments(args, kwargs, "O|O:Calibrator", &identity, &hello,
                             &params)) {
         return NULL;
     }

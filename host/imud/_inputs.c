@@ -41,34 +41,32 @@ static uint16_t gyr_delay_of(uint8_t sensor) {
 }
 
 static bool identity_of_hello(PyObject *content, struct sensor_identity *identity,
-                              uint8_t *filter) {
+                              struct message_hello *hello) {
     struct message_header header;
-    struct message_hello hello;
     bool is_hello;
-    DECODE(message_hello_decode, content, &header, &hello, is_hello);
-    if (!is_hello || hello.sample_rate < 100 || hello.sample_rate > 800) {
+    DECODE(message_hello_decode, content, &header, hello, is_hello);
+    if (!is_hello || hello->sample_rate < 100 || hello->sample_rate > 800) {
         PyErr_SetString(PyExc_ValueError, "not the hello of a probe whose sensor runs");
         return false;
     }
-    if (gyr_delay_of(hello.sensor) == 0) {
+    if (gyr_delay_of(hello->sensor) == 0) {
         PyErr_Format(PyExc_ValueError, "sensor %d is not one that can be replayed",
-                     hello.sensor);
+                     hello->sensor);
         return false;
     }
-    if (hello.gyr_lsb > GYR_LSB_MAX || hello.acc_lsb > ACC_LSB_MAX ||
-        hello.mag_lsb > MAG_LSB_MAX) {
+    if (hello->gyr_lsb > GYR_LSB_MAX || hello->acc_lsb > ACC_LSB_MAX ||
+        hello->mag_lsb > MAG_LSB_MAX) {
         PyErr_SetString(PyExc_ValueError, "its scales are beyond those of any sensor");
         return false;
     }
     *identity = (struct sensor_identity){
-        .kind = hello.sensor,
-        .rate_hz = hello.sample_rate,
-        .gyr_delay_us = gyr_delay_of(hello.sensor),
-        .gyr_lsb_nrad_s = hello.gyr_lsb,
-        .acc_lsb_nm_s2 = hello.acc_lsb,
-        .mag_lsb_pt = hello.mag_lsb,
+        .kind = hello->sensor,
+        .rate_hz = hello->sample_rate,
+        .gyr_delay_us = gyr_delay_of(hello->sensor),
+        .gyr_lsb_nrad_s = hello->gyr_lsb,
+        .acc_lsb_nm_s2 = hello->acc_lsb,
+        .mag_lsb_pt = hello->mag_lsb,
     };
-    *filter = hello.filter;
     return true;
 }
 
@@ -108,13 +106,13 @@ bool params_of_records(PyObject *records, struct params *params) {
 }
 
 bool probe_of_arguments(PyObject *args, PyObject *kwargs, const char *format,
-                        struct sensor_identity *identity, uint8_t *filter,
+                        struct sensor_identity *identity, struct message_hello *hello,
                         struct params *params) {
     static char *names[] = {"hello", "params", NULL};
-    PyObject *hello = NULL;
+    PyObject *content = NULL;
     PyObject *records = NULL;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, format, names, &hello, &records) ||
-        !identity_of_hello(hello, identity, filter)) {
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, format, names, &content, &records) ||
+        !identity_of_hello(content, identity, hello)) {
         return false;
     }
     if (records != NULL) {

@@ -8,11 +8,12 @@
 #include "core/drivers/sample.h"
 #include "core/drivers/sensor.h"
 #include "core/params/params.h"
+#include "core/wire/messages.h"
 
-// The arguments (hello, params=b"") of a type: the sensor of the hello and the filter
-// that runs, and the values of the records. `format`: as of PyArg_ParseTuple.
+// The arguments (hello, params=b"") of a type: the hello, the sensor that it tells of,
+// and the values of the records. `format`: as of PyArg_ParseTuple.
 bool probe_of_arguments(PyObject *args, PyObject *kwargs, const char *format,
-                        struct sensor_identity *identity, uint8_t *filter,
+                        struct sensor_identity *identity, struct message_hello *hello,
                         struct params *params);
 
 // The values of records that the firmware would take.

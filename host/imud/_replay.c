@@ -10,7 +10,14 @@ struct replay {
     struct params params;  // whose calibration the tracker works with
     struct params next;    // from the next begin on
     struct pose_tracker tracker;
+    bool has_strokes;  // the probe's build has: there is no room on a Nano
 };
+
+// The tip, and what the button does, as the probe puts them in force.
+static void use_tip(struct replay *replay, const struct params *params) {
+    pose_set_tip(&replay->tracker, &params->tip,
+                 params->button_does == BUTTON_DOES_STROKE);
+}
 
 static bool begin(struct replay *replay, long filter) {
     const struct params before = replay->params;
@@ -23,14 +30,15 @@ static bool begin(struct replay *replay, long filter) {
                      filter);
         return false;
     }
+    use_tip(replay, &replay->params);
     return true;
 }
 
 static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs) {
     struct sensor_identity identity;
     struct params params;
-    uint8_t filter;
-    if (!probe_of_arguments(args, kwargs, "O|O:Replay", &identity, &filter, &params)) {
+    struct message_hello hello;
+    if (!probe_of_arguments(args, kwargs, "O|O:Replay", &identity, &hello, &params)) {
         return NULL;
     }
     const allocfunc allocate = (allocfunc)PyType_GetSlot(type, Py_tp_alloc);
@@ -41,7 +49,8 @@ static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs
     struct replay *replay = (struct replay *)self;
     replay->identity = identity;
     replay->next = params;
-    if (!begin(replay, filter)) {
+    replay->has_strokes = hello.board != BOARD_NANO;
+    if (!begin(replay, hello.filter)) {
         Py_DECREF(self);
         return NULL;
     }
@@ -64,6 +73,7 @@ static PyObject *replay_params(PyObject *self, PyObject *records) {
         return NULL;
     }
     replay->next = params;
+    use_tip(replay, &params);
     // As the probe tells whether its filter has to begin anew.
     return PyBool_FromLong(params.digest != replay->params.digest);
 }
@@ -76,7 +86,12 @@ static PyObject *replay_pose(PyObject *self, PyObject *args) {
     if (!PyArg_ParseTuple(args, "kk:pose", &sequence, &time_us)) {
         return NULL;
     }
-    pose_read(&((struct replay *)self)->tracker, &pose);
+    struct replay *replay = (struct replay *)self;
+    pose_read(&replay->tracker, &pose);
+    for (int axis = 0; axis < 3 && !replay->has_strokes; ++axis) {
+        pose.position[axis] = POSE_POSITION_NULL;
+        pose.normal[axis] = POSE_NORMAL_NULL;
+    }
     const uint8_t length =
         message_pose_encode(&pose, (uint32_t)sequence, (uint32_t)time_us, content);
     return PyBytes_FromStringAndSize((const char *)content, length);
@@ -103,6 +118,36 @@ static PyObject *replay_origin(PyObject *self, PyObject *kind) {
     Py_RETURN_NONE;
 }
 
+static PyObject *replay_stroke(PyObject *self, PyObject *args) {
+    unsigned long sequence = 0;
+    unsigned long time_us = 0;
+    uint8_t content[MESSAGE_CONTENT_MAX];
+    struct message_stroke stroke;
+    struct replay *replay = (struct replay *)self;
+    if (!PyArg_ParseTuple(args, "kk:stroke", &sequence, &time_us)) {
+        return NULL;
+    }
+    if (!pose_read_stroke(&replay->tracker, &stroke) || !replay->has_strokes) {
+        Py_RETURN_NONE;
+    }
+    const uint8_t length =
+        message_stroke_encode(&stroke, (uint32_t)sequence, (uint32_t)time_us, content);
+    return PyBytes_FromStringAndSize((const char *)content, length);
+}
+
+static PyObject *replay_hold(PyObject *self, PyObject *is_held) {
+    const int held = PyObject_IsTrue(is_held);
+    if (held < 0) {
+        return NULL;
+    }
+    pose_hold(&((struct replay *)self)->tracker, held != 0);
+    Py_RETURN_NONE;
+}
+
+static PyObject *replay_is_by_button(PyObject *self, PyObject *Py_UNUSED(none)) {
+    return PyBool_FromLong(((struct replay *)self)->tracker.stroke.is_by_button);
+}
+
 static PyMethodDef replay_methods[] = {
     {"step", replay_step, METH_O,
      "step($self, raw, /)\n--\n\nTake the content of the next raw message."},
@@ -110,11 +155,22 @@ static PyMethodDef replay_methods[] = {
      "pose($self, sequence, time_us, /)\n--\n\nThe content of the pose message that "
      "the probe sends after the last step, the same in every bit."},
     {"params", replay_params, METH_O,
-     "params($self, records, /)\n--\n\nPut other params in force, from the next "
-     "restart on. Whether they calibrate otherwise than those of the last."},
+     "params($self, records, /)\n--\n\nPut other params in force: a tip and "
+     "what the button does at once, a calibration from the next restart on. Whether "
+     "they calibrate otherwise than those of the last."},
     {"origin", replay_origin, METH_O,
      "origin($self, kind, /)\n--\n\nSet the origin, as the probe does when it sends "
      "the event `tared` with that detail."},
+    {"stroke", replay_stroke, METH_VARARGS,
+     "stroke($self, sequence, time_us, /)\n--\n\nThe content of the stroke message "
+     "that the probe sends after the last step, None where it sends none. Once for "
+     "each "
+     "step: a second call gives None."},
+    {"hold", replay_hold, METH_O,
+     "hold($self, is_held, /)\n--\n\nThe button is pressed or released, as the probe "
+     "says in its events. Matters where the params let it be held for strokes."},
+    {"is_by_button", replay_is_by_button, METH_NOARGS,
+     "is_by_button($self, /)\n--\n\nWhether strokes are what the button is held for."},
     {"restart", replay_restart, METH_O,
      "restart($self, filter, /)\n--\n\nStart again, as the probe does when it sends "
      "the event `restarted` with that filter."},

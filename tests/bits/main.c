@@ -57,6 +57,12 @@ static void put_in_force(uint32_t digest) {
     }
 }
 
+static void use_tip(void) {
+#ifndef POSE_WITHOUT_STROKES
+    pose_set_tip(&tracker, &params.tip, params.button_does == BUTTON_DOES_STROKE);
+#endif
+}
+
 static void take_hello(uint8_t length) {
     struct message_header header;
     struct message_hello hello;
@@ -75,6 +81,7 @@ static void take_hello(uint8_t length) {
     };
     put_in_force(hello.params_digest);
     has_sensor = pose_begin(&tracker, &params.calibration, &identity, hello.filter);
+    use_tip();
 }
 
 static struct counts counts_of(const int16_t values[3]) {
@@ -115,8 +122,10 @@ static void take_event(uint8_t length) {
         pose_set_origin(&tracker, (enum pose_origin)event.detail);
     } else if (event.event == EVENT_RESTARTED) {
         (void)pose_begin(&tracker, &params.calibration, &identity, event.detail);
+        use_tip();
     } else if (event.event == EVENT_PARAMS_CHANGED) {
         put_in_force((uint32_t)event.detail);
+        use_tip();
     }
 }
 

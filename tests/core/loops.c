@@ -192,3 +192,19 @@ void loop_pose(struct pose_tracker *tracker, int count, const struct sample *sam
         pose_read(tracker, &poses[i]);
     }
 }
+
+int loop_strokes(struct pose_tracker *tracker, int count, const struct sample *samples,
+                 const bool *held, struct message_stroke *told, int32_t *after) {
+    int found = 0;
+    for (int i = 0; i < count; ++i) {
+        if (held[i] != (i > 0 && held[i - 1])) {
+            pose_hold(tracker, held[i]);
+        }
+        (void)pose_step(tracker, &samples[i]);
+        if (pose_read_stroke(tracker, &told[found])) {
+            after[found] = i;
+            ++found;
+        }
+    }
+    return found;
+}

@@ -71,4 +71,9 @@ uint8_t loop_kind(const struct attitude *attitude);
 void loop_pose(struct pose_tracker *tracker, int count, const struct sample *samples,
                struct message_pose *poses, int32_t *results);
 
+// One step a sample. `held`: whether the button is held for a stroke from that sample
+// on. What is told of strokes, and after which sample; returns how many times.
+int loop_strokes(struct pose_tracker *tracker, int count, const struct sample *samples,
+                 const bool *held, struct message_stroke *told, int32_t *after);
+
 #endif

@@ -167,7 +167,7 @@ class Bench:
         return True
 
     def _describe(self, hello: Any) -> None:
-        hello.board = lib.BOARD_NANO
+        hello.board = lib.BOARD_F405
         hello.firmware = b"0.1.0+unreleased-build"[:16]
         hello.reset_cause = self.reset_cause
         hello.reset_address = self.reset_address

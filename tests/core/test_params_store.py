@@ -211,7 +211,7 @@ def test_records_may_fill_the_room_to_its_last_byte():
         (sensor(lib.PARAMS_ACC, 0, 27853), (lib.PARAMS_ACC, RANGE)),
         (sensor(lib.PARAMS_GYR, 16384**2 + 1), (lib.PARAMS_GYR, RANGE)),
         (sensor(lib.PARAMS_MAG, 1 - 2**31), (lib.PARAMS_MAG, RANGE)),
-        (options(2, 0), (lib.PARAMS_OPTIONS, RANGE)),
+        (options(3, 0), (lib.PARAMS_OPTIONS, RANGE)),
         (options(0, 3), (lib.PARAMS_OPTIONS, RANGE)),
         (options() + ACC + options(), (lib.PARAMS_OPTIONS, TWICE)),
         (ACC + sensor(lib.PARAMS_ACC), (lib.PARAMS_ACC, TWICE)),

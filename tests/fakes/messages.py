@@ -51,6 +51,16 @@ RAW: dict[str, Any] = {
     "sample_flags": (),
 }
 EVENT: dict[str, Any] = {"event": "stream_started", "cause": "button", "detail": 0}
+STROKE: dict[str, Any] = {
+    "stroke": 3,
+    "end": "rest",
+    "windows": 14,
+    "displacement": (0.1, -0.002, 0.0),
+    "displacement_sigma": (0.0021, 0.0018),
+    "path": None,
+    "path_sigma": None,
+    "stroke_flags": (),
+}
 STATUS: dict[str, Any] = {
     "uptime": 5,
     "state": "streaming",
@@ -98,6 +108,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "raw": RAW,
     "pose": POSE,
     "event": EVENT,
+    "stroke": STROKE,
     "status": STATUS,
     "equipment": EQUIPMENT,
     "command": COMMAND,

@@ -169,7 +169,10 @@ def body(size: int) -> Params:
             Params((Record(4, b"\0\0\0\x80" + bytes(19)),)),
             "tip: the offset is known in part only",
         ),
-        (Params((Record(5, b"\2\0"),)), "options: button_does 2 is not stream, tell"),
+        (
+            Params((Record(5, b"\3\0"),)),
+            "options: button_does 3 is not stream, tell, stroke",
+        ),
         (Params((Record(5, b"\0"),)), "options: reference is missing"),
     ],
 )

@@ -47,7 +47,7 @@ REFUSED = {
     "record 5 of the params is too short": record(5, b"\0"),
     "record 2 of the params is too short": record(9, b"new") + b"\x02",
     "record 3 of the params is too short": calibration_record(3, [0] * 3, EYE)[:-1],
-    "record 5 of the params has a value out of range": record(5, b"\x02\0"),
+    "record 5 of the params has a value out of range": record(5, b"\x03\0"),
     "record 1 of the params has a value": calibration_record(
         1, [0, BIAS_MAX + 1, 0], EYE
     ),

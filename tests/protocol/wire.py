@@ -38,7 +38,7 @@ IDS = {
     name: getattr(lib, f"MESSAGE_{name.upper()}")
     for name in (
         *("hello", "raw", "pose", "event"),
-        *("status", "equipment", "params", "command", "reply"),
+        *("status", "equipment", "params", "stroke", "command", "reply"),
     )
 }
 

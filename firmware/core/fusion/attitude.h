@@ -5,6 +5,8 @@
 #ifndef ATTITUDE_H
 #define ATTITUDE_H
 
+#include <stddef.h>
+
 #include "core/fusion/complementary.h"
 #include "core/fusion/dcm_pi.h"
 #include "core/fusion/fuse.h"
@@ -54,6 +56,11 @@ static inline bool attitude_has(int32_t kind) {
 static inline enum filter attitude_kind(const struct attitude *attitude) {
     (void)attitude;
     return (enum filter)ATTITUDE_DEFAULT;
+}
+
+// Our filter, where it runs; else NULL.
+static inline const struct fuse *attitude_fuse(const struct attitude *attitude) {
+    return attitude_has(FILTER_FUSE) ? (const struct fuse *)&attitude->only : NULL;
 }
 
 static inline void attitude_init(struct attitude *attitude, enum filter kind,
@@ -122,6 +129,11 @@ struct attitude {
 bool attitude_has(int32_t kind);
 
 enum filter attitude_kind(const struct attitude *attitude);
+
+// Our filter, where it runs; else NULL.
+static inline const struct fuse *attitude_fuse(const struct attitude *attitude) {
+    return attitude->kind == FILTER_FUSE ? &attitude->fuse : NULL;
+}
 
 // Needs attitude_has(kind).
 void attitude_init(struct attitude *attitude, enum filter kind, uint16_t rate_hz,

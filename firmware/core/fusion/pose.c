@@ -2,6 +2,8 @@
 // Sample to pose; see pose.h.
 #include "core/fusion/pose.h"
 
+#include "core/fusion/pose_place.h"
+
 // A gap after which the orientation is found anew: a hand turns far in that time.
 #define RESTART_US UINT32_C(250000)
 
@@ -17,6 +19,7 @@ bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibrat
     attitude_init(&tracker->attitude, (enum filter)filter, identity->rate_hz,
                   identity->gyr_delay_us);
     attitude_set_accuracy(&tracker->attitude, calibration);
+    pose_place_begin(tracker);
     pose_set_origin(tracker, POSE_ORIGIN_NONE);
     tracker->latched_flags = 0;
     tracker->is_calibrated = false;
@@ -51,6 +54,7 @@ __attribute__((noinline)) static enum pose_result follow(struct pose_tracker *tr
     tracker->last_us = sample->time_us;
     if (!tracker->has_sample || interval_us > RESTART_US) {
         attitude_restart(&tracker->attitude);
+        pose_place_break(tracker);
         tracker->has_sample = true;
         interval_us = UINT32_C(1000000) / tracker->identity->rate_hz;
     }
@@ -70,6 +74,7 @@ __attribute__((noinline)) static enum pose_result follow(struct pose_tracker *tr
 
 enum pose_result pose_step(struct pose_tracker *tracker, const struct sample *sample) {
     const enum pose_result result = follow(tracker, sample);
+    pose_place_step(tracker, sample);
     attitude_work(&tracker->attitude);
     return result;
 }
@@ -98,12 +103,26 @@ static uint8_t flags_of(const struct pose_tracker *tracker,
     return flags;
 }
 
+#ifndef POSE_WITHOUT_STROKES
+uint16_t pose_flags_of(const struct pose_tracker *tracker) {
+    struct attitude_quality quality;
+    attitude_quality(&tracker->attitude, &quality);
+    const bool is_tared = tracker->origin != POSE_ORIGIN_NONE;
+    return (uint16_t)(flags_of(tracker, &quality) | (is_tared ? POSE_TARED : 0));
+}
+#endif
+
 void pose_read(struct pose_tracker *tracker, struct message_pose *out) {
     struct attitude_quality quality;
     struct quat *const q = (struct quat *)out->q;
     _Static_assert(sizeof *q == sizeof out->q, "w, x, y, z");
     attitude_orientation(&tracker->attitude, q);
     attitude_quality(&tracker->attitude, &quality);
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        out->position[axis] = POSE_POSITION_NULL;
+        out->normal[axis] = POSE_NORMAL_NULL;
+    }
+    pose_place_read(tracker, q, out);
     if (tracker->origin != POSE_ORIGIN_NONE) {
         if (tracker->origin == POSE_ORIGIN_FULL) {
             quat_multiply(q, &tracker->to_origin, q);
@@ -112,10 +131,6 @@ void pose_read(struct pose_tracker *tracker, struct message_pose *out) {
         }
         quat_renormalise(q);
         tracker->latched_flags |= POSE_TARED;
-    }
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        out->position[axis] = POSE_POSITION_NULL;
-        out->normal[axis] = POSE_NORMAL_NULL;
     }
     out->tilt_sigma = quality.tilt_sigma_cdeg;
     out->heading_sigma = quality.heading_sigma_cdeg;
@@ -133,4 +148,5 @@ void pose_set_origin(struct pose_tracker *tracker, enum pose_origin origin) {
     } else {
         quat_to_no_heading(&q, &tracker->to_origin);
     }
+    pose_place_origin(tracker);
 }

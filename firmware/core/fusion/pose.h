@@ -6,7 +6,15 @@
 
 #include "core/fusion/attitude.h"
 #include "core/fusion/calibrate.h"
+#include "core/fusion/stroke.h"
 #include "core/wire/messages.h"
+
+// A build with POSE_WITHOUT_STROKES has no strokes: no position and no normal.
+#ifdef POSE_WITHOUT_STROKES
+enum { POSE_HAS_STROKES = false };
+#else
+enum { POSE_HAS_STROKES = true };
+#endif
 
 enum pose_origin {
     POSE_ORIGIN_FULL = 0,     // q * conj(q0)
@@ -21,6 +29,12 @@ enum pose_result {
     POSE_MOVED = 2,  // refused, see calibrator.span_counts
 };
 
+// In the body frame, as the record of the params has them, with its nulls.
+struct pose_tip {
+    int32_t offset_um[3];
+    q2_14_t axis[3];
+};
+
 struct pose_tracker {
     const struct calibration *calibration;
     const struct sensor_identity *identity;
@@ -33,6 +47,13 @@ struct pose_tracker {
     struct attitude attitude;
     struct gyro_calibrator calibrator;
     struct quat to_origin;  // multiplies from the right, with a heading from the left
+#ifndef POSE_WITHOUT_STROKES
+    bool has_stroke;  // there is something to tell of one
+    uint8_t fault;    // enum stroke_end: of the window that runs
+    struct pose_tip tip;
+    struct stroke_sums sums;
+    struct stroke stroke;
+#endif
 };
 
 // Begins anew: calibration at rest, filter and origin. Both pointers must stay valid.
@@ -45,6 +66,24 @@ enum pose_result pose_step(struct pose_tracker *tracker, const struct sample *sa
 // The pose of the last sample; has the flags of all samples since the last call.
 void pose_read(struct pose_tracker *tracker, struct message_pose *out);
 
+// The tip is where it is now at the origin of positions, too; without an origin
+// positions are not known.
 void pose_set_origin(struct pose_tracker *tracker, enum pose_origin origin);
+
+#ifndef POSE_WITHOUT_STROKES
+
+// After pose_begin(), which forgets them: the tip, and whether strokes are what the
+// button is held for. Where they are others than before, positions have no origin.
+void pose_set_tip(struct pose_tracker *tracker, const struct pose_tip *tip,
+                  bool is_by_button);
+
+// The button is pressed for a stroke, or released. Where the place is not known, a
+// press makes it the origin of positions.
+void pose_hold(struct pose_tracker *tracker, bool is_held);
+
+// True once for each window in which there is something to tell of a stroke.
+bool pose_read_stroke(struct pose_tracker *tracker, struct message_stroke *out);
+
+#endif
 
 #endif

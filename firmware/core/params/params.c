@@ -19,7 +19,40 @@ enum {
     VALUES_SIZE = offsetof(struct record_acc, sigma),  // at least
     VALUES_ALL = offsetof(struct record_acc, residual),
     TAGS_MAX = 8,  // of the records that are known, and of those that may not be double
+    AXIS_MAX = 16400,  // of a unit vector, rounded
 };
+
+#ifndef POSE_WITHOUT_STROKES
+enum {
+    BUTTON_DOES_MAX = BUTTON_DOES_STROKE,
+    TIP_MAX_UM = 2000000,
+    TIP_VALUES_SIZE = offsetof(struct record_tip, sigma)
+};
+_Static_assert(offsetof(struct pose_tip, axis) == offsetof(struct record_tip, axis),
+               "offset and axis begin a record, with its nulls");
+
+static void clear_tip(struct params *params) {
+    params->tip.offset_um[0] = TIP_OFFSET_NULL;
+    params->tip.axis[0] = TIP_AXIS_NULL;
+}
+
+// What a tip can't be is not known. Nulls are beyond the limits, too.
+static void check_tip(struct params *params) {
+    struct pose_tip *tip = &params->tip;
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        if (fixed_magnitude(tip->offset_um[axis]) > TIP_MAX_UM) {
+            tip->offset_um[0] = TIP_OFFSET_NULL;
+        }
+        if (fixed_magnitude(tip->axis[axis]) > AXIS_MAX) {
+            tip->axis[0] = TIP_AXIS_NULL;
+        }
+    }
+}
+#else
+enum { BUTTON_DOES_MAX = BUTTON_DOES_TELL };
+#define clear_tip(params) ((void)(params))
+#define check_tip(params) ((void)(params))
+#endif
 
 enum params_fault params_read(const IN_FLASH struct memory *memory, uint16_t offset,
                               uint8_t length, struct params *out, uint8_t *tag) {
@@ -27,6 +60,7 @@ enum params_fault params_read(const IN_FLASH struct memory *memory, uint16_t off
     const uint16_t end = (uint16_t)(offset + length);
     memset(out, 0, sizeof *out);
     calibration_clear(&out->calibration);
+    clear_tip(out);
     while (offset < end) {
         uint8_t head[2] = {0, 0};  // tag, length
         memory_copy(memory, offset, head, end - offset < 2 ? 1 : 2);
@@ -51,6 +85,13 @@ enum params_fault params_read(const IN_FLASH struct memory *memory, uint16_t off
             to = (uint8_t *)sensor;
             size = VALUES_SIZE;
         }
+#ifndef POSE_WITHOUT_STROKES
+        // Without the parts that say where it is, the tip is not known.
+        if (head[0] == PARAMS_TIP && head[1] >= TIP_VALUES_SIZE) {
+            to = (uint8_t *)&out->tip;
+            size = TIP_VALUES_SIZE;
+        }
+#endif
         if (head[1] < size) {
             return PARAMS_WRONG_LENGTH;
         }
@@ -59,11 +100,12 @@ enum params_fault params_read(const IN_FLASH struct memory *memory, uint16_t off
         }
         memory_copy(memory, offset, to, size);
         if ((sensor != NULL && !calibration_of_sensor_is_valid(sensor)) ||
-            out->button_does > BUTTON_DOES_TELL || out->reference > REFERENCE_FULL) {
+            out->button_does > BUTTON_DOES_MAX || out->reference > REFERENCE_FULL) {
             return PARAMS_OUT_OF_RANGE;
         }
         offset = (uint16_t)(offset + head[1]);
     }
+    check_tip(out);
     const uint8_t *bytes = (const uint8_t *)&out->calibration;
     for (uint8_t i = 0; i < sizeof out->calibration; ++i) {
         crc32_add(&out->digest, bytes[i]);

@@ -4,7 +4,7 @@
 #ifndef PARAMS_H
 #define PARAMS_H
 
-#include "core/fusion/calibrate.h"
+#include "core/fusion/pose.h"
 #include "core/params/records.h"
 #include "core/storage/memory.h"
 
@@ -13,6 +13,9 @@ struct params {
     uint8_t button_does;  // enum button_does
     uint8_t reference;    // enum reference
     uint32_t digest;      // CRC-32 of the calibration
+#ifndef POSE_WITHOUT_STROKES
+    struct pose_tip tip;
+#endif
 };
 
 enum params_fault {

@@ -79,6 +79,7 @@ void probe_sensor_ready(struct probe *probe, const struct sensor_identity *ident
     if (probe->identity == NULL) {
         (void)pose_begin(&probe->tracker, &probe->params.calibration, identity,
                          ATTITUDE_DEFAULT);
+        probe_use_tip(probe);
     }
     if (probe->is_faulty) {
         ++probe->status.bus_recoveries;
@@ -155,6 +156,7 @@ void probe_sample(struct probe *probe, const struct sample *sample) {
     probe->is_heavy = probe->is_streaming && pose_is_due && sample->has_mag;
     send_raw(probe, outlets_of(probe, STREAM_RAW, raw_is_due), sample);
     send_pose(probe, outlets_of(probe, STREAM_POSE, pose_is_due));
+    send_stroke(probe, outlets_of(probe, STREAM_POSE, true));
 }
 
 void probe_log(struct probe *probe, bool is_on, uint32_t now_us) {
@@ -208,14 +210,30 @@ void probe_set_streaming(struct probe *probe, bool is_streaming, enum cause caus
     probe_stream(probe, is_streaming, cause);
 }
 
+#ifdef POSE_WITHOUT_STROKES
+#define hold(probe, is_held) false
+#else
+// The button is held for a stroke, or no longer. True where a stroke is under way: then
+// its release is no click.
+static bool hold(struct probe *probe, bool is_held) {
+    if (probe->identity == NULL) {
+        return false;
+    }
+    const bool is_stroke = probe->tracker.stroke.phase == STROKE_MOVES;
+    pose_hold(&probe->tracker, is_held);
+    return is_stroke && probe->params.button_does == BUTTON_DOES_STROKE;
+}
+#endif
+
 static void follow_button(struct probe *probe, bool is_down) {
     switch (button_step(&probe->button, is_down, probe->now_us)) {
     case BUTTON_PRESSED:
         send_event(probe, EVENT_BUTTON_PRESSED, CAUSE_BUTTON, 0);
+        (void)hold(probe, true);
         break;
     case BUTTON_RELEASED:
         send_event(probe, EVENT_BUTTON_RELEASED, CAUSE_BUTTON, 0);
-        if (probe->params.button_does == BUTTON_DOES_STREAM) {
+        if (!hold(probe, false) && probe->params.button_does != BUTTON_DOES_TELL) {
             probe_stream(probe, !probe->is_streaming, CAUSE_BUTTON);
         }
         break;

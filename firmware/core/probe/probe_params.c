@@ -38,9 +38,17 @@ static void tell_part(struct probe *probe) {
     }
 }
 
+#ifndef POSE_WITHOUT_STROKES
+void probe_use_tip(struct probe *probe) {
+    pose_set_tip(&probe->tracker, &probe->params.tip,
+                 probe->params.button_does == BUTTON_DOES_STROKE);
+}
+#endif
+
 void probe_restart(struct probe *probe, int32_t filter) {
     (void)pose_begin(&probe->tracker, &probe->params.calibration, probe->identity,
                      filter);
+    probe_use_tip(probe);
     send_event(probe, EVENT_RESTARTED, CAUSE_COMMAND, filter);
 }
 
@@ -53,6 +61,8 @@ static void change(struct probe *probe) {
                (int32_t)probe->store.bank.digest);
     if (probe->identity != NULL && before != probe->params.digest) {
         probe_restart(probe, send_filter(probe));
+    } else if (probe->identity != NULL) {
+        probe_use_tip(probe);
     }
     send_hello(probe, TO_BOTH);
     probe->part_at = 0;

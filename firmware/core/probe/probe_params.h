@@ -20,6 +20,13 @@ void probe_restart(struct probe *probe, int32_t filter);
 // As probe_set_streaming(), at probe->now_us.
 void probe_stream(struct probe *probe, bool is_streaming, enum cause cause);
 
+#ifdef POSE_WITHOUT_STROKES
+#define probe_use_tip(probe) ((void)(probe))
+#else
+// Puts the tip, and what the button does, in force for the tracker.
+void probe_use_tip(struct probe *probe);
+#endif
+
 // Tells, writes or checks a little, where there is anything of the kind to do. The
 // memory must be ready.
 void probe_params_step(struct probe *probe);

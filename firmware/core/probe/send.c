@@ -255,3 +255,13 @@ NOINLINE void send_pose(struct probe *probe, uint8_t outlets) {
     }
     put_pose(probe, TO_WIRE, &message);
 }
+
+#ifndef POSE_WITHOUT_STROKES
+NOINLINE void send_stroke(struct probe *probe, uint8_t outlets) {
+    uint8_t bytes[MESSAGE_STROKE_SIZE + FRAME_AROUND];
+    struct message_stroke message;
+    if (pose_read_stroke(&probe->tracker, &message) && open_of(probe, outlets) != 0) {
+        put(probe, outlets, message_stroke_layout, &message, bytes);
+    }
+}
+#endif

@@ -30,5 +30,11 @@ void send_reply(struct probe *probe, const struct message_command *command);
 void send_raw(struct probe *probe, uint8_t outlets, const struct sample *sample);
 // Reads the pose of the last sample, where it goes anywhere.
 void send_pose(struct probe *probe, uint8_t outlets);
+#ifdef POSE_WITHOUT_STROKES
+#define send_stroke(probe, outlets) ((void)(probe))
+#else
+// What there is to tell of a stroke after the last sample, if anything.
+void send_stroke(struct probe *probe, uint8_t outlets);
+#endif
 
 #endif

@@ -356,6 +356,36 @@ bool message_params_take(const uint8_t *content, uint8_t length,
     return length == MESSAGE_PARAMS_SIZE && take(message_params_layout, content, out);
 }
 
+message_layout message_stroke_layout[18] = {
+    MESSAGE_STROKE,
+    FIELD(130, 1, 2),  // stroke
+    FIELD(131, 1, 1),  // end
+    FIELD(132, 1, 1),  // windows
+    FIELD(133, 3, 4),  // displacement
+    FIELD(134, 2, 2),  // displacement_sigma
+    FIELD(135, 3, 4),  // path
+    FIELD(136, 2, 2),  // path_sigma
+    FIELD(137, 1, 2),  // stroke_flags
+    0,
+};
+
+uint8_t message_stroke_encode(const struct message_stroke *message, uint32_t sequence,
+                              uint32_t time_us, uint8_t *content) {
+    return encode(message_stroke_layout, message, sequence, time_us, content);
+}
+
+enum message_result message_stroke_decode(const uint8_t *content, uint8_t length,
+                                          struct message_header *header,
+                                          struct message_stroke *out) {
+    return decode(message_stroke_layout, content, length, MESSAGE_STROKE_SIZE, header,
+                  out);
+}
+
+bool message_stroke_take(const uint8_t *content, uint8_t length,
+                         struct message_stroke *out) {
+    return length == MESSAGE_STROKE_SIZE && take(message_stroke_layout, content, out);
+}
+
 message_layout message_command_layout[8] = {
     MESSAGE_COMMAND,
     FIELD(70, 1, 1),  // command

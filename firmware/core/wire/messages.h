@@ -9,8 +9,8 @@
 
 #include "core/math/in_flash.h"
 
-#define SCHEMA_FINGERPRINT 0xe9a1d381u
-#define SCHEMA_SEED 0xd381u  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0xe2cbc308u
+#define SCHEMA_SEED 0xc308u  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,
@@ -25,6 +25,7 @@ enum message_id {
     MESSAGE_STATUS = 0x0a,
     MESSAGE_EQUIPMENT = 0x11,
     MESSAGE_PARAMS = 0x12,
+    MESSAGE_STROKE = 0x14,
     MESSAGE_COMMAND = 0x0c,
     MESSAGE_REPLY = 0x0f,
 };
@@ -38,6 +39,7 @@ enum {
     MESSAGE_STATUS_SIZE = 77,
     MESSAGE_EQUIPMENT_SIZE = 52,
     MESSAGE_PARAMS_SIZE = 49,
+    MESSAGE_STROKE_SIZE = 55,
     MESSAGE_COMMAND_SIZE = 23,
     MESSAGE_REPLY_SIZE = 25,
 };
@@ -191,12 +193,25 @@ enum method {
 enum button_does {
     BUTTON_DOES_STREAM = 0,
     BUTTON_DOES_TELL = 1,
+    BUTTON_DOES_STROKE = 2,
 };
 
 enum reference {
     REFERENCE_NONE = 0,
     REFERENCE_HEADING = 1,
     REFERENCE_FULL = 2,
+};
+
+enum stroke_end {
+    STROKE_END_RUNNING = 0,
+    STROKE_END_REST = 1,
+    STROKE_END_BUTTON = 2,
+    STROKE_END_MOVING = 3,
+    STROKE_END_TOO_LONG = 4,
+    STROKE_END_CLIPPED = 5,
+    STROKE_END_GAP = 6,
+    STROKE_END_TOO_FAST = 7,
+    STROKE_END_LOST = 8,
 };
 
 enum {
@@ -257,6 +272,10 @@ enum {
 #define STATUS_STACK_FREE_NULL UINT16_MAX
 #define STATUS_SUPPLY_NULL UINT16_MAX
 #define EQUIPMENT_BATTERY_NULL UINT16_MAX
+#define STROKE_DISPLACEMENT_NULL INT32_MIN
+#define STROKE_DISPLACEMENT_SIGMA_NULL UINT16_MAX
+#define STROKE_PATH_NULL INT32_MIN
+#define STROKE_PATH_SIGMA_NULL UINT16_MAX
 
 enum message_result {
     MESSAGE_OK = 0,
@@ -436,6 +455,26 @@ enum message_result message_params_decode(const uint8_t *content, uint8_t length
 bool message_params_take(const uint8_t *content, uint8_t length,
                          struct message_params *out);
 extern message_layout message_params_layout[10];
+
+struct message_stroke {
+    uint16_t stroke;
+    uint8_t end;  // enum stroke_end
+    uint8_t windows;
+    int32_t displacement[3];         // 1e-6 m
+    uint16_t displacement_sigma[2];  // 1e-5 m
+    int32_t path[3];                 // 1e-6 m
+    uint16_t path_sigma[2];          // 1e-5 m
+    uint16_t stroke_flags;           // POSE_ flags
+};
+
+uint8_t message_stroke_encode(const struct message_stroke *message, uint32_t sequence,
+                              uint32_t time_us, uint8_t *content);
+enum message_result message_stroke_decode(const uint8_t *content, uint8_t length,
+                                          struct message_header *header,
+                                          struct message_stroke *out);
+bool message_stroke_take(const uint8_t *content, uint8_t length,
+                         struct message_stroke *out);
+extern message_layout message_stroke_layout[18];
 
 struct message_command {
     uint8_t command;  // enum command

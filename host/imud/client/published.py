@@ -12,7 +12,7 @@ import msgspec
 
 from imud import rotation
 
-Topic = Literal["pose", "raw", "event", "status"]
+Topic = Literal["pose", "raw", "event", "stroke", "status"]
 Vector = tuple[float, float, float]
 
 
@@ -81,6 +81,22 @@ class Event(Numbered, frozen=True, kw_only=True):
     detail: int
 
 
+class Stroke(Numbered, frozen=True, kw_only=True):
+    """How far the sensor has moved between two rests, or with the button held. `end` is
+    "running" while it moves and what follows is provisional, then "rest" or "button";
+    with any other the displacement is None.
+    """
+
+    stroke: int  # number since the filter began
+    end: str
+    windows: int  # its length in windows of 0.1 s
+    displacement_m: Vector | None  # in the world
+    displacement_sigma_m: Vector | None  # 1-sigma errors, without that of the heading
+    path_m: Vector | None  # from the origin to where the sensor is
+    path_sigma_m: Vector | None
+    flags: tuple[str, ...]
+
+
 class Status(msgspec.Struct, frozen=True, kw_only=True):
     """The daemon's status of a probe, published once a second."""
 
@@ -101,10 +117,11 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
 
 
 # What a subscription yields; KINDS has the type of each topic.
-Published = Pose | Raw | Event | Status
+Published = Pose | Raw | Event | Stroke | Status
 KINDS: dict[str, type[Published]] = {
     "pose": Pose,
     "raw": Raw,
     "event": Event,
+    "stroke": Stroke,
     "status": Status,
 }

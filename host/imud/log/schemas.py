@@ -87,6 +87,17 @@ JSON_SCHEMAS: dict[str, dict[str, Any]] = {
     "event": _object(
         **_HEAD, event={"type": "string"}, cause={"type": "string"}, detail=_COUNT
     ),
+    "stroke": _object(
+        **_HEAD,
+        stroke=_COUNT,
+        end=_TEXT,
+        windows=_COUNT,
+        displacement_m=_vector(3),
+        displacement_sigma_m=_vector(3),
+        path_m=_vector(3),
+        path_sigma_m=_vector(3),
+        flags=_FLAGS,
+    ),
     "twin": _object(
         **_HEAD,
         state={"type": "string"},

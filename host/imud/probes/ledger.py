@@ -41,7 +41,7 @@ BUFFERED = 100
 CONTINUES_WITHIN = 16
 
 # Messages without anything about boots or the probe's own counts.
-_PLAIN = frozenset({"pose", "raw", "event", "reply", "equipment"})
+_PLAIN = frozenset({"pose", "raw", "event", "stroke", "reply", "equipment"})
 
 
 class Verdict(Enum):

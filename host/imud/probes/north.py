@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Poses that refer to true north."""
+"""Poses and strokes that refer to true north."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any
 
 # Poses with these flags refer to no north.
 FREE = {"tared", "heading_free"}
+
+VECTORS = ("position_m", "normal", "displacement_m", "path_m")
 
 
 class North:
@@ -22,9 +24,12 @@ class North:
         self._whole = math.cos(angle), math.sin(angle)
 
     def turned(self, said: Mapping[str, Any]) -> dict[str, Any]:
-        """A pose as describe() gives it, with east and north of the map."""
+        """A pose or stroke as describe() gives it, with east and north of the map."""
         if FREE & set(said["flags"]):
             return dict(said)
+        vectors = {key: self._vector(said[key]) for key in VECTORS if key in said}
+        if "q" not in said:
+            return {**said, **vectors}
         cosine, sine = self._half
         w, x, y, z = said["q"]
         q = (
@@ -33,7 +38,6 @@ class North:
             cosine * y + sine * x,
             cosine * z + sine * w,
         )
-        vectors = {key: self._vector(said[key]) for key in ("position_m", "normal")}
         return {**said, "q": q, **vectors}
 
     def _vector(self, vector: Any) -> Any:

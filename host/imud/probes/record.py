@@ -15,7 +15,7 @@ from imud.probes.scales import Scales
 from imud.wire.messages import Message, Value
 
 # Messages published as JSON under their own names; others only as frames.
-JSON_TOPICS = frozenset({"pose", "raw", "event"})
+JSON_TOPICS = frozenset({"pose", "raw", "event", "stroke"})
 
 # Keys of the daemon's own records, and what the messages of that name are called.
 TOPICS = {"status": "counters", "params": "params_part"}
@@ -82,7 +82,7 @@ def record_of(
     payload = b""
     if message.name in JSON_TOPICS:
         said = describe(message, content, probe, stamp, scales)
-        if north is not None and message.name == "pose":
+        if north is not None and message.name in ("pose", "stroke"):
             said = north.turned(said)
         payload = _ENCODER.encode(said)
     topic = TOPICS.get(message.name, message.name)
@@ -130,6 +130,8 @@ def describe(
             "heading_sigma_deg": fields["heading_sigma"],
             "flags": fields["pose_flags"],
         }
+    if message.name == "stroke":
+        return head | stroke_of(fields)
     if message.name == "raw":
         acc, gyr, mag = scales.measure(content)
         return head | {
@@ -148,6 +150,28 @@ def describe(
 
 def _us(time_ns: int | None) -> int | None:
     return None if time_ns is None else round(time_ns / 1000)
+
+
+def stroke_of(fields: Mapping[str, Value]) -> dict[str, Any]:
+    """A stroke, its sigmas for each axis of the world."""
+    said: dict[str, Any] = {
+        "stroke": fields["stroke"],
+        "end": fields["end"],
+        "windows": fields["windows"],
+        "displacement_m": fields["displacement"],
+        "displacement_sigma_m": _of_axes(fields["displacement_sigma"]),
+        "path_m": fields["path"],
+        "path_sigma_m": _of_axes(fields["path_sigma"]),
+        "flags": fields["stroke_flags"],
+    }
+    return said
+
+
+def _of_axes(sigma: Value) -> tuple[float, float, float] | None:
+    if not isinstance(sigma, tuple):
+        return None
+    horizontal, vertical = map(float, sigma)
+    return horizontal, horizontal, vertical
 
 
 def equipment_of(fields: Mapping[str, Value]) -> dict[str, Any]:

@@ -70,6 +70,15 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
         "flags": ("flags",),
     },
     "event": {**_HEAD, "event": ("event",), "cause": ("cause",), "detail": ("detail",)},
+    "stroke": {
+        **_HEAD,
+        **{key: (key,) for key in ("stroke", "end", "windows")},
+        "displacement_m": _parts("displacement_m"),
+        "displacement_sigma_m": _parts("displacement_sigma_m"),
+        "path_m": _parts("path_m"),
+        "path_sigma_m": _parts("path_sigma_m"),
+        "flags": ("flags",),
+    },
     "status": _named(
         "t_ns",
         "state",
@@ -88,7 +97,7 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
 
 _WORDS = frozenset(
     {
-        *("flags", "event", "cause", "state", "port", "reason"),
+        *("flags", "event", "cause", "end", "state", "port", "reason"),
         *("log.state", "twin.state"),
     }
 )
@@ -96,6 +105,7 @@ _INTEGERS = frozenset(
     {
         *_HEAD,
         *("acc_counts", "gyr_counts", "mag_counts", "params_digest", "detail"),
+        *("stroke", "windows"),
         *("compared", "differed", "step_ns", "dropped"),
         *("clock.offset_ns", "clock.bound_us"),
         *(f"ledger.{key}" for key in _LEDGER),

@@ -115,7 +115,8 @@ class Twin:
         is_one = message.sequence == (first + 1) & _MASK
         may_be_change = message.fields.get("replied_command") in CHANGES
         # What follows a change of the params is the restart that it brings.
-        may_be_change = may_be_change or was_changing
+        # Nor may it be what the button did, where that makes strokes.
+        may_be_change = may_be_change or was_changing or self._replay.is_by_button()
         if not is_one or may_be_change or self._hole is not None:
             return self._lose(first, "a message is missing")
         self._hole = first
@@ -129,6 +130,8 @@ class Twin:
                 return self._take_raw(message, content)
             case "pose":
                 return self._take_pose(message, content)
+            case "stroke":
+                return self._take_stroke(message, content)
             case "event":
                 return self._take_event(message)
             case "reply":
@@ -158,6 +161,9 @@ class Twin:
             # Without a stream there are samples that are not sent.
             self._is_streaming = name == "stream_started"
             self._wait()
+        elif name in ("button_pressed", "button_released"):
+            if self._replay is not None:
+                self._replay.hold(name == "button_pressed")
         elif name == "params_changed":
             # Where they calibrate otherwise, the filter begins anew with the next.
             self._is_sure = self._is_changing = True
@@ -245,6 +251,21 @@ class Twin:
         is_first, self.state = self.state is State.FOLLOWING, State.DIFFERS
         fields = differing(message, twin)
         return Differs(message.sequence, fields, content, twin, is_first)
+
+    def _take_stroke(self, message: Message, content: bytes) -> Outcome | None:
+        if self._replay is None:
+            return None
+        if message.time_us != self._raw_us or self._hole is not None:
+            return self._lose(message.sequence, "its sample was not told")
+        twin = self._replay.stroke(message.sequence, message.time_us)
+        if twin == content:
+            return None
+        if self._is_guess:
+            return self._lose(message.sequence, "its params may be others")
+        self.differed += 1
+        is_first, self.state = self.state is State.FOLLOWING, State.DIFFERS
+        fields = differing(message, twin or b"")
+        return Differs(message.sequence, fields, content, twin or b"", is_first)
 
     def _compare_params(self, sequence: int) -> Outcome | None:
         """A hello named the params. Those of the twin calibrate as they do, or the

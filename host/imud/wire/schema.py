@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0xE9A1D381
-SEED = 0xD381  # of the CRC of all messages but hello
+FINGERPRINT = 0xE2CBC308
+SEED = 0xC308  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -166,12 +166,25 @@ class Method(IntEnum):
 class ButtonDoes(IntEnum):
     STREAM = 0
     TELL = 1
+    STROKE = 2
 
 
 class Reference(IntEnum):
     NONE = 0
     HEADING = 1
     FULL = 2
+
+
+class StrokeEnd(IntEnum):
+    RUNNING = 0
+    REST = 1
+    BUTTON = 2
+    MOVING = 3
+    TOO_LONG = 4
+    CLIPPED = 5
+    GAP = 6
+    TOO_FAST = 7
+    LOST = 8
 
 
 class ResetCauseFlags(IntFlag):
@@ -393,6 +406,25 @@ MESSAGES = (
             Field("set_length", 121, "u16"),
             Field("part_offset", 122, "u16"),
             Field("part", 123, "bytes", 28),
+        ),
+    ),
+    MessageType(
+        "stroke",
+        0x14,
+        "probe",
+        (
+            Field("stroke", 130, "u16"),
+            Field("end", 131, "u8", enum=StrokeEnd),
+            Field("windows", 132, "u8"),
+            Field(
+                "displacement", 133, "i32", 3, scale=1e-6, unit="m", null=-2147483648
+            ),
+            Field(
+                "displacement_sigma", 134, "u16", 2, scale=1e-5, unit="m", null=65535
+            ),
+            Field("path", 135, "i32", 3, scale=1e-6, unit="m", null=-2147483648),
+            Field("path_sigma", 136, "u16", 2, scale=1e-5, unit="m", null=65535),
+            Field("stroke_flags", 137, "u16", flags=PoseFlags),
         ),
     ),
     MessageType(

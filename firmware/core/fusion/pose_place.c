@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: MIT
+// Where the tip is, and the strokes that lead there; see pose.h.
+#include "core/fusion/pose_place.h"
+
+#include <stddef.h>
+#include <string.h>
+
+#ifndef POSE_WITHOUT_STROKES
+
+static bool has_tip(const struct pose_tracker *tracker) {
+    return tracker->tip.offset_um[0] != POSE_POSITION_NULL;
+}
+
+// Of the tip from the sensor, um.
+static void find_arm(const struct pose_tracker *tracker, struct vector *out) {
+    struct quat q;
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        out->axis[axis] = has_tip(tracker) ? tracker->tip.offset_um[axis] : 0;
+    }
+    attitude_orientation(&tracker->attitude, &q);
+    quat_rotate(&q, out, out);
+}
+
+// To the world whose north is that of the origin.
+static void turn_to_origin(const struct pose_tracker *tracker, struct vector *v) {
+    if (tracker->origin == POSE_ORIGIN_HEADING) {
+        quat_rotate(&tracker->to_origin, v, v);
+    }
+}
+
+static void put_vector(const struct pose_tracker *tracker, struct vector *v,
+                       int32_t out[3]) {
+    turn_to_origin(tracker, v);
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        out[axis] = v->axis[axis];
+    }
+}
+
+void pose_place_begin(struct pose_tracker *tracker) {
+    const struct calibration *calibration = tracker->calibration;
+    bool is_calibrated = false;
+    for (uint8_t i = 0; i < 9; ++i) {
+        const q2_14_t one = i % 4 == 0 ? 16384 : 0;
+        is_calibrated |= calibration->gyr.matrix[i / 3][i % 3] != one;
+    }
+    stroke_begin(&tracker->stroke, is_calibrated);
+    tracker->tip =
+        (struct pose_tip){{POSE_POSITION_NULL, 0, 0}, {POSE_NORMAL_NULL, 0, 0}};
+    tracker->has_stroke = false;
+    tracker->fault = STROKE_END_RUNNING;
+    tracker->sums = (struct stroke_sums){.force_q5 = {.x = 0}};
+}
+
+void pose_place_origin(struct pose_tracker *tracker) {
+    struct vector place;
+    if (tracker->origin == POSE_ORIGIN_NONE) {
+        tracker->stroke.is_placed = false;
+        return;
+    }
+    find_arm(tracker, &place);
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        place.axis[axis] = -place.axis[axis];
+    }
+    stroke_place(&tracker->stroke, &place);
+}
+
+void pose_place_break(struct pose_tracker *tracker) {
+    tracker->fault = STROKE_END_GAP;
+    tracker->sums = (struct stroke_sums){.force_q5 = {.x = 0}};
+}
+
+void pose_place_step(struct pose_tracker *tracker, const struct sample *sample) {
+    struct stroke_window window;
+    const struct fuse *fuse = attitude_fuse(&tracker->attitude);
+    if (sample->has_gap) {
+        tracker->fault = STROKE_END_GAP;
+    } else if (tracker->fault == STROKE_END_RUNNING &&
+               (sample->acc_clipped || sample->gyr_clipped)) {
+        tracker->fault = STROKE_END_CLIPPED;
+    }
+    if (fuse == NULL || !stroke_listen(&tracker->sums, fuse, &window)) {
+        return;
+    }
+    if (tracker->fault == STROKE_END_RUNNING &&
+        !(window.is_settled && tracker->is_calibrated)) {
+        tracker->fault = STROKE_END_LOST;
+    }
+    window.time_us = sample->time_us;
+    window.fault = tracker->fault;
+    tracker->fault = STROKE_END_RUNNING;
+    tracker->has_stroke |= stroke_step(&tracker->stroke, &window);
+}
+
+void pose_place_read(const struct pose_tracker *tracker, const struct quat *q,
+                     struct message_pose *out) {
+    struct vector v;
+    struct vector arm;
+    const struct fuse *fuse = attitude_fuse(&tracker->attitude);
+    if (tracker->tip.axis[0] != POSE_NORMAL_NULL) {
+        for (uint8_t axis = 0; axis < 3; ++axis) {
+            v.axis[axis] = tracker->tip.axis[axis] * INT32_C(32768);  // q2_29
+        }
+        quat_rotate(q, &v, &v);
+        turn_to_origin(tracker, &v);
+        for (uint8_t axis = 0; axis < 3; ++axis) {
+            out->normal[axis] =
+                (int16_t)fixed_clamp(fixed_scale_down(v.axis[axis], 15), INT16_MAX);
+        }
+    }
+    if (fuse == NULL || !has_tip(tracker) ||
+        !stroke_position(&tracker->stroke, fuse->in_frame * fuse->coefficients.share,
+                         &v)) {
+        return;
+    }
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        arm.axis[axis] = tracker->tip.offset_um[axis];
+    }
+    quat_rotate(q, &arm, &arm);
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        v.axis[axis] += arm.axis[axis];
+    }
+    put_vector(tracker, &v, out->position);
+}
+
+bool pose_read_stroke(struct pose_tracker *tracker, struct message_stroke *out) {
+    const struct stroke *stroke = &tracker->stroke;
+    struct vector v = stroke->moved_um;
+    if (!tracker->has_stroke) {
+        return false;
+    }
+    tracker->has_stroke = false;
+    out->stroke_flags = pose_flags_of(tracker);
+    out->stroke = stroke->number;
+    out->end = stroke->end;
+    out->windows = stroke->windows;
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        out->displacement[axis] = STROKE_DISPLACEMENT_NULL;
+        out->path[axis] = STROKE_PATH_NULL;
+    }
+    for (uint8_t i = 0; i < 2; ++i) {
+        out->displacement_sigma[i] = STROKE_DISPLACEMENT_SIGMA_NULL;
+        out->path_sigma[i] = STROKE_PATH_SIGMA_NULL;
+    }
+    if (stroke->end <= STROKE_END_BUTTON) {
+        put_vector(tracker, &v, out->displacement);
+        out->displacement_sigma[0] = stroke->sigma.horizontal;
+        out->displacement_sigma[1] = stroke->sigma.vertical;
+    }
+    if (stroke_position(stroke, 0, &v)) {
+        put_vector(tracker, &v, out->path);
+        out->path_sigma[0] = stroke->path_sigma.horizontal;
+        out->path_sigma[1] = stroke->path_sigma.vertical;
+    }
+    return true;
+}
+
+void pose_set_tip(struct pose_tracker *tracker, const struct pose_tip *tip,
+                  bool is_by_button) {
+    struct stroke *stroke = &tracker->stroke;
+    // Without the struct's padding.
+    if (memcmp(&tracker->tip, tip,
+               offsetof(struct pose_tip, axis) + sizeof tip->axis) != 0) {
+        tracker->tip = *tip;
+        stroke->is_placed = false;
+    }
+    if (stroke->is_by_button != is_by_button) {
+        stroke_by_button(stroke, is_by_button);
+    }
+}
+
+void pose_hold(struct pose_tracker *tracker, bool is_held) {
+    if (is_held && !tracker->stroke.is_placed && tracker->stroke.is_by_button &&
+        tracker->has_sample) {
+        const uint8_t origin = tracker->origin;
+        tracker->origin = POSE_ORIGIN_HEADING;
+        pose_place_origin(tracker);
+        tracker->origin = origin;
+    }
+    stroke_hold(&tracker->stroke, is_held);
+}
+#endif

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: MIT
+// The parts of a pose that strokes and tip make. Private to core/fusion/; none of them
+// does anything in a build without strokes.
+#ifndef POSE_PLACE_H
+#define POSE_PLACE_H
+
+#include "core/fusion/pose.h"
+
+#ifdef POSE_WITHOUT_STROKES
+#define pose_place_begin(tracker) ((void)(tracker))
+#define pose_place_origin(tracker) ((void)(tracker))
+#define pose_place_break(tracker) ((void)(tracker))
+#define pose_place_step(tracker, sample) ((void)(tracker))
+#define pose_place_read(tracker, q, out) ((void)(tracker))
+#else
+
+// What a pose has as flags, but for those that samples latch.
+uint16_t pose_flags_of(const struct pose_tracker *tracker);
+
+// With the calibration of the tracker.
+void pose_place_begin(struct pose_tracker *tracker);
+
+// The origin has changed.
+void pose_place_origin(struct pose_tracker *tracker);
+
+// The orientation is found anew.
+void pose_place_break(struct pose_tracker *tracker);
+
+// A sample was taken, and not yet worked on.
+void pose_place_step(struct pose_tracker *tracker, const struct sample *sample);
+
+// Position and normal, where they are known; q: world_from_body, not from an origin.
+void pose_place_read(const struct pose_tracker *tracker, const struct quat *q,
+                     struct message_pose *out);
+
+#endif
+#endif

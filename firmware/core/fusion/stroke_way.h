@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: MIT
+// From the sums of a stroke to its way and the sigmas of it. Private to the strokes.
+#ifndef STROKE_WAY_H
+#define STROKE_WAY_H
+
+#include "core/fusion/stroke.h"
+
+// What the velocity may be at an end, and more for each window of a stroke: 0.02 and
+// 0.002 m/s, as sums over windows.
+#define STROKE_STOP_Q15 UINT32_C(6554)
+#define STROKE_STOP_STEP_Q15 UINT32_C(655)
+
+// |v|^2 as q2_30 of v in q15, whose numbers are held within +-0.5.
+uint32_t stroke_square(const struct vector *v_q15);
+
+// Takes the force of a window, less that of the rest, into the sums.
+void stroke_add(const struct stroke *stroke, const struct stroke_force *force,
+                struct vector *velocity, struct vector *twice_way);
+
+// The mean force of the windows that are held back, the middle one as heavy as the
+// others together.
+void stroke_late_mean(const struct stroke *stroke, struct vector *out);
+
+// Where it is while it moves, those windows included that are held back.
+void stroke_find_open(struct stroke *stroke, const struct stroke_window *window);
+
+// Its whole way, ended by a rest, whose windows are held back. False where it did not
+// end at rest, or did not begin so.
+bool stroke_find_closed(struct stroke *stroke, const struct stroke_window *window);
+
+#endif

@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: MIT
+"""Strokes: how far the probe moves, how sure that is, and when it can't be known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from core import stroke_desk as desk
+from core.desk import lib
+from core.stroke_desk import MICRO, NULL, SIGMA, Measured, Tracker, ends, names
+from imud.virtual.stroking import A4, Plan
+
+REST, BUTTON = lib.STROKE_END_REST, lib.STROKE_END_BUTTON
+ONE = Plan(strokes=1)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Measured:
+    """Three strokes of 10 cm in 1 s."""
+    return desk.measured(Plan(strokes=3), 1)
+
+
+@pytest.fixture(scope="module")
+def single() -> Measured:
+    return desk.measured(ONE, 2)
+
+
+def at(scene: Measured, seconds: float) -> int:
+    """The sample that many seconds after the start of the first stroke."""
+    return scene.index(scene.strokes[0].start_s + seconds)
+
+
+@pytest.mark.parametrize("is_by_button", [False, True])
+def test_strokes_of_10_cm_in_1_s_are_found_to_6_mm(
+    scene: Measured, is_by_button: bool
+) -> None:
+    tracker = Tracker(is_by_button=is_by_button)
+    told, _ = tracker.feel(scene.samples, scene.held() if is_by_button else None)
+    assert names(told) == [BUTTON if is_by_button else REST] * 3
+    assert np.linalg.norm(desk.errors(tracker, scene, told), axis=1).max() < 0.006
+    assert ends(told)["stroke"].tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize("support", ["supported", "paper", "air"])
+def test_true_errors_are_inside_the_stated_sigma(support: str) -> None:
+    apart = []
+    for seed in range(3):
+        scene = desk.measured(Plan(strokes=8, support=support), seed)
+        tracker = Tracker(is_by_button=True)
+        told, _ = tracker.feel(scene.samples, scene.held())
+        assert names(told) == [BUTTON] * 8
+        sigma = ends(told)["displacement_sigma"][:, [0, 0, 1]] * SIGMA
+        apart.append(desk.errors(tracker, scene, told) / sigma)
+    share = np.mean(np.abs(apart) < 1.96)
+    # 72 numbers, of which 95 % should be: 4 standard deviations below.
+    assert share > 0.85
+    assert np.std(apart) > 0.4  # nor are they stated much too large
+
+
+def test_a_slow_stroke_along_a_ruler_is_not_cut_short() -> None:
+    for seed in range(4):
+        scene = desk.measured(Plan(seconds=2.0, turn_deg=0.0, strokes=2), seed)
+        tracker = Tracker()
+        told, _ = tracker.feel(scene.samples)
+        assert names(told) == [REST, REST]
+        assert np.linalg.norm(desk.errors(tracker, scene, told), axis=1).max() < 0.025
+
+
+def test_a_running_stroke_is_told_every_window_and_its_sigma_grows(
+    single: Measured,
+) -> None:
+    told, after = Tracker(is_by_button=True).feel(single.samples, single.held())
+    assert (told["end"][:-1] == lib.STROKE_END_RUNNING).all()
+    assert (np.diff(after) == desk.WINDOW).all()
+    assert len(told) >= 10
+    running = told["displacement_sigma"][:-1, 0].astype(int)
+    assert (np.diff(running) >= 0).all()
+    assert running[-1] > 1.5 * told["displacement_sigma"][-1, 0]  # the end tells much
+    final = np.linalg.norm(told["displacement"][-1])
+    assert abs(np.linalg.norm(told["displacement"][-2]) - final) * MICRO < 0.03
+
+
+def test_a_rest_of_a_minute_is_no_stroke(single: Measured) -> None:
+    still = np.tile(single.samples[:1200], 10)
+    still["time_us"] = np.arange(len(still)) * 5000
+    told, _ = Tracker().feel(still)
+    assert len(told) == 0
+
+
+# What ends a stroke without a result.
+
+
+def test_a_stroke_without_end_is_too_long_and_has_no_length() -> None:
+    scene = desk.measured(Plan(seconds=8.0, length_m=1.0, strokes=1), 3)
+    tracker = Tracker(is_by_button=True)
+    told, after = tracker.feel(scene.samples, scene.held())
+    assert names(told) == [lib.STROKE_END_TOO_LONG]
+    assert (ends(told)["displacement"] == NULL).all()
+    assert (ends(told)["displacement_sigma"] == 2**16 - 1).all()
+    assert (ends(told)["path"] == NULL).all()
+    assert after[-1] - after[0] <= 50 * desk.WINDOW
+
+
+def test_a_button_that_is_jammed_for_an_hour_tells_one_stroke(single: Measured) -> None:
+    held = np.zeros(len(single.samples), bool)
+    held[at(single, -0.1) :] = True
+    tracker = Tracker(is_by_button=True)
+    told, _ = tracker.feel(single.samples, held)
+    hour = np.tile(single.samples[-400:], 60 * 30)
+    hour["time_us"] = np.arange(len(hour)) * 5000
+    hour["time_us"] += single.samples["time_us"][-1] + 5000
+    more, _ = tracker.feel(hour, np.ones(len(hour), bool))
+    assert names(told) + names(more) == [lib.STROKE_END_TOO_LONG]
+
+
+@pytest.mark.parametrize("by", ["acc_clipped", "gyr_clipped", "has_gap"])
+def test_clipping_and_gaps_end_a_stroke_and_its_path(single: Measured, by: str) -> None:
+    samples = single.samples.copy()
+    samples[by][at(single, 0.5)] = True
+    tracker = Tracker(is_by_button=True, tip_um=(0, 0, 0))
+    lib.pose_set_origin(tracker.c, lib.POSE_ORIGIN_HEADING)
+    told, _ = tracker.feel(samples, single.held())
+    end = lib.STROKE_END_GAP if by == "has_gap" else lib.STROKE_END_CLIPPED
+    assert names(told) == [end]
+    assert (ends(told)["displacement"] == NULL).all()
+    assert list(tracker.pose().position) == [NULL] * 3
+
+
+def test_a_long_gap_in_time_ends_a_stroke(single: Measured) -> None:
+    samples = single.samples.copy()
+    samples["time_us"][at(single, 0.5) :] += 400_000
+    told, _ = Tracker(is_by_button=True).feel(samples, single.held())
+    assert names(told) == [lib.STROKE_END_GAP]
+
+
+def test_a_stroke_that_begins_in_motion_has_no_length(single: Measured) -> None:
+    held = np.zeros(len(single.samples), bool)
+    held[at(single, 0.4) : at(single, 1.2)] = True
+    told, _ = Tracker(is_by_button=True).feel(single.samples, held)
+    assert names(told) == [lib.STROKE_END_MOVING]
+
+
+def test_a_stroke_that_ends_in_motion_has_no_length(single: Measured) -> None:
+    held = np.zeros(len(single.samples), bool)
+    held[at(single, -0.1) : at(single, 0.45)] = True
+    told, _ = Tracker(is_by_button=True).feel(single.samples, held)
+    assert names(told) == [lib.STROKE_END_MOVING]
+
+
+def test_a_thrown_probe_is_too_fast(single: Measured) -> None:
+    samples = single.samples.copy()
+    begin = at(single, 0.2)
+    samples["acc"][begin : begin + 60] += 6000  # 29 m/s2
+    told, _ = Tracker(is_by_button=True).feel(samples, single.held())
+    assert names(told) == [lib.STROKE_END_TOO_FAST]
+
+
+def test_a_restart_in_the_midst_forgets_the_stroke(single: Measured) -> None:
+    tracker = Tracker(is_by_button=True)
+    half = at(single, 0.5)
+    tracker.feel(single.samples[:half], single.held()[:half])
+    assert lib.pose_begin(tracker.c, desk.CALIBRATED, desk.MPU9250, lib.FILTER_FUSE)
+    told, _ = tracker.feel(single.samples[half:], single.held()[half:])
+    assert len(told) == 0
+
+
+def test_a_lost_magnetometer_changes_no_length(single: Measured) -> None:
+    samples = single.samples.copy()
+    whole, _ = Tracker(is_by_button=True).feel(samples, single.held())
+    samples["has_mag"][at(single, 0.3) :] = False
+    told, _ = Tracker(is_by_button=True).feel(samples, single.held())
+    assert names(told) == [BUTTON]
+    lengths = [np.linalg.norm(each["displacement"][-1]) for each in (whole, told)]
+    assert abs(lengths[0] - lengths[1]) * MICRO < 0.001
+
+
+# The button.
+
+
+def test_a_click_is_no_stroke(single: Measured) -> None:
+    held = np.zeros(len(single.samples), bool)
+    held[at(single, -0.5) : at(single, -0.3)] = True
+    told, _ = Tracker(is_by_button=True).feel(single.samples, held)
+    assert len(told) == 0
+
+
+def test_a_release_that_bounces_does_not_end_the_stroke(single: Measured) -> None:
+    held = single.held()
+    held[at(single, 0.5) : at(single, 0.52)] = False
+    tracker = Tracker(is_by_button=True)
+    told, _ = tracker.feel(single.samples, held)
+    assert names(told) == [BUTTON]
+    assert np.linalg.norm(desk.errors(tracker, single, told)) < 0.006
+
+
+def test_without_the_option_the_button_makes_no_stroke(single: Measured) -> None:
+    told, _ = Tracker().feel(single.samples, single.held())
+    other, _ = Tracker().feel(single.samples)
+    assert np.array_equal(told, other)
+
+
+# Path, tip and normal.
+
+
+def test_a_path_adds_up_and_the_tip_is_at_the_end_of_it() -> None:
+    arm = (0.12, 0.02, -0.01)
+    scene = desk.measured(Plan(strokes=3, corners=A4), 5, arm)
+    tracker = Tracker(
+        is_by_button=True,
+        tip_um=tuple(round(each * 1e6) for each in arm),
+        axis=(-(2**14), 0, 0),
+    )
+    held = scene.held()
+    first = at(scene, -0.3)
+    tracker.feel(scene.samples[:first], held[:first])
+    assert list(tracker.pose().position) == [NULL] * 3
+    lib.pose_set_origin(tracker.c, lib.POSE_ORIGIN_HEADING)
+    assert np.abs(list(tracker.pose().position)).max() < 100  # um
+    told, _ = tracker.feel(scene.samples[first:], held[first:])
+    assert names(told) == [BUTTON] * 3
+    pose = tracker.pose()
+    # From the first corner of the sheet to the last, seen from the origin's heading.
+    turn = desk.heading_of(tracker, scene)
+    ways = [stroke.tip_way_m for stroke in scene.strokes]
+    found = desk.turned(np.array(list(pose.position)) * MICRO, turn)
+    assert np.linalg.norm(found - np.sum(ways, axis=0)) < 0.015
+    assert pose.pose_flags & lib.POSE_TARED
+    normal = np.array(list(pose.normal)) / 2**14
+    back = -np.array(desk.rotation.rotate(tracker.quat(), np.array([1.0, 0.0, 0.0])))
+    assert np.allclose(normal, back, atol=2e-4)
+    sigma = ends(told)["path_sigma"]
+    assert (np.diff(sigma[:, 0].astype(int)) > 0).all()
+
+
+def test_undoing_the_origin_leaves_no_position(single: Measured) -> None:
+    tracker = Tracker(tip_um=(0, 0, 0))
+    tracker.feel(single.samples[:1400])
+    lib.pose_set_origin(tracker.c, lib.POSE_ORIGIN_FULL)
+    assert list(tracker.pose().position) != [NULL] * 3
+    lib.pose_set_origin(tracker.c, lib.POSE_ORIGIN_NONE)
+    assert list(tracker.pose().position) == [NULL] * 3
+
+
+def test_a_press_sets_the_origin_where_there_is_none(single: Measured) -> None:
+    tracker = Tracker(is_by_button=True, tip_um=(0, 0, 0))
+    told, _ = tracker.feel(single.samples, single.held())
+    assert (ends(told)["path"] != NULL).all()
+    assert np.array_equal(ends(told)["path"], ends(told)["displacement"])
+
+
+def test_without_a_tip_there_is_no_position_but_a_path(single: Measured) -> None:
+    tracker = Tracker(is_by_button=True)
+    told, _ = tracker.feel(single.samples, single.held())
+    assert (ends(told)["path"] != NULL).all()
+    assert list(tracker.pose().position) == [NULL] * 3
+    assert list(tracker.pose().normal) == [-(2**15)] * 3
+
+
+def test_another_filter_tells_no_strokes(single: Measured) -> None:
+    tracker = Tracker(is_by_button=True)
+    assert lib.pose_begin(tracker.c, desk.CALIBRATED, desk.MPU9250, lib.FILTER_MAHONY)
+    told, _ = tracker.feel(single.samples, single.held())
+    assert len(told) == 0

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: MIT
+"""The twin follows strokes, tip and button of a probe in every bit."""
+
+from __future__ import annotations
+
+import struct
+
+from core.desk import Array, lib
+from core.stroke_desk import Measured, measured
+from fakes.records import record
+from imud.stages.twin_outcomes import Began, Lost, State
+from imud.virtual.stroking import Plan
+from twin_bench import PERIOD_US, Life, followed, heard, message_of, named, without
+
+TIP = record(4, struct.pack("<3i3h", 120_000, -5_000, 0, -(2**14), 0, 0))
+BY_BUTTON = record(5, bytes((lib.BUTTON_DOES_STROKE, lib.REFERENCE_NONE)))
+
+
+def feel(life: Life, samples: Array, held: Array) -> Life:
+    for row, is_held in zip(samples, held, strict=True):
+        life.now_us += PERIOD_US
+        life.sample(row)
+        lib.probe_step(life.c, bool(is_held), life.time_us)
+    return life
+
+
+def stroking() -> tuple[Life, Measured]:
+    """A probe that has a tip and strokes by its button, and what it will feel."""
+    scene = measured(Plan(strokes=2), 7)
+    life = followed().load(TIP + BY_BUTTON)
+    return life, scene
+
+
+def test_a_button_makes_strokes_that_the_twin_computes_again() -> None:
+    life, scene = stroking()
+    feel(life, scene.samples, scene.held())
+    strokes = [message_of(life.contents[at]) for at in named(life.contents, "stroke")]
+    ends = [each.fields["end"] for each in strokes if each.fields["end"] != "running"]
+    assert ends == ["button", "button"]
+    assert len(named(life.contents, "stream_stopped")) == 0
+    places = [message_of(life.contents[at]) for at in named(life.contents, "pose")]
+    assert places[-1].fields["position"] is not None
+    assert places[-1].fields["normal"] is not None
+    twin, outcomes = heard(life.contents)
+    assert [type(each) for each in outcomes] == [Began]
+    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+
+
+def test_a_click_still_ends_the_stream() -> None:
+    life, scene = stroking()
+    held = scene.held() & False
+    held[600:630] = True
+    feel(life, scene.samples[:800], held[:800])
+    assert len(named(life.contents, "stream_stopped")) == 1
+
+
+def test_a_stroke_that_differs_is_told() -> None:
+    life, scene = stroking()
+    feel(life, scene.samples, scene.held())
+    last = named(life.contents, "stroke")[-1]
+    spoilt = bytearray(life.contents[last])
+    spoilt[18] ^= 1  # the displacement's first byte
+    life.contents[last] = bytes(spoilt)
+    twin, _ = heard(life.contents)
+    assert (twin.state, twin.differed) == (State.DIFFERS, 1)
+
+
+def test_a_lost_press_is_no_difference() -> None:
+    life, scene = stroking()
+    feel(life, scene.samples, scene.held())
+    press = named(life.contents, "button_pressed")[0]
+    twin, outcomes = heard(without(life.contents, press))
+    assert Lost in [type(each) for each in outcomes]
+    assert twin.differed == 0
+
+
+def test_rests_make_strokes_where_the_button_does_not() -> None:
+    scene = measured(Plan(strokes=2), 7)
+    life = feel(followed().load(TIP), scene.samples, scene.held() & False)
+    strokes = [message_of(life.contents[at]) for at in named(life.contents, "stroke")]
+    ends = [each.fields["end"] for each in strokes if each.fields["end"] != "running"]
+    assert ends == ["rest", "rest"]
+    twin, outcomes = heard(life.contents)
+    assert [type(each) for each in outcomes] == [Began]
+    assert twin.differed == 0
