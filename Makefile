@@ -2,7 +2,7 @@
 # Each command installs what it needs first; `make` alone lists them.
 .PHONY: help demo test test-long fresh bits coverage fuzz check format firmware sim \
 	bench bench-nano bench-f405 bench-mpy bench-card bench-host bench-calibration \
-	bench-page pictures setup clean
+	bench-page bench-strokes pictures setup clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= python3
@@ -111,6 +111,10 @@ bench-calibration: ## how well simulated modules are calibrated; 2,000 verdicts
 bench-page: ## the page in Chromium: frames, latency, memory; what a browser costs
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/page.py
+
+bench-strokes: ## how well strokes are measured: a simulated hand, the firmware's C
+	@$(PYTHON) tools/setup.py bench
+	@python benchmarks/strokes.py
 
 pictures: ## docs/pictures, from what `make bench` has measured, and of the page
 	@$(PYTHON) tools/setup.py bench

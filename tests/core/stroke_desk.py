@@ -15,8 +15,9 @@ from imud import rotation
 from imud.virtual.motion import Motion, join
 from imud.virtual.sensors import SensorErrors, World, stream
 from imud.virtual.stroking import (
-    AHEAD_S,
     PAUSE_S,
+    PRESSED_S,
+    RELEASED_S,
     SETTLES_S,
     SWAYS,
     Plan,
@@ -57,9 +58,8 @@ class Measured:
         """Whether the button is held: from just before each stroke until after it."""
         out = np.zeros(len(self.samples), bool)
         for stroke in self.strokes:
-            out[
-                self.index(stroke.start_s - AHEAD_S) : self.index(stroke.end_s + 0.1)
-            ] = 1
+            press = self.index(stroke.start_s + PRESSED_S)
+            out[press : self.index(stroke.end_s + RELEASED_S)] = True
         return out
 
     def quat(self, sample: int) -> desk.Array:

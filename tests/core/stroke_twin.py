@@ -61,7 +61,8 @@ def closed(f0: Array, force: Array, gained: Array, angle: float) -> Way:
     sums = way - count * end + keep * (f1 - f0) * pairs / 6
     moved = sums * WINDOW_S**2 / 2
     noise = NOISE / 3 * WINDOW_S**4 * count**3 / 12
-    grown = keep * rest * (WINDOW_S**2 * pairs / 12) ** 2
+    uneven = np.array([TURN_LEVEL * miss / 11] * 2 + [0.0])
+    grown = (keep * rest + uneven) * (WINDOW_S**2 * pairs / 12) ** 2
     length = np.sum((0.001 * moved) ** 2) + 0.0003**2
     tipped = 0.4 * DEGREE
     level = noise + grown[0] + length + (tipped * moved[2]) ** 2

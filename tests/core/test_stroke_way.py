@@ -81,8 +81,8 @@ def test_fixed_point_is_within_a_tenth_of_a_millimetre_of_doubles(seed: int) -> 
     turn = rotation.from_rotation_vector(axis / np.linalg.norm(axis) * angle)
     windows = Windows()
     for index in range(len(force)):
-        # The window before a press belongs to the stroke, that of a release does not.
-        if index == 11:
+        # The window of a press belongs to the stroke, that of a release does not.
+        if index == 10:
             lib.stroke_hold(windows.c, True)
         if index == count + 10:
             lib.stroke_hold(windows.c, False)
@@ -105,8 +105,8 @@ def test_a_slow_clock_makes_a_stroke_longer_by_the_square_of_its_time() -> None:
     for period_us in (100_000, 102_000):
         windows = Windows(period_us)
         for index in range(len(force)):
-            if index in (11, 20):
-                lib.stroke_hold(windows.c, index == 11)
+            if index in (10, 20):
+                lib.stroke_hold(windows.c, index == 10)
             windows.feel(force[index], gained[index])
         moved = windows.c.moved_um
         lengths.append(np.linalg.norm([moved.x, moved.y, moved.z]))

@@ -262,3 +262,43 @@ def test_another_filter_tells_no_strokes(single: Measured) -> None:
     assert lib.pose_begin(tracker.c, desk.CALIBRATED, desk.MPU9250, lib.FILTER_MAHONY)
     told, _ = tracker.feel(single.samples, single.held())
     assert len(told) == 0
+
+
+# What the filter learns from strokes.
+
+
+def bias_deg_s(tracker: Tracker) -> np.ndarray:
+    bias = tracker.c.attitude.fuse.bias_rad_s_q25
+    return np.degrees(np.array([bias.x, bias.y, bias.z]) / 2**25)
+
+
+def test_a_slow_turn_with_the_button_held_is_not_taken_for_bias() -> None:
+    scene = desk.measured(Plan(seconds=2.0), 1)
+    first = at(scene, -0.3)
+    last = scene.index(scene.strokes[-1].end_s)  # the rest behind it would tell
+    held = scene.held()
+    by_button, between = Tracker(is_by_button=True), Tracker()
+    moved = []
+    for tracker, button in ((by_button, held), (between, held & False)):
+        tracker.feel(scene.samples[:first], button[:first])
+        before = bias_deg_s(tracker)
+        tracker.feel(scene.samples[first:last], button[first:last])
+        moved.append(np.abs(bias_deg_s(tracker) - before).max())
+    assert moved[0] < 0.1
+    assert moved[1] > 0.3  # what rests of the filter make of it without
+
+
+def test_strokes_teach_the_filter_the_bias() -> None:
+    scene = desk.measured(Plan(seconds=2.0, strokes=6, turn_deg=1.0), 4)
+    first = at(scene, -0.3)
+    samples, held = scene.samples.copy(), scene.held()
+    tracker = Tracker(is_by_button=True)
+    tracker.feel(samples[:first], held[:first])
+    before = bias_deg_s(tracker)
+    lsb_deg_s = np.degrees(desk.MPU9250.gyr_lsb_nrad_s * 1e-9)
+    samples["gyr"][first:, 1] += round(0.25 / lsb_deg_s)
+    step = round(0.25 / lsb_deg_s) * lsb_deg_s
+    tracker.feel(samples[first:], held[first:])
+    # The tilt by an axis that is not upright shows; half of it is in two strokes.
+    assert bias_deg_s(tracker)[1] - before[1] > 0.5 * step
+    assert np.abs(bias_deg_s(tracker) - before - [0, step, 0]).max() < 0.6 * step

@@ -63,6 +63,21 @@ static inline const struct fuse *attitude_fuse(const struct attitude *attitude) 
     return attitude_has(FILTER_FUSE) ? (const struct fuse *)&attitude->only : NULL;
 }
 
+// See fuse.h; other filters know no rest.
+static inline void attitude_deny_rest(struct attitude *attitude) {
+    if (attitude_has(FILTER_FUSE)) {
+        fuse_deny_rest((struct fuse *)&attitude->only);
+    }
+}
+
+static inline void attitude_learn_drift(struct attitude *attitude,
+                                        const struct vector *delta_q15,
+                                        uint32_t noise_q30, uint8_t windows) {
+    if (attitude_has(FILTER_FUSE)) {
+        fuse_learn_drift((struct fuse *)&attitude->only, delta_q15, noise_q30, windows);
+    }
+}
+
 static inline void attitude_init(struct attitude *attitude, enum filter kind,
                                  uint16_t rate_hz, uint16_t gyr_delay_us) {
     (void)kind;
@@ -133,6 +148,21 @@ enum filter attitude_kind(const struct attitude *attitude);
 // Our filter, where it runs; else NULL.
 static inline const struct fuse *attitude_fuse(const struct attitude *attitude) {
     return attitude->kind == FILTER_FUSE ? &attitude->fuse : NULL;
+}
+
+// See fuse.h; other filters know no rest.
+static inline void attitude_deny_rest(struct attitude *attitude) {
+    if (attitude->kind == FILTER_FUSE) {
+        fuse_deny_rest(&attitude->fuse);
+    }
+}
+
+static inline void attitude_learn_drift(struct attitude *attitude,
+                                        const struct vector *delta_q15,
+                                        uint32_t noise_q30, uint8_t windows) {
+    if (attitude->kind == FILTER_FUSE) {
+        fuse_learn_drift(&attitude->fuse, delta_q15, noise_q30, windows);
+    }
 }
 
 // Needs attitude_has(kind).

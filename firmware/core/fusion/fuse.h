@@ -141,6 +141,16 @@ void fuse_work(struct fuse *fuse);
 // bias.
 void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25);
 
+// It is known to move: a slow stroke may look like a rest, whose mean rate would be
+// taken for bias. Holds for 1.5 s.
+void fuse_deny_rest(struct fuse *fuse);
+
+// By how much the mean force has changed in the inertial frame, m/s2 q15, from a rest
+// to another one `windows` of 100 ms later: of that is the bias. `noise_q30`: variance
+// of an axis of it, (m/s2)^2.
+void fuse_learn_drift(struct fuse *fuse, const struct vector *delta_q15,
+                      uint32_t noise_q30, uint8_t windows);
+
 // Unit quaternion, world_from_body, at the time of the last sample; world is east,
 // north, up.
 void fuse_orientation(const struct fuse *fuse, struct quat *out);

@@ -5,6 +5,36 @@
 #include "core/fusion/fuse_stages.h"
 #include "core/fusion/stroke.h"
 
+#define DRIFT_MAX_Q15 INT32_C(16384)        // 0.5 m/s2: 3 deg
+#define DRIFT_NOISE_MAX UINT32_C(10000000)  // (0.1 m/s2)^2
+
+void fuse_deny_rest(struct fuse *fuse) {
+    fuse->rest_looks = 0;
+}
+
+// A bias of b turns the vertical by b T in the time T: delta is b T x g.
+void fuse_learn_drift(struct fuse *fuse, const struct vector *delta_q15,
+                      uint32_t noise_q30, uint8_t windows) {
+    struct quat attitude;
+    struct matrix level_from_body;
+    struct vector delta;
+    const uint32_t square = (uint32_t)windows * windows;
+    quat_rotate(&fuse->level_from_inertial, delta_q15, &delta);
+    quat_multiply(&fuse->level_from_inertial, &fuse->inertial_from_body, &attitude);
+    matrix_from_quat(&attitude, &level_from_body);
+    // (m/s2)^2 to that of a bias in 4ths of 1 deg/s, q11_21: 106.7 / windows^2.
+    const uint32_t noise = noise_q30 > DRIFT_NOISE_MAX ? DRIFT_NOISE_MAX : noise_q30;
+    const int32_t variance = (int32_t)(noise * 107 / square) + 1;
+    for (uint8_t axis = 0; axis < 2; ++axis) {
+        q2_14_t row[FUSE_MOTION_STATES] = {0};
+        memcpy(row, level_from_body.row[axis], sizeof level_from_body.row[axis]);
+        // rad/s q7_25, four times: 2^10 * 4 / (g * 0.1 s) a window.
+        const int32_t force = axis == 0 ? -delta.y : delta.x;
+        fuse_read_motion(fuse, row, variance,
+                         fixed_clamp(force, DRIFT_MAX_Q15) * 4177 / windows);
+    }
+}
+
 bool stroke_listen(struct stroke_sums *sums, const struct fuse *fuse,
                    struct stroke_window *out) {
     const struct fuse_coefficients *coefficients = &fuse->coefficients;

@@ -88,7 +88,16 @@ void pose_place_step(struct pose_tracker *tracker, const struct sample *sample) 
     window.time_us = sample->time_us;
     window.fault = tracker->fault;
     tracker->fault = STROKE_END_RUNNING;
-    tracker->has_stroke |= stroke_step(&tracker->stroke, &window);
+    const bool has_stroke = stroke_step(&tracker->stroke, &window);
+    tracker->has_stroke |= has_stroke;
+    if (has_stroke && tracker->stroke.end == STROKE_END_BUTTON) {
+        const struct stroke *stroke = &tracker->stroke;
+        attitude_learn_drift(&tracker->attitude, &stroke->delta_q15,
+                             stroke->delta_noise_q30, stroke->windows);
+    }
+    if (tracker->stroke.is_held) {
+        attitude_deny_rest(&tracker->attitude);
+    }
 }
 
 void pose_place_read(const struct pose_tracker *tracker, const struct quat *q,
@@ -177,5 +186,8 @@ void pose_hold(struct pose_tracker *tracker, bool is_held) {
         tracker->origin = origin;
     }
     stroke_hold(&tracker->stroke, is_held);
+    if (tracker->stroke.is_held) {
+        attitude_deny_rest(&tracker->attitude);
+    }
 }
 #endif

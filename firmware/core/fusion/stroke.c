@@ -10,7 +10,7 @@ enum {
     SETTLED = 4,          // windows in the mean force of a rest
     SETTLED_ENOUGH = 2,   // of which a stroke can start
     STEADY = 4,           // windows without a turn that make a rest
-    PRESS_WINDOWS = 2,    // until the window before a press is no longer held back
+    PRESS_WINDOWS = 3,    // until the window of a press is no longer held back
     RELEASE_WINDOWS = 3,  // of rest after the window before a release
 };
 

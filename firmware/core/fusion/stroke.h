@@ -87,6 +87,10 @@ struct stroke {
     // Sums over windows of 100 ms: of the force less `rest`, and of the sums before and
     // after each window.
     struct vector velocity, twice_way;
+    // Of the last stroke: by how much the force at its end was another than before it,
+    // and the variance of that, of an axis, without what a bias adds.
+    struct vector delta_q15;
+    uint32_t delta_noise_q30;
     struct vector moved_um;     // world: of this stroke, or of the last one
     struct vector speed_um;     // a window, while it moves
     struct vector path_um;      // world: from the origin to where the stroke began

@@ -195,9 +195,12 @@ bool stroke_find_closed(struct stroke *stroke, const struct stroke_window *windo
         (uint32_t)fixed_mul_q30((int32_t)stroke->noise_q30, REST_SHARE_Q30);
     const q2_30_t level = fixed_ratio(tilts.level, tilts.level + rest);
     const q2_30_t up = fixed_ratio(tilts.up, tilts.up + rest);
-    struct vector delta;
     struct vector way;
+    struct vector delta;
     find_delta(stroke, &delta);
+    stroke->delta_q15 = delta;
+    stroke->delta_noise_q30 =
+        rest + tilts.level - bias_tilt(stroke, window) * windows * windows;
     // As much as noise and tilt explain, one time of a thousand more.
     if (stroke_square(&delta) / 16 > tilts.level + tilts.up + rest + DELTA_FREE_Q30) {
         return false;
@@ -225,9 +228,11 @@ bool stroke_find_closed(struct stroke *stroke, const struct stroke_window *windo
     stroke->moved_um = way;
     const uint32_t noise =
         square_of(stroke->noise_q30, NOISE_GAIN_Q32 * windows, windows);
+    // What a turn brings does not grow evenly: three tenths of it remain.
+    const uint32_t uneven = (stroke->delta_noise_q30 - rest) / 11;
+    const uint32_t tilt = (uint32_t)fixed_mul_q30(level, (int32_t)rest) + uneven;
     state_sigma(
-        stroke, noise,
-        square_of((uint32_t)fixed_mul_q30(level, (int32_t)rest), TILT_GAIN_Q32, pairs),
+        stroke, noise, square_of(tilt, TILT_GAIN_Q32, pairs),
         square_of((uint32_t)fixed_mul_q30(up, (int32_t)rest), TILT_GAIN_Q32, pairs));
     return true;
 }

@@ -42,7 +42,10 @@ SWAYS: dict[str, Sway] = {
 
 SETTLES_S = 7.0  # of rest at the start: calibration at rest, and level
 PAUSE_S = 1.0  # between strokes
-AHEAD_S = 0.05  # of a stroke, by which its button is pressed
+# A button is pressed 0.05 s before a stroke and released 0.05 s after it. The probe
+# counts either when it was stable for 0.05 s: so long after the start and the end.
+PRESSED_S = 0.0
+RELEASED_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
