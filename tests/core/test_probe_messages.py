@@ -34,7 +34,7 @@ def test_the_first_message_is_a_hello_that_tells_board_and_build():
     assert fields["protocol_version"] == lib.PROTOCOL_VERSION
     assert fields["schema_fingerprint"] == lib.SCHEMA_FINGERPRINT
     assert fields["firmware"] == "0.1.0+unreleased-build"[:16]
-    assert fields["board"] == lib.BOARD_NANO
+    assert fields["board"] == lib.BOARD_F405
     assert fields["reset_cause"] == lib.RESET_CAUSE_BROWN_OUT
     assert fields["boot_count"] == 1
     assert (fields["pose_rate"], fields["raw_rate"]) == (100, 200)
