@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Probes as the network sees them: `imud listen`, `list`, `monitor` and `view`."""
+"""Probes as the network sees them: `imud listen`, `strokes`, `list`, `monitor`, `view`."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ ANGLES = ("aerospace", "nautical", "nectec", "matrix")
 
 def add(commands: Commands) -> None:
     _add_listen(commands)
+    _add_strokes(commands)
     _add_list(commands)
     _add_monitor(commands)
     _add_view(commands)
@@ -57,6 +58,26 @@ def _add_listen(commands: Commands) -> None:
     )
     add_network(listen)
     listen.set_defaults(run=_listen)
+
+
+def _add_strokes(commands: Commands) -> None:
+    strokes = add_command(
+        commands,
+        "strokes",
+        "print how far a probe moves, each stroke as it ends",
+        "imud strokes stylus",
+        "Columns: number and time of the stroke, its length, its parts in the world "
+        "and their 1-sigma errors, why it ended. docs/strokes.md tells how to measure.",
+    )
+    add_probe(strokes)
+    strokes.add_argument(
+        "--json", action="store_true", help="print one JSON object a line, as published"
+    )
+    strokes.add_argument(
+        "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
+    )
+    add_network(strokes)
+    strokes.set_defaults(run=_strokes)
 
 
 def _add_list(commands: Commands) -> None:
@@ -123,6 +144,13 @@ def _listen(args: argparse.Namespace) -> int:
         return pose_table.listen(
             client, args.probe, args.seconds, as_json=args.json, shape=args.angles
         )
+
+
+def _strokes(args: argparse.Namespace) -> int:
+    from imud.cli import stroke_lines
+
+    with client_of(args) as client:
+        return stroke_lines.listen(client, args.probe, args.seconds, as_json=args.json)
 
 
 def _list(args: argparse.Namespace) -> int:
