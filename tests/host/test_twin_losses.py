@@ -93,6 +93,9 @@ class LongerReplay:
     def step(self, raw: bytes) -> None:
         self._replay.step(raw)
 
+    def is_by_button(self) -> bool:
+        return self._replay.is_by_button()
+
     def pose(self, sequence: int, time_us: int) -> bytes:
         return self._replay.pose(sequence, time_us) + self.LATER
 

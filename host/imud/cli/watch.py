@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Probes as the network sees them: `imud listen`, `strokes`, `list`, `monitor`, `view`."""
+"""Probes as the network sees them: `listen`, `strokes`, `list`, `monitor`, `view`."""
 
 from __future__ import annotations
 
