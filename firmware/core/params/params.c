@@ -54,6 +54,16 @@ enum { BUTTON_DOES_MAX = BUTTON_DOES_TELL };
 #define check_tip(params) ((void)(params))
 #endif
 
+// Whether a record of that tag was there before, where that matters; now it is.
+static bool is_doubled(bool is_seen[TAGS_MAX], uint8_t tag) {
+    const bool is_known = tag < TAGS_MAX;
+    const bool was_seen = is_known && is_seen[tag];
+    if (is_known) {
+        is_seen[tag] = true;
+    }
+    return was_seen;
+}
+
 enum params_fault params_read(const IN_FLASH struct memory *memory, uint16_t offset,
                               uint8_t length, struct params *out, uint8_t *tag) {
     bool is_seen[TAGS_MAX] = {false};
@@ -69,11 +79,8 @@ enum params_fault params_read(const IN_FLASH struct memory *memory, uint16_t off
         if (offset + head[1] > end) {
             return PARAMS_WRONG_LENGTH;
         }
-        if (head[0] < TAGS_MAX) {
-            if (is_seen[head[0]]) {
-                return PARAMS_DOUBLED;
-            }
-            is_seen[head[0]] = true;
+        if (is_doubled(is_seen, head[0])) {
+            return PARAMS_DOUBLED;
         }
         struct calibration_of_sensor *sensor = NULL;
         uint8_t *to = &out->button_does;
