@@ -155,6 +155,7 @@ def run(boards: Sequence[str], seconds: float | None, wanted: int | None) -> int
         sys.stdout.write(f"the page is at http://{page}: open it in a browser\n")
         are = "the probes lie" if len(boards) > 1 else "the probe lies"
         sys.stdout.write(f"{are} still for a moment, for the gyroscope's bias\n")
+        sys.stdout.write("nothing is calibrated: heading shows once it has turned\n")
         sys.stdout.flush()
         wait_for(
             lambda: len(tallies) == len(boards), FIRST_POSE_S, daemon, "no pose came"
