@@ -185,9 +185,11 @@ static void run_stage(struct twin *t, int stage, int frame) {
     case 3:
         if (is_resting) {
             const int axis = t->rest_axis;
+            const double surprise = t->rest_rate.level[axis] - t->bias[axis];
+            const double off = fmin(fabs(surprise) / DEGREE, 4);
             row[axis] = 1;
-            twin_read_motion(t, row, 0.03 * 0.03, 0.25,
-                             t->rest_rate.level[axis] - t->bias[axis]);
+            twin_read_motion(t, row, 0.03 * 0.03 + t->params->rest_doubt * off * off,
+                             0.25, surprise);
             t->rest_axis = (axis + 1) % 3;
         }
         stage_motion(t, t->frames % 2, is_resting);
@@ -249,6 +251,7 @@ void fuse_twin_defaults(struct fuse_twin_params *params) {
         .level_start = 0.1,
         .residual_share = 1,
         .residual_free = 2,
+        .rest_doubt = 0.312,
         .level_sd = 0.058,
     };
 }

@@ -40,6 +40,7 @@ struct fuse_twin_params {
     double level_start;       // deg/s: what levelling goes on to correct, at the start
     double residual_share;    // of the square by which readings go on to surprise
     double residual_free;     // uT2 of it that are noise
+    double rest_doubt;        // of the square by which a rest's rate surprises: noise
     double level_sd;          // deg: of the level, as a calibration leaves it
 };
 

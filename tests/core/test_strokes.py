@@ -272,7 +272,7 @@ def bias_deg_s(tracker: Tracker) -> np.ndarray:
     return np.degrees(np.array([bias.x, bias.y, bias.z]) / 2**25)
 
 
-def test_a_slow_turn_with_the_button_held_is_not_taken_for_bias() -> None:
+def test_a_slow_turn_is_not_taken_for_bias_held_or_not() -> None:
     scene = desk.measured(Plan(seconds=2.0), 1)
     first = at(scene, -0.3)
     last = scene.index(scene.strokes[-1].end_s)  # the rest behind it would tell
@@ -284,8 +284,7 @@ def test_a_slow_turn_with_the_button_held_is_not_taken_for_bias() -> None:
         before = bias_deg_s(tracker)
         tracker.feel(scene.samples[first:last], button[first:last])
         moved.append(np.abs(bias_deg_s(tracker) - before).max())
-    assert moved[0] < 0.1
-    assert moved[1] > 0.3  # what rests of the filter make of it without
+    assert max(moved) < 0.1
 
 
 def test_strokes_teach_the_filter_the_bias() -> None:

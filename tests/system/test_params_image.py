@@ -224,7 +224,7 @@ BAD = [
     Bad("a part is hit by noise", [struck(each, n) for n, each in enumerate(WORDS)]),
     Bad("older schema", list(map(of_other_schema, WORDS))),
     refused("out of range", TOO_STEEP, ACC, 2),
-    refused("no such option", record(OPTIONS, b"\2\0"), OPTIONS, 2),
+    refused("no such option", record(OPTIONS, b"\3\0"), OPTIONS, 2),
     refused("twice in the list", record(OPTIONS, b"\0\0") * 2, OPTIONS, 3),
     refused("too short", record(GYR, OLD[2:31]), GYR, 1),
 ]
