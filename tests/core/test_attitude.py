@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import native
-from core import desk
+from core import desk, stroke_desk
 from core.desk import ONE, Array, ffi, lib
 from core.scenes import (
     MEASUREMENT,
@@ -24,6 +24,7 @@ from core.scenes import (
     tumble,
 )
 from core.test_fuse_extremes import CALIBRATIONS, wild_samples
+from imud.virtual.stroking import Plan
 
 # Of a sensor, as its driver gives them.
 IDENTITY = (
@@ -205,6 +206,32 @@ def test_an_image_of_one_filter_has_no_other_and_gives_the_same_bits(name):
         poses(library, name), poses((ffi, lib), name), strict=True
     ):
         assert np.array_equal(found, wanted)
+    assert np.array_equal(strokes(library, name), strokes((ffi, lib), name))
+
+
+def strokes(library: Any, name: str) -> Array:
+    """What a tracker tells of strokes while the button is held."""
+    own, c = library
+    fields = {field: getattr(stroke_desk.MPU9250, field) for field in IDENTITY}
+    identity = own.new("struct sensor_identity *", fields)
+    calibration = own.new("struct calibration *")
+    c.calibration_clear(calibration)
+    tracker = own.new("struct pose_tracker *")
+    assert c.pose_begin(tracker, calibration, identity, KINDS[name])
+    tip = own.new("struct pose_tip *", {"offset_um": [1000, 0, 0], "axis": [1, 0, 0]})
+    c.pose_set_tip(tracker, tip, True)
+    scene = stroke_desk.measured(Plan(seconds=1.0), 1)
+    told = np.zeros(len(scene.samples) // stroke_desk.WINDOW + 2, stroke_desk.TOLD)
+    after, held = np.zeros(len(told), np.int32), scene.held()
+    count = c.loop_strokes(
+        *(tracker, len(scene.samples)),
+        own.cast("struct sample *", own.from_buffer(scene.samples)),
+        own.cast("bool *", own.from_buffer(held)),
+        own.cast("struct message_stroke *", own.from_buffer(told)),
+        own.cast("int32_t *", own.from_buffer(after)),
+    )
+    assert (count > 0) == (name == "fuse")  # which alone finds them
+    return told[:count]
 
 
 # Whatever comes in.
