@@ -155,10 +155,22 @@ static void begin_again(struct twin *t) {
     t->heading_variance = INFINITY;
 }
 
+// The mean rate at rest is the bias of one axis; the more it surprises, the less: a
+// slow turn looks like a rest.
+static void read_rest(struct twin *t) {
+    const int axis = t->rest_axis;
+    const double surprise = t->rest_rate.level[axis] - t->bias[axis];
+    const double off = fmin(fabs(surprise) / DEGREE, 4);
+    double row[STATES] = {0};
+    row[axis] = 1;
+    twin_read_motion(t, row, 0.03 * 0.03 + t->params->rest_doubt * off * off, 0.25,
+                     surprise);
+    t->rest_axis = (axis + 1) % 3;
+}
+
 static void run_stage(struct twin *t, int stage, int frame) {
     const bool is_resting = t->rest == 150;
     double v[4];
-    double row[STATES] = {0};
     switch (stage) {
     case 0:
         if (t->frames == BEGIN_AGAIN) {
@@ -184,13 +196,7 @@ static void run_stage(struct twin *t, int stage, int frame) {
         break;
     case 3:
         if (is_resting) {
-            const int axis = t->rest_axis;
-            const double surprise = t->rest_rate.level[axis] - t->bias[axis];
-            const double off = fmin(fabs(surprise) / DEGREE, 4);
-            row[axis] = 1;
-            twin_read_motion(t, row, 0.03 * 0.03 + t->params->rest_doubt * off * off,
-                             0.25, surprise);
-            t->rest_axis = (axis + 1) % 3;
+            read_rest(t);
         }
         stage_motion(t, t->frames % 2, is_resting);
         break;
