@@ -17,6 +17,7 @@ from micropython_frames import PACKAGE, PROGRAMS, assert_frames_are_those_of_c
 def stock() -> Path:
     path = Path(sys.prefix) / "bin" / "micropython"
     if not path.exists():
+        # Its wheels are for some Pythons only: README.md, Limits.
         pytest.skip("PyPI has no MicroPython for this Python")
     return path
 
