@@ -44,6 +44,9 @@ class Chain:
         """What is published on a topic from here on, surely from its next message."""
         heard: queue.Queue[bytes] = queue.Queue()
         self.client.subscribe(topic, None, lambda _, payload: heard.put(payload))
+        # A query follows the declaration on the same link: once it is answered, the
+        # daemon knows the subscriber.
+        self.client.statuses()
         return heard
 
     def command(self, name: str, **arguments: str) -> dict[str, Any]:
