@@ -62,6 +62,7 @@ def test_a_renamed_probe_costs_no_subscriber_its_connection(tmp_path: Path) -> N
         client.wait_for("tip")
         heard: queue.SimpleQueue[str] = queue.SimpleQueue()
         client.subscribe("pose", None, lambda name, _: heard.put(name))
+        client.statuses()  # then the daemon knows who subscribes
         links: list[object] = []
         listener = client.session.info.declare_link_events_listener(links.append)
         for old, new in (("tip", "stylus"), ("stylus", "tip")) * 2:
