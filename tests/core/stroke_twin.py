@@ -38,24 +38,39 @@ def rest_of(force: Array) -> Array:
     return mean
 
 
-def closed(f0: Array, force: Array, gained: Array, angle: float) -> Way:
-    """Of a stroke in a level frame after a rest of force `f0`: rows of windows, the
-    first the last of the rest, the last three those of the rest behind it. `force`:
-    their mean, m/s2; `gained`: twice the mean velocity gained in a window, as a force.
-    `angle`: turned in it, rad.
+def is_calm(force: Array, rest: Array) -> bool:
+    """Whether the force of a window differs from that of a rest by no more than noise
+    explains.
     """
-    f1 = (force[-3] + 2 * force[-2] + force[-1]) / 4
-    inner = force[1:-3] - f0
+    return float(np.sum((force - rest) ** 2)) < 4 * NOISE
+
+
+def late_mean(force: Array) -> Array:
+    """Of the rest behind a stroke, its last three windows."""
+    return np.asarray((force[-3] + 2 * force[-2] + force[-1]) / 4)
+
+
+def closed(
+    f0: Array, force: Array, gained: Array, angle: float, *, left_out: int = 0
+) -> Way:
+    """Of a stroke in a level frame after a rest of force `f0`: rows of windows, the
+    first the last of the rest, the last three those of the rest behind it, and
+    `left_out` before them that are of that rest too. `force`: their mean, m/s2;
+    `gained`: twice the mean velocity gained in a window, as a force. `angle`: turned in
+    it, rad.
+    """
+    f1, behind = late_mean(force), len(force) - 3 - left_out
+    inner = force[1:behind] - f0
     count = len(inner)
     velocity = (force[0] - f0) - (gained[0] - f0) / 2
     way = np.zeros(3)
-    for row, more in zip(inner, gained[1:-3] - f0, strict=True):
+    for row, more in zip(inner, gained[1:behind] - f0, strict=True):
         way = way + 2 * velocity + more
         velocity = velocity + row
-    end = velocity + (gained[-3] - f0) / 2
+    end = velocity + (gained[behind] - f0) / 2
     rest = NOISE * (0.375 + 0.15) / 3
     miss = 8 * (1 - np.cos(angle / 2))
-    tilt = (G * BIAS * WINDOW_S * count) ** 2 + TURN_LEVEL * miss
+    tilt = (G * BIAS / 2 * WINDOW_S * count) ** 2 + TURN_LEVEL * miss
     keep = np.array([share(tilt, rest)] * 2 + [share(TURN_UP * miss, rest)])
     pairs = (count + 1) * (count + 2)
     sums = way - count * end + keep * (f1 - f0) * pairs / 6

@@ -11,6 +11,7 @@ enum {
     SETTLED_ENOUGH = 2,   // of which a stroke can start
     STEADY = 4,           // windows without a turn that make a rest
     PRESS_WINDOWS = 3,    // until the window of a press is no longer held back
+    CALM_WINDOWS = 1,     // that a stroke waits after a press while nothing moves
     RELEASE_WINDOWS = 3,  // of rest after the window before a release
 };
 
@@ -46,7 +47,7 @@ void stroke_hold(struct stroke *stroke, bool is_held) {
         stroke->countdown = is_held ? 0 : RELEASE_WINDOWS;
     } else {
         // A press that is over before its stroke has begun is a click.
-        stroke->countdown = is_held ? PRESS_WINDOWS + 1 : 0;
+        stroke->countdown = is_held ? PRESS_WINDOWS + CALM_WINDOWS + 1 : 0;
     }
 }
 
@@ -111,6 +112,7 @@ static void start(struct stroke *stroke, const struct stroke_window *window) {
     stroke->phase = STROKE_MOVES;
     stroke->end = STROKE_END_RUNNING;
     stroke->windows = 0;
+    stroke->countdown = 0;
     stroke->start_us = window->time_us;
     for (uint8_t i = 0; i < 4; ++i) {
         stroke->start_q14[i] = (int16_t)fixed_scale_down(q[i], 16);
@@ -151,6 +153,18 @@ static bool rests(const struct stroke *stroke, const struct stroke_force *before
            square_apart(&stroke->late[1].mean_q15, newest) < limit;
 }
 
+// The same, since what has shown the start is no longer held back.
+static bool has_come_to_rest(const struct stroke *stroke,
+                             const struct stroke_force *before) {
+    return stroke->windows > STROKE_LATE && rests(stroke, before);
+}
+
+// The force is that of a rest, but for its noise.
+static bool is_calm(const struct stroke *stroke, const struct stroke_force *force,
+                    const struct vector *rest) {
+    return square_apart(&force->mean_q15, rest) < stroke->noise_q30 * 4;
+}
+
 static uint16_t root_of_sum(uint16_t a, uint16_t b) {
     const uint32_t sum = (uint32_t)a * a + (uint32_t)b * b;
     return a > 45000 || b > 45000 ? UINT16_MAX : fixed_sqrt(sum);
@@ -161,6 +175,7 @@ static void finish(struct stroke *stroke, const struct stroke_force *before) {
     stroke->phase = STROKE_RESTS;
     stroke->end = stroke->is_by_button ? STROKE_END_BUTTON : STROKE_END_REST;
     stroke->settled = SETTLED;
+    stroke->countdown = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
         stroke->path_um.axis[axis] += stroke->moved_um.axis[axis];
     }
@@ -171,9 +186,27 @@ static void finish(struct stroke *stroke, const struct stroke_force *before) {
     path->vertical = root_of_sum(path->vertical, stroke->sigma.vertical);
 }
 
+// The window that is no longer held back is one of the rest already, at which the
+// stroke has ended.
+static bool ends_before(struct stroke *stroke, const struct stroke_window *window,
+                        const struct stroke_force *before) {
+    const bool may_end =
+        stroke->is_by_button
+            ? !stroke->is_held && stroke->countdown == 1 && !is_unstill(stroke)
+            : has_come_to_rest(stroke, before);
+    struct vector rest;
+    stroke_late_mean(stroke, &rest);
+    return may_end && stroke->windows > 0 && is_calm(stroke, before, &rest) &&
+           stroke_find_closed(stroke, window, before);
+}
+
 static void move(struct stroke *stroke, const struct stroke_window *window,
                  const struct stroke_force *before) {
     struct vector apart;
+    if (ends_before(stroke, window, before)) {
+        finish(stroke, before);
+        return;
+    }
     vector_subtract(&before->mean_q15, &stroke->rest_q15, &apart);
     stroke_add(stroke, before, &stroke->velocity, &stroke->twice_way);
     ++stroke->windows;
@@ -186,15 +219,16 @@ static void move(struct stroke *stroke, const struct stroke_window *window,
     if (stroke->is_by_button && !stroke->is_held) {
         --stroke->countdown;
         if (stroke->countdown == 0) {
-            if (is_unstill(stroke) || !stroke_find_closed(stroke, window)) {
+            if (is_unstill(stroke) ||
+                !stroke_find_closed(stroke, window, stroke->late)) {
                 lose(stroke, STROKE_END_MOVING);
             } else {
                 finish(stroke, before);
             }
             return;
         }
-    } else if (!stroke->is_by_button && rests(stroke, before) &&
-               stroke_find_closed(stroke, window)) {
+    } else if (!stroke->is_by_button && has_come_to_rest(stroke, before) &&
+               stroke_find_closed(stroke, window, stroke->late)) {
         finish(stroke, before);
         return;
     }
@@ -220,15 +254,20 @@ static void start_after_rest(struct stroke *stroke, const struct stroke_window *
 // At rest, as far as is known. True where there is something to tell.
 static bool wait(struct stroke *stroke, const struct stroke_window *window,
                  const struct stroke_force *before) {
-    const bool is_pressed = stroke->countdown > 0 && --stroke->countdown == 0;
+    const bool is_pressed =
+        stroke->countdown > 0 && --stroke->countdown <= CALM_WINDOWS &&
+        (stroke->countdown == 0 || !is_calm(stroke, before, &stroke->rest_q15));
     const bool has_moved_now = stroke->settled > 0 && has_moved(stroke, window);
     if (stroke->is_by_button ? is_pressed : has_moved_now) {
         start_after_rest(stroke, window, before);
         return true;
     }
     take_rest(stroke, before);
-    stroke->sway_q30 += stroke_square(&window->turn_q15) / 8;
-    stroke->sway_q30 -= stroke->sway_q30 / 8;
+    if (stroke->countdown == 0) {
+        // Since a press the newest window is one of the stroke.
+        stroke->sway_q30 += stroke_square(&window->turn_q15) / 8;
+        stroke->sway_q30 -= stroke->sway_q30 / 8;
+    }
     if (stroke->settled == 1) {
         stroke->is_placed = false;
     }

@@ -10,8 +10,11 @@
 #define WAY_GAIN_Q30 INT32_C(163840000)
 #define WINDOW_US UINT32_C(100000)
 // (g * 0.25 deg/s * 0.1 s)^2, by which a gyroscope's bias tilts in a window, from its
-// variance; at least that of 0.01 deg/s.
+// variance; at least that of 0.01 deg/s. A quarter by the button: what the filter
+// allows a bias is for minutes, and from one rest to the next half of its sigma is
+// enough. Without it a slow stroke may have looked like a rest to the filter.
 #define BIAS_TILT_Q30 INT32_C(10062675)
+#define BY_BUTTON_SHARE 4
 #define BIAS_VARIANCE_MIN INT32_C(3355)
 // What a hand turns at rest is in the bias that the filter finds there: a fifth of its
 // rate, at most 0.08 deg/s.
@@ -62,9 +65,9 @@ uint32_t stroke_square(const struct vector *v_q15) {
     return sum;
 }
 
-// The factor from sums to um.
-static q2_30_t gain_of(const struct stroke *stroke, uint32_t now_us) {
-    const uint32_t nominal_us = (stroke->windows - 1u) * WINDOW_US;
+// The factor from sums to um. `windows`: that were taken or left out since the start.
+static q2_30_t gain_of(const struct stroke *stroke, uint8_t windows, uint32_t now_us) {
+    const uint32_t nominal_us = (windows - 1u) * WINDOW_US;
     const uint32_t elapsed_us = now_us - stroke->start_us;
     q2_30_t ratio = Q2_30_ONE;
     // A clock is never off by a quarter.
@@ -92,7 +95,8 @@ static uint32_t bias_tilt(const struct stroke *stroke,
     if (variance < BIAS_VARIANCE_MIN) {
         variance = BIAS_VARIANCE_MIN;
     }
-    return (uint32_t)fixed_mul_q30(variance, BIAS_TILT_Q30);
+    const int32_t tilt = fixed_mul_q30(variance, BIAS_TILT_Q30);
+    return (uint32_t)(stroke->is_by_button ? tilt / BY_BUTTON_SHARE : tilt);
 }
 
 static struct tilts tilts_of(const struct stroke *stroke, uint8_t windows,
@@ -147,7 +151,7 @@ static void state_sigma(struct stroke *stroke, uint32_t noise, uint32_t level,
 
 void stroke_find_open(struct stroke *stroke, const struct stroke_window *window) {
     const uint8_t windows = (uint8_t)(stroke->windows + STROKE_LATE);
-    const q2_30_t gain = gain_of(stroke, window->time_us);
+    const q2_30_t gain = gain_of(stroke, stroke->windows, window->time_us);
     struct vector velocity = stroke->velocity;
     struct vector way = stroke->twice_way;
     for (uint8_t i = 0; i < STROKE_LATE; ++i) {
@@ -186,9 +190,12 @@ static void find_delta(const struct stroke *stroke, struct vector *delta) {
     vector_subtract(delta, &stroke->rest_q15, delta);
 }
 
-bool stroke_find_closed(struct stroke *stroke, const struct stroke_window *window) {
+bool stroke_find_closed(struct stroke *stroke, const struct stroke_window *window,
+                        const struct stroke_force *first) {
     const uint8_t windows = stroke->windows;
-    const q2_30_t gain = gain_of(stroke, window->time_us);
+    const uint8_t left_out = first == stroke->late ? 0 : 1;
+    const q2_30_t gain =
+        gain_of(stroke, (uint8_t)(windows + left_out), window->time_us);
     const uint32_t pairs = (windows + 1u) * (windows + 2u);
     const struct tilts tilts = tilts_of(stroke, windows, window);
     const uint32_t rest =
@@ -201,8 +208,8 @@ bool stroke_find_closed(struct stroke *stroke, const struct stroke_window *windo
     stroke->delta_q15 = delta;
     stroke->delta_noise_q30 =
         rest + tilts.level - bias_tilt(stroke, window) * windows * windows;
-    // As much as noise and tilt explain, one time of a thousand more.
-    if (stroke_square(&delta) / 16 > tilts.level + tilts.up + rest + DELTA_FREE_Q30) {
+    // Between a rest and a motion it is far more than noise and tilt explain.
+    if (stroke_square(&delta) / 32 > tilts.level + tilts.up + rest + DELTA_FREE_Q30) {
         return false;
     }
     for (uint8_t axis = 0; axis < 3; ++axis) {
@@ -210,7 +217,7 @@ bool stroke_find_closed(struct stroke *stroke, const struct stroke_window *windo
         // what grew.
         const int32_t end =
             stroke->velocity.axis[axis] +
-            (stroke->late[0].gained_q15.axis[axis] - stroke->rest_q15.axis[axis]) / 2;
+            (first->gained_q15.axis[axis] - stroke->rest_q15.axis[axis]) / 2;
         const int32_t grown =
             fixed_mul_q30(delta.axis[axis], level) * (windows + 1) / 2;
         if (fixed_magnitude(end - grown) >

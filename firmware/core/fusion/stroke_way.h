@@ -5,10 +5,10 @@
 
 #include "core/fusion/stroke.h"
 
-// What the velocity may be at an end, and more for each window of a stroke: 0.02 and
-// 0.002 m/s, as sums over windows.
-#define STROKE_STOP_Q15 UINT32_C(6554)
-#define STROKE_STOP_STEP_Q15 UINT32_C(655)
+// What the velocity may be at an end, and more for each window of a stroke: 0.03 and
+// 0.003 m/s, as sums over windows.
+#define STROKE_STOP_Q15 UINT32_C(9830)
+#define STROKE_STOP_STEP_Q15 UINT32_C(983)
 
 // |v|^2 as q2_30 of v in q15, whose numbers are held within +-0.5.
 uint32_t stroke_square(const struct vector *v_q15);
@@ -24,8 +24,10 @@ void stroke_late_mean(const struct stroke *stroke, struct vector *out);
 // Where it is while it moves, those windows included that are held back.
 void stroke_find_open(struct stroke *stroke, const struct stroke_window *window);
 
-// Its whole way, ended by a rest, whose windows are held back. False where it did not
+// Its whole way, ended by a rest, whose windows are held back: `first` is the first of
+// them, or the window before, which is then none of the stroke's. False where it did not
 // end at rest, or did not begin so.
-bool stroke_find_closed(struct stroke *stroke, const struct stroke_window *window);
+bool stroke_find_closed(struct stroke *stroke, const struct stroke_window *window,
+                        const struct stroke_force *first);
 
 #endif
