@@ -53,6 +53,15 @@ ACC_DENSITY = 0.052**2 / 200.0  # (m/s2)^2 s
 # calibration leaves over, and modules from the shop.
 MODULES = {"calibrated": (0.0005, 0.05, 1.0), "raw": (0.01, 0.5, 20.0)}
 GYR_BIAS_DPS = 1.0
+GYR_DRIFT_DPS_S = 0.003
+
+# What the params of a calibrated module tell of these, m/s2, a fraction, uT; its
+# magnetometer is exact.
+SIGMAS = {
+    "acc": {"sigma_m_s2": 0.01},
+    "gyr": {"sigma": 0.0007},
+    "mag": {"sigma_uT": 0.05},
+}
 
 ONE = np.eye(3)
 ALMOST = [[1.0, 2.0**-14, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
@@ -72,9 +81,12 @@ class Case:
 class Found:
     """The strokes of a run that have a length, m, a row a stroke; none where there were
     more or fewer strokes.
+
+    `errors`: of each, by the heading at its end. `path`: of all, by that of the last.
     """
 
     errors: FloatArray
+    path: FloatArray
     sigmas: FloatArray
 
 
@@ -88,8 +100,8 @@ def module_of(kind: str, random: np.random.Generator) -> Module:
     return Module(
         gyr=matrix(),
         gyr_bias=np.radians(random.normal(0.0, GYR_BIAS_DPS, 3)),
-        drift=np.zeros(3),
-        warming=np.zeros_like,
+        drift=np.radians(random.normal(0.0, GYR_DRIFT_DPS_S, 3)),
+        warming=np.asarray,
         acc=matrix(),
         acc_bias=random.normal(0.0, bias_mg * MG, 3),
         mag=ONE,
@@ -116,7 +128,8 @@ def params_of(case: Case) -> bytes:
     params = Params()
     if case.module != "raw":
         known = {"bias_counts": [0, 0, 0], "matrix": ALMOST, "method": "guided"}
-        params = params.replaced("gyr", known)
+        for sensor, sigma in SIGMAS.items():
+            params = params.replaced(sensor, known | sigma)
     if case.is_by_button:
         params = params.replaced("options", {"button_does": "stroke"})
     return params.encode()
@@ -144,6 +157,7 @@ def measure(case: Case, seed: int) -> Found:
     replay = Replay(sampled.hello, params_of(case))
     at_s, is_held = next(changes, (np.inf, False))
     ends: list[Message] = []
+    turned: list[float] = []
     for raw, time_s in zip(sampled.raws, sampled.times_s, strict=True):
         if time_s >= at_s:
             replay.hold(is_held)
@@ -154,12 +168,13 @@ def measure(case: Case, seed: int) -> Found:
             stroke = feed.said(told)
             if stroke.fields["end"] != "running":
                 ends.append(stroke)
-    turned = heading_of(replay.pose(0, 0), exact, float(sampled.times_s[-1]))
-    return found_of(ends, turned, np.array([each.way_m for each in strokes]))
+                turned.append(heading_of(replay.pose(0, 0), exact, float(time_s)))
+    true = np.array([each.way_m for each in strokes])
+    return found_of(ends, np.array(turned), true)
 
 
 def heading_of(pose: bytes, exact: Motion, time_s: float) -> float:
-    """By how much the heading is wrong at the end, rad: no error of a stroke."""
+    """By how much the heading is wrong at a time, rad: no error of a stroke."""
     assert exact.quat is not None
     true = exact.quat[min(round(time_s * RECORDS_HZ), len(exact) - 1)]
     quat = np.array(feed.said(pose).fields["q"], float)
@@ -167,22 +182,30 @@ def heading_of(pose: bytes, exact: Motion, time_s: float) -> float:
     return float(2.0 * np.arctan2(z, w))
 
 
-def found_of(ends: Sequence[Message], turned: float, true: FloatArray) -> Found:
+def turned_back(rows: FloatArray, angles: FloatArray) -> FloatArray:
+    """Each row turned about the vertical by less its angle, rad."""
+    cosine, sine = np.cos(angles), np.sin(angles)
+    x, y, z = rows.T
+    return np.stack([cosine * x + sine * y, cosine * y - sine * x, z], axis=1)
+
+
+def found_of(ends: Sequence[Message], turned: FloatArray, true: FloatArray) -> Found:
     if len(ends) != len(true):
-        return Found(*np.zeros((2, 0, 3)))
+        return Found(*np.zeros((3, 0, 3)))
     known = [each.fields["displacement"] is not None for each in ends]
     good = [each for each, is_known in zip(ends, known, strict=True) if is_known]
     said = np.array([each.fields["displacement"] for each in good]).reshape(-1, 3)
-    cosine, sine = np.cos(turned), np.sin(turned)
-    x, y, z = said.T
-    back = np.stack([cosine * x + sine * y, cosine * y - sine * x, z], axis=1)
     sigmas = np.array([each.fields["displacement_sigma"] for each in good])
-    return Found(back - true[known], sigmas.reshape(-1, 2)[:, [0, 0, 1]])
+    return Found(
+        turned_back(said, turned[known]) - true[known],
+        turned_back(said, turned[-1:]) - true[known],
+        sigmas.reshape(-1, 2)[:, [0, 0, 1]],
+    )
 
 
 def corners(found: Found, *, is_closed: bool) -> float:
     """The rms error of a path's corners, m; closed: its end is laid onto its start."""
-    way = np.cumsum(found.errors, axis=0)
+    way = np.cumsum(found.path, axis=0)
     if is_closed:
         # What the last corner is off is spread evenly over the strokes.
         share = np.arange(1, len(way) + 1)[:, None] / len(way)

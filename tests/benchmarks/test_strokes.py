@@ -16,7 +16,7 @@ from imud.virtual.stroking import A4, Plan
 
 def found(errors: object) -> Found:
     rows = np.array(errors, float)
-    return Found(rows, np.full_like(rows, 0.01))
+    return Found(rows, rows, np.full_like(rows, 0.01))
 
 
 def test_a_run_is_measured_and_its_errors_are_inside_their_sigma(
