@@ -15,7 +15,7 @@ import pytest
 
 import native
 
-pytest_plugins = ["pace", "order"]
+pytest_plugins = ["pace", "order", "length"]
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -1,19 +1,53 @@
 # SPDX-License-Identifier: MIT
 """Chooses how much work a test does: a part in `make test`, all in `make test-long`.
 
-Such a test has the mark `long`, by which `make test-long` selects it.
+A test that chooses itself has the mark `long`, by which `make test-long` selects it.
+The mark `sampled(n)` has `make test` run every nth case of each parametrized test of a
+file, and `make test-long` all of them. pytest by itself runs all of them, too.
 """
 
 from __future__ import annotations
 
 import os
+import zlib
+from collections.abc import Sequence
 from typing import TypeVar
+
+import pytest
 
 T = TypeVar("T")
 
 IS_LONG = os.environ.get("IMU_LONG") == "1"
+IS_SAMPLE = os.environ.get("IMU_SAMPLE") == "1"
 
 
 def choose(*, everyday: T, long: T) -> T:
     """The number of examples, seconds or cases for this kind of run."""
     return long if IS_LONG else everyday
+
+
+def left_out(items: Sequence[pytest.Item]) -> set[pytest.Item]:
+    """The cases that the mark `sampled` leaves out of `make test`."""
+    cases: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        if item.get_closest_marker("sampled") is not None:
+            cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    found: set[pytest.Item] = set()
+    for name, family in cases.items():
+        mark = family[0].get_closest_marker("sampled")
+        assert mark is not None
+        (step,) = mark.args
+        # Tests of the same cases begin with different ones: not all with one board.
+        first = zlib.crc32(name.encode()) % min(step, len(family))
+        found |= set(family) - set(family[first::step])
+    return found
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(
+    config: pytest.Config, items: list[pytest.Item]
+) -> None:
+    if IS_SAMPLE:
+        found = left_out(items)
+        config.hook.pytest_deselected(items=[i for i in items if i in found])
+        items[:] = [item for item in items if item not in found]

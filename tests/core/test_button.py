@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 import native
 
+pytestmark = pytest.mark.sampled(3)
+
 ffi, lib = native.load()
 
 NONE, PRESSED, RELEASED = lib.BUTTON_NONE, lib.BUTTON_PRESSED, lib.BUTTON_RELEASED

@@ -15,6 +15,8 @@ from core.scenes import Attitude, Scene, at_rest, scene, tumble
 from core.test_fuse import STARTS
 from imud import rotation
 
+pytestmark = pytest.mark.sampled(2)
+
 # Table I: NP, NPS, NPL, with what a count is.
 FORCE_NOISE = (200 * G / 16384, 150 * G / 16384, 0.025)
 FIELD_NOISE = (3 * 0.6, 3 * 0.6, 0.025)

@@ -26,6 +26,8 @@ from core.doubles import (
 from core.scenes import Attitude, at_rest, scene
 from imud import rotation
 
+pytestmark = pytest.mark.sampled(2)
+
 # Counts of 8.75 mdps, and 100 of Ki's a second.
 COUNT = 8.75e-3 * DEGREE
 KP, KI = 500 * COUNT, 0.1 * 100 * COUNT

@@ -14,6 +14,8 @@ from core.desk import DEGREE, INT32_MIN, ONE, TURN, ffi, lib
 from core.scenes import at_rest, scene
 from imud import rotation
 
+pytestmark = pytest.mark.sampled(2)
+
 COUNT = 200_000
 LOCK = 1e-5  # rad, as euler.h says
 ANGLE = 5e-6  # rad

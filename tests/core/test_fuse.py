@@ -12,6 +12,8 @@ from core.fuse_desk import LEVEL, UPSIDE_DOWN, centred, rms, twin
 from core.scenes import Filter, Scene, at_rest, earth, scene, tumble
 from imud import rotation
 
+pytestmark = pytest.mark.sampled(2)
+
 NOT_KNOWN = 2**16 - 1
 QUARTER = np.pi / 2
 

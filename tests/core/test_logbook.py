@@ -24,6 +24,8 @@ from core.log_desk import (
     words,
 )
 
+pytestmark = pytest.mark.sampled(3)
+
 
 @pytest.mark.parametrize("is_sdhc", [True, False])
 @pytest.mark.parametrize("kind", [0x0B, 0x0C])

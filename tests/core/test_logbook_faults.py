@@ -22,6 +22,8 @@ from core.log_desk import (
 )
 from length import choose
 
+pytestmark = pytest.mark.sampled(2)
+
 
 def test_an_empty_socket_is_told_once_and_looked_at_each_second():
     volume = Volume()

@@ -26,6 +26,8 @@ from core.log_desk import (
 )
 from length import choose
 
+pytestmark = pytest.mark.sampled(2)
+
 # 34 MB
 BLOCKS = 68 * 1024
 KINDS = {

@@ -13,6 +13,8 @@ from core.fake_card import BLOCK
 from core.log_desk import SECOND, Log, Volume, lib
 from length import choose
 
+pytestmark = pytest.mark.sampled(3)
+
 
 def unprepared(volume: Volume) -> None:
     card = volume.card()

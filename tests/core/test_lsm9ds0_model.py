@@ -21,6 +21,8 @@ from core.lsm9ds0_chip import (
 from core.lsm9ds0_desk import Bench, Model, block, running
 from core.sensor_desk import axes
 
+pytestmark = pytest.mark.sampled(2)
+
 
 def modelled(*, is_fast: bool = False, **config: Any) -> Bench:
     return running(Model(**config), is_fast=is_fast)

@@ -14,6 +14,8 @@ from core.lsm9ds0_chip import ffi, lib
 from core.lsm9ds0_desk import Bench, block, running
 from core.sensor_desk import axes
 
+pytestmark = pytest.mark.sampled(3)
+
 
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("value", [-16.0, -1.0, 0.0037, 0.5, 16.0])

@@ -23,6 +23,8 @@ from core.scenes import Attitude, at_rest, scene
 from core.test_fuse import STARTS
 from imud import rotation
 
+pytestmark = pytest.mark.sampled(2)
+
 # Madgwick's earth has x to the north.
 ENU_FROM_EARTH = rotation.from_heading_pitch_roll(np.pi / 2, 0, 0)
 

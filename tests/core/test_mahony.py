@@ -23,6 +23,8 @@ from core.scenes import Attitude, at_rest, scene
 from core.test_fuse import STARTS
 from imud import rotation
 
+pytestmark = pytest.mark.sampled(2)
+
 UP = np.array([0.0, 0.0, 1.0])
 
 

@@ -16,6 +16,8 @@ from core.mpu9250_desk import (
     scripted,
 )
 
+pytestmark = pytest.mark.sampled(2)
+
 
 def count_of_transactions() -> int:
     return running().transactions

@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 
 from core.mpu9250_desk import ACC_LSB, GYR_LSB, MAG_LSB, Bench, G, ffi, lib, running
 
+pytestmark = pytest.mark.sampled(3)
+
 
 def axes(counts: Any) -> tuple[int, int, int]:
     return counts.x, counts.y, counts.z

@@ -25,6 +25,8 @@ from core.params_desk import (
 )
 from core.settings_desk import LEFT_BEHIND
 
+pytestmark = pytest.mark.sampled(2)
+
 NONE = Store().image
 OK, DAMAGED = lib.RESULT_OK, lib.RESULT_DAMAGED
 

@@ -9,6 +9,8 @@ import pytest
 
 from core.rn41_desk import FACTORY, RIGHT, SECOND_US, Module, Probe, kinds, lib
 
+pytestmark = pytest.mark.sampled(2)
+
 
 def test_a_module_that_starts_slowly_is_found_all_the_same():
     module = Module()

@@ -23,6 +23,8 @@ from core.sdcard_desk import (
     ready,
 )
 
+pytestmark = pytest.mark.sampled(3)
+
 
 def data_of(seed: int) -> bytes:
     return bytes((seed * 31 + i * (seed % 7 + 1)) % 256 for i in range(BLOCK))

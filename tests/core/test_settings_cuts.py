@@ -19,6 +19,8 @@ from core.settings_desk import (
     saved,
 )
 
+pytestmark = pytest.mark.sampled(2)
+
 
 @pytest.mark.parametrize("left", LEFT_BEHIND, ids=str)
 @pytest.mark.parametrize("saves", [0, 1, 2, 3])

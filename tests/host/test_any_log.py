@@ -17,6 +17,8 @@ from imud.recordings import replay
 from length import choose
 from log_files import records, write
 
+pytestmark = pytest.mark.sampled(2)
+
 CASES = choose(everyday=40, long=200)
 
 COMMANDS = (

@@ -30,6 +30,8 @@ from fakes import FakeProbe
 from imud.card import fat
 from imud.errors import FileError
 
+pytestmark = pytest.mark.sampled(2)
+
 GIB = 1 << 30
 SIZES = [SMALL, *(n * MIB for n in (64, 260, 261, 1024, 2048, 4096, 8192, 32768))]
 

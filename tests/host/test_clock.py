@@ -19,6 +19,8 @@ from imud.probes.record import Stamp
 from imud.probes.session import Probe, Received, Session
 from length import choose
 
+pytestmark = pytest.mark.sampled(2)
+
 SECOND = 1_000_000_000
 MS = 1_000_000
 

@@ -17,6 +17,8 @@ import pytest
 from fakes import free_endpoint
 from imud.cli import build_parser, main
 
+pytestmark = pytest.mark.sampled(3)
+
 # Files that are none of what a command wants, by what they are.
 FILES = {
     "none": None,

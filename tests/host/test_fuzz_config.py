@@ -21,6 +21,8 @@ from imud.config.reader import as_toml
 from imud.config.settings import Config
 from length import choose
 
+pytestmark = pytest.mark.sampled(3)
+
 SEED = 20_260_102
 PROBE = "probes.00112233445566aa"
 

@@ -26,6 +26,8 @@ from imud.cli.attitude import HORIZON, TAPE, compass, horizon
 from imud.cli.monitor import BLOCK, Screen, pipe_line
 from imud.client import Missed, Pose, Status
 
+pytestmark = pytest.mark.sampled(3)
+
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 EMPTY, FULL = "⠀", "⣿"
 

@@ -17,6 +17,8 @@ from length import choose
 from protocol import wire
 from protocol.wire import VECTORS, unhex
 
+pytestmark = pytest.mark.sampled(2)
+
 # Where hello's fingerprint lies; of its own schema's hello the host is strict.
 FINGERPRINT = slice(12, 16)
 

@@ -16,6 +16,8 @@ from imud import _core
 from protocol import wire
 from protocol.wire import VECTORS, Decoder, encode_frame, good, unhex
 
+pytestmark = pytest.mark.sampled(2)
+
 SEED = 0x2A57
 CONTENT_MAX = wire.lib.FRAME_CONTENT_MAX
 OVERHEAD = 4  # CRC, one COBS code, delimiter

@@ -9,6 +9,8 @@ import pytest
 
 import bare
 
+pytestmark = pytest.mark.sampled(2)
+
 REGISTERS = [0x0F, 0x00, 0x08, 0x30, 0x00, 0x00]  # CTRL_REG1_G and on, set by i2c.c
 AF, ARLO, BERR = 1 << 10, 1 << 9, 1 << 8
 FAULTY = 19  # the transaction of i2c.c that the faults hit

@@ -10,6 +10,8 @@ import pytest
 
 import bare
 
+pytestmark = pytest.mark.sampled(2)
+
 HOUR_US = 3_600_000_000
 FULL_SCALE, SUPPLY_MV = 4095, 3300
 RADIO = """address=0006664F1A2C

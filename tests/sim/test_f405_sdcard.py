@@ -12,6 +12,8 @@ import pytest
 import bare
 from sim.sdcard_desk import BLOCK, kind_of
 
+pytestmark = pytest.mark.sampled(2)
+
 
 def made(folder: Path, size: int = 1 << 20) -> Path:
     path = folder / "card.img"

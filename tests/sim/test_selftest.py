@@ -10,6 +10,8 @@ import pytest
 
 import images
 
+pytestmark = pytest.mark.sampled(2)
+
 ROOT = Path(__file__).resolve().parents[2]
 NANO = ROOT / "build" / "sim" / "nano"
 

@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 
 import native
 
+pytestmark = pytest.mark.sampled(3)
+
 ffi, lib = native.load()
 
 WORDS = 4 * lib.JOURNAL_BYTES

@@ -28,6 +28,8 @@ from length import choose
 from system.live import LiveProbe, hear, take
 from system.virtual import ALL_BOARDS, Stub, run
 
+pytestmark = pytest.mark.sampled(2)
+
 CLICK = ("--press", "200000:300000")
 
 

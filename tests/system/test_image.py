@@ -22,6 +22,8 @@ from system.virtual import (
     write_hand,
 )
 
+pytestmark = pytest.mark.sampled(2)
+
 CLICK = ("--press", "200000:300000")  # before the sensor is ready
 
 

@@ -13,6 +13,8 @@ from imud.virtual import motion
 from system.test_image import CLICK, each
 from system.virtual import Run, Stub, assert_nothing_is_lost, every_board, run
 
+pytestmark = pytest.mark.sampled(2)
+
 
 def poses_after(done: Run, time_us: int) -> int:
     return sum(pose.time_us > time_us for pose in done.named("pose"))

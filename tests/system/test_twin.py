@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from fakes import PATIENCE_S, DaemonProcess, Port
 from fakes.records import calibrated_records
 from imud.client import Client
@@ -16,6 +18,8 @@ from system.live import LiveProbe, hear
 from system.params_orders import upload
 from system.virtual import Stub, run, write_hand
 from twin_bench import heard
+
+pytestmark = pytest.mark.sampled(2)
 
 SECONDS = 14.0
 

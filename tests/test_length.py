@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: MIT
+"""Of the cases of sampled tests, `make test` runs a part, and some of each test."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, cast
+
+import pytest
+
+from length import left_out
+
+
+@dataclass(frozen=True)
+class Case:
+    """What left_out() asks of a test."""
+
+    nodeid: str
+    step: int | None
+
+    def get_closest_marker(self, name: str) -> pytest.Mark | None:
+        assert name == "sampled"
+        return pytest.mark.sampled(self.step).mark if self.step else None
+
+
+def kept(cases: list[Case]) -> list[str]:
+    left = left_out(cast("Any", cases))
+    return [case.nodeid for case in cases if case not in cast("Any", left)]
+
+
+def test_every_nth_case_is_kept_and_one_of_each_test_at_least() -> None:
+    many = [Case(f"a.py::many[{number}]", 3) for number in range(30)]
+    few = [Case(f"a.py::few[{number}]", 3) for number in range(2)]
+    alone = [Case("a.py::alone", 3), Case("b.py::other", None)]
+    names = kept([*many, *few, *alone])
+    assert sum(name.startswith("a.py::many") for name in names) == 10
+    assert sum(name.startswith("a.py::few") for name in names) == 1
+    assert names[-2:] == ["a.py::alone", "b.py::other"]
+
+
+def test_each_case_of_a_pair_is_kept_by_some_tests() -> None:
+    names = kept(
+        [Case(f"a.py::test_{n}[{board}]", 2) for n in range(40) for board in "nf"]
+    )
+    assert len(names) == 40
+    assert {name[-2] for name in names} == {"n", "f"}
