@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The firmware's portable C: _core.c over firmware/core."""
 
-from typing import Final, TypedDict, final
+from typing import Any, Final, TypedDict, final
 
 from typing_extensions import Buffer
 
@@ -28,6 +28,19 @@ Vector = tuple[float, float, float]
 class Calibrator:
     def __new__(cls, hello: Buffer, params: Buffer = b"") -> Calibrator: ...
     def apply(self, raw: Buffer, /) -> tuple[Vector, Vector, Vector | None]: ...
+
+Table = dict[int, Any]  # values by number
+
+# Name, tag, is it signed, bytes of a number, how many numbers, null, is it scaled, is
+# it divided, by what, the tolerance of a norm (0: none), table (None: numbers count).
+ReaderField = tuple[
+    str, int, bool, int, int, int | None, bool, bool, float, float, Table | None
+]
+
+@final
+class Reader:
+    def __new__(cls, fields: tuple[ReaderField, ...]) -> Reader: ...
+    def read(self, content: bytes, /) -> tuple[int, int, dict[str, Any]] | None: ...
 
 @final
 class Replay:

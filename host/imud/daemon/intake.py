@@ -102,10 +102,10 @@ class Intake:
         self._lines.other_schema(event, port)
 
     def take(self, event: Event, port: ProbePort) -> None:
-        if isinstance(event, ProbeFound):
-            self._found(event, port)
-        elif isinstance(event, Received):
+        if isinstance(event, Received):
             self._received(event)
+        elif isinstance(event, ProbeFound):
+            self._found(event, port)
         elif isinstance(event, Refused):
             self._lines.refused(self.registry[event.probe_id], event)
 
@@ -157,5 +157,6 @@ class Intake:
             self._lines.described(entry, message)
         if message.name in ("hello", "params"):
             self.params.follow(entry, self._clock.now_ns())
-        self._publisher.set_alive(entry, is_alive=True)
+        if not entry.is_alive:
+            self._publisher.set_alive(entry, is_alive=True)
         self.stages.take(entry, event)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import time
 from collections.abc import Sequence
 from typing import Any, Protocol
 
@@ -85,7 +86,7 @@ class Port:
         self._left_out: set[str] = set()  # ids that are heard here and ignored
         self._is_noise_told = False
         self._is_pty = False
-        self._heard_s = 0.0  # loop's time of the latest good frame
+        self._heard_s = 0.0  # monotonic time of the latest good frame
         self._freed: asyncio.Event | None = None
         self.fault: LinkError | None = None  # why it was given up; None: no probe
         self.had_probe = False
@@ -136,7 +137,6 @@ class Port:
         """Called once a second with the host's time: is anything good heard?"""
         if self.session is None or self._trial is not None:
             return
-        loop_s = asyncio.get_running_loop().time()
         if self._is_left_out and self.session.probe is not None:
             probe_id = self.session.probe.probe_id
             if self._probes.holder(probe_id, self, t_ns - GONE_NS) is None:
@@ -147,7 +147,7 @@ class Port:
         has_many = len(self._order()) > 1
         if any(isinstance(event, OnlyNoise) for event in events) and has_many:
             self.listen_again()
-        elif not self.is_named and loop_s - self._heard_s > SILENT_S:
+        elif not self.is_named and time.monotonic() - self._heard_s > SILENT_S:
             self._free(None)
 
     def end(self) -> None:
@@ -262,7 +262,7 @@ class Port:
         self.end()
         self._link.set_baud(self._order()[0])
         if not self.is_named:
-            since_s = asyncio.get_running_loop().time() - self._heard_s
+            since_s = time.monotonic() - self._heard_s
             is_lost = isinstance(error, PortLost | PortNotFound)
             if not (is_lost and self.had_probe and since_s < LOST_S):
                 self._free(error)
@@ -278,17 +278,17 @@ class Port:
 
     def _tell(self, events: list[Event]) -> None:
         for event in events:
-            if isinstance(event, OnlyNoise | Silent):
+            if isinstance(event, (OnlyNoise, Silent)):
                 if self.is_named or self.had_probe:
                     self._tell_problem(event, (self.baud,))
                 continue
-            self._heard_s = asyncio.get_running_loop().time()
-            if isinstance(event, OtherSchema | ProbeFound):
+            self._heard_s = time.monotonic()
+            if isinstance(event, (OtherSchema, ProbeFound)):
                 self._know(event.probe_id)
             if isinstance(event, OtherSchema):
                 if self._probes.has_room(event.probe_id):
                     self._probes.take_other(event, self)
-            elif event.probe_id not in self._left_out:
+            elif not self._left_out or event.probe_id not in self._left_out:
                 self._probes.take(event, self)
 
     def _know(self, probe_id: str) -> None:

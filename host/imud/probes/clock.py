@@ -13,6 +13,8 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
+import msgspec
+
 from imud.probes.boot import difference_32
 from imud.probes.timeline import Rising
 
@@ -47,8 +49,7 @@ SHARE_MIN = 0.25
 SLOPES = 5
 
 
-@dataclass(frozen=True, slots=True)
-class Moment:
+class Moment(msgspec.Struct, frozen=True):
     """The host's time of a device time."""
 
     host_ns: int
@@ -112,7 +113,7 @@ class Clock:
     def _forget_all(self) -> None:
         self._above, self._below = _Side(1), _Side(-1)
         self._first_us: int | None = None
-        self._bin_us = 0
+        self._bin_us = self._next_us = 0  # where this bin and the next one begin
         self._estimate: _Estimate | None = None
 
     def unroll(self, time_us: int, host_ns: int | None) -> int:
@@ -136,6 +137,23 @@ class Clock:
         self._above.add(point, self._bin_us, self.rate)
         if is_fresh_bin or host_ns < self._middle(device_us):
             self._solve(device_us, point, None)
+
+    def date(self, device_us: int, host_ns: int) -> Moment:
+        """arrived(), and the moment() of it."""
+        if self._is_news(device_us, host_ns):
+            self.arrived(device_us, host_ns)
+        return self.moment(device_us)
+
+    def _is_news(self, device_us: int, host_ns: int) -> bool:
+        """Whether an arrival can change anything. Most can't: they come in a bin that
+        has a tighter one, and later than estimated.
+        """
+        if device_us >= self._next_us or not self._above:
+            return True
+        then_us, then_ns = self._above.points[-1]
+        step_ns = 1000 * (device_us - then_us)
+        is_tighter = host_ns - 1000 * device_us - then_ns < self.rate * step_ns
+        return is_tighter or host_ns < self._middle(device_us)
 
     def heard(self, device_us: int, host_ns: int) -> None:
         """At `device_us` the probe heard what was not sent before `host_ns`."""
@@ -179,12 +197,12 @@ class Clock:
     def _enter(self, device_us: int) -> bool:
         """Whether a bin begins there."""
         if self._first_us is None:
-            self._first_us = self._bin_us = device_us
-            return True
-        width_us = (self._bin_us - self._first_us) // 8
-        if device_us - self._bin_us < min(max(width_us, BIN_MIN_US), BIN_MAX_US):
+            self._first_us = device_us
+        elif device_us < self._next_us:
             return False
         self._bin_us = device_us
+        width_us = (device_us - self._first_us) // 8
+        self._next_us = device_us + min(max(width_us, BIN_MIN_US), BIN_MAX_US)
         return True
 
     def _solve(

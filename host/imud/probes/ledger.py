@@ -99,6 +99,7 @@ class Account:
         self._earlier = Boot()
         self._earlier_sent = 0
         self._suspect: DecodedFrame | None = None
+        self._lost: int | None = None  # of all boots; None: to be counted again
 
     def note(self, frame: DecodedFrame) -> list[Judged]:
         """Judges one frame. The result is empty while the frame is held back as a
@@ -107,8 +108,9 @@ class Account:
         decoded = frame.decoded
         is_plain = type(decoded) is Message and decoded.name in _PLAIN
         if is_plain and self._suspect is None and self.boot.follow(frame):
-            return [Judged(frame, Verdict.GOOD)]  # nearly all of them
+            return [Judged(frame, Verdict.GOOD)]  # nearly all of them; none is lost
 
+        self._lost = None
         skew: str | None = decoded.kind if isinstance(decoded, Skew) else None
         if self.boots == 0:
             return [self._begin(frame)] if skew is None else [self._unplaced(frame)]
@@ -154,7 +156,9 @@ class Account:
     @property
     def lost(self) -> int:
         """Of all boots."""
-        return self.boot.lost + self._earlier_lost
+        if self._lost is None:
+            self._lost = self.boot.lost + self._earlier_lost
+        return self._lost
 
     @property
     def skewed(self) -> Counter[str]:

@@ -15,7 +15,7 @@ from imud.wire.messages import Message, Value
 from imud.wire.params import ParamsParts
 
 # Messages that say what others mean.
-_TELLING = frozenset({"hello", "params", "event"})
+TELLING = frozenset({"hello", "params", "event"})
 
 
 class Probe:
@@ -50,8 +50,8 @@ class Probe:
         if frame.t_ns is None:
             return Stamp(number, missing, device_us)
         # It was on the wire for so long at least.
-        self.clock.arrived(device_us, frame.t_ns - len(frame.content) * byte_ns)
-        moment = self.clock.moment(device_us)
+        on_wire_ns = len(frame.content) * byte_ns
+        moment = self.clock.date(device_us, frame.t_ns - on_wire_ns)
         t_ns, bound_ns = timeline.utc(moment.host_ns), moment.bound_ns
         if bound_ns is not None:
             bound_ns += timeline.doubt(moment.host_ns, bound_ns, t_ns)
@@ -72,7 +72,7 @@ class Probe:
 
     def heed(self, message: Message, content: bytes) -> None:
         """Takes up what a good message, in order, says of the probe itself."""
-        if message.name not in _TELLING:
+        if message.name not in TELLING:
             return
         said: Value = None
         if message.name == "params":

@@ -107,7 +107,10 @@ def describe(
 ) -> dict[str, Any]:
     """A message as plain values for JSON, with units in the names."""
     fields = message.fields
-    t_ns, received_ns = stamp.t_ns, stamp.t_received_ns
+    t_ns, received_ns, bound_ns = stamp.t_ns, stamp.t_received_ns, stamp.t_bound_ns
+    age_us = None
+    if t_ns is not None and received_ns is not None:
+        age_us = round((received_ns - t_ns) / 1000)
     head: dict[str, Any] = {
         "type": message.name,
         "probe": probe,
@@ -116,20 +119,17 @@ def describe(
         "missing": stamp.missing,
         "t_device_us": stamp.t_device_us,
         "t_ns": t_ns,
-        "t_bound_us": _us(stamp.t_bound_ns),
-        "age_us": None
-        if t_ns is None or received_ns is None
-        else _us(received_ns - t_ns),
+        "t_bound_us": None if bound_ns is None else round(bound_ns / 1000),
+        "age_us": age_us,
     }
     if message.name == "pose":
-        return head | {
-            "q": fields["q"],
-            "position_m": fields["position"],
-            "normal": fields["normal"],
-            "tilt_sigma_deg": fields["tilt_sigma"],
-            "heading_sigma_deg": fields["heading_sigma"],
-            "flags": fields["pose_flags"],
-        }
+        head["q"] = fields["q"]
+        head["position_m"] = fields["position"]
+        head["normal"] = fields["normal"]
+        head["tilt_sigma_deg"] = fields["tilt_sigma"]
+        head["heading_sigma_deg"] = fields["heading_sigma"]
+        head["flags"] = fields["pose_flags"]
+        return head
     if message.name == "stroke":
         return head | stroke_of(fields)
     if message.name == "raw":
@@ -146,10 +146,6 @@ def describe(
             "flags": fields["sample_flags"],
         }
     return head | {name: plain(value) for name, value in fields.items()}
-
-
-def _us(time_ns: int | None) -> int | None:
-    return None if time_ns is None else round(time_ns / 1000)
 
 
 def stroke_of(fields: Mapping[str, Value]) -> dict[str, Any]:

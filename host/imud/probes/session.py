@@ -16,6 +16,7 @@ import msgspec
 from imud.probes.boot import DecodedFrame
 from imud.probes.clock import Clock
 from imud.probes.ledger import Judged, Verdict
+from imud.probes.probe import TELLING
 from imud.probes.probe import Probe as Probe  # of whom all events are
 from imud.probes.record import Stamp
 from imud.probes.scales import UNKNOWN, Scales
@@ -199,22 +200,28 @@ class Session:
         for content in self._decoder.feed(data):
             self._bytes_since_good = 0
             self._good_ns = t_ns
-            self._told.clear()
-            events.extend(self.take(content, t_ns))
+            if self._told:
+                self._told.clear()
+            self._take(content, t_ns, events)
 
     def take(self, content: bytes, t_ns: int | None) -> list[Event]:
         """Takes the content of one frame whose CRC is right."""
         events: list[Event] = []
+        self._take(content, t_ns, events)
+        return events
+
+    def _take(self, content: bytes, t_ns: int | None, events: list[Event]) -> None:
         decoded = messages.decode(content)
-        if isinstance(decoded, Message) and not decoded.is_from_probe:
-            detail = f"{decoded.name} comes from the wrong side"
+        name = decoded.name if isinstance(decoded, Message) else ""
+        if name in messages.FROM_HOST:
+            detail = f"{name} comes from the wrong side"
             decoded = Skew("unknown_message", detail, decoded.sequence, decoded.time_us)
         if decoded.sequence is None or decoded.time_us is None:
             if isinstance(decoded, Skew):
                 self.headless[decoded.kind] += 1
-            return events
+            return
         frame = DecodedFrame(content, decoded, decoded.sequence, decoded.time_us, t_ns)
-        if isinstance(decoded, Message) and decoded.name == "hello":
+        if name == "hello" and isinstance(decoded, Message):
             self._take_hello(frame, decoded, events)
         elif self.probe is None:
             if len(self._waiting) == WAITING_MAX:
@@ -223,7 +230,6 @@ class Session:
             self._waiting.append(frame)
         else:
             self._note(self.probe, frame, events)
-        return events
 
     def _take_hello(
         self, frame: DecodedFrame, hello: Message, events: list[Event]
@@ -275,7 +281,8 @@ class Session:
             probe.clock = Clock(probe.clock.rate)
         if judged.verdict is Verdict.GOOD and isinstance(frame.decoded, Message):
             message = frame.decoded
-            probe.heed(message, frame.content)
+            if message.name in TELLING:
+                probe.heed(message, frame.content)
             stamp = probe.stamp(frame, message, self._timeline, self.byte_ns)
             events.append(Received(probe, message, frame.content, stamp, probe.scales))
         else:

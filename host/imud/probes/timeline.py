@@ -30,10 +30,13 @@ SLEW_MAX = 1e-3
 STEP_NS = 1_000_000
 
 # After a step backwards, time runs at this rate until UTC has caught up.
-SLOWEST = (9, 10)
+SLOW, OF = 9, 10
 
 # Pieces kept for messages out of order.
 PIECES = 16
+
+
+_Piece = tuple[int, int, float, int]
 
 
 class Rising:
@@ -41,7 +44,8 @@ class Rising:
 
     def __init__(self) -> None:
         # Each holds beyond its x: x, aim, rate, floor.
-        self._pieces: deque[tuple[int, int, float, int]] = deque(maxlen=PIECES)
+        self._pieces: deque[_Piece] = deque(maxlen=PIECES)
+        self._latest: _Piece  # the last of them
         self._last: int | None = None
 
     def turn(self, x: int, aim: int, rate: float) -> None:
@@ -52,7 +56,8 @@ class Rising:
         else:
             self._pieces.clear()
         aim += begin - x + round(rate * (begin - x))
-        self._pieces.append((begin, aim, rate, aim if floor is None else floor))
+        self._latest = (begin, aim, rate, aim if floor is None else floor)
+        self._pieces.append(self._latest)
 
     def is_beyond(self, x: int) -> bool:
         return self._last is not None and self._last > x
@@ -60,11 +65,14 @@ class Rising:
     def at(self, x: int) -> int:
         if self._last is None or x > self._last:
             self._last = x
-        piece = next((each for each in reversed(self._pieces) if x > each[0]), None)
-        begin, aim, rate, floor = piece or self._pieces[0]
+        begin, aim, rate, floor = self._latest
+        if x <= begin:  # rarely: a message out of order
+            before = (each for each in reversed(self._pieces) if x > each[0])
+            begin, aim, rate, floor = next(before, self._pieces[0])
         step = x - begin
-        slow, of = SLOWEST
-        return max(aim + step + round(rate * step), floor + step * slow // of)
+        aimed = aim + step + round(rate * step)
+        least = floor + step * SLOW // OF
+        return aimed if aimed > least else least
 
 
 class Timeline:
@@ -113,7 +121,7 @@ class Timeline:
 
     def doubt(self, host_ns: int, bound_ns: int, utc_ns: int) -> int:
         """Error bound in ns of `utc_ns`, from a host's time right to `bound_ns`."""
-        doubt_ns = abs(self.ahead(host_ns, utc_ns))
+        doubt_ns = abs(utc_ns - host_ns - self._offset_ns)
         if self._turned_ns is not None and host_ns - bound_ns < self._turned_ns:
             doubt_ns = max(doubt_ns, self._turn_ns)
         return READING_NS + doubt_ns

@@ -67,7 +67,9 @@ class Stage(Protocol):
         """The probe was found on a port, or it restarted. Its messages follow."""
 
     def take(self, received: Received) -> Iterable[Outcome]:
-        """Works on one good message, in the order in which the probe sent them."""
+        """Works on one good message, in the order in which the probe sent them. Every
+        message passes here: a stage that has nothing to do with one returns ().
+        """
 
     def status(self) -> Mapping[str, Any]:
         """What the status of the probe says about this stage, as JSON values."""

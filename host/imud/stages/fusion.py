@@ -8,7 +8,7 @@ samples instead. A sample after a loss gets the flag `gap`, as the probe would s
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from imud import _core
@@ -30,7 +30,7 @@ class FusionStage:
     name = "fusion"
 
     def __init__(self, config: Config) -> None:
-        self._config = config
+        self.configure(config)
         self._poses = 0
         self._forget()
 
@@ -43,15 +43,20 @@ class FusionStage:
         self._has_asked = False
 
     def configure(self, config: Config) -> None:
-        self._config = config
+        wanted = (each for each, of in config.probes.items() if of.fuse_on_host)
+        self._wanted = frozenset(wanted)  # ids of probes
 
     def appear(self, found: ProbeFound) -> None:  # noqa: ARG002 - any boot ends it
         self._forget()
 
-    def take(self, received: Received) -> Iterator[Outcome]:
-        if not self._config.settings_of(received.probe_id).fuse_on_host:
+    def take(self, received: Received) -> Iterable[Outcome]:
+        if received.probe_id in self._wanted:
+            return self._fuse(received)
+        if self._hello is not None:
             self._forget()
-            return
+        return ()
+
+    def _fuse(self, received: Received) -> Iterator[Outcome]:
         message = received.message
         if message.name == "hello" and message.fields["sample_rate"]:
             yield from self._take_hello(message, received.content)

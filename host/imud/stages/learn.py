@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import datetime
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from functools import cache
 from typing import Any
@@ -101,9 +101,13 @@ class LearnStage:
             )
         self._forget()
 
-    def take(self, received: Received) -> Iterator[Outcome]:
-        if self._mode == "off":
-            return
+    def take(self, received: Received) -> Iterable[Outcome]:
+        is_idle = self._fit is None and received.message.name != "raw"
+        if self._mode == "off" or (is_idle and self._digest == received.scales.digest):
+            return ()
+        return self._learn(received)
+
+    def _learn(self, received: Received) -> Iterator[Outcome]:
         if self._digest != received.scales.digest:
             self._forget()
             self._digest = received.scales.digest

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from imud.config.settings import Config
@@ -41,10 +41,10 @@ class TwinStage:
         if self._twin is not None:
             self._twin.appear()
 
-    def take(self, received: Received) -> Iterator[Outcome]:
-        twin = self._twin
-        if twin is None:
-            return
+    def take(self, received: Received) -> Iterable[Outcome]:
+        return () if self._twin is None else self._compare(self._twin, received)
+
+    def _compare(self, twin: Twin, received: Received) -> Iterator[Outcome]:
         state = twin.state
         outcome = twin.take(received.message, received.content, received.params)
         place = {

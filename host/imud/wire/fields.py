@@ -9,6 +9,7 @@ from collections.abc import Callable
 from enum import IntEnum, IntFlag
 from typing import Any
 
+from imud import _core
 from imud.wire import schema
 
 Scalar = int | float | str | bytes
@@ -38,9 +39,7 @@ def _flag_names(flags: type[IntFlag]) -> list[tuple[int, str]]:
 Parse = Callable[[tuple[Any, ...]], Value]
 
 
-def _enum_parser(name: str, enum: type[IntEnum]) -> Parse:
-    names = _enum_names(enum)
-
+def _enum_parser(name: str, names: dict[int, str]) -> Parse:
     def parse(wire: tuple[int, ...]) -> str:
         try:
             return names[wire[0]]
@@ -50,10 +49,11 @@ def _enum_parser(name: str, enum: type[IntEnum]) -> Parse:
     return parse
 
 
-def _flags_parser(name: str, flags: type[IntFlag]) -> Parse:
+def _flags_parser(
+    name: str, flags: type[IntFlag], seen: dict[int, tuple[str, ...]]
+) -> Parse:
     bits = _flag_names(flags)
     known = sum(bit for bit, _ in bits)
-    seen: dict[int, tuple[str, ...]] = {}  # only few combinations are in use
 
     def parse(wire: tuple[int, ...]) -> tuple[str, ...]:
         number = wire[0]
@@ -143,8 +143,11 @@ class Field:
         inverse = round(1 / field.scale)
         self._is_inverse = math.isclose(inverse * field.scale, 1.0, rel_tol=1e-12)
         self._factor = inverse if self._is_inverse else field.scale
-        self.parse = self._parser(field)
         self._field = field
+        self._names = _enum_names(field.enum) if field.enum is not None else {}
+        # Combinations of flags that were read: only few are in use.
+        self._seen: dict[int, tuple[str, ...]] = {}
+        self.parse = self._parser(field)
 
     def _parser(self, field: schema.Field) -> Parse:
         if field.type == "bytes":
@@ -152,15 +155,39 @@ class Field:
         if field.type == "text":
             return _text_parser(field.name)
         if field.enum is not None:
-            return _enum_parser(field.name, field.enum)
+            return _enum_parser(field.name, self._names)
         if field.flags is not None:
-            return _flags_parser(field.name, field.flags)
+            return _flags_parser(field.name, field.flags, self._seen)
         scale = None
         if field.scale != 1.0 and self._is_inverse:
             scale = _divider(field.count, self._factor)
         elif field.scale != 1.0:
             scale = _multiplier(self._factor)
         return _number_parser(field.name, field.count, field.null, scale)
+
+    def plain(self) -> _core.ReaderField | None:
+        """What `_core.Reader` needs to know of it; None: that can't read it."""
+        field = self._field
+        if field.type in ("text", "bytes"):
+            return None
+        is_scaled = field.scale != 1.0
+        is_unit = is_scaled and field.name in UNIT_FIELDS
+        table: dict[int, Any] | None = None
+        if field.enum is not None or field.flags is not None:
+            table = self._names if field.enum is not None else self._seen
+        return (
+            field.name,
+            field.tag,
+            field.code[-1].islower(),
+            self.size // field.count,
+            field.count,
+            field.null,
+            is_scaled,
+            self._is_inverse,
+            float(self._factor),
+            NORM_TOLERANCE if is_unit else 0.0,
+            table,
+        )
 
     def unpack(self, content: bytes, offset: int) -> Value:
         """The value at `offset`, behind the tag; Impossible if it is not allowed."""

@@ -13,6 +13,7 @@ from typing import Literal
 
 import msgspec
 
+from imud import _core
 from imud.wire import schema
 from imud.wire.fields import Field, Impossible, Parse
 from imud.wire.fields import Value as Value  # what the fields of a Message hold
@@ -43,10 +44,6 @@ class Message(msgspec.Struct, frozen=True):
     sequence: int
     time_us: int
     fields: Mapping[str, Value]
-
-    @property
-    def is_from_probe(self) -> bool:
-        return _BY_NAME[self.name].direction == "probe"
 
 
 class Skew(msgspec.Struct, frozen=True):
@@ -80,6 +77,9 @@ class _Codec:
         self._tags_in_order = tuple(field.tag for field in self.fields)
         values = "".join("x" + field.code for field in self.fields)
         self._unpack = struct.Struct(schema.HEADER + values).unpack
+        plain = tuple(each for f in self.fields if (each := f.plain()) is not None)
+        # A quick reader of what is plainly right; None: the message has text.
+        self._reader = _core.Reader(plain) if len(plain) == len(self.fields) else None
         self._places: list[tuple[str, Parse, int, int]] = []
         begin = 3  # after id, sequence and time
         for field in self.fields:
@@ -89,6 +89,11 @@ class _Codec:
 
     def read(self, content: bytes) -> Message | None:
         """The message, if its content matches the schema; None: see `_examine`."""
+        if self._reader is not None:
+            said = self._reader.read(content)
+            if said is not None:
+                sequence, time_us, plain = said
+                return Message(self.name, sequence, time_us, plain)
         if len(content) != self.size or self._find_tags(content) != self._tags_in_order:
             return None
         wire = self._unpack(content)
@@ -130,6 +135,11 @@ class _Codec:
     def _field_name(self, tag: int) -> str:
         return next(field.name for field in self.fields if field.tag == tag)
 
+
+# Names of the messages that a probe does not send.
+FROM_HOST = frozenset(
+    message.name for message in schema.MESSAGES if message.direction != "probe"
+)
 
 _CODECS = [_Codec(message) for message in schema.MESSAGES]
 _BY_ID = {codec.id: codec for codec in _CODECS}
