@@ -10,18 +10,24 @@ from collections.abc import Callable, Mapping
 from imud.daemon.lane import Item, Lane, Sink
 from imud.probes.balance import SinkCounts
 
+# Records in a turn of the loop from which all wait for its end: a thread that is woken
+# in the middle of many only waits for the interpreter.
+FEW = 4
+
 logger = logging.getLogger("imud")
 
 
 class Hub:
-    """Hands each record to every sink. The first one of a turn of the loop goes at
-    once, the others of that turn together at its end. All calls come from one thread.
+    """Hands each record to every sink: those of one turn of the loop together at its
+    end, but the first one at once while turns have few. All calls come from one thread.
     """
 
     def __init__(self) -> None:
         self._lanes: list[Lane] = []
         self._fresh: list[Item] = []
         self._is_turn = False
+        self._size = 0  # records of this turn
+        self._is_quiet = True  # the last turn had few
         # Has its argument called at the end of the turn.
         self.later: Callable[[Callable[[], object]], object] = lambda call: call()
 
@@ -67,13 +73,16 @@ class Hub:
 
     def put(self, item: Item) -> None:
         self._fresh.append(item)
+        self._size += 1
         if not self._is_turn:
             self._is_turn = True
-            self.hand_over()
+            if self._is_quiet:
+                self.hand_over()
             self.later(self._end_turn)
 
     def _end_turn(self) -> None:
         self._is_turn = False
+        self._is_quiet, self._size = self._size < FEW, 0
         self.hand_over()
 
     def hand_over(self) -> None:

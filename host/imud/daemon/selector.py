@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The selector of the daemon's loop, made for many ports. Under light load it wakes for
-each event at once; under heavy load it lets events gather, as network drivers do.
+"""The selector of the daemon's loop, made for many ports. With few messages it wakes
+for each at once; with many it lets them gather, as network drivers do.
 """
 
 from __future__ import annotations
@@ -8,31 +8,36 @@ from __future__ import annotations
 import selectors
 import time
 
-# The load is heavy after more turns in a row than this without waiting: hardly ever
-# with 8 probes at 200 Hz, nearly always with 64.
-BUSY = 1
+# Events a second from which they are many: 8 probes at 200 Hz make 1,600. Below the
+# lower number they are few again.
+MANY_HZ, FEW_HZ = 3000.0, 2500.0
 
-# A wake-up costs more than a message: messages of this time share one.
+# The rate is measured over so long.
+MEASURE_S = 0.1
+
+# A wake-up costs more than a message: those of this time share one.
 GATHER_S = 0.001
 
 Ready = list[tuple[selectors.SelectorKey, int]]
 
 
 class GatheringSelector(selectors.DefaultSelector):
-    """Under heavy load, waits a little and looks again."""
+    """While events are many, waits a little before it looks for them."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._busy = 0  # turns in a row without waiting
+        self._is_many = False
+        self._seen = 0
+        self._since_s = time.monotonic()
 
     def select(self, timeout: float | None = None) -> Ready:
-        ready = super().select(0)
-        if not ready:
-            self._busy = 0
-            has_work = timeout is not None and timeout <= 0
-            return ready if has_work else super().select(timeout)
-        self._busy += 1
-        if self._busy <= BUSY:
-            return ready
-        time.sleep(GATHER_S)
-        return super().select(0)
+        if self._is_many and (timeout is None or timeout >= GATHER_S):
+            time.sleep(GATHER_S)
+        ready = super().select(timeout)
+        self._seen += len(ready)
+        now_s = time.monotonic()
+        if now_s - self._since_s >= MEASURE_S:
+            rate_hz = self._seen / (now_s - self._since_s)
+            self._is_many = rate_hz > (FEW_HZ if self._is_many else MANY_HZ)
+            self._seen, self._since_s = 0, now_s
+        return ready
