@@ -23,7 +23,8 @@ from imud.config.settings import Ports, port_and_baud
 from imud.errors import PortLost, PortNotFound
 from imud.journal.speaker import Speaker
 from imud.ports.baud import Memory
-from imud.ports.port import Listener, Port
+from imud.ports.listener import Listener
+from imud.ports.port import Port
 
 # The ports are listed this often, which takes 0.9 ms, and whenever /dev changes.
 LIST_S = 1.0

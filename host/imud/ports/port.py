@@ -10,52 +10,31 @@ import asyncio
 import os
 import time
 from collections.abc import Sequence
-from typing import Any, Protocol
 
 from imud.errors import LinkError, PortLost, PortNotFound
 from imud.journal.phrases import port_problem
 from imud.journal.speaker import Speaker
 from imud.ports.baud import Memory, Sound, Step, Trial
 from imud.ports.link import Link
+from imud.ports.listener import Claim, Listener
 from imud.probes.session import (
     NOISE_BYTES,
     Event,
     OnlyNoise,
     OtherSchema,
-    Probe,
     ProbeFound,
     Session,
     Silent,
 )
-from imud.probes.timeline import Timeline, host_ns
+from imud.probes.timeline import host_ns
 
 # How often the time is checked while a rate is tried.
 LISTEN_S = 0.1
-
-# A probe sends a hello every second: one that was silent for so long is gone from its
-# port.
-GONE_NS = 3_000_000_000
 
 # A port that was found is tried again for LOST_S after it vanished, and is closed for
 # other programs when its probe is silent for SILENT_S.
 LOST_S = 10.0
 SILENT_S = 30.0
-
-
-class Listener(Protocol):
-    """What ports ask about the probes on them, and whom they hand events to."""
-
-    @property
-    def timeline(self) -> Timeline: ...
-    def probe(self, probe_id: str) -> Probe: ...
-    def holder(self, probe_id: str, port: Any, since_ns: int) -> Any: ...
-    def has_room(self, probe_id: str) -> bool: ...
-    def missing(self) -> list[str]: ...
-    def tell_double(self, probe_id: str, holder: Any, port: Any) -> None: ...
-    def follow_host(self, read_ns: int) -> None: ...
-    def take(self, event: Event, port: Any) -> None: ...
-    def take_other(self, event: OtherSchema, port: Any) -> None: ...
-    def port_ended(self, session: Session, port: Any) -> None: ...
 
 
 class Port:
@@ -83,7 +62,7 @@ class Port:
         self._fault: type[LinkError] | None = None
         self._trial: Trial | None = None
         self._listening: asyncio.TimerHandle | None = None
-        self._left_out: set[str] = set()  # ids that are heard here and ignored
+        self._claim = Claim(probes, self)
         self._is_noise_told = False
         self._is_pty = False
         self._heard_s = 0.0  # monotonic time of the latest good frame
@@ -104,7 +83,7 @@ class Port:
     def _is_left_out(self) -> bool:
         """Whether the probe here is on another port too, or is one too many."""
         probe = self.session.probe if self.session is not None else None
-        return probe is not None and probe.probe_id in self._left_out
+        return probe is not None and probe.probe_id not in self._claim
 
     @property
     def baud(self) -> int:
@@ -139,7 +118,7 @@ class Port:
             return
         if self._is_left_out and self.session.probe is not None:
             probe_id = self.session.probe.probe_id
-            if self._probes.holder(probe_id, self, t_ns - GONE_NS) is None:
+            if not self._claim.is_held(probe_id, t_ns):
                 self.listen_again()
             return
         events = self.session.check(t_ns)
@@ -159,7 +138,7 @@ class Port:
             return
         self._tell(session.close())
         self._probes.port_ended(session, self)
-        self._left_out.clear()
+        self._claim.clear()
 
     def listen_again(self) -> None:
         """Begins a session and the search for the rate again."""
@@ -188,24 +167,9 @@ class Port:
         return [rate for rate in self._order() if rate != self._link.baud]
 
     def _begin_session(self) -> None:
-        self.session = Session(self._find, host_ns(), timeline=self._probes.timeline)
-
-    def _find(self, probe_id: str) -> Probe:
-        """The probe, or a stand-in for one that is ignored on this port."""
-        since_ns = host_ns() - GONE_NS
-        holder = self._probes.holder(probe_id, self, since_ns)
-        if not self._probes.has_room(probe_id):
-            self._left_out.add(probe_id)
-            return Probe(probe_id)
-        if holder is None:
-            before = self._probes.holder(probe_id, self, 0)
-            if before is not None:
-                before.listen_again()
-            self._left_out.discard(probe_id)
-            return self._probes.probe(probe_id)
-        self._left_out.add(probe_id)
-        self._probes.tell_double(probe_id, holder, self)
-        return Probe(probe_id)
+        self.session = Session(
+            self._claim.find, host_ns(), timeline=self._probes.timeline
+        )
 
     def _heard(self, data: bytes, t_ns: int) -> None:
         if self.session is None:
@@ -288,7 +252,7 @@ class Port:
             if isinstance(event, OtherSchema):
                 if self._probes.has_room(event.probe_id):
                     self._probes.take_other(event, self)
-            elif not self._left_out or event.probe_id not in self._left_out:
+            elif event.probe_id in self._claim:
                 self._probes.take(event, self)
 
     def _know(self, probe_id: str) -> None:

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: MIT
+"""Whom ports hand events to, and which probes a port may speak for."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from imud.probes.session import Event, OtherSchema, Probe, Session
+from imud.probes.timeline import Timeline, host_ns
+
+# A probe sends a hello every second: one that was silent for so long is gone from its
+# port.
+GONE_NS = 3_000_000_000
+
+
+class Listener(Protocol):
+    """What ports ask about the probes on them, and whom they hand events to."""
+
+    @property
+    def timeline(self) -> Timeline: ...
+    def probe(self, probe_id: str) -> Probe: ...
+    def holder(self, probe_id: str, port: Any, since_ns: int) -> Any: ...
+    def has_room(self, probe_id: str) -> bool: ...
+    def missing(self) -> list[str]: ...
+    def tell_double(self, probe_id: str, holder: Any, port: Any) -> None: ...
+    def follow_host(self, read_ns: int) -> None: ...
+    def take(self, event: Event, port: Any) -> None: ...
+    def take_other(self, event: OtherSchema, port: Any) -> None: ...
+    def port_ended(self, session: Session, port: Any) -> None: ...
+
+
+class Claim:
+    """Which probes a port speaks for. One that speaks on another port, or is one too
+    many, is ignored on this port.
+    """
+
+    def __init__(self, probes: Listener, port: Any) -> None:
+        self._probes = probes
+        self._port = port
+        self._left_out: set[str] = set()  # ids that are heard here and ignored
+
+    def __contains__(self, probe_id: str) -> bool:
+        return probe_id not in self._left_out
+
+    def clear(self) -> None:
+        self._left_out.clear()
+
+    def is_held(self, probe_id: str, t_ns: int) -> bool:
+        """Whether that probe speaks on another port (host's time)."""
+        return self._probes.holder(probe_id, self._port, t_ns - GONE_NS) is not None
+
+    def find(self, probe_id: str) -> Probe:
+        """The probe, or a stand-in for one that is ignored on this port."""
+        since_ns = host_ns() - GONE_NS
+        holder = self._probes.holder(probe_id, self._port, since_ns)
+        if not self._probes.has_room(probe_id):
+            self._left_out.add(probe_id)
+            return Probe(probe_id)
+        if holder is None:
+            before = self._probes.holder(probe_id, self._port, 0)
+            if before is not None:
+                before.listen_again()
+            self._left_out.discard(probe_id)
+            return self._probes.probe(probe_id)
+        self._left_out.add(probe_id)
+        self._probes.tell_double(probe_id, holder, self._port)
+        return Probe(probe_id)
