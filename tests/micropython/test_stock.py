@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: MIT
-"""The package in MicroPython's own unix port, as PyPI has it: frames, and files on its
-own file systems with the power cut at every write."""
+"""The package in MicroPython's own unix port, as PyPI has it: frames, commands, and
+files on its own file systems with the power cut at every write."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from imud.wire.frame import FrameDecoder, encode_frame
+from imud.wire.messages import Message, decode, encode
 from micropython_frames import PACKAGE, PROGRAMS, assert_frames_are_those_of_c
 
 
@@ -24,6 +27,30 @@ def stock() -> Path:
 
 def test_its_frames_are_those_of_the_c(stock: Path, tmp_path: Path) -> None:
     assert_frames_are_those_of_c([stock, "-X", "heapsize=16m"], 1000, tmp_path)
+
+
+def test_without_the_module_a_command_is_obeyed_and_answered_once(stock: Path) -> None:
+    wanted = [("start", 1), ("start", 1), ("rate", 2), ("tare", 3), ("stop", 4)]
+    frames = [b"\0" + encode_frame(b"noise"), b"\xff" * 100 + b"\0"]
+    for number, (name, token) in enumerate(wanted):
+        fields = {"command": name, "token": token, "arguments": (1, 50)}
+        frames.append(encode_frame(encode("command", fields, number, 0)))
+    done = subprocess.run(
+        [stock, PROGRAMS / "obey.py", *(frame.hex() for frame in frames)],
+        env=os.environ | {"MICROPYPATH": f"{PROGRAMS / 'fake'}:{PACKAGE.parent}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    sent = [decode(each) for each in FrameDecoder().feed(bytes.fromhex(done.stdout))]
+    messages = [m.fields for m in sent if isinstance(m, Message)]
+    replies = [m for m in messages if "result" in m]
+    assert [m["replied_token"] for m in replies] == [token for _, token in wanted]
+    results = [m["result"] for m in replies]
+    assert results == ["ok", "ok", "ok", "unknown_command", "ok"]
+    events = [m["event"] for m in messages if "event" in m]
+    assert events == ["stream_started", "stream_stopped"]
 
 
 @pytest.mark.parametrize(("system", "writes"), [("littlefs", 12), ("fat", 8)])

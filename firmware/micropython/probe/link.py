@@ -12,9 +12,10 @@ from .fast import crc16, decode, encode
 
 _AROUND = const(4)  # bytes of a frame that are not content
 _CRC = const(2)
-_COMMAND_SIZE = const(24)  # content
 _RECEIVED_MAX = const(64)  # a command's frame, and noise
 _HIGHEST = const(0x20000000)  # half of the period of ticks_us
+
+_COMMAND_SIZE = len(wire.COMMAND)  # content
 
 
 def message(template):
