@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-SOURCE = Path(__file__).resolve().parents[2] / "firmware/micropython/probe/log.py"
+PACKAGE = Path(__file__).resolve().parents[2] / "firmware/micropython/probe"
 STARTED, FAULT, FULL = 19, 17, 18  # events
 
 
@@ -67,16 +67,22 @@ class Wire:
         return length or None
 
 
+def loaded(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, PACKAGE / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    found = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(found)
+    return found
+
+
 @pytest.fixture
 def module(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     monkeypatch.setitem(sys.modules, "micropython", SimpleNamespace(const=int))
     monkeypatch.setattr(time, "ticks_ms", lambda: Clock.ms, raising=False)
     monkeypatch.setattr(time, "ticks_diff", lambda a, b: a - b, raising=False)
-    spec = importlib.util.spec_from_file_location("log", SOURCE)
-    assert spec is not None
-    assert spec.loader is not None
-    found = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(found)
+    found = loaded("log")
+    found.Tee = loaded("relay").Tee  # type: ignore[attr-defined]
     monkeypatch.setattr(found, "open", lambda name, _: File(name), raising=False)
     return found
 

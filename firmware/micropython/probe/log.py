@@ -3,8 +3,6 @@
 gets, for `imud decode`.
 """
 
-from time import ticks_diff, ticks_ms
-
 from micropython import const
 
 try:
@@ -12,8 +10,6 @@ try:
 except ImportError:  # a port without files
     os = None
 
-_ABSENT_MS = const(500)  # a wire that takes nothing for so long has nobody to read it
-_BUFFER = const(512)
 _ENOSPC = const(28)
 _UNKNOWN = const(-1)
 
@@ -90,43 +86,3 @@ def _last(names):
         if name.startswith("imu-") and name.endswith(".bin") and digits.isdigit():
             last = max(last, int(digits))
     return last
-
-
-class Tee:
-    """A wire whose bytes go to a log, too. The log goes on where nobody reads the wire,
-    such as a USB port with no host: those bytes are dropped from the wire.
-    """
-
-    def __init__(self, wire, log):
-        self._wire = wire
-        self._log = log
-        self._moved_ms = ticks_ms()
-        self._buffer = bytearray(_BUFFER)
-        self._begin = 0
-        self._end = 0
-
-    def write(self, data, at, length):
-        """Bytes that are done with, from `at` on."""
-        done = self._wire.write(data, at, length) or 0
-        now_ms = ticks_ms()
-        if done:
-            self._moved_ms = now_ms
-        elif ticks_diff(now_ms, self._moved_ms) >= _ABSENT_MS:
-            done = length
-        self._log.write(data, at, done)
-        return done
-
-    def sender(self, probe):
-        """What to call in place of probe.send, with this object."""
-        take = getattr(probe, "take", None)
-        return probe.send if take is None else lambda _: self._relay(take)
-
-    def _relay(self, take):
-        """The module writes to streams of C alone: its bytes are taken from it."""
-        if self._begin == self._end:
-            self._begin = 0
-            self._end = take(self._buffer)
-        if self._begin < self._end:
-            length = self._end - self._begin
-            self._begin += self.write(self._buffer, self._begin, length)
-        return self._end - self._begin

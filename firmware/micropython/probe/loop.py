@@ -9,7 +9,7 @@ from machine import Pin
 from micropython import const, kbd_intr
 
 from .board import facts
-from .log import Tee
+from .relay import Tee
 
 try:
     import imuprobe
