@@ -1,7 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""What of these tests runs every day."""
+"""What of these tests runs every day, and the MicroPython that they run in."""
 
 from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
 
 from length import choose
 
@@ -9,3 +14,12 @@ from length import choose
 collect_ignore = choose(
     everyday=["test_drivers.py", "test_frames.py", "test_module.py"], long=[]
 )
+
+
+@pytest.fixture(scope="module")
+def stock() -> Path:
+    path = Path(sys.prefix) / "bin" / "micropython"
+    if not path.exists():
+        # Its wheels are for some Pythons only: README.md, Limits.
+        pytest.skip("PyPI has no MicroPython for this Python")
+    return path

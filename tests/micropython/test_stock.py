@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,15 +13,6 @@ import pytest
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode, encode
 from micropython_frames import PACKAGE, PROGRAMS, assert_frames_are_those_of_c
-
-
-@pytest.fixture(scope="module")
-def stock() -> Path:
-    path = Path(sys.prefix) / "bin" / "micropython"
-    if not path.exists():
-        # Its wheels are for some Pythons only: README.md, Limits.
-        pytest.skip("PyPI has no MicroPython for this Python")
-    return path
 
 
 def test_its_frames_are_those_of_the_c(stock: Path, tmp_path: Path) -> None:

@@ -42,11 +42,11 @@ def run(
     one that sends raw samples for a host to fuse. It ends with an exception only.
 
     `sensor`: of sensors.py; `ready`: the Pin of its data-ready; `wire`: a UART, the
-    USB_VCP, or another stream; `button`: a Pin that is low while it is pressed;
-    `storage`: of storage.py, None: nothing is kept; `supply`: a function that returns
-    the supply in mV; `battery`: of battery.py; `log`: of log.py; `hook`: a function
-    that is called once a second. An exception of these four is told as the event
-    hook_failed, and the probe goes on.
+    USB_VCP, a UDP of udp.py, or another stream; `button`: a Pin that is low while it is
+    pressed; `storage`: of storage.py, None: nothing is kept; `supply`: a function that
+    returns the supply in mV; `battery`: of battery.py; `log`: of log.py; `hook`: a
+    function that is called once a second. An exception of these four is told as the
+    event hook_failed, and the probe goes on.
     """
     probe = _attached(sensor, ready, storage, plain)
     _listen(ready, probe.edge)
@@ -115,7 +115,10 @@ def _turn_for_ever(probe, wire, button, led, log, hooks, watchdog):
     if log is not None:
         log.open(probe)
         out = Tee(wire, log)
+    if hasattr(out, "sender"):  # its write() is of MicroPython
         send = out.sender(probe)
+    if hasattr(wire, "receiver"):
+        receive = wire.receiver(probe)
     is_up = button.value if button is not None else _one
     light = led.value if led is not None else _nothing
     was_lit = None

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Who may use a daemon over the network: `imud keys init`, `add` and `remove`."""
+"""Who may use a daemon over the network: `imud keys init`, `add` and `remove`;
+and the keys of probes that send datagrams: `imud keys probe`.
+"""
 
 from __future__ import annotations
 
@@ -65,6 +67,23 @@ def add(commands: Commands) -> None:
     _add_dir(remove)
     remove.add_argument("user", metavar="NAME", help="user to remove")
     remove.set_defaults(run=_remove)
+    _add_probe(keys)
+
+
+def _add_probe(keys: Commands) -> None:
+    probe = add_command(
+        keys,
+        "probe",
+        "create the key of a probe that sends datagrams",
+        "imud keys probe keys c65c26226523f231",
+    )
+    probe.add_argument(
+        "dir", metavar="DIR", type=Path, help="folder of the keys, for ports.udp_keys"
+    )
+    probe.add_argument(
+        "id", metavar="ID", help="id of the probe; the key goes to DIR/probes/ID.key"
+    )
+    probe.set_defaults(run=_probe)
 
 
 def _add_dir(parser: argparse.ArgumentParser) -> None:
@@ -89,3 +108,9 @@ def _remove(args: argparse.Namespace) -> int:
     from imud.net import keys
 
     return keys.run_remove(args.dir, args.user)
+
+
+def _probe(args: argparse.Namespace) -> int:
+    from imud.net import probe_keys
+
+    return probe_keys.run_make(args.dir, args.id)

@@ -52,7 +52,7 @@ def contradictions(config: Config) -> Iterator[Mistake]:
 
 def _of_ports(section: Ports) -> Iterator[Mistake]:
     named = [port_and_baud(port) for port in section.named]
-    if not named and not section.find:
+    if not named and not section.find and not section.udp:
         yield Mistake(
             ("ports", "find"),
             "is off and no port is named; name one: imud run /dev/ttyUSB0",
@@ -64,6 +64,17 @@ def _of_ports(section: Ports) -> Iterator[Mistake]:
             yield Mistake(("ports", "named"), f"baud {baud} is not in 1..{BAUD_MAX}")
     if not section.rates:
         yield Mistake(("ports", "rates"), f"is empty; try {list(RATES)}")
+    if section.udp and host_and_port(section.udp) is None:
+        yield Mistake(
+            ("ports", "udp"),
+            f"{_quoted(section.udp)} is not HOST:PORT, as 0.0.0.0:8736",
+        )
+    if section.udp and not section.udp_keys:
+        yield Mistake(
+            ("ports", "udp_keys"),
+            "is empty: datagrams are taken from probes with a key only; "
+            "imud keys probe DIR ID makes one",
+        )
 
 
 def _of_page(section: Web) -> Iterator[Mistake]:

@@ -48,6 +48,16 @@ class Ports(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     reset: Annotated[
         bool, Meta(description="reset a board by DTR when its port is opened")
     ] = False
+    udp: Annotated[
+        str,
+        Meta(
+            description="HOST:PORT for signed datagrams of probes, as 0.0.0.0:8736; "
+            "empty: off"
+        ),
+    ] = ""
+    udp_keys: Annotated[
+        str, Meta(description="folder with the probes' keys, by `imud keys probe`")
+    ] = ""
 
 
 class Zenoh(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

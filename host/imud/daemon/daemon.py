@@ -294,9 +294,11 @@ class Daemon:
         log = "keeps no log"
         if self._outputs.is_logging:
             log = f"logs to {self._outputs.log_path or self._config.log.dir}"
-        named = ", ".join(self._config.ports.named)
-        finds = "finds probes by itself" if self._config.ports.find else ""
-        reads = " and ".join(filter(None, (named and f"reads {named}", finds)))
+        ports = self._config.ports
+        named = f"reads {', '.join(ports.named)}" if ports.named else ""
+        finds = "finds probes by itself" if ports.find else ""
+        takes = f"takes datagrams on {ports.udp}" if ports.udp else ""
+        reads = " and ".join(filter(None, (named, finds, takes)))
         network = self._config.zenoh
         listen = listens_on(network)
         where = f"listens on {', '.join(listen)}" if listen else ""

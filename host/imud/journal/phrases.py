@@ -57,9 +57,10 @@ def port_problem(
 ) -> str:
     """The line about a port without a probe that this imud can read."""
     if isinstance(event, OnlyNoise):
+        rates = f" at {' or '.join(map(str, bauds))} baud" if bauds else ""
         return (
             f"{port}: {event.count} bytes without a valid message; "
-            f"is it a probe at {' or '.join(map(str, bauds))} baud?"
+            f"is it a probe{rates}?"
         )
     if isinstance(event, Silent):
         return (

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Serves the ports that are named, and finds other ports with a probe on them.
+"""Serves the ports that are named and those of datagrams, and finds other ports with a
+probe on them.
 
 A port that was found is opened and listened to. Without a probe on it, it is closed at
 once for other programs, and tried again after pauses that grow.
@@ -25,6 +26,7 @@ from imud.journal.speaker import Speaker
 from imud.ports.baud import Memory
 from imud.ports.listener import Listener
 from imud.ports.port import Port
+from imud.ports.udp import UdpPorts
 
 # The ports are listed this often, which takes 0.9 ms, and whenever /dev changes.
 LIST_S = 1.0
@@ -78,7 +80,7 @@ def same_port(a: str, b: str) -> bool:
 
 
 class Finder:
-    """Runs a Port for each port that is named or may have a probe on it."""
+    """Runs a Port for each port that is named or may have a probe, and UdpPorts."""
 
     def __init__(
         self,
@@ -93,6 +95,7 @@ class Finder:
         self._speaker = speaker
         self._listed = listed
         self._memory = Memory()
+        self._udp = UdpPorts(probes, speaker)
         self._ports: dict[str, Port] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._pauses: dict[str, Pause] = {}
@@ -111,6 +114,7 @@ class Finder:
         """Called once a second with the host's time."""
         for port in self:
             port.check(t_ns)
+        self._udp.check(t_ns)
 
     async def run(self) -> None:
         """Runs until it is cancelled."""
@@ -118,11 +122,14 @@ class Finder:
             async with asyncio.TaskGroup() as self._group:
                 while True:
                     self._serve_named()
+                    self._udp.serve(self._settings)
                     if self._settings.find:
                         await self._serve_found()
                     await self._wait()
         except ExceptionGroup as faults:
             raise faults.exceptions[0] from None
+        finally:
+            self._udp.close()
 
     async def _wait(self) -> None:
         """Waits for the next listing, a change in /dev or new settings."""

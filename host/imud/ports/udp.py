@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: MIT
+"""Probes that send signed datagrams: one socket, and a port for each probe with a key.
+
+What is refused is counted and never answered; docs/udp.md says why.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+from imud.config.settings import Ports
+from imud.endpoint import host_and_port
+from imud.errors import ConfigError
+from imud.journal.speaker import Speaker
+from imud.net import probe_keys
+from imud.ports.datagram import DATAGRAM_MAX, HELLO, Address, Fault, Peer, addressed
+from imud.ports.listener import Listener
+from imud.ports.udp_port import UdpPort
+from imud.probes.timeline import host_ns
+
+# Datagrams read in one turn of the loop: a flood of them must not stop other ports.
+BATCH = 64
+
+# For half a second of 64 probes; Linux may grant less (net.core.rmem_max).
+BUFFER_BYTES = 1 << 20
+
+
+class UdpPorts:
+    """The socket, if the settings ask for one, and the ports of its probes."""
+
+    def __init__(self, probes: Listener, speaker: Speaker) -> None:
+        self._probes = probes
+        self._speaker = speaker
+        self._socket: socket.socket | None = None
+        self._listens = ""  # the setting that the socket has
+        self._fault = ""  # the last one told
+        self._keys_ns = (-1, "")  # when their folder changed, and which it is
+        self._ports: dict[bytes, UdpPort] = {}
+        self.refused: Counter[Fault] = Counter()
+
+    def __iter__(self) -> Iterator[UdpPort]:
+        return iter(self._ports.values())
+
+    def serve(self, settings: Ports) -> None:
+        """Does what the settings say; called about once a second. A key that was made
+        or deleted counts at once.
+        """
+        if settings.udp != self._listens:
+            self.close()
+        if not settings.udp:
+            return
+        try:
+            self._read_keys(Path(settings.udp_keys))
+            if self._socket is None:
+                self._open(settings.udp)
+        except (ConfigError, OSError) as error:
+            why = getattr(error, "strerror", None) or error
+            text = f"udp {settings.udp}: {why}"
+            if text != self._fault:
+                self._speaker.say(("udp", "fault"), text, is_warning=True)
+            self._fault = text
+        else:
+            self._fault = ""
+
+    def check(self, t_ns: int) -> None:
+        """Called once a second with the host's time."""
+        for port in self:
+            port.check(t_ns)
+
+    def close(self) -> None:
+        for port in self:
+            port.end()
+        self._ports.clear()
+        self._keys_ns = (-1, "")
+        self._listens = ""
+        if self._socket is not None:
+            asyncio.get_running_loop().remove_reader(self._socket)
+            self._socket.close()
+        self._socket = None
+
+    def _open(self, listen: str) -> None:
+        address = host_and_port(listen)
+        if address is None:
+            return  # refused by the rules of the settings
+        family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+        opened = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            opened.setblocking(False)
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+            opened.bind(address)
+        except OSError:
+            opened.close()
+            raise
+        self._socket, self._listens = opened, listen
+        asyncio.get_running_loop().add_reader(opened, self._read)
+        host, port = opened.getsockname()[:2]
+        count = len(self._ports)
+        probes = "1 probe" if count == 1 else f"{count} probes"
+        text = f"udp {host}:{port}: open to {probes} with a key"
+        self._speaker.say(("udp", "open"), text)
+
+    def _read_keys(self, folder: Path) -> None:
+        place = folder / probe_keys.PROBES
+        try:
+            changed = place.stat().st_mtime_ns, str(place)
+        except OSError:
+            changed = (-1, str(place))
+        if changed == self._keys_ns and changed[0] >= 0:
+            return
+        keys = probe_keys.read(folder)
+        self._keys_ns = changed
+        for probe_id, port in list(self._ports.items()):
+            if keys.get(probe_id) != port.peer.key:
+                port.end()
+                del self._ports[probe_id]
+        for probe_id, key in keys.items():
+            if probe_id not in self._ports:
+                peer = Peer(probe_id, key)
+                port = UdpPort(peer, self._probes, self._speaker, self._send)
+                self._ports[probe_id] = port
+
+    def _send(self, datagram: bytes, address: Address) -> None:
+        """As far as the network takes it: the other end asks again."""
+        if self._socket is None:
+            return
+        try:
+            self._socket.sendto(datagram, address)
+        except OSError as error:
+            text = f"udp: can't send to {address[0]}: {error.strerror}"
+            self._speaker.say(("udp", "send"), text, is_warning=True)
+
+    def _read(self) -> None:
+        for _ in range(BATCH):
+            if self._socket is None:
+                return
+            try:
+                datagram, address = self._socket.recvfrom(DATAGRAM_MAX + 1)
+            except OSError:  # no more, or a probe's machine refused what was sent
+                return
+            fault = self._take(datagram, address[:2], host_ns())
+            if fault is not None:
+                self._refuse(fault, address)
+
+    def _take(self, datagram: bytes, address: Address, t_ns: int) -> Fault | None:
+        found = addressed(datagram)
+        if isinstance(found, Fault):
+            return found
+        kind, probe_id = found
+        port = self._ports.get(probe_id)
+        if port is None:
+            return Fault.UNKNOWN_KEY
+        if kind != HELLO:
+            return port.take(datagram, address, t_ns)
+        answer = port.peer.welcome(datagram, address)
+        if isinstance(answer, Fault):
+            port.refused[answer] += 1
+            return answer
+        self._send(answer, address)
+        return None
+
+    def _refuse(self, fault: Fault, address: Address) -> None:
+        self.refused[fault] += 1
+        text = (
+            f"udp: datagrams refused: {self.refused[fault]} "
+            f"{fault.replace('_', ' ')}, the last from {address[0]}"
+        )
+        self._speaker.say(("udp", fault), text, is_warning=True, is_total=True)
