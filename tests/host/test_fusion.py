@@ -17,6 +17,7 @@ from imud.probes.session import Received
 from imud.stages import Adds, Outcome, Wants
 from imud.stages.fusion import FusionStage
 from sessions import received
+from stroke_bench import feel, stroking
 from twin_bench import (
     Life,
     changed,
@@ -68,6 +69,20 @@ def test_its_poses_are_in_every_bit_those_of_the_probe() -> None:
     here = added(fused(life.contents))
     assert len(here) > 700
     assert tail(here) == tail(own_poses(life.contents))
+
+
+@pytest.mark.parametrize("is_by_button", [False, True])
+def test_its_strokes_are_in_every_bit_those_of_the_probe(is_by_button: bool) -> None:
+    life, scene = stroking() if is_by_button else (followed(), stroking()[1])
+    feel(life, scene.samples, scene.held() & is_by_button)
+    here = added(fused(life.contents))
+    theirs = [life.contents[at] for at in named(life.contents, "stroke")]
+    ends = {message_of(each).fields["end"] for each in theirs}
+    assert ends == {"running", "button" if is_by_button else "rest"}
+    assert tail([here[at] for at in named(here, "stroke")]) == tail(theirs)
+    assert tail([here[at] for at in named(here, "pose")]) == tail(
+        own_poses(life.contents)
+    )
 
 
 def test_a_board_without_a_filter_gets_ours() -> None:

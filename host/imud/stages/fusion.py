@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Fusion on the host: poses for a probe that sends only raw samples, computed with the
-same C as a probe runs. Where the configuration has `fuse_on_host` for it.
+"""Fusion on the host: poses and strokes of a probe that sends only raw samples,
+computed with the same C as a probe runs. Where the configuration has `fuse_on_host`.
 
 A probe that sends poses itself, or not every sample, is asked once for all its raw
 samples instead. A sample after a loss gets the flag `gap`, as the probe would set it.
@@ -31,7 +31,7 @@ class FusionStage:
 
     def __init__(self, config: Config) -> None:
         self.configure(config)
-        self._poses = 0
+        self._poses = self._strokes = 0
         self._forget()
 
     def _forget(self) -> None:
@@ -91,6 +91,8 @@ class FusionStage:
             self._replay.origin(detail)
         elif message.fields["event"] == "restarted":
             self._replay.restart(detail or int(schema.Filter.FUSE))
+        elif message.fields["event"] in ("button_pressed", "button_released"):
+            self._replay.hold(message.fields["event"] == "button_pressed")
 
     def _take_raw(self, received: Received, records: bytes) -> Iterator[Outcome]:
         hello = self._hello
@@ -108,8 +110,12 @@ class FusionStage:
             own[_FLAGS.start] |= int(schema.SampleFlags.GAP)
             content = bytes(own)
         self._replay.step(content)
+        message = received.message
+        stroke = self._replay.stroke(message.sequence, message.time_us)
+        if stroke is not None:
+            self._strokes += 1
+            yield Adds(stroke, self._strokes)
         if self._is_due(hello):
-            message = received.message
             self._poses += 1
             pose = self._replay.pose(message.sequence, message.time_us)
             yield Adds(pose, self._poses)
