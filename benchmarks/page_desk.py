@@ -20,6 +20,14 @@ PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 # Without a sandbox of its own, as root; drawn by the processor.
 ARGUMENTS = ("--no-sandbox", "--enable-unsafe-swiftshader")
 START_S = 30.0
+# Has the page draw as it does with a graphics card.
+WITH_CARD = """() => {
+  const { prototype } = WebGL2RenderingContext;
+  const get = prototype.getParameter;
+  prototype.getParameter = function (name) {
+    return name === this.RENDERER ? "a card" : get.call(this, name);
+  };
+}"""
 # The virtual boards: how each is held, and its name by its id.
 BOARDS = {"nano": ("--module", "shop", "--hand", "calibrate"), "f405": ()}
 NAMES = {"11bef7fdb5481413": "module", "c65c26226523f231": "stylus"}
@@ -89,6 +97,7 @@ def opened(
         color_scheme="dark" if is_dark else "light",
     )
     page = context.new_page()
+    page.add_init_script(f"({WITH_CARD})()")
     page.goto(f"{url}/#/probe/stylus")
     wait_for(
         lambda: page.evaluate("Boolean(globalThis.imud?.model.probe?.pose)"),

@@ -34,9 +34,11 @@ export const VIEWS = {
   probes: { title: "Probes", make: (model) => new ProbesView(model) },
 };
 
-// How often the screen's rate is measured, and what the server is asked for at least.
+// How often the screen's rate is measured, and what the server is asked for: more news
+// than frames, so that what a frame shows has not waited for long.
 const RATE_MS = 2000;
 const RATE_LEAST_HZ = 15;
+const NEWS_A_FRAME = 1.5;
 
 class Page {
   constructor() {
@@ -84,7 +86,8 @@ class Page {
     const rate = this._rate;
     if (nowMs - rate.sinceMs > RATE_MS) {
       const hz = ((this.frames - rate.frames) * 1000) / (nowMs - rate.sinceMs);
-      const asked = Math.max(RATE_LEAST_HZ, Math.min(60, 5 * Math.ceil(hz / 5)));
+      const news = 5 * Math.ceil((NEWS_A_FRAME * hz) / 5);
+      const asked = Math.max(RATE_LEAST_HZ, Math.min(60, news));
       this.view?.adapt?.(hz);
       this._rate = { sinceMs: nowMs, frames: this.frames, hz: asked };
     }

@@ -4,15 +4,16 @@
 
 import * as three from "../vendor/three/three.module.min.js";
 
-const POINTS = 180; // three seconds at 60 poses a second
 const APART = 0.004; // a nose at rest adds no points
 const JUMP = 0.4; // poses were missing in between
 
 /** A line that grows at one end and vanishes at the other. */
 export class Trail {
-  constructor() {
-    this._places = new Float32Array(3 * POINTS);
-    this._colours = new Float32Array(4 * POINTS);
+  /** @param {number} points that it has at most: 180 are three seconds at 60 poses a second */
+  constructor(points) {
+    this._points = points;
+    this._places = new Float32Array(3 * points);
+    this._colours = new Float32Array(4 * points);
     this._geometry = new three.BufferGeometry();
     const { BufferAttribute } = three;
     this._geometry.setAttribute("position", new BufferAttribute(this._places, 3));
@@ -27,8 +28,8 @@ export class Trail {
   /** @param {import("./scene.js").Colours} colours */
   recolour(colours) {
     const colour = new three.Color(colours.warn);
-    for (let i = 0; i < POINTS; i++) {
-      this._colours.set([colour.r, colour.g, colour.b, (i + 1) / POINTS], 4 * i);
+    for (let i = 0; i < this._points; i++) {
+      this._colours.set([colour.r, colour.g, colour.b, (i + 1) / this._points], 4 * i);
     }
     this._geometry.getAttribute("color").needsUpdate = true;
   }
@@ -41,11 +42,11 @@ export class Trail {
       this._count = this._moved(place) > JUMP ? 0 : this._count;
       // Points are at the end of the arrays, where the colours are opaque.
       this._places.copyWithin(0, 3);
-      this._places.set(place, 3 * (POINTS - 1));
-      this._count = Math.min(POINTS, this._count + 1);
+      this._places.set(place, 3 * (this._points - 1));
+      this._count = Math.min(this._points, this._count + 1);
       this._geometry.getAttribute("position").needsUpdate = true;
     }
-    this._geometry.setDrawRange(POINTS - this._count, this._count);
+    this._geometry.setDrawRange(this._points - this._count, this._count);
   }
 
   /**
@@ -53,7 +54,7 @@ export class Trail {
    * @param {readonly [number, number, number]} place
    */
   _moved([x, y, z]) {
-    const last = 3 * (POINTS - 1);
+    const last = 3 * (this._points - 1);
     const [a, b, c] = this._places.subarray(last, last + 3);
     return Math.hypot(x - a, y - b, z - c);
   }

@@ -24,8 +24,9 @@ function at(heading, radius) {
 /**
  * The world in the theme's colours.
  * @param {Colours} colours
+ * @param {boolean} hasGround
  */
-export function makeWorld(colours) {
+export function makeWorld(colours, hasGround) {
   const world = new three.Group();
   const ground = new three.Mesh(
     new three.CircleGeometry(RING, 96),
@@ -33,6 +34,7 @@ export function makeWorld(colours) {
   );
   ground.position.z = -0.002;
   ground.renderOrder = -2;
+  ground.visible = hasGround;
   const rim = new three.Mesh(
     new three.RingGeometry(RING - 0.006, RING + 0.006, 128),
     flat(colours.muted),
