@@ -12,11 +12,13 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
+from msgspec.structs import replace
 
 import imud.sinks.log
 from fakes import DaemonProcess, FakeProbe, Port, status_of
 from imud.client import Client
-from imud.log.file import Settings, pose_in_frame
+from imud.log.channels import POSE_IN_FRAME, said_on
+from imud.log.file import Settings
 from imud.log.reader import FRAME_ENCODING, Logged, read_log
 from imud.log.schemas import FOXGLOVE_SCHEMA
 from imud.probes.record import Record
@@ -76,7 +78,7 @@ def test_foxglove_finds_poses_that_it_can_draw(tmp_path: Path) -> None:
     assert channel.message_encoding == "json"
     assert json.loads(message.data) == {
         "timestamp": {"sec": BEGIN_NS // 10**9, "nsec": BEGIN_NS % 10**9},
-        "frame_id": "world",
+        "frame_id": "left_level",  # where that is in the world is not known
         "pose": {
             "position": {"x": 0.0, "y": 0.0, "z": 0.0},
             "orientation": {"w": 0.5, "x": 0.5, "y": -0.5, "z": 0.5},
@@ -87,8 +89,16 @@ def test_foxglove_finds_poses_that_it_can_draw(tmp_path: Path) -> None:
     assert topics == {"hello", "pose", "frame"}
 
 
+def test_a_pose_whose_position_is_known_is_drawn_in_the_world() -> None:
+    (record,) = records(1)[-1:]
+    said = {**record.said, "position_m": (1.0, 2.0, 3.0)}
+    drawn = json.loads(said_on(replace(record, said=said), POSE_IN_FRAME))
+    assert drawn["frame_id"] == "world"
+    assert drawn["pose"]["position"] == {"x": 1.0, "y": 2.0, "z": 3.0}
+
+
 # What Foxglove wants of its PoseInFrame, as its published schema has it: all of these.
-POSE_IN_FRAME = {
+PUBLISHED = {
     "timestamp": {"sec": "integer", "nsec": "integer"},
     "frame_id": "string",
     "pose": {
@@ -108,11 +118,11 @@ def wanted_of(spec: dict[str, Any]) -> Any:
 
 def test_poses_for_foxglove_are_of_its_published_schema() -> None:
     assert FOXGLOVE_SCHEMA["title"] == "foxglove.PoseInFrame"
-    assert wanted_of(FOXGLOVE_SCHEMA) == POSE_IN_FRAME
+    assert wanted_of(FOXGLOVE_SCHEMA) == PUBLISHED
     checker = Draft202012Validator(FOXGLOVE_SCHEMA)
     for record in records(20):
         if record.topic == "pose":
-            checker.validate(json.loads(pose_in_frame(record)))
+            checker.validate(json.loads(said_on(record, POSE_IN_FRAME)))
 
 
 def decoded(path: Path) -> Counter[str]:

@@ -86,20 +86,32 @@ def translator() -> Translator:
     return Translator("tip", "imud", "world")
 
 
-def test_a_pose_is_said_three_times(translator: Translator) -> None:
+def test_a_pose_is_said_in_three_ways(translator: Translator) -> None:
     said = said_by(translator, pose(position_m=(1.0, 2.0, 3.0)))
-    assert list(said) == ["/imud/tip/imu/data", "/imud/tip/pose", "/tf"]
-    (imu,), (stamped,), (tf,) = said.values()
-    (transform,) = tf.transforms
-    assert imu.header.frame_id == transform.child_frame_id == "tip"
-    assert stamped.header.frame_id == transform.header.frame_id == "world"
-    for message in (imu, stamped, transform):
+    assert list(said) == ["/imud/tip/imu/data", "/tf", "/imud/tip/pose"]
+    (imu,), transforms, (stamped,) = said.values()
+    (turn,), (shift,) = (each.transforms for each in transforms)
+    assert imu.header.frame_id == turn.child_frame_id == "tip"
+    assert turn.header.frame_id == shift.child_frame_id == "tip_level"
+    assert stamped.header.frame_id == shift.header.frame_id == "world"
+    for message in (imu, stamped, turn, shift):
         stamp = message.header.stamp
         assert stamp.sec * 10**9 + stamp.nanosec == T_NS
-    for q in (imu.orientation, stamped.pose.orientation, transform.transform.rotation):
+    for q in (imu.orientation, stamped.pose.orientation, turn.transform.rotation):
         assert (q.w, q.x, q.y, q.z) == Q
-    for p in (stamped.pose.position, transform.transform.translation):
+    unturned = shift.transform.rotation
+    assert (unturned.w, unturned.x, unturned.y, unturned.z) == (1.0, 0.0, 0.0, 0.0)
+    for p in (stamped.pose.position, shift.transform.translation):
         assert (p.x, p.y, p.z) == (1.0, 2.0, 3.0)
+
+
+def test_a_pose_without_a_position_says_none_in_the_world(
+    translator: Translator,
+) -> None:
+    said = said_by(translator, pose(position_m=None))
+    assert list(said) == ["/imud/tip/imu/data", "/tf"]
+    (transform,) = said["/tf"][0].transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("tip_level", "tip")
 
 
 def test_tilt_is_about_the_level_axes_and_heading_about_the_one_that_points_up(

@@ -118,7 +118,7 @@ def said_on_all_topics(
     said: Said = {}
     while len(said) < 5 or len(said[f"{BASE}/pose"]) < 5:
         assert time.monotonic() < until, {name: len(m) for name, m in said.items()}
-        port.write(probe.say("raw") + probe.say("pose"))
+        port.write(probe.say("raw") + probe.say("pose", position=(0.1, 0.2, 0.3)))
         try:
             key, payload, attached = heard.get(timeout=0.02)
         except queue.Empty:

@@ -3,8 +3,7 @@
 they hold.
 
 Channels have the names of Zenoh keys. `frame` holds every good message as received and
-is what our own tools read. The others hold JSON for other tools, among them
-pose_in_frame, which Foxglove draws.
+is what our own tools read. The others hold JSON for other tools.
 """
 
 from __future__ import annotations
@@ -13,9 +12,8 @@ import json
 from dataclasses import dataclass
 from io import BufferedWriter
 
-import msgspec
-
 from imud.defaults import PREFIX
+from imud.log.channels import said_on, topics_of
 from imud.log.reader import FRAME_ENCODING, seal
 from imud.log.schemas import schema_of
 from imud.log.writer import LogWriter
@@ -24,11 +22,6 @@ from imud.version import version
 from imud.wire import messages, schema
 from imud.wire.messages import Message
 from imud.wire.params import digest_of
-
-# The world in which Foxglove draws poses: the fixed frame of its 3D panel.
-WORLD = "world"
-
-_ENCODER = msgspec.json.Encoder()
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +66,8 @@ class LogFile:
         if record.params and self._params.get(record.probe) != record.params:
             self._params[record.probe] = record.params
             self._add_metadata("params", _params(record.probe, record.params))
-        if record.payload:
-            self._add(record, record.topic, "json", record.payload)
-        if record.topic == "pose" and record.said and self._settings.has_foxglove:
-            self._add(record, "pose_in_frame", "json", pose_in_frame(record))
+        for topic in topics_of(record, has_foxglove=self._settings.has_foxglove):
+            self._add(record, topic, "json", said_on(record, topic))
         if record.content:
             self._add(record, "frame", FRAME_ENCODING, record.content)
 
@@ -137,20 +128,3 @@ def _params(probe: str, records: bytes) -> dict[str, str]:
     """Params as metadata: their records in hex, and the digest that names them."""
     digest = f"{digest_of(records):#010x}"
     return {"probe": probe, "digest": digest, "content": records.hex()}
-
-
-def pose_in_frame(record: Record) -> bytes:
-    """A pose as foxglove.PoseInFrame in JSON; without a position, at the origin."""
-    sec, nsec = divmod(record.t_ns, 10**9)
-    w, x, y, z = record.said["q"]
-    px, py, pz = record.said["position_m"] or (0.0, 0.0, 0.0)
-    return _ENCODER.encode(
-        {
-            "timestamp": {"sec": sec, "nsec": nsec},
-            "frame_id": WORLD,
-            "pose": {
-                "position": {"x": px, "y": py, "z": pz},
-                "orientation": {"x": x, "y": y, "z": z, "w": w},
-            },
-        }
-    )

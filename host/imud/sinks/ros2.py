@@ -34,6 +34,9 @@ ALONE_US = 1_000_000
 # Variance of an unknown heading, uniform over a whole turn, rad^2.
 FREE_RAD2 = math.pi**2 / 3
 
+NOTHING = (0.0, 0.0, 0.0)
+UNTURNED = (1.0, 0.0, 0.0, 0.0)
+
 # Flags of a pose that a user should know of, in words; the others are no fault.
 FLAWS = {
     "starting": "still settles",
@@ -79,6 +82,8 @@ class Translator:
     def __init__(self, probe: str, namespace: str, world: str) -> None:
         self._world = world
         self.frame = topics.ros_name(probe)
+        # The axes of the world, with the probe at the origin.
+        self.level = f"{self.frame}_level"
         base = f"/{namespace}/{self.frame}" if namespace else f"/{self.frame}"
         self.imu = Topic(f"{base}/imu/data", topics.IMU)
         self.mag = Topic(f"{base}/imu/mag", topics.MAGNETIC_FIELD)
@@ -109,24 +114,24 @@ class Translator:
         covariance = orientation_covariance(pose)
         self._pose_us = pose["t_device_us"]
         yield self._imu(t_ns, orientation, covariance, self._joined(self._pose_us))
-        # These messages can't express that the orientation is unknown.
-        if covariance is not cdr.ABSENT:
-            position = pose["position_m"] or (0.0, 0.0, 0.0)
+        # These messages can't express that the orientation or position is unknown.
+        if covariance is cdr.ABSENT:
+            return
+        yield TF, cdr.transform(t_ns, self.level, self.frame, NOTHING, orientation)
+        position = pose["position_m"]
+        if position is not None:
             yield (
                 self.pose,
                 cdr.pose_stamped(t_ns, self._world, position, orientation),
             )
-            yield (
-                TF,
-                cdr.transform(t_ns, self._world, self.frame, position, orientation),
-            )
+            yield TF, cdr.transform(t_ns, self._world, self.level, position, UNTURNED)
 
     def _take_raw(self, t_ns: int, raw: Said) -> Iterator[RosMessage]:
         t_us: int = raw["t_device_us"]
         if raw["acc_m_s2"] is not None and raw["gyr_rad_s"] is not None:
             self._sample = raw
             if self._pose_us is None or abs(t_us - self._pose_us) > ALONE_US:
-                yield self._imu(t_ns, (1.0, 0.0, 0.0, 0.0), cdr.ABSENT, raw)
+                yield self._imu(t_ns, UNTURNED, cdr.ABSENT, raw)
         if raw["mag_uT"] is not None:
             field_t = [value * 1e-6 for value in raw["mag_uT"]]
             yield (
@@ -147,9 +152,8 @@ class Translator:
         covariance: Sequence[float],
         sample: Said | None,
     ) -> RosMessage:
-        nothing = (0.0, 0.0, 0.0)
-        rate = nothing if sample is None else sample["gyr_rad_s"]
-        force = nothing if sample is None else sample["acc_m_s2"]
+        rate = NOTHING if sample is None else sample["gyr_rad_s"]
+        force = NOTHING if sample is None else sample["acc_m_s2"]
         of_rate = cdr.ABSENT if sample is None else self._errors.rate
         of_force = cdr.ABSENT if sample is None else self._errors.force
         data = cdr.imu(
