@@ -5,6 +5,7 @@ PORT = 7447  # Zenoh's own
 ENDPOINT = f"tcp/127.0.0.1:{PORT}"  # this machine alone
 PREFIX = "imud"
 PAGE = "127.0.0.1:8735"  # the page for browsers
+FOXGLOVE = "127.0.0.1:8765"  # the port that Foxglove offers
 
 # Params that came into force; under XDG_STATE_HOME where that is set.
 STATE = "~/.local/state"

@@ -109,6 +109,15 @@ def test_a_port_may_have_a_rate_of_its_own(
         ("[zenoh]\nlisten = []", "[zenoh] listen: is empty"),
         ("[metrics]\nlisten = '9735'", "is not HOST:PORT"),
         ("[metrics]\nlisten = '0.0.0.0:9735'", "0.0.0.0 is beyond this machine"),
+        ("[foxglove]\nenabled = true\nlisten = '8765'", "is not HOST:PORT"),
+        (
+            "[foxglove]\nenabled = true\nlisten = '0.0.0.0:8765'",
+            "0.0.0.0 is beyond this machine",
+        ),
+        (
+            "[zenoh]\nkeys = 'k'\nlisten = []\n[foxglove]\nenabled = true",
+            "Foxglove logs in nowhere",
+        ),
         ("[journal]\nquiet_s = -1", "-1 is not a number from 0 to 3600"),
         ("[probes.stylus]\nname = 'x'", ":1: [probes] stylus: an id is 16"),
         (

@@ -12,6 +12,7 @@ from imud.config.settings import (
     BAUD_MAX,
     RATES,
     Config,
+    Foxglove,
     Metrics,
     Place,
     Ports,
@@ -22,7 +23,7 @@ from imud.config.settings import (
     port_and_baud,
 )
 from imud.config.toml import Mistake, cut
-from imud.defaults import ENDPOINT, PAGE
+from imud.defaults import ENDPOINT, FOXGLOVE, PAGE
 from imud.endpoint import host_and_port, is_local, is_loopback, link_of
 from imud.ros2 import topics
 
@@ -43,6 +44,8 @@ def contradictions(config: Config) -> Iterator[Mistake]:
             ("zenoh", "prefix"), f"{cut(config.zenoh.prefix)!r} can't be part of a key"
         )
     yield from _of_page(config.web)
+    if config.foxglove.enabled:
+        yield from _of_foxglove(config.foxglove, config.zenoh.keys)
     yield from _of_metrics(config.metrics)
     yield from _of_place(config.place)
     yield from _of_probes(config.probes)
@@ -87,6 +90,25 @@ def _of_page(section: Web) -> Iterator[Mistake]:
             path,
             f"{cut(address[0])} is beyond this machine; listen on 127.0.0.1, and use "
             "imud view --connect elsewhere",
+        )
+
+
+def _of_foxglove(section: Foxglove, keys: str) -> Iterator[Mistake]:
+    address = host_and_port(section.listen)
+    path = ("foxglove", "listen")
+    if address is None:
+        yield Mistake(
+            path, f"{_quoted(section.listen)} is not HOST:PORT, as {FOXGLOVE}"
+        )
+    elif not is_loopback(address[0]):
+        yield Mistake(
+            path, f"{cut(address[0])} is beyond this machine; listen on 127.0.0.1"
+        )
+    if keys and not section.open_to_all:
+        yield Mistake(
+            ("foxglove", "enabled"),
+            "Foxglove logs in nowhere, and zenoh.keys admits users alone; turn it off, "
+            "or let every program of this machine read: open_to_all = true",
         )
 
 

@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from imud.defaults import ENDPOINT, HISTORY, PAGE, PREFIX, STATE
+from imud.defaults import ENDPOINT, FOXGLOVE, HISTORY, PAGE, PREFIX, STATE
 
 # Baud rates of our firmware: 500,000 on the Nano, which 16 MHz divides to exactly, and
 # 921,600 on the F405, the rate of an RN-41.
@@ -209,6 +209,21 @@ class Web(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = PAGE
 
 
+class Foxglove(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A live server for Foxglove, on this machine."""
+
+    enabled: Annotated[
+        bool, Meta(description="serve it; needs pip install 'imud[foxglove]'")
+    ] = False
+    listen: Annotated[
+        str, Meta(description="its address, HOST:PORT of this machine alone")
+    ] = FOXGLOVE
+    open_to_all: Annotated[
+        bool,
+        Meta(description="with keys: serve every program of this machine, no users"),
+    ] = False
+
+
 class Metrics(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Metrics for Prometheus."""
 
@@ -280,6 +295,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     place: Place = Place()
     ros2: Ros2 = Ros2()
     web: Web = Web()
+    foxglove: Foxglove = Foxglove()
     metrics: Metrics = Metrics()
     journal: Journal = Journal()
     probes: Annotated[

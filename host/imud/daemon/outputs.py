@@ -18,6 +18,7 @@ from imud.endpoint import host_and_port
 from imud.log.file import Settings
 from imud.net.network import own_credentials
 from imud.net.refusals import tell_refusals
+from imud.sinks.foxglove import FoxgloveSink
 from imud.sinks.log import LogSink
 from imud.sinks.page import PageSink
 from imud.sinks.ros2 import Ros2Sink, own_network
@@ -26,7 +27,7 @@ from imud.web.logs import LogFolder
 from imud.web.server import Page
 from imud.web.users import KeyUsers, Users
 
-ROS2, PAGE = "ros2", "web"  # names of sinks
+ROS2, PAGE, FOXGLOVE = "ros2", "web", "foxglove"  # names of sinks
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +110,12 @@ class Outputs:
             wanted[PAGE] = Wanted(
                 (config.web, network.keys, log.enabled, log.dir),
                 lambda: self._page(address, network.keys, logs),
+            )
+        served = host_and_port(config.foxglove.listen)
+        if config.foxglove.enabled and served is not None:
+            wanted[FOXGLOVE] = Wanted(
+                (config.foxglove, network.prefix),
+                lambda: FoxgloveSink(served, network.prefix),
             )
         return wanted
 
