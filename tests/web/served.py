@@ -19,7 +19,7 @@ from imud.web.logs import LogFolder
 from imud.web.server import Page
 from imud.web.users import Users
 
-PATIENCE_S = 10.0
+PATIENCE_S = 30.0
 WRONG = "wrong"
 
 

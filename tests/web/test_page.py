@@ -239,6 +239,18 @@ def test_a_log_is_played_as_if_it_were_live(shown: Seen, desk: Desk) -> None:
     assert state["q"] == desk.poses[state["number"]]["q"]
     assert state["number"] < max(desk.poses)
     assert page.get_by_role("button", name="Start", exact=True).is_disabled()
+    slider = page.locator("[aria-label='Time of the log']")
+    slider.focus()
+    page.keyboard.press("k")
+    page.keyboard.press("PageDown")
+    shown.until("n => globalThis.imud.model.probe.pose.number < n", state["number"])
+    back = page.evaluate(STATE)
+    page.keyboard.press(",")
+    shown.until("n => globalThis.imud.model.probe.pose.number < n", back["number"])
+    slider.focus()
+    page.keyboard.press("End")
+    shown.until("n => globalThis.imud.model.probe.pose.number === n", state["number"])
+    assert back["q"] == desk.poses[back["number"]]["q"]
     page.get_by_role("button", name="Back to live").click()
     shown.until("n => globalThis.imud.model.probe?.pose?.number > n", state["number"])
     assert page.locator(".playbar").is_hidden()

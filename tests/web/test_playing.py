@@ -5,24 +5,30 @@ from __future__ import annotations
 
 import contextlib
 import json
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import log_files
+from imud.log.reader import Logged
+from imud.log.seekable import SeekableLog
 from imud.web.logs import LogFolder
 from imud.web.player import Pace
 from imud.web.playing import PLAYERS_MAX
 from imud.web.users import TokenHolder
-from web.served import Served
+from web.served import PATIENCE_S, Live, Served
 
 COUNT = 200  # messages in 2 s
 
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    return log_files.write(tmp_path, log_files.records(COUNT))
+    # A chunk for each tenth of a second, as the daemon writes them.
+    made = log_files.records(COUNT)
+    batches = [made[place : place + 10] for place in range(0, COUNT, 10)]
+    return log_files.write(tmp_path, *batches)
 
 
 def test_messages_are_due_as_they_came_at_any_speed() -> None:
@@ -62,6 +68,65 @@ def test_a_played_log_says_what_was_published(log: Path) -> None:
         browser.say(do="live")
         assert browser.next("page")["playing"] is None
         assert browser.next("pose")["number"] == 7
+
+
+def played_to(browser: Live, t_ms: float) -> list[dict[str, Any]]:
+    """What is played until it is at that time."""
+    lines: list[dict[str, Any]] = []
+    end_s = time.monotonic() + PATIENCE_S
+    while not any(
+        line["type"] == "played" and abs(line["t_ms"] - t_ms) < 1 for line in lines
+    ):
+        assert time.monotonic() < end_s, lines
+        lines += browser.message()
+        browser.say(do="seen", n=browser.head["n"])
+    return lines
+
+
+def test_a_log_goes_to_any_of_its_times(log: Path) -> None:
+    served = Served(logs=LogFolder(log.parent))
+    poses = [r for r in log_files.records(COUNT) if r.topic == "pose"]
+    first_ms = log_files.records(1)[0].t_received_ns / 1e6
+    with contextlib.closing(served.page), served.live() as browser:
+        browser.say(do="watch", every=[], rate_hz=60)
+        browser.say(do="seek", id=1, t_ms=first_ms)
+        assert browser.next("answer")["error"] == "no log is being played"
+        browser.say(do="play", id=2, name=log.name, speed=0)
+        # From the end back and forth again, while it stands still: what is shown is the
+        # last pose before that time.
+        for number in (120, 7, 55):
+            wanted = poses[number]
+            browser.say(do="seek", id=3, t_ms=wanted.t_received_ns / 1e6 + 1)
+            lines = played_to(browser, wanted.t_received_ns / 1e6 + 1)
+            shown = [line for line in lines if line["type"] == "pose"]
+            assert shown[-1] == json.loads(wanted.payload)
+            state = [line for line in lines if line["type"] == "played"][-1]
+            assert abs(state["first_ms"] - first_ms) < 1
+            assert state["last_ms"] >= poses[-1].t_received_ns / 1e6
+            assert not state["over"]
+        browser.say(do="seek", id=4, t_ms=state["last_ms"] + 5000)
+        assert browser.next("pose") == json.loads(poses[-1].payload)
+        browser.say(do="play", id=5, name=log.name, speed=100)
+        browser.say(do="seek", id=6, t_ms=poses[3].t_received_ns / 1e6)
+        while not browser.next("played")["over"]:
+            pass
+
+
+def test_a_log_without_its_end_can_be_read_from_anywhere(log: Path) -> None:
+    whole = SeekableLog(log)
+    everything = [each for each in whole.read() if isinstance(each, Logged)]
+    middle_ns = everything[len(everything) // 2].t_ns
+    span = next(each for each in whole.spans if each.last_ns >= middle_ns)
+    wanted = [each for each in everything if each.t_ns >= span.first_ns]
+    cut = log.with_name("cut.mcap")
+    cut.write_bytes(log.read_bytes()[: whole.spans[-1].at])
+    for path, count in ((log, len(wanted)), (cut, None)):
+        found = SeekableLog(path)
+        read = [each for each in found.read(middle_ns) if isinstance(each, Logged)]
+        assert read == wanted[: count or len(read)]
+        assert read
+        assert found.times_ns[0] == whole.times_ns[0]
+        assert [*found.read(whole.times_ns[1] + 1)][:0] == []
 
 
 def test_what_is_no_log_is_not_played(log: Path) -> None:

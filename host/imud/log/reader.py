@@ -98,11 +98,30 @@ class Part:
     records: list[Schema | Channel | Message | Metadata]
 
 
-def parts_of(file: BinaryIO, size: int) -> Iterator[Part | Damage]:
-    """All parts of a log and its damage, in order. Damage is last if it was cut off."""
+def records_of(file: BinaryIO, size: int) -> Iterator[tuple[int, int, int]]:
+    """Each record up to the summary by its head alone: offset, kind, and offset of its
+    body. Damage is left out.
+    """
     at = len(MAGIC)
+    while at + _RECORD.size <= size:
+        file.seek(at)
+        kind, length = _RECORD.unpack(file.read(_RECORD.size))
+        if kind not in _KINDS or length > RECORD_MAX:
+            at = _next_chunk(file, at + 1, size)
+            continue
+        if kind == Opcode.DATA_END:
+            return
+        yield at, kind, at + _RECORD.size
+        at += _RECORD.size + length
+
+
+def parts_of(file: BinaryIO, size: int, start: int = 0) -> Iterator[Part | Damage]:
+    """All parts of a log and its damage, in order, from that offset of a record on.
+    Damage is last if it was cut off.
+    """
+    at = start or len(MAGIC)
     file.seek(0)
-    if file.read(at) != MAGIC:
+    if file.read(len(MAGIC)) != MAGIC:
         at = 0
     while at < size:
         try:

@@ -90,9 +90,16 @@ class Play(_Said, frozen=True):
     speed: Annotated[float, Meta(ge=0, le=100)] = 1.0
 
 
+class Seek(_Said, frozen=True):
+    """Goes to a time of the log that is played, UTC in ms."""
+
+    id: int
+    t_ms: Annotated[float, Meta(ge=0, le=1e13)]
+
+
 class Live(_Said, frozen=True):
     """Ends the log: what is live is sent again."""
 
 
-Said = Login | Watch | Seen | Ask | Calibrate | Logs | Read | Play | Live
+Said = Login | Watch | Seen | Ask | Calibrate | Logs | Read | Play | Seek | Live
 decode = msgspec.json.Decoder(Said).decode

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Plays a log in a process of its own, so that the daemon has no work with it.
-It writes lines: probe, topic and what was published, with tabs between, when they are
-due; and where it is. On its standard input it reads new speeds.
+It writes lines with tabs between: probe, topic and what was published, when they are
+due; the times at which the log begins and ends; and where it is. On its standard input
+it reads new speeds, and times to go to.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ import time
 from pathlib import Path
 from typing import BinaryIO
 
-from imud.log.reader import Logged, salvage
+from imud.log.reader import Logged
+from imud.log.seekable import SeekableLog
 
 TOPICS = frozenset(
     {"pose", "raw", "status", "params", "event", "clock", "log", "twin", "stroke"}
@@ -23,6 +25,11 @@ BATCH_S = 1 / 60
 BATCH_MAX = 40
 LATEST_ONLY = frozenset({"status", "params", "clock", "log", "twin"})
 PAUSE_S = 0.2  # between two looks at the input while it stands still
+SEEK = b"seek "  # begins a line with a time, UTC in ns
+# A status comes once a second: so much before the time that is gone to shows how things
+# stood then.
+BEFORE_NS = 1_100_000_000
+NEAR_NS = 1_000_000  # a time in ms is not exact
 
 Key = tuple[str, str]
 
@@ -44,34 +51,72 @@ class Pace:
         due_s = self._from_s + (t_ns - self._from_ns) / 1e9 / self._speed
         return due_s - now_s
 
+    def restart(self) -> None:
+        """The next message is due at once."""
+        self._from_ns = None
+
     def change(self, speed: float, at_ns: int, now_s: float) -> None:
         """Goes on from that message at another speed."""
         self._speed, self._from_ns, self._from_s = speed, at_ns, now_s
 
 
 class Player:
-    """Reads speeds from one file and writes what is due to another."""
+    """Reads speeds and times from one file and writes what is due to another."""
 
-    def __init__(self, speeds: BinaryIO, out: BinaryIO, speed: float) -> None:
-        self._speeds, self._out = speeds, out
+    def __init__(self, lines: BinaryIO, out: BinaryIO, speed: float) -> None:
+        self._lines, self._out = lines, out
         self._pace = Pace(speed, time.monotonic())
         self._batch: dict[Key, list[bytes]] = {}
         self._sent_s = time.monotonic()
         self._at_ns = 0
+        self._wanted_ns: int | None = None  # where to go on
 
     def play(self, path: Path) -> None:
-        """Until the end of the log, or of the input."""
-        for item in salvage(path):
-            if isinstance(item, Logged) and item.topic in TOPICS and item.t_ns:
-                self._hold(item)
+        """Until the input ends. At its end the log stands still."""
+        log = SeekableLog(path)
+        first_ns, last_ns = log.times_ns
+        self._say("span", f"{first_ns} {last_ns}")
+        from_ns = 0
+        while True:
+            self._play_from(log, from_ns)
+            if self._wanted_ns is None:
+                self._send(is_over=True)
+            while self._wanted_ns is None:
+                self._look(None, self._at_ns)
+            end_ns = max(last_ns, self._at_ns)  # it may still be written
+            is_end = self._wanted_ns > end_ns - NEAR_NS
+            from_ns = end_ns + 1 if is_end else self._wanted_ns
+            self._wanted_ns = None
+
+    def _play_from(self, log: SeekableLog, from_ns: int) -> None:
+        """From that time on, until its end or until another time is wanted."""
+        self._batch.clear()
+        self._pace.restart()
+        is_there = from_ns == 0
+        for item in log.read(max(0, from_ns - BEFORE_NS) if from_ns else 0):
+            if (
+                not isinstance(item, Logged)
+                or item.topic not in TOPICS
+                or not item.t_ns
+            ):
+                continue
+            key = (item.probe, item.topic)
+            if item.t_ns < from_ns:
+                self._batch[key] = [item.data]  # how things stood
                 self._at_ns = item.t_ns
-                key = (item.probe, item.topic)
-                self._batch.setdefault(key, []).append(item.data)
-        self._send(is_over=True)
+                continue
+            if not is_there:
+                is_there, self._at_ns = True, from_ns
+                self._send()
+            self._hold(item)
+            if self._wanted_ns is not None:
+                return
+            self._at_ns = item.t_ns
+            self._batch.setdefault(key, []).append(item.data)
 
     def _hold(self, item: Logged) -> None:
-        """Waits until a message is due."""
-        while True:
+        """Waits until a message is due, or another time is wanted."""
+        while self._wanted_ns is None:
             wait_s = self._pace.wait_s(item.t_ns, time.monotonic())
             if wait_s > 0 or time.monotonic() - self._sent_s > BATCH_S:
                 self._send()
@@ -79,13 +124,16 @@ class Player:
             if wait_s <= 0:
                 return
 
-    def _look(self, patience_s: float, at_ns: int) -> None:
-        """Takes a new speed, if there is one within that time."""
-        if select.select([self._speeds], [], [], patience_s)[0]:
-            line = self._speeds.readline()
+    def _look(self, patience_s: float | None, at_ns: int) -> None:
+        """Takes a line, if there is one within that time (None: waits for it)."""
+        if select.select([self._lines], [], [], patience_s)[0]:
+            line = self._lines.readline()
             if not line:
                 sys.exit(0)
-            self._pace.change(float(line), at_ns, time.monotonic())
+            if line.startswith(SEEK):
+                self._wanted_ns = int(line.removeprefix(SEEK))
+            else:
+                self._pace.change(float(line), at_ns, time.monotonic())
 
     def _send(self, *, is_over: bool = False) -> None:
         self._sent_s = time.monotonic()
@@ -96,15 +144,18 @@ class Player:
                 head = f"{probe}\t{topic}\t".encode()
                 self._out.write(head + payload + b"\n")
         self._batch.clear()
-        self._out.write(f"\t{'over' if is_over else 'at'}\t{self._at_ns}\n".encode())
+        self._say("over" if is_over else "at", str(self._at_ns))
+
+    def _say(self, what: str, value: str) -> None:
+        self._out.write(f"\t{what}\t{value}\n".encode())
         self._out.flush()
 
 
 def main() -> int:
     path, speed = Path(sys.argv[1]), float(sys.argv[2])
     # Unbuffered, so that select() knows of every line.
-    with os.fdopen(sys.stdin.fileno(), "rb", buffering=0, closefd=False) as speeds:
-        Player(speeds, sys.stdout.buffer, speed).play(path)
+    with os.fdopen(sys.stdin.fileno(), "rb", buffering=0, closefd=False) as lines:
+        Player(lines, sys.stdout.buffer, speed).play(path)
     return 0
 
 

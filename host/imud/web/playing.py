@@ -9,6 +9,7 @@ from pathlib import Path
 
 from imud.web import processes
 from imud.web.browser import Browser
+from imud.web.player import SEEK
 
 PLAYERS_MAX = 4  # of all browsers: each is a process
 
@@ -34,6 +35,8 @@ class Playing:
         self.name = path.name
         self._path, self._browser, self._players = path, browser, players
         self._speed = speed
+        self._span_ms: list[float] = [0.0, 0.0]
+        self._early_ms: float | None = None  # wanted before the process is there
         self._process: processes.Process | None = None
         players.count += 1
         self._task = asyncio.get_running_loop().create_task(self._run())
@@ -43,6 +46,11 @@ class Playing:
         """Goes on so many times as fast as it was; 0: stands still."""
         self._speed = speed
         processes.write(self._process, str(speed).encode())
+
+    def seek(self, t_ms: float) -> None:
+        """Goes on at that UTC, ms."""
+        self._early_ms = t_ms if self._process is None else None
+        processes.write(self._process, SEEK + str(round(t_ms * 1e6)).encode())
 
     async def stop(self) -> None:
         """Ends it."""
@@ -60,6 +68,8 @@ class Playing:
             )
             if speed != self._speed:
                 self.set_speed(self._speed)
+            if self._early_ms is not None:
+                self.seek(self._early_ms)
             while process.stdout and (line := await process.stdout.readline()):
                 self._take(line.rstrip(b"\n"))
         finally:
@@ -67,9 +77,19 @@ class Playing:
 
     def _take(self, line: bytes) -> None:
         probe, topic, payload = line.split(b"\t", 2)
-        if probe:
+        if topic == b"span":
+            self._span_ms = [int(each) / 1e6 for each in payload.split()]
+        elif probe:
             key = (probe.decode(), topic.decode())
             self._browser.put({key: deque((payload,))}, is_played=True)
         else:
-            state = {"type": "played", "t_ms": int(payload) / 1e6}
-            self._browser.say(state | {"over": topic == b"over"})
+            first_ms, last_ms = self._span_ms
+            self._browser.say(
+                {
+                    "type": "played",
+                    "t_ms": int(payload) / 1e6,
+                    "first_ms": first_ms,
+                    "last_ms": last_ms,
+                    "over": topic == b"over",
+                }
+            )

@@ -24,6 +24,7 @@ from imud.web.messages import (
     Logs,
     Play,
     Read,
+    Seek,
     Seen,
     Watch,
     decode,
@@ -102,6 +103,8 @@ class Visit:
             await self._log_in(said)
         elif isinstance(said, Play):
             await self._play(said)
+        elif isinstance(said, Seek):
+            self._seek(said)
         elif isinstance(said, Live):
             await self._go_live()
         else:
@@ -135,6 +138,13 @@ class Visit:
             self.browser.play(is_playing=True)
             self.admit(self._grant)
         self._say_answer(said.id, b"true", "")
+
+    def _seek(self, said: Seek) -> None:
+        if self._playing is None:
+            self._say_answer(said.id, b"", "no log is being played")
+        else:
+            self._playing.seek(said.t_ms)
+            self._say_answer(said.id, b"true", "")
 
     async def _go_live(self) -> None:
         await self.close()

@@ -60,7 +60,7 @@ export class Header {
     this._link = make("div", { class: "link", role: "status" }, this._words);
     this._banner = make("div", { class: "banner", role: "alert", hidden: true });
     this._login = new LoginDialog(model.link);
-    this._playbar = new PlayBar(model);
+    this.playbar = new PlayBar(model);
     const theme = icon(MOON, "Light or dark", () => this.toggleTheme());
     this.help = icon(QUESTION, "Keys", () => {});
     this._setTheme(kept("theme", "") || preferred(), false);
@@ -75,7 +75,7 @@ export class Header {
     const tools = make("div", { class: "tools" }, this._link, this._choice, theme, this.help);
     this.elements = [
       make("header", { class: "top" }, brand, this._tabs, tools),
-      make("div", { class: "lines" }, this._banner, this._playbar.element),
+      make("div", { class: "lines" }, this._banner, this.playbar.element),
       toasts,
       this._login.element,
     ];
@@ -115,11 +115,10 @@ export class Header {
 
   /** @param {number} nowMs */
   draw(nowMs) {
-    void nowMs;
     const { state } = this._model.link;
     say(this._words, state === "open" && this._model.page.playing ? "log" : WORDS[state]);
     mark(this._link, "data-state", state);
-    this._playbar.draw();
+    this.playbar.draw(nowMs);
   }
 
   toggleTheme() {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// Keys that work anywhere but in a field, and the dialog that lists them.
+// Keys that work anywhere but in a field, and the dialog that lists them: those of the
+// view, those of a log that is played, those of the page.
 
 import { make } from "./dom.js";
 
@@ -14,6 +15,7 @@ export class Keys {
    */
   constructor(header, ofView) {
     this._ofView = ofView;
+    this._playbar = header.playbar;
     /** @type {Map} */
     this._own = {
       1: ["Probe", () => header.go("probe")],
@@ -33,7 +35,7 @@ export class Keys {
   }
 
   _show() {
-    const all = { ...this._ofView(), ...this._own };
+    const all = { ...this._ofView(), ...this._playbar.keys, ...this._own };
     const items = Object.entries(all).flatMap(([key, [words]]) => [
       make("dt", {}, make("kbd", {}, key === " " ? "space" : key)),
       make("dd", {}, words),
@@ -54,13 +56,16 @@ export class Keys {
   /** @param {KeyboardEvent} event */
   _press(event) {
     const target = /** @type {HTMLElement} */ (event.target);
-    const isText = /^(INPUT|TEXTAREA|SELECT)$/.test(target.tagName);
+    const isSlider = target.getAttribute("type") === "range";
+    const isText = /^(INPUT|TEXTAREA|SELECT)$/.test(target.tagName) && !isSlider;
+    const isItsOwn = isSlider && /^(Arrow|Home|End|Page)/.test(event.key);
     const isButton = event.key === " " && target.tagName === "BUTTON";
     const isElsewhere = document.querySelector("dialog[open]") !== null;
-    if (isText || isButton || isElsewhere || event.ctrlKey || event.metaKey || event.altKey) {
+    if (isText || isItsOwn || isButton || isElsewhere || event.ctrlKey || event.metaKey || event.altKey) {
       return;
     }
-    const found = this._ofView()[event.key] ?? this._own[event.key];
+    const key = event.key;
+    const found = this._ofView()[key] ?? this._playbar.keys[key] ?? this._own[key];
     if (found) {
       event.preventDefault();
       found[1]();

@@ -128,6 +128,14 @@ export class Link extends EventTarget {
     return this._request({ do: "play", name, speed });
   }
 
+  /**
+   * Goes to a time of the log that is played.
+   * @param {number} timeMs UTC
+   */
+  seek(timeMs) {
+    return this._request({ do: "seek", t_ms: timeMs });
+  }
+
   /** Ends the log: what is live comes again. */
   live() {
     this._send({ do: "live" });

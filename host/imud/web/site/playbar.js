@@ -2,11 +2,15 @@
 // @ts-check
 // The line below the header while a log is played: where it is, how fast, back to live.
 
-import { make, say } from "./dom.js";
+import { make, mark, say } from "./dom.js";
+import { span } from "./format.js";
 
 /** @typedef {import("./model.js").Model} Model */
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 5, 10, 25, 50, 100];
+const JUMP_MS = 5000; // of a key
+const SEEK_MS = 100; // between two times that are asked for while the slider is drawn
+const SETTLE_MS = 500; // after that the slider follows the log again
 
 /** Hidden while what is shown is live. */
 export class PlayBar {
@@ -14,9 +18,20 @@ export class PlayBar {
   constructor(model) {
     this._model = model;
     this._isPaused = false;
+    /** @type {number | null} */
+    this._wantedMs = null; // a time that is not yet asked for
+    this._soughtMs = -Infinity; // when one was asked for last
     this._name = make("b", {});
     this._where = make("output", { "data-part": "played" });
     this._pause = make("button", { onclick: () => this._toggle() }, "Pause");
+    this._slider = make("input", {
+      type: "range",
+      step: "any", // the keys then move it by a hundredth
+      "aria-label": "Time of the log",
+      oninput: () => {
+        this._wantedMs = Number(this._slider.value);
+      },
+    });
     const options = SPEEDS.map((speed) => make("option", { value: speed }, `${speed} times`));
     this._speed = make("select", { "aria-label": "Speed", onchange: () => this._tell() }, ...options);
     const live = make("button", { class: "primary", onclick: () => model.link.live() }, "Back to live");
@@ -24,6 +39,7 @@ export class PlayBar {
       "div",
       { class: "playbar", hidden: true },
       make("span", {}, "Log ", this._name),
+      this._slider,
       this._where,
       this._pause,
       this._speed,
@@ -36,13 +52,41 @@ export class PlayBar {
     model.addEventListener("list", () => this._show());
   }
 
-  draw() {
-    const { played } = this._model;
-    if (!this.element.hidden) {
-      const time = played ? new Date(played.t_ms).toLocaleString() : "opening";
-      say(this._where, played?.over ? `${time}, the end` : time);
-      say(this._pause, this._isPaused ? "Go on" : "Pause");
+  /** What keys do while a log is played. */
+  get keys() {
+    return /** @type {import("./keys.js").Map} */ (
+      this.element.hidden
+        ? {}
+        : {
+            k: ["log: pause or go on", () => this._toggle()],
+            ",": ["log: 5 s back", () => this._jump(-JUMP_MS)],
+            ".": ["log: 5 s forward", () => this._jump(JUMP_MS)],
+          }
+    );
+  }
+
+  /** @param {number} nowMs */
+  draw(nowMs) {
+    const { played, link } = this._model;
+    if (this.element.hidden) {
+      return;
     }
+    if (this._wantedMs !== null && nowMs - this._soughtMs >= SEEK_MS) {
+      link.seek(this._wantedMs).catch(() => {});
+      this._wantedMs = null;
+      this._soughtMs = nowMs;
+    }
+    if (played && this._wantedMs === null && nowMs - this._soughtMs > SETTLE_MS) {
+      mark(this._slider, "min", String(played.first_ms));
+      mark(this._slider, "max", String(Math.max(played.last_ms, played.t_ms)));
+      this._slider.value = String(played.t_ms);
+    }
+    const time = played ? new Date(played.t_ms).toLocaleString() : "opening";
+    const since = played ? `, ${span((played.t_ms - played.first_ms) / 1000)} in` : "";
+    const where = played?.over ? `${time}, the end` : time + since;
+    say(this._where, where);
+    mark(this._slider, "aria-valuetext", where);
+    say(this._pause, this._isPaused ? "Go on" : "Pause");
   }
 
   _show() {
@@ -54,6 +98,15 @@ export class PlayBar {
   _toggle() {
     this._isPaused = !this._isPaused;
     this._tell();
+  }
+
+  /** @param {number} stepMs */
+  _jump(stepMs) {
+    const { played } = this._model;
+    if (played) {
+      const fromMs = this._wantedMs ?? played.t_ms;
+      this._wantedMs = Math.min(played.last_ms, Math.max(played.first_ms, fromMs + stepMs));
+    }
   }
 
   _tell() {

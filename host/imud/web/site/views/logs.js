@@ -60,8 +60,12 @@ export class LogList {
 
   /** @param {string} name */
   async _play(name) {
+    const { link, page, played } = this._model;
     try {
-      await this._model.link.play(name, 1);
+      await link.play(name, 1);
+      if (page.playing === name && played) {
+        await link.seek(played.first_ms);
+      }
       location.hash = "#/probe";
     } catch (error) {
       tell(`${name}: ${error instanceof Error ? error.message : error}`, true);

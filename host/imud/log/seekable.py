@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: MIT
+"""Reads a log from any of its times on, also one that is still written or damaged."""
+
+from __future__ import annotations
+
+import struct
+from bisect import bisect_left
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.opcode import Opcode
+
+from imud.log.reader import (
+    Damage,
+    Logged,
+    LogHead,
+    Reader,
+    channels_of,
+    legible,
+    opened,
+    parts_of,
+    records_of,
+)
+
+_TIMES = struct.Struct("<QQ")  # of the first and last message, at a chunk's begin
+
+
+class Span(NamedTuple):
+    """A chunk: its offset, and when its first and last message were received."""
+
+    at: int
+    first_ns: int
+    last_ns: int
+
+
+class SeekableLog:
+    """A log by its chunks. FileError if it can't be read."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.spans: list[Span] = []
+        with opened(path) as file, legible(path):
+            self._size = path.stat().st_size
+            for at, kind, body in records_of(file, self._size):
+                if kind == Opcode.CHUNK:
+                    file.seek(body)
+                    times = file.read(_TIMES.size)
+                    if len(times) == _TIMES.size:
+                        self.spans.append(Span(at, *_TIMES.unpack(times)))
+        known = channels_of(path)
+        self._reader = Reader(known)
+        # Without a summary, channels are known up to where it was read.
+        self._known_to = self._size if known else 0
+
+    @property
+    def times_ns(self) -> tuple[int, int]:
+        """UTC of its first and last message; 0, 0 if it has none."""
+        if not self.spans:
+            return 0, 0
+        first_ns = min(each.first_ns for each in self.spans)
+        return first_ns, max(each.last_ns for each in self.spans)
+
+    def read(self, from_ns: int = 0) -> Iterator[LogHead | Logged | Damage]:
+        """All messages of the chunks from that UTC on, to the end that it has then."""
+        place = bisect_left(self.spans, from_ns, key=lambda span: span.last_ns)
+        begin = self.spans[place].at if from_ns and place < len(self.spans) else 0
+        if from_ns and place == len(self.spans):
+            begin = self._size
+        start = min(begin, self._known_to)
+        with opened(self._path) as file, legible(self._path):
+            for part in parts_of(file, self._path.stat().st_size, start):
+                if isinstance(part, Damage):
+                    if part.at >= begin:
+                        yield part
+                    continue
+                found = self._reader.read(part)
+                self._known_to = max(self._known_to, part.end)
+                if part.end <= begin:
+                    for _ in found:  # for its channels
+                        pass
+                else:
+                    yield from found
