@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: MIT
+"""What `imud body` publishes on `imud/body/NAME/state`: docs/limb.md explains it.
+
+Units are in the names. None: not known. Places and attitudes are in the body's world:
+x level ahead, as the root faced when it was aligned; y to the left; z up; the origin
+is the root's start.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+# What the person does: nothing yet, stands, moves to align, or anything: aligned.
+Stage = Literal["waiting", "standing", "moving", "running"]
+# `late`: its pose came after the delay that is waited. `no clock`: its UTC is unknown.
+Presence = Literal["ok", "late", "missing", "no clock"]
+
+
+class Contact(msgspec.Struct, frozen=True, kw_only=True):
+    """How a segment with `contact` stands on the ground."""
+
+    is_down: bool
+    rests: int  # how often it has rested since the alignment
+    stride_m: float | None  # level distance between the last two rests
+    place_m: Vector | None  # of its last rest, from the first one; x, y, z as above
+
+
+class SegmentState(msgspec.Struct, frozen=True, kw_only=True):
+    """One segment. `q`: w, x, y, z, world_from_segment; None while it is missing."""
+
+    name: str
+    parent: str | None
+    probe: str | None
+    presence: Presence
+    age_us: int | None  # from its last pose to now
+    q: Quaternion | None
+    start_m: Vector | None
+    end_m: Vector | None
+    marks_m: dict[str, Vector]
+    contact: Contact | None
+
+
+class JointState(msgspec.Struct, frozen=True, kw_only=True):
+    """One joint, named after the child's segment; None while either is missing."""
+
+    parent: str
+    child: str
+    kind: str  # knee, hinge, ...
+    at_m: Vector | None
+    angles_deg: dict[str, float] | None  # flexion, abduction, rotation, or fewer
+    sigmas_deg: dict[str, float] | None
+
+
+class BodyState(msgspec.Struct, frozen=True, kw_only=True):
+    """A body at one moment."""
+
+    type: Literal["body"] = "body"
+    body: str
+    side: str
+    number: int  # counts from 1, without gaps
+    t_ns: int  # UTC of the moment that it shows
+    t_bound_us: int | None  # the probes' times are within this of the truth
+    age_us: int  # from that moment to the publication
+    stage: Stage
+    says: str | None  # what the person should do
+    aligned: str | None  # by "motion" or "pose"
+    missing: tuple[str, ...]  # segments whose probe is not `ok`
+    remarks: tuple[str, ...]
+    segments: tuple[SegmentState, ...]
+    joints: tuple[JointState, ...]
