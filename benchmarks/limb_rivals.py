@@ -10,7 +10,7 @@ from engines import ENGINES, VQF, Engine
 from feed import Feed
 
 from imud import rotation
-from imud.body import chain, posture
+from imud.body import angles, chain
 from imud.body.posture import Posture
 from imud.rotation import FloatArray
 from imud.virtual import leg
@@ -66,10 +66,10 @@ def _mean(quats: FloatArray) -> FloatArray:
 
 def _posture(quats: Mapping[str, FloatArray], times_s: FloatArray) -> Posture:
     body = chain.read(leg.CHAIN, "leg")
-    angles = {
-        child.name: posture.joint_angles(
+    found = {
+        child.name: angles.joint_angles(
             quats[parent.name], quats[child.name], child.joint, body.side
         )
         for parent, child in body.joints()
     }
-    return Posture(times_s, quats, angles, {})
+    return Posture(times_s, dict(quats), found, {})

@@ -12,7 +12,17 @@ import numpy as np
 import pytest
 
 from imud import rotation
-from imud.body import chain, contact, heading, hinge, level, mounting, posture, tracks
+from imud.body import (
+    angles,
+    chain,
+    contact,
+    heading,
+    hinge,
+    level,
+    mounting,
+    posture,
+    tracks,
+)
 from imud.body.hinge import Refused
 from imud.body.tracks import Track
 from imud.errors import ConfigError
@@ -117,23 +127,23 @@ def test_a_tree_may_branch_at_marks():
 
 def test_angles_are_those_that_made_the_turn():
     random = np.random.default_rng(3)
-    angles = random.uniform(-1.2, 1.2, (50, 3))
+    given = random.uniform(-1.2, 1.2, (50, 3))
     joint = chain.JOINTS["knee"]
     parent = rotation.from_rotation_vector(random.normal(0.0, 1.0, (50, 3)))
     for side in ("right", "left"):
-        child = rotation.multiply(parent, posture.from_angles(angles, joint, side))
-        found = posture.joint_angles(parent, child, joint, side)
-        np.testing.assert_allclose(found, angles, atol=1e-9)
+        child = rotation.multiply(parent, angles.from_angles(given, joint, side))
+        found = angles.joint_angles(parent, child, joint, side)
+        np.testing.assert_allclose(found, given, atol=1e-9)
 
 
 def test_a_knee_that_bends_back_and_a_hip_that_moves_out_are_positive():
     upright = rotation.IDENTITY
     back = rotation.from_rotation_vector(np.array([0.0, 0.0, -0.5]))
-    knee = posture.joint_angles(upright, back, chain.JOINTS["knee"], "right")
+    knee = angles.joint_angles(upright, back, chain.JOINTS["knee"], "right")
     assert knee == pytest.approx([0.5, 0.0, 0.0])
     # About x ahead a right leg's end goes to the left, which is in; a left one's out.
     aside = rotation.from_rotation_vector(np.array([0.3, 0.0, 0.0]))
-    hip = posture.joint_angles(upright, aside, chain.JOINTS["hip"], "left")
+    hip = angles.joint_angles(upright, aside, chain.JOINTS["hip"], "left")
     assert hip == pytest.approx([0.0, 0.3, 0.0])
 
 
@@ -252,21 +262,43 @@ def test_a_centre_is_found_from_forces():
         hinge.centre(still[0], still[1], rate_hz)
 
 
+def turned_by(play_deg: float, sigma: float) -> heading.Step:
+    """The filter after 30 s of an axis that both see 0.4 rad apart."""
+    times_s = np.arange(3000) / 100.0
+    parent = np.broadcast_to([1.0, 0.0, 0.0], (3000, 3))
+    child = np.broadcast_to([math.cos(0.4), -math.sin(0.4), 0.0], (3000, 3))
+    sights = [
+        heading.magnetic(np.full((3000, 2), sigma)),
+        heading.of_axis(parent, child, math.radians(play_deg)),
+    ]
+    step = heading.Step()
+    found = heading.follow(step, times_s, np.ones(3000, bool), sights)
+    assert found[0][-1] == step.turn
+    return step
+
+
 def test_a_hinge_brings_headings_into_step():
-    step = heading.Step(chain.JOINTS["knee"])
-    right = np.array([[1.0, 0.0, 0.0], [math.cos(0.4), -math.sin(0.4), 0.0]])
-    for index in range(3000):
-        step.take(index / 100.0, right, (math.nan, math.nan))
+    step = turned_by(4.0, math.nan)
     assert step.turn == pytest.approx(0.4, abs=0.01)
     assert step.sigma < math.radians(5.0)
 
 
 def test_a_heading_that_states_no_doubt_is_believed():
-    step = heading.Step(chain.JOINTS["ball"])
-    right = np.array([[1.0, 0.0, 0.0], [math.cos(0.4), -math.sin(0.4), 0.0]])
-    for index in range(3000):
-        step.take(index / 100.0, right, (0.001, 0.001))
-    assert abs(step.turn) < 0.01
+    assert abs(turned_by(40.0, 0.001).turn) < 0.01
+
+
+def test_what_comes_later_is_known_from_the_beginning():
+    times_s = np.arange(1000) / 100.0
+    is_there = np.ones(1000, bool)
+    is_there[300:320] = False
+    seen = np.where(times_s < 5.0, np.nan, math.radians(3.0) ** 2)
+    sights = [heading.Sight(np.full((1000, 1), 0.3), seen, 0.5)]
+    turns, sigmas = heading.follow(heading.Step(), times_s, is_there, sights)
+    assert turns[0] == 0.0
+    turns, sigmas = heading.smoothed(times_s, turns, sigmas)
+    np.testing.assert_allclose(turns[is_there], 0.3, atol=0.01)
+    assert np.isnan(turns[~is_there]).all()
+    assert sigmas[0] < math.radians(3.0)
 
 
 def test_a_missing_probe_is_missing_and_never_still():

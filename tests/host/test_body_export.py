@@ -16,11 +16,12 @@ import numpy as np
 import pytest
 
 from imud import cli, rotation
-from imud.body import chain, level, session
+from imud.body import angles, chain, fused, level, session
 from imud.body.hinge import Refused
 from imud.log.reader import Logged
 from imud.recordings import body_tracks
 from imud.virtual import leg
+from imud.virtual import motion as motions
 from imud.virtual.leg_probes import RATE_HZ
 from imud.virtual.motion import Motion
 
@@ -91,9 +92,7 @@ def test_motions_of_40_hz_become_joint_angles_of_opensim(
     # Thigh to shank is the angle that the other file has.
     joint, row = chain.JOINTS["knee"], 1000
     turn = rotation.multiply(rotation.inverse(quats[row, 0]), quats[row, 1])
-    from imud.body import posture
-
-    found = posture.joint_angles(rotation.IDENTITY, turn, joint, "right")
+    found = angles.joint_angles(rotation.IDENTITY, turn, joint, "right")
     assert np.degrees(found[0]) == pytest.approx(bend[row], abs=0.01)
 
 
@@ -160,10 +159,12 @@ def test_who_never_stands_still_is_told(recorded: Path):
 
 
 def test_a_pose_without_a_compass_aligns_nothing(recorded: Path):
-    found = body_tracks.of_files([f"thigh={recorded / 'thigh'}.npz"])
+    motion = motions.load(recorded / "thigh.npz")[:200]
+    times_s = np.arange(len(motion)) / motion.rate_hz
+    none = np.zeros_like(motion.mag)
     body = chain.read(leg.CHAIN, "leg")
     with pytest.raises(Refused, match="needs a compass, and thigh has none"):
-        still = {"thigh": found["thigh"].between(0.0, 5.0)}
+        still = {"thigh": fused.attitudes(times_s, motion.gyr, motion.acc, none)}
         still["shank"] = still["thigh"]
         session.of(body, still, 0.0)
 

@@ -18,7 +18,19 @@ from imud.rotation import FloatArray
 
 Metres = Annotated[float, Meta(ge=0.0, le=3.0)]
 Side = Literal["right", "left"]
-JointName = Literal["hip", "knee", "ankle", "shoulder", "elbow", "wrist", "ball"]
+JointName = Literal[
+    "hip",
+    "knee",
+    "ankle",
+    "shoulder",
+    "elbow",
+    "wrist",
+    "ball",
+    "hinge",
+    "universal",
+    "free",
+]
+THREE = ("flexion", "abduction", "rotation")
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +40,17 @@ class Joint:
     `flexion`: the sign of flexion as a turn of the child about z. `is_hinge`: it turns
     mainly about z. `bends`: the sign of flexion whenever it is far from straight; 0 if
     it bends both ways. `play_deg`: rms of its turns about the other two axes.
+
+    `freedom`: how many axes it turns about, anyhow placed, which motion shows; 0: a
+    joint of the body, whose segments stand upright. `angles`: their names.
     """
 
     flexion: float
     is_hinge: bool
     bends: float
     play_deg: float
+    freedom: int = 0
+    angles: tuple[str, ...] = THREE
 
 
 JOINTS: dict[str, Joint] = {
@@ -44,6 +61,9 @@ JOINTS: dict[str, Joint] = {
     "elbow": Joint(1.0, True, 1.0, 20.0),
     "wrist": Joint(1.0, False, 0.0, 20.0),
     "ball": Joint(1.0, False, 0.0, 40.0),
+    "hinge": Joint(1.0, False, 0.0, 2.0, 1, ("angle",)),
+    "universal": Joint(1.0, False, 0.0, 3.0, 2, ("first", "second")),
+    "free": Joint(1.0, False, 0.0, 90.0, 3),
 }
 
 
@@ -77,6 +97,7 @@ class Segment:
 
     name: str
     parent: str | None
+    kind: JointName
     joint: Joint
     at: str
     probe: str | None
@@ -173,6 +194,7 @@ def _chain(file: _File) -> Chain:
             placed[name] = Segment(
                 name,
                 each.parent,
+                each.joint,
                 JOINTS[each.joint],
                 each.at or "end",
                 each.probe,

@@ -1,34 +1,95 @@
 # SPDX-License-Identifier: MIT
 """Brings the headings of probes into step by the joints between them.
 
-The axis of a joint points the same way in both segments. A scalar Kalman filter for
-each joint follows the difference of both headings: D. Laidig et al., IFAC-PapersOnLine
-50(1), 2017 (hinges); J. Sensors 2019, Sensors 19(4) (joints with play).
+What a joint shows at each moment is a Sight: the angle by which the child's heading is
+to be turned. A scalar Kalman filter for each joint follows it. Axes of hinges: D.
+Laidig et al., IFAC-PapersOnLine 50(1), 2017; Sensors 19(4), 2019. Forces at a joint's
+centre: I. Weygers, M. Kok et al., IEEE Sensors J. 20(14):7969, 2020.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from imud import rotation
-from imud.body.chain import Joint
 from imud.rotation import FloatArray
+
+BoolArray = npt.NDArray[np.bool_]
 
 WALK = math.radians(0.7)  # rad for a root of a second: drift between two headings
 MAGNETIC_S = 30.0  # headings of a magnetometer are wrong in the same way for so long
 PLAY_S = 0.7  # turns about a joint's other axes last so long
+FORCE_S = 0.3  # and errors of forces so long
 LEVEL_MIN = 0.05  # of the product of both axes' squares across up
+SLOPE_MIN = 0.3  # of an angle between two axes by the heading
+FORCE_MIN = 2.0  # in errors of the forces
 UNKNOWN = math.radians(100.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """What shows the turn over time. `turns`: (n, k) rad, of which the one nearest to
+    what is known counts; `variance`: (n,) rad2, NaN where it shows nothing. Its errors
+    last `lasts_s`.
+    """
+
+    turns: FloatArray
+    variance: FloatArray
+    lasts_s: float
+
+
+def magnetic(sigmas: FloatArray) -> Sight:
+    """The headings that both probes state, (n, 2) rad, NaN without reference."""
+    own = np.minimum(np.hypot(*sigmas.T), UNKNOWN)
+    return Sight(np.zeros((len(own), 1)), own**2, MAGNETIC_S)
+
+
+def of_axis(parent: FloatArray, child: FloatArray, play: float) -> Sight:
+    """One axis seen by both probes, (n, 3) each in its world; `play`: rad rms."""
+    (x1, y1, _), (x2, y2, _) = parent.T, child.T
+    level = (x1 * x1 + y1 * y1) * (x2 * x2 + y2 * y2)
+    seen = np.arctan2(x2 * y1 - y2 * x1, x1 * x2 + y1 * y2)
+    # An upright axis shows no heading.
+    variance = np.where(level < LEVEL_MIN, np.nan, play**2 / np.maximum(level, 1e-9))
+    return Sight(seen[:, None], variance, PLAY_S)
+
+
+def of_angle(
+    parent: FloatArray, child: FloatArray, cosine: float, play: float
+) -> Sight:
+    """Two axes, one of each probe, (n, 3) in its world, that keep their angle."""
+    (x1, y1, z1), (x2, y2, z2) = parent.T, child.T
+    size = np.hypot(x1, y1) * np.hypot(x2, y2)
+    share = (cosine - z1 * z2) / np.maximum(size, 1e-9)
+    between = np.arctan2(y1, x1) - np.arctan2(y2, x2)
+    off = np.arccos(np.clip(share, -1.0, 1.0))
+    slope = size * np.sin(off)
+    variance = np.where(
+        slope < SLOPE_MIN, np.nan, (play / np.maximum(slope, 1e-9)) ** 2
+    )
+    return Sight(np.stack([between + off, between - off], 1), variance, PLAY_S)
+
+
+def of_forces(parent: FloatArray, child: FloatArray, noise: float) -> Sight:
+    """The force at the joint, as both probes find it in their worlds, (n, 3), m/s2."""
+    (x1, y1, _), (x2, y2, _) = parent.T, child.T
+    square = (x1 * x1 + y1 * y1) * (x2 * x2 + y2 * y2)
+    seen = np.arctan2(x2 * y1 - y2 * x1, x1 * x2 + y1 * y2)
+    size = np.sqrt(square)
+    is_weak = size < (FORCE_MIN * noise) ** 2
+    variance = np.where(is_weak, np.nan, 2.0 * noise**2 / np.maximum(size, 1e-9))
+    return Sight(seen[:, None], variance, FORCE_S)
 
 
 @dataclass(slots=True)
 class Step:
     """The filter of one joint. `turn`: by which the child's heading is turned, rad."""
 
-    joint: Joint
     turn: float = 0.0
     variance: float = UNKNOWN**2
     last_s: float | None = None
@@ -38,56 +99,54 @@ class Step:
         return math.sqrt(self.variance)
 
     def take(
-        self, time_s: float, right: FloatArray, sigmas: tuple[float, float]
+        self, time_s: float, seen: Sequence[tuple[Sequence[float], float, float]]
     ) -> None:
-        """A moment: z of parent and child in their worlds, shape (2, 3), and the stated
-        sigmas of both headings, rad, NaN without reference.
-        """
-        own = math.hypot(*sigmas)
-        if self.last_s is None:
-            self.variance = min(own, UNKNOWN) ** 2 if own == own else UNKNOWN**2
-            passed = 0.0
-        else:
-            passed = max(0.0, time_s - self.last_s)
+        """A moment: of each sight its turns, variance, and how long its errors last."""
+        is_first = self.last_s is None
+        passed = 0.0 if self.last_s is None else max(0.0, time_s - self.last_s)
         self.last_s = time_s
         self.variance = min(self.variance + WALK**2 * passed, math.pi**2)
-        if own == own and passed > 0.0:
-            self._update(0.0, own**2 * MAGNETIC_S / passed)
-        (x1, y1, _), (x2, y2, _) = right.tolist()
-        level = (x1 * x1 + y1 * y1) * (x2 * x2 + y2 * y2)
-        if level < LEVEL_MIN:
-            return  # an upright axis shows no heading
-        seen = math.atan2(x2 * y1 - y2 * x1, x1 * x2 + y1 * y2)
-        play = math.radians(self.joint.play_deg) ** 2 / level
-        # The first moment, in which the person stands, counts like PLAY_S.
-        self._update(seen, play * max(1.0, PLAY_S / passed) if passed > 0.0 else play)
+        for turns, variance, lasts_s in seen:
+            if variance != variance or (passed == 0.0 and not is_first):
+                continue
+            off = min(map(self._off, turns), key=abs)
+            # The first moment, in which the body rests, counts for as long.
+            share = 1.0 if is_first else max(1.0, lasts_s / passed)
+            gain = self.variance / (self.variance + variance * share)
+            self.turn += gain * off
+            self.variance *= 1.0 - gain
 
-    def _update(self, seen: float, variance: float) -> None:
-        gain = self.variance / (self.variance + variance)
-        off = (seen - self.turn + math.pi) % (2.0 * math.pi) - math.pi
-        self.turn += gain * off
-        self.variance *= 1.0 - gain
+    def _off(self, turn: float) -> float:
+        return (turn - self.turn + math.pi) % (2.0 * math.pi) - math.pi
 
 
-def in_step(
-    joint: Joint,
-    times_s: FloatArray,
-    parent: FloatArray,
-    child: FloatArray,
-    sigmas: FloatArray,
+def follow(
+    step: Step, times_s: FloatArray, is_there: BoolArray, sights: Sequence[Sight]
 ) -> tuple[FloatArray, FloatArray]:
-    """The turns of the child's heading over time and their sigmas, rad; NaN where
-    either is missing. `parent`, `child`: world_from_segment; `sigmas`: (n, 2).
+    """The turns over time and their sigmas, rad, from a filter that goes on from where
+    it is; NaN where a probe is missing.
     """
-    z = np.array([0.0, 0.0, 1.0])
-    rights = np.stack([rotation.rotate(each, z) for each in (parent, child)], axis=1)
-    step = Step(joint)
     found = np.full((2, len(times_s)), np.nan)
-    for index in np.flatnonzero(np.isfinite(rights).all(axis=(1, 2))).tolist():
-        first, second = sigmas[index].tolist()
-        step.take(float(times_s[index]), rights[index], (first, second))
+    rows = np.flatnonzero(is_there).tolist()
+    seen = [(s.turns.tolist(), s.variance.tolist(), s.lasts_s) for s in sights]
+    for index, time_s in zip(rows, times_s[rows].tolist(), strict=True):
+        step.take(time_s, [(a[index], b[index], lasts) for a, b, lasts in seen])
         found[:, index] = step.turn, step.sigma
     return found[0], found[1]
+
+
+def smoothed(
+    times_s: FloatArray, turns: FloatArray, sigmas: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The same by what came later, too: H. Rauch et al., AIAA J. 3:1445, 1965."""
+    turns, variances = turns.copy(), sigmas**2
+    rows = np.flatnonzero(np.isfinite(turns)).tolist()
+    for later, row in zip(rows[:0:-1], rows[-2::-1], strict=True):
+        grown = variances[row] + WALK**2 * (times_s[later] - times_s[row])
+        gain = variances[row] / grown
+        turns[row] += gain * (turns[later] - turns[row])
+        variances[row] += gain**2 * (variances[later] - grown)
+    return turns, np.sqrt(variances)
 
 
 def about_up(angle_rad: FloatArray) -> FloatArray:

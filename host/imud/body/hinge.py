@@ -52,7 +52,12 @@ class Centre:
     sigma_m: float
 
 
-def axis(parent: FloatArray, child: FloatArray, rate_hz: float) -> Axis:
+def axis(
+    parent: FloatArray,
+    child: FloatArray,
+    rate_hz: float,
+    residual_max: float = RESIDUAL_MAX,
+) -> Axis:
     """The axis from two gyroscopes, rad/s, (n, 3) each at the same times.
 
     Across the axis both turn equally fast, whatever the angle. Signs are arbitrary.
@@ -64,22 +69,14 @@ def axis(parent: FloatArray, child: FloatArray, rate_hz: float) -> Axis:
     if len(rows) < ROWS_MIN:
         raise Refused("too few samples; move for some seconds")
     first, second = parent[rows], child[rows]
-    starts = (_main(first), _main(second))
-    both = np.concatenate(starts)
-    cost = np.inf
-    for _ in range(ROUNDS):
-        error, slope = _across(first, second, both)
-        scale = max(1.5 * float(np.median(np.abs(error))), 1e-9)
-        weight = 1.0 / np.maximum(1.0, np.abs(error) / scale)
-        normal = slope.T @ (weight[:, None] * slope) + 1e-9 * len(rows) * np.eye(6)
-        step = np.linalg.solve(normal, slope.T @ (weight * error))
-        both = both - step
-        both = np.concatenate([_unit(both[:3]), _unit(both[3:])])
-        now = float((weight * error**2).sum())
-        if abs(cost - now) < 1e-9 * max(now, 1e-12):
-            break
-        cost = now
-    error, slope = _across(first, second, both)
+    # From each of the main directions of both: a limb may turn more than its joint.
+    tried = [
+        _fitted(first, second, np.concatenate([one, other]))
+        for one in _mains(first)
+        for other in _mains(second)
+    ]
+    both = min(tried, key=lambda each: each[0])[1]
+    error, _ = _across(first, second, both)
     rate = child @ both[3:] - parent @ both[:3]
     flipped = child @ both[3:] + parent @ both[:3]
     excitation = float(np.sqrt(min((rate**2).mean(), (flipped**2).mean())))
@@ -89,7 +86,7 @@ def axis(parent: FloatArray, child: FloatArray, rate_hz: float) -> Axis:
         raise Refused(
             f"it moved by {math.degrees(moved):.0f} deg/s; bend it faster and further"
         )
-    if residual > RESIDUAL_MAX:
+    if residual > residual_max:
         raise Refused(f"no hinge fits: {100 * residual:.0f} % of the rates are left")
     # Each probe's axis is seen by how fast it turns about it itself.
     own = min(
@@ -114,9 +111,29 @@ def _across(
     return errors[0] + errors[1], np.concatenate(slopes, axis=1)
 
 
-def _main(rates: FloatArray) -> FloatArray:
-    """The direction about which it turns most."""
-    return np.asarray(np.linalg.eigh(rates.T @ rates)[1][:, -1])
+def _mains(rates: FloatArray) -> FloatArray:
+    """Three directions in rows, the one about which it turns most last."""
+    return np.asarray(np.linalg.eigh(rates.T @ rates)[1].T)
+
+
+def _fitted(
+    parent: FloatArray, child: FloatArray, both: FloatArray
+) -> tuple[float, FloatArray]:
+    """The mean of the error, and both axes, from a first guess."""
+    cost = np.inf
+    for _ in range(ROUNDS):
+        error, slope = _across(parent, child, both)
+        scale = max(1.5 * float(np.median(np.abs(error))), 1e-9)
+        weight = 1.0 / np.maximum(1.0, np.abs(error) / scale)
+        normal = slope.T @ (weight[:, None] * slope) + 1e-9 * len(error) * np.eye(6)
+        step = np.linalg.solve(normal, slope.T @ (weight * error))
+        both = both - step
+        both = np.concatenate([_unit(both[:3]), _unit(both[3:])])
+        now = float((weight * error**2).sum())
+        if abs(cost - now) < 1e-9 * max(now, 1e-12):
+            break
+        cost = now
+    return float(np.abs(_across(parent, child, both)[0]).mean()), both
 
 
 def _unit(vector: FloatArray) -> FloatArray:
@@ -132,13 +149,13 @@ def centre(
 
     The force at the centre is as large in both. Raises Refused.
     """
-    terms = [_levers(gyr, rate_hz) for gyr, _ in (parent, child)]
+    terms = [levers(gyr, rate_hz) for gyr, _ in (parent, child)]
     rows = slice(2, -2, max(1, len(parent[0]) // (2 * ROWS)))
     forces = [acc[rows] for _, acc in (parent, child)]
-    levers = [each[rows] for each in terms]
+    arms = [each[rows] for each in terms]
     both = np.full(6, 0.05)
     for _ in range(ROUNDS):
-        error, slope = _forces(forces, levers, both)
+        error, slope = _forces(forces, arms, both)
         scale = max(1.5 * float(np.median(np.abs(error))), 1e-9)
         weight = 1.0 / np.maximum(1.0, np.abs(error) / scale)
         # A weak pull to 10 cm keeps what the motion does not show near the probe.
@@ -147,10 +164,8 @@ def centre(
         both = both - step
         if np.abs(step).max() < 1e-6:
             break
-    error, slope = _forces(forces, levers, both)
-    added = [
-        each @ part for each, part in zip(levers, (both[:3], both[3:]), strict=True)
-    ]
+    error, slope = _forces(forces, arms, both)
+    added = [each @ part for each, part in zip(arms, (both[:3], both[3:]), strict=True)]
     excitation = float(np.sqrt(np.mean([(each**2).sum(1).mean() for each in added])))
     if excitation < FORCE_MIN_M_S2:
         raise Refused(f"turning adds {excitation:.1f} m/s2; move it faster")
@@ -163,8 +178,10 @@ def centre(
     return Centre(both[:3], both[3:], residual, excitation, sigma)
 
 
-def _levers(gyr: FloatArray, rate_hz: float) -> FloatArray:
-    """Matrices that take a place in the probe's frame to what turning adds there."""
+def levers(gyr: FloatArray, rate_hz: float) -> FloatArray:
+    """Matrices (n, 3, 3), 1/s2, that take a place in the probe's frame to the force
+    that turning adds there.
+    """
     change = np.gradient(gyr, 1.0 / rate_hz, axis=0)
     square = gyr[:, :, None] * gyr[:, None, :]
     square = square - np.eye(3) * (gyr**2).sum(axis=1)[:, None, None]

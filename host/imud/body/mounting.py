@@ -64,7 +64,7 @@ def by_pose(chain: Chain, standing: Mapping[str, Track], facing_rad: float) -> A
     ahead = np.array([math.cos(facing_rad), math.sin(facing_rad), 0.0])
     mounts = {}
     for segment in chain.segments:
-        if segment.name not in standing:
+        if segment.name not in standing or segment.joint.freedom:
             continue
         quat, heading_sigma = _stood(segment.name, standing[segment.name])
         up, x = (rotation.rotate(rotation.inverse(quat), each) for each in (UP, ahead))
@@ -107,7 +107,7 @@ def by_motion(
     mounts: dict[str, Mount] = {}
     for segment in chain.segments:
         name = segment.name
-        if name not in standing:
+        if name not in standing or segment.joint.freedom:
             continue
         if name in rights:
             quat, _ = _stood(name, standing[name])

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Joint angles with their errors, and where the joints are.
 
-Angles follow Grood and Suntay: flexion about z of the parent, rotation about y of the
-child, abduction about the axis across both (J. Biomech. Eng. 105:136, 1983).
+angles.py defines the angles, heading.py brings the headings of probes into step.
 """
 
 from __future__ import annotations
@@ -14,14 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from imud import rotation
-from imud.body import heading
+from imud.body import angles, heading
 from imud.body.chain import Chain, Joint, Side
+from imud.body.heading import Step
+from imud.body.joints import Known
 from imud.body.mounting import Mount
 from imud.body.tracks import Track
 from imud.rotation import FloatArray
 
 # Soft tissue lets a probe turn by this against the bone, rms of an axis.
 WOBBLE = math.radians(1.3)
+# Headings in step take up most of what a wrong facing does while a person stands.
+FACING_SHARE = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,109 +32,118 @@ class Posture:
     """A body over time; NaN where a segment is missing.
 
     `quats`: world_from_segment by segment, headings in step with the root's. `angles`:
-    flexion, abduction, internal rotation, rad, (n, 3) by child; `sigmas` their errors.
+    those that the joint names, rad, (n, k) by child; `sigmas` their errors.
     """
 
     times_s: FloatArray
-    quats: Mapping[str, FloatArray]
-    angles: Mapping[str, FloatArray]
-    sigmas: Mapping[str, FloatArray]
+    quats: dict[str, FloatArray]
+    angles: dict[str, FloatArray]
+    sigmas: dict[str, FloatArray]
 
 
 def of(
-    chain: Chain, tracks: Mapping[str, Track], mounts: Mapping[str, Mount]
+    chain: Chain,
+    tracks: Mapping[str, Track],
+    mounts: Mapping[str, Mount],
+    known: Mapping[str, Known] | None = None,
+    steps: dict[str, Step] | None = None,
 ) -> Posture:
-    """The posture from tracks of the same times, by segment."""
+    """The posture from tracks of the same times, by segment. `known`: joints of which
+    motion has shown the axes, by child.
+
+    Headings are known from the whole recording; with `steps`, which begin empty and
+    are kept from call to call, only from what has been.
+    """
     times_s = next(iter(tracks.values())).times_s
-    quats, turned = {}, {}
-    angles: dict[str, FloatArray] = {}
-    sigmas: dict[str, FloatArray] = {}
+    found = Posture(times_s, {}, {}, {})
+    turned: dict[str, FloatArray] = {}
+    seen = known or {}
+    play = [each.play for each in seen.values() if each.play > 0.0]
     for segment in chain.segments:
-        name = segment.name
+        name, above = segment.name, segment.parent
         track, mount = tracks.get(name), mounts.get(name)
+        turned[name] = np.zeros(len(times_s))
         if track is None or mount is None:
-            quats[name] = np.full((len(times_s), 4), np.nan)
-            turned[name] = np.zeros(len(times_s))
+            found.quats[name] = np.full((len(times_s), 4), np.nan)
             continue
         own = rotation.multiply(track.quat, mount.probe_from_segment)
-        above = segment.parent
         if above is None or above not in tracks or above not in mounts:
-            quats[name], turned[name] = own, np.zeros(len(times_s))
+            found.quats[name] = own
             continue
-        stated = np.stack([tracks[above].heading_sigma, track.heading_sigma], axis=1)
-        parent = quats[above]
-        # Headings are compared as the probes state them.
-        bare = rotation.multiply(heading.about_up(-turned[above]), parent)
-        turn, off = heading.in_step(segment.joint, times_s, bare, own, stated)
+        beside = mounts[above], mount
+        joint = seen.get(name) or _upright(segment.joint, beside)
+        turn, off = _turn(joint, (tracks[above], track), steps, name)
         turned[name] = np.nan_to_num(turn) + turned[above]
-        quats[name] = rotation.multiply(heading.about_up(turned[name]), own)
-        quats[name][~np.isfinite(turn)] = np.nan
+        quat = rotation.multiply(heading.about_up(turned[name]), own)
+        quat[~np.isfinite(turn)] = np.nan
+        found.quats[name] = quat
+        both = found.quats[above], quat
+        axes = axes_of(joint, beside)
+        found.angles[name] = angles_of(joint, both, axes, chain.side)
         tilts = np.hypot(tracks[above].tilt_sigma, track.tilt_sigma)
-        angles[name] = joint_angles(parent, quats[name], segment.joint, chain.side)
-        sigmas[name] = errors(
-            parent, quats[name], tilts, off, (mounts[above], mounts[name])
+        wobble = WOBBLE
+        if joint.joint.freedom and play:
+            # What two probes show of one axis has the errors of their levels in it.
+            wobble = (joint.play or float(np.median(play))) / math.sqrt(2.0)
+            tilts = np.zeros(len(times_s))
+        found.sigmas[name] = angles.errors(
+            angles.turning_axes(joint.joint, *both, axes),
+            both,
+            (tilts, off),
+            beside,
+            wobble,
+            1.0 if joint.joint.freedom else FACING_SHARE,
         )
-    return Posture(times_s, quats, angles, sigmas)
+    return found
 
 
-def joint_angles(
-    parent: FloatArray, child: FloatArray, joint: Joint, side: Side
-) -> FloatArray:
-    """Flexion, abduction and internal rotation, rad, (n, 3), of world_from_segment."""
-    turn = rotation.to_matrix(rotation.multiply(rotation.inverse(parent), child))
-    flexion = np.arctan2(-turn[..., 0, 1], turn[..., 1, 1])
-    adduction = np.arcsin(np.clip(turn[..., 2, 1], -1.0, 1.0))
-    internal = np.arctan2(-turn[..., 2, 0], turn[..., 2, 2])
-    out = -1.0 if side == "right" else 1.0
-    return np.stack([joint.flexion * flexion, out * adduction, -out * internal], -1)
+def _upright(joint: Joint, mounts: tuple[Mount, Mount]) -> Known:
+    """A joint of the body: it turns mainly about z of both segments."""
+    first, second = (rotation.rotate(m.probe_from_segment, angles.Z) for m in mounts)
+    return Known(joint, (first, second), math.radians(joint.play_deg))
 
 
-def from_angles(angles: FloatArray, joint: Joint, side: Side) -> FloatArray:
-    """parent_from_child of the angles that joint_angles() gives."""
-    out = -1.0 if side == "right" else 1.0
-    signs = np.array([joint.flexion, out, -out])
-    flexion, adduction, internal = np.moveaxis(angles * signs, -1, 0)
-    none = np.zeros_like(flexion)
-    turns = (
-        np.stack([none, none, flexion], -1),
-        np.stack([adduction, none, none], -1),
-        np.stack([none, internal, none], -1),
+def _turn(
+    joint: Known,
+    both: tuple[Track, Track],
+    steps: dict[str, Step] | None,
+    name: str,
+) -> tuple[FloatArray, FloatArray]:
+    """The turn of the child's heading, and its sigma."""
+    if steps is None:
+        return joint.turns(*both)
+    is_there = np.isfinite(both[0].quat[:, 0]) & np.isfinite(both[1].quat[:, 0])
+    step = steps.setdefault(name, Step())
+    return heading.follow(step, both[0].times_s, is_there, joint.sights(*both))
+
+
+def axes_of(
+    joint: Known, mounts: tuple[Mount, Mount]
+) -> tuple[FloatArray, FloatArray] | None:
+    """Its axes in the frames of the segments."""
+    if joint.axes is None:
+        return None
+    first, second = (
+        rotation.rotate(rotation.inverse(mount.probe_from_segment), axis)
+        for mount, axis in zip(mounts, joint.axes, strict=True)
     )
-    first, second, third = map(rotation.from_rotation_vector, turns)
-    return rotation.multiply(first, rotation.multiply(second, third))
+    return first, second
 
 
-def errors(
-    parent: FloatArray,
-    child: FloatArray,
-    tilt: FloatArray,
-    turn: FloatArray,
-    mounts: tuple[Mount, Mount],
+def angles_of(
+    joint: Known,
+    quats: tuple[FloatArray, FloatArray],
+    axes: tuple[FloatArray, FloatArray] | None,
+    side: Side,
 ) -> FloatArray:
-    """One sigma of the three angles, rad, (n, 3).
-
-    `tilt`: of both probes' levels together; `turn`: of the heading between them.
-    """
-    z = np.array([0.0, 0.0, 1.0])
-    y = np.array([0.0, 1.0, 0.0])
-    flexing, turning = rotation.rotate(parent, z), rotation.rotate(child, y)
-    across = np.cross(turning, flexing)
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-3)
-    axes = np.stack([flexing, across, turning], axis=2)
-    back = np.linalg.pinv(np.nan_to_num(axes), rcond=0.05)
-    level = np.stack([tilt, tilt, turn], axis=1) ** 2
-    variance = np.einsum("nij,nj->ni", back**2, np.nan_to_num(level))
-    # A mount is wrong about its segment's axes: y by facing, x and z by posture.
-    for quat, mount in zip((parent, child), mounts, strict=True):
-        own = np.array([mount.up_sigma, mount.facing_sigma, mount.up_sigma]) ** 2
-        into = back @ np.nan_to_num(rotation.to_matrix(quat))
-        # The heading in step takes up what a wrong facing does while standing.
-        own[1] *= 0.25
-        variance += np.einsum("nij,j->ni", into**2, own)
-        variance += np.einsum("nij,j->ni", into**2, np.full(3, WOBBLE**2))
-    found = np.sqrt(variance)
-    found[~np.isfinite(parent).all(axis=1) | ~np.isfinite(child).all(axis=1)] = np.nan
-    return np.asarray(found)
+    """The angles of a joint between world_from_segment of both, rad, (n, k)."""
+    parent, child = quats
+    turn = rotation.multiply(rotation.inverse(parent), child)
+    if joint.joint.freedom == 1 and axes is not None:
+        return angles.hinge_angle(turn, axes[0])
+    if joint.joint.freedom == 2 and axes is not None:
+        return angles.universal_angles(turn, *axes)
+    return angles.joint_angles(parent, child, joint.joint, side)
 
 
 def places(chain: Chain, quats: Mapping[str, FloatArray]) -> dict[str, FloatArray]:

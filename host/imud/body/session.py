@@ -11,11 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imud.body import contact, mounting, posture, tracks
+from imud.body import contact, mounting, posture, tracks, zero
 from imud.body.chain import Chain
 from imud.body.contact import Path
 from imud.body.hinge import Refused
-from imud.body.mounting import Aligned
+from imud.body.joints import Known
+from imud.body.mounting import Mount
 from imud.body.posture import Posture
 from imud.body.tracks import Track
 from imud.rotation import FloatArray
@@ -24,14 +25,22 @@ RATE_HZ = 100.0
 STILL_S = 1.5
 MOTION_S = 5.0  # at least, of a motion that aligns
 STILL_RAD_S = math.radians(10.0)
+BEGIN_S = 0.5
+# Angles about any axes are 0 in the end of the first rest, when filters have settled,
+# but before it moves.
+POSE_S, BEFORE_S = 1.5, 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """Posture over time, paths of segments with `contact`, and remarks for people."""
+    """Posture over time, paths of segments with `contact`, and remarks for people.
+    `mounts` and `known`: how the probes sit, and joints about any axes, by child.
+    """
 
     posture: Posture
     paths: Mapping[str, Path]
+    mounts: Mapping[str, Mount]
+    known: Mapping[str, Known]
     remarks: tuple[str, ...]
 
 
@@ -56,40 +65,63 @@ def of(
     if len(times_s) < RATE_HZ * STILL_S:
         raise Refused("its probes have hardly a moment in common")
     found = {name: tracks.joined(each, times_s) for name, each in given.items()}
-    (begin_s, end_s), *later = standing(found)
-    again_s = next((each[0] for each in later if each[0] > end_s + MOTION_S), math.inf)
-    stood = {name: each.between(begin_s, end_s) for name, each in found.items()}
-    moving = {name: each.between(end_s, again_s) for name, each in found.items()}
-    walking = {name: each.between(end_s, math.inf) for name, each in found.items()}
-    aligned, why = _aligned(chain, stood, (moving, walking), facing_rad)
+    aligned, known, why = _aligned(chain, found, facing_rad)
     remarks = [
         f"{each.name}: {each.probe} is not there"
         for each in chain.segments
         if each.probe is not None and each.name not in given
     ]
-    remarks += [*aligned.remarks, *why]
-    try:
-        mounting.check_order(chain, walking)
-    except Refused as refused:
-        remarks.append(str(refused))
+    remarks += why
     paths = {
         each.name: contact.path(given[each.name])
         for each in chain.segments
         if each.is_contact and each.name in given and given[each.name].acc is not None
     }
-    body = posture.of(chain, found, aligned.mounts)
-    return Session(body, paths, tuple(remarks))
+    body = posture.of(chain, found, aligned, known)
+    return Session(body, paths, aligned, known, tuple(remarks))
 
 
 def _aligned(
-    chain: Chain,
-    stood: Mapping[str, Track],
-    motions: tuple[Mapping[str, Track], Mapping[str, Track]],
-    facing_rad: float | None,
-) -> tuple[Aligned, list[str]]:
-    """By motion; where that is refused, by the pose, and why."""
+    chain: Chain, found: Mapping[str, Track], facing_rad: float | None
+) -> tuple[dict[str, Mount], dict[str, Known], list[str]]:
+    """All mounts, what motion shows of joints about any axes, remarks."""
+    mounts: dict[str, Mount] = {}
+    if any(not child.joint.freedom for _, child in chain.joints()):
+        stood, mounts, why = align(chain, found, facing_rad)
+    else:
+        stood, why = _begin(found)
+    known = zero.learnt(
+        chain, {n: t.between(stood[1], math.inf) for n, t in found.items()}
+    )
+    pose = max(stood[0], stood[1] - POSE_S), stood[1] - BEFORE_S
+    mounts = zero.mounted(chain, found, known, pose, mounts, facing_rad)
+    return mounts, zero.signed(known, mounts, chain), why
+
+
+def _begin(found: Mapping[str, Track]) -> tuple[tuple[float, float], list[str]]:
+    """The pose in which angles are 0, and remarks."""
     try:
-        return mounting.by_motion(chain, stood, motions[0], facing_rad, motions[1]), []
+        return standing(found)[0], []
+    except Refused:
+        start_s = float(next(iter(found.values())).times_s[0])
+        words = f"it never rests: angles are 0 at the mean of its first {BEGIN_S:g} s"
+        return (start_s, start_s + BEGIN_S), [words]
+
+
+def align(
+    chain: Chain, found: Mapping[str, Track], facing_rad: float | None
+) -> tuple[tuple[float, float], dict[str, Mount], list[str]]:
+    """The mounts of a body that stands, moves to align, stands again; from and to of
+    the first standing, s; remarks. Raises Refused.
+    """
+    (begin_s, end_s), *later = standing(found)
+    again_s = next((each[0] for each in later if each[0] > end_s + MOTION_S), math.inf)
+    stood = {name: each.between(begin_s, end_s) for name, each in found.items()}
+    moving = {name: each.between(end_s, again_s) for name, each in found.items()}
+    walking = {name: each.between(end_s, math.inf) for name, each in found.items()}
+    try:
+        aligned = mounting.by_motion(chain, stood, moving, facing_rad, walking)
+        remarks = [*aligned.remarks]
     except Refused as refused:
         if facing_rad is None:
             raise
@@ -98,9 +130,13 @@ def _aligned(
             raise Refused(
                 f"{refused}; the pose alone needs a compass, and {blind[0]} has none"
             ) from refused
-        return mounting.by_pose(chain, stood, facing_rad), [
-            f"aligned by the pose alone: {refused}"
-        ]
+        aligned = mounting.by_pose(chain, stood, facing_rad)
+        remarks = [f"aligned by the pose alone: {refused}"]
+    try:
+        mounting.check_order(chain, walking)
+    except Refused as refused:
+        remarks.append(str(refused))
+    return (begin_s, end_s), dict(aligned.mounts), remarks
 
 
 def standing(found: Mapping[str, Track]) -> list[tuple[float, float]]:

@@ -9,9 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from imud import rotation
 from imud.rotation import FloatArray
+
+BoolArray = npt.NDArray[np.bool_]
 
 # A stretch without poses longer than this is missing, not interpolated.
 GAP_S = 0.15
@@ -34,7 +37,10 @@ class Track:
 
     def between(self, start_s: float, end_s: float) -> Track:
         """The rows with start_s <= time < end_s."""
-        rows = (self.times_s >= start_s) & (self.times_s < end_s)
+        return self.rows((self.times_s >= start_s) & (self.times_s < end_s))
+
+    def rows(self, rows: BoolArray) -> Track:
+        """Some of the rows."""
         return Track(
             self.times_s[rows],
             self.quat[rows],

@@ -23,7 +23,6 @@ from imud.errors import FileError
 from imud.recordings import body_tracks
 from imud.rotation import FloatArray
 
-PLANES = ("flexion", "abduction", "rotation")
 # OpenSim's ground has y up: z up turned about x.
 Y_UP = rotation.from_rotation_vector(np.array([-math.pi / 2, 0.0, 0.0]))
 
@@ -76,8 +75,12 @@ def _since_start(made: Session) -> FloatArray:
     return np.asarray(made.posture.times_s - made.posture.times_s[0])
 
 
-def _names(made: Session) -> list[str]:
-    return [f"{each}_{p}" for each in made.posture.angles for p in PLANES]
+def _names(limb: Chain, made: Session) -> list[str]:
+    return [
+        f"{child}_{angle}"
+        for child in made.posture.angles
+        for angle in limb[child].joint.angles
+    ]
 
 
 def _angles_sto(directory: Path, limb: Chain, made: Session) -> Path:
@@ -91,7 +94,7 @@ def _angles_sto(directory: Path, limb: Chain, made: Session) -> Path:
         f"nColumns={table.shape[1]}",
         "inDegrees=yes",
         "endheader",
-        "\t".join(["time", *_names(made)]),
+        "\t".join(["time", *_names(limb, made)]),
     ]
     lines = ["\t".join(f"{value:.6f}" for value in row) for row in table.tolist()]
     return _written(directory / f"{limb.name}-angles.sto", [*head, *lines])
@@ -124,14 +127,17 @@ def _written(file: Path, lines: Sequence[str]) -> Path:
 
 
 def _csv(directory: Path, limb: Chain, made: Session) -> Path:
-    """Angles and their errors in degrees, and the places of feet in m."""
+    """Angles and their errors in degrees, world_from_segment, places of feet in m."""
     found = made.posture
     columns = [found.times_s]
     names = ["t_s"]
     for child, angles in found.angles.items():
         columns += [*np.degrees(angles).T, *np.degrees(found.sigmas[child]).T]
-        names += [f"{child}_{plane}_deg" for plane in PLANES]
-        names += [f"{child}_{plane}_sigma_deg" for plane in PLANES]
+        names += [f"{child}_{each}_deg" for each in limb[child].joint.angles]
+        names += [f"{child}_{each}_sigma_deg" for each in limb[child].joint.angles]
+    for name, quat in found.quats.items():
+        columns += [*quat.T]
+        names += [f"{name}_q{part}" for part in "wxyz"]
     for name, path in made.paths.items():
         for axis, place in zip("xyz", path.place.T, strict=True):
             columns.append(np.interp(found.times_s, path.times_s, place))

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from imud.body import level, tracks
+from imud.body import fused, level, tracks
 from imud.body.tracks import Track
 from imud.errors import FileError
 from imud.log.reader import Logged, salvage
@@ -47,10 +47,11 @@ def of_files(names: Sequence[str]) -> dict[str, Track]:
 
 
 def of_motion(path: Path) -> Track:
-    """The track of one motion file, by its rates and forces alone."""
+    """The track of one motion file, whose poses the firmware's C computes."""
     recorded = motion.load(path)
+    times_s = np.arange(len(recorded)) / recorded.rate_hz
     try:
-        return level.attitudes(recorded.gyr, recorded.acc, recorded.rate_hz)
+        return fused.attitudes(times_s, recorded.gyr, recorded.acc, recorded.mag)
     except ValueError as error:
         raise FileError(f"{path}: {error}") from error
 
@@ -74,17 +75,36 @@ def of_logs(paths: Iterable[Path]) -> dict[str, Track]:
                 row = (time_s, *said["q"], *map(_number, sigmas))
                 poses.setdefault(item.probe, []).append(row)
             elif said.get("acc_m_s2") is not None:
-                row = (time_s, *said["gyr_rad_s"], *said["acc_m_s2"])
+                field = said.get("mag_uT") or (np.nan,) * 3
+                row = (time_s, *said["gyr_rad_s"], *said["acc_m_s2"], *field)
                 raws.setdefault(item.probe, []).append(row)
     found = {
         probe: _track(np.array(sorted(rows)), raws.get(probe, []))
         for probe, rows in poses.items()
         if len(rows) >= POSES_MIN
     }
+    for probe in raws.keys() - found.keys():
+        if len(raws[probe]) >= POSES_MIN:
+            found[probe] = _of_samples(probe, raws[probe])
     lost = sorted(undated - set(found))
     if lost:
         raise FileError(f"{', '.join(lost)}: the clock is not known, so no common time")
     return found
+
+
+def _of_samples(probe: str, raws: Rows) -> Track:
+    """The track of a probe that sent samples alone."""
+    rows = _sorted(raws)
+    try:
+        return fused.attitudes(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10])
+    except ValueError as error:
+        raise FileError(f"{probe}: {error}") from error
+
+
+def _sorted(raws: Rows) -> FloatArray:
+    """By time, each time once."""
+    rows = np.array(sorted(raws))
+    return np.asarray(rows[np.unique(rows[:, 0], return_index=True)[1]])
 
 
 def _said(item: Logged) -> Mapping[str, Any]:
@@ -106,8 +126,7 @@ def _track(poses: FloatArray, raws: Rows) -> Track:
     track = tracks.of_poses(poses[:, 0], poses[:, 1:5], tilt, heading)
     if len(raws) < POSES_MIN:
         return track
-    rows = np.array(sorted(raws))
-    rows = rows[np.unique(rows[:, 0], return_index=True)[1]]
+    rows = _sorted(raws)
     at = tracks.joined(track, rows[:, 0])
     rate_hz = 1.0 / float(np.median(np.diff(rows[:, 0])))
     bias = level.biases(rows[:, 1:4], rows[:, 4:7], rate_hz)

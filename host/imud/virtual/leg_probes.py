@@ -72,6 +72,19 @@ def worn(
     body = rotation.multiply(quat, turned)
     place = origin + rotation.rotate(body, PLACES[name])
     probe = rotation.multiply(body, mount)
+    return felt(probe, place, world, wear.moving, random)
+
+
+def felt(
+    probe: FloatArray,
+    place: FloatArray,
+    world: World,
+    moving: BoolArray,
+    random: np.random.Generator,
+) -> Motion:
+    """What a calibrated module measures along its course: world_from_probe (n, 4) and
+    places in m (n, 3) at RATE_HZ, `moving` where it is not at rest.
+    """
     step = rotation.multiply(rotation.inverse(probe[:-1]), probe[1:])
     rate = rotation.to_rotation_vector(step) * RATE_HZ
     rate = np.concatenate([rate[:1], (rate[1:] + rate[:-1]) / 2.0, rate[-1:]])
@@ -87,7 +100,7 @@ def worn(
         quat=probe,
         position=place,
         velocity=speed,
-        movement=wear.moving,
+        movement=moving,
         is_recorded=False,
     )
     return SMALL.drawn(random).measures(exact, random)

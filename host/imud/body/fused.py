@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: MIT
+"""Poses of samples that no probe fused, by the firmware's own C.
+
+The C works at 100 samples a second and more: those of lower rates are interpolated to
+200 a second, the field as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+
+from imud import _core
+from imud.body import level, tracks
+from imud.body.tracks import Track
+from imud.params.value import Params
+from imud.rotation import FloatArray
+from imud.wire import messages, schema
+from imud.wire.messages import Message
+
+FUSED_HZ = 200  # as the Nano
+COUNTS_MAX = 32000
+# The coarsest counts that the C takes: rad/s, m/s2, uT.
+LSB_MAX = (1.23e-3, 1.96e-2, 0.1575)
+# One-sigma errors of samples that somebody calibrated: m/s2 and uT.
+ACC_SIGMA, MAG_SIGMA = 0.02, 0.3
+UNSETTLED = np.radians(10.0)  # tilt while the filter settles
+
+_SAME = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+_AS_IS = {"bias_counts": [0.0, 0.0, 0.0], "matrix": _SAME, "method": "measured"}
+
+
+def attitudes(
+    times_s: FloatArray, gyr: FloatArray, acc: FloatArray, mag: FloatArray
+) -> Track:
+    """The track of samples at rising times: gyr rad/s, acc m/s2, mag uT, (n, 3) each;
+    `mag` is NaN where there is no reading. ValueError below level.RATE_MIN_HZ.
+    """
+    rate_hz = 1.0 / float(np.median(np.diff(times_s)))
+    if rate_hz < level.RATE_MIN_HZ * 0.99:
+        raise ValueError(
+            f"{rate_hz:g} samples a second; {level.RATE_MIN_HZ:g} are needed"
+        )
+    count = int((times_s[-1] - times_s[0]) * FUSED_HZ) + 1
+    at_s = times_s[0] + np.arange(count) / FUSED_HZ
+    field = np.full((count, 3), np.nan)
+    there = np.asarray(np.isfinite(mag).all(axis=1))
+    if there.any():
+        field = _between(at_s, times_s[there], mag[there])
+    rates, forces = (_between(at_s, times_s, each) for each in (gyr, acc))
+    rows = _poses(rates, forces, field)
+    tilt, heading = np.radians(rows[:, 4:]).T
+    tilt = np.where(np.isfinite(tilt), tilt, UNSETTLED)
+    poses = Track(at_s, rows[:, :4], rates, tilt, heading)
+    found = tracks.joined(poses, np.clip(times_s, at_s[0], at_s[-1]))
+    bias = level.biases(gyr, acc, rate_hz)
+    return replace(found, times_s=times_s, gyr=gyr - bias, acc=acc)
+
+
+def _between(at_s: FloatArray, times_s: FloatArray, rows: FloatArray) -> FloatArray:
+    return np.stack([np.interp(at_s, times_s, each) for each in rows.T], axis=1)
+
+
+def _poses(gyr: FloatArray, acc: FloatArray, field: FloatArray) -> FloatArray:
+    """Attitude, tilt's and heading's sigma (deg) after each sample of FUSED_HZ."""
+    lsbs, counts = zip(
+        *(
+            _counted(rows, most)
+            for rows, most in zip((gyr, acc, field), LSB_MAX, strict=True)
+        ),
+        strict=True,
+    )
+    is_new: list[bool] = np.asarray(np.isfinite(field).all(axis=1)).tolist()
+    replay = _core.Replay(_hello(lsbs), _params())
+    found = []
+    for index, (rate, force, reading) in enumerate(zip(*counts, strict=True)):
+        time_us = round(index * 1e6 / FUSED_HZ)
+        fields = {
+            "acc": force,
+            "gyr": rate,
+            "mag": reading if is_new[index] else None,
+            "temperature": None,
+            "sample_flags": (),
+        }
+        replay.step(messages.encode("raw", fields, index, time_us))
+        found.append(_pose(replay.pose(index, time_us)))
+    return np.array(found)
+
+
+def _counted(rows: FloatArray, lsb_max: float) -> tuple[float, list[list[int]]]:
+    """What a count is, so fine that the largest value fits, and the counts."""
+    largest = float(np.max(np.nan_to_num(np.abs(rows))))
+    lsb = round(min(lsb_max, max(largest, 1e-2) / COUNTS_MAX), 9)
+    counts = np.clip(np.rint(np.nan_to_num(rows) / lsb), -COUNTS_MAX, COUNTS_MAX)
+    return lsb, counts.astype(int).tolist()
+
+
+def _pose(content: bytes) -> tuple[float, ...]:
+    said: dict[str, Any] = dict(cast(Message, messages.decode(content)).fields)
+    sigmas = (said["tilt_sigma"], said["heading_sigma"])
+    numbers = (np.nan if each is None else float(each) for each in sigmas)
+    return (*said["q"], *numbers)
+
+
+def _params() -> bytes:
+    known = Params().replaced("acc", _AS_IS | {"sigma_m_s2": ACC_SIGMA})
+    known = known.replaced("gyr", _AS_IS)
+    return known.replaced("mag", _AS_IS | {"sigma_uT": MAG_SIGMA}).encode()
+
+
+def _hello(lsbs: tuple[float, ...]) -> bytes:
+    """The hello of a probe with such counts."""
+    gyr, acc, mag = lsbs
+    fields = {
+        "protocol_version": schema.PROTOCOL_VERSION,
+        "schema_fingerprint": schema.FINGERPRINT,
+        "firmware": "host",
+        "board": "nano",
+        "probe_id": bytes(8),
+        "sensor": "mpu9250",
+        "who_am_i": (0x71, 0x48),
+        "mag_adjust": (128, 128, 128),
+        "self_test": (),
+        "sample_rate": FUSED_HZ,
+        "pose_rate": FUSED_HZ,
+        "raw_rate": FUSED_HZ,
+        "acc_lsb": acc,
+        "gyr_lsb": gyr,
+        "mag_lsb": mag,
+        "boot_count": 1,
+        "reset_cause": (),
+        "filter": "fuse",
+        "reset_address": 0,
+        "params_digest": 0,
+    }
+    return messages.encode("hello", fields, 0, 0)
