@@ -86,6 +86,15 @@ class TFMessage(IdlStruct, typename="TFMessage"):
 
 
 @dataclass
+class JointState(IdlStruct, typename="JointState"):
+    header: Header
+    name: sequence[str]
+    position: sequence[float64]
+    velocity: sequence[float64]
+    effort: sequence[float64]
+
+
+@dataclass
 class KeyValue(IdlStruct, typename="KeyValue"):
     key: str
     value: str

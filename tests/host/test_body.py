@@ -98,6 +98,9 @@ SHANK_PROBE = 'probe = "shank"'
         ("probe =", "# probe =", "no segment has a probe"),
         (leg.CHAIN, "", "it has no segments"),
         (leg.CHAIN, "[", "is not TOML"),
+        ('name = "right-leg"', 'name = "a/b"', r"leg:1: name: letters, digits"),
+        (SHANK_PROBE, 'probe = ["a", "b"]', "probe: .* is not text"),
+        (SHANK_PROBE, 'probe = "a"\nprobe = "b"', "is not TOML"),
     ],
 )
 def test_a_chain_that_cannot_be_is_told_on_one_line(old: str, new: str, words: str):

@@ -148,6 +148,47 @@ def test_a_transform_is_byte_for_byte_theirs(frame: str, child: str) -> None:
     assert others == [ours, ours]
 
 
+@pytest.mark.parametrize("count", [0, 1, 3])
+@pytest.mark.parametrize("frame", FRAMES[:5])
+def test_several_transforms_are_byte_for_byte_theirs(frame: str, count: int) -> None:
+    children = FRAMES[1 : 1 + count]
+    ours = cdr.transforms(
+        T_NS, [cdr.Transform(frame, child, FORCE, Q) for child in children]
+    )
+    others = theirs(
+        ros2.TF_MESSAGE,
+        lambda make: make(
+            "TFMessage",
+            [
+                make(
+                    "TransformStamped",
+                    header(make, frame),
+                    child,
+                    make(
+                        "Transform", make("Vector3", *FORCE), make("Quaternion", *XYZW)
+                    ),
+                )
+                for child in children
+            ],
+        ),
+    )
+    assert others == [ours, ours]
+    if count == 1:
+        assert ours == cdr.transform(T_NS, frame, children[0], FORCE, Q)
+
+
+@pytest.mark.parametrize("names", [(), ("a",), ("shank_flexion", "foot_x", "ab")])
+@pytest.mark.parametrize("frame", FRAMES[:5])
+def test_joints_are_byte_for_byte_theirs(frame: str, names: tuple[str, ...]) -> None:
+    angles = tuple(0.5 * n for n in range(len(names)))
+    ours = cdr.joint_state(T_NS, frame, names, angles)
+    others = theirs(
+        ros2.JOINT_STATE,
+        lambda make: make("JointState", header(make, frame), [*names], angles, (), ()),
+    )
+    assert others == [ours, ours]
+
+
 def diagnostics(make: Callable[..., Any], frame: str, said: list[Diagnosis]) -> Any:
     return make(
         "DiagnosticArray",

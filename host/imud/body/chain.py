@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -65,6 +66,9 @@ JOINTS: dict[str, Joint] = {
     "universal": Joint(1.0, False, 0.0, 3.0, 2, ("first", "second")),
     "free": Joint(1.0, False, 0.0, 90.0, 3),
 }
+
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 
 class _Segment(msgspec.Struct, forbid_unknown_fields=True):
@@ -138,6 +142,9 @@ def read(text: str, source: str) -> Chain:
     if not found:
         file = msgspec.convert(table, _File)
         found = [(("segments", *path), words) for path, words in _faults(file)]
+        if not _NAME.fullmatch(file.name):
+            words = "letters, digits, dots, - and _ alone: it is in keys and file names"
+            found.insert(0, (("name",), words))
     if found:
         path, words = found[0]
         line = line_of(text, path) if path else None

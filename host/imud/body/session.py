@@ -65,7 +65,7 @@ def of(
     if len(times_s) < RATE_HZ * STILL_S:
         raise Refused("its probes have hardly a moment in common")
     found = {name: tracks.joined(each, times_s) for name, each in given.items()}
-    aligned, known, why = _aligned(chain, found, facing_rad)
+    mounts, known, why = aligned(chain, found, facing_rad)
     remarks = [
         f"{each.name}: {each.probe} is not there"
         for each in chain.segments
@@ -77,14 +77,17 @@ def of(
         for each in chain.segments
         if each.is_contact and each.name in given and given[each.name].acc is not None
     }
-    body = posture.of(chain, found, aligned, known)
-    return Session(body, paths, aligned, known, tuple(remarks))
+    body = posture.of(chain, found, mounts, known)
+    return Session(body, paths, mounts, known, tuple(remarks))
 
 
-def _aligned(
+def aligned(
     chain: Chain, found: Mapping[str, Track], facing_rad: float | None
 ) -> tuple[dict[str, Mount], dict[str, Known], list[str]]:
-    """All mounts, what motion shows of joints about any axes, remarks."""
+    """All mounts, what motion shows of joints about any axes, remarks. Raises Refused.
+
+    `found`: tracks of the same times, by segment.
+    """
     mounts: dict[str, Mount] = {}
     if any(not child.joint.freedom for _, child in chain.joints()):
         stood, mounts, why = align(chain, found, facing_rad)
@@ -120,8 +123,8 @@ def align(
     moving = {name: each.between(end_s, again_s) for name, each in found.items()}
     walking = {name: each.between(end_s, math.inf) for name, each in found.items()}
     try:
-        aligned = mounting.by_motion(chain, stood, moving, facing_rad, walking)
-        remarks = [*aligned.remarks]
+        by_motion = mounting.by_motion(chain, stood, moving, facing_rad, walking)
+        mounts, remarks = dict(by_motion.mounts), [*by_motion.remarks]
     except Refused as refused:
         if facing_rad is None:
             raise
@@ -130,13 +133,13 @@ def align(
             raise Refused(
                 f"{refused}; the pose alone needs a compass, and {blind[0]} has none"
             ) from refused
-        aligned = mounting.by_pose(chain, stood, facing_rad)
+        mounts = dict(mounting.by_pose(chain, stood, facing_rad).mounts)
         remarks = [f"aligned by the pose alone: {refused}"]
     try:
         mounting.check_order(chain, walking)
     except Refused as refused:
         remarks.append(str(refused))
-    return (begin_s, end_s), dict(aligned.mounts), remarks
+    return (begin_s, end_s), mounts, remarks
 
 
 def standing(found: Mapping[str, Track]) -> list[tuple[float, float]]:

@@ -60,7 +60,7 @@ def mounted(
         name, above = segment.name, segment.parent
         if name not in found:
             continue
-        quat = _mean(found[name], pose)
+        quat = mean(found[name], pose)
         turned[name], sigma = 0.0, 0.0
         if above in stood and name in known:
             rows = (found[name].times_s >= pose[0]) & (found[name].times_s < pose[1])
@@ -107,7 +107,8 @@ def _sign(mount: Mount, axis: FloatArray) -> float:
     return float(np.sign(there[np.argmax(np.abs(there))]))
 
 
-def _mean(track: Track, pose: Pose) -> FloatArray:
+def mean(track: Track, pose: Pose) -> FloatArray:
+    """The mean attitude of a probe in a pose."""
     quat = track.between(*pose).quat
     quat = quat[np.isfinite(quat[:, 0])]
     return np.asarray(np.linalg.eigh(quat.T @ quat)[1][:, -1])

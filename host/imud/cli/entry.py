@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from imud.cli import (
+    body,
     calibrate,
     card,
     daemon,
@@ -31,7 +32,7 @@ from imud.errors import ImudError, described
 FAULT = 70
 
 # In the order of the list of commands.
-GROUPS = (daemon, sim, watch, probe, calibrate, params, recordings, card, keys)
+GROUPS = (daemon, sim, watch, body, probe, calibrate, params, recordings, card, keys)
 
 
 def _plain(text: str) -> str:

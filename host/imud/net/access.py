@@ -46,7 +46,12 @@ READS: dict[Role, tuple[str, ...]] = {
 
 # Types of ROS 2 topics, in any domain and namespace: those that tell no more than pose
 # and status, and those with samples.
-ROS2_OF_POSE = (topics.POSE_STAMPED, topics.TF_MESSAGE, topics.DIAGNOSTIC_ARRAY)
+ROS2_OF_POSE = (
+    topics.POSE_STAMPED,
+    topics.TF_MESSAGE,
+    topics.DIAGNOSTIC_ARRAY,
+    topics.JOINT_STATE,
+)
 ROS2_OF_RAW = (topics.IMU, topics.MAGNETIC_FIELD)
 ROS2_READS: dict[Role, tuple[topics.Type, ...]] = {
     "viewer": ROS2_OF_POSE,
@@ -57,6 +62,9 @@ ROS2_TOKENS = "@ros2_lv/**"
 COMMANDS: tuple[Role, ...] = ("operator",)
 
 COMMAND = "command"
+
+# Keys of bodies, PREFIX/BODIES/NAME/BODY_STATE: every role may read them.
+BODIES, BODY_STATE = "body", "state"
 
 # A publisher's history, below its key, as Zenoh's extension keeps it.
 HISTORY = "@adv/**"
@@ -102,6 +110,7 @@ def _rules_of(role: Role, prefix: str) -> list[Rule]:
             for flow in ("ingress", "egress")
         ]
     read = [f"{prefix}/*/{topic}" for topic in READS[role]]
+    read.append(f"{prefix}/{BODIES}/*/{BODY_STATE}")
     asked = [f"{prefix}/*/{topic}" for topic in ("status", "params")]
     asked.append(f"{prefix}/*/pose/{HISTORY}")
     replies = [*asked, f"{prefix}/*/pose"]  # the history replies on the pose's key

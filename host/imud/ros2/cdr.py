@@ -98,6 +98,45 @@ def transform(
     return layout.pack(_HEAD, 1, *_stamp(t_ns), texts, *translation_m, x, y, z, w)
 
 
+class Transform(NamedTuple):
+    """A child's place in m and attitude w, x, y, z in a frame."""
+
+    frame: str
+    child: str
+    translation_m: Vector
+    rotation: Vector
+
+
+def transforms(t_ns: int, parts: Sequence[Transform]) -> bytes:
+    """tf2_msgs/TFMessage of several transforms of one time."""
+    data = bytearray()
+    _add_count(data, len(parts))
+    for part in parts:
+        data.extend(bytes(-len(data) % 4))
+        data.extend(_STAMP.pack(*_stamp(t_ns)))
+        _add_text(data, part.frame)
+        _add_text(data, part.child)
+        w, x, y, z = part.rotation
+        _add_doubles(data, (*part.translation_m, x, y, z, w))
+    return _HEAD + data
+
+
+def joint_state(
+    t_ns: int, frame: str, names: Sequence[str], position_rad: Vector
+) -> bytes:
+    """sensor_msgs/JointState of positions alone."""
+    data = bytearray(_STAMP.pack(*_stamp(t_ns)))
+    _add_text(data, frame)
+    _add_count(data, len(names))
+    for name in names:
+        _add_text(data, name)
+    for values in (position_rad, (), ()):
+        _add_count(data, len(values))
+        if values:
+            _add_doubles(data, values)
+    return _HEAD + data
+
+
 def diagnostic_array(t_ns: int, frame: str, said: Sequence[Diagnosis]) -> bytes:
     """diagnostic_msgs/DiagnosticArray."""
     data = bytearray(_STAMP.pack(*_stamp(t_ns)))
@@ -122,6 +161,11 @@ def _stamp(t_ns: int) -> tuple[int, int]:
 def _add_count(data: bytearray, count: int) -> None:
     data.extend(bytes(-len(data) % 4))
     data.extend(_COUNT.pack(count))
+
+
+def _add_doubles(data: bytearray, values: Vector) -> None:
+    data.extend(bytes(-len(data) % 8))
+    data.extend(Struct(f"<{len(values)}d").pack(*values))
 
 
 def _add_text(data: bytearray, text: str) -> None:

@@ -62,7 +62,18 @@ DIAGNOSTIC_ARRAY = Type(
     "diagnostic_msgs/msg/DiagnosticArray",
     "5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
 )
-TYPES = (IMU, MAGNETIC_FIELD, POSE_STAMPED, TF_MESSAGE, DIAGNOSTIC_ARRAY)
+JOINT_STATE = Type(
+    "sensor_msgs/msg/JointState",
+    "a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e",
+)
+TYPES = (
+    IMU,
+    MAGNETIC_FIELD,
+    POSE_STAMPED,
+    TF_MESSAGE,
+    DIAGNOSTIC_ARRAY,
+    JOINT_STATE,
+)
 
 
 class Topic(NamedTuple):

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: MIT
+"""What one probe of a live body has said in the last while, by UTC."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from imud.body import tracks
+from imud.body.tracks import GAP_S, Track
+from imud.rotation import FloatArray
+
+UNSETTLED = np.radians(10.0)  # tilt of a filter that has not settled
+RAW_GAP_S = 0.05  # forces are interpolated over no more
+
+
+@dataclass(slots=True)
+class History:
+    """The poses and samples of one probe; older ones than `kept_s` are dropped."""
+
+    kept_s: float
+    poses: deque[tuple[float, ...]] = field(default_factory=deque)
+    raws: deque[tuple[float, ...]] = field(default_factory=deque)
+    bound_us: int | None = None
+    is_dated: bool = True  # the UTC of its last pose is known
+
+    @property
+    def last_s(self) -> float | None:
+        return self.poses[-1][0] if self.poses else None
+
+    def has(self, time_s: float) -> bool:
+        """Whether its attitude at that time is known."""
+        later_s = math.inf
+        for row in reversed(self.poses):
+            if row[0] <= time_s:
+                return row[0] == time_s or later_s - row[0] <= GAP_S
+            later_s = row[0]
+        return False
+
+    def take_pose(
+        self,
+        time_s: float,
+        quat: tuple[float, float, float, float],
+        sigmas: tuple[float, float],
+    ) -> None:
+        """A pose; `sigmas` of tilt and heading in rad, NaN: not known. One that is not
+        later than the last is left out.
+        """
+        tilt, heading = sigmas
+        tilt = UNSETTLED if tilt != tilt else tilt
+        _append(self.poses, (time_s, *quat, tilt, heading), self.kept_s)
+
+    def take_raw(
+        self,
+        time_s: float,
+        gyr: tuple[float, float, float],
+        acc: tuple[float, float, float],
+    ) -> None:
+        _append(self.raws, (time_s, *gyr, *acc), self.kept_s)
+
+    def track(self, times_s: FloatArray, gap_s: float = GAP_S) -> Track | None:
+        """Its track at rising times; None if it has nothing near them. A gap of more
+        than `gap_s` is missing.
+        """
+        rows = _near(self.poses, times_s, gap_s)
+        if len(rows) < 2:
+            return None
+        made = tracks.of_poses(rows[:, 0], rows[:, 1:5], rows[:, 5], rows[:, 6])
+        found = tracks.joined(made, times_s, gap_s)
+        raws = _near(self.raws, times_s, RAW_GAP_S)
+        if len(raws) < 2:
+            return found
+        is_far = (times_s < raws[0, 0]) | (times_s > raws[-1, 0])
+        after = np.clip(np.searchsorted(raws[:, 0], times_s), 1, len(raws) - 1)
+        is_far |= raws[after, 0] - raws[after - 1, 0] > RAW_GAP_S
+        columns = [np.interp(times_s, raws[:, 0], each) for each in raws[:, 1:].T]
+        values = np.stack(columns, axis=1)
+        values[is_far] = np.nan
+        gyr = np.where(is_far[:, None], found.gyr, values[:, :3])
+        return Track(
+            times_s,
+            found.quat,
+            gyr,
+            found.tilt_sigma,
+            found.heading_sigma,
+            None if is_far.all() else values[:, 3:],
+        )
+
+
+def _append(
+    rows: deque[tuple[float, ...]], row: tuple[float, ...], kept_s: float
+) -> None:
+    if rows and row[0] <= rows[-1][0]:
+        return
+    rows.append(row)
+    while row[0] - rows[0][0] > kept_s:
+        rows.popleft()
+
+
+def _near(
+    rows: deque[tuple[float, ...]], times_s: FloatArray, margin_s: float
+) -> FloatArray:
+    """The rows from `margin_s` before the first time to as long after the last."""
+    first, last = times_s[0] - margin_s, times_s[-1] + margin_s
+    found = []
+    for row in reversed(rows):
+        if row[0] < first:
+            break
+        if row[0] <= last:
+            found.append(row)
+    return np.array(found[::-1])

@@ -1,0 +1,317 @@
+# SPDX-License-Identifier: MIT
+"""A body as it moves: poses of its probes come in, its states come out. Without I/O;
+times are UTC in s.
+
+A state shows the moment `delay_s` ago, for which every probe should have spoken. A
+probe that has not is late or missing, and so are its segment and the joints beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from imud import rotation
+from imud.body import heading, mounting, posture, session, zero
+from imud.body.chain import Chain, Segment
+from imud.body.feet import Foot
+from imud.body.heading import Step
+from imud.body.hinge import Refused
+from imud.body.history import History
+from imud.body.joints import Known
+from imud.body.mounting import Mount
+from imud.body.posture import Posture
+from imud.body.state import (
+    BodyState,
+    JointState,
+    Presence,
+    SegmentState,
+    Stage,
+    Vector,
+)
+from imud.body.tracks import GAP_S, Track
+from imud.rotation import FloatArray
+
+DELAY_S = 0.15
+ALIGN_S = 180.0  # of poses that an alignment looks back on
+RUN_S = 20.0  # and what is kept afterwards, to find swapped probes
+RATE_HZ = 50.0  # of what alignment looks at
+LOST_S = 1.0  # a probe that has been silent for longer is missing
+GUIDE_S = 1.0  # between two looks at what the person does
+STAND_S = 3.0
+
+STAND = f"stand straight and still for {STAND_S:g} s"
+MOVE = "bend every joint four times, then stand still for 2 s"
+# Gaps of single poses are nothing for an alignment.
+GAP_ALIGN_S = 2.0 * GAP_S
+
+
+class Live:
+    """One body. `facing_rad`: where the person faces while standing, counterclockwise
+    from east, or None.
+    """
+
+    def __init__(
+        self, chain: Chain, facing_rad: float | None = None, delay_s: float = DELAY_S
+    ) -> None:
+        self.chain = chain
+        self._facing_rad = facing_rad
+        self._delay_s = delay_s
+        self.histories = {
+            each.probe: History(ALIGN_S) for each in chain.segments if each.probe
+        }
+        self.stage: Stage = "waiting"
+        self.says: str | None = None
+        self.remarks: list[str] = []
+        self._begun_s = -math.inf  # of the poses that an alignment may use
+        self._looked_s = -math.inf
+        self._ahead_rad = 0.0  # heading of the body's x
+        self._mounts: Mapping[str, Mount] = {}
+        self._known: Mapping[str, Known] = {}
+        self._steps: dict[str, Step] = {}
+        self._feet = {s.name: Foot() for s in chain.segments if s.is_contact}
+        self._number = 0
+
+    def state(self, now_s: float) -> BodyState:
+        """The state to publish. Call it with rising times, some dozens a second."""
+        time_s = now_s - self._delay_s
+        presences = {s.name: self._presence(s, now_s) for s in self.chain.segments}
+        if now_s - self._looked_s >= GUIDE_S:
+            self._looked_s = now_s
+            self._guide(presences, time_s)
+        shown = self._shown(time_s)
+        self._number += 1
+        bounds = [h.bound_us for h in self.histories.values() if h.bound_us is not None]
+        return BodyState(
+            body=self.chain.name,
+            side=self.chain.side,
+            number=self._number,
+            t_ns=round(time_s * 1e9),
+            t_bound_us=max(bounds, default=None),
+            age_us=round(self._delay_s * 1e6),
+            stage=self.stage,
+            says=self.says,
+            aligned=self._method(),
+            missing=tuple(n for n, state in presences.items() if state != "ok"),
+            remarks=tuple(self.remarks),
+            segments=self._segments(shown, presences, now_s),
+            joints=self._joints(shown),
+        )
+
+    def _presence(self, segment: Segment, now_s: float) -> Presence:
+        history = self.histories.get(segment.probe or "")
+        if history is None:
+            return "missing"
+        if not history.is_dated:
+            return "no clock"
+        last_s = history.last_s
+        if last_s is None or now_s - last_s > LOST_S:
+            return "missing"
+        shown_s = now_s - self._delay_s
+        if last_s < shown_s:
+            return "late"
+        return "ok" if history.has(shown_s) else "missing"
+
+    # Alignment
+
+    def _method(self) -> str | None:
+        return next((each.method for each in self._mounts.values()), None)
+
+    def _guide(self, presences: Mapping[str, Presence], time_s: float) -> None:
+        """Looks at what the person does, and says what to do next."""
+        if self.stage == "running":
+            self._check_order(time_s)
+            return
+        away = [
+            f"{s.name} ({s.probe})"
+            for s in self.chain.segments
+            if s.probe and presences[s.name] in ("missing", "no clock")
+        ]
+        if away:
+            undated = any(state == "no clock" for state in presences.values())
+            why = "its clock is not known" if undated else "no poses"
+            self.stage, self.says = "waiting", f"waiting for {', '.join(away)}: {why}"
+            self._begun_s = time_s
+            return
+        if self.stage == "waiting":
+            self.stage, self.says = "standing", STAND
+        found = self._since(self._begun_s, time_s)
+        if not found:
+            return
+        try:
+            spans = session.standing(found)
+        except Refused:
+            return
+        stood = [each for each in spans if each[1] - each[0] >= STAND_S - 0.1]
+        if not stood:
+            return
+        begin_s, end_s = stood[0]
+        if self.stage == "standing":
+            # What came before it is no part of an alignment.
+            self._begun_s = begin_s
+            self.stage, self.says = "moving", MOVE
+        if any(each[0] > end_s + session.MOTION_S for each in spans):
+            self._align(found, time_s)
+
+    def _since(self, begin_s: float, end_s: float) -> dict[str, Track]:
+        """Tracks at RATE_HZ by segment; empty if there is too little."""
+        starts = [h.poses[0][0] for h in self.histories.values() if h.poses]
+        begin_s = max([begin_s, *starts])
+        times_s = begin_s + np.arange(int((end_s - begin_s) * RATE_HZ)) / RATE_HZ
+        if len(times_s) < RATE_HZ * session.STILL_S:
+            return {}
+        found = {}
+        for segment in self.chain.segments:
+            if segment.probe:
+                track = self.histories[segment.probe].track(times_s, GAP_ALIGN_S)
+                if track is None:
+                    return {}
+                found[segment.name] = track
+        return found
+
+    def _align(self, found: Mapping[str, Track], time_s: float) -> None:
+        try:
+            mounts, known, remarks = session.aligned(
+                self.chain, found, self._facing_rad
+            )
+        except Refused as refused:
+            self.stage, self.says = "standing", f"{refused}. Again: {STAND}"
+            self._begun_s = time_s
+            return
+        self.stage, self.says, self.remarks = "running", None, remarks
+        self._mounts = mounts
+        # Forces at a joint's centre need samples before and after: not live.
+        self._known = {name: replace(each, arms=None) for name, each in known.items()}
+        root = self.chain.segments[0].name
+        if root in found:
+            quat = zero.mean(found[root], session.standing(found)[0])
+            stood = rotation.multiply(quat, mounts[root].probe_from_segment)
+            x, y, _ = rotation.rotate(stood, np.array([1.0, 0.0, 0.0])).tolist()
+            self._ahead_rad = math.atan2(y, x)
+        for history in self.histories.values():
+            history.kept_s = RUN_S
+
+    def _check_order(self, time_s: float) -> None:
+        """Probes that were swapped show by how they move, at the latest in walking."""
+        if self._method() != "motion" or any("swapped" in r for r in self.remarks):
+            return
+        found = self._since(time_s - RUN_S, time_s)
+        try:
+            mounting.check_order(self.chain, found)
+        except Refused as refused:
+            self.remarks.append(str(refused))
+
+    # What is published
+
+    def _shown(self, time_s: float) -> Posture | None:
+        """The posture at a moment, in the body's world; None before alignment."""
+        if self.stage != "running":
+            return None
+        times_s = np.array([time_s])
+        tracks = {}
+        for segment in self.chain.segments:
+            history = self.histories.get(segment.probe or "")
+            track = history.track(times_s) if history is not None else None
+            tracks[segment.name] = track or _nothing(times_s)
+        found = posture.of(self.chain, tracks, self._mounts, self._known, self._steps)
+        back = heading.about_up(np.array(-self._ahead_rad))
+        for name, quat in found.quats.items():
+            found.quats[name] = rotation.multiply(back, quat)
+        for name, foot in self._feet.items():
+            quat, mount = found.quats[name][0], self._mounts.get(name)
+            if mount is None or not np.isfinite(quat).all():
+                foot.lose()
+                continue
+            probe = rotation.multiply(quat, rotation.inverse(mount.probe_from_segment))
+            acc = tracks[name].acc
+            foot.take(
+                time_s, probe, tracks[name].gyr[0], None if acc is None else acc[0]
+            )
+        return found
+
+    def _segments(
+        self, shown: Posture | None, presences: Mapping[str, Presence], now_s: float
+    ) -> tuple[SegmentState, ...]:
+        places = posture.places(self.chain, shown.quats) if shown is not None else {}
+        said = []
+        for segment in self.chain.segments:
+            name = segment.name
+            history = self.histories.get(segment.probe or "")
+            last_s = history.last_s if history is not None else None
+            quat = shown.quats[name][0] if shown is not None else np.full(4, np.nan)
+            is_there = bool(np.isfinite(quat).all())
+            w, x, y, z = (round(each, 5) for each in quat.tolist())
+            marks = {
+                mark: place
+                for mark in segment.marks
+                if (place := _place(places.get(f"{name}.{mark}"))) is not None
+            }
+            foot = self._feet.get(name)
+            said.append(
+                SegmentState(
+                    name=name,
+                    parent=segment.parent,
+                    probe=segment.probe,
+                    presence=presences[name],
+                    age_us=None if last_s is None else round((now_s - last_s) * 1e6),
+                    q=(w, x, y, z) if is_there else None,
+                    start_m=_place(places.get(f"{name}.start")) if is_there else None,
+                    end_m=marks.pop("end", None),
+                    marks_m=marks,
+                    contact=foot.state() if foot is not None and is_there else None,
+                )
+            )
+        return tuple(said)
+
+    def _joints(self, shown: Posture | None) -> tuple[JointState, ...]:
+        said = []
+        places = posture.places(self.chain, shown.quats) if shown is not None else {}
+        for parent, child in self.chain.joints():
+            angles = sigmas = None
+            if shown is not None and child.name in shown.angles:
+                angles = _named(child, shown.angles[child.name][0])
+                sigmas = _named(child, shown.sigmas[child.name][0])
+            said.append(
+                JointState(
+                    parent=parent.name,
+                    child=child.name,
+                    kind=child.kind,
+                    at_m=_place(places.get(f"{child.name}.start")),
+                    angles_deg=angles,
+                    sigmas_deg=sigmas if angles is not None else None,
+                )
+            )
+        return tuple(said)
+
+
+def _nothing(times_s: FloatArray) -> Track:
+    """The track of a probe that is missing."""
+    none = np.full(len(times_s), np.nan)
+    return Track(
+        times_s,
+        np.full((len(times_s), 4), np.nan),
+        np.full((len(times_s), 3), np.nan),
+        none,
+        none,
+    )
+
+
+def _place(place: FloatArray | None) -> Vector | None:
+    if place is None or not np.isfinite(place).all():
+        return None
+    x, y, z = (round(each, 4) for each in place[0].tolist())
+    return x, y, z
+
+
+def _named(child: Segment, rad: FloatArray) -> dict[str, float] | None:
+    """Degrees by the names of the joint's angles; None where they are not known."""
+    if not np.isfinite(rad).all():
+        return None
+    degrees = np.degrees(rad).tolist()
+    return {
+        name: round(each, 2)
+        for name, each in zip(child.joint.angles, degrees, strict=True)
+    }

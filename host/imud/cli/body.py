@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: MIT
+"""`imud body`: joint angles of several probes, live."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imud.cli.arguments import above_zero, add_command, whole
+from imud.defaults import ENDPOINT, PREFIX
+
+if TYPE_CHECKING:
+    from imud.cli.arguments import Commands
+
+# As imud.body.live has it, which loads numpy.
+DELAY_MS, RATE_HZ = 150, 25
+
+
+def add(commands: Commands) -> None:
+    body = add_command(
+        commands,
+        "body",
+        "show and publish the joint angles of several probes on a limb",
+        "imud body leg.toml --log logs, with imud run in another terminal",
+        "It says what to do to align the probes, then prints the angles of the joints "
+        "with their errors (degrees) once a second, and publishes the key "
+        "imud/body/NAME/state. docs/limb.md describes FILE.",
+    )
+    body.add_argument(
+        "file", metavar="FILE", type=Path, help="the segments and their probes (TOML)"
+    )
+    body.add_argument(
+        "--connect",
+        metavar="ENDPOINT",
+        action="append",
+        help="where a daemon (imud run) listens; again for each further daemon. The "
+        f"state is published to the first (default: {ENDPOINT})",
+    )
+    body.add_argument(
+        "--prefix",
+        metavar="KEY",
+        default=PREFIX,
+        help="first part of the daemons' Zenoh keys (default: %(default)s)",
+    )
+    body.add_argument(
+        "--keys",
+        metavar="FILE",
+        type=Path,
+        help="credentials of the role daemon, if the daemons require them: the "
+        "clients/NAME.toml that imud keys made",
+    )
+    body.add_argument(
+        "--facing",
+        metavar="DEG",
+        type=float,
+        help="the compass direction that the person faces when standing, clockwise "
+        "from north, for probes without a hinge",
+    )
+    body.add_argument(
+        "--delay",
+        metavar="MS",
+        type=whole(10, 2000),
+        default=DELAY_MS,
+        help="wait so long for the poses of all probes (default: %(default)s)",
+    )
+    body.add_argument(
+        "--rate",
+        metavar="HZ",
+        type=whole(1, 100),
+        default=RATE_HZ,
+        help="states a second (default: %(default)s)",
+    )
+    body.add_argument(
+        "--ros2",
+        metavar="DOMAIN",
+        type=whole(0, 232),
+        nargs="?",
+        const=0,
+        help="publish JointState and /tf for ROS 2 nodes of this ROS_DOMAIN_ID "
+        "(default: %(const)s)",
+    )
+    body.add_argument("--log", metavar="DIR", type=Path, help="log the states (MCAP)")
+    body.add_argument(
+        "--json", action="store_true", help="print one state a line, as published"
+    )
+    body.add_argument(
+        "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
+    )
+    body.set_defaults(run=_run)
+
+
+def _run(args: argparse.Namespace) -> int:
+    from imud.cli import body_run
+
+    facing = None if args.facing is None else math.radians(90.0 - args.facing)
+    where = body_run.Where(tuple(args.connect or (ENDPOINT,)), args.prefix, args.keys)
+    how = body_run.How(facing, args.delay / 1e3, float(args.rate), args.ros2, args.log)
+    return body_run.run(args.file, where, how, args.seconds, as_json=args.json)
