@@ -15,9 +15,10 @@ from imud.calibration.algebra import closest_turn
 from imud.calibration.earth import Earth, strangeness
 from imud.calibration.magnetometer import MagFit
 from imud.calibration.recording import GRAVITY_M_S2, Scale
+from imud.calibration.tip import TipFound
 from imud.calibration.wave import Wave
 from imud.calibration.whole import Fit
-from imud.params.value import Calibration, Params
+from imud.params.value import Calibration, Params, Tip
 from imud.rotation import FloatArray
 
 SENSORS = ("acc", "gyr", "mag")
@@ -25,6 +26,7 @@ GYR_SIGMA_MIN = 1e-4  # what no turn of half a minute shows
 HOUSING_MAX_RAD = math.radians(15.0)  # of an old one that is kept
 # The wire's largest residuals, m/s2 and rad.
 ACC_RESIDUAL_MAX, GYR_RESIDUAL_MAX = 6.5, 0.65
+TIP_SIGMA_MAX_M = 0.65  # the wire's largest
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +43,7 @@ class Outcome:
     level_ut: float | None = None  # of the field; the heading's error scales with it
     housing_deg: float | None = None  # by how much the sensor is turned in its housing
     note: str | None = None  # what is strange about the room
+    tip: TipFound | None = None
 
 
 def of_fit(
@@ -116,6 +119,27 @@ def of_wave(
         heading_deg=wave.heading_deg,
         level_ut=wave.mag.level_ut,
     )
+
+
+def of_tip(
+    found: TipFound, before: Params, day: datetime.date | None = None
+) -> Outcome:
+    """The params before with this tip; what it does not tell stays as it is."""
+    old = before.tip or Tip()
+    values: dict[str, object] = {
+        "offset_m": old.offset_m,
+        "sigma_m": old.sigma_m,
+        "axis": old.axis if found.axis is None else found.axis.tolist(),
+        "day": day,
+        "method": found.method,
+    }
+    if found.offset_m is not None:
+        sigma_m = found.sigma_m
+        values["offset_m"] = found.offset_m.tolist()
+        values["sigma_m"] = sigma_m and min(sigma_m, TIP_SIGMA_MAX_M)
+    params = before.replaced("tip", values)
+    params.check()
+    return Outcome(params, (), seconds=found.seconds, tip=found)
 
 
 def _with_mag(

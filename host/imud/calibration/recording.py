@@ -80,11 +80,11 @@ ACC, GYR, MAG, LATE, COLUMNS = slice(3), slice(3, 6), slice(6, 9), 9, 10
 
 
 class Gatherer:
-    """Collects samples into a recording."""
+    """Collects samples into a recording of `rate_hz` at least, if they come so fast."""
 
-    def __init__(self, scale: Scale) -> None:
+    def __init__(self, scale: Scale, rate_hz: float = RATE_HZ) -> None:
         self.scale = scale
-        self._per_step = max(1, math.floor(scale.rate_hz / RATE_HZ + 0.05))
+        self._per_step = max(1, math.floor(scale.rate_hz / rate_hz + 0.05))
         self._last: Sample | None = None
         self._rows = np.empty((1024, COLUMNS))
         self._count = 0  # steps that are whole

@@ -19,15 +19,18 @@ from imud.calibration.affine import affine_of
 from imud.calibration.earth import Earth
 from imud.calibration.extremes import Extremes
 from imud.calibration.faults import Fault
-from imud.calibration.outcome import Outcome, of_fit, of_wave
+from imud.calibration.outcome import Outcome, of_fit, of_tip, of_wave
 from imud.calibration.procedure import Event, Finished, Procedure, Refused
 from imud.calibration.recording import Sample, Scale
+from imud.calibration.tip import TipFound
+from imud.calibration.tip_guide import Dimpling
+from imud.calibration.tip_score import INSIDE
 from imud.calibration.verify import Verify
 from imud.calibration.wave import Wave, Waving
 from imud.errors import ImudError
 from imud.params.value import Params
 
-Kind = Literal["all", "acc", "gyro", "mag", "verify"]
+Kind = Literal["all", "acc", "gyro", "mag", "tip", "verify"]
 SENSORS = {"all": ("acc", "gyr", "mag"), "acc": ("acc",), "gyro": ("gyr",)}
 
 POSES = {pose.name: pose for pose in poses.ALL}
@@ -52,7 +55,7 @@ class Session:
     day: datetime.date
     phase: str = "running"  # then done or refused
     outcome: Outcome | None = None
-    _guide: Procedure | Waving | Verify = field(init=False)
+    _guide: Procedure | Waving | Verify | Dimpling = field(init=False)
     _bar: Extremes = field(default_factory=Extremes)
     _findings: list[dict[str, Any]] = field(default_factory=list)
     _why: str | None = None
@@ -63,6 +66,8 @@ class Session:
         scale, params = subject.scale, subject.params
         if kind == "verify":
             self._guide = Verify(scale, params, subject.has_mag)
+        elif kind == "tip":
+            self._guide = Dimpling(scale, params)
         elif kind == "mag":
             acc = affine_of(params.acc, scale.acc_m_s2)
             gyr = affine_of(params.gyr, scale.gyr_rad_s)
@@ -97,6 +102,8 @@ class Session:
             self._guided(guide.feed(sample))
         elif isinstance(guide, Waving):
             self._waved(guide, guide.feed(sample))
+        elif isinstance(guide, Dimpling):
+            self._wobbled(guide.feed(sample))
         elif (report := guide.feed(sample)) is not None:
             self._findings = [msgspec.to_builtins(each) for each in report.findings]
             self.phase = "done"
@@ -110,6 +117,8 @@ class Session:
             self._guided(guide.end())
         elif isinstance(guide, Waving):
             self._waved(guide, guide.end())
+        elif isinstance(guide, Dimpling):
+            self._wobbled(guide.end())
         else:
             self._refuse("it was ended early; begin again")
 
@@ -140,6 +149,12 @@ class Session:
             warmth = guide.temperature_c
             self._make(partial(of_wave, found, scale, params, warmth, self.day))
 
+    def _wobbled(self, found: TipFound | Fault | None) -> None:
+        if isinstance(found, Fault):
+            self._refuse(str(found))
+        elif found is not None:
+            self._make(partial(of_tip, found, self.subject.params, self.day))
+
     def _make(self, outcome: Callable[[], Outcome]) -> None:
         try:
             self.outcome = outcome()
@@ -163,6 +178,10 @@ class Session:
             "outcome": _told(self.outcome) if self.outcome is not None else None,
         }
         guide = self._guide
+        if isinstance(guide, Dimpling):
+            shown: dict[str, Any] = msgspec.to_builtins(guide.status())
+            shown["step"] = shown.pop("phase")
+            return shown | said
         if isinstance(guide, Procedure):
             status: dict[str, Any] = msgspec.to_builtins(guide.status())
             pose = POSES.get(status["wanted"] or "")
@@ -208,6 +227,15 @@ def _told(found: Outcome) -> dict[str, Any]:
         "level_uT": found.level_ut,
         "housing_deg": found.housing_deg,
         "note": found.note,
+        "tip": _tip(found.tip) if found.tip is not None else None,
         "records": found.params.encode().hex(),
         "digest": f"{found.params.digest:08x}",
+    }
+
+
+def _tip(found: TipFound) -> dict[str, Any]:
+    """Where the tip is, and within which distance 95 % of such tips are."""
+    return {
+        "offset_m": found.offset_m.tolist() if found.offset_m is not None else None,
+        "error_m": INSIDE * found.sigma_m if found.sigma_m is not None else None,
     }

@@ -17,6 +17,7 @@ PARTS = {
     "acc": "the accelerometer alone, from stops",
     "gyro": "the gyroscope alone, from turns between stops",
     "mag": "the magnetometer alone: wave the probe about",
+    "tip": "where the tip is: wobble the probe about it",
     "verify": "check the calibration that is in force, in ten seconds",
     "learned": "put in force what the daemon has learned from free motion",
     "undo": "bring back the params of before",
@@ -28,6 +29,13 @@ METHODS = {
     "extremes": "NECTEC's smallest and largest reading (magnetometer)",
     "extremes-as-printed": "the same with the loop of its paper, which skips an axis",
     "half-turns": "the thesis' half turns on a level table",
+}
+TIP_METHODS = {
+    "dimple": "wobble it in a dimple (the default)",
+    "sphere": "--positions of the sensor while the tip stays in one place",
+    "circle": "--positions while it is turned about its upright axis",
+    "points": "the thesis' three or four --positions",
+    "tape": "--offset-mm, measured with a rule",
 }
 
 
@@ -60,10 +68,10 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--method",
         metavar="METHOD",
-        choices=METHODS,
-        default="guided",
+        choices=[*METHODS, *TIP_METHODS],
         help="; ".join(f"{name}: {what}" for name, what in METHODS.items())
-        + " (default: %(default)s)",
+        + " (default: guided). Of a tip: "
+        + "; ".join(f"{name}: {what}" for name, what in TIP_METHODS.items()),
     )
     parser.add_argument(
         "--no-housing",
@@ -76,8 +84,29 @@ def add(commands: Commands) -> None:
         action="store_true",
         help="with --from: also use the samples of another probe",
     )
+    _add_tip(parser)
     add_network(parser)
     parser.set_defaults(run=_run, parser=parser)
+
+
+def _add_tip(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("of a tip", "docs/tip.md is the guide.")
+    group.add_argument(
+        "--positions",
+        metavar="FILE",
+        type=Path,
+        help="a table of positions and attitudes of the sensor (CSV)",
+    )
+    for name, metavar, words in (
+        ("offset-mm", ("X", "Y", "Z"), "where the tip is from the sensor"),
+        ("axis", ("X", "Y", "Z"), "the probe's axis, out of the surface"),
+        ("distance-mm", None, "how far the tip is from the sensor"),
+        ("error-mm", None, "one-sigma error of each number (default: 1)"),
+    ):
+        count = 3 if metavar else None
+        group.add_argument(
+            f"--{name}", metavar=metavar or "MM", type=float, nargs=count, help=words
+        )
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -86,14 +115,15 @@ def _run(args: argparse.Namespace) -> int:
             args.parser.error(f"WHAT is {', '.join(PARTS)}, not {args.what}")
         args.what, args.probe = "all", args.what  # the probe alone
     what = args.what
-    if args.method != "guided" and what != "all":
-        args.parser.error("--method is for calibrating all sensors")
+    _check_method(args)
     if args.force and args.source is None:
         args.parser.error("--force is for --from FILE")
     if args.source is not None and what in ("learned", "undo", "history"):
         args.parser.error(f"{what} takes no --from")
-    from imud.cli import calibrate_run
+    from imud.cli import calibrate_run, calibrate_tip
 
+    if what == "tip" and args.method != "dimple":
+        return calibrate_tip.typed(args)
     if args.source is not None:
         return calibrate_run.from_file(args)
     with client_of(args) as client:
@@ -109,3 +139,25 @@ def _run(args: argparse.Namespace) -> int:
 
             return params_text.undo(client, probe, is_dry=args.dry_run)
         return calibrate_run.live(client, probe, args)
+
+
+def _check_method(args: argparse.Namespace) -> None:
+    """Whether the method and its options are for what is calibrated."""
+    is_tip = args.what == "tip"
+    if args.method is None:
+        args.method = "dimple" if is_tip else "guided"
+    if args.method not in (TIP_METHODS if is_tip else METHODS):
+        args.parser.error(f"--method {args.method} is not for {args.what}")
+    if args.method not in ("guided", *TIP_METHODS) and args.what != "all":
+        args.parser.error("--method is for calibrating all sensors, or a tip")
+    has_positions = args.method in ("sphere", "circle", "points")
+    if (args.positions is not None) != has_positions:
+        args.parser.error("--positions FILE is for the methods sphere, circle, points")
+    if (args.offset_mm is not None) != (args.method == "tape"):
+        args.parser.error("--offset-mm X Y Z is for --method tape")
+    if args.distance_mm is not None and not has_positions:
+        args.parser.error("--distance-mm is for --method circle")
+    if (args.axis or args.error_mm) and not is_tip:
+        args.parser.error("--axis and --error-mm are for a tip")
+    if args.axis is not None and sum(each**2 for each in args.axis) == 0.0:
+        args.parser.error("--axis needs a direction")

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import datetime
 import sys
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
@@ -19,20 +18,17 @@ from imud.calibration.recording import Gatherer, Sample
 from imud.calibration.stops import find_stops
 from imud.calibration.verify import Report, Verify
 from imud.calibration.wave import Wave, Waving
-from imud.cli import calibrate_text, params_text
+from imud.cli import calibrate_text, calibrate_tip, params_text
+from imud.cli.calibrate_refusal import CalibrationRefused, refusal, today
 from imud.cli.calibrate_screen import Quit, Screen
 from imud.cli.calibrate_source import Live, Subject, of_file
-from imud.errors import CommandRefused, ImudError
+from imud.errors import CommandRefused
 from imud.params.value import Params
 
 if TYPE_CHECKING:
     from imud.client import Client
 
 SENSORS = {"all": ("acc", "gyr", "mag"), "acc": ("acc",), "gyro": ("gyr",)}
-
-
-class CalibrationRefused(ImudError):
-    """It is not good enough: why, and what to do. What was in force still is."""
 
 
 def live(client: Client, probe: str, args: argparse.Namespace) -> int:
@@ -49,13 +45,9 @@ def live(client: Client, probe: str, args: argparse.Namespace) -> int:
             return calibrate_text.verified(probe, found)
         calibrate_text.outcome(probe, found, source.subject.params)
         if args.dry_run:
-            return _not_changed(probe, found.params)
+            return calibrate_text.not_changed(probe, found.params)
         source.put_in_force(found.params)
-    sys.stdout.write(
-        f"{probe}: params {found.params.digest:08x} are in force; "
-        f"imud calibrate undo {probe} takes them back\n"
-    )
-    return 0
+    return calibrate_text.changed(probe, found.params)
 
 
 def from_file(args: argparse.Namespace) -> int:
@@ -70,7 +62,7 @@ def from_file(args: argparse.Namespace) -> int:
     if args.dry_run:
         found = _of_samples(subject, samples, args)
         calibrate_text.outcome(name, found, subject.params)
-        return _not_changed(name, found.params)
+        return calibrate_text.not_changed(name, found.params)
     from imud.cli.arguments import client_of
 
     with client_of(args) as client:
@@ -105,19 +97,10 @@ def learned(client: Client, probe: str, args: argparse.Namespace) -> int:
         sys.stdout.write(f"{line}\n")
     sys.stdout.write(f"  heading        +-{told['heading_deg']:.2f} degrees\n")
     if args.dry_run:
-        return _not_changed(probe, params)
+        return calibrate_text.not_changed(probe, params)
     client.change_params(probe, params.encode(), said["probe_id"])
     sys.stdout.write(f"{probe}: params {params.digest:08x} are in force\n")
     return 0
-
-
-def _not_changed(probe: str, params: Params) -> int:
-    sys.stdout.write(f"{probe}: params {params.digest:08x} were not put in force\n")
-    return 0
-
-
-def _today() -> datetime.date:
-    return datetime.datetime.now(datetime.UTC).date()
 
 
 def _followed(
@@ -129,6 +112,8 @@ def _followed(
     """What comes of samples as they arrive."""
     if args.what == "verify":
         return _verified(samples, subject, screen)
+    if args.what == "tip":
+        return calibrate_tip.followed(samples, subject, screen, args.axis)
     if args.what == "mag":
         return _waved(samples, subject, screen)
     procedure = Procedure(
@@ -144,7 +129,7 @@ def _followed(
         screen.show(procedure.status())
         for event in events:
             if isinstance(event, Refused):
-                raise CalibrationRefused(_refusal(event.fault))
+                raise refusal(event.fault)
             if isinstance(event, Finished):
                 return _finished(procedure, event, subject, args)
     raise CalibrationRefused("the samples ended too early; begin again")
@@ -158,21 +143,17 @@ def _finished(
 ) -> Outcome:
     if args.method != "guided":
         return of_method(
-            procedure.recording(), args.method, subject.scale, subject.params, _today()
+            procedure.recording(), args.method, subject.scale, subject.params, today()
         )
     return of_fit(
         event.fit,
         subject.scale,
         subject.params,
         event.turn,
-        _today(),
+        today(),
         sensors=SENSORS[args.what],
         earth=subject.earth,
     )
-
-
-def _refusal(fault: Fault) -> str:
-    return f"refused: {fault}; what was in force still is"
 
 
 def _verified(
@@ -220,14 +201,16 @@ def _waving(subject: Subject) -> Waving:
 
 def _of_wave(found: Wave | Fault, waving: Waving, subject: Subject) -> Outcome:
     if isinstance(found, Fault):
-        raise CalibrationRefused(_refusal(found))
-    return of_wave(found, subject.scale, subject.params, waving.temperature_c, _today())
+        raise refusal(found)
+    return of_wave(found, subject.scale, subject.params, waving.temperature_c, today())
 
 
 def _of_samples(
     subject: Subject, samples: list[Sample], args: argparse.Namespace
 ) -> Outcome:
     """What comes of all samples of a file."""
+    if args.what == "tip":
+        return calibrate_tip.of_samples(samples, subject, args.axis)
     if args.what == "mag":
         waving = _waving(subject)
         for sample in samples:
@@ -236,9 +219,7 @@ def _of_samples(
         return _of_wave(waving.end(), waving, subject)
     recording = Gatherer.of(subject.scale, samples).recording()
     if args.method != "guided":
-        return of_method(
-            recording, args.method, subject.scale, subject.params, _today()
-        )
+        return of_method(recording, args.method, subject.scale, subject.params, today())
     stops = find_stops(recording)
     fit = whole.fit(recording, stops)
     has_mag = subject.has_mag and args.what == "all"
@@ -246,13 +227,13 @@ def _of_samples(
         fit, len(stops), has_mag=has_mag
     )
     if wrong is not None or fit is None:
-        raise CalibrationRefused(_refusal(wrong) if wrong else "there is nothing in it")
+        raise refusal(wrong) if wrong else CalibrationRefused("there is nothing in it")
     turn = None if args.no_housing else housing.found(recording, fit)
     return of_fit(
         fit,
         subject.scale,
         subject.params,
         turn,
-        _today(),
+        today(),
         sensors=SENSORS[args.what],
     )

@@ -16,7 +16,9 @@ from rich.text import Text
 
 from imud.calibration.poses import ALL
 from imud.calibration.procedure import Status
+from imud.calibration.tip_guide import TipStatus
 from imud.cli.box import COLUMNS, picture
+from imud.cli.calibrate_tip_screen import tip_lines
 from imud.cli.monitor import keys_of
 
 DRAW_S = 0.1
@@ -65,6 +67,12 @@ def _error(what: str, deg: float | None, *, is_good: bool) -> Text:
     return Text(f"{what}  +-{deg:.2f} degrees", style=style)
 
 
+def _drawn(probe: str, status: Status | TipStatus) -> list[Text]:
+    if isinstance(status, TipStatus):
+        return tip_lines(probe, status)
+    return lines(probe, status)
+
+
 class Screen:
     """Shows a status whenever it is due. In a pipe: each new sentence and trouble."""
 
@@ -87,7 +95,7 @@ class Screen:
             with live as self._live:
                 yield self
 
-    def show(self, status: Status) -> None:
+    def show(self, status: Status | TipStatus) -> None:
         """Shows the guided procedure."""
         if self._live is None:
             self.say(status.says, status.trouble)
@@ -95,7 +103,7 @@ class Screen:
         now_s = time.monotonic()
         if now_s - self._drawn_s >= DRAW_S or status.phase in ("done", "refused"):
             self._drawn_s = now_s
-            self._live.update(Group(*lines(self._probe, status)), refresh=True)
+            self._live.update(Group(*_drawn(self._probe, status)), refresh=True)
 
     def say(self, words: str, trouble: str | None = None) -> None:
         """One sentence, if it is another one than before."""

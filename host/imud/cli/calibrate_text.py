@@ -7,9 +7,13 @@ import sys
 from collections.abc import Iterator
 
 from imud.calibration.outcome import Outcome
+from imud.calibration.tip import TipFound
+from imud.calibration.tip_score import INSIDE
 from imud.calibration.verify import Report
 from imud.cli.params_text import TITLES, differences
 from imud.params.value import Params
+
+AROUND = 2.45  # of two axes' sigma: 95 % of directions are nearer
 
 
 def outcome(probe: str, found: Outcome, before: Params) -> None:
@@ -23,10 +27,14 @@ def outcome(probe: str, found: Outcome, before: Params) -> None:
 
 def _lines(probe: str, found: Outcome) -> Iterator[str]:
     how = f" from {found.poses} stops in {found.seconds:.0f} s" if found.poses else ""
+    if found.tip is not None and found.seconds:
+        how = f" from {found.seconds:.0f} s of wobbling"
     warm = ""
     if found.temperature_c is not None:
         warm = f", at {found.temperature_c:.1f} degC"
     yield f"{probe}: calibrated{how}{warm}"
+    if found.tip is not None:
+        yield from _tip(found.tip)
     if found.tilt_deg is not None:
         yield f"  tilt           +-{found.tilt_deg:.2f} degrees"
     if found.heading_deg is not None and found.level_ut is not None:
@@ -41,6 +49,38 @@ def _lines(probe: str, found: Outcome) -> Iterator[str]:
     if found.housing_deg is not None:
         turned = f"the sensor is turned by {found.housing_deg:.2f} degrees"
         yield f"  housing        {turned}"
+
+
+def _tip(found: TipFound) -> Iterator[str]:
+    if found.offset_m is not None:
+        x, y, z = 1000.0 * found.offset_m
+        sure = ""
+        if found.sigma_m is not None:
+            sure = f", +-{INSIDE * 1000.0 * found.sigma_m:.1f} mm (95 %)"
+        yield f"  tip            {x:.1f} {y:.1f} {z:.1f} mm from the sensor{sure}"
+    if found.axis is not None:
+        x, y, z = found.axis
+        sure = ""
+        if found.axis_sigma_deg is not None:
+            sure = f", +-{AROUND * found.axis_sigma_deg:.2f} degrees (95 %)"
+        yield f"  axis           {x:.3f} {y:.3f} {z:.3f}{sure}"
+    if found.note is not None:
+        yield f"  note           {found.note}"
+
+
+def changed(probe: str, params: Params) -> int:
+    """Says what is in force."""
+    sys.stdout.write(
+        f"{probe}: params {params.digest:08x} are in force; "
+        f"imud calibrate undo {probe} takes them back\n"
+    )
+    return 0
+
+
+def not_changed(probe: str, params: Params) -> int:
+    """Says what would be in force."""
+    sys.stdout.write(f"{probe}: params {params.digest:08x} were not put in force\n")
+    return 0
 
 
 def _left(params: Params, name: str) -> str:

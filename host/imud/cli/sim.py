@@ -25,12 +25,15 @@ _FILES = {
     "and wire",
 }
 
-# As imud.virtual.calibrating has them, which loads numpy.
+# As imud.virtual.calibrating and dimpling have them, which load numpy.
 HANDS = {
     "calibrate": "lays it down as the guided calibration asks",
     "lazy": "the same, but tilts it by about 20 degrees only",
     "air": "holds it in the air all the time",
     "iron": "as calibrate, beside a loudspeaker",
+    "dimple": "wobbles it about its tip, which stands in a dimple",
+    "slip": "the same, but the tip slips about by 1 mm",
+    "soft": "the same, but the base gives by 4 % of the way",
 }
 
 # Options that bend its clock and its wire, in real time.
@@ -113,7 +116,7 @@ def _add_module(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--hand",
         choices=HANDS,
-        help="a hand that calibrates it: "
+        help="a hand that calibrates it, or its tip: "
         + "; ".join(f"{name}: {what}" for name, what in HANDS.items()),
     )
 

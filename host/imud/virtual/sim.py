@@ -235,12 +235,13 @@ def _with_module(
     """The motion as a chosen module measures it, with that module's errors."""
     import numpy as np
 
-    from imud.virtual import calibrating, modules, motion, sensors
+    from imud.virtual import calibrating, dimpling, modules, motion, sensors
 
     module = modules.named(args.module or modules.CALIBRATED, args.seed)
     rate_hz = sensors.HAND_RATE_HZ
     if args.hand is not None:
-        found = calibrating.pieces(args.hand, module, args.seed, rate_hz)
+        hands = dimpling if args.hand in dimpling.WOBBLES else calibrating
+        found = hands.pieces(args.hand, module, args.seed, rate_hz)
         return rate_hz, found, args.seconds
     random = np.random.default_rng([args.seed, 2])
     if args.motion is None:

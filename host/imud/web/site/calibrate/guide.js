@@ -13,6 +13,7 @@ export const KINDS = {
   acc: "accelerometer alone",
   gyro: "gyroscope alone",
   mag: "magnetometer alone, by waving",
+  tip: "where the tip is, by wobbling",
   verify: "check, in ten seconds",
 };
 
@@ -39,18 +40,21 @@ export class GuideCard {
     this._poses = make("b", {});
     this._tilt = make("dd", { class: "value", "data-value": "cal-tilt" });
     this._heading = make("dd", { class: "value", "data-value": "cal-heading" });
+    this._facts = make(
+      "dl",
+      { class: "facts" },
+      make("div", {}, make("dt", {}, "tilt, error to expect"), this._tilt),
+      make("div", {}, make("dt", {}, "heading, error to expect"), this._heading),
+    );
+    this._tip = make("p", { class: "value", "data-value": "cal-tip", hidden: true });
     this._bar = make("progress", { max: 100, value: 0, "aria-label": "Quality of the field" });
     this._quality = make("span", { class: "value" });
     this._steps = make(
       "div",
       { class: "stack" },
       make("div", { class: "row" }, this._state, this._still, this._poses),
-      make(
-        "dl",
-        { class: "facts" },
-        make("div", {}, make("dt", {}, "tilt, error to expect"), this._tilt),
-        make("div", {}, make("dt", {}, "heading, error to expect"), this._heading),
-      ),
+      this._facts,
+      this._tip,
       make("div", { class: "row quality" }, make("span", { class: "muted" }, "field"), this._bar, this._quality),
     );
     this.element = make(
@@ -94,10 +98,28 @@ export class GuideCard {
     say(this._poses, hasPoses ? `pose ${line.poses} of ${line.of}` : `${fixed(line.seconds, 0)} s`);
     error(this._tilt, line.tilt_deg, line.is_level);
     error(this._heading, line.heading_deg, line.is_headed);
+    this._facts.hidden = line.kind === "tip";
+    this._tip.hidden = !this._facts.hidden;
+    if (line.kind === "tip") {
+      say(this._tip, wobble(line));
+      mark(this._tip, "data-good", line.is_good);
+    }
     const percent = line.quality_percent;
     this._bar.value = percent ?? 0;
     say(this._quality, percent === null ? "" : `${fixed(percent, 0, 3)} %`);
   }
+}
+
+/**
+ * How the probe is wobbled about its tip, and how well the tip is known.
+ * @param {Line} line
+ */
+function wobble(line) {
+  if (line.score_m === null) {
+    return "tip: not yet";
+  }
+  const how = `${fixed(line.swing_deg, 0)}° to each side, ${fixed(line.hz, 1)} a second`;
+  return `tip ±${fixed(1000 * line.score_m, 1)} mm; ${how}`;
 }
 
 /**

@@ -93,6 +93,11 @@ function row(name, text, kind = "") {
 function rows(outcome) {
   const found = [];
   const degrees = (/** @type {number} */ value) => `±${fixed(value, 2)}°`;
+  if (outcome.tip !== null) {
+    const place = outcome.tip.offset_m.map((/** @type {number} */ each) => fixed(1000 * each, 1));
+    const sure = `±${fixed(1000 * outcome.tip.error_m, 1)} mm`;
+    found.push(row("tip", `${place.join(", ")} mm from the sensor, ${sure}`, "value"));
+  }
   if (outcome.tilt_deg !== null) {
     found.push(row("tilt", `${degrees(outcome.tilt_deg)} to expect`, "value"));
   }

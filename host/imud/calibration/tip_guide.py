@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: MIT
+"""The guided search for the tip as a state machine: samples in; a status out, which a
+terminal and a page show alike. It does no I/O and has no clock.
+
+Stand the tip in a dimple, hold the probe still for a second, wobble it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from imud.calibration import tip_dimple, tip_score, tip_swing
+from imud.calibration.affine import Affine, affine_of
+from imud.calibration.faults import Fault
+from imud.calibration.recording import Gatherer, Sample, Scale
+from imud.calibration.tip import TipFound
+from imud.calibration.tip_dimple import Fit, Trust
+from imud.calibration.tip_score import Score
+from imud.calibration.tip_swing import Swing
+from imud.params.value import Params
+from imud.rotation import FloatArray
+
+RATE_HZ = 190.0  # both boards come near to 200
+LOOK_S = 0.1  # between two looks at whether it is held still
+HELD_S = tip_swing.HELD_S
+FIT_S = 0.5  # between two fits
+LEAST_S, LONGEST_S = 15.0, 40.0  # of wobbling: when it is judged first and last
+SURE_S = 10.0  # so long what may become better by itself is not told
+TRIES = 2  # of a tip that slips or a base that gives
+
+# Held still in a hand: spread of the rate, its mean (with an unknown bias) and the
+# spread of the force.
+STILL_RAD_S, TURNS_RAD_S, STILL_M_S2 = 0.04, 0.2, 0.35
+
+WOBBLE = (
+    "Wobble it about the tip: 20 degrees to each side, once a second, forwards and "
+    "sideways, and twist it."
+)
+
+Phase = Literal["stand", "wobble", "done", "refused"]
+
+
+class TipStatus(msgspec.Struct, frozen=True):
+    """What a screen shows. None: not known yet."""
+
+    phase: Phase
+    says: str  # what to do now
+    seconds: float  # of wobbling
+    of_seconds: float
+    is_still: bool
+    score_m: float | None  # 95 % of errors are smaller
+    is_good: bool
+    leans_deg: tuple[float, ...]  # the farthest in each of 8 directions
+    swing_deg: float | None
+    hz: float | None
+    trouble: str | None
+
+
+@dataclass(slots=True)
+class Dimpling:
+    """One search for the tip of a probe with these params, from its raw samples."""
+
+    scale: Scale
+    params: Params
+    phase: Phase = "stand"
+    fit: Fit | None = None
+    swing: Swing | None = None
+    trouble: Fault | None = None
+    _acc: Affine = field(init=False)
+    _gyr: Affine = field(init=False)
+    _trust: Trust = field(init=False)
+    _gatherer: Gatherer = field(init=False)
+    _looked: int = 0
+    _begin: int = 0  # step from which the tip is in the dimple
+    _is_still: bool = False
+    _bias: FloatArray = field(default_factory=lambda: np.zeros(3))
+    _fitted_s: float = 0.0
+    _tries: int = 0
+
+    def __post_init__(self) -> None:
+        self._acc = affine_of(self.params.acc, self.scale.acc_m_s2)
+        self._gyr = affine_of(self.params.gyr, self.scale.gyr_rad_s)
+        self._trust = tip_score.trust_of(self.params)
+        self._gatherer = Gatherer(self.scale, RATE_HZ)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has found the tip or was refused."""
+        return self.phase in ("done", "refused")
+
+    @property
+    def seconds(self) -> float:
+        """How long it has been wobbled."""
+        if self.phase == "stand":
+            return 0.0
+        steps = len(self._gatherer) - self._begin
+        return max(0.0, steps * self._gatherer.step_s - HELD_S)
+
+    def feed(self, sample: Sample) -> TipFound | Fault | None:
+        """Takes a sample; what came of it once it is over."""
+        if self.is_over:
+            return None
+        clipped = self._gatherer.clipped
+        self._gatherer.add(sample)
+        look = max(2, round(LOOK_S / self._gatherer.step_s))
+        if self._gatherer.clipped > clipped and self.phase == "wobble":
+            self._again(
+                Fault("clipped", "a sensor was at the end of its range", "knock less")
+            )
+        if len(self._gatherer) < self._looked + look:
+            return None
+        self._looked = len(self._gatherer)
+        return self._look()
+
+    def end(self) -> TipFound | Fault:
+        """What there is, judged."""
+        self._refit()
+        return self._judged()
+
+    def _look(self) -> TipFound | Fault | None:
+        recording = self._gatherer.recording()
+        held = round(HELD_S / recording.step_s)
+        is_whole = recording.is_whole(self._begin, len(recording))
+        if self.phase == "wobble" and not is_whole:
+            self._again(Fault("gap", "samples are missing", "see what imud list says"))
+        rate = self._gyr.apply(recording.gyr[-held:])
+        force = self._acc.apply(recording.acc[-held:])
+        self._is_still = len(recording) >= held and bool(
+            np.linalg.norm(rate.std(axis=0)) < STILL_RAD_S
+            and np.linalg.norm(rate.mean(axis=0)) < TURNS_RAD_S
+            and np.linalg.norm(force.std(axis=0)) < STILL_M_S2
+        )
+        if self._is_still and (self.phase == "stand" or self._is_spoilt()):
+            return self._begin_at(len(recording) - held, rate.mean(axis=0))
+        if self.phase == "stand" or self.seconds < self._fitted_s + FIT_S:
+            return None
+        return self._follow()
+
+    def _begin_at(self, step: int, bias: FloatArray) -> Fault | None:
+        """It is held still: from here on the tip is in the dimple."""
+        self._tries += self.fit is not None
+        if self._tries == TRIES and self.trouble is not None:
+            self.phase = "refused"
+            return self.trouble
+        self.phase, self._begin, self._bias = "wobble", step, bias
+        self.fit, self.swing, self._fitted_s = None, None, 0.0
+        return None
+
+    def _is_spoilt(self) -> bool:
+        """Whether what there is can't become good: a rest is as good as the first."""
+        return self.fit is None or (
+            self.trouble is not None and self.trouble.kind in ("slips", "base_gives")
+        )
+
+    def _again(self, fault: Fault) -> None:
+        self.phase, self.trouble, self.fit, self.swing = "stand", fault, None, None
+        self._begin = len(self._gatherer)
+
+    def _follow(self) -> TipFound | Fault | None:
+        """Fits what there is, every half second."""
+        self._fitted_s = self.seconds
+        self._refit()
+        if self.fit is None or self.swing is None:
+            return None
+        weak = tip_score.weakness(self.fit, self.swing, self._trust)
+        is_early = self.seconds < SURE_S
+        self._tell(None if is_early and _is_unsure(weak) else weak)
+        if weak is None and self.seconds >= LEAST_S:
+            return self._judged()
+        return self._judged() if self.seconds >= LONGEST_S else None
+
+    def _tell(self, trouble: Fault | None) -> None:
+        """Says what is wrong once, not with each digit that changes."""
+        kinds = [
+            each.kind if each is not None else "" for each in (trouble, self.trouble)
+        ]
+        if kinds[0] != kinds[1]:
+            self.trouble = trouble
+
+    def _refit(self) -> None:
+        recording = self._gatherer.recording()
+        used = slice(self._begin, len(recording))
+        force = self._acc.apply(recording.acc[used])
+        rate = self._gyr.apply(recording.gyr[used]) - self._bias
+        if self.phase == "wobble" and len(rate) > 1:
+            self.fit = tip_dimple.fit(force, rate, recording.step_s, self._trust)
+            self.swing = tip_swing.of(force, rate, recording.step_s)
+
+    def _judged(self) -> TipFound | Fault:
+        weak = self._weakness()
+        self.trouble = weak
+        if weak is not None or self.fit is None:
+            self.phase = "refused"
+            return weak or Fault("too_short", "there is too little", "begin again")
+        self.phase = "done"
+        sigma = tip_score.score_of(self.fit, self._trust).sigma_m
+        return TipFound("dimple", self.fit.offset_m, sigma, seconds=self.seconds)
+
+    def _weakness(self) -> Fault | None:
+        if self.fit is None or self.swing is None or self.seconds < SURE_S:
+            return Fault(
+                "too_short",
+                f"{self.seconds:.0f} s of wobbling are too little",
+                f"wobble it for {LEAST_S:.0f} s about a tip that stays where it is",
+            )
+        return tip_score.weakness(self.fit, self.swing, self._trust)
+
+    @property
+    def score(self) -> Score | None:
+        """The error to expect by now."""
+        return tip_score.score_of(self.fit, self._trust) if self.fit else None
+
+    @property
+    def says(self) -> str:
+        """What to do."""
+        if self.phase == "done":
+            return "Done."
+        if self.phase == "refused":
+            return "Refused."
+        if self.phase == "stand":
+            return "Stand the tip in a dimple and hold the probe still."
+        return WOBBLE
+
+    def status(self) -> TipStatus:
+        """What a screen shows now."""
+        score, swing = self.score, self.swing
+        return TipStatus(
+            self.phase,
+            self.says,
+            self.seconds,
+            LEAST_S,
+            self._is_still,
+            score.score_m if score else None,
+            score is not None and score.is_good and self.trouble is None,
+            swing.leans_deg if swing else (0.0,) * tip_swing.SECTORS,
+            swing.degrees if swing else None,
+            swing.hz if swing else None,
+            str(self.trouble) if self.trouble is not None else None,
+        )
+
+
+def _is_unsure(weak: Fault | None) -> bool:
+    """Whether a few seconds more may do."""
+    return weak is not None and weak.kind not in ("slips", "uncalibrated")

@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: MIT
+"""What the parts of `imud calibrate` share: refusals, and the day."""
+
+from __future__ import annotations
+
+import datetime
+
+from imud.calibration.faults import Fault
+from imud.errors import ImudError
+
+
+class CalibrationRefused(ImudError):
+    """It is not good enough: why, and what to do. What was in force still is."""
+
+
+def refusal(fault: Fault) -> CalibrationRefused:
+    """The error of a calibration that is not good enough."""
+    return CalibrationRefused(f"refused: {fault}; what was in force still is")
+
+
+def today() -> datetime.date:
+    """The day that goes into the params, UTC."""
+    return datetime.datetime.now(datetime.UTC).date()
