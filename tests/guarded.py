@@ -62,7 +62,8 @@ class Guarded:
 
     def _run(self) -> None:
         while not self._stop.wait(0.01):
-            said = self.probe.say("pose") + self.probe.say("raw")
+            said = self.probe.say("pose", position=(0.1, 0.2, 0.3))
+            said += self.probe.say("raw")
             self.port.write(said + self.probe.say("event"))
 
     def credentials(self, user: str) -> Credentials:
