@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Logs and captures: `imud decode`, `info`, `recover`, `replay` and `export`."""
+"""Logs and captures: `imud record`, `decode`, `info`, `recover`, `replay`, `export`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,13 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imud.cli.arguments import above_zero, add_command
+from imud.cli.arguments import (
+    above_zero,
+    add_command,
+    add_network,
+    add_probe,
+    client_of,
+)
 from imud.defaults import ENDPOINT
 from imud.errors import ConfigError
 
@@ -17,11 +23,39 @@ if TYPE_CHECKING:
 
 
 def add(commands: Commands) -> None:
+    _add_record(commands)
     _add_decode(commands)
     _add_info(commands)
     _add_recover(commands)
     _add_replay(commands)
     _add_export(commands)
+
+
+def _add_record(commands: Commands) -> None:
+    record = add_command(
+        commands,
+        "record",
+        "write what daemons publish over the network to logs",
+        "imud record --connect tcp/hub.example.org:7447 --keys recorder.toml",
+        "It hears all probes behind that router. The logs are those of imud run, with "
+        "a topic `gap` for messages that are missing by number. Ctrl-C ends it.",
+    )
+    add_probe(record)
+    record.add_argument(
+        "--log",
+        metavar="DIR",
+        type=Path,
+        default=Path("logs"),
+        help="folder of the logs (default: %(default)s)",
+    )
+    record.add_argument(
+        "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
+    )
+    record.add_argument(
+        "--json", action="store_true", help="print what came as one JSON object"
+    )
+    add_network(record)
+    record.set_defaults(run=_record)
 
 
 def _add_decode(commands: Commands) -> None:
@@ -169,6 +203,21 @@ def _add_export(commands: Commands) -> None:
 def speed(text: str) -> float | None:
     """How many times real time; None: as fast as possible."""
     return None if text in ("max", "0") else above_zero(text)
+
+
+def _record(args: argparse.Namespace) -> int:
+    from imud.log.file import Settings
+    from imud.recordings import record
+
+    with client_of(args) as client:
+        return record.run(
+            client,
+            args.log,
+            Settings(prefix=args.prefix),
+            args.probe,
+            args.seconds,
+            as_json=args.json,
+        )
 
 
 def _decode(args: argparse.Namespace) -> int:
