@@ -73,6 +73,8 @@ def test_poses_and_frames_reach_a_subscriber_whole_and_in_order(chain: Chain) ->
             "t_ns",
             "t_bound_us",
             "age_us",
+            "utc_host",
+            "utc_bound_us",
             "q",
             "position_m",
             "normal",

@@ -27,6 +27,8 @@ class Numbered(msgspec.Struct, frozen=True, kw_only=True):
     t_ns: int | None = None  # UTC of the sample or event
     t_bound_us: int | None = None  # t_ns is within this of the truth, 99 times in 100
     age_us: int | None = None  # of the sample, when the daemon had read it
+    utc_host: str | None = None  # whose UTC t_ns is
+    utc_bound_us: int | None = None  # how far that may be off; None: not synchronised
 
 
 class Pose(Numbered, frozen=True, kw_only=True):

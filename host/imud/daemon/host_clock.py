@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 
+from imud.daemon.host_sync import Sync, sync_of_host
 from imud.daemon.lines import ProbeLines
 from imud.daemon.publisher import Publisher
 from imud.daemon.registry import Registry
@@ -24,6 +25,17 @@ class HostClock:
         self._lines = lines
         # Of several readings the one with the least between both.
         self.timeline = Timeline(max(time.time_ns() - host_ns() for _ in range(5)))
+
+        self.sync = Sync("")
+        self.look()
+
+    def look(self) -> None:
+        """Asks whether this host follows UTC; tells when that changes."""
+        before, self.sync = self.sync, sync_of_host()
+        self.timeline.whose = (self.sync.host, self.sync.bound_us)
+        is_known = None not in (before.is_synchronised, self.sync.is_synchronised)
+        if is_known and before.is_synchronised != self.sync.is_synchronised:
+            self._lines.synchronised(is_so=bool(self.sync.is_synchronised))
 
     def now_ns(self) -> int:
         """UTC, which never runs backwards."""

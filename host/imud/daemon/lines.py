@@ -113,6 +113,12 @@ class ProbeLines:
             is_warning=True,
         )
 
+    def synchronised(self, *, is_so: bool) -> None:
+        words = (
+            "follows UTC again" if is_so else "no longer follows UTC; see timedatectl"
+        )
+        self._speaker.say("host sync", f"this machine {words}", is_warning=not is_so)
+
     def of_stage(self, entry: ProbeEntry, stage: Stage, tells: Tells) -> None:
         self._speaker.say(
             (stage.name, entry.name, tells.kind),

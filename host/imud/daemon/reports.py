@@ -44,6 +44,7 @@ class Reports:
         about a millisecond, between which others may do something.
         """
         self._clock.follow()
+        self._clock.look()
         self._log.follow(self._clock.now_ns())
         for entry in self._registry:
             poses = entry.poses - entry.poses_before
@@ -68,7 +69,8 @@ class Reports:
             hub.taken(name, LOG) if entry.is_logged else {},
             self._log.state_of(entry),
         )
-        status = status_of(entry, delivered, self._clock.timeline, host_ns())
+        clock = self._clock
+        status = status_of(entry, delivered, clock.timeline, clock.sync, host_ns())
         said = self._publisher.say(entry, "status", status, status["t_ns"])
         self.on_status(said)
 

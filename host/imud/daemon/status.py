@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 
+from imud.daemon.host_sync import Sync
 from imud.daemon.log_state import LogState
 from imud.daemon.params_watch import summary
 from imud.daemon.registry import ProbeEntry
@@ -32,7 +33,11 @@ class Delivered(msgspec.Struct, frozen=True):
 
 
 def status_of(
-    entry: ProbeEntry, delivered: Delivered, timeline: Timeline, now_ns: int
+    entry: ProbeEntry,
+    delivered: Delivered,
+    timeline: Timeline,
+    sync: Sync,
+    now_ns: int,
 ) -> dict[str, Any]:
     """All that the daemon knows about a probe at `now_ns`, the host's time."""
     hello = entry.other.hello.fields if entry.other is not None else entry.probe.hello
@@ -47,7 +52,7 @@ def status_of(
         "ledger": _ledger(entry, delivered),
         "log": delivered.log,
         "link": session.counts() if session is not None else None,
-        "clock": _clock(entry, timeline, now_ns),
+        "clock": _clock(entry, timeline, now_ns) | _utc(sync),
         "params": summary(entry),
         "place": msgspec.to_builtins(entry.earth),
         **{stage.name: stage.status() for stage in entry.stages},
@@ -86,6 +91,15 @@ def _ledger(entry: ProbeEntry, delivered: Delivered) -> dict[str, Any]:
             entry.put,
             delivered.sinks,
         ),
+    }
+
+
+def _utc(sync: Sync) -> dict[str, Any]:
+    """Whose UTC it is, and how good."""
+    return {
+        "utc_host": sync.host,
+        "utc_is_synchronised": sync.is_synchronised,
+        "utc_bound_us": sync.bound_us,
     }
 
 

@@ -18,6 +18,8 @@ _HEAD = {
     "t_ns": _OPTIONAL_COUNT,
     "t_bound_us": _OPTIONAL_COUNT,
     "age_us": _OPTIONAL_COUNT,
+    "utc_host": {"type": "string"},
+    "utc_bound_us": _OPTIONAL_COUNT,
 }
 
 
@@ -123,6 +125,16 @@ JSON_SCHEMAS: dict[str, dict[str, Any]] = {
         error={"type": ["string", "null"]},
         bytes=_TEXT,
         records={"type": "object"},
+    ),
+    # Of `imud record`: numbers between `after` and `before` did not arrive.
+    "gap": _object(
+        **_ABOUT,
+        topic=_TEXT,
+        after=_OPTIONAL_COUNT,
+        before=_COUNT,
+        network=_COUNT,
+        wire=_COUNT,
+        daemon_restarts=_COUNT,
     ),
     "log": _object(
         **_ABOUT,

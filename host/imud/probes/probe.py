@@ -62,6 +62,7 @@ class Probe:
             t_ns,
             bound_ns,
             timeline.utc(frame.t_ns),
+            timeline.whose,
         )
 
     @property

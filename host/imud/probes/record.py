@@ -20,7 +20,7 @@ JSON_TOPICS = frozenset({"pose", "raw", "event", "stroke"})
 # Keys of the daemon's own records, and what the messages of that name are called.
 TOPICS = {"status": "counters", "params": "params_part"}
 
-# Each object begins with these.
+# Each object begins with these; without the last two where no host dated it.
 HEAD = (
     "type",
     "probe",
@@ -31,6 +31,8 @@ HEAD = (
     "t_ns",
     "t_bound_us",
     "age_us",
+    "utc_host",
+    "utc_bound_us",
 )
 
 _ENCODER = msgspec.json.Encoder()
@@ -45,6 +47,8 @@ class Stamp(msgspec.Struct, frozen=True):
     t_ns: int | None = None  # UTC of its sample; None: not known
     t_bound_ns: int | None = None  # t_ns is right to this in 99 % of cases
     t_received_ns: int | None = None  # UTC at which its last byte was read
+    # The host whose UTC these are, and how far that may be off in us (None: not known).
+    whose: tuple[str, int | None] | None = None
 
 
 class Record(msgspec.Struct, frozen=True):
@@ -122,6 +126,8 @@ def describe(
         "t_bound_us": None if bound_ns is None else round(bound_ns / 1000),
         "age_us": age_us,
     }
+    if stamp.whose is not None:
+        head["utc_host"], head["utc_bound_us"] = stamp.whose
     if message.name == "pose":
         head["q"] = fields["q"]
         head["position_m"] = fields["position"]

@@ -88,6 +88,8 @@ class Timeline:
         # The last correction: before this time the offset may have been another one.
         self._turned_ns: int | None = None
         self._turn_ns = 0
+        # The host whose UTC it is, and how far that may be off in us (None: not known).
+        self.whose: tuple[str, int | None] | None = None
         self.steps = 0
         self.last_step_ns = 0
 
