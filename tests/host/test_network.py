@@ -252,3 +252,34 @@ def test_who_comes_late_gets_the_poses_that_are_kept(
 
             until(hears_another)
         assert kept == list(range(kept[-1] - history, kept[-1] + 1))
+
+
+def test_a_probe_that_went_to_another_daemon_is_left_to_it(
+    tmp_path: Path, port: Port
+) -> None:
+    probe = FakeProbe()
+    with DaemonProcess(port.path, directory=tmp_path, log=False) as daemon:
+        daemon.expect("listens on")
+        port.wait_open()
+        port.write(probe.say("hello"))
+        daemon.expect("found on")
+        with Client(daemon.endpoint) as client:
+            client.wait_for(PROBE)
+            port.vanish()
+            daemon.expect("vanished")
+            until(lambda: client.alive() == [])
+            client.session.put(f"imud/{PROBE}/status", b'{"state":"streaming"}')
+            daemon.expect(f"network: probe {PROBE} is at another imud now")
+            until(lambda: client.statuses() == [])
+            back = Port(port.path)
+            back.wait_open()
+            back.write(probe.say("hello"))
+            daemon.expect("found on")
+            until(client.statuses)
+            # What the daemon that it left says of it is no other's claim.
+            client.session.put(f"imud/{PROBE}/status", b'{"state":"gone"}')
+            client.session.put(f"imud/{PROBE}/pose", b"forged")
+            daemon.expect("another program publishes on imud/.*/pose")
+            back.vanish()
+        daemon.stop()
+        assert not any("/status, too" in line for line in daemon.lines)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import secrets
 import time
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
@@ -37,6 +38,16 @@ WAIT_BEFORE_DROP_US = 50_000
 # A daemon answers within milliseconds on this machine, tens of them over a network.
 CONNECT_TIMEOUT_MS = 2000
 POLL_S = 0.01
+
+# How long Zenoh waits between two attempts to connect again: its default grows to 4 s,
+# and a healed link should be in use within a second.
+_AGAIN = {
+    "connect/retry": {
+        "period_init_ms": 250,
+        "period_max_ms": 1000,
+        "period_increase_factor": 2,
+    }
+}
 
 _TLS = "transport/link/tls/"
 _PASSWORDS = "transport/auth/usrpwd"
@@ -93,13 +104,19 @@ def is_connected(session: zenoh.Session) -> bool:
     return bool(info.routers_zid()) or bool(info.peers_zid())
 
 
-def open_daemon(settings: Zenoh) -> zenoh.Session:
-    """Opens the session of `imud run`.
+def new_id() -> str:
+    """An id for open_daemon(), in Zenoh's form: 16 bytes, without leading zeros."""
+    return f"{1 << 127 | secrets.randbits(127):x}"
+
+
+def open_daemon(settings: Zenoh, own_id: str) -> zenoh.Session:
+    """Opens the session of `imud run`. `own_id` is the source in its time stamps: with
+    the same one after an outage, subscribers know that its numbers go on.
 
     Raises ListenFailed where an address is taken, DaemonNotFound where a guest finds
     no network, ConfigError for an endpoint or keys that Zenoh can't use.
     """
-    session = _open_daemon(settings)
+    session = _open_daemon(settings, own_id)
     if is_guest(settings) and not _connects(session):
         session.close()
         raise _nobody_at(settings.connect)
@@ -162,9 +179,10 @@ def _nobody_at(connect: Sequence[str]) -> DaemonNotFound:
     return DaemonNotFound(f"no Zenoh router accepts it at {', '.join(connect)}")
 
 
-def _open_daemon(settings: Zenoh) -> zenoh.Session:
+def _open_daemon(settings: Zenoh, own_id: str) -> zenoh.Session:
     listen = listens_on(settings)
     wanted: dict[str, Any] = {
+        "id": own_id,
         "mode": settings.mode,
         "listen/endpoints": list(listen),
         "listen/exit_on_failure": True,
@@ -172,6 +190,7 @@ def _open_daemon(settings: Zenoh) -> zenoh.Session:
         "scouting/multicast/enabled": False,
         "timestamping/enabled": True,
         _WAIT: WAIT_BEFORE_DROP_US,
+        **_AGAIN,
     }
     if settings.mode == "client":
         wanted |= _at_once()
@@ -199,6 +218,7 @@ def open_client(where: str, mine: Credentials | None = None) -> zenoh.Session:
         "mode": "client",
         "connect/endpoints": [where],
         "scouting/multicast/enabled": False,
+        **_AGAIN,
         **_at_once(),
     }
     if mine is not None:

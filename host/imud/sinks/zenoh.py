@@ -57,6 +57,7 @@ class ZenohSink:
         self._left: zenoh.Session | None = None  # to the sink that follows
         if before is not None:
             before._is_followed = True
+        self._id: str = before._id if before is not None else network.new_id()
         self._settings = settings
         self._prefix = settings.prefix
         self._on_command = on_command
@@ -68,13 +69,14 @@ class ZenohSink:
         self._publishers: dict[
             tuple[str, str], zenoh.Publisher | zenoh.ext.AdvancedPublisher
         ] = {}
-        self._declared: dict[str, list[object]] = {}
+        self._declared: dict[str, list[Any]] = {}
         self._links: zenoh.LinkEventsListener[None] | None = None
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
         self._known: set[str] = (
             set()
         )  # probes whose liveliness is declared or withdrawn
         self._last: dict[tuple[str, str], bytes] = {}  # by probe and topic
+        self._elsewhere: set[str] = set()  # probes that went to another daemon
 
     def open(self) -> None:
         # The daemon may start before the router that it connects to: the sink's thread
@@ -83,7 +85,7 @@ class ZenohSink:
             self._open()
 
     def _open(self) -> zenoh.Session:
-        session = self._inherited() or network.open_daemon(self._settings)
+        session = self._inherited() or network.open_daemon(self._settings, self._id)
         self._session, self._before = session, None
         self._links = session.info.declare_link_events_listener(self._tell_link)
         if self._is_guest:
@@ -106,6 +108,11 @@ class ZenohSink:
             # It would reconnect by itself, and announce the probes of this moment then.
             self.close()
             raise NetworkError(f"the Zenoh router at {self._where} is gone")
+        if record.probe in self._elsewhere:
+            if not isinstance(record, Presence) or not record.is_alive:
+                self._leave(record.probe)
+                return
+            self._elsewhere.discard(record.probe)
         if record.probe not in self._declared:
             self._declare(session, record.probe)
         if isinstance(record, Presence):
@@ -139,6 +146,7 @@ class ZenohSink:
         self._declared.clear()
         self._tokens.clear()
         self._known.clear()
+        self._elsewhere.clear()
         # A status comes again within a second, params only when they change.
         self._last = {k: v for k, v in self._last.items() if k[1] != "status"}
         self._links = None
@@ -199,16 +207,33 @@ class ZenohSink:
             ),
         ]
 
+    def _leave(self, probe: str) -> None:
+        """Withdraws from the keys of a probe that another daemon serves."""
+        for each in self._declared.pop(probe, []):
+            each.undeclare()
+        self._last = {k: v for k, v in self._last.items() if k[0] != probe}
+
     def _tell_other(self, sample: zenoh.Sample) -> None:
-        if self._session is not None:
-            key = str(sample.key_expr)
-            text = (
-                f"network: another program publishes on {key}, too: don't trust it; is "
-                "there a second imud with this probe's name? docs/security.md says how "
-                "to keep others out"
-            )
-            # One kind for all keys: somebody who makes up keys gets a few lines only.
-            self._on_notice("other", text, True)
+        if self._session is None:
+            return
+        key = str(sample.key_expr)
+        probe, topic = key.split("/")[-2:]
+        if probe in self._known and probe not in self._tokens:
+            # It was unplugged here: from now on it is the other's.
+            if probe not in self._elsewhere:
+                self._elsewhere.add(probe)
+                text = f"network: probe {probe} is at another imud now"
+                self._on_notice(("elsewhere", probe), text, False)
+            return
+        if topic == "status" and _says_gone(sample.payload.to_bytes()):
+            return  # the last words of the daemon that it has left
+        text = (
+            f"network: another program publishes on {key}, too: don't trust it; is "
+            "there a second imud with this probe's name? docs/security.md says how "
+            "to keep others out"
+        )
+        # One kind for all keys: somebody who makes up keys gets a few lines only.
+        self._on_notice("other", text, True)
 
     def _tell_whether(self, *, is_joined: bool) -> None:
         """Tells once that the router is there, or that it is not."""
@@ -283,6 +308,14 @@ def _is_alive(status: bytes) -> bool:
     """Whether the status is of a probe that is on a port and speaks our schema."""
     said = msgspec.json.decode(status)
     return said["port"] is not None and said["state"] != "other schema"
+
+
+def _says_gone(payload: bytes) -> bool:
+    """Whether it is the status of a probe that was unplugged."""
+    try:
+        return bool(msgspec.json.decode(payload)["state"] == "gone")
+    except (msgspec.DecodeError, KeyError, TypeError):
+        return False
 
 
 def _pairs(parameters: str) -> list[tuple[str, Any]]:
