@@ -64,10 +64,11 @@ class DaemonProcess:
         program: tuple[str, ...] = ("-m", "imud"),
         endpoint: str = "",
         page: bool | None = False,  # True: at any free port; None: as with the log
+        before: tuple[str, ...] = (),  # what runs the command elsewhere
     ) -> None:
         self.endpoint = endpoint or free_endpoint()
         self.logs = directory / "logs"
-        command = [sys.executable, *program, "run", *map(str, arguments)]
+        command = [*before, sys.executable, *program, "run", *map(str, arguments)]
         command += ["--listen", self.endpoint]
         if log is not None:
             command += ["--log", str(self.logs)] if log else ["--no-log"]
