@@ -52,7 +52,7 @@ class Source:
 
     def __init__(self, number: int, fast_ppm: float = 0.0) -> None:
         self._pace = 1.0 + fast_ppm * 1e-6
-        self.id = bytes([0xF0, 0, 0, 0, 0, 0, 0, number])
+        self.id = bytes([0xF0, 0, 0, 0, 0, 0]) + number.to_bytes(2, "big")
         self.name = self.id.hex()
         self.boot_count = 1
         self.sequence = 0
