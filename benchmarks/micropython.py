@@ -23,7 +23,7 @@ from imud.wire.messages import Message, decode, encode
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = ROOT / "build" / "micropython"
 MAINS = ROOT / "tests" / "micropython" / "mains"
-IMAGES = ("fast", "memory", "memory_plain", "pause", "pause_plain")
+IMAGES = ("fast", "madgwick", "memory", "memory_plain", "pause", "pause_plain")
 RESULT = ROOT / "build" / "micropython.json"
 
 CLOCK_HZ = 168_000_000
@@ -96,6 +96,8 @@ def measure(seconds: float) -> dict[str, Any]:
         "module, 760 Hz": ("fast", ()),
         "module, 760 Hz, all": ("fast", tuple(orders(760))),
         "without, raw": ("plain", ()),
+        "without, Madgwick": ("madgwick", ()),
+        "without, Madgwick and raw": ("madgwick", tuple(orders(380))),
     }
     result: dict[str, Any] = {
         kind: run(name, seconds, *options) for kind, (name, options) in kinds.items()

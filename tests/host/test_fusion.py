@@ -85,6 +85,16 @@ def test_its_strokes_are_in_every_bit_those_of_the_probe(is_by_button: bool) -> 
     )
 
 
+def test_a_filter_in_floats_gives_way_to_ours() -> None:
+    about = {"board": "micropython", "self_test": (), "filter": "madgwick"}
+    life = followed().live(620)
+    contents = [
+        changed(content, **about) if message_of(content).name == "hello" else content
+        for content in life.contents
+    ]
+    assert tail(added(fused(contents))) == tail(own_poses(life.contents))
+
+
 def test_a_board_without_a_filter_gets_ours() -> None:
     life = followed().live(620)
     contents = [

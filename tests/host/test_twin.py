@@ -6,9 +6,12 @@ from __future__ import annotations
 import pytest
 
 from core.desk import lib
+from fakes import FakeProbe
+from imud.stages.floats import is_in_floats
 from imud.stages.twin_outcomes import (
     Began,
     Differs,
+    Lost,
     State,
     Stopped,
     WantsRaw,
@@ -208,3 +211,18 @@ def test_a_flag_too_many_or_too_few_is_told(flag: str) -> None:
         (differs,) = outcomes[1:]
         assert isinstance(differs, Differs)
         assert differs.fields == ("pose_flags",)
+
+
+def test_it_does_not_follow_a_filter_in_floats() -> None:
+    plain = {"board": "micropython", "sensor": "lsm9ds0", "filter": "madgwick"}
+    plain |= {"who_am_i": (0xD4, 0x49), "self_test": (), "raw_rate": 200}
+    fake = FakeProbe(**plain)
+    names = ["hello", *["raw", "pose"] * 5, "hello", "pose"]
+    twin, outcomes = heard([fake.content(name) for name in names])
+    (outcome,) = outcomes
+    assert isinstance(outcome, Lost)
+    assert "floats" in outcome.reason
+    assert (twin.state, twin.compared) == (State.LOST, 0)
+    for module in ({"self_test": ("acc_passed",)}, {"who_am_i": (0, 0)}):
+        content = FakeProbe(**plain | module).content("hello")
+        assert not is_in_floats(message_of(content))

@@ -3,16 +3,20 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fakes import PATIENCE_S, DaemonProcess
+from imud import _core
 from imud.client import Client
 from imud.config.settings import Config, ProbeSettings
 from imud.stages import Adds
 from imud.stages.fusion import FusionStage
+from imud.wire import schema
 from imud.wire.messages import Message, decode
 from sessions import received
 from system.live import LiveProbe, hear, take
@@ -102,3 +106,33 @@ def test_a_board_without_the_module_has_poses_at_a_subscriber(
     assert numbers == list(range(numbers[0], numbers[0] + 60))
     assert status["fusion"]["is_on_host"]
     assert status["ledger"]["lost"] == 0
+
+
+def test_a_filter_in_floats_loses_no_sample_and_follows_that_of_core(
+    root: Path, f405: Path, plain_image: Path, tmp_path: Path
+) -> None:
+    source = root / "tests" / "micropython" / "mains" / "madgwick.py"
+    words = (sys.executable, "tools/micropython_build.py", source)
+    subprocess.run(words, cwd=root, check=True)
+    done = moved(Stub(MICROPYTHON, f405, plain_image.with_name("madgwick"), tmp_path))
+    assert_nothing_is_lost(done)
+    assert done.named("hello")[-1].fields["filter"] == "madgwick"
+    events = [name for name, _ in done.events]
+    assert "calibration_done" in events
+    assert "overrun" not in events
+    replay = None
+    apart = []
+    for content, message in zip(done.contents, done.messages, strict=True):
+        if replay is None and message.fields.get("sample_rate"):
+            replay = _core.Replay(content, b"")
+            replay.restart(int(schema.Filter.MADGWICK))
+        elif replay is not None and message.name == "raw":
+            replay.step(content)
+        elif replay is not None and message.name == "pose":
+            theirs = decode(replay.pose(message.sequence, message.time_us))
+            assert isinstance(theirs, Message)
+            a, b = (np.array(each.fields["q"]) for each in (message, theirs))
+            apart.append(np.degrees(2 * np.arccos(min(1.0, abs(float(a @ b))))))
+    assert len(apart) > 90 * (SECONDS - 2)
+    # Fewer steps, and another bias: the raw stream began after some samples.
+    assert max(apart) < 6

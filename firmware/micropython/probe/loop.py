@@ -37,6 +37,7 @@ def run(
     hook=None,
     watchdog=True,
     plain=False,
+    filter=None,
 ):
     """Runs the probe: that of the C module or, where there is none or `plain` is true,
     one that sends raw samples for a host to fuse. It ends with an exception only.
@@ -46,9 +47,10 @@ def run(
     pressed; `storage`: of storage.py, None: nothing is kept; `supply`: a function that
     returns the supply in mV; `battery`: of battery.py; `log`: of log.py; `hook`: a
     function that is called once a second. An exception of these four is told as the
-    event hook_failed, and the probe goes on.
+    event hook_failed, and the probe goes on. `filter`: of madgwick.py, for poses
+    without the C module, which has its own.
     """
-    probe = _attached(sensor, ready, storage, plain)
+    probe = _attached(sensor, ready, storage, plain, filter)
     _listen(ready, probe.edge)
     # Frames hold any byte, Ctrl-C too.
     kbd_intr(-1)
@@ -62,14 +64,14 @@ def run(
         ready.irq(None)
 
 
-def _attached(sensor, ready, storage, plain):
+def _attached(sensor, ready, storage, plain, filter):
     if imuprobe is not None and not plain:
         probe = imuprobe.Probe(storage, **facts())
         sensor.attach(probe, ready)
         return probe
     from .plain import Probe
 
-    probe = Probe(storage, **facts())
+    probe = Probe(storage, filter=filter, **facts())
     sensor.attach_plain(probe, ready)
     return probe
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""A probe without the C module: raw samples, for a host that fuses them. Its methods
-are those of imuprobe.Probe.
-"""
+"""A probe without the C module: raw samples, for a host that fuses them, and poses of a
+filter in floats. Its methods are those of imuprobe.Probe."""
 
 import struct
 from time import ticks_diff, ticks_us
@@ -12,13 +11,16 @@ from . import wire
 from .button import Button
 from .link import Link, message
 from .plain_equipment import Equipment
-from .plain_settings import Settings, id_of
+from .plain_settings import Settings, id_of, is_rate
+from .plain_status import Status
+from .plain_streams import Streams
 
 _STEP_US = const(5000)
 _SECOND_US = const(1_000_000)
 _HELLO_US = const(500_000)
 _RETRY_US = const(200_000)  # between two attempts to bring the sensor up
 _SILENCE_US = const(50_000)  # without data-ready
+_MISSED_US = const(8_000)  # three samples of the LSM9DS0, whose data-ready stays high
 _FAILED_MAX = const(5)  # readings in a row, before the sensor is set up again
 _WAITING, _SETUP, _SAMPLING = const(0), const(1), const(2)
 _CAUSES = {110: wire.CAUSE_TIMEOUT}  # ETIMEDOUT
@@ -35,33 +37,35 @@ class Probe:
         reset_cause=0,
         mhz=1,
         room=2048,
+        filter=None,
     ):
         now = ticks_us()
         self._settings = Settings(storage)
-        self._mhz = mhz
         self._link = Link(room)
         self._button = Button(now)
+        self._streams = Streams(self._link, self._settings, filter)
         self._raw = message(wire.RAW)
         self._hello = message(wire.HELLO)
-        self._status = message(wire.STATUS)
+        self._status = Status(mhz)
+        self.supply = self._status.supply
         struct.pack_into("<16s", self._hello, wire.HELLO_FIRMWARE, firmware.encode())
         self._hello[wire.HELLO_BOARD] = board
         struct.pack_into("<8s", self._hello, wire.HELLO_PROBE_ID, id_of(id))
         self._hello[wire.HELLO_RESET_CAUSE] = reset_cause
+        if filter is not None:
+            self._hello[wire.HELLO_FILTER] = filter.KIND
         self._equipment = Equipment()
         self.battery = self._equipment.battery
         self._driver = None
         self._recover = None
         self._phase = _WAITING
         self._since = now
-        self._is_streaming = self._is_faulty = self._has_gap = False
-        self._failed = self._raw_phase = 0
-        self._edges = self._taken = 0
+        self._is_faulty = self._has_gap = False
+        self._failed = self._edges = self._taken = 0
         self._stamp = now
         self._read = self._overruns = self._faults = self._recoveries = 0
         self._commands = self._token = self._result = 0
         self._value = (0, 0)
-        self._work_us = self._worst_us = self._samples = 0
         self._uptime = 0
         self._has_told_hello = False
         self._second = self._stepped = now
@@ -115,6 +119,7 @@ class Probe:
         self._failed = 0
         self._taken = self._edges
         driver.describe(self._hello)
+        self._streams.begin(driver.rate_hz, self._hello)
         if self._is_faulty:
             self._is_faulty = False
             self._recoveries += 1
@@ -127,11 +132,14 @@ class Probe:
     def _take_sample(self, now):
         waiting = self._edges - self._taken
         if not waiting:
-            if ticks_diff(now, self._since) >= _SILENCE_US:
-                self._lose(wire.EVENT_SENSOR_FAULT, wire.CAUSE_NO_DATA_READY, 0, now)
-            elif self._failed and self._ready():
-                # What the failed reading left keeps data-ready from rising again.
+            silent_us = ticks_diff(now, self._since)
+            if silent_us >= _SILENCE_US:
+                self._lose(wire.CAUSE_NO_DATA_READY, 0, now)
+            elif (self._failed or silent_us >= _MISSED_US) and self._ready():
+                # What was not read in time keeps data-ready from rising again.
                 self._driver.read(self._raw)
+                if not self._failed:
+                    self._overrun(1, now)
             return False
         stamp = self._stamp
         self._taken += waiting
@@ -142,57 +150,43 @@ class Probe:
         self._since = now
         self._read += 1
         if waiting > 1:
-            self._overruns += waiting - 1
-            self._has_gap = True
-            self.tell(wire.EVENT_OVERRUN, wire.CAUSE_LATE, waiting - 1, now)
+            self._overrun(waiting - 1, now)
         if self._has_gap:
             self._has_gap = False
             raw[wire.RAW_SAMPLE_FLAGS] |= wire.SAMPLE_GAP
-        if self._is_streaming and self._is_due():
-            self._link.put(raw, len(wire.RAW), stamp)
-        self._worked(ticks_diff(ticks_us(), now))
+        found = self._streams.take(raw, stamp)
+        if found:
+            self.tell(wire.EVENT_CALIBRATION_DONE, wire.CAUSE_NONE, found, now)
+        self._status.worked(ticks_diff(ticks_us(), now))
         return True
 
-    def _is_due(self):
-        """True `rate` times a second, evenly."""
-        of_hz = self._driver.rate_hz
-        rate = self._settings.rate
-        if rate >= of_hz:
-            return True
-        self._raw_phase += rate
-        if self._raw_phase < of_hz:
-            return False
-        self._raw_phase -= of_hz
-        return True
-
-    def _worked(self, us):
-        self._work_us += us
-        self._samples += 1
-        if us > self._worst_us:
-            self._worst_us = us
+    def _overrun(self, missed, now):
+        self._overruns += missed
+        self._has_gap = True
+        self.tell(wire.EVENT_OVERRUN, wire.CAUSE_LATE, missed, now)
 
     def _fail(self, error, now):
         """A transfer failed: one sample is lost or, too often, the sensor."""
         number = error.args[0] if error.args else 0
         if number == self._driver.WRONG_CHIP:
-            who = self._driver.who_am_i
-            self._lose(wire.EVENT_SENSOR_FAULT, wire.CAUSE_WRONG_CHIP, who, now)
+            self._lose(wire.CAUSE_WRONG_CHIP, self._driver.who_am_i, now)
             return
         self._failed += 1
         cause = _CAUSES.get(number, wire.CAUSE_NACK)
         is_free = self._recover is None or self._recover()
         if not is_free:
             cause = wire.CAUSE_STUCK_BUS
-        self._faults += 1
-        self._has_gap = True
-        self.tell(wire.EVENT_BUS_FAULT, cause, self._failed, now)
+        self._tell_fault(wire.EVENT_BUS_FAULT, cause, self._failed, now)
         if not is_free or self._phase == _SETUP or self._failed >= _FAILED_MAX:
             self._give_up(now)
 
-    def _lose(self, event, cause, detail, now):
+    def _tell_fault(self, event, cause, detail, now):
         self._faults += 1
         self._has_gap = True
         self.tell(event, cause, detail, now)
+
+    def _lose(self, cause, detail, now):
+        self._tell_fault(wire.EVENT_SENSOR_FAULT, cause, detail, now)
         self._give_up(now)
 
     def _give_up(self, now):
@@ -212,47 +206,22 @@ class Probe:
     def _tell_hello(self, now):
         hello = self._hello
         struct.pack_into("<H", hello, wire.HELLO_BOOT_COUNT, self._settings.boots)
-        struct.pack_into("<H", hello, wire.HELLO_RAW_RATE, self._rate_told())
-        struct.pack_into("<H", hello, wire.HELLO_POSE_RATE, 100)
+        pose_rate, raw_rate = self._streams.rates()
+        struct.pack_into("<H", hello, wire.HELLO_RAW_RATE, raw_rate)
+        struct.pack_into("<H", hello, wire.HELLO_POSE_RATE, pose_rate)
         self._link.put(hello, len(wire.HELLO), now)
 
-    def _rate_told(self):
-        driver, rate = self._driver, self._settings.rate
-        return rate if driver is None else min(rate, driver.rate_hz)
-
     def _tell_status(self, now):
-        status, link = self._status, self._link
-        mean_us = self._work_us // self._samples if self._samples else 0
-        for place, value in (
-            (wire.STATUS_UPTIME, self._uptime),
-            (wire.STATUS_SAMPLES_READY, self._edges),
-            (wire.STATUS_SAMPLES_READ, self._read),
-            (wire.STATUS_OVERRUNS, self._overruns),
-            (wire.STATUS_MESSAGES_SENT, link.sent + 1),
-            (wire.STATUS_MESSAGES_DROPPED, link.dropped),
-            (wire.STATUS_CYCLES_MEAN, mean_us * self._mhz),
-            (wire.STATUS_CYCLES_WORST, self._worst_us * self._mhz),
-        ):
-            struct.pack_into("<I", status, place, value)
-        for place, value in (
-            (wire.STATUS_BUS_FAULTS, self._faults),
-            (wire.STATUS_BUS_RECOVERIES, self._recoveries),
-            (wire.STATUS_COMMANDS_RECEIVED, self._commands),
-            (wire.STATUS_COMMANDS_BAD, link.bad),
-        ):
-            struct.pack_into("<H", status, place, value & 0xFFFF)
-        status[wire.STATUS_STATE] = self._state()
-        link.put(status, len(wire.STATUS), now)
-        self._equipment.put(link, now)
-        self._work_us = self._worst_us = self._samples = 0
-
-    def supply(self, mv):
-        struct.pack_into("<H", self._status, wire.STATUS_SUPPLY, mv or 0xFFFF)
+        fused = self._streams.fused
+        seen = self._uptime, self._edges, self._read, fused, self._overruns
+        counts = self._faults, self._recoveries, self._commands
+        self._status.put(self._link, now, self._state(), seen, counts)
+        self._equipment.put(self._link, now)
 
     def _state(self):
         if self._is_faulty:
             return wire.STATE_FAULT
-        return wire.STATE_STREAMING if self._is_streaming else wire.STATE_IDLE
+        return wire.STATE_STREAMING if self._streams.is_on else wire.STATE_IDLE
 
     # The wire, and steps
 
@@ -279,19 +248,28 @@ class Probe:
         elif order == wire.COMMAND_HELLO:
             self._tell_hello(now)
         elif order == wire.COMMAND_RATE:
-            if values[0] != 1 or not 1 <= values[1] <= 1000:
-                return wire.RESULT_BAD_ARGUMENT, (values[0], self._settings.rate)
-            self._settings.rate = values[1]
-            self._save(now)
+            return self._set_rate(values, now)
         elif order == wire.COMMAND_FIELDS:
-            if values[0] != wire.STREAM_RAW:
-                return wire.RESULT_BAD_ARGUMENT, (wire.STREAM_RAW, 0)
+            if not self._streams.choose(values[0]):
+                return wire.RESULT_BAD_ARGUMENT, (self._streams.fields, 0)
         elif order == wire.COMMAND_RESET:
             self._wants_reset = True
         elif order == wire.COMMAND_PARAMS_TELL:
             self._link.put(message(wire.PARAMS), len(wire.PARAMS), now)
         elif order != wire.COMMAND_TIME:
             return wire.RESULT_UNKNOWN_COMMAND, values
+        return wire.RESULT_OK, values
+
+    def _set_rate(self, values, now):
+        settings, (stream, hz) = self._settings, values
+        if stream not in (0, 1) or not is_rate(hz):
+            rate = settings.rate if stream == 1 else settings.pose_rate
+            return wire.RESULT_BAD_ARGUMENT, (stream, rate)
+        if stream == 1:
+            settings.rate = hz
+        else:
+            settings.pose_rate = hz
+        self._save(now)
         return wire.RESULT_OK, values
 
     def _reply(self, order, token, now):
@@ -303,9 +281,9 @@ class Probe:
         self._link.put(content, len(wire.REPLY), now)
 
     def _stream(self, is_on, cause, now):
-        if is_on is self._is_streaming:
+        if is_on is self._streams.is_on:
             return
-        self._is_streaming = is_on
+        self._streams.is_on = is_on
         event = wire.EVENT_STREAM_STARTED if is_on else wire.EVENT_STREAM_STOPPED
         self.tell(event, cause, 0, now)
 
@@ -338,13 +316,13 @@ class Probe:
             self.tell(wire.EVENT_BUTTON_PRESSED, wire.CAUSE_BUTTON, 0, now)
             return
         self.tell(wire.EVENT_BUTTON_RELEASED, wire.CAUSE_BUTTON, 0, now)
-        self._stream(not self._is_streaming, wire.CAUSE_BUTTON, now)
+        self._stream(not self._streams.is_on, wire.CAUSE_BUTTON, now)
 
     def _light(self, now):
         """Idle: a flash every second; fault: four; streaming: on."""
         if self._is_faulty:
             return (now >> 17) & 1 == 0
-        return self._is_streaming or (now >> 15) & 31 == 0
+        return self._streams.is_on or (now >> 15) & 31 == 0
 
     def wants_reset(self):
         return self._wants_reset

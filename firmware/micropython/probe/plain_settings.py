@@ -7,9 +7,10 @@ from micropython import const
 
 _CELLS = const(1024)  # bytes of a storage
 _PLACE = const(896)  # among them: what the C firmware leaves free
-_FORM = "<HHH"  # boots, raw rate, their check
+_FORM = "<HHHH"  # boots, raw rate, pose rate, their check
 _CHECK = const(0x5AA5)
 _RATE_MAX = const(1000)
+_POSE_RATE = const(100)
 
 
 def id_of(data):
@@ -20,23 +21,34 @@ def id_of(data):
     return bytes((value >> (8 * i)) & 0xFF for i in range(8))
 
 
+def is_rate(hz):
+    return 1 <= hz <= _RATE_MAX
+
+
 class Settings:
-    """`boots` counts this one. `rate`: raw messages a second, at most."""
+    """`boots` counts this one. `rate`: raw messages a second, at most; `pose_rate`:
+    poses.
+    """
 
     def __init__(self, storage):
         self._storage = storage
         self._cells = bytearray(b"\xff" * _CELLS)
         if storage is not None:
             storage.load(self._cells)
-        boots, rate, check = struct.unpack_from(_FORM, self._cells, _PLACE)
-        is_good = check == boots ^ rate ^ _CHECK and 1 <= rate <= _RATE_MAX
-        self.boots, self.rate = (boots, rate) if is_good else (0, _RATE_MAX)
-        self.boots = (self.boots + 1) & 0xFFFF
+        boots, rate, poses, check = struct.unpack_from(_FORM, self._cells, _PLACE)
+        is_good = check == boots ^ rate ^ poses ^ _CHECK
+        is_good = is_good and is_rate(rate) and is_rate(poses)
+        if not is_good:
+            boots, rate, poses = 0, _RATE_MAX, _POSE_RATE
+        self.boots = (boots + 1) & 0xFFFF
+        self.rate = rate
+        self.pose_rate = poses
 
     def save(self):
         """False where they are not kept."""
-        values = self.boots, self.rate, self.boots ^ self.rate ^ _CHECK
-        struct.pack_into(_FORM, self._cells, _PLACE, *values)
+        values = self.boots, self.rate, self.pose_rate
+        check = self.boots ^ self.rate ^ self.pose_rate ^ _CHECK
+        struct.pack_into(_FORM, self._cells, _PLACE, *values, check)
         if self._storage is not None:
             try:
                 self._storage.save(self._cells)

@@ -15,6 +15,7 @@ from imud import _core
 from imud.config.settings import Config
 from imud.probes.session import ProbeFound, Received
 from imud.stages import Adds, Outcome, Tells, Wants
+from imud.stages.floats import is_in_floats
 from imud.wire import schema
 from imud.wire.messages import Message, place_of
 
@@ -69,7 +70,7 @@ class FusionStage:
 
     def _take_hello(self, hello: Message, content: bytes) -> Iterator[Outcome]:
         own = bytearray(content)
-        if hello.fields["filter"] == "none":
+        if hello.fields["filter"] == "none" or is_in_floats(hello):
             own[_FILTER] = bytes([schema.Filter.FUSE])
         self._hello, self._content = hello, bytes(own)
         if hello.fields["raw_rate"] != hello.fields["sample_rate"]:

@@ -24,6 +24,7 @@ does not know them it asks for them, and then for a restart.
 from __future__ import annotations
 
 from imud import _core
+from imud.stages.floats import is_in_floats
 from imud.stages.twin_outcomes import (
     Began,
     Differs,
@@ -47,6 +48,7 @@ RAW_STREAM = 1
 CHANGES = frozenset({"restart", "tare"})
 
 _UNABLE = "this imud can't compute it"
+_FLOATS = "its filter computes in floats, each processor with bits of its own"
 
 _MASK = (1 << 32) - 1
 
@@ -145,6 +147,10 @@ class Twin:
         sample_rate = hello.fields["sample_rate"]
         if not isinstance(sample_rate, int) or sample_rate == 0:
             return None
+        if is_in_floats(hello):
+            self._hello = b""
+            is_told = self.state is State.LOST
+            return None if is_told else self._lose(hello.sequence, _FLOATS)
         self._is_sure = True
         self._hello = content
         self._sample_rate = sample_rate
@@ -236,7 +242,7 @@ class Twin:
             self._is_ripe = False
             is_full = self._raw_rate == self._sample_rate
             wants = WantsRaw(None if is_full else self._sample_rate)
-            return None if has_raw else self._ask(wants)
+            return None if has_raw or not self._hello else self._ask(wants)
         if not has_raw or self._hole is not None:
             return self._lose(message.sequence, "its sample was not told")
         twin = self._replay.pose(message.sequence, message.time_us)
