@@ -14,11 +14,15 @@ import numpy as np
 import pytest
 
 from bits.processors import replayed
+from core.stroke_desk import measured
 from imud.virtual import sensors
+from imud.virtual.stroking import Plan
 from imud.wire import schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode, encode
+from stroke_bench import feel
 from system.virtual import F405, Stub, run, write_hand
+from twin_bench import followed, message_of, named
 
 pytestmark = pytest.mark.long
 
@@ -29,6 +33,7 @@ ABOUT = (int(schema.Sensor.MPU9250), RATE_HZ, 4788403, 1065264, 150000, 3900)
 LSB = (4788403e-9, 1065264e-9, 0.15)  # m/s2, rad/s and uT: the same
 LSM9DS0 = (int(schema.Sensor.LSM9DS0), 380, 7178468, 1221730, 8000, 2251)
 SECONDS = 62
+STROKE = 0x14
 ALL = int(schema.StreamFlags.POSE | schema.StreamFlags.RAW)
 
 
@@ -88,7 +93,7 @@ def fed(
     return contents
 
 
-def named(contents: Iterable[bytes], name: str) -> list[Message]:
+def sent(contents: Iterable[bytes], name: str) -> list[Message]:
     messages = [decode(content) for content in contents]
     return [m for m in messages if isinstance(m, Message) and m.name == name]
 
@@ -111,7 +116,7 @@ def test_its_poses_are_those_of_the_native_core(
     poses = [content for content in contents if content[0] == 0x06]
     assert len(poses) > 100 * (SECONDS - 1)
     assert poses == list(replayed(contents))
-    status = named(contents, "status")[-1].fields
+    status = sent(contents, "status")[-1].fields
     assert status["messages_dropped"] == 0
     assert status["samples_read"] == status["samples_fused"]
 
@@ -127,7 +132,7 @@ def test_its_settings_survive_and_a_boot_is_counted(
         tape.sensor(101, *ABOUT)
         for time_us, values in hand(2):
             tape.sample(time_us, values)
-        hellos = named(fed(micropython, tape, tmp_path, memory), "hello")
+        hellos = sent(fed(micropython, tape, tmp_path, memory), "hello")
         counts.append((hellos[0].fields["boot_count"], hellos[0].fields["pose_rate"]))
         assert {hello.fields["probe_id"] for hello in hellos} == {fnv(b"host")}
     assert counts == [(1, 100), (2, 50), (3, 50)]
@@ -141,19 +146,13 @@ def fnv(data: bytes) -> bytes:
     return value.to_bytes(8, "little")
 
 
-def test_the_samples_of_the_c_board_give_its_poses(
-    micropython: Path, f405: Path, f405_image: Path, tmp_path: Path
-) -> None:
-    stub = Stub(F405, f405, f405_image, tmp_path)
-    moved = write_hand(tmp_path / "hand", SECONDS)
-    words = ("--motion", moved, "--press", "200000:300000", *stub.raw_too)
-    done = run(stub, SECONDS, *words)
-    raws = done.named("raw")
+def taped(raws: list[Message], about: tuple[int, ...]) -> Tape:
+    """A stream of poses and raw samples, which are those of these messages."""
     tape = Tape()
-    tape.command(1, "rate", 1, 380)
+    tape.command(1, "rate", 1, about[1])
     tape.command(2, "fields", ALL)
     tape.command(3, "start")
-    tape.sensor(raws[0].time_us - 1000, *LSM9DS0)
+    tape.sensor(raws[0].time_us - 1000, *about)
     flags = {flag.name.lower(): flag for flag in schema.SampleFlags if flag.name}
     for raw in raws:
         told = raw.fields
@@ -161,6 +160,36 @@ def test_the_samples_of_the_c_board_give_its_poses(
         cdeg = round(float(told["temperature"]) * 100)
         bits = sum(int(flags[name]) for name in told["sample_flags"])
         tape.sample(raw.time_us, (*told["acc"], *told["gyr"], *mag, cdeg, bits))
+    return tape
+
+
+def test_its_strokes_are_those_of_the_native_core(
+    micropython: Path, tmp_path: Path
+) -> None:
+    scene = measured(Plan(strokes=2), 7)
+    life = feel(followed(), scene.samples, scene.held() & False)
+    about = message_of(life.contents[named(life.contents, "hello")[-1]]).fields
+    scales = [round(about["acc_lsb"] * 1e9), round(about["gyr_lsb"] * 1e9)]
+    scales += [round(about["mag_lsb"] * 1e6), ABOUT[-1]]
+    raws = [message_of(life.contents[at]) for at in named(life.contents, "raw")]
+    kind = int(schema.Sensor[str(about["sensor"]).upper()])
+    contents = fed(micropython, taped(raws, (kind, RATE_HZ, *scales)), tmp_path)
+    theirs, ours = (
+        [content[5:] for content in each if content[0] == STROKE]
+        for each in (life.contents, contents)
+    )
+    assert len(theirs) > 10
+    assert ours == theirs
+
+
+def test_the_samples_of_the_c_board_give_its_poses(
+    micropython: Path, f405: Path, f405_image: Path, tmp_path: Path
+) -> None:
+    stub = Stub(F405, f405, f405_image, tmp_path)
+    moved = write_hand(tmp_path / "hand", SECONDS)
+    words = ("--motion", moved, "--press", "200000:300000", *stub.raw_too)
+    done = run(stub, SECONDS, *words)
+    tape = taped(done.named("raw"), LSM9DS0)
     contents = fed(micropython, tape, tmp_path)
     theirs, ours = (
         [content[5:] for content in each if content[0] == 0x06]  # but for their numbers
