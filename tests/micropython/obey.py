@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Runs in MicroPython: the plain probe hears frames, in hex, and prints what it sends.
+"""Runs in MicroPython: the plain probe hears frames, in hex, so many bytes at a time,
+and prints what it sends.
 
-micropython obey.py FRAME...
+    micropython obey.py BYTES FRAME...
 """
 
 import sys
@@ -12,11 +13,11 @@ from probe.plain import Probe
 class Wire:
     def __init__(self, data):
         self.data = data
-        self.at = 0
+        self.at = self.end = 0
         self.sent = b""
 
     def any(self):
-        return len(self.data) - self.at
+        return self.end - self.at
 
     def readinto(self, one):
         one[0] = self.data[self.at]
@@ -31,12 +32,14 @@ def unhex(text):
     return bytes(int(text[at : at + 2], 16) for at in range(0, len(text), 2))
 
 
-def main(frames):
+def main(size, *frames):
     probe = Probe(None, id=b"obey", firmware="obey")
     wire = Wire(b"".join(map(unhex, frames)))
-    probe.receive(wire)
+    while wire.end < len(wire.data):
+        wire.end = min(wire.end + int(size), len(wire.data))
+        probe.receive(wire)
     probe.send(wire)
     print("".join(f"{byte:02x}" for byte in wire.sent))
 
 
-main(sys.argv[1:])
+main(*sys.argv[1:])

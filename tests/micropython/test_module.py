@@ -51,7 +51,10 @@ class Tape:
         """Kind, rate, lsb of acceleration, rate and field, delay of the gyroscope."""
         self.data += struct.pack("<8I", 0xFFFFFFFE, *about, time_us)
 
-    def command(self, time_us: int, name: str, first: int = 0, second: int = 0) -> None:
+    def command(
+        self, time_us: int, name: str, first: int = 0, second: int = 0, size: int = 99
+    ) -> None:
+        """In pieces of so many bytes."""
         self.tokens += 1
         fields = {
             "command": name,
@@ -59,7 +62,9 @@ class Tape:
             "arguments": (first, second),
         }
         frame = encode_frame(encode("command", fields, self.tokens, 0))
-        self.data += struct.pack("<III", 0xFFFFFFFF, time_us, len(frame)) + frame
+        for at in range(0, len(frame), size):
+            piece = frame[at : at + size]
+            self.data += struct.pack("<III", 0xFFFFFFFF, time_us, len(piece)) + piece
 
 
 def hand(seconds: float) -> list[tuple[int, tuple[int, ...]]]:
@@ -119,6 +124,18 @@ def test_its_poses_are_those_of_the_native_core(
     status = sent(contents, "status")[-1].fields
     assert status["messages_dropped"] == 0
     assert status["samples_read"] == status["samples_fused"]
+
+
+def test_it_takes_commands_in_any_pieces(micropython: Path, tmp_path: Path) -> None:
+    said = []
+    for size in (99, 1, 7):
+        tape = Tape()
+        for number, name in enumerate(("start", "rate", "fields", "stop")):
+            tape.command(100 + number, name, 1, 50, size)
+        said.append(fed(micropython, tape, tmp_path))
+    replies = [reply.fields["result"] for reply in sent(said[0], "reply")]
+    assert replies == ["ok"] * 4
+    assert said[1] == said[2] == said[0]
 
 
 def test_its_settings_survive_and_a_boot_is_counted(

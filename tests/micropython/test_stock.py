@@ -19,14 +19,17 @@ def test_its_frames_are_those_of_the_c(stock: Path, tmp_path: Path) -> None:
     assert_frames_are_those_of_c([stock, "-X", "heapsize=16m"], 1000, tmp_path)
 
 
-def test_without_the_module_a_command_is_obeyed_and_answered_once(stock: Path) -> None:
+@pytest.mark.parametrize("size", [1, 7, 1000])
+def test_without_the_module_a_command_is_obeyed_and_answered_once(
+    stock: Path, size: int
+) -> None:
     wanted = [("start", 1), ("start", 1), ("rate", 2), ("tare", 3), ("stop", 4)]
     frames = [b"\0" + encode_frame(b"noise"), b"\xff" * 100 + b"\0"]
     for number, (name, token) in enumerate(wanted):
         fields = {"command": name, "token": token, "arguments": (1, 50)}
         frames.append(encode_frame(encode("command", fields, number, 0)))
     done = subprocess.run(
-        [stock, PROGRAMS / "obey.py", *(frame.hex() for frame in frames)],
+        [stock, PROGRAMS / "obey.py", str(size), *(frame.hex() for frame in frames)],
         env=os.environ | {"MICROPYPATH": f"{PROGRAMS / 'fake'}:{PACKAGE.parent}"},
         capture_output=True,
         text=True,
