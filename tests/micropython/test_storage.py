@@ -136,3 +136,15 @@ def test_a_full_file_system_is_an_error_and_keeps_the_old_settings(
 
 def test_without_a_file_nothing_is_loaded(storage: ModuleType, tmp_path: Path) -> None:
     assert loaded(storage, tmp_path / "settings") == bytes(1024)
+
+
+def test_a_port_without_files_is_an_error_of_the_storage(
+    storage: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing(*_: object) -> None:
+        raise NameError
+
+    monkeypatch.setattr(storage, "open", missing, raising=False)
+    assert loaded(storage, tmp_path / "settings") == bytes(1024)
+    with pytest.raises(OSError, match="19"):
+        storage.FileStorage(str(tmp_path / "settings")).save(NEW)
