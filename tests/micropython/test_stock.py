@@ -58,3 +58,17 @@ def test_a_power_cut_at_any_write_leaves_whole_settings(
     )
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) == writes
+
+
+def test_ctrl_c_has_no_meaning_while_it_runs_and_gets_it_back(stock: Path) -> None:
+    done = subprocess.run(
+        [stock, PROGRAMS / "ends.py"],
+        env=os.environ | {"MICROPYPATH": f"{PROGRAMS / 'fake'}:{PACKAGE.parent}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    begun = ["pin on", -1, "log open"]
+    ended = ["interrupted", "log closed", 3, "pin off", "raised"]
+    assert done.stdout.strip() == str(begun + ended)
