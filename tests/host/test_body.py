@@ -265,45 +265,6 @@ def test_a_centre_is_found_from_forces():
         hinge.centre(still[0], still[1], rate_hz)
 
 
-def turned_by(play_deg: float, sigma: float) -> heading.Step:
-    """The filter after 30 s of an axis that both see 0.4 rad apart."""
-    times_s = np.arange(3000) / 100.0
-    parent = np.broadcast_to([1.0, 0.0, 0.0], (3000, 3))
-    child = np.broadcast_to([math.cos(0.4), -math.sin(0.4), 0.0], (3000, 3))
-    sights = [
-        heading.magnetic(np.full((3000, 2), sigma)),
-        heading.of_axis(parent, child, math.radians(play_deg)),
-    ]
-    step = heading.Step()
-    found = heading.follow(step, times_s, np.ones(3000, bool), sights)
-    assert found[0][-1] == step.turn
-    return step
-
-
-def test_a_hinge_brings_headings_into_step():
-    step = turned_by(4.0, math.nan)
-    assert step.turn == pytest.approx(0.4, abs=0.01)
-    assert step.sigma < math.radians(5.0)
-
-
-def test_a_heading_that_states_no_doubt_is_believed():
-    assert abs(turned_by(40.0, 0.001).turn) < 0.01
-
-
-def test_what_comes_later_is_known_from_the_beginning():
-    times_s = np.arange(1000) / 100.0
-    is_there = np.ones(1000, bool)
-    is_there[300:320] = False
-    seen = np.where(times_s < 5.0, np.nan, math.radians(3.0) ** 2)
-    sights = [heading.Sight(np.full((1000, 1), 0.3), seen, 0.5)]
-    turns, sigmas = heading.follow(heading.Step(), times_s, is_there, sights)
-    assert turns[0] == 0.0
-    turns, sigmas = heading.smoothed(times_s, turns, sigmas)
-    np.testing.assert_allclose(turns[is_there], 0.3, atol=0.01)
-    assert np.isnan(turns[~is_there]).all()
-    assert sigmas[0] < math.radians(3.0)
-
-
 def test_a_missing_probe_is_missing_and_never_still():
     found = tracks_of(LOOSE)
     gone = {name: each for name, each in found.items()}

@@ -15,7 +15,7 @@ import numpy as np
 from imud import _core
 from imud.body import level, tracks
 from imud.body.tracks import Track
-from imud.params.value import Params
+from imud.params.trusted import known_to
 from imud.rotation import FloatArray
 from imud.wire import messages, schema
 from imud.wire.messages import Message
@@ -27,9 +27,6 @@ LSB_MAX = (1.23e-3, 1.96e-2, 0.1575)
 # One-sigma errors of samples that somebody calibrated: m/s2 and uT.
 ACC_SIGMA, MAG_SIGMA = 0.02, 0.3
 UNSETTLED = np.radians(10.0)  # tilt while the filter settles
-
-_SAME = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-_AS_IS = {"bias_counts": [0.0, 0.0, 0.0], "matrix": _SAME, "method": "measured"}
 
 
 def attitudes(
@@ -73,7 +70,7 @@ def _poses(gyr: FloatArray, acc: FloatArray, field: FloatArray) -> FloatArray:
         strict=True,
     )
     is_new: list[bool] = np.asarray(np.isfinite(field).all(axis=1)).tolist()
-    replay = _core.Replay(_hello(lsbs), _params())
+    replay = _core.Replay(hello(lsbs), known_to(ACC_SIGMA, MAG_SIGMA))
     found = []
     for index, (rate, force, reading) in enumerate(zip(*counts, strict=True)):
         time_us = round(index * 1e6 / FUSED_HZ)
@@ -104,13 +101,7 @@ def _pose(content: bytes) -> tuple[float, ...]:
     return (*said["q"], *numbers)
 
 
-def _params() -> bytes:
-    known = Params().replaced("acc", _AS_IS | {"sigma_m_s2": ACC_SIGMA})
-    known = known.replaced("gyr", _AS_IS)
-    return known.replaced("mag", _AS_IS | {"sigma_uT": MAG_SIGMA}).encode()
-
-
-def _hello(lsbs: tuple[float, ...]) -> bytes:
+def hello(lsbs: tuple[float, ...]) -> bytes:
     """The hello of a probe with such counts."""
     gyr, acc, mag = lsbs
     fields = {

@@ -40,6 +40,7 @@ ALIGN_S = 180.0  # of poses that an alignment looks back on
 RUN_S = 20.0  # and what is kept afterwards, to find swapped probes
 RATE_HZ = 50.0  # of what alignment looks at
 LOST_S = 1.0  # a probe that has been silent for longer is missing
+AWAY_S = 3.0  # one that has been silent for longer ends an alignment
 GUIDE_S = 1.0  # between two looks at what the person does
 STAND_S = 3.0
 
@@ -128,7 +129,7 @@ class Live:
         away = [
             f"{s.name} ({s.probe})"
             for s in self.chain.segments
-            if s.probe and presences[s.name] in ("missing", "no clock")
+            if s.probe and (presences[s.name] == "no clock" or self._is_away(s, time_s))
         ]
         if away:
             undated = any(state == "no clock" for state in presences.values())
@@ -155,6 +156,11 @@ class Live:
             self.stage, self.says = "moving", MOVE
         if any(each[0] > end_s + session.MOTION_S for each in spans):
             self._align(found, time_s)
+
+    def _is_away(self, segment: Segment, time_s: float) -> bool:
+        """A pause that an alignment bears is shorter."""
+        last_s = self.histories[segment.probe or ""].last_s
+        return last_s is None or time_s - last_s > AWAY_S
 
     def _since(self, begin_s: float, end_s: float) -> dict[str, Track]:
         """Tracks at RATE_HZ by segment; empty if there is too little."""

@@ -51,6 +51,12 @@ def add(commands: Commands) -> None:
         help="credentials of the role daemon, if the daemons require them: the "
         "clients/NAME.toml that imud keys made",
     )
+    _add_manner(body)
+    _add_outputs(body)
+    body.set_defaults(run=_run)
+
+
+def _add_manner(body: argparse.ArgumentParser) -> None:
     body.add_argument(
         "--facing",
         metavar="DEG",
@@ -73,6 +79,12 @@ def add(commands: Commands) -> None:
         help="states a second (default: %(default)s)",
     )
     body.add_argument(
+        "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
+    )
+
+
+def _add_outputs(body: argparse.ArgumentParser) -> None:
+    body.add_argument(
         "--ros2",
         metavar="DOMAIN",
         type=whole(0, 232),
@@ -85,10 +97,6 @@ def add(commands: Commands) -> None:
     body.add_argument(
         "--json", action="store_true", help="print one state a line, as published"
     )
-    body.add_argument(
-        "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
-    )
-    body.set_defaults(run=_run)
 
 
 def _run(args: argparse.Namespace) -> int:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Virtual probes: `imud sim nano`, `imud sim f405`, `imud sim micropython`."""
+"""Virtual probes: `imud sim nano`, `f405`, `micropython`, and `imud sim leg`."""
 
 from __future__ import annotations
 
@@ -72,6 +72,73 @@ def add(commands: Commands) -> None:
         _add_streams(parser, board)
         _add_hardware(parser, board)
         parser.set_defaults(run=_run, parser=parser, board=board)
+
+    _add_leg(boards)
+
+
+def _add_leg(boards: Commands) -> None:
+    parser = add_command(
+        boards,
+        "leg",
+        "three probes on a leg that stands, squats, raises its knee and walks",
+        "imud sim leg, then: imud run --config imud-leg/imud.toml, then: imud body "
+        "imud-leg/leg.toml",
+        "It writes the files of the daemon and of the body into a folder, and repeats "
+        "its motion until Ctrl-C.",
+    )
+    parser.add_argument(
+        "--board",
+        choices=("nano", "f405"),
+        default="nano",
+        help="what each probe is (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--dir",
+        metavar="DIR",
+        type=Path,
+        default=Path("imud-leg"),
+        help="folder for its files and serial ports (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--walk",
+        metavar="S",
+        type=above_zero,
+        default=30.0,
+        help="how long it walks each time, s (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--seed",
+        metavar="N",
+        type=whole(0, 2**24),
+        default=1,
+        help="random seed of the leg, how its probes sit, and their errors (default: "
+        "%(default)s)",
+    )
+    parser.add_argument(
+        "--seconds", metavar="N", type=above_zero, help="stop after N seconds"
+    )
+    _add_programs(parser)
+    parser.set_defaults(run=_run_leg)
+
+
+def _add_programs(parser: argparse.ArgumentParser) -> None:
+    for name, metavar, what in (
+        ("image", "ELF", "firmware image"),
+        ("simulator", "PATH", "emulator"),
+    ):
+        parser.add_argument(
+            f"--{name}",
+            metavar=metavar,
+            type=Path,
+            help=f"{what} (default: the one built in this project)",
+        )
+
+
+def _run_leg(args: argparse.Namespace) -> int:
+    from imud.virtual import sim_leg
+
+    args.board = BOARDS[args.board]
+    return sim_leg.run(args)
 
 
 def _add_motion(parser: argparse.ArgumentParser) -> None:
@@ -171,16 +238,7 @@ def _add_hardware(parser: argparse.ArgumentParser, board: Board) -> None:
     for name in WIRE:
         unit, text = _WIRE[name]
         parser.add_argument(f"--{name}", metavar=unit, type=float, help=text)
-    for name, metavar, what in (
-        ("image", "ELF", "firmware image"),
-        ("simulator", "PATH", "emulator"),
-    ):
-        parser.add_argument(
-            f"--{name}",
-            metavar=metavar,
-            type=Path,
-            help=f"{what} (default: the one built in this project)",
-        )
+    _add_programs(parser)
 
 
 def _run(args: argparse.Namespace) -> int:
