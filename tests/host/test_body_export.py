@@ -118,7 +118,7 @@ def test_csv_has_errors_and_the_path_of_the_foot(recorded: Path, tmp_path: Path)
         (["other=thigh.npz", "--body", "leg.toml"], "none of its probes is there"),
         (["thigh=thigh.npz", "--body", "leg.toml"], "say where the person faces"),
         (["thigh=thigh.npz", "--to", "sto"], "name one by --body"),
-        (["a", "--to", "parquet", "--body", "leg.toml"], "csv or sto"),
+        (["a", "--to", "parquet", "--body", "leg.toml"], "csv, sto, bvh or c3d"),
         (["thigh=slow.npz", "--body", "leg.toml"], "20 samples a second; 40 are"),
     ],
 )

@@ -173,9 +173,10 @@ def _add_export(commands: Commands) -> None:
     )
     export.add_argument(
         "--to",
-        choices=("csv", "parquet", "sto"),
+        choices=("csv", "parquet", "sto", "bvh", "c3d"),
         default="csv",
-        help="file format; sto: OpenSim's, with --body (default: %(default)s)",
+        help="file format; with --body also OpenSim's (sto), BVH and C3D (default: "
+        "%(default)s)",
     )
     export.add_argument(
         "--body",
@@ -255,12 +256,14 @@ def _export(args: argparse.Namespace) -> int:
         from imud.recordings import body_export
 
         if args.to == "parquet":
-            raise ConfigError("a body is written as csv or sto; take one of these")
+            raise ConfigError("a body is written as csv, sto, bvh or c3d; take one")
         facing = None if args.facing is None else math.radians(90.0 - args.facing)
         names = [str(each) for each in args.logs]
         return body_export.run(names, args.to, args.body, args.out, facing)
-    if args.to == "sto" or args.facing is not None:
-        raise ConfigError("--to sto and --facing are for bodies; name one by --body")
+    if args.to in ("sto", "bvh", "c3d") or args.facing is not None:
+        raise ConfigError(
+            "--to sto, bvh, c3d and --facing are for bodies; name one by --body"
+        )
     from imud.recordings import export
 
     return export.run(args.logs, args.to, args.out)

@@ -7,9 +7,8 @@
 from __future__ import annotations
 
 import csv
-import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +19,8 @@ from imud.body.chain import Chain
 from imud.body.hinge import Refused
 from imud.body.session import RATE_HZ, Session
 from imud.errors import FileError
-from imud.recordings import body_tracks
+from imud.recordings import body_motion, body_tracks
 from imud.rotation import FloatArray
-
-# OpenSim's ground has y up: z up turned about x.
-Y_UP = rotation.from_rotation_vector(np.array([-math.pi / 2, 0.0, 0.0]))
 
 
 def run(
@@ -52,13 +48,7 @@ def run(
     directory = out or Path()
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        if to == "csv":
-            files = [_csv(directory, limb, made)]
-        else:
-            files = [
-                _angles_sto(directory, limb, made),
-                _quats_sto(directory, limb, made),
-            ]
+        files = WRITERS[to](directory, limb, made)
     except FileExistsError as error:
         raise FileError(
             f"{error.filename} is there already; name another folder with --out"
@@ -103,7 +93,8 @@ def _angles_sto(directory: Path, limb: Chain, made: Session) -> Path:
 def _quats_sto(directory: Path, limb: Chain, made: Session) -> Path:
     """Attitudes of the segments as OpenSense reads them, columns SEGMENT_imu."""
     quats = [
-        rotation.multiply(Y_UP, made.posture.quats[each.name]) for each in limb.segments
+        rotation.multiply(body_motion.Y_UP, made.posture.quats[each.name])
+        for each in limb.segments
     ]
     head = [
         f"DataRate={RATE_HZ:.6f}",
@@ -126,7 +117,7 @@ def _written(file: Path, lines: Sequence[str]) -> Path:
     return file
 
 
-def _csv(directory: Path, limb: Chain, made: Session) -> Path:
+def _csv(directory: Path, limb: Chain, made: Session) -> list[Path]:
     """Angles and their errors in degrees, world_from_segment, places of feet in m."""
     found = made.posture
     columns = [found.times_s]
@@ -149,4 +140,39 @@ def _csv(directory: Path, limb: Chain, made: Session) -> Path:
         for row in np.column_stack(columns).tolist():
             cells = ("" if value != value else f"{value:.6f}" for value in row)
             writer.writerow(cells)
-    return file
+    return [file]
+
+
+def _sto(directory: Path, limb: Chain, made: Session) -> list[Path]:
+    return [_angles_sto(directory, limb, made), _quats_sto(directory, limb, made)]
+
+
+def _bvh(directory: Path, limb: Chain, made: Session) -> list[Path]:
+    rows = body_motion.whole(made.posture)
+    count = len(made.posture.times_s)
+    if rows.stop - rows.start < count:
+        sys.stderr.write(
+            f"{limb.name}: BVH can't say what is missing: only rows {rows.start} to "
+            f"{rows.stop - 1} of {count}\n"
+        )
+    lines = body_motion.bvh(limb, made, rows)
+    return [_written(directory / f"{limb.name}.bvh", lines)]
+
+
+def _c3d(directory: Path, limb: Chain, made: Session) -> list[Path]:
+    file = directory / f"{limb.name}.c3d"
+    file.open("xb").close()
+    try:
+        body_motion.c3d(file, limb, made)
+    except FileError:
+        file.unlink()
+        raise
+    return [file]
+
+
+WRITERS: Mapping[str, Callable[[Path, Chain, Session], list[Path]]] = {
+    "csv": _csv,
+    "sto": _sto,
+    "bvh": _bvh,
+    "c3d": _c3d,
+}
