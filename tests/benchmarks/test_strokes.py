@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import stroke_runs
 import strokes
-from strokes import Case, Found
+from stroke_runs import Case, Found
 
-from imud.virtual.stroking import A4, Plan
+from imud.virtual.stroking import A4, Plan, strokes_of
 
 
 def found(errors: object) -> Found:
@@ -53,8 +54,8 @@ def test_the_floor_of_white_noise_is_5_mm_after_2_s() -> None:
 
 
 def test_the_outline_of_a_sheet_returns_to_its_start() -> None:
-    motion = strokes.motion_of(Plan(strokes=4, corners=A4), seed=1)
-    ways = [stroke.tip_way_m for stroke in strokes.strokes_of(motion)]
+    motion = stroke_runs.motion_of(Plan(strokes=4, corners=A4), seed=1)
+    ways = [stroke.tip_way_m for stroke in strokes_of(motion)]
     lengths = [float(np.linalg.norm(way)) for way in ways]
     assert lengths == pytest.approx([0.297, 0.21, 0.297, 0.21], abs=1e-6)
     assert np.sum(ways, axis=0) == pytest.approx(np.zeros(3), abs=1e-6)
