@@ -115,6 +115,7 @@ bench-page: ## the page in Chromium: frames, latency, memory; what a browser cos
 bench-strokes: ## how well strokes are measured: a simulated hand, the firmware's C
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/strokes.py
+	@python benchmarks/stroke_thesis.py
 
 pictures: ## docs/pictures, from what `make bench` has measured, and of the page
 	@$(PYTHON) tools/setup.py bench

@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import feed
 import numpy as np
-from feed import Chip
+from feed import Chip, Feed
 
 from imud import rotation
 from imud._core import Replay
@@ -120,30 +120,37 @@ def params_of(case: Case) -> bytes:
     return params.encode()
 
 
-def measure(case: Case, seed: int, chip: Chip = feed.LSM9DS0) -> Found:
-    """The strokes of one motion, as the probe finds them."""
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One motion, without errors and as a probe's samples."""
+
+    case: Case
+    exact: Motion
+    sampled: Feed
+
+    def presses(self) -> Iterator[tuple[float, bool]]:
+        """When the button goes down and up, s; nothing where it makes no strokes."""
+        for stroke in strokes_of(self.exact) if self.case.is_by_button else []:
+            yield stroke.start_s + PRESSED_S, True
+            yield stroke.end_s + RELEASED_S, False
+
+
+def run_of(case: Case, seed: int, chip: Chip = feed.LSM9DS0) -> Run:
+    """A motion of this seed, measured by a module of this seed."""
     random = np.random.default_rng([seed, 3])
     exact = case.motion(case.plan, seed)
     felt = module_of(case.module, random).measures(exact, random)
-    sampled = feed.sampled(felt, chip)
-    strokes = strokes_of(exact)
-    changes = iter(
-        [
-            change
-            for stroke in strokes
-            for change in (
-                (stroke.start_s + PRESSED_S, True),
-                (stroke.end_s + RELEASED_S, False),
-            )
-        ]
-        if case.is_by_button
-        else []
-    )
-    replay = Replay(sampled.hello, params_of(case))
+    return Run(case, exact, feed.sampled(felt, chip))
+
+
+def measure(run: Run) -> Found:
+    """The strokes of a run, as the probe finds them."""
+    replay = Replay(run.sampled.hello, params_of(run.case))
+    changes = run.presses()
     at_s, is_held = next(changes, (np.inf, False))
     ends: list[Message] = []
     turned: list[float] = []
-    for raw, time_s in zip(sampled.raws, sampled.times_s, strict=True):
+    for raw, time_s in zip(run.sampled.raws, run.sampled.times_s, strict=True):
         if time_s >= at_s:
             replay.hold(is_held)
             at_s, is_held = next(changes, (np.inf, False))
@@ -153,8 +160,9 @@ def measure(case: Case, seed: int, chip: Chip = feed.LSM9DS0) -> Found:
             stroke = feed.said(told)
             if stroke.fields["end"] != "running":
                 ends.append(stroke)
-                turned.append(heading_of(replay.pose(0, 0), exact, float(time_s)))
-    true = np.array([each.way_m for each in strokes])
+                pose = replay.pose(0, 0)
+                turned.append(heading_of(pose, run.exact, float(time_s)))
+    true = np.array([each.way_m for each in strokes_of(run.exact)])
     return found_of(ends, np.array(turned), true)
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -169,7 +169,7 @@ def still(stance: Stance, seconds: float) -> Motion:
 
 
 def stroke(
-    shape: Shape, plan: Plan, heading_rad: float, start: Stance
+    shape: Shape, heading_rad: float, plan: Plan, start: Stance
 ) -> tuple[Motion, Stance]:
     """A stroke of this shape from a stance on, and the stance at its end."""
     scale = plan.length_m / float(np.linalg.norm(shape.way_m))
@@ -206,9 +206,26 @@ def stroke(
     return records(body, is_stroke=True), end
 
 
+def chain(
+    random: np.random.Generator,
+    plan: Plan,
+    quat: FloatArray,
+    draw: Callable[[], tuple[Shape, float]],
+) -> Motion:
+    """A rest of this attitude, then a plan's strokes with a rest after each, the sensor
+    at the tip. `draw` gives each stroke's shape and heading, rad.
+    """
+    stance = Stance(np.zeros(3), quat, 0.0, 0.0)
+    pieces = [still(stance, SETTLES_S + 2.0 * PAUSE_S + random.uniform(0.0, 0.1))]
+    for _ in range(plan.strokes):
+        piece, stance = stroke(*draw(), plan, stance)
+        pieces += [piece, still(stance, PAUSE_S + random.uniform(0.0, 0.1))]
+    return join([*pieces, still(stance, 2.0 * PAUSE_S)])
+
+
 def motion_of(plan: Plan, seed: int) -> Motion:
-    """A rest, then a plan's strokes with a rest after each, the sensor at the tip. Even
-    seeds take the shapes of one half of the recordings, odd ones those of the other.
+    """Strokes in the shapes of recordings: even seeds take those of one half of the
+    recordings, odd ones those of the other.
     """
     random = np.random.default_rng([seed, 5])
     known = shapes(seed % 2)
@@ -217,10 +234,8 @@ def motion_of(plan: Plan, seed: int) -> Motion:
         math.radians(random.uniform(30.0, 60.0)),
         math.radians(random.uniform(-30.0, 30.0)),
     )
-    stance = Stance(np.zeros(3), quat, 0.0, 0.0)
-    pieces = [still(stance, SETTLES_S + 2.0 * PAUSE_S + random.uniform(0.0, 0.1))]
-    for _ in range(plan.strokes):
-        shape = known[random.integers(len(known))]
-        piece, stance = stroke(shape, plan, random.uniform(-np.pi, np.pi), stance)
-        pieces += [piece, still(stance, PAUSE_S + random.uniform(0.0, 0.1))]
-    return join([*pieces, still(stance, 2.0 * PAUSE_S)])
+
+    def draw() -> tuple[Shape, float]:
+        return known[random.integers(len(known))], random.uniform(-np.pi, np.pi)
+
+    return chain(random, plan, quat, draw)

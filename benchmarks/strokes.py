@@ -19,7 +19,7 @@ import numpy as np
 import scoring
 import stroke_shapes
 from report import Figure
-from stroke_runs import ACC_DENSITY, Case, Found, measure
+from stroke_runs import ACC_DENSITY, Case, Found, measure, run_of
 
 from imud.progress import Progress
 from imud.virtual.stroking import A4, CIRCLE, Plan
@@ -163,7 +163,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(HEAD)
     for number, case in enumerate(cases):
         first = 1000 * CASES.index(case)
-        runs = [measure(case, first + seed) for seed in seeds]
+        runs = [measure(run_of(case, first + seed)) for seed in seeds]
         rows.append(row_of(case, runs))
         print(show(rows[-1]), flush=True)
         if case in PATHS:
