@@ -7,6 +7,7 @@ import contextlib
 import json
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
@@ -38,10 +39,15 @@ class Hand(threading.Thread):
         self.is_talking = True
         self.is_telling_raw = False
         self._samples: list[Sample] = []
+        self._strokes: deque[dict[str, Any]] = deque()
         self._lying: list[Sample] = []  # how it lies after a calibration's samples
 
     def turn(self, q: tuple[float, ...], **fields: Any) -> None:
         self._fields = {"q": q, **fields}
+
+    def stroke(self, **fields: Any) -> None:
+        """Says that a stroke has ended."""
+        self._strokes.append(fields)
 
     def calibrate(self, samples: Sequence[Sample]) -> None:
         """Says these raw samples once it is asked for any, faster than a probe."""
@@ -74,6 +80,8 @@ class Hand(threading.Thread):
                 data += self._burst()
             elif self.is_talking:
                 data += self._probe.say("pose", **self._fields)
+                while self._strokes:
+                    data += self._probe.say("stroke", **self._strokes.popleft())
                 if self.is_telling_raw:
                     data += self._probe.say("raw")
                 if count % 25 == 0:

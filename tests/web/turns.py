@@ -40,6 +40,18 @@ SIGMA = """() => {
   return Math.hypot(tilt, share * probe.pose.heading_sigma_deg);
 }"""
 
+# Where the nose is drawn, and the half axes of the ellipsoids.
+PATH = """() => {
+  const { scene } = globalThis.imud.view;
+  const { position, quaternion } = scene.body;
+  const nose = position.clone().set(1.02, 0, 0).applyQuaternion(quaternion);
+  const meshes = scene.path.group.children.filter((one) => one.isMesh);
+  return {
+    tip: nose.add(position).toArray(),
+    sizes: meshes.map(({ scale }) => scale.toArray()),
+  };
+}"""
+
 STATE = """() => {
   const { view, model } = globalThis.imud;
   const { x, y, z, w } = view.scene.body.quaternion;

@@ -17,7 +17,7 @@ CALIBRATION = "calibration"  # the server's own: how a guided calibration does
 LATEST = frozenset({"pose", "status", "params", "clock", "log", "twin", CALIBRATION})
 EVENT = "event"
 # Topics of which a browser can ask for every payload of one probe.
-STREAMS = frozenset({"pose", "raw"})
+STREAMS = frozenset({"pose", "raw", "stroke"})
 
 # Payloads of one key that wait for the loop: a second of a probe at 1000 Hz.
 FRESH_MAX = 1000

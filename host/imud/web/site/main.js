@@ -91,7 +91,7 @@ class Page {
       this.view?.adapt?.(hz);
       this._rate = { sinceMs: nowMs, frames: this.frames, hz: asked };
     }
-    const every = this.view?.every ?? [];
+    const every = [...(this.view?.every ?? []), "stroke"];
     const { selected } = this.model;
     const hz = Math.min(rate.hz, this.view?.hz ?? rate.hz);
     this.link.watch(selected ? every.map((topic) => [selected, topic]) : [], hz, selected);

@@ -2,6 +2,8 @@
 // @ts-check
 // What the page knows of the probes: the last of each kind of message, and when it came.
 
+import { Strokes } from "./strokes.js";
+
 /** @typedef {import("./link.js").Line} Line */
 /** @typedef {import("./rotation.js").Quat} Quat */
 
@@ -106,6 +108,7 @@ export class Model extends EventTarget {
     this.selected = "";
     /** @type {Line | null} */
     this.played = null; // where the log is that is played
+    this.strokes = new Strokes(this);
     link.addEventListener("line", (event) => {
       this._take(/** @type {CustomEvent<Line>} */ (event).detail);
     });

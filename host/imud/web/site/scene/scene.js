@@ -10,6 +10,7 @@ import { Orbit } from "./orbit.js";
 import { makeWorld } from "./world.js";
 import { makeCuboid, makeProbe } from "./bodies.js";
 import { Errors } from "./errors.js";
+import { Path } from "./path.js";
 import { Trail } from "./trail.js";
 
 /** @typedef {import("../model.js").Pose} Pose */
@@ -74,7 +75,8 @@ export class Scene {
     this._scene.add(this.body);
     this._errors = new Errors(this._scene, this.body);
     this._trail = new Trail(this._isSlow ? 90 : 180);
-    this._scene.add(this._trail.line);
+    this.path = new Path();
+    this._scene.add(this._trail.line, this.path.group);
     /** @type {three.Object3D | null} */
     this._world = null;
     /** @type {BodyName} */
@@ -96,6 +98,7 @@ export class Scene {
     this._scene.add(this._world);
     this._errors.recolour(colours);
     this._trail.recolour(colours);
+    this.path.recolour(colours);
     this.setBody(this._kind);
   }
 
@@ -151,10 +154,26 @@ export class Scene {
     if (!this._attached) {
       this._errors.show(pose);
     }
-    this._trail.add(this._attached ? null : rotate(pose.q, NOSE));
+    const nose = rotate(pose.q, NOSE);
+    // Where the tip is known its nose is there; else the probe turns about the origin.
+    const { scale } = this.path;
+    const tip = (scale ? pose.position_m?.map((metres) => metres * scale) : null) ?? nose;
+    this.body.position.set(tip[0] - nose[0], tip[1] - nose[1], tip[2] - nose[2]);
+    this._trail.add(this._attached ? null : [tip[0], tip[1], tip[2]]);
     const [east, north] = rotate(pose.q, [1, 0, 0]);
     this.orbit.follow(Math.atan2(north, east), Math.hypot(east, north));
     this._isDirty = true;
+  }
+
+  /**
+   * Shows the strokes and the place of a probe.
+   * @param {import("../strokes.js").Strokes} strokes
+   * @param {readonly [number, number, number] | null} tip metres from the origin
+   */
+  showPath(strokes, tip) {
+    if (this.path.show(strokes, tip)) {
+      this._isDirty = true;
+    }
   }
 
   /**

@@ -47,6 +47,7 @@ export class Numbers {
     this._roll = new Quantity("Roll", "°");
     this._heading = new Quantity("Heading", "°");
     this._tip = new Quantity("Tip", "mm");
+    this._stroke = new Quantity("Stroke", "mm");
     this._rate = new Quantity("Rate", "Hz");
     this._lost = new Quantity("Lost", "");
     this._age = new Quantity("Age", "");
@@ -69,7 +70,7 @@ export class Numbers {
       make(
         "dl",
         { class: "quantities" },
-        ...rows(this._heading, this._tip, this._rate, this._lost, this._age),
+        ...rows(this._heading, this._tip, this._stroke, this._rate, this._lost, this._age),
         ...rows(this._battery, this._radio, this._card),
       ),
     );
@@ -77,15 +78,17 @@ export class Numbers {
 
   /**
    * @param {Probe} probe
+   * @param {Line | null} stroke the last one
    * @param {boolean} isStale
    */
-  show({ pose, status }, isStale) {
+  show({ pose, status }, stroke, isStale) {
     mark(this.element, "data-stale", isStale);
     if (pose !== null) {
       this._pose(pose);
     } else {
       this._tip.show(null);
     }
+    this._moved(stroke);
     this._age.show(micros(pose?.age_us), pose?.t_bound_us ? `±${micros(pose.t_bound_us)}` : "");
     this._status(status);
   }
@@ -105,6 +108,27 @@ export class Numbers {
     const mm = pose.position_m?.map((metres) => fixed(metres * 1000, 1, 7));
     this._tip.show(mm?.join(" ") ?? null);
     mark(this.element, "data-number", String(pose.number));
+  }
+
+  /** @param {Line | null} stroke */
+  _moved(stroke) {
+    if (stroke === null) {
+      this._stroke.show(null);
+      return;
+    }
+    const { displacement_m: moved, displacement_sigma_m: errors, end } = stroke;
+    if (!moved) {
+      this._stroke.show(UNKNOWN, end.replace("_", " "));
+      return;
+    }
+    const length = Math.hypot(...moved);
+    // The error along the stroke.
+    const along = moved.map((/** @type {number} */ part, /** @type {number} */ axis) => {
+      return (part * (errors?.[axis] ?? NaN)) / Math.max(length, 1e-9);
+    });
+    const sure = `±${fixed(1000 * Math.hypot(...along), 1)} mm`;
+    const state = end === "running" ? ", moving" : "";
+    this._stroke.show(fixed(1000 * length, 1, 7), sure + state);
   }
 
   /** @param {Line | null} status */

@@ -14,6 +14,7 @@ import { flagWords, STATES } from "./words.js";
 
 // Numbers change at most this often: faster ones can't be read.
 const NUMBERS_MS = 50;
+const LEGEND = "sector and cone: two sigma";
 
 /**
  * @param {string} name
@@ -47,6 +48,7 @@ export class ProbeView {
       { class: "empty" },
       "No probe yet. Plug one in, or start a virtual one: imud sim nano --stream",
     );
+    this._legend = make("p", { class: "over bottom-right legend" }, LEGEND);
     this._numbers = new Numbers();
     this._controls = new Controls(model);
     this.keys = /** @type {import("../keys.js").Map} */ ({
@@ -79,7 +81,7 @@ export class ProbeView {
         this._stage,
         make("div", { class: "over top-left" }, this._state, this._age, this._flags),
         make("div", { class: "over bottom-left" }, this._body, camera),
-        make("p", { class: "over bottom-right legend" }, "sector and cone: two sigma"),
+        this._legend,
         this._empty,
       ),
       make("aside", { class: "side" }, this._numbers.element, this._controls.element),
@@ -110,6 +112,7 @@ export class ProbeView {
     if (probe !== undefined) {
       const isStale = probe.isStale(nowMs) || this._model.link.state !== "open";
       if (probe.pose !== null) {
+        this.scene?.showPath(this._model.strokes, probe.pose.position_m);
         this.scene?.show(probe.pose);
       }
       this.scene?.setStale(isStale);
@@ -127,7 +130,9 @@ export class ProbeView {
    * @param {boolean} isStale
    */
   _show(probe, nowMs, isStale) {
-    this._numbers.show(probe, isStale);
+    this._numbers.show(probe, this._model.strokes.last, isStale);
+    const radius = this.scene?.path.radius_m ?? 0;
+    say(this._legend, radius ? `two sigma; the ring's radius is ${radius * 100} cm` : LEGEND);
     const state = probe.state(nowMs);
     say(this._state, STATES[state]?.[0] ?? state);
     mark(this._state, "class", `chip ${STATES[state]?.[1] ?? ""}`);
