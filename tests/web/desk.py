@@ -136,6 +136,10 @@ class Desk:
         pose = json.loads(payload)
         self.poses[pose["number"]] = pose
 
+    def publish(self, key: str, payload: bytes) -> None:
+        """As another program of the network."""
+        self._client.session.put(key, payload)
+
     def end_daemon(self) -> None:
         self._client.close()
         self.daemon.stop()

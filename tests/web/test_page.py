@@ -31,6 +31,8 @@ from web.turns import (
     pose_on,
 )
 
+VIEWS = ("probe", "signals", "calibrate", "aim", "probes", "limb")
+
 pytestmark = pytest.mark.together
 
 
@@ -311,7 +313,7 @@ def test_everything_can_be_done_by_keyboard(shown: Seen, desk: Desk) -> None:
     assert not wanted
 
 
-@pytest.mark.parametrize("view", ["probe", "signals", "calibrate", "aim", "probes"])
+@pytest.mark.parametrize("view", VIEWS)
 def test_a_phone_shows_all_of_it(shown: Seen, view: str) -> None:
     shown.page.set_viewport_size({"width": 360, "height": 640})
     shown.page.evaluate("view => { location.hash = `#/${view}` }", view)

@@ -14,13 +14,16 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import msgspec
+import zenoh
 
 from imud.client import Client
 from imud.client.client import Delivery
-from imud.defaults import ENDPOINT, PAGE
+from imud.defaults import BODIES, ENDPOINT, PAGE, PREFIX
 from imud.endpoint import host_and_port, is_loopback
 from imud.errors import ConfigError, ImudError, ListenFailed
 from imud.net.network import read_credentials
+from imud.web.bodies import line_of
+from imud.web.feed import BODY
 from imud.web.server import Page
 from imud.web.users import TOPICS, TokenHolder
 from imud.web.visit import Answer
@@ -41,7 +44,7 @@ class Distant:
         self._client = client
         self._workers = ThreadPoolExecutor(WORKERS, thread_name_prefix="imud-ask")
 
-    def feed(self, page: Page) -> None:
+    def feed(self, page: Page, prefix: str = PREFIX) -> None:
         """Hands what the daemon publishes to the page, from here on."""
 
         def taker(topic: str) -> Callable[[Delivery], None]:
@@ -52,9 +55,15 @@ class Distant:
 
             return take
 
-        for topic in sorted(TOPICS):
+        def take_body(sample: zenoh.Sample) -> None:
+            found = line_of(str(sample.key_expr), sample.payload.to_bytes())
+            if found is not None:
+                page.take([found])
+
+        for topic in sorted(TOPICS - {BODY}):
             if self._client.may(topic):
                 self._client.listen(topic, None, taker(topic))
+        self._client.session.declare_subscriber(f"{prefix}/{BODIES}", take_body)
         for status in self._client.statuses():
             page.take([((str(status["probe"]), "status"), _encode(status))])
 
@@ -116,7 +125,7 @@ def run(
 
         page = _started(make, address)
         try:
-            distant.feed(page)
+            distant.feed(page, prefix)
             secret = f"/#token={users.token}" if users is not None else ""
             show(f"{page.url}{secret}", is_opened=is_opened)
             while True:

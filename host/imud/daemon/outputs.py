@@ -48,6 +48,7 @@ class Outputs:
         self._made_of: dict[str, object] = {}  # settings of each sink
         self._log: LogSink | None = None
         self._network: ZenohSink | None = None
+        self._page_sink: PageSink | None = None
         self._is_told_of_refusals = False
 
     @property
@@ -123,7 +124,7 @@ class Outputs:
         self, address: tuple[str, int], keys: str, logs: LogFolder | None
     ) -> PageSink:
         users: Users | None = KeyUsers(Path(keys)) if keys else None
-        return PageSink(
+        self._page_sink = PageSink(
             lambda: Page(
                 address,
                 self._on_command,
@@ -132,6 +133,11 @@ class Outputs:
                 on_notice=self._on_notice,
             )
         )
+        return self._page_sink
+
+    def _hear_body(self, key: str, payload: bytes) -> None:
+        if self._page_sink is not None:
+            self._page_sink.hear_body(key, payload)
 
     def _zenoh(self, network: Zenoh) -> ZenohSink:
         if network.keys and not self._is_told_of_refusals:
@@ -139,7 +145,9 @@ class Outputs:
             tell_refusals(lambda kind, text: self._on_notice(kind, text, True))
         # Where only probes are renamed, subscribers keep their connection.
         before = self._network if self._made_of.get(NETWORK) == network else None
-        self._network = ZenohSink(network, self._on_command, self._on_notice, before)
+        self._network = ZenohSink(
+            *(network, self._on_command, self._on_notice, before, self._hear_body)
+        )
         return self._network
 
     def _logger(self, directory: str, settings: Settings) -> LogSink:

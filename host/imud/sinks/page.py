@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 from imud.errors import ListenFailed
 from imud.probes.record import Presence, Record
+from imud.web.bodies import line_of
 from imud.web.feed import Key
 from imud.web.server import Page
 
@@ -55,6 +56,12 @@ class PageSink:
     def take(self, record: Record | Presence) -> None:
         if isinstance(record, Record) and record.payload:
             self._fresh.append(((record.probe, record.topic), record.payload))
+
+    def hear_body(self, key: str, payload: bytes) -> None:
+        """What another program published about a body; called in any thread."""
+        page, line = self._page, line_of(key, payload)
+        if page is not None and line is not None:
+            page.take([line])
 
     def flush(self) -> None:
         page = self._page

@@ -11,6 +11,7 @@ import zenoh
 import zenoh.ext
 
 from imud.config.settings import Zenoh
+from imud.defaults import BODIES
 from imud.errors import NetworkError
 from imud.net import network, refusals
 from imud.probes.record import Presence, Record
@@ -30,6 +31,9 @@ OnCommand = Callable[[str, str, dict[str, str], Answer], None]
 
 # Gets lines for the journal: the kind, the text, whether it is a warning.
 OnNotice = Callable[[object, str, bool], None]
+
+# Gets the states of bodies that other programs publish: their key and payload.
+OnBody = Callable[[str, bytes], None]
 
 
 class ZenohSink:
@@ -51,6 +55,7 @@ class ZenohSink:
         on_command: OnCommand,
         on_notice: OnNotice = lambda *_: None,
         before: ZenohSink | None = None,
+        on_body: OnBody = lambda *_: None,
     ) -> None:
         self._before = before
         self._is_followed = False
@@ -62,6 +67,8 @@ class ZenohSink:
         self._prefix = settings.prefix
         self._on_command = on_command
         self._on_notice = on_notice
+        self._on_body = on_body
+        self._bodies: zenoh.Subscriber[None] | None = None
         self._session: zenoh.Session | None = None
         self._is_guest = network.is_guest(settings)
         self._where = ", ".join(settings.connect)
@@ -88,9 +95,15 @@ class ZenohSink:
         session = self._inherited() or network.open_daemon(self._settings, self._id)
         self._session, self._before = session, None
         self._links = session.info.declare_link_events_listener(self._tell_link)
+        self._bodies = session.declare_subscriber(
+            f"{self._prefix}/{BODIES}", self._tell_body
+        )
         if self._is_guest:
             self._tell_whether(is_joined=True)
         return session
+
+    def _tell_body(self, sample: zenoh.Sample) -> None:
+        self._on_body(str(sample.key_expr), sample.payload.to_bytes())
 
     def _inherited(self) -> zenoh.Session | None:
         """The session that the sink before has left, or this one itself."""
@@ -149,7 +162,7 @@ class ZenohSink:
         self._elsewhere.clear()
         # A status comes again within a second, params only when they change.
         self._last = {k: v for k, v in self._last.items() if k[1] != "status"}
-        self._links = None
+        self._links = self._bodies = None
         if session is not None:
             session.close()
 
@@ -157,7 +170,7 @@ class ZenohSink:
         """Leaves nothing of its own in a session that another sink takes over."""
         own: list[Any] = [*self._publishers.values(), *self._tokens.values()]
         own += [each for declared in self._declared.values() for each in declared]
-        own += [] if self._links is None else [self._links]
+        own += [each for each in (self._links, self._bodies) if each is not None]
         for each in own:
             each.undeclare()
 

@@ -12,12 +12,15 @@ from collections.abc import Iterable, Mapping
 Key = tuple[str, str]  # probe and topic
 
 CALIBRATION = "calibration"  # the server's own: how a guided calibration does
+BODY = "body"  # the state of a limb, in the place of a probe
 
 # Topics that everybody sees, as their last payload; of events everyone.
-LATEST = frozenset({"pose", "status", "params", "clock", "log", "twin", CALIBRATION})
+LATEST = frozenset(
+    {"pose", "status", "params", "clock", "log", "twin", CALIBRATION, BODY}
+)
 EVENT = "event"
 # Topics of which a browser can ask for every payload of one probe.
-STREAMS = frozenset({"pose", "raw", "stroke"})
+STREAMS = frozenset({"pose", "raw", "stroke", BODY})
 
 # Payloads of one key that wait for the loop: a second of a probe at 1000 Hz.
 FRESH_MAX = 1000

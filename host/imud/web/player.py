@@ -16,9 +16,12 @@ from typing import BinaryIO
 
 from imud.log.reader import Logged
 from imud.log.seekable import SeekableLog
+from imud.web.feed import BODY
 
+BODY_STATE = "state"  # last part of the channel of a body
 TOPICS = frozenset(
     {"pose", "raw", "status", "params", "event", "clock", "log", "twin", "stroke"}
+    | {BODY_STATE}
 )
 BATCH_S = 1 / 60
 # Payloads of one topic in a batch: of a log that is played fast, evenly chosen ones.
@@ -100,7 +103,8 @@ class Player:
                 or not item.t_ns
             ):
                 continue
-            key = (item.probe, item.topic)
+            topic = BODY if item.topic == BODY_STATE else item.topic
+            key = (item.probe, topic)
             if item.t_ns < from_ns:
                 self._batch[key] = [item.data]  # how things stood
                 self._at_ns = item.t_ns

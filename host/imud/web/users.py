@@ -15,7 +15,7 @@ import msgspec
 from imud.errors import ConfigError
 from imud.net import access
 from imud.net.network import USERS, read_roles
-from imud.web.feed import CALIBRATION, EVENT, LATEST, STREAMS
+from imud.web.feed import BODY, CALIBRATION, EVENT, LATEST, STREAMS
 
 TOPICS = LATEST | STREAMS | {EVENT}
 
@@ -35,8 +35,8 @@ EVERYTHING = Grant("everybody", TOPICS, commands=True, logs=True)
 
 def grant_of(role: access.Role) -> Grant:
     """The rights of a role on the network, which it has on the page as well."""
-    # A calibration is made of raw samples.
-    as_topic = {CALIBRATION: "raw"}
+    # A calibration is made of raw samples, a limb of poses.
+    as_topic = {CALIBRATION: "raw", BODY: "pose"}
     reads = frozenset(
         topic for topic in TOPICS if role in access.who_may(as_topic.get(topic, topic))
     )

@@ -23,6 +23,7 @@ export class Keys {
       3: ["Calibrate", () => header.go("calibrate")],
       4: ["Aim", () => header.go("aim")],
       5: ["Probes", () => header.go("probes")],
+      6: ["Limb", () => header.go("limb")],
       "[": ["previous probe", () => header.step(-1)],
       "]": ["next probe", () => header.step(1)],
       t: ["light or dark", () => header.toggleTheme()],

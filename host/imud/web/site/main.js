@@ -9,6 +9,7 @@ import { Keys } from "./keys.js";
 import { make } from "./dom.js";
 import { AimView } from "./views/aim.js";
 import { CalibrateView } from "./views/calibrate.js";
+import { LimbView } from "./views/limb.js";
 import { ProbeView } from "./views/probe.js";
 import { ProbesView } from "./views/probes.js";
 import { SignalsView } from "./views/signals.js";
@@ -17,6 +18,7 @@ import { SignalsView } from "./views/signals.js";
  * @typedef {object} View
  * @property {HTMLElement} element
  * @property {readonly string[]} every topics of which it needs every payload
+ * @property {[string, string][]} [more] others than the selected probe, and their topics
  * @property {number} [hz] how often it needs news at most; else as often as is drawn
  * @property {(nowMs: number) => void} draw
  * @property {() => void} close
@@ -32,6 +34,7 @@ export const VIEWS = {
   calibrate: { title: "Calibrate", make: (model) => new CalibrateView(model) },
   aim: { title: "Aim", make: (model) => new AimView(model) },
   probes: { title: "Probes", make: (model) => new ProbesView(model) },
+  limb: { title: "Limb", make: (model) => new LimbView(model) },
 };
 
 // How often the screen's rate is measured, and what the server is asked for: more news
@@ -92,9 +95,12 @@ class Page {
       this._rate = { sinceMs: nowMs, frames: this.frames, hz: asked };
     }
     const every = [...(this.view?.every ?? []), "stroke"];
+    const more = this.view?.more ?? [];
     const { selected } = this.model;
     const hz = Math.min(rate.hz, this.view?.hz ?? rate.hz);
-    this.link.watch(selected ? every.map((topic) => [selected, topic]) : [], hz, selected);
+    /** @type {[string, string][]} */
+    const wanted = selected ? every.map((topic) => [selected, topic]) : [];
+    this.link.watch([...wanted, ...more], hz, selected);
     this.header.draw(performance.now());
     this.view?.draw(performance.now());
     this.link.drawn();

@@ -24,6 +24,8 @@ import { Strokes } from "./strokes.js";
  * @property {string[]} flags
  */
 
+/** @typedef {{ state: Line, heardMs: number }} Body a limb: its last state, and when */
+
 // A value is stale when the next one is late: after five of its periods, and at least
 // after this long; at most after the second number.
 const STALE_MIN_MS = 200;
@@ -93,8 +95,8 @@ export class Probe {
 }
 
 /**
- * All probes by name. Emits "probe" with each line about one, "list", and "reset" when a
- * log takes the place of what is live, or the other way round.
+ * All probes by name. Emits "probe" with each line about one, "body" with each state of
+ * a limb, "list", and "reset" when a log takes the place of what is live, or the other way round.
  */
 export class Model extends EventTarget {
   /** @param {import("./link.js").Link} link */
@@ -109,6 +111,8 @@ export class Model extends EventTarget {
     /** @type {Line | null} */
     this.played = null; // where the log is that is played
     this.strokes = new Strokes(this);
+    /** @type {Map<string, Body>} */
+    this.bodies = new Map();
     link.addEventListener("line", (event) => {
       this._take(/** @type {CustomEvent<Line>} */ (event).detail);
     });
@@ -145,6 +149,7 @@ export class Model extends EventTarget {
     if (line.type === "page") {
       if ((line.playing ?? null) !== (this.page.playing ?? null)) {
         this.probes.clear();
+        this.bodies.clear();
         this.played = null;
         this.dispatchEvent(new CustomEvent("reset"));
       }
@@ -152,6 +157,9 @@ export class Model extends EventTarget {
       this.dispatchEvent(new CustomEvent("list"));
     } else if (line.type === "played") {
       this.played = line;
+    } else if (line.type === "body") {
+      this.bodies.set(line.body, { state: line, heardMs: performance.now() });
+      this.dispatchEvent(new CustomEvent("body", { detail: line }));
     } else if (typeof line.probe === "string") {
       let probe = this.probes.get(line.probe);
       if (probe === undefined) {

@@ -5,13 +5,12 @@
 
 import * as three from "../vendor/three/three.module.min.js";
 import { rotate } from "../rotation.js";
-import { isDrawnByProcessor } from "./card.js";
-import { Orbit } from "./orbit.js";
 import { makeWorld } from "./world.js";
 import { makeCuboid, makeProbe } from "./bodies.js";
 import { Errors } from "./errors.js";
 import { Path } from "./path.js";
 import { Trail } from "./trail.js";
+import { View3d } from "./view3d.js";
 
 /** @typedef {import("../model.js").Pose} Pose */
 /** @typedef {"probe" | "cuboid"} BodyName */
@@ -19,15 +18,6 @@ import { Trail } from "./trail.js";
  *   accent: string, good: string, x: string, y: string, z: string, warn: string }} Colours */
 
 const NOSE = /** @type {const} */ ([1.02, 0, 0]);
-
-// With fewer frames a second than SLOW_HZ the picture gets coarser, down to a part of the
-// screen's pixels; with more than FAST_HZ it gets finer again.
-const SLOW_HZ = 35;
-const FAST_HZ = 55;
-const COARSEST = 0.5;
-// A processor takes half the time without smooth edges, and a third of what is left for
-// the ground, which the picture can do without.
-const FINEST_BY_PROCESSOR = 0.75;
 
 /** The colours of the page's theme. */
 export function coloursOf(element = document.documentElement) {
@@ -47,31 +37,17 @@ export function coloursOf(element = document.documentElement) {
   };
 }
 
-/** Owns a canvas that fills its parent. */
-export class Scene {
+/** A probe in a canvas that fills its parent. */
+export class Scene extends View3d {
   /**
    * @param {HTMLElement} parent
    * @param {three.Object3D} [attached] turns with the body, in the place of its path and
    *   of the shapes of its errors
    */
   constructor(parent, attached) {
+    super(parent);
     this._attached = attached;
-    this.frames = 0;
     this.body = new three.Group();
-    this._isSlow = isDrawnByProcessor();
-    this._renderer = new three.WebGLRenderer({ antialias: !this._isSlow, alpha: true });
-    this._finest = this._isSlow ? FINEST_BY_PROCESSOR : Math.min(devicePixelRatio, 2);
-    this._ratio = this._finest;
-    this._renderer.setPixelRatio(this._ratio);
-    this.canvas = this._renderer.domElement;
-    this.canvas.tabIndex = 0;
-    this.canvas.setAttribute("role", "img");
-    parent.append(this.canvas);
-    this._camera = new three.PerspectiveCamera(32, 1, 0.1, 50);
-    this._camera.up.set(0, 0, 1);
-    this.orbit = new Orbit(this.canvas, () => this.invalidate());
-    this._scene = new three.Scene();
-    this._light();
     this._scene.add(this.body);
     this._errors = new Errors(this._scene, this.body);
     this._trail = new Trail(this._isSlow ? 90 : 180);
@@ -81,12 +57,9 @@ export class Scene {
     this._world = null;
     /** @type {BodyName} */
     this._kind = "probe";
-    this._isDirty = true;
     this._isStale = false;
     /** @type {Pose | null} */
     this._pose = null;
-    this._resizer = new ResizeObserver(() => this._resize(parent));
-    this._resizer.observe(parent);
     this.recolour();
   }
 
@@ -162,7 +135,7 @@ export class Scene {
     this._trail.add(this._attached ? null : [tip[0], tip[1], tip[2]]);
     const [east, north] = rotate(pose.q, [1, 0, 0]);
     this.orbit.follow(Math.atan2(north, east), Math.hypot(east, north));
-    this._isDirty = true;
+    this.invalidate();
   }
 
   /**
@@ -172,66 +145,7 @@ export class Scene {
    */
   showPath(strokes, tip) {
     if (this.path.show(strokes, tip)) {
-      this._isDirty = true;
+      this.invalidate();
     }
-  }
-
-  /**
-   * Draws coarser where the machine is slow, as with software rendering.
-   * @param {number} hz frames a second
-   */
-  adapt(hz) {
-    const factor = hz < SLOW_HZ ? 0.75 : hz > FAST_HZ ? 1.2 : 1;
-    const ratio = Math.min(this._finest, Math.max(COARSEST, this._ratio * factor));
-    if (ratio !== this._ratio) {
-      this._ratio = ratio;
-      this._renderer.setPixelRatio(ratio);
-      this._isDirty = true;
-      this.draw();
-    }
-  }
-
-  /** Has the next frame drawn. */
-  invalidate() {
-    this._isDirty = true;
-  }
-
-  /** Draws, if something has changed. */
-  draw() {
-    if (this._isDirty && this.canvas.width > 1) {
-      this._isDirty = false;
-      this.orbit.place(this._camera);
-      this._renderer.render(this._scene, this._camera);
-      this.frames += 1;
-    }
-  }
-
-  close() {
-    this._resizer.disconnect();
-    this._renderer.dispose();
-    this._renderer.forceContextLoss();
-    this.canvas.remove();
-  }
-
-  _light() {
-    this._scene.add(new three.HemisphereLight(0xffffff, 0x8893a8, 1.9));
-    const sun = new three.DirectionalLight(0xffffff, 1.7);
-    sun.position.set(-2, -3, 5);
-    this._scene.add(sun);
-  }
-
-  /** @param {HTMLElement} parent */
-  _resize(parent) {
-    const { clientWidth: width, clientHeight: height } = parent;
-    if (width === 0 || height === 0) {
-      return;
-    }
-    this._renderer.setSize(width, height);
-    this._camera.aspect = width / height;
-    // A narrow picture needs a wider view for the ring to fit.
-    this.orbit.fit = Math.max(1, 1.25 * (height / width));
-    this._camera.updateProjectionMatrix();
-    this._isDirty = true;
-    this.draw();
   }
 }

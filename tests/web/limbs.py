@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: MIT
+"""States of a leg, as `imud body` publishes them: docs/limb.md."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+ANGLES = ("flexion", "abduction", "rotation")
+JOINTS = (("thigh", "shank", "knee"), ("shank", "foot", "ankle"))
+SAYS = {"standing": "Stand still for 3 s.", "moving": "Squat, then raise the knee."}
+
+
+def leg(
+    number: int,
+    *,
+    stage: str = "running",
+    flexion: float = 30.0,
+    is_down: bool = True,
+    missing: tuple[str, ...] = (),
+) -> dict[str, Any]:
+    """A state; without alignment, and where a segment is missing, nothing of it."""
+    places = {
+        "thigh": ((0.0, 0.0, 0.0), (0.11, 0.0, -0.40)),
+        "shank": ((0.11, 0.0, -0.40), (-0.02, 0.0, -0.81)),
+        "foot": ((-0.02, 0.0, -0.81), (-0.03, 0.0, -0.89)),
+    }
+    parents = {"thigh": None, "shank": "thigh", "foot": "shank"}
+    segments = []
+    for name, (start, end) in places.items():
+        is_drawn = stage == "running" and name not in missing
+        contact = {
+            "is_down": is_down,
+            "rests": 3,
+            "stride_m": 1.15,
+            "place_m": (15.2, 0.1, 0.0),
+        }
+        segments.append(
+            {
+                "name": name,
+                "parent": parents[name],
+                "probe": f"probe-{name}",
+                "presence": "missing" if name in missing else "ok",
+                "age_us": None if name in missing else 12000,
+                "q": (0.7, 0.7, 0.0, 0.05) if is_drawn else None,
+                "start_m": start if is_drawn else None,
+                "end_m": end if is_drawn else None,
+                "marks_m": {"toe": (0.14, 0.0, -0.92)}
+                if is_drawn and name == "foot"
+                else {},
+                "contact": contact if is_drawn and name == "foot" else None,
+            }
+        )
+    joints = []
+    for parent, child, kind in JOINTS:
+        is_known = stage == "running" and not {parent, child} & {*missing}
+        joints.append(
+            {
+                "parent": parent,
+                "child": child,
+                "kind": kind,
+                "at_m": places[child][0] if is_known else None,
+                "angles_deg": {name: flexion for name in ANGLES} if is_known else None,
+                "sigmas_deg": {name: 1.6 for name in ANGLES} if is_known else None,
+            }
+        )
+    return {
+        "type": "body",
+        "body": "right-leg",
+        "side": "right",
+        "number": number,
+        "t_ns": time.time_ns(),
+        "t_bound_us": 900,
+        "age_us": 152000,
+        "stage": stage,
+        "says": SAYS.get(stage),
+        "aligned": "motion" if stage == "running" else None,
+        "missing": missing,
+        "remarks": (),
+        "segments": segments,
+        "joints": joints,
+    }
