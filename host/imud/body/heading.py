@@ -28,6 +28,7 @@ FORCE_S = 0.3  # and errors of forces so long
 LEVEL_MIN = 0.05  # of the product of both axes' squares across up
 SLOPE_MIN = 0.3  # of an angle between two axes by the heading
 FORCE_MIN = 2.0  # in errors of the forces
+UNLIKELY = 3.0  # sigmas
 UNKNOWN = math.radians(100.0)
 
 
@@ -109,7 +110,9 @@ class Step:
         for turns, variance, lasts_s in seen:
             if variance != variance or (passed == 0.0 and not is_first):
                 continue
-            off = min(map(self._off, turns), key=abs)
+            off, *others = sorted(map(self._off, turns), key=abs)
+            if others and abs(others[0]) < UNLIKELY * self.sigma:
+                continue  # either could be meant
             # The first moment, in which the body rests, counts for as long.
             share = 1.0 if is_first else max(1.0, lasts_s / passed)
             gain = self.variance / (self.variance + variance * share)

@@ -27,6 +27,8 @@ PLAY_MIN = math.radians(0.5)
 NOISE_MIN = 0.1  # m/s2, of forces at a centre
 SPREAD_MIN = 0.01  # of the turns of a joint, about 8 degrees rms
 CONSTANT = 1e-9
+# Inside a building the fields at two places differ by more than a probe at rest knows.
+INDOORS = math.radians(6.0)
 # Loose probes shake: what is left of the axes by their attitudes decides.
 RESIDUAL_MAX = 0.7
 PLAY_MAX = math.radians(12.0)
@@ -67,14 +69,27 @@ class Known:
             found.append(heading.of_forces(*forces, self.noise))
         return found
 
-    def at_rest(self, parent: Track, child: Track, rows: BoolArray) -> float:
-        """The sigma of the heading between both in these rows, in which nothing moves:
-        what one moment shows, as the errors of all are the same; rad.
+    def at_rest(
+        self, parent: Track, child: Track, rows: BoolArray
+    ) -> tuple[float, float]:
+        """The child's heading in rows in which nothing moves, and its sigma, rad.
+
+        A filter's own heading slides while it learns the field, and all moments have
+        the same errors: what one moment shows of the axes counts most.
         """
-        with np.errstate(divide="ignore"):
-            shown = [1.0 / s.variance[rows] for s in self.sights(parent, child)]
-        told = np.nan_to_num(np.stack(shown)).sum(axis=0).mean()
-        return min(float(told) ** -0.5 if told > 0.0 else math.pi, math.pi)
+        turns, sigmas = self.turns(parent, child)
+        step = heading.Step(
+            float(np.nanmean(turns[rows])),
+            float(np.nanmean(sigmas[rows])) ** 2 + INDOORS**2,
+        )
+        for sight in self.sights(parent, child)[1:]:
+            seen, variance = sight.turns[rows], sight.variance[rows]
+            good = np.isfinite(variance)
+            if good.any():
+                mean = np.angle(np.exp(1j * seen[good]).mean(axis=0))
+                step.take(0.0, [(mean.tolist(), float(variance[good].mean()), 0.0)])
+                step.last_s = None
+        return step.turn, step.sigma
 
     def turns(self, parent: Track, child: Track) -> tuple[FloatArray, FloatArray]:
         """The child's heading by all of a recording, and its sigma, rad, (n,)."""

@@ -64,10 +64,8 @@ def mounted(
         turned[name], sigma = 0.0, 0.0
         if above in stood and name in known:
             rows = (found[name].times_s >= pose[0]) & (found[name].times_s < pose[1])
-            turns, sigmas = known[name].turns(found[above], found[name])
-            turned[name] = turned[above] + float(np.nanmean(turns[rows]))
-            alone = known[name].at_rest(found[above], found[name], rows)
-            sigma = max(float(np.nanmean(sigmas[rows])), alone)
+            turn, sigma = known[name].at_rest(found[above], found[name], rows)
+            turned[name] = turned[above] + turn
             quat = rotation.multiply(_about_up(turned[name]), quat)
         if name in done:
             stood[name] = rotation.multiply(quat, done[name].probe_from_segment)
