@@ -21,6 +21,9 @@ import msgspec
 import numpy as np
 import zenoh
 from live import PATIENCE_S, FedPort, answer_of, free_endpoint, wait_for_line
+from source import RATE_HZ as SOURCE_HZ
+
+HELLO_EVERY = SOURCE_HZ  # messages of a probe
 
 # Consumers of one process, each with a session and a link of its own. The first one of
 # a fleet has a process to itself.
@@ -66,7 +69,7 @@ def feed(probes: int, rate_hz: int, to: Connection, path: Path) -> None:
             sequence = port.source.sequence
             frame = port.source.say(now_us)
             sent_bytes += len(frame)
-            if sequence % 200:  # others are hellos
+            if sequence % HELLO_EVERY:  # others are hellos
                 notes.append((number, sequence, time.time_ns()))
             port.write(frame)
         turn += 1
@@ -138,7 +141,8 @@ def follow(endpoint: str, to: Connection, path: Path) -> None:
             lambda sample: heard.append((time.time_ns(), bytes(sample.payload))),
         )
         to.send("up")
-        to.recv()
+        while to.recv() == "how many":
+            to.send(len(heard))
     rows = np.zeros((len(heard), 6), dtype=np.int64)
     for row, (t_ns, payload) in enumerate(heard):
         said = json.loads(payload)

@@ -4,17 +4,20 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from typing import Any
 
 import msgspec
 import numpy as np
-from fleet import Fleet
+from fleet import HELLO_EVERY, Fleet
 from live import PATIENCE_S, answer_of, cpu_s, idle_s
 from soak import rss_mib
 
-DRAIN_S = 3.0  # after the last message, until all have arrived
+# After the last message it looks so often whether more has arrived, until nothing has
+# for some times, at most so many times.
+DRAIN_S, DRAIN_QUIET, DRAIN_MAX = 3.0, 3, 30
 LONG_S = 4 * PATIENCE_S  # a consumer takes its time to count what it has heard
 
 
@@ -23,10 +26,16 @@ def cpu_of(fleet: Fleet) -> dict[str, float]:
     return {name: sum(map(cpu_s, pids)) for name, pids in fleet.groups.items()}
 
 
-def run(fleet: Fleet, seconds: float, warm_up_s: float) -> dict[str, Any]:
-    """Lets a fleet work, and measures after the warm-up."""
+def run(
+    fleet: Fleet, seconds: float, warm_up_s: float, *, is_one_stopped: bool = False
+) -> dict[str, Any]:
+    """Lets a fleet work, and measures after the warm-up. `is_one_stopped`: the first
+    process of other consumers is stopped meanwhile.
+    """
     fleet.feeder.send("go")
     wait(warm_up_s, "warm-up")
+    if is_one_stopped:
+        os.kill(fleet.groups["others"][0], signal.SIGSTOP)
     begin_ns, begin, before, idle = (
         time.time_ns(),
         time.monotonic(),
@@ -36,9 +45,11 @@ def run(fleet: Fleet, seconds: float, warm_up_s: float) -> dict[str, Any]:
     wait(seconds, "measures")
     passed_s = time.monotonic() - begin
     after, idle = cpu_of(fleet), idle_s() - idle
+    if is_one_stopped:
+        os.kill(fleet.groups["others"][0], signal.SIGCONT)
     memory = {name: sum(map(rss_mib, pids)) for name, pids in fleet.groups.items()}
     fleet.feeder.send("stop")
-    wait(DRAIN_S, "drains")
+    drain(fleet)
     fleet.feeder.send("how many")
     sent = answer_of(fleet.feeder, LONG_S)
     for each in (fleet.follower, *fleet.others):
@@ -80,6 +91,17 @@ def wait(seconds: float, what: str) -> None:
         sys.stderr.write("\r\033[K")
 
 
+def drain(fleet: Fleet) -> None:
+    """Waits until all that is on its way has arrived."""
+    counts: list[int] = []
+    while len(counts) < DRAIN_QUIET or (
+        len(counts) < DRAIN_MAX and len(set(counts[-DRAIN_QUIET:])) > 1
+    ):
+        wait(DRAIN_S, "drains")
+        fleet.follower.send("how many")
+        counts.append(answer_of(fleet.follower, LONG_S))
+
+
 def counted(fleet: Fleet) -> dict[str, int]:
     """What the consumer of all poses got and lost since its first one of each probe.
     A loss is explained by a gap in `number` or by `missing`.
@@ -95,7 +117,21 @@ def counted(fleet: Fleet) -> dict[str, int]:
             continue
         lost += int(np.count_nonzero(sequences >= of[0, 1])) - len(of)
         explained += int(of[-1, 2] - of[0, 2]) + 1 - len(of) + int(of[1:, 3].sum())
+        explained -= lost_hellos(of)
     return {"got": got, "lost": lost, "unexplained": lost - explained}
+
+
+def lost_hellos(of: Any) -> int:
+    """`missing` also counts hellos, which are no poses: those in stretches of which
+    nothing came, in the rows of one probe.
+    """
+    before, after = of[:-1], of[1:]
+    between = after[:, 1] - before[:, 1] - 1
+    is_all = (after[:, 3] > 0) & (
+        between == after[:, 3] + after[:, 2] - before[:, 2] - 1
+    )
+    first, last = before[is_all, 1], after[is_all, 1] - 1
+    return int((last // HELLO_EVERY - first // HELLO_EVERY).sum())
 
 
 def delays(fleet: Fleet, begin_ns: int, end_ns: int) -> dict[str, Any]:

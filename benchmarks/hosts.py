@@ -108,6 +108,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=10.0, help="of each row")
     parser.add_argument("--warm-up", type=float, default=5.0, help="before that, s")
     parser.add_argument("--log", action="store_true", help="the daemons keep logs")
+    parser.add_argument(
+        "--stop-one",
+        action="store_true",
+        help="ten consumers but the first are stopped (SIGSTOP) while it measures",
+    )
     parser.add_argument("--json", type=Path, default=OUTPUT)
     options = parser.parse_args(arguments)
     sizes = [Size(*row) for row in options.row] if options.row else ROWS
@@ -117,7 +122,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with tempfile.TemporaryDirectory() as folder:
             fleet = Fleet(size, Path(folder), has_log=options.log)
             try:
-                rows.append(run(fleet, options.seconds, options.warm_up))
+                made = run(
+                    fleet,
+                    options.seconds,
+                    options.warm_up,
+                    is_one_stopped=options.stop_one,
+                )
+                rows.append(made)
             finally:
                 fleet.close()
         took_s, load = time.monotonic() - begin_s, os.getloadavg()[0]
