@@ -258,3 +258,26 @@ def test_roles_read_and_command_what_they_are_for() -> None:
     assert access.who_may("raw") == ["operator", "recorder", "daemon"]
     assert access.who_may("frame") == ["recorder", "daemon"]
     assert access.who_may(access.COMMAND) == ["operator", "daemon"]
+
+
+def test_a_renewed_certificate_has_the_same_names_and_key(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "keys"
+    keys.initialise(folder, ["probes.example.org", "192.0.2.7"], 7447)
+    path = folder / "server.pem"
+    old = x509.load_pem_x509_certificate(path.read_bytes())
+    assert cli.main(["keys", "renew", str(folder)]) == 0
+    assert "valid until 20" in capsys.readouterr().out
+    fresh = x509.load_pem_x509_certificate(path.read_bytes())
+    assert fresh.serial_number != old.serial_number
+    assert fresh.public_key() == old.public_key()
+    names = x509.SubjectAlternativeName
+    assert (
+        fresh.extensions.get_extension_for_class(names).value
+        == old.extensions.get_extension_for_class(names).value
+    )
+    assert cli.main(["keys", "renew", str(tmp_path)]) == 1
+    path.write_text("no certificate")
+    assert cli.main(["keys", "renew", str(folder)]) == 1
+    assert "not what imud keys init made" in capsys.readouterr().err

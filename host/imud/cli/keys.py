@@ -63,6 +63,15 @@ def add(commands: Commands) -> None:
         "user", metavar="NAME", help="user to add; the keys go to DIR/clients/NAME.toml"
     )
     more.set_defaults(run=_add)
+    renew = add_command(
+        keys,
+        "renew",
+        "sign the daemon's certificate anew, before or after it expires",
+        "imud keys renew keys",
+        "The users' files stay good.",
+    )
+    _add_dir(renew)
+    renew.set_defaults(run=_renew)
     remove = add_command(keys, "remove", "remove a user", "imud keys remove keys anna")
     _add_dir(remove)
     remove.add_argument("user", metavar="NAME", help="user to remove")
@@ -102,6 +111,12 @@ def _add(args: argparse.Namespace) -> int:
     from imud.net import keys
 
     return keys.run_add(args.dir, args.role, args.user)
+
+
+def _renew(args: argparse.Namespace) -> int:
+    from imud.net import keys
+
+    return keys.run_renew(args.dir)
 
 
 def _remove(args: argparse.Namespace) -> int:

@@ -140,6 +140,30 @@ def add(folder: Path, role: Role, user: str, endpoint: str | None = None) -> Pat
     return path
 
 
+def renew(folder: Path) -> datetime:
+    """Signs the daemon's certificate anew, with the same key and names; returns when it
+    expires. Its users need nothing new: they know the authority.
+    """
+    try:
+        ca = x509.load_pem_x509_certificate((folder / CA).read_bytes())
+        old = x509.load_pem_x509_certificate((folder / SERVER).read_bytes())
+        ca_key, own = (
+            serialization.load_pem_private_key(path.read_bytes(), password=None)
+            for path in (folder / CA_KEY, folder / SERVER_KEY)
+        )
+        if not isinstance(ca_key, Key) or not isinstance(own, Key):
+            raise FileError(f"{folder} is not what imud keys init made")
+        names = old.extensions.get_extension_for_class(x509.SubjectAlternativeName)
+        hosts = [str(name.value) for name in names.value]
+        fresh = _sign(hosts[0], own, ca, ca_key, hosts)
+        _write(folder / SERVER, _pem(fresh), is_secret=False)
+    except OSError as error:
+        raise _failed(folder, error) from error
+    except (ValueError, x509.ExtensionNotFound) as error:
+        raise FileError(f"{folder} is not what imud keys init made: {error}") from error
+    return fresh.not_valid_after_utc
+
+
 def remove(folder: Path, user: str) -> None:
     """Removes a user, who is refused from the daemon's next start on."""
     roles = read_roles(folder)
@@ -172,6 +196,14 @@ def run_init(folder: Path, names: Sequence[str], port: int) -> int:
 def run_add(folder: Path, role: Role, user: str) -> int:
     path = add(folder, role, user)
     sys.stdout.write(f"{path}: {user} may have {ABOUT[role]}; restart imud run\n")
+    return 0
+
+
+def run_renew(folder: Path) -> int:
+    until = renew(folder)
+    sys.stdout.write(
+        f"{folder / SERVER}: valid until {until:%Y-%m-%d}; restart imud run\n"
+    )
     return 0
 
 
