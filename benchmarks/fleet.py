@@ -21,9 +21,6 @@ import msgspec
 import numpy as np
 import zenoh
 from live import PATIENCE_S, FedPort, answer_of, free_endpoint, wait_for_line
-from source import RATE_HZ as SOURCE_HZ
-
-HELLO_EVERY = SOURCE_HZ  # messages of a probe
 
 # Consumers of one process, each with a session and a link of its own. The first one of
 # a fleet has a process to itself.
@@ -44,15 +41,16 @@ class Size(msgspec.Struct, frozen=True):
 
 def feed(probes: int, rate_hz: int, to: Connection, path: Path) -> None:
     """Writes frames to ptys, the phases of the probes spread evenly, until it is told
-    to stop. Notes probe, sequence number and UTC of each pose.
+    to stop. Notes probe, sequence number and UTC of each pose, and whether its pty had
+    no room for it.
     """
     least, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = min(most, max(least, 2 * probes + 100))
     resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, most))
-    ports = [FedPort(number) for number in range(probes)]
+    ports = [FedPort(number, rate_hz) for number in range(probes)]
     to.send([port.name for port in ports])
     to.recv()
-    notes: list[tuple[int, int, int]] = []
+    notes: list[tuple[int, int, int, int]] = []
     sent_bytes = turn = 0
     step_ns = 1_000_000_000 // (rate_hz * probes)
     begin_ns = time.monotonic_ns()
@@ -69,9 +67,10 @@ def feed(probes: int, rate_hz: int, to: Connection, path: Path) -> None:
             sequence = port.source.sequence
             frame = port.source.say(now_us)
             sent_bytes += len(frame)
-            if sequence % HELLO_EVERY:  # others are hellos
-                notes.append((number, sequence, time.time_ns()))
+            t_ns, before = time.time_ns(), port.overrun
             port.write(frame)
+            if sequence % rate_hz:  # others are hellos
+                notes.append((number, sequence, t_ns, port.overrun - before))
         turn += 1
     seconds = (time.monotonic_ns() - begin_ns) * 1e-9
     np.save(path, np.array(notes, dtype=np.int64))

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from fleet import HELLO_EVERY, Fleet
+from fleet import Fleet
 from live import PATIENCE_S, answer_of, cpu_s, idle_s
 from soak import rss_mib
 
@@ -103,35 +103,27 @@ def drain(fleet: Fleet) -> None:
 
 
 def counted(fleet: Fleet) -> dict[str, int]:
-    """What the consumer of all poses got and lost since its first one of each probe.
-    A loss is explained by a gap in `number` or by `missing`.
+    """What the consumer of all poses got and lost since its first one of each probe. A
+    loss is explained by a pty without room, or by a gap in `number`. `unheard`: probes
+    of which nothing came.
     """
     sent, heard = np.load(fleet.sent_path), np.load(fleet.heard_path)
-    got = len(heard)
-    lost = explained = 0
+    lost = explained = unheard = 0
     for probe in np.unique(sent[:, 0]):
-        of = heard[heard[:, 0] == probe]
-        sequences = sent[sent[:, 0] == probe, 1]
+        of, mine = heard[heard[:, 0] == probe], sent[sent[:, 0] == probe]
         if len(of) == 0:
-            lost += len(sequences)
+            unheard += 1
             continue
-        lost += int(np.count_nonzero(sequences >= of[0, 1])) - len(of)
-        explained += int(of[-1, 2] - of[0, 2]) + 1 - len(of) + int(of[1:, 3].sum())
-        explained -= lost_hellos(of)
-    return {"got": got, "lost": lost, "unexplained": lost - explained}
-
-
-def lost_hellos(of: Any) -> int:
-    """`missing` also counts hellos, which are no poses: those in stretches of which
-    nothing came, in the rows of one probe.
-    """
-    before, after = of[:-1], of[1:]
-    between = after[:, 1] - before[:, 1] - 1
-    is_all = (after[:, 3] > 0) & (
-        between == after[:, 3] + after[:, 2] - before[:, 2] - 1
-    )
-    first, last = before[is_all, 1], after[is_all, 1] - 1
-    return int((last // HELLO_EVERY - first // HELLO_EVERY).sum())
+        mine = mine[mine[:, 1] >= of[0, 1]]
+        lost += len(mine) - len(of)
+        explained += int(mine[:, 3].sum())
+        explained += int(of[-1, 2] - of[0, 2]) + 1 - len(of)
+    return {
+        "got": len(heard),
+        "lost": lost,
+        "unexplained": lost - explained,
+        "unheard": unheard,
+    }
 
 
 def delays(fleet: Fleet, begin_ns: int, end_ns: int) -> dict[str, Any]:
@@ -143,7 +135,7 @@ def delays(fleet: Fleet, begin_ns: int, end_ns: int) -> dict[str, Any]:
     came = {(p, s): (read, t) for p, s, _, _, read, t in heard.tolist()}
     pairs = [
         (came[p, s][0] - t_ns, came[p, s][1] - came[p, s][0])
-        for p, s, t_ns in chosen.tolist()
+        for p, s, t_ns, _ in chosen.tolist()
         if (p, s) in came and came[p, s][0] >= 0
     ]
     both = np.array(pairs if pairs else [(np.nan, np.nan)]) / 1e6

@@ -40,8 +40,8 @@ ROWS = (
 )
 HEADS = (
     *("probes", "Hz", "daemons", "routers", "consumers", "sent/s", "MB/s in"),
-    *("MB/s out", "daemon ms", "p99", "consumer ms", "p99", "lost", "unexplained"),
-    *("us/msg", "router us", "MiB", "idle %"),
+    *("MB/s out", "daemon ms", "p99", "consumer ms", "p99"),
+    *("lost", "unexplained", "unheard", "us/msg", "router us", "MiB", "idle %"),
 )
 
 
@@ -56,6 +56,7 @@ def cells(made: dict[str, Any]) -> list[str]:
         *(f"{made['to_consumer_ms'][name]:.1f}" for name in ("p50", "p99")),
         f"{made['lost']}",
         f"{made['unexplained']}",
+        f"{made['unheard']}",
         f"{cpu['daemons']:.0f}",
         f"{cpu['routers']:.0f}",
         f"{made['rss_mib']['daemons']:.0f}",

@@ -38,8 +38,8 @@ _REPLY = {"replied_command": "time", "result": "ok", "value": (0, 0)}
 class FedPort:
     """A pty with a probe at its other end."""
 
-    def __init__(self, number: int) -> None:
-        self.source = Source(number)
+    def __init__(self, number: int, rate_hz: int = RATE_HZ) -> None:
+        self.source = Source(number, hello_every=rate_hz)
         self.master, slave = os.openpty()
         tty.setraw(slave)
         self.name = os.ttyname(slave)

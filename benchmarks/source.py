@@ -50,7 +50,10 @@ class Source:
     Its clock is fast by `fast_ppm`; times are microseconds.
     """
 
-    def __init__(self, number: int, fast_ppm: float = 0.0) -> None:
+    def __init__(
+        self, number: int, fast_ppm: float = 0.0, hello_every: int = RATE_HZ
+    ) -> None:
+        self.hello_every = hello_every  # messages
         self._pace = 1.0 + fast_ppm * 1e-6
         self.id = bytes([0xF0, 0, 0, 0, 0, 0]) + number.to_bytes(2, "big")
         self.name = self.id.hex()
@@ -72,7 +75,7 @@ class Source:
     def has_said(self, content: bytes) -> bool:
         """Whether the probe sent exactly this content in some boot."""
         ident, sequence, time_us = _HEAD.unpack_from(content)
-        is_hello = sequence % RATE_HZ == 0
+        is_hello = sequence % self.hello_every == 0
         return (
             ident == _IDS["hello" if is_hello else "pose"]
             and time_us == self._device_us(sequence * PERIOD_US) & 0xFFFFFFFF
@@ -93,7 +96,7 @@ class Source:
         self._prepare()
 
     def say(self, now_us: int) -> bytes:
-        name = "pose" if self.sequence % RATE_HZ else "hello"
+        name = "pose" if self.sequence % self.hello_every else "hello"
         body = self._pose if name == "pose" else self._hello
         time_us = self._device_us(now_us - self._began_us) & 0xFFFFFFFF
         content = _HEAD.pack(_IDS[name], self.sequence, time_us) + body
