@@ -85,6 +85,11 @@ def test_without_the_module_no_sample_is_lost(plain: Run) -> None:
     assert_nothing_is_lost(plain)
 
 
+def test_its_seconds_are_seconds(plain: Run) -> None:
+    times = [status.time_us for status in plain.named("status")]
+    assert (times[-1] - times[0]) / (len(times) - 1) == pytest.approx(1e6, abs=1000)
+
+
 def test_a_board_without_the_module_has_poses_at_a_subscriber(
     f405: Path, plain_image: Path, tmp_path: Path
 ) -> None:

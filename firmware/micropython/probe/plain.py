@@ -3,7 +3,7 @@
 filter in floats. Its methods are those of imuprobe.Probe."""
 
 import struct
-from time import ticks_diff, ticks_us
+from time import ticks_add, ticks_diff, ticks_us
 
 from micropython import const
 
@@ -302,7 +302,7 @@ class Probe:
                 self._click(now)
             elapsed_us = ticks_diff(now, self._second)
             if elapsed_us >= _SECOND_US:
-                self._second = now
+                self._second = ticks_add(self._second, _SECOND_US)
                 self._uptime += 1
                 self._has_told_hello = False
                 self._tell_status(now)
