@@ -2,7 +2,7 @@
 # Each command installs what it needs first; `make` alone lists them.
 .PHONY: help demo test test-long fresh bits coverage fuzz check format firmware sim \
 	bench bench-nano bench-f405 bench-mpy bench-card bench-host bench-calibration \
-	bench-page bench-strokes pictures setup clean
+	bench-page bench-strokes bench-tip pictures setup clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= python3
@@ -116,6 +116,10 @@ bench-strokes: ## how well strokes are measured: a simulated hand, the firmware'
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/strokes.py
 	@python benchmarks/stroke_thesis.py
+
+bench-tip: ## how well the tip is found: a simulated hand that wobbles the probe
+	@$(PYTHON) tools/setup.py bench
+	@python benchmarks/tip.py
 
 pictures: ## docs/pictures, from what `make bench` has measured, and of the page
 	@$(PYTHON) tools/setup.py bench

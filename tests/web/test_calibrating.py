@@ -12,13 +12,17 @@ from typing import Any
 
 import pytest
 
+from imud.calibration import tip_guide
 from imud.calibration.recording import Sample
+from imud.params.value import Params
 from imud.virtual.calibrating import SCALE
+from imud.virtual.dimpling import Wobble
 from imud.web import calibrator, guide
 from imud.web.calibrator import End, Task
 from imud.web.users import TokenHolder
 from raw_probe import calibrating, waved
 from web.served import Live, Served, until
+from wobbled import CALIBRATED, TIP, wobbled
 
 PROBE = "stylus"
 HELLO = {
@@ -46,9 +50,12 @@ def payload(sample: Sample) -> bytes:
     ).encode()
 
 
-def states(kind: str, samples: Sequence[Sample], *, ends: bool) -> list[dict[str, Any]]:
+def states(
+    kind: str, samples: Sequence[Sample], params: Params | None = None, *, ends: bool
+) -> list[dict[str, Any]]:
     """What a calibrator says of these samples."""
-    task = Task(PROBE, kind, SCALE, True, "", "")  # type: ignore[arg-type] # a Kind
+    known = params.encode().hex() if params is not None else ""
+    task = Task(PROBE, kind, SCALE, True, known, "")  # type: ignore[arg-type] # a Kind
     lines = [calibrator._encode(task), *map(payload, samples)]
     lines += [calibrator._encode(End())] if ends else []
     out = io.BytesIO()
@@ -78,6 +85,23 @@ def test_a_wave_and_a_check_tell_how_they_do(kind: str, what: str) -> None:
     assert last["kind"] == kind
     assert last["phase"] in ("done", "refused")
     assert last[what]
+
+
+def test_a_tip_is_found_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tip_guide, "FIT_S", 2.5)
+    samples = wobbled(Wobble(), 26.0)
+    *_, last = states("tip", samples, CALIBRATED, ends=False)
+    assert (last["phase"], last["step"], last["says"]) == ("done", "done", "Done.")
+    assert len(last["leans_deg"]) == 8
+    found = last["outcome"]["tip"]
+    assert found["offset_m"] == pytest.approx(TIP, abs=0.001)
+    assert found["error_m"] < 0.002
+    tip = Params.decode(bytes.fromhex(last["outcome"]["records"])).tip
+    assert tip is not None
+    assert tip.offset_m == pytest.approx(found["offset_m"], abs=1e-6)
+    *_, last = states("tip", samples[:1200], CALIBRATED, ends=True)
+    assert last["phase"] == "refused"
+    assert "too little" in last["why"]
 
 
 @contextlib.contextmanager

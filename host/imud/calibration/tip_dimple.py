@@ -63,6 +63,7 @@ class Fit:
     give: float  # how surely the base gives: a chi-square of two unknowns
     give_sigma: float  # one sigma of the share of the way by which it gives
     gravity_m_s2: float
+    unknowns: FloatArray  # all of them
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,17 +87,24 @@ class _Blocks:
 
 
 def fit(
-    force: FloatArray, rate: FloatArray, step_s: float, trust: Trust | None = None
+    force: FloatArray,
+    rate: FloatArray,
+    step_s: float,
+    trust: Trust | None = None,
+    before: Fit | None = None,
 ) -> Fit | None:
     """The offset of the tip, from calibrated readings (n, 3) in m/s2 and rad/s at a
-    constant rate; None if there are too few.
+    constant rate; None if there are too few. `before`: of the same wobble so far, which
+    saves passes.
     """
     trust = trust or Trust()
     size = max(2, round(BLOCK_S / step_s))
     if len(force) // size < LEAST_BLOCKS:
         return None
     noise = noise_of(force) / math.sqrt(size)
-    found, rows, left = np.zeros(ALL), np.zeros((0, 3, ALL)), np.zeros((0, 3))
+    found = np.zeros(ALL) if before is None else before.unknowns
+    rows, left = np.zeros((0, 3, ALL)), np.zeros((0, 3))
+    least = PASSES[0] if before is None else 1
     for number in range(PASSES[1]):
         true = rate - found[GYR] + rate * found[SCALE]
         blocks = _blocks(force, true, step_s, size)
@@ -104,7 +112,7 @@ def fit(
         change = _change(found, rows, left, noise * blocks.seconds, trust)
         found = found + change
         turned = float(np.linalg.norm(change[GYR])) * len(rate) * step_s
-        if number + 1 >= PASSES[0] and turned < TURNED_RAD:
+        if number + 1 >= least and turned < TURNED_RAD:
             break
     return _judged(found, rows, left, noise, size * step_s, trust)
 
@@ -253,6 +261,7 @@ def _judged(
         noise,
         *_give(normal + prior, right, chi),
         float(np.linalg.norm(found[G])),
+        found,
     )
 
 

@@ -27,7 +27,7 @@ from imud.rotation import FloatArray
 RATE_HZ = 190.0  # both boards come near to 200
 LOOK_S = 0.1  # between two looks at whether it is held still
 HELD_S = tip_swing.HELD_S
-FIT_S = 0.5  # between two fits
+FIT_S = 1.0  # between two fits
 LEAST_S, LONGEST_S = 15.0, 40.0  # of wobbling: when it is judged first and last
 SURE_S = 10.0  # so long what may become better by itself is not told
 TRIES = 2  # of a tip that slips or a base that gives
@@ -161,7 +161,7 @@ class Dimpling:
         self._begin = len(self._gatherer)
 
     def _follow(self) -> TipFound | Fault | None:
-        """Fits what there is, every half second."""
+        """Fits what there is, now and then."""
         self._fitted_s = self.seconds
         self._refit()
         if self.fit is None or self.swing is None:
@@ -187,7 +187,9 @@ class Dimpling:
         force = self._acc.apply(recording.acc[used])
         rate = self._gyr.apply(recording.gyr[used]) - self._bias
         if self.phase == "wobble" and len(rate) > 1:
-            self.fit = tip_dimple.fit(force, rate, recording.step_s, self._trust)
+            self.fit = tip_dimple.fit(
+                force, rate, recording.step_s, self._trust, self.fit
+            )
             self.swing = tip_swing.of(force, rate, recording.step_s)
 
     def _judged(self) -> TipFound | Fault:

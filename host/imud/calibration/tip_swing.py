@@ -12,6 +12,7 @@ from imud.calibration.algebra import integrated, units
 from imud.rotation import FloatArray
 
 SECTORS = 8  # of the directions in which it can lean
+STEP_S = 0.02  # fine enough to see how it swings
 HELD_S = 1.0  # at the beginning; where it leans then is the middle
 
 
@@ -27,6 +28,10 @@ class Swing:
 
 def of(force: FloatArray, rate: FloatArray, step_s: float) -> Swing:
     """The wobble of calibrated readings (n, 3), which begin at rest."""
+    each = max(1, round(STEP_S / step_s))
+    whole = len(rate) // each * each
+    force, rate = (v[:whole].reshape(-1, each, 3).mean(axis=1) for v in (force, rate))
+    step_s *= each
     attitude = integrated(rate, step_s)[:-1]
     held = max(1, round(HELD_S / step_s))
     up = units(force[:held].mean(axis=0))

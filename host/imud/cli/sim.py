@@ -25,7 +25,7 @@ _FILES = {
     "and wire",
 }
 
-# As imud.virtual.calibrating and dimpling have them, which load numpy.
+# As imud.virtual.hands has them, which loads numpy.
 HANDS = {
     "calibrate": "lays it down as the guided calibration asks",
     "lazy": "the same, but tilts it by about 20 degrees only",
@@ -34,6 +34,8 @@ HANDS = {
     "dimple": "wobbles it about its tip, which stands in a dimple",
     "slip": "the same, but the tip slips about by 1 mm",
     "soft": "the same, but the base gives by 4 % of the way",
+    "stroke": "draws strokes of 20 cm to and fro, and rests between them",
+    "button": "the same, and holds the button meanwhile (button_does = stroke)",
 }
 
 # Options that bend its clock and its wire, in real time.
@@ -183,7 +185,7 @@ def _add_module(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--hand",
         choices=HANDS,
-        help="a hand that calibrates it, or its tip: "
+        help="a hand that calibrates it, finds its tip or measures: "
         + "; ".join(f"{name}: {what}" for name, what in HANDS.items()),
     )
 
@@ -248,6 +250,8 @@ def _run(args: argparse.Namespace) -> int:
         args.parser.error("--save-motion saves the usual hand's motion, without module")
     if args.hand and args.motion:
         args.parser.error("--hand and --motion: one of them moves it")
+    if args.hand in ("stroke", "button") and args.board.name == "nano":
+        args.parser.error(f"--hand {args.hand}: the Nano has no strokes; use f405")
     if args.record and not args.motion and not args.seconds:
         args.parser.error("--record needs --seconds N: the hand never stops")
     if getattr(args, "parts", None) and not args.profile:

@@ -87,9 +87,9 @@ class DimplingHand:
         self._wander = random.uniform(0.0, 2.0 * np.pi, 3)
         self._plane = random.uniform(0.0, np.pi)
 
-    def pieces(self, world: World) -> Iterator[Motion]:
-        """The motion, piece by piece, without end."""
-        count = round(PIECE_S * self._rate_hz)
+    def pieces(self, world: World, seconds: float = PIECE_S) -> Iterator[Motion]:
+        """The motion in pieces of `seconds`, without end."""
+        count = round(seconds * self._rate_hz)
         for number in itertools.count():
             yield self._felt((number * count + np.arange(count)) / self._rate_hz, world)
 

@@ -128,6 +128,11 @@ class Legs(Protocol):
 MakeHand = Callable[[np.random.Generator, float], Legs]
 
 
+def random_of_hand(seed: int) -> np.random.Generator:
+    """The numbers by which the hand of a motion with this seed decides."""
+    return np.random.default_rng(np.random.SeedSequence(seed).spawn(3)[0])
+
+
 class _Probe:
     """Turns legs into records: exact motion first, then the sensor's errors."""
 
@@ -140,8 +145,8 @@ class _Probe:
         make_hand: MakeHand,
         manner: Sway,
     ) -> None:
-        path_seed, sway_seed, noise_seed = np.random.SeedSequence(seed).spawn(3)
-        self.hand = make_hand(np.random.default_rng(path_seed), rate_hz)
+        _, sway_seed, noise_seed = np.random.SeedSequence(seed).spawn(3)
+        self.hand = make_hand(random_of_hand(seed), rate_hz)
         sway = np.random.default_rng(sway_seed)
         self.turn_sway = Waves.draw(sway, manner.turn)
         self.tip_sway = Waves.draw(sway, manner.tip)

@@ -159,11 +159,21 @@ def command_line(args: argparse.Namespace, link: Path) -> list[str]:
             words += [f"--{name}", str(value)]
     if args.fast:
         words.append("--fast")
-    if args.stream:
-        words += ["--press", ":".join(map(str, PRESS_US))]
+    for span_us in presses_of(args):
+        words += ["--press", ":".join(map(str, span_us))]
     for at_us, frame in commands_us(board, wants_raw=args.raw, rate_hz=args.rate):
         words += ["--send", f"{at_us}:{frame.hex()}"]
     return [str(word) for word in words]
+
+
+def presses_of(args: argparse.Namespace) -> Iterator[tuple[int, int]]:
+    """When the button is down: to start the stream, and by a hand that measures."""
+    if args.stream:
+        yield PRESS_US
+    if args.hand == "button":
+        from imud.virtual import measuring, sensors
+
+        yield from measuring.presses_us(args.seed, sensors.HAND_RATE_HZ)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -235,13 +245,13 @@ def _with_module(
     """The motion as a chosen module measures it, with that module's errors."""
     import numpy as np
 
-    from imud.virtual import calibrating, dimpling, modules, motion, sensors
+    from imud.virtual import modules, motion, sensors
+    from imud.virtual.hands import pieces_of
 
     module = modules.named(args.module or modules.CALIBRATED, args.seed)
     rate_hz = sensors.HAND_RATE_HZ
     if args.hand is not None:
-        hands = dimpling if args.hand in dimpling.WOBBLES else calibrating
-        found = hands.pieces(args.hand, module, args.seed, rate_hz)
+        found = pieces_of(args.hand, module, args.seed, rate_hz)
         return rate_hz, found, args.seconds
     random = np.random.default_rng([args.seed, 2])
     if args.motion is None:

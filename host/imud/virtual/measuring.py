@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: MIT
+"""A hand that draws strokes of 20 cm to and fro, and may hold the button meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from imud.virtual.motion import Motion
+from imud.virtual.motions.module import Module
+from imud.virtual.sensors import NO_ERRORS, World, random_of_hand, stream
+from imud.virtual.stroking import SWAYS, Plan, StrokingHand
+
+# The emulator takes 64 presses; one of them starts the stream.
+PLAN = Plan(seconds=1.5, turn_deg=2.0, strokes=60, corners=((0.0, 0.0), (0.2, 0.0)))
+BEFORE_S, AFTER_S = 0.05, 0.05  # the button is held for so much longer than a stroke
+
+
+def pieces(module: Module, seed: int, rate_hz: float) -> Iterator[Motion]:
+    """The endless motion of the hand as a module measures it."""
+    exact = stream(
+        seed,
+        rate_hz,
+        World(),
+        NO_ERRORS,
+        lambda random, hz: StrokingHand(random, hz, PLAN),
+        SWAYS[PLAN.support],
+    )
+    sensor = module.sensor(rate_hz, np.random.default_rng([seed, 2]))
+    return map(sensor.feel, exact)
+
+
+def presses_us(seed: int, rate_hz: float) -> Iterator[tuple[int, int]]:
+    """From when to when the button is down, device time in us, stroke by stroke."""
+    begun, found = 0, 0
+    for leg in StrokingHand(random_of_hand(seed), rate_hz, PLAN).legs():
+        if leg.is_stroke:
+            start_s, end_s = begun / rate_hz, (begun + leg.records) / rate_hz
+            yield round((start_s - BEFORE_S) * 1e6), round((end_s + AFTER_S) * 1e6)
+            found += 1
+        if found == PLAN.strokes:
+            return
+        begun += leg.records
