@@ -9,9 +9,11 @@ import math
 import queue
 import sys
 import time
+from collections import defaultdict
 from collections.abc import Mapping
 from typing import Any
 
+from imud.cli.stroke_path import Path, lines_of, object_of
 from imud.client import Client
 
 HEAD = (
@@ -35,23 +37,58 @@ def line_of(stroke: Mapping[str, Any]) -> str:
 
 
 def listen(
-    client: Client, probe: str | None, seconds: float | None, *, as_json: bool
+    client: Client,
+    probe: str | None,
+    seconds: float | None,
+    *,
+    as_json: bool,
+    closes: bool,
 ) -> int:
-    """Prints strokes as they end, for some seconds or until Ctrl-C."""
+    """Prints strokes as they end, for some seconds or until Ctrl-C. `closes`: then
+    prints the path of each probe, as one that has returned to its origin.
+    """
     arrived: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    undeclare = client.subscribe("stroke", probe, lambda _, said: arrived.put(said))
+    undeclare = [
+        client.subscribe(kind, probe, lambda _, said: arrived.put(said))
+        for kind in (("stroke", "pose") if closes else ("stroke",))
+    ]
+    paths: defaultdict[str, Path] = defaultdict(Path)
     until_s = time.monotonic() + seconds if seconds is not None else math.inf
     if not as_json:
-        sys.stdout.write(f"{HEAD}\n")
-        sys.stdout.flush()
+        show(HEAD)
     with contextlib.suppress(KeyboardInterrupt):
         while (left_s := until_s - time.monotonic()) > 0:
             with contextlib.suppress(queue.Empty):
                 payload = arrived.get(timeout=min(left_s, 1.0))
-                stroke = json.loads(payload)
-                if stroke["end"] != "running":
-                    said = payload.decode() if as_json else line_of(stroke)
-                    sys.stdout.write(f"{said}\n")
-                    sys.stdout.flush()
-    undeclare()
+                said = json.loads(payload)
+                if said["type"] == "pose":
+                    paths[said["probe"]].take_pose(said)
+                    continue
+                paths[said["probe"]].take_stroke(said)
+                if said["end"] != "running":
+                    show(payload.decode() if as_json else line_of(said))
+    for end in undeclare:
+        end()
+    if closes:
+        show_closed(paths, as_json=as_json)
     return 0
+
+
+def show(line: str) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+
+
+def show_closed(paths: Mapping[str, Path], *, as_json: bool) -> None:
+    """Each probe's path since its origin, closed."""
+    known = {name: path for name, path in paths.items() if path.places}
+    for name, path in known.items():
+        if as_json:
+            show(json.dumps(object_of(name, path)))
+        else:
+            show("\n".join(lines_of(name, path)))
+    if not known:
+        sys.stderr.write(
+            "no path to close: its origin is not known, or its last stroke has no "
+            "length; `imud tare` sets an origin\n"
+        )

@@ -65,11 +65,18 @@ def _add_strokes(commands: Commands) -> None:
         commands,
         "strokes",
         "print how far a probe moves, each stroke as it ends",
-        "imud strokes stylus",
+        "imud strokes stylus --close",
         "Columns: number and time of the stroke, its length, its parts in the world "
         "and their 1-sigma errors, why it ended. docs/strokes.md tells how to measure.",
     )
     add_probe(strokes)
+    strokes.add_argument(
+        "--close",
+        action="store_true",
+        help="at the end (Ctrl-C, or --seconds) take the place reached for the origin: "
+        "print how far the path is off there, and the path with that spread evenly "
+        "over its strokes",
+    )
     strokes.add_argument(
         "--json", action="store_true", help="print one JSON object a line, as published"
     )
@@ -150,7 +157,9 @@ def _strokes(args: argparse.Namespace) -> int:
     from imud.cli import stroke_lines
 
     with client_of(args) as client:
-        return stroke_lines.listen(client, args.probe, args.seconds, as_json=args.json)
+        return stroke_lines.listen(
+            client, args.probe, args.seconds, as_json=args.json, closes=args.close
+        )
 
 
 def _list(args: argparse.Namespace) -> int:
