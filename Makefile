@@ -116,6 +116,7 @@ bench-strokes: ## how well strokes are measured: a simulated hand, the firmware'
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/strokes.py
 	@python benchmarks/stroke_thesis.py
+	@python benchmarks/stroke_image.py
 
 bench-tip: ## how well the tip is found: a simulated hand that wobbles the probe
 	@$(PYTHON) tools/setup.py bench

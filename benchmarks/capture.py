@@ -35,6 +35,7 @@ class Capture:
     lost: int  # samples and messages that are missing, whole or in part
     log_dropped: int  # messages that its card, if any, has not got
     summary: dict[str, Any]  # as the emulator wrote it
+    received: Sequence[Received]  # every message, in order
 
     @property
     def pose_times_s(self) -> FloatArray:
@@ -137,6 +138,7 @@ def read(record: Path, summary: dict[str, Any]) -> Capture:
         lost=unsent + unheard,
         log_dropped=unlogged(heard.get("equipment", [])),
         summary=summary,
+        received=[event for event in events if isinstance(event, Received)],
     )
 
 

@@ -122,14 +122,22 @@ def params_of(case: Case) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One motion, without errors and as a probe's samples."""
+    """One motion: without errors, as a module measures it, and as a probe's samples."""
 
     case: Case
     exact: Motion
+    felt: Motion
     sampled: Feed
 
+    @property
+    def true(self) -> FloatArray:
+        """How far the sensor moves in each stroke, m, a row a stroke."""
+        return np.array([stroke.way_m for stroke in strokes_of(self.exact)])
+
     def presses(self) -> Iterator[tuple[float, bool]]:
-        """When the button goes down and up, s; nothing where it makes no strokes."""
+        """When the button counts as down and as up, s; nothing where it makes no
+        strokes.
+        """
         for stroke in strokes_of(self.exact) if self.case.is_by_button else []:
             yield stroke.start_s + PRESSED_S, True
             yield stroke.end_s + RELEASED_S, False
@@ -140,7 +148,7 @@ def run_of(case: Case, seed: int, chip: Chip = feed.LSM9DS0) -> Run:
     random = np.random.default_rng([seed, 3])
     exact = case.motion(case.plan, seed)
     felt = module_of(case.module, random).measures(exact, random)
-    return Run(case, exact, feed.sampled(felt, chip))
+    return Run(case, exact, felt, feed.sampled(felt, chip))
 
 
 def measure(run: Run) -> Found:
@@ -162,8 +170,7 @@ def measure(run: Run) -> Found:
                 ends.append(stroke)
                 pose = replay.pose(0, 0)
                 turned.append(heading_of(pose, run.exact, float(time_s)))
-    true = np.array([each.way_m for each in strokes_of(run.exact)])
-    return found_of(ends, np.array(turned), true)
+    return found_of(ends, np.array(turned), run.true)
 
 
 def heading_of(pose: bytes, exact: Motion, time_s: float) -> float:

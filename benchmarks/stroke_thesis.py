@@ -127,8 +127,7 @@ def table_ii_rows(seconds: float, first_seed: int) -> FloatArray:
         run = run_of(case, first_seed + axis)
         found = measure(run)
         moved, travelled = ways(run)
-        true = np.array([stroke.way_m for stroke in strokes_of(run.exact)])
-        ours = np.linalg.norm(found.errors + true, axis=1)
+        ours = np.linalg.norm(found.errors + run.true, axis=1)
         error = np.linalg.norm(found.errors, axis=1)
         rows.append(np.stack([ours, error, np.linalg.norm(moved, axis=1), travelled]))
     return 100.0 * np.concatenate(rows, axis=1).T
@@ -139,10 +138,9 @@ def both(case: Case, seeds: Sequence[int]) -> FloatArray:
     rows = []
     for seed in seeds:
         run = run_of(case, seed)
-        true = np.array([stroke.way_m for stroke in strokes_of(run.exact)])
         ours = measure(run).errors
-        if len(ours) == len(true):
-            rows.append(np.linalg.norm([ours, ways(run)[0] - true], axis=2))
+        if len(ours) == len(run.true):
+            rows.append(np.linalg.norm([ours, ways(run)[0] - run.true], axis=2))
     return 100.0 * np.concatenate(rows, axis=1)
 
 
