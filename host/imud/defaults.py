@@ -4,7 +4,6 @@
 PORT = 7447  # Zenoh's own
 ENDPOINT = f"tcp/127.0.0.1:{PORT}"  # this machine alone
 PREFIX = "imud"
-BODIES = "body/*/state"  # keys of what `imud body` publishes, behind the prefix
 PAGE = "127.0.0.1:8735"  # the page for browsers
 FOXGLOVE = "127.0.0.1:8765"  # the port that Foxglove offers
 

@@ -274,14 +274,24 @@ def test_a_log_is_played_as_if_it_were_live(shown: Seen, desk: Desk) -> None:
     slider = page.locator("[aria-label='Time of the log']")
     slider.focus()
     page.keyboard.press("k")
-    page.keyboard.press("PageDown")
-    shown.until("n => globalThis.imud.model.probe.pose.number < n", state["number"])
-    back = page.evaluate(STATE)
+    early = sorted(desk.poses)[20]
+    said = desk.poses[early]
+    slider.evaluate(
+        """(slider, time) => {
+          slider.value = time;
+          slider.dispatchEvent(new Event("input"));
+        }""",
+        said["t_ns"] / 1e6 + said["age_us"] / 1e3,
+    )
+    shown.until("n => globalThis.imud.model.probe.pose.number <= n", early)
+    back = page.evaluate("globalThis.imud.model.probe.pose")
+    assert early - 3 <= back["number"]
+    at_ms = page.evaluate("globalThis.imud.model.played.t_ms")
     page.keyboard.press(",")
-    shown.until("n => globalThis.imud.model.probe.pose.number < n", back["number"])
+    shown.until("t => globalThis.imud.model.played.t_ms < t", at_ms)
     slider.focus()
     page.keyboard.press("End")
-    shown.until("n => globalThis.imud.model.probe.pose.number === n", state["number"])
+    shown.until("n => globalThis.imud.model.probe.pose.number >= n", state["number"])
     assert back["q"] == desk.poses[back["number"]]["q"]
     page.get_by_role("button", name="Back to live").click()
     shown.until("n => globalThis.imud.model.probe?.pose?.number > n", state["number"])

@@ -18,9 +18,10 @@ import zenoh
 
 from imud.client import Client
 from imud.client.client import Delivery
-from imud.defaults import BODIES, ENDPOINT, PAGE, PREFIX
+from imud.defaults import ENDPOINT, PAGE, PREFIX
 from imud.endpoint import host_and_port, is_loopback
 from imud.errors import ConfigError, ImudError, ListenFailed
+from imud.net.access import BODIES, BODY_STATE
 from imud.net.network import read_credentials
 from imud.web.bodies import line_of
 from imud.web.feed import BODY
@@ -63,7 +64,8 @@ class Distant:
         for topic in sorted(TOPICS - {BODY}):
             if self._client.may(topic):
                 self._client.listen(topic, None, taker(topic))
-        self._client.session.declare_subscriber(f"{prefix}/{BODIES}", take_body)
+        bodies = f"{prefix}/{BODIES}/*/{BODY_STATE}"
+        self._client.session.declare_subscriber(bodies, take_body)
         for status in self._client.statuses():
             page.take([((str(status["probe"]), "status"), _encode(status))])
 

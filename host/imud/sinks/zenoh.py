@@ -11,9 +11,9 @@ import zenoh
 import zenoh.ext
 
 from imud.config.settings import Zenoh
-from imud.defaults import BODIES
 from imud.errors import NetworkError
 from imud.net import network, refusals
+from imud.net.access import BODIES, BODY_STATE
 from imud.probes.record import Presence, Record
 
 # Time to close: what a slow subscriber has not taken by then is dropped.
@@ -96,7 +96,7 @@ class ZenohSink:
         self._session, self._before = session, None
         self._links = session.info.declare_link_events_listener(self._tell_link)
         self._bodies = session.declare_subscriber(
-            f"{self._prefix}/{BODIES}", self._tell_body
+            f"{self._prefix}/{BODIES}/*/{BODY_STATE}", self._tell_body
         )
         if self._is_guest:
             self._tell_whether(is_joined=True)

@@ -16,9 +16,9 @@ from typing import BinaryIO
 
 from imud.log.reader import Logged
 from imud.log.seekable import SeekableLog
+from imud.net.access import BODY_STATE
 from imud.web.feed import BODY
 
-BODY_STATE = "state"  # last part of the channel of a body
 TOPICS = frozenset(
     {"pose", "raw", "status", "params", "event", "clock", "log", "twin", "stroke"}
     | {BODY_STATE}

@@ -34,16 +34,28 @@ export function rodsOf({ start_m: start, end_m: end, marks_m: marks }) {
 }
 
 /**
- * Where each missing segment would begin: the end of its parent, else the origin.
+ * The missing segments, and where the first of them would begin: at the end of its parent,
+ * else at the origin.
  * @param {Line} state
  * @returns {{ name: string, at: Vector }[]}
  */
 export function missingOf(state) {
-  const all = /** @type {Line[]} */ (state.segments);
-  const byName = new Map(all.map((one) => [one.name, one]));
-  return all
-    .filter(({ start_m: start }) => !start)
-    .map(({ name, parent }) => ({ name, at: byName.get(parent)?.end_m ?? [0, 0, 0] }));
+  /** @type {Map<string, { name: string, at: Vector }>} */
+  const found = new Map();
+  const byName = new Map(state.segments.map((/** @type {Line} */ one) => [one.name, one]));
+  for (const { name, parent, start_m: start } of state.segments) {
+    const before = found.get(parent);
+    if (start) {
+      continue;
+    }
+    if (before) {
+      before.name += `, ${name}`;
+      found.set(name, before);
+    } else {
+      found.set(name, { name, at: byName.get(parent)?.end_m ?? [0, 0, 0] });
+    }
+  }
+  return [...new Set(found.values())];
 }
 
 /**
