@@ -126,9 +126,14 @@ export class Numbers {
     const along = moved.map((/** @type {number} */ part, /** @type {number} */ axis) => {
       return (part * (errors?.[axis] ?? NaN)) / Math.max(length, 1e-9);
     });
-    const sure = `±${fixed(1000 * Math.hypot(...along), 1)} mm`;
-    const state = end === "running" ? ", moving" : "";
-    this._stroke.show(fixed(1000 * length, 1, 7), sure + state);
+    const error = Math.hypot(...along);
+    if (end === "running") {
+      // What is hardly known yet says nothing.
+      const isKnown = error < 0.2 * length;
+      this._stroke.show(isKnown ? fixed(1000 * length, 1, 7) : UNKNOWN, "moving");
+    } else {
+      this._stroke.show(fixed(1000 * length, 1, 7), `±${fixed(1000 * error, 1)} mm`);
+    }
   }
 
   /** @param {Line | null} status */
