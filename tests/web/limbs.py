@@ -11,6 +11,14 @@ JOINTS = (("thigh", "shank", "knee"), ("shank", "foot", "ankle"))
 SAYS = {"standing": "Stand still for 3 s.", "moving": "Squat, then raise the knee."}
 
 
+PLACES = {
+    "thigh": ((0.0, 0.0, 0.0), (0.11, 0.0, -0.40)),
+    "shank": ((0.11, 0.0, -0.40), (-0.02, 0.0, -0.81)),
+    "foot": ((-0.02, 0.0, -0.81), (-0.03, 0.0, -0.89)),
+}
+PARENTS = {"thigh": None, "shank": "thigh", "foot": "shank"}
+
+
 def leg(
     number: int,
     *,
@@ -20,50 +28,7 @@ def leg(
     missing: tuple[str, ...] = (),
 ) -> dict[str, Any]:
     """A state; without alignment, and where a segment is missing, nothing of it."""
-    places = {
-        "thigh": ((0.0, 0.0, 0.0), (0.11, 0.0, -0.40)),
-        "shank": ((0.11, 0.0, -0.40), (-0.02, 0.0, -0.81)),
-        "foot": ((-0.02, 0.0, -0.81), (-0.03, 0.0, -0.89)),
-    }
-    parents = {"thigh": None, "shank": "thigh", "foot": "shank"}
-    segments = []
-    for name, (start, end) in places.items():
-        is_drawn = stage == "running" and name not in missing
-        contact = {
-            "is_down": is_down,
-            "rests": 3,
-            "stride_m": 1.15,
-            "place_m": (15.2, 0.1, 0.0),
-        }
-        segments.append(
-            {
-                "name": name,
-                "parent": parents[name],
-                "probe": f"probe-{name}",
-                "presence": "missing" if name in missing else "ok",
-                "age_us": None if name in missing else 12000,
-                "q": (0.7, 0.7, 0.0, 0.05) if is_drawn else None,
-                "start_m": start if is_drawn else None,
-                "end_m": end if is_drawn else None,
-                "marks_m": {"toe": (0.14, 0.0, -0.92)}
-                if is_drawn and name == "foot"
-                else {},
-                "contact": contact if is_drawn and name == "foot" else None,
-            }
-        )
-    joints = []
-    for parent, child, kind in JOINTS:
-        is_known = stage == "running" and not {parent, child} & {*missing}
-        joints.append(
-            {
-                "parent": parent,
-                "child": child,
-                "kind": kind,
-                "at_m": places[child][0] if is_known else None,
-                "angles_deg": {name: flexion for name in ANGLES} if is_known else None,
-                "sigmas_deg": {name: 1.6 for name in ANGLES} if is_known else None,
-            }
-        )
+    is_aligned = stage == "running"
     return {
         "type": "body",
         "body": "right-leg",
@@ -74,9 +39,54 @@ def leg(
         "age_us": 152000,
         "stage": stage,
         "says": SAYS.get(stage),
-        "aligned": "motion" if stage == "running" else None,
+        "aligned": "motion" if is_aligned else None,
         "missing": missing,
         "remarks": (),
-        "segments": segments,
-        "joints": joints,
+        "segments": [
+            segment(name, is_aligned, is_down=is_down, is_missing=name in missing)
+            for name in PLACES
+        ],
+        "joints": [
+            joint(*each, flexion, is_known=is_aligned and not {*each} & {*missing})
+            for each in JOINTS
+        ],
+    }
+
+
+def segment(
+    name: str, is_aligned: bool, *, is_down: bool, is_missing: bool
+) -> dict[str, Any]:
+    is_drawn = is_aligned and not is_missing
+    is_foot = is_drawn and name == "foot"
+    start, end = PLACES[name]
+    contact = {
+        "is_down": is_down,
+        "rests": 3,
+        "stride_m": 1.15,
+        "place_m": (15.2, 0.1, 0.0),
+    }
+    return {
+        "name": name,
+        "parent": PARENTS[name],
+        "probe": f"probe-{name}",
+        "presence": "missing" if is_missing else "ok",
+        "age_us": None if is_missing else 12000,
+        "q": (0.7, 0.7, 0.0, 0.05) if is_drawn else None,
+        "start_m": start if is_drawn else None,
+        "end_m": end if is_drawn else None,
+        "marks_m": {"toe": (0.14, 0.0, -0.92)} if is_foot else {},
+        "contact": contact if is_foot else None,
+    }
+
+
+def joint(
+    parent: str, child: str, kind: str, flexion: float, *, is_known: bool
+) -> dict[str, Any]:
+    return {
+        "parent": parent,
+        "child": child,
+        "kind": kind,
+        "at_m": PLACES[child][0] if is_known else None,
+        "angles_deg": {name: flexion for name in ANGLES} if is_known else None,
+        "sigmas_deg": {name: 1.6 for name in ANGLES} if is_known else None,
     }

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 
 def add(commands: Commands) -> None:
-    from imud.net import access
-
     keys = add_command(
         commands,
         "keys",
@@ -51,18 +49,7 @@ def add(commands: Commands) -> None:
         help="TCP port of the daemon (default: %(default)s)",
     )
     init.set_defaults(run=_init)
-    more = add_command(keys, "add", "add a user", "imud keys add keys operator anna")
-    _add_dir(more)
-    more.add_argument(
-        "role",
-        metavar="ROLE",
-        choices=list(access.ROLES),
-        help="; ".join(f"{role}: {what}" for role, what in access.ROLES.items()),
-    )
-    more.add_argument(
-        "user", metavar="NAME", help="user to add; the keys go to DIR/clients/NAME.toml"
-    )
-    more.set_defaults(run=_add)
+    _add_user(keys)
     renew = add_command(
         keys,
         "renew",
@@ -77,6 +64,23 @@ def add(commands: Commands) -> None:
     remove.add_argument("user", metavar="NAME", help="user to remove")
     remove.set_defaults(run=_remove)
     _add_probe(keys)
+
+
+def _add_user(keys: Commands) -> None:
+    from imud.net import access
+
+    more = add_command(keys, "add", "add a user", "imud keys add keys operator anna")
+    _add_dir(more)
+    more.add_argument(
+        "role",
+        metavar="ROLE",
+        choices=list(access.ROLES),
+        help="; ".join(f"{role}: {what}" for role, what in access.ROLES.items()),
+    )
+    more.add_argument(
+        "user", metavar="NAME", help="user to add; the keys go to DIR/clients/NAME.toml"
+    )
+    more.set_defaults(run=_add)
 
 
 def _add_probe(keys: Commands) -> None:
