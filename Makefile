@@ -121,6 +121,7 @@ bench-strokes: ## how well strokes are measured: a simulated hand, the firmware'
 bench-tip: ## how well the tip is found: a simulated hand that wobbles the probe
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/tip.py
+	@python benchmarks/tip_positions.py
 
 pictures: ## docs/pictures, from what `make bench` has measured, and of the page
 	@$(PYTHON) tools/setup.py bench

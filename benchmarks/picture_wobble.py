@@ -36,7 +36,8 @@ def drawn() -> str:
 
 TIP = (
     '<defs><marker id="tip" markerWidth="9" markerHeight="9" refX="6" refY="4" '
-    f'orient="auto"><path d="M0 0 8 4 0 8z" fill="{ARROW}"/></marker></defs>'
+    'orient="auto-start-reverse">'
+    f'<path d="M0 0 8 4 0 8z" fill="{ARROW}"/></marker></defs>'
 )
 
 
@@ -68,10 +69,10 @@ def swung(x: float, y: float, index: int) -> Iterator[str]:
     yield (
         f'<path d="M{x - aside:.1f} {high:.1f}A{radius:g} {radius:g} 0 0 1 '
         f'{x + aside:.1f} {high:.1f}" fill="none" stroke="{ARROW}" stroke-width="2.5" '
-        'marker-end="url(#tip)"/>'
+        'marker-start="url(#tip)" marker-end="url(#tip)"/>'
     )
     seen = ("from the side", "from the front")[index]
-    words = f"{LEAN_DEG:.0f} degrees, once a second; seen {seen}"
+    words = f"{LEAN_DEG:.0f} degrees to each side, {seen}"
     yield f'<text x="{x:g}" y="22" font-size="11" fill="{INK}">{words}</text>'
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import picture_wobble
 import pytest
 import tip
+import tip_positions
 from tip import Run
 
 from length import choose
@@ -61,6 +62,16 @@ def test_hands_of_all_kinds_slip_or_give_or_do_neither() -> None:
     assert 20 < slipping < 60
     assert 40 < giving < 80
     assert not any(each.slip_m and each.give for each in wobbles)
+
+
+def test_each_method_by_positions_is_measured(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tip_positions, "RUNS", 3)
+    assert tip_positions.main() == 0
+    said = capsys.readouterr().out.splitlines()
+    assert len(said) == 1 + len(tip_positions.ROWS)
+    assert "nan" not in "".join(said)
 
 
 @pytest.mark.long

@@ -149,8 +149,10 @@ def test_a_tip_that_slipped_may_be_held_still_and_wobbled_again() -> None:
     assert np.linalg.norm(guide.fit.offset_m - TIP) < 0.001
 
 
-def test_an_uncalibrated_probe_is_sent_to_be_calibrated() -> None:
-    guide = guided(wobbled(Wobble(), 24.0), Params())
+@pytest.mark.parametrize("wobble", [Wobble(), Wobble(slip_m=1e-3)])
+def test_an_uncalibrated_probe_is_sent_to_be_calibrated(wobble: Wobble) -> None:
+    # What its sensors leave over may look like a tip that slips.
+    guide = guided(wobbled(wobble, 24.0), Params())
     refused = guide.end()
     assert isinstance(refused, Fault)
     assert "calibrate them first: imud calibrate" in str(refused)

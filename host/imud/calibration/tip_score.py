@@ -64,7 +64,10 @@ def score_of(fit: Fit, trust: Trust) -> Score:
 
 def weakness(fit: Fit, swing: Swing, trust: Trust) -> Fault | None:
     """Why a wobble is not good enough; None if it is."""
-    if fit.residual_m_s2 > RESIDUAL_MAX * fit.noise_m_s2:
+    is_rough = fit.residual_m_s2 > RESIDUAL_MAX * fit.noise_m_s2
+    if is_rough and trust.share == Trust().share:
+        return _weak("the tip can't be told from this wobble", swing, trust)
+    if is_rough:
         return Fault(
             "slips",
             f"the tip slips or something knocks: {fit.residual_m_s2:.3f} m/s2 are left "
