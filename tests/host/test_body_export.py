@@ -211,3 +211,22 @@ def test_a_probe_whose_clock_is_not_known_is_told(monkeypatch: pytest.MonkeyPatc
     assert cli.main(["export", "x.mcap", "--body", "none.toml"]) == 1
     with pytest.raises(Exception, match="shank: the clock is not known"):
         body_tracks.of_files(["x.mcap"])
+
+
+def test_more_samples_than_are_fused_are_averaged():
+    motion = made().motions["shank"][:8000]
+    times_s = np.arange(len(motion)) / RATE_HZ
+    found = fused.attitudes(times_s, motion.gyr, motion.acc, motion.mag)
+    assert len(found.times_s) == len(motion)
+    assert motion.quat is not None
+    up = np.array([0.0, 0.0, 1.0])
+    seen, real = (
+        rotation.rotate(rotation.inverse(each), up)
+        for each in (found.quat, motion.quat)
+    )
+    off = np.degrees(np.arccos(np.clip((seen * real).sum(1), -1.0, 1.0)))
+    assert np.sqrt((off[4000:] ** 2).mean()) < 1.0
+    noise = np.random.default_rng(1).normal(0.0, 1.0, (5000, 3))
+    fine, coarse = np.arange(5000) / 1000.0, np.arange(1000) / 200.0
+    mean = fused.between(coarse, fine, noise)
+    assert mean.std() == pytest.approx(1.0 / np.sqrt(5.0), rel=0.1)

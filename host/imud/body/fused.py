@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Poses of samples that no probe fused, by the firmware's own C.
 
-The C works at 100 samples a second and more: those of lower rates are interpolated to
-200 a second, the field as well.
+The C works at 100 samples a second and more: those of other rates are brought to 200 a
+second, the field as well.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def attitudes(
     field = np.full((count, 3), np.nan)
     there = np.asarray(np.isfinite(mag).all(axis=1))
     if there.any():
-        field = _between(at_s, times_s[there], mag[there])
-    rates, forces = (_between(at_s, times_s, each) for each in (gyr, acc))
+        field = between(at_s, times_s[there], mag[there])
+    rates, forces = (between(at_s, times_s, each) for each in (gyr, acc))
     rows = _poses(rates, forces, field)
     tilt, heading = np.radians(rows[:, 4:]).T
     tilt = np.where(np.isfinite(tilt), tilt, UNSETTLED)
@@ -56,7 +56,13 @@ def attitudes(
     return replace(found, times_s=times_s, gyr=gyr - bias, acc=acc)
 
 
-def _between(at_s: FloatArray, times_s: FloatArray, rows: FloatArray) -> FloatArray:
+def between(at_s: FloatArray, times_s: FloatArray, rows: FloatArray) -> FloatArray:
+    """Rows at other times: interpolated, or means where more are known."""
+    width = max(1, round(len(times_s) / len(at_s)))
+    if width > 1:
+        kept = np.pad(rows, ((width // 2, (width - 1) // 2), (0, 0)), mode="edge")
+        sums = np.cumsum(np.pad(kept, ((1, 0), (0, 0))), axis=0)
+        rows = (sums[width:] - sums[:-width]) / width
     return np.stack([np.interp(at_s, times_s, each) for each in rows.T], axis=1)
 
 
