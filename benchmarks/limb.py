@@ -31,7 +31,7 @@ from imud.virtual import leg
 from imud.virtual.leg_probes import RATE_HZ
 
 OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "limb.json"
-SETS = {"tuning": range(6), "judging": range(100, 110)}
+SETS = {"tuning": range(6), "judging": range(200, 210)}
 COMMON_HZ = 100.0
 FACING = 0.0  # the leg walks east
 GROUND_S = (1.0, 5.5)  # of standing
