@@ -31,21 +31,19 @@ def made() -> leg.Leg:
     return leg.made(1, WALKED)
 
 
-Said = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
+Said = tuple[tuple[float, ...], tuple[float, ...]]
 
 
 @cache
 def said() -> dict[str, list[Said]]:
-    """Attitude, rate and force of each probe's poses; their headings differ."""
+    """Attitude and force of each probe's poses; their headings differ."""
     found = {}
     for turn, (name, motion) in enumerate(made().motions.items()):
         assert motion.quat is not None
         wrong = heading.about_up(np.array(math.radians(20.0 * turn)))
         quat = rotation.multiply(wrong, motion.quat)
-        parts = [each[::EVERY].tolist() for each in (quat, motion.gyr, motion.acc)]
-        found[name] = [
-            (tuple(q), tuple(g), tuple(a)) for q, g, a in zip(*parts, strict=True)
-        ]
+        parts = [each[::EVERY].tolist() for each in (quat, motion.acc)]
+        found[name] = [(tuple(q), tuple(a)) for q, a in zip(*parts, strict=True)]
     return found
 
 
@@ -81,10 +79,10 @@ class Desk:
 
     def _say(self, name: str, index: int) -> None:
         history = self.body.histories[name]
-        quat, gyr, acc = said()[self.wearers.get(name, name)][index]
+        quat, acc = said()[self.wearers.get(name, name)][index]
         time_s = UTC_S + index * EVERY / RATE_HZ
         history.take_pose(time_s, quat, SIGMAS)
-        history.take_raw(time_s, gyr, acc)
+        history.take_force(time_s, acc)
         history.bound_us = 700
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -53,13 +53,9 @@ class History:
         tilt = UNSETTLED if tilt != tilt else tilt
         _append(self.poses, (time_s, *quat, tilt, heading), self.kept_s)
 
-    def take_raw(
-        self,
-        time_s: float,
-        gyr: tuple[float, float, float],
-        acc: tuple[float, float, float],
-    ) -> None:
-        _append(self.raws, (time_s, *gyr, *acc), self.kept_s)
+    def take_force(self, time_s: float, acc: tuple[float, float, float]) -> None:
+        """A specific force, m/s2, in the probe's frame."""
+        _append(self.raws, (time_s, *acc), self.kept_s)
 
     def track(self, times_s: FloatArray, gap_s: float = GAP_S) -> Track | None:
         """Its track at rising times; None if it has nothing near them. A gap of more
@@ -79,15 +75,8 @@ class History:
         columns = [np.interp(times_s, raws[:, 0], each) for each in raws[:, 1:].T]
         values = np.stack(columns, axis=1)
         values[is_far] = np.nan
-        gyr = np.where(is_far[:, None], found.gyr, values[:, :3])
-        return Track(
-            times_s,
-            found.quat,
-            gyr,
-            found.tilt_sigma,
-            found.heading_sigma,
-            None if is_far.all() else values[:, 3:],
-        )
+        # Rates stay those of the poses: the gyroscope's bias is not in them.
+        return found if is_far.all() else replace(found, acc=values)
 
 
 def _append(
