@@ -12,12 +12,13 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import scoring
 import stroke_shapes
+from boards import BOARDS, F405
 from report import Figure
 from stroke_runs import ACC_DENSITY, Case, Found, measure, run_of
 
@@ -150,12 +151,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--set", choices=SETS, default="judging", help="of seeds")
     parser.add_argument("--runs", type=int, default=30, help="of 8 strokes, a case")
     parser.add_argument("--only", default="", help="cases whose name contains this")
+    parser.add_argument(
+        "--board",
+        choices=BOARDS,
+        default=F405.name,
+        help="whose samples; the host computes the strokes of a Nano",
+    )
     parser.add_argument("--output", type=Path, default=OUTPUT)
     args = parser.parse_args(arguments)
     cases = [each for each in CASES if args.only in each.name]
     if not stroke_shapes.are_here() and any(case in BROAD for case in cases):
         print(f"no {scoring.RECORDINGS}: BROAD's shapes are left out")
         cases = [case for case in cases if case not in BROAD]
+    # The daemon tells the C of another board than a Nano, where it computes strokes.
+    chip = replace(BOARDS[args.board].chip, board=F405.name)
     seeds = [SETS[args.set] + 2 * run for run in range(args.runs)]
     progress = Progress("strokes", len(cases))
     rows: list[dict[str, float | str]] = []
@@ -163,7 +172,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(HEAD)
     for number, case in enumerate(cases):
         first = 1000 * CASES.index(case)
-        runs = [measure(run_of(case, first + seed)) for seed in seeds]
+        runs = [measure(run_of(case, first + seed, chip)) for seed in seeds]
         rows.append(row_of(case, runs))
         print(show(rows[-1]), flush=True)
         if case in PATHS:
@@ -174,6 +183,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args.output.parent.mkdir(parents=True, exist_ok=True)
     said = {
         "set": args.set,
+        "board": args.board,
         "rows": rows,
         "figures": [asdict(each) for each in figures],
     }

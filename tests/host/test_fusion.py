@@ -1,24 +1,32 @@
 # SPDX-License-Identifier: MIT
-"""Fusion on the host: the poses of a probe that sends only raw samples are those that
-it would have sent."""
+"""Fusion on the host: the poses and strokes of a probe that sends only raw samples are
+those that it would have sent. A Nano, which has no room for strokes, gets them here."""
 
 from __future__ import annotations
 
 import itertools
+import struct
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from core.desk import lib
+from core.stroke_desk import Measured, measured
+from fakes.records import record
 from imud.config.reader import load
 from imud.config.settings import Config, ProbeSettings
 from imud.errors import ConfigError
+from imud.params.value import Params
 from imud.probes.session import Received
 from imud.stages import Adds, Outcome, Wants
-from imud.stages.fusion import FusionStage
+from imud.stages.fusion import FusionStage, with_strokes
+from imud.virtual.stroking import Plan
+from imud.wire.messages import encode
 from sessions import received
 from stroke_bench import feel, stroking
 from twin_bench import (
+    PERIOD_US,
     Life,
     changed,
     followed,
@@ -28,6 +36,11 @@ from twin_bench import (
 )
 
 TIME_ON = slice(5, None)  # of content: all but id and number
+TIP = record(4, struct.pack("<3i3h", 120_000, -5_000, 0, -(2**14), 0, 0))
+STROKE, TELL = (
+    record(5, bytes((does, lib.REFERENCE_NONE)))
+    for does in (lib.BUTTON_DOES_STROKE, lib.BUTTON_DOES_TELL)
+)
 
 
 def stage_of(event: Received, *, is_on: bool = True) -> FusionStage:
@@ -42,8 +55,9 @@ def fused(contents: list[bytes], *, is_on: bool = True) -> list[Outcome]:
     return [outcome for event in events for outcome in stage.take(event)]
 
 
-def added(outcomes: list[Outcome]) -> list[bytes]:
-    return [each.content for each in outcomes if isinstance(each, Adds)]
+def added(outcomes: list[Outcome], name: str = "pose") -> list[bytes]:
+    contents = [each.content for each in outcomes if isinstance(each, Adds)]
+    return [each for each in contents if message_of(each).name == name]
 
 
 def own_poses(contents: list[bytes]) -> list[bytes]:
@@ -132,7 +146,11 @@ def test_the_rate_of_poses_is_the_probes() -> None:
     outcomes = fused(life.contents)
     times = [message_of(content).time_us for content in added(outcomes)]
     assert {b - a for a, b in itertools.pairwise(times)} == {40_000}
-    numbers = [each.number for each in outcomes if isinstance(each, Adds)]
+    numbers = [
+        each.number
+        for each in outcomes
+        if isinstance(each, Adds) and message_of(each.content).name == "pose"
+    ]
     assert numbers == list(range(1, len(times) + 1))
 
 
@@ -146,3 +164,85 @@ def test_what_contradicts_it_is_named(tmp_path: Path, line: str) -> None:
     file.write_text(f"[probes.00112233445566aa]\nfuse_on_host = true\n{line}\n")
     with pytest.raises(ConfigError, match="fuse_on_host sets it"):
         load(file)
+
+
+# Strokes.
+
+
+@pytest.fixture(scope="module")
+def scene() -> Measured:
+    return measured(Plan(strokes=2), 7)
+
+
+def said_in(scene: Measured, records: bytes, *, presses: bool = True) -> list[bytes]:
+    """What a probe with these params says while it feels a scene."""
+    life: Life = followed().load(records)
+    held = scene.held() & presses
+    for number, (row, is_held) in enumerate(zip(scene.samples, held, strict=True)):
+        if number == 1700:  # at rest, before the first stroke
+            life.order(lib.COMMAND_TARE, 1)
+        life.now_us += PERIOD_US
+        life.sample(row)
+        lib.probe_step(life.c, bool(is_held), life.time_us)
+    return life.contents
+
+
+def as_nano(contents: list[bytes]) -> list[bytes]:
+    """The same from a Nano: no strokes, and another board in its hellos."""
+    said = [message_of(content) for content in contents]
+    return [
+        encode(
+            each.name,
+            dict(each.fields) | ({"board": "nano"} if each.name == "hello" else {}),
+            number,
+            each.time_us,
+        )
+        for number, each in enumerate(each for each in said if each.name != "stroke")
+    ]
+
+
+def test_its_strokes_are_in_every_bit_those_of_the_probe(scene: Measured) -> None:
+    contents = said_in(scene, TIP + STROKE)
+    own = [contents[at] for at in named(contents, "stroke")]
+    outcomes = fused(contents)
+    assert len(own) > 10
+    assert tail(added(outcomes, "stroke")) == tail(own)
+    numbers = [
+        each.number
+        for each in outcomes
+        if isinstance(each, Adds) and message_of(each.content).name == "stroke"
+    ]
+    assert numbers == list(range(1, len(own) + 1))
+
+
+@pytest.mark.parametrize(
+    ("records", "presses", "end"), [(TELL, True, "button"), (b"", False, "rest")]
+)
+def test_a_nano_has_strokes_and_places(
+    scene: Measured, records: bytes, presses: bool, end: str
+) -> None:
+    outcomes = fused(as_nano(said_in(scene, TIP + records, presses=presses)))
+    strokes = [message_of(each).fields for each in added(outcomes, "stroke")]
+    ended = [each for each in strokes if each["end"] != "running"]
+    assert [each["end"] for each in ended] == [end, end]
+    for stroke, true in zip(ended, scene.strokes, strict=True):
+        length = np.linalg.norm(np.array(stroke["displacement"], float))
+        assert length == pytest.approx(np.linalg.norm(true.way_m), abs=0.008)
+    last = message_of(added(outcomes)[-1]).fields
+    assert last["position"] is not None
+    assert last["normal"] is not None
+
+
+def test_poses_of_a_nano_are_its_own_but_for_the_place(scene: Measured) -> None:
+    contents = as_nano(said_in(scene, TELL))
+    own = tail([contents[at] for at in named(contents, "pose")])
+    # Without a tip a place is nobody's.
+    assert tail(added(fused(contents)))[: len(own) // 3] == own[: len(own) // 3]
+
+
+def test_what_its_button_does_besides_is_left_alone() -> None:
+    for records in (b"", TIP, TIP + STROKE):
+        assert with_strokes(records) == records
+    params = Params.decode(with_strokes(TIP + TELL))
+    assert params.options.button_does == "stroke"
+    assert params.tip == Params.decode(TIP).tip

@@ -1,18 +1,27 @@
 # SPDX-License-Identifier: MIT
-"""Fusion on the host: poses and strokes of a probe that sends only raw samples,
-computed with the same C as a probe runs. Where the configuration has `fuse_on_host`.
+"""Fusion on the host: poses and strokes for a probe that sends only raw samples,
+computed with the same C as a probe runs. Where the configuration has `fuse_on_host` for
+it.
 
 A probe that sends poses itself, or not every sample, is asked once for all its raw
 samples instead. A sample after a loss gets the flag `gap`, as the probe would set it.
+
+A Nano has no room for strokes: it gets those of another board here. What its button
+does is its own affair but for `tell`, by which it does nothing else: then strokes last
+as long as it is held.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 from typing import Any
+
+import msgspec
 
 from imud import _core
 from imud.config.settings import Config
+from imud.params.value import Params
 from imud.probes.session import ProbeFound, Received
 from imud.stages import Adds, Outcome, Tells, Wants
 from imud.stages.floats import is_in_floats
@@ -21,8 +30,19 @@ from imud.wire.messages import Message, place_of
 
 FAILURE = "its raw samples can't be had, from which to compute poses"
 
+_BOARD = place_of("hello", "board")
 _FILTER = place_of("hello", "filter")
 _FLAGS = place_of("raw", "sample_flags")
+
+
+@lru_cache(maxsize=64)  # asked with every sample
+def with_strokes(records: bytes) -> bytes:
+    """The params of a Nano whose strokes are computed here."""
+    params = Params.decode(records)
+    options = msgspec.structs.asdict(params.options)
+    if options["button_does"] != "tell":
+        return records
+    return params.replaced("options", options | {"button_does": "stroke"}).encode()
 
 
 class FusionStage:
@@ -37,7 +57,8 @@ class FusionStage:
 
     def _forget(self) -> None:
         self._hello: Message | None = None  # the last one that knows a sensor
-        self._content = b""  # the same, with a filter
+        self._content = b""  # the same, with a filter and strokes
+        self._is_nano = False
         self._replay: _core.Replay | None = None
         self._records: bytes | None = None  # of the params that it works with
         self._phase = 0  # of the poses among the samples
@@ -72,6 +93,9 @@ class FusionStage:
         own = bytearray(content)
         if hello.fields["filter"] == "none" or is_in_floats(hello):
             own[_FILTER] = bytes([schema.Filter.FUSE])
+        self._is_nano = hello.fields["board"] == "nano"
+        if self._is_nano:
+            own[_BOARD] = bytes([schema.Board.F405])
         self._hello, self._content = hello, bytes(own)
         if hello.fields["raw_rate"] != hello.fields["sample_rate"]:
             yield from self._ask()
@@ -90,15 +114,17 @@ class FusionStage:
             return
         if message.fields["event"] == "tared":
             self._replay.origin(detail)
-        elif message.fields["event"] == "restarted":
-            self._replay.restart(detail or int(schema.Filter.FUSE))
         elif message.fields["event"] in ("button_pressed", "button_released"):
             self._replay.hold(message.fields["event"] == "button_pressed")
+        elif message.fields["event"] == "restarted":
+            self._replay.restart(detail or int(schema.Filter.FUSE))
 
     def _take_raw(self, received: Received, records: bytes) -> Iterator[Outcome]:
         hello = self._hello
         if hello is None:
             return
+        if self._is_nano:
+            records = with_strokes(records)
         if self._replay is None:
             self._replay = _core.Replay(self._content, records)
             yield Tells("began", "its poses are computed here, from its raw samples")
