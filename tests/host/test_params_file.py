@@ -129,6 +129,21 @@ def test_a_mistake_is_named(old: str, new: str, words: str) -> None:
     assert str(caught.value).isprintable()
 
 
+@pytest.mark.parametrize(
+    ("line", "button_does", "reference"),
+    [
+        ('button_does = "stroke"', "stroke", "none"),
+        ('reference = "heading"', "stream", "heading"),
+        ("", "stream", "none"),
+    ],
+)
+def test_options_that_are_left_out_are_as_without_the_record(
+    line: str, button_does: str, reference: str
+) -> None:
+    options = file.parse(f"[options]\n{line}\n").params.options
+    assert (options.button_does, options.reference) == (button_does, reference)
+
+
 @given(
     st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("latin1"))
 )

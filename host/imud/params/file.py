@@ -170,8 +170,10 @@ def _record(kind: Kind, table: Mapping[str, Any]) -> Record:
             if part.key in table:
                 raise ParamsError(f"{where}: the record ends before, as parts says")
             continue
+        # An option that is left out is as without the record: the word of number 0.
+        default = part.words[0] if kind.name == "options" else None
         try:
-            wire[part.name] = part.wire(table.get(part.key))
+            wire[part.name] = part.wire(table.get(part.key, default))
         except ValueError as error:
             raise ParamsError(f"{where}: {_told(table, part.key)}{error}") from None
     tail = _bytes(table.get(TAIL, ""), f"[{kind.name}] {TAIL}")
