@@ -14,14 +14,19 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from live import free_endpoint
+from page_limb import walking
 from playwright.sync_api import Browser, Page, sync_playwright
 
 PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"
 # Without a sandbox of its own, as root; drawn by the processor.
 ARGUMENTS = ("--no-sandbox", "--enable-unsafe-swiftshader")
 START_S = 30.0
-# Has the page draw as it does with a graphics card.
-WITH_CARD = """() => {
+# Has the page draw as it does with a graphics card, but only so often: the processor
+# draws, and the virtual boards need their time.
+FRAME_MS = 80
+WITH_CARD = """(frameMs) => {
+  globalThis.requestAnimationFrame = (draw) =>
+    setTimeout(() => draw(performance.now()), frameMs);
   const { prototype } = WebGL2RenderingContext;
   const get = prototype.getParameter;
   prototype.getParameter = function (name) {
@@ -37,7 +42,7 @@ REST_S = 8.0
 
 @contextlib.contextmanager
 def served() -> Iterator[str]:
-    """A daemon with both virtual boards: the address of its page."""
+    """A daemon with both virtual boards and a leg: the address of its page."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
 
@@ -66,12 +71,14 @@ def served() -> Iterator[str]:
             f"[ports]\nnamed = {[str(port) for port in ports]}\n"
         )
         wait_for(lambda: all(port.exists() for port in ports))
+        endpoint = free_endpoint()
         log = start(
             *("run", "--config", str(config), "--log", str(folder / "logs")),
-            *("--listen", free_endpoint()),
+            *("--listen", endpoint),
         )
         time.sleep(REST_S)
         wait_for(lambda: "page is at" in log.read_text())
+        stack.enter_context(walking(endpoint))
         lines = log.read_text().splitlines()
         yield next(line for line in lines if "page is at" in line).rpartition(" ")[2]
 
@@ -97,7 +104,7 @@ def opened(
         color_scheme="dark" if is_dark else "light",
     )
     page = context.new_page()
-    page.add_init_script(f"({WITH_CARD})()")
+    page.add_init_script(f"({WITH_CARD})({FRAME_MS})")
     page.goto(f"{url}/#/probe/stylus")
     wait_for(
         lambda: page.evaluate("Boolean(globalThis.imud?.model.probe?.pose)"),

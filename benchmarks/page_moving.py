@@ -10,13 +10,12 @@ import io
 import sys
 from typing import Any
 
-from page_desk import PICTURES, chromium, opened, served
+from page_desk import FRAME_MS, PICTURES, chromium, opened, served
 from PIL import Image
 from playwright.sync_api import Page
 
 SIZE = (920, 520)
 SECONDS = 8.0
-FRAME_MS = 80
 BYTES_MAX = 1_200_000  # of a file
 QUALITIES = (70, 60, 50, 40, 30)
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """docs/pictures/page-*.png: each view of the page, light and dark, with two virtual
-probes in simulated hands; and on a phone.
+probes in simulated hands and a leg that walks; and on a phone.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ import sys
 from page_desk import PICTURES, chromium, opened, served
 from playwright.sync_api import Browser
 
-VIEWS = ("probe", "signals", "calibrate", "aim", "probes")
+VIEWS = ("probe", "signals", "calibrate", "aim", "probes", "limb")
 SIZE, PHONE = (1180, 720), (360, 720)
 # The plots are to be full, and the probe not yet far from the target.
 SHOWN_S = {"probe": 2.0, "signals": 11.0, "calibrate": 30.0, "aim": 0.3, "probes": 1.5}
+SHOWN_S["limb"] = 12.0
 
 # Plots of poses and raw samples, which the probe is asked for.
 PLOTS = """async () => {
