@@ -24,6 +24,7 @@ from web.turns import (
     CONVENTIONS,
     PATH,
     SIGMA,
+    SLIDE,
     STATE,
     TURN,
     attitude,
@@ -276,13 +277,7 @@ def test_a_log_is_played_as_if_it_were_live(shown: Seen, desk: Desk) -> None:
     page.keyboard.press("k")
     early = sorted(desk.poses)[20]
     said = desk.poses[early]
-    slider.evaluate(
-        """(slider, time) => {
-          slider.value = time;
-          slider.dispatchEvent(new Event("input"));
-        }""",
-        said["t_ns"] / 1e6 + said["age_us"] / 1e3,
-    )
+    slider.evaluate(SLIDE, said["t_ns"] / 1e6 + said["age_us"] / 1e3)
     shown.until("n => globalThis.imud.model.probe.pose.number <= n", early)
     back = page.evaluate("globalThis.imud.model.probe.pose")
     assert early - 3 <= back["number"]

@@ -52,6 +52,11 @@ PATH = """() => {
   };
 }"""
 
+SLIDE = """(slider, value) => {
+  slider.value = value;
+  slider.dispatchEvent(new Event("input"));
+}"""
+
 STATE = """() => {
   const { view, model } = globalThis.imud;
   const { x, y, z, w } = view.scene.body.quaternion;
