@@ -108,7 +108,10 @@ def test_what_is_missing_is_drawn_as_missing_and_never_as_still(
     missing = {name for name, value in row.items() if value != value}
     assert {"foot_ankle_flexion_deg", "foot_x_m", "foot_z_m"} <= missing
     assert row["shank_knee_flexion_deg"] == 30.0
-    assert shown.text('[data-angle="foot flexion"]').endswith("missing")
+    shown.until(
+        "document.querySelector('[data-angle=\"foot flexion\"]')"
+        ".textContent.endsWith('missing')"
+    )
     shown.page.locator('[data-segment="foot"]').get_by_text("missing").wait_for()
     # Nothing at all comes any more.
     shown.page.wait_for_selector('.limb[data-stale] [data-part="age"]:not([hidden])')
