@@ -46,8 +46,10 @@ def states(seed: int = 1) -> list[BodyState]:
             w, x, y, z = track.quat[row].tolist()
             history.take_pose(time_s, (w, x, y, z), sigmas)
             motion = made.motions[name]
-            x, y, z = motion.acc[row * SKIP].tolist()
-            history.take_force(time_s, (x, y, z))
+            (gx, gy, gz), (ax, ay, az) = (
+                each[row * SKIP].tolist() for each in (motion.gyr, motion.acc)
+            )
+            history.take_raw(time_s, (gx, gy, gz), (ax, ay, az))
             history.bound_us = 700
         if time_s >= shown_s:
             shown_s += PERIOD_S

@@ -66,7 +66,8 @@ class Probes:
     def __init__(self, by_endpoint: dict[str, list[str]]) -> None:
         self.silent: set[str] = set()
         self.sessions = {
-            each: network.open_daemon(Zenoh(listen=(each,))) for each in by_endpoint
+            each: network.open_daemon(Zenoh(listen=(each,)), network.new_id())
+            for each in by_endpoint
         }
         self._names = by_endpoint
         self._stop = threading.Event()

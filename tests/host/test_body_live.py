@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -31,19 +31,21 @@ def made() -> leg.Leg:
     return leg.made(1, WALKED)
 
 
-Said = tuple[tuple[float, ...], tuple[float, ...]]
+Said = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
 
 
 @cache
 def said() -> dict[str, list[Said]]:
-    """Attitude and force of each probe's poses; their headings differ."""
+    """Attitude, rate and force of each probe's poses; their headings differ."""
     found = {}
     for turn, (name, motion) in enumerate(made().motions.items()):
         assert motion.quat is not None
         wrong = heading.about_up(np.array(math.radians(20.0 * turn)))
         quat = rotation.multiply(wrong, motion.quat)
-        parts = [each[::EVERY].tolist() for each in (quat, motion.acc)]
-        found[name] = [(tuple(q), tuple(a)) for q, a in zip(*parts, strict=True)]
+        parts = [each[::EVERY].tolist() for each in (quat, motion.gyr, motion.acc)]
+        found[name] = [
+            (tuple(q), tuple(g), tuple(a)) for q, g, a in zip(*parts, strict=True)
+        ]
     return found
 
 
@@ -56,6 +58,10 @@ class Desk:
     silent: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     late_s: Mapping[str, float] = field(default_factory=dict)
     wearers: Mapping[str, str] = field(default_factory=dict)  # probe: whose motion
+    # By how much a filter has corrected its heading at each time, rad.
+    corrected: Callable[[float], float] = lambda _: 0.0
+    has_raw: bool = True
+    bias_rad_s: float = 0.0  # of each axis of the gyroscope
 
     def states(
         self, until_s: float = math.inf, skipped_s: float = 0.0
@@ -79,10 +85,14 @@ class Desk:
 
     def _say(self, name: str, index: int) -> None:
         history = self.body.histories[name]
-        quat, acc = said()[self.wearers.get(name, name)][index]
+        quat, gyr, acc = said()[self.wearers.get(name, name)][index]
         time_s = UTC_S + index * EVERY / RATE_HZ
-        history.take_pose(time_s, quat, SIGMAS)
-        history.take_force(time_s, acc)
+        turn = heading.about_up(np.array(self.corrected(index * EVERY / RATE_HZ)))
+        w, x, y, z = rotation.multiply(turn, np.array(quat)).tolist()
+        history.take_pose(time_s, (w, x, y, z), SIGMAS)
+        if self.has_raw:
+            p, q, r = (each + self.bias_rad_s for each in gyr)
+            history.take_raw(time_s, (p, q, r), acc)
         history.bound_us = 700
 
 
@@ -121,6 +131,23 @@ def test_angles_are_those_of_the_leg_within_what_is_stated():
     assert len(off) > 100
     assert np.sqrt(np.mean(np.square(off))) < 4.0
     assert (np.abs(off) < 1.96 * np.array(sigmas)).mean() > 0.85
+
+
+@pytest.mark.parametrize("has_raw", [True, False])
+def test_a_heading_that_is_corrected_is_no_motion(has_raw: bool):
+    """A filter that learns the field turns its poses, ten times a second."""
+    steps = np.random.default_rng(3).normal(0.0, math.radians(4.0), 600)
+    steps[::2] -= steps[1::2].mean()
+    turned = np.cumsum(steps - np.concatenate([[0.0], steps[:-1]]))
+    desk = Desk(
+        body(),
+        corrected=lambda time_s: float(turned[int(10.0 * time_s)]),
+        has_raw=has_raw,
+        bias_rad_s=math.radians(2.0),
+    )
+    walk_s = made().stages["walk"][0]
+    last = [state for _, state in desk.states(walk_s + 2.0, walk_s + 1.0)][-1]
+    assert (last.stage, last.aligned) == ("running", "motion")
 
 
 def test_joints_have_places_and_x_is_ahead():

@@ -14,7 +14,9 @@ from imud.body.tracks import GAP_S, Track
 from imud.rotation import FloatArray
 
 UNSETTLED = np.radians(10.0)  # tilt of a filter that has not settled
-RAW_GAP_S = 0.05  # forces are interpolated over no more
+RAW_GAP_S = 0.05  # samples are interpolated over no more
+# A look at so many moments finds the gyroscope's bias.
+BIAS_ROWS = 100
 
 
 @dataclass(slots=True)
@@ -26,6 +28,7 @@ class History:
     raws: deque[tuple[float, ...]] = field(default_factory=deque)
     bound_us: int | None = None
     is_dated: bool = True  # the UTC of its last pose is known
+    bias_rad_s: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     @property
     def last_s(self) -> float | None:
@@ -53,9 +56,14 @@ class History:
         tilt = UNSETTLED if tilt != tilt else tilt
         _append(self.poses, (time_s, *quat, tilt, heading), self.kept_s)
 
-    def take_force(self, time_s: float, acc: tuple[float, float, float]) -> None:
-        """A specific force, m/s2, in the probe's frame."""
-        _append(self.raws, (time_s, *acc), self.kept_s)
+    def take_raw(
+        self,
+        time_s: float,
+        gyr: tuple[float, float, float],
+        acc: tuple[float, float, float],
+    ) -> None:
+        """A rate, rad/s, and a specific force, m/s2, in the probe's frame."""
+        _append(self.raws, (time_s, *gyr, *acc), self.kept_s)
 
     def track(self, times_s: FloatArray, gap_s: float = GAP_S) -> Track | None:
         """Its track at rising times; None if it has nothing near them. A gap of more
@@ -75,8 +83,17 @@ class History:
         columns = [np.interp(times_s, raws[:, 0], each) for each in raws[:, 1:].T]
         values = np.stack(columns, axis=1)
         values[is_far] = np.nan
-        # Rates stay those of the poses: the gyroscope's bias is not in them.
-        return found if is_far.all() else replace(found, acc=values)
+        if is_far.all():
+            return found
+        # Poses turn, too, where a filter corrects its heading: their rates are right in
+        # the median only, which tells the bias.
+        off = values[:, :3] - found.gyr
+        off = off[np.isfinite(off).all(axis=1)]
+        if len(off) >= BIAS_ROWS:
+            self.bias_rad_s = np.median(off, axis=0)
+        rates = values[:, :3] - self.bias_rad_s
+        gyr = np.where(is_far[:, None], found.gyr, rates)
+        return replace(found, gyr=gyr, acc=values[:, 3:])
 
 
 def _append(

@@ -17,7 +17,7 @@ from imud import rotation
 from imud.body import hinge
 from imud.body.chain import Chain
 from imud.body.hinge import Axis, Refused
-from imud.body.tracks import Track
+from imud.body.tracks import Track, leaning
 from imud.rotation import FloatArray
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -124,13 +124,13 @@ def by_motion(
 def _stood(name: str, track: Track) -> tuple[FloatArray, float]:
     """The mean attitude of a probe while it stands, and its heading's sigma."""
     good = np.isfinite(track.quat).all(axis=1)
-    times, quat, gyr = track.times_s[good], track.quat[good], track.gyr[good]
+    times, quat = track.times_s[good], track.quat[good]
     if len(times) < 2 or times[-1] - times[0] < STANDING_S:
         raise Refused(f"{name}: no pose to align by; stand still for 3 s")
-    moved = float(np.sqrt((gyr**2).sum(axis=1).mean()))
+    moved = float(np.sqrt((leaning(track)[good] ** 2).mean()))
     if moved > STILL_RAD_S:
         raise Refused(
-            f"{name} turned by {math.degrees(moved):.0f} deg/s; stand still for 3 s"
+            f"{name} leaned by {math.degrees(moved):.0f} deg/s; stand still for 3 s"
         )
     mean = np.linalg.eigh(quat.T @ quat)[1][:, -1]
     sigma = track.heading_sigma[good]

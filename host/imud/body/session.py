@@ -18,7 +18,7 @@ from imud.body.hinge import Refused
 from imud.body.joints import Known
 from imud.body.mounting import Mount
 from imud.body.posture import Posture
-from imud.body.tracks import Track
+from imud.body.tracks import Track, leaning
 from imud.rotation import FloatArray
 
 RATE_HZ = 100.0
@@ -143,11 +143,9 @@ def align(
 
 
 def standing(found: Mapping[str, Track]) -> list[tuple[float, float]]:
-    """Each STILL_S or more in which no probe turns: from and to, s. At least one."""
+    """Each STILL_S or more in which no probe leans: from and to, s. At least one."""
     times_s = next(iter(found.values())).times_s
-    fastest: FloatArray = np.max(
-        [np.linalg.norm(each.gyr, axis=1) for each in found.values()], axis=0
-    )
+    fastest: FloatArray = np.max([leaning(each) for each in found.values()], axis=0)
     is_still = np.nan_to_num(fastest, nan=np.inf) < STILL_RAD_S
     edges = np.diff(np.concatenate([[False], is_still, [False]]).astype(int))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1

@@ -70,6 +70,14 @@ def of_poses(
     return Track(times_s, quat, (before + after) / 2.0, tilt_sigma, heading_sigma)
 
 
+def leaning(track: Track) -> FloatArray:
+    """How fast each moment leans, rad/s: the rate across the vertical. A filter that
+    corrects its heading turns poses about the vertical.
+    """
+    rates = rotation.rotate(track.quat, track.gyr)
+    return np.asarray(np.hypot(rates[:, 0], rates[:, 1]))
+
+
 def common_times(tracks: Sequence[Track], rate_hz: float) -> FloatArray:
     """Times at a constant rate over the span that every track covers."""
     start = max(float(each.times_s[0]) for each in tracks)

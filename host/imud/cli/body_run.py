@@ -155,8 +155,8 @@ def take(body: Live, topic: str, delivery: Delivery) -> None:
                 history.take_pose(pose.t_ns * 1e-9, pose.q, sigmas)
             return
         raw = _RAW.decode(delivery.payload)
-        if raw.t_ns is not None and raw.acc_m_s2:
-            history.take_force(raw.t_ns * 1e-9, raw.acc_m_s2)
+        if raw.t_ns is not None and raw.gyr_rad_s and raw.acc_m_s2:
+            history.take_raw(raw.t_ns * 1e-9, raw.gyr_rad_s, raw.acc_m_s2)
 
 
 def _radians(degrees: float | None) -> float:
