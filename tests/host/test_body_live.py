@@ -113,6 +113,7 @@ def test_it_says_what_to_do_until_it_is_aligned():
         ("running", None),
     ]
     assert all(s.joints[0].angles_deg is None for _, s in shown() if s.says)
+    assert {s.remarks for _, s in shown()} == {()}
     assert [s.number for _, s in shown()] == [*range(1, len(shown()) + 1)]
     aligned_s = next(time_s for time_s, s in shown() if s.stage == "running")
     assert made().stages["rest"][0] < aligned_s < made().stages["walk"][0] + 1.0

@@ -37,7 +37,7 @@ from imud.rotation import FloatArray
 
 DELAY_S = 0.15
 ALIGN_S = 180.0  # of poses that an alignment looks back on
-RUN_S = 20.0  # and what is kept afterwards, to find swapped probes
+RUN_S = 8.0  # and what is kept afterwards, to find swapped probes
 RATE_HZ = 50.0  # of what alignment looks at
 LOST_S = 1.0  # a probe that has been silent for longer is missing
 AWAY_S = 3.0  # one that has been silent for longer ends an alignment
@@ -201,10 +201,12 @@ class Live:
             history.kept_s = RUN_S
 
     def _check_order(self, time_s: float) -> None:
-        """Probes that were swapped show by how they move, at the latest in walking."""
+        """Probes that were swapped show by how they move in walking."""
         if self._method() != "motion" or any("swapped" in r for r in self.remarks):
             return
         found = self._since(time_s - RUN_S, time_s)
+        if not mounting.is_walking(found):
+            return
         try:
             mounting.check_order(self.chain, found)
         except Refused as refused:

@@ -21,6 +21,7 @@ from imud.body.tracks import Track, leaning
 from imud.rotation import FloatArray
 
 UP = np.array([0.0, 0.0, 1.0])
+WALKS_M_S2 = 3.0  # change of force; squats have 1, walking 10
 STILL_RAD_S = math.radians(12.0)  # rms of a person who stands still
 STANDING_S = 1.0  # at least
 SWAPPED = 0.85  # a child's force changes by less than this share of its parent's
@@ -252,6 +253,17 @@ def check_order(chain: Chain, moving: Mapping[str, Track]) -> None:
                 f"{child.probe} on {child.name} moves less than {parent.probe} on "
                 f"{parent.name}; are the two swapped?"
             )
+
+
+def is_walking(moving: Mapping[str, Track]) -> bool:
+    """Whether each probe is pushed in each quarter of the time as in walking."""
+    quarters = [
+        part
+        for track in moving.values()
+        if track.acc is not None
+        for part in np.array_split(track.acc, 4)
+    ]
+    return bool(quarters) and min(map(_change, quarters)) > WALKS_M_S2
 
 
 def _change(acc: FloatArray) -> float:
