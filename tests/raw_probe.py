@@ -85,8 +85,13 @@ class Stream:
 
     def __enter__(self) -> Self:
         probe = self._chain.probe
-        probe.hello_fields = probe.hello_fields | RATES
+        before, probe.hello_fields = probe.hello_fields, probe.hello_fields | RATES
         self._chain.port.write(probe.say("hello"))
+        if probe.hello_fields != before:
+            # What a status says of the probe is a second old at most.
+            self._chain.status_when(
+                lambda status: status["hello"]["sample_rate"] == RATES["sample_rate"]
+            )
         self._thread.start()
         return self
 

@@ -290,7 +290,7 @@ def test_a_log_is_played_as_if_it_were_live(shown: Seen, desk: Desk) -> None:
     assert back["q"] == desk.poses[back["number"]]["q"]
     page.get_by_role("button", name="Back to live").click()
     shown.until("n => globalThis.imud.model.probe?.pose?.number > n", state["number"])
-    assert page.locator(".playbar").is_hidden()
+    page.locator(".playbar").wait_for(state="hidden")
     shown.until("!document.querySelector('[data-command=start]').disabled")
 
 

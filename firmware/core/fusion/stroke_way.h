@@ -25,8 +25,8 @@ void stroke_late_mean(const struct stroke *stroke, struct vector *out);
 void stroke_find_open(struct stroke *stroke, const struct stroke_window *window);
 
 // Its whole way, ended by a rest, whose windows are held back: `first` is the first of
-// them, or the window before, which is then none of the stroke's. False where it did not
-// end at rest, or did not begin so.
+// them, or the window before, which is then none of the stroke's. False where it did
+// not end at rest, or did not begin so.
 bool stroke_find_closed(struct stroke *stroke, const struct stroke_window *window,
                         const struct stroke_force *first);
 

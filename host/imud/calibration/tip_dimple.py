@@ -104,7 +104,7 @@ def fit(
     noise = noise_of(force) / math.sqrt(size)
     found = np.zeros(ALL) if before is None else before.unknowns
     rows, left = np.zeros((0, 3, ALL)), np.zeros((0, 3))
-    least = PASSES[0] if before is None else 1
+    least = PASSES[0] if before is None else 2  # what is left over is of the last
     for number in range(PASSES[1]):
         true = rate - found[GYR] + rate * found[SCALE]
         blocks = _blocks(force, true, step_s, size)

@@ -33,7 +33,7 @@ HANDS = {
     "iron": "as calibrate, beside a loudspeaker",
     "dimple": "wobbles it about its tip, which stands in a dimple",
     "slip": "the same, but the tip slips about by 1 mm",
-    "soft": "the same, but the base gives by 4 % of the way",
+    "soft": "the same, but the base gives by 4 %% of the way",
     "stroke": "draws strokes of 20 cm to and fro, and rests between them",
     "button": "the same, and holds the button meanwhile (button_does = stroke)",
 }
@@ -184,6 +184,7 @@ def _add_module(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--hand",
+        metavar="HAND",
         choices=HANDS,
         help="a hand that calibrates it, finds its tip or measures: "
         + "; ".join(f"{name}: {what}" for name, what in HANDS.items()),
