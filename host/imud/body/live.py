@@ -37,7 +37,8 @@ from imud.rotation import FloatArray
 
 DELAY_S = 0.15
 ALIGN_S = 180.0  # of poses that an alignment looks back on
-RUN_S = 8.0  # and what is kept afterwards, to find swapped probes
+RUN_S = 5.0  # and what is kept afterwards, to find swapped probes
+SWAPPED_LOOKS = 4  # in a row that tell of swapped probes: a turn or a stop is one
 RATE_HZ = 50.0  # of what alignment looks at
 LOST_S = 1.0  # a probe that has been silent for longer is missing
 AWAY_S = 3.0  # one that has been silent for longer ends an alignment
@@ -67,6 +68,7 @@ class Live:
         self.stage: Stage = "waiting"
         self.says: str | None = None
         self.remarks: list[str] = []
+        self._doubts = 0  # looks in a row at which probes seemed swapped
         self._begun_s = -math.inf  # of the poses that an alignment may use
         self._looked_s = -math.inf
         self._ahead_rad = 0.0  # heading of the body's x
@@ -206,11 +208,16 @@ class Live:
             return
         found = self._since(time_s - RUN_S, time_s)
         if not mounting.is_walking(found):
+            self._doubts = 0
             return
         try:
             mounting.check_order(self.chain, found)
         except Refused as refused:
-            self.remarks.append(str(refused))
+            self._doubts += 1
+            if self._doubts == SWAPPED_LOOKS:
+                self.remarks.append(str(refused))
+        else:
+            self._doubts = 0
 
     # What is published
 
