@@ -129,6 +129,7 @@ pictures: ## docs/pictures, from what `make bench` has measured, and of the page
 	@python benchmarks/picture_poses.py
 	@python benchmarks/picture_wobble.py
 	@python benchmarks/picture_strokes.py
+	@python benchmarks/picture_limb.py
 	@python benchmarks/page_pictures.py
 	@python benchmarks/page_moving.py
 

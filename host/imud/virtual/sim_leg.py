@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 BODY, DAEMON = "leg.toml", "imud.toml"
 RAW_HZ = 100
+CLOCKS_PPM = {"thigh": 120, "shank": -80, "foot": 30}  # how fast each probe's clock is
 START_S = 20.0  # an emulator has opened its port by then
 
 
@@ -80,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
             *(str(simulator), "--image", str(image), "--motion", "-"),
             *("--pty", str(each.link), "--eeprom", str(each.eeprom)),
             *("--seed", str(each.seed), "--press", ":".join(map(str, sim.PRESS_US))),
+            *("--clock-ppm", str(CLOCKS_PPM[each.name])),
             *(("--seconds", str(args.seconds)) if args.seconds else ()),
         ]
         for each in worn
