@@ -57,7 +57,8 @@ def fused(done: Run) -> list[Message]:
     stage = FusionStage(Config(probes={events[0].probe_id: settings}))
     outcomes = [outcome for event in events for outcome in stage.take(event)]
     added = [decode(each.content) for each in outcomes if isinstance(each, Adds)]
-    return [message for message in added if isinstance(message, Message)]
+    messages = [message for message in added if isinstance(message, Message)]
+    return [message for message in messages if message.name == "pose"]
 
 
 def quaternions(poses: list[Message]) -> dict[int, np.ndarray]:
