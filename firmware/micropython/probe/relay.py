@@ -20,6 +20,7 @@ class Relay:
         self._end = 0
 
     def write(self, data, at, length):
+        # Abstract: MicroPython has no module abc. UDP and Tee have their own.
         raise NotImplementedError
 
     def sender(self, probe):
