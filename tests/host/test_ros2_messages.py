@@ -80,6 +80,11 @@ def header(make: Callable[..., Any], frame: str) -> Any:
     return make("Header", make("Time", *divmod(T_NS, 10**9)), frame)
 
 
+def stamped(make: Callable[..., Any], frame: str, child: str) -> Any:
+    transform = make("Transform", make("Vector3", *FORCE), make("Quaternion", *XYZW))
+    return make("TransformStamped", header(make, frame), child, transform)
+
+
 @pytest.mark.parametrize("frame", FRAMES)
 def test_an_imu_is_byte_for_byte_that_of_two_other_serialisers(frame: str) -> None:
     ours = cdr.imu(T_NS, frame, Q, COVARIANCE, RATE, cdr.UNKNOWN, FORCE, cdr.ABSENT)
@@ -133,16 +138,7 @@ def test_a_transform_is_byte_for_byte_theirs(frame: str, child: str) -> None:
         ros2.TF_MESSAGE,
         lambda make: make(
             "TFMessage",
-            [
-                make(
-                    "TransformStamped",
-                    header(make, frame),
-                    child,
-                    make(
-                        "Transform", make("Vector3", *FORCE), make("Quaternion", *XYZW)
-                    ),
-                )
-            ],
+            [stamped(make, frame, child)],
         ),
     )
     assert others == [ours, ours]
@@ -159,17 +155,7 @@ def test_several_transforms_are_byte_for_byte_theirs(frame: str, count: int) -> 
         ros2.TF_MESSAGE,
         lambda make: make(
             "TFMessage",
-            [
-                make(
-                    "TransformStamped",
-                    header(make, frame),
-                    child,
-                    make(
-                        "Transform", make("Vector3", *FORCE), make("Quaternion", *XYZW)
-                    ),
-                )
-                for child in children
-            ],
+            [stamped(make, frame, child) for child in children],
         ),
     )
     assert others == [ours, ours]

@@ -92,10 +92,29 @@ def four_points(places: FloatArray) -> tuple[FloatArray, float]:
     return centre, float(np.linalg.norm(places[0] - centre))
 
 
-def sphere(places: FloatArray, error_m: float) -> Ball:
-    """The sphere with the least squares of distances; four points lie on theirs. The
-    algebraic fit, where it begins, is biased on a cap.
+def _round(near: FloatArray) -> tuple[FloatArray, float, FloatArray]:
+    """Centre, radius and slopes of the sphere or the circle with the least squares of
+    distances, for points (n, 3) or (n, 2) around 0. It begins with the algebraic fit,
+    which is biased on a cap.
     """
+    ones = np.ones(len(near))
+    slopes = np.column_stack([2.0 * near, ones])
+    start = np.linalg.lstsq(slopes, (near**2).sum(axis=1), rcond=None)[0]
+    centre, square = start[:-1], start[-1] + start[:-1] @ start[:-1]
+    radius = math.sqrt(max(float(square), 1e-12))
+    for _ in range(ROUNDS):
+        away = near - centre
+        distance = np.linalg.norm(away, axis=1)
+        slopes = np.column_stack([-away / distance[:, None], -ones])
+        change = np.linalg.lstsq(slopes, radius - distance, rcond=None)[0]
+        centre, radius = centre + change[:-1], radius + float(change[-1])
+        if np.linalg.norm(change) < CLOSE_M:
+            break
+    return centre, radius, slopes
+
+
+def sphere(places: FloatArray, error_m: float) -> Ball:
+    """The sphere with the least squares of distances; four points lie on theirs."""
     if len(places) < 4:
         raise MethodError(f"{len(places)} points are too few for a sphere: give 4")
     middle = places.mean(axis=0)
@@ -103,25 +122,14 @@ def sphere(places: FloatArray, error_m: float) -> Ball:
     extent = np.linalg.svd(near, compute_uv=False)
     if extent[-1] < FLAT * extent[0]:
         raise MethodError("the points lie in a plane: lean the probe in two directions")
-    slopes = np.column_stack([2.0 * near, np.ones(len(near))])
-    start = np.linalg.lstsq(slopes, (near**2).sum(axis=1), rcond=None)[0]
-    centre, square = start[:3], start[3] + start[:3] @ start[:3]
-    radius = math.sqrt(max(float(square), 1e-12))
-    for _ in range(ROUNDS):
-        away = near - centre
-        distance = np.linalg.norm(away, axis=1)
-        slopes = np.column_stack([-away / distance[:, None], -np.ones(len(near))])
-        change = np.linalg.lstsq(slopes, radius - distance, rcond=None)[0]
-        centre, radius = centre + change[:3], radius + change[3]
-        if np.linalg.norm(change) < CLOSE_M:
-            break
+    centre, radius, slopes = _round(near)
     left = np.linalg.norm(near - centre, axis=1) - radius
     error = max(error_m, _spread(left, len(near) - 4))
     sigma = error * math.sqrt(float(np.linalg.inv(slopes.T @ slopes)[3, 3]))
     rms = float(np.sqrt(np.mean(left**2)))
     if sigma > CAP * radius:
         raise MethodError("the points show too little of a sphere: lean it further")
-    return Ball(centre + middle, float(radius), sigma, rms)
+    return Ball(centre + middle, radius, sigma, rms)
 
 
 def circle(places: FloatArray, error_m: float) -> Circle:
@@ -138,17 +146,7 @@ def circle(places: FloatArray, error_m: float) -> Circle:
     normal = np.cross(axes[0], axes[1])
     normal = normal if normal[2] >= 0.0 else -normal
     flat = near @ axes[:2].T
-    slopes = np.column_stack([2.0 * flat, np.ones(len(flat))])
-    start = np.linalg.lstsq(slopes, (flat**2).sum(axis=1), rcond=None)[0]
-    centre, radius = start[:2], math.sqrt(float(start[2] + start[:2] @ start[:2]))
-    for _ in range(ROUNDS):
-        away = flat - centre
-        distance = np.linalg.norm(away, axis=1)
-        slopes = np.column_stack([-away / distance[:, None], -np.ones(len(flat))])
-        change = np.linalg.lstsq(slopes, radius - distance, rcond=None)[0]
-        centre, radius = centre + change[:2], radius + change[2]
-        if np.linalg.norm(change) < CLOSE_M:
-            break
+    centre, radius, slopes = _round(flat)
     left = np.linalg.norm(flat - centre, axis=1) - radius
     above = near @ normal
     error = max(error_m, _spread(left, len(flat) - 3), _spread(above, len(flat) - 3))
