@@ -28,7 +28,7 @@ PICTURES = scoring.PROJECT / "docs" / "pictures"
 SEED = 300  # neither for tuning nor for judging
 WIDTH, HEIGHT = 10.0, 5.6
 SIGMAS = 1.96
-DRAWN = 4  # of rows at 100 Hz: each fourth
+DRAWN = 6  # of rows at 100 Hz: each sixth, so that the picture stays small
 FIGURE_EVERY_S = 0.1
 FIGURES_S = 2.3  # two strides
 JOINTS = {"knee": "shank", "ankle": "foot"}
@@ -122,7 +122,8 @@ def foot(axes: Axes, theme: Theme) -> None:
     begin = int(np.searchsorted(path.times_s, made.stages["walk"][0]))
     place = path.place - path.place[begin]
     away = np.hypot(*place[:, :2].T)
-    axes.plot(away[begin:], 100.0 * place[begin:, 2], color=theme.ours, lw=1.2)
+    drawn = slice(begin, None, DRAWN // 2)
+    axes.plot(away[drawn], 100.0 * place[drawn, 2], color=theme.ours, lw=1.2)
     rests = [first for first, _ in path.rests if first >= begin]
     axes.plot(away[rests], 100.0 * place[rests, 2], "o", color=theme.other, ms=3)
     title = "the foot's probe: height (cm) over way (m); dots: rests"
