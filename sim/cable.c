@@ -160,5 +160,11 @@ bool cable_put(struct cable *cable, uint8_t byte, bool waits) {
 
 size_t cable_get(struct cable *cable, uint8_t *bytes, size_t room) {
     const ssize_t got = read(cable->master, bytes, room);
-    return got > 0 ? (size_t)got : 0;
+    if (got <= 0) {
+        return 0;
+    }
+    // Whoever wrote this may have opened it when another had closed it: what the board
+    // answers must come after that was forgotten.
+    follow_listeners(cable);
+    return (size_t)got;
 }
