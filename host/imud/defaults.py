@@ -6,6 +6,7 @@ ENDPOINT = f"tcp/127.0.0.1:{PORT}"  # this machine alone
 PREFIX = "imud"
 PAGE = "127.0.0.1:8735"  # the page for browsers
 FOXGLOVE = "127.0.0.1:8765"  # the port that Foxglove offers
+OPENIGTLINK = "127.0.0.1:18944"  # the port that 3D Slicer and PLUS use
 
 # Params that came into force; under XDG_STATE_HOME where that is set.
 STATE = "~/.local/state"

@@ -118,6 +118,25 @@ def test_a_port_may_have_a_rate_of_its_own(
             "[zenoh]\nkeys = 'k'\nlisten = []\n[foxglove]\nenabled = true",
             "Foxglove logs in nowhere",
         ),
+        ("[openigtlink]\nenabled = true\nlisten = '18944'", "is not HOST:PORT"),
+        (
+            "[openigtlink]\nenabled = true\nlisten = '0.0.0.0:18944'",
+            "0.0.0.0 is beyond this machine",
+        ),
+        (
+            "[zenoh]\nkeys = 'k'\nlisten = []\n[openigtlink]\nenabled = true",
+            "OpenIGTLink has no users",
+        ),
+        (
+            "[openigtlink]\nenabled = true\n[probes.00112233445566aa]\n"
+            "name = 'ultrasound'",
+            ":4: [probes.00112233445566aa] name: 'ultrasound' does not fit",
+        ),
+        (
+            "[openigtlink]\nenabled = true\n[probes.00112233445566aa]\n"
+            "name = 'tip-1'\n[probes.00112233445566ab]\nname = 'Tip1'",
+            "'Tip1' and 'tip-1' are both Tip1 in OpenIGTLink",
+        ),
         ("[journal]\nquiet_s = -1", "-1 is not a number from 0 to 3600"),
         ("[probes.stylus]\nname = 'x'", ":1: [probes] stylus: an id is 16"),
         (

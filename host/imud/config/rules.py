@@ -14,6 +14,7 @@ from imud.config.settings import (
     Config,
     Foxglove,
     Metrics,
+    OpenIgtLink,
     Place,
     Ports,
     ProbeSettings,
@@ -23,8 +24,9 @@ from imud.config.settings import (
     port_and_baud,
 )
 from imud.config.toml import Mistake, cut
-from imud.defaults import ENDPOINT, FOXGLOVE, PAGE
+from imud.defaults import ENDPOINT, FOXGLOVE, OPENIGTLINK, PAGE
 from imud.endpoint import host_and_port, is_local, is_loopback, link_of
+from imud.igtl import names as igtl
 from imud.ros2 import topics
 
 # One part of a key. Zenoh gives the excluded characters a meaning.
@@ -46,6 +48,9 @@ def contradictions(config: Config) -> Iterator[Mistake]:
     yield from _of_page(config.web)
     if config.foxglove.enabled:
         yield from _of_foxglove(config.foxglove, config.zenoh.keys)
+    if config.openigtlink.enabled:
+        yield from _of_openigtlink(config.openigtlink, config.zenoh.keys)
+        yield from _of_frames(config)
     yield from _of_metrics(config.metrics)
     yield from _of_place(config.place)
     yield from _of_probes(config.probes)
@@ -109,6 +114,27 @@ def _of_foxglove(section: Foxglove, keys: str) -> Iterator[Mistake]:
             ("foxglove", "enabled"),
             "Foxglove logs in nowhere, and zenoh.keys admits users alone; turn it off, "
             "or let every program of this machine read: open_to_all = true",
+        )
+
+
+def _of_openigtlink(section: OpenIgtLink, keys: str) -> Iterator[Mistake]:
+    address = host_and_port(section.listen)
+    path = ("openigtlink", "listen")
+    if address is None:
+        yield Mistake(
+            path, f"{_quoted(section.listen)} is not HOST:PORT, as {OPENIGTLINK}"
+        )
+    elif not is_loopback(address[0]) and not section.open_to_all:
+        yield Mistake(
+            path,
+            f"{cut(address[0])} is beyond this machine; listen on 127.0.0.1, or let "
+            "anybody read: open_to_all = true",
+        )
+    if keys and not section.open_to_all:
+        yield Mistake(
+            ("openigtlink", "enabled"),
+            "OpenIGTLink has no users, and zenoh.keys admits users alone; turn it off, "
+            "or let anybody read: open_to_all = true",
         )
 
 
@@ -180,6 +206,26 @@ def _of_ros2(config: Config) -> Iterator[Mistake]:
                 ("probes", probe_id, "name"),
                 f"{cut(name)!r} and {cut(other)!r} are both "
                 f"{cut(topics.ros_name(name))} in ROS",
+            )
+
+
+def _of_frames(config: Config) -> Iterator[Mistake]:
+    """A transform's name in OpenIGTLink has 20 characters, of which few are left."""
+    frames: dict[str, str] = {}
+    for probe_id in config.probes:
+        name = config.name_of(probe_id)
+        frame = igtl.frame_of(name)
+        other = frames.setdefault(frame, name)
+        if not frame:
+            yield Mistake(
+                ("probes", probe_id, "name"),
+                f"{cut(name)!r} does not fit OpenIGTLink: letters and digits, a letter "
+                f"first, at most {igtl.PROBE_MAX}, without To before a digit",
+            )
+        elif other != name:
+            yield Mistake(
+                ("probes", probe_id, "name"),
+                f"{cut(name)!r} and {cut(other)!r} are both {frame} in OpenIGTLink",
             )
 
 

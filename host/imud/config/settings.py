@@ -15,7 +15,15 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from imud.defaults import ENDPOINT, FOXGLOVE, HISTORY, PAGE, PREFIX, STATE
+from imud.defaults import (
+    ENDPOINT,
+    FOXGLOVE,
+    HISTORY,
+    OPENIGTLINK,
+    PAGE,
+    PREFIX,
+    STATE,
+)
 
 # Baud rates of our firmware: 500,000 on the Nano, which 16 MHz divides to exactly, and
 # 921,600 on the F405, the rate of an RN-41.
@@ -224,6 +232,20 @@ class Foxglove(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = False
 
 
+class OpenIgtLink(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """An OpenIGTLink server, for 3D Slicer and PLUS."""
+
+    enabled: Annotated[bool, Meta(description="serve poses by OpenIGTLink")] = False
+    listen: Annotated[str, Meta(description="its address, HOST:PORT")] = OPENIGTLINK
+    open_to_all: Annotated[
+        bool,
+        Meta(
+            description="allow a HOST beyond this machine, and serve beside keys: "
+            "anybody can read"
+        ),
+    ] = False
+
+
 class Metrics(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Metrics for Prometheus."""
 
@@ -296,6 +318,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ros2: Ros2 = Ros2()
     web: Web = Web()
     foxglove: Foxglove = Foxglove()
+    openigtlink: OpenIgtLink = OpenIgtLink()
     metrics: Metrics = Metrics()
     journal: Journal = Journal()
     probes: Annotated[

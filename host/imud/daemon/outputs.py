@@ -20,6 +20,7 @@ from imud.net.network import own_credentials
 from imud.net.refusals import tell_refusals
 from imud.sinks.foxglove import FoxgloveSink
 from imud.sinks.log import LogSink
+from imud.sinks.openigtlink import OpenIgtLinkSink
 from imud.sinks.page import PageSink
 from imud.sinks.ros2 import Ros2Sink, own_network
 from imud.sinks.zenoh import OnCommand, OnNotice, ZenohSink
@@ -27,7 +28,8 @@ from imud.web.logs import LogFolder
 from imud.web.server import Page
 from imud.web.users import KeyUsers, Users
 
-ROS2, PAGE, FOXGLOVE = "ros2", "web", "foxglove"  # names of sinks
+# Names of sinks.
+ROS2, PAGE, FOXGLOVE, OPENIGTLINK = "ros2", "web", "foxglove", "openigtlink"
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +119,11 @@ class Outputs:
             wanted[FOXGLOVE] = Wanted(
                 (config.foxglove, network.prefix),
                 lambda: FoxgloveSink(served, network.prefix),
+            )
+        heard = host_and_port(config.openigtlink.listen)
+        if config.openigtlink.enabled and heard is not None:
+            wanted[OPENIGTLINK] = Wanted(
+                config.openigtlink, lambda: OpenIgtLinkSink(heard)
             )
         return wanted
 
