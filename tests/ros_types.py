@@ -68,6 +68,25 @@ class PoseStamped(IdlStruct, typename="PoseStamped"):
 
 
 @dataclass
+class Point(IdlStruct, typename="Point"):
+    x: float64
+    y: float64
+    z: float64
+
+
+@dataclass
+class PointStamped(IdlStruct, typename="PointStamped"):
+    header: Header
+    point: Point
+
+
+@dataclass
+class Path(IdlStruct, typename="Path"):
+    header: Header
+    poses: sequence[PoseStamped]
+
+
+@dataclass
 class Transform(IdlStruct, typename="Transform"):
     translation: Vector3
     rotation: Quaternion

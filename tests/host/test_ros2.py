@@ -12,6 +12,7 @@ import pytest
 import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from fakes.records import calibrated_records, calibration_record
 from imud.probes.record import Record
@@ -32,6 +33,9 @@ def test_any_name_of_a_probe_becomes_one_of_ros(text: str) -> None:
     )
     assert not name[0].isdigit()
     assert "__" not in name
+
+
+TIP = "/imud/tip/tip"
 
 
 def pose(**fields: Any) -> Record:
@@ -86,23 +90,88 @@ def translator() -> Translator:
     return Translator("tip", "imud", "world")
 
 
-def test_a_pose_is_said_in_three_ways(translator: Translator) -> None:
+def test_a_pose_is_said_in_four_ways(translator: Translator) -> None:
     said = said_by(translator, pose(position_m=(1.0, 2.0, 3.0)))
-    assert list(said) == ["/imud/tip/imu/data", "/tf", "/imud/tip/pose"]
-    (imu,), transforms, (stamped,) = said.values()
+    assert set(said) == {"/imud/tip/imu/data", "/tf", "/imud/tip/pose", TIP}
+    (imu,), transforms, (stamped,), (tip,) = said.values()
     (turn,), (shift,) = (each.transforms for each in transforms)
     assert imu.header.frame_id == turn.child_frame_id == "tip"
     assert turn.header.frame_id == shift.child_frame_id == "tip_level"
     assert stamped.header.frame_id == shift.header.frame_id == "world"
-    for message in (imu, stamped, turn, shift):
+    assert tip.header.frame_id == "world"
+    for message in (imu, stamped, tip, turn, shift):
         stamp = message.header.stamp
         assert stamp.sec * 10**9 + stamp.nanosec == T_NS
     for q in (imu.orientation, stamped.pose.orientation, turn.transform.rotation):
         assert (q.w, q.x, q.y, q.z) == Q
     unturned = shift.transform.rotation
     assert (unturned.w, unturned.x, unturned.y, unturned.z) == (1.0, 0.0, 0.0, 0.0)
-    for p in (stamped.pose.position, shift.transform.translation):
+    for p in (stamped.pose.position, tip.point, shift.transform.translation):
         assert (p.x, p.y, p.z) == (1.0, 2.0, 3.0)
+
+
+def stroke(number: int, end: str = "button", **fields: Any) -> Record:
+    """One of 0.1 m, after others of the same length."""
+    said = {
+        "type": "stroke",
+        "end": end,
+        "displacement_m": (0.1, 0.0, 0.0),
+        "path_m": (0.1 * number, 0.0, 0.0),
+        "path_sigma_m": (0.001,) * 3,
+        "t_device_us": 1_000_000 * number,
+    } | fields
+    return Record("tip", "stroke", b"{}", b"", 1, T_NS, T_NS, said=said)
+
+
+def at(number: float, t_us: int = 0) -> Record:
+    """The pose after that stroke, a millimetre above the sensor."""
+    place = (0.1 * number, 0.0, 0.001)
+    found = pose(position_m=place, t_device_us=int(1_000_000 * number) + t_us)
+    return replace(found, t_ns=T_NS + int(1e9 * number))
+
+
+def paths(translator: Translator, *records: Record) -> list[Any]:
+    return said_by(translator, *records).get("/imud/tip/path", [])
+
+
+RUNNING = stroke(1, "running")
+
+
+def test_a_path_has_the_places_of_the_tip_since_its_origin(
+    translator: Translator,
+) -> None:
+    moving = pose(position_m=(0.05, 0.0, 0.0), t_device_us=500_000)
+    told = paths(
+        translator,
+        *(at(0), RUNNING, moving, stroke(1), at(1), at(1.5)),
+        *(stroke(2, "running"), stroke(2), at(2)),
+    )
+    assert [len(path.poses) for path in told] == [2, 3]
+    path = told[-1]
+    assert path.header.frame_id == "world"
+    for number, stop in enumerate(path.poses):
+        assert stop.header.frame_id == "world"
+        stamp = stop.header.stamp
+        assert stamp.sec * 10**9 + stamp.nanosec == T_NS + number * 10**9
+        place = stop.pose.position
+        assert (place.x, place.y, place.z) == pytest.approx((0.1 * number, 0.0, 0.001))
+        q = stop.pose.orientation
+        assert (q.w, q.x, q.y, q.z) == Q
+
+
+TARED = replace(RUNNING, topic="event", said={"type": "event", "event": "tared"})
+LOST = stroke(2, "gap", displacement_m=None, path_m=None)
+
+
+@pytest.mark.parametrize("end", [LOST, TARED])
+def test_a_path_that_ends_is_empty_once(translator: Translator, end: Record) -> None:
+    told = paths(translator, at(0), RUNNING, stroke(1), at(1), end, end, at(3))
+    assert [len(path.poses) for path in told] == [2, 0]
+
+
+def test_no_path_is_told_without_a_place_of_the_tip(translator: Translator) -> None:
+    nowhere = pose(position_m=None, t_device_us=1_000_000)
+    assert paths(translator, nowhere, RUNNING, stroke(1), nowhere, at(2)) == []
 
 
 def test_a_pose_without_a_position_says_none_in_the_world(

@@ -130,6 +130,34 @@ def test_a_pose_is_byte_for_byte_theirs(frame: str) -> None:
     assert others == [ours, ours]
 
 
+@pytest.mark.parametrize("frame", FRAMES)
+def test_a_point_is_byte_for_byte_theirs(frame: str) -> None:
+    ours = cdr.point_stamped(T_NS, frame, FORCE)
+    others = theirs(
+        ros2.POINT_STAMPED,
+        lambda make: make("PointStamped", header(make, frame), make("Point", *FORCE)),
+    )
+    assert others == [ours, ours]
+
+
+@pytest.mark.parametrize("count", [0, 1, 4])
+@pytest.mark.parametrize("frame", FRAMES)
+def test_a_path_is_byte_for_byte_theirs(frame: str, count: int) -> None:
+    ours = cdr.path(T_NS, frame, [cdr.Stop(T_NS, FORCE, Q)] * count)
+
+    def stop(make: Callable[..., Any]) -> Any:
+        pose = make("Pose", make("Point", *FORCE), make("Quaternion", *XYZW))
+        return make("PoseStamped", header(make, frame), pose)
+
+    others = theirs(
+        ros2.PATH,
+        lambda make: make(
+            "Path", header(make, frame), [stop(make) for _ in range(count)]
+        ),
+    )
+    assert others == [ours, ours]
+
+
 @pytest.mark.parametrize("child", FRAMES)
 @pytest.mark.parametrize("frame", FRAMES[:5])
 def test_a_transform_is_byte_for_byte_theirs(frame: str, child: str) -> None:

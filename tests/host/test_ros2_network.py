@@ -95,6 +95,8 @@ EXPECTED = {
     f"{BASE}/imu/data": ["sensor_msgs/msg/Imu"],
     f"{BASE}/imu/mag": ["sensor_msgs/msg/MagneticField"],
     f"{BASE}/pose": ["geometry_msgs/msg/PoseStamped"],
+    f"{BASE}/tip": ["geometry_msgs/msg/PointStamped"],
+    f"{BASE}/path": ["nav_msgs/msg/Path"],
     "/tf": ["tf2_msgs/msg/TFMessage"],
     "/diagnostics": ["diagnostic_msgs/msg/DiagnosticArray"],
 }
@@ -116,9 +118,11 @@ def said_on_all_topics(
 
     subscriber = session.session.declare_subscriber("5/**", hear)
     said: Said = {}
-    while len(said) < 5 or len(said[f"{BASE}/pose"]) < 5:
+    while len(said) < len(EXPECTED) or len(said[f"{BASE}/pose"]) < 5:
         assert time.monotonic() < until, {name: len(m) for name, m in said.items()}
-        port.write(probe.say("raw") + probe.say("pose", position=(0.1, 0.2, 0.3)))
+        path = {"path": (0.1, 0.2, 0.3), "path_sigma": (0.001, 0.001)}
+        port.write(probe.say("raw") + probe.say("stroke", **path))
+        port.write(probe.say("pose", position=(0.1, 0.2, 0.3)))
         try:
             key, payload, attached = heard.get(timeout=0.02)
         except queue.Empty:
@@ -135,12 +139,12 @@ def said_on_all_topics(
 def assert_numbered_by_tokens(session: ZenohSession, said: Said, until: float) -> None:
     """Each topic has a token, by whose hash its messages are numbered."""
     tokens: set[str] = set()
-    while len(tokens) < 6:
+    while len(tokens) < 1 + len(EXPECTED):
         assert time.monotonic() < until, tokens
         replies = session.liveliness.get("@ros2_lv/5/**")
         tokens |= {str(reply.ok.key_expr) for reply in replies if reply.ok}
     # Each entity of the node has a number of its own: the node itself has 0.
-    assert sorted(token.split("/")[4] for token in tokens) == list("012345")
+    assert sorted(token.split("/")[4] for token in tokens) == list("01234567")
     gids = {ros2.gid_of(token) for token in tokens if "/MP/" in token}
     assert sum("/NN/" in token for token in tokens) == 1
     for name, messages in said.items():
@@ -166,7 +170,9 @@ def test_a_daemon_is_a_node_that_another_implementation_finds_and_reads(
         port.write(probe.say("hello"))
         daemon.expect("found on")
         session = ros(daemon.endpoint)
-        topics = topics_when(daemon.endpoint, 5, lambda found: len(found) >= 5)
+        topics = topics_when(
+            daemon.endpoint, 5, lambda found: len(found) >= len(EXPECTED)
+        )
         assert topics == EXPECTED
 
         until = time.monotonic() + PATIENCE_S

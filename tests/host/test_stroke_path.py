@@ -11,8 +11,9 @@ from typing import Any, cast
 import pytest
 
 from imud.cli import stroke_lines
-from imud.cli.stroke_path import Path, lines_of, object_of
+from imud.cli.stroke_path import lines_of, object_of
 from imud.client import Client
+from imud.probes.path import Path
 
 SIGMA = [0.004, 0.004, 0.003]
 WAYS = [

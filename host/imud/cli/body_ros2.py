@@ -11,8 +11,9 @@ from imud.body.state import BodyState
 from imud.net import network
 from imud.ros2 import cdr, topics
 from imud.ros2.cdr import Transform
+from imud.ros2.publisher import Publisher
 from imud.ros2.topics import Node, Topic
-from imud.sinks.ros2 import TF, Publisher, RosMessage
+from imud.sinks.ros2 import TF, RosMessage
 
 NODE = "imud_body"
 

@@ -13,8 +13,9 @@ from collections import defaultdict
 from collections.abc import Mapping
 from typing import Any
 
-from imud.cli.stroke_path import Path, lines_of, object_of
+from imud.cli.stroke_path import lines_of, object_of
 from imud.client import Client
+from imud.probes.path import Path
 
 HEAD = (
     f"{'probe':<16} {'stroke':>6} {'time':>6}  {'length':>8}"

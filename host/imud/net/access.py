@@ -48,6 +48,8 @@ READS: dict[Role, tuple[str, ...]] = {
 # and status, and those with samples.
 ROS2_OF_POSE = (
     topics.POSE_STAMPED,
+    topics.POINT_STAMPED,
+    topics.PATH,
     topics.TF_MESSAGE,
     topics.DIAGNOSTIC_ARRAY,
     topics.JOINT_STATE,

@@ -89,6 +89,34 @@ def pose_stamped(
     return layout.pack(_HEAD, *_stamp(t_ns), text, *position_m, x, y, z, w)
 
 
+def point_stamped(t_ns: int, frame: str, position_m: Vector) -> bytes:
+    """geometry_msgs/PointStamped."""
+    layout, text = _stamped(frame, 3)
+    return layout.pack(_HEAD, *_stamp(t_ns), text, *position_m)
+
+
+class Stop(NamedTuple):
+    """A place in m and attitude w, x, y, z at a time."""
+
+    t_ns: int
+    position_m: Vector
+    orientation: Vector
+
+
+def path(t_ns: int, frame: str, stops: Sequence[Stop]) -> bytes:
+    """nav_msgs/Path; all of its poses are in that frame."""
+    data = bytearray(_STAMP.pack(*_stamp(t_ns)))
+    _add_text(data, frame)
+    _add_count(data, len(stops))
+    for stop in stops:
+        data.extend(bytes(-len(data) % 4))
+        data.extend(_STAMP.pack(*_stamp(stop.t_ns)))
+        _add_text(data, frame)
+        w, x, y, z = stop.orientation
+        _add_doubles(data, (*stop.position_m, x, y, z, w))
+    return _HEAD + data
+
+
 def transform(
     t_ns: int, frame: str, child: str, translation_m: Vector, rotation: Vector
 ) -> bytes:

@@ -54,6 +54,14 @@ POSE_STAMPED = Type(
     "geometry_msgs/msg/PoseStamped",
     "10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
 )
+POINT_STAMPED = Type(
+    "geometry_msgs/msg/PointStamped",
+    "4c0296af86e01e562e9e0405d138a01537247580076c58ea38d7923ac1045897",
+)
+PATH = Type(
+    "nav_msgs/msg/Path",
+    "1957a5bb3cee5da65c4e52e52b65a93df227efce4c20f8458b36e73066ca334b",
+)
 TF_MESSAGE = Type(
     "tf2_msgs/msg/TFMessage",
     "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
@@ -70,6 +78,8 @@ TYPES = (
     IMU,
     MAGNETIC_FIELD,
     POSE_STAMPED,
+    POINT_STAMPED,
+    PATH,
     TF_MESSAGE,
     DIAGNOSTIC_ARRAY,
     JOINT_STATE,

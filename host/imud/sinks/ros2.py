@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -14,9 +13,11 @@ import zenoh
 from imud.net import network
 from imud.net.network import Credentials
 from imud.probes.ledger import totals
+from imud.probes.path import Path
 from imud.probes.record import Presence, Record
 from imud.ros2 import cdr, topics
 from imud.ros2.cdr import Diagnosis, Level
+from imud.ros2.publisher import Publisher
 from imud.ros2.topics import Node, Topic
 from imud.wire.params import parts_of
 
@@ -30,6 +31,9 @@ JOIN_US = 20_000
 
 # After so long without a pose, samples are published without an orientation.
 ALONE_US = 1_000_000
+
+# Places of a path, the newest: each takes 90 bytes of every message.
+PATH_MAX = 1000
 
 # Variance of an unknown heading, uniform over a whole turn, rad^2.
 FREE_RAD2 = math.pi**2 / 3
@@ -88,6 +92,10 @@ class Translator:
         self.imu = Topic(f"{base}/imu/data", topics.IMU)
         self.mag = Topic(f"{base}/imu/mag", topics.MAGNETIC_FIELD)
         self.pose = Topic(f"{base}/pose", topics.POSE_STAMPED)
+        self.tip = Topic(f"{base}/tip", topics.POINT_STAMPED)
+        self.path = Topic(f"{base}/path", topics.PATH)
+        self._path = Path()
+        self._has_path = False  # one that is not empty was published
         self._sample: Said | None = None
         self._errors = Errors()
         self._pose_us: int | None = None
@@ -95,7 +103,8 @@ class Translator:
 
     @property
     def topics(self) -> tuple[Topic, ...]:
-        return (self.imu, self.mag, self.pose, TF, DIAGNOSTICS)
+        own = (self.imu, self.mag, self.pose, self.tip, self.path)
+        return (*own, TF, DIAGNOSTICS)
 
     def take(self, record: Record) -> Iterator[RosMessage]:
         if record.topic == "pose":
@@ -104,6 +113,10 @@ class Translator:
             if record.params != self._errors.params:
                 self._errors = Errors(record.params)
             yield from self._take_raw(record.t_ns, record.said)
+        elif record.topic in ("stroke", "event"):
+            self._path.take(record.said)
+            if self._has_path and not self._path.poses:
+                yield self._whole_path(record.t_ns)
         elif record.topic == "status" and record.payload:
             status: Said = msgspec.json.decode(record.payload)
             said = [self.diagnose(status)]
@@ -124,7 +137,19 @@ class Translator:
                 self.pose,
                 cdr.pose_stamped(t_ns, self._world, position, orientation),
             )
+            yield self.tip, cdr.point_stamped(t_ns, self._world, position)
             yield TF, cdr.transform(t_ns, self._world, self.level, position, UNTURNED)
+        if self._path.take_pose({**pose, "t_ns": t_ns}):
+            yield self._whole_path(t_ns)
+
+    def _whole_path(self, t_ns: int) -> RosMessage:
+        """Since the origin, or an empty one where the last place is not known."""
+        poses = self._path.poses[-PATH_MAX:]
+        self._has_path = bool(poses)
+        stops = [
+            cdr.Stop(each["t_ns"], each["position_m"], each["q"]) for each in poses
+        ]
+        return self.path, cdr.path(t_ns, self._world, stops)
 
     def _take_raw(self, t_ns: int, raw: Said) -> Iterator[RosMessage]:
         t_us: int = raw["t_device_us"]
@@ -233,26 +258,6 @@ def _values(status: Said, ledger: Said, losses: Mapping[str, int]) -> dict[str, 
     return {
         name: "unknown" if value is None else str(value) for name, value in said.items()
     }
-
-
-class Publisher:
-    """One topic: a Zenoh publisher, and the token by which ROS nodes discover it."""
-
-    def __init__(
-        self, session: zenoh.Session, node: Node, number: int, topic: Topic
-    ) -> None:
-        token = node.publisher_token(number, topic)
-        self._gid = topics.gid_of(token)
-        self._sent = 0
-        self._publisher = session.declare_publisher(
-            topic.key(node.domain), congestion_control=zenoh.CongestionControl.DROP
-        )
-        self._token = session.liveliness().declare_token(token)
-
-    def put(self, data: bytes) -> None:
-        self._sent += 1
-        said = topics.attachment(self._sent, time.time_ns(), self._gid)
-        self._publisher.put(data, attachment=said)
 
 
 class Ros2Sink:

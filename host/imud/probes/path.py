@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: MIT
+"""The path that the strokes of a probe add up to. Where it has returned to its origin,
+what its end is off is spread evenly over its strokes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import count
+from typing import Any
+
+# A path goes on where it ended, but for rounding; elsewhere it has another origin.
+SAME_M = 1e-4
+NEW_ORIGIN = ("tared", "restarted")  # events
+
+Said = Mapping[str, Any]
+
+
+def _apart(a: Sequence[float], b: Sequence[float]) -> list[float]:
+    return [one - other for one, other in zip(a, b, strict=True)]
+
+
+class Path:
+    """The strokes of one probe since its origin. Its places, m, are those of the tip,
+    or of the sensor where the tip is not known.
+    """
+
+    def __init__(self) -> None:
+        self.places: list[list[float]] = []  # at the end of each stroke
+        self.sigma_m: list[float] = []  # of the last one
+        self.poses: list[Said] = []  # that told these places, after one from before
+        self._rest: Said | None = None  # the last pose before a stroke
+        self._is_moving = False
+        self._sensor: list[float] = []
+        self._since_us: int | None = None  # from when on a pose has the last place
+
+    def take(self, said: Said) -> None:
+        """A stroke, or an event, as published. A new origin ends the path, too."""
+        if said["type"] == "stroke":
+            self.take_stroke(said)
+        elif said["event"] in NEW_ORIGIN:
+            self._clear()
+
+    def take_stroke(self, stroke: Said) -> None:
+        """A stroke as published. One without length ends the path."""
+        self._is_moving = stroke["end"] == "running"
+        if self._is_moving:
+            return
+        way, sensor = stroke["displacement_m"], stroke["path_m"]
+        if way is None or sensor is None:
+            self._clear()
+            return
+        if self.places and math.hypot(*_apart(_apart(sensor, way), self._sensor)) > (
+            SAME_M
+        ):
+            self._clear()
+        if not self.places and self._rest is not None:
+            self.poses.append(self._rest)
+        self.places.append(list(sensor))
+        self.sigma_m = list(stroke["path_sigma_m"])
+        self._sensor = list(sensor)
+        self._since_us = stroke["t_device_us"]
+
+    def take_pose(self, pose: Said) -> bool:
+        """A pose as published: the first one after a stroke tells where the tip is.
+        Whether it is that one.
+        """
+        is_placed = pose["position_m"] is not None
+        if not self._is_moving:
+            self._rest = pose if is_placed else None
+        if self._since_us is None or pose["t_device_us"] < self._since_us:
+            return False
+        self._since_us = None
+        if not (self.places and is_placed):
+            return False
+        self.places[-1] = list(pose["position_m"])
+        self.poses.append(pose)
+        return True
+
+    def closed(self) -> list[list[float]]:
+        """The places, if the path has returned to its origin with the last stroke."""
+        shares = (number / len(self.places) for number in count(1))
+        return [
+            _apart(place, [share * off for off in self.places[-1]])
+            for place, share in zip(self.places, shares, strict=False)
+        ]
+
+    def _clear(self) -> None:
+        self.places.clear()
+        self.poses.clear()
+        self._since_us = None
