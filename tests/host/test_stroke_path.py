@@ -3,16 +3,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import pathlib
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, cast
 
+import jsonschema
 import pytest
 
+from chain import Chain
+from fakes import PATIENCE_S
 from imud.cli import stroke_lines
-from imud.cli.stroke_path import lines_of, object_of
+from imud.cli.stroke_path import lines_of
 from imud.client import Client
+from imud.errors import CommandRefused
+from imud.log.schemas import JSON_SCHEMAS
+from imud.probes.double_click import PathCloser
 from imud.probes.path import Path
 
 SIGMA = [0.004, 0.004, 0.003]
@@ -95,14 +103,91 @@ def test_the_first_pose_after_a_stroke_tells_where_the_tip_is() -> None:
 @pytest.mark.parametrize(("off", "word"), [(0.004, "within"), (0.009, "more than")])
 def test_how_far_it_is_off_is_told_beside_what_is_stated(off: float, word: str) -> None:
     path = path_of(*strokes([(0.1, 0.0, 0.0), (off - 0.1, 0.0, 0.0)]))
-    head, end, stated, _, *rows = lines_of("stylus", path)
+    closing = path.closing()
+    assert closing is not None
+    head, end, stated, _, *rows = lines_of("stylus", closing)
     assert head == f"stylus: 2 strokes end {100 * off:.2f} cm from their origin:"
     assert word in end
     assert stated.split() == ["0.78", "0.78", "0.59", "(95", "%)"]
     assert [float(each) for each in rows[0].split()[:5]] == pytest.approx(
         [1, 10.0, 0.0, 0.0, 10.0 - 50 * off], abs=0.01
     )
-    assert object_of("stylus", path)["off_m"] == pytest.approx([off, 0.0, 0.0])
+    assert closing["off_m"] == pytest.approx([off, 0.0, 0.0])
+
+
+def press(t_us: int) -> dict[str, Any]:
+    return {"type": "event", "event": "button_pressed", "t_device_us": t_us}
+
+
+TARED = {"type": "event", "event": "tared", "t_device_us": 5_150_000}
+STARTED = {"type": "event", "event": "stream_started", "t_device_us": 5_150_000}
+AGAIN = strokes()[3] | {"end": "running", "t_device_us": 5_200_000}
+
+
+@pytest.mark.parametrize(
+    ("between", "apart_us", "closes"),
+    [
+        ([], 500_000, True),
+        ([], 500_001, False),
+        # The first click starts the stream, and the params ask for an origin.
+        ([STARTED, TARED], 300_000, True),
+        # A press that was no click, or jolted the probe.
+        ([AGAIN], 300_000, False),
+    ],
+)
+def test_a_double_click_closes_the_path_of_before_it(
+    between: list[dict[str, Any]], apart_us: int, closes: bool
+) -> None:
+    closer = PathCloser()
+    begin_us = 5_000_000
+    told = [*strokes(), press(begin_us), *between, press(begin_us + apart_us)]
+    said = [closer.take(each) for each in told]
+    assert said[:-1] == [None] * (len(told) - 1)
+    assert said[-1] == (path_of(*strokes()).closing() if closes else None)
+
+
+def test_three_presses_are_one_double_click() -> None:
+    closer = PathCloser()
+    told = [*strokes(), *(press(5_000_000 + 200_000 * n) for n in range(3))]
+    said = [closer.take(each) is not None for each in told]
+    assert said[-3:] == [False, True, False]
+
+
+def test_without_a_path_a_double_click_closes_nothing() -> None:
+    closer = PathCloser()
+    assert [closer.take(press(n)) for n in (1, 200_000)] == [None, None]
+
+
+@pytest.fixture
+def chain(tmp_path: pathlib.Path) -> Iterator[Chain]:
+    made = Chain(tmp_path)
+    yield made
+    made.close()
+
+
+def test_a_path_is_closed_by_command_and_by_its_button(chain: Chain) -> None:
+    heard = chain.hear("path")
+    client, name = chain.client, chain.probe.name
+    with pytest.raises(CommandRefused, match="no path to close"):
+        client.command(name, "close")
+    path = {"path": (0.1, 0.0, 0.0), "path_sigma": (0.04, 0.05)}
+    chain.port.write(chain.probe.say("stroke", **path))
+    while True:  # until the stroke has arrived
+        with contextlib.suppress(CommandRefused):
+            value = client.command(name, "close")["value"]
+            break
+    said = [json.loads(heard.get(timeout=PATIENCE_S))]
+    for _ in range(2):
+        chain.port.write(chain.probe.say("event", event="button_pressed"))
+    said.append(json.loads(heard.get(timeout=PATIENCE_S)))
+    for each, by in zip(said, ("command", "button"), strict=True):
+        jsonschema.validate(each, JSON_SCHEMAS["path"])
+        assert (each["type"], each["probe"], each["by"]) == ("path", name, by)
+        assert each["off_m"] == pytest.approx([0.1, 0.0, 0.0])
+        assert each["off_sigma_m"] == pytest.approx([0.04, 0.04, 0.05])
+        assert not each["is_explained"]
+        assert each["closed_m"] == [[0.0, 0.0, 0.0]]
+        assert {key: each[key] for key in value} == value
 
 
 class Heard(deque[bytes]):
@@ -136,11 +221,12 @@ def closed(told: list[dict[str, Any]], *, as_json: bool) -> None:
     stroke_lines.listen(network, None, None, as_json=as_json, closes=True)
 
 
-@pytest.fixture(autouse=True)
-def heard(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stroke_lines.queue, "SimpleQueue", Heard)
 
 
+@pytest.mark.usefixtures("at_once")
 @pytest.mark.parametrize("as_json", [False, True])
 def test_a_path_is_closed_when_ctrl_c_ends_it(
     capsys: pytest.CaptureFixture[str], as_json: bool
@@ -156,6 +242,22 @@ def test_a_path_is_closed_when_ctrl_c_ends_it(
         assert "stylus: 4 strokes end 0.50 cm from their origin:" in said
 
 
+@pytest.mark.usefixtures("at_once")
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_path_that_its_button_closes_is_told_at_once(
+    capsys: pytest.CaptureFixture[str], as_json: bool
+) -> None:
+    closing = path_of(*strokes()).closing()
+    assert closing is not None
+    closed([{"type": "path", **closing}], as_json=as_json)
+    said = capsys.readouterr().out
+    if as_json:
+        assert json.loads(said)["off_m"] == closing["off_m"]
+    else:
+        assert "stylus: 4 strokes end 0.69 cm from their origin:" in said
+
+
+@pytest.mark.usefixtures("at_once")
 def test_without_an_origin_there_is_nothing_to_close(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

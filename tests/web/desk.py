@@ -39,7 +39,7 @@ class Hand(threading.Thread):
         self.is_talking = True
         self.is_telling_raw = False
         self._samples: list[Sample] = []
-        self._strokes: deque[dict[str, Any]] = deque()
+        self._news: deque[tuple[str, dict[str, Any]]] = deque()
         self._lying: list[Sample] = []  # how it lies after a calibration's samples
 
     def turn(self, q: tuple[float, ...], **fields: Any) -> None:
@@ -47,7 +47,11 @@ class Hand(threading.Thread):
 
     def stroke(self, **fields: Any) -> None:
         """Says that a stroke has ended."""
-        self._strokes.append(fields)
+        self._news.append(("stroke", fields))
+
+    def press(self) -> None:
+        """Says that its button was pressed."""
+        self._news.append(("event", {"event": "button_pressed", "cause": "button"}))
 
     def calibrate(self, samples: Sequence[Sample]) -> None:
         """Says these raw samples once it is asked for any, faster than a probe."""
@@ -80,8 +84,9 @@ class Hand(threading.Thread):
                 data += self._burst()
             elif self.is_talking:
                 data += self._probe.say("pose", **self._fields)
-                while self._strokes:
-                    data += self._probe.say("stroke", **self._strokes.popleft())
+                while self._news:
+                    name, fields = self._news.popleft()
+                    data += self._probe.say(name, **fields)
                 if self.is_telling_raw:
                     data += self._probe.say("raw")
                 if count % 25 == 0:

@@ -120,7 +120,7 @@ def test_a_viewer_reads_but_does_not_command() -> None:
         browser.say(do="login", user="", secret=users.token)
         said = browser.next("page")
         assert (said["role"], said["commands"]) == ("viewer", False)
-        assert said["reads"] == ["body", "params", "pose", "status", "stroke"]
+        assert said["reads"] == ["body", "params", "path", "pose", "status", "stroke"]
         assert browser.next("pose")["number"] == 1
         browser.say(do="watch", every=[["stylus", "raw"]])
         browser.say(do="ask", id=1, probe="stylus", command="start")

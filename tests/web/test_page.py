@@ -22,7 +22,6 @@ from web.applied import apply_and_undo
 from web.desk import Desk, Seen, seen
 from web.turns import (
     CONVENTIONS,
-    PATH,
     SIGMA,
     SLIDE,
     STATE,
@@ -64,35 +63,6 @@ def test_picture_and_numbers_are_the_daemons_through_every_turn(
             want = rotation.angles_deg(said["q"], name)
             until(lambda want=want: max(map(abs, differences(shown, want))) <= 0.0051)
         assert shown.text('[data-sigma="pitch"]') == "±0.41°"
-
-
-def test_the_tip_is_drawn_where_it_is_with_its_strokes_and_their_errors(
-    shown: Seen, desk: Desk
-) -> None:
-    page = shown.page
-    desk.hand.turn((0.5, 0.5, -0.5, 0.5), position=(0.03, 0.0, 0.04))
-    shown.until("globalThis.imud.model.probe.pose.position_m !== null")
-    for number, x in ((1, 0.03), (2, 0.06)):
-        stroke = {"stroke": number, "end": "rest", "displacement": (0.03, 0.0, 0.0)}
-        errors = {"displacement_sigma": (0.002, 0.001), "path_sigma": (0.004, 0.002)}
-        desk.hand.stroke(**stroke, **errors, path=(x, 0.0, 0.0))
-    shown.until("globalThis.imud.model.strokes.stops.length === 3")
-    scale = 1.32 / 0.05  # the ring's radius is the least length that fits
-    page.get_by_text("the ring's radius is 5 cm").wait_for()
-    drawn = page.evaluate(PATH)
-    assert drawn["tip"] == pytest.approx([0.03 * scale, 0.0, 0.04 * scale], abs=1e-5)
-    assert len(drawn["sizes"]) == 3
-    assert drawn["sizes"][2] == pytest.approx(
-        [2 * 0.004 * scale, 2 * 0.004 * scale, 2 * 0.002 * scale], rel=1e-3
-    )
-    assert shown.number("stroke") == 30.0
-    assert shown.text('[data-sigma="stroke"]') == "±2.0 mm"
-    stroke = {"stroke": 3, "end": "too_long", "displacement": None}
-    lost = {"displacement_sigma": None, "path": None, "path_sigma": None}
-    desk.hand.stroke(**stroke, **lost)
-    page.get_by_text("too long").wait_for()
-    desk.hand.turn((0.5, 0.5, -0.5, 0.5), position=None)
-    page.get_by_text("sector and cone").wait_for()
 
 
 def test_buttons_command_the_probe_and_say_what_came_of_it(

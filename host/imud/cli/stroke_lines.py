@@ -13,9 +13,11 @@ from collections import defaultdict
 from collections.abc import Mapping
 from typing import Any
 
-from imud.cli.stroke_path import lines_of, object_of
+from imud.cli.stroke_path import lines_of
 from imud.client import Client
 from imud.probes.path import Path
+
+CLOSING = ("stroke", "pose", "path")
 
 HEAD = (
     f"{'probe':<16} {'stroke':>6} {'time':>6}  {'length':>8}"
@@ -45,13 +47,14 @@ def listen(
     as_json: bool,
     closes: bool,
 ) -> int:
-    """Prints strokes as they end, for some seconds or until Ctrl-C. `closes`: then
-    prints the path of each probe, as one that has returned to its origin.
+    """Prints strokes as they end, for some seconds or until Ctrl-C. `closes`: prints
+    the path of each probe as one that has returned to its origin, then and whenever
+    it is closed by its button or from the page.
     """
     arrived: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     undeclare = [
         client.subscribe(kind, probe, lambda _, said: arrived.put(said))
-        for kind in (("stroke", "pose") if closes else ("stroke",))
+        for kind in (CLOSING if closes else ("stroke",))
     ]
     paths: defaultdict[str, Path] = defaultdict(Path)
     until_s = time.monotonic() + seconds if seconds is not None else math.inf
@@ -64,6 +67,9 @@ def listen(
                 said = json.loads(payload)
                 if said["type"] == "pose":
                     paths[said["probe"]].take_pose(said)
+                    continue
+                if said["type"] == "path":
+                    show_closing(said["probe"], said, as_json=as_json)
                     continue
                 paths[said["probe"]].take_stroke(said)
                 if said["end"] != "running":
@@ -82,14 +88,16 @@ def show(line: str) -> None:
 
 def show_closed(paths: Mapping[str, Path], *, as_json: bool) -> None:
     """Each probe's path since its origin, closed."""
-    known = {name: path for name, path in paths.items() if path.places}
-    for name, path in known.items():
-        if as_json:
-            show(json.dumps(object_of(name, path)))
-        else:
-            show("\n".join(lines_of(name, path)))
-    if not known:
+    known = {name: path.closing() for name, path in paths.items()}
+    for name, closing in known.items():
+        if closing is not None:
+            show_closing(name, {"probe": name, **closing}, as_json=as_json)
+    if not any(known.values()):
         sys.stderr.write(
             "no path to close: its origin is not known, or its last stroke has no "
             "length; `imud tare` sets an origin\n"
         )
+
+
+def show_closing(name: str, closing: Mapping[str, Any], *, as_json: bool) -> None:
+    show(json.dumps(closing) if as_json else "\n".join(lines_of(name, closing)))

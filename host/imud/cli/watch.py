@@ -75,7 +75,7 @@ def _add_strokes(commands: Commands) -> None:
         action="store_true",
         help="at the end (Ctrl-C, or --seconds) take the place reached for the origin: "
         "print how far the path is off there, and the path with that spread evenly "
-        "over its strokes",
+        "over its strokes; a double click of its button does so at once",
     )
     strokes.add_argument(
         "--json", action="store_true", help="print one JSON object a line, as published"

@@ -163,7 +163,7 @@ class Commander:
         if command not in known:
             raise CommandRefused(
                 f"there is no command {shown(command)!r}, only "
-                f"{', '.join(sorted(known | {'aim', 'configure', 'params'}))}"
+                f"{', '.join(sorted(known | {'aim', 'close', 'configure', 'params'}))}"
             )
         message = await self.ask(entry, command, arguments_of(command, parameters))
         result = message.fields["result"]

@@ -26,7 +26,7 @@ from imud.daemon.metrics import Metrics
 from imud.daemon.outputs import Outputs
 from imud.daemon.params_change import ParamsChange
 from imud.daemon.params_history import History
-from imud.daemon.publisher import AIM
+from imud.daemon.publisher import AIM, CLOSE
 from imud.daemon.selector import GatheringSelector
 from imud.daemon.status import STATUS_S
 from imud.daemon.systemd import Notifier
@@ -243,7 +243,9 @@ class Daemon:
     async def _carry_out(
         self, name: str, command: str, parameters: Mapping[str, str]
     ) -> Any:
-        """A command to a probe, or about it: a change of its params, an aim."""
+        """A command to a probe, or about it: a change of its params, an aim,
+        its path.
+        """
         if command == "params":
             return await self._params.command(name, parameters)
         if command == "configure":
@@ -252,6 +254,8 @@ class Daemon:
             return None
         if command == AIM:
             return aim_at(self._commander.entry_of(name), parameters)
+        if command == CLOSE and not parameters:
+            return self._intake.close_path(self._commander.entry_of(name))
         return await self._commander.command(name, command, parameters)
 
     def _begin_set_up(self, name: str) -> None:

@@ -6,6 +6,7 @@ the journal.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from imud.config.settings import Config
 from imud.daemon.host_clock import HostClock
@@ -17,6 +18,7 @@ from imud.daemon.publisher import Publisher
 from imud.daemon.registry import MakeStages, ProbeEntry, ProbePort, Registry
 from imud.daemon.reports import Reports
 from imud.daemon.stage_runner import StageRunner
+from imud.errors import CommandRefused
 from imud.journal.speaker import Speaker
 from imud.probes.record import equipment_of, record_of
 from imud.probes.session import (
@@ -100,6 +102,19 @@ class Intake:
         entry.port = port
         entry.other = event
         self._lines.other_schema(event, port)
+
+    def close_path(self, entry: ProbeEntry) -> dict[str, Any]:
+        """Publishes the path of its strokes, closed, and returns it; CommandRefused if
+        there is none.
+        """
+        closing = entry.closer.closing()
+        if closing is None:
+            raise CommandRefused(
+                "there is no path to close: its origin is not known, or its last "
+                "stroke has no length; set an origin first"
+            )
+        self._publisher.say_closing(entry, closing, "command", self._clock.now_ns())
+        return closing
 
     def take(self, event: Event, port: ProbePort) -> None:
         if isinstance(event, Received):

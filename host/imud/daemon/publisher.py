@@ -14,6 +14,8 @@ from imud.probes.record import Presence, Record
 
 AIM = "aim"  # topic: how near a probe is to where it should be
 
+PATH, CLOSE = "path", "close"  # topic, and command: a path of strokes, closed
+
 
 class Publisher:
     """The way of all records from the daemon to the hub."""
@@ -28,6 +30,15 @@ class Publisher:
         if entry.aim is not None and record.topic == "pose" and record.said:
             values = entry.aim.take(record.said)
             self.say(entry, AIM, values, record.t_ns, record.sequence)
+        closing = entry.closer.take(record.said) if record.said else None
+        if closing is not None:
+            self.say_closing(entry, closing, "button", record.t_ns)
+
+    def say_closing(
+        self, entry: ProbeEntry, closing: Mapping[str, Any], by: str, t_ns: int
+    ) -> None:
+        """The path of its strokes, closed at `t_ns` UTC by its button or a command."""
+        self.say(entry, PATH, {"t_ns": t_ns, "by": by, **closing}, t_ns)
 
     def say(
         self,

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from imud.calibration.earth import Earth, earth_at
 from imud.config.settings import Config, Place
 from imud.probes.aim import Aim
+from imud.probes.double_click import PathCloser
 from imud.probes.north import North
 from imud.probes.record import Stamp
 from imud.probes.session import OtherSchema, Probe, Session
@@ -57,6 +58,7 @@ class ProbeEntry:
         self.equipment: dict[str, Any] | None = None  # None: the board sends none
         self.pose: Mapping[str, Any] = {}
         self.aim: Aim | None = None  # what it is to be brought to
+        self.closer = PathCloser()
         self.temperature_c: float | None = None  # of the last raw sample
         self.poses = 0
         self.poses_before = 0  # at the last tick

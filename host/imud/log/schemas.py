@@ -47,6 +47,8 @@ _TIME = _whole(
 )
 _XYZ = {axis: _NUMBER for axis in "xyz"}
 
+_PLACES = {"type": "array", "items": _vector(3, is_optional=False)}
+
 JSON_SCHEMAS: dict[str, dict[str, Any]] = {
     "pose": _object(
         **_HEAD,
@@ -99,6 +101,16 @@ JSON_SCHEMAS: dict[str, dict[str, Any]] = {
         path_m=_vector(3),
         path_sigma_m=_vector(3),
         flags=_FLAGS,
+    ),
+    "path": _object(
+        **_ABOUT,
+        by={"enum": ["button", "command"]},
+        strokes=_COUNT,
+        off_m=_vector(3, is_optional=False),
+        off_sigma_m=_vector(3, is_optional=False),
+        is_explained={"type": "boolean"},
+        path_m=_PLACES,
+        closed_m=_PLACES,
     ),
     "twin": _object(
         **_HEAD,

@@ -14,10 +14,10 @@ from imud.ros2 import topics
 Role = Literal["viewer", "operator", "recorder", "daemon"]
 
 ROLES: dict[Role, str] = {
-    "viewer": "pose, aim, stroke, status and params",
-    "operator": "pose, aim, stroke, status, params, event and raw; commands",
-    "recorder": "pose, aim, stroke, status, params, event, raw, frame, twin, learn, "
-    "clock and log",
+    "viewer": "pose, aim, stroke, path, status and params",
+    "operator": "pose, aim, stroke, path, status, params, event and raw; commands",
+    "recorder": "pose, aim, stroke, path, status, params, event, raw, frame, twin, "
+    "learn, clock and log",
     "daemon": "another imud, which publishes into this network",
 }
 
@@ -25,13 +25,14 @@ Rule = dict[str, Any]
 
 # The last parts of the keys that a role may read.
 READS: dict[Role, tuple[str, ...]] = {
-    "viewer": ("pose", "aim", "stroke", "status", "params"),
+    "viewer": ("pose", "aim", "stroke", "path", "status", "params"),
     # To calibrate a probe takes its samples and events.
-    "operator": ("pose", "aim", "stroke", "status", "params", "event", "raw"),
+    "operator": ("pose", "aim", "stroke", "path", "status", "params", "event", "raw"),
     "recorder": (
         "pose",
         "aim",
         "stroke",
+        "path",
         "status",
         "params",
         "event",

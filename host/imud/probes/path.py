@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from itertools import count
 from typing import Any
 
+SIGMAS = 1.96  # 95 % of errors are within
+
 # A path goes on where it ended, but for rounding; elsewhere it has another origin.
 SAME_M = 1e-4
 NEW_ORIGIN = ("tared", "restarted")  # events
@@ -85,6 +87,24 @@ class Path:
             _apart(place, [share * off for off in self.places[-1]])
             for place, share in zip(self.places, shares, strict=False)
         ]
+
+    def closing(self) -> dict[str, Any] | None:
+        """The path as one that has returned: how far its end is off, m, whether the
+        strokes' errors explain that on each axis (95 %), its places as measured and
+        closed. None: there is no path.
+        """
+        if not self.places:
+            return None
+        off = self.places[-1]
+        pairs = zip(off, self.sigma_m, strict=True)
+        return {
+            "strokes": len(self.places),
+            "off_m": off,
+            "off_sigma_m": self.sigma_m,
+            "is_explained": all(abs(part) <= SIGMAS * each for part, each in pairs),
+            "path_m": list(self.places),
+            "closed_m": self.closed(),
+        }
 
     def _clear(self) -> None:
         self.places.clear()

@@ -94,7 +94,7 @@ class Page {
       this.view?.adapt?.(hz);
       this._rate = { sinceMs: nowMs, frames: this.frames, hz: asked };
     }
-    const every = [...(this.view?.every ?? []), "stroke"];
+    const every = [...(this.view?.every ?? []), "stroke", "path"];
     const more = this.view?.more ?? [];
     const { selected } = this.model;
     const hz = Math.min(rate.hz, this.view?.hz ?? rate.hz);

@@ -26,6 +26,8 @@ export class Strokes {
     this.running = null; // where a stroke that has not ended is
     /** @type {Line | null} */
     this.last = null; // the last message
+    /** @type {Line | null} */
+    this.closing = null; // the path as the daemon has closed it, until the next stroke
     this.version = 0; // changes with what there is to draw
     this._probe = "";
     /** @type {Vector | null} */
@@ -38,7 +40,7 @@ export class Strokes {
 
   clear() {
     this.stops = [];
-    this.running = this.last = this._path = null;
+    this.running = this.last = this.closing = this._path = null;
     this.version += 1;
   }
 
@@ -49,7 +51,10 @@ export class Strokes {
       this._probe = selected;
       this.clear();
     }
-    if (line.probe === selected && line.type === "stroke") {
+    if (line.probe === selected && line.type === "path") {
+      this.closing = line;
+      this.version += 1;
+    } else if (line.probe === selected && line.type === "stroke") {
       this._take(line, probe?.pose?.position_m ?? line.path_m);
     }
   }
@@ -60,6 +65,7 @@ export class Strokes {
    */
   _take(line, at) {
     this.last = line;
+    this.closing = null;
     this.version += 1;
     const { path_m: path, displacement_m: moved } = line;
     this.running = null;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
 // Where the tip has been: a line from stroke to stroke, and at the end of each an
-// ellipsoid of two sigma.
+// ellipsoid of two sigma; beside it the path that was closed.
 
 import * as three from "../vendor/three/three.module.min.js";
 import { flat } from "./parts.js";
@@ -24,7 +24,7 @@ export class Path {
     /** Metres that the radius of the compass ring stands for; 0: nothing is drawn. */
     this.radius_m = 0;
     this._version = -1;
-    this._colours = { accent: "#888888", warn: "#888888" };
+    this._colours = { accent: "#888888", warn: "#888888", good: "#888888" };
   }
 
   /** @param {import("./scene.js").Colours} colours */
@@ -58,6 +58,9 @@ export class Path {
     const last = strokes.stops.at(-1);
     if (strokes.running && last) {
       this._line([last.at, strokes.running], this._colours.warn);
+    }
+    if (strokes.closing) {
+      this._line([[0, 0, 0], ...strokes.closing.closed_m], this._colours.good);
     }
     for (const { at, sigma } of strokes.stops) {
       this._ellipsoid(at, sigma ?? [0, 0, 0]);

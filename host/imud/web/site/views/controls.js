@@ -70,6 +70,7 @@ export class Controls {
       { class: "card controls" },
       make("div", { class: "row" }, this._start, this._stop),
       make("div", { class: "row origin" }, set, this._origin, undo),
+      make("div", { class: "row" }, this._button("Close path", "close", {})),
       this._why,
       more,
       this._confirm,

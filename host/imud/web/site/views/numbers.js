@@ -12,6 +12,8 @@ import { both } from "./words.js";
 /** @typedef {import("../model.js").Probe} Probe */
 /** @typedef {import("../link.js").Line} Line */
 
+const SIGMAS = 1.96; // 95 % of errors are within
+
 /** A row: name, value with unit, error. */
 class Quantity {
   /**
@@ -48,6 +50,7 @@ export class Numbers {
     this._heading = new Quantity("Heading", "°");
     this._tip = new Quantity("Tip", "mm");
     this._stroke = new Quantity("Stroke", "mm");
+    this._closure = new Quantity("Closure", "mm");
     this._rate = new Quantity("Rate", "Hz");
     this._lost = new Quantity("Lost", "");
     this._age = new Quantity("Age", "");
@@ -70,25 +73,26 @@ export class Numbers {
       make(
         "dl",
         { class: "quantities" },
-        ...rows(this._heading, this._tip, this._stroke, this._rate, this._lost, this._age),
-        ...rows(this._battery, this._radio, this._card),
+        ...rows(this._heading, this._tip, this._stroke, this._closure, this._rate),
+        ...rows(this._lost, this._age, this._battery, this._radio, this._card),
       ),
     );
   }
 
   /**
    * @param {Probe} probe
-   * @param {Line | null} stroke the last one
+   * @param {import("../strokes.js").Strokes} strokes
    * @param {boolean} isStale
    */
-  show({ pose, status }, stroke, isStale) {
+  show({ pose, status }, strokes, isStale) {
     mark(this.element, "data-stale", isStale);
     if (pose !== null) {
       this._pose(pose);
     } else {
       this._tip.show(null);
     }
-    this._moved(stroke);
+    this._moved(strokes.last);
+    this._closed(strokes.closing);
     this._age.show(micros(pose?.age_us), pose?.t_bound_us ? `±${micros(pose.t_bound_us)}` : "");
     this._status(status);
   }
@@ -134,6 +138,21 @@ export class Numbers {
     } else {
       this._stroke.show(fixed(1000 * length, 1, 7), `±${fixed(1000 * error, 1)} mm`);
     }
+  }
+
+  /**
+   * How far a closed path is off, and what its strokes' errors explain of that.
+   * @param {Line | null} closing
+   */
+  _closed(closing) {
+    if (closing === null) {
+      this._closure.show(null);
+      return;
+    }
+    const off = 1000 * Math.hypot(...closing.off_m);
+    const explained = 1000 * SIGMAS * Math.hypot(...closing.off_sigma_m);
+    this._closure.show(fixed(off, 1, 7), `95 %: ±${fixed(explained, 1)} mm`);
+    mark(this._closure.row, "data-kind", closing.is_explained ? false : "warn");
   }
 
   /** @param {Line | null} status */

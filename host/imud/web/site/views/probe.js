@@ -130,7 +130,7 @@ export class ProbeView {
    * @param {boolean} isStale
    */
   _show(probe, nowMs, isStale) {
-    this._numbers.show(probe, this._model.strokes.last, isStale);
+    this._numbers.show(probe, this._model.strokes, isStale);
     const radius = this.scene?.path.radius_m ?? 0;
     say(this._legend, radius ? `two sigma; the ring's radius is ${radius * 100} cm` : LEGEND);
     const state = probe.state(nowMs);

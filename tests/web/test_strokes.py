@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: MIT
+"""Strokes on the page, in Chromium: drawn as they end, and closed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser
+
+from streaming import until
+from web.desk import Desk, Seen, seen
+from web.turns import PATH
+
+CLOSED = "globalThis.imud.model.strokes.closing.closed_m"
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
+    with Desk(tmp_path_factory.mktemp("desk")) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def shown(browser: Browser, desk: Desk) -> Iterator[Seen]:
+    with seen(browser, desk) as found:
+        yield found
+
+
+def draw_two(shown: Seen, desk: Desk) -> None:
+    desk.hand.turn((0.5, 0.5, -0.5, 0.5), position=(0.03, 0.0, 0.04))
+    shown.until("globalThis.imud.model.probe.pose.position_m?.[2] === 0.04")
+    for number, x in ((1, 0.03), (2, 0.06)):
+        stroke = {"stroke": number, "end": "rest", "displacement": (0.03, 0.0, 0.0)}
+        errors = {"displacement_sigma": (0.002, 0.001), "path_sigma": (0.004, 0.002)}
+        desk.hand.stroke(**stroke, **errors, path=(x, 0.0, 0.0))
+    shown.until("globalThis.imud.model.strokes.stops.length === 3")
+
+
+def test_a_path_is_closed_by_a_click_on_the_page_or_two_of_the_probe(
+    shown: Seen, desk: Desk
+) -> None:
+    page = shown.page
+    draw_two(shown, desk)
+    page.get_by_role("button", name="Close path").click()
+    page.get_by_text("Close path: done").wait_for()
+    shown.until("globalThis.imud.model.strokes.closing !== null")
+    until(lambda: shown.text('[data-sigma="closure"]') == "95 %: ±11.8 mm")
+    assert shown.number("closure") == 50.0
+    page.locator('[data-kind="warn"]', has_text="Closure").wait_for()
+    assert page.evaluate(CLOSED)[-1] == [0, 0, 0]
+    for _ in range(2):
+        desk.hand.press()
+    shown.until("globalThis.imud.model.strokes.closing.by === 'button'")
+    page.get_by_text("Closure").wait_for()
+    desk.hand.stroke(stroke=3, end="running")
+    page.get_by_text("Closure").wait_for(state="hidden")
+
+
+def test_the_tip_is_drawn_where_it_is_with_its_strokes_and_their_errors(
+    shown: Seen, desk: Desk
+) -> None:
+    page = shown.page
+    draw_two(shown, desk)
+    scale = 1.32 / 0.05  # the ring's radius is the least length that fits
+    page.get_by_text("the ring's radius is 5 cm").wait_for()
+    drawn = page.evaluate(PATH)
+    assert drawn["tip"] == pytest.approx([0.03 * scale, 0.0, 0.04 * scale], abs=1e-5)
+    assert len(drawn["sizes"]) == 3
+    assert drawn["sizes"][2] == pytest.approx(
+        [2 * 0.004 * scale, 2 * 0.004 * scale, 2 * 0.002 * scale], rel=1e-3
+    )
+    assert shown.number("stroke") == 30.0
+    assert shown.text('[data-sigma="stroke"]') == "±2.0 mm"
+    stroke = {"stroke": 3, "end": "too_long", "displacement": None}
+    lost = {"displacement_sigma": None, "path": None, "path_sigma": None}
+    desk.hand.stroke(**stroke, **lost)
+    page.get_by_text("too long").wait_for()
+    desk.hand.turn((0.5, 0.5, -0.5, 0.5), position=None)
+    page.get_by_text("sector and cone").wait_for()
