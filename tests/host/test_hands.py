@@ -28,32 +28,47 @@ def test_each_hand_moves_the_probe_without_end(name: str) -> None:
     assert len(motion) > RATE_HZ
 
 
-def test_the_button_is_held_while_the_hand_strokes() -> None:
-    presses = list(measuring.presses_us(4, RATE_HZ))
-    assert len(presses) == measuring.PLAN.strokes
-    pieces = measuring.pieces(modules.calibrated(), 4, RATE_HZ)
+# How far the tip goes in a stroke, m.
+LENGTHS = {
+    "stroke": {0.2},
+    "button": {0.2},
+    "sheet": {0.297, 0.21},
+    "circle": {0.0765},  # a chord of an eighth: 0.2 sin(22.5 degrees)
+}
+
+
+@pytest.mark.parametrize("name", measuring.PLANS)
+def test_the_button_is_held_while_the_hand_strokes(name: str) -> None:
+    presses = list(measuring.presses_us(name, 4, RATE_HZ))
+    assert len(presses) == measuring.PLANS[name].strokes
+    pieces = measuring.pieces(name, modules.calibrated(), 4, RATE_HZ)
     motion = join(list(itertools.islice(pieces, 9)))
     strokes = strokes_of(motion)
     assert len(strokes) >= 2
     for stroke, (down_us, up_us) in zip(strokes, presses, strict=False):
         assert down_us * 1e-6 == pytest.approx(stroke.start_s - 0.05, abs=0.01)
         assert up_us * 1e-6 == pytest.approx(stroke.end_s + 0.05, abs=0.01)
-        assert np.linalg.norm(stroke.tip_way_m) == pytest.approx(0.2)
+        length = round(float(np.linalg.norm(stroke.tip_way_m)), 4)
+        if measuring.PLANS[name].support == "supported":
+            assert length in LENGTHS[name]
+        else:  # a hand that sways
+            assert length == pytest.approx(0.1, abs=0.005)
     assert presses[0][0] > SETTLES_S * 1e6
 
 
-def test_the_emulator_gets_the_presses_of_the_hand_that_measures() -> None:
-    words = ["sim", "f405", "--hand", "button", "--stream", "--seed", "4"]
+@pytest.mark.parametrize("name", measuring.PLANS)
+def test_the_emulator_gets_the_presses_of_a_hand_that_measures(name: str) -> None:
+    words = ["sim", "f405", "--hand", name, "--stream", "--seed", "4"]
     presses = list(presses_of(build_parser().parse_args(words)))
-    assert len(presses) <= 64  # RUN_LIST_MAX
-    assert len(presses) == 1 + measuring.PLAN.strokes
-    words[3] = "stroke"
-    assert len(list(presses_of(build_parser().parse_args(words)))) == 1
+    strokes = measuring.PLANS[name].strokes
+    assert 1 + strokes <= 64  # RUN_LIST_MAX
+    assert len(presses) == (1 if name == "stroke" else 1 + strokes)
 
 
-def test_a_nano_has_no_strokes_to_measure() -> None:
+@pytest.mark.parametrize("name", measuring.PLANS)
+def test_a_nano_has_no_strokes_to_measure(name: str) -> None:
     with pytest.raises(SystemExit):
-        main(["sim", "nano", "--hand", "stroke"])
+        main(["sim", "nano", "--hand", name])
 
 
 def test_the_tip_of_a_wobbled_probe_stays_where_it_is() -> None:

@@ -36,7 +36,12 @@ HANDS = {
     "soft": "the same, but the base gives by 4 %% of the way",
     "stroke": "draws strokes of 20 cm to and fro, and rests between them",
     "button": "the same, and holds the button meanwhile (button_does = stroke)",
+    "sheet": "with the button, draws the outline of an A4 sheet, over and over",
+    "circle": "with the button, goes round a circle of 20 cm in eight strokes",
+    "paper": "with the button, draws strokes of 10 cm, the tip on paper",
+    "free": "the same in free air",
 }
+STROKING = ("stroke", "button", "sheet", "circle", "paper", "free")
 
 # Options that bend its clock and its wire, in real time.
 _WIRE = {
@@ -251,7 +256,7 @@ def _run(args: argparse.Namespace) -> int:
         args.parser.error("--save-motion saves the usual hand's motion, without module")
     if args.hand and args.motion:
         args.parser.error("--hand and --motion: one of them moves it")
-    if args.hand in ("stroke", "button") and args.board.name == "nano":
+    if args.hand in STROKING and args.board.name == "nano":
         args.parser.error(f"--hand {args.hand}: the Nano has no strokes; use f405")
     if args.record and not args.motion and not args.seconds:
         args.parser.error("--record needs --seconds N: the hand never stops")

@@ -12,8 +12,8 @@ from imud.virtual.motions.module import Module
 
 def pieces_of(name: str, module: Module, seed: int, rate_hz: float) -> Iterator[Motion]:
     """The endless motion of a hand as a module measures it."""
-    if name in ("stroke", "button"):
-        return measuring.pieces(module, seed, rate_hz)
+    if name in measuring.PLANS:
+        return measuring.pieces(name, module, seed, rate_hz)
     if name in dimpling.WOBBLES:
         return dimpling.pieces(name, module, seed, rate_hz)
     return calibrating.pieces(name, module, seed, rate_hz)

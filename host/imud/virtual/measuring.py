@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A hand that draws strokes of 20 cm to and fro, and may hold the button meanwhile."""
+"""Hands that draw strokes over and over, and may hold the button meanwhile."""
 
 from __future__ import annotations
 
@@ -10,35 +10,49 @@ import numpy as np
 from imud.virtual.motion import Motion
 from imud.virtual.motions.module import Module
 from imud.virtual.sensors import NO_ERRORS, World, random_of_hand, stream
-from imud.virtual.stroking import SWAYS, Plan, StrokingHand
+from imud.virtual.stroking import A4, CIRCLE, SWAYS, Plan, StrokingHand
 
 # The emulator takes 64 presses; one of them starts the stream.
-PLAN = Plan(seconds=1.5, turn_deg=2.0, strokes=60, corners=((0.0, 0.0), (0.2, 0.0)))
+_TO_AND_FRO = Plan(
+    seconds=1.5, turn_deg=2.0, strokes=60, corners=((0.0, 0.0), (0.2, 0.0))
+)
+# By the names of their hands.
+PLANS = {
+    "stroke": _TO_AND_FRO,
+    "button": _TO_AND_FRO,
+    "sheet": Plan(turn_deg=2.0, strokes=60, corners=A4),
+    "circle": Plan(seconds=0.75, turn_deg=2.0, strokes=56, corners=CIRCLE),
+    "paper": Plan(seconds=2.0, strokes=60, support="paper"),
+    "free": Plan(seconds=2.0, strokes=60, support="air"),
+}
+WITHOUT_BUTTON = "stroke"
 BEFORE_S, AFTER_S = 0.05, 0.05  # the button is held for so much longer than a stroke
 
 
-def pieces(module: Module, seed: int, rate_hz: float) -> Iterator[Motion]:
-    """The endless motion of the hand as a module measures it."""
+def pieces(name: str, module: Module, seed: int, rate_hz: float) -> Iterator[Motion]:
+    """The endless motion of that hand as a module measures it."""
+    plan = PLANS[name]
     exact = stream(
         seed,
         rate_hz,
         World(),
         NO_ERRORS,
-        lambda random, hz: StrokingHand(random, hz, PLAN),
-        SWAYS[PLAN.support],
+        lambda random, hz: StrokingHand(random, hz, plan),
+        SWAYS[plan.support],
     )
     sensor = module.sensor(rate_hz, np.random.default_rng([seed, 2]))
     return map(sensor.feel, exact)
 
 
-def presses_us(seed: int, rate_hz: float) -> Iterator[tuple[int, int]]:
+def presses_us(name: str, seed: int, rate_hz: float) -> Iterator[tuple[int, int]]:
     """From when to when the button is down, device time in us, stroke by stroke."""
+    plan = PLANS[name]
     begun, found = 0, 0
-    for leg in StrokingHand(random_of_hand(seed), rate_hz, PLAN).legs():
+    for leg in StrokingHand(random_of_hand(seed), rate_hz, plan).legs():
         if leg.is_stroke:
             start_s, end_s = begun / rate_hz, (begun + leg.records) / rate_hz
             yield round((start_s - BEFORE_S) * 1e6), round((end_s + AFTER_S) * 1e6)
             found += 1
-        if found == PLAN.strokes:
+        if found == plan.strokes:
             return
         begun += leg.records

@@ -170,10 +170,12 @@ def presses_of(args: argparse.Namespace) -> Iterator[tuple[int, int]]:
     """When the button is down: to start the stream, and by a hand that measures."""
     if args.stream:
         yield PRESS_US
-    if args.hand == "button":
+    if args.hand:
         from imud.virtual import measuring, sensors
 
-        yield from measuring.presses_us(args.seed, sensors.HAND_RATE_HZ)
+        if args.hand in measuring.PLANS and args.hand != measuring.WITHOUT_BUTTON:
+            rate_hz = sensors.HAND_RATE_HZ
+            yield from measuring.presses_us(args.hand, args.seed, rate_hz)
 
 
 def run(args: argparse.Namespace) -> int:
