@@ -118,18 +118,7 @@ def _of_foxglove(section: Foxglove, keys: str) -> Iterator[Mistake]:
 
 
 def _of_openigtlink(section: OpenIgtLink, keys: str) -> Iterator[Mistake]:
-    address = host_and_port(section.listen)
-    path = ("openigtlink", "listen")
-    if address is None:
-        yield Mistake(
-            path, f"{_quoted(section.listen)} is not HOST:PORT, as {OPENIGTLINK}"
-        )
-    elif not is_loopback(address[0]) and not section.open_to_all:
-        yield Mistake(
-            path,
-            f"{cut(address[0])} is beyond this machine; listen on 127.0.0.1, or let "
-            "anybody read: open_to_all = true",
-        )
+    yield from _of_readers("openigtlink", section, OPENIGTLINK)
     if keys and not section.open_to_all:
         yield Mistake(
             ("openigtlink", "enabled"),
@@ -139,14 +128,18 @@ def _of_openigtlink(section: OpenIgtLink, keys: str) -> Iterator[Mistake]:
 
 
 def _of_metrics(section: Metrics) -> Iterator[Mistake]:
-    if not section.listen:
-        return
-    path = ("metrics", "listen")
+    if section.listen:
+        yield from _of_readers("metrics", section, "127.0.0.1:9735")
+
+
+def _of_readers(
+    name: str, section: Metrics | OpenIgtLink, example: str
+) -> Iterator[Mistake]:
+    """The address of a server that asks nobody who they are."""
     address = host_and_port(section.listen)
+    path = (name, "listen")
     if address is None:
-        yield Mistake(
-            path, f"{_quoted(section.listen)} is not HOST:PORT, as 127.0.0.1:9735"
-        )
+        yield Mistake(path, f"{_quoted(section.listen)} is not HOST:PORT, as {example}")
     elif not is_loopback(address[0]) and not section.open_to_all:
         yield Mistake(
             path,
