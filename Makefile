@@ -41,7 +41,7 @@ test: ## all tests, those of the C under sanitizers (MEASURE=1 notes their secon
 
 test-long: ## hours, cuts and examples of which the tests take a part each time, in full
 	@$(PYTHON) tools/setup.py test
-	@IMU_LONG=1 python -m pytest -q $(workers) -m 'long or sampled' -o timeout=1800 --durations 10
+	@IMU_LONG=1 python -m pytest -q $(workers) -m 'long or sampled or nightly or hypothesis' -o timeout=1800 --durations 10
 
 fresh: ## demo and tests of a fresh clone in bare Debian 12 and 13 (SUITE=trixie)
 	@$(PYTHON) tools/fresh.py $(SUITE:%=--suite %)

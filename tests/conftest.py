@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What tests share: where things are, and how hypothesis behaves."""
+"""What tests share: where things are, and how processes begin."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import hypothesis
 import pytest
 
 import native
@@ -18,13 +17,6 @@ import native
 pytest_plugins = ["pace", "order", "length"]
 
 ROOT = Path(__file__).resolve().parent.parent
-
-# The same examples on every run and every machine.
-hypothesis.settings.register_profile(
-    "imud", derandomize=True, database=None, deadline=None, print_blob=True
-)
-hypothesis.settings.load_profile("imud")
-
 
 # xdist sets the size of a terminal, which would hold for those that tests make.
 for name in ("COLUMNS", "LINES"):

@@ -3,7 +3,9 @@
 
 A test that chooses itself has the mark `long`, by which `make test-long` selects it.
 The mark `sampled(n)` has `make test` run every nth case of each parametrized test of a
-file, and `make test-long` all of them. pytest by itself runs all of them, too.
+file, and `make test-long` all of them. A test with the mark `nightly` is for
+`make test-long` alone. pytest by itself runs all of them, too, and as many examples of
+hypothesis as `make test-long`, of which `make test` tries a third.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import zlib
 from collections.abc import Sequence
 from typing import TypeVar
 
+import hypothesis
 import pytest
 
 T = TypeVar("T")
@@ -26,13 +29,18 @@ def choose(*, everyday: T, long: T) -> T:
     return long if IS_LONG else everyday
 
 
+def examples(count: int) -> int:
+    """How many examples of hypothesis this kind of run tries."""
+    return count // 3 if IS_SAMPLE else count
+
+
 def left_out(items: Sequence[pytest.Item]) -> set[pytest.Item]:
-    """The cases that the mark `sampled` leaves out of `make test`."""
+    """What the marks `sampled` and `nightly` leave out of `make test`."""
     cases: dict[str, list[pytest.Item]] = {}
     for item in items:
         if item.get_closest_marker("sampled") is not None:
             cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
-    found: set[pytest.Item] = set()
+    found = {item for item in items if item.get_closest_marker("nightly")}
     for name, family in cases.items():
         mark = family[0].get_closest_marker("sampled")
         assert mark is not None
@@ -41,6 +49,18 @@ def left_out(items: Sequence[pytest.Item]) -> set[pytest.Item]:
         first = zlib.crc32(name.encode()) % min(step, len(family))
         found |= set(family) - set(family[first::step])
     return found
+
+
+# The same examples on every run and every machine.
+hypothesis.settings.register_profile(
+    "imud",
+    derandomize=True,
+    database=None,
+    deadline=None,
+    print_blob=True,
+    max_examples=examples(100),
+)
+hypothesis.settings.load_profile("imud")
 
 
 @pytest.hookimpl(tryfirst=True)

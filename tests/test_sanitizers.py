@@ -91,6 +91,7 @@ def test_a_read_past_the_end_kills_the_process(tmp_path):
     assert "heap-buffer-overflow" in done.stderr
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("asan", [False, True])
 def test_sound_code_lives_under_the_same_flags(tmp_path, asan):
     call = "lib.planted_add(2**31 - 2, 1), lib.planted_shift(1, 3), lib.planted_read(3)"

@@ -237,6 +237,7 @@ def test_a_filters_cost_is_over_the_samples_that_it_ran_for() -> None:
         f405_load.filtered(measured, "dcm_pi")
 
 
+@pytest.mark.nightly
 @pytest.mark.usefixtures("boards")
 def test_the_f405s_image_runs_the_filter_that_it_is_told_to(
     tmp_path: Path, f405_image: Path
@@ -260,6 +261,7 @@ def test_a_pose_for_every_sample_takes_its_share_of_the_wire(
     assert 0.3 < found.wire < 0.5
 
 
+@pytest.mark.nightly
 def test_a_filter_of_ours_is_built_alone_for_the_avr(tmp_path: Path) -> None:
     filters.build_house("mahony", tmp_path / "mahony.elf")
     assert (tmp_path / "mahony.elf").stat().st_size > 0

@@ -53,6 +53,7 @@ def turned(name: str, parent: str) -> FloatArray:
     )
 
 
+@pytest.mark.nightly
 def test_files_of_40_hz_become_angles_of_joints_about_any_axes(tmp_path: Path):
     files = []
     for name, motion in made().motions.items():

@@ -52,6 +52,7 @@ def write(folder: Path) -> None:
     (folder / "cycles.json").write_text(json.dumps({"engines": engines}))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("name", "there", "absent"),
     [

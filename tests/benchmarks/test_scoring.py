@@ -71,6 +71,7 @@ def test_only_movement_with_truth_counts() -> None:
     assert scoring.score_at(times, estimate, truth).total == pytest.approx(0.0)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("every", "expected"),
     [(1, (2.46, 2.31, 0.72)), (3, (2.62, 2.39, 0.88))],

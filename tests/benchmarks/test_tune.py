@@ -248,6 +248,7 @@ def test_ratios_are_of_means_and_cost_in_goals() -> None:
     assert found.cost == pytest.approx(0.5 / 0.65 + 0.5 / 0.55)
 
 
+@pytest.mark.nightly
 def test_the_tables_of_three_recordings(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

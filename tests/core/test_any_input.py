@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from core import desk
 from core.desk import ONE, ffi, lib
 from core.scenes import SAMPLE
+from length import examples
 
 FILTERS = [kind for kind in range(8) if lib.attitude_has(kind)]
 NOT_KNOWN = 2**16 - 1
@@ -81,7 +82,7 @@ def calibration_of(numbers: list[int]) -> Any:
     return out
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(
     seed=st.integers(0, 2**32 - 1),
     kind=st.sampled_from(FILTERS),

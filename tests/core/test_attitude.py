@@ -25,6 +25,7 @@ from core.scenes import (
 )
 from core.test_fuse_extremes import CALIBRATIONS, wild_samples
 from imud.virtual.stroking import Plan
+from length import examples
 
 # Of a sensor, as its driver gives them.
 IDENTITY = (
@@ -183,6 +184,7 @@ def poses(library: Any, name: str) -> tuple[Array, Array, Array]:
     return out, orientation, quality
 
 
+@pytest.mark.sampled(3)
 @filters
 def test_an_image_of_one_filter_has_no_other_and_gives_the_same_bits(name):
     rooms = ("math", "wire", "fusion")
@@ -264,7 +266,8 @@ def wild_measurements(random: np.random.Generator, count: int) -> Array:
 INTERVALS_US = [0, 1, 1250, 5000, 7500, 7501, 50_000, 50_001, 10**6, 2**31, 2**32 - 1]
 
 
-@settings(max_examples=60, deadline=None)
+@pytest.mark.sampled(2)
+@settings(max_examples=examples(60), deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), is_usual=st.booleans())
 @filters
 def test_whatever_the_measurements_a_unit_quaternion_comes_out(name, seed, is_usual):
@@ -281,7 +284,7 @@ def test_whatever_the_measurements_a_unit_quaternion_comes_out(name, seed, is_us
             lib.attitude_restart(probe.c)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     calibration=st.sampled_from(range(len(CALIBRATIONS))),

@@ -13,10 +13,11 @@ from core import desk
 from core.desk import DEGREE, INT32_MIN, ONE, TURN, ffi, lib
 from core.scenes import at_rest, scene
 from imud import rotation
+from length import choose
 
 pytestmark = pytest.mark.sampled(2)
 
-COUNT = 200_000
+COUNT = choose(everyday=50_000, long=200_000)
 LOCK = 1e-5  # rad, as euler.h says
 ANGLE = 5e-6  # rad
 HALF = 0.5**0.5

@@ -8,6 +8,7 @@ import pytest
 
 from core import desk
 from core.desk import ONE, ffi, lib
+from length import choose
 
 ROW = 2.0**14  # q2_14
 SUM_MAX = 2**28  # of the variances
@@ -111,12 +112,13 @@ def test_a_covariance_that_is_none_is_survived():
         assert np.abs(gains).max() <= 1
 
 
-def test_a_covariance_stays_one_over_100_000_readings():
+@pytest.mark.long
+def test_a_covariance_stays_one_over_thousands_of_readings():
     # As the filter of the fields does: variances wander up, readings bring them down.
     random = np.random.default_rng(8)
     pairs = ffi.new("int32_t[]", packed(np.eye(6) * 2.0**19))
     turns = desk.unit_rows(random, 200, 4)
-    for count in range(100_000):
+    for count in range(choose(everyday=25_000, long=100_000)):
         w, x, y, z = turns[count % 200]
         rows = (
             (

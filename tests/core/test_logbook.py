@@ -23,6 +23,7 @@ from core.log_desk import (
     sealed,
     words,
 )
+from length import examples
 
 pytestmark = pytest.mark.sampled(3)
 
@@ -145,7 +146,7 @@ def test_the_end_is_found_behind_gaps_of_up_to_eight(last, gap):
     assert log.told.recording == 7
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.data())
 def test_the_end_is_found_whatever_is_worn(data):
     volume = Volume(200)

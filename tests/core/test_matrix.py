@@ -9,6 +9,7 @@ import pytest
 from core import desk
 from core.desk import ONE, ffi, lib
 from imud import rotation
+from length import choose
 
 UNIT = 2.0**14  # q2_14
 
@@ -24,10 +25,11 @@ def true_matrix(quat: desk.Array) -> desk.Array:
     return np.stack([rotation.rotate(quat, axis) for axis in np.eye(3)], axis=-1)
 
 
+@pytest.mark.long
 def test_every_element_is_within_1_2e_4():
     random = np.random.default_rng(1)
     worst = 0.0
-    for quat in desk.unit_rows(random, 3000, 4):
+    for quat in desk.unit_rows(random, choose(everyday=800, long=3000), 4):
         away = matrix_of(quat) / UNIT - true_matrix(quat)
         worst = max(worst, float(np.abs(away).max()))
     assert worst < 1.2e-4

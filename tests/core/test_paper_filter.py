@@ -11,6 +11,7 @@ from core.desk import INT32_MAX, ONE, RATE, Array, ffi, lib
 from core.doubles import matrix_of, quat_of
 from core.test_fuse import STARTS
 from imud import rotation
+from length import choose
 
 RANDOM = np.random.default_rng(8)
 QUATS = [*STARTS, *desk.unit_rows(RANDOM, 300, 4)]
@@ -82,12 +83,18 @@ def test_any_quaternion_but_zero_is_normalised_within_1e_7():
             assert not numbers(q).any()
 
 
+@pytest.mark.long
 def test_half_a_step_fits_at_the_longest_turn_from_anywhere():
     # A quarter of the angle of 1.3 rad, and a norm of 1 + 1e-6.
     edge = 1.3 * (1 - 1e-9)
     out = ffi.new("struct quat *")
     signs = [np.array([x, y, z]) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
-    turns = [*np.eye(3), *-np.eye(3), *signs, *desk.unit_rows(RANDOM, 40, 3)]
+    turns = [
+        *np.eye(3),
+        *-np.eye(3),
+        *signs,
+        *desk.unit_rows(RANDOM, choose(everyday=8, long=40), 3),
+    ]
     for q in QUATS:
         for direction in turns:
             u = direction / np.linalg.norm(direction) * edge

@@ -26,6 +26,7 @@ from core.scenes import scene, tumble
 # The stream.
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("stream", [0, 1], ids=["pose", "raw"])
 def test_every_rate_is_met_and_evenly_spaced(stream):
     bench = Bench().find_sensor()

@@ -42,6 +42,7 @@ def test_strokes_of_10_cm_in_1_s_are_found_to_6_mm(
     assert ends(told)["stroke"].tolist() == [1, 2, 3]
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("support", ["supported", "paper", "air"])
 def test_true_errors_are_inside_the_stated_sigma(support: str) -> None:
     apart = []

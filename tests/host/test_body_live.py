@@ -134,6 +134,7 @@ def test_angles_are_those_of_the_leg_within_what_is_stated():
     assert (np.abs(off) < 1.96 * np.array(sigmas)).mean() > 0.85
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("has_raw", [True, False])
 def test_a_heading_that_is_corrected_is_no_motion(has_raw: bool):
     """A filter that learns the field turns its poses, ten times a second."""

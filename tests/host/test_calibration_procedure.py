@@ -109,6 +109,7 @@ def test_a_pose_that_was_there_before_does_not_count_twice() -> None:
     assert procedure.status().poses == 2
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("name", "kind"), [("lazy", "missing_poses"), ("air", "too_few")]
 )

@@ -38,6 +38,7 @@ from imud.card.disk import Disk
 from imud.card.probe_log import find_log
 from imud.errors import FileError
 from imud.wire.messages import decode
+from length import examples
 
 kinds = st.sampled_from(["torn", "rubbish", "stale", "zero"])
 damage = st.lists(st.tuples(st.integers(0, 400), kinds), max_size=6)
@@ -64,7 +65,10 @@ def hurt(blocks: list[bytes], damages: list[tuple[int, str]]) -> set[int]:
     return bad
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=examples(60),
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(
     counts=st.lists(st.integers(0, 120), min_size=1, max_size=4),
     flushed=st.sets(st.integers(0, 120), max_size=10),
@@ -231,7 +235,10 @@ def test_a_file_moved_by_a_computer_is_not_read_as_if_it_were_in_one_piece(
         find_log(image)
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=examples(60),
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(
     flips=st.lists(
         st.tuples(st.integers(0, 700 * 512), st.integers(0, 255)),

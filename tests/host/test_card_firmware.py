@@ -17,6 +17,8 @@ from imud.log.reader import Logged, read_log
 from imud.wire.frame import encode_frame
 from length import choose
 
+pytestmark = pytest.mark.sampled(3)
+
 MIB = 1 << 20
 BLOCK = 512
 

@@ -235,7 +235,7 @@ DAYS_10_S = 10 * 24 * 3600
 
 
 @pytest.mark.long
-@settings(max_examples=choose(everyday=25, long=100))
+@settings(max_examples=choose(everyday=10, long=100))
 @given(GAPS_S, st.integers(0, 2**32 - 1))
 def test_ten_days_of_silences_and_reboots_are_unrolled(
     gaps: list[tuple[int, bool, int]], began_us: int

@@ -187,6 +187,7 @@ def test_who_waits_finds_a_probe_that_its_history_left_out(
         chain.client.wait_for("stylus", seconds=0.6)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("by", [signal.SIGTERM, signal.SIGINT])
 def test_it_stops_within_a_second_and_finishes_its_log(
     chain: Chain, by: signal.Signals

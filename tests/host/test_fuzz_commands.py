@@ -17,6 +17,7 @@ from fakes import DaemonProcess
 from imud.daemon.commands import arguments_of
 from imud.errors import CommandRefused
 from imud.wire import messages
+from length import examples
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +62,7 @@ def test_no_parameters_are_a_fault(command: str, parameters: dict[str, str]) -> 
 
 @given(_COMMANDS | _WORDS, _PARAMETERS, st.binary(max_size=50))
 @settings(
-    max_examples=60,
+    max_examples=examples(60),
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )

@@ -101,8 +101,8 @@ def test_each_key_takes_what_it_can_and_names_itself_else(
     file = tmp_path / "imud.toml"
     line_number = 3 if table else 2
     refused = 0
-    first = KEYS.index((table, key, info)) % 3
-    values = choose(everyday=VALUES[first::3], long=VALUES)
+    first = KEYS.index((table, key, info)) % 6
+    values = choose(everyday=VALUES[first::6], long=VALUES)
     for value in values:
         file.write_text(said(table, key, value))
         lines = check(file, capsys)
@@ -243,7 +243,7 @@ def test_no_mutation_of_a_whole_file_is_a_fault(
     whole = as_toml(Config()) + f"\n[{PROBE}]\nname = 'stylus'\npose_rate = 100\n"
     file = tmp_path / "imud.toml"
     refused = placed = 0
-    cases = choose(everyday=150, long=600)
+    cases = choose(everyday=50, long=600)
     for _ in range(cases):
         file.write_text(mutated(chance, whole))
         lines = check(file, capsys)

@@ -14,6 +14,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from fakes import (
     EXAMPLES,
     PATIENCE_S,
@@ -30,8 +32,10 @@ from imud.daemon.registry import PROBES_MAX
 from imud.wire import schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode
+from length import choose
 
 SEED = 20_260_104
+LIES = choose(everyday=5_000, long=20_000)  # and so many events
 
 
 def lies(chance: random.Random, probe: FakeProbe, count: int) -> Iterator[bytes]:
@@ -76,6 +80,7 @@ def with_firmware(probe: FakeProbe, firmware: bytes, fingerprint: int) -> bytes:
     )
 
 
+@pytest.mark.long
 def test_a_probe_that_lies_is_no_fault_and_writes_no_line_of_the_journal(
     tmp_path: Path,
 ) -> None:
@@ -97,7 +102,7 @@ def test_a_probe_that_lies_is_no_fault_and_writes_no_line_of_the_journal(
             for firmware in HOSTILE:
                 port.write(with_firmware(probe, firmware, schema.FINGERPRINT))
                 port.write(with_firmware(probe, firmware, 1))
-            for turn, frame in enumerate(lies(chance, probe, 20_000)):
+            for turn, frame in enumerate(lies(chance, probe, LIES)):
                 port.write(frame)
                 # Commands of the daemon's: else its writes come to nothing.
                 if turn % 50 == 0 and select.select([port.master], [], [], 0)[0]:
@@ -120,7 +125,7 @@ def test_a_probe_that_lies_is_no_fault_and_writes_no_line_of_the_journal(
                 assert time.monotonic() < begin + PATIENCE_S
         assert daemon.stop() < SOON_S
     assert_honest(daemon)
-    # Three of a kind and probe in 10 s: 20,000 lies, of a hundred ids, are no flood.
+    # Three of a kind and probe in 10 s: so many lies, of a hundred ids, are no flood.
     assert len(daemon.lines) < 1000
 
 
@@ -144,6 +149,7 @@ def test_a_device_that_makes_up_ids_fills_no_memory(tmp_path: Path) -> None:
     assert_honest(daemon)
 
 
+@pytest.mark.long
 def test_a_flood_of_events_is_a_few_lines(tmp_path: Path) -> None:
     probe, port = FakeProbe(), Port(tmp_path / "port")
     with DaemonProcess(port.path, directory=tmp_path) as daemon:
@@ -151,7 +157,7 @@ def test_a_flood_of_events_is_a_few_lines(tmp_path: Path) -> None:
         port.wait_open()
         port.write(probe.say("hello"))
         daemon.expect("found on")
-        for number in range(20_000):
+        for number in range(LIES):
             port.write(probe.say("event", event="bus_fault", detail=number))
         with Client(daemon.endpoint) as client:
             until = time.monotonic() + PATIENCE_S

@@ -33,6 +33,7 @@ def test_an_event_is_told_in_words(event: tuple[str, str, int], words: str) -> N
     assert phrases.event_words(*event) == words
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("fields", "words"),
     [

@@ -184,6 +184,7 @@ def test_a_place_that_takes_no_log_is_named(tmp_path: Path) -> None:
         LogSink(file).open()
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("seed", range(10))
 def test_at_most_a_quarter_second_is_lost_by_kill_9(tmp_path: Path, seed: int) -> None:
     """Two writers at a time, each killed at a moment of its own."""

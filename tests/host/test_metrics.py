@@ -17,6 +17,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from imud.daemon.metrics import HEAD_MAX, Metrics, text_of
 from imud.errors import ListenFailed
+from length import examples
 
 STATUS: dict[str, Any] = {
     "probe": 'sty"l\\us\n',
@@ -146,7 +147,10 @@ def test_a_request_has_its_answer(
 
 
 @given(st.binary(max_size=300))
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=examples(60),
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 def test_no_bytes_harm_it(served: Metrics, data: bytes) -> None:
     answer = ask(served, data + b"\r\n\r\n")
     assert not answer or answer.startswith(b"HTTP/1.1 ")

@@ -20,6 +20,8 @@ from imud.virtual.motions.module import LARGE, MODULES
 from imud.virtual.motions.ride import RATE_HZ, Ride
 from imud.virtual.motions.room import ROOMS, Room
 
+pytestmark = pytest.mark.sampled(3)
+
 UP = np.array([0.0, 0.0, GRAVITY_M_S2])
 EVEN = Room(np.array([0.0, 20.0, -44.0]))
 

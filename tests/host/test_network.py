@@ -20,6 +20,8 @@ from imud.client import Client
 from imud.defaults import ENDPOINT
 from streaming import Process, Streaming, until, zenoh_of
 
+pytestmark = pytest.mark.sampled(2)
+
 PROBE = "00112233445566aa"
 ROUTER = """
 import json, sys, zenoh

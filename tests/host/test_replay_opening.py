@@ -164,6 +164,7 @@ class Held:
             assert self.go_on.wait(PATIENCE_S)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("is_later_part", [False, True])
 def test_who_subscribes_late_asks_for_the_params_in_force(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_later_part: bool

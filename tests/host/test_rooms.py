@@ -15,6 +15,8 @@ from imud.virtual.motions.groups import GROUPS
 from imud.virtual.motions.ride import Ride
 from imud.virtual.motions.room import ROOMS, Room
 
+pytestmark = pytest.mark.sampled(2)
+
 SEEDS = range(3)
 each_seed = pytest.mark.parametrize("seed", SEEDS)
 

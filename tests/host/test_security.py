@@ -306,6 +306,7 @@ def test_ros_2_is_read_by_role(guarded: Guarded) -> None:
             assert heard(session, *keys, wanted=expected).keys() == expected
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("user", ["viewer", "operator", "recorder"])
 def test_spoofed_puts_reach_nobody(guarded: Guarded, user: Role) -> None:
     forged: list[str] = []

@@ -19,6 +19,7 @@ from imud.wire import messages
 from imud.wire.frame import FrameDecoder
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("board", sim.BOARDS)
 def test_it_streams_pose_and_raw_of_a_recording(
     boards: dict[str, tuple[Path, Path]], board: str, tmp_path: Path

@@ -28,6 +28,7 @@ from imud.client import (
     Topic,
     subscribe,
 )
+from length import choose
 
 
 class Chain:
@@ -164,6 +165,7 @@ with subscribe(endpoint=sys.argv[1], waiting_max=1_000_000) as subscription:
 """
 
 
+@pytest.mark.long
 def test_a_subscriber_that_is_stopped_tells_exactly_what_it_missed(
     chain: Chain,
 ) -> None:
@@ -181,7 +183,7 @@ def test_a_subscriber_that_is_stopped_tells_exactly_what_it_missed(
             chain.start(witness)
             follower.send_signal(signal.SIGSTOP)
             # More than the sockets between two processes hold: some are lost.
-            flood = 60_000
+            flood = choose(everyday=30_000, long=60_000)
             last = 0
             for _ in range(flood // 500):
                 chain.port.write(chain.probe.poses(500))

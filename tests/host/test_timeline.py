@@ -141,6 +141,7 @@ def said_under(
     return sampled, stamps, timeline
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("setting", SETTINGS.values(), ids=SETTINGS)
 def test_when_utc_is_set_no_time_falls_and_each_bound_holds(setting: Setting) -> None:
     sampled, stamps, timeline = said_under(setting, 60)

@@ -117,6 +117,7 @@ WEAK = {
 }
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("kind", WEAK)
 def test_a_weak_wobble_is_told_and_refused_with_its_cure(kind: str) -> None:
     wobble, words = WEAK[kind]

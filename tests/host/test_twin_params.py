@@ -264,6 +264,7 @@ def assert_no_difference(contents: list[bytes]) -> None:
     assert twin.differed == 0
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seed", range(3))
 def test_no_single_loss_is_a_difference(seed: int) -> None:
     contents = a_known_life(seed)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.sampled(3)
 
 # What py/usermod.cmake of MicroPython does with USER_C_MODULES.
 PROJECT = """

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imud import _core
+from length import examples
 from protocol import wire
 from protocol.wire import VECTORS, Decoder, encode_frame, good, unhex
 
@@ -189,7 +190,7 @@ def test_no_flipped_bit_ever_passes_as_good() -> None:
     assert flips > 20_000
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(contents, st.integers(1, 0xFFFF), st.integers(0, 8 * CONTENT_MAX), seeds)
 def test_a_burst_of_16_bits_always_changes_the_crc(
     content: bytes, pattern: int, shift: int, seed: int

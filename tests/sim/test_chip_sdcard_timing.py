@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from sim.sdcard_desk import ACCEPTED, BLOCK, MS, Card, lib, pattern
 
 
@@ -35,6 +37,7 @@ def test_gaps_stay_within_their_limits_and_vary(card: Card) -> None:
     assert len(set(us)) > 30
 
 
+@pytest.mark.sampled(2)
 def test_busy_is_of_a_flash_s_length(card: Card) -> None:
     us = []
     for _ in range(120):

@@ -16,7 +16,10 @@ from typing import Any
 
 import pytest
 
+from length import choose
 from nano_desk import BOOT, EEPROM, FLOOD, NANO, image
+
+FLOODS = choose(everyday=1, long=2)
 
 
 @pytest.fixture(scope="module")
@@ -101,9 +104,10 @@ def test_a_flood_faster_than_time_loses_nothing(desk: Path, tmp_path: Path) -> N
     assert summary["uart_dropped"] == 0
 
 
+@pytest.mark.long
 def test_what_nobody_hears_is_gone_and_counted(desk: Path, tmp_path: Path) -> None:
     with on_the_wire(desk, tmp_path, "--fast") as (process, link):
-        for _ in range(2):
+        for _ in range(FLOODS):
             wire = open_wire(link)
             os.write(wire, b"?")
             read_past(wire, b"?")
@@ -115,7 +119,7 @@ def test_what_nobody_hears_is_gone_and_counted(desk: Path, tmp_path: Path) -> No
             os.close(wire)
         summary = stop(process, tmp_path)
     assert summary["uart_unheard"] > 0
-    assert summary["bytes"] == len(BOOT) + 2 * (1 + 60_001)
+    assert summary["bytes"] == len(BOOT) + FLOODS * (1 + 60_001)
 
 
 def test_a_writer_that_closes_at_once_is_heard(desk: Path, tmp_path: Path) -> None:

@@ -24,6 +24,8 @@ from imud.wire.params import digest_of
 from length import choose
 from system.virtual import BOARDS, Run, Stub, assert_nothing_is_lost, run, send
 
+pytestmark = pytest.mark.sampled(2)
+
 # `make bits` takes ten minutes of recordings.
 SECONDS = float(os.environ.get("IMU_BITS_SECONDS", choose(everyday=8, long=62)))
 # As everywhere, the FPU, which images leave off, is for `make test-long`.

@@ -16,7 +16,7 @@ from length import choose
 from system.card_log import CLICK, LOST_US, STREAMS_US, Recorded, prepare, recordings
 from system.virtual import BOARDS, Stub, assert_nothing_is_lost, run, write_hand
 
-CUTS = choose(everyday=5, long=200)
+CUTS, IN_A_TEST = choose(everyday=(2, 2), long=(200, 5))
 RUN_MESSAGES = 8 * 496 // 39  # in the blocks that the card is given at once
 
 
@@ -70,7 +70,7 @@ def lost_us(whole: Undisturbed, folder: Path, at_us: int) -> int:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("part", range(CUTS // 5))
+@pytest.mark.parametrize("part", range(CUTS // IN_A_TEST))
 def test_a_cut_at_any_moment_loses_half_a_second_at_most(
     undisturbed: Undisturbed, tmp_path: Path, part: int
 ) -> None:
@@ -80,11 +80,12 @@ def test_a_cut_at_any_moment_loses_half_a_second_at_most(
             lambda number: lost_us(
                 undisturbed, tmp_path / str(number), int(moments[number])
             ),
-            range(5 * part, 5 * part + 5),
+            range(IN_A_TEST * part, IN_A_TEST * (part + 1)),
         )
         assert all(0 <= lost <= LOST_US for lost in losses)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("stub", ["f405"], indirect=True)
 @pytest.mark.parametrize("after_us", [0, 120, 400])
 def test_a_cut_in_the_midst_of_a_block_is_written_over_by_the_next_recording(

@@ -21,7 +21,10 @@ from system.card_log import (
 )
 from system.virtual import Stub, assert_nothing_is_lost, run, send
 
-pytestmark = pytest.mark.parametrize("stub", ["f405"], indirect=True)
+pytestmark = [
+    pytest.mark.parametrize("stub", ["f405"], indirect=True),
+    pytest.mark.sampled(2),
+]
 
 
 def test_a_card_that_is_pulled_costs_what_comes_until_it_is_back(stub: Stub) -> None:

@@ -102,6 +102,7 @@ PAIRS = [*zip(BOARDS, LINKS, strict=True)]
 ALL_PAIRS = [*itertools.product(BOARDS, LINKS)]
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("stub", "link"), choose(everyday=PAIRS, long=ALL_PAIRS), indirect=["stub"]

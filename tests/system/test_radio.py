@@ -127,6 +127,7 @@ def test_a_command_over_the_radio_is_obeyed_and_data_is_no_command(
     assert done.named("equipment")[-1].fields["radio"] == "connected"
 
 
+@pytest.mark.nightly
 def test_more_than_the_radio_carries_is_dropped_by_whole_messages(
     radio: Runner,
 ) -> None:
@@ -149,6 +150,7 @@ def test_more_than_the_radio_carries_is_dropped_by_whole_messages(
     assert done.last_status["messages_dropped"] > 0
 
 
+@pytest.mark.nightly
 def test_a_module_that_is_deaf_is_told_once_and_found_when_it_hears(
     radio: Runner,
 ) -> None:
