@@ -61,7 +61,7 @@ class Guarded:
         self._stream.start()
 
     def _run(self) -> None:
-        while not self._stop.wait(0.01):
+        while not self._stop.wait(0.03):
             said = self.probe.say("pose", position=(0.1, 0.2, 0.3))
             said += self.probe.say("raw")
             self.port.write(said + self.probe.say("event"))

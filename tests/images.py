@@ -45,6 +45,16 @@ def program(*command: str | Path) -> Path:
         return _made(".elf", [*flags, *map(str, objects)], b"".join(scripts))
 
 
+def linked(command: Sequence[str | Path], inputs: Sequence[Path]) -> Path:
+    """Run a linker's command, given without -o, and return the program's path; cached
+    by a digest of the command and these files.
+    """
+    CACHE.mkdir(parents=True, exist_ok=True)
+    with locked(CACHE / ".lock"):
+        content = b"".join(path.read_bytes() for path in inputs)
+        return _made(".elf", [*map(str, command)], content)
+
+
 def compiled(flags: Sequence[str | Path], source: str | Path) -> Path:
     """Return the object of a source, by a compiler and its flags; cached as above."""
     CACHE.mkdir(parents=True, exist_ok=True)

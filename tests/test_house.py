@@ -16,6 +16,8 @@ import images
 from bits.processors import PROCESSORS, command
 from native import WARNINGS
 
+pytestmark = pytest.mark.sampled(5)  # `make check` runs them all
+
 ROOT = Path(__file__).resolve().parent.parent
 FIRMWARE = ROOT / "firmware"
 CORE = FIRMWARE / "core"

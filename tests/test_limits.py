@@ -42,9 +42,13 @@ def c_functions(text: str) -> Iterator[tuple[str, int]]:
 
 def python_functions(text: str) -> Iterator[tuple[str, int]]:
     """Name and lines of each function and method, decorators left out."""
-    for node in ast.walk(ast.parse(text)):
+    statements: list[ast.AST] = [ast.parse(text)]
+    while statements:
+        node = statements.pop()
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             yield node.name, (node.end_lineno or 0) - node.lineno + 1
+        for part in ("body", "orelse", "handlers", "finalbody", "cases"):
+            statements += getattr(node, part, ())
 
 
 def too_long(path: Path) -> dict[str, int]:

@@ -157,6 +157,7 @@ def test_contents_of_another_message_are_refused() -> None:
         wire.to_rows("raw", [made.hello])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.usefixtures("boards")
 @pytest.mark.parametrize(
     ("board", "names"),

@@ -112,6 +112,7 @@ def test_the_median_of_stated_errors_leaves_out_the_rest() -> None:
     assert math.isnan(found.heading_sigma_deg)
 
 
+@pytest.mark.nightly
 def test_a_recording_is_scored_as_broad_is() -> None:
     recipe = Recipe("east_pendulum", 1)
     (found,) = groups.measure(recipe, ["nano"], ["host", "vqf"])
@@ -122,6 +123,7 @@ def test_a_recording_is_scored_as_broad_is() -> None:
     assert found.scores["vqf"].heading == pytest.approx(2.0, abs=0.3)
 
 
+@pytest.mark.nightly
 def test_the_twin_in_doubles_has_the_errors_of_the_firmwares_c() -> None:
     recipe = Recipe("east_pendulum", 1)
     course = without.load_made(recipe)
@@ -137,6 +139,7 @@ def test_the_twin_in_doubles_has_the_errors_of_the_firmwares_c() -> None:
     assert biased is None
 
 
+@pytest.mark.nightly
 def test_the_program_prints_tables_and_writes_json(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

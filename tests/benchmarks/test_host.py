@@ -26,6 +26,7 @@ def harsh(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(faulty_line, "FAULTS", often)
 
 
+@pytest.mark.nightly
 @pytest.mark.long
 @pytest.mark.usefixtures("harsh")
 @pytest.mark.parametrize("seed", range(choose(everyday=1, long=3)))

@@ -108,6 +108,7 @@ def test_samples_that_no_probe_fused_are_fused_here(monkeypatch: pytest.MonkeyPa
     assert np.median(off_deg[200:]) < 1.0
 
 
+@pytest.mark.nightly
 def test_each_kind_of_joint_is_scored():
     found = session.of(chain.read(made().toml, "five"), tracks_of())
     for kind, rms, inside in limb_chain.scored(made(), found):

@@ -27,6 +27,7 @@ def capture(f405: Path, f405_image: Path, run: Run) -> Capture:
     return stroke_image.sent(f405_image, run)
 
 
+@pytest.mark.nightly
 def test_the_image_measures_a_stroke_by_its_button(capture: Capture, run: Run) -> None:
     found = stroke_image.found_by(capture, run)
     assert len(found.errors) == 1

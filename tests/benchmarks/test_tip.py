@@ -74,6 +74,7 @@ def test_each_method_by_positions_is_measured(
     assert "nan" not in "".join(said)
 
 
+@pytest.mark.nightly
 @pytest.mark.long
 @pytest.mark.parametrize("board", choose(everyday=["nano"], long=list(tip.CHIPS)))
 def test_a_tip_is_found_through_the_image_of_a_board(board: str) -> None:

@@ -184,7 +184,7 @@ def poses(library: Any, name: str) -> tuple[Array, Array, Array]:
     return out, orientation, quality
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(5)
 @filters
 def test_an_image_of_one_filter_has_no_other_and_gives_the_same_bits(name):
     rooms = ("math", "wire", "fusion")

@@ -15,7 +15,7 @@ from core.scenes import Attitude, Scene, at_rest, scene, tumble
 from core.test_fuse import STARTS
 from imud import rotation
 
-pytestmark = pytest.mark.sampled(2)
+pytestmark = pytest.mark.sampled(4)
 
 # Table I: NP, NPS, NPL, with what a count is.
 FORCE_NOISE = (200 * G / 16384, 150 * G / 16384, 0.025)
@@ -112,6 +112,7 @@ def test_fixed_point_is_within_0_002_degrees_of_doubles(
     assert np.abs(desk.norms(found) / ONE - 1).max() < 1e-8
 
 
+@pytest.mark.nightly
 def test_the_comparison_would_see_another_alpha():
     away, _ = apart(wild(200, 15, 5), alpha=0.905)
     assert rms(away) > 0.05

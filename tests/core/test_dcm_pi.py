@@ -26,7 +26,7 @@ from core.doubles import (
 from core.scenes import Attitude, at_rest, scene
 from imud import rotation
 
-pytestmark = pytest.mark.sampled(2)
+pytestmark = pytest.mark.sampled(4)
 
 # Counts of 8.75 mdps, and 100 of Ki's a second.
 COUNT = 8.75e-3 * DEGREE
@@ -95,6 +95,7 @@ def test_fixed_point_is_within_0_002_degrees_of_doubles(rate_hz, start):
     assert np.abs(desk.norms(found) / ONE - 1).max() < 1e-6
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("gains", [{"kp": 0.9 * KP}, {"ki": 0}], ids=["Kp", "Ki"])
 def test_the_comparison_would_see_another_gain(gains):
     felt = scene(at_rest(30), 200, seed=2, gyr_bias_deg_s=(0.5, -0.5, 0))

@@ -26,7 +26,7 @@ from core.log_desk import (
 )
 from length import choose
 
-pytestmark = pytest.mark.sampled(2)
+pytestmark = pytest.mark.sampled(4)
 
 # 34 MB
 BLOCKS = 68 * 1024

@@ -23,7 +23,7 @@ from core.scenes import Attitude, at_rest, scene
 from core.test_fuse import STARTS
 from imud import rotation
 
-pytestmark = pytest.mark.sampled(2)
+pytestmark = pytest.mark.sampled(4)
 
 # Madgwick's earth has x to the north.
 ENU_FROM_EARTH = rotation.from_heading_pitch_roll(np.pi / 2, 0, 0)
@@ -97,6 +97,7 @@ def test_fixed_point_is_within_0_001_degrees_of_doubles(rate_hz, start, dip_deg)
     assert_within_0_001_degrees("madgwick", step, rate_hz, start, dip_deg)
 
 
+@pytest.mark.nightly
 def test_the_comparison_would_see_another_beta():
     felt = wild(200, 15, 5)
     apart, _ = apart_from(felt, "madgwick", partial(step, beta=0.045))

@@ -23,7 +23,7 @@ from core.scenes import Attitude, at_rest, scene
 from core.test_fuse import STARTS
 from imud import rotation
 
-pytestmark = pytest.mark.sampled(2)
+pytestmark = pytest.mark.sampled(4)
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -55,6 +55,7 @@ def test_fixed_point_is_within_0_001_degrees_of_doubles(rate_hz, start, dip_deg)
     assert_within_0_001_degrees("mahony", step, rate_hz, start, dip_deg)
 
 
+@pytest.mark.nightly
 def test_the_comparison_would_see_another_gain():
     felt = wild(200, 15, 5)
     apart, _ = apart_from(felt, "mahony", partial(step, gain=14.5))

@@ -16,7 +16,7 @@ from core.mpu9250_desk import (
     scripted,
 )
 
-pytestmark = pytest.mark.sampled(2)
+pytestmark = pytest.mark.sampled(4)
 
 
 def count_of_transactions() -> int:

@@ -31,6 +31,7 @@ NONE = Store().image
 OK, DAMAGED = lib.RESULT_OK, lib.RESULT_DAMAGED
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("left", LEFT_BEHIND, ids=str)
 @pytest.mark.parametrize("before", [(), (SMALL,), (SMALL, ACC + GYR)], ids=len)
 def test_a_cut_at_any_write_leaves_the_old_params_or_the_changed_ones(left, before):

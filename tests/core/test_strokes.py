@@ -103,6 +103,7 @@ def test_a_stroke_without_end_is_too_long_and_has_no_length() -> None:
     assert after[-1] - after[0] <= 50 * desk.WINDOW
 
 
+@pytest.mark.nightly
 def test_a_button_that_is_jammed_for_an_hour_tells_one_stroke(single: Measured) -> None:
     held = np.zeros(len(single.samples), bool)
     held[at(single, -0.1) :] = True

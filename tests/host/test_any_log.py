@@ -14,7 +14,7 @@ from mcap.writer import CompressionType, Writer
 from imud import cli
 from imud.log.reader import FRAME_ENCODING, seal
 from imud.recordings import replay
-from length import choose
+from length import choose, examples
 from log_files import records, write
 
 pytestmark = pytest.mark.sampled(2)
@@ -143,7 +143,8 @@ metadata = st.tuples(
 
 @pytest.mark.long
 @settings(
-    max_examples=2 * CASES, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=examples(2 * CASES),
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @given(
     case=st.integers(0, len(COMMANDS) - 1),

@@ -162,6 +162,7 @@ def test_a_motion_aligns_probes_whatever_way_they_sit():
         assert off < 1.5, joint
 
 
+@pytest.mark.nightly
 def test_loose_probes_are_wrong_by_what_they_state():
     made, found = leg_of(LOOSE), tracks_of(LOOSE)
     aligned = mounting.by_motion(BODY, *parts(found, made.stages))
@@ -192,6 +193,7 @@ def test_a_probe_worn_upside_down_is_told_and_measured():
     assert rms_deg(seen.angles["shank"][:, 0], truth[:, 0]) < 1.5
 
 
+@pytest.mark.nightly
 def test_swapped_probes_are_found_by_their_motion():
     found = dict(tracks_of(LOOSE))
     first, last = leg_of(LOOSE).stages["walk"]

@@ -125,6 +125,7 @@ def test_who_does_not_listen_is_refused_with_a_cure(name: str, kind: str) -> Non
     assert refused.fault.cure
 
 
+@pytest.mark.nightly
 def test_iron_beside_the_table_is_named() -> None:
     events = obeyed("iron", 5, 120.0)
     assert "uneven_field" in kinds(events)

@@ -17,7 +17,7 @@ import pytest
 from fakes import free_endpoint
 from imud.cli import build_parser, main
 
-pytestmark = pytest.mark.sampled(3)
+pytestmark = pytest.mark.sampled(5)
 
 # Files that are none of what a command wants, by what they are.
 FILES = {

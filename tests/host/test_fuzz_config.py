@@ -21,7 +21,7 @@ from imud.config.reader import as_toml
 from imud.config.settings import Config
 from length import choose
 
-pytestmark = pytest.mark.sampled(3)
+pytestmark = pytest.mark.sampled(5)
 
 SEED = 20_260_102
 PROBE = "probes.00112233445566aa"

@@ -23,6 +23,7 @@ def made(manner: leg.Manner = SHORT) -> leg.Leg:
     return leg.made(3, manner)
 
 
+@pytest.mark.nightly
 def test_a_leg_is_the_same_for_the_same_seed():
     again = leg.made(3, SHORT)
     for name, motion in made().motions.items():

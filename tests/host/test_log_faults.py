@@ -233,6 +233,7 @@ def test_below_its_floor_the_log_pauses_and_says_so_to_all(tmp_path: Path) -> No
         check(made, client)
 
 
+@pytest.mark.nightly
 @needs_mounts
 def test_a_folder_that_becomes_read_only_is_written_again_when_it_can_be(
     tmp_path: Path,
@@ -249,6 +250,7 @@ def test_a_folder_that_becomes_read_only_is_written_again_when_it_can_be(
         check(made, client)
 
 
+@pytest.mark.nightly
 @needs_mounts
 def test_files_that_are_removed_cost_what_was_in_them_and_two_seconds(
     tmp_path: Path,
@@ -265,6 +267,7 @@ def test_files_that_are_removed_cost_what_was_in_them_and_two_seconds(
         check(made, client)
 
 
+@pytest.mark.nightly
 def test_a_disk_that_is_full_from_the_start_is_told_and_all_else_works(
     tmp_path: Path,
 ) -> None:

@@ -256,6 +256,7 @@ def terminal(daemon: DaemonProcess) -> Iterator[Terminal]:
     made.close()
 
 
+@pytest.mark.nightly
 def test_q_ends_it_and_the_terminal_is_as_before(terminal: Terminal) -> None:
     terminal.until(lambda text: "yaw" in text)
     terminal.press(b"q")

@@ -160,6 +160,7 @@ def frames_of(path: Path) -> list[bytes]:
     return [each.data for each in items if each.topic == "frame"]
 
 
+@pytest.mark.nightly
 def test_thirty_reloads_under_a_stream_lose_nothing_and_leak_no_descriptor(
     tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:

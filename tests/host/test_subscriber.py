@@ -183,7 +183,7 @@ def test_a_subscriber_that_is_stopped_tells_exactly_what_it_missed(
             chain.start(witness)
             follower.send_signal(signal.SIGSTOP)
             # More than the sockets between two processes hold: some are lost.
-            flood = choose(everyday=30_000, long=60_000)
+            flood = choose(everyday=25_000, long=60_000)
             last = 0
             for _ in range(flood // 500):
                 chain.port.write(chain.probe.poses(500))

@@ -16,6 +16,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
 from imud.client import Client
 from imud.daemon.commands import REPLY_TIMEOUT_S
@@ -282,6 +284,7 @@ def resident_kb(pid: int) -> int:
     return int(line.split()[1])
 
 
+@pytest.mark.nightly
 def test_a_hundred_reconnects_leak_no_descriptor_and_no_memory(
     tmp_path: Path, record_property: Record
 ) -> None:
@@ -308,6 +311,7 @@ def test_a_hundred_reconnects_leak_no_descriptor_and_no_memory(
         told(record_property, 0, slowest_s)
 
 
+@pytest.mark.nightly
 def test_a_second_daemon_on_a_port_says_one_line_and_the_first_goes_on(
     tmp_path: Path, record_property: Record
 ) -> None:

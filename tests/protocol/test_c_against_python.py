@@ -13,7 +13,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from imud.wire import frame, messages, schema
-from length import choose
+from length import choose, examples
 from protocol import wire
 from protocol.wire import VECTORS, unhex
 
@@ -101,7 +101,7 @@ def check_value(field: schema.Field, wire_value: Any, value: Any) -> None:
 
 
 @pytest.mark.long
-@settings(max_examples=choose(everyday=100, long=400))
+@settings(max_examples=choose(everyday=examples(100), long=400))
 @given(wire_messages(), u32, u32)
 def test_the_host_reads_what_the_probe_writes_and_writes_the_same(
     pair: tuple[schema.MessageType, Wire], sequence: int, time_us: int
@@ -222,7 +222,7 @@ def skewed(draw: st.DrawFn) -> tuple[str, bytes]:
 
 
 @pytest.mark.long
-@settings(max_examples=choose(everyday=500, long=2000))
+@settings(max_examples=choose(everyday=examples(500), long=2000))
 @given(skewed())
 def test_probe_and_host_judge_alike(pair: tuple[str, bytes]) -> None:
     name, content = pair

@@ -48,6 +48,7 @@ def test_what_is_committed_is_what_the_schema_says() -> None:
     assert (done.stdout, done.stderr, done.returncode) == ("", "", 0)
 
 
+@pytest.mark.nightly
 def test_each_stale_file_is_named_with_what_differs(project: Path) -> None:
     for path in generate.outputs(checker.load(generate.SCHEMA)):
         file = project / path

@@ -160,6 +160,7 @@ def test_flash_is_erased_and_programmed_in_its_time(tmp_path: Path) -> None:
     assert lines["last"] == [0xC0DE0007]
 
 
+@pytest.mark.nightly
 def test_flash_without_an_erase_only_loses_ones(tmp_path: Path) -> None:
     said = bare.run("flash", tmp_path)
     assert said.lines["anded"] == [0x00DE0000]

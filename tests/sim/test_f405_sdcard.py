@@ -68,6 +68,7 @@ def test_without_a_card_there_is_none(tmp_path: Path) -> None:
     assert not [key for key in said.summary if key.startswith("card")]
 
 
+@pytest.mark.nightly
 def test_a_cut_amid_a_block_of_the_card(tmp_path: Path) -> None:
     path = made(tmp_path)
     cut = {"kind": "power_cut", "card_write": 1, "after_us": 200}

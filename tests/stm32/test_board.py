@@ -15,7 +15,7 @@ import pytest
 import native
 from stm32.letters import Board, addresses, places, starts
 
-pytestmark = pytest.mark.sampled(2)
+pytestmark = pytest.mark.sampled(3)
 
 POWER_ON, EXTERNAL, BROWN_OUT = "01", "02", "04"
 WATCHDOG, SOFTWARE, HARD_FAULT = "08", "10", "20"

@@ -37,6 +37,7 @@ def test_all_that_is_sampled_fits_on_a_cable(board: Board) -> None:
     assert ":" * 38000 in run.lines[-2]
 
 
+@pytest.mark.nightly
 def test_a_wire_that_is_held_is_no_hang_and_no_loss(board: Board) -> None:
     run = board((100, "jg"), seconds=2)
     ((is_taken, took_us),) = run.numbers("held")
@@ -58,6 +59,7 @@ def test_a_module_is_corrected_once(radio: Board, tmp_path: Path) -> None:
     assert (second.summary["radio_writes"], second.summary["radio_resets"]) == (0, 1)
 
 
+@pytest.mark.nightly
 def test_a_link_that_drops_comes_back_and_what_follows_is_whole(radio: Board) -> None:
     radio(seconds=6)
     drop = {"kind": "radio_drop", "at_us": 5_000_000, "for_us": 2_000_000}

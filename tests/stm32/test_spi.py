@@ -77,6 +77,7 @@ def run(program: Path, f405: Path, tmp_path: Path) -> Callable[..., Run]:
     return run
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("kind", ["sdhc", "sdsc"])
 def test_a_log_is_on_the_card_and_no_step_takes_long(
     run: Callable[..., Run], kind: str
@@ -92,6 +93,7 @@ def test_a_log_is_on_the_card_and_no_step_takes_long(
     assert told["longest"] <= STEP_US_MAX
 
 
+@pytest.mark.nightly
 def test_an_empty_socket_costs_nothing_but_looks(run: Callable[..., Run]) -> None:
     told = run(None)
     assert STATES[told["state"]] == "absent"

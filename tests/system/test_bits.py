@@ -24,7 +24,7 @@ from imud.wire.params import digest_of
 from length import choose
 from system.virtual import BOARDS, Run, Stub, assert_nothing_is_lost, run, send
 
-pytestmark = pytest.mark.sampled(2)
+pytestmark = pytest.mark.sampled(4)
 
 # `make bits` takes ten minutes of recordings.
 SECONDS = float(os.environ.get("IMU_BITS_SECONDS", choose(everyday=8, long=62)))

@@ -71,6 +71,7 @@ def test_what_is_read_is_the_log_that_the_daemon_would_have_written(
     assert capsys.readouterr().out.count('"type":"raw"') == len(recorded.named("raw"))
 
 
+@pytest.mark.nightly
 def test_the_wire_may_have_less_than_the_log(stub: Stub) -> None:
     card = prepare(stub.folder / "card")
     done = run(stub, 8, "--card", card, *CLICK, "--press", "6000000:6100000")
@@ -83,6 +84,7 @@ def test_the_wire_may_have_less_than_the_log(stub: Stub) -> None:
     assert sum(key in kept for key in wire) >= len(wire) - 1
 
 
+@pytest.mark.nightly
 def test_recordings_are_numbered_on_over_power_cuts_and_cards_stay_the_same(
     stub: Stub,
 ) -> None:

@@ -78,6 +78,7 @@ def test_a_block_that_is_rejected_is_written_again(stub: Stub, kind: str) -> Non
     assert equipment(done)["card_faults"] > 0
 
 
+@pytest.mark.nightly
 def test_a_worn_place_is_left_out_and_nothing_is_lost(stub: Stub) -> None:
     card = prepare(stub.folder / "card")
     with opened(card) as disk:
@@ -141,6 +142,7 @@ def test_no_card_is_told_once_and_does_no_harm(stub: Stub) -> None:
     assert equipment(done)["card"] == "absent"
 
 
+@pytest.mark.nightly
 def test_a_reset_by_command_ends_the_log_first(stub: Stub) -> None:
     card = prepare(stub.folder / "card")
     done = run(stub, 7, *CLICK, "--card", card, "--send", f"5000000:{send('reset')}")

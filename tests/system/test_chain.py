@@ -129,6 +129,7 @@ def test_a_live_probe_reaches_a_subscriber_with_nothing_lost(stub: Stub) -> None
     }
 
 
+@pytest.mark.nightly
 def test_a_killed_daemon_leaves_all_but_a_quarter_second(stub: Stub) -> None:
     probe = LiveProbe(stub, "--press", "300000:500000")
     with DaemonProcess(probe.port, directory=stub.folder) as daemon:
@@ -156,6 +157,7 @@ def test_a_killed_daemon_leaves_all_but_a_quarter_second(stub: Stub) -> None:
     assert numbers == sorted(set(numbers))
 
 
+@pytest.mark.nightly
 def test_a_yanked_probe_is_found_again_under_its_own_name(stub: Stub) -> None:
     memory = ("--eeprom", stub.folder / "memory")
     probe = LiveProbe(stub, *memory)

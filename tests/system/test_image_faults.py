@@ -13,7 +13,7 @@ from imud.virtual import motion
 from system.test_image import CLICK, each
 from system.virtual import Run, Stub, assert_nothing_is_lost, every_board, run
 
-pytestmark = pytest.mark.sampled(2)
+pytestmark = pytest.mark.sampled(4)
 
 
 def poses_after(done: Run, time_us: int) -> int:

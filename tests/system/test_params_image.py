@@ -32,7 +32,7 @@ from system.params_orders import (
 from system.virtual import BOARDS, Run, Stub, assert_nothing_is_lost, run
 from twin_bench import heard
 
-pytestmark = pytest.mark.sampled(2)
+pytestmark = pytest.mark.sampled(4)
 
 ACC, GYR, OPTIONS, FOREIGN = 1, 2, 5, 99
 MATRIX = [16500, 9, -7, 0, 16200, 3, 0, 0, 16384]

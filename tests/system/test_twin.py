@@ -35,19 +35,19 @@ def twin_when(client: Client, key: str, least: Any) -> dict[str, Any]:
 
 def test_it_follows_a_live_probe_through_a_tare_and_its_button(stub: Stub) -> None:
     hand = write_hand(stub.folder / "hand", 60)
-    presses = ("1500000:1600000", "11000000:11100000", "12000000:12100000")
+    presses = ("1500000:1600000", "8500000:8600000", "9500000:9600000")
     options = [word for press in presses for word in ("--press", press)]
     probe = LiveProbe(stub, "--motion", hand, *options)
     with DaemonProcess(probe.port, "--twin", directory=stub.folder) as daemon:
         daemon.expect("its twin follows from")
         with Client(daemon.endpoint) as client:
             name = client.wait_for(seconds=PATIENCE_S)
-            for compared, what in ((200, "all"), (500, "heading")):
+            for compared, what in ((100, "all"), (250, "heading")):
                 twin_when(client, "compared", compared)
                 assert client.command(name, "tare", what=what)["ok"]
             daemon.expect("stream stopped")
             daemon.expect("its twin follows from")
-            twin = twin_when(client, "compared", 1800)
+            twin = twin_when(client, "compared", 1000)
             (status,) = client.statuses()
         summary = probe.end()
         daemon.stop()
@@ -86,6 +86,7 @@ def test_a_probe_that_is_calibrated_as_it_runs_has_the_twins_bits(stub: Stub) ->
     port.vanish()
 
 
+@pytest.mark.nightly
 def test_a_pose_that_was_changed_on_its_way_is_told_by_its_number(stub: Stub) -> None:
     hand = write_hand(stub.folder / "hand", 12)
     done = run(

@@ -70,6 +70,7 @@ def recorded(stub: Stub, seed: int) -> Recorded:
     return Recorded(done, params, Port(folder / "port"))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("stub", ["nano"], indirect=True)
 def test_each_of_two_probes_has_its_own_params(stub: Stub) -> None:
     probes = [recorded(stub, seed) for seed in (1, 2)]
