@@ -12,7 +12,7 @@ from collections.abc import Callable
 import pytest
 
 from imud.daemon import lane as lane_module
-from imud.daemon.hub import Hub
+from imud.daemon.hub import FEW, Hub
 from imud.daemon.lane import Item, Lane
 from imud.errors import FileError
 from imud.probes.record import Presence, Record
@@ -74,6 +74,106 @@ def test_records_arrive_in_order_at_every_sink() -> None:
         assert (sink.opened, sink.closed) == (1, 1)
         assert lane.taken("p") == {"pose": 100}
     assert whole.dropped("p") == {"a": 0, "b": 0}
+
+
+def test_records_of_a_full_turn_are_handed_over_at_its_end() -> None:
+    sink = FakeSink()
+    whole = Hub()
+    whole.has_turns = True
+    lane = whole.add(sink)
+    for number in range(FEW):  # quiet so far: the first one is not kept back
+        whole.put(record(number))
+    assert sink.numbers(1) == [0]
+    whole.end_turn()
+    assert sink.numbers(FEW - 1) == list(range(1, FEW))
+    sink.gate.clear()
+    whole.put(record(FEW))
+    assert lane.counts("p").waiting == 0
+    whole.end_turn()
+    sink.gate.set()
+    assert sink.numbers(1) == [FEW]
+    whole.put(record(FEW + 1))
+    assert sink.numbers(1) == [FEW + 1]
+    whole.close()
+
+
+class QuickSink(FakeSink):
+    """Takes records of the topic `pose` in the caller's thread."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.threads: list[int] = []
+
+    def take_at_once(self, item: Item) -> bool:
+        if not isinstance(item, Record) or item.topic != "pose":
+            return False
+        self.fault()
+        self.threads.append(threading.get_ident())
+        self.taken.put(item.sequence)
+        return True
+
+
+def test_a_sink_takes_records_at_once_in_the_callers_thread() -> None:
+    sink = QuickSink()
+    lane = Lane(sink)
+    lane.start()
+    lane.put(record(0), record(1))
+    assert sink.threads == [threading.get_ident()] * 2
+    assert lane.taken("p") == {"pose": 2}
+    assert sink.numbers(2) == [0, 1]
+    assert lane.close(PATIENCE_S)
+
+
+def test_records_taken_at_once_keep_their_place_behind_others() -> None:
+    sink = QuickSink()
+    lane = Lane(sink)
+    lane.start()
+    sink.gate.clear()
+    lane.put(record(0), record(1, topic="status"), record(2))
+    assert sink.entered.wait(PATIENCE_S)
+    lane.put(record(3))  # the thread has the one before it in hand
+    assert len(sink.threads) == 1
+    sink.gate.set()
+    assert sink.numbers(4) == [0, 1, 2, 3]
+    assert lane.close(PATIENCE_S)
+    assert lane.taken("p") == {"pose": 3, "status": 1}
+
+
+def test_a_record_that_fails_at_once_is_counted_and_the_sink_opened_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(lane_module, "RETRY_S", 0.0)
+    sink = QuickSink()
+    lane = Lane(sink)
+    lane.start()
+
+    def fail() -> None:
+        raise OSError("no network")
+
+    sink.fault = fail
+    lane.put(record(0))
+    assert lane.trouble == "no network"
+    sink.fault = lambda: None
+    lane.put(record(1))  # by the thread, which opens the sink again
+    assert sink.numbers(1) == [1]
+    assert lane.close(PATIENCE_S)
+    assert (sink.opened, lane.failures, lane.dropped("p")) == (2, 1, 1)
+    assert lane.taken("p") == {"pose": 1}
+    assert lane.trouble == ""
+
+
+def test_the_thread_gets_the_records_while_taking_them_means_waiting(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(lane_module, "WAITED_S", 0.0)
+    sink = QuickSink()
+    lane = Lane(sink)
+    lane.start()
+    lane.put(record(0))
+    lane.put(record(1))
+    assert sink.numbers(2) == [0, 1]
+    assert len(sink.threads) == 1
+    assert lane.close(PATIENCE_S)
 
 
 def test_a_stuck_sink_loses_its_oldest_and_holds_up_nobody() -> None:

@@ -73,3 +73,13 @@ def test_a_loop_with_work_of_its_own_is_not_kept(pipe: Pipe, timeout: float) -> 
     pipe.pauses.clear()
     assert not pipe.is_ready(timeout)
     assert pipe.pauses == []
+
+
+def test_a_turn_ends_before_the_loop_waits(pipe: Pipe) -> None:
+    turn(pipe, 2 * MANY_HZ, 0.2)
+    pipe.pauses.clear()
+    pauses: list[int] = []
+    pipe.waker.on_turn = lambda: pauses.append(len(pipe.pauses))
+    assert not pipe.is_ready(GATHER_S)
+    assert pauses == [0]
+    assert pipe.pauses == [GATHER_S]

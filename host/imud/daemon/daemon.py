@@ -54,10 +54,14 @@ class Daemon:
     """Connects ports, probes, commands and sinks. Runs in the thread of the loop."""
 
     def __init__(
-        self, config: Config, load: Callable[[], Config] | None = None
+        self,
+        config: Config,
+        load: Callable[[], Config],
+        selector: GatheringSelector,
     ) -> None:
         self._config = config
-        self._load = load or (lambda: config)
+        self._load = load
+        self._selector = selector  # of the loop
         self._hub = Hub()
         self._speaker = Speaker(config.journal.quiet_s, config.journal.burst)
         self._outputs = Outputs(self._hub, self._on_command, self._on_notice)
@@ -87,7 +91,8 @@ class Daemon:
 
         loop.set_exception_handler(self._tell_fault)
         self._loop = loop
-        self._hub.later = loop.call_soon
+        self._hub.has_turns = True
+        self._selector.on_turn = self._hub.end_turn
         try:
             self._outputs.open(self._config)
             self._serve_metrics()
@@ -316,10 +321,6 @@ class Daemon:
         return f"stopped; {self._registry.farewell()}{log}"
 
 
-def _loop() -> asyncio.AbstractEventLoop:
-    return asyncio.SelectorEventLoop(GatheringSelector())
-
-
 def run(load: Callable[[], Config]) -> int:
     """Runs until SIGTERM or SIGINT; `load` says what to do, again at each SIGHUP."""
     config = load()
@@ -328,8 +329,10 @@ def run(load: Callable[[], Config]) -> int:
     logger.addHandler(handler)
     logger.setLevel(config.journal.level.upper())
     try:
-        with asyncio.Runner(loop_factory=_loop) as runner:
-            runner.run(Daemon(config, load).run())
+        selector = GatheringSelector()
+        make_loop = partial(asyncio.SelectorEventLoop, selector)
+        with asyncio.Runner(loop_factory=make_loop) as runner:
+            runner.run(Daemon(config, load, selector).run())
     finally:
         logger.removeHandler(handler)
     return 0

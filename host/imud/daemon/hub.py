@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from imud.daemon.lane import Item, Lane, Sink
 from imud.probes.balance import SinkCounts
@@ -25,11 +25,9 @@ class Hub:
     def __init__(self) -> None:
         self._lanes: list[Lane] = []
         self._fresh: list[Item] = []
-        self._is_turn = False
         self._size = 0  # records of this turn
         self._is_quiet = True  # the last turn had few
-        # Has its argument called at the end of the turn.
-        self.later: Callable[[Callable[[], object]], object] = lambda call: call()
+        self.has_turns = False  # whether end_turn() is called; else each record is one
 
     def add(self, sink: Sink) -> Lane:
         """Opens the sink and starts its lane; raises what the sink's open() raises."""
@@ -74,16 +72,16 @@ class Hub:
     def put(self, item: Item) -> None:
         self._fresh.append(item)
         self._size += 1
-        if not self._is_turn:
-            self._is_turn = True
-            if self._is_quiet:
-                self.hand_over()
-            self.later(self._end_turn)
+        if not self.has_turns:
+            self.end_turn()
+        elif self._size == 1 and self._is_quiet:
+            self.hand_over()
 
-    def _end_turn(self) -> None:
-        self._is_turn = False
-        self._is_quiet, self._size = self._size < FEW, 0
-        self.hand_over()
+    def end_turn(self) -> None:
+        """To be called before the loop waits again."""
+        if self._size:
+            self._is_quiet, self._size = self._size < FEW, 0
+            self.hand_over()
 
     def hand_over(self) -> None:
         """Gives what was put so far to all sinks."""

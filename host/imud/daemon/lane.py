@@ -2,7 +2,8 @@
 """A lane: one sink in a thread of its own, behind a bounded queue.
 
 A slow sink loses its oldest records; a sink that fails is opened again after a while.
-Both are counted, and neither slows down the reader of the ports or another sink.
+Both are counted, and neither slows down the reader of the ports or another sink. A sink
+with `take_at_once` gets records in the caller's thread while its own has nothing to do.
 """
 
 from __future__ import annotations
@@ -10,11 +11,12 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import Counter, defaultdict, deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence, Set
 from itertools import islice
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
+from imud.daemon.lane_counts import LaneCounts
 from imud.probes.balance import SinkCounts
 from imud.probes.record import Presence, Record
 
@@ -35,6 +37,11 @@ SUCCEED_S = 10.0
 # `is_quick` is true only keeps what it takes, and needs no pauses.
 PAUSE_EVERY, PAUSE_S = 32, 0.0001
 
+# A record that took the caller so long had to wait for something: Zenoh waits 50 ms for
+# room in the queue of a subscriber. Only the sink's thread may wait like that, so for a
+# while it gets all records. Zenoh gives up a subscriber that is silent after 10 s.
+WAITED_S, DETOUR_S = 0.04, 10.0
+
 logger = logging.getLogger("imud")
 
 
@@ -51,14 +58,6 @@ class Sink(Protocol):
     def close(self) -> None: ...
 
 
-class LaneCounts(NamedTuple):
-    """Records of one sink: taken by probe and topic, the others by probe."""
-
-    taken: defaultdict[str, Counter[str]]
-    dropped: Counter[str]
-    earlier: Counter[str]
-
-
 class Lane:
     """The queue and the thread of one sink."""
 
@@ -67,13 +66,16 @@ class Lane:
         self._capacity = capacity
         self._half = (capacity + 1) // 2
         self._pauses = not getattr(sink, "is_quick", False)
+        # Takes a record without waiting; False: it is left to the thread.
+        self._at_once: Callable[[Item], bool] | None = getattr(
+            sink, "take_at_once", None
+        )
+        self._detour_until_s = 0.0
         self._queue: deque[Item] = deque()
         self._in_hand: Sequence[Item] = ()  # out of the queue, not yet counted
         self._wake = threading.Condition()
         self._is_closing = False
-        self._taken: defaultdict[str, Counter[str]] = defaultdict(Counter)
-        self._dropped: Counter[str] = Counter()
-        self._earlier: Counter[str] = Counter()  # put before there was such a sink
+        self._mine = LaneCounts.none()
         self._failures = 0
         self._broken_until: float | None = None
         self._trouble = ""
@@ -98,13 +100,57 @@ class Lane:
         """
         self._before, self._names = before, names
         if before is None:
-            self._earlier.update(put)
+            self._mine.earlier.update(put)
         self._broken_until = 0.0  # open it before the first record
         if before is not None:
             before.end()
         self._thread.start()
 
     def put(self, *items: Item) -> None:
+        """Hands records to the sink. All calls come from one thread."""
+        rest: Sequence[Item] = items
+        if self._at_once is not None and self._is_idle():
+            rest = items[self._take_at_once(self._at_once, items) :]
+        if rest:
+            self._wait_in_line(rest)
+
+    def _is_idle(self) -> bool:
+        """Whether the thread has nothing to do, and nothing speaks against taking
+        records without it.
+        """
+        with self._wake:
+            is_busy = self._queue or self._in_hand or self._is_closing
+        is_whole = self._broken_until is None and self._before is None
+        is_idle = is_whole and not is_busy
+        return is_idle and time.monotonic() >= self._detour_until_s
+
+    def _take_at_once(
+        self, at_once: Callable[[Item], bool], items: Sequence[Item]
+    ) -> int:
+        """How many of the items are done with: taken, or the last of them dropped."""
+        done = 0
+        begin_s = time.monotonic()
+
+        def take() -> None:
+            nonlocal done
+            for item in items:
+                if not at_once(item):
+                    return  # nor those behind it: the order stays
+                done += 1
+
+        is_well = self._attempt(take)
+        end_s = time.monotonic()
+        if end_s - begin_s > WAITED_S:
+            self._detour_until_s = end_s + DETOUR_S
+        with self._wake:
+            for item in islice(items, done):
+                if type(item) is Record:
+                    self._mine.taken[item.probe][item.topic] += 1
+            if not is_well:
+                self._count_dropped(items[done])
+        return done if is_well else done + 1
+
+    def _wait_in_line(self, items: Sequence[Item]) -> None:
         with self._wake:
             before = len(self._queue)
             self._queue.extend(items)
@@ -154,23 +200,11 @@ class Lane:
 
     def _counts(self) -> LaneCounts:
         """Includes those of the lane that this one replaces."""
-        before, names = self._before, self._names
-        mine = LaneCounts(self._taken, self._dropped, self._earlier)
+        before = self._before
         if before is None:
-            return mine
+            return self._mine
         with before._wake:
-            theirs = before._counts()
-            taken: defaultdict[str, Counter[str]] = defaultdict(Counter)
-            dropped, earlier = Counter(mine.dropped), Counter(mine.earlier)
-            for probe, by_topic in mine.taken.items():
-                taken[probe] += by_topic
-            for probe, by_topic in theirs.taken.items():
-                taken[names.get(probe, probe)] += by_topic
-            for probe, count in theirs.dropped.items():
-                dropped[names.get(probe, probe)] += count
-            for probe, count in theirs.earlier.items():
-                earlier[names.get(probe, probe)] += count
-        return LaneCounts(taken, dropped, earlier)
+            return self._mine.after(before._counts(), self._names)
 
     def _waiting(self, probes: Set[str]) -> int:
         """Records of these probes not yet taken, here and by the lane it replaces."""
@@ -196,7 +230,7 @@ class Lane:
             logger.warning("%s did not finish in time", before.sink.name)
             return
         with self._wake:
-            self._taken, self._dropped, self._earlier = self._counts()
+            self._mine = self._counts()
             self._failures += before.failures
             self._before = None
 
@@ -270,8 +304,10 @@ class Lane:
         if time.monotonic() < self._broken_until:
             return False
         self._attempt(self.sink.close)
-        self._broken_until = None
-        return self._attempt(self.sink.open)
+        is_open = self._attempt(self.sink.open)
+        if is_open:
+            self._broken_until = None
+        return is_open
 
     def _attempt(self, action: Callable[[], None]) -> bool:
         try:
@@ -301,10 +337,10 @@ class Lane:
         )
         with self._wake:
             for (probe, topic), count in taken.items():
-                self._taken[probe][topic] += count
-            self._dropped.update(dropped)
+                self._mine.taken[probe][topic] += count
+            self._mine.dropped.update(dropped)
             self._in_hand = ()
 
     def _count_dropped(self, item: Item) -> None:
         if isinstance(item, Record):
-            self._dropped[item.probe] += 1
+            self._mine.dropped[item.probe] += 1

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import selectors
 import time
+from collections.abc import Callable
 
 # Events a second from which they are many: 8 probes at 200 Hz make 1,600. Below the
 # lower number they are few again.
@@ -22,15 +23,19 @@ Ready = list[tuple[selectors.SelectorKey, int]]
 
 
 class GatheringSelector(selectors.DefaultSelector):
-    """While events are many, waits a little before it looks for them."""
+    """While events are many, waits a little before it looks for them. Before that it
+    calls `on_turn`: what was to be done has been done.
+    """
 
     def __init__(self) -> None:
         super().__init__()
+        self.on_turn: Callable[[], object] = lambda: None
         self._is_many = False
         self._seen = 0
         self._since_s = time.monotonic()
 
     def select(self, timeout: float | None = None) -> Ready:
+        self.on_turn()
         if self._is_many and (timeout is None or timeout >= GATHER_S):
             time.sleep(GATHER_S)
         ready = super().select(timeout)

@@ -32,7 +32,8 @@ OWN = "imud"
 
 # How long a put waits for room in a slow subscriber's queue before the message is
 # dropped for that subscriber, us. Zenoh's default of 1 ms loses messages on a busy
-# machine. Only the thread of the Zenoh sink waits.
+# machine. The loop waits so once, then for a while only the thread of the Zenoh sink
+# does (daemon/lane).
 WAIT_BEFORE_DROP_US = 50_000
 
 # A daemon answers within milliseconds on this machine, tens of them over a network.

@@ -8,12 +8,12 @@ from typing import Any
 
 import msgspec
 import zenoh
-import zenoh.ext
 
 from imud.config.settings import Zenoh
 from imud.errors import NetworkError
 from imud.net import network, refusals
 from imud.net.access import BODIES, BODY_STATE
+from imud.net.publishers import Publisher, declare_publisher
 from imud.probes.record import Presence, Record
 
 # Time to close: what a slow subscriber has not taken by then is dropped.
@@ -73,9 +73,7 @@ class ZenohSink:
         self._is_guest = network.is_guest(settings)
         self._where = ", ".join(settings.connect)
         self._is_joined: bool | None = None  # with `connect`; None: not tried yet
-        self._publishers: dict[
-            tuple[str, str], zenoh.Publisher | zenoh.ext.AdvancedPublisher
-        ] = {}
+        self._publishers: dict[tuple[str, str], Publisher] = {}
         self._declared: dict[str, list[Any]] = {}
         self._links: zenoh.LinkEventsListener[None] | None = None
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
@@ -111,6 +109,28 @@ class ZenohSink:
         session, before._left = before._left, None
         return session
 
+    def take_at_once(self, record: Record | Presence) -> bool:
+        """Publishes a message for which all is declared; False: take() has to. It waits
+        for nothing but room in the queues of subscribers.
+        """
+        session = self._session
+        if session is None or isinstance(record, Presence) or record.topic in KEPT:
+            return False
+        if record.probe in self._elsewhere:
+            return False
+        said = self._publishers.get((record.probe, record.topic))
+        frame = self._publishers.get((record.probe, "frame"))
+        if (record.payload and said is None) or (record.content and frame is None):
+            return False
+        if self._is_guest and not network.is_connected(session):
+            return False
+        # JSON first: most subscribers wait for that.
+        if record.payload and said is not None:
+            said.put(record.payload)
+        if record.content and frame is not None:
+            frame.put(record.content)
+        return True
+
     def take(self, record: Record | Presence) -> None:
         session = self._session
         if session is None:
@@ -140,7 +160,6 @@ class ZenohSink:
             if record.probe not in self._known:
                 is_alive = _is_alive(record.payload)
                 self._set_alive(session, record.probe, is_alive=is_alive)
-        # JSON first: most subscribers wait for that.
         if record.payload:
             self._put(session, record.probe, record.topic, record.payload)
         if record.content:
@@ -180,30 +199,10 @@ class ZenohSink:
     def _put(self, session: zenoh.Session, probe: str, topic: str, data: bytes) -> None:
         publisher = self._publishers.get((probe, topic))
         if publisher is None:
-            publisher = self._publisher(session, probe, topic)
+            key = self._key(probe, topic)
+            publisher = declare_publisher(session, key, self._settings.history)
             self._publishers[probe, topic] = publisher
         publisher.put(data)
-
-    def _publisher(
-        self, session: zenoh.Session, probe: str, topic: str
-    ) -> zenoh.Publisher | zenoh.ext.AdvancedPublisher:
-        """Without `express`: one batch for each message was measured to lose some."""
-        key = self._key(probe, topic)
-        encoding = zenoh.Encoding.APPLICATION_JSON
-        if topic == "frame":
-            encoding = zenoh.Encoding.APPLICATION_OCTET_STREAM
-        drop = zenoh.CongestionControl.DROP
-        if topic == "pose" and self._settings.history:
-            return zenoh.ext.declare_advanced_publisher(
-                session,
-                key,
-                encoding=encoding,
-                congestion_control=drop,
-                cache=zenoh.ext.CacheConfig(max_samples=self._settings.history),
-            )
-        return session.declare_publisher(
-            key, encoding=encoding, congestion_control=drop
-        )
 
     def _declare(self, session: zenoh.Session, probe: str) -> None:
         status, params = self._key(probe, "status"), self._key(probe, "params")
