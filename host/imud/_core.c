@@ -244,6 +244,7 @@ static int add_type(PyObject *module, const char *name, PyType_Spec *spec) {
 static int core_exec(PyObject *module) {
     return add_type(module, "FrameDecoder", &decoder_spec) != 0 ||
                    add_type(module, "Calibrator", &calibrator_spec) != 0 ||
+                   add_type(module, "Chunk", &chunk_spec) != 0 ||
                    add_type(module, "Reader", &reader_spec) != 0 ||
                    add_type(module, "Replay", &replay_spec) != 0 ||
                    PyModule_AddIntConstant(module, "CONTENT_MAX", FRAME_CONTENT_MAX) ||

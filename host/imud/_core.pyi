@@ -29,6 +29,23 @@ class Calibrator:
     def __new__(cls, hello: Buffer, params: Buffer = b"") -> Calibrator: ...
     def apply(self, raw: Buffer, /) -> tuple[Vector, Vector, Vector | None]: ...
 
+@final
+class Chunk:
+    def __new__(cls) -> Chunk: ...
+    def add(
+        self,
+        channel: int,
+        log_time: int,
+        data: Buffer,
+        publish_time: int,
+        sequence: int,
+        /,
+    ) -> int: ...
+    def add_record(self, record: bytes, /) -> None: ...
+    def take(
+        self,
+    ) -> tuple[bytes, int, int, tuple[tuple[int, int, bytes], ...]] | None: ...
+
 Table = dict[int, Any]  # values by number
 
 # Name, tag, is it signed, bytes of a number, how many numbers, null, is it scaled, is

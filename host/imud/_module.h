@@ -7,6 +7,7 @@
 #include <Python.h>
 
 extern PyType_Spec calibrator_spec;
+extern PyType_Spec chunk_spec;
 extern PyType_Spec reader_spec;
 extern PyType_Spec replay_spec;
 

@@ -23,6 +23,8 @@ from imud.wire import messages, schema
 from imud.wire.messages import Message
 from imud.wire.params import digest_of
 
+FRAME = "frame"  # the topic of messages as received
+
 
 @dataclass(frozen=True, slots=True)
 class Settings:
@@ -66,10 +68,16 @@ class LogFile:
         if record.params and self._params.get(record.probe) != record.params:
             self._params[record.probe] = record.params
             self._add_metadata("params", _params(record.probe, record.params))
+        probe, channels, add = record.probe, self._channels, self._writer.add_message
+        # log_time: when it was received; publish_time: when it was measured.
+        log_ns, t_ns = record.t_received_ns, record.t_ns
+        sequence = record.sequence & 0xFFFFFFFF
         for topic in topics_of(record, has_foxglove=self._settings.has_foxglove):
-            self._add(record, topic, "json", said_on(record, topic))
+            channel = channels.get((probe, topic)) or self._channel(probe, topic)
+            add(channel, log_ns, said_on(record, topic), t_ns, sequence)
         if record.content:
-            self._add(record, "frame", FRAME_ENCODING, record.content)
+            channel = channels.get((probe, FRAME)) or self._channel(probe, FRAME)
+            add(channel, log_ns, record.content, t_ns, sequence)
 
     def flush(self) -> None:
         self._writer.flush()
@@ -91,21 +99,17 @@ class LogFile:
     def _add_metadata(self, name: str, said: dict[str, str]) -> None:
         self._writer.add_metadata(name, seal(name, said))
 
-    def _add(self, record: Record, topic: str, encoding: str, data: bytes) -> None:
-        channel = self._channels.get((record.probe, topic))
-        if channel is None:
-            name = f"{self._settings.prefix}/{record.probe}/{topic}"
-            channel = self._writer.register_channel(name, encoding, self._schema(topic))
-            self._channels[record.probe, topic] = channel
-        sequence = record.sequence & 0xFFFFFFFF
-        # log_time: when it was received; publish_time: when it was measured.
-        self._writer.add_message(
-            channel, record.t_received_ns, data, record.t_ns, sequence
-        )
+    def _channel(self, probe: str, topic: str) -> int:
+        """Opens a channel; its id, which is not 0."""
+        name = f"{self._settings.prefix}/{probe}/{topic}"
+        encoding = FRAME_ENCODING if topic == FRAME else "json"
+        channel = self._writer.register_channel(name, encoding, self._schema(topic))
+        self._channels[probe, topic] = channel
+        return channel
 
     def _schema(self, topic: str) -> int:
         """The id of a topic's schema in this file; 0 for frames, which have none."""
-        if topic == "frame":
+        if topic == FRAME:
             return 0
         if topic not in self._schemas:
             name, body = schema_of(topic)

@@ -2,7 +2,8 @@
 """Writes the same MCAP files as the mcap library's own writer, but faster:
 https://mcap.dev/spec, version 0.
 
-Messages and their indexes are packed here; the library makes all other records.
+Messages and their indexes are packed by `_core.Chunk`; the library makes all other
+records.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Mapping
 from io import BufferedWriter
-from struct import Struct, pack
+from struct import Struct
 
 import zstandard
 from mcap.data_stream import RecordBuilder
@@ -30,14 +31,12 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from imud import _core
+
 MAGIC = b"\x89MCAP0\r\n"
 
 # A chunk ends at this size, also between two flushes.
 CHUNK_MAX = 1 << 20
-
-# Opcode, length of what follows; channel, sequence, log time, publish time.
-_MESSAGE = Struct("<BQHIQQ")
-_AFTER_LENGTH = _MESSAGE.size - 9
 
 # The part of a footer that its CRC covers.
 _FOOTER_HEAD = Struct("<BQQQ")
@@ -56,21 +55,15 @@ class LogWriter:
         self._metadata: list[MetadataIndex] = []
         self._counts: dict[int, int] = {}
         self._times: list[int] = []  # first and last time of each chunk
-        self._begin_chunk()
+        self._chunk = _core.Chunk()
         file.write(MAGIC + _bytes_of(Header(profile="", library=library)))
-
-    def _begin_chunk(self) -> None:
-        self._parts: list[bytes] = []
-        self._size = 0
-        # By channel: time and offset of each message, alternating.
-        self._indexes: dict[int, list[int]] = {}
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Adds a schema; returns its id."""
         number = len(self._schemas) + 1
         schema = Schema(id=number, name=name, encoding=encoding, data=data)
         self._schemas.append(schema)
-        self._add(_bytes_of(schema))
+        self._chunk.add_record(_bytes_of(schema))
         return number
 
     def register_channel(
@@ -90,7 +83,7 @@ class LogWriter:
             schema_id=schema,
         )
         self._channels.append(channel)
-        self._add(_bytes_of(channel))
+        self._chunk.add_record(_bytes_of(channel))
         return number
 
     def add_metadata(self, name: str, said: dict[str, str]) -> None:
@@ -106,24 +99,9 @@ class LogWriter:
         self, channel: int, log_time: int, data: bytes, publish_time: int, sequence: int
     ) -> None:
         """Adds a message; times in nanoseconds since 1970."""
-        index = self._indexes.get(channel)
-        if index is None:
-            index = self._indexes[channel] = []
-        index += (log_time, self._size)
-        length = _AFTER_LENGTH + len(data)
-        self._parts += (
-            _MESSAGE.pack(
-                Opcode.MESSAGE, length, channel, sequence, log_time, publish_time
-            ),
-            data,
-        )
-        self._size += _MESSAGE.size + len(data)
-        if self._size > CHUNK_MAX:
+        size = self._chunk.add(channel, log_time, data, publish_time, sequence)
+        if size > CHUNK_MAX:
             self._end_chunk()
-
-    def _add(self, record: bytes) -> None:
-        self._parts.append(record)
-        self._size += len(record)
 
     def flush(self) -> None:
         """Ends the chunk and hands everything to the kernel."""
@@ -131,12 +109,10 @@ class LogWriter:
         self._file.flush()
 
     def _end_chunk(self) -> None:
-        if not self._indexes:
+        taken = self._chunk.take()
+        if taken is None:
             return  # schemas and channels wait for a first message
-        data, indexes = b"".join(self._parts), self._indexes
-        self._begin_chunk()
-        times = [time for index in indexes.values() for time in index[::2]]
-        first, last = min(times), max(times)
+        data, first, last, indexes = taken
         compressed = self._compressor.compress(data)
         chunk = _bytes_of(
             Chunk(
@@ -150,18 +126,11 @@ class LogWriter:
         )
         place = self._file.tell()
         parts, end, offsets = [chunk], place + len(chunk), {}
-        for channel, index in indexes.items():
+        for channel, count, index in indexes:
             offsets[channel] = end
-            size = 8 * len(index)
-            parts.append(
-                pack(
-                    f"<BQHI{len(index)}Q",
-                    *(Opcode.MESSAGE_INDEX, 6 + size, channel, size),
-                    *index,
-                )
-            )
-            end += len(parts[-1])
-            self._counts[channel] = self._counts.get(channel, 0) + len(index) // 2
+            parts.append(index)
+            end += len(index)
+            self._counts[channel] = self._counts.get(channel, 0) + count
         self._file.write(b"".join(parts))
         self._times += (first, last)
         self._chunks.append(
