@@ -225,6 +225,15 @@ static PyMethodDef core_functions[] = {
      "it."},
     {"encode_frame", core_encode_frame, METH_VARARGS,
      "encode_frame(seed, content, /)\n--\n\nThe frame of content, delimiter included."},
+    {"estimate", core_estimate, METH_VARARGS,
+     "estimate(above, below, at_us, reference, rate, drift_max, /)\n--\n\nThe middle "
+     "of "
+     "all lines between points from above and from below (device time in us; host's "
+     "less device's in ns): device's and host's ns, rate, half of the range there in "
+     "ns "
+     "or -1, spread of the rate. None: there is no such line. A steeper line can be "
+     "higher: the highest value belongs to the steepest line, the lowest to the "
+     "flattest. The rate may have changed by `drift_max` a second."},
     {"read_some", core_read_some, METH_O,
      "read_some(descriptor, /)\n--\n\nRead a descriptor that does not block: at most "
      "64 KiB, b'' at its end, None if nothing is there yet."},
@@ -245,8 +254,10 @@ static int core_exec(PyObject *module) {
     return add_type(module, "FrameDecoder", &decoder_spec) != 0 ||
                    add_type(module, "Calibrator", &calibrator_spec) != 0 ||
                    add_type(module, "Chunk", &chunk_spec) != 0 ||
+                   add_type(module, "Line", &line_spec) != 0 ||
                    add_type(module, "Reader", &reader_spec) != 0 ||
                    add_type(module, "Replay", &replay_spec) != 0 ||
+                   add_type(module, "Rising", &rising_spec) != 0 ||
                    PyModule_AddIntConstant(module, "CONTENT_MAX", FRAME_CONTENT_MAX) ||
                    PyModule_AddIntConstant(module, "HELLO_SEED", FRAME_HELLO_SEED)
                ? -1

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The firmware's portable C: _core.c over firmware/core."""
 
+from collections.abc import Sequence
 from typing import Any, Final, TypedDict, final
 
 from typing_extensions import Buffer
@@ -46,6 +47,33 @@ class Chunk:
         self,
     ) -> tuple[bytes, int, int, tuple[tuple[int, int, bytes], ...]] | None: ...
 
+@final
+class Rising:
+    def __new__(cls) -> Rising: ...
+    def turn(self, x: int, aim: int, rate: float, /) -> None: ...
+    def at(self, x: int, /) -> int: ...
+    def is_beyond(self, x: int, /) -> bool: ...
+
+# Device's and host's ns; the rate; half of the range in ns, or -1; spread of the rate.
+Estimate = tuple[int, int, float, float, float]
+
+@final
+class Line:
+    def __new__(cls, rising: Rising, drift_max: float, quantum_ns: int) -> Line: ...
+    def know(
+        self,
+        next_us: int,
+        latest: tuple[int, int] | None,
+        rate: float,
+        estimate: Estimate | None,
+        /,
+    ) -> None: ...
+    def date(
+        self, device_us: int, host_ns: int, /
+    ) -> tuple[int, int | None] | None: ...
+    def moment(self, device_us: int, /) -> tuple[int, int | None]: ...
+    def middle(self, device_us: int, /) -> int: ...
+
 Table = dict[int, Any]  # values by number
 
 # Name, tag, is it signed, bytes of a number, how many numbers, null, is it scaled, is
@@ -73,4 +101,13 @@ class Replay:
 
 def crc16(seed: int, data: Buffer, /) -> int: ...
 def encode_frame(seed: int, content: Buffer, /) -> bytes: ...
+def estimate(
+    above: Sequence[tuple[int, int]],
+    below: Sequence[tuple[int, int]],
+    at_us: int,
+    reference: int,
+    rate: float,
+    drift_max: float,
+    /,
+) -> Estimate | None: ...
 def read_some(descriptor: int, /) -> bytes | None: ...

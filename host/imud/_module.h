@@ -8,8 +8,13 @@
 
 extern PyType_Spec calibrator_spec;
 extern PyType_Spec chunk_spec;
+extern PyType_Spec line_spec;
 extern PyType_Spec reader_spec;
 extern PyType_Spec replay_spec;
+extern PyType_Spec rising_spec;
+
+// A function of the module.
+PyObject *core_estimate(PyObject *module, PyObject *args);
 
 // For types whose instances own no Python object but the reference to their type.
 int instance_traverse(PyObject *self, visitproc visit, void *arg);

@@ -19,10 +19,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
+from imud._core import Rising
 from imud.client import Client
 from imud.probes.record import Stamp
 from imud.probes.session import Probe, Received, Session
-from imud.probes.timeline import READING_NS, Rising, Timeline
+from imud.probes.timeline import READING_NS, Timeline
 
 SECOND = 1_000_000_000
 MS = 1_000_000

@@ -51,10 +51,10 @@ class Probe:
             return Stamp(number, missing, device_us)
         # It was on the wire for so long at least.
         on_wire_ns = len(frame.content) * byte_ns
-        moment = self.clock.date(device_us, frame.t_ns - on_wire_ns)
-        t_ns, bound_ns = timeline.utc(moment.host_ns), moment.bound_ns
+        host_ns, bound_ns = self.clock.date(device_us, frame.t_ns - on_wire_ns)
+        t_ns = timeline.utc(host_ns)
         if bound_ns is not None:
-            bound_ns += timeline.doubt(moment.host_ns, bound_ns, t_ns)
+            bound_ns += timeline.doubt(host_ns, bound_ns, t_ns)
         return Stamp(
             number,
             missing,

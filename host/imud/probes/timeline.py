@@ -8,8 +8,9 @@ docs/clock.md has the arithmetic.
 from __future__ import annotations
 
 import time
-from collections import deque
 from functools import partial
+
+from imud._core import Rising
 
 # The host's time in ns, from its oscillator, which nothing sets or slews. NTP changes
 # the rate of CLOCK_MONOTONIC by up to 500 ppm, which would look like a jump of
@@ -29,51 +30,6 @@ READING_NS = 10_000
 SLEW_MAX = 1e-3
 STEP_NS = 1_000_000
 
-# After a step backwards, time runs at this rate until UTC has caught up.
-SLOW, OF = 9, 10
-
-# Pieces kept for messages out of order.
-PIECES = 16
-
-
-_Piece = tuple[int, int, float, int]
-
-
-class Rising:
-    """A function of time that never falls, made of pieces as they become known."""
-
-    def __init__(self) -> None:
-        # Each holds beyond its x: x, aim, rate, floor.
-        self._pieces: deque[_Piece] = deque(maxlen=PIECES)
-        self._latest: _Piece  # the last of them
-        self._last: int | None = None
-
-    def turn(self, x: int, aim: int, rate: float) -> None:
-        """From here on aims at `aim` at x, with slope 1 + rate, without going back."""
-        begin, floor = x - 1, None
-        if self._last is not None:
-            begin, floor = self._last, self.at(self._last)
-        else:
-            self._pieces.clear()
-        aim += begin - x + round(rate * (begin - x))
-        self._latest = (begin, aim, rate, aim if floor is None else floor)
-        self._pieces.append(self._latest)
-
-    def is_beyond(self, x: int) -> bool:
-        return self._last is not None and self._last > x
-
-    def at(self, x: int) -> int:
-        if self._last is None or x > self._last:
-            self._last = x
-        begin, aim, rate, floor = self._latest
-        if x <= begin:  # rarely: a message out of order
-            before = (each for each in reversed(self._pieces) if x > each[0])
-            begin, aim, rate, floor = next(before, self._pieces[0])
-        step = x - begin
-        aimed = aim + step + round(rate * step)
-        least = floor + step * SLOW // OF
-        return aimed if aimed > least else least
-
 
 class Timeline:
     """Turns the host's time into UTC, both in ns. Slews and steps forwards are followed
@@ -83,6 +39,7 @@ class Timeline:
     def __init__(self, offset_ns: int = 0) -> None:
         self._offset_ns = offset_ns
         self._rising = Rising()
+        self.utc = self._rising.at  # of a host's time
         self._rising.turn(0, offset_ns, 0.0)
         self._followed_ns: int | None = None
         # The last correction: before this time the offset may have been another one.
@@ -113,9 +70,6 @@ class Timeline:
         self.steps += 1
         self.last_step_ns = off_ns
         return off_ns
-
-    def utc(self, host_ns: int) -> int:
-        return self._rising.at(host_ns)
 
     def ahead(self, host_ns: int, utc_ns: int) -> int:
         """By how many ns `utc_ns` is ahead of the host's UTC after a step backwards."""
