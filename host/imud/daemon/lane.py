@@ -33,9 +33,10 @@ RETRY_S = 2.0
 SUCCEED_S = 10.0
 
 # A sink with a period takes many records at a time. After so many it releases the
-# interpreter, for which the loop would otherwise wait for milliseconds. One whose
-# `is_quick` is true only keeps what it takes, and needs no pauses.
-PAUSE_EVERY, PAUSE_S = 32, 0.0001
+# interpreter, for which the loop would otherwise wait for milliseconds. Each time costs
+# changes of threads. One whose `is_quick` is true only keeps what it takes, and needs
+# no pauses.
+PAUSE_EVERY, PAUSE_S = 128, 0.0001
 
 # A record that took the caller so long had to wait for something: Zenoh waits 50 ms for
 # room in the queue of a subscriber. Only the sink's thread may wait like that, so for a
@@ -129,19 +130,21 @@ class Lane:
     ) -> int:
         """How many of the items are done with: taken, or the last of them dropped."""
         done = 0
-        begin_s = time.monotonic()
 
         def take() -> None:
             nonlocal done
+            before_s = time.monotonic()
             for item in items:
                 if not at_once(item):
                     return  # nor those behind it: the order stays
                 done += 1
+                now_s = time.monotonic()
+                if now_s - before_s > WAITED_S:
+                    self._detour_until_s = now_s + DETOUR_S
+                    return
+                before_s = now_s
 
         is_well = self._attempt(take)
-        end_s = time.monotonic()
-        if end_s - begin_s > WAITED_S:
-            self._detour_until_s = end_s + DETOUR_S
         with self._wake:
             for item in islice(items, done):
                 if type(item) is Record:

@@ -110,20 +110,23 @@ class ZenohSink:
         return session
 
     def take_at_once(self, record: Record | Presence) -> bool:
-        """Publishes a message for which all is declared; False: take() has to. It waits
+        """Publishes a record for which all is declared; False: take() has to. It waits
         for nothing but room in the queues of subscribers.
         """
         session = self._session
-        if session is None or isinstance(record, Presence) or record.topic in KEPT:
+        if session is None or isinstance(record, Presence):
             return False
-        if record.probe in self._elsewhere:
+        probe, topic = record.probe, record.topic
+        if probe in self._elsewhere or (topic == "status" and probe not in self._known):
             return False
-        said = self._publishers.get((record.probe, record.topic))
-        frame = self._publishers.get((record.probe, "frame"))
+        said = self._publishers.get((probe, topic))
+        frame = self._publishers.get((probe, "frame"))
         if (record.payload and said is None) or (record.content and frame is None):
             return False
         if self._is_guest and not network.is_connected(session):
             return False
+        if topic in KEPT:
+            self._keep(session, record)
         # JSON first: most subscribers wait for that.
         if record.payload and said is not None:
             said.put(record.payload)
@@ -151,19 +154,24 @@ class ZenohSink:
         if isinstance(record, Presence):
             self._set_alive(session, record.probe, is_alive=record.is_alive)
             return
-        if record.topic in KEPT and record.payload:
-            self._last[record.probe, record.topic] = record.payload
-        if record.topic == "status" and record.payload:
-            if self._settings.connect:
-                self._tell_whether(is_joined=network.is_connected(session))
+        if record.topic in KEPT:
+            self._keep(session, record)
+        is_known = record.probe in self._known
+        if record.topic == "status" and record.payload and not is_known:
             # Its presence was lost if it came or went while there was no network.
-            if record.probe not in self._known:
-                is_alive = _is_alive(record.payload)
-                self._set_alive(session, record.probe, is_alive=is_alive)
+            is_alive = _is_alive(record.payload)
+            self._set_alive(session, record.probe, is_alive=is_alive)
         if record.payload:
             self._put(session, record.probe, record.topic, record.payload)
         if record.content:
             self._put(session, record.probe, "frame", record.content)
+
+    def _keep(self, session: zenoh.Session, record: Record) -> None:
+        """For those who ask later. With each status it looks at the network."""
+        if record.payload:
+            self._last[record.probe, record.topic] = record.payload
+        if record.topic == "status" and self._settings.connect:
+            self._tell_whether(is_joined=network.is_connected(session))
 
     def flush(self) -> None:
         """Nothing to do: a put is sent when it returns."""
