@@ -301,6 +301,8 @@ def hello(chip: Chip = MPU9250) -> bytes:
         "filter": "fuse",
         "reset_address": 0,
         "params_digest": 0,
+        "own_field": (0, 0, 0),
+        "own_sigma": 0,
     }
     return messages.encode("hello", fields, sequence=0, time_us=0)
 

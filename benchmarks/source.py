@@ -41,6 +41,8 @@ _HELLO: dict[str, Any] = {
     "filter": "fuse",
     "reset_address": 0,
     "params_digest": 0,
+    "own_field": (0, 0, 0),
+    "own_sigma": 0,
 }
 
 

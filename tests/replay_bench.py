@@ -36,6 +36,7 @@ def hello(kind: int, identity: Any = MPU9250) -> bytes:
         "firmware": "test",
         "who_am_i": [0x71, 0x48],
         "mag_adjust": [0, 0, 0],
+        "own_field": [0, 0, 0],
         "sensor": identity.kind,
         "sample_rate": identity.rate_hz,
         "acc_lsb": identity.acc_lsb_nm_s2,

@@ -7,6 +7,7 @@
 #include "core/drivers/lsm9ds0.h"
 #include "core/drivers/mpu9250.h"
 #include "core/params/store.h"
+#include "core/storage/crc32.h"
 
 // The largest scales that calibrate() has room for, 1.26 as it counts them.
 #define GYR_LSB_MAX UINT32_C(1230468)   // nrad/s
@@ -105,6 +106,19 @@ bool params_of_records(PyObject *records, struct params *params) {
     return true;
 }
 
+// The digest of records that are known to be a buffer.
+static uint32_t digest_of(PyObject *records) {
+    Py_buffer view;
+    uint32_t digest = 0;
+    if (PyObject_GetBuffer(records, &view, PyBUF_SIMPLE) == 0) {
+        for (Py_ssize_t i = 0; i < view.len; ++i) {
+            crc32_add(&digest, ((const uint8_t *)view.buf)[i]);
+        }
+        PyBuffer_Release(&view);
+    }
+    return digest;
+}
+
 bool probe_of_arguments(PyObject *args, PyObject *kwargs, const char *format,
                         struct sensor_identity *identity, struct message_hello *hello,
                         struct params *params) {
@@ -114,6 +128,10 @@ bool probe_of_arguments(PyObject *args, PyObject *kwargs, const char *format,
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, format, names, &content, &records) ||
         !identity_of_hello(content, identity, hello)) {
         return false;
+    }
+    if (records == NULL ? hello->params_digest != 0
+                        : hello->params_digest != digest_of(records)) {
+        hello->own_sigma = 0;  // it goes with other params
     }
     if (records != NULL) {
         return params_of_records(records, params);

@@ -2,6 +2,8 @@
 // _core.Replay: computes a probe's poses again from its raw messages.
 #include "_inputs.h"
 
+#include <string.h>
+
 #include "core/fusion/pose.h"
 #include "core/wire/messages.h"
 
@@ -9,6 +11,7 @@ struct replay {
     PyObject_HEAD struct sensor_identity identity;
     struct params params;  // whose calibration the tracker works with
     struct params next;    // from the next begin on
+    struct own_field own;  // of the probe, as its hello tells
     struct pose_tracker tracker;
     bool has_strokes;  // the probe's build has: there is no room on a Nano
 };
@@ -49,6 +52,9 @@ static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs
     struct replay *replay = (struct replay *)self;
     replay->identity = identity;
     replay->next = params;
+    memcpy(replay->own.axis, hello.own_field, sizeof replay->own.axis);
+    replay->own.sigma = hello.own_sigma;
+    replay->tracker.own = &replay->own;
     replay->has_strokes = hello.board != BOARD_NANO;
     if (!begin(replay, hello.filter)) {
         Py_DECREF(self);
@@ -74,8 +80,13 @@ static PyObject *replay_params(PyObject *self, PyObject *records) {
     }
     replay->next = params;
     use_tip(replay, &params);
-    // As the probe tells whether its filter has to begin anew.
-    return PyBool_FromLong(params.digest != replay->params.digest);
+    // As the probe tells whether its filter has to begin anew, without what it kept of
+    // its own field with the other calibration.
+    const bool is_other = params.digest != replay->params.digest;
+    if (is_other) {
+        replay->own.sigma = 0;
+    }
+    return PyBool_FromLong(is_other);
 }
 
 static PyObject *replay_pose(PyObject *self, PyObject *args) {

@@ -20,6 +20,9 @@ static uint8_t records[PARAMS_ROOM];  // of the params that were told last
 static struct message_params told;    // whose they are
 static struct params params;
 static struct pose_tracker tracker;
+#ifndef POSE_WITHOUT_OWN_FIELD
+static struct own_field own;  // as the last hello told it
+#endif
 static bool has_sensor;
 static bool has_sample;  // no hello begins anew what has begun
 
@@ -63,11 +66,25 @@ static void use_tip(void) {
 #endif
 }
 
+static void use_own(const struct message_hello *hello) {
+#ifndef POSE_WITHOUT_OWN_FIELD
+    memcpy(own.axis, hello->own_field, sizeof own.axis);
+    own.sigma = hello->own_sigma;
+    tracker.own = &own;
+#else
+    (void)hello;
+#endif
+}
+
 static void take_hello(uint8_t length) {
     struct message_header header;
     struct message_hello hello;
     if (message_hello_decode(content, length, &header, &hello) != MESSAGE_OK ||
-        hello.sample_rate == 0 || has_sample) {
+        hello.sample_rate == 0) {
+        return;
+    }
+    use_own(&hello);
+    if (has_sample) {
         return;
     }
     identity = (struct sensor_identity){

@@ -112,6 +112,9 @@ class Probe:
         settings.boot_count = number
         settings.pose_rate_hz = number % 200 + 1
         settings.raw_rate_hz = (number * 7) % 200 + 1
+        settings.own_field.axis = [number, -number, 3 * number]
+        settings.own_field.sigma = number % 40
+        settings.own_calibration = number * 257
         settings.streams = number % 4
         return self.image
 

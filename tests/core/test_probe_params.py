@@ -76,7 +76,7 @@ def told(messages: list) -> dict[int, bytes]:
 
 
 def test_a_new_probe_tells_at_boot_that_it_has_none():
-    bench = Bench().run(0.45, samples=False)
+    bench = Bench().run(0.6, samples=False)
     assert bench.of("hello")[0].fields["params_digest"] == 0
     (params,) = bench.of("params")
     assert bytes(params.fields.pop("part")) == bytes(lib.PARAMS_PART)

@@ -82,7 +82,7 @@ def test_one_spoilt_byte_leaves_one_good_bank(saves, flip):
     older = saved(*range(1, saves))[1]
     # The first save of a new memory goes to the second bank.
     newest_bank = saves % 2
-    used = lib.BANK_HEADER + 13
+    used = lib.BANK_HEADER + 25
     for offset in PLACES:
         spoilt = Memory(bytes(memory.bytes))
         spoilt.bytes[offset] ^= flip

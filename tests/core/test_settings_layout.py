@@ -12,12 +12,13 @@ import pytest
 
 from core.settings_desk import BANK, BANKS, ID, SIZE, Memory, Probe, ffi, lib, saved
 
-BOOTS, RATES, STREAMS = (
+BOOTS, RATES, OWN, STREAMS = (
     b"\x01\x02\x03\x00",
     b"\x02\x04\x0a\x00\x14\x00",
+    b"\x04\x0a\x50\x00\xd8\xff\x0c\x00\x08\x00\xcd\xab",
     b"\x03\x01\x02",
 )
-GOOD = BOOTS + RATES + STREAMS
+GOOD = BOOTS + RATES + OWN + STREAMS
 
 
 def crc(data: bytes) -> int:
@@ -60,6 +61,8 @@ def test_a_bank_is_laid_out_as_documented():
     assert bytes(settings.probe_id) == ID
     assert (settings.boot_count, settings.streams) == (3, 2)
     assert (settings.pose_rate_hz, settings.raw_rate_hz) == (10, 20)
+    assert list(settings.own_field.axis) == [80, -40, 12]
+    assert (settings.own_field.sigma, settings.own_calibration) == (8, 0xABCD)
 
 
 def test_a_save_is_laid_out_as_documented():
@@ -67,7 +70,7 @@ def test_a_save_is_laid_out_as_documented():
     probe = Probe(memory)
     probe.settings.boot_count = 0x1234
     assert probe.save() == lib.MEMORY_OK
-    assert records_of(memory) == b"\x01\x02\x34\x12" + RATES + STREAMS
+    assert records_of(memory) == b"\x01\x02\x34\x12" + RATES + OWN + STREAMS
 
 
 @pytest.mark.parametrize(
@@ -118,6 +121,7 @@ FOREIGN = b"\x07\x03abc", b"\xc8\x00", b"\x55\x05vwxyz"
         FOREIGN[0] + GOOD + FOREIGN[1] + FOREIGN[2],
         BOOTS + FOREIGN[0] + RATES + FOREIGN[1] + STREAMS + FOREIGN[2],
         FOREIGN[0] + FOREIGN[1] + FOREIGN[2] + STREAMS + BOOTS,
+        FOREIGN[0] + BOOTS + RATES + STREAMS + FOREIGN[1] + FOREIGN[2],
     ],
 )
 def test_records_of_other_firmware_are_kept_over_many_saves(records):

@@ -28,6 +28,8 @@ HELLO: dict[str, Any] = {
     "filter": "fuse",
     "reset_address": 0,
     "params_digest": 0,
+    "own_field": (0.0, 0.0, 0.0),
+    "own_sigma": 0.0,
 }
 PARAMS: dict[str, Any] = {
     "set_digest": 0,

@@ -30,6 +30,8 @@ from imud.wire.messages import Message
         ("reset", {}, (0, 0)),
         ("restart", {}, (0, 0)),
         ("restart", {"filter": "madgwick"}, (4, 0)),
+        ("restart", {"forget": "1"}, (0, 1)),
+        ("restart", {"filter": "mahony", "forget": "0"}, (3, 0)),
     ],
 )
 def test_commands_become_two_numbers(
@@ -47,6 +49,7 @@ def test_commands_become_two_numbers(
         ("rate", {"stream": "pose", "hz": "fast"}, "rate needs stream"),
         ("fields", {"streams": "mag"}, "fields needs streams"),
         ("restart", {"filter": "none"}, "restart needs filter=fuse, complementary"),
+        ("restart", {"forget": "2"}, "restart needs filter=fuse, complementary"),
         ("restart", {"with": "fuse"}, "restart knows no with"),
     ],
 )

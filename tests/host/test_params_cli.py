@@ -124,6 +124,20 @@ def test_what_was_in_force_comes_back_from_the_history(
     assert f"{digest}  in force" in desk.run("history")
 
 
+def test_what_the_probe_kept_of_its_own_field_is_shown(desk: Desk) -> None:
+    assert "own field" not in desk.run("show")
+    probe = desk.chain.probe
+    fields = {"own_field": (20.0, -12.5, 6.25), "own_sigma": 2.5}
+    probe.hello_fields = probe.hello_fields | fields
+    desk.chain.port.write(probe.say("hello"))
+    status = desk.chain.status_when(lambda said: said["params"].get("own_field"))
+    own = {"field_uT": [20.0, -12.5, 6.25], "sigma_uT": 2.5}
+    assert status["params"]["own_field"] == own
+    said = desk.run("show")
+    assert "  own field      20.00 -12.50 6.25 uT, kept by the probe, 1-sigma" in said
+    assert "1-sigma error 2.5 uT; imud restart --forget drops it" in said
+
+
 def test_errors_are_one_line(desk: Desk, tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(file.written(GOOD, "1" * 16))
@@ -168,6 +182,7 @@ def test_a_late_client_and_the_status_know_them(chain: Chain) -> None:
             "mag": {"is_calibrated": False, "condition": "uncalibrated"},
             "tip": {},
             "options": {"button_does": "tell", "reference": "none"},
+            "own_field": None,
         }
         with Client(chain.daemon.endpoint) as late:
             said = late.params(chain.probe.name)

@@ -43,6 +43,10 @@ void attitude_set_accuracy(struct attitude *attitude,
     DISPATCH(set_accuracy, calibration)
 }
 
+void attitude_use_own(struct attitude *attitude, const struct own_field *own) {
+    DISPATCH(use_own, own)
+}
+
 void attitude_restart(struct attitude *attitude) {
     DISPATCH(restart)
 }

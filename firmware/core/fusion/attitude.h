@@ -29,6 +29,10 @@
 #define mahony_set_accuracy(filter, calibration) ((void)(filter))
 #define madgwick_set_accuracy(filter, calibration) ((void)(filter))
 #define dcm_pi_set_accuracy(filter, calibration) ((void)(filter))
+#define complementary_use_own(filter, own) ((void)(filter))
+#define mahony_use_own(filter, own) ((void)(filter))
+#define madgwick_use_own(filter, own) ((void)(filter))
+#define dcm_pi_use_own(filter, own) ((void)(filter))
 
 #ifdef ATTITUDE_ONLY
 
@@ -88,6 +92,12 @@ static inline void attitude_set_accuracy(struct attitude *attitude,
                                          const struct calibration *calibration) {
     (void)calibration;
     ATTITUDE_CALL(set_accuracy)(&attitude->only, calibration);
+}
+
+static inline void attitude_use_own(struct attitude *attitude,
+                                    const struct own_field *own) {
+    (void)own;
+    ATTITUDE_CALL(use_own)(&attitude->only, own);
 }
 
 static inline void attitude_restart(struct attitude *attitude) {
@@ -171,6 +181,7 @@ void attitude_init(struct attitude *attitude, enum filter kind, uint16_t rate_hz
 
 void attitude_set_accuracy(struct attitude *attitude,
                            const struct calibration *calibration);
+void attitude_use_own(struct attitude *attitude, const struct own_field *own);
 void attitude_restart(struct attitude *attitude);
 void attitude_step(struct attitude *attitude, const struct measurement *measurement,
                    uint32_t interval_us);

@@ -35,6 +35,13 @@ struct fuse_coefficients {
     int32_t lead_s_q35;  // of the motion before what was integrated
 };
 
+// The probe's own field beside its calibration, in steps of 0.25 uT.
+struct own_field {
+    int16_t axis[3];
+    uint16_t sigma;  // of an axis, at most OWN_FIELD_SIGMA_MAX; 0: it is not known
+};
+enum { OWN_FIELD_SIGMA_MAX = 40 };  // 10 uT
+
 struct fuse_regressor {
     struct lowpass_short state[FUSE_TURNS];
 };
@@ -107,6 +114,10 @@ struct fuse {
     // The field of the place in the level frame, then that of the probe in the body.
     union {
         q14_18_t field_ut[FUSE_FIELD_STATES];
+        struct {
+            uint16_t fine;
+            int16_t quarter_ut;
+        } field_halves[FUSE_FIELD_STATES];  // the same; all boards are little endian
         struct vector place_ut_q18;
     };
 };
@@ -118,6 +129,10 @@ void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us);
 // How well the sensors are calibrated, before the first sample. Without it the own
 // field is known to 0.8 uT, gravity well, scales of the gyroscope to 1 %.
 void fuse_set_accuracy(struct fuse *fuse, const struct calibration *calibration);
+
+// Begins with what an earlier run found as the probe's own field, where that is better
+// than the calibration; after fuse_set_accuracy().
+void fuse_use_own(struct fuse *fuse, const struct own_field *own);
 
 // Forgets the orientation, which has changed unseen; keeps the bias and the reference
 // field.
@@ -154,6 +169,10 @@ void fuse_learn_drift(struct fuse *fuse, const struct vector *delta_q15,
 // Unit quaternion, world_from_body, at the time of the last sample; world is east,
 // north, up.
 void fuse_orientation(const struct fuse *fuse, struct quat *out);
+
+// The probe's own field as it is known now, to begin with it later. False where the
+// filter does not know it to 2 uT an axis, or a calibration tells it better.
+bool fuse_read_own(const struct fuse *fuse, struct own_field *out);
 
 void fuse_quality(const struct fuse *fuse, struct attitude_quality *out);
 

@@ -5,10 +5,6 @@
 
 #include "core/fusion/fuse_stages.h"
 
-enum {
-    FIELD_ASTRAY = 32767,  // half: the field of the probe has changed
-};
-
 // A reading is 12.5 ms behind the gyroscope, its holding included, give or take 5 ms by
 // a sensor's clocks: seconds times 2^35, and half of a variance in ms2.
 #define LAG_Q35 INT32_C(429496730)
@@ -191,7 +187,8 @@ NOINLINE static void predict_field(struct fuse *fuse) {
         fixed_add(-fixed_mul_at(&half[0], &turned[1]), &covariance[1]);
         fixed_add(fixed_mul_at(&half[0], &turned[0]), &covariance[2]);
     }
-    const bool is_astray = fuse->field_astray > FIELD_ASTRAY && !fuse_is_at_rest(fuse);
+    const bool is_astray =
+        fuse->field_astray > FUSE_FIELD_ASTRAY && !fuse_is_at_rest(fuse);
     int32_t wander = PLACE_WANDER;
     const int32_t limit =
         fuse->own_variance > OWN_GOOD ? FIELD_VARIANCE_UNKNOWN_MAX : FIELD_VARIANCE_MAX;

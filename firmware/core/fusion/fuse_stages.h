@@ -5,6 +5,7 @@
 //   fuse_level.c  the vertical, from the specific force
 //   fuse_gyro.c   rest, and the gyroscope's bias and scales
 //   fuse_field.c  heading, from the magnetic field
+//   fuse_own.c    the probe's own field from one run to the next
 //
 // Frames of reference: body; inertial, which drifts with the gyroscope; level, with z
 // up and the heading of the inertial frame; world: east, north, up.
@@ -21,6 +22,7 @@ enum {
     FUSE_CLIPPED_LOST = 4,  // samples of a frame whose motion was lost: so is attitude
     FUSE_FIELD_LEARN = 20,  // readings whose mean is the first field: 2 s
     FUSE_FIELD_UNIT = 576,  // (3 uT)^2 as 64ths of 1 uT2
+    FUSE_FIELD_ASTRAY = 32767,  // half: the field of the probe has changed
     FUSE_Q2_14_ONE = 16384,
 };
 

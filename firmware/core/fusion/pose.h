@@ -16,6 +16,9 @@ enum { POSE_HAS_STROKES = false };
 enum { POSE_HAS_STROKES = true };
 #endif
 
+// A build with POSE_WITHOUT_OWN_FIELD begins with no magnetic field of the probe
+// itself.
+
 enum pose_origin {
     POSE_ORIGIN_FULL = 0,     // q * conj(q0)
     POSE_ORIGIN_HEADING = 1,  // q turned about the vertical, so that q0's heading is 0
@@ -38,6 +41,9 @@ struct pose_tip {
 struct pose_tracker {
     const struct calibration *calibration;
     const struct sensor_identity *identity;
+#ifndef POSE_WITHOUT_OWN_FIELD
+    const struct own_field *own;  // to begin with, or NULL
+#endif
     uint32_t last_us;
     uint16_t latched_flags;  // clipped and gap since the last pose
     bool is_calibrated;

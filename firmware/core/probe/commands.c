@@ -2,6 +2,7 @@
 // Commands of a host: received bytes in, what they ask for done, a reply each.
 #include <stddef.h>
 
+#include "core/probe/own_field.h"
 #include "core/probe/probe.h"
 #include "core/probe/probe_params.h"
 #include "core/probe/send.h"
@@ -54,6 +55,9 @@ static enum result restart(struct probe *probe, int32_t value[2]) {
     }
     if (probe->identity == NULL) {
         return RESULT_NOT_READY;
+    }
+    if (value[1] != 0) {
+        own_field_forget(probe);
     }
     probe_restart(probe, wanted);
     value[0] = wanted;

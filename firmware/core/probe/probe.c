@@ -5,6 +5,7 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "core/probe/own_field.h"
 #include "core/probe/probe_params.h"
 #include "core/probe/send.h"
 
@@ -60,6 +61,7 @@ void probe_begin(struct probe *probe, const IN_FLASH struct probe_port *port,
     ++probe->settings.boot_count;
     settings_save(&probe->writer);
     probe_params_load(probe);
+    own_field_begin(probe);
     send_hello(probe, TO_BOTH);
     probe_params_tell_all(probe);
     if (loaded != SETTINGS_OK) {
@@ -279,6 +281,7 @@ void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
         ++probe->status.uptime;
         probe->said = 0;
         send_status(probe);
+        own_field_look(probe);
     } else if (!PROBE_IS_WIRE_ONLY && probe->equipment != NULL && probe->said == 0 &&
                elapsed_us >= EQUIPMENT_PHASE_US) {
         probe->said = 1;

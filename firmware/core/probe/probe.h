@@ -39,6 +39,13 @@ struct probe_counts {
     uint32_t cycles_worst;
 };
 
+// How long the filter has known the probe's own field, and what it found last.
+struct own_watch {
+    struct own_field seen;
+    uint16_t known_s;
+    uint8_t changed_s;
+};
+
 // What the probe asks of a board.
 struct probe_port {
     struct outlet *wire;
@@ -79,6 +86,9 @@ struct probe {
     struct params_store store;
     uint8_t part_at;    // of the params' part that is told next
     uint8_t parts_due;  // parts still to be told
+#ifndef POSE_WITHOUT_OWN_FIELD
+    struct own_watch own_watch;
+#endif
     int32_t last_value[2];
     // NULL where the board has no more than sensor, wire and button.
     struct probe_log *log;

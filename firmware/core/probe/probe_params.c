@@ -4,6 +4,7 @@
 
 #include <stddef.h>
 
+#include "core/probe/own_field.h"
 #include "core/probe/send.h"
 
 void probe_params_load(struct probe *probe) {
@@ -57,6 +58,7 @@ void probe_restart(struct probe *probe, int32_t filter) {
 static void change(struct probe *probe) {
     const uint32_t before = probe->params.digest;
     (void)params_store_load(&probe->store, &probe->params);
+    own_field_check(probe);
     send_event(probe, EVENT_PARAMS_CHANGED, CAUSE_COMMAND,
                (int32_t)probe->store.bank.digest);
     if (probe->identity != NULL && before != probe->params.digest) {

@@ -5,6 +5,8 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "core/probe/own_field.h"
+
 // Each message's buffers are on the stack only while it is made, not all at once.
 #define NOINLINE __attribute__((noinline))
 
@@ -72,6 +74,7 @@ NOINLINE static void make_hello(const struct probe *probe, struct message_hello 
     out->boot_count = probe->settings.boot_count;
     out->filter = send_filter(probe);
     out->params_digest = probe->store.bank.digest;
+    own_field_tell(probe, out);
     probe->port->describe(out);
     memcpy(out->probe_id, probe->settings.probe_id, sizeof out->probe_id);
     if (identity != NULL) {

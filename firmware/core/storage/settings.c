@@ -28,6 +28,9 @@ void settings_defaults(struct settings *out) {
         .rates = {2, sizeof out->pose_rate_hz + sizeof out->raw_rate_hz},
         .pose_rate_hz = 100,
         .raw_rate_hz = 200,
+#ifndef POSE_WITHOUT_OWN_FIELD
+        .own = {4, sizeof out->own_field + sizeof out->own_calibration},
+#endif
         .stream = {3, sizeof out->streams},
         .streams = STREAM_POSE,
     };

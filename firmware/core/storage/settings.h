@@ -5,6 +5,7 @@
 #ifndef SETTINGS_H
 #define SETTINGS_H
 
+#include "core/fusion/fuse.h"
 #include "core/storage/bank.h"
 
 // Behind the id the records as they lie in memory: each a tag, a length, its values.
@@ -15,6 +16,11 @@ struct settings {
     uint8_t rates[2];
     uint16_t pose_rate_hz;  // 1 to SETTINGS_RATE_MAX_HZ
     uint16_t raw_rate_hz;
+#ifndef POSE_WITHOUT_OWN_FIELD
+    uint8_t own[2];
+    struct own_field own_field;  // which the filter found
+    uint16_t own_calibration;    // lower half of the digest of the one it goes with
+#endif
     uint8_t stream[2];
     uint8_t streams;  // flags stream of the protocol
 };

@@ -135,7 +135,7 @@ static enum message_result decode(message_layout *fields, const uint8_t *content
     return MESSAGE_OK;
 }
 
-message_layout message_hello_layout[42] = {
+message_layout message_hello_layout[46] = {
     MESSAGE_HELLO,
     FIELD(1, 1, 1),    // protocol_version
     FIELD(2, 1, 4),    // schema_fingerprint
@@ -157,6 +157,8 @@ message_layout message_hello_layout[42] = {
     FIELD(18, 1, 1),   // filter
     FIELD(19, 1, 4),   // reset_address
     FIELD(113, 1, 4),  // params_digest
+    FIELD(114, 3, 2),  // own_field
+    FIELD(115, 1, 2),  // own_sigma
     0,
 };
 

@@ -9,12 +9,12 @@
 
 #include "core/math/in_flash.h"
 
-#define SCHEMA_FINGERPRINT 0xe2cbc308u
-#define SCHEMA_SEED 0xc308u  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0x6dc83a2eu
+#define SCHEMA_SEED 0x3a2eu  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,
-    MESSAGE_CONTENT_MAX = 96,  // the longest message
+    MESSAGE_CONTENT_MAX = 106,  // the longest message
 };
 
 enum message_id {
@@ -32,7 +32,7 @@ enum message_id {
 
 // Bytes of content.
 enum {
-    MESSAGE_HELLO_SIZE = 96,
+    MESSAGE_HELLO_SIZE = 106,
     MESSAGE_RAW_SIZE = 35,
     MESSAGE_POSE_SIZE = 55,
     MESSAGE_EVENT_SIZE = 18,
@@ -326,6 +326,8 @@ struct message_hello {
     uint8_t filter;       // enum filter
     uint32_t reset_address;
     uint32_t params_digest;
+    int16_t own_field[3];  // 0.25 uT
+    uint16_t own_sigma;    // 0.25 uT
 };
 
 uint8_t message_hello_encode(const struct message_hello *message, uint32_t sequence,
@@ -335,7 +337,7 @@ enum message_result message_hello_decode(const uint8_t *content, uint8_t length,
                                          struct message_hello *out);
 bool message_hello_take(const uint8_t *content, uint8_t length,
                         struct message_hello *out);
-extern message_layout message_hello_layout[42];
+extern message_layout message_hello_layout[46];
 
 struct message_raw {
     int16_t acc[3];        // counts

@@ -8,19 +8,20 @@ Generated from schema.toml by protocol/generate.py.
 
 from micropython import const
 
-SEED = const(0xC308)  # of the CRC of all messages but hello
+SEED = const(0x3A2E)  # of the CRC of all messages but hello
 HELLO_SEED = const(0xFFFF)
 
 # protocol_version, schema_fingerprint, firmware, board, probe_id, sensor, who_am_i,
 # mag_adjust, self_test, sample_rate, pose_rate, raw_rate, acc_lsb, gyr_lsb, mag_lsb,
-# boot_count, reset_cause, filter, reset_address, params_digest
+# boot_count, reset_cause, filter, reset_address, params_digest, own_field, own_sigma
 HELLO = (
-    b"\x03\x00\x00\x00\x00\x00\x00\x00\x00\x01\x01\x02\x08\xc3\xcb\xe2"
+    b"\x03\x00\x00\x00\x00\x00\x00\x00\x00\x01\x01\x02\x2e\x3a\xc8\x6d"
     b"\x03\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00"
     b"\x00\x04\x00\x05\x00\x00\x00\x00\x00\x00\x00\x00\x06\x00\x07\x00"
     b"\x00\x08\x00\x00\x00\x09\x00\x0a\x00\x00\x0b\x00\x00\x0c\x00\x00"
     b"\x0d\x00\x00\x00\x00\x0e\x00\x00\x00\x00\x0f\x00\x00\x00\x00\x10"
     b"\x00\x00\x11\x00\x12\x00\x13\x00\x00\x00\x00\x71\x00\x00\x00\x00"
+    b"\x72\x00\x00\x00\x00\x00\x00\x73\x00\x00"
 )
 HELLO_PROTOCOL_VERSION = const(10)
 HELLO_SCHEMA_FINGERPRINT = const(12)
@@ -42,6 +43,8 @@ HELLO_RESET_CAUSE = const(83)
 HELLO_FILTER = const(85)
 HELLO_RESET_ADDRESS = const(87)
 HELLO_PARAMS_DIGEST = const(92)
+HELLO_OWN_FIELD = const(97)
+HELLO_OWN_SIGMA = const(104)
 
 # acc, gyr, mag, temperature, sample_flags
 RAW = (

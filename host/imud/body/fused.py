@@ -131,5 +131,7 @@ def hello(lsbs: tuple[float, ...]) -> bytes:
         "filter": "fuse",
         "reset_address": 0,
         "params_digest": 0,
+        "own_field": (0, 0, 0),
+        "own_sigma": 0,
     }
     return messages.encode("hello", fields, 0, 0)

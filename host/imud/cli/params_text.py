@@ -36,16 +36,24 @@ def show(client: Client, probe: str, *, as_json: bool) -> int:
     if probe != said["probe_id"]:
         title = f"{probe} ({said['probe_id']}): params {params.digest:08x}"
     sys.stdout.write(f"{title}, {len(params.encode())} bytes\n")
-    for line in _lines(params):
+    for line in _lines(params, _own_field(client, probe)):
         sys.stdout.write(f"{line}\n")
     return 0
+
+
+def _own_field(client: Client, probe: str) -> dict[str, Any] | None:
+    """What the status tells of the field that the probe kept."""
+    for status in client.statuses(probe):
+        found: dict[str, Any] | None = status["params"].get("own_field")
+        return found
+    return None
 
 
 def _decoded(said: dict[str, Any]) -> Params:
     return Params.decode(bytes.fromhex(said["bytes"]))
 
 
-def _lines(params: Params) -> Iterator[str]:
+def _lines(params: Params, own_field: dict[str, Any] | None) -> Iterator[str]:
     """The params in words: a title in front of the first line of each part."""
     for name in SENSORS:
         calibration = params.calibration(name)
@@ -53,6 +61,11 @@ def _lines(params: Params) -> Iterator[str]:
             yield from _titled(TITLES[name], ["not calibrated"])
         else:
             yield from _titled(TITLES[name], _calibration_lines(name, calibration))
+    if own_field is not None:
+        field = " ".join(f"{value:.2f}" for value in own_field["field_uT"])
+        sure = f"1-sigma error {_with_unit(own_field['sigma_uT'], 'uT')}"
+        line = f"{field} uT, kept by the probe, {sure}; imud restart --forget drops it"
+        yield from _titled("own field", [line])
     yield from _titled("tip", _tip_lines(params))
     options = params.options
     words = f"the button: {options.button_does}; at the start, origin: "

@@ -45,6 +45,11 @@ def add(commands: Commands) -> None:
         choices=[each.name.lower() for each in schema.Filter if each],
         help="filter to run from now on (default: the one that is running)",
     )
+    restart.add_argument(
+        "--forget",
+        action="store_true",
+        help="also forget the magnetic field of its own that the probe kept",
+    )
     for name, parser in (
         ("start", start),
         ("stop", stop),
@@ -64,6 +69,8 @@ def _command(args: argparse.Namespace) -> int:
         arguments["what"] = "undo"
     if args.command == "restart" and args.filter:
         arguments["filter"] = args.filter
+    if args.command == "restart" and args.forget:
+        arguments["forget"] = "1"
     with client_of(args) as client:
         probe = client.only_probe(args.probe)
         client.command(probe, args.command, **arguments)

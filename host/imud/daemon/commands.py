@@ -46,6 +46,7 @@ TIME_MAX = 3  # probes asked at a time: many wide bounds must not keep the loop 
 
 # Arguments of the command `tare`, as the schema says.
 TARE = {"all": 0, "heading": 1, "undo": 2}
+FORGET = {"0": 0, "1": 1}
 STREAMS = {"pose": 0, "raw": 1}
 SHOWN_MAX = 40  # characters of a command from the network in a reply
 # One word or one step of a change: alone they only make that of somebody else fail.
@@ -71,7 +72,7 @@ def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
         "tare": {"what"},
         "rate": {"stream", "hz"},
         "fields": {"streams"},
-        "restart": {"filter"},
+        "restart": {"filter", "forget"},
     }
     unknown = parameters.keys() - known.get(name, set())
     if unknown:
@@ -84,14 +85,15 @@ def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
         if name == "fields":
             streams = [part for part in parameters["streams"].split(",") if part]
             return sum(1 << STREAMS[stream] for stream in set(streams)), 0
-        if name == "restart" and "filter" in parameters:
-            return FILTERS[parameters["filter"]], 0
+        if name == "restart":
+            number = FILTERS[parameters["filter"]] if "filter" in parameters else 0
+            return number, FORGET[parameters.get("forget", "0")]
     except (KeyError, ValueError) as error:
         needs = {
             "tare": "what=all, heading or undo",
             "rate": "stream=pose or raw, and hz=a number",
             "fields": "streams=pose,raw or one of them",
-            "restart": f"filter={', '.join(FILTERS)}, or nothing",
+            "restart": f"filter={', '.join(FILTERS)}, or nothing; forget=0 or 1",
         }
         raise CommandRefused(f"{name} needs {needs[name]}") from error
     return 0, 0

@@ -104,4 +104,12 @@ def summary(entry: ProbeEntry) -> dict[str, Any]:
             if key in ("method", "day") or key.startswith("sigma")
         }
         said[name] = said.get(name, {}) | kept
-    return said | {"options": described["options"]}
+    return said | {"options": described["options"], "own_field": own_field(entry)}
+
+
+def own_field(entry: ProbeEntry) -> dict[str, Any] | None:
+    """The magnetic field of its own that the probe kept; None: it kept none."""
+    hello = entry.probe.hello
+    if not hello.get("own_sigma"):
+        return None
+    return {"field_uT": hello["own_field"], "sigma_uT": hello["own_sigma"]}

@@ -14,8 +14,9 @@ loss is never taken for a difference:
   its command or the hello after a change of the params. It may have been a pose, with
   its latched flags.
 - Any other gap in the sequence ends it until the filter begins again.
-- After any gap the params may be others than those last heard of, until a hello names
-  them. A twin that began with them meanwhile is dropped where its first pose differs.
+- After any gap params and own field may be others than those last heard of, until a
+  hello names them. A twin that began with them meanwhile is dropped where its first
+  pose differs.
 
 It computes with the params that the probe had in force when the filter began. Where it
 does not know them it asks for them, and then for a restart.
@@ -39,17 +40,15 @@ from imud.stages.twin_outcomes import (
     differing,
 )
 from imud.wire import schema
-from imud.wire.messages import Message, Value
+from imud.wire.messages import Message, Value, place_of
 
-# The stream `raw` in the command `rate`, as in the schema.
-RAW_STREAM = 1
+RAW_STREAM = 1  # of the command `rate`
 
-# Commands that change the poses that follow; their event comes before the reply.
-CHANGES = frozenset({"restart", "tare"})
+CHANGES = frozenset({"restart", "tare"})  # of poses; the event precedes the reply
 
 _UNABLE = "this imud can't compute it"
 _FLOATS = "its filter computes in floats, each processor with bits of its own"
-
+_OWN = place_of("hello", "own_field")
 _MASK = (1 << 32) - 1
 
 
@@ -77,7 +76,8 @@ class Twin:
         # Known since the filter began:
         self._replay: _core.Replay | None = None
         self._number: int | None = None  # of the filter, where an event named it
-        self._is_guess = False  # its params may be others
+        self._is_guess = False  # its params, or its own field, may be others
+        self._begun = b""  # the hello that it began with
         self._steps = 0
         self._hole: int | None = None  # a missing number that may be harmless
         self._had_hole = False
@@ -208,10 +208,8 @@ class Twin:
             self._step(content)
             return began
         is_full = self._raw_rate == self._sample_rate
-        is_next = (
-            last is not None
-            and (message.time_us - last) & _MASK <= 1.5e6 / self._sample_rate
-        )
+        longest_us = 1.5e6 / self._sample_rate
+        is_next = last is not None and (message.time_us - last) & _MASK <= longest_us
         if self._replay is None:
             if self._raw_rate is not None and not is_full:
                 return self._ask(WantsRaw(self._sample_rate))
@@ -280,6 +278,8 @@ class Twin:
         was_guess, self._is_guess = self._is_guess, False
         if self._replay is None:
             return None
+        if was_guess and self._hello[_OWN] != self._begun[_OWN]:
+            return self._lose(sequence, "its own field may have been another")
         if self._params is None:
             # A change without a restart calibrates as before.
             return self._wait_for_params() if was_guess else None
@@ -315,6 +315,7 @@ class Twin:
         self._is_ripe = False
         self._number = number
         self._is_guess = not self._is_sure
+        self._begun = self._hello
         self._steps = 0
         self._hole = None
         self._had_hole = self._is_unlatched = False

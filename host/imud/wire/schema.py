@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0xE2CBC308
-SEED = 0xC308  # of the CRC of all messages but hello
+FINGERPRINT = 0x6DC83A2E
+SEED = 0x3A2E  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -316,6 +316,8 @@ MESSAGES = (
             Field("filter", 18, "u8", enum=Filter),
             Field("reset_address", 19, "u32", format="hex"),
             Field("params_digest", 113, "u32", format="hex"),
+            Field("own_field", 114, "i16", 3, scale=0.25, unit="uT"),
+            Field("own_sigma", 115, "u16", scale=0.25, unit="uT"),
         ),
     ),
     MessageType(

@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: MIT
+// The probe's own field from one run to the next: what of it is worth keeping, and how
+// the filter begins with it.
+#include "core/fusion/fuse_stages.h"
+
+enum {
+    OWN_SIGMA = 12,  // 3 uT: 2 uT of the filter's, and what soft iron adds to it
+    // (6 uT)^2 as 64ths of 1 uT2: soft iron of 4 % and a field that is a little uneven.
+    SURPRISE_MAX = 4 * FUSE_FIELD_UNIT,
+};
+
+#define OWN_SURE INT32_C(2097152)  // (2 uT)^2 as q13_19
+
+void fuse_use_own(struct fuse *fuse, const struct own_field *own) {
+    if (own->sigma == 0 || own->sigma > OWN_FIELD_SIGMA_MAX) {
+        return;
+    }
+    const int16_t variance = (int16_t)(own->sigma * own->sigma);  // 16ths of 1 uT2
+    if (variance >= fuse->own_variance) {
+        return;
+    }
+    fuse->own_variance = variance;
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        fuse->field_halves[3 + axis].quarter_ut = own->axis[axis];
+    }
+}
+
+bool fuse_read_own(const struct fuse *fuse, struct own_field *out) {
+    if (fuse->field_learnt < FUSE_FIELD_LEARN ||
+        fuse->field_astray > FUSE_FIELD_ASTRAY || fuse->field_surprise > SURPRISE_MAX ||
+        fuse->own_variance < OWN_SIGMA * OWN_SIGMA) {
+        return false;
+    }
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        if (fuse->field_covariance[kalman_variance((uint8_t)(3 + axis))] > OWN_SURE) {
+            return false;
+        }
+        out->axis[axis] = fuse->field_halves[3 + axis].quarter_ut;
+    }
+    out->sigma = OWN_SIGMA;
+    return true;
+}
