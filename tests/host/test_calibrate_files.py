@@ -6,6 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from chain import Chain
 from fakes import FakeProbe
@@ -178,3 +179,15 @@ def test_a_log_of_an_old_calibration_is_verified(
     code, out, _ = run(capsys, taken, "verify")
     assert code == 1
     assert out.count("not calibrated") == 3
+
+
+def test_the_longest_piece_between_two_pauses_is_used(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = calibrating()
+    later_us = found[-1].t_us + 60_000_000
+    after = [replace(each, t_us=each.t_us + later_us) for each in found[:2000]]
+    path = capture(tmp_path / "pause.bin", FakeProbe(**RATES), [*found, *after])
+    code, out, _ = run(capsys, path, *DRY)
+    assert code == 0
+    assert "calibrated from 12 stops in 46 s" in out

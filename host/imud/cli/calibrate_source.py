@@ -28,6 +28,8 @@ STATUS_S = 3.0
 TICK_S = 0.1
 RATE_MIN_HZ = 50.0
 LONGEST_S = 900.0  # of a file: its last samples
+# In so long a pause of the raw stream a probe may be turned to any heading.
+PAUSE_US = 2_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,33 +188,34 @@ class Live:
 
 @dataclass(slots=True)
 class _Heard:
-    """What a file has of one boot of a probe."""
+    """What a file has of one boot of a probe, from one pause to the next."""
 
     hello: Mapping[str, Any]
     samples: list[Sample]
 
 
 def of_file(path: Path, probe: str | None) -> tuple[str, Subject, list[Sample]]:
-    """The probe in a log or capture, and its samples: those of the boot with the most.
-    FileError if there are none.
+    """The probe in a log or capture, and its samples: the most between two pauses or
+    boots. FileError if there are none.
     """
     from imud.recordings.decode import Tally, decode_file
 
     tally = Tally()
     hellos: dict[str, Mapping[str, Any]] = {}
-    boots: dict[str, list[_Heard]] = {}
+    pieces: dict[str, list[_Heard]] = {}
     for item in decode_file(path, tally):
         name = item["probe"]
         if item["type"] == "hello":
             hellos[name] = item
         elif item["type"] == "raw" and name in hellos:
-            own = boots.setdefault(name, [])
+            own = pieces.setdefault(name, [])
             t_us = item["t_device_us"]
-            if not own or t_us < own[-1].samples[-1].t_us:
+            last_us = own[-1].samples[-1].t_us if own else -PAUSE_US
+            if not 0 <= t_us - last_us < PAUSE_US:
                 own.append(_Heard(hellos[name], []))
             own[-1].samples.append(_logged(item))
-    name = _chosen(path, boots, tally, probe)
-    best = max(boots[name], key=lambda each: len(each.samples))
+    name = _chosen(path, pieces, tally, probe)
+    best = max(pieces[name], key=lambda each: len(each.samples))
     return name, _subject(path, name, best, tally), best.samples
 
 
@@ -228,18 +231,20 @@ def _logged(item: Mapping[str, Any]) -> Sample:
     )
 
 
-def _chosen(path: Path, boots: Mapping[str, Any], tally: Any, probe: str | None) -> str:
-    if not boots:
+def _chosen(
+    path: Path, pieces: Mapping[str, Any], tally: Any, probe: str | None
+) -> str:
+    if not pieces:
         why = f"; {tally.problem}" if tally.problem else ""
         raise FileError(
             f"{path} holds no raw samples{why}; log them with streams = "
             '["pose", "raw"] of the probe'
         )
-    if probe in boots:
+    if probe in pieces:
         return str(probe)
-    if len(boots) > 1:
-        raise ProbeUnknown(f"{path} holds {', '.join(boots)}: name one of them")
-    return str(next(iter(boots)))
+    if len(pieces) > 1:
+        raise ProbeUnknown(f"{path} holds {', '.join(pieces)}: name one of them")
+    return str(next(iter(pieces)))
 
 
 def _subject(path: Path, name: str, best: _Heard, tally: Any) -> Subject:
