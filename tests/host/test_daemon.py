@@ -295,7 +295,10 @@ def test_equipment_is_in_the_status_and_in_the_list(
     status = status_of(chain.client)
     assert status["equipment"] is None
     assert cli.main(listing) == 0
-    assert "equipment" not in capsys.readouterr().out
+    head, _, advice = capsys.readouterr().out.splitlines()
+    assert "equipment" not in head
+    sensors = "accelerometer, gyroscope and magnetometer"
+    assert advice == f"{chain.probe.name}: {sensors} not calibrated: imud calibrate"
     low = {"battery": 3310, "power": ("low",), "clock": "spare", "card_block": 32768}
     chain.port.write(chain.probe.say("equipment", **low))
     status = chain.status_when(lambda s: s["equipment"] is not None)
@@ -316,7 +319,7 @@ def test_equipment_is_in_the_status_and_in_the_list(
         },
     }
     assert cli.main(listing) == 0
-    head, row = capsys.readouterr().out.splitlines()
+    head, row, _ = capsys.readouterr().out.splitlines()
     assert head.endswith("equipment")
     assert row.endswith("spare clock, battery 3.31 V low, card logging 50 %")
 

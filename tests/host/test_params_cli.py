@@ -183,6 +183,8 @@ def test_a_late_client_and_the_status_know_them(chain: Chain) -> None:
             "tip": {},
             "options": {"button_does": "tell", "reference": "none"},
             "own_field": None,
+            "advice": "gyroscope and magnetometer not calibrated: imud calibrate",
+            "flags": [],
         }
         with Client(chain.daemon.endpoint) as late:
             said = late.params(chain.probe.name)

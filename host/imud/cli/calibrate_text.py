@@ -10,7 +10,8 @@ from imud.calibration.outcome import Outcome
 from imud.calibration.tip import TipFound
 from imud.calibration.tip_score import INSIDE
 from imud.calibration.verify import Report
-from imud.cli.params_text import TITLES, differences
+from imud.cli.params_text import differences
+from imud.params.condition import TITLES
 from imud.params.value import Params
 
 AROUND = 2.45  # of two axes' sigma: 95 % of directions are nearer

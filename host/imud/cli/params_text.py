@@ -14,11 +14,10 @@ from typing import Any
 from imud.client import Client
 from imud.errors import CommandRefused, FileError, ParamsError
 from imud.params import file
+from imud.params.condition import TITLES
 from imud.params.file import ParamsFile
 from imud.params.parts import NAMES, kind_of
 from imud.params.value import SENSORS, Calibration, Params
-
-TITLES = {"acc": "accelerometer", "gyr": "gyroscope", "mag": "magnetometer"}
 
 # Units of a sensor's sigma and residual. A gyroscope's sigma is a share of the rate.
 UNITS = {"acc": ("m/s2", "m/s2"), "gyr": ("%", "rad"), "mag": ("uT", "uT")}

@@ -43,6 +43,9 @@ def show(client: Client, *, as_json: bool, has_ledger: bool = False) -> int:
     for row in rows:
         cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
         sys.stdout.write("  ".join(cells).rstrip() + "\n")
+    for status in statuses:
+        if advice := status["params"].get("advice"):
+            sys.stdout.write(f"{status['probe']}: {advice}\n")
     if has_ledger:
         for status in statuses:
             _write_ledger(status)

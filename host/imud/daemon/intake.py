@@ -151,7 +151,13 @@ class Intake:
         entry.stamp = stamp
         entry.received += 1
         record = record_of(
-            message, event.content, entry.name, stamp, event.scales, entry.north
+            message,
+            event.content,
+            entry.name,
+            stamp,
+            event.scales,
+            entry.north,
+            entry.calibration_flags,
         )
         self._publisher.put(entry, record)
         if message.name == "pose":

@@ -42,6 +42,19 @@ class ProbeLines:
             text = f"probe {entry.name} is {entry.described}"
             self._speaker.say(("who", entry.name), text)
 
+    def calibration(self, entry: ProbeEntry, advice: str | None) -> None:
+        """Tells what its calibration needs, when that changes. None: its params are not
+        known.
+        """
+        if advice is None or advice == entry.advised:
+            return
+        if advice or entry.advised:
+            self._speaker.say(
+                ("calibration", entry.name),
+                f"probe {entry.name}: {advice or 'its calibration is good'}",
+            )
+        entry.advised = advice
+
     def other_schema(self, event: OtherSchema, port: ProbePort) -> None:
         """Once for each build of its firmware, however often its port is opened."""
         kind = (event.probe_id, event.firmware, event.fingerprint)

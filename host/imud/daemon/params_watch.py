@@ -12,7 +12,7 @@ from typing import Any
 from imud.daemon.publisher import Publisher
 from imud.daemon.registry import ProbeEntry, Registry
 from imud.errors import ParamsError
-from imud.params.condition import condition_of
+from imud.params.condition import Condition, advice, condition_of, flags_of
 from imud.params.value import SENSORS, Params, payload_of
 
 PARAMS = "params"  # the topic
@@ -90,12 +90,11 @@ def summary(entry: ProbeEntry) -> dict[str, Any]:
     except ParamsError:
         return said
     described = params.described()
-    seconds = entry.last_heard_ns * 1e-9
-    today = datetime.datetime.fromtimestamp(seconds, datetime.UTC).date()
+    conditions = conditions_of(entry, params)
     for name in SENSORS:
-        condition = condition_of(params.plain(name), today, entry.temperature_c)
         said[name] = {"is_calibrated": described[name] is not None}
-        said[name]["condition"] = condition.value
+        said[name]["condition"] = conditions[name].value
+    said |= {"advice": advice(conditions), "flags": flags_of(conditions)}
     for name in (*SENSORS, "tip"):
         values = described[name] or {}
         kept = {
@@ -105,6 +104,16 @@ def summary(entry: ProbeEntry) -> dict[str, Any]:
         }
         said[name] = said.get(name, {}) | kept
     return said | {"options": described["options"], "own_field": own_field(entry)}
+
+
+def conditions_of(entry: ProbeEntry, params: Params) -> dict[str, Condition]:
+    """What the calibration of each sensor is worth now."""
+    seconds = entry.last_heard_ns * 1e-9
+    today = datetime.datetime.fromtimestamp(seconds, datetime.UTC).date()
+    return {
+        name: condition_of(params.plain(name), today, entry.temperature_c)
+        for name in SENSORS
+    }
 
 
 def own_field(entry: ProbeEntry) -> dict[str, Any] | None:

@@ -51,6 +51,8 @@ class ProbeEntry:
         self.other: OtherSchema | None = None  # why its messages can't be read
         self.is_alive = False
         self.described = ""  # the journal's last words for who it is
+        self.advised: str | None = None  # and for what its calibration needs
+        self.calibration_flags: tuple[str, ...] = ()  # of its poses
         self.counters: dict[str, Any] = {}  # of its latest status message
         self.counters_sequence = 0  # number of that message
         self.received = 0  # good messages

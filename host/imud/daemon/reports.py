@@ -71,6 +71,8 @@ class Reports:
         )
         clock = self._clock
         status = status_of(entry, delivered, clock.timeline, clock.sync, host_ns())
+        entry.calibration_flags = status["params"].get("flags", ())
+        self._lines.calibration(entry, status["params"].get("advice"))
         said = self._publisher.say(entry, "status", status, status["t_ns"])
         self.on_status(said)
 

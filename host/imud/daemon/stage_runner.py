@@ -52,7 +52,13 @@ class StageRunner:
             raise TypeError(f"a stage added {message}")
         stamp = msgspec.structs.replace(received.stamp, number=added.number, missing=0)
         record = record_of(
-            message, added.content, entry.name, stamp, received.scales, entry.north
+            message,
+            added.content,
+            entry.name,
+            stamp,
+            received.scales,
+            entry.north,
+            entry.calibration_flags,
         )
         self._publisher.put(entry, msgspec.structs.replace(record, content=b""))
         if message.name == "pose":

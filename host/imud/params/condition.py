@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What a sensor's calibration is worth today: its age and its temperature."""
+"""What a sensor's calibration is worth today: its age and its temperature; in words
+with the cure, and as flags of poses."""
 
 from __future__ import annotations
 
@@ -23,6 +24,37 @@ class Condition(StrEnum):
     OLD = "old"
     OTHER_TEMPERATURE = "other temperature"
     CALIBRATED = "calibrated"
+
+
+TITLES = {"acc": "accelerometer", "gyr": "gyroscope", "mag": "magnetometer"}
+_WORDS = {
+    Condition.UNCALIBRATED: "not calibrated: imud calibrate",
+    Condition.OLD: "calibrated over a year ago: imud calibrate verify",
+    Condition.OTHER_TEMPERATURE: (
+        "calibrated at another temperature: imud calibrate verify"
+    ),
+}
+_FLAGS = {
+    Condition.OLD: "calibration_old",
+    Condition.OTHER_TEMPERATURE: "calibration_temperature",
+}
+
+
+def advice(conditions: Mapping[str, Condition]) -> str:
+    """Which sensors need something, and what; empty if none does."""
+    said = []
+    for condition, words in _WORDS.items():
+        names = [TITLES[each] for each, of in conditions.items() if of is condition]
+        if names:
+            first = ", ".join(names[:-1])
+            said.append(f"{first + ' and ' if first else ''}{names[-1]} {words}")
+    return "; ".join(said)
+
+
+def flags_of(conditions: Mapping[str, Condition]) -> tuple[str, ...]:
+    """The flags that poses get from the host."""
+    found = set(conditions.values())
+    return tuple(flag for condition, flag in _FLAGS.items() if condition in found)
 
 
 def condition_of(

@@ -80,14 +80,19 @@ def record_of(
     stamp: Stamp,
     scales: Scales,
     north: North | None = None,
+    flags: tuple[str, ...] = (),
 ) -> Record:
-    """The record of a good message; poses refer to true north with `north`."""
+    """The record of a good message; poses refer to true north with `north`, and get
+    these flags beside their own.
+    """
     said: dict[str, Any] = {}
     payload = b""
     if message.name in JSON_TOPICS:
         said = describe(message, content, probe, stamp, scales)
         if north is not None and message.name in ("pose", "stroke"):
             said = north.turned(said)
+        if flags and message.name == "pose":
+            said["flags"] = (*said["flags"], *flags)
         payload = _ENCODER.encode(said)
     topic = TOPICS.get(message.name, message.name)
     received_ns = stamp.t_received_ns or 0

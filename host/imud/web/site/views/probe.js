@@ -43,6 +43,7 @@ export class ProbeView {
     this._state = make("span", { class: "chip", "data-part": "state" });
     this._age = make("span", { class: "chip warn", "data-part": "age", hidden: true });
     this._flags = make("span", { class: "flags", "data-part": "flags" });
+    this._advice = make("span", { class: "chip warn", "data-part": "advice", hidden: true });
     this._empty = make(
       "p",
       { class: "empty" },
@@ -79,7 +80,14 @@ export class ProbeView {
         "div",
         { class: "picture" },
         this._stage,
-        make("div", { class: "over top-left" }, this._state, this._age, this._flags),
+        make(
+          "div",
+          { class: "over top-left" },
+          this._state,
+          this._age,
+          this._flags,
+          this._advice,
+        ),
         make("div", { class: "over bottom-left" }, this._body, camera),
         this._legend,
         this._empty,
@@ -138,6 +146,9 @@ export class ProbeView {
     mark(this._state, "class", `chip ${STATES[state]?.[1] ?? ""}`);
     this._age.hidden = !isStale || probe.pose === null;
     say(this._age, `${span((nowMs - probe.poseMs) / 1000)} old`);
+    const advice = probe.status?.params?.advice ?? "";
+    this._advice.hidden = advice === "";
+    say(this._advice, advice);
     const flags = probe.pose?.flags ?? [];
     const text = flags.join(" ");
     if (this._flags.dataset.flags !== text) {

@@ -28,6 +28,8 @@ const FLAGS = {
   heading_free: ["heading drifts", "warn"],
   gap: ["gap", "bad"],
   tared: ["own origin", ""],
+  calibration_old: ["calibrated over a year ago", "warn"],
+  calibration_temperature: ["calibrated at another temperature", "warn"],
 };
 
 /**
