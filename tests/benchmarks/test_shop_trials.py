@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -52,13 +53,32 @@ def test_poses_that_state_nothing_are_neither_inside_nor_outside():
 def test_the_figures_judge_rotation_and_each_phase():
     row = {"has_rotation": True, "at 30 s": 3.0, "at 60 s": 9.0}
     row |= {name: {"tilt": 1.0, "heading": 0.9} for name in shop_trials.PHASES}
-    row |= {"own_total": 1.0, "guided_total": 1.1}
+    row |= {"own_total": 1.0, "guided_total": 1.1, "warm_total": 1.04}
+    row |= {"exact_total": 1.08, "own_turned": 0.8, "guided_turned": 0.84}
     still = row | {"has_rotation": False, "at 30 s": 50.0}
     found = {each.name: each for each in shop_trials.figures([row, still])}
     assert found["no procedure, heading at 30 s, median"].verdict == "must"
     assert found["no procedure, heading at 60 s, 95th"].verdict == "MISSED"
     assert found["no procedure, heading inside, later, %"].verdict == "MISSED"
     assert found["guided / own calibration"].value == pytest.approx(1.1)
+    turned = found["the same, without constant turn"]
+    assert turned.value == pytest.approx(0.84 / 0.8)
+    assert found["the same, of a warm module"].value == pytest.approx(1.04)
+    assert found["exact / own calibration"].value == pytest.approx(1.08)
+
+
+def test_a_constant_turn_of_the_body_is_taken_off_and_nothing_else():
+    found, trial = estimate(0.0, 1.0)
+    turn = rotation.from_rotation_vector(np.radians([1.0, -2.0, 3.0]))
+    wrong = replace(found, quats=rotation.multiply(found.quats, turn))
+    assert shop_trials.total(wrong, trial) > 2.0
+    assert shop_trials.total(shop_trials.turned(wrong, trial), trial) < 0.01
+    drift = rotation.from_rotation_vector(
+        np.radians(np.linspace(-3.0, 3.0, len(found.quats))[:, None] * [0.0, 0.0, 1.0])
+    )
+    drifts = replace(found, quats=rotation.multiply(found.quats, drift))
+    left = shop_trials.total(shop_trials.turned(drifts, trial), trial)
+    assert left == pytest.approx(shop_trials.total(drifts, trial), rel=0.05)
 
 
 def test_trusted_params_change_no_reading_and_say_how_good_they_are():
