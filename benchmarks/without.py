@@ -46,6 +46,8 @@ PARTS: dict[str, Params] = {
     "length gate": {"astray_length": 0.0},
     "hard iron": {"own_sd": NOTHING, "astray_wander": 0.0},
     "freeing it": {"astray_wander": 0.0},
+    # Nothing but readings tells of the probe's own field.
+    "no magnet": {"own_doubt": FOREVER},
     # Keep the initial estimate of the lag; assume no lag.
     "lag learned": {"lag_sd": 0.0},
     "field's lag": {"lag_s": 0.0, "lag_sd": 0.0},

@@ -158,14 +158,14 @@ static void begin_again(struct twin *t) {
 // The mean rate at rest is the bias of one axis; the more it surprises, the less: a
 // slow turn looks like a rest.
 static void read_rest(struct twin *t) {
-    const int axis = t->rest_axis;
+    const int axis = t->next_axis;
     const double surprise = t->rest_rate.level[axis] - t->bias[axis];
     const double off = fmin(fabs(surprise) / DEGREE, 4);
     double row[STATES] = {0};
     row[axis] = 1;
     twin_read_motion(t, row, 0.03 * 0.03 + t->params->rest_doubt * off * off, 0.25,
                      surprise);
-    t->rest_axis = (axis + 1) % 3;
+    t->next_axis = (axis + 1) % 3;
 }
 
 static void run_stage(struct twin *t, int stage, int frame) {
@@ -207,6 +207,7 @@ static void run_stage(struct twin *t, int stage, int frame) {
         twin_stage_turning(t);
         break;
     case 9: {
+        twin_stage_own(t, is_resting);
         const double heading = atan2(t->place[0], t->place[1]);
         const double about_z[4] = {cos(heading / 2), 0, 0, sin(heading / 2)};
         twin_multiply(about_z, t->level, t->world);
@@ -232,30 +233,32 @@ void fuse_twin_defaults(struct fuse_twin_params *params) {
         .bias_wander = 1.5e-4,
         .warm_wander = 5e-4,
         .scale_sd = 0.01,
-        .motion_noise = 1,
+        .motion_noise = 1.2,
         .motion_drift = 10,
         .turning_share = 0.7,
         .turning_drift = 8100,
         .own_sd = sqrt(0.625),
+        .own_doubt = 9.5,
+        .own_near = 4,
         .place_sd = 0.5,
-        .place_wander = 0.02,
+        .place_wander = 0.024,
         .heading_wander = 0.05,
         .turned_wander = 40,
         .surprise = 3,
         .field_noise = 5.5,
         .field_drift = 810,
         .field_step = 6,
-        .rest_factor = 4,
+        .rest_factor = 3,
         .astray_length = 2,
         .astray_share = 0.5,
         .astray_wander = 16,
-        .tilt_floor = 0.4,
+        .tilt_floor = 0.38,
         .tilt_drift = 10.44,
-        .heading_floor = 0.4,
+        .heading_floor = 0.6,
         .covariance_share = 0.25,
         .level_drift = 6,
         .level_start = 0.1,
-        .residual_share = 1,
+        .residual_share = 4,
         .residual_free = 2,
         .rest_doubt = 0.312,
         .level_sd = 0.058,

@@ -20,6 +20,8 @@ struct fuse_twin_params {
     double turning_share;  // of the field's noise in what it tells of the gyroscope
     double turning_drift;  // s2, of the vertical field by what levelling corrects there
     double own_sd;         // uT: of the probe's field after its calibration
+    double own_doubt;      // uT: of it without a magnet, at each frame; own_sd up to 2
+    double own_near;       // uT: an axis at most, without a magnet
     double place_sd;       // uT: of the first readings' mean at rest
     double place_wander;   // uT2/s
     double heading_wander;  // deg2/s

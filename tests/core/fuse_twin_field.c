@@ -181,21 +181,40 @@ void twin_stage_field(struct twin *t, bool is_resting) {
     }
 }
 
+// Takes a reading of both fields, which surprises by `away`.
+static void take_field(struct twin *t, const double *row, double noise, double away) {
+    static const double units[6] = {1, 1, 1, 1, 1, 1};
+    double gain[6];
+    twin_kalman(6, t->field, row, noise, units, 1, gain);
+    for (int i = 0; i < 3; ++i) {
+        t->place[i] = twin_clamp(t->place[i] + gain[i] * away, 3600);
+        t->own[i] = twin_clamp(t->own[i] + gain[3 + i] * away, 400);
+    }
+}
+
 void twin_stage_field_axis(struct twin *t, int axis) {
-    double away[3], gain[6];
+    double away[3];
     if (!t->has_reading) {
         return;
     }
     const double row[6] = {axis == 0,        axis == 1,        axis == 2,
                            t->rows[axis][0], t->rows[axis][1], t->rows[axis][2]};
     surprise_of(t, away);
-    const double surprise = twin_clamp(away[axis], t->params->field_step);
-    static const double units[6] = {1, 1, 1, 1, 1, 1};
-    twin_kalman(6, t->field, row, t->noise, units, 1, gain);
-    for (int i = 0; i < 3; ++i) {
-        t->place[i] = twin_clamp(t->place[i] + gain[i] * surprise, 3600);
-        t->own[i] = twin_clamp(t->own[i] + gain[3 + i] * surprise, 400);
+    take_field(t, row, t->noise, twin_clamp(away[axis], t->params->field_step));
+}
+
+void twin_stage_own(struct twin *t, bool is_resting) {
+    const struct fuse_twin_params *params = t->params;
+    const double largest =
+        fmax(fabs(t->own[0]), fmax(fabs(t->own[1]), fabs(t->own[2])));
+    if (!t->has_reading || is_resting || t->astray > params->astray_share ||
+        largest > params->own_near || params->own_sd > 2) {
+        return;
     }
+    const int axis = t->next_axis;
+    const double row[6] = {[3] = axis == 0, [4] = axis == 1, [5] = axis == 2};
+    take_field(t, row, pow(params->own_doubt, 2), -t->own[axis]);
+    t->next_axis = (axis + 1) % 3;
 }
 
 void twin_find_heading_variance(struct twin *t) {

@@ -30,7 +30,7 @@ struct twin {
     double bias[3], calibrated[3], scale[3], motion[STATES * STATES];
     double turned;  // deg2: growth of the heading's variance in this frame
     double rate[3];
-    int frames, age, rest, looks, rest_axis;
+    int frames, age, rest, looks, next_axis;
     double attitude[4], reading[3], rows[3][3];
     bool has_reading, is_turned;
     double place[3], own[3], field[36], noise, astray;
@@ -75,6 +75,8 @@ void twin_stage_field(struct twin *t, bool is_resting);
 void twin_stage_turning(struct twin *t);
 // Takes one axis of the reading into the field of the place and of the probe.
 void twin_stage_field_axis(struct twin *t, int axis);
+// That the probe has no field of its own, along one axis, where it seems so.
+void twin_stage_own(struct twin *t, bool is_resting);
 // Of what is stated, without its floor.
 void twin_find_heading_variance(struct twin *t);
 

@@ -149,7 +149,8 @@ def test_the_probes_own_field_is_learned_once_it_turns(own_ut):
     probe.feel(still)
     assert np.abs(own_field_ut(probe)).max() < 0.2  # at rest nothing tells it
     found, _, quality = probe.feel(felt[1000:])
-    assert np.abs(own_field_ut(probe) - own_ut).max() < 0.7
+    # That there is none is a reading, too, as long as it seems small.
+    assert np.abs(own_field_ut(probe) - own_ut).max() < 0.8
     assert rms(desk.heading_deg(found, felt.quat[1000:])[-8000:]) < 3
     assert not quality["is_mag_disturbed"][-2000:].any()
 

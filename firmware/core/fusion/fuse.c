@@ -136,11 +136,11 @@ static void run_stage(struct fuse *fuse) {
     case 5:
         fuse_stage_turning(fuse);
         break;
-    case 9:
-        fuse_stage_world(fuse);
-        break;
     default:
         fuse_stage_field_axis(fuse, (uint8_t)(fuse->stage - 6));
+        if (fuse->stage == STAGES - 1) {
+            fuse_stage_world(fuse);
+        }
         break;
     }
     ++fuse->stage;
@@ -234,13 +234,13 @@ void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
     out->is_mag_disturbed =
         !out->is_mag_absent && fuse->field_surprise > FUSE_FIELD_UNIT;
     out->is_heading_free = fuse_is_heading_free(fuse);
-    // 0.4 deg, and what levelling corrected in 10.4 s: (rad/s)^2 q2_30 to 1e-4 deg2 is
+    // 0.38 deg, and what levelling corrected in 10.4 s: (rad/s)^2 q2_30 to 1e-4 deg2 is
     // 10.4^2 / 32.7. Fitted to made motions with exact truth (docs/motions.md).
     const uint32_t tilt =
-        1600 + (uint32_t)fuse->drift_square * 10 / 3 + in_cdeg(fuse->level_variance);
+        1444 + (uint32_t)fuse->drift_square * 10 / 3 + in_cdeg(fuse->level_variance);
     out->tilt_sigma_cdeg = out->is_starting ? UINT16_MAX : fixed_sqrt(tilt);
-    // 0.4 deg, and the variance.
-    const uint32_t heading = 1600 + in_cdeg(fuse->heading_variance);
+    // 0.6 deg, and the variance.
+    const uint32_t heading = 3600 + in_cdeg(fuse->heading_variance);
     out->heading_sigma_cdeg =
         out->is_starting || out->is_heading_free ? UINT16_MAX : fixed_sqrt(heading);
 }

@@ -64,7 +64,7 @@ struct fuse {
     uint8_t unsettled;        // frames until levelling tells of bias again
     uint8_t rest_looks;       // in a row that saw no motion
     uint8_t settled_looks;    // up to one more than the low-pass takes to settle
-    uint8_t rest_axis;        // whose bias is read next
+    uint8_t next_axis;        // whose bias or own field is read next
     uint8_t field_age;        // frames since the last reading, held at 255
     uint8_t field_learnt;     // readings whose mean is the place's field
     bool has_reading;

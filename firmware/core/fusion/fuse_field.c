@@ -30,9 +30,14 @@ enum { OWN_KNOWN = 10, OWN_UNKNOWN = 7056, OWN_SIGMA_MAX = 2100, OWN_GOOD = 16 }
 #define FIELD_VARIANCE_UNKNOWN_MAX INT32_C(241172480)  // 460 uT2
 #define FIELD_NOISE INT32_C(28835840)                  // 5.5 uT2 s over 0.1 s
 #define FIELD_NOISE_MAX INT32_C(471859200)             // 900 uT2
-#define PLACE_WANDER INT32_C(1049)                     // 0.02 uT2/s
+#define PLACE_WANDER INT32_C(1258)                     // 0.024 uT2/s
 #define OWN_WANDER INT32_C(1)                          // (0.26 uT)^2 an hour
 #define OWN_WANDER_ASTRAY INT32_C(838861)              // 16 uT2/s
+// That no magnet is on a probe whose own field was calibrated to 2 uT is known within
+// 9.5 uT an axis, as long as none seems larger than 4 uT.
+enum { OWN_CALIBRATED = 64 };  // (2 uT)^2 as 16ths of 1 uT2
+#define OWN_DOUBT INT32_C(47316992)
+#define OWN_NEAR_Q18 UINT32_C(1048576)
 #define FIELD_UNIT_FINE (FUSE_FIELD_UNIT * UINT32_C(64))
 // What levelling goes on to correct leans the vertical field: 810 s2 of it in q13_19.
 #define LEANING_MAX_Q18 INT32_C(291271)  // 900 uT2 / 810
@@ -161,6 +166,11 @@ NOINLINE static void learn_place(struct fuse *fuse) {
     }
 }
 
+// Readings go on to say that the probe's field has changed.
+static bool is_astray(const struct fuse *fuse) {
+    return fuse->field_astray > FUSE_FIELD_ASTRAY && !fuse_is_at_rest(fuse);
+}
+
 // The uncertainty that a frame adds: the field of the place turns with an error of the
 // heading, and both fields wander, the probe's more where readings keep surprising.
 NOINLINE static void predict_field(struct fuse *fuse) {
@@ -187,14 +197,12 @@ NOINLINE static void predict_field(struct fuse *fuse) {
         fixed_add(-fixed_mul_at(&half[0], &turned[1]), &covariance[1]);
         fixed_add(fixed_mul_at(&half[0], &turned[0]), &covariance[2]);
     }
-    const bool is_astray =
-        fuse->field_astray > FUSE_FIELD_ASTRAY && !fuse_is_at_rest(fuse);
     int32_t wander = PLACE_WANDER;
     const int32_t limit =
         fuse->own_variance > OWN_GOOD ? FIELD_VARIANCE_UNKNOWN_MAX : FIELD_VARIANCE_MAX;
     for (uint8_t state = 0; state < FUSE_FIELD_STATES; ++state) {
         if (state == 3) {
-            wander = is_astray ? OWN_WANDER_ASTRAY : OWN_WANDER;
+            wander = is_astray(fuse) ? OWN_WANDER_ASTRAY : OWN_WANDER;
         }
         fixed_add_clamped(wander, limit, covariance);
         covariance += state + 2;
@@ -327,7 +335,7 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
         FIELD_NOISE / 768 * (int32_t)fixed_sqrt((FIELD_UNIT_FINE + square) * 16);
     if (fuse_is_at_rest(fuse)) {
         // Readings at rest repeat each other.
-        noise = fixed_clamp(noise, FIELD_NOISE_MAX / 4) * 4;
+        noise = fixed_clamp(noise, FIELD_NOISE_MAX / 3) * 3;
     } else {
         // A mean over 1.6 s. An error of level or heading turns a reading and leaves
         // its length, within 2 uT: 2 * 2 * 64, of a length in 8ths.
@@ -367,17 +375,44 @@ void fuse_stage_field(struct fuse *fuse) {
     weigh_field(fuse);
 }
 
+// The row and the surprise of a reading that says that the probe has no field of its
+// own along one axis; none where it seems to have one.
+static bool read_own(struct fuse *fuse, q2_14_t row[], q14_18_t *away) {
+    bool is_known = fuse->own_variance < OWN_CALIBRATED && !fuse_is_at_rest(fuse) &&
+                    !is_astray(fuse);
+    for (uint8_t state = 3; state < FUSE_FIELD_STATES; ++state) {
+        if (fixed_magnitude(fuse->field_ut[state]) > OWN_NEAR_Q18) {
+            is_known = false;
+        }
+    }
+    if (is_known) {
+        const uint8_t state = (uint8_t)(3 + fuse->next_axis);
+        row[state] = FUSE_Q2_14_ONE;
+        *away = -fuse->field_ut[state];
+        fuse_turn_axis(fuse);
+    }
+    return is_known;
+}
+
 void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis) {
+    q2_30_t gain[FUSE_FIELD_STATES];
+    q2_14_t row[FUSE_FIELD_STATES] = {0};
+    int32_t noise = fuse->field_noise;
+    q14_18_t away;
     if (!fuse->has_reading) {
         return;
     }
-    q2_30_t gain[FUSE_FIELD_STATES];
-    q2_14_t row[FUSE_FIELD_STATES] = {0};
-    row[axis] = FUSE_Q2_14_ONE;
-    memcpy(row + 3, fuse->level_from_body.row[axis], 3 * sizeof *row);
-    const q14_18_t away = field_step(fuse, axis);
-    kalman_read(fuse->field_covariance, FUSE_FIELD_STATES, row, fuse->field_noise,
-                gain);
+    if (axis < 3) {
+        row[axis] = FUSE_Q2_14_ONE;
+        memcpy(row + 3, fuse->level_from_body.row[axis], 3 * sizeof *row);
+        away = field_step(fuse, axis);
+    } else {
+        noise = OWN_DOUBT;
+        if (!read_own(fuse, row, &away)) {
+            return;
+        }
+    }
+    kalman_read(fuse->field_covariance, FUSE_FIELD_STATES, row, noise, gain);
     for (uint8_t state = 0; state < FUSE_FIELD_STATES; ++state) {
         fixed_add_clamped(fixed_mul_q30(gain[state], away),
                           state < 3 ? PLACE_LIMIT_Q18 : OWN_LIMIT_Q18,
@@ -403,7 +438,7 @@ NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
                                        : fixed_divide(across, COVARIANCE_SHARE)) +
         2 * (HEADING_LEANING * leaning(fuse, fuse->drift_square) +
              fixed_divide(leaning(fuse, fuse->level_variance), LEVEL_SHARE) +
-             (residual > 0 ? residual : 0));
+             (residual > 0 ? 4 * residual : 0));
     // Divided by the field twice; 64ths keep the first quotient in range.
     const uint32_t total_q12 = (uint32_t)(total_q19 > 0 ? total_q19 : 0) / 128;
     if (total_q12 >= (uint32_t)norm) {

@@ -34,9 +34,9 @@ enum {
 #define WARMING_STEPS 32
 #define WARMING UINT16_C(53687)   // 5e-4 (deg/s)^2 a second more, as 32nds
 #define SCALE_WANDER INT32_C(21)  // 4e-10 a second
-// Of what levelling corrects: 1 (deg/s)^2 s, and 10 s times the square of what it goes
-// on to correct, at most 3.1 (deg/s)^2, from q2_30; over the 0.2 s of a look.
-#define MOTION_NOISE INT32_C(10485760)
+// Of what levelling corrects: 1.2 (deg/s)^2 s, and 10 s times the square of what it
+// goes on to correct, at most 3.1 (deg/s)^2, from q2_30; over the 0.2 s of a look.
+#define MOTION_NOISE INT32_C(12582912)
 #define MOTION_DRIFT INT32_C(321)
 #define MOTION_DRIFT_MAX_Q30 INT32_C(1000000)
 #define REST_NOISE INT32_C(30199)        // (0.03 deg/s)^2 of a mean at rest, in 4ths
@@ -253,7 +253,7 @@ void fuse_read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
 
 static void read_rest(struct fuse *fuse) {
     q2_14_t row[FUSE_MOTION_STATES] = {0};
-    const uint8_t axis = fuse->rest_axis;
+    const uint8_t axis = fuse->next_axis;
     const int32_t surprise =
         fuse->rest_rate.axis[axis].level - fuse->bias_rad_s_q25.axis[axis];
     // A slow turn looks like a rest: the farther the rate, the less it tells.
@@ -261,7 +261,7 @@ static void read_rest(struct fuse *fuse) {
     row[axis] = FUSE_Q2_14_ONE;
     fuse_read_motion(fuse, row, REST_NOISE + 2 * fixed_square_q30(off),
                      fixed_scale_up(fixed_clamp(surprise, REST_SURPRISE_Q25), 2));
-    fuse->rest_axis = (uint8_t)(axis == 2 ? 0 : axis + 1);
+    fuse_turn_axis(fuse);
 }
 
 // The surprise of levelling is that of an error that has always been there: what the

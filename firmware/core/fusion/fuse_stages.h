@@ -40,6 +40,11 @@ static inline bool fuse_is_heading_free(const struct fuse *fuse) {
     return fuse->heading_variance > FUSE_HEADING_FREE_Q30;
 }
 
+// Bias at rest and the probe's own field in motion are read by one axis a frame.
+static inline void fuse_turn_axis(struct fuse *fuse) {
+    fuse->next_axis = (uint8_t)(fuse->next_axis == 2 ? 0 : fuse->next_axis + 1);
+}
+
 // Turns q by a small angle, |angle| <= 0.55 rad, in the frame on the right of it.
 void fuse_turn(struct quat *q, const struct vector *angle_rad_q30);
 
@@ -97,7 +102,8 @@ void fuse_stage_field(struct fuse *fuse);
 void fuse_stage_turning(struct fuse *fuse);
 // Learns from the reading how late readings are.
 void fuse_follow_lag(struct fuse *fuse);
-// Takes one axis of the reading into the field of the place and of the probe.
+// Takes one axis of the reading into the field of the place and of the probe; axis 3:
+// that the probe has none of its own, along one axis of the body, where it seems so.
 void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis);
 // Level and heading as one rotation, which makes poses for the next frame.
 void fuse_stage_world(struct fuse *fuse);
