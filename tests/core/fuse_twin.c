@@ -255,7 +255,7 @@ void fuse_twin_defaults(struct fuse_twin_params *params) {
         .tilt_floor = 0.38,
         .tilt_drift = 10.44,
         .heading_floor = 0.6,
-        .covariance_share = 0.25,
+        .covariance_share = 0.275,
         .level_drift = 6,
         .level_start = 0.1,
         .residual_share = 4,

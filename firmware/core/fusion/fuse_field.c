@@ -71,9 +71,9 @@ enum { OWN_CALIBRATED = 64 };  // (2 uT)^2 as 16ths of 1 uT2
 #define HEADING_WANDER_ALONE INT32_C(5023956)
 #define HEADING_WANDER_TURNED INT32_C(669860790)
 #define HEADING_TURNED INT32_C(20443)
-// A heading's stated variance has a quarter of the covariance, and (6 s)^2 of what
+// A heading's stated variance has a part of the covariance, and (6 s)^2 of what
 // leans: fitted, see fuse_quality.
-#define COVARIANCE_SHARE 4
+#define COVARIANCE_SHARE_Q30 INT32_C(295279002)  // 0.275
 #define HEADING_LEANING INT32_C(36)
 // Of the accelerometer's error a third: the rest looks like a field of the probe's own.
 #define LEVEL_SHARE 3
@@ -435,7 +435,7 @@ NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
     const int32_t residual = fuse->residual - RESIDUAL_FREE_Q18;
     const int32_t total_q19 =
         (fuse->own_variance > OWN_GOOD ? across + UNCALIBRATED_VARIANCE
-                                       : fixed_divide(across, COVARIANCE_SHARE)) +
+                                       : fixed_mul_q30(across, COVARIANCE_SHARE_Q30)) +
         2 * (HEADING_LEANING * leaning(fuse, fuse->drift_square) +
              fixed_divide(leaning(fuse, fuse->level_variance), LEVEL_SHARE) +
              (residual > 0 ? 4 * residual : 0));
