@@ -5,6 +5,7 @@ routers in a chain, and consumers.
 
 from __future__ import annotations
 
+import gc
 import json
 import multiprocessing
 import resource
@@ -51,6 +52,7 @@ def feed(probes: int, rate_hz: int, to: Connection, path: Path) -> None:
     to.send([port.name for port in ports])
     to.recv()
     notes: list[tuple[int, int, int, int]] = []
+    gc.disable()  # a search for garbage among millions of notes would be a pause
     sent_bytes = turn = 0
     step_ns = 1_000_000_000 // (rate_hz * probes)
     begin_ns = time.monotonic_ns()
@@ -134,6 +136,7 @@ def _number(payload: bytes) -> int:
 def follow(endpoint: str, to: Connection, path: Path) -> None:
     """The consumer of all poses, of which everything is noted."""
     heard: list[tuple[int, bytes]] = []
+    gc.disable()
     with _session(endpoint, "client") as session:
         session.declare_subscriber(
             "imud/*/pose",

@@ -33,6 +33,7 @@ from imud.wire import messages
 from imud.wire.frame import FrameDecoder
 
 Work = Callable[[], object]
+PERIOD_NS = 1000 * PERIOD_US  # of the host, too: clocks that run alike
 FLUSH_EVERY = 1280  # records: 64 probes at 200 Hz for the log's 0.1 s
 
 
@@ -81,12 +82,14 @@ def decoding(turns: list[list[bytes]]) -> Work:
 
 
 def hearing(turns: list[list[bytes]]) -> Work:
-    sessions = [Session(Probe, host_ns()) for _ in turns[0]]
+    begin_ns = host_ns()
+    sessions = [Session(Probe, begin_ns) for _ in turns[0]]
 
     def work() -> None:
-        for frames in turns:
+        for number, frames in enumerate(turns):
+            t_ns = begin_ns + number * PERIOD_NS
             for session, frame in zip(sessions, frames, strict=True):
-                session.receive(frame, host_ns())
+                session.receive(frame, t_ns)
 
     return work
 
@@ -94,13 +97,14 @@ def hearing(turns: list[list[bytes]]) -> Work:
 def taking(turns: list[list[bytes]], hub: Hub) -> Work:
     intake = Intake(Config(), hub, Speaker(10.0, 3))
     timeline = intake.timeline
-    sessions = [Session(intake.probe, host_ns(), timeline=timeline) for _ in turns[0]]
+    begin_ns = host_ns()
+    sessions = [Session(intake.probe, begin_ns, timeline=timeline) for _ in turns[0]]
     ports = [AnyPort(session) for session in sessions]
 
     def work() -> None:
-        for frames in turns:
+        for number, frames in enumerate(turns):
+            t_ns = begin_ns + number * PERIOD_NS
             for port, session, frame in zip(ports, sessions, frames, strict=True):
-                t_ns = host_ns()
                 intake.follow_host(t_ns)
                 for event in session.receive(frame, t_ns):
                     intake.take(event, port)
@@ -128,7 +132,8 @@ def publishing(items: Sequence[Item]) -> Work:
 
     def work() -> None:
         for item in items:
-            sink.take(item)
+            if not sink.take_at_once(item):
+                sink.take(item)
 
     return work
 
