@@ -33,6 +33,7 @@ static bool begin(struct replay *replay, long filter) {
                      filter);
         return false;
     }
+    pose_use_own(&replay->tracker, &replay->own);
     use_tip(replay, &replay->params);
     return true;
 }
@@ -54,7 +55,6 @@ static PyObject *replay_new(PyTypeObject *type, PyObject *args, PyObject *kwargs
     replay->next = params;
     memcpy(replay->own.axis, hello.own_field, sizeof replay->own.axis);
     replay->own.sigma = hello.own_sigma;
-    replay->tracker.own = &replay->own;
     replay->has_strokes = hello.board != BOARD_NANO;
     if (!begin(replay, hello.filter)) {
         Py_DECREF(self);

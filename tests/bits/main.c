@@ -66,13 +66,18 @@ static void use_tip(void) {
 #endif
 }
 
-static void use_own(const struct message_hello *hello) {
+static void keep_own(const struct message_hello *hello) {
 #ifndef POSE_WITHOUT_OWN_FIELD
     memcpy(own.axis, hello->own_field, sizeof own.axis);
     own.sigma = hello->own_sigma;
-    tracker.own = &own;
 #else
     (void)hello;
+#endif
+}
+
+static void use_own(void) {
+#ifndef POSE_WITHOUT_OWN_FIELD
+    pose_use_own(&tracker, &own);
 #endif
 }
 
@@ -83,7 +88,7 @@ static void take_hello(uint8_t length) {
         hello.sample_rate == 0) {
         return;
     }
-    use_own(&hello);
+    keep_own(&hello);
     if (has_sample) {
         return;
     }
@@ -98,6 +103,7 @@ static void take_hello(uint8_t length) {
     };
     put_in_force(hello.params_digest);
     has_sensor = pose_begin(&tracker, &params.calibration, &identity, hello.filter);
+    use_own();
     use_tip();
 }
 
@@ -139,6 +145,7 @@ static void take_event(uint8_t length) {
         pose_set_origin(&tracker, (enum pose_origin)event.detail);
     } else if (event.event == EVENT_RESTARTED) {
         (void)pose_begin(&tracker, &params.calibration, &identity, event.detail);
+        use_own();
         use_tip();
     } else if (event.event == EVENT_PARAMS_CHANGED) {
         put_in_force((uint32_t)event.detail);

@@ -19,11 +19,6 @@ bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibrat
     attitude_init(&tracker->attitude, (enum filter)filter, identity->rate_hz,
                   identity->gyr_delay_us);
     attitude_set_accuracy(&tracker->attitude, calibration);
-#ifndef POSE_WITHOUT_OWN_FIELD
-    if (tracker->own != NULL) {
-        attitude_use_own(&tracker->attitude, tracker->own);
-    }
-#endif
     pose_place_begin(tracker);
     pose_set_origin(tracker, POSE_ORIGIN_NONE);
     tracker->latched_flags = 0;

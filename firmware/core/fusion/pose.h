@@ -41,9 +41,6 @@ struct pose_tip {
 struct pose_tracker {
     const struct calibration *calibration;
     const struct sensor_identity *identity;
-#ifndef POSE_WITHOUT_OWN_FIELD
-    const struct own_field *own;  // to begin with, or NULL
-#endif
     uint32_t last_us;
     uint16_t latched_flags;  // clipped and gap since the last pose
     bool is_calibrated;
@@ -75,6 +72,12 @@ void pose_read(struct pose_tracker *tracker, struct message_pose *out);
 // The tip is where it is now at the origin of positions, too; without an origin
 // positions are not known.
 void pose_set_origin(struct pose_tracker *tracker, enum pose_origin origin);
+
+// After pose_begin(): begins with what was kept of the probe's own field.
+static inline void pose_use_own(struct pose_tracker *tracker,
+                                const struct own_field *own) {
+    attitude_use_own(&tracker->attitude, own);
+}
 
 #ifndef POSE_WITHOUT_STROKES
 

@@ -23,7 +23,10 @@ void own_field_begin(struct probe *probe) {
         own->sigma = (uint16_t)(own->sigma + AGE);
     }
     own_field_check(probe);
-    probe->tracker.own = own;
+}
+
+void own_field_use(struct probe *probe) {
+    pose_use_own(&probe->tracker, &probe->settings.own_field);
 }
 
 void own_field_check(struct probe *probe) {

@@ -13,15 +13,19 @@
 // A build with POSE_WITHOUT_OWN_FIELD keeps none.
 #ifdef POSE_WITHOUT_OWN_FIELD
 #define own_field_begin(probe) ((void)(probe))
+#define own_field_use(probe) ((void)(probe))
 #define own_field_check(probe) ((void)(probe))
 #define own_field_look(probe) ((void)(probe))
 #define own_field_forget(probe) ((void)(probe))
 #define own_field_tell(probe, out) ((void)(probe))
 #else
 
-// Hands the tracker what was kept, at boot, once the params are loaded. A probe has no
-// clock without power: each start adds 0.5 uT to its sigma, up to 10 uT.
+// At boot, once the params are loaded. A probe has no clock without power: each start
+// adds 0.5 uT to its sigma, up to 10 uT.
 void own_field_begin(struct probe *probe);
+
+// Hands the tracker what was kept, after pose_begin().
+void own_field_use(struct probe *probe);
 
 // Forgets it where the params calibrate otherwise than when it was found.
 void own_field_check(struct probe *probe);

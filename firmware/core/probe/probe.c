@@ -81,6 +81,7 @@ void probe_sensor_ready(struct probe *probe, const struct sensor_identity *ident
     if (probe->identity == NULL) {
         (void)pose_begin(&probe->tracker, &probe->params.calibration, identity,
                          ATTITUDE_DEFAULT);
+        own_field_use(probe);
         probe_use_tip(probe);
     }
     if (probe->is_faulty) {

@@ -49,6 +49,7 @@ void probe_use_tip(struct probe *probe) {
 void probe_restart(struct probe *probe, int32_t filter) {
     (void)pose_begin(&probe->tracker, &probe->params.calibration, probe->identity,
                      filter);
+    own_field_use(probe);
     probe_use_tip(probe);
     send_event(probe, EVENT_RESTARTED, CAUSE_COMMAND, filter);
 }
