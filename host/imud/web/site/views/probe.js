@@ -43,7 +43,11 @@ export class ProbeView {
     this._state = make("span", { class: "chip", "data-part": "state" });
     this._age = make("span", { class: "chip warn", "data-part": "age", hidden: true });
     this._flags = make("span", { class: "flags", "data-part": "flags" });
-    this._advice = make("span", { class: "chip warn", "data-part": "advice", hidden: true });
+    this._advice = make("span", {
+      class: "chip warn sentence",
+      "data-part": "advice",
+      hidden: true,
+    });
     this._empty = make(
       "p",
       { class: "empty" },
