@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import configparser
 import json
+import shutil
 import struct
 import subprocess
 import sys
-import tarfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -156,8 +156,7 @@ def vqf_source() -> Path:
                 "--no-binary", "vqf", "--dest", BUILD, f"vqf=={version}")  # fmt: skip
         except FilterFailed as error:
             raise Unmeasured(f"its source can't be fetched: {error}") from error
-        with tarfile.open(BUILD / f"{name}.tar.gz") as archive:
-            archive.extractall(BUILD, filter="data")
+        shutil.unpack_archive(BUILD / f"{name}.tar.gz", BUILD)
     return folder
 
 

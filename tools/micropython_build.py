@@ -16,7 +16,6 @@ import os
 import shutil
 import subprocess
 import sys
-import tarfile
 import tempfile
 from pathlib import Path
 
@@ -124,8 +123,7 @@ def get_sources() -> None:
         run(sys.executable, "-m", "pip", "download", "--quiet", *words, "-r", wanted,
             "--dest", room)  # fmt: skip
         (archive,) = Path(room).glob("*.tar.gz")
-        with tarfile.open(archive) as opened:
-            opened.extractall(room, filter="data")
+        shutil.unpack_archive(archive, room)
         (Path(room) / SOURCES.name).rename(SOURCES)
 
 
