@@ -14,7 +14,6 @@ from imud.virtual import modules
 from imud.wire import messages
 from imud.wire.frame import FrameDecoder
 from imud.wire.messages import Message
-from length import IS_LONG
 from twin_bench import heard
 
 SEED = 5
@@ -47,8 +46,8 @@ def hellos(contents: list[bytes]) -> list[dict[str, Any]]:
     ]
 
 
-@pytest.mark.long
-@pytest.mark.skipif(not IS_LONG, reason="a quarter of an hour of the board")
+@pytest.mark.nightly  # a quarter of an hour of the board
+@pytest.mark.timeout(1800)
 def test_a_probe_that_was_used_begins_with_its_own_field(
     boards: dict[str, tuple[Path, Path]], tmp_path: Path
 ) -> None:
