@@ -189,12 +189,16 @@ class Seen:
         if not request.url.startswith((f"http://{self._host}/", "blob:")):
             self.elsewhere.append(request.url)
 
-    def until(self, is_so: str, argument: Any = None) -> None:
-        """Waits for JavaScript to be true; the page's policy forbids that it polls."""
+    def until(self, is_so: str, argument: Any = None) -> Any:
+        """Waits for JavaScript to be true and returns what it says.
+
+        The page's policy forbids that it polls.
+        """
         end_s = time.monotonic() + PATIENCE_S
-        while not self.page.evaluate(is_so, argument):
+        while not (said := self.page.evaluate(is_so, argument)):
             assert time.monotonic() < end_s, is_so
             self.page.wait_for_timeout(20)
+        return said
 
     def prefer(self, convention: str) -> None:
         """Sets the convention of angles for the views that are opened from here on."""

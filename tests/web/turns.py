@@ -57,14 +57,13 @@ SLIDE = """(slider, value) => {
   slider.dispatchEvent(new Event("input"));
 }"""
 
+# Nothing until the newest pose is drawn.
 STATE = """() => {
   const { view, model } = globalThis.imud;
   const { x, y, z, w } = view.scene.body.quaternion;
-  return {
-    number: Number(document.querySelector(".numbers").dataset.number),
-    body: [w, x, y, z],
-    q: model.probe.pose.q,
-  };
+  const { number, q } = model.probe.pose;
+  const drawn = Number(document.querySelector(".numbers").dataset.number);
+  return drawn === number && { number, body: [w, x, y, z], q };
 }"""
 
 
@@ -84,12 +83,7 @@ def pose_on(
         ".every((one, i) => Math.abs(one - q[i]) < 2 ** -29)",
         [*q],
     )
-    number = shown.page.evaluate("globalThis.imud.model.probe.pose.number")
-    shown.until(
-        "n => Number(document.querySelector('.numbers').dataset.number) >= n",
-        number,
-    )
-    state: dict[str, Any] = shown.page.evaluate(STATE)
+    state: dict[str, Any] = shown.until(STATE)
     return state
 
 
