@@ -93,7 +93,7 @@ def test_counts_are_counters_and_states_are_gauges() -> None:
 
 @pytest.fixture(scope="module")
 def served() -> Iterator[Metrics]:
-    metrics = Metrics("127.0.0.1", 0)
+    metrics = Metrics(("127.0.0.1", 0))
     metrics.start()
     metrics.take(STATUS)
     try:
@@ -174,4 +174,4 @@ def test_a_head_without_end_is_refused_and_idle_clients_are_let_go(
 
 def test_an_address_that_is_taken_is_named(served: Metrics) -> None:
     with pytest.raises(ListenFailed, match="can't serve metrics"):
-        Metrics("127.0.0.1", served.port).start()
+        Metrics(("127.0.0.1", served.port)).start()

@@ -147,7 +147,7 @@ class Daemon:
         self._metrics = None
         self._reports.on_status = lambda _: None
         if address is not None:
-            self._metrics = Metrics(*address)
+            self._metrics = Metrics(address)
             self._metrics.start()
             self._reports.on_status = self._metrics.take
 

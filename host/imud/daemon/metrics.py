@@ -6,17 +6,17 @@ own: https://prometheus.io/docs/instrumenting/exposition_formats/, version 0.0.4
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import re
 import resource
 import socket
-import threading
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import AsyncIterator, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from imud.errors import ListenFailed
+from imud.serving import ServerThread, listen
 from imud.version import version
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
@@ -25,9 +25,6 @@ CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 HEAD_MAX = 8192
 REQUEST_S = 2.0
 CLIENTS_MAX = 16
-
-# To wait for the thread to start, and to end.
-PATIENCE_S = 0.5
 
 # Counters, since the daemon or the probe started; everything else is a gauge.
 _COUNTED = re.compile(
@@ -125,41 +122,23 @@ def _process() -> Iterator[tuple[str, float]]:
 class Metrics:
     """Serves the latest status of each probe at /metrics."""
 
-    def __init__(self, host: str, port: int) -> None:
-        self._host = host
-        self._port = port
+    def __init__(self, address: tuple[str, int]) -> None:
+        self._address = address
         self._statuses: dict[str, Mapping[str, Any]] = {}  # by id: names may change
         self._failures: Mapping[str, int] = {}
         self._clients = 0
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._stop = asyncio.Event()
-        self._is_up = threading.Event()
-        self._thread = threading.Thread(
-            target=self._run, name="imud-metrics", daemon=True
-        )
-        self._socket: socket.socket | None = None
+        self._thread = ServerThread("imud-metrics", self._serve)
 
     @property
     def port(self) -> int:
         """The port in use, which the system chose if 0 was asked for."""
-        return int(self._socket.getsockname()[1]) if self._socket else self._port
+        return self._thread.port or self._address[1]
 
     def start(self) -> None:
-        try:
-            family = socket.getaddrinfo(
-                self._host, self._port, type=socket.SOCK_STREAM
-            )[0][0]
-            self._socket = socket.create_server(
-                (self._host, self._port), family=family, backlog=CLIENTS_MAX
-            )
-        except (OSError, UnicodeError) as error:
-            reason = getattr(error, "strerror", None) or "not an address"
-            raise ListenFailed(
-                f"can't serve metrics on {self._host}:{self._port}: {reason}; name "
-                "another address in [metrics] listen"
-            ) from error
-        self._thread.start()
-        self._is_up.wait(PATIENCE_S)
+        """Listens, then serves in a thread; ListenFailed where that is not possible."""
+        self._thread.start(
+            listen(self._address, "metrics", "[metrics] listen", CLIENTS_MAX)
+        )
 
     def take(self, status: Mapping[str, Any]) -> None:
         self._statuses = {**self._statuses, str(status["probe_id"]): status}
@@ -168,23 +147,14 @@ class Metrics:
         self._failures = failures
 
     def close(self) -> None:
-        if self._loop is not None and self._thread.is_alive():
-            self._loop.call_soon_threadsafe(self._stop.set)
-            self._thread.join(PATIENCE_S)
-        if self._socket is not None:
-            self._socket.close()
+        self._thread.close()
 
-    def _run(self) -> None:
-        asyncio.run(self._serve())
-
-    async def _serve(self) -> None:
-        self._loop = asyncio.get_running_loop()
-        server = await asyncio.start_server(
-            self._client, sock=self._socket, limit=HEAD_MAX
-        )
-        self._is_up.set()
-        async with server:
-            await self._stop.wait()
+    @contextlib.asynccontextmanager
+    async def _serve(self, listening: socket.socket) -> AsyncIterator[None]:
+        async with await asyncio.start_server(
+            self._client, sock=listening, limit=HEAD_MAX
+        ):
+            yield
 
     async def _client(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter

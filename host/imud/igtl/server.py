@@ -9,22 +9,17 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import socket
-import threading
-from collections.abc import Iterable
+from collections.abc import AsyncIterator, Iterable
 from typing import cast
 
-from imud.errors import ListenFailed
+from imud.serving import ServerThread, listen
 
 CLIENTS_MAX = 16
 
 # Of each client: with the system's own buffers, a client that is too slow would lag
 # behind by minutes. Half a second of a probe's messages at 200 Hz.
 BUFFER_BYTES = 16 * 1024
-
-# To wait for the thread to start, and to end.
-PATIENCE_S = 0.5
 
 Named = tuple[str, bytes]  # a message by its device name
 
@@ -35,16 +30,12 @@ class Server:
     def __init__(self, address: tuple[str, int]) -> None:
         self._address = address
         self._clients: set[_Client] = set()
-        self._socket: socket.socket | None = None
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._stop = asyncio.Event()
-        self._is_up = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="imud-igtl", daemon=True)
+        self._thread = ServerThread("imud-igtl", self._serve)
 
     @property
     def port(self) -> int:
         """The port in use, which the system chose if 0 was asked for."""
-        return int(self._socket.getsockname()[1]) if self._socket else self._address[1]
+        return self._thread.port or self._address[1]
 
     @property
     def is_heard(self) -> bool:
@@ -53,50 +44,29 @@ class Server:
 
     def start(self) -> None:
         """Listens, then serves in a thread; ListenFailed where that is not possible."""
-        host, port = self._address
-        try:
-            family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-            self._socket = socket.create_server(
-                (host, port), family=family, backlog=CLIENTS_MAX
-            )
-        except (OSError, UnicodeError) as error:
-            number = getattr(error, "errno", None)
-            reason = os.strerror(number) if number else "not an address"
-            raise ListenFailed(
-                f"can't serve OpenIGTLink on {host}:{port}: {reason}; name another "
-                "address with [openigtlink] listen"
-            ) from error
-        self._thread.start()
-        self._is_up.wait(PATIENCE_S)
+        self._thread.start(
+            listen(self._address, "OpenIGTLink", "[openigtlink] listen", CLIENTS_MAX)
+        )
 
     def send(self, messages: Iterable[Named]) -> None:
         """Sends to the clients that are there."""
-        sent = tuple(messages)
-        if sent and self._loop is not None:
-            with contextlib.suppress(RuntimeError):  # the loop has ended
-                self._loop.call_soon_threadsafe(self._deliver, sent)
+        if sent := tuple(messages):
+            self._thread.call(self._deliver, sent)
 
     def close(self) -> None:
-        if self._loop is not None and self._thread.is_alive():
-            self._loop.call_soon_threadsafe(self._stop.set)
-            self._thread.join(PATIENCE_S)
-        if self._socket is not None:
-            self._socket.close()
+        self._thread.close()
 
     def _deliver(self, messages: Iterable[Named]) -> None:
         for client in self._clients:
             client.put(messages)
 
-    def _run(self) -> None:
-        asyncio.run(self._serve())
-
-    async def _serve(self) -> None:
-        self._loop = asyncio.get_running_loop()
-        server = await self._loop.create_server(
-            lambda: _Client(self._clients), sock=cast(socket.socket, self._socket)
+    @contextlib.asynccontextmanager
+    async def _serve(self, listening: socket.socket) -> AsyncIterator[None]:
+        loop = asyncio.get_running_loop()
+        server = await loop.create_server(
+            lambda: _Client(self._clients), sock=listening
         )
-        self._is_up.set()
-        await self._stop.wait()
+        yield
         server.close()
         for client in tuple(self._clients):
             client.abort()

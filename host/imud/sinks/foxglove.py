@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import json
 import logging
-import os
-import socket
 import threading
 from typing import TYPE_CHECKING
 
-from imud.errors import ConfigError, ListenFailed
+from imud.errors import ConfigError
 from imud.log.channels import said_on, topics_of
 from imud.log.schemas import schema_of
 from imud.probes.record import Presence, Record
+from imud.serving import listen
 
 if TYPE_CHECKING:
     from foxglove import Channel, Context
@@ -50,7 +49,8 @@ class FoxgloveSink:
                 "[foxglove] needs a library: pip install 'imud[foxglove]'"
             ) from error
         host, port = self._address
-        self._refuse_taken()
+        # Why one can't listen: the library does not say.
+        listen(self._address, "Foxglove", "[foxglove] listen").close()
         self._context = foxglove.Context()
         self._server = foxglove.start_server(
             name="imud", host=host, port=port, context=self._context
@@ -96,17 +96,3 @@ class FoxgloveSink:
         )
         self._channels[probe, topic] = made
         return made
-
-    def _refuse_taken(self) -> None:
-        """ListenFailed where one can't listen: the library does not say why."""
-        host, port = self._address
-        try:
-            family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-            socket.create_server((host, port), family=family).close()
-        except (OSError, UnicodeError) as error:
-            number = getattr(error, "errno", None)
-            reason = os.strerror(number) if number else "not an address"
-            raise ListenFailed(
-                f"can't serve Foxglove on {host}:{port}: {reason}; name another "
-                "address with [foxglove] listen"
-            ) from error

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import socket
-import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import AsyncIterator, Iterable, Mapping
 from http import HTTPStatus
 from typing import Any, cast
 
@@ -21,7 +19,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 
-from imud.errors import ListenFailed
+from imud.serving import ServerThread, listen
 from imud.version import version
 from imud.web import doors, gate
 from imud.web.browser import Browser
@@ -66,18 +64,12 @@ class Page:
         self._on_ask = on_ask
         self._files = Files()
         self._browsers: set[Browser] = set()
-        self._socket: socket.socket | None = None
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._stop = asyncio.Event()
-        self._is_up = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="imud-page", daemon=True)
+        self._thread = ServerThread("imud-page", self._serve, PATIENCE_S)
 
     @property
     def url(self) -> str:
         """Its address, with the port that the system chose if 0 was asked for."""
-        host, port = self._address
-        if self._socket is not None:
-            port = int(self._socket.getsockname()[1])
+        host, port = self._address[0], self._thread.port or self._address[1]
         return f"http://{f'[{host}]' if ':' in host else host}:{port}"
 
     @property
@@ -92,28 +84,15 @@ class Page:
 
     def start(self) -> None:
         """Listens, then serves in a thread; ListenFailed where that is not possible."""
-        host, port = self._address
-        try:
-            family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-            self._socket = socket.create_server(
-                (host, port), family=family, backlog=gate.CONNECTIONS_MAX
+        self._thread.start(
+            listen(
+                *(self._address, "the page", "--page or [web] listen"),
+                gate.CONNECTIONS_MAX,
             )
-        except (OSError, UnicodeError) as error:
-            number = getattr(error, "errno", None)
-            reason = os.strerror(number) if number else "not an address"
-            raise ListenFailed(
-                f"can't serve the page on {host}:{port}: {reason}; name another "
-                "address with --page or [web] listen"
-            ) from error
-        self._thread.start()
-        self._is_up.wait(PATIENCE_S)
+        )
 
     def close(self) -> None:
-        if self._loop is not None and self._thread.is_alive():
-            self._loop.call_soon_threadsafe(self._stop.set)
-            self._thread.join(PATIENCE_S)
-        if self._socket is not None:
-            self._socket.close()
+        self._thread.close()
 
     def take(self, payloads: Iterable[tuple[Key, bytes]]) -> None:
         """What was published, by probe and topic: JSON on one line."""
@@ -121,9 +100,8 @@ class Page:
 
     def flush(self) -> None:
         """Has the browsers served with what was taken."""
-        if self._feed.is_watched and self._loop is not None:
-            with contextlib.suppress(RuntimeError):  # the loop has ended
-                self._loop.call_soon_threadsafe(self._deliver)
+        if self._feed.is_watched:
+            self._thread.call(self._deliver)
 
     def _deliver(self) -> None:
         fresh = self._feed.swap()
@@ -132,14 +110,11 @@ class Page:
             for browser in self._browsers:
                 browser.put(fresh)
 
-    def _run(self) -> None:
-        asyncio.run(self._serve())
-
-    async def _serve(self) -> None:
-        self._loop = asyncio.get_running_loop()
+    @contextlib.asynccontextmanager
+    async def _serve(self, listening: socket.socket) -> AsyncIterator[None]:
         async with serve(
             self._talk,
-            sock=self._socket,
+            sock=listening,
             process_request=self._request,
             # A class to the library, which only calls it.
             create_connection=cast(type[ServerConnection], self._gate.connection),
@@ -150,8 +125,7 @@ class Page:
             max_size=MESSAGE_MAX,
             logger=gate.quiet,
         ):
-            self._is_up.set()
-            await self._stop.wait()
+            yield
             await self._guides.close()
 
     def _tell(self, probe: str, state: bytes) -> None:

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: MIT
+"""TCP servers on an asyncio loop, each in a thread of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import socket
+import threading
+from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager
+from typing import Any
+
+from imud.errors import ListenFailed
+
+# Serves what connects to a socket that listens, until it is left.
+Serve = Callable[[socket.socket], AbstractAsyncContextManager[object]]
+
+
+def listen(
+    address: tuple[str, int], what: str, setting: str, backlog: int = 1
+) -> socket.socket:
+    """A socket that listens on that host and port; port 0: the system chooses one.
+    ListenFailed says what can't be served there, and which setting to change.
+    """
+    host, port = address
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((host, port), family=family, backlog=backlog)
+    except (OSError, UnicodeError) as error:
+        # The system's numbers are above 0, those of names that are not found below.
+        number = getattr(error, "errno", None) or 0
+        reason = os.strerror(number) if number > 0 else "not an address"
+        raise ListenFailed(
+            f"can't serve {what} on {host}:{port}: {reason}; name another address "
+            f"with {setting}"
+        ) from error
+
+
+class ServerThread:
+    """Runs `serve` in a thread of that name. It waits up to `patience_s` for the thread
+    to start, and to end.
+    """
+
+    def __init__(self, name: str, serve: Serve, patience_s: float = 0.5) -> None:
+        self._serve = serve
+        self._patience_s = patience_s
+        self._socket: socket.socket | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._stop = asyncio.Event()
+        self._is_up = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    @property
+    def port(self) -> int | None:
+        """The port in use; None before the start."""
+        return int(self._socket.getsockname()[1]) if self._socket else None
+
+    def start(self, listening: socket.socket) -> None:
+        """Serves on that socket, which is closed at the end."""
+        self._socket = listening
+        self._thread.start()
+        self._is_up.wait(self._patience_s)
+
+    def call(self, function: Callable[..., object], *arguments: Any) -> None:
+        """Calls a function in the loop; not if that has not begun or has ended."""
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # it has ended
+                self._loop.call_soon_threadsafe(function, *arguments)
+
+    def close(self) -> None:
+        if self._thread.is_alive():
+            self.call(self._stop.set)
+            self._thread.join(self._patience_s)
+        if self._socket is not None:
+            self._socket.close()
+
+    def _run(self) -> None:
+        asyncio.run(self._until_stopped())
+
+    async def _until_stopped(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        if self._socket is not None:
+            async with self._serve(self._socket):
+                self._is_up.set()
+                await self._stop.wait()
