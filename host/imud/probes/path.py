@@ -31,53 +31,50 @@ class Path:
     def __init__(self) -> None:
         self.places: list[list[float]] = []  # at the end of each stroke
         self.sigma_m: list[float] = []  # of the last one
-        self.poses: list[Said] = []  # that told these places, after one from before
-        self._rest: Said | None = None  # the last pose before a stroke
-        self._is_moving = False
+        self.is_moving = False  # a stroke is under way
         self._sensor: list[float] = []
         self._since_us: int | None = None  # from when on a pose has the last place
 
-    def take(self, said: Said) -> None:
-        """A stroke, or an event, as published. A new origin ends the path, too."""
+    def take(self, said: Said) -> bool:
+        """A stroke, or an event, as published. Whether the path ended or began."""
         if said["type"] == "stroke":
-            self.take_stroke(said)
-        elif said["event"] in NEW_ORIGIN:
+            return self.take_stroke(said)
+        if said["event"] in NEW_ORIGIN:
             self._clear()
+            return True
+        return False
 
-    def take_stroke(self, stroke: Said) -> None:
-        """A stroke as published. One without length ends the path."""
-        self._is_moving = stroke["end"] == "running"
-        if self._is_moving:
-            return
+    def take_stroke(self, stroke: Said) -> bool:
+        """A stroke as published. One without length ends the path, and one from another
+        place begins another. Whether the path ended or began.
+        """
+        self.is_moving = stroke["end"] == "running"
+        if self.is_moving:
+            return False
         way, sensor = stroke["displacement_m"], stroke["path_m"]
         if way is None or sensor is None:
             self._clear()
-            return
+            return True
         if self.places and math.hypot(*_apart(_apart(sensor, way), self._sensor)) > (
             SAME_M
         ):
             self._clear()
-        if not self.places and self._rest is not None:
-            self.poses.append(self._rest)
         self.places.append(list(sensor))
         self.sigma_m = list(stroke["path_sigma_m"])
         self._sensor = list(sensor)
         self._since_us = stroke["t_device_us"]
+        return len(self.places) == 1
 
     def take_pose(self, pose: Said) -> bool:
         """A pose as published: the first one after a stroke tells where the tip is.
         Whether it is that one.
         """
-        is_placed = pose["position_m"] is not None
-        if not self._is_moving:
-            self._rest = pose if is_placed else None
         if self._since_us is None or pose["t_device_us"] < self._since_us:
             return False
         self._since_us = None
-        if not (self.places and is_placed):
+        if not self.places or pose["position_m"] is None:
             return False
         self.places[-1] = list(pose["position_m"])
-        self.poses.append(pose)
         return True
 
     def closed(self) -> list[list[float]]:
@@ -108,5 +105,4 @@ class Path:
 
     def _clear(self) -> None:
         self.places.clear()
-        self.poses.clear()
         self._since_us = None

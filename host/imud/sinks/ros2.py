@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -16,7 +17,7 @@ from imud.probes.ledger import totals
 from imud.probes.path import Path
 from imud.probes.record import Presence, Record
 from imud.ros2 import cdr, topics
-from imud.ros2.cdr import Diagnosis, Level
+from imud.ros2.cdr import Diagnosis, Level, Stop
 from imud.ros2.publisher import Publisher
 from imud.ros2.topics import Node, Topic
 from imud.wire.params import parts_of
@@ -95,6 +96,8 @@ class Translator:
         self.tip = Topic(f"{base}/tip", topics.POINT_STAMPED)
         self.path = Topic(f"{base}/path", topics.PATH)
         self._path = Path()
+        self._rest: Stop | None = None  # the last pose outside strokes, if it has one
+        self._stops: deque[Stop] = deque(maxlen=PATH_MAX)  # where it began comes first
         self._has_path = False  # one that is not empty was published
         self._sample: Said | None = None
         self._errors = Errors()
@@ -114,9 +117,8 @@ class Translator:
                 self._errors = Errors(record.params)
             yield from self._take_raw(record.t_ns, record.said)
         elif record.topic in ("stroke", "event"):
-            self._path.take(record.said)
-            if self._has_path and not self._path.poses:
-                yield self._whole_path(record.t_ns)
+            if self._path.take(record.said):
+                yield from self._another_path(record.t_ns)
         elif record.topic == "status" and record.payload:
             status: Said = msgspec.json.decode(record.payload)
             said = [self.diagnose(status)]
@@ -132,6 +134,7 @@ class Translator:
             return
         yield TF, cdr.transform(t_ns, self.level, self.frame, NOTHING, orientation)
         position = pose["position_m"]
+        stop = None if position is None else Stop(t_ns, position, orientation)
         if position is not None:
             yield (
                 self.pose,
@@ -139,17 +142,24 @@ class Translator:
             )
             yield self.tip, cdr.point_stamped(t_ns, self._world, position)
             yield TF, cdr.transform(t_ns, self._world, self.level, position, UNTURNED)
-        if self._path.take_pose({**pose, "t_ns": t_ns}):
+        if not self._path.is_moving:
+            self._rest = stop
+        if self._path.take_pose(pose) and stop is not None:
+            self._stops.append(stop)
+            yield self._whole_path(t_ns)
+
+    def _another_path(self, t_ns: int) -> Iterator[RosMessage]:
+        """It begins where the tip rested. An empty one: that place is not known."""
+        self._stops.clear()
+        if self._path.places and self._rest is not None:
+            self._stops.append(self._rest)
+        if self._has_path and not self._stops:
             yield self._whole_path(t_ns)
 
     def _whole_path(self, t_ns: int) -> RosMessage:
-        """Since the origin, or an empty one where the last place is not known."""
-        poses = self._path.poses[-PATH_MAX:]
-        self._has_path = bool(poses)
-        stops = [
-            cdr.Stop(each["t_ns"], each["position_m"], each["q"]) for each in poses
-        ]
-        return self.path, cdr.path(t_ns, self._world, stops)
+        """Since the origin."""
+        self._has_path = bool(self._stops)
+        return self.path, cdr.path(t_ns, self._world, self._stops)
 
     def _take_raw(self, t_ns: int, raw: Said) -> Iterator[RosMessage]:
         t_us: int = raw["t_device_us"]
