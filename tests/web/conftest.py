@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What the tests of the page share: its server alone, and a browser."""
+"""What the tests of the page share: its server alone, a browser, and all of it
+together."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, sync_playwright
 
-from web.desk import ARGUMENTS
+from web.desk import ARGUMENTS, Desk, Seen, seen
 from web.served import Served
 
 
@@ -32,3 +33,17 @@ def browser() -> Iterator[Browser]:
         chromium = playwright.chromium.launch(executable_path=path, args=[*ARGUMENTS])
         yield chromium
         chromium.close()
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
+    """A probe and a daemon that serves the page, for all tests of a file."""
+    with Desk(tmp_path_factory.mktemp("desk")) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def shown(browser: Browser, desk: Desk) -> Iterator[Seen]:
+    """Their page in the browser."""
+    with seen(browser, desk) as found:
+        yield found

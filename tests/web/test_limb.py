@@ -33,12 +33,6 @@ DRAWN = """() => {
 
 
 @pytest.fixture(scope="module")
-def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
-    with Desk(tmp_path_factory.mktemp("desk")) as made:
-        yield made
-
-
-@pytest.fixture(scope="module")
 def shown(browser: Browser, desk: Desk) -> Iterator[Seen]:
     with seen(browser, desk) as found:
         found.page.keyboard.press("6")

@@ -6,12 +6,10 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser
 
 import length
 from imud import rotation
@@ -19,7 +17,7 @@ from raw_probe import calibrating
 from streaming import until
 from web import baranek
 from web.applied import apply_and_undo
-from web.desk import Desk, Seen, seen
+from web.desk import Desk, Seen
 from web.turns import (
     CONVENTIONS,
     SIGMA,
@@ -34,18 +32,6 @@ from web.turns import (
 VIEWS = ("probe", "signals", "calibrate", "aim", "probes", "limb")
 
 pytestmark = pytest.mark.together
-
-
-@pytest.fixture(scope="module")
-def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
-    with Desk(tmp_path_factory.mktemp("desk")) as made:
-        yield made
-
-
-@pytest.fixture(scope="module")
-def shown(browser: Browser, desk: Desk) -> Iterator[Seen]:
-    with seen(browser, desk) as found:
-        yield found
 
 
 @pytest.mark.long

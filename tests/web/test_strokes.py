@@ -3,28 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
-from playwright.sync_api import Browser
 
 from streaming import until
-from web.desk import Desk, Seen, seen
+from web.desk import Desk, Seen
 from web.turns import PATH
 
 CLOSED = "globalThis.imud.model.strokes.closing.closed_m"
-
-
-@pytest.fixture(scope="module")
-def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
-    with Desk(tmp_path_factory.mktemp("desk")) as made:
-        yield made
-
-
-@pytest.fixture(scope="module")
-def shown(browser: Browser, desk: Desk) -> Iterator[Seen]:
-    with seen(browser, desk) as found:
-        yield found
 
 
 def draw_two(shown: Seen, desk: Desk) -> None:
