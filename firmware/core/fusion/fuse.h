@@ -114,10 +114,6 @@ struct fuse {
     // The field of the place in the level frame, then that of the probe in the body.
     union {
         q14_18_t field_ut[FUSE_FIELD_STATES];
-        struct {
-            uint16_t fine;
-            int16_t quarter_ut;
-        } field_halves[FUSE_FIELD_STATES];  // the same; all boards are little endian
         struct vector place_ut_q18;
     };
 };

@@ -389,7 +389,7 @@ static bool read_own(struct fuse *fuse, q2_14_t row[], q14_18_t *away) {
         const uint8_t state = (uint8_t)(3 + fuse->next_axis);
         row[state] = FUSE_Q2_14_ONE;
         *away = -fuse->field_ut[state];
-        fuse_turn_axis(fuse);
+        fuse_next_axis(fuse);
     }
     return is_known;
 }

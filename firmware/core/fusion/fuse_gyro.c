@@ -261,7 +261,7 @@ static void read_rest(struct fuse *fuse) {
     row[axis] = FUSE_Q2_14_ONE;
     fuse_read_motion(fuse, row, REST_NOISE + 2 * fixed_square_q30(off),
                      fixed_scale_up(fixed_clamp(surprise, REST_SURPRISE_Q25), 2));
-    fuse_turn_axis(fuse);
+    fuse_next_axis(fuse);
 }
 
 // The surprise of levelling is that of an error that has always been there: what the

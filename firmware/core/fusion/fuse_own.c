@@ -21,7 +21,7 @@ void fuse_use_own(struct fuse *fuse, const struct own_field *own) {
     }
     fuse->own_variance = variance;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        fuse->field_halves[3 + axis].quarter_ut = own->axis[axis];
+        fuse->field_ut[3 + axis] = own->axis[axis] * INT32_C(65536);
     }
 }
 
@@ -35,7 +35,8 @@ bool fuse_read_own(const struct fuse *fuse, struct own_field *out) {
         if (fuse->field_covariance[kalman_variance((uint8_t)(3 + axis))] > OWN_SURE) {
             return false;
         }
-        out->axis[axis] = fuse->field_halves[3 + axis].quarter_ut;
+        out->axis[axis] =
+            (int16_t)fixed_byte_floor(fixed_byte_floor(fuse->field_ut[3 + axis]));
     }
     out->sigma = OWN_SIGMA;
     return true;

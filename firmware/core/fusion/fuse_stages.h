@@ -41,7 +41,7 @@ static inline bool fuse_is_heading_free(const struct fuse *fuse) {
 }
 
 // Bias at rest and the probe's own field in motion are read by one axis a frame.
-static inline void fuse_turn_axis(struct fuse *fuse) {
+static inline void fuse_next_axis(struct fuse *fuse) {
     fuse->next_axis = (uint8_t)(fuse->next_axis == 2 ? 0 : fuse->next_axis + 1);
 }
 
