@@ -4,61 +4,17 @@
 from __future__ import annotations
 
 import logging
-import queue
 import threading
 import time
-from collections.abc import Callable
 
 import pytest
 
 from imud.daemon import lane as lane_module
 from imud.daemon.hub import FEW, Hub
-from imud.daemon.lane import Item, Lane
+from imud.daemon.lane import Lane
 from imud.errors import FileError
-from imud.probes.record import Presence, Record
-
-PATIENCE_S = 30.0
-
-
-def record(number: int, probe: str = "p", topic: str = "pose") -> Record:
-    return Record(probe, topic, b"{}", b"", number, 0, 0)
-
-
-class FakeSink:
-    """Takes records one by one as the test lets it."""
-
-    period_s = 0.0
-    patience_s = PATIENCE_S
-
-    def __init__(self, name: str = "fake") -> None:
-        self.name = name
-        self.taken: queue.Queue[int] = queue.Queue()
-        self.gate = threading.Event()
-        self.gate.set()
-        self.entered = threading.Event()
-        self.fault: Callable[[], None] = lambda: None
-        self.opened = 0
-        self.closed = 0
-        self.flushed = 0
-
-    def open(self) -> None:
-        self.opened += 1
-
-    def take(self, item: Item) -> None:
-        self.entered.set()
-        assert self.gate.wait(PATIENCE_S)
-        self.fault()
-        if isinstance(item, Record):
-            self.taken.put(item.sequence)
-
-    def flush(self) -> None:
-        self.flushed += 1
-
-    def close(self) -> None:
-        self.closed += 1
-
-    def numbers(self, count: int) -> list[int]:
-        return [self.taken.get(timeout=PATIENCE_S) for _ in range(count)]
+from imud.probes.record import Presence
+from sinks import PATIENCE_S, FakeSink, record
 
 
 def test_records_arrive_in_order_at_every_sink() -> None:
@@ -95,85 +51,6 @@ def test_records_of_a_full_turn_are_handed_over_at_its_end() -> None:
     whole.put(record(FEW + 1))
     assert sink.numbers(1) == [FEW + 1]
     whole.close()
-
-
-class QuickSink(FakeSink):
-    """Takes records of the topic `pose` in the caller's thread."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.threads: list[int] = []
-
-    def take_at_once(self, item: Item) -> bool:
-        if not isinstance(item, Record) or item.topic != "pose":
-            return False
-        self.fault()
-        self.threads.append(threading.get_ident())
-        self.taken.put(item.sequence)
-        return True
-
-
-def test_a_sink_takes_records_at_once_in_the_callers_thread() -> None:
-    sink = QuickSink()
-    lane = Lane(sink)
-    lane.start()
-    lane.put(record(0), record(1))
-    assert sink.threads == [threading.get_ident()] * 2
-    assert lane.taken("p") == {"pose": 2}
-    assert sink.numbers(2) == [0, 1]
-    assert lane.close(PATIENCE_S)
-
-
-def test_records_taken_at_once_keep_their_place_behind_others() -> None:
-    sink = QuickSink()
-    lane = Lane(sink)
-    lane.start()
-    sink.gate.clear()
-    lane.put(record(0), record(1, topic="status"), record(2))
-    assert sink.entered.wait(PATIENCE_S)
-    lane.put(record(3))  # the thread has the one before it in hand
-    assert len(sink.threads) == 1
-    sink.gate.set()
-    assert sink.numbers(4) == [0, 1, 2, 3]
-    assert lane.close(PATIENCE_S)
-    assert lane.taken("p") == {"pose": 3, "status": 1}
-
-
-def test_a_record_that_fails_at_once_is_counted_and_the_sink_opened_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(lane_module, "RETRY_S", 0.0)
-    sink = QuickSink()
-    lane = Lane(sink)
-    lane.start()
-
-    def fail() -> None:
-        raise OSError("no network")
-
-    sink.fault = fail
-    lane.put(record(0))
-    assert lane.trouble == "no network"
-    sink.fault = lambda: None
-    lane.put(record(1))  # by the thread, which opens the sink again
-    assert sink.numbers(1) == [1]
-    assert lane.close(PATIENCE_S)
-    assert (sink.opened, lane.failures, lane.dropped("p")) == (2, 1, 1)
-    assert lane.taken("p") == {"pose": 1}
-    assert lane.trouble == ""
-
-
-def test_the_thread_gets_the_records_while_taking_them_means_waiting(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(lane_module, "WAITED_S", 0.0)
-    sink = QuickSink()
-    lane = Lane(sink)
-    lane.start()
-    lane.put(record(0))
-    lane.put(record(1))
-    assert sink.numbers(2) == [0, 1]
-    assert len(sink.threads) == 1
-    assert lane.close(PATIENCE_S)
 
 
 def test_a_stuck_sink_loses_its_oldest_and_holds_up_nobody() -> None:

@@ -7,6 +7,7 @@ import logging
 import time
 from collections.abc import Mapping
 
+from imud.daemon.direct_lane import DirectLane, DirectSink
 from imud.daemon.lane import Item, Lane, Sink
 from imud.probes.balance import SinkCounts
 
@@ -31,7 +32,7 @@ class Hub:
 
     def add(self, sink: Sink) -> Lane:
         """Opens the sink and starts its lane; raises what the sink's open() raises."""
-        lane = Lane(sink)
+        lane = _lane(sink)
         lane.start()
         self._lanes.append(lane)
         return lane
@@ -57,7 +58,7 @@ class Hub:
             if before is not None:
                 before.end()
             return
-        lane = Lane(sink)
+        lane = _lane(sink)
         self._lanes.append(lane)
         lane.follow(before, names or {}, put or {})
 
@@ -113,3 +114,7 @@ class Hub:
             until_s = begin_s + lane.sink.patience_s
             if not lane.close(max(0.0, until_s - time.monotonic())):
                 logger.warning("%s did not finish in time", lane.sink.name)
+
+
+def _lane(sink: Sink) -> Lane:
+    return DirectLane(sink) if isinstance(sink, DirectSink) else Lane(sink)

@@ -2,8 +2,7 @@
 """A lane: one sink in a thread of its own, behind a bounded queue.
 
 A slow sink loses its oldest records; a sink that fails is opened again after a while.
-Both are counted, and neither slows down the reader of the ports or another sink. A sink
-with `take_at_once` gets records in the caller's thread while its own has nothing to do.
+Both are counted, and neither slows down the reader of the ports or another sink.
 """
 
 from __future__ import annotations
@@ -22,8 +21,8 @@ from imud.probes.record import Presence, Record
 
 Item = Record | Presence
 
-# Records that may wait for a sink: 8 probes with 300 messages a second for 3 s.
-QUEUE_MAX = 8192
+# Records that may wait for a sink: 256 probes with 20 messages a second for 3 s; 30 MB.
+QUEUE_MAX = 16_384
 
 # A sink that failed is tried again after this long: a disk may have room again.
 RETRY_S = 2.0
@@ -37,11 +36,6 @@ SUCCEED_S = 10.0
 # changes of threads. One whose `is_quick` is true only keeps what it takes, and needs
 # no pauses.
 PAUSE_EVERY, PAUSE_S = 128, 0.0001
-
-# A record that took the caller so long had to wait for something: Zenoh waits 50 ms for
-# room in the queue of a subscriber. Only the sink's thread may wait like that, so for a
-# while it gets all records. Zenoh gives up a subscriber that is silent after 10 s.
-WAITED_S, DETOUR_S = 0.04, 10.0
 
 logger = logging.getLogger("imud")
 
@@ -67,11 +61,6 @@ class Lane:
         self._capacity = capacity
         self._half = (capacity + 1) // 2
         self._pauses = not getattr(sink, "is_quick", False)
-        # Takes a record without waiting; False: it is left to the thread.
-        self._at_once: Callable[[Item], bool] | None = getattr(
-            sink, "take_at_once", None
-        )
-        self._detour_until_s = 0.0
         self._queue: deque[Item] = deque()
         self._in_hand: Sequence[Item] = ()  # out of the queue, not yet counted
         self._wake = threading.Condition()
@@ -109,49 +98,7 @@ class Lane:
 
     def put(self, *items: Item) -> None:
         """Hands records to the sink. All calls come from one thread."""
-        rest: Sequence[Item] = items
-        if self._at_once is not None and self._is_idle():
-            rest = items[self._take_at_once(self._at_once, items) :]
-        if rest:
-            self._wait_in_line(rest)
-
-    def _is_idle(self) -> bool:
-        """Whether the thread has nothing to do, and nothing speaks against taking
-        records without it.
-        """
-        with self._wake:
-            is_busy = self._queue or self._in_hand or self._is_closing
-        is_whole = self._broken_until is None and self._before is None
-        is_idle = is_whole and not is_busy
-        return is_idle and time.monotonic() >= self._detour_until_s
-
-    def _take_at_once(
-        self, at_once: Callable[[Item], bool], items: Sequence[Item]
-    ) -> int:
-        """How many of the items are done with: taken, or the last of them dropped."""
-        done = 0
-
-        def take() -> None:
-            nonlocal done
-            before_s = time.monotonic()
-            for item in items:
-                if not at_once(item):
-                    return  # nor those behind it: the order stays
-                done += 1
-                now_s = time.monotonic()
-                if now_s - before_s > WAITED_S:
-                    self._detour_until_s = now_s + DETOUR_S
-                    return
-                before_s = now_s
-
-        is_well = self._attempt(take)
-        with self._wake:
-            for item in islice(items, done):
-                if type(item) is Record:
-                    self._mine.taken[item.probe][item.topic] += 1
-            if not is_well:
-                self._count_dropped(items[done])
-        return done if is_well else done + 1
+        self._wait_in_line(items)
 
     def _wait_in_line(self, items: Sequence[Item]) -> None:
         with self._wake:
@@ -255,8 +202,7 @@ class Lane:
         while True:
             with self._wake:
                 self._wake.wait_for(self._is_due, timeout=self._patience(deadline))
-                items, self._queue = self._queue, deque()
-                self._in_hand = items
+                self._in_hand = items = self._next()
                 is_closing = self._is_closing
             if self.sink.period_s > 0:
                 deadline = time.monotonic() + self.sink.period_s
@@ -264,6 +210,11 @@ class Lane:
             if is_closing:
                 self._attempt(self.sink.close)
                 return
+
+    def _next(self) -> deque[Item]:
+        """What the thread takes next from the queue."""
+        items, self._queue = self._queue, deque()
+        return items
 
     def _is_due(self) -> bool:
         if self._is_closing:

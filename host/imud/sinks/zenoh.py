@@ -6,13 +6,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import msgspec
 import zenoh
+from zenoh.handlers import Callback
 
 from imud.config.settings import Zenoh
 from imud.errors import NetworkError
 from imud.net import network, refusals
 from imud.net.access import BODIES, BODY_STATE
+from imud.net.presence import says_gone, says_there
 from imud.net.publishers import Publisher, declare_publisher
 from imud.probes.record import Presence, Record
 
@@ -159,8 +160,8 @@ class ZenohSink:
         is_known = record.probe in self._known
         if record.topic == "status" and record.payload and not is_known:
             # Its presence was lost if it came or went while there was no network.
-            is_alive = _is_alive(record.payload)
-            self._set_alive(session, record.probe, is_alive=is_alive)
+            is_there = says_there(record.payload)
+            self._set_alive(session, record.probe, is_alive=is_there)
         if record.payload:
             self._put(session, record.probe, record.topic, record.payload)
         if record.content:
@@ -216,13 +217,19 @@ class ZenohSink:
         status, params = self._key(probe, "status"), self._key(probe, "params")
         command = self._key(probe, "cmd/*")
         self._declared[probe] = [
-            session.declare_queryable(status, lambda q: self._tell(probe, "status", q)),
-            session.declare_queryable(params, lambda q: self._tell_params(probe, q)),
-            session.declare_queryable(command, lambda q: self._take_query(probe, q)),
+            session.declare_queryable(
+                status, _direct(lambda q: self._tell(probe, "status", q))
+            ),
+            session.declare_queryable(
+                params, _direct(lambda q: self._tell_params(probe, q))
+            ),
+            session.declare_queryable(
+                command, _direct(lambda q: self._take_query(probe, q))
+            ),
             # No other program should publish there.
             session.declare_subscriber(
                 self._key(probe, "*"),
-                self._tell_other,
+                _direct(self._tell_other),
                 allowed_origin=zenoh.Locality.REMOTE,
             ),
         ]
@@ -245,7 +252,7 @@ class ZenohSink:
                 text = f"network: probe {probe} is at another imud now"
                 self._on_notice(("elsewhere", probe), text, False)
             return
-        if topic == "status" and _says_gone(sample.payload.to_bytes()):
+        if topic == "status" and says_gone(sample.payload.to_bytes()):
             return  # the last words of the daemon that it has left
         text = (
             f"network: another program publishes on {key}, too: don't trust it; is "
@@ -324,18 +331,9 @@ class ZenohSink:
         self._on_command(probe, name, parameters, answer)
 
 
-def _is_alive(status: bytes) -> bool:
-    """Whether the status is of a probe that is on a port and speaks our schema."""
-    said = msgspec.json.decode(status)
-    return said["port"] is not None and said["state"] != "other schema"
-
-
-def _says_gone(payload: bytes) -> bool:
-    """Whether it is the status of a probe that was unplugged."""
-    try:
-        return bool(msgspec.json.decode(payload)["state"] == "gone")
-    except (msgspec.DecodeError, KeyError, TypeError):
-        return False
+def _direct(tell: Callable[[Any], None]) -> Callable[[Any], None]:
+    """Called by Zenoh's own threads: it waits for nothing, so it needs none itself."""
+    return Callback(tell, indirect=False)
 
 
 def _pairs(parameters: str) -> list[tuple[str, Any]]:

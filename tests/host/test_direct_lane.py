@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: MIT
+"""Records are taken in the caller's thread unless something has to be waited for. They
+keep their order.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from imud.daemon import direct_lane
+from imud.daemon import lane as lane_module
+from imud.daemon.direct_lane import DETOUR_MAX_S, DETOUR_S, MANY, TURN_MAX, DirectLane
+from imud.daemon.lane import Item
+from imud.probes.record import Record
+from sinks import PATIENCE_S, FakeSink, record
+from streaming import until
+
+
+class QuickSink(FakeSink):
+    """Takes records of the topic `pose` in the caller's thread."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.threads: list[int] = []
+
+    def take_at_once(self, item: Item) -> bool:
+        if not isinstance(item, Record) or item.topic != "pose":
+            return False
+        self.fault()
+        self.threads.append(threading.get_ident())
+        self.taken.put(item.sequence)
+        return True
+
+
+def test_a_sink_takes_records_at_once_in_the_callers_thread() -> None:
+    sink = QuickSink()
+    lane = DirectLane(sink)
+    lane.start()
+    lane.put(record(0), record(1))
+    assert sink.threads == [threading.get_ident()] * 2
+    assert lane.taken("p") == {"pose": 2}
+    assert sink.numbers(2) == [0, 1]
+    assert lane.close(PATIENCE_S)
+
+
+def test_records_taken_at_once_keep_their_place_behind_others() -> None:
+    sink = QuickSink()
+    lane = DirectLane(sink)
+    lane.start()
+    sink.gate.clear()
+    lane.put(record(0), record(1, topic="status"), record(2))
+    assert sink.entered.wait(PATIENCE_S)
+    lane.put(record(3))  # the thread has the one before it in hand
+    assert len(sink.threads) == 1
+    sink.gate.set()
+    assert sink.numbers(4) == [0, 1, 2, 3]
+    assert lane.close(PATIENCE_S)
+    assert lane.taken("p") == {"pose": 3, "status": 1}
+
+
+def test_a_record_that_fails_at_once_is_counted_and_the_sink_opened_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(lane_module, "RETRY_S", 0.0)
+    sink = QuickSink()
+    lane = DirectLane(sink)
+    lane.start()
+
+    def fail() -> None:
+        raise OSError("no network")
+
+    sink.fault = fail
+    lane.put(record(0))
+    assert lane.trouble == "no network"
+    sink.fault = lambda: None
+    lane.put(record(1))  # by the thread, which opens the sink again
+    assert sink.numbers(1) == [1]
+    assert lane.close(PATIENCE_S)
+    assert (sink.opened, lane.failures, lane.dropped("p")) == (2, 1, 1)
+    assert lane.taken("p") == {"pose": 1}
+    assert lane.trouble == ""
+
+
+def test_the_thread_gets_the_records_while_taking_them_means_waiting(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(direct_lane, "WAITED_S", 0.0)
+    sink = QuickSink()
+    lane = DirectLane(sink)
+    lane.start()
+    lane.put(record(0))
+    lane.put(record(1))
+    assert sink.numbers(2) == [0, 1]
+    assert len(sink.threads) == 1
+    assert lane.close(PATIENCE_S)
+
+
+def test_the_caller_takes_what_waits_once_the_thread_has_nothing_in_hand() -> None:
+    sink = QuickSink()
+    lane = DirectLane(sink)
+    lane.start()
+    sink.gate.clear()
+    lane.put(record(0, topic="status"), *map(record, range(1, MANY)))
+    assert sink.entered.wait(PATIENCE_S)
+    sink.gate.set()
+    begin_s = time.monotonic()
+    number = MANY
+    while not sink.threads:  # by the thread, those before it
+        lane.put(record(number))
+        number += 1
+        assert time.monotonic() < begin_s + PATIENCE_S
+    assert {threading.get_ident()} == set(sink.threads)
+    until(lambda: not lane.waiting)
+    assert sink.numbers(number) == list(range(number))
+    assert lane.close(PATIENCE_S)
+
+
+def test_the_thread_does_not_wait_for_a_caller_that_does_not_come(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(direct_lane, "GIVE_WAY_S", 0.001)
+    sink = QuickSink()
+    lane = DirectLane(sink)
+    lane.start()
+    sink.gate.clear()
+    lane.put(record(0, topic="status"))
+    assert sink.entered.wait(PATIENCE_S)
+    lane.put(record(1))  # the caller would take it, and never comes back
+    sink.gate.set()
+    assert sink.numbers(2) == [0, 1]
+    assert sink.threads == []
+    assert lane.close(PATIENCE_S)
+
+
+def test_a_caller_takes_a_part_of_a_long_queue_in_a_turn() -> None:
+    sink = QuickSink()
+    lane = DirectLane(sink)
+    lane.start()
+    sink.gate.clear()
+    lane.put(*map(record, range(TURN_MAX)), record(TURN_MAX), record(TURN_MAX + 1))
+    assert len(sink.threads) == TURN_MAX
+    sink.gate.set()
+    assert sink.numbers(TURN_MAX + 2) == list(range(TURN_MAX + 2))
+    assert lane.close(PATIENCE_S)
+
+
+def test_the_order_stays_whoever_takes_them() -> None:
+    random = np.random.default_rng(7)
+    sink = QuickSink()
+    lane = DirectLane(sink)
+    lane.start()
+    number = 0
+    for _ in range(2000):
+        topics = random.choice(
+            ["pose", "status"], random.integers(1, 9), p=[0.95, 0.05]
+        )
+        lane.put(
+            *(record(number + n, topic=str(topic)) for n, topic in enumerate(topics))
+        )
+        number += len(topics)
+        if random.random() < 0.01:
+            time.sleep(random.random() * 2 * direct_lane.GIVE_WAY_S)
+    assert sink.numbers(number) == list(range(number))
+    assert lane.close(PATIENCE_S)
+    assert sum(lane.taken("p").values()) == number
+    assert 0 < len(sink.threads) < number
+
+
+def test_a_sink_that_makes_the_caller_wait_again_is_left_alone_for_longer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now_s = [1000.0]
+    takes_s = [2 * direct_lane.WAITED_S]
+    monkeypatch.setattr(direct_lane.time, "monotonic", lambda: now_s[0])
+    sink = QuickSink()
+    lane = DirectLane(sink)
+    lane.start()
+
+    def wait() -> None:
+        now_s[0] += takes_s[0]
+
+    sink.fault = wait
+    spans = []
+    for number in range(9):
+        lane.put(record(number))
+        assert sink.threads == [threading.get_ident()] * (number + 1)
+        spans.append(lane._detour_until_s - now_s[0])
+        now_s[0] = lane._detour_until_s
+    assert spans == pytest.approx(
+        [min(DETOUR_S * 2**n, DETOUR_MAX_S) for n in range(9)]
+    )
+    now_s[0] += 2 * DETOUR_MAX_S
+    lane.put(record(9))
+    assert lane._detour_until_s - now_s[0] == pytest.approx(DETOUR_S)
+    assert lane.close(PATIENCE_S)
