@@ -54,26 +54,40 @@ class DirectLane(Lane):
         self._detour_s = DETOUR_S
         self._detour_until_s = 0.0
         self._is_wanted = False  # the caller waits for the queue
+        self._is_taking = False  # it has the first records of it
 
     def put(self, *items: Item) -> None:
         line = self._claim(items)
-        rest = line[self._take_at_once(line[:TURN_MAX]) :] if line else items
-        if rest:
-            self._wait_in_line(rest)
+        if line:
+            self._give_back(line, self._take_at_once(line))
 
     def _claim(self, items: Sequence[Item]) -> Sequence[Item]:
-        """The records that wait and these; none if they are for the thread."""
+        """Has records wait, and returns the first of all that do; none if they are for
+        the thread.
+        """
+        is_whole = self._broken_until is None and self._before is None
+        if is_whole and not self._is_closing:
+            with self._wake:
+                self._is_wanted = not self._is_at_hand()
+                if not self._is_wanted and not self._is_for_thread():
+                    self._is_taking = True
+                    self._queue.extend(items)
+                    count = min(TURN_MAX, len(self._queue))
+                    return [self._queue.popleft() for _ in range(count)]
+        self._wait_in_line(items)
+        return ()
+
+    def _give_back(self, line: Sequence[Item], done: int) -> None:
+        """Leaves the rest of the records to the thread, unless the caller could take
+        more of them with its next ones.
+        """
         with self._wake:
-            is_whole = self._broken_until is None and self._before is None
-            if not is_whole or self._is_for_thread():
-                return ()
-            self._is_wanted = not self._is_at_hand()
-            if self._is_wanted:
-                return ()
+            self._is_taking = False
+            self._is_wanted = done == len(line)
+            self._queue.extendleft(reversed(line[done:]))
+            self._trim()
             if self._queue:
-                items = [*self._queue, *items]
-                self._queue.clear()
-        return items
+                self._wake.notify()
 
     def _is_at_hand(self) -> bool:
         """Whether the thread has no record in hand, if need be after a while."""
@@ -117,11 +131,7 @@ class DirectLane(Lane):
         self._detour_until_s = now_s + self._detour_s
 
     def _is_due(self) -> bool:
-        is_others = self._is_wanted and not self._is_for_thread()
-        return not is_others and super()._is_due()
-
-    def _patience(self, deadline: float) -> float | None:
-        return GIVE_WAY_S if self._is_wanted else super()._patience(deadline)
+        return not self._is_taking and super()._is_due()
 
     def _settle(self, items: Sequence[Item], done: int) -> None:
         super()._settle(items, done)
@@ -129,8 +139,14 @@ class DirectLane(Lane):
             self._wake.notify()
 
     def _next(self) -> deque[Item]:
-        """Few records, so that the caller gets those behind them soon."""
-        self._is_wanted = False
+        """Few records, so that the caller gets those behind them soon; none if the
+        caller is about to take them.
+        """
+        if self._is_wanted and not self._is_for_thread():
+            self._is_wanted = False
+            self._wake.wait_for(lambda: self._is_wanted, GIVE_WAY_S)
+        if self._is_wanted or self._is_taking:
+            return deque()
         if self._is_for_thread() or not self._queue:
             return super()._next()
         count = HAND_MAX if len(self._queue) >= MANY else 1

@@ -104,12 +104,16 @@ class Lane:
         with self._wake:
             before = len(self._queue)
             self._queue.extend(items)
-            for _ in range(len(self._queue) - self._capacity):
-                self._count_dropped(self._queue.popleft())
+            self._trim()
             # Woken once: the thread takes all that is in the queue.
             enough = 1 if self.sink.period_s == 0 else self._half
             if before < enough <= len(self._queue):
                 self._wake.notify()
+
+    def _trim(self) -> None:
+        """Drops the oldest records beyond the capacity."""
+        for _ in range(len(self._queue) - self._capacity):
+            self._count_dropped(self._queue.popleft())
 
     def end(self) -> None:
         """Asks the thread to hand over what waits and to close the sink."""
