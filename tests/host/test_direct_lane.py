@@ -7,16 +7,18 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
+from fakes import PATIENCE_S
+from fakes.sinks import FakeSink, record
 from imud.daemon import direct_lane
 from imud.daemon import lane as lane_module
 from imud.daemon.direct_lane import DETOUR_MAX_S, DETOUR_S, MANY, TURN_MAX, DirectLane
 from imud.daemon.lane import Item
 from imud.probes.record import Record
-from sinks import PATIENCE_S, FakeSink, record
 from streaming import until
 
 
@@ -36,21 +38,31 @@ class QuickSink(FakeSink):
         return True
 
 
-def test_a_sink_takes_records_at_once_in_the_callers_thread() -> None:
-    sink = QuickSink()
-    lane = DirectLane(sink)
-    lane.start()
+@pytest.fixture
+def sink() -> QuickSink:
+    return QuickSink()
+
+
+@pytest.fixture
+def lane(sink: QuickSink) -> Iterator[DirectLane]:
+    made = DirectLane(sink)
+    made.start()
+    yield made
+    assert made.close(PATIENCE_S)
+
+
+def test_a_sink_takes_records_at_once_in_the_callers_thread(
+    sink: QuickSink, lane: DirectLane
+) -> None:
     lane.put(record(0), record(1))
     assert sink.threads == [threading.get_ident()] * 2
     assert lane.taken("p") == {"pose": 2}
     assert sink.numbers(2) == [0, 1]
-    assert lane.close(PATIENCE_S)
 
 
-def test_records_taken_at_once_keep_their_place_behind_others() -> None:
-    sink = QuickSink()
-    lane = DirectLane(sink)
-    lane.start()
+def test_records_taken_at_once_keep_their_place_behind_others(
+    sink: QuickSink, lane: DirectLane
+) -> None:
     sink.gate.clear()
     lane.put(record(0), record(1, topic="status"), record(2))
     assert sink.entered.wait(PATIENCE_S)
@@ -63,12 +75,9 @@ def test_records_taken_at_once_keep_their_place_behind_others() -> None:
 
 
 def test_a_record_that_fails_at_once_is_counted_and_the_sink_opened_again(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, sink: QuickSink, lane: DirectLane
 ) -> None:
     monkeypatch.setattr(lane_module, "RETRY_S", 0.0)
-    sink = QuickSink()
-    lane = DirectLane(sink)
-    lane.start()
 
     def fail() -> None:
         raise OSError("no network")
@@ -86,23 +95,18 @@ def test_a_record_that_fails_at_once_is_counted_and_the_sink_opened_again(
 
 
 def test_the_thread_gets_the_records_while_taking_them_means_waiting(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, sink: QuickSink, lane: DirectLane
 ) -> None:
     monkeypatch.setattr(direct_lane, "WAITED_S", 0.0)
-    sink = QuickSink()
-    lane = DirectLane(sink)
-    lane.start()
     lane.put(record(0))
     lane.put(record(1))
     assert sink.numbers(2) == [0, 1]
     assert len(sink.threads) == 1
-    assert lane.close(PATIENCE_S)
 
 
-def test_the_caller_takes_what_waits_once_the_thread_has_nothing_in_hand() -> None:
-    sink = QuickSink()
-    lane = DirectLane(sink)
-    lane.start()
+def test_the_caller_takes_what_waits_once_the_thread_has_nothing_in_hand(
+    sink: QuickSink, lane: DirectLane
+) -> None:
     sink.gate.clear()
     lane.put(record(0, topic="status"), *map(record, range(1, MANY)))
     assert sink.entered.wait(PATIENCE_S)
@@ -116,16 +120,12 @@ def test_the_caller_takes_what_waits_once_the_thread_has_nothing_in_hand() -> No
     assert {threading.get_ident()} == set(sink.threads)
     until(lambda: not lane.waiting)
     assert sink.numbers(number) == list(range(number))
-    assert lane.close(PATIENCE_S)
 
 
 def test_the_thread_does_not_wait_for_a_caller_that_does_not_come(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, sink: QuickSink, lane: DirectLane
 ) -> None:
     monkeypatch.setattr(direct_lane, "GIVE_WAY_S", 0.001)
-    sink = QuickSink()
-    lane = DirectLane(sink)
-    lane.start()
     sink.gate.clear()
     lane.put(record(0, topic="status"))
     assert sink.entered.wait(PATIENCE_S)
@@ -133,26 +133,20 @@ def test_the_thread_does_not_wait_for_a_caller_that_does_not_come(
     sink.gate.set()
     assert sink.numbers(2) == [0, 1]
     assert sink.threads == []
-    assert lane.close(PATIENCE_S)
 
 
-def test_a_caller_takes_a_part_of_a_long_queue_in_a_turn() -> None:
-    sink = QuickSink()
-    lane = DirectLane(sink)
-    lane.start()
+def test_a_caller_takes_a_part_of_a_long_queue_in_a_turn(
+    sink: QuickSink, lane: DirectLane
+) -> None:
     sink.gate.clear()
     lane.put(*map(record, range(TURN_MAX)), record(TURN_MAX), record(TURN_MAX + 1))
     assert len(sink.threads) == TURN_MAX
     sink.gate.set()
     assert sink.numbers(TURN_MAX + 2) == list(range(TURN_MAX + 2))
-    assert lane.close(PATIENCE_S)
 
 
-def test_the_order_stays_whoever_takes_them() -> None:
+def test_the_order_stays_whoever_takes_them(sink: QuickSink, lane: DirectLane) -> None:
     random = np.random.default_rng(7)
-    sink = QuickSink()
-    lane = DirectLane(sink)
-    lane.start()
     number = 0
     for _ in range(2000):
         topics = random.choice(
@@ -171,17 +165,13 @@ def test_the_order_stays_whoever_takes_them() -> None:
 
 
 def test_a_sink_that_makes_the_caller_wait_again_is_left_alone_for_longer(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, sink: QuickSink, lane: DirectLane
 ) -> None:
     now_s = [1000.0]
-    takes_s = [2 * direct_lane.WAITED_S]
     monkeypatch.setattr(direct_lane.time, "monotonic", lambda: now_s[0])
-    sink = QuickSink()
-    lane = DirectLane(sink)
-    lane.start()
 
     def wait() -> None:
-        now_s[0] += takes_s[0]
+        now_s[0] += 2 * direct_lane.WAITED_S
 
     sink.fault = wait
     spans = []
@@ -196,4 +186,3 @@ def test_a_sink_that_makes_the_caller_wait_again_is_left_alone_for_longer(
     now_s[0] += 2 * DETOUR_MAX_S
     lane.put(record(9))
     assert lane._detour_until_s - now_s[0] == pytest.approx(DETOUR_S)
-    assert lane.close(PATIENCE_S)

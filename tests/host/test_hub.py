@@ -9,12 +9,13 @@ import time
 
 import pytest
 
+from fakes import PATIENCE_S
+from fakes.sinks import FakeSink, record
 from imud.daemon import lane as lane_module
 from imud.daemon.hub import FEW, Hub
 from imud.daemon.lane import Lane
 from imud.errors import FileError
 from imud.probes.record import Presence
-from sinks import PATIENCE_S, FakeSink, record
 
 
 def test_records_arrive_in_order_at_every_sink() -> None:

@@ -68,7 +68,7 @@ class DirectLane(Lane):
         is_whole = self._broken_until is None and self._before is None
         if is_whole and not self._is_closing:
             with self._wake:
-                self._is_wanted = not self._is_at_hand()
+                self._is_wanted = not self._is_thread_free()
                 if not self._is_wanted and not self._is_for_thread():
                     self._is_taking = True
                     self._queue.extend(items)
@@ -89,7 +89,7 @@ class DirectLane(Lane):
             if self._queue:
                 self._wake.notify()
 
-    def _is_at_hand(self) -> bool:
+    def _is_thread_free(self) -> bool:
         """Whether the thread has no record in hand, if need be after a while."""
         patience_s = YIELD_S if len(self._queue) >= MANY else 0.0
         return self._wake.wait_for(lambda: not self._in_hand, patience_s)

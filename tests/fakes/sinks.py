@@ -7,10 +7,9 @@ import queue
 import threading
 from collections.abc import Callable
 
+from fakes.port import PATIENCE_S
 from imud.daemon.lane import Item
 from imud.probes.record import Record
-
-PATIENCE_S = 30.0
 
 
 def record(number: int, probe: str = "p", topic: str = "pose") -> Record:
