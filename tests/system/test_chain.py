@@ -66,8 +66,8 @@ def passed_on(ledger: dict[str, Any]) -> list[int]:
 def test_damage_on_the_wire_adds_up_to_the_frame(stub: Stub, seed: int) -> None:
     done = run(stub, 12, *CLICK, *stub.raw_too)
     whole = set(done.contents)
-    # One in 65536 damaged frames has a good CRC: not two times of three.
-    for each in (seed, seed + 10, seed + 20):
+    # One in 65536 damaged frames has a good CRC, which two times in a row is no chance.
+    for each in (seed, seed + 10):
         received = damage(done.record.read_bytes(), each)
         good = reference.contents(received)
         if set(good) <= whole:
