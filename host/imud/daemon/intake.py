@@ -139,8 +139,9 @@ class Intake:
         entry.other = None
         self.stages.appear(entry, event)
         self._lines.found(entry, event, port)
-        self._publisher.set_alive(entry, is_alive=True)
+        # Its status first: who sees that it is there may ask for that at once.
         self.reports.publish(entry)
+        self._publisher.set_alive(entry, is_alive=True)
         self.on_found(entry.name)
 
     def _received(self, event: Received) -> None:

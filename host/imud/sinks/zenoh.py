@@ -13,7 +13,7 @@ from imud.config.settings import Zenoh
 from imud.errors import NetworkError
 from imud.net import network, refusals
 from imud.net.access import BODIES, BODY_STATE
-from imud.net.presence import says_gone, says_there
+from imud.net.presence import says_gone, says_it_is_here, says_there
 from imud.net.publishers import Publisher, declare_publisher
 from imud.probes.record import Presence, Record
 
@@ -146,7 +146,7 @@ class ZenohSink:
             self.close()
             raise NetworkError(f"the Zenoh router at {self._where} is gone")
         if record.probe in self._elsewhere:
-            if not isinstance(record, Presence) or not record.is_alive:
+            if not says_it_is_here(record):
                 self._leave(record.probe)
                 return
             self._elsewhere.discard(record.probe)
