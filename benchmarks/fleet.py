@@ -133,11 +133,18 @@ def _number(payload: bytes) -> int:
     return int(payload[begin : payload.index(b",", begin)])
 
 
-def follow(endpoint: str, to: Connection, path: Path) -> None:
-    """The consumer of all poses, of which everything is noted."""
+def follow(endpoint: str, to: Connection, heard_path: Path, told_path: Path) -> None:
+    """The consumer of all poses, of which everything is noted, and of statuses: the
+    number of the last pose by probe.
+    """
     heard: list[tuple[int, bytes]] = []
+    told: dict[str, bytes] = {}
     gc.disable()
     with _session(endpoint, "client") as session:
+        session.declare_subscriber(
+            "imud/*/status",
+            lambda sample: told.update({str(sample.key_expr): bytes(sample.payload)}),
+        )
         session.declare_subscriber(
             "imud/*/pose",
             lambda sample: heard.append((time.time_ns(), bytes(sample.payload))),
@@ -151,10 +158,17 @@ def follow(endpoint: str, to: Connection, path: Path) -> None:
         read_ns = -1
         if said["t_ns"] is not None and said["age_us"] is not None:
             read_ns = said["t_ns"] + 1000 * said["age_us"]
-        probe = int(said["probe"][-4:], 16)
-        rows[row] = probe, said["seq"], said["number"], said["missing"], read_ns, t_ns
-    np.save(path, rows)
+        counts = said["seq"], said["number"], said["missing"]
+        rows[row] = _probe(said), *counts, read_ns, t_ns
+    np.save(heard_path, rows)
+    statuses = [json.loads(payload) for payload in told.values()]
+    last = [(_probe(each), each["quality"]["number"] or 0) for each in statuses]
+    np.save(told_path, np.array(last, dtype=np.int64).reshape(-1, 2))
     to.send({"bytes": sum(len(payload) for _, payload in heard)})
+
+
+def _probe(said: dict[str, Any]) -> int:
+    return int(said["probe"][-4:], 16)
 
 
 class Fleet:
@@ -163,6 +177,7 @@ class Fleet:
     def __init__(self, size: Size, folder: Path, *, has_log: bool) -> None:
         self.size = size
         self.sent_path, self.heard_path = folder / "sent.npy", folder / "heard.npy"
+        self.told_path = folder / "told.npy"
         self._spawn = multiprocessing.get_context("spawn")
         self._processes: list[BaseProcess] = []
         self._daemons: list[subprocess.Popen[bytes]] = []
@@ -182,7 +197,8 @@ class Fleet:
             answer_of(router, PATIENCE_S)
         self._start_daemons(folder, has_log=has_log)
         end = self._endpoints[-1]
-        self.follower = self._start("consumer", follow, end, last=(self.heard_path,))
+        notes = (self.heard_path, self.told_path)
+        self.follower = self._start("consumer", follow, end, last=notes)
         answer_of(self.follower, PATIENCE_S)
         self.others = [
             self._start("others", consume, end, [self._screen(n) for n in group])

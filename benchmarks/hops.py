@@ -104,10 +104,11 @@ def drain(fleet: Fleet) -> None:
 
 def counted(fleet: Fleet) -> dict[str, int]:
     """What the consumer of all poses got and lost since its first one of each probe. A
-    loss is explained by a pty without room, or by a gap in `number`. `unheard`: probes
-    of which nothing came.
+    loss is explained by a pty without room, or by a gap in `number`, of which the last
+    is in a probe's status. `unheard`: probes of which nothing came.
     """
     sent, heard = np.load(fleet.sent_path), np.load(fleet.heard_path)
+    told = dict(np.load(fleet.told_path).tolist())
     lost = explained = unheard = 0
     for probe in np.unique(sent[:, 0]):
         of, mine = heard[heard[:, 0] == probe], sent[sent[:, 0] == probe]
@@ -117,7 +118,8 @@ def counted(fleet: Fleet) -> dict[str, int]:
         mine = mine[mine[:, 1] >= of[0, 1]]
         lost += len(mine) - len(of)
         explained += int(mine[:, 3].sum())
-        explained += int(of[-1, 2] - of[0, 2]) + 1 - len(of)
+        last = max(int(of[-1, 2]), told.get(probe, 0))
+        explained += last - int(of[0, 2]) + 1 - len(of)
     return {
         "got": len(heard),
         "lost": lost,

@@ -126,6 +126,22 @@ def test_the_wire_s_losses_are_told(chain: Chain) -> None:
         assert subscription.missed == Missed(wire=7)
 
 
+def test_a_status_says_the_number_of_the_last_pose(chain: Chain) -> None:
+    topics: tuple[Topic, ...] = ("pose", "status")
+    last = 0
+    with (
+        subscribe(topics=topics, endpoint=chain.daemon.endpoint) as subscription,
+        chain.speaking("pose"),
+    ):
+        for message in subscription:
+            if isinstance(message, Pose):
+                last = message.number
+            elif isinstance(message, Status) and last:
+                assert message.quality["number"] == last
+                break
+        assert subscription.missed == Missed()
+
+
 def test_a_daemon_that_is_killed_and_started_again_is_heard_again(
     chain: Chain, tmp_path: Path
 ) -> None:

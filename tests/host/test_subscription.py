@@ -102,6 +102,24 @@ def test_a_hole_in_the_numbers_is_the_network_s_and_missing_is_the_wire_s() -> N
     assert subscription.missed_of("q") == Missed()
 
 
+def test_what_was_lost_at_the_end_is_known_by_the_status() -> None:
+    line, subscription = line_and("pose", "status")
+    told = {"probe_id": "p", "state": "streaming", "port": "", "t_ns": 0}
+    told |= {"pose_rate_hz": 100.0, "ledger": {}, "topic": "status"}
+    line.say(5)
+    line.say(0, quality={"number": 5}, **told)
+    assert subscription.missed == Missed()
+    line.say(0, quality={"number": 9}, **told)
+    assert subscription.missed == Missed(network=4)
+    line.say(8)  # overtaken
+    assert subscription.missed == Missed(network=3)
+    line.say(10)
+    assert subscription.missed == Missed(network=3)
+    # Another daemon's number says nothing of this one's poses.
+    line.say(0, quality={"number": 90}, source="two", **told)
+    assert subscription.missed == Missed(network=3)
+
+
 def test_a_wire_s_loss_is_told_by_each_topic_and_counted_once() -> None:
     line, subscription = line_and("pose", "event")
     for topic in ("pose", "event"):

@@ -30,6 +30,7 @@ class Series:
     """Follows the numbers of one kind of message of one probe."""
 
     last: int | None = None
+    told: int = 0  # the last number that its source says it has published
     source: str = ""
     wire: int = 0
     network: int = 0
@@ -49,7 +50,7 @@ class Series:
         if source != source_before or (not source and message.number <= last):
             # Another daemon counts from 1: what it published before this is missing.
             self.restarts += 1
-            last = 0
+            last = self.told = 0
         if message.number <= last:
             return False
         self.network += message.number - last - 1
@@ -57,10 +58,17 @@ class Series:
         self.last = message.number
         return True
 
+    def tell(self, number: int, source: str) -> None:
+        """Takes the last number that `source` says it has published, after all that it
+        published before saying so.
+        """
+        if source == self.source:
+            self.told = number
+
     def missed(self) -> Missed:
-        return Missed(
-            self.wire, self.network, self.queue, self.unreadable, self.restarts
-        )
+        at_end = 0 if self.last is None else max(0, self.told - self.last)
+        network = self.network + at_end
+        return Missed(self.wire, network, self.queue, self.unreadable, self.restarts)
 
 
 def combined(parts: Mapping[tuple[str, str], Missed]) -> Missed:

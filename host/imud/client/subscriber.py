@@ -178,6 +178,8 @@ class Subscription(Generic[T]):
                     message, delivery.source
                 ):
                     return
+                if isinstance(message, Status):
+                    self._tell(message, delivery.source)
                 waiting = self._queue.waiting
                 if len(waiting) >= self._waiting_max:
                     oldest, _ = waiting.popleft()
@@ -186,6 +188,13 @@ class Subscription(Generic[T]):
                 self._rouse()
 
         return keep
+
+    def _tell(self, status: Status, source: str) -> None:
+        """A status says how many poses there were, also if none comes after a loss."""
+        poses = self._series.get((status.probe, "pose"))
+        number = status.quality.get("number")
+        if poses is not None and number is not None:
+            poses.tell(number, source)
 
     def _rouse(self) -> None:
         self._queue.wake.notify_all()

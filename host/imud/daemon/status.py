@@ -20,7 +20,11 @@ from imud.version import version
 
 STATUS_S = 1.0  # between two statuses of a probe
 
-QUALITY = ("tilt_sigma_deg", "heading_sigma_deg", "flags", "age_us", "t_bound_us")
+# Of the last pose. By `number` a consumer knows what it missed though no more comes.
+QUALITY = (
+    *("tilt_sigma_deg", "heading_sigma_deg", "flags"),
+    *("age_us", "t_bound_us", "number"),
+)
 
 
 class Delivered(msgspec.Struct, frozen=True):
