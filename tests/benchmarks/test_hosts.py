@@ -16,10 +16,15 @@ import hosts
 MS = 1_000_000
 
 
-def fleet(tmp_path: Path, sent: list[Any], heard: list[Any]) -> Any:
-    made = SimpleNamespace(sent_path=tmp_path / "s.npy", heard_path=tmp_path / "h.npy")
+def fleet(
+    tmp_path: Path, sent: list[Any], heard: list[Any], told: dict[int, int]
+) -> Any:
+    """`told`: the number of the last pose in the status of each probe."""
+    names = ("sent_path", "heard_path", "told_path")
+    made = SimpleNamespace(**{name: tmp_path / f"{name}.npy" for name in names})
     np.save(made.sent_path, np.array(sent, dtype=np.int64).reshape(-1, 4))
     np.save(made.heard_path, np.array(heard, dtype=np.int64).reshape(-1, 6))
+    np.save(made.told_path, np.array([*told.items()], dtype=np.int64).reshape(-1, 2))
     return made
 
 
@@ -46,21 +51,26 @@ def test_a_loss_is_explained_by_a_pty_or_by_a_gap_in_numbers(tmp_path: Path) -> 
             heard(1, 7, 6),
             heard(1, 8, 7),
         ],
+        {1: 7},
     )
     assert counted(made) == {"got": 5, "lost": 2, "unexplained": 0, "unheard": 1}
 
 
 def test_a_loss_without_a_gap_is_not_explained(tmp_path: Path) -> None:
-    made = fleet(
-        tmp_path, [sent(1, n) for n in range(1, 5)], [heard(1, 1, 1), heard(1, 3, 2)]
-    )
+    received = [heard(1, 1, 1), heard(1, 3, 2)]
+    made = fleet(tmp_path, [sent(1, n) for n in range(1, 5)], received, {})
     assert counted(made) == {"got": 2, "lost": 2, "unexplained": 2, "unheard": 0}
 
 
+def test_a_loss_at_the_end_is_explained_by_the_status(tmp_path: Path) -> None:
+    received = [heard(1, 1, 1), heard(1, 2, 2)]
+    made = fleet(tmp_path, [sent(1, n) for n in range(1, 6)], received, {1: 4})
+    assert counted(made) == {"got": 2, "lost": 3, "unexplained": 1, "unheard": 0}
+
+
 def test_delays_are_told_by_hop(tmp_path: Path) -> None:
-    made = fleet(
-        tmp_path, [sent(1, n) for n in range(1, 5)], [heard(1, n, n) for n in (1, 2, 3)]
-    )
+    received = [heard(1, n, n) for n in (1, 2, 3)]
+    made = fleet(tmp_path, [sent(1, n) for n in range(1, 5)], received, {1: 3})
     found = delays(made, 0, 100 * MS)
     assert found["to_daemon_ms"] == {"p50": 2.0, "p99": 2.0}
     assert found["to_consumer_ms"] == {"p50": 3.0, "p99": 3.0}
