@@ -112,6 +112,31 @@ def test_a_log_goes_to_any_of_its_times(log: Path) -> None:
             pass
 
 
+def test_the_end_of_a_log_that_is_still_written_stays_in_reach(log: Path) -> None:
+    served = Served(logs=LogFolder(log.parent))
+    poses = [r for r in log_files.records(COUNT) if r.topic == "pose"]
+    whole, half = log.read_bytes(), SeekableLog(log).spans[10].at
+    log.write_bytes(whole[:half])
+    with contextlib.closing(served.page), served.live() as browser:
+        browser.say(do="watch", every=[], rate_hz=60)
+        browser.say(do="play", id=1, name=log.name, speed=0)
+        browser.next("played")
+        with log.open("ab") as file:
+            file.write(whole[half:])
+        browser.say(do="play", id=2, name=log.name, speed=100)
+        early_ms = poses[3].t_received_ns / 1e6
+        browser.say(do="seek", id=3, t_ms=early_ms)
+        end_ms = poses[-1].t_received_ns / 1e6
+        while not (state := browser.next("played"))["over"] or state["t_ms"] < end_ms:
+            pass
+        browser.say(do="play", id=4, name=log.name, speed=0)
+        browser.say(do="seek", id=5, t_ms=early_ms)
+        state = [x for x in played_to(browser, early_ms) if x["type"] == "played"][-1]
+        assert state["last_ms"] >= end_ms
+        browser.say(do="seek", id=6, t_ms=state["last_ms"])
+        assert browser.next("pose") == json.loads(poses[-1].payload)
+
+
 def test_a_log_without_its_end_can_be_read_from_anywhere(log: Path) -> None:
     whole = SeekableLog(log)
     everything = [each for each in whole.read() if isinstance(each, Logged)]

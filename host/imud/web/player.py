@@ -82,13 +82,15 @@ class Player:
         from_ns = 0
         while True:
             self._play_from(log, from_ns)
+            if self._at_ns > last_ns:  # it is still written
+                last_ns = self._at_ns
+                self._say("span", f"{first_ns} {last_ns}")
             if self._wanted_ns is None:
                 self._send(is_over=True)
             while self._wanted_ns is None:
                 self._look(None, self._at_ns)
-            end_ns = max(last_ns, self._at_ns)  # it may still be written
-            is_end = self._wanted_ns > end_ns - NEAR_NS
-            from_ns = end_ns + 1 if is_end else self._wanted_ns
+            is_end = self._wanted_ns > last_ns - NEAR_NS
+            from_ns = last_ns + 1 if is_end else self._wanted_ns
             self._wanted_ns = None
 
     def _play_from(self, log: SeekableLog, from_ns: int) -> None:
