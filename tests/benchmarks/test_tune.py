@@ -94,7 +94,7 @@ def test_the_twin_is_within_0_02_degrees_of_the_firmware_on_a_recording(
 
 def test_every_parameter_has_a_name_and_a_place() -> None:
     known = twin.defaults()
-    assert known["lag_s"] == 0.0125
+    assert known["lag_s"] == 0.005
     assert known["level_drift"] == 6
     assert all(value > 0 for value in known.values())
     drawn = {*tune.ESTIMATE, *stated.TILT, *stated.HEADING}

@@ -226,8 +226,8 @@ static void run_stage(struct twin *t, int stage, int frame) {
 
 void fuse_twin_defaults(struct fuse_twin_params *params) {
     *params = (struct fuse_twin_params){
-        .lag_s = 0.0125,
-        .lag_sd = 0.005,
+        .lag_s = 0.005,
+        .lag_sd = 0.008,
         .lead_share = 1,
         .bias_sd = 0.5,
         .bias_wander = 1.5e-4,

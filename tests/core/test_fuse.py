@@ -136,8 +136,8 @@ def test_a_passing_magnet_tilts_by_little_through_what_it_tells_of_the_gyroscope
     disturbed = centred(200).feel(passing_magnet(scene(quat, 200, seed=6), 8, 20))
     assert not np.array_equal(calm[0], disturbed[0])
     tilts = [desk.tilt_deg(found, quat) for found, _, _ in (calm, disturbed)]
-    assert np.abs(tilts[0] - tilts[1]).max() < 0.15
-    assert rms(tilts[1]) < 1.3 * rms(tilts[0])
+    assert np.abs(tilts[0] - tilts[1]).max() < 0.17
+    assert rms(tilts[1]) < 1.5 * rms(tilts[0])
     for name in ("is_at_rest", "is_starting"):
         assert np.array_equal(calm[2][name], disturbed[2][name])
 

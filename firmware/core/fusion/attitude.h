@@ -82,6 +82,12 @@ static inline void attitude_learn_drift(struct attitude *attitude,
     }
 }
 
+static inline void attitude_set_mag_lag(struct attitude *attitude, uint16_t lag_us) {
+    if (attitude_has(FILTER_FUSE)) {
+        fuse_set_mag_lag((struct fuse *)&attitude->only, lag_us);
+    }
+}
+
 static inline void attitude_init(struct attitude *attitude, enum filter kind,
                                  uint16_t rate_hz, uint16_t gyr_delay_us) {
     (void)kind;
@@ -172,6 +178,12 @@ static inline void attitude_learn_drift(struct attitude *attitude,
                                         uint32_t noise_q30, uint8_t windows) {
     if (attitude->kind == FILTER_FUSE) {
         fuse_learn_drift(&attitude->fuse, delta_q15, noise_q30, windows);
+    }
+}
+
+static inline void attitude_set_mag_lag(struct attitude *attitude, uint16_t lag_us) {
+    if (attitude->kind == FILTER_FUSE) {
+        fuse_set_mag_lag(&attitude->fuse, lag_us);
     }
 }
 

@@ -55,6 +55,10 @@ void fuse_set_accuracy(struct fuse *fuse, const struct calibration *calibration)
                                : (q2_30_t)fixed_umul_q32(sigma * sigma, LEVEL_GAIN_Q32);
 }
 
+void fuse_set_mag_lag(struct fuse *fuse, uint16_t lag_us) {
+    fuse->lag_s_q35 = seconds_q35(lag_us);
+}
+
 void fuse_restart(struct fuse *fuse) {
     const size_t first = offsetof(struct fuse, in_frame);
     memset(&fuse->in_frame, 0, offsetof(struct fuse, bias_rad_s_q25) - first);

@@ -5,12 +5,12 @@
 
 #include "core/fusion/fuse_stages.h"
 
-// A reading is 12.5 ms behind the gyroscope, its holding included, give or take 5 ms by
-// a sensor's clocks: seconds times 2^35, and half of a variance in ms2.
-#define LAG_Q35 INT32_C(429496730)
+// A reading is 5 ms behind the gyroscope, give or take 8 ms: boards and their set-ups
+// differ by 10 ms. Seconds times 2^35, and half of a variance in ms2.
+#define LAG_Q35 INT32_C(171798692)
 #define LAG_MAX_Q35 INT32_C(1030792151)   // 30 ms
 #define LAG_MS_Q17 INT32_C(131)           // a ms q14_18 as seconds times 2^35
-#define LAG_VARIANCE INT32_C(6553600)     // 12.5 ms2
+#define LAG_VARIANCE INT32_C(16777216)    // 32 ms2
 #define LAG_RATE_Q25 INT32_C(1207959552)  // 36 rad/s an axis: 62.4 in all
 #define LAG_ANGLE_Q30 INT32_C(322122547)  // 0.3 rad an axis
 #define LAG_FIELD_Q18 INT32_C(52428800)   // 200 uT an axis
