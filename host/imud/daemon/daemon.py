@@ -170,8 +170,9 @@ class Daemon:
         names = self._registry.configure(config)
         put = {entry.name: entry.put for entry in self._registry}
         self._outputs.take_up(config, names, put)
-        self._reports.announce()
+        # Presence last: who sees it may ask for the rest at once.
         self._intake.params.announce(self._intake.timeline.utc(host_ns()))
+        self._reports.announce()
         self._finder.configure(config.ports)
         self._history.configure(config.params.folder)
         if config.metrics != before.metrics:

@@ -57,8 +57,8 @@ class Reports:
     def announce(self) -> None:
         """Says who is there, for sinks that have just been opened."""
         for entry in self._registry:
-            self._publisher.announce(entry)
             self.publish(entry)
+            self._publisher.announce(entry)
 
     def publish(self, entry: ProbeEntry) -> None:
         """The status of one probe, as it is now."""
