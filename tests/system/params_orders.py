@@ -16,7 +16,7 @@ Order = tuple[str, int, int]
 WORD_US = 60_000
 # Between two requests to apply: each part is checked in a step of its own, and then the
 # memory takes the eight bytes that switch.
-APPLY_US = 200_000
+APPLY_US = 300_000
 
 
 def words(records: bytes) -> list[Order]:

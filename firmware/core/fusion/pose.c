@@ -7,10 +7,10 @@
 // A gap after which the orientation is found anew: a hand turns far in that time.
 #define RESTART_US UINT32_C(250000)
 
-// Of the field behind the rate, us. AK8963 data sheet, 5.3.1: a measurement takes 7.2
-// ms, and at 100 Hz it is up to 10 ms old when it is read; so its middle is 8.6 ms
-// back, 4.7 ms more than the rate. The LSM9DS0's is read as soon as it is there; how
-// long it takes is not in its data sheet.
+// Of the field behind the rate, us. AK8963 data sheet, analog circuit characteristics:
+// a measurement takes 7.2 ms; at 100 Hz it is up to 10 ms old when it is read. So its
+// middle is 8.6 ms back, 4.7 ms more than the rate. The LSM9DS0's is read as soon as it
+// is there; how long it takes is not in its data sheet.
 static uint16_t mag_lag_us(uint8_t sensor) {
     return sensor == SENSOR_LSM9DS0 ? 1000 : 5000;
 }
