@@ -7,13 +7,9 @@
 // A gap after which the orientation is found anew: a hand turns far in that time.
 #define RESTART_US UINT32_C(250000)
 
-// Of the field behind the rate, us. AK8963 data sheet, analog circuit characteristics:
-// a measurement takes 7.2 ms; at 100 Hz it is up to 10 ms old when it is read. So its
-// middle is 8.6 ms back, 4.7 ms more than the rate. The LSM9DS0's is read as soon as it
-// is there; how long it takes is not in its data sheet.
-static uint16_t mag_lag_us(uint8_t sensor) {
-    return sensor == SENSOR_LSM9DS0 ? 1000 : 5000;
-}
+// Its magnetometer is read as soon as it has measured; how long that takes is not in
+// its data sheet.
+enum { LSM9DS0_MAG_LAG_US = 1000 };
 
 bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibration,
                 const struct sensor_identity *identity, int32_t filter) {
@@ -27,7 +23,9 @@ bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibrat
     attitude_init(&tracker->attitude, (enum filter)filter, identity->rate_hz,
                   identity->gyr_delay_us);
     attitude_set_accuracy(&tracker->attitude, calibration);
-    attitude_set_mag_lag(&tracker->attitude, mag_lag_us(identity->kind));
+    if (identity->kind == SENSOR_LSM9DS0) {
+        attitude_set_mag_lag(&tracker->attitude, LSM9DS0_MAG_LAG_US);
+    }
     pose_place_begin(tracker);
     pose_set_origin(tracker, POSE_ORIGIN_NONE);
     tracker->latched_flags = 0;
