@@ -55,7 +55,7 @@ def test_the_tip_is_drawn_where_it_is_with_its_strokes_and_their_errors(
     assert drawn["sizes"][2] == pytest.approx(
         [2 * 0.004 * scale, 2 * 0.004 * scale, 2 * 0.002 * scale], rel=1e-3
     )
-    assert shown.number("stroke") == 30.0
+    until(lambda: shown.number("stroke") == 30.0)  # numbers follow the drawing
     assert shown.text('[data-sigma="stroke"]') == "±2.0 mm"
     stroke = {"stroke": 3, "end": "too_long", "displacement": None}
     lost = {"displacement_sigma": None, "path": None, "path_sigma": None}
