@@ -66,6 +66,18 @@ def has(poses: desk.Array, flag: int) -> desk.Array:
     return poses["pose_flags"] & flag != 0
 
 
+@pytest.mark.parametrize(
+    ("kind", "lag_s"),
+    [(lib.SENSOR_MPU9250, 0.005), (lib.SENSOR_LSM9DS0, 0.001)],
+)
+def test_the_lag_that_each_magnetometer_starts_from(kind, lag_s):
+    tracker = Tracker()
+    identity = desk.identity_of(kind=kind)
+    assert lib.pose_begin(tracker.c, desk.EXACT, identity, lib.FILTER_FUSE)
+    lag_q35 = tracker.c.attitude.fuse.lag_s_q35
+    assert lag_q35 / 2**35 == pytest.approx(lag_s, abs=1e-6)
+
+
 def test_the_first_pose_knows_nothing_and_says_so():
     tracker = Tracker()
     poses, _ = tracker.feel(felt(at_rest(0.005)).samples(MPU9250))
