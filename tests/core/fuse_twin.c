@@ -260,7 +260,9 @@ void fuse_twin_defaults(struct fuse_twin_params *params) {
         .level_start = 0.1,
         .residual_share = 4,
         .residual_free = 2,
-        .rest_doubt = 0.312,
+        .rest_doubt = 0.78,
+        .strange_share = 0.2,
+        .strange_sd = 5,
         .level_sd = 0.058,
     };
 }

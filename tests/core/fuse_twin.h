@@ -42,6 +42,8 @@ struct fuse_twin_params {
     double level_start;       // deg/s: what levelling goes on to correct, at the start
     double residual_share;    // of the square by which readings go on to surprise
     double residual_free;     // uT2 of it that are noise
+    double strange_share;     // of surprising readings above which heading is unsure
+    double strange_sd;        // uT: by how much then
     double rest_doubt;        // of the square by which a rest's rate surprises: noise
     double level_sd;          // deg: of the level, as a calibration leaves it
 };

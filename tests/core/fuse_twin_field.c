@@ -229,8 +229,10 @@ void twin_find_heading_variance(struct twin *t) {
     const double across =
         y * y * t->field[0] - 2 * x * y * t->field[1] + x * x * t->field[7];
     const struct fuse_twin_params *params = t->params;
+    const bool is_strange = t->astray > params->strange_share;
     t->heading_variance =
-        ((is_unknown(t) ? across + 2.25 : params->covariance_share * across) +
+        ((is_strange ? pow(params->strange_sd, 2) : 0) +
+         (is_unknown(t) ? across + 2.25 : params->covariance_share * across) +
          pow(twin_clamp(t->place[2], 60) * params->level_sd * DEGREE, 2) / 3 +
          pow(params->level_drift, 2) * leaning(t) +
          params->residual_share * fmax(0, t->residual - params->residual_free)) /

@@ -39,7 +39,7 @@ def test_a_calibrated_bias_is_followed_at_rest_by_2_degrees_a_second():
     for bias, is_rest in ((6.5, True), (7.5, False)):
         probe = centred(200)
         probe.set_bias((0, 5.0, 0))
-        quality = probe.feel(scene(at_rest(30), 200, gyr_bias_deg_s=(0, bias, 0)))[2]
+        quality = probe.feel(scene(at_rest(60), 200, gyr_bias_deg_s=(0, bias, 0)))[2]
         assert quality["is_at_rest"][1000:].all() == is_rest
         if is_rest:
             assert probe.bias_deg_s[1] == pytest.approx(bias, abs=0.02)

@@ -57,6 +57,7 @@ enum { OWN_CALIBRATED = 64 };  // (2 uT)^2 as 16ths of 1 uT2
 #define TURNED_OFF_Q30 INT32_C(1199381129)     // half of a degree, from q14_18 to q7_25
 #define RESIDUAL_LIMIT_Q18 INT32_C(2621440)    // 10 uT
 #define RESIDUAL_FREE_Q18 INT32_C(524288)      // 2 uT2 are noise
+#define STRANGE_VARIANCE INT32_C(13107200)     // (5 uT)^2
 #define FIELD_STEP_MAX_Q18 INT32_C(1572864)    // 6 uT
 #define FIELD_FAR_Q18 INT32_C(23592960)        // 30 * 3 uT
 #define PLACE_LIMIT_Q18 INT32_C(943718400)     // 3600 uT
@@ -440,7 +441,8 @@ NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
                                        : fixed_mul_q30(across, COVARIANCE_SHARE_Q30)) +
         2 * (HEADING_LEANING * leaning(fuse, fuse->drift_square) +
              fixed_divide(leaning(fuse, fuse->level_variance), LEVEL_SHARE) +
-             (residual > 0 ? 4 * residual : 0));
+             (residual > 0 ? 4 * residual : 0)) +
+        (fuse->field_astray > FUSE_FIELD_STRANGE ? STRANGE_VARIANCE : 0);
     // Divided by the field twice; 64ths keep the first quotient in range.
     const uint32_t total_q12 = (uint32_t)(total_q19 > 0 ? total_q19 : 0) / 128;
     if (total_q12 >= (uint32_t)norm) {

@@ -40,7 +40,7 @@ enum {
 #define MOTION_DRIFT INT32_C(321)
 #define MOTION_DRIFT_MAX_Q30 INT32_C(1000000)
 #define REST_NOISE INT32_C(30199)        // (0.03 deg/s)^2 of a mean at rest, in 4ths
-#define REST_DOUBT_Q25 INT32_C(2342537)  // 4 deg/s: 0.31 of its square is noise
+#define REST_DOUBT_Q25 INT32_C(2342537)  // 4 deg/s: 0.78 of its square is noise
 #define REST_SURPRISE_Q25 INT32_C(134217728)  // 4 rad/s
 #define TILTING_LIMIT_Q25 INT32_C(2928177)    // 5 deg/s
 #define TURN_LIMIT_Q14 INT32_C(24576)         // 1.5 * 500 deg/s
@@ -259,7 +259,7 @@ static void read_rest(struct fuse *fuse) {
     // A slow turn looks like a rest: the farther the rate, the less it tells.
     const int32_t off = fixed_scale_up(fixed_clamp(surprise, REST_DOUBT_Q25), 7);
     row[axis] = FUSE_Q2_14_ONE;
-    fuse_read_motion(fuse, row, REST_NOISE + 2 * fixed_square_q30(off),
+    fuse_read_motion(fuse, row, REST_NOISE + 5 * fixed_square_q30(off),
                      fixed_scale_up(fixed_clamp(surprise, REST_SURPRISE_Q25), 2));
     fuse_next_axis(fuse);
 }
