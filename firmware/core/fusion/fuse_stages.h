@@ -23,7 +23,7 @@ enum {
     FUSE_FIELD_LEARN = 20,  // readings whose mean is the first field: 2 s
     FUSE_FIELD_UNIT = 576,  // (3 uT)^2 as 64ths of 1 uT2
     FUSE_FIELD_STRANGE = 13107,  // a fifth: iron or a magnet is near
-    FUSE_FIELD_ASTRAY = 32767,  // half: the field of the probe has changed
+    FUSE_FIELD_ASTRAY = 32767,   // half: the field of the probe has changed
     FUSE_Q2_14_ONE = 16384,
 };
 
