@@ -121,11 +121,13 @@ def test_the_tilt_sigma_grows_with_what_levelling_goes_on_to_correct():
     assert sigma[-1] < 100
 
 
-def passing_magnet(felt: Scene, begin_s: float, end_s: float) -> Scene:
-    """The same with a field of 40 uT, seen from the world, coming and going."""
+def passing_magnet(
+    felt: Scene, begin_s: float, end_s: float, field_ut: float = 40
+) -> Scene:
+    """The same with a field, seen from the world, coming and going."""
     t = np.arange(len(felt)) / felt.rate_hz
     near = np.clip((t - begin_s) / (end_s - begin_s), 0, 1)
-    extra = 40 * np.sin(np.pi * near)[:, None] * np.array([0.8, -0.1, 0.59])
+    extra = field_ut * np.sin(np.pi * near)[:, None] * np.array([0.8, -0.1, 0.59])
     felt.mag += rotation.rotate(rotation.inverse(felt.quat), extra)
     return felt
 
@@ -140,6 +142,17 @@ def test_a_passing_magnet_tilts_by_little_through_what_it_tells_of_the_gyroscope
     assert rms(tilts[1]) < 1.5 * rms(tilts[0])
     for name in ("is_at_rest", "is_starting"):
         assert np.array_equal(calm[2][name], disturbed[2][name])
+
+
+def test_a_heading_is_less_sure_while_readings_surprise_by_their_length():
+    felt = passing_magnet(scene(tumble(10, 200, 4), 200, seed=6), 8, 14, 10)
+    probe = centred(200)
+    _, _, quality = probe.feel(felt)
+    assert probe.c.field_astray > desk.lib.FUSE_FIELD_STRANGE
+    sigma = quality["heading_sigma_cdeg"]
+    assert sigma[1600] < 300
+    # 5 uT across a horizontal field of 22 uT are 13 degrees; without them it states 10.
+    assert 1400 < sigma[-1] < 2500
 
 
 def test_a_passing_magnet_is_told_and_turns_the_heading_by_little():
