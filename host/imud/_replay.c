@@ -89,6 +89,14 @@ static PyObject *replay_params(PyObject *self, PyObject *records) {
     return PyBool_FromLong(is_other);
 }
 
+static PyObject *replay_go_on(PyObject *self, PyObject *Py_UNUSED(none)) {
+    struct replay *replay = (struct replay *)self;
+    replay->params = replay->next;
+    pose_recalibrate(&replay->tracker);
+    use_tip(replay, &replay->params);
+    Py_RETURN_NONE;
+}
+
 static PyObject *replay_pose(PyObject *self, PyObject *args) {
     unsigned long sequence = 0;
     unsigned long time_us = 0;
@@ -167,8 +175,11 @@ static PyMethodDef replay_methods[] = {
      "the probe sends after the last step, the same in every bit."},
     {"params", replay_params, METH_O,
      "params($self, records, /)\n--\n\nPut other params in force: a tip and "
-     "what the button does at once, a calibration from the next restart on. Whether "
-     "they calibrate otherwise than those of the last."},
+     "what the button does at once, a calibration from the next restart on, or from "
+     "go_on() on. Whether they calibrate otherwise than those of the last."},
+    {"go_on", replay_go_on, METH_NOARGS,
+     "go_on($self, /)\n--\n\nWith the calibration of the last params(), as the probe "
+     "does when it changes them and sends no event `restarted`."},
     {"origin", replay_origin, METH_O,
      "origin($self, kind, /)\n--\n\nSet the origin, as the probe does when it sends "
      "the event `tared` with that detail."},

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 ROOM = 248
 PART = 28
+GOES_ON = 256
 
 Answer = tuple[str, tuple[int, int]]
 
@@ -34,6 +35,7 @@ class FakeParams:
         self.refusal: tuple[int, int] | None = None
         self.tells: list[dict[str, object]] = []  # parts that are to be told
         self.has_changed = False  # since this was last looked at
+        self.goes_on = False  # the filter, with what was asked for last
         self._spare = bytearray(b"\xff" * ROOM)
         self._wait = 0
         self._asked: tuple[int, int] | None = None
@@ -52,6 +54,8 @@ class FakeParams:
             return "ok", (first, second)
         is_fit = first % 4 == 0 and 0 <= first <= ROOM - 4
         if command == "params_apply":
+            self.goes_on = first >= GOES_ON
+            first %= GOES_ON
             is_fit = 0 <= first <= ROOM
         if not is_fit:
             return "bad_argument", (first, second)

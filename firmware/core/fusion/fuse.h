@@ -114,7 +114,9 @@ struct fuse {
     // The field of the place in the level frame, then that of the probe in the body.
     union {
         q14_18_t field_ut[FUSE_FIELD_STATES];
-        struct vector place_ut_q18;
+        struct {
+            struct vector place_ut_q18, own_ut_q18;
+        };
     };
 };
 
@@ -122,8 +124,10 @@ struct fuse {
 // most 7.5 ms) behind the motion.
 void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us);
 
-// How well the sensors are calibrated, before the first sample. Without it the own
-// field is known to 0.8 uT, gravity well, scales of the gyroscope to 1 %.
+// A calibration comes into force, which tells how good it is; before the first sample,
+// or later if the axes stay the same. Without it the own field is known to 0.8 uT,
+// gravity well, scales of the gyroscope to 1 %. The own field that was found is that of
+// the calibration before, and is taken for part of this one.
 void fuse_set_accuracy(struct fuse *fuse, const struct calibration *calibration);
 
 // How far the field's readings are behind the rates, us, as far as the sensor's data

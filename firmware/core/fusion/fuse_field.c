@@ -92,6 +92,7 @@ void fuse_set_own_accuracy(struct fuse *fuse, uint16_t sigma) {
         variance = fixed_umul_q32((uint32_t)sigma * sigma, OWN_GAIN_Q32);
     }
     fuse->own_variance = (int16_t)(variance < OWN_KNOWN ? OWN_KNOWN : variance);
+    memset(&fuse->own_ut_q18, 0, sizeof fuse->own_ut_q18);
 }
 
 void fuse_init_lag(struct fuse *fuse) {

@@ -88,6 +88,7 @@ void fuse_set_scale_accuracy(struct fuse *fuse, uint16_t sigma) {
                    (int32_t)((uint32_t)sigma * sigma * SCALE_VARIANCE_UNIT);
     }
     for (uint8_t state = SCALE; state < HEADING; ++state) {
+        kalman_forget(fuse->motion_covariance, FUSE_MOTION_STATES, state);
         fuse->motion_covariance[kalman_variance(state)] = variance;
     }
 }

@@ -34,6 +34,11 @@ bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibrat
     return true;
 }
 
+void pose_recalibrate(struct pose_tracker *tracker) {
+    attitude_set_accuracy(&tracker->attitude, tracker->calibration);
+    pose_place_break(tracker);
+}
+
 __attribute__((noinline)) static enum pose_result
 calibrate_at_rest(struct pose_tracker *tracker, const struct sample *sample) {
     q16_16_t mean_counts[3];

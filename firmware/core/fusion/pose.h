@@ -64,6 +64,10 @@ struct pose_tracker {
 bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibration,
                 const struct sensor_identity *identity, int32_t filter);
 
+// The calibration has become a better one of the same axes, so that the filter can go
+// on.
+void pose_recalibrate(struct pose_tracker *tracker);
+
 enum pose_result pose_step(struct pose_tracker *tracker, const struct sample *sample);
 
 // The pose of the last sample; has the flags of all samples since the last call.

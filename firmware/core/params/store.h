@@ -12,6 +12,7 @@ enum {
     PARAMS_WORD = 4,                                 // bytes that are staged at a time
     PARAMS_PART = 28,                                // bytes that a message tells
     PARAMS_ROOM = MEMORY_PARAMS_BANK - BANK_HEADER,  // for all records
+    PARAMS_GOES_ON = 256,  // beside their length: the filter need not begin anew
 };
 
 struct params_store {
@@ -22,6 +23,7 @@ struct params_store {
     uint8_t at;          // of the next part to be checked, or of `staged`
     uint8_t told;        // of the part to be told
     uint8_t length;      // of the records that were asked for
+    bool goes_on;        // the filter, with them
     uint32_t digest;     // theirs
     union {
         uint32_t crc;                 // of what was checked
@@ -47,7 +49,7 @@ bool params_store_open(struct params_store *store, const IN_FLASH struct memory 
 enum result params_store_write(struct params_store *store, int32_t at, int32_t word);
 
 // Asks for the staged records, with their length and digest in `value`, to be put in
-// force. RESULT_BUSY until it is known: ask again. RESULT_OK where they are in force.
+// force; with PARAMS_GOES_ON beside the length the filter may go on. RESULT_BUSY until it is known: ask again. RESULT_OK where they are in force.
 // RESULT_DAMAGED: their digest is another; RESULT_REFUSED: `value` has the tag of the
 // record, and enum params_fault. Nothing has changed then.
 enum result params_store_apply(struct params_store *store, int32_t value[2]);

@@ -55,16 +55,21 @@ void probe_restart(struct probe *probe, int32_t filter) {
 }
 
 // Puts in force what is current now. The filter begins anew where it was fed by another
-// calibration: what it has learned is in the other one's units.
+// calibration, whose units what it has learned is in, unless the host knows that the
+// axes are the same.
 static void change(struct probe *probe) {
     const uint32_t before = probe->params.digest;
     (void)params_store_load(&probe->store, &probe->params);
     own_field_check(probe);
     send_event(probe, EVENT_PARAMS_CHANGED, CAUSE_COMMAND,
                (int32_t)probe->store.bank.digest);
-    if (probe->identity != NULL && before != probe->params.digest) {
+    const bool is_other = before != probe->params.digest;
+    if (probe->identity != NULL && is_other && !probe->store.goes_on) {
         probe_restart(probe, send_filter(probe));
     } else if (probe->identity != NULL) {
+        if (is_other) {
+            pose_recalibrate(&probe->tracker);
+        }
         probe_use_tip(probe);
     }
     send_hello(probe, TO_BOTH);

@@ -14,6 +14,7 @@ from imud.daemon.commands import Commander, shown
 from imud.daemon.registry import ProbeEntry
 from imud.errors import CommandRefused, DeviceError, NoReply, ParamsError
 from imud.params.parts import KINDS
+from imud.params.learned import goes_on
 from imud.params.value import Params
 from imud.wire.params import words_of
 
@@ -23,6 +24,8 @@ WORD_S = 5.0
 APPLY_S = 20.0
 VERIFY_S = 5.0
 CHANGE_S = 60.0  # for all of it
+
+GOES_ON = 256  # of params_apply, beside the length: the filter need not begin anew
 
 # Uploads of a set: what another host wrote in between damages it.
 UPLOADS = 3
@@ -84,8 +87,9 @@ class ParamsChange:
 
     async def _change(self, entry: ProbeEntry, params: Params) -> None:
         boots = entry.probe.account.boots
+        flag = GOES_ON if goes_on(entry.probe.params, params.encode()) else 0
         try:
-            await self._bring(entry, params, boots)
+            await self._bring(entry, params, boots, flag)
         except _Restarted:
             if entry.probe.hello.get("params_digest") != params.digest:
                 raise DeviceError(
@@ -97,7 +101,9 @@ class ParamsChange:
         # What was sent is what is in force: its parts need not be heard.
         entry.probe.params_parts.add(params.encode())
 
-    async def _bring(self, entry: ProbeEntry, params: Params, boots: int) -> None:
+    async def _bring(
+        self, entry: ProbeEntry, params: Params, boots: int, flag: int
+    ) -> None:
         records, digest = params.encode(), params.digest
         signed = digest - (1 << 32 if digest >> 31 else 0)
         for _ in range(UPLOADS):
@@ -105,7 +111,7 @@ class ParamsChange:
                 result, _ = await self._ask(entry, boots, "params_write", word, WORD_S)
                 _expect_taken(entry, result, len(records))
             result, value = await self._ask(
-                entry, boots, "params_apply", (len(records), signed), APPLY_S
+                entry, boots, "params_apply", (len(records) + flag, signed), APPLY_S
             )
             if result == "refused":
                 tag, fault = value

@@ -21,6 +21,7 @@ import msgspec
 
 from imud import _core
 from imud.config.settings import Config
+from imud.params.learned import goes_on
 from imud.params.value import Params
 from imud.probes.session import ProbeFound, Received
 from imud.stages import Adds, Outcome, Tells, Wants
@@ -129,7 +130,10 @@ class FusionStage:
             self._replay = _core.Replay(self._content, records)
             yield Tells("began", "its poses are computed here, from its raw samples")
         elif records != self._records and self._replay.params(records):
-            self._replay = _core.Replay(self._content, records)
+            if goes_on(self._records, records):
+                self._replay.go_on()
+            else:
+                self._replay = _core.Replay(self._content, records)
         self._records = records
         content = received.content
         if received.stamp.missing:

@@ -72,6 +72,7 @@ class Twin:
         self._params: bytes | None = None  # in force now, as far as is known
         self._is_sure = False  # of these: nothing is missing since they were named
         self._is_changing = False  # the last message changed them
+        self._was_changing = False  # the one before it did
         self._asked: set[type[Outcome]] = set()  # since the stream began
         # Known since the filter began:
         self._replay: _core.Replay | None = None
@@ -103,6 +104,7 @@ class Twin:
         """Looks for a gap in the sequence before this message."""
         last, self._sequence = self._sequence, message.sequence
         was_changing, self._is_changing = self._is_changing, False
+        self._was_changing = was_changing
         first = None if last is None else (last + 1) & _MASK
         if message.name == "hello" and message.sequence == 0 and first != 0:
             self._boot(is_new=True)
@@ -171,7 +173,8 @@ class Twin:
             if self._replay is not None:
                 self._replay.hold(name == "button_pressed")
         elif name == "params_changed":
-            # Where they calibrate otherwise, the filter begins anew with the next.
+            # Where they calibrate otherwise, the filter begins anew with the next
+            # message, or goes on with them if that is a hello.
             self._is_sure = self._is_changing = True
         elif name == "restarted" and self._hello and isinstance(detail, int):
             return self._begin(message.sequence, detail)
@@ -281,13 +284,17 @@ class Twin:
         if was_guess and self._hello[_OWN] != self._begun[_OWN]:
             return self._lose(sequence, "its own field may have been another")
         if self._params is None:
-            # A change without a restart calibrates as before.
-            return self._wait_for_params() if was_guess else None
+            is_unknown = was_guess or self._was_changing
+            return self._wait_for_params() if is_unknown else None
         try:
             is_other = self._replay.params(self._params)
         except ValueError as error:
             return self._lose(sequence, f"{_UNABLE}: {error}")
         if not is_other:
+            return None
+        if self._was_changing and not was_guess:
+            self._replay.go_on()
+            self._begun = self._hello
             return None
         if self._steps == 0 and self._number is not None:
             return self._begin(sequence, self._number)
