@@ -38,6 +38,26 @@ GOOD = (
     .replaced("options", {"button_does": "tell"})
 )
 
+EYE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def learned(
+    name: str,
+    bias: float = 1,
+    *,
+    of: Params | None = None,
+    method: str = "learned",
+    matrix: tuple[tuple[float, ...], ...] = EYE,
+) -> Params:
+    """With a sensor's calibration from motion, or by another method. A gyroscope's has
+    no bias, which is the filter's to find.
+    """
+    values: dict[str, Any] = {"matrix": matrix, "method": method}
+    values["bias_counts"] = [0.0 if name == "gyr" else bias] * 3
+    values["residual_rad" if name == "gyr" else "temperature_c"] = bias / 100.0
+    return (of or Params()).replaced(name, values)
+
+
 # Any list of records, of lengths that are usual and that are not.
 BODIES = st.one_of(st.binary(max_size=60), st.binary(min_size=39, max_size=39))
 RECORDS = st.lists(

@@ -67,6 +67,11 @@ def poses(
     """The contents of the firmware's poses of samples, from a start with them."""
     tracker = ffi.new("struct pose_tracker *")
     assert lib.pose_begin(tracker, calibration, identity, kind)
+    return tracked(tracker, rows)
+
+
+def tracked(tracker: Any, rows: desk.Array) -> list[bytes]:
+    """The same of a tracker that has begun."""
     made = np.zeros(len(rows), desk.dtype_of("struct message_pose"))
     results = np.zeros(len(rows), np.int32)
     desk.call(lib.loop_pose, tracker, len(rows), rows, made, results)

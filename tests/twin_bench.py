@@ -67,13 +67,16 @@ class Life(Bench):
         self.receive(command_frame(command, self.token, first, second))
         return self
 
-    def load(self, records: bytes) -> Life:
-        """Puts these params in force by commands, while samples go on."""
+    def load(self, records: bytes, *, goes_on: bool = False) -> Life:
+        """Puts these params in force by commands, while samples go on, and the filter
+        does too, if it is told so.
+        """
         for at, word in words_of(records):
             self._insist(lib.COMMAND_PARAMS_WRITE, at, word)
         digest = digest_of(records)
         digest -= (digest >> 31) << 32
-        self._insist(lib.COMMAND_PARAMS_APPLY, len(records), digest)
+        length = len(records) + (lib.PARAMS_GOES_ON if goes_on else 0)
+        self._insist(lib.COMMAND_PARAMS_APPLY, length, digest)
         return self
 
     def _insist(self, command: int, first: int, second: int) -> None:

@@ -114,6 +114,65 @@ def test_a_known_own_field_gives_a_heading_at_rest():
     assert unknown["tilt_sigma_cdeg"] > 340
 
 
+def learned(probe: Filter) -> desk.Array:
+    """A calibration comes into force in the midst; the orientation then."""
+    calibration = desk.ffi.new("struct calibration *", desk.UNKNOWN[0])
+    calibration.acc.sigma = calibration.gyr.sigma = 100  # 0.01 m/s2, 0.001
+    calibration.mag.sigma = 80  # 0.8 uT
+    lib.fuse_set_accuracy(probe.c, calibration)
+    q = desk.ffi.new("struct quat *")
+    lib.fuse_orientation(probe.c, q)
+    return np.array([q.w, q.x, q.y, q.z])
+
+
+def correlations(pairs: list[int], states: int) -> desk.Array:
+    """Of a covariance as the filter keeps it: its lower half, row by row."""
+    whole = np.zeros((states, states))
+    whole[np.tril_indices(states)] = pairs[: states * (states + 1) // 2]
+    whole += np.tril(whole, -1).T
+    sigma = np.sqrt(np.maximum(np.diag(whole), 1))
+    return whole / np.outer(sigma, sigma)
+
+
+def test_a_calibration_in_the_midst_has_the_own_field_and_leaves_the_attitude(shop):
+    fuse = told()
+    before = fuse.feel(shop[:6000])[0][-1]
+    own_ut = np.array(list(fuse.c.field_ut)[3:]) / desk.FIELD
+    assert own_ut == pytest.approx(OWN_UT, abs=2)
+    place = list(fuse.c.field_ut)[:3]
+    bias = fuse.bias_deg_s
+    assert learned(fuse).tolist() == list(before)
+    assert list(fuse.c.field_ut) == [*place, 0, 0, 0]
+    assert fuse.bias_deg_s.tolist() == bias.tolist()
+
+
+def test_a_calibration_in_the_midst_leaves_the_covariance_usable(shop):
+    """A scale that is better known than before shares no more than it has."""
+    fuse = told()
+    fuse.feel(shop[:6000])
+    learned(fuse)
+    whole = correlations(list(fuse.c.motion_covariance), 7)
+    assert np.abs(whole - np.diag(np.diag(whole))).max() <= 1
+    assert not whole[3:6, [0, 1, 2, 6]].any()
+    assert np.linalg.eigvalsh(whole).min() > -1e-3
+
+
+def test_a_filter_that_goes_on_with_a_calibration_remains_right(shop):
+    fuse = told()
+    fuse.feel(shop[:6000])
+    learned(fuse)
+    rest = shop[6000:]
+    rest.mag -= np.array(OWN_UT)
+    rest.acc -= np.array(LEANS_MG) * MILLI_G
+    found, _, quality = fuse.feel(rest)
+    assert desk.tilt_deg(found, rest.quat).max() < 3
+    assert desk.apart_deg(found, rest.quat).max() < 10
+    assert desk.apart_deg(found, rest.quat)[-2000:].max() < 5
+    own_ut = np.array(list(fuse.c.field_ut)[3:]) / desk.FIELD
+    assert np.abs(own_ut).max() < 1.5
+    assert (quality["heading_sigma_cdeg"] != NULL).all()
+
+
 def test_the_covariance_of_an_unknown_field_stays_in_its_range(shop):
     """Through turns, rests and gaps of readings."""
     fuse = told()

@@ -269,6 +269,17 @@ def test_another_calibration_voids_it_and_another_tip_does_not():
     assert again(bench).own is None
 
 
+def test_a_calibration_that_the_filter_goes_on_with_has_it_within():
+    bench = Kept()
+    bench.learn()
+    before = [event for event, _, _ in bench.events()].count(lib.EVENT_RESTARTED)
+    change(bench, MAG, lib.PARAMS_GOES_ON)
+    events = [event for event, _, _ in bench.events()]
+    assert events.count(lib.EVENT_RESTARTED) == before
+    assert bench.own is None
+    assert list(bench.c.tracker.attitude.fuse.field_ut)[3:] == [0, 0, 0]
+
+
 def test_the_hello_of_no_own_field_comes_before_the_filter_begins_without_it():
     bench = Kept()
     bench.learn()

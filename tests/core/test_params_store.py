@@ -185,9 +185,41 @@ def test_a_word_belongs_to_a_multiple_of_four_inside_the_room(at, word):
     assert lib.params_store_write(Store().c, at, word) == lib.RESULT_BAD_ARGUMENT
 
 
-@pytest.mark.parametrize("length", [-1, ROOM + 1, 2**31 - 1, -(2**31)])
+@pytest.mark.parametrize(
+    "length",
+    [
+        *(-(2**31), -256, -1, 512, 512 + 4, 2**16 + 4, 2**31 - 1),
+        *range(ROOM + 1, 256),
+        *range(256 + ROOM + 1, 512),
+    ],
+)
 def test_a_length_is_inside_the_room(length):
     assert Store().ask(length, 5)[0] == lib.RESULT_BAD_ARGUMENT
+
+
+def test_256_beside_the_length_says_that_the_filter_goes_on():
+    store = Store()
+    for more in (256, 0):
+        for records in (SMALL, FULL, b""):
+            store.stage(records)
+            assert store.apply(len(records) + more, digest(records))[0] == OK
+            assert store.records == records
+            assert store.c.goes_on == (more == 256)
+
+
+@pytest.mark.parametrize("more", [0, 256])
+def test_what_is_in_force_is_in_force_however_the_filter_shall_go_on(more):
+    store = Store(stored(FULL))
+    store.memory.writes.clear()
+    assert store.apply(len(FULL) + more, digest(FULL))[0] == OK
+    assert (store.changes, store.memory.writes) == (0, [])
+
+
+def test_a_refusal_is_told_with_256_beside_the_length():
+    store = Store()
+    store.stage(options(3, 0))
+    refused = store.apply(4 + 256, digest(options(3, 0)))
+    assert refused == (REFUSED, [lib.PARAMS_OPTIONS, RANGE])
 
 
 def test_records_may_fill_the_room_to_its_last_byte():

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+from core import desk
 from core.desk import ffi, lib
 from core.params_desk import FULL, GYR, MAG, SMALL, digest, options, sensor, signed
 from core.probe_bench import (
@@ -18,6 +20,7 @@ from core.probe_bench import (
     sequences_of,
     streaming,
 )
+from core.scenes import at_rest, scene, tumble
 
 ACC = sensor(lib.PARAMS_ACC, 8_000_000, 16384 - 300)
 BUSY = lib.RESULT_BUSY
@@ -41,10 +44,11 @@ def stage(bench: Bench, records: bytes) -> None:
     go(bench, 0.1)
 
 
-def apply(bench: Bench, records: bytes) -> tuple[int, list[int]]:
+def apply(bench: Bench, records: bytes, more: int = 0) -> tuple[int, list[int]]:
+    """`more` is added to the length."""
     for _ in range(500):
         result, value = bench.command(
-            lib.COMMAND_PARAMS_APPLY, len(records), signed(digest(records))
+            lib.COMMAND_PARAMS_APPLY, len(records) + more, signed(digest(records))
         )
         if result != BUSY:
             return result, value
@@ -52,9 +56,9 @@ def apply(bench: Bench, records: bytes) -> tuple[int, list[int]]:
     raise AssertionError("busy without end")
 
 
-def change(bench: Bench, records: bytes) -> None:
+def change(bench: Bench, records: bytes, more: int = 0) -> None:
     stage(bench, records)
-    assert apply(bench, records)[0] == OK
+    assert apply(bench, records, more)[0] == OK
 
 
 def told(messages: list) -> dict[int, bytes]:
@@ -160,6 +164,66 @@ def test_without_a_change_of_calibration_the_filter_goes_on():
     bench.run(0.1)
     assert bench.of("pose")[-1].fields["pose_flags"] & lib.POSE_UNCALIBRATED
     assert bench.of("pose")[-1].fields["pose_flags"] & lib.POSE_STARTING
+
+
+def turned() -> Bench:
+    """A probe that streams poses, still, far from the attitude that it began in."""
+    way = tumble(12, 200, seed=4)
+    felt = scene(np.concatenate([way, at_rest(30, 200, way[-1])]), 200, seed=1)
+    bench = Bench().find_sensor()
+    bench.samples = iter(felt.samples(MPU9250))
+    assert bench.command(lib.COMMAND_START)[0] == OK
+    assert bench.command(lib.COMMAND_RATE, 0, 200)[0] == OK
+    return bench.run(15)
+
+
+def changed_by(bench: Bench, more: int) -> tuple[list[tuple], float, int]:
+    """The events of a change of calibration, each with the name of the next message in
+    front; the turn that the change makes, degrees; and the flags of the poses after it.
+    """
+    stage(bench, ACC + GYR + MAG)
+    start = len(bench.messages)
+    assert apply(bench, ACC + GYR + MAG, more)[0] == OK
+    bench.run(0.05)
+    new = bench.messages[start:]
+    events = [at for at, message in enumerate(new) if message.name == "event"]
+    poses = [
+        [message.fields for message in part if message.name == "pose"]
+        for part in (new[: events[0]], new[events[0] :])
+    ]
+    last, first = (np.array(part["q"]) for part in (poses[0][-1], poses[1][0]))
+    flags = np.bitwise_or.reduce([pose["pose_flags"] for pose in poses[1]])
+    said = [(new[at + 1].name, *new[at].fields.values()) for at in events]
+    return said, float(desk.apart_deg(last, first)), int(flags)
+
+
+def test_a_filter_goes_on_with_another_calibration_of_the_same_axes():
+    bench = turned()
+    digest_of = signed(digest(ACC + GYR + MAG))
+    said, turn_deg, flags = changed_by(bench, lib.PARAMS_GOES_ON)
+    assert said == [("hello", lib.EVENT_PARAMS_CHANGED, lib.CAUSE_COMMAND, digest_of)]
+    assert bench.of("hello")[-1].fields["params_digest"] == digest(ACC + GYR + MAG)
+    assert bench.c.params.calibration.acc.bias[0] == 8_000_000
+    assert turn_deg < 1
+    assert not flags & (lib.POSE_STARTING | lib.POSE_UNCALIBRATED)
+
+
+def test_a_change_without_256_beside_its_length_begins_anew():
+    said, turn_deg, flags = changed_by(turned(), 0)
+    assert [names[:2] for names in said] == [
+        ("event", lib.EVENT_PARAMS_CHANGED),
+        ("hello", lib.EVENT_RESTARTED),
+    ]
+    assert turn_deg > 20
+    assert flags & lib.POSE_STARTING
+    assert flags & lib.POSE_UNCALIBRATED
+
+
+def test_a_filter_that_went_on_begins_anew_with_the_next_change():
+    bench = turned()
+    change(bench, ACC, lib.PARAMS_GOES_ON)
+    change(bench, ACC + GYR)
+    assert [event for event, _, _ in bench.events()][-1] == lib.EVENT_RESTARTED
 
 
 def test_poses_are_those_of_the_calibration_in_force():

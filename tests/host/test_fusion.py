@@ -13,11 +13,11 @@ import pytest
 
 from core.desk import lib
 from core.stroke_desk import Measured, measured
-from fakes.records import record
+from fakes.records import calibrated_records, record
 from imud.config.reader import load
 from imud.config.settings import Config, ProbeSettings
 from imud.errors import ConfigError
-from imud.params.value import Params
+from imud.params.value import SENSORS, Params
 from imud.probes.session import Received
 from imud.stages import Adds, Outcome, Wants
 from imud.stages.fusion import FusionStage, with_strokes
@@ -126,6 +126,47 @@ def test_a_sample_after_a_loss_says_so_in_the_next_pose() -> None:
     gaps = [pose for pose in poses if "gap" in pose.fields["pose_flags"]]
     lost_us = message_of(life.contents[raws[503]]).time_us
     assert [lost_us < pose.time_us <= lost_us + 10_000 for pose in gaps] == [True]
+
+
+def by(method: str, seed: int) -> bytes:
+    """Params of three sensors that were calibrated by this method; the gyroscope's bias
+    is always the same.
+    """
+    params = Params.decode(calibrated_records(seed))
+    for name in SENSORS:
+        plain = (params.plain(name) or {}) | {"method": method}
+        if name == "gyr":
+            plain["bias_counts"] = [1.0, 2.0, 3.0]
+        params = params.replaced(name, plain)
+    return params.encode()
+
+
+@pytest.mark.parametrize(
+    ("method", "goes_on"), [("learned", True), ("learned", False), ("wave", False)]
+)
+def test_its_poses_are_those_of_the_probe_through_a_change_of_params(
+    method: str, goes_on: bool
+) -> None:
+    life = followed().load(by("wave", 1)).live(620)
+    life.load(by(method, 2), goes_on=goes_on).live(300)
+    here = tail(added(fused(life.contents)))
+    assert here == tail(own_poses(life.contents))
+
+
+@pytest.mark.parametrize("method", ["learned", "wave"])
+def test_it_begins_anew_by_itself_but_for_what_was_learned(method: str) -> None:
+    life = followed().load(by("wave", 1)).live(1000)
+    life.load(by(method, 2), goes_on=True).live(60)
+    at = named(life.contents, "params_changed")[-1]
+    change_us = message_of(life.contents[at]).time_us
+    before, after = set(), set()
+    for each in added(fused(life.contents)):
+        pose = message_of(each)
+        if abs(pose.time_us - change_us) < 200_000:
+            known = after if pose.time_us > change_us else before
+            known.add("starting" in pose.fields["pose_flags"])
+    assert before == {False}
+    assert after == {method != "learned"}
 
 
 def test_it_asks_once_for_all_samples_and_no_poses() -> None:

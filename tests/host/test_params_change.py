@@ -21,7 +21,7 @@ from imud.errors import (
 from imud.params.value import Params, Record
 from imud.probes.session import OtherSchema
 from imud.wire.messages import Message
-from params_bench import GOOD, Wire
+from params_bench import GOOD, Wire, learned
 
 TOO_LONG = Params((Record(200, bytes(200)), Record(201, bytes(200))))
 OLD = Params().replaced("options", {"reference": "full"})
@@ -55,6 +55,18 @@ def test_all_new_ones_are_in_force_and_the_answer_says_so(wire: Wire) -> None:
     entry = wire.intake.registry[wire.probe.name]
     assert entry.probe.params == GOOD.encode()
     assert [c["command"] for c in wire.probe.commands][-1] == "hello"
+
+
+def test_the_filter_goes_on_with_what_was_learned_and_with_nothing_else(
+    wire: Wire,
+) -> None:
+    first, second = learned("acc", 1), learned("acc", 2)
+    guided = GOOD.without("options")
+    changes = ((first, False), (second, True), (guided, False), (first, True))
+    for params, goes_on in changes:  # of what was there before the first nobody knows
+        wire.load(params)
+        assert wire.probe.params.records == params.encode()
+        assert wire.probe.params.goes_on == goes_on
 
 
 def test_nothing_is_sent_where_they_are_in_force_already(wire: Wire) -> None:

@@ -24,7 +24,17 @@ from fakes.records import (
     record,
 )
 from imud import _core
-from replay_bench import KINDS, LSM9DS0, MPU9250, SAMPLES, hello, poses, raw, replayed
+from replay_bench import (
+    KINDS,
+    LSM9DS0,
+    MPU9250,
+    SAMPLES,
+    hello,
+    poses,
+    raw,
+    replayed,
+    tracked,
+)
 
 EYE = [ONE, 0, 0, 0, ONE, 0, 0, 0, ONE]
 UNKNOWN = 2**16 - 1
@@ -113,6 +123,28 @@ def test_other_params_are_in_force_from_the_next_restart_on():
     assert not replay.params(second)
     own = poses(lib.FILTER_MAHONY, SAMPLES, calibration=calibration_of(second))
     assert replayed(replay, SAMPLES) == own
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_replay_that_goes_on_has_the_firmwares_bits(kind):
+    first, second = calibrated_records(1), calibrated_records(2)
+    replay = _core.Replay(hello(kind), first)
+    made = replayed(replay, SAMPLES[:900])
+    assert replay.params(second)
+    replay.go_on()
+    made += replayed(replay, SAMPLES[900:])
+    assert not replay.params(second)
+    calibration = calibration_of(first)
+    tracker = ffi.new("struct pose_tracker *")
+    assert lib.pose_begin(tracker, calibration, MPU9250, kind)
+    own = tracked(tracker, SAMPLES[:900])
+    calibration[0] = calibration_of(second)[0]
+    lib.pose_recalibrate(tracker)
+    own += tracked(tracker, SAMPLES[900:])
+    assert made == own
+    # Neither the one calibration nor a start has these.
+    assert made[900:] != poses(kind, SAMPLES, calibration=calibration_of(first))[900:]
+    assert made[900:] != poses(kind, SAMPLES[900:], calibration=calibration_of(second))
 
 
 def test_params_that_calibrate_the_same_are_told_from_those_that_do_not():

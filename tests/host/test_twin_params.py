@@ -176,6 +176,43 @@ def test_a_change_of_which_messages_are_lost(
     assert twin.differed == 0
 
 
+@pytest.mark.parametrize("kind", [lib.FILTER_FUSE, lib.FILTER_MAHONY])
+def test_it_goes_on_where_the_probe_does(kind: int) -> None:
+    life = calibrated().live(20).order(lib.COMMAND_RESTART, kind).live(600)
+    for records in (OTHER, b"", ONE):
+        life.load(records, goes_on=True).live(300)
+    twin, outcomes = heard(life.contents)
+    assert [type(outcome) for outcome in outcomes] == [Began, Began]
+    assert len(named(life.contents, "params_changed")) == 3
+    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+    assert twin.compared == len(named(life.contents, "pose"))
+    life.load(OTHER).live(50)
+    twin, outcomes = heard(life.contents)
+    assert [type(outcome) for outcome in outcomes] == [Began] * 3
+    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+
+
+# The event of the change and the hello behind it, of which some are lost.
+@pytest.mark.parametrize("gone", [(0,), (1,), (0, 1)])
+def test_a_loss_where_the_probe_goes_on_ends_it(gone: tuple[int, ...]) -> None:
+    life = calibrated().live(620).load(OTHER, goes_on=True).live(300)
+    at = named(life.contents, "params_changed")[-1]
+    assert message_of(life.contents[at + 1]).name == "hello"
+    twin, found = heard(without(life.contents, *(at + n for n in gone)))
+    assert [type(each) for each in found] == [Began, Lost]
+    assert (twin.state, twin.differed) == (State.LOST, 0)
+
+
+def test_where_the_probe_goes_on_with_params_that_it_missed_it_waits():
+    life = calibrated().live(620)
+    begin = len(life.contents)
+    life.load(OTHER, goes_on=True).live(20)
+    missed = [at for at in named(life.contents, "params") if at >= begin][1]
+    twin, outcomes = heard(without(life.contents, missed))
+    assert [type(each) for each in outcomes] == [Began, WantsParams]
+    assert (twin.state, twin.differed) == (State.WAITING, 0)
+
+
 def test_a_restart_after_a_change_that_was_lost_is_no_difference():
     life = calibrated().live(620)
     life.load(OTHER)
@@ -239,6 +276,8 @@ def a_life(seed: int) -> list[bytes]:
     actions = [
         lambda: life.load(first),
         lambda: life.load(second),
+        lambda: life.load(first, goes_on=True),
+        lambda: life.load(second, goes_on=True),
         lambda: life.load(record(5, bytes((int(random.integers(2)), 0)))),
         lambda: life.load(b""),
         lambda: life.order(lib.COMMAND_TARE, int(random.integers(3))),

@@ -93,6 +93,8 @@ void fuse_set_own_accuracy(struct fuse *fuse, uint16_t sigma) {
     }
     fuse->own_variance = (int16_t)(variance < OWN_KNOWN ? OWN_KNOWN : variance);
     memset(&fuse->own_ut_q18, 0, sizeof fuse->own_ut_q18);
+    // The heading was found with the calibration before, and may turn by 2 degrees.
+    fuse->is_turned = true;
 }
 
 void fuse_init_lag(struct fuse *fuse) {

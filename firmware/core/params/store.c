@@ -55,7 +55,7 @@ enum result params_store_write(struct params_store *store, int32_t at, int32_t w
 enum result params_store_apply(struct params_store *store, int32_t value[2]) {
     const uint32_t digest = (uint32_t)value[1];
     const uint8_t length = (uint8_t)value[0];
-    if ((uint32_t)value[0] >= 2 * PARAMS_GOES_ON || length > PARAMS_ROOM) {
+    if (((uint32_t)value[0] | PARAMS_GOES_ON) > (PARAMS_GOES_ON | PARAMS_ROOM)) {
         return RESULT_BAD_ARGUMENT;
     }
     if (store->phase != IDLE) {

@@ -13,8 +13,8 @@ from typing import Any
 from imud.daemon.commands import Commander, shown
 from imud.daemon.registry import ProbeEntry
 from imud.errors import CommandRefused, DeviceError, NoReply, ParamsError
-from imud.params.parts import KINDS
 from imud.params.learned import goes_on
+from imud.params.parts import KINDS
 from imud.params.value import Params
 from imud.wire.params import words_of
 

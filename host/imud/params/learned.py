@@ -4,15 +4,16 @@
 from __future__ import annotations
 
 from imud.errors import ParamsError
-from imud.params.value import SENSORS, Params
+from imud.params.value import SENSORS, Calibration, Params, Vector
 
 METHOD = "learned"  # in motion, while the filter ran
-ALIKE = 0.1  # entries of the matrices differ by less: the axes are the same
+ALIKE = 0.19  # entries of the matrices differ by less: the axes are the same
 
 
 def goes_on(before: bytes | None, after: bytes) -> bool:
     """Whether each sensor that is calibrated otherwise was learned in motion, with the
-    same axes. Otherwise a filter has to begin anew with the records `after`.
+    same axes, and the rates have the same bias. Otherwise a filter has to begin anew
+    with the records `after`.
     """
     if before is None:
         return False
@@ -21,7 +22,13 @@ def goes_on(before: bytes | None, after: bytes) -> bool:
     except ParamsError:
         return False
     changed = [name for name in SENSORS if getattr(old, name) != getattr(new, name)]
-    return all(_goes_on(old, new, name) for name in changed)
+    # The filter keeps the bias that it has found.
+    is_same_bias = _bias(old.gyr) == _bias(new.gyr)
+    return is_same_bias and all(_goes_on(old, new, name) for name in changed)
+
+
+def _bias(gyr: Calibration | None) -> Vector:
+    return gyr.bias_counts if gyr is not None else (0.0, 0.0, 0.0)
 
 
 def _goes_on(old: Params, new: Params, name: str) -> bool:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """The twin of a probe: computes each pose again from the raw messages, with the same C
-as the probe, and reports the first pose that differs. No I/O: messages in, outcomes
-out.
+as the probe, and reports the first pose that differs. No I/O.
 
 It follows the filter from a restart or a boot on, as long as no sample is missing. A
 loss is never taken for a difference:
@@ -18,8 +17,8 @@ loss is never taken for a difference:
   hello names them. A twin that began with them meanwhile is dropped where its first
   pose differs.
 
-It computes with the params that the probe had in force when the filter began. Where it
-does not know them it asks for them, and then for a restart.
+It computes with the params with which the filter began, or went on. Where it does not
+know them it asks for them, and then for a restart.
 """
 
 from __future__ import annotations
@@ -71,8 +70,7 @@ class Twin:
         self._raw_us: int | None = None  # time of the last raw message
         self._params: bytes | None = None  # in force now, as far as is known
         self._is_sure = False  # of these: nothing is missing since they were named
-        self._is_changing = False  # the last message changed them
-        self._was_changing = False  # the one before it did
+        self._changed_at: int | None = None  # the last message that changed them
         self._asked: set[type[Outcome]] = set()  # since the stream began
         # Known since the filter began:
         self._replay: _core.Replay | None = None
@@ -103,8 +101,6 @@ class Twin:
     def _miss(self, message: Message) -> Lost | None:
         """Looks for a gap in the sequence before this message."""
         last, self._sequence = self._sequence, message.sequence
-        was_changing, self._is_changing = self._is_changing, False
-        self._was_changing = was_changing
         first = None if last is None else (last + 1) & _MASK
         if message.name == "hello" and message.sequence == 0 and first != 0:
             self._boot(is_new=True)
@@ -120,7 +116,8 @@ class Twin:
         may_be_change = message.fields.get("replied_command") in CHANGES
         # What follows a change of the params is the restart that it brings.
         # Nor may it be what the button did, where that makes strokes.
-        may_be_change = may_be_change or was_changing or self._replay.is_by_button()
+        may_be_change = may_be_change or last == self._changed_at
+        may_be_change = may_be_change or self._replay.is_by_button()
         if not is_one or may_be_change or self._hole is not None:
             return self._lose(first, "a message is missing")
         self._hole = first
@@ -173,9 +170,7 @@ class Twin:
             if self._replay is not None:
                 self._replay.hold(name == "button_pressed")
         elif name == "params_changed":
-            # Where they calibrate otherwise, the filter begins anew with the next
-            # message, or goes on with them if that is a hello.
-            self._is_sure = self._is_changing = True
+            self._is_sure, self._changed_at = True, message.sequence
         elif name == "restarted" and self._hello and isinstance(detail, int):
             return self._begin(message.sequence, detail)
         elif name == "tared" and self._replay is not None and isinstance(detail, int):
@@ -251,13 +246,8 @@ class Twin:
         is_unlatched, self._is_unlatched = self._is_unlatched, False
         if twin == content or (is_unlatched and differ_in_latches(content, twin)):
             return None
-        if self._is_guess:
-            self.compared -= 1
-            return self._lose(message.sequence, "its params may be others")
-        self.differed += 1
-        is_first, self.state = self.state is State.FOLLOWING, State.DIFFERS
-        fields = differing(message, twin)
-        return Differs(message.sequence, fields, content, twin, is_first)
+        self.compared -= self._is_guess
+        return self._differ(message, content, twin)
 
     def _take_stroke(self, message: Message, content: bytes) -> Outcome | None:
         if self._replay is None:
@@ -267,32 +257,35 @@ class Twin:
         twin = self._replay.stroke(message.sequence, message.time_us)
         if twin == content:
             return None
+        return self._differ(message, content, twin or b"")
+
+    def _differ(self, message: Message, content: bytes, twin: bytes) -> Outcome:
         if self._is_guess:
             return self._lose(message.sequence, "its params may be others")
         self.differed += 1
         is_first, self.state = self.state is State.FOLLOWING, State.DIFFERS
-        fields = differing(message, twin or b"")
-        return Differs(message.sequence, fields, content, twin or b"", is_first)
+        fields = differing(message, twin)
+        return Differs(message.sequence, fields, content, twin, is_first)
 
     def _compare_params(self, sequence: int) -> Outcome | None:
         """A hello named the params. Those of the twin calibrate as they do, or the
         event of a change is missing.
         """
         was_guess, self._is_guess = self._is_guess, False
+        is_changed = self._changed_at == (sequence - 1) & _MASK
         if self._replay is None:
             return None
         if was_guess and self._hello[_OWN] != self._begun[_OWN]:
             return self._lose(sequence, "its own field may have been another")
         if self._params is None:
-            is_unknown = was_guess or self._was_changing
-            return self._wait_for_params() if is_unknown else None
+            return self._wait_for_params() if was_guess or is_changed else None
         try:
             is_other = self._replay.params(self._params)
         except ValueError as error:
             return self._lose(sequence, f"{_UNABLE}: {error}")
         if not is_other:
             return None
-        if self._was_changing and not was_guess:
+        if is_changed and not was_guess:
             self._replay.go_on()
             self._begun = self._hello
             return None
