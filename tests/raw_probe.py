@@ -52,6 +52,14 @@ def waved(seconds: float = 32.0) -> tuple[Sample, ...]:
     return tuple(samples(module(), 6, ups[: int(seconds / 1.52)], manners))
 
 
+@cache
+def used(seconds: float = 40.0, seed: int = 6) -> tuple[Sample, ...]:
+    """The module in use: turned about, with short rests."""
+    ups = list(units(np.random.default_rng(seed).standard_normal((40, 3))))
+    manners = Manners(stop_s=1.0, move_s=1.5, swerve_rad=0.6)
+    return tuple(samples(module(), seed, ups[: int(seconds / 2.5)], manners))
+
+
 def raw(probe: FakeProbe, sample: Sample) -> bytes:
     """The message of a sample at its time."""
     probe.time_us = sample.t_us

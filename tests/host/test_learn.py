@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The stage that learns the magnetometer from free motion."""
+"""The stage that learns the sensors from free motion."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from imud.probes.session import ProbeFound, Received, Session
 from imud.stages import Outcome, Says, Tells, Wants
 from imud.stages.learn import LearnStage, worker
 from imud.virtual.calibrating import SCALE
-from raw_probe import RATES, calibrating, lying, module, raw, waved
+from raw_probe import RATES, calibrating, lying, module, raw, used
 
 
 class AtOnce(Executor):
@@ -82,7 +82,7 @@ def test_free_motion_gives_a_proposal_and_one_command_to_take_it() -> None:
     before = levelled()
     bench = Bench(params=before)
     assert bench.stage.status()["state"] == "waiting"
-    bench.play(waved())
+    bench.play(used())
     (said,) = bench.of(Says)
     (told,) = bench.of(Tells)
     assert bench.of(Wants) == []
@@ -90,7 +90,8 @@ def test_free_motion_gives_a_proposal_and_one_command_to_take_it() -> None:
     assert said.topic == "learn"
     status = bench.stage.status()
     assert status["state"] == "proposes"
-    assert 0.05 < status["heading_deg"] < 1.0
+    assert 0.05 < status["heading_deg"] < 3.0
+    assert 0.02 < status["tilt_deg"] < 0.2
     params = Params.decode(bytes.fromhex(status["records"]))
     assert params.acc == before.acc
     assert params.mag is not None
@@ -119,7 +120,7 @@ def test_a_fit_that_ends_after_the_stream_is_told_with_the_next_message() -> Non
     bench.hear(bench.probe.say("hello"))
     bench.probe.restart()
     bench.hear(bench.probe.say("hello"))
-    bench.play(waved())
+    bench.play(used())
     (finish,) = later
     finish()
     assert not bench.of(Says)
@@ -129,7 +130,7 @@ def test_a_fit_that_ends_after_the_stream_is_told_with_the_next_message() -> Non
 
 def test_applying_it_is_one_change_of_the_params_of_that_probe() -> None:
     bench = Bench("apply", levelled())
-    bench.play(waved())
+    bench.play(used())
     (wants,) = bench.of(Wants)
     ((command, parameters),) = wants.commands
     assert command == "params"
@@ -142,7 +143,7 @@ def test_a_better_calibration_stays() -> None:
     fit = whole.fit(recorded(calibrating()))
     assert fit is not None
     bench = Bench("apply", of_fit(fit, SCALE, Params()).params)
-    bench.play(waved())
+    bench.play(used())
     assert bench.outcomes == []
     assert bench.stage.status()["state"] == "listening"
 
@@ -160,7 +161,7 @@ def test_a_probe_that_lies_teaches_nothing() -> None:
 
 def test_off_is_off_and_a_reload_switches_it() -> None:
     bench = Bench("off")
-    bench.play(waved(4.0))
+    bench.play(used(4.0))
     assert bench.stage.status()["state"] == "off"
     bench.stage.configure(config("propose"))
     assert bench.stage.status()["state"] == "waiting"
@@ -168,7 +169,7 @@ def test_off_is_off_and_a_reload_switches_it() -> None:
 
 def test_other_params_and_another_boot_begin_anew() -> None:
     bench = Bench(params=levelled())
-    bench.play(waved())
+    bench.play(used())
     assert bench.stage.status()["state"] == "proposes"
     bench.probe.restart()
     bench.hear(bench.probe.say("hello"))
@@ -180,7 +181,7 @@ def test_a_probe_without_magnetometer_is_left_alone() -> None:
     bench.probe.hello_fields |= {"sensor": "mpu6500", "boot_count": 8}
     bench.probe.restart()
     bench.hear(bench.probe.say("hello"))
-    bench.play(waved(3.0))
+    bench.play(used(3.0))
     assert bench.stage.status()["state"] == "waiting"
 
 

@@ -80,7 +80,7 @@ def of_fit(
         note = strangeness(earth, mag.norm_ut, mag.dip_deg)
         mag = mag if note is not None else mag.scaled(earth.norm_uT / mag.norm_ut)
     if "mag" in sensors and mag is not None and field_deg is not None:
-        params = _with_mag(params, mag, field_deg, into, scale, made)
+        params = with_mag(params, mag, field_deg, into, scale, made)
         done.append("mag")
     params.check()
     last = fit.stops[-1]
@@ -110,7 +110,7 @@ def of_wave(
     the calibrated accelerometer, so it has the housing's turn in it.
     """
     made = {"temperature_c": temperature_c, "day": day, "method": method}
-    params = _with_mag(before, wave.mag, wave.field_deg, np.eye(3), scale, made)
+    params = with_mag(before, wave.mag, wave.field_deg, np.eye(3), scale, made)
     params.check()
     return Outcome(
         params,
@@ -142,7 +142,7 @@ def of_tip(
     return Outcome(params, (), seconds=found.seconds, tip=found)
 
 
-def _with_mag(
+def with_mag(
     params: Params,
     mag: MagFit,
     field_deg: float,
@@ -150,6 +150,7 @@ def _with_mag(
     scale: Scale,
     made: dict[str, Any],
 ) -> Params:
+    """The params with the record of the magnetometer, turned `into` the housing."""
     own = {
         "sigma_uT": math.radians(field_deg) * mag.level_ut,
         "residual_uT": mag.residual_ut,

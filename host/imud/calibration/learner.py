@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: MIT
+"""What a probe's own use teaches of its sensors: collects raw samples, says when a fit
+is worth its time, and what it makes of it. No I/O, no thread, no clock.
+"""
+
+from __future__ import annotations
+
+import datetime
+import math
+from collections import deque
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from imud.calibration import motion, wave
+from imud.calibration.affine import Affine, affine_of
+from imud.calibration.faults import of_magnets
+from imud.calibration.motion import Known, MotionFit
+from imud.calibration.outcome import with_mag, with_sensor
+from imud.calibration.recording import (
+    GAP_S,
+    GRAVITY_M_S2,
+    Gatherer,
+    Recording,
+    Sample,
+    Scale,
+    is_clipped,
+)
+from imud.calibration.score import TILT_TO_HEADING
+from imud.calibration.stops import find_stops
+from imud.errors import ParamsError
+from imud.params.learned import METHOD, goes_on
+from imud.params.value import Calibration, Params
+
+WINDOW_S = 60.0  # of the latest samples
+LEAST_S = 20.0
+EVERY_S, SELDOM_S, GROWTH = 5.0, 60.0, 1.15  # between two fits; without news
+TURNED_RAD = math.pi  # since the last fit, at least: what lies teaches nothing
+
+# The heading's error that may be put in force, and how much smaller it must be than
+# that of the calibration in force.
+HEADING_MAX_DEG = 7.0
+BETTER = 0.9
+# Beyond these it is no module of ours, or the motion was no motion of a hand.
+AWAY_MAX = 0.09  # of an entry of a matrix
+ACC_BIAS_MAX_M_S2 = 1.5
+
+
+class Rest(msgspec.Struct, frozen=True):
+    """When the probe lay still, device time, and its rates then in nominal units."""
+
+    t_us: float
+    rate: tuple[float, float, float]  # rad/s
+
+
+class Proposal(msgspec.Struct, frozen=True):
+    """What would be put in force."""
+
+    params: Params
+    tilt_deg: float  # one-sigma errors to expect
+    heading_deg: float
+    sigma_ut: float
+
+
+class Work(msgspec.Struct, frozen=True):
+    """A fit that is due: samples, and the last rest before them."""
+
+    samples: tuple[Sample, ...]
+    scale: Scale
+    rest: Rest | None
+    base: bytes  # records before anything was learned
+    records: bytes  # in force
+
+
+@dataclass(frozen=True, slots=True)
+class Learned:
+    """What came of a fit."""
+
+    proposal: Proposal | None
+    rest: Rest | None
+
+
+@dataclass(slots=True)
+class Learner:
+    """The samples of one probe."""
+
+    scale: Scale
+    rest: Rest | None = None
+    base: bytes | None = None  # the params before anything was learned
+    samples: deque[Sample] = field(default_factory=deque)
+    _turned_rad: float = 0.0
+    _due_us: int = 0
+    _every_s: float = EVERY_S
+
+    def add(self, sample: Sample) -> bool:
+        """Takes the next sample; whether a fit is due. A loss or a clipped reading ends
+        what can be integrated.
+        """
+        samples = self.samples
+        gap_us = sample.t_us - samples[-1].t_us if samples else 0
+        if gap_us < 0 or gap_us > GAP_S * 1e6 or is_clipped(sample):
+            samples.clear()
+        samples.append(sample)
+        while sample.t_us - samples[0].t_us > WINDOW_S * 1e6:
+            samples.popleft()
+        turned = max(map(abs, sample.gyr)) * self.scale.gyr_rad_s
+        self._turned_rad += turned * min(max(gap_us, 0), GAP_S * 1e6) / 1e6
+        is_enough = sample.t_us - samples[0].t_us > LEAST_S * 1e6
+        return (
+            is_enough and sample.t_us >= self._due_us and self._turned_rad > TURNED_RAD
+        )
+
+    def begin(self, records: bytes) -> Work:
+        """The fit that is due, with these params in force. What was learned before is
+        not taken for knowledge: it comes from the same samples.
+        """
+        if self.base is None or not goes_on(self.base, records):
+            self.base = records
+        self._turned_rad = 0.0
+        self._due_us = self.samples[-1].t_us + round(self._every_s * 1e6)
+        return Work(tuple(self.samples), self.scale, self.rest, self.base, records)
+
+    def end(self, learned: Learned) -> None:
+        """What came of it: the less news, the longer until the next."""
+        self.rest = learned.rest or self.rest
+        has_news = learned.proposal is not None or self.rest is None
+        self._every_s = EVERY_S if has_news else min(GROWTH * self._every_s, SELDOM_S)
+
+
+def learned_of(work: Work) -> Learned:
+    """What the samples say of all three sensors, if that is good and better than the
+    params in force.
+    """
+    begin_us, scale = work.samples[0].t_us, work.scale
+    recording = Gatherer.of(scale, work.samples).recording()
+    rest = _rest_of(recording, begin_us) or work.rest
+    try:
+        base, before = Params.decode(work.base), Params.decode(work.records)
+        base.check()
+        before.check()
+    except ParamsError:
+        return Learned(None, rest)
+    if rest is None:
+        return Learned(None, None)
+    rate = affine_of(base.gyr, scale.gyr_rad_s).apply(np.array(rest.rate))
+    rest_step = (rest.t_us - begin_us) / 1e6 / recording.step_s
+    calibrated = _calibrated(recording, base, scale)
+    found = motion.fit(calibrated, rate, rest_step, known_of(base))
+    if found is None or not _is_sound(found) or not _is_better(found, before):
+        return Learned(None, rest)
+    made = {"temperature_c": recording.temperature_c, "method": METHOD}
+    return Learned(_proposal(found, base, before, scale, made), rest)
+
+
+def _rest_of(recording: Recording, begin_us: int) -> Rest | None:
+    """The mean over all stops."""
+    stops = find_stops(recording)
+    if not stops:
+        return None
+    rates = np.concatenate([recording.gyr[stop.start : stop.end] for stop in stops])
+    x, y, z = (float(value) for value in rates.mean(axis=0))
+    middle = float(np.mean([stop.middle for stop in stops]))
+    return Rest(begin_us + middle * recording.step_s * 1e6, (x, y, z))
+
+
+def _calibrated(recording: Recording, params: Params, scale: Scale) -> Recording:
+    """As the filter has it."""
+    return replace(
+        recording,
+        acc=affine_of(params.acc, scale.acc_m_s2).apply(recording.acc),
+        gyr=affine_of(params.gyr, scale.gyr_rad_s).apply(recording.gyr),
+        mag=affine_of(params.mag, scale.mag_ut).apply(recording.mag),
+    )
+
+
+def is_open(of: Calibration | None) -> bool:
+    """Whether a calibration says nothing of its error, or was learned itself, mostly
+    from the same samples: then it is where to begin, and no knowledge of its own.
+    """
+    return of is None or of.sigma is None or of.method == METHOD
+
+
+def known_of(params: Params) -> Known:
+    """What the params in force say before the fit."""
+    known = Known()
+    acc, gyr, mag = params.acc, params.gyr, params.mag
+    if acc is not None and acc.sigma is not None and not is_open(acc):
+        scale = acc.sigma / GRAVITY_M_S2
+        known = replace(known, acc_m_s2=acc.sigma, acc_scale=scale)
+    if gyr is not None and gyr.sigma is not None and not is_open(gyr):
+        known = replace(known, gyr_scale=gyr.sigma, gyr_cross=gyr.sigma)
+    if mag is not None and mag.sigma is not None and not is_open(mag):
+        share = mag.sigma / (mag.norm_ut or 50.0)
+        known = replace(known, mag_ut=mag.sigma, mag_soft=share, mag_turn_rad=share)
+    return known
+
+
+def _is_sound(found: MotionFit) -> bool:
+    matrices = np.stack([found.acc.matrix, found.gyr.matrix, found.mag.matrix])
+    is_near = float(np.abs(matrices - np.eye(3)).max()) < AWAY_MAX
+    is_usual = float(np.abs(found.acc.bias).max()) < ACC_BIAS_MAX_M_S2
+    return is_near and is_usual and of_magnets(found.mag) is None
+
+
+def _is_better(found: MotionFit, before: Params) -> bool:
+    stated_deg = heading_of(before, found.mag.level_ut)
+    return found.heading_deg <= min(HEADING_MAX_DEG, BETTER * stated_deg)
+
+
+def _proposal(
+    found: MotionFit, base: Params, before: Params, scale: Scale, made: dict[str, Any]
+) -> Proposal | None:
+    """The params in force with what was found after those of `base`, where a sensor is
+    open; None: none is.
+    """
+    made = made | {"day": datetime.datetime.now(datetime.UTC).date()}
+    params = before
+    if is_open(before.acc):
+        sigma = math.radians(found.tilt_deg) * GRAVITY_M_S2 / math.sqrt(2.0)
+        said = {"sigma_m_s2": sigma, "residual_m_s2": found.acc.residual_m_s2}
+        own = Affine(found.acc.matrix, found.acc.bias)
+        whole = _after(affine_of(base.acc, scale.acc_m_s2), own)
+        params = with_sensor(params, "acc", whole, scale, made | said)
+    if is_open(before.gyr):
+        # The filter knows the scales better, and goes on to learn them: no sigma.
+        cross = found.gyr.matrix - np.diag(np.diag(found.gyr.matrix)) + np.eye(3)
+        own = Affine(cross, np.zeros(3))
+        whole = _after(affine_of(base.gyr, scale.gyr_rad_s), own)
+        params = with_sensor(params, "gyr", whole, scale, made)
+    if is_open(before.mag):
+        own = Affine(found.mag.matrix, found.mag.bias)
+        whole = _after(affine_of(base.mag, scale.mag_ut), own)
+        mag = replace(found.mag, matrix=whole.matrix, bias=whole.bias)
+        params = with_mag(params, mag, found.field_deg, np.eye(3), scale, made)
+    if params == before:
+        return None
+    params.check()
+    sigma_ut = math.radians(found.field_deg) * found.mag.level_ut
+    return Proposal(params, found.tilt_deg, found.heading_deg, sigma_ut)
+
+
+def heading_of(params: Params, level_ut: float) -> float:
+    """The heading's error as params in force state it, degrees."""
+    if params.mag is None or params.mag.sigma is None:
+        return math.inf
+    own = math.degrees(params.mag.sigma / level_ut)
+    return math.hypot(TILT_TO_HEADING * wave.tilt_deg(params.acc), own)
+
+
+def _after(before: Affine, found: Affine) -> Affine:
+    """One calibration of what another one has calibrated."""
+    bias = before.bias + np.linalg.solve(before.matrix, found.bias)
+    return Affine(found.matrix @ before.matrix, bias)

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: MIT
+"""All three sensors from free motion, without any procedure: what must be true if the
+gyroscope carries the attitude and motion averages out.
+
+Turned into the almost inertial frame of the integrated rates and averaged, the force is
+gravity, but for the sensor's distance from the pivot about which it is turned, whose
+acceleration looks like an error of the accelerometer (the lever arm is estimated, too);
+and the field is that of the place. Errors of the sensors, of which those of the rate
+turn the frame, make a linear system, which is solved in a few rounds of weighted least
+squares with priors: Gauss-Newton steps towards the most probable parameters.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from imud.calibration.accelerometer import AccFit
+from imud.calibration.affine import Affine
+from imud.calibration.algebra import symmetric
+from imud.calibration.magnetometer import MagFit
+from imud.calibration.motion_rows import (
+    ACC_BIAS,
+    ACC_MATRIX,
+    ARM,
+    FIELD,
+    GYR_BIAS,
+    GYR_DRIFT,
+    GYR_MATRIX,
+    KNOTS,
+    LAG,
+    LEAN,
+    MAG_BIAS,
+    MAG_MATRIX,
+    RATE,
+    Estimate,
+    Motion,
+    Rows,
+)
+from imud.calibration.recording import Recording
+from imud.calibration.score import TILT_TO_HEADING, tilt_errors
+from imud.rotation import FloatArray
+
+LEAST_S = 15.0
+LEVEL_MIN_UT = 5.0  # of a field that tells a heading
+
+WEIGHINGS = 5  # in each round
+# One sigma of what turns the frame between two knots and no parameter explains, by
+# round: errors of second order are large at first.
+WALK_RAD = np.radians([2.0, 1.0, 0.4, 0.3])
+REST_RAD_S = math.radians(0.03)  # of the bias that a rest shows
+DRIFT_RAD_S2 = math.radians(0.004)
+ARM_M, FIELD_SD_UT = 0.1, 60.0
+LAG_SD_S, LAG_MAX_S = 0.008, 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """One-sigma errors before the fit; as given: of sensors that nobody calibrated."""
+
+    acc_m_s2: float = 0.25  # of a bias
+    acc_scale: float = 0.01
+    gyr_scale: float = 0.01
+    gyr_cross: float = 0.005
+    mag_ut: float = 25.0
+    mag_soft: float = 0.03
+    mag_turn_rad: float = math.radians(1.2)  # of the die against the other one
+
+
+@dataclass(frozen=True, slots=True)
+class MotionFit:
+    """True vector = matrix @ (reading - bias) for each sensor."""
+
+    acc: AccFit
+    gyr: Affine  # of no bias: that is the filter's
+    mag: MagFit
+    tilt_deg: float  # one-sigma errors to expect, over all attitudes
+    field_deg: float  # of heading: the magnetometer's part
+    arm_m: FloatArray  # from the pivot to the sensor, in the body
+
+    @property
+    def heading_deg(self) -> float:
+        """With the tilt's part."""
+        return math.hypot(TILT_TO_HEADING * self.tilt_deg, self.field_deg)
+
+
+def _prior(
+    known: Known, motion: Motion, walk_rad: float
+) -> tuple[FloatArray, FloatArray]:
+    """Rows of what is known before, over their sigmas, and what they should be."""
+    knots = len(motion.knots)
+    sigmas = np.ones(KNOTS)
+    sigmas[ACC_BIAS] = known.acc_m_s2
+    sigmas[ACC_MATRIX] = [*[known.acc_scale] * 3, *[known.acc_scale / 2.0] * 3]
+    gyr = np.full((3, 3), known.gyr_cross)
+    np.fill_diagonal(gyr, known.gyr_scale)
+    sigmas[GYR_MATRIX] = gyr.ravel()
+    sigmas[GYR_BIAS], sigmas[GYR_DRIFT] = REST_RAD_S, DRIFT_RAD_S2
+    sigmas[MAG_BIAS], sigmas[LAG] = known.mag_ut, LAG_SD_S
+    sigmas[FIELD], sigmas[ARM] = FIELD_SD_UT, ARM_M
+    rows = np.diag(1.0 / sigmas)
+    rows[MAG_MATRIX, MAG_MATRIX] = _soft_rows(known)
+    walk = np.zeros((3 * knots, KNOTS + 3 * knots))
+    for at, row in enumerate(walk):
+        row[KNOTS + at] = 1.0 / walk_rad
+        if at >= 3:
+            row[KNOTS + at - 3] = -1.0 / walk_rad
+    # The first attitude is the frame itself.
+    walk[:3] *= walk_rad / math.radians(0.01)
+    away = -rows @ motion.estimate.moved()
+    rows = np.concatenate([rows, np.zeros((KNOTS, 3 * knots))], axis=1)
+    return np.concatenate([rows, walk]), np.append(away, np.zeros(3 * knots))
+
+
+def _soft_rows(known: Known) -> FloatArray:
+    """Of the matrix's symmetric part by soft iron, of the other by the die's turn."""
+    rows = np.zeros((9, 9))
+    for axis in range(3):
+        rows[axis, 4 * axis] = 1.0 / known.mag_soft
+        one, other = 3 * axis + (axis + 1) % 3, 3 * ((axis + 1) % 3) + axis
+        rows[3 + axis, [one, other]] = math.sqrt(0.5) / known.mag_soft
+        rows[6 + axis, [one, other]] = (
+            0.5 / known.mag_turn_rad,
+            -0.5 / known.mag_turn_rad,
+        )
+    return rows
+
+
+def _rounds(motion: Motion, known: Known) -> Iterator[tuple[Rows, Rows, FloatArray]]:
+    """Each round's equations, and the covariance; the estimate is moved on."""
+    for at, walk_rad in enumerate(WALK_RAD):
+        force, readings = motion.equations()
+        if at == 0:
+            # At first readings are wrong by more than a turn of the frame explains.
+            readings.slopes[..., RATE] = readings.slopes[..., KNOTS:] = 0.0
+        prior = _prior(known, motion, float(walk_rad))
+        step: FloatArray | None = None
+        information = np.eye(1)
+        for _ in range(WEIGHINGS):
+            parts = [force.weighted(step), readings.weighted(step), prior]
+            slopes, away = (np.concatenate(each) for each in zip(*parts, strict=True))
+            information = slopes.T @ slopes
+            right = slopes.T @ away
+            motion.step = step = np.asarray(np.linalg.solve(information, right))
+        values = motion.estimate.values
+        values += motion.step[:KNOTS]
+        values[LEAN] = 0.0  # found anew each time
+        values[LAG] = np.clip(values[LAG], 0.0, LAG_MAX_S)
+        yield force, readings, np.asarray(np.linalg.inv(information))
+
+
+def fit(
+    recording: Recording,
+    rest_rad_s: FloatArray,
+    rest_step: float,
+    known: Known | None = None,
+) -> MotionFit | None:
+    """What a recording in motion says of all three sensors; None if it does not
+    determine them. `rest_rad_s`: the gyroscope's bias at a rest, at that step of the
+    recording or before it.
+    """
+    is_mag = np.isfinite(recording.mag[:, 0]) if len(recording) else np.zeros(0)
+    if recording.seconds < LEAST_S or is_mag.sum() < LEAST_S or recording.breaks:
+        return None
+    motion = Motion(recording, rest_step, Estimate(np.asarray(rest_rad_s)))
+    try:
+        for force, readings, covariance in _rounds(motion, known or Known()):
+            last = force, readings, covariance
+    except np.linalg.LinAlgError:
+        return None
+    return _found(motion, *last) if np.isfinite(motion.estimate.values).all() else None
+
+
+def _found(
+    motion: Motion, force: Rows, readings: Rows, covariance: FloatArray
+) -> MotionFit | None:
+    values = motion.estimate.values
+    upward = float(values[FIELD] @ motion.up)
+    level_ut = float(np.linalg.norm(values[FIELD] - upward * motion.up))
+    if level_ut < LEVEL_MIN_UT:
+        return None
+    acc = AccFit(
+        np.eye(3) - symmetric(values[ACC_MATRIX]),
+        values[ACC_BIAS].copy(),
+        covariance[:9, :9],
+        np.linalg.norm(force.away, axis=1),
+        1.0,
+    )
+    mag = MagFit(
+        np.eye(3) + motion.soft(),
+        values[MAG_BIAS].copy(),
+        np.array([level_ut, 0.0, upward]),
+        float(values[LAG]),
+        covariance[MAG_BIAS, MAG_BIAS],
+        readings.away,
+        np.ones(len(readings.away)),
+    )
+    # Of a bias two of three axes are level; of a matrix's entries three act on each.
+    variance = np.trace(covariance[MAG_BIAS, MAG_BIAS]) * 2.0 / 3.0
+    soft = np.trace(covariance[MAG_MATRIX, MAG_MATRIX]) * 2.0 / 9.0
+    field_deg = math.degrees(math.sqrt(variance + soft * mag.norm_ut**2) / level_ut)
+    gyr = Affine(np.eye(3) + values[GYR_MATRIX].reshape(3, 3), np.zeros(3))
+    return MotionFit(acc, gyr, mag, tilt_errors(acc)[0], field_deg, values[ARM].copy())
