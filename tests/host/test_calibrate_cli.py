@@ -23,7 +23,7 @@ from imud.cli import calibrate_source, main
 from imud.params.value import Params
 from imud.virtual.calibrating import SCALE
 from params_bench import GOOD
-from raw_probe import Stream, calibrating, lying, module, waved
+from raw_probe import Stream, calibrating, lying, module, used
 
 pytestmark = pytest.mark.together  # one daemon
 
@@ -203,7 +203,7 @@ def test_what_the_daemon_has_learned_is_put_in_force(
         assert time.monotonic() < until_s, said["learn"]
         return bool(said["learn"]["records"])
 
-    with Stream(desk.chain, waved(), asks="start"):
+    with Stream(desk.chain, used(), asks="start"):
         line = desk.refused("learned")
         assert f"nothing was learned of probe {desk.probe}: it is " in line
         desk.chain.client.command(desk.probe, "start")
@@ -214,6 +214,8 @@ def test_what_the_daemon_has_learned_is_put_in_force(
         code, out, _ = desk.run("learned")
     assert code == 0
     assert "mag method         -       learned" in out
+    assert "acc method         -       learned" in out
+    assert "  tilt           +-0." in out
     assert desk.in_force.mag is not None
     desk.chain.daemon.expect("imud calibrate learned puts that in force")
 

@@ -95,6 +95,7 @@ def learned(client: Client, probe: str, args: argparse.Namespace) -> int:
     before = Params.decode(bytes.fromhex(said["bytes"]))
     for line in params_text.differences(before, params):
         sys.stdout.write(f"{line}\n")
+    sys.stdout.write(f"  tilt           +-{told['tilt_deg']:.2f} degrees\n")
     sys.stdout.write(f"  heading        +-{told['heading_deg']:.2f} degrees\n")
     if args.dry_run:
         return calibrate_text.not_changed(probe, params)
