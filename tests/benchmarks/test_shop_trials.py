@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scoring
 import shop_trials
 import trusted
 from engines import Estimate
+from feed import sampled
 from scoring import Trial
 
 from imud import rotation
@@ -51,20 +53,42 @@ def test_poses_that_state_nothing_are_neither_inside_nor_outside():
 
 
 def test_the_figures_judge_rotation_and_each_phase():
-    row = {"has_rotation": True, "at 30 s": 3.0, "at 60 s": 9.0}
-    row |= {name: {"tilt": 1.0, "heading": 0.9} for name in shop_trials.PHASES}
+    told = {"at 30 s": 3.0, "at 60 s": 9.0}
+    phase = {"tilt": 1.0, "heading": 0.9, "null": 0.25}
+    told |= dict.fromkeys(shop_trials.PHASES, phase)
+    row = {"has_rotation": True, "learned": told} | told
     row |= {"own_total": 1.0, "guided_total": 1.1, "warm_total": 1.04}
     row |= {"exact_total": 1.08, "own_turned": 0.8, "guided_turned": 0.84}
-    still = row | {"has_rotation": False, "at 30 s": 50.0}
+    still = row | {"has_rotation": False, "learned": told | {"at 30 s": 50.0}}
     found = {each.name: each for each in shop_trials.figures([row, still])}
     assert found["no procedure, heading at 30 s, median"].verdict == "must"
     assert found["no procedure, heading at 60 s, 95th"].verdict == "MISSED"
     assert found["no procedure, heading inside, later, %"].verdict == "MISSED"
+    assert found["no procedure, no heading, later, %"].value == 25.0
+    assert found["the probe alone, heading at 60 s, 95th"].verdict == "must"
     assert found["guided / own calibration"].value == pytest.approx(1.1)
     turned = found["the same, without constant turn"]
     assert turned.value == pytest.approx(0.84 / 0.8)
     assert found["the same, of a warm module"].value == pytest.approx(1.04)
     assert found["exact / own calibration"].value == pytest.approx(1.08)
+
+
+def test_what_a_host_learns_is_put_in_force_while_the_filter_runs():
+    true = sensors.generate(50.0, seed=5)
+    trial = Trial(Path("07_made.npz"), true, ())
+    module = shop_trials.module_of(trial, 2)
+    feed = sampled(module.measures(true, np.random.default_rng(2)), params=b"")
+    found, applied_s = shop_trials.with_learning(feed)
+    alone = shop_trials.engines.ENGINES["host"](feed)
+    assert 15.0 < applied_s[0] < 40.0
+    changed = found.times_s > applied_s[0] - 0.02
+    assert np.array_equal(found.quats[~changed], alone.quats[~changed])
+    late = found.times_s > 40.0
+    errors = [
+        np.nanmean(scoring.errors_at(e.times_s, e.quats, true).inclination[late])
+        for e in (found, alone)
+    ]
+    assert errors[0] < 0.7 * errors[1]
 
 
 def test_a_constant_turn_of_the_body_is_taken_off_and_nothing_else():
