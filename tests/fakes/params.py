@@ -35,6 +35,7 @@ class FakeParams:
         self.refusal: tuple[int, int] | None = None
         self.tells: list[dict[str, object]] = []  # parts that are to be told
         self.has_changed = False  # since this was last looked at
+        self.knows_going_on = True  # as firmware does since there is the flag
         self.goes_on = False  # the filter, with what was asked for last
         self._spare = bytearray(b"\xff" * ROOM)
         self._wait = 0
@@ -54,8 +55,8 @@ class FakeParams:
             return "ok", (first, second)
         is_fit = first % 4 == 0 and 0 <= first <= ROOM - 4
         if command == "params_apply":
-            self.goes_on = first >= GOES_ON
-            first %= GOES_ON
+            self.goes_on = self.knows_going_on and first >= GOES_ON
+            first -= GOES_ON if self.goes_on else 0
             is_fit = 0 <= first <= ROOM
         if not is_fit:
             return "bad_argument", (first, second)

@@ -69,6 +69,14 @@ def test_the_filter_goes_on_with_what_was_learned_and_with_nothing_else(
         assert wire.probe.params.goes_on == goes_on
 
 
+def test_older_firmware_takes_what_was_learned_and_begins_anew(wire: Wire) -> None:
+    wire.load(learned("acc", 1))
+    wire.probe.params.knows_going_on = False
+    wire.load(learned("acc", 2))
+    assert wire.probe.params.records == learned("acc", 2).encode()
+    assert not wire.probe.params.goes_on
+
+
 def test_nothing_is_sent_where_they_are_in_force_already(wire: Wire) -> None:
     assert not wire.load(OLD)["is_changed"]
     assert wire.frames == 0

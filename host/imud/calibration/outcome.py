@@ -104,12 +104,11 @@ def of_wave(
     before: Params,
     temperature_c: float | None = None,
     day: datetime.date | None = None,
-    method: str = "wave",
 ) -> Outcome:
     """The params before with the magnetometer of a wave. It was found in the frame of
     the calibrated accelerometer, so it has the housing's turn in it.
     """
-    made = {"temperature_c": temperature_c, "day": day, "method": method}
+    made = {"temperature_c": temperature_c, "day": day, "method": "wave"}
     params = with_mag(before, wave.mag, wave.field_deg, np.eye(3), scale, made)
     params.check()
     return Outcome(

@@ -113,6 +113,12 @@ class ParamsChange:
             result, value = await self._ask(
                 entry, boots, "params_apply", (len(records) + flag, signed), APPLY_S
             )
+            if result == "bad_argument" and flag:
+                # Firmware before the flag: its filter begins anew.
+                flag = 0
+                result, value = await self._ask(
+                    entry, boots, "params_apply", (len(records), signed), APPLY_S
+                )
             if result == "refused":
                 tag, fault = value
                 what = KINDS[tag].name if tag in KINDS else f"record {tag}"
