@@ -49,7 +49,7 @@ SETS = {"tuning": 0, "judging": 1}  # seeds: these, and every second one
 
 MODULES = 150
 CROWD = 2000
-SHOPS = 4  # modules a public recording
+SHOPS = 12  # modules a public recording
 CROWD_SEED = 300_000  # the first
 IMAGE_MODULES = 10  # of which the image's samples are used
 LONGEST_S = 150.0  # of a hand that is never done
