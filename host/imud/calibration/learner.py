@@ -175,25 +175,26 @@ def _calibrated(recording: Recording, params: Params, scale: Scale) -> Recording
     )
 
 
-def is_open(of: Calibration | None) -> bool:
-    """Whether a calibration says nothing of its error, or was learned itself, mostly
-    from the same samples: then it is where to begin, and no knowledge of its own.
+def sigma_of(calibration: Calibration | None) -> float | None:
+    """The error that a calibration states. None where it says nothing, or was learned
+    itself, mostly from the same samples: then it is where to begin, and no knowledge.
     """
-    return of is None or of.sigma is None or of.method == METHOD
+    if calibration is None or calibration.method == METHOD:
+        return None
+    return calibration.sigma
 
 
 def known_of(params: Params) -> Known:
     """What the params in force say before the fit."""
     known = Known()
-    acc, gyr, mag = params.acc, params.gyr, params.mag
-    if acc is not None and acc.sigma is not None and not is_open(acc):
-        scale = acc.sigma / GRAVITY_M_S2
-        known = replace(known, acc_m_s2=acc.sigma, acc_scale=scale)
-    if gyr is not None and gyr.sigma is not None and not is_open(gyr):
-        known = replace(known, gyr_scale=gyr.sigma, gyr_cross=gyr.sigma)
-    if mag is not None and mag.sigma is not None and not is_open(mag):
-        share = mag.sigma / (mag.norm_ut or 50.0)
-        known = replace(known, mag_ut=mag.sigma, mag_soft=share, mag_turn_rad=share)
+    acc, gyr, mag = sigma_of(params.acc), sigma_of(params.gyr), sigma_of(params.mag)
+    if acc is not None:
+        known = replace(known, acc_m_s2=acc, acc_scale=acc / GRAVITY_M_S2)
+    if gyr is not None:
+        known = replace(known, gyr_scale=gyr, gyr_cross=gyr)
+    if mag is not None and params.mag is not None:
+        share = mag / (params.mag.norm_ut or 50.0)
+        known = replace(known, mag_ut=mag, mag_soft=share, mag_turn_rad=share)
     return known
 
 
@@ -212,24 +213,24 @@ def _is_better(found: MotionFit, before: Params) -> bool:
 def _proposal(
     found: MotionFit, base: Params, before: Params, scale: Scale, made: dict[str, Any]
 ) -> Proposal | None:
-    """The params in force with what was found after those of `base`, where a sensor is
-    open; None: none is.
+    """The params in force with what was found after those of `base`, for each sensor of
+    which sigma_of() knows nothing; None: there is none.
     """
     made = made | {"day": datetime.datetime.now(datetime.UTC).date()}
     params = before
-    if is_open(before.acc):
+    if sigma_of(before.acc) is None:
         sigma = math.radians(found.tilt_deg) * GRAVITY_M_S2 / math.sqrt(2.0)
         said = {"sigma_m_s2": sigma, "residual_m_s2": found.acc.residual_m_s2}
         own = Affine(found.acc.matrix, found.acc.bias)
         whole = _after(affine_of(base.acc, scale.acc_m_s2), own)
         params = with_sensor(params, "acc", whole, scale, made | said)
-    if is_open(before.gyr):
+    if sigma_of(before.gyr) is None:
         # The filter knows the scales better, and goes on to learn them: no sigma.
         cross = found.gyr.matrix - np.diag(np.diag(found.gyr.matrix)) + np.eye(3)
         own = Affine(cross, np.zeros(3))
         whole = _after(affine_of(base.gyr, scale.gyr_rad_s), own)
         params = with_sensor(params, "gyr", whole, scale, made)
-    if is_open(before.mag):
+    if sigma_of(before.mag) is None:
         own = Affine(found.mag.matrix, found.mag.bias)
         whole = _after(affine_of(base.mag, scale.mag_ut), own)
         mag = replace(found.mag, matrix=whole.matrix, bias=whole.bias)
