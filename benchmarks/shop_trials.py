@@ -34,7 +34,7 @@ from imud.virtual.modules import shop
 from imud.virtual.motion import Motion
 from imud.virtual.motions.module import Module
 from imud.virtual.sensors import NO_ERRORS
-from imud.wire import messages
+from imud.wire import messages, schema
 
 # Seconds after the start of movement.
 PHASES = {"under 10 s": (0.0, 10.0), "to 30 s": (10.0, 30.0), "later": (30.0, np.inf)}
@@ -91,9 +91,13 @@ def with_learning(feed: Feed) -> tuple[Estimate, list[float]]:
     for index, raw in enumerate(feed.raws):
         now_s = float(feed.times_s[index])
         if coming is not None and now_s >= coming[0]:
+            is_anew = not goes_on(records, coming[1])
             records, coming = coming[1], None
             replay.params(records)
-            replay.go_on()
+            if is_anew:
+                replay.restart(schema.Filter.FUSE)
+            else:
+                replay.go_on()
             applied_s.append(now_s)
         replay.step(raw)
         if index in due:
@@ -104,7 +108,6 @@ def with_learning(feed: Feed) -> tuple[Estimate, list[float]]:
             learner.end(learned)
             if learned.proposal is not None:
                 coming = now_s + CHANGE_S, learned.proposal.params.encode()
-                assert goes_on(records, coming[1])
     return engines.poses(feed.pose_times_s, contents), applied_s
 
 

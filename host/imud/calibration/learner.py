@@ -36,7 +36,10 @@ from imud.params.value import Calibration, Params
 
 WINDOW_S = 60.0  # of the latest samples
 LEAST_S = 20.0
-EVERY_S, SELDOM_S, GROWTH = 5.0, 60.0, 1.15  # between two fits; without news
+# Of these the newest ones are fitted, until a fit is good: a magnet that somebody puts
+# on the probe changes its own field, so that samples of before and after do not fit.
+PARTS_S = (WINDOW_S, 30.0, 16.0)
+EVERY_S, SELDOM_S, GROWTH = 3.0, 60.0, 1.15  # between two fits; without news
 TURNED_RAD = math.pi  # since the last fit, at least: what lies teaches nothing
 
 # The heading's error that may be put in force, and how much smaller it must be than
@@ -80,6 +83,7 @@ class Learned:
 
     proposal: Proposal | None
     rest: Rest | None
+    since_us: int | None = None  # the samples before do not fit
 
 
 @dataclass(slots=True)
@@ -125,6 +129,8 @@ class Learner:
     def end(self, learned: Learned) -> None:
         """What came of it: the less news, the longer until the next."""
         self.rest = learned.rest or self.rest
+        while self.samples and self.samples[0].t_us < (learned.since_us or 0):
+            self.samples.popleft()
         has_news = learned.proposal is not None or self.rest is None
         self._every_s = EVERY_S if has_news else min(GROWTH * self._every_s, SELDOM_S)
 
@@ -146,12 +152,18 @@ def learned_of(work: Work) -> Learned:
         return Learned(None, None)
     rate = affine_of(base.gyr, scale.gyr_rad_s).apply(np.array(rest.rate))
     rest_step = (rest.t_us - begin_us) / 1e6 / recording.step_s
-    calibrated = _calibrated(recording, base, scale)
-    found = motion.fit(calibrated, rate, rest_step, known_of(base))
-    if found is None or not _is_sound(found) or not _is_better(found, before):
-        return Learned(None, rest)
+    calibrated, known = _calibrated(recording, base, scale), known_of(base)
     made = {"temperature_c": recording.temperature_c, "method": METHOD}
-    return Learned(_proposal(found, base, before, scale, made), rest)
+    for start in _starts(calibrated):
+        found = motion.fit(calibrated.since(start), rate, rest_step - start, known)
+        if found is None or not _is_sound(found) or not _is_better(found, before):
+            continue
+        proposal = _proposal(found, base, before, scale, made)
+        if start == 0 or proposal is None:
+            return Learned(proposal, rest)
+        since_us = begin_us + round(start * recording.step_s * 1e6)
+        return Learned(_beginning_anew(proposal, rest, scale), rest, since_us)
+    return Learned(None, rest)
 
 
 def _rest_of(recording: Recording, begin_us: int) -> Rest | None:
@@ -163,6 +175,12 @@ def _rest_of(recording: Recording, begin_us: int) -> Rest | None:
     x, y, z = (float(value) for value in rates.mean(axis=0))
     middle = float(np.mean([stop.middle for stop in stops]))
     return Rest(begin_us + middle * recording.step_s * 1e6, (x, y, z))
+
+
+def _starts(recording: Recording) -> list[int]:
+    """Where the parts that are fitted begin, the longest first."""
+    steps = [len(recording) - round(part / recording.step_s) for part in PARTS_S]
+    return sorted({max(0, start) for start in steps})
 
 
 def _calibrated(recording: Recording, params: Params, scale: Scale) -> Recording:
@@ -240,6 +258,19 @@ def _proposal(
     params.check()
     sigma_ut = math.radians(found.field_deg) * found.mag.level_ut
     return Proposal(params, found.tilt_deg, found.heading_deg, sigma_ut)
+
+
+def _beginning_anew(found: Proposal, rest: Rest, scale: Scale) -> Proposal:
+    """The same with the gyroscope's bias, if it was learned, too. With another bias a
+    filter begins anew (goes_on), which it should: the samples that do not fit have
+    taught it a wrong north and a wrong own field. With the bias it does so in motion.
+    """
+    gyr = found.params.plain("gyr")
+    if gyr is None or gyr["method"] != METHOD:
+        return found
+    bias = [rate / scale.gyr_rad_s for rate in rest.rate]
+    params = found.params.replaced("gyr", gyr | {"bias_counts": bias})
+    return msgspec.structs.replace(found, params=params)
 
 
 def heading_of(params: Params, level_ut: float) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import msgspec
@@ -73,6 +73,17 @@ class Recording:
     def is_whole(self, start: int, end: int) -> bool:
         """Whether no samples are missing between two steps."""
         return not any(start < at <= end for at in self.breaks)
+
+    def since(self, start: int) -> Recording:
+        """The steps from `start` on."""
+        return replace(
+            self,
+            acc=self.acc[start:],
+            gyr=self.gyr[start:],
+            mag=self.mag[start:],
+            mag_late_s=self.mag_late_s[start:],
+            breaks=tuple(at - start for at in self.breaks if at > start),
+        )
 
 
 # Columns of a gatherer's rows: sums of counts, the magnetometer's, how late it came.
