@@ -26,7 +26,7 @@ workers := --dist load --tx "$(shell expr $(cores) / 2 + 1)*popen//python=$(asan
 	--tx "$(shell expr $(cores) + 2)*popen//python=env IMU_TESTS=others python"
 
 # Each process with one thread for arrays: they would wait for each other.
-test test-long coverage: export OPENBLAS_NUM_THREADS := 1
+test test-long coverage bench-calibration: export OPENBLAS_NUM_THREADS := 1
 
 help: ## this list
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1\t/p' Makefile | expand -t 14
