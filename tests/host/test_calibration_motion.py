@@ -17,6 +17,7 @@ from imud.calibration.learner import (
     BETTER,
     EVERY_S,
     SELDOM_S,
+    WINDOW_S,
     Learned,
     Learner,
     Proposal,
@@ -204,7 +205,7 @@ def test_fits_become_seldom_without_news() -> None:
             learner.begin(b"")
             learner.end(nothing)
     apart = np.diff(at_s)
-    assert EVERY_S <= apart[0] < 1.5 * EVERY_S
+    assert EVERY_S <= apart[0] < EVERY_S + 1.0  # a stop, in which nothing turns
     assert 1.5 * apart[0] < apart[-1] <= SELDOM_S
 
 
@@ -244,6 +245,15 @@ def test_a_magnet_put_on_spoils_only_what_was_before(since_s: float) -> None:
     own = affine_of(proposal.params.mag, SCALE.mag_ut).bias
     expected = module().mag_bias + np.array([magnet_ut, 0.0, 0.0])
     assert np.abs(own - expected).max() < 3.0 * proposal.sigma_ut
+
+
+def test_a_full_window_that_fits_lets_the_filter_go_on() -> None:
+    learner = Learner(SCALE)
+    proposal = worked(learner, used(80.0), b"").proposal
+    assert proposal is not None
+    assert goes_on(b"", proposal.params.encode())
+    samples = learner.samples
+    assert samples[-1].t_us - samples[0].t_us == WINDOW_S * 1e6
 
 
 def test_a_magnet_and_a_strange_matrix_are_refused() -> None:

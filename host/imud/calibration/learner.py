@@ -36,9 +36,9 @@ from imud.params.value import Calibration, Params
 
 WINDOW_S = 60.0  # of the latest samples
 LEAST_S = 20.0
-# Of these the newest ones are fitted, until a fit is good: a magnet that somebody puts
-# on the probe changes its own field, so that samples of before and after do not fit.
-PARTS_S = (WINDOW_S, 30.0, 16.0)
+# Where all of them give nothing good, so many of the newest are tried: a magnet that is
+# put on changes the probe's own field, so that samples of before and after do not fit.
+PARTS_S = (30.0, 16.0)
 EVERY_S, SELDOM_S, GROWTH = 3.0, 60.0, 1.15  # between two fits; without news
 TURNED_RAD = math.pi  # since the last fit, at least: what lies teaches nothing
 
@@ -83,7 +83,7 @@ class Learned:
 
     proposal: Proposal | None
     rest: Rest | None
-    since_us: int | None = None  # the samples before do not fit
+    since_us: int = 0  # device time; the samples before it do not fit
 
 
 @dataclass(slots=True)
@@ -129,7 +129,7 @@ class Learner:
     def end(self, learned: Learned) -> None:
         """What came of it: the less news, the longer until the next."""
         self.rest = learned.rest or self.rest
-        while self.samples and self.samples[0].t_us < (learned.since_us or 0):
+        while self.samples and self.samples[0].t_us < learned.since_us:
             self.samples.popleft()
         has_news = learned.proposal is not None or self.rest is None
         self._every_s = EVERY_S if has_news else min(GROWTH * self._every_s, SELDOM_S)
@@ -178,9 +178,9 @@ def _rest_of(recording: Recording, begin_us: int) -> Rest | None:
 
 
 def _starts(recording: Recording) -> list[int]:
-    """Where the parts that are fitted begin, the longest first."""
+    """Where what is fitted begins: all of it, then the parts that are shorter."""
     steps = [len(recording) - round(part / recording.step_s) for part in PARTS_S]
-    return sorted({max(0, start) for start in steps})
+    return [0, *(start for start in steps if start > 0)]
 
 
 def _calibrated(recording: Recording, params: Params, scale: Scale) -> Recording:
