@@ -97,6 +97,13 @@ EQUIPMENT: dict[str, Any] = {
     "messages_logged": 100,
     "messages_unlogged": 0,
 }
+SELF_TEST: dict[str, Any] = {
+    "before": (-12, 340, 16384, 15, -9, 131),
+    "stimulated": (6500, 6900, 22800, 8000, -7900, 8150),
+    "after": (-11, 338, 16390, 14, -8, 130),
+    "factory": (93, 95, 96, 112, 112, 113),
+    "mag_response": (40, -60, -1900),
+}
 REPLY: dict[str, Any] = {
     "replied_command": "start",
     "replied_token": 1,
@@ -113,6 +120,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "stroke": STROKE,
     "status": STATUS,
     "equipment": EQUIPMENT,
+    "self_test": SELF_TEST,
     "command": COMMAND,
     "reply": REPLY,
 }

@@ -38,7 +38,8 @@ IDS = {
     name: getattr(lib, f"MESSAGE_{name.upper()}")
     for name in (
         *("hello", "raw", "pose", "event"),
-        *("status", "equipment", "params", "stroke", "command", "reply"),
+        *("status", "equipment", "params", "stroke", "self_test"),
+        *("command", "reply"),
     )
 }
 

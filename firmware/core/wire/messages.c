@@ -388,6 +388,35 @@ bool message_stroke_take(const uint8_t *content, uint8_t length,
     return length == MESSAGE_STROKE_SIZE && take(message_stroke_layout, content, out);
 }
 
+message_layout message_self_test_layout[12] = {
+    MESSAGE_SELF_TEST,
+    FIELD(140, 6, 2),  // before
+    FIELD(141, 6, 2),  // stimulated
+    FIELD(142, 6, 2),  // after
+    FIELD(143, 6, 1),  // factory
+    FIELD(144, 3, 2),  // mag_response
+    0,
+};
+
+uint8_t message_self_test_encode(const struct message_self_test *message,
+                                 uint32_t sequence, uint32_t time_us,
+                                 uint8_t *content) {
+    return encode(message_self_test_layout, message, sequence, time_us, content);
+}
+
+enum message_result message_self_test_decode(const uint8_t *content, uint8_t length,
+                                             struct message_header *header,
+                                             struct message_self_test *out) {
+    return decode(message_self_test_layout, content, length, MESSAGE_SELF_TEST_SIZE,
+                  header, out);
+}
+
+bool message_self_test_take(const uint8_t *content, uint8_t length,
+                            struct message_self_test *out) {
+    return length == MESSAGE_SELF_TEST_SIZE &&
+           take(message_self_test_layout, content, out);
+}
+
 message_layout message_command_layout[8] = {
     MESSAGE_COMMAND,
     FIELD(70, 1, 1),  // command

@@ -9,8 +9,8 @@
 
 #include "core/math/in_flash.h"
 
-#define SCHEMA_FINGERPRINT 0x6dc83a2eu
-#define SCHEMA_SEED 0x3a2eu  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0xf9300c0au
+#define SCHEMA_SEED 0x0c0au  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,
@@ -26,6 +26,7 @@ enum message_id {
     MESSAGE_EQUIPMENT = 0x11,
     MESSAGE_PARAMS = 0x12,
     MESSAGE_STROKE = 0x14,
+    MESSAGE_SELF_TEST = 0x17,
     MESSAGE_COMMAND = 0x0c,
     MESSAGE_REPLY = 0x0f,
 };
@@ -40,6 +41,7 @@ enum {
     MESSAGE_EQUIPMENT_SIZE = 52,
     MESSAGE_PARAMS_SIZE = 49,
     MESSAGE_STROKE_SIZE = 55,
+    MESSAGE_SELF_TEST_SIZE = 62,
     MESSAGE_COMMAND_SIZE = 23,
     MESSAGE_REPLY_SIZE = 25,
 };
@@ -114,6 +116,10 @@ enum cause {
     CAUSE_WORN = 16,
     CAUSE_FULL = 17,
     CAUSE_BATTERY = 18,
+    CAUSE_REGISTERS = 19,
+    CAUSE_FORCE = 20,
+    CAUSE_MAG_SILENT = 21,
+    CAUSE_MAG_STUCK = 22,
 };
 
 enum clock {
@@ -227,6 +233,7 @@ enum {
     SELF_TEST_ACC_PASSED = 1u << 0,
     SELF_TEST_GYR_PASSED = 1u << 1,
     SELF_TEST_MAG_PASSED = 1u << 2,
+    SELF_TEST_HOST_JUDGES = 1u << 3,
     SELF_TEST_ACC_FAILED = 1u << 4,
     SELF_TEST_GYR_FAILED = 1u << 5,
     SELF_TEST_MAG_FAILED = 1u << 6,
@@ -477,6 +484,23 @@ enum message_result message_stroke_decode(const uint8_t *content, uint8_t length
 bool message_stroke_take(const uint8_t *content, uint8_t length,
                          struct message_stroke *out);
 extern message_layout message_stroke_layout[18];
+
+struct message_self_test {
+    int16_t before[6];      // counts
+    int16_t stimulated[6];  // counts
+    int16_t after[6];       // counts
+    uint8_t factory[6];
+    int16_t mag_response[3];  // counts
+};
+
+uint8_t message_self_test_encode(const struct message_self_test *message,
+                                 uint32_t sequence, uint32_t time_us, uint8_t *content);
+enum message_result message_self_test_decode(const uint8_t *content, uint8_t length,
+                                             struct message_header *header,
+                                             struct message_self_test *out);
+bool message_self_test_take(const uint8_t *content, uint8_t length,
+                            struct message_self_test *out);
+extern message_layout message_self_test_layout[12];
 
 struct message_command {
     uint8_t command;  // enum command

@@ -8,14 +8,14 @@ Generated from schema.toml by protocol/generate.py.
 
 from micropython import const
 
-SEED = const(0x3A2E)  # of the CRC of all messages but hello
+SEED = const(0x0C0A)  # of the CRC of all messages but hello
 HELLO_SEED = const(0xFFFF)
 
 # protocol_version, schema_fingerprint, firmware, board, probe_id, sensor, who_am_i,
 # mag_adjust, self_test, sample_rate, pose_rate, raw_rate, acc_lsb, gyr_lsb, mag_lsb,
 # boot_count, reset_cause, filter, reset_address, params_digest, own_field, own_sigma
 HELLO = (
-    b"\x03\x00\x00\x00\x00\x00\x00\x00\x00\x01\x01\x02\x2e\x3a\xc8\x6d"
+    b"\x03\x00\x00\x00\x00\x00\x00\x00\x00\x01\x01\x02\x0a\x0c\x30\xf9"
     b"\x03\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00\x00"
     b"\x00\x04\x00\x05\x00\x00\x00\x00\x00\x00\x00\x00\x06\x00\x07\x00"
     b"\x00\x08\x00\x00\x00\x09\x00\x0a\x00\x00\x0b\x00\x00\x0c\x00\x00"
@@ -219,6 +219,10 @@ CAUSE_REJECTED = const(15)
 CAUSE_WORN = const(16)
 CAUSE_FULL = const(17)
 CAUSE_BATTERY = const(18)
+CAUSE_REGISTERS = const(19)
+CAUSE_FORCE = const(20)
+CAUSE_MAG_SILENT = const(21)
+CAUSE_MAG_STUCK = const(22)
 
 RESULT_OK = const(0)
 RESULT_UNKNOWN_COMMAND = const(1)

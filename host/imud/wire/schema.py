@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0x6DC83A2E
-SEED = 0x3A2E  # of the CRC of all messages but hello
+FINGERPRINT = 0xF9300C0A
+SEED = 0x0C0A  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -87,6 +87,10 @@ class Cause(IntEnum):
     WORN = 16
     FULL = 17
     BATTERY = 18
+    REGISTERS = 19
+    FORCE = 20
+    MAG_SILENT = 21
+    MAG_STUCK = 22
 
 
 class Clock(IntEnum):
@@ -200,6 +204,7 @@ class SelfTestFlags(IntFlag):
     ACC_PASSED = 1 << 0
     GYR_PASSED = 1 << 1
     MAG_PASSED = 1 << 2
+    HOST_JUDGES = 1 << 3
     ACC_FAILED = 1 << 4
     GYR_FAILED = 1 << 5
     MAG_FAILED = 1 << 6
@@ -427,6 +432,18 @@ MESSAGES = (
             Field("path", 135, "i32", 3, scale=1e-6, unit="m", null=-2147483648),
             Field("path_sigma", 136, "u16", 2, scale=1e-5, unit="m", null=65535),
             Field("stroke_flags", 137, "u16", flags=PoseFlags),
+        ),
+    ),
+    MessageType(
+        "self_test",
+        0x17,
+        "probe",
+        (
+            Field("before", 140, "i16", 6, unit="counts"),
+            Field("stimulated", 141, "i16", 6, unit="counts"),
+            Field("after", 142, "i16", 6, unit="counts"),
+            Field("factory", 143, "u8", 6),
+            Field("mag_response", 144, "i16", 3, unit="counts"),
         ),
     ),
     MessageType(
