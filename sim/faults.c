@@ -21,6 +21,9 @@ static const char *const chip_kinds[] = {
     [CHIP_FAULT_GYR_SELF_TEST] = "gyr_self_test",
     [CHIP_FAULT_ACC_SELF_TEST] = "acc_self_test",
     [CHIP_FAULT_FROZEN] = "frozen",
+    [CHIP_FAULT_REGISTER_FLIP] = "register_flip",
+    [CHIP_FAULT_BROWN_OUT] = "sensor_brown_out",
+    [CHIP_FAULT_MAG_HUNG] = "mag_hung",
 };
 
 static const struct {
@@ -74,7 +77,8 @@ static bool set_kind(struct faults *faults, struct fault *fault, const char *kin
     const struct fault_kinds *kinds = faults->kinds;
     for (size_t i = 0; i < sizeof chip_kinds / sizeof *chip_kinds; i++) {
         const char *name = i == CHIP_FAULT_NO_MAG ? kinds->no_mag : chip_kinds[i];
-        if (strcmp(kind, name) == 0) {
+        const bool is_known = i != CHIP_FAULT_MAG_HUNG || kinds->has_aux_bus;
+        if (is_known && strcmp(kind, name) == 0) {
             fault->target = FAULT_CHIP;
             fault->chip.kind = (enum chip_fault_kind)i;
             return true;
@@ -143,7 +147,7 @@ static bool complete_card(struct fault *fault) {
 static bool set_number(struct faults *faults, struct fault *fault, const char *name,
                        uint64_t value) {
     const bool is_byte = strcmp(name, "byte") == 0 || strcmp(name, "clocks") == 0 ||
-                         strcmp(name, "value") == 0;
+                         strcmp(name, "reg") == 0 || strcmp(name, "value") == 0;
     const bool is_mv = strcmp(name, "mv") == 0 || strcmp(name, "to_mv") == 0;
     if (is_byte && value > UINT8_MAX) {
         return fail(faults, "%s is above 255", name);
@@ -178,6 +182,8 @@ static bool set_number(struct faults *faults, struct fault *fault, const char *n
         fault->chip.at_byte = (uint8_t)value;
     } else if (strcmp(name, "clocks") == 0) {
         fault->chip.clocks = (uint8_t)value;
+    } else if (strcmp(name, "reg") == 0) {
+        fault->chip.reg = (uint8_t)value;
     } else if (strcmp(name, "value") == 0) {
         fault->chip.value = (uint8_t)value;
     } else if (strcmp(name, "mv") == 0) {

@@ -15,8 +15,12 @@
 //   no_mag           LSM9DS0: the magnetometer measures nothing
 //   gyr_self_test, acc_self_test   a tenth of the response
 //   frozen           data ready goes on, the numbers stand still
-// LSM9DS0: nack, no_data_ready, wrong_who_am_i and frozen are of both dies, or of the
-// `die` 1 (G) or 2 (XM).
+//   register_flip    register `reg` becomes `value`, once
+//   sensor_brown_out the sensor alone loses its power for a moment, once
+//   mag_hung         MPU-9250: the AK8963 holds its bus, until `clocks` SCL pulses
+//                    through the bypass (default: for ever)
+// LSM9DS0: nack, no_data_ready, wrong_who_am_i, frozen and register_flip are of both
+// dies, or of the `die` 1 (G) or 2 (XM).
 // kind of the board (at_us):
 //   reset            the reset button
 //   brown_out        a dip of the supply: resets processor and sensor, SRAM is lost
@@ -84,7 +88,8 @@ struct fault_kinds {
     const char *const *card;  // names of the card's faults; null: no card
     unsigned card_count;
     bool has_dies;
-    bool is_stm32;  // crystal, glitch, battery, charger, radio
+    bool has_aux_bus;  // an MPU-9250's, to its magnetometer
+    bool is_stm32;     // crystal, glitch, battery, charger, radio
 };
 
 struct fault {

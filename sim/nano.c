@@ -173,7 +173,7 @@ static const struct run_board board_nano = {
     .version = NANO_VERSION,
     .ticks_per_us = MACHINE_CYCLES_PER_US,
     .code_size = FOLLOW_FLASH_BYTES,
-    .fault_kinds = {.no_mag = "no_ak8963"},
+    .fault_kinds = {.no_mag = "no_ak8963", .has_aux_bus = true},
     .memory = "is no EEPROM of 1024 bytes",
     .command = command,
     .power_up = power_up,

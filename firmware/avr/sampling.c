@@ -12,13 +12,14 @@
 #include "clock.h"
 #include "generic/slots.h"
 #include "idle.h"
-#include "sensor_memory.h"
 #include "twi.h"
 
 enum {
     // Seven times what 24 bytes take at 400 kHz.
     TRANSFER_TICKS_MAX = 4500 * CLOCK_TICKS_PER_US,
 };
+
+enum { READING_SLOTS = 2 };
 
 // TWCR for each kind of step; all clear TWINT, which starts it.
 enum {
@@ -30,7 +31,7 @@ enum {
 
 // Shared with the handlers, which slots.h protects.
 static struct slots slots;
-static struct reading *const readings = sensor_memory.readings;
+static struct reading readings[READING_SLOTS];
 static struct bus_burst burst;
 static bool is_write;      // of set-up: the bytes go to the device
 static uint8_t *cursor;    // where the next byte goes, or comes from

@@ -16,6 +16,12 @@ enum chip_fault_kind {
     CHIP_FAULT_GYR_SELF_TEST,  // a tenth of the gyroscope's self-test response
     CHIP_FAULT_ACC_SELF_TEST,  // a tenth of the accelerometer's
     CHIP_FAULT_FROZEN,         // data ready goes on, the numbers stand still
+    // These three happen once, when their time comes.
+    CHIP_FAULT_REGISTER_FLIP,  // register `reg` becomes `value`
+    CHIP_FAULT_BROWN_OUT,      // the chip alone loses its power for a moment
+    // MPU-9250: the AK8963 holds the data line of its bus low, until `clocks` SCL
+    // pulses through the bypass (0: for ever).
+    CHIP_FAULT_MAG_HUNG,
 };
 
 // In force for a span of time, or, where transactions is not 0, for that many
@@ -23,16 +29,17 @@ enum chip_fault_kind {
 // number 1; everything from START to STOP is one transaction, whoever is addressed.
 struct chip_fault {
     enum chip_fault_kind kind;
-    // LSM9DS0: NACK, NO_DATA_READY, WRONG_WHO_AM_I and FROZEN are of this die (enum
-    // lsm9ds0_chip_die) or, with 0, of both. MPU-9250: 0.
+    // LSM9DS0: NACK, NO_DATA_READY, WRONG_WHO_AM_I, FROZEN and REGISTER_FLIP are of
+    // this die (enum lsm9ds0_chip_die) or, with 0, of both. MPU-9250: 0.
     uint8_t die;
     uint64_t from_ns;
     uint64_t for_ns;  // 0: for ever (STUCK_SDA with clocks: until clocked out)
     uint64_t first;
     uint64_t transactions;
     uint8_t at_byte;  // NACK, STUCK_SDA: of the transaction; 0 address, 1 register
-    uint8_t clocks;   // STUCK_SDA: SCL pulses that free the line, 0: none do
-    uint8_t value;    // WRONG_WHO_AM_I
+    uint8_t clocks;   // STUCK_SDA, MAG_HUNG: SCL pulses that free the line, 0: none do
+    uint8_t reg;      // REGISTER_FLIP
+    uint8_t value;    // WRONG_WHO_AM_I, REGISTER_FLIP
 };
 
 #endif

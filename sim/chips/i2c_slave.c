@@ -66,8 +66,21 @@ static bool holds(const struct i2c_slave *slave, struct i2c_slave_fault *held) {
     return !held->is_over;
 }
 
+const struct chip_fault *i2c_slave_next_fault(struct i2c_slave *slave,
+                                              enum chip_fault_kind kind) {
+    for (unsigned i = 0; i < slave->fault_count; i++) {
+        struct i2c_slave_fault *fault = &slave->faults[i];
+        if (fault->fault.kind == kind && !fault->is_over &&
+            is_in_force(slave, &fault->fault)) {
+            fault->is_over = true;
+            return &fault->fault;
+        }
+    }
+    return NULL;
+}
+
 static bool is_sda_held(struct i2c_slave *slave) {
-    bool is_held = false;
+    bool is_held = slave->ops->holds_sda != NULL && slave->ops->holds_sda(slave->chip);
     for (unsigned i = 0; i < slave->fault_count; i++) {
         is_held = holds(slave, &slave->faults[i]) || is_held;
     }
@@ -175,6 +188,9 @@ void i2c_slave_scl_pulse(struct i2c_slave *slave, uint64_t now_ns) {
         if (holds(slave, &slave->faults[i])) {
             slave->faults[i].clocks++;
         }
+    }
+    if (slave->ops->clock != NULL) {
+        slave->ops->clock(slave->chip);
     }
 }
 

@@ -27,6 +27,10 @@ struct i2c_slave_chip {
     uint8_t (*read)(void *chip, uint8_t die);
     // Before the first START and after the STOP of a transaction; null: nothing to do.
     void (*idle)(void *chip);
+    // Whether the chip holds SDA low for a reason of its own, and one pulse on SCL
+    // meanwhile; null: it never does.
+    bool (*holds_sda)(void *chip);
+    void (*clock)(void *chip);
 };
 
 // A fault and how far it has come.
@@ -34,7 +38,7 @@ struct i2c_slave_fault {
     struct chip_fault fault;
     unsigned clocks;        // STUCK_SDA: SCL pulses seen while it holds the line
     uint64_t held_from_ns;  // STUCK_SDA: UINT64_MAX where it has not held it yet
-    bool is_over;           // STUCK_SDA: has let go, for good
+    bool is_over;  // STUCK_SDA: has let go, for good; what happens once: has happened
 };
 
 // Private to i2c_slave.c, but for what the comments give to the model.
@@ -62,6 +66,10 @@ void i2c_slave_clear_faults(struct i2c_slave *slave);
 // A fault of that kind that is in force on a die (0: whichever it is of); null: none.
 const struct chip_fault *i2c_slave_find_fault(const struct i2c_slave *slave,
                                               enum chip_fault_kind kind, uint8_t die);
+// One of those that happen once, if its time has come and it has not happened: then it
+// has now; null: none.
+const struct chip_fault *i2c_slave_next_fault(struct i2c_slave *slave,
+                                              enum chip_fault_kind kind);
 
 // The wire, from the host's side. start() is also a repeated START; it and write() are
 // true for ACK. read() is told whether the host acknowledges the byte.

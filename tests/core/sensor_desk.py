@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 STEP_US = 1000  # between two calls of set-up
-SETUP_MAX_US = 1_500_000  # what set-up takes in the worst case, refusals included
+SETUP_MAX_US = 2_000_000  # what set-up takes in the worst case, refusals included
 
 
 class SensorBench(ABC):
@@ -29,6 +29,7 @@ class SensorBench(ABC):
         self.start_us = start_us
         self.transactions = 0
         self.pulled_at: int | None = None
+        self.pulled = (0, 0)  # address and register of the pulled transaction
         self.longest_step_ns = 0
         self._read = ffi.callback(
             "enum bus_result(void *, uint8_t, uint8_t, uint8_t *, uint8_t)",
@@ -59,6 +60,7 @@ class SensorBench(ABC):
         def transfer(*arguments: Any) -> int:
             self.transactions += 1
             if self.transactions == self.pulled_at:
+                self.pulled = arguments[1:3]
                 return int(self.lib.BUS_NACK)
             return int(move(*arguments))
 

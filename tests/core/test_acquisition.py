@@ -25,12 +25,15 @@ class Board:
         self.bench = Bench()
         self.calls: list[str] = []
         self.setup_results = [lib.SENSOR_BUSY, lib.SENSOR_OK]
+        self.check_result = lib.SENSOR_BUSY
         self.recovered = lib.BUS_OK
         self.readings: list[tuple[int, int, int]] = []  # result, missed, first byte
+        self.age_us = 0  # of a reading, when it is taken
         self.gaps: list[bool] = []
         self._kept = [
             callbacks(
                 "struct sensor_driver",
+                check=self._check,
                 begin=lambda _: self.calls.append("begin"),
                 setup=self._setup,
                 parse=self._parse,
@@ -44,9 +47,10 @@ class Board:
             ),
         ]
         driver, port = self._kept
+        self.identity = ffi.new("struct sensor_identity *", MPU9250[0])
         self._bursts = ffi.new("struct bus_burst[]", BURSTS)
         driver |= {
-            "identity": MPU9250,
+            "identity": self.identity,
             "bursts": self._bursts,
             "bursts_count": len(BURSTS),
         }
@@ -61,6 +65,11 @@ class Board:
         assert now_us == self.bench.time_us
         assert bus == self._bus
         return int(self.setup_results.pop(0))
+
+    def _check(self, _: Any, bus: Any) -> int:
+        assert bus == self._bus
+        self.calls.append("check")
+        return int(self.check_result)
 
     def _parse(self, _: Any, data: Any, time_us: int, out: Any) -> bool:
         if data[0] == BAD:
@@ -84,7 +93,7 @@ class Board:
         if not self.readings:
             return int(lib.READING_NONE)
         result, out.missed, out.bytes[0] = self.readings.pop(0)
-        out.time_us = self.bench.time_us
+        out.time_us = self.bench.time_us - self.age_us
         return int(result)
 
     def step(self, elapsed_us: int = MILLISECOND) -> bool:
@@ -166,12 +175,19 @@ def test_a_bus_that_fails_in_set_up_is_told_by_its_result(
 
 @pytest.mark.parametrize(
     ("result", "cause", "detail"),
-    [("WRONG_CHIP", "CAUSE_WRONG_CHIP", 0x71), ("STUCK", "CAUSE_TIMEOUT", 0)],
+    [
+        ("WRONG_CHIP", "CAUSE_WRONG_CHIP", 0x71),
+        ("STUCK", "CAUSE_TIMEOUT", 0x71),
+        ("UNSET", "CAUSE_REGISTERS", 0x1C71),
+        ("NO_FORCE", "CAUSE_FORCE", 0x71),
+        ("MAG_STUCK", "CAUSE_MAG_STUCK", 0x71),
+    ],
 )
 def test_a_sensor_that_is_absent_or_never_ready_is_tried_again(
     result: str, cause: str, detail: int
 ) -> None:
     board = Board()
+    board.identity.wrong_register = detail // 256
     board.setup_results = [getattr(lib, f"SENSOR_{result}")]
     board.step()
     board.gives_up_for(lib.EVENT_SENSOR_FAULT, getattr(lib, cause), detail)
@@ -238,7 +254,7 @@ def test_a_sensor_gone_silent_is_set_up_again() -> None:
     assert not board.step(SILENCE_US - 1)
     assert not board.is_faulty
     assert not board.step(1)
-    board.gives_up_for(lib.EVENT_SENSOR_FAULT, lib.CAUSE_NO_DATA_READY)
+    board.gives_up_for(lib.EVENT_SENSOR_FAULT, lib.CAUSE_NO_DATA_READY, 0x71)
 
 
 def test_missed_edges_are_told_and_leave_a_gap() -> None:
@@ -251,3 +267,64 @@ def test_missed_edges_are_told_and_leave_a_gap() -> None:
     assert board.take(lib.READING_OK)
     flags = [raw.fields["sample_flags"] for raw in board.bench.of("raw")]
     assert flags == [lib.SAMPLE_GAP, 0]
+
+
+UNCHECKED = 255  # samples before the sensor is looked after
+
+
+def almost_checked() -> Board:
+    board = Board().sampling()
+    for _ in range(UNCHECKED):
+        assert board.take(lib.READING_OK)
+    assert board.calls == []
+    return board
+
+
+def test_the_sensor_is_looked_after_now_and_then_between_two_bursts() -> None:
+    board = almost_checked()
+    assert board.take(lib.READING_OK)
+    assert board.calls == ["stop", "check", "start"]
+    board.calls.clear()
+    for _ in range(UNCHECKED):
+        assert board.take(lib.READING_OK)
+    assert board.calls == []
+    assert board.take(lib.READING_OK)
+    assert board.calls == ["stop", "check", "start"]
+    assert not any(board.gaps)
+
+
+def test_a_sample_that_is_taken_late_leaves_no_time_for_a_look() -> None:
+    board = almost_checked()
+    board.age_us = 1001
+    for _ in range(3):
+        assert board.take(lib.READING_OK)
+    assert board.calls == []
+    board.age_us = 1000
+    assert board.take(lib.READING_OK)
+    assert board.calls == ["stop", "check", "start"]
+
+
+@pytest.mark.parametrize(
+    ("result", "cause", "register"),
+    [("UNSET", "CAUSE_REGISTERS", 0x1B), ("MAG_CHANGED", "CAUSE_MAG_SILENT", 0)],
+)
+def test_what_a_look_finds_wrong_sets_the_sensor_up_again(
+    result: str, cause: str, register: int
+) -> None:
+    board = almost_checked()
+    board.check_result = getattr(lib, f"SENSOR_{result}")
+    board.identity.wrong_register = register
+    before = board.samples
+    assert board.take(lib.READING_OK)
+    assert board.samples == before + 1  # the sample itself is good
+    detail = 256 * register + 0x71
+    board.gives_up_for(lib.EVENT_SENSOR_FAULT, getattr(lib, cause), detail)
+
+
+def test_a_look_that_the_bus_fails_costs_a_sample_at_most() -> None:
+    board = almost_checked()
+    board.check_result = lib.SENSOR_BUS_NACK
+    assert board.take(lib.READING_OK)
+    assert board.bench.events()[-1] == (lib.EVENT_BUS_FAULT, lib.CAUSE_NACK, 1)
+    assert not board.is_faulty
+    assert board.take(lib.READING_OK)

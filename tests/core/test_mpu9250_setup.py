@@ -3,21 +3,18 @@
 
 from __future__ import annotations
 
-import itertools
-
 import pytest
 
 from core.mpu9250_desk import (
     ACC_LSB,
-    ACC_PASSED,
-    ALL_PASSED,
     GYR_LSB,
-    GYR_PASSED,
+    HOST_JUDGES,
     MAG_LSB,
     Bench,
     G,
     lib,
     running,
+    scripted,
 )
 from core.sensor_desk import SETUP_MAX_US
 
@@ -42,7 +39,7 @@ def test_identity_tells_chip_units_and_verdict():
     assert identity.kind == lib.SENSOR_MPU9250
     assert list(identity.who_am_i) == [0x71, 0x48]
     assert list(identity.mag_adjust) == [170, 180, 160]
-    assert identity.self_test == ALL_PASSED
+    assert identity.self_test == HOST_JUDGES
     assert identity.rate_hz == 200
     assert identity.gyr_lsb_nrad_s == round(GYR_LSB * 1e9)
     assert identity.acc_lsb_nm_s2 == round(ACC_LSB * 1e9)
@@ -70,22 +67,21 @@ def test_set_up_waits_as_long_as_the_documents_want():
     assert resets >= 100  # after power: the start-up of the registers
     assert identified - resets >= 100
     reads = [t for t, *what in log if what == ["read", 59]]
-    assert len(reads) == 400
+    assert len(reads) == 3
     assert reads[0] - wakes >= 35  # the gyroscope's start-up
-    # Each run of the self-test: 20 ms after its stimulus, 200 samples at 1 kHz.
+    # Six delays of the low-pass after each change of the stimulus.
     changes = [t for t, *what in log if what == ["write", 28]]
-    for run, changed in zip((reads[:200], reads[200:]), changes, strict=False):
-        assert run[0] - changed >= 20
-        assert all(0.9 < b - a < 1.2 for a, b in itertools.pairwise(run))
+    for read, changed in zip(reads, changes, strict=False):
+        assert read - changed >= 100
 
 
 def test_set_up_takes_as_long_as_its_header_says():
     bench = running()
-    assert bench.now_ns / 1e9 == pytest.approx(0.9, abs=0.15)
+    assert bench.now_ns / 1e9 == pytest.approx(0.7, abs=0.05)
     before_ns = bench.now_ns
     assert bench.set_up() == lib.SENSOR_OK
-    assert (bench.now_ns - before_ns) / 1e9 == pytest.approx(0.4, abs=0.1)
-    assert bench.identity.self_test == ALL_PASSED
+    assert (bench.now_ns - before_ns) / 1e9 == pytest.approx(0.4, abs=0.05)
+    assert bench.identity.self_test == HOST_JUDGES
 
 
 @pytest.mark.parametrize("step_us", [50, 700, 4999, 30_000])
@@ -94,13 +90,13 @@ def test_set_up_does_not_mind_how_often_it_is_called(step_us):
     # A sample of the self-test a call, at most: a slow caller takes that much longer.
     bound_us = SETUP_MAX_US + 500 * step_us
     assert bench.set_up(step_us, bound_us) == lib.SENSOR_OK
-    assert bench.identity.self_test == ALL_PASSED
+    assert bench.identity.self_test == HOST_JUDGES
     assert bench.complaint is None
 
 
 @pytest.mark.parametrize("before_us", [1, 100_000, 150_000, 300_000, 600_000, 700_000])
 def test_set_up_survives_the_wrap_of_device_time(before_us):
-    assert running(start_us=2**32 - before_us).identity.self_test == ALL_PASSED
+    assert running(start_us=2**32 - before_us).identity.self_test == HOST_JUDGES
 
 
 def test_set_up_stays_done_when_device_time_wraps():
@@ -111,25 +107,39 @@ def test_set_up_stays_done_when_device_time_wraps():
         assert lib.mpu9250_setup(bench.driver, bench.bus, now_us) == lib.SENSOR_OK
 
 
-@pytest.mark.parametrize("who", [0x00, 0x12, 0x68, 0x72, 0xEA, 0xFF])
-def test_a_chip_of_another_kind_is_refused_and_named(who):
+@pytest.mark.parametrize("who", [0x00, 0xFF])
+def test_a_bus_that_nobody_drives_is_no_chip(who):
     bench = Bench()
     bench.fault(lib.CHIP_FAULT_WRONG_WHO_AM_I, value=who)
     assert bench.set_up() == lib.SENSOR_WRONG_CHIP
     assert bench.identity.who_am_i[0] == who
 
 
-def test_an_mpu_9255_is_an_mpu_9250():
-    bench = running(who_am_i=0x73)
+@pytest.mark.parametrize("who", range(1, 0xFF))
+def test_a_chip_of_any_other_identity_runs_and_is_named(who):
+    bench = running(who_am_i=who)
     assert bench.identity.kind == lib.SENSOR_MPU9250
-    assert list(bench.identity.who_am_i) == [0x73, 0x48]
-    assert bench.settled_mag().x == round(0 / MAG_LSB)
+    assert list(bench.identity.who_am_i) == [who, 0x48]
+    assert bench.settled_mag().y == pytest.approx(20 / MAG_LSB, abs=1.5)
+    assert bench.settled().acc.z == pytest.approx(G / ACC_LSB, abs=1)
+
+
+@pytest.mark.parametrize("reg", [25, 26, 27, 28, 29, 36, 37, 39, 56, 107])
+def test_a_chip_whose_registers_keep_nothing_is_refused(reg):
+    # A real-time clock or an EEPROM at the same address is such a chip.
+    bench = scripted(deaf={reg})
+    result = bench.set_up()
+    if reg == 56:  # it never gets ready, with its magnetometer and without
+        assert result == lib.SENSOR_MAG_STUCK
+        return
+    assert result == lib.SENSOR_UNSET
+    assert bench.identity.wrong_register == reg
 
 
 def assert_six_axes(bench: Bench) -> None:
     assert bench.identity.who_am_i[1] == 0
     assert list(bench.identity.mag_adjust) == [0, 0, 0]
-    assert bench.identity.self_test == ACC_PASSED | GYR_PASSED
+    assert bench.identity.self_test == HOST_JUDGES
     assert bench.burst.length == 14
     bench.hold(gyr=(1, 0, 0))
     samples = bench.samples(20)
@@ -147,7 +157,7 @@ def test_an_mpu_6500_is_a_six_axis_probe():
 
 def test_a_counterfeit_without_magnetometer_is_a_six_axis_probe():
     bench = running(has_ak8963=False)
-    assert bench.identity.kind == lib.SENSOR_MPU9250
+    assert bench.identity.kind == lib.SENSOR_MPU6500
     assert_six_axes(bench)
     assert bench.register(106) == 0x00  # no master that asks in vain at each sample
 
@@ -160,4 +170,4 @@ def test_a_magnetometer_that_comes_back_is_found_by_the_next_set_up():
     lib.i2c_slave_clear_faults(lib.mpu9250_chip_wire(bench.chip))
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0x71, 0x48]
-    assert bench.identity.self_test == ALL_PASSED
+    assert bench.identity.self_test == HOST_JUDGES

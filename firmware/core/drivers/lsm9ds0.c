@@ -63,6 +63,9 @@ enum {
     TEMPERATURE_PLACE = ACC_PLACE + AXES_BYTES,
     MAG_PLACE = TEMPERATURE_PLACE + TEMPERATURE_BYTES,
     SAMPLE_BYTES = MAG_PLACE + AXES_BYTES,
+
+    G_VALUES = 5,   // of CTRL_REG1_G to CTRL_REG5_G
+    XM_VALUES = 8,  // of CTRL_REG0_XM to CTRL_REG7_XM
 };
 
 _Static_assert((int)SAMPLE_BYTES <= (int)BUS_BURST_MAX, "a sample fits its place");
@@ -106,6 +109,8 @@ enum step {
     TEST_ON,
     TEST_END,
     RUN,
+    VERIFY,
+    VERIFY_OTHER,
     READY,
     DONE,
 };
@@ -134,40 +139,30 @@ static enum sensor_result write_registers(const IN_FLASH struct bus_device *bus,
                                           data, length);
 }
 
-// All that makes the gyroscope what it is, its stimulus on or off.
-static enum sensor_result configure_gyr(const struct lsm9ds0 *chip,
-                                        const IN_FLASH struct bus_device *bus,
-                                        uint8_t stimulus) {
-    const uint8_t values[] = {
-        (uint8_t)((chip->config.is_fast ? G_760_HZ : G_380_HZ) | G_100_HZ_LOW_PASS |
-                  G_ON),
-        0,
-        G_DRDY,
-        (uint8_t)(G_BDU | G_2000_DPS | stimulus),
-        G_LOW_PASSED,
-    };
-    return write_registers(bus, chip->config.gyr_address, REG_CTRL1_G, values,
-                           sizeof values);
+// What makes each half what it is: its control registers' values. Of the gyroscope, its
+// stimulus on or off.
+static void gyr_values(const struct lsm9ds0 *chip, uint8_t stimulus,
+                       uint8_t values[G_VALUES]) {
+    const uint8_t rate = chip->config.is_fast ? G_760_HZ : G_380_HZ;
+    values[0] = (uint8_t)(rate | G_100_HZ_LOW_PASS | G_ON);
+    values[1] = 0;
+    values[2] = G_DRDY;
+    values[3] = (uint8_t)(G_BDU | G_2000_DPS | stimulus);
+    values[4] = G_LOW_PASSED;
 }
 
-// The other half, with the accelerometer's range and stimulus.
-static enum sensor_result configure_xm(const struct lsm9ds0 *chip,
-                                       const IN_FLASH struct bus_device *bus,
-                                       uint8_t range) {
-    const uint8_t values[] = {
-        0,
-        // Twice the sample rate and more, whatever the two clocks: else an acceleration
-        // that comes as its status is read could seem old for many samples on end.
-        (uint8_t)((chip->config.is_fast ? A_1600_HZ : A_800_HZ) | XM_BDU | A_AXES),
-        (uint8_t)(A_194_HZ | range),
-        0,
-        0,
-        M_TEMPERATURE | M_FINE | M_100_HZ,
-        M_2_GAUSS,
-        M_CONTINUOUS,
-    };
-    return write_registers(bus, chip->config.xm_address, REG_CTRL0_XM, values,
-                           sizeof values);
+// Of the other half, with the accelerometer's range and stimulus.
+static void xm_values(const struct lsm9ds0 *chip, uint8_t range,
+                      uint8_t values[XM_VALUES]) {
+    // Twice the sample rate and more, whatever the two clocks: else an acceleration
+    // that comes as its status is read could seem old for many samples on end.
+    const uint8_t rate = chip->config.is_fast ? A_1600_HZ : A_800_HZ;
+    memset(values, 0, XM_VALUES);
+    values[1] = (uint8_t)(rate | XM_BDU | A_AXES);
+    values[2] = (uint8_t)(A_194_HZ | range);
+    values[5] = M_TEMPERATURE | M_FINE | M_100_HZ;
+    values[6] = M_2_GAUSS;
+    values[7] = M_CONTINUOUS;
 }
 
 static int16_t little_endian(const uint8_t *bytes) {
@@ -229,9 +224,14 @@ static enum sensor_result configure(struct lsm9ds0 *chip,
                                     const IN_FLASH struct bus_device *bus, uint16_t now,
                                     uint8_t gyr_stimulus, uint8_t acc_range,
                                     uint16_t wait) {
-    enum sensor_result result = configure_gyr(chip, bus, gyr_stimulus);
+    uint8_t values[XM_VALUES];
+    gyr_values(chip, gyr_stimulus, values);
+    enum sensor_result result =
+        write_registers(bus, chip->config.gyr_address, REG_CTRL1_G, values, G_VALUES);
     if (result == SENSOR_OK) {
-        result = configure_xm(chip, bus, acc_range);
+        xm_values(chip, acc_range, values);
+        result = write_registers(bus, chip->config.xm_address, REG_CTRL0_XM, values,
+                                 XM_VALUES);
     }
     return result == SENSOR_OK ? go_on(chip, now, wait) : result;
 }
@@ -323,9 +323,8 @@ static enum sensor_result ready(struct lsm9ds0 *chip,
     if (result != SENSOR_OK) {
         return result;
     }
-    const bool is_over = !is_within(chip, now, RUN_SETTLE_TICKS + DATA_READY_TICKS);
     if (chip->ready != (GYR_READY | ACC_READY | MAG_READY)) {
-        if (!is_over) {
+        if (is_within(chip, now, DATA_READY_TICKS)) {
             return SENSOR_BUSY;
         }
         if ((chip->ready & GYR_READY) == 0 || (chip->ready & ACC_READY) == 0) {
@@ -346,6 +345,31 @@ static enum sensor_result ready(struct lsm9ds0 *chip,
     return SENSOR_OK;
 }
 
+// Reads back one half, the halves in turn.
+enum sensor_result lsm9ds0_check(void *state, const IN_FLASH struct bus_device *bus) {
+    struct lsm9ds0 *chip = state;
+    uint8_t wanted[XM_VALUES];
+    uint8_t found[XM_VALUES];
+    const bool is_xm = chip->checks_xm;
+    const uint8_t address = is_xm ? chip->config.xm_address : chip->config.gyr_address;
+    const uint8_t reg = is_xm ? REG_CTRL0_XM : REG_CTRL1_G;
+    const uint8_t count = is_xm ? XM_VALUES : G_VALUES;
+    if (is_xm) {
+        xm_values(chip, A_16_G, wanted);
+    } else {
+        gyr_values(chip, 0, wanted);
+    }
+    chip->checks_xm = !is_xm;
+    const enum sensor_result result = read_registers(bus, address, reg, found, count);
+    for (uint8_t i = 0; result == SENSOR_OK && i < count; ++i) {
+        if (found[i] != wanted[i]) {
+            chip->identity.wrong_register = (uint8_t)(reg + i);
+            return SENSOR_UNSET;
+        }
+    }
+    return result;
+}
+
 void lsm9ds0_begin(void *state) {
     struct lsm9ds0 *chip = state;
     const struct lsm9ds0_config config = chip->config;
@@ -360,6 +384,12 @@ void lsm9ds0_begin(void *state) {
     chip->bursts[2] =
         (struct bus_burst){config.xm_address, REG_TEMPERATURE | AUTO_INCREMENT,
                            TEMPERATURE_BYTES + AXES_BYTES};
+}
+
+static enum sensor_result verify(struct lsm9ds0 *chip,
+                                 const IN_FLASH struct bus_device *bus, uint16_t now) {
+    const enum sensor_result result = lsm9ds0_check(chip, bus);
+    return result == SENSOR_OK ? go_on(chip, now, 0) : result;
 }
 
 enum sensor_result lsm9ds0_setup(void *state, const IN_FLASH struct bus_device *bus,
@@ -389,6 +419,9 @@ enum sensor_result lsm9ds0_setup(void *state, const IN_FLASH struct bus_device *
         return test_end(chip, now);
     case RUN:
         return configure(chip, bus, now, 0, A_16_G, RUN_SETTLE_TICKS);
+    case VERIFY:
+    case VERIFY_OTHER:
+        return verify(chip, bus, now);
     case READY:
         return ready(chip, bus, now);
     case DONE:

@@ -41,6 +41,7 @@ struct lsm9ds0 {
     uint8_t ready;   // sensors that have told data-ready, within the last step
     uint8_t held;    // samples since the last with an acceleration of its own
     bool has_mag;    // the magnetometer measures
+    bool checks_xm;  // the half whose registers are read back next
     struct self_test test;
 };
 
@@ -69,6 +70,9 @@ enum sensor_result lsm9ds0_setup(void *state, const IN_FLASH struct bus_device *
 bool lsm9ds0_parse(void *state, const uint8_t *bytes, uint32_t time_us,
                    struct sample *out) MUST_CHECK;
 
+enum sensor_result lsm9ds0_check(void *state,
+                                 const IN_FLASH struct bus_device *bus) MUST_CHECK;
+
 // Stops all three sensors, for a board that sleeps; set-up starts them again. False
 // where the bus fails.
 bool lsm9ds0_power_down(const struct lsm9ds0 *chip,
@@ -78,8 +82,8 @@ bool lsm9ds0_power_down(const struct lsm9ds0 *chip,
 #define LSM9DS0_DRIVER(chip)                                                           \
     {                                                                                  \
         .begin = lsm9ds0_begin, .setup = lsm9ds0_setup, .parse = lsm9ds0_parse,        \
-        .state = (chip), .identity = &(chip)->identity, .bursts = (chip)->bursts,      \
-        .bursts_count = LSM9DS0_BURSTS,                                                \
+        .check = lsm9ds0_check, .state = (chip), .identity = &(chip)->identity,        \
+        .bursts = (chip)->bursts, .bursts_count = LSM9DS0_BURSTS,                      \
     }
 
 #endif

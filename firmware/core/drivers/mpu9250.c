@@ -6,9 +6,9 @@
 
 enum {
     GYR_PLACE = 8,  // among the bytes of a burst
-    TEMPERATURE_PLACE = 6,
 
     // Of the AK8963.
+    ST1_DRDY = 0x01,
     ST1_DOR = 0x02,
     ST2_HOFL = 0x08,
     ST2_BITM = 0x10,  // mirrors CNTL1: 16 bits
@@ -37,34 +37,14 @@ static bool take_axes(const uint8_t *bytes, struct counts *out) {
     return is_clipped;
 }
 
-enum mpu9250_field mpu9250_read_field(const struct mpu9250 *chip, int16_t field[3]) {
-    enum mpu9250_field result = MPU9250_FIELD_OK;
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        const uint8_t *data = chip->mag + 2 * axis;
-        const int16_t raw = (int16_t)(uint16_t)(data[1] * 256u + data[0]);
-        if (raw > AK_COUNTS_MAX || raw < -AK_COUNTS_MAX) {
-            result = MPU9250_FIELD_IMPOSSIBLE;
-        }
-        // H * ((ASA - 128) * 0.5 / 128 + 1), AK 8.3; |raw| <= 32768 and ASA <= 255 keep
-        // it within 49152.
-        const int16_t factor = (int16_t)(128 + chip->identity.mag_adjust[axis]);
-        const int32_t adjusted = fixed_scale_down((int32_t)raw * factor, 8);
-        field[axis] = (int16_t)adjusted;
-        if (fixed_magnitude(adjusted) > INT16_MAX && result == MPU9250_FIELD_OK) {
-            result = MPU9250_FIELD_BEYOND;
-        }
-    }
-    return result;
-}
-
 // Takes the AK8963's block of MPU9250_MAG_BYTES where it is a reading that was not
 // there before. Needs the fields of `out` for it cleared.
 static void take_field(struct mpu9250 *chip, const uint8_t *block, struct sample *out) {
     const uint8_t st1 = block[0];
     const uint8_t st2 = block[MPU9250_MAG_BYTES - 1];
     const bool was_ready = chip->was_ready;
-    chip->was_ready = (st1 & AK8963_ST1_DRDY) != 0;
-    if ((st1 & (uint8_t)~ST1_DOR) != AK8963_ST1_DRDY ||
+    chip->was_ready = (st1 & ST1_DRDY) != 0;
+    if ((st1 & (uint8_t)~ST1_DOR) != ST1_DRDY ||
         (st2 & (uint8_t)~ST2_HOFL) != ST2_BITM) {
         return;
     }
@@ -76,15 +56,26 @@ static void take_field(struct mpu9250 *chip, const uint8_t *block, struct sample
         is_new |= byte != chip->mag[i];
         chip->mag[i] = byte;
     }
-    int16_t field[3];
     if (!is_new) {
         return;
     }
-    const enum mpu9250_field result = mpu9250_read_field(chip, field);
-    if (result == MPU9250_FIELD_IMPOSSIBLE) {
-        return;
+    bool is_beyond = (st2 & ST2_HOFL) != 0;
+    int16_t field[3];
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        const uint8_t *data = chip->mag + 2 * axis;
+        const int16_t raw = (int16_t)(uint16_t)(data[1] * 256u + data[0]);
+        if (raw > AK_COUNTS_MAX || raw < -AK_COUNTS_MAX) {
+            return;  // no counts of an AK8963
+        }
+        // H * ((ASA - 128) * 0.5 / 128 + 1), AK 8.3; |raw| <= 32768 and ASA <= 255 keep
+        // it within 49152.
+        const int16_t factor = (int16_t)(128 + chip->identity.mag_adjust[axis]);
+        const int32_t adjusted = fixed_scale_down((int32_t)raw * factor, 8);
+        field[axis] = (int16_t)adjusted;
+        is_beyond |= fixed_magnitude(adjusted) > INT16_MAX;
     }
-    if (result == MPU9250_FIELD_BEYOND || (st2 & ST2_HOFL) != 0) {
+    chip->mag_age = 0;
+    if (is_beyond) {
         out->mag_overflow = true;
         return;
     }
@@ -115,8 +106,9 @@ bool mpu9250_parse(void *state, const uint8_t *bytes, uint32_t time_us,
     out->gyr_clipped = take_axes(bytes + GYR_PLACE, &out->gyr);
     // RM 65: TEMP_OUT / 333.87 + 21 degC; 19629 is 100 / 333.87 * 2^16.
     out->temperature_cdeg =
-        (int16_t)(fixed_scale_down(
-                      mpu9250_word(bytes + TEMPERATURE_PLACE) * INT32_C(19629), 16) +
+        (int16_t)(fixed_scale_down(mpu9250_word(bytes + MPU9250_TEMPERATURE_PLACE) *
+                                       INT32_C(19629),
+                                   16) +
                   2100);
     out->mag = (struct counts){0};
     out->has_mag = false;

@@ -7,7 +7,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "core/drivers/self_test.h"
+#include "core/drivers/sensor.h"
 
 enum {
     MPU9250_ADDRESS = 0x68,  // pin AD0 low
@@ -19,21 +19,28 @@ enum {
 struct mpu9250 {
     struct sensor_identity identity;
     struct bus_burst bursts[1];
-    uint16_t since;  // start of the wait in force, ticks of 1.024 ms
-    uint8_t wait;    // ticks
-    uint8_t step;    // of set-up
-    uint8_t count;   // samples of a run, or tries
-    bool is_asked;   // a transfer of the AK8963's set-up is under way
-    bool was_ready;  // its block before this one said data-ready
-    uint8_t mag[6];  // its data last read
-    uint8_t read;    // a register that set-up looks at
-    struct self_test test;
+    uint16_t since;       // start of the wait in force, ticks of 1.024 ms
+    uint8_t wait;         // ticks
+    uint8_t step;         // of set-up
+    uint8_t count;        // tries
+    uint8_t read;         // a register that was looked at
+    uint8_t was_running;  // not 0: the chip has had its power since it was set up
+    uint8_t verified;     // registers read back, of this round
+    bool was_ready;       // the AK8963's block before this one said data-ready
+    uint8_t mag[6];       // its data last read
+    uint8_t mag_age;      // checks since it last measured, or was looked for
+    // A new set-up forgets all before these.
+    uint8_t mag_failures;  // set-ups that the AK8963 has spoiled in a row
+    struct message_self_test test;
 };
 
-// The functions of struct sensor_driver; `state` is a struct mpu9250. Set-up takes 0.9
-// s (0.4 s from the second time on: the inertial dies' verdict is kept); a step of it
-// holds the bus for 0.5 ms at most. The self-test of a probe that moves, or whose
-// gyroscope is so noisy that it seems to, has no verdict unless it passes. A sample
+// The functions of struct sensor_driver; `state` is a struct mpu9250. Any chip runs
+// whose identity is not 0x00 or 0xFF, whose registers read back as written and whose
+// force is near 1 g at some time of a second: clones have identities of their own. An
+// AK8963 that does not answer is left out, and looked for again later.
+//
+// Set-up takes 0.7 s (0.4 s from the second time on: what the inertial dies answered to
+// their self-test is kept); a step of it holds the bus for 0.5 ms at most. A sample
 // whose bytes can be no reading (all zeros or all ones) has both clipped flags, no
 // temperature and no magnetic field.
 void mpu9250_begin(void *state);
@@ -41,13 +48,15 @@ enum sensor_result mpu9250_setup(void *state, const IN_FLASH struct bus_device *
                                  uint32_t now_us) MUST_CHECK;
 bool mpu9250_parse(void *state, const uint8_t *bytes, uint32_t time_us,
                    struct sample *out) MUST_CHECK;
+enum sensor_result mpu9250_check(void *state,
+                                 const IN_FLASH struct bus_device *bus) MUST_CHECK;
 
 // Initialiser of a struct sensor_driver over `chip`, a struct mpu9250.
 #define MPU9250_DRIVER(chip)                                                           \
     {                                                                                  \
         .begin = mpu9250_begin, .setup = mpu9250_setup, .parse = mpu9250_parse,        \
-        .state = (chip), .identity = &(chip)->identity, .bursts = (chip)->bursts,      \
-        .bursts_count = 1,                                                             \
+        .check = mpu9250_check, .state = (chip), .identity = &(chip)->identity,        \
+        .bursts = (chip)->bursts, .bursts_count = 1,                                   \
     }
 
 #endif

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // What the files of the MPU-9250's driver share.
 //
-//   mpu9250_setup.c  set-up and self-test of the chip and of its AK8963
-//   mpu9250.c        bursts to samples
+//   mpu9250_setup.c  set-up and self-test of the chip and of its AK8963; looks after
+//   them mpu9250.c        bursts to samples
 //
 // Documents: RM = RM-MPU-9250A-00 rev 1.6 (registers, by their decimal number), PS =
 // PS-MPU-9250A-01 rev 1.0, AN = AN-MPU-9250A-03 rev 1.0 (self-test), AK = AK8963 data
@@ -17,9 +17,8 @@ enum {
     MPU9250_REG_ACCEL_XOUT_H = 0x3B,  // RM 59 to 72: acc, temperature, gyr, big-endian;
                                       // then EXT_SENS_DATA (RM 73)
     MPU9250_INERTIAL_BYTES = 14,
-    MPU9250_MAG_BYTES = 8,  // ST1, three axes little-endian, ST2
-
-    AK8963_ST1_DRDY = 0x01,
+    MPU9250_TEMPERATURE_PLACE = 6,  // among these bytes
+    MPU9250_MAG_BYTES = 8,          // ST1, three axes little-endian, ST2
 };
 
 // What is known before the chip is asked. In another file than set-up, or the compiler
@@ -35,14 +34,5 @@ static inline bool mpu9250_has_mag(const struct mpu9250 *chip) {
 static inline int16_t mpu9250_word(const uint8_t *bytes) {
     return (int16_t)(uint16_t)(bytes[0] * 256u + bytes[1]);
 }
-
-enum mpu9250_field {
-    MPU9250_FIELD_OK,
-    MPU9250_FIELD_BEYOND,      // adjusted it does not fit its 16 bits
-    MPU9250_FIELD_IMPOSSIBLE,  // no counts of an AK8963
-};
-
-// The AK8963's data in chip->mag with the factory's adjustment, in its own axes.
-enum mpu9250_field mpu9250_read_field(const struct mpu9250 *chip, int16_t field[3]);
 
 #endif

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: MIT
-// What the self-tests of both sensor drivers share: a run of samples without the chip's
+// The self-test of a sensor whose driver judges it: a run of samples without the chip's
 // stimulus, then one with it, and a verdict on the difference.
 #ifndef SELF_TEST_H
 #define SELF_TEST_H
 
 #include "core/drivers/sensor.h"
-#include "core/wire/messages.h"
 
 _Static_assert(SELF_TEST_ACC_FAILED == SELF_TEST_ACC_PASSED * 16 &&
                    SELF_TEST_GYR_FAILED == SELF_TEST_GYR_PASSED * 16,
@@ -41,16 +40,6 @@ static inline void self_test_add(struct self_test *test, uint8_t axis, int16_t v
         (uint16_t)((uint16_t)value - (uint16_t)sums->first + moving);
     if (axis >= SELF_TEST_GYR && strays > 2 * moving) {
         test->is_moving = true;
-    }
-}
-
-// Holds the gyroscope's sums of the run without the stimulus against a limit.
-static inline void self_test_offset(struct self_test *test, uint32_t limit) {
-    for (uint8_t axis = SELF_TEST_GYR; axis < SELF_TEST_AXES; ++axis) {
-        const int32_t sum = test->axes[axis].sum;
-        if (sum > (int32_t)limit || sum < -(int32_t)limit) {
-            test->failed |= SELF_TEST_GYR_PASSED;
-        }
     }
 }
 

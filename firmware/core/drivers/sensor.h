@@ -9,6 +9,7 @@
 
 #include "core/drivers/bus.h"
 #include "core/drivers/sample.h"
+#include "core/wire/messages.h"
 
 enum sensor_result {
     SENSOR_OK = 0,
@@ -17,8 +18,12 @@ enum sensor_result {
     SENSOR_BUS_NACK = BUS_NACK,
     SENSOR_BUS_TIMEOUT = BUS_TIMEOUT,
     SENSOR_BUS_STUCK = BUS_STUCK,
-    SENSOR_WRONG_CHIP = -4,  // the identity register is not one we know
-    SENSOR_STUCK = -5,       // the chip answers but never gets ready
+    SENSOR_WRONG_CHIP = -4,   // what is there is not of the driver's kind
+    SENSOR_STUCK = -5,        // the chip answers but never gets ready
+    SENSOR_UNSET = -6,        // a register does not hold what was written to it
+    SENSOR_NO_FORCE = -7,     // the accelerometer never measured about 1 g
+    SENSOR_MAG_CHANGED = -8,  // the magnetometer went silent, or answers again
+    SENSOR_MAG_STUCK = -9,    // it holds its bus, or keeps the sensor from data
 };
 
 struct sensor_identity {
@@ -31,6 +36,9 @@ struct sensor_identity {
     uint32_t acc_lsb_nm_s2;   // one count of the accelerometer, 1e-9 m/s2
     uint32_t gyr_lsb_nrad_s;  // one count of the gyroscope, 1e-9 rad/s
     uint32_t mag_lsb_pt;      // one count of the magnetometer, 1e-6 uT (picotesla)
+    uint8_t wrong_register;   // that made SENSOR_UNSET
+    // What the self-test found, for a host to judge; null where the driver judges.
+    const struct message_self_test *answers;
 };
 
 enum { SENSOR_BURSTS_MAX = 3 };
@@ -48,6 +56,10 @@ struct sensor_driver {
     // overwritten unread. False where they can't be a reading: then nothing is written.
     bool (*parse)(void *state, const uint8_t *bytes, uint32_t time_us,
                   struct sample *out);
+    // Looks after the sensor: about once a second while samples flow, between two
+    // bursts. One or a few transactions, 0.4 ms at most. SENSOR_OK and SENSOR_BUSY: all
+    // is well; a failure as set-up has it.
+    enum sensor_result (*check)(void *state, const IN_FLASH struct bus_device *bus);
     void *state;
     // Within the state, and constant once set-up is done: what the sensor is, and the
     // transfers that make one sample, at most SENSOR_BURSTS_MAX. Together these have

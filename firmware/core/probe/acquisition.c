@@ -6,6 +6,9 @@ enum {
     SILENCE_US = 50000,     // without data-ready: ten samples of the slowest sensor
     RETRY_US = 200000,      // between two attempts to bring the sensor up
     BURSTS_FAILED_MAX = 5,  // in a row, before the sensor is set up again
+    // A look after the sensor begins this soon after an edge, or waits for another
+    // sample: it must be done at the next edge, which at 760 Hz comes after 1.3 ms.
+    CHECK_WITHIN_US = 1000,
 };
 
 // How a step ended: as enum reading_result has it, or enum sensor_result.
@@ -17,7 +20,11 @@ enum outcome {
     OUTCOME_BUS_STUCK = READING_STUCK,  // the last one that is the bus' fault
     OUTCOME_WRONG_CHIP = SENSOR_WRONG_CHIP,
     OUTCOME_STUCK = SENSOR_STUCK,
-    OUTCOME_SILENT = OUTCOME_STUCK - 1,
+    OUTCOME_UNSET = SENSOR_UNSET,
+    OUTCOME_NO_FORCE = SENSOR_NO_FORCE,
+    OUTCOME_MAG_CHANGED = SENSOR_MAG_CHANGED,
+    OUTCOME_MAG_STUCK = SENSOR_MAG_STUCK,
+    OUTCOME_SILENT = OUTCOME_MAG_STUCK - 1,
 };
 
 _Static_assert((int)OUTCOME_OK == SENSOR_OK && (int)OUTCOME_NOTHING == SENSOR_BUSY &&
@@ -29,7 +36,9 @@ _Static_assert((int)OUTCOME_OK == SENSOR_OK && (int)OUTCOME_NOTHING == SENSOR_BU
 static const IN_FLASH uint8_t causes[] = {
     [-OUTCOME_NACK] = CAUSE_NACK,           [-OUTCOME_TIMEOUT] = CAUSE_TIMEOUT,
     [-OUTCOME_BUS_STUCK] = CAUSE_STUCK_BUS, [-OUTCOME_WRONG_CHIP] = CAUSE_WRONG_CHIP,
-    [-OUTCOME_STUCK] = CAUSE_TIMEOUT,       [-OUTCOME_SILENT] = CAUSE_NO_DATA_READY,
+    [-OUTCOME_STUCK] = CAUSE_TIMEOUT,       [-OUTCOME_UNSET] = CAUSE_REGISTERS,
+    [-OUTCOME_NO_FORCE] = CAUSE_FORCE,      [-OUTCOME_MAG_CHANGED] = CAUSE_MAG_SILENT,
+    [-OUTCOME_MAG_STUCK] = CAUSE_MAG_STUCK, [-OUTCOME_SILENT] = CAUSE_NO_DATA_READY,
 };
 
 // Not inline: two copies would take more of the AVR's flash.
@@ -91,6 +100,27 @@ take_sample(struct acquisition *acquisition, struct sample *sample, uint32_t now
     return OUTCOME_OK;
 }
 
+// Looks after the sensor every 256 samples or so, soon after an edge: the bus is free
+// then. Not inline, so that what it needs is off the stack while a sample is worked on.
+__attribute__((noinline)) static enum outcome check(struct acquisition *acquisition,
+                                                    uint32_t edge_us, uint32_t now_us) {
+    if (acquisition->unchecked < UINT8_MAX) {
+        ++acquisition->unchecked;
+        return OUTCOME_OK;
+    }
+    // In 16 bits: no sample waits for 65 ms.
+    if ((uint16_t)((uint16_t)now_us - (uint16_t)edge_us) > CHECK_WITHIN_US) {
+        return OUTCOME_OK;
+    }
+    const IN_FLASH struct acquisition_port *port = acquisition->port;
+    acquisition->unchecked = 0;
+    port->stop_sampling();
+    const enum sensor_result result =
+        port->sensor->check(port->sensor->state, port->bus);
+    start_sampling(acquisition);
+    return (enum outcome)result;
+}
+
 // Stops sampling, frees the bus and says why. A burst that failed is one sample lost,
 // and sampling goes on; what else fails, or too often, or leaves the bus held, has the
 // sensor set up again a moment later.
@@ -103,9 +133,10 @@ static void fail(struct acquisition *acquisition, enum outcome outcome,
         ++acquisition->failed;
         is_over = acquisition->failed == BURSTS_FAILED_MAX;
     }
-    uint8_t detail = acquisition->failed;
-    if (outcome == OUTCOME_WRONG_CHIP) {
-        detail = port->sensor->identity->who_am_i[0];
+    uint16_t detail = acquisition->failed;
+    if (!is_bus) {
+        const struct sensor_identity *identity = port->sensor->identity;
+        detail = (uint16_t)(identity->wrong_register * 256u + identity->who_am_i[0]);
     }
     uint8_t cause = causes[-outcome];
     port->stop_sampling();
@@ -144,12 +175,14 @@ bool acquisition_step(struct acquisition *acquisition, uint32_t now_us) {
             outcome = OUTCOME_SILENT;
         }
     }
+    bool worked = false;
     if (outcome == OUTCOME_OK) {
+        outcome = check(acquisition, sample.time_us, now_us);
         probe_sample(acquisition->probe, &sample);
-        return true;
+        worked = true;
     }
-    if (outcome != OUTCOME_NOTHING) {
+    if (outcome < OUTCOME_OK) {
         fail(acquisition, outcome, now_us);
     }
-    return false;
+    return worked;
 }

@@ -30,11 +30,17 @@ void probe_params_tell_one(struct probe *probe) {
 
 static void tell_part(struct probe *probe) {
     const uint8_t length = probe->store.bank.length;
-    send_params(probe, BANK_CURRENT, probe->part_at);
     --probe->parts_due;
+    if (probe->part_at != 0 && probe->part_at >= length) {
+        probe->part_at = 0;  // after the last part it is the self-test's turn
+        if (probe->identity != NULL && probe->identity->answers != NULL) {
+            send_self_test(probe);
+            return;
+        }
+    }
+    send_params(probe, BANK_CURRENT, probe->part_at);
     probe->part_at = (uint8_t)(probe->part_at + PARAMS_PART);
     if (probe->part_at >= length) {
-        probe->part_at = 0;
         probe->parts_due = 0;  // one was too many where parts divide the length
     }
 }

@@ -192,6 +192,11 @@ NOINLINE void send_params(struct probe *probe, enum bank_side side, uint8_t at) 
     put(probe, TO_BOTH, message_params_layout, &message, bytes);
 }
 
+NOINLINE void send_self_test(struct probe *probe) {
+    uint8_t bytes[MESSAGE_SELF_TEST_SIZE + FRAME_AROUND];
+    put(probe, TO_BOTH, message_self_test_layout, probe->identity->answers, bytes);
+}
+
 _Static_assert(OFFSET(message_raw, acc) == 0 &&
                    OFFSET(message_raw, sample_flags) ==
                        OFFSET(sample, has_mag) - OFFSET(sample, acc),

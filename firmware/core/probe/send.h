@@ -25,6 +25,8 @@ void send_status(struct probe *probe);
 void send_equipment(struct probe *probe);
 // The part of the params at `at`, of those in force or of those that are to be.
 void send_params(struct probe *probe, enum bank_side side, uint8_t at);
+// What the sensor's driver leaves a host to judge; there must be some.
+void send_self_test(struct probe *probe);
 // The last command's result and values.
 void send_reply(struct probe *probe, const struct message_command *command);
 void send_raw(struct probe *probe, uint8_t outlets, const struct sample *sample);

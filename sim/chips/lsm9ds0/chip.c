@@ -166,6 +166,24 @@ static void end_boot(struct lsm9ds0_chip *chip) {
     }
 }
 
+// What happens to the chip once.
+static void suffer(struct lsm9ds0_chip *chip) {
+    const struct chip_fault *fault =
+        i2c_slave_next_fault(&chip->wire, CHIP_FAULT_REGISTER_FLIP);
+    if (fault != NULL) {
+        const uint8_t at = fault->reg & (REG_COUNT - 1);
+        if (fault->die != LSM9DS0_CHIP_XM) {
+            chip->g.reg[at] = fault->value;
+        }
+        if (fault->die != LSM9DS0_CHIP_G) {
+            chip->xm.reg[at] = fault->value;
+        }
+    }
+    if (i2c_slave_next_fault(&chip->wire, CHIP_FAULT_BROWN_OUT) != NULL) {
+        lsm9ds0_chip_power_cycle(chip, chip->wire.now_ns);
+    }
+}
+
 void lsm9ds0_chip_advance(struct lsm9ds0_chip *chip, uint64_t now_ns) {
     for (;;) {
         const uint64_t next = lsm9ds0_chip_next_event(chip);
@@ -179,10 +197,12 @@ void lsm9ds0_chip_advance(struct lsm9ds0_chip *chip, uint64_t now_ns) {
             }
         }
         end_boot(chip);
+        suffer(chip);
     }
     if (now_ns > chip->wire.now_ns) {
         chip->wire.now_ns = now_ns;
     }
+    suffer(chip);
 }
 
 bool lsm9ds0_chip_pin_is_high(const struct lsm9ds0_chip *chip,

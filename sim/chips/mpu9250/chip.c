@@ -18,6 +18,7 @@ bool mpu9250_chip_has_ak8963(const struct mpu9250_chip *chip) {
 
 void mpu9250_chip_reset(struct mpu9250_chip *chip) {
     const struct mpu9250_chip_config *config = &chip->config;
+    mpu9250_chip_cut_aux(chip);
     memset(chip->reg, 0, sizeof chip->reg);
     memset(chip->inner, 0, sizeof chip->inner);
     memset(&chip->aux, 0, sizeof chip->aux);
@@ -48,11 +49,29 @@ static uint8_t find_die(void *self, uint8_t address) {
     if (address == (chip->config.ad0 ? 0x69 : 0x68)) {
         return DIE_MPU;
     }
-    const bool is_bypass = (chip->reg[REG_INT_PIN_CFG] & INT_BYPASS_EN) != 0 &&
-                           (chip->reg[REG_USER_CTRL] & USER_I2C_MST_EN) == 0;
-    return address == AK_ADDRESS && is_bypass && mpu9250_chip_has_ak8963(chip)
+    return address == AK_ADDRESS && mpu9250_chip_is_bypass(chip) &&
+                   mpu9250_chip_has_ak8963(chip)
                ? DIE_AK
                : I2C_SLAVE_NOBODY;
+}
+
+// RM 4.19, 4.33.
+bool mpu9250_chip_is_bypass(const struct mpu9250_chip *chip) {
+    return (chip->reg[REG_INT_PIN_CFG] & INT_BYPASS_EN) != 0 &&
+           (chip->reg[REG_USER_CTRL] & USER_I2C_MST_EN) == 0;
+}
+
+static bool holds_sda(void *self) {
+    const struct mpu9250_chip *chip = self;
+    return chip->aux_bus.is_held && mpu9250_chip_is_bypass(chip);
+}
+
+static void clock_scl(void *self) {
+    struct mpu9250_chip *chip = self;
+    if (holds_sda(chip) && chip->aux_bus.clocks > 0) {
+        chip->aux_bus.clocks--;
+        chip->aux_bus.is_held = chip->aux_bus.clocks > 0;
+    }
 }
 
 static void set_pointer(void *self, uint8_t die, uint8_t byte) {
@@ -88,6 +107,8 @@ static const struct i2c_slave_chip wire_ops = {
     .write = write_byte,
     .read = read_byte,
     .idle = show,
+    .holds_sda = holds_sda,
+    .clock = clock_scl,
 };
 
 struct i2c_slave *mpu9250_chip_wire(struct mpu9250_chip *chip) {
@@ -131,6 +152,7 @@ void mpu9250_chip_power_cycle(struct mpu9250_chip *chip, uint64_t now_ns) {
     chip->pointer = 0;
     mpu9250_chip_reset_ak8963(chip);
     mpu9250_chip_reset(chip);
+    chip->aux_bus = (struct aux_bus){0};
 }
 
 void mpu9250_chip_hold(struct mpu9250_chip *chip, const double gyr_rad_s[3],
@@ -158,6 +180,23 @@ uint64_t mpu9250_chip_next_event(const struct mpu9250_chip *chip) {
     return next;
 }
 
+// What happens to the chip once.
+static void suffer(struct mpu9250_chip *chip) {
+    const struct chip_fault *fault =
+        i2c_slave_next_fault(&chip->wire, CHIP_FAULT_REGISTER_FLIP);
+    if (fault != NULL) {
+        chip->reg[fault->reg & (REG_COUNT - 1)] = fault->value;
+        mpu9250_chip_set_next_tick(chip);
+    }
+    fault = i2c_slave_next_fault(&chip->wire, CHIP_FAULT_MAG_HUNG);
+    if (fault != NULL) {
+        chip->aux_bus = (struct aux_bus){true, fault->clocks};
+    }
+    if (i2c_slave_next_fault(&chip->wire, CHIP_FAULT_BROWN_OUT) != NULL) {
+        mpu9250_chip_power_cycle(chip, chip->wire.now_ns);
+    }
+}
+
 void mpu9250_chip_advance(struct mpu9250_chip *chip, uint64_t now_ns) {
     for (;;) {
         const uint64_t next = mpu9250_chip_next_event(chip);
@@ -175,10 +214,12 @@ void mpu9250_chip_advance(struct mpu9250_chip *chip, uint64_t now_ns) {
         } else {
             mpu9250_chip_take_sample(chip);
         }
+        suffer(chip);
     }
     if (now_ns > chip->wire.now_ns) {
         chip->wire.now_ns = now_ns;
     }
+    suffer(chip);
 }
 
 bool mpu9250_chip_int_is_high(const struct mpu9250_chip *chip) {

@@ -109,6 +109,12 @@ struct ak8963 {
     uint64_t powered_down_ns;  // when power-down mode was entered
 };
 
+// The bus between the chip's own master and the AK8963, which no reset changes.
+struct aux_bus {
+    bool is_held;    // the AK8963 holds its data line low
+    uint8_t clocks;  // SCL pulses until it lets go; 0: it never does
+};
+
 // One transaction of the chip's own I2C master, a byte at a time (RM 4.13 to 4.17).
 struct aux {
     uint8_t slave;  // 0 to 4 under way, 5 for none
@@ -144,6 +150,7 @@ struct mpu9250_chip {
     uint8_t pointer;
 
     struct aux aux;
+    struct aux_bus aux_bus;
     struct ak8963 ak;
 };
 
@@ -172,6 +179,10 @@ void mpu9250_chip_write_register(struct mpu9250_chip *chip, uint8_t value);
 void mpu9250_chip_begin_aux(struct mpu9250_chip *chip);
 void mpu9250_chip_move_aux_byte(struct mpu9250_chip *chip);
 void mpu9250_chip_finish_aux(struct mpu9250_chip *chip);
+// The master is reset: a transaction under way is cut off.
+void mpu9250_chip_cut_aux(struct mpu9250_chip *chip);
+// The host's bus goes on to the AK8963.
+bool mpu9250_chip_is_bypass(const struct mpu9250_chip *chip);
 
 // ak8963.c
 void mpu9250_chip_reset_ak8963(struct mpu9250_chip *chip);

@@ -43,6 +43,32 @@ void mpu9250_chip_finish_aux(struct mpu9250_chip *chip) {
     mpu9250_chip_show(chip);
 }
 
+// A master that vanishes while the AK8963 sends leaves it in the midst of a byte: where
+// the bit on the wire is a 0, it holds the line until it has been clocked to a 1 or to
+// its acknowledge (RM 106, the note on I2C_MST_RST).
+void mpu9250_chip_cut_aux(struct mpu9250_chip *chip) {
+    enum { BYTE_BITS = 9 };  // with the acknowledge
+    const struct aux *aux = &chip->aux;
+    if (aux->byte_ns == NEVER || aux->slave > 4 || aux->is_refused ||
+        (chip->reg[REG_I2C_SLV0_ADDR + 3 * aux->slave] & SLV_READ) == 0) {
+        return;
+    }
+    const uint64_t bit_ns = aux_bits_ns(chip, 1);
+    const uint64_t left = (aux->byte_ns - chip->wire.now_ns + bit_ns - 1) / bit_ns;
+    if (left < 2 || left > BYTE_BITS) {
+        return;  // the acknowledge, or an address
+    }
+    const uint8_t value =
+        chip->ak.pointer < AK_COUNT ? chip->ak.reg[chip->ak.pointer] : 0;
+    uint8_t clocks = 0;
+    for (uint64_t bit = left - 1; bit > 0 && !(value >> (bit - 1) & 1); bit--) {
+        clocks++;
+    }
+    if (clocks > 0) {
+        chip->aux_bus = (struct aux_bus){true, clocks};
+    }
+}
+
 // The first slave from this one on that has a transaction to make in this round; 5:
 // none. DELAY_CTRL lets some wait (RM 4.30).
 static unsigned aux_choose(const struct mpu9250_chip *chip, unsigned slave) {
@@ -60,7 +86,8 @@ static unsigned aux_choose(const struct mpu9250_chip *chip, unsigned slave) {
 // Starts the transaction of this slave or of a later one, or ends the round.
 static void aux_next(struct mpu9250_chip *chip, unsigned slave) {
     struct aux *aux = &chip->aux;
-    slave = aux_choose(chip, slave);
+    const bool is_on = (chip->reg[REG_USER_CTRL] & USER_I2C_MST_EN) != 0;
+    slave = is_on ? aux_choose(chip, slave) : 5;
     if (slave > 4) {
         mpu9250_chip_finish_aux(chip);
         return;
@@ -160,5 +187,8 @@ void mpu9250_chip_begin_aux(struct mpu9250_chip *chip) {
     const uint8_t delay = chip->reg[REG_I2C_SLV4_CTRL] & SLV4_DELAY;
     aux->delay_count = aux->delay_count >= delay ? 0 : (uint8_t)(aux->delay_count + 1);
     aux_allocate(chip);
+    if (chip->aux_bus.is_held) {
+        return;  // no START can be made; who waits for the master waits on
+    }
     aux_next(chip, 0);
 }

@@ -59,6 +59,7 @@ static void write_user_control(struct mpu9250_chip *chip, uint8_t value) {
         mpu9250_chip_complain(chip, "MPU-9250: FIFO and SPI are not modelled");
     }
     if (value & USER_I2C_MST_RST) {
+        mpu9250_chip_cut_aux(chip);
         memset(&chip->aux, 0, sizeof chip->aux);
         mpu9250_chip_finish_aux(chip);
     }
@@ -68,9 +69,7 @@ static void write_user_control(struct mpu9250_chip *chip, uint8_t value) {
     }
     chip->reg[REG_USER_CTRL] =
         value & (uint8_t) ~(USER_I2C_MST_RST | USER_SIG_COND_RST | 0x04);
-    if (!(value & USER_I2C_MST_EN) && chip->aux.byte_ns != NEVER) {
-        mpu9250_chip_finish_aux(chip);  // the round under way is cut off
-    }
+    // Switched off, the master ends the transaction under way, and the round with it.
 }
 
 void mpu9250_chip_write_register(struct mpu9250_chip *chip, uint8_t value) {
