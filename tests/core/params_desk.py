@@ -75,11 +75,11 @@ class Store:
 
     @property
     def digest(self) -> int:
-        return int(self.c.bank.digest)
+        return int(self.c.bank.list.digest)
 
     @property
     def records(self) -> bytes:
-        return self._read(lib.BANK_CURRENT, self.c.bank.length)
+        return self._read(lib.BANK_CURRENT, self.c.bank.list.length)
 
     def _read(self, side: int, length: int) -> bytes:
         part = ffi.new("uint8_t[]", lib.PARAMS_PART)
@@ -97,7 +97,7 @@ class Store:
         assert len(self.memory.writes) - before <= 1
         if done == lib.PARAMS_TELLS:
             part = ffi.new("uint8_t[]", lib.PARAMS_PART)
-            length, at = self.c.length, self.c.told
+            length, at = self.c.asked.length, self.c.told
             lib.params_store_part(self.c, lib.BANK_SPARE, length, at, part)
             self.told.append((at, bytes(part)))
         if done == lib.PARAMS_CHANGED:

@@ -54,34 +54,26 @@ enum { BUTTON_DOES_MAX = BUTTON_DOES_TELL };
 #define check_tip(params) ((void)(params))
 #endif
 
-// Whether a record of that tag was there before, where that matters; now it is.
-static bool is_doubled(bool is_seen[TAGS_MAX], uint8_t tag) {
-    const bool is_known = tag < TAGS_MAX;
-    const bool was_seen = is_known && is_seen[tag];
-    if (is_known) {
-        is_seen[tag] = true;
-    }
-    return was_seen;
-}
-
 enum params_fault params_read(const IN_FLASH struct memory *memory, uint16_t offset,
                               uint8_t length, struct params *out, uint8_t *tag) {
-    bool is_seen[TAGS_MAX] = {false};
+    uint8_t seen = 0;  // a bit for each tag
     const uint16_t end = (uint16_t)(offset + length);
     memset(out, 0, sizeof *out);
     calibration_clear(&out->calibration);
     clear_tip(out);
     while (offset < end) {
-        uint8_t head[2] = {0, 0};  // tag, length
-        memory_copy(memory, offset, head, end - offset < 2 ? 1 : 2);
+        uint8_t head[2];  // tag, length
+        memory_copy(memory, offset, head, sizeof head);
         offset = (uint16_t)(offset + 2);
         *tag = head[0];
         if (offset + head[1] > end) {
             return PARAMS_WRONG_LENGTH;
         }
-        if (is_doubled(is_seen, head[0])) {
+        const uint8_t bit = (uint8_t)(head[0] < TAGS_MAX ? 1u << head[0] : 0u);
+        if ((seen & bit) != 0) {
             return PARAMS_DOUBLED;
         }
+        seen |= bit;
         struct calibration_of_sensor *sensor = NULL;
         uint8_t *to = &out->button_does;
         uint8_t size = 0;

@@ -17,8 +17,7 @@ bool params_store_open(struct params_store *store, const IN_FLASH struct memory 
     memset(store, 0, sizeof *store);
     bool is_whole = bank_open(&store->bank, memory, MEMORY_PARAMS, MEMORY_PARAMS_BANK);
     if (!params_store_load(store, out)) {
-        store->bank.length = 0;
-        store->bank.digest = 0;
+        store->bank.list = (struct bank_list){0, 0};
         is_whole = false;
         (void)params_store_load(store, out);
     }
@@ -30,7 +29,7 @@ bool params_store_is_staging(const struct params_store *store) {
 }
 
 bool params_store_load(struct params_store *store, struct params *out) {
-    return read_side(store, BANK_CURRENT, store->bank.length, out) == PARAMS_FINE;
+    return read_side(store, BANK_CURRENT, store->bank.list.length, out) == PARAMS_FINE;
 }
 
 enum result params_store_write(struct params_store *store, int32_t at, int32_t word) {
@@ -53,8 +52,7 @@ enum result params_store_write(struct params_store *store, int32_t at, int32_t w
 }
 
 enum result params_store_apply(struct params_store *store, int32_t value[2]) {
-    const uint32_t digest = (uint32_t)value[1];
-    const uint8_t length = (uint8_t)value[0];
+    const struct bank_list asked = {(uint32_t)value[1], (uint8_t)value[0]};
     if (((uint32_t)value[0] | PARAMS_GOES_ON) > (PARAMS_GOES_ON | PARAMS_ROOM)) {
         return RESULT_BAD_ARGUMENT;
     }
@@ -63,22 +61,21 @@ enum result params_store_apply(struct params_store *store, int32_t value[2]) {
     }
     const uint8_t result = store->result;
     store->result = RESULT_OK;
-    if (result != RESULT_OK && length == store->length && digest == store->digest) {
+    if (result != RESULT_OK && bank_list_equals(&asked, &store->asked)) {
         if (result == RESULT_REFUSED) {
             value[0] = store->tag;
             value[1] = store->fault;
         }
         return (enum result)result;
     }
-    if (length == store->bank.length && digest == store->bank.digest) {
+    if (bank_list_equals(&asked, &store->bank.list)) {
         return RESULT_OK;
     }
     store->phase = CHECKING;
     store->at = 0;
     store->crc = 0;
-    store->length = length;
+    store->asked = asked;
     store->goes_on = value[0] >= PARAMS_GOES_ON;
-    store->digest = digest;
     return RESULT_BUSY;
 }
 
@@ -95,20 +92,20 @@ static enum memory_result stage(struct params_store *store) {
 // records can be used.
 static void check(struct params_store *store) {
     store->told = store->at;
-    for (uint8_t i = 0; i < PARAMS_PART && store->at < store->length; ++i) {
+    for (uint8_t i = 0; i < PARAMS_PART && store->at < store->asked.length; ++i) {
         crc32_add(&store->crc, bank_read(&store->bank, BANK_SPARE, store->at));
         ++store->at;
     }
-    if (store->at < store->length) {
+    if (store->at < store->asked.length) {
         return;
     }
     struct params unused;
     store->phase = IDLE;
-    if (store->crc != store->digest) {
+    if (store->crc != store->asked.digest) {
         store->result = RESULT_DAMAGED;
         return;
     }
-    store->fault = (uint8_t)read_side(store, BANK_SPARE, store->length, &unused);
+    store->fault = (uint8_t)read_side(store, BANK_SPARE, store->asked.length, &unused);
     if (store->fault != PARAMS_FINE) {
         store->result = RESULT_REFUSED;
         return;
@@ -134,7 +131,7 @@ enum params_step params_store_step(struct params_store *store) {
         next = COMMITTING;
         break;
     default:
-        result = bank_commit(&store->bank, store->length, store->digest);
+        result = bank_commit(&store->bank, &store->asked);
         done = PARAMS_CHANGED;
         break;
     }

@@ -22,9 +22,8 @@ struct params_store {
     uint8_t tag, fault;  // of the record that was refused
     uint8_t at;          // of the next part to be checked, or of `staged`
     uint8_t told;        // of the part to be told
-    uint8_t length;      // of the records that were asked for
-    bool goes_on;        // the filter, with them
-    uint32_t digest;     // theirs
+    bool goes_on;        // the filter, with the records that were asked for
+    struct bank_list asked;
     union {
         uint32_t crc;                 // of what was checked
         uint8_t staged[PARAMS_WORD];  // on their way into memory
@@ -39,7 +38,7 @@ enum params_step {
 };
 
 // Loads the params in force: those of the newer good bank, or none. Returns false where
-// params were lost. `store->bank` has their length and digest. The memory must be
+// params were lost. `store->bank.list` has their length and digest. The memory must be
 // ready.
 bool params_store_open(struct params_store *store, const IN_FLASH struct memory *memory,
                        struct params *out);

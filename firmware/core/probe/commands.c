@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Commands of a host: received bytes in, what they ask for done, a reply each.
 #include <stddef.h>
+#include <string.h>
 
 #include "core/probe/own_field.h"
 #include "core/probe/probe.h"
@@ -48,8 +49,9 @@ static enum result set_origin(struct probe *probe, const int32_t value[2]) {
 }
 
 static enum result restart(struct probe *probe, int32_t value[2]) {
-    const int32_t wanted = value[0] == FILTER_NONE ? send_filter(probe) : value[0];
-    value[0] = send_filter(probe);
+    const int32_t in_use = send_filter(probe);
+    const int32_t wanted = value[0] == FILTER_NONE ? in_use : value[0];
+    value[0] = in_use;
     if (!attitude_has(wanted)) {
         return RESULT_BAD_ARGUMENT;
     }
@@ -64,12 +66,9 @@ static enum result restart(struct probe *probe, int32_t value[2]) {
     return RESULT_OK;
 }
 
-static enum result carry_out(struct probe *probe,
-                             const struct message_command *command) {
-    int32_t *value = probe->last_value;
-    value[0] = command->arguments[0];
-    value[1] = command->arguments[1];
-    switch (command->command) {
+__attribute__((noinline)) static enum result carry_out(struct probe *probe) {
+    int32_t *value = probe->reply.value;
+    switch (probe->reply.replied_command) {
     case COMMAND_START:
         probe_stream(probe, true, CAUSE_COMMAND);
         return RESULT_OK;
@@ -120,9 +119,12 @@ void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us) {
     probe->now_us = now_us;
     // A command whose reply was lost comes again with its token: it gets the reply, and
     // is not carried out twice.
-    if (command.token == 0 || command.token != probe->last_token) {
-        probe->last_result = (uint8_t)carry_out(probe, &command);
-        probe->last_token = command.token;
+    struct message_reply *const reply = &probe->reply;
+    reply->replied_command = command.command;
+    if (command.token == 0 || command.token != reply->replied_token) {
+        reply->replied_token = command.token;
+        memcpy(reply->value, command.arguments, sizeof reply->value);
+        reply->result = (uint8_t)carry_out(probe);
     }
-    send_reply(probe, &command);
+    send_reply(probe);
 }

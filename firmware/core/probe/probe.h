@@ -72,8 +72,7 @@ struct probe {
     bool has_told_refusal;
     bool wants_reset;
     uint32_t now_us;  // of what is worked on: messages are stamped with it
-    uint8_t last_result;
-    uint16_t last_token;
+    struct message_reply reply;  // to the last command
     uint16_t pose_phase, raw_phase;
     uint16_t samples;  // of the second that runs, and the cycles of their work
     uint32_t cycles_sum;
@@ -89,7 +88,6 @@ struct probe {
 #ifndef POSE_WITHOUT_OWN_FIELD
     struct own_watch own_watch;
 #endif
-    int32_t last_value[2];
     // NULL where the board has no more than sensor, wire and button.
     struct probe_log *log;
     void (*equipment)(struct message_equipment *out);  // fills all but messages_*

@@ -12,14 +12,14 @@ void probe_params_load(struct probe *probe) {
         params_store_open(&probe->store, probe->port->memory, &probe->params);
     if (!is_whole) {
         send_event(probe, EVENT_PARAMS_LOST, CAUSE_WORN,
-                   (int32_t)probe->store.bank.digest);
+                   (int32_t)probe->store.bank.list.digest);
     }
 }
 
 void probe_params_tell_all(struct probe *probe) {
     probe->part_at = 0;
     // One, too, where there are no records.
-    probe->parts_due = (uint8_t)(probe->store.bank.length / PARAMS_PART + 1);
+    probe->parts_due = (uint8_t)(probe->store.bank.list.length / PARAMS_PART + 1);
 }
 
 void probe_params_tell_one(struct probe *probe) {
@@ -29,7 +29,7 @@ void probe_params_tell_one(struct probe *probe) {
 }
 
 static void tell_part(struct probe *probe) {
-    const uint8_t length = probe->store.bank.length;
+    const uint8_t length = probe->store.bank.list.length;
     --probe->parts_due;
     if (probe->part_at != 0 && probe->part_at >= length) {
         probe->part_at = 0;  // after the last part it is the self-test's turn
@@ -68,7 +68,7 @@ static void change(struct probe *probe) {
     (void)params_store_load(&probe->store, &probe->params);
     own_field_check(probe);
     send_event(probe, EVENT_PARAMS_CHANGED, CAUSE_COMMAND,
-               (int32_t)probe->store.bank.digest);
+               (int32_t)probe->store.bank.list.digest);
     const bool is_other = before != probe->params.digest;
     if (probe->identity != NULL && is_other && !probe->store.goes_on) {
         probe_restart(probe, send_filter(probe));

@@ -73,7 +73,7 @@ NOINLINE static void make_hello(const struct probe *probe, struct message_hello 
     out->raw_rate = probe->settings.raw_rate_hz;
     out->boot_count = probe->settings.boot_count;
     out->filter = send_filter(probe);
-    out->params_digest = probe->store.bank.digest;
+    out->params_digest = probe->store.bank.list.digest;
     own_field_tell(probe, out);
     probe->port->describe(out);
     memcpy(out->probe_id, probe->settings.probe_id, sizeof out->probe_id);
@@ -168,27 +168,22 @@ NOINLINE void send_equipment(struct probe *probe) {
     put(probe, TO_BOTH, message_equipment_layout, &message, bytes);
 }
 
-NOINLINE void send_reply(struct probe *probe, const struct message_command *command) {
+NOINLINE void send_reply(struct probe *probe) {
     uint8_t bytes[MESSAGE_REPLY_SIZE + FRAME_AROUND];
-    struct message_reply message = {
-        .replied_command = command->command,
-        .replied_token = command->token,
-        .result = probe->last_result,
-    };
-    memcpy(message.value, probe->last_value, sizeof message.value);
-    put(probe, TO_WIRE, message_reply_layout, &message, bytes);
+    put(probe, TO_WIRE, message_reply_layout, &probe->reply, bytes);
 }
 
 NOINLINE void send_params(struct probe *probe, enum bank_side side, uint8_t at) {
     uint8_t bytes[MESSAGE_PARAMS_SIZE + FRAME_AROUND];
     const struct params_store *store = &probe->store;
-    const bool is_current = side == BANK_CURRENT;
+    const struct bank_list *list =
+        side == BANK_CURRENT ? &store->bank.list : &store->asked;
     struct message_params message = {
-        .set_digest = is_current ? store->bank.digest : store->digest,
-        .set_length = is_current ? store->bank.length : store->length,
+        .set_digest = list->digest,
+        .set_length = list->length,
         .part_offset = at,
     };
-    params_store_part(store, side, (uint8_t)message.set_length, at, message.part);
+    params_store_part(store, side, list->length, at, message.part);
     put(probe, TO_BOTH, message_params_layout, &message, bytes);
 }
 

@@ -27,8 +27,7 @@ void send_equipment(struct probe *probe);
 void send_params(struct probe *probe, enum bank_side side, uint8_t at);
 // What the sensor's driver leaves a host to judge; there must be some.
 void send_self_test(struct probe *probe);
-// The last command's result and values.
-void send_reply(struct probe *probe, const struct message_command *command);
+void send_reply(struct probe *probe);
 void send_raw(struct probe *probe, uint8_t outlets, const struct sample *sample);
 // Reads the pose of the last sample, where it goes anywhere.
 void send_pose(struct probe *probe, uint8_t outlets);

@@ -2,9 +2,13 @@
 // Two banks under one CRC each; see bank.h.
 #include "core/storage/bank.h"
 
+#include <stddef.h>
 #include <string.h>
 
-enum { MARK_XOR = 0xB2 };  // no byte is its own mark
+enum {
+    MARK_XOR = 0xB2,  // no byte is its own mark
+    LIST_SIZE = offsetof(struct bank_list, length) + 1,  // without gaps
+};
 
 struct header {
     uint8_t mark, sequence;
@@ -20,6 +24,17 @@ static uint8_t mark_of(uint8_t sequence) {
 
 uint8_t bank_read(const struct bank *bank, enum bank_side side, uint8_t at) {
     return memory_read(bank->writer.memory, (uint16_t)(bank->content[side] + at));
+}
+
+bool bank_list_equals(const struct bank_list *a, const struct bank_list *b) {
+    const uint8_t *of_a = (const uint8_t *)a;
+    const uint8_t *of_b = (const uint8_t *)b;
+    for (uint8_t left = LIST_SIZE; left > 0; --left) {
+        if (*of_a++ != *of_b++) {
+            return false;
+        }
+    }
+    return true;
 }
 
 // True where content of that length fits a bank of that size, and its CRC is right.
@@ -54,8 +69,8 @@ bool bank_open(struct bank *bank, const IN_FLASH struct memory *memory, uint16_t
                 has_one = true;
                 bank->content[BANK_CURRENT] = content;
                 bank->sequence = header.sequence;
-                bank->length = (uint8_t)header.length;
-                bank->digest = header.digest;
+                bank->list =
+                    (struct bank_list){header.digest, (uint8_t)header.length};
             }
         }
         content = (uint16_t)(content + size);
@@ -80,9 +95,10 @@ enum memory_result bank_blank(struct bank *bank) {
                             : MEMORY_OK;
 }
 
-enum memory_result bank_commit(struct bank *bank, uint8_t length, uint32_t digest) {
+enum memory_result bank_commit(struct bank *bank, const struct bank_list *list) {
     const uint8_t sequence = (uint8_t)(bank->sequence + 1);
-    const struct header header = {mark_of(sequence), sequence, length, digest};
+    const struct header header = {mark_of(sequence), sequence, list->length,
+                                  list->digest};
     uint8_t bytes[BANK_HEADER];
     memcpy(bytes, &header, sizeof bytes);
     const uint16_t spare = bank->content[BANK_SPARE];
@@ -97,7 +113,6 @@ enum memory_result bank_commit(struct bank *bank, uint8_t length, uint32_t diges
     bank->content[BANK_SPARE] = bank->content[BANK_CURRENT];
     bank->content[BANK_CURRENT] = spare;
     bank->sequence = sequence;
-    bank->length = length;
-    bank->digest = digest;
+    bank->list = *list;
     return MEMORY_OK;
 }

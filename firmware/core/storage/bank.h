@@ -16,13 +16,20 @@ enum { BANK_HEADER = 8 };  // bytes of a bank before its content, of up to 248
 
 enum bank_side { BANK_CURRENT = 0, BANK_SPARE = 1 };
 
+// A list of bytes: their CRC-32, and how many.
+struct bank_list {
+    uint32_t digest;
+    uint8_t length;
+};
+
 struct bank {
     struct memory_writer writer;
-    uint16_t content[2];  // offset in memory of each side's, by enum bank_side
-    uint8_t sequence;     // of the current bank
-    uint8_t length;       // of its content; 0 where neither is good
-    uint32_t digest;      // of its content
+    uint16_t content[2];    // offset in memory of each side's, by enum bank_side
+    uint8_t sequence;       // of the current bank
+    struct bank_list list;  // its content; none where neither is good
 };
+
+bool bank_list_equals(const struct bank_list *a, const struct bank_list *b);
 
 // Finds the newer good bank. Returns false where a bank with a mark is not what its CRC
 // says: what was in it is lost, and the other one counts, if it is good. The memory
@@ -41,8 +48,8 @@ uint8_t bank_read(const struct bank *bank, enum bank_side side, uint8_t at);
 enum memory_result bank_blank(struct bank *bank) MUST_CHECK;
 // A byte of the spare bank's content.
 enum memory_result bank_put(struct bank *bank, uint8_t at, uint8_t value) MUST_CHECK;
-// Makes the spare bank the current one. `digest`: the CRC-32 of its content.
-enum memory_result bank_commit(struct bank *bank, uint8_t length,
-                               uint32_t digest) MUST_CHECK;
+// Makes the spare bank the current one. `list`: its content.
+enum memory_result bank_commit(struct bank *bank,
+                               const struct bank_list *list) MUST_CHECK;
 
 #endif

@@ -60,12 +60,12 @@ static uint8_t *find(struct settings *settings, uint8_t tag) {
     return NULL;
 }
 
-// The first firmware's settings: two slots from 0 on, each a version, the length, a
-// sequence number, these values and a CRC-16. The version was blanked before anything
-// else of a slot was written, and written back last, so that it says enough.
+// The first firmware's settings: two slots from 0 on, each a version, the length of the
+// values, a sequence number, these values and a CRC-16. The version was blanked before
+// anything else of a slot was written, and written back last, so that it says enough.
 struct first_values {
     uint8_t probe_id[ID_SIZE];
-    uint16_t boot_count, pose_rate_hz, raw_rate_hz;
+    uint16_t boot_count, rates_hz[2];
     uint8_t streams;
     struct {
         int32_t bias[3];
@@ -76,32 +76,31 @@ enum {
     FIRST_VERSION = 1,
     FIRST_HEADER = 3,
     FIRST_SLOT = FIRST_HEADER + sizeof(struct first_values) + 2,
+    FIRST_BOOTS = FIRST_HEADER + offsetof(struct first_values, boot_count),
+    FIRST_RATES = FIRST_HEADER + offsetof(struct first_values, rates_hz),
+    FIRST_STREAMS = FIRST_HEADER + offsetof(struct first_values, streams),
 };
 _Static_assert(2 * FIRST_SLOT <= (int)MEMORY_IDENTITY, "nothing lies over it");
+_Static_assert(offsetof(struct settings, raw_rate_hz) ==
+                   offsetof(struct settings, pose_rate_hz) + 2,
+               "the rates lie as in a slot");
 
 // Takes over the newer slot, which is one ahead of the other, modulo 256.
 static bool read_first_form(const IN_FLASH struct memory *memory,
                             struct settings *out) {
-    struct {
-        uint8_t sequence;  // of the header, the last byte
-        struct first_values values;
-    } first;
     bool has_one = false;
     uint8_t sequence = 0;
     for (uint8_t slot = 0; slot <= FIRST_SLOT; slot = (uint8_t)(slot + FIRST_SLOT)) {
-        memory_copy(memory, (uint16_t)(slot + 2), &first.sequence, 1);
-        memory_copy(memory, (uint16_t)(slot + FIRST_HEADER), &first.values,
-                    offsetof(struct first_values, calibration));
-        if (memory_read(memory, slot) == FIRST_VERSION &&
-            memory_read(memory, (uint16_t)(slot + 1)) == sizeof first.values &&
-            (!has_one || (uint8_t)(first.sequence - sequence) == 1)) {
+        uint8_t first[FIRST_STREAMS + 1];
+        memory_copy(memory, slot, first, sizeof first);
+        if (first[0] == FIRST_VERSION && first[1] == sizeof(struct first_values) &&
+            (!has_one || (uint8_t)(first[2] - sequence) == 1)) {
             has_one = true;
-            sequence = first.sequence;
-            memcpy(out->probe_id, first.values.probe_id, ID_SIZE);
-            out->boot_count = first.values.boot_count;
-            out->pose_rate_hz = first.values.pose_rate_hz;
-            out->raw_rate_hz = first.values.raw_rate_hz;
-            out->streams = first.values.streams;
+            sequence = first[2];
+            memcpy(out->probe_id, &first[FIRST_HEADER], ID_SIZE);
+            memcpy(&out->boot_count, &first[FIRST_BOOTS], 2);
+            memcpy(&out->pose_rate_hz, &first[FIRST_RATES], 4);
+            out->streams = first[FIRST_STREAMS];
         }
     }
     return has_one;
@@ -126,7 +125,7 @@ enum settings_result settings_load(const IN_FLASH struct memory *memory,
     (void)bank_open(&writer->bank, memory, MEMORY_SETTINGS, MEMORY_SETTINGS_BANK);
     settings_defaults(out);
     const uint16_t content = writer->bank.content[BANK_CURRENT];
-    const uint8_t length = writer->bank.length;
+    const uint8_t length = writer->bank.list.length;
     bool has_any = length > 0 || read_first_form(memory, out);
     for (uint8_t at = 0; at < length;) {
         uint8_t head[2];  // tag, length
@@ -168,7 +167,7 @@ static enum memory_result write_identity(struct settings_writer *writer,
 
 // Byte `at` of all that is to be saved: our records, then those of other firmware in
 // the current bank, as far as there is room. `is_over` behind them.
-static uint8_t wanted_byte(const struct settings_writer *writer,
+__attribute__((noinline)) static uint8_t wanted_byte(const struct settings_writer *writer,
                            struct settings *settings, uint8_t at, bool *is_over) {
     if (at < RECORDS_SIZE) {
         return ((const uint8_t *)settings)[RECORDS_AT + at];
@@ -176,7 +175,7 @@ static uint8_t wanted_byte(const struct settings_writer *writer,
     *is_over = at >= MEMORY_SETTINGS_BANK - BANK_HEADER;
     at = (uint8_t)(at - RECORDS_SIZE);
     const struct bank *bank = &writer->bank;
-    for (uint8_t from = 0; from < bank->length;) {
+    for (uint8_t from = 0; from < bank->list.length;) {
         uint8_t head[2];  // tag, length
         memory_copy(bank->writer.memory, (uint16_t)(bank->content[BANK_CURRENT] + from),
                     head, sizeof head);
@@ -199,16 +198,14 @@ static uint8_t wanted_byte(const struct settings_writer *writer,
 // Measures what is to be saved. True where it is in memory already.
 static bool is_saved(struct settings_writer *writer, struct settings *settings) {
     bool is_over = false;
-    writer->crc = 0;
-    writer->length = 0;
+    writer->list = (struct bank_list){0, 0};
     for (;;) {
-        const uint8_t byte = wanted_byte(writer, settings, writer->length, &is_over);
+        const uint8_t byte = wanted_byte(writer, settings, writer->list.length, &is_over);
         if (is_over) {
-            return writer->length == writer->bank.length &&
-                   writer->crc == writer->bank.digest;
+            return bank_list_equals(&writer->list, &writer->bank.list);
         }
-        crc32_add(&writer->crc, byte);
-        ++writer->length;
+        crc32_add(&writer->list.digest, byte);
+        ++writer->list.length;
     }
 }
 
@@ -236,10 +233,10 @@ enum memory_result settings_step(struct settings_writer *writer,
         case FILLING:
             result = bank_put(&writer->bank, writer->at,
                               wanted_byte(writer, settings, writer->at, &unused));
-            last = (uint8_t)(writer->length - 1);
+            last = (uint8_t)(writer->list.length - 1);
             break;
         default:
-            result = bank_commit(&writer->bank, writer->length, writer->crc);
+            result = bank_commit(&writer->bank, &writer->list);
             break;
         }
         if (result != MEMORY_OK) {

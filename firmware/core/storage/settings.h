@@ -36,10 +36,9 @@ enum settings_result {
 struct settings_writer {
     struct bank bank;
     uint8_t phase;
-    bool is_asked_again;  // in the midst of a save's end
-    uint8_t at;           // in the identity, then in the content
-    uint8_t length;       // of the content that is saved, and its CRC-32
-    uint32_t crc;
+    bool is_asked_again;    // in the midst of a save's end
+    uint8_t at;             // in the identity, then in the content
+    struct bank_list list;  // the content that is saved
 };
 
 // The settings of a probe that has never saved any.
