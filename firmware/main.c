@@ -5,7 +5,10 @@
 #include "core/probe/acquisition.h"
 #include "core/probe/probe.h"
 
-enum { STEP_US = 5000 };  // of the button, the periodic messages and the LED
+enum {
+    STEP_US = 5000,  // of the button, the periodic messages and the LED
+    WAITS_MAX = 4,   // samples in a row
+};
 
 static struct probe probe;
 static struct acquisition acquisition;
@@ -52,12 +55,21 @@ int main(void) {
     probe_begin(&probe, &probe_port, stepped_us);
     board_equipment_begin(&probe);
     acquisition_begin(&acquisition, &acquisition_port, &probe);
+    uint8_t waited = 0;
     for (;;) {
         board_watchdog_kick();
         const uint32_t now_us = board_time_us();
-        const bool worked = acquisition_step(&acquisition, now_us);
+        // All else has a turn without a sample, unless there are too many in a row: with
+        // a sample's work, a restart would take longer than there is time for both.
+        if (acquisition_step(&acquisition, now_us)) {
+            probe_worked(&probe, (board_time_us() - now_us) * board_cycles_per_us());
+            if (++waited < WAITS_MAX) {
+                continue;
+            }
+        }
+        waited = 0;
         for (int16_t byte = board_receive(); byte >= 0; byte = board_receive()) {
-            // Not the time before a sample's work: a reply says when it was heard.
+            // Not the time of the turn: a reply says when it was heard.
             probe_receive(&probe, (uint8_t)byte, board_time_us());
         }
         if (now_us - stepped_us >= STEP_US) {
@@ -66,9 +78,6 @@ int main(void) {
             board_led_set(probe_led(&probe, now_us));
         }
         board_equipment_step(&probe, now_us);
-        if (worked) {
-            probe_worked(&probe, (board_time_us() - now_us) * board_cycles_per_us());
-        }
         if (probe.wants_reset && board_send_is_idle() && board_equipment_is_done()) {
             board_reset();
         }

@@ -87,12 +87,9 @@ uint16_t board_stack_free(void) {
     return (uint16_t)(byte - _end);
 }
 
-// GPIOR0 is 1 from the taking of a sample until here: an emulator or a logic analyser's
-// pin can measure the work between. An interrupt between the look at the flag and the
-// sleep can't be missed: the instruction after `sei` runs before any handler ("Reset
-// and Interrupt Handling").
+// An interrupt between the look at the flag and the sleep can't be missed: the
+// instruction after `sei` runs before any handler ("Reset and Interrupt Handling").
 void board_idle(void) {
-    GPIOR0 = 0;
     cli();
     while (!idle_has_work) {
         sei();

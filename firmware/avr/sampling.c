@@ -122,9 +122,12 @@ void board_sampling_stop(void) {
     slots_restart(&sampling.slots, sampling.slots.is_running ? filling()->missed : 0);
 }
 
+// GPIOR0 is 1 from the taking of a sample until the next look for one: an emulator or a
+// logic analyser's pin can measure the work between.
 enum reading_result board_reading_take(struct reading *out) {
+    GPIOR0 = 0;
     if (slots_take(&sampling.slots, sampling_readings, READING_SLOTS, out)) {
-        GPIOR0 = 1;  // until board_idle
+        GPIOR0 = 1;
         return READING_OK;
     }
     enum reading_result result = READING_NONE;

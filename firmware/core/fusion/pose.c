@@ -154,11 +154,13 @@ void pose_read(struct pose_tracker *tracker, struct message_pose *out) {
 void pose_set_origin(struct pose_tracker *tracker, enum pose_origin origin) {
     struct quat q;
     tracker->origin = (uint8_t)origin;
-    attitude_orientation(&tracker->attitude, &q);
-    if (origin == POSE_ORIGIN_FULL) {
-        quat_conjugate(&q, &tracker->to_origin);
-    } else {
-        quat_to_no_heading(&q, &tracker->to_origin);
+    if (origin != POSE_ORIGIN_NONE) {  // which begins a pose, too, and is not to take long
+        attitude_orientation(&tracker->attitude, &q);
+        if (origin == POSE_ORIGIN_FULL) {
+            quat_conjugate(&q, &tracker->to_origin);
+        } else {
+            quat_to_no_heading(&q, &tracker->to_origin);
+        }
     }
     pose_place_origin(tracker);
 }

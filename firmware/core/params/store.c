@@ -24,10 +24,6 @@ bool params_store_open(struct params_store *store, const IN_FLASH struct memory 
     return is_whole;
 }
 
-bool params_store_is_staging(const struct params_store *store) {
-    return store->phase == STAGING;
-}
-
 bool params_store_load(struct params_store *store, struct params *out) {
     return read_side(store, BANK_CURRENT, store->bank.list.length, out) == PARAMS_FINE;
 }

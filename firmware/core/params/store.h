@@ -57,9 +57,6 @@ enum result params_store_apply(struct params_store *store, int32_t value[2]);
 // One part of what is to be done; the memory must be ready.
 enum params_step params_store_step(struct params_store *store);
 
-// True while bytes are on their way into memory.
-bool params_store_is_staging(const struct params_store *store);
-
 // Reads the params that are current. False where there is a record among them that
 // cannot be used, which no change lets in: it was another firmware's.
 bool params_store_load(struct params_store *store, struct params *out);

@@ -9,10 +9,7 @@
 #include "core/probe/probe_params.h"
 #include "core/probe/send.h"
 
-enum {
-    ENTROPY_READINGS = 64,
-    WAITS_MAX = 10,  // steps in a row that what is not urgent waits
-};
+enum { ENTROPY_READINGS = 64 };
 
 #define SECOND_US UINT32_C(1000000)
 // The messages of each second are apart: never two at once.
@@ -156,7 +153,6 @@ void probe_sample(struct probe *probe, const struct sample *sample) {
         is_due(&probe->raw_phase, probe->settings.raw_rate_hz, rate_hz);
     const bool pose_is_due =
         is_due(&probe->pose_phase, probe->settings.pose_rate_hz, rate_hz);
-    probe->is_heavy = probe->is_streaming && pose_is_due && sample->has_mag;
     send_raw(probe, outlets_of(probe, STREAM_RAW, raw_is_due), sample);
     send_pose(probe, outlets_of(probe, STREAM_POSE, pose_is_due));
     send_stroke(probe, outlets_of(probe, STREAM_POSE, true));
@@ -266,16 +262,7 @@ static void use_memory(struct probe *probe) {
 void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
     probe->now_us = now_us;
     follow_button(probe, is_button_down);
-    if (params_store_is_staging(&probe->store)) {
-        use_memory(probe);  // a host waits for each byte, and there are many
-    }
-    // What is not urgent waits a little for a sample that was less work, and goes one
-    // at a time.
-    if (probe->is_heavy && probe->waits < WAITS_MAX) {
-        ++probe->waits;
-        return;
-    }
-    probe->waits = 0;
+    // One message or write at a time.
     const uint32_t elapsed_us = now_us - probe->second_us;
     if (elapsed_us >= SECOND_US) {
         probe->second_us += SECOND_US;

@@ -67,8 +67,6 @@ struct probe {
     bool is_streaming;
     bool is_faulty;  // the sensor does not deliver
     uint8_t said;    // messages of the second that runs
-    bool is_heavy;   // the last sample was more work than others
-    uint8_t waits;   // steps since then
     bool has_told_refusal;
     bool wants_reset;
     uint32_t now_us;  // of what is worked on: messages are stamped with it
