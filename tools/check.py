@@ -21,6 +21,12 @@ ROOT = Path(__file__).resolve().parent.parent
 CORE = Path("firmware/core")
 PAGE_TOOLS = ROOT / "build" / "web" / "node_modules" / ".bin"
 C_FOLDERS = ("benchmarks", "firmware", "host/imud", "protocol", "sim")
+AVR8JS = "tests/avr8js"
+# Here it must not be skipped.
+IN_AVR8JS = (
+    "pio run --silent --environment nano && "
+    f"IMU_AVR8JS=1 {sys.executable} -m pytest -q {AVR8JS}"
+)
 INCLUDES = ("-Ifirmware", "-Isim", "-Isim/chips")
 
 CPPCHECK = (
@@ -82,7 +88,12 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
         (str(PAGE_TOOLS / "tsc"), "-p", "tools/web/tsconfig.json"),
     )
     eslint = ("--config", "build/web/eslint.config.js", "host/imud/web/site")
-    yield "lint of the page", (str(PAGE_TOOLS / "eslint"), *eslint)
+    yield "lint of the page", (str(PAGE_TOOLS / "eslint"), *eslint, AVR8JS)
+    yield (
+        "types beside avr8js",
+        (str(PAGE_TOOLS / "tsc"), "-p", f"{AVR8JS}/tsconfig.json"),
+    )
+    yield "image in avr8js", ("sh", "-c", IN_AVR8JS)
     yield "the page's libraries", (python, "tools/vendor.py", "--check")
     yield "generated files", (python, "protocol/generate.py", "--check")
     yield "MicroPython", (python, "tools/micropython_build.py", "check")

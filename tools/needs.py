@@ -104,7 +104,7 @@ CHECK_NEEDS = (
     Need("libclang-rt-dev", compiles(FUZZED, "clang", until="-fsanitize=fuzzer")),
     Need("clang-tidy", has("clang-tidy")),
     Need("cppcheck", has("cppcheck")),
-    # For the tools that check the page.
+    # For the tools that check the page, and for avr8js.
     Need("nodejs", has("node")),
     Need("npm", has("npm")),
 )

@@ -224,7 +224,7 @@ def install_package() -> None:
 
 
 def install_page_tools() -> None:
-    """Install the npm packages that check the page: tools/web/package.json."""
+    """Install what tools/web/package.json names: what checks the page, and avr8js."""
     step("tools of the page", venv("python"), "tools/vendor.py", "--install")
 
 
