@@ -76,6 +76,9 @@ void run_on_mark(void *context, uint64_t tick, uint64_t cycle, bool is_begin) {
             run->first_mark_asleep = run->board->asleep(run->self);
         }
         run->is_working = true;
+        while (run->worked_edge == 0 && run->waiting_count > 1) {
+            (void)take_waiting(run);  // set-up's, before the first sample
+        }
         run->mark_cycle = cycle;
         run->work_edge = take_waiting(run);
         return;

@@ -269,7 +269,7 @@ def test_missed_edges_are_told_and_leave_a_gap() -> None:
     assert flags == [lib.SAMPLE_GAP, 0]
 
 
-UNCHECKED = 255  # samples before the sensor is looked after
+UNCHECKED = 199  # samples before the sensor is looked after
 
 
 def almost_checked() -> Board:
@@ -300,6 +300,16 @@ def test_a_sample_that_is_taken_late_leaves_no_time_for_a_look() -> None:
         assert board.take(lib.READING_OK)
     assert board.calls == []
     board.age_us = 1000
+    assert board.take(lib.READING_OK)
+    assert board.calls == ["stop", "check", "start"]
+
+
+def test_a_sensor_whose_samples_all_come_late_is_looked_after_all_the_same() -> None:
+    board = almost_checked()
+    board.age_us = 1001
+    for _ in range(55):
+        assert board.take(lib.READING_OK)
+    assert board.calls == []
     assert board.take(lib.READING_OK)
     assert board.calls == ["stop", "check", "start"]
 

@@ -110,13 +110,38 @@ def test_stopped_data_ready_is_told_and_the_sensor_set_up_again(stub: Stub) -> N
 
 @every_board
 def test_a_wrong_chip_is_refused_by_name(stub: Stub) -> None:
-    fault = {"kind": "wrong_who_am_i", "value": 0x12}
+    who = 0xFF if stub.board.has_relatives else 0x12
+    fault = {"kind": "wrong_who_am_i", "value": who}
     done = run(stub, 3, *CLICK, faults=[fault])
     refused = [m for m in done.named("event") if m.fields["cause"] == "wrong_chip"]
     assert refused
-    assert refused[0].fields["detail"] == 0x12
+    assert refused[0].fields["detail"] == who
     assert done.last_status["state"] == "fault"
     assert not done.named("pose")
+
+
+@pytest.mark.parametrize(
+    ("stub", "registers"),
+    each(lambda board: board.kept_registers),
+    indirect=["stub"],
+)
+def test_a_register_that_changes_by_itself_is_told_and_set_again(
+    stub: Stub, registers: dict[str, int]
+) -> None:
+    fault = {"kind": "register_flip", "at_us": 2_500_000, **registers}
+    done = run(stub, 22, *CLICK, faults=[fault])
+    told = [m.fields for m in done.named("event") if m.fields["cause"] == "registers"]
+    assert [fields["event"] for fields in told] == ["sensor_fault"]
+    assert told[0]["detail"] // 256 == registers["reg"]
+    assert_it_came_back(done)
+
+
+@every_board
+def test_a_sensor_that_loses_its_power_alone_is_set_up_again(stub: Stub) -> None:
+    fault = {"kind": "sensor_brown_out", "at_us": 2_500_000}
+    done = run(stub, 6, *CLICK, faults=[fault])
+    assert any(event == "sensor_fault" for event, _ in done.events)
+    assert_it_came_back(done)
 
 
 @every_board
@@ -128,14 +153,6 @@ def test_without_its_magnetometer_a_probe_has_six_axes_and_says_so(stub: Stub) -
     assert pose["heading_sigma"] is None
     assert pose["tilt_sigma"] is not None
     assert_nothing_is_lost(done)
-
-
-@pytest.mark.parametrize("part", ["gyr", "acc"])
-def test_a_failing_self_test_is_in_the_hello(stub: Stub, part: str) -> None:
-    done = run(stub, 2, faults=[{"kind": f"{part}_self_test"}])
-    verdict = done.named("hello")[-1].fields["self_test"]
-    assert f"{part}_failed" in verdict
-    assert f"{part}_passed" not in verdict
 
 
 @every_board

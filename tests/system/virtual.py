@@ -44,6 +44,9 @@ class Board:
     transaction_bytes: int
     acknowledged: tuple[int, ...]
     no_mag: str  # the fault
+    has_relatives: bool  # chips of other identities run as well
+    # Registers of the sensor with a value that is not the firmware's, as a fault.
+    kept_registers: tuple[dict[str, int], ...]
     write_us: int  # a power cut so long after a write began is in its midst
 
 
@@ -55,12 +58,14 @@ NANO = Board(
     ram=2048,
     stack=None,
     unevenness_us=20,
-    ready_us=850_000,
-    setup_transactions=(2, 60, 450),
-    transaction=900,
+    ready_us=690_000,
+    setup_transactions=(2, 20, 55, 70),
+    transaction=500,
     transaction_bytes=25,  # one burst of 22
     acknowledged=(0, 1, 2),
     no_mag="no_ak8963",
+    has_relatives=True,
+    kept_registers=({"reg": 26, "value": 0}, {"reg": 28, "value": 0}),
     write_us=900,
 )
 F405 = Board(
@@ -77,6 +82,11 @@ F405 = Board(
     transaction_bytes=32,  # three bursts, of 7, 7 and 9, with no STOP between them
     acknowledged=(0, 1, 2, 10, 11, 12, 20, 21, 22),
     no_mag="no_mag",
+    has_relatives=False,
+    kept_registers=(
+        {"die": 1, "reg": 0x23, "value": 0},
+        {"die": 2, "reg": 0x21, "value": 0},
+    ),
     write_us=8,
 )
 BOARDS = {board.name: board for board in (NANO, F405)}

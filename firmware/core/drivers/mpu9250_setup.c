@@ -55,7 +55,7 @@ enum {
     MASTER_IF_MAG,  // is on with an AK8963 only
     MAG_ALIVE,      // by the master's status that was read
     AWAIT_DATA,     // goes back a row until that has read data-ready; ticks at most
-    VERIFY,         // reads back the rows from KEPT on
+    VERIFY,         // reads back the rows that are kept
     DONE,
 
     // And a register of the AK8963: the value is written to one of its control
@@ -180,6 +180,7 @@ static const IN_FLASH struct table table = {
     },
     // end
     {
+        {VERIFY, 0},
         {MASTER_IF_MAG, I2C_MST_EN},
         // The master's single transfer, by slave 4, follows its read of a
         // sample: measurements then end 2.6 ms after samples, as far from the
@@ -193,7 +194,6 @@ static const IN_FLASH struct table table = {
         {WAIT, SETTLE_TICKS},
         {READ + REG_INT_STATUS, PLACE(read)},
         {AWAIT_DATA, SETTLE_TICKS + DATA_READY_TICKS},
-        {VERIFY, 0},
         {DONE, 0},
     },
 };

@@ -154,7 +154,8 @@ void pose_read(struct pose_tracker *tracker, struct message_pose *out) {
 void pose_set_origin(struct pose_tracker *tracker, enum pose_origin origin) {
     struct quat q;
     tracker->origin = (uint8_t)origin;
-    if (origin != POSE_ORIGIN_NONE) {  // which begins a pose, too, and is not to take long
+    if (origin !=
+        POSE_ORIGIN_NONE) {  // which begins a pose, too, and is not to take long
         attitude_orientation(&tracker->attitude, &q);
         if (origin == POSE_ORIGIN_FULL) {
             quat_conjugate(&q, &tracker->to_origin);

@@ -6,8 +6,10 @@ enum {
     SILENCE_US = 50000,     // without data-ready: ten samples of the slowest sensor
     RETRY_US = 200000,      // between two attempts to bring the sensor up
     BURSTS_FAILED_MAX = 5,  // in a row, before the sensor is set up again
-    // A look after the sensor begins this soon after an edge, or waits for another
-    // sample: it must be done at the next edge, which at 760 Hz comes after 1.3 ms.
+    // Samples between two looks after the sensor; and how soon after an edge a look
+    // begins, because it must be done at the next, which at 760 Hz comes after 1.3 ms.
+    // It waits for such a sample up to 55 more.
+    CHECK_SAMPLES = 200,
     CHECK_WITHIN_US = 1000,
 };
 
@@ -100,16 +102,16 @@ take_sample(struct acquisition *acquisition, struct sample *sample, uint32_t now
     return OUTCOME_OK;
 }
 
-// Looks after the sensor every 256 samples or so, soon after an edge: the bus is free
-// then. Not inline, so that what it needs is off the stack while a sample is worked on.
+// Looks after the sensor now and then, soon after an edge: the bus is free then. Not
+// inline, so that what it needs is off the stack while a sample is worked on.
 __attribute__((noinline)) static enum outcome check(struct acquisition *acquisition,
                                                     uint32_t edge_us, uint32_t now_us) {
-    if (acquisition->unchecked < UINT8_MAX) {
-        ++acquisition->unchecked;
-        return OUTCOME_OK;
-    }
+    ++acquisition->unchecked;
     // In 16 bits: no sample waits for 65 ms.
-    if ((uint16_t)((uint16_t)now_us - (uint16_t)edge_us) > CHECK_WITHIN_US) {
+    const bool is_late =
+        (uint16_t)((uint16_t)now_us - (uint16_t)edge_us) > CHECK_WITHIN_US;
+    if (acquisition->unchecked < CHECK_SAMPLES ||
+        (is_late && acquisition->unchecked < UINT8_MAX)) {
         return OUTCOME_OK;
     }
     const IN_FLASH struct acquisition_port *port = acquisition->port;

@@ -50,7 +50,7 @@ struct acquisition {
     uint32_t since_us;  // start of the wait, or the last burst
     uint8_t failed;     // bursts in a row
     bool has_gap;       // samples were lost before the next one
-    uint8_t unchecked;  // samples since the sensor was last looked after, at most 255
+    uint8_t unchecked;  // samples since the sensor was last looked after
 };
 
 // Starts set-up of the sensor. Both must stay valid.

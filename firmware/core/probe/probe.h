@@ -69,7 +69,7 @@ struct probe {
     uint8_t said;    // messages of the second that runs
     bool has_told_refusal;
     bool wants_reset;
-    uint32_t now_us;  // of what is worked on: messages are stamped with it
+    uint32_t now_us;             // of what is worked on: messages are stamped with it
     struct message_reply reply;  // to the last command
     uint16_t pose_phase, raw_phase;
     uint16_t samples;  // of the second that runs, and the cycles of their work

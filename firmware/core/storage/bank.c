@@ -6,7 +6,7 @@
 #include <string.h>
 
 enum {
-    MARK_XOR = 0xB2,  // no byte is its own mark
+    MARK_XOR = 0xB2,                                     // no byte is its own mark
     LIST_SIZE = offsetof(struct bank_list, length) + 1,  // without gaps
 };
 
@@ -69,8 +69,7 @@ bool bank_open(struct bank *bank, const IN_FLASH struct memory *memory, uint16_t
                 has_one = true;
                 bank->content[BANK_CURRENT] = content;
                 bank->sequence = header.sequence;
-                bank->list =
-                    (struct bank_list){header.digest, (uint8_t)header.length};
+                bank->list = (struct bank_list){header.digest, (uint8_t)header.length};
             }
         }
         content = (uint16_t)(content + size);

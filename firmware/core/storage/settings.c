@@ -167,8 +167,9 @@ static enum memory_result write_identity(struct settings_writer *writer,
 
 // Byte `at` of all that is to be saved: our records, then those of other firmware in
 // the current bank, as far as there is room. `is_over` behind them.
-__attribute__((noinline)) static uint8_t wanted_byte(const struct settings_writer *writer,
-                           struct settings *settings, uint8_t at, bool *is_over) {
+__attribute__((noinline)) static uint8_t
+wanted_byte(const struct settings_writer *writer, struct settings *settings, uint8_t at,
+            bool *is_over) {
     if (at < RECORDS_SIZE) {
         return ((const uint8_t *)settings)[RECORDS_AT + at];
     }
@@ -200,7 +201,8 @@ static bool is_saved(struct settings_writer *writer, struct settings *settings) 
     bool is_over = false;
     writer->list = (struct bank_list){0, 0};
     for (;;) {
-        const uint8_t byte = wanted_byte(writer, settings, writer->list.length, &is_over);
+        const uint8_t byte =
+            wanted_byte(writer, settings, writer->list.length, &is_over);
         if (is_over) {
             return bank_list_equals(&writer->list, &writer->bank.list);
         }
