@@ -38,10 +38,15 @@ class Measured:
 
 
 def environments() -> list[str]:
-    """Environments of platformio.ini for the Nano's images, the default one first."""
+    """Environments of platformio.ini for the Nano's images, the default one first;
+    those without flags of their own have the image of another."""
     ini = configparser.ConfigParser(interpolation=None)
     ini.read(scoring.PROJECT / "platformio.ini")
-    names = [section.removeprefix("env:") for section in ini if "env:" in section]
+    names = [
+        section.removeprefix("env:")
+        for section in ini
+        if "env:" in section and "build_flags" in ini[section]
+    ]
     others = [
         name
         for name in names

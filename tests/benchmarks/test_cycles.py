@@ -205,8 +205,8 @@ def test_room_is_looked_for_in_what_the_linker_lets_pass(tmp_path: Path) -> None
 
 def test_images_of_the_nano_are_those_of_platformio() -> None:
     names = firmware_images.environments()
-    assert names[0] == "nano"
-    assert firmware_images.OFFICIAL not in names
+    filters_of_papers = ["complementary", "mahony", "madgwick", "dcm_pi"]
+    assert names == ["nano", *(f"nano_{name}" for name in filters_of_papers)]
 
 
 def test_each_board_has_limits_of_its_own() -> None:

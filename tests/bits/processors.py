@@ -51,7 +51,7 @@ ARM_LINK = ("-T", str(FIRMWARE / "stm32" / "stm32f405.ld"), "-Wl,--fatal-warning
 PROCESSORS = {
     "atmega328p": Processor(
         "nano",
-        ("avr-gcc", "-mmcu=atmega328p", "-DF_CPU=16000000L", "-mrelax"),
+        ("avr-gcc", "-mmcu=atmega328p", "-DF_CPU=16000000L"),
         *("avr", False, "nano", 64),
     ),
     "cortex_m4": Processor(

@@ -20,8 +20,7 @@ mcu = board.get("build.mcu")
 # By the mcu's first letters: the compiler's prefix, what Debian calls it, its flags for
 # the processor, and the linker's own.
 TOOLCHAINS = {
-    # -mrelax: calls and jumps that reach become their short forms.
-    "at": ("avr-", "gcc-avr avr-libc", [f"-mmcu={mcu}"], ["-mrelax"]),
+    "at": ("avr-", "gcc-avr avr-libc", [f"-mmcu={mcu}"], []),
     # Nothing is linked that is not ours: no C library, and no float or division of 64
     # bits out of libgcc.
     "stm32": (
