@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 # Each command installs what it needs first; `make` alone lists them.
-.PHONY: help demo test test-long fresh bits coverage fuzz check format firmware sim \
-	bench bench-nano bench-f405 bench-mpy bench-card bench-host bench-calibration \
+.PHONY: help demo test test-long fresh bits coverage fuzz check compilers format \
+	firmware sim bench bench-nano bench-f405 bench-mpy bench-card bench-host bench-calibration \
 	bench-page bench-strokes bench-tip pictures setup clean
 .DEFAULT_GOAL := help
 
@@ -64,6 +64,10 @@ fuzz: ## any input at all, with clang's fuzzer (SECONDS=60 for each target)
 check: ## formatting, lints, types, the rules of the house; all three compilers
 	@$(PYTHON) tools/setup.py check
 	@python tools/check.py
+
+compilers: ## the Nano's images with avr-gcc 5.4, 7.3 and 14.2: bytes, and the reserve
+	@$(PYTHON) tools/setup.py demo --board nano
+	@python tools/compilers.py
 
 format: ## lays out C and Python
 	@$(PYTHON) tools/setup.py check
