@@ -117,6 +117,7 @@ void interrupts_serve(struct machine *machine) {
     avr->interrupt_state = 0;
     avr->pc = (avr_flashaddr_t)vector->vector * avr->vector_size;
     avr_clear_interrupt(avr, vector);
+    watchdog_served(machine, vector->vector);
     if (machine_fixes(machine, FIX_INTERRUPT_ENTRY)) {
         machine_stall(machine, MACHINE_INTERRUPT_CYCLES);
     }

@@ -40,6 +40,7 @@ const char *const machine_fix_names[FIX_COUNT] = {
     [FIX_EEPROM_READY] = "eeprom_ready",
     [FIX_TIMER_PRELOAD] = "timer_preload",
     [FIX_WATCHDOG_RESET] = "watchdog_reset",
+    [FIX_WATCHDOG_MODES] = "watchdog_modes",
     [FIX_RESET_CAUSE] = "reset_cause",
     [FIX_FLOATING_INPUT] = "floating_input",
 };
@@ -203,6 +204,7 @@ static void after_reset(struct machine *machine, uint8_t cause) {
     if (machine_fixes(machine, FIX_RESET_CAUSE)) {
         avr->data[REG_MCUSR] = cause;
     }
+    watchdog_reset(machine);
     timers_reset(machine);
     // simavr would look at a low pin in every cycle.
     avr_extint_set_strict_lvl_trig(avr, 0, 0);
@@ -245,12 +247,16 @@ void machine_reset(struct machine *machine, enum machine_reset cause) {
     after_reset(machine, (uint8_t)(causes | cause));
 }
 
-// The watchdog asks for a reset by putting its own function in avr->run.
+// simavr's watchdog asks for a reset by putting its own function in avr->run.
 static void reset_by_watchdog(struct machine *machine) {
     avr_t *avr = machine->avr;
     const uint8_t causes = avr->data[REG_MCUSR];
     (void)machine_stack_deepest(machine);
-    avr->run(avr);
+    if (machine->watchdog.wants_reset) {
+        avr_reset(avr);
+    } else {
+        avr->run(avr);
+    }
     machine->resets++;
     if (machine->on_reset != NULL) {
         machine->on_reset(machine->context, MACHINE_WATCHDOG);
@@ -297,6 +303,7 @@ bool machine_init(struct machine *machine, struct mpu9250_chip *chip, uint64_t s
     avr->log = LOG_ERROR;
     avr->frequency = MACHINE_HZ;
     avr->vcc = avr->avcc = avr->aref = SUPPLY_MV;
+    memset(avr->data, MACHINE_REGISTERS, 32);
     paint_stack(machine);
     memset(machine->eeprom.bytes, 0xFF, sizeof machine->eeprom.bytes);
 
@@ -312,6 +319,7 @@ bool machine_init(struct machine *machine, struct mpu9250_chip *chip, uint64_t s
     lines_init(machine);
     uart_init(machine);
     eeprom_init(machine);
+    watchdog_init(machine);
     after_reset(machine, MACHINE_POWER_ON);
     machine_follow_chip(machine);
     return true;
@@ -329,6 +337,12 @@ void machine_load(struct machine *machine, const uint8_t *code, size_t size,
     avr_t *avr = machine->avr;
     memcpy(avr->flash + address, code, size);
     avr->codeend = (uint32_t)(address + size);
+}
+
+void machine_set_boot_start(struct machine *machine, uint16_t address) {
+    machine->boot_start = address;
+    machine->avr->reset_pc = address;
+    machine->avr->pc = address;
 }
 
 static void sleep_for(struct machine *machine, avr_cycle_count_t cycles) {
@@ -359,7 +373,7 @@ static void sleep_for(struct machine *machine, avr_cycle_count_t cycles) {
 // Runs up to the next timer of simavr or the next interrupt.
 static void step(struct machine *machine) {
     avr_t *avr = machine->avr;
-    if (avr->run != avr_callback_run_raw) {
+    if (avr->run != avr_callback_run_raw || machine->watchdog.wants_reset) {
         reset_by_watchdog(machine);
         return;
     }

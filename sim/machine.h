@@ -8,6 +8,7 @@
 #define SIM_MACHINE_H
 
 #include <simavr/sim_avr.h>
+#include <simavr/sim_io.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -21,7 +22,10 @@ enum {
     MACHINE_VECTORS = 26,
     MACHINE_SRAM_START = 0x100,
     MACHINE_SRAM_END = 0x8FF,
-    MACHINE_PAINT = 0xA5,          // fills SRAM at power-up, to find the deepest stack
+    MACHINE_PAINT = 0xA5,  // fills SRAM at power-up, to find the deepest stack
+    // r0 to r31 at power-up, where they hold anything: here, what looks like the causes
+    // of a reset.
+    MACHINE_REGISTERS = 0x05,
     MACHINE_PIN_INT0 = 2,          // D2: the sensor's data-ready pin
     MACHINE_PIN_BUTTON = 3,        // D3
     MACHINE_INTERRUPT_CYCLES = 4,  // into a handler, data sheet 7.7.1
@@ -48,6 +52,7 @@ enum machine_register {
     REG_GPIOR2 = 0x4B,
     REG_SMCR = 0x53,
     REG_MCUSR = 0x54,
+    REG_WDTCSR = 0x60,
     REG_PCICR = 0x68,
     REG_EICRA = 0x69,
     REG_TIMSK0 = 0x6E,
@@ -100,6 +105,7 @@ enum machine_fix {
     FIX_EEPROM_READY,
     FIX_TIMER_PRELOAD,
     FIX_WATCHDOG_RESET,
+    FIX_WATCHDOG_MODES,
     FIX_RESET_CAUSE,
     FIX_FLOATING_INPUT,
     FIX_COUNT,
@@ -134,6 +140,7 @@ struct machine_uart {
     uint8_t received_count;
     uint64_t overruns;  // bytes lost for want of room
     uint64_t deaf;      // bytes that came with the receiver off
+    unsigned baud;      // of the last byte that it sent
     struct line line;   // bytes on their way in, times in cycles
     bool is_receiving;
 };
@@ -152,6 +159,14 @@ struct machine_timer {
     uint16_t control, count, count_high;  // registers; count_high 0 for 8 bits
     uint16_t held;                        // the count while the clock is stopped
     struct machine_hook control_hook, count_hook;
+};
+
+struct machine_watchdog {
+    avr_io_t io;  // first: simavr knows this address
+    struct machine *machine;
+    uint64_t started;           // cycle of the last WDR, or when it was switched on
+    uint64_t changeable_until;  // cycle
+    bool wants_reset;
 };
 
 struct machine_stack {
@@ -184,17 +199,21 @@ struct machine {
     void (*on_reset)(void *context, enum machine_reset cause);
     struct machine_watch watch;
 
-    uint64_t until;         // where machine_run() stops
-    uint64_t clock_start;   // cycle of Timer1's first start, or MACHINE_NEVER
-    uint64_t asleep;        // cycles
-    uint64_t resets;        // without the first
-    bool is_stuck;          // asleep with nothing that could wake it
-    const char *complaint;  // the first thing the firmware did against the data sheet
+    uint64_t until;          // where machine_run() stops
+    uint16_t boot_start;     // byte address; 0: no bootloader
+    uint64_t clock_start;    // cycle of Timer1's first start by the firmware, or
+                             // MACHINE_NEVER
+    uint64_t clock_restart;  // of its last one
+    uint64_t asleep;         // cycles
+    uint64_t resets;         // without the first
+    bool is_stuck;           // asleep with nothing that could wake it
+    const char *complaint;   // the first thing the firmware did against the data sheet
 
     struct machine_twi twi;
     struct machine_uart uart;
     struct machine_eeprom eeprom;
     struct machine_timer timers[3];
+    struct machine_watchdog watchdog;
     struct machine_stack stack;
     avr_int_vector_t *vectors[MACHINE_VECTORS];
     struct machine_hook portc, ddrc, pinc, pind;
@@ -209,6 +228,8 @@ bool machine_init(struct machine *machine, struct mpu9250_chip *chip, uint64_t s
 void machine_free(struct machine *machine);
 void machine_load(struct machine *machine, const uint8_t *code, size_t size,
                   uint16_t address);
+// Has resets start there, as the fuse BOOTRST does, from this one on.
+void machine_set_boot_start(struct machine *machine, uint16_t address);
 
 // Runs until the cycle is reached. False once the processor can't go on.
 bool machine_run(struct machine *machine, uint64_t until_cycle);
@@ -256,5 +277,10 @@ void uart_reset(struct machine *machine);
 void uart_free(struct machine *machine);
 void eeprom_init(struct machine *machine);
 void eeprom_reset(struct machine *machine);
+void watchdog_init(struct machine *machine);
+// After the reset flags are set.
+void watchdog_reset(struct machine *machine);
+// The handler of that vector is entered.
+void watchdog_served(struct machine *machine, int vector);
 
 #endif

@@ -27,7 +27,7 @@ struct bench {
     struct mpu9250_chip *chip;
     uint64_t byte_cycles[BYTES_MAX];
     unsigned bytes;
-    char found[160];
+    char found[200];
 };
 
 static void on_byte(void *context, uint64_t cycle, uint8_t byte) {
@@ -83,9 +83,9 @@ static bool run_for(struct bench *bench, unsigned ms) {
     return false;
 }
 
-// Runs until the program raises result 8.
-static void run_to_signal(struct bench *bench) {
-    for (int i = 0; i < 100 * MS_CYCLES / 64 && result(bench, 8) == 0; i++) {
+// Runs until the program sets result 8 to this.
+static void run_to_signal(struct bench *bench, unsigned value) {
+    for (int i = 0; i < 200 * MS_CYCLES / 64 && result(bench, 8) != value; i++) {
         (void)machine_run(&bench->machine, machine_now(&bench->machine) + 64);
     }
 }
@@ -222,7 +222,7 @@ static bool check_uart_polling(struct bench *bench) {
 }
 
 static bool check_uart_receive(struct bench *bench) {
-    run_to_signal(bench);
+    run_to_signal(bench, 1);
     for (uint8_t i = 0; i < 6; i++) {
         (void)machine_send(&bench->machine, machine_now(&bench->machine),
                            (uint8_t)(0x41 + i));
@@ -288,6 +288,30 @@ static bool check_watchdog_reset(struct bench *bench) {
            is_in(result(bench, 2), 9, 11);
 }
 
+// 11.8, 11.9.2: 16 ms. Interrupts alone: every time-out, or none while they are off.
+// Both: an interrupt, then the reset. WDRF keeps WDE set, whatever is written, also
+// over an external reset.
+static bool check_watchdog_modes(struct bench *bench) {
+    run_to_signal(bench, 1);
+    const uint64_t from = machine_now(&bench->machine);
+    run_to_signal(bench, 2);
+    const uint64_t took = machine_now(&bench->machine) - from;
+    machine_reset(&bench->machine, MACHINE_EXTERNAL);
+    const bool done = run_for(bench, 100);
+    static const unsigned expected[] = {2, 0xC0, 0x08, 0x08, 0x08, 0x0A, 0x08, 0};
+    bool good = done && is_in(took, 2 * 256000 - 500, 2 * 256000 + 500);
+    for (unsigned i = 0; i < sizeof expected / sizeof *expected; i++) {
+        good = good && result(bench, i) == expected[i];
+    }
+    found(bench,
+          "%u interrupts, WDTCSR 0x%02x 0x%02x, reset after %u cycles, 0x%02x 0x%02x, "
+          "MCUSR 0x%02x, 0x%02x 0x%02x (2 c0 08 512000 08 08 0a 08 00)",
+          result(bench, 0), result(bench, 1), result(bench, 2), (unsigned)took,
+          result(bench, 3), result(bench, 4), result(bench, 5), result(bench, 6),
+          result(bench, 7));
+    return good;
+}
+
 // 11.9.1: causes add up until software clears them, power-on stands alone.
 static bool check_reset_cause(struct bench *bench) {
     const bool first = run_for(bench, 100);
@@ -319,7 +343,7 @@ static bool check_supply(struct bench *bench) {
 }
 
 static bool check_button(struct bench *bench) {
-    run_to_signal(bench);
+    run_to_signal(bench, 1);
     machine_press(&bench->machine, true);
     const bool done = run_for(bench, 100);
     found(bench, "D3 0x%02x, pressed 0x%02x (0x08 0x00)", result(bench, 0),
@@ -373,6 +397,7 @@ static const struct check {
     {"timer_preload", PROBE_TIMER_PRELOAD, check_timer_preload, FIX_TIMER_PRELOAD},
     {"timer_compare", PROBE_TIMER_COMPARE, check_timer_compare, -1},
     {"watchdog_reset", PROBE_WATCHDOG_RESET, check_watchdog_reset, FIX_WATCHDOG_RESET},
+    {"watchdog_modes", PROBE_WATCHDOG_MODES, check_watchdog_modes, FIX_WATCHDOG_MODES},
     {"reset_cause", PROBE_RESET_CAUSE, check_reset_cause, FIX_RESET_CAUSE},
     {"floating_input", PROBE_ANALOG, check_floating_input, FIX_FLOATING_INPUT},
     {"supply", PROBE_ANALOG, check_supply, -1},
@@ -408,7 +433,7 @@ static int run_without(const char *without) {
         if (check->fix < 0 || strcmp(machine_fix_names[check->fix], without) != 0) {
             continue;
         }
-        char text[160];
+        char text[200];
         is_known = true;
         const bool passes =
             run_check(check, left_out((enum machine_fix)check->fix), text, sizeof text);
@@ -434,7 +459,7 @@ int selftest_run(const char *without) {
     bool all_pass = true;
     for (size_t i = 0; i < sizeof checks / sizeof *checks; i++) {
         const struct check *check = &checks[i];
-        char text[160];
+        char text[200];
         bool passes = run_check(check, 0, text, sizeof text);
         (void)printf("%s %s: %s\n", passes ? "PASS" : "FAIL", check->name, text);
         all_pass = all_pass && passes;

@@ -7,15 +7,11 @@
 #include <avr/sleep.h>
 #include <avr/wdt.h>
 
-#include "probes.h"
-
-// Beyond the variables and below the stack: start-up code leaves it alone.
-#define PROBE (*(volatile uint8_t *)PROBE_ADDRESS)
-#define RESULT ((volatile uint16_t *)PROBE_RESULTS)
+#include "probes_avr.h"
 
 static volatile uint8_t count;
 
-static void delay_ticks(uint16_t ticks) {  // of Timer1, which runs
+void delay_ticks(uint16_t ticks) {
     const uint16_t from = TCNT1;
     while ((uint16_t)(TCNT1 - from) < ticks) {
     }
@@ -351,7 +347,6 @@ static void watchdog_reset(uint8_t causes) {
 static void reset_cause(uint8_t causes) {
     RESULT[RESULT[8]] = causes;
     RESULT[8]++;
-    MCUSR = causes;  // as it was: software has not cleared them
 }
 
 // Inputs
@@ -383,8 +378,10 @@ static void button(void) {
 
 int main(void) {
     const uint8_t causes = MCUSR;
-    MCUSR = 0;
-    wdt_disable();
+    if (PROBE != PROBE_RESET_CAUSE && PROBE != PROBE_WATCHDOG_MODES) {
+        MCUSR = 0;
+        wdt_disable();
+    }
     switch (PROBE) {
     case PROBE_TWI_FAST:
         twi_by_interrupt(12);  // 400 kHz
@@ -443,6 +440,9 @@ int main(void) {
         break;
     case PROBE_WATCHDOG_RESET:
         watchdog_reset(causes);
+        break;
+    case PROBE_WATCHDOG_MODES:
+        watchdog_modes(causes);
         break;
     case PROBE_RESET_CAUSE:
         reset_cause(causes);

@@ -33,6 +33,7 @@ CORRECTIONS = (
     "eeprom_ready",
     "timer_preload",
     "watchdog_reset",
+    "watchdog_modes",
     "reset_cause",
     "floating_input",
 )
