@@ -4,6 +4,7 @@
 // nothing else of the project does, and it is not part of any package.
 #include <string.h>
 
+#include "bootloader.h"
 #include "follow.h"
 #include "image.h"
 #include "machine.h"
@@ -15,7 +16,8 @@
 #endif
 
 static const char usage_text[] =
-    "usage: nano" RUN_OPTIONS "            [--profile FILE [--parts FILE]]\n"
+    "usage: nano" RUN_OPTIONS "            [--profile FILE [--parts FILE]]"
+    " [--bootloader FILE.hex]\n"
     "       nano --self-test [--without NAME]\n"
     "       nano --version\n";
 
@@ -25,6 +27,7 @@ static struct nano {
     struct mpu9250_chip *chip;
     struct image image;
     struct follow follow;
+    const char *bootloader;
 } nano;
 
 // Callbacks of the machine
@@ -70,6 +73,14 @@ static int power_up(void *self, struct run *run) {
     if (!image_load(&board->image, options->image, machine)) {
         return run_complain(run, options->image,
                             "is no image of an ATmega328P; pio run -e nano makes one");
+    }
+    if (board->bootloader != NULL) {
+        const char *problem = board->image.flash > BOOTLOADER_START
+                                  ? "does not fit beside this image"
+                                  : bootloader_load(machine, board->bootloader);
+        if (problem != NULL) {
+            return run_complain(run, board->bootloader, problem);
+        }
     }
     return run_load_memory(run);
 }
@@ -142,6 +153,8 @@ static void report(void *self, struct run_report *out) {
         .pc = machine_pc(machine),
         .sp = machine_sp(machine),
     };
+    run_add_number(out, "uart_baud", machine->uart.baud);
+    run_add_number(out, "clock_restart_ns", machine_ns(machine->clock_restart));
 }
 
 static int command(char **rest) {
@@ -167,6 +180,9 @@ static struct profile_time profile_now(const void *self) {
     return follow_time(&((const struct nano *)self)->machine);
 }
 
+static const struct run_path paths[] = {{"--bootloader", &nano.bootloader},
+                                        {NULL, NULL}};
+
 static const struct run_board board_nano = {
     .name = "nano",
     .usage = usage_text,
@@ -175,6 +191,7 @@ static const struct run_board board_nano = {
     .code_size = FOLLOW_FLASH_BYTES,
     .fault_kinds = {.no_mag = "no_ak8963", .has_aux_bus = true},
     .memory = "is no EEPROM of 1024 bytes",
+    .paths = paths,
     .command = command,
     .power_up = power_up,
     .run = run_until,

@@ -56,8 +56,13 @@ static void write_control(avr_t *avr, avr_io_addr_t address, uint8_t value,
     struct machine_timer *timer = find_timer(machine, address);
     const bool was_running = (avr->data[address] & CLOCK_SELECT) != 0;
     const bool is_running = (value & CLOCK_SELECT) != 0;
-    if (address == REG_TCCR1B && is_running && machine->clock_start == MACHINE_NEVER) {
-        machine->clock_start = avr->cycle;
+    // A bootloader may use the timer, too.
+    const bool is_firmware = machine->boot_start == 0 || avr->pc < machine->boot_start;
+    if (address == REG_TCCR1B && is_running && is_firmware) {
+        machine->clock_restart = avr->cycle;
+        if (machine->clock_start == MACHINE_NEVER) {
+            machine->clock_start = avr->cycle;
+        }
     }
     if (!machine_fixes(machine, FIX_TIMER_PRELOAD)) {
         timer->control_hook.write(avr, address, value, timer->control_hook.write_param);

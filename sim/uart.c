@@ -23,16 +23,21 @@ enum {
     FIFO_ROOM = 3,
 };
 
-// Data sheet 20.3.1 and 20.4: bits of a frame, and cycles of a bit.
+// Data sheet 20.3.1.
+static unsigned bit_cycles(const avr_t *avr) {
+    const unsigned rate =
+        ((avr->data[REG_UBRR0H] & 0x0FU) << 8) | avr->data[REG_UBRR0L];
+    return (rate + 1U) * ((avr->data[REG_UCSR0A] & U2X) ? 8U : 16U);
+}
+
+// Data sheet 20.4: bits of a frame.
 static unsigned byte_cycles(const avr_t *avr) {
     const uint8_t control = avr->data[REG_UCSR0C];
     unsigned bits = 1U + 5U + ((control >> 1) & 3U) + 1U;
     bits += (avr->data[REG_UCSR0B] & UCSZ2) ? 1U : 0U;
     bits += (control & UPM) ? 1U : 0U;
     bits += (control & USBS) ? 1U : 0U;
-    const unsigned rate =
-        ((avr->data[REG_UBRR0H] & 0x0FU) << 8) | avr->data[REG_UBRR0L];
-    return bits * (rate + 1U) * ((avr->data[REG_UCSR0A] & U2X) ? 8U : 16U);
+    return bits * bit_cycles(avr);
 }
 
 static void emit(struct machine *machine, uint64_t cycle, uint8_t byte) {
@@ -45,6 +50,7 @@ static avr_cycle_count_t on_sent(avr_t *avr, avr_cycle_count_t when, void *param
     struct machine *machine = param;
     struct machine_uart *uart = &machine->uart;
     emit(machine, when, uart->shift);
+    uart->baud = MACHINE_HZ / bit_cycles(avr);
     if (uart->is_full) {
         uart->shift = uart->buffer;
         uart->is_full = false;

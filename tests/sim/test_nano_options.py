@@ -75,3 +75,33 @@ def test_a_mistake_in_the_faults_is_named(
     )
     assert done.returncode == 2
     assert says in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "is no Intel HEX file"),
+        ("a bootloader", "is no Intel HEX file"),
+        (":017E000000FF\n:00000001FF\n", "is no Intel HEX file"),  # its sum is wrong
+        (":017E00000081\n", "is no Intel HEX file"),  # has no end
+        (":00000001FF\n", "has no bytes"),
+        (":0177FF000089\n:00000001FF\n", "outside the bootloader's 0x7800 to 0x7fff"),
+        (":027FFF00000080\n:00000001FF\n", "outside the bootloader's 0x7800 to 0x7fff"),
+        (":020000040001F9\n", "addresses beyond those of an ATmega328P"),
+    ],
+)
+def test_what_is_wrong_with_a_bootloader_is_told(
+    desk: Path, tmp_path: Path, text: str, says: str
+) -> None:
+    path = tmp_path / "bootloader.hex"
+    path.write_text(text)
+    done = subprocess.run(
+        [NANO, "--image", desk, "--bootloader", path, "--seconds", "0.1", "--fast"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=20,
+    )
+    assert done.returncode == 2
+    assert done.stderr == f"nano: {path} {done.stderr.split(' ', 2)[2]}"
+    assert says in done.stderr
