@@ -11,7 +11,6 @@
 #include "core/wire/messages.h"
 #include "idle.h"
 #include "pins.h"
-#include "reset.h"
 #include "start.h"
 #include "twi.h"
 #include "uart.h"
@@ -34,7 +33,6 @@ static void pins_init(void) {
 }
 
 void board_init(void) {
-    reset_init();
     while ((EECR & _BV(EEPE)) != 0) {
         // A write from before the reset goes on, for 3.4 ms at most.
     }

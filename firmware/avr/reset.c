@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
-// Why the board started, and how to start it again: the watchdog does both.
+// Why the board started, and how to start it again. What the watchdog does is set by
+// start.S: it resets, or after ATmegaBOOT interrupts.
 #include "../board.h"
 
 #include <avr/interrupt.h>
 #include <avr/wdt.h>
 
 #include "core/wire/messages.h"
-#include "reset.h"
 #include "start.h"
 
 _Static_assert(RESET_CAUSE_POWER_ON == _BV(PORF) &&
@@ -14,29 +14,14 @@ _Static_assert(RESET_CAUSE_POWER_ON == _BV(PORF) &&
                    RESET_CAUSE_BROWN_OUT == _BV(BORF) &&
                    RESET_CAUSE_WATCHDOG == _BV(WDRF),
                "the protocol numbers the causes as MCUSR does");
-
-// A number that memory is unlikely to hold by itself.
-enum { ASKED_FOR = 0xB007 };
-
-// Outlives a reset.
-static uint16_t asked __attribute__((section(".noinit")));
-static uint8_t cause;
-
-void reset_init(void) {
-    cause = start_reset_flags;
-    if (asked == ASKED_FOR && (cause & RESET_CAUSE_WATCHDOG) != 0) {
-        cause ^= RESET_CAUSE_WATCHDOG | RESET_CAUSE_SOFTWARE;
-    }
-    asked = 0;
-    // Longer than any step of the main loop, shorter than a person's patience.
-    wdt_enable(WDTO_500MS);
-}
+_Static_assert(RESET_CAUSE_SOFTWARE == START_SOFTWARE, "as the protocol numbers it");
+_Static_assert(START_500_MS == WDTO_500MS, "as <avr/wdt.h> numbers it");
 
 uint8_t board_reset_cause(void) {
-    return cause;
+    return start_reset_cause;
 }
 
-// Its watchdog resets and leaves no trace.
+// Its watchdog leaves no trace.
 uint32_t board_reset_address(void) {
     return 0;
 }
@@ -45,18 +30,16 @@ void board_watchdog_kick(void) {
     wdt_reset();
 }
 
+// ATmegaBOOT takes the UART at normal speed for granted. It comes back with WDIE set.
 _Noreturn void board_reset(void) {
     cli();
-    asked = ASKED_FOR;
-    // Off first: libsimavr keeps a running watchdog's time-out when it is shortened.
-    wdt_disable();
-    wdt_enable(WDTO_15MS);
-    for (;;) {
+    start_asked = START_ASKED;
+    if ((WDTCSR & _BV(WDIE)) != 0) {
+        UCSR0A = 0;
+        __asm__ volatile("jmp 0x7800");
     }
-}
-
-// An interrupt that nobody enabled: memory is not to be trusted; the watchdog restarts.
-ISR(BADISR_vect) {
+    WDTCSR = _BV(WDCE) | _BV(WDE);
+    WDTCSR = _BV(WDE);  // 16 ms
     for (;;) {
     }
 }

@@ -142,6 +142,24 @@ __attribute__((noinline)) static void go_deep(void) {
     }
 }
 
+// What the watchdog's interrupt does after ATmegaBOOT, at a moment of a burst that the
+// next letter says, 25 us apart; with interrupts enabled that nobody handles.
+static void strike(void) {
+    int16_t letter;
+    while ((letter = board_receive()) < 0) {
+    }
+    const uint32_t edges = board_samples_ready();
+    while (board_samples_ready() == edges) {
+    }
+    wait_us((uint32_t)(letter - 'A') * 25);
+    cli();
+    PCICR = TIMSK0 = TIMSK2 = 7;
+    SPCR = _BV(SPIE);
+    ACSR = _BV(ACIE);
+    SPMCSR = _BV(SPMIE);
+    __asm__ volatile("jmp __vector_default");
+}
+
 static void obey(char letter) {
     switch (letter) {
     case 'r':
@@ -199,6 +217,12 @@ static void obey(char letter) {
         break;
     case 'b':
         SAY("button %d\n", board_button_is_down());
+        break;
+    case 'k':
+        SAY("masks %d\n", PCICR | TIMSK0 | TIMSK2 | SPCR | (ACSR & _BV(ACIE)) | SPMCSR);
+        break;
+    case 'J':
+        strike();
         break;
     case 'R':
         board_reset();

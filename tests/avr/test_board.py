@@ -17,6 +17,7 @@ from typing import Any
 
 import pytest
 
+import bootloaders
 import images
 from bits.processors import PROCESSORS, command
 
@@ -118,6 +119,49 @@ def test_a_software_reset_is_told_from_the_watchdogs_and_takes_50_ms_at_most(
     run = board((100, "R"), (150, "r"), (200, "H"), seconds=1.0)
     assert starts(run) == [POWER_ON, SOFTWARE, WATCHDOG]
     assert run.numbers("read")[0][0] == OK
+
+
+def after_atmegaboot() -> tuple[str, ...]:
+    return bootloaders.options(bootloaders.ATMEGABOOT)
+
+
+@pytest.mark.parametrize("letter", ["H", "I"])
+def test_after_atmegaboot_the_image_ends_a_hang_and_an_interrupt_of_nobody_itself(
+    board: Board, letter: str
+) -> None:
+    sent = ((100, letter), (900, "r"), (1000, letter), (1900, "r"))
+    run = board(*sent, seconds=2.0, options=after_atmegaboot())
+    assert starts(run) == [POWER_ON, WATCHDOG, WATCHDOG]
+    assert [result for result, *_ in run.numbers("read")] == [OK, OK]
+    assert run.summary["resets"] == 0
+
+
+def test_after_atmegaboot_a_software_reset_starts_the_bootloader(board: Board) -> None:
+    sent = ((100, "R"), (2000, "r"), (2100, "H"), (2700, "r"))
+    run = board(*sent, seconds=3.0, options=after_atmegaboot())
+    assert starts(run) == [POWER_ON, SOFTWARE, WATCHDOG]
+    assert [result for result, *_ in run.numbers("read")] == [OK, OK]
+    assert run.summary["resets"] == 0
+
+
+def test_a_start_without_a_reset_finds_the_bus_whatever_was_on_it(board: Board) -> None:
+    moments = [chr(ord("A") + i) for i in range(30)]  # a burst takes 0.6 ms
+    sent = [
+        (100 + 60 * i + after, letters)
+        for i, moment in enumerate(moments)
+        for after, letters in ((0, f"usJ{moment}"), (40, "ktrvr"))
+    ]
+    run = board(*sent, seconds=2.0, options=after_atmegaboot())
+    assert starts(run) == [POWER_ON, *[WATCHDOG] * 30]
+    assert run.numbers("masks") == [[0]] * 30
+    # The sensor goes on, but nobody listens until sampling is started.
+    assert [ready for *_, ready, _, _ in run.numbers("took")] == [0] * 30
+    reads = run.numbers("read")
+    assert all(us < BOUND_US for *_, us in reads)
+    assert [result for result, *_ in reads[1::2]] == [OK] * 30
+    assert [result for result, *_ in run.numbers("recover")] == [OK] * 30
+    assert run.summary["firmware_complaint"] is None
+    assert run.summary["sensor_complaint"] is None
 
 
 def test_a_register_is_read(board: Board) -> None:

@@ -4,8 +4,6 @@ that is erased by the sector."""
 
 from __future__ import annotations
 
-import struct
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +11,15 @@ import pytest
 
 from imud.wire.messages import Message
 from stm32.letters import places
-from system.virtual import FIELDS_ALL, Run, Stub, assert_nothing_is_lost, run, send
+from system.virtual import (
+    FIELDS_ALL,
+    Run,
+    Stub,
+    assert_nothing_is_lost,
+    damaged,
+    run,
+    send,
+)
 
 CLICK = ("--press", "200000:300000")
 SECTORS = 0x0C0000  # of the settings: 10 and 11, to the end of flash
@@ -99,22 +105,6 @@ def test_two_runs_give_the_same_bytes(stub: Stub) -> None:
     records = [run(stub, 3.5, *CLICK).record.read_bytes() for _ in range(2)]
     assert records[0] == records[1]
     assert len(records[0]) > 1000
-
-
-def damaged(stub: Stub, address: int, instruction: int) -> Stub:
-    """The same image, of whose flash one instruction has gone bad."""
-    elf = bytearray(stub.image.read_bytes())
-    (table,) = struct.unpack_from("<I", elf, 28)  # e_phoff
-    size, count = struct.unpack_from("<HH", elf, 42)
-    for number in range(count):
-        _, offset, begin, _, length = struct.unpack_from(
-            "<5I", elf, table + number * size
-        )
-        if begin <= address < begin + length:
-            struct.pack_into("<H", elf, offset + address - begin, instruction)
-    image = stub.folder / "damaged.elf"
-    image.write_bytes(elf)
-    return replace(stub, image=image)
 
 
 @pytest.mark.parametrize(

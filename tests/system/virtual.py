@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import struct
 import subprocess
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -194,6 +195,22 @@ def run(
     )
     assert done.returncode == code, done.stderr
     return Run(record, json.loads(summary.read_text()), done.returncode)
+
+
+def damaged(stub: Stub, address: int, instruction: int) -> Stub:
+    """The same image, of whose flash one instruction has gone bad."""
+    elf = bytearray(stub.image.read_bytes())
+    (table,) = struct.unpack_from("<I", elf, 28)  # e_phoff
+    size, count = struct.unpack_from("<HH", elf, 42)
+    for number in range(count):
+        _, offset, begin, _, length = struct.unpack_from(
+            "<5I", elf, table + number * size
+        )
+        if begin <= address < begin + length:
+            struct.pack_into("<H", elf, offset + address - begin, instruction)
+    image = stub.folder / "damaged.elf"
+    image.write_bytes(elf)
+    return dataclasses.replace(stub, image=image)
 
 
 def write_hand(path: Path, seconds: float, seed: int = 3) -> Path:
