@@ -75,6 +75,9 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
         )
     rules = ("tests/test_house.py", "tests/test_limits.py")
     yield "rules of the house", (python, "-m", "pytest", "-q", *rules)
+    # Here and not only in `make test`: that does not install them.
+    bootloaders = "tests/system/test_bootloaders.py"
+    yield "bootloaders", (python, "-m", "pytest", "-q", bootloaders)
     yield "types", ("mypy",)
     yield (
         "layout of C",

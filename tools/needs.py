@@ -97,6 +97,7 @@ TEST_NEEDS = (
     # For systemd-analyze; not installed where another init system is in use.
     Need("systemd", lambda: has("systemd-analyze")() or Path("/sbin/init").exists()),
 )
+BOOTLOADERS = Path("/usr/share/arduino/hardware/arduino/avr/bootloaders")
 FUZZED = "int LLVMFuzzerTestOneInput(void); int LLVMFuzzerTestOneInput() { return 0; }"
 CHECK_NEEDS = (
     NEWLIB,
@@ -107,6 +108,8 @@ CHECK_NEEDS = (
     # For the tools that check the page, and for avr8js.
     Need("nodejs", has("node")),
     Need("npm", has("npm")),
+    # Bootloaders, for tests that are left out where they are not: tests/bootloaders.py.
+    Need("arduino-core-avr", BOOTLOADERS.is_dir),
 )
 
 

@@ -82,7 +82,12 @@ def main(arguments: Sequence[str]) -> None:
             lambda: install_python_packages(groups),
         )
         if args.command == "check":
-            at_once(install_package, install_page_tools)
+            at_once(
+                install_package,
+                install_page_tools,
+                lambda: build_images(("nano",)),
+                lambda: build_sim(("nano",)),
+            )
             return
         at_once(
             install_package,
