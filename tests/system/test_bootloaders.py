@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -116,13 +117,21 @@ def test_a_reset_that_was_asked_for_is_told_whatever_the_bootloader_clears(
 def test_after_atmegaboot_a_reset_that_was_asked_for_lets_the_host_flash(
     probe: Stub,
 ) -> None:
-    sync, read = "3020", "7400044620"  # in sync?; four bytes of flash, from address 0
-    sent = ("--send", f"{WHEN_US + 400_000}:{sync}55000020{read}")
-    done = run(probe, 2.6, *bootloaders.options(ATMEGABOOT), *RESET, *sent)
-    record = done.record.read_bytes()
-    vector = b"\x14\x10\x14\x10\x14" + record[-5:-1] + b"\x10"
-    assert record.endswith(vector)
-    assert record[-5:-1][1] & 0xF0 in (0xC0, 0x90), "the image's rjmp, or jmp"
+    page = bytes(range(100, 228))
+    there = "55c03b20"  # word address 0x3BC0, near the end of the image
+    sent = {
+        400_000: f"3020{there}",  # in sync?
+        410_000: f"64008046{page.hex()}20",
+        500_000: f"{there}7400804620",
+    }
+    options = [("--send", f"{WHEN_US + at_us}:{text}") for at_us, text in sent.items()]
+    done = run(
+        *(probe, 2.6, *bootloaders.options(ATMEGABOOT), *RESET),
+        *itertools.chain.from_iterable(options),
+    )
+    in_sync = b"\x14\x10"
+    read_back = b"\x14" + page + b"\x10"
+    assert done.record.read_bytes().endswith(4 * in_sync + read_back)
     # 16 MHz / (16 * (16 + 1)), 2.1 % from 57,600.
     assert done.summary["uart_baud"] == 58823
 
