@@ -66,7 +66,8 @@ void loop_square_q32(int count, const struct vector *v, uint32_t *out) {
 void loop_normalise(int count, const struct vector *v, struct vector *unit,
                     int32_t *norm) {
     for (int i = 0; i < count; ++i) {
-        vector_normalise(&v[i], &unit[i], &norm[i]);
+        unit[i] = v[i];
+        norm[i] = vector_normalise(&unit[i]);
     }
 }
 

@@ -70,18 +70,19 @@ def test_a_length_beyond_the_range_is_held_at_its_end():
         assert norm[0] == INT32_MAX
 
 
-def test_a_zero_vector_has_no_direction_and_nothing_is_written():
-    unit, norm = vector(11, 12, 13), ffi.new("int32_t *", 14)
-    assert not lib.vector_normalise(vector(0, 0, 0), unit, norm)
-    assert (unit.x, unit.y, unit.z, norm[0]) == (11, 12, 13, 14)
+def test_only_a_zero_vector_has_the_length_0_and_it_stays_as_it_is():
+    v = vector(0, 0, 0)
+    assert lib.vector_normalise(v) == 0
+    assert (v.x, v.y, v.z) == (0, 0, 0)
+    for shortest in ((1, 0, 0), (0, -1, 0), (0, 0, 1)):
+        assert lib.vector_normalise(vector(*shortest)) == 1
 
 
-def test_a_vector_may_be_normalised_in_place():
-    v, unit = vector(3000, -4000, 12000), vector()
-    norm = ffi.new("int32_t *")
-    assert lib.vector_normalise(v, unit, norm)
-    assert lib.vector_normalise(v, v, norm)
-    assert (v.x, v.y, v.z, norm[0]) == (unit.x, unit.y, unit.z, 13000)
+def test_a_vector_is_normalised_and_its_length_told():
+    v = vector(3000, -4000, 12000)
+    assert lib.vector_normalise(v) == 13000
+    for found, part in zip((v.x, v.y, v.z), (3, -4, 12), strict=True):
+        assert abs(found - part / 13 * ONE) < 7e-8 * ONE + 1
 
 
 @given(components, components, components)

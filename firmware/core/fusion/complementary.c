@@ -61,10 +61,9 @@ static int32_t rate_of(int32_t rate_q25) {
 // atan(across / sqrt(one^2 + other^2)) in rad q7_25, within a quarter turn.
 static q7_25_t slope(int32_t across, int32_t one, int32_t other) {
     struct vector flat = {.x = one, .y = other, .z = 0};
-    int32_t norm = 0;
-    (void)vector_normalise(&flat, &flat, &norm);
     // 2^-32 turns times 2 pi 2^25.
-    return fixed_mul_q32(fixed_atan2(across, norm), INT32_C(210828714));
+    return fixed_mul_q32(fixed_atan2(across, vector_normalise(&flat)),
+                         INT32_C(210828714));
 }
 
 // Equations 7.4 and 7.5, as measured + alpha (predicted - measured). The turn of a
@@ -81,13 +80,12 @@ static turn32_t wrapped(q7_25_t angle) {
 }
 
 static void follow_field(struct complementary *complementary) {
-    struct vector m;
-    int32_t norm;
+    struct vector m = complementary->field_ut_q18;
     q2_30_t sin_roll;
     q2_30_t cos_roll;
     q2_30_t sin_pitch;
     q2_30_t cos_pitch;
-    if (!vector_normalise(&complementary->field_ut_q18, &m, &norm)) {
+    if (vector_normalise(&m) == 0) {
         return;
     }
     fixed_sincos(wrapped(complementary->roll_rad), &sin_roll, &cos_roll);

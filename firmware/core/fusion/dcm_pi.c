@@ -45,10 +45,10 @@ static int32_t control(q2_30_t *sum, q2_30_t error, int32_t seconds_q33,
 // Subtracts the offsets that the measured vertical tells from the rate.
 static void remove_offsets(struct dcm_pi *dcm_pi, const struct vector *force_q21,
                            int32_t seconds_q33, struct vector *rate_q25) {
-    struct vector a;
+    struct vector a = *force_q21;
     struct vector error;
-    int32_t norm;
-    if (!vector_normalise(force_q21, &a, &norm)) {
+    const int32_t norm = vector_normalise(&a);
+    if (norm == 0) {
         return;
     }
     // Equation 12, the other way round: subtracted from the rate it then turns z to a.

@@ -220,10 +220,10 @@ NOINLINE static void predict_field(struct fuse *fuse) {
 void fuse_follow_lag(struct fuse *fuse) {
     struct vector place;
     struct vector slope;  // uT/s as q18_13, at most 346 * 62.4
-    int32_t norm;
     vector_clamp(&fuse->place_ut_q18, LAG_FIELD_Q18, &place);
     vector_cross(&place, &fuse->reading_rad_s_q25, &slope);
-    if (!vector_normalise(&slope, &slope, &norm)) {
+    const int32_t norm = vector_normalise(&slope);
+    if (norm == 0) {
         return;
     }
     // 2^14 / 1000 / 2^13 of it, which is in uT/ms; at most 2.
@@ -460,9 +460,9 @@ NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
 void fuse_stage_world(struct fuse *fuse) {
     struct vector north = {.x = fuse->field_ut[0], .y = fuse->field_ut[1], .z = 0};
     struct quat turn;
-    int32_t norm;
+    const int32_t norm = vector_normalise(&north);
     quat_set_identity(&turn);
-    if (fuse->field_learnt > 0 && vector_normalise(&north, &north, &norm)) {
+    if (fuse->field_learnt > 0 && norm > 0) {
         // The angle that brings the horizontal field to north, y.
         quat_about_z(north.y, north.x, &turn);
         if (norm < HORIZONTAL_MIN_Q18) {

@@ -18,28 +18,29 @@ const IN_FLASH struct lowpass_gain fuse_level_gain = {
 static void follow_gravity(struct fuse *fuse) {
     struct quat *level = &fuse->level_from_inertial;
     struct vector up;
-    int32_t norm;
-    fuse->tilting_rad_s[0] = 0;
-    fuse->tilting_rad_s[1] = 0;
+    q7_25_t *tilting = fuse->tilting_rad_s;
+    tilting[0] = 0;
+    tilting[1] = 0;
     lowpass_read(&fuse->force, &up);
     if (fuse->frames > 0) {  // before the first levelling they are the same
         quat_rotate(level, &up, &up);
     }
-    if (!vector_normalise(&up, &up, &norm) || norm < FORCE_MIN_Q21) {
+    if (vector_normalise(&up) < FORCE_MIN_Q21) {
         return;
     }
-    fuse->tilting_rad_s[0] = fixed_mul_q30(up.y, TILTING_GAIN_Q30);
-    fuse->tilting_rad_s[1] = -fixed_mul_q30(up.x, TILTING_GAIN_Q30);
+    tilting[0] = fixed_mul_q30(up.y, TILTING_GAIN_Q30);
+    tilting[1] = -fixed_mul_q30(up.x, TILTING_GAIN_Q30);
     // The shortest turn that takes `up` to z is (1 + z, y, -x, 0), normalised; from
     // straight down it is half a turn about x.
-    struct vector half = {.x = Q2_30_ONE / 2 + fixed_half_floor(up.z),
-                          .y = fixed_half_floor(up.y),
-                          .z = -fixed_half_floor(up.x)};
-    struct quat turn = {0, Q2_30_ONE, 0, 0};
-    if (vector_normalise(&half, &half, &norm)) {
-        turn = (struct quat){half.x, half.y, half.z, 0};
+    union {
+        struct quat turn;
+        struct vector part;  // all but the last
+    } shortest = {{Q2_30_ONE / 2 + fixed_half_floor(up.z), fixed_half_floor(up.y),
+                   -fixed_half_floor(up.x), 0}};
+    if (vector_normalise(&shortest.part) == 0) {
+        shortest.turn.x = Q2_30_ONE;
     }
-    quat_multiply(&turn, level, level);
+    quat_multiply(&shortest.turn, level, level);
     quat_renormalise(level);
 }
 

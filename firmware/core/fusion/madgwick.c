@@ -67,14 +67,12 @@ static bool find_gradient(const struct quat *q, const struct measurement *measur
     struct vector field;
     struct vector up;
     struct vector north = {0};
-    int32_t norm;
-    if (!vector_normalise(&measurement->acc_m_s2_q21, &force, &norm)) {
+    if (!paper_filter_unit(&measurement->acc_m_s2_q21, &force)) {
         return false;
     }
     quat_to_rows(q, rows);
     eighth_of_error(&rows[2], &force, &up);
-    if (measurement->has_mag &&
-        vector_normalise(&measurement->mag_ut_q18, &field, &norm)) {
+    if (measurement->has_mag && paper_filter_unit(&measurement->mag_ut_q18, &field)) {
         q2_30_t b_x;
         q2_30_t b_z;
         paper_filter_reference(rows, &field, &b_x, &b_z);

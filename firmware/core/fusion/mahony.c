@@ -40,7 +40,6 @@ void mahony_step(struct mahony *mahony, const struct measurement *measurement,
     struct vector force;
     struct vector field;
     struct vector half_error = {0};
-    int32_t norm;
     paper_filter_count(&mahony->common, measurement, interval_us);
     if (paper_filter_wants_start(&mahony->common, measurement) &&
         paper_filter_start(&mahony->common, measurement, q)) {
@@ -51,11 +50,11 @@ void mahony_step(struct mahony *mahony, const struct measurement *measurement,
     vector_scale(&turn, seconds_q33, &turn);
     // Equation 32c: the sum of measured x estimated directions, both of weight 1.
     // Without a force, as the implementation that NECTEC uses, nothing corrects.
-    if (vector_normalise(&measurement->acc_m_s2_q21, &force, &norm)) {
+    if (paper_filter_unit(&measurement->acc_m_s2_q21, &force)) {
         quat_to_rows(q, rows);
         add_half_error(&force, &rows[2], &half_error);
         if (measurement->has_mag &&
-            vector_normalise(&measurement->mag_ut_q18, &field, &norm)) {
+            paper_filter_unit(&measurement->mag_ut_q18, &field)) {
             q2_30_t north;
             q2_30_t up;
             paper_filter_reference(rows, &field, &north, &up);

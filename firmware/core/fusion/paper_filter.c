@@ -58,9 +58,8 @@ void paper_filter_quality(const struct paper_filter *base,
 // where north is within a degree of the vertical and tells nothing.
 static bool face_north(const struct vector *north, struct vector rows[3]) {
     struct vector east;
-    int32_t norm;
     vector_cross(north, &rows[2], &east);
-    if (!vector_normalise(&east, &east, &norm) || norm < Q2_30_ONE / 64) {
+    if (vector_normalise(&east) < Q2_30_ONE / 64) {
         return false;
     }
     rows[0] = east;
@@ -71,8 +70,7 @@ static bool face_north(const struct vector *north, struct vector rows[3]) {
 // Level by the specific force, x to the east.
 static bool find_level(const struct measurement *measurement, struct vector rows[3]) {
     struct vector *up = &rows[2];
-    int32_t norm;
-    if (!vector_normalise(&measurement->acc_m_s2_q21, up, &norm)) {
+    if (!paper_filter_unit(&measurement->acc_m_s2_q21, up)) {
         return false;
     }
     // North is across up and the body's x, or y where x points up or down: at least 30
@@ -95,15 +93,13 @@ bool paper_filter_start(struct paper_filter *base,
     const bool finds_level = !base->has_level;
     struct vector rows[3];
     struct vector field;
-    int32_t norm;
     if (!finds_level) {
         quat_to_rows(world_from_body, rows);
     } else if (!find_level(measurement, rows)) {
         return true;
     }
     base->has_level = true;
-    if (measurement->has_mag &&
-        vector_normalise(&measurement->mag_ut_q18, &field, &norm)) {
+    if (measurement->has_mag && paper_filter_unit(&measurement->mag_ut_q18, &field)) {
         base->has_heading = face_north(&field, rows);
     }
     if (!finds_level && !base->has_heading) {
@@ -129,7 +125,6 @@ void paper_filter_reference(const struct vector rows[3], const struct vector *fi
                             q2_30_t *horizontal, q2_30_t *vertical) {
     struct vector flat = {
         .x = vector_dot(&rows[0], field), .y = vector_dot(&rows[1], field), .z = 0};
-    *horizontal = 0;
     *vertical = vector_dot(&rows[2], field);
-    (void)vector_normalise(&flat, &flat, horizontal);
+    *horizontal = vector_normalise(&flat);
 }

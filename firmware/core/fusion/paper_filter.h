@@ -55,6 +55,12 @@ void paper_filter_rate(const struct paper_filter *base,
                        const struct measurement *measurement,
                        struct vector *rate_rad_s_q25);
 
+// The direction of a measured force or field; false where it is zero.
+static inline bool paper_filter_unit(const struct vector *v, struct vector *unit) {
+    *unit = *v;
+    return vector_normalise(unit) > 0;
+}
+
 // The horizontal and the vertical part, q2_30, of a field given as a unit vector in the
 // body; `rows` as of quat_to_rows(). Mahony's and Madgwick's filter take this reference
 // from each reading, so that a disturbed field turns only their heading in the end

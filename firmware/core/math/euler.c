@@ -8,9 +8,7 @@
 // |(x, y)|, relatively within 7e-8, for |(x, y)| < 2^31.
 static int32_t length(int32_t x, int32_t y) {
     struct vector v = {.x = x, .y = y, .z = 0};
-    int32_t norm = 0;  // of a zero vector, which is not normalised
-    vector_normalise(&v, &v, &norm);
-    return norm;
+    return vector_normalise(&v);
 }
 
 void euler_from_quat(const struct quat *q, struct euler *out) {

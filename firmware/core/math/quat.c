@@ -52,9 +52,8 @@ void quat_from_heading(turn32_t heading, struct quat *out) {
 
 void quat_about_z(int32_t cosine, int32_t sine, struct quat *out) {
     struct vector unit = {.x = cosine, .y = sine, .z = 0};
-    int32_t norm;
     quat_set_identity(out);
-    if (!vector_normalise(&unit, &unit, &norm)) {
+    if (vector_normalise(&unit) == 0) {
         return;
     }
     // The tangent of half the angle is sine / (1 + cosine) or (1 - cosine) / sine: that
@@ -68,7 +67,7 @@ void quat_about_z(int32_t cosine, int32_t sine, struct quat *out) {
     } else {
         unit.y = Q2_30_ONE / 2 - half_cosine;
     }
-    (void)vector_normalise(&unit, &unit, &norm);
+    (void)vector_normalise(&unit);
     out->w = unit.x;
     out->z = unit.y;
 }

@@ -6,36 +6,32 @@
 _Static_assert(sizeof(struct vector) == 3 * sizeof(int32_t),
                "x, y, z and the axes are the same bytes");
 
-bool vector_normalise(const struct vector *v, struct vector *unit, int32_t *norm) {
+int32_t vector_normalise(struct vector *v) {
     uint32_t bits = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
         bits |= fixed_magnitude(v->axis[axis]);
     }
     if (bits == 0) {
-        return false;
+        return 0;
     }
     // Scaled up so that the largest component is in [2^30, 2^31): s = |v|^2 / 2^32 is
     // then in [2^28, 3 * 2^30), and `fraction`, s or 4 s, in [2^30, 2^32).
     const uint8_t up = (uint8_t)(fixed_leading_zeros(bits) - 1);
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        unit->axis[axis] = fixed_scale_up(v->axis[axis], up);
+        v->axis[axis] = fixed_scale_up(v->axis[axis], up);
     }
-    const uint32_t s = vector_square_q32(unit);
+    const uint32_t s = vector_square_q32(v);
     const bool is_low = s < UINT32_C(0x40000000);
     const uint32_t fraction = is_low ? s * 4 : s;
     const q2_30_t inverse = fixed_rsqrt(fraction);
     // v / |v| = v / 2^32 / sqrt(s / 2^32), and sqrt(fraction) is 2 sqrt(s) where low.
     const q2_30_t half = fixed_half_floor(inverse);
-    vector_scale(unit, is_low ? half : fixed_half_floor(half), unit);
+    vector_scale(v, is_low ? half : fixed_half_floor(half), v);
     // |v| = 2^32 sqrt(s / 2^32), here as a quarter of it, or half where low.
     const uint32_t length = fixed_umul_q32(fraction, (uint32_t)inverse);
     const uint8_t quarter = is_low ? 1 : 2;
-    if (up > quarter) {
-        *norm = fixed_scale_down((int32_t)length, (uint8_t)(up - quarter));
-    } else {
-        *norm = fixed_scale_up_sat(length, (uint8_t)(quarter - up));
-    }
-    return true;
+    return up > quarter ? fixed_scale_down((int32_t)length, (uint8_t)(up - quarter))
+                        : fixed_scale_up_sat(length, (uint8_t)(quarter - up));
 }
 
 bool vector_exceeds(const struct vector *v, int32_t limit) {

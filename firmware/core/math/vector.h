@@ -21,10 +21,10 @@ int32_t vector_square_q30(const struct vector *v);
 // |v|^2 / 2^32, within 3 steps below; fits for every v.
 uint32_t vector_square_q32(const struct vector *v);
 
-// v / |v| as q2_30, within 7e-8, and |v| in the format of v to *norm, within 7e-8 of it
-// and a step, held at INT32_MAX. `unit` may be v. Returns false and writes nothing for
-// a zero vector. No component may be INT32_MIN.
-bool vector_normalise(const struct vector *v, struct vector *unit, int32_t *norm);
+// Makes v a unit vector, q2_30, within 7e-8. Returns the length that it had, in its
+// format, within 7e-8 of it and a step, held at INT32_MAX. A zero vector stays as it
+// is, and only its length is 0. No component may be INT32_MIN.
+int32_t vector_normalise(struct vector *v);
 
 // v * gain, gain q2_30; v keeps its format. `out` may be v, here and below.
 void vector_scale(const struct vector *v, q2_30_t gain, struct vector *out);
