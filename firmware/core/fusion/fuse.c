@@ -129,6 +129,7 @@ static void run_stage(struct fuse *fuse) {
         fuse_stage_predict(fuse);
         break;
     case 3:
+        fuse_stage_rest(fuse);
         fuse_stage_motion(fuse);
         break;
     case 4:

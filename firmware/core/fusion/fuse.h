@@ -42,18 +42,21 @@ struct own_field {
 };
 enum { OWN_FIELD_SIGMA_MAX = 40 };  // 10 uT
 
-struct fuse_regressor {
-    struct lowpass_short state[FUSE_TURNS];
+// What tilts the level frame about x or y.
+struct fuse_tilt {
+    // What a bias and scales of the gyroscope would turn the vertical by: a row of the
+    // rotation to the level frame, and rates in 500 deg/s.
+    struct lowpass_short regressor[FUSE_TURNS];
+    struct lowpass_axis taken_off;  // by the estimates, from what levelling corrects
+    q7_25_t corrected_rad_s;        // what levelling had to correct, as a rate
 };
 
 // The smaller and the busier a member, the further up: the AVR reaches the first 64
 // bytes of a struct in one instruction.
 struct fuse {
     struct fuse_coefficients coefficients;
-    q2_30_t scale[3];  // of the rates that were measured, less 1
-    // How far field readings are behind the gyroscope, and half its variance in ms2.
-    int32_t lag_s_q35;
-    q13_19_t lag_variance;
+    int32_t lag_s_q35;  // how far field readings are behind the gyroscope
+    uint16_t warming;  // 32nds of a step: by how much a bias that warms up wanders more
     int16_t own_variance;    // 16ths of 1 uT2, of the probe's own field before readings
     q2_30_t level_variance;  // rad2, of the level by the accelerometer's own error
     // A restart forgets all from here to bias_rad_s_q25.
@@ -73,15 +76,14 @@ struct fuse {
     uint16_t field_astray;     // share of late readings that surprise, 65536ths
     q13_19_t field_noise;      // of this reading, uT2
     q2_30_t heading_variance;  // rad2; 1: no field has told the heading yet
-    q7_25_t tilting_rad_s[2];  // what levelling had to correct, as a rate
-    int16_t drift_q18[2];      // what of it goes on, rad/s, and its square
-    q2_30_t drift_square;
-    q14_18_t residual;  // uT2: by how much readings go on to surprise
-    // The unit vector across the horizontal field, and half of what a heading error of
-    // 4 degrees changes there, uT.
-    q2_14_t across[2], turned_by;
+    q2_30_t drift_square;      // (rad/s)^2, of what levelling goes on to correct
+    q14_18_t residual;         // uT2: by how much readings go on to surprise
+    // Half of what a heading error of 4 degrees changes across the horizontal field,
+    // uT, and the unit vector there.
+    q2_14_t turned_by, across[2];
+    uint16_t turned_q17;   // (4 deg)^2: growth of the heading's variance in this frame
+    int16_t drift_q18[2];  // rad/s, what levelling goes on to correct about x and y
     q2_14_t up[FUSE_TURNS];  // by how much each state turns it about the vertical
-    uint16_t turned_q17;  // (4 deg)^2: growth of the heading's variance in this frame
     // Sums over the frame in the inertial frame, m/s2 and rad/s; of the rate, one for
     // each axis of the body.
     struct vector force_sum_q13, turn_sum_q15[3];
@@ -90,11 +92,7 @@ struct fuse {
     struct quat level_from_inertial;  // the correction of its tilt
     struct quat world_from_inertial;  // and of its heading
     struct lowpass force;             // inertial frame
-    // What a bias and scales of the gyroscope would turn the vertical by, about x and y
-    // of the level frame: rows of the rotation to it, and rates in 500 deg/s. Then what
-    // the estimates have taken off it.
-    struct fuse_regressor regressor[2];
-    struct lowpass_axis taken_off[2];
+    struct fuse_tilt tilt[2];         // about x and y
     struct lowpass rest_rate, rest_force;
     // The field reading of this frame, with the rate and the attitude that it was taken
     // in until its stage, then in the level frame.
@@ -108,9 +106,10 @@ struct fuse {
     // Bias of the rates that were measured, and the covariance of the bias in 4ths of
     // 1 deg/s, of the scales in 500ths and of the heading's error in 4 deg.
     struct vector bias_rad_s_q25;
+    q2_30_t scale[3];                    // of the rates that were measured, less 1
     struct vector calibrated_rad_s_q25;  // the bias that the start-up calibration found
     q11_21_t motion_covariance[FUSE_MOTION_PAIRS];
-    uint16_t warming;  // 32nds of a step: by how much a bias that warms up wanders more
+    q13_19_t lag_variance;  // half of that of the lag in ms2
     // The field of the place in the level frame, then that of the probe in the body.
     union {
         q14_18_t field_ut[FUSE_FIELD_STATES];

@@ -67,17 +67,18 @@ enum {
 static const IN_FLASH struct lowpass_gain rest_gain = {
     INT32_C(15186015), INT32_C(1052480291), REST_SETTLE};
 
-// Covariance of a bias that is known this well, whatever else is known.
-NOINLINE static void set_bias_variance(struct fuse *fuse, int32_t bias_variance) {
-    for (uint8_t state = 0; state < SCALE; ++state) {
+// States are known this well, whatever else is known.
+NOINLINE static void set_variances(struct fuse *fuse, uint8_t state, uint8_t end,
+                                   int32_t variance) {
+    for (; state < end; ++state) {
         kalman_forget(fuse->motion_covariance, FUSE_MOTION_STATES, state);
-        fuse->motion_covariance[kalman_variance(state)] = bias_variance;
+        fuse->motion_covariance[kalman_variance(state)] = variance;
     }
 }
 
 void fuse_init_gyro(struct fuse *fuse) {
     fuse_set_scale_accuracy(fuse, UINT16_MAX);
-    set_bias_variance(fuse, BIAS_VARIANCE_MAX);
+    set_variances(fuse, 0, SCALE, BIAS_VARIANCE_MAX);
     fuse->warming = WARMING;
 }
 
@@ -87,21 +88,17 @@ void fuse_set_scale_accuracy(struct fuse *fuse, uint16_t sigma) {
         variance = SCALE_VARIANCE_MIN +
                    (int32_t)((uint32_t)sigma * sigma * SCALE_VARIANCE_UNIT);
     }
-    for (uint8_t state = SCALE; state < HEADING; ++state) {
-        kalman_forget(fuse->motion_covariance, FUSE_MOTION_STATES, state);
-        fuse->motion_covariance[kalman_variance(state)] = variance;
-    }
+    set_variances(fuse, SCALE, HEADING, variance);
 }
 
 void fuse_forget_turned(struct fuse *fuse) {
-    kalman_forget(fuse->motion_covariance, FUSE_MOTION_STATES, HEADING);
-    fuse->motion_covariance[kalman_variance(HEADING)] = 0;
+    set_variances(fuse, HEADING, FUSE_MOTION_STATES, 0);
 }
 
 void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25) {
     vector_clamp(bias_rad_s_q25, BIAS_LIMIT_Q25, &fuse->bias_rad_s_q25);
     fuse->calibrated_rad_s_q25 = fuse->bias_rad_s_q25;
-    set_bias_variance(fuse, BIAS_VARIANCE_FOUND);
+    set_variances(fuse, 0, SCALE, BIAS_VARIANCE_FOUND);
     if (fuse->frames > 0) {
         // It has turned the inertial frame, in which forces and fields lie.
         fuse->frames = FUSE_FRAMES_LOST;
@@ -222,21 +219,27 @@ NOINLINE static void turn_axes(const struct fuse *fuse, q2_14_t row[3][FUSE_TURN
     }
 }
 
+// A row of unit rates as one of the units of motion_covariance.
+NOINLINE static void to_units(q2_14_t row[]) {
+    for (uint8_t axis = 0; axis < SCALE; ++axis) {
+        row[axis] = (q2_14_t)(row[axis] / 4);
+    }
+}
+
 void fuse_stage_regressors(struct fuse *fuse) {
     q2_14_t row[3][FUSE_TURNS];
     turn_rates(fuse, row);
     turn_axes(fuse, row);
     for (uint8_t i = 0; i < 2; ++i) {
+        struct fuse_tilt *tilt = &fuse->tilt[i];
         for (uint8_t state = 0; state < FUSE_TURNS; ++state) {
-            lowpass_short_step(&fuse->regressor[i].state[state], row[i][state],
-                               fuse->frames);
+            lowpass_short_step(&tilt->regressor[state], row[i][state], fuse->frames);
         }
-        lowpass_axis_step(&fuse->taken_off[i], &fuse_level_gain, effect(fuse, row[i]),
+        lowpass_axis_step(&tilt->taken_off, &fuse_level_gain, effect(fuse, row[i]),
                           fuse->frames);
     }
-    for (uint8_t state = 0; state < FUSE_TURNS; ++state) {
-        fuse->up[state] = (q2_14_t)(state < SCALE ? row[2][state] / 4 : row[2][state]);
-    }
+    memcpy(fuse->up, row[2], sizeof fuse->up);
+    to_units(fuse->up);
 }
 
 void fuse_read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
@@ -252,9 +255,17 @@ void fuse_read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
     }
 }
 
-static void read_rest(struct fuse *fuse) {
+// (rad/s)^2 as q2_30, of what levelling goes on to correct about an axis.
+NOINLINE static q2_30_t square_of(int16_t drift_q18) {
+    return fixed_scale_down((int32_t)drift_q18 * drift_q18, 6);
+}
+
+void fuse_stage_rest(struct fuse *fuse) {
     q2_14_t row[FUSE_MOTION_STATES] = {0};
     const uint8_t axis = fuse->next_axis;
+    if (!fuse_is_at_rest(fuse)) {
+        return;
+    }
     const int32_t surprise =
         fuse->rest_rate.axis[axis].level - fuse->bias_rad_s_q25.axis[axis];
     // A slow turn looks like a rest: the farther the rate, the less it tells.
@@ -269,36 +280,29 @@ static void read_rest(struct fuse *fuse) {
 // estimates took off each correction is taken back, and what those of now would have
 // taken off is not a surprise. The axes take turns.
 void fuse_stage_motion(struct fuse *fuse) {
-    const bool is_at_rest = fuse_is_at_rest(fuse);
     const uint8_t axis = fuse->frames % 2;
+    const struct fuse_tilt *tilt = &fuse->tilt[axis];
+    int16_t *drift = &fuse->drift_q18[axis];
     q2_14_t row[FUSE_MOTION_STATES] = {0};
-    if (is_at_rest) {
-        read_rest(fuse);
-    }
     if (fuse->frames <= FUSE_LEVEL_SETTLE || fuse->unsettled > 0) {
         return;
     }
     for (uint8_t state = 0; state < FUSE_TURNS; ++state) {
-        row[state] = fuse->regressor[axis].state[state].level;
+        row[state] = tilt->regressor[state].level;
     }
-    const int32_t surprise = fixed_clamp(
-        fuse->tilting_rad_s[axis] + fuse->taken_off[axis].level - effect(fuse, row),
-        TILTING_LIMIT_Q25);
-    int16_t *drift = fuse->drift_q18;
-    drift[axis] =
-        (int16_t)(drift[axis] +
-                  (fixed_scale_down(surprise, 7) - drift[axis]) / DRIFT_LOOKS);
+    const int32_t surprise =
+        fixed_clamp(tilt->corrected_rad_s + tilt->taken_off.level - effect(fuse, row),
+                    TILTING_LIMIT_Q25);
+    *drift = (int16_t)(*drift + fixed_divide(fixed_scale_down(surprise, 7) - *drift,
+                                             DRIFT_LOOKS));
     if (axis == 1) {
-        const int32_t x = drift[0] * INT32_C(4096);
-        const int32_t y = drift[1] * INT32_C(4096);
-        const int32_t square = (fixed_mul_q30(x, x) + fixed_mul_q30(y, y)) / 2;
-        fixed_add((square - fuse->drift_square) / DRIFT_SQUARE_LOOKS,
+        const int32_t square =
+            fixed_half_floor(square_of(drift[-1]) + square_of(drift[0]));
+        fixed_add(fixed_divide(square - fuse->drift_square, DRIFT_SQUARE_LOOKS),
                   &fuse->drift_square);
     }
-    if (!is_at_rest) {
-        for (uint8_t i = 0; i < 3; ++i) {
-            row[i] = (q2_14_t)(row[i] / 4);
-        }
+    if (!fuse_is_at_rest(fuse)) {
+        to_units(row);
         fuse_read_motion(fuse, row,
                          MOTION_NOISE +
                              fixed_clamp(fuse->drift_square, MOTION_DRIFT_MAX_Q30) *

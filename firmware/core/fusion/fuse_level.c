@@ -8,19 +8,18 @@
 #define FORCE_LIMIT_Q13 INT32_C(3906250)  // 477 m/s2: more than the range's corner
 #define FORCE_MIN_Q21 INT32_C(2097152)    // 1 m/s2: in free fall nothing levels
 // A correction, rad a frame as q2_30, to rad/s q7_25: 10 / 2^5.
-#define TILTING_GAIN_Q30 INT32_C(335544320)
+#define TILTING_GAIN_Q14 5120
 
 const IN_FLASH struct lowpass_gain fuse_level_gain = {
     INT32_C(25313025), INT32_C(1038540224), FUSE_LEVEL_SETTLE};
 
 // Turns the level frame so that the low-passed specific force points up. Leaves the
-// correction about x and y in tilting_rad_s.
+// correction about x and y in `tilt`.
 static void follow_gravity(struct fuse *fuse) {
     struct quat *level = &fuse->level_from_inertial;
     struct vector up;
-    q7_25_t *tilting = fuse->tilting_rad_s;
-    tilting[0] = 0;
-    tilting[1] = 0;
+    fuse->tilt[0].corrected_rad_s = 0;
+    fuse->tilt[1].corrected_rad_s = 0;
     lowpass_read(&fuse->force, &up);
     if (fuse->frames > 0) {  // before the first levelling they are the same
         quat_rotate(level, &up, &up);
@@ -28,8 +27,8 @@ static void follow_gravity(struct fuse *fuse) {
     if (vector_normalise(&up) < FORCE_MIN_Q21) {
         return;
     }
-    tilting[0] = fixed_mul_q30(up.y, TILTING_GAIN_Q30);
-    tilting[1] = -fixed_mul_q30(up.x, TILTING_GAIN_Q30);
+    fuse->tilt[0].corrected_rad_s = fixed_mul_q14(up.y, TILTING_GAIN_Q14);
+    fuse->tilt[1].corrected_rad_s = -fixed_mul_q14(up.x, TILTING_GAIN_Q14);
     // The shortest turn that takes `up` to z is (1 + z, y, -x, 0), normalised; from
     // straight down it is half a turn about x.
     union {
@@ -58,7 +57,7 @@ void fuse_level_first(struct fuse *fuse) {
 // Orientation lost: keep it as the initial guess, and level again.
 static void lose_orientation(struct fuse *fuse) {
     memset(&fuse->force, 0, sizeof fuse->force);
-    memset(fuse->regressor, 0, sizeof fuse->regressor + sizeof fuse->taken_off);
+    memset(fuse->tilt, 0, sizeof fuse->tilt);
     fuse->frames = 0;
     fuse->field_learnt = 0;
     fuse->heading_variance = FUSE_HEADING_VARIANCE_MAX_Q30;

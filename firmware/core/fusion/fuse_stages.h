@@ -77,8 +77,9 @@ void fuse_look_for_rest(struct fuse *fuse, const struct measurement *measurement
 void fuse_stage_regressors(struct fuse *fuse);
 // What they add to the uncertainty of the heading.
 void fuse_stage_predict(struct fuse *fuse);
-// What levelling had to correct about x or y tells of bias and scales in motion. At
-// rest the mean rate is the bias, of one body axis a frame.
+// At rest the mean rate is the bias, of one body axis a frame.
+void fuse_stage_rest(struct fuse *fuse);
+// What levelling had to correct about x or y tells of bias and scales in motion.
 void fuse_stage_motion(struct fuse *fuse);
 // Takes a reading of bias, scales and heading, whose states and units are those of
 // motion_covariance; its surprise in its own unit times a degree, as q7_25.

@@ -16,22 +16,27 @@ int32_t vector_normalise(struct vector *v) {
     }
     // Scaled up so that the largest component is in [2^30, 2^31): s = |v|^2 / 2^32 is
     // then in [2^28, 3 * 2^30), and `fraction`, s or 4 s, in [2^30, 2^32).
-    const uint8_t up = (uint8_t)(fixed_leading_zeros(bits) - 1);
+    int16_t up = (int16_t)(fixed_leading_zeros(bits) - 1);
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        v->axis[axis] = fixed_scale_up(v->axis[axis], up);
+        v->axis[axis] = fixed_scale_up(v->axis[axis], (uint8_t)up);
     }
-    const uint32_t s = vector_square_q32(v);
-    const bool is_low = s < UINT32_C(0x40000000);
-    const uint32_t fraction = is_low ? s * 4 : s;
-    const q2_30_t inverse = fixed_rsqrt(fraction);
+    uint32_t fraction = vector_square_q32(v);
+    const bool is_low = fraction < UINT32_C(0x40000000);
+    if (is_low) {
+        fraction *= 4;
+        ++up;
+    }
     // v / |v| = v / 2^32 / sqrt(s / 2^32), and sqrt(fraction) is 2 sqrt(s) where low.
-    const q2_30_t half = fixed_half_floor(inverse);
-    vector_scale(v, is_low ? half : fixed_half_floor(half), v);
-    // |v| = 2^32 sqrt(s / 2^32), here as a quarter of it, or half where low.
+    const q2_30_t inverse = fixed_rsqrt(fraction);
+    q2_30_t gain = fixed_half_floor(inverse);
+    if (!is_low) {
+        gain = fixed_half_floor(gain);
+    }
+    vector_scale(v, gain, v);
+    // |v| = 2^32 sqrt(s / 2^32), here as a quarter of it at its scale.
     const uint32_t length = fixed_umul_q32(fraction, (uint32_t)inverse);
-    const uint8_t quarter = is_low ? 1 : 2;
-    return up > quarter ? fixed_scale_down((int32_t)length, (uint8_t)(up - quarter))
-                        : fixed_scale_up_sat(length, (uint8_t)(quarter - up));
+    return up > 2 ? fixed_scale_down((int32_t)length, (uint8_t)(up - 2))
+                  : fixed_scale_up_sat(length, (uint8_t)(2 - up));
 }
 
 bool vector_exceeds(const struct vector *v, int32_t limit) {
