@@ -206,8 +206,18 @@ fixed_umul_q32:
     ret
     .size   fixed_umul_q32, . - fixed_umul_q32
 
-; int32_t fixed_clamp(int32_t value, int32_t limit). Leaves r30 and r31.
     .section .text.fixed_clamp, "ax", @progbits
+
+; int32_t fixed_clamp_high(int32_t value, int16_t limit_high): it arrives where the upper
+; half of a limit does.
+    .global fixed_clamp_high
+    .type   fixed_clamp_high, @function
+fixed_clamp_high:
+    clr     r18
+    clr     r19
+    .size   fixed_clamp_high, . - fixed_clamp_high
+
+; int32_t fixed_clamp(int32_t value, int32_t limit). Leaves r30 and r31.
     .global fixed_clamp
     .type   fixed_clamp, @function
 fixed_clamp:
@@ -242,6 +252,16 @@ fixed_add_clamped:
     rcall   fixed_clamp
     rjmp    store_sum
     .size   fixed_add_clamped, . - fixed_add_clamped
+
+; void fixed_add_clamped_high(int32_t step, int16_t limit_high, int32_t *sum)
+    .global fixed_add_clamped_high
+    .type   fixed_add_clamped_high, @function
+fixed_add_clamped_high:
+    movw    r30, r18
+    rcall   add_sum
+    rcall   fixed_clamp_high
+    rjmp    store_sum
+    .size   fixed_add_clamped_high, . - fixed_add_clamped_high
 
 ; void fixed_add_product(int32_t value, int16_t element, int32_t *sum)
     .global fixed_add_product

@@ -18,9 +18,9 @@ def outputs(inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     gain = ffi.new("struct lowpass_gain *", (25313025, 1038540224, 30))
     found = []
     for count, value in enumerate(inputs.tolist(), 1):
-        lib.lowpass_short_step(short, value, min(count, 255))
-        lib.lowpass_axis_step(axis, gain, value * 2**15, min(count, 255))
-        found.append((short.level, axis.level / 2**15))
+        lib.lowpass_short_step(short, [value, 0, 0, 0, 0, -value], min(count, 255))
+        lib.lowpass_axis_step(axis, gain, min(count, 255), value * 2**15)
+        found.append((short.level[0], axis.level / 2**15))
     return tuple(np.array(found).T)
 
 

@@ -46,7 +46,7 @@ enum { OWN_FIELD_SIGMA_MAX = 40 };  // 10 uT
 struct fuse_tilt {
     // What a bias and scales of the gyroscope would turn the vertical by: a row of the
     // rotation to the level frame, and rates in 500 deg/s.
-    struct lowpass_short regressor[FUSE_TURNS];
+    struct lowpass_short regressor;
     struct lowpass_axis taken_off;  // by the estimates, from what levelling corrects
     q7_25_t corrected_rad_s;        // what levelling had to correct, as a rate
 };

@@ -65,8 +65,8 @@ enum { OWN_CALIBRATED = 64 };  // (2 uT)^2 as 16ths of 1 uT2
 #define PLACE_TURNED_Q18 INT32_C(15728640)     // 60 uT
 #define PLACE_SPREAD_MAX INT32_C(31457280)     // 60 uT2, below the variances' limit
 #define FIELD_TURNED_Q18 INT32_C(786432)       // 3 uT
-#define FIELD_TURNED_GAIN_Q30 INT32_C(1572864)  // 2 * 3 uT times uT q14_18 to 64ths
-#define HORIZONTAL_MIN_Q18 INT32_C(262144)      // 1 uT
+#define FIELD_TURNED_GAIN_Q14 24               // 2 * 3 uT times uT q14_18 to 64ths
+#define HORIZONTAL_MIN_Q18 INT32_C(262144)     // 1 uT
 // Heading variance that a frame adds, rad2 as 2^-39ths: 0.05 deg2/s; 0.3 where no
 // reading comes; 40 where readings say that it is wrong; and by what the gyroscope's
 // uncertainty turned it, (4 deg)^2 as 2^-17ths.
@@ -142,7 +142,7 @@ NOINLINE static q14_18_t field_away(const struct fuse *fuse, uint8_t axis) {
 
 // The same, held within what one reading may correct.
 static q14_18_t field_step(const struct fuse *fuse, uint8_t axis) {
-    return fixed_clamp(field_away(fuse, axis), FIELD_STEP_MAX_Q18);
+    return fixed_clamp_high(field_away(fuse, axis), FIXED_HIGH(FIELD_STEP_MAX_Q18));
 }
 
 // The mean of the first readings is the field of the place. It is as uncertain as the
@@ -186,15 +186,17 @@ NOINLINE static void predict_field(struct fuse *fuse) {
                                                  : HEADING_WANDER) +
                              fuse->turned_q17 * HEADING_TURNED;
     if (!fuse->has_reading) {
-        fixed_add_clamped(fixed_scale_down(turn_q39, 9), FUSE_HEADING_VARIANCE_MAX_Q30,
-                          &fuse->heading_variance);
+        fixed_add_clamped_high(fixed_scale_down(turn_q39, 9),
+                               FIXED_HIGH(FUSE_HEADING_VARIANCE_MAX_Q30),
+                               &fuse->heading_variance);
     }
     // The horizontal field, at most 60 uT: half of it, and it times the turn, as
     // 2^32ths.
     int32_t half[2];
     int32_t turned[2];
     for (uint8_t axis = 0; axis < 2; ++axis) {
-        const int32_t place = fixed_clamp(fuse->field_ut[axis], PLACE_TURNED_Q18);
+        const int32_t place =
+            fixed_clamp_high(fuse->field_ut[axis], FIXED_HIGH(PLACE_TURNED_Q18));
         half[axis] = fixed_half_floor(place);
         turned[axis] = fixed_mul_q30(fixed_scale_up(place, 5), turn_q39);
     }
@@ -203,16 +205,12 @@ NOINLINE static void predict_field(struct fuse *fuse) {
         fixed_add(-fixed_mul_at(&half[0], &turned[1]), &covariance[1]);
         fixed_add(fixed_mul_at(&half[0], &turned[0]), &covariance[2]);
     }
-    int32_t wander = PLACE_WANDER;
-    const int32_t limit =
-        fuse->own_variance > OWN_GOOD ? FIELD_VARIANCE_UNKNOWN_MAX : FIELD_VARIANCE_MAX;
-    for (uint8_t state = 0; state < FUSE_FIELD_STATES; ++state) {
-        if (state == 3) {
-            wander = is_astray(fuse) ? OWN_WANDER_ASTRAY : OWN_WANDER;
-        }
-        fixed_add_clamped(wander, limit, covariance);
-        covariance += state + 2;
-    }
+    const int16_t limit = fuse->own_variance > OWN_GOOD
+                              ? FIXED_HIGH(FIELD_VARIANCE_UNKNOWN_MAX)
+                              : FIXED_HIGH(FIELD_VARIANCE_MAX);
+    kalman_wander(covariance, 0, 3, limit, PLACE_WANDER);
+    kalman_wander(covariance, 3, FUSE_FIELD_STATES, limit,
+                  is_astray(fuse) ? OWN_WANDER_ASTRAY : OWN_WANDER);
 }
 
 // In a body that turns, the field of the place moves by place x rate. The part of the
@@ -241,14 +239,16 @@ void fuse_follow_lag(struct fuse *fuse) {
 // The square of the vertical field, seen through a level that leans by an angle whose
 // square is given: uT2; of what levelling goes on to correct in a second, at most 28.
 static q14_18_t leaning(const struct fuse *fuse, q2_30_t square_rad) {
-    const int32_t vertical = fixed_clamp(fuse->field_ut[2], PLACE_TURNED_Q18) * 64;
+    const int32_t vertical =
+        fixed_clamp_high(fuse->field_ut[2], FIXED_HIGH(PLACE_TURNED_Q18)) * 64;
     return fixed_mul_q30(fixed_square_q30(vertical), square_rad);
 }
 
 // An axis of the reading's surprise, held within 90 uT; adds its square, 4096ths of
 // 1 uT2.
 static q14_18_t add_away(const struct fuse *fuse, uint8_t axis, uint32_t *square) {
-    const q14_18_t off = fixed_clamp(field_away(fuse, axis), FIELD_FAR_Q18);
+    const q14_18_t off =
+        fixed_clamp_high(field_away(fuse, axis), FIXED_HIGH(FIELD_FAR_Q18));
     fixed_add(fixed_square_q30(fixed_scale_up(off, 3)), (int32_t *)square);
     return off;
 }
@@ -290,7 +290,7 @@ NOINLINE static q14_18_t look_across(const struct fuse *fuse, int32_t *noise) {
             14);
     }
     *noise = turning_noise(fuse, row, square);
-    return fixed_clamp(off, RESIDUAL_LIMIT_Q18);
+    return fixed_clamp_high(off, FIXED_HIGH(RESIDUAL_LIMIT_Q18));
 }
 
 void fuse_stage_turning(struct fuse *fuse) {
@@ -305,7 +305,8 @@ void fuse_stage_turning(struct fuse *fuse) {
     row[FUSE_TURNS] = fuse->turned_by;
     fuse_read_motion(
         fuse, row, noise,
-        fixed_mul_q30(fixed_clamp(off, FIELD_STEP_MAX_Q18), TURNED_OFF_Q30));
+        fixed_mul_q30(fixed_clamp_high(off, FIXED_HIGH(FIELD_STEP_MAX_Q18)),
+                      TURNED_OFF_Q30));
 }
 
 // Measures how far the reading is from the expected one, and sets its noise by that:
@@ -318,7 +319,8 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
     int32_t length = 0;
     int32_t horizontal = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        const int32_t place = fixed_clamp(fuse->field_ut[axis], FIELD_FAR_Q18);
+        const int32_t place =
+            fixed_clamp_high(fuse->field_ut[axis], FIXED_HIGH(FIELD_FAR_Q18));
         off = add_away(fuse, axis, &square);
         longer_flat = longer;
         if (axis < 2) {
@@ -331,7 +333,7 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
     fuse->is_turned = square > FIELD_UNIT_FINE * 8 &&
                       fixed_magnitude(off) < (uint32_t)FIELD_TURNED_Q18 &&
                       fixed_magnitude(longer_flat) <
-                          (uint32_t)fixed_mul_q30(horizontal, FIELD_TURNED_GAIN_Q30);
+                          (uint32_t)fixed_mul_q14(horizontal, FIELD_TURNED_GAIN_Q14);
     const uint16_t coarse =
         square < UINT16_MAX * UINT32_C(64) ? (uint16_t)(square / 64) : UINT16_MAX;
     fuse->field_surprise =
@@ -341,7 +343,7 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
         FIELD_NOISE / 768 * (int32_t)fixed_sqrt((FIELD_UNIT_FINE + square) * 16);
     if (fuse_is_at_rest(fuse)) {
         // Readings at rest repeat each other.
-        noise = fixed_clamp(noise, FIELD_NOISE_MAX / 3) * 3;
+        noise = fixed_clamp_high(noise, FIXED_HIGH(FIELD_NOISE_MAX / 3)) * 3;
     } else {
         // A mean over 1.6 s. An error of level or heading turns a reading and leaves
         // its length, within 2 uT: 2 * 2 * 64, of a length in 8ths.
@@ -354,7 +356,7 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
     fixed_add(fixed_clamp(leaning(fuse, fuse->drift_square), LEANING_MAX_Q18) *
                   LEANING_NOISE,
               &noise);
-    fuse->field_noise = fixed_clamp(noise, FIELD_NOISE_MAX);
+    fuse->field_noise = fixed_clamp_high(noise, FIXED_HIGH(FIELD_NOISE_MAX));
 }
 
 void fuse_stage_field(struct fuse *fuse) {
@@ -420,9 +422,10 @@ void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis) {
     }
     kalman_read(fuse->field_covariance, FUSE_FIELD_STATES, row, noise, gain);
     for (uint8_t state = 0; state < FUSE_FIELD_STATES; ++state) {
-        fixed_add_clamped(fixed_mul_q30(gain[state], away),
-                          state < 3 ? PLACE_LIMIT_Q18 : OWN_LIMIT_Q18,
-                          &fuse->field_ut[state]);
+        fixed_add_clamped_high(fixed_mul_q30(gain[state], away),
+                               state < 3 ? FIXED_HIGH(PLACE_LIMIT_Q18)
+                                         : FIXED_HIGH(OWN_LIMIT_Q18),
+                               &fuse->field_ut[state]);
     }
 }
 
@@ -476,7 +479,7 @@ void fuse_stage_world(struct fuse *fuse) {
         fuse->across[0] = (q2_14_t)-fixed_scale_down(north.y, 16);
         fuse->across[1] = (q2_14_t)fixed_scale_down(north.x, 16);
         fuse->turned_by = (q2_14_t)-fixed_mul_q30(
-            fixed_clamp(norm, TURNED_BY_FIELD_Q18), TURNED_BY_Q30);
+            fixed_clamp_high(norm, FIXED_HIGH(TURNED_BY_FIELD_Q18)), TURNED_BY_Q30);
     }
     fuse->has_reading = false;
     if (fuse->frames == 1 && fuse_is_at_rest(fuse)) {

@@ -54,6 +54,8 @@ enum {
 // 0.1 s of a rate in 1 deg/s, in 4 deg.
 #define TURNED_GAIN_Q30 INT32_C(26843546)
 
+_Static_assert((int)LOWPASS_SHORTS == (int)FUSE_TURNS, "one for each state that turns");
+
 enum {
     SCALE = 3,                                    // the first state of the scales
     HEADING = 6,                                  // and that of the heading's error
@@ -71,8 +73,7 @@ static const IN_FLASH struct lowpass_gain rest_gain = {
 NOINLINE static void set_variances(struct fuse *fuse, uint8_t state, uint8_t end,
                                    int32_t variance) {
     for (; state < end; ++state) {
-        kalman_forget(fuse->motion_covariance, FUSE_MOTION_STATES, state);
-        fuse->motion_covariance[kalman_variance(state)] = variance;
+        *kalman_forget(fuse->motion_covariance, FUSE_MOTION_STATES, state) = variance;
     }
 }
 
@@ -106,17 +107,22 @@ void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25) {
     }
 }
 
-// True where |v - mean| is below the limit, which is at most 2^21.
-static bool is_near(const struct vector *v, const struct lowpass *mean, int32_t limit) {
+// Takes v into its mean; true where |v - mean| is below the limit, which is at most
+// 2^21.
+NOINLINE static bool stays_near(struct lowpass *mean, const struct vector *v,
+                                uint8_t looks, int32_t limit) {
     struct vector away;
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        const int32_t off = v->axis[axis] - mean->axis[axis].level;
-        if (fixed_magnitude(off) > (uint32_t)limit) {
-            return false;
-        }
-        away.axis[axis] = fixed_scale_up(off, 9);  // keeps the precision of the squares
+    lowpass_step(mean, &rest_gain, v, looks);
+    lowpass_read(mean, &away);
+    vector_subtract(v, &away, &away);
+    if (vector_exceeds(&away, limit)) {
+        return false;
     }
-    const uint32_t bound = (uint32_t)limit * 512;
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        // Keeps the precision of the squares.
+        away.axis[axis] = fixed_scale_up(away.axis[axis], 9);
+    }
+    const uint32_t bound = (uint32_t)fixed_scale_up(limit, 9);
     return vector_square_q32(&away) < fixed_umul_q32(bound, bound);
 }
 
@@ -126,15 +132,13 @@ void fuse_look_for_rest(struct fuse *fuse, const struct measurement *measurement
         ++fuse->settled_looks;
     }
     vector_clamp(&measurement->gyr_rad_s_q25, REST_RATE_LIMIT_Q25, &rate);
-    lowpass_step(&fuse->rest_rate, &rest_gain, &rate, fuse->settled_looks);
-    lowpass_step(&fuse->rest_force, &rest_gain, &measurement->acc_m_s2_q21,
-                 fuse->settled_looks);
-    const bool is_near_mean =
-        is_near(&rate, &fuse->rest_rate, REST_RATE_Q25) &&
-        is_near(&measurement->acc_m_s2_q21, &fuse->rest_force, REST_FORCE_Q21);
+    const bool is_rate_near =
+        stays_near(&fuse->rest_rate, &rate, fuse->settled_looks, REST_RATE_Q25);
+    const bool is_force_near = stays_near(&fuse->rest_force, &measurement->acc_m_s2_q21,
+                                          fuse->settled_looks, REST_FORCE_Q21);
     lowpass_read(&fuse->rest_rate, &rate);
     vector_subtract(&rate, &fuse->calibrated_rad_s_q25, &rate);
-    if (!is_near_mean || vector_exceeds(&rate, REST_RATE_Q25)) {
+    if (!is_rate_near || !is_force_near || vector_exceeds(&rate, REST_RATE_Q25)) {
         fuse->rest_looks = 0;
     } else if (fuse->rest_looks < FUSE_REST_LOOKS) {
         ++fuse->rest_looks;
@@ -148,43 +152,35 @@ static q7_25_t effect(const struct fuse *fuse, const q2_14_t row[FUSE_TURNS]) {
            fixed_mul_q30(fixed_dot3_q14(fuse->scale, row + SCALE), EFFECT_GAIN_Q30);
 }
 
-// The uncertainty that a frame adds to bias, scales and heading. `up`: by how much each
-// state turns the level frame about the vertical.
-static void predict_motion(struct fuse *fuse, const q2_14_t up[FUSE_TURNS]) {
+// The uncertainty that a frame adds to bias, scales and heading.
+void fuse_stage_predict(struct fuse *fuse) {
     int32_t shared[FUSE_TURNS];
-    int32_t *covariance = fuse->motion_covariance;
-    const int32_t bias_wander = BIAS_WANDER + fuse->warming / WARMING_STEPS;
+    int32_t *const covariance = fuse->motion_covariance;
+    kalman_wander(covariance, 0, SCALE, FIXED_HIGH(BIAS_VARIANCE_MAX),
+                  BIAS_WANDER + fuse->warming / WARMING_STEPS);
+    kalman_wander(covariance, SCALE, HEADING, FIXED_HIGH(SCALE_VARIANCE_MAX),
+                  SCALE_WANDER);
     fuse->warming = (uint16_t)(fuse->warming - fuse->warming / 256);
-    for (uint8_t state = 0; state < HEADING; ++state) {
-        const bool is_bias = state < SCALE;
-        fixed_add_clamped(is_bias ? bias_wander : SCALE_WANDER,
-                          is_bias ? BIAS_VARIANCE_MAX : SCALE_VARIANCE_MAX,
-                          &covariance[kalman_variance(state)]);
-    }
-    kalman_share(covariance, HEADING, up, shared);
-    int32_t *heading = covariance + HEADING_PAIRS;
-    int32_t growth = 0;
+    kalman_share(covariance, HEADING, fuse->up, shared);
+    int32_t *const heading = covariance + HEADING_PAIRS;
+    int32_t sum = 0;
     for (uint8_t state = 0; state < HEADING; ++state) {
         // Before and after the step: twice the half of it.
         const int32_t step = fixed_mul_q30(shared[state], TURNED_GAIN_Q30);
-        const int32_t twice = 2 * heading[state] + step;
-        fixed_add_product(twice, up[state], &growth);
+        fixed_add_product(2 * heading[state] + step, fuse->up[state], &sum);
         fixed_add(step, &heading[state]);
     }
-    growth = fixed_mul_q30(growth, TURNED_GAIN_Q30);
+    int32_t growth = fixed_mul_q30(sum, TURNED_GAIN_Q30);
     if (growth < 0) {
         growth = 0;
     }
-    fuse->turned_q17 = (uint16_t)fixed_divide(fixed_clamp(growth, TURNED_STEP_MAX), 16);
+    fuse->turned_q17 = (uint16_t)fixed_divide(
+        fixed_clamp_high(growth, FIXED_HIGH(TURNED_STEP_MAX)), 16);
     if (growth > TURNED_VARIANCE_MAX - heading[HEADING]) {
         // It is limited, so that its covariances would soon be more than it allows.
-        kalman_forget(covariance, FUSE_MOTION_STATES, HEADING);
+        (void)kalman_forget(covariance, FUSE_MOTION_STATES, HEADING);
     }
-    fixed_add_clamped(growth, TURNED_VARIANCE_MAX, &heading[HEADING]);
-}
-
-void fuse_stage_predict(struct fuse *fuse) {
-    predict_motion(fuse, fuse->up);
+    fixed_add_clamped_high(growth, FIXED_HIGH(TURNED_VARIANCE_MAX), &heading[HEADING]);
 }
 
 // Rates over the frame about the axes of the body, in the level frame: the columns of
@@ -222,7 +218,7 @@ NOINLINE static void turn_axes(const struct fuse *fuse, q2_14_t row[3][FUSE_TURN
 // A row of unit rates as one of the units of motion_covariance.
 NOINLINE static void to_units(q2_14_t row[]) {
     for (uint8_t axis = 0; axis < SCALE; ++axis) {
-        row[axis] = (q2_14_t)(row[axis] / 4);
+        row[axis] = (q2_14_t)fixed_divide(row[axis], 4);
     }
 }
 
@@ -232,11 +228,9 @@ void fuse_stage_regressors(struct fuse *fuse) {
     turn_axes(fuse, row);
     for (uint8_t i = 0; i < 2; ++i) {
         struct fuse_tilt *tilt = &fuse->tilt[i];
-        for (uint8_t state = 0; state < FUSE_TURNS; ++state) {
-            lowpass_short_step(&tilt->regressor[state], row[i][state], fuse->frames);
-        }
-        lowpass_axis_step(&tilt->taken_off, &fuse_level_gain, effect(fuse, row[i]),
-                          fuse->frames);
+        lowpass_short_step(&tilt->regressor, row[i], fuse->frames);
+        lowpass_axis_step(&tilt->taken_off, &fuse_level_gain, fuse->frames,
+                          effect(fuse, row[i]));
     }
     memcpy(fuse->up, row[2], sizeof fuse->up);
     to_units(fuse->up);
@@ -271,8 +265,9 @@ void fuse_stage_rest(struct fuse *fuse) {
     // A slow turn looks like a rest: the farther the rate, the less it tells.
     const int32_t off = fixed_scale_up(fixed_clamp(surprise, REST_DOUBT_Q25), 7);
     row[axis] = FUSE_Q2_14_ONE;
-    fuse_read_motion(fuse, row, REST_NOISE + 5 * fixed_square_q30(off),
-                     fixed_scale_up(fixed_clamp(surprise, REST_SURPRISE_Q25), 2));
+    fuse_read_motion(
+        fuse, row, REST_NOISE + 5 * fixed_square_q30(off),
+        fixed_scale_up(fixed_clamp_high(surprise, FIXED_HIGH(REST_SURPRISE_Q25)), 2));
     fuse_next_axis(fuse);
 }
 
@@ -283,26 +278,25 @@ void fuse_stage_motion(struct fuse *fuse) {
     const uint8_t axis = fuse->frames % 2;
     const struct fuse_tilt *tilt = &fuse->tilt[axis];
     int16_t *drift = &fuse->drift_q18[axis];
-    q2_14_t row[FUSE_MOTION_STATES] = {0};
+    q2_14_t row[FUSE_MOTION_STATES];
     if (fuse->frames <= FUSE_LEVEL_SETTLE || fuse->unsettled > 0) {
         return;
     }
-    for (uint8_t state = 0; state < FUSE_TURNS; ++state) {
-        row[state] = tilt->regressor[state].level;
-    }
-    const int32_t surprise =
-        fixed_clamp(tilt->corrected_rad_s + tilt->taken_off.level - effect(fuse, row),
-                    TILTING_LIMIT_Q25);
+    const int32_t surprise = fixed_clamp(tilt->corrected_rad_s + tilt->taken_off.level -
+                                             effect(fuse, tilt->regressor.level),
+                                         TILTING_LIMIT_Q25);
     *drift = (int16_t)(*drift + fixed_divide(fixed_scale_down(surprise, 7) - *drift,
                                              DRIFT_LOOKS));
     if (axis == 1) {
         const int32_t square =
-            fixed_half_floor(square_of(drift[-1]) + square_of(drift[0]));
+            fixed_half_floor(square_of(drift[-1]) + square_of(*drift));
         fixed_add(fixed_divide(square - fuse->drift_square, DRIFT_SQUARE_LOOKS),
                   &fuse->drift_square);
     }
     if (!fuse_is_at_rest(fuse)) {
+        memcpy(row, tilt->regressor.level, sizeof tilt->regressor.level);
         to_units(row);
+        row[HEADING] = 0;
         fuse_read_motion(fuse, row,
                          MOTION_NOISE +
                              fixed_clamp(fuse->drift_square, MOTION_DRIFT_MAX_Q30) *

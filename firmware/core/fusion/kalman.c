@@ -25,7 +25,8 @@ int32_t kalman_share(const int32_t covariance[], uint8_t states, const q2_14_t r
     return known;
 }
 
-void kalman_forget(int32_t covariance[], uint8_t states, uint8_t state) {
+int32_t *kalman_forget(int32_t covariance[], uint8_t states, uint8_t state) {
+    int32_t *variance = covariance;
     for (uint8_t a = 0; a < states; ++a) {
         for (uint8_t b = 0; b < a; ++b) {
             if (a == state || b == state) {
@@ -33,7 +34,18 @@ void kalman_forget(int32_t covariance[], uint8_t states, uint8_t state) {
             }
             ++covariance;
         }
+        if (a == state) {
+            variance = covariance;
+        }
         ++covariance;
+    }
+    return variance;
+}
+
+void kalman_wander(int32_t covariance[], uint8_t state, uint8_t end, int16_t limit_high,
+                   int32_t step) {
+    for (; state < end; ++state) {
+        fixed_add_clamped_high(step, limit_high, &covariance[kalman_variance(state)]);
     }
 }
 
@@ -63,7 +75,7 @@ void kalman_read(int32_t covariance[], uint8_t states, const q2_14_t row[],
         fixed_ratio(UINT32_C(1073741824), (uint32_t)fixed_scale_up(spread, up));
     for (uint8_t a = 0; a < states; ++a) {
         if (fixed_magnitude(shared[a]) > (uint32_t)spread) {
-            kalman_forget(covariance, states, a);
+            (void)kalman_forget(covariance, states, a);
             shared[a] = 0;
         }
     }

@@ -14,7 +14,7 @@ enum {
 
 // The index of a state's variance.
 static inline uint8_t kalman_variance(uint8_t state) {
-    return (uint8_t)(state * (state + 3) / 2);
+    return (uint8_t)((uint8_t)(state * (state + 3)) / 2);
 }
 
 // Of each of the states its covariance with row * states, in the format of the
@@ -24,8 +24,14 @@ static inline uint8_t kalman_variance(uint8_t state) {
 int32_t kalman_share(const int32_t covariance[], uint8_t states, const q2_14_t row[],
                      int32_t shared[]);
 
-// Nothing that is known of other states tells of this one any more; its variance stays.
-void kalman_forget(int32_t covariance[], uint8_t states, uint8_t state);
+// Nothing that is known of other states tells of this one any more; its variance, whose
+// address is returned, stays.
+int32_t *kalman_forget(int32_t covariance[], uint8_t states, uint8_t state);
+
+// Adds a step to the variances from `state` to the one before `end`, held within
+// limit_high * 2^16.
+void kalman_wander(int32_t covariance[], uint8_t state, uint8_t end, int16_t limit_high,
+                   int32_t step);
 
 // The reading is modelled as row * states + noise; finds the gain of each of the
 // states. The covariance and the variance `noise` have the same Q format. Where a gain

@@ -6,8 +6,8 @@
 enum { SHORT_INTEGRATOR = 1545, SHORT_LOSS = 2149, SHORT_SETTLE = 30 };
 
 void lowpass_axis_step(struct lowpass_axis *axis,
-                       const IN_FLASH struct lowpass_gain *gain, int32_t input,
-                       uint8_t count) {
+                       const IN_FLASH struct lowpass_gain *gain, uint8_t count,
+                       int32_t input) {
     const int32_t error = input - axis->level;
     if (count <= gain->settle) {
         // The first sample has work enough: the AVR divides in 640 cycles.
@@ -20,26 +20,35 @@ void lowpass_axis_step(struct lowpass_axis *axis,
     axis->band = 2 * middle - axis->band;
 }
 
-void lowpass_short_step(struct lowpass_short *axis, int16_t input, uint8_t count) {
-    const int32_t error = (int32_t)input - axis->level;
+static void short_step(int16_t *level, int16_t *band, int16_t input, uint8_t count) {
+    const int32_t error = (int32_t)input - *level;
     if (count <= SHORT_SETTLE) {
-        axis->level = (int16_t)(axis->level + fixed_divide(error, count));
+        *level = (int16_t)(*level + fixed_divide(error, count));
         return;
     }
-    // As lowpass_axis_step, with 8 bits more than the states have.
-    int32_t middle =
-        axis->band * INT32_C(256) + fixed_byte_floor(error * SHORT_INTEGRATOR + 128);
-    middle -= fixed_byte_floor((int32_t)(int16_t)fixed_byte_floor(middle) * SHORT_LOSS);
-    const int32_t step = (int32_t)(int16_t)fixed_byte_floor(middle) * SHORT_INTEGRATOR;
-    axis->level =
-        (int16_t)(axis->level + (int16_t)fixed_high_half((uint32_t)(2 * step + 32768)));
-    axis->band = (int16_t)(fixed_byte_floor(2 * middle + 128) - axis->band);
+    // As lowpass_axis_step, with 8 bits more than the states have: all but the lowest
+    // of what 32 bits hold.
+    uint32_t middle =
+        (uint32_t)*band * 65536 + (uint32_t)(error * SHORT_INTEGRATOR + 128);
+    middle &= ~UINT32_C(255);
+    middle -= (uint32_t)((int16_t)fixed_high_half(middle) * (int32_t)SHORT_LOSS) &
+              ~UINT32_C(255);
+    const int32_t step = (int16_t)fixed_high_half(middle) * (int32_t)SHORT_INTEGRATOR;
+    *level = (int16_t)(*level + (int16_t)fixed_high_half((uint32_t)(2 * step + 32768)));
+    *band = (int16_t)((int16_t)fixed_high_half(2 * middle + 32768) - *band);
+}
+
+void lowpass_short_step(struct lowpass_short *filter,
+                        const int16_t input[LOWPASS_SHORTS], uint8_t count) {
+    for (uint8_t i = 0; i < LOWPASS_SHORTS; ++i) {
+        short_step(&filter->level[i], &filter->band[i], input[i], count);
+    }
 }
 
 void lowpass_step(struct lowpass *filter, const IN_FLASH struct lowpass_gain *gain,
                   const struct vector *input, uint8_t count) {
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        lowpass_axis_step(&filter->axis[axis], gain, input->axis[axis], count);
+        lowpass_axis_step(&filter->axis[axis], gain, count, input->axis[axis]);
     }
 }
 

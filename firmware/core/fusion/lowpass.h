@@ -15,11 +15,13 @@ struct lowpass {
     struct lowpass_axis axis[3];
 };
 
-// The same in 16 bits, for what needs no more than 1e-3 of its range, with a step of
-// 0.1 s and a time constant of 3 s. The output stays within 16 steps of that of 32
-// bits.
+enum { LOWPASS_SHORTS = 6 };
+
+// Six of the same in 16 bits, for what needs no more than 1e-3 of its range, with a
+// step of 0.1 s and a time constant of 3 s. The output stays within 16 steps of that of
+// 32 bits.
 struct lowpass_short {
-    int16_t band, level;
+    int16_t level[LOWPASS_SHORTS], band[LOWPASS_SHORTS];
 };
 
 // Of a step of T and a time constant of tau.
@@ -32,11 +34,12 @@ struct lowpass_gain {
 // Takes the `count`th input, counted from 1; any number above `settle` will do once it
 // has settled. Needs |input| <= 1e9; the states stay below 1.1 of the largest input.
 void lowpass_axis_step(struct lowpass_axis *axis,
-                       const IN_FLASH struct lowpass_gain *gain, int32_t input,
-                       uint8_t count);
+                       const IN_FLASH struct lowpass_gain *gain, uint8_t count,
+                       int32_t input);
 
 // Needs |input| at most 25,000.
-void lowpass_short_step(struct lowpass_short *axis, int16_t input, uint8_t count);
+void lowpass_short_step(struct lowpass_short *filter,
+                        const int16_t input[LOWPASS_SHORTS], uint8_t count);
 
 // The same of three axes.
 void lowpass_step(struct lowpass *filter, const IN_FLASH struct lowpass_gain *gain,

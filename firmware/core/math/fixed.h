@@ -68,12 +68,21 @@ uint32_t fixed_umul_q32(uint32_t a, uint32_t b);
 // `value`, held within +-limit.
 int32_t fixed_clamp(int32_t value, int32_t limit);
 
+// The same of a limit whose lower half is 0: FIXED_HIGH(limit) is what the AVR loads.
+int32_t fixed_clamp_high(int32_t value, int16_t limit_high);
+
+// The upper half of a positive constant, whose lower half must be 0.
+#define FIXED_HIGH(constant)                                                           \
+    ((int16_t)((constant) / 65536 +                                                    \
+               0 * (int32_t)sizeof(char[(constant) % 65536 == 0 ? 1 : -1])))
+
 // *sum += step; the sum must fit. A call takes less of the AVR's flash than a sum of 32
 // bits in memory, the least where `step` is what a function returned.
 void fixed_add(int32_t step, int32_t *sum);
 
 // The same, and the sum held within +-limit.
 void fixed_add_clamped(int32_t step, int32_t limit, int32_t *sum);
+void fixed_add_clamped_high(int32_t step, int16_t limit_high, int32_t *sum);
 
 // value / divisor, rounded towards zero; divisor is not 0.
 int32_t fixed_divide(int32_t value, uint8_t divisor);

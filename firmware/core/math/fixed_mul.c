@@ -48,12 +48,20 @@ int32_t fixed_clamp(int32_t value, int32_t limit) {
     return value > limit ? limit : value < -limit ? -limit : value;
 }
 
+int32_t fixed_clamp_high(int32_t value, int16_t limit_high) {
+    return fixed_clamp(value, limit_high * INT32_C(65536));
+}
+
 void fixed_add(int32_t step, int32_t *sum) {
     *sum += step;
 }
 
 void fixed_add_clamped(int32_t step, int32_t limit, int32_t *sum) {
     *sum = fixed_clamp(*sum + step, limit);
+}
+
+void fixed_add_clamped_high(int32_t step, int16_t limit_high, int32_t *sum) {
+    *sum = fixed_clamp_high(*sum + step, limit_high);
 }
 
 q2_30_t fixed_ratio(uint32_t numerator, uint32_t denominator) {
