@@ -83,7 +83,6 @@ FILES = {
     "string.c": CALLER,
     "vector.c": CALLER,
     "quat.c": CALLER,
-    "matrix.c": CALLER,
     "kalman.c": CALLER,
     "lowpass.c": CALLER,
 }

@@ -717,6 +717,7 @@ quat_multiply:
     st      X+, SUM2
     st      X+, SUM3
     st      X+, SUM4
+pop_vector:
     ldi     r24, 12
 3:  pop     r0
     st      X+, r0
@@ -725,6 +726,28 @@ quat_multiply:
     clr     r26
     rjmp    restore
     .size   quat_multiply, . - quat_multiply
+
+; void matrix_turn(const struct matrix *matrix, const int32_t v[3], int32_t out[3])
+    .global matrix_turn
+    .type   matrix_turn, @function
+matrix_turn:
+    save
+    rcall   take
+    adiw    r28, 12         ; the last row
+1:  movw    r24, OTHER
+    movw    r22, r28
+    call    fixed_dot3_q14
+    push    r25
+    push    r24
+    push    r23
+    push    r22
+    sbiw    r28, 6
+    ldi     r24, 4
+    sub     I, r24          ; 12, as `take` set it, then 8, 4 and 0
+    brne    1b
+    movw    r26, OUT
+    rjmp    pop_vector
+    .size   matrix_turn, . - matrix_turn
 
 ; void quat_rotate(const struct quat *q, const struct vector *v, struct vector *out)
     .global quat_rotate

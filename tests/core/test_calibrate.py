@@ -156,11 +156,10 @@ def test_a_mean_of_counts_becomes_a_rate_as_single_counts_do():
     matrix = np.array([[16000, 100, -200], [50, 16500, 20], [0, -70, 16384]])
     bias = np.array([3 * 2**14, -(2**13), 2**12])
     mean = np.array([17.25, -300.5, 0.125])
-    out = ffi.new("struct vector *")
+    out = ffi.new("struct vector *", (mean * 2**14).astype(int).tolist())
     lib.calibrate_rate(
         calibration_of(matrix, bias),
         ffi.new("struct calibration_scale *", lib.calibration_scale_of(MPU9250)),
-        (mean * 2**16).astype(int).tolist(),
         out,
     )
     wanted = (matrix / 2**14) @ (mean - bias / 2**14) * lsb(MPU9250, "gyr")

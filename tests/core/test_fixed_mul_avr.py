@@ -135,14 +135,22 @@ class Hashes:
         self.add_up(a, b)
         for number in crossed(v, q[1:]):
             self.mix(9, number)
-        for number in matrix(q):
+        rows = matrix(q)
+        for number in rows:
             self.mix(10, number % 2**16)
+        for i in (0, 3, 6):
+            row = (signed(element, 16) for element in rows[i : i + 3])
+            total = sum(x * y for x, y in zip(v, row, strict=True))
+            self.mix(10, signed((total + 2**13) >> 14))
 
     def limit(self, a: int, b: int) -> None:
         bound = b % 2**31
         self.mix(6, clamped(signed(a), bound))
         v = [clamped(signed(signed(a) + bound // 2), bound), a // 2, signed(a ^ b)]
         self.mix(6, v[0])
+        high = bound // 2**16 * 2**16
+        self.mix(6, clamped(signed(a), high))
+        self.mix(6, clamped(signed(signed(a) + bound // 2), high))
         self.mix(6, (signed(a) >> 1) + bound // 2)
         v = [signed((number * signed(b) + 2**29) >> 30) for number in v]
         for number in (*v, *(clamped(number, bound) for number in v)):

@@ -175,10 +175,10 @@ def test_whatever_the_counts_a_unit_quaternion_comes_out(
         )
         assert np.abs(desk.norms(poses["q"][rows]) / ONE - 1).max() < 1e-6
         # A bias as large as a valid calibration makes of counts at rest.
-        mean = random.choice([-327 * 2**16, 0, 327 * 2**16], 3).tolist()
-        bias = desk.ffi.new("struct vector *")
+        mean = random.choice([-327 * 2**14, 0, 327 * 2**14], 3).tolist()
+        bias = desk.ffi.new("struct vector *", mean)
         scale = desk.ffi.addressof(tracker.scale)
-        lib.calibrate_rate(constant, scale, mean, bias)
+        lib.calibrate_rate(constant, scale, bias)
         lib.fuse_set_bias(desk.ffi.addressof(tracker.attitude.fuse), bias)
 
 

@@ -2,6 +2,8 @@
 // Sample to measurement; see calibrate.h for units and bounds.
 #include "core/fusion/calibrate.h"
 
+#include "core/math/matrix.h"
+
 enum {
     ONE = 16384,      // 1 as q2_14
     ROW_MAX = 27852,  // 1.7 as q2_14
@@ -59,30 +61,29 @@ struct calibration_scale calibration_scale_of(const struct sensor_identity *iden
     };
 }
 
-// matrix * (counts - bias), then twice the scale. |counts - bias| <= 2^29 + 2^28, a row
-// of at most 1.7 and a scale of at most 1.26 keep each step below 2^31; `limit` bounds
-// the result before it is doubled.
-static void apply(const struct calibration_of_sensor *sensor, const q16_16_t counts[3],
-                  q2_30_t scale, int32_t limit, struct vector *out) {
-    q18_14_t centred[3];
+// Counts, q18_14, become matrix * (counts - bias), then twice the scale.
+// |counts - bias| <= 2^29 + 2^28, a row of at most 1.7 and a scale of at most 1.26 keep
+// each step below 2^31; `limit` bounds the result before it is doubled.
+static void apply(const struct calibration_of_sensor *sensor, q2_30_t scale,
+                  int32_t limit, struct vector *v) {
+    const struct vector *bias = (const struct vector *)sensor->bias;
+    const struct matrix *matrix = (const struct matrix *)sensor->matrix;
+    _Static_assert(sizeof *bias == sizeof sensor->bias, "x, y, z");
+    _Static_assert(sizeof *matrix == sizeof sensor->matrix, "rows");
+    vector_subtract(v, bias, v);
+    matrix_turn(matrix, v->axis, v->axis);
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        centred[axis] =
-            fixed_half_floor(fixed_half_floor(counts[axis])) - sensor->bias[axis];
-    }
-    for (uint8_t row = 0; row < 3; ++row) {
-        const int32_t sum = fixed_dot3_q14(centred, sensor->matrix[row]);
-        out->axis[row] = fixed_clamp(fixed_mul_q30(sum, scale), limit) * 2;
+        v->axis[axis] = fixed_clamp(fixed_mul_q30(v->axis[axis], scale), limit) * 2;
     }
 }
 
 static void apply_to_counts(const struct calibration_of_sensor *sensor,
                             const struct counts *counts, q2_30_t scale, int32_t limit,
                             struct vector *out) {
-    q16_16_t fine[3];  // from which the AVR comes to q18_14 sooner than from counts
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        fine[axis] = counts->axis[axis] * INT32_C(65536);
+        out->axis[axis] = fixed_scale_up(counts->axis[axis], 14);
     }
-    apply(sensor, fine, scale, limit, out);
+    apply(sensor, scale, limit, out);
 }
 
 #define GYR_LIMIT_HALF INT32_C(637534208)  // 19 rad/s as q7_25
@@ -106,14 +107,16 @@ void calibrate(const struct calibration *calibration,
 }
 
 void calibrate_rate(const struct calibration *calibration,
-                    const struct calibration_scale *scale,
-                    const q16_16_t mean_counts[3], struct vector *out) {
-    apply(&calibration->gyr, mean_counts, scale->gyr, GYR_LIMIT_HALF, out);
+                    const struct calibration_scale *scale, struct vector *rate) {
+    apply(&calibration->gyr, scale->gyr, GYR_LIMIT_HALF, rate);
 }
 
 void gyro_calibrator_begin(struct gyro_calibrator *calibrator) {
     *calibrator = (struct gyro_calibrator){.count = 0};
 }
+
+// One copy, whose arguments stay what they are.
+#define NOINLINE __attribute__((noinline, noclone))
 
 // In units of 2^10 nano (of rad/s or m/s2) a check is a product of 16 bits each.
 #define SPAN_MAX UINT32_C(51133)   // 3 deg/s
@@ -121,16 +124,16 @@ void gyro_calibrator_begin(struct gyro_calibrator *calibrator) {
 #define TURN_MAX UINT32_C(83571)   // 0.5 deg of 1 g
 
 // Not inline: three copies would take 60 bytes more of the AVR's flash.
-__attribute__((noinline)) static bool exceeds(uint16_t counts, uint32_t lsb_nano,
-                                              uint32_t limit) {
-    return (uint32_t)counts * (uint16_t)(lsb_nano / 1024) > limit;
+NOINLINE static bool exceeds(uint16_t counts, const uint32_t *lsb_nano,
+                             uint32_t limit) {
+    return (uint32_t)counts * (uint16_t)(*lsb_nano / 1024) > limit;
 }
 
-// Adds the `count`th sample of one axis, from 0 on. Not inline: the AVR then has the
-// axis at hand in a register.
-__attribute__((noinline)) static void add_sample(struct gyro_calibrator_axis *axis,
-                                                 uint16_t count, int16_t rate,
-                                                 int16_t force) {
+// Adds the `count`th sample of one axis, from 0 on; true if that axis is not at rest.
+// Not inline: the AVR then has the axis at hand in a register.
+NOINLINE static bool add_sample(struct gyro_calibrator_axis *axis, uint16_t count,
+                                int16_t rate, int16_t force,
+                                const struct sensor_identity *identity) {
     if (count == 0) {
         *axis = (struct gyro_calibrator_axis){0, 0, rate, rate};
     }
@@ -145,57 +148,39 @@ __attribute__((noinline)) static void add_sample(struct gyro_calibrator_axis *ax
     if (rate > axis->high) {
         axis->high = rate;
     }
-}
-
-static bool has_turned(const struct gyro_calibrator *calibrator,
-                       const struct sensor_identity *identity) {
-    for (uint8_t i = 0; i < 3; ++i) {
-        // At most 65535: 256 times -32768, less 256 times 32767.
-        const uint16_t turn =
-            (uint16_t)(fixed_magnitude(calibrator->axes[i].turn) / 256);
-        if (exceeds(turn, identity->acc_lsb_nm_s2, TURN_MAX)) {
-            return true;
-        }
-    }
-    return false;
+    // At most 65535: 256 times -32768, less 256 times 32767.
+    const uint16_t turn = (uint16_t)(fixed_magnitude(axis->turn) / 256);
+    return exceeds((uint16_t)(axis->high - axis->low), &identity->gyr_lsb_nrad_s,
+                   SPAN_MAX) ||
+           exceeds((uint16_t)fixed_magnitude(rate), &identity->gyr_lsb_nrad_s,
+                   BIAS_MAX) ||
+           (count == CALIBRATOR_SAMPLES - 1 &&
+            exceeds(turn, &identity->acc_lsb_nm_s2, TURN_MAX));
 }
 
 enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
                                             const struct sample *sample,
                                             const struct sensor_identity *identity,
-                                            q16_16_t mean_counts[3]) {
+                                            struct vector *mean_counts) {
     const uint16_t count = calibrator->count;
-    uint16_t span = 0;      // of the widest axis
-    uint16_t furthest = 0;  // from zero
+    bool has_moved = sample->gyr_clipped || sample->has_gap;
+    uint16_t span = 0;  // of the widest axis
     for (uint8_t i = 0; i < 3; ++i) {
         struct gyro_calibrator_axis *axis = &calibrator->axes[i];
-        const int16_t rate = sample->gyr.axis[i];
-        add_sample(axis, count, rate, sample->acc.axis[i]);
+        has_moved |=
+            add_sample(axis, count, sample->gyr.axis[i], sample->acc.axis[i], identity);
         const uint16_t axis_span = (uint16_t)(axis->high - axis->low);
         if (axis_span > span) {
             span = axis_span;
         }
-        const uint16_t size = (uint16_t)fixed_magnitude(rate);
-        if (size > furthest) {
-            furthest = size;
-        }
+        // sum * 2^14 / 512: |sum| / 512 is below the limit of a bias
+        mean_counts->axis[i] = fixed_scale_up(axis->sum, 5);
     }
-    const bool is_last = count == CALIBRATOR_SAMPLES - 1;
     calibrator->count = (uint16_t)(count + 1);
-    if (sample->gyr_clipped || sample->has_gap ||
-        exceeds(span, identity->gyr_lsb_nrad_s, SPAN_MAX) ||
-        exceeds(furthest, identity->gyr_lsb_nrad_s, BIAS_MAX) ||
-        (is_last && has_turned(calibrator, identity))) {
+    if (has_moved) {
         calibrator->count = 0;
         calibrator->span_counts = span;
         return CALIBRATOR_MOVED;
     }
-    if (!is_last) {
-        return CALIBRATOR_PENDING;
-    }
-    for (uint8_t i = 0; i < 3; ++i) {
-        // sum * 2^16 / 512: |sum| / 512 is below the limit of a bias
-        mean_counts[i] = calibrator->axes[i].sum * (65536 / CALIBRATOR_SAMPLES);
-    }
-    return CALIBRATOR_DONE;
+    return count == CALIBRATOR_SAMPLES - 1 ? CALIBRATOR_DONE : CALIBRATOR_PENDING;
 }

@@ -54,10 +54,10 @@ void calibrate(const struct calibration *calibration,
                const struct calibration_scale *scale, const struct sample *sample,
                struct measurement *out);
 
-// The rate, q7_25 rad/s, that mean counts of the gyroscope stand for.
+// Makes mean counts of the gyroscope, q18_14, the rate that they stand for, q7_25
+// rad/s.
 void calibrate_rate(const struct calibration *calibration,
-                    const struct calibration_scale *scale,
-                    const q16_16_t mean_counts[3], struct vector *out);
+                    const struct calibration_scale *scale, struct vector *rate);
 
 // The start-up calibration: 512 samples at rest give the gyroscope's bias.
 enum calibrator_result {
@@ -82,14 +82,14 @@ struct gyro_calibrator {
 
 void gyro_calibrator_begin(struct gyro_calibrator *calibrator);
 
-// Takes a sample. DONE writes the mean counts; MOVED says that the probe is not at
-// rest: a rate spans more than 3 deg/s peak to peak (5 times what the MPU-9250's noise
-// gives in a window), or exceeds 40 deg/s (the LSM9DS0 has a zero rate of +-25 as it
-// comes, data sheet table 3, "TyOff"), or the vertical turns by more than half a degree
-// between the halves of the window.
+// Takes a sample. With DONE the mean counts are those of all samples, q18_14; MOVED
+// says that the probe is not at rest: a rate spans more than 3 deg/s peak to peak (5
+// times what the MPU-9250's noise gives in a window), or exceeds 40 deg/s (the LSM9DS0
+// has a zero rate of +-25 as it comes, data sheet table 3, "TyOff"), or the vertical
+// turns by more than half a degree between the halves of the window.
 enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
                                             const struct sample *sample,
                                             const struct sensor_identity *identity,
-                                            q16_16_t mean_counts[3]);
+                                            struct vector *mean_counts);
 
 #endif

@@ -24,7 +24,7 @@
 // (21 uT)^2 an axis, as 16ths of 1 uT2; and up to where its covariance is stated in
 // part.
 enum { OWN_KNOWN = 10, OWN_UNKNOWN = 7056, OWN_SIGMA_MAX = 2100, OWN_GOOD = 16 };
-#define OWN_UNIT INT32_C(32768)                 // a 16th of 1 uT2
+#define OWN_UNIT_BITS 15                        // a 16th of 1 uT2
 #define OWN_GAIN_Q32 UINT32_C(6871948)          // (0.01 uT)^2 in 16ths of 1 uT2
 #define PLACE_VARIANCE INT32_C(131072)          // (0.5 uT)^2 of a mean of 2 s at rest
 #define PLACE_VARIANCE_MOVING INT32_C(4849664)  // 9.25 uT2 where there was no rest
@@ -39,7 +39,7 @@ enum { OWN_KNOWN = 10, OWN_UNKNOWN = 7056, OWN_SIGMA_MAX = 2100, OWN_GOOD = 16 }
 // 9.5 uT an axis, as long as none seems larger than 4 uT.
 enum { OWN_CALIBRATED = 64 };  // (2 uT)^2 as 16ths of 1 uT2
 #define OWN_DOUBT INT32_C(47316992)
-#define OWN_NEAR_Q18 UINT32_C(1048576)
+#define OWN_NEAR_Q18 INT32_C(1048576)
 #define FIELD_UNIT_FINE (FUSE_FIELD_UNIT * UINT32_C(64))
 // What levelling goes on to correct leans the vertical field: 810 s2 of it in q13_19.
 #define LEANING_MAX_Q18 INT32_C(291271)  // 900 uT2 / 810
@@ -116,11 +116,6 @@ void fuse_take_reading(struct fuse *fuse, const struct vector *field_ut_q18) {
     fuse->has_reading = true;
 }
 
-static void to_level(const struct fuse *fuse, struct vector *v) {
-    const struct vector body = *v;
-    matrix_turn(&fuse->level_from_body, body.axis, v->axis);
-}
-
 void fuse_stage_reading(struct fuse *fuse) {
     struct quat attitude;
     if (!fuse->has_reading) {
@@ -129,8 +124,10 @@ void fuse_stage_reading(struct fuse *fuse) {
     quat_multiply(&fuse->level_from_inertial, &fuse->reading_attitude, &attitude);
     quat_renormalise(&attitude);
     matrix_from_quat(&attitude, &fuse->level_from_body);
-    to_level(fuse, &fuse->reading_ut_q18);
-    to_level(fuse, &fuse->reading_rad_s_q25);
+    int32_t *reading = fuse->reading_ut_q18.axis;
+    matrix_turn(&fuse->level_from_body, reading, reading);
+    reading = fuse->reading_rad_s_q25.axis;
+    matrix_turn(&fuse->level_from_body, reading, reading);
 }
 
 // An axis of the reading less the expected place + level_from_body * own; below
@@ -148,32 +145,30 @@ static q14_18_t field_step(const struct fuse *fuse, uint8_t axis) {
 // The mean of the first readings is the field of the place. It is as uncertain as the
 // probe's own field, and correlated with it.
 NOINLINE static void learn_place(struct fuse *fuse) {
-    int32_t *pair = fuse->field_covariance;
+    int32_t *const covariance = fuse->field_covariance;
     fuse_forget_turned(fuse);
     ++fuse->field_learnt;
-    for (uint8_t row = 0; row < FUSE_FIELD_STATES; ++row) {
-        if (row < 3) {
-            fixed_add(fixed_divide(field_away(fuse, row), fuse->field_learnt),
-                      &fuse->field_ut[row]);
+    memset(covariance, 0, sizeof fuse->field_covariance);
+    kalman_wander(covariance, 0, FUSE_FIELD_STATES,
+                  FIXED_HIGH(FIELD_VARIANCE_UNKNOWN_MAX),
+                  fixed_scale_up(fuse->own_variance, OWN_UNIT_BITS));
+    kalman_wander(covariance, 0, 3, FIXED_HIGH(FIELD_VARIANCE_UNKNOWN_MAX),
+                  fuse_is_at_rest(fuse) ? PLACE_VARIANCE : PLACE_VARIANCE_MOVING);
+    int32_t *shared = covariance + FUSE_FIELD_STATES;  // the row of the first own state
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        fixed_add(fixed_divide(field_away(fuse, axis), fuse->field_learnt),
+                  &fuse->field_ut[axis]);
+        for (uint8_t column = 0; column < 3; ++column) {
+            *shared = (int32_t)fuse->level_from_body.row[column][axis] *
+                      (-2 * fuse->own_variance);
+            ++shared;
         }
-        for (uint8_t column = 0; column < row; ++column) {
-            *pair = row < 3 || column > 2
-                        ? 0
-                        : (int32_t)fuse->level_from_body.row[column][row - 3] *
-                              (-2 * fuse->own_variance);
-            ++pair;
-        }
-        *pair = fuse->own_variance * OWN_UNIT;
-        if (row < 3) {
-            fixed_add(fuse_is_at_rest(fuse) ? PLACE_VARIANCE : PLACE_VARIANCE_MOVING,
-                      pair);
-        }
-        ++pair;
+        shared += axis + 1;
     }
 }
 
 // Readings go on to say that the probe's field has changed.
-static bool is_astray(const struct fuse *fuse) {
+NOINLINE static bool is_astray(const struct fuse *fuse) {
     return fuse->field_astray > FUSE_FIELD_ASTRAY && !fuse_is_at_rest(fuse);
 }
 
@@ -240,8 +235,8 @@ void fuse_follow_lag(struct fuse *fuse) {
 // square is given: uT2; of what levelling goes on to correct in a second, at most 28.
 static q14_18_t leaning(const struct fuse *fuse, q2_30_t square_rad) {
     const int32_t vertical =
-        fixed_clamp_high(fuse->field_ut[2], FIXED_HIGH(PLACE_TURNED_Q18)) * 64;
-    return fixed_mul_q30(fixed_square_q30(vertical), square_rad);
+        fixed_clamp_high(fuse->field_ut[2], FIXED_HIGH(PLACE_TURNED_Q18));
+    return fixed_mul_q30(fixed_square_q30(fixed_scale_up(vertical, 6)), square_rad);
 }
 
 // An axis of the reading's surprise, held within 90 uT; adds its square, 4096ths of
@@ -312,51 +307,55 @@ void fuse_stage_turning(struct fuse *fuse) {
 // Measures how far the reading is from the expected one, and sets its noise by that:
 // the farther, the less it weighs.
 NOINLINE static void weigh_field(struct fuse *fuse) {
-    uint32_t square = 0;  // 4096ths of 1 uT2, at most 90 uT an axis
+    struct {
+        uint32_t square;  // of the distance, 4096ths of 1 uT2, at most 90 uT an axis
+        int32_t longer;   // by how much the field's square is, 64ths of 1 uT2
+        int32_t length, horizontal;
+    } sum = {0};
     int32_t off = 0;
-    int32_t longer = 0;       // the field's square, 64ths of 1 uT2
-    int32_t longer_flat = 0;  // the horizontal field's
-    int32_t length = 0;
-    int32_t horizontal = 0;
+    int32_t longer_flat = 0;  // by how much the horizontal field's square is
     for (uint8_t axis = 0; axis < 3; ++axis) {
         const int32_t place =
             fixed_clamp_high(fuse->field_ut[axis], FIXED_HIGH(FIELD_FAR_Q18));
-        off = add_away(fuse, axis, &square);
-        longer_flat = longer;
+        off = add_away(fuse, axis, &sum.square);
+        longer_flat = sum.longer;
         if (axis < 2) {
-            fixed_add((int32_t)fixed_magnitude(place), &horizontal);
+            fixed_add((int32_t)fixed_magnitude(place), &sum.horizontal);
         }
-        fixed_add(fixed_mul_q30(off, off + 2 * place), &longer);
-        fixed_add(fixed_square_q30(place), &length);
+        fixed_add(fixed_mul_q30(off, off + 2 * place), &sum.longer);
+        fixed_add(fixed_square_q30(place), &sum.length);
     }
     // A field of the same length and steepness means that the heading is wrong.
-    fuse->is_turned = square > FIELD_UNIT_FINE * 8 &&
-                      fixed_magnitude(off) < (uint32_t)FIELD_TURNED_Q18 &&
-                      fixed_magnitude(longer_flat) <
-                          (uint32_t)fixed_mul_q14(horizontal, FIELD_TURNED_GAIN_Q14);
+    fuse->is_turned =
+        sum.square > FIELD_UNIT_FINE * 8 &&
+        fixed_magnitude(off) < (uint32_t)FIELD_TURNED_Q18 &&
+        fixed_magnitude(longer_flat) <
+            (uint32_t)fixed_mul_q14(sum.horizontal, FIELD_TURNED_GAIN_Q14);
     const uint16_t coarse =
-        square < UINT16_MAX * UINT32_C(64) ? (uint16_t)(square / 64) : UINT16_MAX;
+        (uint16_t)fixed_clamp(fixed_divide((int32_t)sum.square, 64), UINT16_MAX);
     fuse->field_surprise =
         (uint16_t)(fuse->field_surprise - fuse->field_surprise / 4 + coarse / 4);
     // sqrt(1 + square / unit), times 768
-    int32_t noise =
-        FIELD_NOISE / 768 * (int32_t)fixed_sqrt((FIELD_UNIT_FINE + square) * 16);
+    q13_19_t *noise = &fuse->field_noise;
+    *noise = FIELD_NOISE / 768 *
+             (int32_t)fixed_sqrt(
+                 (uint32_t)fixed_scale_up((int32_t)(FIELD_UNIT_FINE + sum.square), 4));
     if (fuse_is_at_rest(fuse)) {
         // Readings at rest repeat each other.
-        noise = fixed_clamp_high(noise, FIXED_HIGH(FIELD_NOISE_MAX / 3)) * 3;
+        *noise = fixed_clamp_high(*noise, FIXED_HIGH(FIELD_NOISE_MAX / 3)) * 3;
     } else {
         // A mean over 1.6 s. An error of level or heading turns a reading and leaves
         // its length, within 2 uT: 2 * 2 * 64, of a length in 8ths.
         const bool is_strange =
-            square > FIELD_UNIT_FINE && !fuse->is_turned &&
-            fixed_magnitude(longer) > UINT32_C(32) * fixed_sqrt((uint32_t)length);
+            sum.square > FIELD_UNIT_FINE && !fuse->is_turned &&
+            fixed_magnitude(sum.longer) >
+                (uint32_t)fixed_scale_up(fixed_sqrt((uint32_t)sum.length), 5);
         fuse->field_astray = (uint16_t)(fuse->field_astray - fuse->field_astray / 16 +
                                         (is_strange ? UINT16_MAX / 16 : 0));
     }
-    fixed_add(fixed_clamp(leaning(fuse, fuse->drift_square), LEANING_MAX_Q18) *
-                  LEANING_NOISE,
-              &noise);
-    fuse->field_noise = fixed_clamp_high(noise, FIXED_HIGH(FIELD_NOISE_MAX));
+    fixed_add_clamped_high(
+        fixed_clamp(leaning(fuse, fuse->drift_square), LEANING_MAX_Q18) * LEANING_NOISE,
+        FIXED_HIGH(FIELD_NOISE_MAX), noise);
 }
 
 void fuse_stage_field(struct fuse *fuse) {
@@ -383,45 +382,35 @@ void fuse_stage_field(struct fuse *fuse) {
     weigh_field(fuse);
 }
 
-// The row and the surprise of a reading that says that the probe has no field of its
-// own along one axis; none where it seems to have one.
-static bool read_own(struct fuse *fuse, q2_14_t row[], q14_18_t *away) {
-    bool is_known = fuse->own_variance < OWN_CALIBRATED && !fuse_is_at_rest(fuse) &&
-                    !is_astray(fuse);
-    for (uint8_t state = 3; state < FUSE_FIELD_STATES; ++state) {
-        if (fixed_magnitude(fuse->field_ut[state]) > OWN_NEAR_Q18) {
-            is_known = false;
-        }
-    }
-    if (is_known) {
-        const uint8_t state = (uint8_t)(3 + fuse->next_axis);
-        row[state] = FUSE_Q2_14_ONE;
-        *away = -fuse->field_ut[state];
-        fuse_next_axis(fuse);
-    }
-    return is_known;
+// The probe seems to have no field of its own, and is known to have had none.
+static bool has_no_own(const struct fuse *fuse) {
+    return fuse->own_variance < OWN_CALIBRATED && !fuse_is_at_rest(fuse) &&
+           !is_astray(fuse) && !vector_exceeds(&fuse->own_ut_q18, OWN_NEAR_Q18);
 }
 
 void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis) {
     q2_30_t gain[FUSE_FIELD_STATES];
     q2_14_t row[FUSE_FIELD_STATES] = {0};
-    int32_t noise = fuse->field_noise;
+    uint8_t state = axis;
+    int32_t noise = OWN_DOUBT;
     q14_18_t away;
     if (!fuse->has_reading) {
         return;
     }
     if (axis < 3) {
-        row[axis] = FUSE_Q2_14_ONE;
         memcpy(row + 3, fuse->level_from_body.row[axis], 3 * sizeof *row);
+        noise = fuse->field_noise;
         away = field_step(fuse, axis);
+    } else if (has_no_own(fuse)) {
+        state = (uint8_t)(3 + fuse->next_axis);
+        away = -fuse->field_ut[state];
+        fuse_next_axis(fuse);
     } else {
-        noise = OWN_DOUBT;
-        if (!read_own(fuse, row, &away)) {
-            return;
-        }
+        return;
     }
+    row[state] = FUSE_Q2_14_ONE;
     kalman_read(fuse->field_covariance, FUSE_FIELD_STATES, row, noise, gain);
-    for (uint8_t state = 0; state < FUSE_FIELD_STATES; ++state) {
+    for (state = 0; state < FUSE_FIELD_STATES; ++state) {
         fixed_add_clamped_high(fixed_mul_q30(gain[state], away),
                                state < 3 ? FIXED_HIGH(PLACE_LIMIT_Q18)
                                          : FIXED_HIGH(OWN_LIMIT_Q18),
@@ -447,10 +436,11 @@ NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
                                        : fixed_mul_q30(across, COVARIANCE_SHARE_Q30)) +
         2 * (HEADING_LEANING * leaning(fuse, fuse->drift_square) +
              fixed_divide(leaning(fuse, fuse->level_variance), LEVEL_SHARE) +
-             (residual > 0 ? 4 * residual : 0)) +
+             (residual > 0 ? fixed_scale_up(residual, 2) : 0)) +
         (fuse->field_astray > FUSE_FIELD_STRANGE ? STRANGE_VARIANCE : 0);
     // Divided by the field twice; 64ths keep the first quotient in range.
-    const uint32_t total_q12 = (uint32_t)(total_q19 > 0 ? total_q19 : 0) / 128;
+    const uint32_t total_q12 =
+        (uint32_t)fixed_divide(total_q19 > 0 ? total_q19 : 0, 128);
     if (total_q12 >= (uint32_t)norm) {
         return FUSE_HEADING_VARIANCE_MAX_Q30;
     }

@@ -41,13 +41,12 @@ void pose_recalibrate(struct pose_tracker *tracker) {
 
 __attribute__((noinline)) static enum pose_result
 calibrate_at_rest(struct pose_tracker *tracker, const struct sample *sample) {
-    q16_16_t mean_counts[3];
     struct vector bias;
-    switch (gyro_calibrator_step(&tracker->calibrator, sample, tracker->identity,
-                                 mean_counts)) {
+    switch (
+        gyro_calibrator_step(&tracker->calibrator, sample, tracker->identity, &bias)) {
     case CALIBRATOR_DONE:
         tracker->is_calibrated = true;
-        calibrate_rate(tracker->calibration, &tracker->scale, mean_counts, &bias);
+        calibrate_rate(tracker->calibration, &tracker->scale, &bias);
         attitude_set_bias(&tracker->attitude, &bias);
         return POSE_CALIBRATED;
     case CALIBRATOR_MOVED:

@@ -10,8 +10,7 @@
 // | q7_25_t   | +-64 rad/s   | 3.0e-8 rad/s  | angular rate                           |
 // | q11_21_t  | +-1024 m/s2  | 4.8e-7 m/s2   | specific force                         |
 // | q14_18_t  | +-8192       | 3.8e-6        | magnetic field in uT, (rad/s)^2        |
-// | q16_16_t  | +-32768      | 1.5e-5        | sensor counts                          |
-// | q18_14_t  | +-131072     | 6.1e-5        | sensor counts less their bias          |
+// | q18_14_t  | +-131072     | 6.1e-5        | sensor counts, less their bias or not  |
 // | q2_14_t   | +-2          | 6.1e-5        | elements of calibration matrices       |
 // | q13_19_t  | +-4096       | 1.9e-6        | covariance of fields, uT2              |
 // | q11_21_t  | +-1024       | 4.8e-7        | covariance of bias, scales and heading |
@@ -30,7 +29,6 @@ typedef int32_t q2_30_t;
 typedef int32_t q7_25_t;
 typedef int32_t q11_21_t;
 typedef int32_t q14_18_t;
-typedef int32_t q16_16_t;
 typedef int32_t q18_14_t;
 typedef int16_t q2_14_t;
 typedef int32_t q13_19_t;

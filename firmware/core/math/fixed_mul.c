@@ -216,3 +216,11 @@ void matrix_from_quat(const struct quat *q, struct matrix *out) {
     out->row[2][1] = twice(y, z, w, x);
     out->row[2][2] = (q2_14_t)(ONE - twice(x, x, y, y));
 }
+
+void matrix_turn(const struct matrix *matrix, const int32_t v[3], int32_t out[3]) {
+    const int32_t x = fixed_dot3_q14(v, matrix->row[0]);
+    const int32_t y = fixed_dot3_q14(v, matrix->row[1]);
+    out[2] = fixed_dot3_q14(v, matrix->row[2]);
+    out[1] = y;
+    out[0] = x;
+}

@@ -13,7 +13,7 @@ struct matrix {
 // The matrix of a unit quaternion (norm within 1e-6 of 1); elements within 1.2e-4.
 void matrix_from_quat(const struct quat *q, struct matrix *out);
 
-// Rotates v; `out` has the format of v and must be another array. Needs |v| <= 2.1e9.
+// Rotates v; `out` has the format of v and may be v. Needs |v| <= 2.1e9.
 void matrix_turn(const struct matrix *matrix, const int32_t v[3], int32_t out[3]);
 
 #endif

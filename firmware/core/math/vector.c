@@ -23,7 +23,7 @@ int32_t vector_normalise(struct vector *v) {
     uint32_t fraction = vector_square_q32(v);
     const bool is_low = fraction < UINT32_C(0x40000000);
     if (is_low) {
-        fraction *= 4;
+        fraction = (uint32_t)fixed_scale_up((int32_t)fraction, 2);
         ++up;
     }
     // v / |v| = v / 2^32 / sqrt(s / 2^32), and sqrt(fraction) is 2 sqrt(s) where low.

@@ -47,6 +47,11 @@ static void limit(uint32_t a, uint32_t b) {
     mix(&hashes[6], (uint32_t)fixed_clamp((int32_t)a, bound));
     fixed_add_clamped(bound >> 1, bound, &v.x);
     mix(&hashes[6], (uint32_t)v.x);
+    const int16_t high = (int16_t)(bound >> 16);
+    int32_t held = (int32_t)a;
+    mix(&hashes[6], (uint32_t)fixed_clamp_high(held, high));
+    fixed_add_clamped_high(bound >> 1, high, &held);
+    mix(&hashes[6], (uint32_t)held);
     int32_t sum = (int32_t)a >> 1;
     fixed_add(bound >> 1, &sum);
     mix(&hashes[6], (uint32_t)sum);
@@ -104,6 +109,9 @@ static void multiply(uint32_t a, uint32_t b) {
     for (uint8_t i = 0; i < 9; i++) {
         mix(&hashes[10], (uint16_t)matrix.row[i / 3][i % 3]);
     }
+    struct vector moved = {.x = v[0], .y = v[1], .z = v[2]};
+    matrix_turn(&matrix, moved.axis, moved.axis);
+    mix_words(&hashes[10], &moved, 3);
 }
 
 // Marsaglia's xorshift32.
