@@ -26,6 +26,8 @@ MEASUREMENT = dtype_of("struct measurement")
 SAMPLE = dtype_of("struct sample")
 ORIENTATION = dtype_of("struct quat")
 QUALITY = dtype_of("struct attitude_quality")
+SIGMAS = ("tilt_sigma_cdeg", "heading_sigma_cdeg")
+FLAGS = ("starting", "at_rest", "mag_disturbed", "mag_absent", "heading_free")
 
 MAG_HZ = 100
 # What the chips of the house add at rest, root mean square: MPU-9250 data sheet,
@@ -151,6 +153,23 @@ def tumble(
     return quat
 
 
+def with_flags(quality: Array) -> Array:
+    """The same with its flags by name: `is_starting` and so on."""
+    names = [f"is_{flag}" for flag in FLAGS]
+    out = np.zeros(
+        len(quality),
+        [
+            *((name, np.uint16) for name in SIGMAS),
+            *((name, np.bool_) for name in names),
+        ],
+    )
+    for name in SIGMAS:
+        out[name] = quality[name]
+    for name, flag in zip(names, FLAGS, strict=True):
+        out[name] = quality["flags"] & getattr(lib, f"POSE_{flag.upper()}") != 0
+    return out
+
+
 class Filter:
     """A `struct fuse` and what it says, sample by sample."""
 
@@ -175,7 +194,7 @@ class Filter:
             level,
             quality,
         )
-        return orientation, level, quality
+        return orientation, level, with_flags(quality)
 
     def feel(self, scene: Scene) -> tuple[Array, Array, Array]:
         return self.run(scene.measurements(), scene.interval_us)
@@ -209,7 +228,7 @@ class Attitude:
             lib.loop_attitude,
             *(self.c, count, measurements, interval_us, orientation, quality),
         )
-        return orientation, quality
+        return orientation, with_flags(quality)
 
     def feel(self, scene: Scene) -> tuple[Array, Array]:
         return self.run(scene.measurements(), scene.interval_us)

@@ -115,15 +115,14 @@ void gyro_calibrator_begin(struct gyro_calibrator *calibrator) {
     *calibrator = (struct gyro_calibrator){.count = 0};
 }
 
-// One copy, whose arguments stay what they are.
-#define NOINLINE __attribute__((noinline, noclone))
+// One copy: three would take 60 bytes more of the AVR's flash.
+#define NOINLINE __attribute__((noinline))
 
 // In units of 2^10 nano (of rad/s or m/s2) a check is a product of 16 bits each.
 #define SPAN_MAX UINT32_C(51133)   // 3 deg/s
 #define BIAS_MAX UINT32_C(681770)  // 40 deg/s
 #define TURN_MAX UINT32_C(83571)   // 0.5 deg of 1 g
 
-// Not inline: three copies would take 60 bytes more of the AVR's flash.
 NOINLINE static bool exceeds(uint16_t counts, const uint32_t *lsb_nano,
                              uint32_t limit) {
     return (uint32_t)counts * (uint16_t)(*lsb_nano / 1024) > limit;

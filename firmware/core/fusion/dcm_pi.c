@@ -132,5 +132,5 @@ void dcm_pi_orientation(const struct dcm_pi *dcm_pi, struct quat *out) {
 
 void dcm_pi_quality(const struct dcm_pi *dcm_pi, struct attitude_quality *out) {
     paper_filter_quality(&dcm_pi->common, out);
-    out->is_heading_free = true;
+    out->flags |= POSE_HEADING_FREE;
 }

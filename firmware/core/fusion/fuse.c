@@ -154,24 +154,23 @@ static void run_stage(struct fuse *fuse) {
 void fuse_take(struct fuse *fuse, const struct measurement *measurement,
                uint32_t interval_us) {
     const struct fuse_coefficients *coefficients = &fuse->coefficients;
-    const bool is_long = interval_us > INTERVAL_MAX_US;
-    const bool is_first = fuse->frames == 0 && fuse->in_frame == 0;
     vector_subtract(&measurement->gyr_rad_s_q25, &fuse->bias_rad_s_q25,
                     &fuse->rate_rad_s_q25);
     for (uint8_t axis = 0; axis < 3; ++axis) {
         int32_t *rate = &fuse->rate_rad_s_q25.axis[axis];
         fixed_add(fixed_mul_at(rate, &fuse->scale[axis]), rate);
     }
-    if (is_first) {
+    if ((fuse->frames | fuse->in_frame) == 0) {
         fuse_take_first(fuse, &measurement->acc_m_s2_q21);
     } else {
-        integrate(fuse, is_long ? INTERVAL_MAX_US : (uint16_t)interval_us);
+        if (interval_us > INTERVAL_MAX_US) {
+            interval_us = INTERVAL_MAX_US;
+            fuse->clipped = FUSE_CLIPPED_LOST;
+        }
+        integrate(fuse, (uint16_t)interval_us);
     }
     if (measurement->gyr_clipped && fuse->clipped < UINT8_MAX) {
         ++fuse->clipped;
-    }
-    if (is_long && !is_first) {
-        fuse->clipped = FUSE_CLIPPED_LOST;
     }
     if (measurement->acc_clipped || fuse->clipped > 0) {
         fuse->unsettled = UNSETTLED;
@@ -180,7 +179,7 @@ void fuse_take(struct fuse *fuse, const struct measurement *measurement,
     const struct vector *field = &measurement->mag_ut_q18;
     if (measurement->has_mag && !fuse->has_reading &&
         (fuse->stage == 1 || fuse->stage == 2) &&
-        (field->x | field->y | field->z) != 0) {  // all zeros: no field at all
+        vector_exceeds(field, 0)) {  // all zeros: no field at all
         fuse_take_reading(fuse, field);
     }
     // Of two samples in a row, one runs a stage and one looks for rest.
@@ -195,7 +194,7 @@ void fuse_take(struct fuse *fuse, const struct measurement *measurement,
         fuse->stage = 0;
         quat_renormalise(&fuse->inertial_from_body);
     }
-    if (fuse->in_stride == coefficients->stride - 1) {
+    if ((uint8_t)(fuse->in_stride + 1) == coefficients->stride) {
         fuse_look_for_rest(fuse, measurement);
     }
 }
@@ -231,21 +230,35 @@ static uint32_t in_cdeg(q2_30_t variance) {
 }
 
 void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
-    out->is_starting =
-        (uint8_t)(fuse->frames + 1) <= FUSE_LEVEL_SETTLE ||  // FUSE_FRAMES_LOST is 0
-        (fuse->field_learnt > 0 && fuse->field_learnt < FUSE_FIELD_LEARN);
-    out->is_at_rest = fuse_is_at_rest(fuse);
-    out->is_mag_absent = fuse->field_age >= FIELD_ABSENT;
-    out->is_mag_disturbed =
-        !out->is_mag_absent && fuse->field_surprise > FUSE_FIELD_UNIT;
-    out->is_heading_free = fuse_is_heading_free(fuse);
+    uint8_t flags = 0;
+    if ((uint8_t)(fuse->frames + 1) <= FUSE_LEVEL_SETTLE ||  // FUSE_FRAMES_LOST is 0
+        (fuse->field_learnt > 0 && fuse->field_learnt < FUSE_FIELD_LEARN)) {
+        flags |= POSE_STARTING;
+    }
+    if (fuse_is_at_rest(fuse)) {
+        flags |= POSE_AT_REST;
+    }
+    if (fuse->field_age >= FIELD_ABSENT) {
+        flags |= POSE_MAG_ABSENT;
+    } else if (fuse->field_surprise > FUSE_FIELD_UNIT) {
+        flags |= POSE_MAG_DISTURBED;
+    }
+    if (fuse_is_heading_free(fuse)) {
+        flags |= POSE_HEADING_FREE;
+    }
+    out->flags = flags;
+    out->tilt_sigma_cdeg = UINT16_MAX;
+    out->heading_sigma_cdeg = UINT16_MAX;
+    if ((flags & POSE_STARTING) != 0) {
+        return;
+    }
     // 0.38 deg, and what levelling corrected in 10.4 s: (rad/s)^2 q2_30 to 1e-4 deg2 is
     // 10.4^2 / 32.7. Fitted to made motions with exact truth (docs/motions.md).
-    const uint32_t tilt =
-        1444 + (uint32_t)fuse->drift_square * 10 / 3 + in_cdeg(fuse->level_variance);
-    out->tilt_sigma_cdeg = out->is_starting ? UINT16_MAX : fixed_sqrt(tilt);
-    // 0.6 deg, and the variance.
-    const uint32_t heading = 3600 + in_cdeg(fuse->heading_variance);
-    out->heading_sigma_cdeg =
-        out->is_starting || out->is_heading_free ? UINT16_MAX : fixed_sqrt(heading);
+    out->tilt_sigma_cdeg =
+        fixed_sqrt(1444 + (uint32_t)fixed_divide(fuse->drift_square * 10, 3) +
+                   in_cdeg(fuse->level_variance));
+    if ((flags & POSE_HEADING_FREE) == 0) {
+        // 0.6 deg, and the variance.
+        out->heading_sigma_cdeg = fixed_sqrt(3600 + in_cdeg(fuse->heading_variance));
+    }
 }

@@ -48,9 +48,8 @@ void paper_filter_quality(const struct paper_filter *base,
     *out = (struct attitude_quality){
         .tilt_sigma_cdeg = UINT16_MAX,
         .heading_sigma_cdeg = UINT16_MAX,
-        .is_starting = base->age_us < STARTING_US,
-        .is_mag_absent = is_absent,
-        .is_heading_free = is_absent,
+        .flags = (uint8_t)((base->age_us < STARTING_US ? POSE_STARTING : 0) |
+                           (is_absent ? POSE_MAG_ABSENT | POSE_HEADING_FREE : 0)),
     };
 }
 

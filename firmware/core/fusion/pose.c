@@ -92,26 +92,7 @@ enum pose_result pose_step(struct pose_tracker *tracker, const struct sample *sa
 
 static uint8_t flags_of(const struct pose_tracker *tracker,
                         const struct attitude_quality *quality) {
-    uint8_t flags = 0;
-    if (quality->is_starting) {
-        flags |= POSE_STARTING;
-    }
-    if (!tracker->is_calibrated) {
-        flags |= POSE_UNCALIBRATED;
-    }
-    if (quality->is_at_rest) {
-        flags |= POSE_AT_REST;
-    }
-    if (quality->is_mag_disturbed) {
-        flags |= POSE_MAG_DISTURBED;
-    }
-    if (quality->is_mag_absent) {
-        flags |= POSE_MAG_ABSENT;
-    }
-    if (quality->is_heading_free) {
-        flags |= POSE_HEADING_FREE;
-    }
-    return flags;
+    return (uint8_t)(quality->flags | (tracker->is_calibrated ? 0 : POSE_UNCALIBRATED));
 }
 
 #ifndef POSE_WITHOUT_STROKES

@@ -3,17 +3,14 @@
 #ifndef QUALITY_H
 #define QUALITY_H
 
-#include <stdbool.h>
-#include <stdint.h>
+#include "core/wire/messages.h"
 
 struct attitude_quality {
     uint16_t tilt_sigma_cdeg;     // UINT16_MAX: not known
     uint16_t heading_sigma_cdeg;  // UINT16_MAX: heading is free, or not known
-    bool is_starting;
-    bool is_at_rest;
-    bool is_mag_disturbed;
-    bool is_mag_absent;
-    bool is_heading_free;
+    // What of a pose's flags it states: POSE_STARTING, POSE_AT_REST,
+    // POSE_MAG_DISTURBED, POSE_MAG_ABSENT and POSE_HEADING_FREE.
+    uint8_t flags;
 };
 
 #endif
