@@ -70,6 +70,16 @@ def rotated(q: Sequence[int], v: Sequence[int]) -> list[int]:
     ]
 
 
+def root(x: int) -> int:
+    """fixed_rsqrt()."""
+    y = 2289217568 - (x * 1306743800 >> 32)
+    for _ in range(3):
+        y = min(y, 2**31 - 1)
+        factor = 1610612736 - 2 * (x * (y * y >> 32) >> 32)
+        y = 4 * (y * factor >> 32)
+    return min(y, 2**31 - 1)
+
+
 def clamped(number: int, limit: int) -> int:
     return max(-limit, min(number, limit))
 
@@ -157,6 +167,7 @@ class Hashes:
             self.mix(7, number)
         self.mix(8, a // 2 * 2**30 // max(bound + 1, a // 4 + 1))
         self.mix(8, math.isqrt(a))
+        self.mix(8, root(a | 2**30))
 
     def add_up(self, a: int, b: int) -> None:
         def product(x: int, y: int) -> int:

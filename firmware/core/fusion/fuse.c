@@ -28,15 +28,15 @@ enum {
 
 // Seconds times 2^35, so that rad/s q7_25 gives rad q2_30, within 4e-7 of them. Needs
 // |us| <= 15000.
-static int32_t seconds_q35(int32_t us) {
-    return us * INT32_C(137439) / 4;
+NOINLINE static int32_t seconds_q35(int32_t us) {
+    return fixed_divide(us * INT32_C(137439), 4);
 }
 
 void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us) {
     struct fuse_coefficients *coefficients = &fuse->coefficients;
     memset(fuse, 0, sizeof *fuse);
     coefficients->frame = (uint8_t)(rate_hz / FUSE_FRAMES_HZ);
-    coefficients->stride = (uint8_t)(rate_hz / (FUSE_FRAMES_HZ * STAGES));
+    coefficients->stride = coefficients->frame / STAGES;
     coefficients->share = Q2_30_ONE / coefficients->frame;
     // A mean rate over the sample period would be half a period old.
     coefficients->lead_s_q35 =
@@ -91,19 +91,20 @@ NOINLINE static void integrate(struct fuse *fuse, uint16_t interval_us) {
 NOINLINE static void add_to_means(struct fuse *fuse, const struct vector *force) {
     struct matrix inertial_from_body;
     int32_t coarse[3];  // m/s2 q13
-    int16_t rate[3];    // rad/s q9
     matrix_from_quat(&fuse->inertial_from_body, &inertial_from_body);
     for (uint8_t axis = 0; axis < 3; ++axis) {
+        const int16_t rate =  // rad/s q9
+            (int16_t)fixed_scale_down(fuse->rate_rad_s_q25.axis[axis], 16);
         coarse[axis] = fixed_scale_down(force->axis[axis], 8);
-        rate[axis] = (int16_t)fixed_scale_down(fuse->rate_rad_s_q25.axis[axis], 16);
+        for (uint8_t row = 0; row < 3; ++row) {
+            fixed_add(
+                fixed_byte_floor((int32_t)inertial_from_body.row[row][axis] * rate),
+                &fuse->turn_sum_q15[axis].axis[row]);
+        }
     }
     for (uint8_t row = 0; row < 3; ++row) {
-        const q2_14_t *turn = inertial_from_body.row[row];
-        fixed_add(fixed_dot3_q14(coarse, turn), &fuse->force_sum_q13.axis[row]);
-        for (uint8_t axis = 0; axis < 3; ++axis) {
-            fixed_add(fixed_byte_floor((int32_t)turn[axis] * rate[axis]),
-                      &fuse->turn_sum_q15[axis].axis[row]);
-        }
+        fixed_add(fixed_dot3_q14(coarse, inertial_from_body.row[row]),
+                  &fuse->force_sum_q13.axis[row]);
     }
 }
 

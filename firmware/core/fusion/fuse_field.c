@@ -149,11 +149,12 @@ NOINLINE static void learn_place(struct fuse *fuse) {
     fuse_forget_turned(fuse);
     ++fuse->field_learnt;
     memset(covariance, 0, sizeof fuse->field_covariance);
-    kalman_wander(covariance, 0, FUSE_FIELD_STATES,
-                  FIXED_HIGH(FIELD_VARIANCE_UNKNOWN_MAX),
-                  fixed_scale_up(fuse->own_variance, OWN_UNIT_BITS));
-    kalman_wander(covariance, 0, 3, FIXED_HIGH(FIELD_VARIANCE_UNKNOWN_MAX),
-                  fuse_is_at_rest(fuse) ? PLACE_VARIANCE : PLACE_VARIANCE_MOVING);
+    const int32_t own = fixed_scale_up(fuse->own_variance, OWN_UNIT_BITS);
+    kalman_wander(covariance, 3, own, FIXED_HIGH(FIELD_VARIANCE_UNKNOWN_MAX));
+    kalman_wander(covariance, 0, own, FIXED_HIGH(FIELD_VARIANCE_UNKNOWN_MAX));
+    kalman_wander(covariance, 0,
+                  fuse_is_at_rest(fuse) ? PLACE_VARIANCE : PLACE_VARIANCE_MOVING,
+                  FIXED_HIGH(FIELD_VARIANCE_UNKNOWN_MAX));
     int32_t *shared = covariance + FUSE_FIELD_STATES;  // the row of the first own state
     for (uint8_t axis = 0; axis < 3; ++axis) {
         fixed_add(fixed_divide(field_away(fuse, axis), fuse->field_learnt),
@@ -203,9 +204,9 @@ NOINLINE static void predict_field(struct fuse *fuse) {
     const int16_t limit = fuse->own_variance > OWN_GOOD
                               ? FIXED_HIGH(FIELD_VARIANCE_UNKNOWN_MAX)
                               : FIXED_HIGH(FIELD_VARIANCE_MAX);
-    kalman_wander(covariance, 0, 3, limit, PLACE_WANDER);
-    kalman_wander(covariance, 3, FUSE_FIELD_STATES, limit,
-                  is_astray(fuse) ? OWN_WANDER_ASTRAY : OWN_WANDER);
+    kalman_wander(covariance, 0, PLACE_WANDER, limit);
+    kalman_wander(covariance, 3, is_astray(fuse) ? OWN_WANDER_ASTRAY : OWN_WANDER,
+                  limit);
 }
 
 // In a body that turns, the field of the place moves by place x rate. The part of the

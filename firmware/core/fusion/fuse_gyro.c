@@ -156,10 +156,9 @@ static q7_25_t effect(const struct fuse *fuse, const q2_14_t row[FUSE_TURNS]) {
 void fuse_stage_predict(struct fuse *fuse) {
     int32_t shared[FUSE_TURNS];
     int32_t *const covariance = fuse->motion_covariance;
-    kalman_wander(covariance, 0, SCALE, FIXED_HIGH(BIAS_VARIANCE_MAX),
-                  BIAS_WANDER + fuse->warming / WARMING_STEPS);
-    kalman_wander(covariance, SCALE, HEADING, FIXED_HIGH(SCALE_VARIANCE_MAX),
-                  SCALE_WANDER);
+    kalman_wander(covariance, 0, BIAS_WANDER + fuse->warming / WARMING_STEPS,
+                  FIXED_HIGH(BIAS_VARIANCE_MAX));
+    kalman_wander(covariance, SCALE, SCALE_WANDER, FIXED_HIGH(SCALE_VARIANCE_MAX));
     fuse->warming = (uint16_t)(fuse->warming - fuse->warming / 256);
     kalman_share(covariance, HEADING, fuse->up, shared);
     int32_t *const heading = covariance + HEADING_PAIRS;

@@ -42,10 +42,12 @@ int32_t *kalman_forget(int32_t covariance[], uint8_t states, uint8_t state) {
     return variance;
 }
 
-void kalman_wander(int32_t covariance[], uint8_t state, uint8_t end, int16_t limit_high,
-                   int32_t step) {
-    for (; state < end; ++state) {
-        fixed_add_clamped_high(step, limit_high, &covariance[kalman_variance(state)]);
+void kalman_wander(int32_t covariance[], uint8_t first, int32_t step,
+                   int16_t limit_high) {
+    int32_t *variance = covariance + kalman_variance(first);
+    for (uint8_t i = 0; i < 3; ++i) {
+        fixed_add_clamped_high(step, limit_high, variance);
+        variance += (uint8_t)(first + i + 2);
     }
 }
 

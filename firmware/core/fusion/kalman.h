@@ -28,10 +28,10 @@ int32_t kalman_share(const int32_t covariance[], uint8_t states, const q2_14_t r
 // address is returned, stays.
 int32_t *kalman_forget(int32_t covariance[], uint8_t states, uint8_t state);
 
-// Adds a step to the variances from `state` to the one before `end`, held within
+// Adds a step to the variances of three states from `first` on, which are held within
 // limit_high * 2^16.
-void kalman_wander(int32_t covariance[], uint8_t state, uint8_t end, int16_t limit_high,
-                   int32_t step);
+void kalman_wander(int32_t covariance[], uint8_t first, int32_t step,
+                   int16_t limit_high);
 
 // The reading is modelled as row * states + noise; finds the gain of each of the
 // states. The covariance and the variance `noise` have the same Q format. Where a gain

@@ -45,23 +45,6 @@ uint8_t fixed_leading_zeros(uint32_t x) {
     return zeros;
 }
 
-q2_30_t fixed_rsqrt(uint32_t x) {
-    // A line within 8.7 % on [1/4, 1), then Newton's y(3 - xy^2)/2: the relative error
-    // goes 8.7e-2, 1.2e-2, 2e-4, 6e-8. y is q2_30 and at most 2, held below 2^31.
-    uint32_t y = UINT32_C(2289217568) - fixed_umul_q32(x, UINT32_C(1306743800));
-    for (uint8_t round = 0; round < 3; ++round) {
-        if (y > INT32_MAX) {
-            y = INT32_MAX;
-        }
-        const uint32_t y2 = fixed_umul_q32(y, y);  // y^2 / 4 as a fraction of 2^30
-        const uint32_t xy2 = fixed_umul_q32(x, y2);
-        // (3 - xy^2) / 2 as q2_30: xy2 holds x y^2 in 2^28ths.
-        const uint32_t factor = UINT32_C(1610612736) - 2 * xy2;
-        y = 4 * fixed_umul_q32(y, factor);
-    }
-    return y > INT32_MAX ? INT32_MAX : (q2_30_t)y;
-}
-
 q2_30_t fixed_exp_neg(int32_t x) {
     // 2^-y with y = x log2(e) = x + 0.442695 x, below 1478, floored to 2^-21. 2^-f of
     // its fraction f is a polynomial within 5.5e-8, and the whole part halves it.

@@ -15,17 +15,18 @@ void quat_conjugate(const struct quat *q, struct quat *out) {
     }
 }
 
+// x, y and z as a vector.
+static struct vector *vector_of(struct quat *q) {
+    _Static_assert(sizeof(struct quat) == 4 * sizeof(q2_30_t), "four in a row");
+    return (struct vector *)&q->x;
+}
+
 void quat_renormalise(struct quat *q) {
-    q2_30_t *const part = &q->w;  // four in a row
-    q2_30_t square = 0;
-    for (uint8_t i = 0; i < 4; ++i) {
-        square += fixed_mul_q30(part[i], part[i]);
-    }
-    // (3 - |q|^2) / 2 = 1 + (1 - |q|^2) / 2
-    const q2_30_t gain = Q2_30_ONE + fixed_half_floor(Q2_30_ONE - square);
-    for (uint8_t i = 0; i < 4; ++i) {
-        part[i] = fixed_mul_q30(part[i], gain);
-    }
+    struct vector *const vector = vector_of(q);
+    const q2_30_t square = vector_square_q30(vector) + fixed_square_q30(q->w);
+    const q2_30_t gain = 3 * (Q2_30_ONE / 2) - fixed_scale_down(square, 1);
+    q->w = fixed_mul_q30(q->w, gain);
+    vector_scale(vector, gain, vector);
 }
 
 #define ONE_48TH INT32_C(22369621)  // 1/48 as q2_30
@@ -38,10 +39,7 @@ void quat_from_small_angle(const struct vector *angle_rad_q30, struct quat *out)
     const q2_30_t gain = Q2_30_ONE / 2 - fixed_mul_q30(square, ONE_48TH);
     out->w =
         Q2_30_ONE - eighth + fixed_mul_q30(fixed_mul_q30(square, eighth), ONE_48TH);
-    q2_30_t *const part = &out->x;  // three in a row
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        part[axis] = fixed_mul_q30(angle_rad_q30->axis[axis], gain);
-    }
+    vector_scale(angle_rad_q30, gain, vector_of(out));
 }
 
 void quat_from_heading(turn32_t heading, struct quat *out) {
@@ -51,25 +49,28 @@ void quat_from_heading(turn32_t heading, struct quat *out) {
 }
 
 void quat_about_z(int32_t cosine, int32_t sine, struct quat *out) {
-    struct vector unit = {.x = cosine, .y = sine, .z = 0};
-    quat_set_identity(out);
-    if (vector_normalise(&unit) == 0) {
+    // In two of the components first the angle's, then those of its half.
+    struct vector *const unit = (struct vector *)out;
+    *out = (struct quat){cosine, sine, 0, 0};
+    if (vector_normalise(unit) == 0) {
+        out->w = Q2_30_ONE;
         return;
     }
     // The tangent of half the angle is sine / (1 + cosine) or (1 - cosine) / sine: that
     // whose terms do not cancel.
-    const q2_30_t half_cosine = fixed_half_floor(unit.x);
-    const q2_30_t half_sine = fixed_half_floor(unit.y);
-    unit.x = half_sine;
-    unit.y = half_sine;
-    if (half_cosine >= 0) {
-        unit.x = Q2_30_ONE / 2 + half_cosine;
-    } else {
-        unit.y = Q2_30_ONE / 2 - half_cosine;
+    const q2_30_t half_cosine = fixed_half_floor(out->w);
+    const q2_30_t half_sine = fixed_half_floor(out->x);
+    q2_30_t *longer = &out->w;
+    q2_30_t *other = &out->x;
+    if (half_cosine < 0) {
+        longer = &out->x;
+        other = &out->w;
     }
-    (void)vector_normalise(&unit);
-    out->w = unit.x;
-    out->z = unit.y;
+    *longer = Q2_30_ONE / 2 + (q2_30_t)fixed_magnitude(half_cosine);
+    *other = half_sine;
+    (void)vector_normalise(unit);
+    out->z = out->x;
+    out->x = 0;
 }
 
 void quat_to_no_heading(const struct quat *q, struct quat *out) {

@@ -63,6 +63,7 @@ static void limit(uint32_t a, uint32_t b) {
     mix(&hashes[8], (uint32_t)fixed_ratio(a >> 1, denominator > a >> 2 ? denominator
                                                                        : (a >> 2) + 1));
     mix(&hashes[8], fixed_sqrt(a));
+    mix(&hashes[8], (uint32_t)fixed_rsqrt(a | UINT32_C(0x40000000)));
 }
 
 // Products and sums of one number, and of three.
