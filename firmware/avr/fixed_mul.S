@@ -206,6 +206,17 @@ fixed_umul_q32:
     ret
     .size   fixed_umul_q32, . - fixed_umul_q32
 
+; int32_t fixed_times(int32_t value, uint16_t factor)
+    .section .text.fixed_times, "ax", @progbits
+    .global fixed_times
+    .type   fixed_times, @function
+fixed_times:
+    movw    r26, r20
+    movw    r18, r22
+    movw    r20, r24
+    jmp     __muluhisi3     ; r26 times r21..r18
+    .size   fixed_times, . - fixed_times
+
     .section .text.fixed_clamp, "ax", @progbits
 
 ; int32_t fixed_clamp_high(int32_t value, int16_t limit_high): it arrives where the upper

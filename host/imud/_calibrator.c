@@ -21,7 +21,7 @@ static PyObject *calibrator_new(PyTypeObject *type, PyObject *args, PyObject *kw
     if (self != NULL) {
         struct calibrator *calibrator = (struct calibrator *)self;
         calibrator->calibration = params.calibration;
-        calibrator->scale = calibration_scale_of(&identity);
+        calibration_scale_of(&identity, &calibrator->scale);
     }
     return self;
 }

@@ -64,7 +64,8 @@ def samples_of(counts: desk.Array) -> desk.Array:
 
 def calibrated(calibration: Any, identity: Any, samples: desk.Array) -> desk.Array:
     out = np.zeros(len(samples), MEASUREMENT)
-    scale = ffi.new("struct calibration_scale *", lib.calibration_scale_of(identity))
+    scale = ffi.new("struct calibration_scale *")
+    lib.calibration_scale_of(identity, scale)
     desk.call(lib.loop_calibrate, calibration, scale, len(samples), samples, out)
     return out
 
@@ -156,10 +157,12 @@ def test_a_mean_of_counts_becomes_a_rate_as_single_counts_do():
     matrix = np.array([[16000, 100, -200], [50, 16500, 20], [0, -70, 16384]])
     bias = np.array([3 * 2**14, -(2**13), 2**12])
     mean = np.array([17.25, -300.5, 0.125])
+    scale = ffi.new("struct calibration_scale *")
+    lib.calibration_scale_of(MPU9250, scale)
     out = ffi.new("struct vector *", (mean * 2**14).astype(int).tolist())
     lib.calibrate_rate(
         calibration_of(matrix, bias),
-        ffi.new("struct calibration_scale *", lib.calibration_scale_of(MPU9250)),
+        scale,
         out,
     )
     wanted = (matrix / 2**14) @ (mean - bias / 2**14) * lsb(MPU9250, "gyr")

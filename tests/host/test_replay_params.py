@@ -169,7 +169,7 @@ def test_calibrated_values_are_those_that_the_filter_gets(identity):
     records = calibrated_records(3)
     calibration = calibration_of(records)
     scale = ffi.new("struct calibration_scale *")
-    scale[0] = lib.calibration_scale_of(identity)
+    lib.calibration_scale_of(identity, scale)
     calibrator = _core.Calibrator(hello(lib.FILTER_FUSE, identity), records)
     sample = ffi.new("struct sample *")
     out = ffi.new("struct measurement *")

@@ -52,20 +52,19 @@ static q2_30_t scale_from_nano(uint32_t nano, uint8_t bits) {
     return fixed_scale_up((int32_t)steps, (uint8_t)(bits - 1));
 }
 
-struct calibration_scale calibration_scale_of(const struct sensor_identity *identity) {
+void calibration_scale_of(const struct sensor_identity *identity,
+                          struct calibration_scale *out) {
     // From q18_14 counts to q7_25, q11_21 and q14_18.
-    return (struct calibration_scale){
-        scale_from_nano(identity->gyr_lsb_nrad_s, 11),
-        scale_from_nano(identity->acc_lsb_nm_s2, 7),
-        scale_from_nano(identity->mag_lsb_pt * 1000, 4),
-    };
+    out->gyr = scale_from_nano(identity->gyr_lsb_nrad_s, 11);
+    out->acc = scale_from_nano(identity->acc_lsb_nm_s2, 7);
+    out->mag = scale_from_nano(identity->mag_lsb_pt * 1000, 4);
 }
 
 // Counts, q18_14, become matrix * (counts - bias), then twice the scale.
 // |counts - bias| <= 2^29 + 2^28, a row of at most 1.7 and a scale of at most 1.26 keep
-// each step below 2^31; `limit` bounds the result before it is doubled.
-static void apply(const struct calibration_of_sensor *sensor, q2_30_t scale,
-                  int32_t limit, struct vector *v) {
+// each step below 2^31; limit_high * 2^16 bounds the result before it is doubled.
+static void apply(const struct calibration_of_sensor *sensor, const q2_30_t *scale,
+                  int16_t limit_high, struct vector *v) {
     const struct vector *bias = (const struct vector *)sensor->bias;
     const struct matrix *matrix = (const struct matrix *)sensor->matrix;
     _Static_assert(sizeof *bias == sizeof sensor->bias, "x, y, z");
@@ -73,42 +72,43 @@ static void apply(const struct calibration_of_sensor *sensor, q2_30_t scale,
     vector_subtract(v, bias, v);
     matrix_turn(matrix, v->axis, v->axis);
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        v->axis[axis] = fixed_clamp(fixed_mul_q30(v->axis[axis], scale), limit) * 2;
+        v->axis[axis] =
+            fixed_clamp_high(fixed_mul_at(&v->axis[axis], scale), limit_high) * 2;
     }
 }
 
 static void apply_to_counts(const struct calibration_of_sensor *sensor,
-                            const struct counts *counts, q2_30_t scale, int32_t limit,
-                            struct vector *out) {
+                            const struct counts *counts, const q2_30_t *scale,
+                            int16_t limit_high, struct vector *out) {
     for (uint8_t axis = 0; axis < 3; ++axis) {
         out->axis[axis] = fixed_scale_up(counts->axis[axis], 14);
     }
-    apply(sensor, scale, limit, out);
+    apply(sensor, scale, limit_high, out);
 }
 
-#define GYR_LIMIT_HALF INT32_C(637534208)  // 19 rad/s as q7_25
-#define ACC_LIMIT_HALF INT32_C(283115520)  // 135 m/s2 as q11_21
-#define MAG_LIMIT_HALF INT32_C(268435456)  // 1024 uT as q14_18
+#define GYR_LIMIT_HALF FIXED_HIGH(INT32_C(637534208))  // 19 rad/s as q7_25
+#define ACC_LIMIT_HALF FIXED_HIGH(INT32_C(283115520))  // 135 m/s2 as q11_21
+#define MAG_LIMIT_HALF FIXED_HIGH(INT32_C(268435456))  // 1024 uT as q14_18
 
 void calibrate(const struct calibration *calibration,
                const struct calibration_scale *scale, const struct sample *sample,
                struct measurement *out) {
-    apply_to_counts(&calibration->gyr, &sample->gyr, scale->gyr, GYR_LIMIT_HALF,
+    apply_to_counts(&calibration->gyr, &sample->gyr, &scale->gyr, GYR_LIMIT_HALF,
                     &out->gyr_rad_s_q25);
-    apply_to_counts(&calibration->acc, &sample->acc, scale->acc, ACC_LIMIT_HALF,
+    apply_to_counts(&calibration->acc, &sample->acc, &scale->acc, ACC_LIMIT_HALF,
                     &out->acc_m_s2_q21);
     out->has_mag = sample->has_mag;
     out->acc_clipped = sample->acc_clipped;
     out->gyr_clipped = sample->gyr_clipped;
     if (sample->has_mag) {
-        apply_to_counts(&calibration->mag, &sample->mag, scale->mag, MAG_LIMIT_HALF,
+        apply_to_counts(&calibration->mag, &sample->mag, &scale->mag, MAG_LIMIT_HALF,
                         &out->mag_ut_q18);
     }
 }
 
 void calibrate_rate(const struct calibration *calibration,
                     const struct calibration_scale *scale, struct vector *rate) {
-    apply(&calibration->gyr, scale->gyr, GYR_LIMIT_HALF, rate);
+    apply(&calibration->gyr, &scale->gyr, GYR_LIMIT_HALF, rate);
 }
 
 void gyro_calibrator_begin(struct gyro_calibrator *calibrator) {

@@ -48,7 +48,8 @@ struct calibration_scale {
     q2_30_t gyr, acc, mag;
 };
 
-struct calibration_scale calibration_scale_of(const struct sensor_identity *identity);
+void calibration_scale_of(const struct sensor_identity *identity,
+                          struct calibration_scale *out);
 
 void calibrate(const struct calibration *calibration,
                const struct calibration_scale *scale, const struct sample *sample,

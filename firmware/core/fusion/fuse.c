@@ -108,15 +108,6 @@ NOINLINE static void add_to_means(struct fuse *fuse, const struct vector *force)
     }
 }
 
-void fuse_take_mean(const struct fuse *fuse, struct vector *sum, int32_t limit,
-                    struct vector *out) {
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        const int32_t mean = fixed_mul_at(&sum->axis[axis], &fuse->coefficients.share);
-        out->axis[axis] = fixed_clamp(mean, limit) * 256;
-        sum->axis[axis] = 0;
-    }
-}
-
 static void run_stage(struct fuse *fuse) {
     switch (fuse->stage) {
     case 0:
@@ -226,12 +217,12 @@ void fuse_orientation(const struct fuse *fuse, struct quat *out) {
 }
 
 // A variance as 1e-4 deg2, which is 0.030573 of rad2 q2_30.
-static uint32_t in_cdeg(q2_30_t variance) {
+NOINLINE static uint32_t in_cdeg(q2_30_t variance) {
     return fixed_umul_q32((uint32_t)variance, 131310000);
 }
 
 void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
-    uint8_t flags = 0;
+    uint16_t flags = 0;
     if ((uint8_t)(fuse->frames + 1) <= FUSE_LEVEL_SETTLE ||  // FUSE_FRAMES_LOST is 0
         (fuse->field_learnt > 0 && fuse->field_learnt < FUSE_FIELD_LEARN)) {
         flags |= POSE_STARTING;
@@ -247,7 +238,7 @@ void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
     if (fuse_is_heading_free(fuse)) {
         flags |= POSE_HEADING_FREE;
     }
-    out->flags = flags;
+    out->flags = (uint8_t)flags;
     out->tilt_sigma_cdeg = UINT16_MAX;
     out->heading_sigma_cdeg = UINT16_MAX;
     if ((flags & POSE_STARTING) != 0) {
@@ -255,9 +246,9 @@ void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
     }
     // 0.38 deg, and what levelling corrected in 10.4 s: (rad/s)^2 q2_30 to 1e-4 deg2 is
     // 10.4^2 / 32.7. Fitted to made motions with exact truth (docs/motions.md).
-    out->tilt_sigma_cdeg =
-        fixed_sqrt(1444 + (uint32_t)fixed_divide(fuse->drift_square * 10, 3) +
-                   in_cdeg(fuse->level_variance));
+    out->tilt_sigma_cdeg = fixed_sqrt(
+        1444 + (uint32_t)fixed_divide(fixed_times(fuse->drift_square, 10), 3) +
+        in_cdeg(fuse->level_variance));
     if ((flags & POSE_HEADING_FREE) == 0) {
         // 0.6 deg, and the variance.
         out->heading_sigma_cdeg = fixed_sqrt(3600 + in_cdeg(fuse->heading_variance));

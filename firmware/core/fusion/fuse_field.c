@@ -221,14 +221,16 @@ void fuse_follow_lag(struct fuse *fuse) {
         return;
     }
     // 2^14 / 1000 / 2^13 of it, which is in uT/ms; at most 2.
-    const q2_14_t row = (q2_14_t)(fixed_clamp(norm, LAG_SLOPE_MAX) / 500);
+    const q2_14_t row =
+        (q2_14_t)fixed_divide(fixed_divide(fixed_clamp(norm, LAG_SLOPE_MAX), 5), 100);
     q2_30_t gain;
     kalman_read(&fuse->lag_variance, 1, &row, fuse->field_noise, &gain);
     q14_18_t along = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
         fixed_add(fixed_mul_q30(slope.axis[axis], field_step(fuse, axis)), &along);
     }
-    const int32_t lag = fuse->lag_s_q35 - fixed_mul_q30(gain, along) * LAG_MS_Q17;
+    const int32_t lag =
+        fuse->lag_s_q35 - fixed_times(fixed_mul_q30(gain, along), LAG_MS_Q17);
     fuse->lag_s_q35 = fixed_clamp(lag > 0 ? lag : 0, LAG_MAX_Q35);
 }
 
@@ -256,9 +258,10 @@ NOINLINE static int32_t turning_noise(const struct fuse *fuse, const q2_14_t row
     int32_t shared[FUSE_FIELD_STATES];
     const uint32_t distance = square < TURNING_FAR ? square : TURNING_FAR;
     const int32_t own =
-        (int32_t)(distance + FIELD_UNIT_FINE) * TURNING_NOISE +
-        fixed_clamp(leaning(fuse, fuse->drift_square), TURNING_LEANING_MAX_Q18) *
-            TURNING_LEANING;
+        fixed_times((int32_t)(distance + FIELD_UNIT_FINE), TURNING_NOISE) +
+        fixed_times(
+            fixed_clamp(leaning(fuse, fuse->drift_square), TURNING_LEANING_MAX_Q18),
+            TURNING_LEANING);
     // Of the heading's variance, what the field's covariance has already.
     const int32_t spread = fixed_clamp(
         kalman_share(fuse->field_covariance, FUSE_FIELD_STATES, row, shared),
@@ -343,7 +346,8 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
                  (uint32_t)fixed_scale_up((int32_t)(FIELD_UNIT_FINE + sum.square), 4));
     if (fuse_is_at_rest(fuse)) {
         // Readings at rest repeat each other.
-        *noise = fixed_clamp_high(*noise, FIXED_HIGH(FIELD_NOISE_MAX / 3)) * 3;
+        *noise =
+            fixed_times(fixed_clamp_high(*noise, FIXED_HIGH(FIELD_NOISE_MAX / 3)), 3);
     } else {
         // A mean over 1.6 s. An error of level or heading turns a reading and leaves
         // its length, within 2 uT: 2 * 2 * 64, of a length in 8ths.
@@ -355,7 +359,8 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
                                         (is_strange ? UINT16_MAX / 16 : 0));
     }
     fixed_add_clamped_high(
-        fixed_clamp(leaning(fuse, fuse->drift_square), LEANING_MAX_Q18) * LEANING_NOISE,
+        fixed_times(fixed_clamp(leaning(fuse, fuse->drift_square), LEANING_MAX_Q18),
+                    LEANING_NOISE),
         FIXED_HIGH(FIELD_NOISE_MAX), noise);
 }
 
@@ -435,7 +440,7 @@ NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
     const int32_t total_q19 =
         (fuse->own_variance > OWN_GOOD ? across + UNCALIBRATED_VARIANCE
                                        : fixed_mul_q30(across, COVARIANCE_SHARE_Q30)) +
-        2 * (HEADING_LEANING * leaning(fuse, fuse->drift_square) +
+        2 * (fixed_times(leaning(fuse, fuse->drift_square), HEADING_LEANING) +
              fixed_divide(leaning(fuse, fuse->level_variance), LEVEL_SHARE) +
              (residual > 0 ? fixed_scale_up(residual, 2) : 0)) +
         (fuse->field_astray > FUSE_FIELD_STRANGE ? STRANGE_VARIANCE : 0);

@@ -265,7 +265,7 @@ void fuse_stage_rest(struct fuse *fuse) {
     const int32_t off = fixed_scale_up(fixed_clamp(surprise, REST_DOUBT_Q25), 7);
     row[axis] = FUSE_Q2_14_ONE;
     fuse_read_motion(
-        fuse, row, REST_NOISE + 5 * fixed_square_q30(off),
+        fuse, row, REST_NOISE + fixed_times(fixed_square_q30(off), 5),
         fixed_scale_up(fixed_clamp_high(surprise, FIXED_HIGH(REST_SURPRISE_Q25)), 2));
     fuse_next_axis(fuse);
 }
@@ -297,9 +297,9 @@ void fuse_stage_motion(struct fuse *fuse) {
         to_units(row);
         row[HEADING] = 0;
         fuse_read_motion(fuse, row,
-                         MOTION_NOISE +
-                             fixed_clamp(fuse->drift_square, MOTION_DRIFT_MAX_Q30) *
-                                 MOTION_DRIFT,
+                         MOTION_NOISE + fixed_times(fixed_clamp(fuse->drift_square,
+                                                                MOTION_DRIFT_MAX_Q30),
+                                                    MOTION_DRIFT),
                          surprise);
     }
 }

@@ -74,7 +74,12 @@ void fuse_stage_level(struct fuse *fuse) {
     }
     fuse->frames =
         (uint8_t)(fuse->frames < UINT8_MAX - 1 ? fuse->frames + 1 : UINT8_MAX - 2);
-    fuse_take_mean(fuse, &fuse->force_sum_q13, FORCE_LIMIT_Q13, &force);
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        int32_t *const sum = &fuse->force_sum_q13.axis[axis];
+        const int32_t mean = fixed_mul_at(sum, &fuse->coefficients.share);
+        force.axis[axis] = fixed_clamp(mean, FORCE_LIMIT_Q13) * 256;
+        *sum = 0;
+    }
     lowpass_step(&fuse->force, &fuse_level_gain, &force, fuse->frames);
     follow_gravity(fuse);
 }

@@ -49,11 +49,6 @@ static inline void fuse_next_axis(struct fuse *fuse) {
 // Turns q by a small angle, |angle| <= 0.55 rad, in the frame on the right of it.
 void fuse_turn(struct quat *q, const struct vector *angle_rad_q30);
 
-// The mean over the frame, each axis held within +-limit / 256, in the format of what
-// was added to the sum; empties the sum.
-void fuse_take_mean(const struct fuse *fuse, struct vector *sum, int32_t limit,
-                    struct vector *out);
-
 // fuse_level.c
 
 // The first sample is levelled at once. Force in the body frame, m/s2 q11_21.

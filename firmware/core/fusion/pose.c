@@ -18,7 +18,7 @@ bool pose_begin(struct pose_tracker *tracker, const struct calibration *calibrat
     }
     tracker->calibration = calibration;
     tracker->identity = identity;
-    tracker->scale = calibration_scale_of(identity);
+    calibration_scale_of(identity, &tracker->scale);
     gyro_calibrator_begin(&tracker->calibrator);
     attitude_init(&tracker->attitude, (enum filter)filter, identity->rate_hz,
                   identity->gyr_delay_us);
@@ -115,6 +115,8 @@ void pose_read(struct pose_tracker *tracker, struct message_pose *out) {
         out->normal[axis] = POSE_NORMAL_NULL;
     }
     pose_place_read(tracker, q, out);
+    out->pose_flags = (uint16_t)(tracker->latched_flags | flags_of(tracker, &quality));
+    tracker->latched_flags = 0;
     if (tracker->origin != POSE_ORIGIN_NONE) {
         if (tracker->origin == POSE_ORIGIN_FULL) {
             quat_multiply(q, &tracker->to_origin, q);
@@ -122,13 +124,10 @@ void pose_read(struct pose_tracker *tracker, struct message_pose *out) {
             quat_multiply(&tracker->to_origin, q, q);
         }
         quat_renormalise(q);
-        tracker->latched_flags |= POSE_TARED;
+        out->pose_flags |= POSE_TARED;
     }
     out->tilt_sigma = quality.tilt_sigma_cdeg;
     out->heading_sigma = quality.heading_sigma_cdeg;
-    // What is latched may need the upper byte, too.
-    out->pose_flags = (uint16_t)(tracker->latched_flags | flags_of(tracker, &quality));
-    tracker->latched_flags = 0;
 }
 
 void pose_set_origin(struct pose_tracker *tracker, enum pose_origin origin) {

@@ -42,7 +42,7 @@ struct pose_tracker {
     const struct calibration *calibration;
     const struct sensor_identity *identity;
     uint32_t last_us;
-    uint16_t latched_flags;  // clipped and gap since the last pose
+    uint8_t latched_flags;  // clipped and gap since the last pose
     bool is_calibrated;
     bool has_sample;
     uint8_t origin;  // enum pose_origin

@@ -82,6 +82,9 @@ void fixed_add(int32_t step, int32_t *sum);
 void fixed_add_clamped(int32_t step, int32_t limit, int32_t *sum);
 void fixed_add_clamped_high(int32_t step, int16_t limit_high, int32_t *sum);
 
+// value * factor; the result must fit.
+int32_t fixed_times(int32_t value, uint16_t factor);
+
 // value / divisor, rounded towards zero; divisor is not 0.
 int32_t fixed_divide(int32_t value, uint8_t divisor);
 

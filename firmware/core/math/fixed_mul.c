@@ -29,6 +29,10 @@ void fixed_add_product(int32_t value, q2_14_t element, int32_t *sum) {
     *sum += fixed_mul_q14(value, element);
 }
 
+int32_t fixed_times(int32_t value, uint16_t factor) {
+    return NARROW((int64_t)value * factor);
+}
+
 int32_t fixed_mul_q32(int32_t a, int32_t b) {
     const int64_t product = (int64_t)a * b;
     return NARROW((product + (INT64_C(1) << 31)) >> 32);
