@@ -291,6 +291,19 @@ fixed_add_product:
 1:  ret
     .size   fixed_add_product, . - fixed_add_product
 
+; void fixed_subtract(int32_t step, int32_t *sum)
+    .global fixed_subtract
+    .type   fixed_subtract, @function
+fixed_subtract:
+    com     r25
+    com     r24
+    com     r23
+    neg     r22
+    sbci    r23, 0xFF
+    sbci    r24, 0xFF
+    sbci    r25, 0xFF
+    .size   fixed_subtract, . - fixed_subtract
+
 ; void fixed_add(int32_t step, int32_t *sum)
     .global fixed_add
     .type   fixed_add, @function
@@ -400,17 +413,6 @@ fixed_sqrt:
     ret
     .size   fixed_sqrt, . - fixed_sqrt
 
-    ; Saves what C wants back, as compiled functions do: libgcc's code pushes all such
-    ; registers, makes room for X bytes on the stack and goes on at Z.
-    .macro save
-    clr     r26
-    clr     r27
-    ldi     r30, lo8(gs(1f))
-    ldi     r31, hi8(gs(1f))
-    jmp     __prologue_saves__
-1:
-    .endm
-
     ; A constant to r21..r18.
     .macro load number
     ldi     r18, lo8(\number)
@@ -425,7 +427,7 @@ fixed_sqrt:
     .global fixed_rsqrt
     .type   fixed_rsqrt, @function
 fixed_rsqrt:
-    save
+    call    save
     movw    r12, r22
     movw    r14, r24
     load    1306743800
@@ -632,6 +634,16 @@ fixed_dot3_q14:
 
     .section .text.quat_multiply, "ax", @progbits
 
+; Called first: saves what C wants back, as compiled functions do. libgcc's code pushes
+; all such registers, makes room for X bytes on the stack and goes on at Z, which is
+; where this was called from.
+save:
+    pop     r31
+    pop     r30
+    clr     r26
+    clr     r27
+    jmp     __prologue_saves__
+
 ; Takes the arguments a, b and out, of which the last two are vectors: they begin where
 ; a quaternion has its x.
 take_vectors:
@@ -762,7 +774,7 @@ twice:
     .global quat_multiply
     .type   quat_multiply, @function
 quat_multiply:
-    save
+    rcall   save
     rcall   take
 1:  ldi     r24, 0x20
     rcall   clear
@@ -814,7 +826,7 @@ pop_vector:
     .global matrix_turn
     .type   matrix_turn, @function
 matrix_turn:
-    save
+    rcall   save
     rcall   take
     adiw    r28, 12         ; the last row
 1:  movw    r24, OTHER
@@ -836,7 +848,7 @@ matrix_turn:
     .global quat_rotate
     .type   quat_rotate, @function
 quat_rotate:
-    save
+    rcall   save
     rcall   take_vectors
     push    r22             ; v, for the end
     push    r23
@@ -899,7 +911,7 @@ quat_rotate:
     .global vector_cross
     .type   vector_cross, @function
 vector_cross:
-    save
+    rcall   save
     rcall   take_vectors
     sbiw    r28, 4
 1:  mov     r30, J
@@ -960,7 +972,7 @@ vector_square_q32:
 vector_square_q30:
     clt
 square:
-    save
+    rcall   save
     movw    r14, r24
     clr     r4
     clr     r5
@@ -1033,7 +1045,7 @@ vector_scale:
 vector_clamp:
     set
 each_axis:
-    save
+    rcall   save
     movw    r14, r24        ; v, the number and out
     movw    r12, r22
     movw    r10, r20
@@ -1073,7 +1085,7 @@ each_axis:
     .global matrix_from_quat
     .type   matrix_from_quat, @function
 matrix_from_quat:
-    save
+    rcall   save
     movw    r30, r24
     movw    r16, r22
     ldi     r20, 4

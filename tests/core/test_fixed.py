@@ -189,6 +189,36 @@ def test_a_clamp_holds_the_most_negative_number():
     assert lib.fixed_clamp(INT32_MIN, 0) == 0
 
 
+@given(int32s, st.integers(0, 2**15 - 1))
+def test_a_limit_may_be_given_by_its_upper_half(value, high):
+    limit = high * 2**16
+    assert lib.fixed_clamp_high(value, high) == max(-limit, min(limit, value))
+
+
+@given(
+    st.integers(-(2**30), 2**30),
+    st.integers(-(2**30), 2**30 - 1),
+    st.integers(0, 2**15 - 1),
+)
+def test_a_number_in_memory_is_added_to_and_subtracted_from(before, step, high):
+    limit = high * 2**16
+    number = ffi.new("int32_t *", before)
+    lib.fixed_add(step, number)
+    assert number[0] == before + step
+    lib.fixed_subtract(step, number)
+    assert number[0] == before
+    lib.fixed_add_clamped_high(step, high, number)
+    assert number[0] == max(-limit, min(limit, before + step))
+    number[0] = before
+    lib.fixed_add_clamped(step, limit + 1, number)
+    assert number[0] == max(-limit - 1, min(limit + 1, before + step))
+
+
+def test_a_number_times_a_factor_fits_up_to_the_ends_of_32_bits():
+    for value, factor in ((32768, 65535), (-32768, 65535), (INT32_MIN, 1), (7, 0)):
+        assert lib.fixed_times(value, factor) == value * factor
+
+
 def test_magnitude_is_exact_even_for_the_most_negative_number():
     for value in EDGES:
         assert lib.fixed_magnitude(value) == abs(value)

@@ -79,12 +79,23 @@ def test_a_state_that_is_forgotten_keeps_its_variance():
     before = covariance_of(np.random.default_rng(3), 7, SUM_MAX)
     pairs = ffi.new("int32_t[]", packed(before))
     known = unpacked(pairs, 7)
-    lib.kalman_forget(pairs, 7, 4)
+    variance = lib.kalman_forget(pairs, 7, 4)
+    assert variance == pairs + lib.kalman_variance(4)
     found = unpacked(pairs, 7)
     assert found[4, 4] == known[4, 4]
     assert (np.delete(found[4], 4) == 0).all()
     others = np.ix_([0, 1, 2, 3, 5, 6], [0, 1, 2, 3, 5, 6])
     assert (found[others] == known[others]).all()
+
+
+@pytest.mark.parametrize("first", [0, 3])
+def test_three_variances_wander_up_to_a_limit_and_nothing_else_changes(first):
+    before = [10, 1, 2**20 - 50, 1, 1, 2**20, *range(100, 115), 5]
+    pairs = ffi.new("int32_t[]", before)
+    lib.kalman_wander(pairs, first, 70, 2**20 // 2**16)
+    for place, value in enumerate(pairs):
+        is_one = place in [lib.kalman_variance(first + i) for i in range(3)]
+        assert value == (min(before[place] + 70, 2**20) if is_one else before[place])
 
 
 def test_the_indices_of_variances():

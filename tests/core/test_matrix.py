@@ -63,3 +63,6 @@ def test_a_vector_is_turned_up_to_the_longest():
         lib.matrix_turn(made, v.astype(int).tolist(), out)
         away = np.array(list(out)) - rotation.rotate(quat, v)
         assert np.abs(away).max() < 2.1e9 * 2.2e-4
+        in_place = ffi.new("int32_t[3]", v.astype(int).tolist())
+        lib.matrix_turn(made, in_place, in_place)
+        assert list(in_place) == list(out)

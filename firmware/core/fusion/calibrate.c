@@ -2,6 +2,8 @@
 // Sample to measurement; see calibrate.h for units and bounds.
 #include "core/fusion/calibrate.h"
 
+#include <string.h>
+
 #include "core/math/matrix.h"
 
 enum {
@@ -9,13 +11,16 @@ enum {
     ROW_MAX = 27852,  // 1.7 as q2_14
 };
 
+static const struct vector *bias_of(const struct calibration_of_sensor *sensor) {
+    _Static_assert(sizeof(struct vector) == sizeof sensor->bias, "x, y, z");
+    return (const struct vector *)sensor->bias;
+}
+
 static void sensor_clear(struct calibration_of_sensor *sensor) {
+    memset(sensor, 0, sizeof *sensor);
     sensor->sigma = UINT16_MAX;
     for (uint8_t row = 0; row < 3; ++row) {
-        sensor->bias[row] = 0;
-        for (uint8_t column = 0; column < 3; ++column) {
-            sensor->matrix[row][column] = row == column ? ONE : 0;
-        }
+        sensor->matrix[row][row] = ONE;
     }
 }
 
@@ -31,12 +36,11 @@ bool calibration_of_sensor_is_valid(const struct calibration_of_sensor *sensor) 
         for (uint8_t column = 0; column < 3; ++column) {
             sum += fixed_magnitude(sensor->matrix[row][column]);
         }
-        if (sum > ROW_MAX ||
-            fixed_magnitude(sensor->bias[row]) > UINT32_C(16384) * 16384) {
+        if (sum > ROW_MAX) {
             return false;
         }
     }
-    return true;
+    return !vector_exceeds(bias_of(sensor), INT32_C(16384) * 16384);
 }
 
 bool calibration_is_valid(const struct calibration *calibration) {
@@ -65,11 +69,9 @@ void calibration_scale_of(const struct sensor_identity *identity,
 // each step below 2^31; limit_high * 2^16 bounds the result before it is doubled.
 static void apply(const struct calibration_of_sensor *sensor, const q2_30_t *scale,
                   int16_t limit_high, struct vector *v) {
-    const struct vector *bias = (const struct vector *)sensor->bias;
     const struct matrix *matrix = (const struct matrix *)sensor->matrix;
-    _Static_assert(sizeof *bias == sizeof sensor->bias, "x, y, z");
     _Static_assert(sizeof *matrix == sizeof sensor->matrix, "rows");
-    vector_subtract(v, bias, v);
+    vector_subtract(v, bias_of(sensor), v);
     matrix_turn(matrix, v->axis, v->axis);
     for (uint8_t axis = 0; axis < 3; ++axis) {
         v->axis[axis] =
@@ -81,7 +83,9 @@ static void apply_to_counts(const struct calibration_of_sensor *sensor,
                             const struct counts *counts, const q2_30_t *scale,
                             int16_t limit_high, struct vector *out) {
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        out->axis[axis] = fixed_scale_up(counts->axis[axis], 14);
+        // To q18_14 by fewer shifts than from counts.
+        out->axis[axis] =
+            fixed_half_floor(fixed_half_floor(counts->axis[axis] * INT32_C(65536)));
     }
     apply(sensor, scale, limit_high, out);
 }

@@ -25,11 +25,12 @@ enum {
 #define LEVEL_UNKNOWN_Q30 INT32_C(3865471)
 #define LEVEL_GAIN_Q32 UINT32_C(959097000)
 #define INTERVAL_MAX_US UINT16_C(60000)  // is integrated: nine steps
+#define FOUR_US_Q35 INT32_C(137439)      // 4 us, as seconds times 2^35
 
 // Seconds times 2^35, so that rad/s q7_25 gives rad q2_30, within 4e-7 of them. Needs
-// |us| <= 15000.
-NOINLINE static int32_t seconds_q35(int32_t us) {
-    return fixed_divide(us * INT32_C(137439), 4);
+// us <= 15000.
+NOINLINE static int32_t seconds_q35(uint16_t us) {
+    return fixed_half_floor(fixed_half_floor(us * FOUR_US_Q35));
 }
 
 void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us) {
@@ -39,8 +40,8 @@ void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us) {
     coefficients->stride = coefficients->frame / STAGES;
     coefficients->share = Q2_30_ONE / coefficients->frame;
     // A mean rate over the sample period would be half a period old.
-    coefficients->lead_s_q35 =
-        seconds_q35(gyr_delay_us - (int32_t)(UINT32_C(500000) / rate_hz));
+    coefficients->lead_s_q35 = fixed_divide(
+        (gyr_delay_us - (int32_t)(UINT32_C(500000) / rate_hz)) * FOUR_US_Q35, 4);
     fuse_init_lag(fuse);
     fuse_init_gyro(fuse);
     fuse_restart(fuse);

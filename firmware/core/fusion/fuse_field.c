@@ -77,7 +77,7 @@ enum { OWN_CALIBRATED = 64 };  // (2 uT)^2 as 16ths of 1 uT2
 // A heading's stated variance has a part of the covariance, and (6 s)^2 of what
 // leans: fitted, see fuse_quality.
 #define COVARIANCE_SHARE_Q30 INT32_C(295279002)  // 0.275
-#define HEADING_LEANING INT32_C(36)
+#define HEADING_LEANING_TWICE 72                 // of q14_18 as q13_19
 // Of the accelerometer's error a third: the rest looks like a field of the probe's own.
 #define LEVEL_SHARE 3
 // What soft iron adds where nothing is calibrated: (1.5 uT)^2.
@@ -198,7 +198,7 @@ NOINLINE static void predict_field(struct fuse *fuse) {
     }
     if (covariance[0] + covariance[2] < PLACE_SPREAD_MAX) {
         fixed_add(fixed_mul_at(&half[1], &turned[1]), &covariance[0]);
-        fixed_add(-fixed_mul_at(&half[0], &turned[1]), &covariance[1]);
+        fixed_subtract(fixed_mul_at(&half[0], &turned[1]), &covariance[1]);
         fixed_add(fixed_mul_at(&half[0], &turned[0]), &covariance[2]);
     }
     const int16_t limit = fuse->own_variance > OWN_GOOD
@@ -277,7 +277,10 @@ NOINLINE static int32_t turning_noise(const struct fuse *fuse, const q2_14_t row
 
 // What of the reading is across the horizontal field, and the noise of it.
 NOINLINE static q14_18_t look_across(const struct fuse *fuse, int32_t *noise) {
-    q2_14_t row[FUSE_FIELD_STATES] = {fuse->across[0], fuse->across[1]};
+    q2_14_t row[FUSE_FIELD_STATES];
+    row[0] = fuse->across[0];
+    row[1] = fuse->across[1];
+    row[2] = 0;
     uint32_t square = 0;
     q14_18_t off = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
@@ -436,14 +439,19 @@ NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
                              fixed_mul_at(&covariance[1], &north->y);
     const int32_t across =
         fixed_mul_at(&across_y, &north->y) + fixed_mul_at(&across_x, &north->x);
-    const int32_t residual = fuse->residual - RESIDUAL_FREE_Q18;
-    const int32_t total_q19 =
-        (fuse->own_variance > OWN_GOOD ? across + UNCALIBRATED_VARIANCE
-                                       : fixed_mul_q30(across, COVARIANCE_SHARE_Q30)) +
-        2 * (fixed_times(leaning(fuse, fuse->drift_square), HEADING_LEANING) +
-             fixed_divide(leaning(fuse, fuse->level_variance), LEVEL_SHARE) +
-             (residual > 0 ? fixed_scale_up(residual, 2) : 0)) +
-        (fuse->field_astray > FUSE_FIELD_STRANGE ? STRANGE_VARIANCE : 0);
+    int32_t total_q19 = fuse->own_variance > OWN_GOOD
+                            ? across + UNCALIBRATED_VARIANCE
+                            : fixed_mul_q30(across, COVARIANCE_SHARE_Q30);
+    fixed_add(fixed_times(leaning(fuse, fuse->drift_square), HEADING_LEANING_TWICE),
+              &total_q19);
+    fixed_add(2 * fixed_divide(leaning(fuse, fuse->level_variance), LEVEL_SHARE),
+              &total_q19);
+    if (fuse->residual > RESIDUAL_FREE_Q18) {
+        fixed_add(fixed_scale_up(fuse->residual - RESIDUAL_FREE_Q18, 3), &total_q19);
+    }
+    if (fuse->field_astray > FUSE_FIELD_STRANGE) {
+        fixed_add(STRANGE_VARIANCE, &total_q19);
+    }
     // Divided by the field twice; 64ths keep the first quotient in range.
     const uint32_t total_q12 =
         (uint32_t)fixed_divide(total_q19 > 0 ? total_q19 : 0, 128);

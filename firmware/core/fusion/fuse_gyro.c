@@ -217,7 +217,7 @@ NOINLINE static void turn_axes(const struct fuse *fuse, q2_14_t row[3][FUSE_TURN
 // A row of unit rates as one of the units of motion_covariance.
 NOINLINE static void to_units(q2_14_t row[]) {
     for (uint8_t axis = 0; axis < SCALE; ++axis) {
-        row[axis] = (q2_14_t)fixed_divide(row[axis], 4);
+        row[axis] = (q2_14_t)(row[axis] / 4);
     }
 }
 

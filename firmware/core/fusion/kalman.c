@@ -55,7 +55,7 @@ void kalman_wander(int32_t covariance[], uint8_t first, int32_t step,
 NOINLINE static void subtract_row(int32_t *pair, q2_30_t found, const int32_t *shared,
                                   const int32_t *last) {
     for (; shared <= last; ++shared) {
-        fixed_add(-fixed_mul_q30(found, *shared), pair);
+        fixed_subtract(fixed_mul_q30(found, *shared), pair);
         ++pair;
     }
     if (pair[-1] < 1) {
@@ -81,7 +81,7 @@ void kalman_read(int32_t covariance[], uint8_t states, const q2_14_t row[],
             shared[a] = 0;
         }
     }
-    int32_t *row_of_pairs = covariance + states * (states + 1) / 2;
+    int32_t *row_of_pairs = covariance + (uint8_t)(states * (states + 1)) / 2;
     int32_t *last = gain + states;
     do {
         --last;

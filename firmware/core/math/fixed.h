@@ -78,7 +78,10 @@ int32_t fixed_clamp_high(int32_t value, int16_t limit_high);
 // bits in memory, the least where `step` is what a function returned.
 void fixed_add(int32_t step, int32_t *sum);
 
-// The same, and the sum held within +-limit.
+// *sum -= step.
+void fixed_subtract(int32_t step, int32_t *sum);
+
+// fixed_add(), and the sum held within +-limit.
 void fixed_add_clamped(int32_t step, int32_t limit, int32_t *sum);
 void fixed_add_clamped_high(int32_t step, int16_t limit_high, int32_t *sum);
 

@@ -60,6 +60,10 @@ void fixed_add(int32_t step, int32_t *sum) {
     *sum += step;
 }
 
+void fixed_subtract(int32_t step, int32_t *sum) {
+    *sum -= step;
+}
+
 void fixed_add_clamped(int32_t step, int32_t limit, int32_t *sum) {
     *sum = fixed_clamp(*sum + step, limit);
 }

@@ -55,6 +55,8 @@ static void limit(uint32_t a, uint32_t b) {
     int32_t sum = (int32_t)a >> 1;
     fixed_add(bound >> 1, &sum);
     mix(&hashes[6], (uint32_t)sum);
+    fixed_subtract(bound, &sum);
+    mix(&hashes[6], (uint32_t)sum);
     vector_scale(&v, (int32_t)b, &v);
     mix_words(&hashes[7], &v, 3);
     vector_clamp(&v, bound, &v);
@@ -71,6 +73,7 @@ static void add_up(uint32_t a, uint32_t b) {
     const int16_t element = (int16_t)(b >> 16);
     int32_t sum = (int32_t)b;
     mix(&hashes[11], (uint32_t)fixed_square_q30((int32_t)a));
+    mix(&hashes[11], (uint32_t)fixed_times((int32_t)a >> 16, (uint16_t)b));
     mix(&hashes[11], (uint32_t)fixed_mul_q14((int32_t)a, element));
     fixed_add_product((int32_t)a, element, &sum);
     fixed_add_product((int32_t)a, 0, &sum);
