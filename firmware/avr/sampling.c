@@ -27,8 +27,7 @@ _Static_assert(IS_AT(slots.filled, SAMPLING_FILLED) &&
                    IS_AT(cursor, SAMPLING_CURSOR) && IS_AT(begun, SAMPLING_BEGUN) &&
                    IS_AT(burst.address, SAMPLING_ADDRESS) &&
                    IS_AT(burst.reg, SAMPLING_REG) &&
-                   IS_AT(burst.length, SAMPLING_LENGTH) &&
-                   IS_AT(ready, SAMPLING_READY),
+                   IS_AT(burst.length, SAMPLING_LENGTH) && IS_AT(ready, SAMPLING_READY),
                "as handlers.h tells the handlers");
 _Static_assert(sizeof(struct reading) == READING_SIZE &&
                    offsetof(struct reading, bytes) == 0 &&
@@ -44,7 +43,8 @@ struct sampling sampling;
 struct reading sampling_readings[READING_SLOTS];
 
 static inline struct reading *filling(void) {
-    return &sampling_readings[sampling.slots.filled & 1];
+    return (sampling.slots.filled & 1) != 0 ? &sampling_readings[1]
+                                            : &sampling_readings[0];
 }
 
 // True once no transfer is on the bus. One that takes too long is ended. Interrupts are

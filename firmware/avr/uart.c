@@ -39,13 +39,19 @@ void uart_init(void) {
 }
 
 bool board_send(const uint8_t *bytes, uint8_t length) {
-    if (length > ring_room(SENDING_SIZE, uart_sending_head, uart_sending_tail)) {
+    uint8_t head = uart_sending_head;
+    if (length > ring_room(SENDING_SIZE, head, uart_sending_tail)) {
         return false;
     }
     if (length == 0) {
         return true;
     }
-    const uint8_t head = ring_write(uart_sending, SENDING_SIZE, uart_sending_head, bytes, length);
+    for (; length > 0; length--) {
+        uart_sending[head++] = *bytes++;
+        if (head == SENDING_SIZE) {
+            head = 0;
+        }
+    }
     // Together, or the handler may empty the ring in between and then be called again.
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
         uart_sending_head = head;
@@ -58,8 +64,8 @@ bool board_send(const uint8_t *bytes, uint8_t length) {
 bool board_send_is_idle(void) {
     bool is_idle;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-        is_idle =
-            uart_sending_head == uart_sending_tail && (!has_sent || (UCSR0A & _BV(TXC0)) != 0);
+        is_idle = uart_sending_head == uart_sending_tail &&
+                  (!has_sent || (UCSR0A & _BV(TXC0)) != 0);
     }
     return is_idle;
 }

@@ -7,7 +7,15 @@ from collections.abc import Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
 
-from generator.schema import COLUMNS, TYPES, Field, Message, Record, Schema
+from generator.schema import (
+    COLUMNS,
+    HEADER_SIZE,
+    TYPES,
+    Field,
+    Message,
+    Record,
+    Schema,
+)
 
 LAYOUT = Path(__file__).parent / "layout.c"
 
@@ -220,10 +228,31 @@ def functions(message: Message) -> Iterator[str]:
     decoded = [name, "content", "length", size, "header", "out"]
     yield from wrapped("    return decode(", decoded, ");")
     yield from ("}", "", *take_head(message, " {"))
-    taken = [f"return length == {size} &&", f"take({name}, content, out);"]
-    gap = " " if 5 + sum(map(len, taken)) <= COLUMNS else f"\n{' ' * 11}"
-    yield f"    {gap.join(taken)}"
+    yield from take_body(message)
     yield "}"
+
+
+def take_body(message: Message) -> Iterator[str]:
+    """The short decoder without a walk over the layout, which takes more of the AVR."""
+    wrong = [f"length != {size_name(message)}", f"content[0] != {id_name(message)}"]
+    copies = []
+    at = HEADER_SIZE
+    for field in message.fields:
+        wrong.append(f"content[{at}] != {field.tag}")
+        target = f"out->{field.name}" if field.count > 1 else f"&out->{field.name}"
+        copies.append(f"    memcpy({target}, content + {at + 1}, {field.size});")
+        at += 1 + field.size
+    line = f"    if ({wrong[0]}"
+    for condition in wrong[1:]:
+        longer = f"{line} || {condition}"
+        # What follows it, ` ||` or `) {`, has three characters.
+        if len(longer) + 3 <= COLUMNS:
+            line = longer
+        else:
+            yield f"{line} ||"
+            line = f"        {condition}"
+    yield f"{line}) {{"
+    yield from ("        return false;", "    }", *copies, "    return true;")
 
 
 def prologue(last: str) -> tuple[str, ...]:

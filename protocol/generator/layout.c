@@ -54,24 +54,6 @@ static uint8_t encode(message_layout *layout, const void *message, uint32_t sequ
     return message_fill(layout, message, content);
 }
 
-// Of content that is as long as the message.
-static bool take(message_layout *at, const uint8_t *content, void *out) {
-    if (content[0] != *at++) {
-        return false;
-    }
-    content += HEADER_SIZE;
-    for (uint8_t end = 0; *at != 0; at += 2) {
-        const struct field field = field_first(at, end);
-        if (*content != field.tag) {
-            return false;
-        }
-        memcpy((uint8_t *)out + field.offset, content + 1, field.length);
-        content += 1 + field.length;
-        end = (uint8_t)(field.offset + field.length);
-    }
-    return true;
-}
-
 // Names what stands at `at` where the `expected` field does not, or 0 where none is
 // left to come.
 static enum message_result misplaced(message_layout *fields, const uint8_t *at,

@@ -25,17 +25,17 @@ static void make_id(struct probe *probe) {
     if (probe->port->unique_id(id)) {
         return;
     }
-    uint16_t words[4];  // not initialised by a table, which would take RAM on the AVR
-    for (uint8_t i = 0; i < 4; ++i) {
-        words[i] = (uint16_t)(i + 1);
-    }
     for (uint8_t i = 0; i < ENTROPY_READINGS; ++i) {
-        const uint16_t reading = probe->port->entropy();
-        const uint8_t bytes[2] = {(uint8_t)(reading % 256), (uint8_t)(reading / 256)};
-        words[i % 4] = frame_crc(words[i % 4], bytes, sizeof bytes);
+        // Little endian, as messages.c asserts of all our processors. The number keeps
+        // the parts of an id apart where readings are all the same.
+        const uint16_t reading = (uint16_t)(probe->port->entropy() + i);
+        uint8_t *const at = &id[2 * (i % 4)];
+        uint16_t word;
+        memcpy(&word, at, sizeof word);
+        word = frame_crc(word, (const uint8_t *)&reading, sizeof reading);
+        memcpy(at, &word, sizeof word);
     }
-    words[0] |= 1;  // all zeros would mean that there is none
-    memcpy(id, words, sizeof words);
+    id[0] |= 1;  // all zeros would mean that there is none
 }
 
 void probe_begin(struct probe *probe, const IN_FLASH struct probe_port *port,

@@ -3,6 +3,8 @@
 // byte's CRC is a few shifts.
 #include "core/wire/frame.h"
 
+#include <string.h>
+
 uint16_t frame_crc(uint16_t seed, const uint8_t *bytes, uint8_t length) {
     uint8_t high = (uint8_t)(seed >> 8);
     uint8_t low = (uint8_t)seed;
@@ -22,8 +24,7 @@ uint16_t frame_crc(uint16_t seed, const uint8_t *bytes, uint8_t length) {
 uint8_t frame_encode(uint16_t seed, uint8_t *bytes, uint8_t length) {
     uint8_t *at = bytes + 1;
     const uint16_t crc = frame_crc(seed, at, length);
-    at[length] = (uint8_t)crc;
-    at[length + 1] = (uint8_t)(crc >> 8);
+    memcpy(at + length, &crc, sizeof crc);
     // A code is the distance to the next, which takes the place of a zero; content is
     // too short for a code of 0xFF, the one that stands for no zero.
     uint8_t *code = bytes;
@@ -66,14 +67,12 @@ static enum frame_result judge(const struct frame_decoder *decoder) {
         return FRAME_TOO_SHORT;
     }
     const uint8_t content_length = (uint8_t)(decoder->length - FRAME_CRC);
-    const uint8_t *crc = decoder->bytes + content_length;
+    uint16_t told;  // little endian, as messages.c asserts of all our processors
+    memcpy(&told, decoder->bytes + content_length, sizeof told);
     const uint16_t seed =
         decoder->bytes[0] == decoder->hello_id ? FRAME_HELLO_SEED : decoder->seed;
     const uint16_t expected = frame_crc(seed, decoder->bytes, content_length);
-    if (crc[0] != (uint8_t)expected || crc[1] != (uint8_t)(expected >> 8)) {
-        return FRAME_BAD_CRC;
-    }
-    return FRAME_OK;
+    return told == expected ? FRAME_OK : FRAME_BAD_CRC;
 }
 
 enum frame_result frame_decode(struct frame_decoder *decoder, uint8_t byte,

@@ -53,24 +53,6 @@ static uint8_t encode(message_layout *layout, const void *message, uint32_t sequ
     return message_fill(layout, message, content);
 }
 
-// Of content that is as long as the message.
-static bool take(message_layout *at, const uint8_t *content, void *out) {
-    if (content[0] != *at++) {
-        return false;
-    }
-    content += HEADER_SIZE;
-    for (uint8_t end = 0; *at != 0; at += 2) {
-        const struct field field = field_first(at, end);
-        if (*content != field.tag) {
-            return false;
-        }
-        memcpy((uint8_t *)out + field.offset, content + 1, field.length);
-        content += 1 + field.length;
-        end = (uint8_t)(field.offset + field.length);
-    }
-    return true;
-}
-
 // Names what stands at `at` where the `expected` field does not, or 0 where none is
 // left to come.
 static enum message_result misplaced(message_layout *fields, const uint8_t *at,
@@ -176,7 +158,39 @@ enum message_result message_hello_decode(const uint8_t *content, uint8_t length,
 
 bool message_hello_take(const uint8_t *content, uint8_t length,
                         struct message_hello *out) {
-    return length == MESSAGE_HELLO_SIZE && take(message_hello_layout, content, out);
+    if (length != MESSAGE_HELLO_SIZE || content[0] != MESSAGE_HELLO ||
+        content[9] != 1 || content[11] != 2 || content[16] != 3 || content[33] != 4 ||
+        content[35] != 5 || content[44] != 6 || content[46] != 7 || content[49] != 8 ||
+        content[53] != 9 || content[55] != 10 || content[58] != 11 ||
+        content[61] != 12 || content[64] != 13 || content[69] != 14 ||
+        content[74] != 15 || content[79] != 16 || content[82] != 17 ||
+        content[84] != 18 || content[86] != 19 || content[91] != 113 ||
+        content[96] != 114 || content[103] != 115) {
+        return false;
+    }
+    memcpy(&out->protocol_version, content + 10, 1);
+    memcpy(&out->schema_fingerprint, content + 12, 4);
+    memcpy(out->firmware, content + 17, 16);
+    memcpy(&out->board, content + 34, 1);
+    memcpy(out->probe_id, content + 36, 8);
+    memcpy(&out->sensor, content + 45, 1);
+    memcpy(out->who_am_i, content + 47, 2);
+    memcpy(out->mag_adjust, content + 50, 3);
+    memcpy(&out->self_test, content + 54, 1);
+    memcpy(&out->sample_rate, content + 56, 2);
+    memcpy(&out->pose_rate, content + 59, 2);
+    memcpy(&out->raw_rate, content + 62, 2);
+    memcpy(&out->acc_lsb, content + 65, 4);
+    memcpy(&out->gyr_lsb, content + 70, 4);
+    memcpy(&out->mag_lsb, content + 75, 4);
+    memcpy(&out->boot_count, content + 80, 2);
+    memcpy(&out->reset_cause, content + 83, 1);
+    memcpy(&out->filter, content + 85, 1);
+    memcpy(&out->reset_address, content + 87, 4);
+    memcpy(&out->params_digest, content + 92, 4);
+    memcpy(out->own_field, content + 97, 6);
+    memcpy(&out->own_sigma, content + 104, 2);
+    return true;
 }
 
 message_layout message_raw_layout[12] = {
@@ -201,7 +215,17 @@ enum message_result message_raw_decode(const uint8_t *content, uint8_t length,
 }
 
 bool message_raw_take(const uint8_t *content, uint8_t length, struct message_raw *out) {
-    return length == MESSAGE_RAW_SIZE && take(message_raw_layout, content, out);
+    if (length != MESSAGE_RAW_SIZE || content[0] != MESSAGE_RAW || content[9] != 20 ||
+        content[16] != 21 || content[23] != 22 || content[30] != 23 ||
+        content[33] != 24) {
+        return false;
+    }
+    memcpy(out->acc, content + 10, 6);
+    memcpy(out->gyr, content + 17, 6);
+    memcpy(out->mag, content + 24, 6);
+    memcpy(&out->temperature, content + 31, 2);
+    memcpy(&out->sample_flags, content + 34, 1);
+    return true;
 }
 
 message_layout message_pose_layout[14] = {
@@ -228,7 +252,18 @@ enum message_result message_pose_decode(const uint8_t *content, uint8_t length,
 
 bool message_pose_take(const uint8_t *content, uint8_t length,
                        struct message_pose *out) {
-    return length == MESSAGE_POSE_SIZE && take(message_pose_layout, content, out);
+    if (length != MESSAGE_POSE_SIZE || content[0] != MESSAGE_POSE || content[9] != 30 ||
+        content[26] != 31 || content[39] != 32 || content[46] != 33 ||
+        content[49] != 34 || content[52] != 35) {
+        return false;
+    }
+    memcpy(out->q, content + 10, 16);
+    memcpy(out->position, content + 27, 12);
+    memcpy(out->normal, content + 40, 6);
+    memcpy(&out->tilt_sigma, content + 47, 2);
+    memcpy(&out->heading_sigma, content + 50, 2);
+    memcpy(&out->pose_flags, content + 53, 2);
+    return true;
 }
 
 message_layout message_event_layout[8] = {
@@ -253,7 +288,14 @@ enum message_result message_event_decode(const uint8_t *content, uint8_t length,
 
 bool message_event_take(const uint8_t *content, uint8_t length,
                         struct message_event *out) {
-    return length == MESSAGE_EVENT_SIZE && take(message_event_layout, content, out);
+    if (length != MESSAGE_EVENT_SIZE || content[0] != MESSAGE_EVENT ||
+        content[9] != 40 || content[11] != 41 || content[13] != 42) {
+        return false;
+    }
+    memcpy(&out->event, content + 10, 1);
+    memcpy(&out->cause, content + 12, 1);
+    memcpy(&out->detail, content + 14, 4);
+    return true;
 }
 
 message_layout message_status_layout[36] = {
@@ -292,7 +334,33 @@ enum message_result message_status_decode(const uint8_t *content, uint8_t length
 
 bool message_status_take(const uint8_t *content, uint8_t length,
                          struct message_status *out) {
-    return length == MESSAGE_STATUS_SIZE && take(message_status_layout, content, out);
+    if (length != MESSAGE_STATUS_SIZE || content[0] != MESSAGE_STATUS ||
+        content[9] != 50 || content[14] != 51 || content[16] != 52 ||
+        content[21] != 53 || content[26] != 54 || content[31] != 55 ||
+        content[36] != 56 || content[39] != 57 || content[42] != 58 ||
+        content[47] != 59 || content[52] != 60 || content[55] != 61 ||
+        content[58] != 62 || content[63] != 63 || content[68] != 64 ||
+        content[71] != 65 || content[74] != 66) {
+        return false;
+    }
+    memcpy(&out->uptime, content + 10, 4);
+    memcpy(&out->state, content + 15, 1);
+    memcpy(&out->samples_ready, content + 17, 4);
+    memcpy(&out->samples_read, content + 22, 4);
+    memcpy(&out->samples_fused, content + 27, 4);
+    memcpy(&out->overruns, content + 32, 4);
+    memcpy(&out->bus_faults, content + 37, 2);
+    memcpy(&out->bus_recoveries, content + 40, 2);
+    memcpy(&out->messages_sent, content + 43, 4);
+    memcpy(&out->messages_dropped, content + 48, 4);
+    memcpy(&out->commands_received, content + 53, 2);
+    memcpy(&out->commands_bad, content + 56, 2);
+    memcpy(&out->cycles_mean, content + 59, 4);
+    memcpy(&out->cycles_worst, content + 64, 4);
+    memcpy(&out->stack_free, content + 69, 2);
+    memcpy(&out->supply, content + 72, 2);
+    memcpy(&out->receive_lost, content + 75, 2);
+    return true;
 }
 
 message_layout message_equipment_layout[28] = {
@@ -328,8 +396,28 @@ enum message_result message_equipment_decode(const uint8_t *content, uint8_t len
 
 bool message_equipment_take(const uint8_t *content, uint8_t length,
                             struct message_equipment *out) {
-    return length == MESSAGE_EQUIPMENT_SIZE &&
-           take(message_equipment_layout, content, out);
+    if (length != MESSAGE_EQUIPMENT_SIZE || content[0] != MESSAGE_EQUIPMENT ||
+        content[9] != 100 || content[11] != 101 || content[14] != 102 ||
+        content[16] != 103 || content[18] != 104 || content[21] != 105 ||
+        content[23] != 106 || content[28] != 107 || content[33] != 108 ||
+        content[36] != 109 || content[39] != 110 || content[42] != 111 ||
+        content[47] != 112) {
+        return false;
+    }
+    memcpy(&out->clock, content + 10, 1);
+    memcpy(&out->battery, content + 12, 2);
+    memcpy(&out->power, content + 15, 1);
+    memcpy(&out->radio, content + 17, 1);
+    memcpy(&out->radio_resets, content + 19, 2);
+    memcpy(&out->card, content + 22, 1);
+    memcpy(&out->card_block, content + 24, 4);
+    memcpy(&out->card_blocks, content + 29, 4);
+    memcpy(&out->card_faults, content + 34, 2);
+    memcpy(&out->card_busy, content + 37, 2);
+    memcpy(&out->recording, content + 40, 2);
+    memcpy(&out->messages_logged, content + 43, 4);
+    memcpy(&out->messages_unlogged, content + 48, 4);
+    return true;
 }
 
 message_layout message_params_layout[10] = {
@@ -355,7 +443,16 @@ enum message_result message_params_decode(const uint8_t *content, uint8_t length
 
 bool message_params_take(const uint8_t *content, uint8_t length,
                          struct message_params *out) {
-    return length == MESSAGE_PARAMS_SIZE && take(message_params_layout, content, out);
+    if (length != MESSAGE_PARAMS_SIZE || content[0] != MESSAGE_PARAMS ||
+        content[9] != 120 || content[14] != 121 || content[17] != 122 ||
+        content[20] != 123) {
+        return false;
+    }
+    memcpy(&out->set_digest, content + 10, 4);
+    memcpy(&out->set_length, content + 15, 2);
+    memcpy(&out->part_offset, content + 18, 2);
+    memcpy(out->part, content + 21, 28);
+    return true;
 }
 
 message_layout message_stroke_layout[18] = {
@@ -385,7 +482,21 @@ enum message_result message_stroke_decode(const uint8_t *content, uint8_t length
 
 bool message_stroke_take(const uint8_t *content, uint8_t length,
                          struct message_stroke *out) {
-    return length == MESSAGE_STROKE_SIZE && take(message_stroke_layout, content, out);
+    if (length != MESSAGE_STROKE_SIZE || content[0] != MESSAGE_STROKE ||
+        content[9] != 130 || content[12] != 131 || content[14] != 132 ||
+        content[16] != 133 || content[29] != 134 || content[34] != 135 ||
+        content[47] != 136 || content[52] != 137) {
+        return false;
+    }
+    memcpy(&out->stroke, content + 10, 2);
+    memcpy(&out->end, content + 13, 1);
+    memcpy(&out->windows, content + 15, 1);
+    memcpy(out->displacement, content + 17, 12);
+    memcpy(out->displacement_sigma, content + 30, 4);
+    memcpy(out->path, content + 35, 12);
+    memcpy(out->path_sigma, content + 48, 4);
+    memcpy(&out->stroke_flags, content + 53, 2);
+    return true;
 }
 
 message_layout message_self_test_layout[12] = {
@@ -413,8 +524,17 @@ enum message_result message_self_test_decode(const uint8_t *content, uint8_t len
 
 bool message_self_test_take(const uint8_t *content, uint8_t length,
                             struct message_self_test *out) {
-    return length == MESSAGE_SELF_TEST_SIZE &&
-           take(message_self_test_layout, content, out);
+    if (length != MESSAGE_SELF_TEST_SIZE || content[0] != MESSAGE_SELF_TEST ||
+        content[9] != 140 || content[22] != 141 || content[35] != 142 ||
+        content[48] != 143 || content[55] != 144) {
+        return false;
+    }
+    memcpy(out->before, content + 10, 12);
+    memcpy(out->stimulated, content + 23, 12);
+    memcpy(out->after, content + 36, 12);
+    memcpy(out->factory, content + 49, 6);
+    memcpy(out->mag_response, content + 56, 6);
+    return true;
 }
 
 message_layout message_command_layout[8] = {
@@ -439,7 +559,14 @@ enum message_result message_command_decode(const uint8_t *content, uint8_t lengt
 
 bool message_command_take(const uint8_t *content, uint8_t length,
                           struct message_command *out) {
-    return length == MESSAGE_COMMAND_SIZE && take(message_command_layout, content, out);
+    if (length != MESSAGE_COMMAND_SIZE || content[0] != MESSAGE_COMMAND ||
+        content[9] != 70 || content[11] != 71 || content[14] != 72) {
+        return false;
+    }
+    memcpy(&out->command, content + 10, 1);
+    memcpy(&out->token, content + 12, 2);
+    memcpy(out->arguments, content + 15, 8);
+    return true;
 }
 
 message_layout message_reply_layout[10] = {
@@ -465,5 +592,14 @@ enum message_result message_reply_decode(const uint8_t *content, uint8_t length,
 
 bool message_reply_take(const uint8_t *content, uint8_t length,
                         struct message_reply *out) {
-    return length == MESSAGE_REPLY_SIZE && take(message_reply_layout, content, out);
+    if (length != MESSAGE_REPLY_SIZE || content[0] != MESSAGE_REPLY ||
+        content[9] != 80 || content[11] != 81 || content[14] != 82 ||
+        content[16] != 83) {
+        return false;
+    }
+    memcpy(&out->replied_command, content + 10, 1);
+    memcpy(&out->replied_token, content + 12, 2);
+    memcpy(&out->result, content + 15, 1);
+    memcpy(out->value, content + 17, 8);
+    return true;
 }
