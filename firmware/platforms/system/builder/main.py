@@ -64,7 +64,10 @@ env.Append(
     ASPPFLAGS=["-x", "assembler-with-cpp"],
     CCFLAGS=machine,
     CPPDEFINES=[("F_CPU", "$BOARD_F_CPU")],
-    LINKFLAGS=[*machine, "-Wl,--gc-sections", *link_flags],
+    LINKFLAGS=[
+        *(*machine, "-Wl,--gc-sections", *link_flags),
+        "-Wl,-Map=$BUILD_DIR/${PROGNAME}.map",
+    ],
     BUILDERS={
         "ElfToHex": Builder(
             action=env.VerboseAction(
