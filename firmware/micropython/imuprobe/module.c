@@ -89,7 +89,16 @@ static void load(struct imuprobe *self) {
 
 static mp_obj_t make_new(const mp_obj_type_t *type, size_t n_args, size_t n_kw,
                          const mp_obj_t *all_args) {
-    enum { STORAGE, ID, FIRMWARE, BOARD, RESET_CAUSE, MHZ, ROOM, TIME };
+    enum {
+        ARG_STORAGE,
+        ARG_ID,
+        ARG_FIRMWARE,
+        ARG_BOARD,
+        ARG_RESET_CAUSE,
+        ARG_MHZ,
+        ARG_ROOM,
+        ARG_TIME
+    };
     static const mp_arg_t allowed[] = {
         {MP_QSTR_storage, MP_ARG_OBJ, {.u_rom_obj = MP_ROM_NONE}},
         {MP_QSTR_id, MP_ARG_REQUIRED | MP_ARG_KW_ONLY | MP_ARG_OBJ, {0}},
@@ -105,18 +114,18 @@ static mp_obj_t make_new(const mp_obj_type_t *type, size_t n_args, size_t n_kw,
                               args);
     struct imuprobe *self = mp_obj_malloc(struct imuprobe, type);
     memset((uint8_t *)self + sizeof self->base, 0, sizeof *self - sizeof self->base);
-    const uint16_t room = small(args[ROOM].u_int);
+    const uint16_t room = small(args[ARG_ROOM].u_int);
     imuprobe_ports_init(self, room > ROOM_MIN ? room : ROOM_MIN);
-    self->storage = args[STORAGE].u_obj;
+    self->storage = args[ARG_STORAGE].u_obj;
     self->recover = self->i2c = self->ready = mp_const_none;
-    take_id(self, args[ID].u_obj);
-    take_firmware(self, args[FIRMWARE].u_obj);
-    self->board = (uint8_t)args[BOARD].u_int;
-    self->reset_cause = (uint8_t)args[RESET_CAUSE].u_int;
-    self->cycles_per_us = (uint8_t)args[MHZ].u_int;
+    take_id(self, args[ARG_ID].u_obj);
+    take_firmware(self, args[ARG_FIRMWARE].u_obj);
+    self->board = (uint8_t)args[ARG_BOARD].u_int;
+    self->reset_cause = (uint8_t)args[ARG_RESET_CAUSE].u_int;
+    self->cycles_per_us = (uint8_t)args[ARG_MHZ].u_int;
     load(self);
-    const bool is_told = args[TIME].u_obj != mp_const_none;
-    self->stepped_us = time_of(is_told ? 1 : 0, &args[TIME].u_obj, 0);
+    const bool is_told = args[ARG_TIME].u_obj != mp_const_none;
+    self->stepped_us = time_of(is_told ? 1 : 0, &args[ARG_TIME].u_obj, 0);
     const mp_obj_t object = MP_OBJ_FROM_PTR(self);
     (void)enter(object);
     probe_begin(&self->probe, &self->port, self->stepped_us);
@@ -146,7 +155,7 @@ static void use_mpu9250(struct imuprobe *self) {
 // attach(kind, i2c, ready, recover=None, *, gyr=0x6B, xm=0x1D, fast=False): core's own
 // driver, over an I2C object and a data-ready pin whose interrupt calls edge().
 static mp_obj_t attach(size_t n_args, const mp_obj_t *all_args, mp_map_t *kw) {
-    enum { KIND, I2C, READY, RECOVER, GYR, XM, FAST };
+    enum { ARG_KIND, ARG_I2C, ARG_READY, ARG_RECOVER, ARG_GYR, ARG_XM, ARG_FAST };
     static const mp_arg_t allowed[] = {
         {MP_QSTR_kind, MP_ARG_REQUIRED | MP_ARG_INT, {0}},
         {MP_QSTR_i2c, MP_ARG_REQUIRED | MP_ARG_OBJ, {0}},
@@ -161,22 +170,22 @@ static mp_obj_t attach(size_t n_args, const mp_obj_t *all_args, mp_map_t *kw) {
                      args);
     // Each method that is called from within core/ must be there.
     mp_obj_t call[2];
-    mp_load_method(args[I2C].u_obj, MP_QSTR_readfrom_mem_into, call);
-    mp_load_method(args[I2C].u_obj, MP_QSTR_writeto_mem, call);
-    mp_load_method(args[READY].u_obj, MP_QSTR_value, call);
-    const mp_int_t kind = args[KIND].u_int;
+    mp_load_method(args[ARG_I2C].u_obj, MP_QSTR_readfrom_mem_into, call);
+    mp_load_method(args[ARG_I2C].u_obj, MP_QSTR_writeto_mem, call);
+    mp_load_method(args[ARG_READY].u_obj, MP_QSTR_value, call);
+    const mp_int_t kind = args[ARG_KIND].u_int;
     if (kind != SENSOR_LSM9DS0 && kind != SENSOR_MPU9250) {
         mp_raise_ValueError(MP_ERROR_TEXT("core has no driver for this sensor"));
     }
     struct imuprobe *self = enter(all_args[0]);
-    self->i2c = args[I2C].u_obj;
-    self->ready = args[READY].u_obj;
-    self->recover = args[RECOVER].u_obj;
+    self->i2c = args[ARG_I2C].u_obj;
+    self->ready = args[ARG_READY].u_obj;
+    self->recover = args[ARG_RECOVER].u_obj;
     if (kind == SENSOR_MPU9250) {
         use_mpu9250(self);
     } else {
-        use_lsm9ds0(self, (uint8_t)args[GYR].u_int, (uint8_t)args[XM].u_int,
-                    args[FAST].u_bool);
+        use_lsm9ds0(self, (uint8_t)args[ARG_GYR].u_int, (uint8_t)args[ARG_XM].u_int,
+                    args[ARG_FAST].u_bool);
     }
     acquisition_begin(&self->acquisition, &self->acquisition_port, &self->probe);
     leave(self);
