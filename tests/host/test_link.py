@@ -3,13 +3,17 @@
 
 from __future__ import annotations
 
+import array
 import asyncio
+import errno
+import fcntl
 import os
 import termios
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
+from serial import serialposix
 
 from fakes import PATIENCE_S, Port
 from imud.errors import LinkError, PortLost
@@ -104,5 +108,79 @@ def test_dtr_is_left_active_so_that_a_board_is_not_reset_again(tmp_path: Path) -
         flags = termios.tcgetattr(other)[2]
         os.close(other)
         assert not flags & termios.HUPCL
+
+    with_link(tmp_path, check)
+
+
+# linux/tty_flags.h, and the place of `flags` in struct serial_struct.
+ASYNC_LOW_LATENCY = 1 << 13
+FLAGS = 4
+
+
+class Driver:
+    """A serial driver's answers to TIOCGSERIAL and TIOCSSERIAL, in place of a pty's."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, refuses: int = 0) -> None:
+        self.flags = 0x40  # one that is set already
+        self.sets = 0
+        self._refuses = refuses
+        self._ioctl: Callable[..., int] = fcntl.ioctl
+        monkeypatch.setattr(fcntl, "ioctl", self)
+
+    def __call__(
+        self, fd: int, request: int, argument: array.array[int] | bytes
+    ) -> int:
+        if request not in (termios.TIOCGSERIAL, termios.TIOCSSERIAL):
+            return self._ioctl(fd, request, argument)
+        assert isinstance(argument, array.array)
+        if request == termios.TIOCGSERIAL:
+            argument[FLAGS] = self.flags
+            return 0
+        self.sets += 1
+        if self._refuses:
+            raise OSError(self._refuses, os.strerror(self._refuses))
+        self.flags = argument[FLAGS]
+        return 0
+
+
+def test_an_ftdis_driver_is_asked_for_low_latency(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver = Driver(monkeypatch)
+
+    async def check(opened: Opened) -> None:
+        assert opened.link.is_open
+        assert driver.flags == 0x40 | ASYNC_LOW_LATENCY
+
+    with_link(tmp_path, check)
+
+
+@pytest.mark.parametrize("code", [errno.ENOTTY, errno.EPERM, errno.EIO])
+def test_a_driver_that_refuses_low_latency_carries_bytes_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
+) -> None:
+    driver = Driver(monkeypatch, refuses=code)
+
+    async def check(opened: Opened) -> None:
+        opened.port.write(b"hello")
+        while opened.data != b"hello":
+            await opened.heard.wait()
+            opened.heard.clear()
+
+    with_link(tmp_path, check)
+    assert driver.sets == 1
+    assert driver.flags == 0x40
+
+
+def test_a_system_without_low_latency_opens_ports_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(port: serialposix.Serial, is_low: bool) -> None:
+        raise NotImplementedError
+
+    monkeypatch.setattr(serialposix.Serial, "set_low_latency_mode", refuse)
+
+    async def check(opened: Opened) -> None:
+        assert opened.link.is_open
 
     with_link(tmp_path, check)
