@@ -127,6 +127,9 @@ static void suffer(void *self, const struct fault *fault) {
     case FAULT_GLITCH:
         f405_glitch(machine);
         break;
+    case FAULT_SPURIOUS_BERR:
+        f405_spurious_berr(machine);
+        break;
     case FAULT_BATTERY:
         f405_battery(machine, fault->mv, fault->has_to_mv ? fault->to_mv : fault->mv,
                      fault->chip.for_ns * 1000);
@@ -185,6 +188,9 @@ static void report(void *self, struct run_report *out) {
         .sp = f405_sp(machine),
     };
     f405_card_report(board, out);
+    if (machine->i2c.bus_errors > 0) {
+        run_add_number(out, "i2c_bus_errors", machine->i2c.bus_errors);
+    }
     if (f405_stopped(machine) > 0) {
         run_add_number(out, "stopped_us", f405_stopped(machine) / F405_PS_PER_US);
     }

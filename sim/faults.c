@@ -37,6 +37,7 @@ static const struct {
     {"power_cut", FAULT_POWER_CUT, false, 0},
     {"crystal", FAULT_CRYSTAL, true, 0},
     {"glitch", FAULT_GLITCH, true, 0},
+    {"spurious_berr", FAULT_SPURIOUS_BERR, true, 0},
     {"battery", FAULT_BATTERY, true, 0},
     {"charger", FAULT_CHARGER, true, 0},
     {"radio_drop", FAULT_RADIO, true, RADIO_DROP},

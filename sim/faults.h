@@ -28,6 +28,7 @@
 //                    survives power, EEPROM or flash, `after_us` into it
 //   crystal          STM32F405: the crystal dies, or never starts
 //   glitch           STM32F405: SDA is pulled within a byte, a misplaced START
+//   spurious_berr    STM32F405: I2C1 reports a bus error that did not happen
 //   battery          STM32F405: the cell has `mv`, going to `to_mv` within for_us
 //   charger          STM32F405: `value` bit 0 external power good, bit 1 charging
 // kind of the radio, where there is one (at_us, for_us, 0 being for ever):
@@ -64,6 +65,7 @@ enum fault_target {
     FAULT_POWER_CUT,
     FAULT_CRYSTAL,
     FAULT_GLITCH,
+    FAULT_SPURIOUS_BERR,
     FAULT_BATTERY,
     FAULT_CHARGER,
     FAULT_RADIO,
@@ -89,7 +91,7 @@ struct fault_kinds {
     unsigned card_count;
     bool has_dies;
     bool has_aux_bus;  // an MPU-9250's, to its magnetometer
-    bool is_stm32;     // crystal, glitch, battery, charger, radio
+    bool is_stm32;     // crystal, glitch, bus error, battery, charger, radio
 };
 
 struct fault {

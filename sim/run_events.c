@@ -95,6 +95,7 @@ static void schedule_fault(struct run *run, const struct fault *fault) {
     case FAULT_RESET:
     case FAULT_BROWN_OUT:
     case FAULT_GLITCH:
+    case FAULT_SPURIOUS_BERR:
     case FAULT_BATTERY:
     case FAULT_CHARGER:
     case FAULT_RADIO:

@@ -47,6 +47,10 @@ static struct {
     uint8_t *in;
     const uint8_t *out;
     uint32_t interrupts;  // bits of CR2; 0 where the transfer is polled
+    // A bus error was seen while this burst was read, and no byte since has shown that
+    // the device is still sending.
+    bool is_suspect;
+    uint8_t older;  // bytes still to be taken that had begun before the bus error
 } transfer;
 
 void i2c_init(void) {
@@ -94,6 +98,8 @@ static bool begin(const struct bus_burst *bursts, uint8_t count, uint32_t interr
     transfer.burst = bursts;
     transfer.bursts = count;
     transfer.remaining = bursts->length;
+    transfer.is_suspect = false;
+    transfer.older = 0;
     transfer.interrupts = interrupts;
     I2C1->cr2 = FREQ | interrupts;
     I2C1->cr1 = I2C_CR1_PE | I2C_CR1_START;
@@ -119,19 +125,46 @@ static void ask_for_end(void) {
 }
 
 static enum i2c_progress end_burst(void) {
+    if (transfer.is_suspect) {
+        return end(BUS_STUCK);
+    }
     transfer.bursts--;
     if (transfer.bursts == 0) {
         return end(BUS_OK);
     }
     transfer.burst++;
     transfer.remaining = transfer.burst->length;
+    transfer.older = 0;
     transfer.phase = STARTING;
     return I2C_MOVED;
 }
 
+// A bus error alone ends nothing. The hardware can report one that did not happen
+// (ES0182, "Spurious bus error detection in master mode"), and goes on with the
+// transfer in any case ("Bus error (BERR)"). After a real one, a START or STOP that is
+// not ours, the device is off the bus. Then it acknowledges no byte, which AF tells,
+// or, if it was sending, all that follows reads as ones. Those are looked for here.
+static void suspect(uint32_t sr1) {
+    const bool is_receiving = transfer.phase == RECEIVING;
+    transfer.is_suspect = is_receiving || transfer.phase == ADDRESSING;
+    transfer.older = (uint8_t)(is_receiving + ((sr1 & I2C_SR1_RXNE) != 0) +
+                               ((sr1 & I2C_SR1_BTF) != 0));
+}
+
 static void take_byte(void) {
-    *transfer.in++ = (uint8_t)I2C1->dr;
+    const uint8_t byte = (uint8_t)I2C1->dr;
+    *transfer.in++ = byte;
     transfer.remaining--;
+    // The byte in which the bus error came is whole where its last bit is a zero; then
+    // only what follows it can be missing.
+    const bool is_proof =
+        transfer.older == 0 ? byte != 0xFF : transfer.remaining == 0 && (byte & 1) == 0;
+    if (is_proof) {
+        transfer.is_suspect = false;
+    }
+    if (transfer.older > 0) {
+        transfer.older--;
+    }
 }
 
 // The address was acknowledged; reading SR2 lets the first byte come. What comes behind
@@ -215,9 +248,11 @@ enum i2c_progress i2c_step(void) {
             I2C1->cr1 |= I2C_CR1_STOP;
             return end(BUS_NACK);
         }
-        // Lost arbitration, or a START or STOP that is not ours: with one master
-        // somebody else pulls at the wires, and a device may no longer be with us.
-        return end(BUS_STUCK);
+        if ((errors & I2C_SR1_ARLO) != 0) {
+            // With one master on it, somebody else pulls at the wires.
+            return end(BUS_STUCK);
+        }
+        suspect(sr1);
     }
     const uint8_t address = (uint8_t)(transfer.burst->address << 1);
     switch (transfer.phase) {

@@ -156,9 +156,11 @@ void f405_press(struct f405 *m, bool is_down);
 // now on, then stays.
 void f405_battery(struct f405 *m, uint32_t from_mv, uint32_t to_mv, uint64_t for_ps);
 void f405_charger(struct f405 *m, bool is_external, bool is_charging);
-// The crystal dies. SDA is pulled low for a moment during the byte under way.
+// The crystal dies. SDA is pulled low for a moment during the byte under way. I2C1
+// reports a bus error that did not happen.
 void f405_kill_crystal(struct f405 *m);
 void f405_glitch(struct f405 *m);
+void f405_spurious_berr(struct f405 *m);
 // Leaves flash as a power cut would now.
 void f405_cut_flash(struct f405 *m);
 // Deepest stack so far, bytes.

@@ -53,7 +53,7 @@ enum {
 };
 #define RETRY_PS (10 * F405_PS_PER_US)  // how often a held bus is looked at again
 
-static uint64_t bit_ps(struct f405 *m) {
+uint64_t i2c_bit_ps(struct f405 *m) {
     const uint32_t ccr = m->i2c.ccr;
     const uint32_t parts = (ccr & CCR_FAST) == 0 ? 2 : (ccr & CCR_DUTY) == 0 ? 3 : 25;
     const uint32_t cycles = parts * ((ccr & 0xFFF) != 0 ? ccr & 0xFFF : 1);
@@ -96,7 +96,7 @@ static void go_on(struct f405 *m) {
     }
     if (!is_master(m)) {
         if ((i2c->cr1 & CR1_START) != 0) {
-            plan(m, BUS_START, bit_ps(m));
+            plan(m, BUS_START, i2c_bit_ps(m));
         }
         return;
     }
@@ -108,21 +108,21 @@ static void go_on(struct f405 *m) {
         if (i2c->is_reading && i2c->had_ack) {
             f405_complain(m, "a STOP after an acknowledged byte");
         }
-        plan(m, BUS_STOP, bit_ps(m));
+        plan(m, BUS_STOP, i2c_bit_ps(m));
     } else if ((i2c->cr1 & CR1_START) != 0) {
-        plan(m, BUS_START, bit_ps(m));
+        plan(m, BUS_START, i2c_bit_ps(m));
     } else if ((i2c->sr1 & SB) != 0 || i2c->is_refused || has_unread) {
         return;  // the clock is held
     } else if (i2c->is_reading) {
         if (i2c->had_ack) {
-            plan(m, BUS_RECEIVE, BYTE_BITS * bit_ps(m));
+            plan(m, BUS_RECEIVE, BYTE_BITS * i2c_bit_ps(m));
         }
     } else if ((i2c->sr2 & TRA) != 0 && i2c->is_data_full) {
         i2c->shift = i2c->data;
         i2c->is_data_full = false;
         i2c->sr1 |= TXE;
         i2c->sr1 &= ~(uint32_t)BTF;
-        plan(m, BUS_SEND, BYTE_BITS * bit_ps(m));
+        plan(m, BUS_SEND, BYTE_BITS * i2c_bit_ps(m));
     }
 }
 
@@ -204,7 +204,8 @@ static void end_receive(struct f405 *m) {
     i2c->had_ack =
         ((i2c->cr1 & CR1_POS) != 0 ? i2c->acks_next : acks) && !is_last_of_dma(m);
     i2c->acks_next = acks;
-    i2c->shift = i2c_slave_read(i2c_wire(m), now_ns(m), i2c->had_ack);
+    i2c->shift = i2c_slave_read(i2c_wire(m), now_ns(m), i2c->had_ack) & i2c->torn;
+    i2c->torn = 0xFF;
     if (!i2c->had_ack && i2c_is_held(m)) {
         lose(m);  // the NACK did not get through
         return;
@@ -269,14 +270,13 @@ void i2c_event(struct f405 *m) {
     follow_line(m);
 }
 
-// SDA is pulled low for a moment: the sensor sees a START within a byte and drops out
-// of the transfer; the peripheral reports it (RM, "Bus error").
-void f405_glitch(struct f405 *m) {
+// Errata sheet ES0182, "Spurious bus error detection in master mode": the flag rises
+// while nothing has happened on the wires.
+void f405_spurious_berr(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;
-    if (i2c->doing == BUS_ADDRESS || i2c->doing == BUS_SEND ||
-        i2c->doing == BUS_RECEIVE) {
+    if (i2c->doing != BUS_IDLE) {
         i2c->sr1 |= BERR;
-        i2c_slave_stop(i2c_wire(m), now_ns(m));
+        i2c->bus_errors++;
         follow_line(m);
     }
 }
@@ -305,6 +305,7 @@ static void stand_still(struct f405 *m) {
     i2c->doing = BUS_IDLE;
     i2c->is_reading = i2c->is_data_full = i2c->is_shift_full = false;
     i2c->is_busy = i2c->is_refused = i2c->had_ack = false;
+    i2c->torn = 0xFF;
     f405_never(m, EVENT_I2C);
 }
 
@@ -338,7 +339,7 @@ static void write_data(struct f405 *m, uint8_t value) {
         i2c->sr1 &= ~(uint32_t)SB;
         i2c->shift = value;
         if (i2c->doing == BUS_IDLE) {
-            plan(m, BUS_ADDRESS, BYTE_BITS * bit_ps(m));
+            plan(m, BUS_ADDRESS, BYTE_BITS * i2c_bit_ps(m));
         }
         return;
     }
@@ -379,7 +380,7 @@ static uint32_t read_status2(struct f405 *m) {
         i2c->sr1 |= (i2c->sr2 & TRA) != 0 ? TXE : 0;
         if (i2c->is_reading) {
             // The byte is received, whatever else is asked for meanwhile.
-            plan(m, BUS_RECEIVE, BYTE_BITS * bit_ps(m));
+            plan(m, BUS_RECEIVE, BYTE_BITS * i2c_bit_ps(m));
         } else {
             go_on(m);
         }
@@ -472,6 +473,10 @@ void i2c_reset(struct f405 *m, unsigned unit) {
     (void)unit;
     struct f405_i2c *i2c = &m->i2c;
     stand_still(m);
-    *i2c = (struct f405_i2c){.trise = 2, .scl_was_high = true, .sda_was_high = true};
+    *i2c = (struct f405_i2c){.trise = 2,
+                             .scl_was_high = true,
+                             .sda_was_high = true,
+                             .torn = 0xFF,
+                             .bus_errors = i2c->bus_errors};
     follow_line(m);
 }

@@ -12,6 +12,8 @@ struct i2c_slave;
 struct f405_i2c {
     uint32_t cr1, cr2, oar1, oar2, sr1, sr2, ccr, trise, fltr;
     uint8_t data, shift;
+    uint8_t
+        torn;  // of the byte being received: what came before the sender dropped out
     bool is_data_full;   // to be sent
     bool is_shift_full;  // received, and the data register still full
     enum { BUS_IDLE, BUS_START, BUS_ADDRESS, BUS_SEND, BUS_RECEIVE, BUS_STOP } doing;
@@ -23,6 +25,7 @@ struct f405_i2c {
     uint32_t seen;    // flags that the last read of SR1 showed
     // The lines when the firmware works them as pins.
     bool scl_was_high, sda_was_high;
+    uint64_t bus_errors;  // BERR raised, over the whole run
 };
 
 void i2c_reset(struct f405 *m, unsigned unit);
@@ -39,6 +42,7 @@ struct i2c_slave *i2c_wire(const struct f405 *m);
 bool i2c_is_held(const struct f405 *m);
 bool i2c_has_pins(const struct f405 *m);
 void i2c_follow_pins(struct f405 *m);
+uint64_t i2c_bit_ps(struct f405 *m);
 // Tells the owner of a START, or of the end of a transaction.
 void i2c_tell_bus(struct f405 *m, bool is_start);
 

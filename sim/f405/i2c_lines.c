@@ -46,3 +46,23 @@ void i2c_follow_pins(struct f405 *m) {
     i2c->scl_was_high = scl;
     i2c->sda_was_high = sda;
 }
+
+// SDA is pulled low for a moment: the sensor sees a START within a byte and drops out
+// of the transfer; the peripheral reports it and goes on (RM, "Bus error"). Of a byte
+// that the sensor was sending the bits still to come are ones.
+void f405_glitch(struct f405 *m) {
+    struct f405_i2c *i2c = &m->i2c;
+    if (i2c->doing != BUS_ADDRESS && i2c->doing != BUS_SEND &&
+        i2c->doing != BUS_RECEIVE) {
+        return;
+    }
+    if (i2c->doing == BUS_RECEIVE) {
+        const uint64_t now = f405_when(m);
+        const uint64_t end = m->at[EVENT_I2C];
+        const uint64_t left = (end > now ? end - now : 0) / i2c_bit_ps(m);
+        i2c->torn &= i2c_slave_read(i2c_wire(m), f405_ns(now), true) |
+                     (uint8_t)((1U << (left > 8 ? 8 : left)) - 1);
+    }
+    i2c_slave_stop(i2c_wire(m), f405_ns(f405_when(m)));
+    f405_spurious_berr(m);
+}

@@ -10,6 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+# enum bus_result.
+OK, NACK, TIMEOUT, STUCK = 0, -1, -2, -3
+
 
 @dataclass
 class Run:

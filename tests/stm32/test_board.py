@@ -8,19 +8,16 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 import native
-from stm32.letters import Board, addresses, places, starts
+from stm32.letters import OK, STUCK, TIMEOUT, Board, addresses, places, starts
 
 pytestmark = pytest.mark.sampled(3)
 
 POWER_ON, EXTERNAL, BROWN_OUT = "01", "02", "04"
 WATCHDOG, SOFTWARE, HARD_FAULT = "08", "10", "20"
-
-OK, NACK, TIMEOUT, STUCK = 0, -1, -2, -3
 
 # Longest of any function of board.h but board_init, microseconds.
 BOUND_US = 5000
@@ -192,37 +189,6 @@ def test_samples_that_a_stop_leaves_behind_are_counted_as_missed(board: Board) -
     assert taken == 8
     assert before >= 8
     assert taken + before + 1 + missed == ready
-
-
-@pytest.mark.parametrize(
-    ("fault", "failures"),
-    [
-        ({"kind": "nack"}, {NACK}),
-        ({"kind": "nack", "byte": 1}, {NACK}),
-        ({"kind": "stuck_sda", "clocks": 9}, {STUCK, TIMEOUT}),
-        ({"kind": "stuck_sda", "byte": 6, "clocks": 9}, {STUCK, TIMEOUT}),
-    ],
-)
-def test_a_failed_burst_is_reported_once_and_sampling_goes_on_after_recovery(
-    board: Board, fault: dict[str, Any], failures: set[int]
-) -> None:
-    run = board((100, "uswttpvso"), seconds=0.5, faults=[fault | {"transaction": 4}])
-    first, second = run.numbers("took")
-    assert first[-2] == -1
-    assert first[-1] in failures
-    assert second[-2] == 1
-    assert run.numbers("recover")[0][0] == OK
-    assert len(run.words("sample")) == 1
-
-
-def test_a_misplaced_start_fails_its_burst(board: Board) -> None:
-    # Somewhere in a period of 2.6 ms there is a reading of 0.75.
-    glitches = [{"kind": "glitch", "at_us": 112000 + 90 * n} for n in range(30)]
-    run = board((100, "us"), (117, "t"), (118, "tpvs"), seconds=0.2, faults=glitches)
-    first, second = run.numbers("took")
-    assert first[0] + second[0] >= 1
-    assert [STUCK] in ([first[-1]], [second[-1]])
-    assert run.numbers("recover")[0][0] == OK
 
 
 def test_a_send_takes_all_or_nothing_and_idle_means_gone(board: Board) -> None:

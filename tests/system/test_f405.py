@@ -81,6 +81,18 @@ def test_a_glitch_on_the_bus_never_passes_as_a_sample(stub: Stub) -> None:
     assert done.named("pose")[-1].time_us > 4_700_000
 
 
+def test_bus_errors_that_did_not_happen_stop_no_stream(stub: Stub) -> None:
+    # Over a whole period of 2.63 ms, in which there is a reading of 0.7.
+    errors = [
+        {"kind": "spurious_berr", "at_us": 3_000_000 + 2713 * n} for n in range(32)
+    ]
+    done = run(stub, 4, *CLICK, *stub.raw_too, faults=errors)
+    hits = done.summary["i2c_bus_errors"]
+    assert hits >= 6
+    assert done.last_status["bus_faults"] <= hits / 5
+    assert done.account["lost"] == 0
+
+
 def test_raw_and_pose_beyond_what_the_sensor_has_are_refused(stub: Stub) -> None:
     done = run(stub, 3, "--send", f"2000000:{send('rate', 1, 381)}")
     (reply,) = done.named("reply")
