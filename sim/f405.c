@@ -13,6 +13,7 @@
 static const char usage_text[] =
     "usage: f405" RUN_OPTIONS
     "            [--card FILE [--card-kind KIND]] [--radio FILE] [--battery MV]\n"
+    "            [--crystal MHZ] [--hsi MHZ]\n"
     "            [--profile FILE [--parts FILE]]\n"
     "       f405 --version\n"
     "--eeprom is what survives power: all of flash, over which the image is put\n"
@@ -20,7 +21,11 @@ static const char usage_text[] =
     "not\n"
     "tell: up to 2 GB, or more\n"
     "--radio is an RN-41 between probe and wire, with its settings in FILE\n"
-    "--battery is a cell of so many millivolts, and its charger\n";
+    "--battery is a cell of so many millivolts, and its charger\n"
+    "--crystal is the frequency of the board's crystal, 4 to 26 MHz: 12 on a "
+    "pyboard\n"
+    "v1.1, 8 on a v1.0\n"
+    "--hsi is that of the oscillator inside the chip, 16 but for its error\n";
 
 static struct f405_board the_board;
 
@@ -38,6 +43,30 @@ static void on_reset(void *context) {
     }
 }
 
+// Options
+
+static uint32_t frequency_hz(const char *mhz) {
+    return (uint32_t)(strtod(mhz, NULL) * 1e6 + 0.5);
+}
+
+static bool is_frequency(const char *text, double min_mhz, double max_mhz) {
+    char *end = NULL;
+    const double mhz = text == NULL ? min_mhz : strtod(text, &end);
+    return text == NULL ||
+           (end != text && *end == '\0' && mhz >= min_mhz && mhz <= max_mhz);
+}
+
+// DS, "HSE oscillator characteristics" and "HSI oscillator characteristics", over all
+// temperatures and a little more.
+static const char *check_frequencies(const struct f405_board *board) {
+    if (!is_frequency(board->crystal_mhz, 4.0, 26.0)) {
+        return "--crystal takes megahertz, 4 to 26";
+    }
+    return is_frequency(board->hsi_mhz, 14.5, 17.0)
+               ? NULL
+               : "--hsi takes megahertz, 14.5 to 17";
+}
+
 // The functions of struct run_board
 
 static int power_up(void *self, struct run *run) {
@@ -53,6 +82,12 @@ static int power_up(void *self, struct run *run) {
     board->sensor = lsm9ds0_chip_new(&config);
     if (board->sensor == NULL || !f405_init(machine, board->sensor, options->seed)) {
         return run_complain(run, "libunicorn", "has no Cortex-M4");
+    }
+    if (board->crystal_mhz != NULL) {
+        machine->crystal_hz = frequency_hz(board->crystal_mhz);
+    }
+    if (board->hsi_mhz != NULL) {
+        machine->hsi_hz = frequency_hz(board->hsi_mhz);
     }
     machine->context = run;
     machine->on_byte = run_on_byte;
@@ -191,6 +226,8 @@ static void report(void *self, struct run_report *out) {
     if (machine->i2c.bus_errors > 0) {
         run_add_number(out, "i2c_bus_errors", machine->i2c.bus_errors);
     }
+    run_add_number(out, "uart_baud", usart_baud(machine));
+    run_add_number(out, "core_hz", machine->hclk_hz);
     if (f405_stopped(machine) > 0) {
         run_add_number(out, "stopped_us", f405_stopped(machine) / F405_PS_PER_US);
     }
@@ -211,6 +248,9 @@ static const char *check_battery(const char *text) {
 static const char *check(const void *self) {
     const struct f405_board *board = self;
     const char *problem = f405_card_check(board);
+    if (problem == NULL) {
+        problem = check_frequencies(board);
+    }
     return problem != NULL ? problem : check_battery(board->battery_mv);
 }
 
@@ -233,6 +273,8 @@ static const struct run_path own_paths[] = {
     {"--card-kind", &the_board.card_kind},
     {"--radio", &the_board.radio_file},
     {"--battery", &the_board.battery_mv},
+    {"--crystal", &the_board.crystal_mhz},
+    {"--hsi", &the_board.hsi_mhz},
     {NULL, NULL},
 };
 

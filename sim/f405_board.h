@@ -19,6 +19,7 @@ struct f405_board {
     // Options.
     const char *card_image, *card_kind;
     const char *radio_file, *battery_mv;
+    const char *crystal_mhz, *hsi_mhz;
     struct sdcard_chip *card;  // null: none in the socket
     struct rn41_chip *radio;   // null: a cable
     uint32_t flash, ram;       // bytes of the image

@@ -18,7 +18,7 @@ enum {
     RUN_EVENTS_MAX = 512,
     RUN_WAITING_MAX = 8,
     RUN_LIST_MAX = 64,  // of --press, and of --send
-    RUN_MORE_MAX = 12,
+    RUN_MORE_MAX = 16,
 };
 #define RUN_NEVER UINT64_MAX
 

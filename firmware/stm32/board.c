@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The STM32F405RG of a pyboard v1.1 as a whole: start-up of its parts, pins, identity,
+// The STM32F405RG of a pyboard as a whole: start-up of its parts, pins, identity,
 // sleep.
 #include "../board.h"
 

@@ -11,7 +11,8 @@
 // Starts the device clock at 0, on the oscillator that a reset leaves running.
 void clock_start(void);
 
-// To 168 MHz from the crystal or, where it does not start, from the oscillator inside.
+// To 168 MHz from the crystal or, where it does not start or has a frequency that
+// clock.c does not list, from the oscillator inside. Takes 53 ms at most.
 void clock_init(void);
 
 // NMI: the crystal has stopped. The processor goes on from the oscillator inside, which

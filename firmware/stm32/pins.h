@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What is wired where on a pyboard v1.1 (docs/f405.md), and its clocks.
+// What is wired where on a pyboard (docs/f405.md), and its clocks.
 #ifndef PINS_H
 #define PINS_H
 
@@ -8,7 +8,6 @@
 #endif
 
 enum {
-    HSE_MHZ = 12,  // the crystal of the pyboard v1.1
     HSI_MHZ = 16,
     // "Clocks": AHB 168 MHz, APB1 / 4, APB2 / 2; a timer of a divided bus runs at twice
     // its clock.

@@ -66,6 +66,7 @@ struct rcc {
 #define RCC_PLLCFGR_P_2 UINT32_C(0)
 #define RCC_PLLCFGR_HSE BIT(22)
 #define RCC_PLLCFGR_Q(n) ((uint32_t)(n) << 24)
+#define RCC_CFGR_RTCPRE(n) ((uint32_t)(n) << 16)
 #define RCC_CFGR_SW_PLL UINT32_C(2)
 #define RCC_CFGR_SWS (UINT32_C(3) << 2)
 #define RCC_CFGR_SWS_PLL (UINT32_C(2) << 2)
@@ -85,6 +86,7 @@ struct rcc {
 #define RCC_APB2_ADC1 BIT(8)
 #define RCC_APB2_SPI1 BIT(12)
 #define RCC_APB2_SYSCFG BIT(14)
+#define RCC_APB2_TIM11 BIT(18)
 #define RCC_CSR_RMVF BIT(24)
 #define RCC_CSR_BORRSTF BIT(25)
 #define RCC_CSR_PINRSTF BIT(26)
@@ -116,20 +118,27 @@ struct exti {
 };
 #define EXTI AT(exti, 0x40013C00)
 
-// "TIM2 to TIM5 registers".
+// "TIM2 to TIM5 registers"; of them "TIM10/11/13/14 registers" have those of channel 1.
 struct tim {
     volatile uint32_t cr1, cr2, smcr, dier, sr, egr, ccmr1, ccmr2, ccer, cnt, psc, arr;
-    volatile uint32_t reserved, ccr1, ccr2, ccr3, ccr4;
+    volatile uint32_t reserved1, ccr1, ccr2, ccr3, ccr4, reserved2[3], option;
 };
 #define TIM2 AT(tim, 0x40000000)
 #define TIM3 AT(tim, 0x40000400)
+#define TIM11 AT(tim, 0x40014800)
 #define TIM_CR1_CEN BIT(0)
 #define TIM_DIER_CC3IE BIT(3)
+#define TIM_SR_CC1IF BIT(1)
+#define TIM_SR_CC1OF BIT(9)
 #define TIM_SR_CC3OF BIT(11)
 #define TIM_EGR_UG BIT(0)
+#define TIM_CCMR1_CC1_INPUT BIT(0)
+#define TIM_CCMR1_IC1PSC_8 (UINT32_C(3) << 2)
 #define TIM_CCMR2_CC3_INPUT BIT(0)
 #define TIM_CCMR2_IC3_FILTER(n) ((uint32_t)(n) << 4)
+#define TIM_CCER_CC1E BIT(0)
 #define TIM_CCER_CC3E BIT(8)
+#define TIM11_OPTION_HSE_RTC UINT32_C(2)
 
 // "DMA registers". Flags of streams 4 to 7 are in the high registers.
 struct dma_stream {

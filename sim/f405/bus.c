@@ -39,6 +39,8 @@ static const struct block {
      adc_reset},
     {"SPI1", 0x40013000, 0x400, APB2, 12, ACCESS_APB, 0, spi_read, spi_write,
      spi_reset},
+    {"TIM11", 0x40014800, 0x400, APB2, 18, ACCESS_APB, 0, timer11_read, timer11_write,
+     timer11_reset},
     {"SYSCFG", 0x40013800, 0x400, APB2, 14, ACCESS_APB, 0, syscfg_read, syscfg_write,
      syscfg_reset},
     {"EXTI", 0x40013C00, 0x400, NO_CLOCK, 0, ACCESS_APB, 0, exti_read, exti_write,

@@ -38,6 +38,7 @@
 #include "spi.h"
 #include "thumb.h"
 #include "timer.h"
+#include "timer11.h"
 #include "timing.h"
 #include "usart.h"
 #include "wired.h"
@@ -81,8 +82,9 @@ struct f405 {
 
     // Time. Cycles are those of the core's clock, asleep or not, at whatever rate.
     uint64_t cycle, base_cycle, base_ps;
-    uint32_t hclk_hz;  // 0: the clock has stopped
-    uint32_t pclk_hz[2], timer_hz;
+    uint32_t hclk_hz;                          // 0: the clock has stopped
+    uint32_t pclk_hz[2], timer_hz, timer2_hz;  // timers of APB1, of APB2
+    uint32_t crystal_hz, hsi_hz;               // may be changed before power comes
     uint64_t until, next_ps, limit_cycle;
     uint64_t when;  // of the event being served; NEVER: none is
     uint64_t at[EVENTS];
@@ -120,6 +122,7 @@ struct f405 {
     bool is_button_down;
     struct f405_exti exti;
     struct f405_timer timers[TIMERS];
+    struct f405_timer11 timer11;
     struct f405_dma dma[2];
     struct f405_i2c i2c;
     struct f405_usart usart;

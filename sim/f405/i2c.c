@@ -57,10 +57,11 @@ uint64_t i2c_bit_ps(struct f405 *m) {
     const uint32_t ccr = m->i2c.ccr;
     const uint32_t parts = (ccr & CCR_FAST) == 0 ? 2 : (ccr & CCR_DUTY) == 0 ? 3 : 25;
     const uint32_t cycles = parts * ((ccr & 0xFFF) != 0 ? ccr & 0xFFF : 1);
-    if ((uint64_t)FASTEST_HZ * cycles < m->pclk_hz[0]) {
+    const uint32_t pclk_hz = rcc_nominal_hz(m, m->pclk_hz[0]);
+    if ((uint64_t)FASTEST_HZ * cycles < pclk_hz) {
         f405_complain(m, "I2C faster than 400 kHz");
     }
-    if ((m->i2c.cr2 & 0x3F) != m->pclk_hz[0] / 1000000) {
+    if ((m->i2c.cr2 & 0x3F) != pclk_hz / 1000000) {
         f405_complain(m, "I2C told another clock than the bus has (FREQ)");
     }
     return f405_ps(cycles, m->pclk_hz[0]);

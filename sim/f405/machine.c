@@ -175,6 +175,9 @@ static void do_event(struct f405 *m, enum f405_event event) {
     case EVENT_TIMER5:
         timer_event(m, event - EVENT_TIMER2);
         break;
+    case EVENT_TIMER11:
+        timer11_event(m);
+        break;
     case EVENT_I2C:
         i2c_event(m);
         break;
@@ -345,6 +348,8 @@ bool f405_init(struct f405 *m, struct lsm9ds0_chip *sensor, uint64_t seed) {
     memset(m, 0, sizeof *m);
     m->sensor = sensor;
     m->seed = seed * UINT64_C(0x9E3779B97F4A7C15) + UINT64_C(0x6A09E667F3BCC909);
+    m->crystal_hz = F405_HSE_HZ;
+    m->hsi_hz = F405_HSI_HZ;
     m->clock_start = m->when = F405_NEVER;
     m->stack.lowest = m->stack.top = F405_RAM;
     for (unsigned i = 0; i < EVENTS; i++) {

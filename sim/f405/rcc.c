@@ -32,12 +32,6 @@ enum {
     SOURCE_HSI = 0,
     SOURCE_HSE = 1,
     SOURCE_PLL = 2,
-    SYSCLK_MAX_HZ = 168000000,
-    HCLK_LOW_VOS_HZ = 144000000,  // DS, "General operating conditions"
-    PCLK1_MAX_HZ = 42000000,
-    PCLK2_MAX_HZ = 84000000,
-    WAIT_STATE_HZ =
-        30000000,  // RM, "Relation between CPU clock frequency and ...": 3.3 V
 };
 // DS, oscillator characteristics: HSE 2 ms, HSI 2.2 us, LSI 15 us, PLL 75 to 200 us.
 #define HSE_START_PS (2000 * F405_PS_PER_US)
@@ -50,7 +44,7 @@ static const uint32_t lpenr_reset[6] = {0x7E6791FF, 0x000000F1, 1,
 
 static uint32_t pll_hz(struct f405 *m) {
     const uint32_t config = m->rcc.pllcfgr;
-    const uint32_t source = (config & PLL_FROM_HSE) != 0 ? F405_HSE_HZ : F405_HSI_HZ;
+    const uint32_t source = (config & PLL_FROM_HSE) != 0 ? m->crystal_hz : m->hsi_hz;
     const uint32_t divider = config & 0x3F;
     const uint32_t factor = (config >> 6) & 0x1FF;
     const uint32_t post = 2 * (((config >> 16) & 3) + 1);
@@ -81,24 +75,11 @@ static uint32_t sysclk_hz(struct f405 *m) {
     }
     switch ((m->rcc.cfgr >> 2) & 3) {
     case SOURCE_HSE:
-        return (m->rcc.cr & HSERDY) != 0 ? F405_HSE_HZ : 0;
+        return (m->rcc.cr & HSERDY) != 0 ? m->crystal_hz : 0;
     case SOURCE_PLL:
         return (m->rcc.cr & PLLRDY) != 0 ? pll_hz(m) : 0;
     default:
-        return F405_HSI_HZ;
-    }
-}
-
-static void check_clocks(struct f405 *m, uint32_t sysclk) {
-    if (sysclk > SYSCLK_MAX_HZ || m->pclk_hz[0] > PCLK1_MAX_HZ ||
-        m->pclk_hz[1] > PCLK2_MAX_HZ) {
-        f405_complain(m, "a clock faster than the data sheet allows");
-    }
-    if (m->hclk_hz > HCLK_LOW_VOS_HZ && (m->rcc.pwr_cr & PWR_VOS) == 0) {
-        f405_complain(m, "a clock faster than the voltage scale allows");
-    }
-    if (m->hclk_hz > WAIT_STATE_HZ * ((m->flash_control.acr & 7) + 1)) {
-        f405_complain(m, "flash read with too few wait states");
+        return m->hsi_hz;
     }
 }
 
@@ -106,6 +87,7 @@ static void check_clocks(struct f405 *m, uint32_t sysclk) {
 void rcc_set_clocks(struct f405 *m) {
     const uint64_t now = f405_when(m);
     timer_clock_changes(m, true);
+    timer11_clock_changes(m, true);
     systick_clock_changes(m, true);
     m->base_ps = f405_now(m) > now ? f405_now(m) : now;
     m->base_cycle = m->cycle;
@@ -113,10 +95,13 @@ void rcc_set_clocks(struct f405 *m) {
     m->hclk_hz = sysclk / ahb_divider((m->rcc.cfgr >> 4) & 15);
     const uint32_t divider = apb_divider((m->rcc.cfgr >> 10) & 7);
     m->pclk_hz[0] = m->hclk_hz / divider;
-    m->pclk_hz[1] = m->hclk_hz / apb_divider((m->rcc.cfgr >> 13) & 7);
+    const uint32_t divider2 = apb_divider((m->rcc.cfgr >> 13) & 7);
+    m->pclk_hz[1] = m->hclk_hz / divider2;
     m->timer_hz = divider == 1 ? m->hclk_hz : 2 * m->pclk_hz[0];
-    check_clocks(m, sysclk);
+    m->timer2_hz = divider2 == 1 ? m->hclk_hz : 2 * m->pclk_hz[1];
+    rcc_check_clocks(m, sysclk);
     timer_clock_changes(m, false);
+    timer11_clock_changes(m, false);
     systick_clock_changes(m, false);
     m->limit_cycle = m->cycle;  // has the core stop, as its limit depends on the rate
     f405_attend(m);
@@ -170,6 +155,8 @@ void rcc_event(struct f405 *m) {
     if (rcc->hse_at <= now) {
         rcc->hse_at = F405_NEVER;
         rcc->cr |= HSERDY;
+        rcc->hse_since = now;
+        timer11_follow(m);
         raise_ready(m, 3);
     }
     if (rcc->pll_at <= now) {
@@ -240,6 +227,7 @@ static void write_cr(struct f405 *m, uint32_t value) {
     if ((fallen & HSEON) != 0) {
         rcc->cr &= ~(uint32_t)HSERDY;
         rcc->hse_at = F405_NEVER;
+        timer11_follow(m);
     }
     if ((risen & PLLON) != 0) {
         start_pll(m);
@@ -262,6 +250,7 @@ void f405_kill_crystal(struct f405 *m) {
         return;
     }
     rcc->cr &= ~(uint32_t)HSERDY;
+    timer11_follow(m);
     const bool was_pll = (rcc->cr & PLLON) != 0 && pll_from_hse(m);
     if (was_pll) {
         rcc->cr &= ~(uint32_t)PLLRDY;
@@ -323,6 +312,7 @@ static void hold(struct f405 *m, unsigned bus, uint32_t bits) {
         {4, 3, 3, timer_reset},     {4, 17, 0, usart_reset},
         {4, 21, 0, i2c_reset},      {5, 8, 0, adc_reset},
         {5, 12, 0, spi_reset},      {5, 14, 0, syscfg_reset},
+        {5, 18, 0, timer11_reset},
     };
     for (unsigned i = 0; i < sizeof units / sizeof *units; i++) {
         if (units[i].bus == bus && ((bits >> units[i].bit) & 1) != 0) {
@@ -419,6 +409,7 @@ void rcc_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value) {
     case CFGR:
         rcc->cfgr = (value & ~UINT32_C(0xC)) | (rcc->cfgr & 0xC);
         rcc_set_clocks(m);
+        timer11_follow(m);
         switch_clock(m);
         break;
     case CIR:
@@ -446,6 +437,7 @@ void rcc_halt(struct f405 *m) {
 void rcc_restart(struct f405 *m, uint64_t at_ps) {
     struct f405_rcc *rcc = &m->rcc;
     rcc->cr &= ~(uint32_t)(HSEON | HSERDY | PLLON | PLLRDY);
+    timer11_follow(m);
     rcc->cr |= HSION | HSIRDY;
     rcc->cfgr &= ~UINT32_C(0xF);
     m->base_ps = at_ps;

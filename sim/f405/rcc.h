@@ -14,6 +14,7 @@ struct f405_rcc {
     uint32_t bdcr, csr, sscgr, plli2scfgr;
     uint64_t hse_at, hsi_at, pll_at, lsi_at;  // when they will be ready
     bool is_crystal_dead;
+    uint64_t hse_since;  // when HSE became ready
     uint32_t pwr_cr, pwr_csr;
     // In STOP mode: since when, and how much time each transfer under way has left.
     bool is_stopped;
@@ -27,6 +28,11 @@ void rcc_reset(struct f405 *m, uint32_t cause);
 void rcc_event(struct f405 *m);
 // Applies the registers to the clocks; time goes on at the new rate.
 void rcc_set_clocks(struct f405 *m);
+// What a clock would be if HSI were as it should be: that it is off is not the
+// firmware's doing.
+uint32_t rcc_nominal_hz(const struct f405 *m, uint32_t hz);
+// Complains of clocks that the data sheet does not allow.
+void rcc_check_clocks(struct f405 *m, uint32_t sysclk_hz);
 // Stops all oscillators but LSI for STOP mode; then starts HSI, and the system on it,
 // from that time on.
 void rcc_halt(struct f405 *m);

@@ -60,7 +60,7 @@ static uint32_t divider_of(const struct f405_usart *usart) {
                                          : usart->brr;
 }
 
-static uint32_t baud_of(const struct f405 *m) {
+uint32_t usart_baud(const struct f405 *m) {
     const uint32_t divider = divider_of(&m->usart);
     return divider == 0 ? 0 : (m->pclk_hz[0] + divider / 2) / divider;
 }
@@ -130,7 +130,7 @@ void usart_sent(struct f405 *m) {
     } else if (!pins_is_alternate(m, PORT_A, PIN_TX, AF_USART)) {
         f405_complain(m, "USART2 sends with its pin elsewhere");
     } else if (m->radio != NULL) {
-        const uint32_t baud = baud_of(m);
+        const uint32_t baud = usart_baud(m);
         if (baud != 0) {
             rn41_chip_receive(m->radio, f405_ns(f405_when(m)), usart->shift, baud);
             wired_tell_host(m);
@@ -233,7 +233,7 @@ void usart_received(struct f405 *m) {
 
 void usart_deliver(struct f405 *m, uint8_t byte, uint32_t baud) {
     struct f405_usart *usart = &m->usart;
-    const uint32_t own = baud_of(m);
+    const uint32_t own = usart_baud(m);
     const uint64_t now = f405_when(m);
     bool has_stop = true;
     if (own == 0) {

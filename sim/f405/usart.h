@@ -31,6 +31,8 @@ void usart_idle(struct f405 *m);
 bool usart_pump(struct f405 *m);
 // The level of RTS, -1 where the pin is not it.
 int usart_rts(const struct f405 *m);
+// What BRR makes of the clock; 0: none.
+uint32_t usart_baud(const struct f405 *m);
 // The level of CTS may have changed.
 void usart_follow_cts(struct f405 *m);
 // A frame that the radio sent at that rate has ended.

@@ -177,6 +177,9 @@ def read(wire: int, length: int) -> bytes:
         (["--image", "/bin/true"], "is no image of an STM32F405"),
         (["--image", "{image}", "--eeprom", "{image}"], "is no flash of 1048576"),
         (["--image", "{image}", "--self-test", "2"], "is no option"),
+        (["--image", "{image}", "--crystal", "3.9"], "takes megahertz, 4 to 26"),
+        (["--image", "{image}", "--crystal", "12 MHz"], "takes megahertz, 4 to 26"),
+        (["--image", "{image}", "--hsi", "nan"], "takes megahertz, 14.5 to 17"),
         (["--image", "{image}", "--faults", "{faults}"], "die is neither 1 nor 2"),
     ],
 )

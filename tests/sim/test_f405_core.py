@@ -36,6 +36,30 @@ def test_a_dead_crystal_never_is_ready(tmp_path: Path) -> None:
     assert "pll_us" not in lines
 
 
+# Ticks of HSI between captures by the divider and the prescaler of the program; the
+# last asks for a divider that gives no clock, the first is before the crystal swings.
+@pytest.mark.parametrize(
+    ("mhz", "ticks"),
+    [
+        ("4", [0, 992, 124, 320, 0]),
+        ("8", [0, 496, 62, 160, 0]),
+        ("12", [0, 330.67, 41.33, 106.67, 0]),
+        ("25", [0, 158.72, 19.84, 51.2, 0]),
+    ],
+)
+def test_tim11_captures_the_divided_crystal(
+    tmp_path: Path, mhz: str, ticks: list[float]
+) -> None:
+    lines = bare.ended("crystal", tmp_path, "--crystal", mhz)
+    assert lines["ticks"] == pytest.approx(ticks, abs=1)
+    assert lines["status"] == [0x202]  # a capture, and one over it
+
+
+def test_tim11_counts_by_an_oscillator_that_is_off(tmp_path: Path) -> None:
+    lines = bare.ended("crystal", tmp_path, "--crystal", "8", "--hsi", "16.64")
+    assert lines["ticks"] == pytest.approx([0, 515.8, 64.5, 166.4, 0], abs=1)
+
+
 def test_a_clock_that_stops_leaves_the_watchdog(tmp_path: Path) -> None:
     faults = bare.faults(tmp_path, {"kind": "crystal", "at_us": 50_000})
     said = bare.run("stopped", tmp_path, *faults)

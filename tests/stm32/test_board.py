@@ -264,20 +264,3 @@ def test_the_button_is_down_while_it_is_pressed(board: Board) -> None:
         options=("--press", "150000:250000"),
     )
     assert run.numbers("button") == [[0], [1], [0]]
-
-
-def test_a_crystal_that_never_starts_changes_no_rate(board: Board) -> None:
-    dead = {"kind": "crystal", "at_us": 0}
-    run = board((200, "ur"), seconds=0.4, faults=[dead])
-    assert starts(run) == [POWER_ON]
-    assert run.words("read")[0][:2] == ["0", "d4"]
-
-
-def test_a_crystal_that_dies_costs_a_moment(board: Board) -> None:
-    dead = {"kind": "crystal", "at_us": 150000}
-    run = board((100, "us" + "o" * 60), (400, "r"), seconds=0.6, faults=[dead])
-    assert starts(run) == [POWER_ON]
-    times = [int(words[1]) for words in run.words("sample") if len(words) == 4]
-    assert len(times) >= 58
-    steps = [b - a for a, b in itertools.pairwise(times)]
-    assert sum(not 2600 <= step <= 2660 for step in steps) <= 2

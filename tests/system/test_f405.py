@@ -44,6 +44,32 @@ def hellos(done: Run) -> list[Message]:
     return done.named("hello")
 
 
+# 42 MHz / 46: what 921,600 baud come to.
+BAUD = 913_043
+
+
+@pytest.mark.parametrize("mhz", [8, 16, 25])
+def test_boards_with_another_usual_crystal_lose_nothing(stub: Stub, mhz: int) -> None:
+    done = run(stub, 4, *CLICK, *stub.raw_too, "--crystal", mhz)
+    assert clock_failures(done) == []
+    assert set(clocks(done)) == {"crystal"}
+    assert done.summary["uart_baud"] == BAUD
+    assert_nothing_is_lost(done)
+    steps = np.diff([raw.time_us for raw in done.named("raw")])
+    assert np.mean(steps) == pytest.approx(1e6 / stub.board.rate_hz, rel=0.002)
+
+
+@pytest.mark.parametrize("mhz", [10, 24])
+def test_a_crystal_of_another_frequency_is_told_at_a_readable_rate(
+    stub: Stub, mhz: int
+) -> None:
+    done = run(stub, 4, *CLICK, *stub.raw_too, "--crystal", mhz)
+    assert clock_failures(done) == [("crystal", 0)]
+    assert set(clocks(done)) == {"spare"}
+    assert done.summary["uart_baud"] == BAUD
+    assert_nothing_is_lost(done)
+
+
 def test_a_crystal_that_never_swings_is_told_and_costs_no_sample(stub: Stub) -> None:
     done = run(stub, 5, *CLICK, *stub.raw_too, faults=[{"kind": "crystal"}])
     assert clock_failures(done) == [("crystal", 0)]
