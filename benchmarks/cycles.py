@@ -3,7 +3,8 @@
 
 Runs the board's image with all streams on, while a hand turns the probe any way up,
 draws strokes, rests, and works beside magnets. Shows the image's figures against their
-limits, and its cycles by part.
+limits, and its cycles by part. Then it runs the image again while the host restarts its
+filter or changes its params, and shows the slowest samples of these runs by function.
 
 For the ATmega328P it also measures the images with the papers' filters, and every
 filter alone, beside Madgwick's and VQF in floats. The STM32F405 also logs to a card;
@@ -23,6 +24,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import commanded
 import filters
 import parts
 import scoring
@@ -105,10 +107,13 @@ def image_of(
         f"{board.title}: {args.seconds:g} s, pose and raw at {rate_hz:g} Hz, "
         f"at {clock_mhz:g} MHz"
     )
+    obeying = commanded.measure_all(board, image, hand, args.seed)
+    lines[1:1] = [each.line(board) for each in obeying]
     for line in lines:
         print(line)
     found = by_part(profile)
     print_parts(found, profile["interrupts"], profile["samples"])
+    commanded.show(obeying)
     result = {
         "board": board.name,
         "seconds": args.seconds,
@@ -117,6 +122,7 @@ def image_of(
         "parts": {part.name: dataclasses.asdict(part) for part in found},
         "functions": profile["functions"],
         "interrupts": profile["interrupts"],
+        "commanded": [dataclasses.asdict(each) for each in obeying],
     }
     return measured, lines, result
 
