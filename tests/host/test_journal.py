@@ -9,6 +9,7 @@ import pytest
 
 from chain import Chain
 from imud.journal import phrases
+from imud.journal.faults import fault_words
 from imud.journal.speaker import Limiter
 from imud.probes import record
 from imud.probes.session import Session
@@ -18,19 +19,121 @@ from imud.wire import schema
 @pytest.mark.parametrize(
     ("event", "words"),
     [
-        (("clock_failed", "crystal", 0), "clock failed (crystal), at its start"),
-        (("clock_failed", "crystal", 1), "clock failed (crystal), while it ran"),
-        (("card_fault", "absent", 0), "card fault (absent)"),
-        (("card_fault", "worn", 812), "card fault (worn), at block 812"),
+        (
+            ("clock_failed", "crystal", 1),
+            "clock failed: the crystal failed while it ran; the internal oscillator "
+            "runs instead, good to 1 %: replace the board",
+        ),
+        (
+            ("card_fault", "worn", 812),
+            "card fault: the card does not keep what is written, at block 812: "
+            "replace it",
+        ),
         (("log_started", "none", 3), "log started, recording 3"),
-        (("battery_low", "battery", 3310), "battery low (battery), 3310 mV"),
-        (("radio_dropped", "none", 0), "radio dropped"),
-        (("bus_fault", "stuck_bus", 2), "bus fault (stuck bus), 2"),
-        (("overrun", "late", 4), "overrun (late), 4 missed"),
+        (("stream_started", "button", 0), "stream started (button)"),
+        (
+            ("battery_low", "battery", 3310),
+            "battery low: the battery is at 3310 mV: charge it",
+        ),
+        (
+            ("overrun", "late", 4),
+            "overrun: 4 samples missed: the processor was busy",
+        ),
+        (("bus_recovered", "none", 3), "bus recovered: the sensor works again"),
     ],
 )
 def test_an_event_is_told_in_words(event: tuple[str, str, int], words: str) -> None:
     assert phrases.event_words(*event) == words
+
+
+@pytest.mark.parametrize(
+    ("board", "words"),
+    [
+        ("nano", "no answer at 0x68: check power, SDA, SCL, AD0 to GND"),
+        (
+            "f405",
+            "no answer at 0x6B or 0x1D: check power, SDA (X10), SCL (X9), SDO_G and "
+            "SDO_XM to 3.3 V",
+        ),
+        (
+            "micropython",
+            "no answer at the sensor's address: check power, SDA, SCL, the address pin",
+        ),
+    ],
+)
+def test_a_sensor_that_is_not_there_is_told_with_its_address_and_its_pins(
+    board: str, words: str
+) -> None:
+    assert fault_words("bus_fault", "nack", 0, board) == words
+
+
+def test_a_bus_that_fails_again_and_again_says_how_often() -> None:
+    assert fault_words("bus_fault", "nack", 4, "nano") == (
+        "no answer at 0x68, 4 times in a row: check power, SDA, SCL, AD0 to GND"
+    )
+
+
+@pytest.mark.parametrize(
+    ("cause", "detail", "board", "words"),
+    [
+        ("no_data_ready", 0, "nano", "the sensor signals no samples: check INT to D2"),
+        ("no_data_ready", 0, "f405", "check DRDY_G to Y11"),
+        ("wrong_chip", 0xFF, "nano", "answers 0xFF at 0x68, which is no chip's"),
+        ("wrong_chip", 0x75, "nano", "answers 0x75, which is not a chip that"),
+        ("wrong_chip", 0xEA, "micropython", "answers 0xEA (ICM-20948), which is not"),
+        ("wrong_chip", 0xD7, "f405", "answers 0xD7 at 0x6B, which is not an LSM9DS0"),
+        ("wrong_chip", 0xD4, "f405", "the chip at 0x1D is not an LSM9DS0"),
+        ("registers", 0x1B71, "nano", "register 0x1B does not hold what was written"),
+        ("registers", 0x1B71, "nano", "the sensor's supply sags or a wire is loose"),
+        ("registers", 0x1DEA, "nano", "it answers 0xEA (ICM-20948), which is not an"),
+        ("force", 0x74, "nano", "no force near 1 g at rest (it answers 0x74 (MPU-6515"),
+        ("mag_silent", 0, "nano", "the magnetometer stopped measuring"),
+        ("mag_stuck", 0, "nano", "the magnetometer holds its bus"),
+        ("timeout", 0, "nano", "the sensor answers but does not get ready"),
+    ],
+)
+def test_a_fault_of_the_sensor_says_what_to_look_at(
+    cause: str, detail: int, board: str, words: str
+) -> None:
+    assert words in fault_words("sensor_fault", cause, detail, board)
+
+
+# Causes by events of which the firmware's sources tell: events without a fault have
+# none.
+TOLD = {
+    "bus_fault": ("nack", "timeout", "stuck_bus"),
+    "sensor_fault": (
+        *("timeout", "no_data_ready", "wrong_chip", "registers", "force"),
+        *("mag_silent", "mag_stuck"),
+    ),
+    "card_fault": ("absent", "unprepared", "timeout", "rejected", "worn", "late"),
+    "card_full": ("full",),
+    "calibration_refused": ("motion",),
+    "overrun": ("late",),
+    "settings_restored": ("boot",),
+    "settings_failed": ("none",),
+    "clock_failed": ("crystal",),
+    "battery_low": ("battery",),
+    "going_to_sleep": ("battery",),
+    "radio_dropped": ("none",),
+    "radio_fault": ("timeout", "rejected", "none"),
+    "params_lost": ("worn",),
+    "hook_failed": ("none",),
+}
+
+
+@pytest.mark.parametrize("board", ["nano", "f405", "micropython"])
+def test_each_cause_of_a_fault_has_words_of_its_own(board: str) -> None:
+    assert TOLD.keys() == phrases.FAULTS
+    said = [
+        fault_words(event, cause, 0x1B75, board)
+        for event, causes in TOLD.items()
+        for cause in causes
+    ]
+    assert all(said)
+    assert not [words for words in said if "{" in words]
+    # A battery that is low has one cure, whatever comes of it.
+    assert len(set(said)) == len(said) - 1
 
 
 @pytest.mark.sampled(2)

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from imud.journal.faults import fault_words
 from imud.probes.record import plain
+from imud.probes.sensors import sensor_words
 from imud.probes.session import OnlyNoise, OtherSchema, Silent
 from imud.wire import schema
 from imud.wire.messages import Message
@@ -31,22 +33,13 @@ FAULTS = frozenset(
     }
 )
 
-# What the detail of an event means; of an event that is not here, a bare number.
+# What the detail of other events means; of an event that is not here, a bare number.
 DETAILS = {
     "calibration_done": "{} samples",
-    "calibration_refused": "{} counts of motion",
-    "overrun": "{} missed",
     "card_ready": "at block {}",
-    "card_fault": "at block {}",
-    "card_full": "at block {}",
     "log_started": "recording {}",
     "log_ended": "recording {}",
-    "battery_low": "{} mV",
-    "going_to_sleep": "{} mV",
-    "hook_failed": "{} times since its start",
 }
-# When the crystal failed, by the detail: 0 or 1. The spare clock takes over.
-CLOCK_FAILED = ("at its start", "while it ran")
 
 # Causes of a reset that leave the address of the code that ran.
 WITH_ADDRESS = frozenset({"hard_fault", "watchdog"})
@@ -85,7 +78,7 @@ def who(hello: Message) -> str:
         )
     )
     has_sensor = fields["sensor"] != "none"
-    runs = f"{fields['sensor']}, {rates}, filter {fields['filter']}"
+    runs = f"{sensor_words(fields)}, {rates}, filter {fields['filter']}"
     sensor = runs if has_sensor else "no sensor yet"
     cause = ", ".join(
         f"{name} at {fields['reset_address']:#010x}"
@@ -99,12 +92,13 @@ def who(hello: Message) -> str:
     )
 
 
-def event_words(name: str, cause: str, detail: int) -> str:
+def event_words(name: str, cause: str, detail: int, board: str = "") -> str:
     """An event in words: what happened, its cause, and what its detail means."""
     what = name.replace("_", " ")
+    fault = fault_words(name, cause, detail, board)
+    if fault:
+        return f"{what}: {fault}"
     why = "" if cause == "none" else f" ({cause.replace('_', ' ')})"
-    if name == "clock_failed":
-        return f"{what}{why}, {CLOCK_FAILED[detail != 0]}"
     if name == "params_changed":
         return f"{what}{why}, digest {detail & 0xFFFFFFFF:08x}"
     if detail == 0:

@@ -30,6 +30,8 @@ GYR_WITHOUT_CODE_DPS = 60.0
 GYR_OFFSET_DPS = 20.0
 MAG_X_Y, MAG_Z = (-200.0, 200.0), (-3200.0, -800.0)  # counts, adjusted
 
+MOVED = "the probe moved"
+
 # Between the measurements before and after the stimulus: more is motion. By the chip's
 # noise at 10 Hz such a difference has 0.06 deg/s and 1.7 mg rms (PS 3.1, 3.2: 0.01
 # deg/s and 300 ug per root of Hz).
@@ -117,6 +119,11 @@ class Verdict:
     outcome: Outcome
     reason: str = ""
     checks: tuple[Check, ...] = ()  # empty: not measured, or judged by the probe
+
+    @property
+    def is_for_motion(self) -> bool:
+        """Whether it was not judged because the probe moved."""
+        return self.outcome is Outcome.NOT_JUDGED and self.reason == MOVED
 
     @property
     def words(self) -> str:
@@ -208,7 +215,7 @@ def _verdict(sensor: str, checks: tuple[Check, ...], responses: Responses) -> Ve
     if not wrong:
         return Verdict(sensor, Outcome.PASSED, checks=checks)
     if responses.has_moved:
-        return Verdict(sensor, Outcome.NOT_JUDGED, "the probe moved", checks)
+        return Verdict(sensor, Outcome.NOT_JUDGED, MOVED, checks)
     return Verdict(sensor, Outcome.FAILED, "; ".join(wrong), checks)
 
 
@@ -244,7 +251,7 @@ def _by_the_probe(flags: frozenset[str]) -> tuple[Verdict, ...]:
         elif f"{short}_passed" in flags:
             verdicts.append(Verdict(sensor, Outcome.PASSED))
         elif short != "mag":
-            verdicts.append(Verdict(sensor, Outcome.NOT_JUDGED, "the probe moved"))
+            verdicts.append(Verdict(sensor, Outcome.NOT_JUDGED, MOVED))
     return tuple(verdicts)
 
 

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: MIT
+"""Faults that a probe reports as events: what each means, and what to do about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from imud.probes.sensors import LSM9DS0, MPU6500, NINE_AXES, identity_words
+
+# Events after which the sensor may be out of work.
+OF_SENSOR = frozenset({"bus_fault", "sensor_fault"})
+
+
+@dataclass(frozen=True, slots=True)
+class _Wiring:
+    """How a board's sensor is connected: docs/nano.md, docs/f405.md."""
+
+    address: str
+    lines: str  # to check if nobody answers
+    ready: str  # the data-ready pin
+
+
+_WIRING = {
+    "nano": _Wiring("0x68", "power, SDA, SCL, AD0 to GND", "INT to D2"),
+    "f405": _Wiring(
+        "0x6B or 0x1D",
+        "power, SDA (X10), SCL (X9), SDO_G and SDO_XM to 3.3 V",
+        "DRDY_G to Y11",
+    ),
+}
+_OTHER = _Wiring(
+    "the sensor's address", "power, SDA, SCL, the address pin", "its data-ready pin"
+)
+# What a bus reads where nobody drives it, or where it is held.
+_NO_IDENTITIES = (0x00, 0xFF)
+
+# By event and cause; {} is the detail.
+_WORDS = {
+    ("bus_fault", "nack"): "no answer at {address}: check {lines}",
+    ("bus_fault", "timeout"): (
+        "a transfer at {address} does not end: check {lines}, and the pull-ups"
+    ),
+    ("bus_fault", "stuck_bus"): (
+        "SDA or SCL is held low, and nine clocks do not free it: check both for a "
+        "short, and the module's power"
+    ),
+    ("sensor_fault", "timeout"): (
+        "the sensor answers but does not get ready: switch its power off and on, else "
+        "replace the module"
+    ),
+    ("sensor_fault", "no_data_ready"): (
+        "the sensor signals no samples: check {ready}, then {lines}"
+    ),
+    ("sensor_fault", "mag_silent"): (
+        "the magnetometer stopped measuring; the sensor is set up again. If this goes "
+        "on, check the module's power, else replace the module"
+    ),
+    ("sensor_fault", "mag_stuck"): (
+        "the magnetometer holds its bus; it is tried again, meanwhile there is no "
+        "heading. If this goes on, switch the power off and on"
+    ),
+    ("calibration_refused", "motion"): (
+        "the probe moved while its gyroscope was calibrated at rest ({} counts): lay "
+        "it down"
+    ),
+    ("overrun", "late"): "{} samples missed: the processor was busy",
+    ("settings_restored", "boot"): (
+        "the stored settings were damaged or there were none: defaults are in use"
+    ),
+    ("settings_failed", "none"): (
+        "the settings can not be stored: they last until the power is off"
+    ),
+    ("params_lost", "worn"): (
+        "the stored params are damaged: put a saved file in force with imud params load"
+    ),
+    ("card_fault", "absent"): "no card: insert one that imud card prepare has written",
+    ("card_fault", "unprepared"): "the card is not prepared: imud card prepare",
+    (
+        "card_fault",
+        "timeout",
+    ): "the card does not answer in time: reinsert or replace it",
+    ("card_fault", "rejected"): (
+        "what is sent to the card arrives damaged, at block {}: shorten its wires, "
+        "else replace it"
+    ),
+    ("card_fault", "worn"): (
+        "the card does not keep what is written, at block {}: replace it"
+    ),
+    ("card_fault", "late"): (
+        "the card takes too long to write, at block {}: messages are not logged; use a "
+        "faster one"
+    ),
+    ("card_full", "full"): (
+        "the card is full: copy its recordings with imud card read, then prepare it "
+        "again"
+    ),
+    ("battery_low", "battery"): "the battery is at {} mV: charge it",
+    ("going_to_sleep", "battery"): "the battery is at {} mV: charge it",
+    ("radio_dropped", "none"): "the host is out of reach, or closed the link",
+    ("radio_fault", "timeout"): (
+        "the radio module does not answer: check its power and wires"
+    ),
+    ("radio_fault", "rejected"): (
+        "the radio module refuses its settings: check its wires and its firmware"
+    ),
+    ("radio_fault", "none"): "the radio module was reset: check its power and wires",
+    ("hook_failed", "none"): (
+        "main.py raised an exception in supply, battery or hook, {} times since its "
+        "start: see docs/micropython.md"
+    ),
+    ("bus_recovered", "none"): "the sensor works again",
+}
+# When the crystal failed, by the detail: 0 or 1.
+_CLOCK_FAILED = ("at its start", "while it ran")
+
+
+def fault_words(event: str, cause: str, detail: int, board: str = "") -> str:
+    """What happened and what to do; empty for an event that is none of these."""
+    if event == "clock_failed":
+        return (
+            f"the crystal failed {_CLOCK_FAILED[detail != 0]}; the internal oscillator "
+            "runs instead, good to 1 %: replace the board"
+        )
+    if event == "sensor_fault" and cause in _BY_IDENTITY:
+        return _BY_IDENTITY[cause](detail, board)
+    words = _WORDS.get((event, cause), "")
+    wiring = _WIRING.get(board, _OTHER)
+    said = words.format(
+        detail, address=wiring.address, lines=wiring.lines, ready=wiring.ready
+    )
+    in_a_row = f", {detail} times in a row:" if detail > 1 else ":"
+    return said.replace(":", in_a_row, 1) if event == "bus_fault" else said
+
+
+def _wrong_chip(detail: int, board: str) -> str:
+    wiring = _WIRING.get(board, _OTHER)
+    if detail in _NO_IDENTITIES:
+        return (
+            f"answers 0x{detail:02X} at {wiring.address}, which is no chip's identity: "
+            f"check {wiring.lines}"
+        )
+    if board == "f405":
+        # Its accelerometer's half has an identity of its own, which is not told.
+        wrong = "the chip at 0x1D is not an LSM9DS0"
+        if detail != LSM9DS0:
+            wrong = f"answers 0x{detail:02X} at 0x6B, which is not an LSM9DS0 (0xD4)"
+        return f"{wrong}: check SDO_G and SDO_XM to 3.3 V, else replace the module"
+    return (
+        f"answers {identity_words(detail)}, which is not a chip that this firmware can "
+        "read: replace the module"
+    )
+
+
+def _registers(detail: int, _: str) -> str:
+    identity, register = detail & 0xFF, detail >> 8 & 0xFF
+    what = f"register 0x{register:02X} does not hold what was written to it"
+    if identity in (LSM9DS0, MPU6500, *NINE_AXES):
+        return (
+            f"{what}: the sensor's supply sags or a wire is loose: check power and GND "
+            "of the module"
+        )
+    return (
+        f"{what}, and it answers {identity_words(identity)}, which is not an MPU-9250 "
+        "(0x71): if power and GND of the module are right, replace it"
+    )
+
+
+def _force(detail: int, _: str) -> str:
+    return (
+        "the accelerometer measures no force near 1 g at rest (it answers "
+        f"{identity_words(detail)}): hold it still; else it is broken or of another "
+        "family: replace the module"
+    )
+
+
+_BY_IDENTITY = {"wrong_chip": _wrong_chip, "registers": _registers, "force": _force}
