@@ -32,6 +32,7 @@ HELLO = {
     "gyr_lsb": SCALE.gyr_rad_s,
     "mag_lsb": SCALE.mag_ut,
     "sensor": "mpu9250",
+    "who_am_i": (0x71, 0x48),
 }
 
 

@@ -19,7 +19,6 @@ GRAVITY_M_S2 = 9.80665  # standard gravity
 RATE_HZ = 100.0  # of a recording, at least: samples are averaged down towards it
 GAP_S = 0.1  # samples missing for no longer than this are interpolated
 COUNT_MAX = 32767  # of a reading: 16 bits
-NO_MAG = ("mpu6500", "none")  # sensors without a magnetometer
 
 Counts = tuple[int, int, int]
 IntArray = npt.NDArray[np.intp]

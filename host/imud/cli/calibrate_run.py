@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from imud.calibration import faults, housing, verify, wave, whole
@@ -33,7 +34,8 @@ SENSORS = {"all": ("acc", "gyr", "mag"), "acc": ("acc",), "gyro": ("gyr",)}
 
 def live(client: Client, probe: str, args: argparse.Namespace) -> int:
     """With a probe, through its daemon; returns the exit code."""
-    with Live(client, probe, args.prefix, args.keys) as source:
+    needs_mag = args.what == "mag"
+    with Live(client, probe, args.prefix, args.keys, needs_mag=needs_mag) as source:
         screen = Screen(probe)
         try:
             with screen.opened():
@@ -74,7 +76,7 @@ def from_file(args: argparse.Namespace) -> int:
                 f"{said['probe_id']}; --force takes it all the same"
             )
         before = Params.decode(bytes.fromhex(said["bytes"]))
-        subject = Subject(said["probe_id"], subject.scale, subject.has_mag, before)
+        subject = replace(subject, probe_id=said["probe_id"], params=before)
         found = _of_samples(subject, samples, args)
         calibrate_text.outcome(probe, found, before)
         client.change_params(probe, found.params.encode(), said["probe_id"])
@@ -190,7 +192,7 @@ def _waved(
 
 def _waving(subject: Subject) -> Waving:
     if not subject.has_mag:
-        raise CalibrationRefused("this probe has no magnetometer")
+        raise CalibrationRefused(subject.missing_mag)
     params, scale = subject.params, subject.scale
     return Waving(
         scale,

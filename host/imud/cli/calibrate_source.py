@@ -16,10 +16,11 @@ from typing import Any, Self
 import msgspec
 
 from imud.calibration.earth import Earth
-from imud.calibration.recording import NO_MAG, Sample, Scale
+from imud.calibration.recording import Sample, Scale
 from imud.client import Client, Event, Raw, subscribe
 from imud.errors import DeviceError, FileError, ImudError, NoReply, ProbeUnknown
 from imud.params.value import Params
+from imud.probes.sensors import missing_magnetometer, out_of_work
 
 # A probe that sends raw samples is heard within this time.
 HEARD_S = 1.5
@@ -38,9 +39,13 @@ class Subject:
 
     probe_id: str
     scale: Scale
-    has_mag: bool
+    missing_mag: str  # why there is no magnetometer; empty: there is one
     params: Params
     earth: Earth | None = None  # the field of the place, if the daemon knows it
+
+    @property
+    def has_mag(self) -> bool:
+        return not self.missing_mag
 
 
 def scale_of(hello: Mapping[str, Any], rate_hz: float) -> Scale:
@@ -81,6 +86,8 @@ class Live:
         probe: str,
         prefix: str,
         keys: Path | None,
+        *,
+        needs_mag: bool = False,
     ) -> None:
         self._client = client
         self._probe = probe
@@ -88,14 +95,17 @@ class Live:
         self._digest = said["digest"]
         status = _status(client, probe)
         self._hello = status["hello"]
-        self._state = status["state"]
+        if why := out_of_work(status):
+            raise DeviceError(f"probe {probe} can not be calibrated: {why}")
         self.subject = Subject(
             said["probe_id"],
             scale_of(self._hello, self._hello["sample_rate"]),
-            self._hello["sensor"] not in NO_MAG,
+            missing_magnetometer(self._hello),
             Params.decode(bytes.fromhex(said["bytes"])),
             msgspec.convert(status.get("place"), Earth | None),
         )
+        if needs_mag and self.subject.missing_mag:
+            raise DeviceError(f"probe {probe}: {self.subject.missing_mag}")
         self._subscription = subscribe(
             probe,
             topics=("raw", "event"),
@@ -262,6 +272,6 @@ def _subject(path: Path, name: str, best: _Heard, tally: Any) -> Subject:
     return Subject(
         str(hello["probe_id"]),
         scale_of(hello, rate_hz),
-        hello["sensor"] not in NO_MAG,
+        missing_magnetometer(hello),
         Params.decode(records or b""),
     )

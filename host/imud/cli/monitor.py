@@ -13,6 +13,7 @@ import os
 import select
 import sys
 import termios
+import textwrap
 import time
 import tty
 from collections import deque
@@ -41,8 +42,9 @@ from imud.probes.ledger import totals
 # The daemon publishes a status each second: after three without, it is silent.
 SILENT_S = 3.0
 
-# Rows of a probe that is shown with its attitude.
+# Rows of a probe that is shown with its attitude, beside those about its sensors.
 BLOCK = 6
+WIDTH = 80
 
 _STATES = {"streaming": "green", "idle": "cyan", "gone": "red", "silent": "red"}
 
@@ -150,6 +152,16 @@ def block_of(shown: Shown, now_s: float) -> list[Text]:
     return lines
 
 
+def concern_lines(shown: Shown) -> list[Text]:
+    """What is wrong with the sensors of a probe."""
+    words = shown.status.sensors.get("words", ()) if shown.status else ()
+    return [
+        Text(line, style="red")
+        for sentence in words
+        for line in textwrap.wrap(sentence, WIDTH, subsequent_indent="  ")
+    ]
+
+
 @dataclass(slots=True)
 class Screen:
     """All probes, by name; one that is gone stays on the screen, as gone."""
@@ -171,23 +183,29 @@ class Screen:
             head.append("  not running; waiting for it", style="bold red")
         foot = Text("q ends", style="dim")
         room = height - 2
-        body: list[Text] = []
-        if not probes:
-            body = [Text("no probe yet", style="dim")]
-        elif len(probes) * BLOCK <= room:
-            for shown in probes:
-                body += block_of(shown, now_s)
-        else:
-            titles = f"{'probe':<16} {'state':<10}{'rate':>7}  {'age':<17} "
-            body = [Text(f"{titles}{'yaw':>7}{'pitch':>7}{'roll':>7}", style="dim")]
-            body += [head_of(shown, now_s) for shown in probes]
-            if len(body) > room:
-                left_out = len(body) - room + 1
-                body = [
-                    *body[: room - 1],
-                    Text(f"and {left_out} more: make the window taller"),
-                ]
+        body = [Text("no probe yet", style="dim")]
+        if probes:
+            body = self._body(probes, now_s, room)
         return [head, *body[:room], foot][: max(1, height)]
+
+    def _body(self, probes: list[Shown], now_s: float, room: int) -> list[Text]:
+        """The most of each probe for which there is room."""
+        concerns = [concern_lines(shown) for shown in probes]
+        titles = f"{'probe':<16} {'state':<10}{'rate':>7}  {'age':<17} "
+        body = [Text(f"{titles}{'yaw':>7}{'pitch':>7}{'roll':>7}", style="dim")]
+        count = len(probes) * BLOCK
+        is_large = count + sum(map(len, concerns)) <= room
+        if is_large:
+            body.clear()
+        for shown, lines in zip(probes, concerns, strict=True):
+            body += block_of(shown, now_s) if is_large else [head_of(shown, now_s)]
+            if is_large or 1 + len(probes) + sum(map(len, concerns)) <= room:
+                body += lines
+        if len(body) > room:
+            left_out = len(body) - room + 1
+            words = f"and {left_out} more: make the window taller"
+            body = [*body[: room - 1], Text(words)]
+        return body
 
     def draw(self, now_s: float, height: int) -> Group:
         lines = self.lines(now_s, height)
@@ -200,7 +218,10 @@ def pipe_line(shown: Shown, now_s: float) -> str:
     """A probe as one line for a pipe, without colours."""
     text = head_of(shown, now_s).plain.rstrip()
     sinks = sinks_words(shown.status.ledger) if shown.status else ""
-    return "  ".join(part for part in (text, loss_of(shown).plain, sinks) if part)
+    words = "; ".join(shown.status.sensors.get("words", ())) if shown.status else ""
+    return "  ".join(
+        part for part in (text, loss_of(shown).plain, sinks, words) if part
+    )
 
 
 @contextlib.contextmanager

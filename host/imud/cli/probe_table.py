@@ -8,6 +8,7 @@ import sys
 from typing import Any
 
 from imud.cli.status_text import (
+    concerns,
     ledger_words,
     notes_words,
     sensor_words,
@@ -44,8 +45,8 @@ def show(client: Client, *, as_json: bool, has_ledger: bool = False) -> int:
         cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
         sys.stdout.write("  ".join(cells).rstrip() + "\n")
     for status in statuses:
-        if advice := status["params"].get("advice"):
-            sys.stdout.write(f"{status['probe']}: {advice}\n")
+        for sentence in concerns(status.get("sensors", {}), status["params"]):
+            sys.stdout.write(f"{status['probe']}: {sentence}\n")
     if has_ledger:
         for status in statuses:
             _write_ledger(status)

@@ -85,6 +85,14 @@ def twin_words(status: dict[str, Any]) -> str:
     return f"{twin['state']}{count}"
 
 
+def concerns(sensors: dict[str, Any], params: dict[str, Any]) -> list[str]:
+    """Sentences about what needs somebody, by these keys of a status: the sensors
+    first, then their calibration.
+    """
+    advice = params.get("advice")
+    return [*sensors.get("words", ()), *([advice] if advice else [])]
+
+
 def notes_words(status: dict[str, Any]) -> str:
     """Anything unusual about log and board; empty if all is normal."""
     is_paused = status.get("log", {}).get("state") == "paused"

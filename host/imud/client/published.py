@@ -114,6 +114,7 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
     clock: dict[str, Any] = {}
     counters: dict[str, Any] = {}
     params: dict[str, Any] = {}
+    sensors: dict[str, Any] = {}
     equipment: dict[str, Any] | None = None
     hello: dict[str, Any] = {}
 

@@ -17,6 +17,7 @@ from imud.daemon.params_watch import ParamsWatch
 from imud.daemon.publisher import Publisher
 from imud.daemon.registry import MakeStages, ProbeEntry, ProbePort, Registry
 from imud.daemon.reports import Reports
+from imud.daemon.sensor_watch import follow_event, sensor_findings
 from imud.daemon.stage_runner import StageRunner
 from imud.errors import CommandRefused
 from imud.journal.speaker import Speaker
@@ -158,7 +159,7 @@ class Intake:
             stamp,
             event.scales,
             entry.north,
-            entry.calibration_flags,
+            entry.host_flags,
         )
         self._publisher.put(entry, record)
         if message.name == "pose":
@@ -172,11 +173,14 @@ class Intake:
         elif message.name == "equipment":
             entry.equipment = equipment_of(message.fields)
         elif message.name == "event":
+            follow_event(entry, message)
             self._lines.event(entry, message)
         elif message.name == "reply":
             self.on_reply(entry, event)
         elif message.name == "hello":
             self._lines.described(entry, message)
+        if message.name in ("hello", "self_test"):
+            self._lines.sensors(entry, sensor_findings(entry))
         if message.name in ("hello", "params"):
             self.params.follow(entry, self._clock.now_ns())
         if not entry.is_alive:

@@ -10,6 +10,7 @@ from imud.journal.phrases import FAULTS, event_words, port_problem, who
 from imud.journal.speaker import Speaker
 from imud.probes.ledger import Verdict
 from imud.probes.record import plain
+from imud.probes.sensors import Finding
 from imud.probes.session import OtherSchema, ProbeFound, Refused
 from imud.stages import Stage, Tells
 from imud.wire.messages import Message
@@ -55,6 +56,19 @@ class ProbeLines:
             )
         entry.advised = advice
 
+    def sensors(self, entry: ProbeEntry, findings: list[Finding]) -> None:
+        """Tells what is wrong with its sensors, once a boot."""
+        boot = entry.probe.account.boots
+        told = entry.told_findings if entry.told_boot == boot else []
+        for finding in findings:
+            if finding not in told:
+                self._speaker.say(
+                    ("sensors", entry.name, finding.words),
+                    f"probe {entry.name}: {finding.words}",
+                    is_warning=finding.is_fault,
+                )
+        entry.told_boot, entry.told_findings = boot, [*told, *findings]
+
     def other_schema(self, event: OtherSchema, port: ProbePort) -> None:
         """Once for each build of its firmware, however often its port is opened."""
         kind = (event.probe_id, event.firmware, event.fingerprint)
@@ -81,7 +95,8 @@ class ProbeLines:
     def event(self, entry: ProbeEntry, message: Message) -> None:
         fields = {name: plain(value) for name, value in message.fields.items()}
         name, cause = str(fields["event"]), str(fields["cause"])
-        words = event_words(name, cause, int(fields["detail"]))
+        board = str(entry.probe.hello.get("board", ""))
+        words = event_words(name, cause, int(fields["detail"]), board)
         self._speaker.say(
             ("event", entry.name, name, cause),
             f"probe {entry.name}: {words}",

@@ -11,9 +11,11 @@ from typing import Any
 
 from imud.daemon.publisher import Publisher
 from imud.daemon.registry import ProbeEntry, Registry
+from imud.daemon.sensor_watch import is_working
 from imud.errors import ParamsError
 from imud.params.condition import Condition, advice, condition_of, flags_of
 from imud.params.value import SENSORS, Params, payload_of
+from imud.probes.sensors import has_magnetometer
 
 PARAMS = "params"  # the topic
 
@@ -91,10 +93,13 @@ def summary(entry: ProbeEntry) -> dict[str, Any]:
         return said
     described = params.described()
     conditions = conditions_of(entry, params)
+    cared_for = conditions if is_working(entry) else {}
+    if cared_for and not has_magnetometer(entry.probe.hello):
+        cared_for = {name: of for name, of in conditions.items() if name != "mag"}
     for name in SENSORS:
         said[name] = {"is_calibrated": described[name] is not None}
         said[name]["condition"] = conditions[name].value
-    said |= {"advice": advice(conditions), "flags": flags_of(conditions)}
+    said |= {"advice": advice(cared_for), "flags": flags_of(cared_for)}
     for name in (*SENSORS, "tip"):
         values = described[name] or {}
         kept = {

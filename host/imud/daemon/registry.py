@@ -8,12 +8,15 @@ import datetime
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Protocol
 
+import msgspec
+
 from imud.calibration.earth import Earth, earth_at
 from imud.config.settings import Config, Place
 from imud.probes.aim import Aim
 from imud.probes.double_click import PathCloser
 from imud.probes.north import North
 from imud.probes.record import Stamp
+from imud.probes.sensors import Finding
 from imud.probes.session import OtherSchema, Probe, Session
 from imud.stages import Stage
 from imud.stages.factory import stages_of
@@ -39,6 +42,14 @@ class ProbePort(Protocol):
     def listen_again(self) -> None: ...
 
 
+class Fault(msgspec.Struct, frozen=True):
+    """What a probe told of its sensor, which may be out of work since."""
+
+    event: str
+    cause: str
+    detail: int
+
+
 class ProbeEntry:
     """What the daemon keeps about one probe, beside its account and its clock."""
 
@@ -52,7 +63,10 @@ class ProbeEntry:
         self.is_alive = False
         self.described = ""  # the journal's last words for who it is
         self.advised: str | None = None  # and for what its calibration needs
-        self.calibration_flags: tuple[str, ...] = ()  # of its poses
+        self.told_boot = 0  # in which boot the findings were told
+        self.told_findings: list[Finding] = []  # about its sensors
+        self.fault: Fault | None = None  # of its sensor, the latest
+        self.host_flags: tuple[str, ...] = ()  # of its poses
         self.counters: dict[str, Any] = {}  # of its latest status message
         self.counters_sequence = 0  # number of that message
         self.received = 0  # good messages

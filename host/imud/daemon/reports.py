@@ -71,8 +71,10 @@ class Reports:
         )
         clock = self._clock
         status = status_of(entry, delivered, clock.timeline, clock.sync, host_ns())
-        entry.calibration_flags = status["params"].get("flags", ())
-        self._lines.calibration(entry, status["params"].get("advice"))
+        params, sensors = status["params"], status["sensors"]
+        entry.host_flags = (*params.get("flags", ()), *sensors["flags"])
+        if sensors["is_working"]:
+            self._lines.calibration(entry, params.get("advice"))
         said = self._publisher.say(entry, "status", status, status["t_ns"])
         self.on_status(said)
 

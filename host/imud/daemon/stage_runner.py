@@ -58,7 +58,7 @@ class StageRunner:
             stamp,
             received.scales,
             entry.north,
-            entry.calibration_flags,
+            entry.host_flags,
         )
         self._publisher.put(entry, msgspec.structs.replace(record, content=b""))
         if message.name == "pose":

@@ -13,6 +13,7 @@ from imud.daemon.host_sync import Sync
 from imud.daemon.log_state import LogState
 from imud.daemon.params_watch import summary
 from imud.daemon.registry import ProbeEntry
+from imud.daemon.sensor_watch import sensors_of
 from imud.probes.balance import SinkCounts, balance
 from imud.probes.record import plain
 from imud.probes.timeline import Timeline
@@ -58,6 +59,7 @@ def status_of(
         "link": session.counts() if session is not None else None,
         "clock": _clock(entry, timeline, now_ns) | _utc(sync),
         "params": summary(entry),
+        "sensors": sensors_of(entry),
         "place": msgspec.to_builtins(entry.earth),
         **{stage.name: stage.status() for stage in entry.stages},
         "counters": entry.counters,

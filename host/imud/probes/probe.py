@@ -10,12 +10,13 @@ from imud.probes.clock import Clock
 from imud.probes.ledger import Account
 from imud.probes.record import Stamp
 from imud.probes.scales import UNKNOWN, Scales
+from imud.probes.self_test import Responses, Verdict, verdicts_of
 from imud.probes.timeline import Timeline
 from imud.wire.messages import Message, Value
 from imud.wire.params import ParamsParts
 
 # Messages that say what others mean.
-TELLING = frozenset({"hello", "params", "event"})
+TELLING = frozenset({"hello", "params", "event", "self_test"})
 
 
 class Probe:
@@ -32,6 +33,7 @@ class Probe:
         self.params_parts = ParamsParts()
         self.params_digest: int | None = None  # of those in force, as it last said
         self.scales = UNKNOWN
+        self.responses: Responses | None = None  # to its self-test, of this boot
         self._numbers = Counter[str]()
         self._lost: dict[str, int] = {}
 
@@ -71,6 +73,16 @@ class Probe:
         digest = self.params_digest
         return None if digest is None else self.params_parts.get(digest)
 
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """On its sensors, of this boot; empty before the first hello."""
+        return verdicts_of(self.hello, self.responses)
+
+    def begin_boot(self) -> None:
+        """Forgets what is of the boot before."""
+        self.clock = Clock(self.clock.rate)
+        self.responses = None
+
     def heed(self, message: Message, content: bytes) -> None:
         """Takes up what a good message, in order, says of the probe itself."""
         if message.name not in TELLING:
@@ -81,6 +93,8 @@ class Probe:
         elif message.name == "hello":
             self.hello, self.hello_content = dict(message.fields), content
             said = message.fields["params_digest"]
+        elif message.name == "self_test":
+            self.responses = Responses.of(message.fields)
         elif message.fields["event"] == "params_changed":
             said = message.fields["detail"]
         if isinstance(said, int):

@@ -12,7 +12,8 @@ import msgspec
 
 from imud.probes.north import North
 from imud.probes.scales import Scales
-from imud.wire.messages import Message, Value
+from imud.probes.self_test import Responses, verdicts_of
+from imud.wire.messages import Message, Value, decode
 
 # Messages published as JSON under their own names; others only as frames.
 JSON_TOPICS = frozenset({"pose", "raw", "event", "stroke"})
@@ -156,7 +157,19 @@ def describe(
             "mag_counts": fields["mag"],
             "flags": fields["sample_flags"],
         }
-    return head | {name: plain(value) for name, value in fields.items()}
+    said = {name: plain(value) for name, value in fields.items()}
+    if message.name == "self_test":
+        said["verdicts"] = _verdicts(message, scales)
+    return head | said
+
+
+def _verdicts(message: Message, scales: Scales) -> dict[str, str]:
+    """On what a message `self_test` says, by the hello before it."""
+    hello = decode(scales.hello)
+    if not isinstance(hello, Message):
+        return {}
+    verdicts = verdicts_of(hello.fields, Responses.of(message.fields))
+    return {v.sensor: v.words.removeprefix(f"{v.sensor} ") for v in verdicts}
 
 
 def stroke_of(fields: Mapping[str, Value]) -> dict[str, Any]:

@@ -14,7 +14,6 @@ from typing import Any
 import msgspec
 
 from imud.probes.boot import DecodedFrame
-from imud.probes.clock import Clock
 from imud.probes.ledger import Judged, Verdict
 from imud.probes.probe import TELLING
 from imud.probes.probe import Probe as Probe  # of whom all events are
@@ -278,7 +277,7 @@ class Session:
     def _tell(self, probe: Probe, judged: Judged, events: list[Event]) -> None:
         frame = judged.frame
         if judged.begins_boot:
-            probe.clock = Clock(probe.clock.rate)
+            probe.begin_boot()
         if judged.verdict is Verdict.GOOD and isinstance(frame.decoded, Message):
             message = frame.decoded
             if message.name in TELLING:

@@ -51,6 +51,7 @@ FLAWS = {
     "clipped": "a sensor reached its range",
     "heading_free": "heading is relative and drifts",
     "gap": "samples are missing",
+    "self_test_failed": "a sensor failed its self-test",
 }
 STALE_STATES = frozenset({"gone", "silent"})
 ERROR_STATES = frozenset({"fault", "other schema"})
@@ -234,8 +235,9 @@ def _verdict(status: Said, fresh: Mapping[str, int]) -> tuple[Level, str]:
     state = str(status.get("state"))
     if state in STALE_STATES:
         return Level.STALE, state
+    words = (status.get("sensors") or {}).get("words") or ()
     if state in ERROR_STATES:
-        return Level.ERROR, state
+        return Level.ERROR, f"{state}: {words[0]}" if words else state
     equipment = status.get("equipment") or {}
     flags = (status.get("quality") or {}).get("flags") or ()
     flaws = [f"{count} {name}" for name, count in fresh.items() if count > 0]
@@ -259,6 +261,7 @@ def _values(status: Said, ledger: Said, losses: Mapping[str, int]) -> dict[str, 
         "tilt_sigma_deg": quality.get("tilt_sigma_deg"),
         "heading_sigma_deg": quality.get("heading_sigma_deg"),
         "flags": " ".join(quality.get("flags") or ()),
+        "sensors": "; ".join((status.get("sensors") or {}).get("words") or ()),
         "received": totals(ledger).received,
         **losses,
         "battery_v": equipment.get("battery_v"),

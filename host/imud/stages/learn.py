@@ -13,8 +13,9 @@ from functools import cache
 from typing import Any
 
 from imud.calibration.learner import Learned, Learner, Proposal, learned_of
-from imud.calibration.recording import NO_MAG, Sample, Scale
+from imud.calibration.recording import Sample, Scale
 from imud.config.settings import Config
+from imud.probes.sensors import has_magnetometer
 from imud.probes.session import ProbeFound, Received
 from imud.stages import Outcome, Says, Tells, Wants
 from imud.wire.messages import Value
@@ -60,7 +61,7 @@ class LearnStage:
         hello = found.hello.fields
         self._probe_id = found.probe_id
         self._learner = None
-        if hello["sensor"] not in NO_MAG:
+        if has_magnetometer(hello):
             scale = Scale(
                 _float(hello["acc_lsb"]),
                 _float(hello["gyr_lsb"]),

@@ -14,8 +14,9 @@ from typing import Any
 import msgspec
 
 from imud.calibration.earth import Earth
-from imud.calibration.recording import NO_MAG, Scale
+from imud.calibration.recording import Scale
 from imud.calibration.session import Kind
+from imud.probes.sensors import missing_magnetometer, out_of_work
 from imud.web import processes
 from imud.web.calibrator import End, Task
 from imud.web.feed import CALIBRATION, Feed, Key
@@ -93,13 +94,17 @@ class Guide:
     def _make_task(self) -> Task:
         status, params = self._known("status"), self._known("params")
         hello = status.get("hello") or {}
+        if hello and (why := out_of_work(status)):
+            raise GuideError(why)
         if not hello or params.get("bytes") is None:
             raise GuideError("the probe has not told its params yet; try again")
         rate_hz = hello["sample_rate"]
         scale = Scale(hello["acc_lsb"], hello["gyr_lsb"], hello["mag_lsb"], rate_hz)
         earth = msgspec.convert(status.get("place"), Earth | None)
-        has_mag = hello["sensor"] not in NO_MAG
-        digest = params.get("digest") or ""
+        missing_mag = missing_magnetometer(hello)
+        if missing_mag and self._kind == "mag":
+            raise GuideError(missing_mag)
+        digest, has_mag = params.get("digest") or "", not missing_mag
         return Task(
             self._probe, self._kind, scale, has_mag, params["bytes"], digest, earth
         )

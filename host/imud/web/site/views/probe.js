@@ -7,7 +7,7 @@ import { span } from "../format.js";
 import { Scene } from "../scene/scene.js";
 import { Controls } from "./controls.js";
 import { Numbers } from "./numbers.js";
-import { flagWords, STATES } from "./words.js";
+import { concerns, flagWords, showChips, STATES } from "./words.js";
 
 /** @typedef {import("../model.js").Model} Model */
 /** @typedef {import("../model.js").Probe} Probe */
@@ -43,11 +43,7 @@ export class ProbeView {
     this._state = make("span", { class: "chip", "data-part": "state" });
     this._age = make("span", { class: "chip warn", "data-part": "age", hidden: true });
     this._flags = make("span", { class: "flags", "data-part": "flags" });
-    this._advice = make("span", {
-      class: "chip warn sentence",
-      "data-part": "advice",
-      hidden: true,
-    });
+    this._concerns = make("span", { class: "flags", "data-part": "concerns" });
     this._empty = make(
       "p",
       { class: "empty" },
@@ -90,7 +86,7 @@ export class ProbeView {
           this._state,
           this._age,
           this._flags,
-          this._advice,
+          this._concerns,
         ),
         make("div", { class: "over bottom-left" }, this._body, camera),
         this._legend,
@@ -150,19 +146,8 @@ export class ProbeView {
     mark(this._state, "class", `chip ${STATES[state]?.[1] ?? ""}`);
     this._age.hidden = !isStale || probe.pose === null;
     say(this._age, `${span((nowMs - probe.poseMs) / 1000)} old`);
-    const advice = probe.status?.params?.advice ?? "";
-    this._advice.hidden = advice === "";
-    say(this._advice, advice);
-    const flags = probe.pose?.flags ?? [];
-    const text = flags.join(" ");
-    if (this._flags.dataset.flags !== text) {
-      this._flags.dataset.flags = text;
-      const chips = flags.map((flag) => {
-        const [words, kind] = flagWords(flag);
-        return make("span", { class: `chip ${kind}` }, words);
-      });
-      this._flags.replaceChildren(...chips);
-    }
+    showChips(this._flags, (probe.pose?.flags ?? []).map(flagWords));
+    showChips(this._concerns, concerns(probe.status), "sentence");
   }
 
   _makeScene() {

@@ -5,7 +5,7 @@
 import { make, mark, say } from "../dom.js";
 import { fixed, micros, sigma, span, UNKNOWN, whole } from "../format.js";
 import { LogList } from "./logs.js";
-import { both, STATES } from "./words.js";
+import { both, concerns, showChips, STATES } from "./words.js";
 
 /** @typedef {import("../model.js").Model} Model */
 /** @typedef {import("../model.js").Probe} Probe */
@@ -30,11 +30,13 @@ class Row {
     this._sum = make("span", { class: "chip" });
     const open = make("a", { href: `#/probe/${encodeURIComponent(name)}` }, name);
     this._about = make("p", { class: "muted small" });
+    this._concerns = make("span", { class: "flags", "data-part": "concerns" });
     this.element = make(
       "article",
       { class: "card", "data-probe": name },
       make("div", { class: "card-head" }, make("h1", {}, open), this._age, this._state),
       this._about,
+      this._concerns,
       this._list,
       make("div", { class: "card-head" }, make("h2", {}, "From the sensor to each sink"), this._sum),
       this._chain,
@@ -91,6 +93,7 @@ class Row {
     const { hello, ledger, clock, equipment, log } = status;
     const about = [hello?.board, hello?.sensor, hello?.firmware, status.port ?? "no port"];
     say(this._about, about.filter(Boolean).join(" · "));
+    showChips(this._concerns, concerns(status), "sentence");
     this._fact("rate", `${fixed(status.pose_rate_hz, 1)} Hz`);
     const lost = both(ledger, "lost");
     this._fact("lost", `${whole(lost)} of ${whole(both(ledger, "sent"))}`, lost > 0);

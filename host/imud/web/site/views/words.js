@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 // @ts-check
-// States and flags in words, each with the colour that it is shown in.
+// States, flags and concerns in words, each with the colour that it is shown in.
+
+import { make } from "../dom.js";
 
 /** @typedef {[words: string, kind: "good" | "warn" | "bad" | ""]} Words */
 
@@ -29,6 +31,7 @@ const FLAGS = {
   gap: ["gap", "bad"],
   tared: ["own origin", ""],
   calibration_old: ["calibrated over a year ago", "warn"],
+  self_test_failed: ["self-test failed", "bad"],
   calibration_temperature: ["calibrated at another temperature", "warn"],
 };
 
@@ -39,6 +42,33 @@ const FLAGS = {
  */
 export function flagWords(flag) {
   return FLAGS[flag] ?? [flag.replaceAll("_", " "), ""];
+}
+
+/**
+ * Shows words as chips, where they have changed.
+ * @param {HTMLElement} element
+ * @param {Words[]} all
+ * @param {string} [kind] class of each chip
+ */
+export function showChips(element, all, kind = "") {
+  const text = JSON.stringify(all);
+  if (element.dataset.words !== text) {
+    element.dataset.words = text;
+    const chips = all.map(([words, colour]) => make("span", { class: `chip ${colour} ${kind}` }, words));
+    element.replaceChildren(...chips);
+  }
+}
+
+/**
+ * Sentences about what needs somebody: the sensors first, then their calibration.
+ * @param {any} status
+ * @returns {Words[]}
+ */
+export function concerns(status) {
+  /** @type {Words[]} */
+  const said = (status?.sensors?.words ?? []).map((/** @type {string} */ words) => [words, "bad"]);
+  const advice = status?.params?.advice;
+  return advice ? [...said, [advice, "warn"]] : said;
 }
 
 /**

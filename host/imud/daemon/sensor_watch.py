@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: MIT
+"""What is wrong with the sensors of a probe, for its status and for the journal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from imud.daemon.registry import Fault, ProbeEntry
+from imud.journal.faults import OF_SENSOR, fault_words
+from imud.probes.sensors import Finding, findings_of, flags_of
+from imud.wire.messages import Message
+
+_UNKNOWN_FAULT = "the sensor does not work: restart the probe to see why"
+
+
+def follow_event(entry: ProbeEntry, event: Message) -> None:
+    """Remembers why the sensor of the probe does not work."""
+    name, cause, detail = (event.fields[key] for key in ("event", "cause", "detail"))
+    if name in OF_SENSOR and isinstance(detail, int):
+        entry.fault = Fault(str(name), str(cause), detail)
+    elif name == "bus_recovered":
+        entry.fault = None
+
+
+def is_working(entry: ProbeEntry) -> bool:
+    """Whether the probe has found its sensor, and it answers."""
+    is_found = entry.probe.hello.get("sensor", "none") != "none"
+    return is_found and entry.counters.get("state") != "fault"
+
+
+def sensor_findings(entry: ProbeEntry) -> list[Finding]:
+    """What the journal tells of its sensors."""
+    return findings_of(entry.probe.hello, entry.probe.verdicts)
+
+
+def sensors_of(entry: ProbeEntry) -> dict[str, Any]:
+    """What a probe's status says of its sensors."""
+    verdicts = entry.probe.verdicts
+    words = [finding.words for finding in sensor_findings(entry)]
+    if entry.counters.get("state") == "fault":
+        words = [_fault_words(entry)]
+    return {
+        "is_working": is_working(entry),
+        "self_test": {
+            verdict.sensor: {
+                "outcome": verdict.outcome.value,
+                "reason": verdict.reason,
+            }
+            for verdict in verdicts
+        },
+        "words": words,
+        "flags": flags_of(verdicts),
+    }
+
+
+def _fault_words(entry: ProbeEntry) -> str:
+    fault, board = entry.fault, str(entry.probe.hello.get("board", ""))
+    if fault is None:
+        return _UNKNOWN_FAULT
+    said = fault_words(fault.event, fault.cause, fault.detail, board)
+    return said or _UNKNOWN_FAULT

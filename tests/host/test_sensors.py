@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: MIT
+"""What is wrong with a probe's sensors is told in words wherever people look."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from chain import Chain
+from fakes import PATIENCE_S, FakeProbe, messages
+from imud.probes.self_test import verdicts_of
+from imud.probes.sensors import (
+    findings_of,
+    has_magnetometer,
+    missing_magnetometer,
+    sensor_words,
+)
+from imud.recordings.decode import Tally, decode_file
+
+FAKE = "no magnetometer in this module (an MPU-6500 sold as an MPU-9250): no heading"
+ABSENT = "no answer at 0x68: check power, SDA, SCL, AD0 to GND"
+JUDGED = {"self_test": ("host_judges",)}
+# The y axis of the accelerometer answers nothing.
+DEAD_Y = {"stimulated": (6500, 339, 22800, 8000, -7900, 8150)}
+DEAD_WORDS = (
+    "the accelerometer failed its self-test (y response 0 mg, expected 204 to 611): "
+    "tilt is not to be trusted; replace the module"
+)
+MOVED_WORDS = (
+    "self-test of accelerometer not judged: the probe moved; restart it while it lies "
+    "still"
+)
+
+
+def hello_of(sensor: str, *who_am_i: int, **fields: Any) -> dict[str, Any]:
+    return messages.HELLO | {"sensor": sensor, "who_am_i": who_am_i} | fields
+
+
+def becomes(chain: Chain, sensor: str, *who_am_i: int, **fields: Any) -> None:
+    """The probe of a chain says that it has that sensor."""
+    changed = {"sensor": sensor, "who_am_i": who_am_i} | fields
+    chain.probe.hello_fields = chain.probe.hello_fields | changed
+    chain.port.write(chain.probe.say("hello"))
+
+
+def says(chain: Chain, *names: str) -> str:
+    """What a command of imud prints."""
+    command = [sys.executable, "-m", "imud", *names]
+    done = subprocess.run(
+        [*command, "--connect", chain.daemon.endpoint],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    return done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    ("hello", "words"),
+    [
+        (hello_of("mpu9250", 0x71, 0x48), ""),
+        (hello_of("mpu9250", 0x75, 0x48), ""),
+        (hello_of("lsm9ds0", 0xD4, 0x49), ""),
+        (hello_of("mpu9250", 0, 0), ""),
+        (hello_of("mpu6500", 0x70, 0), FAKE),
+        (
+            hello_of("mpu6500", 0x71, 0),
+            "the magnetometer of this MPU-9250 does not answer: no heading; switch the "
+            "power off and on, else replace the module",
+        ),
+        (
+            hello_of("mpu9250", 0x73, 0),
+            "the magnetometer of this MPU-9255 does not answer: no heading; switch the "
+            "power off and on, else replace the module",
+        ),
+        (
+            hello_of("lsm9ds0", 0xD4, 0),
+            "the magnetometer of this LSM9DS0 does not answer: no heading; switch the "
+            "power off and on, else replace the module",
+        ),
+        (
+            hello_of("mpu6500", 0x74, 0),
+            "no magnetometer in this module (it answers 0x74 (MPU-6515); an MPU-9250 "
+            "answers 0x71): no heading",
+        ),
+        (
+            hello_of("mpu6500", 0x75, 0),
+            "no magnetometer in this module (it answers 0x75; an MPU-9250 answers "
+            "0x71): no heading",
+        ),
+        (hello_of("none", 0, 0), "no sensor was found"),
+    ],
+)
+def test_a_missing_magnetometer_is_explained(hello: dict[str, Any], words: str) -> None:
+    assert missing_magnetometer(hello) == words
+    assert has_magnetometer(hello) == (not words)
+
+
+@pytest.mark.parametrize(
+    ("hello", "words"),
+    [
+        (hello_of("mpu9250", 0x73, 0x48), "mpu9250"),
+        (hello_of("mpu6500", 0x70, 0), "mpu6500"),
+        (hello_of("mpu6500", 0x78, 0), "mpu6500, answers 0x78 (MPU-6880)"),
+        (hello_of("mpu9250", 0x75, 0x48), "mpu9250, answers 0x75"),
+    ],
+)
+def test_an_unusual_identity_is_told(hello: dict[str, Any], words: str) -> None:
+    assert sensor_words(hello) == words
+
+
+def test_nothing_is_said_of_a_sensor_that_is_not_found_yet() -> None:
+    hello = hello_of("none", 0, 0, self_test=("host_judges",))
+    assert findings_of(hello, verdicts_of(hello, None)) == []
+
+
+def test_a_failed_self_test_is_told_once_a_boot_and_flags_poses(chain: Chain) -> None:
+    poses = chain.hear("pose")
+    chain.probe.hello_fields = chain.probe.hello_fields | JUDGED
+    chain.port.write(chain.probe.say("hello") + chain.probe.say("self_test", **DEAD_Y))
+    line = chain.daemon.expect("failed its self-test")
+    assert line.split(" ", 1)[1] == f"warning: probe {chain.probe.name}: {DEAD_WORDS}"
+    status = chain.status_when(lambda said: said["sensors"]["flags"])
+    assert status["sensors"]["words"] == [DEAD_WORDS]
+    verdicts = status["sensors"]["self_test"]
+    assert {name: of["outcome"] for name, of in verdicts.items()} == {
+        "accelerometer": "failed",
+        "gyroscope": "passed",
+        "magnetometer": "passed",
+    }
+    chain.port.write(chain.probe.say("pose"))
+    flags = json.loads(poses.get(timeout=PATIENCE_S))["flags"]
+    assert flags == ["at_rest", "self_test_failed"]
+    assert f"{chain.probe.name}: {DEAD_WORDS}\n" in says(chain, "list")
+    again = chain.probe.say("hello") + chain.probe.say("self_test", **DEAD_Y)
+    chain.port.write(again + chain.probe.say("event"))
+    chain.daemon.expect("stream started")
+    assert sum(DEAD_WORDS in line for line in chain.daemon.lines) == 1
+    chain.probe.restart()
+    chain.port.write(chain.probe.say("hello") + chain.probe.say("self_test", **DEAD_Y))
+    chain.daemon.expect("restarted on")
+    chain.daemon.expect("failed its self-test")
+
+
+def test_the_responses_of_the_boot_before_are_forgotten(chain: Chain) -> None:
+    chain.probe.hello_fields = chain.probe.hello_fields | JUDGED
+    chain.port.write(chain.probe.say("hello") + chain.probe.say("self_test", **DEAD_Y))
+    chain.status_when(lambda said: said["sensors"]["flags"])
+    chain.probe.restart()
+    chain.port.write(chain.probe.say("hello"))
+    status = chain.status_when(lambda said: not said["sensors"]["flags"])
+    assert status["sensors"]["self_test"]["accelerometer"] == {
+        "outcome": "not judged",
+        "reason": "its responses were not received",
+    }
+    assert status["sensors"]["words"] == []
+
+
+def test_a_probe_that_judges_itself_is_told_as_well(chain: Chain) -> None:
+    chain.probe.hello_fields = chain.probe.hello_fields | {
+        "self_test": ("acc_passed", "gyr_failed", "mag_passed")
+    }
+    chain.port.write(chain.probe.say("hello"))
+    chain.daemon.expect(
+        r"the gyroscope failed its self-test \(by the probe's own self-test\): poses"
+    )
+
+
+def test_a_probe_that_moved_is_told_to_be_not_judged(chain: Chain) -> None:
+    chain.probe.hello_fields = chain.probe.hello_fields | JUDGED
+    moved = DEAD_Y | {"after": (-11, 1338, 16390, 14, -8, 130)}
+    chain.port.write(chain.probe.say("hello") + chain.probe.say("self_test", **moved))
+    line = chain.daemon.expect("not judged")
+    assert line.split(" ", 1)[1] == f"probe {chain.probe.name}: {MOVED_WORDS}"
+    status = chain.status_when(lambda said: said["sensors"]["words"])
+    assert status["sensors"]["words"] == [MOVED_WORDS]
+    assert status["sensors"]["flags"] == []
+
+
+def test_a_module_without_magnetometer_is_named_and_not_to_be_calibrated(
+    chain: Chain,
+) -> None:
+    chain.port.write(chain.probe.say("params"))
+    chain.status_when(lambda said: "magnetometer" in said["params"].get("advice", ""))
+    becomes(chain, "mpu6500", 0x70, 0)
+    line = chain.daemon.expect("no magnetometer in this module")
+    assert line.split(" ", 1)[1] == f"warning: probe {chain.probe.name}: {FAKE}"
+    status = chain.status_when(lambda said: said["sensors"]["words"] == [FAKE])
+    advice = "accelerometer and gyroscope not calibrated: imud calibrate"
+    assert status["params"]["advice"] == advice
+    listed = says(chain, "list")
+    assert f"{chain.probe.name}: {FAKE}\n{chain.probe.name}: {advice}\n" in listed
+    assert FAKE in says(chain, "monitor", "--seconds", "1.5")
+    refusal = f"imud: probe {chain.probe.name}: {FAKE}\n"
+    assert says(chain, "calibrate", "mag", chain.probe.name) == refusal
+    assert not chain.probe.commands
+
+
+def test_a_sensor_that_does_not_answer_is_named_until_it_does(chain: Chain) -> None:
+    probe = chain.probe
+    chain.port.write(probe.say("params"))
+    chain.status_when(lambda said: said["params"].get("advice"))
+    fault = {"event": "bus_fault", "cause": "nack", "detail": 0}
+    chain.port.write(probe.say("event", **fault) + probe.say("status", state="fault"))
+    line = chain.daemon.expect("bus fault")
+    words = f"warning: probe {probe.name}: bus fault: {ABSENT}"
+    assert line.split(" ", 1)[1] == words
+    status = chain.status_when(lambda said: said["sensors"]["words"] == [ABSENT])
+    assert status["params"]["advice"] == ""
+    assert not status["sensors"]["is_working"]
+    assert f"{probe.name}: {ABSENT}\n" in says(chain, "list")
+    refusal = f"imud: probe {probe.name} can not be calibrated: {ABSENT}\n"
+    assert says(chain, "calibrate", "mag", probe.name) == refusal
+    good = {"event": "bus_recovered", "cause": "none", "detail": 1}
+    chain.port.write(probe.say("event", **good) + probe.say("status"))
+    status = chain.status_when(lambda said: said["sensors"]["is_working"])
+    assert status["sensors"]["words"] == []
+    assert "calibrate" in status["params"]["advice"]
+    assert not [line for line in chain.daemon.lines if "its calibration is" in line]
+
+
+def test_a_fault_whose_event_was_not_heard_is_told_all_the_same(chain: Chain) -> None:
+    chain.port.write(chain.probe.say("status", state="fault"))
+    status = chain.status_when(lambda said: not said["sensors"]["is_working"])
+    words = ["the sensor does not work: restart the probe to see why"]
+    assert status["sensors"]["words"] == words
+
+
+@pytest.mark.parametrize(
+    ("responses", "verdict"),
+    [({}, "passed"), (DEAD_Y, "failed: y response 0 mg, expected 204 to 611")],
+)
+def test_a_capture_shows_the_same_verdict(
+    tmp_path: Path, responses: dict[str, Any], verdict: str
+) -> None:
+    probe = FakeProbe(**JUDGED)
+    path = tmp_path / "capture"
+    path.write_bytes(probe.say("hello") + probe.say("self_test", **responses))
+    said = list(decode_file(path, Tally()))[-1]
+    assert said["type"] == "self_test"
+    assert said["factory"] == messages.SELF_TEST["factory"]
+    assert said["verdicts"] == {
+        "accelerometer": verdict,
+        "gyroscope": "passed",
+        "magnetometer": "passed",
+    }
