@@ -38,6 +38,7 @@ class Hand(threading.Thread):
         self._fields: dict[str, Any] = {}
         self.is_talking = True
         self.is_telling_raw = False
+        self.state = "streaming"
         self._samples: list[Sample] = []
         self._news: deque[tuple[str, dict[str, Any]]] = deque()
         self._lying: list[Sample] = []  # how it lies after a calibration's samples
@@ -90,7 +91,7 @@ class Hand(threading.Thread):
                 if self.is_telling_raw:
                     data += self._probe.say("raw")
                 if count % 25 == 0:
-                    data += self._probe.say("status")
+                    data += self._probe.say("status", state=self.state)
                 count += 1
             self._port.write(data)
 

@@ -106,10 +106,10 @@ def test_a_tip_is_found_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @contextlib.contextmanager
-def known(served: Served) -> Iterator[Live]:
-    """A browser of a server that knows a probe."""
+def known(served: Served, **about: Any) -> Iterator[Live]:
+    """A browser of a server that knows a probe, by that status of it."""
     params = {"type": "params", "probe": PROBE, "digest": "0", "bytes": ""}
-    status = {"type": "status", "probe": PROBE, "hello": HELLO}
+    status = {"type": "status", "probe": PROBE, "hello": HELLO} | about
     for said in (params, status):
         served.page.take([((PROBE, said["type"]), json.dumps(said).encode())])
     with served.live() as browser:
@@ -170,6 +170,30 @@ def test_a_probe_sends_raw_samples_only_while_it_is_calibrated(
             *(("stop", {}), ("fields", {"streams": "pose"})),
             ("rate", {"stream": "raw", "hz": "0"}),
         ]
+
+
+@pytest.mark.parametrize(
+    ("about", "why"),
+    [
+        (
+            {"hello": HELLO | {"sensor": "mpu6500", "who_am_i": (0x70, 0)}},
+            "no magnetometer in this module (an MPU-6500 sold as an MPU-9250): no "
+            "heading",
+        ),
+        ({"sensors": {"is_working": False, "words": ["no answer"]}}, "no answer"),
+        (
+            {"sensors": {"is_working": False, "words": []}},
+            "its sensor was not found yet; try again",
+        ),
+    ],
+)
+def test_what_is_not_there_is_not_calibrated(
+    served: Served, about: dict[str, Any], why: str
+) -> None:
+    with known(served, **about) as browser:
+        browser.say(do="calibrate", id=1, probe=PROBE, kind="mag")
+        assert calibration(browser, "refused")["why"] == why
+    assert served.asked.all == []
 
 
 def test_a_viewer_may_not_calibrate() -> None:

@@ -154,10 +154,11 @@ def block_of(shown: Shown, now_s: float) -> list[Text]:
 
 def concern_lines(shown: Shown) -> list[Text]:
     """What is wrong with the sensors of a probe."""
-    words = shown.status.sensors.get("words", ()) if shown.status else ()
+    sensors = shown.status.sensors if shown.status else {}
+    is_bad = not sensors.get("is_working", True) or bool(sensors.get("flags"))
     return [
-        Text(line, style="red")
-        for sentence in words
+        Text(line, style="red" if is_bad else "yellow")
+        for sentence in sensors.get("words", ())
         for line in textwrap.wrap(sentence, WIDTH, subsequent_indent="  ")
     ]
 

@@ -65,8 +65,10 @@ export function showChips(element, all, kind = "") {
  * @returns {Words[]}
  */
 export function concerns(status) {
+  const { words = [], flags = [], is_working = true } = status?.sensors ?? {};
+  const isBad = !is_working || flags.length > 0;
   /** @type {Words[]} */
-  const said = (status?.sensors?.words ?? []).map((/** @type {string} */ words) => [words, "bad"]);
+  const said = words.map((/** @type {string} */ each) => [each, isBad ? "bad" : "warn"]);
   const advice = status?.params?.advice;
   return advice ? [...said, [advice, "warn"]] : said;
 }
