@@ -12,7 +12,8 @@ from length import choose
 
 # Those that build MicroPython for this machine are for `make test-long`.
 collect_ignore = choose(
-    everyday=["test_drivers.py", "test_frames.py", "test_module.py"], long=[]
+    everyday=["test_altered.py", "test_drivers.py", "test_frames.py", "test_module.py"],
+    long=[],
 )
 
 

@@ -39,14 +39,16 @@ _G = b"\xbf\x00\x08\xa0\x02"
 _XM = b"\x00\x9f\x60\x00\x00\xf4\x00\x00"
 
 
+_LOST = const(1000)  # of an OSError: with the cause, the sensor is lost
+
+
 class Driver:
-    WRONG_CHIP = 1000  # of an OSError
     rate_hz = 380
 
     def __init__(self, gyr=0x6B, xm=0x1D):
         self._gyr = gyr
         self._xm = xm
-        self.who_am_i = 0
+        self.detail = 0  # of an OSError with a cause
         self._axes = bytearray(7)  # a status, three axes
         self._more = bytearray(9)  # the temperature before them
 
@@ -71,14 +73,24 @@ class Driver:
             self._i2c.writeto_mem(self._gyr, _CTRL1_G | _AUTO, _G)
             self._i2c.writeto_mem(self._xm, _CTRL0_XM | _AUTO, _XM)
         else:
+            self._compare(self._gyr, _CTRL1_G, _G, 0xD4)
+            self._compare(self._xm, _CTRL0_XM, _XM, 0x49)
             return True
         return False
 
+    def _compare(self, address, register, values, name):
+        """Raises where registers do not hold what was written to them."""
+        held = self._i2c.readfrom_mem(address, register | _AUTO, len(values))
+        for n in range(len(values)):
+            if held[n] != values[n]:
+                self.detail = name + 256 * (register + n)
+                raise OSError(_LOST + wire.CAUSE_REGISTERS)
+
     def _identify(self):
         for address, name in ((self._gyr, 0xD4), (self._xm, 0x49)):
-            self.who_am_i = self._i2c.readfrom_mem(address, _WHO_AM_I, 1)[0]
-            if self.who_am_i != name:
-                raise OSError(self.WRONG_CHIP)
+            self.detail = self._i2c.readfrom_mem(address, _WHO_AM_I, 1)[0]
+            if self.detail != name:
+                raise OSError(_LOST + wire.CAUSE_WRONG_CHIP)
         self._i2c.writeto_mem(self._gyr, _CTRL5_G, b"\x80")  # BOOT
         self._i2c.writeto_mem(self._xm, _CTRL0_XM, b"\x80")
 

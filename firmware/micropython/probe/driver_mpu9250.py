@@ -33,27 +33,43 @@ _ST2_16_BIT = const(0x10)
 _AK_MAX = const(32760)  # AK 8.3: measurement data
 _INERTIAL = const(14)
 
+_MASTER_OFF_US = const(3_000)  # a burst of the AK8963 takes less
 _STARTUP_US = const(110_000)
 _GYRO_START_US = const(50_000)
 _SETTLE_US = const(75_000)
+_FORCE_US = const(1_000_000)  # within which the force has to be near 1 g
+_POLL_US = const(5_000)
 _TRIES = const(50)  # of a transfer to the AK8963
+# Samples: 1 s without a field, and 10 s until an AK8963 that is absent is tried again.
+_SILENT = const(200)
+_ABSENT = const(2000)
+# From 0.5 to 1.5 g, squared; 2048 counts a g.
+_FORCE_MIN = const(1024 * 1024)
+_FORCE_MAX = const(3072 * 3072)
 
 # Registers and values, in their order: the gyroscope's PLL; all on; 92 Hz; 99 Hz; 2000
 # deg/s; 16 g; the master waits for the AK8963's bytes, 400 kHz; it is on.
 _INERTIAL_SETUP = b"\x6b\x01\x6c\x00\x1a\x02\x1d\x02\x1b\x18\x1c\x18\x24\x4d\x6a\x20"
+_MASTER_OFF = b"\x6a\x00"
+_MASTER_ON = b"\x6a\x20"
 # 200 Hz; a pulse at each sample; data-ready.
 _RUN = b"\x19\x04\x37\x00\x38\x01"
 # SLV0 reads ST1 to ST2, eight bytes.
 _FOLLOW_AK = b"\x25\x8c\x26\x02\x27\x88"
+_ASK_WIA = b"\x8c\x00\x00\x80"  # SLV4
+
+
+_LOST = const(1000)  # of an OSError: with the cause, the sensor is lost
 
 
 class Driver:
-    WRONG_CHIP = 1000  # of an OSError
     rate_hz = 200
 
     def __init__(self):
         self.who_am_i = 0
+        self.detail = 0  # of an OSError with a cause
         self._has_mag = False
+        self._without = 0  # samples since the last field, or since it is absent
         self._adjust = bytearray(3)
         self._field = bytearray(6)  # last read
 
@@ -61,6 +77,7 @@ class Driver:
         self._i2c = i2c or self._i2c
         self._step = 0
         self._since = None
+        self._without = 0
         self._was_ready = False  # the field of the sample before was
 
     def _write(self, pairs):
@@ -78,23 +95,56 @@ class Driver:
         self._step += 1
         self._wait_us = _STARTUP_US
         if self._step == 2:
-            self._write(b"\x6b\x80")  # H_RESET
+            # A reset while the master reads can leave the AK8963 holding its bus (RM
+            # 106, of I2C_MST_RST).
+            self._write(_MASTER_OFF)
+            self._wait_us = _MASTER_OFF_US
         elif self._step == 3:
+            self._write(b"\x6b\x80")  # H_RESET
+        elif self._step == 4:
             self._identify()
             self._write(_INERTIAL_SETUP)
             self._wait_us = _GYRO_START_US
-        elif self._step == 4:
+        elif self._step == 5:
             self._set_up_field()
             self._data = bytearray(_INERTIAL + (8 if self._has_mag else 0))
             self._write(_RUN)
             self._wait_us = _SETTLE_US
-        return self._step > 4
+        elif self._step == 6:
+            self._compare(_INERTIAL_SETUP[:-2])
+            self._compare(_RUN)
+            self._compare(_MASTER_ON + _FOLLOW_AK if self._has_mag else _MASTER_OFF)
+            self._wait_us = 0
+        elif self._step > 6:
+            return self._is_about_1_g()
+        return False
+
+    def _fail(self, cause, more=0):
+        self.detail = self.who_am_i + 256 * more
+        raise OSError(_LOST + cause)
 
     def _identify(self):
         self.who_am_i = self._register(_WHO_AM_I)
-        self._has_mag = self.who_am_i in (0x71, 0x73)  # MPU-9250, MPU-9255
-        if not self._has_mag and self.who_am_i != 0x70:  # MPU-6500
-            raise OSError(self.WRONG_CHIP)
+        if self.who_am_i in (0x00, 0xFF):  # of a bus that nobody drives, or is held
+            self._fail(wire.CAUSE_WRONG_CHIP)
+
+    def _compare(self, pairs):
+        """Whether registers hold what was written to them."""
+        for at in range(0, len(pairs), 2):
+            if self._register(pairs[at]) != pairs[at + 1]:
+                self._fail(wire.CAUSE_REGISTERS, pairs[at])
+
+    def _is_about_1_g(self):
+        """Whether the force is; raises where it is not for _FORCE_US."""
+        x, y, z = struct.unpack(
+            ">hhh", self._i2c.readfrom_mem(_ADDRESS, _ACCEL_XOUT_H, 6)
+        )
+        if _FORCE_MIN <= x * x + y * y + z * z <= _FORCE_MAX:
+            return True
+        if self._step * _POLL_US > _FORCE_US:
+            self._fail(wire.CAUSE_FORCE)
+        self._wait_us = _POLL_US
+        return False
 
     def _transfer(self, register, value=None):
         """One register of the AK8963, written or read; None where it is not there."""
@@ -108,28 +158,35 @@ class Driver:
                     break
                 if status & _DONE:
                     return self._register(_SLV4_DI)
+            else:
+                return None  # it holds its bus
         return None
 
     def _set_up_field(self):
-        # CNTL2: reset. WIA. CNTL1: fuse ROM; ASAX; CNTL1: off, then 100 Hz, 16 bits.
-        if self._has_mag:
-            self._transfer(0x0B, 0x01)
-            self._has_mag = self._transfer(0x00) == 0x48
+        # WIA. CNTL2: reset. CNTL1: fuse ROM; ASAX; CNTL1: off, then 100 Hz, 16 bits.
+        self._has_mag = self._transfer(0x00) == 0x48 and self._begin_field()
         if not self._has_mag:
-            self._write(b"\x6a\x00")  # its master is off
-            return
-        self._transfer(0x0A, 0x0F)
+            self._write(_MASTER_OFF)
+
+    def _begin_field(self):
+        """Whether the AK8963 took all that it needs to measure."""
+        for register, value in ((0x0B, 0x01), (0x0A, 0x0F)):
+            if self._transfer(register, value) is None:
+                return False
         for axis in range(3):
-            self._adjust[axis] = self._transfer(0x10 + axis)
-        self._transfer(0x0A, 0x00)
+            adjust = self._transfer(0x10 + axis)
+            if adjust is None:
+                return False
+            self._adjust[axis] = adjust
+        if self._transfer(0x0A, 0x00) is None:
+            return False
         self._write(_FOLLOW_AK)
-        self._transfer(0x0A, 0x16)
+        return self._transfer(0x0A, 0x16) is not None
 
     def describe(self, hello):
         """Fills in what a hello says of the sensor."""
-        is_6500 = self.who_am_i == 0x70
         hello[wire.HELLO_SENSOR] = (
-            wire.SENSOR_MPU6500 if is_6500 else wire.SENSOR_MPU9250
+            wire.SENSOR_MPU9250 if self._has_mag else wire.SENSOR_MPU6500
         )
         hello[wire.HELLO_WHO_AM_I] = self.who_am_i
         hello[wire.HELLO_WHO_AM_I + 1] = 0x48 if self._has_mag else 0
@@ -161,8 +218,26 @@ class Driver:
             _put(raw, wire.RAW_MAG + axis, -32768)
         if self._has_mag:
             flags |= self._take_field(data, raw)
+        self._follow_field()
         raw[wire.RAW_SAMPLE_FLAGS] = flags
         return True
+
+    def _follow_field(self):
+        """Has the sensor set up again where the AK8963 is silent, or is back."""
+        self._without += 1
+        if self._has_mag:
+            if self._without > _SILENT:
+                self._fail(wire.CAUSE_MAG_SILENT)
+        elif self._without == _ABSENT:
+            self._write(_MASTER_ON)
+            self._i2c.writeto_mem(_ADDRESS, _SLV4_ADDR, _ASK_WIA)
+        elif self._without > _ABSENT + 1:
+            self._without = 0
+            is_done = self._register(_MST_STATUS) & (_DONE | _NACK) == _DONE
+            is_back = is_done and self._register(_SLV4_DI) == 0x48
+            self._write(_MASTER_OFF)
+            if is_back:
+                self._fail(wire.CAUSE_MAG_SILENT)
 
     def _take_field(self, data, raw):
         """The magnetic field where it is new; returns flags of the sample."""
@@ -181,6 +256,7 @@ class Driver:
             self._field[n] = byte
         if not is_new or min(x, y, z) < -_AK_MAX or max(x, y, z) > _AK_MAX:
             return 0
+        self._without = 0
         # AK 8.3: H * ((ASA - 128) * 0.5 / 128 + 1), rounded.
         x = (x * (128 + self._adjust[0]) + 128) >> 8
         y = (y * (128 + self._adjust[1]) + 128) >> 8

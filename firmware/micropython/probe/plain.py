@@ -24,6 +24,7 @@ _MISSED_US = const(8_000)  # three samples of the LSM9DS0, whose data-ready stay
 _FAILED_MAX = const(5)  # readings in a row, before the sensor is set up again
 _WAITING, _SETUP, _SAMPLING = const(0), const(1), const(2)
 _CAUSES = {110: wire.CAUSE_TIMEOUT}  # ETIMEDOUT
+_LOST = const(1000)  # of a driver's OSError: with the cause, the sensor is lost
 
 
 class Probe:
@@ -168,8 +169,8 @@ class Probe:
     def _fail(self, error, now):
         """A transfer failed: one sample is lost or, too often, the sensor."""
         number = error.args[0] if error.args else 0
-        if number == self._driver.WRONG_CHIP:
-            self._lose(wire.CAUSE_WRONG_CHIP, self._driver.who_am_i, now)
+        if number > _LOST:
+            self._lose(number - _LOST, self._driver.detail, now)
             return
         self._failed += 1
         cause = _CAUSES.get(number, wire.CAUSE_NACK)
