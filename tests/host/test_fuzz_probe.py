@@ -27,6 +27,7 @@ from fakes import (
     free_endpoint,
     status_of,
 )
+from imud._core import CONTENT_MAX
 from imud.client import Client
 from imud.daemon.registry import PROBES_MAX
 from imud.wire import schema
@@ -62,7 +63,7 @@ def lies(chance: random.Random, probe: FakeProbe, count: int) -> Iterator[bytes]
                 content = content or bytearray(b"\x01")
             else:
                 content[at:at] = chance.randbytes(chance.randint(1, 6))
-        yield encode_frame(bytes(content[:200]))
+        yield encode_frame(bytes(content[:CONTENT_MAX]))
 
 
 HOSTILE = (

@@ -37,7 +37,7 @@ from imud.wire import schema
         ),
         (
             ("overrun", "late", 4),
-            "overrun: 4 samples missed: the processor was busy",
+            "overrun: samples missed: 4; the processor was busy",
         ),
         (("bus_recovered", "none", 3), "bus recovered: the sensor works again"),
     ],

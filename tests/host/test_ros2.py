@@ -305,6 +305,15 @@ def test_what_a_pose_lacks_is_a_warning_while_it_streams(
     )
 
 
+def test_what_is_wrong_with_the_sensors_is_told(translator: Translator) -> None:
+    broken = {"words": ["no answer at 0x68"], "flags": []}
+    told = verdict(translator, state="fault", sensors=broken)
+    assert told == (Level.ERROR, "fault: no answer at 0x68")
+    flawed = {"flags": ["self_test_failed"]}
+    told = verdict(translator, quality=flawed)
+    assert told == (Level.WARN, "a sensor failed its self-test")
+
+
 def test_a_loss_is_a_warning_once(translator: Translator) -> None:
     ledger = {"lost": 1, "earlier_boots": {"lost": 2}, "corrupt": 4}
     ledger |= {"dropped": {"log": 5, "zenoh": 1}}

@@ -63,7 +63,7 @@ _WORDS = {
         "the probe moved while its gyroscope was calibrated at rest ({} counts): lay "
         "it down"
     ),
-    ("overrun", "late"): "{} samples missed: the processor was busy",
+    ("overrun", "late"): "samples missed: {}; the processor was busy",
     ("settings_restored", "boot"): (
         "the stored settings were damaged or there were none: defaults are in use"
     ),

@@ -237,7 +237,8 @@ def _verdict(status: Said, fresh: Mapping[str, int]) -> tuple[Level, str]:
         return Level.STALE, state
     words = (status.get("sensors") or {}).get("words") or ()
     if state in ERROR_STATES:
-        return Level.ERROR, f"{state}: {words[0]}" if words else state
+        is_known = state == "fault" and words
+        return Level.ERROR, f"{state}: {words[0]}" if is_known else state
     equipment = status.get("equipment") or {}
     flags = (status.get("quality") or {}).get("flags") or ()
     flaws = [f"{count} {name}" for name, count in fresh.items() if count > 0]
