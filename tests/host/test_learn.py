@@ -104,6 +104,18 @@ def test_free_motion_gives_a_proposal_and_one_command_to_take_it() -> None:
     assert left["heading"] < 1.0
 
 
+def test_a_probe_whose_sensor_is_found_after_its_first_hello_is_learned() -> None:
+    bench = Bench(params=levelled())
+    sensor = bench.probe.hello_fields["sensor"]
+    bench.probe.hello_fields |= {"sensor": "none", "who_am_i": (0, 0)}
+    bench.probe.restart()
+    bench.hear(bench.probe.say("hello"))
+    bench.probe.hello_fields |= {"sensor": sensor, "who_am_i": (0x71, 0x48)}
+    bench.hear(bench.probe.say("hello"))
+    bench.play(used())
+    assert bench.stage.status()["state"] == "proposes"
+
+
 def test_a_fit_that_ends_after_the_stream_is_told_with_the_next_message() -> None:
     bench = Bench(params=levelled())
     later: list[Callable[[], None]] = []

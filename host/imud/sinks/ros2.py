@@ -235,7 +235,7 @@ def _verdict(status: Said, fresh: Mapping[str, int]) -> tuple[Level, str]:
     state = str(status.get("state"))
     if state in STALE_STATES:
         return Level.STALE, state
-    words = (status.get("sensors") or {}).get("words") or ()
+    words: Sequence[str] = (status.get("sensors") or {}).get("words") or ()
     if state in ERROR_STATES:
         is_known = state == "fault" and words
         return Level.ERROR, f"{state}: {words[0]}" if is_known else state

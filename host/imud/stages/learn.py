@@ -58,10 +58,14 @@ class LearnStage:
             self._forget()
 
     def appear(self, found: ProbeFound) -> None:
-        hello = found.hello.fields
         self._probe_id = found.probe_id
         self._learner = None
-        if has_magnetometer(hello):
+        self._meet(found.hello.fields)
+        self._forget()
+
+    def _meet(self, hello: Mapping[str, Value]) -> None:
+        """Begins once the sensors are there, after the first hello of a boot."""
+        if self._learner is None and has_magnetometer(hello):
             scale = Scale(
                 _float(hello["acc_lsb"]),
                 _float(hello["gyr_lsb"]),
@@ -69,9 +73,10 @@ class LearnStage:
                 _float(hello["raw_rate"] or hello["sample_rate"]),
             )
             self._learner = Learner(scale)
-        self._forget()
 
     def take(self, received: Received) -> Iterable[Outcome]:
+        if received.message.name == "hello":
+            self._meet(received.message.fields)
         is_idle = self._fit is None and received.message.name != "raw"
         if self._mode == "off" or (is_idle and self._digest == received.scales.digest):
             return ()
