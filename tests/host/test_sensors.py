@@ -225,6 +225,33 @@ def test_a_sensor_that_does_not_answer_is_named_until_it_does(chain: Chain) -> N
     assert not [line for line in chain.daemon.lines if "its calibration is" in line]
 
 
+def test_a_hello_in_the_midst_of_a_set_up_names_nothing_missing(chain: Chain) -> None:
+    probe = chain.probe
+    fault = {"event": "sensor_fault", "cause": "no_data_ready", "detail": 0}
+    chain.port.write(probe.say("event", **fault))
+    becomes(chain, "mpu9250", 0x71, 0)
+    chain.port.write(probe.say("status", state="fault"))
+    words = "the sensor signals no samples: check INT to D2, then power, SDA, SCL, AD0"
+    chain.status_when(lambda said: words in "".join(said["sensors"]["words"]))
+    becomes(chain, "mpu9250", 0x71, 0x48)
+    good = {"event": "bus_recovered", "cause": "none", "detail": 1}
+    chain.port.write(probe.say("event", **good) + probe.say("status"))
+    chain.status_when(lambda said: said["sensors"]["is_working"])
+    assert not [line for line in chain.daemon.lines if "magnetometer of" in line]
+
+
+def test_one_failed_transfer_is_no_sensor_out_of_work(chain: Chain) -> None:
+    fault = {"event": "bus_fault", "cause": "nack", "detail": 1}
+    becomes(chain, "mpu6500", 0x70, 0)
+    chain.status_when(lambda said: said["sensors"]["words"] == [FAKE])
+    chain.port.write(chain.probe.say("event", **fault))
+    chain.daemon.expect("bus fault: no answer at 0x68: check")
+    status = chain.status_when(lambda said: said["sensors"]["words"] == [FAKE])
+    assert status["sensors"]["is_working"]
+    chain.port.write(chain.probe.say("event", **fault | {"detail": 5}))
+    chain.status_when(lambda said: not said["sensors"]["is_working"])
+
+
 def test_a_fault_whose_event_was_not_heard_is_told_all_the_same(chain: Chain) -> None:
     chain.port.write(chain.probe.say("status", state="fault"))
     status = chain.status_when(lambda said: not said["sensors"]["is_working"])

@@ -17,7 +17,7 @@ from imud.daemon.params_watch import ParamsWatch
 from imud.daemon.publisher import Publisher
 from imud.daemon.registry import MakeStages, ProbeEntry, ProbePort, Registry
 from imud.daemon.reports import Reports
-from imud.daemon.sensor_watch import follow_event, sensor_findings
+from imud.daemon.sensor_watch import follow_event, follow_status, sensor_findings
 from imud.daemon.stage_runner import StageRunner
 from imud.errors import CommandRefused
 from imud.journal.speaker import Speaker
@@ -138,6 +138,7 @@ class Intake:
         entry = self.registry[event.probe_id]
         entry.port = port
         entry.other = None
+        entry.fault = None
         self.stages.appear(entry, event)
         self._lines.found(entry, event, port)
         # Its status first: who sees that it is there may ask for that at once.
@@ -170,6 +171,7 @@ class Intake:
         elif message.name == "status":
             entry.counters = dict(message.fields)
             entry.counters_sequence = message.sequence
+            follow_status(entry)
         elif message.name == "equipment":
             entry.equipment = equipment_of(message.fields)
         elif message.name == "event":

@@ -27,6 +27,9 @@ PROBES_MAX = 256
 # Up to so many probes have a part of their own in the daemon's last line.
 TOLD_MAX = 4
 
+# So many failed transfers of samples, and a probe sets its sensor up again.
+BURSTS_FAILED_MAX = 5
+
 MakeStages = Callable[[Config], list[Stage]]
 
 
@@ -48,6 +51,12 @@ class Fault(msgspec.Struct, frozen=True):
     event: str
     cause: str
     detail: int
+
+    @property
+    def is_lasting(self) -> bool:
+        """Whether the sensor is to be set up again: not for one failed transfer."""
+        is_bus = self.event == "bus_fault" and self.cause != "stuck_bus"
+        return not (is_bus and 0 < self.detail < BURSTS_FAILED_MAX)
 
 
 class ProbeEntry:

@@ -13,6 +13,12 @@ from imud.wire.messages import Message
 _UNKNOWN_FAULT = "the sensor does not work: restart the probe to see why"
 
 
+def follow_status(entry: ProbeEntry) -> None:
+    """A transfer that failed for once is over with a status that tells no fault."""
+    if entry.counters.get("state") != "fault":
+        entry.fault = None
+
+
 def follow_event(entry: ProbeEntry, event: Message) -> None:
     """Remembers why the sensor of the probe does not work."""
     name, cause, detail = (event.fields[key] for key in ("event", "cause", "detail"))
@@ -24,12 +30,19 @@ def follow_event(entry: ProbeEntry, event: Message) -> None:
 
 def is_working(entry: ProbeEntry) -> bool:
     """Whether the probe has found its sensor, and it answers."""
+    fault = entry.fault
+    if fault is not None and fault.is_lasting:
+        return False
     is_found = entry.probe.hello.get("sensor", "none") != "none"
     return is_found and entry.counters.get("state") != "fault"
 
 
 def sensor_findings(entry: ProbeEntry) -> list[Finding]:
-    """What the journal tells of its sensors."""
+    """What is wrong with sensors that work. A hello in the midst of a set-up does not
+    tell what there is.
+    """
+    if not is_working(entry):
+        return []
     return findings_of(entry.probe.hello, entry.probe.verdicts)
 
 
