@@ -140,11 +140,11 @@ def _wrong_chip(detail: int, board: str) -> str:
             f"check {wiring.lines}"
         )
     if board == "f405":
-        # Its accelerometer's half has an identity of its own, which is not told.
-        wrong = "the chip at 0x1D is not an LSM9DS0"
-        if detail != LSM9DS0:
-            wrong = f"answers 0x{detail:02X} at 0x6B, which is not an LSM9DS0 (0xD4)"
-        return f"{wrong}: check SDO_G and SDO_XM to 3.3 V, else replace the module"
+        return (
+            f"answers 0x{detail:02X} at {wiring.address}, which is not an LSM9DS0 (it "
+            "answers 0xD4 and 0x49): check SDO_G and SDO_XM to 3.3 V, else replace the "
+            "module"
+        )
     return (
         f"answers {identity_words(detail)}, which is not a chip that this firmware can "
         "read: replace the module"
