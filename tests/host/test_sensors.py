@@ -20,7 +20,7 @@ from imud.probes.sensors import (
     missing_magnetometer,
     sensor_words,
 )
-from imud.recordings.decode import Tally, decode_file
+from imud.recordings.decode import Tally, decode_file, words
 
 FAKE = "no magnetometer in this module (an MPU-6500 sold as an MPU-9250): no heading"
 ABSENT = "no answer at 0x68: check power, SDA, SCL, AD0 to GND"
@@ -270,6 +270,7 @@ def test_a_capture_shows_the_same_verdict(
     path = tmp_path / "capture"
     path.write_bytes(probe.say("hello") + probe.say("self_test", **responses))
     said = list(decode_file(path, Tally()))[-1]
+    assert f"verdicts accelerometer {verdict}; gyroscope passed" in words(said)
     assert said["type"] == "self_test"
     assert said["factory"] == messages.SELF_TEST["factory"]
     assert said["verdicts"] == {

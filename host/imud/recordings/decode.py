@@ -265,9 +265,11 @@ def _vector(values: list[float] | None, unit: str, digits: int) -> str:
     return "(" + ", ".join(f"{v:.{digits}f}" for v in values) + f") {unit}"
 
 
-def _shown(value: Value) -> str:
+def _shown(value: Value | dict[str, str]) -> str:
     if value is None:
         return "unknown"
+    if isinstance(value, dict):
+        return "; ".join(f"{key} {each}" for key, each in value.items()) or "none"
     if isinstance(value, tuple | list):
         return " ".join(str(part) for part in value) or "none"
     return str(value)
