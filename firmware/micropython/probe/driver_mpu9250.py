@@ -43,9 +43,9 @@ _TRIES = const(50)  # of a transfer to the AK8963
 # Samples: 1 s without a field, and 10 s until an AK8963 that is absent is tried again.
 _SILENT = const(200)
 _ABSENT = const(2000)
-# From 0.5 to 1.5 g, squared; 2048 counts a g.
-_FORCE_MIN = const(1024 * 1024)
-_FORCE_MAX = const(3072 * 3072)
+# From 0.75 to 1.25 g, squared; 2048 counts a g.
+_FORCE_MIN = const(1536 * 1536)
+_FORCE_MAX = const(2560 * 2560)
 
 # Registers and values, in their order: the gyroscope's PLL; all on; 92 Hz; 99 Hz; 2000
 # deg/s; 16 g; the master waits for the AK8963's bytes, 400 kHz; it is on.

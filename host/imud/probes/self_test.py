@@ -74,11 +74,17 @@ class Responses:
 
     @property
     def has_moved(self) -> bool:
-        """Whether the probe moved meanwhile. A response is then not to be trusted."""
+        """Whether the probe moved meanwhile. A response is then not to be trusted.
+
+        A swing may have the same rate before and after: a rate that no gyroscope has at
+        rest is motion, too.
+        """
         changes = [abs(b - a) for a, b in zip(self.before, self.after, strict=True)]
+        rates = [abs(rate) for rate in (*self.before[3:], *self.after[3:])]
         return (
             max(changes[:3]) > MOVED_MG / 1000 * ACC_PER_G
             or max(changes[3:]) > MOVED_DPS * GYR_PER_DPS
+            or max(rates) > GYR_OFFSET_DPS * GYR_PER_DPS
         )
 
     @property
