@@ -113,8 +113,7 @@ NOINLINE static bool stays_near(struct lowpass *mean, const struct vector *v,
                                 uint8_t looks, int32_t limit) {
     struct vector away;
     lowpass_step(mean, &rest_gain, v, looks);
-    lowpass_read(mean, &away);
-    vector_subtract(v, &away, &away);
+    vector_subtract(v, &mean->level, &away);
     if (vector_exceeds(&away, limit)) {
         return false;
     }
@@ -136,8 +135,7 @@ void fuse_look_for_rest(struct fuse *fuse, const struct measurement *measurement
         stays_near(&fuse->rest_rate, &rate, fuse->settled_looks, REST_RATE_Q25);
     const bool is_force_near = stays_near(&fuse->rest_force, &measurement->acc_m_s2_q21,
                                           fuse->settled_looks, REST_FORCE_Q21);
-    lowpass_read(&fuse->rest_rate, &rate);
-    vector_subtract(&rate, &fuse->calibrated_rad_s_q25, &rate);
+    vector_subtract(&fuse->rest_rate.level, &fuse->calibrated_rad_s_q25, &rate);
     if (!is_rate_near || !is_force_near || vector_exceeds(&rate, REST_RATE_Q25)) {
         fuse->rest_looks = 0;
     } else if (fuse->rest_looks < FUSE_REST_LOOKS) {
@@ -228,8 +226,8 @@ void fuse_stage_regressors(struct fuse *fuse) {
     for (uint8_t i = 0; i < 2; ++i) {
         struct fuse_tilt *tilt = &fuse->tilt[i];
         lowpass_short_step(&tilt->regressor, row[i], fuse->frames);
-        lowpass_axis_step(&tilt->taken_off, &fuse_level_gain, fuse->frames,
-                          effect(fuse, row[i]));
+        lowpass_axis_step(&tilt->taken_off.level, &tilt->taken_off.band,
+                          &fuse_level_gain, fuse->frames, effect(fuse, row[i]));
     }
     memcpy(fuse->up, row[2], sizeof fuse->up);
     to_units(fuse->up);
@@ -260,7 +258,7 @@ void fuse_stage_rest(struct fuse *fuse) {
         return;
     }
     const int32_t surprise =
-        fuse->rest_rate.axis[axis].level - fuse->bias_rad_s_q25.axis[axis];
+        fuse->rest_rate.level.axis[axis] - fuse->bias_rad_s_q25.axis[axis];
     // A slow turn looks like a rest: the farther the rate, the less it tells.
     const int32_t off = fixed_scale_up(fixed_clamp(surprise, REST_DOUBT_Q25), 7);
     row[axis] = FUSE_Q2_14_ONE;

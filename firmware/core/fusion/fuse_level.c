@@ -20,7 +20,7 @@ static void follow_gravity(struct fuse *fuse) {
     struct vector up;
     fuse->tilt[0].corrected_rad_s = 0;
     fuse->tilt[1].corrected_rad_s = 0;
-    lowpass_read(&fuse->force, &up);
+    up = fuse->force.level;
     if (fuse->frames > 0) {  // before the first levelling they are the same
         quat_rotate(level, &up, &up);
     }
@@ -44,9 +44,7 @@ static void follow_gravity(struct fuse *fuse) {
 }
 
 void fuse_take_first(struct fuse *fuse, const struct vector *force_body) {
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        fuse->force.axis[axis].level = force_body->axis[axis];
-    }
+    fuse->force.level = *force_body;
 }
 
 void fuse_level_first(struct fuse *fuse) {

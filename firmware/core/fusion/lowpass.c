@@ -5,19 +5,19 @@
 // Of 3 s in steps of 0.1 s: the gains of lowpass.h as 2^16ths, 1 less the feedback.
 enum { SHORT_INTEGRATOR = 1545, SHORT_LOSS = 2149, SHORT_SETTLE = 30 };
 
-void lowpass_axis_step(struct lowpass_axis *axis,
+void lowpass_axis_step(int32_t *level, int32_t *band,
                        const IN_FLASH struct lowpass_gain *gain, uint8_t count,
                        int32_t input) {
-    const int32_t error = input - axis->level;
+    const int32_t error = input - *level;
     if (count <= gain->settle) {
         // The first sample has work enough: the AVR divides in 640 cycles.
-        fixed_add(count == 1 ? error : fixed_divide(error, count), &axis->level);
+        fixed_add(count == 1 ? error : fixed_divide(error, count), level);
         return;
     }
-    const int32_t middle = fixed_mul_q30(
-        axis->band + fixed_mul_q30(error, gain->integrator), gain->feedback);
-    fixed_add(2 * fixed_mul_q30(middle, gain->integrator), &axis->level);
-    axis->band = 2 * middle - axis->band;
+    const int32_t middle =
+        fixed_mul_q30(*band + fixed_mul_q30(error, gain->integrator), gain->feedback);
+    fixed_add(2 * fixed_mul_q30(middle, gain->integrator), level);
+    *band = 2 * middle - *band;
 }
 
 static void short_step(int16_t *level, int16_t *band, int16_t input, uint8_t count) {
@@ -48,12 +48,7 @@ void lowpass_short_step(struct lowpass_short *filter,
 void lowpass_step(struct lowpass *filter, const IN_FLASH struct lowpass_gain *gain,
                   const struct vector *input, uint8_t count) {
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        lowpass_axis_step(&filter->axis[axis], gain, count, input->axis[axis]);
-    }
-}
-
-void lowpass_read(const struct lowpass *filter, struct vector *out) {
-    for (uint8_t axis = 0; axis < 3; ++axis) {
-        out->axis[axis] = filter->axis[axis].level;
+        lowpass_axis_step(&filter->level.axis[axis], &filter->band.axis[axis], gain,
+                          count, input->axis[axis]);
     }
 }

@@ -11,8 +11,9 @@ struct lowpass_axis {
     int32_t band, level;  // level: the output, in the format of the input
 };
 
+// The same of three axes: the output is a vector.
 struct lowpass {
-    struct lowpass_axis axis[3];
+    struct vector level, band;
 };
 
 enum { LOWPASS_SHORTS = 6 };
@@ -33,7 +34,7 @@ struct lowpass_gain {
 
 // Takes the `count`th input, counted from 1; any number above `settle` will do once it
 // has settled. Needs |input| <= 1e9; the states stay below 1.1 of the largest input.
-void lowpass_axis_step(struct lowpass_axis *axis,
+void lowpass_axis_step(int32_t *level, int32_t *band,
                        const IN_FLASH struct lowpass_gain *gain, uint8_t count,
                        int32_t input);
 
@@ -44,8 +45,5 @@ void lowpass_short_step(struct lowpass_short *filter,
 // The same of three axes.
 void lowpass_step(struct lowpass *filter, const IN_FLASH struct lowpass_gain *gain,
                   const struct vector *input, uint8_t count);
-
-// The output, in the format of the input.
-void lowpass_read(const struct lowpass *filter, struct vector *out);
 
 #endif
