@@ -312,6 +312,22 @@ static enum sensor_result do_mag_row(struct mpu9250 *chip,
     return SENSOR_BUSY;
 }
 
+static enum sensor_result await_data(struct mpu9250 *chip, uint16_t now,
+                                     uint8_t ticks) {
+    if ((chip->read & RAW_DATA_RDY) != 0) {
+        return SENSOR_OK;
+    }
+    chip->step = (uint8_t)(chip->step - 2);
+    if (is_within(chip, now, ticks)) {
+        return SENSOR_OK;
+    }
+    if (mpu9250_has_mag(chip)) {
+        return mag_failed(chip);  // for which the chip's master waits, and the chip
+    }
+    chip->mag_failures = 0;  // it was the chip
+    return SENSOR_STUCK;
+}
+
 // Reads back a register that keeps its value; SENSOR_OK after the last of them.
 static enum sensor_result verify(struct mpu9250 *chip,
                                  const IN_FLASH struct bus_device *bus) {
@@ -364,18 +380,7 @@ static enum sensor_result do_row(struct mpu9250 *chip,
         chip->count = 0;
         return SENSOR_OK;
     case AWAIT_DATA:
-        if ((chip->read & RAW_DATA_RDY) != 0) {
-            return SENSOR_OK;
-        }
-        chip->step = (uint8_t)(chip->step - 2);
-        if (is_within(chip, now, value)) {
-            return SENSOR_OK;
-        }
-        if (mpu9250_has_mag(chip)) {
-            return mag_failed(chip);  // for which the chip's master waits, and the chip
-        }
-        chip->mag_failures = 0;  // it was the chip
-        return SENSOR_STUCK;
+        return await_data(chip, now, value);
     case VERIFY:
         return verify(chip, bus);
     case MAG_ALIVE:
