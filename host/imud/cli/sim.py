@@ -28,7 +28,8 @@ _FILES = {
 # As imud.virtual.hands has them, which loads numpy.
 HANDS = {
     "calibrate": "lays it down as the guided calibration asks",
-    "lazy": "the same, but tilts it by about 20 degrees only",
+    "check": "lays it down and presses its button as imud check asks",
+    "lazy": "as calibrate, but tilts it by about 20 degrees only",
     "air": "holds it in the air all the time",
     "iron": "as calibrate, beside a loudspeaker",
     "dimple": "wobbles it about its tip, which stands in a dimple",

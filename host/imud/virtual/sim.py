@@ -171,8 +171,10 @@ def presses_of(args: argparse.Namespace) -> Iterator[tuple[int, int]]:
     if args.stream:
         yield PRESS_US
     if args.hand:
-        from imud.virtual import measuring, sensors
+        from imud.virtual import checking, measuring, sensors
 
+        if args.hand == checking.NAME:
+            yield from checking.presses_us()
         if args.hand in measuring.PLANS and args.hand != measuring.WITHOUT_BUTTON:
             rate_hz = sensors.HAND_RATE_HZ
             yield from measuring.presses_us(args.hand, args.seed, rate_hz)

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: MIT
+"""Which way the axes lie: the poses that a guide asks for, and a row on what gravity
+was in them.
+
+The body's axes: x to the front, y to the left, z to the top (docs/calibration.md).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from imud.calibration.algebra import units
+from imud.calibration.poses import BASE_DOWN, Pose
+from imud.calibration.recording import Sample, Scale
+from imud.check.evidence import Evidence, Posed
+from imud.check.limits import AXES
+from imud.check.readings import DEG, MG, STILL_DPS, STILL_MG
+from imud.check.rows import Row, Verdict, skipped
+
+LEFT_DOWN = Pose((0, -1, 0))
+FRONT_UP = Pose((1, 0, 0))
+ASKED = (BASE_DOWN, LEFT_DOWN, FRONT_UP)
+
+STILL_S = 1.5
+LOOKS = 15  # at a window, while it passes by
+TIMEOUT_S = 40.0
+TURNED = 0.7  # a new pose is more than 45 degrees from the one before
+CLEAR = 0.9  # the cosine of 26 degrees: an axis is up if it is within that
+
+
+class Guide:
+    """Asks for one pose after the other, and takes the mean of each once the probe lies
+    still in another way than before. Time is that of the samples.
+    """
+
+    def __init__(self, scale: Scale, poses: Iterable[Pose] = ASKED) -> None:
+        self._scale = scale
+        self._left = deque(poses)
+        self._window: deque[tuple[float, ...]] = deque()
+        self._since_us: int | None = None
+        self._fed = 0
+        self._before: np.ndarray | None = None
+        self.found: list[Posed] = []
+
+    @property
+    def wanted(self) -> Pose | None:
+        """The pose to be laid down; None: all are over."""
+        return self._left[0] if self._left else None
+
+    def start_from(self, acc: tuple[float, float, float]) -> None:
+        """How it lay before the first pose."""
+        self._before = units(np.array(acc))
+
+    def feed(self, sample: Sample) -> None:
+        """The next sample; samples after the last pose are left out."""
+        if not self._left:
+            return
+        if self._since_us is None:
+            self._since_us = sample.t_us
+        self._window.append((*sample.acc, *sample.gyr))
+        count = max(4, round(STILL_S * self._scale.rate_hz))
+        while len(self._window) > count:
+            self._window.popleft()
+        self._fed += 1
+        is_due = self._fed % max(1, count // LOOKS) == 0
+        if is_due and len(self._window) == count and self._is_still():
+            mean = np.mean(np.array(self._window)[:, :3], axis=0)
+            up = units(mean)
+            is_new = self._before is None or float(up @ self._before) < TURNED
+            if is_new and np.abs(up).max() > CLEAR:
+                self._before = up
+                self._end(mean * self._scale.acc_m_s2)
+                return
+        if sample.t_us - self._since_us > TIMEOUT_S * 1e6:
+            self._end(None)
+
+    def skip(self) -> None:
+        """Leaves out the wanted pose."""
+        if self._left:
+            self._end(None)
+
+    def _end(self, acc: np.ndarray | None) -> None:
+        found = None if acc is None else (float(acc[0]), float(acc[1]), float(acc[2]))
+        self.found.append(Posed(self._left.popleft(), found))
+        self._window.clear()
+        self._since_us = None
+
+    def _is_still(self) -> bool:
+        table = np.array(self._window)
+        acc = table[:, :3].std(axis=0) * self._scale.acc_m_s2 / MG
+        gyr = table[:, 3:].std(axis=0) * self._scale.gyr_rad_s * DEG
+        return bool(acc.max() < STILL_MG and gyr.max() < STILL_DPS)
+
+
+def rows(evidence: Evidence) -> Iterator[Row]:
+    """One row; none where no poses were asked for."""
+    normal = "x to the front, y to the left, z to the top"
+    if not evidence.poses:
+        return
+    known = [(each.pose, each.acc_m_s2) for each in evidence.poses if each.acc_m_s2]
+    if not known:
+        yield skipped("axes", normal, "no pose was laid still")
+        return
+    wrong = []
+    seen: dict[int, tuple[int, int]] = {}  # asked axis: measured axis and sign
+    for pose, acc in known:
+        share = units(np.array(acc))
+        axis = int(np.argmax(np.abs(share)))
+        asked = next(i for i, sign in enumerate(pose.sign) if sign)
+        sign = int(np.sign(share[axis])) * pose.sign[asked]
+        seen[asked] = axis, sign
+        if (axis, sign) != (asked, 1):
+            up = f"{'+' if share[axis] > 0 else '-'}{AXES[axis]}"
+            wrong.append(f"{pose.words}: {up} points up, not {pose.name}")
+    numbers = {
+        each.pose.name: [round(value, 3) for value in each.acc_m_s2]
+        for each in evidence.poses
+        if each.acc_m_s2
+    }
+    if not wrong:
+        measured = f"right in {len(seen)} of {len(evidence.poses)} poses"
+        verdict = Verdict.GOOD
+        if len(seen) < len(evidence.poses):
+            verdict = Verdict.SKIPPED
+        yield Row("axes", measured, normal, verdict, "", numbers)
+        return
+    measured = f"{_named(seen)} ({'; '.join(wrong)})"
+    yield Row("axes", measured, normal, Verdict.FAULT, _cure(seen), numbers)
+
+
+def _named(seen: dict[int, tuple[int, int]]) -> str:
+    """Which axes are swapped or inverted."""
+    parts = []
+    for asked, (axis, sign) in sorted(seen.items()):
+        if axis == asked and sign < 0:
+            parts.append(f"{AXES[asked]} is inverted")
+        elif axis > asked and seen.get(axis, (asked, 1))[0] == asked:
+            parts.append(f"{AXES[asked]} and {AXES[axis]} are swapped")
+        elif axis != asked and seen.get(axis, (asked, 1))[0] != asked:
+            parts.append(f"{AXES[axis]} is where {AXES[asked]} should be")
+    return ", ".join(parts) or "axes are turned"
+
+
+def _cure(seen: dict[int, tuple[int, int]]) -> str:
+    again = "Lay it again, to be sure that the poses were right"
+    if len(seen) == 3:
+        matrix = np.zeros((3, 3))
+        for asked, (axis, sign) in seen.items():
+            matrix[asked, axis] = sign
+        if round(float(np.linalg.det(matrix))) == 1:
+            return (
+                f"{again}. If they were, the module is turned in its housing: mount it "
+                "as docs/check.md shows, or let imud calibrate find the turn"
+            )
+        return (
+            f"{again}. If they were, no mounting explains it: a chip with mirrored "
+            "axes, or a fault of the firmware. Please report it, with this"
+        )
+    return f"{again}, and lay all three"

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: MIT
+"""Rows on the sensor's bus, its identity, its configuration and its self-test."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+import numpy as np
+
+from imud.calibration.recording import GRAVITY_M_S2
+from imud.check.evidence import Evidence, Samples
+from imud.check.rows import Row, Verdict, skipped
+from imud.journal.faults import OF_SENSOR, fault_words
+from imud.probes.self_test import Outcome, follows_range
+from imud.probes.sensors import LSM9DS0, MPU6500, NINE_AXES, identity_words
+
+SELF_TEST_NORMAL = {
+    "accelerometer": "50 to 150 % of the factory's response",
+    "gyroscope": "above 50 % of the factory's response",
+    "magnetometer": "the field of its own coil",
+}
+# Causes for which a chip is refused, with its identity.
+OF_IDENTITY = ("wrong_chip", "force")
+
+# Causes that have rows of their own.
+OF_OTHER_ROWS = ("registers", "mag_stuck", "mag_silent")
+
+BUS_FAULTS = 20  # more of them in a minute are not a loose contact
+
+SELF_TEST_LSM9DS0 = "a response within the data sheet's limits"
+
+
+def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
+    """Of the bus, the inertial die, its registers and the self-test."""
+    yield _bus(evidence, len(samples))
+    yield _identity(evidence)
+    yield _configuration(evidence)
+    yield from _self_test(evidence)
+    if evidence.responses is not None:
+        yield _range(evidence, samples)
+
+
+def is_dead(evidence: Evidence) -> bool:
+    """Whether no samples come, or none come any more."""
+    no_sensor = evidence.hello.get("sensor") == "none"
+    return no_sensor or evidence.counters.get("state") == "fault"
+
+
+def _bus(evidence: Evidence, count: int) -> Row:
+    own = [t for t in evidence.events if t.event in OF_SENSOR]
+    reported = Counter((t.event, t.cause) for t in own if t.cause not in OF_OTHER_ROWS)
+    # The probe counts the others, too.
+    others = len(own) - reported.total()
+    total = max(0, int(evidence.counters.get("bus_faults") or 0) - others)
+    normal = "samples come, no failed transfers"
+    numbers = {
+        "faults": total,
+        "causes": {f"{event} {cause}": n for (event, cause), n in reported.items()},
+    }
+    often = reported.most_common(1)[0][0] if reported else ("", "")
+    cause = often[1].replace("_", " ")
+    if is_dead(evidence):
+        measured = f"samples stopped after {count}" if count else "no samples"
+        measured += f" ({cause})" if cause else ""
+        advice = _cure(evidence, often) or "see the other rows, and check its wires"
+        if often[1] in OF_IDENTITY:
+            advice = "see the row of the inertial chip"
+        return Row("sensor bus", measured, normal, Verdict.FAULT, advice, numbers)
+    if count == 0:
+        advice = 'raw samples are needed: streams = ["pose", "raw"] of the probe'
+        return Row("sensor bus", "no samples", normal, Verdict.LOOK, advice, numbers)
+    if not total and not reported:
+        measured = f"{count} samples, no failed transfers"
+        return Row("sensor bus", measured, normal, Verdict.GOOD, "", numbers)
+    words = f" ({cause})" if cause else ""
+    recovered = evidence.counters.get("bus_recoveries", 0)
+    measured = (
+        f"{total} failed transfers since the start{words}, {recovered} recoveries"
+    )
+    advice = (
+        "it works, but not always: shorter wires (below 20 cm), better contacts, a "
+        "level shifter at 5 V, one pair of pull-ups"
+    )
+    if often[0] == "sensor_fault":
+        advice = _cure(evidence, often) or advice
+    verdict = Verdict.FAULT if total > BUS_FAULTS else Verdict.LOOK
+    return Row("sensor bus", measured, normal, verdict, advice, numbers)
+
+
+def _cure(evidence: Evidence, kind: tuple[str, str]) -> str:
+    """What the journal says of the last event of a kind."""
+    details = [t.detail for t in evidence.events if (t.event, t.cause) == kind]
+    # The detail of a bus fault is how often it came in a row.
+    detail = details[-1] if details and kind[0] == "sensor_fault" else 0
+    return fault_words(*kind, detail, str(evidence.hello.get("board")))
+
+
+def _identity(evidence: Evidence) -> Row:
+    hello = evidence.hello
+    normal = "MPU-9250 0x71, MPU-9255 0x73; LSM9DS0 0xD4"
+    identity, second = hello.get("who_am_i") or (0, 0)
+    if hello.get("sensor") == "none" or not identity:
+        refused = [t for t in evidence.events if t.cause in OF_IDENTITY]
+        if not refused:
+            return skipped("inertial chip", normal, "no answer")
+        measured = identity_words(refused[-1].detail & 0xFF)
+        advice = _cure(evidence, refused[-1][:2])
+        return Row("inertial chip", measured, normal, Verdict.FAULT, advice)
+    numbers = {"who_am_i": [identity, second]}
+    measured = identity_words(identity)
+    if hello["sensor"] == "lsm9ds0":
+        measured = f"0x{identity:02X} (LSM9DS0)"
+    if identity in NINE_AXES or (hello["sensor"], identity) == ("lsm9ds0", LSM9DS0):
+        return Row("inertial chip", measured, normal, Verdict.GOOD, "", numbers)
+    advice = (
+        "not an MPU-9250's identity: it behaves like one, but its limits may differ. "
+        "Please report what the module was sold as, with this"
+    )
+    if identity == MPU6500 and not second:
+        advice = "an MPU-6500, often sold as an MPU-9250: it works, without heading"
+    return Row("inertial chip", measured, normal, Verdict.LOOK, advice, numbers)
+
+
+def _configuration(evidence: Evidence) -> Row:
+    normal = "registers hold what was written"
+    reported = [each for each in evidence.events if each.cause == "registers"]
+    if not reported:
+        if is_dead(evidence):
+            return skipped("configuration", normal, "no sensor")
+        return Row("configuration", "no difference reported", normal, Verdict.GOOD)
+    numbers = sorted({each.detail >> 8 & 0xFF for each in reported})
+    named = ", ".join(f"0x{number:02X}" for number in numbers)
+    measured = f"{len(reported)} differences, register {named}"
+    advice = (
+        "a register changed by itself: the sensor's supply breaks down for a moment "
+        "(capacitors, cable, contacts); the probe sets the sensor up again each time"
+    )
+    return Row(
+        "configuration",
+        measured,
+        normal,
+        Verdict.FAULT,
+        advice,
+        {"registers": numbers, "count": len(reported)},
+    )
+
+
+def _self_test(evidence: Evidence) -> Iterator[Row]:
+    """One row for each sensor that has a self-test."""
+    if evidence.hello.get("sensor") in (None, "none"):
+        yield skipped("self-test", "passed", "no sensor")
+        return
+    verdicts = evidence.verdicts()
+    if not verdicts:
+        yield skipped("self-test", "passed", "the probe runs none")
+    is_lsm9ds0 = evidence.hello["sensor"] == "lsm9ds0"
+    for found in verdicts:
+        outcome, advice = Verdict.GOOD, ""
+        if found.outcome is Outcome.FAILED:
+            outcome = Verdict.FAULT
+            advice = (
+                f"the {found.sensor} does not answer its own stimulus as it should: "
+                "power it off and on, check again at rest; if it fails again, the chip "
+                "is broken or counterfeit"
+            )
+        elif found.outcome is Outcome.NOT_JUDGED:
+            outcome = Verdict.SKIPPED
+            if found.is_for_motion:
+                outcome = Verdict.LOOK
+                advice = "lay it still, then reset the probe and check again"
+        words = str(found.outcome)
+        if found.reason:
+            words += f": {found.reason}"
+        yield Row(
+            f"self-test {found.sensor}",
+            words,
+            SELF_TEST_LSM9DS0 if is_lsm9ds0 else SELF_TEST_NORMAL[found.sensor],
+            outcome,
+            advice,
+            {
+                f"{check.axis}_{check.what}": round(check.value, 1)
+                for check in found.checks
+            },
+        )
+
+
+def _range(evidence: Evidence, samples: Samples) -> Row:
+    """The force at 2 g full scale, in the self-test, against that of raw samples."""
+    name, normal = "range register", "the same force at both ranges"
+    responses = evidence.responses
+    if responses is None or not len(samples):
+        return skipped(name, normal, "no samples")
+    counts = np.linalg.norm(np.median(samples.acc, axis=0))
+    force_g = float(counts) * evidence.hello["acc_lsb"] / GRAVITY_M_S2
+    follows = follows_range(responses, force_g)
+    measured = (
+        f"{responses.force_g:.2f} g at 2 g full scale, {force_g:.2f} g at its own"
+    )
+    if follows is None:
+        return skipped(name, normal, "it moved while it started")
+    if follows:
+        return Row(name, measured, normal, Verdict.GOOD)
+    advice = (
+        "readings do not follow the range register: a counterfeit, or another chip. "
+        "Accelerations are wrong by a constant factor; use another module"
+    )
+    return Row(name, measured, normal, Verdict.FAULT, advice)

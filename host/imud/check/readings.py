@@ -1,0 +1,308 @@
+# SPDX-License-Identifier: MIT
+"""Rows on the numbers that the sensors give at rest, axis by axis."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from imud.calibration.recording import COUNT_MAX, GRAVITY_M_S2
+from imud.check import limits
+from imud.check.evidence import Evidence, Samples
+from imud.check.limits import AXES
+from imud.check.rows import Row, Verdict, graded, skipped, worst
+from imud.rotation import FloatArray
+
+BoolArray = npt.NDArray[np.bool_]
+
+MG = GRAVITY_M_S2 / 1000.0
+DEG = math.degrees(1.0)
+
+# A window counts as rest if nothing in it deviates by more. A hand is never so still;
+# noise of ten times the data sheet's still is.
+WINDOW_S = 0.5
+STILL_DPS = 1.5
+STILL_MG = 80.0
+REST_MIN_S = 4.0
+SAME = 0.95  # the cosine of 18 degrees
+STUCK_S = 1.0
+ALL = "all"
+NOISE_FAULT = 6.0  # times the limit
+NOISE_GOOD = 1.5
+
+FLAT_MG = 350.0  # with more aside it does not lie base down
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """What the samples of a probe say that lay still."""
+
+    seconds: float
+    acc_mg: FloatArray  # means
+    gyr_dps: FloatArray
+    acc_noise_mg: FloatArray  # rms within windows
+    gyr_noise_dps: FloatArray
+    mag_noise_ut: FloatArray  # NaN: no readings
+
+    @property
+    def is_enough(self) -> bool:
+        return self.seconds >= REST_MIN_S
+
+
+def rest_of(evidence: Evidence, samples: Samples) -> Rest:
+    """From all windows of the samples in which the probe did not move."""
+    nothing = np.full(3, np.nan)
+    period_us = samples.period_us
+    size = round(WINDOW_S * 1e6 / period_us) if period_us > 0 else 0
+    if size < 4:
+        return Rest(0.0, *(nothing,) * 5)
+    count = len(samples) // size
+    hello = evidence.hello
+
+    def windows(values: FloatArray, scale: float) -> FloatArray:
+        return values[: count * size].reshape(count, size, 3) * scale
+
+    acc = windows(samples.acc, hello["acc_lsb"] / MG)
+    gyr = windows(samples.gyr, hello["gyr_lsb"] * DEG)
+    mag = windows(samples.mag, hello["mag_lsb"])
+    acc_std, gyr_std = acc.std(axis=1), gyr.std(axis=1)
+    still = (acc_std.max(axis=1) < STILL_MG) & (gyr_std.max(axis=1) < STILL_DPS)
+    if still.any():
+        still &= _is_mostly(acc.mean(axis=1), still)
+    if not still.any():
+        return Rest(0.0, *(nothing,) * 5)
+    return Rest(
+        float(still.sum()) * size * period_us * 1e-6,
+        acc[still].mean(axis=(0, 1)),
+        gyr[still].mean(axis=(0, 1)),
+        _rms(acc_std[still]),
+        _rms(gyr_std[still]),
+        _mag_noise(mag[still]),
+    )
+
+
+def _is_mostly(means: FloatArray, still: BoolArray) -> BoolArray:
+    """Which windows lie as most of those that are still."""
+    usual = np.median(means[still], axis=0)
+    share = means @ usual / np.linalg.norm(means, axis=1) / np.linalg.norm(usual)
+    return np.asarray(share > SAME)
+
+
+def longest_run(values: FloatArray) -> int:
+    """The most samples in a row with the same number."""
+    changes = np.flatnonzero(np.diff(values) != 0)
+    ends = np.concatenate([[-1], changes, [len(values) - 1]])
+    return int(np.diff(ends).max())
+
+
+def _rms(values: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+
+
+def _mag_noise(mag: FloatArray) -> FloatArray:
+    """Rms within windows of the readings that there are."""
+    stds = [
+        window[fresh].std(axis=0)
+        for window in mag
+        if (fresh := np.isfinite(window[:, 0])).sum() > 3
+    ]
+    return _rms(np.array(stds)) if stds else np.full(3, np.nan)
+
+
+def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
+    """Of accelerometer, gyroscope, temperature and supply."""
+    yield _supply(evidence)
+    if len(samples) < 10:
+        return
+    stuck = _stuck(samples)
+    yield stuck
+    if stuck.measured == ALL:
+        return
+    seconds = len(samples) * samples.period_us * 1e-6
+    rest = rest_of(evidence, samples)
+    yield _saturation(samples)
+    yield _temperature(samples)
+    if evidence.causes_of("sensor_fault")["registers"]:
+        yield skipped("rest", "registers as set", "a register was wrong meanwhile")
+        return
+    if seconds < REST_MIN_S:
+        yield skipped("rest", f"{REST_MIN_S:g} s at least", f"{seconds:.1f} s in all")
+        return
+    if not rest.is_enough:
+        yield Row(
+            "rest",
+            f"{rest.seconds:.1f} s",
+            f"{REST_MIN_S:g} s at least",
+            Verdict.LOOK,
+            "it moved, or its noise is large: noise and offsets were not judged. Lay "
+            "it on a table, without a fan or a keyboard on it, and check again",
+        )
+        return
+    chip = limits.chip_of(evidence.hello["sensor"])
+    yield _noise("gyroscope noise", rest.gyr_noise_dps, chip.gyr_noise_dps, "deg/s", 3)
+    yield _noise("accelerometer noise", rest.acc_noise_mg, chip.acc_noise_mg, "mg", 1)
+    yield _gyr_offset(rest, chip)
+    yield _acc_offset(rest, chip)
+
+
+def _axes(values: FloatArray, digits: int) -> str:
+    return ", ".join(
+        f"{axis} {value:.{digits}f}" for axis, value in zip(AXES, values, strict=True)
+    )
+
+
+def _noise(name: str, noise: FloatArray, limit: float, unit: str, digits: int) -> Row:
+    verdicts = [
+        graded(value / limit, NOISE_GOOD, NOISE_FAULT) for value in noise.tolist()
+    ]
+    verdict = worst(verdicts)
+    advice = ""
+    if verdict is not Verdict.GOOD:
+        loud = [AXES[i] for i, each in enumerate(verdicts) if each is not Verdict.GOOD]
+        advice = (
+            f"{', '.join(loud)} noisier than normal: a table that shakes, a supply "
+            "without capacitors, or a bad chip"
+        )
+    measured = f"{_axes(noise, digits)} {unit} rms"
+    normal = f"{limit:g} {unit} rms, up to {limit * NOISE_GOOD:g} is good"
+    return Row(name, measured, normal, verdict, advice, {"rms": _rounded(noise)})
+
+
+def _gyr_offset(rest: Rest, chip: limits.Chip) -> Row:
+    limit = chip.gyr_offset_dps
+    verdict = worst(graded(each, limit, 4 * limit) for each in rest.gyr_dps.tolist())
+    advice = ""
+    if verdict is not Verdict.GOOD:
+        advice = (
+            f"an offset beyond what {chip.source} allows: was it still? The probe "
+            "takes it away at each start, but it tells of a bad or counterfeit chip"
+        )
+    measured = f"{_axes(rest.gyr_dps, 2)} deg/s"
+    normal = f"± {limit:g} deg/s"
+    numbers = {"dps": _rounded(rest.gyr_dps)}
+    return Row("gyroscope offset", measured, normal, verdict, advice, numbers)
+
+
+def _acc_offset(rest: Rest, chip: limits.Chip) -> Row:
+    """Base down, from the vertical; a table may slope. Otherwise only the length."""
+    force = rest.acc_mg
+    length = float(np.linalg.norm(force))
+    name, numbers = "accelerometer offset", {"mg": _rounded(force)}
+    scale_mg = 1000.0 * chip.acc_scale
+    reach = math.hypot(*chip.acc_offset_mg)
+    if math.hypot(force[0], force[1]) > FLAT_MG or force[2] < 0:
+        verdict = graded(length - 1000.0, reach + scale_mg, 500.0)
+        measured = f"{_axes(force, 0)} mg, {length:.0f} mg in all"
+        normal = f"1000 ± {reach + scale_mg:.0f} mg in all"
+    else:
+        off = force - np.array([0.0, 0.0, 1000.0])
+        allowed = np.add(chip.acc_offset_mg, (SLOPE, SLOPE, scale_mg))
+        verdict = worst(graded(share, 1.0, 5.0) for share in (off / allowed).tolist())
+        measured = f"{_axes(off, 0)} mg"
+        bounds = ", ".join(f"{each:.0f}" for each in allowed)
+        normal = f"± {bounds} mg (offset, scale, a table 2 degrees off)"
+    advice = ""
+    if verdict is not Verdict.GOOD:
+        advice = (
+            "the resting force is not gravity: did it lie base down on a level table? "
+            "If so, imud calibrate takes the offset away; far off, the chip is broken "
+            "or does not use the range that is set"
+        )
+    return Row(name, measured, normal, verdict, advice, numbers)
+
+
+SLOPE = limits.SLOPE_MG
+
+
+def _stuck(samples: Samples) -> Row:
+    """An axis whose number does not change; noise moves each by several counts."""
+    limit = STUCK_S * 1e6 / samples.period_us
+    stuck = [
+        f"{name} {AXES[axis]}"
+        for name, values in (("accelerometer", samples.acc), ("gyroscope", samples.gyr))
+        for axis in range(3)
+        if longest_run(values[:, axis]) > limit
+    ]
+    normal = "each axis has noise"
+    if not stuck:
+        return Row("stuck axes", "none", normal, Verdict.GOOD)
+    measured = ALL if len(stuck) == 6 else ", ".join(stuck)
+    advice = (
+        "numbers that do not change: the chip has hung (power it off and on) or is "
+        "broken"
+    )
+    return Row("stuck axes", measured, normal, Verdict.FAULT, advice)
+
+
+def _saturation(samples: Samples) -> Row:
+    ends = (np.abs(np.hstack([samples.acc, samples.gyr])) >= COUNT_MAX).any(axis=1)
+    count = int(np.count_nonzero(ends | (samples.clipped > 0)))
+    share = count / len(samples)
+    verdict = graded(share, 0.0, 0.01)
+    advice = ""
+    if verdict is not Verdict.GOOD:
+        advice = (
+            "a sensor was at the end of its range: was the probe knocked? At rest it "
+            "is a broken axis"
+        )
+    measured = f"{count} of {len(samples)} samples"
+    return Row("saturation", measured, "0", verdict, advice, {"samples": count})
+
+
+def _temperature(samples: Samples) -> Row:
+    found = samples.temperature_c[np.isfinite(samples.temperature_c)]
+    low, high = limits.WARM_DEGC
+    normal = f"{low:g} to {high:g} degC"
+    if not len(found):
+        return Row(
+            "temperature",
+            "no reading",
+            normal,
+            Verdict.LOOK,
+            "the chip gives no temperature: calibrations can't be corrected for it",
+        )
+    degc = float(np.median(found))
+    verdict, advice = Verdict.GOOD, ""
+    if not low <= degc <= high:
+        is_odd = not limits.SPECIFIED_DEGC[0] <= degc <= limits.SPECIFIED_DEGC[1]
+        verdict = Verdict.FAULT if is_odd else Verdict.LOOK
+        advice = "not what a die has in a room: a chip that is hot, or not genuine"
+    measured = f"{degc:.1f} degC"
+    return Row(
+        "temperature", measured, normal, verdict, advice, {"degc": round(degc, 2)}
+    )
+
+
+# Millivolts that are normal, and what is a fault, by board. The Nano measures its own
+# against a reference of 10 % (data sheet of the ATmega328P, 28.8), and 16 MHz need
+# 3.78 V (28.3).
+SUPPLY_MV = {"nano": (4_300, 5_500, 3_780), "f405": (3_000, 3_600, 2_400)}
+
+
+def _supply(evidence: Evidence) -> Row:
+    supply_mv = evidence.counters.get("supply")
+    board = str(evidence.hello.get("board"))
+    low, high, least = SUPPLY_MV.get(board, SUPPLY_MV["f405"])
+    normal = f"{low / 1000:.1f} to {high / 1000:.1f} V"
+    if not isinstance(supply_mv, int):
+        return skipped("supply", normal, "the board does not measure it")
+    verdict, advice = Verdict.GOOD, ""
+    flags = (evidence.equipment or {}).get("power") or ()
+    if not low <= supply_mv <= high:
+        verdict = Verdict.FAULT if supply_mv < least else Verdict.LOOK
+        advice = "the supply is out of bounds: another cable, USB port or regulator"
+    if "low" in flags or evidence.causes_of("battery_low"):
+        verdict, advice = Verdict.FAULT, "the battery is empty: charge it"
+    measured = f"{supply_mv / 1000:.2f} V"
+    battery_v = (evidence.equipment or {}).get("battery_v")
+    if battery_v is not None:
+        measured += f", battery {battery_v:.2f} V"
+    return Row("supply", measured, normal, verdict, advice, {"mv": supply_mv})
+
+
+def _rounded(values: FloatArray) -> list[float]:
+    return [round(value, 4) for value in values.tolist()]

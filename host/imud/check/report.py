@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: MIT
+"""The report of `imud check`, to be attached to a bug report: as an object for JSON,
+and as Markdown. It has no names: no host, user, path, serial number or probe id.
+"""
+
+from __future__ import annotations
+
+import datetime
+import platform
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+from imud.check.evidence import Evidence
+from imud.check.rows import Row, overall, summary
+from imud.version import version
+
+# Fields of the hello that tell one kind of board from another, and none that tell one
+# board from another of its kind.
+OF_HELLO = (
+    *("board", "firmware", "schema_fingerprint", "sensor", "who_am_i", "mag_adjust"),
+    *("self_test", "sample_rate", "pose_rate", "raw_rate", "reset_cause", "filter"),
+    "reset_address",
+)
+
+
+def as_object(
+    evidence: Evidence, rows: Sequence[Row], day: datetime.date
+) -> dict[str, Any]:
+    """The whole report, with all numbers."""
+    events = Counter(f"{each.event} {each.cause}" for each in evidence.events)
+    responses = evidence.responses
+    return {
+        "verdict": str(overall(rows)),
+        "summary": summary(rows),
+        "day": day.isoformat(),
+        "imud": version(),
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "hello": {name: evidence.hello.get(name) for name in OF_HELLO},
+        "rows": [
+            {
+                "name": row.name,
+                "verdict": str(row.verdict),
+                "measured": row.measured,
+                "normal": row.normal,
+                "advice": row.advice,
+                "numbers": dict(row.numbers),
+            }
+            for row in rows
+        ],
+        "events": dict(events),
+        "counters": evidence.counters,
+        "equipment": evidence.equipment,
+        "self_test": None
+        if responses is None
+        else {name: getattr(responses, name) for name in type(responses).__slots__},
+    }
+
+
+def as_markdown(said: dict[str, Any]) -> str:
+    """What as_object() made, to be read."""
+    hello = said["hello"]
+    lines = [
+        f"# imud check: {said['verdict']}",
+        "",
+        f"{said['summary']}.",
+        "",
+        f"{hello['board']}, firmware {hello['firmware']}, sensor {hello['sensor']}; "
+        f"imud {said['imud']}, Python {said['python']}, {said['system']}; "
+        f"{said['day']}.",
+        "",
+        "| check | measured | normal | verdict |",
+        "|---|---|---|---|",
+    ]
+    lines += [
+        f"| {_cell(row['name'])} | {_cell(row['measured'])} | {_cell(row['normal'])} "
+        f"| {row['verdict']} |"
+        for row in said["rows"]
+    ]
+    advised = [row for row in said["rows"] if row["advice"]]
+    if advised:
+        lines += ["", "## What to do", ""]
+        lines += [f"- **{row['name']}**: {row['advice']}" for row in advised]
+    lines += ["", "## Numbers", "", "```"]
+    lines += [
+        f"{row['name']}: {row['numbers']}" for row in said["rows"] if row["numbers"]
+    ]
+    for name in ("hello", "events", "counters", "equipment", "self_test"):
+        lines.append(f"{name}: {said[name]}")
+    return "\n".join([*lines, "```", ""])
+
+
+def _cell(text: str) -> str:
+    """Text that does not end a cell of a table."""
+    return text.replace("|", "\\|").replace("\n", " ")

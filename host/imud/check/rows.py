@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: MIT
+"""A row of the table of `imud check`, and the verdict on all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from enum import StrEnum
+from typing import Any
+
+import msgspec
+
+
+class Verdict(StrEnum):
+    GOOD = "good"
+    SKIPPED = "not judged"
+    LOOK = "look at this"
+    FAULT = "fault"
+
+
+class Row(msgspec.Struct, frozen=True):
+    """One thing that was checked. `advice`: what to do; empty where nothing is wrong.
+    `numbers`: what was measured, for programs.
+    """
+
+    name: str
+    measured: str
+    normal: str
+    verdict: Verdict
+    advice: str = ""
+    numbers: Mapping[str, Any] = {}
+
+
+def worst(verdicts: Iterable[Verdict]) -> Verdict:
+    """The most serious of them; good where there are none."""
+    order = list(Verdict)
+    return max(verdicts, key=order.index, default=Verdict.GOOD)
+
+
+def overall(rows: Iterable[Row]) -> Verdict:
+    """Of a board. What was not judged says nothing against it."""
+    found = worst(row.verdict for row in rows)
+    return Verdict.GOOD if found is Verdict.SKIPPED else found
+
+
+def summary(rows: Iterable[Row]) -> str:
+    """The line below the table."""
+    named: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
+    for row in rows:
+        named[row.verdict].append(row.name)
+    parts = [
+        f"{words}: {', '.join(named[verdict])}"
+        for verdict, words in (
+            (Verdict.FAULT, "fault"),
+            (Verdict.LOOK, "look at"),
+            (Verdict.SKIPPED, "not judged"),
+        )
+        if named[verdict]
+    ]
+    good = f"{len(named[Verdict.GOOD])} checks are good"
+    return "; ".join([*parts, good])
+
+
+def skipped(name: str, normal: str, why: str) -> Row:
+    """A row without a verdict."""
+    return Row(name, why, normal, Verdict.SKIPPED)
+
+
+def graded(value: float, good: float, fault: float) -> Verdict:
+    """By its magnitude: good up to one limit, a fault beyond the other."""
+    if abs(value) <= good:
+        return Verdict.GOOD
+    return Verdict.LOOK if abs(value) <= fault else Verdict.FAULT

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: MIT
+"""Rows that take a finger and an eye: the button and the LED."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from imud.check.evidence import Evidence
+from imud.check.rows import Row, Verdict, skipped
+
+PINS = {"nano": "between D3 and GND", "f405": "USR, or X17 to GND"}
+LED = {"nano": "the LED at D13", "f405": "the blue LED"}
+
+# As docs/nano.md has it.
+SHOWS = {
+    "idle": "a short flash every two seconds",
+    "calibrating": "five blinks a second",
+    "streaming": "on",
+    "fault": "two flashes a second",
+}
+
+
+def led_words(board: str, state: str) -> str:
+    """What the LED of a board should show."""
+    name = LED.get(board, "the LED")
+    return f"{name} should show: {SHOWS.get(state, 'its state')}"
+
+
+def rows(evidence: Evidence) -> Iterator[Row]:
+    """Of what was asked for; nothing in a log."""
+    if not evidence.is_live:
+        return
+    board = str(evidence.hello.get("board"))
+    normal = "pressed and released"
+    if evidence.button is None:
+        yield skipped("button", normal, "not tried")
+    elif evidence.button:
+        yield Row("button", "was pressed", normal, Verdict.GOOD)
+    else:
+        where = PINS.get(board, "as wired")
+        advice = (
+            f"no press was seen: check the button {where}. A probe works without it"
+        )
+        yield Row("button", "no press", normal, Verdict.LOOK, advice)
+    state = str(evidence.counters.get("state"))
+    shows = led_words(board, state)
+    if evidence.led is None:
+        yield skipped("LED", shows, "look yourself")
+    elif evidence.led:
+        yield Row("LED", "as it should", shows, Verdict.GOOD)
+    else:
+        advice = "the LED is broken, or on another pin of this clone"
+        yield Row("LED", "otherwise", shows, Verdict.LOOK, advice)

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: MIT
+"""Rows on the port, the clock, the firmware and how the probe started."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from imud.check import limits
+from imud.check.evidence import Evidence, Samples
+from imud.check.rows import Row, Verdict, graded, skipped
+from imud.wire import schema
+
+# In so short a time the delay of a few messages looks like a wrong clock.
+CLOCK_MIN_S = 4.0
+
+HARD = ("brown_out", "watchdog", "hard_fault")
+
+
+def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
+    """Of what carries the messages."""
+    if evidence.is_live:
+        yield _port(evidence)
+        yield _latency(samples)
+    yield _losses(evidence)
+    yield _clock(evidence, samples)
+    yield _firmware(evidence)
+    yield _boots(evidence)
+
+
+def _port(evidence: Evidence) -> Row:
+    wire = evidence.wire
+    normal = "a latency timer of 1 ms, where the adapter has one"
+    if wire is None:
+        return skipped("port", normal, "on another host")
+    words = [wire.kind]
+    if wire.baud:
+        words.append(f"{wire.baud} baud")
+    if wire.latency_timer_ms is not None:
+        words.append(f"latency timer {wire.latency_timer_ms} ms")
+    verdict, advice = Verdict.GOOD, ""
+    if (wire.latency_timer_ms or 0) > 1:
+        verdict = Verdict.LOOK
+        advice = (
+            "the adapter holds bytes back for up to "
+            f"{wire.latency_timer_ms} ms: sudo imud install-service writes a udev "
+            "rule that sets its latency timer to 1 ms"
+        )
+    return Row("port", ", ".join(words), normal, verdict, advice)
+
+
+def _latency(samples: Samples) -> Row:
+    age_ms = samples.age_us[np.isfinite(samples.age_us)] / 1000.0
+    normal = f"median up to {limits.AGE_GOOD_MS:g} ms"
+    if not len(age_ms):
+        return skipped("latency", normal, "no dated samples")
+    median, late = (float(each) for each in np.percentile(age_ms, (50, 99)))
+    verdict = graded(median, limits.AGE_GOOD_MS, limits.AGE_FAULT_MS)
+    advice = ""
+    if verdict is not Verdict.GOOD:
+        advice = (
+            "samples arrive late: a busy host, a hub, or an adapter that gathers bytes "
+            "(its latency timer)"
+        )
+    measured = f"{median:.1f} ms from sample to host, 99 % {late:.1f} ms"
+    numbers = {"median_ms": round(median, 2), "p99_ms": round(late, 2)}
+    bound_ms = samples.bound_us[np.isfinite(samples.bound_us)] / 1000.0
+    if len(bound_ms):
+        numbers["time_bound_ms"] = round(float(np.median(bound_ms)), 3)
+        measured += f"; times ± {numbers['time_bound_ms']:.1f} ms"
+    return Row("latency", measured, normal, verdict, advice, numbers)
+
+
+def _losses(evidence: Evidence) -> Row:
+    link = evidence.link or {}
+    corrupt = int(link.get("corrupt") or 0)
+    dropped = evidence.rise("messages_dropped")
+    unread = evidence.rise("receive_lost")
+    numbers = {
+        "corrupt_frames": corrupt,
+        "lost_messages": evidence.lost,
+        "dropped_by_probe": dropped,
+        "bytes_lost_by_probe": unread,
+    }
+    measured = f"{evidence.lost} messages lost, {corrupt} frames corrupt"
+    if dropped or unread:
+        measured += f", probe dropped {dropped} messages and {unread} bytes"
+    verdict, advice = Verdict.GOOD, ""
+    if any(numbers.values()):
+        verdict = Verdict.LOOK
+        advice = (
+            "bytes are lost between probe and host: another cable or USB port, no hub; "
+            "another program that has the port open (screen, the Arduino IDE)"
+        )
+        if dropped and not corrupt:
+            advice = "the wire is too slow for what is sent: imud sends all raw samples"
+    return Row("messages lost", measured, "0", verdict, advice, numbers)
+
+
+def clock_ppm(samples: Samples) -> tuple[float, float | None] | None:
+    """How fast the probe's clock runs against the host's, and the bound of that; the
+    bound is None in a log, which does not keep that of each time.
+    """
+    dated = np.flatnonzero(np.isfinite(samples.t_ns))
+    dated = dated[len(dated) // 20 :]  # the first times of a session are the worst
+    if len(dated) < 2:
+        return None
+    device_us = samples.t_us[dated]
+    if (
+        device_us[-1] - device_us[0] < CLOCK_MIN_S * 1e6
+        or (np.diff(device_us) < 0).any()
+    ):
+        return None
+    bound_us = samples.bound_us[dated]
+    half = len(dated) // 2
+    first, last = 0, len(dated) - 1
+    bound: float | None = None
+    if np.isfinite(bound_us[:half]).any() and np.isfinite(bound_us[half:]).any():
+        age_us = device_us - device_us[0]
+        first = int(np.nanargmin(bound_us[:half] + age_us[:half] * 1e-3))
+        last = half + int(np.nanargmin(bound_us[half:] - age_us[half:] * 1e-3))
+    host_us = (samples.t_ns[dated[last]] - samples.t_ns[dated[first]]) / 1000.0
+    apart_us = device_us[last] - device_us[first]
+    if host_us <= 0 or apart_us <= 0:
+        return None
+    if math.isfinite(bound_us[first] + bound_us[last]):
+        bound = float((bound_us[first] + bound_us[last]) / host_us * 1e6)
+    return float((apart_us / host_us - 1.0) * 1e6), bound
+
+
+def _clock(evidence: Evidence, samples: Samples) -> Row:
+    is_nano = evidence.hello.get("board") == "nano"
+    normal = f"crystal {limits.CRYSTAL_PPM:g} ppm"
+    if is_nano:
+        normal += f", ceramic resonator {limits.RESONATOR_PPM:g} ppm"
+    spare = (evidence.equipment or {}).get("clock") == "spare"
+    if spare or evidence.causes_of("clock_failed"):
+        return Row(
+            "clock",
+            "runs from the processor's internal oscillator",
+            normal,
+            Verdict.FAULT,
+            "the crystal does not run: a bad solder joint, or a broken crystal; the "
+            "probe works, its times are right to 1 %",
+        )
+    found = clock_ppm(samples)
+    if found is None:
+        return skipped("clock", normal, "no times of the host to compare with")
+    ppm, bound = found
+    doubt = bound or 0.0
+    good = limits.RESONATOR_PPM if is_nano else limits.CRYSTAL_PPM
+    verdict = graded(max(0.0, abs(ppm) - doubt), good, limits.CLOCK_FAULT_PPM)
+    kind = ""
+    if verdict is Verdict.GOOD and is_nano:
+        is_crystal = abs(ppm) + doubt <= limits.CRYSTAL_PPM
+        kind = " (as a crystal)" if is_crystal else ""
+        if abs(ppm) - doubt > limits.CRYSTAL_PPM:
+            kind = " (a ceramic resonator)"
+    advice = ""
+    if verdict is not Verdict.GOOD:
+        advice = (
+            "the board's clock is not what it should be: does the firmware fit the "
+            "crystal, and do the fuses select it (docs/nano.md)? imud corrects times"
+        )
+    measured = f"{ppm:+.0f} ppm" + ("" if bound is None else f" ± {bound:.0f}") + kind
+    numbers = {
+        "ppm": round(ppm, 1),
+        "bound_ppm": None if bound is None else round(bound, 1),
+    }
+    return Row("clock", measured, normal, verdict, advice, numbers)
+
+
+def _firmware(evidence: Evidence) -> Row:
+    hello = evidence.hello
+    theirs = hello.get("schema_fingerprint")
+    normal = f"schema {schema.FINGERPRINT:08x}, as this imud"
+    if not isinstance(theirs, int):
+        return skipped("firmware", normal, "no hello was received")
+    measured = f"{hello['board']}, {hello['firmware']}, schema {theirs:08x}"
+    if theirs == schema.FINGERPRINT:
+        return Row("firmware", measured, normal, Verdict.GOOD)
+    advice = "firmware and imud are of different versions: flash the image of this imud"
+    return Row("firmware", measured, normal, Verdict.FAULT, advice)
+
+
+def _boots(evidence: Evidence) -> Row:
+    normal = "no restart while it is checked"
+    boots = evidence.boots
+    if not boots:
+        return skipped("start", normal, "no hello was received")
+    causes = " and ".join(boots[-1].causes).replace("_", " ") or "unknown cause"
+    measured = f"boot {boots[-1].number}, by {causes}"
+    restarts = len(boots) - 1
+    hard = [cause for boot in boots[1:] for cause in boot.causes if cause in HARD]
+    if "hard_fault" in boots[-1].causes:
+        hard.append("hard_fault")
+    if not restarts and not hard:
+        return Row("start", measured, normal, Verdict.GOOD)
+    if restarts:
+        measured += f"; restarted while it was checked, {restarts} x"
+    verdict = Verdict.FAULT if hard else Verdict.LOOK
+    if "brown_out" in hard:
+        advice = (
+            "the supply breaks down: another cable or USB port, no unpowered hub, and "
+            "check for a short on 5 V and 3.3 V"
+        )
+    elif hard:
+        advice = "the firmware ended by a fault of its own: please report it, with this"
+    else:
+        advice = (
+            "somebody pressed reset, or a program opened the port (DTR resets a Nano)"
+        )
+    return Row("start", measured, normal, verdict, advice, {"restarts": restarts})
