@@ -34,6 +34,7 @@ FILES = {
     "mpu9250.c": "sensor",
     "mpu9250_setup.c": "sensor",
     "lsm9ds0.c": "sensor",
+    "lsm9ds0_setup.c": "sensor",
     "calibrate.c": "calibrate",
     "pose.c": "pose",
     "pose_place.c": "strokes",

@@ -18,6 +18,7 @@ from imud.cli import (
     body,
     calibrate,
     card,
+    check,
     daemon,
     keys,
     params,
@@ -32,7 +33,10 @@ from imud.errors import ImudError, described
 FAULT = 70
 
 # In the order of the list of commands.
-GROUPS = (daemon, sim, watch, body, probe, calibrate, params, recordings, card, keys)
+GROUPS = (
+    *(daemon, check, sim, watch, body, probe, calibrate, params, recordings, card),
+    keys,
+)
 
 
 def _plain(text: str) -> str:

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: MIT
+"""`imud check`: a minute with a new board that ends in a verdict."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imud.cli.arguments import above_zero, add_command, add_network
+
+if TYPE_CHECKING:
+    from imud.cli.arguments import Commands
+
+SUFFIXES = (".json", ".md")
+
+
+def add(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "check",
+        "check a new board in a minute: what is good, what is not, and what to do",
+        "imud check /dev/ttyUSB0 --report board.md",
+        "It measures the board at rest, then asks you to turn it twice and to press "
+        "its button. Without imud run it opens the port itself. docs/check.md explains "
+        "the rows. The exit code is 1 if there is a fault.",
+    )
+    parser.add_argument(
+        "probe",
+        metavar="PROBE|PORT",
+        nargs="?",
+        help="name or id of the probe, or its serial port; may be left out if there is "
+        "only one",
+    )
+    parser.add_argument(
+        "--seconds",
+        metavar="N",
+        type=above_zero,
+        default=30.0,
+        help="how long it measures at rest (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--no-poses", action="store_true", help="leave out the poses on two sides"
+    )
+    parser.add_argument(
+        "--no-button", action="store_true", help="leave out the button and the LED"
+    )
+    parser.add_argument(
+        "--report",
+        metavar="FILE",
+        type=Path,
+        help="write a report without names, for a bug report: .md or .json; without a "
+        "suffix both",
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print the report as JSON, no table"
+    )
+    parser.add_argument(
+        "--from",
+        dest="source",
+        metavar="FILE",
+        type=Path,
+        help="check what a log or a capture holds; no probe is needed",
+    )
+    add_network(parser)
+    parser.set_defaults(run=_run, parser=parser)
+
+
+def _run(args: argparse.Namespace) -> int:
+    if args.report is not None and args.report.suffix not in ("", *SUFFIXES):
+        args.parser.error(f"--report FILE ends in .md or .json, not {args.report.name}")
+    from imud.cli import check_run
+
+    if args.source is not None:
+        return check_run.from_file(args)
+    return check_run.live(args)

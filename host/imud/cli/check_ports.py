@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: MIT
+"""Serial ports for `imud check`: what adapter one is, and a daemon of its own on it."""
+
+from __future__ import annotations
+
+import os
+import queue
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from serial.tools import list_ports
+
+from imud.check.evidence import Wire
+from imud.client import Client
+from imud.errors import DaemonNotFound, LinkError, PortNotFound, ProbeUnknown
+from imud.ports.finder import is_candidate, same_port
+
+START_S = 10.0  # until the daemon listens
+PROBE_S = 12.0  # a board that restarts, and a round of all baud rates
+WARNED_S = 4.0  # a warning may be about the bootloader's silence
+
+# USB adapters by vendor and product.
+ADAPTERS = {
+    (0x0403, 0x6001): "FT232R",
+    (0x0403, 0x6015): "FT231X",
+    (0x1A86, 0x7523): "CH340",
+    (0x1A86, 0x5523): "CH341",
+    (0x1A86, 0x55D4): "CH9102",
+    (0x10C4, 0xEA60): "CP210x",
+    (0x067B, 0x2303): "PL2303",
+    (0x2341, 0x0043): "ATmega16U2",
+    (0x0483, 0x5740): "STM32's own USB",
+}
+
+
+def is_same(port: str | None, other: str) -> bool:
+    """Whether both names are of one port."""
+    return port is not None and same_port(port, other)
+
+
+def only_port() -> str:
+    """The one port that may have a probe. ProbeUnknown if there is none, or several."""
+    found = sorted(
+        port.device for port in list_ports.comports() if is_candidate(port, ())
+    )
+    if len(found) == 1:
+        return str(found[0])
+    if not found:
+        raise ProbeUnknown(
+            "no imud run, and no USB serial port: plug the board in, or name its port, "
+            "as imud check /dev/ttyUSB0"
+        )
+    raise ProbeUnknown(
+        f"no imud run, and {len(found)} serial ports; name one: {', '.join(found)}"
+    )
+
+
+def wire_of(port: str | None) -> Wire | None:
+    """What is known of a port of this machine."""
+    if port is None or not Path(port).exists():
+        return None
+    real = os.path.realpath(port)
+    if real.startswith("/dev/pts/"):
+        return Wire("a pty: a virtual probe")
+    known = next((each for each in list_ports.comports() if each.device == real), None)
+    if known is None or known.vid is None:
+        return Wire("a serial port that is not USB")
+    chip = ADAPTERS.get((known.vid, known.pid), "unknown chip")
+    words = f"USB, {chip} ({known.vid:04x}:{known.pid:04x})"
+    return Wire(words, latency_timer_ms=_latency_timer(Path(real).name))
+
+
+def _latency_timer(name: str) -> int | None:
+    """Of an FTDI adapter, as its driver tells it."""
+    try:
+        said = Path(f"/sys/class/tty/{name}/device/latency_timer").read_text()
+    except OSError:
+        return None
+    return int(said) if said.strip().isdigit() else None
+
+
+class OwnDaemon:
+    """`imud run` on one port, without log and page, as long as it is open."""
+
+    def __init__(self, port: str) -> None:
+        if not Path(port).exists():
+            raise PortNotFound(
+                f"{port} is not there; plug the board in, see ls /dev/tty*"
+            )
+        self.port = port
+        self.endpoint = f"tcp/127.0.0.1:{_free_port()}"
+        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._warned: tuple[float, str] | None = None
+        self._signals: dict[int, Any] = {signal.SIGTERM: None, signal.SIGHUP: None}
+
+    def __enter__(self) -> Self:
+        # Terminated, or closed with its terminal, this process ends the daemon first.
+        # Ctrl-C is for it alone: the daemon has to leave the probe as it was.
+        for number in self._signals:
+            self._signals[number] = signal.signal(number, signal.default_int_handler)
+        words = ["run", self.port, "--no-log", "--no-page", "--log-level", "warning"]
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "imud", *words, "--listen", self.endpoint],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._process.terminate()
+        try:
+            self._process.wait(START_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._reader.join()
+        for number, handler in self._signals.items():
+            signal.signal(number, handler)
+        if self._process.stderr is not None:
+            self._process.stderr.close()
+
+    def _read(self) -> None:
+        for line in self._process.stderr or ():
+            self._lines.put(line.strip())
+
+    def client(self) -> Client:
+        """Of this daemon, once it listens."""
+        until_s = time.monotonic() + START_S
+        while True:
+            try:
+                return Client(self.endpoint)
+            except DaemonNotFound:
+                self.check()
+                if time.monotonic() > until_s:
+                    raise
+                time.sleep(0.05)
+
+    def check(self) -> None:
+        """LinkError with the daemon's own words if its port does not serve."""
+        while not self._lines.empty():
+            words = re.sub(
+                r"^\d\d:\d\d:\d\d (warning|error)?:? *", "", self._lines.get()
+            )
+            self._warned = self._warned or (time.monotonic(), words)
+        has_ended = self._process.poll() is not None
+        if self._warned is None:
+            if has_ended:
+                raise LinkError(f"imud run on {self.port} ended; see what it says")
+            return
+        warned_s, words = self._warned
+        if has_ended or time.monotonic() - warned_s > WARNED_S:
+            raise LinkError(words)
+
+
+def _free_port() -> int:
+    with socket.socket() as asked:
+        asked.bind(("127.0.0.1", 0))
+        return int(asked.getsockname()[1])

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: MIT
+"""`imud check` at work: it measures, asks, judges, and writes the report."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from imud.calibration.recording import Sample, Scale
+from imud.check import report
+from imud.check.axes import ASKED, TIMEOUT_S, Guide
+from imud.check.chips import is_dead
+from imud.check.evidence import Evidence, Posed
+from imud.check.judge import judged
+from imud.check.readings import rest_of
+from imud.check.rows import Row, Verdict, overall
+from imud.check.touch import led_words
+from imud.cli import check_source, check_text
+from imud.cli.check_screen import Quit, Screen
+from imud.cli.check_source import Live
+from imud.errors import FileError
+
+# Without samples, how long is listened to what the probe says about it.
+DEAD_S = 6.0
+BUTTON_S = 15.0
+LATE_S = 5.0
+STATUS_S = 1.5  # the next status comes by then
+
+ENTER, YES_NO = ("\n", "\r"), ("y", "n")
+
+
+def live(args: argparse.Namespace) -> int:
+    """With a probe; returns the exit code."""
+    evidence = Evidence(is_live=True)
+    with check_source.opened(args) as source:
+        screen = Screen(sys.stderr if args.json else sys.stdout, source.title)
+        try:
+            with screen.opened():
+                _measure(source, evidence, screen, args.seconds)
+                if not evidence.other_schema and evidence.count:
+                    if not args.no_poses:
+                        _lay(source, evidence, screen)
+                    if not args.no_button:
+                        _touch(source, evidence, screen)
+        except Quit:
+            sys.stderr.write("imud: given up; nothing was changed\n")
+            return 1
+    return _report(evidence, args, source.title)
+
+
+def from_file(args: argparse.Namespace) -> int:
+    """With a log or a capture; returns the exit code."""
+    title, evidence = check_source.of_file(args.source, args.probe)
+    return _report(evidence, args, title)
+
+
+def _measure(source: Live, evidence: Evidence, screen: Screen, seconds: float) -> None:
+    """At rest, for some seconds; a dead probe is only listened to."""
+    source.begin(evidence)
+    begin_s = time.monotonic()
+    lay = "Lay it base down on a table and do not touch it"
+    screen.line(f"{lay}, for {seconds:g} s.")
+    for item in source.items():
+        if item is not None:
+            source.record(item, evidence)
+        spent_s = time.monotonic() - begin_s
+        is_mute = evidence.other_schema or is_dead(evidence) or not evidence.count
+        until_s = min(seconds, DEAD_S) if is_mute else seconds
+        if spent_s >= until_s:
+            return
+        screen.show(f"{lay}: {until_s - spent_s:.0f} s left", spent_s / until_s)
+        screen.key()
+
+
+def _lay(source: Live, evidence: Evidence, screen: Screen) -> None:
+    """In the poses; the first is that in which it was measured."""
+    hello = evidence.hello
+    rest = rest_of(evidence, evidence.samples())
+    if not rest.is_enough:
+        return  # noise would never let it be still
+    scale = Scale(
+        hello["acc_lsb"], hello["gyr_lsb"], hello["mag_lsb"], hello["raw_rate"]
+    )
+    evidence.is_posing = True
+    guide = Guide(scale, ASKED[1:])
+    x, y, z = (float(each) for each in rest.acc_mg * 0.00980665)
+    guide.start_from((x, y, z))
+    wanted, asked_s = guide.wanted, time.monotonic()
+    for item in source.items():
+        if guide.wanted is not wanted:
+            wanted, asked_s = guide.wanted, time.monotonic()
+        if wanted is None:
+            break
+        words = f"Lay it {wanted.words}, and let go"
+        screen.line(f"{words} ({TIMEOUT_S:g} s; Enter leaves it out).")
+        screen.show(f"{words}. Enter leaves it out, q gives up", None, wanted)
+        if item is not None:
+            source.record(item, evidence)
+            if item["type"] == "raw":
+                guide.feed(_sample(item))
+        # Its own time is that of the samples, which may have stopped.
+        is_late = time.monotonic() - asked_s > TIMEOUT_S + LATE_S
+        if screen.key() in ENTER or is_late:
+            guide.skip()
+    evidence.poses = [Posed(ASKED[0], (x, y, z)), *guide.found]
+
+
+def _sample(item: dict[str, Any]) -> Sample:
+    return Sample(item["t_device_us"], item["acc_counts"], item["gyr_counts"])
+
+
+def _touch(source: Live, evidence: Evidence, screen: Screen) -> None:
+    """The button, then the LED."""
+    evidence.button = False
+    begin_s, before = time.monotonic(), len(evidence.events)
+    words = "Press its button once"
+    screen.line(f"{words} ({BUTTON_S:g} s).")
+    for item in source.items():
+        if item is not None:
+            source.record(item, evidence)
+        told = {each.event for each in evidence.events[before:]}
+        if "button_pressed" in told:
+            evidence.button = True
+            break
+        left_s = BUTTON_S - (time.monotonic() - begin_s)
+        screen.show(f"{words}: {left_s:.0f} s left. Enter leaves it out", None)
+        if screen.key() in ENTER:
+            evidence.button = None
+            break
+        if left_s <= 0:
+            break
+    if screen.is_terminal:
+        _look(source, evidence, screen)
+
+
+def _look(source: Live, evidence: Evidence, screen: Screen) -> None:
+    """Asks for the LED, once the state after the press is known."""
+    begin_s = time.monotonic()
+    for item in source.items():
+        if item is not None:
+            source.record(item, evidence)
+        if time.monotonic() - begin_s > STATUS_S:
+            shows = led_words(
+                str(evidence.hello.get("board")), str(evidence.counters.get("state"))
+            )
+            screen.show(f"{shows}. Does it? y, n, or Enter if you can't see it", None)
+            pressed = screen.key()
+            if pressed in YES_NO:
+                evidence.led = pressed == YES_NO[0]
+            if pressed in (*YES_NO, *ENTER):
+                return
+
+
+def _report(evidence: Evidence, args: argparse.Namespace, title: str) -> int:
+    rows = judged(evidence)
+    today = datetime.datetime.now(datetime.UTC).date()
+    said = report.as_object(evidence, rows, today)
+    if args.json:
+        sys.stdout.write(json.dumps(said, separators=(",", ":")) + "\n")
+    else:
+        check_text.write(title, rows)
+    for path in _write(args.report, said):
+        if not args.json:
+            sys.stdout.write(f"report: {path}\n")
+    return exit_code(rows)
+
+
+def exit_code(rows: Sequence[Row]) -> int:
+    """1 if there is a fault."""
+    return 1 if overall(rows) is Verdict.FAULT else 0
+
+
+def _write(path: Path | None, said: dict[str, Any]) -> list[Path]:
+    """Writes the report by its suffix, without one both kinds; the paths."""
+    if path is None:
+        return []
+    kinds = {
+        ".json": lambda: json.dumps(said, indent=2) + "\n",
+        ".md": lambda: report.as_markdown(said),
+    }
+    wanted = [path.suffix] if path.suffix else list(kinds)
+    written = []
+    for suffix in wanted:
+        whole = path if path.suffix else path.with_name(path.name + suffix)
+        try:
+            whole.write_text(kinds[suffix](), "utf-8")
+        except OSError as error:
+            raise FileError(f"can't write {whole}: {error.strerror}") from error
+        written.append(whole)
+    return written

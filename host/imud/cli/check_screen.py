@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: MIT
+"""What `imud check` shows meanwhile: a screen on a terminal, lines in a pipe."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import sys
+import time
+from collections.abc import Iterator
+from typing import TextIO
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.text import Text
+
+from imud.calibration.poses import Pose
+from imud.cli.box import picture
+from imud.cli.monitor import keys_of
+
+DRAW_S = 0.1
+BAR = 30  # characters
+
+
+class Quit(Exception):
+    """The user pressed q."""
+
+
+class Screen:
+    """show() is for a terminal, line() for a pipe; each does nothing elsewhere."""
+
+    def __init__(self, out: TextIO, title: str) -> None:
+        self._console = Console(file=out, highlight=False)
+        self._title = title
+        self._live: Live | None = None
+        self._keyboard: int | None = None
+        self._drawn_s = 0.0
+        self._lines: set[str] = set()
+
+    @property
+    def is_terminal(self) -> bool:
+        """Whether somebody can answer."""
+        return self._live is not None and self._keyboard is not None
+
+    @contextlib.contextmanager
+    def opened(self) -> Iterator[None]:
+        """While it is open, keys go to it."""
+        if not self._console.is_terminal:
+            yield
+            return
+        with (
+            keys_of(sys.stdin) as self._keyboard,
+            Live(
+                Text(""), console=self._console, auto_refresh=False, transient=True
+            ) as self._live,
+        ):
+            yield
+
+    def line(self, words: str) -> None:
+        """Once each, in a pipe."""
+        if self._live is None and words not in self._lines:
+            self._lines.add(words)
+            self._console.file.write(f"{words}\n")
+            self._console.file.flush()
+
+    def show(self, words: str, share: float | None, pose: Pose | None = None) -> None:
+        """What is going on: how far, or how to lay the probe."""
+        now_s = time.monotonic()
+        if self._live is None or now_s - self._drawn_s < DRAW_S:
+            return
+        self._drawn_s = now_s
+        shown = [Text(self._title, style="bold"), Text(words)]
+        if share is not None:
+            filled = round(BAR * min(1.0, share))
+            shown.append(Text("█" * filled + "░" * (BAR - filled), style="cyan"))
+        if pose is not None:
+            shown += [Text(f" {line}", style="yellow") for line in picture(pose)]
+            shown.append(Text(" X is its front, / its base", style="dim"))
+        self._live.update(Group(*shown), refresh=True)
+
+    def key(self) -> str:
+        """The key that was pressed, in lower case; empty if none was. Quit for q."""
+        if self._keyboard is None or not select.select([self._keyboard], [], [], 0)[0]:
+            return ""
+        pressed = os.read(self._keyboard, 64).decode(errors="replace").lower()
+        if not pressed or "q" in pressed:
+            raise Quit
+        return pressed[-1]

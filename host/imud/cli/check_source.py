@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: MIT
+"""Where `imud check` gets its messages from: a probe by a daemon, which it starts if
+none runs, or a file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import queue
+import time
+from collections.abc import Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from imud.calibration.earth import Earth
+from imud.check.evidence import Evidence
+from imud.cli import check_ports
+from imud.client import Client
+from imud.client.client import Delivery
+from imud.defaults import ENDPOINT
+from imud.errors import (
+    DaemonNotFound,
+    FileError,
+    ImudError,
+    NoReply,
+    ProbeUnknown,
+)
+from imud.probes.ledger import totals
+from imud.wire import messages
+from imud.wire.messages import Message
+
+TICK_S = 0.1
+HEARD_S = 1.5  # a probe that sends raw samples is heard within this time
+SILENT_S = 8.0  # longer than a board needs to start again
+FIRST_S = 5.0  # the first status comes a second after the probe was found
+
+
+class Live:
+    """The messages of a probe as they come. While it is open, the probe sends all raw
+    samples; afterwards it does as before.
+    """
+
+    def __init__(self, client: Client, status: Mapping[str, Any], title: str) -> None:
+        self.title = title
+        self._client = client
+        self._status = status
+        self._probe = str(status["probe"])
+        self._queue: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+        self._undo: list[tuple[str, dict[str, str]]] = []
+        topics = ["raw", "event", "status"]
+        if client.may("frame"):  # recorders only; it has the self-test
+            topics.append("frame")
+        self._unlisten = [
+            client.listen(topic, self._probe, partial(self._put, topic))
+            for topic in topics
+        ]
+
+    def close(self) -> None:
+        """Ends listening, and makes the probe do as before."""
+        for unlisten in self._unlisten:
+            unlisten()
+        for name, arguments in reversed(self._undo):
+            self._try(name, arguments)
+
+    def _put(self, topic: str, delivery: Delivery) -> None:
+        """In a thread of Zenoh's."""
+        if topic == "frame":
+            message = messages.decode(delivery.payload)
+            if isinstance(message, Message) and message.name == "self_test":
+                self._queue.put({"type": "self_test", **message.fields})
+            return
+        with contextlib.suppress(msgspec.DecodeError):
+            said: dict[str, Any] = msgspec.json.decode(delivery.payload)
+            said["type"] = topic
+            self._queue.put(said)
+
+    def begin(self, evidence: Evidence) -> None:
+        """Makes the probe send raw samples, all of them."""
+        evidence.take_status(self._status)
+        evidence.earth = msgspec.convert(self._status.get("place"), Earth | None)
+        evidence.wire = check_ports.wire_of(self._status.get("port"))
+        hello = evidence.hello
+        if evidence.other_schema or hello["sensor"] == "none":
+            return
+        rate, raw_rate = hello["sample_rate"], hello["raw_rate"]
+        if raw_rate != rate and self._try("rate", {"stream": "raw", "hz": str(rate)}):
+            self._undo.append(("rate", {"stream": "raw", "hz": str(raw_rate)}))
+            hello["raw_rate"] = rate
+        is_streaming = self._status["state"] == "streaming"
+        # After the button was pressed, too.
+        self._undo.append(("start" if is_streaming else "stop", {}))
+        if self._is_heard():
+            return
+        if self._try("fields", {"streams": "pose,raw"}):
+            self._undo.append(("fields", {"streams": "pose"}))
+        self._try("start", {})
+
+    def _try(self, name: str, arguments: dict[str, str]) -> bool:
+        """Whether the probe did it: one without a sensor may refuse."""
+        try:
+            self._client.command(self._probe, name, **arguments)
+        except ImudError:
+            return False
+        return True
+
+    def _is_heard(self) -> bool:
+        until_s = time.monotonic() + HEARD_S
+        while time.monotonic() < until_s:
+            with contextlib.suppress(queue.Empty):
+                if self._queue.get(timeout=TICK_S)["type"] == "raw":
+                    return True
+        return False
+
+    def items(self) -> Iterator[dict[str, Any] | None]:
+        """Message by message; None when nothing came for a moment. NoReply if the probe
+        is gone.
+        """
+        heard_s = time.monotonic()
+        while True:
+            try:
+                item = self._queue.get(timeout=TICK_S)
+            except queue.Empty:
+                if time.monotonic() - heard_s > SILENT_S:
+                    raise NoReply(
+                        f"nothing came from probe {self._probe} for {SILENT_S:g} s: is "
+                        "it unplugged?"
+                    ) from None
+                yield None
+                continue
+            if item["type"] != "status" or item["state"] not in ("gone", "silent"):
+                heard_s = time.monotonic()
+            yield item
+
+    def record(self, item: dict[str, Any], evidence: Evidence) -> None:
+        """Gives an item to the evidence."""
+        if item["type"] != "status":
+            evidence.take(item)
+            return
+        raw_rate = evidence.hello.get("raw_rate")
+        evidence.take_status(item)
+        # Of the daemon's last hello, which may be from before the command.
+        evidence.hello["raw_rate"] = raw_rate
+
+
+@contextlib.contextmanager
+def opened(args: argparse.Namespace) -> Iterator[Live]:
+    """The probe that is meant, by the daemon that runs, or by one of its own. Raises
+    ImudError with what to do if there is none.
+    """
+    with contextlib.ExitStack() as stack:
+        client, status, title = _reached(args, stack)
+        source = Live(client, status, title)
+        stack.callback(source.close)
+        yield source
+
+
+def _reached(
+    args: argparse.Namespace, stack: contextlib.ExitStack
+) -> tuple[Client, dict[str, Any], str]:
+    is_port = args.probe is not None and "/" in args.probe
+    try:
+        client = stack.enter_context(Client(args.connect, args.prefix, args.keys))
+    except DaemonNotFound:
+        if args.keys is not None or args.connect != ENDPOINT:
+            raise
+        if args.probe is not None and not is_port:
+            raise DaemonNotFound(
+                f"no imud run to ask for probe {args.probe}; name its port instead, as "
+                "imud check /dev/ttyUSB0"
+            ) from None
+    else:
+        if not is_port:
+            status = _status(client, args.probe, "")
+            return client, status, f"{status['probe']} (by imud run)"
+        for status in client.statuses():
+            if check_ports.is_same(status["port"], args.probe):
+                return client, status, f"{status['probe']} (by imud run)"
+    port = args.probe if is_port else check_ports.only_port()
+    daemon = stack.enter_context(check_ports.OwnDaemon(port))
+    client = stack.enter_context(daemon.client())
+    status = _status(client, None, port, daemon)
+    return client, status, f"{port}"
+
+
+def _status(
+    client: Client,
+    probe: str | None,
+    port: str,
+    daemon: check_ports.OwnDaemon | None = None,
+) -> dict[str, Any]:
+    """The status of the probe that is meant, once there is one."""
+    wait_s = FIRST_S if daemon is None else check_ports.PROBE_S
+    until_s = time.monotonic() + wait_s
+    while True:
+        found = [each for each in client.statuses() if each["state"] != "gone"]
+        named = [each for each in found if probe in (None, each["probe"])]
+        if len(named) == 1:
+            return named[0]
+        names = ", ".join(str(each["probe"]) for each in found)
+        if len(named) > 1:
+            raise ProbeUnknown(f"there are {len(named)} probes; name one: {names}")
+        if daemon is not None:
+            daemon.check()
+        if time.monotonic() > until_s:
+            break
+        time.sleep(TICK_S)
+    if daemon is not None:
+        raise ProbeUnknown(
+            f"no probe on {port}: is it flashed (docs/nano.md, docs/f405.md), and is "
+            "this its port?"
+        )
+    if probe is not None and names:
+        raise ProbeUnknown(f"no probe {probe} is there; name one: {names}")
+    raise ProbeUnknown(
+        "imud run has no probe; plug one in, or name its port: imud check /dev/ttyUSB0"
+    )
+
+
+def of_file(path: Path, probe: str | None) -> tuple[str, Evidence]:
+    """The name of the probe in a log or capture, and what the file has of it."""
+    from imud.recordings.decode import Tally, decode_file
+
+    tally = Tally()
+    found: dict[str, Evidence] = {}
+    for item in decode_file(path, tally):
+        found.setdefault(item["probe"], Evidence()).take(item)
+    if tally.other is not None and not found:
+        raise FileError(next(line for line in tally.lines() if "schema" in line))
+    if probe is None and len(found) > 1:
+        raise ProbeUnknown(f"{path} holds {', '.join(found)}: name one of them")
+    if not found:
+        raise FileError(f"{path} holds no message of a probe")
+    name = probe if probe is not None else next(iter(found))
+    if name not in found:
+        raise FileError(
+            f"{path} holds nothing of probe {name}: it has {', '.join(found)}"
+        )
+    evidence = found[name]
+    evidence.link = tally.links[-1] if tally.links else None
+    known: Any = tally.probes[name].account.counts()
+    evidence.lost = totals(known).lost
+    return f"{name} in {path}", evidence
