@@ -22,6 +22,7 @@ FILES = {
     "i2c.c": "sampling",
     "bus_recovery.c": "sampling",
     "clock.c": "clock",
+    "handlers.S": "interrupts",
     "uart.c": "uart",
     "radio.c": "radio",
     "rn41.c": "radio",
@@ -107,7 +108,7 @@ FILTER_FUNCTIONS = {
 # handlers of the STM32F405 have names of their own.
 HANDLERS = {
     "__vector_1": "INT0",
-    "__vector_11": "TIMER1_COMPA",
+    "__vector_14": "TIMER0_COMPA",
     "__vector_13": "TIMER1_OVF",
     "__vector_18": "USART_RX",
     "__vector_19": "USART_UDRE",
@@ -117,6 +118,9 @@ HANDLERS = {
 
 # The machine in the ELF header, and the prefix of its tools.
 TOOLS = {40: "arm-none-eabi-", 83: "avr-"}
+
+# What handlers.S has beside the handlers. The linker keeps no lines of assembly.
+HANDLED = ("board_time_us", "clock_us", "sampling_begin")
 
 
 class NoParts(Exception):
@@ -156,6 +160,8 @@ def _part(place: Place) -> str:
         if place.function.startswith(FILTER_STAGE):
             return "fuse." + place.function.removeprefix(FILTER_STAGE)
         return FILTER_FUNCTIONS.get(place.function, CALLER)
+    if place.function.startswith("__vector_") or place.function in HANDLED:
+        return FILES["handlers.S"]
     if place.file.endswith((".h", ".o")):
         return CALLER  # inlined; or assembly, of which the linker keeps no lines
     return FILES.get(place.file, REST if place.file else CALLER)
@@ -174,7 +180,7 @@ def read(image: Path) -> list[Range]:
             found[-1] = found[-1]._replace(end=address + 2)
         else:
             found.append(Range(address, address + 2, part))
-    if all(item.part in (CALLER, REST) for item in found):
+    if all(item.part in (CALLER, REST, FILES["handlers.S"]) for item in found):
         raise NoParts(f"{image} was built without debug information")
     return found
 

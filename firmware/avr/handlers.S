@@ -22,7 +22,7 @@
 #define GO_ACKNOWLEDGE (GO | _BV(TWEA))
 #define GO_STOP (_BV(TWINT) | _BV(TWEN) | _BV(TWSTO))
 
-; What each handler saves first and `leave` restores: two registers, SREG, and Z.
+; What each handler saves first and .Lleave restores: two registers, SREG, and Z.
     .macro enter
     push    r24
     in      r24, IO(SREG)
@@ -32,7 +32,7 @@
     push    r31
     .endm
 
-; And X, and Z at what is shared; `leave_x` restores it.
+; And X, and Z at what is shared; .Lleave_x restores it.
     .macro enter_sampling
     enter
     push    r26
@@ -97,7 +97,7 @@ INT0_vect:
     rcall   sampling_begin
 3:  pop     r23
     pop     r22
-    rjmp    leave_x
+    rjmp    .Lleave_x
 4:  ldd     r24, Z + SAMPLING_MISSED
     ldd     r25, Z + SAMPLING_MISSED + 1
     adiw    r24, 1
@@ -121,6 +121,7 @@ board_time_us:
 ; Device time of the ticks in r25:r24, which were read from TCNT1 just now, in r25..r22;
 ; no other register changes. Interrupts must be off. An overflow whose handler has not
 ; run is known by its flag, and came before a reading from the lower half.
+    .type   clock_us, @function
 clock_us:
     lsr     r25
     ror     r24  ; a tick is half a microsecond
@@ -214,34 +215,34 @@ TWI_vect:
 2:  sts     MEM(TWCR), r24
     std     Z + SAMPLING_CURSOR, r26
     std     Z + SAMPLING_CURSOR + 1, r27
-leave_x:
+.Lleave_x:
     pop     r27
     pop     r26
-    rjmp    leave
+    rjmp    .Lleave
 
 3:  cpi     r24, TW_MT_SLA_ACK
-    breq    send_register
-    brlo    send_address
+    breq    .Lsend_register
+    brlo    .Lsend_address
     cpi     r24, TW_MT_DATA_ACK
-    breq    go_on
+    breq    .Lgo_on
     cpi     r24, TW_MR_SLA_ACK
-    breq    first_is_next
+    breq    .Lfirst_is_next
     cpi     r24, TW_MR_DATA_NACK
-    breq    last_has_come
+    breq    .Llast_has_come
     cpi     r24, TW_MT_SLA_NACK
-    breq    refused
+    breq    .Lrefused
     cpi     r24, TW_MT_DATA_NACK
-    breq    refused
+    breq    .Lrefused
     cpi     r24, TW_MR_SLA_NACK
-    breq    refused
+    breq    .Lrefused
 
 ; Lost arbitration, or a START or STOP that is not ours: with one master somebody else
 ; pulls at the wires.
-stuck:
+.Lstuck:
     ldi     r25, FAILURE_STUCK
     ldi     r24, 0
     rjmp    4f
-refused:
+.Lrefused:
     ldi     r25, FAILURE_NACK
     ldi     r24, GO_STOP
 4:  std     Z + SAMPLING_FAILURE, r25
@@ -249,10 +250,10 @@ refused:
     pop     r27
     pop     r26
 ; The main loop has work.
-work:
+.Lwork:
     ldi     r24, 1
     sts     idle_has_work, r24
-leave:
+.Lleave:
     pop     r31
     pop     r30
     pop     r25
@@ -262,42 +263,42 @@ leave:
     reti
 
 ; After a START, to write, after a repeated one, which differs in bit 4, to read.
-send_address:
+.Lsend_address:
     cpi     r24, TW_START
-    brlo    stuck
+    brlo    .Lstuck
     bst     r24, 4
     ldd     r24, Z + SAMPLING_ADDRESS
     lsl     r24
     bld     r24, 0
-    rjmp    send
-send_register:
+    rjmp    .Lsend
+.Lsend_register:
     ldd     r24, Z + SAMPLING_REG
-send:
+.Lsend:
     sts     MEM(TWDR), r24
     ldi     r24, GO
     rjmp    2b
 ; The register was taken, or a byte that was written.
-go_on:
+.Lgo_on:
     ldd     r25, Z + SAMPLING_IS_WRITE
     ldi     r24, GO_START
     sbrs    r25, 0
     rjmp    2b
     ldd     r25, Z + SAMPLING_REMAINING
     subi    r25, 1
-    brlo    done
+    brlo    .Ldone
     std     Z + SAMPLING_REMAINING, r25
     ld      r24, X+
-    rjmp    send
-first_is_next:
+    rjmp    .Lsend
+.Lfirst_is_next:
     ldd     r24, Z + SAMPLING_REMAINING
     rjmp    1b
-last_has_come:
+.Llast_has_come:
     ldd     r24, Z + SAMPLING_REMAINING
     cpi     r24, 1
-    brne    stuck
+    brne    .Lstuck
     lds     r24, MEM(TWDR)
     st      X, r24
-done:
+.Ldone:
     ld      r24, Z
     inc     r24
     st      Z, r24
@@ -327,10 +328,10 @@ USART_UDRE_vect:
 1:  sts     uart_sending_tail, r25
     lds     r24, uart_sending_head
     cpse    r24, r25
-    rjmp    leave
+    rjmp    .Lleave
     ldi     r24, UART_ENABLED
     sts     MEM(UCSR0B), r24
-    rjmp    leave
+    rjmp    .Lleave
 
     .global USART_RX_vect
     .type   USART_RX_vect, @function
@@ -339,7 +340,7 @@ USART_RX_vect:
     lds     r24, MEM(UCSR0A)  ; valid until UDR0 is read
     lds     r25, MEM(UDR0)
     sbrc    r24, DOR0
-    rcall   count_lost
+    rcall   .Lcount_lost
     lds     r30, uart_received_head
     lds     r24, uart_received_tail
     sub     r24, r30
@@ -353,11 +354,11 @@ USART_RX_vect:
     subi    r30, lo8(-(uart_received))
     sbci    r31, hi8(-(uart_received))
     st      Z, r25
-    rjmp    work
-1:  rcall   count_lost
-    rjmp    leave
+    rjmp    .Lwork
+1:  rcall   .Lcount_lost
+    rjmp    .Lleave
 ; A received byte was lost. Changes Z.
-count_lost:
+.Lcount_lost:
     lds     r30, uart_received_lost
     lds     r31, uart_received_lost + 1
     adiw    r30, 1
