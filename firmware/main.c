@@ -59,8 +59,9 @@ int main(void) {
     for (;;) {
         board_watchdog_kick();
         const uint32_t now_us = board_time_us();
-        // All else has a turn without a sample, unless there are too many in a row: with
-        // a sample's work, a restart would take longer than there is time for both.
+        // All else has a turn without a sample, unless there are too many in a row:
+        // with a sample's work, a restart would take longer than there is time for
+        // both.
         if (acquisition_step(&acquisition, now_us)) {
             probe_worked(&probe, (board_time_us() - now_us) * board_cycles_per_us());
             if (++waited < WAITS_MAX) {

@@ -54,7 +54,8 @@ extern struct sampling sampling;
 enum { READING_SLOTS = 2 };
 extern struct reading sampling_readings[READING_SLOTS];
 
-// Starts a transfer from or to `bytes` as sampling.burst has it. Interrupts must be off.
+// Starts a transfer from or to `bytes` as sampling.burst has it. Interrupts must be
+// off.
 void sampling_begin(uint8_t *bytes);
 
 extern uint8_t uart_sending[SENDING_SIZE];

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
+from textwrap import wrap
 
 from generator.schema import (
     COLUMNS,
@@ -229,7 +230,6 @@ def functions(message: Message) -> Iterator[str]:
     yield from wrapped("    return decode(", decoded, ");")
     yield from ("}", "", *take_head(message, " {"))
     yield from take_body(message)
-    yield "}"
 
 
 def take_body(message: Message) -> Iterator[str]:
@@ -242,17 +242,12 @@ def take_body(message: Message) -> Iterator[str]:
         target = f"out->{field.name}" if field.count > 1 else f"&out->{field.name}"
         copies.append(f"    memcpy({target}, content + {at + 1}, {field.size});")
         at += 1 + field.size
-    line = f"    if ({wrong[0]}"
-    for condition in wrong[1:]:
-        longer = f"{line} || {condition}"
-        # What follows it, ` ||` or `) {`, has three characters.
-        if len(longer) + 3 <= COLUMNS:
-            line = longer
-        else:
-            yield f"{line} ||"
-            line = f"        {condition}"
-    yield f"{line}) {{"
-    yield from ("        return false;", "    }", *copies, "    return true;")
+    # A condition stays in one line, with what follows it.
+    test = "\0|| ".join(wrong).replace(" != ", "\0!=\0")
+    test = f"if ({test})\0{{"
+    for line in wrap(test, COLUMNS, initial_indent=" " * 4, subsequent_indent=" " * 8):
+        yield line.replace("\0", " ")
+    yield from ("        return false;", "    }", *copies, "    return true;", "}")
 
 
 def prologue(last: str) -> tuple[str, ...]:

@@ -54,6 +54,15 @@ enum { BUTTON_DOES_MAX = BUTTON_DOES_TELL };
 #define check_tip(params) ((void)(params))
 #endif
 
+// A bit for each of those tags, none for others.
+static uint8_t bit_of(uint8_t tag) {
+    uint8_t bit = tag < TAGS_MAX ? 1 : 0;
+    for (; tag > 0; --tag) {
+        bit = (uint8_t)(2 * bit);
+    }
+    return bit;
+}
+
 enum params_fault params_read(const IN_FLASH struct memory *memory, uint16_t offset,
                               uint8_t length, struct params *out, uint8_t *tag) {
     uint8_t seen = 0;  // a bit for each tag
@@ -69,7 +78,7 @@ enum params_fault params_read(const IN_FLASH struct memory *memory, uint16_t off
         if (offset + head[1] > end) {
             return PARAMS_WRONG_LENGTH;
         }
-        const uint8_t bit = (uint8_t)(head[0] < TAGS_MAX ? 1u << head[0] : 0u);
+        const uint8_t bit = bit_of(head[0]);
         if ((seen & bit) != 0) {
             return PARAMS_DOUBLED;
         }
