@@ -107,7 +107,6 @@ uint16_t board_stack_free(void) {
 }
 
 void board_idle(void) {
-    GPIOC->bsrr = BIT(PIN_BUSY) << 16;
     const uint32_t primask = cpu_mask();
     while (!idle_has_work) {
         cpu_sleep();

@@ -41,7 +41,7 @@ enum {
     PIN_BATTERY = 0,      // X19: channel 10 of ADC1, half its voltage
     PIN_SUPPLY_GOOD = 1,  // X20, the BQ24072's PGOOD, open drain: low is yes
     PIN_CHARGING = 2,     // X21, its CHG, likewise
-    PIN_BUSY = 6,  // Y1: high from the taking of a sample until the work for it is done
+    PIN_BUSY = 6,  // Y1: high from the taking of a sample until the next look for one
 
     ALTERNATE_TIM3 = 2,
     ALTERNATE_I2C1 = 4,

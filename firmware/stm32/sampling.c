@@ -182,9 +182,10 @@ void board_sampling_stop(void) {
 }
 
 enum reading_result board_reading_take(struct reading *out) {
+    GPIOC->bsrr = BIT(PIN_BUSY) << 16;
     const bool is_taken = slots_take(&slots, readings, SLOTS, out);
     if (is_taken) {
-        GPIOC->bsrr = BIT(PIN_BUSY);  // until board_idle
+        GPIOC->bsrr = BIT(PIN_BUSY);  // until the next look for a sample
     }
     enum reading_result result = is_taken ? READING_OK : READING_NONE;
     const uint32_t primask = cpu_mask();
