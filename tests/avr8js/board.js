@@ -104,6 +104,7 @@ export class Board {
     cpu.reset = () => {
       this.#isReset = true;
     };
+    new avr8js.AVRTimer(cpu, avr8js.timer0Config);
     new avr8js.AVRTimer(cpu, avr8js.timer1Config);
     new avr8js.AVREEPROM(cpu, kept.eeprom);
     new avr8js.AVRWatchdog(

@@ -176,8 +176,8 @@ def test_nothing_is_late_with_all_streams_at_the_rate_of_samples(stub: Stub) -> 
 def test_the_image_tells_its_cycles_and_stack_as_the_emulator_does(stub: Stub) -> None:
     done = run(stub, 5, *CLICK)
     status = done.last_status
-    # The probe's clock starts when it takes a sample and stops when it is sent; it counts
-    # whole microseconds, and none where the work takes less.
+    # The probe's clock starts when it takes a sample and stops when it is sent; it
+    # counts whole microseconds, and none where the work takes less.
     microsecond = stub.board.clock_hz / 1e6
     assert status["cycles_mean"] == pytest.approx(
         done.summary["cycles_mean"], rel=0.1, abs=2 * microsecond

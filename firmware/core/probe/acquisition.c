@@ -179,6 +179,8 @@ bool acquisition_step(struct acquisition *acquisition, uint32_t now_us) {
     }
     bool worked = false;
     if (outcome == OUTCOME_OK) {
+        // cppcheck-suppress uninitStructMember  ; parse fills it where there is a
+        // sample
         outcome = check(acquisition, sample.time_us, now_us);
         probe_sample(acquisition->probe, &sample);
         worked = true;
