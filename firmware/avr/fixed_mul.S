@@ -194,7 +194,7 @@ fixed_umul_q32:
     push    r26
     ldi     P3, 0
     set
-    rcall   product
+    call    product
     pop     r18
     pop     r19
     pop     r20
@@ -283,7 +283,7 @@ fixed_add_product:
     breq    1f
     push    B0
     push    B1
-    rcall   fixed_mul_q14
+    call    fixed_mul_q14
     pop     r31
     pop     r30
     rcall   add_sum
