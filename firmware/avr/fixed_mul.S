@@ -2,7 +2,7 @@
 ; What of core/math is smaller here than the compiler makes it: products, exact, column
 ; by column of bytes, limits, ratios, then vectors, quaternions and matrices.
 ; Cycles, `ret` included and the call of 3 or 4 not: fixed_mul_q30 110,
-; fixed_mul_q32 103, fixed_umul_q32 138; of that a few more where a highest bit is set.
+; fixed_mul_q32 103, fixed_umul_q32 139; of that a few more where a highest bit is set.
 ;
 ; Calling convention: a arrives in r25..r22, b in r21..r18, the result leaves in
 ; r25..r22; r18 to r27, r30 and r31 are free to use, r1 must be zero at the return.

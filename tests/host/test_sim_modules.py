@@ -51,14 +51,14 @@ def test_a_chip_saturates_at_the_end_of_its_range(
     boards: dict[str, tuple[Path, Path]], tmp_path: Path
 ) -> None:
     bad = tmp_path / "bad.toml"
-    bad.write_text("[acc]\nbias_mg = [16500, 0, -17500]\n")
+    bad.write_text("[gyr]\nbias_dps = [2100, 0, -2200]\n")
     path = recorded(
         boards, "nano", tmp_path / "a.bin", "--module", bad, "--seconds", 1.5
     )
     last = raw_of(path)[-1]
-    assert last["acc_counts"][0] == 32767
-    assert last["acc_counts"][2] == -32768
-    assert "acc_clipped" in last["flags"]
+    assert last["gyr_counts"][0] == 32767
+    assert last["gyr_counts"][2] == -32768
+    assert "gyr_clipped" in last["flags"]
 
 
 def test_a_recording_gets_the_errors_but_no_noise_of_a_module(tmp_path: Path) -> None:

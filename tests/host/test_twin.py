@@ -95,7 +95,7 @@ def test_it_waits_while_nothing_streams():
     assert (twin.state, twin.compared) == (State.WAITING, 50)
     # Also where it misses the event that says so.
     stopped = named(life.contents, "stream_stopped")[0]
-    life.order(lib.COMMAND_START).live(10)
+    life.order(lib.COMMAND_START).live(120)  # to the next hello, which tells the rates
     twin, outcomes = heard(without(life.contents, stopped))
     assert [type(o) for o in outcomes] == [Began, Stopped, WantsRestart]
 

@@ -101,7 +101,7 @@ def test_an_unavailable_compiler_is_reported_in_one_line_and_fails_in_ci(
     monkeypatch.setenv("CI", ci)
     monkeypatch.setattr(sys, "argv", ["compilers.py"])
     monkeypatch.setattr(compilers, "project_config", dict)
-    monkeypatch.setattr(compilers, "build", lambda *_: ([image(36)], []))
+    monkeypatch.setattr(compilers, "build", lambda *_: ([image(1_200)], []))
     monkeypatch.setattr(avr_gcc, "installed", found)
     assert compilers.main() == code
     told = capsys.readouterr().out.splitlines()
