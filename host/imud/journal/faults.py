@@ -52,8 +52,8 @@ _WORDS = {
         "the sensor signals no samples: check {ready}, then {lines}"
     ),
     ("sensor_fault", "mag_silent"): (
-        "the magnetometer stopped measuring; the sensor is set up again. If this goes "
-        "on, check the module's power, else replace the module"
+        "the magnetometer stopped measuring, or answers again: the sensor is set up "
+        "again. If this goes on, check the module's power, else replace the module"
     ),
     ("sensor_fault", "mag_stuck"): (
         "the magnetometer holds its bus; it is tried again, meanwhile there is no "
