@@ -156,6 +156,19 @@ def test_a_magnetometer_that_holds_its_bus_from_power_on_is_left_out():
     assert bench.settled().acc.z == pytest.approx(G / ACC_LSB, abs=1)
 
 
+def test_a_magnetometer_that_holds_its_bus_as_it_is_looked_for_is_clocked_free():
+    bench = Bench()
+    bench.fault(lib.CHIP_FAULT_NO_MAG)
+    assert bench.set_up() == lib.SENSOR_OK
+    lib.i2c_slave_clear_faults(lib.mpu9250_chip_wire(bench.chip))
+    bench.fault(lib.CHIP_FAULT_MAG_HUNG, from_ns=bench.now_ns, clocks=4)
+    results = bench.checks(ROUND)
+    assert results[-1] == lib.SENSOR_MAG_STUCK
+    assert clock_nine_times(bench)
+    assert bench.set_up() == lib.SENSOR_OK
+    assert bench.identity.kind == lib.SENSOR_MPU9250
+
+
 def spoil(bench: Bench) -> int:
     """A set-up in which the magnetometer holds the bus once it is on the host's."""
     bench.call("begin")

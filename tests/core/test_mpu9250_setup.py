@@ -167,3 +167,19 @@ def test_a_magnetometer_that_comes_back_is_found_by_the_next_set_up():
     assert bench.set_up() == lib.SENSOR_OK
     assert list(bench.identity.who_am_i) == [0x71, 0x48]
     assert bench.identity.self_test == HOST_JUDGES
+
+
+@pytest.mark.parametrize("mag_id", [0x00, 0x47, 0x49, 0xFF])
+def test_another_chip_at_the_magnetometers_address_is_not_used(mag_id):
+    bench = scripted(mag_id=mag_id)
+    assert bench.set_up() == lib.SENSOR_OK
+    assert bench.identity.kind == lib.SENSOR_MPU6500
+    assert bench.identity.who_am_i[1] == 0
+    assert bench.burst.length == 14
+
+
+@pytest.mark.parametrize(("refusals", "is_found"), [(1, True), (50, True), (51, False)])
+def test_a_magnetometer_may_refuse_for_a_while(refusals, is_found):
+    bench = scripted(refusals=refusals)
+    assert bench.set_up() == lib.SENSOR_OK
+    assert bench.identity.who_am_i[1] == (0x48 if is_found else 0)
