@@ -138,7 +138,10 @@ def build_vqf(out: Path, *, is_basic: bool) -> None:
     run("avr-gcc", *MACHINE, *flags(), *INCLUDE, "-c", "-o", main, AVR / "main.c")
     options = ("-std=gnu++11", "-fno-exceptions", "-fno-threadsafe-statics")
     options += ("-DVQF_SINGLE_PRECISION", *(("-DBASIC",) if is_basic else ()))
-    shared = [flag for flag in flags() if not flag.startswith("-std=")]
+    # With room for arguments made at a function's entry avr-gcc 5.4 makes code of VQF
+    # that reads outside the memory.
+    left_out = ("-std=gnu11", "-maccumulate-args")
+    shared = [flag for flag in flags() if flag not in left_out]
     run("avr-g++", *MACHINE, *shared, *options, *LINK, *INCLUDE,
         f"-I{AVR / 'std'}", f"-I{source}", "-o", out, main, AVR / "vqf_float.cpp",
         source / ("basicvqf.cpp" if is_basic else "vqf.cpp"), "-lm")  # fmt: skip
