@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from playwright.sync_api import Page
-from playwright.sync_api import TimeoutError as PageTimeout
 
 import length
 from imud import rotation
@@ -213,15 +212,21 @@ def test_a_probe_is_calibrated_from_empty_to_applied_and_back(
 
 
 def downloaded(page: Page) -> Path:
-    """The file that the button gives. A busy machine may miss a click."""
-    button = page.get_by_role("button", name="Download")
-    try:
-        with page.expect_download(timeout=10_000) as saved:
-            button.click()
-    except PageTimeout:
-        with page.expect_download() as saved:
-            button.click()
+    """The file that the button gives."""
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Download").click()
     return Path(saved.value.path())
+
+
+def test_a_log_that_grows_keeps_its_buttons(shown: Seen) -> None:
+    page = shown.page
+    page.get_by_role("link", name="Probes").click()
+    button = page.get_by_role("button", name="Download").element_handle()
+    about = page.locator("[data-log]").locator("xpath=../..").locator("span span")
+    before = about.inner_text()
+    button.focus()
+    shown.until("text => document.querySelector('li span span').textContent !== text", before)
+    assert button.evaluate("button => button.isConnected && button.matches(':focus')")
 
 
 def test_all_probes_are_listed_with_their_ledger(shown: Seen, desk: Desk) -> None:

@@ -7,6 +7,7 @@ import { fixed } from "../format.js";
 import { tell } from "../header.js";
 
 /** @typedef {import("../model.js").Model} Model */
+/** @typedef {{ element: HTMLElement, about: HTMLElement }} Row */
 
 const AGAIN_MS = 5000;
 
@@ -16,9 +17,10 @@ export class LogList {
   constructor(model) {
     this._model = model;
     this._askedMs = -Infinity;
-    this._listed = "";
-    this._rows = make("ul", { class: "targets" });
-    this.element = make("div", { class: "card", hidden: true }, make("h2", {}, "Logs"), this._rows);
+    /** @type {Map<string, Row>} by name, as they are listed */
+    this._rows = new Map();
+    this._list = make("ul", { class: "targets" });
+    this.element = make("div", { class: "card", hidden: true }, make("h2", {}, "Logs"), this._list);
   }
 
   /** @param {number} nowMs */
@@ -39,23 +41,37 @@ export class LogList {
   /** @param {{ name: string, bytes: number, changed_ms: number }[]} files */
   _show(files) {
     this.element.hidden = files.length === 0;
-    const text = JSON.stringify(files);
-    if (text === this._listed) {
-      return;
+    const names = files.map(({ name }) => name);
+    if (String(names) !== String([...this._rows.keys()])) {
+      // The others stay as they are: a button may be under a mouse, or loading.
+      this._rows = new Map(names.map((name) => [name, this._rows.get(name) ?? this._row(name)]));
+      this._list.replaceChildren(...[...this._rows.values()].map(({ element }) => element));
     }
-    this._listed = text;
-    const items = files.map(({ name, bytes, changed_ms: changed }) => {
-      const button = make(
-        "button",
-        { "data-log": name, onclick: () => this._load(name, button) },
-        "Download",
-      );
-      const when = new Date(changed).toLocaleString();
-      const about = make("span", {}, name, make("br"), `${fixed(bytes / 1e6, 1)} MB, ${when}`);
-      const play = make("button", { "data-play": name, onclick: () => this._play(name) }, "Play");
-      return make("li", {}, about, make("div", { class: "row" }, play, button));
-    });
-    this._rows.replaceChildren(...items);
+    for (const { name, bytes, changed_ms: changed } of files) {
+      const about = /** @type {Row} */ (this._rows.get(name)).about;
+      say(about, `${fixed(bytes / 1e6, 1)} MB, ${new Date(changed).toLocaleString()}`);
+    }
+  }
+
+  /**
+   * @param {string} name
+   * @returns {Row}
+   */
+  _row(name) {
+    const about = make("span", {});
+    const button = make(
+      "button",
+      { "data-log": name, onclick: () => this._load(name, button) },
+      "Download",
+    );
+    const play = make("button", { "data-play": name, onclick: () => this._play(name) }, "Play");
+    const element = make(
+      "li",
+      {},
+      make("span", {}, name, make("br"), about),
+      make("div", { class: "row" }, play, button),
+    );
+    return { element, about };
   }
 
   /** @param {string} name */
