@@ -30,6 +30,7 @@ WHAT_IT_NEEDS = "make check installs node, npm and avr8js"
 IS_DEMANDED = os.environ.get("IMU_AVR8JS") == "1"
 IS_THERE = shutil.which("node") is not None and (MODULES / "avr8js").is_dir()
 
+# The README's two commands do not install node: make check does, and demands it.
 if not IS_THERE and not IS_DEMANDED:
     pytest.skip(WHAT_IT_NEEDS, allow_module_level=True)
 

@@ -225,7 +225,9 @@ def test_a_log_that_grows_keeps_its_buttons(shown: Seen) -> None:
     about = page.locator("[data-log]").locator("xpath=../..").locator("span span")
     before = about.inner_text()
     button.focus()
-    shown.until("text => document.querySelector('li span span').textContent !== text", before)
+    shown.until(
+        "text => document.querySelector('li span span').textContent !== text", before
+    )
     assert button.evaluate("button => button.isConnected && button.matches(':focus')")
 
 

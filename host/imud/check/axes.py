@@ -16,9 +16,9 @@ from imud.calibration.algebra import units
 from imud.calibration.poses import BASE_DOWN, Pose
 from imud.calibration.recording import Sample, Scale
 from imud.check.evidence import Evidence, Posed
-from imud.check.limits import AXES
 from imud.check.readings import DEG, MG, STILL_DPS, STILL_MG
 from imud.check.rows import Row, Verdict, skipped
+from imud.probes.self_test import AXES
 
 LEFT_DOWN = Pose((0, -1, 0))
 FRONT_UP = Pose((1, 0, 0))

@@ -169,12 +169,9 @@ def _self_test(evidence: Evidence) -> Iterator[Row]:
             if found.is_for_motion:
                 outcome = Verdict.LOOK
                 advice = "lay it still, then reset the probe and check again"
-        words = str(found.outcome)
-        if found.reason:
-            words += f": {found.reason}"
         yield Row(
             f"self-test {found.sensor}",
-            words,
+            found.result,
             SELF_TEST_LSM9DS0 if is_lsm9ds0 else SELF_TEST_NORMAL[found.sensor],
             outcome,
             advice,

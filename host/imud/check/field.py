@@ -14,10 +14,10 @@ from imud.calibration.earth import strangeness
 from imud.check import limits
 from imud.check.chips import is_dead
 from imud.check.evidence import Evidence, Samples
-from imud.check.limits import AXES
 from imud.check.readings import NOISE_FAULT, rest_of
 from imud.check.rows import Row, Verdict, graded, skipped, worst
 from imud.journal.faults import fault_words
+from imud.probes.self_test import AXES
 from imud.probes.sensors import LSM9DS0, NINE_AXES, missing_magnetometer
 
 NAME = "magnetometer"
@@ -66,13 +66,13 @@ def _magnetometer(evidence: Evidence, samples: Samples) -> Row:
             "answers, but measures nothing",
             "power the module off and on; if it stays so, it is broken: no heading",
         )
-    if (np.ptp(samples.mag[fresh], axis=0) == 0).all() and fresh.sum() > 50:
+    still = np.ptp(samples.mag[fresh], axis=0) == 0
+    if still.all() and fresh.sum() > 50:
         return fault(
             "its numbers never change",
             "the magnetometer has hung: power the module off and on",
         )
     measured = f"0x{second:02X}, {rate_hz:.0f} readings a second"
-    still = np.ptp(samples.mag[fresh], axis=0) == 0
     if still.any() and fresh.sum() > 50:
         axes = ", ".join(axis for axis, is_so in zip(AXES, still, strict=True) if is_so)
         return fault(f"axis {axes} never changes", "the magnetometer is broken")

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-AXES = "xyz"
-
 # Processor clocks against the host's, ppm. A Nano has a ceramic resonator (Murata
 # CSTCE16M0V53, 0.5 % at 25 degC); beyond a percent and a half the UART fails.
 CRYSTAL_PPM = 100.0
@@ -30,6 +28,11 @@ WARM_DEGC = (5.0, 60.0)
 SPECIFIED_DEGC = (-40.0, 85.0)
 
 SLOPE_MG = 35.0  # of a table that is off level by two degrees
+
+# Millivolts that are normal, and what is a fault, by board. The Nano measures its own
+# against a reference of 10 % (data sheet of the ATmega328P, 28.8), and 16 MHz need
+# 3.78 V (28.3).
+SUPPLY_MV = {"nano": (4_300, 5_500, 3_780), "f405": (3_000, 3_600, 2_400)}
 
 # The Earth's field is 22 to 67 uT strong. A module's own field adds 15 to 45 uT or is
 # subtracted; a magnet beside it does worse.

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from imud.calibration.recording import COUNT_MAX, GRAVITY_M_S2
 from imud.check import limits
 from imud.check.evidence import Evidence, Samples
-from imud.check.limits import AXES
 from imud.check.rows import Row, Verdict, graded, skipped, worst
+from imud.probes.self_test import AXES
 from imud.rotation import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
@@ -200,7 +200,8 @@ def _acc_offset(rest: Rest, chip: limits.Chip) -> Row:
         normal = f"1000 ± {reach + scale_mg:.0f} mg in all"
     else:
         off = force - np.array([0.0, 0.0, 1000.0])
-        allowed = np.add(chip.acc_offset_mg, (SLOPE, SLOPE, scale_mg))
+        slope = limits.SLOPE_MG
+        allowed = np.add(chip.acc_offset_mg, (slope, slope, scale_mg))
         verdict = worst(graded(share, 1.0, 5.0) for share in (off / allowed).tolist())
         measured = f"{_axes(off, 0)} mg"
         bounds = ", ".join(f"{each:.0f}" for each in allowed)
@@ -213,9 +214,6 @@ def _acc_offset(rest: Rest, chip: limits.Chip) -> Row:
             "or does not use the range that is set"
         )
     return Row(name, measured, normal, verdict, advice, numbers)
-
-
-SLOPE = limits.SLOPE_MG
 
 
 def _stuck(samples: Samples) -> Row:
@@ -277,16 +275,10 @@ def _temperature(samples: Samples) -> Row:
     )
 
 
-# Millivolts that are normal, and what is a fault, by board. The Nano measures its own
-# against a reference of 10 % (data sheet of the ATmega328P, 28.8), and 16 MHz need
-# 3.78 V (28.3).
-SUPPLY_MV = {"nano": (4_300, 5_500, 3_780), "f405": (3_000, 3_600, 2_400)}
-
-
 def _supply(evidence: Evidence) -> Row:
     supply_mv = evidence.counters.get("supply")
     board = str(evidence.hello.get("board"))
-    low, high, least = SUPPLY_MV.get(board, SUPPLY_MV["f405"])
+    low, high, least = limits.SUPPLY_MV.get(board, limits.SUPPLY_MV["f405"])
     normal = f"{low / 1000:.1f} to {high / 1000:.1f} V"
     if not isinstance(supply_mv, int):
         return skipped("supply", normal, "the board does not measure it")

@@ -21,7 +21,7 @@ from serial.tools import list_ports
 from imud.check.evidence import Wire
 from imud.client import Client
 from imud.errors import DaemonNotFound, LinkError, PortNotFound, ProbeUnknown
-from imud.ports.finder import is_candidate, same_port
+from imud.ports.finder import is_candidate
 
 START_S = 10.0  # until the daemon listens
 PROBE_S = 12.0  # a board that restarts, and a round of all baud rates
@@ -39,11 +39,6 @@ ADAPTERS = {
     (0x2341, 0x0043): "ATmega16U2",
     (0x0483, 0x5740): "STM32's own USB",
 }
-
-
-def is_same(port: str | None, other: str) -> bool:
-    """Whether both names are of one port."""
-    return port is not None and same_port(port, other)
 
 
 def only_port() -> str:

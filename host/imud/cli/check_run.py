@@ -18,7 +18,7 @@ from imud.check.axes import ASKED, TIMEOUT_S, Guide
 from imud.check.chips import is_dead
 from imud.check.evidence import Evidence, Posed
 from imud.check.judge import judged
-from imud.check.readings import rest_of
+from imud.check.readings import MG, rest_of
 from imud.check.rows import Row, Verdict, overall
 from imud.check.touch import led_words
 from imud.cli import check_source, check_text
@@ -89,7 +89,7 @@ def _lay(source: Live, evidence: Evidence, screen: Screen) -> None:
     )
     evidence.is_posing = True
     guide = Guide(scale, ASKED[1:])
-    x, y, z = (float(each) for each in rest.acc_mg * 0.00980665)
+    x, y, z = (float(each) for each in rest.acc_mg * MG)
     guide.start_from((x, y, z))
     wanted, asked_s = guide.wanted, time.monotonic()
     for item in source.items():

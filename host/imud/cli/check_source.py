@@ -29,6 +29,7 @@ from imud.errors import (
     NoReply,
     ProbeUnknown,
 )
+from imud.ports.finder import same_port
 from imud.probes.ledger import totals
 from imud.wire import messages
 from imud.wire.messages import Message
@@ -174,22 +175,24 @@ def _reached(
             ) from None
     else:
         if not is_port:
-            status = _status(client, args.probe, "")
+            status = _status(client, args.probe)
             return client, status, f"{status['probe']} (by imud run)"
         for status in client.statuses():
-            if check_ports.is_same(status["port"], args.probe):
+            if _is_on(status, args.probe):
                 return client, status, f"{status['probe']} (by imud run)"
     port = args.probe if is_port else check_ports.only_port()
     daemon = stack.enter_context(check_ports.OwnDaemon(port))
     client = stack.enter_context(daemon.client())
-    status = _status(client, None, port, daemon)
-    return client, status, f"{port}"
+    return client, _status(client, None, daemon), port
+
+
+def _is_on(status: Mapping[str, Any], port: str) -> bool:
+    return status["port"] is not None and same_port(status["port"], port)
 
 
 def _status(
     client: Client,
     probe: str | None,
-    port: str,
     daemon: check_ports.OwnDaemon | None = None,
 ) -> dict[str, Any]:
     """The status of the probe that is meant, once there is one."""
@@ -210,8 +213,8 @@ def _status(
         time.sleep(TICK_S)
     if daemon is not None:
         raise ProbeUnknown(
-            f"no probe on {port}: is it flashed (docs/nano.md, docs/f405.md), and is "
-            "this its port?"
+            f"no probe on {daemon.port}: is it flashed (docs/nano.md, docs/f405.md), "
+            "and is this its port?"
         )
     if probe is not None and names:
         raise ProbeUnknown(f"no probe {probe} is there; name one: {names}")

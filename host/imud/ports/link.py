@@ -201,6 +201,7 @@ def _ask_for_low_latency(port: serial.Serial) -> None:
     that Linux's driver `ftdi_sio` knows. Needs no privilege. Drivers without it (ptys,
     CDC ACM) and other systems refuse it or ignore it.
     """
+    # pyserial: the driver refuses; the system has no such flag.
     with contextlib.suppress(ValueError, NotImplementedError):
         port.set_low_latency_mode(True)
 

@@ -169,7 +169,7 @@ def _verdicts(message: Message, scales: Scales) -> dict[str, str]:
     if not isinstance(hello, Message):
         return {}
     verdicts = verdicts_of(hello.fields, Responses.of(message.fields))
-    return {v.sensor: v.words.removeprefix(f"{v.sensor} ") for v in verdicts}
+    return {verdict.sensor: verdict.result for verdict in verdicts}
 
 
 def stroke_of(fields: Mapping[str, Value]) -> dict[str, Any]:

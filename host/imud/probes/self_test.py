@@ -132,9 +132,13 @@ class Verdict:
         return self.outcome is Outcome.NOT_JUDGED and self.reason == MOVED
 
     @property
+    def result(self) -> str:
+        """The outcome, and the reason where there is one."""
+        return f"{self.outcome}: {self.reason}" if self.reason else str(self.outcome)
+
+    @property
     def words(self) -> str:
-        said = f"{self.sensor} {self.outcome}"
-        return f"{said}: {self.reason}" if self.reason else said
+        return f"{self.sensor} {self.result}"
 
 
 def judge(
