@@ -2,7 +2,7 @@
 """Bootloaders that Nanos are sold with, as Intel HEX files for the virtual Nano.
 
 They are in Debian's package arduino-core-avr and under the GPL: not part of the
-project. `make check` installs the package; without it these tests are left out.
+project.
 """
 
 from __future__ import annotations
@@ -11,9 +11,8 @@ import os
 import subprocess
 from pathlib import Path
 
-import pytest
-
 import images
+from demanded import leave_out
 
 PACKAGE = Path("/usr/share/arduino/hardware/arduino/avr/bootloaders")
 STUB = Path(__file__).resolve().parent / "system" / "bootloader_stub.S"
@@ -65,5 +64,5 @@ def _converted(elf: Path) -> Path:
 def _of_package(name: str) -> Path:
     path = PACKAGE / name
     if not path.exists():
-        pytest.skip(f"{path} is not there: apt-get install arduino-core-avr")
+        leave_out(f"{path} is not there: apt-get install arduino-core-avr")
     return path

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 import shutil
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,6 +18,7 @@ import pytest
 
 from avr8js.around import MODULES, Around, Chip, Seen
 from bits.processors import has_sensor, replayed
+from demanded import leave_out
 from imud.wire.messages import Message, decode
 from system.virtual import FIELDS_ALL, NANO, send, write_hand
 
@@ -26,13 +26,8 @@ POSES = 1000
 POSES_AFTER_RESET = 100
 PRESS_NS = 100_000_000
 
-WHAT_IT_NEEDS = "make check installs node, npm and avr8js"
-IS_DEMANDED = os.environ.get("IMU_AVR8JS") == "1"
-IS_THERE = shutil.which("node") is not None and (MODULES / "avr8js").is_dir()
-
-# The README's two commands do not install node: make check does, and demands it.
-if not IS_THERE and not IS_DEMANDED:
-    pytest.skip(WHAT_IT_NEEDS, allow_module_level=True)
+if shutil.which("node") is None or not (MODULES / "avr8js").is_dir():
+    leave_out("node or avr8js is not there", is_whole_file=True)
 
 pytestmark = pytest.mark.together  # of one run
 
@@ -97,8 +92,6 @@ class Host:
 
 @pytest.fixture(scope="module")
 def heard(image: Path, tmp_path_factory: pytest.TempPathFactory) -> Heard:
-    if not IS_THERE:
-        pytest.fail(f"avr8js is not there: {WHAT_IT_NEEDS}", pytrace=False)
     found = Heard()
     hand = tmp_path_factory.mktemp("avr8js") / "hand"
     chip = Chip(write_hand(hand, 20))

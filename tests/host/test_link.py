@@ -176,7 +176,7 @@ def test_a_system_without_low_latency_opens_ports_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(port: serialposix.Serial, is_low: bool) -> None:
-        raise NotImplementedError
+        raise NotImplementedError  # as pyserial where the system has no such flag
 
     monkeypatch.setattr(serialposix.Serial, "set_low_latency_mode", refuse)
 
