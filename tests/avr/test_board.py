@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import itertools
 import json
-import re
 import subprocess
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,30 +17,12 @@ import pytest
 import bootloaders
 import images
 from bits.processors import PROCESSORS, command
+from letters import FAILED_BURSTS, NACK, OK, STUCK, TIMEOUT, Board, Run
 
 POWER_ON, EXTERNAL, BROWN_OUT, WATCHDOG, SOFTWARE = "01", "02", "04", "08", "10"
 
-OK, NACK, TIMEOUT, STUCK = 0, -1, -2, -3
-
 # The longest that any function of board.h takes, in microseconds.
 BOUND_US = 5000
-
-
-@dataclass
-class Run:
-    lines: list[str]
-    summary: dict[str, Any]
-
-    def numbers(self, word: str) -> list[list[int]]:
-        """The decimal numbers of each line that starts with `word`."""
-        return [
-            [int(n) for n in re.findall(r"(?<= )-?\d+(?= |$)", line)]
-            for line in self.lines
-            if line.startswith(word + " ")
-        ]
-
-
-Board = Callable[..., Run]
 
 
 @pytest.fixture(scope="module")
@@ -223,15 +202,7 @@ def test_samples_that_a_stop_leaves_behind_are_counted_as_missed(board: Board) -
     assert taken + before + 1 + missed == ready
 
 
-@pytest.mark.parametrize(
-    ("fault", "failures"),
-    [
-        ({"kind": "nack"}, {NACK}),
-        ({"kind": "nack", "byte": 1}, {NACK}),
-        ({"kind": "stuck_sda", "clocks": 9}, {STUCK, TIMEOUT}),
-        ({"kind": "stuck_sda", "byte": 6, "clocks": 9}, {STUCK, TIMEOUT}),
-    ],
-)
+@FAILED_BURSTS
 def test_a_failed_burst_is_reported_once_and_sampling_goes_on_after_recovery(
     board: Board, fault: dict[str, Any], failures: set[int]
 ) -> None:

@@ -16,3 +16,11 @@ def chain(tmp_path: Path) -> Iterator[Chain]:
     made = Chain(tmp_path)
     yield made
     made.close()
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chain]:
+    """One for all tests of a file: to start it takes longer than most of them."""
+    made = Chain(tmp_path_factory.mktemp("bench"))
+    yield made
+    made.close()

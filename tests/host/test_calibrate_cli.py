@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -55,14 +54,6 @@ class Desk:
         assert err.count("\n") == 1
         assert self.chain.probe.params.records == before
         return err
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chain]:
-    """One daemon for all tests: starting it takes longer than most of them."""
-    made = Chain(tmp_path_factory.mktemp("bench"))
-    yield made
-    made.close()
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,14 +18,6 @@ from imud.cli import check_ports, check_run, check_source, main
 from raw_probe import Stream, capture, lying
 
 pytestmark = pytest.mark.together  # one daemon
-
-
-@pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chain]:
-    """One daemon for all tests."""
-    made = Chain(tmp_path_factory.mktemp("bench"))
-    yield made
-    made.close()
 
 
 @pytest.fixture

@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import contextlib
 import json
-import pathlib
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, cast
 
 import jsonschema
@@ -156,13 +155,6 @@ def test_three_presses_are_one_double_click() -> None:
 def test_without_a_path_a_double_click_closes_nothing() -> None:
     closer = PathCloser()
     assert [closer.take(press(n)) for n in (1, 200_000)] == [None, None]
-
-
-@pytest.fixture
-def chain(tmp_path: pathlib.Path) -> Iterator[Chain]:
-    made = Chain(tmp_path)
-    yield made
-    made.close()
 
 
 def test_a_path_is_closed_by_command_and_by_its_button(chain: Chain) -> None:

@@ -7,8 +7,6 @@ import json
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
-from pathlib import Path
 from typing import IO, cast
 
 import pytest
@@ -36,15 +34,6 @@ def test_a_stroke_is_a_line_with_its_length_and_errors() -> None:
 def test_a_stroke_without_length_says_why() -> None:
     lost = STROKE | {"displacement_m": None, "end": "too_long"}
     assert line_of(lost).split() == ["stylus", "3", "1.4", "s", "unknown", "too_long"]
-
-
-@pytest.fixture
-def chain(tmp_path: Path) -> Iterator[Chain]:
-    made = Chain(tmp_path)
-    yield made
-    made.client.close()
-    made.daemon.__exit__(None, None, None)
-    made.port.vanish()
 
 
 @pytest.mark.parametrize("words", [[], ["--json"]])

@@ -23,20 +23,6 @@ BURST, ST1, INERTIAL = 0x3B, 14, 14
 MST_STATUS, NACK = 0x36, 0x10
 
 
-class Wire:
-    """Takes all frames; brings nothing."""
-
-    def __init__(self):
-        self.frames = []
-
-    def any(self):
-        return 0
-
-    def write(self, data, at, length):
-        self.frames.append(bytes(data[at : at + length]))
-        return length
-
-
 class Altered:
     """An I2C with such a chip. `written`: what was written to each register."""
 
@@ -78,6 +64,7 @@ def main(fakes, package, kind, frames, seconds, *words):
     sys.path.append(fakes)
     sys.path.append(package)
     from probe.plain import Probe
+    from wire import Wire
 
     if kind == "mpu9250":
         from probe.driver_mpu9250 import Driver

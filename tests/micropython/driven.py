@@ -22,20 +22,6 @@ TURN_US = 25  # the MPU-9250's pulse takes 50
 PRESS_US = 200_000, 300_000
 
 
-class Wire:
-    """Takes all frames; brings nothing."""
-
-    def __init__(self):
-        self.frames = []
-
-    def any(self):
-        return 0
-
-    def write(self, data, at, length):
-        self.frames.append(bytes(data[at : at + length]))
-        return length
-
-
 def motion(number):
     """Three times three numbers within the ranges of both chips."""
     state = number + 1
@@ -68,6 +54,7 @@ class Module:
 class Plain:
     def __init__(self, kind, chip, bus):
         from probe.plain import Probe
+        from wire import Wire
 
         if kind == "mpu9250":
             from probe.driver_mpu9250 import Driver

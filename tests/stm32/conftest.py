@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from stm32.letters import Board, Run
+from letters import Board, Run
 from stm32.programs import FLOAT_ABIS, board_program
 
 

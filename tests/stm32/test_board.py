@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 import native
-from stm32.letters import OK, STUCK, TIMEOUT, Board, addresses, places, starts
+from letters import OK, STUCK, TIMEOUT, Board
+from stm32.starts import addresses, places, starts
 
 pytestmark = pytest.mark.sampled(3)
 

@@ -7,20 +7,12 @@ from typing import Any
 
 import pytest
 
-from stm32.letters import NACK, OK, STUCK, TIMEOUT, Board
+from letters import FAILED_BURSTS, NACK, OK, STUCK, Board
 
 pytestmark = pytest.mark.sampled(3)
 
 
-@pytest.mark.parametrize(
-    ("fault", "failures"),
-    [
-        ({"kind": "nack"}, {NACK}),
-        ({"kind": "nack", "byte": 1}, {NACK}),
-        ({"kind": "stuck_sda", "clocks": 9}, {STUCK, TIMEOUT}),
-        ({"kind": "stuck_sda", "byte": 6, "clocks": 9}, {STUCK, TIMEOUT}),
-    ],
-)
+@FAILED_BURSTS
 def test_a_failed_burst_is_reported_once_and_sampling_goes_on_after_recovery(
     board: Board, fault: dict[str, Any], failures: set[int]
 ) -> None:

@@ -11,7 +11,8 @@ import itertools
 
 import pytest
 
-from stm32.letters import Board, Run, starts
+from letters import Board, Run
+from stm32.starts import starts
 
 pytestmark = pytest.mark.sampled(3)
 

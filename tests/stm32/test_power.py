@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import pytest
 
-from stm32.letters import Board, Run, starts
+from letters import Board, Run
+from stm32.starts import starts
 
 POWER_ON, EXTERNAL, SOFTWARE = "01", "02", "10"
 UNKNOWN = 65535

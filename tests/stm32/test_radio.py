@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from stm32.letters import Board, Run
+from letters import Board, Run
 
 WAITING_MS = 6000  # by then a host is there, even with a module from the factory
 CABLE, CONNECTED = 1, 4

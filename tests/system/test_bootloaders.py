@@ -11,7 +11,7 @@ import pytest
 
 import bootloaders
 from bootloaders import ATMEGABOOT, EVERY, HANDS_OVER, KEEPS_FLAGS, NONE, OPTIBOOT_4
-from stm32.letters import places
+from stm32.starts import places
 from system.virtual import NANO, Run, Stub, damaged, run, send
 
 pytestmark = pytest.mark.sampled(3)

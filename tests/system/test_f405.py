@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from imud.wire.messages import Message
-from stm32.letters import places
+from stm32.starts import places
 from system.virtual import (
     FIELDS_ALL,
     Run,

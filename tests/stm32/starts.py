@@ -1,38 +1,12 @@
 # SPDX-License-Identifier: MIT
-"""What board_test.c has printed, and how the virtual board came to run it."""
+"""Starts that board_test.c has printed, and where in the program they came from."""
 
 from __future__ import annotations
 
-import re
 import subprocess
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-# enum bus_result.
-OK, NACK, TIMEOUT, STUCK = 0, -1, -2, -3
-
-
-@dataclass
-class Run:
-    lines: list[str]
-    summary: dict[str, Any]
-
-    def numbers(self, word: str) -> list[list[int]]:
-        """The decimal numbers of each line that starts with `word`."""
-        return [
-            [int(n) for n in re.findall(r"(?<= )-?\d+(?= |$)", line)]
-            for line in self.lines
-            if line.startswith(word + " ")
-        ]
-
-    def words(self, word: str) -> list[list[str]]:
-        """The words behind `word` of each line that starts with it."""
-        return [line.split()[1:] for line in self.lines if line.startswith(word + " ")]
-
-
-Board = Callable[..., Run]
+from letters import Run
 
 
 def starts(run: Run) -> list[str]:
