@@ -64,5 +64,5 @@ def _converted(elf: Path) -> Path:
 def _of_package(name: str) -> Path:
     path = PACKAGE / name
     if not path.exists():
-        leave_out(f"{path} is not there: apt-get install arduino-core-avr")
+        leave_out(f"{path} is not there")
     return path
