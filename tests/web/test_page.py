@@ -242,6 +242,20 @@ def test_all_probes_are_listed_with_their_ledger(shown: Seen, desk: Desk) -> Non
     assert desk.daemon.log.read_bytes().startswith(log)
 
 
+def test_a_download_ends_though_the_log_grows_faster(shown: Seen) -> None:
+    page = shown.page
+    page.get_by_role("link", name="Probes").click()
+    page.evaluate(
+        """() => {
+          const { link } = globalThis.imud, { read } = link;
+          link.read = (...part) => new Promise((resolve) => setTimeout(resolve, 500))
+            .then(() => read.apply(link, part));
+        }"""
+    )
+    assert downloaded(page).stat().st_size > 1000
+    page.evaluate("delete globalThis.imud.link.read")
+
+
 def test_a_log_is_played_as_if_it_were_live(shown: Seen, desk: Desk) -> None:
     page = shown.page
     page.locator("[data-play]").first.click()

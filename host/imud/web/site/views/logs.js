@@ -89,24 +89,28 @@ export class LogList {
   }
 
   /**
-   * Fetches a log part by part. One that is being written ends where it does then.
+   * Fetches a log part by part: of one that is being written what it has at the start,
+   * because it may grow faster than its parts come.
    * @param {string} name
    * @param {HTMLButtonElement} button
    */
   async _load(name, button) {
+    const { link } = this._model;
     const parts = [];
     let offset = 0;
     button.disabled = true;
     try {
-      for (;;) {
-        const part = await this._model.link.read(name, offset);
+      const files = await link.logs();
+      const end = files.find((file) => file.name === name)?.bytes ?? 0;
+      do {
+        const part = await link.read(name, offset);
         if (part.length === 0) {
           break;
         }
         parts.push(part);
         offset += part.length;
-        say(button, `${fixed(offset / 1e6, 1)} MB`);
-      }
+        say(button, `${fixed(Math.min(offset, end) / 1e6, 1)} of ${fixed(end / 1e6, 1)} MB`);
+      } while (offset < end);
       save(name, new Blob(parts));
     } catch (error) {
       tell(`${name}: ${error instanceof Error ? error.message : error}`, true);
