@@ -14,19 +14,13 @@ from time import ticks_diff
 from micropython import const
 
 from . import wire
+from .ak8963 import REFUSED, answer, ask, transfer
 from .fast import swap_axes
 
 _ADDRESS = const(0x68)  # pin AD0 low
 _WHO_AM_I = const(0x75)
 _ACCEL_XOUT_H = const(0x3B)
-_SLV4_ADDR = const(0x31)  # then REG, DO, CTRL
-_SLV4_DI = const(0x35)
-_MST_STATUS = const(0x36)
-_DONE = const(0x40)
-_NACK = const(0x10)
-_ENABLE = const(0x80)
-_READ = const(0x80)
-_AK = const(0x0C)  # its address, AK 7.2
+_WIA = const(0x00)  # of the AK8963
 _ST1_READY = const(0x01)
 _ST2_OVERFLOW = const(0x08)
 _ST2_16_BIT = const(0x10)
@@ -39,7 +33,7 @@ _GYRO_START_US = const(50_000)
 _SETTLE_US = const(75_000)
 _FORCE_US = const(1_000_000)  # within which the force has to be near 1 g
 _POLL_US = const(5_000)
-_TRIES = const(50)  # of a transfer to the AK8963
+_TRIES = const(50)  # of a transfer that the AK8963 refuses
 # Samples: 1 s without a field, and 10 s until an AK8963 that is absent is tried again.
 _SILENT = const(200)
 _ABSENT = const(2000)
@@ -56,7 +50,6 @@ _MASTER_ON = b"\x6a\x20"
 _RUN = b"\x19\x04\x37\x00\x38\x01"
 # SLV0 reads ST1 to ST2, eight bytes.
 _FOLLOW_AK = b"\x25\x8c\x26\x02\x27\x88"
-_ASK_WIA = b"\x8c\x00\x00\x80"  # SLV4
 
 
 _LOST = const(1000)  # of an OSError: with the cause, the sensor is lost
@@ -147,41 +140,34 @@ class Driver:
         return False
 
     def _transfer(self, register, value=None):
-        """One register of the AK8963, written or read; None where it is not there."""
-        address = _AK if value is not None else _AK | _READ
-        request = bytes((address, register, value or 0, _ENABLE))
+        """One register of the AK8963; below 0 where it is not there."""
+        found = REFUSED
         for _ in range(_TRIES):
-            self._i2c.writeto_mem(_ADDRESS, _SLV4_ADDR, request)
-            for _ in range(_TRIES):
-                status = self._register(_MST_STATUS)
-                if status & _NACK:
-                    break
-                if status & _DONE:
-                    return self._register(_SLV4_DI)
-            else:
-                return None  # it holds its bus
-        return None
+            found = transfer(self._i2c, register, value)
+            if found != REFUSED:
+                break
+        return found
 
     def _set_up_field(self):
         # WIA. CNTL2: reset. CNTL1: fuse ROM; ASAX; CNTL1: off, then 100 Hz, 16 bits.
-        self._has_mag = self._transfer(0x00) == 0x48 and self._begin_field()
+        self._has_mag = self._transfer(_WIA) == 0x48 and self._begin_field()
         if not self._has_mag:
             self._write(_MASTER_OFF)
 
     def _begin_field(self):
         """Whether the AK8963 took all that it needs to measure."""
         for register, value in ((0x0B, 0x01), (0x0A, 0x0F)):
-            if self._transfer(register, value) is None:
+            if self._transfer(register, value) < 0:
                 return False
         for axis in range(3):
             adjust = self._transfer(0x10 + axis)
-            if adjust is None:
+            if adjust < 0:
                 return False
             self._adjust[axis] = adjust
-        if self._transfer(0x0A, 0x00) is None:
+        if self._transfer(0x0A, 0x00) < 0:
             return False
         self._write(_FOLLOW_AK)
-        return self._transfer(0x0A, 0x16) is not None
+        return self._transfer(0x0A, 0x16) >= 0
 
     def describe(self, hello):
         """Fills in what a hello says of the sensor."""
@@ -230,11 +216,10 @@ class Driver:
                 self._fail(wire.CAUSE_MAG_SILENT)
         elif self._without == _ABSENT:
             self._write(_MASTER_ON)
-            self._i2c.writeto_mem(_ADDRESS, _SLV4_ADDR, _ASK_WIA)
+            ask(self._i2c, _WIA)
         elif self._without > _ABSENT + 1:
             self._without = 0
-            is_done = self._register(_MST_STATUS) & (_DONE | _NACK) == _DONE
-            is_back = is_done and self._register(_SLV4_DI) == 0x48
+            is_back = answer(self._i2c) == 0x48
             self._write(_MASTER_OFF)
             if is_back:
                 self._fail(wire.CAUSE_MAG_SILENT)

@@ -3,13 +3,12 @@
 I2C master of the MPU-9250 that it is in.
 
 Documents: DS = LSM9DS0 data sheet, DocID024763 rev 2, 6.2; PS = MPU-9250 product
-specification, PS-MPU-9250A-01 rev 1.1, 7.5; RM = RM-MPU-9250A-00 rev 1.6, registers 49
-to 54 and 106.
+specification, PS-MPU-9250A-01 rev 1.1, 7.5; RM = RM-MPU-9250A-00 rev 1.6.
 """
 
-from time import ticks_diff, ticks_us
-
 from micropython import const
+
+from .ak8963 import REFUSED, transfer
 
 _READ = const(0x80)  # of the first byte: DS 6.2, PS 7.5
 _AUTO_I2C = const(0x80)  # a driver's wish that the LSM9DS0 counts on, DS 6.1.1
@@ -21,13 +20,6 @@ _USER_CTRL = const(0x6A)
 _I2C_IF_DIS = const(0x10)  # it must not take traffic of SPI for that of I2C, RM 106
 _I2C_MST_EN = b"\x20"
 _AK8963 = const(0x0C)  # on I2C; on SPI it has no wire of its own
-_SLV4_ADDR = const(0x31)  # then REG, DO, CTRL
-_SLV4_DI = const(0x35)
-_MST_STATUS = const(0x36)
-_DONE = const(0x40)
-_NACK = const(0x10)
-_ENABLE = const(0x80)
-_TRANSFER_US = const(10_000)  # it starts with the next sample, after 5 ms at most
 _ENODEV = const(19)
 _ETIMEDOUT = const(110)
 
@@ -56,7 +48,7 @@ class SPIBus:
         """Reads registers from this one on; nothing is allocated, but for an AK8963."""
         if address == _AK8963:
             for at in range(len(data)):
-                data[at] = self._transfer(address | _READ, register + at, 0)
+                data[at] = self._transfer(register + at)
             return
         select = self._begin(address, register, _READ)
         self._spi.readinto(data)
@@ -70,7 +62,7 @@ class SPIBus:
     def writeto_mem(self, address, register, data):
         if address == _AK8963:
             for at in range(len(data)):
-                self._transfer(address, register + at, data[at])
+                self._transfer(register + at, data[at])
             return
         if address == _MPU9250 and register == _USER_CTRL:
             data = bytes((data[0] | _I2C_IF_DIS,))
@@ -78,21 +70,11 @@ class SPIBus:
         self._spi.write(data)
         select.value(1)
 
-    def _transfer(self, address, register, value):
-        """One register of the AK8963, by the single transfer of slave 4."""
+    def _transfer(self, register, value=None):
+        """One register of the AK8963, by the MPU-9250's master."""
         self.writeto_mem(_MPU9250, _USER_CTRL, _I2C_MST_EN)
-        request = bytes((address, register, value, _ENABLE))
-        self.writeto_mem(_MPU9250, _SLV4_ADDR, request)
-        begun = ticks_us()
-        status = 0
-        while not status & (_DONE | _NACK):
-            if ticks_diff(ticks_us(), begun) > _TRANSFER_US:
-                break
-            status = self.readfrom_mem(_MPU9250, _MST_STATUS, 1)[0]
-        found = self.readfrom_mem(_MPU9250, _SLV4_DI, 1)[0]
+        found = transfer(self, register, value)
         self.writeto_mem(_MPU9250, _USER_CTRL, b"\x00")
-        if not status & (_DONE | _NACK):
-            raise OSError(_ETIMEDOUT)
-        if status & _NACK:
-            raise OSError(_ENODEV)
+        if found < 0:
+            raise OSError(_ENODEV if found == REFUSED else _ETIMEDOUT)
         return found
