@@ -23,7 +23,7 @@ enum {
 // What the accelerometer leans the level by where nothing is known: (60 mg)^2 as q2_30;
 // and 1e-4 m/s2 of two axes, squared, as 2^32ths of a step of it.
 #define LEVEL_UNKNOWN_Q30 INT32_C(3865471)
-#define LEVEL_GAIN_Q32 UINT32_C(959097000)
+#define LEVEL_GAIN_Q32 UINT32_C(959066197)
 #define INTERVAL_MAX_US UINT16_C(60000)  // is integrated: nine steps
 #define FOUR_US_Q35 INT32_C(137439)      // 4 us, as seconds times 2^35
 
@@ -219,7 +219,7 @@ void fuse_orientation(const struct fuse *fuse, struct quat *out) {
 
 // A variance as 1e-4 deg2, which is 0.030573 of rad2 q2_30.
 NOINLINE static uint32_t in_cdeg(q2_30_t variance) {
-    return fixed_umul_q32((uint32_t)variance, 131310000);
+    return fixed_umul_q32((uint32_t)variance, 131312254);
 }
 
 void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {

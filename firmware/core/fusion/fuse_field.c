@@ -9,14 +9,14 @@
 // characteristics: a measurement takes 7.2 ms; at 100 Hz it is up to 10 ms old when it
 // is read. So its middle is 8.6 ms back, 4.7 ms more than the rate. Give or take 8 ms:
 // boards and their set-ups differ by 10. Seconds times 2^35, half of a variance in ms2.
-#define LAG_Q35 INT32_C(171798750)
+#define LAG_Q35 INT32_C(171798692)
 #define LAG_MAX_Q35 INT32_C(1030792151)   // 30 ms
 #define LAG_MS_Q17 INT32_C(131)           // a ms q14_18 as seconds times 2^35
 #define LAG_VARIANCE INT32_C(16777216)    // 32 ms2
 #define LAG_RATE_Q25 INT32_C(1207959552)  // 36 rad/s an axis: 62.4 in all
 #define LAG_ANGLE_Q30 INT32_C(322122547)  // 0.3 rad an axis
 #define LAG_FIELD_Q18 INT32_C(52428800)   // 200 uT an axis
-#define LAG_SLOPE_MAX INT32_C(16383500)   // 2 uT/ms as uT/s q18_13
+#define LAG_SLOPE_MAX INT32_C(16383181)   // 1999.9 uT/s as q18_13
 
 // Variances in uT2 as q13_19; noise of 5.5 uT2 s: mostly what is uneven in the field of
 // a room.
@@ -47,7 +47,7 @@ enum { OWN_CALIBRATED = 64 };  // (2 uT)^2 as 16ths of 1 uT2
 // What a reading tells of the heading has a noise of its own, as quarters of 1 uT2 in
 // q11_21: 0.7 of that above, times 1 and the squared distance of a reading in units,
 // which is at most 25; and 8100 s2 of what leans, at most 506 uT2.
-#define TURNING_NOISE INT32_C(547)
+#define TURNING_NOISE INT32_C(548)
 #define TURNING_FAR (FIELD_UNIT_FINE * 25)
 #define TURNING_LEANING_MAX_Q18 INT32_C(16384)
 #define TURNING_LEANING INT32_C(16200)

@@ -15,7 +15,7 @@ enum {
     DRIFT_SQUARE_LOOKS = 32,
 };
 
-#define REST_RATE_Q25 INT32_C(1171299)          // VQF's 2 deg/s
+#define REST_RATE_Q25 INT32_C(1171271)          // VQF's 2 deg/s
 #define REST_FORCE_Q21 INT32_C(1048576)         // VQF's 0.5 m/s2
 #define REST_RATE_LIMIT_Q25 INT32_C(335544320)  // 10 rad/s: keeps the low-pass in range
 #define BIAS_LIMIT_Q25 INT32_C(114085069)       // 3.4 rad/s
@@ -35,18 +35,18 @@ enum {
 #define WARMING UINT16_C(53687)   // 5e-4 (deg/s)^2 a second more, as 32nds
 #define SCALE_WANDER INT32_C(21)  // 4e-10 a second
 // Of what levelling corrects: 1.2 (deg/s)^2 s, and 10 s times the square of what it
-// goes on to correct, at most 3.1 (deg/s)^2, from q2_30; over the 0.2 s of a look.
+// goes on to correct, at most 3.057 (deg/s)^2, from q2_30; over the 0.2 s of a look.
 #define MOTION_NOISE INT32_C(12582912)
 #define MOTION_DRIFT INT32_C(321)
-#define MOTION_DRIFT_MAX_Q30 INT32_C(1000000)
+#define MOTION_DRIFT_MAX_Q30 INT32_C(999885)
 #define REST_NOISE INT32_C(30199)        // (0.03 deg/s)^2 of a mean at rest, in 4ths
-#define REST_DOUBT_Q25 INT32_C(2342537)  // 4 deg/s: 0.78 of its square is noise
+#define REST_DOUBT_Q25 INT32_C(2342541)  // 4 deg/s: 0.78 of its square is noise
 #define REST_SURPRISE_Q25 INT32_C(134217728)  // 4 rad/s
 #define TILTING_LIMIT_Q25 INT32_C(2928177)    // 5 deg/s
 #define TURN_LIMIT_Q14 INT32_C(24576)         // 1.5 * 500 deg/s
 #define SCALE_LIMIT_Q30 INT32_C(85899346)     // 8 %
 // rad/s as q15 over 500 deg/s to q2_14: 2^-1 * 0.1145916.
-#define TURN_GAIN_Q30 INT32_C(61520895)
+#define TURN_GAIN_Q30 INT32_C(61520875)
 // A scale as q2_30 times 500 deg/s to rad/s q7_25: 8.726646 / 2^5.
 #define EFFECT_GAIN_Q30 INT32_C(292817659)
 // Scale a rad/s of surprise, from q7_25 to q2_30: 57.29578 / 500 * 2^5, halved.
@@ -67,7 +67,7 @@ enum {
 
 // Of VQF's rest filter, 0.5 s, at 100 looks a second.
 static const IN_FLASH struct lowpass_gain rest_gain = {
-    INT32_C(15186015), INT32_C(1052480291), REST_SETTLE};
+    INT32_C(15186038), INT32_C(1052480662), REST_SETTLE};
 
 // States are known this well, whatever else is known.
 NOINLINE static void set_variances(struct fuse *fuse, uint8_t state, uint8_t end,

@@ -11,7 +11,7 @@
 #define TILTING_GAIN_Q14 5120
 
 const IN_FLASH struct lowpass_gain fuse_level_gain = {
-    INT32_C(25313025), INT32_C(1038540224), FUSE_LEVEL_SETTLE};
+    INT32_C(25313034), INT32_C(1038540272), FUSE_LEVEL_SETTLE};
 
 // Turns the level frame so that the low-passed specific force points up. Leaves the
 // correction about x and y in `tilt`.

@@ -28,7 +28,7 @@ enum {
 };
 
 #define FUSE_HEADING_VARIANCE_MAX_Q30 INT32_C(1073741824)  // (57 deg)^2
-#define FUSE_HEADING_FREE_Q30 INT32_C(294380000)           // (30 deg)^2
+#define FUSE_HEADING_FREE_Q30 INT32_C(294372418)           // (30 deg)^2
 
 // Of VQF's tau_acc, 3 s, at FUSE_FRAMES_HZ.
 extern const IN_FLASH struct lowpass_gain fuse_level_gain;

@@ -6,7 +6,7 @@
 #include "core/fusion/stroke.h"
 
 #define DRIFT_MAX_Q15 INT32_C(16384)        // 0.5 m/s2: 3 deg
-#define DRIFT_NOISE_MAX UINT32_C(10000000)  // (0.1 m/s2)^2
+#define DRIFT_NOISE_MAX UINT32_C(9985799)  // 0.0093 (m/s2)^2
 
 void fuse_deny_rest(struct fuse *fuse) {
     fuse->rest_looks = 0;
