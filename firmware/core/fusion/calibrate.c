@@ -124,8 +124,8 @@ void gyro_calibrator_begin(struct gyro_calibrator *calibrator) {
 
 // In units of 2^10 nano (of rad/s or m/s2) a check is a product of 16 bits each.
 #define SPAN_MAX UINT32_C(51133)   // 3 deg/s
-#define BIAS_MAX UINT32_C(681770)  // 40 deg/s
-#define TURN_MAX UINT32_C(83571)   // 0.5 deg of 1 g
+#define BIAS_MAX UINT32_C(681769)  // 40 deg/s
+#define TURN_MAX UINT32_C(83572)   // 0.5 deg of 1 g
 
 NOINLINE static bool exceeds(uint16_t counts, const uint32_t *lsb_nano,
                              uint32_t limit) {
