@@ -41,14 +41,11 @@ def twin_stating(
     rows = felt.measurements()
     out = np.zeros((len(felt), 4))
     stated = np.zeros((len(felt), 2))
-    params = desk.ffi.new("struct fuse_twin_params *")
-    if is_known:
-        lib.fuse_twin_defaults(params)
-    else:
-        lib.fuse_twin_uncalibrated(params)
+    settings = desk.ffi.new("struct fuse_twin_settings *")
+    lib.fuse_twin_set_accuracy(settings, is_known)
     desk.call(
         lib.fuse_twin_run,
-        params,
+        settings,
         len(felt),
         felt.rate_hz,
         0.0039,

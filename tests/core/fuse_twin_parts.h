@@ -3,6 +3,8 @@
 #ifndef FUSE_TWIN_PARTS_H
 #define FUSE_TWIN_PARTS_H
 
+#include "core/fusion/fuse_params.h"
+#include "core/math/constant.h"
 #include "fuse_twin.h"
 
 #define DEGREE (3.14159265358979323846 / 180)
@@ -16,11 +18,11 @@ enum {
     SCALE = 3,    // scales, 500ths
     HEADING = 6,  // error of the integrated heading, deg
     STATES = 7,
-    BEGIN_AGAIN = 1 << 30,  // as a number of frames
+    BEGIN_AGAIN = 1 << 30,  // as a number of windows
 };
 
 struct twin {
-    const struct fuse_twin_params *params;
+    const struct fuse_twin_settings *settings;
     double inertial[4], level[4], world[4];
     double force_sum[3];
     double turn_sum[3][3];  // by axis of the body, in the inertial frame
@@ -28,9 +30,9 @@ struct twin {
     struct lowpass3 bias_row[2], scale_row[2], used[2];
     double tilting[2], drift[2], drift_square;  // rad/s
     double bias[3], calibrated[3], scale[3], motion[STATES * STATES];
-    double turned;  // deg2: growth of the heading's variance in this frame
+    double turned;  // deg2: growth of the heading's variance in this window
     double rate[3];
-    int frames, age, rest, looks, next_axis;
+    int windows, age, rest, looks, next_axis;
     double attitude[4], reading[3], rows[3][3];
     bool has_reading, is_turned;
     double place[3], own[3], field[36], noise, astray;

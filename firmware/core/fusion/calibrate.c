@@ -4,6 +4,7 @@
 
 #include <string.h>
 
+#include "core/math/constant.h"
 #include "core/math/matrix.h"
 
 enum {
@@ -90,9 +91,9 @@ static void apply_to_counts(const struct calibration_of_sensor *sensor,
     apply(sensor, scale, limit_high, out);
 }
 
-#define GYR_LIMIT_HALF FIXED_HIGH(INT32_C(637534208))  // 19 rad/s as q7_25
-#define ACC_LIMIT_HALF FIXED_HIGH(INT32_C(283115520))  // 135 m/s2 as q11_21
-#define MAG_LIMIT_HALF FIXED_HIGH(INT32_C(268435456))  // 1024 uT as q14_18
+#define GYR_LIMIT_HALF FIXED_HIGH(Q25(19))    // rad/s
+#define ACC_LIMIT_HALF FIXED_HIGH(Q21(135))   // m/s2
+#define MAG_LIMIT_HALF FIXED_HIGH(Q18(1024))  // uT
 
 void calibrate(const struct calibration *calibration,
                const struct calibration_scale *scale, const struct sample *sample,
@@ -123,9 +124,10 @@ void gyro_calibrator_begin(struct gyro_calibrator *calibrator) {
 #define NOINLINE __attribute__((noinline))
 
 // In units of 2^10 nano (of rad/s or m/s2) a check is a product of 16 bits each.
-#define SPAN_MAX UINT32_C(51133)   // 3 deg/s
-#define BIAS_MAX UINT32_C(681769)  // 40 deg/s
-#define TURN_MAX UINT32_C(83572)   // 0.5 deg of 1 g
+#define UNITS(degrees) ((uint32_t)Q_RAD((degrees) * (1e9 / 1048576), 10))
+#define SPAN_MAX UNITS(3)              // deg/s
+#define BIAS_MAX UNITS(40)             // deg/s
+#define TURN_MAX UNITS(0.5 * 9.80665)  // half a degree of 1 g
 
 NOINLINE static bool exceeds(uint16_t counts, const uint32_t *lsb_nano,
                              uint32_t limit) {

@@ -8,24 +8,28 @@
 #include "core/fusion/fuse_stages.h"
 
 enum {
-    STAGES = 10,         // of a frame: at 100 samples a second, one a sample
+    STAGES = 10,         // of a window: at 100 samples a second, one a sample
     STEP_MAX_US = 7000,  // 41.4 rad/s an axis and 8 % of scale turn 0.55 rad in it
-    UNSETTLED = 100,     // frames after lost motion in which levelling tells no bias
-    FIELD_ABSENT = 10,   // frames without a reading
-    LEVEL_SIGMA_MAX = 4161,  // 60 mg by two axes, 1e-4 m/s2 each
+    UNSETTLED = FUSE_WINDOWS(FUSE_UNSETTLED_S),
+    FIELD_ABSENT = FUSE_WINDOWS(FUSE_FIELD_ABSENT_S),
+    // Of two axes, 1e-4 m/s2 each.
+    LEVEL_SIGMA_MAX = ROUNDED(FUSE_LEVEL_SIGMA_G * FUSE_G_M_S2 * 1e4 / 1.414214),
 };
 
 // The numbers of one part of a step are not on the stack while another runs.
 #define NOINLINE __attribute__((noinline))
 
-// (0.1 deg/s)^2: of levelling before it has told, a stated tilt of 1.1 deg.
-#define DRIFT_SQUARE_START_Q30 INT32_C(3271)
-// What the accelerometer leans the level by where nothing is known: (60 mg)^2 as q2_30;
-// and 1e-4 m/s2 of two axes, squared, as 2^32ths of a step of it.
-#define LEVEL_UNKNOWN_Q30 INT32_C(3865471)
-#define LEVEL_GAIN_Q32 UINT32_C(959066197)
-#define INTERVAL_MAX_US UINT16_C(60000)  // is integrated: nine steps
-#define FOUR_US_Q35 INT32_C(137439)      // 4 us, as seconds times 2^35
+#define DRIFT_SQUARE_START_Q30 Q_RAD2(SQUARE(FUSE_DRIFT_START_DPS), 30)
+#define LEVEL_UNKNOWN_Q30 Q30(SQUARE(FUSE_LEVEL_SIGMA_G))
+// The squared sigma of two axes in 1e-4 m/s2 as rad2 q2_30.
+#define LEVEL_GAIN_Q32                                                                 \
+    Q32_UNSIGNED(2 * (1e-4 / FUSE_G_M_S2) * (1e-4 / FUSE_G_M_S2) * 1073741824.0)
+// rad2 q2_30 as 1e-4 deg2, whose steps stated variances have.
+#define CDEG2_GAIN_Q32 Q_DEG2(1e4 * 4, 0)
+#define CDEG2(degrees) ((uint32_t)ROUNDED((degrees) * (degrees)*1e4))
+// Thirds of that for what levelling goes on to correct, (rad/s)^2 q2_30.
+#define TILT_DRIFT_THIRDS Q_DEG2(3e4 / 1073741824.0 * SQUARE(FUSE_TILT_DRIFT_S), 0)
+#define FOUR_US_Q35 Q35(4e-6)
 
 // Seconds times 2^35, so that rad/s q7_25 gives rad q2_30, within 4e-7 of them. Needs
 // us <= 15000.
@@ -36,7 +40,7 @@ NOINLINE static int32_t seconds_q35(uint16_t us) {
 void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us) {
     struct fuse_coefficients *coefficients = &fuse->coefficients;
     memset(fuse, 0, sizeof *fuse);
-    coefficients->frame = (uint8_t)(rate_hz / FUSE_FRAMES_HZ);
+    coefficients->frame = (uint8_t)(rate_hz / FUSE_WINDOWS(1));
     coefficients->stride = coefficients->frame / STAGES;
     coefficients->share = Q2_30_ONE / coefficients->frame;
     // A mean rate over the sample period would be half a period old.
@@ -156,8 +160,8 @@ void fuse_take(struct fuse *fuse, const struct measurement *measurement,
     if ((fuse->frames | fuse->in_frame) == 0) {
         fuse_take_first(fuse, &measurement->acc_m_s2_q21);
     } else {
-        if (interval_us > INTERVAL_MAX_US) {
-            interval_us = INTERVAL_MAX_US;
+        if (interval_us > FUSE_INTERVAL_MAX_US) {
+            interval_us = FUSE_INTERVAL_MAX_US;
             fuse->clipped = FUSE_CLIPPED_LOST;
         }
         integrate(fuse, (uint16_t)interval_us);
@@ -217,9 +221,9 @@ void fuse_orientation(const struct fuse *fuse, struct quat *out) {
     quat_renormalise(out);
 }
 
-// A variance as 1e-4 deg2, which is 0.030573 of rad2 q2_30.
+// A variance as 1e-4 deg2.
 NOINLINE static uint32_t in_cdeg(q2_30_t variance) {
-    return fixed_umul_q32((uint32_t)variance, 131312254);
+    return fixed_umul_q32((uint32_t)variance, CDEG2_GAIN_Q32);
 }
 
 void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
@@ -245,13 +249,12 @@ void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
     if ((flags & POSE_STARTING) != 0) {
         return;
     }
-    // 0.38 deg, and what levelling corrected in 10.4 s: (rad/s)^2 q2_30 to 1e-4 deg2 is
-    // 10.4^2 / 32.7. Fitted to made motions with exact truth (docs/motions.md).
     out->tilt_sigma_cdeg = fixed_sqrt(
-        1444 + (uint32_t)fixed_divide(fixed_times(fuse->drift_square, 10), 3) +
+        CDEG2(FUSE_TILT_FLOOR_DEG) +
+        (uint32_t)fixed_divide(fixed_times(fuse->drift_square, TILT_DRIFT_THIRDS), 3) +
         in_cdeg(fuse->level_variance));
     if ((flags & POSE_HEADING_FREE) == 0) {
-        // 0.6 deg, and the variance.
-        out->heading_sigma_cdeg = fixed_sqrt(3600 + in_cdeg(fuse->heading_variance));
+        out->heading_sigma_cdeg =
+            fixed_sqrt(CDEG2(FUSE_HEADING_FLOOR_DEG) + in_cdeg(fuse->heading_variance));
     }
 }

@@ -5,83 +5,98 @@
 
 #include "core/fusion/fuse_stages.h"
 
-// A reading is 5 ms behind the gyroscope. AK8963 data sheet, analog circuit
-// characteristics: a measurement takes 7.2 ms; at 100 Hz it is up to 10 ms old when it
-// is read. So its middle is 8.6 ms back, 4.7 ms more than the rate. Give or take 8 ms:
-// boards and their set-ups differ by 10. Seconds times 2^35, half of a variance in ms2.
-#define LAG_Q35 INT32_C(171798692)
-#define LAG_MAX_Q35 INT32_C(1030792151)   // 30 ms
-#define LAG_MS_Q17 INT32_C(131)           // a ms q14_18 as seconds times 2^35
-#define LAG_VARIANCE INT32_C(16777216)    // 32 ms2
-#define LAG_RATE_Q25 INT32_C(1207959552)  // 36 rad/s an axis: 62.4 in all
-#define LAG_ANGLE_Q30 INT32_C(322122547)  // 0.3 rad an axis
-#define LAG_FIELD_Q18 INT32_C(52428800)   // 200 uT an axis
-#define LAG_SLOPE_MAX INT32_C(16383181)   // 1999.9 uT/s as q18_13
+enum {
+    // Variances as 16ths of 1 uT2.
+    OWN_KNOWN = ROUNDED(16 * SQUARE(FUSE_OWN_KNOWN_SIGMA_UT)),
+    OWN_UNKNOWN = ROUNDED(16 * SQUARE(FUSE_OWN_UNKNOWN_SIGMA_UT)),
+    OWN_GOOD = ROUNDED(16 * SQUARE(FUSE_OWN_GOOD_SIGMA_UT)),
+    OWN_CALIBRATED = ROUNDED(16 * SQUARE(FUSE_OWN_CALIBRATED_SIGMA_UT)),
+    OWN_SIGMA_MAX = ROUNDED(FUSE_OWN_UNKNOWN_SIGMA_UT * 100),  // 0.01 uT
+    OWN_UNIT_BITS = 15,  // from 16ths of 1 uT2 to q13_19
+    SURPRISE_WINDOWS = FUSE_WINDOWS(FUSE_SURPRISE_TAU_S),
+    ASTRAY_WINDOWS = FUSE_WINDOWS(FUSE_ASTRAY_TAU_S),
+    RESIDUAL_WINDOWS = FUSE_WINDOWS(FUSE_RESIDUAL_TAU_S),
+};
+#define OWN_GAIN_Q32 Q32_UNSIGNED(0.01 * 0.01 * 16)  // (0.01 uT)^2 in 16ths of 1 uT2
 
-// Variances in uT2 as q13_19; noise of 5.5 uT2 s: mostly what is uneven in the field of
-// a room.
-// What a calibration leaves, at least, and what there is without one: (0.79 uT)^2 and
-// (21 uT)^2 an axis, as 16ths of 1 uT2; and up to where its covariance is stated in
-// part.
-enum { OWN_KNOWN = 10, OWN_UNKNOWN = 7056, OWN_SIGMA_MAX = 2100, OWN_GOOD = 16 };
-#define OWN_UNIT_BITS 15                        // a 16th of 1 uT2
-#define OWN_GAIN_Q32 UINT32_C(6871948)          // (0.01 uT)^2 in 16ths of 1 uT2
-#define PLACE_VARIANCE INT32_C(131072)          // (0.5 uT)^2 of a mean of 2 s at rest
-#define PLACE_VARIANCE_MOVING INT32_C(4849664)  // 9.25 uT2 where there was no rest
-#define FIELD_VARIANCE_MAX INT32_C(42467328)    // (9 uT)^2
-#define FIELD_VARIANCE_UNKNOWN_MAX INT32_C(241172480)  // 460 uT2
-#define FIELD_NOISE INT32_C(28835840)                  // 5.5 uT2 s over 0.1 s
-#define FIELD_NOISE_MAX INT32_C(471859200)             // 900 uT2
-#define PLACE_WANDER INT32_C(1258)                     // 0.024 uT2/s
-#define OWN_WANDER INT32_C(1)                          // (0.26 uT)^2 an hour
-#define OWN_WANDER_ASTRAY INT32_C(838861)              // 16 uT2/s
-// That no magnet is on a probe whose own field was calibrated to 2 uT is known within
-// 9.5 uT an axis, as long as none seems larger than 4 uT.
-enum { OWN_CALIBRATED = 64 };  // (2 uT)^2 as 16ths of 1 uT2
-#define OWN_DOUBT INT32_C(47316992)
-#define OWN_NEAR_Q18 INT32_C(1048576)
-#define FIELD_UNIT_FINE (FUSE_FIELD_UNIT * UINT32_C(64))
-// What levelling goes on to correct leans the vertical field: 810 s2 of it in q13_19.
-#define LEANING_MAX_Q18 INT32_C(291271)  // 900 uT2 / 810
-#define LEANING_NOISE INT32_C(1620)
+// The lag as seconds times 2^35, half of its variance in ms2 as q13_19.
+#define LAG_Q35 Q35(FUSE_LAG_S)
+#define LAG_MAX_Q35 Q35(FUSE_LAG_MAX_S)
+#define LAG_MS_Q17 Q17(0.001)  // a ms q14_18 as seconds times 2^35
+#define LAG_VARIANCE Q19(1e6 * SQUARE(FUSE_LAG_SIGMA_S) / 2)
+#define LAG_RATE_Q25 Q25(FUSE_LAG_RATE_MAX_RAD_S)
+#define LAG_ANGLE_Q30 Q30(FUSE_LAG_ANGLE_MAX_RAD)
+#define LAG_FIELD_Q18 Q18(FUSE_LAG_FIELD_MAX_UT)
+#define LAG_SLOPE_MAX Q13(FUSE_LAG_SLOPE_MAX_UT_S)
+
+// Variances of fields as q13_19, uT2.
+#define PLACE_VARIANCE Q19(SQUARE(FUSE_PLACE_SIGMA_UT))
+#define PLACE_VARIANCE_MOVING                                                          \
+    Q19(SQUARE(FUSE_PLACE_SIGMA_UT) + SQUARE(FUSE_PLACE_MOVING_SIGMA_UT))
+#define FIELD_VARIANCE_MAX Q19(SQUARE(FUSE_FIELD_SIGMA_MAX_UT))
+#define FIELD_VARIANCE_UNKNOWN_MAX Q19(FUSE_FIELD_UNKNOWN_MAX_UT2)
+#define FIELD_NOISE Q19(FUSE_FIELD_NOISE_UT2_S / FUSE_WINDOW_S)
+#define FIELD_NOISE_MAX Q19(FUSE_FIELD_NOISE_MAX_UT2)
+#define PLACE_WANDER Q19(FUSE_PER_WINDOW(FUSE_PLACE_WANDER_UT2_S))
+#define OWN_WANDER Q19(FUSE_PER_WINDOW(FUSE_OWN_WANDER_UT2_S))
+#define OWN_WANDER_ASTRAY Q19(FUSE_PER_WINDOW(FUSE_OWN_WANDER_ASTRAY_UT2_S))
+#define OWN_DOUBT Q19(SQUARE(FUSE_OWN_DOUBT_UT))
+#define PLACE_SPREAD_MAX Q19(FUSE_PLACE_SPREAD_MAX_UT2)
+#define STRANGE_VARIANCE Q19(SQUARE(FUSE_STRANGE_SIGMA_UT))
+#define UNCALIBRATED_VARIANCE Q19(SQUARE(FUSE_UNCALIBRATED_SIGMA_UT))
+
+// Fields as q14_18, uT, and squares of them, uT2.
+#define OWN_NEAR_Q18 Q18(FUSE_OWN_NEAR_UT)
+#define RESIDUAL_LIMIT_Q18 Q18(FUSE_RESIDUAL_MAX_UT)
+#define RESIDUAL_FREE_Q18 Q18(FUSE_RESIDUAL_FREE_UT2)
+#define FIELD_STEP_MAX_Q18 Q18(FUSE_FIELD_STEP_MAX_UT)
+#define FIELD_FAR_Q18 Q18(FUSE_SURPRISE_MAX_UT)
+#define PLACE_LIMIT_Q18 Q18(FUSE_PLACE_MAX_UT)
+#define OWN_LIMIT_Q18 Q18(FUSE_OWN_MAX_UT)
+#define PLACE_TURNED_Q18 Q18(FUSE_FIELD_MAX_UT)
+#define FIELD_TURNED_Q18 Q18(FUSE_SURPRISE_UT)
+#define FIELD_TURNED_GAIN_Q14 Q14(2 * FUSE_SURPRISE_UT * 64 / 262144)  // to 64ths
+#define HORIZONTAL_MIN_Q18 Q18(FUSE_HORIZONTAL_MIN_UT)
+
+// A reading's squared distance has 4096ths of 1 uT2.
+#define FIELD_UNIT_FINE ((uint32_t)ROUNDED(FUSE_SURPRISE_UT * FUSE_SURPRISE_UT * 4096))
+#define FIELD_UNIT_TURNED                                                              \
+    ((uint32_t)ROUNDED(FUSE_TURNED_SURPRISE * FUSE_SURPRISE_UT * FUSE_SURPRISE_UT *    \
+                       4096))
+// Twice that of a length in 8ths is 64ths of its square.
+#define ASTRAY_LENGTH ROUNDED(2 * FUSE_ASTRAY_LENGTH_UT * 64 / 8)
+
+// What levelling goes on to correct leans the vertical field: from q14_18 to q13_19.
+#define LEANING_MAX_Q18 Q18(FUSE_FIELD_NOISE_MAX_UT2 / FUSE_FIELD_DRIFT_S2)
+#define LEANING_NOISE ROUNDED(FUSE_FIELD_DRIFT_S2 * 2)
+#define HEADING_LEANING_TWICE ROUNDED(2 * SQUARE(FUSE_HEADING_DRIFT_S))
+
 // What a reading tells of the heading has a noise of its own, as quarters of 1 uT2 in
-// q11_21: 0.7 of that above, times 1 and the squared distance of a reading in units,
-// which is at most 25; and 8100 s2 of what leans, at most 506 uT2.
-#define TURNING_NOISE INT32_C(548)
-#define TURNING_FAR (FIELD_UNIT_FINE * 25)
-#define TURNING_LEANING_MAX_Q18 INT32_C(16384)
-#define TURNING_LEANING INT32_C(16200)
-#define TURNING_NOISE_MAX INT32_C(1000000000)
-#define TURNED_BY_Q30 INT32_C(2342541)         // half of 4 deg, from q14_18 to q2_14
-#define TURNED_BY_FIELD_Q18 INT32_C(13107200)  // 50 uT
-#define TURNED_OFF_Q30 INT32_C(1199381129)     // half of a degree, from q14_18 to q7_25
-#define RESIDUAL_LIMIT_Q18 INT32_C(2621440)    // 10 uT
-#define RESIDUAL_FREE_Q18 INT32_C(524288)      // 2 uT2 are noise
-#define STRANGE_VARIANCE INT32_C(13107200)     // (5 uT)^2
-#define FIELD_STEP_MAX_Q18 INT32_C(1572864)    // 6 uT
-#define FIELD_FAR_Q18 INT32_C(23592960)        // 30 * 3 uT
-#define PLACE_LIMIT_Q18 INT32_C(943718400)     // 3600 uT
-#define OWN_LIMIT_Q18 INT32_C(104857600)       // 400 uT
-#define PLACE_TURNED_Q18 INT32_C(15728640)     // 60 uT
-#define PLACE_SPREAD_MAX INT32_C(31457280)     // 60 uT2, below the variances' limit
-#define FIELD_TURNED_Q18 INT32_C(786432)       // 3 uT
-#define FIELD_TURNED_GAIN_Q14 24               // 2 * 3 uT times uT q14_18 to 64ths
-#define HORIZONTAL_MIN_Q18 INT32_C(262144)     // 1 uT
-// Heading variance that a frame adds, rad2 as 2^-39ths: 0.05 deg2/s; 0.3 where no
-// reading comes; 40 where readings say that it is wrong; and by what the gyroscope's
-// uncertainty turned it, (4 deg)^2 as 2^-17ths.
-#define HEADING_WANDER INT32_C(837326)
-#define HEADING_WANDER_ALONE INT32_C(5023956)
-#define HEADING_WANDER_TURNED INT32_C(669860790)
-#define HEADING_TURNED INT32_C(20443)
-// A heading's stated variance has a part of the covariance, and (6 s)^2 of what
-// leans: fitted, see fuse_quality.
-#define COVARIANCE_SHARE_Q30 INT32_C(295279002)  // 0.275
-#define HEADING_LEANING_TWICE 72                 // of q14_18 as q13_19
-// Of the accelerometer's error a third: the rest looks like a field of the probe's own.
-#define LEVEL_SHARE 3
-// What soft iron adds where nothing is calibrated: (1.5 uT)^2.
-#define UNCALIBRATED_VARIANCE INT32_C(1179648)
+// q11_21: a share of that of the field, times 1 and the squared distance of a reading
+// in units; and what leans.
+#define TURNING_NOISE                                                                  \
+    ROUNDED(512.0 / 4 * FUSE_TURNING_SHARE * FUSE_FIELD_NOISE_UT2_S / FUSE_WINDOW_S /     \
+            (SQUARE(FUSE_SURPRISE_UT)))
+#define TURNING_FAR                                                                    \
+    ((uint32_t)ROUNDED(FUSE_TURNING_FAR * FUSE_SURPRISE_UT * FUSE_SURPRISE_UT * 4096))
+#define TURNING_LEANING_MAX_Q18                                                        \
+    Q18(FUSE_TURNING_LEANING_MAX_UT2 / FUSE_TURNING_DRIFT_S2)
+#define TURNING_LEANING ROUNDED(FUSE_TURNING_DRIFT_S2 / 4 * 8)
+#define TURNING_NOISE_MAX INT32_C(1000000000)  // of what kalman_read takes
+// Half of what a heading error of 4 degrees changes, from q14_18 to q2_14.
+#define TURNED_BY_Q30 Q_RAD(4.0 / 2 / 16, 30)
+#define TURNED_BY_FIELD_Q18 Q18(FUSE_TURNING_FIELD_MAX_UT)
+#define TURNED_OFF_Q30 Q_RAD(0.5 * 128, 30)  // half a degree, from q14_18 to q7_25
+
+// Heading variance that a window adds, rad2 as 2^-39ths; and that by what the
+// gyroscope's uncertainty turned it, (4 deg)^2 as 2^-17ths.
+#define HEADING_WANDER Q_RAD2(FUSE_PER_WINDOW(FUSE_HEADING_WANDER_DEG2_S), 39)
+#define HEADING_WANDER_ALONE                                                           \
+    Q_RAD2(FUSE_PER_WINDOW(FUSE_HEADING_WANDER_ALONE_DEG2_S), 39)
+#define HEADING_WANDER_TURNED                                                          \
+    Q_RAD2(FUSE_PER_WINDOW(FUSE_HEADING_WANDER_TURNED_DEG2_S), 39)
+#define HEADING_TURNED Q_RAD2(4 * 4, 39 - 17)
+#define COVARIANCE_SHARE_Q30 Q30(FUSE_COVARIANCE_SHARE)
 
 // One copy, whose numbers are on the stack only while it runs.
 #define NOINLINE __attribute__((noinline))
@@ -302,7 +317,7 @@ void fuse_stage_turning(struct fuse *fuse) {
     }
     const int32_t off = look_across(fuse, &noise);
     const int32_t far = fixed_square_q30(fixed_scale_up(off, 6));
-    fixed_add(fixed_divide(far - fuse->residual, 64), &fuse->residual);
+    fixed_add(fixed_divide(far - fuse->residual, RESIDUAL_WINDOWS), &fuse->residual);
     q2_14_t row[KALMAN_STATES] = {0};
     row[FUSE_TURNS] = fuse->turned_by;
     fuse_read_motion(
@@ -334,14 +349,15 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
     }
     // A field of the same length and steepness means that the heading is wrong.
     fuse->is_turned =
-        sum.square > FIELD_UNIT_FINE * 8 &&
+        sum.square > FIELD_UNIT_TURNED &&
         fixed_magnitude(off) < (uint32_t)FIELD_TURNED_Q18 &&
         fixed_magnitude(longer_flat) <
             (uint32_t)fixed_mul_q14(sum.horizontal, FIELD_TURNED_GAIN_Q14);
     const uint16_t coarse =
         (uint16_t)fixed_clamp(fixed_divide((int32_t)sum.square, 64), UINT16_MAX);
     fuse->field_surprise =
-        (uint16_t)(fuse->field_surprise - fuse->field_surprise / 4 + coarse / 4);
+        (uint16_t)(fuse->field_surprise - fuse->field_surprise / SURPRISE_WINDOWS +
+                   coarse / SURPRISE_WINDOWS);
     // sqrt(1 + square / unit), times 768
     q13_19_t *noise = &fuse->field_noise;
     *noise = FIELD_NOISE / 768 *
@@ -349,17 +365,18 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
                  (uint32_t)fixed_scale_up((int32_t)(FIELD_UNIT_FINE + sum.square), 4));
     if (fuse_is_at_rest(fuse)) {
         // Readings at rest repeat each other.
-        *noise =
-            fixed_times(fixed_clamp_high(*noise, FIXED_HIGH(FIELD_NOISE_MAX / 3)), 3);
+        *noise = fixed_times(
+            fixed_clamp_high(*noise, FIXED_HIGH(FIELD_NOISE_MAX / FUSE_REST_FACTOR)),
+            FUSE_REST_FACTOR);
     } else {
-        // A mean over 1.6 s. An error of level or heading turns a reading and leaves
-        // its length, within 2 uT: 2 * 2 * 64, of a length in 8ths.
+        // An error of level or heading turns a reading and leaves its length.
         const bool is_strange =
             sum.square > FIELD_UNIT_FINE && !fuse->is_turned &&
             fixed_magnitude(sum.longer) >
-                (uint32_t)fixed_scale_up(fixed_sqrt((uint32_t)sum.length), 5);
-        fuse->field_astray = (uint16_t)(fuse->field_astray - fuse->field_astray / 16 +
-                                        (is_strange ? UINT16_MAX / 16 : 0));
+                (uint32_t)fixed_times(fixed_sqrt((uint32_t)sum.length), ASTRAY_LENGTH);
+        fuse->field_astray =
+            (uint16_t)(fuse->field_astray - fuse->field_astray / ASTRAY_WINDOWS +
+                       (is_strange ? UINT16_MAX / ASTRAY_WINDOWS : 0));
     }
     fixed_add_clamped_high(
         fixed_times(fixed_clamp(leaning(fuse, fuse->drift_square), LEANING_MAX_Q18),
@@ -444,10 +461,12 @@ NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
                             : fixed_mul_q30(across, COVARIANCE_SHARE_Q30);
     fixed_add(fixed_times(leaning(fuse, fuse->drift_square), HEADING_LEANING_TWICE),
               &total_q19);
-    fixed_add(2 * fixed_divide(leaning(fuse, fuse->level_variance), LEVEL_SHARE),
+    fixed_add(2 * fixed_divide(leaning(fuse, fuse->level_variance), FUSE_LEVEL_SHARE),
               &total_q19);
     if (fuse->residual > RESIDUAL_FREE_Q18) {
-        fixed_add(fixed_scale_up(fuse->residual - RESIDUAL_FREE_Q18, 3), &total_q19);
+        fixed_add(
+            fixed_times(fuse->residual - RESIDUAL_FREE_Q18, 2 * FUSE_RESIDUAL_SHARE),
+            &total_q19);
     }
     if (fuse->field_astray > FUSE_FIELD_STRANGE) {
         fixed_add(STRANGE_VARIANCE, &total_q19);

@@ -7,52 +7,62 @@
 
 #include "core/fusion/fuse_stages.h"
 
+#define LOOK_S (2 * FUSE_WINDOW_S)  // of an axis for bias and scales in motion
+
 enum {
-    REST_SETTLE = 50,  // looks in VQF's mean of 0.5 s
-    // Of what levelling goes on to correct, and of its square: 2 and 6.4 s, a look of
-    // an axis every second frame.
-    DRIFT_LOOKS = 10,
-    DRIFT_SQUARE_LOOKS = 32,
+    REST_SETTLE = FUSE_LOOKS(FUSE_REST_TAU_S),
+    DRIFT_LOOKS = ROUNDED(FUSE_DRIFT_TAU_S / LOOK_S),
+    DRIFT_SQUARE_LOOKS = ROUNDED(FUSE_DRIFT_SQUARE_TAU_S / LOOK_S),
+    SCALE_SIGMA_MAX = ROUNDED(FUSE_SCALE_SIGMA * 1e5),  // as 1e-5
+    WARMING_STEPS = 32,
+    WARMING_WINDOWS = FUSE_WINDOWS(FUSE_WARMING_TAU_S),
 };
 
-#define REST_RATE_Q25 INT32_C(1171271)          // VQF's 2 deg/s
-#define REST_FORCE_Q21 INT32_C(1048576)         // VQF's 0.5 m/s2
-#define REST_RATE_LIMIT_Q25 INT32_C(335544320)  // 10 rad/s: keeps the low-pass in range
-#define BIAS_LIMIT_Q25 INT32_C(114085069)       // 3.4 rad/s
+#define REST_RATE_Q25 Q_RAD(FUSE_REST_RATE_DPS, 25)
+#define REST_FORCE_Q21 Q21(FUSE_REST_FORCE_M_S2)
+#define REST_RATE_LIMIT_Q25 Q25(FUSE_REST_RATE_MAX_RAD_S)
+#define BIAS_LIMIT_Q25 Q25(FUSE_BIAS_MAX_RAD_S)
 
-// Variances as q11_21: of the bias in 4ths of 1 deg/s, of scales in 500ths, of the
-// heading's error in 4 deg.
-#define BIAS_VARIANCE_MAX INT32_C(8388608)     // (0.5 deg/s)^2
-#define BIAS_VARIANCE_FOUND INT32_C(3355)      // (0.01 deg/s)^2
-#define SCALE_VARIANCE_MAX INT32_C(52428800)   // 1 %: (5 / 500)^2
-#define SCALE_VARIANCE_MIN INT32_C(47186)      // 0.03 %, which temperature changes
-#define SCALE_VARIANCE_UNIT UINT32_C(52)       // 1e-5, squared
-#define SCALE_SIGMA_MAX 1000                   // 1 %, as 1e-5
-#define TURNED_VARIANCE_MAX INT32_C(52428800)  // (20 deg)^2
-#define TURNED_STEP_MAX INT32_C(786432)        // 6 deg2
-#define BIAS_WANDER INT32_C(503)               // 1.5e-4 (deg/s)^2 a second
-#define WARMING_STEPS 32
-#define WARMING UINT16_C(53687)   // 5e-4 (deg/s)^2 a second more, as 32nds
-#define SCALE_WANDER INT32_C(21)  // 4e-10 a second
-// Of what levelling corrects: 1.2 (deg/s)^2 s, and 10 s times the square of what it
-// goes on to correct, at most 3.057 (deg/s)^2, from q2_30; over the 0.2 s of a look.
-#define MOTION_NOISE INT32_C(12582912)
-#define MOTION_DRIFT INT32_C(321)
-#define MOTION_DRIFT_MAX_Q30 INT32_C(999885)
-#define REST_NOISE INT32_C(30199)        // (0.03 deg/s)^2 of a mean at rest, in 4ths
-#define REST_DOUBT_Q25 INT32_C(2342541)  // 4 deg/s: 0.78 of its square is noise
-#define REST_SURPRISE_Q25 INT32_C(134217728)  // 4 rad/s
-#define TILTING_LIMIT_Q25 INT32_C(2928177)    // 5 deg/s
-#define TURN_LIMIT_Q14 INT32_C(24576)         // 1.5 * 500 deg/s
-#define SCALE_LIMIT_Q30 INT32_C(85899346)     // 8 %
-// rad/s as q15 over 500 deg/s to q2_14: 2^-1 * 0.1145916.
-#define TURN_GAIN_Q30 INT32_C(61520875)
-// A scale as q2_30 times 500 deg/s to rad/s q7_25: 8.726646 / 2^5.
-#define EFFECT_GAIN_Q30 INT32_C(292817659)
-// Scale a rad/s of surprise, from q7_25 to q2_30: 57.29578 / 500 * 2^5, halved.
-#define SCALE_GAIN_Q30 INT32_C(1968667994)
-// 0.1 s of a rate in 1 deg/s, in 4 deg.
-#define TURNED_GAIN_Q30 INT32_C(26843546)
+// States: bias in 4ths of 1 deg/s, scales in 500ths, the heading's error in 4 deg.
+// Variances of them as q11_21.
+#define RATE_UNIT_DPS 500
+#define HEADING_UNIT_DEG 4
+#define BIAS_VARIANCE(square_dps) Q21((square_dps)*16)
+#define SCALE_VARIANCE(square) Q21(1.0 * RATE_UNIT_DPS * RATE_UNIT_DPS * (square))
+#define TURNED_VARIANCE(square_deg)                                                    \
+    Q21((square_deg) / (HEADING_UNIT_DEG * HEADING_UNIT_DEG))
+#define BIAS_VARIANCE_MAX BIAS_VARIANCE(SQUARE(FUSE_BIAS_SIGMA_DPS))
+#define BIAS_VARIANCE_FOUND BIAS_VARIANCE(SQUARE(FUSE_BIAS_FOUND_SIGMA_DPS))
+#define SCALE_VARIANCE_MAX SCALE_VARIANCE(SQUARE(FUSE_SCALE_SIGMA))
+#define SCALE_VARIANCE_MIN SCALE_VARIANCE(SQUARE(FUSE_SCALE_SIGMA_LEAST))
+#define SCALE_VARIANCE_UNIT ((uint32_t)SCALE_VARIANCE(1e-10))  // of 1e-5, squared
+#define TURNED_VARIANCE_MAX TURNED_VARIANCE(SQUARE(FUSE_TURNED_SIGMA_MAX_DEG))
+#define TURNED_STEP_MAX TURNED_VARIANCE(FUSE_TURNED_STEP_MAX_DEG2)
+#define BIAS_WANDER BIAS_VARIANCE(FUSE_PER_WINDOW(FUSE_BIAS_WANDER_DPS2_S))
+#define WARMING                                                                        \
+    ((uint16_t)BIAS_VARIANCE(FUSE_WARMING_DPS2_S * FUSE_WINDOW_S * WARMING_STEPS))
+#define SCALE_WANDER SCALE_VARIANCE(FUSE_PER_WINDOW(FUSE_SCALE_WANDER_S))
+// Of what levelling corrects in a look, (deg/s)^2 q11_21; the square of what goes on is
+// (rad/s)^2 q2_30.
+#define MOTION_NOISE Q21(FUSE_MOTION_NOISE_DPS2_S / LOOK_S)
+#define MOTION_DRIFT Q_DEG2(FUSE_MOTION_DRIFT_S / LOOK_S / 512, 0)
+#define MOTION_DRIFT_MAX_Q30 Q_RAD2(FUSE_MOTION_DRIFT_MAX_DPS2, 30)
+#define REST_NOISE BIAS_VARIANCE(SQUARE(FUSE_REST_SIGMA_DPS))
+#define REST_DOUBT_Q25 Q_RAD(FUSE_REST_DOUBT_MAX_DPS, 25)
+// The square of a surprise, (rad/s)^2 q34, as its noise.
+#define REST_DOUBT Q_DEG2(FUSE_REST_DOUBT / 512, 0)
+#define REST_SURPRISE_Q25 Q25(FUSE_REST_SURPRISE_MAX_RAD_S)
+#define TILTING_LIMIT_Q25 Q_RAD(FUSE_TILTING_MAX_DPS, 25)
+#define TURN_LIMIT_Q14 Q14(FUSE_TURN_MAX)
+#define SCALE_LIMIT_Q30 Q30(FUSE_SCALE_MAX)
+// rad/s as q15 to q2_14 in 500 deg/s; the product is halved.
+#define TURN_GAIN_Q30 Q_DEG(1.0 / RATE_UNIT_DPS / 2, 30)
+// A scale as q2_30 times 500 deg/s to rad/s q7_25.
+#define EFFECT_GAIN_Q30 Q_RAD(RATE_UNIT_DPS / 32.0, 30)
+// Scale a rad/s of surprise, from q7_25 to q2_30; half of it.
+#define SCALE_GAIN_Q30 Q_DEG(32.0 / RATE_UNIT_DPS / 2, 30)
+// A window of a rate in 1 deg/s, in 4 deg.
+#define TURNED_GAIN_Q30 Q30(FUSE_WINDOW_S / HEADING_UNIT_DEG)
 
 _Static_assert((int)LOWPASS_SHORTS == (int)FUSE_TURNS, "one for each state that turns");
 
@@ -65,9 +75,8 @@ enum {
 // One copy, whose numbers are on the stack only while it runs.
 #define NOINLINE __attribute__((noinline))
 
-// Of VQF's rest filter, 0.5 s, at 100 looks a second.
-static const IN_FLASH struct lowpass_gain rest_gain = {
-    INT32_C(15186038), INT32_C(1052480662), REST_SETTLE};
+static const IN_FLASH struct lowpass_gain rest_gain =
+    LOWPASS_GAIN(FUSE_LOOK_S, FUSE_REST_TAU_S);
 
 // States are known this well, whatever else is known.
 NOINLINE static void set_variances(struct fuse *fuse, uint8_t state, uint8_t end,
@@ -157,7 +166,7 @@ void fuse_stage_predict(struct fuse *fuse) {
     kalman_wander(covariance, 0, BIAS_WANDER + fuse->warming / WARMING_STEPS,
                   FIXED_HIGH(BIAS_VARIANCE_MAX));
     kalman_wander(covariance, SCALE, SCALE_WANDER, FIXED_HIGH(SCALE_VARIANCE_MAX));
-    fuse->warming = (uint16_t)(fuse->warming - fuse->warming / 256);
+    fuse->warming = (uint16_t)(fuse->warming - fuse->warming / WARMING_WINDOWS);
     kalman_share(covariance, HEADING, fuse->up, shared);
     int32_t *const heading = covariance + HEADING_PAIRS;
     int32_t sum = 0;
@@ -263,7 +272,7 @@ void fuse_stage_rest(struct fuse *fuse) {
     const int32_t off = fixed_scale_up(fixed_clamp(surprise, REST_DOUBT_Q25), 7);
     row[axis] = FUSE_Q2_14_ONE;
     fuse_read_motion(
-        fuse, row, REST_NOISE + fixed_times(fixed_square_q30(off), 5),
+        fuse, row, REST_NOISE + fixed_times(fixed_square_q30(off), REST_DOUBT),
         fixed_scale_up(fixed_clamp_high(surprise, FIXED_HIGH(REST_SURPRISE_Q25)), 2));
     fuse_next_axis(fuse);
 }

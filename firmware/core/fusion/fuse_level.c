@@ -5,13 +5,14 @@
 
 #include "core/fusion/fuse_stages.h"
 
-#define FORCE_LIMIT_Q13 INT32_C(3906250)  // 477 m/s2: more than the range's corner
-#define FORCE_MIN_Q21 INT32_C(2097152)    // 1 m/s2: in free fall nothing levels
-// A correction, rad a frame as q2_30, to rad/s q7_25: 10 / 2^5.
-#define TILTING_GAIN_Q14 5120
+// 477 m/s2 as q13, more than the range's corner: 256 times as much is low-passed.
+#define FORCE_LIMIT_Q13 (LOWPASS_INPUT_MAX / 256)
+#define FORCE_MIN_Q21 Q21(FUSE_FORCE_MIN_M_S2)
+// A correction, rad a window as q2_30, to rad/s q7_25.
+#define TILTING_GAIN_Q14 Q14(1 / FUSE_WINDOW_S / 32)
 
-const IN_FLASH struct lowpass_gain fuse_level_gain = {
-    INT32_C(25313034), INT32_C(1038540272), FUSE_LEVEL_SETTLE};
+const IN_FLASH struct lowpass_gain fuse_level_gain =
+    LOWPASS_GAIN(FUSE_WINDOW_S, FUSE_LEVEL_TAU_S);
 
 // Turns the level frame so that the low-passed specific force points up. Leaves the
 // correction about x and y in `tilt`.

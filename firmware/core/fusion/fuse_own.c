@@ -4,12 +4,11 @@
 #include "core/fusion/fuse_stages.h"
 
 enum {
-    OWN_SIGMA = 12,  // 3 uT: 2 uT of the filter's, and what soft iron adds to it
-    // (6 uT)^2 as 64ths of 1 uT2: soft iron of 4 % and a field that is a little uneven.
-    SURPRISE_MAX = 4 * FUSE_FIELD_UNIT,
+    OWN_SIGMA = ROUNDED(FUSE_OWN_KEPT_SIGMA_UT * 4),
+    SURPRISE_MAX = ROUNDED(FUSE_OWN_SURPRISE_MAX_UT * FUSE_OWN_SURPRISE_MAX_UT * 64),
 };
 
-#define OWN_SURE INT32_C(2097152)  // (2 uT)^2 as q13_19
+#define OWN_SURE Q19(SQUARE(FUSE_OWN_SURE_SIGMA_UT))
 
 void fuse_use_own(struct fuse *fuse, const struct own_field *own) {
     if (own->sigma == 0 || own->sigma > OWN_FIELD_SIGMA_MAX) {

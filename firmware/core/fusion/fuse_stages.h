@@ -13,24 +13,25 @@
 #define FUSE_STAGES_H
 
 #include "core/fusion/fuse.h"
+#include "core/fusion/fuse_params.h"
+#include "core/math/constant.h"
 
 enum {
-    FUSE_FRAMES_HZ = 10,
-    FUSE_LEVEL_SETTLE = 30,        // frames in VQF's tau_acc, 3 s
+    FUSE_LEVEL_SETTLE = FUSE_WINDOWS(FUSE_LEVEL_TAU_S),
     FUSE_FRAMES_LOST = UINT8_MAX,  // level and heading are found anew
-    FUSE_REST_LOOKS = 150,  // VQF's rest: 1.5 s without motion, at 100 looks a second
-    FUSE_CLIPPED_LOST = 4,  // samples of a frame whose motion was lost: so is attitude
-    FUSE_FIELD_LEARN = 20,  // readings whose mean is the first field: 2 s
-    FUSE_FIELD_UNIT = 576,  // (3 uT)^2 as 64ths of 1 uT2
-    FUSE_FIELD_STRANGE = 13107,  // a fifth: iron or a magnet is near
-    FUSE_FIELD_ASTRAY = 32767,   // half: the field of the probe has changed
+    FUSE_REST_LOOKS = FUSE_LOOKS(FUSE_REST_S),
+    FUSE_FIELD_LEARN = FUSE_WINDOWS(FUSE_LEARN_S),  // a reading each
+    // Squared distances as 64ths of 1 uT2, shares as 65536ths.
+    FUSE_FIELD_UNIT = ROUNDED(FUSE_SURPRISE_UT * FUSE_SURPRISE_UT * 64),
+    FUSE_FIELD_STRANGE = Q16(FUSE_STRANGE_SHARE),
+    FUSE_FIELD_ASTRAY = Q16(FUSE_ASTRAY_SHARE) - 1,  // is an int of 16 bits
     FUSE_Q2_14_ONE = 16384,
 };
 
-#define FUSE_HEADING_VARIANCE_MAX_Q30 INT32_C(1073741824)  // (57 deg)^2
-#define FUSE_HEADING_FREE_Q30 INT32_C(294372418)           // (30 deg)^2
+#define FUSE_HEADING_VARIANCE_MAX_Q30 Q2_30_ONE  // (57 deg)^2
+#define FUSE_HEADING_FREE_Q30 Q_RAD2(SQUARE(FUSE_HEADING_FREE_DEG), 30)
 
-// Of VQF's tau_acc, 3 s, at FUSE_FRAMES_HZ.
+// Of the force, a step each window.
 extern const IN_FLASH struct lowpass_gain fuse_level_gain;
 
 static inline bool fuse_is_at_rest(const struct fuse *fuse) {

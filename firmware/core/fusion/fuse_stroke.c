@@ -5,8 +5,13 @@
 #include "core/fusion/fuse_stages.h"
 #include "core/fusion/stroke.h"
 
-#define DRIFT_MAX_Q15 INT32_C(16384)        // 0.5 m/s2: 3 deg
-#define DRIFT_NOISE_MAX UINT32_C(9985799)  // 0.0093 (m/s2)^2
+#define DRIFT_MAX_Q15 Q15(FUSE_STROKE_DRIFT_MAX_M_S2)
+#define DRIFT_NOISE_MAX ((uint32_t)Q30(FUSE_STROKE_NOISE_MAX_M2_S4))
+#define WINDOW_TURNS (FUSE_G_M_S2 * FUSE_WINDOW_S)  // m/s2 a rad/s of bias
+// (m/s2)^2 q2_30 of one window as the variance of a bias in 4ths of 1 deg/s, q11_21.
+#define DRIFT_NOISE ((uint32_t)Q_DEG2(16.0 / 512 / (SQUARE(WINDOW_TURNS)), 0))
+// m/s2 q15 of one window as a bias, rad/s q7_25, four times.
+#define DRIFT_TURN ROUNDED(4 * 1024 / WINDOW_TURNS)
 
 void fuse_deny_rest(struct fuse *fuse) {
     fuse->rest_looks = 0;
@@ -22,16 +27,14 @@ void fuse_learn_drift(struct fuse *fuse, const struct vector *delta_q15,
     quat_rotate(&fuse->level_from_inertial, delta_q15, &delta);
     quat_multiply(&fuse->level_from_inertial, &fuse->inertial_from_body, &attitude);
     matrix_from_quat(&attitude, &level_from_body);
-    // (m/s2)^2 to that of a bias in 4ths of 1 deg/s, q11_21: 106.7 / windows^2.
     const uint32_t noise = noise_q30 > DRIFT_NOISE_MAX ? DRIFT_NOISE_MAX : noise_q30;
-    const int32_t variance = (int32_t)(noise * 107 / square) + 1;
+    const int32_t variance = (int32_t)(noise * DRIFT_NOISE / square) + 1;
     for (uint8_t axis = 0; axis < 2; ++axis) {
         q2_14_t row[FUSE_MOTION_STATES] = {0};
         memcpy(row, level_from_body.row[axis], sizeof level_from_body.row[axis]);
-        // rad/s q7_25, four times: 2^10 * 4 / (g * 0.1 s) a window.
         const int32_t force = axis == 0 ? -delta.y : delta.x;
         fuse_read_motion(fuse, row, variance,
-                         fixed_clamp(force, DRIFT_MAX_Q15) * 4177 / windows);
+                         fixed_clamp(force, DRIFT_MAX_Q15) * DRIFT_TURN / windows);
     }
 }
 

@@ -3,7 +3,11 @@
 #include "core/fusion/lowpass.h"
 
 // Of 3 s in steps of 0.1 s: the gains of lowpass.h as 2^16ths, 1 less the feedback.
-enum { SHORT_INTEGRATOR = 1545, SHORT_LOSS = 2149, SHORT_SETTLE = 30 };
+enum {
+    SHORT_INTEGRATOR = Q16(LOWPASS_INTEGRATOR(0.1, 3)),
+    SHORT_LOSS = Q16(1 - LOWPASS_FEEDBACK(0.1, 3)),
+    SHORT_SETTLE = 30,
+};
 
 void lowpass_axis_step(int32_t *level, int32_t *band,
                        const IN_FLASH struct lowpass_gain *gain, uint8_t count,

@@ -4,6 +4,7 @@
 #ifndef LOWPASS_H
 #define LOWPASS_H
 
+#include "core/math/constant.h"
 #include "core/math/in_flash.h"
 #include "core/math/vector.h"
 
@@ -32,8 +33,25 @@ struct lowpass_gain {
     uint8_t settle;      // steps in tau
 };
 
+// The same at compile time, both in seconds: the tangent's series, to 1e-9 for a step
+// of at most a tenth of tau.
+#define LOWPASS_GAIN(step, tau)                                                        \
+    {                                                                                  \
+        Q30(LOWPASS_INTEGRATOR(step, tau)), Q30(LOWPASS_FEEDBACK(step, tau)),          \
+            ROUNDED((tau) / (step))                                                    \
+    }
+#define LOWPASS_SQRT_2 1.414214
+#define LOWPASS_TAN(x) ((x) * (1 + (x) * (x) / 3 * (1 + (x) * (x)*0.4)))
+#define LOWPASS_INTEGRATOR(step, tau) LOWPASS_TAN((step) / (LOWPASS_SQRT_2 * (tau)))
+#define LOWPASS_FEEDBACK(step, tau)                                                    \
+    (1 / (1 + LOWPASS_INTEGRATOR(step, tau) *                                          \
+                  (LOWPASS_INTEGRATOR(step, tau) + LOWPASS_SQRT_2)))
+
+#define LOWPASS_INPUT_MAX INT32_C(1000000000)
+
 // Takes the `count`th input, counted from 1; any number above `settle` will do once it
-// has settled. Needs |input| <= 1e9; the states stay below 1.1 of the largest input.
+// has settled. Needs |input| <= LOWPASS_INPUT_MAX; the states stay below 1.1 of the
+// largest input.
 void lowpass_axis_step(int32_t *level, int32_t *band,
                        const IN_FLASH struct lowpass_gain *gain, uint8_t count,
                        int32_t input);

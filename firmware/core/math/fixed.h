@@ -69,10 +69,9 @@ int32_t fixed_clamp(int32_t value, int32_t limit);
 // The same of a limit whose lower half is 0: FIXED_HIGH(limit) is what the AVR loads.
 int32_t fixed_clamp_high(int32_t value, int16_t limit_high);
 
-// The upper half of a positive constant, whose lower half must be 0.
-#define FIXED_HIGH(constant)                                                           \
-    ((int16_t)((constant) / 65536 +                                                    \
-               0 * (int32_t)sizeof(char[(constant) % 65536 == 0 ? 1 : -1])))
+// The upper half of a positive constant, whose lower half must be 0, as a test checks:
+// what Q30() and the like make is too much for a static assertion.
+#define FIXED_HIGH(constant) ((int16_t)((constant) / 65536))
 
 // *sum += step; the sum must fit. A call takes less of the AVR's flash than a sum of 32
 // bits in memory, the least where `step` is what a function returned.
