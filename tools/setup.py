@@ -209,7 +209,7 @@ def install_package() -> None:
     sources = [
         ROOT / "pyproject.toml",
         ROOT / "CMakeLists.txt",
-        *sorted((ROOT / "host" / "imud").glob("*.c")),
+        *sorted((ROOT / "host" / "imud" / "native").glob("*.[ch]")),
         *sorted((ROOT / "firmware" / "core").rglob("*.[ch]")),
     ]
     digest = hashlib.sha256(str(ROOT).encode())

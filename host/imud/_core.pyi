@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""The firmware's portable C: _core.c over firmware/core."""
+"""The firmware's portable C: native/module.c over firmware/core."""
 
 from collections.abc import Sequence
 from typing import Any, Final, TypedDict, final

@@ -2,7 +2,7 @@
 // Messages and records that Python hands over, as the structs that the firmware's
 // functions take. Each function sets ValueError and returns false for what it can't
 // use.
-#include "_inputs.h"
+#include "inputs.h"
 
 #include "core/drivers/lsm9ds0.h"
 #include "core/drivers/mpu9250.h"

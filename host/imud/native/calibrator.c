@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // _core.Calibrator: the counts of raw messages in physical units, as the probe's filter
 // gets them.
-#include "_inputs.h"
+#include "inputs.h"
 
 struct calibrator {
     PyObject_HEAD struct calibration calibration;

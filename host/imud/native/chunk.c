@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // _core.Chunk: the messages of an MCAP chunk and their indexes, as
 // https://mcap.dev/spec has them; log/writer.py writes what surrounds them.
-#include "_module.h"
+#include "module.h"
 
 #include <string.h>
 

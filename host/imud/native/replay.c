@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // _core.Replay: computes a probe's poses again from its raw messages.
-#include "_inputs.h"
+#include "inputs.h"
 
 #include <string.h>
 

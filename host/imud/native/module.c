@@ -2,7 +2,7 @@
 // The firmware's own C for Python: the host frames, checks and computes with the same
 // functions that run on a probe. Limited API, so one build serves Python 3.11 and
 // later.
-#include "_module.h"
+#include "module.h"
 
 #include <errno.h>
 #include <string.h>

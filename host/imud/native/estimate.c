@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // _core.estimate: a clock from upper and lower bounds of its host times.
 // probes/clock.py keeps the bounds; docs/clock.md has the arithmetic.
-#include "_module.h"
+#include "module.h"
 
 #include <math.h>
 

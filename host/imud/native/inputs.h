@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
-// What Python hands over, as the firmware's structs; see _inputs.c.
+// What Python hands over, as the firmware's structs; see inputs.c.
 #ifndef INPUTS_H
 #define INPUTS_H
 
-#include "_module.h"
+#include "module.h"
 
 #include "core/drivers/sample.h"
 #include "core/drivers/sensor.h"

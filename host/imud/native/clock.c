@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // _core.Rising and _core.Line: what the clocks of probes and host are asked for each
 // message. probes/clock.py and timeline.py estimate; docs/clock.md has the arithmetic.
-#include "_module.h"
+#include "module.h"
 
 #include <math.h>
 

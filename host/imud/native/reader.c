@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // _core.Reader: the numbers in the content of a message as values. It takes what
 // wire/fields.py says of each field and reads what fits; the rest is left to that file.
-#include "_module.h"
+#include "module.h"
 
 #include <math.h>
 #include <string.h>
