@@ -56,7 +56,7 @@ STATUS: dict[str, Any] = {
     "receive_lost": 0,
     "supply": 4990,
 }
-# A healthy MPU-9250 (tests/host/test_self_test.py).
+# A healthy MPU-9250 (tests/host/probes/test_self_test.py).
 SELF_TEST: dict[str, Any] = {
     "type": "self_test",
     "before": (-12, 340, 16384, 15, -9, 131),

@@ -139,7 +139,7 @@ from imud.daemon import lane as lane_module
 from imud.daemon.lane import Lane
 from imud.sinks.log import LogSink
 from log_files import records
-from test_log_disk import counts, hand_over
+from test_disk import counts, hand_over
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 lane_module.RETRY_S = 0.0
 sink = LogSink(Path({str(tmp_path)!r}))

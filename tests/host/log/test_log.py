@@ -206,7 +206,7 @@ def test_at_most_a_quarter_second_is_lost_by_kill_9(tmp_path: Path, seed: int) -
 
 def write_until_killed(folder: Path, count: int) -> list[int]:
     """The times of the records that were put until it was killed."""
-    here = Path(__file__).resolve().parent.parent
+    here = Path(__file__).resolve().parents[2]
     writer = subprocess.Popen(
         [sys.executable, "-c", WRITER, str(folder)],
         stdout=subprocess.PIPE,

@@ -34,7 +34,7 @@ from imud.sinks.ros2 import TF
 from imud.virtual import leg
 from streaming import until
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "limb.md"
+DOCUMENT = Path(__file__).parents[3] / "docs" / "limb.md"
 ENDED_S = 60.0  # only a hang takes longer
 
 

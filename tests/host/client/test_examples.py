@@ -15,7 +15,7 @@ import pytest
 
 from fakes import PATIENCE_S, POSE, DaemonProcess, FakeProbe, Port, free_endpoint
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 
 
 @pytest.fixture

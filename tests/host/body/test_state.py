@@ -11,7 +11,7 @@ import pytest
 
 from imud.body.state import BodyState
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "limb.md"
+DOCUMENT = Path(__file__).parents[3] / "docs" / "limb.md"
 
 
 def test_the_document_shows_all_of_a_state():
