@@ -63,34 +63,41 @@ def identified(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
 
-core_files = pytest.mark.parametrize(
-    "path", files(CORE, kinds=("*.c", "*.h")), ids=identified
-)
-core_sources = pytest.mark.parametrize(
-    "path", files(CORE, kinds=("*.c",)), ids=identified
-)
+def none_of(offenders):
+    """Fail with a line for each of them."""
+    lines = [str(each) for each in offenders]
+    assert not lines, "\n".join(lines)
 
 
-@core_files
-def test_core_includes_core_and_four_standard_headers_only(path):
-    for opening, name in includes(path):
-        if opening == "<":
-            assert name in STANDARD
-        else:
-            assert name.startswith("core/"), f"{name} is no header of core/"
-            assert (FIRMWARE / name).is_file(), f"{name} is not there"
+CORE_FILES = files(CORE, kinds=("*.c", "*.h"))
+CORE_SOURCES = files(CORE, kinds=("*.c",))
+
+
+def test_core_includes_core_and_four_standard_headers_only():
+    none_of(
+        f"{identified(path)}: {name}"
+        for path in CORE_FILES
+        for opening, name in includes(path)
+        if not (
+            name in STANDARD
+            if opening == "<"
+            else name.startswith("core/") and (FIRMWARE / name).is_file()
+        )
+    )
 
 
 # Each room of core/ may use those before it.
 ROOMS = ("math", "wire", "drivers", "fusion", "storage", "params", "probe")
 
 
-@core_files
-def test_a_room_of_the_core_uses_those_before_it_only(path):
-    usable = ROOMS[: ROOMS.index(path.parent.name) + 1]
-    for opening, name in includes(path):
-        if opening == '"':
-            assert name.split("/")[1] in usable
+def test_a_room_of_the_core_uses_those_before_it_only():
+    none_of(
+        f"{identified(path)}: {name}"
+        for path in CORE_FILES
+        for opening, name in includes(path)
+        if opening == '"'
+        and name.split("/")[1] not in ROOMS[: ROOMS.index(path.parent.name) + 1]
+    )
 
 
 def included(path):
@@ -179,22 +186,27 @@ def test_chip_models_never_include_the_firmware():
                 assert (path.parent / name).is_file(), f"{path.name}: {name}"
 
 
-@pytest.mark.parametrize("folder", [f for f in FOLDERS if f != "sim"])
-def test_emulators_under_the_gpl_stay_in_sim(folder):
+def test_emulators_under_the_gpl_stay_in_sim():
     used = re.compile(
         r'#\s*include\s*[<"](simavr|unicorn)|^\s*(import|from) unicorn'
         r"|-l(simavr|unicorn)",
         re.M,
     )
-    for path in files(ROOT / folder):
-        if path != Path(__file__) and path.name != "needs.py":
-            assert not used.search(path.read_text()), identified(path)
+    none_of(
+        identified(path)
+        for path in files(*(ROOT / f for f in FOLDERS if f != "sim"))
+        if path not in {Path(__file__), ROOT / "tools" / "needs.py"}
+        and used.search(path.read_text())
+    )
 
 
-@pytest.mark.parametrize("path", files(*(ROOT / f for f in FOLDERS)), ids=identified)
-def test_a_source_file_opens_with_its_licence(path):
-    opening = path.read_text().splitlines()[:2]  # the second line after a #!
-    assert any("SPDX-License-Identifier: MIT" in line for line in opening)
+def test_a_source_file_opens_with_its_licence():
+    none_of(
+        identified(path)
+        for path in files(*(ROOT / f for f in FOLDERS))
+        if "SPDX-License-Identifier: MIT"
+        not in "".join(path.read_text().splitlines()[:2])  # the second after a #!
+    )
 
 
 def test_no_file_holds_an_open_end_or_a_place_of_its_own():
@@ -210,12 +222,14 @@ def test_no_file_holds_an_open_end_or_a_place_of_its_own():
         assert not found, f"{identified(path)}: {found and found[0]}"
 
 
-@core_sources
-def test_numbers_are_shifted_in_fixed_alone(path):
-    if path.name in BYTE_SHUFFLERS or path.name.startswith("fixed"):
-        return
-    code = re.sub(r"//.*|/\*.*?\*/", "", path.read_text())
-    assert not re.search(r"<<|>>", code)
+def test_numbers_are_shifted_in_fixed_alone():
+    none_of(
+        identified(path)
+        for path in CORE_SOURCES
+        if path.name not in BYTE_SHUFFLERS
+        and not path.name.startswith("fixed")
+        and re.search(r"<<|>>", re.sub(r"//.*|/\*.*?\*/", "", path.read_text()))
+    )
 
 
 def test_a_sized_constant_is_one_number():
@@ -237,7 +251,7 @@ def flags_of(compiler):
     return [compiler, "-std=gnu11", "-O2", *WARNINGS, "-Wvla", "-I", FIRMWARE]
 
 
-@core_sources
+@pytest.mark.parametrize("path", CORE_SOURCES, ids=identified)
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_core_compiles_without_a_warning_and_without_floats(compiler, path):
     made = images.compiled(flags_of(compiler), path)
