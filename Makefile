@@ -14,16 +14,19 @@ export PLATFORMIO_DISABLE_UPGRADE_CHECK := true
 unexport PLATFORMIO_CORE_DIR
 # Modules are compiled once, not by each of the hundreds of processes that tests start.
 unexport PYTHONDONTWRITEBYTECODE
-# Tests run side by side: some processes under the address sanitizer, for C that is
-# compiled with it (tests/order.py), and more than there are cores, because many wait.
-# C++ that throws has to be there before the sanitizer, and what that complains of would go
-# down with a worker's stderr.
+# Tests run in several processes: those that load the firmware's C under the address
+# sanitizer, then the others, of which many wait, so that there are more than cores
+# (docs/decisions/0091-plain-pytest.md). C++ that throws has to be there before the
+# sanitizer, and what that complains of would go down with a process's stderr.
 cores := $(shell nproc)
 log := detect_leaks=0:log_path=$(CURDIR)/build/sanitizer
-asan := env IMU_TESTS=native IMU_ASAN=1 ASAN_OPTIONS=$(log) UBSAN_OPTIONS=$(log) \
-	LD_PRELOAD='$$(gcc -print-file-name=libasan.so) libstdc++.so.6' python
-workers := --dist load --tx "$(shell expr $(cores) / 2 + 1)*popen//python=$(asan)" \
-	--tx "$(shell expr $(cores) + 2)*popen//python=env IMU_TESTS=others python"
+asan := IMU_ASAN=1 ASAN_OPTIONS=$(log) UBSAN_OPTIONS=$(log) \
+	LD_PRELOAD="$$(gcc -print-file-name=libasan.so) libstdc++.so.6"
+tests := python -m pytest -q --dist loadfile --max-worker-restart 2 --durations 10
+# Both are run, whatever the first finds; the status tells of either.
+both = $(asan) $(tests) -n $(cores) -m "native$(1)" $(2) || status=1; \
+	$(tests) -n $(shell expr 2 \* $(cores) + 1) -m "not native$(1)" $(2) || status=1; \
+	exit $$status
 
 # Each process with one thread for arrays: they would wait for each other.
 test test-long coverage bench-calibration: export OPENBLAS_NUM_THREADS := 1
@@ -35,13 +38,14 @@ demo: ## virtual probes, daemon, subscriber (BOARD=nano, f405, both, micropython
 	@$(PYTHON) tools/setup.py demo --board $(BOARD)
 	@python tools/demo.py --board $(BOARD) $(if $(SECONDS),--seconds $(SECONDS))
 
-test: ## all tests, those of the C under sanitizers (MEASURE=1 notes their seconds)
+test: ## all tests, those of the C under sanitizers
 	@$(PYTHON) tools/setup.py test
-	@IMU_SAMPLE=1 python -m pytest -q $(workers) --durations 10 $(if $(MEASURE),--measure)
+	@export IMU_SAMPLE=1; status=0; $(both)
 
 test-long: ## hours, cuts and examples of which the tests take a part each time, in full
 	@$(PYTHON) tools/setup.py test
-	@IMU_LONG=1 python -m pytest -q $(workers) -m 'long or sampled or nightly or hypothesis' -o timeout=1800 --durations 10
+	@export IMU_LONG=1; status=0; \
+	  $(call both, and (long or sampled or nightly or hypothesis),-o timeout=1800)
 
 fresh: ## demo and tests of a fresh clone in bare Debian 12 and 13 (SUITE=trixie)
 	@$(PYTHON) tools/fresh.py $(SUITE:%=--suite %)
@@ -53,7 +57,7 @@ bits: ## ten minutes of recordings have the same poses on every processor
 coverage: ## fails where a line of firmware/core is run by none of its tests
 	@$(PYTHON) tools/setup.py coverage
 	@rm -rf build/native
-	@IMU_COVERAGE=1 IMU_TESTS=native python -m pytest -q -n $(cores) \
+	@IMU_COVERAGE=1 python -m pytest -q -n $(cores) --dist loadfile -m native \
 	  tests/core tests/protocol
 	@gcovr --fail-under-line 100 --filter firmware/core/ build/native
 

@@ -3,18 +3,20 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 
 import native
 
-pytest_plugins = ["pace", "order", "length"]
+pytest_plugins = ["native_mark", "length"]
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -25,8 +27,28 @@ for name in ("COLUMNS", "LINES"):
 # A shell's & has SIGINT ignored, and the programs that tests start would inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# No process that a test starts needs the sanitizer that this one was started with.
-native.keep_sanitizer()
+
+def pytest_configure(config: pytest.Config) -> None:
+    # No process that a test starts needs the sanitizer that this one was started with;
+    # those that xdist starts do.
+    if hasattr(config, "workerinput") or config.getoption("dist", "no") == "no":
+        native.keep_sanitizer()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
+    """The first process of xdist collects alone: it compiles modules and C, which the
+    others then find.
+    """
+    if not hasattr(session.config, "workerinput"):
+        return (yield)
+    native.CACHE.mkdir(parents=True, exist_ok=True)
+    with (native.CACHE / ".collect").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            fcntl.flock(file, fcntl.LOCK_SH)
+        return (yield)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

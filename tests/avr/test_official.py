@@ -16,8 +16,6 @@ import pytest
 
 from native import locked
 
-pytestmark = pytest.mark.together
-
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build" / "official"
 PIO = (sys.executable, "-m", "platformio")

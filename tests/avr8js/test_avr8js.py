@@ -29,7 +29,6 @@ PRESS_NS = 100_000_000
 if shutil.which("node") is None or not (MODULES / "avr8js").is_dir():
     leave_out("node or avr8js is not there", is_whole_file=True)
 
-pytestmark = pytest.mark.together  # of one run
 
 # Data sheets: RM-MPU-9250A-00 rev 1.6, registers 27, 28, 37.
 GYRO_CONFIG, ACCEL_CONFIG, SELF_TEST_AXES = 27, 28, 0xE0

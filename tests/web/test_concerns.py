@@ -3,12 +3,8 @@
 
 from __future__ import annotations
 
-import pytest
-
 from streaming import until
 from web.desk import Desk, Seen
-
-pytestmark = pytest.mark.together
 
 ADVICE = "accelerometer and gyroscope not calibrated: imud calibrate"
 FAKE = "no magnetometer in this module (an MPU-6500 sold as an MPU-9250): no heading"

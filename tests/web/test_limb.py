@@ -14,8 +14,6 @@ from imud.web.bodies import STATE_MAX, line_of
 from web.desk import Desk, Seen, seen
 from web.limbs import SAYS, leg
 
-pytestmark = pytest.mark.together
-
 KEY = "imud/body/right-leg/state"
 # The rods' names, and where the foot's path ends.
 DRAWN = """() => {

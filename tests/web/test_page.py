@@ -32,8 +32,6 @@ from web.turns import (
 
 VIEWS = ("probe", "signals", "calibrate", "aim", "probes", "limb")
 
-pytestmark = pytest.mark.together
-
 
 @pytest.mark.long
 def test_picture_and_numbers_are_the_daemons_through_every_turn(

@@ -24,8 +24,6 @@ from imud.virtual.calibrating import SCALE
 from params_bench import GOOD
 from raw_probe import Stream, calibrating, lying, module, used
 
-pytestmark = pytest.mark.together  # one daemon
-
 
 class Desk:
     """Somebody who calibrates."""

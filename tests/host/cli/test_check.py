@@ -17,8 +17,6 @@ from imud.calibration.poses import BASE_DOWN
 from imud.cli import check_ports, check_run, check_source, main
 from raw_probe import Stream, capture, lying
 
-pytestmark = pytest.mark.together  # one daemon
-
 
 @pytest.fixture
 def chain(bench: Chain, monkeypatch: pytest.MonkeyPatch) -> Chain:

@@ -26,8 +26,6 @@ from imud.virtual.dimpling import Wobble
 from raw_probe import RATES, Stream, capture
 from wobbled import CALIBRATED, TIP, wobbled
 
-pytestmark = pytest.mark.together  # one daemon
-
 
 @pytest.fixture(autouse=True)
 def _seldom(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -38,7 +38,6 @@ VALUES = [
     *("0", "1", "50", "1000", "-1", "65536", "4294967296", "1e3", "0x10", "1.5"),
     *("١٢", "²", "1_0", "+5", " 5", "nan", "inf", "9" * 5000, "true", "null"),
 ]
-pytestmark = pytest.mark.together
 
 SIGNS = string.printable + "äß€\x00\x1b\x7f\u202e\u2028😀"
 
