@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The input of every engine: the raw messages of a probe, captured or simulated.
 
-`sampled` simulates a virtual board (sim/motion.c, sim/chips/) a thousand times as fast,
-with a fixed time of start-up.
+`sampled` simulates a virtual board (sim/run/motion.c, sim/chips/) a thousand times as
+fast, with a fixed time of start-up.
 """
 
 from __future__ import annotations

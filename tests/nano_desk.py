@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Runs of the virtual Nano with a firmware of a few orders, tests/sim/desk.c."""
+"""Runs of the virtual Nano with a firmware of a few orders, tests/sim/nano/desk.c."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import native
 
 ROOT = Path(__file__).resolve().parent.parent
 NANO = ROOT / "build" / "sim" / "nano"
-SOURCE = ROOT / "tests" / "sim" / "desk.c"
+SOURCE = ROOT / "tests" / "sim" / "nano" / "desk.c"
 # Its orders, a byte each.
 EEPROM, WILD, DEEP, ASLEEP, WORK, FLOOD, SAMPLES, TOO_MUCH = range(0xE0, 0xE8)
 BOOT = b"R\x01\x00"  # power-on

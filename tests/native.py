@@ -39,7 +39,7 @@ OWN = (Path(__file__), Path(__file__).with_name("prototypes.py"))
 # would take seconds to build. Each has a header.
 BESIDE = (
     *("firmware/generic/bus_recovery", "firmware/stm32/identity"),
-    *("firmware/stm32/journal", "sim/motion"),
+    *("firmware/stm32/journal", "sim/run/motion"),
     *("tests/core/loops", "tests/generic/lines", "tests/stm32/bits"),
 )
 BESIDE_HEADERS = ("firmware/generic/slots.h",)
@@ -170,6 +170,7 @@ class _Build:
             *flags,
             *(f"-D{define}" for define in defines),
             f"-I{CORE.parent}",
+            f"-I{CHIPS.parent}",
         )
         self.object_flags = (*self.flags, *counting, *WARNINGS)
         self.libraries = ("-lgcov", "-lm") if counting else ("-lm",)

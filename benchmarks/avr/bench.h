@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What a filter on the bench has, and what it agrees on with sim/bench.c.
+// What a filter on the bench has, and what it agrees on with sim/nano/bench.c.
 #ifndef BENCH_H
 #define BENCH_H
 

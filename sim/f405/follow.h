@@ -3,8 +3,8 @@
 #ifndef SIM_F405_FOLLOW_H
 #define SIM_F405_FOLLOW_H
 
-#include "../profile.h"
 #include "f405.h"
+#include "run/profile.h"
 
 struct f405_follow {
     struct profile *profile;

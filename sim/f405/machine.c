@@ -5,11 +5,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "../chips/lsm9ds0.h"
-#include "../chips/rn41.h"
-#include "../chips/sdcard.h"
-#include "engine.h"
+#include "chips/lsm9ds0.h"
+#include "chips/rn41.h"
+#include "chips/sdcard.h"
 #include "f405.h"
+#include "f405/core/engine.h"
 
 void f405_complain(struct f405 *m, const char *what) {
     if (m->complaint == NULL) {

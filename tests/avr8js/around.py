@@ -32,12 +32,12 @@ BYTES_AT_ONCE = 32  # the image has room for 64
 PATIENCE_NS = 30e9  # simulated; a run of the tests takes half of it
 
 CHIP = (
-    *("sim/chips/i2c_slave.c", "sim/chips/chip_motion.c", "sim/motion.c"),
+    *("sim/chips/i2c_slave.c", "sim/chips/chip_motion.c", "sim/run/motion.c"),
     *(str(path.relative_to(ROOT)) for path in ROOT.glob("sim/chips/mpu9250/*.c")),
 )
 HEADERS = (
     *("sim/chips/chip_fault.h", "sim/chips/i2c_slave.h", "sim/chips/chip_motion.h"),
-    *("sim/chips/mpu9250.h", "sim/motion.h"),
+    *("sim/chips/mpu9250.h", "sim/run/motion.h"),
 )
 
 

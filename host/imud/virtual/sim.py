@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """`imud sim`: runs a virtual probe, the real firmware image in an emulator.
 
-The emulator is a separate program (sim/nano.c, sim/f405.c). This module finds it and
+The emulator is a separate program (sim/nano, sim/f405). This module finds it and
 the image, feeds it a motion through a pipe, and repeats what it prints.
 """
 

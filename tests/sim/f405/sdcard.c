@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // A card on SPI1: identified at 250 kHz, then five blocks written and read back by DMA
-// at 8 MHz. Their content is numbered() of test_f405_sdcard.py.
+// at 8 MHz. Their content is numbered() of test_sdcard.py.
 #include "bare.h"
 
 enum {

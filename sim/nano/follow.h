@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: MIT
+// Reports the virtual ATmega328P's calls, returns and interrupts to a profile.
+#ifndef SIM_FOLLOW_H
+#define SIM_FOLLOW_H
+
+#include "machine.h"
+#include "run/profile.h"
+
+struct follow {
+    struct profile *profile;
+    struct machine *machine;
+};
+
+enum { FOLLOW_FLASH_BYTES = 32768 };
+
+// Starts reporting; the image has to be loaded and the profile to have its parts. The
+// machine runs slower then, but the same to the cycle.
+void follow_begin(struct follow *follow);
+struct profile_time follow_time(const struct machine *machine);
+
+#endif
