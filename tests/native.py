@@ -169,8 +169,7 @@ class _Build:
         self.flags = (
             *flags,
             *(f"-D{define}" for define in defines),
-            f"-I{CORE.parent}",
-            f"-I{CHIPS.parent}",
+            *(f"-I{folder}" for folder in (CORE.parent, CHIPS.parent)),
         )
         self.object_flags = (*self.flags, *counting, *WARNINGS)
         self.libraries = ("-lgcov", "-lm") if counting else ("-lm",)

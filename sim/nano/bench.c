@@ -9,7 +9,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "../../benchmarks/avr/bench.h"
+#include "bench.h"
 #include "image.h"
 #include "machine.h"
 

@@ -5,8 +5,10 @@
 // The order of events is the manual's. A flag holds the clock low until the software
 // has read and written what it asks for. Whether a byte is acknowledged is decided at
 // its end, from ACK as it is then, or with POS as it was at the end of the byte before.
-// Data register and shift register are separate.
+// Data register and shift register are separate. The lines SCL and SDA are the sensor's
+// and ours, or those of two pins that the firmware works by hand.
 #include "chips/i2c_slave.h"
+#include "chips/lsm9ds0.h"
 #include "f405/f405.h"
 
 enum {
@@ -50,10 +52,32 @@ enum {
     BYTE_BITS = 9,
     DMA1_UNIT = 0,
     CHANNEL = 1,
+    PIN_SCL = 6,  // PB6
+    PIN_SDA = 7,  // PB7
+    AF_I2C = 4,
 };
 #define RETRY_PS (10 * F405_PS_PER_US)  // how often a held bus is looked at again
 
-uint64_t i2c_bit_ps(struct f405 *m) {
+static struct i2c_slave *wire(const struct f405 *m) {
+    return lsm9ds0_chip_wire(m->sensor);
+}
+
+bool i2c_is_held(const struct f405 *m) {
+    return i2c_slave_holds_sda(wire(m), f405_ns(f405_when(m)));
+}
+
+static bool has_pins(const struct f405 *m) {
+    return pins_is_alternate(m, PORT_B, PIN_SCL, AF_I2C) &&
+           pins_is_alternate(m, PORT_B, PIN_SDA, AF_I2C);
+}
+
+static void tell_bus(struct f405 *m, bool is_start) {
+    if (m->on_bus != NULL) {
+        m->on_bus(m->context, is_start);
+    }
+}
+
+static uint64_t bit_ps(struct f405 *m) {
     const uint32_t ccr = m->i2c.ccr;
     const uint32_t parts = (ccr & CCR_FAST) == 0 ? 2 : (ccr & CCR_DUTY) == 0 ? 3 : 25;
     const uint32_t cycles = parts * ((ccr & 0xFFF) != 0 ? ccr & 0xFFF : 1);
@@ -97,7 +121,7 @@ static void go_on(struct f405 *m) {
     }
     if (!is_master(m)) {
         if ((i2c->cr1 & CR1_START) != 0) {
-            plan(m, BUS_START, i2c_bit_ps(m));
+            plan(m, BUS_START, bit_ps(m));
         }
         return;
     }
@@ -109,21 +133,21 @@ static void go_on(struct f405 *m) {
         if (i2c->is_reading && i2c->had_ack) {
             f405_complain(m, "a STOP after an acknowledged byte");
         }
-        plan(m, BUS_STOP, i2c_bit_ps(m));
+        plan(m, BUS_STOP, bit_ps(m));
     } else if ((i2c->cr1 & CR1_START) != 0) {
-        plan(m, BUS_START, i2c_bit_ps(m));
+        plan(m, BUS_START, bit_ps(m));
     } else if ((i2c->sr1 & SB) != 0 || i2c->is_refused || has_unread) {
         return;  // the clock is held
     } else if (i2c->is_reading) {
         if (i2c->had_ack) {
-            plan(m, BUS_RECEIVE, BYTE_BITS * i2c_bit_ps(m));
+            plan(m, BUS_RECEIVE, BYTE_BITS * bit_ps(m));
         }
     } else if ((i2c->sr2 & TRA) != 0 && i2c->is_data_full) {
         i2c->shift = i2c->data;
         i2c->is_data_full = false;
         i2c->sr1 |= TXE;
         i2c->sr1 &= ~(uint32_t)BTF;
-        plan(m, BUS_SEND, BYTE_BITS * i2c_bit_ps(m));
+        plan(m, BUS_SEND, BYTE_BITS * bit_ps(m));
     }
 }
 
@@ -144,15 +168,15 @@ static void refuse(struct f405 *m) {
 
 static void end_start(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;
-    if (!i2c_has_pins(m)) {
+    if (!has_pins(m)) {
         f405_complain(m, "I2C1 used with its pins elsewhere");
     }
-    if (i2c_is_held(m) || !i2c_has_pins(m) || (i2c->is_busy && !is_master(m))) {
+    if (i2c_is_held(m) || !has_pins(m) || (i2c->is_busy && !is_master(m))) {
         i2c->is_busy = true;
         plan(m, BUS_START, RETRY_PS);
         return;
     }
-    i2c_tell_bus(m, true);
+    tell_bus(m, true);
     i2c->cr1 &= ~(uint32_t)CR1_START;
     i2c->sr1 &= ~(uint32_t)(TXE | BTF);
     i2c->sr1 |= SB;
@@ -166,7 +190,7 @@ static void end_address(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;
     i2c->is_reading = (i2c->shift & 1) != 0;
     const bool ack =
-        i2c_slave_start(i2c_wire(m), now_ns(m), i2c->shift >> 1, i2c->is_reading);
+        i2c_slave_start(wire(m), now_ns(m), i2c->shift >> 1, i2c->is_reading);
     if (i2c_is_held(m)) {
         lose(m);
     } else if (!ack) {
@@ -181,7 +205,7 @@ static void end_address(struct f405 *m) {
 
 static void end_send(struct f405 *m) {
     struct f405_i2c *i2c = &m->i2c;
-    const bool ack = i2c_slave_write(i2c_wire(m), now_ns(m), i2c->shift);
+    const bool ack = i2c_slave_write(wire(m), now_ns(m), i2c->shift);
     const bool held = i2c_is_held(m);
     if (held && i2c->shift != 0) {
         lose(m);
@@ -205,14 +229,14 @@ static void end_receive(struct f405 *m) {
     i2c->had_ack =
         ((i2c->cr1 & CR1_POS) != 0 ? i2c->acks_next : acks) && !is_last_of_dma(m);
     i2c->acks_next = acks;
-    i2c->shift = i2c_slave_read(i2c_wire(m), now_ns(m), i2c->had_ack) & i2c->torn;
+    i2c->shift = i2c_slave_read(wire(m), now_ns(m), i2c->had_ack) & i2c->torn;
     i2c->torn = 0xFF;
     if (!i2c->had_ack && i2c_is_held(m)) {
         lose(m);  // the NACK did not get through
         return;
     }
     if (!i2c->had_ack) {
-        i2c_tell_bus(m, false);  // all bytes are there; the STOP follows
+        tell_bus(m, false);  // all bytes are there; the STOP follows
     }
     if ((i2c->sr1 & RXNE) == 0) {
         i2c->data = i2c->shift;
@@ -229,9 +253,9 @@ static void end_stop(struct f405 *m) {
         plan(m, BUS_STOP, RETRY_PS);  // SDA can't rise
         return;
     }
-    i2c_slave_stop(i2c_wire(m), now_ns(m));
+    i2c_slave_stop(wire(m), now_ns(m));
     if (!i2c->is_reading) {
-        i2c_tell_bus(m, false);
+        tell_bus(m, false);
     }
     i2c->cr1 &= ~(uint32_t)CR1_STOP;
     i2c->sr1 &= ~(uint32_t)(TXE | SB);
@@ -280,6 +304,44 @@ void f405_spurious_berr(struct f405 *m) {
         i2c->bus_errors++;
         follow_line(m);
     }
+}
+
+// SDA is pulled low for a moment: the sensor sees a START within a byte and drops out
+// of the transfer; the peripheral reports it and goes on (RM, "Bus error"). Of a byte
+// that the sensor was sending the bits still to come are ones.
+void f405_glitch(struct f405 *m) {
+    struct f405_i2c *i2c = &m->i2c;
+    if (i2c->doing != BUS_ADDRESS && i2c->doing != BUS_SEND &&
+        i2c->doing != BUS_RECEIVE) {
+        return;
+    }
+    if (i2c->doing == BUS_RECEIVE) {
+        const uint64_t now = f405_when(m);
+        const uint64_t end = m->at[EVENT_I2C];
+        const uint64_t left = (end > now ? end - now : 0) / bit_ps(m);
+        i2c->torn &= i2c_slave_read(wire(m), f405_ns(now), true) |
+                     (uint8_t)((1U << (left > 8 ? 8 : left)) - 1);
+    }
+    i2c_slave_stop(wire(m), f405_ns(f405_when(m)));
+    f405_spurious_berr(m);
+}
+
+// The lines driven as pins: pulses that free a sensor holding SDA, and a STOP by hand.
+void i2c_follow_pins(struct f405 *m) {
+    struct f405_i2c *i2c = &m->i2c;
+    const bool is_ours = !has_pins(m);
+    const bool scl = !is_ours || pins_level(m, PORT_B, PIN_SCL);
+    if (is_ours && scl && !i2c->scl_was_high) {
+        i2c_slave_scl_pulse(wire(m), f405_ns(f405_when(m)));
+    }
+    const bool sda = !is_ours || pins_level(m, PORT_B, PIN_SDA);
+    if (is_ours && scl && i2c->scl_was_high && sda && !i2c->sda_was_high) {
+        // SDA rises while SCL is high.
+        i2c_slave_stop(wire(m), f405_ns(f405_when(m)));
+        tell_bus(m, false);
+    }
+    i2c->scl_was_high = scl;
+    i2c->sda_was_high = sda;
 }
 
 bool i2c_pump(struct f405 *m) {
@@ -340,7 +402,7 @@ static void write_data(struct f405 *m, uint8_t value) {
         i2c->sr1 &= ~(uint32_t)SB;
         i2c->shift = value;
         if (i2c->doing == BUS_IDLE) {
-            plan(m, BUS_ADDRESS, BYTE_BITS * i2c_bit_ps(m));
+            plan(m, BUS_ADDRESS, BYTE_BITS * bit_ps(m));
         }
         return;
     }
@@ -381,7 +443,7 @@ static uint32_t read_status2(struct f405 *m) {
         i2c->sr1 |= (i2c->sr2 & TRA) != 0 ? TXE : 0;
         if (i2c->is_reading) {
             // The byte is received, whatever else is asked for meanwhile.
-            plan(m, BUS_RECEIVE, BYTE_BITS * i2c_bit_ps(m));
+            plan(m, BUS_RECEIVE, BYTE_BITS * bit_ps(m));
         } else {
             go_on(m);
         }

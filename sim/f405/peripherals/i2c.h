@@ -7,7 +7,6 @@
 #include <stdint.h>
 
 struct f405;
-struct i2c_slave;
 
 struct f405_i2c {
     uint32_t cr1, cr2, oar1, oar2, sr1, sr2, ccr, trise, fltr;
@@ -35,15 +34,9 @@ bool i2c_pump(struct f405 *m);
 uint32_t i2c_read(struct f405 *m, unsigned unit, uint32_t at);
 void i2c_write(struct f405 *m, unsigned unit, uint32_t at, uint32_t value);
 
-// The sensor as a slave on these wires.
-struct i2c_slave *i2c_wire(const struct f405 *m);
-// The two lines: whether the sensor holds SDA low; whether I2C1 has the pins; follows
-// what the firmware does with them as pins.
+// The two lines: whether the sensor holds SDA low; follows what the firmware does with
+// them as pins.
 bool i2c_is_held(const struct f405 *m);
-bool i2c_has_pins(const struct f405 *m);
 void i2c_follow_pins(struct f405 *m);
-uint64_t i2c_bit_ps(struct f405 *m);
-// Tells the owner of a START, or of the end of a transaction.
-void i2c_tell_bus(struct f405 *m, bool is_start);
 
 #endif

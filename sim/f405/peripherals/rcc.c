@@ -32,6 +32,13 @@ enum {
     SOURCE_HSI = 0,
     SOURCE_HSE = 1,
     SOURCE_PLL = 2,
+    // DS, "General operating conditions".
+    SYSCLK_MAX_HZ = 168000000,
+    HCLK_LOW_VOS_HZ = 144000000,
+    PCLK1_MAX_HZ = 42000000,
+    PCLK2_MAX_HZ = 84000000,
+    // RM, "Relation between CPU clock frequency and flash memory read time": 3.3 V.
+    WAIT_STATE_HZ = 30000000,
 };
 // DS, oscillator characteristics: HSE 2 ms, HSI 2.2 us, LSI 15 us, PLL 75 to 200 us.
 #define HSE_START_PS (2000 * F405_PS_PER_US)
@@ -42,9 +49,17 @@ enum {
 static const uint32_t lpenr_reset[6] = {0x7E6791FF, 0x000000F1, 1,
                                         0,          0x36FEC9FF, 0x00075F33};
 
+static bool uses(const struct f405 *m, uint32_t source) {
+    return ((m->rcc.cfgr >> 2) & 3) == source;
+}
+
+static bool pll_from_hse(const struct f405 *m) {
+    return (m->rcc.pllcfgr & PLL_FROM_HSE) != 0;
+}
+
 static uint32_t pll_hz(struct f405 *m) {
     const uint32_t config = m->rcc.pllcfgr;
-    const uint32_t source = (config & PLL_FROM_HSE) != 0 ? m->crystal_hz : m->hsi_hz;
+    const uint32_t source = pll_from_hse(m) ? m->crystal_hz : m->hsi_hz;
     const uint32_t divider = config & 0x3F;
     const uint32_t factor = (config >> 6) & 0x1FF;
     const uint32_t post = 2 * (((config >> 16) & 3) + 1);
@@ -83,6 +98,28 @@ static uint32_t sysclk_hz(struct f405 *m) {
     }
 }
 
+uint32_t rcc_nominal_hz(const struct f405 *m, uint32_t hz) {
+    const bool is_from_hsi =
+        uses(m, SOURCE_HSI) || (uses(m, SOURCE_PLL) && !pll_from_hse(m));
+    return is_from_hsi ? (uint32_t)((uint64_t)hz * F405_HSI_HZ / m->hsi_hz) : hz;
+}
+
+// Complains of clocks that the data sheet does not allow.
+static void check_clocks(struct f405 *m, uint32_t sysclk) {
+    const uint32_t hclk_hz = rcc_nominal_hz(m, m->hclk_hz);
+    if (rcc_nominal_hz(m, sysclk) > SYSCLK_MAX_HZ ||
+        rcc_nominal_hz(m, m->pclk_hz[0]) > PCLK1_MAX_HZ ||
+        rcc_nominal_hz(m, m->pclk_hz[1]) > PCLK2_MAX_HZ) {
+        f405_complain(m, "a clock faster than the data sheet allows");
+    }
+    if (hclk_hz > HCLK_LOW_VOS_HZ && (m->rcc.pwr_cr & PWR_VOS) == 0) {
+        f405_complain(m, "a clock faster than the voltage scale allows");
+    }
+    if (hclk_hz > WAIT_STATE_HZ * ((m->flash_control.acr & 7) + 1)) {
+        f405_complain(m, "flash read with too few wait states");
+    }
+}
+
 // Time up to here passed at the old rate, time from here on passes at the new one.
 void rcc_set_clocks(struct f405 *m) {
     const uint64_t now = f405_when(m);
@@ -99,7 +136,7 @@ void rcc_set_clocks(struct f405 *m) {
     m->pclk_hz[1] = m->hclk_hz / divider2;
     m->timer_hz = divider == 1 ? m->hclk_hz : 2 * m->pclk_hz[0];
     m->timer2_hz = divider2 == 1 ? m->hclk_hz : 2 * m->pclk_hz[1];
-    rcc_check_clocks(m, sysclk);
+    check_clocks(m, sysclk);
     timer_clock_changes(m, false);
     timer11_clock_changes(m, false);
     systick_clock_changes(m, false);
@@ -171,14 +208,6 @@ void rcc_event(struct f405 *m) {
     }
     plan(m);
     switch_clock(m);
-}
-
-static bool uses(const struct f405 *m, uint32_t source) {
-    return ((m->rcc.cfgr >> 2) & 3) == source;
-}
-
-static bool pll_from_hse(const struct f405 *m) {
-    return (m->rcc.pllcfgr & PLL_FROM_HSE) != 0;
 }
 
 static void start_pll(struct f405 *m) {

@@ -31,8 +31,6 @@ void rcc_set_clocks(struct f405 *m);
 // What a clock would be if HSI were as it should be: that it is off is not the
 // firmware's doing.
 uint32_t rcc_nominal_hz(const struct f405 *m, uint32_t hz);
-// Complains of clocks that the data sheet does not allow.
-void rcc_check_clocks(struct f405 *m, uint32_t sysclk_hz);
 // Stops all oscillators but LSI for STOP mode; then starts HSI, and the system on it,
 // from that time on.
 void rcc_halt(struct f405 *m);
