@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // A bootloader in the flash of the virtual Nano, with the fuses of a Nano as sold: high
 // 0xDA, so resets start at 0x7800 (data sheet, table 27-7).
-#ifndef SIM_BOOTLOADER_H
-#define SIM_BOOTLOADER_H
+#ifndef SIM_NANO_BOOTLOADER_H
+#define SIM_NANO_BOOTLOADER_H
 
 #include "machine.h"
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Reports the virtual ATmega328P's calls, returns and interrupts to a profile.
-#ifndef SIM_FOLLOW_H
-#define SIM_FOLLOW_H
+#ifndef SIM_NANO_FOLLOW_H
+#define SIM_NANO_FOLLOW_H
 
 #include "machine.h"
 #include "run/profile.h"

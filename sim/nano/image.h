@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // An image for the ATmega328P, as the linker left it: an ELF file.
-#ifndef SIM_IMAGE_H
-#define SIM_IMAGE_H
+#ifndef SIM_NANO_IMAGE_H
+#define SIM_NANO_IMAGE_H
 
 #include <simavr/sim_elf.h>
 

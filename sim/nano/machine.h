@@ -4,8 +4,8 @@
 // count at 16 MHz since power came.
 //
 // Data sheet: ATmega328P, DS40002061B; sections beside the code.
-#ifndef SIM_MACHINE_H
-#define SIM_MACHINE_H
+#ifndef SIM_NANO_MACHINE_H
+#define SIM_NANO_MACHINE_H
 
 #include <simavr/sim_avr.h>
 #include <simavr/sim_io.h>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Checks that the machine does what the data sheet says where libsimavr does not.
-#ifndef SIM_SELFTEST_H
-#define SIM_SELFTEST_H
+#ifndef SIM_NANO_SELFTEST_H
+#define SIM_NANO_SELFTEST_H
 
 // Prints a line a check. 0: all pass; 1: one fails; 2: no such name. With the name of a
 // correction, runs that check alone with the correction left out.

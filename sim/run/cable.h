@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // The host's end of the probe's USB cable: a pseudo terminal with a symbolic link to
 // it.
-#ifndef SIM_CABLE_H
-#define SIM_CABLE_H
+#ifndef SIM_RUN_CABLE_H
+#define SIM_RUN_CABLE_H
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Schedules what happens to a virtual board: button presses, bytes, faults, power cuts.
-#include "parts.h"
+#include "events.h"
+#include "options.h"
 
 static void add_event(struct run *run, struct run_event event) {
     if (run->event_count < RUN_EVENTS_MAX) {

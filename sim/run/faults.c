@@ -26,24 +26,11 @@ static const char *const chip_kinds[] = {
     [CHIP_FAULT_MAG_HUNG] = "mag_hung",
 };
 
-static const struct {
-    const char *name;
-    enum fault_target target;
-    bool is_stm32;
-    enum fault_radio radio;
-} board_kinds[] = {
-    {"reset", FAULT_RESET, false, 0},
-    {"brown_out", FAULT_BROWN_OUT, false, 0},
-    {"power_cut", FAULT_POWER_CUT, false, 0},
-    {"crystal", FAULT_CRYSTAL, true, 0},
-    {"glitch", FAULT_GLITCH, true, 0},
-    {"spurious_berr", FAULT_SPURIOUS_BERR, true, 0},
-    {"battery", FAULT_BATTERY, true, 0},
-    {"charger", FAULT_CHARGER, true, 0},
-    {"radio_drop", FAULT_RADIO, true, RADIO_DROP},
-    {"radio_away", FAULT_RADIO, true, RADIO_AWAY},
-    {"radio_deaf", FAULT_RADIO, true, RADIO_DEAF},
-    {"radio_reset", FAULT_RADIO, true, RADIO_RESET},
+// Of every board.
+static const struct fault_kind board_kinds[] = {
+    {"reset", FAULT_RESET, 0},
+    {"brown_out", FAULT_BROWN_OUT, 0},
+    {"power_cut", FAULT_POWER_CUT, 0},
 };
 
 static bool fail(struct faults *faults, const char *format, ...) {
@@ -92,11 +79,13 @@ static bool set_kind(struct faults *faults, struct fault *fault, const char *kin
             return true;
         }
     }
-    for (size_t i = 0; i < sizeof board_kinds / sizeof *board_kinds; i++) {
-        if (strcmp(kind, board_kinds[i].name) == 0 &&
-            (kinds->is_stm32 || !board_kinds[i].is_stm32)) {
-            fault->target = board_kinds[i].target;
-            fault->radio = board_kinds[i].radio;
+    enum { SHARED = sizeof board_kinds / sizeof *board_kinds };
+    for (unsigned i = 0; i < SHARED + kinds->own_count; i++) {
+        const struct fault_kind *known =
+            i < SHARED ? &board_kinds[i] : &kinds->own[i - SHARED];
+        if (strcmp(kind, known->name) == 0) {
+            fault->target = known->target;
+            fault->radio = known->radio;
             return true;
         }
     }

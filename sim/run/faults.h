@@ -49,8 +49,8 @@
 //   card_dead        answers nothing; times as of card_pulled
 //   power_cut        also at data block `card_write`, `after_us` into its programming
 // Times are device time; at_us 0 is from power-up on.
-#ifndef SIM_FAULTS_H
-#define SIM_FAULTS_H
+#ifndef SIM_RUN_FAULTS_H
+#define SIM_RUN_FAULTS_H
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -84,6 +84,13 @@ struct card_fault {
     uint8_t value;
 };
 
+// A kind of fault by its name in the file.
+struct fault_kind {
+    const char *name;
+    enum fault_target target;
+    enum fault_radio radio;  // of FAULT_RADIO
+};
+
 // The kinds of faults that a board supports.
 struct fault_kinds {
     const char *no_mag;       // name of CHIP_FAULT_NO_MAG
@@ -91,7 +98,9 @@ struct fault_kinds {
     unsigned card_count;
     bool has_dies;
     bool has_aux_bus;  // an MPU-9250's, to its magnetometer
-    bool is_stm32;     // crystal, glitch, bus error, battery, charger, radio
+    // Kinds of this board alone.
+    const struct fault_kind *own;
+    unsigned own_count;
 };
 
 struct fault {

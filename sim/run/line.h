@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // The bytes on their way to a board's UART, in order, each with the time before which
 // it does not start. Times are the machine's own.
-#ifndef SIM_LINE_H
-#define SIM_LINE_H
+#ifndef SIM_RUN_LINE_H
+#define SIM_RUN_LINE_H
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -5,8 +5,8 @@
 // the end), then records of 9 float32: gyr x y z rad/s, acc x y z m/s2, mag x y z uT,
 // in the sensor's frame. Between records the motion is linear; before the first and
 // after the last it stands.
-#ifndef SIM_MOTION_H
-#define SIM_MOTION_H
+#ifndef SIM_RUN_MOTION_H
+#define SIM_RUN_MOTION_H
 
 #include <stdbool.h>
 #include <stdint.h>

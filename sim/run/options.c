@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-// The options of a virtual board; see run.h.
+// The options of a virtual board; see options.h.
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "parts.h"
+#include "options.h"
 
 int run_usage(const struct run *run, const char *what, const char *which) {
     (void)fprintf(stderr, "%s: %s%s%s\n%s", run->board->name, what,

@@ -6,8 +6,8 @@
 // on a stack of our own. A part is a set of addresses; code that belongs to none, such
 // as shared arithmetic, counts for the part that called it. An interrupt counts for
 // itself alone, never for what it interrupted.
-#ifndef SIM_PROFILE_H
-#define SIM_PROFILE_H
+#ifndef SIM_RUN_PROFILE_H
+#define SIM_RUN_PROFILE_H
 
 #include <stdbool.h>
 #include <stdint.h>

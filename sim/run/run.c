@@ -12,7 +12,10 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "parts.h"
+#include "events.h"
+#include "options.h"
+#include "run.h"
+#include "summary.h"
 
 enum {
     TICK_US = 1000,             // how often cable and wall clock are looked at
@@ -29,10 +32,6 @@ static volatile sig_atomic_t wants_stop;
 static void on_signal(int number) {
     (void)number;
     wants_stop = 1;
-}
-
-bool run_is_stopping(void) {
-    return wants_stop != 0;
 }
 
 // What survives power
@@ -151,6 +150,23 @@ static bool is_held(const struct run *run) {
     return in_second_ms >= from_ms && in_second_ms < from_ms + run->options.burst_ms;
 }
 
+void run_on_byte(void *context, uint8_t byte) {
+    struct run *run = context;
+    run->bytes++;
+    if (byte == 0) {
+        run->frames += run->chunk > 0 ? 1 : 0;
+        run->chunk = 0;
+    } else {
+        run->chunk++;
+    }
+    if (run->record != NULL) {
+        (void)putc_unlocked(byte, run->record);
+    }
+    if (run->cable != NULL) {
+        (void)cable_put(run->cable, byte, run->options.is_fast && wants_stop == 0);
+    }
+}
+
 static void exchange(struct run *run, bool is_paced) {
     if (!is_held(run)) {
         cable_flush(run->cable);
@@ -181,7 +197,7 @@ static bool run_all(struct run *run) {
     const bool is_paced = run->cable != NULL && !run->options.is_fast;
     run->power_ns = run->pace_ns = is_paced ? host_ns(run) : 0;
     uint64_t tick = 0;
-    while (!run_is_stopping() && !run->is_over) {
+    while (wants_stop == 0 && !run->is_over) {
         uint64_t until = tick + step;
         if (!run->is_scheduled) {
             until = board->now(run->self) + board->ticks_per_us;

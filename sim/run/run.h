@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // What the programs of both virtual boards share: options, scheduled events, the run in
 // real time or at full speed, and the summary.
-#ifndef SIM_RUN_H
-#define SIM_RUN_H
+#ifndef SIM_RUN_RUN_H
+#define SIM_RUN_RUN_H
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,27 +1,9 @@
 // SPDX-License-Identifier: MIT
-// Counts what a virtual board reports while it runs: its bytes, and which sample
-// belongs to which edge of the data-ready pin.
-#include <stdio.h>
+// Counts the samples of a virtual board while it runs, and finds which of them belongs
+// to which edge of the data-ready pin.
 #include <string.h>
 
-#include "parts.h"
-
-void run_on_byte(void *context, uint8_t byte) {
-    struct run *run = context;
-    run->bytes++;
-    if (byte == 0) {
-        run->frames += run->chunk > 0 ? 1 : 0;
-        run->chunk = 0;
-    } else {
-        run->chunk++;
-    }
-    if (run->record != NULL) {
-        (void)putc_unlocked(byte, run->record);
-    }
-    if (run->cable != NULL) {
-        (void)cable_put(run->cable, byte, run->options.is_fast && !run_is_stopping());
-    }
-}
+#include "run.h"
 
 void run_on_data_ready(void *context) {
     struct run *run = context;

@@ -3,7 +3,8 @@
 #include <inttypes.h>
 #include <stdio.h>
 
-#include "parts.h"
+#include "events.h"
+#include "summary.h"
 
 struct summary {
     struct run_report report;

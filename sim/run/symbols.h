@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The symbols of code that an image has, from its ELF file.
-#ifndef SIM_SYMBOLS_H
-#define SIM_SYMBOLS_H
+#ifndef SIM_RUN_SYMBOLS_H
+#define SIM_RUN_SYMBOLS_H
 
 #include <stdbool.h>
 #include <stddef.h>

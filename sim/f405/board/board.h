@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The virtual STM32F405 with what is plugged into it: sensor, card, radio and cell.
-#ifndef SIM_F405_BOARD_H
-#define SIM_F405_BOARD_H
+#ifndef SIM_F405_BOARD_BOARD_H
+#define SIM_F405_BOARD_BOARD_H
 
 #include <stdbool.h>
 

@@ -278,6 +278,18 @@ static const struct run_path own_paths[] = {
     {NULL, NULL},
 };
 
+static const struct fault_kind own_faults[] = {
+    {"crystal", FAULT_CRYSTAL, 0},
+    {"glitch", FAULT_GLITCH, 0},
+    {"spurious_berr", FAULT_SPURIOUS_BERR, 0},
+    {"battery", FAULT_BATTERY, 0},
+    {"charger", FAULT_CHARGER, 0},
+    {"radio_drop", FAULT_RADIO, RADIO_DROP},
+    {"radio_away", FAULT_RADIO, RADIO_AWAY},
+    {"radio_deaf", FAULT_RADIO, RADIO_DEAF},
+    {"radio_reset", FAULT_RADIO, RADIO_RESET},
+};
+
 static const struct run_board board_f405 = {
     .name = "f405",
     .usage = usage_text,
@@ -291,7 +303,8 @@ static const struct run_board board_f405 = {
             .card = f405_card_faults,
             .card_count = F405_CARD_FAULTS,
             .has_dies = true,
-            .is_stm32 = true,
+            .own = own_faults,
+            .own_count = sizeof own_faults / sizeof *own_faults,
         },
     .memory = "is no flash of 1048576 bytes",
     .paths = own_paths,

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The Cortex-M4 around its instructions: exceptions, NVIC, SCB, SysTick, cycle counter.
-#ifndef SIM_F405_CORE_H
-#define SIM_F405_CORE_H
+#ifndef SIM_F405_CORE_CORE_H
+#define SIM_F405_CORE_CORE_H
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // libunicorn: executes the instructions that thumb.c leaves to it, one at a time.
-#ifndef SIM_F405_ENGINE_H
-#define SIM_F405_ENGINE_H
+#ifndef SIM_F405_CORE_ENGINE_H
+#define SIM_F405_CORE_ENGINE_H
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // The registers that instructions work on. They are kept here and lent to libunicorn
 // while it executes an instruction.
-#ifndef SIM_F405_REGISTERS_H
-#define SIM_F405_REGISTERS_H
+#ifndef SIM_F405_CORE_REGISTERS_H
+#define SIM_F405_CORE_REGISTERS_H
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The common instructions, executed without libunicorn.
-#ifndef SIM_F405_THUMB_H
-#define SIM_F405_THUMB_H
+#ifndef SIM_F405_CORE_THUMB_H
+#define SIM_F405_CORE_THUMB_H
 
 #include <stdint.h>
 

@@ -2,8 +2,8 @@
 // What the files of thumb share: an instruction under way, arithmetic with flags,
 // shifts, loads and stores (ARM, chapters A5 to A7). Inline, because they are the
 // emulator's innermost loop.
-#ifndef SIM_F405_THUMB_STEP_H
-#define SIM_F405_THUMB_STEP_H
+#ifndef SIM_F405_CORE_THUMB_STEP_H
+#define SIM_F405_CORE_THUMB_STEP_H
 
 #include <string.h>
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // ADC1.
-#ifndef SIM_F405_ADC_H
-#define SIM_F405_ADC_H
+#ifndef SIM_F405_PERIPHERALS_ADC_H
+#define SIM_F405_PERIPHERALS_ADC_H
 
 #include <stdbool.h>
 #include <stdint.h>

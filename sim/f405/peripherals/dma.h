@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The two DMA controllers: unit 0 is DMA1, unit 1 is DMA2.
-#ifndef SIM_F405_DMA_H
-#define SIM_F405_DMA_H
+#ifndef SIM_F405_PERIPHERALS_DMA_H
+#define SIM_F405_PERIPHERALS_DMA_H
 
 #include <stdbool.h>
 #include <stdint.h>

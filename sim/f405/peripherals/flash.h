@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The flash interface: programming and erasing, with the time they take.
-#ifndef SIM_F405_FLASH_H
-#define SIM_F405_FLASH_H
+#ifndef SIM_F405_PERIPHERALS_FLASH_H
+#define SIM_F405_PERIPHERALS_FLASH_H
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // I2C1, on whose wires is the sensor.
-#ifndef SIM_F405_I2C_H
-#define SIM_F405_I2C_H
+#ifndef SIM_F405_PERIPHERALS_I2C_H
+#define SIM_F405_PERIPHERALS_I2C_H
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The independent watchdog.
-#ifndef SIM_F405_IWDG_H
-#define SIM_F405_IWDG_H
+#ifndef SIM_F405_PERIPHERALS_IWDG_H
+#define SIM_F405_PERIPHERALS_IWDG_H
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // Pins: the ports (GPIO), the edge detectors (EXTI) and the choice of their pins
 // (SYSCFG).
-#ifndef SIM_F405_PINS_H
-#define SIM_F405_PINS_H
+#ifndef SIM_F405_PERIPHERALS_PINS_H
+#define SIM_F405_PERIPHERALS_PINS_H
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Clocks and resets (RCC), and supply with STOP mode (PWR).
-#ifndef SIM_F405_RCC_H
-#define SIM_F405_RCC_H
+#ifndef SIM_F405_PERIPHERALS_RCC_H
+#define SIM_F405_PERIPHERALS_RCC_H
 
 #include <stdbool.h>
 #include <stdint.h>

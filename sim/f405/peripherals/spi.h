@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // SPI1, on which is the card.
-#ifndef SIM_F405_SPI_H
-#define SIM_F405_SPI_H
+#ifndef SIM_F405_PERIPHERALS_SPI_H
+#define SIM_F405_PERIPHERALS_SPI_H
 
 #include <stdbool.h>
 #include <stdint.h>

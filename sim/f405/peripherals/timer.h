@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The timers TIM2 to TIM5, units 0 to 3.
-#ifndef SIM_F405_TIMER_H
-#define SIM_F405_TIMER_H
+#ifndef SIM_F405_PERIPHERALS_TIMER_H
+#define SIM_F405_PERIPHERALS_TIMER_H
 
 #include <stdbool.h>
 #include <stdint.h>

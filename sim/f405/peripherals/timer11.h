@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // The timer TIM11, whose channel can look at the crystal.
-#ifndef SIM_F405_TIMER11_H
-#define SIM_F405_TIMER11_H
+#ifndef SIM_F405_PERIPHERALS_TIMER11_H
+#define SIM_F405_PERIPHERALS_TIMER11_H
 
 #include <stdbool.h>
 #include <stdint.h>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // USART2, on the wire to the host or to the radio.
-#ifndef SIM_F405_USART_H
-#define SIM_F405_USART_H
+#ifndef SIM_F405_PERIPHERALS_USART_H
+#define SIM_F405_PERIPHERALS_USART_H
 
 #include <stdbool.h>
 #include <stdint.h>

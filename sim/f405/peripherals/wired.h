@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // What is wired to the pins beside the sensor and the card: radio, cell and charger.
-#ifndef SIM_F405_WIRED_H
-#define SIM_F405_WIRED_H
+#ifndef SIM_F405_PERIPHERALS_WIRED_H
+#define SIM_F405_PERIPHERALS_WIRED_H
 
 #include <stdbool.h>
 #include <stdint.h>
