@@ -21,7 +21,8 @@ pytestmark = pytest.mark.sampled(5)  # `make check` runs them all
 ROOT = Path(__file__).resolve().parent.parent
 FIRMWARE = ROOT / "firmware"
 CORE = FIRMWARE / "core"
-CHIPS = ROOT / "sim" / "chips"
+SIM = ROOT / "sim"
+CHIPS = SIM / "chips"
 
 STANDARD = {"stdbool.h", "stddef.h", "stdint.h", "string.h"}
 FOLDERS = ("benchmarks", "firmware", "host", "protocol", "sim", "tests", "tools")
@@ -102,7 +103,7 @@ def test_a_room_of_the_core_uses_those_before_it_only():
 
 def included(path):
     """Files of ours that a C file includes, wherever the compiler would find them."""
-    folders = (path.parent, FIRMWARE, ROOT / "sim", CHIPS)
+    folders = (path.parent, FIRMWARE, SIM, CHIPS)
     for opening, name in includes(path):
         found = [folder / name for folder in folders if (folder / name).is_file()]
         if opening == '"' and found:
@@ -138,8 +139,71 @@ def cycle(paths, uses):
     return next(filter(None, (walk(path, []) for path in paths)), [])
 
 
+# What each room of sim/ may use beside itself. Neither board knows the other, and what
+# they share knows neither. The processor of the F405 does not know its board.
+SIM_ROOMS = {
+    "chips": (),
+    "run": ("chips",),
+    "selftest": (),
+    "nano": ("chips", "run", "selftest"),
+    "f405": ("chips", "run"),
+    "f405/board": ("chips", "run", "f405"),
+}
+
+
+def room_of(file: Path, sim: Path) -> str | None:
+    place = f"{file.parent.relative_to(sim)}/" if file.is_relative_to(sim) else ""
+    found = [room for room in SIM_ROOMS if place.startswith(f"{room}/")]
+    return max(found, key=len, default=None)
+
+
+def misplaced(path: Path, sim: Path) -> list[str]:
+    """Includes of a file in sim/ that its room may not use."""
+    room = room_of(path, sim)
+    usable = (room, *SIM_ROOMS[room]) if room else ()
+    found = []
+    for name in (name for opening, name in includes(path) if opening == '"'):
+        # Looked for beside the file first.
+        files = [base / name for base in (path.parent, sim) if (base / name).is_file()]
+        if not files or room_of(files[0].resolve(), sim) not in usable:
+            found.append(f"{path.relative_to(sim)}: {name}")
+    return found
+
+
+def test_a_room_of_the_emulators_uses_its_own_and_those_that_it_may_only():
+    paths = files(SIM, kinds=("*.c", "*.h"))
+    assert {path.relative_to(SIM).parts[0] for path in paths} <= {*SIM_ROOMS}
+    found = [line for path in paths for line in misplaced(path, SIM)]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize(
+    ("path", "name", "is_seen"),
+    [
+        ("run/events.c", "nano/machine.h", True),
+        ("chips/lsm9ds0/chip.h", "../../run/motion.h", True),
+        ("nano/nano.c", "f405/f405.h", True),
+        ("f405/core/thumb.c", "nano/machine.h", True),
+        ("f405/core/thumb.c", "f405/board/board.h", True),
+        ("nano/bench.c", "../../benchmarks/avr/bench.h", True),
+        ("nano/bench.c", "core/fusion/fuse.h", True),
+        ("f405/board/card.c", "f405/f405.h", False),
+        ("nano/nano.c", "run/motion.h", False),
+    ],
+)
+def test_an_include_of_the_wrong_room_is_seen(path, name, is_seen, tmp_path):
+    sim = tmp_path.resolve() / "sim"
+    planted = sim / path
+    there = ("run/motion.h", "nano/machine.h", "f405/f405.h", "f405/board/board.h")
+    for file in (path, *there, "../benchmarks/avr/bench.h"):
+        (sim / file).parent.mkdir(parents=True, exist_ok=True)
+        (sim / file).touch()
+    planted.write_text(f'#include "{name}"\n')
+    assert misplaced(planted, sim) == ([f"{path}: {name}"] if is_seen else [])
+
+
 def test_no_includes_go_round_in_a_circle():
-    paths = files(FIRMWARE, ROOT / "sim", kinds=("*.c", "*.h"))
+    paths = files(FIRMWARE, SIM, kinds=("*.c", "*.h"))
     assert [path.name for path in cycle(paths, included)] == []
 
 
