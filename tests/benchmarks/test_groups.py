@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import astuple
 from pathlib import Path
 
 import feed
@@ -15,7 +14,6 @@ import groups_report
 import numpy as np
 import pytest
 import scoring
-import without
 from groups_report import Outcome
 from scoring import Coverage, Score
 
@@ -121,22 +119,6 @@ def test_a_recording_is_scored_as_broad_is() -> None:
     assert found.scores["vqf"] == scoring.score_at(vqf.times_s, vqf.quats, motion)
     # VQF holds on this pendulum: 2.0 degrees in the study that found it.
     assert found.scores["vqf"].heading == pytest.approx(2.0, abs=0.3)
-
-
-@pytest.mark.nightly
-def test_the_twin_in_doubles_has_the_errors_of_the_firmwares_c() -> None:
-    recipe = Recipe("east_pendulum", 1)
-    course = without.load_made(recipe)
-    table = without.means([course], [course.score(without.twin.defaults())])
-    assert list(table) == ["all", "east_pendulum"]
-    (found,) = groups.measure(recipe, ["nano"], ["host", "vqf"])
-    own = found.scores["host"]
-    assert table["all"].heading == pytest.approx(own.heading, abs=0.8)
-    assert table["all"].inclination == pytest.approx(own.inclination, abs=0.1)
-    vqf, biased = course.vqf
-    # The twin's poses are scored, all of VQF's samples here.
-    assert astuple(vqf) == pytest.approx(astuple(found.scores["vqf"]), abs=0.01)
-    assert biased is None
 
 
 @pytest.mark.nightly
