@@ -123,7 +123,6 @@ bench-page: ## the page in Chromium: frames, latency, memory; what a browser cos
 bench-strokes: ## how well strokes are measured: a simulated hand, the firmware's C
 	@$(PYTHON) tools/setup.py bench
 	@python benchmarks/strokes.py
-	@python benchmarks/stroke_thesis.py
 	@python benchmarks/stroke_image.py
 
 bench-tip: ## how well the tip is found: a simulated hand that wobbles the probe
