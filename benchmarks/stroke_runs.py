@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import feed
@@ -105,7 +105,6 @@ class Case:
     plan: Plan
     module: str = "calibrated"
     is_by_button: bool = True
-    motion: Callable[[Plan, int], Motion] = motion_of  # of a plan and a seed
 
 
 def params_of(case: Case) -> bytes:
@@ -146,7 +145,7 @@ class Run:
 def run_of(case: Case, seed: int, chip: Chip = feed.LSM9DS0) -> Run:
     """A motion of this seed, measured by a module of this seed."""
     random = np.random.default_rng([seed, 3])
-    exact = case.motion(case.plan, seed)
+    exact = motion_of(case.plan, seed)
     felt = module_of(case.module, random).measures(exact, random)
     return Run(case, exact, felt, feed.sampled(felt, chip))
 

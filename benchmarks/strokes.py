@@ -16,8 +16,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
-import scoring
-import stroke_shapes
 from boards import BOARDS, F405
 from report import Figure
 from stroke_runs import ACC_DENSITY, Case, Found, measure, run_of
@@ -56,13 +54,7 @@ PATHS = [
     Case("A4 outline, 4 x 1 s", Plan(strokes=4, corners=A4)),
     Case("circle of 20 cm, 8 x 0.75 s", Plan(seconds=0.75, corners=CIRCLE)),
 ]
-
-# Shapes of real motions, from recordings that not every machine has.
-BROAD = [
-    Case(f"BROAD's shapes, {t:g} s", Plan(seconds=t), motion=stroke_shapes.motion_of)
-    for t in (1.0, 2.0)
-]
-CASES = [*STROKES, *PATHS, *BROAD]
+CASES = [*STROKES, *PATHS]
 
 # Share of strokes under 1 cm in %, of the issue: must and goal.
 LIMITS = {
@@ -71,7 +63,6 @@ LIMITS = {
     "supported, 2 s": (90.0, 97.0),
     "on paper, 2 s": (82.0, 90.0),
     "free air, 2 s": (55.0, 65.0),
-    "BROAD's shapes, 2 s": (85.0, 92.0),
 }
 # The 95th percentile of the corners' rms in cm: before closing, and after it.
 PATH_LIMITS = {
@@ -160,9 +151,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--output", type=Path, default=OUTPUT)
     args = parser.parse_args(arguments)
     cases = [each for each in CASES if args.only in each.name]
-    if not stroke_shapes.are_here() and any(case in BROAD for case in cases):
-        print(f"no {scoring.RECORDINGS}: BROAD's shapes are left out")
-        cases = [case for case in cases if case not in BROAD]
     # The daemon tells the C of another board than a Nano, where it computes strokes.
     chip = replace(BOARDS[args.board].chip, board=F405.name)
     seeds = [SETS[args.set] + 2 * run for run in range(args.runs)]
