@@ -86,59 +86,59 @@ sim: ## the virtual boards: build/sim/nano, build/sim/f405
 
 bench: ## accuracy on recordings and on made motions, beside VQF: tables and JSON
 	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/accuracy.py
-	@python benchmarks/accuracy.py --board f405
-	@python benchmarks/groups.py
+	@python benchmarks/accuracy/recordings.py
+	@python benchmarks/accuracy/recordings.py --board f405
+	@python benchmarks/accuracy/groups.py
 
 bench-nano: ## cycles, stack, flash and RAM: the image, its parts, every filter
 	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/cycles.py
+	@python benchmarks/firmware/cycles.py
 
 bench-f405: ## the same of the F405: instructions, both of its rates, every filter
 	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/cycles.py --board f405
+	@python benchmarks/firmware/cycles.py --board f405
 
 bench-mpy: ## MicroPython on the virtual F405: instructions, heap, pauses
 	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/micropython.py
+	@python benchmarks/firmware/micropython.py
 
 bench-card: ## an hour of logging on the virtual F405, compared with its wire
 	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/card.py
+	@python benchmarks/firmware/card.py
 
 bench-host: ## the daemon: decoding, latency, CPU, memory, clocks; 12 h with faults
 	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/host.py
-	@python benchmarks/clocks.py
-	@python benchmarks/soak.py
+	@python benchmarks/host/daemon.py
+	@python benchmarks/host/clocks.py
+	@python benchmarks/host/soak.py
 
 bench-calibration: ## how well simulated modules are calibrated; 2,000 verdicts
 	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/calibration.py
+	@python benchmarks/calibration/modules.py
 
 bench-page: ## the page in Chromium: frames, latency, memory; what a browser costs
 	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/page.py
+	@python benchmarks/page/browser.py
 
 bench-strokes: ## how well strokes are measured: a simulated hand, the firmware's C
 	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/strokes.py
-	@python benchmarks/stroke_image.py
+	@python benchmarks/strokes/on_host.py
+	@python benchmarks/strokes/on_board.py
 
 bench-tip: ## how well the tip is found: a simulated hand that wobbles the probe
 	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/tip.py
-	@python benchmarks/tip_positions.py
+	@python benchmarks/tip/wobbles.py
+	@python benchmarks/tip/positions.py
 
 pictures: ## docs/pictures, from what `make bench` has measured, and of the page
 	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/picture.py
-	@python benchmarks/picture_poses.py
-	@python benchmarks/picture_wobble.py
-	@python benchmarks/picture_strokes.py
-	@python benchmarks/picture_limb.py
-	@python benchmarks/page_pictures.py
-	@python benchmarks/page_moving.py
+	@python benchmarks/pictures/results.py
+	@python benchmarks/pictures/poses.py
+	@python benchmarks/pictures/wobble.py
+	@python benchmarks/pictures/strokes.py
+	@python benchmarks/pictures/limb.py
+	@python benchmarks/pictures/page_views.py
+	@python benchmarks/pictures/page_moving.py
 
 setup: ## everything any of these needs
 	@$(PYTHON) tools/setup.py check

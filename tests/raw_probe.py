@@ -11,8 +11,8 @@ from typing import Self
 
 import numpy as np
 from msgspec.structs import replace
-from simulated import UPS, samples
 
+from benchmarks.calibration.simulated import UPS, samples
 from chain import Chain
 from fakes import PATIENCE_S, FakeProbe
 from imud.calibration.algebra import units

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // VQF by its authors, and with -DBASIC the version without rest, bias and rejection.
-// Their source (MIT) is fetched by benchmarks/cycles.py; `double` has 32 bits here.
+// Their source (MIT) is fetched by benchmarks/firmware/cycles.py; `double` has 32 bits here.
 #include "bench.h"
 
 #ifdef BASIC

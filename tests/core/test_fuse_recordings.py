@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import scoring
 
+from benchmarks.common import scoring
 from core import desk
 from core.desk import ONE, lib
 from core.fuse_desk import rms, twin

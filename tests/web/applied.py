@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from simulated import affine_errors
-
+from benchmarks.calibration.simulated import affine_errors
 from imud.calibration.affine import affine_of
 from imud.params.value import Params
 from imud.virtual.calibrating import SCALE

@@ -13,7 +13,7 @@ from imud.calibration.tip_dimple import Fit, Trust
 from imud.calibration.tip_swing import Swing
 from imud.params.value import Calibration, Params
 
-# Chosen on simulated wobbles of even seeds; benchmarks/tip.py judges on odd ones.
+# Chosen on simulated wobbles of even seeds; benchmarks/tip judges on odd ones.
 LIMIT_M = 0.002  # of the score: worse ones are refused
 RESIDUAL_MAX = 1.5  # in units of the noise
 GIVE_MAX = 10.0  # a base that does not give is above it seven times in 1,000

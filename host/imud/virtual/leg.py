@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 """A right leg that stands, squats, swings and walks, and three probes on it, with the
-truth of every joint: what `benchmarks/limb.py` measures on.
+truth of every joint: what `benchmarks/limb/legs.py` measures on.
 
 The foot's path comes first, then the knee's bend by the lengths of thigh and shank. The
 leg walks along x (east). Rates and forces are differences of the exact course.

@@ -15,7 +15,7 @@ from imud.virtual.hand import Leg, Stance
 from imud.virtual.motion import Motion
 from imud.virtual.sensors import Sway
 
-# Amplitudes of the study that the limits of benchmarks/strokes.py are from: tremor of
+# Amplitudes of the study that the limits of benchmarks/strokes are from: tremor of
 # 0.05 or 0.2 m/s2 and of 0.3 or 1 deg/s, a sway of 0.1 or 0.5 mm and of 0.1 or 0.4 deg.
 _TREMOR = 2.0 * math.pi * 10.0  # rad/s
 SWAYS: dict[str, Sway] = {

@@ -11,8 +11,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from simulated import EARTH, UPS, errors, recorded, samples
 
+from benchmarks.calibration.simulated import EARTH, UPS, errors, recorded, samples
 from imud.calibration import accelerometer, poses, whole
 from imud.calibration.algebra import closest_turn, integrated, onto, skew, turn, units
 from imud.calibration.recording import GRAVITY_M_S2, Gatherer, Sample, Scale
@@ -59,7 +59,7 @@ def test_small_pieces_of_algebra() -> None:
 
 
 def test_twelve_poses_in_less_than_a_minute_calibrate_a_shop_module() -> None:
-    """Median and worst of a few; benchmarks/calibration.py has 150."""
+    """Median and worst of a few; benchmarks/calibration/modules.py has 150."""
     found = [errors(module(seed), fitted(seed)) for seed in range(MODULES)]
     for key, middle, worst in (
         ("tilt", 0.05, 0.08),

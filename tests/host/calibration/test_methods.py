@@ -8,8 +8,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from simulated import ATTITUDES, FIELD, affine_errors, recorded, samples
 
+from benchmarks.calibration.simulated import (
+    ATTITUDES,
+    FIELD,
+    affine_errors,
+    recorded,
+    samples,
+)
 from imud.calibration import extremes, half_turns, six_positions
 from imud.calibration.affine import Affine, MethodError
 from imud.calibration.algebra import spread

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from msgspec.structs import replace as with_fields
-from simulated import affine_errors, recorded
 
+from benchmarks.calibration.simulated import affine_errors, recorded
 from imud.calibration import motion
 from imud.calibration.affine import Affine, affine_of
 from imud.calibration.algebra import integrated

@@ -9,8 +9,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from simulated import UPS, errors, housing_error, samples
 
+from benchmarks.calibration.simulated import UPS, errors, housing_error, samples
 from imud.calibration.outcome import housing_of, of_fit
 from imud.calibration.procedure import (
     Event,

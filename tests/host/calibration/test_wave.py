@@ -7,8 +7,8 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from simulated import affine_errors, recorded, samples
 
+from benchmarks.calibration.simulated import affine_errors, recorded, samples
 from imud.calibration import verify, wave, whole
 from imud.calibration.affine import Affine
 from imud.calibration.algebra import units

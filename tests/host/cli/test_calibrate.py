@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 from msgspec.structs import replace
-from simulated import affine_errors, recorded
 
+from benchmarks.calibration.simulated import affine_errors, recorded
 from chain import Chain
 from fakes import PATIENCE_S
 from imud.calibration import whole

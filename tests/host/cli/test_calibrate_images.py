@@ -6,8 +6,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from simulated import errors, housing_error
 
+from benchmarks.calibration.simulated import errors, housing_error
 from imud import cli
 from imud.calibration import whole
 from imud.calibration.housing import found as housing_found

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simulated import recorded
 
+from benchmarks.calibration.simulated import recorded
 from configured import running
 from fakes import PATIENCE_S, status_of
 from imud import rotation

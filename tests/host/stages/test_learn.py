@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from simulated import affine_errors, recorded
 
+from benchmarks.calibration.simulated import affine_errors, recorded
 from fakes import FakeProbe
 from imud.calibration import whole
 from imud.calibration.affine import affine_of

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """build/sim/bench, which runs a filter alone: the images that it refuses.
 
-tests/benchmarks/test_cycles.py tests what it measures.
+tests/benchmarks/firmware/test_cycles.py tests what it measures.
 """
 
 from __future__ import annotations

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Errors of orientation, of our filter and of others."""

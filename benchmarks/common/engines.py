@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: MIT
+"""Orientation filters to compare: functions from a probe's samples to poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from benchmarks.common import wire
+from benchmarks.common.feed import Feed, with_filter
+from imud import rotation
+from imud._core import Replay
+from imud.rotation import FloatArray
+from imud.virtual.motion import GRAVITY_M_S2
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """Poses over time, with the filter's own sigmas if it states any."""
+
+    times_s: FloatArray
+    quats: FloatArray  # world_from_body, world east-north-up
+    tilt_sigma_deg: FloatArray | None = None  # NaN: not known
+    heading_sigma_deg: FloatArray | None = None
+
+
+Engine = Callable[[Feed], Estimate]
+
+# Our own: the images, and their C on this machine. Others' names stand where they
+# compare.
+NANO, F405, HOST = "nano", "f405", "host"
+IMAGES = (NANO, F405)
+VQF, OFFLINE = "vqf", "vqf-offline"
+
+
+def poses(times_s: FloatArray, contents: Sequence[bytes]) -> Estimate:
+    """The estimate in pose messages."""
+    rows = wire.to_rows("pose", contents)
+    tilt, heading = (
+        np.where(rows[name][:, 0] == 2**16 - 1, np.nan, rows[name][:, 0] * 0.01)
+        for name in ("tilt_sigma", "heading_sigma")
+    )
+    return Estimate(times_s, rows["q"] * 2.0**-30, tilt, heading)
+
+
+def replayed(feed: Feed, name: str) -> list[bytes]:
+    """Poses of the firmware's C on this machine, at the times of the probe's poses."""
+    replay = Replay(with_filter(feed.hello, name), feed.params)
+    times_us = feed.rows["time_us"].tolist()
+    due = dict(zip(feed.pose_after, feed.pose_sequence, strict=True))
+    contents = []
+    for index, raw in enumerate(feed.raws):
+        replay.step(raw)
+        sequence = due.get(index)
+        if sequence is not None:
+            contents.append(replay.pose(sequence, times_us[index]))
+    return contents
+
+
+def core(feed: Feed, name: str) -> Estimate:
+    """One of the firmware's filters."""
+    return poses(feed.pose_times_s, replayed(feed, name))
+
+
+def vqf_defaults(feed: Feed, *, is_basic: bool = False) -> Estimate:
+    """VQF from PyPI with its default parameters.
+
+    The basic one estimates no gyroscope offset and rejects no magnetic disturbance.
+    """
+    import vqf
+
+    samples = feed.samples
+    step_s = 1.0 / samples.rate_hz
+    # Samples from one magnetometer reading to the next.
+    every = max(1.0, round(len(samples) / max(1, int(samples.has_mag.sum())), 1))
+    kind = vqf.BasicVQF if is_basic else vqf.VQF
+    tracker = kind(step_s, step_s, every * step_s)
+    out = np.empty((len(samples), 4))
+    gyr, acc, mag = (
+        np.ascontiguousarray(values, dtype=np.float64)
+        for values in (samples.gyr, samples.acc, samples.mag)
+    )
+    for index, is_new in enumerate(samples.has_mag.tolist()):
+        tracker.updateGyr(gyr[index])
+        tracker.updateAcc(acc[index])
+        if is_new:
+            tracker.updateMag(mag[index])
+        out[index] = tracker.getQuat9D()
+    return Estimate(feed.times_s, out)
+
+
+def vqf_offline(feed: Feed) -> Estimate:
+    """VQF's smoother, which uses the whole recording for every pose."""
+    from vqf import offlineVQF
+
+    samples = feed.samples
+    gyr, acc, mag = (
+        np.ascontiguousarray(values, dtype=np.float64)
+        for values in (samples.gyr, samples.acc, samples.mag_held)
+    )
+    found = offlineVQF(gyr, acc, mag, 1.0 / samples.rate_hz)
+    return Estimate(feed.times_s, found["quat9D"])
+
+
+CALIBRATION_S = 5.0  # at rest; tuned filters get the rates less their mean over it
+
+
+def without_bias(feed: Feed) -> FloatArray:
+    """Rates less their mean over the start, where every recording rests; rad/s."""
+    samples = feed.samples
+    rest = samples.gyr[: round(CALIBRATION_S * samples.rate_hz)]
+    return np.asarray(samples.gyr - rest.mean(axis=0))
+
+
+def ahrs_madgwick(feed: Feed, gain: float | None = None) -> Estimate:
+    """Madgwick's filter from PyPI's `ahrs`; by default its gain of 0.041."""
+    from ahrs.filters import Madgwick
+
+    own = {} if gain is None else {"gain": gain}
+    found = Madgwick(**ahrs_input(feed, is_tuned=gain is not None), **own)
+    # Its world frame has x north and y west.
+    quarter = rotation.from_rotation_vector(np.array([0.0, 0.0, np.pi / 2]))
+    return Estimate(feed.times_s, rotation.multiply(quarter, found.Q))
+
+
+# `ahrs` refuses an integral gain of 0; this one has no effect within an hour.
+NO_INTEGRAL = 1e-12
+
+
+def ahrs_mahony(feed: Feed, gain: float | None = None) -> Estimate:
+    """Mahony's filter from PyPI's `ahrs`; by default its gains of 1 and 0.3."""
+    from ahrs.filters import Mahony
+
+    own = {} if gain is None else {"k_P": gain, "k_I": NO_INTEGRAL}
+    found = Mahony(**ahrs_input(feed, is_tuned=gain is not None), **own)
+    return Estimate(feed.times_s, found.Q)
+
+
+def ahrs_input(feed: Feed, *, is_tuned: bool) -> dict[str, Any]:
+    """Samples as `ahrs` expects them.
+
+    Between readings of the magnetometer tuned filters do better without a field, which
+    zeros mean; filters at their defaults with the last reading.
+    """
+    samples = feed.samples
+    mag = samples.mag_held
+    if is_tuned:
+        mag = np.where(samples.has_mag[:, None], mag, 0.0)
+        mag[0] = samples.mag_held[0]  # the filter starts from it
+    return {
+        "gyr": without_bias(feed) if is_tuned else samples.gyr,
+        "acc": samples.acc,
+        "mag": mag,
+        "frequency": samples.rate_hz,
+    }
+
+
+def fusion_defaults(feed: Feed) -> Estimate:
+    """x-io's Fusion from PyPI's `imufusion` with its default settings."""
+    import imufusion
+
+    samples = feed.samples
+    settings = imufusion.AhrsSettings()
+    settings.sample_rate = samples.rate_hz
+    settings.convention = imufusion.CONVENTION_ENU
+    ahrs = imufusion.Ahrs()
+    ahrs.set_settings(settings)
+    gyr_dps, acc_g = np.degrees(samples.gyr), samples.acc / GRAVITY_M_S2
+    out = np.empty((len(samples), 4))
+    for index, is_new in enumerate(samples.has_mag.tolist()):
+        if is_new:
+            ahrs.update(gyr_dps[index], acc_g[index], samples.mag[index])
+        else:
+            ahrs.update_no_magnetometer(gyr_dps[index], acc_g[index])
+        out[index] = ahrs.get_quaternion()
+    return Estimate(feed.times_s, out)
+
+
+# Not the images (IMAGES), whose messages are what these engines are fed with.
+ENGINES: dict[str, Engine] = {
+    HOST: partial(core, name="fuse"),
+    VQF: vqf_defaults,
+    "vqf-basic": partial(vqf_defaults, is_basic=True),
+    OFFLINE: vqf_offline,
+    "ahrs-madgwick": ahrs_madgwick,
+    "ahrs-madgwick-.06": partial(ahrs_madgwick, gain=0.06),
+    "ahrs-mahony": ahrs_mahony,
+    "ahrs-mahony-.2": partial(ahrs_mahony, gain=0.2),
+    "imufusion": fusion_defaults,
+    "complementary": partial(core, name="complementary"),
+    "mahony": partial(core, name="mahony"),
+    "madgwick": partial(core, name="madgwick"),
+    "dcm_pi": partial(core, name="dcm_pi"),
+}
+
+# Engines that take seconds only.
+QUICK = (HOST, VQF, OFFLINE, "complementary", "mahony", "madgwick", "dcm_pi")

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: MIT
+"""An hour of logging: the STM32F405's image writes raw and pose of each sample to a
+modelled card and sends the same over the wire; both are compared, sample by sample.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+from benchmarks.common import scoring
+from imud.card.disk import opened
+from imud.card.probe_log import find_log
+from imud.cli import main as imud
+from imud.errors import ImudError
+from imud.wire import schema
+from imud.wire.frame import FrameDecoder
+
+OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "card.json"
+RATE_HZ = 380
+IDS = {message.name: message.id for message in schema.MESSAGES}
+SAMPLES = (IDS["raw"], IDS["pose"])
+CHUNK = 1 << 20
+SLACK_S = 3.0  # for the sensor's set-up and a click of the button
+# Size of a second on the card: raw and pose with their frames, and a margin.
+BYTES_A_SECOND = 48_000
+
+
+class ItDiffers(Exception):
+    """The two logs differ; the message says where."""
+
+
+@dataclass(slots=True)
+class Counts:
+    """Messages of one log by type, and the gaps in their sequence numbers."""
+
+    kinds: Counter[int]
+    first: int = -1
+    last: int = -1
+    holes: int = 0
+
+    def take(self, contents: Iterable[bytes]) -> Iterator[bytes]:
+        """Count a message; return raw and pose without id and sequence number."""
+        for content in contents:
+            number = int.from_bytes(content[1:5], "little")
+            self.kinds[content[0]] += 1
+            if self.first < 0:
+                self.first = number
+            elif number != self.last + 1:
+                self.holes += number - self.last - 1
+            self.last = number
+            if content[0] in SAMPLES:
+                yield bytes([content[0]]) + content[5:]
+
+
+def of_wire(path: Path) -> Iterator[bytes]:
+    decoder = FrameDecoder()
+    with path.open("rb") as file:
+        while data := file.read(CHUNK):
+            yield from decoder.feed(data)
+
+
+def of_card(path: Path) -> Iterator[bytes]:
+    with opened(path) as disk:
+        log = find_log(disk)
+        (recording,) = log.recordings()
+        if recording.bad:
+            raise ItDiffers(f"{recording.bad} blocks of the card are torn or worn")
+        decoder = FrameDecoder()
+        for data in log.frames(recording):
+            yield from decoder.feed(data)
+
+
+def compare(wire: Iterator[bytes], kept: Iterator[bytes]) -> int:
+    """Count the messages that both logs have, in order.
+
+    The wire may have more at either end: messages sent before the log began, and the
+    last ones, which power-off kept from the card. Raises ItDiffers.
+    """
+    first = next(kept, None)
+    if first is None:
+        raise ItDiffers("there is no sample on the card")
+    before = 0
+    for sent in wire:
+        if sent == first:
+            break
+        before += 1
+    else:
+        raise ItDiffers("the card's first sample was never sent")
+    if before > 2:
+        raise ItDiffers(f"{before} raw and poses were sent before the log began")
+    count = 1
+    for sent, had in zip_longest(wire, kept):
+        if had is None:
+            return count
+        if sent != had:
+            raise ItDiffers(f"raw or pose {count} of the log is not what was sent")
+        count += 1
+    return count
+
+
+def run(seconds: float, folder: Path) -> dict[str, Any]:
+    """Run the image, compare its two logs and return the figures."""
+    image, record, summary = folder / "card.img", folder / "uart", folder / "summary"
+    size = 48 + int(seconds * BYTES_A_SECOND) // 2**20
+    if imud(["card", "prepare", str(image), "--size", f"{size}M"]):
+        raise ItDiffers("no card could be prepared")
+    words = ["sim", "f405", "--stream", "--raw", "--rate", str(RATE_HZ), "--fast"]
+    words += ["--card", str(image), "--record", str(record)]
+    words += ["--summary", str(summary), "--seconds", str(seconds + SLACK_S)]
+    subprocess.run([sys.executable, "-m", "imud", *words], check=True)
+    seen = json.loads(summary.read_text())
+    sent, kept = Counts(Counter()), Counts(Counter())
+    equal = compare(sent.take(of_wire(record)), kept.take(of_card(image)))
+    return {
+        "seconds": seen["seconds"],
+        "data_ready": seen["data_ready"],
+        "worked_on": seen["samples"],
+        "late": seen["late"],
+        "raw_sent": sent.kinds[IDS["raw"]],
+        "pose_sent": sent.kinds[IDS["pose"]],
+        "raw_logged": kept.kinds[IDS["raw"]],
+        "pose_logged": kept.kinds[IDS["pose"]],
+        "equal": equal,
+        "missing_on_wire": sent.holes,
+        "missing_on_card": kept.holes + max(0, kept.first),
+        "card_blocks": seen["card_blocks"],
+        "card_busy_worst_us": seen["card_busy_worst_us"],
+        "card_bad_crc": seen["card_bad_crc"],
+        "complaints": [
+            seen[f"{who}_complaint"]
+            for who in ("firmware", "sensor", "card")
+            if seen[f"{who}_complaint"]
+        ],
+        "asleep": seen["idle"],
+    }
+
+
+def judge(figures: dict[str, Any]) -> list[str]:
+    """The requirements that the figures do not meet."""
+    wrong = [
+        f"{figures[key]} {key.replace('_', ' ')}"
+        for key in ("late", "missing_on_wire", "missing_on_card", "card_bad_crc")
+        if figures[key]
+    ]
+    ended = figures["raw_sent"] - figures["raw_logged"]
+    if ended > RATE_HZ / 2:
+        wrong.append(f"{ended} raw of the wire are not on the card")
+    return wrong + list(figures["complaints"])
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        prog="benchmarks/firmware/card.py",
+        description=__doc__,
+        epilog="example: benchmarks/firmware/card.py --minutes 5",
+    )
+    parser.add_argument("--minutes", type=float, default=60.0, metavar="N")
+    parser.add_argument("--output", type=Path, default=OUTPUT, metavar="FILE")
+    args = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            figures = run(60.0 * args.minutes, Path(folder))
+        except (ItDiffers, ImudError, subprocess.CalledProcessError) as error:
+            sys.stderr.write(f"card: {error}\n")
+            return 1
+    for name, value in figures.items():
+        sys.stdout.write(f"{name.replace('_', ' '):24}{value}\n")
+    args.output.parent.mkdir(parents=True, exist_ok=True)
+    args.output.write_text(json.dumps(figures, indent=1) + "\n")
+    wrong = judge(figures)
+    for line in wrong:
+        sys.stdout.write(f"not as it should be: {line}\n")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

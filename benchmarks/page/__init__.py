@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""The page of a daemon in a browser."""

@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: MIT
+"""The page with 8 probes at 200 Hz in headless Chromium with software rendering: frames
+a second, the main thread's time a frame, the way of a pose from the port to the drawn
+frame, memory, first paint; and what a browser costs the daemon.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import multiprocessing
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from playwright.sync_api import Browser, Page, sync_playwright
+from websockets.sync.client import connect
+from websockets.typing import Origin
+
+from benchmarks.common import scoring
+from benchmarks.host.live import cpu_s, feed, free_endpoint, idle_s
+from benchmarks.host.soak import rss_mib
+from benchmarks.page.desk import ARGUMENTS
+
+OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "page.json"
+PROBES = 8
+PATIENCE_S = 30.0
+WARM_UP_S = 7.0  # the picture adapts to the machine meanwhile
+
+# Of each drawn frame: when it was, how long it took, and the age of the pose since the
+# daemon had read it from the port. Both clocks are this machine's.
+WATCH = """() => {
+  const { imud } = globalThis;
+  const notes = (globalThis.notes = []);
+  const frame = imud.frame.bind(imud);
+  let last = null;
+  imud.frame = (nowMs) => {
+    const begin = performance.now();
+    frame(nowMs);
+    const end = performance.now();
+    const pose = imud.model.probe?.pose;
+    const readMs = pose ? pose.t_ns / 1e6 + pose.age_us / 1e3 : NaN;
+    const age = pose && pose !== last ? performance.timeOrigin + end - readMs : null;
+    last = pose;
+    notes.push([end, end - begin, age]);
+  };
+}"""
+
+
+@contextlib.contextmanager
+def daemon(folder: Path, seconds: float) -> Iterator[tuple[int, str]]:
+    """The daemon with its probes for so long: its process id and the page's address."""
+    spawn = multiprocessing.get_context("spawn")
+    to_feeder, feeder_end = spawn.Pipe()
+    sent = folder / "sent.npy"
+    feeder = spawn.Process(target=feed, args=(PROBES, seconds, feeder_end, sent))
+    feeder.start()
+    names = to_feeder.recv()
+    command = [sys.executable, "-m", "imud", "run", *names, "--no-log"]
+    command += ["--listen", free_endpoint(), "--page", "127.0.0.1:0"]
+    with (folder / "daemon.txt").open("w") as lines:
+        process = subprocess.Popen(command, stderr=lines, cwd=folder)
+    try:
+        yield process.pid, address_of(folder / "daemon.txt", to_feeder)
+    finally:
+        process.terminate()
+        process.wait()
+        feeder.kill()
+        feeder.join()
+
+
+def address_of(lines: Path, to_feeder: Connection) -> str:
+    """Waits for the page, and has the probes begin."""
+    until_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < until_s:
+        found = [
+            each for each in lines.read_text().splitlines() if "page is at" in each
+        ]
+        if found and "listens on" in lines.read_text():
+            to_feeder.send("go")
+            return found[0].rpartition(" ")[2]
+        time.sleep(0.05)
+    raise TimeoutError(lines.read_text())
+
+
+def quantiles(values: Sequence[float], *shares: float) -> list[float]:
+    return [float(each) for each in np.quantile(np.array(values), shares)]
+
+
+def opened(browser: Browser, url: str, view: str) -> tuple[Page, dict[str, float]]:
+    """A page that shows poses; ms to its first paint and bytes of its files."""
+    page = browser.new_context(viewport={"width": 1280, "height": 800}).new_page()
+    page.goto(f"{url}/#/{view}")
+    until_s = time.monotonic() + PATIENCE_S
+    while not page.evaluate("Boolean(globalThis.imud?.model.probe?.pose)"):
+        assert time.monotonic() < until_s
+        page.wait_for_timeout(50)
+    paint = "performance.getEntriesByName('first-contentful-paint')[0].startTime"
+    size = (
+        "[...performance.getEntriesByType('resource'),"
+        "...performance.getEntriesByType('navigation')]"
+        ".reduce((sum, one) => sum + one.encodedBodySize, 0)"
+    )
+    return page, {
+        "first_paint_ms": page.evaluate(paint),
+        "transfer_bytes": page.evaluate(size),
+    }
+
+
+def drawing(page: Page, seconds: float) -> dict[str, float]:
+    """What the browser does in that time."""
+    page.evaluate(WATCH)
+    page.wait_for_timeout(1000 * seconds)
+    notes = page.evaluate("globalThis.notes")
+    times = np.array([note[0] for note in notes]) / 1000
+    per_second = np.bincount((times - times[0]).astype(int))[:-1]
+    ages = [note[2] for note in notes if note[2] is not None]
+    median_ms, p95_ms = quantiles(ages, 0.5, 0.95)
+    busy_ms, busy_p95_ms = quantiles([note[1] for note in notes], 0.5, 0.95)
+    return {
+        "frames_hz": float(np.median(per_second)),
+        "worst_frames_hz": float(per_second.min()),
+        "pixel_median_ms": median_ms,
+        "pixel_p95_ms": p95_ms,
+        "frame_median_ms": busy_ms,
+        "frame_p95_ms": busy_p95_ms,
+    }
+
+
+def heap_mib(page: Page) -> float:
+    session = page.context.new_cdp_session(page)
+    session.send("HeapProfiler.collectGarbage")
+    used = session.send("Runtime.getHeapUsage")
+    buffers = used.get("backingStorageSize", 0)  # histories
+    return float(used["usedSize"] + buffers) / 2**20
+
+
+def memory(page: Page, minutes: float) -> list[dict[str, float]]:
+    """The heap while histories of that length are fed as fast as they are taken."""
+    points: list[dict[str, float]] = []
+    for _ in range(4):
+        page.evaluate(
+            """(seconds) => {
+              const { model } = globalThis.imud;
+              const pose = model.probe.pose;
+              const step = 0.01;
+              const last = globalThis.fedTo ?? pose.t_ns / 1e9;
+              globalThis.fedTo = last + seconds;
+              for (let t = last; t < last + seconds; t += step) {
+                const line = { ...pose, t_ns: t * 1e9, t_device_us: t * 1e6 };
+                model.dispatchEvent(new CustomEvent("probe", { detail: line }));
+              }
+            }""",
+            15 * minutes,
+        )
+        done = len(points) + 1
+        points.append({"minutes": minutes * done / 4, "heap_mib": heap_mib(page)})
+    return points
+
+
+def draw_like_a_browser(url: str, to: Connection) -> None:
+    """A connection that asks for what the view Probe does, and reports it as drawn."""
+    with connect(
+        url.replace("http", "ws", 1) + "/live",
+        origin=Origin(url),
+        max_size=None,
+        compression=None,
+    ) as live:
+        to.send("open")
+        probe = ""
+        while True:
+            message = live.recv()
+            assert isinstance(message, bytes)
+            head, *lines = map(json.loads, message.split(b"\n"))
+            poses = [line for line in lines if line["type"] == "pose"]
+            if poses and not probe:
+                probe = poses[0]["probe"]
+                live.send(json.dumps({"do": "watch", "probe": probe}))
+            number = head["n"]
+            if number % 4 == 0:
+                live.send(json.dumps({"do": "seen", "n": number}))
+            if to.poll():
+                return
+
+
+def cost(pid: int, url: str, browsers: int, seconds: float) -> dict[str, float]:
+    """The daemon's CPU with so many browsers; the last of several is stopped."""
+    spawn = multiprocessing.get_context("spawn")
+    pipes, processes = [], []
+    for _ in range(browsers):
+        mine, theirs = spawn.Pipe()
+        process = spawn.Process(target=draw_like_a_browser, args=(url, theirs))
+        process.start()
+        pipes.append(mine)
+        processes.append(process)
+    for pipe in pipes:
+        pipe.recv()
+    if browsers > 1 and processes[-1].pid is not None:
+        subprocess.run(
+            ["kill", f"-{signal.SIGSTOP.value}", str(processes[-1].pid)], check=True
+        )
+    time.sleep(1.0)
+    begin_s, begin, idle = time.monotonic(), cpu_s(pid), idle_s()
+    time.sleep(seconds)
+    passed_s = time.monotonic() - begin_s
+    found = {
+        "browsers": float(browsers),
+        "cpu_core": (cpu_s(pid) - begin) / passed_s,
+        "idle_cores": (idle_s() - idle) / passed_s,
+        "rss_mib": rss_mib(pid),
+    }
+    for process in processes:
+        process.kill()
+        process.join()
+    return found
+
+
+def tell(found: dict[str, Any]) -> None:
+    for view, row in found["views"].items():
+        print(
+            f"{view:<8} {row['frames_hz']:.0f} frames/s (worst second "
+            f"{row['worst_frames_hz']:.0f}), {row['frame_median_ms']:.1f} ms a frame "
+            f"(p95 {row['frame_p95_ms']:.1f}); port to pixel "
+            f"{row['pixel_median_ms']:.0f} ms (p95 {row['pixel_p95_ms']:.0f}); "
+            f"first paint {row['first_paint_ms']:.0f} ms, "
+            f"{row['transfer_bytes'] / 1000:.0f} kB"
+        )
+    for point in found["memory"]:
+        print(f"heap after {point['minutes']:5.1f} min {point['heap_mib']:8.1f} MiB")
+    base = found["cost"][0]["cpu_core"]
+    for row in found["cost"]:
+        count = int(row["browsers"])
+        each = (row["cpu_core"] - base) / count if count else 0.0
+        print(
+            f"{count:3} browsers: daemon {100 * row['cpu_core']:5.1f} % of a core, "
+            f"{100 * each:.2f} % each; {100 * row['idle_cores']:.0f} % idle, "
+            f"{row['rss_mib']:.0f} MiB"
+        )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each figure")
+    parser.add_argument("--minutes", type=float, default=60.0, help="of memory")
+    parser.add_argument("--browsers", type=int, nargs="*", default=[0, 1, 8, 32])
+    parser.add_argument("--json", type=Path, default=OUTPUT)
+    options = parser.parse_args(arguments)
+    found: dict[str, Any] = {"views": {}, "cost": []}
+    chromium = shutil.which("chromium")
+    # More than it takes: the probes are ended when all is measured.
+    total_s = 120 + (2 + len(options.browsers)) * (options.seconds + 30)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        daemon(Path(folder), total_s) as (pid, url),
+        sync_playwright() as playwright,
+    ):
+        time.sleep(WARM_UP_S)
+        for count in options.browsers:
+            found["cost"].append(cost(pid, url, count, options.seconds))
+        browser = playwright.chromium.launch(
+            executable_path=chromium, args=[*ARGUMENTS]
+        )
+        for view in ("probe", "signals"):
+            page, about = opened(browser, url, view)
+            page.wait_for_timeout(1000 * WARM_UP_S)
+            found["views"][view] = drawing(page, options.seconds) | about
+        found["memory"] = memory(page, options.minutes)
+        browser.close()
+    options.json.parent.mkdir(parents=True, exist_ok=True)
+    options.json.write_text(json.dumps(found, indent=1) + "\n")
+    tell(found)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,318 @@
+# SPDX-License-Identifier: MIT
+"""Draws docs/pictures/*.svg from the benchmarks' results.
+
+probe: the image's poses in a hand, beside its error on each recording. time: errors
+over the time of one recording. cycles: error by cycles on the ATmega328P.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
+
+from benchmarks.common import scoring
+from benchmarks.common.capture import RunFailed, run
+from benchmarks.common.engines import HOST, NANO, VQF
+from benchmarks.pictures.hand import draw_hand
+from benchmarks.pictures.theme import THEMES, Theme
+from imud.errors import ImudError
+from imud.rotation import FloatArray
+from imud.virtual import sensors
+
+PICTURES = scoring.PROJECT / "docs" / "pictures"
+MEASURED = scoring.PROJECT / "build" / "benchmarks"
+
+HAND_SEED = 10
+HAND_SECONDS = 40.0
+
+# The README shows pictures 10 inches wide, whatever their own width.
+WIDTH = 10.0
+
+# The engines that are drawn over time: name, label, colour.
+OVER_TIME = (
+    (NANO, "imu-probe, ATmega328P", "ours"),
+    ("vqf", "VQF, doubles", "other"),
+    ("ahrs-madgwick", "Madgwick, doubles", "third"),
+    ("complementary", "complementary, of the thesis", "fourth"),
+)
+SMOOTH_S = (
+    2.0  # length of the root mean square: shows levels, not the noise of the optics
+)
+
+# The filters alone on the chip: key in cycles.json, engine with the filter's error,
+# label, colour.
+ON_CHIP = (
+    ("fuse", NANO, "imu-probe", "ours"),
+    ("float_vqf", "vqf", "VQF, float", "other"),
+    ("float_basic_vqf", "vqf-basic", "basic VQF, float", "other"),
+    ("float_madgwick", "ahrs-madgwick", "Madgwick, float", "third"),
+    ("madgwick", "madgwick", "Madgwick", "third"),
+    ("mahony", "mahony", "Mahony, gain 15", "fourth"),
+    ("dcm_pi", "dcm_pi", "DCM and PI", "fourth"),
+    ("complementary", "complementary", "complementary", "fourth"),
+)
+CYCLES_THERE_ARE = 80_000  # available a sample, at 16 MHz and 200 Hz
+
+
+def undress(axes: Axes, theme: Theme) -> None:
+    """Leave only a grid and text."""
+    axes.tick_params(colors=theme.ink, which="both", length=0)
+    axes.grid(color=theme.faint, lw=0.6)
+    axes.set_axisbelow(True)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+
+
+def set_log(axes: Axes, which: str, ticks: Sequence[float]) -> None:
+    """Make an axis logarithmic, with plain numbers at these ticks."""
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    (axes.set_xscale if which == "x" else axes.set_yscale)("log")
+    axis.set_ticks(ticks)
+    axis.set_minor_formatter(NullFormatter())
+    axis.set_minor_locator(mpl.ticker.NullLocator())
+    axis.set_major_formatter(
+        FuncFormatter(lambda value, _: f"{value:,g}".replace(",", " "))
+    )
+
+
+def draw_errors(axes: Axes, measured: dict[str, Any], theme: Theme) -> None:
+    """Draw a line for each recording, from our error to VQF's."""
+    trials = measured["trials"]
+    rows = np.arange(len(trials))[::-1]
+    ours, other = (
+        np.array([trial["scores_deg"][name]["total"] for trial in trials])
+        for name in (measured_as(trials[0]["scores_deg"], NANO), VQF)
+    )
+    axes.hlines(rows, ours, other, color=theme.faint, lw=2.0, zorder=1)
+    axes.scatter(other, rows, s=26, color=theme.other, zorder=2)
+    axes.scatter(ours, rows, s=26, color=theme.ours, zorder=3)
+    names = [trial["trial"].replace("_", " ") for trial in trials]
+    axes.set_yticks(rows, names, fontsize=6.5, color=theme.ink)
+    axes.set_xlim(0.0, None)
+    axes.set_xlabel("orientation error, degrees rms", color=theme.ink)
+    axes.tick_params(colors=theme.ink, length=0)
+    axes.grid(axis="x", color=theme.faint, lw=0.6)
+    axes.set_axisbelow(True)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    axes.set_title(
+        f"$\\bullet$ ATmega328P, fixed point: {ours.mean():.2f}°",
+        color=theme.ours,
+        loc="left",
+    )
+    axes.set_title(
+        f"$\\bullet$ VQF, doubles: {other.mean():.2f}°", color=theme.other, loc="right"
+    )
+
+
+def measured_as(errors: Mapping[str, Any], name: str) -> str:
+    """The engine that was measured: the image, or its C on this machine."""
+    return HOST if name == NANO and NANO not in errors else name
+
+
+def smoothed(errors_deg: Sequence[float | None], step_s: float) -> FloatArray:
+    """Root mean squares over SMOOTH_S, without times that the optics did not see."""
+    values = np.array(errors_deg, dtype=np.float64)
+    window = np.ones(max(1, round(SMOOTH_S / step_s)))
+    seen = np.isfinite(values)
+    squares = np.convolve(np.where(seen, values, 0.0) ** 2, window, "same")
+    count = np.convolve(seen, window, "same")
+    mean = squares / np.maximum(count, 1)
+    return np.where(count > 0, np.sqrt(mean), np.nan)
+
+
+def apart(places: Sequence[float], gap: float) -> list[float]:
+    """Positions moved up where needed to keep a gap between neighbours."""
+    moved: dict[int, float] = {}
+    below = -np.inf
+    for index in np.argsort(places).tolist():
+        below = moved[index] = max(places[index], below + gap)
+    return [moved[index] for index in range(len(places))]
+
+
+def draw_time(figure: Figure, theme: Theme, measured: Mapping[str, Any]) -> None:
+    """Draw the errors over the time of one recording."""
+    trace = measured["trace"]
+    scores = next(
+        trial["scores_deg"]
+        for trial in measured["trials"]
+        if trial["trial"] == trace["trial"]
+    )
+    times, moving = np.array(trace["t_s"]), np.array(trace["moving"])
+    begun, ended = np.flatnonzero(moving)[[0, -1]]
+    times = times[begun : ended + 1] - times[begun]
+    axes = figure.subplots()
+    undress(axes, theme)
+    set_log(axes, "y", (0.3, 1, 3, 10, 30, 100))
+    words, levels = [], []
+    for name, label, colour in OVER_TIME:
+        engine = measured_as(scores, name)
+        if engine not in scores:
+            continue
+        errors = trace["errors_deg"][engine]["total"][begun : ended + 1]
+        errors = smoothed(errors, times[1] - times[0])
+        ink = getattr(theme, colour)
+        is_ours = name == NANO
+        axes.plot(
+            times, errors, color=ink, lw=2.2 if is_ours else 1.4, zorder=2 + is_ours
+        )
+        words.append((f"{label}: {scores[engine]['total']:.1f}°", ink))
+        levels.append(float(np.log10(scores[engine]["total"])))
+    # Labels stand at their figure on the axis; a line of text takes 0.2 decades.
+    for (label, ink), place in zip(words, apart(levels, 0.2), strict=True):
+        where = (1.005, 10.0**place)
+        axes.annotate(
+            label, where, xycoords=("axes fraction", "data"), color=ink, va="center"
+        )
+    axes.set_xlim(0.0, times[-1])
+    axes.set_ylim(0.2, 180.0)
+    axes.set_xlabel("seconds of movement", color=theme.ink)
+    number, _, title = trace["trial"].partition("_")
+    axes.set_title(
+        f"orientation error, degrees, on BROAD's trial {number}, "
+        + title.replace("_", " "),
+        color=theme.ink,
+        loc="left",
+    )
+
+
+def draw_cycles(
+    figure: Figure, theme: Theme, measured: Mapping[str, Any], costs: Mapping[str, Any]
+) -> None:
+    """Draw each filter: cycles of a sample, mean to worst, against its error."""
+    means = measured["means_deg"]["all"]
+    axes = figure.subplots()
+    undress(axes, theme)
+    set_log(axes, "x", (5_000, 10_000, 20_000, 40_000, 80_000, 160_000, 320_000))
+    set_log(axes, "y", (1, 2, 5, 10, 20, 50))
+    axes.axvspan(CYCLES_THERE_ARE, 1e6, color=theme.faint, alpha=0.35, lw=0)
+    for key, name, words, colour in ON_CHIP:
+        cost, engine = costs["engines"].get(key, {}), measured_as(means, name)
+        if "cycles_mean" not in cost or engine not in means:
+            continue
+        error, ink = means[engine]["total"], getattr(theme, colour)
+        axes.hlines(error, cost["cycles_mean"], cost["cycles_worst"], color=ink, lw=1.6)
+        is_float = key.startswith("float")
+        axes.scatter(
+            cost["cycles_mean"],
+            error,
+            s=70 if key == "fuse" else 40,
+            facecolor="none" if is_float else ink,
+            edgecolor=ink,
+            linewidth=1.4,
+            zorder=3,
+        )
+        axes.annotate(
+            words,
+            (cost["cycles_mean"], error),
+            xytext=(0, 7),
+            textcoords="offset points",
+            ha="center",
+            color=ink,
+        )
+    axes.set_xlim(4_000, 400_000)
+    axes.set_ylim(1.0, 100.0)
+    axes.annotate(
+        "more than there is at 200 samples a second",
+        (CYCLES_THERE_ARE * 1.06, 1.08),
+        color=theme.quiet,
+    )
+    axes.set_xlabel(
+        "cycles a sample on the ATmega328P, mean to worst (circle: in floats)",
+        color=theme.ink,
+    )
+    axes.set_title(
+        "orientation error, degrees rms, mean over recordings",
+        color=theme.ink,
+        loc="left",
+    )
+
+
+def draw_probe_and_errors(
+    figure: Figure, theme: Theme, measured: dict[str, Any], made: Any, capture: Any
+) -> None:
+    """Draw the hand on the left and the recordings on the right."""
+    left, right = figure.subplots(1, 2)
+    draw_hand(left, made, capture, theme)
+    draw_errors(right, measured, theme)
+
+
+def load(name: str, how: str) -> dict[str, Any]:
+    """Read a benchmark's JSON; raises RunFailed if it is absent."""
+    path = MEASURED / name
+    if not path.exists():
+        raise RunFailed(f"{path.relative_to(scoring.PROJECT)} is not there; run {how}")
+    found: dict[str, Any] = json.loads(path.read_text())
+    return found
+
+
+def draw_of(name: str) -> Callable[[Figure, Theme], None]:
+    """A function that draws the named picture, with its data loaded."""
+    measured = load("accuracy.json", "`make bench`")
+    if name == "time":
+        return partial(draw_time, measured=measured)
+    if name == "cycles":
+        costs = load("cycles.json", "`make bench-nano`")
+        return partial(draw_cycles, measured=measured, costs=costs)
+    made = sensors.generate(HAND_SECONDS, HAND_SEED)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "hand.npz"
+        made.save(path)
+        capture = run(NANO, path)
+    return partial(draw_probe_and_errors, measured=measured, made=made, capture=capture)
+
+
+HEIGHTS = {"probe": 4.2, "time": 3.4, "cycles": 3.8}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draw each picture for light and dark pages."""
+    parser = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="example: benchmarks/pictures/results.py time cycles",
+    )
+    parser.add_argument(
+        "names",
+        metavar="PICTURE",
+        nargs="*",
+        help=f"of {', '.join(HEIGHTS)} (default: all)",
+    )
+    args = parser.parse_args(argv)
+    unknown = [name for name in args.names if name not in HEIGHTS]
+    if unknown:
+        parser.error(f"there is no picture {unknown[0]}")
+    # Text stays text, and equal figures give equal files.
+    mpl.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "imu-probe"})
+    mpl.rcParams.update({"font.family": "sans-serif"})
+    mpl.rcParams.update({"font.size": 9.0, "axes.titlesize": 9.0})
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    for name in args.names or HEIGHTS:
+        draw = draw_of(name)
+        for theme in THEMES:
+            figure = plt.figure(figsize=(WIDTH, HEIGHTS[name]), layout="constrained")
+            draw(figure, theme)
+            target = PICTURES / f"{name}-{theme.name}.svg"
+            figure.savefig(target, transparent=True, metadata={"Date": None})
+            plt.close(figure)
+            print(target)
+    return 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except (ImudError, RunFailed) as error:
+        sys.exit(f"picture: {error}")

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: MIT
+"""A run of strokes: the motion, the sensor, and the firmware's C that measures it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.common import feed
+from benchmarks.common.feed import Chip, Feed
+from imud import rotation
+from imud._core import Replay
+from imud.params.value import Params
+from imud.rotation import FloatArray
+from imud.virtual.motion import Motion, join
+from imud.virtual.motions.module import MG, Module
+from imud.virtual.sensors import HAND_RATE_HZ, NO_ERRORS, SensorErrors, World, stream
+from imud.virtual.stroking import (
+    PAUSE_S,
+    PRESSED_S,
+    RELEASED_S,
+    SETTLES_S,
+    SWAYS,
+    Plan,
+    StrokingHand,
+    strokes_of,
+)
+from imud.wire.messages import Message
+
+# White noise of the rests of BROAD: 0.052 m/s2 and 0.084 deg/s of samples at 200 Hz.
+NOISE = SensorErrors(0.0856, 5.4, 0.6, 0.0, 0.0, 0.0)
+ACC_DENSITY = 0.052**2 / 200.0  # (m/s2)^2 s
+
+# One sigma of scale, of the axes in deg, of the accelerometer's bias in mg: what a
+# calibration leaves over, and modules from the shop.
+MODULES = {"calibrated": (0.0005, 0.05, 1.0), "raw": (0.01, 0.5, 20.0)}
+GYR_BIAS_DPS = 1.0
+GYR_DRIFT_DPS_S = 0.003
+
+# What the params of a calibrated module tell of these, m/s2, a fraction, uT; its
+# magnetometer is exact.
+SIGMAS = {
+    "acc": {"sigma_m_s2": 0.01},
+    "gyr": {"sigma": 0.0007},
+    "mag": {"sigma_uT": 0.05},
+}
+
+ONE = np.eye(3)
+ALMOST = [[1.0, 2.0**-14, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The strokes of a run that have a length, m, a row a stroke; none where there were
+    more or fewer strokes.
+
+    `errors`: of each, by the heading at its end. `path`: of all, by that of the last.
+    """
+
+    errors: FloatArray
+    path: FloatArray
+    sigmas: FloatArray
+
+
+def module_of(kind: str, random: np.random.Generator) -> Module:
+    scale, axes_deg, bias_mg = MODULES[kind]
+
+    def matrix() -> FloatArray:
+        axes = random.normal(0.0, np.radians(axes_deg), (3, 3))
+        return np.where(ONE > 0.0, 1.0 + random.normal(0.0, scale, (3, 3)), axes)
+
+    return Module(
+        gyr=matrix(),
+        gyr_bias=np.radians(random.normal(0.0, GYR_BIAS_DPS, 3)),
+        drift=np.radians(random.normal(0.0, GYR_DRIFT_DPS_S, 3)),
+        warming=np.asarray,
+        acc=matrix(),
+        acc_bias=random.normal(0.0, bias_mg * MG, 3),
+        mag=ONE,
+        mag_bias=np.zeros(3),
+        noise=NOISE,
+    )
+
+
+def motion_of(plan: Plan, seed: int) -> Motion:
+    seconds = SETTLES_S + 4.0 + plan.strokes * (plan.seconds + PAUSE_S + 0.1)
+    pieces: list[Motion] = []
+    hand = stream(
+        *(seed, HAND_RATE_HZ, World(tip_m=(0.0, 0.0, 0.0)), NO_ERRORS),
+        lambda random, rate_hz: StrokingHand(random, rate_hz, plan),
+        SWAYS[plan.support],
+    )
+    while sum(map(len, pieces)) < seconds * HAND_RATE_HZ:
+        pieces.append(next(hand))
+    return join(pieces)[: round(seconds * HAND_RATE_HZ)]
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """What is measured, with what and how."""
+
+    name: str
+    plan: Plan
+    module: str = "calibrated"
+    is_by_button: bool = True
+
+
+def params_of(case: Case) -> bytes:
+    """What the probe knows of itself: that it is calibrated, and its button."""
+    params = Params()
+    if case.module != "raw":
+        known = {"bias_counts": [0, 0, 0], "matrix": ALMOST, "method": "guided"}
+        for sensor, sigma in SIGMAS.items():
+            params = params.replaced(sensor, known | sigma)
+    if case.is_by_button:
+        params = params.replaced("options", {"button_does": "stroke"})
+    return params.encode()
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One motion: without errors, as a module measures it, and as a probe's samples."""
+
+    case: Case
+    exact: Motion
+    felt: Motion
+    sampled: Feed
+
+    @property
+    def true(self) -> FloatArray:
+        """How far the sensor moves in each stroke, m, a row a stroke."""
+        return np.array([stroke.way_m for stroke in strokes_of(self.exact)])
+
+    def presses(self) -> Iterator[tuple[float, bool]]:
+        """When the button counts as down and as up, s; nothing where it makes no
+        strokes.
+        """
+        for stroke in strokes_of(self.exact) if self.case.is_by_button else []:
+            yield stroke.start_s + PRESSED_S, True
+            yield stroke.end_s + RELEASED_S, False
+
+
+def run_of(case: Case, seed: int, chip: Chip = feed.LSM9DS0) -> Run:
+    """A motion of this seed, measured by a module of this seed."""
+    random = np.random.default_rng([seed, 3])
+    exact = motion_of(case.plan, seed)
+    felt = module_of(case.module, random).measures(exact, random)
+    return Run(case, exact, felt, feed.sampled(felt, chip))
+
+
+def measure(run: Run) -> Found:
+    """The strokes of a run, as the probe finds them."""
+    replay = Replay(run.sampled.hello, params_of(run.case))
+    changes = run.presses()
+    at_s, is_held = next(changes, (np.inf, False))
+    ends: list[Message] = []
+    turned: list[float] = []
+    for raw, time_s in zip(run.sampled.raws, run.sampled.times_s, strict=True):
+        if time_s >= at_s:
+            replay.hold(is_held)
+            at_s, is_held = next(changes, (np.inf, False))
+        replay.step(raw)
+        told = replay.stroke(0, 0)
+        if told is not None:
+            stroke = feed.said(told)
+            if stroke.fields["end"] != "running":
+                ends.append(stroke)
+                pose = replay.pose(0, 0)
+                turned.append(heading_of(pose, run.exact, float(time_s)))
+    return found_of(ends, np.array(turned), run.true)
+
+
+def heading_of(pose: bytes, exact: Motion, time_s: float) -> float:
+    """By how much the heading is wrong at a time, rad: no error of a stroke."""
+    assert exact.quat is not None
+    true = exact.quat[min(round(time_s * HAND_RATE_HZ), len(exact) - 1)]
+    quat = np.array(feed.said(pose).fields["q"], float)
+    w, _, _, z = rotation.multiply(quat, rotation.inverse(true))
+    return float(2.0 * np.arctan2(z, w))
+
+
+def turned_back(rows: FloatArray, angles: FloatArray) -> FloatArray:
+    """Each row turned about the vertical by less its angle, rad."""
+    cosine, sine = np.cos(angles), np.sin(angles)
+    x, y, z = rows.T
+    return np.stack([cosine * x + sine * y, cosine * y - sine * x, z], axis=1)
+
+
+def found_of(ends: Sequence[Message], turned: FloatArray, true: FloatArray) -> Found:
+    if len(ends) != len(true):
+        return Found(*np.zeros((3, 0, 3)))
+    known = [each.fields["displacement"] is not None for each in ends]
+    good = [each for each, is_known in zip(ends, known, strict=True) if is_known]
+    said = np.array([each.fields["displacement"] for each in good]).reshape(-1, 3)
+    sigmas = np.array([each.fields["displacement_sigma"] for each in good])
+    return Found(
+        turned_back(said, turned[known]) - true[known],
+        turned_back(said, turned[-1:]) - true[known],
+        sigmas.reshape(-1, 2)[:, [0, 0, 1]],
+    )

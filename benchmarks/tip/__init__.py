@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Errors of the tip, by wobbles and by positions."""

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: MIT
+"""What the engines are fed: made from a motion, beside what the image read of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.common import capture, feed, wire
+from benchmarks.common.boards import BOARDS
+from imud.virtual import motion, sensors
+from imud.wire import messages
+
+G = feed.GRAVITY_M_S2
+CHIPS = pytest.mark.parametrize(
+    "chip", [feed.MPU9250, feed.LSM9DS0], ids=lambda chip: chip.sensor
+)
+
+
+def moved(
+    seconds: float = 3.0, rate_hz: float = 285.7, **rows: object
+) -> motion.Motion:
+    """Lying level, but for the rows that are given as functions of time."""
+    t = np.arange(round(seconds * rate_hz)) / rate_hz
+    parts = {
+        "gyr": np.zeros(3),
+        "acc": np.array([0, 0, G]),
+        "mag": np.array([0, 20, 9]),
+    }
+    made = {
+        name: np.array([rows[name](each) for each in t])  # type: ignore[operator]
+        if name in rows
+        else np.tile(value.astype(float), (len(t), 1))
+        for name, value in parts.items()
+    }
+    return motion.Motion(rate_hz, **made)
+
+
+@CHIPS
+def test_a_level_rest_reads_1_g_and_the_field(chip: feed.Chip) -> None:
+    found = feed.sampled(moved(), chip).samples
+    assert found.rate_hz == chip.rate_hz
+    assert np.abs(found.gyr).max() == 0
+    assert found.acc[:, 2] == pytest.approx(G, abs=chip.acc_lsb)
+    field = found.mag[found.has_mag]
+    assert field == pytest.approx(np.tile([0.0, 20.0, 9.0], (len(field), 1)), abs=0.16)
+    # A hundred a second of both chips.
+    assert found.has_mag.mean() == pytest.approx(100 / chip.rate_hz, abs=0.01)
+
+
+@CHIPS
+def test_a_ramp_is_read_at_its_own_time_and_its_mean_is_exact(
+    chip: feed.Chip,
+) -> None:
+    slope = 3.0  # rad/s2, which a straight line between records is
+    made = moved(gyr=lambda t: [slope * t, -t, 0.0])
+    found = feed.sampled(made, chip)
+    inside = found.times_s < made.seconds - 0.01
+    taken = found.times_s[inside] - chip.taken_before_s
+    error = found.samples.gyr[inside, 0] - slope * taken
+    assert np.abs(error).max() < 0.52 * chip.gyr_lsb
+
+
+def test_the_field_is_that_of_the_middle_of_its_measurement() -> None:
+    made = moved(mag=lambda t: [10.0 * t, 0.0, 0.0])
+    found = feed.sampled(made)
+    has_mag = found.samples.has_mag & (found.times_s < made.seconds - 0.01)
+    felt = found.times_s[has_mag] - feed.MPU9250.felt_before_s
+    error = found.samples.mag[has_mag, 0] - 10.0 * felt
+    assert np.abs(error).max() < 1.1 * feed.MPU9250.mag_lsb
+
+
+def test_a_clock_of_its_own_gives_the_last_reading_and_each_once() -> None:
+    clock = feed.Clock(100.0, phase_s=0.003, taken_after_s=0.001)
+    times = np.array([0.0115, 0.0121, 0.0219, 0.0221, 0.0319])
+    felt, is_new = clock.last(times)
+    assert felt == pytest.approx([0.003, 0.013, 0.013, 0.023, 0.023])
+    assert is_new.tolist() == [True, True, False, True, False]
+    chip = feed.LSM9DS0
+    assert chip.mag_clock
+    made = moved(mag=lambda t: [10.0 * t, 0.0, 0.0])
+    found = feed.sampled(made, chip)
+    has_mag = found.samples.has_mag & (found.times_s < made.seconds - 0.01)
+    felt = found.samples.mag[has_mag, 0] / 10.0
+    assert np.diff(felt) == pytest.approx(0.01, abs=0.002)  # a count is 0.8 ms
+    age = found.times_s[has_mag] + chip.mag_clock.taken_after_s - felt
+    assert -0.001 < age.min() < age.max() < 1.0 / chip.rate_hz + 0.001
+
+
+def test_poses_come_at_their_rate_from_any_rate_of_samples() -> None:
+    assert feed.posed_after(8, 200.0) == [1, 3, 5, 7]
+    assert feed.posed_after(20, 380.0) == [3, 7, 11, 15, 18]
+    assert len(feed.posed_after(3800, 380.0)) == 1000
+
+
+@CHIPS
+def test_without_a_sensor_in_the_recording_the_chips_own_low_pass_delays_it(
+    chip: feed.Chip,
+) -> None:
+    slope = 3.0
+    recorded = moved(gyr=lambda t: [slope * t, 0.0, 0.0])
+    true = dataclasses.replace(recorded, is_recorded=False)
+    late = feed.sampled(recorded, chip).samples.gyr
+    late -= feed.sampled(true, chip).samples.gyr
+    delay_s = chip.gyr_lowpass[1]
+    assert late[10:-10, 0].mean() / slope == pytest.approx(delay_s, abs=3e-5)
+
+
+def test_a_rate_beyond_the_range_is_held_there_and_flagged() -> None:
+    made = moved(gyr=lambda t: [50.0 if t > 2 else 0.0, 0.0, 0.0])
+    rows = feed.sampled(made).rows
+    is_beyond = rows["gyr"][:, 0] == 2**15 - 1
+    assert is_beyond.any()
+    assert (
+        rows["sample_flags"][is_beyond] == feed.schema.SampleFlags.GYR_CLIPPED
+    ).all()
+    assert (rows["sample_flags"][~is_beyond] == 0).all()
+
+
+def test_between_readings_the_last_is_held_and_before_them_the_first() -> None:
+    nothing = [np.nan] * 3
+    mag = np.array([nothing, [1, 2, 3], nothing, [4, 5, 6], nothing, nothing])
+    zeros = np.zeros((6, 3))
+    held = feed.Samples(200.0, zeros, zeros, mag).mag_held
+    assert held[:, 0].tolist() == [1, 1, 1, 4, 4, 4]
+
+
+def test_a_magnet_on_the_probe_adds_to_every_reading() -> None:
+    made = moved()
+    biased = feed.sampled(feed.with_bias(made, np.array([3.0, -1.5, 0.0]))).samples
+    plain = feed.sampled(made).samples
+    more = (biased.mag - plain.mag)[plain.has_mag]
+    assert more == pytest.approx(np.tile([3.0, -1.5, 0.0], (len(more), 1)), abs=0.31)
+
+
+def test_rows_and_messages_say_the_same() -> None:
+    made = feed.sampled(moved())
+    for index in (0, 1):
+        said = messages.decode(made.raws[index])
+        assert isinstance(said, messages.Message)
+        assert said.time_us == made.rows["time_us"][index]
+        assert said.fields["acc"] == tuple(made.rows["acc"][index])
+        assert (said.fields["mag"] is None) == (index == 0)
+    assert wire.to_contents(made.rows) == made.raws
+    said = feed.said(feed.with_filter(made.hello, "mahony"))
+    assert said.fields["filter"] == "mahony"
+
+
+def test_contents_of_another_message_are_refused() -> None:
+    made = feed.sampled(moved())
+    with pytest.raises(ValueError, match="raw messages"):
+        wire.to_rows("raw", [made.hello])
+
+
+@pytest.mark.sampled(2)
+@pytest.mark.usefixtures("boards")
+@pytest.mark.parametrize(
+    ("board", "names"),
+    # The accelerometer of the other has a clock of its own, whose phase is the build's.
+    [("nano", ("gyr", "acc")), ("f405", ("gyr",))],
+)
+def test_the_image_reads_what_is_made_up_here_to_one_count(
+    tmp_path: Path, board: str, names: tuple[str, ...]
+) -> None:
+    made = sensors.generate(8.0, seed=4, errors=sensors.NO_ERRORS)
+    path = tmp_path / "hand.npz"
+    made.save(path)
+    read = capture.run(board, path)
+    assert read.lost == 0
+    # A build's own moment, by which the two would otherwise be apart.
+    chip = dataclasses.replace(
+        BOARDS[board].chip, first_sample_s=float(read.feed.times_s[0])
+    )
+    made_up = feed.sampled(motion.load(path), chip)
+    count = min(len(made_up.rows), len(read.feed.rows)) - 2
+    sent = read.feed.rows[:count]
+    for name in names:
+        apart = np.abs(made_up.rows[name][:count].astype(int) - sent[name])
+        assert apart.max() <= 1
+        assert (apart == 0).mean() > 0.95
+    said, known = (messages.decode(each.hello) for each in (made_up, read.feed))
+    assert isinstance(said, messages.Message)
+    assert isinstance(known, messages.Message)
+    for name in ("board", "sensor", "who_am_i", "sample_rate", "mag_adjust"):
+        assert said.fields[name] == known.fields[name]
+    for name in ("acc_lsb", "gyr_lsb", "mag_lsb"):
+        assert said.fields[name] == pytest.approx(known.fields[name], rel=1e-6)
+    # As often is there something of the field.
+    shares = [each.samples.has_mag.mean() for each in (made_up, read.feed)]
+    assert shares[0] == pytest.approx(shares[1], abs=0.01)

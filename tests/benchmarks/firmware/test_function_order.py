@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: MIT
+"""The order of functions in the Nano's image."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.firmware import function_order as order
+
+LINKED = """Linker script and memory map
+
+ .text          0x00000068        0x2 crtatmega328p.o
+ .text.near     0x0000006a       0x10 a.o
+ .text.startup.main
+                0x0000007a       0x20 main.o
+ .text.big.part.0
+                0x0000009a     0x1000 a.o
+ .text.big      0x0000109a       0x10 a.o
+ .text.libgcc.prologue
+                0x000010aa       0x38 /usr/lib/libgcc.a(_prologue.o)
+"""
+DISASSEMBLED = """
+0000006a <near>:
+      6a:\t0e 94 4d 08 \tcall\t0x109a\t; 0x109a <big>
+      7a:\tf7 df       \trcall\t.-18     \t; 0x6a <near>
+     109a:\t0c 94 55 08 \tjmp\t0x10aa\t; 0x10aa <__prologue_saves__>
+     109e:\t02 d8       \trcall\t.-4092   \t; 0xa4 <big>
+     10a0:\t09 95       \ticall
+"""
+
+
+def test_a_map_and_a_disassembly_give_functions_and_calls_between_them() -> None:
+    image = order.parse(LINKED, DISASSEMBLED)
+    assert image.sizes == {
+        "near": 0x10,
+        "main": 0x20,
+        "big": 0x1010,
+        "lib:_prologue": 0x38,
+    }
+    assert image.calls == [
+        ("near", 0, "big", 0x1000),
+        ("main", 0, "near", 0),
+        ("big", 0x1000, "lib:_prologue", 0),
+    ]
+
+
+def test_a_map_without_sections_of_functions_is_refused() -> None:
+    with pytest.raises(order.BadImage, match="-ffunction-sections"):
+        order.parse("Linker script and memory map\n", DISASSEMBLED)
+
+
+def test_functions_that_call_each_other_are_put_together() -> None:
+    sizes = {f"f{number}": 1500 for number in range(12)}
+    calls = [(f"f{number}", 0, f"f{11 - number}", 0) for number in range(6)]
+    image = order.Image(sizes, calls * 3)
+    names = order.names_of([image])
+    costs = order.Costs(image, names)
+    assert costs.long(order.np.arange(12)) == 3 * 5
+    found = order.anneal([image], names, turns=3000)
+    assert sorted(found) == sorted(names)
+    assert costs.long(order.np.array([names.index(name) for name in found])) == 0
+
+
+def test_the_list_is_written_between_its_comments_and_read_back() -> None:
+    script = (
+        f"before\n        {order.BEGIN}\n        old\n        {order.END}\nbehind\n"
+    )
+    names = ["near", "main", "lib:_prologue"]
+    written = order.with_list(script, names)
+    assert written.startswith("before\n") and written.endswith("behind\n")
+    assert "old" not in written
+    assert order.listed(written) == names
+    assert order.with_list(written, names) == written
+
+
+def test_a_script_without_the_comments_is_refused() -> None:
+    with pytest.raises(order.BadImage, match="begin"):
+        order.with_list("SECTIONS {}", ["near"])
+
+
+def test_an_image_without_its_map_says_how_to_get_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert order.main([str(tmp_path / "firmware.elf")]) == 1
+    assert "-Wl,-Map=" in capsys.readouterr().err
+
+
+def test_the_list_in_the_linker_script_names_each_function_once() -> None:
+    names = order.listed(order.SCRIPT.read_text(encoding="utf-8"))
+    assert len(names) > 200
+    assert len(set(names)) == len(names)

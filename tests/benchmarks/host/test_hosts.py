@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: MIT
+"""The fleet's benchmark counts what was lost, where, and how long messages took."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.host import hosts
+from benchmarks.host.hops import counted, delays
+
+MS = 1_000_000
+
+
+def fleet(
+    tmp_path: Path, sent: list[Any], heard: list[Any], told: dict[int, int]
+) -> Any:
+    """`told`: the number of the last pose in the status of each probe."""
+    names = ("sent_path", "heard_path", "told_path")
+    made = SimpleNamespace(**{name: tmp_path / f"{name}.npy" for name in names})
+    np.save(made.sent_path, np.array(sent, dtype=np.int64).reshape(-1, 4))
+    np.save(made.heard_path, np.array(heard, dtype=np.int64).reshape(-1, 6))
+    np.save(made.told_path, np.array([*told.items()], dtype=np.int64).reshape(-1, 2))
+    return made
+
+
+def sent(probe: int, sequence: int, *, overrun: int = 0) -> tuple[int, ...]:
+    return (probe, sequence, sequence * 10 * MS, overrun)
+
+
+def heard(probe: int, sequence: int, number: int) -> tuple[int, ...]:
+    """Read 2 ms after it was written, and 3 ms later with the consumer."""
+    t_ns = sequence * 10 * MS
+    return (probe, sequence, number, 0, t_ns + 2 * MS, t_ns + 5 * MS)
+
+
+def test_a_loss_is_explained_by_a_pty_or_by_a_gap_in_numbers(tmp_path: Path) -> None:
+    made = fleet(
+        tmp_path,
+        [sent(1, n, overrun=int(n == 4)) for n in range(1, 9)]
+        + [sent(2, n) for n in range(1, 4)],
+        # The first is not heard yet, 4 overran, 6 is missing by number.
+        [
+            heard(1, 2, 2),
+            heard(1, 3, 3),
+            heard(1, 5, 4),
+            heard(1, 7, 6),
+            heard(1, 8, 7),
+        ],
+        {1: 7},
+    )
+    assert counted(made) == {"got": 5, "lost": 2, "unexplained": 0, "unheard": 1}
+
+
+def test_a_loss_without_a_gap_is_not_explained(tmp_path: Path) -> None:
+    received = [heard(1, 1, 1), heard(1, 3, 2)]
+    made = fleet(tmp_path, [sent(1, n) for n in range(1, 5)], received, {})
+    assert counted(made) == {"got": 2, "lost": 2, "unexplained": 2, "unheard": 0}
+
+
+def test_a_loss_at_the_end_is_explained_by_the_status(tmp_path: Path) -> None:
+    received = [heard(1, 1, 1), heard(1, 2, 2)]
+    made = fleet(tmp_path, [sent(1, n) for n in range(1, 6)], received, {1: 4})
+    assert counted(made) == {"got": 2, "lost": 3, "unexplained": 1, "unheard": 0}
+
+
+def test_delays_are_told_by_hop(tmp_path: Path) -> None:
+    received = [heard(1, n, n) for n in (1, 2, 3)]
+    made = fleet(tmp_path, [sent(1, n) for n in range(1, 5)], received, {1: 3})
+    found = delays(made, 0, 100 * MS)
+    assert found["to_daemon_ms"] == {"p50": 2.0, "p99": 2.0}
+    assert found["to_consumer_ms"] == {"p50": 3.0, "p99": 3.0}
+    assert found["sent_hz"] == pytest.approx(40.0)
+
+
+def test_the_line_is_found(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [
+        {
+            "size": {"daemons": daemons},
+            "sent_hz": float(rate),
+            "lost": 0,
+            "cores": {"daemons": 0.05 * daemons + 60e-6 * rate},
+        }
+        for daemons, rate in ((1, 1000), (1, 8000), (4, 8000), (2, 500))
+    ]
+    fitted = hosts.straightness(rows)
+    assert fitted is not None
+    assert fitted["core_per_daemon"] == pytest.approx(0.05)
+    assert fitted["us_per_message"] == pytest.approx(60.0)
+    assert fitted["worst_share"] < 1e-9
+    assert hosts.straightness(rows[:2]) is None
+    assert not capsys.readouterr().err

@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: MIT
+"""A stroke through the STM32F405's image: measured, and computed again bit by bit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from benchmarks.common.capture import Capture, RunFailed
+from benchmarks.strokes import on_board
+from benchmarks.strokes.runs import Case, Run, run_of
+from imud.virtual.stroking import Plan
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return run_of(Case("one", Plan(seconds=0.75, strokes=1)), seed=3)
+
+
+@pytest.fixture(scope="module")
+def capture(f405: Path, f405_image: Path, run: Run) -> Capture:
+    assert f405.is_file()
+    return on_board.sent(f405_image, run)
+
+
+@pytest.mark.nightly
+def test_the_image_measures_a_stroke_by_its_button(capture: Capture, run: Run) -> None:
+    found = on_board.found_by(capture, run)
+    assert len(found.errors) == 1
+    assert np.linalg.norm(found.errors) < 0.005
+    assert on_board.differing(capture) == 0
+
+
+def test_a_stroke_of_other_bits_is_counted(capture: Capture) -> None:
+    received = list(capture.received)
+    at = [each.message.name for each in received].index("stroke")
+    content = bytearray(received[at].content)
+    content[-1] ^= 1
+    received[at] = msgspec.structs.replace(received[at], content=bytes(content))
+    assert on_board.differing(replace(capture, received=received)) == 1
+
+
+def test_a_capture_that_cannot_be_followed_is_no_proof(capture: Capture) -> None:
+    with pytest.raises(RunFailed, match="the twin is"):
+        on_board.differing(replace(capture, received=capture.received[:5]))
