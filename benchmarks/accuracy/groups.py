@@ -21,7 +21,8 @@ from benchmarks.common import engines, scoring
 from benchmarks.common.boards import BOARDS
 from benchmarks.common.engines import HOST, VQF
 from benchmarks.common.feed import sampled
-from benchmarks.common.trusted import known_to
+from benchmarks.common.paths import RESULTS
+from imud.params.trusted import known_to
 from imud.progress import Progress
 from imud.virtual.motion import Motion
 from imud.virtual.motions.groups import GROUPS, SETS, Recipe, recipes
@@ -34,7 +35,7 @@ KNOWN = {
     "crossed": known_to(0.007, 0.05),
 }
 
-OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "groups.json"
+OUTPUT = RESULTS / "groups.json"
 
 
 def measure(

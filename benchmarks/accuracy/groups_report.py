@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.accuracy import report
-from benchmarks.accuracy.report import Figure
 from benchmarks.common.engines import HOST, VQF
+from benchmarks.common.figure import Figure, ratio
 from benchmarks.common.scoring import Coverage, Score
 from imud.virtual.motions.groups import Recipe
 
@@ -173,7 +173,7 @@ def figures(outcomes: Sequence[Outcome]) -> Iterator[Figure]:
             )
     if east:
         mine, other = east.scores[HOST].heading, east.scores[VQF].heading
-        yield report.ratio("heading / VQF, east_pendulum", mine, other, 1.05, 1.0)
+        yield ratio("heading / VQF, east_pendulum", mine, other, 1.05, 1.0)
 
 
 def write(outcomes: Sequence[Outcome], path: Path) -> None:

@@ -27,17 +27,18 @@ import numpy as np
 from benchmarks.accuracy import report
 from benchmarks.accuracy.report import Result
 from benchmarks.common import engines, scoring
-from benchmarks.common.boards import BOARDS
-from benchmarks.common.capture import Capture, RunFailed
+from benchmarks.common.boards import BOARDS, IMAGES, NANO
+from benchmarks.common.capture import Capture
 from benchmarks.common.capture import run as run_image
-from benchmarks.common.engines import HOST, IMAGES, VQF, Estimate
+from benchmarks.common.engines import HOST, VQF, Estimate
 from benchmarks.common.feed import sampled, with_bias
+from benchmarks.common.figure import Figure
+from benchmarks.common.images import RunFailed
+from benchmarks.common.paths import RESULTS
 from benchmarks.common.scoring import Coverage, Score, Trial
-from benchmarks.common.trusted import CALIBRATED
 from imud.errors import ImudError
+from imud.params.trusted import CALIBRATED
 from imud.progress import Progress
-
-OUTPUT = scoring.PROJECT / "build" / "benchmarks"
 
 ENGINES = (*IMAGES, *engines.ENGINES)
 
@@ -77,7 +78,7 @@ def measure(path: Path, settings: Settings) -> Result:
         if name == image and capture:
             estimates[name] = engines.poses(feed.pose_times_s, capture.pose_contents)
         elif name == HOST:
-            again = engines.replayed(feed, "fuse")
+            again = engines.replayed(feed, engines.MAIN)
             estimates[name] = engines.poses(feed.pose_times_s, again)
         else:
             estimates[name] = engines.ENGINES[name](feed)
@@ -189,7 +190,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--board",
         choices=BOARDS,
-        default=engines.NANO,
+        default=NANO.name,
         help="whose image, and at whose rate (default: %(default)s)",
     )
     choice = parser.add_mutually_exclusive_group()
@@ -233,8 +234,8 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     args.engines = args.engines or [each for each in ENGINES if each not in others]
     if others & set(args.engines):
         parser.error(f"the image is that of --board {args.board}")
-    name = "" if args.board == engines.NANO else f"-{args.board}"
-    args.output = args.output or OUTPUT / f"accuracy{name}.json"
+    name = "" if args.board == NANO.name else f"-{args.board}"
+    args.output = args.output or RESULTS / f"accuracy{name}.json"
     return args
 
 
@@ -284,7 +285,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return end(results, found if is_judged else [], args.board)
 
 
-def end(results: Sequence[Result], judged: Sequence[report.Figure], image: str) -> int:
+def end(results: Sequence[Result], judged: Sequence[Figure], image: str) -> int:
     """Print the last lines; return the exit code."""
     missed = sum(figure.verdict == "MISSED" for figure in judged)
     unequal = sum(result.unequal for result in results)

@@ -26,6 +26,8 @@ import numpy as np
 
 from benchmarks.calibration import shop_trials, simulated
 from benchmarks.calibration.report import GUIDED, Results, show
+from benchmarks.common.figure import SETS
+from benchmarks.common.paths import RESULTS
 from imud.calibration import faults, poses, whole
 from imud.calibration.affine import Affine, MethodError
 from imud.calibration.algebra import units
@@ -43,8 +45,7 @@ from imud.virtual.motions.module import Module
 from imud.virtual.sensors import World
 from imud.virtual.sim import BOARDS
 
-OUTPUT = Path(__file__).resolve().parents[2] / "build/benchmarks/calibration.json"
-SETS = {"tuning": 0, "judging": 1}  # seeds: these, and every second one
+OUTPUT = RESULTS / "calibration.json"
 
 MODULES = 150
 CROWD = 2000

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.accuracy.report import Figure
 from benchmarks.calibration import shop_trials
+from benchmarks.common.figure import Figure
 from imud.calibration.papers import METHODS
 
 GUIDED = "as the procedure guides"  # the case of which most is required

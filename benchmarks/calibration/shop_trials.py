@@ -11,14 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.accuracy.report import Figure
 from benchmarks.calibration import simulated
 from benchmarks.common import engines, scoring
+from benchmarks.common.core import Replay
 from benchmarks.common.engines import HOST, Estimate
 from benchmarks.common.feed import NO_READING, Feed, sampled
+from benchmarks.common.figure import Figure
+from benchmarks.common.paths import RECORDINGS
 from benchmarks.common.scoring import SIGMAS, Trial
 from imud import rotation
-from imud._core import Replay
 from imud.calibration import housing, whole
 from imud.calibration.affine import Affine
 from imud.calibration.learner import Learner, learned_of
@@ -217,7 +218,7 @@ def _rms(values: FloatArray) -> float:
 
 def tasks(seeds: Iterable[int]) -> list[tuple[Path, int]]:
     """Each public recording with a module of each seed; none where there are none."""
-    paths = scoring.find_trials([scoring.RECORDINGS])
+    paths = scoring.find_trials([RECORDINGS])
     return [(path, seed) for seed in seeds for path in paths if path.exists()]
 
 

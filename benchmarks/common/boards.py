@@ -23,3 +23,4 @@ class Board:
 NANO = Board("nano", "ATmega328P", "nano", 16e6, feed.MPU9250)
 F405 = Board("f405", "STM32F405", "stm32f405", 168e6, feed.LSM9DS0)
 BOARDS = {board.name: board for board in (NANO, F405)}
+IMAGES = tuple(BOARDS)  # their names among the engines

@@ -13,15 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.common import trusted, wire
+from benchmarks.common import wire
 from benchmarks.common.feed import Feed
+from benchmarks.common.images import RunFailed, flashed
 from imud.probes.session import OtherSchema, Probe, Received, Session
 from imud.rotation import FloatArray
 from imud.virtual import motion, sim
-
-
-class RunFailed(Exception):
-    """The virtual probe failed."""
+from imud.virtual.memory import memory_with
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +57,7 @@ def run(
     board = sim.BOARDS[board_name]
     if sample_rate_hz is not None:
         board = replace(board, sample_rate_hz=sample_rate_hz)
-    simulator = sim.find(None, board.simulator_variable, board.simulator)
-    image = sim.find(image, board.image_variable, board.image)
+    simulator, image = flashed(board_name, image)
     with tempfile.TemporaryDirectory() as folder:
         felt, record, summary = (
             Path(folder) / name for name in ("motion", "uart.bin", "summary.json")
@@ -72,7 +69,7 @@ def run(
         words += ["--press", ":".join(map(str, sim.PRESS_US))]
         if params:
             memory = Path(folder) / "memory"
-            trusted.memory_with(image, simulator, params, memory)
+            memory_with(image, simulator, params, memory)
             words += ["--eeprom", memory]
         for at_us, frame in sim.commands_us(
             board, wants_raw=True, rate_hz=pose_rate_hz

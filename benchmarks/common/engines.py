@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.common import wire
-from benchmarks.common.feed import Feed, with_filter
+from benchmarks.common.core import Replay
+from benchmarks.common.feed import Feed, Samples, with_filter
 from imud import rotation
-from imud._core import Replay
 from imud.rotation import FloatArray
 from imud.virtual.motion import GRAVITY_M_S2
+from imud.wire import schema
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +31,16 @@ class Estimate:
 
 Engine = Callable[[Feed], Estimate]
 
-# Our own: the images, and their C on this machine. Others' names stand where they
-# compare.
-NANO, F405, HOST = "nano", "f405", "host"
-IMAGES = (NANO, F405)
+# The main filter's C on this machine, beside the images (boards.IMAGES), whose messages
+# the engines are fed with. Others' names stand where they compare.
+HOST = "host"
 VQF, OFFLINE = "vqf", "vqf-offline"
+
+# The filters of the firmware: the main one, and the papers'.
+OURS = tuple(
+    each.name.lower() for each in schema.Filter if each is not schema.Filter.NONE
+)
+MAIN, *PAPERS = OURS
 
 
 def poses(times_s: FloatArray, contents: Sequence[bytes]) -> Estimate:
@@ -67,16 +73,21 @@ def core(feed: Feed, name: str) -> Estimate:
 
 
 def vqf_defaults(feed: Feed, *, is_basic: bool = False) -> Estimate:
-    """VQF from PyPI with its default parameters.
+    """VQF from PyPI with its default parameters."""
+    samples = feed.samples
+    # Samples from one magnetometer reading to the next.
+    every = max(1.0, round(len(samples) / max(1, int(samples.has_mag.sum())), 1))
+    return Estimate(feed.times_s, vqf_quats(samples, every, is_basic=is_basic))
+
+
+def vqf_quats(samples: Samples, every: float, *, is_basic: bool) -> FloatArray:
+    """VQF's orientations, with a magnetometer reading for `every` samples.
 
     The basic one estimates no gyroscope offset and rejects no magnetic disturbance.
     """
     import vqf
 
-    samples = feed.samples
     step_s = 1.0 / samples.rate_hz
-    # Samples from one magnetometer reading to the next.
-    every = max(1.0, round(len(samples) / max(1, int(samples.has_mag.sum())), 1))
     kind = vqf.BasicVQF if is_basic else vqf.VQF
     tracker = kind(step_s, step_s, every * step_s)
     out = np.empty((len(samples), 4))
@@ -90,7 +101,7 @@ def vqf_defaults(feed: Feed, *, is_basic: bool = False) -> Estimate:
         if is_new:
             tracker.updateMag(mag[index])
         out[index] = tracker.getQuat9D()
-    return Estimate(feed.times_s, out)
+    return out
 
 
 def vqf_offline(feed: Feed) -> Estimate:
@@ -180,9 +191,8 @@ def fusion_defaults(feed: Feed) -> Estimate:
     return Estimate(feed.times_s, out)
 
 
-# Not the images (IMAGES), whose messages are what these engines are fed with.
 ENGINES: dict[str, Engine] = {
-    HOST: partial(core, name="fuse"),
+    HOST: partial(core, name=MAIN),
     VQF: vqf_defaults,
     "vqf-basic": partial(vqf_defaults, is_basic=True),
     OFFLINE: vqf_offline,
@@ -191,11 +201,8 @@ ENGINES: dict[str, Engine] = {
     "ahrs-mahony": ahrs_mahony,
     "ahrs-mahony-.2": partial(ahrs_mahony, gain=0.2),
     "imufusion": fusion_defaults,
-    "complementary": partial(core, name="complementary"),
-    "mahony": partial(core, name="mahony"),
-    "madgwick": partial(core, name="madgwick"),
-    "dcm_pi": partial(core, name="dcm_pi"),
+    **{name: partial(core, name=name) for name in PAPERS},
 }
 
 # Engines that take seconds only.
-QUICK = (HOST, VQF, OFFLINE, "complementary", "mahony", "madgwick", "dcm_pi")
+QUICK = (HOST, VQF, OFFLINE, *PAPERS)

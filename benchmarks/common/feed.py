@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.common import trusted, wire
+from benchmarks.common import wire
+from imud.params.trusted import CALIBRATED
 from imud.rotation import FloatArray
 from imud.virtual.motion import GRAVITY_M_S2, BoolArray, Motion
 from imud.wire import messages, schema
@@ -182,9 +183,7 @@ def with_bias(motion: Motion, bias_ut: FloatArray) -> Motion:
     return replace(motion, mag=motion.mag + bias_ut)
 
 
-def sampled(
-    motion: Motion, chip: Chip = MPU9250, params: bytes = trusted.CALIBRATED
-) -> Feed:
+def sampled(motion: Motion, chip: Chip = MPU9250, params: bytes = CALIBRATED) -> Feed:
     """The messages that a virtual board with these params sends for a motion."""
     count = int((motion.seconds - chip.first_sample_s) * chip.rate_hz)
     times = chip.first_sample_s + np.arange(count) / chip.rate_hz

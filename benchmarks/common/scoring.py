@@ -14,13 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.common.paths import RECORDINGS
 from imud import rotation
 from imud.rotation import FloatArray
 from imud.virtual import motion
 from imud.virtual.motion import BoolArray, Motion
-
-PROJECT = Path(__file__).resolve().parents[2]
-RECORDINGS = PROJECT.parent / "shared" / "data" / "broad"
 
 # The trials behind each line of the summary. Trials 32, 34 and 36 have a magnet on the
 # sensor itself and are also among the disturbed ones.

@@ -17,7 +17,8 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from benchmarks.common import scoring
+from benchmarks.common.images import simulated
+from benchmarks.common.paths import RESULTS
 from imud.card.disk import opened
 from imud.card.probe_log import find_log
 from imud.cli import main as imud
@@ -25,7 +26,7 @@ from imud.errors import ImudError
 from imud.wire import schema
 from imud.wire.frame import FrameDecoder
 
-OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "card.json"
+OUTPUT = RESULTS / "card.json"
 RATE_HZ = 380
 IDS = {message.name: message.id for message in schema.MESSAGES}
 SAMPLES = (IDS["raw"], IDS["pose"])
@@ -114,8 +115,8 @@ def run(seconds: float, folder: Path) -> dict[str, Any]:
     size = 48 + int(seconds * BYTES_A_SECOND) // 2**20
     if imud(["card", "prepare", str(image), "--size", f"{size}M"]):
         raise ItDiffers("no card could be prepared")
-    words = ["sim", "f405", "--stream", "--raw", "--rate", str(RATE_HZ), "--fast"]
-    words += ["--card", str(image), "--record", str(record)]
+    words = [*simulated("f405"), "--stream", "--raw", "--rate", str(RATE_HZ)]
+    words += ["--fast", "--card", str(image), "--record", str(record)]
     words += ["--summary", str(summary), "--seconds", str(seconds + SLACK_S)]
     subprocess.run([sys.executable, "-m", "imud", *words], check=True)
     seen = json.loads(summary.read_text())

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.common.boards import Board
-from benchmarks.common.capture import RunFailed
+from benchmarks.common.images import RunFailed
 from benchmarks.firmware.budget import LIMITS, Line
-from benchmarks.firmware.images import measure
-from imud._core import encode_frame
+from benchmarks.firmware.profiles import measure
 from imud.params.value import Params
 from imud.virtual import motion, sensors
-from imud.wire import messages, schema
+from imud.wire import messages
+from imud.wire.frame import encode_frame
 from imud.wire.params import words_of
 
 # The emulator takes 64 commands, of which capture.run sends three.
@@ -96,7 +96,7 @@ def options(commands: Iterator[Command]) -> list[str]:
     words: list[str] = []
     for index, (at_us, name, arguments) in enumerate(commands):
         order = {"command": name, "token": 100 + index, "arguments": arguments}
-        frame = encode_frame(schema.SEED, messages.encode("command", order, index, 0))
+        frame = encode_frame(messages.encode("command", order, index, 0))
         words += ["--send", f"{at_us}:{frame.hex()}"]
     return words
 

@@ -24,25 +24,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.common import scoring
 from benchmarks.common.boards import BOARDS, F405, NANO, Board
-from benchmarks.common.capture import RunFailed
 from benchmarks.common.feed import Samples
+from benchmarks.common.images import RunFailed, build, environments
+from benchmarks.common.paths import RESULTS
 from benchmarks.firmware import commanded, filters, parts
 from benchmarks.firmware.budget import Line, SumsDiffer, by_part, figures, print_parts
 from benchmarks.firmware.f405_load import RATES, at_rate, each_filter, print_rates
-from benchmarks.firmware.images import (
+from benchmarks.firmware.profiles import (
     Measured,
-    build,
-    environments,
     measure,
     poses_a_second,
 )
 from imud.errors import ImudError
 from imud.virtual import motion, sensors
 from imud.virtual.sensors import Magnet, World
-
-OUTPUT = scoring.PROJECT / "build" / "benchmarks"
 
 # So strong and so near that the field differs from the Earth's by tens of microtesla on
 # some strokes and by little on others.
@@ -204,7 +200,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     board = BOARDS[args.board]
     name = "" if board is NANO else f"-{board.name}"
-    output = args.output or OUTPUT / f"cycles{name}.json"
+    output = args.output or RESULTS / f"cycles{name}.json"
     with tempfile.TemporaryDirectory() as folder:
         hand = Path(folder) / "hand.npz"
         sensors.generate(

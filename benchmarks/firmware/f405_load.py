@@ -12,12 +12,12 @@ from typing import Any
 
 from benchmarks.common import capture as captures
 from benchmarks.common.boards import F405
-from benchmarks.common.capture import RunFailed
-from benchmarks.firmware import filters
-from benchmarks.firmware.images import Measured, measure, poses_a_second, prepared
-from imud._core import encode_frame
+from benchmarks.common.engines import MAIN, OURS
+from benchmarks.common.images import RunFailed
+from benchmarks.firmware.profiles import Measured, measure, poses_a_second, prepared
 from imud.virtual import motion
 from imud.wire import messages, schema
+from imud.wire.frame import encode_frame
 
 FAST = "stm32f405_760"  # an environment of platformio.ini
 RATES = ((F405.environment, 380), (FAST, 760))
@@ -38,12 +38,10 @@ def each_filter(image: Path, hand: Path, seed: int) -> dict[str, dict[str, Any]]
     """Measure each filter of the image; print a line for each when it is done."""
     print("\nfilter in the image   step: mean     worst   pose: mean")
     found = {}
-    for filter_ in schema.Filter:
-        name = filter_.name.lower()
-        if name not in filters.HOUSE:
-            continue
-        order = {"command": "restart", "token": 9, "arguments": (int(filter_), 0)}
-        frame = encode_frame(schema.SEED, messages.encode("command", order, 9, 0))
+    for name in OURS:
+        number = int(schema.Filter[name.upper()])
+        order = {"command": "restart", "token": 9, "arguments": (number, 0)}
+        frame = encode_frame(messages.encode("command", order, 9, 0))
         options = ["--send", f"{FILTER_FROM_US}:{frame.hex()}"]
         measured = measure(F405, image, hand, seed, options)
         cost = filtered(measured, name)
@@ -61,11 +59,11 @@ def filtered(measured: Measured, name: str) -> Filtered:
     functions = measured.profile["functions"]
     times_us = measured.capture.feed.rows["time_us"]
     count = int((times_us > FILTER_FROM_US).sum())
-    if name == "fuse":  # the filter at start-up
+    if name == MAIN:  # the filter at start-up
         count = measured.profile["samples"]
     # Ours takes the measurement in one function and works in another; the worst of both
     # is at most their sum.
-    step = ("take", "work") if name == "fuse" else ("step",)
+    step = ("take", "work") if name == MAIN else ("step",)
     tallies = [functions.get(f"{name}_{what}") for what in (*step, "orientation")]
     if None in tallies or not count:
         raise RunFailed(f"{name} did not run")

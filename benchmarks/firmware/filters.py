@@ -22,22 +22,22 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.common.engines import OURS, vqf_quats
 from benchmarks.common.feed import Samples
+from benchmarks.common.paths import PROJECT
 from imud import rotation
 from imud.rotation import FloatArray
 
-ROOT = Path(__file__).resolve().parents[2]
-AVR = ROOT / "benchmarks" / "avr"
-FIRMWARE = ROOT / "firmware"
+AVR = PROJECT / "benchmarks" / "avr"
+FIRMWARE = PROJECT / "firmware"
 CORE = FIRMWARE / "core"
-BUILD = ROOT / "build" / "benchmarks"
-BENCH = ROOT / "build" / "sim" / "bench"
+BUILD = PROJECT / "build" / "benchmarks"
+BENCH = PROJECT / "build" / "sim" / "bench"
 
 # ATmega328P data sheet, table 2-1.
 FLASH_BYTES = 32768
 RAM_BYTES = 2048
 
-HOUSE = ("fuse", "complementary", "mahony", "madgwick", "dcm_pi")
 MACHINE = ("-mmcu=atmega328p", "-DF_CPU=16000000L")
 LINK = ("-Wl,--gc-sections", "-mrelax", "-Wl,-u,bench_sample", "-Wl,-u,bench_answer")
 INCLUDE = (f"-I{FIRMWARE}", f"-I{AVR}", f"-I{ROOT / 'sim'}")
@@ -98,7 +98,7 @@ class Filter:
 def flags() -> list[str]:
     """Compiler flags of the firmware, from platformio.ini."""
     ini = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=(";",))
-    ini.read(ROOT / "platformio.ini")
+    ini.read(PROJECT / "platformio.ini")
     shared = ini["env"]["build_flags"]
     own = ini["firmware:nano"]["build_flags"].replace("${env.build_flags}", shared)
     return [flag for flag in own.split() if not flag.startswith("-W")]
@@ -163,11 +163,6 @@ def vqf_source() -> Path:
     return folder
 
 
-def has_mag(samples: Samples) -> list[bool]:
-    """Which samples have a magnetometer reading."""
-    return [bool(flag) for flag in np.isfinite(samples.mag[:, 0])]
-
-
 def records(samples: Samples, *, is_fixed: bool) -> bytes:
     """Samples in the layout of `bench_sample`."""
     values = (samples.gyr, samples.acc, np.nan_to_num(samples.mag))
@@ -179,7 +174,7 @@ def records(samples: Samples, *, is_fixed: bool) -> bytes:
         columns = np.concatenate(values, axis=1).astype("<f4")
     return b"".join(
         row.tobytes() + struct.pack("B", flag)
-        for row, flag in zip(columns, has_mag(samples), strict=True)
+        for row, flag in zip(columns, samples.has_mag.tolist(), strict=True)
     )
 
 
@@ -220,32 +215,15 @@ def by_ahrs(samples: Samples, folder: Path) -> FloatArray:
 
 def by_vqf(samples: Samples, folder: Path, *, is_basic: bool) -> FloatArray:
     """Answers of the authors' own build of VQF, in doubles."""
-    import vqf
-
     del folder
-    step_s = 1.0 / samples.rate_hz
-    kind = vqf.BasicVQF if is_basic else vqf.VQF
-    filter_ = kind(step_s, step_s, HELD * step_s)
-    found = np.empty((len(samples), 4))
-    gyr, acc, mag = (
-        np.ascontiguousarray(values)
-        for values in (samples.gyr, samples.acc, samples.mag)
-    )
-    for index, is_new in enumerate(has_mag(samples)):
-        filter_.updateGyr(gyr[index])
-        filter_.updateAcc(acc[index])
-        if is_new:
-            filter_.updateMag(mag[index])
-        found[index] = filter_.getQuat9D()
-    return found
+    return vqf_quats(samples, HELD, is_basic=is_basic)
 
 
 def filters() -> list[Filter]:
     """Our filters, and the others in floats."""
     found = [
         Filter(name, name, partial(build_house, name), True, partial(by_core, name))
-        for name in HOUSE
-        if (CORE / "fusion" / f"{name}.c").is_file()
+        for name in OURS
     ]
     found.append(
         Filter("float Madgwick", "float_madgwick", build_madgwick, False, by_ahrs)

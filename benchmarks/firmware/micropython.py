@@ -16,15 +16,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.common.paths import PROJECT
 from imud.wire import schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode, encode
 
-ROOT = Path(__file__).resolve().parents[2]
-BUILD = ROOT / "build" / "micropython"
-MAINS = ROOT / "tests" / "micropython" / "mains"
+BUILD = PROJECT / "build" / "micropython"
+MAINS = PROJECT / "tests" / "micropython" / "mains"
 IMAGES = ("fast", "madgwick", "memory", "memory_plain", "pause", "pause_plain")
-RESULT = ROOT / "build" / "micropython.json"
+RESULT = PROJECT / "build" / "micropython.json"
 
 CLOCK_HZ = 168_000_000
 SETTLED = 3  # statuses until all that is sent once is sent
@@ -48,7 +48,7 @@ def run(name: str, seconds: float, *options: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as room:
         record, summary = Path(room) / "record", Path(room) / "summary"
         image = BUILD / "pyboard" / name
-        words: list[object] = [ROOT / "build" / "sim" / "f405", "--image", image]
+        words: list[object] = [PROJECT / "build" / "sim" / "f405", "--image", image]
         words += ["--record", record, "--summary", summary, "--fast"]
         words += ["--seconds", seconds, *CLICK, *options]
         subprocess.run(list(map(str, words)), check=True, capture_output=True)
@@ -87,7 +87,7 @@ def sizes() -> dict[str, int]:
 
 
 def measure(seconds: float) -> dict[str, Any]:
-    tool = ROOT / "tools" / "micropython_build.py"
+    tool = PROJECT / "tools" / "micropython_build.py"
     mains = [MAINS / f"{name}.py" for name in IMAGES]
     subprocess.run([sys.executable, tool, "pyboard", "plain", *mains], check=True)
     kinds = {

@@ -16,11 +16,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.common import scoring
+from benchmarks.common.paths import RESULTS
 from imud.probes.clock import Clock
 from imud.probes.timeline import Timeline
 
-OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "clocks.json"
+OUTPUT = RESULTS / "clocks.json"
 
 POSE_US = 10_000
 LATE_NS = 16_000_000  # the longest delay of a message or a command

@@ -18,12 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.common import scoring
+from benchmarks.common.paths import RESULTS
 from benchmarks.host import soak
 from benchmarks.host.decoding import decoding, tell_decoding
 from benchmarks.host.live import live
 
-OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "host.json"
+OUTPUT = RESULTS / "host.json"
 # By the number of probes: median and 99th percentile in us; share of a core.
 LATENCY_TARGET_US = {8: (300.0, 2000.0)}
 CORE_TARGET = {64: 1.0}

@@ -22,7 +22,7 @@ import msgspec
 import numpy as np
 import zenoh
 
-from benchmarks.host.live import (
+from benchmarks.common.load import (
     PATIENCE_S,
     FedPort,
     answer_of,

@@ -12,9 +12,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from benchmarks.common.load import PATIENCE_S, answer_of, cpu_s, idle_s, rss_mib
 from benchmarks.host.fleet import Fleet
-from benchmarks.host.live import PATIENCE_S, answer_of, cpu_s, idle_s
-from benchmarks.host.soak import rss_mib
 
 # After the last message it looks so often whether more has arrived, until nothing has
 # for some times, at most so many times.

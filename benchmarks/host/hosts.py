@@ -23,11 +23,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.common import scoring
+from benchmarks.common.paths import RESULTS
 from benchmarks.host.fleet import Fleet, Size
 from benchmarks.host.hops import run
 
-OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "hosts.json"
+OUTPUT = RESULTS / "hosts.json"
 
 # Probes, their rate, daemons, routers, consumers.
 ROWS = (

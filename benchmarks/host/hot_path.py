@@ -17,8 +17,8 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from benchmarks.common.load import free_endpoint
 from benchmarks.common.source import PERIOD_US, Source
-from benchmarks.host.live import free_endpoint
 from imud.config.settings import Config, Zenoh
 from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake

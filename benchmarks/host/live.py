@@ -8,14 +8,9 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import os
-import re
-import selectors
-import socket
 import subprocess
 import sys
 import time
-import tty
 from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -24,90 +19,19 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from benchmarks.common.source import RATE_HZ, Source
-from benchmarks.host.soak import rss_mib
-from imud.wire import messages
-from imud.wire.frame import FrameDecoder, encode_frame
-from imud.wire.messages import Message
+from benchmarks.common.load import (
+    PATIENCE_S,
+    answer_of,
+    cpu_s,
+    feed,
+    free_endpoint,
+    idle_s,
+    rss_mib,
+    wait_for_line,
+)
+from benchmarks.common.source import RATE_HZ
 
 WARM_UP_S = 2.0  # not measured: imports, the first hello
-PATIENCE_S = 30.0
-_REPLY = {"replied_command": "time", "result": "ok", "value": (0, 0)}
-
-
-class FedPort:
-    """A pty with a probe at its other end."""
-
-    def __init__(self, number: int, rate_hz: int = RATE_HZ) -> None:
-        self.source = Source(number, hello_every=rate_hz)
-        self.master, slave = os.openpty()
-        tty.setraw(slave)
-        self.name = os.ttyname(slave)
-        self._slave = slave  # kept open: the pty must not hang up
-        os.set_blocking(self.master, False)
-        self._decoder = FrameDecoder()
-        self.overrun = 0  # frames that the pty had no room for
-
-    def write(self, frame: bytes) -> None:
-        try:
-            os.write(self.master, frame)
-        except BlockingIOError:
-            self.overrun += 1
-
-    def answer(self, now_us: int) -> None:
-        """Reply to the daemon's requests for the time, if any have come."""
-        try:
-            heard = os.read(self.master, 4096)
-        except BlockingIOError:
-            return
-        for content in self._decoder.feed(heard):
-            said = messages.decode(content)
-            if isinstance(said, Message) and said.name == "command":
-                fields = _REPLY | {
-                    "replied_command": said.fields["command"],
-                    "replied_token": said.fields["token"],
-                }
-                reply = messages.encode(
-                    "reply", fields, self.source.sequence, now_us & 0xFFFFFFFF
-                )
-                self.source.sequence += 1
-                self.source.sent += 1
-                self.write(encode_frame(reply))
-
-
-def feed(probes: int, seconds: float, to: Connection, path: Path) -> None:
-    """Write frames to ptys, the probes' phases spread evenly over the period."""
-    ports = [FedPort(number) for number in range(probes)]
-    waker = selectors.DefaultSelector()
-    for port in ports:
-        waker.register(port.master, selectors.EVENT_READ, port)
-    to.send([port.name for port in ports])
-    to.recv()
-    turns = round(seconds * RATE_HZ)
-    notes = np.zeros((turns * probes, 3), dtype=np.int64)
-    step_ns = 1_000_000_000 // (RATE_HZ * probes)
-    begin_ns = time.monotonic_ns() + 50_000_000
-    row = 0
-    for turn in range(turns):
-        for number, port in enumerate(ports):
-            due_ns = begin_ns + (turn * probes + number) * step_ns
-            while (left_ns := due_ns - time.monotonic_ns()) > 0:
-                for key, _ in waker.select(left_ns * 1e-9):
-                    key.data.answer((time.monotonic_ns() - begin_ns) // 1000)
-            now_ns = time.monotonic_ns()
-            sequence = port.source.sequence
-            frame = port.source.say((now_ns - begin_ns) // 1000)
-            notes[row] = number, sequence, time.monotonic_ns()
-            port.write(frame)
-            row += 1
-    np.save(path, notes)
-    to.send(
-        {
-            "sent": sum(port.source.sent for port in ports),
-            "overrun": sum(port.overrun for port in ports),
-        }
-    )
-    to.recv()  # ptys stay open until the daemon has published its last status
 
 
 def follow(endpoint: str, to: Connection, path: Path) -> None:
@@ -136,24 +60,6 @@ def follow(endpoint: str, to: Connection, path: Path) -> None:
         notes[row] = int(said["probe"][-2:], 16), said["seq"], t_ns
     np.save(path, notes)
     to.send([json.loads(payload) for payload in statuses.values()])
-
-
-def free_endpoint() -> str:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-
-
-def cpu_s(pid: int) -> float:
-    """Seconds of user and system time of a process."""
-    stat = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(stat[11]) + int(stat[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def idle_s() -> float:
-    """Idle seconds of all cores: without any, other programs distort the figures."""
-    words = Path("/proc/stat").read_text().split("\n", 1)[0].split()
-    return int(words[4]) / os.sysconf("SC_CLK_TCK")
 
 
 def live(
@@ -214,20 +120,6 @@ def live(
         **sent,
         **ledger(statuses),
     }
-
-
-def answer_of(connection: Connection, patience_s: float) -> Any:
-    if not connection.poll(patience_s):
-        raise TimeoutError("a process of this benchmark says nothing")
-    return connection.recv()
-
-
-def wait_for_line(path: Path, pattern: str) -> None:
-    until = time.monotonic() + PATIENCE_S
-    while not re.search(pattern, path.read_text()):
-        if time.monotonic() > until:
-            raise TimeoutError(f"the daemon did not start: {path.read_text()}")
-        time.sleep(0.02)
 
 
 def latency(sent: Any, heard: Any) -> dict[str, Any]:

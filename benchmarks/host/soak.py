@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import resource
 import sys
 import tempfile
 import time
@@ -22,7 +21,8 @@ from typing import Any
 
 from mcap.reader import make_reader
 
-from benchmarks.common import scoring
+from benchmarks.common.load import rss_mib
+from benchmarks.common.paths import RESULTS
 from benchmarks.common.source import PERIOD_US, RATE_HZ
 from benchmarks.host.faulty_line import CHUNK, Line
 from imud.daemon.hub import Hub
@@ -32,7 +32,7 @@ from imud.probes.record import Record
 from imud.progress import Progress
 from imud.sinks.log import LogSink
 
-OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "soak.json"
+OUTPUT = RESULTS / "soak.json"
 LOG_BYTES = 32 << 20  # bytes of a file
 RSS_POINTS = 10
 
@@ -89,12 +89,6 @@ class Pruned:
             self.files += 1
             self.bytes += path.stat().st_size
             path.unlink()
-
-
-def rss_mib(pid: int | str = "self") -> float:
-    """Resident memory of a process in MiB."""
-    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 2**20
 
 
 def wait_for(lanes: Sequence[Lane]) -> None:

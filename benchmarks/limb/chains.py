@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import scoring
+from benchmarks.common.paths import RESULTS
 from benchmarks.limb import made_chain
 from benchmarks.limb.made_chain import Made
 from imud import rotation
@@ -24,7 +24,7 @@ from imud.progress import Progress
 from imud.rotation import FloatArray
 from imud.virtual.motion import Motion
 
-OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "limb_chain.json"
+OUTPUT = RESULTS / "limb_chain.json"
 SETS = {"tuning": range(4), "judging": range(300, 304)}
 KINDS = {"arm": made_chain.ARM, "hand": made_chain.HAND}
 SETTLED_S = 2.0  # of motion, before which nothing is scored

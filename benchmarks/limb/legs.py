@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.common import scoring
 from benchmarks.common.engines import ENGINES, HOST
 from benchmarks.common.feed import Feed, sampled
+from benchmarks.common.paths import RESULTS
 from benchmarks.limb import clocks, peers
 from imud.body import chain, contact, level, mounting, posture, tracks
 from imud.body.chain import Chain
@@ -29,7 +29,7 @@ from imud.rotation import FloatArray
 from imud.virtual import leg
 from imud.virtual.leg_probes import RATE_HZ
 
-OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "limb.json"
+OUTPUT = RESULTS / "limb.json"
 SETS = {"tuning": range(6), "judging": range(200, 210)}
 COMMON_HZ = 100.0
 FACING = 0.0  # the leg walks east

@@ -26,12 +26,11 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from benchmarks.common import scoring
-from benchmarks.host.live import cpu_s, feed, free_endpoint, idle_s
-from benchmarks.host.soak import rss_mib
+from benchmarks.common.load import cpu_s, feed, free_endpoint, idle_s, rss_mib
+from benchmarks.common.paths import RESULTS
 from benchmarks.page.desk import ARGUMENTS
 
-OUTPUT = scoring.PROJECT / "build" / "benchmarks" / "page.json"
+OUTPUT = RESULTS / "page.json"
 PROBES = 8
 PATIENCE_S = 30.0
 WARM_UP_S = 7.0  # the picture adapts to the machine meanwhile

@@ -15,10 +15,10 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from benchmarks.host.live import free_endpoint
+from benchmarks.common.images import simulated
+from benchmarks.common.load import free_endpoint
 from benchmarks.page.walking_leg import walking
 
-PICTURES = Path(__file__).resolve().parents[2] / "docs" / "pictures"
 # Without a sandbox of its own, as root; drawn by the processor.
 ARGUMENTS = ("--no-sandbox", "--enable-unsafe-swiftshader")
 START_S = 30.0
@@ -62,7 +62,7 @@ def served() -> Iterator[str]:
         config = folder / "imud.toml"
         ports = [folder / board for board in BOARDS]
         for (board, held), port in zip(BOARDS.items(), ports, strict=True):
-            start("sim", board, *held, "--stream", "--link", str(port))
+            start(*simulated(board), *held, "--stream", "--link", str(port))
         names = "".join(
             f'[probes.{probe_id}]\nname = "{name}"\n'
             for probe_id, name in NAMES.items()

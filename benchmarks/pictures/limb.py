@@ -14,8 +14,8 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.common import scoring
 from benchmarks.common.feed import sampled
+from benchmarks.common.paths import PICTURES
 from benchmarks.limb import legs
 from benchmarks.pictures.theme import THEMES, Theme
 from imud.body import chain, contact, posture, session
@@ -24,7 +24,6 @@ from imud.rotation import FloatArray
 from imud.virtual import leg
 from imud.virtual.leg_probes import RATE_HZ
 
-PICTURES = scoring.PROJECT / "docs" / "pictures"
 SEED = 300  # neither for tuning nor for judging
 WIDTH, HEIGHT = 10.0, 5.6
 SIGMAS = 1.96

@@ -13,7 +13,8 @@ from typing import Any
 from PIL import Image
 from playwright.sync_api import Page
 
-from benchmarks.page.desk import FRAME_MS, PICTURES, chromium, opened, served
+from benchmarks.common.paths import PICTURES
+from benchmarks.page.desk import FRAME_MS, chromium, opened, served
 
 SIZE = (920, 520)
 SECONDS = 8.0

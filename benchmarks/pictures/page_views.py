@@ -9,7 +9,8 @@ import sys
 
 from playwright.sync_api import Browser
 
-from benchmarks.page.desk import PICTURES, chromium, opened, served
+from benchmarks.common.paths import PICTURES
+from benchmarks.page.desk import chromium, opened, served
 
 VIEWS = ("probe", "signals", "calibrate", "aim", "probes", "limb")
 SIZE, PHONE = (1180, 720), (360, 720)

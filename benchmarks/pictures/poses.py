@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
+from benchmarks.common.paths import PICTURES
 from imud.calibration.poses import TWELVE, Pose
 from imud.cli.box import Side, lying, sides
 from imud.rotation import FloatArray
 
-OUTPUT = Path(__file__).resolve().parents[2] / "docs" / "pictures" / "poses.svg"
+OUTPUT = PICTURES / "poses.svg"
 
 COLUMNS, CELL_X, CELL_Y, SCALE = 4, 200, 170, 44
 FILLS = {"top": "#7fb3d5", "bottom": "#566573", "front": "#f5b041"}

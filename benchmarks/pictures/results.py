@@ -23,17 +23,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from benchmarks.common import scoring
-from benchmarks.common.capture import RunFailed, run
-from benchmarks.common.engines import HOST, NANO, VQF
+from benchmarks.common import boards
+from benchmarks.common.capture import run
+from benchmarks.common.engines import HOST, VQF
+from benchmarks.common.images import RunFailed
+from benchmarks.common.paths import PICTURES, PROJECT, RESULTS
 from benchmarks.pictures.hand import draw_hand
 from benchmarks.pictures.theme import THEMES, Theme
 from imud.errors import ImudError
 from imud.rotation import FloatArray
 from imud.virtual import sensors
 
-PICTURES = scoring.PROJECT / "docs" / "pictures"
-MEASURED = scoring.PROJECT / "build" / "benchmarks"
+NANO = boards.NANO.name
 
 HAND_SEED = 10
 HAND_SECONDS = 40.0
@@ -252,9 +253,9 @@ def draw_probe_and_errors(
 
 def load(name: str, how: str) -> dict[str, Any]:
     """Read a benchmark's JSON; raises RunFailed if it is absent."""
-    path = MEASURED / name
+    path = RESULTS / name
     if not path.exists():
-        raise RunFailed(f"{path.relative_to(scoring.PROJECT)} is not there; run {how}")
+        raise RunFailed(f"{path.relative_to(PROJECT)} is not there; run {how}")
     found: dict[str, Any] = json.loads(path.read_text())
     return found
 

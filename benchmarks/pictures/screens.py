@@ -18,11 +18,11 @@ from rich._export_format import CONSOLE_SVG_FORMAT
 from rich.console import Console
 from rich.text import Text
 
+from benchmarks.common.images import simulated
+from benchmarks.common.paths import PICTURES
 from imud.cli import monitor
 from imud.client import Client, subscribe
 
-ROOT = Path(__file__).resolve().parents[2]
-PICTURES = ROOT / "docs" / "pictures"
 IMUD = (sys.executable, "-m", "imud")
 BOARDS = {"nano": 500_000, "f405": 921_600}
 ENDPOINT = "tcp/127.0.0.1:7461"
@@ -46,7 +46,7 @@ def main() -> int:
         ports = []
         for board, baud in BOARDS.items():
             link = room / f"imud-screens-{board}"
-            _start(stack, "sim", board, "--stream", "--link", str(link))
+            _start(stack, *simulated(board), "--stream", "--link", str(link))
             ports.append(f"{link}@{baud}")
             _wait_for(link)
         logs = stack.enter_context(tempfile.TemporaryDirectory())

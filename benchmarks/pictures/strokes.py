@@ -14,13 +14,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from benchmarks.common import scoring
+from benchmarks.common.figure import SETS
+from benchmarks.common.paths import PICTURES
 from benchmarks.pictures.theme import THEMES, Theme
 from benchmarks.strokes import on_host
 from benchmarks.strokes.runs import Found, Run, measure, run_of
 from imud.rotation import FloatArray
 
-PICTURES = scoring.PROJECT / "docs" / "pictures"
 SIZE = (10.0, 4.0)  # inches
 PATHS = ("A4 outline, 4 x 1 s", "circle of 20 cm, 8 x 0.75 s")
 STROKES = "supported, 2 s"
@@ -32,7 +32,7 @@ REACH_CM = 11.0
 def first(name: str) -> tuple[Run, Found]:
     """The first motion that judges a case, and what the probe makes of it."""
     case = next(each for each in on_host.CASES if each.name == name)
-    run = run_of(case, 1000 * on_host.CASES.index(case) + on_host.SETS["judging"])
+    run = run_of(case, 1000 * on_host.CASES.index(case) + SETS["judging"])
     return run, measure(run)
 
 

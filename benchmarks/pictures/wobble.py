@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
 
-OUTPUT = Path(__file__).resolve().parents[2] / "docs" / "pictures" / "wobble.svg"
+from benchmarks.common.paths import PICTURES
+
+OUTPUT = PICTURES / "wobble.svg"
 
 WIDTH, HEIGHT, CELL = 720, 260, 240
 LEAN_DEG, LONG, THICK = 25.0, 130.0, 11.0

@@ -15,11 +15,11 @@ from unittest.mock import patch
 
 import numpy as np
 
-from benchmarks.accuracy.report import Figure
 from benchmarks.common import capture as captures
 from benchmarks.common.boards import F405
-from benchmarks.common.capture import Capture, RunFailed
-from benchmarks.firmware.images import build
+from benchmarks.common.capture import Capture
+from benchmarks.common.figure import Figure
+from benchmarks.common.images import RunFailed, build
 from benchmarks.strokes import on_host
 from benchmarks.strokes.runs import Found, Run, found_of, heading_of, params_of, run_of
 from imud.errors import ImudError

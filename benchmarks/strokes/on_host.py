@@ -17,14 +17,14 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.accuracy.report import Figure
 from benchmarks.common.boards import BOARDS, F405
+from benchmarks.common.figure import SETS, Figure
+from benchmarks.common.paths import RESULTS
 from benchmarks.strokes.runs import ACC_DENSITY, Case, Found, measure, run_of
 from imud.progress import Progress
 from imud.virtual.stroking import A4, CIRCLE, Plan
 
-OUTPUT = Path(__file__).resolve().parents[2] / "build/benchmarks/strokes.json"
-SETS = {"tuning": 0, "judging": 1}  # seeds: these, and every second one
+OUTPUT = RESULTS / "strokes.json"
 
 
 def corners(found: Found, *, is_closed: bool) -> float:

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.common import feed
+from benchmarks.common.core import Replay
 from benchmarks.common.feed import Chip, Feed
+from benchmarks.common.modules import module_of
 from imud import rotation
-from imud._core import Replay
 from imud.params.value import Params
 from imud.rotation import FloatArray
 from imud.virtual.motion import Motion, join
-from imud.virtual.motions.module import MG, Module
-from imud.virtual.sensors import HAND_RATE_HZ, NO_ERRORS, SensorErrors, World, stream
+from imud.virtual.sensors import HAND_RATE_HZ, NO_ERRORS, World, stream
 from imud.virtual.stroking import (
     PAUSE_S,
     PRESSED_S,
@@ -29,14 +29,8 @@ from imud.virtual.stroking import (
 )
 from imud.wire.messages import Message
 
-# White noise of the rests of BROAD: 0.052 m/s2 and 0.084 deg/s of samples at 200 Hz.
-NOISE = SensorErrors(0.0856, 5.4, 0.6, 0.0, 0.0, 0.0)
 ACC_DENSITY = 0.052**2 / 200.0  # (m/s2)^2 s
 
-# One sigma of scale, of the axes in deg, of the accelerometer's bias in mg: what a
-# calibration leaves over, and modules from the shop.
-MODULES = {"calibrated": (0.0005, 0.05, 1.0), "raw": (0.01, 0.5, 20.0)}
-GYR_BIAS_DPS = 1.0
 GYR_DRIFT_DPS_S = 0.003
 
 # What the params of a calibrated module tell of these, m/s2, a fraction, uT; its
@@ -47,7 +41,6 @@ SIGMAS = {
     "mag": {"sigma_uT": 0.05},
 }
 
-ONE = np.eye(3)
 ALMOST = [[1.0, 2.0**-14, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
 
@@ -62,26 +55,6 @@ class Found:
     errors: FloatArray
     path: FloatArray
     sigmas: FloatArray
-
-
-def module_of(kind: str, random: np.random.Generator) -> Module:
-    scale, axes_deg, bias_mg = MODULES[kind]
-
-    def matrix() -> FloatArray:
-        axes = random.normal(0.0, np.radians(axes_deg), (3, 3))
-        return np.where(ONE > 0.0, 1.0 + random.normal(0.0, scale, (3, 3)), axes)
-
-    return Module(
-        gyr=matrix(),
-        gyr_bias=np.radians(random.normal(0.0, GYR_BIAS_DPS, 3)),
-        drift=np.radians(random.normal(0.0, GYR_DRIFT_DPS_S, 3)),
-        warming=np.asarray,
-        acc=matrix(),
-        acc_bias=random.normal(0.0, bias_mg * MG, 3),
-        mag=ONE,
-        mag_bias=np.zeros(3),
-        noise=NOISE,
-    )
 
 
 def motion_of(plan: Plan, seed: int) -> Motion:
@@ -146,7 +119,7 @@ def run_of(case: Case, seed: int, chip: Chip = feed.LSM9DS0) -> Run:
     """A motion of this seed, measured by a module of this seed."""
     random = np.random.default_rng([seed, 3])
     exact = motion_of(case.plan, seed)
-    felt = module_of(case.module, random).measures(exact, random)
+    felt = module_of(case.module, random, GYR_DRIFT_DPS_S).measures(exact, random)
     return Run(case, exact, felt, feed.sampled(felt, chip))
 
 

@@ -20,8 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.accuracy.report import Figure
 from benchmarks.common import feed
+from benchmarks.common.figure import SETS, Figure
+from benchmarks.common.modules import module_of
+from benchmarks.common.paths import RESULTS
 from imud.calibration import tip_guide
 from imud.calibration.algebra import units
 from imud.calibration.faults import Fault
@@ -35,24 +37,14 @@ from imud.progress import Progress
 from imud.rotation import FloatArray
 from imud.virtual.dimpling import DimplingHand, Wobble
 from imud.virtual.motion import Motion
-from imud.virtual.motions.module import MG, Module
-from imud.virtual.sensors import SensorErrors, World
+from imud.virtual.sensors import World
 
-OUTPUT = Path(__file__).resolve().parents[2] / "build/benchmarks/tip.json"
-SETS = {"tuning": 0, "judging": 1}  # seeds: these, and every second one
+OUTPUT = RESULTS / "tip.json"
 RECORDS_HZ = 500.0
 CHIPS = {"nano": feed.MPU9250, "f405": feed.LSM9DS0}
 
-# White noise of the rests of BROAD: 0.052 m/s2 and 0.084 deg/s of samples at 200 Hz.
-NOISE = SensorErrors(0.0856, 5.4, 0.6, 0.0, 0.0, 0.0)
-ONE = np.eye(3)
-# One sigma of scale of the accelerometer, of the gyroscope, of axes in deg, of the
-# accelerometer's bias in mg; then what the params say: sigma of both sensors.
-MODULES: dict[str, tuple[float, float, float, float]] = {
-    "calibrated": (0.0005, 0.0005, 0.05, 1.0),
-    "gyroscope not": (0.0005, 0.01, 0.05, 1.0),
-    "raw": (0.01, 0.01, 0.5, 20.0),
-}
+ONE = np.eye(3).tolist()
+# What the params say: the sigma of both sensors.
 SIGMAS = {"calibrated": (0.0075, 0.0005), "gyroscope not": (0.0075, None), "raw": ()}
 
 # It leans on something and is held for so long before; no guide waits longer.
@@ -119,30 +111,14 @@ def any_wobble(random: np.random.Generator) -> Wobble:
     return replace(wobble, give=random.uniform(0.005, 0.05))
 
 
-def module_of(kind: str, random: np.random.Generator) -> Module:
-    acc, gyr, axes_deg, bias_mg = MODULES[kind]
-
-    def matrix(scale: float) -> FloatArray:
-        axes = random.normal(0.0, np.radians(axes_deg), (3, 3))
-        return np.where(ONE > 0.0, 1.0 + random.normal(0.0, scale, (3, 3)), axes)
-
-    return Module(
-        gyr=matrix(gyr),
-        gyr_bias=np.radians(random.normal(0.0, 1.0, 3)),
-        drift=np.zeros(3),
-        warming=np.zeros_like,
-        acc=matrix(acc),
-        acc_bias=random.normal(0.0, bias_mg * MG, 3),
-        mag=ONE,
-        mag_bias=np.zeros(3),
-        noise=NOISE,
-    )
-
-
 def params_of(kind: str) -> Params:
     """What the probe knows of its sensors."""
     params = Params()
-    none = {"bias_counts": (0.0, 0.0, 0.0), "matrix": ONE.tolist(), "method": "guided"}
+    none = {
+        "bias_counts": (0.0, 0.0, 0.0),
+        "matrix": ONE,
+        "method": "guided",
+    }
     names = (("acc", "sigma_m_s2"), ("gyr", "sigma"))
     for (name, key), sigma in zip(names, SIGMAS[kind], strict=False):
         params = params.replaced(name, {**none, key: sigma})

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration import modules, report, simulated
-from benchmarks.calibration.modules import CASES, SETS, Case
+from benchmarks.calibration.modules import CASES, Case
 from benchmarks.calibration.report import GUIDED, Results
+from benchmarks.common.figure import SETS
 from benchmarks.pictures import poses
 from imud.calibration.affine import Affine
 from imud.virtual.modules import calibrated

@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration import shop_trials
-from benchmarks.common import scoring, trusted
+from benchmarks.common import scoring
 from benchmarks.common.engines import Estimate
 from benchmarks.common.feed import sampled
 from benchmarks.common.scoring import Trial
 from imud import rotation
+from imud.params.trusted import CALIBRATED
 from imud.params.value import Params
 from imud.virtual import sensors
+from imud.virtual.memory import orders_us
 
 RATE_HZ = 200
 
@@ -105,7 +107,7 @@ def test_a_constant_turn_of_the_body_is_taken_off_and_nothing_else():
 
 
 def test_trusted_params_change_no_reading_and_say_how_good_they_are():
-    params = Params.decode(trusted.CALIBRATED)
+    params = Params.decode(CALIBRATED)
     for name in ("acc", "gyr", "mag"):
         found = params.calibration(name)
         assert found is not None
@@ -115,6 +117,6 @@ def test_trusted_params_change_no_reading_and_say_how_good_they_are():
 
 
 def test_orders_bring_every_word_before_they_are_applied():
-    times_us = [at_us for at_us, _ in trusted.orders_us(trusted.CALIBRATED)]
-    assert len(times_us) == -(-len(trusted.CALIBRATED) // 4) + 2
+    times_us = [at_us for at_us, _ in orders_us(CALIBRATED)]
+    assert len(times_us) == -(-len(CALIBRATED) // 4) + 2
     assert (np.diff(times_us) > 0).all()

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.common import capture, engines, feed, scoring
+from benchmarks.common.boards import IMAGES
 from imud import rotation
 from imud.virtual import motion, sensors
 
@@ -101,7 +102,7 @@ def test_a_sigma_that_is_not_stated_is_not_a_number() -> None:
 
 
 @pytest.mark.usefixtures("boards")
-@pytest.mark.parametrize("board", engines.IMAGES)
+@pytest.mark.parametrize("board", IMAGES)
 def test_the_core_on_this_machine_has_the_poses_of_the_image(
     tmp_path: Path, board: str
 ) -> None:

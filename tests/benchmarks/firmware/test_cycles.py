@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.common.capture import RunFailed
+from benchmarks.common import images
 from benchmarks.common.feed import Samples
-from benchmarks.firmware import budget, f405_load, filters, images
+from benchmarks.common.images import RunFailed
+from benchmarks.firmware import budget, f405_load, filters
 from benchmarks.firmware.filters import Filter, FilterFailed
 from imud.rotation import FloatArray
 from imud.virtual import sensors

@@ -69,7 +69,7 @@ def test_a_picture_shows_what_was_measured_and_nothing_else(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     write(tmp_path)
-    monkeypatch.setattr(picture, "MEASURED", tmp_path)
+    monkeypatch.setattr(picture, "RESULTS", tmp_path)
     monkeypatch.setattr(picture, "PICTURES", tmp_path)
     assert picture.main([name]) == 0
     light, dark = (
@@ -87,7 +87,7 @@ def test_a_picture_shows_what_was_measured_and_nothing_else(
 def test_without_measurements_it_says_what_to_run(
     picture: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(picture, "MEASURED", picture.scoring.PROJECT / "nowhere")
+    monkeypatch.setattr(picture, "RESULTS", picture.PROJECT / "nowhere")
     monkeypatch.setattr(picture, "PICTURES", tmp_path)
     with pytest.raises(picture.RunFailed, match="make bench"):
         picture.main(["time"])

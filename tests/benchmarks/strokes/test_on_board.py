@@ -10,7 +10,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from benchmarks.common.capture import Capture, RunFailed
+from benchmarks.common.capture import Capture
+from benchmarks.common.images import RunFailed
 from benchmarks.strokes import on_board
 from benchmarks.strokes.runs import Case, Run, run_of
 from imud.virtual.stroking import Plan

@@ -1,15 +1,11 @@
 # SPDX-License-Identifier: MIT
-"""Images of the firmware: built by PlatformIO, run on a motion, profiled by part."""
+"""Images that run on a motion with all streams on, profiled by part."""
 
 from __future__ import annotations
 
-import configparser
 import contextlib
 import io
 import json
-import os
-import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,14 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.common import capture as captures
-from benchmarks.common import scoring
-from benchmarks.common.boards import F405, NANO, Board
-from benchmarks.common.capture import Capture, RunFailed
+from benchmarks.common.boards import F405, Board
+from benchmarks.common.capture import Capture
+from benchmarks.common.images import RunFailed
 from benchmarks.firmware import parts
 from imud.cli import main as imud
 from imud.virtual import motion
 
-OFFICIAL = "nano_pio"  # the Nano's image from PlatformIO's own compiler
 CARD_BYTES_A_SECOND = 120_000  # more than raw and pose take at 760 Hz
 
 
@@ -34,44 +29,6 @@ class Measured:
 
     capture: Capture
     profile: dict[str, Any]
-
-
-def environments() -> list[str]:
-    """Environments of platformio.ini for the Nano's images, the default one first;
-    those without flags of their own have the image of another."""
-    ini = configparser.ConfigParser(interpolation=None)
-    ini.read(scoring.PROJECT / "platformio.ini")
-    names = [
-        section.removeprefix("env:")
-        for section in ini
-        if "env:" in section and "build_flags" in ini[section]
-    ]
-    others = [
-        name
-        for name in names
-        if name.startswith(f"{NANO.environment}_") and name != OFFICIAL
-    ]
-    return [NANO.environment, *others]
-
-
-def build(environment: str) -> Path:
-    """Build an image with PlatformIO and return its ELF."""
-    done = subprocess.run(
-        [sys.executable, "-m", "platformio", "run", "--silent", "-e", environment],
-        cwd=scoring.PROJECT,
-        env={
-            key: os.environ[key] for key in os.environ if key != "PLATFORMIO_CORE_DIR"
-        },
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    # An image that does not fit beside the bootloader is linked all the same; its line
-    # of the table shows that.
-    if done.returncode != 0 and "greater than maximum allowed" not in done.stderr:
-        raise RunFailed(f"{environment}: {done.stderr.strip()}")
-    return scoring.PROJECT / ".pio" / "build" / environment / "firmware.elf"
 
 
 def measure(

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: MIT
+"""Modules with random errors, as a calibration leaves them or as they are bought."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from imud.rotation import FloatArray
+from imud.virtual.motions.module import MG, Module
+from imud.virtual.sensors import SensorErrors
+
+# White noise of the rests of BROAD: 0.052 m/s2 and 0.084 deg/s of samples at 200 Hz.
+NOISE = SensorErrors(0.0856, 5.4, 0.6, 0.0, 0.0, 0.0)
+GYR_BIAS_DPS = 1.0
+
+ONE = np.eye(3)
+
+# One sigma of scale of the accelerometer, of the gyroscope, of axes in deg, of the
+# accelerometer's bias in mg.
+MODULES: dict[str, tuple[float, float, float, float]] = {
+    "calibrated": (0.0005, 0.0005, 0.05, 1.0),
+    "gyroscope not": (0.0005, 0.01, 0.05, 1.0),
+    "raw": (0.01, 0.01, 0.5, 20.0),
+}
+
+
+def module_of(
+    kind: str, random: np.random.Generator, drift_dps_s: float = 0.0
+) -> Module:
+    """A module, whose gyroscope's bias drifts by so much each second (one sigma)."""
+    acc, gyr, axes_deg, bias_mg = MODULES[kind]
+
+    def matrix(scale: float) -> FloatArray:
+        axes = random.normal(0.0, np.radians(axes_deg), (3, 3))
+        return np.where(ONE > 0.0, 1.0 + random.normal(0.0, scale, (3, 3)), axes)
+
+    def drift() -> FloatArray:
+        if drift_dps_s == 0.0:
+            return np.zeros(3)  # and nothing is drawn
+        return np.radians(random.normal(0.0, drift_dps_s, 3))
+
+    return Module(
+        gyr=matrix(gyr),
+        gyr_bias=np.radians(random.normal(0.0, GYR_BIAS_DPS, 3)),
+        drift=drift(),
+        warming=np.asarray,
+        acc=matrix(acc),
+        acc_bias=random.normal(0.0, bias_mg * MG, 3),
+        mag=ONE,
+        mag_bias=np.zeros(3),
+        noise=NOISE,
+    )
