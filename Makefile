@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: MIT
 # Each command installs what it needs first; `make` alone lists them.
 .PHONY: help demo test test-long fresh bits coverage fuzz check compilers format \
-	firmware sim bench bench-nano bench-f405 bench-mpy bench-card bench-host bench-calibration \
-	bench-page bench-strokes bench-tip pictures setup clean
+	firmware sim bench pictures setup clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= python3
@@ -29,7 +28,7 @@ both = $(asan) $(tests) -n $(cores) -m "native$(1)" $(2) || status=1; \
 	exit $$status
 
 # Each process with one thread for arrays: they would wait for each other.
-test test-long coverage bench-calibration: export OPENBLAS_NUM_THREADS := 1
+test test-long coverage: export OPENBLAS_NUM_THREADS := 1
 
 help: ## this list
 	@sed -n 's/^\([a-z0-9-]*\):.*## /\1\t/p' Makefile | expand -t 14
@@ -84,51 +83,10 @@ firmware: ## the image of a board (BOARD=nano, f405, micropython)
 sim: ## the virtual boards: build/sim/nano, build/sim/f405
 	@$(PYTHON) tools/setup.py demo
 
-bench: ## accuracy on recordings and on made motions, beside VQF: tables and JSON
+bench: ## accuracy, or WHAT=nano, f405, micropython, card, host, hosts, calibration, limb, page, strokes, tip
+	@$(PYTHON) -m benchmarks --check $(WHAT)
 	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/accuracy/recordings.py
-	@python benchmarks/accuracy/recordings.py --board f405
-	@python benchmarks/accuracy/groups.py
-
-bench-nano: ## cycles, stack, flash and RAM: the image, its parts, every filter
-	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/firmware/cycles.py
-
-bench-f405: ## the same of the F405: instructions, both of its rates, every filter
-	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/firmware/cycles.py --board f405
-
-bench-mpy: ## MicroPython on the virtual F405: instructions, heap, pauses
-	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/firmware/micropython.py
-
-bench-card: ## an hour of logging on the virtual F405, compared with its wire
-	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/firmware/card.py
-
-bench-host: ## the daemon: decoding, latency, CPU, memory, clocks; 12 h with faults
-	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/host/daemon.py
-	@python benchmarks/host/clocks.py
-	@python benchmarks/host/soak.py
-
-bench-calibration: ## how well simulated modules are calibrated; 2,000 verdicts
-	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/calibration/modules.py
-
-bench-page: ## the page in Chromium: frames, latency, memory; what a browser costs
-	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/page/browser.py
-
-bench-strokes: ## how well strokes are measured: a simulated hand, the firmware's C
-	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/strokes/on_host.py
-	@python benchmarks/strokes/on_board.py
-
-bench-tip: ## how well the tip is found: a simulated hand that wobbles the probe
-	@$(PYTHON) tools/setup.py bench
-	@python benchmarks/tip/wobbles.py
-	@python benchmarks/tip/positions.py
+	@python -m benchmarks $(WHAT)
 
 pictures: ## docs/pictures, from what `make bench` has measured, and of the page
 	@$(PYTHON) tools/setup.py bench

@@ -266,7 +266,7 @@ def draw_of(name: str) -> Callable[[Figure, Theme], None]:
     if name == "time":
         return partial(draw_time, measured=measured)
     if name == "cycles":
-        costs = load("cycles.json", "`make bench-nano`")
+        costs = load("cycles.json", "`make bench WHAT=nano`")
         return partial(draw_cycles, measured=measured, costs=costs)
     made = sensors.generate(HAND_SECONDS, HAND_SEED)
     with tempfile.TemporaryDirectory() as folder:

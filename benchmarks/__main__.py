@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: MIT
+"""Runs the programs of `make bench WHAT=...`, one after the other, until one fails."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+# What there is to measure: what that tells, then the programs with their options.
+BENCHES: dict[str, tuple[str, ...]] = {
+    "accuracy": (
+        "errors on recordings and on made motions, beside VQF",
+        "accuracy/recordings.py",
+        "accuracy/recordings.py --board f405",
+        "accuracy/groups.py",
+    ),
+    "nano": (
+        "cycles, stack, flash and RAM: the image, its parts, every filter",
+        "firmware/cycles.py",
+    ),
+    "f405": (
+        "the same of the F405: instructions, both of its rates, every filter",
+        "firmware/cycles.py --board f405",
+    ),
+    "micropython": (
+        "MicroPython on the virtual F405: rates, instructions, heap, pauses",
+        "firmware/micropython.py",
+    ),
+    "card": (
+        "an hour of logging on the virtual F405, compared with its wire",
+        "firmware/card.py",
+    ),
+    "host": (
+        "the daemon: decoding, latency, CPU, memory, clocks; 12 h with faults",
+        "host/daemon.py",
+        "host/clocks.py",
+        "host/soak.py",
+    ),
+    "hosts": (
+        "many probes, daemons, routers and consumers: cost, latency, loss",
+        "host/hosts.py --log",
+    ),
+    "calibration": (
+        "how well simulated modules are calibrated; 2,000 verdicts",
+        "calibration/modules.py",
+    ),
+    "limb": (
+        "joint angles of legs that walk, and of chains of segments",
+        "limb/legs.py",
+        "limb/chains.py",
+    ),
+    "page": (
+        "the page in Chromium: frames, latency, memory; what a browser costs",
+        "page/browser.py",
+    ),
+    "strokes": (
+        "how well strokes are measured: a simulated hand, the firmware's C",
+        "strokes/on_host.py",
+        "strokes/on_board.py",
+    ),
+    "tip": (
+        "how well the tip is found: a simulated hand that wobbles the probe",
+        "tip/wobbles.py",
+        "tip/positions.py",
+    ),
+}
+DEFAULT = "accuracy"
+# Their processes would wait for each other's threads.
+ONE_THREAD = {"calibration": {"OPENBLAS_NUM_THREADS": "1"}}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    width = max(map(len, BENCHES))
+    lines = (f"  {name:{width}}  {says}" for name, (says, *_) in BENCHES.items())
+    parser = argparse.ArgumentParser(
+        prog="benchmarks",
+        description="\n".join((f"{__doc__}\n", *lines)),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("what", nargs="?", default=DEFAULT, help="default: %(default)s")
+    parser.add_argument(
+        "--check", action="store_true", help="only say whether it is known"
+    )
+    args = parser.parse_args(arguments)
+    if args.what not in BENCHES:
+        sys.exit(f"bench: no WHAT={args.what}; there are {', '.join(BENCHES)}")
+    if args.check:
+        return 0
+    _, *programs = BENCHES[args.what]
+    environment = {**os.environ, **ONE_THREAD.get(args.what, {})}
+    for program in programs:
+        path, *options = program.split()
+        words = [sys.executable, str(Path(__file__).parent / path), *options]
+        done = subprocess.run(words, env=environment, check=False)
+        if done.returncode:
+            return done.returncode
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: MIT
+"""`make bench WHAT=...`: what it knows, and what it says of what it does not know."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks import __main__ as benches
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_an_unknown_what_is_refused_with_one_line_that_lists_the_known_ones() -> None:
+    done = subprocess.run(
+        ["make", "--silent", "bench", "WHAT=nonsense"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode != 0
+    said = [line for line in done.stderr.splitlines() if not line.startswith("make")]
+    assert said == [f"bench: no WHAT=nonsense; there are {', '.join(benches.BENCHES)}"]
+
+
+def test_help_names_all_that_can_be_measured() -> None:
+    said = subprocess.run(
+        ["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    (line,) = (line for line in said.splitlines() if line.startswith("bench "))
+    others = [name for name in benches.BENCHES if name != benches.DEFAULT]
+    assert line.split(maxsplit=1)[1] == (
+        f"{benches.DEFAULT}, or WHAT={', '.join(others)}"
+    )
+
+
+def test_programs_run_in_their_order_until_one_fails(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    started: list[list[str]] = []
+
+    def run(words: list[str], **_: object) -> subprocess.CompletedProcess[str]:
+        started.append(words)
+        return subprocess.CompletedProcess(words, returncode=len(started) - 1)
+
+    monkeypatch.setattr(benches.subprocess, "run", run)
+    assert benches.main([]) == 1
+    room = ROOT / "benchmarks" / "accuracy"
+    program = [sys.executable, str(room / "recordings.py")]
+    assert started == [program, [*program, "--board", "f405"]]
+
+
+@pytest.mark.parametrize("what", benches.BENCHES)
+def test_every_program_is_there(what: str) -> None:
+    _, *programs = benches.BENCHES[what]
+    assert programs
+    for program in programs:
+        assert (ROOT / "benchmarks" / program.split()[0]).is_file()
