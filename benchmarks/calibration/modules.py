@@ -28,12 +28,13 @@ from benchmarks.calibration import shop_trials, simulated
 from benchmarks.calibration.report import GUIDED, Results, show
 from benchmarks.common.figure import SETS
 from benchmarks.common.paths import RESULTS
-from imud.calibration import faults, poses, whole
+from imud.calibration import faults, poses
 from imud.calibration.affine import Affine, MethodError
 from imud.calibration.algebra import units
-from imud.calibration.housing import found as housing_found
-from imud.calibration.papers import METHODS, by_method
-from imud.calibration.procedure import Finished, Procedure
+from imud.calibration.guided import whole
+from imud.calibration.guided.housing import found as housing_found
+from imud.calibration.guided.procedure import Finished, Procedure
+from imud.calibration.papers.methods import METHODS, by_method
 from imud.calibration.recording import Gatherer, Recording
 from imud.calibration.stops import find_stops
 from imud.cli.calibrate_source import of_file

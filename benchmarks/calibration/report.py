@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.calibration import shop_trials
 from benchmarks.common.figure import Figure
-from imud.calibration.papers import METHODS
+from imud.calibration.papers.methods import METHODS
 
 GUIDED = "as the procedure guides"  # the case of which most is required
 

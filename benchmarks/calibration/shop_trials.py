@@ -20,9 +20,9 @@ from benchmarks.common.figure import Figure
 from benchmarks.common.paths import RECORDINGS
 from benchmarks.common.scoring import SIGMAS, Trial
 from imud import rotation
-from imud.calibration import housing, whole
 from imud.calibration.affine import Affine
-from imud.calibration.learner import Learner, learned_of
+from imud.calibration.guided import housing, whole
+from imud.calibration.learned.learner import Learner, learned_of
 from imud.calibration.outcome import SENSORS, of_fit, with_sensor
 from imud.calibration.poses import BASE_DOWN
 from imud.calibration.recording import Sample, Scale

@@ -13,9 +13,9 @@ import numpy as np
 from imud import rotation
 from imud.calibration.affine import Affine
 from imud.calibration.algebra import closest_turn, spread, units
+from imud.calibration.guided.whole import Fit
 from imud.calibration.poses import TWELVE
 from imud.calibration.recording import GRAVITY_M_S2, Gatherer, Recording, Sample
-from imud.calibration.whole import Fit
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import (
     PROBE,

@@ -13,7 +13,7 @@ import numpy as np
 from imud.calibration.affine import MethodError
 from imud.calibration.algebra import onto, turn, units
 from imud.calibration.path import UP
-from imud.calibration.tip_positions import axis_of, circle, pivot, sphere
+from imud.calibration.tip.positions import axis_of, circle, pivot, sphere
 from imud.rotation import FloatArray
 
 SEED, RUNS = 0x7199, 300

@@ -24,13 +24,13 @@ from benchmarks.common import feed
 from benchmarks.common.figure import SETS, Figure
 from benchmarks.common.modules import module_of
 from benchmarks.common.paths import RESULTS
-from imud.calibration import tip_guide
 from imud.calibration.algebra import units
 from imud.calibration.faults import Fault
 from imud.calibration.recording import Sample, Scale
-from imud.calibration.tip import TipFound
-from imud.calibration.tip_guide import Dimpling
-from imud.calibration.tip_score import INSIDE
+from imud.calibration.tip import guide as tip_guide
+from imud.calibration.tip.guide import Dimpling
+from imud.calibration.tip.score import INSIDE
+from imud.calibration.tip_found import TipFound
 from imud.cli.calibrate_source import of_file
 from imud.params.value import Params
 from imud.progress import Progress

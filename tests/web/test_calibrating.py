@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from imud.calibration import tip_guide
 from imud.calibration.recording import Sample
+from imud.calibration.tip import guide as tip_guide
 from imud.params.value import Params
 from imud.virtual.calibrating import SCALE
 from imud.virtual.dimpling import Wobble

@@ -16,10 +16,10 @@ from imud.calibration import gyroscope, poses
 from imud.calibration.accelerometer import means
 from imud.calibration.algebra import closest_turn
 from imud.calibration.earth import Earth, strangeness
+from imud.calibration.guided.whole import Fit
 from imud.calibration.magnetometer import MagFit
 from imud.calibration.recording import GRAVITY_M_S2, Recording
 from imud.calibration.stops import Stop
-from imud.calibration.whole import Fit
 from imud.rotation import FloatArray
 
 # An axis is dead if it hardly changes while the others do.

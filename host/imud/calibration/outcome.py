@@ -13,11 +13,11 @@ import numpy as np
 from imud.calibration.affine import Affine
 from imud.calibration.algebra import closest_turn
 from imud.calibration.earth import Earth, strangeness
+from imud.calibration.guided.wave import Wave
+from imud.calibration.guided.whole import Fit
 from imud.calibration.magnetometer import MagFit
 from imud.calibration.recording import GRAVITY_M_S2, Scale
-from imud.calibration.tip import TipFound
-from imud.calibration.wave import Wave
-from imud.calibration.whole import Fit
+from imud.calibration.tip_found import TipFound
 from imud.params.value import Calibration, Params, Tip
 from imud.rotation import FloatArray
 

@@ -14,19 +14,20 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from imud.calibration import poses, wave
+from imud.calibration import poses
 from imud.calibration.affine import affine_of
 from imud.calibration.earth import Earth
-from imud.calibration.extremes import Extremes
 from imud.calibration.faults import Fault
+from imud.calibration.guided import wave
+from imud.calibration.guided.procedure import Event, Finished, Procedure, Refused
+from imud.calibration.guided.verify import Verify
+from imud.calibration.guided.wave import Wave, Waving
 from imud.calibration.outcome import Outcome, of_fit, of_tip, of_wave
-from imud.calibration.procedure import Event, Finished, Procedure, Refused
+from imud.calibration.papers.extremes import Extremes
 from imud.calibration.recording import Sample, Scale
-from imud.calibration.tip import TipFound
-from imud.calibration.tip_guide import Dimpling
-from imud.calibration.tip_score import INSIDE
-from imud.calibration.verify import Verify
-from imud.calibration.wave import Wave, Waving
+from imud.calibration.tip.guide import Dimpling
+from imud.calibration.tip.score import INSIDE
+from imud.calibration.tip_found import TipFound
 from imud.errors import ImudError
 from imud.params.value import Params
 

@@ -9,16 +9,17 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from imud.calibration import faults, housing, verify, wave, whole
+from imud.calibration import faults
 from imud.calibration.affine import affine_of
 from imud.calibration.faults import Fault
+from imud.calibration.guided import housing, verify, wave, whole
+from imud.calibration.guided.procedure import Finished, Procedure, Refused
+from imud.calibration.guided.verify import Report, Verify
+from imud.calibration.guided.wave import Wave, Waving
 from imud.calibration.outcome import Outcome, of_fit, of_wave
-from imud.calibration.papers import of_method
-from imud.calibration.procedure import Finished, Procedure, Refused
+from imud.calibration.papers.methods import of_method
 from imud.calibration.recording import Gatherer, Sample
 from imud.calibration.stops import find_stops
-from imud.calibration.verify import Report, Verify
-from imud.calibration.wave import Wave, Waving
 from imud.cli import calibrate_text, calibrate_tip, params_text
 from imud.cli.calibrate_refusal import CalibrationRefused, refusal, today
 from imud.cli.calibrate_screen import Quit, Screen

@@ -14,9 +14,9 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
+from imud.calibration.guided.procedure import Status
 from imud.calibration.poses import ALL
-from imud.calibration.procedure import Status
-from imud.calibration.tip_guide import TipStatus
+from imud.calibration.tip.guide import TipStatus
 from imud.cli.box import COLUMNS, picture
 from imud.cli.calibrate_tip_screen import tip_lines
 from imud.cli.monitor import keys_of

@@ -6,10 +6,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 
+from imud.calibration.guided.verify import Report
 from imud.calibration.outcome import Outcome
-from imud.calibration.tip import TipFound
-from imud.calibration.tip_score import INSIDE
-from imud.calibration.verify import Report
+from imud.calibration.tip.score import INSIDE
+from imud.calibration.tip_found import TipFound
 from imud.cli.params_text import differences
 from imud.params.condition import TITLES
 from imud.params.value import Params

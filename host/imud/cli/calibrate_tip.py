@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from imud import rotation
-from imud.calibration import tip_positions
 from imud.calibration.affine import MethodError
 from imud.calibration.algebra import units
 from imud.calibration.faults import Fault
 from imud.calibration.outcome import Outcome, of_tip
 from imud.calibration.recording import Sample
-from imud.calibration.tip import TipFound
-from imud.calibration.tip_guide import Dimpling
+from imud.calibration.tip import positions
+from imud.calibration.tip.guide import Dimpling
+from imud.calibration.tip_found import TipFound
 from imud.cli import calibrate_text
 from imud.cli.arguments import client_of
 from imud.cli.calibrate_refusal import CalibrationRefused, refusal, today
@@ -105,7 +105,7 @@ def _of_positions(args: argparse.Namespace, error_m: float) -> TipFound:
         return _on_circle(places, attitudes, error_m, distance_m)
     if attitudes is None or args.method == "points":
         return _on_sphere(places, error_m)
-    offset = tip_positions.pivot(places, attitudes, error_m)
+    offset = positions.pivot(places, attitudes, error_m)
     sigma = float(np.sqrt(np.mean(offset.sigma_m**2)))
     note = f"{1000.0 * offset.residual_m:.2f} mm left over at {count} positions"
     return TipFound("sphere", offset.offset_m, sigma, note=note)
@@ -113,7 +113,7 @@ def _of_positions(args: argparse.Namespace, error_m: float) -> TipFound:
 
 def _on_sphere(places: FloatArray, error_m: float) -> TipFound:
     """Tells only how far the tip is: that is no offset."""
-    ball = tip_positions.sphere(places, error_m)
+    ball = positions.sphere(places, error_m)
     distance = f"{1000.0 * ball.radius:.1f} +-{1960.0 * ball.sigma_m:.1f} mm"
     raise MethodError(
         f"the tip is {distance} from the sensor (95 %), and in which direction a "
@@ -132,8 +132,8 @@ def _on_circle(
         raise MethodError(
             f"a circle needs the attitude at each place: columns {','.join(ATTITUDE)}"
         )
-    circle = tip_positions.circle(places, error_m)
-    axis = tip_positions.axis_of(circle, attitudes)
+    circle = positions.circle(places, error_m)
+    axis = positions.axis_of(circle, attitudes)
     found = TipFound(
         "sphere",
         axis=axis.axis,
@@ -142,7 +142,7 @@ def _on_circle(
     )
     if distance_m is None:
         return found
-    offset = tip_positions.tip_below(circle, places, attitudes, distance_m, error_m)
+    offset = positions.tip_below(circle, places, attitudes, distance_m, error_m)
     return replace(
         found, offset_m=offset.offset_m, sigma_m=float(offset.sigma_m.mean())
     )

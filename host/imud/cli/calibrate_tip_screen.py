@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from rich.text import Text
 
-from imud.calibration.tip_guide import TipStatus
+from imud.calibration.tip.guide import TipStatus
 
 BAR = 20  # characters
 FAR_DEG = 15.0  # a direction in which it leaned so far is covered

@@ -12,7 +12,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from functools import cache
 from typing import Any
 
-from imud.calibration.learner import Learned, Learner, Proposal, learned_of
+from imud.calibration.learned.learner import Learned, Learner, Proposal, learned_of
 from imud.calibration.recording import Sample, Scale
 from imud.config.settings import Config
 from imud.probes.sensors import has_magnetometer

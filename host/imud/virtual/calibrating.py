@@ -13,8 +13,8 @@ import numpy as np
 
 from imud import rotation
 from imud.calibration.algebra import onto, units
+from imud.calibration.guided.procedure import Procedure
 from imud.calibration.path import UP
-from imud.calibration.procedure import Procedure
 from imud.calibration.recording import COUNT_MAX, Sample, Scale
 from imud.rotation import FloatArray
 from imud.virtual.hand import Leg, Stance

@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration.simulated import EARTH, UPS, errors, recorded, samples
-from imud.calibration import accelerometer, poses, whole
+from imud.calibration import accelerometer, poses
 from imud.calibration.algebra import closest_turn, integrated, onto, skew, turn, units
+from imud.calibration.guided import whole
+from imud.calibration.guided.whole import Fit
 from imud.calibration.recording import GRAVITY_M_S2, Gatherer, Sample, Scale
 from imud.calibration.stops import find_stops
-from imud.calibration.whole import Fit
 from imud.virtual.calibrating import SCALE, Manners
 from imud.virtual.modules import calibrated, shop
 from imud.virtual.motions.module import MG, Module

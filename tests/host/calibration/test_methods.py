@@ -16,11 +16,11 @@ from benchmarks.calibration.simulated import (
     recorded,
     samples,
 )
-from imud.calibration import extremes, half_turns, six_positions
 from imud.calibration.affine import Affine, MethodError
 from imud.calibration.algebra import spread
-from imud.calibration.extremes import Extremes
-from imud.calibration.papers import METHODS, by_method, of_method
+from imud.calibration.papers import extremes, half_turns, six_positions
+from imud.calibration.papers.extremes import Extremes
+from imud.calibration.papers.methods import METHODS, by_method, of_method
 from imud.calibration.poses import TWELVE
 from imud.calibration.recording import GRAVITY_M_S2, Recording
 from imud.calibration.stops import find_stops

@@ -10,10 +10,10 @@ import pytest
 from msgspec.structs import replace as with_fields
 
 from benchmarks.calibration.simulated import affine_errors, recorded
-from imud.calibration import motion
 from imud.calibration.affine import Affine, affine_of
 from imud.calibration.algebra import integrated
-from imud.calibration.learner import (
+from imud.calibration.learned import motion
+from imud.calibration.learned.learner import (
     BETTER,
     EVERY_S,
     SELDOM_S,
@@ -25,7 +25,7 @@ from imud.calibration.learner import (
     known_of,
     learned_of,
 )
-from imud.calibration.motion import Known
+from imud.calibration.learned.motion import Known
 from imud.calibration.recording import GRAVITY_M_S2, Recording, Sample
 from imud.calibration.stops import find_stops
 from imud.params.learned import goes_on

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.calibration.simulated import UPS, errors, housing_error, samples
-from imud.calibration.outcome import housing_of, of_fit
-from imud.calibration.procedure import (
+from imud.calibration.guided.procedure import (
     Event,
     Finished,
     PoseTaken,
@@ -20,6 +19,7 @@ from imud.calibration.procedure import (
     Refused,
     Troubled,
 )
+from imud.calibration.outcome import housing_of, of_fit
 from imud.calibration.recording import COUNT_MAX, Sample
 from imud.params.value import Params
 from imud.rotation import FloatArray

@@ -11,12 +11,13 @@ import pytest
 from msgspec.structs import replace
 
 from imud import rotation
-from imud.calibration import tip_dimple, tip_guide
 from imud.calibration.faults import Fault
 from imud.calibration.recording import GRAVITY_M_S2, Sample
-from imud.calibration.tip import TipFound
-from imud.calibration.tip_guide import Dimpling
-from imud.calibration.tip_score import INSIDE, trust_of
+from imud.calibration.tip import dimple
+from imud.calibration.tip import guide as tip_guide
+from imud.calibration.tip.guide import Dimpling
+from imud.calibration.tip.score import INSIDE, trust_of
+from imud.calibration.tip_found import TipFound
 from imud.params.value import Params
 from imud.virtual.calibrating import SCALE
 from imud.virtual.dimpling import Wobble
@@ -65,7 +66,7 @@ CLEAN = Wobble(support=None)
 def test_without_noise_the_tip_is_found_to_a_tenth_of_a_millimetre() -> None:
     force, rate, step_s = readings(exact(CLEAN, 20.0))
     begin = round((BEFORE_S - 1.0) / step_s)
-    fit = tip_dimple.fit(force[begin:], rate[begin:], step_s, trust_of(CALIBRATED))
+    fit = dimple.fit(force[begin:], rate[begin:], step_s, trust_of(CALIBRATED))
     assert fit is not None
     assert np.linalg.norm(fit.offset_m - TIP) < 1e-4
     assert fit.gravity_m_s2 == pytest.approx(GRAVITY_M_S2, abs=0.003)
@@ -76,13 +77,13 @@ def test_a_bias_of_the_gyroscope_a_scale_and_a_delay_are_found_with_it() -> None
     begin = round((BEFORE_S - 1.0) / step_s)
     rate = 1.008 * rate + np.radians([0.5, -0.4, 0.3])
     force, rate = force[begin - 1 : -1], rate[begin:]  # 4 ms late
-    fit = tip_dimple.fit(force, rate, step_s)
+    fit = dimple.fit(force, rate, step_s)
     assert fit is not None
     assert np.linalg.norm(fit.offset_m - TIP) < 5e-4
 
 
 def test_too_few_blocks_say_nothing() -> None:
-    assert tip_dimple.fit(np.ones((300, 3)), np.zeros((300, 3)), 0.01) is None
+    assert dimple.fit(np.ones((300, 3)), np.zeros((300, 3)), 0.01) is None
 
 
 def test_a_good_wobble_is_done_after_15_s_and_right() -> None:
@@ -182,8 +183,8 @@ def test_what_was_clipped_or_lost_begins_it_anew(kind: str) -> None:
 def test_the_noise_of_readings_is_found_under_slow_motion() -> None:
     random = np.random.default_rng(4)
     slow = 3.0 * np.sin(np.arange(4000)[:, None] / 100.0 + np.arange(3))
-    noise = tip_dimple.noise_of(slow + 0.05 * random.standard_normal((4000, 3)))
-    assert noise / tip_dimple.RED == pytest.approx(0.05, rel=0.05)
+    noise = dimple.noise_of(slow + 0.05 * random.standard_normal((4000, 3)))
+    assert noise / dimple.RED == pytest.approx(0.05, rel=0.05)
 
 
 def test_a_status_has_a_lean_for_each_direction() -> None:

@@ -11,7 +11,7 @@ import pytest
 from imud.calibration.affine import MethodError
 from imud.calibration.algebra import onto, turn, units
 from imud.calibration.path import UP
-from imud.calibration.tip_positions import (
+from imud.calibration.tip.positions import (
     axis_of,
     circle,
     four_points,

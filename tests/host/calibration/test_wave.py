@@ -9,16 +9,16 @@ from functools import cache
 import numpy as np
 
 from benchmarks.calibration.simulated import affine_errors, recorded, samples
-from imud.calibration import verify, wave, whole
 from imud.calibration.affine import Affine
 from imud.calibration.algebra import units
 from imud.calibration.faults import Fault
+from imud.calibration.guided import verify, wave, whole
+from imud.calibration.guided.verify import Report, Verify
+from imud.calibration.guided.wave import Wave, Waving
+from imud.calibration.guided.whole import Fit
 from imud.calibration.outcome import of_fit, of_wave
 from imud.calibration.poses import TWELVE
 from imud.calibration.recording import Sample
-from imud.calibration.verify import Report, Verify
-from imud.calibration.wave import Wave, Waving
-from imud.calibration.whole import Fit
 from imud.params.value import Params
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import SCALE, Manners

@@ -13,8 +13,8 @@ from msgspec.structs import replace
 from benchmarks.calibration.simulated import affine_errors, recorded
 from chain import Chain
 from fakes import PATIENCE_S
-from imud.calibration import whole
 from imud.calibration.affine import affine_of
+from imud.calibration.guided import whole
 from imud.calibration.outcome import of_fit
 from imud.calibration.poses import TWELVE
 from imud.calibration.recording import Sample

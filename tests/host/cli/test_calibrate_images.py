@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks.calibration.simulated import errors, housing_error
 from imud import cli
-from imud.calibration import whole
-from imud.calibration.housing import found as housing_found
+from imud.calibration.guided import whole
+from imud.calibration.guided.housing import found as housing_found
 from imud.calibration.recording import Gatherer
 from imud.cli.calibrate_source import of_file
 from imud.virtual import modules, sim

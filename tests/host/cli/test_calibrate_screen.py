@@ -12,8 +12,8 @@ import threading
 import numpy as np
 import pytest
 
+from imud.calibration.guided.procedure import Procedure
 from imud.calibration.poses import ALL, TWELVE, Pose
-from imud.calibration.procedure import Procedure
 from imud.cli import calibrate_screen
 from imud.cli.box import COLUMNS, ROWS, lying, picture, sides
 from imud.cli.calibrate_screen import Quit, Screen, lines

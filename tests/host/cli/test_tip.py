@@ -11,11 +11,11 @@ import pytest
 from chain import Chain
 from fakes import FakeProbe
 from imud import rotation
-from imud.calibration import tip_guide
 from imud.calibration.algebra import turn
 from imud.calibration.outcome import of_tip
-from imud.calibration.tip import TipFound
-from imud.calibration.tip_guide import Dimpling
+from imud.calibration.tip import guide as tip_guide
+from imud.calibration.tip.guide import Dimpling
+from imud.calibration.tip_found import TipFound
 from imud.cli import calibrate_source, main
 from imud.cli.calibrate_tip import read
 from imud.cli.calibrate_tip_screen import tip_lines

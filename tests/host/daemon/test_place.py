@@ -14,8 +14,8 @@ from benchmarks.calibration.simulated import recorded
 from configured import running
 from fakes import PATIENCE_S, status_of
 from imud import rotation
-from imud.calibration import whole
 from imud.calibration.earth import Earth, earth_at, strangeness
+from imud.calibration.guided import whole
 from imud.calibration.outcome import of_fit
 from imud.client import Client, subscribe
 from imud.config.reader import load

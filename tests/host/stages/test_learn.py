@@ -13,8 +13,8 @@ from msgspec.structs import replace
 
 from benchmarks.calibration.simulated import affine_errors, recorded
 from fakes import FakeProbe
-from imud.calibration import whole
 from imud.calibration.affine import affine_of
+from imud.calibration.guided import whole
 from imud.calibration.outcome import of_fit
 from imud.calibration.recording import Sample
 from imud.config.settings import Calibration, Config

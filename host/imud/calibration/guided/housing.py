@@ -15,9 +15,9 @@ import numpy as np
 
 from imud.calibration.algebra import onto, units
 from imud.calibration.faults import Fault
+from imud.calibration.guided.whole import Fit
 from imud.calibration.path import UP
 from imud.calibration.recording import Recording
-from imud.calibration.whole import Fit
 from imud.rotation import FloatArray
 
 # A base that is down, a table that is level enough, half a turn.

@@ -26,7 +26,7 @@ class Swing:
     leans_deg: tuple[float, ...]
 
 
-def of(force: FloatArray, rate: FloatArray, step_s: float) -> Swing:
+def swing_of(force: FloatArray, rate: FloatArray, step_s: float) -> Swing:
     """The wobble of calibrated readings (n, 3), which begin at rest."""
     each = max(1, round(STEP_S / step_s))
     whole = len(rate) // each * each

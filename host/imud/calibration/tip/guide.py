@@ -13,20 +13,19 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from imud.calibration import tip_dimple, tip_score, tip_swing
 from imud.calibration.affine import Affine, affine_of
 from imud.calibration.faults import Fault
 from imud.calibration.recording import Gatherer, Sample, Scale
-from imud.calibration.tip import TipFound
-from imud.calibration.tip_dimple import Fit, Trust
-from imud.calibration.tip_score import Score
-from imud.calibration.tip_swing import Swing
+from imud.calibration.tip import dimple
+from imud.calibration.tip.dimple import Fit, Trust
+from imud.calibration.tip.score import Score, score_of, trust_of, weakness
+from imud.calibration.tip.swing import HELD_S, SECTORS, Swing, swing_of
+from imud.calibration.tip_found import TipFound
 from imud.params.value import Params
 from imud.rotation import FloatArray
 
 RATE_HZ = 190.0  # both boards come near to 200
 LOOK_S = 0.1  # between two looks at whether it is held still
-HELD_S = tip_swing.HELD_S
 FIT_S = 1.0  # between two fits
 LEAST_S, LONGEST_S = 15.0, 40.0  # of wobbling: when it is judged first and last
 SURE_S = 10.0  # so long what may become better by itself is not told
@@ -84,7 +83,7 @@ class Dimpling:
     def __post_init__(self) -> None:
         self._acc = affine_of(self.params.acc, self.scale.acc_m_s2)
         self._gyr = affine_of(self.params.gyr, self.scale.gyr_rad_s)
-        self._trust = tip_score.trust_of(self.params)
+        self._trust = trust_of(self.params)
         self._gatherer = Gatherer(self.scale, RATE_HZ)
 
     @property
@@ -166,7 +165,7 @@ class Dimpling:
         self._refit()
         if self.fit is None or self.swing is None:
             return None
-        weak = tip_score.weakness(self.fit, self.swing, self._trust)
+        weak = weakness(self.fit, self.swing, self._trust)
         is_early = self.seconds < SURE_S
         self._tell(None if is_early and _is_unsure(weak) else weak)
         if weak is None and self.seconds >= LEAST_S:
@@ -187,10 +186,8 @@ class Dimpling:
         force = self._acc.apply(recording.acc[used])
         rate = self._gyr.apply(recording.gyr[used]) - self._bias
         if self.phase == "wobble" and len(rate) > 1:
-            self.fit = tip_dimple.fit(
-                force, rate, recording.step_s, self._trust, self.fit
-            )
-            self.swing = tip_swing.of(force, rate, recording.step_s)
+            self.fit = dimple.fit(force, rate, recording.step_s, self._trust, self.fit)
+            self.swing = swing_of(force, rate, recording.step_s)
 
     def _judged(self) -> TipFound | Fault:
         weak = self._weakness()
@@ -199,7 +196,7 @@ class Dimpling:
             self.phase = "refused"
             return weak or Fault("too_short", "there is too little", "begin again")
         self.phase = "done"
-        sigma = tip_score.score_of(self.fit, self._trust).sigma_m
+        sigma = score_of(self.fit, self._trust).sigma_m
         return TipFound("dimple", self.fit.offset_m, sigma, seconds=self.seconds)
 
     def _weakness(self) -> Fault | None:
@@ -209,12 +206,12 @@ class Dimpling:
                 f"{self.seconds:.0f} s of wobbling are too little",
                 f"wobble it for {LEAST_S:.0f} s about a tip that stays where it is",
             )
-        return tip_score.weakness(self.fit, self.swing, self._trust)
+        return weakness(self.fit, self.swing, self._trust)
 
     @property
     def score(self) -> Score | None:
         """The error to expect by now."""
-        return tip_score.score_of(self.fit, self._trust) if self.fit else None
+        return score_of(self.fit, self._trust) if self.fit else None
 
     @property
     def says(self) -> str:
@@ -238,7 +235,7 @@ class Dimpling:
             self._is_still,
             score.score_m if score else None,
             score is not None and score.is_good and self.trouble is None,
-            swing.leans_deg if swing else (0.0,) * tip_swing.SECTORS,
+            swing.leans_deg if swing else (0.0,) * SECTORS,
             swing.degrees if swing else None,
             swing.hz if swing else None,
             str(self.trouble) if self.trouble is not None else None,

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from imud.calibration.faults import Fault
-from imud.calibration.tip_dimple import Fit, Trust
-from imud.calibration.tip_swing import Swing
+from imud.calibration.tip.dimple import Fit, Trust
+from imud.calibration.tip.swing import Swing
 from imud.params.value import Calibration, Params
 
 # Chosen on simulated wobbles of even seeds; benchmarks/tip judges on odd ones.

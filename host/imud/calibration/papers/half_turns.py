@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from imud.calibration import gyroscope, six_positions
+from imud.calibration import gyroscope
 from imud.calibration.affine import (
     Affine,
     Found,
@@ -26,6 +26,7 @@ from imud.calibration.affine import (
     normalised,
 )
 from imud.calibration.algebra import units
+from imud.calibration.papers import six_positions
 from imud.calibration.recording import GRAVITY_M_S2, Recording
 from imud.calibration.stops import Stop
 from imud.rotation import FloatArray

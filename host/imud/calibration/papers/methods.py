@@ -7,9 +7,9 @@ import datetime
 
 import numpy as np
 
-from imud.calibration import extremes, half_turns, six_positions
 from imud.calibration.affine import Affine, Found, MethodError, means
 from imud.calibration.outcome import Outcome, with_sensor
+from imud.calibration.papers import extremes, half_turns, six_positions
 from imud.calibration.recording import GRAVITY_M_S2, Recording, Scale
 from imud.calibration.stops import Stop, find_stops
 from imud.params.value import Params

@@ -14,10 +14,11 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from imud.calibration import motion, wave
 from imud.calibration.affine import Affine, affine_of
 from imud.calibration.faults import of_magnets
-from imud.calibration.motion import Known, MotionFit
+from imud.calibration.guided import wave
+from imud.calibration.learned import motion
+from imud.calibration.learned.motion import Known, MotionFit
 from imud.calibration.outcome import with_mag, with_sensor
 from imud.calibration.recording import (
     GAP_S,

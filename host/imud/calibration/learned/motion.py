@@ -21,8 +21,7 @@ import numpy as np
 from imud.calibration.accelerometer import AccFit
 from imud.calibration.affine import Affine
 from imud.calibration.algebra import symmetric
-from imud.calibration.magnetometer import MagFit
-from imud.calibration.motion_rows import (
+from imud.calibration.learned.equations import (
     ACC_BIAS,
     ACC_MATRIX,
     ARM,
@@ -40,6 +39,7 @@ from imud.calibration.motion_rows import (
     Motion,
     Rows,
 )
+from imud.calibration.magnetometer import MagFit
 from imud.calibration.recording import Recording
 from imud.calibration.score import TILT_TO_HEADING, tilt_errors
 from imud.rotation import FloatArray

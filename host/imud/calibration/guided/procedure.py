@@ -15,15 +15,16 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from imud.calibration import accelerometer, faults, housing, poses, whole
+from imud.calibration import accelerometer, faults, poses
 from imud.calibration.accelerometer import AccFit
 from imud.calibration.algebra import units
 from imud.calibration.earth import Earth
 from imud.calibration.faults import Fault
+from imud.calibration.guided import housing, whole
+from imud.calibration.guided.whole import Fit
 from imud.calibration.poses import Pose
 from imud.calibration.recording import Gatherer, Recording, Sample, Scale
 from imud.calibration.stops import BLOCK_S, Blocks, Stop
-from imud.calibration.whole import Fit
 from imud.rotation import FloatArray
 
 GOOD_S = 1.5  # of stillness: then the pose counts; more makes it better
