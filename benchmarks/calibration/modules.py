@@ -28,10 +28,10 @@ from benchmarks.calibration import shop_trials, simulated
 from benchmarks.calibration.report import GUIDED, Results, show
 from benchmarks.common.figure import SETS
 from benchmarks.common.paths import RESULTS
-from imud.calibration import faults, poses
+from imud.calibration import poses
 from imud.calibration.affine import Affine, MethodError
 from imud.calibration.algebra import units
-from imud.calibration.guided import whole
+from imud.calibration.guided import faults, whole
 from imud.calibration.guided.housing import found as housing_found
 from imud.calibration.guided.procedure import Finished, Procedure
 from imud.calibration.papers.methods import METHODS, by_method

@@ -22,10 +22,11 @@ from benchmarks.common.scoring import SIGMAS, Trial
 from imud import rotation
 from imud.calibration.affine import Affine
 from imud.calibration.guided import housing, whole
+from imud.calibration.guided.result import SENSORS, result_of_fit
 from imud.calibration.learned.learner import Learner, learned_of
-from imud.calibration.outcome import SENSORS, of_fit, with_sensor
 from imud.calibration.poses import BASE_DOWN
 from imud.calibration.recording import Sample, Scale
+from imud.calibration.result import with_sensor
 from imud.params.learned import goes_on
 from imud.params.value import Params
 from imud.rotation import FloatArray
@@ -172,7 +173,7 @@ def guided(module: Module, seed: int) -> bytes | None:
     fit = whole.fit(recording)
     if fit is None:
         return None
-    params = of_fit(fit, SCALE, Params(), housing.found(recording, fit)).params
+    params = result_of_fit(fit, SCALE, Params(), housing.found(recording, fit)).params
     gyr = params.plain("gyr") or {}
     return params.replaced("gyr", gyr | {"sigma": None}).encode()
 

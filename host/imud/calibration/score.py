@@ -17,6 +17,7 @@ from imud.calibration.accelerometer import AccFit
 from imud.calibration.algebra import row_slopes, spread, symmetric_slopes
 from imud.calibration.magnetometer import NOISE_UT, MagFit
 from imud.calibration.recording import GRAVITY_M_S2
+from imud.params.value import Calibration
 from imud.rotation import FloatArray
 
 # Worse scores than these are refused, degrees: of the tilt that is exceeded once in 200
@@ -29,6 +30,7 @@ HEADING_MAX_DEG = 3.0
 RARE = 2.576  # sigmas of a normal variable that is beyond it once in 200 times
 TILT_FLOOR_DEG = 0.05  # what no residual shows
 NOISE_RMS_UT = math.sqrt(0.5**2 + 0.15**2 / 12.0)  # of a reading, rounding included
+UNKNOWN_TILT_DEG = 2.0  # of an accelerometer that nobody calibrated
 TILT_TO_HEADING = 1.5  # a tilt error turns the heading by this times itself, dip 65
 
 ATTITUDES = spread(np.random.default_rng(3), 120)
@@ -129,3 +131,10 @@ def score(acc: AccFit, mag: MagFit | None, stops: int) -> Score:
         return Score(tilt, limit)
     field = field_deg(mag, stops)
     return Score(tilt, limit, math.hypot(TILT_TO_HEADING * tilt, field), field)
+
+
+def stated_tilt_deg(acc: Calibration | None) -> float:
+    """The tilt error of an accelerometer's calibration, as the params state it."""
+    if acc is None or acc.sigma is None:
+        return UNKNOWN_TILT_DEG
+    return math.degrees(acc.sigma * math.sqrt(2.0) / GRAVITY_M_S2)

@@ -18,14 +18,16 @@ from imud.calibration import poses
 from imud.calibration.affine import affine_of
 from imud.calibration.earth import Earth
 from imud.calibration.faults import Fault
-from imud.calibration.guided import wave
 from imud.calibration.guided.procedure import Event, Finished, Procedure, Refused
+from imud.calibration.guided.result import result_of_fit, result_of_wave
 from imud.calibration.guided.verify import Verify
 from imud.calibration.guided.wave import Wave, Waving
-from imud.calibration.outcome import Outcome, of_fit, of_tip, of_wave
 from imud.calibration.papers.extremes import Extremes
 from imud.calibration.recording import Sample, Scale
+from imud.calibration.result import Outcome
+from imud.calibration.score import stated_tilt_deg
 from imud.calibration.tip.guide import Dimpling
+from imud.calibration.tip.result import result_of_tip
 from imud.calibration.tip.score import INSIDE
 from imud.calibration.tip_found import TipFound
 from imud.errors import ImudError
@@ -72,7 +74,7 @@ class Session:
         elif kind == "mag":
             acc = affine_of(params.acc, scale.acc_m_s2)
             gyr = affine_of(params.gyr, scale.gyr_rad_s)
-            self._guide = Waving(scale, acc, gyr, wave.tilt_deg(params.acc))
+            self._guide = Waving(scale, acc, gyr, stated_tilt_deg(params.acc))
             if not subject.has_mag:
                 self._refuse("this probe has no magnetometer")
         else:
@@ -132,7 +134,7 @@ class Session:
 
     def _of_fit(self, event: Finished) -> Outcome:
         subject = self.subject
-        return of_fit(
+        return result_of_fit(
             event.fit,
             subject.scale,
             subject.params,
@@ -148,13 +150,13 @@ class Session:
         elif found is not None:
             scale, params = self.subject.scale, self.subject.params
             warmth = guide.temperature_c
-            self._make(partial(of_wave, found, scale, params, warmth, self.day))
+            self._make(partial(result_of_wave, found, scale, params, warmth, self.day))
 
     def _wobbled(self, found: TipFound | Fault | None) -> None:
         if isinstance(found, Fault):
             self._refuse(str(found))
         elif found is not None:
-            self._make(partial(of_tip, found, self.subject.params, self.day))
+            self._make(partial(result_of_tip, found, self.subject.params, self.day))
 
     def _make(self, outcome: Callable[[], Outcome]) -> None:
         try:

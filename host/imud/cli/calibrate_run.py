@@ -9,16 +9,17 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from imud.calibration import faults
 from imud.calibration.affine import affine_of
 from imud.calibration.faults import Fault
-from imud.calibration.guided import housing, verify, wave, whole
+from imud.calibration.guided import faults, housing, verify, whole
 from imud.calibration.guided.procedure import Finished, Procedure, Refused
+from imud.calibration.guided.result import result_of_fit, result_of_wave
 from imud.calibration.guided.verify import Report, Verify
 from imud.calibration.guided.wave import Wave, Waving
-from imud.calibration.outcome import Outcome, of_fit, of_wave
 from imud.calibration.papers.methods import of_method
 from imud.calibration.recording import Gatherer, Sample
+from imud.calibration.result import Outcome
+from imud.calibration.score import stated_tilt_deg
 from imud.calibration.stops import find_stops
 from imud.cli import calibrate_text, calibrate_tip, params_text
 from imud.cli.calibrate_refusal import CalibrationRefused, refusal, today
@@ -149,7 +150,7 @@ def _finished(
         return of_method(
             procedure.recording(), args.method, subject.scale, subject.params, today()
         )
-    return of_fit(
+    return result_of_fit(
         event.fit,
         subject.scale,
         subject.params,
@@ -199,14 +200,16 @@ def _waving(subject: Subject) -> Waving:
         scale,
         affine_of(params.acc, scale.acc_m_s2),
         affine_of(params.gyr, scale.gyr_rad_s),
-        wave.tilt_deg(params.acc),
+        stated_tilt_deg(params.acc),
     )
 
 
 def _of_wave(found: Wave | Fault, waving: Waving, subject: Subject) -> Outcome:
     if isinstance(found, Fault):
         raise refusal(found)
-    return of_wave(found, subject.scale, subject.params, waving.temperature_c, today())
+    return result_of_wave(
+        found, subject.scale, subject.params, waving.temperature_c, today()
+    )
 
 
 def _of_samples(
@@ -233,7 +236,7 @@ def _of_samples(
     if wrong is not None or fit is None:
         raise refusal(wrong) if wrong else CalibrationRefused("there is nothing in it")
     turn = None if args.no_housing else housing.found(recording, fit)
-    return of_fit(
+    return result_of_fit(
         fit,
         subject.scale,
         subject.params,

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 
 from imud.calibration.guided.verify import Report
-from imud.calibration.outcome import Outcome
+from imud.calibration.result import Outcome
 from imud.calibration.tip.score import INSIDE
 from imud.calibration.tip_found import TipFound
 from imud.cli.params_text import differences

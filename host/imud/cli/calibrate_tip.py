@@ -15,10 +15,11 @@ from imud import rotation
 from imud.calibration.affine import MethodError
 from imud.calibration.algebra import units
 from imud.calibration.faults import Fault
-from imud.calibration.outcome import Outcome, of_tip
 from imud.calibration.recording import Sample
+from imud.calibration.result import Outcome
 from imud.calibration.tip import positions
 from imud.calibration.tip.guide import Dimpling
+from imud.calibration.tip.result import result_of_tip
 from imud.calibration.tip_found import TipFound
 from imud.cli import calibrate_text
 from imud.cli.arguments import client_of
@@ -69,7 +70,7 @@ def _outcome(found: TipFound | Fault, before: Params, axis: Axis) -> Outcome:
         raise refusal(found)
     if axis is not None:
         found = replace(found, axis=units(np.array(axis)))
-    return of_tip(found, before, today())
+    return result_of_tip(found, before, today())
 
 
 def typed(args: argparse.Namespace) -> int:

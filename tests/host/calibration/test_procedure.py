@@ -19,7 +19,7 @@ from imud.calibration.guided.procedure import (
     Refused,
     Troubled,
 )
-from imud.calibration.outcome import housing_of, of_fit
+from imud.calibration.guided.result import housing_of, result_of_fit
 from imud.calibration.recording import COUNT_MAX, Sample
 from imud.params.value import Params
 from imud.rotation import FloatArray
@@ -199,13 +199,13 @@ def test_the_housing_needs_base_down_and_half_a_turn() -> None:
     assert "not_base_down" in kinds(events)
     done = events[-1]
     assert isinstance(done, Finished)
-    found = of_fit(done.fit, SCALE, Params(), done.turn)
+    found = result_of_fit(done.fit, SCALE, Params(), done.turn)
     assert found.housing_deg is not None
     assert found.params.acc is not None
     assert done.turn is not None
     assert np.allclose(housing_of(found.params.acc), done.turn, atol=1e-3)
     # A later calibration without the housing's two poses keeps that turn.
-    again = of_fit(done.fit, SCALE, found.params)
+    again = result_of_fit(done.fit, SCALE, found.params)
     assert again.housing_deg is None
     assert again.params.acc is not None
     assert np.allclose(again.params.acc.matrix, found.params.acc.matrix, atol=2e-4)
@@ -215,7 +215,7 @@ def test_params_say_how_sure_they_are() -> None:
     procedure = Procedure(SCALE, wants_housing=False)
     done = fed(procedure, twelve())[-1]
     assert isinstance(done, Finished)
-    params = of_fit(done.fit, SCALE, Params()).params
+    params = result_of_fit(done.fit, SCALE, Params()).params
     assert params.faults() == []
     assert params.acc is not None
     assert params.gyr is not None
@@ -225,7 +225,7 @@ def test_params_say_how_sure_they_are() -> None:
     assert 0.01 < (params.mag.sigma or 0.0) < 0.3
     assert params.mag.norm_ut == pytest.approx(48.0, rel=0.1)
     assert params.mag.method == "guided"
-    only = of_fit(done.fit, SCALE, Params(), sensors=("gyr",)).params
+    only = result_of_fit(done.fit, SCALE, Params(), sensors=("gyr",)).params
     assert only.acc is None
     assert only.gyr == params.gyr
 

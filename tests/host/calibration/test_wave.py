@@ -13,12 +13,13 @@ from imud.calibration.affine import Affine
 from imud.calibration.algebra import units
 from imud.calibration.faults import Fault
 from imud.calibration.guided import verify, wave, whole
+from imud.calibration.guided.result import result_of_fit, result_of_wave
 from imud.calibration.guided.verify import Report, Verify
 from imud.calibration.guided.wave import Wave, Waving
 from imud.calibration.guided.whole import Fit
-from imud.calibration.outcome import of_fit, of_wave
 from imud.calibration.poses import TWELVE
 from imud.calibration.recording import Sample
+from imud.calibration.score import stated_tilt_deg
 from imud.params.value import Params
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import SCALE, Manners
@@ -57,7 +58,7 @@ def test_a_wave_finds_the_magnetometer_with_the_aid_of_the_others() -> None:
     left = affine_errors(module(), acc, mag)["heading"]
     assert left < 0.4
     assert 0.3 * left < found.heading_deg < 1.0
-    alone = wave.fit(recorded(waved()), SAME, SAME, wave.tilt_deg(None))
+    alone = wave.fit(recorded(waved()), SAME, SAME, stated_tilt_deg(None))
     assert alone is not None
     worse = affine_errors(module(), SAME, Affine(alone.mag.matrix, alone.mag.bias))
     assert worse["heading"] > 2.0 * left
@@ -73,7 +74,7 @@ def test_waving_ends_when_it_is_good() -> None:
     assert isinstance(found, Wave)
     assert 20.0 <= waving.seconds < 32.0
     assert "Heading +-" in waving.says
-    params = of_wave(found, SCALE, Params()).params
+    params = result_of_wave(found, SCALE, Params()).params
     assert params.acc is None
     assert params.mag is not None
     assert params.mag.method == "wave"
@@ -101,7 +102,7 @@ def checked(of: Module, params: Params, ups: list[FloatArray]) -> Report | None:
 
 
 def test_an_old_calibration_is_verified_in_ten_seconds() -> None:
-    params = of_fit(guided(), SCALE, Params()).params
+    params = result_of_fit(guided(), SCALE, Params()).params
     ups = [TWELVE[0].up, TWELVE[1].up, TWELVE[2].up]
     good = checked(module(), params, ups)
     assert good is not None
@@ -116,7 +117,7 @@ def test_an_old_calibration_is_verified_in_ten_seconds() -> None:
 
 
 def test_a_bent_gyroscope_and_a_magnet_are_seen() -> None:
-    params = of_fit(guided(), SCALE, Params()).params
+    params = result_of_fit(guided(), SCALE, Params()).params
     ups = [TWELVE[0].up, TWELVE[1].up, TWELVE[2].up]
     bent = checked(replace(module(), gyr=1.05 * module().gyr), params, ups)
     assert bent is not None
@@ -128,7 +129,7 @@ def test_a_bent_gyroscope_and_a_magnet_are_seen() -> None:
 
 
 def test_a_probe_that_is_not_turned_over_tells_nothing() -> None:
-    params = of_fit(guided(), SCALE, Params()).params
+    params = result_of_fit(guided(), SCALE, Params()).params
     check = Verify(SCALE, params)
     assert check.says == "Lay it still."
     for each in samples(module(), 7, [TWELVE[0].up] * 4):

@@ -15,7 +15,7 @@ from chain import Chain
 from fakes import PATIENCE_S
 from imud.calibration.affine import affine_of
 from imud.calibration.guided import whole
-from imud.calibration.outcome import of_fit
+from imud.calibration.guided.result import result_of_fit
 from imud.calibration.poses import TWELVE
 from imud.calibration.recording import Sample
 from imud.cli import calibrate_source, main
@@ -212,7 +212,7 @@ def test_what_the_daemon_has_learned_is_put_in_force(
 def test_an_old_calibration_is_verified(desk: Desk) -> None:
     fit = whole.fit(recorded(calibrating()))
     assert fit is not None
-    params = of_fit(fit, SCALE, Params()).params
+    params = result_of_fit(fit, SCALE, Params()).params
     with Stream(desk.chain, lying([pose.up for pose in TWELVE[:4]])):
         desk.chain.client.change_params(desk.probe, params.encode())
         code, out, _ = desk.run("verify")

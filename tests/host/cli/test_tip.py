@@ -12,9 +12,9 @@ from chain import Chain
 from fakes import FakeProbe
 from imud import rotation
 from imud.calibration.algebra import turn
-from imud.calibration.outcome import of_tip
 from imud.calibration.tip import guide as tip_guide
 from imud.calibration.tip.guide import Dimpling
+from imud.calibration.tip.result import result_of_tip
 from imud.calibration.tip_found import TipFound
 from imud.cli import calibrate_source, main
 from imud.cli.calibrate_tip import read
@@ -244,8 +244,10 @@ def test_a_table_that_is_none_is_one_line(
 
 
 def test_what_a_method_does_not_tell_stays_as_it_is() -> None:
-    before = of_tip(TipFound("measured", TIP, 0.002), CALIBRATED).params
-    after = of_tip(TipFound("sphere", axis=np.array([0.0, 1.0, 0.0])), before).params
+    before = result_of_tip(TipFound("measured", TIP, 0.002), CALIBRATED).params
+    after = result_of_tip(
+        TipFound("sphere", axis=np.array([0.0, 1.0, 0.0])), before
+    ).params
     assert before.tip is not None
     assert after.tip is not None
     assert after.tip.offset_m == before.tip.offset_m

@@ -16,7 +16,7 @@ from fakes import PATIENCE_S, status_of
 from imud import rotation
 from imud.calibration.earth import Earth, earth_at, strangeness
 from imud.calibration.guided import whole
-from imud.calibration.outcome import of_fit
+from imud.calibration.guided.result import result_of_fit
 from imud.client import Client, subscribe
 from imud.config.reader import load
 from imud.errors import ConfigError
@@ -68,11 +68,11 @@ def test_the_place_gives_the_magnetometer_its_scale() -> None:
     assert fit is not None
     assert fit.mag is not None
     here = Earth(50.0, fit.mag.dip_deg, 0.0)
-    found = of_fit(fit, SCALE, Params(), earth=here)
+    found = result_of_fit(fit, SCALE, Params(), earth=here)
     assert found.note is None
     assert found.params.mag is not None
     assert found.params.mag.norm_ut == pytest.approx(50.0, abs=0.01)
-    away = of_fit(fit, SCALE, Params(), earth=other_norm(here))
+    away = result_of_fit(fit, SCALE, Params(), earth=other_norm(here))
     assert away.note is not None
     assert "iron nearby" in away.note
     assert away.params.mag is not None

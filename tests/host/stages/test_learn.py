@@ -15,7 +15,7 @@ from benchmarks.calibration.simulated import affine_errors, recorded
 from fakes import FakeProbe
 from imud.calibration.affine import affine_of
 from imud.calibration.guided import whole
-from imud.calibration.outcome import of_fit
+from imud.calibration.guided.result import result_of_fit
 from imud.calibration.recording import Sample
 from imud.config.settings import Calibration, Config
 from imud.params.value import Params
@@ -75,7 +75,7 @@ def levelled() -> Params:
     """The module with its accelerometer and gyroscope calibrated."""
     fit = whole.fit(recorded(calibrating()))
     assert fit is not None
-    return of_fit(fit, SCALE, Params(), sensors=("acc", "gyr")).params
+    return result_of_fit(fit, SCALE, Params(), sensors=("acc", "gyr")).params
 
 
 def test_free_motion_gives_a_proposal_and_one_command_to_take_it() -> None:
@@ -154,7 +154,7 @@ def test_applying_it_is_one_change_of_the_params_of_that_probe() -> None:
 def test_a_better_calibration_stays() -> None:
     fit = whole.fit(recorded(calibrating()))
     assert fit is not None
-    bench = Bench("apply", of_fit(fit, SCALE, Params()).params)
+    bench = Bench("apply", result_of_fit(fit, SCALE, Params()).params)
     bench.play(used())
     assert bench.outcomes == []
     assert bench.stage.status()["state"] == "listening"

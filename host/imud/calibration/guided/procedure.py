@@ -15,12 +15,12 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from imud.calibration import accelerometer, faults, poses
+from imud.calibration import accelerometer, poses
 from imud.calibration.accelerometer import AccFit
 from imud.calibration.algebra import units
 from imud.calibration.earth import Earth
 from imud.calibration.faults import Fault
-from imud.calibration.guided import housing, whole
+from imud.calibration.guided import faults, housing, whole
 from imud.calibration.guided.whole import Fit
 from imud.calibration.poses import Pose
 from imud.calibration.recording import Gatherer, Recording, Sample, Scale

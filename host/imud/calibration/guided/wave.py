@@ -20,7 +20,6 @@ from imud.calibration.algebra import integrated, units
 from imud.calibration.faults import Fault, of_field, of_magnets
 from imud.calibration.magnetometer import MagFit, Readings
 from imud.calibration.recording import (
-    GRAVITY_M_S2,
     Gatherer,
     IntArray,
     Recording,
@@ -29,12 +28,10 @@ from imud.calibration.recording import (
 )
 from imud.calibration.score import HEADING_MAX_DEG, TILT_TO_HEADING, field_deg
 from imud.calibration.stops import find_stops
-from imud.params.value import Calibration
 from imud.rotation import FloatArray
 
 LEAST_S = 10.0
 AVERAGE_S = 3.0  # of the force, to find gravity
-UNKNOWN_TILT_DEG = 2.0  # of an accelerometer that nobody calibrated
 KNOT_S = 1.0  # between two corrections of the level
 ALIKE_S = 4.0  # errors of an uneven field stay alike for so long
 
@@ -86,13 +83,6 @@ def weakness(wave: Wave | None) -> Fault | None:
         f"heading would be +-{wave.heading_deg:.1f} degrees",
         "turn it further: on its head, on each side",
     )
-
-
-def tilt_deg(acc: Calibration | None) -> float:
-    """The tilt error of an accelerometer's calibration, as the params state it."""
-    if acc is None or acc.sigma is None:
-        return UNKNOWN_TILT_DEG
-    return math.degrees(acc.sigma * math.sqrt(2.0) / GRAVITY_M_S2)
 
 
 def _rest_bias(recording: Recording, gyr: Affine) -> FloatArray:

@@ -16,10 +16,8 @@ import numpy as np
 
 from imud.calibration.affine import Affine, affine_of
 from imud.calibration.faults import of_magnets
-from imud.calibration.guided import wave
 from imud.calibration.learned import motion
 from imud.calibration.learned.motion import Known, MotionFit
-from imud.calibration.outcome import with_mag, with_sensor
 from imud.calibration.recording import (
     GAP_S,
     GRAVITY_M_S2,
@@ -29,7 +27,8 @@ from imud.calibration.recording import (
     Scale,
     is_clipped,
 )
-from imud.calibration.score import TILT_TO_HEADING
+from imud.calibration.result import with_mag, with_sensor
+from imud.calibration.score import TILT_TO_HEADING, stated_tilt_deg
 from imud.calibration.stops import find_stops
 from imud.errors import ParamsError
 from imud.params.learned import METHOD, goes_on
@@ -279,7 +278,7 @@ def heading_of(params: Params, level_ut: float) -> float:
     if params.mag is None or params.mag.sigma is None:
         return math.inf
     own = math.degrees(params.mag.sigma / level_ut)
-    return math.hypot(TILT_TO_HEADING * wave.tilt_deg(params.acc), own)
+    return math.hypot(TILT_TO_HEADING * stated_tilt_deg(params.acc), own)
 
 
 def _after(before: Affine, found: Affine) -> Affine:

@@ -16,17 +16,10 @@ import math
 import numpy as np
 
 from imud.calibration import gyroscope
-from imud.calibration.affine import (
-    Affine,
-    Found,
-    MethodError,
-    check_faces,
-    faces,
-    means,
-    normalised,
-)
+from imud.calibration.affine import Affine, MethodError
 from imud.calibration.algebra import units
 from imud.calibration.papers import six_positions
+from imud.calibration.papers.basics import Found, check_faces, faces, means, normalised
 from imud.calibration.recording import GRAVITY_M_S2, Recording
 from imud.calibration.stops import Stop
 from imud.rotation import FloatArray

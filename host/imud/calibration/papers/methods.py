@@ -7,10 +7,11 @@ import datetime
 
 import numpy as np
 
-from imud.calibration.affine import Affine, Found, MethodError, means
-from imud.calibration.outcome import Outcome, with_sensor
+from imud.calibration.affine import Affine, MethodError
 from imud.calibration.papers import extremes, half_turns, six_positions
+from imud.calibration.papers.basics import Found, means
 from imud.calibration.recording import GRAVITY_M_S2, Recording, Scale
+from imud.calibration.result import Outcome, with_sensor
 from imud.calibration.stops import Stop, find_stops
 from imud.params.value import Params
 

@@ -7,14 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from imud.calibration.affine import (
-    Affine,
-    Found,
-    MethodError,
-    check_faces,
-    faces,
-    normalised,
-)
+from imud.calibration.affine import Affine, MethodError
+from imud.calibration.papers.basics import Found, check_faces, faces, normalised
 from imud.calibration.recording import GRAVITY_M_S2, Recording
 from imud.calibration.stops import Stop
 from imud.rotation import FloatArray

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: MIT
+"""What makes a guided calibration worthless, and how to cure it: broken modules, a
+strange room, poses that are missing.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from imud.calibration import gyroscope, poses
+from imud.calibration.accelerometer import means
+from imud.calibration.algebra import closest_turn
+from imud.calibration.earth import Earth, strangeness
+from imud.calibration.faults import Fault, of_field, of_magnets
+from imud.calibration.guided.whole import Fit
+from imud.calibration.recording import GRAVITY_M_S2, Recording
+from imud.calibration.stops import Stop
+from imud.rotation import FloatArray
+
+# An axis is dead if it hardly changes while the others do.
+ALIVE_M_S2, DEAD_M_S2 = 0.8 * GRAVITY_M_S2, 0.2 * GRAVITY_M_S2
+ALIVE_RAD_S, DEAD_RAD_S = math.radians(40.0), math.radians(0.5)
+ALIVE_UT, DEAD_UT = 20.0, 1.0
+
+WRONG_RAD = math.radians(10.0)  # rms of gravity after a turn: axes are swapped
+BETTER = 4.0  # swapped axes explain the turns better by this factor
+SHAKING_CHI = 4.0
+STOPS_MIN = 6  # with fewer nothing is said of the module
+
+
+BROKEN = "try another module, and check the wires"
+
+
+def of_module(recording: Recording, stops: list[Stop], fit: Fit | None) -> Fault | None:
+    """A sensor that can't be calibrated, as far as the recording shows it."""
+    if fit is None or len(stops) < STOPS_MIN:
+        return None
+    return _stuck(recording, stops, fit) or _swapped(recording, fit)
+
+
+def _stuck(recording: Recording, stops: list[Stop], fit: Fit) -> Fault | None:
+    rest, _ = means(recording, stops)
+    # A live axis may hardly change, too, but then gravity keeps its length.
+    acc = np.ptp(rest, axis=0) if fit.acc.chi > SHAKING_CHI else None
+    there = recording.mag[np.isfinite(recording.mag[:, 0])]
+    sensors = (
+        ("accelerometer", acc, ALIVE_M_S2, DEAD_M_S2),
+        ("gyroscope", np.ptp(recording.gyr, axis=0), ALIVE_RAD_S, DEAD_RAD_S),
+        ("magnetometer", np.ptp(there, axis=0) if len(there) else None, *MAG_RANGE),
+    )
+    for name, swing, alive, dead in sensors:
+        if swing is None or np.median(swing) < alive:
+            continue
+        for axis in np.flatnonzero(swing < dead):
+            return Fault(
+                "dead_axis",
+                f"the {name}'s {'xyz'[axis]} axis does not follow: it is dead or at "
+                "the end of its range",
+                BROKEN,
+            )
+    return None
+
+
+MAG_RANGE = (ALIVE_UT, DEAD_UT)
+
+
+def _swapped(recording: Recording, fit: Fit) -> Fault | None:
+    if fit.gyr.residual_rad > WRONG_RAD:
+        axes = _gyro_axes(recording, fit)
+        if axes is not None:
+            return Fault(
+                "swapped_axes",
+                f"the gyroscope's axes do not fit the accelerometer's: x, y, z seem to "
+                f"be {axes}",
+                "this firmware does not know how the module's dies lie",
+            )
+        return Fault(
+            "gyroscope",
+            "the gyroscope does not turn as gravity does: after a turn they differ by "
+            f"{math.degrees(fit.gyr.residual_rad):.0f} degrees",
+            BROKEN,
+        )
+    mag = fit.mag
+    if mag is not None:
+        turned = closest_turn(mag.matrix) if np.linalg.det(mag.matrix) > 0.0 else None
+        if turned is None or np.trace(turned) < 1.0 + 2.0 * math.cos(0.5):
+            return Fault(
+                "swapped_axes",
+                "the magnetometer's axes do not fit the accelerometer's",
+                "this firmware does not know how the module's dies lie",
+            )
+    return None
+
+
+def _gyro_axes(recording: Recording, fit: Fit) -> str | None:
+    """The signed order of axes that explains the turns; None if no other one does."""
+    best, found = fit.gyr.residual_rad / BETTER, None
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            gyr = recording.gyr[:, list(order)] * np.array(signs)
+            other = replace(recording, gyr=gyr)
+            off = gyroscope.mismatch(other, list(fit.stops), fit.up)
+            if off < best:
+                best = off
+                names = ("-" if s < 0 else "" for s in signs)
+                found = ", ".join(
+                    n + "xyz"[a] for n, a in zip(names, order, strict=True)
+                )
+    return found
+
+
+def of_room(fit: Fit, earth: Earth | None) -> Fault | None:
+    """The same, and a field that is not that of the place."""
+    mag = fit.mag
+    if mag is None:
+        return None
+    strange = strangeness(earth, mag.norm_ut, mag.dip_deg) if earth else None
+    other = Fault("strange_room", strange, "move away from it") if strange else None
+    return of_field(mag, fit.score.heading_deg) or other
+
+
+def of_score(fit: Fit | None, stops: int, *, has_mag: bool) -> Fault | None:
+    """Why a calibration is not good enough; None if it is. `has_mag`: the magnetometer
+    is to be calibrated, too.
+    """
+    if fit is None:
+        return Fault(
+            "too_few",
+            f"only {stops} poses: nothing can be said",
+            "lay the probe still in nine or more attitudes, for two seconds each",
+        )
+    if not fit.score.is_level:
+        return _weak_level(fit)
+    heading = fit.score.heading_deg
+    if not has_mag:
+        return None
+    if fit.mag is not None and fit.score.is_headed:
+        return of_magnets(fit.mag)
+    if heading is None:
+        return Fault(
+            "no_magnetometer",
+            "the magnetometer gave too few readings",
+            "imud calibrate acc PROBE and gyro calibrate the others alone",
+        )
+    return of_field(fit.mag, heading) or Fault(
+        "weak_heading",
+        f"heading would be +-{heading:.1f} degrees",
+        f"add poses; {_missing(fit)}",
+    )
+
+
+def _weak_level(fit: Fit) -> Fault:
+    found = f"tilt would be +-{fit.score.tilt_deg:.2f} degrees"
+    if fit.acc.chi > SHAKING_CHI:
+        return Fault(
+            "shaking",
+            f"{found}: gravity differs between the poses by "
+            f"{fit.acc.residual_m_s2 / GRAVITY_M_S2 * 1000:.1f} mg more than it can",
+            "lay the probe on something that does not move, and do not hold it",
+        )
+    return Fault("missing_poses", found, _missing(fit))
+
+
+def _missing(fit: Fit) -> str:
+    """Which pose would help most."""
+    shown: FloatArray = fit.up
+    wanted = poses.wanted(fit.acc)
+    if wanted.sign == (0, 0, -1) and shown[:, 2].min() > -0.5:
+        return "it was never upside down: turn it over"
+    return f"lay it {wanted.words}"
