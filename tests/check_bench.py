@@ -9,7 +9,7 @@ import numpy as np
 
 from imud.check.evidence import Evidence
 from imud.check.judge import judged
-from imud.check.rows import Row, Verdict
+from imud.check.rows import Row, RowVerdict
 from imud.wire import schema
 
 ACC_LSB = 16.0 * 9.80665 / 32768.0
@@ -139,10 +139,10 @@ def rows(found: Evidence) -> dict[str, Row]:
     return named
 
 
-def troubles(found: Evidence) -> dict[str, Verdict]:
+def troubles(found: Evidence) -> dict[str, RowVerdict]:
     """The rows that are not good, but for those that were not judged."""
     return {
         name: row.verdict
         for name, row in rows(found).items()
-        if row.verdict in (Verdict.LOOK, Verdict.FAULT)
+        if row.verdict in (RowVerdict.LOOK, RowVerdict.FAULT)
     }

@@ -35,7 +35,7 @@ from imud.calibration.guided import faults, whole
 from imud.calibration.guided.housing import found as housing_found
 from imud.calibration.guided.procedure import Finished, Procedure
 from imud.calibration.papers.methods import METHODS, by_method
-from imud.calibration.recording import Gatherer, Recording
+from imud.calibration.recording import Gatherer, SensorRecording
 from imud.calibration.stops import find_stops
 from imud.cli.calibrate_source import of_file
 from imud.progress import Progress
@@ -110,7 +110,7 @@ def ups_of(case: Case, random: np.random.Generator) -> list[FloatArray | None]:
     return [*ups, poses.BASE_DOWN.up, None] if case.has_housing else ups
 
 
-def made(case: Case, seed: int) -> tuple[Module, Recording]:
+def made(case: Case, seed: int) -> tuple[Module, SensorRecording]:
     """A module, and its recording as the case has it."""
     random = np.random.default_rng([seed, 0xCA11])
     module = shop(random, case.warm_degc)

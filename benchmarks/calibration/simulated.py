@@ -13,9 +13,9 @@ import numpy as np
 from imud import rotation
 from imud.calibration.affine import Affine
 from imud.calibration.algebra import closest_turn, spread, units
-from imud.calibration.guided.whole import Fit
+from imud.calibration.guided.whole import ModuleFit
 from imud.calibration.poses import TWELVE
-from imud.calibration.recording import GRAVITY_M_S2, Gatherer, Recording, Sample
+from imud.calibration.recording import GRAVITY_M_S2, Gatherer, Sample, SensorRecording
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import (
     PROBE,
@@ -25,7 +25,7 @@ from imud.virtual.calibrating import (
     Manners,
     Sampler,
 )
-from imud.virtual.motions.module import Module, Sensor
+from imud.virtual.motions.module import Module, SensorSimulator
 from imud.virtual.sensors import NO_ERRORS, World, stream
 
 # 48 uT, dip 65.4 degrees, as in the study.
@@ -48,7 +48,7 @@ def samples(
     world: World = EARTH,
 ) -> list[Sample]:
     """What a module measures while a hand lays it with each of `ups` up."""
-    sensor = Sensor(module, RECORDS_HZ, np.random.default_rng([seed, 1]))
+    sensor = SensorSimulator(module, RECORDS_HZ, np.random.default_rng([seed, 1]))
     sampler = Sampler()
     exact = stream(
         seed,
@@ -75,19 +75,19 @@ def uneven(amount_ut: float, random: np.random.Generator) -> World:
     return replace(EARTH, gradient_ut_m=rows)
 
 
-def recorded(found: Iterable[Sample]) -> Recording:
+def recorded(found: Iterable[Sample]) -> SensorRecording:
     """Samples as a recording."""
     return Gatherer.of(SCALE, found).recording()
 
 
-def housing_error(module: Module, fit: Fit, turn: FloatArray) -> float:
+def housing_error(module: Module, fit: ModuleFit, turn: FloatArray) -> float:
     """By how much it leans when it stands base down on a level table, degrees."""
     up = np.array([[0.0, 0.0, 1.0]])
     felt = (up * GRAVITY_M_S2) @ module.acc.T + module.acc_bias
     return _tilt(units(fit.acc.force(felt) @ turn.T), up)
 
 
-def errors(module: Module, fit: Fit) -> dict[str, float]:
+def errors(module: Module, fit: ModuleFit) -> dict[str, float]:
     """Rms errors over all attitudes after a calibration, modulo a common turn of all
     three sensors: those of the shape.
     """

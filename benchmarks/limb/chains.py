@@ -31,7 +31,7 @@ SETTLED_S = 2.0  # of motion, before which nothing is scored
 SIGMAS = 1.96
 
 
-def measured(made: Made) -> session.Session:
+def measured(made: Made) -> session.BodyAnalysis:
     """What imud makes of the samples at 40 Hz, as `imud export --body` does."""
     tracks = {name: track_of(each) for name, each in made.motions.items()}
     return session.of(chain.read(made.toml, "made"), tracks)
@@ -42,7 +42,7 @@ def track_of(motion: Motion) -> Track:
     return fused.attitudes(times_s, motion.gyr, motion.acc, motion.mag)
 
 
-def scored(made: Made, found: session.Session) -> list[tuple[str, float, float]]:
+def scored(made: Made, found: session.BodyAnalysis) -> list[tuple[str, float, float]]:
     """Of each joint its kind, the rms error of its angles (deg), the share in 95 %."""
     body, times_s = chain.read(made.toml, "made"), found.posture.times_s
     true = upright(made, found.posture)

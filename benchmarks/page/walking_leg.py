@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from imud.body import chain, fused
-from imud.body.live import Live
+from imud.body.live import LiveBody
 from imud.body.state import BodyState
 from imud.client import Client
 from imud.net.access import BODIES, BODY_STATE
@@ -31,7 +31,7 @@ _encode = msgspec.json.Encoder().encode
 def states(seed: int = 1) -> list[BodyState]:
     """The states of the leg, from where it is aligned on."""
     made = leg.made(seed, MANNER)
-    body = Live(chain.read(leg.CHAIN, "leg"))
+    body = LiveBody(chain.read(leg.CHAIN, "leg"))
     tracks = {}
     for name, motion in made.motions.items():
         times_s = np.arange(0, len(motion.gyr), SKIP) / RATE_HZ

@@ -19,7 +19,7 @@ from benchmarks.common.paths import PICTURES
 from benchmarks.limb import legs
 from benchmarks.pictures.theme import THEMES, Theme
 from imud.body import chain, contact, posture, session
-from imud.body.session import Session
+from imud.body.session import BodyAnalysis
 from imud.rotation import FloatArray
 from imud.virtual import leg
 from imud.virtual.leg_probes import RATE_HZ
@@ -34,7 +34,7 @@ JOINTS = {"knee": "shank", "ankle": "foot"}
 
 
 @cache
-def recorded() -> tuple[leg.Leg, Session, contact.Path]:
+def recorded() -> tuple[leg.Leg, BodyAnalysis, contact.FootPath]:
     """The leg, what imud makes of its probes, and the path of its foot."""
     made = leg.made(SEED, leg.Manner(walk_s=15.0))
     found = {name: legs.track_of(sampled(each)) for name, each in made.motions.items()}

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from benchmarks.common.paths import PICTURES
-from imud.calibration.poses import TWELVE, Pose
+from imud.calibration.poses import TWELVE, StaticPose
 from imud.cli.box import Side, lying, sides
 from imud.rotation import FloatArray
 
@@ -37,7 +37,7 @@ def drawn() -> str:
     return "\n".join([*lines, "</svg>"]) + "\n"
 
 
-def cell(pose: Pose, number: int, x: float, y: float) -> Iterator[str]:
+def cell(pose: StaticPose, number: int, x: float, y: float) -> Iterator[str]:
     """A probe that lies so, about a place, with its words below."""
     for side in sides(lying(pose)):
         yield polygon(side, x, y)

@@ -77,7 +77,7 @@ def _wait_for(link: Path) -> None:
         time.sleep(0.05)
 
 
-def _follow() -> monitor.Screen:
+def _follow() -> monitor.MonitorScreen:
     """The monitor's view after both probes have moved for a while."""
     until_s = time.monotonic() + WAIT_S
     while True:
@@ -89,7 +89,7 @@ def _follow() -> monitor.Screen:
             if time.monotonic() > until_s:
                 raise
             time.sleep(0.2)
-    screen = monitor.Screen(ENDPOINT)
+    screen = monitor.MonitorScreen(ENDPOINT)
     with subscribe(topics=("pose", "status"), endpoint=ENDPOINT) as subscription:
         now_s = time.monotonic()
         while not _are_streaming(screen, now_s):
@@ -111,7 +111,7 @@ def _sees_horizon(shown: monitor.Shown) -> bool:
     return abs(pitch) < PITCH_DEG and abs(roll) < ROLL_DEG
 
 
-def _are_streaming(screen: monitor.Screen, now_s: float) -> bool:
+def _are_streaming(screen: monitor.MonitorScreen, now_s: float) -> bool:
     moving = [shown for shown in screen.probes.values() if shown.has_pose(now_s)]
     return len(moving) == len(BOARDS) and all(shown.status for shown in moving)
 

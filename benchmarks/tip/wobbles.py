@@ -25,7 +25,7 @@ from benchmarks.common.figure import SETS, Figure
 from benchmarks.common.modules import module_of
 from benchmarks.common.paths import RESULTS
 from imud.calibration.algebra import units
-from imud.calibration.faults import Fault
+from imud.calibration.faults import CalibrationFault
 from imud.calibration.recording import Sample, Scale
 from imud.calibration.tip import guide as tip_guide
 from imud.calibration.tip.guide import Dimpling
@@ -154,13 +154,13 @@ def judged(
     """What the guide says of these samples."""
     base = "slips" if wobble.slip_m else "soft" if wobble.give else "firm"
     guide = Dimpling(scale, params_of(case.module))
-    found: TipFound | Fault | None = None
+    found: TipFound | CalibrationFault | None = None
     for sample in samples:
         if (found := guide.feed(sample)) is not None:
             break
     if found is None:
         found = guide.end()
-    if isinstance(found, Fault):
+    if isinstance(found, CalibrationFault):
         return Run(found.kind, base, seconds=guide.seconds)
     assert found.offset_m is not None
     assert found.sigma_m is not None

@@ -21,8 +21,8 @@ from imud.virtual.stroking import (
     SETTLES_S,
     SWAYS,
     Plan,
-    Stroke,
     StrokingHand,
+    TrueStroke,
     strokes_of,
 )
 
@@ -49,7 +49,7 @@ class Measured:
 
     motion: Motion
     samples: desk.Array
-    strokes: list[Stroke]
+    strokes: list[TrueStroke]
 
     def index(self, seconds: float) -> int:
         return round(seconds * RATE_HZ)

@@ -25,7 +25,7 @@ SWING_S = 0.15  # a shorter pause between rests is none
 
 
 @dataclass(frozen=True, slots=True)
-class Path:
+class FootPath:
     """A foot's path. `rests`: first and last row of each rest. `strides`: m, level
     distance from rest to rest.
     """
@@ -55,7 +55,7 @@ def rests(track: Track) -> tuple[tuple[int, int], ...]:
     return tuple(each for each in spans if times[each[1]] - times[each[0]] >= REST_S)
 
 
-def path(track: Track) -> Path:
+def path(track: Track) -> FootPath:
     """The path of a foot's probe, from poses and forces. ValueError without forces.
 
     Between the rests it is known; before the first and after the last it is NaN.
@@ -78,7 +78,7 @@ def path(track: Track) -> Path:
             place[rows] = here + swing(track.times_s[rows], force[rows])
             here = place[found[index + 1][0]]
     steps = np.diff(np.array(ends).reshape(-1, 3), axis=0)
-    return Path(track.times_s, place, found, np.linalg.norm(steps[:, :2], axis=1))
+    return FootPath(track.times_s, place, found, np.linalg.norm(steps[:, :2], axis=1))
 
 
 def swing(times_s: FloatArray, force: FloatArray) -> FloatArray:

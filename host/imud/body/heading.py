@@ -88,7 +88,7 @@ def of_forces(parent: FloatArray, child: FloatArray, noise: float) -> Sight:
 
 
 @dataclass(slots=True)
-class Step:
+class HeadingFilter:
     """The filter of one joint. `turn`: by which the child's heading is turned, rad."""
 
     turn: float = 0.0
@@ -124,7 +124,10 @@ class Step:
 
 
 def follow(
-    step: Step, times_s: FloatArray, is_there: BoolArray, sights: Sequence[Sight]
+    step: HeadingFilter,
+    times_s: FloatArray,
+    is_there: BoolArray,
+    sights: Sequence[Sight],
 ) -> tuple[FloatArray, FloatArray]:
     """The turns over time and their sigmas, rad, from a filter that goes on from where
     it is; NaN where a probe is missing.

@@ -26,12 +26,12 @@ CENTRE_RESIDUAL_MAX = 0.6
 INDEPENDENT_S = 0.5  # residuals of a limb resemble each other for this long
 
 
-class Refused(Exception):
+class AlignmentRefused(Exception):
     """A motion from which nothing can be found; the text says what to do."""
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
+class HingeAxis:
     """A hinge: unit vectors in the frames of the parent's and the child's probe."""
 
     parent: FloatArray
@@ -57,7 +57,7 @@ def axis(
     child: FloatArray,
     rate_hz: float,
     residual_max: float = RESIDUAL_MAX,
-) -> Axis:
+) -> HingeAxis:
     """The axis from two gyroscopes, rad/s, (n, 3) each at the same times.
 
     Across the axis both turn equally fast, whatever the angle. Signs are arbitrary.
@@ -67,7 +67,7 @@ def axis(
     order = np.sort(np.argsort(fast)[-min(len(fast), 4 * ROWS) :])
     rows = order[:: max(1, len(order) // ROWS)]
     if len(rows) < ROWS_MIN:
-        raise Refused("too few samples; move for some seconds")
+        raise AlignmentRefused("too few samples; move for some seconds")
     first, second = parent[rows], child[rows]
     # From each of the main directions of both: a limb may turn more than its joint.
     tried = [
@@ -83,11 +83,13 @@ def axis(
     moved = float(np.sqrt((first**2).sum(axis=1).mean() + (second**2).sum(1).mean()))
     residual = float(np.sqrt((error**2).mean())) / max(moved, 1e-9)
     if moved < EXCITATION_MIN:
-        raise Refused(
+        raise AlignmentRefused(
             f"it moved by {math.degrees(moved):.0f} deg/s; bend it faster and further"
         )
     if residual > residual_max:
-        raise Refused(f"no hinge fits: {100 * residual:.0f} % of the rates are left")
+        raise AlignmentRefused(
+            f"no hinge fits: {100 * residual:.0f} % of the rates are left"
+        )
     # Each probe's axis is seen by how fast it turns about it itself.
     own = min(
         float(((first @ both[:3]) ** 2).mean()), ((second @ both[3:]) ** 2).mean()
@@ -95,7 +97,7 @@ def axis(
     independent = max(1.0, len(parent) / rate_hz / INDEPENDENT_S)
     play = float((error**2).mean())
     sigma = math.sqrt(play / max(own, 1e-6) / independent)
-    return Axis(both[:3], both[3:], residual, excitation, min(sigma, math.pi / 2))
+    return HingeAxis(both[:3], both[3:], residual, excitation, min(sigma, math.pi / 2))
 
 
 def _across(
@@ -168,10 +170,12 @@ def centre(
     added = [each @ part for each, part in zip(arms, (both[:3], both[3:]), strict=True)]
     excitation = float(np.sqrt(np.mean([(each**2).sum(1).mean() for each in added])))
     if excitation < FORCE_MIN_M_S2:
-        raise Refused(f"turning adds {excitation:.1f} m/s2; move it faster")
+        raise AlignmentRefused(f"turning adds {excitation:.1f} m/s2; move it faster")
     residual = float(np.sqrt((error**2).mean())) / excitation
     if residual > CENTRE_RESIDUAL_MAX:
-        raise Refused(f"no centre fits: {100 * residual:.0f} % of the forces are left")
+        raise AlignmentRefused(
+            f"no centre fits: {100 * residual:.0f} % of the forces are left"
+        )
     independent = max(1.0, len(parent[0]) / rate_hz / INDEPENDENT_S)
     spread = np.linalg.inv(slope.T @ slope / len(error) + 1e-9 * np.eye(6))
     sigma = math.sqrt(float((error**2).mean() * np.diag(spread).max() / independent))

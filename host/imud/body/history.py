@@ -20,7 +20,7 @@ BIAS_ROWS = 100
 
 
 @dataclass(slots=True)
-class History:
+class ProbeHistory:
     """The poses and samples of one probe; older ones than `kept_s` are dropped."""
 
     kept_s: float

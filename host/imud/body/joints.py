@@ -17,7 +17,7 @@ from imud import rotation
 from imud.body import heading, hinge
 from imud.body.chain import Joint
 from imud.body.heading import BoolArray, Sight
-from imud.body.hinge import Refused
+from imud.body.hinge import AlignmentRefused
 from imud.body.tracks import Track
 from imud.rotation import FloatArray
 
@@ -36,7 +36,7 @@ AXES = {1: "hinge", 2: "pair of axes"}
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class JointModel:
     """A joint in the frames of the probes beside it.
 
     `axes`: unit vectors in the parent's and the child's probe: one axis of a hinge, or
@@ -78,7 +78,7 @@ class Known:
         the same errors: what one moment shows of the axes counts most.
         """
         turns, sigmas = self.turns(parent, child)
-        step = heading.Step(
+        step = heading.HeadingFilter(
             float(np.nanmean(turns[rows])),
             float(np.nanmean(sigmas[rows])) ** 2 + INDOORS**2,
         )
@@ -95,12 +95,15 @@ class Known:
         """The child's heading by all of a recording, and its sigma, rad, (n,)."""
         is_there = np.isfinite(parent.quat[:, 0]) & np.isfinite(child.quat[:, 0])
         found = heading.follow(
-            heading.Step(), parent.times_s, is_there, self.sights(parent, child)
+            heading.HeadingFilter(),
+            parent.times_s,
+            is_there,
+            self.sights(parent, child),
         )
         return heading.smoothed(parent.times_s, *found)
 
 
-def learn(joint: Joint, parent: Track, child: Track) -> Known:
+def learn(joint: Joint, parent: Track, child: Track) -> JointModel:
     """What a motion of both probes at the same times shows. Raises Refused."""
     known = _centred(joint, parent, child)
     if joint.freedom == 1:
@@ -117,20 +120,20 @@ def _rows(parent: Track, child: Track) -> tuple[Track, Track]:
     return parent.rows(good), child.rows(good)
 
 
-def _centred(joint: Joint, parent: Track, child: Track) -> Known:
+def _centred(joint: Joint, parent: Track, child: Track) -> JointModel:
     """With its centre, if forces show one."""
     one, other = _rows(parent, child)
     if one.acc is None or other.acc is None or len(one.times_s) < hinge.ROWS_MIN:
-        return Known(joint)
+        return JointModel(joint)
     rate_hz = 1.0 / float(np.median(np.diff(one.times_s)))
-    with contextlib.suppress(Refused):
+    with contextlib.suppress(AlignmentRefused):
         found = hinge.centre((one.gyr, one.acc), (other.gyr, other.acc), rate_hz)
         arms = found.parent, found.child
         forces = _forces((one, one.acc), (other, other.acc), arms)
         up = [force[:, 2] for force in forces]
         noise = float(np.sqrt(np.mean((up[0] - up[1]) ** 2) / 2.0))
-        return Known(joint, arms=arms, noise=max(noise, NOISE_MIN))
-    return Known(joint)
+        return JointModel(joint, arms=arms, noise=max(noise, NOISE_MIN))
+    return JointModel(joint)
 
 
 _Felt = tuple[Track, FloatArray]  # a probe, and its specific forces
@@ -148,10 +151,10 @@ def _forces(
     return found[0], found[1]
 
 
-def _hinge(known: Known, parent: Track, child: Track) -> Known:
+def _hinge(known: JointModel, parent: Track, child: Track) -> JointModel:
     one, other = _rows(parent, child)
     if len(one.times_s) < hinge.ROWS_MIN:
-        raise Refused("no motion to align by")
+        raise AlignmentRefused("no motion to align by")
     rate_hz = 1.0 / float(np.median(np.diff(one.times_s)))
     seen = hinge.axis(one.gyr, other.gyr, rate_hz, RESIDUAL_MAX)
     tried = [
@@ -163,16 +166,16 @@ def _hinge(known: Known, parent: Track, child: Track) -> Known:
     return found
 
 
-def _check(found: Known) -> None:
+def _check(found: JointModel) -> None:
     """Raises Refused if what a joint does beside its axes is too much."""
     if found.play > PLAY_MAX:
         left_deg = math.degrees(found.play)
-        raise Refused(
+        raise AlignmentRefused(
             f"no {AXES[found.joint.freedom]} fits: {left_deg:.0f} deg are left"
         )
 
 
-def _refined(known: Known, parent: Track, child: Track) -> Known:
+def _refined(known: JointModel, parent: Track, child: Track) -> JointModel:
     """Its axes by what stays of the turn between both probes."""
     known = replace(known, play=math.radians(known.joint.play_deg))
     for _ in range(ROUNDS):
@@ -187,18 +190,18 @@ def _refined(known: Known, parent: Track, child: Track) -> Known:
         play = math.sqrt(float(np.mean((z1 - z2) ** 2)) / max(level, 0.1))
         known = replace(known, axes=axes, play=max(play, PLAY_MIN))
     if 1.0 - sizes[1] < SPREAD_MIN:
-        raise Refused("it hardly turned; bend it further")
+        raise AlignmentRefused("it hardly turned; bend it further")
     return known
 
 
-def between(known: Known, parent: Track, child: Track) -> FloatArray:
+def between(known: JointModel, parent: Track, child: Track) -> FloatArray:
     """parent_from_child of both probes, headings in step, (n, 4)."""
     turns, _ = known.turns(parent, child)
     stepped = rotation.multiply(heading.about_up(turns), child.quat)
     return rotation.multiply(rotation.inverse(parent.quat), stepped)
 
 
-def _across(known: Known, parent: Track, child: Track) -> float:
+def _across(known: JointModel, parent: Track, child: Track) -> float:
     """Mean square of the rates between both that are not about the hinge."""
     axis = known.axes[0] if known.axes is not None else np.zeros(3)
     turn = between(known, parent, child)
@@ -207,16 +210,18 @@ def _across(known: Known, parent: Track, child: Track) -> float:
     return float(((rate - along) ** 2).mean())
 
 
-def _universal(known: Known, parent: Track, child: Track) -> Known:
+def _universal(known: JointModel, parent: Track, child: Track) -> JointModel:
     one, other = _rows(parent, child)
     if len(one.times_s) < hinge.ROWS_MIN:
-        raise Refused("no motion to align by")
+        raise AlignmentRefused("no motion to align by")
     for _ in range(ROUNDS):
         turn = rotation.to_matrix(between(known, one, other))
         axes, cosine, play = _pair(turn)
         known = replace(known, axes=axes, cosine=cosine, play=max(play, PLAY_MIN))
     if (1.0 - np.linalg.svd(turn.mean(axis=0))[1][:2]).min() < SPREAD_MIN:
-        raise Refused("it hardly turned about one of its axes; bend it further")
+        raise AlignmentRefused(
+            "it hardly turned about one of its axes; bend it further"
+        )
     _check(known)
     return known
 

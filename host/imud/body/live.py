@@ -18,10 +18,10 @@ from imud import rotation
 from imud.body import heading, mounting, posture, session, zero
 from imud.body.chain import Chain, Segment
 from imud.body.feet import Foot
-from imud.body.heading import Step
-from imud.body.hinge import Refused
-from imud.body.history import History
-from imud.body.joints import Known
+from imud.body.heading import HeadingFilter
+from imud.body.hinge import AlignmentRefused
+from imud.body.history import ProbeHistory
+from imud.body.joints import JointModel
 from imud.body.mounting import Mount
 from imud.body.posture import Posture
 from imud.body.state import (
@@ -51,7 +51,7 @@ MOVE = "bend every joint four times, then stand still for 2 s"
 GAP_ALIGN_S = 2.0 * GAP_S
 
 
-class Live:
+class LiveBody:
     """One body. `facing_rad`: where the person faces while standing, counterclockwise
     from east, or None.
     """
@@ -63,7 +63,7 @@ class Live:
         self._facing_rad = facing_rad
         self._delay_s = delay_s
         self.histories = {
-            each.probe: History(ALIGN_S) for each in chain.segments if each.probe
+            each.probe: ProbeHistory(ALIGN_S) for each in chain.segments if each.probe
         }
         self.stage: Stage = "waiting"
         self.says: str | None = None
@@ -73,8 +73,8 @@ class Live:
         self._looked_s = -math.inf
         self._ahead_rad = 0.0  # heading of the body's x
         self._mounts: Mapping[str, Mount] = {}
-        self._known: Mapping[str, Known] = {}
-        self._steps: dict[str, Step] = {}
+        self._known: Mapping[str, JointModel] = {}
+        self._steps: dict[str, HeadingFilter] = {}
         self._feet = {s.name: Foot() for s in chain.segments if s.is_contact}
         self._number = 0
 
@@ -146,7 +146,7 @@ class Live:
             return
         try:
             spans = session.standing(found)
-        except Refused:
+        except AlignmentRefused:
             return
         stood = [each for each in spans if each[1] - each[0] >= STAND_S - 0.1]
         if not stood:
@@ -185,7 +185,7 @@ class Live:
             mounts, known, remarks = session.aligned(
                 self.chain, found, self._facing_rad
             )
-        except Refused as refused:
+        except AlignmentRefused as refused:
             self.stage, self.says = "standing", f"{refused}. Again: {STAND}"
             self._begun_s = time_s
             return
@@ -212,7 +212,7 @@ class Live:
             return
         try:
             mounting.check_order(self.chain, found)
-        except Refused as refused:
+        except AlignmentRefused as refused:
             self._doubts += 1
             if self._doubts == SWAPPED_LOOKS:
                 self.remarks.append(str(refused))

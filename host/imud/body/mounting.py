@@ -16,7 +16,7 @@ import numpy as np
 from imud import rotation
 from imud.body import hinge
 from imud.body.chain import Chain
-from imud.body.hinge import Axis, Refused
+from imud.body.hinge import AlignmentRefused, HingeAxis
 from imud.body.tracks import Track, leaning
 from imud.rotation import FloatArray
 
@@ -54,7 +54,7 @@ class Aligned:
     """What an alignment found: mounts by segment, hinges, remarks for people."""
 
     mounts: Mapping[str, Mount]
-    axes: Mapping[str, Axis]
+    axes: Mapping[str, HingeAxis]
     remarks: tuple[str, ...]
 
 
@@ -89,18 +89,22 @@ def by_motion(
     without a hinge take ahead from `facing_rad`, which may be None if there are none.
     `moving` has the same times for all. Raises Refused.
     """
-    axes: dict[str, Axis] = {}
+    axes: dict[str, HingeAxis] = {}
     for parent, child in chain.joints():
         if child.joint.is_hinge and parent.name in moving and child.name in moving:
             one, other = moving[parent.name], moving[child.name]
             good = np.isfinite(one.gyr).all(axis=1) & np.isfinite(other.gyr).all(axis=1)
             if good.sum() < hinge.ROWS_MIN:
-                raise Refused(f"{parent.name} and {child.name}: no motion to align by")
+                raise AlignmentRefused(
+                    f"{parent.name} and {child.name}: no motion to align by"
+                )
             rate_hz = 1.0 / float(np.median(np.diff(one.times_s)))
             try:
                 axes[child.name] = hinge.axis(one.gyr[good], other.gyr[good], rate_hz)
-            except Refused as refused:
-                raise Refused(f"{parent.name} and {child.name}: {refused}") from None
+            except AlignmentRefused as refused:
+                raise AlignmentRefused(
+                    f"{parent.name} and {child.name}: {refused}"
+                ) from None
     rights = _rights(chain, axes, standing, (moving, walking or moving))
     plain = None
     if facing_rad is not None:
@@ -118,7 +122,7 @@ def by_motion(
         elif plain is not None:
             mounts[name] = plain[name]
         else:
-            raise Refused(f"{name} has no hinge; say where the person faces")
+            raise AlignmentRefused(f"{name} has no hinge; say where the person faces")
     return Aligned(mounts, axes, _remarks(mounts))
 
 
@@ -127,10 +131,10 @@ def _stood(name: str, track: Track) -> tuple[FloatArray, float]:
     good = np.isfinite(track.quat).all(axis=1)
     times, quat = track.times_s[good], track.quat[good]
     if len(times) < 2 or times[-1] - times[0] < STANDING_S:
-        raise Refused(f"{name}: no pose to align by; stand still for 3 s")
+        raise AlignmentRefused(f"{name}: no pose to align by; stand still for 3 s")
     moved = float(np.sqrt((leaning(track)[good] ** 2).mean()))
     if moved > STILL_RAD_S:
-        raise Refused(
+        raise AlignmentRefused(
             f"{name} leaned by {math.degrees(moved):.0f} deg/s; stand still for 3 s"
         )
     mean = np.linalg.eigh(quat.T @ quat)[1][:, -1]
@@ -150,7 +154,7 @@ def _frame(up: FloatArray, other: FloatArray, *, is_x: bool) -> FloatArray:
 
 def _rights(
     chain: Chain,
-    axes: Mapping[str, Axis],
+    axes: Mapping[str, HingeAxis],
     standing: Mapping[str, Track],
     motions: tuple[Mapping[str, Track], Mapping[str, Track]],
 ) -> dict[str, list[_Right]]:
@@ -173,7 +177,9 @@ def _rights(
             turned = _turned(first, second, moving[parent.name], moving[child.name])
             is_left = turned * child.joint.flexion * child.joint.bends < 0.0
         else:
-            raise Refused(f"{child.name}: no joint above says which way it bends")
+            raise AlignmentRefused(
+                f"{child.name}: no joint above says which way it bends"
+            )
         if is_left:
             first, second = -first, -second
         # A joint's play tilts the axis that its motion shows.
@@ -190,7 +196,7 @@ def _mean_right(up: FloatArray, rights: list[_Right]) -> _Right:
         flat = axis - up * (axis @ up)
         size = float(np.linalg.norm(flat))
         if size < UPRIGHT_MAX:
-            raise Refused(
+            raise AlignmentRefused(
                 "the axis found is almost vertical; stand up straight, bend again"
             )
         total = total + flat / (size * sigma**2)
@@ -249,7 +255,7 @@ def check_order(chain: Chain, moving: Mapping[str, Track]) -> None:
             continue
         upper, lower = _change(one.acc), _change(other.acc)
         if upper > 0.5 and lower < SWAPPED * upper:
-            raise Refused(
+            raise AlignmentRefused(
                 f"{child.probe} on {child.name} moves less than {parent.probe} on "
                 f"{parent.name}; are the two swapped?"
             )

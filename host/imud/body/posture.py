@@ -15,8 +15,8 @@ import numpy as np
 from imud import rotation
 from imud.body import angles, heading
 from imud.body.chain import Chain, Joint, Side
-from imud.body.heading import Step
-from imud.body.joints import Known
+from imud.body.heading import HeadingFilter
+from imud.body.joints import JointModel
 from imud.body.mounting import Mount
 from imud.body.tracks import Track
 from imud.rotation import FloatArray
@@ -45,8 +45,8 @@ def of(
     chain: Chain,
     tracks: Mapping[str, Track],
     mounts: Mapping[str, Mount],
-    known: Mapping[str, Known] | None = None,
-    steps: dict[str, Step] | None = None,
+    known: Mapping[str, JointModel] | None = None,
+    steps: dict[str, HeadingFilter] | None = None,
 ) -> Posture:
     """The posture from tracks of the same times, by segment. `known`: joints of which
     motion has shown the axes, by child.
@@ -97,28 +97,28 @@ def of(
     return found
 
 
-def _upright(joint: Joint, mounts: tuple[Mount, Mount]) -> Known:
+def _upright(joint: Joint, mounts: tuple[Mount, Mount]) -> JointModel:
     """A joint of the body: it turns mainly about z of both segments."""
     first, second = (rotation.rotate(m.probe_from_segment, angles.Z) for m in mounts)
-    return Known(joint, (first, second), math.radians(joint.play_deg))
+    return JointModel(joint, (first, second), math.radians(joint.play_deg))
 
 
 def _turn(
-    joint: Known,
+    joint: JointModel,
     both: tuple[Track, Track],
-    steps: dict[str, Step] | None,
+    steps: dict[str, HeadingFilter] | None,
     name: str,
 ) -> tuple[FloatArray, FloatArray]:
     """The turn of the child's heading, and its sigma."""
     if steps is None:
         return joint.turns(*both)
     is_there = np.isfinite(both[0].quat[:, 0]) & np.isfinite(both[1].quat[:, 0])
-    step = steps.setdefault(name, Step())
+    step = steps.setdefault(name, HeadingFilter())
     return heading.follow(step, both[0].times_s, is_there, joint.sights(*both))
 
 
 def axes_of(
-    joint: Known, mounts: tuple[Mount, Mount]
+    joint: JointModel, mounts: tuple[Mount, Mount]
 ) -> tuple[FloatArray, FloatArray] | None:
     """Its axes in the frames of the segments."""
     if joint.axes is None:
@@ -131,7 +131,7 @@ def axes_of(
 
 
 def angles_of(
-    joint: Known,
+    joint: JointModel,
     quats: tuple[FloatArray, FloatArray],
     axes: tuple[FloatArray, FloatArray] | None,
     side: Side,

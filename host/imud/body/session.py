@@ -13,9 +13,9 @@ import numpy as np
 
 from imud.body import contact, mounting, posture, tracks, zero
 from imud.body.chain import Chain
-from imud.body.contact import Path
-from imud.body.hinge import Refused
-from imud.body.joints import Known
+from imud.body.contact import FootPath
+from imud.body.hinge import AlignmentRefused
+from imud.body.joints import JointModel
 from imud.body.mounting import Mount
 from imud.body.posture import Posture
 from imud.body.tracks import Track, leaning
@@ -32,21 +32,21 @@ POSE_S, BEFORE_S = 1.5, 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Session:
+class BodyAnalysis:
     """Posture over time, paths of segments with `contact`, and remarks for people.
     `mounts` and `known`: how the probes sit, and joints about any axes, by child.
     """
 
     posture: Posture
-    paths: Mapping[str, Path]
+    paths: Mapping[str, FootPath]
     mounts: Mapping[str, Mount]
-    known: Mapping[str, Known]
+    known: Mapping[str, JointModel]
     remarks: tuple[str, ...]
 
 
 def of(
     chain: Chain, by_probe: Mapping[str, Track], facing_rad: float | None = None
-) -> Session:
+) -> BodyAnalysis:
     """All of a recording: standing, a motion that aligns, standing again, the rest.
 
     `facing_rad`: where the person faces while standing,
@@ -60,10 +60,10 @@ def of(
         if each.probe is not None and each.probe in by_probe
     }
     if not given:
-        raise Refused("none of its probes is there")
+        raise AlignmentRefused("none of its probes is there")
     times_s = tracks.common_times(list(given.values()), RATE_HZ)
     if len(times_s) < RATE_HZ * STILL_S:
-        raise Refused("its probes have hardly a moment in common")
+        raise AlignmentRefused("its probes have hardly a moment in common")
     found = {name: tracks.joined(each, times_s) for name, each in given.items()}
     mounts, known, why = aligned(chain, found, facing_rad)
     remarks = [
@@ -78,12 +78,12 @@ def of(
         if each.is_contact and each.name in given and given[each.name].acc is not None
     }
     body = posture.of(chain, found, mounts, known)
-    return Session(body, paths, mounts, known, tuple(remarks))
+    return BodyAnalysis(body, paths, mounts, known, tuple(remarks))
 
 
 def aligned(
     chain: Chain, found: Mapping[str, Track], facing_rad: float | None
-) -> tuple[dict[str, Mount], dict[str, Known], list[str]]:
+) -> tuple[dict[str, Mount], dict[str, JointModel], list[str]]:
     """All mounts, what motion shows of joints about any axes, remarks. Raises Refused.
 
     `found`: tracks of the same times, by segment.
@@ -105,7 +105,7 @@ def _begin(found: Mapping[str, Track]) -> tuple[tuple[float, float], list[str]]:
     """The pose in which angles are 0, and remarks."""
     try:
         return standing(found)[0], []
-    except Refused:
+    except AlignmentRefused:
         start_s = float(next(iter(found.values())).times_s[0])
         words = f"it never rests: angles are 0 at the mean of its first {BEGIN_S:g} s"
         return (start_s, start_s + BEGIN_S), [words]
@@ -125,19 +125,19 @@ def align(
     try:
         by_motion = mounting.by_motion(chain, stood, moving, facing_rad, walking)
         mounts, remarks = dict(by_motion.mounts), [*by_motion.remarks]
-    except Refused as refused:
+    except AlignmentRefused as refused:
         if facing_rad is None:
             raise
         blind = [n for n, t in stood.items() if np.isnan(t.heading_sigma).all()]
         if blind:
-            raise Refused(
+            raise AlignmentRefused(
                 f"{refused}; the pose alone needs a compass, and {blind[0]} has none"
             ) from refused
         mounts = dict(mounting.by_pose(chain, stood, facing_rad).mounts)
         remarks = [f"aligned by the pose alone: {refused}"]
     try:
         mounting.check_order(chain, walking)
-    except Refused as refused:
+    except AlignmentRefused as refused:
         remarks.append(str(refused))
     return (begin_s, end_s), mounts, remarks
 
@@ -155,5 +155,7 @@ def standing(found: Mapping[str, Track]) -> list[tuple[float, float]]:
         if times_s[end] - times_s[start] >= STILL_S
     ]
     if not spans:
-        raise Refused("no pose to align by: stand still for 3 s at the beginning")
+        raise AlignmentRefused(
+            "no pose to align by: stand still for 3 s at the beginning"
+        )
     return spans

@@ -14,8 +14,8 @@ import numpy as np
 from imud import rotation
 from imud.body import heading, joints
 from imud.body.chain import Chain
-from imud.body.hinge import Refused
-from imud.body.joints import Known
+from imud.body.hinge import AlignmentRefused
+from imud.body.joints import JointModel
 from imud.body.mounting import Mount
 from imud.body.tracks import Track
 from imud.rotation import FloatArray
@@ -27,7 +27,7 @@ UPRIGHT = rotation.from_matrix(np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]
 Pose = tuple[float, float]  # from and to, s
 
 
-def learnt(chain: Chain, found: Mapping[str, Track]) -> dict[str, Known]:
+def learnt(chain: Chain, found: Mapping[str, Track]) -> dict[str, JointModel]:
     """What motion shows of the joints about any axes, by child. Raises Refused."""
     known = {}
     for parent, child in chain.joints():
@@ -36,15 +36,17 @@ def learnt(chain: Chain, found: Mapping[str, Track]) -> dict[str, Known]:
                 known[child.name] = joints.learn(
                     child.joint, found[parent.name], found[child.name]
                 )
-            except Refused as refused:
-                raise Refused(f"{parent.name} and {child.name}: {refused}") from None
+            except AlignmentRefused as refused:
+                raise AlignmentRefused(
+                    f"{parent.name} and {child.name}: {refused}"
+                ) from None
     return known
 
 
 def mounted(
     chain: Chain,
     found: Mapping[str, Track],
-    known: Mapping[str, Known],
+    known: Mapping[str, JointModel],
     pose: Pose,
     mounts: Mapping[str, Mount],
     facing_rad: float | None,
@@ -80,8 +82,8 @@ def mounted(
 
 
 def signed(
-    known: Mapping[str, Known], mounts: Mapping[str, Mount], chain: Chain
-) -> dict[str, Known]:
+    known: Mapping[str, JointModel], mounts: Mapping[str, Mount], chain: Chain
+) -> dict[str, JointModel]:
     """The same, each axis with its largest part in its segment's frame positive."""
     found = dict(known)
     for parent, child in chain.joints():

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from imud.calibration.algebra import symmetric, symmetric_slopes
-from imud.calibration.recording import GRAVITY_M_S2, Recording
-from imud.calibration.stops import Stop
+from imud.calibration.recording import GRAVITY_M_S2, SensorRecording
+from imud.calibration.stops import StaticInterval
 from imud.rotation import FloatArray
 
 PARAMETERS = 9
@@ -53,7 +53,9 @@ class AccFit:
         return float(np.sqrt((self.residual**2).sum() / freedom))
 
 
-def means(recording: Recording, stops: list[Stop]) -> tuple[FloatArray, FloatArray]:
+def means(
+    recording: SensorRecording, stops: list[StaticInterval]
+) -> tuple[FloatArray, FloatArray]:
     """The mean reading of each stop and its one-sigma error, m/s2."""
     found = np.array([recording.acc[stop.start : stop.end].mean(0) for stop in stops])
     counts = np.array([len(stop) for stop in stops])

@@ -15,7 +15,7 @@ UNEVEN_UT = 0.8  # rms residual of an axis that speaks of an uneven field
 FIELD_UT = (18.0, 75.0)  # of the Earth, with some room
 
 
-class Fault(msgspec.Struct, frozen=True):
+class CalibrationFault(msgspec.Struct, frozen=True):
     """What is wrong and what to do about it, one clause each."""
 
     kind: str
@@ -26,13 +26,13 @@ class Fault(msgspec.Struct, frozen=True):
         return f"{self.reason}; {self.cure}"
 
 
-def of_field(mag: MagFit | None, heading_deg: float | None) -> Fault | None:
+def of_field(mag: MagFit | None, heading_deg: float | None) -> CalibrationFault | None:
     """A room or a magnet that spoils the magnetometer's part."""
     if mag is None:
         return None
     if mag.residual_ut > UNEVEN_UT:
         sure = "" if heading_deg is None else f"; heading would be +-{heading_deg:.1f}"
-        return Fault(
+        return CalibrationFault(
             "uneven_field",
             f"the field is uneven here ({mag.residual_ut:.1f} uT{sure})",
             "move away from iron, cables and loudspeakers",
@@ -40,18 +40,18 @@ def of_field(mag: MagFit | None, heading_deg: float | None) -> Fault | None:
     return of_magnets(mag)
 
 
-def of_magnets(mag: MagFit) -> Fault | None:
+def of_magnets(mag: MagFit) -> CalibrationFault | None:
     """A field that no room on Earth has, or no module."""
     own = float(np.linalg.norm(mag.bias))
     if own > MAGNET_UT:
-        return Fault(
+        return CalibrationFault(
             "magnet",
             f"the probe has a magnetic field of its own of {own:.0f} uT",
             "take the magnet or the iron off it and begin again",
         )
     low, high = FIELD_UT
     if not low < mag.norm_ut < high:
-        return Fault(
+        return CalibrationFault(
             "strange_field",
             f"the field here is {mag.norm_ut:.0f} uT, which is not the Earth's",
             "move away from iron and magnets",

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from imud.calibration.algebra import integrated, row_slopes, skew
-from imud.calibration.recording import IntArray, Recording
-from imud.calibration.stops import Stop
+from imud.calibration.recording import IntArray, SensorRecording
+from imud.calibration.stops import StaticInterval
 from imud.rotation import FloatArray
 
 ROUNDS = 3
@@ -55,7 +55,7 @@ class GyrFit:
         return self.chi * float(np.sqrt(np.diag(self.covariance)[:9].mean()))
 
 
-def bias_course(recording: Recording, stops: list[Stop]) -> FloatArray:
+def bias_course(recording: SensorRecording, stops: list[StaticInterval]) -> FloatArray:
     """The bias of each step: the means of the stops, interpolated in time."""
     middles = [stop.middle for stop in stops]
     means = np.array([recording.gyr[s.start : s.end].mean(axis=0) for s in stops])
@@ -65,7 +65,10 @@ def bias_course(recording: Recording, stops: list[Stop]) -> FloatArray:
 
 
 def fit(
-    recording: Recording, stops: list[Stop], up: FloatArray, sigma_rad: FloatArray
+    recording: SensorRecording,
+    stops: list[StaticInterval],
+    up: FloatArray,
+    sigma_rad: FloatArray,
 ) -> GyrFit:
     """From the directions of gravity at the stops, unit vectors of shape (k, 3) in the
     accelerometer's frame, and their errors (k,).
@@ -102,7 +105,9 @@ def fit(
     )
 
 
-def mismatch(recording: Recording, stops: list[Stop], up: FloatArray) -> float:
+def mismatch(
+    recording: SensorRecording, stops: list[StaticInterval], up: FloatArray
+) -> float:
     """The rms angle by which gravity is off after the turns, rad, without a fit."""
     middles = np.array([stop.middle for stop in stops])
     pairs = _pairs(recording, middles)
@@ -112,7 +117,7 @@ def mismatch(recording: Recording, stops: list[Stop], up: FloatArray) -> float:
     return float(np.sqrt((off.reshape(-1, 3) ** 2).sum(axis=1).mean()))
 
 
-def _pairs(recording: Recording, middles: IntArray) -> IntArray:
+def _pairs(recording: SensorRecording, middles: IntArray) -> IntArray:
     """Which stops are followed by another one without a gap between them."""
     whole = [
         recording.is_whole(int(start), int(end))

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from imud.calibration.algebra import row_slopes, skew
-from imud.calibration.recording import Recording
+from imud.calibration.recording import SensorRecording
 from imud.rotation import FloatArray
 
 EVERY_S = 0.05  # a reading in this time is used
@@ -49,7 +49,7 @@ class Readings:
 
     @classmethod
     def of(
-        cls, recording: Recording, attitude: FloatArray, rate: FloatArray
+        cls, recording: SensorRecording, attitude: FloatArray, rate: FloatArray
     ) -> Readings:
         """Picks readings EVERY_S or more apart."""
         there = np.flatnonzero(np.isfinite(recording.mag[:, 0]))

@@ -29,7 +29,7 @@ FACES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class StaticPose:
     """A way to lay a probe down."""
 
     sign: tuple[int, int, int]
@@ -56,19 +56,19 @@ class Pose:
         return "".join(f"{'+' if sign > 0 else '-'}{a}" for a, sign in axes if sign)
 
 
-def _all() -> tuple[Pose, ...]:
+def _all() -> tuple[StaticPose, ...]:
     signs = itertools.product((1, 0, -1), repeat=3)
-    found = [Pose((x, y, z)) for x, y, z in signs if any((x, y, z))]
+    found = [StaticPose((x, y, z)) for x, y, z in signs if any((x, y, z))]
     return tuple(sorted(found, key=lambda pose: sum(map(abs, pose.sign))))
 
 
-BASE_DOWN = Pose((0, 0, 1))
+BASE_DOWN = StaticPose((0, 0, 1))
 ALL = _all()  # six faces, twelve edges, eight corners
 
 # The twelve of the picture in docs/calibration.md: the faces, and two edges at right
 # angles between each two axes. Every beginning of the list is useful.
 TWELVE = tuple(
-    Pose(sign)
+    StaticPose(sign)
     for sign in (
         *((0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)),
         *((1, 1, 0), (1, 0, 1), (0, 1, 1)),
@@ -86,7 +86,7 @@ def gains(fit: AccFit) -> FloatArray:
     return np.asarray(np.sqrt(np.einsum("tj,jk,tk->t", slopes, fit.covariance, slopes)))
 
 
-def wanted(fit: AccFit | None) -> Pose:
+def wanted(fit: AccFit | None) -> StaticPose:
     """The pose that would teach the most; faces before edges before corners if they are
     alike. `fit`: of the stops so far, None before the first.
     """
@@ -96,6 +96,6 @@ def wanted(fit: AccFit | None) -> Pose:
     return ALL[int(np.argmax(found > 0.98 * found.max()))]
 
 
-def nearest(up: FloatArray) -> Pose:
+def nearest(up: FloatArray) -> StaticPose:
     """The pose that a stop was in."""
     return ALL[int(np.argmax(UPS @ up))]

@@ -48,7 +48,7 @@ class Sample(msgspec.Struct, frozen=True):
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class SensorRecording:
     """Readings at a constant rate in nominal units, which are counts times the value of
     a count. Vectors have the shape (n, 3) and are in the body frame.
     """
@@ -73,7 +73,7 @@ class Recording:
         """Whether no samples are missing between two steps."""
         return not any(start < at <= end for at in self.breaks)
 
-    def since(self, start: int) -> Recording:
+    def since(self, start: int) -> SensorRecording:
         """The steps from `start` on."""
         return replace(
             self,
@@ -156,11 +156,11 @@ class Gatherer:
             self._count += 1
             self._in_step = 0
 
-    def recording(self) -> Recording:
+    def recording(self) -> SensorRecording:
         """All steps so far."""
         rows = self._rows[: self._count]
         warmth = self._warmth_sum / self._warmth_count if self._warmth_count else None
-        return Recording(
+        return SensorRecording(
             self.step_s,
             rows[:, ACC] * (self.scale.acc_m_s2 / self._per_step),
             rows[:, GYR] * (self.scale.gyr_rad_s / self._per_step),

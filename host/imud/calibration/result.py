@@ -19,7 +19,7 @@ ACC_RESIDUAL_MAX, GYR_RESIDUAL_MAX = 6.5, 0.65
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class CalibrationResult:
     """New params, and what was found on the way."""
 
     params: Params

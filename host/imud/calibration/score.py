@@ -38,7 +38,7 @@ UP = ATTITUDES[:, 2, :]
 
 
 @dataclass(frozen=True, slots=True)
-class Score:
+class CalibrationScore:
     """One-sigma errors to expect. None: there is no calibration of that sensor."""
 
     tilt_deg: float
@@ -124,13 +124,15 @@ def _inflation(fit: MagFit, stops: int) -> float:
     )
 
 
-def score(acc: AccFit, mag: MagFit | None, stops: int) -> Score:
+def score(acc: AccFit, mag: MagFit | None, stops: int) -> CalibrationScore:
     """Of a calibration from so many stops."""
     tilt, limit = tilt_errors(acc)
     if mag is None:
-        return Score(tilt, limit)
+        return CalibrationScore(tilt, limit)
     field = field_deg(mag, stops)
-    return Score(tilt, limit, math.hypot(TILT_TO_HEADING * tilt, field), field)
+    return CalibrationScore(
+        tilt, limit, math.hypot(TILT_TO_HEADING * tilt, field), field
+    )
 
 
 def stated_tilt_deg(acc: Calibration | None) -> float:

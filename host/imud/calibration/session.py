@@ -17,14 +17,14 @@ import numpy as np
 from imud.calibration import poses
 from imud.calibration.affine import affine_of
 from imud.calibration.earth import Earth
-from imud.calibration.faults import Fault
-from imud.calibration.guided.procedure import Event, Finished, Procedure, Refused
+from imud.calibration.faults import CalibrationFault
+from imud.calibration.guided.procedure import Event, Finished, FitRefused, Procedure
 from imud.calibration.guided.result import result_of_fit, result_of_wave
 from imud.calibration.guided.verify import Verify
 from imud.calibration.guided.wave import Wave, Waving
 from imud.calibration.papers.extremes import Extremes
 from imud.calibration.recording import Sample, Scale
-from imud.calibration.result import Outcome
+from imud.calibration.result import CalibrationResult
 from imud.calibration.score import stated_tilt_deg
 from imud.calibration.tip.guide import Dimpling
 from imud.calibration.tip.result import result_of_tip
@@ -50,14 +50,14 @@ class Subject:
 
 
 @dataclass(slots=True)
-class Session:
+class CalibrationSession:
     """Follows one kind of calibration until it is over. `day` goes into the params."""
 
     kind: Kind
     subject: Subject
     day: datetime.date
     phase: str = "running"  # then done or refused
-    outcome: Outcome | None = None
+    outcome: CalibrationResult | None = None
     _guide: Procedure | Waving | Verify | Dimpling = field(init=False)
     _bar: Extremes = field(default_factory=Extremes)
     _findings: list[dict[str, Any]] = field(default_factory=list)
@@ -127,12 +127,12 @@ class Session:
 
     def _guided(self, events: list[Event]) -> None:
         for event in events:
-            if isinstance(event, Refused):
+            if isinstance(event, FitRefused):
                 self._refuse(str(event.fault))
             elif isinstance(event, Finished):
                 self._make(partial(self._of_fit, event))
 
-    def _of_fit(self, event: Finished) -> Outcome:
+    def _of_fit(self, event: Finished) -> CalibrationResult:
         subject = self.subject
         return result_of_fit(
             event.fit,
@@ -144,21 +144,21 @@ class Session:
             earth=subject.earth,
         )
 
-    def _waved(self, guide: Waving, found: Wave | Fault | None) -> None:
-        if isinstance(found, Fault):
+    def _waved(self, guide: Waving, found: Wave | CalibrationFault | None) -> None:
+        if isinstance(found, CalibrationFault):
             self._refuse(str(found))
         elif found is not None:
             scale, params = self.subject.scale, self.subject.params
             warmth = guide.temperature_c
             self._make(partial(result_of_wave, found, scale, params, warmth, self.day))
 
-    def _wobbled(self, found: TipFound | Fault | None) -> None:
-        if isinstance(found, Fault):
+    def _wobbled(self, found: TipFound | CalibrationFault | None) -> None:
+        if isinstance(found, CalibrationFault):
             self._refuse(str(found))
         elif found is not None:
             self._make(partial(result_of_tip, found, self.subject.params, self.day))
 
-    def _make(self, outcome: Callable[[], Outcome]) -> None:
+    def _make(self, outcome: Callable[[], CalibrationResult]) -> None:
         try:
             self.outcome = outcome()
         except ImudError as error:
@@ -213,7 +213,7 @@ class Session:
         }
 
 
-def _told(found: Outcome) -> dict[str, Any]:
+def _told(found: CalibrationResult) -> dict[str, Any]:
     """The result, and the params that have it."""
     left = {}
     for name in found.sensors:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imud.calibration.recording import Recording
+from imud.calibration.recording import SensorRecording
 from imud.rotation import FloatArray
 
 BLOCK_S = 0.25
@@ -23,7 +23,7 @@ QUIETEST = 4  # blocks whose mean rate is the bias
 
 
 @dataclass(frozen=True, slots=True)
-class Stop:
+class StaticInterval:
     """Steps of a recording from `start` up to but without `end`."""
 
     start: int
@@ -46,7 +46,7 @@ class Blocks:
     is_still: FloatArray  # 1.0 or 0.0, one for each block
 
     @classmethod
-    def of(cls, recording: Recording) -> Blocks:
+    def of(cls, recording: SensorRecording) -> Blocks:
         """Says which blocks of a recording are still."""
         size = max(2, round(BLOCK_S / recording.step_s))
         count = len(recording) // size
@@ -69,16 +69,16 @@ class Blocks:
                 is_still[at // size] = False
         return cls(size, is_still.astype(float))
 
-    def stops(self) -> list[Stop]:
+    def stops(self) -> list[StaticInterval]:
         """Runs of SHORTEST still blocks or more."""
         edges = np.flatnonzero(np.diff(self.is_still, prepend=0.0, append=0.0))
         return [
-            Stop(int(start) * self.size, int(end) * self.size)
+            StaticInterval(int(start) * self.size, int(end) * self.size)
             for start, end in zip(edges[::2], edges[1::2], strict=True)
             if end - start >= SHORTEST
         ]
 
 
-def find_stops(recording: Recording) -> list[Stop]:
+def find_stops(recording: SensorRecording) -> list[StaticInterval]:
     """The stretches of a recording in which the probe lay still, in order."""
     return Blocks.of(recording).stops()

@@ -222,7 +222,7 @@ def _folder(layout: Layout, now: time.struct_time) -> bytes:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class LogExtent:
     """The log's file on a card, in bytes from its start."""
 
     offset: int
@@ -246,7 +246,7 @@ def partition_types(sector: bytes) -> list[int]:
     return [entry[2] for entry in entries if entry[2]]
 
 
-def find_log(read: Callable[[int, int], bytes]) -> Found:
+def find_log(read: Callable[[int, int], bytes]) -> LogExtent:
     """Finds PROBE.LOG on a card or partition; NoLog if it isn't there in one piece.
 
     `read(first, count)` gives sectors.
@@ -269,7 +269,7 @@ class _Volume:
         self._fats = self._start + reserved
         self._data = self._fats + fats * self._fat
 
-    def find(self) -> Found:
+    def find(self) -> LogExtent:
         cluster = self._root
         for _ in range(_ROOT_MAX):
             folder = self._sectors(self._at(cluster), self._cluster)
@@ -283,7 +283,7 @@ class _Volume:
                 raise NoLog("it has no PROBE.LOG")
         raise NoLog("its folder goes in a circle")
 
-    def _file(self, cluster: int, size: int) -> Found:
+    def _file(self, cluster: int, size: int) -> LogExtent:
         count = -(-size // (self._cluster * SECTOR))
         if count == 0 or cluster < _ROOT:
             raise NoLog("its PROBE.LOG is empty")
@@ -300,7 +300,7 @@ class _Volume:
                 "its PROBE.LOG is not in one piece; copy it from the card and name "
                 "the copy"
             )
-        return Found(self._at(cluster) * SECTOR, size)
+        return LogExtent(self._at(cluster) * SECTOR, size)
 
     def _partition(self) -> int:
         sector = self._sectors(0, 1)

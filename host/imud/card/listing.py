@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from imud.card import disk
-from imud.card.probe_log import CONTENT, CardLog, Recording, find_log
+from imud.card.probe_log import CONTENT, CardLog, CardRecording, find_log
 from imud.probes.boot import difference_32
 from imud.probes.speaker import NOBODY
 from imud.progress import Progress
@@ -42,7 +42,7 @@ class Survey:
         return self.last_sequence + 1 - self.messages.total()
 
 
-def survey(log: CardLog, recording: Recording, progress: Progress) -> Survey:
+def survey(log: CardLog, recording: CardRecording, progress: Progress) -> Survey:
     """Reads a recording's headers; moves `progress` by its bytes."""
     found = Survey()
     decoder = FrameDecoder()
@@ -98,12 +98,12 @@ def show(path: Path) -> int:
     return 0
 
 
-def bar(recordings: list[Recording]) -> Progress:
+def bar(recordings: list[CardRecording]) -> Progress:
     """A progress bar over the bytes of these recordings."""
     return Progress("reading", sum(each.blocks for each in recordings) * CONTENT)
 
 
-def summary(log: CardLog, recordings: list[Recording]) -> str:
+def summary(log: CardLog, recordings: list[CardRecording]) -> str:
     """One line about a card and how much of it is written."""
     written = sum(each.blocks for each in recordings)
     bad = sum(each.bad for each in recordings)
@@ -113,7 +113,7 @@ def summary(log: CardLog, recordings: list[Recording]) -> str:
     )
 
 
-def end(recording: Recording) -> str:
+def end(recording: CardRecording) -> str:
     """How a recording ended, in words."""
     begin = "" if recording.is_begun else "its first block is lost, "
     return begin + ("ended cleanly" if recording.is_ended else "cut off")

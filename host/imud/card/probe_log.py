@@ -49,7 +49,7 @@ def _sealed(block: bytes) -> bytes:
 
 
 @dataclass(slots=True)
-class Recording:
+class CardRecording:
     """Blocks from one start of the log to its end, or to where power was cut."""
 
     number: int
@@ -69,7 +69,7 @@ class CardLog:
     Raises FileError if it was not prepared for a probe or has another version.
     """
 
-    def __init__(self, card: Disk, place: fat.Found) -> None:
+    def __init__(self, card: Disk, place: fat.LogExtent) -> None:
         self._disk = card
         self._offset = place.offset
         head = card.read_at(place.offset, SECTOR)
@@ -109,11 +109,11 @@ class CardLog:
                 high = middle
         return low
 
-    def recordings(self) -> list[Recording]:
+    def recordings(self) -> list[CardRecording]:
         """All recordings, sorted by number. Checks every block up to the end."""
-        found: dict[int, Recording] = {}
+        found: dict[int, CardRecording] = {}
         bar = Progress("looking", self.used())
-        recording: Recording | None = None
+        recording: CardRecording | None = None
         after = 1  # where the next block of it would be
         for first in range(1, self.blocks, LOOK):
             blocks = self.good(first, LOOK)
@@ -123,7 +123,7 @@ class CardLog:
                 if recording is not None:
                     recording.bad += number - after
                 if recording is None or recording.number != name or number != after:
-                    recording = found.setdefault(name, Recording(name))
+                    recording = found.setdefault(name, CardRecording(name))
                     recording.runs.append(range(number, number))
                 recording.runs[-1] = range(recording.runs[-1].start, number + 1)
                 recording.is_begun |= bool(flags & FIRST)
@@ -133,7 +133,7 @@ class CardLog:
         bar.end()
         return [found[name] for name in sorted(found)]
 
-    def frames(self, recording: Recording) -> Iterator[bytes]:
+    def frames(self, recording: CardRecording) -> Iterator[bytes]:
         """The bytes of a recording, as chunks of whole blocks.
 
         A frame goes on after a worn block, which the probe skipped when it wrote. It
@@ -169,7 +169,7 @@ class CardLog:
 def find_log(card: Disk) -> CardLog:
     """Finds the log on a card, in its image, or as a copy of the file; or FileError."""
     if card.read_at(0, len(MAGIC)) == MAGIC:
-        return CardLog(card, fat.Found(0, card.bytes))
+        return CardLog(card, fat.LogExtent(0, card.bytes))
     try:
         place = fat.find_log(card.read)
     except fat.NoLog as reason:

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from imud.card import disk
 from imud.card.listing import bar, duration, end, plural, summary
-from imud.card.probe_log import CardLog, Recording, find_log
+from imud.card.probe_log import CardLog, CardRecording, find_log
 from imud.errors import ConfigError, FileError
 from imud.log.file import LogFile, Settings
 from imud.probes.ledger import totals
@@ -110,7 +110,7 @@ class _LogWriter:
         self._started_ns = started_ns
         self._progress = progress
 
-    def write(self, recording: Recording) -> _Outcome:
+    def write(self, recording: CardRecording) -> _Outcome:
         name = f"recording {recording.number}"
         known = introduction(self._log.frames(recording))
         probes: dict[str, Probe] = {}
@@ -154,7 +154,9 @@ class _LogWriter:
         self._say(f"{name}: {_account(recording, probe, found)}: {path}")
         return _Outcome(is_written=True)
 
-    def _copy(self, recording: Recording, session: Session, log: LogFile) -> _Copied:
+    def _copy(
+        self, recording: CardRecording, session: Session, log: LogFile
+    ) -> _Copied:
         found = _Copied()
         for data in self._log.frames(recording):
             for event in session.receive(data, None):
@@ -190,7 +192,7 @@ class _LogWriter:
         sys.stdout.flush()
 
 
-def _account(recording: Recording, probe: Probe, found: _Copied) -> str:
+def _account(recording: CardRecording, probe: Probe, found: _Copied) -> str:
     counts: Any = probe.account.counts()
     total = totals(counts)
     # Numbers begin with 0 in each recording: those before the first heard are lost.

@@ -13,15 +13,15 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from imud.calibration.algebra import units
-from imud.calibration.poses import BASE_DOWN, Pose
+from imud.calibration.poses import BASE_DOWN, StaticPose
 from imud.calibration.recording import Sample, Scale
 from imud.check.evidence import Evidence, Posed
 from imud.check.readings import DEG, MG, STILL_DPS, STILL_MG
-from imud.check.rows import Row, Verdict, skipped
+from imud.check.rows import Row, RowVerdict, skipped
 from imud.probes.self_test import AXES
 
-LEFT_DOWN = Pose((0, -1, 0))
-FRONT_UP = Pose((1, 0, 0))
+LEFT_DOWN = StaticPose((0, -1, 0))
+FRONT_UP = StaticPose((1, 0, 0))
 ASKED = (BASE_DOWN, LEFT_DOWN, FRONT_UP)
 
 STILL_S = 1.5
@@ -31,12 +31,12 @@ TURNED = 0.7  # a new pose is more than 45 degrees from the one before
 CLEAR = 0.9  # the cosine of 26 degrees: an axis is up if it is within that
 
 
-class Guide:
+class PoseGuide:
     """Asks for one pose after the other, and takes the mean of each once the probe lies
     still in another way than before. Time is that of the samples.
     """
 
-    def __init__(self, scale: Scale, poses: Iterable[Pose] = ASKED) -> None:
+    def __init__(self, scale: Scale, poses: Iterable[StaticPose] = ASKED) -> None:
         self._scale = scale
         self._left = deque(poses)
         self._window: deque[tuple[float, ...]] = deque()
@@ -46,7 +46,7 @@ class Guide:
         self.found: list[Posed] = []
 
     @property
-    def wanted(self) -> Pose | None:
+    def wanted(self) -> StaticPose | None:
         """The pose to be laid down; None: all are over."""
         return self._left[0] if self._left else None
 
@@ -122,13 +122,13 @@ def rows(evidence: Evidence) -> Iterator[Row]:
     }
     if not wrong:
         measured = f"right in {len(seen)} of {len(evidence.poses)} poses"
-        verdict = Verdict.GOOD
+        verdict = RowVerdict.GOOD
         if len(seen) < len(evidence.poses):
-            verdict = Verdict.SKIPPED
+            verdict = RowVerdict.SKIPPED
         yield Row("axes", measured, normal, verdict, "", numbers)
         return
     measured = f"{_named(seen)} ({'; '.join(wrong)})"
-    yield Row("axes", measured, normal, Verdict.FAULT, _cure(seen), numbers)
+    yield Row("axes", measured, normal, RowVerdict.FAULT, _cure(seen), numbers)
 
 
 def _named(seen: dict[int, tuple[int, int]]) -> str:

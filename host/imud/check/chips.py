@@ -10,7 +10,7 @@ import numpy as np
 
 from imud.calibration.recording import GRAVITY_M_S2
 from imud.check.evidence import Evidence, Samples
-from imud.check.rows import Row, Verdict, skipped
+from imud.check.rows import Row, RowVerdict, skipped
 from imud.journal.faults import OF_SENSOR, fault_words
 from imud.probes.self_test import Outcome, follows_range
 from imud.probes.sensors import LSM9DS0, MPU6500, NINE_AXES, identity_words
@@ -66,13 +66,13 @@ def _bus(evidence: Evidence, count: int) -> Row:
         advice = _cure(evidence, often) or "see the other rows, and check its wires"
         if often[1] in OF_IDENTITY:
             advice = "see the row of the inertial chip"
-        return Row("sensor bus", measured, normal, Verdict.FAULT, advice, numbers)
+        return Row("sensor bus", measured, normal, RowVerdict.FAULT, advice, numbers)
     if count == 0:
         advice = 'raw samples are needed: streams = ["pose", "raw"] of the probe'
-        return Row("sensor bus", "no samples", normal, Verdict.LOOK, advice, numbers)
+        return Row("sensor bus", "no samples", normal, RowVerdict.LOOK, advice, numbers)
     if not total and not reported:
         measured = f"{count} samples, no failed transfers"
-        return Row("sensor bus", measured, normal, Verdict.GOOD, "", numbers)
+        return Row("sensor bus", measured, normal, RowVerdict.GOOD, "", numbers)
     words = f" ({cause})" if cause else ""
     recovered = evidence.counters.get("bus_recoveries", 0)
     measured = (
@@ -84,7 +84,7 @@ def _bus(evidence: Evidence, count: int) -> Row:
     )
     if often[0] == "sensor_fault":
         advice = _cure(evidence, often) or advice
-    verdict = Verdict.FAULT if total > BUS_FAULTS else Verdict.LOOK
+    verdict = RowVerdict.FAULT if total > BUS_FAULTS else RowVerdict.LOOK
     return Row("sensor bus", measured, normal, verdict, advice, numbers)
 
 
@@ -106,20 +106,20 @@ def _identity(evidence: Evidence) -> Row:
             return skipped("inertial chip", normal, "no answer")
         measured = identity_words(refused[-1].detail & 0xFF)
         advice = _cure(evidence, refused[-1][:2])
-        return Row("inertial chip", measured, normal, Verdict.FAULT, advice)
+        return Row("inertial chip", measured, normal, RowVerdict.FAULT, advice)
     numbers = {"who_am_i": [identity, second]}
     measured = identity_words(identity)
     if hello["sensor"] == "lsm9ds0":
         measured = f"0x{identity:02X} (LSM9DS0)"
     if identity in NINE_AXES or (hello["sensor"], identity) == ("lsm9ds0", LSM9DS0):
-        return Row("inertial chip", measured, normal, Verdict.GOOD, "", numbers)
+        return Row("inertial chip", measured, normal, RowVerdict.GOOD, "", numbers)
     advice = (
         "not an MPU-9250's identity: it behaves like one, but its limits may differ. "
         "Please report what the module was sold as, with this"
     )
     if identity == MPU6500 and not second:
         advice = "an MPU-6500, often sold as an MPU-9250: it works, without heading"
-    return Row("inertial chip", measured, normal, Verdict.LOOK, advice, numbers)
+    return Row("inertial chip", measured, normal, RowVerdict.LOOK, advice, numbers)
 
 
 def _configuration(evidence: Evidence) -> Row:
@@ -128,7 +128,7 @@ def _configuration(evidence: Evidence) -> Row:
     if not reported:
         if is_dead(evidence):
             return skipped("configuration", normal, "no sensor")
-        return Row("configuration", "no difference reported", normal, Verdict.GOOD)
+        return Row("configuration", "no difference reported", normal, RowVerdict.GOOD)
     numbers = sorted({each.detail >> 8 & 0xFF for each in reported})
     named = ", ".join(f"0x{number:02X}" for number in numbers)
     measured = f"{len(reported)} differences, register {named}"
@@ -140,7 +140,7 @@ def _configuration(evidence: Evidence) -> Row:
         "configuration",
         measured,
         normal,
-        Verdict.FAULT,
+        RowVerdict.FAULT,
         advice,
         {"registers": numbers, "count": len(reported)},
     )
@@ -156,18 +156,18 @@ def _self_test(evidence: Evidence) -> Iterator[Row]:
         yield skipped("self-test", "passed", "the probe runs none")
     is_lsm9ds0 = evidence.hello["sensor"] == "lsm9ds0"
     for found in verdicts:
-        outcome, advice = Verdict.GOOD, ""
+        outcome, advice = RowVerdict.GOOD, ""
         if found.outcome is Outcome.FAILED:
-            outcome = Verdict.FAULT
+            outcome = RowVerdict.FAULT
             advice = (
                 f"the {found.sensor} does not answer its own stimulus as it should: "
                 "power it off and on, check again at rest; if it fails again, the chip "
                 "is broken or counterfeit"
             )
         elif found.outcome is Outcome.NOT_JUDGED:
-            outcome = Verdict.SKIPPED
+            outcome = RowVerdict.SKIPPED
             if found.is_for_motion:
-                outcome = Verdict.LOOK
+                outcome = RowVerdict.LOOK
                 advice = "lay it still, then reset the probe and check again"
         yield Row(
             f"self-test {found.sensor}",
@@ -197,9 +197,9 @@ def _range(evidence: Evidence, samples: Samples) -> Row:
     if follows is None:
         return skipped(name, normal, "it moved while it started")
     if follows:
-        return Row(name, measured, normal, Verdict.GOOD)
+        return Row(name, measured, normal, RowVerdict.GOOD)
     advice = (
         "readings do not follow the range register: a counterfeit, or another chip. "
         "Accelerations are wrong by a constant factor; use another module"
     )
-    return Row(name, measured, normal, Verdict.FAULT, advice)
+    return Row(name, measured, normal, RowVerdict.FAULT, advice)

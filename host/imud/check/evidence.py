@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from imud.calibration.earth import Earth
-from imud.calibration.poses import Pose
+from imud.calibration.poses import StaticPose
 from imud.probes.ledger import totals
 from imud.probes.record import equipment_of
 from imud.probes.self_test import Outcome, Responses, Verdict, verdicts_of
@@ -29,7 +29,7 @@ class ProbeEvent(NamedTuple):
     detail: int
 
 
-class Boot(NamedTuple):
+class BootRecord(NamedTuple):
     """A start of the probe, as its hello tells it."""
 
     number: int
@@ -51,7 +51,7 @@ class Posed:
     out, or it was not laid still in time.
     """
 
-    pose: Pose
+    pose: StaticPose
     acc_m_s2: tuple[float, float, float] | None
 
 
@@ -102,7 +102,7 @@ class Evidence:
     """Filled message by message with take(), status by status with take_status()."""
 
     hello: dict[str, Any] = field(default_factory=dict)
-    boots: list[Boot] = field(default_factory=list)
+    boots: list[BootRecord] = field(default_factory=list)
     first: dict[str, Any] = field(default_factory=dict)  # of the counters
     counters: dict[str, Any] = field(default_factory=dict)
     equipment: dict[str, Any] | None = None
@@ -165,7 +165,7 @@ class Evidence:
             name: tuple(value) if isinstance(value, list) else value
             for name, value in hello.items()
         }
-        boot = Boot(hello["boot_count"], tuple(hello["reset_cause"]))
+        boot = BootRecord(hello["boot_count"], tuple(hello["reset_cause"]))
         if not self.boots or self.boots[-1].number != boot.number:
             self.boots.append(boot)
 

@@ -15,7 +15,7 @@ from imud.check import limits
 from imud.check.chips import is_dead
 from imud.check.evidence import Evidence, Samples
 from imud.check.readings import NOISE_FAULT, rest_of
-from imud.check.rows import Row, Verdict, graded, skipped, worst
+from imud.check.rows import Row, RowVerdict, graded, skipped, worst
 from imud.journal.faults import fault_words
 from imud.probes.self_test import AXES
 from imud.probes.sensors import LSM9DS0, NINE_AXES, missing_magnetometer
@@ -34,7 +34,7 @@ def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
     row = _magnetometer(evidence, samples)
     yield row
     mag = samples.mag[np.isfinite(samples.mag[:, 0])]
-    if row.verdict is Verdict.FAULT or len(mag) < 10:
+    if row.verdict is RowVerdict.FAULT or len(mag) < 10:
         yield skipped("field", "20 to 70 uT, and the module's own", "no readings")
         return
     rest = rest_of(evidence, samples)
@@ -52,7 +52,7 @@ def _magnetometer(evidence: Evidence, samples: Samples) -> Row:
     numbers = {"identity": second, "rate_hz": round(rate_hz, 1)}
 
     def fault(measured: str, advice: str) -> Row:
-        return Row(NAME, measured, NORMAL, Verdict.FAULT, advice, numbers)
+        return Row(NAME, measured, NORMAL, RowVerdict.FAULT, advice, numbers)
 
     causes = evidence.causes_of("sensor_fault")
     if causes["mag_stuck"]:
@@ -79,11 +79,11 @@ def _magnetometer(evidence: Evidence, samples: Samples) -> Row:
     if samples.flags["mag_overflow"]:
         measured += f", {samples.flags['mag_overflow']} overflows"
         advice = "a magnet is close to it: take it away"
-        return Row(NAME, measured, NORMAL, Verdict.LOOK, advice, numbers)
+        return Row(NAME, measured, NORMAL, RowVerdict.LOOK, advice, numbers)
     if seconds > 2 and rate_hz < RATE_MIN_HZ:
         advice = "it measures too seldom: power the module off and on"
-        return Row(NAME, measured, NORMAL, Verdict.LOOK, advice, numbers)
-    return Row(NAME, measured, NORMAL, Verdict.GOOD, "", numbers)
+        return Row(NAME, measured, NORMAL, RowVerdict.LOOK, advice, numbers)
+    return Row(NAME, measured, NORMAL, RowVerdict.GOOD, "", numbers)
 
 
 def _noise(evidence: Evidence, noise_ut: np.ndarray) -> Row:
@@ -95,7 +95,7 @@ def _noise(evidence: Evidence, noise_ut: np.ndarray) -> Row:
         graded(each / limit, 1.0, NOISE_FAULT) for each in noise_ut.tolist()
     )
     advice = ""
-    if verdict is not Verdict.GOOD:
+    if verdict is not RowVerdict.GOOD:
         advice = (
             "the field changes: a motor, a loudspeaker or a cable with current is "
             "near, or the magnetometer is bad"
@@ -131,7 +131,7 @@ def _field(evidence: Evidence, samples: Samples) -> Row:
             f"{evidence.earth.norm_uT:.0f} uT, {evidence.earth.dip_deg:.0f} deg dip"
         )
         measured += f", {dip_deg:.0f} deg dip"
-        verdict = Verdict.GOOD if odd is None else Verdict.LOOK
+        verdict = RowVerdict.GOOD if odd is None else RowVerdict.LOOK
         advice = "" if odd is None else f"{odd}, or the calibration is old"
         return Row("field", measured, normal, verdict, advice, numbers)
     if is_calibrated:
@@ -143,14 +143,14 @@ def _field(evidence: Evidence, samples: Samples) -> Row:
         normal = f"{low:g} to {high:g} uT, and {own}"
         is_good = 1.0 <= norm_ut <= high + limits.OWN_UT
     if is_good:
-        return Row("field", measured, normal, Verdict.GOOD, "", numbers)
+        return Row("field", measured, normal, RowVerdict.GOOD, "", numbers)
     advice = (
         "not the Earth's field: a magnet, a loudspeaker or iron is near; move the "
         "probe half a metre away and check again"
     )
     if norm_ut < 1.0:
         advice = "no field at all: the magnetometer is broken, or shielded by iron"
-    return Row("field", measured, normal, Verdict.LOOK, advice, numbers)
+    return Row("field", measured, normal, RowVerdict.LOOK, advice, numbers)
 
 
 def _dip_deg(field_ut: np.ndarray, up: np.ndarray) -> float:

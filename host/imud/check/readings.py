@@ -13,7 +13,7 @@ import numpy.typing as npt
 from imud.calibration.recording import COUNT_MAX, GRAVITY_M_S2
 from imud.check import limits
 from imud.check.evidence import Evidence, Samples
-from imud.check.rows import Row, Verdict, graded, skipped, worst
+from imud.check.rows import Row, RowVerdict, graded, skipped, worst
 from imud.probes.self_test import AXES
 from imud.rotation import FloatArray
 
@@ -38,7 +38,7 @@ FLAT_MG = 350.0  # with more aside it does not lie base down
 
 
 @dataclass(frozen=True, slots=True)
-class Rest:
+class RestReadings:
     """What the samples of a probe say that lay still."""
 
     seconds: float
@@ -53,13 +53,13 @@ class Rest:
         return self.seconds >= REST_MIN_S
 
 
-def rest_of(evidence: Evidence, samples: Samples) -> Rest:
+def rest_of(evidence: Evidence, samples: Samples) -> RestReadings:
     """From all windows of the samples in which the probe did not move."""
     nothing = np.full(3, np.nan)
     period_us = samples.period_us
     size = round(WINDOW_S * 1e6 / period_us) if period_us > 0 else 0
     if size < 4:
-        return Rest(0.0, *(nothing,) * 5)
+        return RestReadings(0.0, *(nothing,) * 5)
     count = len(samples) // size
     hello = evidence.hello
 
@@ -74,8 +74,8 @@ def rest_of(evidence: Evidence, samples: Samples) -> Rest:
     if still.any():
         still &= _is_mostly(acc.mean(axis=1), still)
     if not still.any():
-        return Rest(0.0, *(nothing,) * 5)
-    return Rest(
+        return RestReadings(0.0, *(nothing,) * 5)
+    return RestReadings(
         float(still.sum()) * size * period_us * 1e-6,
         acc[still].mean(axis=(0, 1)),
         gyr[still].mean(axis=(0, 1)),
@@ -137,7 +137,7 @@ def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
             "rest",
             f"{rest.seconds:.1f} s",
             f"{REST_MIN_S:g} s at least",
-            Verdict.LOOK,
+            RowVerdict.LOOK,
             "it moved, or its noise is large: noise and offsets were not judged. Lay "
             "it on a table, without a fan or a keyboard on it, and check again",
         )
@@ -161,8 +161,10 @@ def _noise(name: str, noise: FloatArray, limit: float, unit: str, digits: int) -
     ]
     verdict = worst(verdicts)
     advice = ""
-    if verdict is not Verdict.GOOD:
-        loud = [AXES[i] for i, each in enumerate(verdicts) if each is not Verdict.GOOD]
+    if verdict is not RowVerdict.GOOD:
+        loud = [
+            AXES[i] for i, each in enumerate(verdicts) if each is not RowVerdict.GOOD
+        ]
         advice = (
             f"{', '.join(loud)} noisier than normal: a table that shakes, a supply "
             "without capacitors, or a bad chip"
@@ -172,11 +174,11 @@ def _noise(name: str, noise: FloatArray, limit: float, unit: str, digits: int) -
     return Row(name, measured, normal, verdict, advice, {"rms": _rounded(noise)})
 
 
-def _gyr_offset(rest: Rest, chip: limits.Chip) -> Row:
+def _gyr_offset(rest: RestReadings, chip: limits.Chip) -> Row:
     limit = chip.gyr_offset_dps
     verdict = worst(graded(each, limit, 4 * limit) for each in rest.gyr_dps.tolist())
     advice = ""
-    if verdict is not Verdict.GOOD:
+    if verdict is not RowVerdict.GOOD:
         advice = (
             f"an offset beyond what {chip.source} allows: was it still? The probe "
             "takes it away at each start, but it tells of a bad or counterfeit chip"
@@ -187,7 +189,7 @@ def _gyr_offset(rest: Rest, chip: limits.Chip) -> Row:
     return Row("gyroscope offset", measured, normal, verdict, advice, numbers)
 
 
-def _acc_offset(rest: Rest, chip: limits.Chip) -> Row:
+def _acc_offset(rest: RestReadings, chip: limits.Chip) -> Row:
     """Base down, from the vertical; a table may slope. Otherwise only the length."""
     force = rest.acc_mg
     length = float(np.linalg.norm(force))
@@ -207,7 +209,7 @@ def _acc_offset(rest: Rest, chip: limits.Chip) -> Row:
         bounds = ", ".join(f"{each:.0f}" for each in allowed)
         normal = f"± {bounds} mg (offset, scale, a table 2 degrees off)"
     advice = ""
-    if verdict is not Verdict.GOOD:
+    if verdict is not RowVerdict.GOOD:
         advice = (
             "the resting force is not gravity: did it lie base down on a level table? "
             "If so, imud calibrate takes the offset away; far off, the chip is broken "
@@ -227,13 +229,13 @@ def _stuck(samples: Samples) -> Row:
     ]
     normal = "each axis has noise"
     if not stuck:
-        return Row("stuck axes", "none", normal, Verdict.GOOD)
+        return Row("stuck axes", "none", normal, RowVerdict.GOOD)
     measured = ALL if len(stuck) == 6 else ", ".join(stuck)
     advice = (
         "numbers that do not change: the chip has hung (power it off and on) or is "
         "broken"
     )
-    return Row("stuck axes", measured, normal, Verdict.FAULT, advice)
+    return Row("stuck axes", measured, normal, RowVerdict.FAULT, advice)
 
 
 def _saturation(samples: Samples) -> Row:
@@ -242,7 +244,7 @@ def _saturation(samples: Samples) -> Row:
     share = count / len(samples)
     verdict = graded(share, 0.0, 0.01)
     advice = ""
-    if verdict is not Verdict.GOOD:
+    if verdict is not RowVerdict.GOOD:
         advice = (
             "a sensor was at the end of its range: was the probe knocked? At rest it "
             "is a broken axis"
@@ -260,14 +262,14 @@ def _temperature(samples: Samples) -> Row:
             "temperature",
             "no reading",
             normal,
-            Verdict.LOOK,
+            RowVerdict.LOOK,
             "the chip gives no temperature: calibrations can't be corrected for it",
         )
     degc = float(np.median(found))
-    verdict, advice = Verdict.GOOD, ""
+    verdict, advice = RowVerdict.GOOD, ""
     if not low <= degc <= high:
         is_odd = not limits.SPECIFIED_DEGC[0] <= degc <= limits.SPECIFIED_DEGC[1]
-        verdict = Verdict.FAULT if is_odd else Verdict.LOOK
+        verdict = RowVerdict.FAULT if is_odd else RowVerdict.LOOK
         advice = "not what a die has in a room: a chip that is hot, or not genuine"
     measured = f"{degc:.1f} degC"
     return Row(
@@ -282,13 +284,13 @@ def _supply(evidence: Evidence) -> Row:
     normal = f"{low / 1000:.1f} to {high / 1000:.1f} V"
     if not isinstance(supply_mv, int):
         return skipped("supply", normal, "the board does not measure it")
-    verdict, advice = Verdict.GOOD, ""
+    verdict, advice = RowVerdict.GOOD, ""
     flags = (evidence.equipment or {}).get("power") or ()
     if not low <= supply_mv <= high:
-        verdict = Verdict.FAULT if supply_mv < least else Verdict.LOOK
+        verdict = RowVerdict.FAULT if supply_mv < least else RowVerdict.LOOK
         advice = "the supply is out of bounds: another cable, USB port or regulator"
     if "low" in flags or evidence.causes_of("battery_low"):
-        verdict, advice = Verdict.FAULT, "the battery is empty: charge it"
+        verdict, advice = RowVerdict.FAULT, "the battery is empty: charge it"
     measured = f"{supply_mv / 1000:.2f} V"
     battery_v = (evidence.equipment or {}).get("battery_v")
     if battery_v is not None:

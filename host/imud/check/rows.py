@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 
-class Verdict(StrEnum):
+class RowVerdict(StrEnum):
     GOOD = "good"
     SKIPPED = "not judged"
     LOOK = "look at this"
@@ -25,48 +25,48 @@ class Row(msgspec.Struct, frozen=True):
     name: str
     measured: str
     normal: str
-    verdict: Verdict
+    verdict: RowVerdict
     advice: str = ""
     numbers: Mapping[str, Any] = {}
 
 
-def worst(verdicts: Iterable[Verdict]) -> Verdict:
+def worst(verdicts: Iterable[RowVerdict]) -> RowVerdict:
     """The most serious of them; good where there are none."""
-    order = list(Verdict)
-    return max(verdicts, key=order.index, default=Verdict.GOOD)
+    order = list(RowVerdict)
+    return max(verdicts, key=order.index, default=RowVerdict.GOOD)
 
 
-def overall(rows: Iterable[Row]) -> Verdict:
+def overall(rows: Iterable[Row]) -> RowVerdict:
     """Of a board. What was not judged says nothing against it."""
     found = worst(row.verdict for row in rows)
-    return Verdict.GOOD if found is Verdict.SKIPPED else found
+    return RowVerdict.GOOD if found is RowVerdict.SKIPPED else found
 
 
 def summary(rows: Iterable[Row]) -> str:
     """The line below the table."""
-    named: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
+    named: dict[RowVerdict, list[str]] = {verdict: [] for verdict in RowVerdict}
     for row in rows:
         named[row.verdict].append(row.name)
     parts = [
         f"{words}: {', '.join(named[verdict])}"
         for verdict, words in (
-            (Verdict.FAULT, "fault"),
-            (Verdict.LOOK, "look at"),
-            (Verdict.SKIPPED, "not judged"),
+            (RowVerdict.FAULT, "fault"),
+            (RowVerdict.LOOK, "look at"),
+            (RowVerdict.SKIPPED, "not judged"),
         )
         if named[verdict]
     ]
-    good = f"{len(named[Verdict.GOOD])} checks are good"
+    good = f"{len(named[RowVerdict.GOOD])} checks are good"
     return "; ".join([*parts, good])
 
 
 def skipped(name: str, normal: str, why: str) -> Row:
     """A row without a verdict."""
-    return Row(name, why, normal, Verdict.SKIPPED)
+    return Row(name, why, normal, RowVerdict.SKIPPED)
 
 
-def graded(value: float, good: float, fault: float) -> Verdict:
+def graded(value: float, good: float, fault: float) -> RowVerdict:
     """By its magnitude: good up to one limit, a fault beyond the other."""
     if abs(value) <= good:
-        return Verdict.GOOD
-    return Verdict.LOOK if abs(value) <= fault else Verdict.FAULT
+        return RowVerdict.GOOD
+    return RowVerdict.LOOK if abs(value) <= fault else RowVerdict.FAULT

@@ -9,7 +9,7 @@ import numpy as np
 
 from imud.check import limits
 from imud.check.evidence import Evidence, Samples
-from imud.check.rows import Row, Verdict, graded, skipped, worst
+from imud.check.rows import Row, RowVerdict, graded, skipped, worst
 
 # Steps longer than this share of a period have a sample missing in them.
 MISSING = 1.5
@@ -40,7 +40,7 @@ def _rate(evidence: Evidence, samples: Samples) -> Row:
         verdicts.append(graded(jitter, limits.JITTER_GOOD, limits.JITTER_FAULT))
     verdict = worst(verdicts)
     advice = ""
-    if verdict is not Verdict.GOOD:
+    if verdict is not RowVerdict.GOOD:
         advice = (
             "samples do not come evenly: check the wire from the sensor's data-ready "
             "pin (INT, DRDY_G), and whether the chip is genuine"
@@ -55,9 +55,9 @@ def _missing(evidence: Evidence, samples: Samples) -> Row:
     gaps = samples.flags["gap"]
     numbers = {"overruns": overruns, "gaps": gaps}
     measured = f"{gaps} gaps, {overruns} overruns in {len(samples)} samples"
-    verdict, advice = Verdict.GOOD, ""
+    verdict, advice = RowVerdict.GOOD, ""
     if gaps or overruns:
-        verdict = Verdict.LOOK
+        verdict = RowVerdict.LOOK
         advice = (
             "samples were missed at the sensor: see the row of the bus; overruns alone "
             "are work that takes longer than a sample, please report them"

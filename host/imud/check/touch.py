@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from imud.check.evidence import Evidence
-from imud.check.rows import Row, Verdict, skipped
+from imud.check.rows import Row, RowVerdict, skipped
 
 PINS = {"nano": "between D3 and GND", "f405": "USR, or X17 to GND"}
 LED = {"nano": "the LED at D13", "f405": "the blue LED"}
@@ -35,19 +35,19 @@ def rows(evidence: Evidence) -> Iterator[Row]:
     if evidence.button is None:
         yield skipped("button", normal, "not tried")
     elif evidence.button:
-        yield Row("button", "was pressed", normal, Verdict.GOOD)
+        yield Row("button", "was pressed", normal, RowVerdict.GOOD)
     else:
         where = PINS.get(board, "as wired")
         advice = (
             f"no press was seen: check the button {where}. A probe works without it"
         )
-        yield Row("button", "no press", normal, Verdict.LOOK, advice)
+        yield Row("button", "no press", normal, RowVerdict.LOOK, advice)
     state = str(evidence.counters.get("state"))
     shows = led_words(board, state)
     if evidence.led is None:
         yield skipped("LED", shows, "look yourself")
     elif evidence.led:
-        yield Row("LED", "as it should", shows, Verdict.GOOD)
+        yield Row("LED", "as it should", shows, RowVerdict.GOOD)
     else:
         advice = "the LED is broken, or on another pin of this clone"
-        yield Row("LED", "otherwise", shows, Verdict.LOOK, advice)
+        yield Row("LED", "otherwise", shows, RowVerdict.LOOK, advice)

@@ -10,7 +10,7 @@ import numpy as np
 
 from imud.check import limits
 from imud.check.evidence import Evidence, Samples
-from imud.check.rows import Row, Verdict, graded, skipped
+from imud.check.rows import Row, RowVerdict, graded, skipped
 from imud.wire import schema
 
 # In so short a time the delay of a few messages looks like a wrong clock.
@@ -40,9 +40,9 @@ def _port(evidence: Evidence) -> Row:
         words.append(f"{wire.baud} baud")
     if wire.latency_timer_ms is not None:
         words.append(f"latency timer {wire.latency_timer_ms} ms")
-    verdict, advice = Verdict.GOOD, ""
+    verdict, advice = RowVerdict.GOOD, ""
     if (wire.latency_timer_ms or 0) > 1:
-        verdict = Verdict.LOOK
+        verdict = RowVerdict.LOOK
         advice = (
             "the adapter holds bytes back for up to "
             f"{wire.latency_timer_ms} ms: sudo imud install-service writes a udev "
@@ -59,7 +59,7 @@ def _latency(samples: Samples) -> Row:
     median, late = (float(each) for each in np.percentile(age_ms, (50, 99)))
     verdict = graded(median, limits.AGE_GOOD_MS, limits.AGE_FAULT_MS)
     advice = ""
-    if verdict is not Verdict.GOOD:
+    if verdict is not RowVerdict.GOOD:
         advice = (
             "samples arrive late: a busy host, a hub, or an adapter that gathers bytes "
             "(its latency timer)"
@@ -87,9 +87,9 @@ def _losses(evidence: Evidence) -> Row:
     measured = f"{evidence.lost} messages lost, {corrupt} frames corrupt"
     if dropped or unread:
         measured += f", probe dropped {dropped} messages and {unread} bytes"
-    verdict, advice = Verdict.GOOD, ""
+    verdict, advice = RowVerdict.GOOD, ""
     if any(numbers.values()):
-        verdict = Verdict.LOOK
+        verdict = RowVerdict.LOOK
         advice = (
             "bytes are lost between probe and host: another cable or USB port, no hub; "
             "another program that has the port open (screen, the Arduino IDE)"
@@ -141,7 +141,7 @@ def _clock(evidence: Evidence, samples: Samples) -> Row:
             "clock",
             "runs from the processor's internal oscillator",
             normal,
-            Verdict.FAULT,
+            RowVerdict.FAULT,
             "the crystal does not run: a bad solder joint, or a broken crystal; the "
             "probe works, its times are right to 1 %",
         )
@@ -153,13 +153,13 @@ def _clock(evidence: Evidence, samples: Samples) -> Row:
     good = limits.RESONATOR_PPM if is_nano else limits.CRYSTAL_PPM
     verdict = graded(max(0.0, abs(ppm) - doubt), good, limits.CLOCK_FAULT_PPM)
     kind = ""
-    if verdict is Verdict.GOOD and is_nano:
+    if verdict is RowVerdict.GOOD and is_nano:
         is_crystal = abs(ppm) + doubt <= limits.CRYSTAL_PPM
         kind = " (as a crystal)" if is_crystal else ""
         if abs(ppm) - doubt > limits.CRYSTAL_PPM:
             kind = " (a ceramic resonator)"
     advice = ""
-    if verdict is not Verdict.GOOD:
+    if verdict is not RowVerdict.GOOD:
         advice = (
             "the board's clock is not what it should be: does the firmware fit the "
             "crystal, and do the fuses select it (docs/nano.md)? imud corrects times"
@@ -180,9 +180,9 @@ def _firmware(evidence: Evidence) -> Row:
         return skipped("firmware", normal, "no hello was received")
     measured = f"{hello['board']}, {hello['firmware']}, schema {theirs:08x}"
     if theirs == schema.FINGERPRINT:
-        return Row("firmware", measured, normal, Verdict.GOOD)
+        return Row("firmware", measured, normal, RowVerdict.GOOD)
     advice = "firmware and imud are of different versions: flash the image of this imud"
-    return Row("firmware", measured, normal, Verdict.FAULT, advice)
+    return Row("firmware", measured, normal, RowVerdict.FAULT, advice)
 
 
 def _boots(evidence: Evidence) -> Row:
@@ -197,10 +197,10 @@ def _boots(evidence: Evidence) -> Row:
     if "hard_fault" in boots[-1].causes:
         hard.append("hard_fault")
     if not restarts and not hard:
-        return Row("start", measured, normal, Verdict.GOOD)
+        return Row("start", measured, normal, RowVerdict.GOOD)
     if restarts:
         measured += f"; restarted while it was checked, {restarts} x"
-    verdict = Verdict.FAULT if hard else Verdict.LOOK
+    verdict = RowVerdict.FAULT if hard else RowVerdict.LOOK
     if "brown_out" in hard:
         advice = (
             "the supply breaks down: another cable or USB port, no unpowered hub, and "

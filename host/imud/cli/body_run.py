@@ -17,7 +17,7 @@ import msgspec
 import zenoh
 
 from imud.body import chain
-from imud.body.live import Live
+from imud.body.live import LiveBody
 from imud.body.state import BodyState
 from imud.cli.body_print import Printer
 from imud.cli.body_ros2 import Ros2Body
@@ -78,7 +78,7 @@ def run(
         text = file.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise FileError(f"can't read {file}: {error}") from error
-    body = Live(chain.read(text, str(file)), how.facing_rad, how.delay_s)
+    body = LiveBody(chain.read(text, str(file)), how.facing_rad, how.delay_s)
     if where.keys is not None and network.read_credentials(where.keys).role != "daemon":
         raise ConfigError(
             f"{where.keys}: only a daemon may publish a body; imud keys add DIR daemon "
@@ -120,7 +120,7 @@ def _listen(client: Client, arrived: queue.Queue[Arrived]) -> None:
 
 
 def _loop(
-    body: Live,
+    body: LiveBody,
     arrived: queue.Queue[Arrived],
     sinks: Sequence[BodySink],
     how: How,
@@ -140,7 +140,7 @@ def _loop(
             sink.put(state, payload)
 
 
-def take(body: Live, topic: str, delivery: Delivery) -> None:
+def take(body: LiveBody, topic: str, delivery: Delivery) -> None:
     """Gives a payload of a probe to the body; others, and bad ones, are left out."""
     history = body.histories.get(delivery.probe)
     if history is None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from imud.calibration.algebra import onto, turn
 from imud.calibration.path import UP
-from imud.calibration.poses import Pose
+from imud.calibration.poses import StaticPose
 from imud.rotation import FloatArray
 
 HALF = np.array([1.2, 0.7, 0.35])  # of its length, width and height
@@ -41,7 +41,7 @@ class Side:
     middle: FloatArray  # (2,)
 
 
-def lying(pose: Pose) -> FloatArray:
+def lying(pose: StaticPose) -> FloatArray:
     """The attitude of a box that lies so, as a matrix from the body to the world; its
     heading is one in which the sides that are up are seen best, then its front.
     """
@@ -52,7 +52,7 @@ def lying(pose: Pose) -> FloatArray:
     )
 
 
-def _seen_of(pose: Pose, attitude: FloatArray) -> float:
+def _seen_of(pose: StaticPose, attitude: FloatArray) -> float:
     """How well the sides of a pose are seen, and its front."""
     facing = attitude.T @ EYE  # of each axis of the body
     named = [sign * facing[axis] for axis, sign in enumerate(pose.sign) if sign]
@@ -86,7 +86,7 @@ MARKS = {"front": ((0, 2), (1, 3)), "bottom": ((0, 2),)}  # corners to be joined
 REACH = 1.5  # of the picture from its middle, in the box's units
 
 
-def picture(pose: Pose) -> list[str]:
+def picture(pose: StaticPose) -> list[str]:
     """The box in braille, ROWS lines of COLUMNS characters; its front has a cross, its
     base one diagonal.
     """

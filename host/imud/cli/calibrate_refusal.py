@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import datetime
 
-from imud.calibration.faults import Fault
+from imud.calibration.faults import CalibrationFault
 from imud.errors import ImudError
 
 
@@ -13,7 +13,7 @@ class CalibrationRefused(ImudError):
     """It is not good enough: why, and what to do. What was in force still is."""
 
 
-def refusal(fault: Fault) -> CalibrationRefused:
+def refusal(fault: CalibrationFault) -> CalibrationRefused:
     """The error of a calibration that is not good enough."""
     return CalibrationRefused(f"refused: {fault}; what was in force still is")
 

@@ -10,21 +10,21 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from imud.calibration.affine import affine_of
-from imud.calibration.faults import Fault
+from imud.calibration.faults import CalibrationFault
 from imud.calibration.guided import faults, housing, verify, whole
-from imud.calibration.guided.procedure import Finished, Procedure, Refused
+from imud.calibration.guided.procedure import Finished, FitRefused, Procedure
 from imud.calibration.guided.result import result_of_fit, result_of_wave
 from imud.calibration.guided.verify import Report, Verify
 from imud.calibration.guided.wave import Wave, Waving
 from imud.calibration.papers.methods import of_method
 from imud.calibration.recording import Gatherer, Sample
-from imud.calibration.result import Outcome
+from imud.calibration.result import CalibrationResult
 from imud.calibration.score import stated_tilt_deg
 from imud.calibration.stops import find_stops
 from imud.cli import calibrate_text, calibrate_tip, params_text
 from imud.cli.calibrate_refusal import CalibrationRefused, refusal, today
-from imud.cli.calibrate_screen import Quit, Screen
-from imud.cli.calibrate_source import Live, Subject, of_file
+from imud.cli.calibrate_screen import CalibrationScreen, Quit
+from imud.cli.calibrate_source import CalibratedProbe, LiveSamples, of_file
 from imud.errors import CommandRefused
 from imud.params.value import Params
 
@@ -37,8 +37,10 @@ SENSORS = {"all": ("acc", "gyr", "mag"), "acc": ("acc",), "gyro": ("gyr",)}
 def live(client: Client, probe: str, args: argparse.Namespace) -> int:
     """With a probe, through its daemon; returns the exit code."""
     needs_mag = args.what == "mag"
-    with Live(client, probe, args.prefix, args.keys, needs_mag=needs_mag) as source:
-        screen = Screen(probe)
+    with LiveSamples(
+        client, probe, args.prefix, args.keys, needs_mag=needs_mag
+    ) as source:
+        screen = CalibrationScreen(probe)
         try:
             with screen.opened():
                 found = _followed(source.samples(), source.subject, screen, args)
@@ -110,10 +112,10 @@ def learned(client: Client, probe: str, args: argparse.Namespace) -> int:
 
 def _followed(
     samples: Iterable[Sample | None],
-    subject: Subject,
-    screen: Screen,
+    subject: CalibratedProbe,
+    screen: CalibrationScreen,
     args: argparse.Namespace,
-) -> Outcome | Report:
+) -> CalibrationResult | Report:
     """What comes of samples as they arrive."""
     if args.what == "verify":
         return _verified(samples, subject, screen)
@@ -133,7 +135,7 @@ def _followed(
             events += procedure.end()
         screen.show(procedure.status())
         for event in events:
-            if isinstance(event, Refused):
+            if isinstance(event, FitRefused):
                 raise refusal(event.fault)
             if isinstance(event, Finished):
                 return _finished(procedure, event, subject, args)
@@ -143,9 +145,9 @@ def _followed(
 def _finished(
     procedure: Procedure,
     event: Finished,
-    subject: Subject,
+    subject: CalibratedProbe,
     args: argparse.Namespace,
-) -> Outcome:
+) -> CalibrationResult:
     if args.method != "guided":
         return of_method(
             procedure.recording(), args.method, subject.scale, subject.params, today()
@@ -162,7 +164,9 @@ def _finished(
 
 
 def _verified(
-    samples: Iterable[Sample | None], subject: Subject, screen: Screen
+    samples: Iterable[Sample | None],
+    subject: CalibratedProbe,
+    screen: CalibrationScreen,
 ) -> Report:
     check = Verify(subject.scale, subject.params, subject.has_mag)
     screen.say(check.says)
@@ -177,8 +181,10 @@ def _verified(
 
 
 def _waved(
-    samples: Iterable[Sample | None], subject: Subject, screen: Screen
-) -> Outcome:
+    samples: Iterable[Sample | None],
+    subject: CalibratedProbe,
+    screen: CalibrationScreen,
+) -> CalibrationResult:
     waving = _waving(subject)
     screen.say(waving.says)
     for sample in samples:
@@ -192,7 +198,7 @@ def _waved(
     raise CalibrationRefused("the samples ended too early; begin again")
 
 
-def _waving(subject: Subject) -> Waving:
+def _waving(subject: CalibratedProbe) -> Waving:
     if not subject.has_mag:
         raise CalibrationRefused(subject.missing_mag)
     params, scale = subject.params, subject.scale
@@ -204,8 +210,10 @@ def _waving(subject: Subject) -> Waving:
     )
 
 
-def _of_wave(found: Wave | Fault, waving: Waving, subject: Subject) -> Outcome:
-    if isinstance(found, Fault):
+def _of_wave(
+    found: Wave | CalibrationFault, waving: Waving, subject: CalibratedProbe
+) -> CalibrationResult:
+    if isinstance(found, CalibrationFault):
         raise refusal(found)
     return result_of_wave(
         found, subject.scale, subject.params, waving.temperature_c, today()
@@ -213,8 +221,8 @@ def _of_wave(found: Wave | Fault, waving: Waving, subject: Subject) -> Outcome:
 
 
 def _of_samples(
-    subject: Subject, samples: list[Sample], args: argparse.Namespace
-) -> Outcome:
+    subject: CalibratedProbe, samples: list[Sample], args: argparse.Namespace
+) -> CalibrationResult:
     """What comes of all samples of a file."""
     if args.what == "tip":
         return calibrate_tip.of_samples(samples, subject, args.axis)

@@ -14,7 +14,7 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
-from imud.calibration.guided.procedure import Status
+from imud.calibration.guided.procedure import ProcedureStatus
 from imud.calibration.poses import ALL
 from imud.calibration.tip.guide import TipStatus
 from imud.cli.box import COLUMNS, picture
@@ -31,7 +31,7 @@ class Quit(Exception):
     """The user pressed q."""
 
 
-def lines(probe: str, status: Status) -> list[Text]:
+def lines(probe: str, status: ProcedureStatus) -> list[Text]:
     """The screen of the guided calibration."""
     head = Text(f"{probe}  ", style="bold")
     head.append(f"pose {status.poses} of {status.of}", style="cyan")
@@ -67,13 +67,13 @@ def _error(what: str, deg: float | None, *, is_good: bool) -> Text:
     return Text(f"{what}  +-{deg:.2f} degrees", style=style)
 
 
-def _drawn(probe: str, status: Status | TipStatus) -> list[Text]:
+def _drawn(probe: str, status: ProcedureStatus | TipStatus) -> list[Text]:
     if isinstance(status, TipStatus):
         return tip_lines(probe, status)
     return lines(probe, status)
 
 
-class Screen:
+class CalibrationScreen:
     """Shows a status whenever it is due. In a pipe: each new sentence and trouble."""
 
     def __init__(self, probe: str) -> None:
@@ -85,7 +85,7 @@ class Screen:
         self._keyboard: int | None = None
 
     @contextlib.contextmanager
-    def opened(self) -> Iterator[Screen]:
+    def opened(self) -> Iterator[CalibrationScreen]:
         """While it is open, keys go to it."""
         if not self._console.is_terminal:
             yield self
@@ -95,7 +95,7 @@ class Screen:
             with live as self._live:
                 yield self
 
-    def show(self, status: Status | TipStatus) -> None:
+    def show(self, status: ProcedureStatus | TipStatus) -> None:
         """Shows the guided procedure."""
         if self._live is None:
             self.say(status.says, status.trouble)

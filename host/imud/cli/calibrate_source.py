@@ -34,7 +34,7 @@ PAUSE_US = 2_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Subject:
+class CalibratedProbe:
     """Whose samples they are."""
 
     probe_id: str
@@ -75,7 +75,7 @@ def _status(client: Client, probe: str) -> dict[str, Any]:
     return found[0]
 
 
-class Live:
+class LiveSamples:
     """The raw samples of a probe as they come. While it is open, the probe sends all of
     them; afterwards it does as before.
     """
@@ -97,7 +97,7 @@ class Live:
         self._hello = status["hello"]
         if why := out_of_work(status):
             raise DeviceError(f"probe {probe} can not be calibrated: {why}")
-        self.subject = Subject(
+        self.subject = CalibratedProbe(
             said["probe_id"],
             scale_of(self._hello, self._hello["sample_rate"]),
             missing_magnetometer(self._hello),
@@ -204,7 +204,7 @@ class _Heard:
     samples: list[Sample]
 
 
-def of_file(path: Path, probe: str | None) -> tuple[str, Subject, list[Sample]]:
+def of_file(path: Path, probe: str | None) -> tuple[str, CalibratedProbe, list[Sample]]:
     """The probe in a log or capture, and its samples: the most between two pauses or
     boots. FileError if there are none.
     """
@@ -257,7 +257,7 @@ def _chosen(
     return str(next(iter(pieces)))
 
 
-def _subject(path: Path, name: str, best: _Heard, tally: Any) -> Subject:
+def _subject(path: Path, name: str, best: _Heard, tally: Any) -> CalibratedProbe:
     hello, samples = best.hello, best.samples
     steps = [b.t_us - a.t_us for a, b in itertools.pairwise(samples)]
     rate_hz = 1e6 / statistics.median(steps) if steps else 0.0
@@ -269,7 +269,7 @@ def _subject(path: Path, name: str, best: _Heard, tally: Any) -> Subject:
     del samples[: -round(LONGEST_S * rate_hz)]
     heard = tally.probes.get(name)
     records = heard.params if heard is not None else None
-    return Subject(
+    return CalibratedProbe(
         str(hello["probe_id"]),
         scale_of(hello, rate_hz),
         missing_magnetometer(hello),

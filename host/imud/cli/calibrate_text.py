@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 
 from imud.calibration.guided.verify import Report
-from imud.calibration.result import Outcome
+from imud.calibration.result import CalibrationResult
 from imud.calibration.tip.score import INSIDE
 from imud.calibration.tip_found import TipFound
 from imud.cli.params_text import differences
@@ -17,7 +17,7 @@ from imud.params.value import Params
 AROUND = 2.45  # of two axes' sigma: 95 % of directions are nearer
 
 
-def outcome(probe: str, found: Outcome, before: Params) -> None:
+def outcome(probe: str, found: CalibrationResult, before: Params) -> None:
     """Prints the report, and what changes in the params."""
     for line in _lines(probe, found):
         sys.stdout.write(f"{line}\n")
@@ -26,7 +26,7 @@ def outcome(probe: str, found: Outcome, before: Params) -> None:
     sys.stdout.flush()
 
 
-def _lines(probe: str, found: Outcome) -> Iterator[str]:
+def _lines(probe: str, found: CalibrationResult) -> Iterator[str]:
     how = f" from {found.poses} stops in {found.seconds:.0f} s" if found.poses else ""
     if found.tip is not None and found.seconds:
         how = f" from {found.seconds:.0f} s of wobbling"

@@ -14,9 +14,9 @@ import numpy as np
 from imud import rotation
 from imud.calibration.affine import MethodError
 from imud.calibration.algebra import units
-from imud.calibration.faults import Fault
+from imud.calibration.faults import CalibrationFault
 from imud.calibration.recording import Sample
-from imud.calibration.result import Outcome
+from imud.calibration.result import CalibrationResult
 from imud.calibration.tip import positions
 from imud.calibration.tip.guide import Dimpling
 from imud.calibration.tip.result import result_of_tip
@@ -24,8 +24,8 @@ from imud.calibration.tip_found import TipFound
 from imud.cli import calibrate_text
 from imud.cli.arguments import client_of
 from imud.cli.calibrate_refusal import CalibrationRefused, refusal, today
-from imud.cli.calibrate_screen import Screen
-from imud.cli.calibrate_source import Subject
+from imud.cli.calibrate_screen import CalibrationScreen
+from imud.cli.calibrate_source import CalibratedProbe
 from imud.errors import FileError
 from imud.params.value import Params
 from imud.rotation import FloatArray
@@ -38,8 +38,11 @@ Axis = Sequence[float] | None
 
 
 def followed(
-    samples: Iterable[Sample | None], subject: Subject, screen: Screen, axis: Axis
-) -> Outcome:
+    samples: Iterable[Sample | None],
+    subject: CalibratedProbe,
+    screen: CalibrationScreen,
+    axis: Axis,
+) -> CalibrationResult:
     """What comes of samples as they arrive."""
     guide = Dimpling(subject.scale, subject.params)
     for sample in samples:
@@ -52,9 +55,11 @@ def followed(
     raise CalibrationRefused("the samples ended too early; begin again")
 
 
-def of_samples(samples: Sequence[Sample], subject: Subject, axis: Axis) -> Outcome:
+def of_samples(
+    samples: Sequence[Sample], subject: CalibratedProbe, axis: Axis
+) -> CalibrationResult:
     """What comes of all samples of a file: its first good wobble."""
-    found: TipFound | Fault | None = None
+    found: TipFound | CalibrationFault | None = None
     guide = Dimpling(subject.scale, subject.params)
     for sample in samples:
         if guide.is_over:
@@ -65,8 +70,10 @@ def of_samples(samples: Sequence[Sample], subject: Subject, axis: Axis) -> Outco
     return _outcome(found or guide.end(), subject.params, axis)
 
 
-def _outcome(found: TipFound | Fault, before: Params, axis: Axis) -> Outcome:
-    if isinstance(found, Fault):
+def _outcome(
+    found: TipFound | CalibrationFault, before: Params, axis: Axis
+) -> CalibrationResult:
+    if isinstance(found, CalibrationFault):
         raise refusal(found)
     if axis is not None:
         found = replace(found, axis=units(np.array(axis)))

@@ -14,16 +14,16 @@ from typing import Any
 
 from imud.calibration.recording import Sample, Scale
 from imud.check import report
-from imud.check.axes import ASKED, TIMEOUT_S, Guide
+from imud.check.axes import ASKED, TIMEOUT_S, PoseGuide
 from imud.check.chips import is_dead
 from imud.check.evidence import Evidence, Posed
 from imud.check.judge import judged
 from imud.check.readings import MG, rest_of
-from imud.check.rows import Row, Verdict, overall
+from imud.check.rows import Row, RowVerdict, overall
 from imud.check.touch import led_words
 from imud.cli import check_source, check_text
-from imud.cli.check_screen import Quit, Screen
-from imud.cli.check_source import Live
+from imud.cli.check_screen import CheckScreen, Quit
+from imud.cli.check_source import LiveMessages
 from imud.errors import FileError
 
 # Without samples, how long is listened to what the probe says about it.
@@ -39,7 +39,7 @@ def live(args: argparse.Namespace) -> int:
     """With a probe; returns the exit code."""
     evidence = Evidence(is_live=True)
     with check_source.opened(args) as source:
-        screen = Screen(sys.stderr if args.json else sys.stdout, source.title)
+        screen = CheckScreen(sys.stderr if args.json else sys.stdout, source.title)
         try:
             with screen.opened():
                 _measure(source, evidence, screen, args.seconds)
@@ -60,7 +60,9 @@ def from_file(args: argparse.Namespace) -> int:
     return _report(evidence, args, title)
 
 
-def _measure(source: Live, evidence: Evidence, screen: Screen, seconds: float) -> None:
+def _measure(
+    source: LiveMessages, evidence: Evidence, screen: CheckScreen, seconds: float
+) -> None:
     """At rest, for some seconds; a dead probe is only listened to."""
     source.begin(evidence)
     begin_s = time.monotonic()
@@ -78,7 +80,7 @@ def _measure(source: Live, evidence: Evidence, screen: Screen, seconds: float) -
         screen.key()
 
 
-def _lay(source: Live, evidence: Evidence, screen: Screen) -> None:
+def _lay(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> None:
     """In the poses; the first is that in which it was measured."""
     hello = evidence.hello
     rest = rest_of(evidence, evidence.samples())
@@ -88,7 +90,7 @@ def _lay(source: Live, evidence: Evidence, screen: Screen) -> None:
         hello["acc_lsb"], hello["gyr_lsb"], hello["mag_lsb"], hello["raw_rate"]
     )
     evidence.is_posing = True
-    guide = Guide(scale, ASKED[1:])
+    guide = PoseGuide(scale, ASKED[1:])
     x, y, z = (float(each) for each in rest.acc_mg * MG)
     guide.start_from((x, y, z))
     wanted, asked_s = guide.wanted, time.monotonic()
@@ -115,7 +117,7 @@ def _sample(item: dict[str, Any]) -> Sample:
     return Sample(item["t_device_us"], item["acc_counts"], item["gyr_counts"])
 
 
-def _touch(source: Live, evidence: Evidence, screen: Screen) -> None:
+def _touch(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> None:
     """The button, then the LED."""
     evidence.button = False
     begin_s, before = time.monotonic(), len(evidence.events)
@@ -139,7 +141,7 @@ def _touch(source: Live, evidence: Evidence, screen: Screen) -> None:
         _look(source, evidence, screen)
 
 
-def _look(source: Live, evidence: Evidence, screen: Screen) -> None:
+def _look(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> None:
     """Asks for the LED, once the state after the press is known."""
     begin_s = time.monotonic()
     for item in source.items():
@@ -173,7 +175,7 @@ def _report(evidence: Evidence, args: argparse.Namespace, title: str) -> int:
 
 def exit_code(rows: Sequence[Row]) -> int:
     """1 if there is a fault."""
-    return 1 if overall(rows) is Verdict.FAULT else 0
+    return 1 if overall(rows) is RowVerdict.FAULT else 0
 
 
 def _write(path: Path | None, said: dict[str, Any]) -> list[Path]:

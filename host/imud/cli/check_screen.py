@@ -15,7 +15,7 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
-from imud.calibration.poses import Pose
+from imud.calibration.poses import StaticPose
 from imud.cli.box import picture
 from imud.cli.monitor import keys_of
 
@@ -27,7 +27,7 @@ class Quit(Exception):
     """The user pressed q."""
 
 
-class Screen:
+class CheckScreen:
     """show() is for a terminal, line() for a pipe; each does nothing elsewhere."""
 
     def __init__(self, out: TextIO, title: str) -> None:
@@ -64,7 +64,9 @@ class Screen:
             self._console.file.write(f"{words}\n")
             self._console.file.flush()
 
-    def show(self, words: str, share: float | None, pose: Pose | None = None) -> None:
+    def show(
+        self, words: str, share: float | None, pose: StaticPose | None = None
+    ) -> None:
         """What is going on: how far, or how to lay the probe."""
         now_s = time.monotonic()
         if self._live is None or now_s - self._drawn_s < DRAW_S:

@@ -40,7 +40,7 @@ SILENT_S = 8.0  # longer than a board needs to start again
 FIRST_S = 5.0  # the first status comes a second after the probe was found
 
 
-class Live:
+class LiveMessages:
     """The messages of a probe as they come. While it is open, the probe sends all raw
     samples; afterwards it does as before.
     """
@@ -148,13 +148,13 @@ class Live:
 
 
 @contextlib.contextmanager
-def opened(args: argparse.Namespace) -> Iterator[Live]:
+def opened(args: argparse.Namespace) -> Iterator[LiveMessages]:
     """The probe that is meant, by the daemon that runs, or by one of its own. Raises
     ImudError with what to do if there is none.
     """
     with contextlib.ExitStack() as stack:
         client, status, title = _reached(args, stack)
-        source = Live(client, status, title)
+        source = LiveMessages(client, status, title)
         stack.callback(source.close)
         yield source
 

@@ -10,13 +10,13 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from imud.check.rows import Row, Verdict, overall, summary
+from imud.check.rows import Row, RowVerdict, overall, summary
 
 STYLES = {
-    Verdict.GOOD: "green",
-    Verdict.LOOK: "yellow",
-    Verdict.FAULT: "bold red",
-    Verdict.SKIPPED: "dim",
+    RowVerdict.GOOD: "green",
+    RowVerdict.LOOK: "yellow",
+    RowVerdict.FAULT: "bold red",
+    RowVerdict.SKIPPED: "dim",
 }
 PIPE_COLUMNS = 160  # where there is no terminal
 

@@ -164,7 +164,7 @@ def concern_lines(shown: Shown) -> list[Text]:
 
 
 @dataclass(slots=True)
-class Screen:
+class MonitorScreen:
     """All probes, by name; one that is gone stays on the screen, as gone."""
 
     endpoint: str
@@ -250,7 +250,7 @@ def _is_ended(keyboard: int | None) -> bool:
 
 
 def follow(
-    subscription: Subscription[Published], screen: Screen, until_s: float
+    subscription: Subscription[Published], screen: MonitorScreen, until_s: float
 ) -> float:
     """Takes what arrives until `until_s`; returns the time then. time.monotonic()."""
     while (now_s := time.monotonic()) < until_s:
@@ -277,7 +277,7 @@ def run(
         ) as subscription,
         contextlib.suppress(KeyboardInterrupt),
     ):
-        screen = Screen(subscription.endpoint)
+        screen = MonitorScreen(subscription.endpoint)
         for status in subscription.last_statuses():
             screen.take(status, time.monotonic())
         console = Console(highlight=False)
@@ -291,7 +291,7 @@ def run(
 def _show(
     console: Console,
     subscription: Subscription[Published],
-    screen: Screen,
+    screen: MonitorScreen,
     until_s: float,
 ) -> None:
     now_s = time.monotonic()
@@ -310,7 +310,7 @@ def _show(
 
 
 def _write(
-    subscription: Subscription[Published], screen: Screen, until_s: float
+    subscription: Subscription[Published], screen: MonitorScreen, until_s: float
 ) -> None:
     now_s = time.monotonic()
     while now_s < until_s:

@@ -51,7 +51,7 @@ def crc64(data: bytes) -> int:
     return crc
 
 
-class Body(NamedTuple):
+class MessageBody(NamedTuple):
     """The body of a message with its type and CRC."""
 
     kind: bytes
@@ -59,31 +59,31 @@ class Body(NamedTuple):
     crc: int
 
 
-def transform(rows: Sequence[Vector], translation_m: Vector) -> Body:
+def transform(rows: Sequence[Vector], translation_m: Vector) -> MessageBody:
     """TRANSFORM: the rows of a rotation matrix, and a translation, sent in mm."""
     columns = [value for column in zip(*rows, strict=True) for value in column]
     content = _MATRIX.pack(*columns, *(1000.0 * each for each in translation_m))
     return _body(b"TRANSFORM", content, _GOOD)
 
 
-def string(text: str) -> Body:
+def string(text: str) -> MessageBody:
     """STRING, in ASCII: a question mark for any other character."""
     data = text.encode("ascii", "replace")
     return _body(b"STRING", _STRING.pack(_US_ASCII, len(data)) + data, {})
 
 
-def message(name: str, t_ns: int, body: Body) -> bytes:
+def message(name: str, t_ns: int, body: MessageBody) -> bytes:
     """A message by its device name, of at most 20 ASCII characters; UTC in ns."""
     stamp = (t_ns << 32) // 10**9  # seconds, 32 bits of them below the point
     head = (body.kind, name.encode("ascii"), stamp, len(body.data), body.crc)
     return _HEADER.pack(_VERSION, *head) + body.data
 
 
-def _body(kind: bytes, content: bytes, metadata: Mapping[str, str]) -> Body:
+def _body(kind: bytes, content: bytes, metadata: Mapping[str, str]) -> MessageBody:
     index, texts = _COUNT.pack(len(metadata)), b""
     for key, value in metadata.items():
         index += _ENTRY.pack(len(key), _US_ASCII, len(value))
         texts += key.encode("ascii") + value.encode("ascii")
     extended = _EXTENDED.pack(_EXTENDED.size, len(index), len(texts), 0)
     data = extended + content + index + texts
-    return Body(kind, data, crc64(data))
+    return MessageBody(kind, data, crc64(data))

@@ -16,8 +16,8 @@ import numpy as np
 from imud import rotation
 from imud.body import chain, session
 from imud.body.chain import Chain
-from imud.body.hinge import Refused
-from imud.body.session import RATE_HZ, Session
+from imud.body.hinge import AlignmentRefused
+from imud.body.session import RATE_HZ, BodyAnalysis
 from imud.errors import FileError
 from imud.recordings import body_motion, body_tracks
 from imud.rotation import FloatArray
@@ -41,7 +41,7 @@ def run(
     limb = chain.read(text, str(body))
     try:
         made = session.of(limb, body_tracks.of_files(names), facing_rad)
-    except Refused as refused:
+    except AlignmentRefused as refused:
         raise FileError(f"{limb.name}: {refused}") from refused
     for remark in made.remarks:
         sys.stderr.write(f"{limb.name}: {remark}\n")
@@ -61,11 +61,11 @@ def run(
     return 0
 
 
-def _since_start(made: Session) -> FloatArray:
+def _since_start(made: BodyAnalysis) -> FloatArray:
     return np.asarray(made.posture.times_s - made.posture.times_s[0])
 
 
-def _names(limb: Chain, made: Session) -> list[str]:
+def _names(limb: Chain, made: BodyAnalysis) -> list[str]:
     return [
         f"{child}_{angle}"
         for child in made.posture.angles
@@ -73,7 +73,7 @@ def _names(limb: Chain, made: Session) -> list[str]:
     ]
 
 
-def _angles_sto(directory: Path, limb: Chain, made: Session) -> Path:
+def _angles_sto(directory: Path, limb: Chain, made: BodyAnalysis) -> Path:
     """Joint angles in degrees, named after the child's segment."""
     angles = [np.degrees(each) for each in made.posture.angles.values()]
     table = np.column_stack([_since_start(made), *angles])
@@ -90,7 +90,7 @@ def _angles_sto(directory: Path, limb: Chain, made: Session) -> Path:
     return _written(directory / f"{limb.name}-angles.sto", [*head, *lines])
 
 
-def _quats_sto(directory: Path, limb: Chain, made: Session) -> Path:
+def _quats_sto(directory: Path, limb: Chain, made: BodyAnalysis) -> Path:
     """Attitudes of the segments as OpenSense reads them, columns SEGMENT_imu."""
     quats = [
         rotation.multiply(body_motion.Y_UP, made.posture.quats[each.name])
@@ -117,7 +117,7 @@ def _written(file: Path, lines: Sequence[str]) -> Path:
     return file
 
 
-def _csv(directory: Path, limb: Chain, made: Session) -> list[Path]:
+def _csv(directory: Path, limb: Chain, made: BodyAnalysis) -> list[Path]:
     """Angles and their errors in degrees, world_from_segment, places of feet in m."""
     found = made.posture
     columns = [found.times_s]
@@ -143,11 +143,11 @@ def _csv(directory: Path, limb: Chain, made: Session) -> list[Path]:
     return [file]
 
 
-def _sto(directory: Path, limb: Chain, made: Session) -> list[Path]:
+def _sto(directory: Path, limb: Chain, made: BodyAnalysis) -> list[Path]:
     return [_angles_sto(directory, limb, made), _quats_sto(directory, limb, made)]
 
 
-def _bvh(directory: Path, limb: Chain, made: Session) -> list[Path]:
+def _bvh(directory: Path, limb: Chain, made: BodyAnalysis) -> list[Path]:
     rows = body_motion.whole(made.posture)
     count = len(made.posture.times_s)
     if rows.stop - rows.start < count:
@@ -159,7 +159,7 @@ def _bvh(directory: Path, limb: Chain, made: Session) -> list[Path]:
     return [_written(directory / f"{limb.name}.bvh", lines)]
 
 
-def _c3d(directory: Path, limb: Chain, made: Session) -> list[Path]:
+def _c3d(directory: Path, limb: Chain, made: BodyAnalysis) -> list[Path]:
     file = directory / f"{limb.name}.c3d"
     file.open("xb").close()
     try:
@@ -170,7 +170,7 @@ def _c3d(directory: Path, limb: Chain, made: Session) -> list[Path]:
     return [file]
 
 
-WRITERS: Mapping[str, Callable[[Path, Chain, Session], list[Path]]] = {
+WRITERS: Mapping[str, Callable[[Path, Chain, BodyAnalysis], list[Path]]] = {
     "csv": _csv,
     "sto": _sto,
     "bvh": _bvh,

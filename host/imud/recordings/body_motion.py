@@ -15,7 +15,7 @@ from imud import rotation
 from imud.body import angles, posture
 from imud.body.chain import JOINTS, Chain, Segment
 from imud.body.posture import Posture
-from imud.body.session import RATE_HZ, Session
+from imud.body.session import RATE_HZ, BodyAnalysis
 from imud.errors import FileError
 from imud.rotation import FloatArray
 
@@ -37,7 +37,7 @@ def whole(found: Posture) -> slice:
     return slice(int(edges[2 * longest]), int(edges[2 * longest + 1]))
 
 
-def bvh(limb: Chain, made: Session, rows: slice) -> list[str]:
+def bvh(limb: Chain, made: BodyAnalysis, rows: slice) -> list[str]:
     """The lines of a BVH file: centimetres, degrees, y up; the root stays in its place.
 
     An upright segment that faces east has no rotation.
@@ -98,7 +98,7 @@ def _offset(place_m: FloatArray) -> str:
     return " ".join(f"{CM * each:.4f}" for each in place_m.tolist())
 
 
-def c3d(path: Path, limb: Chain, made: Session) -> None:
+def c3d(path: Path, limb: Chain, made: BodyAnalysis) -> None:
     """Writes joints and marks in mm, z up, from the root's start, and joint angles in
     degrees as points of their own. What is missing is invalid. FileError.
     """

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from imud.igtl import names
-from imud.igtl.messages import Body, Vector, message, string, transform
+from imud.igtl.messages import MessageBody, Vector, message, string, transform
 from imud.igtl.server import Server
 from imud.probes.record import Presence, Record
 from imud.rotation import matrix_rows
@@ -48,7 +48,7 @@ class Translator:
         self._status = names.status_of(frame)
         self._params: bytes | None = None
         self._offset: Vector | None = None  # of the tip, m, in the probe's frame
-        self._tip_body: Body | None = None
+        self._tip_body: MessageBody | None = None
         self._origin: int | None = None  # as the last event `tared` told it
         self._end = ""  # of the last stroke, if that has no length
         self._is_news = False
@@ -123,7 +123,7 @@ class Translator:
             return f"a stroke has no length ({self._end}): imud tare --heading"
         return "it has no origin: imud tare --heading; a Nano also needs fuse_on_host"
 
-    def _to_reference(self, pose: Said) -> Body:
+    def _to_reference(self, pose: Said) -> MessageBody:
         """Of the sensor, whose tip the pose tells."""
         rows, offset = matrix_rows(pose["q"]), self._offset or ()
         sensor = [

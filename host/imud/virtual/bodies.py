@@ -14,7 +14,7 @@ from imud.virtual.motion import GRAVITY_M_S2
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class RigidBody:
     """A rigid body over time: its attitude, and the place of its origin in the world
     (m, east-north-up, shape (n, 3)).
     """
@@ -23,7 +23,7 @@ class Body:
     place: Curve
 
     @classmethod
-    def still(cls, quat: FloatArray, count: int) -> Body:
+    def still(cls, quat: FloatArray, count: int) -> RigidBody:
         """A body at rest at the world's origin."""
         return cls(held(quat, count), Curve(*np.zeros((3, count, 3))))
 
@@ -38,9 +38,9 @@ class Body:
             rotation.rotate(turning.quat, force),
         )
 
-    def hinged(self, arm: FloatArray, turning: Turning) -> Body:
+    def hinged(self, arm: FloatArray, turning: Turning) -> RigidBody:
         """Another body, hinged at a point of this one and turned about it."""
-        return Body(self.turning.then(turning), self.at(arm))
+        return RigidBody(self.turning.then(turning), self.at(arm))
 
     def specific_force(self) -> FloatArray:
         """Of the origin, m/s2, body frame: +g up at rest."""

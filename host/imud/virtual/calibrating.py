@@ -17,9 +17,9 @@ from imud.calibration.guided.procedure import Procedure
 from imud.calibration.path import UP
 from imud.calibration.recording import COUNT_MAX, Sample, Scale
 from imud.rotation import FloatArray
-from imud.virtual.hand import Leg, Stance
+from imud.virtual.hand import HandMove, Stance
 from imud.virtual.motion import Motion
-from imud.virtual.motions.module import Module, Sensor
+from imud.virtual.motions.module import Module, SensorSimulator
 from imud.virtual.sensors import NO_ERRORS, Magnet, World, stream
 
 # Counts of a modelled MPU-9250 at 100 Hz, and the records of which each is the mean.
@@ -64,7 +64,7 @@ class CalibratingHand:
         self._ups = iter(ups)
         self._manners = manners
 
-    def legs(self) -> Iterator[Leg]:
+    def legs(self) -> Iterator[HandMove]:
         """A rest in each direction, and the way there."""
         before: Stance | None = None
         for up in self._ups:
@@ -73,7 +73,7 @@ class CalibratingHand:
                 yield self._move(before, stance, is_lifted=up is not None)
             before = stance
             records = round(self._manners.stop_s * self._rate_hz)
-            yield Leg(stance, stance, records, is_rest=not self._manners.is_held)
+            yield HandMove(stance, stance, records, is_rest=not self._manners.is_held)
 
     def _stance(self, up: FloatArray | None, before: Stance | None) -> Stance:
         random, manners = self._random, self._manners
@@ -104,14 +104,14 @@ class CalibratingHand:
             np.array([self._manners.slope_rad, 0.0, 0.0])
         )
 
-    def _move(self, start: Stance, end: Stance, *, is_lifted: bool) -> Leg:
+    def _move(self, start: Stance, end: Stance, *, is_lifted: bool) -> HandMove:
         random, manners = self._random, self._manners
         bend, swerve = np.zeros(3), np.zeros(3)
         if is_lifted:
             bend = random.normal(0.0, 0.06, 3) + UP * manners.lift_m
             swerve = random.normal(0.0, manners.swerve_rad, 3)
         records = round(manners.move_s * self._rate_hz)
-        return Leg(start, end, records, bend=bend, swerve=swerve)
+        return HandMove(start, end, records, bend=bend, swerve=swerve)
 
 
 @dataclass(slots=True)
@@ -151,7 +151,7 @@ def pieces(name: str, module: Module, seed: int, rate_hz: float) -> Iterator[Mot
     follower = Follower(is_lazy=name == "lazy", random=np.random.default_rng([seed, 1]))
     manners = Manners(is_held=name == "air")
     world = World(tip_m=PROBE.tip_m, magnets=(IRON,) if name == "iron" else ())
-    sensor = Sensor(module, rate_hz, np.random.default_rng([seed, 2]))
+    sensor = SensorSimulator(module, rate_hz, np.random.default_rng([seed, 2]))
     sampler = Sampler()
     exact = stream(
         seed,

@@ -13,7 +13,7 @@ from imud.check.axes import ASKED
 from imud.rotation import FloatArray
 from imud.virtual.calibrating import PROBE, CalibratingHand, Manners
 from imud.virtual.motion import Motion
-from imud.virtual.motions.module import Module, Sensor
+from imud.virtual.motions.module import Module, SensorSimulator
 from imud.virtual.sensors import NO_ERRORS, stream
 
 NAME = "check"
@@ -36,7 +36,7 @@ def pieces(module: Module, seed: int, rate_hz: float) -> Iterator[Motion]:
                 manners.stop_s = FIRST_S if pose is ASKED[0] else EACH_S
                 yield pose.up
 
-    sensor = Sensor(module, rate_hz, np.random.default_rng([seed, 2]))
+    sensor = SensorSimulator(module, rate_hz, np.random.default_rng([seed, 2]))
     exact = stream(
         seed,
         rate_hz,

@@ -16,7 +16,7 @@ from imud import rotation
 from imud.calibration.algebra import onto, units
 from imud.calibration.path import UP
 from imud.rotation import FloatArray
-from imud.virtual.bodies import Body, held
+from imud.virtual.bodies import RigidBody, held
 from imud.virtual.curves import STEP, Curve, Turning, Waves, about, shape
 from imud.virtual.motion import Motion
 from imud.virtual.motions.module import Module
@@ -94,14 +94,14 @@ class DimplingHand:
             yield self._felt((number * count + np.arange(count)) / self._rate_hz, world)
 
     def _felt(self, t: FloatArray, world: World) -> Motion:
-        body = Body(self._turning(t), self._tip_path(t))
+        body = RigidBody(self._turning(t), self._tip_path(t))
         place = body.at(-self._tip)
         turning = body.turning
         is_still = t < self._wobble.still_s
         return Motion(
             rate_hz=self._rate_hz,
             gyr=turning.rate,
-            acc=Body(turning, place).specific_force(),
+            acc=RigidBody(turning, place).specific_force(),
             mag=rotation.rotate(
                 rotation.inverse(turning.quat), world.field_at(place.value)
             ),

@@ -26,7 +26,7 @@ class Stance:
 
 
 @dataclass(frozen=True, slots=True)
-class Leg:
+class HandMove:
     """A stretch from stance to stance with least jerk, a whole number of records."""
 
     start: Stance
@@ -51,7 +51,7 @@ class Hand:
         tip = np.array([*random.uniform(-0.1, 0.1, 2), 0.0])
         self.stance = Stance(tip, self._lying(False), held=0.0, free=0.0)
 
-    def legs(self) -> Iterator[Leg]:
+    def legs(self) -> Iterator[HandMove]:
         """A rest, then endless rounds with each act once, in random order."""
         yield self._rest(3.0, 5.0)
         acts = [self._draw, self._draw, self._turn, self._regrip, self._put_down]
@@ -59,7 +59,7 @@ class Hand:
             for index in self.random.permutation(len(acts)):
                 yield from acts[index]()
 
-    def _draw(self) -> Iterator[Leg]:
+    def _draw(self) -> Iterator[HandMove]:
         surface = np.array([*self.random.uniform(-0.15, 0.15, 2), 0.0])
         pen = self._pen()
         high = np.array([0.0, 0.0, self.random.uniform(0.03, 0.08)])
@@ -79,7 +79,7 @@ class Hand:
             yield self._go(surface, pen, 0.6, 2.0, free=0.0, bend=bend, is_stroke=True)
         yield self._go(surface, pen, 0.2, 0.6, free=0.0)
 
-    def _turn(self) -> Iterator[Leg]:
+    def _turn(self) -> Iterator[HandMove]:
         for _ in range(self.random.integers(2, 4)):
             heading, roll = self.random.uniform(-np.pi, np.pi, 2)
             pitch = math.asin(self.random.uniform(-1.0, 1.0))
@@ -88,7 +88,7 @@ class Hand:
             tip[2] += self.random.uniform(-0.08, 0.08)
             yield self._go(tip, quat, 0.5, 1.5, free=1.0)
 
-    def _regrip(self) -> Iterator[Leg]:
+    def _regrip(self) -> Iterator[HandMove]:
         before = self.stance
         roll = self.random.choice([-1.0, 1.0]) * self.random.uniform(1.0, 2.1)
         tilt = self.random.uniform(-0.25, 0.25, 2)
@@ -101,7 +101,7 @@ class Hand:
         )
         yield self._go(lifted, again, 0.35, 0.6, free=1.0)
 
-    def _put_down(self) -> Iterator[Leg]:
+    def _put_down(self) -> Iterator[HandMove]:
         down = np.array([*self.random.uniform(-0.2, 0.2, 2), 0.0])
         high = np.array([0.0, 0.0, self.random.uniform(0.02, 0.06)])
         is_upside_down = bool(self.random.random() < 0.3)
@@ -109,9 +109,9 @@ class Hand:
         yield self._go(down, lying, 0.9, 1.5, free=0.0, held=0.0, bend=high)
         yield self._rest(2.0, 4.0)
 
-    def _rest(self, shortest_s: float, longest_s: float) -> Leg:
+    def _rest(self, shortest_s: float, longest_s: float) -> HandMove:
         records = self._records(self.random.uniform(shortest_s, longest_s))
-        return Leg(self.stance, self.stance, records, is_rest=True)
+        return HandMove(self.stance, self.stance, records, is_rest=True)
 
     def _go(
         self,
@@ -124,7 +124,7 @@ class Hand:
         held: float = 1.0,
         bend: FloatArray | None = None,
         is_stroke: bool = False,
-    ) -> Leg:
+    ) -> HandMove:
         start = self.stance
         self.stance = Stance(tip, quat, held, free)
         change = rotation.multiply(rotation.inverse(start.quat), quat)
@@ -132,7 +132,7 @@ class Hand:
         seconds = max(
             self.random.uniform(shortest_s, longest_s), _PEAK * angle / _TURN_LIMIT
         )
-        return Leg(
+        return HandMove(
             start,
             self.stance,
             self._records(seconds),

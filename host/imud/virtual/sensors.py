@@ -12,9 +12,9 @@ import numpy as np
 
 from imud import rotation
 from imud.rotation import FloatArray
-from imud.virtual.bodies import Body, held
+from imud.virtual.bodies import RigidBody, held
 from imud.virtual.curves import BUMP, STEP, Curve, Turning, Waves, about, blend, shape
-from imud.virtual.hand import Hand, Leg
+from imud.virtual.hand import Hand, HandMove
 from imud.virtual.motion import GRAVITY_M_S2, Motion, join
 
 # Five records a sample of the chip at 200 Hz: its averaging sees a smooth motion.
@@ -120,7 +120,7 @@ class Sway:
 class Legs(Protocol):
     """A hand: what it does, leg by leg."""
 
-    def legs(self) -> Iterator[Leg]:
+    def legs(self) -> Iterator[HandMove]:
         """What it does next; each leg begins where the one before ended."""
 
 
@@ -168,7 +168,7 @@ class _Probe:
             yield self._feel(leg, begun)
             begun += leg.records
 
-    def _feel(self, leg: Leg, begun: int) -> Motion:
+    def _feel(self, leg: HandMove, begun: int) -> Motion:
         count = leg.records
         t = (begun + np.arange(count)) / self.rate_hz
         u = np.arange(count) / count
@@ -178,12 +178,12 @@ class _Probe:
 
         turning = self._attitude(leg, t, step, bump)
         tip = self._tip_path(leg, t, step, bump)
-        place = Body(turning, tip).at(-np.array(self.world.tip_m))
+        place = RigidBody(turning, tip).at(-np.array(self.world.tip_m))
         field = self.world.field_at(place.value)
         felt = np.stack(
             [
                 turning.rate,
-                Body(turning, place).specific_force(),
+                RigidBody(turning, place).specific_force(),
                 rotation.rotate(rotation.inverse(turning.quat), field),
             ],
             axis=1,
@@ -204,7 +204,9 @@ class _Probe:
             is_recorded=False,
         )
 
-    def _attitude(self, leg: Leg, t: FloatArray, step: Curve, bump: Curve) -> Turning:
+    def _attitude(
+        self, leg: HandMove, t: FloatArray, step: Curve, bump: Curve
+    ) -> Turning:
         change = rotation.to_rotation_vector(
             rotation.multiply(rotation.inverse(leg.start.quat), leg.end.quat)
         )
@@ -222,7 +224,9 @@ class _Probe:
             turning = turning.then(about(axis, angle))
         return turning
 
-    def _tip_path(self, leg: Leg, t: FloatArray, step: Curve, bump: Curve) -> Curve:
+    def _tip_path(
+        self, leg: HandMove, t: FloatArray, step: Curve, bump: Curve
+    ) -> Curve:
         still = np.zeros((len(t), 3))
         start = Curve(np.broadcast_to(leg.start.tip, (len(t), 3)), still, still)
         path = start + step.along(leg.end.tip - leg.start.tip) + bump.along(leg.bend)

@@ -11,7 +11,7 @@ import numpy as np
 
 from imud import rotation
 from imud.rotation import FloatArray
-from imud.virtual.hand import Leg, Stance
+from imud.virtual.hand import HandMove, Stance
 from imud.virtual.motion import Motion
 from imud.virtual.sensors import Sway
 
@@ -78,7 +78,7 @@ class StrokingHand:
         self._rate_hz = rate_hz
         self._plan = plan
 
-    def legs(self) -> Iterator[Leg]:
+    def legs(self) -> Iterator[HandMove]:
         plan, random = self._plan, self._random
         in_hand = 0.0 if plan.support == "supported" else 1.0
         quat = rotation.from_heading_pitch_roll(
@@ -126,8 +126,8 @@ class StrokingHand:
         bend: FloatArray | None = None,
         is_rest: bool = False,
         is_stroke: bool = False,
-    ) -> Leg:
-        return Leg(
+    ) -> HandMove:
+        return HandMove(
             start,
             end,
             max(2, round(seconds * self._rate_hz)),
@@ -138,7 +138,7 @@ class StrokingHand:
 
 
 @dataclass(frozen=True, slots=True)
-class Stroke:
+class TrueStroke:
     """The truth of a stroke: when it is, s, and how far sensor and tip move in it."""
 
     start_s: float
@@ -147,13 +147,13 @@ class Stroke:
     tip_way_m: FloatArray
 
 
-def strokes_of(motion: Motion) -> list[Stroke]:
+def strokes_of(motion: Motion) -> list[TrueStroke]:
     """The strokes of a motion, in order. ValueError: it has no truth."""
     if motion.is_stroke is None or motion.position is None or motion.tip is None:
         raise ValueError("a motion without truth has no known strokes")
     edges = np.flatnonzero(np.diff(motion.is_stroke.astype(int)))
     return [
-        Stroke(
+        TrueStroke(
             (first + 1) / motion.rate_hz,
             (last + 1) / motion.rate_hz,
             motion.position[last + 1] - motion.position[first],

@@ -15,7 +15,7 @@ import msgspec
 
 from imud.calibration.earth import Earth
 from imud.calibration.recording import Counts, Sample, Scale
-from imud.calibration.session import Kind, Session, Subject
+from imud.calibration.session import CalibrationSession, Kind, Subject
 from imud.params.value import Params
 
 STATE_S = 0.1  # between two states that differ only by what is measured
@@ -70,7 +70,9 @@ def run(lines: BinaryIO, out: BinaryIO) -> None:
     task = msgspec.json.decode(lines.readline(), type=Task)
     before = Params.decode(bytes.fromhex(task.params))
     subject = Subject(task.scale, before, task.has_mag, task.earth)
-    session = Session(task.kind, subject, datetime.datetime.now(datetime.UTC).date())
+    session = CalibrationSession(
+        task.kind, subject, datetime.datetime.now(datetime.UTC).date()
+    )
     about = {"type": "calibration", "probe": task.probe}
     about |= {"before": task.params, "before_digest": task.digest}
     told_s = 0.0

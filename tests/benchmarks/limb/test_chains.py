@@ -15,7 +15,7 @@ from benchmarks.limb import chains, made_chain
 from benchmarks.limb.made_chain import Made
 from imud import cli, rotation
 from imud.body import angles, chain, session
-from imud.body.hinge import Refused
+from imud.body.hinge import AlignmentRefused
 from imud.body.tracks import Track
 from imud.log.reader import Logged
 from imud.recordings import body_tracks
@@ -118,10 +118,10 @@ def test_each_kind_of_joint_is_scored():
 def test_a_joint_that_is_freer_than_the_file_says_is_told():
     text = made().toml.replace('"free"', '"hinge"')
     tracks = tracks_of()
-    with pytest.raises(Refused, match="one and two: no hinge fits"):
+    with pytest.raises(AlignmentRefused, match="one and two: no hinge fits"):
         session.of(chain.read(text, "five"), tracks)
     still = {name: each.between(0.0, 5.0) for name, each in tracks.items()}
-    with pytest.raises(Refused, match="three"):
+    with pytest.raises(AlignmentRefused, match="three"):
         session.of(chain.read(made().toml, "five"), still)
 
 

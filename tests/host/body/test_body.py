@@ -23,7 +23,7 @@ from imud.body import (
     posture,
     tracks,
 )
-from imud.body.hinge import Refused
+from imud.body.hinge import AlignmentRefused
 from imud.body.tracks import Track
 from imud.errors import ConfigError
 from imud.rotation import FloatArray
@@ -200,23 +200,23 @@ def test_swapped_probes_are_found_by_their_motion():
     walking = {name: each.between(first, last) for name, each in found.items()}
     mounting.check_order(BODY, walking)
     walking["thigh"], walking["foot"] = walking["foot"], walking["thigh"]
-    with pytest.raises(Refused, match="are the two swapped"):
+    with pytest.raises(AlignmentRefused, match="are the two swapped"):
         mounting.check_order(BODY, walking)
 
 
 def test_without_standing_still_nothing_is_aligned():
     found = tracks_of(LOOSE)
     walking = {name: each.between(30.0, 38.0) for name, each in found.items()}
-    with pytest.raises(Refused, match="stand still"):
+    with pytest.raises(AlignmentRefused, match="stand still"):
         mounting.by_pose(BODY, walking, 0.0)
     none = {name: each.between(-2.0, -1.0) for name, each in found.items()}
-    with pytest.raises(Refused, match="no pose to align by"):
+    with pytest.raises(AlignmentRefused, match="no pose to align by"):
         mounting.by_pose(BODY, none, 0.0)
 
 
 def test_standing_shows_no_hinge():
     standing, _ = parts(tracks_of(LOOSE), leg_of(LOOSE).stages)
-    with pytest.raises(Refused, match="thigh and shank: it moved by"):
+    with pytest.raises(AlignmentRefused, match="thigh and shank: it moved by"):
         mounting.by_motion(BODY, standing, standing)
 
 
@@ -240,7 +240,7 @@ def test_left_and_right_need_no_heading():
 
 def test_two_free_probes_are_no_hinge():
     random = np.random.default_rng(1)
-    with pytest.raises(Refused, match="no hinge fits"):
+    with pytest.raises(AlignmentRefused, match="no hinge fits"):
         hinge.axis(random.normal(0, 3, (500, 3)), random.normal(0, 3, (500, 3)), 100.0)
 
 
@@ -263,7 +263,7 @@ def test_a_centre_is_found_from_forces():
     np.testing.assert_allclose(found.parent, (0.1, -0.2, 0.05), atol=0.01)
     np.testing.assert_allclose(found.child, (-0.15, 0.1, 0.0), atol=0.01)
     still = [(gyr * 1e-3, force) for gyr, force in given]
-    with pytest.raises(Refused, match="move it faster"):
+    with pytest.raises(AlignmentRefused, match="move it faster"):
         hinge.centre(still[0], still[1], rate_hz)
 
 

@@ -11,7 +11,7 @@ import pytest
 from imud.body import heading
 
 
-def turned_by(play_deg: float, sigma: float) -> heading.Step:
+def turned_by(play_deg: float, sigma: float) -> heading.HeadingFilter:
     """The filter after 30 s of an axis that both see 0.4 rad apart."""
     times_s = np.arange(3000) / 100.0
     parent = np.broadcast_to([1.0, 0.0, 0.0], (3000, 3))
@@ -20,7 +20,7 @@ def turned_by(play_deg: float, sigma: float) -> heading.Step:
         heading.magnetic(np.full((3000, 2), sigma)),
         heading.of_axis(parent, child, math.radians(play_deg)),
     ]
-    step = heading.Step()
+    step = heading.HeadingFilter()
     found = heading.follow(step, times_s, np.ones(3000, bool), sights)
     assert found[0][-1] == step.turn
     return step
@@ -42,7 +42,7 @@ def test_what_comes_later_is_known_from_the_beginning():
     is_there[300:320] = False
     seen = np.where(times_s < 5.0, np.nan, math.radians(3.0) ** 2)
     sights = [heading.Sight(np.full((1000, 1), 0.3), seen, 0.5)]
-    turns, sigmas = heading.follow(heading.Step(), times_s, is_there, sights)
+    turns, sigmas = heading.follow(heading.HeadingFilter(), times_s, is_there, sights)
     assert turns[0] == 0.0
     turns, sigmas = heading.smoothed(times_s, turns, sigmas)
     np.testing.assert_allclose(turns[is_there], 0.3, atol=0.01)
@@ -66,6 +66,6 @@ def test_of_two_turns_the_one_near_what_is_known_counts():
     child = np.array([[math.cos(0.3), math.sin(0.3), 0.0]])
     sight = heading.of_angle(parent, child, math.cos(0.5), 0.05)
     assert sorted(sight.turns[0]) == pytest.approx([-0.8, 0.2])
-    step = heading.Step(turn=0.25, variance=0.1**2)
+    step = heading.HeadingFilter(turn=0.25, variance=0.1**2)
     step.take(0.0, [(sight.turns[0].tolist(), 1e-6, 0.5)])
     assert step.turn == pytest.approx(0.2, abs=1e-3)

@@ -13,7 +13,7 @@ import pytest
 
 from imud import rotation
 from imud.body import chain, heading, live
-from imud.body.live import Live
+from imud.body.live import LiveBody
 from imud.body.state import BodyState
 from imud.virtual import leg
 from imud.virtual.leg_probes import RATE_HZ
@@ -53,7 +53,7 @@ def said() -> dict[str, list[Said]]:
 class Desk:
     """Feeds a body with what the virtual leg's probes say, 100 times a second."""
 
-    body: Live
+    body: LiveBody
     # From and to, s of the leg's time, in which a probe is silent.
     silent: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     late_s: Mapping[str, float] = field(default_factory=dict)
@@ -96,8 +96,8 @@ class Desk:
         history.bound_us = 700
 
 
-def body() -> Live:
-    return Live(chain.read(leg.CHAIN, "leg"))
+def body() -> LiveBody:
+    return LiveBody(chain.read(leg.CHAIN, "leg"))
 
 
 @cache

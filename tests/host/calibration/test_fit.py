@@ -16,7 +16,7 @@ from benchmarks.calibration.simulated import EARTH, UPS, errors, recorded, sampl
 from imud.calibration import accelerometer, poses
 from imud.calibration.algebra import closest_turn, integrated, onto, skew, turn, units
 from imud.calibration.guided import whole
-from imud.calibration.guided.whole import Fit
+from imud.calibration.guided.whole import ModuleFit
 from imud.calibration.recording import GRAVITY_M_S2, Gatherer, Sample, Scale
 from imud.calibration.stops import find_stops
 from imud.virtual.calibrating import SCALE, Manners
@@ -33,7 +33,7 @@ def module(seed: int) -> Module:
 
 
 @cache
-def fitted(seed: int) -> Fit:
+def fitted(seed: int) -> ModuleFit:
     found = whole.fit(recorded(samples(module(seed), seed)))
     assert found is not None
     return found

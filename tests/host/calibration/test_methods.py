@@ -22,7 +22,7 @@ from imud.calibration.papers import extremes, half_turns, six_positions
 from imud.calibration.papers.extremes import Extremes
 from imud.calibration.papers.methods import METHODS, by_method, of_method
 from imud.calibration.poses import TWELVE
-from imud.calibration.recording import GRAVITY_M_S2, Recording
+from imud.calibration.recording import GRAVITY_M_S2, SensorRecording
 from imud.calibration.stops import find_stops
 from imud.params.value import Params
 from imud.rotation import FloatArray
@@ -39,7 +39,7 @@ def module(seed: int = 1) -> Module:
 
 
 @cache
-def turned_over() -> Recording:
+def turned_over() -> SensorRecording:
     """Each of six faces, and again after half a turn where it lies; then edges."""
     ups: list[FloatArray | None] = []
     for pose in TWELVE[:6]:
@@ -72,7 +72,9 @@ def test_an_exact_accelerometer_is_found_by_six_positions() -> None:
     acc = np.concatenate(rows)
     is_moving = np.tile(np.repeat([0.0, 1.0], [200, 50]), 6)
     gyr = np.outer(is_moving * np.resize([1.0, -1.0], len(acc)), np.ones(3))
-    recording = Recording(0.01, acc, gyr, np.full_like(acc, np.nan), np.zeros(len(acc)))
+    recording = SensorRecording(
+        0.01, acc, gyr, np.full_like(acc, np.nan), np.zeros(len(acc))
+    )
     stops = find_stops(recording)
     assert len(stops) == 6
     found = six_positions.fit(recording, stops)

@@ -25,8 +25,8 @@ from imud.calibration.learned.learner import (
     known_of,
     learned_of,
 )
-from imud.calibration.learned.motion import Known
-from imud.calibration.recording import GRAVITY_M_S2, Recording, Sample
+from imud.calibration.learned.motion import Priors
+from imud.calibration.recording import GRAVITY_M_S2, Sample, SensorRecording
 from imud.calibration.stops import find_stops
 from imud.params.learned import goes_on
 from imud.params.value import Params
@@ -44,7 +44,7 @@ def swung(
     bias_m_s2: tuple[float, float, float] = (0.2, -0.3, 0.1),
     own_ut: tuple[float, float, float] = (20.0, -15.0, 8.0),
     noise: float = 1.0,
-) -> Recording:
+) -> SensorRecording:
     """Fast turns about a pivot that stays, in a field of 48 uT."""
     random = np.random.default_rng(3)
     times_s = np.arange(0.0, seconds, STEP_S)
@@ -58,7 +58,7 @@ def swung(
     bent += np.cross(rate, np.cross(rate, arm))
     up = np.einsum("tji,j->ti", attitude, [0.0, 0.0, GRAVITY_M_S2])
     mag = np.einsum("tji,j->ti", attitude, [20.0, 0.0, -43.0])
-    return Recording(
+    return SensorRecording(
         STEP_S,
         up + bent + bias_m_s2 + noise * 0.05 * random.standard_normal(up.shape),
         rate + noise * 0.002 * random.standard_normal(up.shape),
@@ -88,7 +88,7 @@ def test_errors_are_as_stated() -> None:
 
 
 def test_what_is_known_before_holds() -> None:
-    known = Known(acc_m_s2=0.005, acc_scale=0.0005, mag_ut=0.5)
+    known = Priors(acc_m_s2=0.005, acc_scale=0.0005, mag_ut=0.5)
     found = motion.fit(swung(), np.zeros(3), 0.0, known)
     assert found is not None
     assert np.abs(found.acc.bias).max() < 0.1
@@ -119,7 +119,7 @@ def test_a_module_in_use_is_calibrated() -> None:
     ],
     ids=["short", "broken", "no field", "a dead magnetometer", "no numbers"],
 )
-def test_what_determines_nothing_gives_nothing(recording: Recording) -> None:
+def test_what_determines_nothing_gives_nothing(recording: SensorRecording) -> None:
     with np.errstate(all="ignore"):
         assert motion.fit(recording, np.zeros(3), 0.0) is None
 

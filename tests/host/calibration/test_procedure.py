@@ -14,9 +14,9 @@ from benchmarks.calibration.simulated import UPS, errors, housing_error, samples
 from imud.calibration.guided.procedure import (
     Event,
     Finished,
+    FitRefused,
     PoseTaken,
     Procedure,
-    Refused,
     Troubled,
 )
 from imud.calibration.guided.result import housing_of, result_of_fit
@@ -44,7 +44,7 @@ def fed(procedure: Procedure, found: Iterable[Sample]) -> list[Event]:
 
 
 def kinds(events: list[Event]) -> list[str]:
-    return [e.fault.kind for e in events if isinstance(e, Troubled | Refused)]
+    return [e.fault.kind for e in events if isinstance(e, Troubled | FitRefused)]
 
 
 def obeyed(
@@ -120,7 +120,7 @@ def test_who_does_not_listen_is_refused_with_a_cure(name: str, kind: str) -> Non
         if procedure.is_over or procedure.status().seconds > 60.0:
             break
     (refused,) = procedure.end()
-    assert isinstance(refused, Refused)
+    assert isinstance(refused, FitRefused)
     assert refused.fault.kind == kind
     assert refused.fault.cure
 
@@ -167,7 +167,7 @@ def test_a_broken_module_is_refused_with_its_fault(
     procedure = Procedure(SCALE)
     events = fed(procedure, changed(twelve(), *matrices))
     refused = events[-1]
-    assert isinstance(refused, Refused)
+    assert isinstance(refused, FitRefused)
     assert refused.fault.kind == kind
     assert words in refused.fault.reason
 
@@ -178,7 +178,7 @@ def test_a_saturated_axis_is_a_dead_one() -> None:
             yield Sample(s.t_us, (COUNT_MAX, s.acc[1], s.acc[2]), s.gyr, s.mag)
 
     events = fed(Procedure(SCALE), stuck(twelve()))
-    assert isinstance(events[-1], Refused)
+    assert isinstance(events[-1], FitRefused)
     assert "the accelerometer's x axis" in events[-1].fault.reason
 
 
@@ -187,7 +187,7 @@ def test_a_magnet_on_the_probe_is_refused() -> None:
     procedure = Procedure(SCALE)
     events = fed(procedure, samples(own, 7)) + procedure.end()
     assert "magnet" in kinds(events)
-    assert isinstance(events[-1], Refused)
+    assert isinstance(events[-1], FitRefused)
 
 
 def test_the_housing_needs_base_down_and_half_a_turn() -> None:

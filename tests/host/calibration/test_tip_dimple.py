@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from imud import rotation
-from imud.calibration.faults import Fault
+from imud.calibration.faults import CalibrationFault
 from imud.calibration.recording import GRAVITY_M_S2, Sample
 from imud.calibration.tip import dimple
 from imud.calibration.tip import guide as tip_guide
@@ -127,7 +127,7 @@ def test_a_weak_wobble_is_told_and_refused_with_its_cure(kind: str) -> None:
     assert guide.trouble.kind == kind
     assert words in (guide.status().trouble or "")
     refused = guide.end()
-    assert isinstance(refused, Fault)
+    assert isinstance(refused, CalibrationFault)
     assert refused.kind == kind
     assert guide.status().says == "Refused."
 
@@ -156,15 +156,15 @@ def test_an_uncalibrated_probe_is_sent_to_be_calibrated(wobble: Wobble) -> None:
     # What its sensors leave over may look like a tip that slips.
     guide = guided(wobbled(wobble, 24.0), Params())
     refused = guide.end()
-    assert isinstance(refused, Fault)
+    assert isinstance(refused, CalibrationFault)
     assert "calibrate them first: imud calibrate" in str(refused)
 
 
 def test_a_wobble_ended_early_is_too_short() -> None:
     refused = guided(wobbled(Wobble(), 26.0)[:1200]).end()
-    assert isinstance(refused, Fault)
+    assert isinstance(refused, CalibrationFault)
     assert refused.kind == "too_short"
-    assert isinstance(Dimpling(SCALE, CALIBRATED).end(), Fault)
+    assert isinstance(Dimpling(SCALE, CALIBRATED).end(), CalibrationFault)
 
 
 @pytest.mark.parametrize("kind", ["clipped", "gap"])

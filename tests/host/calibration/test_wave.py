@@ -11,12 +11,12 @@ import numpy as np
 from benchmarks.calibration.simulated import affine_errors, recorded, samples
 from imud.calibration.affine import Affine
 from imud.calibration.algebra import units
-from imud.calibration.faults import Fault
+from imud.calibration.faults import CalibrationFault
 from imud.calibration.guided import verify, wave, whole
 from imud.calibration.guided.result import result_of_fit, result_of_wave
 from imud.calibration.guided.verify import Report, Verify
 from imud.calibration.guided.wave import Wave, Waving
-from imud.calibration.guided.whole import Fit
+from imud.calibration.guided.whole import ModuleFit
 from imud.calibration.poses import TWELVE
 from imud.calibration.recording import Sample
 from imud.calibration.score import stated_tilt_deg
@@ -35,7 +35,7 @@ def module(seed: int = 1) -> Module:
 
 
 @cache
-def guided() -> Fit:
+def guided() -> ModuleFit:
     found = whole.fit(recorded(samples(module(), 2)))
     assert found is not None
     return found
@@ -88,9 +88,9 @@ def test_a_wave_that_only_rocks_is_refused() -> None:
     for each in samples(module(), 5, list(ups), manners):
         waving.feed(each)
     refused = waving.end()
-    assert isinstance(refused, Fault)
+    assert isinstance(refused, CalibrationFault)
     assert refused.cure
-    assert isinstance(Waving(SCALE, SAME, SAME, 2.0).end(), Fault)
+    assert isinstance(Waving(SCALE, SAME, SAME, 2.0).end(), CalibrationFault)
 
 
 def checked(of: Module, params: Params, ups: list[FloatArray]) -> Report | None:

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from check_bench import HELLO, G, evidence, raws, rows
-from imud.calibration.poses import Pose
+from imud.calibration.poses import StaticPose
 from imud.calibration.recording import Sample, Scale
 from imud.check import report
-from imud.check.axes import ASKED, TIMEOUT_S, Guide
+from imud.check.axes import ASKED, TIMEOUT_S, PoseGuide
 from imud.check.evidence import Posed
 from imud.check.judge import judged
-from imud.check.rows import Verdict
+from imud.check.rows import RowVerdict
 from imud.virtual import calibrating, checking, modules
 
 GRAVITY = 9.80665
@@ -36,7 +36,7 @@ MOUNTED = {
 
 
 def posed(matrix: np.ndarray[Any, Any]) -> list[Posed]:
-    def force(pose: Pose) -> tuple[float, float, float]:
+    def force(pose: StaticPose) -> tuple[float, float, float]:
         x, y, z = (float(each) for each in matrix @ pose.up * GRAVITY)
         return x, y, z
 
@@ -56,7 +56,7 @@ def test_an_axis_that_lies_otherwise_is_named(mounted: str, words: str) -> None:
     found = evidence()
     found.poses = posed(MOUNTED[mounted])
     row = rows(found)["axes"]
-    assert row.verdict is Verdict.FAULT
+    assert row.verdict is RowVerdict.FAULT
     assert words in row.advice
     named = "x and y are swapped" if mounted == "turned" else mounted
     assert row.measured.startswith(named)
@@ -65,11 +65,11 @@ def test_an_axis_that_lies_otherwise_is_named(mounted: str, words: str) -> None:
 def test_axes_that_lie_right_are_good_and_missing_poses_are_not_judged() -> None:
     found = evidence()
     found.poses = posed(MOUNTED["right"])
-    assert rows(found)["axes"].verdict is Verdict.GOOD
+    assert rows(found)["axes"].verdict is RowVerdict.GOOD
     found.poses[2] = replace(found.poses[2], acc_m_s2=None)
     row = rows(found)["axes"]
     assert (row.verdict, row.measured) == (
-        Verdict.SKIPPED,
+        RowVerdict.SKIPPED,
         "right in 2 of 3 poses",
     )
 
@@ -77,7 +77,9 @@ def test_axes_that_lie_right_are_good_and_missing_poses_are_not_judged() -> None
 SCALE = Scale(GRAVITY / G, 1e-3, 0.15, 100.0)
 
 
-def lie(guide: Guide, up: tuple[int, int, int], seconds: float, from_us: int) -> int:
+def lie(
+    guide: PoseGuide, up: tuple[int, int, int], seconds: float, from_us: int
+) -> int:
     """Feeds a guide a probe that lies still; the time after that."""
     random = np.random.default_rng(3)
     for _ in range(round(seconds * SCALE.rate_hz)):
@@ -89,7 +91,7 @@ def lie(guide: Guide, up: tuple[int, int, int], seconds: float, from_us: int) ->
 
 
 def test_a_guide_takes_a_pose_once_the_probe_lies_otherwise_than_before() -> None:
-    guide = Guide(SCALE, ASKED[1:])
+    guide = PoseGuide(SCALE, ASKED[1:])
     guide.start_from((0.0, 0.0, GRAVITY))
     now_us = lie(guide, (0, 0, 1), 5.0, 0)
     assert guide.found == []
@@ -102,7 +104,7 @@ def test_a_guide_takes_a_pose_once_the_probe_lies_otherwise_than_before() -> Non
 
 
 def test_a_guide_gives_a_pose_up_after_its_time_or_when_it_is_skipped() -> None:
-    guide = Guide(SCALE, ASKED)
+    guide = PoseGuide(SCALE, ASKED)
     guide.start_from((0.0, 0.0, GRAVITY))
     lie(guide, (0, 0, 1), TIMEOUT_S + 0.1, 0)
     assert [each.acc_m_s2 for each in guide.found] == [None]
@@ -113,7 +115,7 @@ def test_a_guide_gives_a_pose_up_after_its_time_or_when_it_is_skipped() -> None:
 
 
 def test_the_virtual_hand_does_what_the_guide_asks() -> None:
-    guide, sampler = Guide(calibrating.SCALE, ASKED[1:]), calibrating.Sampler()
+    guide, sampler = PoseGuide(calibrating.SCALE, ASKED[1:]), calibrating.Sampler()
     guide.start_from((0.0, 0.0, GRAVITY))
     for piece in checking.pieces(modules.calibrated(), 1, 200.0):
         for sample in sampler.samples(piece):

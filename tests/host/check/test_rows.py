@@ -12,39 +12,39 @@ from check_bench import F405, HELLO, G, evidence, raws, rows, troubles
 from imud.calibration.earth import Earth
 from imud.check.evidence import Evidence, Wire
 from imud.check.judge import judged
-from imud.check.rows import Verdict, overall, summary
+from imud.check.rows import RowVerdict, overall, summary
 from imud.check.wire import clock_ppm
 
-LOOK, FAULT = Verdict.LOOK, Verdict.FAULT
+LOOK, FAULT = RowVerdict.LOOK, RowVerdict.FAULT
 
 
 def test_a_healthy_board_has_no_line_but_good_ones() -> None:
     found = evidence(samples=raws(ppm=-12.0))
     assert troubles(found) == {}
-    assert overall(judged(found)) is Verdict.GOOD
+    assert overall(judged(found)) is RowVerdict.GOOD
     assert rows(found)["self-test gyroscope"].measured == "passed"
-    assert rows(found)["range register"].verdict is Verdict.GOOD
+    assert rows(found)["range register"].verdict is RowVerdict.GOOD
 
 
 def test_what_was_not_judged_is_named_beside_a_good_verdict() -> None:
     table = judged(evidence())
-    assert overall(table) is Verdict.GOOD
+    assert overall(table) is RowVerdict.GOOD
     assert summary(table).startswith("not judged: clock; ")
 
 
 @pytest.mark.parametrize(
     ("board", "ppm", "verdict", "words"),
     [
-        ({}, 30.0, Verdict.GOOD, "(as a crystal)"),
-        ({}, -3200.0, Verdict.GOOD, "(a ceramic resonator)"),
+        ({}, 30.0, RowVerdict.GOOD, "(as a crystal)"),
+        ({}, -3200.0, RowVerdict.GOOD, "(a ceramic resonator)"),
         ({}, 9000.0, LOOK, "ppm"),
         ({}, 30000.0, FAULT, "ppm"),
-        (F405, 40.0, Verdict.GOOD, "ppm"),
+        (F405, 40.0, RowVerdict.GOOD, "ppm"),
         (F405, 900.0, LOOK, "ppm"),
     ],
 )
 def test_a_resonator_is_normal_for_a_nano_and_not_for_a_pyboard(
-    board: dict[str, Any], ppm: float, verdict: Verdict, words: str
+    board: dict[str, Any], ppm: float, verdict: RowVerdict, words: str
 ) -> None:
     found = evidence(samples=raws(ppm=ppm, bound_us=100.0), hello=board)
     row = rows(found)["clock"]
@@ -57,7 +57,7 @@ def test_a_clock_is_only_as_bad_as_its_bound_allows() -> None:
     found = evidence(samples=raws(ppm=900.0, bound_us=6000.0), hello=F405)
     row = rows(found)["clock"]
     assert row.numbers["bound_ppm"] == pytest.approx(1090.0, rel=0.1)
-    assert row.verdict is Verdict.GOOD
+    assert row.verdict is RowVerdict.GOOD
 
 
 def test_a_log_gives_a_clock_without_a_bound() -> None:
@@ -91,7 +91,7 @@ def test_a_log_gives_a_clock_without_a_bound() -> None:
     ids=str,
 )
 def test_readings_that_are_not_normal_have_a_line_with_the_number(
-    change: dict[str, Any], name: str, verdict: Verdict, words: str
+    change: dict[str, Any], name: str, verdict: RowVerdict, words: str
 ) -> None:
     found = evidence(samples=raws(**change), self_test={})
     assert troubles(found) == {name: verdict}
@@ -101,14 +101,16 @@ def test_readings_that_are_not_normal_have_a_line_with_the_number(
 
 def test_an_own_field_of_an_uncalibrated_module_is_normal() -> None:
     row = rows(evidence(samples=raws(mag=(60.0, 60.0, -60.0))))["field"]
-    assert row.verdict is Verdict.GOOD
+    assert row.verdict is RowVerdict.GOOD
     assert "not calibrated" in row.measured
     assert "15 to 45 uT of the module's own" in row.normal
 
 
-@pytest.mark.parametrize(("norm_ut", "verdict"), [(49.0, Verdict.GOOD), (75.0, LOOK)])
+@pytest.mark.parametrize(
+    ("norm_ut", "verdict"), [(49.0, RowVerdict.GOOD), (75.0, LOOK)]
+)
 def test_a_calibrated_field_is_compared_with_that_of_the_place(
-    norm_ut: float, verdict: Verdict
+    norm_ut: float, verdict: RowVerdict
 ) -> None:
     dip = np.radians(66.0)
     field = [0.0, norm_ut * np.cos(dip), -norm_ut * np.sin(dip)]
@@ -178,7 +180,7 @@ def test_an_event_is_the_line_of_its_cause(
     ],
 )
 def test_a_chip_is_named_by_its_identity(
-    who_am_i: tuple[int, int], sensor: str, expected: dict[str, Verdict]
+    who_am_i: tuple[int, int], sensor: str, expected: dict[str, RowVerdict]
 ) -> None:
     mag = (10.0, 20.0, -44.0) if who_am_i[1] else None
     found = evidence(
@@ -196,7 +198,7 @@ def test_a_self_test_that_failed_is_a_fault_with_its_number() -> None:
 
 def test_without_responses_the_daemons_verdict_counts() -> None:
     found = evidence(self_test={})
-    assert rows(found)["self-test gyroscope"].verdict is Verdict.SKIPPED
+    assert rows(found)["self-test gyroscope"].verdict is RowVerdict.SKIPPED
     found.outcomes = {"gyroscope": {"outcome": "failed", "reason": "x response 7"}}
     assert rows(found)["self-test gyroscope"].verdict is FAULT
 
@@ -216,9 +218,9 @@ def test_readings_that_do_not_follow_the_range_register_are_a_fault() -> None:
 
 @pytest.mark.parametrize(
     ("supply_mv", "verdict"),
-    [(5500, Verdict.GOOD), (4100, LOOK), (3700, FAULT), (6200, LOOK)],
+    [(5500, RowVerdict.GOOD), (4100, LOOK), (3700, FAULT), (6200, LOOK)],
 )
-def test_a_nano_needs_its_five_volts(supply_mv: int, verdict: Verdict) -> None:
+def test_a_nano_needs_its_five_volts(supply_mv: int, verdict: RowVerdict) -> None:
     assert rows(evidence(status={"supply": supply_mv}))["supply"].verdict is verdict
 
 
@@ -266,7 +268,7 @@ def test_a_firmware_of_another_schema_is_the_only_line() -> None:
 
 @pytest.mark.parametrize(("timer_ms", "expected"), [(1, {}), (16, {"port": LOOK})])
 def test_an_adapter_that_gathers_bytes_is_named(
-    timer_ms: int, expected: dict[str, Verdict]
+    timer_ms: int, expected: dict[str, RowVerdict]
 ) -> None:
     found = evidence(samples=raws(ppm=0.0))
     found.is_live = True
@@ -283,7 +285,7 @@ def test_an_adapter_that_gathers_bytes_is_named(
     ],
 )
 def test_a_button_that_is_not_seen_and_a_dark_led_are_lines(
-    pressed: bool | None, sees: bool | None, expected: dict[str, Verdict]
+    pressed: bool | None, sees: bool | None, expected: dict[str, RowVerdict]
 ) -> None:
     found = evidence(samples=raws(ppm=0.0))
     found.is_live = True

@@ -22,7 +22,7 @@ from mcap.reader import make_reader
 from fakes.daemon import free_endpoint
 from imud import cli
 from imud.body import chain
-from imud.body.live import Live
+from imud.body.live import LiveBody
 from imud.body.state import BodyState
 from imud.cli.body_print import Printer, line_of
 from imud.cli.body_ros2 import joint_topic, messages
@@ -201,7 +201,7 @@ def test_lines_say_what_to_do_what_is_missing_and_the_angles(
 
 
 def test_what_is_no_pose_of_its_probes_is_left_out() -> None:
-    made = Live(chain.read(leg.CHAIN, "leg"))
+    made = LiveBody(chain.read(leg.CHAIN, "leg"))
     take(made, "pose", Delivery("thigh", b"{", ""))
     take(made, "pose", Delivery("other", pose_of("other", 1), ""))
     thigh = made.histories["thigh"]

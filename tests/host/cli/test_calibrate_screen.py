@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from imud.calibration.guided.procedure import Procedure
-from imud.calibration.poses import ALL, TWELVE, Pose
+from imud.calibration.poses import ALL, TWELVE, StaticPose
 from imud.cli import calibrate_screen
 from imud.cli.box import COLUMNS, ROWS, lying, picture, sides
-from imud.cli.calibrate_screen import Quit, Screen, lines
+from imud.cli.calibrate_screen import CalibrationScreen, Quit, lines
 from imud.virtual.calibrating import SCALE
 from raw_probe import calibrating
 
@@ -32,7 +32,7 @@ def test_a_box_lies_as_its_pose_says_and_shows_the_sides_that_are_up() -> None:
 
 
 def test_the_box_is_drawn_in_braille_and_its_front_has_a_cross() -> None:
-    down, back_up = picture(TWELVE[0]), picture(Pose((-1, 0, 0)))
+    down, back_up = picture(TWELVE[0]), picture(StaticPose((-1, 0, 0)))
     for drawn in (down, back_up):
         assert len(drawn) == ROWS
         assert all(len(row) == COLUMNS for row in drawn)
@@ -74,7 +74,7 @@ def test_keys_end_or_give_up(
         monkeypatch.setattr(sys, "stdin", terminal)
         monkeypatch.setattr(sys, "stdout", text)
         monkeypatch.setenv("TERM", "xterm")
-        screen = Screen("stylus")
+        screen = CalibrationScreen("stylus")
         drained.start()
         with screen.opened():
             screen.show(Procedure(SCALE).status())
@@ -102,7 +102,7 @@ def test_a_pipe_gets_each_sentence_once(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(calibrate_screen, "DRAW_S", 0.0)
-    screen = Screen("stylus")
+    screen = CalibrationScreen("stylus")
     with screen.opened():
         for words in ("one", "one", "two", "two", "one"):
             screen.say(words)

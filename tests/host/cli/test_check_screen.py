@@ -14,13 +14,13 @@ from check_bench import HELLO, STATUS, raws
 from imud.check.axes import ASKED
 from imud.check.evidence import Evidence
 from imud.check.judge import judged
-from imud.check.rows import Verdict
+from imud.check.rows import RowVerdict
 from imud.cli import check_run
-from imud.cli.check_screen import Quit, Screen
-from imud.cli.check_source import Live
+from imud.cli.check_screen import CheckScreen, Quit
+from imud.cli.check_source import LiveMessages
 
 
-class Script(Live):
+class Script(LiveMessages):
     """A source of scripted messages; then nothing comes."""
 
     def __init__(self, items: Iterable[dict[str, Any]]) -> None:
@@ -33,7 +33,7 @@ class Script(Live):
             yield None
 
 
-class Keys(Screen):
+class Keys(CheckScreen):
     """A terminal on which these keys are pressed, one at each look."""
 
     def __init__(self, pressed: str = "", *, is_terminal: bool = False) -> None:
@@ -69,12 +69,12 @@ def lying(*ups: tuple[float, float, float]) -> list[dict[str, Any]]:
 @pytest.mark.parametrize(
     ("turns", "verdict"),
     [
-        (((0, 0, 1), (0, -1, 0), (1, 0, 0)), Verdict.GOOD),
-        (((0, 0, 1), (0, 1, 0), (1, 0, 0)), Verdict.FAULT),
+        (((0, 0, 1), (0, -1, 0), (1, 0, 0)), RowVerdict.GOOD),
+        (((0, 0, 1), (0, 1, 0), (1, 0, 0)), RowVerdict.FAULT),
     ],
 )
 def test_the_poses_are_asked_for_one_by_one(
-    turns: tuple[tuple[float, float, float], ...], verdict: Verdict
+    turns: tuple[tuple[float, float, float], ...], verdict: RowVerdict
 ) -> None:
     found, screen = at_rest(), Keys()
     check_run._lay(Script(lying(*turns)), found, screen)
@@ -88,7 +88,7 @@ def test_the_poses_are_asked_for_one_by_one(
     ]
     # Noise and offsets are those of the first pose.
     names = {row.name: row.verdict for row in judged(found)}
-    assert names["accelerometer offset"] is Verdict.GOOD
+    assert names["accelerometer offset"] is RowVerdict.GOOD
 
 
 def test_enter_leaves_a_pose_out_and_so_does_the_end_of_the_samples(
@@ -146,7 +146,7 @@ def test_a_terminal_shows_how_far_it_is_and_takes_keys(
         open(theirs, "w", closefd=False) as terminal,
     ):
         monkeypatch.setattr("sys.stdin", keyboard)
-        screen = Screen(terminal, "board")
+        screen = CheckScreen(terminal, "board")
         with screen.opened():
             assert screen.is_terminal
             screen.line("not here")

@@ -23,7 +23,7 @@ import pytest
 
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
 from imud.cli.attitude import HORIZON, TAPE, compass, horizon
-from imud.cli.monitor import BLOCK, Screen, pipe_line
+from imud.cli.monitor import BLOCK, MonitorScreen, pipe_line
 from imud.client import Missed, Pose, Status
 
 pytestmark = pytest.mark.sampled(3)
@@ -82,8 +82,8 @@ def status(
     )
 
 
-def screen_of(count: int) -> Screen:
-    screen = Screen("tcp/127.0.0.1:7447")
+def screen_of(count: int) -> MonitorScreen:
+    screen = MonitorScreen("tcp/127.0.0.1:7447")
     for number in range(count):
         screen.take(status(f"p{number}"), 10.0)
         screen.take(pose(f"p{number}"), 10.0)
@@ -151,7 +151,7 @@ def test_a_probe_says_where_it_points_and_what_was_lost() -> None:
 
 
 def test_a_ledger_that_does_not_add_up_says_where() -> None:
-    screen = Screen("e")
+    screen = MonitorScreen("e")
     screen.take(status(adds_up=False), 1.0)
     assert "differs: log" in screen.lines(1.0, 24)[-2].plain
 

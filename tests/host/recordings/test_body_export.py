@@ -17,7 +17,7 @@ import pytest
 
 from imud import cli, rotation
 from imud.body import angles, chain, fused, level, session
-from imud.body.hinge import Refused
+from imud.body.hinge import AlignmentRefused
 from imud.log.reader import Logged
 from imud.recordings import body_tracks
 from imud.virtual import leg
@@ -154,7 +154,7 @@ def test_who_never_stands_still_is_told(recorded: Path):
         for name, each in ((n, at_40_hz(m)) for n, m in made().motions.items())
     }
     assert recorded.is_dir()
-    with pytest.raises(Refused, match="no pose to align by"):
+    with pytest.raises(AlignmentRefused, match="no pose to align by"):
         session.of(chain.read(leg.CHAIN, "leg"), found)
 
 
@@ -163,7 +163,7 @@ def test_a_pose_without_a_compass_aligns_nothing(recorded: Path):
     times_s = np.arange(len(motion)) / motion.rate_hz
     none = np.zeros_like(motion.mag)
     body = chain.read(leg.CHAIN, "leg")
-    with pytest.raises(Refused, match="needs a compass, and thigh has none"):
+    with pytest.raises(AlignmentRefused, match="needs a compass, and thigh has none"):
         still = {"thigh": fused.attitudes(times_s, motion.gyr, motion.acc, none)}
         still["shank"] = still["thigh"]
         session.of(body, still, 0.0)

@@ -36,7 +36,7 @@ UPRIGHT = rotation.from_matrix(np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]
 
 
 @cache
-def made() -> session.Session:
+def made() -> session.BodyAnalysis:
     """A body in any attitudes."""
     random = np.random.default_rng(4)
     quats = {
@@ -56,10 +56,10 @@ def made() -> session.Session:
     }
     times_s = np.arange(COUNT) / session.RATE_HZ
     found = posture.Posture(times_s, quats, turns, turns)
-    return session.Session(found, {}, {}, {}, ())
+    return session.BodyAnalysis(found, {}, {}, {}, ())
 
 
-def lost(name: str, first: int, last: int) -> session.Session:
+def lost(name: str, first: int, last: int) -> session.BodyAnalysis:
     """The same, one segment missing in some rows."""
     quats = {key: each.copy() for key, each in made().posture.quats.items()}
     quats[name][first:last] = np.nan

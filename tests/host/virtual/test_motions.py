@@ -190,9 +190,9 @@ def test_pieces_join_without_a_jump() -> None:
 def test_a_point_off_the_axis_goes_round() -> None:
     t = ride.times(2.0)
     spun = curves.about(ride.Z, ride.phase(t, 1.0))
-    place = bodies.Body(spun, bodies.Body.still(rotation.IDENTITY, len(t)).place).at(
-        np.array([0.5, 0.0, 0.0])
-    )
+    place = bodies.RigidBody(
+        spun, bodies.RigidBody.still(rotation.IDENTITY, len(t)).place
+    ).at(np.array([0.5, 0.0, 0.0]))
     angle = 2.0 * np.pi * t
     ring = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=-1)
     assert np.allclose(place.value, 0.5 * ring)
@@ -201,7 +201,7 @@ def test_a_point_off_the_axis_goes_round() -> None:
 
 def test_a_vehicle_is_where_its_speed_has_taken_it() -> None:
     t = ride.times(10.0)
-    still = bodies.Body.still(rotation.IDENTITY, len(t)).turning
+    still = bodies.RigidBody.still(rotation.IDENTITY, len(t)).turning
     circle = still.then(curves.about(ride.Z, ride.phase(t, 0.1)))
     constant = curves.Curve(*(np.full((len(t), 1), v) for v in (2.0 * np.pi, 0.0, 0.0)))
     place = machines.driven(circle, constant).place.value

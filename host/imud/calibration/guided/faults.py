@@ -15,10 +15,10 @@ from imud.calibration import gyroscope, poses
 from imud.calibration.accelerometer import means
 from imud.calibration.algebra import closest_turn
 from imud.calibration.earth import Earth, strangeness
-from imud.calibration.faults import Fault, of_field, of_magnets
-from imud.calibration.guided.whole import Fit
-from imud.calibration.recording import GRAVITY_M_S2, Recording
-from imud.calibration.stops import Stop
+from imud.calibration.faults import CalibrationFault, of_field, of_magnets
+from imud.calibration.guided.whole import ModuleFit
+from imud.calibration.recording import GRAVITY_M_S2, SensorRecording
+from imud.calibration.stops import StaticInterval
 from imud.rotation import FloatArray
 
 # An axis is dead if it hardly changes while the others do.
@@ -35,14 +35,18 @@ STOPS_MIN = 6  # with fewer nothing is said of the module
 BROKEN = "try another module, and check the wires"
 
 
-def of_module(recording: Recording, stops: list[Stop], fit: Fit | None) -> Fault | None:
+def of_module(
+    recording: SensorRecording, stops: list[StaticInterval], fit: ModuleFit | None
+) -> CalibrationFault | None:
     """A sensor that can't be calibrated, as far as the recording shows it."""
     if fit is None or len(stops) < STOPS_MIN:
         return None
     return _stuck(recording, stops, fit) or _swapped(recording, fit)
 
 
-def _stuck(recording: Recording, stops: list[Stop], fit: Fit) -> Fault | None:
+def _stuck(
+    recording: SensorRecording, stops: list[StaticInterval], fit: ModuleFit
+) -> CalibrationFault | None:
     rest, _ = means(recording, stops)
     # A live axis may hardly change, too, but then gravity keeps its length.
     acc = np.ptp(rest, axis=0) if fit.acc.chi > SHAKING_CHI else None
@@ -56,7 +60,7 @@ def _stuck(recording: Recording, stops: list[Stop], fit: Fit) -> Fault | None:
         if swing is None or np.median(swing) < alive:
             continue
         for axis in np.flatnonzero(swing < dead):
-            return Fault(
+            return CalibrationFault(
                 "dead_axis",
                 f"the {name}'s {'xyz'[axis]} axis does not follow: it is dead or at "
                 "the end of its range",
@@ -68,17 +72,17 @@ def _stuck(recording: Recording, stops: list[Stop], fit: Fit) -> Fault | None:
 MAG_RANGE = (ALIVE_UT, DEAD_UT)
 
 
-def _swapped(recording: Recording, fit: Fit) -> Fault | None:
+def _swapped(recording: SensorRecording, fit: ModuleFit) -> CalibrationFault | None:
     if fit.gyr.residual_rad > WRONG_RAD:
         axes = _gyro_axes(recording, fit)
         if axes is not None:
-            return Fault(
+            return CalibrationFault(
                 "swapped_axes",
                 f"the gyroscope's axes do not fit the accelerometer's: x, y, z seem to "
                 f"be {axes}",
                 "this firmware does not know how the module's dies lie",
             )
-        return Fault(
+        return CalibrationFault(
             "gyroscope",
             "the gyroscope does not turn as gravity does: after a turn they differ by "
             f"{math.degrees(fit.gyr.residual_rad):.0f} degrees",
@@ -88,7 +92,7 @@ def _swapped(recording: Recording, fit: Fit) -> Fault | None:
     if mag is not None:
         turned = closest_turn(mag.matrix) if np.linalg.det(mag.matrix) > 0.0 else None
         if turned is None or np.trace(turned) < 1.0 + 2.0 * math.cos(0.5):
-            return Fault(
+            return CalibrationFault(
                 "swapped_axes",
                 "the magnetometer's axes do not fit the accelerometer's",
                 "this firmware does not know how the module's dies lie",
@@ -96,7 +100,7 @@ def _swapped(recording: Recording, fit: Fit) -> Fault | None:
     return None
 
 
-def _gyro_axes(recording: Recording, fit: Fit) -> str | None:
+def _gyro_axes(recording: SensorRecording, fit: ModuleFit) -> str | None:
     """The signed order of axes that explains the turns; None if no other one does."""
     best, found = fit.gyr.residual_rad / BETTER, None
     for order in itertools.permutations(range(3)):
@@ -113,22 +117,28 @@ def _gyro_axes(recording: Recording, fit: Fit) -> str | None:
     return found
 
 
-def of_room(fit: Fit, earth: Earth | None) -> Fault | None:
+def of_room(fit: ModuleFit, earth: Earth | None) -> CalibrationFault | None:
     """The same, and a field that is not that of the place."""
     mag = fit.mag
     if mag is None:
         return None
     strange = strangeness(earth, mag.norm_ut, mag.dip_deg) if earth else None
-    other = Fault("strange_room", strange, "move away from it") if strange else None
+    other = (
+        CalibrationFault("strange_room", strange, "move away from it")
+        if strange
+        else None
+    )
     return of_field(mag, fit.score.heading_deg) or other
 
 
-def of_score(fit: Fit | None, stops: int, *, has_mag: bool) -> Fault | None:
+def of_score(
+    fit: ModuleFit | None, stops: int, *, has_mag: bool
+) -> CalibrationFault | None:
     """Why a calibration is not good enough; None if it is. `has_mag`: the magnetometer
     is to be calibrated, too.
     """
     if fit is None:
-        return Fault(
+        return CalibrationFault(
             "too_few",
             f"only {stops} poses: nothing can be said",
             "lay the probe still in nine or more attitudes, for two seconds each",
@@ -141,31 +151,31 @@ def of_score(fit: Fit | None, stops: int, *, has_mag: bool) -> Fault | None:
     if fit.mag is not None and fit.score.is_headed:
         return of_magnets(fit.mag)
     if heading is None:
-        return Fault(
+        return CalibrationFault(
             "no_magnetometer",
             "the magnetometer gave too few readings",
             "imud calibrate acc PROBE and gyro calibrate the others alone",
         )
-    return of_field(fit.mag, heading) or Fault(
+    return of_field(fit.mag, heading) or CalibrationFault(
         "weak_heading",
         f"heading would be +-{heading:.1f} degrees",
         f"add poses; {_missing(fit)}",
     )
 
 
-def _weak_level(fit: Fit) -> Fault:
+def _weak_level(fit: ModuleFit) -> CalibrationFault:
     found = f"tilt would be +-{fit.score.tilt_deg:.2f} degrees"
     if fit.acc.chi > SHAKING_CHI:
-        return Fault(
+        return CalibrationFault(
             "shaking",
             f"{found}: gravity differs between the poses by "
             f"{fit.acc.residual_m_s2 / GRAVITY_M_S2 * 1000:.1f} mg more than it can",
             "lay the probe on something that does not move, and do not hold it",
         )
-    return Fault("missing_poses", found, _missing(fit))
+    return CalibrationFault("missing_poses", found, _missing(fit))
 
 
-def _missing(fit: Fit) -> str:
+def _missing(fit: ModuleFit) -> str:
     """Which pose would help most."""
     shown: FloatArray = fit.up
     wanted = poses.wanted(fit.acc)

@@ -14,10 +14,10 @@ import math
 import numpy as np
 
 from imud.calibration.algebra import onto, units
-from imud.calibration.faults import Fault
-from imud.calibration.guided.whole import Fit
+from imud.calibration.faults import CalibrationFault
+from imud.calibration.guided.whole import ModuleFit
 from imud.calibration.path import UP
-from imud.calibration.recording import Recording
+from imud.calibration.recording import SensorRecording
 from imud.rotation import FloatArray
 
 # A base that is down, a table that is level enough, half a turn.
@@ -28,27 +28,27 @@ HALF_TURN = (math.radians(150.0), math.radians(210.0))
 
 def turned(
     first: FloatArray, second: FloatArray, angle_rad: float
-) -> FloatArray | Fault:
+) -> FloatArray | CalibrationFault:
     """The rotation matrix from the sensor's frame to the housing's, or why there is
     none. `first`, `second`: unit vectors up in the sensor's frame at the two stops;
     `angle_rad`: how far the probe was turned between them, by the gyroscope.
     """
     leaning = math.acos(np.clip(min(first @ UP, second @ UP), -1.0, 1.0))
     if leaning > LEANING_MAX:
-        return Fault(
+        return CalibrationFault(
             "not_base_down",
             f"it leans by {math.degrees(leaning):.0f} degrees",
             "lay it base down on a table",
         )
     if not HALF_TURN[0] < abs(angle_rad) < HALF_TURN[1]:
-        return Fault(
+        return CalibrationFault(
             "not_half_turn",
             f"it was turned by {math.degrees(abs(angle_rad)):.0f} degrees",
             "turn it by half a turn on the spot",
         )
     slope = math.acos(np.clip(first @ second, -1.0, 1.0)) / 2.0
     if slope > SLOPE_MAX:
-        return Fault(
+        return CalibrationFault(
             "sloping_table",
             f"the table slopes by {math.degrees(slope):.0f} degrees",
             "use one that is level",
@@ -61,7 +61,7 @@ def turn_about_up(rate: FloatArray, step_s: float, up: FloatArray) -> float:
     return float((rate @ up).sum() * step_s)
 
 
-def found(recording: Recording, fit: Fit) -> FloatArray | None:
+def found(recording: SensorRecording, fit: ModuleFit) -> FloatArray | None:
     """The turn into the housing, if a recording has the two stops for it: the last ones
     that follow each other. None: it has not.
     """
@@ -70,6 +70,6 @@ def found(recording: Recording, fit: Fit) -> FloatArray | None:
         rate = fit.gyr.rate[first.middle : last.middle]
         angle = turn_about_up(rate, recording.step_s, up_last)
         turn = turned(up, up_last, angle)
-        if not isinstance(turn, Fault):
+        if not isinstance(turn, CalibrationFault):
             return turn
     return None

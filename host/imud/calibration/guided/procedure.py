@@ -19,12 +19,12 @@ from imud.calibration import accelerometer, poses
 from imud.calibration.accelerometer import AccFit
 from imud.calibration.algebra import units
 from imud.calibration.earth import Earth
-from imud.calibration.faults import Fault
+from imud.calibration.faults import CalibrationFault
 from imud.calibration.guided import faults, housing, whole
-from imud.calibration.guided.whole import Fit
-from imud.calibration.poses import Pose
-from imud.calibration.recording import Gatherer, Recording, Sample, Scale
-from imud.calibration.stops import BLOCK_S, Blocks, Stop
+from imud.calibration.guided.whole import ModuleFit
+from imud.calibration.poses import StaticPose
+from imud.calibration.recording import Gatherer, Sample, Scale, SensorRecording
+from imud.calibration.stops import BLOCK_S, Blocks, StaticInterval
 from imud.rotation import FloatArray
 
 GOOD_S = 1.5  # of stillness: then the pose counts; more makes it better
@@ -49,26 +49,26 @@ class PoseTaken(msgspec.Struct, frozen=True):
 class Troubled(msgspec.Struct, frozen=True):
     """Something went wrong; the procedure goes on."""
 
-    fault: Fault
+    fault: CalibrationFault
 
 
 class Finished(msgspec.Struct, frozen=True):
     """The calibration is good."""
 
-    fit: Fit
+    fit: ModuleFit
     turn: FloatArray | None  # from the sensor's frame to the housing's, if known
 
 
-class Refused(msgspec.Struct, frozen=True):
+class FitRefused(msgspec.Struct, frozen=True):
     """It is not good enough, or can't be made."""
 
-    fault: Fault
+    fault: CalibrationFault
 
 
-Event = PoseTaken | Troubled | Finished | Refused
+Event = PoseTaken | Troubled | Finished | FitRefused
 
 
-class Status(msgspec.Struct, frozen=True):
+class ProcedureStatus(msgspec.Struct, frozen=True):
     """What a screen shows."""
 
     phase: Phase
@@ -109,15 +109,15 @@ class Procedure:
     has_mag: bool = True
     earth: Earth | None = None  # the field of the place, if it is known
     phase: Phase = "poses"
-    fit: Fit | None = None
-    trouble: Fault | None = None
+    fit: ModuleFit | None = None
+    trouble: CalibrationFault | None = None
     ups: list[FloatArray] = field(default_factory=list)
-    wanted: Pose = poses.BASE_DOWN
+    wanted: StaticPose = poses.BASE_DOWN
     _gatherer: Gatherer = field(init=False)
     _still: _Still = field(default_factory=_Still)
-    _stops: list[Stop] = field(default_factory=list)
+    _stops: list[StaticInterval] = field(default_factory=list)
     _checked: int = 0
-    _first_down: Stop | None = None
+    _first_down: StaticInterval | None = None
 
     def __post_init__(self) -> None:
         self._gatherer = Gatherer(self.scale)
@@ -144,11 +144,11 @@ class Procedure:
             return []
         return [self._judge(self._gatherer.recording())]
 
-    def recording(self) -> Recording:
+    def recording(self) -> SensorRecording:
         """All that it was fed."""
         return self._gatherer.recording()
 
-    def _look(self, recording: Recording) -> list[Event]:
+    def _look(self, recording: SensorRecording) -> list[Event]:
         """Follows the stillness by one block."""
         blocks = Blocks.of(recording)
         runs = np.flatnonzero(blocks.is_still == 0.0)
@@ -165,7 +165,7 @@ class Procedure:
         self._stops = [s for s in blocks.stops() if _is_long(s, recording)]
         return self._take(recording)
 
-    def _move(self, recording: Recording) -> list[Event]:
+    def _move(self, recording: SensorRecording) -> list[Event]:
         """The probe moves; perhaps it did so too early."""
         still, self._still = self._still, _Still()
         if still.start < 0 or still.is_taken:
@@ -174,18 +174,18 @@ class Procedure:
         if lasted < MOVED_S:
             return []
         return self._trouble(
-            Fault(
+            CalibrationFault(
                 "moved",
                 f"it moved after {lasted:.1f} s",
                 "lay it on something and let go, for two seconds",
             )
         )
 
-    def _trouble(self, fault: Fault) -> list[Event]:
+    def _trouble(self, fault: CalibrationFault) -> list[Event]:
         self.trouble = fault
         return [Troubled(fault)]
 
-    def _take(self, recording: Recording) -> list[Event]:
+    def _take(self, recording: SensorRecording) -> list[Event]:
         """A stop is long enough."""
         self.trouble = None
         self.fit = whole.fit(recording, self._stops)
@@ -206,21 +206,23 @@ class Procedure:
                 events += self._trouble(spoilt)
         if not is_new:
             events += self._trouble(
-                Fault("again", "it lay like this before", f"now {self.wanted.words}")
+                CalibrationFault(
+                    "again", "it lay like this before", f"now {self.wanted.words}"
+                )
             )
         return events + self._after_pose(recording)
 
-    def _early(self, recording: Recording) -> AccFit:
+    def _early(self, recording: SensorRecording) -> AccFit:
         """What a few stops say, for the choice of the next one."""
         readings, sigma = accelerometer.means(recording, self._stops)
         return accelerometer.fit(readings, sigma)
 
-    def _up(self, recording: Recording, stop: Stop) -> FloatArray:
+    def _up(self, recording: SensorRecording, stop: StaticInterval) -> FloatArray:
         """Where up is in the body, as well as it is known."""
         mean = recording.acc[stop.start : stop.end].mean(axis=0)
         return units(self.fit.acc.force(mean) if self.fit is not None else mean)
 
-    def _after_pose(self, recording: Recording) -> list[Event]:
+    def _after_pose(self, recording: SensorRecording) -> list[Event]:
         if len(self.ups) < self.count or self.fit is None:
             return []
         weak = self._weakness()
@@ -234,28 +236,32 @@ class Procedure:
             return [self._judge(recording)]
         return []
 
-    def _take_housing(self, recording: Recording, up: FloatArray) -> list[Event]:
+    def _take_housing(self, recording: SensorRecording, up: FloatArray) -> list[Event]:
         last, first = self._stops[-1], self._first_down
         if first is None or self.fit is None:
             if up @ poses.BASE_DOWN.up < ALIKE:
-                leans = Fault("not_base_down", "it is not base down", "lay it so")
+                leans = CalibrationFault(
+                    "not_base_down", "it is not base down", "lay it so"
+                )
                 return self._trouble(leans)
             self.phase, self._first_down = "half_turn", last
             return []
         between = slice(first.middle, last.middle)
         angle = housing.turn_about_up(self.fit.gyr.rate[between], recording.step_s, up)
         turn = housing.turned(self._up(recording, first), up, angle)
-        if isinstance(turn, Fault):
+        if isinstance(turn, CalibrationFault):
             # Where it lies now may be the first of another try.
             self._first_down = last if up @ poses.BASE_DOWN.up > ALIKE else None
             self.phase = "half_turn" if self._first_down is not None else "base_down"
             return self._trouble(turn)
         return [self._judge(recording, turn)]
 
-    def _weakness(self) -> Fault | None:
+    def _weakness(self) -> CalibrationFault | None:
         return faults.of_score(self.fit, len(self._stops), has_mag=self.has_mag)
 
-    def _judge(self, recording: Recording, turn: FloatArray | None = None) -> Event:
+    def _judge(
+        self, recording: SensorRecording, turn: FloatArray | None = None
+    ) -> Event:
         """The last word: a last fit, of all stops."""
         stops = [s for s in Blocks.of(recording).stops() if _is_long(s, recording)]
         self._stops = stops
@@ -266,18 +272,20 @@ class Procedure:
         self.phase = "done"
         return Finished(self.fit, turn)
 
-    def _refuse(self, fault: Fault | None) -> Refused:
+    def _refuse(self, fault: CalibrationFault | None) -> FitRefused:
         self.phase = "refused"
         self.trouble = fault
-        return Refused(fault or Fault("unknown", "it can't be calibrated", "try again"))
+        return FitRefused(
+            fault or CalibrationFault("unknown", "it can't be calibrated", "try again")
+        )
 
-    def status(self) -> Status:
+    def status(self) -> ProcedureStatus:
         """What a screen shows now."""
         step_s = self._gatherer.step_s
         is_still = self._still.start >= 0
         still_s = (self._checked - self._still.start) * step_s if is_still else 0.0
         score = self.fit.score if self.fit is not None else None
-        return Status(
+        return ProcedureStatus(
             self.phase,
             self._says(is_still=is_still),
             len(self.ups),
@@ -311,7 +319,7 @@ class Procedure:
         return f"Good ({done} of {of}). Now lay it {self.wanted.words}."
 
 
-def _is_long(stop: Stop, recording: Recording) -> bool:
+def _is_long(stop: StaticInterval, recording: SensorRecording) -> bool:
     return len(stop) * recording.step_s >= GOOD_S - BLOCK_S / 2
 
 

@@ -12,9 +12,9 @@ from imud.calibration.affine import Affine
 from imud.calibration.algebra import closest_turn
 from imud.calibration.earth import Earth, strangeness
 from imud.calibration.guided.wave import Wave
-from imud.calibration.guided.whole import Fit
+from imud.calibration.guided.whole import ModuleFit
 from imud.calibration.recording import GRAVITY_M_S2, Scale
-from imud.calibration.result import Outcome, with_mag, with_sensor
+from imud.calibration.result import CalibrationResult, with_mag, with_sensor
 from imud.params.value import Calibration, Params
 from imud.rotation import FloatArray
 
@@ -24,14 +24,14 @@ HOUSING_MAX_RAD = math.radians(15.0)  # of an old one that is kept
 
 
 def result_of_fit(
-    fit: Fit,
+    fit: ModuleFit,
     scale: Scale,
     before: Params,
     turn: FloatArray | None = None,
     day: datetime.date | None = None,
     sensors: tuple[str, ...] = SENSORS,
     earth: Earth | None = None,
-) -> Outcome:
+) -> CalibrationResult:
     """The params before with new calibrations of these sensors. `turn`: from the
     sensor's frame into the housing's; None: as before. `earth`: the field of the place,
     which gives the magnetometer its scale if it was measured there.
@@ -61,7 +61,7 @@ def result_of_fit(
         done.append("mag")
     params.check()
     last = fit.stops[-1]
-    return Outcome(
+    return CalibrationResult(
         params,
         tuple(done),
         len(fit.stops),
@@ -81,14 +81,14 @@ def result_of_wave(
     before: Params,
     temperature_c: float | None = None,
     day: datetime.date | None = None,
-) -> Outcome:
+) -> CalibrationResult:
     """The params before with the magnetometer of a wave. It was found in the frame of
     the calibrated accelerometer, so it has the housing's turn in it.
     """
     made = {"temperature_c": temperature_c, "day": day, "method": "wave"}
     params = with_mag(before, wave.mag, wave.field_deg, np.eye(3), scale, made)
     params.check()
-    return Outcome(
+    return CalibrationResult(
         params,
         ("mag",),
         temperature_c=temperature_c,

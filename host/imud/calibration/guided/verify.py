@@ -18,8 +18,14 @@ import numpy as np
 
 from imud.calibration.affine import Affine, affine_of
 from imud.calibration.algebra import integrated, units
-from imud.calibration.recording import GRAVITY_M_S2, Gatherer, Recording, Sample, Scale
-from imud.calibration.stops import Stop, find_stops
+from imud.calibration.recording import (
+    GRAVITY_M_S2,
+    Gatherer,
+    Sample,
+    Scale,
+    SensorRecording,
+)
+from imud.calibration.stops import StaticInterval, find_stops
 from imud.params.value import Calibration, Params
 from imud.rotation import FloatArray
 
@@ -33,7 +39,7 @@ HEADING_GOOD_DEG = 3.0
 GYR_GOOD = 0.01  # of the turned angle
 
 
-class Finding(msgspec.Struct, frozen=True):
+class SensorCheck(msgspec.Struct, frozen=True):
     """What was found of one sensor."""
 
     sensor: str  # acc, gyr, mag
@@ -44,7 +50,7 @@ class Finding(msgspec.Struct, frozen=True):
 class Report(msgspec.Struct, frozen=True):
     """The verdict on a calibration."""
 
-    findings: tuple[Finding, ...]
+    findings: tuple[SensorCheck, ...]
 
     @property
     def is_good(self) -> bool:
@@ -96,19 +102,19 @@ class Verify:
         return "Good. Let it lie."
 
 
-def _are_apart(recording: Recording, stops: list[Stop]) -> bool:
+def _are_apart(recording: SensorRecording, stops: list[StaticInterval]) -> bool:
     if len(stops) < 2:
         return False
     ups = _ups(recording.acc, stops)
     return bool((ups @ ups.T).min() < math.cos(APART_RAD))
 
 
-def _ups(acc: FloatArray, stops: list[Stop]) -> FloatArray:
+def _ups(acc: FloatArray, stops: list[StaticInterval]) -> FloatArray:
     return units(np.array([acc[stop.start : stop.end].mean(axis=0) for stop in stops]))
 
 
 def report(
-    recording: Recording, scale: Scale, params: Params, *, has_mag: bool = True
+    recording: SensorRecording, scale: Scale, params: Params, *, has_mag: bool = True
 ) -> Report:
     """What a recording says of a calibration."""
     stops = find_stops(recording)
@@ -134,16 +140,16 @@ def report(
 Judged = tuple[bool, str]
 
 
-def _finding(sensor: str, of: Calibration | None, found: Judged | None) -> Finding:
+def _finding(sensor: str, of: Calibration | None, found: Judged | None) -> SensorCheck:
     if of is None:
-        return Finding(sensor, "not calibrated", "imud calibrate PROBE")
+        return SensorCheck(sensor, "not calibrated", "imud calibrate PROBE")
     if found is None:
-        return Finding(sensor, "not seen", "it was not laid still in two attitudes")
+        return SensorCheck(sensor, "not seen", "it was not laid still in two attitudes")
     is_good, words = found
-    return Finding(sensor, "good" if is_good else "bad", words)
+    return SensorCheck(sensor, "good" if is_good else "bad", words)
 
 
-def _of_acc(acc: FloatArray, stops: list[Stop]) -> Judged:
+def _of_acc(acc: FloatArray, stops: list[StaticInterval]) -> Judged:
     lengths = [
         float(np.linalg.norm(acc[stop.start : stop.end].mean(axis=0))) for stop in stops
     ]
@@ -157,7 +163,10 @@ def _of_acc(acc: FloatArray, stops: list[Stop]) -> Judged:
 
 
 def _of_gyr(
-    recording: Recording, gyr: Affine, ups: FloatArray, stops: list[Stop]
+    recording: SensorRecording,
+    gyr: Affine,
+    ups: FloatArray,
+    stops: list[StaticInterval],
 ) -> Judged:
     rest = stops[0]
     bias = recording.gyr[rest.start : rest.end].mean(axis=0)
@@ -179,7 +188,10 @@ def _of_gyr(
 
 
 def _of_mag(
-    mag: FloatArray, acc: FloatArray, stops: list[Stop], of: Calibration | None
+    mag: FloatArray,
+    acc: FloatArray,
+    stops: list[StaticInterval],
+    of: Calibration | None,
 ) -> Judged | None:
     norms, dips, dip_deg = [], [], of.dip_deg if of is not None else None
     for stop in stops:

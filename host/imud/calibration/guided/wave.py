@@ -17,14 +17,14 @@ import numpy as np
 from imud.calibration import magnetometer, path
 from imud.calibration.affine import Affine
 from imud.calibration.algebra import integrated, units
-from imud.calibration.faults import Fault, of_field, of_magnets
+from imud.calibration.faults import CalibrationFault, of_field, of_magnets
 from imud.calibration.magnetometer import MagFit, Readings
 from imud.calibration.recording import (
     Gatherer,
     IntArray,
-    Recording,
     Sample,
     Scale,
+    SensorRecording,
 )
 from imud.calibration.score import HEADING_MAX_DEG, TILT_TO_HEADING, field_deg
 from imud.calibration.stops import find_stops
@@ -45,7 +45,9 @@ class Wave:
     field_deg: float  # the magnetometer's part
 
 
-def fit(recording: Recording, acc: Affine, gyr: Affine, tilt_deg: float) -> Wave | None:
+def fit(
+    recording: SensorRecording, acc: Affine, gyr: Affine, tilt_deg: float
+) -> Wave | None:
     """The magnetometer's calibration in the frame of calibrated force and rate; None if
     the recording does not determine one. `tilt_deg`: how well the force is known.
     """
@@ -70,22 +72,22 @@ def fit(recording: Recording, acc: Affine, gyr: Affine, tilt_deg: float) -> Wave
     return Wave(found, math.hypot(TILT_TO_HEADING * tilt_deg, own), own)
 
 
-def weakness(wave: Wave | None) -> Fault | None:
+def weakness(wave: Wave | None) -> CalibrationFault | None:
     """Why a wave is not good enough; None if it is."""
     if wave is None:
-        return Fault(
+        return CalibrationFault(
             "too_short", "there is too little to go by", "wave it for half a minute"
         )
     if wave.heading_deg <= HEADING_MAX_DEG:
         return of_magnets(wave.mag)
-    return of_field(wave.mag, wave.heading_deg) or Fault(
+    return of_field(wave.mag, wave.heading_deg) or CalibrationFault(
         "weak_heading",
         f"heading would be +-{wave.heading_deg:.1f} degrees",
         "turn it further: on its head, on each side",
     )
 
 
-def _rest_bias(recording: Recording, gyr: Affine) -> FloatArray:
+def _rest_bias(recording: SensorRecording, gyr: Affine) -> FloatArray:
     """What the calibrated rate is at rest; zero if it never rested."""
     stops = find_stops(recording)
     if not stops:
@@ -140,7 +142,7 @@ class Waving:
         """The mean of the die."""
         return self._gatherer.recording().temperature_c
 
-    def feed(self, sample: Sample) -> Wave | Fault | None:
+    def feed(self, sample: Sample) -> Wave | CalibrationFault | None:
         """Takes a sample; what came of it once it is over."""
         self._gatherer.add(sample)
         if self.seconds < self._judged_s + EVERY_S:
@@ -151,12 +153,14 @@ class Waving:
             return self.end()
         return self.end() if self.seconds >= LONGEST_S else None
 
-    def end(self) -> Wave | Fault:
+    def end(self) -> Wave | CalibrationFault:
         """What there is, judged."""
         self._fit()
         weak = weakness(self.wave)
         if weak is not None or self.wave is None:
-            return weak or Fault("too_short", "there is too little to go by", "go on")
+            return weak or CalibrationFault(
+                "too_short", "there is too little to go by", "go on"
+            )
         return self.wave
 
     def _fit(self) -> None:

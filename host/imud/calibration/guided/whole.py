@@ -13,31 +13,33 @@ from imud.calibration.accelerometer import AccFit
 from imud.calibration.algebra import units
 from imud.calibration.gyroscope import GyrFit
 from imud.calibration.magnetometer import MagFit, Readings
-from imud.calibration.recording import GRAVITY_M_S2, Recording
-from imud.calibration.score import Score, score
-from imud.calibration.stops import Stop, find_stops
+from imud.calibration.recording import GRAVITY_M_S2, SensorRecording
+from imud.calibration.score import CalibrationScore, score
+from imud.calibration.stops import StaticInterval, find_stops
 from imud.rotation import FloatArray
 
 STOPS_MIN = 4  # with fewer there is nothing to fit
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class ModuleFit:
     """What one recording says of a module. `mag` is None without readings that
     determine it.
     """
 
-    stops: tuple[Stop, ...]
+    stops: tuple[StaticInterval, ...]
     acc: AccFit
     gyr: GyrFit
     mag: MagFit | None
     up: FloatArray  # (k, 3) unit vectors: where up is in the body, of each stop
-    score: Score
+    score: CalibrationScore
     step_s: float  # of the recording
     temperature_c: float | None
 
 
-def fit(recording: Recording, stops: list[Stop] | None = None) -> Fit | None:
+def fit(
+    recording: SensorRecording, stops: list[StaticInterval] | None = None
+) -> ModuleFit | None:
     """The calibration of a recording; None with fewer than STOPS_MIN stops. `stops`:
     those to use, else all that are found.
     """
@@ -60,7 +62,7 @@ def fit(recording: Recording, stops: list[Stop] | None = None) -> Fit | None:
         middles * recording.step_s,
         np.array(broken),
     )
-    return Fit(
+    return ModuleFit(
         tuple(stops),
         acc,
         gyr,

@@ -18,7 +18,7 @@ from imud.calibration.algebra import (
     symmetric_slopes,
     units,
 )
-from imud.calibration.recording import GRAVITY_M_S2, IntArray, Recording
+from imud.calibration.recording import GRAVITY_M_S2, IntArray, SensorRecording
 from imud.rotation import FloatArray
 
 FORCE_S = 4.0  # of the raised cosine by which force is averaged
@@ -106,10 +106,10 @@ class Rows:
 
 
 @dataclass(slots=True)
-class Motion:
+class MotionEquations:
     """A recording while it is fitted."""
 
-    recording: Recording
+    recording: SensorRecording
     rest_step: float  # at which the bias was that of the rest
     estimate: Estimate
     step: FloatArray = field(init=False)  # the last one

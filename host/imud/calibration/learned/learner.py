@@ -17,14 +17,14 @@ import numpy as np
 from imud.calibration.affine import Affine, affine_of
 from imud.calibration.faults import of_magnets
 from imud.calibration.learned import motion
-from imud.calibration.learned.motion import Known, MotionFit
+from imud.calibration.learned.motion import MotionFit, Priors
 from imud.calibration.recording import (
     GAP_S,
     GRAVITY_M_S2,
     Gatherer,
-    Recording,
     Sample,
     Scale,
+    SensorRecording,
     is_clipped,
 )
 from imud.calibration.result import with_mag, with_sensor
@@ -51,7 +51,7 @@ AWAY_MAX = 0.09  # of an entry of a matrix
 ACC_BIAS_MAX_M_S2 = 1.5
 
 
-class Rest(msgspec.Struct, frozen=True):
+class RestRate(msgspec.Struct, frozen=True):
     """When the probe lay still, device time, and its rates then in nominal units."""
 
     t_us: float
@@ -72,7 +72,7 @@ class Work(msgspec.Struct, frozen=True):
 
     samples: tuple[Sample, ...]
     scale: Scale
-    rest: Rest | None
+    rest: RestRate | None
     base: bytes  # records before anything was learned
     records: bytes  # in force
 
@@ -82,7 +82,7 @@ class Learned:
     """What came of a fit."""
 
     proposal: Proposal | None
-    rest: Rest | None
+    rest: RestRate | None
     since_us: int = 0  # device time; the samples before it do not fit
 
 
@@ -91,7 +91,7 @@ class Learner:
     """The samples of one probe."""
 
     scale: Scale
-    rest: Rest | None = None
+    rest: RestRate | None = None
     base: bytes | None = None  # the params before anything was learned
     samples: deque[Sample] = field(default_factory=deque)
     _turned_rad: float = 0.0
@@ -166,7 +166,7 @@ def learned_of(work: Work) -> Learned:
     return Learned(None, rest)
 
 
-def _rest_of(recording: Recording, begin_us: int) -> Rest | None:
+def _rest_of(recording: SensorRecording, begin_us: int) -> RestRate | None:
     """The mean over all stops."""
     stops = find_stops(recording)
     if not stops:
@@ -174,16 +174,18 @@ def _rest_of(recording: Recording, begin_us: int) -> Rest | None:
     rates = np.concatenate([recording.gyr[stop.start : stop.end] for stop in stops])
     x, y, z = (float(value) for value in rates.mean(axis=0))
     middle = float(np.mean([stop.middle for stop in stops]))
-    return Rest(begin_us + middle * recording.step_s * 1e6, (x, y, z))
+    return RestRate(begin_us + middle * recording.step_s * 1e6, (x, y, z))
 
 
-def _starts(recording: Recording) -> list[int]:
+def _starts(recording: SensorRecording) -> list[int]:
     """Where what is fitted begins: all of it, then the parts that are shorter."""
     steps = [len(recording) - round(part / recording.step_s) for part in PARTS_S]
     return [0, *(start for start in steps if start > 0)]
 
 
-def _calibrated(recording: Recording, params: Params, scale: Scale) -> Recording:
+def _calibrated(
+    recording: SensorRecording, params: Params, scale: Scale
+) -> SensorRecording:
     """As the filter has it."""
     return replace(
         recording,
@@ -202,9 +204,9 @@ def sigma_of(calibration: Calibration | None) -> float | None:
     return calibration.sigma
 
 
-def known_of(params: Params) -> Known:
+def known_of(params: Params) -> Priors:
     """What the params in force say before the fit."""
-    known = Known()
+    known = Priors()
     acc, gyr, mag = sigma_of(params.acc), sigma_of(params.gyr), sigma_of(params.mag)
     if acc is not None:
         known = replace(known, acc_m_s2=acc, acc_scale=acc / GRAVITY_M_S2)
@@ -260,7 +262,7 @@ def _proposal(
     return Proposal(params, found.tilt_deg, found.heading_deg, sigma_ut)
 
 
-def _beginning_anew(found: Proposal, rest: Rest, scale: Scale) -> Proposal:
+def _beginning_anew(found: Proposal, rest: RestRate, scale: Scale) -> Proposal:
     """The same with the gyroscope's bias, if it was learned, too. With another bias a
     filter begins anew (goes_on), which it should: the samples that do not fit have
     taught it a wrong north and a wrong own field. With the bias it does so in motion.

@@ -36,11 +36,11 @@ from imud.calibration.learned.equations import (
     MAG_MATRIX,
     RATE,
     Estimate,
-    Motion,
+    MotionEquations,
     Rows,
 )
 from imud.calibration.magnetometer import MagFit
-from imud.calibration.recording import Recording
+from imud.calibration.recording import SensorRecording
 from imud.calibration.score import TILT_TO_HEADING, tilt_errors
 from imud.rotation import FloatArray
 
@@ -58,7 +58,7 @@ LAG_SD_S, LAG_MAX_S = 0.008, 0.03
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class Priors:
     """One-sigma errors before the fit; as given: of sensors that nobody calibrated."""
 
     acc_m_s2: float = 0.25  # of a bias
@@ -88,7 +88,7 @@ class MotionFit:
 
 
 def _prior(
-    known: Known, motion: Motion, walk_rad: float
+    known: Priors, motion: MotionEquations, walk_rad: float
 ) -> tuple[FloatArray, FloatArray]:
     """Rows of what is known before, over their sigmas, and what they should be."""
     knots = len(motion.knots)
@@ -115,7 +115,7 @@ def _prior(
     return np.concatenate([rows, walk]), np.append(away, np.zeros(3 * knots))
 
 
-def _soft_rows(known: Known) -> FloatArray:
+def _soft_rows(known: Priors) -> FloatArray:
     """Of the matrix's symmetric part by soft iron, of the other by the die's turn."""
     rows = np.zeros((9, 9))
     for axis in range(3):
@@ -129,7 +129,9 @@ def _soft_rows(known: Known) -> FloatArray:
     return rows
 
 
-def _rounds(motion: Motion, known: Known) -> Iterator[tuple[Rows, Rows, FloatArray]]:
+def _rounds(
+    motion: MotionEquations, known: Priors
+) -> Iterator[tuple[Rows, Rows, FloatArray]]:
     """Each round's equations, and the covariance; the estimate is moved on."""
     for at, walk_rad in enumerate(WALK_RAD):
         force, readings = motion.equations()
@@ -153,10 +155,10 @@ def _rounds(motion: Motion, known: Known) -> Iterator[tuple[Rows, Rows, FloatArr
 
 
 def fit(
-    recording: Recording,
+    recording: SensorRecording,
     rest_rad_s: FloatArray,
     rest_step: float,
-    known: Known | None = None,
+    known: Priors | None = None,
 ) -> MotionFit | None:
     """What a recording in motion says of all three sensors; None if it does not
     determine them. `rest_rad_s`: the gyroscope's bias at a rest, at that step of the
@@ -165,9 +167,9 @@ def fit(
     is_mag = np.isfinite(recording.mag[:, 0]) if len(recording) else np.zeros(0)
     if recording.seconds < LEAST_S or is_mag.sum() < LEAST_S or recording.breaks:
         return None
-    motion = Motion(recording, rest_step, Estimate(np.asarray(rest_rad_s)))
+    motion = MotionEquations(recording, rest_step, Estimate(np.asarray(rest_rad_s)))
     try:
-        for force, readings, covariance in _rounds(motion, known or Known()):
+        for force, readings, covariance in _rounds(motion, known or Priors()):
             last = force, readings, covariance
     except np.linalg.LinAlgError:
         return None
@@ -175,7 +177,7 @@ def fit(
 
 
 def _found(
-    motion: Motion, force: Rows, readings: Rows, covariance: FloatArray
+    motion: MotionEquations, force: Rows, readings: Rows, covariance: FloatArray
 ) -> MotionFit | None:
     values = motion.estimate.values
     upward = float(values[FIELD] @ motion.up)

@@ -12,15 +12,15 @@ from imud.calibration import poses
 from imud.calibration.affine import Affine, MethodError
 from imud.calibration.algebra import units
 from imud.calibration.poses import FACES
-from imud.calibration.recording import Recording
-from imud.calibration.stops import Stop
+from imud.calibration.recording import SensorRecording
+from imud.calibration.stops import StaticInterval
 from imud.rotation import FloatArray
 
 FACE_MAX_RAD = math.radians(30.0)  # between a stop and the face that it shows
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class MethodResult:
     """What a method makes of a recording; None: it does not calibrate that sensor."""
 
     acc: Affine | None = None
@@ -36,7 +36,7 @@ def normalised(matrix: FloatArray) -> FloatArray:
     return np.asarray(matrix / np.cbrt(size))
 
 
-def means(readings: FloatArray, stops: list[Stop]) -> FloatArray:
+def means(readings: FloatArray, stops: list[StaticInterval]) -> FloatArray:
     """The mean of each stop, shape (k, 3); NaN where there is no reading."""
     return np.array([_mean(readings[stop.start : stop.end]) for stop in stops])
 
@@ -46,22 +46,28 @@ def _mean(rows: FloatArray) -> FloatArray:
     return there.mean(axis=0) if len(there) else np.full(3, math.nan)
 
 
-def faces(recording: Recording, stops: list[Stop]) -> dict[str, list[Stop]]:
+def faces(
+    recording: SensorRecording, stops: list[StaticInterval]
+) -> dict[str, list[StaticInterval]]:
     """The stops of each of the six faces by its name (+z: base down), as far as they
     are near one.
     """
-    found: dict[str, list[Stop]] = {poses.Pose(sign).name: [] for sign in FACES}
+    found: dict[str, list[StaticInterval]] = {
+        poses.StaticPose(sign).name: [] for sign in FACES
+    }
     for stop, mean in zip(stops, means(recording.acc, stops), strict=True):
         up = units(mean)
         for sign in FACES:
-            face = poses.Pose(sign)
+            face = poses.StaticPose(sign)
             if face.up @ up > math.cos(FACE_MAX_RAD):
                 found[face.name].append(stop)
     return found
 
 
-def check_faces(found: dict[str, list[Stop]]) -> None:
+def check_faces(found: dict[str, list[StaticInterval]]) -> None:
     """MethodError if a face was never up."""
-    missing = [poses.Pose(s).words for s in FACES if not found[poses.Pose(s).name]]
+    missing = [
+        poses.StaticPose(s).words for s in FACES if not found[poses.StaticPose(s).name]
+    ]
     if missing:
         raise MethodError(f"six positions are needed; missing: {', '.join(missing)}")

@@ -19,35 +19,41 @@ from imud.calibration import gyroscope
 from imud.calibration.affine import Affine, MethodError
 from imud.calibration.algebra import units
 from imud.calibration.papers import six_positions
-from imud.calibration.papers.basics import Found, check_faces, faces, means, normalised
-from imud.calibration.recording import GRAVITY_M_S2, Recording
-from imud.calibration.stops import Stop
+from imud.calibration.papers.basics import (
+    MethodResult,
+    check_faces,
+    faces,
+    means,
+    normalised,
+)
+from imud.calibration.recording import GRAVITY_M_S2, SensorRecording
+from imud.calibration.stops import StaticInterval
 from imud.rotation import FloatArray
 
 HALF_TURN = (math.radians(150.0), math.radians(210.0))
 
-Pair = tuple[Stop, Stop]
+Pair = tuple[StaticInterval, StaticInterval]
 
 
-def fit(recording: Recording, stops: list[Stop]) -> Found:
+def fit(recording: SensorRecording, stops: list[StaticInterval]) -> MethodResult:
     """All three sensors; MethodError if a position or a half turn is missing."""
     positions = faces(recording, stops)
     check_faces(positions)
     pairs = {name: _half_turn(recording, stops, own) for name, own in positions.items()}
-    return Found(
+    return MethodResult(
         accelerometer(recording, positions["+z"]),
         six_positions.gyroscope(recording, stops),
         magnetometer(recording, pairs),
     )
 
 
-def accelerometer(recording: Recording, level: list[Stop]) -> Affine:
+def accelerometer(recording: SensorRecording, level: list[StaticInterval]) -> Affine:
     """The offset with z up on a level table, equation 5: gravity is taken off z."""
     bias = means(recording.acc, level).mean(axis=0) - np.array([0, 0, GRAVITY_M_S2])
     return Affine(np.eye(3), bias)
 
 
-def magnetometer(recording: Recording, pairs: dict[str, Pair]) -> Affine:
+def magnetometer(recording: SensorRecording, pairs: dict[str, Pair]) -> Affine:
     """Offset by half turns with z up (x, y) and with z level (z), then the matrix."""
     mean = {
         name: means(recording.mag, list(pair)).mean(axis=0)
@@ -63,7 +69,9 @@ def magnetometer(recording: Recording, pairs: dict[str, Pair]) -> Affine:
     return Affine(normalised(np.linalg.inv(felt)), bias)
 
 
-def _half_turn(recording: Recording, stops: list[Stop], own: list[Stop]) -> Pair:
+def _half_turn(
+    recording: SensorRecording, stops: list[StaticInterval], own: list[StaticInterval]
+) -> Pair:
     """Two stops of a face with half a turn between them."""
     course = gyroscope.bias_course(recording, stops)
     for first, last in itertools.pairwise(own):

@@ -9,22 +9,22 @@ import numpy as np
 
 from imud.calibration.affine import Affine, MethodError
 from imud.calibration.papers import extremes, half_turns, six_positions
-from imud.calibration.papers.basics import Found, means
-from imud.calibration.recording import GRAVITY_M_S2, Recording, Scale
-from imud.calibration.result import Outcome, with_sensor
-from imud.calibration.stops import Stop, find_stops
+from imud.calibration.papers.basics import MethodResult, means
+from imud.calibration.recording import GRAVITY_M_S2, Scale, SensorRecording
+from imud.calibration.result import CalibrationResult, with_sensor
+from imud.calibration.stops import StaticInterval, find_stops
 from imud.params.value import Params
 
 METHODS = ("positions", "extremes", "extremes-as-printed", "half-turns")
 
 
 def of_method(
-    recording: Recording,
+    recording: SensorRecording,
     method: str,
     scale: Scale,
     before: Params,
     day: datetime.date | None = None,
-) -> Outcome:
+) -> CalibrationResult:
     """The params before with what one of the papers' METHODS makes of a recording.
     MethodError if it lacks what the method needs.
     """
@@ -45,7 +45,7 @@ def of_method(
         params = with_sensor(params, name, affine, scale, made | own)
         done.append(name)
     params.check()
-    return Outcome(
+    return CalibrationResult(
         params,
         tuple(done),
         len(stops),
@@ -54,7 +54,9 @@ def of_method(
     )
 
 
-def by_method(recording: Recording, stops: list[Stop], method: str) -> Found:
+def by_method(
+    recording: SensorRecording, stops: list[StaticInterval], method: str
+) -> MethodResult:
     """What one of METHODS makes of a recording."""
     if method == "positions":
         return six_positions.fit(recording, stops)
@@ -64,11 +66,11 @@ def by_method(recording: Recording, stops: list[Stop], method: str) -> Found:
     if len(there) == 0:
         raise MethodError("there are no readings of the magnetometer")
     is_printed = method == "extremes-as-printed"
-    return Found(mag=extremes.fit(there, as_printed=is_printed))
+    return MethodResult(mag=extremes.fit(there, as_printed=is_printed))
 
 
 def _gravity_left(
-    recording: Recording, stops: list[Stop], acc: Affine | None
+    recording: SensorRecording, stops: list[StaticInterval], acc: Affine | None
 ) -> float | None:
     """Rms by which gravity's length is off at the stops, m/s2."""
     if acc is None:
@@ -77,7 +79,7 @@ def _gravity_left(
     return float(np.sqrt(((lengths - GRAVITY_M_S2) ** 2).mean()))
 
 
-def _field_left(recording: Recording, mag: Affine | None) -> float | None:
+def _field_left(recording: SensorRecording, mag: Affine | None) -> float | None:
     """Standard deviation of the field's strength, uT."""
     if mag is None:
         return None

@@ -8,25 +8,25 @@ from __future__ import annotations
 import numpy as np
 
 from imud.calibration.affine import Affine, MethodError
-from imud.calibration.papers.basics import Found, check_faces, faces, normalised
-from imud.calibration.recording import GRAVITY_M_S2, Recording
-from imud.calibration.stops import Stop
+from imud.calibration.papers.basics import MethodResult, check_faces, faces, normalised
+from imud.calibration.recording import GRAVITY_M_S2, SensorRecording
+from imud.calibration.stops import StaticInterval
 from imud.rotation import FloatArray
 
 SIGNS = {"+": 1.0, "-": -1.0}
 
 
-def fit(recording: Recording, stops: list[Stop]) -> Found:
+def fit(recording: SensorRecording, stops: list[StaticInterval]) -> MethodResult:
     """All three sensors; MethodError if one of the six positions is missing."""
     there = recording.mag[np.isfinite(recording.mag[:, 0])]
-    return Found(
+    return MethodResult(
         accelerometer(recording, stops),
         gyroscope(recording, stops),
         ellipsoid(there) if len(there) else None,
     )
 
 
-def accelerometer(recording: Recording, stops: list[Stop]) -> Affine:
+def accelerometer(recording: SensorRecording, stops: list[StaticInterval]) -> Affine:
     """Twelve coefficients by least squares, equation 5; the dead zone of equation 6."""
     positions = faces(recording, stops)
     check_faces(positions)
@@ -45,7 +45,7 @@ def accelerometer(recording: Recording, stops: list[Stop]) -> Affine:
     return Affine(matrix, bias, np.mean(spread, axis=0))
 
 
-def gyroscope(recording: Recording, stops: list[Stop]) -> Affine:
+def gyroscope(recording: SensorRecording, stops: list[StaticInterval]) -> Affine:
     """Offset and dead zone at rest, equations 7 and 8: of the longest stop."""
     if not stops:
         raise MethodError("the probe never lay still")

@@ -53,7 +53,7 @@ class Trust:
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class DimpleFit:
     """What a wobble says."""
 
     offset_m: FloatArray  # of the tip from the sensor, body frame
@@ -91,8 +91,8 @@ def fit(
     rate: FloatArray,
     step_s: float,
     trust: Trust | None = None,
-    before: Fit | None = None,
-) -> Fit | None:
+    before: DimpleFit | None = None,
+) -> DimpleFit | None:
     """The offset of the tip, from calibrated readings (n, 3) in m/s2 and rad/s at a
     constant rate; None if there are too few. `before`: of the same wobble so far, which
     saves passes.
@@ -235,7 +235,7 @@ def _judged(
     noise: float,
     seconds: float,
     trust: Trust,
-) -> Fit:
+) -> DimpleFit:
     """The errors of what was found: by the noise, and by leaving out stretches."""
     slopes, errors = rows / (noise * seconds), left / (noise * seconds)
     prior = np.diag(_spread(trust) ** -2.0)
@@ -254,7 +254,7 @@ def _judged(
     )
     jackknife = np.sqrt((PARTS - 1) * others.var(axis=0))
     white = np.sqrt(chi * np.diag(covariance)[R])
-    return Fit(
+    return DimpleFit(
         -found[R],
         np.maximum(white, jackknife),
         float(np.sqrt(np.mean(left**2))) / seconds,

@@ -14,11 +14,11 @@ import msgspec
 import numpy as np
 
 from imud.calibration.affine import Affine, affine_of
-from imud.calibration.faults import Fault
+from imud.calibration.faults import CalibrationFault
 from imud.calibration.recording import Gatherer, Sample, Scale
 from imud.calibration.tip import dimple
-from imud.calibration.tip.dimple import Fit, Trust
-from imud.calibration.tip.score import Score, score_of, trust_of, weakness
+from imud.calibration.tip.dimple import DimpleFit, Trust
+from imud.calibration.tip.score import TipScore, score_of, trust_of, weakness
 from imud.calibration.tip.swing import HELD_S, SECTORS, Swing, swing_of
 from imud.calibration.tip_found import TipFound
 from imud.params.value import Params
@@ -66,9 +66,9 @@ class Dimpling:
     scale: Scale
     params: Params
     phase: Phase = "stand"
-    fit: Fit | None = None
+    fit: DimpleFit | None = None
     swing: Swing | None = None
-    trouble: Fault | None = None
+    trouble: CalibrationFault | None = None
     _acc: Affine = field(init=False)
     _gyr: Affine = field(init=False)
     _trust: Trust = field(init=False)
@@ -99,7 +99,7 @@ class Dimpling:
         steps = len(self._gatherer) - self._begin
         return max(0.0, steps * self._gatherer.step_s - HELD_S)
 
-    def feed(self, sample: Sample) -> TipFound | Fault | None:
+    def feed(self, sample: Sample) -> TipFound | CalibrationFault | None:
         """Takes a sample; what came of it once it is over."""
         if self.is_over:
             return None
@@ -108,24 +108,30 @@ class Dimpling:
         look = max(2, round(LOOK_S / self._gatherer.step_s))
         if self._gatherer.clipped > clipped and self.phase == "wobble":
             self._again(
-                Fault("clipped", "a sensor was at the end of its range", "knock less")
+                CalibrationFault(
+                    "clipped", "a sensor was at the end of its range", "knock less"
+                )
             )
         if len(self._gatherer) < self._looked + look:
             return None
         self._looked = len(self._gatherer)
         return self._look()
 
-    def end(self) -> TipFound | Fault:
+    def end(self) -> TipFound | CalibrationFault:
         """What there is, judged."""
         self._refit()
         return self._judged()
 
-    def _look(self) -> TipFound | Fault | None:
+    def _look(self) -> TipFound | CalibrationFault | None:
         recording = self._gatherer.recording()
         held = round(HELD_S / recording.step_s)
         is_whole = recording.is_whole(self._begin, len(recording))
         if self.phase == "wobble" and not is_whole:
-            self._again(Fault("gap", "samples are missing", "see what imud list says"))
+            self._again(
+                CalibrationFault(
+                    "gap", "samples are missing", "see what imud list says"
+                )
+            )
         rate = self._gyr.apply(recording.gyr[-held:])
         force = self._acc.apply(recording.acc[-held:])
         self._is_still = len(recording) >= held and bool(
@@ -139,7 +145,7 @@ class Dimpling:
             return None
         return self._follow()
 
-    def _begin_at(self, step: int, bias: FloatArray) -> Fault | None:
+    def _begin_at(self, step: int, bias: FloatArray) -> CalibrationFault | None:
         """It is held still: from here on the tip is in the dimple."""
         self._tries += self.fit is not None
         if self._tries == TRIES and self.trouble is not None:
@@ -155,11 +161,11 @@ class Dimpling:
             self.trouble is not None and self.trouble.kind in ("slips", "base_gives")
         )
 
-    def _again(self, fault: Fault) -> None:
+    def _again(self, fault: CalibrationFault) -> None:
         self.phase, self.trouble, self.fit, self.swing = "stand", fault, None, None
         self._begin = len(self._gatherer)
 
-    def _follow(self) -> TipFound | Fault | None:
+    def _follow(self) -> TipFound | CalibrationFault | None:
         """Fits what there is, now and then."""
         self._fitted_s = self.seconds
         self._refit()
@@ -172,7 +178,7 @@ class Dimpling:
             return self._judged()
         return self._judged() if self.seconds >= LONGEST_S else None
 
-    def _tell(self, trouble: Fault | None) -> None:
+    def _tell(self, trouble: CalibrationFault | None) -> None:
         """Says what is wrong once, not with each digit that changes."""
         kinds = [
             each.kind if each is not None else "" for each in (trouble, self.trouble)
@@ -189,19 +195,21 @@ class Dimpling:
             self.fit = dimple.fit(force, rate, recording.step_s, self._trust, self.fit)
             self.swing = swing_of(force, rate, recording.step_s)
 
-    def _judged(self) -> TipFound | Fault:
+    def _judged(self) -> TipFound | CalibrationFault:
         weak = self._weakness()
         self.trouble = weak
         if weak is not None or self.fit is None:
             self.phase = "refused"
-            return weak or Fault("too_short", "there is too little", "begin again")
+            return weak or CalibrationFault(
+                "too_short", "there is too little", "begin again"
+            )
         self.phase = "done"
         sigma = score_of(self.fit, self._trust).sigma_m
         return TipFound("dimple", self.fit.offset_m, sigma, seconds=self.seconds)
 
-    def _weakness(self) -> Fault | None:
+    def _weakness(self) -> CalibrationFault | None:
         if self.fit is None or self.swing is None or self.seconds < SURE_S:
-            return Fault(
+            return CalibrationFault(
                 "too_short",
                 f"{self.seconds:.0f} s of wobbling are too little",
                 f"wobble it for {LEAST_S:.0f} s about a tip that stays where it is",
@@ -209,7 +217,7 @@ class Dimpling:
         return weakness(self.fit, self.swing, self._trust)
 
     @property
-    def score(self) -> Score | None:
+    def score(self) -> TipScore | None:
         """The error to expect by now."""
         return score_of(self.fit, self._trust) if self.fit else None
 
@@ -242,6 +250,6 @@ class Dimpling:
         )
 
 
-def _is_unsure(weak: Fault | None) -> bool:
+def _is_unsure(weak: CalibrationFault | None) -> bool:
     """Whether a few seconds more may do."""
     return weak is not None and weak.kind not in ("slips", "uncalibrated")

@@ -162,21 +162,23 @@ def circle(places: FloatArray, error_m: float) -> Circle:
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
+class ProbeAxis:
     """The probe's axis in the body, a unit vector, and how far it may lean each way."""
 
     axis: FloatArray
     sigma_rad: float
 
 
-def axis_of(found: Circle, attitudes: FloatArray) -> Axis:
+def axis_of(found: Circle, attitudes: FloatArray) -> ProbeAxis:
     """The axis from attitudes (n, 3, 3) along the circle. In a full turn an error of
     the normal comes from all sides of the body, and cancels.
     """
     seen = np.einsum("kji,j->ki", attitudes, found.normal)
     axis = units(seen.mean(axis=0))
     own = math.sqrt(float(seen.var(axis=0).sum()) / 2.0 / len(seen))
-    return Axis(axis, math.hypot(own, found.normal_sigma_rad * _bias(axis, attitudes)))
+    return ProbeAxis(
+        axis, math.hypot(own, found.normal_sigma_rad * _bias(axis, attitudes))
+    )
 
 
 def _bias(axis: FloatArray, attitudes: FloatArray) -> float:

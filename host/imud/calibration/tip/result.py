@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import datetime
 
-from imud.calibration.result import Outcome
+from imud.calibration.result import CalibrationResult
 from imud.calibration.tip_found import TipFound
 from imud.params.value import Params, Tip
 
@@ -14,7 +14,7 @@ TIP_SIGMA_MAX_M = 0.65  # the wire's largest
 
 def result_of_tip(
     found: TipFound, before: Params, day: datetime.date | None = None
-) -> Outcome:
+) -> CalibrationResult:
     """The params before with this tip; what it does not tell stays as it is."""
     old = before.tip or Tip()
     values: dict[str, object] = {
@@ -30,4 +30,4 @@ def result_of_tip(
         values["sigma_m"] = sigma_m and min(sigma_m, TIP_SIGMA_MAX_M)
     params = before.replaced("tip", values)
     params.check()
-    return Outcome(params, (), seconds=found.seconds, tip=found)
+    return CalibrationResult(params, (), seconds=found.seconds, tip=found)

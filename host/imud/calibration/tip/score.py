@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from imud.calibration.faults import Fault
-from imud.calibration.tip.dimple import Fit, Trust
+from imud.calibration.faults import CalibrationFault
+from imud.calibration.tip.dimple import DimpleFit, Trust
 from imud.calibration.tip.swing import Swing
 from imud.params.value import Calibration, Params
 
@@ -27,7 +27,7 @@ ACC_LEAST_M_S2, GYR_LEAST = 0.01, 0.0005
 
 
 @dataclass(frozen=True, slots=True)
-class Score:
+class TipScore:
     """The error to expect."""
 
     sigma_m: float  # of an axis
@@ -55,27 +55,27 @@ def _sigma(of: Calibration | None) -> float:
     return math.inf if of is None or of.sigma is None else of.sigma
 
 
-def score_of(fit: Fit, trust: Trust) -> Score:
+def score_of(fit: DimpleFit, trust: Trust) -> TipScore:
     """Of what a wobble says."""
     own = float(np.sqrt(np.mean(fit.sigma_m**2)))
     sigma = math.hypot(own, trust.share * float(np.linalg.norm(fit.offset_m)))
-    return Score(sigma, INSIDE * sigma)
+    return TipScore(sigma, INSIDE * sigma)
 
 
-def weakness(fit: Fit, swing: Swing, trust: Trust) -> Fault | None:
+def weakness(fit: DimpleFit, swing: Swing, trust: Trust) -> CalibrationFault | None:
     """Why a wobble is not good enough; None if it is."""
     is_rough = fit.residual_m_s2 > RESIDUAL_MAX * fit.noise_m_s2
     if is_rough and trust.share == Trust().share:
         return _weak("the tip can't be told from this wobble", swing, trust)
     if is_rough:
-        return Fault(
+        return CalibrationFault(
             "slips",
             f"the tip slips or something knocks: {fit.residual_m_s2:.3f} m/s2 are left "
             f"over, {fit.noise_m_s2:.3f} are noise",
             "press it into a dimple that holds it, and wobble it smoothly",
         )
     if fit.give > GIVE_MAX:
-        return Fault(
+        return CalibrationFault(
             "base_gives",
             "the base gives: it moves along with the tip",
             "stand the tip on metal, stone or hard wood, in a punch mark",
@@ -90,30 +90,30 @@ def weakness(fit: Fit, swing: Swing, trust: Trust) -> Fault | None:
     return None
 
 
-def _weak(found: str, swing: Swing, trust: Trust) -> Fault:
+def _weak(found: str, swing: Swing, trust: Trust) -> CalibrationFault:
     """What the wobble lacks most."""
     if trust.share == Trust().share:
-        return Fault(
+        return CalibrationFault(
             "uncalibrated",
             f"{found}: this probe's sensors are not calibrated",
             "calibrate them first: imud calibrate",
         )
     if swing.roundness < WEAK_ROUND:
-        return Fault(
+        return CalibrationFault(
             "one_direction",
             f"{found}: it was wobbled in one plane",
             "wobble it in two directions, to and fro and sideways",
         )
     if swing.hz < WEAK_HZ:
-        return Fault(
+        return CalibrationFault(
             "slow",
             f"{found}: {swing.hz:.1f} wobbles a second are slow",
             "wobble it faster, about once a second",
         )
     if swing.degrees < WEAK_DEG:
-        return Fault(
+        return CalibrationFault(
             "small",
             f"{found}: {swing.degrees:.0f} degrees to each side are little",
             "lean it further, 20 to 30 degrees to each side",
         )
-    return Fault("short", found, "wobble on, a little faster and further")
+    return CalibrationFault("short", found, "wobble on, a little faster and further")

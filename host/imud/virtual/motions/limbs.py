@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from imud.rotation import FloatArray
-from imud.virtual.bodies import Body
+from imud.virtual.bodies import RigidBody
 from imud.virtual.curves import Curve, Piece, Waves, about, joined
 from imud.virtual.motions.machines import component, driven
 from imud.virtual.motions.ride import (
@@ -80,19 +80,21 @@ def _leg(random: np.random.Generator, gait: Gait) -> Ride:
         passed += whole + stop_s
     t = times(seconds)
     busy, stride = joined(going, t), scaled(joined(strides, t), 2.0 * np.pi)
-    start = Body.still(facing(random), len(t)).turning
+    start = RigidBody.still(facing(random), len(t)).turning
     course = start.then(about(Z, joined(turns, t)))
     hip = driven(course, scaled(busy, random.uniform(*gait.speed_m_s)))
     bounce = scaled(sine(scaled(stride, 2.0)), random.uniform(*gait.bounce_m))
-    hip = Body(course, hip.place + (busy * bounce).along(Z))
+    hip = RigidBody(course, hip.place + (busy * bounce).along(Z))
     shin = _shin(random, gait, hip, busy, stride)
     mount_m = np.array([0.03, 0.03, -random.uniform(0.1, 0.35)])
-    return Ride(Body(shin.turning, shin.at(mount_m)), rest_s).mounted(anyhow(random))
+    return Ride(RigidBody(shin.turning, shin.at(mount_m)), rest_s).mounted(
+        anyhow(random)
+    )
 
 
 def _shin(
-    random: np.random.Generator, gait: Gait, hip: Body, busy: Curve, stride: Curve
-) -> Body:
+    random: np.random.Generator, gait: Gait, hip: RigidBody, busy: Curve, stride: Curve
+) -> RigidBody:
     """The shin below a hip; y is the axis of hip and knee, x points ahead."""
     thigh = scaled(sine(stride), math.radians(random.uniform(*gait.thigh_deg)))
     bend = math.radians(random.uniform(*gait.knee_deg))
@@ -107,7 +109,7 @@ def _shin(
     for index, axis in enumerate((X, Z)):
         turning = turning.then(about(axis, component(wobble, index)))
     push = scaled(impact(stride), random.uniform(*gait.impact_m))
-    return Body(turning, body.place + (busy * push).along(Z))
+    return RigidBody(turning, body.place + (busy * push).along(Z))
 
 
 SHARPNESS = 200.0  # of an impact: 1/14 of a radian of the stride
@@ -154,13 +156,13 @@ def pointing(random: np.random.Generator) -> Ride:
         aim, passed = target, passed + turn_s + hold_s
     t = times(seconds)
     grip = envelope(t, rest_s, 1.0)
-    turning = Body.still(facing(random), len(t)).turning
+    turning = RigidBody.still(facing(random), len(t)).turning
     for axis, pieces in zip((Z, Y, X), angles, strict=True):
         turning = turning.then(about(axis, joined(pieces, t)))
     sway = grip * Waves.draw(random, [(0.3, 2.0, 0.02), (8.0, 12.0, 0.001)]).at(t)
     for index, axis in enumerate((X, Y, Z)):
         turning = turning.then(about(axis, component(sway, index)))
     elbow = Waves.draw(random, [(0.3, 2.0, 0.005), (8.0, 12.0, 5e-5)]).at(t)
-    body = Body(turning, grip * elbow)
+    body = RigidBody(turning, grip * elbow)
     arm = random.uniform(0.25, 0.6) * X
-    return Ride(Body(turning, body.at(arm)), rest_s).mounted(anyhow(random))
+    return Ride(RigidBody(turning, body.at(arm)), rest_s).mounted(anyhow(random))

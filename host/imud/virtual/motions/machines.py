@@ -10,7 +10,7 @@ import numpy as np
 
 from imud import rotation
 from imud.rotation import FloatArray
-from imud.virtual.bodies import Body
+from imud.virtual.bodies import RigidBody
 from imud.virtual.curves import Curve, Piece, Turning, Waves, about, joined
 from imud.virtual.motions.ride import (
     ORIGIN,
@@ -72,9 +72,9 @@ def _spun(
     t = times(seconds)
     tilt = math.radians(random.uniform(0.0, 3.0))
     lean = rotation.from_rotation_vector(tilt * X)
-    body = Body.still(rotation.multiply(facing(random), lean), len(t))
+    body = RigidBody.still(rotation.multiply(facing(random), lean), len(t))
     body = body.hinged(ORIGIN, about(Z, joined(pieces, t)))
-    body = Body(body.turning, body.at(radius_m * X))
+    body = RigidBody(body.turning, body.at(radius_m * X))
     return Ride(body, rest_s).mounted(anyhow(random))
 
 
@@ -103,7 +103,7 @@ def robot_arm(random: np.random.Generator) -> Ride:
             pieces += own
         passed += sum(piece.seconds for piece in added[0])
     t = times(seconds)
-    body = Body.still(facing(random), len(t))
+    body = RigidBody.still(facing(random), len(t))
     arm = ORIGIN
     for (axis, length_m, _), begun, pieces in zip(
         ARM_JOINTS, start, joints, strict=True
@@ -111,7 +111,7 @@ def robot_arm(random: np.random.Generator) -> Ride:
         angle = scaled(joined(pieces, t), 1.0, begun)
         body = body.hinged(arm, about(axis, angle))
         arm = length_m * X
-    body = Body(body.turning, body.at(arm))
+    body = RigidBody(body.turning, body.at(arm))
     return Ride(body, rest_s).mounted(anyhow(random))
 
 
@@ -159,30 +159,32 @@ def vehicle(random: np.random.Generator) -> Ride:
     course = about(Z, joined(turns, t))
     velocity = joined(speeds, t)
     busy = scaled(velocity, 1.0 / FASTEST_M_S)
-    road = driven(Body.still(facing(random), len(t)).turning.then(course), velocity)
+    road = driven(
+        RigidBody.still(facing(random), len(t)).turning.then(course), velocity
+    )
     sway = busy * Waves.draw(random, [(0.02, 0.1, 0.03), (0.3, 2.0, 0.01)]).at(t)
     turning = road.turning
     for index, axis in enumerate((X, Y)):
         turning = turning.then(about(axis, component(sway, index)))
     shaking = Waves.draw(random, [(0.5, 2.0, 0.01), (10.0, 25.0, 4e-5)]).at(t)
-    body = Body(turning, road.place + busy * shaking)
-    body = Body(turning, body.at(random.uniform(-1.0, 1.0, 3)))
+    body = RigidBody(turning, road.place + busy * shaking)
+    body = RigidBody(turning, body.at(random.uniform(-1.0, 1.0, 3)))
     return Ride(body, rest_s).mounted(anyhow(random))
 
 
-def driven(turning: Turning, speed: Curve) -> Body:
+def driven(turning: Turning, speed: Curve) -> RigidBody:
     """A body that moves along its x axis, at a speed in m/s, and turns as given.
 
     Its place is integrated from the exact velocity and acceleration.
     """
-    ahead = Body(turning, speed.along(np.zeros(3))).at(X)
+    ahead = RigidBody(turning, speed.along(np.zeros(3))).at(X)
     velocity = speed * ahead
     step_s = 1.0 / RATE_HZ
     mean = 0.5 * (velocity.value[1:] + velocity.value[:-1])
     bend = step_s / 12.0 * (velocity.first[:-1] - velocity.first[1:])
     place = np.cumsum(step_s * (mean + bend), axis=0)
     place = np.concatenate([np.zeros((1, 3)), place])
-    return Body(turning, Curve(place, velocity.value, velocity.first))
+    return RigidBody(turning, Curve(place, velocity.value, velocity.first))
 
 
 def component(curve: Curve, index: int) -> Curve:

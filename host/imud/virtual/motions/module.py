@@ -42,12 +42,12 @@ class Module:
         """An exact motion as this module measures it."""
         return self.sensor(exact.rate_hz, random).feel(exact)
 
-    def sensor(self, rate_hz: float, random: np.random.Generator) -> Sensor:
+    def sensor(self, rate_hz: float, random: np.random.Generator) -> SensorSimulator:
         """This module at work, on a motion of `rate_hz`."""
-        return Sensor(self, rate_hz, random)
+        return SensorSimulator(self, rate_hz, random)
 
 
-class Sensor:
+class SensorSimulator:
     """A module at work: feels a motion piece by piece."""
 
     def __init__(

@@ -9,7 +9,7 @@ import numpy as np
 
 from imud import rotation
 from imud.rotation import FloatArray
-from imud.virtual.bodies import Body, held
+from imud.virtual.bodies import RigidBody, held
 from imud.virtual.curves import Curve, Piece, joined
 
 # A record every 2 ms: the fastest oscillation, an impact of 8 ms, is still smooth.
@@ -24,7 +24,7 @@ X, Y, Z = np.eye(3)
 class Ride:
     """The body of a sensor at RATE_HZ, and how long it rests first."""
 
-    body: Body
+    body: RigidBody
     rest_s: float
 
     def __len__(self) -> int:

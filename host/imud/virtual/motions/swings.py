@@ -9,7 +9,7 @@ import numpy as np
 
 from imud import rotation
 from imud.rotation import FloatArray
-from imud.virtual.bodies import Body
+from imud.virtual.bodies import RigidBody
 from imud.virtual.curves import Curve, Piece, about, joined
 from imud.virtual.motion import GRAVITY_M_S2
 from imud.virtual.motions.ride import (
@@ -57,7 +57,7 @@ def _pendulum(random: np.random.Generator, axes: int) -> Ride:
     t, rest_s = times(random.uniform(*SECONDS)), random.uniform(*REST_S)
     length_m = random.uniform(0.3, 1.0)
     own_hz = math.sqrt(GRAVITY_M_S2 / length_m) / (2.0 * np.pi)
-    body = Body.still(facing(random), len(t))
+    body = RigidBody.still(facing(random), len(t))
     for axis in (X, Y)[:axes]:
         angle = swing(
             t,
@@ -68,7 +68,7 @@ def _pendulum(random: np.random.Generator, axes: int) -> Ride:
         )
         body = body.hinged(ORIGIN, about(axis, angle))
     arm = np.array([0.0, 0.0, -length_m * random.uniform(0.5, 1.0)])
-    return Ride(Body(body.turning, body.at(arm)), rest_s).mounted(anyhow(random))
+    return Ride(RigidBody(body.turning, body.at(arm)), rest_s).mounted(anyhow(random))
 
 
 def east_pendulum(_random: np.random.Generator) -> Ride:
@@ -77,10 +77,10 @@ def east_pendulum(_random: np.random.Generator) -> Ride:
     """
     t, rest_s = times(168.0), 8.0
     axes = np.stack([Y, Z, X], axis=-1)  # body x north, y up, z east
-    body = Body.still(rotation.from_matrix(axes), len(t))
+    body = RigidBody.still(rotation.from_matrix(axes), len(t))
     angle = swing(t, rest_s, rate_hz=0.67, degrees=50.0, mean_deg=20.0)
     body = body.hinged(ORIGIN, about(Z, angle))
-    return Ride(Body(body.turning, body.at(-0.5 * Y)), rest_s)
+    return Ride(RigidBody(body.turning, body.at(-0.5 * Y)), rest_s)
 
 
 def one_axis(random: np.random.Generator) -> Ride:
@@ -96,10 +96,10 @@ def one_axis(random: np.random.Generator) -> Ride:
         passed += sum(piece.seconds for piece in added)
     slant = random.choice([0.0, 0.5 * np.pi, random.uniform(0.2, 1.4)])
     axis = np.array([math.cos(slant), 0.0, math.sin(slant)])
-    body = Body.still(facing(random), len(t))
+    body = RigidBody.still(facing(random), len(t))
     body = body.hinged(ORIGIN, about(axis, joined(pieces, t)))
     arm = random.uniform(-0.06, 0.06, 3)
-    return Ride(Body(body.turning, body.at(arm)), rest_s).mounted(anyhow(random))
+    return Ride(RigidBody(body.turning, body.at(arm)), rest_s).mounted(anyhow(random))
 
 
 def _rest(random: np.random.Generator) -> list[Piece]:
