@@ -8,6 +8,7 @@ import ast
 import functools
 import re
 import subprocess
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -217,6 +218,26 @@ def test_a_circle_is_seen(tmp_path):
         (tmp_path / f"{one}.h").write_text(f'#include "{other}.h"\n')
     found = cycle([tmp_path.resolve() / "d.h"], included)
     assert [path.name for path in found] == ["a.h", "b.h", "c.h"]
+
+
+# Classes that share their name: with an enumeration of the wire, or with each other.
+SHARED_NAMES = {
+    *("Board", "Clock", "Event", "Field", "State"),
+    *("Calibration", "Fault", "Metrics", "Pace", "Part", "Place", "Publisher", "Raw"),
+    *("Record", "Translator", "Verdict"),
+}
+
+
+def test_no_class_name_is_used_twice():
+    homes = defaultdict(list)
+    for path in files(ROOT / "host" / "imud", kinds=("*.py",)):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef):
+                homes[node.name].append(identified(path))
+    shared = {name: where for name, where in homes.items() if len(where) > 1}
+    found = {name: where for name, where in shared.items() if name not in SHARED_NAMES}
+    assert not found, found
+    assert shared.keys() == SHARED_NAMES, SHARED_NAMES - shared.keys()
 
 
 def test_what_boards_share_knows_none_of_them():

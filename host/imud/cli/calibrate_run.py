@@ -23,8 +23,9 @@ from imud.calibration.score import stated_tilt_deg
 from imud.calibration.stops import find_stops
 from imud.cli import calibrate_text, calibrate_tip, params_text
 from imud.cli.calibrate_refusal import CalibrationRefused, refusal, today
-from imud.cli.calibrate_screen import CalibrationScreen, Quit
+from imud.cli.calibrate_screen import CalibrationScreen
 from imud.cli.calibrate_source import CalibratedProbe, LiveSamples, of_file
+from imud.cli.keyboard import Quit
 from imud.errors import CommandRefused
 from imud.params.value import Params
 

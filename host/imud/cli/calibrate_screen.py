@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import select
 import sys
 import time
 from collections.abc import Iterator
@@ -19,16 +17,12 @@ from imud.calibration.poses import ALL
 from imud.calibration.tip.guide import TipStatus
 from imud.cli.box import COLUMNS, picture
 from imud.cli.calibrate_tip_screen import tip_lines
-from imud.cli.monitor import keys_of
+from imud.cli.keyboard import keys_of, pressed
 
 DRAW_S = 0.1
 BAR = 20  # characters
 
 POSES = {pose.name: pose for pose in ALL}
-
-
-class Quit(Exception):
-    """The user pressed q."""
 
 
 def lines(probe: str, status: ProcedureStatus) -> list[Text]:
@@ -120,9 +114,5 @@ class CalibrationScreen:
 
     def is_ended(self) -> bool:
         """Whether Enter was pressed; Quit for q."""
-        if self._keyboard is None or not select.select([self._keyboard], [], [], 0)[0]:
-            return False
-        pressed = os.read(self._keyboard, 64)
-        if not pressed or b"q" in pressed.lower():
-            raise Quit
-        return b"\n" in pressed or b"\r" in pressed
+        keys = pressed(self._keyboard)
+        return "\n" in keys or "\r" in keys

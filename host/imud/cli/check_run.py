@@ -22,8 +22,9 @@ from imud.check.readings import MG, rest_of
 from imud.check.rows import Row, RowVerdict, overall
 from imud.check.touch import led_words
 from imud.cli import check_source, check_text
-from imud.cli.check_screen import CheckScreen, Quit
+from imud.cli.check_screen import CheckScreen
 from imud.cli.check_source import LiveMessages
+from imud.cli.keyboard import Quit
 from imud.errors import FileError
 
 # Without samples, how long is listened to what the probe says about it.

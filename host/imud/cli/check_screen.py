@@ -4,8 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import select
 import sys
 import time
 from collections.abc import Iterator
@@ -17,14 +15,10 @@ from rich.text import Text
 
 from imud.calibration.poses import StaticPose
 from imud.cli.box import picture
-from imud.cli.monitor import keys_of
+from imud.cli.keyboard import keys_of, pressed
 
 DRAW_S = 0.1
 BAR = 30  # characters
-
-
-class Quit(Exception):
-    """The user pressed q."""
 
 
 class CheckScreen:
@@ -82,10 +76,5 @@ class CheckScreen:
         self._live.update(Group(*shown), refresh=True)
 
     def key(self) -> str:
-        """The key that was pressed, in lower case; empty if none was. Quit for q."""
-        if self._keyboard is None or not select.select([self._keyboard], [], [], 0)[0]:
-            return ""
-        pressed = os.read(self._keyboard, 64).decode(errors="replace").lower()
-        if not pressed or "q" in pressed:
-            raise Quit
-        return pressed[-1]
+        """The last key pressed, in lower case; empty if none was. Quit for q."""
+        return pressed(self._keyboard)[-1:]

@@ -9,24 +9,19 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
-import select
 import sys
-import termios
 import textwrap
 import time
-import tty
 from collections import deque
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TextIO
 
 from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
 from imud.cli.attitude import HORIZON, TAPE, compass, horizon
+from imud.cli.keyboard import Quit, keys_of, pressed
 from imud.cli.pose_table import PIPE_S, TERMINAL_S
 from imud.cli.status_text import age_words, balance_words, sinks_words
 from imud.client import (
@@ -225,28 +220,12 @@ def pipe_line(shown: Shown, now_s: float) -> str:
     )
 
 
-@contextlib.contextmanager
-def keys_of(source: TextIO) -> Iterator[int | None]:
-    """The descriptor of a keyboard that passes each key on at once. None if `source` is
-    not a terminal.
-    """
-    if not source.isatty():
-        yield None
-        return
-    descriptor = source.fileno()
-    before = termios.tcgetattr(descriptor)
-    try:
-        tty.setcbreak(descriptor)
-        yield descriptor
-    finally:
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
-
-
 def _is_ended(keyboard: int | None) -> bool:
-    if keyboard is None or not select.select([keyboard], [], [], 0)[0]:
-        return False
-    pressed = os.read(keyboard, 64)
-    return not pressed or b"q" in pressed.lower()
+    try:
+        pressed(keyboard)
+    except Quit:
+        return True
+    return False
 
 
 def follow(

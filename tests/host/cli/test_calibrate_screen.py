@@ -16,7 +16,8 @@ from imud.calibration.guided.procedure import Procedure
 from imud.calibration.poses import ALL, TWELVE, StaticPose
 from imud.cli import calibrate_screen
 from imud.cli.box import COLUMNS, ROWS, lying, picture, sides
-from imud.cli.calibrate_screen import CalibrationScreen, Quit, lines
+from imud.cli.calibrate_screen import CalibrationScreen, lines
+from imud.cli.keyboard import Quit
 from imud.virtual.calibrating import SCALE
 from raw_probe import calibrating
 

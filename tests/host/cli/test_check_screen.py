@@ -16,8 +16,9 @@ from imud.check.evidence import Evidence
 from imud.check.judge import judged
 from imud.check.rows import RowVerdict
 from imud.cli import check_run
-from imud.cli.check_screen import CheckScreen, Quit
+from imud.cli.check_screen import CheckScreen
 from imud.cli.check_source import LiveMessages
+from imud.cli.keyboard import Quit
 
 
 class Script(LiveMessages):
