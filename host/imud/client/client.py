@@ -91,7 +91,9 @@ class Client:
         return network.is_connected(self._session)
 
     def may(self, do: str) -> bool:
-        """Whether the role of its keys may read this topic, or send a `command`."""
+        """Whether the role of its keys may read this topic, send commands (`command`),
+        or send that one (`cmd/NAME`).
+        """
         return self._mine is None or self._mine.role in access.who_may(do)
 
     def check_may(self, do: str) -> None:
@@ -99,7 +101,8 @@ class Client:
         mine = self._mine
         if mine is None or self.may(do):
             return
-        what = do if do == access.COMMAND else f"read {do}"
+        is_command = do == access.COMMAND or do.startswith(access.CMD)
+        what = access.COMMAND if is_command else f"read {do}"
         raise NotAllowed(
             f"{mine.user} may not {what}, as a {mine.role}; keys that may: "
             f"imud keys add DIR {access.who_may(do)[0]} NAME"
@@ -221,8 +224,8 @@ class Client:
     def _command(
         self, probe: str, name: str, arguments: dict[str, str], timeout_s: float
     ) -> dict[str, Any]:
-        self.check_may(access.COMMAND)
-        answer = self._query(f"{probe}/cmd/{name}", arguments, timeout_s)
+        self.check_may(access.CMD + name)
+        answer = self._query(f"{probe}/{access.CMD}{name}", arguments, timeout_s)
         if answer is None:
             raise NoReply(
                 f"no reply to {name} for probe {probe}: it is gone (see imud list), or "

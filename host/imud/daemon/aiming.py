@@ -9,15 +9,13 @@ from typing import Any
 
 import msgspec
 
+from imud.commands import COMMANDS
 from imud.daemon.registry import ProbeEntry
 from imud.errors import CommandRefused
 from imud.probes.aim import Aim, Target
 
-NEEDS = (
-    "aim needs q=W,X,Y,Z with world_from_body, and may have axis=x, y, z or all, "
-    "tolerance_deg, hold_s and target=NAME; or off=1"
-)
-NAME_MAX = 60  # characters of a target
+AIM = COMMANDS["aim"]
+NAME_MAX = AIM.argument("target").length_max or 0
 
 
 def aim_at(entry: ProbeEntry, parameters: Mapping[str, str]) -> dict[str, Any] | None:
@@ -35,10 +33,10 @@ def aim_at(entry: ProbeEntry, parameters: Mapping[str, str]) -> dict[str, Any] |
         given["q"] = [part / length for part in q]
         target = msgspec.convert(given, Target, strict=False)
     except (ValueError, ZeroDivisionError, msgspec.ValidationError) as error:
-        raise CommandRefused(NEEDS) from error
+        raise CommandRefused(AIM.usage) from error
     limits = (length, target.tolerance_deg, target.hold_s)
     if unknown or not all(map(math.isfinite, limits)) or len(target.target) > NAME_MAX:
-        raise CommandRefused(NEEDS)
+        raise CommandRefused(AIM.usage)
     entry.aim = Aim(target)
     found: dict[str, Any] = msgspec.to_builtins(target)
     return found

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from operator import itemgetter
 from typing import Any
 
+from imud.commands import COMMANDS, STREAMS, Argument, Handler
 from imud.config.settings import ProbeSettings
 from imud.daemon.registry import ProbeEntry, ProbePort, Registry
 from imud.errors import (
@@ -26,7 +27,7 @@ from imud.errors import (
 from imud.probes.record import Stamp, plain
 from imud.probes.session import Received
 from imud.probes.timeline import host_ns
-from imud.wire import messages, schema
+from imud.wire import messages
 from imud.wire.frame import encode_frame
 from imud.wire.messages import Message, Value
 
@@ -44,14 +45,7 @@ ASKED_MAX = 16  # commands whose reply may still come
 TIME_STEP_S = 0.03  # how often the probes are looked through
 TIME_MAX = 3  # probes asked at a time: many wide bounds must not keep the loop busy
 
-# Arguments of the command `tare`, as the schema says.
-TARE = {"all": 0, "heading": 1, "undo": 2}
-FORGET = {"0": 0, "1": 1}
-STREAMS = {"pose": 0, "raw": 1}
 SHOWN_MAX = 40  # characters of a command from the network in a reply
-# One word or one step of a change: alone they only make that of somebody else fail.
-PARAMS_STEPS = {"params_write", "params_apply"}
-FILTERS = {each.name.lower(): each.value for each in schema.Filter if each}
 
 
 def shown(text: str) -> str:
@@ -59,44 +53,43 @@ def shown(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in text[:SHOWN_MAX])
 
 
-def _number(text: str) -> int:
+def _integer(text: str) -> int:
     """ASCII digits only: int() also takes 1_0 and digits of other scripts."""
     if not re.fullmatch(r"-?[0-9]{1,20}", text):
         raise ValueError(text)
     return int(text)
 
 
-def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
-    """The two numbers of a command; CommandRefused if the parameters are wrong."""
-    known = {
-        "tare": {"what"},
-        "rate": {"stream", "hz"},
-        "fields": {"streams"},
-        "restart": {"filter", "forget"},
-    }
-    unknown = parameters.keys() - known.get(name, set())
+def _number_of(argument: Argument, parameters: Mapping[str, str]) -> int:
+    """What the probe gets for an argument; KeyError or ValueError if it is wrong."""
+    if argument.is_optional and argument.name not in parameters:
+        return 0
+    text = parameters[argument.name]
+    if argument.type == "integer":
+        return _integer(text)
+    if argument.type == "list":
+        words = {word for word in text.split(",") if word}
+        return sum(1 << argument.choices[word] for word in words)
+    return argument.choices[text]
+
+
+def refuse_unknown(name: str, parameters: Mapping[str, str]) -> None:
+    """CommandRefused if the command has no such argument."""
+    unknown = parameters.keys() - COMMANDS[name].argument_names
     if unknown:
         raise CommandRefused(f"{name} knows no {shown(min(unknown))}")
+
+
+def arguments_of(name: str, parameters: Mapping[str, str]) -> tuple[int, int]:
+    """The two numbers that a probe gets; CommandRefused if the parameters are wrong."""
+    command = COMMANDS[name]
+    refuse_unknown(name, parameters)
     try:
-        if name == "tare":
-            return TARE[parameters.get("what", "all")], 0
-        if name == "rate":
-            return STREAMS[parameters["stream"]], _number(parameters["hz"])
-        if name == "fields":
-            streams = [part for part in parameters["streams"].split(",") if part]
-            return sum(1 << STREAMS[stream] for stream in set(streams)), 0
-        if name == "restart":
-            number = FILTERS[parameters["filter"]] if "filter" in parameters else 0
-            return number, FORGET[parameters.get("forget", "0")]
+        numbers = [_number_of(each, parameters) for each in command.arguments]
     except (KeyError, ValueError) as error:
-        needs = {
-            "tare": "what=all, heading or undo",
-            "rate": "stream=pose or raw, and hz=a number",
-            "fields": "streams=pose,raw or one of them",
-            "restart": f"filter={', '.join(FILTERS)}, or nothing; forget=0 or 1",
-        }
-        raise CommandRefused(f"{name} needs {needs[name]}") from error
-    return 0, 0
+        raise CommandRefused(command.usage) from error
+    first, second, *_ = *numbers, 0, 0
+    return first, second
 
 
 def orders_of(
@@ -161,11 +154,11 @@ class Commander:
         DeviceError if there is none or the probe refuses.
         """
         entry = self.entry_of(name)
-        known = {member.name.lower() for member in schema.Command} - PARAMS_STEPS
-        if command not in known:
+        row = COMMANDS.get(command)
+        if row is None or row.handler is not Handler.PROBE:
+            names = sorted(each.name for each in COMMANDS.values() if not each.topic)
             raise CommandRefused(
-                f"there is no command {shown(command)!r}, only "
-                f"{', '.join(sorted(known | {'aim', 'close', 'configure', 'params'}))}"
+                f"there is no command {shown(command)!r}, only {', '.join(names)}"
             )
         message = await self.ask(entry, command, arguments_of(command, parameters))
         result = message.fields["result"]

@@ -7,29 +7,30 @@ from collections.abc import Mapping
 
 from msgspec.structs import replace
 
+from imud.commands import COMMANDS
 from imud.config.rules import contradictions
 from imud.config.settings import Config
 from imud.errors import CommandRefused
 
-NEEDS = "configure needs rename=NAME or log=on or off"
-LOG = {"on": True, "off": False}
+CONFIGURE = COMMANDS["configure"]
+LOG = CONFIGURE.argument("log").choices
 
 
 def configured(config: Config, probe_id: str, parameters: Mapping[str, str]) -> Config:
     """The configuration with another name of a probe, or with or without its log, until
     it is read again from its file; CommandRefused if that can't be.
     """
-    if not parameters or parameters.keys() - {"rename", "log"}:
-        raise CommandRefused(NEEDS)
+    if not parameters or parameters.keys() - CONFIGURE.argument_names:
+        raise CommandRefused(CONFIGURE.usage)
     settings = config.settings_of(probe_id)
     if "rename" in parameters:
         settings = replace(settings, name=parameters["rename"])
     if "log" in parameters:
         if parameters["log"] not in LOG:
-            raise CommandRefused(NEEDS)
+            raise CommandRefused(CONFIGURE.usage)
         if not config.log.enabled:
             raise CommandRefused("the daemon keeps no log: [log] enabled, or --log DIR")
-        settings = replace(settings, log=LOG[parameters["log"]])
+        settings = replace(settings, log=bool(LOG[parameters["log"]]))
     found = replace(config, probes={**config.probes, probe_id: settings})
     for mistake in contradictions(found):
         raise CommandRefused(

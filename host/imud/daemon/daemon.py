@@ -13,20 +13,16 @@ from collections.abc import Callable, Coroutine, Mapping
 from functools import partial
 from typing import Any
 
-import msgspec
-
 from imud import journal
 from imud.config.settings import Config, listens_on
-from imud.daemon.aiming import aim_at
+from imud.daemon.command_runner import CommandRunner
 from imud.daemon.commands import Commander
 from imud.daemon.configure import configured
 from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake
 from imud.daemon.metrics import Metrics
 from imud.daemon.outputs import Outputs
-from imud.daemon.params_change import ParamsChange
-from imud.daemon.params_history import History
-from imud.daemon.publisher import AIM, CLOSE
+from imud.daemon.params_history import HistoryFiles
 from imud.daemon.selector import GatheringSelector
 from imud.daemon.status import STATUS_S
 from imud.daemon.systemd import Notifier
@@ -35,7 +31,7 @@ from imud.errors import ImudError, described
 from imud.journal.speaker import Speaker
 from imud.ports.finder import Finder
 from imud.probes.timeline import host_ns
-from imud.sinks.zenoh import HISTORY, Answer
+from imud.sinks.zenoh import Answer
 from imud.stages import Wants
 from imud.version import version
 
@@ -69,13 +65,14 @@ class Daemon:
         self._registry = self._intake.registry
         self._reports = self._intake.reports
         self._commander = Commander(self._registry)
-        self._params = ParamsChange(self._commander)
-        self._history = History(config.params.folder)
+        self._history = HistoryFiles(config.params.folder)
+        self._runner = CommandRunner(
+            self._commander, self._intake, self._history, self._configure
+        )
         self._intake.params.keep = self._history.keep
         self._intake.on_reply = self._commander.take_reply
         self._intake.on_found = self._begin_set_up
         self._intake.stages.on_want = self._begin_commands
-        self._encoder = msgspec.json.Encoder()
         self._tasks: set[asyncio.Task[None]] = set()
         self._setting_up: dict[str, asyncio.Task[None]] = {}
         self._notifier = Notifier()
@@ -133,7 +130,7 @@ class Daemon:
         self, name: str, command: str, parameters: dict[str, str], answer: Answer
     ) -> None:
         """Called in a thread of Zenoh, which may outlive the loop."""
-        work = self._answer(name, command, parameters, answer)
+        work = self._runner.answer(name, command, parameters, answer)
         try:
             self._loop.call_soon_threadsafe(self._start, work)
         except RuntimeError:
@@ -230,39 +227,8 @@ class Daemon:
         text = f"internal error: {words}"
         self._speaker.say(("fault", words), text, is_warning=True)
 
-    async def _answer(
-        self, name: str, command: str, parameters: dict[str, str], answer: Answer
-    ) -> None:
-        value: Any
-        try:
-            if command == HISTORY:
-                probe_id = self._commander.entry_of(name).probe.probe_id
-                value = await self._history.command(probe_id, parameters)
-            else:
-                value = await self._carry_out(name, command, parameters)
-        except ImudError as error:
-            answer(b"", str(error))
-        else:
-            reply = {"ok": True, "probe": name, "command": command, "value": value}
-            answer(self._encoder.encode(reply), "")
-
-    async def _carry_out(
-        self, name: str, command: str, parameters: Mapping[str, str]
-    ) -> Any:
-        """A command to a probe, or about it: a change of its params, an aim,
-        its path.
-        """
-        if command == "params":
-            return await self._params.command(name, parameters)
-        if command == "configure":
-            probe_id = self._commander.entry_of(name).probe.probe_id
-            self._take_up(self._config, configured(self._config, probe_id, parameters))
-            return None
-        if command == AIM:
-            return aim_at(self._commander.entry_of(name), parameters)
-        if command == CLOSE and not parameters:
-            return self._intake.close_path(self._commander.entry_of(name))
-        return await self._commander.command(name, command, parameters)
+    def _configure(self, probe_id: str, parameters: Mapping[str, str]) -> None:
+        self._take_up(self._config, configured(self._config, probe_id, parameters))
 
     def _begin_set_up(self, name: str) -> None:
         before = self._setting_up.get(name)
@@ -288,7 +254,7 @@ class Daemon:
         """Sends a probe the commands that one of its stages wants."""
         try:
             for command, parameters in wants.commands:
-                await self._carry_out(name, command, parameters)
+                await self._runner.run(name, command, parameters)
         except ImudError as error:
             text = f"probe {name}: {wants.failure}: {error}"
             self._speaker.say((wants.failure, name), text, is_warning=True)

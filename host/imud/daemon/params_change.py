@@ -10,7 +10,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from imud.daemon.commands import Commander, shown
+from imud.commands import COMMANDS
+from imud.daemon.commands import Commander, refuse_unknown, shown
 from imud.daemon.registry import ProbeEntry
 from imud.errors import CommandRefused, DeviceError, NoReply, ParamsError
 from imud.params.learned import goes_on
@@ -31,7 +32,6 @@ GOES_ON = 256  # of params_apply, beside the length: the filter need not begin a
 UPLOADS = 3
 
 FAULTS = {1: "has the wrong length", 2: "is out of range", 3: "is there twice"}
-NEEDS = "params needs records=hexadecimal digits; imud params load sends a file"
 
 
 class _Restarted(Exception):
@@ -188,12 +188,10 @@ def _check_boot(entry: ProbeEntry, boots: int) -> None:
 
 def _asked(parameters: Mapping[str, str]) -> Params:
     """The params that a command brings."""
-    unknown = parameters.keys() - {"records", "probe", "force"}
-    if unknown:
-        raise CommandRefused(f"params knows no {shown(min(unknown))}")
+    refuse_unknown("params", parameters)
     text = parameters.get("records")
     if text is None or not re.fullmatch(r"([0-9a-fA-F]{2})*", text):
-        raise CommandRefused(NEEDS)
+        raise CommandRefused(COMMANDS["params"].usage)
     try:
         return Params.decode(bytes.fromhex(text))
     except ParamsError as error:

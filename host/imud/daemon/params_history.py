@@ -39,7 +39,7 @@ class Entry:
     path: Path
 
 
-class History:
+class HistoryFiles:
     """The files of all probes, in a folder for each; without a folder there is none."""
 
     def __init__(self, folder: Path | None) -> None:

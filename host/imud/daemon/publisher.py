@@ -14,7 +14,7 @@ from imud.probes.record import Presence, Record
 
 AIM = "aim"  # topic: how near a probe is to where it should be
 
-PATH, CLOSE = "path", "close"  # topic, and command: a path of strokes, closed
+PATH = "path"  # topic: a path of strokes, closed
 
 
 class Publisher:

@@ -7,11 +7,11 @@ What no rule allows is denied. Zenoh sends no reply to a denied request.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any
 
+from imud.commands import COMMANDS
+from imud.roles import Role
 from imud.ros2 import topics
-
-Role = Literal["viewer", "operator", "recorder", "daemon"]
 
 ROLES: dict[Role, str] = {
     "viewer": "pose, aim, stroke, path, status and params",
@@ -62,9 +62,9 @@ ROS2_READS: dict[Role, tuple[topics.Type, ...]] = {
     "recorder": (*ROS2_OF_POSE, *ROS2_OF_RAW),
 }
 ROS2_TOKENS = "@ros2_lv/**"
-COMMANDS: tuple[Role, ...] = ("operator",)
 
-COMMAND = "command"
+COMMAND = "command"  # any command at all
+CMD = "cmd/"  # before the name of one
 
 # Keys of bodies, PREFIX/BODIES/NAME/BODY_STATE: every role may read them.
 BODIES, BODY_STATE = "body", "state"
@@ -74,10 +74,25 @@ HISTORY = "@adv/**"
 
 
 def who_may(do: str) -> list[Role]:
-    """The roles that may command (COMMAND) or read that topic."""
-    if do == COMMAND:
-        return [*COMMANDS, "daemon"]
+    """The roles that may send commands (COMMAND), send that one (cmd/NAME), or read
+    that topic. An unknown command takes the role of some command, to be told so.
+    """
+    if do == COMMAND or do.startswith(CMD):
+        row = COMMANDS.get(do.removeprefix(CMD))
+        rows = COMMANDS.values() if row is None else [row]
+        return [
+            *(role for role in READS if any(role in r.roles for r in rows)),
+            "daemon",
+        ]
     return [*(role for role, topics in READS.items() if do in topics), "daemon"]
+
+
+def _commands_of(role: Role) -> list[str]:
+    """The ends of the keys by which a role may command."""
+    names = [row.name for row in COMMANDS.values() if role in row.roles]
+    if len(names) == len(COMMANDS):
+        return [f"{CMD}*"]
+    return [f"{CMD}{name}" for name in names]
 
 
 def rules(
@@ -119,9 +134,9 @@ def _rules_of(role: Role, prefix: str) -> list[Rule]:
     replies = [*asked, f"{prefix}/*/pose"]  # the history replies on the pose's key
     read += [f"*/**/{kind.dds}/*" for kind in ROS2_READS[role]]
     alive = [f"{prefix}/*/alive", ROS2_TOKENS]
-    if role in COMMANDS:
-        asked.append(f"{prefix}/*/cmd/*")
-        replies.append(f"{prefix}/*/cmd/*")
+    commands = [f"{prefix}/*/{end}" for end in _commands_of(role)]
+    asked += commands
+    replies += commands
     watch = ["declare_liveliness_subscriber", "liveliness_query"]
     return [
         _rule(role, "ingress", "subscribe", ["declare_subscriber"], read),

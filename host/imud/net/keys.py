@@ -25,7 +25,6 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from imud.defaults import PORT
 from imud.errors import ConfigError, FileError
 from imud.net.access import ROLES as ABOUT
-from imud.net.access import Role
 from imud.net.network import (
     CA,
     CLIENTS,
@@ -37,6 +36,7 @@ from imud.net.network import (
     read_credentials,
     read_roles,
 )
+from imud.roles import Role
 
 CA_KEY = "ca.key"
 FIRST: tuple[Role, ...] = ("viewer", "operator", "recorder")

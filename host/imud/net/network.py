@@ -21,7 +21,7 @@ from imud.config.settings import Zenoh, listens_on
 from imud.defaults import ENDPOINT
 from imud.errors import ConfigError, DaemonNotFound, ListenFailed
 from imud.net import access
-from imud.net.access import Role
+from imud.roles import Role
 
 # Files in a folder made by `imud keys`.
 CA, SERVER, SERVER_KEY = "ca.pem", "server.pem", "server.key"

@@ -9,6 +9,7 @@ from typing import Any
 import zenoh
 from zenoh.handlers import Callback
 
+from imud.commands import HISTORY
 from imud.config.settings import Zenoh
 from imud.errors import NetworkError
 from imud.net import network, refusals
@@ -22,9 +23,6 @@ PATIENCE_S = 0.8
 
 # Topics of which late subscribers can query the last payload.
 KEPT = ("status", "params")
-
-# The command that a query for `params` with parameters is: it only reads.
-HISTORY = "params_history"
 
 # Answers a command: payload and no error, or an error.
 Answer = Callable[[bytes, str], None]

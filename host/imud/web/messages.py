@@ -9,6 +9,7 @@ import msgspec
 from msgspec import Meta
 
 from imud.calibration.session import Kind
+from imud.commands import PARAMETERS_MAX
 
 # One part of a key, or of a selector: Zenoh gives the excluded characters a meaning.
 Name = Annotated[str, Meta(max_length=200, pattern=r"^[^/*$#?;=\s]+$")]
@@ -55,7 +56,7 @@ class Ask(_Said, frozen=True):
     id: int
     probe: Name
     command: Name
-    parameters: Annotated[dict[Name, Value], Meta(max_length=8)] = {}
+    parameters: Annotated[dict[Name, Value], Meta(max_length=PARAMETERS_MAX)] = {}
 
 
 class Calibrate(_Said, frozen=True):

@@ -12,9 +12,11 @@ from typing import Protocol
 
 import msgspec
 
+from imud.commands import COMMANDS
 from imud.errors import ConfigError
 from imud.net import access
 from imud.net.network import USERS, read_roles
+from imud.roles import Role
 from imud.web.feed import BODY, CALIBRATION, EVENT, LATEST, STREAMS
 
 TOPICS = LATEST | STREAMS | {EVENT}
@@ -25,15 +27,20 @@ class Grant(msgspec.Struct, frozen=True):
 
     role: str
     reads: frozenset[str]  # topics
-    commands: bool
+    commands: frozenset[str]
     logs: bool  # download them
 
+    def may_send(self, command: str) -> bool:
+        """Whether it may send this command. The daemon refuses unknown ones."""
+        is_known = command in COMMANDS
+        return command in self.commands if is_known else bool(self.commands)
 
-NOTHING = Grant("", frozenset(), commands=False, logs=False)
-EVERYTHING = Grant("everybody", TOPICS, commands=True, logs=True)
+
+NOTHING = Grant("", frozenset(), commands=frozenset(), logs=False)
+EVERYTHING = Grant("everybody", TOPICS, commands=frozenset(COMMANDS), logs=True)
 
 
-def grant_of(role: access.Role) -> Grant:
+def grant_of(role: Role) -> Grant:
     """The rights of a role on the network, which it has on the page as well."""
     # A calibration is made of raw samples, a limb of poses.
     as_topic = {CALIBRATION: "raw", BODY: "pose"}
@@ -43,7 +50,9 @@ def grant_of(role: access.Role) -> Grant:
     return Grant(
         role,
         reads,
-        commands=role in access.who_may(access.COMMAND),
+        commands=frozenset(
+            name for name in COMMANDS if role in access.who_may(access.CMD + name)
+        ),
         logs=role in access.who_may("frame"),  # which logs consist of
     )
 
@@ -88,7 +97,7 @@ class KeyUsers:
 class TokenHolder:
     """One role for who has the token that `imud view` puts into the address."""
 
-    def __init__(self, role: access.Role) -> None:
+    def __init__(self, role: Role) -> None:
         self._role = role
         self.token = secrets.token_urlsafe(24)
 

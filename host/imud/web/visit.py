@@ -80,7 +80,7 @@ class Visit:
                 **self._host.about,
                 "role": grant.role,
                 "reads": sorted(grant.reads),
-                "commands": grant.commands,
+                "commands": bool(grant.commands),
                 "logs": self._has_logs(),
                 "playing": self._playing.name if self._playing else None,
             }
@@ -194,7 +194,7 @@ class Visit:
             self._say_answer(said.id, b"true", "")
 
     def _ask(self, asked: Ask) -> None:
-        reason = "role" if not self._grant.commands else ""
+        reason = "" if self._grant.may_send(asked.command) else "role"
         reason = reason or ("busy" if self._asking >= ASKS_MAX else "")
         if reason:
             self._host.gate.refuse(reason, self._connection)

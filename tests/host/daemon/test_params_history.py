@@ -11,7 +11,7 @@ import pytest
 
 from imud.config.settings import ParamsHistory
 from imud.daemon import params_history
-from imud.daemon.params_history import FILES_MAX, History, entries_of
+from imud.daemon.params_history import FILES_MAX, HistoryFiles, entries_of
 from imud.errors import CommandRefused, FileError
 from imud.params import file
 from imud.params.value import Params, Record
@@ -25,7 +25,7 @@ def numbered(number: int) -> Params:
     return Params((Record(200, number.to_bytes(4, "little")),))
 
 
-def kept(history: History, *sets: Params, begin_s: int = 0) -> None:
+def kept(history: HistoryFiles, *sets: Params, begin_s: int = 0) -> None:
     """Keeps these sets, a second each, and waits for the disk."""
     for number, params in enumerate(sets):
         history.keep(ID, params, (begin_s + number) * SECOND)
@@ -33,7 +33,7 @@ def kept(history: History, *sets: Params, begin_s: int = 0) -> None:
 
 
 def test_each_set_that_came_into_force_is_a_file(tmp_path: Path) -> None:
-    history = History(tmp_path)
+    history = HistoryFiles(tmp_path)
     kept(history, GOOD, numbered(1), GOOD)
     entries = entries_of(tmp_path / ID)
     assert [entry.time[-7:] for entry in entries] == ["000002Z", "000001Z", "000000Z"]
@@ -46,14 +46,14 @@ def test_each_set_that_came_into_force_is_a_file(tmp_path: Path) -> None:
 
 
 def test_the_last_one_again_is_no_other(tmp_path: Path) -> None:
-    history = History(tmp_path)
+    history = HistoryFiles(tmp_path)
     kept(history, GOOD, GOOD)
-    kept(History(tmp_path), GOOD, begin_s=5)
+    kept(HistoryFiles(tmp_path), GOOD, begin_s=5)
     assert len(entries_of(tmp_path / ID)) == 1
 
 
 def test_the_oldest_go(tmp_path: Path) -> None:
-    history = History(tmp_path)
+    history = HistoryFiles(tmp_path)
     kept(history, *(numbered(n) for n in range(FILES_MAX + 7)))
     entries = entries_of(tmp_path / ID)
     assert len(entries) == FILES_MAX
@@ -63,7 +63,7 @@ def test_the_oldest_go(tmp_path: Path) -> None:
 def test_a_disk_that_fails_is_one_line_until_it_works_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    history = History(tmp_path)
+    history = HistoryFiles(tmp_path)
 
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
@@ -88,13 +88,13 @@ def test_a_folder_that_can_t_be_is_one_line(
 ) -> None:
     (tmp_path / "file").write_text("")
     with caplog.at_level(logging.WARNING, "imud"):
-        kept(History(tmp_path / "file"), GOOD, numbered(1))
+        kept(HistoryFiles(tmp_path / "file"), GOOD, numbered(1))
     assert len(caplog.messages) == 1
     assert "Not a directory" in caplog.messages[0]
 
 
 def test_an_entry_is_found_by_how_its_digest_begins(tmp_path: Path) -> None:
-    history = History(tmp_path)
+    history = HistoryFiles(tmp_path)
     kept(history, GOOD, numbered(1))
     (tmp_path / ID / "notes.txt").write_text("mine")
 
@@ -121,7 +121,7 @@ def test_an_entry_is_found_by_how_its_digest_begins(tmp_path: Path) -> None:
 
 
 def test_of_two_that_begin_alike_neither_is_taken(tmp_path: Path) -> None:
-    history = History(tmp_path)
+    history = HistoryFiles(tmp_path)
     kept(history, *(numbered(n) for n in range(20)))
     firsts = [entry.digest[0] for entry in entries_of(tmp_path / ID)]
     twice = next(first for first in firsts if firsts.count(first) > 1)
@@ -130,9 +130,9 @@ def test_of_two_that_begin_alike_neither_is_taken(tmp_path: Path) -> None:
 
 
 def test_a_probe_never_heard_has_none_and_no_folder_is_off(tmp_path: Path) -> None:
-    said = asyncio.run(History(tmp_path).command(ID, {}))
+    said = asyncio.run(HistoryFiles(tmp_path).command(ID, {}))
     assert said["entries"] == []
-    off = History(None)
+    off = HistoryFiles(None)
     kept(off, GOOD)
     with pytest.raises(CommandRefused, match="keeps no history"):
         asyncio.run(off.command(ID, {}))
@@ -140,7 +140,7 @@ def test_a_probe_never_heard_has_none_and_no_folder_is_off(tmp_path: Path) -> No
 
 
 def test_an_id_that_is_no_name_of_a_folder_is_not_one(tmp_path: Path) -> None:
-    history = History(tmp_path)
+    history = HistoryFiles(tmp_path)
     history.keep("../evil", GOOD, 0)
     history.close()
     assert list(tmp_path.iterdir()) == []

@@ -25,7 +25,7 @@ from imud import cli
 from imud.client import Client
 from imud.errors import NoReply, NotAllowed
 from imud.net import network
-from imud.net.access import Role
+from imud.roles import Role
 from imud.ros2 import topics
 from imud.ros2.topics import Topic
 

@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: MIT
+"""The commands to a probe, each as one row: arguments, roles, help, handler.
+
+The command line, the page, the access rules, the daemon's errors and the table in
+docs/pose.md read it. The daemon binds a function to each Handler
+(`daemon/command_runner.py`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from typing import Literal
+
+from imud.roles import Role
+from imud.wire import schema
+
+Type = Literal["choice", "list", "integer", "number", "numbers", "text", "hex"]
+
+STREAMS = {"pose": 0, "raw": 1}
+FILTERS = {each.name.lower(): each.value for each in schema.Filter if each}
+HISTORY = "params_history"
+PARAMETERS_MAX = 8  # of one command from the page; no row has more arguments
+
+
+class Handler(Enum):
+    """Who in the daemon carries out a command."""
+
+    PROBE = auto()  # the probe itself: sent to it as a command of the same name
+    PARAMS = auto()
+    HISTORY = auto()
+    AIM = auto()
+    CLOSE = auto()
+    CONFIGURE = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """`--NAME` on the command line. It gives its argument `value`, or without one takes
+    one of the argument's choices.
+    """
+
+    name: str
+    help: str
+    value: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """An argument of a command, which is text on the network."""
+
+    name: str
+    type: Type
+    choices: Mapping[str, int] = field(default_factory=dict)  # word: number on the wire
+    unit: str = ""
+    limits: str = ""  # as the documents state them
+    length_max: int | None = None  # characters
+    is_optional: bool = False  # left out, a probe gets 0
+    options: tuple[Option, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A command. With an `example` the command line has one of the same name."""
+
+    name: str
+    help: str
+    arguments: tuple[Argument, ...] = ()
+    needs: str = ""  # the words for wrong arguments: NAME needs ...
+    roles: tuple[Role, ...] = ("operator",)
+    handler: Handler = Handler.PROBE
+    example: str = ""
+    details: str = ""  # more for its own help on the command line
+    # A query of this topic with parameters is this command, so who may read the topic
+    # may send it; it is not among the commands that an error lists.
+    topic: str = ""
+
+    @property
+    def argument_names(self) -> set[str]:
+        return {each.name for each in self.arguments}
+
+    @property
+    def usage(self) -> str:
+        """What to tell who sent wrong arguments."""
+        return f"{self.name} needs {self.needs}"
+
+    def argument(self, name: str) -> Argument:
+        return next(each for each in self.arguments if each.name == name)
+
+
+_SWITCH = {"0": 0, "1": 1}
+
+_ROWS = (
+    Command("start", "make a probe stream", example="imud start"),
+    Command("stop", "make a probe stop streaming", example="imud stop"),
+    Command(
+        "tare",
+        "make a probe's current orientation the origin",
+        (
+            Argument(
+                "what",
+                "choice",
+                {"all": 0, "heading": 1, "undo": 2},
+                is_optional=True,
+                options=(
+                    Option(
+                        "heading",
+                        "only the heading becomes 0; pitch and roll still refer to the "
+                        "vertical",
+                        "heading",
+                    ),
+                    Option("undo", "go back to east, north and up", "undo"),
+                ),
+            ),
+        ),
+        needs="what=all, heading or undo",
+        example="imud tare --heading",
+    ),
+    Command(
+        "restart",
+        "restart a probe's calibration at rest, its filter and its origin",
+        (
+            Argument(
+                "filter",
+                "choice",
+                FILTERS,
+                is_optional=True,
+                options=(
+                    Option(
+                        "filter",
+                        "filter to run from now on (default: the one that is running)",
+                    ),
+                ),
+            ),
+            Argument(
+                "forget",
+                "choice",
+                _SWITCH,
+                is_optional=True,
+                options=(
+                    Option(
+                        "forget",
+                        "also forget the magnetic field of its own that the probe kept",
+                        "1",
+                    ),
+                ),
+            ),
+        ),
+        needs=f"filter={', '.join(FILTERS)}, or nothing; forget=0 or 1",
+        example="imud restart --filter madgwick",
+        details="Lay the probe still first.",
+    ),
+    Command(
+        "rate",
+        "set how often a stream is sent",
+        (
+            Argument("stream", "choice", STREAMS),
+            Argument("hz", "integer", unit="Hz", limits="1 to the sample rate"),
+        ),
+        needs="stream=pose or raw, and hz=a number",
+    ),
+    Command(
+        "fields",
+        "select the streams that are sent",
+        (Argument("streams", "list", STREAMS, limits="at least one"),),
+        needs="streams=pose,raw or one of them",
+    ),
+    Command("hello", "make a probe say what it is"),
+    Command("reset", "restart the processor of a probe"),
+    Command("time", "ask a probe for its time, as the daemon does by itself"),
+    Command("params_tell", "make a probe tell its params"),
+    Command(
+        "params",
+        "put params in force, all records or none",
+        (
+            Argument("records", "hex"),
+            Argument("probe", "text", limits="the id of the probe", is_optional=True),
+            Argument("force", "choice", _SWITCH, is_optional=True),
+        ),
+        needs="records=hexadecimal digits; imud params load sends a file",
+        handler=Handler.PARAMS,
+    ),
+    Command(
+        HISTORY,
+        "list the params that came into force, or give those of a digest",
+        (
+            Argument("history", "choice", {"1": 1}, is_optional=True),
+            Argument(
+                "digest",
+                "hex",
+                limits="its first digits, at most 8",
+                is_optional=True,
+            ),
+        ),
+        handler=Handler.HISTORY,
+        topic="params",
+    ),
+    Command(
+        "aim",
+        "set the orientation that a probe should be brought to, or none",
+        (
+            Argument("q", "numbers", limits="W,X,Y,Z: world_from_body"),
+            Argument(
+                "axis", "choice", {"x": 0, "y": 1, "z": 2, "all": 3}, is_optional=True
+            ),
+            Argument("tolerance_deg", "number", unit="degrees", is_optional=True),
+            Argument("hold_s", "number", unit="s", is_optional=True),
+            Argument("target", "text", length_max=60, is_optional=True),
+            Argument("off", "choice", {"1": 1}, limits="alone", is_optional=True),
+        ),
+        needs="q=W,X,Y,Z with world_from_body, and may have axis=x, y, z or all, "
+        "tolerance_deg, hold_s and target=NAME; or off=1",
+        handler=Handler.AIM,
+    ),
+    Command("close", "close the path of a probe's strokes", handler=Handler.CLOSE),
+    Command(
+        "configure",
+        "rename a probe, or start or stop its log, until the daemon reads its "
+        "configuration again",
+        (
+            Argument("rename", "text", is_optional=True),
+            Argument("log", "choice", {"on": 1, "off": 0}, is_optional=True),
+        ),
+        needs="rename=NAME or log=on or off",
+        handler=Handler.CONFIGURE,
+    ),
+)
+
+COMMANDS: Mapping[str, Command] = {each.name: each for each in _ROWS}
+
+# The other commands of the wire. One word or one step of a change of params: alone they
+# only make that of somebody else fail.
+PARAMS_STEPS = frozenset({"params_write", "params_apply"})
