@@ -20,7 +20,7 @@ from imud.daemon.intake import Intake
 from imud.daemon.params_change import ParamsChange
 from imud.journal.speaker import Speaker
 from imud.params.parts import KINDS
-from imud.params.value import Params, Record
+from imud.params.value import Params, ParamsRecord
 from imud.probes.session import Session
 from imud.probes.timeline import host_ns
 
@@ -64,7 +64,7 @@ RECORDS = st.lists(
     st.tuples(st.sampled_from([*KINDS, 0, 6, 7, 200, 255]), BODIES),
     max_size=5,
     unique_by=lambda each: each[0],
-).map(lambda pairs: Params(tuple(Record(*pair) for pair in pairs)))
+).map(lambda pairs: Params(tuple(ParamsRecord(*pair) for pair in pairs)))
 
 # Calibrations and options that are fine, or just not.
 _ROWS = st.tuples(*[st.sampled_from([0, 1, -1, 27851, 27852, -27852, 27853])] * 3)
@@ -76,7 +76,9 @@ _SENSOR = st.builds(
 )
 _OPTIONS = st.lists(st.integers(0, 3), min_size=1, max_size=3).map(bytes)
 SOUND = st.builds(
-    lambda tag, body, options: Params((Record(tag, body), Record(5, options))),
+    lambda tag, body, options: Params(
+        (ParamsRecord(tag, body), ParamsRecord(5, options))
+    ),
     st.sampled_from([1, 2, 3]),
     _SENSOR,
     _OPTIONS,

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.common.paths import RESULTS
-from imud.probes.clock import Clock
+from imud.probes.clock import ProbeClock
 from imud.probes.timeline import Timeline
 
 OUTPUT = RESULTS / "clocks.json"
@@ -34,7 +34,7 @@ class Desk:
     def __init__(self, seed: int) -> None:
         self._random = random.Random(seed)  # noqa: S311 - lateness, no secret
         self._timeline = Timeline()
-        self._clock = Clock()
+        self._clock = ProbeClock()
         self.outside = 0  # messages whose error was larger than the stated bound
         self._number = 0
 

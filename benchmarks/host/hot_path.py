@@ -19,7 +19,7 @@ from pathlib import Path
 
 from benchmarks.common.load import free_endpoint
 from benchmarks.common.source import PERIOD_US, Source
-from imud.config.settings import Config, Zenoh
+from imud.config.settings import Config, ZenohSettings
 from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake
 from imud.daemon.lane import Item
@@ -126,7 +126,7 @@ def logging_all(items: Sequence[Item], folder: str) -> Work:
 
 
 def publishing(items: Sequence[Item]) -> Work:
-    sink = ZenohSink(Zenoh(listen=(free_endpoint(),)), lambda *_: None)
+    sink = ZenohSink(ZenohSettings(listen=(free_endpoint(),)), lambda *_: None)
     sink.open()
 
     def work() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from imud.probes.clock import Clock
+from imud.probes.clock import ProbeClock
 from imud.rotation import FloatArray
 
 RATE_PPM = 3000.0  # of a Nano's ceramic resonator, at most
@@ -28,7 +28,7 @@ def dated(times_s: FloatArray, random: np.random.Generator) -> FloatArray:
     late = LATE_S[0] + random.exponential(LATE_S[1], len(true))
     late += (random.random(len(true)) < STALLS) * random.uniform(0, STALL_S, len(true))
     came = np.maximum.accumulate(since + late)
-    clock = Clock()
+    clock = ProbeClock()
     found = np.empty(len(true))
     asked = 0.0
     for index, (at_us, came_s) in enumerate(

@@ -61,7 +61,7 @@ class Argument:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class ProbeCommand:
     """A command. With an `example` the command line has one of the same name."""
 
     name: str
@@ -92,9 +92,9 @@ class Command:
 _SWITCH = {"0": 0, "1": 1}
 
 _ROWS = (
-    Command("start", "make a probe stream", example="imud start"),
-    Command("stop", "make a probe stop streaming", example="imud stop"),
-    Command(
+    ProbeCommand("start", "make a probe stream", example="imud start"),
+    ProbeCommand("stop", "make a probe stop streaming", example="imud stop"),
+    ProbeCommand(
         "tare",
         "make a probe's current orientation the origin",
         (
@@ -117,7 +117,7 @@ _ROWS = (
         needs="what=all, heading or undo",
         example="imud tare --heading",
     ),
-    Command(
+    ProbeCommand(
         "restart",
         "restart a probe's calibration at rest, its filter and its origin",
         (
@@ -151,7 +151,7 @@ _ROWS = (
         example="imud restart --filter madgwick",
         details="Lay the probe still first.",
     ),
-    Command(
+    ProbeCommand(
         "rate",
         "set how often a stream is sent",
         (
@@ -160,17 +160,17 @@ _ROWS = (
         ),
         needs="stream=pose or raw, and hz=a number",
     ),
-    Command(
+    ProbeCommand(
         "fields",
         "select the streams that are sent",
         (Argument("streams", "list", STREAMS, limits="at least one"),),
         needs="streams=pose,raw or one of them",
     ),
-    Command("hello", "make a probe say what it is"),
-    Command("reset", "restart the processor of a probe"),
-    Command("time", "ask a probe for its time, as the daemon does by itself"),
-    Command("params_tell", "make a probe tell its params"),
-    Command(
+    ProbeCommand("hello", "make a probe say what it is"),
+    ProbeCommand("reset", "restart the processor of a probe"),
+    ProbeCommand("time", "ask a probe for its time, as the daemon does by itself"),
+    ProbeCommand("params_tell", "make a probe tell its params"),
+    ProbeCommand(
         "params",
         "put params in force, all records or none",
         (
@@ -181,7 +181,7 @@ _ROWS = (
         needs="records=hexadecimal digits; imud params load sends a file",
         handler=Handler.PARAMS,
     ),
-    Command(
+    ProbeCommand(
         HISTORY,
         "list the params that came into force, or give those of a digest",
         (
@@ -196,7 +196,7 @@ _ROWS = (
         handler=Handler.HISTORY,
         topic="params",
     ),
-    Command(
+    ProbeCommand(
         "aim",
         "set the orientation that a probe should be brought to, or none",
         (
@@ -213,8 +213,8 @@ _ROWS = (
         "tolerance_deg, hold_s and target=NAME; or off=1",
         handler=Handler.AIM,
     ),
-    Command("close", "close the path of a probe's strokes", handler=Handler.CLOSE),
-    Command(
+    ProbeCommand("close", "close the path of a probe's strokes", handler=Handler.CLOSE),
+    ProbeCommand(
         "configure",
         "rename a probe, or start or stop its log, until the daemon reads its "
         "configuration again",
@@ -227,7 +227,7 @@ _ROWS = (
     ),
 )
 
-COMMANDS: Mapping[str, Command] = {each.name: each for each in _ROWS}
+COMMANDS: Mapping[str, ProbeCommand] = {each.name: each for each in _ROWS}
 
 # The other commands of the wire. One word or one step of a change of params: alone they
 # only make that of somebody else fail.

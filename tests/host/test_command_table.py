@@ -13,7 +13,7 @@ from typing import get_args
 import pytest
 
 from imud import commands
-from imud.commands import COMMANDS, PARAMETERS_MAX, Argument, Command, Handler
+from imud.commands import COMMANDS, PARAMETERS_MAX, Argument, Handler, ProbeCommand
 from imud.config import reader
 from imud.daemon.command_runner import CommandRunner
 from imud.daemon.commands import Commander
@@ -45,7 +45,7 @@ def described(argument: Argument) -> str:
     return f"[{text}]" if argument.is_optional else text
 
 
-def row_of(command: Command) -> str:
+def row_of(command: ProbeCommand) -> str:
     arguments = "; ".join(map(described, command.arguments))
     who = f"who reads `{command.topic}`" if command.topic else ", ".join(command.roles)
     return f"| `{command.name}` | {arguments} | {who} | {command.help} |"

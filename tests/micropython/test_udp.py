@@ -18,7 +18,7 @@ import pytest
 from fakes import PATIENCE_S, DaemonProcess
 from imud.client import Client
 from imud.net import probe_keys
-from imud.ports.datagram import HELLO, Fault, Peer, sign
+from imud.ports.datagram import HELLO, DatagramFault, Peer, sign
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode, encode
 from micropython_frames import PACKAGE, PROGRAMS
@@ -108,7 +108,7 @@ class End:
         datagram, self.address = self.socket.recvfrom(2000)
         if datagram[0] != HELLO:
             payload = self.peer.open(datagram, self.address)
-            assert not isinstance(payload, Fault), payload
+            assert not isinstance(payload, DatagramFault), payload
             assert payload.endswith(b"\0")  # whole frames
             found = map(decode, self.decoder.feed(payload))
             self.messages += [m for m in found if isinstance(m, Message)]

@@ -15,7 +15,7 @@ import log_files
 from imud.log.reader import Logged
 from imud.log.seekable import SeekableLog
 from imud.web.logs import LogFolder
-from imud.web.player import Pace
+from imud.web.player import Schedule
 from imud.web.playing import PLAYERS_MAX
 from imud.web.users import TokenHolder
 from web.served import PATIENCE_S, Live, Served
@@ -32,7 +32,7 @@ def log(tmp_path: Path) -> Path:
 
 
 def test_messages_are_due_as_they_came_at_any_speed() -> None:
-    pace = Pace(2.0, 0.0)
+    pace = Schedule(2.0, 0.0)
     assert pace.wait_s(5_000_000_000, 100.0) == 0.0
     assert pace.wait_s(9_000_000_000, 100.0) == 2.0
     pace.change(0.5, 9_000_000_000, 102.0)

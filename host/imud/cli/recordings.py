@@ -244,7 +244,7 @@ def _replay(args: argparse.Namespace) -> int:
 
     if args.link is not None and args.keys is not None:
         raise ConfigError("--link is a port, which needs no --keys; leave one out")
-    what = replay.recording(args.logs, args.probe)
+    what = replay.log_set(args.logs, args.probe)
     if args.connect is None and args.keys is None:
         return replay.to_ports(what, args.link, args.speed)
     with replay.connected(what, args.connect, args.keys) as client:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imud.cli.arguments import above_zero, add_command, whole
-from imud.virtual.sim import BOARDS, WIRE, Board, default_link, run
+from imud.virtual.sim import BOARDS, WIRE, VirtualBoard, default_link, run
 
 if TYPE_CHECKING:
     from imud.cli.arguments import Commands
@@ -197,7 +197,7 @@ def _add_module(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_output(parser: argparse.ArgumentParser, board: Board) -> None:
+def _add_output(parser: argparse.ArgumentParser, board: VirtualBoard) -> None:
     output = parser.add_mutually_exclusive_group()
     output.add_argument(
         "--link",
@@ -210,7 +210,7 @@ def _add_output(parser: argparse.ArgumentParser, board: Board) -> None:
     )
 
 
-def _add_streams(parser: argparse.ArgumentParser, board: Board) -> None:
+def _add_streams(parser: argparse.ArgumentParser, board: VirtualBoard) -> None:
     parser.add_argument(
         "--stream",
         action="store_true",
@@ -229,7 +229,7 @@ def _add_streams(parser: argparse.ArgumentParser, board: Board) -> None:
     )
 
 
-def _add_hardware(parser: argparse.ArgumentParser, board: Board) -> None:
+def _add_hardware(parser: argparse.ArgumentParser, board: VirtualBoard) -> None:
     for name in board.files:
         parser.add_argument(
             f"--{name}",

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from imud.config.rules import contradictions
-from imud.config.settings import Config, Journal
+from imud.config.settings import Config, JournalSettings
 from imud.config.toml import (
     Mistake,
     called,
@@ -70,7 +70,9 @@ def load(
         config = replace(config, web=replace(config.web, enabled=False))
     if level is not None:
         said: dict[str, object] = {"level": level}
-        journal = msgspec.convert(msgspec.to_builtins(config.journal) | said, Journal)
+        journal = msgspec.convert(
+            msgspec.to_builtins(config.journal) | said, JournalSettings
+        )
         config = replace(config, journal=journal)
     found = list(contradictions(config))
     if found:

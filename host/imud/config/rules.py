@@ -12,14 +12,14 @@ from imud.config.settings import (
     BAUD_MAX,
     RATES,
     Config,
-    Foxglove,
-    Metrics,
-    OpenIgtLink,
-    Place,
-    Ports,
+    FoxgloveSettings,
+    MetricsSettings,
+    OpenIgtLinkSettings,
+    PlaceSettings,
+    PortSettings,
     ProbeSettings,
-    Web,
-    Zenoh,
+    WebSettings,
+    ZenohSettings,
     listens_on,
     port_and_baud,
 )
@@ -58,7 +58,7 @@ def contradictions(config: Config) -> Iterator[Mistake]:
         yield from _of_ros2(config)
 
 
-def _of_ports(section: Ports) -> Iterator[Mistake]:
+def _of_ports(section: PortSettings) -> Iterator[Mistake]:
     named = [port_and_baud(port) for port in section.named]
     if not named and not section.find and not section.udp:
         yield Mistake(
@@ -85,7 +85,7 @@ def _of_ports(section: Ports) -> Iterator[Mistake]:
         )
 
 
-def _of_page(section: Web) -> Iterator[Mistake]:
+def _of_page(section: WebSettings) -> Iterator[Mistake]:
     path = ("web", "listen")
     address = host_and_port(section.listen)
     if address is None:
@@ -98,7 +98,7 @@ def _of_page(section: Web) -> Iterator[Mistake]:
         )
 
 
-def _of_foxglove(section: Foxglove, keys: str) -> Iterator[Mistake]:
+def _of_foxglove(section: FoxgloveSettings, keys: str) -> Iterator[Mistake]:
     address = host_and_port(section.listen)
     path = ("foxglove", "listen")
     if address is None:
@@ -117,7 +117,7 @@ def _of_foxglove(section: Foxglove, keys: str) -> Iterator[Mistake]:
         )
 
 
-def _of_openigtlink(section: OpenIgtLink, keys: str) -> Iterator[Mistake]:
+def _of_openigtlink(section: OpenIgtLinkSettings, keys: str) -> Iterator[Mistake]:
     yield from _of_readers("openigtlink", section, OPENIGTLINK)
     if keys and not section.open_to_all:
         yield Mistake(
@@ -127,13 +127,13 @@ def _of_openigtlink(section: OpenIgtLink, keys: str) -> Iterator[Mistake]:
         )
 
 
-def _of_metrics(section: Metrics) -> Iterator[Mistake]:
+def _of_metrics(section: MetricsSettings) -> Iterator[Mistake]:
     if section.listen:
         yield from _of_readers("metrics", section, "127.0.0.1:9735")
 
 
 def _of_readers(
-    name: str, section: Metrics | OpenIgtLink, example: str
+    name: str, section: MetricsSettings | OpenIgtLinkSettings, example: str
 ) -> Iterator[Mistake]:
     """The address of a server that asks nobody who they are."""
     address = host_and_port(section.listen)
@@ -148,7 +148,7 @@ def _of_readers(
         )
 
 
-def _of_place(section: Place) -> Iterator[Mistake]:
+def _of_place(section: PlaceSettings) -> Iterator[Mistake]:
     is_known = section.latitude_deg is not None
     if is_known != (section.longitude_deg is not None):
         missing = "longitude_deg" if is_known else "latitude_deg"
@@ -222,7 +222,7 @@ def _of_frames(config: Config) -> Iterator[Mistake]:
             )
 
 
-def _of_network(network: Zenoh) -> Iterator[Mistake]:
+def _of_network(network: ZenohSettings) -> Iterator[Mistake]:
     """Also refuses to listen beyond this machine without keys, unless told to."""
     listen = listens_on(network)
     if network.mode != "router" and not (network.connect or listen):

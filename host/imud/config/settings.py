@@ -37,7 +37,7 @@ Rate = Annotated[int, Meta(ge=1, le=1000)]
 Baud = Annotated[int, Meta(gt=0, le=BAUD_MAX)]
 
 
-class Ports(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class PortSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Serial ports. A probe keeps its identity on whichever port it is."""
 
     find: Annotated[
@@ -68,7 +68,7 @@ class Ports(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = ""
 
 
-class Zenoh(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ZenohSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The network."""
 
     mode: Annotated[
@@ -111,7 +111,7 @@ class Zenoh(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = False
 
 
-class Log(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class LogSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The log on disk, MCAP."""
 
     enabled: Annotated[bool, Meta(description="keep a log")] = True
@@ -133,7 +133,7 @@ class Log(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = True
 
 
-class ParamsHistory(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ParamsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The params of probes: what turns raw readings into poses."""
 
     history: Annotated[
@@ -155,7 +155,7 @@ class ParamsHistory(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return Path(path) if path and not path.startswith("~") else None
 
 
-class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class CalibrationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Calibration without a procedure, from raw samples of probes that send them."""
 
     learn: Annotated[
@@ -167,7 +167,7 @@ class Calibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = "propose"
 
 
-class Place(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class PlaceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where the probes are: the Earth's magnetic field of the place."""
 
     latitude_deg: Annotated[
@@ -187,7 +187,7 @@ class Place(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = "magnetic"
 
 
-class Ros2(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Ros2Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """ROS 2 topics, as rmw_zenoh has them. This machine needs no ROS."""
 
     enabled: Annotated[bool, Meta(description="publish to ROS 2")] = False
@@ -208,7 +208,7 @@ class Ros2(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = ()
 
 
-class Web(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class WebSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The page for browsers on this machine."""
 
     enabled: Annotated[bool, Meta(description="serve it")] = True
@@ -217,7 +217,7 @@ class Web(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = PAGE
 
 
-class Foxglove(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class FoxgloveSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A live server for Foxglove, on this machine."""
 
     enabled: Annotated[
@@ -232,7 +232,7 @@ class Foxglove(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = False
 
 
-class OpenIgtLink(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class OpenIgtLinkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """An OpenIGTLink server, for 3D Slicer and PLUS."""
 
     enabled: Annotated[bool, Meta(description="serve poses by OpenIGTLink")] = False
@@ -246,7 +246,7 @@ class OpenIgtLink(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = False
 
 
-class Metrics(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class MetricsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Metrics for Prometheus."""
 
     listen: Annotated[
@@ -257,7 +257,7 @@ class Metrics(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ] = False
 
 
-class Journal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class JournalSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The daemon's lines on stderr."""
 
     level: Annotated[
@@ -309,18 +309,18 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         bool,
         Meta(description="compute each pose again and report the first that differs"),
     ] = False
-    ports: Ports = Ports()
-    zenoh: Zenoh = Zenoh()
-    log: Log = Log()
-    params: ParamsHistory = ParamsHistory()
-    calibration: Calibration = Calibration()
-    place: Place = Place()
-    ros2: Ros2 = Ros2()
-    web: Web = Web()
-    foxglove: Foxglove = Foxglove()
-    openigtlink: OpenIgtLink = OpenIgtLink()
-    metrics: Metrics = Metrics()
-    journal: Journal = Journal()
+    ports: PortSettings = PortSettings()
+    zenoh: ZenohSettings = ZenohSettings()
+    log: LogSettings = LogSettings()
+    params: ParamsSettings = ParamsSettings()
+    calibration: CalibrationSettings = CalibrationSettings()
+    place: PlaceSettings = PlaceSettings()
+    ros2: Ros2Settings = Ros2Settings()
+    web: WebSettings = WebSettings()
+    foxglove: FoxgloveSettings = FoxgloveSettings()
+    openigtlink: OpenIgtLinkSettings = OpenIgtLinkSettings()
+    metrics: MetricsSettings = MetricsSettings()
+    journal: JournalSettings = JournalSettings()
     probes: Annotated[
         dict[str, ProbeSettings], Meta(description="by the id that `imud list` shows")
     ] = {}
@@ -340,7 +340,7 @@ def port_and_baud(text: str) -> tuple[str, int | None]:
     return (own[1], int(own[2])) if own else (text, None)
 
 
-def listens_on(network: Zenoh) -> tuple[str, ...]:
+def listens_on(network: ZenohSettings) -> tuple[str, ...]:
     """The endpoints to listen on: none for a client, none for a peer by default."""
     is_told = network.listen != (ENDPOINT,)
     if network.mode == "router" or (network.mode == "peer" and is_told):

@@ -20,7 +20,7 @@ from imud.daemon.commands import Commander
 from imud.daemon.configure import configured
 from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake
-from imud.daemon.metrics import Metrics
+from imud.daemon.metrics import MetricsServer
 from imud.daemon.outputs import Outputs
 from imud.daemon.params_history import HistoryFiles
 from imud.daemon.selector import GatheringSelector
@@ -76,7 +76,7 @@ class Daemon:
         self._tasks: set[asyncio.Task[None]] = set()
         self._setting_up: dict[str, asyncio.Task[None]] = {}
         self._notifier = Notifier()
-        self._metrics: Metrics | None = None
+        self._metrics: MetricsServer | None = None
         self._finder = Finder(config.ports, self._intake, self._speaker)
 
     async def run(self) -> None:
@@ -144,7 +144,7 @@ class Daemon:
         self._metrics = None
         self._reports.on_status = lambda _: None
         if address is not None:
-            self._metrics = Metrics(address)
+            self._metrics = MetricsServer(address)
             self._metrics.start()
             self._reports.on_status = self._metrics.take
 

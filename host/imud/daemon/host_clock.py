@@ -7,7 +7,7 @@ import time
 
 from imud.daemon.host_sync import Sync, sync_of_host
 from imud.daemon.lines import ProbeLines
-from imud.daemon.publisher import Publisher
+from imud.daemon.publisher import RecordPublisher
 from imud.daemon.registry import Registry
 from imud.probes.timeline import Timeline, host_ns
 
@@ -18,7 +18,7 @@ class HostClock:
     """The timeline that all sessions share, and who hears of its steps."""
 
     def __init__(
-        self, registry: Registry, publisher: Publisher, lines: ProbeLines
+        self, registry: Registry, publisher: RecordPublisher, lines: ProbeLines
     ) -> None:
         self._registry = registry
         self._publisher = publisher

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from imud.config.reader import as_toml
-from imud.config.settings import Config, ParamsHistory
+from imud.config.settings import Config, ParamsSettings
 from imud.errors import ConfigError, FileError
 
 # What useradd(8) takes.
@@ -139,7 +139,7 @@ def files(user: str, program: Path) -> dict[str, str]:
         # After 60-serial.rules, which find ID_SERIAL_SHORT and ID_PATH_TAG.
         "etc/udev/rules.d/70-imu-probe.rules": RULE_HEAD + "".join(rules) + RULE_TAIL,
         "etc/sysusers.d/imud.conf": USERS.format(user=user),
-        "etc/imud.toml": as_toml(Config(params=ParamsHistory("params"))),
+        "etc/imud.toml": as_toml(Config(params=ParamsSettings("params"))),
     }
 
 

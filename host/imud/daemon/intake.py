@@ -14,7 +14,7 @@ from imud.daemon.hub import Hub
 from imud.daemon.lines import ProbeLines
 from imud.daemon.log_state import LogWatch
 from imud.daemon.params_watch import ParamsWatch
-from imud.daemon.publisher import Publisher
+from imud.daemon.publisher import RecordPublisher
 from imud.daemon.registry import MakeStages, ProbeEntry, ProbePort, Registry
 from imud.daemon.reports import Reports
 from imud.daemon.sensor_watch import follow_event, follow_status, sensor_findings
@@ -48,7 +48,7 @@ class Intake:
         make_stages: MakeStages = stages_of,
     ) -> None:
         self.registry = Registry(config, make_stages)
-        self._publisher = Publisher(hub)
+        self._publisher = RecordPublisher(hub)
         self._lines = ProbeLines(speaker)
         self._clock = HostClock(self.registry, self._publisher, self._lines)
         log = LogWatch(self.registry, hub, self._publisher, is_on=config.log.enabled)

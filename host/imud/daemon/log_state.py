@@ -6,7 +6,7 @@ from __future__ import annotations
 import msgspec
 
 from imud.daemon.hub import Hub
-from imud.daemon.publisher import Publisher
+from imud.daemon.publisher import RecordPublisher
 from imud.daemon.registry import ProbeEntry, Registry
 
 LOG = "log"  # name of the sink, and topic of the records
@@ -23,7 +23,7 @@ class LogWatch:
     """Follows how the sink of the log does."""
 
     def __init__(
-        self, registry: Registry, hub: Hub, publisher: Publisher, *, is_on: bool
+        self, registry: Registry, hub: Hub, publisher: RecordPublisher, *, is_on: bool
     ) -> None:
         self._registry = registry
         self._hub = hub

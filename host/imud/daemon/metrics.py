@@ -119,7 +119,7 @@ def _process() -> Iterator[tuple[str, float]]:
     yield "process_open_fds", descriptors
 
 
-class Metrics:
+class MetricsServer:
     """Serves the latest status of each probe at /metrics."""
 
     def __init__(self, address: tuple[str, int]) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from imud.config.settings import Config, Zenoh
+from imud.config.settings import Config, ZenohSettings
 from imud.daemon.hub import Hub
 from imud.daemon.lane import Sink
 from imud.daemon.log_state import LOG
@@ -146,7 +146,7 @@ class Outputs:
         if self._page_sink is not None:
             self._page_sink.hear_body(key, payload)
 
-    def _zenoh(self, network: Zenoh) -> ZenohSink:
+    def _zenoh(self, network: ZenohSettings) -> ZenohSink:
         if network.keys and not self._is_told_of_refusals:
             self._is_told_of_refusals = True
             tell_refusals(lambda kind, text: self._on_notice(kind, text, True))

@@ -9,7 +9,7 @@ import datetime
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from imud.daemon.publisher import Publisher
+from imud.daemon.publisher import RecordPublisher
 from imud.daemon.registry import ProbeEntry, Registry
 from imud.daemon.sensor_watch import is_working
 from imud.errors import ParamsError
@@ -28,7 +28,7 @@ Keep = Callable[[str, Params, int], None]
 class ParamsWatch:
     """Knows what was said of the params of each probe."""
 
-    def __init__(self, registry: Registry, publisher: Publisher) -> None:
+    def __init__(self, registry: Registry, publisher: RecordPublisher) -> None:
         self._registry = registry
         self._publisher = publisher
         self._told: dict[ProbeEntry, int] = {}  # digests

@@ -17,7 +17,7 @@ AIM = "aim"  # topic: how near a probe is to where it should be
 PATH = "path"  # topic: a path of strokes, closed
 
 
-class Publisher:
+class RecordPublisher:
     """The way of all records from the daemon to the hub."""
 
     def __init__(self, hub: Hub) -> None:

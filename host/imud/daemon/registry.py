@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import msgspec
 
 from imud.calibration.earth import Earth, earth_at
-from imud.config.settings import Config, Place
+from imud.config.settings import Config, PlaceSettings
 from imud.probes.aim import Aim
 from imud.probes.double_click import PathCloser
 from imud.probes.north import North
@@ -45,7 +45,7 @@ class ProbePort(Protocol):
     def listen_again(self) -> None: ...
 
 
-class Fault(msgspec.Struct, frozen=True):
+class SensorFault(msgspec.Struct, frozen=True):
     """What a probe told of its sensor, which may be out of work since."""
 
     event: str
@@ -74,7 +74,7 @@ class ProbeEntry:
         self.advised: str | None = None  # and for what its calibration needs
         self.told_boot = 0  # in which boot the findings were told
         self.told_findings: list[Finding] = []  # about its sensors
-        self.fault: Fault | None = None  # of its sensor, the latest
+        self.fault: SensorFault | None = None  # of its sensor, the latest
         self.host_flags: tuple[str, ...] = ()  # of its poses
         self.counters: dict[str, Any] = {}  # of its latest status message
         self.counters_sequence = 0  # number of that message
@@ -105,7 +105,7 @@ class ProbeEntry:
         for stage in self.stages:
             stage.configure(config)
 
-    def _locate(self, place: Place) -> None:
+    def _locate(self, place: PlaceSettings) -> None:
         self.earth, self.north = earth_of(place), None
         if self.earth is not None and place.north == "true":
             self.north = North(self.earth.declination_deg)
@@ -132,7 +132,7 @@ class ProbeEntry:
         return ", ".join(filter(None, (text, *(s.farewell() for s in self.stages))))
 
 
-def earth_of(place: Place) -> Earth | None:
+def earth_of(place: PlaceSettings) -> Earth | None:
     """The magnetic field of the place, today; None: the place is not known."""
     if place.latitude_deg is None or place.longitude_deg is None:
         return None

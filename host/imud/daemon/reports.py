@@ -10,7 +10,7 @@ from imud.daemon.host_clock import HostClock
 from imud.daemon.hub import Hub
 from imud.daemon.lines import ProbeLines
 from imud.daemon.log_state import LOG, LogWatch
-from imud.daemon.publisher import Publisher
+from imud.daemon.publisher import RecordPublisher
 from imud.daemon.registry import ProbeEntry, Registry
 from imud.daemon.status import Delivered, status_of
 from imud.probes.ledger import totals
@@ -26,7 +26,7 @@ class Reports:
         self,
         registry: Registry,
         hub: Hub,
-        publisher: Publisher,
+        publisher: RecordPublisher,
         lines: ProbeLines,
         clock: HostClock,
         log: LogWatch,

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from imud.daemon.registry import Fault, ProbeEntry
+from imud.daemon.registry import ProbeEntry, SensorFault
 from imud.journal.faults import OF_SENSOR, fault_words
 from imud.probes.sensors import Finding, findings_of, flags_of
 from imud.wire.messages import Message
@@ -23,7 +23,7 @@ def follow_event(entry: ProbeEntry, event: Message) -> None:
     """Remembers why the sensor of the probe does not work."""
     name, cause, detail = (event.fields[key] for key in ("event", "cause", "detail"))
     if name in OF_SENSOR and isinstance(detail, int):
-        entry.fault = Fault(str(name), str(cause), detail)
+        entry.fault = SensorFault(str(name), str(cause), detail)
     elif name == "bus_recovered":
         entry.fault = None
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import msgspec
 
 from imud.daemon.lines import ProbeLines
-from imud.daemon.publisher import Publisher
+from imud.daemon.publisher import RecordPublisher
 from imud.daemon.registry import ProbeEntry
 from imud.probes.record import record_of
 from imud.probes.session import ProbeFound, Received
@@ -19,7 +19,7 @@ from imud.wire.messages import Message, decode
 class StageRunner:
     """Where stages meet the daemon. `on_want` has commands sent to a probe by name."""
 
-    def __init__(self, publisher: Publisher, lines: ProbeLines) -> None:
+    def __init__(self, publisher: RecordPublisher, lines: ProbeLines) -> None:
         self._publisher = publisher
         self._lines = lines
         self.on_want: Callable[[str, Wants], None] = lambda *_: None

@@ -91,7 +91,7 @@ class Damage:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class RecordGroup:
     """The records of a chunk, or a metadata record; `end` is the offset behind it."""
 
     end: int
@@ -115,7 +115,9 @@ def records_of(file: BinaryIO, size: int) -> Iterator[tuple[int, int, int]]:
         at += _RECORD.size + length
 
 
-def parts_of(file: BinaryIO, size: int, start: int = 0) -> Iterator[Part | Damage]:
+def parts_of(
+    file: BinaryIO, size: int, start: int = 0
+) -> Iterator[RecordGroup | Damage]:
     """All parts of a log and its damage, in order, from that offset of a record on.
     Damage is last if it was cut off.
     """
@@ -142,7 +144,7 @@ def parts_of(file: BinaryIO, size: int, start: int = 0) -> Iterator[Part | Damag
     yield Damage(size, 0, is_tail=True)
 
 
-def _part(file: BinaryIO, at: int) -> tuple[Part, bool]:
+def _part(file: BinaryIO, at: int) -> tuple[RecordGroup, bool]:
     """The record at an offset, and whether it is the end of the data section."""
     file.seek(at)
     kind, length = _RECORD.unpack(file.read(_RECORD.size))
@@ -154,13 +156,13 @@ def _part(file: BinaryIO, at: int) -> tuple[Part, bool]:
     end = at + _RECORD.size + length
     stream = ReadDataStream(BytesIO(body))
     if kind == Opcode.CHUNK:
-        return Part(end, _opened(Chunk.read(stream))), False
+        return RecordGroup(end, _opened(Chunk.read(stream))), False
     if kind == Opcode.METADATA:
         metadata = Metadata.read(stream)
         if not is_sealed(metadata):
             raise ValueError(metadata.name)
-        return Part(end, [metadata]), False
-    return Part(end, []), kind == Opcode.DATA_END
+        return RecordGroup(end, [metadata]), False
+    return RecordGroup(end, []), kind == Opcode.DATA_END
 
 
 def _opened(chunk: Chunk) -> list[Schema | Channel | Message | Metadata]:
@@ -231,7 +233,7 @@ class Reader:
         self.count = 0
         self.unknown = 0  # messages whose channel was in a damaged part
 
-    def read(self, part: Part) -> Iterator[LogHead | Logged]:
+    def read(self, part: RecordGroup) -> Iterator[LogHead | Logged]:
         """The messages of a part; those of unknown channels are only counted."""
         for record in part.records:
             if isinstance(record, Channel):

@@ -17,7 +17,7 @@ from typing import Any, get_args
 import msgspec
 import zenoh
 
-from imud.config.settings import Zenoh, listens_on
+from imud.config.settings import ZenohSettings, listens_on
 from imud.defaults import ENDPOINT
 from imud.errors import ConfigError, DaemonNotFound, ListenFailed
 from imud.net import access
@@ -94,7 +94,7 @@ def read_roles(folder: Path) -> dict[str, Role]:
         ) from error
 
 
-def is_guest(settings: Zenoh) -> bool:
+def is_guest(settings: ZenohSettings) -> bool:
     """Whether the daemon only joins a network of others, which may come and go."""
     return settings.mode != "router" and not listens_on(settings)
 
@@ -110,7 +110,7 @@ def new_id() -> str:
     return f"{1 << 127 | secrets.randbits(127):x}"
 
 
-def open_daemon(settings: Zenoh, own_id: str) -> zenoh.Session:
+def open_daemon(settings: ZenohSettings, own_id: str) -> zenoh.Session:
     """Opens the session of `imud run`. `own_id` is the source in its time stamps: with
     the same one after an outage, subscribers know that its numbers go on.
 
@@ -148,7 +148,7 @@ def open_node(connect: Sequence[str], mine: Credentials | None) -> zenoh.Session
         ) from error
 
 
-def own_credentials(settings: Zenoh, *, is_abroad: bool) -> Credentials | None:
+def own_credentials(settings: ZenohSettings, *, is_abroad: bool) -> Credentials | None:
     """What a second session of the daemon connects with, None: nothing.
 
     `is_abroad`: to a router of another network, which never gets the keys to our own.
@@ -180,7 +180,7 @@ def _nobody_at(connect: Sequence[str]) -> DaemonNotFound:
     return DaemonNotFound(f"no Zenoh router accepts it at {', '.join(connect)}")
 
 
-def _open_daemon(settings: Zenoh, own_id: str) -> zenoh.Session:
+def _open_daemon(settings: ZenohSettings, own_id: str) -> zenoh.Session:
     listen = listens_on(settings)
     wanted: dict[str, Any] = {
         "id": own_id,
@@ -256,7 +256,7 @@ def _config(wanted: Mapping[str, Any]) -> zenoh.Config:
     return config
 
 
-def _guard(folder: Path, settings: Zenoh) -> dict[str, Any]:
+def _guard(folder: Path, settings: ZenohSettings) -> dict[str, Any]:
     """Zenoh's settings that admit users with keys of this folder, each by its role."""
     roles = read_roles(folder)
     for name in (CA, SERVER, SERVER_KEY, USERS):

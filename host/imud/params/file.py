@@ -19,7 +19,7 @@ import msgspec
 
 from imud.errors import FileError, ParamsError
 from imud.params.parts import KINDS, NAMES, Kind, Part
-from imud.params.value import Params, Record
+from imud.params.value import Params, ParamsRecord
 
 # Longer files are none of ours: 248 bytes of records are about 3 kB of text.
 SIZE_MAX = 100_000
@@ -132,7 +132,7 @@ def parse(text: str) -> ParamsFile:
     return ParamsFile(params, probe_id)
 
 
-def _records(table: Mapping[str, Any]) -> Iterator[Record]:
+def _records(table: Mapping[str, Any]) -> Iterator[ParamsRecord]:
     for kind in KINDS.values():
         if kind.name in table:
             yield _record(kind, _section(table, kind.name))
@@ -143,7 +143,7 @@ def _records(table: Mapping[str, Any]) -> Iterator[Record]:
         if int(key) in KINDS:
             name = KINDS[int(key)].name
             raise ParamsError(f"{where}: this is a record that is known: [{name}]")
-        yield Record(int(key), _bytes(value, where))
+        yield ParamsRecord(int(key), _bytes(value, where))
 
 
 def _section(table: Mapping[str, Any], name: str) -> Mapping[str, Any]:
@@ -153,7 +153,7 @@ def _section(table: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return section
 
 
-def _record(kind: Kind, table: Mapping[str, Any]) -> Record:
+def _record(kind: Kind, table: Mapping[str, Any]) -> ParamsRecord:
     for key in table:
         if key not in kind.keys and key not in (PARTS, TAIL):
             known = ", ".join(kind.keys)
@@ -177,7 +177,7 @@ def _record(kind: Kind, table: Mapping[str, Any]) -> Record:
         except ValueError as error:
             raise ParamsError(f"{where}: {_told(table, part.key)}{error}") from None
     tail = _bytes(table.get(TAIL, ""), f"[{kind.name}] {TAIL}")
-    return Record(kind.tag, _limited(kind.join(wire, tail), kind.name))
+    return ParamsRecord(kind.tag, _limited(kind.join(wire, tail), kind.name))
 
 
 def _told(table: Mapping[str, Any], key: str) -> str:
@@ -186,7 +186,9 @@ def _told(table: Mapping[str, Any], key: str) -> str:
     return f"{_shown(value)} " if isinstance(value, str | datetime.date) else ""
 
 
-def _in_order(table: Mapping[str, Any], records: list[Record]) -> list[Record]:
+def _in_order(
+    table: Mapping[str, Any], records: list[ParamsRecord]
+) -> list[ParamsRecord]:
     """By tag, unless the file says in which order."""
     tags = table.get("order", [])
     if not isinstance(tags, list) or not all(isinstance(tag, int) for tag in tags):

@@ -27,7 +27,7 @@ UNIT_TOLERANCE = 1e-3  # of the length of an axis
 Vector = tuple[float, float, float]
 
 
-class Record(msgspec.Struct, frozen=True):
+class ParamsRecord(msgspec.Struct, frozen=True):
     """A tag and the bytes of its parts."""
 
     tag: int
@@ -79,17 +79,17 @@ class Options(msgspec.Struct, frozen=True, kw_only=True):
 class Params(msgspec.Struct, frozen=True):
     """A list of records."""
 
-    records: tuple[Record, ...] = ()
+    records: tuple[ParamsRecord, ...] = ()
 
     @classmethod
     def decode(cls, records: bytes) -> Self:
         """The value of these bytes; ParamsError if they are no list of records."""
-        found: list[Record] = []
+        found: list[ParamsRecord] = []
         at = 0
         while at < len(records):
             head, at_body = records[at : at + 2], at + 2
             body = records[at_body : at_body + head[-1]]
-            record = Record(head[0], body)
+            record = ParamsRecord(head[0], body)
             if len(head) < 2 or len(body) < head[1]:
                 raise ParamsError(f"the params end within a record, at byte {at}")
             if any(other.tag == record.tag for other in found):
@@ -113,7 +113,7 @@ class Params(msgspec.Struct, frozen=True):
         """The records of later firmware, by tag."""
         return {r.tag: r.body for r in self.records if r.kind is None}
 
-    def _of(self, name: str) -> Record | None:
+    def _of(self, name: str) -> ParamsRecord | None:
         tag = kind_of(name).tag
         return next((each for each in self.records if each.tag == tag), None)
 
@@ -148,9 +148,9 @@ class Params(msgspec.Struct, frozen=True):
                 wire[part.name] = part.wire(values.get(key, 0 if part.words else None))
             except ValueError as error:
                 raise ParamsError(f"{name}: {key} {error}") from None
-        return self.having(Record(kind.tag, kind.join(wire)))
+        return self.having(ParamsRecord(kind.tag, kind.join(wire)))
 
-    def having(self, record: Record) -> Params:
+    def having(self, record: ParamsRecord) -> Params:
         """With this record in the place of the one of its tag, or else at the end."""
         if any(each.tag == record.tag for each in self.records):
             return Params(

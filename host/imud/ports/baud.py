@@ -40,7 +40,7 @@ class Sound:
         return cls(counts["bytes"], counts["frames"], well_formed)
 
 
-class Step(Enum):
+class TrialStep(Enum):
     STAY = 1
     NEXT = 2  # listen at Trial.rate, which is another one
     OVER = 3  # a round is over without a hello; the next one begins
@@ -61,7 +61,7 @@ class Trial:
     def rate(self) -> int:
         return self.rates[self._index]
 
-    def judge(self, sound: Sound, now_s: float) -> Step:
+    def judge(self, sound: Sound, now_s: float) -> TrialStep:
         """What to do next. Called when bytes came, and about ten times a second."""
         if sound.bytes > 0 and self._first_s is None:
             self._first_s = now_s
@@ -69,7 +69,7 @@ class Trial:
         if self._first_s is None:
             # After noise at another rate, silence means that it was a short burst.
             is_in_vain = spent_s > (DWELL_S if self._noise else QUIET_S)
-            return self._turn(sound, now_s) if is_in_vain else Step.STAY
+            return self._turn(sound, now_s) if is_in_vain else TrialStep.STAY
         # Random bytes with zeros among them are hardly ever valid COBS: of 200,000 none
         # were. A probe of another schema sends valid COBS; only hellos pass the CRC.
         is_garbage = sound.bytes > NOISE_BYTES and sound.frames + sound.well_formed == 0
@@ -77,17 +77,17 @@ class Trial:
             return self._turn(sound, now_s)
         if now_s - self._first_s > (QUIET_S if sound.frames else DWELL_S):
             return self._turn(sound, now_s)
-        return Step.STAY
+        return TrialStep.STAY
 
-    def _turn(self, sound: Sound, now_s: float) -> Step:
+    def _turn(self, sound: Sound, now_s: float) -> TrialStep:
         self._noise += sound.bytes
         self._since_s, self._first_s = now_s, None
         self._index += 1
         if self._index < len(self.rates) and self._noise:
-            return Step.NEXT
+            return TrialStep.NEXT
         self._index = 0
         self.noise, self._noise = self._noise, 0
-        return Step.OVER
+        return TrialStep.OVER
 
 
 class Memory:

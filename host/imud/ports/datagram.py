@@ -39,7 +39,7 @@ GREETED_MAX = 4
 Address = tuple[str, int]
 
 
-class Fault(StrEnum):
+class DatagramFault(StrEnum):
     """Why a datagram is refused."""
 
     MALFORMED = "malformed"
@@ -50,12 +50,12 @@ class Fault(StrEnum):
     REPLAYED = "replayed"  # or later than the window
 
 
-def addressed(datagram: bytes) -> tuple[int, bytes] | Fault:
+def addressed(datagram: bytes) -> tuple[int, bytes] | DatagramFault:
     """Kind and probe of a datagram, neither of them proven."""
     if len(datagram) > DATAGRAM_MAX:
-        return Fault.OVERSIZED
+        return DatagramFault.OVERSIZED
     if len(datagram) < _ADDRESSED.size + SIGNATURE_SIZE:
-        return Fault.MALFORMED
+        return DatagramFault.MALFORMED
     kind, probe_id = _ADDRESSED.unpack_from(datagram)
     return kind, bytes(probe_id)
 
@@ -111,18 +111,18 @@ class Channel:
         self._window = Window()
         self._next = 0
 
-    def open(self, datagram: bytes) -> bytes | Fault:
+    def open(self, datagram: bytes) -> bytes | DatagramFault:
         """The payload; each is given once."""
         content = _checked(self._key, datagram)
         if content is None:
-            return Fault.BAD_SIGNATURE
+            return DatagramFault.BAD_SIGNATURE
         if len(content) < _DATA.size:
-            return Fault.MALFORMED
+            return DatagramFault.MALFORMED
         kind, _, counter = _DATA.unpack_from(content)
         if kind != self._opens:
-            return Fault.MALFORMED
+            return DatagramFault.MALFORMED
         if not self._window.take(counter):
-            return Fault.REPLAYED
+            return DatagramFault.REPLAYED
         return content[_DATA.size :]
 
     def seal(self, payload: bytes) -> bytes:
@@ -149,15 +149,15 @@ class Peer:
         self.address: Address | None = None  # of the session
         self.sessions = 0
 
-    def welcome(self, datagram: bytes, address: Address) -> bytes | Fault:
+    def welcome(self, datagram: bytes, address: Address) -> bytes | DatagramFault:
         """The answer to a hello. A hello that was recorded gets one, too: it changes
         nothing until a datagram of that session comes.
         """
         content = _checked(self.key, datagram)
         if content is None:
-            return Fault.BAD_SIGNATURE
+            return DatagramFault.BAD_SIGNATURE
         if len(content) != _GREETING.size:
-            return Fault.MALFORMED
+            return DatagramFault.MALFORMED
         _, _, theirs, _ = _GREETING.unpack(content)
         ours = self._random(NONCE_SIZE)
         channel = Channel(self.key, self.probe_id, theirs + ours)
@@ -165,20 +165,20 @@ class Peer:
         answer = _GREETING.pack(WELCOME, self.probe_id, theirs, ours)
         return sign(self.key, answer)
 
-    def open(self, datagram: bytes, address: Address) -> bytes | Fault:
+    def open(self, datagram: bytes, address: Address) -> bytes | DatagramFault:
         """The payload of a datagram. The first of a session begins it and ends the one
         before.
         """
-        found: bytes | Fault = Fault.NO_SESSION
+        found: bytes | DatagramFault = DatagramFault.NO_SESSION
         if self.channel is not None and address == self.address:
             found = self.channel.open(datagram)
-            if found is not Fault.BAD_SIGNATURE:
+            if found is not DatagramFault.BAD_SIGNATURE:
                 return found
         for where, channel in self._greeted:
             if where != address:
                 continue
             found = channel.open(datagram)
-            if not isinstance(found, Fault):
+            if not isinstance(found, DatagramFault):
                 self.channel, self.address = channel, address
                 self._greeted.clear()
                 self.sessions += 1

@@ -20,7 +20,7 @@ from typing import Protocol
 
 from serial.tools import list_ports
 
-from imud.config.settings import Ports, port_and_baud
+from imud.config.settings import PortSettings, port_and_baud
 from imud.errors import PortLost, PortNotFound
 from imud.journal.speaker import Speaker
 from imud.ports.baud import Memory
@@ -84,7 +84,7 @@ class Finder:
 
     def __init__(
         self,
-        settings: Ports,
+        settings: PortSettings,
         probes: Listener,
         speaker: Speaker,
         *,
@@ -105,7 +105,7 @@ class Finder:
     def __iter__(self) -> Iterator[Port]:
         return iter(list(self._ports.values()))
 
-    def configure(self, settings: Ports) -> None:
+    def configure(self, settings: PortSettings) -> None:
         """Applies new settings. Ports that are no longer named are closed."""
         self._settings = settings
         self._changed.set()

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from imud.errors import LinkError, PortLost, PortNotFound
 from imud.journal.phrases import port_problem
 from imud.journal.speaker import Speaker
-from imud.ports.baud import Memory, Sound, Step, Trial
+from imud.ports.baud import Memory, Sound, Trial, TrialStep
 from imud.ports.link import Link
 from imud.ports.listener import Claim, Listener
 from imud.probes.session import (
@@ -194,9 +194,9 @@ class Port:
             return
         sound = Sound.of(session.counts())
         step = trial.judge(sound, asyncio.get_running_loop().time())
-        if step is Step.STAY:
+        if step is TrialStep.STAY:
             return
-        if step is Step.OVER and not self._go_on(trial):
+        if step is TrialStep.OVER and not self._go_on(trial):
             return
         if sound.bytes > 0:
             self._tell(session.close())

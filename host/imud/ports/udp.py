@@ -12,12 +12,19 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from imud.config.settings import Ports
+from imud.config.settings import PortSettings
 from imud.endpoint import host_and_port
 from imud.errors import ConfigError
 from imud.journal.speaker import Speaker
 from imud.net import probe_keys
-from imud.ports.datagram import DATAGRAM_MAX, HELLO, Address, Fault, Peer, addressed
+from imud.ports.datagram import (
+    DATAGRAM_MAX,
+    HELLO,
+    Address,
+    DatagramFault,
+    Peer,
+    addressed,
+)
 from imud.ports.listener import Listener
 from imud.ports.udp_port import UdpPort
 from imud.probes.timeline import host_ns
@@ -40,12 +47,12 @@ class UdpPorts:
         self._fault = ""  # the last one told
         self._keys_ns = (-1, "")  # when their folder changed, and which it is
         self._ports: dict[bytes, UdpPort] = {}
-        self.refused: Counter[Fault] = Counter()
+        self.refused: Counter[DatagramFault] = Counter()
 
     def __iter__(self) -> Iterator[UdpPort]:
         return iter(self._ports.values())
 
-    def serve(self, settings: Ports) -> None:
+    def serve(self, settings: PortSettings) -> None:
         """Does what the settings say; called about once a second. A key that was made
         or deleted counts at once.
         """
@@ -145,24 +152,26 @@ class UdpPorts:
             if fault is not None:
                 self._refuse(fault, address)
 
-    def _take(self, datagram: bytes, address: Address, t_ns: int) -> Fault | None:
+    def _take(
+        self, datagram: bytes, address: Address, t_ns: int
+    ) -> DatagramFault | None:
         found = addressed(datagram)
-        if isinstance(found, Fault):
+        if isinstance(found, DatagramFault):
             return found
         kind, probe_id = found
         port = self._ports.get(probe_id)
         if port is None:
-            return Fault.UNKNOWN_KEY
+            return DatagramFault.UNKNOWN_KEY
         if kind != HELLO:
             return port.take(datagram, address, t_ns)
         answer = port.peer.welcome(datagram, address)
-        if isinstance(answer, Fault):
+        if isinstance(answer, DatagramFault):
             port.refused[answer] += 1
             return answer
         self._send(answer, address)
         return None
 
-    def _refuse(self, fault: Fault, address: Address) -> None:
+    def _refuse(self, fault: DatagramFault, address: Address) -> None:
         self.refused[fault] += 1
         text = (
             f"udp: datagrams refused: {self.refused[fault]} "

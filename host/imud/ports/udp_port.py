@@ -10,7 +10,7 @@ from typing import Any
 from imud.errors import PortLost
 from imud.journal.phrases import port_problem
 from imud.journal.speaker import Speaker
-from imud.ports.datagram import Address, Fault, Peer
+from imud.ports.datagram import Address, DatagramFault, Peer
 from imud.ports.listener import Claim, Listener
 from imud.probes.session import (
     Event,
@@ -37,7 +37,7 @@ class DatagramSession(Session):
         port = self._port
         datagrams = {
             "received": port.received,
-            "refused": {str(fault): port.refused[fault] for fault in Fault},
+            "refused": {str(fault): port.refused[fault] for fault in DatagramFault},
             "sessions": port.peer.sessions,
         }
         return super().counts() | {"datagrams": datagrams}
@@ -65,7 +65,7 @@ class UdpPort:
         self._heard_ns = 0
         self.session: Session | None = None
         self.received = 0
-        self.refused: Counter[Fault] = Counter()
+        self.refused: Counter[DatagramFault] = Counter()
 
     def write(self, data: bytes) -> None:
         """Sends bytes to the probe; PortLost if it is not there."""
@@ -75,10 +75,12 @@ class UdpPort:
             raise PortLost(f"{self.name}: no hello from the probe yet; wait for it")
         self._seal(data)
 
-    def take(self, datagram: bytes, address: Address, t_ns: int) -> Fault | None:
+    def take(
+        self, datagram: bytes, address: Address, t_ns: int
+    ) -> DatagramFault | None:
         """A datagram of the probe, or of somebody who says so."""
         payload = self.peer.open(datagram, address)
-        if isinstance(payload, Fault):
+        if isinstance(payload, DatagramFault):
             self.refused[payload] += 1
             return payload
         self.received += 1

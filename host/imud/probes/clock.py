@@ -83,7 +83,7 @@ class _Side:
             self.points.popleft()
 
 
-class Clock:
+class ProbeClock:
     """The clock of one boot of a probe. `rate`: the last one known before."""
 
     def __init__(self, rate: float = 0.0) -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections import Counter
 
 from imud.probes.boot import DecodedFrame
-from imud.probes.clock import Clock
+from imud.probes.clock import ProbeClock
 from imud.probes.ledger import Account
 from imud.probes.record import Stamp
 from imud.probes.scales import UNKNOWN, Scales
@@ -27,7 +27,7 @@ class Probe:
     def __init__(self, probe_id: str) -> None:
         self.probe_id = probe_id
         self.account = Account()
-        self.clock = Clock()
+        self.clock = ProbeClock()
         self.hello: dict[str, Value] = {}
         self.hello_content = b""
         self.params_parts = ParamsParts()
@@ -80,7 +80,7 @@ class Probe:
 
     def begin_boot(self) -> None:
         """Forgets what is of the boot before."""
-        self.clock = Clock(self.clock.rate)
+        self.clock = ProbeClock(self.clock.rate)
         self.responses = None
 
     def heed(self, message: Message, content: bytes) -> None:

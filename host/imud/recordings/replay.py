@@ -41,7 +41,7 @@ NOT_PUBLISHED = METADATA | {"pose_in_frame"}
 KEPT = ("status", "params")
 
 
-class Pace:
+class Pacer:
     """Holds each message back until its time; a `speed` of None plays without waits."""
 
     def __init__(
@@ -68,7 +68,7 @@ class Pace:
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class LogSet:
     """Logs, ordered by their first message, and the probes in them."""
 
     paths: list[Path]
@@ -77,7 +77,7 @@ class Recording:
     others: tuple[Path, ...] = ()  # logs with frames of another schema
 
 
-def recording(paths: Sequence[Path], probe: str | None = None) -> Recording:
+def log_set(paths: Sequence[Path], probe: str | None = None) -> LogSet:
     """What to play: all probes of these logs, or only `probe`.
 
     Raises FileError for logs without messages, ProbeUnknown for a probe not in them.
@@ -100,7 +100,7 @@ def recording(paths: Sequence[Path], probe: str | None = None) -> Recording:
         )
     names = [probe] if probe is not None else sorted(prefixes)
     ordered = sorted(begins, key=begins.__getitem__)
-    return Recording(ordered, names, prefixes[names[0]], tuple(others))
+    return LogSet(ordered, names, prefixes[names[0]], tuple(others))
 
 
 def _contents(path: Path) -> tuple[int, dict[str, str], bool]:
@@ -135,9 +135,9 @@ def _contents(path: Path) -> tuple[int, dict[str, str], bool]:
 class _Player:
     """Yields logged messages when they are due, and shows the progress."""
 
-    def __init__(self, what: Recording, speed: float | None) -> None:
+    def __init__(self, what: LogSet, speed: float | None) -> None:
         self._what = what
-        self._pace = Pace(speed)
+        self._pace = Pacer(speed)
         self._sizes = {path: size_of(path) for path in what.paths}
         self._bar = Progress("replaying", sum(self._sizes.values()))
         self._begun = 0  # bytes of the files before
@@ -185,7 +185,7 @@ class _Player:
         return "1 message" if self.count == 1 else f"{self.count} messages"
 
 
-def to_ports(what: Recording, link: Path | None, speed: float | None) -> int:
+def to_ports(what: LogSet, link: Path | None, speed: float | None) -> int:
     """Plays the frames of each probe on its own pty, once all ptys have a reader.
 
     `speed` is a factor of real time, None: as fast as the readers take it. Returns 0.
@@ -282,7 +282,7 @@ class NetworkProbe:
 _JSON = zenoh.Encoding.APPLICATION_JSON
 
 
-def connected(what: Recording, endpoint: str | None, keys: Path | None) -> Client:
+def connected(what: LogSet, endpoint: str | None, keys: Path | None) -> Client:
     """A client that may publish; ConfigError for keys that are not a daemon's."""
     if keys is not None and network.read_credentials(keys).role != "daemon":
         raise ConfigError(
@@ -294,7 +294,7 @@ def connected(what: Recording, endpoint: str | None, keys: Path | None) -> Clien
     return Client(endpoint, what.prefix, keys)
 
 
-def to_network(what: Recording, client: Client, speed: float | None) -> int:
+def to_network(what: LogSet, client: Client, speed: float | None) -> int:
     """Publishes all that the daemon had published, on the same keys.
 
     `speed` is a factor of real time, None: as fast as the network takes it. Raises

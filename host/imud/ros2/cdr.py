@@ -95,7 +95,7 @@ def point_stamped(t_ns: int, frame: str, position_m: Vector) -> bytes:
     return layout.pack(_HEAD, *_stamp(t_ns), text, *position_m)
 
 
-class Stop(NamedTuple):
+class PathPoint(NamedTuple):
     """A place in m and attitude w, x, y, z at a time."""
 
     t_ns: int
@@ -103,7 +103,7 @@ class Stop(NamedTuple):
     orientation: Vector
 
 
-def path(t_ns: int, frame: str, stops: Sequence[Stop]) -> bytes:
+def path(t_ns: int, frame: str, stops: Sequence[PathPoint]) -> bytes:
     """nav_msgs/Path; all of its poses are in that frame."""
     data = bytearray(_STAMP.pack(*_stamp(t_ns)))
     _add_text(data, frame)

@@ -39,7 +39,7 @@ Said = Mapping[str, Any]
 Named = tuple[str, bytes]  # a message by its device name
 
 
-class Translator:
+class IgtlTranslator:
     """What OpenIGTLink gets of one probe, whose frame has that name. No I/O."""
 
     def __init__(self, frame: str) -> None:
@@ -134,7 +134,7 @@ class Translator:
 
 
 class OpenIgtLinkSink:
-    """One Translator for each probe whose name fits and is not that of another."""
+    """One IgtlTranslator for each probe whose name fits and is not that of another."""
 
     name = "openigtlink"
     period_s = 0.0
@@ -144,7 +144,7 @@ class OpenIgtLinkSink:
         self._address = address
         self._server: Server | None = None
         self._frames: dict[str, str] = {}  # of each probe
-        self._translators: dict[str, Translator] = {}  # by frame
+        self._translators: dict[str, IgtlTranslator] = {}  # by frame
 
     def open(self) -> None:
         self._server = Server(self._address)
@@ -168,7 +168,7 @@ class OpenIgtLinkSink:
         if server is not None:
             server.close()
 
-    def _translator(self, probe: str) -> Translator | None:
+    def _translator(self, probe: str) -> IgtlTranslator | None:
         frame = self._frames.get(probe)
         if frame is None:
             frame = names.frame_of(probe)
@@ -176,7 +176,7 @@ class OpenIgtLinkSink:
                 frame = ""
             self._frames[probe] = frame
             if frame:
-                self._translators[frame] = Translator(frame)
+                self._translators[frame] = IgtlTranslator(frame)
             else:
                 logger.warning(
                     "OpenIGTLink gets nothing of %s: give it a name of its own, of at "

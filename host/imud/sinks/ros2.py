@@ -17,8 +17,8 @@ from imud.probes.ledger import totals
 from imud.probes.path import Path
 from imud.probes.record import Presence, Record
 from imud.ros2 import cdr, topics
-from imud.ros2.cdr import Diagnosis, Level, Stop
-from imud.ros2.publisher import Publisher
+from imud.ros2.cdr import Diagnosis, Level, PathPoint
+from imud.ros2.publisher import Ros2Publisher
 from imud.ros2.topics import Node, Topic
 from imud.wire.params import parts_of
 
@@ -82,7 +82,7 @@ def _diagonal(sigma: object, unit: float = 1.0) -> Sequence[float]:
     return (square, 0.0, 0.0, 0.0, square, 0.0, 0.0, 0.0, square)
 
 
-class Translator:
+class Ros2Translator:
     """Turns the records of one probe into ROS 2 messages. No I/O."""
 
     def __init__(self, probe: str, namespace: str, world: str) -> None:
@@ -97,8 +97,12 @@ class Translator:
         self.tip = Topic(f"{base}/tip", topics.POINT_STAMPED)
         self.path = Topic(f"{base}/path", topics.PATH)
         self._path = Path()
-        self._rest: Stop | None = None  # the last pose outside strokes, if it has one
-        self._stops: deque[Stop] = deque(maxlen=PATH_MAX)  # where it began comes first
+        self._rest: PathPoint | None = (
+            None  # the last pose outside strokes, if it has one
+        )
+        self._stops: deque[PathPoint] = deque(
+            maxlen=PATH_MAX
+        )  # where it began comes first
         self._has_path = False  # one that is not empty was published
         self._sample: Said | None = None
         self._errors = Errors()
@@ -135,7 +139,7 @@ class Translator:
             return
         yield TF, cdr.transform(t_ns, self.level, self.frame, NOTHING, orientation)
         position = pose["position_m"]
-        stop = None if position is None else Stop(t_ns, position, orientation)
+        stop = None if position is None else PathPoint(t_ns, position, orientation)
         if position is not None:
             yield (
                 self.pose,
@@ -297,8 +301,8 @@ class Ros2Sink:
         self._session: zenoh.Session | None = None
         self._node: Node | None = None
         self._node_token: zenoh.LivelinessToken | None = None
-        self._translators: dict[str, Translator] = {}
-        self._publishers: dict[str, Publisher] = {}
+        self._translators: dict[str, Ros2Translator] = {}
+        self._publishers: dict[str, Ros2Publisher] = {}
 
     def open(self) -> None:
         self._session = network.open_node(self._connect, self._mine)
@@ -311,13 +315,13 @@ class Ros2Sink:
             return
         translator = self._translators.get(record.probe)
         if translator is None:
-            translator = Translator(record.probe, self._namespace, self._world)
+            translator = Ros2Translator(record.probe, self._namespace, self._world)
             self._translators[record.probe] = translator
         # Announced before the first message, so that readers can wait for it.
         for topic in translator.topics:
             if topic.name not in self._publishers:
                 number = 1 + len(self._publishers)
-                self._publishers[topic.name] = Publisher(
+                self._publishers[topic.name] = Ros2Publisher(
                     self._session, self._node, number, topic
                 )
         if isinstance(record, Record):

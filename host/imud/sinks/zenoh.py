@@ -10,7 +10,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from imud.commands import HISTORY
-from imud.config.settings import Zenoh
+from imud.config.settings import ZenohSettings
 from imud.errors import NetworkError
 from imud.net import network, refusals
 from imud.net.access import BODIES, BODY_STATE
@@ -50,7 +50,7 @@ class ZenohSink:
 
     def __init__(
         self,
-        settings: Zenoh,
+        settings: ZenohSettings,
         on_command: OnCommand,
         on_notice: OnNotice = lambda *_: None,
         before: ZenohSink | None = None,

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Board:
+class VirtualBoard:
     """A virtual board, and where the builds leave its image and its emulator."""
 
     name: str
@@ -45,7 +45,7 @@ class Board:
     has_battery: bool
 
 
-NANO = Board(
+NANO = VirtualBoard(
     name="nano",
     title="Nano",
     what="an Arduino Nano with an MPU-9250",
@@ -58,7 +58,7 @@ NANO = Board(
     files=("faults", "eeprom", "summary", "profile", "parts"),
     has_battery=False,
 )
-F405 = Board(
+F405 = VirtualBoard(
     name="f405",
     title="F405",
     what="an STM32F405 (pyboard) with an LSM9DS0",
@@ -71,7 +71,7 @@ F405 = Board(
     files=("faults", "eeprom", "summary", "profile", "parts", "card", "radio"),
     has_battery=True,
 )
-MICROPYTHON = Board(
+MICROPYTHON = VirtualBoard(
     name="micropython",
     title="MicroPython board",
     what="an STM32F405 (pyboard) with an LSM9DS0, running MicroPython",
@@ -99,7 +99,7 @@ WIRE = ("clock-ppm", "clock-drift", "batch-ms", "burst-ms")
 FEED_RECORDS = 1024  # a write into the pipe: 36 kB
 
 
-def default_link(board: Board) -> Path:
+def default_link(board: VirtualBoard) -> Path:
     """The default path of the serial port, in a folder of the user."""
     folder = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
     return Path(folder) / f"imud-{board.name}"
@@ -124,7 +124,7 @@ def find(given: Path | None, variable: str, built: Path) -> Path:
 
 
 def commands_us(
-    board: Board, *, wants_raw: bool, rate_hz: int | None
+    board: VirtualBoard, *, wants_raw: bool, rate_hz: int | None
 ) -> Iterator[tuple[int, bytes]]:
     """The frames that set a probe up, each with its device time in us."""
     from imud._core import encode_frame
@@ -147,7 +147,7 @@ def commands_us(
 
 def command_line(args: argparse.Namespace, link: Path) -> list[str]:
     """The emulator's command line; it reads the motion from its standard input."""
-    board: Board = args.board
+    board: VirtualBoard = args.board
     simulator = find(args.simulator, board.simulator_variable, board.simulator)
     image = find(args.image, board.image_variable, board.image)
     words: list[str | Path] = [simulator, "--image", image]

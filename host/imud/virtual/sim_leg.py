@@ -24,7 +24,7 @@ from imud.errors import FileError
 from imud.params.trusted import CALIBRATED
 from imud.progress import Progress
 from imud.virtual import memory, sim
-from imud.virtual.sim import FEED_RECORDS, Board
+from imud.virtual.sim import FEED_RECORDS, VirtualBoard
 
 if TYPE_CHECKING:
     from imud.virtual.leg import Leg
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     """
     from imud.virtual import leg
 
-    board: Board = args.board
+    board: VirtualBoard = args.board
     folder: Path = args.dir
     image = sim.find(args.image, board.image_variable, board.image)
     simulator = sim.find(args.simulator, board.simulator_variable, board.simulator)

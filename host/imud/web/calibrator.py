@@ -35,7 +35,7 @@ class Task(msgspec.Struct, frozen=True):
     earth: Earth | None = None
 
 
-class Raw(msgspec.Struct, frozen=True, tag="raw"):
+class RawSample(msgspec.Struct, frozen=True, tag="raw"):
     """What a calibration needs of a published raw sample."""
 
     t_device_us: int
@@ -50,10 +50,10 @@ class End(msgspec.Struct, frozen=True, tag="end"):
     """Judge what there is."""
 
 
-decode = msgspec.json.Decoder(Raw | End).decode
+decode = msgspec.json.Decoder(RawSample | End).decode
 
 
-def sample_of(raw: Raw) -> Sample:
+def sample_of(raw: RawSample) -> Sample:
     """The sample, in counts."""
     return Sample(
         raw.t_device_us,

@@ -39,7 +39,7 @@ class GuideError(Exception):
     """A calibration can't go on: why."""
 
 
-class Guide:
+class CalibrationGuide:
     """One calibration. Belongs to the server's loop."""
 
     def __init__(
@@ -183,14 +183,16 @@ class Guides:
 
     def __init__(self, feed: Feed, ask: Ask, tell: Tell) -> None:
         self._feed, self._ask, self._tell = feed, ask, tell
-        self._all: dict[str, Guide] = {}
+        self._all: dict[str, CalibrationGuide] = {}
 
     def begin(self, probe: str, kind: Kind) -> None:
         """Begins one; GuideError if there is one of that probe."""
         before = self._all.get(probe)
         if before is not None and not before.is_over:
             raise GuideError("this probe is being calibrated")
-        self._all[probe] = Guide(probe, kind, self._feed, self._ask, self._tell)
+        self._all[probe] = CalibrationGuide(
+            probe, kind, self._feed, self._ask, self._tell
+        )
 
     def end(self, probe: str) -> None:
         """Has the one of a probe judge what there is."""

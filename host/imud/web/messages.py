@@ -98,9 +98,9 @@ class Seek(_Said, frozen=True):
     t_ms: Annotated[float, Meta(ge=0, le=1e13)]
 
 
-class Live(_Said, frozen=True):
+class GoLive(_Said, frozen=True, tag="live"):
     """Ends the log: what is live is sent again."""
 
 
-Said = Login | Watch | Seen | Ask | Calibrate | Logs | Read | Play | Seek | Live
+Said = Login | Watch | Seen | Ask | Calibrate | Logs | Read | Play | Seek | GoLive
 decode = msgspec.json.Decoder(Said).decode

@@ -37,7 +37,7 @@ NEAR_NS = 1_000_000  # a time in ms is not exact
 Key = tuple[str, str]
 
 
-class Pace:
+class Schedule:
     """When a message is due, at a speed that may change. 0: it stands still."""
 
     def __init__(self, speed: float, now_s: float) -> None:
@@ -68,7 +68,7 @@ class Player:
 
     def __init__(self, lines: BinaryIO, out: BinaryIO, speed: float) -> None:
         self._lines, self._out = lines, out
-        self._pace = Pace(speed, time.monotonic())
+        self._pace = Schedule(speed, time.monotonic())
         self._batch: dict[Key, list[bytes]] = {}
         self._sent_s = time.monotonic()
         self._at_ns = 0

@@ -19,7 +19,7 @@ from imud.web.logs import LogFolder
 from imud.web.messages import (
     Ask,
     Calibrate,
-    Live,
+    GoLive,
     Login,
     Logs,
     Play,
@@ -105,7 +105,7 @@ class Visit:
             await self._play(said)
         elif isinstance(said, Seek):
             self._seek(said)
-        elif isinstance(said, Live):
+        elif isinstance(said, GoLive):
             await self._go_live()
         else:
             await self._tell_logs(said)

@@ -128,7 +128,7 @@ def _text_parser(name: str) -> Parse:
     return parse
 
 
-class Field:
+class FieldCodec:
     """Converts one field of the schema between wire and value."""
 
     def __init__(self, field: schema.Field) -> None:

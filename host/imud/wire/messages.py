@@ -15,7 +15,7 @@ import msgspec
 
 from imud import _core
 from imud.wire import schema
-from imud.wire.fields import Field, Impossible, Parse
+from imud.wire.fields import FieldCodec, Impossible, Parse
 from imud.wire.fields import Value as Value  # what the fields of a Message hold
 
 SkewKind = Literal[
@@ -65,7 +65,7 @@ class _Codec:
         self.name = message.name
         self.id = message.id
         self.direction = message.direction
-        self.fields = [Field(field) for field in message.fields]
+        self.fields = [FieldCodec(field) for field in message.fields]
         self._tags = {field.tag for field in self.fields}
         self.size = _HEADER.size + sum(1 + field.size for field in self.fields)
         # Two structs over the whole content: one for the tags, one for the rest.

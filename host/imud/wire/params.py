@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Iterator
 
 from imud.wire import schema
-from imud.wire.fields import Field, Impossible, Value
+from imud.wire.fields import FieldCodec, Impossible, Value
 from imud.wire.messages import Message
 
 HEAD = 2  # bytes of a record before its content: tag, length
@@ -19,7 +19,7 @@ SETS_MAX = 4  # unfinished sets whose parts are kept, the newest
 WHOLE_MAX = 16  # whole ones
 
 _KNOWN = {
-    record.tag: (record.name, [Field(part) for part in record.parts])
+    record.tag: (record.name, [FieldCodec(part) for part in record.parts])
     for record in schema.RECORDS
 }
 
@@ -62,7 +62,7 @@ def parts_of(records: bytes) -> dict[str, dict[str, Value]]:
     return found
 
 
-def _values(fields: list[Field], content: bytes) -> dict[str, Value]:
+def _values(fields: list[FieldCodec], content: bytes) -> dict[str, Value]:
     values: dict[str, Value] = {}
     at = 0
     for field in fields:

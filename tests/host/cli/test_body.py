@@ -28,7 +28,7 @@ from imud.cli.body_print import Printer, line_of
 from imud.cli.body_ros2 import joint_topic, messages
 from imud.cli.body_run import take
 from imud.client import Delivery
-from imud.config.settings import Zenoh
+from imud.config.settings import ZenohSettings
 from imud.net import network
 from imud.sinks.ros2 import TF
 from imud.virtual import leg
@@ -66,7 +66,7 @@ class Probes:
     def __init__(self, by_endpoint: dict[str, list[str]]) -> None:
         self.silent: set[str] = set()
         self.sessions = {
-            each: network.open_daemon(Zenoh(listen=(each,)), network.new_id())
+            each: network.open_daemon(ZenohSettings(listen=(each,)), network.new_id())
             for each in by_endpoint
         }
         self._names = by_endpoint

@@ -20,7 +20,7 @@ from imud.cli import main
 from imud.client import Client
 from imud.errors import CommandRefused, ProbeUnknown
 from imud.params import file
-from imud.params.value import Params, Record
+from imud.params.value import Params, ParamsRecord
 from params_bench import GOOD
 
 
@@ -143,7 +143,7 @@ def test_errors_are_one_line(desk: Desk, tmp_path: Path) -> None:
     path.write_text(file.written(GOOD, "1" * 16))
     assert "--force loads them all the same" in desk.fails("load", path)
     desk.run("load", path, "--force")
-    path.write_text(file.written(Params((Record(1, bytes(5)),))))
+    path.write_text(file.written(Params((ParamsRecord(1, bytes(5)),))))
     assert "acc: the record is too short" in desk.fails("load", path)
     assert "No such file" in desk.fails("load", tmp_path / "none.toml")
     assert "can't write" in desk.fails("save", tmp_path / "none" / "x")
@@ -157,7 +157,7 @@ def test_records_of_other_firmware_are_shown_and_kept(
     desk: Desk, tmp_path: Path
 ) -> None:
     path = tmp_path / "mine.toml"
-    path.write_text(file.written(GOOD.having(Record(200, b"later"))))
+    path.write_text(file.written(GOOD.having(ParamsRecord(200, b"later"))))
     assert "record 200 other bytes  -       6c61746572" in desk.run("load", path)
     assert "records of other firmware, kept: 200 (5 bytes)" in desk.run("show")
 

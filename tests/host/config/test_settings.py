@@ -17,7 +17,13 @@ from hypothesis import strategies as st
 
 from imud.cli import main
 from imud.config.reader import as_toml, check, load
-from imud.config.settings import Config, Log, Ports, ProbeSettings, port_and_baud
+from imud.config.settings import (
+    Config,
+    LogSettings,
+    PortSettings,
+    ProbeSettings,
+    port_and_baud,
+)
 from imud.errors import ConfigError
 
 WHOLE = """
@@ -211,9 +217,9 @@ _TEXT = st.text(st.characters(exclude_categories=["C"]), max_size=20)
     st.builds(
         Config,
         twin=st.booleans(),
-        ports=st.builds(Ports, named=st.lists(_TEXT, max_size=3).map(tuple)),
+        ports=st.builds(PortSettings, named=st.lists(_TEXT, max_size=3).map(tuple)),
         log=st.builds(
-            Log,
+            LogSettings,
             dir=_TEXT,
             rotate_minutes=st.floats(0, 240, exclude_min=True),
         ),

@@ -14,7 +14,7 @@ from imud.daemon.host_sync import MAXERROR_US, STA_UNSYNC, TIME_ERROR, Sync
 from imud.daemon.host_sync import sync_of_host as asked
 from imud.daemon.hub import Hub
 from imud.daemon.lines import ProbeLines
-from imud.daemon.publisher import Publisher
+from imud.daemon.publisher import RecordPublisher
 from imud.daemon.registry import Registry
 from imud.journal.speaker import Speaker
 
@@ -51,7 +51,7 @@ def test_losing_and_regaining_utc_is_told(
     hub = Hub()
     lines = ProbeLines(Speaker(10.0, 3))
     caplog.set_level("INFO", "imud")
-    clock = HostClock(Registry(Config()), Publisher(hub), lines)
+    clock = HostClock(Registry(Config()), RecordPublisher(hub), lines)
     assert clock.timeline.whose == ("here", 7)
     clock.look()
     assert not caplog.messages

@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from prometheus_client.parser import text_string_to_metric_families
 
-from imud.daemon.metrics import HEAD_MAX, Metrics, text_of
+from imud.daemon.metrics import HEAD_MAX, MetricsServer, text_of
 from imud.errors import ListenFailed
 from length import examples
 
@@ -92,8 +92,8 @@ def test_counts_are_counters_and_states_are_gauges() -> None:
 
 
 @pytest.fixture(scope="module")
-def served() -> Iterator[Metrics]:
-    metrics = Metrics(("127.0.0.1", 0))
+def served() -> Iterator[MetricsServer]:
+    metrics = MetricsServer(("127.0.0.1", 0))
     metrics.start()
     metrics.take(STATUS)
     try:
@@ -102,7 +102,7 @@ def served() -> Iterator[Metrics]:
         metrics.close()
 
 
-def ask(metrics: Metrics, data: bytes) -> bytes:
+def ask(metrics: MetricsServer, data: bytes) -> bytes:
     """All that the server says to these bytes, after which nothing more comes."""
     with socket.create_connection(("127.0.0.1", metrics.port), 10) as end:
         try:
@@ -116,7 +116,7 @@ def ask(metrics: Metrics, data: bytes) -> bytes:
     return answer
 
 
-def assert_serves(metrics: Metrics) -> None:
+def assert_serves(metrics: MetricsServer) -> None:
     connection = http.client.HTTPConnection("127.0.0.1", metrics.port, timeout=10)
     connection.request("GET", "/metrics")
     response = connection.getresponse()
@@ -138,7 +138,7 @@ def assert_serves(metrics: Metrics) -> None:
     ],
 )
 def test_a_request_has_its_answer(
-    served: Metrics, request_line: bytes, status: bytes
+    served: MetricsServer, request_line: bytes, status: bytes
 ) -> None:
     answer = ask(served, request_line + b"\r\nHost: x\r\n\r\n")
     head, _, body = answer.partition(b"\r\n\r\n")
@@ -151,13 +151,13 @@ def test_a_request_has_its_answer(
     max_examples=examples(60),
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
-def test_no_bytes_harm_it(served: Metrics, data: bytes) -> None:
+def test_no_bytes_harm_it(served: MetricsServer, data: bytes) -> None:
     answer = ask(served, data + b"\r\n\r\n")
     assert not answer or answer.startswith(b"HTTP/1.1 ")
 
 
 def test_a_head_without_end_is_refused_and_idle_clients_are_let_go(
-    served: Metrics,
+    served: MetricsServer,
 ) -> None:
     assert ask(served, b"GET /metrics HTTP/1.1\r\nX: " + b"x" * 2 * HEAD_MAX)[:13] in (
         b"HTTP/1.1 431 ",
@@ -172,6 +172,6 @@ def test_a_head_without_end_is_refused_and_idle_clients_are_let_go(
     assert_serves(served)
 
 
-def test_an_address_that_is_taken_is_named(served: Metrics) -> None:
+def test_an_address_that_is_taken_is_named(served: MetricsServer) -> None:
     with pytest.raises(ListenFailed, match="can't serve metrics"):
-        Metrics(("127.0.0.1", served.port)).start()
+        MetricsServer(("127.0.0.1", served.port)).start()

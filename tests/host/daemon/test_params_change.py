@@ -18,12 +18,12 @@ from imud.errors import (
     ParamsError,
     VersionMismatch,
 )
-from imud.params.value import Params, Record
+from imud.params.value import Params, ParamsRecord
 from imud.probes.session import OtherSchema
 from imud.wire.messages import Message
 from params_bench import GOOD, Wire, learned
 
-TOO_LONG = Params((Record(200, bytes(200)), Record(201, bytes(200))))
+TOO_LONG = Params((ParamsRecord(200, bytes(200)), ParamsRecord(201, bytes(200))))
 OLD = Params().replaced("options", {"reference": "full"})
 
 
@@ -283,7 +283,7 @@ def test_those_of_another_probe_need_force(wire: Wire) -> None:
     [
         (b"\x01", "end within a record, at byte 0"),
         (b"\x05\x02\0\0\x05\x02\0\0", "options is there twice"),
-        (Params((Record(1, bytes(5)),)).encode(), "acc: the record is too short"),
+        (Params((ParamsRecord(1, bytes(5)),)).encode(), "acc: the record is too short"),
         (TOO_LONG.encode(), "take 404 bytes, and a probe has room for 248"),
     ],
 )

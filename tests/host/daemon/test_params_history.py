@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from imud.config.settings import ParamsHistory
+from imud.config.settings import ParamsSettings
 from imud.daemon import params_history
 from imud.daemon.params_history import FILES_MAX, HistoryFiles, entries_of
 from imud.errors import CommandRefused, FileError
 from imud.params import file
-from imud.params.value import Params, Record
+from imud.params.value import Params, ParamsRecord
 from params_bench import GOOD
 
 ID = "00112233445566aa"
@@ -22,7 +22,7 @@ SECOND = 10**9
 
 
 def numbered(number: int) -> Params:
-    return Params((Record(200, number.to_bytes(4, "little")),))
+    return Params((ParamsRecord(200, number.to_bytes(4, "little")),))
 
 
 def kept(history: HistoryFiles, *sets: Params, begin_s: int = 0) -> None:
@@ -163,5 +163,5 @@ def test_the_folder_is_where_the_setting_says(
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", state)
     monkeypatch.setenv("HOME", "/me")
-    made = ParamsHistory() if setting is None else ParamsHistory(setting)
+    made = ParamsSettings() if setting is None else ParamsSettings(setting)
     assert made.folder == (None if folder is None else Path(folder))

@@ -30,7 +30,7 @@ from imud.errors import ListenFailed
 from imud.igtl import messages, names
 from imud.igtl.server import CLIENTS_MAX, Server
 from imud.probes.record import Presence, Record
-from imud.sinks.openigtlink import GONE, OK, OpenIgtLinkSink, Translator
+from imud.sinks.openigtlink import GONE, OK, IgtlTranslator, OpenIgtLinkSink
 from streaming import until
 
 T_NS = 1_795_000_000_250_000_000
@@ -67,7 +67,7 @@ def state(name: str) -> Record:
     return replace(about("status", {}), payload=b'{"state":"%s"}' % name.encode())
 
 
-def said_by(translator: Translator, *records: Record | Presence) -> list[Heard]:
+def said_by(translator: IgtlTranslator, *records: Record | Presence) -> list[Heard]:
     said = []
     for each in records:
         translator.learn(each)
@@ -78,7 +78,7 @@ def said_by(translator: Translator, *records: Record | Presence) -> list[Heard]:
 
 def words_after(*records: Record | Presence) -> str:
     """The status, where nothing is said of a place."""
-    said = said_by(Translator("Stylus"), *records)
+    said = said_by(IgtlTranslator("Stylus"), *records)
     assert {heard.name for heard in said} <= {"StylusStatus", "TipToStylus"}
     return said[-1].text
 
@@ -102,7 +102,9 @@ def test_tip_and_probe_lead_to_the_position_of_the_pose(
 ) -> None:
     q = tuple(np.array(q) / np.linalg.norm(q))
     records = pose(q=q, position_m=position_m), state("streaming")
-    to_reference, status, tip, again = said = said_by(Translator("Stylus"), *records)
+    to_reference, status, tip, again = said = said_by(
+        IgtlTranslator("Stylus"), *records
+    )
     assert again.text == OK
     assert (to_reference.name, tip.name) == ("StylusToReference", "TipToStylus")
     assert (status.name, status.text) == ("StylusStatus", OK)
@@ -141,12 +143,12 @@ def test_a_place_that_is_not_known_is_said_in_words_alone(
 
 
 def test_an_origin_of_the_heading_leaves_the_place_known() -> None:
-    said = said_by(Translator("Stylus"), tared(HEADING), pose(flags=("tared",)))
+    said = said_by(IgtlTranslator("Stylus"), tared(HEADING), pose(flags=("tared",)))
     assert said[0].name == "StylusToReference"
 
 
 def test_a_place_comes_back_with_the_next_origin() -> None:
-    translator = Translator("Stylus")
+    translator = IgtlTranslator("Stylus")
     lost = stroke("gap"), pose(**NOWHERE)
     said = said_by(translator, pose(), *lost, pose(**NOWHERE), tared(1), pose())
     texts = [heard.text for heard in said if heard.kind == "STRING"]
@@ -154,7 +156,9 @@ def test_a_place_comes_back_with_the_next_origin() -> None:
 
 
 def test_the_status_comes_each_second() -> None:
-    said = said_by(Translator("Stylus"), pose(), state("streaming"), state("streaming"))
+    said = said_by(
+        IgtlTranslator("Stylus"), pose(), state("streaming"), state("streaming")
+    )
     texts = [heard.text for heard in said if heard.kind == "STRING"]
     assert texts == [OK] * 3
 

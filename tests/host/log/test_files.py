@@ -198,8 +198,8 @@ def test_a_probe_that_is_not_to_be_logged_is_not(tmp_path: Path) -> None:
 
 
 def test_the_defaults_of_the_sink_and_of_the_configuration_are_one() -> None:
-    from imud.config.settings import Log
+    from imud.config.settings import LogSettings
 
-    log, settings = Log(), Settings()
+    log, settings = LogSettings(), Settings()
     assert settings.rotate_s == log.rotate_minutes * 60
     assert settings.has_foxglove == log.foxglove

@@ -14,7 +14,7 @@ from cryptography.x509.verification import PolicyBuilder, Store
 from imud import cli
 from imud import endpoint as endpoints
 from imud.config.reader import load
-from imud.config.settings import Zenoh
+from imud.config.settings import ZenohSettings
 from imud.errors import ConfigError, FileError, ImudError
 from imud.net import access, keys, network
 
@@ -236,18 +236,18 @@ def test_the_daemon_is_a_user_of_its_own_network_and_shows_that_to_no_other(
 ) -> None:
     folder = tmp_path / "keys"
     keys.initialise(folder, [], 7447)
-    settings = Zenoh(listen=("tls/127.0.0.1:7447",), keys=str(folder))
+    settings = ZenohSettings(listen=("tls/127.0.0.1:7447",), keys=str(folder))
     mine = network.own_credentials(settings, is_abroad=False)
     assert mine is not None
     assert (mine.user, mine.role) == ("imud", "daemon")
     assert network.own_credentials(settings, is_abroad=True) is None
-    assert network.own_credentials(Zenoh(), is_abroad=False) is None
+    assert network.own_credentials(ZenohSettings(), is_abroad=False) is None
     keys.remove(folder, "imud")
     with pytest.raises(ConfigError, match=r"imud keys add \S+ daemon imud"):
         network.own_credentials(settings, is_abroad=False)
     # Of a network in which it is a guest it has what that gave it.
     path = folder / "clients/recorder.toml"
-    abroad = Zenoh(mode="client", connect=("tls/hub:1",), credentials=str(path))
+    abroad = ZenohSettings(mode="client", connect=("tls/hub:1",), credentials=str(path))
     given = network.own_credentials(abroad, is_abroad=True)
     assert given is not None
     assert given.user == "recorder"

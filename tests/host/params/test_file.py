@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from imud.errors import FileError, ParamsError
 from imud.params import file
-from imud.params.value import Params, Record
+from imud.params.value import Params, ParamsRecord
 from params_bench import GOOD, RECORDS
 
 ID = "00112233445566aa"
@@ -30,7 +30,7 @@ def test_a_file_gives_the_same_bytes(params: Params) -> None:
 
 @given(st.binary(min_size=45, max_size=45))
 def test_each_step_of_each_part_has_a_decimal(body: bytes) -> None:
-    params = Params((Record(3, body),))
+    params = Params((ParamsRecord(3, body),))
     assert file.parse(file.written(params)).params.encode() == params.encode()
 
 
@@ -67,7 +67,11 @@ def test_a_file_that_is_empty_is_not_taken_for_no_params() -> None:
 
 
 def test_what_this_imud_does_not_know_is_kept() -> None:
-    records = (Record(200, b"\1\2"), Record(5, b"\1\2later"), Record(1, bytes(30)))
+    records = (
+        ParamsRecord(200, b"\1\2"),
+        ParamsRecord(5, b"\1\2later"),
+        ParamsRecord(1, bytes(30)),
+    )
     text = file.written(Params(records))
     table = tomllib.loads(text)
     assert table["unknown"] == {"200": "0102"}

@@ -15,7 +15,7 @@ import native
 from fakes.params import parts_of
 from imud.errors import ParamsError
 from imud.params.parts import KINDS, NAMES
-from imud.params.value import ROOM, SENSORS, Options, Params, Record
+from imud.params.value import ROOM, SENSORS, Options, Params, ParamsRecord
 from imud.wire.messages import Message
 from imud.wire.params import ParamsParts, digest_of, words_of
 from params_bench import GOOD, RECORDS, SOUND
@@ -151,7 +151,7 @@ def tip(**values: object) -> Params:
 
 
 def body(size: int) -> Params:
-    return Params((Record(1, bytes(size)),))
+    return Params((ParamsRecord(1, bytes(size)),))
 
 
 @pytest.mark.parametrize(
@@ -166,14 +166,14 @@ def body(size: int) -> Params:
         (body(29), "acc: the record is too short for a calibration"),
         (body(30), None),
         (
-            Params((Record(4, b"\0\0\0\x80" + bytes(19)),)),
+            Params((ParamsRecord(4, b"\0\0\0\x80" + bytes(19)),)),
             "tip: the offset is known in part only",
         ),
         (
-            Params((Record(5, b"\3\0"),)),
+            Params((ParamsRecord(5, b"\3\0"),)),
             "options: button_does 3 is not stream, tell, stroke",
         ),
-        (Params((Record(5, b"\0"),)), "options: reference is missing"),
+        (Params((ParamsRecord(5, b"\0"),)), "options: reference is missing"),
     ],
 )
 def test_a_fault_is_one_line(params: Params, fault: str | None) -> None:
@@ -197,7 +197,7 @@ def test_a_bias_may_be_16384_counts_and_no_more(bias: float, is_fine: bool) -> N
 
 
 def test_a_record_takes_the_place_of_the_one_before() -> None:
-    other = GOOD.having(Record(1, b"x")).having(Record(200, b"y"))
+    other = GOOD.having(ParamsRecord(1, b"x")).having(ParamsRecord(200, b"y"))
     assert [record.tag for record in other.records] == [1, 5, 200]
     assert other.without("acc").unknown == {200: b"y"}
 

@@ -10,7 +10,7 @@ from imud.ports.datagram import (
     DATAGRAM_MAX,
     GREETED_MAX,
     WINDOW,
-    Fault,
+    DatagramFault,
     Peer,
     Window,
     addressed,
@@ -42,7 +42,7 @@ def test_a_session_gives_each_payload_once(peer: Peer) -> None:
     assert [peer.open(each, HERE) for each in datagrams] == [
         bytes([n]) * n for n in range(5)
     ]
-    assert {peer.open(each, HERE) for each in datagrams} == {Fault.REPLAYED}
+    assert {peer.open(each, HERE) for each in datagrams} == {DatagramFault.REPLAYED}
     assert peer.sessions == 1
 
 
@@ -57,7 +57,7 @@ def test_what_the_daemon_sends_is_signed_and_counted(peer: Peer) -> None:
         (2, b"three"),
     ]
     # Sent back to the daemon, they are nothing that a probe has signed.
-    assert [peer.open(each, HERE) for each in sealed] == [Fault.MALFORMED] * 3
+    assert [peer.open(each, HERE) for each in sealed] == [DatagramFault.MALFORMED] * 3
 
 
 @pytest.mark.parametrize("bit", [0, 7])
@@ -67,18 +67,18 @@ def test_a_change_of_any_byte_is_refused(peer: Peer, bit: int) -> None:
     for at in range(len(whole)):
         damaged = bytearray(whole)
         damaged[at] ^= 1 << bit
-        assert peer.open(bytes(damaged), HERE) == Fault.BAD_SIGNATURE
+        assert peer.open(bytes(damaged), HERE) == DatagramFault.BAD_SIGNATURE
     assert peer.open(whole, HERE) == b"payload"
 
 
 def test_without_the_key_nothing_is_answered_or_taken(peer: Peer) -> None:
     stranger = SignedProbe(ID, bytes(32), session=bytes(32))
-    assert peer.welcome(stranger.hello(), HERE) is Fault.BAD_SIGNATURE
-    assert peer.open(stranger.data(b"x"), HERE) is Fault.NO_SESSION
+    assert peer.welcome(stranger.hello(), HERE) is DatagramFault.BAD_SIGNATURE
+    assert peer.open(stranger.data(b"x"), HERE) is DatagramFault.NO_SESSION
     probe = greeted(peer)
-    assert peer.open(stranger.data(b"x"), HERE) is Fault.BAD_SIGNATURE
+    assert peer.open(stranger.data(b"x"), HERE) is DatagramFault.BAD_SIGNATURE
     assert peer.open(probe.data(b"x"), HERE) == b"x"
-    assert peer.open(stranger.data(b"x", 7), HERE) is Fault.BAD_SIGNATURE
+    assert peer.open(stranger.data(b"x", 7), HERE) is DatagramFault.BAD_SIGNATURE
 
 
 def test_a_session_can_not_be_played_again(peer: Peer) -> None:
@@ -89,8 +89,8 @@ def test_a_session_can_not_be_played_again(peer: Peer) -> None:
     # The hello is answered, as it is signed; the rest has the key of another session.
     for place in (HERE, THERE):
         assert isinstance(peer.welcome(recorded[0], place), bytes)
-    assert peer.open(recorded[1], HERE) is Fault.REPLAYED
-    assert peer.open(recorded[1], THERE) is Fault.BAD_SIGNATURE
+    assert peer.open(recorded[1], HERE) is DatagramFault.REPLAYED
+    assert peer.open(recorded[1], THERE) is DatagramFault.BAD_SIGNATURE
     assert peer.sessions == 1
     assert peer.open(probe.data(b"c"), HERE) == b"c"
 
@@ -99,9 +99,9 @@ def test_a_new_daemon_takes_nothing_of_an_earlier_session(peer: Peer) -> None:
     probe = greeted(peer)
     recorded = probe.data(b"a")
     later = Peer(ID, KEY)
-    assert later.open(recorded, HERE) is Fault.NO_SESSION
+    assert later.open(recorded, HERE) is DatagramFault.NO_SESSION
     greeted(later)
-    assert later.open(recorded, HERE) is Fault.BAD_SIGNATURE
+    assert later.open(recorded, HERE) is DatagramFault.BAD_SIGNATURE
 
 
 def test_a_recorded_hello_does_not_end_a_session(peer: Peer) -> None:
@@ -119,33 +119,37 @@ def test_the_next_session_ends_the_one_before(peer: Peer) -> None:
     second = greeted(peer, THERE)
     assert peer.open(first.data(b"still"), HERE) == b"still"
     assert peer.open(second.data(b"here"), THERE) == b"here"
-    assert peer.open(first.data(b"late"), HERE) is Fault.NO_SESSION
+    assert peer.open(first.data(b"late"), HERE) is DatagramFault.NO_SESSION
     assert (peer.address, peer.sessions) == (THERE, 2)
 
 
 def test_a_session_stays_at_its_address(peer: Peer) -> None:
     probe = greeted(peer)
     peer.open(probe.data(b""), HERE)
-    assert peer.open(probe.data(b"x"), THERE) is Fault.NO_SESSION
+    assert peer.open(probe.data(b"x"), THERE) is DatagramFault.NO_SESSION
 
 
 @pytest.mark.parametrize(
     ("datagram", "fault"),
     [
-        (b"", Fault.MALFORMED),
-        (bytes(24), Fault.MALFORMED),
-        (bytes(DATAGRAM_MAX + 1), Fault.OVERSIZED),
+        (b"", DatagramFault.MALFORMED),
+        (bytes(24), DatagramFault.MALFORMED),
+        (bytes(DATAGRAM_MAX + 1), DatagramFault.OVERSIZED),
     ],
 )
-def test_what_can_not_be_a_datagram_is_refused(datagram: bytes, fault: Fault) -> None:
+def test_what_can_not_be_a_datagram_is_refused(
+    datagram: bytes, fault: DatagramFault
+) -> None:
     assert addressed(datagram) is fault
 
 
 def test_signed_datagrams_of_a_wrong_form_are_refused(peer: Peer) -> None:
     short = signed(KEY, b"\x11" + ID)
-    assert peer.welcome(short, HERE) is Fault.MALFORMED
+    assert peer.welcome(short, HERE) is DatagramFault.MALFORMED
     probe = greeted(peer)
-    assert peer.open(signed(probe.session, b"\x13" + ID), HERE) is Fault.MALFORMED
+    assert (
+        peer.open(signed(probe.session, b"\x13" + ID), HERE) is DatagramFault.MALFORMED
+    )
     assert peer.open(probe.data(b"x"), HERE) == b"x"
 
 

@@ -19,7 +19,7 @@ import pytest
 import serial
 
 from fakes import PATIENCE_S, FakeProbe, Port
-from imud.config.settings import Config, Ports
+from imud.config.settings import Config, PortSettings
 from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake
 from imud.errors import PortLost
@@ -43,7 +43,7 @@ class Desk:
     def __init__(self, directory: Path, **settings: Any) -> None:
         self.directory = directory
         self.devices: list[Device] = []
-        chosen = Ports(**settings)
+        chosen = PortSettings(**settings)
         self.intake = Intake(Config(ports=chosen), Hub(), Speaker())
         self.found: list[str] = []
         self.intake.on_found = self.found.append
@@ -296,7 +296,7 @@ def test_ports_named_anew_are_opened_and_others_closed(tmp_path: Path) -> None:
 
     async def check(desk: Desk) -> None:
         await desk.open_port(first)
-        desk.finder.configure(Ports(find=False, named=(str(second.path),)))
+        desk.finder.configure(PortSettings(find=False, named=(str(second.path),)))
         await desk.open_port(second)
         await desk.until(lambda: [p.name for p in desk.finder] == [str(second.path)])
 

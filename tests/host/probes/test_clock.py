@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from fakes import FakeProbe
 from imud.daemon.commands import Asking
-from imud.probes.clock import WINDOW_US, Clock, Moment
+from imud.probes.clock import WINDOW_US, Moment, ProbeClock
 from imud.probes.record import Stamp
 from imud.probes.session import Probe, Received, Session
 from length import choose
@@ -59,7 +59,7 @@ class Heard:
 @dataclass
 class Run:
     link: Link
-    clock: Clock = field(default_factory=Clock)
+    clock: ProbeClock = field(default_factory=ProbeClock)
 
     def device_us(self, true_ns: float) -> int:
         s = true_ns * 1e-9
@@ -158,7 +158,7 @@ def test_a_pose_is_timed_to_a_millisecond_and_its_bound_holds(
 
 
 def test_before_the_first_answer_there_is_a_time_and_no_bound() -> None:
-    clock = Clock()
+    clock = ProbeClock()
     clock.arrived(1000, 5 * MS)
     clock.arrived(3000, 6 * MS)
     assert clock.moment(3000) == Moment(6 * MS, None)

@@ -82,7 +82,7 @@ def test_a_replayed_probe_is_alive_answers_with_its_status_and_takes_no_command(
                 Client(endpoint) as second,
                 pytest.raises(ProbeUnknown, match="a probe left is there already"),
             ):
-                replay.to_network(replay.recording([path]), second, None)
+                replay.to_network(replay.log_set([path]), second, None)
             process.send_signal(signal.SIGINT)
             said_last, error = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 130
@@ -117,8 +117,8 @@ def test_files_are_played_in_the_order_in_which_they_were_begun(
         write(tmp_path / name, third) for name, third in zip(names, thirds, strict=True)
     ]
     paths[1].write_bytes(paths[1].read_bytes()[:-30])
-    what = replay.recording([paths[2], paths[0], paths[1]])
-    assert what == replay.Recording(paths, ["left"], "imud")
+    what = replay.log_set([paths[2], paths[0], paths[1]])
+    assert what == replay.LogSet(paths, ["left"], "imud")
     with network(tmp_path) as (client, _):
         found: list[bytes] = []
         session = client.session
@@ -171,7 +171,7 @@ def test_ten_times_as_fast_takes_a_tenth_of_the_time(tmp_path: Path) -> None:
     path = write(tmp_path / "in", put)
     with network(tmp_path) as (client, _):
         begin = time.monotonic()
-        assert replay.to_network(replay.recording([path]), client, 10.0) == 0
+        assert replay.to_network(replay.log_set([path]), client, 10.0) == 0
         assert time.monotonic() - begin >= 0.3
         assert recordings.speed("0") is recordings.speed("max") is None
 

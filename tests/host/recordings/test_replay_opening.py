@@ -185,7 +185,7 @@ def test_who_subscribes_late_asks_for_the_params_in_force(
         client, player = (
             stack.enter_context(Client(daemon.endpoint)) for _ in range(2)
         )
-        what = replay.recording([path])
+        what = replay.log_set([path])
         playing = threading.Thread(target=replay.to_network, args=(what, player, None))
         playing.start()
         try:

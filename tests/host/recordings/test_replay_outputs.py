@@ -27,12 +27,12 @@ def test_pace_follows_the_times_of_the_log() -> None:
         slept.append(round(seconds, 6))
         now[0] += seconds
 
-    pace = replay.Pace(4.0, lambda: now[0], sleep)
+    pace = replay.Pacer(4.0, lambda: now[0], sleep)
     for t_ns in (0, 10**9, 1_500_000_000, 1_400_000_000, 3 * 10**9):
         pace.wait(t_ns)
     assert slept == [0.25, 0.125, 0.375]
     slept.clear()
-    free = replay.Pace(None, lambda: now[0], sleep)
+    free = replay.Pacer(None, lambda: now[0], sleep)
     free.wait(0)
     free.wait(10**12)
     assert slept == []
@@ -100,7 +100,7 @@ def test_a_log_replayed_over_zenoh_is_what_was_published(tmp_path: Path) -> None
             )
             # Whoever subscribes is known to the router before it answers.
             client.statuses()
-            what = replay.recording([path])
+            what = replay.log_set([path])
             assert replay.to_network(what, player, None) == 0
             subscriber_done = threading.Event()
             marker = client.session.declare_subscriber(

@@ -143,7 +143,7 @@ def test_a_point_is_byte_for_byte_theirs(frame: str) -> None:
 @pytest.mark.parametrize("count", [0, 1, 4])
 @pytest.mark.parametrize("frame", FRAMES)
 def test_a_path_is_byte_for_byte_theirs(frame: str, count: int) -> None:
-    ours = cdr.path(T_NS, frame, [cdr.Stop(T_NS, FORCE, Q)] * count)
+    ours = cdr.path(T_NS, frame, [cdr.PathPoint(T_NS, FORCE, Q)] * count)
 
     def stop(make: Callable[..., Any]) -> Any:
         pose = make("Pose", make("Point", *FORCE), make("Quaternion", *XYZW))

@@ -17,7 +17,7 @@ from imud.calibration.affine import affine_of
 from imud.calibration.guided import whole
 from imud.calibration.guided.result import result_of_fit
 from imud.calibration.recording import Sample
-from imud.config.settings import Calibration, Config
+from imud.config.settings import CalibrationSettings, Config
 from imud.params.value import Params
 from imud.probes.probe import Probe
 from imud.probes.session import ProbeFound, Received, Session
@@ -39,7 +39,7 @@ class AtOnce(Executor):
 
 
 def config(mode: Any) -> Config:
-    return Config(calibration=Calibration(learn=mode))
+    return Config(calibration=CalibrationSettings(learn=mode))
 
 
 class Bench:

@@ -11,7 +11,7 @@ import pytest
 from fakes.messages import EXAMPLES
 from imud import _core
 from imud.wire import messages, schema
-from imud.wire.fields import Field, Impossible
+from imud.wire.fields import FieldCodec, Impossible
 from imud.wire.messages import Message
 
 PLAIN = [
@@ -21,7 +21,7 @@ PLAIN = [
 ]
 
 
-def in_python(content: bytes, fields: list[Field]) -> dict[str, object] | None:
+def in_python(content: bytes, fields: list[FieldCodec]) -> dict[str, object] | None:
     """The same by the slow way; None: a value is impossible."""
     said: dict[str, object] = {}
     offset = struct.calcsize(schema.HEADER)
@@ -37,7 +37,7 @@ def in_python(content: bytes, fields: list[Field]) -> dict[str, object] | None:
 @pytest.mark.parametrize("name", PLAIN)
 def test_any_numbers_are_read_as_python_reads_them(name: str) -> None:
     kind = next(message for message in schema.MESSAGES if message.name == name)
-    fields = [Field(field) for field in kind.fields]
+    fields = [FieldCodec(field) for field in kind.fields]
     reader = _core.Reader(tuple(each for f in fields if (each := f.plain())))
     chance = random.Random(20)  # noqa: S311 - no secret
     read = 0
@@ -77,7 +77,7 @@ def test_any_numbers_are_read_as_python_reads_them(name: str) -> None:
 def test_a_wrong_tag_is_not_read(name: str) -> None:
     content = bytearray(messages.encode(name, EXAMPLES[name], 1, 2))
     kind = next(message for message in schema.MESSAGES if message.name == name)
-    fields = [Field(field) for field in kind.fields]
+    fields = [FieldCodec(field) for field in kind.fields]
     reader = _core.Reader(tuple(each for f in fields if (each := f.plain())))
     offset = struct.calcsize(schema.HEADER)
     for field in fields:
@@ -96,7 +96,7 @@ def test_a_norm_that_python_accepts_is_accepted(norm: float) -> None:
 
 
 def test_it_refuses_fields_that_it_can_not_read() -> None:
-    good = Field(schema.Field("x", 1, "u16")).plain()
+    good = FieldCodec(schema.Field("x", 1, "u16")).plain()
     assert good is not None
     with pytest.raises(ValueError, match="1 to 4 bytes"):
         _core.Reader(((*good[:3], 8, *good[4:]),))
