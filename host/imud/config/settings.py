@@ -161,8 +161,8 @@ class CalibrationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
     learn: Annotated[
         Literal["off", "propose", "apply"],
         Meta(
-            description="the magnetometer, while a probe is turned about: say what its "
-            "calibration would be, or also put that in force"
+            description="all three sensors, while a probe is turned about: say what "
+            "their calibration would be, or also put that in force"
         ),
     ] = "propose"
 
