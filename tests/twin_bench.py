@@ -10,7 +10,7 @@ from core.desk import lib
 from core.probe_bench import MPU9250, Bench, Memory, command_frame
 from core.scenes import scene, tumble
 from imud.stages.twin import Twin
-from imud.stages.twin_outcomes import Outcome
+from imud.stages.twin_outcomes import TwinOutcome
 from imud.wire.frame import FrameDecoder
 from imud.wire.messages import Message, decode, encode
 from imud.wire.params import digest_of, words_of
@@ -96,13 +96,13 @@ def followed(memory: Memory | None = None, *, raw_hz: int = 200) -> Life:
     return life.order(lib.COMMAND_RATE, 1, raw_hz).order(lib.COMMAND_START).wake()
 
 
-def heard(contents: Iterable[bytes]) -> tuple[Twin, list[Outcome]]:
+def heard(contents: Iterable[bytes]) -> tuple[Twin, list[TwinOutcome]]:
     """What a twin makes of what a session passes on to it."""
     twin = Twin()
     outcomes = [
         outcome
         for event in received(contents)
-        if (outcome := twin.take(event.message, event.content, event.params))
+        if (outcome := twin.on_message(event.message, event.content, event.params))
         is not None
     ]
     return twin, outcomes

@@ -24,7 +24,7 @@ from benchmarks.strokes import on_host
 from benchmarks.strokes.runs import Found, Run, found_of, heading_of, params_of, run_of
 from imud.errors import ImudError
 from imud.stages.twin import Twin
-from imud.stages.twin_outcomes import State
+from imud.stages.twin_outcomes import TwinState
 
 CASES = (
     *("supported, 1 s", "between rests, 1 s", "on paper, 2 s", "raw module, 1 s"),
@@ -79,8 +79,8 @@ def differing(capture: Capture) -> int:
     """
     twin = Twin()
     for event in capture.received:
-        twin.take(event.message, event.content, event.params)
-    if twin.state not in (State.FOLLOWING, State.DIFFERS):
+        twin.on_message(event.message, event.content, event.params)
+    if twin.state not in (TwinState.FOLLOWING, TwinState.DIFFERS):
         raise RunFailed(f"the twin is {twin.state.value} at the end")
     return twin.differed
 

@@ -14,7 +14,7 @@ from fakes import PATIENCE_S, DaemonProcess
 from imud import _core
 from imud.client import Client
 from imud.config.settings import Config, ProbeSettings
-from imud.stages import Adds
+from imud.stages import InjectMessage
 from imud.stages.fusion import FusionStage
 from imud.wire import schema
 from imud.wire.messages import Message, decode
@@ -55,8 +55,10 @@ def fused(done: Run) -> list[Message]:
     events = received(done.contents)
     settings = ProbeSettings(fuse_on_host=True)
     stage = FusionStage(Config(probes={events[0].probe_id: settings}))
-    outcomes = [outcome for event in events for outcome in stage.take(event)]
-    added = [decode(each.content) for each in outcomes if isinstance(each, Adds)]
+    outcomes = [outcome for event in events for outcome in stage.on_message(event)]
+    added = [
+        decode(each.content) for each in outcomes if isinstance(each, InjectMessage)
+    ]
     messages = [message for message in added if isinstance(message, Message)]
     return [message for message in messages if message.name == "pose"]
 

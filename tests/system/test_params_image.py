@@ -14,7 +14,7 @@ import pytest
 
 from fakes.records import calibration_record, record
 from imud import _core
-from imud.stages.twin_outcomes import Began, State
+from imud.stages.twin_outcomes import TwinStarted, TwinState
 from imud.wire import schema
 from imud.wire.frame import FrameDecoder
 from length import choose
@@ -244,8 +244,8 @@ def test_a_bad_change_is_told_why_and_nothing_else_notices(
     assert_nothing_is_lost(done)
     # Each pose is that of its samples and the old params, without a break.
     twin, outcomes = heard(done.contents)
-    assert [type(outcome) for outcome in outcomes] == [Began]
-    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+    assert [type(outcome) for outcome in outcomes] == [TwinStarted]
+    assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
     assert twin.compared == len(done.named("pose")) > 50
 
 

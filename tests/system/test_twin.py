@@ -11,7 +11,7 @@ from fakes import PATIENCE_S, DaemonProcess, Port
 from fakes.records import calibrated_records
 from imud.client import Client
 from imud.recordings.decode import Tally, decode_file
-from imud.stages.twin_outcomes import Began, State
+from imud.stages.twin_outcomes import TwinStarted, TwinState
 from imud.wire.frame import encode_frame
 from imud.wire.params import digest_of
 from system.live import LiveProbe, hear
@@ -64,8 +64,8 @@ def test_a_probe_that_is_calibrated_as_it_runs_has_the_twins_bits(stub: Stub) ->
     options += upload(records, 6_000_000)
     done = run(stub, SECONDS, "--motion", hand, *options)
     twin, outcomes = heard(done.contents)
-    assert [type(outcome) for outcome in outcomes] == [Began, Began]
-    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+    assert [type(outcome) for outcome in outcomes] == [TwinStarted, TwinStarted]
+    assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
     assert twin.compared == len(done.named("pose"))
     # The daemon says of each sample which params calibrate it.
     port = Port(stub.folder / "port")

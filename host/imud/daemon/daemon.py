@@ -32,7 +32,7 @@ from imud.journal.speaker import Speaker
 from imud.ports.finder import Finder
 from imud.probes.timeline import host_ns
 from imud.sinks.zenoh import Answer
-from imud.stages import Wants
+from imud.stages import SendCommands
 from imud.version import version
 
 logger = logging.getLogger("imud")
@@ -72,7 +72,7 @@ class Daemon:
         self._intake.params.keep = self._history.keep
         self._intake.on_reply = self._commander.take_reply
         self._intake.on_found = self._begin_set_up
-        self._intake.stages.on_want = self._begin_commands
+        self._intake.stages.on_commands = self._begin_commands
         self._tasks: set[asyncio.Task[None]] = set()
         self._setting_up: dict[str, asyncio.Task[None]] = {}
         self._notifier = Notifier()
@@ -116,7 +116,7 @@ class Daemon:
                 self._metrics.close()
             self._hub.close()
             self._history.close()
-        logger.info("%s", self._farewell())
+        logger.info("%s", self._closing_line())
         if faults:
             raise faults[0]
 
@@ -201,8 +201,9 @@ class Daemon:
             for _ in self._reports.tick(elapsed_s):
                 await asyncio.sleep(0)
             for entry in self._intake.params.due(loop.time()):
-                wants = Wants((("params_tell", {}),), "it does not tell its params")
-                self._begin_commands(entry.name, wants)
+                failure = "it does not tell its params"
+                order = SendCommands((("params_tell", {}),), failure)
+                self._begin_commands(entry.name, order)
             self._notifier.alive()
             self._notifier.status(self._state())
             if self._metrics is not None:
@@ -247,17 +248,17 @@ class Daemon:
             text = f"probe {name}: its settings can't be applied: {error}"
             self._speaker.say(("settings", name), text, is_warning=True)
 
-    def _begin_commands(self, name: str, wants: Wants) -> None:
-        self._start(self._send_commands(name, wants))
+    def _begin_commands(self, name: str, order: SendCommands) -> None:
+        self._start(self._send_commands(name, order))
 
-    async def _send_commands(self, name: str, wants: Wants) -> None:
-        """Sends a probe the commands that one of its stages wants."""
+    async def _send_commands(self, name: str, order: SendCommands) -> None:
+        """Sends a probe the commands that one of its stages asks for."""
         try:
-            for command, parameters in wants.commands:
+            for command, parameters in order.commands:
                 await self._runner.run(name, command, parameters)
         except ImudError as error:
-            text = f"probe {name}: {wants.failure}: {error}"
-            self._speaker.say((wants.failure, name), text, is_warning=True)
+            text = f"probe {name}: {order.failure}: {error}"
+            self._speaker.say((order.failure, name), text, is_warning=True)
 
     def _state(self) -> str:
         """A line for `systemctl status`."""
@@ -282,10 +283,10 @@ class Daemon:
         serves = " and ".join(filter(None, (where, joins)))
         return f"imud {version()} {serves}, {log}, {reads}"
 
-    def _farewell(self) -> str:
+    def _closing_line(self) -> str:
         is_logging, path = self._outputs.is_logging, self._outputs.log_path
         log = f"; log {path}" if is_logging else ""
-        return f"stopped; {self._registry.farewell()}{log}"
+        return f"stopped; {self._registry.closing_line()}{log}"
 
 
 def run(load: Callable[[], Config]) -> int:

@@ -139,7 +139,7 @@ class Intake:
         entry.port = port
         entry.other = None
         entry.fault = None
-        self.stages.appear(entry, event)
+        self.stages.on_probe_found(entry, event)
         self._lines.found(entry, event, port)
         # Its status first: who sees that it is there may ask for that at once.
         self.reports.publish(entry)
@@ -187,4 +187,4 @@ class Intake:
             self.params.follow(entry, self._clock.now_ns())
         if not entry.is_alive:
             self._publisher.set_alive(entry, is_alive=True)
-        self.stages.take(entry, event)
+        self.stages.on_message(entry, event)

@@ -12,7 +12,7 @@ from imud.probes.ledger import Verdict
 from imud.probes.record import plain
 from imud.probes.sensors import Finding
 from imud.probes.session import OtherSchema, ProbeFound, Refused
-from imud.stages import Stage, Tells
+from imud.stages import LogLine, Stage
 from imud.wire.messages import Message
 
 LOSSES = ("lost", "corrupt", "duplicated", "dropped by a slow or failing sink")
@@ -37,14 +37,14 @@ class ProbeLines:
         )
 
     def described(self, entry: ProbeEntry, hello: Message) -> None:
-        """Tells what a hello says about the probe, if it differs from the last one."""
+        """Says what a hello says about the probe, if it differs from the last one."""
         if who(hello) != entry.described:
             entry.described = who(hello)
             text = f"probe {entry.name} is {entry.described}"
             self._speaker.say(("who", entry.name), text)
 
     def calibration(self, entry: ProbeEntry, advice: str | None) -> None:
-        """Tells what its calibration needs, when that changes. None: its params are not
+        """Says what its calibration needs, when that changes. None: its params are not
         known.
         """
         if advice is None or advice == entry.advised:
@@ -57,7 +57,7 @@ class ProbeLines:
         entry.advised = advice
 
     def sensors(self, entry: ProbeEntry, findings: list[Finding]) -> None:
-        """Tells what is wrong with its sensors, once a boot."""
+        """Says what is wrong with its sensors, once a boot."""
         boot = entry.probe.account.boots
         told = entry.told_findings if entry.told_boot == boot else []
         for finding in findings:
@@ -147,9 +147,9 @@ class ProbeLines:
         )
         self._speaker.say("host sync", f"this machine {words}", is_warning=not is_so)
 
-    def of_stage(self, entry: ProbeEntry, stage: Stage, tells: Tells) -> None:
+    def of_stage(self, entry: ProbeEntry, stage: Stage, line: LogLine) -> None:
         self._speaker.say(
-            (stage.name, entry.name, tells.kind),
-            f"probe {entry.name}: {tells.text}",
-            is_warning=tells.is_warning,
+            (stage.name, entry.name, line.kind),
+            f"probe {entry.name}: {line.text}",
+            is_warning=line.is_warning,
         )

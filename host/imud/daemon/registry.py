@@ -126,10 +126,10 @@ class ProbeEntry:
         session = self.session
         return self.corrupt_before + (session.corrupt.total() if session else 0)
 
-    def farewell(self) -> str:
+    def closing_line(self) -> str:
         """What came of it, for the daemon's last line."""
         text = f"probe {self.name}: {self.received} received, {self.lost} lost"
-        return ", ".join(filter(None, (text, *(s.farewell() for s in self.stages))))
+        return ", ".join(filter(None, (text, *(s.closing_line() for s in self.stages))))
 
 
 def earth_of(place: PlaceSettings) -> Earth | None:
@@ -200,11 +200,11 @@ class Registry:
         self._by_name = {entry.name: entry for entry in self}
         return renamed
 
-    def farewell(self) -> str:
+    def closing_line(self) -> str:
         """What came of all probes, for the daemon's last line."""
         entries = list(self)
         if len(entries) <= TOLD_MAX:
-            said = "; ".join(entry.farewell() for entry in entries)
+            said = "; ".join(entry.closing_line() for entry in entries)
             return said or "no probe was heard"
         received = sum(entry.received for entry in entries)
         lost = sum(entry.lost for entry in entries)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Hands messages to the stages of their probe, and carries out what they answer."""
+"""Hands messages to the stages of their probe, and carries out their results."""
 
 from __future__ import annotations
 
@@ -12,44 +12,53 @@ from imud.daemon.publisher import RecordPublisher
 from imud.daemon.registry import ProbeEntry
 from imud.probes.record import record_of
 from imud.probes.session import ProbeFound, Received
-from imud.stages import Adds, Outcome, Says, Stage, Tells, Wants
+from imud.stages import (
+    InjectMessage,
+    LogLine,
+    Publish,
+    SendCommands,
+    Stage,
+    StageResult,
+)
 from imud.wire.messages import Message, decode
 
 
 class StageRunner:
-    """Where stages meet the daemon. `on_want` has commands sent to a probe by name."""
+    """Where stages meet the daemon. `on_commands` sends a probe, by its name, some."""
 
     def __init__(self, publisher: RecordPublisher, lines: ProbeLines) -> None:
         self._publisher = publisher
         self._lines = lines
-        self.on_want: Callable[[str, Wants], None] = lambda *_: None
+        self.on_commands: Callable[[str, SendCommands], None] = lambda *_: None
 
-    def appear(self, entry: ProbeEntry, found: ProbeFound) -> None:
+    def on_probe_found(self, entry: ProbeEntry, found: ProbeFound) -> None:
         for stage in entry.stages:
-            stage.appear(found)
+            stage.on_probe_found(found)
 
-    def take(self, entry: ProbeEntry, received: Received) -> None:
+    def on_message(self, entry: ProbeEntry, received: Received) -> None:
         for stage in entry.stages:
-            for outcome in stage.take(received):
-                self._carry_out(entry, stage, received, outcome)
+            for result in stage.on_message(received):
+                self._carry_out(entry, stage, received, result)
 
     def _carry_out(
-        self, entry: ProbeEntry, stage: Stage, received: Received, outcome: Outcome
+        self, entry: ProbeEntry, stage: Stage, received: Received, result: StageResult
     ) -> None:
-        if isinstance(outcome, Wants):
-            self.on_want(entry.name, outcome)
-        elif isinstance(outcome, Tells):
-            self._lines.of_stage(entry, stage, outcome)
-        elif isinstance(outcome, Says):
+        if isinstance(result, SendCommands):
+            self.on_commands(entry.name, result)
+        elif isinstance(result, LogLine):
+            self._lines.of_stage(entry, stage, result)
+        elif isinstance(result, Publish):
             t_ns, sequence = entry.last_heard_ns, received.message.sequence
-            self._publisher.say(entry, outcome.topic, outcome.values, t_ns, sequence)
-        elif isinstance(outcome, Adds):
-            self._add(entry, received, outcome)
+            self._publisher.say(entry, result.topic, result.values, t_ns, sequence)
+        elif isinstance(result, InjectMessage):
+            self._inject(entry, received, result)
 
-    def _add(self, entry: ProbeEntry, received: Received, added: Adds) -> None:
+    def _inject(
+        self, entry: ProbeEntry, received: Received, added: InjectMessage
+    ) -> None:
         message = decode(added.content)
         if not isinstance(message, Message):
-            raise TypeError(f"a stage added {message}")
+            raise TypeError(f"a stage injected {message}")
         stamp = msgspec.structs.replace(received.stamp, number=added.number, missing=0)
         record = record_of(
             message,

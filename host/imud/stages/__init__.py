@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""Stages: work on a probe's messages as they arrive. A message goes in; wishes, records
-and journal lines come out. A stage does no I/O and does not know the daemon.
+"""Stages: work on a probe's messages as they arrive. A message goes in; commands,
+records, journal lines and computed messages come out. A stage does no I/O and does not
+know the daemon.
 
 Each probe has a list of stages, made by `factory.py`. A stage that needs several
 probes, such as a limb, can stand in the lists of all of them: `Received.probe` says
@@ -18,21 +19,21 @@ from imud.config.settings import Config
 from imud.probes.session import ProbeFound, Received
 
 
-class Wants(msgspec.Struct, frozen=True):
+class SendCommands(msgspec.Struct, frozen=True):
     """Commands that the probe should get, in this order, until one fails."""
 
     commands: tuple[tuple[str, Mapping[str, str]], ...]  # name and parameters
     failure: str  # the journal's words for one that failed; its reason is appended
 
 
-class Says(msgspec.Struct, frozen=True):
+class Publish(msgspec.Struct, frozen=True):
     """A record about the probe, published and logged as JSON under its own topic."""
 
     topic: str
     values: Mapping[str, Any]  # `type` and `probe` are put before them
 
 
-class Tells(msgspec.Struct, frozen=True):
+class LogLine(msgspec.Struct, frozen=True):
     """A line of the journal about the probe, whose name is put before it."""
 
     kind: object  # lines of one kind are limited together
@@ -40,7 +41,7 @@ class Tells(msgspec.Struct, frozen=True):
     is_warning: bool = False
 
 
-class Adds(msgspec.Struct, frozen=True):
+class InjectMessage(msgspec.Struct, frozen=True):
     """A message that the probe did not send, computed from the one at hand: published
     with that one's times and number, and not sent on as a frame.
     """
@@ -49,7 +50,7 @@ class Adds(msgspec.Struct, frozen=True):
     number: int  # counts those of its kind, from 1 on
 
 
-Outcome = Wants | Says | Tells | Adds
+StageResult = SendCommands | Publish | LogLine | InjectMessage
 
 
 class Stage(Protocol):
@@ -63,10 +64,10 @@ class Stage(Protocol):
     def configure(self, config: Config) -> None:
         """Takes up a configuration that was reloaded."""
 
-    def appear(self, found: ProbeFound) -> None:
+    def on_probe_found(self, found: ProbeFound) -> None:
         """The probe was found on a port, or it restarted. Its messages follow."""
 
-    def take(self, received: Received) -> Iterable[Outcome]:
+    def on_message(self, received: Received) -> Iterable[StageResult]:
         """Works on one good message, in the order in which the probe sent them. Every
         message passes here: a stage that has nothing to do with one returns ().
         """
@@ -74,5 +75,5 @@ class Stage(Protocol):
     def status(self) -> Mapping[str, Any]:
         """What the status of the probe says about this stage, as JSON values."""
 
-    def farewell(self) -> str:
+    def closing_line(self) -> str:
         """What the daemon's last line adds about the probe; empty: nothing."""

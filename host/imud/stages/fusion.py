@@ -24,7 +24,7 @@ from imud.config.settings import Config
 from imud.params.learned import goes_on
 from imud.params.value import Params
 from imud.probes.session import ProbeFound, Received
-from imud.stages import Adds, Outcome, Tells, Wants
+from imud.stages import InjectMessage, LogLine, SendCommands, StageResult
 from imud.stages.floats import is_in_floats
 from imud.wire import schema
 from imud.wire.messages import Message, place_of
@@ -69,28 +69,28 @@ class FusionStage:
         wanted = (each for each, of in config.probes.items() if of.fuse_on_host)
         self._wanted = frozenset(wanted)  # ids of probes
 
-    def appear(self, found: ProbeFound) -> None:  # noqa: ARG002 - any boot ends it
+    def on_probe_found(self, found: ProbeFound) -> None:  # noqa: ARG002 - any boot ends it
         self._forget()
 
-    def take(self, received: Received) -> Iterable[Outcome]:
+    def on_message(self, received: Received) -> Iterable[StageResult]:
         if received.probe_id in self._wanted:
             return self._fuse(received)
         if self._hello is not None:
             self._forget()
         return ()
 
-    def _fuse(self, received: Received) -> Iterator[Outcome]:
+    def _fuse(self, received: Received) -> Iterator[StageResult]:
         message = received.message
         if message.name == "hello" and message.fields["sample_rate"]:
-            yield from self._take_hello(message, received.content)
+            yield from self._on_hello(message, received.content)
         elif message.name == "pose":
             yield from self._ask()
         elif message.name == "event":
-            self._take_event(message)
+            self._on_event(message)
         elif message.name == "raw" and received.params is not None:
-            yield from self._take_raw(received, received.params)
+            yield from self._on_raw(received, received.params)
 
-    def _take_hello(self, hello: Message, content: bytes) -> Iterator[Outcome]:
+    def _on_hello(self, hello: Message, content: bytes) -> Iterator[StageResult]:
         own = bytearray(content)
         if hello.fields["filter"] == "none" or is_in_floats(hello):
             own[_FILTER] = bytes([schema.Filter.FUSE])
@@ -101,15 +101,15 @@ class FusionStage:
         if hello.fields["raw_rate"] != hello.fields["sample_rate"]:
             yield from self._ask()
 
-    def _ask(self) -> Iterator[Wants]:
+    def _ask(self) -> Iterator[SendCommands]:
         """For all raw samples and nothing else, once."""
         if self._has_asked or self._hello is None:
             return
         self._has_asked = True
         rate = {"stream": "raw", "hz": str(self._hello.fields["sample_rate"])}
-        yield Wants((("rate", rate), ("fields", {"streams": "raw"})), FAILURE)
+        yield SendCommands((("rate", rate), ("fields", {"streams": "raw"})), FAILURE)
 
-    def _take_event(self, message: Message) -> None:
+    def _on_event(self, message: Message) -> None:
         detail = message.fields["detail"]
         if self._replay is None or not isinstance(detail, int):
             return
@@ -120,7 +120,7 @@ class FusionStage:
         elif message.fields["event"] == "restarted":
             self._replay.restart(detail or int(schema.Filter.FUSE))
 
-    def _take_raw(self, received: Received, records: bytes) -> Iterator[Outcome]:
+    def _on_raw(self, received: Received, records: bytes) -> Iterator[StageResult]:
         hello = self._hello
         if hello is None:
             return
@@ -128,7 +128,7 @@ class FusionStage:
             records = with_strokes(records)
         if self._replay is None:
             self._replay = _core.Replay(self._content, records)
-            yield Tells("began", "its poses are computed here, from its raw samples")
+            yield LogLine("began", "its poses are computed here, from its raw samples")
         elif records != self._records and self._replay.params(records):
             if goes_on(self._records, records):
                 self._replay.go_on()
@@ -145,11 +145,11 @@ class FusionStage:
         stroke = self._replay.stroke(message.sequence, message.time_us)
         if stroke is not None:
             self._strokes += 1
-            yield Adds(stroke, self._strokes)
+            yield InjectMessage(stroke, self._strokes)
         if self._is_due(hello):
             self._poses += 1
             pose = self._replay.pose(message.sequence, message.time_us)
-            yield Adds(pose, self._poses)
+            yield InjectMessage(pose, self._poses)
 
     def _is_due(self, hello: Message) -> bool:
         """True `pose_rate` times a second, evenly, as core/probe/probe.c has it."""
@@ -164,5 +164,5 @@ class FusionStage:
     def status(self) -> dict[str, Any]:
         return {"is_on_host": self._replay is not None, "poses": self._poses}
 
-    def farewell(self) -> str:
+    def closing_line(self) -> str:
         return f"{self._poses} poses computed here" if self._poses else ""

@@ -17,10 +17,10 @@ from imud.calibration.recording import Sample, Scale
 from imud.config.settings import Config
 from imud.probes.sensors import has_magnetometer
 from imud.probes.session import ProbeFound, Received
-from imud.stages import Outcome, Says, Tells, Wants
+from imud.stages import LogLine, Publish, SendCommands, StageResult
 from imud.wire.messages import Value
 
-TELL_BETTER = 0.7  # of the error that was told last
+REPORT_BELOW = 0.7  # of the error that was reported last
 
 
 @cache
@@ -48,7 +48,7 @@ class LearnStage:
         self._digest: int | None = None
         self._fit: Future[Learned] | None = None
         self._proposal: Proposal | None = None
-        self._told_deg: float | None = None
+        self._reported_deg: float | None = None
 
     def configure(self, config: Config) -> None:
         if config.calibration.learn != self._mode:
@@ -57,7 +57,7 @@ class LearnStage:
                 self._learner = Learner(self._learner.scale)
             self._forget()
 
-    def appear(self, found: ProbeFound) -> None:
+    def on_probe_found(self, found: ProbeFound) -> None:
         self._probe_id = found.probe_id
         self._learner = None
         self._meet(found.hello.fields)
@@ -74,7 +74,7 @@ class LearnStage:
             )
             self._learner = Learner(scale)
 
-    def take(self, received: Received) -> Iterable[Outcome]:
+    def on_message(self, received: Received) -> Iterable[StageResult]:
         if received.message.name == "hello":
             self._meet(received.message.fields)
         is_idle = self._fit is None and received.message.name != "raw"
@@ -82,7 +82,7 @@ class LearnStage:
             return ()
         return self._learn(received)
 
-    def _learn(self, received: Received) -> Iterator[Outcome]:
+    def _learn(self, received: Received) -> Iterator[StageResult]:
         learner = self._learner
         if self._digest != received.scales.digest:
             self._forget()
@@ -92,7 +92,7 @@ class LearnStage:
             learned, self._fit = self._fit.result(), None
             learner.end(learned)
             if learned.proposal is not None:
-                yield from self._picked_up(learned.proposal, received)
+                yield from self._report(learned.proposal, received)
         if received.message.name != "raw" or learner is None:
             return
         sample = _sample(received.message.fields, received.stamp.t_device_us)
@@ -101,29 +101,33 @@ class LearnStage:
             executor = self._executor or worker()
             self._fit = executor.submit(learned_of, learner.begin(params))
 
-    def _picked_up(self, found: Proposal, received: Received) -> Iterator[Outcome]:
-        self._proposal, told_deg = found, self._told_deg
-        is_news = told_deg is None or found.heading_deg < TELL_BETTER * told_deg
+    def _report(self, found: Proposal, received: Received) -> Iterator[StageResult]:
+        self._proposal, reported_deg = found, self._reported_deg
+        is_news = (
+            reported_deg is None or found.heading_deg < REPORT_BELOW * reported_deg
+        )
         if not is_news:
             return
-        self._told_deg = found.heading_deg
+        self._reported_deg = found.heading_deg
         place = {
             "seq": received.message.sequence,
             "t_device_us": received.stamp.t_device_us,
             "t_ns": received.stamp.t_ns,
         }
-        yield Says(self.name, place | dict(self.status()))
+        yield Publish(self.name, place | dict(self.status()))
         words = (
             f"its sensors are known to +-{found.tilt_deg:.1f} degrees of tilt and "
             f"+-{found.heading_deg:.1f} of heading"
         )
         if self._mode == "propose":
             how = "imud calibrate learned puts that in force"
-            yield Tells(Proposal, f"{words}; {how}")
+            yield LogLine(Proposal, f"{words}; {how}")
             return
-        yield Tells(Proposal, f"{words}, and are calibrated so")
+        yield LogLine(Proposal, f"{words}, and are calibrated so")
         parameters = {"records": found.params.encode().hex(), "probe": self._probe_id}
-        yield Wants((("params", parameters),), "what was learned can't be put in force")
+        yield SendCommands(
+            (("params", parameters),), "what was learned can't be put in force"
+        )
 
     def status(self) -> Mapping[str, Any]:
         state, found = "off", self._proposal
@@ -142,7 +146,7 @@ class LearnStage:
             "records": found.params.encode().hex(),
         }
 
-    def farewell(self) -> str:
+    def closing_line(self) -> str:
         return ""
 
 

@@ -26,15 +26,15 @@ from __future__ import annotations
 from imud import _core
 from imud.stages.floats import is_in_floats
 from imud.stages.twin_outcomes import (
-    Began,
-    Differs,
-    Lost,
-    Outcome,
-    State,
-    Stopped,
-    WantsParams,
-    WantsRaw,
-    WantsRestart,
+    AskParams,
+    AskRaw,
+    AskRestart,
+    TwinDiffers,
+    TwinLost,
+    TwinOutcome,
+    TwinStarted,
+    TwinState,
+    TwinStopped,
     differ_in_latches,
     differing,
 )
@@ -55,7 +55,7 @@ class Twin:
     """Takes the good messages of one probe, in order."""
 
     def __init__(self) -> None:
-        self.state = State.WAITING
+        self.state = TwinState.WAITING
         self.compared = 0
         self.differed = 0
         self._sequence: int | None = None
@@ -71,7 +71,7 @@ class Twin:
         self._params: bytes | None = None  # in force now, as far as is known
         self._is_sure = False  # of these: nothing is missing since they were named
         self._changed_at: int | None = None  # the last message that changed them
-        self._asked: set[type[Outcome]] = set()  # since the stream began
+        self._asked: set[type[TwinOutcome]] = set()  # since the stream began
         # Known since the filter began:
         self._replay: _core.Replay | None = None
         self._number: int | None = None  # of the filter, where an event named it
@@ -82,23 +82,23 @@ class Twin:
         self._had_hole = False
         self._is_unlatched = False  # a pose may be missing before the next one
 
-    def appear(self) -> None:
+    def on_probe_found(self) -> None:
         """The probe appeared or restarted: forgets what came before."""
         self._sequence = None
         self._boot(is_new=False)
 
-    def take(
+    def on_message(
         self, message: Message, content: bytes, params: bytes | None
-    ) -> Outcome | None:
+    ) -> TwinOutcome | None:
         """`params`: the records in force with this message; None: not known."""
         had_replay = self._replay is not None
         self._params = params
-        outcome = self._miss(message) or self._take(message, content)
+        outcome = self._miss(message) or self._follow(message, content)
         if outcome is None and had_replay and self._replay is None:
-            return Stopped(message.sequence)
+            return TwinStopped(message.sequence)
         return outcome
 
-    def _miss(self, message: Message) -> Lost | None:
+    def _miss(self, message: Message) -> TwinLost | None:
         """Looks for a gap in the sequence before this message."""
         last, self._sequence = self._sequence, message.sequence
         first = None if last is None else (last + 1) & _MASK
@@ -123,23 +123,23 @@ class Twin:
         self._hole = first
         return None
 
-    def _take(self, message: Message, content: bytes) -> Outcome | None:
+    def _follow(self, message: Message, content: bytes) -> TwinOutcome | None:
         match message.name:
             case "hello":
-                return self._take_hello(message, content)
+                return self._on_hello(message, content)
             case "raw":
-                return self._take_raw(message, content)
+                return self._on_raw(message, content)
             case "pose":
-                return self._take_pose(message, content)
+                return self._on_pose(message, content)
             case "stroke":
-                return self._take_stroke(message, content)
+                return self._on_stroke(message, content)
             case "event":
-                return self._take_event(message)
+                return self._on_event(message)
             case "reply":
-                return self._take_reply(message)
+                return self._on_reply(message)
         return None
 
-    def _take_hello(self, hello: Message, content: bytes) -> Outcome | None:
+    def _on_hello(self, hello: Message, content: bytes) -> TwinOutcome | None:
         boots, self._boots = self._boots, hello.fields["boot_count"]
         if boots != self._boots and not self._is_new:
             self._boot(is_new=False)
@@ -148,8 +148,8 @@ class Twin:
             return None
         if is_in_floats(hello):
             self._hello = b""
-            is_told = self.state is State.LOST
-            return None if is_told else self._lose(hello.sequence, _FLOATS)
+            is_reported = self.state is TwinState.LOST
+            return None if is_reported else self._lose(hello.sequence, _FLOATS)
         self._is_sure = True
         self._hello = content
         self._sample_rate = sample_rate
@@ -160,7 +160,7 @@ class Twin:
             self._is_ripe = self._is_streaming and self._raw_rate == sample_rate
         return self._compare_params(hello.sequence)
 
-    def _take_event(self, message: Message) -> Outcome | None:
+    def _on_event(self, message: Message) -> TwinOutcome | None:
         name, detail = message.fields["event"], message.fields["detail"]
         if name in ("stream_started", "stream_stopped"):
             # Without a stream there are samples that are not sent.
@@ -180,7 +180,7 @@ class Twin:
                 return self._lose(message.sequence, f"{_UNABLE}: {error}")
         return None
 
-    def _take_reply(self, message: Message) -> Outcome | None:
+    def _on_reply(self, message: Message) -> TwinOutcome | None:
         """Follows changes of the raw stream."""
         command, value = message.fields["replied_command"], message.fields["value"]
         is_off = False
@@ -197,7 +197,7 @@ class Twin:
             return self._lose(message.sequence, "not every sample is told any more")
         return None
 
-    def _take_raw(self, message: Message, content: bytes) -> Outcome | None:
+    def _on_raw(self, message: Message, content: bytes) -> TwinOutcome | None:
         last, self._raw_us = self._raw_us, message.time_us
         if not self._hello:
             return None
@@ -210,10 +210,10 @@ class Twin:
         is_next = last is not None and (message.time_us - last) & _MASK <= longest_us
         if self._replay is None:
             if self._raw_rate is not None and not is_full:
-                return self._ask(WantsRaw(self._sample_rate))
+                return self._ask(AskRaw(self._sample_rate))
             if self._params is None:
-                return self._ask(WantsParams())
-            return self._ask(WantsRestart()) if is_next and is_full else None
+                return self._ask(AskParams())
+            return self._ask(AskRestart()) if is_next and is_full else None
         if self._hole is not None:
             if not is_next:
                 return self._lose(self._hole, "a message is missing")
@@ -232,13 +232,13 @@ class Twin:
             self._replay.step(content)
             self._steps += 1
 
-    def _take_pose(self, message: Message, content: bytes) -> Outcome | None:
+    def _on_pose(self, message: Message, content: bytes) -> TwinOutcome | None:
         has_raw = message.time_us == self._raw_us
         if self._replay is None:
             self._is_ripe = False
             is_full = self._raw_rate == self._sample_rate
-            wants = WantsRaw(None if is_full else self._sample_rate)
-            return None if has_raw or not self._hello else self._ask(wants)
+            rate_hz = None if is_full else self._sample_rate
+            return None if has_raw or not self._hello else self._ask(AskRaw(rate_hz))
         if not has_raw or self._hole is not None:
             return self._lose(message.sequence, "its sample was not told")
         twin = self._replay.pose(message.sequence, message.time_us)
@@ -249,7 +249,7 @@ class Twin:
         self.compared -= self._is_guess
         return self._differ(message, content, twin)
 
-    def _take_stroke(self, message: Message, content: bytes) -> Outcome | None:
+    def _on_stroke(self, message: Message, content: bytes) -> TwinOutcome | None:
         if self._replay is None:
             return None
         if message.time_us != self._raw_us or self._hole is not None:
@@ -259,15 +259,15 @@ class Twin:
             return None
         return self._differ(message, content, twin or b"")
 
-    def _differ(self, message: Message, content: bytes, twin: bytes) -> Outcome:
+    def _differ(self, message: Message, content: bytes, twin: bytes) -> TwinOutcome:
         if self._is_guess:
             return self._lose(message.sequence, "its params may be others")
         self.differed += 1
-        is_first, self.state = self.state is State.FOLLOWING, State.DIFFERS
+        is_first, self.state = self.state is TwinState.FOLLOWING, TwinState.DIFFERS
         fields = differing(message, twin)
-        return Differs(message.sequence, fields, content, twin, is_first)
+        return TwinDiffers(message.sequence, fields, content, twin, is_first)
 
-    def _compare_params(self, sequence: int) -> Outcome | None:
+    def _compare_params(self, sequence: int) -> TwinOutcome | None:
         """A hello named the params. Those of the twin calibrate as they do, or the
         event of a change is missing.
         """
@@ -293,15 +293,15 @@ class Twin:
             return self._begin(sequence, self._number)
         return self._lose(sequence, "its params have changed")
 
-    def _wait_for_params(self) -> Outcome | None:
+    def _wait_for_params(self) -> TwinOutcome | None:
         """The filter began with params that are not known: it must begin once more."""
         self._replay = None
         self._is_ripe = False
-        self.state = State.WAITING
-        self._asked.discard(WantsRestart)
-        return self._ask(WantsParams())
+        self.state = TwinState.WAITING
+        self._asked.discard(AskRestart)
+        return self._ask(AskParams())
 
-    def _begin(self, sequence: int, number: int | None) -> Outcome | None:
+    def _begin(self, sequence: int, number: int | None) -> TwinOutcome | None:
         """The filter begins: the one of that number, or (None) the one of the hello."""
         if self._params is None:
             return self._wait_for_params()
@@ -311,7 +311,7 @@ class Twin:
                 self._replay.restart(number)
         except ValueError as error:
             return self._lose(sequence, f"{_UNABLE}: {error}")
-        self.state = State.FOLLOWING
+        self.state = TwinState.FOLLOWING
         self._is_ripe = False
         self._number = number
         self._is_guess = not self._is_sure
@@ -319,13 +319,13 @@ class Twin:
         self._steps = 0
         self._hole = None
         self._had_hole = self._is_unlatched = False
-        return Began(sequence)
+        return TwinStarted(sequence)
 
-    def _lose(self, sequence: int, reason: str) -> Lost:
+    def _lose(self, sequence: int, reason: str) -> TwinLost:
         self._replay = None
         self._is_ripe = False
-        self.state = State.LOST
-        return Lost(sequence, reason)
+        self.state = TwinState.LOST
+        return TwinLost(sequence, reason)
 
     def _boot(self, *, is_new: bool) -> None:
         """Another boot; `is_new`: heard from its first message on."""
@@ -338,12 +338,12 @@ class Twin:
     def _wait(self) -> None:
         self._replay = None
         self._is_ripe = False
-        self.state = State.WAITING
+        self.state = TwinState.WAITING
         self._asked.clear()
 
-    def _ask(self, outcome: Outcome) -> Outcome | None:
+    def _ask(self, outcome: TwinOutcome) -> TwinOutcome | None:
         """Asks once for each stream: a probe that refused is not asked again."""
-        is_due = self.state is State.WAITING and self._hello
+        is_due = self.state is TwinState.WAITING and self._hello
         if not is_due or type(outcome) in self._asked:
             return None
         self._asked.add(type(outcome))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a twin says: its state, its outcomes, and how two poses differ."""
+"""What a twin reports: its state, its outcomes, and how two poses differ."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LATCHED = schema.PoseFlags.CLIPPED | schema.PoseFlags.GAP
 _FLAGS = messages.place_of("pose", "pose_flags")
 
 
-class State(Enum):
+class TwinState(Enum):
     WAITING = "waiting"  # for a stream, and for the filter to begin
     FOLLOWING = "following"
     LOST = "lost"
@@ -24,21 +24,21 @@ class State(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Began:
+class TwinStarted:
     """The filter began and the twin follows it."""
 
     sequence: int
 
 
 @dataclass(frozen=True, slots=True)
-class Stopped:
+class TwinStopped:
     """The stream or the boot ended, and the twin with it."""
 
     sequence: int
 
 
 @dataclass(frozen=True, slots=True)
-class Lost:
+class TwinLost:
     """The twin can't follow from this message on."""
 
     sequence: int
@@ -46,7 +46,7 @@ class Lost:
 
 
 @dataclass(frozen=True, slots=True)
-class Differs:
+class TwinDiffers:
     """A pose differs from what its samples give."""
 
     sequence: int
@@ -57,29 +57,33 @@ class Differs:
 
 
 @dataclass(frozen=True, slots=True)
-class WantsRaw:
+class AskRaw:
     """The probe should send a raw message for each sample."""
 
     rate_hz: int | None  # None: the rate is right already
 
 
 @dataclass(frozen=True, slots=True)
-class WantsRestart:
+class AskRestart:
     """The probe should restart its filter."""
 
 
 @dataclass(frozen=True, slots=True)
-class WantsParams:
+class AskParams:
     """The probe should tell its params."""
 
 
-Outcome = Began | Stopped | Lost | Differs | WantsRaw | WantsRestart | WantsParams
+TwinOutcome = (
+    TwinStarted | TwinStopped | TwinLost | TwinDiffers | AskRaw | AskRestart | AskParams
+)
 
 
 def differ_in_latches(probe: bytes, twin: bytes) -> bool:
     """Whether they differ only in latched flags that a missing pose had taken."""
-    said, computed = (int.from_bytes(pose[_FLAGS], "little") for pose in (probe, twin))
-    is_fewer = said & ~computed == 0 and computed & ~said & ~LATCHED == 0
+    reported, computed = (
+        int.from_bytes(pose[_FLAGS], "little") for pose in (probe, twin)
+    )
+    is_fewer = reported & ~computed == 0 and computed & ~reported & ~LATCHED == 0
     return is_fewer and _without_flags(probe) == _without_flags(twin)
 
 

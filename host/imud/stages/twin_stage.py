@@ -8,16 +8,16 @@ from typing import Any
 
 from imud.config.settings import Config
 from imud.probes.session import ProbeFound, Received
-from imud.stages import Outcome, Says, Tells, Wants
+from imud.stages import LogLine, Publish, SendCommands, StageResult
 from imud.stages.twin import Twin
 from imud.stages.twin_outcomes import (
-    Began,
-    Differs,
-    Lost,
-    Stopped,
-    WantsParams,
-    WantsRaw,
-    WantsRestart,
+    AskParams,
+    AskRaw,
+    AskRestart,
+    TwinDiffers,
+    TwinLost,
+    TwinStarted,
+    TwinStopped,
 )
 
 FAILURE = "its twin can't begin"
@@ -37,28 +37,28 @@ class TwinStage:
         if config.twin != (self._twin is not None):
             self._twin = Twin() if config.twin else None
 
-    def appear(self, found: ProbeFound) -> None:  # noqa: ARG002 - any boot ends it
+    def on_probe_found(self, found: ProbeFound) -> None:  # noqa: ARG002 - any boot ends it
         if self._twin is not None:
-            self._twin.appear()
+            self._twin.on_probe_found()
 
-    def take(self, received: Received) -> Iterable[Outcome]:
+    def on_message(self, received: Received) -> Iterable[StageResult]:
         return () if self._twin is None else self._compare(self._twin, received)
 
-    def _compare(self, twin: Twin, received: Received) -> Iterator[Outcome]:
+    def _compare(self, twin: Twin, received: Received) -> Iterator[StageResult]:
         state = twin.state
-        outcome = twin.take(received.message, received.content, received.params)
+        outcome = twin.on_message(received.message, received.content, received.params)
         place = {
             "seq": received.message.sequence,
             "t_device_us": received.stamp.t_device_us,
             "t_ns": received.stamp.t_ns,
         }
-        if isinstance(outcome, WantsRaw | WantsRestart | WantsParams):
-            yield Wants(_commands(outcome), FAILURE)
+        if isinstance(outcome, AskRaw | AskRestart | AskParams):
+            yield SendCommands(_commands(outcome), FAILURE)
         elif outcome is not None:
             self._note(outcome, place)
             yield from _lines(outcome)
         if twin.state is not state:
-            yield Says(self.name, place | self.status())
+            yield Publish(self.name, place | self.status())
 
     def status(self) -> dict[str, Any]:
         twin = self._twin
@@ -70,19 +70,21 @@ class TwinStage:
             "first_difference": self._first_difference,
         }
 
-    def farewell(self) -> str:
+    def closing_line(self) -> str:
         twin = self._twin
         return f"{twin.differed} of {twin.compared} poses differ" if twin else ""
 
     def _note(
-        self, outcome: Began | Stopped | Lost | Differs, place: dict[str, Any]
+        self,
+        outcome: TwinStarted | TwinStopped | TwinLost | TwinDiffers,
+        place: dict[str, Any],
     ) -> None:
         """Keeps what the status tells."""
-        if isinstance(outcome, Began):
+        if isinstance(outcome, TwinStarted):
             self._lost = None
-        elif isinstance(outcome, Lost):
+        elif isinstance(outcome, TwinLost):
             self._lost = place | {"seq": outcome.sequence, "reason": outcome.reason}
-        elif isinstance(outcome, Differs) and self._first_difference is None:
+        elif isinstance(outcome, TwinDiffers) and self._first_difference is None:
             self._first_difference = place | {
                 "fields": outcome.fields,
                 "probe": outcome.probe.hex(),
@@ -91,31 +93,33 @@ class TwinStage:
 
 
 def _commands(
-    wants: WantsRaw | WantsRestart | WantsParams,
+    asked: AskRaw | AskRestart | AskParams,
 ) -> tuple[tuple[str, dict[str, str]], ...]:
-    if isinstance(wants, WantsRestart):
+    if isinstance(asked, AskRestart):
         return (("restart", {}),)
-    if isinstance(wants, WantsParams):
+    if isinstance(asked, AskParams):
         return (("params_tell", {}),)
     fields = ("fields", {"streams": "pose,raw"})
-    if wants.rate_hz is None:
+    if asked.rate_hz is None:
         return (fields,)
-    return (("rate", {"stream": "raw", "hz": str(wants.rate_hz)}), fields)
+    return (("rate", {"stream": "raw", "hz": str(asked.rate_hz)}), fields)
 
 
-def _lines(outcome: Began | Stopped | Lost | Differs) -> Iterator[Tells]:
-    if isinstance(outcome, Began):
-        yield Tells(Began, f"its twin follows from #{outcome.sequence} on")
-    elif isinstance(outcome, Lost):
-        yield Tells(
-            Lost,
+def _lines(
+    outcome: TwinStarted | TwinStopped | TwinLost | TwinDiffers,
+) -> Iterator[LogLine]:
+    if isinstance(outcome, TwinStarted):
+        yield LogLine(TwinStarted, f"its twin follows from #{outcome.sequence} on")
+    elif isinstance(outcome, TwinLost):
+        yield LogLine(
+            TwinLost,
             f"its twin can't follow from #{outcome.sequence} on: {outcome.reason}; "
             "imud restart begins anew",
             is_warning=True,
         )
-    elif isinstance(outcome, Differs) and outcome.is_first:
-        yield Tells(
-            Differs,
+    elif isinstance(outcome, TwinDiffers) and outcome.is_first:
+        yield LogLine(
+            TwinDiffers,
             f"pose #{outcome.sequence} is not what its samples give: "
             f"{', '.join(outcome.fields)} differ",
             is_warning=True,

@@ -19,7 +19,7 @@ from imud.config.settings import Config, ProbeSettings
 from imud.errors import ConfigError
 from imud.params.value import SENSORS, Params
 from imud.probes.session import Received
-from imud.stages import Adds, Outcome, Wants
+from imud.stages import InjectMessage, SendCommands, StageResult
 from imud.stages.fusion import FusionStage, with_strokes
 from imud.virtual.stroking import Plan
 from imud.wire.messages import encode
@@ -48,15 +48,15 @@ def stage_of(event: Received, *, is_on: bool = True) -> FusionStage:
     return FusionStage(Config(probes={event.probe_id: settings}))
 
 
-def fused(contents: list[bytes], *, is_on: bool = True) -> list[Outcome]:
+def fused(contents: list[bytes], *, is_on: bool = True) -> list[StageResult]:
     """What the stage answers to these messages."""
     events = received(contents)
     stage = stage_of(events[0], is_on=is_on)
-    return [outcome for event in events for outcome in stage.take(event)]
+    return [outcome for event in events for outcome in stage.on_message(event)]
 
 
-def added(outcomes: list[Outcome], name: str = "pose") -> list[bytes]:
-    contents = [each.content for each in outcomes if isinstance(each, Adds)]
+def added(outcomes: list[StageResult], name: str = "pose") -> list[bytes]:
+    contents = [each.content for each in outcomes if isinstance(each, InjectMessage)]
     return [each for each in contents if message_of(each).name == name]
 
 
@@ -172,7 +172,7 @@ def test_it_begins_anew_by_itself_but_for_what_was_learned(method: str) -> None:
 def test_it_asks_once_for_all_samples_and_no_poses() -> None:
     life = followed(raw_hz=50).live(400)
     outcomes = fused(life.contents)
-    (wants,) = [each for each in outcomes if isinstance(each, Wants)]
+    (wants,) = [each for each in outcomes if isinstance(each, SendCommands)]
     assert wants.commands == (
         ("rate", {"stream": "raw", "hz": "200"}),
         ("fields", {"streams": "raw"}),
@@ -188,7 +188,7 @@ def test_the_rate_of_poses_is_the_probes() -> None:
     numbers = [
         each.number
         for each in outcomes
-        if isinstance(each, Adds) and message_of(each.content).name == "pose"
+        if isinstance(each, InjectMessage) and message_of(each.content).name == "pose"
     ]
     assert numbers == list(range(1, len(times) + 1))
 
@@ -245,7 +245,7 @@ def test_its_strokes_are_numbered(scene: Measured) -> None:
     numbers = [
         each.number
         for each in fused(contents)
-        if isinstance(each, Adds) and message_of(each.content).name == "stroke"
+        if isinstance(each, InjectMessage) and message_of(each.content).name == "stroke"
     ]
     assert numbers == list(range(1, len(named(contents, "stroke")) + 1))
 

@@ -21,7 +21,7 @@ from imud.config.settings import CalibrationSettings, Config
 from imud.params.value import Params
 from imud.probes.probe import Probe
 from imud.probes.session import ProbeFound, Received, Session
-from imud.stages import Outcome, Says, Tells, Wants
+from imud.stages import LogLine, Publish, SendCommands, StageResult
 from imud.stages.learn import LearnStage, worker
 from imud.virtual.calibrating import SCALE
 from raw_probe import RATES, calibrating, lying, module, raw, used
@@ -50,7 +50,7 @@ class Bench:
         self.probe = FakeProbe(**RATES)
         heard = Probe(self.probe.name)
         self.session = Session(lambda _: heard)
-        self.outcomes: list[Outcome] = []
+        self.outcomes: list[StageResult] = []
         params = params or Params()
         heard.know(params.encode())
         self.probe.hello_fields |= {"params_digest": params.digest}
@@ -59,9 +59,9 @@ class Bench:
     def hear(self, data: bytes) -> None:
         for event in self.session.receive(b"\0" + data, None):
             if isinstance(event, ProbeFound):
-                self.stage.appear(event)
+                self.stage.on_probe_found(event)
             elif isinstance(event, Received):
-                self.outcomes += self.stage.take(event)
+                self.outcomes += self.stage.on_message(event)
 
     def play(self, found: Sequence[Sample]) -> None:
         for each in found:
@@ -83,9 +83,9 @@ def test_free_motion_gives_a_proposal_and_one_command_to_take_it() -> None:
     bench = Bench(params=before)
     assert bench.stage.status()["state"] == "waiting"
     bench.play(used())
-    (said,) = bench.of(Says)
-    (told,) = bench.of(Tells)
-    assert bench.of(Wants) == []
+    (said,) = bench.of(Publish)
+    (told,) = bench.of(LogLine)
+    assert bench.of(SendCommands) == []
     assert "imud calibrate learned puts that in force" in told.text
     assert said.topic == "learn"
     status = bench.stage.status()
@@ -135,15 +135,15 @@ def test_a_fit_that_ends_after_the_stream_is_told_with_the_next_message() -> Non
     bench.play(used())
     (finish,) = later
     finish()
-    assert not bench.of(Says)
+    assert not bench.of(Publish)
     bench.hear(bench.probe.say("status"))
-    assert len(bench.of(Says)) == 1
+    assert len(bench.of(Publish)) == 1
 
 
 def test_applying_it_is_one_change_of_the_params_of_that_probe() -> None:
     bench = Bench("apply", levelled())
     bench.play(used())
-    (wants,) = bench.of(Wants)
+    (wants,) = bench.of(SendCommands)
     ((command, parameters),) = wants.commands
     assert command == "params"
     assert parameters["probe"] == bench.probe.name
@@ -200,7 +200,7 @@ def test_a_probe_without_magnetometer_is_left_alone() -> None:
 def test_fits_have_one_thread_for_all_probes() -> None:
     assert worker() is worker()
     assert worker().submit(lambda: 5).result(10.0) == 5
-    assert LearnStage(Config()).farewell() == ""
+    assert LearnStage(Config()).closing_line() == ""
 
 
 @pytest.mark.parametrize("mode", ["off", "propose", "apply"])

@@ -19,12 +19,19 @@ from imud.daemon.intake import Intake
 from imud.journal.speaker import Speaker
 from imud.probes.record import Record
 from imud.probes.session import ProbeFound, Received, Session
-from imud.stages import Adds, Outcome, Says, Stage, Tells, Wants
+from imud.stages import (
+    InjectMessage,
+    LogLine,
+    Publish,
+    SendCommands,
+    Stage,
+    StageResult,
+)
 from imud.wire.messages import encode
 
 
 class Shakes:
-    """Counts poses that clipped; says so, tells the first and then wants a tare."""
+    """Counts poses that clipped; publishes so, logs the first and then has it tared."""
 
     name = "shakes"
 
@@ -36,23 +43,23 @@ class Shakes:
     def configure(self, config: Config) -> None:
         self.config = config
 
-    def appear(self, found: ProbeFound) -> None:
+    def on_probe_found(self, found: ProbeFound) -> None:
         self.appeared.append(found.is_restart)
 
-    def take(self, received: Received) -> Iterator[Outcome]:
+    def on_message(self, received: Received) -> Iterator[StageResult]:
         flags = received.message.fields.get("pose_flags")
         if not isinstance(flags, tuple) or "clipped" not in flags:
             return
         self.count += 1
-        yield Says("shake", {"count": self.count})
+        yield Publish("shake", {"count": self.count})
         if self.count == 1:
-            yield Tells("first", "it was shaken", is_warning=True)
-            yield Wants((("tare", {"what": "all"}),), "it can't be tared")
+            yield LogLine("first", "it was shaken", is_warning=True)
+            yield SendCommands((("tare", {"what": "all"}),), "it can't be tared")
 
     def status(self) -> dict[str, Any]:
         return {"count": self.count}
 
-    def farewell(self) -> str:
+    def closing_line(self) -> str:
         return f"{self.count} shakes"
 
 
@@ -65,9 +72,9 @@ class Bench:
         monkeypatch.setattr(hub, "put", self._put)
         self.stages: list[Shakes] = []
         self.intake = Intake(Config(), hub, Speaker(), self._make)
-        self.wanted: list[tuple[str, Wants]] = []
-        self.intake.stages.on_want = lambda name, wants: self.wanted.append(
-            (name, wants)
+        self.orders: list[tuple[str, SendCommands]] = []
+        self.intake.stages.on_commands = lambda name, order: self.orders.append(
+            (name, order)
         )
         self.port: Any = SimpleNamespace(name="/dev/ttyS9", session=None, baud=500_000)
         self.session = Session(self.intake.probe)
@@ -93,7 +100,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
     return Bench(monkeypatch)
 
 
-def test_what_a_stage_answers_is_published_told_and_wanted(
+def test_what_a_stage_answers_is_published_logged_and_sent(
     bench: Bench, caplog: pytest.LogCaptureFixture
 ) -> None:
     probe = FakeProbe()
@@ -107,8 +114,8 @@ def test_what_a_stage_answers_is_published_told_and_wanted(
     ]
     told = [(r.levelname, r.getMessage()) for r in caplog.records]
     assert told.count(("WARNING", f"probe {probe.name}: it was shaken")) == 1
-    [(name, wants)] = bench.wanted
-    assert (name, wants.commands) == (probe.name, (("tare", {"what": "all"}),))
+    [(name, order)] = bench.orders
+    assert (name, order.commands) == (probe.name, (("tare", {"what": "all"}),))
 
 
 def test_a_record_of_a_stage_follows_its_message_and_has_its_number(
@@ -136,7 +143,7 @@ def test_a_stage_hears_of_each_appearance_and_stands_in_the_status(
     status = bench.said("status")[-1]
     assert status["shakes"] == {"count": 1}
     assert "twin" not in status
-    assert bench.intake.registry.farewell().endswith(", 1 shakes")
+    assert bench.intake.registry.closing_line().endswith(", 1 shakes")
 
 
 def test_each_probe_has_stages_of_its_own_that_hear_of_a_reload(bench: Bench) -> None:
@@ -153,12 +160,12 @@ def test_each_probe_has_stages_of_its_own_that_hear_of_a_reload(bench: Bench) ->
 class Doubles(Shakes):
     """Adds a pose of its own for each raw message."""
 
-    def take(self, received: Received) -> Iterator[Outcome]:
+    def on_message(self, received: Received) -> Iterator[StageResult]:
         if received.message.name == "raw":
             self.count += 1
             message = received.message
             pose = encode("pose", EXAMPLES["pose"], message.sequence, message.time_us)
-            yield Adds(pose, self.count)
+            yield InjectMessage(pose, self.count)
 
 
 def test_a_message_that_a_stage_adds_is_published_but_not_as_a_frame(

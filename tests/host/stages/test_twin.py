@@ -9,13 +9,13 @@ from core.desk import lib
 from fakes import FakeProbe
 from imud.stages.floats import is_in_floats
 from imud.stages.twin_outcomes import (
-    Began,
-    Differs,
-    Lost,
-    State,
-    Stopped,
-    WantsRaw,
-    WantsRestart,
+    AskRaw,
+    AskRestart,
+    TwinDiffers,
+    TwinLost,
+    TwinStarted,
+    TwinState,
+    TwinStopped,
 )
 from twin_bench import BOTH, Life, changed, followed, heard, message_of, named, without
 
@@ -23,8 +23,8 @@ from twin_bench import BOTH, Life, changed, followed, heard, message_of, named, 
 def test_it_follows_from_a_boot_that_streams_from_its_first_sample():
     life = followed().live(700)
     twin, outcomes = heard(life.contents)
-    assert outcomes == [Began(named(life.contents, "raw")[0])]
-    assert (twin.state, twin.compared, twin.differed) == (State.FOLLOWING, 350, 0)
+    assert outcomes == [TwinStarted(named(life.contents, "raw")[0])]
+    assert (twin.state, twin.compared, twin.differed) == (TwinState.FOLLOWING, 350, 0)
 
 
 def test_it_follows_all_that_changes_a_pose():
@@ -44,7 +44,7 @@ def test_it_follows_all_that_changes_a_pose():
         life.live(150)
     twin, outcomes = heard(life.contents)
     assert len(outcomes) == 1
-    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+    assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
     assert twin.compared == len(named(life.contents, "pose"))
     assert len(named(life.contents, "bus_recovered")) == 2
 
@@ -55,8 +55,8 @@ def test_it_begins_anew_with_each_restart():
     life.order(lib.COMMAND_RESTART, lib.FILTER_FUSE).live(50)
     twin, outcomes = heard(life.contents)
     restarts = named(life.contents, "restarted")
-    assert [o.sequence for o in outcomes[1:] if isinstance(o, Began)] == restarts
-    assert (twin.state, twin.compared, twin.differed) == (State.FOLLOWING, 375, 0)
+    assert [o.sequence for o in outcomes[1:] if isinstance(o, TwinStarted)] == restarts
+    assert (twin.state, twin.compared, twin.differed) == (TwinState.FOLLOWING, 375, 0)
 
 
 @pytest.mark.parametrize("name", ["complementary", "mahony", "madgwick", "dcm_pi"])
@@ -64,71 +64,77 @@ def test_it_follows_every_filter(name: str) -> None:
     life = followed().live(20)
     life.order(lib.COMMAND_RESTART, getattr(lib, f"FILTER_{name.upper()}")).live(600)
     twin, outcomes = heard(life.contents)
-    assert [type(outcome) for outcome in outcomes] == [Began, Began]
+    assert [type(outcome) for outcome in outcomes] == [TwinStarted, TwinStarted]
     assert (twin.compared, twin.differed) == (310, 0)
 
 
 def test_it_asks_for_what_it_needs_once_a_stream():
     life = Life().wake().live(600).order(lib.COMMAND_RATE, 1, 50)
     life.order(lib.COMMAND_START).live(9)
-    assert heard(life.contents)[1] == [WantsRaw(200)]
+    assert heard(life.contents)[1] == [AskRaw(200)]
     life.order(lib.COMMAND_RATE, 1, 200).live(9)
-    assert heard(life.contents)[1] == [WantsRaw(200)]
+    assert heard(life.contents)[1] == [AskRaw(200)]
     life.order(lib.COMMAND_FIELDS, BOTH).live(9)
-    assert heard(life.contents)[1] == [WantsRaw(200), WantsRestart()]
+    assert heard(life.contents)[1] == [AskRaw(200), AskRestart()]
     life.order(lib.COMMAND_STOP).live(50).order(lib.COMMAND_START).live(9)
-    assert heard(life.contents)[1] == [WantsRaw(200), WantsRestart(), WantsRestart()]
+    assert heard(life.contents)[1] == [AskRaw(200), AskRestart(), AskRestart()]
     twin, outcomes = heard(life.order(lib.COMMAND_RESTART).live(40).contents)
-    assert isinstance(outcomes[-1], Began)
-    assert (twin.state, twin.compared) == (State.FOLLOWING, 20)
+    assert isinstance(outcomes[-1], TwinStarted)
+    assert (twin.state, twin.compared) == (TwinState.FOLLOWING, 20)
 
 
 def test_it_asks_for_raw_messages_alone_where_their_rate_is_right():
     life = Life().wake().live(5).order(lib.COMMAND_START).live(5)
-    assert heard(life.contents)[1] == [WantsRaw(None)]
+    assert heard(life.contents)[1] == [AskRaw(None)]
 
 
 def test_it_waits_while_nothing_streams():
     life = followed().live(100).order(lib.COMMAND_STOP).live(100)
     twin, outcomes = heard(life.contents)
-    assert [type(outcome) for outcome in outcomes] == [Began, Stopped]
-    assert (twin.state, twin.compared) == (State.WAITING, 50)
+    assert [type(outcome) for outcome in outcomes] == [TwinStarted, TwinStopped]
+    assert (twin.state, twin.compared) == (TwinState.WAITING, 50)
     # Also where it misses the event that says so.
     stopped = named(life.contents, "stream_stopped")[0]
     life.order(lib.COMMAND_START).live(120)  # to the next hello, which tells the rates
     twin, outcomes = heard(without(life.contents, stopped))
-    assert [type(o) for o in outcomes] == [Began, Stopped, WantsRestart]
+    assert [type(o) for o in outcomes] == [TwinStarted, TwinStopped, AskRestart]
 
 
 def test_a_restart_that_no_sample_is_told_after_is_not_followed():
     life = followed().live(20).order(lib.COMMAND_STOP).live(20)
     life.order(lib.COMMAND_RESTART).live(20).order(lib.COMMAND_START).live(20)
     twin, outcomes = heard(life.contents)
-    assert [type(o) for o in outcomes[2:]] == [Began, Stopped, WantsRestart]
-    assert (twin.state, twin.compared) == (State.WAITING, 10)
+    assert [type(o) for o in outcomes[2:]] == [TwinStarted, TwinStopped, AskRestart]
+    assert (twin.state, twin.compared) == (TwinState.WAITING, 10)
 
 
 def test_another_boot_is_followed_from_its_own_beginning():
     life = followed().live(700)  # so long that it has saved its settings
     again = Life(life.memory).order(lib.COMMAND_START).wake().live(300)
     twin, outcomes = heard(life.contents + again.contents)
-    assert [type(outcome) for outcome in outcomes] == [Began, Stopped, Began]
-    assert (twin.state, twin.compared) == (State.FOLLOWING, 500)
+    assert [type(outcome) for outcome in outcomes] == [
+        TwinStarted,
+        TwinStopped,
+        TwinStarted,
+    ]
+    assert (twin.state, twin.compared) == (TwinState.FOLLOWING, 500)
     # Where its first hello is lost it isn't known whether a sample went by.
     twin, outcomes = heard(life.contents + again.contents[1:])
-    assert twin.state is State.WAITING
-    assert isinstance(outcomes[-1], WantsRestart)
+    assert twin.state is TwinState.WAITING
+    assert isinstance(outcomes[-1], AskRestart)
 
 
 def test_a_probe_that_is_there_again_is_met_anew():
     life = followed().live(300)
     twin, _ = heard(life.contents)
-    twin.appear()
-    assert twin.state is State.WAITING
+    twin.on_probe_found()
+    assert twin.state is TwinState.WAITING
     begun = len(life.contents)
     later = life.live(300).contents[begun:]
-    asked = [twin.take(message, b, b"") for b in later if (message := message_of(b))]
-    assert asked.count(WantsRestart()) == 1
+    asked = [
+        twin.on_message(message, b, b"") for b in later if (message := message_of(b))
+    ]
+    assert asked.count(AskRestart()) == 1
 
 
 def test_numbers_go_on_past_their_end():
@@ -138,8 +144,8 @@ def test_numbers_go_on_past_their_end():
     twin, outcomes = heard(life.contents[1:])
     wrapped = [message_of(content).sequence for content in life.contents]
     assert 0 in wrapped
-    assert isinstance(outcomes[-1], Began)
-    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+    assert isinstance(outcomes[-1], TwinStarted)
+    assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
     assert twin.compared > 250
 
 
@@ -151,11 +157,11 @@ def test_a_flipped_bit_is_told_with_its_number(which: int) -> None:
     pose[10] ^= 1  # the last bit of w
     twin, outcomes = heard([*contents[:at], bytes(pose), *contents[at + 1 :]])
     (differs,) = outcomes[1:]
-    assert isinstance(differs, Differs)
+    assert isinstance(differs, TwinDiffers)
     assert differs.sequence == message_of(contents[at]).sequence
     assert (differs.fields, differs.is_first) == (("q",), True)
     assert (differs.probe, differs.twin) == (bytes(pose), contents[at])
-    assert (twin.state, twin.compared, twin.differed) == (State.DIFFERS, 150, 1)
+    assert (twin.state, twin.compared, twin.differed) == (TwinState.DIFFERS, 150, 1)
 
 
 def test_the_first_difference_is_told_apart_from_those_that_follow():
@@ -165,7 +171,7 @@ def test_the_first_difference_is_told_apart_from_those_that_follow():
     for at in poses[30:]:
         contents[at] = changed(contents[at], tilt_sigma=77.0)
     twin, outcomes = heard(contents)
-    told = [outcome for outcome in outcomes if isinstance(outcome, Differs)]
+    told = [outcome for outcome in outcomes if isinstance(outcome, TwinDiffers)]
     assert [outcome.is_first for outcome in told] == [True] + [False] * 19
     assert {outcome.fields for outcome in told} == {("tilt_sigma",)}
     assert (twin.compared, twin.differed) == (50, 20)
@@ -175,7 +181,7 @@ def test_the_first_difference_is_told_apart_from_those_that_follow():
     assert sent > last
     contents[last] = changed(contents[last], tilt_sigma=77.0)
     twin, outcomes = heard(contents)
-    assert isinstance(outcomes[-1], Differs)
+    assert isinstance(outcomes[-1], TwinDiffers)
     assert outcomes[-1].is_first
 
 
@@ -186,7 +192,7 @@ def test_a_sample_that_was_not_the_one_fused_is_told():
     x, y, z = raw.fields["gyr"]  # type: ignore[misc] # three counts
     contents[at] = changed(contents[at], gyr=(x + 40, y, z))
     _, outcomes = heard(contents)
-    told = [outcome for outcome in outcomes if isinstance(outcome, Differs)]
+    told = [outcome for outcome in outcomes if isinstance(outcome, TwinDiffers)]
     after = next(pose for pose in named(contents, "pose") if pose > at)
     assert told[0].sequence == message_of(contents[after]).sequence
     assert len(told) > 50
@@ -209,7 +215,7 @@ def test_a_flag_too_many_or_too_few_is_told(flag: str) -> None:
         wrong = changed(contents[struck], pose_flags=(*kept, *flags))
         _, outcomes = heard([*contents[:struck], wrong, *contents[struck + 1 :]])
         (differs,) = outcomes[1:]
-        assert isinstance(differs, Differs)
+        assert isinstance(differs, TwinDiffers)
         assert differs.fields == ("pose_flags",)
 
 
@@ -220,9 +226,9 @@ def test_it_does_not_follow_a_filter_in_floats() -> None:
     names = ["hello", *["raw", "pose"] * 5, "hello", "pose"]
     twin, outcomes = heard([fake.content(name) for name in names])
     (outcome,) = outcomes
-    assert isinstance(outcome, Lost)
+    assert isinstance(outcome, TwinLost)
     assert "floats" in outcome.reason
-    assert (twin.state, twin.compared) == (State.LOST, 0)
+    assert (twin.state, twin.compared) == (TwinState.LOST, 0)
     for module in ({"self_test": ("acc_passed",)}, {"who_am_i": (0, 0)}):
         content = FakeProbe(**plain | module).content("hello")
         assert not is_in_floats(message_of(content))

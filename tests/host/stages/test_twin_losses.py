@@ -15,7 +15,7 @@ from core.desk import lib
 from core.probe_bench import Memory
 from imud import _core
 from imud.stages.twin import Twin
-from imud.stages.twin_outcomes import Began, Differs, Lost, State
+from imud.stages.twin_outcomes import TwinDiffers, TwinLost, TwinStarted, TwinState
 from length import choose
 from twin_bench import (
     BOTH,
@@ -35,15 +35,19 @@ def test_a_lost_sample_ends_it_until_the_next_restart():
     gone = named(life.contents, "raw")[50]
     number = message_of(life.contents[gone]).sequence
     twin, outcomes = heard(without(life.contents, gone))
-    assert outcomes[1:] == [Lost(number, "a message is missing")] or (
-        outcomes[1:] == [Lost(number + 1, "its sample was not told")]
+    assert outcomes[1:] == [TwinLost(number, "a message is missing")] or (
+        outcomes[1:] == [TwinLost(number + 1, "its sample was not told")]
     )
-    assert twin.state is State.LOST
+    assert twin.state is TwinState.LOST
     twin, outcomes = heard(
         without(life.order(lib.COMMAND_RESTART).live(20).contents, gone)
     )
-    assert [type(outcome) for outcome in outcomes] == [Began, Lost, Began]
-    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+    assert [type(outcome) for outcome in outcomes] == [
+        TwinStarted,
+        TwinLost,
+        TwinStarted,
+    ]
+    assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
 
 
 def test_a_lost_pose_is_all_that_is_missed():
@@ -51,7 +55,7 @@ def test_a_lost_pose_is_all_that_is_missed():
     poses = named(life.contents, "pose")
     twin, outcomes = heard(without(life.contents, poses[20], poses[30]))
     assert len(outcomes) == 1
-    assert (twin.state, twin.compared) == (State.FOLLOWING, 48)
+    assert (twin.state, twin.compared) == (TwinState.FOLLOWING, 48)
 
 
 @pytest.mark.parametrize("name", ["hello", "status", "calibration_done"])
@@ -60,7 +64,7 @@ def test_what_no_pose_depends_on_may_be_lost(name: str) -> None:
     gone = named(life.contents, name)[-1]
     twin, outcomes = heard(without(life.contents, gone))
     assert len(outcomes) == 1
-    assert (twin.state, twin.compared) == (State.FOLLOWING, 350)
+    assert (twin.state, twin.compared) == (TwinState.FOLLOWING, 350)
 
 
 @pytest.mark.parametrize("flag", ["acc_clipped", "has_gap"])
@@ -73,7 +77,7 @@ def test_a_lost_pose_takes_its_latched_flags_along(flag: str) -> None:
     )
     twin, outcomes = heard(without(life.contents, at))
     assert len(outcomes) == 1
-    assert (twin.state, twin.compared) == (State.FOLLOWING, 54)
+    assert (twin.state, twin.compared) == (TwinState.FOLLOWING, 54)
 
 
 class LongerReplay:
@@ -120,7 +124,7 @@ def test_latched_flags_are_found_where_a_field_follows_them(
         if at in poses:
             end = later if at == after else LongerReplay.LATER
         if at != gone:
-            twin.take(message_of(content), content + end, b"")
+            twin.on_message(message_of(content), content + end, b"")
     assert (twin.compared, twin.differed) == (54, differed)
 
 
@@ -132,9 +136,9 @@ def test_a_change_that_is_lost_ends_it(command: int, gone: tuple[int, ...]) -> N
     life.order(command).live(100)
     twin, outcomes = heard(without(life.contents, *(at + n for n in gone)))
     assert outcomes[1:] == [
-        Lost(message_of(life.contents[at]).sequence, "a message is missing")
+        TwinLost(message_of(life.contents[at]).sequence, "a message is missing")
     ]
-    assert twin.state is State.LOST
+    assert twin.state is TwinState.LOST
 
 
 @pytest.mark.parametrize(
@@ -147,7 +151,7 @@ def test_it_ends_where_not_every_sample_is_told_any_more(
     life = followed().live(50).order(command, *arguments)
     _, outcomes = heard(life.contents)
     number = message_of(life.contents[-1]).sequence
-    assert outcomes[1:] == [Lost(number, "not every sample is told any more")]
+    assert outcomes[1:] == [TwinLost(number, "not every sample is told any more")]
 
 
 def test_a_gap_is_not_believed_where_a_message_is_missing():
@@ -155,7 +159,7 @@ def test_a_gap_is_not_believed_where_a_message_is_missing():
     gone = named(life.contents, "pose")[-1]
     life.live(10).miss(1)
     _, outcomes = heard(without(life.contents, gone))
-    assert isinstance(outcomes[-1], Lost)
+    assert isinstance(outcomes[-1], TwinLost)
 
 
 def test_what_this_imud_cannot_compute_ends_it() -> None:
@@ -164,14 +168,14 @@ def test_what_this_imud_cannot_compute_ends_it() -> None:
     sensor = named(contents, "hello")[-1]
     other = changed(contents[sensor], sensor="none")
     twin, outcomes = heard([*contents[:sensor], other, *contents[sensor + 1 : -30]])
-    assert [type(outcome) for outcome in outcomes] == [Lost]
+    assert [type(outcome) for outcome in outcomes] == [TwinLost]
     for name, detail in (("tared", 3), ("restarted", 99)):
         at = named(contents, name)[0]
         wrong = changed(contents[at], detail=detail)
         twin, outcomes = heard([*contents[:at], wrong])
-        assert isinstance(outcomes[-1], Lost)
+        assert isinstance(outcomes[-1], TwinLost)
         assert "can't compute" in outcomes[-1].reason
-        assert twin.state is State.LOST
+        assert twin.state is TwinState.LOST
 
 
 @pytest.mark.parametrize("kind", [-1, 3, 2**40])
@@ -222,7 +226,7 @@ def a_known_life(seed: int) -> list[bytes]:
 
 def assert_no_difference(contents: list[bytes]) -> int:
     twin, outcomes = heard(contents)
-    assert not any(isinstance(outcome, Differs) for outcome in outcomes)
+    assert not any(isinstance(outcome, TwinDiffers) for outcome in outcomes)
     assert twin.differed == 0
     return twin.compared
 

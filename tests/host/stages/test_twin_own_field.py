@@ -11,7 +11,7 @@ from core.desk import ffi, lib
 from core.probe_bench import Memory
 from fakes.records import calibrated_records
 from imud import _core
-from imud.stages.twin_outcomes import Began, Lost, State
+from imud.stages.twin_outcomes import TwinLost, TwinStarted, TwinState
 from imud.wire.params import digest_of
 from twin_bench import Life, changed, followed, heard, message_of, named, without
 
@@ -47,8 +47,8 @@ def reborn() -> Life:
 
 def follows(life: Life, begun: int) -> None:
     twin, outcomes = heard(life.contents)
-    assert [type(outcome) for outcome in outcomes] == [Began] * begun
-    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+    assert [type(outcome) for outcome in outcomes] == [TwinStarted] * begun
+    assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
     assert twin.compared == len(named(life.contents, "pose"))
 
 
@@ -87,7 +87,7 @@ def test_a_restart_after_a_hello_that_was_lost_is_no_difference():
     assert message_of(life.contents[lost]).name == "hello"
     life.order(lib.COMMAND_RESTART).live(900)
     twin, outcomes = heard(without(life.contents, lost))
-    assert [type(each) for each in outcomes] == [Began, Began, Lost]
+    assert [type(each) for each in outcomes] == [TwinStarted, TwinStarted, TwinLost]
     assert twin.differed == 0
 
 
@@ -96,10 +96,10 @@ def test_where_poses_do_not_tell_the_next_hello_does():
     lost = len(life.contents) - 1
     life.order(lib.COMMAND_RESTART).order(lib.COMMAND_HELLO).live(900)
     twin, outcomes = heard(without(life.contents, lost))
-    assert [type(each) for each in outcomes] == [Began, Began, Lost]
-    assert isinstance(outcomes[-1], Lost)
+    assert [type(each) for each in outcomes] == [TwinStarted, TwinStarted, TwinLost]
+    assert isinstance(outcomes[-1], TwinLost)
     assert outcomes[-1].reason == "its own field may have been another"
-    assert (twin.state, twin.differed) == (State.LOST, 0)
+    assert (twin.state, twin.differed) == (TwinState.LOST, 0)
 
 
 def test_an_own_field_of_other_params_is_not_used():

@@ -17,15 +17,15 @@ from core.probe_bench import Memory
 from fakes.records import any_records, calibrated_records, record
 from imud.config.settings import Config
 from imud.probes.session import Received
-from imud.stages import Wants
+from imud.stages import SendCommands
 from imud.stages.twin import Twin
 from imud.stages.twin_outcomes import (
-    Began,
-    Differs,
-    Lost,
-    State,
-    WantsParams,
-    WantsRestart,
+    AskParams,
+    AskRestart,
+    TwinDiffers,
+    TwinLost,
+    TwinStarted,
+    TwinState,
 )
 from imud.stages.twin_stage import TwinStage
 from twin_bench import (
@@ -68,8 +68,8 @@ def calibrated(records: bytes = ONE) -> Life:
 def test_a_calibrated_probe_and_its_twin_are_equal_in_every_bit():
     life = calibrated().live(900)
     twin, outcomes = heard(life.contents)
-    assert [type(outcome) for outcome in outcomes] == [Began]
-    assert (twin.state, twin.compared, twin.differed) == (State.FOLLOWING, 450, 0)
+    assert [type(outcome) for outcome in outcomes] == [TwinStarted]
+    assert (twin.state, twin.compared, twin.differed) == (TwinState.FOLLOWING, 450, 0)
     # With other params it is another's.
     samples, poses = named(life.contents, "raw"), named(life.contents, "pose")
     assert len(samples) == 900
@@ -83,8 +83,8 @@ def test_a_calibrated_probe_and_its_twin_are_equal_in_every_bit():
 def test_any_params_that_a_probe_takes_are_followed(seed: int) -> None:
     life = calibrated(any_records(seed)).live(60)
     twin, outcomes = heard(life.contents)
-    assert [type(outcome) for outcome in outcomes] == [Began]
-    assert (twin.state, twin.compared, twin.differed) == (State.FOLLOWING, 30, 0)
+    assert [type(outcome) for outcome in outcomes] == [TwinStarted]
+    assert (twin.state, twin.compared, twin.differed) == (TwinState.FOLLOWING, 30, 0)
 
 
 def test_it_follows_every_change_of_params():
@@ -100,9 +100,9 @@ def test_it_follows_every_change_of_params():
     assert len(named(life.contents, "restarted")) == 4
     twin, outcomes = heard(life.contents)
     numbers = [message_of(life.contents[at]).sequence for at in restarts]
-    assert [type(outcome) for outcome in outcomes] == [Began] * 5
-    assert [o.sequence for o in outcomes[1:] if isinstance(o, Began)] == numbers
-    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+    assert [type(outcome) for outcome in outcomes] == [TwinStarted] * 5
+    assert [o.sequence for o in outcomes[1:] if isinstance(o, TwinStarted)] == numbers
+    assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
     assert twin.compared == len(named(life.contents, "pose"))
 
 
@@ -116,18 +116,18 @@ def test_it_asks_for_params_that_it_missed_and_then_for_a_restart():
         c for at, c in enumerate(life.contents) if at >= begin and at not in gone
     ]
     twin, outcomes = heard(contents)
-    assert outcomes == [WantsParams()]
-    assert twin.state is State.WAITING
+    assert outcomes == [AskParams()]
+    assert twin.state is TwinState.WAITING
     before = len(life.contents)
     life.order(lib.COMMAND_PARAMS_TELL).live(30)
     contents += life.contents[before:]
-    assert heard(contents)[1] == [WantsParams(), WantsRestart()]
+    assert heard(contents)[1] == [AskParams(), AskRestart()]
     before = len(life.contents)
     life.order(lib.COMMAND_RESTART).live(100)
     contents += life.contents[before:]
     twin, outcomes = heard(contents)
-    assert [type(each) for each in outcomes] == [WantsParams, WantsRestart, Began]
-    assert (twin.state, twin.compared, twin.differed) == (State.FOLLOWING, 50, 0)
+    assert [type(each) for each in outcomes] == [AskParams, AskRestart, TwinStarted]
+    assert (twin.state, twin.compared, twin.differed) == (TwinState.FOLLOWING, 50, 0)
 
 
 def test_a_restart_with_params_that_it_does_not_know_is_asked_for_again():
@@ -138,26 +138,26 @@ def test_a_restart_with_params_that_it_does_not_know_is_asked_for_again():
     missed = [at for at in named(life.contents, "params") if at >= begin][2]
     twin, outcomes = heard(without(life.contents, missed))
     asked = [type(each) for each in outcomes]
-    assert asked == [Began, WantsParams]
-    assert twin.state is State.WAITING
+    assert asked == [TwinStarted, AskParams]
+    assert twin.state is TwinState.WAITING
     life.order(lib.COMMAND_PARAMS_TELL).live(20).order(lib.COMMAND_RESTART).live(60)
     twin, outcomes = heard(without(life.contents, missed))
-    assert [type(each) for each in outcomes] == [*asked, WantsRestart, Began]
-    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+    assert [type(each) for each in outcomes] == [*asked, AskRestart, TwinStarted]
+    assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
 
 
 # Which of the three messages of a change are lost, and what the twin makes of it.
 @pytest.mark.parametrize(
     ("gone", "outcomes"),
     [
-        ((), [Began, Began]),
-        ((0,), [Began, Began, Began]),
-        ((1,), [Began, Lost]),
-        ((2,), [Began, Began]),
-        ((0, 1), [Began, Lost]),
-        ((0, 2), [Began, Began, Lost]),
-        ((1, 2), [Began, Lost]),
-        ((0, 1, 2), [Began, Lost]),
+        ((), [TwinStarted, TwinStarted]),
+        ((0,), [TwinStarted, TwinStarted, TwinStarted]),
+        ((1,), [TwinStarted, TwinLost]),
+        ((2,), [TwinStarted, TwinStarted]),
+        ((0, 1), [TwinStarted, TwinLost]),
+        ((0, 2), [TwinStarted, TwinStarted, TwinLost]),
+        ((1, 2), [TwinStarted, TwinLost]),
+        ((0, 1, 2), [TwinStarted, TwinLost]),
     ],
 )
 def test_a_change_of_which_messages_are_lost(
@@ -183,14 +183,14 @@ def test_it_goes_on_where_the_probe_does(kind: int) -> None:
     for records in (OTHER, b"", ONE):
         life.load(records, goes_on=True).live(300)
     twin, outcomes = heard(life.contents)
-    assert [type(outcome) for outcome in outcomes] == [Began, Began]
+    assert [type(outcome) for outcome in outcomes] == [TwinStarted, TwinStarted]
     assert len(named(life.contents, "params_changed")) == 3
-    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+    assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
     assert twin.compared == len(named(life.contents, "pose"))
     life.load(OTHER).live(50)
     twin, outcomes = heard(life.contents)
-    assert [type(outcome) for outcome in outcomes] == [Began] * 3
-    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+    assert [type(outcome) for outcome in outcomes] == [TwinStarted] * 3
+    assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
 
 
 # The event of the change and the hello behind it, of which some are lost.
@@ -200,8 +200,8 @@ def test_a_loss_where_the_probe_goes_on_ends_it(gone: tuple[int, ...]) -> None:
     at = named(life.contents, "params_changed")[-1]
     assert message_of(life.contents[at + 1]).name == "hello"
     twin, found = heard(without(life.contents, *(at + n for n in gone)))
-    assert [type(each) for each in found] == [Began, Lost]
-    assert (twin.state, twin.differed) == (State.LOST, 0)
+    assert [type(each) for each in found] == [TwinStarted, TwinLost]
+    assert (twin.state, twin.differed) == (TwinState.LOST, 0)
 
 
 def test_where_the_probe_goes_on_with_params_that_it_missed_it_waits():
@@ -211,8 +211,8 @@ def test_where_the_probe_goes_on_with_params_that_it_missed_it_waits():
     # Of the five parts that are told while they are staged, one that is not told again.
     missed = [at for at in named(life.contents, "params") if at >= begin][2]
     twin, outcomes = heard(without(life.contents, missed))
-    assert [type(each) for each in outcomes] == [Began, WantsParams]
-    assert (twin.state, twin.differed) == (State.WAITING, 0)
+    assert [type(each) for each in outcomes] == [TwinStarted, AskParams]
+    assert (twin.state, twin.differed) == (TwinState.WAITING, 0)
 
 
 def test_a_restart_after_a_change_that_was_lost_is_no_difference():
@@ -224,7 +224,12 @@ def test_a_restart_after_a_change_that_was_lost_is_no_difference():
     later = [each for each in named(life.contents, "hello") if each > at]
     assert later, "the params are named again"
     twin, outcomes = heard(without(life.contents, *gone))
-    assert [type(each) for each in outcomes] == [Began, Lost, Began, Lost]
+    assert [type(each) for each in outcomes] == [
+        TwinStarted,
+        TwinLost,
+        TwinStarted,
+        TwinLost,
+    ]
     assert twin.differed == 0
 
 
@@ -234,19 +239,21 @@ def test_a_difference_of_a_calibrated_probe_is_told():
     wrong = changed(life.contents[at], tilt_sigma=1.0)
     contents = [*life.contents[:at], wrong, *life.contents[at + 1 :]]
     twin, outcomes = heard(contents)
-    assert isinstance(outcomes[-1], Differs)
-    assert (twin.state, twin.differed) == (State.DIFFERS, 1)
+    assert isinstance(outcomes[-1], TwinDiffers)
+    assert (twin.state, twin.differed) == (TwinState.DIFFERS, 1)
 
 
 def test_params_that_this_firmware_would_refuse_end_it():
     life = calibrated().live(5)
     twin = Twin()
     outcomes = [
-        twin.take(each.message, each.content, b"\x01" if each.params else each.params)
+        twin.on_message(
+            each.message, each.content, b"\x01" if each.params else each.params
+        )
         for each in received(life.contents)
     ]
     (lost,) = [each for each in outcomes if each is not None]
-    assert isinstance(lost, Lost)
+    assert isinstance(lost, TwinLost)
     assert "record 1 of the params" in lost.reason
 
 
@@ -264,9 +271,9 @@ def test_the_stage_asks_the_probe_to_tell_its_params():
         outcome
         for each in received(contents)
         if isinstance(each, Received)
-        for outcome in stage.take(each)
+        for outcome in stage.on_message(each)
     ]
-    assert wants == [Wants((("params_tell", {}),), "its twin can't begin")]
+    assert wants == [SendCommands((("params_tell", {}),), "its twin can't begin")]
 
 
 def a_life(seed: int) -> list[bytes]:
@@ -301,7 +308,7 @@ def a_known_life(seed: int) -> list[bytes]:
 
 def assert_no_difference(contents: list[bytes]) -> None:
     twin, outcomes = heard(contents)
-    assert not any(isinstance(outcome, Differs) for outcome in outcomes)
+    assert not any(isinstance(outcome, TwinDiffers) for outcome in outcomes)
     assert twin.differed == 0
 
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from core.stroke_desk import measured
-from imud.stages.twin_outcomes import Began, Lost, State
+from imud.stages.twin_outcomes import TwinLost, TwinStarted, TwinState
 from imud.virtual.stroking import Plan
 from stroke_bench import TIP, feel, stroking
 from twin_bench import followed, heard, message_of, named, without
@@ -21,8 +21,8 @@ def test_a_button_makes_strokes_that_the_twin_computes_again() -> None:
     assert places[-1].fields["position"] is not None
     assert places[-1].fields["normal"] is not None
     twin, outcomes = heard(life.contents)
-    assert [type(each) for each in outcomes] == [Began]
-    assert (twin.state, twin.differed) == (State.FOLLOWING, 0)
+    assert [type(each) for each in outcomes] == [TwinStarted]
+    assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
 
 
 def test_a_click_still_ends_the_stream() -> None:
@@ -41,7 +41,7 @@ def test_a_stroke_that_differs_is_told() -> None:
     spoilt[18] ^= 1  # the displacement's first byte
     life.contents[last] = bytes(spoilt)
     twin, _ = heard(life.contents)
-    assert (twin.state, twin.differed) == (State.DIFFERS, 1)
+    assert (twin.state, twin.differed) == (TwinState.DIFFERS, 1)
 
 
 def test_a_lost_press_is_no_difference() -> None:
@@ -49,7 +49,7 @@ def test_a_lost_press_is_no_difference() -> None:
     feel(life, scene.samples, scene.held())
     press = named(life.contents, "button_pressed")[0]
     twin, outcomes = heard(without(life.contents, press))
-    assert Lost in [type(each) for each in outcomes]
+    assert TwinLost in [type(each) for each in outcomes]
     assert twin.differed == 0
 
 
@@ -60,5 +60,5 @@ def test_rests_make_strokes_where_the_button_does_not() -> None:
     ends = [each.fields["end"] for each in strokes if each.fields["end"] != "running"]
     assert ends == ["rest", "rest"]
     twin, outcomes = heard(life.contents)
-    assert [type(each) for each in outcomes] == [Began]
+    assert [type(each) for each in outcomes] == [TwinStarted]
     assert twin.differed == 0
