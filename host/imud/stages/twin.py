@@ -18,7 +18,7 @@ loss is never taken for a difference:
   pose differs.
 
 It computes with the params with which the filter began, or went on. Where it does not
-know them it asks for them, and then for a restart.
+know them it asks for them, and then for a restart. `twin_state.py` draws what it knows.
 """
 
 from __future__ import annotations
@@ -38,8 +38,16 @@ from imud.stages.twin_outcomes import (
     differ_in_latches,
     differing,
 )
+from imud.stages.twin_state import (
+    BootPhase,
+    Losses,
+    ParamsKnown,
+    TwinBoot,
+    TwinParams,
+    TwinRun,
+)
 from imud.wire import schema
-from imud.wire.messages import Message, Value, place_of
+from imud.wire.messages import Message, place_of
 
 RAW_STREAM = 1  # of the command `rate`
 
@@ -55,72 +63,61 @@ class Twin:
     """Takes the good messages of one probe, in order."""
 
     def __init__(self) -> None:
-        self.state = TwinState.WAITING
         self.compared = 0
         self.differed = 0
         self._sequence: int | None = None
-        # Known about this boot:
-        self._boots: Value = None
-        self._hello = b""  # the last one that knows a sensor
-        self._sample_rate = 0
-        self._raw_rate: Value = None
-        self._is_new = False  # no message missing since number 0, no sensor known yet
-        self._is_ripe = False  # the same, and the first sample comes next
-        self._is_streaming = False
-        self._raw_us: int | None = None  # time of the last raw message
-        self._params: bytes | None = None  # in force now, as far as is known
-        self._is_sure = False  # of these: nothing is missing since they were named
-        self._changed_at: int | None = None  # the last message that changed them
+        self._boot = TwinBoot(BootPhase.UNKNOWN, None)
+        self._params = TwinParams()
         self._asked: set[type[TwinOutcome]] = set()  # since the stream began
-        # Known since the filter began:
-        self._replay: _core.Replay | None = None
-        self._number: int | None = None  # of the filter, where an event named it
-        self._is_guess = False  # its params, or its own field, may be others
-        self._begun = b""  # the hello that it began with
-        self._steps = 0
-        self._hole: int | None = None  # a missing number that may be harmless
-        self._had_hole = False
-        self._is_unlatched = False  # a pose may be missing before the next one
+        self._run: TwinRun | None = None
+        self._is_lost = False  # and has no run for that
+
+    @property
+    def state(self) -> TwinState:
+        if self._run is None:
+            return TwinState.LOST if self._is_lost else TwinState.WAITING
+        return TwinState.DIFFERS if self._run.has_differed else TwinState.FOLLOWING
 
     def on_probe_found(self) -> None:
         """The probe appeared or restarted: forgets what came before."""
         self._sequence = None
-        self._boot(is_new=False)
+        self._begin_boot(BootPhase.UNKNOWN)
 
     def on_message(
         self, message: Message, content: bytes, params: bytes | None
     ) -> TwinOutcome | None:
         """`params`: the records in force with this message; None: not known."""
-        had_replay = self._replay is not None
-        self._params = params
-        outcome = self._miss(message) or self._follow(message, content)
-        if outcome is None and had_replay and self._replay is None:
+        had_run = self._run is not None
+        self._params.records = params
+        outcome = self._check_sequence(message) or self._follow(message, content)
+        if outcome is None and had_run and self._run is None:
             return TwinStopped(message.sequence)
         return outcome
 
-    def _miss(self, message: Message) -> TwinLost | None:
+    def _check_sequence(self, message: Message) -> TwinLost | None:
         """Looks for a gap in the sequence before this message."""
         last, self._sequence = self._sequence, message.sequence
         first = None if last is None else (last + 1) & _MASK
         if message.name == "hello" and message.sequence == 0 and first != 0:
-            self._boot(is_new=True)
+            self._begin_boot(BootPhase.FRESH)
             return None
         if first is None or message.sequence == first:
             return None
-        self._is_new = self._is_ripe = self._is_sure = False
-        self._raw_rate = None
-        is_begin = message.fields.get("event") == "restarted"
-        if self._replay is None or is_begin:
+        self._boot.phase = BootPhase.UNKNOWN
+        self._boot.raw_rate = None
+        self._params.is_named = False
+        run, is_begin = self._run, message.fields.get("event") == "restarted"
+        if run is None or is_begin:
             return None
         is_one = message.sequence == (first + 1) & _MASK
         may_be_change = message.fields.get("replied_command") in CHANGES
         # What follows a change of the params is the restart that it brings.
         # Nor may it be what the button did, where that makes strokes.
-        may_be_change = may_be_change or last == self._changed_at
-        may_be_change = may_be_change or self._replay.is_by_button()
-        if not is_one or may_be_change or self._hole is not None:
+        may_be_change = may_be_change or last == self._params.changed_at
+        may_be_change = may_be_change or run.replay.is_by_button()
+        if not is_one or may_be_change or run.losses is Losses.ONE_MISSING:
             return self._lose(first, "a message is missing")
-        self._hole = first
+        run.losses, run.missing = Losses.ONE_MISSING, first
         return None
 
     def _follow(self, message: Message, content: bytes) -> TwinOutcome | None:
@@ -140,42 +137,37 @@ class Twin:
         return None
 
     def _on_hello(self, hello: Message, content: bytes) -> TwinOutcome | None:
-        boots, self._boots = self._boots, hello.fields["boot_count"]
-        if boots != self._boots and not self._is_new:
-            self._boot(is_new=False)
+        count = hello.fields["boot_count"]
+        is_fresh = self._boot.phase in (BootPhase.FRESH, BootPhase.STREAMING)
+        if count != self._boot.count and not is_fresh:
+            self._begin_boot(BootPhase.UNKNOWN)
+        self._boot.count = count
         sample_rate = hello.fields["sample_rate"]
         if not isinstance(sample_rate, int) or sample_rate == 0:
             return None
         if is_in_floats(hello):
-            self._hello = b""
+            self._boot.hello = b""
             is_reported = self.state is TwinState.LOST
             return None if is_reported else self._lose(hello.sequence, _FLOATS)
-        self._is_sure = True
-        self._hello = content
-        self._sample_rate = sample_rate
-        self._raw_rate = hello.fields["raw_rate"]
-        if self._is_new:
-            # The first hello with a sensor comes when the filter begins.
-            self._is_new = False
-            self._is_ripe = self._is_streaming and self._raw_rate == sample_rate
+        self._params.is_named = True
+        self._boot.knows(hello, content, sample_rate)
         return self._compare_params(hello.sequence)
 
     def _on_event(self, message: Message) -> TwinOutcome | None:
         name, detail = message.fields["event"], message.fields["detail"]
         if name in ("stream_started", "stream_stopped"):
-            # Without a stream there are samples that are not sent.
-            self._is_streaming = name == "stream_started"
+            self._boot.streams(is_on=name == "stream_started")
             self._wait()
         elif name in ("button_pressed", "button_released"):
-            if self._replay is not None:
-                self._replay.hold(name == "button_pressed")
+            if self._run is not None:
+                self._run.replay.hold(name == "button_pressed")
         elif name == "params_changed":
-            self._is_sure, self._changed_at = True, message.sequence
-        elif name == "restarted" and self._hello and isinstance(detail, int):
-            return self._begin(message.sequence, detail)
-        elif name == "tared" and self._replay is not None and isinstance(detail, int):
+            self._params.is_named, self._params.changed_at = True, message.sequence
+        elif name == "restarted" and self._boot.hello and isinstance(detail, int):
+            return self._begin_run(message.sequence, detail)
+        elif name == "tared" and self._run is not None and isinstance(detail, int):
             try:
-                self._replay.origin(detail)
+                self._run.replay.origin(detail)
             except ValueError as error:
                 return self._lose(message.sequence, f"{_UNABLE}: {error}")
         return None
@@ -187,83 +179,96 @@ class Twin:
         if message.fields["result"] != "ok" or not isinstance(value, tuple):
             return None
         if command in ("rate", "fields"):
-            self._is_ripe = False  # samples may be fused before the first raw message
+            self._boot.unready()  # samples may be fused before the first raw message
         if command == "rate" and value[0] == RAW_STREAM:
-            self._raw_rate = value[1]
-            is_off = self._raw_rate != self._sample_rate
+            self._boot.raw_rate = value[1]
+            is_off = not self._boot.is_full
         elif command == "fields":
             is_off = not int(value[0]) & schema.StreamFlags.RAW
-        if is_off and self._replay is not None:
+        if is_off and self._run is not None:
             return self._lose(message.sequence, "not every sample is told any more")
         return None
 
     def _on_raw(self, message: Message, content: bytes) -> TwinOutcome | None:
-        last, self._raw_us = self._raw_us, message.time_us
-        if not self._hello:
+        boot = self._boot
+        last, boot.raw_us = boot.raw_us, message.time_us
+        if not boot.hello:
             return None
-        if self._is_ripe:
-            began = self._begin(message.sequence, None)
-            self._step(content)
+        if boot.phase is BootPhase.READY:
+            began = self._begin_run(message.sequence, None)
+            if self._run is not None:
+                self._run.step(content)
             return began
-        is_full = self._raw_rate == self._sample_rate
-        longest_us = 1.5e6 / self._sample_rate
+        longest_us = 1.5e6 / boot.sample_rate
         is_next = last is not None and (message.time_us - last) & _MASK <= longest_us
-        if self._replay is None:
-            if self._raw_rate is not None and not is_full:
-                return self._ask(AskRaw(self._sample_rate))
-            if self._params is None:
-                return self._ask(AskParams())
-            return self._ask(AskRestart()) if is_next and is_full else None
-        if self._hole is not None:
+        if self._run is None:
+            return self._ask_to_begin(is_next=is_next)
+        return self._step(self._run, message, content, is_next=is_next)
+
+    def _ask_to_begin(self, *, is_next: bool) -> TwinOutcome | None:
+        """What the twin lacks, at a raw message that it can't use."""
+        boot = self._boot
+        if boot.raw_rate is not None and not boot.is_full:
+            return self._ask(AskRaw(boot.sample_rate))
+        if self._params.known is ParamsKnown.UNKNOWN:
+            return self._ask(AskParams())
+        return self._ask(AskRestart()) if is_next and boot.is_full else None
+
+    def _step(
+        self, run: TwinRun, message: Message, content: bytes, *, is_next: bool
+    ) -> TwinOutcome | None:
+        """Steps the filter, if it is known that no sample is missing."""
+        if run.losses is Losses.ONE_MISSING:
             if not is_next:
-                return self._lose(self._hole, "a message is missing")
-            self._hole = None
-            self._had_hole = self._is_unlatched = True
+                return self._lose(run.missing, "a message is missing")
+            run.losses = Losses.NO_SAMPLE
         flags = message.fields["sample_flags"]
         has_gap = isinstance(flags, tuple) and "gap" in flags
-        is_sure = self._steps > 0 and is_full and not self._had_hole
+        is_whole = run.losses is Losses.WHOLE
+        is_sure = run.steps > 0 and self._boot.is_full and is_whole
         if not (is_next or (has_gap and is_sure)):
             return self._lose(message.sequence, "a sample before it was not told")
-        self._step(content)
+        run.step(content)
         return None
 
-    def _step(self, content: bytes) -> None:
-        if self._replay is not None:
-            self._replay.step(content)
-            self._steps += 1
-
     def _on_pose(self, message: Message, content: bytes) -> TwinOutcome | None:
-        has_raw = message.time_us == self._raw_us
-        if self._replay is None:
-            self._is_ripe = False
-            is_full = self._raw_rate == self._sample_rate
-            rate_hz = None if is_full else self._sample_rate
-            return None if has_raw or not self._hello else self._ask(AskRaw(rate_hz))
-        if not has_raw or self._hole is not None:
+        boot, run = self._boot, self._run
+        has_raw = message.time_us == boot.raw_us
+        if run is None:
+            boot.unready()
+            rate_hz = None if boot.is_full else boot.sample_rate
+            return None if has_raw or not boot.hello else self._ask(AskRaw(rate_hz))
+        if not has_raw or run.losses is Losses.ONE_MISSING:
             return self._lose(message.sequence, "its sample was not told")
-        twin = self._replay.pose(message.sequence, message.time_us)
+        twin = run.replay.pose(message.sequence, message.time_us)
         self.compared += 1
-        is_unlatched, self._is_unlatched = self._is_unlatched, False
+        is_unlatched = run.losses is Losses.NO_SAMPLE
+        if is_unlatched:
+            run.losses = Losses.HARMLESS
         if twin == content or (is_unlatched and differ_in_latches(content, twin)):
             return None
-        self.compared -= self._is_guess
-        return self._differ(message, content, twin)
+        self.compared -= run.is_guess
+        return self._differ(run, message, content, twin)
 
     def _on_stroke(self, message: Message, content: bytes) -> TwinOutcome | None:
-        if self._replay is None:
+        run = self._run
+        if run is None:
             return None
-        if message.time_us != self._raw_us or self._hole is not None:
+        has_raw = message.time_us == self._boot.raw_us
+        if not has_raw or run.losses is Losses.ONE_MISSING:
             return self._lose(message.sequence, "its sample was not told")
-        twin = self._replay.stroke(message.sequence, message.time_us)
+        twin = run.replay.stroke(message.sequence, message.time_us)
         if twin == content:
             return None
-        return self._differ(message, content, twin or b"")
+        return self._differ(run, message, content, twin or b"")
 
-    def _differ(self, message: Message, content: bytes, twin: bytes) -> TwinOutcome:
-        if self._is_guess:
+    def _differ(
+        self, run: TwinRun, message: Message, content: bytes, twin: bytes
+    ) -> TwinOutcome:
+        if run.is_guess:
             return self._lose(message.sequence, "its params may be others")
         self.differed += 1
-        is_first, self.state = self.state is TwinState.FOLLOWING, TwinState.DIFFERS
+        is_first, run.has_differed = not run.has_differed, True
         fields = differing(message, twin)
         return TwinDiffers(message.sequence, fields, content, twin, is_first)
 
@@ -271,79 +276,71 @@ class Twin:
         """A hello named the params. Those of the twin calibrate as they do, or the
         event of a change is missing.
         """
-        was_guess, self._is_guess = self._is_guess, False
-        is_changed = self._changed_at == (sequence - 1) & _MASK
-        if self._replay is None:
+        run, records = self._run, self._params.records
+        is_changed = self._params.changed_at == (sequence - 1) & _MASK
+        if run is None:
             return None
-        if was_guess and self._hello[_OWN] != self._begun[_OWN]:
+        was_guess, run.is_guess = run.is_guess, False
+        if was_guess and self._boot.hello[_OWN] != run.hello[_OWN]:
             return self._lose(sequence, "its own field may have been another")
-        if self._params is None:
+        if records is None:
             return self._wait_for_params() if was_guess or is_changed else None
         try:
-            is_other = self._replay.params(self._params)
+            is_other = run.replay.params(records)
         except ValueError as error:
             return self._lose(sequence, f"{_UNABLE}: {error}")
         if not is_other:
             return None
         if is_changed and not was_guess:
-            self._replay.go_on()
-            self._begun = self._hello
+            run.replay.go_on()
+            run.hello = self._boot.hello
             return None
-        if self._steps == 0 and self._number is not None:
-            return self._begin(sequence, self._number)
+        if run.steps == 0 and run.number is not None:
+            return self._begin_run(sequence, run.number)
         return self._lose(sequence, "its params have changed")
 
     def _wait_for_params(self) -> TwinOutcome | None:
         """The filter began with params that are not known: it must begin once more."""
-        self._replay = None
-        self._is_ripe = False
-        self.state = TwinState.WAITING
+        self._end_run(is_lost=False)
         self._asked.discard(AskRestart)
         return self._ask(AskParams())
 
-    def _begin(self, sequence: int, number: int | None) -> TwinOutcome | None:
+    def _begin_run(self, sequence: int, number: int | None) -> TwinOutcome | None:
         """The filter begins: the one of that number, or (None) the one of the hello."""
-        if self._params is None:
+        hello, params = self._boot.hello, self._params
+        if params.records is None:
             return self._wait_for_params()
         try:
-            self._replay = _core.Replay(self._hello, self._params)
+            replay = _core.Replay(hello, params.records)
             if number is not None:
-                self._replay.restart(number)
+                replay.restart(number)
         except ValueError as error:
             return self._lose(sequence, f"{_UNABLE}: {error}")
-        self.state = TwinState.FOLLOWING
-        self._is_ripe = False
-        self._number = number
-        self._is_guess = not self._is_sure
-        self._begun = self._hello
-        self._steps = 0
-        self._hole = None
-        self._had_hole = self._is_unlatched = False
+        self._boot.unready()
+        is_guess = params.known is ParamsKnown.GUESSED
+        self._run = TwinRun(replay, number, hello, is_guess)
         return TwinStarted(sequence)
 
     def _lose(self, sequence: int, reason: str) -> TwinLost:
-        self._replay = None
-        self._is_ripe = False
-        self.state = TwinState.LOST
+        self._end_run(is_lost=True)
         return TwinLost(sequence, reason)
 
-    def _boot(self, *, is_new: bool) -> None:
-        """Another boot; `is_new`: heard from its first message on."""
-        self._is_new = is_new
-        self._is_streaming = False
-        self._hello = b""
-        self._raw_us = None
+    def _begin_boot(self, phase: BootPhase) -> None:
+        self._boot = TwinBoot(phase, self._boot.count)
         self._wait()
 
     def _wait(self) -> None:
-        self._replay = None
-        self._is_ripe = False
-        self.state = TwinState.WAITING
+        self._end_run(is_lost=False)
         self._asked.clear()
+
+    def _end_run(self, *, is_lost: bool) -> None:
+        self._run = None
+        self._is_lost = is_lost
+        self._boot.unready()
 
     def _ask(self, outcome: TwinOutcome) -> TwinOutcome | None:
         """Asks once for each stream: a probe that refused is not asked again."""
-        is_due = self.state is TwinState.WAITING and self._hello
+        is_due = self.state is TwinState.WAITING and self._boot.hello
         if not is_due or type(outcome) in self._asked:
             return None
         self._asked.add(type(outcome))

@@ -17,6 +17,20 @@ _FLAGS = messages.place_of("pose", "pose_flags")
 
 
 class TwinState(Enum):
+    """Whether a twin follows its probe, and what came of it.
+
+                   the filter begins             a pose differs
+        WAITING -------------------> FOLLOWING ----------------> DIFFERS
+           ^                           ^   |                        |
+           |         the filter begins |   | a sample is missing    |
+           |                           |   v                        |
+           +------------------------- LOST <------------------------+
+             another boot or stream           a sample is missing
+
+    From FOLLOWING and DIFFERS, too, another boot or stream, or params that are not
+    known, lead to WAITING, and a restart of the filter to FOLLOWING.
+    """
+
     WAITING = "waiting"  # for a stream, and for the filter to begin
     FOLLOWING = "following"
     LOST = "lost"
