@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Sequence
+from enum import Enum, auto
 from itertools import islice
 from typing import Protocol, runtime_checkable
 
@@ -34,6 +35,32 @@ MANY, YIELD_S = 128, 0.005
 HAND_MAX = 16  # records that the thread then takes in a row
 
 
+class Holder(Enum):
+    """Who may take records from the queue. It changes with the lock held only.
+
+              the caller comes            all are taken
+        FREE ------------------> CALLER ----------------> CALLER_NEXT
+        ^ ^ ^    some are left    |  ^  the caller comes   |   |   ^
+        | | +---------------------+  +---------------------+   |   |
+        | |          nobody came for GIVE_WAY_S                |   |
+        | +----------------------------------------------------+   |
+        | the thread takes some; they are done                     | they are done
+        v               the caller comes                           |
+        THREAD -----------------------------------------> THREAD_THEN_CALLER
+
+    Where the records are for the thread, the caller leaves FREE behind and takes none.
+    """
+
+    FREE = auto()  # whoever comes first
+    THREAD = auto()  # it has records in hand
+    THREAD_THEN_CALLER = auto()  # the same, and the caller waits for the queue
+    CALLER_NEXT = auto()  # the thread leaves the records to a caller who is to come
+    CALLER = auto()  # it has the first records of the queue
+
+
+THREADS = (Holder.THREAD, Holder.THREAD_THEN_CALLER)
+
+
 @runtime_checkable
 class DirectSink(Sink, Protocol):
     """A sink for a DirectLane. take_at_once() takes a record without waiting; False: it
@@ -53,8 +80,7 @@ class DirectLane(Lane):
         self._at_once = sink.take_at_once
         self._detour_s = DETOUR_S
         self._detour_until_s = 0.0
-        self._is_wanted = False  # the caller waits for the queue
-        self._is_taking = False  # it has the first records of it
+        self._holder = Holder.FREE
 
     def put(self, *items: Item) -> None:
         line = self._claim(items)
@@ -68,9 +94,12 @@ class DirectLane(Lane):
         is_whole = self._broken_until is None and self._before is None
         if is_whole and not self._is_closing:
             with self._wake:
-                self._is_wanted = not self._is_thread_free()
-                if not self._is_wanted and not self._is_for_thread():
-                    self._is_taking = True
+                if not self._is_thread_free():
+                    self._holder = Holder.THREAD_THEN_CALLER
+                elif self._is_for_thread():
+                    self._holder = Holder.FREE
+                else:
+                    self._holder = Holder.CALLER
                     self._queue.extend(items)
                     count = min(TURN_MAX, len(self._queue))
                     return [self._queue.popleft() for _ in range(count)]
@@ -82,8 +111,8 @@ class DirectLane(Lane):
         more of them with its next ones.
         """
         with self._wake:
-            self._is_taking = False
-            self._is_wanted = done == len(line)
+            is_all = done == len(line)
+            self._holder = Holder.CALLER_NEXT if is_all else Holder.FREE
             self._queue.extendleft(reversed(line[done:]))
             self._trim()
             if self._queue:
@@ -92,7 +121,7 @@ class DirectLane(Lane):
     def _is_thread_free(self) -> bool:
         """Whether the thread has no record in hand, if need be after a while."""
         patience_s = YIELD_S if len(self._queue) >= MANY else 0.0
-        return self._wake.wait_for(lambda: not self._in_hand, patience_s)
+        return self._wake.wait_for(lambda: self._holder not in THREADS, patience_s)
 
     def _is_for_thread(self) -> bool:
         """Whether the thread takes all records now."""
@@ -131,23 +160,26 @@ class DirectLane(Lane):
         self._detour_until_s = now_s + self._detour_s
 
     def _is_due(self) -> bool:
-        return not self._is_taking and super()._is_due()
+        return self._holder is not Holder.CALLER and super()._is_due()
 
-    def _settle(self, items: Sequence[Item], done: int) -> None:
-        super()._settle(items, done)
-        with self._wake:
-            self._wake.notify()
+    def _put_down(self) -> None:
+        if self._holder is Holder.THREAD:
+            self._holder = Holder.FREE
+        elif self._holder is Holder.THREAD_THEN_CALLER:
+            self._holder = Holder.CALLER_NEXT
+        self._wake.notify()
 
     def _next(self) -> deque[Item]:
         """Few records, so that the caller gets those behind them soon; none if the
         caller is about to take them.
         """
-        if self._is_wanted and not self._is_for_thread():
-            self._is_wanted = False
-            self._wake.wait_for(lambda: self._is_wanted, GIVE_WAY_S)
-        if self._is_wanted or self._is_taking:
+        if self._holder is Holder.CALLER_NEXT and not self._is_for_thread():
+            self._holder = Holder.FREE
+            self._wake.wait_for(lambda: self._holder is Holder.CALLER_NEXT, GIVE_WAY_S)
+        if self._holder is not Holder.FREE or not self._queue:
             return deque()
-        if self._is_for_thread() or not self._queue:
+        self._holder = Holder.THREAD
+        if self._is_for_thread():
             return super()._next()
         count = HAND_MAX if len(self._queue) >= MANY else 1
         return deque(self._queue.popleft() for _ in range(count))

@@ -298,6 +298,10 @@ class Lane:
                 self._mine.taken[probe][topic] += count
             self._mine.dropped.update(dropped)
             self._in_hand = ()
+            self._put_down()
+
+    def _put_down(self) -> None:
+        """The thread has nothing in hand any more; called with the lock held."""
 
     def _count_dropped(self, item: Item) -> None:
         if isinstance(item, Record):
