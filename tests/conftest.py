@@ -90,10 +90,39 @@ def shared_data() -> Path:
     return data
 
 
+# By board: the name of its simulator, its image, and what builds that.
+BOARDS = {
+    "nano": ("nano", ".pio/build/nano/firmware.elf", "make firmware"),
+    "f405": ("f405", ".pio/build/stm32f405/firmware.elf", "make firmware BOARD=f405"),
+    "micropython": (
+        "f405",
+        "build/micropython/pyboard/micropython",
+        "make firmware BOARD=micropython",
+    ),
+}
+
+
+class Boards(dict[str, tuple[Path, Path]]):
+    """By name: the simulator of a virtual board, and its image. They are looked for
+    when a test asks for them, so that it needs no images of other boards.
+    """
+
+    def __missing__(self, name: str) -> tuple[Path, Path]:
+        simulator = ROOT / "build" / "sim" / BOARDS[name][0]
+        self[name] = built(simulator, "make sim"), built_image(name)
+        return self[name]
+
+
+@pytest.fixture(scope="session")
+def boards() -> Boards:
+    """The virtual boards, each if it is built."""
+    return Boards()
+
+
 @pytest.fixture(scope="session")
 def image() -> Path:
     """The image that a user flashes on a Nano."""
-    return built(ROOT / ".pio" / "build" / "nano" / "firmware.elf", "make firmware")
+    return built_image("nano")
 
 
 @pytest.fixture(scope="session")
@@ -111,8 +140,7 @@ def f405() -> Path:
 @pytest.fixture(scope="session")
 def f405_image() -> Path:
     """The image that a user flashes on an STM32F405."""
-    path = ROOT / ".pio" / "build" / "stm32f405" / "firmware.elf"
-    return built(path, "make firmware BOARD=f405")
+    return built_image("f405")
 
 
 @pytest.fixture(scope="session")
@@ -124,8 +152,7 @@ def micropython() -> Path:
 @pytest.fixture(scope="session")
 def micropython_image() -> Path:
     """MicroPython with the module and the package inside, for an STM32F405."""
-    path = ROOT / "build" / "micropython" / "pyboard" / "micropython"
-    return built(path, "make firmware BOARD=micropython")
+    return built_image("micropython")
 
 
 @pytest.fixture(scope="session")
@@ -134,23 +161,16 @@ def plain_image() -> Path:
     return micropython_of("plain") / "pyboard" / "plain"
 
 
-@pytest.fixture(scope="session")
-def boards(
-    nano: Path, image: Path, f405: Path, f405_image: Path, micropython_image: Path
-) -> dict[str, tuple[Path, Path]]:
-    """By name: the simulator of a virtual board, and its image."""
-    return {
-        "nano": (nano, image),
-        "f405": (f405, f405_image),
-        "micropython": (f405, micropython_image),
-    }
-
-
 def micropython_of(target: str) -> Path:
     """Have tools/micropython_build.py make a target; returns where all of them are."""
     words = (sys.executable, "tools/micropython_build.py", target)
     subprocess.run(words, cwd=ROOT, check=True)
     return ROOT / "build" / "micropython"
+
+
+def built_image(board: str) -> Path:
+    _, image, command = BOARDS[board]
+    return built(ROOT / image, command)
 
 
 def built(path: Path, command: str) -> Path:
