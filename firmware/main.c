@@ -3,6 +3,7 @@
 // board.h; all that knows a probe is in core/.
 #include "board.h"
 #include "core/probe/acquisition.h"
+#include "core/probe/commands.h"
 #include "core/probe/probe.h"
 
 enum {
@@ -71,7 +72,7 @@ int main(void) {
         waited = 0;
         for (int16_t byte = board_receive(); byte >= 0; byte = board_receive()) {
             // Not the time of the turn: a reply says when it was heard.
-            probe_receive(&probe, (uint8_t)byte, board_time_us());
+            commands_receive(&probe, (uint8_t)byte, board_time_us());
         }
         if (now_us - stepped_us >= STEP_US) {
             stepped_us = now_us;

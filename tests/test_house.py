@@ -240,6 +240,56 @@ def test_no_class_name_is_used_twice():
     assert shared.keys() == SHARED_NAMES, SHARED_NAMES - shared.keys()
 
 
+@functools.cache
+def global_symbols(path):
+    """Names that a C file defines for others, and those that it wants of them."""
+    made = images.compiled(flags_of("gcc"), path)
+    said = subprocess.run(["nm", made], capture_output=True, text=True, check=True)
+    found = re.findall(r"([A-Z]) (\w+)$", said.stdout, re.M)
+    wanted = {name for kind, name in found if kind == "U"}
+    return {name for _, name in found} - wanted, wanted
+
+
+def calls(paths):
+    """From each C file to those of the others whose functions or tables it uses."""
+    home = {name: path for path in paths for name in global_symbols(path)[0]}
+    return {
+        path: {home[name] for name in global_symbols(path)[1] if name in home}
+        for path in paths
+    }
+
+
+def test_no_calls_in_the_core_go_round_in_a_circle():
+    paths = files(CORE / "probe", kinds=("*.c",))
+    found = calls(paths)
+    assert [path.name for path in cycle(paths, found.get)] == []
+
+
+def test_calls_of_the_probe_go_down_the_lines_of_its_header():
+    header = (CORE / "probe" / "probe.h").read_text()
+    lines = re.findall(r"^//     ([a-z_, ]+?)  ", header, re.M)
+    floor = {name: i for i, line in enumerate(lines) for name in line.split(", ")}
+    found = calls(files(CORE / "probe", kinds=("*.c",)))
+    assert {path.stem for path in found} == set(floor)
+    for path, others in found.items():
+        for other in others:
+            assert floor[path.stem] < floor[other.stem], f"{path.stem}: {other.stem}"
+
+
+def test_a_function_of_the_probe_is_in_the_file_that_its_name_says():
+    for path in files(CORE / "probe", kinds=("*.c",)):
+        assert not [name for name in global_symbols(path)[0] if path.stem not in name]
+
+
+def test_calls_in_a_circle_are_seen(tmp_path):
+    for one, other in (("a", "b"), ("b", "c"), ("c", "a"), ("d", "a")):
+        code = f"void {other}(void);\nvoid {one}(void) {{ {other}(); }}\n"
+        (tmp_path / f"{one}.c").write_text(code)
+    found = calls(files(tmp_path, kinds=("*.c",)))
+    ring = cycle([tmp_path / "d.c"], found.get)
+    assert [path.name for path in ring] == ["a.c", "b.c", "c.c"]
+
+
 def test_what_boards_share_knows_none_of_them():
     for path in files(FIRMWARE / "generic", kinds=("*.c", "*.h")):
         for opening, name in includes(path):

@@ -243,7 +243,7 @@ class Bench:
 
     def receive(self, data: Iterable[int]) -> None:
         for byte in data:
-            lib.probe_receive(self.c, byte, self.time_us)
+            lib.commands_receive(self.c, byte, self.time_us)
 
     def command(
         self, command: int, first: int = 0, second: int = 0, token: int | None = None

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: MIT
-// Commands of a host: received bytes in, what they ask for done, a reply each.
+// Commands of a host; see commands.h.
+#include "core/probe/commands.h"
+
 #include <stddef.h>
 #include <string.h>
 
 #include "core/probe/own_field.h"
-#include "core/probe/probe.h"
+#include "core/probe/probe_filter.h"
 #include "core/probe/probe_params.h"
+#include "core/probe/probe_stream.h"
 #include "core/probe/send.h"
 
 static enum result set_rate(struct probe *probe, int32_t value[2]) {
@@ -49,7 +52,7 @@ static enum result set_origin(struct probe *probe, const int32_t value[2]) {
 }
 
 static enum result restart(struct probe *probe, int32_t value[2]) {
-    const int32_t in_use = send_filter(probe);
+    const int32_t in_use = probe_state_filter(probe);
     const int32_t wanted = value[0] == FILTER_NONE ? in_use : value[0];
     value[0] = in_use;
     if (!attitude_has(wanted)) {
@@ -61,7 +64,7 @@ static enum result restart(struct probe *probe, int32_t value[2]) {
     if (value[1] != 0) {
         own_field_forget(probe);
     }
-    probe_restart(probe, wanted);
+    probe_filter_restart(probe, wanted);
     value[0] = wanted;
     return RESULT_OK;
 }
@@ -103,7 +106,7 @@ __attribute__((noinline)) static enum result carry_out(struct probe *probe) {
     }
 }
 
-void probe_receive(struct probe *probe, uint8_t byte, uint32_t now_us) {
+void commands_receive(struct probe *probe, uint8_t byte, uint32_t now_us) {
     struct message_command command;
     uint8_t length;
     const enum frame_result framed = frame_decode(&probe->decoder, byte, &length);

@@ -93,10 +93,4 @@ void own_field_look(struct probe *probe) {
     }
 }
 
-void own_field_tell(const struct probe *probe, struct message_hello *out) {
-    const struct own_field *const own = &probe->settings.own_field;
-    memcpy(out->own_field, own->axis, sizeof own->axis);
-    out->own_sigma = own->sigma;
-}
-
 #endif

@@ -8,7 +8,7 @@
 #ifndef OWN_FIELD_H
 #define OWN_FIELD_H
 
-#include "core/probe/probe.h"
+#include "core/probe/probe_state.h"
 
 // A build with POSE_WITHOUT_OWN_FIELD keeps none.
 #ifdef POSE_WITHOUT_OWN_FIELD
@@ -17,7 +17,6 @@
 #define own_field_check(probe) ((void)(probe))
 #define own_field_look(probe) ((void)(probe))
 #define own_field_forget(probe) ((void)(probe))
-#define own_field_tell(probe, out) ((void)(probe))
 #else
 
 // At boot, once the params are loaded. A probe has no clock without power: each start
@@ -34,9 +33,6 @@ void own_field_check(struct probe *probe);
 void own_field_look(struct probe *probe);
 
 void own_field_forget(struct probe *probe);
-
-// Fills the hello's fields.
-void own_field_tell(const struct probe *probe, struct message_hello *out);
 
 #endif
 

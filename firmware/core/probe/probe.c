@@ -6,7 +6,9 @@
 #include <string.h>
 
 #include "core/probe/own_field.h"
+#include "core/probe/probe_filter.h"
 #include "core/probe/probe_params.h"
+#include "core/probe/probe_stream.h"
 #include "core/probe/send.h"
 
 enum { ENTROPY_READINGS = 64 };
@@ -79,7 +81,7 @@ void probe_sensor_ready(struct probe *probe, const struct sensor_identity *ident
         (void)pose_begin(&probe->tracker, &probe->params.calibration, identity,
                          ATTITUDE_DEFAULT);
         own_field_use(probe);
-        probe_use_tip(probe);
+        probe_filter_use_tip(probe);
     }
     if (probe->is_faulty) {
         ++probe->status.bus_recoveries;
@@ -158,6 +160,17 @@ void probe_sample(struct probe *probe, const struct sample *sample) {
     send_stroke(probe, outlets_of(probe, STREAM_POSE, true));
 }
 
+void probe_tell(struct probe *probe, enum event event, enum cause cause, int32_t detail,
+                uint32_t now_us) {
+    probe->now_us = now_us;
+    send_event(probe, event, cause, detail);
+}
+
+void probe_say_hello(struct probe *probe, uint32_t now_us) {
+    probe->now_us = now_us;
+    send_hello(probe, TO_BOTH);
+}
+
 void probe_log(struct probe *probe, bool is_on, uint32_t now_us) {
     struct probe_log *const log = probe->log;
     log->is_on = is_on;
@@ -176,31 +189,6 @@ void probe_worked(struct probe *probe, uint32_t cycles) {
     if (cycles > probe->status.cycles_worst) {
         probe->status.cycles_worst = cycles;
     }
-}
-
-// The origin that the params ask for at the start of a stream.
-static void set_reference(struct probe *probe, enum cause cause) {
-    if (probe->params.reference == REFERENCE_NONE || probe->identity == NULL ||
-        !probe->tracker.has_sample) {
-        return;
-    }
-    const enum pose_origin origin = probe->params.reference == REFERENCE_FULL
-                                        ? POSE_ORIGIN_FULL
-                                        : POSE_ORIGIN_HEADING;
-    pose_set_origin(&probe->tracker, origin);
-    send_event(probe, EVENT_TARED, cause, (int32_t)origin);
-}
-
-void probe_stream(struct probe *probe, bool is_streaming, enum cause cause) {
-    if (probe->is_streaming == is_streaming) {
-        return;
-    }
-    probe->is_streaming = is_streaming;
-    if (is_streaming) {
-        set_reference(probe, cause);
-    }
-    send_event(probe, is_streaming ? EVENT_STREAM_STARTED : EVENT_STREAM_STOPPED, cause,
-               0);
 }
 
 void probe_set_streaming(struct probe *probe, bool is_streaming, enum cause cause,
@@ -281,17 +269,6 @@ void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
     } else {
         use_memory(probe);
     }
-}
-
-enum state probe_state(const struct probe *probe) {
-    if (probe->is_faulty) {
-        return STATE_FAULT;
-    }
-    if (probe->is_streaming) {
-        return STATE_STREAMING;
-    }
-    return probe->identity != NULL && probe->tracker.is_calibrated ? STATE_IDLE
-                                                                   : STATE_CALIBRATING;
 }
 
 bool probe_led(const struct probe *probe, uint32_t now_us) {

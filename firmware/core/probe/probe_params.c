@@ -5,6 +5,7 @@
 #include <stddef.h>
 
 #include "core/probe/own_field.h"
+#include "core/probe/probe_filter.h"
 #include "core/probe/send.h"
 
 void probe_params_load(struct probe *probe) {
@@ -45,21 +46,6 @@ static void tell_part(struct probe *probe) {
     }
 }
 
-#ifndef POSE_WITHOUT_STROKES
-void probe_use_tip(struct probe *probe) {
-    pose_set_tip(&probe->tracker, &probe->params.tip,
-                 probe->params.button_does == BUTTON_DOES_STROKE);
-}
-#endif
-
-void probe_restart(struct probe *probe, int32_t filter) {
-    (void)pose_begin(&probe->tracker, &probe->params.calibration, probe->identity,
-                     filter);
-    own_field_use(probe);
-    probe_use_tip(probe);
-    send_event(probe, EVENT_RESTARTED, CAUSE_COMMAND, filter);
-}
-
 // Puts in force what is current now. The filter begins anew where it was fed by another
 // calibration, whose units what it has learned is in, unless the host knows that the
 // axes are the same.
@@ -71,12 +57,12 @@ static void change(struct probe *probe) {
                (int32_t)probe->store.bank.list.digest);
     const bool is_other = before != probe->params.digest;
     if (probe->identity != NULL && is_other && !probe->store.goes_on) {
-        probe_restart(probe, send_filter(probe));
+        probe_filter_restart(probe, probe_state_filter(probe));
     } else if (probe->identity != NULL) {
         if (is_other) {
             pose_recalibrate(&probe->tracker);
         }
-        probe_use_tip(probe);
+        probe_filter_use_tip(probe);
     }
     send_hello(probe, TO_BOTH);
     probe->part_at = 0;

@@ -5,16 +5,8 @@
 #include <stddef.h>
 #include <string.h>
 
-#include "core/probe/own_field.h"
-
 // Each message's buffers are on the stack only while it is made, not all at once.
 #define NOINLINE __attribute__((noinline))
-
-void probe_tell(struct probe *probe, enum event event, enum cause cause, int32_t detail,
-                uint32_t now_us) {
-    probe->now_us = now_us;
-    send_event(probe, event, cause, detail);
-}
 
 // Those of the outlets that are open.
 static uint8_t open_of(const struct probe *probe, uint8_t outlets) {
@@ -51,11 +43,6 @@ NOINLINE void send_event(struct probe *probe, enum event event, enum cause cause
     put(probe, TO_BOTH, message_event_layout, &message, bytes);
 }
 
-uint8_t send_filter(const struct probe *probe) {
-    return (uint8_t)(probe->identity != NULL ? attitude_kind(&probe->tracker.attitude)
-                                             : ATTITUDE_DEFAULT);
-}
-
 #define OFFSET(type, member) offsetof(struct type, member)
 _Static_assert(OFFSET(message_hello, self_test) - OFFSET(message_hello, sensor) ==
                        OFFSET(sensor_identity, self_test) &&
@@ -63,6 +50,16 @@ _Static_assert(OFFSET(message_hello, self_test) - OFFSET(message_hello, sensor) 
                        OFFSET(sensor_identity, mag_lsb_pt) -
                            OFFSET(sensor_identity, acc_lsb_nm_s2),
                "these parts of an identity lie as in a hello");
+
+#ifdef POSE_WITHOUT_OWN_FIELD
+#define tell_own_field(probe, out) ((void)(probe))
+#else
+static void tell_own_field(const struct probe *probe, struct message_hello *out) {
+    const struct own_field *const own = &probe->settings.own_field;
+    memcpy(out->own_field, own->axis, sizeof own->axis);
+    out->own_sigma = own->sigma;
+}
+#endif
 
 NOINLINE static void make_hello(const struct probe *probe, struct message_hello *out) {
     const struct sensor_identity *identity = probe->identity;
@@ -72,9 +69,9 @@ NOINLINE static void make_hello(const struct probe *probe, struct message_hello 
     out->pose_rate = probe->settings.pose_rate_hz;
     out->raw_rate = probe->settings.raw_rate_hz;
     out->boot_count = probe->settings.boot_count;
-    out->filter = send_filter(probe);
+    out->filter = probe_state_filter(probe);
     out->params_digest = probe->store.bank.list.digest;
-    own_field_tell(probe, out);
+    tell_own_field(probe, out);
     probe->port->describe(out);
     memcpy(out->probe_id, probe->settings.probe_id, sizeof out->probe_id);
     if (identity != NULL) {
@@ -102,11 +99,6 @@ NOINLINE void send_hello(struct probe *probe, uint8_t outlets) {
     union hello_buffer buffer;
     make_hello(probe, &buffer.message);
     put(probe, outlets, message_hello_layout, &buffer.message, buffer.bytes);
-}
-
-void probe_say_hello(struct probe *probe, uint32_t now_us) {
-    probe->now_us = now_us;
-    send_hello(probe, TO_BOTH);
 }
 
 _Static_assert(OFFSET(message_status, bus_recoveries) -

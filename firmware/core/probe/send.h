@@ -5,7 +5,7 @@
 #ifndef SEND_H
 #define SEND_H
 
-#include "core/probe/probe.h"
+#include "core/probe/probe_state.h"
 
 // Where a message goes. The card takes it only while a log is kept.
 enum {
@@ -13,9 +13,6 @@ enum {
     TO_CARD = PROBE_IS_WIRE_ONLY ? 0 : 2,
     TO_BOTH = TO_WIRE | TO_CARD,
 };
-
-// The filter in use, or the one that will run once there is a sensor: enum filter.
-uint8_t send_filter(const struct probe *probe);
 
 void send_event(struct probe *probe, enum event event, enum cause cause,
                 int32_t detail);

@@ -3,6 +3,7 @@
 // and received bytes in, bytes of frames out. docs/micropython.md explains its methods.
 #include <string.h>
 
+#include "core/probe/commands.h"
 #include "object.h"
 #include "py/mperrno.h"
 #include "py/mphal.h"
@@ -320,7 +321,7 @@ static size_t read_waiting(mp_obj_t stream, uint8_t *bytes, size_t size) {
 static void hear(struct imuprobe *self, const uint8_t *bytes, size_t length,
                  uint32_t now_us) {
     for (size_t i = 0; i < length; i++) {
-        probe_receive(&self->probe, bytes[i], now_us);
+        commands_receive(&self->probe, bytes[i], now_us);
     }
 }
 
