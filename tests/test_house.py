@@ -260,7 +260,8 @@ def calls(paths):
 
 
 def test_no_calls_in_the_core_go_round_in_a_circle():
-    paths = files(CORE / "probe", kinds=("*.c",))
+    # The filter's stages are one thing in several files.
+    paths = [path for path in files(CORE, kinds=("*.c",)) if path.stem[:4] != "fuse"]
     found = calls(paths)
     assert [path.name for path in cycle(paths, found.get)] == []
 

@@ -2,7 +2,7 @@
 // What the files of the LSM9DS0's driver share.
 //
 //   lsm9ds0_setup.c  set-up and self-test; looks after the chip
-//   lsm9ds0.c        bursts to samples
+//   lsm9ds0.c        bursts to samples; neither calls the other
 //
 // Document: DS = LSM9DS0 data sheet, DocID024763 rev 2 (registers by name, chapter 8).
 #ifndef LSM9DS0_PRIVATE_H

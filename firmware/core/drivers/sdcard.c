@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: MIT
 // An SD card in SPI mode as a state machine over exchanges of bytes.
+//
+// Document: SD Specifications Part 1, Physical Layer Simplified Specification, version
+// 6.00; bare section numbers are its.
 #include "core/drivers/sdcard.h"
 
 #include <stddef.h>
 #include <string.h>
 
-#include "core/drivers/sdcard_private.h"
+#include "core/math/fixed.h"
 #include "core/wire/frame.h"
 
 // Commands, 7.3.1.3.
@@ -31,6 +34,14 @@ enum {
     ANSWER_AT = 7,      // of SDCARD_ANSWER, behind the six bytes of a command
     ANSWER_WITHIN = 9,  // N_CR is up to 8 bytes, 7.5.4
 
+    IF_COND = 0x1AA,  // 2.7 to 3.6 V, and a pattern to come back: 4.3.13
+
+    // R1, 7.3.2.1.
+    R1_NONE = 0x80,
+    R1_IDLE = 0x01,
+    R1_ILLEGAL = 0x04,
+    R1_CRC = 0x08,
+
     // Tokens, 7.3.3.
     TOKEN_START = 0xFE,
     TOKEN_START_OF_RUN = 0xFC,
@@ -41,7 +52,10 @@ enum {
     RESPONSE_WRITE_ERROR = 0x0D,
     RESPONSE_WITHIN = 8,
 
+    OCR_POWERED_UP = 0x80,  // first byte: 5.1
+    OCR_CCS = 0x40,
     CSD_LENGTH = 16,
+    CSD_PROTECTED = 0x30,  // byte 14: PERM_ and TMP_WRITE_PROTECT, 5.3
 
     // A millisecond of clocks, where 74 are asked for (6.4.1.4), for a card that has
     // just been put in.
@@ -54,10 +68,55 @@ enum {
     EXCHANGE_US_MAX = 100000,  // four times what a block takes at 200 kHz
 };
 
+// What is asked of the card, in the order in which it is.
+enum stage {
+    STAGE_OVER,
+    STAGE_WAKE,       // clocks for a card that has just got power
+    STAGE_RESET,      // CMD0
+    STAGE_UNJAM,      // the rest of a block, for a card that waits for it
+    STAGE_UNJAM_RUN,  // and the end of a run
+    STAGE_INTERFACE,
+    STAGE_CRC_ON,
+    STAGE_APPLICATION,
+    STAGE_INITIALISE,
+    STAGE_CAPACITY,
+    STAGE_LENGTH,
+    STAGE_DESCRIBE,
+    STAGE_READ,
+    STAGE_CHECK,
+    STAGE_OPEN,
+    STAGE_RUNNING,  // a run is open, and nothing goes on
+    STAGE_WRITE,
+    STAGE_STOP,
+    STAGE_VERIFY,  // CMD13 behind a run
+    STAGE_ABORT,   // CMD12 behind a refused block
+    STAGE_CLEAR,   // CMD13, which clears what was wrong
+};
+
+// What the stage waits for.
+enum wait {
+    WAIT_NOTHING,
+    WAIT_BEGINNING,  // the first step of an operation
+    WAIT_ANSWER,
+    WAIT_READY,  // no longer busy
+    WAIT_TOKEN,
+    WAIT_INCOMING,  // the rest of a block
+    WAIT_CHECKING,  // of its checksum
+    WAIT_SUMMING,   // of the one to send
+    WAIT_OUTGOING,
+    WAIT_RESPONSE,
+    WAIT_CLOCKS,  // sent for their own sake
+    WAIT_PAUSE,
+    WAIT_CLOSING,
+};
+
+// What few steps need: the others, of which there are thousands, save no registers
+// for it.
+#define NOINLINE __attribute__((noinline))
+
 #define HOST_HAS_HIGH_CAPACITY UINT32_C(0x40000000)  // 4.2.3: HCS
 
-static enum sdcard_result enter(struct sdcard *card, enum sdcard_stage stage,
-                                uint32_t now_us);
+static enum sdcard_result enter(struct sdcard *card, enum stage stage, uint32_t now_us);
 
 void sdcard_init(struct sdcard *card, const struct spi_device *spi) {
     *card = (struct sdcard){.spi = spi};
@@ -76,8 +135,7 @@ static uint8_t crc7(const uint8_t *bytes, uint8_t length) {
 }
 
 static enum sdcard_result exchange(struct sdcard *card, const uint8_t *out, uint8_t *in,
-                                   uint16_t length, enum sdcard_wait wait,
-                                   uint32_t now_us) {
+                                   uint16_t length, enum wait wait, uint32_t now_us) {
     card->wait = (uint8_t)wait;
     card->began_us = now_us;
     card->spi->begin(card->spi->port, out, in, length);
@@ -90,16 +148,16 @@ static void count_fault(struct sdcard *card) {
     }
 }
 
-// A byte of clocks with the card let go.
-enum sdcard_result sdcard_end(struct sdcard *card, enum sdcard_result outcome,
+// Ends the operation with its outcome: a byte of clocks with the card let go.
+static enum sdcard_result end(struct sdcard *card, enum sdcard_result outcome,
                               uint32_t now_us) {
     if (outcome < 0) {
         count_fault(card);
     }
-    card->stage = SDCARD_STAGE_OVER;
+    card->stage = STAGE_OVER;
     card->outcome = (int8_t)outcome;
     card->spi->select(card->spi->port, false);
-    return exchange(card, NULL, NULL, 1, SDCARD_WAIT_CLOSING, now_us);
+    return exchange(card, NULL, NULL, 1, WAIT_CLOSING, now_us);
 }
 
 static enum sdcard_result command(struct sdcard *card, uint8_t index, uint32_t argument,
@@ -113,40 +171,40 @@ static enum sdcard_result command(struct sdcard *card, uint8_t index, uint32_t a
     }
     bytes[5] = (uint8_t)(crc7(bytes, 5) | 1);
     card->spi->select(card->spi->port, true);
-    return exchange(card, card->command, card->answer, SDCARD_ANSWER,
-                    SDCARD_WAIT_ANSWER, now_us);
+    return exchange(card, card->command, card->answer, SDCARD_ANSWER, WAIT_ANSWER,
+                    now_us);
 }
 
 // Looks at what the card says for that many bytes, which go to where blocks do.
-static enum sdcard_result poll(struct sdcard *card, uint16_t length,
-                               enum sdcard_wait wait, uint32_t now_us) {
+static enum sdcard_result poll(struct sdcard *card, uint16_t length, enum wait wait,
+                               uint32_t now_us) {
     card->polled = length;
     return exchange(card, NULL, sdcard_block(card), length, wait, now_us);
 }
 
 // Waits until the card is no longer busy, then enters `then`.
-static enum sdcard_result await_ready(struct sdcard *card, enum sdcard_stage then,
+static enum sdcard_result await_ready(struct sdcard *card, enum stage then,
                                       uint32_t now_us) {
     card->then = (uint8_t)then;
     card->waited_us = now_us;
-    return poll(card, POLL_SHORT, SDCARD_WAIT_READY, now_us);
+    return poll(card, POLL_SHORT, WAIT_READY, now_us);
 }
 
-enum sdcard_result sdcard_again(struct sdcard *card, enum sdcard_result failure,
+// Tries the stage's command once more, or gives up with that failure.
+static enum sdcard_result again(struct sdcard *card, enum sdcard_result failure,
                                 uint32_t now_us) {
     card->tries++;
     if (card->tries >= TRIES) {
-        return sdcard_end(card, failure, now_us);
+        return end(card, failure, now_us);
     }
     count_fault(card);
-    const enum sdcard_stage stage = (enum sdcard_stage)card->stage;
-    return enter(card,
-                 stage == SDCARD_STAGE_INITIALISE ? SDCARD_STAGE_APPLICATION : stage,
-                 now_us);
+    const enum stage stage = (enum stage)card->stage;
+    return enter(card, stage == STAGE_INITIALISE ? STAGE_APPLICATION : stage, now_us);
 }
 
-enum sdcard_result sdcard_go_on(struct sdcard *card, enum sdcard_stage stage,
-                                uint32_t now_us) {
+// On to another stage, whose command has tries of its own.
+NOINLINE static enum sdcard_result go_on(struct sdcard *card, enum stage stage,
+                                         uint32_t now_us) {
     card->tries = 0;
     return enter(card, stage, now_us);
 }
@@ -156,58 +214,57 @@ static uint32_t address_of_block(const struct sdcard *card) {
     return card->has_high_capacity ? card->address : card->address * SDCARD_BLOCK;
 }
 
-static enum sdcard_result enter(struct sdcard *card, enum sdcard_stage stage,
+static enum sdcard_result enter(struct sdcard *card, enum stage stage,
                                 uint32_t now_us) {
     static const uint8_t stop[] = {TOKEN_STOP_RUN, SILENCE};
     const struct spi_device *spi = card->spi;
     card->stage = (uint8_t)stage;
     switch (stage) {
-    case SDCARD_STAGE_WAKE:
+    case STAGE_WAKE:
         spi->select(spi->port, false);
         spi->set_fast(spi->port, false);
-        return exchange(card, NULL, NULL, POWER_UP_CLOCKS, SDCARD_WAIT_CLOCKS, now_us);
-    case SDCARD_STAGE_RESET:
+        return exchange(card, NULL, NULL, POWER_UP_CLOCKS, WAIT_CLOCKS, now_us);
+    case STAGE_RESET:
         return command(card, GO_IDLE_STATE, 0, now_us);
-    case SDCARD_STAGE_UNJAM:
+    case STAGE_UNJAM:
         card->has_unjammed = true;
-        return exchange(card, NULL, NULL, sizeof card->frame, SDCARD_WAIT_CLOCKS,
-                        now_us);
-    case SDCARD_STAGE_UNJAM_RUN:
-    case SDCARD_STAGE_STOP:
-        return exchange(card, stop, NULL, sizeof stop, SDCARD_WAIT_CLOCKS, now_us);
-    case SDCARD_STAGE_INTERFACE:
-        return command(card, SEND_IF_COND, SDCARD_IF_COND, now_us);
-    case SDCARD_STAGE_CRC_ON:
+        return exchange(card, NULL, NULL, sizeof card->frame, WAIT_CLOCKS, now_us);
+    case STAGE_UNJAM_RUN:
+    case STAGE_STOP:
+        return exchange(card, stop, NULL, sizeof stop, WAIT_CLOCKS, now_us);
+    case STAGE_INTERFACE:
+        return command(card, SEND_IF_COND, IF_COND, now_us);
+    case STAGE_CRC_ON:
         return command(card, CRC_ON_OFF, 1, now_us);
-    case SDCARD_STAGE_APPLICATION:
+    case STAGE_APPLICATION:
         return command(card, APP_CMD, 0, now_us);
-    case SDCARD_STAGE_INITIALISE:
+    case STAGE_INITIALISE:
         return command(card, SD_SEND_OP_COND,
                        card->is_version_2 ? HOST_HAS_HIGH_CAPACITY : 0, now_us);
-    case SDCARD_STAGE_CAPACITY:
+    case STAGE_CAPACITY:
         return command(card, READ_OCR, 0, now_us);
-    case SDCARD_STAGE_LENGTH:
+    case STAGE_LENGTH:
         return command(card, SET_BLOCKLEN, SDCARD_BLOCK, now_us);
-    case SDCARD_STAGE_DESCRIBE:
+    case STAGE_DESCRIBE:
         spi->set_fast(spi->port, true);
         return command(card, SEND_CSD, 0, now_us);
-    case SDCARD_STAGE_READ:
+    case STAGE_READ:
         return command(card, READ_SINGLE_BLOCK, address_of_block(card), now_us);
-    case SDCARD_STAGE_CHECK:
-    case SDCARD_STAGE_VERIFY:
-    case SDCARD_STAGE_CLEAR:
+    case STAGE_CHECK:
+    case STAGE_VERIFY:
+    case STAGE_CLEAR:
         return command(card, SEND_STATUS, 0, now_us);
-    case SDCARD_STAGE_OPEN:
+    case STAGE_OPEN:
         return command(card, WRITE_MULTIPLE_BLOCK, address_of_block(card), now_us);
-    case SDCARD_STAGE_WRITE:
+    case STAGE_WRITE:
         card->place = 0;
         card->crc = 0;
-        card->wait = SDCARD_WAIT_SUMMING;
+        card->wait = WAIT_SUMMING;
         return SDCARD_GOES_ON;
-    case SDCARD_STAGE_ABORT:
+    case STAGE_ABORT:
         return command(card, STOP_TRANSMISSION, 0, now_us);
-    default:  // SDCARD_STAGE_RUNNING
-        card->wait = SDCARD_WAIT_NOTHING;
+    default:  // STAGE_RUNNING
+        card->wait = WAIT_NOTHING;
         return SDCARD_OK;
     }
 }
@@ -217,7 +274,7 @@ static enum sdcard_result find_token(struct sdcard *card, uint16_t have,
                                      uint32_t now_us) {
     uint8_t *bytes = sdcard_block(card);
     const uint16_t length =
-        (uint16_t)((card->stage == SDCARD_STAGE_DESCRIBE ? CSD_LENGTH : SDCARD_BLOCK) +
+        (uint16_t)((card->stage == STAGE_DESCRIBE ? CSD_LENGTH : SDCARD_BLOCK) +
                    SDCARD_CRC);
     for (uint16_t i = 0; i < have; i++) {
         if (bytes[i] == TOKEN_START) {
@@ -226,107 +283,174 @@ static enum sdcard_result find_token(struct sdcard *card, uint16_t have,
             card->place = 0;
             card->crc = 0;
             return exchange(card, NULL, bytes + got, (uint16_t)(length - got),
-                            SDCARD_WAIT_INCOMING, now_us);
+                            WAIT_INCOMING, now_us);
         }
         if ((bytes[i] & TOKEN_ERROR_ZEROS) == 0) {
-            return sdcard_again(card, SDCARD_FAILED, now_us);
+            return again(card, SDCARD_FAILED, now_us);
         }
     }
     if (now_us - card->waited_us > SDCARD_US_MAX) {
-        return sdcard_again(card, SDCARD_TIMEOUT, now_us);
+        return again(card, SDCARD_TIMEOUT, now_us);
     }
     // A CSD with its checksum is longer than the short poll.
-    const bool is_soon =
-        card->stage == SDCARD_STAGE_DESCRIBE || card->wait != SDCARD_WAIT_TOKEN;
-    return poll(card, is_soon ? POLL_SHORT : POLL_LONG, SDCARD_WAIT_TOKEN, now_us);
+    const bool is_soon = card->stage == STAGE_DESCRIBE || card->wait != WAIT_TOKEN;
+    return poll(card, is_soon ? POLL_SHORT : POLL_LONG, WAIT_TOKEN, now_us);
 }
 
 _Static_assert(CSD_LENGTH + SDCARD_CRC > POLL_SHORT &&
                    CSD_LENGTH + SDCARD_CRC > SDCARD_ANSWER - ANSWER_AT - 1,
                "no look for a token reads beyond what follows it");
 
+// What follows from the answers of a card that is being identified: `r1` is the first
+// byte of one, `rest` and `ocr` what comes behind it.
+
+// No answer, or a wrong one, to CMD0: a card that a reset of ours left in the middle of
+// a run takes what it is sent for data.
+NOINLINE static enum sdcard_result reset_again(struct sdcard *card, uint32_t now_us) {
+    return card->has_unjammed ? again(card, SDCARD_ABSENT, now_us)
+                              : go_on(card, STAGE_UNJAM, now_us);
+}
+
+NOINLINE static enum sdcard_result
+judge_interface(struct sdcard *card, uint8_t r1, const uint8_t *rest, uint32_t now_us) {
+    card->is_version_2 = (r1 & R1_ILLEGAL) == 0;
+    if (card->is_version_2 && (r1 != R1_IDLE || (rest[2] & 0x0F) != IF_COND / 256 ||
+                               rest[3] != IF_COND % 256)) {
+        return end(card, SDCARD_REFUSED, now_us);
+    }
+    return go_on(card, STAGE_CRC_ON, now_us);
+}
+
+NOINLINE static enum sdcard_result judge_initialise(struct sdcard *card, uint8_t r1,
+                                                    uint32_t now_us) {
+    if (r1 == R1_IDLE) {
+        if (now_us - card->initialising_us > SDCARD_US_MAX) {
+            return end(card, SDCARD_TIMEOUT, now_us);
+        }
+        card->wait = WAIT_PAUSE;
+        card->began_us = now_us;
+        return SDCARD_WAITS;
+    }
+    return go_on(card, card->is_version_2 ? STAGE_CAPACITY : STAGE_LENGTH, now_us);
+}
+
+NOINLINE static enum sdcard_result judge_capacity(struct sdcard *card,
+                                                  const uint8_t *ocr, uint32_t now_us) {
+    if ((ocr[0] & OCR_POWERED_UP) == 0) {
+        return end(card, SDCARD_REFUSED, now_us);
+    }
+    card->has_high_capacity = (ocr[0] & OCR_CCS) != 0;
+    return go_on(card, card->has_high_capacity ? STAGE_DESCRIBE : STAGE_LENGTH, now_us);
+}
+
+// CSD, 5.3.2 and 5.3.3. Version 1: (C_SIZE + 1) * 2^(C_SIZE_MULT + 2) blocks of
+// 2^READ_BL_LEN bytes, 2^12 * 2^9 * 2^2 of ours at most; version 2: C_SIZE + 1 times
+// 512 KB, of which the last of 2 TB is left out.
+NOINLINE static enum sdcard_result take_description(struct sdcard *card,
+                                                    uint32_t now_us) {
+    const uint8_t *csd = sdcard_block(card);
+    const uint8_t version = csd[0] / 64;
+    if (version == 1 && card->has_high_capacity) {
+        const uint32_t size =
+            (csd[7] & UINT32_C(0x3F)) * 65536 + csd[8] * UINT32_C(256) + csd[9];
+        card->blocks = size == UINT32_C(0x3FFFFF) ? UINT32_MAX : (size + 1) * 1024;
+    } else if (version == 0 && !card->has_high_capacity) {
+        const uint8_t length = csd[5] & 0x0F;
+        const uint32_t size =
+            (csd[6] & UINT32_C(3)) * 1024 + csd[7] * UINT32_C(4) + csd[8] / 64;
+        const uint8_t factor = (uint8_t)((csd[9] & 3) * 2 + csd[10] / 128);
+        if (length < 9 || length > 11) {
+            return end(card, SDCARD_REFUSED, now_us);
+        }
+        card->blocks =
+            (uint32_t)fixed_scale_up((int32_t)size + 1, (uint8_t)(factor + length - 7));
+    } else {
+        return end(card, SDCARD_REFUSED, now_us);
+    }
+    card->is_read_only = (csd[14] & CSD_PROTECTED) != 0;
+    return end(card, SDCARD_OK, now_us);
+}
+
 // A command has been answered without a complaint about its checksum.
 static enum sdcard_result judge(struct sdcard *card, uint8_t r1, const uint8_t *rest,
                                 uint32_t now_us) {
-    const enum sdcard_stage stage = (enum sdcard_stage)card->stage;
-    if (stage == SDCARD_STAGE_RESET) {
+    const enum stage stage = (enum stage)card->stage;
+    if (stage == STAGE_RESET) {
         card->initialising_us = now_us;
-        return r1 == SDCARD_R1_IDLE ? sdcard_go_on(card, SDCARD_STAGE_INTERFACE, now_us)
-                                    : sdcard_reset_again(card, now_us);
+        return r1 == R1_IDLE ? go_on(card, STAGE_INTERFACE, now_us)
+                             : reset_again(card, now_us);
     }
-    if (stage == SDCARD_STAGE_INTERFACE) {
-        return sdcard_judge_interface(card, r1, rest, now_us);
+    if (stage == STAGE_INTERFACE) {
+        return judge_interface(card, r1, rest, now_us);
     }
-    const bool may_be_idle = stage == SDCARD_STAGE_CRC_ON ||
-                             stage == SDCARD_STAGE_APPLICATION ||
-                             stage == SDCARD_STAGE_INITIALISE ||
-                             stage == SDCARD_STAGE_CLEAR || stage == SDCARD_STAGE_ABORT;
-    if ((r1 & (uint8_t) ~(may_be_idle ? SDCARD_R1_IDLE : 0)) != 0 &&
-        stage != SDCARD_STAGE_CLEAR) {
-        return sdcard_end(card, SDCARD_REFUSED, now_us);
+    const bool may_be_idle = stage == STAGE_CRC_ON || stage == STAGE_APPLICATION ||
+                             stage == STAGE_INITIALISE || stage == STAGE_CLEAR ||
+                             stage == STAGE_ABORT;
+    if ((r1 & (uint8_t) ~(may_be_idle ? R1_IDLE : 0)) != 0 && stage != STAGE_CLEAR) {
+        return end(card, SDCARD_REFUSED, now_us);
     }
     switch (stage) {
-    case SDCARD_STAGE_CRC_ON:
-        return sdcard_go_on(card, SDCARD_STAGE_APPLICATION, now_us);
-    case SDCARD_STAGE_APPLICATION:
-        return enter(card, SDCARD_STAGE_INITIALISE, now_us);
-    case SDCARD_STAGE_INITIALISE:
-        return sdcard_judge_initialise(card, r1, now_us);
-    case SDCARD_STAGE_CAPACITY:
-        return sdcard_judge_capacity(card, rest, now_us);
-    case SDCARD_STAGE_LENGTH:
-        return sdcard_go_on(card, SDCARD_STAGE_DESCRIBE, now_us);
-    case SDCARD_STAGE_DESCRIBE:
-    case SDCARD_STAGE_READ: {
+    case STAGE_CRC_ON:
+        return go_on(card, STAGE_APPLICATION, now_us);
+    case STAGE_APPLICATION:
+        return enter(card, STAGE_INITIALISE, now_us);
+    case STAGE_INITIALISE:
+        return judge_initialise(card, r1, now_us);
+    case STAGE_CAPACITY:
+        return judge_capacity(card, rest, now_us);
+    case STAGE_LENGTH:
+        return go_on(card, STAGE_DESCRIBE, now_us);
+    case STAGE_DESCRIBE:
+    case STAGE_READ: {
         const uint16_t have = (uint16_t)(card->answer + SDCARD_ANSWER - rest);
         memcpy(sdcard_block(card), rest, have);
         card->waited_us = now_us;
         return find_token(card, have, now_us);
     }
-    case SDCARD_STAGE_OPEN:
-        return sdcard_go_on(card, SDCARD_STAGE_RUNNING, now_us);
-    case SDCARD_STAGE_ABORT:
-        return await_ready(card, SDCARD_STAGE_CLEAR, now_us);
-    case SDCARD_STAGE_CLEAR:
-        return sdcard_end(card, (enum sdcard_result)card->outcome, now_us);
+    case STAGE_OPEN:
+        return go_on(card, STAGE_RUNNING, now_us);
+    case STAGE_ABORT:
+        return await_ready(card, STAGE_CLEAR, now_us);
+    case STAGE_CLEAR:
+        return end(card, (enum sdcard_result)card->outcome, now_us);
     default:  // CHECK, VERIFY: R2, whose second byte says what went wrong, 7.3.2.3
-        return sdcard_end(card, rest[0] == 0 ? SDCARD_OK : SDCARD_FAILED, now_us);
+        return end(card, rest[0] == 0 ? SDCARD_OK : SDCARD_FAILED, now_us);
     }
 }
 
 static enum sdcard_result take_answer(struct sdcard *card, uint32_t now_us) {
-    const enum sdcard_stage stage = (enum sdcard_stage)card->stage;
+    const enum stage stage = (enum stage)card->stage;
     if (card->answer[0] != SILENCE) {  // busy: it has heard nothing
         return await_ready(card, stage, now_us);
     }
     const uint8_t *at = card->answer + ANSWER_AT;
-    if (stage == SDCARD_STAGE_ABORT) {
+    if (stage == STAGE_ABORT) {
         at++;  // CMD12 is followed by a byte that means nothing, 7.2.3
     }
     for (uint8_t i = 0; i < ANSWER_WITHIN; i++, at++) {
-        if ((*at & SDCARD_R1_NONE) != 0) {
+        if ((*at & R1_NONE) != 0) {
             continue;
         }
-        return (*at & SDCARD_R1_CRC) != 0 ? sdcard_again(card, SDCARD_GARBLED, now_us)
-                                          : judge(card, *at, at + 1, now_us);
+        return (*at & R1_CRC) != 0 ? again(card, SDCARD_GARBLED, now_us)
+                                   : judge(card, *at, at + 1, now_us);
     }
-    return stage == SDCARD_STAGE_RESET ? sdcard_reset_again(card, now_us)
-                                       : sdcard_again(card, SDCARD_ABSENT, now_us);
+    return stage == STAGE_RESET ? reset_again(card, now_us)
+                                : again(card, SDCARD_ABSENT, now_us);
 }
 
 // A card that is busy holds the line low (7.2.4), and lets it go at any bit.
 static enum sdcard_result look_whether_ready(struct sdcard *card, uint32_t now_us) {
     const uint32_t took_us = now_us - card->waited_us;
     if (sdcard_block(card)[card->polled - 1] == SILENCE) {
-        if (card->stage == SDCARD_STAGE_WRITE || card->stage == SDCARD_STAGE_STOP) {
+        if (card->stage == STAGE_WRITE || card->stage == STAGE_STOP) {
             card->busy_us = took_us;
         }
-        return enter(card, (enum sdcard_stage)card->then, now_us);
+        return enter(card, (enum stage)card->then, now_us);
     }
     if (took_us > SDCARD_US_MAX) {
-        return sdcard_end(card, SDCARD_TIMEOUT, now_us);
+        return end(card, SDCARD_TIMEOUT, now_us);
     }
-    return poll(card, POLL_LONG, SDCARD_WAIT_READY, now_us);
+    return poll(card, POLL_LONG, WAIT_READY, now_us);
 }
 
 static bool sum_is_complete(struct sdcard *card, uint16_t length) {
@@ -339,17 +463,16 @@ static bool sum_is_complete(struct sdcard *card, uint16_t length) {
 }
 
 static enum sdcard_result check_block(struct sdcard *card, uint32_t now_us) {
-    const bool is_csd = card->stage == SDCARD_STAGE_DESCRIBE;
+    const bool is_csd = card->stage == STAGE_DESCRIBE;
     const uint16_t length = is_csd ? CSD_LENGTH : SDCARD_BLOCK;
     if (!sum_is_complete(card, length)) {
         return SDCARD_GOES_ON;
     }
     const uint8_t *crc = sdcard_block(card) + length;
     if (crc[0] != (uint8_t)(card->crc >> 8) || crc[1] != (uint8_t)card->crc) {
-        return sdcard_again(card, SDCARD_GARBLED, now_us);
+        return again(card, SDCARD_GARBLED, now_us);
     }
-    return is_csd ? sdcard_take_description(card, now_us)
-                  : sdcard_end(card, SDCARD_OK, now_us);
+    return is_csd ? take_description(card, now_us) : end(card, SDCARD_OK, now_us);
 }
 
 static enum sdcard_result send_block(struct sdcard *card, uint32_t now_us) {
@@ -361,8 +484,7 @@ static enum sdcard_result send_block(struct sdcard *card, uint32_t now_us) {
     card->frame[1] = TOKEN_START_OF_RUN;
     crc[0] = (uint8_t)(card->crc >> 8);
     crc[1] = (uint8_t)card->crc;
-    return exchange(card, card->frame, NULL, sizeof card->frame, SDCARD_WAIT_OUTGOING,
-                    now_us);
+    return exchange(card, card->frame, NULL, sizeof card->frame, WAIT_OUTGOING, now_us);
 }
 
 // Data response, 7.3.3.1. What is refused ends the run by CMD12.
@@ -372,33 +494,33 @@ static enum sdcard_result take_response(struct sdcard *card, uint32_t now_us) {
         response = card->answer[i];
     }
     if (response == SILENCE) {
-        return sdcard_end(card, SDCARD_ABSENT, now_us);
+        return end(card, SDCARD_ABSENT, now_us);
     }
     response &= RESPONSE_MASK;
     if (response == RESPONSE_ACCEPTED) {
-        return await_ready(card, SDCARD_STAGE_RUNNING, now_us);
+        return await_ready(card, STAGE_RUNNING, now_us);
     }
     card->outcome = response == RESPONSE_WRITE_ERROR ? SDCARD_FAILED : SDCARD_GARBLED;
-    return await_ready(card, SDCARD_STAGE_ABORT, now_us);
+    return await_ready(card, STAGE_ABORT, now_us);
 }
 
 static enum sdcard_result behind_clocks(struct sdcard *card, uint32_t now_us) {
-    switch ((enum sdcard_stage)card->stage) {
-    case SDCARD_STAGE_WAKE:  // after a reset of ours it may still be busy
+    switch ((enum stage)card->stage) {
+    case STAGE_WAKE:  // after a reset of ours it may still be busy
         card->spi->select(card->spi->port, true);
-        return await_ready(card, SDCARD_STAGE_RESET, now_us);
-    case SDCARD_STAGE_UNJAM:
-        return await_ready(card, SDCARD_STAGE_UNJAM_RUN, now_us);
-    case SDCARD_STAGE_UNJAM_RUN:
-        return await_ready(card, SDCARD_STAGE_RESET, now_us);
+        return await_ready(card, STAGE_RESET, now_us);
+    case STAGE_UNJAM:
+        return await_ready(card, STAGE_UNJAM_RUN, now_us);
+    case STAGE_UNJAM_RUN:
+        return await_ready(card, STAGE_RESET, now_us);
     default:
-        return await_ready(card, SDCARD_STAGE_VERIFY, now_us);
+        return await_ready(card, STAGE_VERIFY, now_us);
     }
 }
 
-static void begin(struct sdcard *card, enum sdcard_stage stage) {
+static void begin(struct sdcard *card, enum stage stage) {
     card->stage = (uint8_t)stage;
-    card->wait = SDCARD_WAIT_BEGINNING;
+    card->wait = WAIT_BEGINNING;
     card->tries = 0;
 }
 
@@ -406,73 +528,73 @@ void sdcard_identify(struct sdcard *card) {
     card->blocks = 0;
     card->has_high_capacity = false;
     card->has_unjammed = false;
-    begin(card, SDCARD_STAGE_WAKE);
+    begin(card, STAGE_WAKE);
 }
 
 void sdcard_read(struct sdcard *card, uint32_t block) {
     card->address = block;
-    begin(card, SDCARD_STAGE_READ);
+    begin(card, STAGE_READ);
 }
 
 void sdcard_check(struct sdcard *card) {
-    begin(card, SDCARD_STAGE_CHECK);
+    begin(card, STAGE_CHECK);
 }
 
 void sdcard_open(struct sdcard *card, uint32_t block) {
     card->address = block;
-    begin(card, SDCARD_STAGE_OPEN);
+    begin(card, STAGE_OPEN);
 }
 
 void sdcard_write(struct sdcard *card) {
-    begin(card, SDCARD_STAGE_WRITE);
+    begin(card, STAGE_WRITE);
 }
 
 void sdcard_close(struct sdcard *card) {
-    begin(card, SDCARD_STAGE_STOP);
+    begin(card, STAGE_STOP);
 }
 
 bool sdcard_is_idle(const struct sdcard *card) {
-    return card->wait == SDCARD_WAIT_NOTHING && card->stage == SDCARD_STAGE_OVER;
+    return card->wait == WAIT_NOTHING && card->stage == STAGE_OVER;
 }
 
 static enum sdcard_result behind_exchange(struct sdcard *card, uint32_t now_us) {
-    const enum sdcard_wait wait = (enum sdcard_wait)card->wait;
+    const enum wait wait = (enum wait)card->wait;
     switch (wait) {
-    case SDCARD_WAIT_ANSWER:
+    case WAIT_ANSWER:
         return take_answer(card, now_us);
-    case SDCARD_WAIT_READY:
+    case WAIT_READY:
         return look_whether_ready(card, now_us);
-    case SDCARD_WAIT_TOKEN:
+    case WAIT_TOKEN:
         return find_token(card, card->polled, now_us);
-    case SDCARD_WAIT_INCOMING:
-        card->wait = SDCARD_WAIT_CHECKING;
+    case WAIT_INCOMING:
+        card->wait = WAIT_CHECKING;
         return SDCARD_GOES_ON;
-    case SDCARD_WAIT_OUTGOING:
-        return exchange(card, NULL, card->answer, RESPONSE_WITHIN, SDCARD_WAIT_RESPONSE,
+    case WAIT_OUTGOING:
+        return exchange(card, NULL, card->answer, RESPONSE_WITHIN, WAIT_RESPONSE,
                         now_us);
-    case SDCARD_WAIT_RESPONSE:
+    case WAIT_RESPONSE:
         return take_response(card, now_us);
-    case SDCARD_WAIT_CLOCKS:
+    case WAIT_CLOCKS:
         return behind_clocks(card, now_us);
-    default:  // SDCARD_WAIT_CLOSING
-        card->wait = SDCARD_WAIT_NOTHING;
+    default:  // WAIT_CLOSING
+        card->wait = WAIT_NOTHING;
         return (enum sdcard_result)card->outcome;
     }
 }
 
 enum sdcard_result sdcard_step(struct sdcard *card, uint32_t now_us) {
-    switch ((enum sdcard_wait)card->wait) {
-    case SDCARD_WAIT_NOTHING:
+    switch ((enum wait)card->wait) {
+    case WAIT_NOTHING:
         return SDCARD_OK;
-    case SDCARD_WAIT_BEGINNING:
-        return enter(card, (enum sdcard_stage)card->stage, now_us);
-    case SDCARD_WAIT_PAUSE:
+    case WAIT_BEGINNING:
+        return enter(card, (enum stage)card->stage, now_us);
+    case WAIT_PAUSE:
         return now_us - card->began_us < PAUSE_US
                    ? SDCARD_WAITS
-                   : sdcard_go_on(card, SDCARD_STAGE_APPLICATION, now_us);
-    case SDCARD_WAIT_CHECKING:
+                   : go_on(card, STAGE_APPLICATION, now_us);
+    case WAIT_CHECKING:
         return check_block(card, now_us);
-    case SDCARD_WAIT_SUMMING:
+    case WAIT_SUMMING:
         return send_block(card, now_us);
     default:
         break;
@@ -485,8 +607,8 @@ enum sdcard_result sdcard_step(struct sdcard *card, uint32_t now_us) {
     }
     // A bus that does not end its exchange has no clocks to give either.
     count_fault(card);
-    card->stage = SDCARD_STAGE_OVER;
-    card->wait = SDCARD_WAIT_NOTHING;
+    card->stage = STAGE_OVER;
+    card->wait = WAIT_NOTHING;
     card->spi->select(card->spi->port, false);
     return SDCARD_TIMEOUT;
 }

@@ -90,20 +90,6 @@ enum pose_result pose_step(struct pose_tracker *tracker, const struct sample *sa
     return result;
 }
 
-static uint8_t flags_of(const struct pose_tracker *tracker,
-                        const struct attitude_quality *quality) {
-    return (uint8_t)(quality->flags | (tracker->is_calibrated ? 0 : POSE_UNCALIBRATED));
-}
-
-#ifndef POSE_WITHOUT_STROKES
-uint16_t pose_flags_of(const struct pose_tracker *tracker) {
-    struct attitude_quality quality;
-    attitude_quality(&tracker->attitude, &quality);
-    const bool is_tared = tracker->origin != POSE_ORIGIN_NONE;
-    return (uint16_t)(flags_of(tracker, &quality) | (is_tared ? POSE_TARED : 0));
-}
-#endif
-
 void pose_read(struct pose_tracker *tracker, struct message_pose *out) {
     struct attitude_quality quality;
     struct quat *const q = (struct quat *)out->q;
@@ -115,7 +101,8 @@ void pose_read(struct pose_tracker *tracker, struct message_pose *out) {
         out->normal[axis] = POSE_NORMAL_NULL;
     }
     pose_place_read(tracker, q, out);
-    out->pose_flags = (uint16_t)(tracker->latched_flags | flags_of(tracker, &quality));
+    out->pose_flags =
+        (uint16_t)(tracker->latched_flags | pose_place_flags(tracker, &quality));
     tracker->latched_flags = 0;
     if (tracker->origin != POSE_ORIGIN_NONE) {
         if (tracker->origin == POSE_ORIGIN_FULL) {

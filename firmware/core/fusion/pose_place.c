@@ -131,6 +131,15 @@ void pose_place_read(const struct pose_tracker *tracker, const struct quat *q,
     put_vector(tracker, &v, out->position);
 }
 
+// Not inline, so that a sample without a stroke needs no room for it.
+__attribute__((noinline)) static uint16_t flags_of(const struct pose_tracker *tracker) {
+    struct attitude_quality quality;
+    attitude_quality(&tracker->attitude, &quality);
+    const bool is_tared = tracker->origin != POSE_ORIGIN_NONE;
+    return (uint16_t)(pose_place_flags(tracker, &quality) |
+                      (is_tared ? POSE_TARED : 0));
+}
+
 bool pose_read_stroke(struct pose_tracker *tracker, struct message_stroke *out) {
     const struct stroke *stroke = &tracker->stroke;
     struct vector v = stroke->moved_um;
@@ -138,7 +147,7 @@ bool pose_read_stroke(struct pose_tracker *tracker, struct message_stroke *out) 
         return false;
     }
     tracker->has_stroke = false;
-    out->stroke_flags = pose_flags_of(tracker);
+    out->stroke_flags = flags_of(tracker);
     out->stroke = stroke->number;
     out->end = stroke->end;
     out->windows = stroke->windows;

@@ -1,10 +1,17 @@
 // SPDX-License-Identifier: MIT
-// The parts of a pose that strokes and tip make. Private to core/fusion/; none of them
-// does anything in a build without strokes.
+// The parts of a pose that strokes and tip make. Private to core/fusion/: pose.c calls
+// them, and not the other way round. None does anything in a build without strokes.
 #ifndef POSE_PLACE_H
 #define POSE_PLACE_H
 
 #include "core/fusion/pose.h"
+
+// What a pose and a stroke have as flags, but for those of an origin and those that
+// samples latch.
+static inline uint8_t pose_place_flags(const struct pose_tracker *tracker,
+                                       const struct attitude_quality *quality) {
+    return (uint8_t)(quality->flags | (tracker->is_calibrated ? 0 : POSE_UNCALIBRATED));
+}
 
 #ifdef POSE_WITHOUT_STROKES
 #define pose_place_begin(tracker) ((void)(tracker))
@@ -13,9 +20,6 @@
 #define pose_place_step(tracker, sample) ((void)(tracker))
 #define pose_place_read(tracker, q, out) ((void)(tracker))
 #else
-
-// What a pose has as flags, but for those that samples latch.
-uint16_t pose_flags_of(const struct pose_tracker *tracker);
 
 // With the calibration of the tracker.
 void pose_place_begin(struct pose_tracker *tracker);

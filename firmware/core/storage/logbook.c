@@ -1,20 +1,19 @@
 // SPDX-License-Identifier: MIT
-// The card's state, the end of the recordings, and frames into the ring; see
-// logbook_private.h for its other files.
+// The steps of the logbook, the end of the recordings on a card, and frames into the
+// ring. Calls go one way: from here to logbook_file.c, which finds the file, and
+// logbook_write.c, which writes blocks, and from all three to logbook_state.c.
 #include "core/storage/logbook.h"
 
 #include <string.h>
 
-#include "core/storage/logbook_private.h"
+#include "core/storage/logbook_file.h"
+#include "core/storage/logbook_state.h"
+#include "core/storage/logbook_write.h"
 
-// Microseconds.
-#define LOOK_EVERY UINT32_C(1000000)    // for a card, and whether it is still there
-#define FAILED_FOR UINT32_C(10000000)   // before a card that failed is looked at again
-#define PARTIAL_AFTER UINT32_C(100000)  // a byte that waits for its block to fill
+// us: a byte that waits for its block to fill
+#define PARTIAL_AFTER UINT32_C(100000)
 
 enum {
-    RESTARTS_MAX = 3,
-
     // The first block of the file.
     HEAD_LENGTH = 24,  // what follows is zero
     HEAD_VERSION = 1,
@@ -38,12 +37,6 @@ static uint32_t crc32(uint32_t crc, const uint8_t *bytes, uint16_t length) {
     return crc;
 }
 
-void logbook_begin_sum(struct logbook *book) {
-    book->is_summing = true;
-    book->place = 0;
-    book->crc = UINT32_MAX;
-}
-
 // Takes a part, or ends the sum: it is then in `crc`.
 static bool sum_is_complete(struct logbook *book) {
     if (book->place == LOGBOOK_CRC_AT) {
@@ -60,19 +53,6 @@ static bool sum_fits(struct logbook *book) {
     return book->crc == logbook_u32(sdcard_block(&book->card) + LOGBOOK_CRC_AT);
 }
 
-// What nobody has taken since the last step is out of date.
-void logbook_tell(struct logbook *book, enum event event, enum cause cause,
-                  uint32_t detail) {
-    if (book->changes_count == LOGBOOK_CHANGES) {
-        book->changes_count--;
-        memmove(book->changes, book->changes + 1,
-                (LOGBOOK_CHANGES - 1) * sizeof *book->changes);
-    }
-    book->changes[book->changes_count] = (struct logbook_change){
-        .event = (uint8_t)event, .cause = (uint8_t)cause, .detail = (int32_t)detail};
-    book->changes_count++;
-}
-
 bool logbook_take_change(struct logbook *book, struct logbook_change *out) {
     if (book->changes_count == 0) {
         return false;
@@ -82,89 +62,6 @@ bool logbook_take_change(struct logbook *book, struct logbook_change *out) {
     memmove(book->changes, book->changes + 1,
             book->changes_count * sizeof *book->changes);
     return true;
-}
-
-static enum cause cause_of(enum sdcard_result failure) {
-    switch (failure) {
-    case SDCARD_ABSENT:
-        return CAUSE_ABSENT;
-    case SDCARD_TIMEOUT:
-        return CAUSE_TIMEOUT;
-    case SDCARD_FAILED:
-        return CAUSE_WORN;
-    default:
-        return CAUSE_REJECTED;
-    }
-}
-
-static void wait(struct logbook *book, enum logbook_phase phase, uint32_t wait_us) {
-    book->phase = (uint8_t)phase;
-    book->since_us = book->now_us;
-    book->wait_us = wait_us;
-}
-
-void logbook_rest(struct logbook *book) {
-    wait(book, LOGBOOK_RESTING, LOOK_EVERY);
-}
-
-void logbook_read(struct logbook *book, enum logbook_phase phase, uint32_t block) {
-    book->phase = (uint8_t)phase;
-    sdcard_read(&book->card, block);
-}
-
-static void identify(struct logbook *book) {
-    book->phase = LOGBOOK_IDENTIFY;
-    sdcard_identify(&book->card);
-}
-
-void logbook_end_recording(struct logbook *book, enum cause cause) {
-    if (book->is_recording) {
-        logbook_tell(book, EVENT_LOG_ENDED, cause, book->recording);
-    }
-    book->is_recording = false;
-    book->is_closing = false;
-    book->used = 0;
-    book->cut = 0;
-}
-
-void logbook_refuse(struct logbook *book, enum card state, enum cause cause) {
-    logbook_end_recording(book, cause);
-    book->state = (uint8_t)state;
-    if (book->told_cause != cause) {
-        book->told_cause = (uint8_t)cause;
-        logbook_tell(book, state == CARD_FULL ? EVENT_CARD_FULL : EVENT_CARD_FAULT,
-                     cause, book->next);
-    }
-    if (state == CARD_ABSENT) {
-        book->next = 0;
-        book->file_blocks = 0;
-        wait(book, LOGBOOK_WAITING, LOOK_EVERY);
-    } else if (state == CARD_FAILED) {
-        wait(book, LOGBOOK_WAITING, FAILED_FOR);
-    } else {
-        logbook_rest(book);
-    }
-}
-
-void logbook_refuse_unprepared(struct logbook *book) {
-    book->next = 0;
-    book->file_blocks = 0;
-    logbook_refuse(book, CARD_UNPREPARED, CAUSE_UNPREPARED);
-}
-
-static void fail(struct logbook *book, enum sdcard_result failure) {
-    logbook_refuse(book, failure == SDCARD_ABSENT ? CARD_ABSENT : CARD_FAILED,
-                   cause_of(failure));
-}
-
-void logbook_restart(struct logbook *book, enum sdcard_result failure) {
-    book->restarts++;
-    if (book->restarts > RESTARTS_MAX) {
-        logbook_refuse(book, CARD_FAILED, cause_of(failure));
-        return;
-    }
-    logbook_tell(book, EVENT_CARD_FAULT, cause_of(failure), book->next);
-    identify(book);
 }
 
 static bool is_head(struct logbook *book) {
@@ -179,16 +76,6 @@ static bool is_head(struct logbook *book) {
            logbook_u16(block + 10) == SDCARD_BLOCK && logbook_u32(block + 12) != 0 &&
            logbook_u32(block + 16) == book->file &&
            logbook_u32(block + 20) == book->file_blocks;
-}
-
-void logbook_settle(struct logbook *book) {
-    if (book->next >= book->file_blocks) {
-        logbook_refuse(book, CARD_FULL, CAUSE_FULL);
-        return;
-    }
-    book->told_cause = CAUSE_NONE;
-    book->state = CARD_READY;
-    logbook_rest(book);
 }
 
 // Looks at the middle, and at the blocks behind it for as long as none is good.
@@ -259,7 +146,7 @@ static void take_identity(struct logbook *book, enum sdcard_result result) {
     if (result != SDCARD_OK && result != SDCARD_ABSENT && book->is_recording) {
         logbook_restart(book, result);
     } else if (result != SDCARD_OK) {
-        fail(book, result);
+        logbook_fail(book, result);
     } else if (book->card.is_read_only) {
         logbook_refuse(book, CARD_FAILED, CAUSE_REJECTED);
     } else if (book->is_recording) {
@@ -300,7 +187,7 @@ static void act_on_failure(struct logbook *book, enum sdcard_result failure) {
         break;
     case LOGBOOK_CHECKING:
         if (!book->is_recording) {
-            identify(book);
+            logbook_identify(book);
             return;
         }
         break;
@@ -315,7 +202,7 @@ static void act_on_failure(struct logbook *book, enum sdcard_result failure) {
     if (book->is_recording) {
         logbook_restart(book, failure);
     } else {
-        fail(book, failure);
+        logbook_fail(book, failure);
     }
 }
 
@@ -323,7 +210,7 @@ static void act(struct logbook *book) {
     switch ((enum logbook_phase)book->phase) {
     case LOGBOOK_WAITING:
         if (book->now_us - book->since_us >= book->wait_us) {
-            identify(book);
+            logbook_identify(book);
         }
         break;
     case LOGBOOK_PARTITION:

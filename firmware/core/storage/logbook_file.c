@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: MIT
 // From the card's first block to the prepared file: partition table, volume, root
 // folder, and the whole chain of the file's clusters.
+//
+// Document: FAT = Microsoft FAT32 File System Specification, version 1.03.
+#include "core/storage/logbook_file.h"
+
 #include <string.h>
 
-#include "core/storage/logbook_private.h"
+#include "core/storage/logbook_state.h"
 
 enum {
     // A sector with a partition table or a volume: FAT, "Boot Sector and BPB".

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: MIT
 // From the ring to the card: blocks in short runs, which the card confirms as a whole,
 // and what is done where it does not.
+#include "core/storage/logbook_write.h"
+
 #include <string.h>
 
-#include "core/storage/logbook_private.h"
+#include "core/storage/logbook_state.h"
 
 #define TOLD_SLOW_EVERY UINT32_C(1000000)  // us
 

@@ -1,15 +1,8 @@
 // SPDX-License-Identifier: MIT
-// What the files of the logbook share.
-//
-//   logbook.c        the card's state, the end of the recordings, frames into the ring
-//   logbook_file.c   finds the prepared file on a FAT32 card
-//   logbook_write.c  cuts blocks from the ring and has the card write them in short
-//   runs
-//
-// Documents: FAT = Microsoft FAT32 File System Specification, version 1.03; the blocks
-// of the file are those of docs/card.md.
-#ifndef LOGBOOK_PRIVATE_H
-#define LOGBOOK_PRIVATE_H
+// What the files of the logbook share: its phases, the bytes of a block (docs/card.md),
+// what the card is asked for and what is told of it. Private to the logbook.
+#ifndef LOGBOOK_STATE_H
+#define LOGBOOK_STATE_H
 
 #include "core/storage/logbook.h"
 
@@ -59,11 +52,11 @@ static inline void logbook_put_u32(uint8_t *bytes, uint32_t value) {
     }
 }
 
-// logbook.c
-
 // Keeps a change for logbook_take_change(); a step makes three at most.
 void logbook_tell(struct logbook *book, enum event event, enum cause cause,
                   uint32_t detail);
+// Has the card say what it is.
+void logbook_identify(struct logbook *book);
 // Has the card read a block; logbook_step() acts on it by the phase.
 void logbook_read(struct logbook *book, enum logbook_phase phase, uint32_t block);
 // Nothing to do until a run is due, or the card is to be checked.
@@ -75,29 +68,12 @@ void logbook_end_recording(struct logbook *book, enum cause cause);
 void logbook_refuse(struct logbook *book, enum card state, enum cause cause);
 // The card has no prepared file.
 void logbook_refuse_unprepared(struct logbook *book);
+// The card failed.
+void logbook_fail(struct logbook *book, enum sdcard_result failure);
 // Identifies a card that failed amid a recording once more; the recording goes on from
 // what the card has confirmed.
 void logbook_restart(struct logbook *book, enum sdcard_result failure);
 // Ready for a recording, or full.
 void logbook_settle(struct logbook *book);
-
-// logbook_file.c: each acts on the block that was read.
-
-void logbook_take_partitions(struct logbook *book);
-void logbook_take_volume(struct logbook *book);
-void logbook_take_root(struct logbook *book);
-void logbook_take_root_link(struct logbook *book);
-void logbook_take_file_chain(struct logbook *book);
-
-// logbook_write.c
-
-// Copies the next bytes of the ring to the card's block, and begins its checksum.
-void logbook_cut_block(struct logbook *book);
-// A block is with the card: cuts the next one, or ends the run.
-void logbook_take_written(struct logbook *book);
-// The run is on the card: what it took leaves the ring.
-void logbook_confirm_run(struct logbook *book);
-// The run failed: tries its content once more, block by block, to find which one it is.
-void logbook_survive_run(struct logbook *book, enum sdcard_result failure);
 
 #endif
