@@ -15,25 +15,6 @@
 #include "core/fusion/quality.h"
 #include "core/wire/messages.h"
 
-// The papers' filters do all their work with the measurement at hand.
-#define complementary_take complementary_step
-#define mahony_take mahony_step
-#define madgwick_take madgwick_step
-#define dcm_pi_take dcm_pi_step
-#define complementary_work(filter) ((void)(filter))
-#define mahony_work(filter) ((void)(filter))
-#define madgwick_work(filter) ((void)(filter))
-#define dcm_pi_work(filter) ((void)(filter))
-// And they state no errors that a calibration has a part in.
-#define complementary_set_accuracy(filter, calibration) ((void)(filter))
-#define mahony_set_accuracy(filter, calibration) ((void)(filter))
-#define madgwick_set_accuracy(filter, calibration) ((void)(filter))
-#define dcm_pi_set_accuracy(filter, calibration) ((void)(filter))
-#define complementary_use_own(filter, own) ((void)(filter))
-#define mahony_use_own(filter, own) ((void)(filter))
-#define madgwick_use_own(filter, own) ((void)(filter))
-#define dcm_pi_use_own(filter, own) ((void)(filter))
-
 #ifdef ATTITUDE_ONLY
 
 #define ATTITUDE_PASTE(one, other) one##_##other
@@ -96,13 +77,11 @@ static inline void attitude_init(struct attitude *attitude, enum filter kind,
 
 static inline void attitude_set_accuracy(struct attitude *attitude,
                                          const struct calibration *calibration) {
-    (void)calibration;
     ATTITUDE_CALL(set_accuracy)(&attitude->only, calibration);
 }
 
 static inline void attitude_use_own(struct attitude *attitude,
                                     const struct own_field *own) {
-    (void)own;
     ATTITUDE_CALL(use_own)(&attitude->only, own);
 }
 

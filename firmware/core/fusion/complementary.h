@@ -20,18 +20,7 @@ struct complementary {
     turn32_t yaw;                  // from north, counter-clockwise
 };
 
-// The functions of fuse.h; rate and delay are ignored. Yaw stays constant between two
-// field readings: in the thesis no rate changes it.
-void complementary_init(struct complementary *complementary, uint16_t rate_hz,
-                        uint16_t gyr_delay_us);
-void complementary_restart(struct complementary *complementary);
-void complementary_step(struct complementary *complementary,
-                        const struct measurement *measurement, uint32_t interval_us);
-void complementary_set_bias(struct complementary *complementary,
-                            const struct vector *bias_rad_s_q25);
-void complementary_orientation(const struct complementary *complementary,
-                               struct quat *out);
-void complementary_quality(const struct complementary *complementary,
-                           struct attitude_quality *out);
+// Yaw stays constant between two field readings: in the thesis no rate changes it.
+PAPER_FILTER(complementary);
 
 #endif

@@ -19,13 +19,6 @@ struct dcm_pi {
     q2_30_t sum_x_rad_s, sum_y_rad_s;  // the controllers' integral parts, +-1 rad/s
 };
 
-// The functions of fuse.h; rate and delay are ignored.
-void dcm_pi_init(struct dcm_pi *dcm_pi, uint16_t rate_hz, uint16_t gyr_delay_us);
-void dcm_pi_restart(struct dcm_pi *dcm_pi);
-void dcm_pi_step(struct dcm_pi *dcm_pi, const struct measurement *measurement,
-                 uint32_t interval_us);
-void dcm_pi_set_bias(struct dcm_pi *dcm_pi, const struct vector *bias_rad_s_q25);
-void dcm_pi_orientation(const struct dcm_pi *dcm_pi, struct quat *out);
-void dcm_pi_quality(const struct dcm_pi *dcm_pi, struct attitude_quality *out);
+PAPER_FILTER(dcm_pi);
 
 #endif

@@ -13,15 +13,8 @@ struct madgwick {
     struct quat earth_from_body;  // earth: x north, z up, as in Madgwick's report
 };
 
-// The functions of fuse.h; rate and delay are ignored. Between two field readings
-// the six-axis form corrects: no reading is used twice, or after a rotation that it
-// does not include.
-void madgwick_init(struct madgwick *madgwick, uint16_t rate_hz, uint16_t gyr_delay_us);
-void madgwick_restart(struct madgwick *madgwick);
-void madgwick_step(struct madgwick *madgwick, const struct measurement *measurement,
-                   uint32_t interval_us);
-void madgwick_set_bias(struct madgwick *madgwick, const struct vector *bias_rad_s_q25);
-void madgwick_orientation(const struct madgwick *madgwick, struct quat *out);
-void madgwick_quality(const struct madgwick *madgwick, struct attitude_quality *out);
+// Between two field readings the six-axis form corrects: no reading is used twice, or
+// after a rotation that it does not include.
+PAPER_FILTER(madgwick);
 
 #endif

@@ -12,15 +12,8 @@ struct mahony {
     struct quat world_from_body;
 };
 
-// The functions of fuse.h; rate and delay are ignored. Between two field readings
-// only the vertical corrects: no reading is used twice, or after a rotation that it
-// does not include.
-void mahony_init(struct mahony *mahony, uint16_t rate_hz, uint16_t gyr_delay_us);
-void mahony_restart(struct mahony *mahony);
-void mahony_step(struct mahony *mahony, const struct measurement *measurement,
-                 uint32_t interval_us);
-void mahony_set_bias(struct mahony *mahony, const struct vector *bias_rad_s_q25);
-void mahony_orientation(const struct mahony *mahony, struct quat *out);
-void mahony_quality(const struct mahony *mahony, struct attitude_quality *out);
+// Between two field readings only the vertical corrects: no reading is used twice, or
+// after a rotation that it does not include.
+PAPER_FILTER(mahony);
 
 #endif

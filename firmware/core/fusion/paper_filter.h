@@ -8,6 +8,8 @@
 #include "core/fusion/quality.h"
 #include "core/math/quat.h"
 
+struct own_field;  // fuse.h
+
 struct paper_filter {
     struct vector bias_rad_s_q25;
     uint32_t age_us;        // since the start, held at 3 s
@@ -67,5 +69,35 @@ static inline bool paper_filter_unit(const struct vector *v, struct vector *unit
 // (Madgwick 2010, equations 45 and 46).
 void paper_filter_reference(const struct vector rows[3], const struct vector *field,
                             q2_30_t *horizontal, q2_30_t *vertical);
+
+// Declares what attitude.h asks of `struct name`, a paper's filter: the functions of
+// fuse.h. Rate and delay are ignored, all work is done with the measurement at hand,
+// and no errors are stated that a calibration or a known field has a part in.
+#define PAPER_FILTER(name)                                                             \
+    void name##_step(struct name *filter, const struct measurement *measurement,       \
+                     uint32_t interval_us);                                            \
+    static inline void name##_take(struct name *filter,                                \
+                                   const struct measurement *measurement,              \
+                                   uint32_t interval_us) {                             \
+        name##_step(filter, measurement, interval_us);                                 \
+    }                                                                                  \
+    static inline void name##_work(struct name *filter) {                              \
+        (void)filter;                                                                  \
+    }                                                                                  \
+    static inline void name##_set_accuracy(struct name *filter,                        \
+                                           const struct calibration *calibration) {    \
+        (void)filter;                                                                  \
+        (void)calibration;                                                             \
+    }                                                                                  \
+    static inline void name##_use_own(struct name *filter,                             \
+                                      const struct own_field *own) {                   \
+        (void)filter;                                                                  \
+        (void)own;                                                                     \
+    }                                                                                  \
+    void name##_init(struct name *filter, uint16_t rate_hz, uint16_t gyr_delay_us);    \
+    void name##_restart(struct name *filter);                                          \
+    void name##_set_bias(struct name *filter, const struct vector *bias_rad_s_q25);    \
+    void name##_orientation(const struct name *filter, struct quat *out);              \
+    void name##_quality(const struct name *filter, struct attitude_quality *out)
 
 #endif
