@@ -375,6 +375,11 @@ def test_a_sized_constant_is_one_number():
         assert not sized.findall(path.read_text()), identified(path)
 
 
+def test_a_static_assertion_says_what_is_wrong():
+    for path in files(FIRMWARE, ROOT / "sim", ROOT / "tests", kinds=("*.c", "*.h")):
+        assert not re.search(r'_Static_assert\([^;]*,\s*""\)', path.read_text()), path
+
+
 @functools.cache
 def flags_of(compiler):
     """As for the images, so that programs of other tests share the objects; without

@@ -84,7 +84,9 @@ NOINLINE static void make_hello(const struct probe *probe, struct message_hello 
 // Behind the header (9 bytes) and a tag for each field. On the AVR, whose structs have
 // no gaps, the assertion tells when there are more.
 enum { HELLO_BEFORE = 32 };
-_Static_assert(HELLO_BEFORE + sizeof(struct message_hello) > MESSAGE_HELLO_SIZE, "");
+_Static_assert(
+    HELLO_BEFORE + sizeof(struct message_hello) > MESSAGE_HELLO_SIZE,
+    "HELLO_BEFORE is too small: a hello's encoding would overtake its fields");
 
 // The message is encoded where it is: the stack is short.
 union hello_buffer {
@@ -128,7 +130,9 @@ NOINLINE static void make_status(const struct probe *probe,
 
 // As of a hello.
 enum { STATUS_BEFORE = 27 };
-_Static_assert(STATUS_BEFORE + sizeof(struct message_status) > MESSAGE_STATUS_SIZE, "");
+_Static_assert(
+    STATUS_BEFORE + sizeof(struct message_status) > MESSAGE_STATUS_SIZE,
+    "STATUS_BEFORE is too small: a status's encoding would overtake its fields");
 
 union status_buffer {
     uint8_t bytes[MESSAGE_STATUS_SIZE + FRAME_AROUND];

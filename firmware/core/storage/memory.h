@@ -18,8 +18,10 @@ enum {
     MEMORY_PARAMS_BANK = 256,
     MEMORY_SIZE = 1024,
 };
-_Static_assert(MEMORY_SETTINGS + 2 * MEMORY_SETTINGS_BANK <= (int)MEMORY_PARAMS, "");
-_Static_assert(MEMORY_PARAMS + 2 * MEMORY_PARAMS_BANK <= (int)MEMORY_SIZE, "");
+_Static_assert(MEMORY_SETTINGS + 2 * MEMORY_SETTINGS_BANK <= (int)MEMORY_PARAMS,
+               "the banks of the settings reach into those of the params");
+_Static_assert(MEMORY_PARAMS + 2 * MEMORY_PARAMS_BANK <= (int)MEMORY_SIZE,
+               "the banks of the params reach beyond the memory");
 
 struct memory {
     uint8_t (*read)(void *port, uint16_t offset);
