@@ -40,7 +40,7 @@ RAM_BYTES = 2048
 
 MACHINE = ("-mmcu=atmega328p", "-DF_CPU=16000000L")
 LINK = ("-Wl,--gc-sections", "-mrelax", "-Wl,-u,bench_sample", "-Wl,-u,bench_answer")
-INCLUDE = (f"-I{FIRMWARE}", f"-I{AVR}", f"-I{ROOT / 'sim'}")
+INCLUDE = (f"-I{FIRMWARE}", f"-I{AVR}", f"-I{PROJECT / 'sim'}")
 
 # Largest angle at any time to the same filter in doubles. Single precision drifts, but
 # the filters' own corrections limit that.

@@ -12,16 +12,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from imud.calibration import wave
+from host.calibration.waves import OWN_UT, Troubles, waved
 from imud.calibration.affine import Affine
-from imud.calibration.learner import Learner, learned_of
-from imud.calibration.procedure import Finished, Procedure
+from imud.calibration.guided import wave
+from imud.calibration.guided.procedure import Finished, Procedure
+from imud.calibration.learned.learner import Learner, learned_of
 from imud.calibration.recording import Gatherer, Sample
 from imud.rotation import FloatArray as Matrix
 from imud.virtual.calibrating import RECORDS_HZ, SCALE, Sampler, pieces
 from imud.virtual.modules import calibrated
 from imud.virtual.motions.module import MG
-from waves import OWN_UT, Troubles, waved
 
 SAME = Affine(np.eye(3), np.zeros(3))
 TILT_DEG = 0.1  # of a force that is known well
