@@ -15,6 +15,6 @@ def received(contents: Iterable[bytes]) -> list[Received]:
     return [
         event
         for content in contents
-        for event in session.take(content, None)
+        for event in session.receive_content(content, None)
         if isinstance(event, Received)
     ]

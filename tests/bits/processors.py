@@ -186,7 +186,7 @@ def replayed(contents: Sequence[bytes]) -> Iterator[bytes]:
         message = messages.decode(content)
         assert isinstance(message, Message)
         if message.name == "params":
-            parts.take(message)
+            parts.add_part(message)
         elif replay is None and has_sensor(content):
             digest = message.fields["params_digest"]
             replay = _core.Replay(content, whole(parts, digest))

@@ -68,7 +68,7 @@ def in_force(done: Run) -> list[bytes]:
     """
     parts = ParamsParts()
     for message in done.named("params"):
-        parts.take(message)
+        parts.add_part(message)
     hellos = done.named("hello")
     told = [
         hello

@@ -12,7 +12,7 @@ from imud.calibration.recording import GRAVITY_M_S2
 from imud.check.evidence import Evidence, Samples
 from imud.check.rows import Row, RowVerdict, skipped
 from imud.journal.faults import OF_SENSOR, fault_words
-from imud.probes.self_test import Outcome, follows_range
+from imud.probes.self_test import SelfTestOutcome, follows_range
 from imud.probes.sensors import LSM9DS0, MPU6500, NINE_AXES, identity_words
 
 SELF_TEST_NORMAL = {
@@ -157,14 +157,14 @@ def _self_test(evidence: Evidence) -> Iterator[Row]:
     is_lsm9ds0 = evidence.hello["sensor"] == "lsm9ds0"
     for found in verdicts:
         outcome, advice = RowVerdict.GOOD, ""
-        if found.outcome is Outcome.FAILED:
+        if found.outcome is SelfTestOutcome.FAILED:
             outcome = RowVerdict.FAULT
             advice = (
                 f"the {found.sensor} does not answer its own stimulus as it should: "
                 "power it off and on, check again at rest; if it fails again, the chip "
                 "is broken or counterfeit"
             )
-        elif found.outcome is Outcome.NOT_JUDGED:
+        elif found.outcome is SelfTestOutcome.NOT_JUDGED:
             outcome = RowVerdict.SKIPPED
             if found.is_for_motion:
                 outcome = RowVerdict.LOOK

@@ -15,7 +15,7 @@ from imud.calibration.earth import Earth
 from imud.calibration.poses import StaticPose
 from imud.probes.ledger import totals
 from imud.probes.record import equipment_of
-from imud.probes.self_test import Outcome, Responses, Verdict, verdicts_of
+from imud.probes.self_test import Responses, SelfTestOutcome, SensorVerdict, verdicts_of
 from imud.rotation import FloatArray
 
 NAN3 = (np.nan, np.nan, np.nan)
@@ -211,13 +211,13 @@ class Evidence:
             flags=self._flags,
         )
 
-    def verdicts(self) -> tuple[Verdict, ...]:
+    def verdicts(self) -> tuple[SensorVerdict, ...]:
         """Of the self-test, by its responses; without these as the daemon says, which
         sends them to recorders only.
         """
         if self.responses is None and self.outcomes:
             return tuple(
-                Verdict(sensor, Outcome(said["outcome"]), said["reason"])
+                SensorVerdict(sensor, SelfTestOutcome(said["outcome"]), said["reason"])
                 for sensor, said in self.outcomes.items()
             )
         return verdicts_of(self.hello, self.responses)

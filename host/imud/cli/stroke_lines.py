@@ -15,7 +15,7 @@ from typing import Any
 
 from imud.cli.stroke_path import lines_of
 from imud.client import Client
-from imud.probes.path import Path
+from imud.probes.path import StrokePath
 
 CLOSING = ("stroke", "pose", "path")
 
@@ -56,7 +56,7 @@ def listen(
         client.subscribe(kind, probe, lambda _, said: arrived.put(said))
         for kind in (CLOSING if closes else ("stroke",))
     ]
-    paths: defaultdict[str, Path] = defaultdict(Path)
+    paths: defaultdict[str, StrokePath] = defaultdict(StrokePath)
     until_s = time.monotonic() + seconds if seconds is not None else math.inf
     if not as_json:
         show(HEAD)
@@ -66,12 +66,12 @@ def listen(
                 payload = arrived.get(timeout=min(left_s, 1.0))
                 said = json.loads(payload)
                 if said["type"] == "pose":
-                    paths[said["probe"]].take_pose(said)
+                    paths[said["probe"]].add_pose(said)
                     continue
                 if said["type"] == "path":
                     show_closing(said["probe"], said, as_json=as_json)
                     continue
-                paths[said["probe"]].take_stroke(said)
+                paths[said["probe"]].add_stroke(said)
                 if said["end"] != "running":
                     show(payload.decode() if as_json else line_of(said))
     for end in undeclare:
@@ -86,7 +86,7 @@ def show(line: str) -> None:
     sys.stdout.flush()
 
 
-def show_closed(paths: Mapping[str, Path], *, as_json: bool) -> None:
+def show_closed(paths: Mapping[str, StrokePath], *, as_json: bool) -> None:
     """Each probe's path since its origin, closed."""
     known = {name: path.closing() for name, path in paths.items()}
     for name, closing in known.items():

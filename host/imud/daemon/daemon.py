@@ -86,7 +86,7 @@ class Daemon:
             loop.add_signal_handler(number, stop.set)
         loop.add_signal_handler(signal.SIGHUP, self._reload)
 
-        loop.set_exception_handler(self._tell_fault)
+        loop.set_exception_handler(self._log_fault)
         self._loop = loop
         self._hub.has_turns = True
         self._selector.on_turn = self._hub.end_turn
@@ -221,7 +221,7 @@ class Daemon:
         if fault is not None:
             logger.error("internal error: %s", described(fault))
 
-    def _tell_fault(self, _: object, context: dict[str, Any]) -> None:
+    def _log_fault(self, _: object, context: dict[str, Any]) -> None:
         """An exception in a callback: one line, not the traceback of the loop."""
         fault = context.get("exception")
         words = described(fault) if isinstance(fault, Exception) else context["message"]

@@ -66,8 +66,8 @@ def sync_of_host() -> Sync:
     adjtimex = _adjtimex()
     if adjtimex is None:
         return Sync(host)
-    said = _Timex()
-    state = adjtimex(ctypes.byref(said))
+    timex = _Timex()
+    state = adjtimex(ctypes.byref(timex))
     if state < 0:
         return Sync(host)
-    return Sync.of(host, state, said.status, said.maxerror)
+    return Sync.of(host, state, timex.status, timex.maxerror)

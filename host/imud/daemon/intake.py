@@ -28,7 +28,7 @@ from imud.probes.session import (
     Probe,
     ProbeFound,
     Received,
-    Refused,
+    Rejected,
     Session,
 )
 from imud.probes.timeline import Timeline, host_ns
@@ -122,8 +122,8 @@ class Intake:
             self._received(event)
         elif isinstance(event, ProbeFound):
             self._found(event, port)
-        elif isinstance(event, Refused):
-            self._lines.refused(self.registry[event.probe_id], event)
+        elif isinstance(event, Rejected):
+            self._lines.rejected(self.registry[event.probe_id], event)
 
     def _leave(self, port: ProbePort, stays: str | None = None) -> None:
         """All probes on that port are gone, but the one of that id."""
@@ -165,9 +165,9 @@ class Intake:
         self._publisher.put(entry, record)
         if message.name == "pose":
             entry.poses += 1
-            entry.pose = record.said
+            entry.pose = record.values
         elif message.name == "raw":
-            entry.temperature_c = record.said["temperature_c"]
+            entry.temperature_c = record.values["temperature_c"]
         elif message.name == "status":
             entry.counters = dict(message.fields)
             entry.counters_sequence = message.sequence

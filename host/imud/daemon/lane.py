@@ -272,9 +272,9 @@ class Lane:
             action()
         except Exception as error:  # noqa: BLE001 - a fault of a sink stays in its lane
             self._failures += 1
-            is_told = bool(self._trouble)
+            is_reported = bool(self._trouble)
             self._trouble = str(error) or type(error).__name__
-            if not is_told:
+            if not is_reported:
                 logger.warning("%s fails and is tried again: %s", self.sink.name, error)
             self._broken_until = time.monotonic() + RETRY_S
             return False

@@ -8,10 +8,10 @@ import logging
 from imud.daemon.registry import PROBES_MAX, ProbeEntry, ProbePort
 from imud.journal.phrases import FAULTS, event_words, port_problem, who
 from imud.journal.speaker import Speaker
-from imud.probes.ledger import Verdict
+from imud.probes.ledger import FrameVerdict
 from imud.probes.record import plain
-from imud.probes.sensors import Finding
-from imud.probes.session import OtherSchema, ProbeFound, Refused
+from imud.probes.sensors import SensorFinding
+from imud.probes.session import OtherSchema, ProbeFound, Rejected
 from imud.stages import LogLine, Stage
 from imud.wire.messages import Message
 
@@ -25,7 +25,7 @@ class ProbeLines:
 
     def __init__(self, speaker: Speaker) -> None:
         self._speaker = speaker
-        self._told_others: set[tuple[object, ...]] = set()
+        self._reported_others: set[tuple[object, ...]] = set()
 
     def found(self, entry: ProbeEntry, event: ProbeFound, port: ProbePort) -> None:
         entry.described = who(event.hello)
@@ -56,27 +56,27 @@ class ProbeLines:
             )
         entry.advised = advice
 
-    def sensors(self, entry: ProbeEntry, findings: list[Finding]) -> None:
+    def sensors(self, entry: ProbeEntry, findings: list[SensorFinding]) -> None:
         """Says what is wrong with its sensors, once a boot."""
         boot = entry.probe.account.boots
-        told = entry.told_findings if entry.told_boot == boot else []
+        reported = entry.reported_findings if entry.reported_boot == boot else []
         for finding in findings:
-            if finding not in told:
+            if finding not in reported:
                 self._speaker.say(
                     ("sensors", entry.name, finding.words),
                     f"probe {entry.name}: {finding.words}",
                     is_warning=finding.is_fault,
                 )
-        entry.told_boot, entry.told_findings = boot, [*told, *findings]
+        entry.reported_boot, entry.reported_findings = boot, [*reported, *findings]
 
     def other_schema(self, event: OtherSchema, port: ProbePort) -> None:
         """Once for each build of its firmware, however often its port is opened."""
         kind = (event.probe_id, event.firmware, event.fingerprint)
-        if kind not in self._told_others:
-            self._told_others.add(kind)
+        if kind not in self._reported_others:
+            self._reported_others.add(kind)
             logger.warning("%s", port_problem(port.name, event, (port.baud,)))
 
-    def refused(self, entry: ProbeEntry, event: Refused) -> None:
+    def rejected(self, entry: ProbeEntry, event: Rejected) -> None:
         """Duplicates have no line here: `losses` counts them."""
         if event.skew is not None:
             self._speaker.say(
@@ -85,7 +85,7 @@ class ProbeLines:
                 f"{event.skew.detail}",
                 is_warning=True,
             )
-        elif event.verdict is not Verdict.DUPLICATE:
+        elif event.verdict is not FrameVerdict.DUPLICATE:
             self._speaker.say(
                 ("stray", event.probe_id),
                 f"probe {entry.name}: message out of order ignored",
@@ -108,14 +108,14 @@ class ProbeLines:
         LOSSES.
         """
         fresh = [
-            now - then for now, then in zip(counts, entry.told_losses, strict=True)
+            now - then for now, then in zip(counts, entry.reported_losses, strict=True)
         ]
         text = ", ".join(
             f"{n} {word}" for n, word in zip(fresh, LOSSES, strict=True) if n > 0
         )
         kind, line = ("losses", entry.name), f"probe {entry.name}: {text}"
         if text and self._speaker.say(kind, line, is_warning=True, is_total=True):
-            entry.told_losses = counts
+            entry.reported_losses = counts
 
     def twice(self, entry: ProbeEntry, holder: ProbePort, port: ProbePort) -> None:
         self._speaker.say(

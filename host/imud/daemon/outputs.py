@@ -51,7 +51,7 @@ class Outputs:
         self._log: LogSink | None = None
         self._network: ZenohSink | None = None
         self._page_sink: PageSink | None = None
-        self._is_told_of_refusals = False
+        self._reports_refusals = False
 
     @property
     def is_logging(self) -> bool:
@@ -147,8 +147,8 @@ class Outputs:
             self._page_sink.hear_body(key, payload)
 
     def _zenoh(self, network: ZenohSettings) -> ZenohSink:
-        if network.keys and not self._is_told_of_refusals:
-            self._is_told_of_refusals = True
+        if network.keys and not self._reports_refusals:
+            self._reports_refusals = True
             tell_refusals(lambda kind, text: self._on_notice(kind, text, True))
         # Where only probes are renamed, subscribers keep their connection.
         before = self._network if self._made_of.get(NETWORK) == network else None

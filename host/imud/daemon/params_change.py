@@ -99,7 +99,7 @@ class ParamsChange:
         except NoReply as error:
             raise NoReply(f"{error}; its params are those before, or all new") from None
         # What was sent is what is in force: its parts need not be heard.
-        entry.probe.params_parts.add(params.encode())
+        entry.probe.params_parts.add_whole(params.encode())
 
     async def _bring(
         self, entry: ProbeEntry, params: Params, boots: int, flag: int

@@ -78,8 +78,8 @@ class HistoryFiles:
         if digest is not None:
             return await call(self._worker, _load, folder, digest)
         entries = await call(self._worker, entries_of, folder)
-        said = [{"time": each.time, "digest": each.digest} for each in entries]
-        return {"folder": str(folder.absolute()), "entries": said}
+        listed = [{"time": each.time, "digest": each.digest} for each in entries]
+        return {"folder": str(folder.absolute()), "entries": listed}
 
     def _keep(self, folder: Path, params: Params, t_ns: int) -> None:
         """Runs in the worker's thread."""

@@ -26,12 +26,12 @@ Keep = Callable[[str, Params, int], None]
 
 
 class ParamsWatch:
-    """Knows what was said of the params of each probe."""
+    """Knows what was published of the params of each probe."""
 
     def __init__(self, registry: Registry, publisher: RecordPublisher) -> None:
         self._registry = registry
         self._publisher = publisher
-        self._told: dict[ProbeEntry, int] = {}  # digests
+        self._published: dict[ProbeEntry, int] = {}  # digests
         self._ask_s: dict[ProbeEntry, float] = {}  # when to ask
         self.keep: Keep = lambda *_: None
 
@@ -41,9 +41,9 @@ class ParamsWatch:
         records = entry.probe.params
         if not isinstance(digest, int) or records is None:
             return
-        if self._told.get(entry) == digest:
+        if self._published.get(entry) == digest:
             return
-        self._told[entry] = digest
+        self._published[entry] = digest
         self._publish(entry, records, t_ns)
         try:
             params = Params.decode(records)
@@ -56,7 +56,7 @@ class ParamsWatch:
         """Says all params again, for sinks that have just been opened."""
         for entry in self._registry:
             records = entry.probe.params
-            if entry in self._told and records is not None:
+            if entry in self._published and records is not None:
                 self._publish(entry, records, t_ns)
 
     def due(self, now_s: float) -> Iterator[ProbeEntry]:
@@ -73,33 +73,33 @@ class ParamsWatch:
                 yield entry
 
     def _publish(self, entry: ProbeEntry, records: bytes, t_ns: int) -> None:
-        said = {"probe_id": entry.probe.probe_id, "t_ns": t_ns, **payload_of(records)}
-        self._publisher.say(entry, PARAMS, said, t_ns)
+        values = {"probe_id": entry.probe.probe_id, "t_ns": t_ns, **payload_of(records)}
+        self._publisher.say(entry, PARAMS, values, t_ns)
 
 
 def summary(entry: ProbeEntry) -> dict[str, Any]:
     """What a probe's status says of its params."""
     digest = entry.probe.hello.get("params_digest")
     records = entry.probe.params if isinstance(digest, int) else None
-    said: dict[str, Any] = {
+    values: dict[str, Any] = {
         "digest": f"{digest:08x}" if isinstance(digest, int) else None,
         "is_known": records is not None,
     }
     if records is None:
-        return said
+        return values
     try:
         params = Params.decode(records)
     except ParamsError:
-        return said
+        return values
     described = params.described()
     conditions = conditions_of(entry, params)
     cared_for = conditions if is_working(entry) else {}
     if cared_for and not has_magnetometer(entry.probe.hello):
         cared_for = {name: of for name, of in conditions.items() if name != "mag"}
     for name in SENSORS:
-        said[name] = {"is_calibrated": described[name] is not None}
-        said[name]["condition"] = conditions[name].value
-    said |= {"advice": advice(cared_for), "flags": flags_of(cared_for)}
+        values[name] = {"is_calibrated": described[name] is not None}
+        values[name]["condition"] = conditions[name].value
+    values |= {"advice": advice(cared_for), "flags": flags_of(cared_for)}
     for name in (*SENSORS, "tip"):
         values = described[name] or {}
         kept = {
@@ -107,8 +107,8 @@ def summary(entry: ProbeEntry) -> dict[str, Any]:
             for key, value in values.items()
             if key in ("method", "day") or key.startswith("sigma")
         }
-        said[name] = said.get(name, {}) | kept
-    return said | {"options": described["options"], "own_field": own_field(entry)}
+        values[name] = values.get(name, {}) | kept
+    return values | {"options": described["options"], "own_field": own_field(entry)}
 
 
 def conditions_of(entry: ProbeEntry, params: Params) -> dict[str, Condition]:

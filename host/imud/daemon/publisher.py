@@ -27,10 +27,10 @@ class RecordPublisher:
     def put(self, entry: ProbeEntry, record: Record) -> None:
         entry.put += 1
         self._hub.put(record)
-        if entry.aim is not None and record.topic == "pose" and record.said:
-            values = entry.aim.take(record.said)
+        if entry.aim is not None and record.topic == "pose" and record.values:
+            values = entry.aim.measure(record.values)
             self.say(entry, AIM, values, record.t_ns, record.sequence)
-        closing = entry.closer.take(record.said) if record.said else None
+        closing = entry.closer.on_record(record.values) if record.values else None
         if closing is not None:
             self.say_closing(entry, closing, "button", record.t_ns)
 
@@ -51,11 +51,11 @@ class RecordPublisher:
         """A record of the daemon's own, at `t_ns` UTC; `sequence` is that of the
         message it is about. Returns the object that is its payload.
         """
-        said = {"type": topic, "probe": entry.name, **values}
-        payload = self._encoder.encode(said)
+        published = {"type": topic, "probe": entry.name, **values}
+        payload = self._encoder.encode(published)
         record = Record(entry.name, topic, payload, b"", sequence, t_ns, t_ns)
         self.put(entry, record)
-        return said
+        return published
 
     def set_alive(self, entry: ProbeEntry, *, is_alive: bool) -> None:
         if entry.is_alive != is_alive:

@@ -16,7 +16,7 @@ from imud.probes.aim import Aim
 from imud.probes.double_click import PathCloser
 from imud.probes.north import North
 from imud.probes.record import Stamp
-from imud.probes.sensors import Finding
+from imud.probes.sensors import SensorFinding
 from imud.probes.session import OtherSchema, Probe, Session
 from imud.stages import Stage
 from imud.stages.factory import stages_of
@@ -25,7 +25,7 @@ from imud.stages.factory import stages_of
 PROBES_MAX = 256
 
 # Up to so many probes have a part of their own in the daemon's last line.
-TOLD_MAX = 4
+LISTED_MAX = 4
 
 # So many failed transfers of samples, and a probe sets its sensor up again.
 BURSTS_FAILED_MAX = 5
@@ -46,7 +46,7 @@ class ProbePort(Protocol):
 
 
 class SensorFault(msgspec.Struct, frozen=True):
-    """What a probe told of its sensor, which may be out of work since."""
+    """What a probe reported of its sensor, which may be out of work since."""
 
     event: str
     cause: str
@@ -72,8 +72,8 @@ class ProbeEntry:
         self.is_alive = False
         self.described = ""  # the journal's last words for who it is
         self.advised: str | None = None  # and for what its calibration needs
-        self.told_boot = 0  # in which boot the findings were told
-        self.told_findings: list[Finding] = []  # about its sensors
+        self.reported_boot = 0  # in which boot the findings were reported
+        self.reported_findings: list[SensorFinding] = []  # about its sensors
         self.fault: SensorFault | None = None  # of its sensor, the latest
         self.host_flags: tuple[str, ...] = ()  # of its poses
         self.counters: dict[str, Any] = {}  # of its latest status message
@@ -92,7 +92,7 @@ class ProbeEntry:
         self.last_heard_ns = 0  # UTC
         self.stamp: Stamp | None = None  # of the latest message
         self.corrupt_before = 0  # on ports that it has left
-        self.told_losses: tuple[int, int, int, int] = (0, 0, 0, 0)
+        self.reported_losses: tuple[int, int, int, int] = (0, 0, 0, 0)
         self.commanding = asyncio.Lock()  # held while a command waits for its reply
         self.earth: Earth | None = None  # the field of its place
         self.north: North | None = None  # turns its poses to true north
@@ -203,9 +203,9 @@ class Registry:
     def closing_line(self) -> str:
         """What came of all probes, for the daemon's last line."""
         entries = list(self)
-        if len(entries) <= TOLD_MAX:
-            said = "; ".join(entry.closing_line() for entry in entries)
-            return said or "no probe was heard"
+        if len(entries) <= LISTED_MAX:
+            text = "; ".join(entry.closing_line() for entry in entries)
+            return text or "no probe was heard"
         received = sum(entry.received for entry in entries)
         lost = sum(entry.lost for entry in entries)
         return f"{len(entries)} probes: {received} received, {lost} lost"

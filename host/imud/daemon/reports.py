@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What is said about each probe once a second: its status, and what was lost."""
+"""What is reported of each probe once a second: its status, and what was lost."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Reports:
             entry.poses_before = entry.poses
             entry.pose_rate_hz = poses / elapsed_s
             self.publish(entry)
-            self._tell_losses(entry)
+            self._report_losses(entry)
             yield
 
     def announce(self) -> None:
@@ -75,10 +75,10 @@ class Reports:
         entry.host_flags = (*params.get("flags", ()), *sensors["flags"])
         if sensors["is_working"]:
             self._lines.calibration(entry, params.get("advice"))
-        said = self._publisher.say(entry, "status", status, status["t_ns"])
-        self.on_status(said)
+        values = self._publisher.say(entry, "status", status, status["t_ns"])
+        self.on_status(values)
 
-    def _tell_losses(self, entry: ProbeEntry) -> None:
+    def _report_losses(self, entry: ProbeEntry) -> None:
         total = totals(entry.probe.account.counts())
         dropped = sum(self._hub.dropped(entry.name).values())
         counts = (total.lost, entry.corrupt, total.duplicated, dropped)

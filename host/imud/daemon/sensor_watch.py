@@ -7,7 +7,7 @@ from typing import Any
 
 from imud.daemon.registry import ProbeEntry, SensorFault
 from imud.journal.faults import OF_SENSOR, fault_words
-from imud.probes.sensors import Finding, findings_of, flags_of
+from imud.probes.sensors import SensorFinding, findings_of, flags_of
 from imud.wire.messages import Message
 
 _UNKNOWN_FAULT = "the sensor does not work: restart the probe to see why"
@@ -37,7 +37,7 @@ def is_working(entry: ProbeEntry) -> bool:
     return is_found and entry.counters.get("state") != "fault"
 
 
-def sensor_findings(entry: ProbeEntry) -> list[Finding]:
+def sensor_findings(entry: ProbeEntry) -> list[SensorFinding]:
     """What is wrong with sensors that work. A hello in the midst of a set-up does not
     tell what there is.
     """
@@ -70,5 +70,5 @@ def _fault_words(entry: ProbeEntry) -> str:
     fault, board = entry.fault, str(entry.probe.hello.get("board", ""))
     if fault is None:
         return _UNKNOWN_FAULT
-    said = fault_words(fault.event, fault.cause, fault.detail, board)
-    return said or _UNKNOWN_FAULT
+    text = fault_words(fault.event, fault.cause, fault.detail, board)
+    return text or _UNKNOWN_FAULT

@@ -19,7 +19,7 @@ def topics_of(record: Record, *, has_foxglove: bool = True) -> tuple[str, ...]:
     """The topics of a record: its own, and for a pose that of Foxglove."""
     if not record.payload:
         return ()
-    if has_foxglove and record.topic == "pose" and record.said:
+    if has_foxglove and record.topic == "pose" and record.values:
         return record.topic, POSE_IN_FRAME
     return (record.topic,)
 
@@ -34,8 +34,8 @@ def _pose_in_frame(record: Record) -> bytes:
     not known, the pose is in a frame that has the probe as its origin.
     """
     sec, nsec = divmod(record.t_ns, 10**9)
-    w, x, y, z = record.said["q"]
-    place = record.said["position_m"]
+    w, x, y, z = record.values["q"]
+    place = record.values["position_m"]
     px, py, pz = place or (0.0, 0.0, 0.0)
     return _ENCODER.encode(
         {

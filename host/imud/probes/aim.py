@@ -48,7 +48,7 @@ class Aim:
         self._bound_deg = 0.0
         self._is_reached = False
 
-    def take(self, pose: Mapping[str, Any]) -> dict[str, Any]:
+    def measure(self, pose: Mapping[str, Any]) -> dict[str, Any]:
         """What a published pose means, as plain values."""
         target = self._target
         error, sigma = self._error_deg(np.array(pose["q"])), self._sigma_deg(pose)

@@ -14,7 +14,7 @@ from imud.wire.messages import Message, Skew
 
 # Numbers kept to tell a duplicate from a late message: ten times the messages of 40
 # bytes that a kernel's serial buffer of 4 KiB holds.
-WINDOW = 1024
+NUMBERS_KEPT = 1024
 
 # Device times are in the order of the numbers but for some milliseconds, which a sample
 # may wait before it is sent. This is far more.
@@ -43,15 +43,17 @@ class DecodedFrame(msgspec.Struct, frozen=True):
     t_ns: int | None  # host's time; None: not known
 
 
-class Place(Enum):
+class Ordering(Enum):
+    """Where the number of a frame stands among those that were heard."""
+
     AHEAD = 1
     COPY = 2
     LATE = 3
-    ODD = 4  # this boot can't have sent it
+    IMPOSSIBLE = 4  # this boot can't have sent it
 
 
 @dataclass(slots=True)
-class Boot:
+class BootNumbers:
     """The numbers of one boot, unrolled beyond 32 bits."""
 
     boot_count: int | None = None
@@ -62,8 +64,8 @@ class Boot:
     skewed: Counter[str] = field(default_factory=Counter)
     probe_sent: int | None = None
     probe_dropped: int | None = None
-    _window: list[tuple[int, int, int] | None] = field(
-        default_factory=lambda: [None] * WINDOW
+    _recent: list[tuple[int, int, int] | None] = field(
+        default_factory=lambda: [None] * NUMBERS_KEPT
     )
     _time_us: int = 0
     _t_ns: int | None = None
@@ -83,30 +85,30 @@ class Boot:
         return self.last + difference_32(sequence, self.last & _MASK)
 
     def _at(self, number: int) -> tuple[int, int, int] | None:
-        if self.last - number >= WINDOW or number < 0:
+        if self.last - number >= NUMBERS_KEPT or number < 0:
             return None
-        entry = self._window[number % WINDOW]
+        entry = self._recent[number % NUMBERS_KEPT]
         return entry if entry is not None and entry[0] == number else None
 
     def is_copy(self, sequence: int, content: bytes) -> bool:
         entry = self._at(self.number(sequence))
         return entry is not None and entry[1] == crc32(content)
 
-    def place(self, frame: DecodedFrame) -> Place:
+    def ordering(self, frame: DecodedFrame) -> Ordering:
         number = self.number(frame.sequence)
         if number > self.last:
             is_first = self.last < self.first
             if is_first or self._is_after_last(frame.time_us, frame.t_ns):
-                return Place.AHEAD
-            return Place.ODD
+                return Ordering.AHEAD
+            return Ordering.IMPOSSIBLE
         entry = self._at(number)
         if entry is not None:
             is_same = entry[1] == crc32(frame.content)
-            return Place.COPY if is_same else Place.ODD
-        oldest = max(self.first, self.last - WINDOW + 1)
+            return Ordering.COPY if is_same else Ordering.IMPOSSIBLE
+        oldest = max(self.first, self.last - NUMBERS_KEPT + 1)
         if number > oldest and self._fits(number, frame.time_us, oldest):
-            return Place.LATE
-        return Place.ODD
+            return Ordering.LATE
+        return Ordering.IMPOSSIBLE
 
     def _is_after_last(self, time_us: int, t_ns: int | None) -> bool:
         silence_ns = 0 if t_ns is None or self._t_ns is None else t_ns - self._t_ns
@@ -134,12 +136,16 @@ class Boot:
         if frame.sequence != number & _MASK or self.last < self.first:
             return False
         step_us = (frame.time_us - self._time_us + TIME_SLACK_US) & _MASK
-        if step_us >= _HALF:  # backwards, or after a silence: place() knows
+        if step_us >= _HALF:  # backwards, or after a silence: ordering() knows
             return False
         self.last = number
         self._time_us = frame.time_us
         self._t_ns = frame.t_ns
-        self._window[number % WINDOW] = (number, crc32(frame.content), frame.time_us)
+        self._recent[number % NUMBERS_KEPT] = (
+            number,
+            crc32(frame.content),
+            frame.time_us,
+        )
         self.received += 1
         return True
 
@@ -152,7 +158,11 @@ class Boot:
             self.last = number
             self._time_us = frame.time_us
             self._t_ns = frame.t_ns
-        self._window[number % WINDOW] = (number, crc32(frame.content), frame.time_us)
+        self._recent[number % NUMBERS_KEPT] = (
+            number,
+            crc32(frame.content),
+            frame.time_us,
+        )
         if skew is None:
             self.received += 1
         else:

@@ -22,7 +22,7 @@ from imud.probes.boot import difference_32
 DRIFT_MAX = 2e-6
 
 # Points older than this add nothing: with DRIFT_MAX they are uncertain by 0.9 ms.
-WINDOW_US = 30_000_000
+POINTS_KEPT_US = 30_000_000
 
 # One point of each kind is kept in a bin. A bin is an eighth of the time since the
 # first point, within these limits: short ones at first make the rate known early.
@@ -126,7 +126,7 @@ class ProbeClock:
         self._above.add(point, self._bin_us, self.rate)
         if is_fresh_bin or host_ns < self._line.middle(device_us):
             self._solve(device_us, point, None)
-        self._tell_line()
+        self._update_line()
 
     def date(self, device_us: int, host_ns: int) -> tuple[int, int | None]:
         """arrived(), and the moment() of it."""
@@ -145,7 +145,7 @@ class ProbeClock:
         self._below.add(point, self._bin_us, self.rate)
         if is_fresh_bin or not is_bounded or host_ns > self._line.middle(device_us):
             self._solve(device_us, None, point)
-        self._tell_line()
+        self._update_line()
 
     def moment(self, device_us: int) -> Moment:
         """The host's time of `device_us`. There must be an arrival before."""
@@ -159,7 +159,7 @@ class ProbeClock:
             return None
         return -1e6 * estimate.rate
 
-    def _tell_line(self) -> None:
+    def _update_line(self) -> None:
         """What the line answers from, until an arrival changes that."""
         self._line.know(
             self._next_us,
@@ -186,7 +186,7 @@ class ProbeClock:
         contradict each other.
         """
         for side in (self._above, self._below):
-            side.forget(device_us - WINDOW_US)
+            side.forget(device_us - POINTS_KEPT_US)
         if not self._above.points:
             return
         latest = (each.points[-1][0] for each in (self._above, self._below) if each)

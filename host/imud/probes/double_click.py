@@ -6,11 +6,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from imud.probes.path import Path
+from imud.probes.path import StrokePath
 
 DOUBLE_US = 500_000  # between two presses
 
-Said = Mapping[str, Any]
+Published = Mapping[str, Any]
 
 
 class PathCloser:
@@ -19,25 +19,25 @@ class PathCloser:
     """
 
     def __init__(self) -> None:
-        self._path = Path()
+        self._path = StrokePath()
         self._pressed_us: int | None = None  # none if a stroke has come since
         self._at_press: dict[str, Any] | None = None
 
     def closing(self) -> dict[str, Any] | None:
-        """The path now, as Path.closing() has it."""
+        """The path now, as StrokePath.closing() has it."""
         return self._path.closing()
 
-    def take(self, said: Said) -> dict[str, Any] | None:
+    def on_record(self, record: Published) -> dict[str, Any] | None:
         """A pose, stroke or event as published. The path, if this closes it."""
-        if said["type"] == "pose":
-            self._path.take_pose(said)
-        elif said["type"] == "stroke":
+        if record["type"] == "pose":
+            self._path.add_pose(record)
+        elif record["type"] == "stroke":
             self._pressed_us = None
-            self._path.take(said)
-        elif said["type"] == "event":
-            self._path.take(said)
-            if said["event"] == "button_pressed":
-                return self._press(said["t_device_us"])
+            self._path.add(record)
+        elif record["type"] == "event":
+            self._path.add(record)
+            if record["event"] == "button_pressed":
+                return self._press(record["t_device_us"])
         return None
 
     def _press(self, t_us: int) -> dict[str, Any] | None:

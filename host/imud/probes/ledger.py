@@ -25,11 +25,11 @@ from typing import Any
 import msgspec
 
 from imud.probes.boot import (
+    NUMBERS_KEPT,
     TIME_SLACK_US,
-    WINDOW,
-    Boot,
+    BootNumbers,
     DecodedFrame,
-    Place,
+    Ordering,
     difference_32,
 )
 from imud.wire.messages import Message, Skew
@@ -44,7 +44,7 @@ CONTINUES_WITHIN = 16
 _PLAIN = frozenset({"pose", "raw", "event", "stroke", "reply", "equipment"})
 
 
-class Verdict(Enum):
+class FrameVerdict(Enum):
     GOOD = "good"
     SKEWED = "skewed"
     DUPLICATE = "duplicate"
@@ -55,7 +55,7 @@ class Judged(msgspec.Struct, frozen=True):
     """The verdict on one frame, and whether a boot began with it."""
 
     frame: DecodedFrame
-    verdict: Verdict
+    verdict: FrameVerdict
     begins_boot: bool = False
 
 
@@ -91,12 +91,12 @@ class Account:
     """All boots of one probe, the latest of them open."""
 
     def __init__(self) -> None:
-        self.boot = Boot()
+        self.boot = BootNumbers()
         self.boots = 0
         self.strays = 0
         self.unplaced: Counter[str] = Counter()
-        self._before: Boot | None = None
-        self._earlier = Boot()
+        self._before: BootNumbers | None = None
+        self._earlier = BootNumbers()
         self._earlier_sent = 0
         self._suspect: DecodedFrame | None = None
         self._lost: int | None = None  # of all boots; None: to be counted again
@@ -108,7 +108,8 @@ class Account:
         decoded = frame.decoded
         is_plain = type(decoded) is Message and decoded.name in _PLAIN
         if is_plain and self._suspect is None and self.boot.follow(frame):
-            return [Judged(frame, Verdict.GOOD)]  # nearly all of them; none is lost
+            # Nearly all of them; none is lost.
+            return [Judged(frame, FrameVerdict.GOOD)]
 
         self._lost = None
         skew: str | None = decoded.kind if isinstance(decoded, Skew) else None
@@ -116,28 +117,32 @@ class Account:
             return [self._begin(frame)] if skew is None else [self._unplaced(frame)]
 
         boot_count = _boot_count(frame)
-        place = self.boot.place(frame)
-        is_far_ahead = place is Place.AHEAD and self._step(frame) > CONTINUES_WITHIN
-        is_doubtful = is_far_ahead or place is Place.ODD
+        ordering = self.boot.ordering(frame)
+        is_far_ahead = (
+            ordering is Ordering.AHEAD and self._step(frame) > CONTINUES_WITHIN
+        )
+        is_doubtful = is_far_ahead or ordering is Ordering.IMPOSSIBLE
         if is_doubtful and self._is_copy_of_before(frame):
-            return [Judged(frame, Verdict.DUPLICATE)]
-        if place is Place.COPY and not self._is_next_of_suspect(frame):
+            return [Judged(frame, FrameVerdict.DUPLICATE)]
+        if ordering is Ordering.COPY and not self._is_next_of_suspect(frame):
             self.boot.duplicated += 1
-            return [Judged(frame, Verdict.DUPLICATE)]
-        if skew is not None and (place is Place.ODD or self._step(frame) > WINDOW):
+            return [Judged(frame, FrameVerdict.DUPLICATE)]
+        if skew is not None and (
+            ordering is Ordering.IMPOSSIBLE or self._step(frame) > NUMBERS_KEPT
+        ):
             # A damaged frame may pass its CRC. Its number is not believed, lest a
             # million messages count as lost.
             return [self._unplaced(frame)]
         if self._is_other_boot(boot_count):
             return self._restart(frame)
-        if place is Place.ODD or self._is_next_of_suspect(frame):
+        if ordering is Ordering.IMPOSSIBLE or self._is_next_of_suspect(frame):
             return self._suspect_restart(frame, boot_count)
         judged = self.close()
-        if place is Place.LATE and skew is None:
+        if ordering is Ordering.LATE and skew is None:
             skew = "late"
         self.boot.enter(frame, skew)
         self._learn(frame, boot_count)
-        verdict = Verdict.GOOD if skew is None else Verdict.SKEWED
+        verdict = FrameVerdict.GOOD if skew is None else FrameVerdict.SKEWED
         return [*judged, Judged(frame, verdict)]
 
     def close(self) -> list[Judged]:
@@ -146,7 +151,7 @@ class Account:
             return []
         frame, self._suspect = self._suspect, None
         self.strays += 1
-        return [Judged(frame, Verdict.STRAY)]
+        return [Judged(frame, FrameVerdict.STRAY)]
 
     @property
     def _earlier_lost(self) -> int:
@@ -181,7 +186,7 @@ class Account:
 
     def _unplaced(self, frame: DecodedFrame) -> Judged:
         self.unplaced[getattr(frame.decoded, "kind", "good")] += 1
-        return Judged(frame, Verdict.SKEWED)
+        return Judged(frame, FrameVerdict.SKEWED)
 
     def _is_other_boot(self, boot_count: int | None) -> bool:
         known = self.boot.boot_count
@@ -233,9 +238,9 @@ class Account:
                 judged.append(self._begin(suspect))
                 self.boot.enter(frame, None)
                 self._learn(frame, _boot_count(frame))
-                return [*judged, Judged(frame, Verdict.GOOD)]
+                return [*judged, Judged(frame, FrameVerdict.GOOD)]
             self.strays += 1
-            judged.append(Judged(suspect, Verdict.STRAY))
+            judged.append(Judged(suspect, FrameVerdict.STRAY))
         return [*judged, self._begin(frame)]
 
     def _begin(self, frame: DecodedFrame) -> Judged:
@@ -246,10 +251,10 @@ class Account:
             self._earlier.duplicated += self.boot.duplicated
             self._earlier.skewed.update(self.boot.skewed)
         self.boots += 1
-        self.boot = Boot()
+        self.boot = BootNumbers()
         self.boot.enter(frame, None)
         self._learn(frame, _boot_count(frame))
-        return Judged(frame, Verdict.GOOD, begins_boot=True)
+        return Judged(frame, FrameVerdict.GOOD, begins_boot=True)
 
     def _learn(self, frame: DecodedFrame, boot_count: int | None) -> None:
         if boot_count is not None:

@@ -23,22 +23,22 @@ class North:
         self._half = math.cos(angle / 2.0), math.sin(angle / 2.0)
         self._whole = math.cos(angle), math.sin(angle)
 
-    def turned(self, said: Mapping[str, Any]) -> dict[str, Any]:
+    def turned(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """A pose or stroke as describe() gives it, with east and north of the map."""
-        if FREE & set(said["flags"]):
-            return dict(said)
-        vectors = {key: self._vector(said[key]) for key in VECTORS if key in said}
-        if "q" not in said:
-            return {**said, **vectors}
+        if FREE & set(values["flags"]):
+            return dict(values)
+        vectors = {key: self._vector(values[key]) for key in VECTORS if key in values}
+        if "q" not in values:
+            return {**values, **vectors}
         cosine, sine = self._half
-        w, x, y, z = said["q"]
+        w, x, y, z = values["q"]
         q = (
             cosine * w - sine * z,
             cosine * x - sine * y,
             cosine * y + sine * x,
             cosine * z + sine * w,
         )
-        return {**said, "q": q, **vectors}
+        return {**values, "q": q, **vectors}
 
     def _vector(self, vector: Any) -> Any:
         if vector is None:

@@ -16,14 +16,14 @@ SIGMAS = 1.96  # 95 % of errors are within
 SAME_M = 1e-4
 NEW_ORIGIN = ("tared", "restarted")  # events
 
-Said = Mapping[str, Any]
+Published = Mapping[str, Any]
 
 
 def _apart(a: Sequence[float], b: Sequence[float]) -> list[float]:
     return [one - other for one, other in zip(a, b, strict=True)]
 
 
-class Path:
+class StrokePath:
     """The strokes of one probe since its origin. Its places, m, are those of the tip,
     or of the sensor where the tip is not known.
     """
@@ -35,16 +35,16 @@ class Path:
         self._sensor: list[float] = []
         self._since_us: int | None = None  # from when on a pose has the last place
 
-    def take(self, said: Said) -> bool:
+    def add(self, record: Published) -> bool:
         """A stroke, or an event, as published. Whether the path ended or began."""
-        if said["type"] == "stroke":
-            return self.take_stroke(said)
-        if said["event"] in NEW_ORIGIN:
+        if record["type"] == "stroke":
+            return self.add_stroke(record)
+        if record["event"] in NEW_ORIGIN:
             self._clear()
             return True
         return False
 
-    def take_stroke(self, stroke: Said) -> bool:
+    def add_stroke(self, stroke: Published) -> bool:
         """A stroke as published. One without length ends the path, and one from another
         place begins another. Whether the path ended or began.
         """
@@ -65,7 +65,7 @@ class Path:
         self._since_us = stroke["t_device_us"]
         return len(self.places) == 1
 
-    def take_pose(self, pose: Said) -> bool:
+    def add_pose(self, pose: Published) -> bool:
         """A pose as published: the first one after a stroke tells where the tip is.
         Whether it is that one.
         """

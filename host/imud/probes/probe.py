@@ -10,7 +10,7 @@ from imud.probes.clock import ProbeClock
 from imud.probes.ledger import Account
 from imud.probes.record import Stamp
 from imud.probes.scales import UNKNOWN, Scales
-from imud.probes.self_test import Responses, Verdict, verdicts_of
+from imud.probes.self_test import Responses, SensorVerdict, verdicts_of
 from imud.probes.timeline import Timeline
 from imud.wire.messages import Message, Value
 from imud.wire.params import ParamsParts
@@ -74,7 +74,7 @@ class Probe:
         return None if digest is None else self.params_parts.get(digest)
 
     @property
-    def verdicts(self) -> tuple[Verdict, ...]:
+    def verdicts(self) -> tuple[SensorVerdict, ...]:
         """On its sensors, of this boot; empty before the first hello."""
         return verdicts_of(self.hello, self.responses)
 
@@ -83,27 +83,27 @@ class Probe:
         self.clock = ProbeClock(self.clock.rate)
         self.responses = None
 
-    def heed(self, message: Message, content: bytes) -> None:
+    def update(self, message: Message, content: bytes) -> None:
         """Takes up what a good message, in order, says of the probe itself."""
         if message.name not in TELLING:
             return
-        said: Value = None
+        digest: Value = None
         if message.name == "params":
-            self.params_parts.take(message)
+            self.params_parts.add_part(message)
         elif message.name == "hello":
             self.hello, self.hello_content = dict(message.fields), content
-            said = message.fields["params_digest"]
+            digest = message.fields["params_digest"]
         elif message.name == "self_test":
             self.responses = Responses.of(message.fields)
         elif message.fields["event"] == "params_changed":
-            said = message.fields["detail"]
-        if isinstance(said, int):
-            self.params_digest = said & 0xFFFFFFFF
+            digest = message.fields["detail"]
+        if isinstance(digest, int):
+            self.params_digest = digest & 0xFFFFFFFF
         self._scale()
 
-    def know(self, records: bytes) -> None:
+    def add_params(self, records: bytes) -> None:
         """Params that are known otherwise, as from the metadata of a log."""
-        self.params_parts.add(records)
+        self.params_parts.add_whole(records)
         self._scale()
 
     def _scale(self) -> None:

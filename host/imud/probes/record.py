@@ -64,7 +64,7 @@ class Record(msgspec.Struct, frozen=True):
     t_received_ns: int  # UTC
     hello: bytes = b""  # content of the latest hello, which scales raw counts
     params: bytes | None = None  # records in force; None: not known, or not a message
-    said: Mapping[str, Any] = {}  # the object in `payload`, of messages
+    values: Mapping[str, Any] = {}  # the object in `payload`, of messages
 
 
 class Presence(msgspec.Struct, frozen=True):
@@ -86,15 +86,15 @@ def record_of(
     """The record of a good message; poses refer to true north with `north`, and get
     these flags beside their own.
     """
-    said: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     payload = b""
     if message.name in JSON_TOPICS:
-        said = describe(message, content, probe, stamp, scales)
+        values = describe(message, content, probe, stamp, scales)
         if north is not None and message.name in ("pose", "stroke"):
-            said = north.turned(said)
+            values = north.turned(values)
         if flags and message.name == "pose":
-            said["flags"] = (*said["flags"], *flags)
-        payload = _ENCODER.encode(said)
+            values["flags"] = (*values["flags"], *flags)
+        payload = _ENCODER.encode(values)
     topic = TOPICS.get(message.name, message.name)
     received_ns = stamp.t_received_ns or 0
     t_ns = received_ns if stamp.t_ns is None else stamp.t_ns
@@ -108,7 +108,7 @@ def record_of(
         received_ns,
         scales.hello,
         scales.params,
-        said,
+        values,
     )
 
 
@@ -157,10 +157,10 @@ def describe(
             "mag_counts": fields["mag"],
             "flags": fields["sample_flags"],
         }
-    said = {name: plain(value) for name, value in fields.items()}
+    values = {name: plain(value) for name, value in fields.items()}
     if message.name == "self_test":
-        said["verdicts"] = _verdicts(message, scales)
-    return head | said
+        values["verdicts"] = _verdicts(message, scales)
+    return head | values
 
 
 def _verdicts(message: Message, scales: Scales) -> dict[str, str]:
@@ -174,7 +174,7 @@ def _verdicts(message: Message, scales: Scales) -> dict[str, str]:
 
 def stroke_of(fields: Mapping[str, Value]) -> dict[str, Any]:
     """A stroke, its sigmas for each axis of the world."""
-    said: dict[str, Any] = {
+    values: dict[str, Any] = {
         "stroke": fields["stroke"],
         "end": fields["end"],
         "windows": fields["windows"],
@@ -184,7 +184,7 @@ def stroke_of(fields: Mapping[str, Value]) -> dict[str, Any]:
         "path_sigma_m": _of_axes(fields["path_sigma"]),
         "flags": fields["stroke_flags"],
     }
-    return said
+    return values
 
 
 def _of_axes(sigma: Value) -> tuple[float, float, float] | None:

@@ -44,7 +44,7 @@ MOVED_MG = 50.0
 SAME_FORCE = (0.5, 2.0)
 
 
-class Outcome(StrEnum):
+class SelfTestOutcome(StrEnum):
     PASSED = "passed"
     FAILED = "failed"
     NOT_JUDGED = "not judged"
@@ -118,18 +118,18 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class SensorVerdict:
     """On one sensor. `reason`: why it failed or was not judged."""
 
     sensor: str  # accelerometer, gyroscope, magnetometer
-    outcome: Outcome
+    outcome: SelfTestOutcome
     reason: str = ""
     checks: tuple[Check, ...] = ()  # empty: not measured, or judged by the probe
 
     @property
     def is_for_motion(self) -> bool:
         """Whether it was not judged because the probe moved."""
-        return self.outcome is Outcome.NOT_JUDGED and self.reason == MOVED
+        return self.outcome is SelfTestOutcome.NOT_JUDGED and self.reason == MOVED
 
     @property
     def result(self) -> str:
@@ -143,7 +143,7 @@ class Verdict:
 
 def judge(
     responses: Responses, who_am_i: tuple[int, ...], mag_adjust: tuple[int, ...]
-) -> tuple[Verdict, ...]:
+) -> tuple[SensorVerdict, ...]:
     """A verdict on each sensor that there is; the last two are those of the hello."""
     acc = tuple(_acc_check(responses, axis) for axis in range(3))
     gyr = tuple(check for axis in range(3) for check in _gyr_checks(responses, axis))
@@ -158,7 +158,7 @@ def judge(
 
 def verdicts_of(
     hello: Mapping[str, Value], responses: Responses | None
-) -> tuple[Verdict, ...]:
+) -> tuple[SensorVerdict, ...]:
     """By the fields of a hello, and the responses that the same boot sent. Empty where
     the probe runs no self-test.
     """
@@ -173,7 +173,9 @@ def verdicts_of(
     sensors = ["accelerometer", "gyroscope"]
     sensors += ["magnetometer"] if who_am_i[1] == AK8963 else []
     why = "its responses were not received"
-    return tuple(Verdict(sensor, Outcome.NOT_JUDGED, why) for sensor in sensors)
+    return tuple(
+        SensorVerdict(sensor, SelfTestOutcome.NOT_JUDGED, why) for sensor in sensors
+    )
 
 
 def follows_range(responses: Responses, force_g: float) -> bool | None:
@@ -220,19 +222,21 @@ def _factory_counts(code: int) -> float:
     return FACTORY_COUNTS * math.pow(1.01, code - 1)
 
 
-def _verdict(sensor: str, checks: tuple[Check, ...], responses: Responses) -> Verdict:
+def _verdict(
+    sensor: str, checks: tuple[Check, ...], responses: Responses
+) -> SensorVerdict:
     wrong = [check.words for check in checks if not check.is_within]
     if not wrong:
-        return Verdict(sensor, Outcome.PASSED, checks=checks)
+        return SensorVerdict(sensor, SelfTestOutcome.PASSED, checks=checks)
     if responses.has_moved:
-        return Verdict(sensor, Outcome.NOT_JUDGED, MOVED, checks)
-    return Verdict(sensor, Outcome.FAILED, "; ".join(wrong), checks)
+        return SensorVerdict(sensor, SelfTestOutcome.NOT_JUDGED, MOVED, checks)
+    return SensorVerdict(sensor, SelfTestOutcome.FAILED, "; ".join(wrong), checks)
 
 
-def _mag_verdict(responses: Responses, mag_adjust: tuple[int, ...]) -> Verdict:
+def _mag_verdict(responses: Responses, mag_adjust: tuple[int, ...]) -> SensorVerdict:
     if not any(responses.mag_response):
         why = "it did not measure the field of its own coil"
-        return Verdict("magnetometer", Outcome.FAILED, why)
+        return SensorVerdict("magnetometer", SelfTestOutcome.FAILED, why)
     limits = (MAG_X_Y, MAG_X_Y, MAG_Z)
     checks = tuple(
         Check(axis, "response", value, low, high, "counts")
@@ -241,11 +245,11 @@ def _mag_verdict(responses: Responses, mag_adjust: tuple[int, ...]) -> Verdict:
         )
     )
     wrong = "; ".join(check.words for check in checks if not check.is_within)
-    outcome = Outcome.FAILED if wrong else Outcome.PASSED
-    return Verdict("magnetometer", outcome, wrong, checks)
+    outcome = SelfTestOutcome.FAILED if wrong else SelfTestOutcome.PASSED
+    return SensorVerdict("magnetometer", outcome, wrong, checks)
 
 
-def _by_the_probe(flags: frozenset[str]) -> tuple[Verdict, ...]:
+def _by_the_probe(flags: frozenset[str]) -> tuple[SensorVerdict, ...]:
     """A sensor that has neither flag failed while the probe moved; a magnetometer
     without one has no self-test.
     """
@@ -257,11 +261,11 @@ def _by_the_probe(flags: frozenset[str]) -> tuple[Verdict, ...]:
     ):
         if f"{short}_failed" in flags:
             why = "by the probe's own self-test"
-            verdicts.append(Verdict(sensor, Outcome.FAILED, why))
+            verdicts.append(SensorVerdict(sensor, SelfTestOutcome.FAILED, why))
         elif f"{short}_passed" in flags:
-            verdicts.append(Verdict(sensor, Outcome.PASSED))
+            verdicts.append(SensorVerdict(sensor, SelfTestOutcome.PASSED))
         elif short != "mag":
-            verdicts.append(Verdict(sensor, Outcome.NOT_JUDGED, MOVED))
+            verdicts.append(SensorVerdict(sensor, SelfTestOutcome.NOT_JUDGED, MOVED))
     return tuple(verdicts)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from imud.probes.self_test import Outcome, Verdict
+from imud.probes.self_test import SelfTestOutcome, SensorVerdict
 
 Hello = Mapping[str, Any]  # fields of a hello, or that object of a status
 
@@ -36,7 +36,7 @@ SELF_TEST_FAILED = "self_test_failed"
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class SensorFinding:
     """A sentence about the sensors of a probe; not a fault where nothing is known."""
 
     words: str
@@ -105,16 +105,16 @@ def out_of_work(status: Mapping[str, Any]) -> str:
     return str(next(iter(sensors["words"]), "its sensor was not found yet; try again"))
 
 
-def findings_of(hello: Hello, verdicts: Sequence[Verdict]) -> list[Finding]:
+def findings_of(hello: Hello, verdicts: Sequence[SensorVerdict]) -> list[SensorFinding]:
     """What is wrong with the sensors of a probe, or is not known of them."""
     if hello.get("sensor", "none") == "none":
         return []
     missing = missing_magnetometer(hello)
-    found = [Finding(missing)] if missing else []
+    found = [SensorFinding(missing)] if missing else []
     for verdict in verdicts:
-        if verdict.outcome is Outcome.FAILED:
+        if verdict.outcome is SelfTestOutcome.FAILED:
             found.append(
-                Finding(
+                SensorFinding(
                     f"the {verdict.sensor} failed its self-test ({verdict.reason}): "
                     + _CURES[verdict.sensor]
                 )
@@ -125,11 +125,11 @@ def findings_of(hello: Hello, verdicts: Sequence[Verdict]) -> list[Finding]:
             f"self-test of {moved} not judged: the probe moved; restart it while it "
             "lies still"
         )
-        found.append(Finding(words, is_fault=False))
+        found.append(SensorFinding(words, is_fault=False))
     return found
 
 
-def flags_of(verdicts: Sequence[Verdict]) -> tuple[str, ...]:
+def flags_of(verdicts: Sequence[SensorVerdict]) -> tuple[str, ...]:
     """The flags that poses get from the host."""
-    has_failed = any(v.outcome is Outcome.FAILED for v in verdicts)
+    has_failed = any(v.outcome is SelfTestOutcome.FAILED for v in verdicts)
     return (SELF_TEST_FAILED,) if has_failed else ()

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from imud.probes.boot import DecodedFrame
-from imud.probes.ledger import Judged, Verdict
+from imud.probes.ledger import FrameVerdict, Judged
 from imud.probes.probe import TELLING
 from imud.probes.probe import Probe as Probe  # of whom all events are
 from imud.probes.record import Stamp
@@ -63,11 +63,11 @@ class Received(msgspec.Struct, frozen=True):
         return self.scales.params
 
 
-class Refused(msgspec.Struct, frozen=True):
+class Rejected(msgspec.Struct, frozen=True):
     """A frame that passed its CRC and is not passed on."""
 
     probe_id: str
-    verdict: Verdict
+    verdict: FrameVerdict
     skew: Skew | None
 
 
@@ -92,7 +92,7 @@ class Silent(msgspec.Struct, frozen=True):
     seconds: float
 
 
-Event = ProbeFound | Received | Refused | OtherSchema | OnlyNoise | Silent
+Event = ProbeFound | Received | Rejected | OtherSchema | OnlyNoise | Silent
 
 
 class Session:
@@ -120,7 +120,7 @@ class Session:
         self._bad = 0
         self._heard_ns = self._good_ns = t_ns
         self._bytes_since_good = 0
-        self._told: set[type[Event]] = set()  # since the last good frame
+        self._reported: set[type[Event]] = set()  # since the last good frame
         self.probe = presumed
         self.bytes = 0
         self.corrupt = Counter[str]()  # bad frames, without those counted below
@@ -179,9 +179,9 @@ class Session:
             event = Silent(silence_ns / 1e9)
         else:
             return []
-        if type(event) in self._told:
+        if type(event) in self._reported:
             return []
-        self._told.add(type(event))
+        self._reported.add(type(event))
         return [event]
 
     def close(self) -> list[Event]:
@@ -189,7 +189,7 @@ class Session:
         events: list[Event] = []
         if self.probe is not None:
             for judged in self.probe.account.close():
-                self._tell(self.probe, judged, events)
+                self._emit(self.probe, judged, events)
         self.unnamed += len(self._waiting)
         self._waiting.clear()
         return events
@@ -199,17 +199,19 @@ class Session:
         for content in self._decoder.feed(data):
             self._bytes_since_good = 0
             self._good_ns = t_ns
-            if self._told:
-                self._told.clear()
-            self._take(content, t_ns, events)
+            if self._reported:
+                self._reported.clear()
+            self._on_content(content, t_ns, events)
 
-    def take(self, content: bytes, t_ns: int | None) -> list[Event]:
+    def receive_content(self, content: bytes, t_ns: int | None) -> list[Event]:
         """Takes the content of one frame whose CRC is right."""
         events: list[Event] = []
-        self._take(content, t_ns, events)
+        self._on_content(content, t_ns, events)
         return events
 
-    def _take(self, content: bytes, t_ns: int | None, events: list[Event]) -> None:
+    def _on_content(
+        self, content: bytes, t_ns: int | None, events: list[Event]
+    ) -> None:
         decoded = messages.decode(content)
         name = decoded.name if isinstance(decoded, Message) else ""
         if name in messages.FROM_HOST:
@@ -221,7 +223,7 @@ class Session:
             return
         frame = DecodedFrame(content, decoded, decoded.sequence, decoded.time_us, t_ns)
         if name == "hello" and isinstance(decoded, Message):
-            self._take_hello(frame, decoded, events)
+            self._on_hello(frame, decoded, events)
         elif self.probe is None:
             if len(self._waiting) == WAITING_MAX:
                 self._waiting.popleft()
@@ -230,7 +232,7 @@ class Session:
         else:
             self._note(self.probe, frame, events)
 
-    def _take_hello(
+    def _on_hello(
         self, frame: DecodedFrame, hello: Message, events: list[Event]
     ) -> None:
         probe_id = hello.fields["probe_id"]
@@ -258,32 +260,32 @@ class Session:
         if probe is None:
             return
         if not probe.hello:
-            probe.heed(hello, frame.content)
+            probe.update(hello, frame.content)
         waiting = [*self._waiting, frame]
         self._waiting.clear()
         boots = probe.account.boots
-        told: list[Event] = []
+        after: list[Event] = []
         for each in waiting:
-            self._note(probe, each, told)
+            self._note(probe, each, after)
         is_restart = boots > 0 and probe.account.boots > boots
         if is_first or is_restart:
             events.append(ProbeFound(probe.probe_id, hello, is_restart))
-        events.extend(told)
+        events.extend(after)
 
     def _note(self, probe: Probe, frame: DecodedFrame, events: list[Event]) -> None:
         for judged in probe.account.note(frame):
-            self._tell(probe, judged, events)
+            self._emit(probe, judged, events)
 
-    def _tell(self, probe: Probe, judged: Judged, events: list[Event]) -> None:
+    def _emit(self, probe: Probe, judged: Judged, events: list[Event]) -> None:
         frame = judged.frame
         if judged.begins_boot:
             probe.begin_boot()
-        if judged.verdict is Verdict.GOOD and isinstance(frame.decoded, Message):
+        if judged.verdict is FrameVerdict.GOOD and isinstance(frame.decoded, Message):
             message = frame.decoded
             if message.name in TELLING:
-                probe.heed(message, frame.content)
+                probe.update(message, frame.content)
             stamp = probe.stamp(frame, message, self._timeline, self.byte_ns)
             events.append(Received(probe, message, frame.content, stamp, probe.scales))
         else:
             skew = frame.decoded if isinstance(frame.decoded, Skew) else None
-            events.append(Refused(probe.probe_id, judged.verdict, skew))
+            events.append(Rejected(probe.probe_id, judged.verdict, skew))

@@ -38,7 +38,7 @@ def introduction(chunks: Iterable[bytes]) -> Introduction | None:
             if not isinstance(decoded, Message):
                 continue
             if decoded.name == "params":
-                parts.take(decoded)
+                parts.add_part(decoded)
             elif found is None and _is_ours(decoded):
                 found = Introduction(decoded, content, parts)
         if found is not None and parts.get(_digest(found.hello)) is not None:
@@ -53,8 +53,8 @@ def speaker_of(known: Introduction | None, name: Callable[[str], Probe]) -> Prob
     if known is not None:
         records = known.parts.get(_digest(known.hello))
         if records is not None:
-            probe.know(records)
-        probe.heed(known.hello, known.content)
+            probe.add_params(records)
+        probe.update(known.hello, known.content)
     return probe
 
 

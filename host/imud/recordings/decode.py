@@ -159,7 +159,7 @@ def _decode_log(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
                 _INTRODUCE[record.topic](session.probe, record.data)
             elif record.topic == "frame":
                 times[record.data] = record
-                events = session.take(record.data, record.t_ns)
+                events = session.receive_content(record.data, record.t_ns)
                 yield from _described(_dated(events, times), tally, record.probe)
     except FileError as error:
         if not sessions:
@@ -175,11 +175,11 @@ def _introduce(probe: Probe, hello: bytes) -> None:
     """
     message = messages.decode(hello)
     if isinstance(message, Message) and not probe.hello:
-        probe.heed(message, hello)
+        probe.update(message, hello)
 
 
 # What metadata say of a probe, by their topic.
-_INTRODUCE = {"hello": _introduce, "params_records": Probe.know}
+_INTRODUCE = {"hello": _introduce, "params_records": Probe.add_params}
 
 
 def _dated(events: list[Event], times: dict[bytes, Logged]) -> Iterator[Event]:

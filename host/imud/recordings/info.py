@@ -52,7 +52,7 @@ class ProbeInfo:
         self.first_ns[topic] = min(item.t_ns, self.first_ns.get(topic, item.t_ns))
         self.last_ns[topic] = max(item.t_ns, self.last_ns.get(topic, item.t_ns))
         if topic == "frame" and is_ours:
-            self.session.take(item.data, item.t_ns)
+            self.session.receive_content(item.data, item.t_ns)
 
     def _take_metadata(self, item: Logged, *, is_ours: bool) -> None:
         if item.topic == "params_records":

@@ -174,7 +174,7 @@ class Recorder:
             *(probe, topic, payload, content, sequence, t_ns, received_ns),
             hello=self._hellos.get(probe, b""),
             params=self._params.get(probe),
-            said=said,
+            values=said,
         )
         self._attempt(probe, lambda: self._sink.take(record))
 

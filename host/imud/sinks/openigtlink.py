@@ -60,14 +60,14 @@ class IgtlTranslator:
             if not record.is_alive:
                 self._say(GONE)
             return
-        said = record.said
+        values = record.values
         if record.topic == "pose":
             self._learn_params(record.params)
-            self._say(self._reason(said))
-        elif record.topic == "event" and said["event"] == "tared":
-            self._origin, self._end = said["detail"], ""
-        elif record.topic == "stroke" and said["end"] != "running":
-            self._end = said["end"] if said["displacement_m"] is None else ""
+            self._say(self._reason(values))
+        elif record.topic == "event" and values["event"] == "tared":
+            self._origin, self._end = values["detail"], ""
+        elif record.topic == "stroke" and values["end"] != "running":
+            self._end = values["end"] if values["displacement_m"] is None else ""
         elif record.topic == "status" and record.payload:
             state = msgspec.json.decode(record.payload).get("state")
             if state in STATES:
@@ -85,7 +85,7 @@ class IgtlTranslator:
             yield from self._news(record.t_ns)
         elif record.topic == "pose":
             if self.words == OK:
-                body = self._to_reference(record.said)
+                body = self._to_reference(record.values)
                 yield self._place, message(self._place, record.t_ns, body)
             yield from self._news(record.t_ns)
 

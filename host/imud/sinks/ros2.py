@@ -14,7 +14,7 @@ import zenoh
 from imud.net import network
 from imud.net.network import Credentials
 from imud.probes.ledger import totals
-from imud.probes.path import Path
+from imud.probes.path import StrokePath
 from imud.probes.record import Presence, Record
 from imud.ros2 import cdr, topics
 from imud.ros2.cdr import Diagnosis, Level, PathPoint
@@ -96,7 +96,7 @@ class Ros2Translator:
         self.pose = Topic(f"{base}/pose", topics.POSE_STAMPED)
         self.tip = Topic(f"{base}/tip", topics.POINT_STAMPED)
         self.path = Topic(f"{base}/path", topics.PATH)
-        self._path = Path()
+        self._path = StrokePath()
         self._rest: PathPoint | None = (
             None  # the last pose outside strokes, if it has one
         )
@@ -116,13 +116,13 @@ class Ros2Translator:
 
     def take(self, record: Record) -> Iterator[RosMessage]:
         if record.topic == "pose":
-            yield from self._take_pose(record.t_ns, record.said)
+            yield from self._take_pose(record.t_ns, record.values)
         elif record.topic == "raw":
             if record.params != self._errors.params:
                 self._errors = Errors(record.params)
-            yield from self._take_raw(record.t_ns, record.said)
+            yield from self._take_raw(record.t_ns, record.values)
         elif record.topic in ("stroke", "event"):
-            if self._path.take(record.said):
+            if self._path.add(record.values):
                 yield from self._another_path(record.t_ns)
         elif record.topic == "status" and record.payload:
             status: Said = msgspec.json.decode(record.payload)
@@ -149,7 +149,7 @@ class Ros2Translator:
             yield TF, cdr.transform(t_ns, self._world, self.level, position, UNTURNED)
         if not self._path.is_moving:
             self._rest = stop
-        if self._path.take_pose(pose) and stop is not None:
+        if self._path.add_pose(pose) and stop is not None:
             self._stops.append(stop)
             yield self._whole_path(t_ns)
 

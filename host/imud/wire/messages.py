@@ -90,9 +90,9 @@ class _Codec:
     def read(self, content: bytes) -> Message | None:
         """The message, if its content matches the schema; None: see `_examine`."""
         if self._reader is not None:
-            said = self._reader.read(content)
-            if said is not None:
-                sequence, time_us, plain = said
+            found = self._reader.read(content)
+            if found is not None:
+                sequence, time_us, plain = found
                 return Message(self.name, sequence, time_us, plain)
         if len(content) != self.size or self._find_tags(content) != self._tags_in_order:
             return None

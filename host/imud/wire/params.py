@@ -90,7 +90,7 @@ class ParamsParts:
         self._parts: dict[tuple[int, int], dict[int, bytes]] = {}
         self._whole: dict[int, bytes] = {}
 
-    def take(self, message: Message) -> int | None:
+    def add_part(self, message: Message) -> int | None:
         """Takes a message `params`. The digest of a set that is whole now and was not
         known before; else None.
         """
@@ -119,10 +119,10 @@ class ParamsParts:
         self._parts.pop(key, None)
         if digest_of(records) != digest:
             return None
-        self.add(records)
+        self.add_whole(records)
         return digest
 
-    def add(self, records: bytes) -> None:
+    def add_whole(self, records: bytes) -> None:
         """A whole set that is known otherwise, as from the metadata of a log."""
         self._whole[digest_of(records)] = records
         while len(self._whole) > WHOLE_MAX:

@@ -20,7 +20,7 @@ from imud.client import Client
 from imud.errors import CommandRefused
 from imud.log.schemas import JSON_SCHEMAS
 from imud.probes.double_click import PathCloser
-from imud.probes.path import Path
+from imud.probes.path import StrokePath
 
 SIGMA = [0.004, 0.004, 0.003]
 WAYS = [
@@ -52,10 +52,10 @@ def strokes(ways: list[Any] | None = None) -> list[dict[str, Any]]:
     return told
 
 
-def path_of(*told: dict[str, Any]) -> Path:
-    path = Path()
+def path_of(*told: dict[str, Any]) -> StrokePath:
+    path = StrokePath()
     for stroke in told:
-        path.take_stroke(stroke)
+        path.add_stroke(stroke)
     return path
 
 
@@ -90,12 +90,12 @@ def test_a_new_origin_begins_a_path_anew() -> None:
 
 def test_the_first_pose_after_a_stroke_tells_where_the_tip_is() -> None:
     path = path_of(strokes()[0])
-    path.take_pose({"t_device_us": 999_999, "position_m": [7.0, 7.0, 7.0]})
-    path.take_pose({"t_device_us": 1_000_000, "position_m": [0.31, 0.0, 0.0]})
-    path.take_pose({"t_device_us": 1_010_000, "position_m": [8.0, 8.0, 8.0]})
+    path.add_pose({"t_device_us": 999_999, "position_m": [7.0, 7.0, 7.0]})
+    path.add_pose({"t_device_us": 1_000_000, "position_m": [0.31, 0.0, 0.0]})
+    path.add_pose({"t_device_us": 1_010_000, "position_m": [8.0, 8.0, 8.0]})
     assert path.places == [[0.31, 0.0, 0.0]]
-    path.take_stroke(strokes()[1])
-    path.take_pose({"t_device_us": 2_000_000, "position_m": None})
+    path.add_stroke(strokes()[1])
+    path.add_pose({"t_device_us": 2_000_000, "position_m": None})
     assert path.places[-1] == strokes()[1]["path_m"]
 
 
@@ -140,7 +140,7 @@ def test_a_double_click_closes_the_path_of_before_it(
     closer = PathCloser()
     begin_us = 5_000_000
     told = [*strokes(), press(begin_us), *between, press(begin_us + apart_us)]
-    said = [closer.take(each) for each in told]
+    said = [closer.on_record(each) for each in told]
     assert said[:-1] == [None] * (len(told) - 1)
     assert said[-1] == (path_of(*strokes()).closing() if closes else None)
 
@@ -148,13 +148,13 @@ def test_a_double_click_closes_the_path_of_before_it(
 def test_three_presses_are_one_double_click() -> None:
     closer = PathCloser()
     told = [*strokes(), *(press(5_000_000 + 200_000 * n) for n in range(3))]
-    said = [closer.take(each) is not None for each in told]
+    said = [closer.on_record(each) is not None for each in told]
     assert said[-3:] == [False, True, False]
 
 
 def test_without_a_path_a_double_click_closes_nothing() -> None:
     closer = PathCloser()
-    assert [closer.take(press(n)) for n in (1, 200_000)] == [None, None]
+    assert [closer.on_record(press(n)) for n in (1, 200_000)] == [None, None]
 
 
 def test_a_path_is_closed_by_command_and_by_its_button(chain: Chain) -> None:

@@ -45,13 +45,13 @@ def pose(q: tuple[float, ...], at_s: float = 0.0, **fields: Any) -> dict[str, An
 @pytest.mark.parametrize("axis", ["x", "all"])
 def test_the_error_is_one_angle_at_any_attitude(angle: float, axis: Any) -> None:
     for start in (LEVEL, UPRIGHT):
-        said = Aim(Target(start, axis=axis)).take(pose(turned(start, (0, angle, 0))))
+        said = Aim(Target(start, axis=axis)).measure(pose(turned(start, (0, angle, 0))))
         assert said["error_deg"] == pytest.approx(angle, abs=1e-6)
 
 
 def test_the_sigma_is_that_of_what_turns_the_axis() -> None:
     def sigma(q: tuple[float, ...], axis: Any, **fields: Any) -> Any:
-        return Aim(Target(q, axis=axis)).take(pose(q, **fields))["sigma_deg"]
+        return Aim(Target(q, axis=axis)).measure(pose(q, **fields))["sigma_deg"]
 
     assert sigma(LEVEL, "x") == pytest.approx(0.5)
     assert sigma(UPRIGHT, "x") == pytest.approx(0.3)
@@ -65,14 +65,14 @@ def test_the_sigma_is_that_of_what_turns_the_axis() -> None:
 def test_it_is_reached_only_when_it_was_held_surely() -> None:
     aim = Aim(Target(LEVEL, tolerance_deg=2.0, hold_s=1.0))
     near, unsure = turned(LEVEL, (0, 0.9, 0)), turned(LEVEL, (0, 1.5, 0))
-    assert aim.take(pose(near, 0.0))["state"] == "sure"
-    assert aim.take(pose(unsure, 0.9))["state"] == "unsure"
-    assert aim.take(pose(near, 1.0))["held_s"] == 0.0
-    said = aim.take(pose(near, 1.99))
+    assert aim.measure(pose(near, 0.0))["state"] == "sure"
+    assert aim.measure(pose(unsure, 0.9))["state"] == "unsure"
+    assert aim.measure(pose(near, 1.0))["held_s"] == 0.0
+    said = aim.measure(pose(near, 1.99))
     assert not said["is_reached"]
     assert said["bound_deg"] == pytest.approx(1.9, abs=1e-3)
-    assert aim.take(pose(near, 2.0))["is_reached"]
-    said = aim.take(pose(turned(LEVEL, (0, 5, 0)), 2.1))
+    assert aim.measure(pose(near, 2.0))["is_reached"]
+    said = aim.measure(pose(turned(LEVEL, (0, 5, 0)), 2.1))
     assert (said["state"], said["bound_deg"], said["is_reached"]) == ("off", None, True)
 
 

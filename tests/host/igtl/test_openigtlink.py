@@ -41,7 +41,7 @@ HEADING, FULL = 1, 0
 
 
 def about(topic: str, said: dict[str, Any], params: bytes | None = TIP) -> Record:
-    return Record("tip", topic, b"{}", b"", 1, T_NS, T_NS, params=params, said=said)
+    return Record("tip", topic, b"{}", b"", 1, T_NS, T_NS, params=params, values=said)
 
 
 def pose(params: bytes | None = TIP, **fields: Any) -> Record:

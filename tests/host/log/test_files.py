@@ -91,8 +91,8 @@ def test_foxglove_finds_poses_that_it_can_draw(tmp_path: Path) -> None:
 
 def test_a_pose_whose_position_is_known_is_drawn_in_the_world() -> None:
     (record,) = records(1)[-1:]
-    said = {**record.said, "position_m": (1.0, 2.0, 3.0)}
-    drawn = json.loads(said_on(replace(record, said=said), POSE_IN_FRAME))
+    said = {**record.values, "position_m": (1.0, 2.0, 3.0)}
+    drawn = json.loads(said_on(replace(record, values=said), POSE_IN_FRAME))
     assert drawn["frame_id"] == "world"
     assert drawn["pose"]["position"] == {"x": 1.0, "y": 2.0, "z": 3.0}
 

@@ -211,7 +211,8 @@ def test_parts_make_a_whole_in_any_order(params: Params, chance: object) -> None
     records, heard = params.encode(), ParamsParts()
     fields = list(parts_of(records))
     chance.shuffle(fields)  # type: ignore[attr-defined]
-    *first, last = [heard.take(told(each)) for each in [*fields, fields[0]]][:-1] or [0]
+    found = [heard.add_part(told(each)) for each in [*fields, fields[0]]]
+    *first, last = found[:-1] or [0]
     assert not any(first)
     assert last == (params.digest or None)
     assert heard.get(params.digest) == records
@@ -220,16 +221,16 @@ def test_parts_make_a_whole_in_any_order(params: Params, chance: object) -> None
 def test_parts_of_a_damaged_set_are_forgotten() -> None:
     heard = ParamsParts()
     for fields in parts_of(GOOD.encode()):
-        heard.take(told(fields | {"part": bytes(28)}))
+        heard.add_part(told(fields | {"part": bytes(28)}))
     assert heard.get(GOOD.digest) is None
-    assert [heard.take(told(each)) for each in parts_of(GOOD.encode())][-1]
+    assert [heard.add_part(told(each)) for each in parts_of(GOOD.encode())][-1]
 
 
 def test_few_sets_are_kept_and_the_one_in_use_among_them() -> None:
     heard = ParamsParts()
-    heard.add(GOOD.encode())
+    heard.add_whole(GOOD.encode())
     for number in range(100):
-        heard.add(bytes([number + 1, 0]))
+        heard.add_whole(bytes([number + 1, 0]))
         assert heard.get(GOOD.digest) == GOOD.encode()
     assert heard.get(digest_of(bytes([1, 0]))) is None
 

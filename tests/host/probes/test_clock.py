@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from fakes import FakeProbe
 from imud.daemon.commands import Asking
-from imud.probes.clock import WINDOW_US, Moment, ProbeClock
+from imud.probes.clock import POINTS_KEPT_US, Moment, ProbeClock
 from imud.probes.record import Stamp
 from imud.probes.session import Probe, Received, Session
 from length import choose
@@ -220,7 +220,7 @@ def test_one_impossible_device_time_does_not_stay() -> None:
 
 def test_memory_does_not_grow() -> None:
     run = Run(Link(drift_ppm_s=0.0))
-    run.go(3 * WINDOW_US / 1e6)
+    run.go(3 * POINTS_KEPT_US / 1e6)
     assert len(run.clock._above.points) < 120
     assert len(run.clock._below.points) < 60
 

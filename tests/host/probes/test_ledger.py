@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fakes import FakeProbe
-from imud.probes.boot import WINDOW, DecodedFrame, difference_32
-from imud.probes.ledger import Account, Judged, Verdict, totals
+from imud.probes.boot import NUMBERS_KEPT, DecodedFrame, difference_32
+from imud.probes.ledger import Account, FrameVerdict, Judged, totals
 from imud.wire.messages import decode
 
 
@@ -106,7 +106,7 @@ def test_the_identity_holds_over_any_boots_with_or_without_their_hello(
                 content = skewed(content)
             for copy in copies.get(fate, [content]):
                 judged = note(account, copy)
-                good = [j for j in judged if j.verdict is Verdict.GOOD]
+                good = [j for j in judged if j.verdict is FrameVerdict.GOOD]
                 passed += [j.frame.content for j in good]
             if fate == "delay":
                 delayed.append(content)
@@ -128,7 +128,7 @@ def test_each_boot_with_its_hello_is_exact() -> None:
         ]
         judged = note(account, hello, *rest[:4], *rest[6:])
         assert judged[0].begins_boot
-        assert {j.verdict for j in judged} == {Verdict.GOOD}
+        assert {j.verdict for j in judged} == {FrameVerdict.GOOD}
         probe.restart()
     counts = check(account)
     assert (counts["boots"], counts["sent"], counts["lost"]) == (3, 11, 2)
@@ -230,18 +230,18 @@ def test_a_late_message_is_counted_and_not_passed_on() -> None:
 def test_a_message_older_than_any_buffer_is_no_copy() -> None:
     probe, account = FakeProbe(), Account()
     contents = [probe.content("hello")]
-    contents += [probe.content("pose") for _ in range(WINDOW + 1)]
+    contents += [probe.content("pose") for _ in range(NUMBERS_KEPT + 1)]
     note(account, *contents)
     assert verdicts(account, contents[2]) == ["duplicate"]
     assert verdicts(account, contents[1]) == []
-    assert [j.verdict for j in account.close()] == [Verdict.STRAY]
+    assert [j.verdict for j in account.close()] == [FrameVerdict.STRAY]
     check(account)
 
 
 def test_a_skewed_message_is_not_believed_about_a_number_far_ahead() -> None:
     probe, account = FakeProbe(), Account()
     note(account, probe.content("hello"))
-    probe.sequence += WINDOW + 1
+    probe.sequence += NUMBERS_KEPT + 1
     assert verdicts(account, skewed(probe.content("pose"))) == ["skewed"]
     counts = check(account)
     assert counts["sent"] == 1
@@ -261,7 +261,7 @@ def test_a_long_silence_is_no_restart() -> None:
     account.note(decoded(probe.content("hello"), 0))
     probe.sequence, probe.time_us = 9000, 2**31 + 99
     judged = account.note(decoded(probe.content("pose"), 3_000_000_000_000))
-    assert [j.verdict for j in judged] == [Verdict.GOOD]
+    assert [j.verdict for j in judged] == [FrameVerdict.GOOD]
     assert check(account)["lost"] == 8999
 
 

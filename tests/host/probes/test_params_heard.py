@@ -127,11 +127,11 @@ def test_what_a_strange_probe_tells_does_not_fill_the_memory():
         for content in parts_of(fake, records, fake.content):
             message = decode(content)
             assert isinstance(message, Message)
-            parts.take(message)
+            parts.add_part(message)
         fields = {"set_digest": number + 1, "set_length": 300, "part_offset": 28}
         message = decode(fake.content("params", **fields))
         assert isinstance(message, Message)
-        parts.take(message)
+        parts.add_part(message)
     assert len(parts._parts) <= SETS_MAX
     assert len(parts._whole) <= WHOLE_MAX
     assert parts.get(0) == b""

@@ -12,9 +12,9 @@ from fakes import messages
 from imud.probes.self_test import (
     ACC_PER_G,
     GYR_PER_DPS,
-    Outcome,
     Responses,
-    Verdict,
+    SelfTestOutcome,
+    SensorVerdict,
     adjusted,
     follows_range,
     judge,
@@ -33,7 +33,7 @@ def changed(name: str, axis: int, value: float, of: Responses = GOOD) -> Respons
     return replace(of, **{name: tuple(values)})
 
 
-def verdict(sensor: str, responses: Responses, **hello: Any) -> Verdict:
+def verdict(sensor: str, responses: Responses, **hello: Any) -> SensorVerdict:
     by_name = {v.sensor: v for v in verdicts_of(HELLO | hello, responses)}
     return by_name[sensor]
 
@@ -197,7 +197,8 @@ def test_a_probe_that_judges_itself_is_believed(
 
 
 def test_without_the_responses_nothing_is_judged() -> None:
-    assert [v.outcome for v in verdicts_of(HELLO, None)] == [Outcome.NOT_JUDGED] * 3
+    unheard = [SelfTestOutcome.NOT_JUDGED] * 3
+    assert [v.outcome for v in verdicts_of(HELLO, None)] == unheard
 
 
 @pytest.mark.parametrize(

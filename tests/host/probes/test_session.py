@@ -23,7 +23,7 @@ from imud.probes.session import (
     Probe,
     ProbeFound,
     Received,
-    Refused,
+    Rejected,
     Session,
     Silent,
 )
@@ -238,7 +238,7 @@ def test_our_own_commands_coming_back_are_no_messages_of_a_probe() -> None:
     probe, session = FakeProbe(), Session(registry(), 0)
     session.receive(probe.say("hello"), 1)
     (event,) = session.receive(encode_frame(encode("command", COMMAND, 1, 2)), 2)
-    assert isinstance(event, Refused)
+    assert isinstance(event, Rejected)
     assert event.skew is not None
     assert event.skew.kind == "unknown_message"
 

@@ -145,8 +145,8 @@ def test_samples_whose_params_are_not_known_have_counts_alone() -> None:
     probe = FakeProbe(params_digest=digest_of(ONE))
     contents = [probe.content("hello"), probe.content("raw")]
     (raw,) = [each for each in records_of("left", contents) if each.topic == "raw"]
-    assert told_by([dict(raw.said)]) == [(None, None, None, None)]
-    assert raw.said["acc_counts"] == (0, -16, 2048)
+    assert told_by([dict(raw.values)]) == [(None, None, None, None)]
+    assert raw.values["acc_counts"] == (0, -16, 2048)
     assert raw.params is None
 
 
@@ -158,7 +158,7 @@ def test_params_that_this_firmware_would_refuse_calibrate_nothing(
     contents = [probe.content("hello"), *parts_of(probe, records, probe.content)]
     contents.append(probe.content("raw"))
     *_, raw = records_of("left", contents)
-    assert told_by([dict(raw.said)]) == [(None, None, None, None)]
+    assert told_by([dict(raw.values)]) == [(None, None, None, None)]
     assert raw.params == records
 
 

@@ -53,7 +53,7 @@ def test_csv_holds_each_value_once(
     said = capsys.readouterr().out
     for topic in ("pose", "raw", "event"):
         file = out / f"{path.stem}-left-{topic}.csv"
-        wanted = [record.said for record in put if record.topic == topic]
+        wanted = [record.values for record in put if record.topic == topic]
         assert f"{file}: {len(wanted)} rows" in said
         rows = list(csv.DictReader(io.StringIO(file.read_text("utf-8"))))
         assert len(rows) == len(wanted)

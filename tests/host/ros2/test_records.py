@@ -48,7 +48,7 @@ def pose(**fields: Any) -> Record:
         "heading_sigma_deg": 2.0,
         "flags": (),
     } | fields
-    return Record("tip", "pose", b"{}", b"", 1, T_NS, T_NS, said=said)
+    return Record("tip", "pose", b"{}", b"", 1, T_NS, T_NS, values=said)
 
 
 def raw(params: bytes | None = b"", **fields: Any) -> Record:
@@ -59,7 +59,7 @@ def raw(params: bytes | None = b"", **fields: Any) -> Record:
         "gyr_rad_s": RATE,
         "mag_uT": None,
     } | fields
-    return Record("tip", "raw", b"{}", b"", 1, T_NS, T_NS, params=params, said=said)
+    return Record("tip", "raw", b"{}", b"", 1, T_NS, T_NS, params=params, values=said)
 
 
 def status(**fields: Any) -> Record:
@@ -120,7 +120,7 @@ def stroke(number: int, end: str = "button", **fields: Any) -> Record:
         "path_sigma_m": (0.001,) * 3,
         "t_device_us": 1_000_000 * number,
     } | fields
-    return Record("tip", "stroke", b"{}", b"", 1, T_NS, T_NS, said=said)
+    return Record("tip", "stroke", b"{}", b"", 1, T_NS, T_NS, values=said)
 
 
 def at(number: float, t_us: int = 0) -> Record:

@@ -52,7 +52,7 @@ class Bench:
         self.session = Session(lambda _: heard)
         self.outcomes: list[StageResult] = []
         params = params or Params()
-        heard.know(params.encode())
+        heard.add_params(params.encode())
         self.probe.hello_fields |= {"params_digest": params.digest}
         self.hear(self.probe.say("hello"))
 
