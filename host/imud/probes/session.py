@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable
+from enum import Enum, auto
 from typing import Any
 
 import msgspec
@@ -95,6 +96,21 @@ class Silent(msgspec.Struct, frozen=True):
 Event = ProbeFound | Received | Rejected | OtherSchema | OnlyNoise | Silent
 
 
+class Speaking(Enum):
+    """Who speaks on the port, as far as its hellos say.
+
+                  a hello of our schema
+    UNNAMED ---------------------------------> OURS
+       |                                       |  ^
+       |     a hello of another schema         v  |  a hello of our schema
+       +------------------------------------> FOREIGN
+    """
+
+    UNNAMED = auto()  # no hello yet: messages wait for one
+    OURS = auto()  # the session's `probe`
+    FOREIGN = auto()  # bad frames are those of a probe with another schema
+
+
 class Session:
     """One opening of one port. `probes` finds the probe of an id, for all sessions.
 
@@ -115,7 +131,7 @@ class Session:
         self._decoder = FrameDecoder()
         self._has_delimiter = False
         self._waiting: deque[DecodedFrame] = deque()
-        self._is_foreign = False
+        self._speaking = Speaking.UNNAMED if presumed is None else Speaking.OURS
         self._tallied = Counter[str]()
         self._bad = 0
         self._heard_ns = self._good_ns = t_ns
@@ -154,7 +170,7 @@ class Session:
         self._feed(data, t_ns, events)
         if self._decoder.bad == self._bad:
             return events
-        if self._is_foreign:
+        if self._speaking is Speaking.FOREIGN:
             self.foreign += self._newly_bad().total()
         else:
             self.corrupt += self._newly_bad()
@@ -241,16 +257,16 @@ class Session:
             self.headless["impossible_value"] += 1
             return
         if fingerprint != schema.FINGERPRINT:
-            if not self._is_foreign:
-                self._is_foreign = True
-                if self.probe is None:
+            before, self._speaking = self._speaking, Speaking.FOREIGN
+            if before is not Speaking.FOREIGN:
+                if before is Speaking.UNNAMED:
                     # The bad frames so far were of this probe.
                     self.foreign += self.corrupt.total()
                     self.corrupt.clear()
                 firmware = str(hello.fields["firmware"])
                 events.append(OtherSchema(probe_id.hex(), fingerprint, firmware, hello))
             return
-        self._is_foreign = False
+        self._speaking = Speaking.OURS
         is_first = self.probe is None or self.probe.probe_id != probe_id.hex()
         if is_first:
             if self.probe is not None:
