@@ -102,7 +102,7 @@ class Wire:
         self.copies = 1  # of each answer
         self.frames = 0
         self.commander = Commander(self.intake.registry)
-        self.intake.on_reply = self.commander.take_reply
+        self.intake.on_reply = self.commander.handle_reply
         self.change = ParamsChange(self.commander)
         self.hear(probe.say("hello"))
 
@@ -125,7 +125,7 @@ class Wire:
             for _ in range(self.copies if frame else 0):
                 events = self.session.receive(b"\0" + frame + b"\0", host_ns())
                 for event in events:
-                    self.intake.take(event, self)
+                    self.intake.handle(event, self)
 
     def restart(self) -> None:
         """The probe starts again, and says so."""

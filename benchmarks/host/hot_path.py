@@ -106,7 +106,7 @@ def taking(turns: list[list[bytes]], hub: Hub) -> Work:
             for port, session, frame in zip(ports, sessions, frames, strict=True):
                 intake.follow_host(t_ns)
                 for event in session.receive(frame, t_ns):
-                    intake.take(event, port)
+                    intake.handle(event, port)
 
     return work
 

@@ -23,6 +23,7 @@ from imud.daemon.params_history import HistoryFiles
 from imud.journal.speaker import Speaker
 from imud.net import access
 from imud.probes.aim import Axis, Target
+from imud.roles import Role
 from imud.web.users import grant_of
 from imud.wire import schema
 
@@ -132,7 +133,7 @@ def test_a_row_alone_admits_a_role(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("role", ["viewer", "operator", "recorder"])
-def test_who_may_command_may_send_all_of_them(role: access.Role) -> None:
+def test_who_may_command_may_send_all_of_them(role: Role) -> None:
     grant = grant_of(role)
     assert grant.commands == frozenset(COMMANDS if role == "operator" else ())
     assert grant.may_send("no such command") == (role == "operator")

@@ -72,7 +72,7 @@ class Served:
 
     def say(self, number: int, topic: str = "pose", probe: str = "stylus") -> None:
         said = {"type": topic, "probe": probe, "number": number}
-        self.page.take([((probe, topic), json.dumps(said).encode())])
+        self.page.publish([((probe, topic), json.dumps(said).encode())])
         self.page.flush()
 
     def until_refused(self, reason: str, count: int = 1) -> None:

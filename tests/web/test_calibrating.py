@@ -111,7 +111,7 @@ def known(served: Served, **about: Any) -> Iterator[Live]:
     params = {"type": "params", "probe": PROBE, "digest": "0", "bytes": ""}
     status = {"type": "status", "probe": PROBE, "hello": HELLO} | about
     for said in (params, status):
-        served.page.take([((PROBE, said["type"]), json.dumps(said).encode())])
+        served.page.publish([((PROBE, said["type"]), json.dumps(said).encode())])
     with served.live() as browser:
         yield browser
 
@@ -134,7 +134,7 @@ class Sending(threading.Thread):
     def run(self) -> None:
         for start in range(0, len(calibrating()), 50):
             for sample in calibrating()[start : start + 50]:
-                self._served.page.take([((PROBE, "raw"), payload(sample))])
+                self._served.page.publish([((PROBE, "raw"), payload(sample))])
             self._served.page.flush()
             if self._is_over.wait(0.01):
                 return

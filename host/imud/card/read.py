@@ -184,7 +184,7 @@ class _LogWriter:
         name = event.probe.probe_id
         t_ns = max(0, t_ns)
         stamp = replace(event.stamp, t_ns=t_ns, t_received_ns=t_ns)
-        log.take(record_of(event.message, event.content, name, stamp, event.scales))
+        log.add(record_of(event.message, event.content, name, stamp, event.scales))
 
     def _say(self, text: str) -> None:
         self._progress.wipe()

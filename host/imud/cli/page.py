@@ -52,14 +52,14 @@ class Distant:
             def take(delivery: Delivery) -> None:
                 # A line is one object; JSON of imud's has no line breaks.
                 if b"\n" not in delivery.payload:
-                    page.take([((delivery.probe, topic), delivery.payload)])
+                    page.publish([((delivery.probe, topic), delivery.payload)])
 
             return take
 
         def take_body(sample: zenoh.Sample) -> None:
             found = line_of(str(sample.key_expr), sample.payload.to_bytes())
             if found is not None:
-                page.take([found])
+                page.publish([found])
 
         for topic in sorted(TOPICS - {BODY}):
             if self._client.may(topic):
@@ -67,7 +67,7 @@ class Distant:
         bodies = f"{prefix}/{BODIES}/*/{BODY_STATE}"
         self._client.session.declare_subscriber(bodies, take_body)
         for status in self._client.statuses():
-            page.take([((str(status["probe"]), "status"), _encode(status))])
+            page.publish([((str(status["probe"]), "status"), _encode(status))])
 
     def ask(
         self, probe: str, command: str, parameters: dict[str, str], answer: Answer

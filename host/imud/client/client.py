@@ -236,12 +236,12 @@ class Client:
     def params(self, probe: str) -> dict[str, Any]:
         """The params of a probe: docs/params.md. ProbeUnknown if they are not known."""
         self.check_may("params")
-        said = self._query(f"{probe}/params", {}, QUERY_TIMEOUT_S)
-        if said is None:
+        answer = self._query(f"{probe}/params", {}, QUERY_TIMEOUT_S)
+        if answer is None:
             raise ProbeUnknown(
                 f"the params of probe {probe} are not known; imud list shows the probes"
             )
-        return said
+        return answer
 
     def params_history(self, probe: str, digest: str | None = None) -> dict[str, Any]:
         """The sets that came into force at a probe, or the one whose digest begins so:
@@ -249,10 +249,10 @@ class Client:
         """
         self.check_may("params")
         asked = {"digest": digest} if digest is not None else {"history": "1"}
-        said = self._query(f"{probe}/params", asked, QUERY_TIMEOUT_S)
-        if said is None:
+        answer = self._query(f"{probe}/params", asked, QUERY_TIMEOUT_S)
+        if answer is None:
             raise ProbeUnknown(f"no probe {probe} was heard; imud list shows them")
-        value: dict[str, Any] = said["value"]
+        value: dict[str, Any] = answer["value"]
         return value
 
     def change_params(

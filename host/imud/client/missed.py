@@ -38,7 +38,7 @@ class Series:
     unreadable: int = 0
     restarts: int = 0
 
-    def take(self, message: Numbered, source: str) -> bool:
+    def count(self, message: Numbered, source: str) -> bool:
         """Counts what is missing before this message; False for a duplicate.
 
         `source` is the Zenoh session that published it.

@@ -174,7 +174,7 @@ class Subscription(Generic[T]):
                 except msgspec.MsgspecError:
                     series.unreadable += 1
                     return
-                if isinstance(message, Numbered) and not series.take(
+                if isinstance(message, Numbered) and not series.count(
                     message, delivery.source
                 ):
                     return

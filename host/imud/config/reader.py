@@ -69,9 +69,9 @@ def load(
     if not is_page:
         config = replace(config, web=replace(config.web, enabled=False))
     if level is not None:
-        said: dict[str, object] = {"level": level}
+        changes: dict[str, object] = {"level": level}
         journal = msgspec.convert(
-            msgspec.to_builtins(config.journal) | said, JournalSettings
+            msgspec.to_builtins(config.journal) | changes, JournalSettings
         )
         config = replace(config, journal=journal)
     found = list(contradictions(config))
@@ -94,7 +94,7 @@ def check(path: Path) -> list[str]:
     text, table, found = _parsed(path)
     if not found:
         found = list(contradictions(msgspec.convert(table, Config)))
-    return [f"{_place(path, text, each)}: {_said(each)}" for each in found]
+    return [f"{_place(path, text, each)}: {_text_of(each)}" for each in found]
 
 
 def as_toml(config: Config) -> str:
@@ -127,10 +127,10 @@ def _place(path: Path, text: str, mistake: Mistake) -> str:
 def _first(found: list[Mistake]) -> str:
     more = len(found) - 1
     also = f" (and {more} more: imud config --check FILE)" if more else ""
-    return f"{_said(found[0])}{also}"
+    return f"{_text_of(found[0])}{also}"
 
 
-def _said(mistake: Mistake) -> str:
+def _text_of(mistake: Mistake) -> str:
     name = called(tuple(map(cut, mistake.path)))
     # A quoted key may hold any character that TOML can escape.
     return "".join(c if c.isprintable() else "?" for c in f"{name}: {mistake.words}")

@@ -196,7 +196,7 @@ def _range(info: inspect.IntType | inspect.FloatType) -> str:
 def written(value: Struct, about: str) -> str:
     """`value` as a TOML file with a comment on each key. Reading it gives `value`."""
     lines = [f"# {line}" if line else "#" for line in about.splitlines()]
-    lines += ["", *_keys(value, is_said=True)]
+    lines += ["", *_keys(value, is_set=True)]
     for field in msgspec.structs.fields(type(value)):
         section = _section(field.type)
         if section is None:
@@ -204,33 +204,33 @@ def written(value: Struct, about: str) -> str:
         held = getattr(value, field.name)
         head = _sentence(section.kind)
         if not section.is_many:
-            lines += ["", f"# {head}", f"[{field.name}]", *_keys(held, is_said=True)]
+            lines += ["", f"# {head}", f"[{field.name}]", *_keys(held, is_set=True)]
             continue
         about_many = _description(field.type)
         lines += ["", f"# {head}", f"# [{field.name}.ID]: {about_many}."]
-        lines += [f"# {line}" for line in _keys(section.kind(), is_said=False)]
+        lines += [f"# {line}" for line in _keys(section.kind(), is_set=False)]
         for name, each in held.items():
-            keys = _keys(each, is_said=True)
+            keys = _keys(each, is_set=True)
             lines += ["", f"[{field.name}.{name}]"]
             lines += [line for line in keys if not line.startswith("#")]
     return "\n".join(lines) + "\n"
 
 
-def _keys(value: Struct, *, is_said: bool) -> Iterator[str]:
+def _keys(value: Struct, *, is_set: bool) -> Iterator[str]:
     for field in msgspec.structs.fields(type(value)):
         if _section(field.type) is not None:
             continue
         held = getattr(value, field.name)
-        if is_said:
+        if is_set:
             yield f"# {_comment(field.type)}"
         if held is not None:
-            note = "" if is_said else f"  # {_comment(field.type)}"
-            examples = [] if is_said else _examples(field.type)
+            note = "" if is_set else f"  # {_comment(field.type)}"
+            examples = [] if is_set else _examples(field.type)
             yield f"{field.name} = {_toml(examples[0] if examples else held)}{note}"
             continue
         example = f"{field.name} = {_toml(next(iter(_examples(field.type)), 0))}"
         # Without a default there is only an example to show.
-        yield f"# {example}" if is_said else f"{example}  # {_comment(field.type)}"
+        yield f"# {example}" if is_set else f"{example}  # {_comment(field.type)}"
 
 
 def _comment(hint: object) -> str:

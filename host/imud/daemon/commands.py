@@ -236,7 +236,7 @@ class Commander:
         with contextlib.suppress(PortLost):
             asking.size = self._send(entry.port, "time", token, (0, 0))
 
-    def take_reply(self, entry: ProbeEntry, event: Received) -> None:
+    def handle_reply(self, entry: ProbeEntry, event: Received) -> None:
         message = event.message
         token = message.fields["replied_token"]
         asking = self._asking.get(entry)

@@ -70,7 +70,7 @@ class Daemon:
             self._commander, self._intake, self._history, self._configure
         )
         self._intake.params.keep = self._history.keep
-        self._intake.on_reply = self._commander.take_reply
+        self._intake.on_reply = self._commander.handle_reply
         self._intake.on_found = self._begin_set_up
         self._intake.stages.on_commands = self._begin_commands
         self._tasks: set[asyncio.Task[None]] = set()
@@ -146,7 +146,7 @@ class Daemon:
         if address is not None:
             self._metrics = MetricsServer(address)
             self._metrics.start()
-            self._reports.on_status = self._metrics.take
+            self._reports.on_status = self._metrics.update
 
     def _reload(self) -> None:
         """SIGHUP: applies changed settings; a file with a mistake changes nothing."""
@@ -207,7 +207,7 @@ class Daemon:
             self._notifier.alive()
             self._notifier.status(self._state())
             if self._metrics is not None:
-                self._metrics.take_sinks(self._hub.failures())
+                self._metrics.update_sinks(self._hub.failures())
 
     def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         task = asyncio.get_running_loop().create_task(work)

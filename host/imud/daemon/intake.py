@@ -96,7 +96,7 @@ class Intake:
             entry.corrupt_before += session.corrupt.total()
         self._leave(port)
 
-    def take_other(self, event: OtherSchema, port: ProbePort) -> None:
+    def handle_other(self, event: OtherSchema, port: ProbePort) -> None:
         """A probe on that port speaks another schema."""
         self._leave(port, event.probe_id)
         entry = self.registry.add(event.probe_id)
@@ -117,7 +117,7 @@ class Intake:
         self._publisher.say_closing(entry, closing, "command", self._clock.now_ns())
         return closing
 
-    def take(self, event: Event, port: ProbePort) -> None:
+    def handle(self, event: Event, port: ProbePort) -> None:
         if isinstance(event, Received):
             self._received(event)
         elif isinstance(event, ProbeFound):

@@ -93,9 +93,9 @@ def _family(name: str, samples: list[tuple[Labels, float]]) -> str:
     is_counted = _COUNTED.match(path) or name in _COUNTERS
     lines = [f"# TYPE {name} {'counter' if is_counted else 'gauge'}"]
     for labels, value in samples:
-        said = ",".join(f'{key}="{_escaped(text)}"' for key, text in labels)
+        pairs = ",".join(f'{key}="{_escaped(text)}"' for key, text in labels)
         number = int(value) if isinstance(value, bool) else value
-        lines.append(f"{name}{{{said}}} {number}" if said else f"{name} {number}")
+        lines.append(f"{name}{{{pairs}}} {number}" if pairs else f"{name} {number}")
     return "\n".join(lines) + "\n"
 
 
@@ -140,10 +140,10 @@ class MetricsServer:
             listen(self._address, "metrics", "[metrics] listen", CLIENTS_MAX)
         )
 
-    def take(self, status: Mapping[str, Any]) -> None:
+    def update(self, status: Mapping[str, Any]) -> None:
         self._statuses = {**self._statuses, str(status["probe_id"]): status}
 
-    def take_sinks(self, failures: Mapping[str, int]) -> None:
+    def update_sinks(self, failures: Mapping[str, int]) -> None:
         self._failures = failures
 
     def close(self) -> None:

@@ -125,11 +125,11 @@ def fault_words(event: str, cause: str, detail: int, board: str = "") -> str:
         return _BY_IDENTITY[cause](detail, board)
     words = _WORDS.get((event, cause), "")
     wiring = _WIRING.get(board, _OTHER)
-    said = words.format(
+    text = words.format(
         detail, address=wiring.address, lines=wiring.lines, ready=wiring.ready
     )
     in_a_row = f", {detail} times in a row:" if detail > 1 else ":"
-    return said.replace(":", in_a_row, 1) if event == "bus_fault" else said
+    return text.replace(":", in_a_row, 1) if event == "bus_fault" else text
 
 
 def _wrong_chip(detail: int, board: str) -> str:

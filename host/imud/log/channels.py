@@ -24,7 +24,7 @@ def topics_of(record: Record, *, has_foxglove: bool = True) -> tuple[str, ...]:
     return (record.topic,)
 
 
-def said_on(record: Record, topic: str) -> bytes:
+def payload_on(record: Record, topic: str) -> bytes:
     """What a record says on one of its topics, as JSON."""
     return _pose_in_frame(record) if topic == POSE_IN_FRAME else record.payload
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from io import BufferedWriter
 
 from imud.defaults import PREFIX
-from imud.log.channels import said_on, topics_of
+from imud.log.channels import payload_on, topics_of
 from imud.log.reader import FRAME_ENCODING, seal
 from imud.log.schemas import schema_of
 from imud.log.writer import LogWriter
@@ -60,7 +60,7 @@ class LogFile:
         if settings.configuration:
             self._add_metadata("configuration", {"json": settings.configuration})
 
-    def take(self, record: Record) -> None:
+    def add(self, record: Record) -> None:
         """Adds a record; it is in the file after flush()."""
         if record.hello and self._hellos.get(record.probe) != record.hello:
             self._hellos[record.probe] = record.hello
@@ -74,7 +74,7 @@ class LogFile:
         sequence = record.sequence & 0xFFFFFFFF
         for topic in topics_of(record, has_foxglove=self._settings.has_foxglove):
             channel = channels.get((probe, topic)) or self._channel(probe, topic)
-            add(channel, log_ns, said_on(record, topic), t_ns, sequence)
+            add(channel, log_ns, payload_on(record, topic), t_ns, sequence)
         if record.content:
             channel = channels.get((probe, FRAME)) or self._channel(probe, FRAME)
             add(channel, log_ns, record.content, t_ns, sequence)
@@ -96,8 +96,8 @@ class LogFile:
     def close(self) -> None:
         self._file.close()
 
-    def _add_metadata(self, name: str, said: dict[str, str]) -> None:
-        self._writer.add_metadata(name, seal(name, said))
+    def _add_metadata(self, name: str, values: dict[str, str]) -> None:
+        self._writer.add_metadata(name, seal(name, values))
 
     def _channel(self, probe: str, topic: str) -> int:
         """Opens a channel; its id, which is not 0."""
@@ -122,8 +122,8 @@ class LogFile:
 
 def _identity(probe: str, hello: bytes) -> dict[str, str]:
     """A hello as metadata: its fields as text, and its content in hex."""
-    said = messages.decode(hello)
-    fields = said.fields if isinstance(said, Message) else {}
+    hello_message = messages.decode(hello)
+    fields = hello_message.fields if isinstance(hello_message, Message) else {}
     words = {name: str(plain(value)) for name, value in fields.items()}
     return words | {"probe": probe, "content": hello.hex()}
 

@@ -191,9 +191,9 @@ def _next_chunk(file: BinaryIO, start: int, size: int) -> int:
     return size
 
 
-def seal(name: str, said: dict[str, str]) -> dict[str, str]:
+def seal(name: str, values: dict[str, str]) -> dict[str, str]:
     """Adds a CRC to metadata, which MCAP does not protect."""
-    return said | {"crc32": _crc(name, said)}
+    return values | {"crc32": _crc(name, values)}
 
 
 def is_sealed(metadata: Metadata) -> bool:
@@ -202,8 +202,8 @@ def is_sealed(metadata: Metadata) -> bool:
     return rest.pop("crc32", None) == _crc(metadata.name, rest)
 
 
-def _crc(name: str, said: dict[str, str]) -> str:
-    parts = [name, *itertools.chain.from_iterable(sorted(said.items()))]
+def _crc(name: str, values: dict[str, str]) -> str:
+    parts = [name, *itertools.chain.from_iterable(sorted(values.items()))]
     text = "\0".join(parts)
     return f"{zlib.crc32(text.encode()):08x}"
 
@@ -254,20 +254,20 @@ class Reader:
                     prefix,
                 )
             elif isinstance(record, Metadata):
-                said = _said_by(record)
-                if said is not None:
-                    yield said
+                found = _parsed(record)
+                if found is not None:
+                    yield found
 
 
-def _said_by(record: Metadata) -> LogHead | Logged | None:
+def _parsed(record: Metadata) -> LogHead | Logged | None:
     """What our metadata say; None for metadata of others or of another version."""
-    said = record.metadata
+    values = record.metadata
     try:
         if record.name == "imud":
-            return LogHead(said["version"], int(said["schema_fingerprint"], 16))
+            return LogHead(values["version"], int(values["schema_fingerprint"], 16))
         if record.name in METADATA_OF_PROBES:
             topic = METADATA_OF_PROBES[record.name]
-            return Logged(said["probe"], topic, bytes.fromhex(said["content"]), 0)
+            return Logged(values["probe"], topic, bytes.fromhex(values["content"]), 0)
     except (KeyError, ValueError):
         pass
     return None

@@ -86,9 +86,9 @@ class LogWriter:
         self._chunk.add_record(_bytes_of(channel))
         return number
 
-    def add_metadata(self, name: str, said: dict[str, str]) -> None:
+    def add_metadata(self, name: str, values: dict[str, str]) -> None:
         """Writes metadata, ahead of messages that are not flushed yet."""
-        record = _bytes_of(Metadata(name=name, metadata=said))
+        record = _bytes_of(Metadata(name=name, metadata=values))
         place = self._file.tell()
         self._file.write(record)
         self._metadata.append(

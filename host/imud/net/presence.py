@@ -8,20 +8,20 @@ import msgspec
 from imud.probes.record import Presence, Record
 
 
-def says_there(status: bytes) -> bool:
+def is_probe_there(status: bytes) -> bool:
     """Whether the status is of a probe that is on a port and speaks our schema."""
-    said = msgspec.json.decode(status)
-    return said["port"] is not None and said["state"] != "other schema"
+    found = msgspec.json.decode(status)
+    return found["port"] is not None and found["state"] != "other schema"
 
 
-def says_it_is_here(record: Record | Presence) -> bool:
+def is_probe_here(record: Record | Presence) -> bool:
     """Whether a record says that its probe is on a port of this daemon."""
     if isinstance(record, Presence):
         return record.is_alive
-    return record.topic == "status" and says_there(record.payload)
+    return record.topic == "status" and is_probe_there(record.payload)
 
 
-def says_gone(payload: bytes) -> bool:
+def is_probe_gone(payload: bytes) -> bool:
     """Whether it is the status of a probe that was unplugged."""
     try:
         return bool(msgspec.json.decode(payload)["state"] == "gone")

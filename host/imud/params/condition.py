@@ -42,13 +42,13 @@ _FLAGS = {
 
 def advice(conditions: Mapping[str, Condition]) -> str:
     """Which sensors need something, and what; empty if none does."""
-    said = []
+    sentences = []
     for condition, words in _WORDS.items():
         names = [TITLES[each] for each, of in conditions.items() if of is condition]
         if names:
             first = ", ".join(names[:-1])
-            said.append(f"{first + ' and ' if first else ''}{names[-1]} {words}")
-    return "; ".join(said)
+            sentences.append(f"{first + ' and ' if first else ''}{names[-1]} {words}")
+    return "; ".join(sentences)
 
 
 def flags_of(conditions: Mapping[str, Condition]) -> tuple[str, ...]:

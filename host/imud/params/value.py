@@ -232,15 +232,15 @@ class Params(msgspec.Struct, frozen=True):
         """All values for JSON: records by name with the units in the keys, null where
         they are not known, dates as 2026-11-22, and unknown records in hex by tag.
         """
-        said: dict[str, Any] = {}
+        found: dict[str, Any] = {}
         for name in NAMES:
             plain = self.plain(name)
-            said[name] = plain and {
+            found[name] = plain and {
                 key: value.isoformat() if isinstance(value, datetime.date) else value
                 for key, value in plain.items()
             }
-        said["unknown"] = {str(tag): body.hex() for tag, body in self.unknown.items()}
-        return said
+        found["unknown"] = {str(tag): body.hex() for tag, body in self.unknown.items()}
+        return found
 
 
 def payload_of(records: bytes) -> dict[str, Any]:

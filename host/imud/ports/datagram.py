@@ -66,9 +66,9 @@ def sign(key: bytes, content: bytes) -> bytes:
 
 def _checked(key: bytes, datagram: bytes) -> bytes | None:
     """The content of a datagram whose signature is right."""
-    content, said = datagram[:-SIGNATURE_SIZE], datagram[-SIGNATURE_SIZE:]
+    content, signature = datagram[:-SIGNATURE_SIZE], datagram[-SIGNATURE_SIZE:]
     right = hmac.digest(key, content, "sha256")[:SIGNATURE_SIZE]
-    return content if hmac.compare_digest(said, right) else None
+    return content if hmac.compare_digest(signature, right) else None
 
 
 class Window:
@@ -78,7 +78,7 @@ class Window:
         self.highest = -1
         self._taken = 0  # bit n: highest - n
 
-    def take(self, counter: int) -> bool:
+    def accept(self, counter: int) -> bool:
         """False where it was taken before, or is too old to know."""
         ahead = counter - self.highest
         if ahead > 0:
@@ -121,7 +121,7 @@ class Channel:
         kind, _, counter = _DATA.unpack_from(content)
         if kind != self._opens:
             return DatagramFault.MALFORMED
-        if not self._window.take(counter):
+        if not self._window.accept(counter):
             return DatagramFault.REPLAYED
         return content[_DATA.size :]
 

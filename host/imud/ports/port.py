@@ -251,9 +251,9 @@ class Port:
                 self._know(event.probe_id)
             if isinstance(event, OtherSchema):
                 if self._probes.has_room(event.probe_id):
-                    self._probes.take_other(event, self)
+                    self._probes.handle_other(event, self)
             elif event.probe_id in self._claim:
-                self._probes.take(event, self)
+                self._probes.handle(event, self)
 
     def _know(self, probe_id: str) -> None:
         """A hello was heard, so this rate is right."""

@@ -148,11 +148,11 @@ class UdpPorts:
                 datagram, address = self._socket.recvfrom(DATAGRAM_MAX + 1)
             except OSError:  # no more, or a probe's machine refused what was sent
                 return
-            fault = self._take(datagram, address[:2], host_ns())
+            fault = self._receive(datagram, address[:2], host_ns())
             if fault is not None:
                 self._refuse(fault, address)
 
-    def _take(
+    def _receive(
         self, datagram: bytes, address: Address, t_ns: int
     ) -> DatagramFault | None:
         found = addressed(datagram)
@@ -163,7 +163,7 @@ class UdpPorts:
         if port is None:
             return DatagramFault.UNKNOWN_KEY
         if kind != HELLO:
-            return port.take(datagram, address, t_ns)
+            return port.receive(datagram, address, t_ns)
         answer = port.peer.welcome(datagram, address)
         if isinstance(answer, DatagramFault):
             port.refused[answer] += 1

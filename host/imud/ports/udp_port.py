@@ -75,7 +75,7 @@ class UdpPort:
             raise PortLost(f"{self.name}: no hello from the probe yet; wait for it")
         self._seal(data)
 
-    def take(
+    def receive(
         self, datagram: bytes, address: Address, t_ns: int
     ) -> DatagramFault | None:
         """A datagram of the probe, or of somebody who says so."""
@@ -153,6 +153,6 @@ class UdpPort:
                 continue  # told by find()
             elif isinstance(event, OtherSchema):
                 if self._probes.has_room(event.probe_id):
-                    self._probes.take_other(event, self)
+                    self._probes.handle_other(event, self)
             elif event.probe_id in self._claim:
-                self._probes.take(event, self)
+                self._probes.handle(event, self)

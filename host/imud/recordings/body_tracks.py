@@ -65,18 +65,18 @@ def of_logs(paths: Iterable[Path]) -> dict[str, Track]:
         for item in salvage(path, lambda _: None):
             if not isinstance(item, Logged) or item.topic not in ("pose", "raw"):
                 continue
-            said = _said(item)
-            if said.get("t_ns") is None or said.get("t_bound_us") is None:
+            fields = _fields_of(item)
+            if fields.get("t_ns") is None or fields.get("t_bound_us") is None:
                 undated.add(item.probe)
                 continue
-            time_s = said["t_ns"] * 1e-9
+            time_s = fields["t_ns"] * 1e-9
             if item.topic == "pose":
-                sigmas = (said.get("tilt_sigma_deg"), said.get("heading_sigma_deg"))
-                row = (time_s, *said["q"], *map(_number, sigmas))
+                sigmas = (fields.get("tilt_sigma_deg"), fields.get("heading_sigma_deg"))
+                row = (time_s, *fields["q"], *map(_number, sigmas))
                 poses.setdefault(item.probe, []).append(row)
-            elif said.get("acc_m_s2") is not None:
-                field = said.get("mag_uT") or (np.nan,) * 3
-                row = (time_s, *said["gyr_rad_s"], *said["acc_m_s2"], *field)
+            elif fields.get("acc_m_s2") is not None:
+                field = fields.get("mag_uT") or (np.nan,) * 3
+                row = (time_s, *fields["gyr_rad_s"], *fields["acc_m_s2"], *field)
                 raws.setdefault(item.probe, []).append(row)
     found = {
         probe: _track(np.array(sorted(rows)), raws.get(probe, []))
@@ -107,7 +107,7 @@ def _sorted(raws: Rows) -> FloatArray:
     return np.asarray(rows[np.unique(rows[:, 0], return_index=True)[1]])
 
 
-def _said(item: Logged) -> Mapping[str, Any]:
+def _fields_of(item: Logged) -> Mapping[str, Any]:
     with contextlib.suppress(msgspec.DecodeError, UnicodeDecodeError):
         return msgspec.json.decode(item.data, type=dict[str, Any])
     return {}

@@ -204,11 +204,11 @@ def names_of(topic: str) -> list[str]:
     return [name for names in COLUMNS[topic].values() for name in names]
 
 
-def row_of(topic: str, said: Mapping[str, Any]) -> list[Cell]:
+def row_of(topic: str, fields: Mapping[str, Any]) -> list[Cell]:
     """A row of a table. A value of an unexpected type counts as not available."""
     row: list[Cell] = []
     for key, names in COLUMNS[topic].items():
-        value: Any = said
+        value: Any = fields
         for part in key.split("."):
             value = value.get(part) if isinstance(value, Mapping) else None
         if len(names) == 1:
@@ -276,15 +276,15 @@ def _export(
         directory.mkdir(parents=True, exist_ok=True)
         try:
             for item in _items(path, damages):
-                said = _said(item)
-                if said is None:
+                fields = _fields_of(item)
+                if fields is None:
                     strange += 1
                     continue
                 name = f"{path.stem}-{item.probe}-{item.topic}.{to}"
                 file = directory / _printable(name)
                 if file not in tables:
                     tables[file] = make(file, item.topic)
-                tables[file].add(row_of(item.topic, said))
+                tables[file].add(row_of(item.topic, fields))
             is_done = True
         finally:
             for table in tables.values():
@@ -308,7 +308,7 @@ def _export(
         sys.stderr.write(f"{path} is cut off or damaged: what is good is exported\n")
 
 
-def _said(item: Logged) -> Mapping[str, Any] | None:
+def _fields_of(item: Logged) -> Mapping[str, Any] | None:
     with contextlib.suppress(msgspec.DecodeError, UnicodeDecodeError):
         return msgspec.json.decode(item.data, type=dict[str, Any])
     return None

@@ -43,9 +43,9 @@ class ProbeInfo:
         self.digests: list[int] = []
         self.records: dict[int, bytes] = {0: b""}  # by digest
 
-    def take(self, item: Logged, *, is_ours: bool) -> None:
+    def add(self, item: Logged, *, is_ours: bool) -> None:
         if item.topic in METADATA_OF_PROBES.values():
-            self._take_metadata(item, is_ours=is_ours)
+            self._add_metadata(item, is_ours=is_ours)
             return
         topic = item.topic
         self.counts[topic] += 1
@@ -54,14 +54,14 @@ class ProbeInfo:
         if topic == "frame" and is_ours:
             self.session.receive_content(item.data, item.t_ns)
 
-    def _take_metadata(self, item: Logged, *, is_ours: bool) -> None:
+    def _add_metadata(self, item: Logged, *, is_ours: bool) -> None:
         if item.topic == "params_records":
             self.records[digest_of(item.data)] = item.data
             return
-        said = messages.decode(item.data) if is_ours else None
-        if isinstance(said, Message):
-            self.hello = {name: plain(v) for name, v in said.fields.items()}
-            digest = said.fields["params_digest"]
+        message = messages.decode(item.data) if is_ours else None
+        if isinstance(message, Message):
+            self.hello = {name: plain(v) for name, v in message.fields.items()}
+            digest = message.fields["params_digest"]
             if isinstance(digest, int) and digest not in self.digests:
                 self.digests.append(digest)
 
@@ -122,7 +122,7 @@ def info_of(path: Path) -> dict[str, Any]:
                 if item.probe not in probes:
                     probes[item.probe] = ProbeInfo(item.probe)
                 is_ours = head is None or head.fingerprint == schema.FINGERPRINT
-                probes[item.probe].take(item, is_ours=is_ours)
+                probes[item.probe].add(item, is_ours=is_ours)
     finally:
         bar.end()
     begins = [t for each in probes.values() for t in each.first_ns.values()]

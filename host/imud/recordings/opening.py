@@ -23,8 +23,8 @@ class Opening:
         self._hello: Message | None = None
         self._sets: dict[int, bytes] = {}
 
-    def take(self, topic: str, data: bytes) -> None:
-        """Takes metadata. Those of later changes come ahead of them: the first hello
+    def add(self, topic: str, data: bytes) -> None:
+        """Adds metadata. Those of later changes come ahead of them: the first hello
         says which params are in force.
         """
         if topic == PARAMS:
@@ -54,8 +54,8 @@ class Opening:
         probe_id = self._hello.fields["probe_id"]
         if not isinstance(probe_id, bytes):
             return b""
-        said = {"type": "params", "probe": probe, "probe_id": probe_id.hex()}
-        return msgspec.json.encode(said | {"t_ns": t_ns} | payload_of(records))
+        head = {"type": "params", "probe": probe, "probe_id": probe_id.hex()}
+        return msgspec.json.encode(head | {"t_ns": t_ns} | payload_of(records))
 
     def contents(self, first: bytes) -> list[bytes]:
         """Hello and params as messages, with the numbers ahead of `first`, which begins

@@ -87,7 +87,7 @@ class Recorder:
         with self._lock:
             arrived, self._waiting = self._waiting, deque()
         for topic, delivery, t_ns in arrived:
-            self._take(topic, delivery, t_ns)
+            self._receive(topic, delivery, t_ns)
         self._attempt("", self._sink.flush)
 
     def close(self) -> None:
@@ -106,18 +106,18 @@ class Recorder:
                 self.trouble = ""
                 self.written[probe] += 1
 
-    def _take(self, topic: str, delivery: Delivery, t_ns: int) -> None:
+    def _receive(self, topic: str, delivery: Delivery, t_ns: int) -> None:
         probe, payload = delivery.probe, delivery.payload
         if topic == "frame":
-            said: Mapping[str, Any] = {}
+            values: Mapping[str, Any] = {}
             if len(payload) < _HEADER.size:
                 return
             ident, sequence, _ = _HEADER.unpack_from(payload)
             if ident == HELLO_ID:
                 self._hellos[probe] = payload
-            self._write(probe, topic, payload, b"", sequence, t_ns, t_ns, said)
+            self._write(probe, topic, payload, b"", sequence, t_ns, t_ns, values)
             return
-        sequence, sampled_ns, said = 0, t_ns, {}
+        sequence, sampled_ns, values = 0, t_ns, {}
         if topic in NUMBERED:
             try:
                 message = self._numbered.decode(payload)
@@ -129,10 +129,10 @@ class Recorder:
             if not self._count(topic, message, delivery, t_ns):
                 return
             if topic == "pose" and self._has_foxglove:
-                said = json.loads(payload)
+                values = json.loads(payload)
         elif topic == "params":
             self._params[probe] = _records(payload)
-        self._write(probe, topic, b"", payload, sequence, sampled_ns, t_ns, said)
+        self._write(probe, topic, b"", payload, sequence, sampled_ns, t_ns, values)
 
     def _count(
         self, topic: str, message: Numbered, delivery: Delivery, t_ns: int
@@ -140,7 +140,7 @@ class Recorder:
         """Notes what is missing before this message; False for a duplicate."""
         series = self._of(delivery.probe, topic)
         before, last = series.missed(), series.last
-        if not series.take(message, delivery.source):
+        if not series.count(message, delivery.source):
             return False
         missed = series.missed()
         if missed != before:
@@ -168,13 +168,13 @@ class Recorder:
         sequence: int,
         t_ns: int,
         received_ns: int,
-        said: Mapping[str, Any],
+        values: Mapping[str, Any],
     ) -> None:
         record = Record(
             *(probe, topic, payload, content, sequence, t_ns, received_ns),
             hello=self._hellos.get(probe, b""),
             params=self._params.get(probe),
-            values=said,
+            values=values,
         )
         self._attempt(probe, lambda: self._sink.take(record))
 

@@ -30,9 +30,9 @@ class _Copy:
 
     def learn(self, records: Iterable[Schema | Channel]) -> None:
         for record in records:
-            self.take(record)
+            self.add(record)
 
-    def take(self, record: Schema | Channel | Message | Metadata) -> None:
+    def add(self, record: Schema | Channel | Message | Metadata) -> None:
         writer = self._writer
         if isinstance(record, Schema):
             if record.id not in self._schemas:
@@ -107,13 +107,13 @@ def _copy(path: Path, size: int, part: Path) -> tuple[_Copy, list[Damage]]:
                     damages.append(each)
                     continue
                 for record in each.records:
-                    copy.take(record)
+                    copy.add(record)
                 bar.update(each.end)
         finally:
             bar.end()
         lost = str(sum(each.size for each in damages))
-        said = {"from": path.name, "bytes_lost": lost}
-        writer.add_metadata("recovered", seal("recovered", said))
+        origin = {"from": path.name, "bytes_lost": lost}
+        writer.add_metadata("recovered", seal("recovered", origin))
         writer.finish()
         os.fsync(out.fileno())
     return copy, damages
@@ -134,14 +134,16 @@ def _put(part: Path, to: Path) -> None:
 def _words(damages: list[Damage]) -> str:
     holes = [each for each in damages if not each.is_tail]
     tails = [each for each in damages if each.is_tail]
-    said = []
+    sentences = []
     if holes:
         lost = sum(each.size for each in holes)
-        said.append(f"{lost} damaged bytes in {_places(len(holes))} lost")
+        sentences.append(f"{lost} damaged bytes in {_places(len(holes))} lost")
     if tails:
         lost = sum(each.size for each in tails)
-        said.append(f"cut off, {lost} bytes at its end lost" if lost else "cut off")
-    return ", ".join(said)
+        sentences.append(
+            f"cut off, {lost} bytes at its end lost" if lost else "cut off"
+        )
+    return ", ".join(sentences)
 
 
 def _places(count: int) -> str:

@@ -165,7 +165,7 @@ class _Player:
                         _say(f"{path}: left out {item.size} damaged bytes")
                 elif isinstance(item, Logged) and item.topic in METADATA:
                     if item.probe in self.openings:
-                        self.openings[item.probe].take(item.topic, item.data)
+                        self.openings[item.probe].add(item.topic, item.data)
                 elif self._is_played(item):
                     self._pace.wait(item.t_ns)
                     yield item
@@ -251,7 +251,7 @@ class NetworkProbe:
         ]
         self._token = session.liveliness().declare_token(f"{key}/alive")
 
-    def take(self, item: Logged) -> None:
+    def keep(self, item: Logged) -> None:
         if item.topic in KEPT:
             self._last[item.topic] = item.data
 
@@ -315,7 +315,7 @@ def to_network(what: LogSet, client: Client, speed: float | None) -> int:
                     opening = player.openings[item.probe]
                     params = opening.payload(item.probe, item.t_ns)
                     probes[item.probe] = NetworkProbe(session, key, params)
-                probes[item.probe].take(item)
+                probes[item.probe].keep(item)
                 is_frame = item.topic == "frame"
                 # BLOCK: a slow network slows the replay down and drops nothing.
                 session.put(

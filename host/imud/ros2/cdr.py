@@ -165,12 +165,12 @@ def joint_state(
     return _HEAD + data
 
 
-def diagnostic_array(t_ns: int, frame: str, said: Sequence[Diagnosis]) -> bytes:
+def diagnostic_array(t_ns: int, frame: str, diagnoses: Sequence[Diagnosis]) -> bytes:
     """diagnostic_msgs/DiagnosticArray."""
     data = bytearray(_STAMP.pack(*_stamp(t_ns)))
     _add_text(data, frame)
-    _add_count(data, len(said))
-    for diagnosis in said:
+    _add_count(data, len(diagnoses))
+    for diagnosis in diagnoses:
         data.append(diagnosis.level)
         for text in (diagnosis.name, diagnosis.message, diagnosis.hardware_id):
             _add_text(data, text)

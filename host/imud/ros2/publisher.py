@@ -27,5 +27,5 @@ class Ros2Publisher:
 
     def put(self, data: bytes) -> None:
         self._sent += 1
-        said = topics.attachment(self._sent, time.time_ns(), self._gid)
-        self._publisher.put(data, attachment=said)
+        attachment = topics.attachment(self._sent, time.time_ns(), self._gid)
+        self._publisher.put(data, attachment=attachment)

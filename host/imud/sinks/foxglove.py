@@ -11,7 +11,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from imud.errors import ConfigError
-from imud.log.channels import said_on, topics_of
+from imud.log.channels import payload_on, topics_of
 from imud.log.schemas import schema_of
 from imud.probes.record import Presence, Record
 from imud.serving import listen
@@ -63,7 +63,7 @@ class FoxgloveSink:
         for topic in topics_of(record):
             channel = self._channel(record.probe, topic)
             if channel.has_sinks():
-                channel.log(said_on(record, topic), log_time=record.t_received_ns)
+                channel.log(payload_on(record, topic), log_time=record.t_received_ns)
 
     def flush(self) -> None:
         """Nothing to do: the server sends by itself."""

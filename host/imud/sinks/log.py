@@ -85,7 +85,7 @@ class LogSink:
                 f"{self.settings.floor_bytes / 1e6:.0f} MB free (log.floor_mb); "
                 "logging pauses until there is room"
             )
-        self._log.take(record)
+        self._log.add(record)
 
     def flush(self) -> None:
         log = self._log

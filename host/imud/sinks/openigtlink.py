@@ -35,7 +35,7 @@ STATES = {
 
 logger = logging.getLogger("imud")
 
-Said = Mapping[str, Any]
+Fields = Mapping[str, Any]
 Named = tuple[str, bytes]  # a message by its device name
 
 
@@ -108,7 +108,7 @@ class IgtlTranslator:
             self._offset = [float(each) for each in offset]
             self._tip_body = transform(UNTURNED, self._offset)
 
-    def _reason(self, pose: Said) -> str:
+    def _reason(self, pose: Fields) -> str:
         if pose["tilt_sigma_deg"] is None:
             return "the filter starts"
         if "tared" in pose["flags"] and self._origin != ORIGIN_HEADING:
@@ -123,7 +123,7 @@ class IgtlTranslator:
             return f"a stroke has no length ({self._end}): imud tare --heading"
         return "it has no origin: imud tare --heading; a Nano also needs fuse_on_host"
 
-    def _to_reference(self, pose: Said) -> MessageBody:
+    def _to_reference(self, pose: Fields) -> MessageBody:
         """Of the sensor, whose tip the pose tells."""
         rows, offset = matrix_rows(pose["q"]), self._offset or ()
         sensor = [

@@ -61,14 +61,14 @@ class PageSink:
         """What another program published about a body; called in any thread."""
         page, line = self._page, line_of(key, payload)
         if page is not None and line is not None:
-            page.take([line])
+            page.publish([line])
 
     def flush(self) -> None:
         page = self._page
         fresh, self._fresh = self._fresh, []
         self.period_s = WATCHED_S if page is not None and page.is_watched else IDLE_S
         if page is not None:
-            page.take(fresh)
+            page.publish(fresh)
             page.flush()
         elif time.monotonic() > self._again_s:
             self.open()

@@ -56,7 +56,7 @@ FLAWS = {
 STALE_STATES = frozenset({"gone", "silent"})
 ERROR_STATES = frozenset({"fault", "other schema"})
 
-Said = Mapping[str, Any]
+Fields = Mapping[str, Any]
 RosMessage = tuple[Topic, bytes]
 
 
@@ -104,7 +104,7 @@ class Ros2Translator:
             maxlen=PATH_MAX
         )  # where it began comes first
         self._has_path = False  # one that is not empty was published
-        self._sample: Said | None = None
+        self._sample: Fields | None = None
         self._errors = Errors()
         self._pose_us: int | None = None
         self._losses: dict[str, int] = {}
@@ -114,7 +114,7 @@ class Ros2Translator:
         own = (self.imu, self.mag, self.pose, self.tip, self.path)
         return (*own, TF, DIAGNOSTICS)
 
-    def take(self, record: Record) -> Iterator[RosMessage]:
+    def translate(self, record: Record) -> Iterator[RosMessage]:
         if record.topic == "pose":
             yield from self._take_pose(record.t_ns, record.values)
         elif record.topic == "raw":
@@ -125,11 +125,11 @@ class Ros2Translator:
             if self._path.add(record.values):
                 yield from self._another_path(record.t_ns)
         elif record.topic == "status" and record.payload:
-            status: Said = msgspec.json.decode(record.payload)
-            said = [self.diagnose(status)]
-            yield DIAGNOSTICS, cdr.diagnostic_array(record.t_ns, "", said)
+            status: Fields = msgspec.json.decode(record.payload)
+            diagnoses = [self.diagnose(status)]
+            yield DIAGNOSTICS, cdr.diagnostic_array(record.t_ns, "", diagnoses)
 
-    def _take_pose(self, t_ns: int, pose: Said) -> Iterator[RosMessage]:
+    def _take_pose(self, t_ns: int, pose: Fields) -> Iterator[RosMessage]:
         orientation: Sequence[float] = pose["q"]
         covariance = orientation_covariance(pose)
         self._pose_us = pose["t_device_us"]
@@ -166,7 +166,7 @@ class Ros2Translator:
         self._has_path = bool(self._stops)
         return self.path, cdr.path(t_ns, self._world, self._stops)
 
-    def _take_raw(self, t_ns: int, raw: Said) -> Iterator[RosMessage]:
+    def _take_raw(self, t_ns: int, raw: Fields) -> Iterator[RosMessage]:
         t_us: int = raw["t_device_us"]
         if raw["acc_m_s2"] is not None and raw["gyr_rad_s"] is not None:
             self._sample = raw
@@ -179,7 +179,7 @@ class Ros2Translator:
                 cdr.magnetic_field(t_ns, self.frame, field_t, self._errors.field),
             )
 
-    def _joined(self, t_us: int) -> Said | None:
+    def _joined(self, t_us: int) -> Fields | None:
         sample = self._sample
         if sample is None or abs(t_us - sample["t_device_us"]) > JOIN_US:
             return None
@@ -190,7 +190,7 @@ class Ros2Translator:
         t_ns: int,
         orientation: Sequence[float],
         covariance: Sequence[float],
-        sample: Said | None,
+        sample: Fields | None,
     ) -> RosMessage:
         rate = NOTHING if sample is None else sample["gyr_rad_s"]
         force = NOTHING if sample is None else sample["acc_m_s2"]
@@ -201,7 +201,7 @@ class Ros2Translator:
         )
         return self.imu, data
 
-    def diagnose(self, status: Said) -> Diagnosis:
+    def diagnose(self, status: Fields) -> Diagnosis:
         """The state of a probe; a loss is a warning where it is first counted."""
         ledger = status.get("ledger") or {}
         losses = {
@@ -223,7 +223,7 @@ class Ros2Translator:
         )
 
 
-def orientation_covariance(pose: Said) -> Sequence[float]:
+def orientation_covariance(pose: Fields) -> Sequence[float]:
     """3x3, rad^2, row by row, about the fixed axes of the world as in REP 103: tilt is
     about the two level axes, heading about the vertical one.
     """
@@ -235,7 +235,7 @@ def orientation_covariance(pose: Said) -> Sequence[float]:
     return (tilt, 0.0, 0.0, 0.0, tilt, 0.0, 0.0, 0.0, heading)
 
 
-def _verdict(status: Said, fresh: Mapping[str, int]) -> tuple[Level, str]:
+def _verdict(status: Fields, fresh: Mapping[str, int]) -> tuple[Level, str]:
     state = str(status.get("state"))
     if state in STALE_STATES:
         return Level.STALE, state
@@ -255,11 +255,13 @@ def _verdict(status: Said, fresh: Mapping[str, int]) -> tuple[Level, str]:
     return (Level.WARN, ", ".join(flaws)) if flaws else (Level.OK, state)
 
 
-def _values(status: Said, ledger: Said, losses: Mapping[str, int]) -> dict[str, str]:
+def _values(
+    status: Fields, ledger: Fields, losses: Mapping[str, int]
+) -> dict[str, str]:
     quality = status.get("quality") or {}
     equipment = status.get("equipment") or {}
     hello = status.get("hello") or {}
-    said = {
+    values = {
         "state": status.get("state"),
         "port": status.get("port"),
         "pose_rate_hz": status.get("pose_rate_hz"),
@@ -274,7 +276,8 @@ def _values(status: Said, ledger: Said, losses: Mapping[str, int]) -> dict[str, 
         "imud": status.get("imud"),
     }
     return {
-        name: "unknown" if value is None else str(value) for name, value in said.items()
+        name: "unknown" if value is None else str(value)
+        for name, value in values.items()
     }
 
 
@@ -325,7 +328,7 @@ class Ros2Sink:
                     self._session, self._node, number, topic
                 )
         if isinstance(record, Record):
-            for topic, data in translator.take(record):
+            for topic, data in translator.translate(record):
                 self._publishers[topic.name].put(data)
 
     def flush(self) -> None:

@@ -14,7 +14,7 @@ from imud.config.settings import ZenohSettings
 from imud.errors import NetworkError
 from imud.net import network, refusals
 from imud.net.access import BODIES, BODY_STATE
-from imud.net.presence import says_gone, says_it_is_here, says_there
+from imud.net.presence import is_probe_gone, is_probe_here, is_probe_there
 from imud.net.publishers import Publisher, declare_publisher
 from imud.probes.record import Presence, Record
 
@@ -118,17 +118,17 @@ class ZenohSink:
         probe, topic = record.probe, record.topic
         if probe in self._elsewhere or (topic == "status" and probe not in self._known):
             return False
-        said = self._publishers.get((probe, topic))
+        publisher = self._publishers.get((probe, topic))
         frame = self._publishers.get((probe, "frame"))
-        if (record.payload and said is None) or (record.content and frame is None):
+        if (record.payload and publisher is None) or (record.content and frame is None):
             return False
         if self._is_guest and not network.is_connected(session):
             return False
         if topic in KEPT:
             self._keep(session, record)
         # JSON first: most subscribers wait for that.
-        if record.payload and said is not None:
-            said.put(record.payload)
+        if record.payload and publisher is not None:
+            publisher.put(record.payload)
         if record.content and frame is not None:
             frame.put(record.content)
         return True
@@ -144,7 +144,7 @@ class ZenohSink:
             self.close()
             raise NetworkError(f"the Zenoh router at {self._where} is gone")
         if record.probe in self._elsewhere:
-            if not says_it_is_here(record):
+            if not is_probe_here(record):
                 self._leave(record.probe)
                 return
             self._elsewhere.discard(record.probe)
@@ -158,7 +158,7 @@ class ZenohSink:
         is_known = record.probe in self._known
         if record.topic == "status" and record.payload and not is_known:
             # Its presence was lost if it came or went while there was no network.
-            is_there = says_there(record.payload)
+            is_there = is_probe_there(record.payload)
             self._set_alive(session, record.probe, is_alive=is_there)
         if record.payload:
             self._put(session, record.probe, record.topic, record.payload)
@@ -250,7 +250,7 @@ class ZenohSink:
                 text = f"network: probe {probe} is at another imud now"
                 self._on_notice(("elsewhere", probe), text, False)
             return
-        if topic == "status" and says_gone(sample.payload.to_bytes()):
+        if topic == "status" and is_probe_gone(sample.payload.to_bytes()):
             return  # the last words of the daemon that it has left
         text = (
             f"network: another program publishes on {key}, too: don't trust it; is "

@@ -108,9 +108,9 @@ class Browser:
                 self._latest[key] = payloads[-1]
         self._wake.set()
 
-    def say(self, said: Mapping[str, Any]) -> None:
+    def say(self, message: Mapping[str, Any]) -> None:
         """Something of the server's own, such as the answer to a command."""
-        self._answers.append(_encode(said))
+        self._answers.append(_encode(message))
         self._wake.set()
 
     async def write(self, send: Send) -> None:

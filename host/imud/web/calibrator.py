@@ -77,11 +77,11 @@ def run(lines: BinaryIO, out: BinaryIO) -> None:
     about |= {"before": task.params, "before_digest": task.digest}
     told_s = 0.0
     for line in lines:
-        said = decode(line)
-        if isinstance(said, End):
+        message = decode(line)
+        if isinstance(message, End):
             session.end()
         else:
-            session.feed(sample_of(said))
+            session.feed(sample_of(message))
         now_s = time.monotonic()
         if session.is_over or now_s - told_s >= STATE_S:
             told_s = now_s

@@ -37,7 +37,7 @@ class Feed:
         self._last: dict[Key, bytes] = {}
         self.is_watched = False  # else only the last payload is kept
 
-    def take(self, payloads: Iterable[tuple[Key, bytes]]) -> None:
+    def add(self, payloads: Iterable[tuple[Key, bytes]]) -> None:
         with self._lock:
             for key, payload in payloads:
                 if key not in self._last and len(self._last) >= KEYS_MAX:

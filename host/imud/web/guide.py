@@ -57,7 +57,7 @@ class CalibrationGuide:
     def is_over(self) -> bool:
         return self._task.done()
 
-    def take(self, payloads: deque[bytes]) -> None:
+    def add_samples(self, payloads: deque[bytes]) -> None:
         """Raw samples, as they were published."""
         self._heard.set()
         if self._process is None:
@@ -173,9 +173,9 @@ class CalibrationGuide:
                 processes.kill(process)
                 raise GuideError("this machine is too busy to calibrate; begin again")
 
-    def _say(self, **said: Any) -> None:
+    def _say(self, **fields: Any) -> None:
         head = {"type": CALIBRATION, "probe": self._probe, "kind": self._kind}
-        self._tell(self._probe, _encode(head | said))
+        self._tell(self._probe, _encode(head | fields))
 
 
 class Guides:
@@ -204,15 +204,15 @@ class Guides:
         guide = self._all.pop(probe, None)
         if guide is not None:
             await guide.stop()
-            said = {"type": CALIBRATION, "probe": probe, "phase": "none"}
-            self._tell(probe, _encode(said))
+            state = {"type": CALIBRATION, "probe": probe, "phase": "none"}
+            self._tell(probe, _encode(state))
 
-    def take(self, fresh: Mapping[Key, deque[bytes]]) -> None:
+    def pass_on(self, fresh: Mapping[Key, deque[bytes]]) -> None:
         """What was published."""
         for probe, guide in self._all.items():
             payloads = fresh.get((probe, "raw"))
             if payloads and not guide.is_over:
-                guide.take(payloads)
+                guide.add_samples(payloads)
 
     async def close(self) -> None:
         for probe in [*self._all]:

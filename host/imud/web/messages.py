@@ -17,7 +17,7 @@ Value = Annotated[str, Meta(max_length=8192, pattern=r"^[^;]*$")]
 Secret = Annotated[str, Meta(max_length=200)]
 
 
-class _Said(
+class _Message(
     msgspec.Struct,
     frozen=True,
     forbid_unknown_fields=True,
@@ -27,14 +27,14 @@ class _Said(
     pass
 
 
-class Login(_Said, frozen=True):
+class Login(_Message, frozen=True):
     """Who uses the browser. With a token the name is empty."""
 
     user: Secret
     secret: Secret
 
 
-class Watch(_Said, frozen=True):
+class Watch(_Message, frozen=True):
     """Of which probes' topics it wants every payload, how often it draws, and which
     probe it looks at: poses of others are sent less often.
     """
@@ -44,13 +44,13 @@ class Watch(_Said, frozen=True):
     probe: Name | None = None
 
 
-class Seen(_Said, frozen=True):
+class Seen(_Message, frozen=True):
     """The number of the last message that it has drawn."""
 
     n: int
 
 
-class Ask(_Said, frozen=True):
+class Ask(_Message, frozen=True):
     """A command for a probe; the answer has the same id."""
 
     id: int
@@ -59,7 +59,7 @@ class Ask(_Said, frozen=True):
     parameters: Annotated[dict[Name, Value], Meta(max_length=PARAMETERS_MAX)] = {}
 
 
-class Calibrate(_Said, frozen=True):
+class Calibrate(_Message, frozen=True):
     """Begins a calibration of a probe; `end` has it judged, `stop` gives it up."""
 
     id: int
@@ -67,13 +67,13 @@ class Calibrate(_Said, frozen=True):
     kind: Kind | Literal["end", "stop"]
 
 
-class Logs(_Said, frozen=True):
+class Logs(_Message, frozen=True):
     """Asks for the list of logs; the answer has the same id."""
 
     id: int
 
 
-class Read(_Said, frozen=True):
+class Read(_Message, frozen=True):
     """Asks for the next part of a log; the answer has the same id."""
 
     id: int
@@ -81,7 +81,7 @@ class Read(_Said, frozen=True):
     offset: Annotated[int, Meta(ge=0)]
 
 
-class Play(_Said, frozen=True):
+class Play(_Message, frozen=True):
     """Plays a log so many times as fast as it was, from its beginning; of the one that
     is played, another speed. 0: stands still.
     """
@@ -91,16 +91,18 @@ class Play(_Said, frozen=True):
     speed: Annotated[float, Meta(ge=0, le=100)] = 1.0
 
 
-class Seek(_Said, frozen=True):
+class Seek(_Message, frozen=True):
     """Goes to a time of the log that is played, UTC in ms."""
 
     id: int
     t_ms: Annotated[float, Meta(ge=0, le=1e13)]
 
 
-class GoLive(_Said, frozen=True, tag="live"):
+class GoLive(_Message, frozen=True, tag="live"):
     """Ends the log: what is live is sent again."""
 
 
-Said = Login | Watch | Seen | Ask | Calibrate | Logs | Read | Play | Seek | GoLive
-decode = msgspec.json.Decoder(Said).decode
+BrowserMessage = (
+    Login | Watch | Seen | Ask | Calibrate | Logs | Read | Play | Seek | GoLive
+)
+decode = msgspec.json.Decoder(BrowserMessage).decode

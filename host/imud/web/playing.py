@@ -71,11 +71,11 @@ class Playing:
             if self._early_ms is not None:
                 self.seek(self._early_ms)
             while process.stdout and (line := await process.stdout.readline()):
-                self._take(line.rstrip(b"\n"))
+                self._receive(line.rstrip(b"\n"))
         finally:
             await processes.end(self._process)
 
-    def _take(self, line: bytes) -> None:
+    def _receive(self, line: bytes) -> None:
         probe, topic, payload = line.split(b"\t", 2)
         if topic == b"span":
             self._span_ms = [int(each) / 1e6 for each in payload.split()]

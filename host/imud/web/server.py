@@ -54,11 +54,11 @@ class Page:
         self._address = address
         self._feed = Feed()
         self._gate = Gate(on_notice)
-        said = {"type": "page", "imud": version(), **(about or {})}
+        page = {"type": "page", "imud": version(), **(about or {})}
         users = users or Everybody()
         self._guides = Guides(self._feed, self._ask, self._tell)
         self._host = Host(
-            *(self._gate, self._feed, users, on_ask, said),
+            *(self._gate, self._feed, users, on_ask, page),
             *(self._guides, Players(), logs),
         )
         self._on_ask = on_ask
@@ -94,9 +94,9 @@ class Page:
     def close(self) -> None:
         self._thread.close()
 
-    def take(self, payloads: Iterable[tuple[Key, bytes]]) -> None:
+    def publish(self, payloads: Iterable[tuple[Key, bytes]]) -> None:
         """What was published, by probe and topic: JSON on one line."""
-        self._feed.take(payloads)
+        self._feed.add(payloads)
 
     def flush(self) -> None:
         """Has the browsers served with what was taken."""
@@ -106,7 +106,7 @@ class Page:
     def _deliver(self) -> None:
         fresh = self._feed.swap()
         if fresh:
-            self._guides.take(fresh)
+            self._guides.pass_on(fresh)
             for browser in self._browsers:
                 browser.put(fresh)
 
@@ -130,7 +130,7 @@ class Page:
 
     def _tell(self, probe: str, state: bytes) -> None:
         """How a calibration does."""
-        self._feed.take([((probe, CALIBRATION), state)])
+        self._feed.add([((probe, CALIBRATION), state)])
         self._deliver()
 
     async def _ask(

@@ -89,33 +89,33 @@ class Visit:
 
     async def hear(self, message: str | bytes) -> None:
         """Acts on a message; MsgspecError if it is none of ours."""
-        said = decode(message)
-        if isinstance(said, Seen):
-            self.browser.seen(said.n)
-        elif isinstance(said, Watch):
-            every = frozenset(said.every)
-            self.browser.watch(every, said.rate_hz, said.probe or "")
-        elif isinstance(said, Ask):
-            self._ask(said)
-        elif isinstance(said, Calibrate):
-            await self._calibrate(said)
-        elif isinstance(said, Login):
-            await self._log_in(said)
-        elif isinstance(said, Play):
-            await self._play(said)
-        elif isinstance(said, Seek):
-            self._seek(said)
-        elif isinstance(said, GoLive):
+        request = decode(message)
+        if isinstance(request, Seen):
+            self.browser.seen(request.n)
+        elif isinstance(request, Watch):
+            every = frozenset(request.every)
+            self.browser.watch(every, request.rate_hz, request.probe or "")
+        elif isinstance(request, Ask):
+            self._ask(request)
+        elif isinstance(request, Calibrate):
+            await self._calibrate(request)
+        elif isinstance(request, Login):
+            await self._log_in(request)
+        elif isinstance(request, Play):
+            await self._play(request)
+        elif isinstance(request, Seek):
+            self._seek(request)
+        elif isinstance(request, GoLive):
             await self._go_live()
         else:
-            await self._tell_logs(said)
+            await self._tell_logs(request)
 
     async def close(self) -> None:
         """The browser has left."""
         if self._playing is not None:
             await self._playing.stop()
 
-    async def _play(self, said: Play) -> None:
+    async def _play(self, request: Play) -> None:
         logs, players = self._host.logs, self._host.players
         reason = "" if logs is not None and self._has_logs() else "role"
         if self._playing is None and not reason and players.is_full:
@@ -123,28 +123,28 @@ class Visit:
         if logs is None or reason:
             self._host.gate.refuse(reason, self._connection)
             words = "too many logs are being played" if reason == "busy" else NO_LOGS
-            self._say_answer(said.id, b"", words)
+            self._say_answer(request.id, b"", words)
             return
         try:
-            path = await asyncio.to_thread(logs.path, said.name)
+            path = await asyncio.to_thread(logs.path, request.name)
         except OSError as error:
-            self._say_answer(said.id, b"", error.strerror or "it can't be read")
+            self._say_answer(request.id, b"", error.strerror or "it can't be read")
             return
-        if self._playing is not None and self._playing.name == said.name:
-            self._playing.set_speed(said.speed)
+        if self._playing is not None and self._playing.name == request.name:
+            self._playing.set_speed(request.speed)
         else:
             await self.close()
-            self._playing = Playing(path, said.speed, self.browser, players)
+            self._playing = Playing(path, request.speed, self.browser, players)
             self.browser.play(is_playing=True)
             self.admit(self._grant)
-        self._say_answer(said.id, b"true", "")
+        self._say_answer(request.id, b"true", "")
 
-    def _seek(self, said: Seek) -> None:
+    def _seek(self, request: Seek) -> None:
         if self._playing is None:
-            self._say_answer(said.id, b"", "no log is being played")
+            self._say_answer(request.id, b"", "no log is being played")
         else:
-            self._playing.seek(said.t_ms)
-            self._say_answer(said.id, b"true", "")
+            self._playing.seek(request.t_ms)
+            self._say_answer(request.id, b"true", "")
 
     async def _go_live(self) -> None:
         await self.close()
@@ -155,43 +155,43 @@ class Visit:
     def _has_logs(self) -> bool:
         return self._host.logs is not None and self._grant.logs
 
-    async def _tell_logs(self, said: Logs | Read) -> None:
+    async def _tell_logs(self, request: Logs | Read) -> None:
         logs = self._host.logs
         if logs is None or not self._has_logs():
             self._host.gate.refuse("role", self._connection)
-            self._say_answer(said.id, b"", NO_LOGS)
+            self._say_answer(request.id, b"", NO_LOGS)
             return
         if self.browser.answers >= ASKS_MAX:
             self._host.gate.refuse("busy", self._connection)
-            self._say_answer(said.id, b"", TOO_MUCH)
+            self._say_answer(request.id, b"", TOO_MUCH)
             return
         try:
-            if isinstance(said, Logs):
+            if isinstance(request, Logs):
                 value: Any = await asyncio.to_thread(logs.files)
             else:  # bytes become base64 in JSON
-                value = await asyncio.to_thread(logs.read, said.name, said.offset)
+                value = await asyncio.to_thread(logs.read, request.name, request.offset)
         except OSError as error:
-            self._say_answer(said.id, b"", error.strerror or "it can't be read")
+            self._say_answer(request.id, b"", error.strerror or "it can't be read")
         else:
-            self._say_answer(said.id, msgspec.json.encode(value), "")
+            self._say_answer(request.id, msgspec.json.encode(value), "")
 
-    async def _calibrate(self, said: Calibrate) -> None:
+    async def _calibrate(self, request: Calibrate) -> None:
         if not (self._grant.commands and CALIBRATION in self._grant.reads):
             self._host.gate.refuse("role", self._connection)
-            self._say_answer(said.id, b"", "your role does not allow to calibrate")
+            self._say_answer(request.id, b"", "your role does not allow to calibrate")
             return
         guides = self._host.guides
         try:
-            if said.kind == "stop":
-                await guides.stop(said.probe)
-            elif said.kind == "end":
-                guides.end(said.probe)
+            if request.kind == "stop":
+                await guides.stop(request.probe)
+            elif request.kind == "end":
+                guides.end(request.probe)
             else:
-                guides.begin(said.probe, said.kind)
+                guides.begin(request.probe, request.kind)
         except GuideError as error:
-            self._say_answer(said.id, b"", str(error))
+            self._say_answer(request.id, b"", str(error))
         else:
-            self._say_answer(said.id, b"true", "")
+            self._say_answer(request.id, b"true", "")
 
     def _ask(self, asked: Ask) -> None:
         reason = "" if self._grant.may_send(asked.command) else "role"
@@ -218,11 +218,11 @@ class Visit:
 
     def _say_answer(self, number: int, payload: bytes, error: str) -> None:
         value = msgspec.Raw(payload) if payload else None
-        said = {"type": "answer", "id": number, "error": error, "answer": value}
-        self.browser.say(said)
+        reply = {"type": "answer", "id": number, "error": error, "answer": value}
+        self.browser.say(reply)
 
-    async def _log_in(self, said: Login) -> None:
-        grant = self._host.users.log_in(said.user, said.secret)
+    async def _log_in(self, request: Login) -> None:
+        grant = self._host.users.log_in(request.user, request.secret)
         if grant is not None:
             self.admit(grant)
             return

@@ -95,7 +95,7 @@ def test_counts_are_counters_and_states_are_gauges() -> None:
 def served() -> Iterator[MetricsServer]:
     metrics = MetricsServer(("127.0.0.1", 0))
     metrics.start()
-    metrics.take(STATUS)
+    metrics.update(STATUS)
     try:
         yield metrics
     finally:

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 import imud.sinks.log
 from fakes import DaemonProcess, FakeProbe, Port, status_of
 from imud.client import Client
-from imud.log.channels import POSE_IN_FRAME, said_on
+from imud.log.channels import POSE_IN_FRAME, payload_on
 from imud.log.file import Settings
 from imud.log.reader import FRAME_ENCODING, Logged, read_log
 from imud.log.schemas import FOXGLOVE_SCHEMA
@@ -92,7 +92,7 @@ def test_foxglove_finds_poses_that_it_can_draw(tmp_path: Path) -> None:
 def test_a_pose_whose_position_is_known_is_drawn_in_the_world() -> None:
     (record,) = records(1)[-1:]
     said = {**record.values, "position_m": (1.0, 2.0, 3.0)}
-    drawn = json.loads(said_on(replace(record, values=said), POSE_IN_FRAME))
+    drawn = json.loads(payload_on(replace(record, values=said), POSE_IN_FRAME))
     assert drawn["frame_id"] == "world"
     assert drawn["pose"]["position"] == {"x": 1.0, "y": 2.0, "z": 3.0}
 
@@ -122,7 +122,7 @@ def test_poses_for_foxglove_are_of_its_published_schema() -> None:
     checker = Draft202012Validator(FOXGLOVE_SCHEMA)
     for record in records(20):
         if record.topic == "pose":
-            checker.validate(json.loads(said_on(record, POSE_IN_FRAME)))
+            checker.validate(json.loads(payload_on(record, POSE_IN_FRAME)))
 
 
 def decoded(path: Path) -> Counter[str]:

@@ -157,9 +157,9 @@ def test_late_datagrams_are_taken_within_the_window() -> None:
     window = Window()
     order = [0, 2, 1, 2, 1, WINDOW + 1, 2 + 1, 2, WINDOW + 1, 10 * WINDOW, 9 * WINDOW]
     taken = [True, True, True, False, False, True, True, False, False, True, False]
-    assert [window.take(counter) for counter in order] == taken
+    assert [window.accept(counter) for counter in order] == taken
     edge = 10 * WINDOW - (WINDOW - 1)
-    assert not window.take(edge - 1)
-    assert window.take(edge)
-    assert not window.take(edge)
+    assert not window.accept(edge - 1)
+    assert window.accept(edge)
+    assert not window.accept(edge)
     assert window.highest == 10 * WINDOW

@@ -111,7 +111,7 @@ def test_a_later_part_of_a_log_is_calibrated_from_its_first_sample(
 def opening_of(*metadata: tuple[str, bytes]) -> Opening:
     opening = Opening()
     for topic, data in metadata:
-        opening.take(topic, data)
+        opening.add(topic, data)
     return opening
 
 
@@ -176,7 +176,7 @@ def test_who_subscribes_late_asks_for_the_params_in_force(
     put.append(params_record(OTHER, late_ns))
     path = write(tmp_path / "in", put)
     held = Held()
-    monkeypatch.setattr(replay, "Pace", lambda _: held)
+    monkeypatch.setattr(replay, "Pacer", lambda _: held)
     with contextlib.ExitStack() as stack:
         daemon = stack.enter_context(
             DaemonProcess(tmp_path / "none", directory=tmp_path, log=False)

@@ -79,7 +79,7 @@ def status(**fields: Any) -> Record:
 def said_by(translator: Ros2Translator, *records: Record) -> dict[str, list[Any]]:
     said: dict[str, list[Any]] = {}
     for record in records:
-        for topic, data in translator.take(record):
+        for topic, data in translator.translate(record):
             message = JAZZY.deserialize_cdr(data, topic.type.name)
             said.setdefault(topic.name, []).append(message)
     return said

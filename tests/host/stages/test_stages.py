@@ -89,7 +89,7 @@ class Bench:
 
     def hear(self, data: bytes) -> None:
         for event in self.session.receive(b"\0" + data, None):
-            self.intake.take(event, self.port)
+            self.intake.handle(event, self.port)
 
     def said(self, topic: str) -> list[dict[str, Any]]:
         return [json.loads(r.payload) for r in self.records if r.topic == topic]
