@@ -11,7 +11,7 @@ from imud.body.state import BodyState
 from imud.net import network
 from imud.ros2 import cdr, topics
 from imud.ros2.cdr import Transform
-from imud.ros2.publisher import Ros2Publisher
+from imud.ros2.publisher import RosPublisher
 from imud.ros2.topics import Node, Topic
 from imud.sinks.ros2 import TF, RosMessage
 
@@ -50,14 +50,14 @@ class Ros2Body:
         self._session = network.open_node((endpoint,), mine)
         self._node = Node(domain, str(self._session.zid()), NODE)
         self._token = self._session.liveliness().declare_token(self._node.token)
-        self._publishers: dict[str, Ros2Publisher] = {}
+        self._publishers: dict[str, RosPublisher] = {}
 
     def put(self, state: BodyState, payload: bytes) -> None:  # noqa: ARG002 - a sink's
         # Announced before the first message, so that readers can wait for it.
         for topic in (joint_topic(state.body), TF):
             if topic.name not in self._publishers:
                 number = 1 + len(self._publishers)
-                self._publishers[topic.name] = Ros2Publisher(
+                self._publishers[topic.name] = RosPublisher(
                     self._session, self._node, number, topic
                 )
         for topic, data in messages(state):

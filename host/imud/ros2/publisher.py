@@ -11,7 +11,7 @@ from imud.ros2 import topics
 from imud.ros2.topics import Node, Topic
 
 
-class Ros2Publisher:
+class RosPublisher:
     """One topic: a Zenoh publisher, and the token by which ROS nodes discover it."""
 
     def __init__(

@@ -18,7 +18,7 @@ from imud.probes.path import StrokePath
 from imud.probes.record import Presence, Record
 from imud.ros2 import cdr, topics
 from imud.ros2.cdr import Diagnosis, Level, PathPoint
-from imud.ros2.publisher import Ros2Publisher
+from imud.ros2.publisher import RosPublisher
 from imud.ros2.topics import Node, Topic
 from imud.wire.params import parts_of
 
@@ -82,7 +82,7 @@ def _diagonal(sigma: object, unit: float = 1.0) -> Sequence[float]:
     return (square, 0.0, 0.0, 0.0, square, 0.0, 0.0, 0.0, square)
 
 
-class Ros2Translator:
+class RosTranslator:
     """Turns the records of one probe into ROS 2 messages. No I/O."""
 
     def __init__(self, probe: str, namespace: str, world: str) -> None:
@@ -97,12 +97,9 @@ class Ros2Translator:
         self.tip = Topic(f"{base}/tip", topics.POINT_STAMPED)
         self.path = Topic(f"{base}/path", topics.PATH)
         self._path = StrokePath()
-        self._rest: PathPoint | None = (
-            None  # the last pose outside strokes, if it has one
-        )
-        self._stops: deque[PathPoint] = deque(
-            maxlen=PATH_MAX
-        )  # where it began comes first
+        self._rest: PathPoint | None = None  # the last pose outside strokes, if known
+        # Where it began comes first.
+        self._stops: deque[PathPoint] = deque(maxlen=PATH_MAX)
         self._has_path = False  # one that is not empty was published
         self._sample: Fields | None = None
         self._errors = Errors()
@@ -304,8 +301,8 @@ class Ros2Sink:
         self._session: zenoh.Session | None = None
         self._node: Node | None = None
         self._node_token: zenoh.LivelinessToken | None = None
-        self._translators: dict[str, Ros2Translator] = {}
-        self._publishers: dict[str, Ros2Publisher] = {}
+        self._translators: dict[str, RosTranslator] = {}
+        self._publishers: dict[str, RosPublisher] = {}
 
     def open(self) -> None:
         self._session = network.open_node(self._connect, self._mine)
@@ -318,13 +315,13 @@ class Ros2Sink:
             return
         translator = self._translators.get(record.probe)
         if translator is None:
-            translator = Ros2Translator(record.probe, self._namespace, self._world)
+            translator = RosTranslator(record.probe, self._namespace, self._world)
             self._translators[record.probe] = translator
         # Announced before the first message, so that readers can wait for it.
         for topic in translator.topics:
             if topic.name not in self._publishers:
                 number = 1 + len(self._publishers)
-                self._publishers[topic.name] = Ros2Publisher(
+                self._publishers[topic.name] = RosPublisher(
                     self._session, self._node, number, topic
                 )
         if isinstance(record, Record):

@@ -19,7 +19,7 @@ from imud.probes.record import Record
 from imud.ros2 import topics as ros2
 from imud.ros2.cdr import Level
 from imud.ros2.topics import Topic
-from imud.sinks.ros2 import FREE_RAD2, Ros2Translator
+from imud.sinks.ros2 import FREE_RAD2, RosTranslator
 from ros_values import FORCE, JAZZY, RATE, T_NS, Q
 
 
@@ -76,7 +76,7 @@ def status(**fields: Any) -> Record:
     return Record("tip", "status", json.dumps(said).encode(), b"", 0, T_NS, T_NS)
 
 
-def said_by(translator: Ros2Translator, *records: Record) -> dict[str, list[Any]]:
+def said_by(translator: RosTranslator, *records: Record) -> dict[str, list[Any]]:
     said: dict[str, list[Any]] = {}
     for record in records:
         for topic, data in translator.translate(record):
@@ -86,11 +86,11 @@ def said_by(translator: Ros2Translator, *records: Record) -> dict[str, list[Any]
 
 
 @pytest.fixture
-def translator() -> Ros2Translator:
-    return Ros2Translator("tip", "imud", "world")
+def translator() -> RosTranslator:
+    return RosTranslator("tip", "imud", "world")
 
 
-def test_a_pose_is_said_in_four_ways(translator: Ros2Translator) -> None:
+def test_a_pose_is_said_in_four_ways(translator: RosTranslator) -> None:
     said = said_by(translator, pose(position_m=(1.0, 2.0, 3.0)))
     assert set(said) == {"/imud/tip/imu/data", "/tf", "/imud/tip/pose", TIP}
     (imu,), transforms, (stamped,), (tip,) = said.values()
@@ -130,7 +130,7 @@ def at(number: float, t_us: int = 0) -> Record:
     return replace(found, t_ns=T_NS + int(1e9 * number))
 
 
-def paths(translator: Ros2Translator, *records: Record) -> list[Any]:
+def paths(translator: RosTranslator, *records: Record) -> list[Any]:
     return said_by(translator, *records).get("/imud/tip/path", [])
 
 
@@ -138,7 +138,7 @@ RUNNING = stroke(1, "running")
 
 
 def test_a_path_has_the_places_of_the_tip_since_its_origin(
-    translator: Ros2Translator,
+    translator: RosTranslator,
 ) -> None:
     moving = pose(position_m=(0.05, 0.0, 0.0), t_device_us=500_000)
     told = paths(
@@ -164,20 +164,18 @@ LOST = stroke(2, "gap", displacement_m=None, path_m=None)
 
 
 @pytest.mark.parametrize("end", [LOST, TARED])
-def test_a_path_that_ends_is_empty_once(
-    translator: Ros2Translator, end: Record
-) -> None:
+def test_a_path_that_ends_is_empty_once(translator: RosTranslator, end: Record) -> None:
     told = paths(translator, at(0), RUNNING, stroke(1), at(1), end, end, at(3))
     assert [len(path.poses) for path in told] == [2, 0]
 
 
-def test_no_path_is_told_without_a_place_of_the_tip(translator: Ros2Translator) -> None:
+def test_no_path_is_told_without_a_place_of_the_tip(translator: RosTranslator) -> None:
     nowhere = pose(position_m=None, t_device_us=1_000_000)
     assert paths(translator, nowhere, RUNNING, stroke(1), nowhere, at(2)) == []
 
 
 def test_a_pose_without_a_position_says_none_in_the_world(
-    translator: Ros2Translator,
+    translator: RosTranslator,
 ) -> None:
     said = said_by(translator, pose(position_m=None))
     assert list(said) == ["/imud/tip/imu/data", "/tf"]
@@ -186,7 +184,7 @@ def test_a_pose_without_a_position_says_none_in_the_world(
 
 
 def test_tilt_is_about_the_level_axes_and_heading_about_the_one_that_points_up(
-    translator: Ros2Translator,
+    translator: RosTranslator,
 ) -> None:
     # On its side, the probe's own x points up: what is said stays the world's.
     on_its_side = (math.sqrt(0.5), 0.0, -math.sqrt(0.5), 0.0)
@@ -195,7 +193,7 @@ def test_tilt_is_about_the_level_axes_and_heading_about_the_one_that_points_up(
     assert np.array_equal(imu.orientation_covariance.reshape(3, 3), expected)
 
 
-def test_a_free_heading_may_be_anything(translator: Ros2Translator) -> None:
+def test_a_free_heading_may_be_anything(translator: RosTranslator) -> None:
     (imu,) = said_by(translator, pose(heading_sigma_deg=None))["/imud/tip/imu/data"]
     turns = np.linspace(-np.pi, np.pi, 100_001)
     assert pytest.approx(turns.var(), rel=1e-4) == FREE_RAD2
@@ -203,7 +201,7 @@ def test_a_free_heading_may_be_anything(translator: Ros2Translator) -> None:
 
 
 def test_an_orientation_that_still_settles_is_not_said(
-    translator: Ros2Translator,
+    translator: RosTranslator,
 ) -> None:
     said = said_by(translator, pose(tilt_sigma_deg=None, heading_sigma_deg=None))
     assert list(said) == ["/imud/tip/imu/data"]
@@ -212,7 +210,7 @@ def test_an_orientation_that_still_settles_is_not_said(
 
 
 def test_without_samples_an_imu_says_that_it_has_none(
-    translator: Ros2Translator,
+    translator: RosTranslator,
 ) -> None:
     (imu,) = said_by(translator, pose())["/imud/tip/imu/data"]
     assert imu.angular_velocity_covariance[0] == -1
@@ -221,7 +219,7 @@ def test_without_samples_an_imu_says_that_it_has_none(
 
 @pytest.mark.parametrize("age_us", [0, 5_000, 20_000, -20_000])
 def test_a_pose_is_joined_with_the_sample_before_it(
-    translator: Ros2Translator, age_us: int
+    translator: RosTranslator, age_us: int
 ) -> None:
     before = pose(t_device_us=999_000)
     said = said_by(translator, before, raw(), pose(t_device_us=1_000_000 + age_us))
@@ -234,7 +232,7 @@ def test_a_pose_is_joined_with_the_sample_before_it(
 
 
 def test_the_covariance_of_a_sample_is_that_of_its_calibration(
-    translator: Ros2Translator,
+    translator: RosTranslator,
 ) -> None:
     records = calibrated_records(1)
     sample = raw(records, mag_uT=(20.0, -1.0, 45.0))
@@ -252,14 +250,14 @@ def test_the_covariance_of_a_sample_is_that_of_its_calibration(
     assert not imu.linear_acceleration_covariance.any()
 
 
-def test_an_old_sample_is_not_joined(translator: Ros2Translator) -> None:
+def test_an_old_sample_is_not_joined(translator: RosTranslator) -> None:
     said = said_by(translator, pose(), raw(), pose(t_device_us=1_020_001))
     first, last = said["/imud/tip/imu/data"]
     assert first.angular_velocity_covariance[0] == -1
     assert last.angular_velocity_covariance[0] == -1
 
 
-def test_samples_without_poses_go_out_by_themselves(translator: Ros2Translator) -> None:
+def test_samples_without_poses_go_out_by_themselves(translator: RosTranslator) -> None:
     said = said_by(translator, raw(), pose(), raw(t_device_us=2_000_000))
     assert len(said["/imud/tip/imu/data"]) == 2  # the first, and the pose's
     (imu,) = said_by(translator, raw(t_device_us=2_000_001))["/imud/tip/imu/data"]
@@ -268,12 +266,12 @@ def test_samples_without_poses_go_out_by_themselves(translator: Ros2Translator) 
 
 
 def test_samples_before_the_first_hello_have_no_scale(
-    translator: Ros2Translator,
+    translator: RosTranslator,
 ) -> None:
     assert said_by(translator, raw(acc_m_s2=None, gyr_rad_s=None)) == {}
 
 
-def test_a_magnetic_field_is_in_tesla(translator: Ros2Translator) -> None:
+def test_a_magnetic_field_is_in_tesla(translator: RosTranslator) -> None:
     said = said_by(translator, pose(), raw(mag_uT=(20.0, -1.0, 45.0)))
     (mag,) = said["/imud/tip/imu/mag"]
     field = mag.magnetic_field
@@ -282,14 +280,14 @@ def test_a_magnetic_field_is_in_tesla(translator: Ros2Translator) -> None:
     assert not mag.magnetic_field_covariance.any()
 
 
-def verdict(translator: Ros2Translator, **fields: Any) -> tuple[int, str]:
+def verdict(translator: RosTranslator, **fields: Any) -> tuple[int, str]:
     (message,) = said_by(translator, status(**fields))["/diagnostics"]
     (one,) = message.status
     assert (one.name, one.hardware_id) == ("imud: tip", "00112233445566aa")
     return one.level, one.message
 
 
-def test_the_state_of_a_probe_is_a_level(translator: Ros2Translator) -> None:
+def test_the_state_of_a_probe_is_a_level(translator: RosTranslator) -> None:
     assert verdict(translator) == (Level.OK, "streaming")
     assert verdict(translator, state="idle") == (Level.OK, "idle")
     assert verdict(translator, state="gone") == (Level.STALE, "gone")
@@ -299,7 +297,7 @@ def test_the_state_of_a_probe_is_a_level(translator: Ros2Translator) -> None:
 
 
 def test_what_a_pose_lacks_is_a_warning_while_it_streams(
-    translator: Ros2Translator,
+    translator: RosTranslator,
 ) -> None:
     flawed = {"flags": ["at_rest", "mag_disturbed", "gap"]}
     assert verdict(translator, quality=flawed) == (
@@ -313,7 +311,7 @@ def test_what_a_pose_lacks_is_a_warning_while_it_streams(
     )
 
 
-def test_what_is_wrong_with_the_sensors_is_told(translator: Ros2Translator) -> None:
+def test_what_is_wrong_with_the_sensors_is_told(translator: RosTranslator) -> None:
     broken = {"words": ["no answer at 0x68"], "flags": []}
     told = verdict(translator, state="fault", sensors=broken)
     assert told == (Level.ERROR, "fault: no answer at 0x68")
@@ -322,7 +320,7 @@ def test_what_is_wrong_with_the_sensors_is_told(translator: Ros2Translator) -> N
     assert told == (Level.WARN, "a sensor failed its self-test")
 
 
-def test_a_loss_is_a_warning_once(translator: Ros2Translator) -> None:
+def test_a_loss_is_a_warning_once(translator: RosTranslator) -> None:
     ledger = {"lost": 1, "earlier_boots": {"lost": 2}, "corrupt": 4}
     ledger |= {"dropped": {"log": 5, "zenoh": 1}}
     told = (Level.WARN, "3 lost, 4 corrupt, 6 dropped")
@@ -333,7 +331,7 @@ def test_a_loss_is_a_warning_once(translator: Ros2Translator) -> None:
     assert told_again == (Level.WARN, "1 lost")
 
 
-def test_figures_of_a_probe_are_in_its_diagnostics(translator: Ros2Translator) -> None:
+def test_figures_of_a_probe_are_in_its_diagnostics(translator: RosTranslator) -> None:
     (message,) = said_by(translator, status(equipment={"battery_v": 3.9}))[
         "/diagnostics"
     ]
@@ -345,7 +343,7 @@ def test_figures_of_a_probe_are_in_its_diagnostics(translator: Ros2Translator) -
     assert values["battery_v"] == "3.9"
 
 
-def test_a_status_of_which_little_is_known_is_said(translator: Ros2Translator) -> None:
+def test_a_status_of_which_little_is_known_is_said(translator: RosTranslator) -> None:
     bare = status(quality=None, ledger=None, state=None)
     (message,) = said_by(translator, bare)["/diagnostics"]
     assert message.status[0].level == Level.OK
