@@ -81,25 +81,25 @@ def summary(entry: ProbeEntry) -> dict[str, Any]:
     """What a probe's status says of its params."""
     digest = entry.probe.hello.get("params_digest")
     records = entry.probe.params if isinstance(digest, int) else None
-    values: dict[str, Any] = {
+    summed: dict[str, Any] = {
         "digest": f"{digest:08x}" if isinstance(digest, int) else None,
         "is_known": records is not None,
     }
     if records is None:
-        return values
+        return summed
     try:
         params = Params.decode(records)
     except ParamsError:
-        return values
+        return summed
     described = params.described()
     conditions = conditions_of(entry, params)
     cared_for = conditions if is_working(entry) else {}
     if cared_for and not has_magnetometer(entry.probe.hello):
         cared_for = {name: of for name, of in conditions.items() if name != "mag"}
     for name in SENSORS:
-        values[name] = {"is_calibrated": described[name] is not None}
-        values[name]["condition"] = conditions[name].value
-    values |= {"advice": advice(cared_for), "flags": flags_of(cared_for)}
+        summed[name] = {"is_calibrated": described[name] is not None}
+        summed[name]["condition"] = conditions[name].value
+    summed |= {"advice": advice(cared_for), "flags": flags_of(cared_for)}
     for name in (*SENSORS, "tip"):
         values = described[name] or {}
         kept = {
@@ -107,8 +107,8 @@ def summary(entry: ProbeEntry) -> dict[str, Any]:
             for key, value in values.items()
             if key in ("method", "day") or key.startswith("sigma")
         }
-        values[name] = values.get(name, {}) | kept
-    return values | {"options": described["options"], "own_field": own_field(entry)}
+        summed[name] = summed.get(name, {}) | kept
+    return summed | {"options": described["options"], "own_field": own_field(entry)}
 
 
 def conditions_of(entry: ProbeEntry, params: Params) -> dict[str, Condition]:
