@@ -141,4 +141,4 @@ if __name__ == "__main__":
     try:
         sys.exit(main())
     except (ImudError, RunFailed) as error:
-        sys.exit(f"stroke_image: {error}")
+        sys.exit(f"on_board: {error}")
