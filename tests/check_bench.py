@@ -119,15 +119,17 @@ def evidence(
 ) -> Evidence:
     """What was received of a board: of a good one, but for these fields."""
     found = Evidence()
-    found.take(HELLO | (hello or {}))
-    found.take(STATUS)
+    found.add_message(HELLO | (hello or {}))
+    found.add_message(STATUS)
     if self_test != {}:
-        found.take(SELF_TEST | (self_test or {}))
+        found.add_message(SELF_TEST | (self_test or {}))
     for event, cause, detail in events:
-        found.take({"type": "event", "event": event, "cause": cause, "detail": detail})
+        found.add_message(
+            {"type": "event", "event": event, "cause": cause, "detail": detail}
+        )
     for item in raws() if samples is None else samples:
-        found.take(item)
-    found.take(STATUS | {"uptime": 22} | (status or {}))
+        found.add_message(item)
+    found.add_message(STATUS | {"uptime": 22} | (status or {}))
     return found
 
 

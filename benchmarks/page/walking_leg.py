@@ -44,12 +44,12 @@ def states(seed: int = 1) -> list[BodyState]:
             history = body.histories[name]
             sigmas = float(track.tilt_sigma[row]), float(track.heading_sigma[row])
             w, x, y, z = track.quat[row].tolist()
-            history.take_pose(time_s, (w, x, y, z), sigmas)
+            history.add_pose(time_s, (w, x, y, z), sigmas)
             motion = made.motions[name]
             (gx, gy, gz), (ax, ay, az) = (
                 each[row * SKIP].tolist() for each in (motion.gyr, motion.acc)
             )
-            history.take_raw(time_s, (gx, gy, gz), (ax, ay, az))
+            history.add_raw(time_s, (gx, gy, gz), (ax, ay, az))
             history.bound_us = 700
         if time_s >= shown_s:
             shown_s += PERIOD_S

@@ -28,7 +28,7 @@ class Foot:
         # Time and level force in the world without gravity, since the last rest.
         self._swing: deque[tuple[float, FloatArray | None]] = deque()
 
-    def take(
+    def update(
         self, time_s: float, quat: FloatArray, gyr: FloatArray, acc: FloatArray | None
     ) -> None:
         """A moment: world_from_probe (4,), rates rad/s and forces m/s2 of the probe."""

@@ -101,10 +101,10 @@ def _counted(rows: FloatArray, lsb_max: float) -> tuple[float, list[list[int]]]:
 
 
 def _pose(content: bytes) -> tuple[float, ...]:
-    said: dict[str, Any] = dict(cast(Message, messages.decode(content)).fields)
-    sigmas = (said["tilt_sigma"], said["heading_sigma"])
+    fields: dict[str, Any] = dict(cast(Message, messages.decode(content)).fields)
+    sigmas = (fields["tilt_sigma"], fields["heading_sigma"])
     numbers = (np.nan if each is None else float(each) for each in sigmas)
-    return (*said["q"], *numbers)
+    return (*fields["q"], *numbers)
 
 
 def hello(lsbs: tuple[float, ...]) -> bytes:

@@ -99,7 +99,7 @@ class HeadingFilter:
     def sigma(self) -> float:
         return math.sqrt(self.variance)
 
-    def take(
+    def update(
         self, time_s: float, seen: Sequence[tuple[Sequence[float], float, float]]
     ) -> None:
         """A moment: of each sight its turns, variance, and how long its errors last."""
@@ -136,7 +136,7 @@ def follow(
     rows = np.flatnonzero(is_there).tolist()
     seen = [(s.turns.tolist(), s.variance.tolist(), s.lasts_s) for s in sights]
     for index, time_s in zip(rows, times_s[rows].tolist(), strict=True):
-        step.take(time_s, [(a[index], b[index], lasts) for a, b, lasts in seen])
+        step.update(time_s, [(a[index], b[index], lasts) for a, b, lasts in seen])
         found[:, index] = step.turn, step.sigma
     return found[0], found[1]
 

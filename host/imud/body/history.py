@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What one probe of a live body has said in the last while, by UTC."""
+"""What one probe of a live body has sent in the last while, by UTC."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class ProbeHistory:
             later_s = row[0]
         return False
 
-    def take_pose(
+    def add_pose(
         self,
         time_s: float,
         quat: tuple[float, float, float, float],
@@ -56,7 +56,7 @@ class ProbeHistory:
         tilt = UNSETTLED if tilt != tilt else tilt
         _append(self.poses, (time_s, *quat, tilt, heading), self.kept_s)
 
-    def take_raw(
+    def add_raw(
         self,
         time_s: float,
         gyr: tuple[float, float, float],

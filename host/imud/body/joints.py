@@ -87,7 +87,7 @@ class JointModel:
             good = np.isfinite(variance)
             if good.any():
                 mean = np.angle(np.exp(1j * seen[good]).mean(axis=0))
-                step.take(0.0, [(mean.tolist(), float(variance[good].mean()), 0.0)])
+                step.update(0.0, [(mean.tolist(), float(variance[good].mean()), 0.0)])
                 step.last_s = None
         return step.turn, step.sigma
 

@@ -66,7 +66,7 @@ class LiveBody:
             each.probe: ProbeHistory(ALIGN_S) for each in chain.segments if each.probe
         }
         self.stage: Stage = "waiting"
-        self.says: str | None = None
+        self.instruction: str | None = None
         self.remarks: list[str] = []
         self._doubts = 0  # looks in a row at which probes seemed swapped
         self._begun_s = -math.inf  # of the poses that an alignment may use
@@ -96,7 +96,7 @@ class LiveBody:
             t_bound_us=max(bounds, default=None),
             age_us=round(self._delay_s * 1e6),
             stage=self.stage,
-            says=self.says,
+            instruction=self.instruction,
             aligned=self._method(),
             missing=tuple(n for n, state in presences.items() if state != "ok"),
             remarks=tuple(self.remarks),
@@ -136,11 +136,14 @@ class LiveBody:
         if away:
             undated = any(state == "no clock" for state in presences.values())
             why = "its clock is not known" if undated else "no poses"
-            self.stage, self.says = "waiting", f"waiting for {', '.join(away)}: {why}"
+            self.stage, self.instruction = (
+                "waiting",
+                f"waiting for {', '.join(away)}: {why}",
+            )
             self._begun_s = time_s
             return
         if self.stage == "waiting":
-            self.stage, self.says = "standing", STAND
+            self.stage, self.instruction = "standing", STAND
         found = self._since(self._begun_s, time_s)
         if not found:
             return
@@ -155,7 +158,7 @@ class LiveBody:
         if self.stage == "standing":
             # What came before it is no part of an alignment.
             self._begun_s = begin_s
-            self.stage, self.says = "moving", MOVE
+            self.stage, self.instruction = "moving", MOVE
         if any(each[0] > end_s + session.MOTION_S for each in spans):
             self._align(found, time_s)
 
@@ -186,10 +189,10 @@ class LiveBody:
                 self.chain, found, self._facing_rad
             )
         except AlignmentRefused as refused:
-            self.stage, self.says = "standing", f"{refused}. Again: {STAND}"
+            self.stage, self.instruction = "standing", f"{refused}. Again: {STAND}"
             self._begun_s = time_s
             return
-        self.stage, self.says, self.remarks = "running", None, remarks
+        self.stage, self.instruction, self.remarks = "running", None, remarks
         self._mounts = mounts
         # Forces at a joint's centre need samples before and after: not live.
         self._known = {name: replace(each, arms=None) for name, each in known.items()}
@@ -242,7 +245,7 @@ class LiveBody:
                 continue
             probe = rotation.multiply(quat, rotation.inverse(mount.probe_from_segment))
             acc = tracks[name].acc
-            foot.take(
+            foot.update(
                 time_s, probe, tracks[name].gyr[0], None if acc is None else acc[0]
             )
         return found
@@ -251,7 +254,7 @@ class LiveBody:
         self, shown: Posture | None, presences: Mapping[str, Presence], now_s: float
     ) -> tuple[SegmentState, ...]:
         places = posture.places(self.chain, shown.quats) if shown is not None else {}
-        said = []
+        states = []
         for segment in self.chain.segments:
             name = segment.name
             history = self.histories.get(segment.probe or "")
@@ -265,7 +268,7 @@ class LiveBody:
                 if (place := _place(places.get(f"{name}.{mark}"))) is not None
             }
             foot = self._feet.get(name)
-            said.append(
+            states.append(
                 SegmentState(
                     name=name,
                     parent=segment.parent,
@@ -279,17 +282,17 @@ class LiveBody:
                     contact=foot.state() if foot is not None and is_there else None,
                 )
             )
-        return tuple(said)
+        return tuple(states)
 
     def _joints(self, shown: Posture | None) -> tuple[JointState, ...]:
-        said = []
+        states = []
         places = posture.places(self.chain, shown.quats) if shown is not None else {}
         for parent, child in self.chain.joints():
             angles = sigmas = None
             if shown is not None and child.name in shown.angles:
                 angles = _named(child, shown.angles[child.name][0])
                 sigmas = _named(child, shown.sigmas[child.name][0])
-            said.append(
+            states.append(
                 JointState(
                     parent=parent.name,
                     child=child.name,
@@ -299,7 +302,7 @@ class LiveBody:
                     sigmas_deg=sigmas if angles is not None else None,
                 )
             )
-        return tuple(said)
+        return tuple(states)
 
 
 def _nothing(times_s: FloatArray) -> Track:

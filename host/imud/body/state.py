@@ -67,7 +67,7 @@ class BodyState(msgspec.Struct, frozen=True, kw_only=True):
     t_bound_us: int | None  # the probes' times are within this of the truth
     age_us: int  # from that moment to the publication
     stage: Stage
-    says: str | None  # what the person should do
+    instruction: str | None = msgspec.field(name="says")  # for the person
     aligned: str | None  # by "motion" or "pose"
     missing: tuple[str, ...]  # segments whose probe is not `ok`
     remarks: tuple[str, ...]

@@ -56,7 +56,7 @@ class CalibrationSession:
     kind: Kind
     subject: Subject
     day: datetime.date
-    phase: str = "running"  # then done or refused
+    phase: Literal["running", "done", "refused"] = "running"
     outcome: CalibrationResult | None = None
     _guide: Procedure | Waving | Verify | Dimpling = field(init=False)
     _bar: Extremes = field(default_factory=Extremes)
@@ -99,7 +99,7 @@ class CalibrationSession:
             return
         self._last_us = sample.t_us
         if sample.mag is not None:
-            self._bar.take(np.array(sample.mag) * self.subject.scale.mag_ut)
+            self._bar.add_reading(np.array(sample.mag) * self.subject.scale.mag_ut)
         guide = self._guide
         if isinstance(guide, Procedure):
             self._guided(guide.feed(sample))
@@ -171,7 +171,7 @@ class CalibrationSession:
 
     def state(self) -> dict[str, Any]:
         """What a screen shows now."""
-        said: dict[str, Any] = {
+        state: dict[str, Any] = {
             "kind": self.kind,
             "phase": self.phase,
             "why": self._why,
@@ -184,17 +184,17 @@ class CalibrationSession:
         if isinstance(guide, Dimpling):
             shown: dict[str, Any] = msgspec.to_builtins(guide.status())
             shown["step"] = shown.pop("phase")
-            return shown | said
+            return shown | state
         if isinstance(guide, Procedure):
             status: dict[str, Any] = msgspec.to_builtins(guide.status())
             pose = POSES.get(status["wanted"] or "")
             status["step"] = status.pop("phase")
             status["wanted"] = None if pose is None else pose.up.tolist()
-            return status | said
-        said |= {"says": guide.says, "seconds": guide.seconds}
+            return status | state
+        state |= {"says": guide.instruction, "seconds": guide.seconds}
         if isinstance(guide, Waving) and guide.wave is not None:
-            said["heading_deg"] = guide.wave.heading_deg
-        return said
+            state["heading_deg"] = guide.wave.heading_deg
+        return state
 
     def _ellipsoid(self) -> dict[str, Any] | None:
         """The magnetometer's fit so far, for readings in uT."""

@@ -170,7 +170,7 @@ def refuse_unless_card(
     if (disk / "partition").exists():
         whole = path.with_name(disk.parent.name)
         raise FileError(f"{path} is a partition; name the card itself: {whole}")
-    numbers = {number} | {_said(part) for part in disk.glob("*/dev")}
+    numbers = {number} | {_text_of(part) for part in disk.glob("*/dev")}
     places = [place for at, place in _mounted(mounts) if at in numbers]
     if _SYSTEM.intersection(places):
         raise FileError(f"{path} is the disk this computer runs from")
@@ -182,16 +182,18 @@ def refuse_unless_card(
     if holders:
         users = ", ".join(sorted({holder.name for holder in holders}))
         raise FileError(f"{path} is in use by {users}")
-    is_card = _said(disk / "removable") == "1" or _said(disk / "device/type") == "SD"
+    is_card = (
+        _text_of(disk / "removable") == "1" or _text_of(disk / "device/type") == "SD"
+    )
     if not is_card and not disk.name.startswith("loop"):
         raise FileError(f"{path} is not a card: it can't be taken out")
-    if _said(disk / "size") == "0":
+    if _text_of(disk / "size") == "0":
         raise FileError(f"no card is in {path}; put it in")
-    if _said(disk / "ro") == "1":
+    if _text_of(disk / "ro") == "1":
         raise FileError(f"{path} is read-only; slide the lock at the card's side")
 
 
-def _said(file: Path) -> str:
+def _text_of(file: Path) -> str:
     try:
         return file.read_text().strip()
     except OSError:
@@ -200,7 +202,7 @@ def _said(file: Path) -> str:
 
 def _mounted(mounts: Path) -> Iterator[tuple[str, str]]:
     """Device number and place of each mount: proc(5), /proc/pid/mountinfo."""
-    for line in _said(mounts).splitlines():
+    for line in _text_of(mounts).splitlines():
         fields = line.split()
         if len(fields) > 4:
             yield fields[2], fields[4].replace("\\040", " ")

@@ -163,15 +163,15 @@ class _LogWriter:
                 if isinstance(event, OtherSchema):
                     found.other = event
                 elif isinstance(event, Received):
-                    self._take(event, found, log)
+                    self._write(event, found, log)
             self._progress.advance(len(data))
         for event in session.close():
             if isinstance(event, Received):
-                self._take(event, found, log)
+                self._write(event, found, log)
         found.corrupt = session.corrupt.total() + session.partial
         return found
 
-    def _take(self, event: Received, found: _Copied, log: LogFile) -> None:
+    def _write(self, event: Received, found: _Copied, log: LogFile) -> None:
         t_device_us = event.stamp.t_device_us
         if not found.messages:
             found.first_us = found.last_us = t_device_us

@@ -99,7 +99,7 @@ class Samples:
 
 @dataclass
 class Evidence:
-    """Filled message by message with take(), status by status with take_status()."""
+    """Filled by add_message() and add_status()."""
 
     hello: dict[str, Any] = field(default_factory=dict)
     boots: list[BootRecord] = field(default_factory=list)
@@ -128,28 +128,28 @@ class Evidence:
         """Samples so far."""
         return len(self._rows)
 
-    def take(self, item: Mapping[str, Any]) -> None:
+    def add_message(self, item: Mapping[str, Any]) -> None:
         """A message as `imud.probes.record.describe` makes it."""
         kind = item["type"]
         if kind == "raw":
-            self._take_raw(item)
+            self._add_raw(item)
         elif kind == "event":
             self.events.append(ProbeEvent(item["event"], item["cause"], item["detail"]))
         elif kind == "hello":
-            self._take_hello(item)
+            self._add_hello(item)
         elif kind == "status":
-            self._take_counters(item)
+            self._add_counters(item)
         elif kind == "self_test":
             self.responses = Responses.of(item)
         elif kind == "equipment":
             self.equipment = equipment_of(item)
 
-    def take_status(self, status: Mapping[str, Any]) -> None:
+    def add_status(self, status: Mapping[str, Any]) -> None:
         """The daemon's status of the probe."""
-        self._take_hello(status["hello"])
+        self._add_hello(status["hello"])
         self.other_schema = status["state"] == "other schema"
         if status["counters"]:
-            self._take_counters(status["counters"])
+            self._add_counters(status["counters"])
         self.equipment = status.get("equipment")
         self.outcomes = (status.get("sensors") or {}).get("self_test") or {}
         self.link = status.get("link")
@@ -158,7 +158,7 @@ class Evidence:
             self._begun_lost = lost
         self.lost = lost - self._begun_lost
 
-    def _take_hello(self, hello: Mapping[str, Any]) -> None:
+    def _add_hello(self, hello: Mapping[str, Any]) -> None:
         if not hello:
             return
         self.hello = {
@@ -169,12 +169,12 @@ class Evidence:
         if not self.boots or self.boots[-1].number != boot.number:
             self.boots.append(boot)
 
-    def _take_counters(self, counters: Mapping[str, Any]) -> None:
+    def _add_counters(self, counters: Mapping[str, Any]) -> None:
         self.counters = dict(counters)
         if not self.first or counters["uptime"] < self.first["uptime"]:
             self.first = self.counters
 
-    def _take_raw(self, item: Mapping[str, Any]) -> None:
+    def _add_raw(self, item: Mapping[str, Any]) -> None:
         flags = item["flags"]
         self._flags.update(flags)
         self._rows.append(
@@ -217,8 +217,8 @@ class Evidence:
         """
         if self.responses is None and self.outcomes:
             return tuple(
-                SensorVerdict(sensor, SelfTestOutcome(said["outcome"]), said["reason"])
-                for sensor, said in self.outcomes.items()
+                SensorVerdict(sensor, SelfTestOutcome(result["outcome"]), result["reason"])
+                for sensor, result in self.outcomes.items()
             )
         return verdicts_of(self.hello, self.responses)
 

@@ -58,17 +58,17 @@ def as_object(
     }
 
 
-def as_markdown(said: dict[str, Any]) -> str:
+def as_markdown(report: dict[str, Any]) -> str:
     """What as_object() made, to be read."""
-    hello = said["hello"]
+    hello = report["hello"]
     lines = [
-        f"# imud check: {said['verdict']}",
+        f"# imud check: {report['verdict']}",
         "",
-        f"{said['summary']}.",
+        f"{report['summary']}.",
         "",
         f"{hello['board']}, firmware {hello['firmware']}, sensor {hello['sensor']}; "
-        f"imud {said['imud']}, Python {said['python']}, {said['system']}; "
-        f"{said['day']}.",
+        f"imud {report['imud']}, Python {report['python']}, {report['system']}; "
+        f"{report['day']}.",
         "",
         "| check | measured | normal | verdict |",
         "|---|---|---|---|",
@@ -76,18 +76,18 @@ def as_markdown(said: dict[str, Any]) -> str:
     lines += [
         f"| {_cell(row['name'])} | {_cell(row['measured'])} | {_cell(row['normal'])} "
         f"| {row['verdict']} |"
-        for row in said["rows"]
+        for row in report["rows"]
     ]
-    advised = [row for row in said["rows"] if row["advice"]]
+    advised = [row for row in report["rows"] if row["advice"]]
     if advised:
         lines += ["", "## What to do", ""]
         lines += [f"- **{row['name']}**: {row['advice']}" for row in advised]
     lines += ["", "## Numbers", "", "```"]
     lines += [
-        f"{row['name']}: {row['numbers']}" for row in said["rows"] if row["numbers"]
+        f"{row['name']}: {row['numbers']}" for row in report["rows"] if row["numbers"]
     ]
     for name in ("hello", "events", "counters", "equipment", "self_test"):
-        lines.append(f"{name}: {said[name]}")
+        lines.append(f"{name}: {report[name]}")
     return "\n".join([*lines, "```", ""])
 
 

@@ -24,9 +24,11 @@ class Printer:
         if self._as_json:
             self._print(payload.decode())
             return
-        if state.says != self._said:
-            self._said = state.says
-            self._print(f"{state.body}: {state.says or 'aligned; go on as you like'}")
+        if state.instruction != self._said:
+            self._said = state.instruction
+            self._print(
+                f"{state.body}: {state.instruction or 'aligned; go on as you like'}"
+            )
         for remark in state.remarks:
             if remark not in self._remarks:
                 self._remarks.add(remark)

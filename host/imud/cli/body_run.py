@@ -152,11 +152,11 @@ def take(body: LiveBody, topic: str, delivery: Delivery) -> None:
             if pose.t_ns is not None and history.is_dated:
                 history.bound_us = pose.t_bound_us
                 sigmas = _radians(pose.tilt_sigma_deg), _radians(pose.heading_sigma_deg)
-                history.take_pose(pose.t_ns * 1e-9, pose.q, sigmas)
+                history.add_pose(pose.t_ns * 1e-9, pose.q, sigmas)
             return
         raw = _RAW.decode(delivery.payload)
         if raw.t_ns is not None and raw.gyr_rad_s and raw.acc_m_s2:
-            history.take_raw(raw.t_ns * 1e-9, raw.gyr_rad_s, raw.acc_m_s2)
+            history.add_raw(raw.t_ns * 1e-9, raw.gyr_rad_s, raw.acc_m_s2)
 
 
 def _radians(degrees: float | None) -> float:

@@ -74,24 +74,24 @@ def from_file(args: argparse.Namespace) -> int:
 
     with client_of(args) as client:
         probe = client.only_probe(args.probe)
-        said = client.params(probe)
-        if said["probe_id"] != subject.probe_id and not args.force:
+        reply = client.params(probe)
+        if reply["probe_id"] != subject.probe_id and not args.force:
             raise CommandRefused(
                 f"{args.source} is of probe {subject.probe_id}, and {probe} is "
-                f"{said['probe_id']}; --force takes it all the same"
+                f"{reply['probe_id']}; --force takes it all the same"
             )
-        before = Params.decode(bytes.fromhex(said["bytes"]))
-        subject = replace(subject, probe_id=said["probe_id"], params=before)
+        before = Params.decode(bytes.fromhex(reply["bytes"]))
+        subject = replace(subject, probe_id=reply["probe_id"], params=before)
         found = _of_samples(subject, samples, args)
         calibrate_text.outcome(probe, found, before)
-        client.change_params(probe, found.params.encode(), said["probe_id"])
+        client.change_params(probe, found.params.encode(), reply["probe_id"])
     sys.stdout.write(f"{probe}: params {found.params.digest:08x} are in force\n")
     return 0
 
 
 def learned(client: Client, probe: str, args: argparse.Namespace) -> int:
     """Puts in force what the daemon proposes; returns the exit code."""
-    said = client.params(probe)
+    reply = client.params(probe)
     told = next(iter(client.statuses(probe)), {}).get("learn", {})
     if not told.get("records"):
         raise CommandRefused(
@@ -99,14 +99,14 @@ def learned(client: Client, probe: str, args: argparse.Namespace) -> int:
             "it has to send raw samples while it is turned about"
         )
     params = Params.decode(bytes.fromhex(told["records"]))
-    before = Params.decode(bytes.fromhex(said["bytes"]))
+    before = Params.decode(bytes.fromhex(reply["bytes"]))
     for line in params_text.differences(before, params):
         sys.stdout.write(f"{line}\n")
     sys.stdout.write(f"  tilt           +-{told['tilt_deg']:.2f} degrees\n")
     sys.stdout.write(f"  heading        +-{told['heading_deg']:.2f} degrees\n")
     if args.dry_run:
         return calibrate_text.not_changed(probe, params)
-    client.change_params(probe, params.encode(), said["probe_id"])
+    client.change_params(probe, params.encode(), reply["probe_id"])
     sys.stdout.write(f"{probe}: params {params.digest:08x} are in force\n")
     return 0
 
@@ -170,14 +170,14 @@ def _verified(
     screen: CalibrationScreen,
 ) -> Report:
     check = Verify(subject.scale, subject.params, subject.has_mag)
-    screen.say(check.says)
+    screen.show_text(check.instruction)
     for sample in samples:
         report = check.feed(sample) if sample is not None else None
         screen.is_ended()
         if report is not None:
             return report
         if sample is None:
-            screen.say(check.says)
+            screen.show_text(check.instruction)
     raise CalibrationRefused("the samples ended too early; begin again")
 
 
@@ -187,13 +187,13 @@ def _waved(
     screen: CalibrationScreen,
 ) -> CalibrationResult:
     waving = _waving(subject)
-    screen.say(waving.says)
+    screen.show_text(waving.instruction)
     for sample in samples:
         found = waving.feed(sample) if sample is not None else None
         if screen.is_ended():
             found = waving.end()
         if sample is None or found is not None:
-            screen.say(waving.says)
+            screen.show_text(waving.instruction)
         if found is not None:
             return _of_wave(found, waving, subject)
     raise CalibrationRefused("the samples ended too early; begin again")

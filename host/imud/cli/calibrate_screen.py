@@ -36,7 +36,9 @@ def lines(probe: str, status: ProcedureStatus) -> list[Text]:
     filled = round(BAR * status.still_share) if status.is_still else 0
     bar = "█" * filled + "░" * (BAR - filled)
     beside = [
-        Text(status.says, style="bold green" if status.phase == "done" else "bold"),
+        Text(
+            status.instruction, style="bold green" if status.phase == "done" else "bold"
+        ),
         Text(f"{bar} {'still' if status.is_still else 'moves'}"),
         Text(""),
         _error("tilt   ", status.tilt_deg, is_good=status.is_level),
@@ -75,7 +77,7 @@ class CalibrationScreen:
         self._console = Console(highlight=False)
         self._live: Live | None = None
         self._drawn_s = 0.0
-        self._said: tuple[str, str | None] = ("", None)
+        self._last: tuple[str, str | None] = ("", None)
         self._keyboard: int | None = None
 
     @contextlib.contextmanager
@@ -92,23 +94,23 @@ class CalibrationScreen:
     def show(self, status: ProcedureStatus | TipStatus) -> None:
         """Shows the guided procedure."""
         if self._live is None:
-            self.say(status.says, status.trouble)
+            self.show_text(status.instruction, status.trouble)
             return
         now_s = time.monotonic()
         if now_s - self._drawn_s >= DRAW_S or status.phase in ("done", "refused"):
             self._drawn_s = now_s
             self._live.update(Group(*_drawn(self._probe, status)), refresh=True)
 
-    def say(self, words: str, trouble: str | None = None) -> None:
+    def show_text(self, words: str, trouble: str | None = None) -> None:
         """One sentence, if it is another one than before."""
-        said, self._said = self._said, (words, trouble)
+        last, self._last = self._last, (words, trouble)
         if self._live is not None:
-            if said != self._said:
+            if last != self._last:
                 self._live.update(Text(words, style="bold"), refresh=True)
             return
-        if trouble is not None and trouble != said[1]:
+        if trouble is not None and trouble != last[1]:
             sys.stdout.write(f"{trouble}\n")
-        if words != said[0]:
+        if words != last[0]:
             sys.stdout.write(f"{words}\n")
         sys.stdout.flush()
 

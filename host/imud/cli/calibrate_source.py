@@ -91,17 +91,17 @@ class LiveSamples:
     ) -> None:
         self._client = client
         self._probe = probe
-        said = client.params(probe)
-        self._digest = said["digest"]
+        reply = client.params(probe)
+        self._digest = reply["digest"]
         status = _status(client, probe)
         self._hello = status["hello"]
         if why := out_of_work(status):
             raise DeviceError(f"probe {probe} can not be calibrated: {why}")
         self.subject = CalibratedProbe(
-            said["probe_id"],
+            reply["probe_id"],
             scale_of(self._hello, self._hello["sample_rate"]),
             missing_magnetometer(self._hello),
-            Params.decode(bytes.fromhex(said["bytes"])),
+            Params.decode(bytes.fromhex(reply["bytes"])),
             msgspec.convert(status.get("place"), Earth | None),
         )
         if needs_mag and self.subject.missing_mag:

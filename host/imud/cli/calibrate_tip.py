@@ -90,13 +90,13 @@ def typed(args: argparse.Namespace) -> int:
         found = _of_positions(args, error_m)
     with client_of(args) as client:
         probe = client.only_probe(args.probe)
-        said = client.params(probe)
-        before = Params.decode(bytes.fromhex(said["bytes"]))
+        reply = client.params(probe)
+        before = Params.decode(bytes.fromhex(reply["bytes"]))
         outcome = _outcome(found, before, args.axis)
         calibrate_text.outcome(probe, outcome, before)
         if args.dry_run:
             return calibrate_text.not_changed(probe, outcome.params)
-        client.change_params(probe, outcome.params.encode(), said["probe_id"])
+        client.change_params(probe, outcome.params.encode(), reply["probe_id"])
     return calibrate_text.changed(probe, outcome.params)
 
 

@@ -22,7 +22,9 @@ def tip_lines(probe: str, status: TipStatus) -> list[Text]:
     bar = "█" * filled + "░" * (BAR - filled)
     far = "covered: each direction in which it leaned far"
     words = [
-        Text(status.says, style="bold green" if status.phase == "done" else "bold"),
+        Text(
+            status.instruction, style="bold green" if status.phase == "done" else "bold"
+        ),
         Text(f"{bar} {'still' if status.is_still else 'moves'}"),
         Text(far, style="dim"),
     ]

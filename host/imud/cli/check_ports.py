@@ -76,10 +76,10 @@ def wire_of(port: str | None) -> Wire | None:
 def _latency_timer(name: str) -> int | None:
     """Of an FTDI adapter, as its driver tells it."""
     try:
-        said = Path(f"/sys/class/tty/{name}/device/latency_timer").read_text()
+        text = Path(f"/sys/class/tty/{name}/device/latency_timer").read_text()
     except OSError:
         return None
-    return int(said) if said.strip().isdigit() else None
+    return int(text) if text.strip().isdigit() else None
 
 
 class OwnDaemon:

@@ -163,12 +163,12 @@ def _look(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> None
 def _report(evidence: Evidence, args: argparse.Namespace, title: str) -> int:
     rows = judged(evidence)
     today = datetime.datetime.now(datetime.UTC).date()
-    said = report.as_object(evidence, rows, today)
+    found = report.as_object(evidence, rows, today)
     if args.json:
-        sys.stdout.write(json.dumps(said, separators=(",", ":")) + "\n")
+        sys.stdout.write(json.dumps(found, separators=(",", ":")) + "\n")
     else:
         check_text.write(title, rows)
-    for path in _write(args.report, said):
+    for path in _write(args.report, found):
         if not args.json:
             sys.stdout.write(f"report: {path}\n")
     return exit_code(rows)
@@ -179,13 +179,13 @@ def exit_code(rows: Sequence[Row]) -> int:
     return 1 if overall(rows) is RowVerdict.FAULT else 0
 
 
-def _write(path: Path | None, said: dict[str, Any]) -> list[Path]:
+def _write(path: Path | None, found: dict[str, Any]) -> list[Path]:
     """Writes the report by its suffix, without one both kinds; the paths."""
     if path is None:
         return []
     kinds = {
-        ".json": lambda: json.dumps(said, indent=2) + "\n",
-        ".md": lambda: report.as_markdown(said),
+        ".json": lambda: json.dumps(found, indent=2) + "\n",
+        ".md": lambda: report.as_markdown(found),
     }
     wanted = [path.suffix] if path.suffix else list(kinds)
     written = []

@@ -75,13 +75,13 @@ class LiveMessages:
                 self._queue.put({"type": "self_test", **message.fields})
             return
         with contextlib.suppress(msgspec.DecodeError):
-            said: dict[str, Any] = msgspec.json.decode(delivery.payload)
-            said["type"] = topic
-            self._queue.put(said)
+            item: dict[str, Any] = msgspec.json.decode(delivery.payload)
+            item["type"] = topic
+            self._queue.put(item)
 
     def begin(self, evidence: Evidence) -> None:
         """Makes the probe send raw samples, all of them."""
-        evidence.take_status(self._status)
+        evidence.add_status(self._status)
         evidence.earth = msgspec.convert(self._status.get("place"), Earth | None)
         evidence.wire = check_ports.wire_of(self._status.get("port"))
         hello = evidence.hello
@@ -139,10 +139,10 @@ class LiveMessages:
     def record(self, item: dict[str, Any], evidence: Evidence) -> None:
         """Gives an item to the evidence."""
         if item["type"] != "status":
-            evidence.take(item)
+            evidence.add_message(item)
             return
         raw_rate = evidence.hello.get("raw_rate")
-        evidence.take_status(item)
+        evidence.add_status(item)
         # Of the daemon's last hello, which may be from before the command.
         evidence.hello["raw_rate"] = raw_rate
 
@@ -230,7 +230,7 @@ def of_file(path: Path, probe: str | None) -> tuple[str, Evidence]:
     tally = Tally()
     found: dict[str, Evidence] = {}
     for item in decode_file(path, tally):
-        found.setdefault(item["probe"], Evidence()).take(item)
+        found.setdefault(item["probe"], Evidence()).add_message(item)
     if tally.other is not None and not found:
         raise FileError(next(line for line in tally.lines() if "schema" in line))
     if probe is None and len(found) > 1:

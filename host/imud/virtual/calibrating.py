@@ -64,7 +64,7 @@ class CalibratingHand:
         self._ups = iter(ups)
         self._manners = manners
 
-    def legs(self) -> Iterator[HandMove]:
+    def moves(self) -> Iterator[HandMove]:
         """A rest in each direction, and the way there."""
         before: Stance | None = None
         for up in self._ups:

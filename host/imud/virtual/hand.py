@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""The simulated hand: where it takes the probe, leg by leg. It rests, draws strokes on
-a surface, turns the probe, regrips it and puts it down.
+"""The simulated hand: where it takes the probe, move by move. It rests, draws strokes
+on a surface, turns the probe, regrips it and puts it down.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from imud.rotation import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Stance:
-    """The probe at the beginning or end of a leg."""
+    """The probe at the beginning or end of a move."""
 
     tip: FloatArray
     quat: FloatArray
@@ -43,7 +43,7 @@ _PEAK = 1.875  # of a least-jerk step's speed over its mean speed
 
 
 class Hand:
-    """Decides, leg by leg, what the probe does next. All choices are drawn here."""
+    """Decides, move by move, what the probe does next. All choices are drawn here."""
 
     def __init__(self, random: np.random.Generator, rate_hz: float) -> None:
         self.random = random
@@ -51,7 +51,7 @@ class Hand:
         tip = np.array([*random.uniform(-0.1, 0.1, 2), 0.0])
         self.stance = Stance(tip, self._lying(False), held=0.0, free=0.0)
 
-    def legs(self) -> Iterator[HandMove]:
+    def moves(self) -> Iterator[HandMove]:
         """A rest, then endless rounds with each act once, in random order."""
         yield self._rest(3.0, 5.0)
         acts = [self._draw, self._draw, self._turn, self._regrip, self._put_down]

@@ -48,11 +48,11 @@ def presses_us(name: str, seed: int, rate_hz: float) -> Iterator[tuple[int, int]
     """From when to when the button is down, device time in us, stroke by stroke."""
     plan = PLANS[name]
     begun, found = 0, 0
-    for leg in StrokingHand(random_of_hand(seed), rate_hz, plan).legs():
-        if leg.is_stroke:
-            start_s, end_s = begun / rate_hz, (begun + leg.records) / rate_hz
+    for move in StrokingHand(random_of_hand(seed), rate_hz, plan).moves():
+        if move.is_stroke:
+            start_s, end_s = begun / rate_hz, (begun + move.records) / rate_hz
             yield round((start_s - BEFORE_S) * 1e6), round((end_s + AFTER_S) * 1e6)
             found += 1
         if found == plan.strokes:
             return
-        begun += leg.records
+        begun += move.records

@@ -54,8 +54,8 @@ def memory_with(
             words, stdin=subprocess.DEVNULL, check=False, capture_output=True
         )
         if done.returncode != 0:
-            said = done.stderr.decode(errors="replace").strip()
-            raise FileError(f"can't run {simulator}: {said}")
+            reason = done.stderr.decode(errors="replace").strip()
+            raise FileError(f"can't run {simulator}: {reason}")
         return _id_of(record.read_bytes())
 
 

@@ -118,10 +118,10 @@ class Sway:
 
 
 class Legs(Protocol):
-    """A hand: what it does, leg by leg."""
+    """A hand: what it does, move by move."""
 
-    def legs(self) -> Iterator[HandMove]:
-        """What it does next; each leg begins where the one before ended."""
+    def moves(self) -> Iterator[HandMove]:
+        """What it does next; each move begins where the one before ended."""
 
 
 # Makes a hand from its random numbers and the rate of the records, Hz.
@@ -134,7 +134,7 @@ def random_of_hand(seed: int) -> np.random.Generator:
 
 
 class _Probe:
-    """Turns legs into records: exact motion first, then the sensor's errors."""
+    """Turns moves into records: exact motion first, then the sensor's errors."""
 
     def __init__(
         self,
@@ -162,22 +162,22 @@ class _Probe:
         self.sigma = errors.noise(rate_hz)
 
     def motions(self) -> Iterator[Motion]:
-        """Endless motions, one a leg."""
+        """Endless motions, one a move."""
         begun = 0
-        for leg in self.hand.legs():
-            yield self._feel(leg, begun)
-            begun += leg.records
+        for move in self.hand.moves():
+            yield self._feel(move, begun)
+            begun += move.records
 
-    def _feel(self, leg: HandMove, begun: int) -> Motion:
-        count = leg.records
+    def _feel(self, move: HandMove, begun: int) -> Motion:
+        count = move.records
         t = (begun + np.arange(count)) / self.rate_hz
         u = np.arange(count) / count
         span = count / self.rate_hz
         step = shape(STEP, u[:, None], span)
         bump = shape(BUMP, u[:, None], span)
 
-        turning = self._attitude(leg, t, step, bump)
-        tip = self._tip_path(leg, t, step, bump)
+        turning = self._attitude(move, t, step, bump)
+        tip = self._tip_path(move, t, step, bump)
         place = RigidBody(turning, tip).at(-np.array(self.world.tip_m))
         field = self.world.field_at(place.value)
         felt = np.stack(
@@ -199,23 +199,23 @@ class _Probe:
             velocity=place.first,
             tip=tip.value,
             movement=np.full(count, begun > 0),
-            is_rest=np.full(count, leg.is_rest),
-            is_stroke=np.full(count, leg.is_stroke),
+            is_rest=np.full(count, move.is_rest),
+            is_stroke=np.full(count, move.is_stroke),
             is_recorded=False,
         )
 
     def _attitude(
-        self, leg: HandMove, t: FloatArray, step: Curve, bump: Curve
+        self, move: HandMove, t: FloatArray, step: Curve, bump: Curve
     ) -> Turning:
         change = rotation.to_rotation_vector(
-            rotation.multiply(rotation.inverse(leg.start.quat), leg.end.quat)
+            rotation.multiply(rotation.inverse(move.start.quat), move.end.quat)
         )
-        turning = held(leg.start.quat, len(t)).then(about(change, step))
-        if leg.swerve.any():
-            turning = turning.then(about(leg.swerve, bump))
-        if leg.start.held == leg.end.held == 0.0:
+        turning = held(move.start.quat, len(t)).then(about(change, step))
+        if move.swerve.any():
+            turning = turning.then(about(move.swerve, bump))
+        if move.start.held == move.end.held == 0.0:
             return turning
-        sway = blend(leg.start.held, leg.end.held, step) * self.turn_sway.at(t)
+        sway = blend(move.start.held, move.end.held, step) * self.turn_sway.at(t)
         for index, axis in enumerate(np.eye(3)):
             pick = slice(index, index + 1)
             angle = Curve(
@@ -225,15 +225,15 @@ class _Probe:
         return turning
 
     def _tip_path(
-        self, leg: HandMove, t: FloatArray, step: Curve, bump: Curve
+        self, move: HandMove, t: FloatArray, step: Curve, bump: Curve
     ) -> Curve:
         still = np.zeros((len(t), 3))
-        start = Curve(np.broadcast_to(leg.start.tip, (len(t), 3)), still, still)
-        path = start + step.along(leg.end.tip - leg.start.tip) + bump.along(leg.bend)
-        if leg.start.free != 0.0 or leg.end.free != 0.0:
-            sway = blend(leg.start.free, leg.end.free, step) * self.tip_sway.at(t)
+        start = Curve(np.broadcast_to(move.start.tip, (len(t), 3)), still, still)
+        path = start + step.along(move.end.tip - move.start.tip) + bump.along(move.bend)
+        if move.start.free != 0.0 or move.end.free != 0.0:
+            sway = blend(move.start.free, move.end.free, step) * self.tip_sway.at(t)
             path = path + sway
-        if leg.is_stroke:
+        if move.is_stroke:
             path = path + bump * self.grain.at(t)
         return path
 

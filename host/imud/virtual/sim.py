@@ -291,9 +291,9 @@ def _feed(file: IO[bytes], pieces: Iterable[Motion]) -> None:
         motion.write_stream(file, pieces)
 
 
-def _pass_on(said: Iterable[bytes], progress: Progress) -> None:
+def _pass_on(lines: Iterable[bytes], progress: Progress) -> None:
     """Repeats the emulator's lines, and says how to connect when it is ready."""
-    for line in said:
+    for line in lines:
         text = line.decode(errors="replace").rstrip("\n")
         word, _, link = text.partition(" ")
         if word == "ready":

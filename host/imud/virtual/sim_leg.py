@@ -162,6 +162,6 @@ def again(exact: Motion) -> Iterator[Motion]:
             yield exact[start : start + FEED_RECORDS]
 
 
-def _pass_on(said: IO[bytes], progress: Progress) -> None:
-    for line in said:
+def _pass_on(lines: IO[bytes], progress: Progress) -> None:
+    for line in lines:
         progress.say(line.decode(errors="replace").rstrip("\n"))

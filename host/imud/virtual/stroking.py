@@ -78,7 +78,7 @@ class StrokingHand:
         self._rate_hz = rate_hz
         self._plan = plan
 
-    def legs(self) -> Iterator[HandMove]:
+    def moves(self) -> Iterator[HandMove]:
         plan, random = self._plan, self._random
         in_hand = 0.0 if plan.support == "supported" else 1.0
         quat = rotation.from_heading_pitch_roll(
@@ -89,10 +89,10 @@ class StrokingHand:
         tip = np.array([*(plan.corners[0] if plan.corners else (0.0, 0.0)), 0.0])
         lying = Stance(tip, quat, held=0.0, free=0.0)
         stance = Stance(tip, quat, held=in_hand, free=in_hand)
-        yield self._leg(lying, lying, SETTLES_S, is_rest=True)
-        yield self._leg(lying, stance, PAUSE_S, is_rest=in_hand == 0.0)
+        yield self._move(lying, lying, SETTLES_S, is_rest=True)
+        yield self._move(lying, stance, PAUSE_S, is_rest=in_hand == 0.0)
         # Windows of the filter and strokes begin anyhow to each other.
-        yield self._leg(stance, stance, PAUSE_S + random.uniform(0.0, 0.1))
+        yield self._move(stance, stance, PAUSE_S + random.uniform(0.0, 0.1))
         for number in range(plan.strokes):
             way = self._way(stance.tip, number)
             turn = np.radians(random.normal(0.0, plan.turn_deg, 3))
@@ -104,11 +104,11 @@ class StrokingHand:
             )
             aside = np.cross(way, random.standard_normal(3))
             aside *= plan.bow * np.linalg.norm(way) / np.linalg.norm(aside)
-            yield self._leg(stance, after, plan.seconds, bend=aside, is_stroke=True)
+            yield self._move(stance, after, plan.seconds, bend=aside, is_stroke=True)
             stance = after
-            yield self._leg(stance, stance, PAUSE_S + random.uniform(0.0, 0.1))
+            yield self._move(stance, stance, PAUSE_S + random.uniform(0.0, 0.1))
         while True:
-            yield self._leg(stance, stance, PAUSE_S)
+            yield self._move(stance, stance, PAUSE_S)
 
     def _way(self, tip: FloatArray, number: int) -> FloatArray:
         corners = self._plan.corners
@@ -117,7 +117,7 @@ class StrokingHand:
         way = self._random.standard_normal(3)
         return np.asarray(way * self._plan.length_m / np.linalg.norm(way))
 
-    def _leg(
+    def _move(
         self,
         start: Stance,
         end: Stance,

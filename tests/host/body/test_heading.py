@@ -67,5 +67,5 @@ def test_of_two_turns_the_one_near_what_is_known_counts():
     sight = heading.of_angle(parent, child, math.cos(0.5), 0.05)
     assert sorted(sight.turns[0]) == pytest.approx([-0.8, 0.2])
     step = heading.HeadingFilter(turn=0.25, variance=0.1**2)
-    step.take(0.0, [(sight.turns[0].tolist(), 1e-6, 0.5)])
+    step.update(0.0, [(sight.turns[0].tolist(), 1e-6, 0.5)])
     assert step.turn == pytest.approx(0.2, abs=1e-3)

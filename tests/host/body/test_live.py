@@ -89,10 +89,10 @@ class Desk:
         time_s = UTC_S + index * EVERY / RATE_HZ
         turn = heading.about_up(np.array(self.corrected(index * EVERY / RATE_HZ)))
         w, x, y, z = rotation.multiply(turn, np.array(quat)).tolist()
-        history.take_pose(time_s, (w, x, y, z), SIGMAS)
+        history.add_pose(time_s, (w, x, y, z), SIGMAS)
         if self.has_raw:
             p, q, r = (each + self.bias_rad_s for each in gyr)
-            history.take_raw(time_s, (p, q, r), acc)
+            history.add_raw(time_s, (p, q, r), acc)
         history.bound_us = 700
 
 
@@ -106,13 +106,13 @@ def shown() -> list[tuple[float, BodyState]]:
 
 
 def test_it_says_what_to_do_until_it_is_aligned():
-    told = list(dict.fromkeys((s.stage, s.says) for _, s in shown()))
+    told = list(dict.fromkeys((s.stage, s.instruction) for _, s in shown()))
     assert told == [
         ("standing", live.STAND),
         ("moving", live.MOVE),
         ("running", None),
     ]
-    assert all(s.joints[0].angles_deg is None for _, s in shown() if s.says)
+    assert all(s.joints[0].angles_deg is None for _, s in shown() if s.instruction)
     assert {s.remarks for _, s in shown()} == {()}
     assert [s.number for _, s in shown()] == [*range(1, len(shown()) + 1)]
     aligned_s = next(time_s for time_s, s in shown() if s.stage == "running")
@@ -206,12 +206,12 @@ def test_a_probe_that_comes_after_the_delay_is_late():
 def test_a_probe_whose_clock_is_not_known_is_told():
     found = body()
     for index in range(3):
-        found.histories["thigh"].take_pose(UTC_S + index / 100, (1, 0, 0, 0), SIGMAS)
+        found.histories["thigh"].add_pose(UTC_S + index / 100, (1, 0, 0, 0), SIGMAS)
     found.histories["shank"].is_dated = False
     state = found.state(UTC_S + 0.1)
-    assert state.says is not None
-    assert "shank (shank)" in state.says
-    assert "clock is not known" in state.says
+    assert state.instruction is not None
+    assert "shank (shank)" in state.instruction
+    assert "clock is not known" in state.instruction
     assert state.segments[1].presence == "no clock"
 
 
@@ -224,6 +224,6 @@ def test_probes_that_were_swapped_are_found_by_their_motion():
 def test_who_has_said_nothing_is_waited_for():
     state = body().state(UTC_S)
     assert (state.stage, state.missing) == ("waiting", ("thigh", "shank", "foot"))
-    assert state.says == (
+    assert state.instruction == (
         "waiting for thigh (thigh), shank (shank), foot (foot): no poses"
     )

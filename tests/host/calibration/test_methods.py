@@ -136,19 +136,19 @@ def test_the_bar_of_extremes_shows_a_magnet_until_it_is_reset() -> None:
     assert bar.quality_percent is None
     field = 48.0 * ATTITUDES[:, 0, :]
     for reading in field:
-        bar.take(reading)
+        bar.add_reading(reading)
     good = bar.quality_percent
     assert good is not None
     assert good > 97.0
-    bar.take(np.array([500.0, 0.0, 0.0]))
+    bar.add_reading(np.array([500.0, 0.0, 0.0]))
     for reading in field:
-        bar.take(reading)
+        bar.add_reading(reading)
     spoilt = bar.quality_percent
     assert spoilt is not None
     assert spoilt < 90.0
     bar.reset()
     for reading in field:
-        bar.take(reading)
+        bar.add_reading(reading)
     assert bar.quality_percent == pytest.approx(good)
 
 

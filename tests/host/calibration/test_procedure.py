@@ -76,12 +76,12 @@ def test_a_hand_that_obeys_is_done_within_a_minute_with_its_housing() -> None:
 
 def test_scores_fall_and_the_words_follow() -> None:
     procedure = Procedure(SCALE, wants_housing=False)
-    assert procedure.status().says == "Lay it still, base down."
+    assert procedure.status().instruction == "Lay it still, base down."
     said, tilts = [], []
     for each in twelve():
         if procedure.feed(each):
             status = procedure.status()
-            said.append(status.says)
+            said.append(status.instruction)
             if status.tilt_deg is not None:
                 tilts.append(status.tilt_deg)
     assert said[0].startswith("Good (1 of 12). Now lay it ")

@@ -88,11 +88,11 @@ def test_too_few_blocks_say_nothing() -> None:
 
 def test_a_good_wobble_is_done_after_15_s_and_right() -> None:
     guide = Dimpling(SCALE, CALIBRATED)
-    said = {guide.status().says}
+    said = {guide.status().instruction}
     found = None
     for sample in wobbled(Wobble(), 26.0):
         found = guide.feed(sample)
-        said.add(guide.says)
+        said.add(guide.instruction)
         if found is not None:
             break
     assert isinstance(found, TipFound)
@@ -103,7 +103,7 @@ def test_a_good_wobble_is_done_after_15_s_and_right() -> None:
     assert error_m < INSIDE * found.sigma_m < 0.0015
     assert found.seconds == pytest.approx(15.0, abs=3.0)
     status = guide.status()
-    assert (status.phase, status.says, status.is_good) == ("done", "Done.", True)
+    assert (status.phase, status.instruction, status.is_good) == ("done", "Done.", True)
     assert min(status.leans_deg) > 12.0
     assert len(said) == 3  # stand, wobble, done
     assert guide.feed(sample) is None  # it is over
@@ -129,7 +129,7 @@ def test_a_weak_wobble_is_told_and_refused_with_its_cure(kind: str) -> None:
     refused = guide.end()
     assert isinstance(refused, CalibrationFault)
     assert refused.kind == kind
-    assert guide.status().says == "Refused."
+    assert guide.status().instruction == "Refused."
 
 
 def test_it_is_refused_at_the_second_rest_of_a_tip_that_slips() -> None:

@@ -69,11 +69,11 @@ def test_waving_ends_when_it_is_good() -> None:
     acc = Affine(guided().acc.matrix, guided().acc.bias)
     gyr = Affine(guided().gyr.matrix, guided().gyr.bias)
     waving = Waving(SCALE, acc, gyr, 0.05)
-    assert "Wave it about" in waving.says
+    assert "Wave it about" in waving.instruction
     found = next(filter(None, map(waving.feed, waved())))
     assert isinstance(found, Wave)
     assert 20.0 <= waving.seconds < 32.0
-    assert "Heading +-" in waving.says
+    assert "Heading +-" in waving.instruction
     params = result_of_wave(found, SCALE, Params()).params
     assert params.acc is None
     assert params.mag is not None
@@ -131,10 +131,10 @@ def test_a_bent_gyroscope_and_a_magnet_are_seen() -> None:
 def test_a_probe_that_is_not_turned_over_tells_nothing() -> None:
     params = result_of_fit(guided(), SCALE, Params()).params
     check = Verify(SCALE, params)
-    assert check.says == "Lay it still."
+    assert check.instruction == "Lay it still."
     for each in samples(module(), 7, [TWELVE[0].up] * 4):
         assert check.feed(each) is None
-    assert "turn it over" in check.says
+    assert "turn it over" in check.instruction
     report = verify.report(
         recorded(samples(module(), 7, [TWELVE[0].up])), SCALE, params
     )

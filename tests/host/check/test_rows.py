@@ -239,14 +239,14 @@ def test_what_a_probe_counts_has_its_line(status: dict[str, int], name: str) -> 
 
 def test_what_was_counted_before_the_check_is_not_held_against_the_wire() -> None:
     found = Evidence()
-    found.take(evidence().counters | {"type": "status", "messages_dropped": 9})
-    found.take(evidence().counters | {"type": "status", "messages_dropped": 9})
+    found.add_message(evidence().counters | {"type": "status", "messages_dropped": 9})
+    found.add_message(evidence().counters | {"type": "status", "messages_dropped": 9})
     assert found.rise("messages_dropped") == 0
 
 
 def test_a_restart_for_want_of_power_is_a_fault() -> None:
     found = evidence()
-    found.take(HELLO | {"boot_count": 8, "reset_cause": ["brown_out"]})
+    found.add_message(HELLO | {"boot_count": 8, "reset_cause": ["brown_out"]})
     row = rows(found)["start"]
     assert row.verdict is FAULT
     assert "supply breaks down" in row.advice
@@ -255,7 +255,7 @@ def test_a_restart_for_want_of_power_is_a_fault() -> None:
 def test_a_firmware_of_another_schema_is_the_only_line() -> None:
     found = Evidence(is_live=True)
     hello = {name: value for name, value in HELLO.items() if name != "type"}
-    found.take_status(
+    found.add_status(
         {
             "hello": hello | {"schema_fingerprint": 0x01234567},
             "state": "other schema",

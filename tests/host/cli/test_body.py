@@ -131,7 +131,11 @@ def test_probes_of_two_daemons_become_one_body(probes: Probes, tmp_path: Path) -
         has(lambda state: (state.body, state.t_bound_us) == ("right-leg", 600))
         probes.silent.add("foot")
         has(lambda state: state.segments[2].presence == "missing")
-        has(lambda state: state.stage == "waiting" and "foot (foot)" in state.says)
+        has(
+            lambda state: (
+                state.stage == "waiting" and "foot (foot)" in state.instruction
+            )
+        )
         probes.silent.clear()
         has(lambda state: not state.missing)
         found = probes.sessions[first].liveliness().get("@ros2_lv/3/**")
@@ -178,7 +182,9 @@ def test_lines_say_what_to_do_what_is_missing_and_the_angles(
 ) -> None:
     state = shown()
     printer = Printer(as_json=False)
-    printer.put(msgspec.structs.replace(state, stage="standing", says="stand"), b"")
+    printer.put(
+        msgspec.structs.replace(state, stage="standing", instruction="stand"), b""
+    )
     printer.put(msgspec.structs.replace(state, remarks=("upside down",)), b"")
     gone = msgspec.structs.replace(state.segments[1], presence="missing")
     gone_state = msgspec.structs.replace(

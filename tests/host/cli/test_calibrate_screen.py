@@ -106,7 +106,7 @@ def test_a_pipe_gets_each_sentence_once(
     screen = CalibrationScreen("stylus")
     with screen.opened():
         for words in ("one", "one", "two", "two", "one"):
-            screen.say(words)
-        screen.say("one", "it moved")
-        screen.say("one", "it moved")
+            screen.show_text(words)
+        screen.show_text("one", "it moved")
+        screen.show_text("one", "it moved")
     assert capsys.readouterr().out == "one\ntwo\none\nit moved\n"

@@ -55,7 +55,7 @@ def at_rest() -> Evidence:
     """A board that was measured at rest."""
     found = Evidence(is_live=True)
     for item in (HELLO, STATUS, *raws(6.0)):
-        found.take(item)
+        found.add_message(item)
     return found
 
 

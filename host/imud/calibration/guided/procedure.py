@@ -72,7 +72,7 @@ class ProcedureStatus(msgspec.Struct, frozen=True):
     """What a screen shows."""
 
     phase: Phase
-    says: str  # what to do now
+    instruction: str = msgspec.field(name="says")  # what to do now
     poses: int
     of: int
     ups: tuple[tuple[float, float, float], ...]  # of the poses that count
@@ -163,7 +163,7 @@ class Procedure:
             return []
         self._still.is_taken = True
         self._stops = [s for s in blocks.stops() if _is_long(s, recording)]
-        return self._take(recording)
+        return self._add_stop(recording)
 
     def _move(self, recording: SensorRecording) -> list[Event]:
         """The probe moves; perhaps it did so too early."""
@@ -185,7 +185,7 @@ class Procedure:
         self.trouble = fault
         return [Troubled(fault)]
 
-    def _take(self, recording: SensorRecording) -> list[Event]:
+    def _add_stop(self, recording: SensorRecording) -> list[Event]:
         """A stop is long enough."""
         self.trouble = None
         self.fit = whole.fit(recording, self._stops)
@@ -194,7 +194,7 @@ class Procedure:
             return [self._refuse(wrong)]
         up = self._up(recording, self._stops[-1])
         if self.phase != "poses":
-            return self._take_housing(recording, up)
+            return self._add_housing_stop(recording, up)
         is_new = all(other @ up < ALIKE for other in self.ups)
         if is_new:
             self.ups.append(up)
@@ -236,7 +236,9 @@ class Procedure:
             return [self._judge(recording)]
         return []
 
-    def _take_housing(self, recording: SensorRecording, up: FloatArray) -> list[Event]:
+    def _add_housing_stop(
+        self, recording: SensorRecording, up: FloatArray
+    ) -> list[Event]:
         last, first = self._stops[-1], self._first_down
         if first is None or self.fit is None:
             if up @ poses.BASE_DOWN.up < ALIKE:
@@ -287,7 +289,7 @@ class Procedure:
         score = self.fit.score if self.fit is not None else None
         return ProcedureStatus(
             self.phase,
-            self._says(is_still=is_still),
+            self._instruction(is_still=is_still),
             len(self.ups),
             self.count,
             tuple(map(_triple, self.ups)),
@@ -302,7 +304,7 @@ class Procedure:
             len(self._gatherer) * step_s,
         )
 
-    def _says(self, *, is_still: bool) -> str:
+    def _instruction(self, *, is_still: bool) -> str:
         if self.phase == "done":
             return "Done."
         if self.phase == "refused":

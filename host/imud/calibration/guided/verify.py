@@ -91,7 +91,7 @@ class Verify:
         return None
 
     @property
-    def says(self) -> str:
+    def instruction(self) -> str:
         """What to do now."""
         recording = self._gatherer.recording()
         stops = find_stops(recording)

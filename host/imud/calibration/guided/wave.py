@@ -168,7 +168,7 @@ class Waving:
         self.wave = fit(recording, self.acc, self.gyr, self.tilt_deg)
 
     @property
-    def says(self) -> str:
+    def instruction(self) -> str:
         """What to do, and how good it is."""
         words = "Wave it about: on its head, on each side, slowly round and round."
         if self.wave is None:

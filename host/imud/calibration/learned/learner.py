@@ -240,10 +240,10 @@ def _proposal(
     params = before
     if sigma_of(before.acc) is None:
         sigma = math.radians(found.tilt_deg) * GRAVITY_M_S2 / math.sqrt(2.0)
-        said = {"sigma_m_s2": sigma, "residual_m_s2": found.acc.residual_m_s2}
+        stated = {"sigma_m_s2": sigma, "residual_m_s2": found.acc.residual_m_s2}
         own = Affine(found.acc.matrix, found.acc.bias)
         whole = _after(affine_of(base.acc, scale.acc_m_s2), own)
-        params = with_sensor(params, "acc", whole, scale, made | said)
+        params = with_sensor(params, "acc", whole, scale, made | stated)
     if sigma_of(before.gyr) is None:
         # The filter knows the scales better, and goes on to learn them: no sigma.
         cross = found.gyr.matrix - np.diag(np.diag(found.gyr.matrix)) + np.eye(3)

@@ -30,7 +30,7 @@ class Extremes:
         self.high = np.full(3, -math.inf)
         self._shares: list[float] = []
 
-    def take(self, reading: FloatArray) -> None:
+    def add_reading(self, reading: FloatArray) -> None:
         """The next reading of the magnetometer, shape (3,), uT."""
         self.stretch(reading)
         found = self.found()

@@ -54,7 +54,7 @@ class Trust:
 
 @dataclass(frozen=True, slots=True)
 class DimpleFit:
-    """What a wobble says."""
+    """What a wobble shows."""
 
     offset_m: FloatArray  # of the tip from the sensor, body frame
     sigma_m: FloatArray  # of each axis, by the noise and by how stretches differ
@@ -191,8 +191,8 @@ def _equations(blocks: _Blocks, at: FloatArray) -> tuple[FloatArray, FloatArray]
     level = np.eye(3) - np.outer(up, up)
     rows[:, :, 16] = (end - start) @ r @ level
     rows[:, :, 17] = blocks.step @ level
-    said = rows[:, :, :9] @ at[:9] + rows[:, :, 15] * at[15]
-    return rows, blocks.force - said
+    predicted = rows[:, :, :9] @ at[:9] + rows[:, :, 15] * at[15]
+    return rows, blocks.force - predicted
 
 
 def _spread(trust: Trust) -> FloatArray:

@@ -47,7 +47,7 @@ class TipStatus(msgspec.Struct, frozen=True):
     """What a screen shows. None: not known yet."""
 
     phase: Phase
-    says: str  # what to do now
+    instruction: str = msgspec.field(name="says")  # what to do now
     seconds: float  # of wobbling
     of_seconds: float
     is_still: bool
@@ -222,7 +222,7 @@ class Dimpling:
         return score_of(self.fit, self._trust) if self.fit else None
 
     @property
-    def says(self) -> str:
+    def instruction(self) -> str:
         """What to do."""
         if self.phase == "done":
             return "Done."
@@ -237,7 +237,7 @@ class Dimpling:
         score, swing = self.score, self.swing
         return TipStatus(
             self.phase,
-            self.says,
+            self.instruction,
             self.seconds,
             LEAST_S,
             self._is_still,
