@@ -52,8 +52,15 @@ GAP_ALIGN_S = 2.0 * GAP_S
 
 
 class LiveBody:
-    """One body. `facing_rad`: where the person faces while standing, counterclockwise
-    from east, or None.
+    """One body.
+
+    waiting --- poses ---> standing --- still ---> moving --- aligned ---> running
+       ^                    |    ^                 |    |
+       +-- a probe is away -+    +---- refused ----+    |
+       +---------------- a probe is away ---------------+
+
+    `facing_rad`: where the person faces while standing, counterclockwise from east, or
+    None.
     """
 
     def __init__(
@@ -136,10 +143,8 @@ class LiveBody:
         if away:
             undated = any(state == "no clock" for state in presences.values())
             why = "its clock is not known" if undated else "no poses"
-            self.stage, self.instruction = (
-                "waiting",
-                f"waiting for {', '.join(away)}: {why}",
-            )
+            self.stage = "waiting"
+            self.instruction = f"waiting for {', '.join(away)}: {why}"
             self._begun_s = time_s
             return
         if self.stage == "waiting":

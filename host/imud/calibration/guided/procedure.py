@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from enum import Enum, auto
 from typing import Literal
 
 import msgspec
@@ -87,17 +88,30 @@ class ProcedureStatus(msgspec.Struct, frozen=True):
     seconds: float
 
 
-@dataclass(slots=True)
-class _Still:
-    """The stop under way."""
+class Stillness(Enum):
+    """What the probe does while it is to be laid down.
 
-    start: int = -1  # step; -1: the probe moves
-    is_taken: bool = False
+    MOVES --- still ---> LIES --- for GOOD_S ---> COUNTS
+      ^                   |                         |
+      +------ moved ------+--------- moved ---------+
+    """
+
+    MOVES = auto()
+    LIES = auto()
+    COUNTS = auto()  # the stop counts; more of it makes it better
 
 
 @dataclass(slots=True)
 class Procedure:
     """One calibration of a module, from its raw samples.
+
+    poses --- enough good ones ---> base_down --- laid so ---> half_turn ---> done
+      |                                 ^                          |            ^
+      |                                 +--- not half a turn ------+            |
+      +--- without the two for the housing -------------------------------------+
+
+    A fault of the module leads from each phase to `refused`, and the end of a user who
+    has had enough to `done` or `refused`.
 
     `count`: how many poses to ask for. `wants_housing`: whether the two for the housing
     follow.
@@ -114,7 +128,8 @@ class Procedure:
     ups: list[FloatArray] = field(default_factory=list)
     wanted: StaticPose = poses.BASE_DOWN
     _gatherer: Gatherer = field(init=False)
-    _still: _Still = field(default_factory=_Still)
+    _stillness: Stillness = Stillness.MOVES
+    _still_since: int = 0  # step, unless it moves
     _stops: list[StaticInterval] = field(default_factory=list)
     _checked: int = 0
     _first_down: StaticInterval | None = None
@@ -156,21 +171,21 @@ class Procedure:
         end = len(blocks.is_still) * blocks.size
         if start == end:
             return self._move(recording)
-        if self._still.start != start:
-            self._still = _Still(start)
+        if self._stillness is Stillness.MOVES or self._still_since != start:
+            self._stillness, self._still_since = Stillness.LIES, start
         seconds = (end - start) * recording.step_s
-        if self._still.is_taken or seconds < GOOD_S:
+        if self._stillness is Stillness.COUNTS or seconds < GOOD_S:
             return []
-        self._still.is_taken = True
+        self._stillness = Stillness.COUNTS
         self._stops = [s for s in blocks.stops() if _is_long(s, recording)]
         return self._add_stop(recording)
 
     def _move(self, recording: SensorRecording) -> list[Event]:
         """The probe moves; perhaps it did so too early."""
-        still, self._still = self._still, _Still()
-        if still.start < 0 or still.is_taken:
+        before, self._stillness = self._stillness, Stillness.MOVES
+        if before is not Stillness.LIES:
             return []
-        lasted = (len(recording) - still.start) * recording.step_s
+        lasted = (len(recording) - self._still_since) * recording.step_s
         if lasted < MOVED_S:
             return []
         return self._trouble(
@@ -284,18 +299,18 @@ class Procedure:
     def status(self) -> ProcedureStatus:
         """What a screen shows now."""
         step_s = self._gatherer.step_s
-        is_still = self._still.start >= 0
-        still_s = (self._checked - self._still.start) * step_s if is_still else 0.0
+        is_still = self._stillness is not Stillness.MOVES
+        still_s = (self._checked - self._still_since) * step_s if is_still else 0.0
         score = self.fit.score if self.fit is not None else None
         return ProcedureStatus(
             self.phase,
-            self._instruction(is_still=is_still),
+            self._instruction(),
             len(self.ups),
             self.count,
             tuple(map(_triple, self.ups)),
             self.wanted.name if not self.is_over else None,
             is_still,
-            1.0 if self._still.is_taken else min(1.0, still_s / GOOD_S),
+            1.0 if self._stillness is Stillness.COUNTS else min(1.0, still_s / GOOD_S),
             score.tilt_deg if score else None,
             score is not None and score.is_level,
             score.heading_deg if score else None,
@@ -304,12 +319,12 @@ class Procedure:
             len(self._gatherer) * step_s,
         )
 
-    def _instruction(self, *, is_still: bool) -> str:
+    def _instruction(self) -> str:
         if self.phase == "done":
             return "Done."
         if self.phase == "refused":
             return "Refused."
-        if is_still and not self._still.is_taken:
+        if self._stillness is Stillness.LIES:
             return "Let it lie still..."
         done, of = len(self.ups), max(self.count, len(self.ups) + 1)
         if self.phase == "base_down":

@@ -61,7 +61,15 @@ class TipStatus(msgspec.Struct, frozen=True):
 
 @dataclass(slots=True)
 class Dimpling:
-    """One search for the tip of a probe with these params, from its raw samples."""
+    """One search for the tip of a probe with these params, from its raw samples.
+
+    stand --- held still ---> wobble --- good, or LONGEST_S ---> done or refused
+      ^                         |
+      +--- clipped, or a gap ---+
+
+    Held still again after a tip that slipped or a base that gave, a wobble begins anew;
+    after TRIES it is refused.
+    """
 
     scale: Scale
     params: Params
