@@ -61,7 +61,7 @@ def axis(
     """The axis from two gyroscopes, rad/s, (n, 3) each at the same times.
 
     Across the axis both turn equally fast, whatever the angle. Signs are arbitrary.
-    Raises Refused.
+    Raises AlignmentRefused.
     """
     fast = np.linalg.norm(parent, axis=1) + np.linalg.norm(child, axis=1)
     order = np.sort(np.argsort(fast)[-min(len(fast), 4 * ROWS) :])
@@ -149,7 +149,7 @@ def centre(
 ) -> Centre:
     """The centre from rates (rad/s) and specific forces (m/s2) of two probes.
 
-    The force at the centre is as large in both. Raises Refused.
+    The force at the centre is as large in both. Raises AlignmentRefused.
     """
     terms = [levers(gyr, rate_hz) for gyr, _ in (parent, child)]
     rows = slice(2, -2, max(1, len(parent[0]) // (2 * ROWS)))

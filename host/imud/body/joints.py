@@ -104,7 +104,7 @@ class JointModel:
 
 
 def learn(joint: Joint, parent: Track, child: Track) -> JointModel:
-    """What a motion of both probes at the same times shows. Raises Refused."""
+    """What a motion of both probes at the same times shows. Raises AlignmentRefused."""
     known = _centred(joint, parent, child)
     if joint.freedom == 1:
         return _hinge(known, parent, child)
@@ -167,7 +167,7 @@ def _hinge(known: JointModel, parent: Track, child: Track) -> JointModel:
 
 
 def _check(found: JointModel) -> None:
-    """Raises Refused if what a joint does beside its axes is too much."""
+    """Raises AlignmentRefused if what a joint does beside its axes is too much."""
     if found.play > PLAY_MAX:
         left_deg = math.degrees(found.play)
         raise AlignmentRefused(

@@ -60,7 +60,8 @@ class Aligned:
 
 def by_pose(chain: Chain, standing: Mapping[str, Track], facing_rad: float) -> Aligned:
     """From standing straight and still, all segments upright, facing `facing_rad`
-    (counterclockwise from east). `standing`: tracks by segment. Raises Refused.
+    (counterclockwise from east). `standing`: tracks by segment.
+    Raises AlignmentRefused.
     """
     ahead = np.array([math.cos(facing_rad), math.sin(facing_rad), 0.0])
     mounts = {}
@@ -87,7 +88,7 @@ def by_motion(
 
     `walking` tells left from right where `moving` alone leaves it open. Segments
     without a hinge take ahead from `facing_rad`, which may be None if there are none.
-    `moving` has the same times for all. Raises Refused.
+    `moving` has the same times for all. Raises AlignmentRefused.
     """
     axes: dict[str, HingeAxis] = {}
     for parent, child in chain.joints():
@@ -244,7 +245,7 @@ def _turned(first: FloatArray, second: FloatArray, one: Track, other: Track) -> 
 
 
 def check_order(chain: Chain, moving: Mapping[str, Track]) -> None:
-    """Raises Refused if a probe moves like one further up: two were swapped.
+    """Raises AlignmentRefused if a probe moves like one further up: two were swapped.
 
     While a limb swings or walks, the specific force changes more towards its end; in a
     squat it does not.

@@ -52,7 +52,7 @@ def of(
     `facing_rad`: where the person faces while standing,
     counterclockwise from east; with None, hinges that bend say what is ahead.
 
-    Raises Refused, in words for people.
+    Raises AlignmentRefused, in words for people.
     """
     given = {
         each.name: by_probe[each.probe]
@@ -84,9 +84,9 @@ def of(
 def aligned(
     chain: Chain, found: Mapping[str, Track], facing_rad: float | None
 ) -> tuple[dict[str, Mount], dict[str, JointModel], list[str]]:
-    """All mounts, what motion shows of joints about any axes, remarks. Raises Refused.
+    """All mounts, what motion shows of joints about any axes, remarks.
 
-    `found`: tracks of the same times, by segment.
+    `found`: tracks of the same times, by segment. Raises AlignmentRefused.
     """
     mounts: dict[str, Mount] = {}
     if any(not child.joint.freedom for _, child in chain.joints()):
@@ -115,7 +115,7 @@ def align(
     chain: Chain, found: Mapping[str, Track], facing_rad: float | None
 ) -> tuple[tuple[float, float], dict[str, Mount], list[str]]:
     """The mounts of a body that stands, moves to align, stands again; from and to of
-    the first standing, s; remarks. Raises Refused.
+    the first standing, s; remarks. Raises AlignmentRefused.
     """
     (begin_s, end_s), *later = standing(found)
     again_s = next((each[0] for each in later if each[0] > end_s + MOTION_S), math.inf)

@@ -28,7 +28,7 @@ Pose = tuple[float, float]  # from and to, s
 
 
 def learnt(chain: Chain, found: Mapping[str, Track]) -> dict[str, JointModel]:
-    """What motion shows of the joints about any axes, by child. Raises Refused."""
+    """What motion shows of the joints about any axes, by child, or AlignmentRefused."""
     known = {}
     for parent, child in chain.joints():
         if child.joint.freedom and parent.name in found and child.name in found:
