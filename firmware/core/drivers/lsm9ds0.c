@@ -19,9 +19,9 @@ _Static_assert((int)SAMPLE_BYTES <= (int)BUS_BURST_MAX, "a sample fits its place
 
 // Counts at the ends of the ranges, DS table 3.
 enum {
-    GYR_COUNTS_MAX = 28571,  // 2000 deg/s, 70 mdps each
-    ACC_COUNTS_MAX = 21857,  // 16 g, 0.732 mg each
-    MAG_COUNTS_MAX = 25000,  // 2 gauss, 0.08 mgauss each
+    GYR_COUNTS_MAX = INT32_C(2000000) / 70,    // 2000 deg/s, 70 mdps each
+    ACC_COUNTS_MAX = INT32_C(16000000) / 732,  // 16 g, 0.732 mg each
+    MAG_COUNTS_MAX = INT32_C(200000) / 8,      // 2 gauss, 0.08 mgauss each
 };
 
 // Three axes after their status; true where one is beyond its range.

@@ -67,12 +67,12 @@ enum {
 
     // Of the self-test, DS table 3, as sums of TEST_SAMPLES: 150 to 1000 deg/s at 70
     // mdps; 60 to 1700 mg at 0.061 mg.
-    GYR_RESPONSE_MIN = UINT32_C(2143) * TEST_SAMPLES,
-    GYR_RESPONSE_MAX = UINT32_C(14286) * TEST_SAMPLES,
-    ACC_RESPONSE_MIN = UINT32_C(984) * TEST_SAMPLES,
-    ACC_RESPONSE_MAX = UINT32_C(27869) * TEST_SAMPLES,
+    GYR_RESPONSE_MIN = ROUNDED(150 / 0.07) * TEST_SAMPLES,
+    GYR_RESPONSE_MAX = ROUNDED(1000 / 0.07) * TEST_SAMPLES,
+    ACC_RESPONSE_MIN = ROUNDED(60 / 0.061) * TEST_SAMPLES,
+    ACC_RESPONSE_MAX = ROUNDED(1700 / 0.061) * TEST_SAMPLES,
     // How far a rate may stray from the first of a run: 4 deg/s.
-    MOVING = 57,
+    MOVING = ROUNDED(4 / 0.07),
 };
 
 enum step {
@@ -180,9 +180,9 @@ identify(struct lsm9ds0 *chip, const IN_FLASH struct bus_device *bus, uint16_t n
     identity->kind = SENSOR_LSM9DS0;
     identity->rate_hz = config->is_fast ? LSM9DS0_FAST_RATE_HZ : LSM9DS0_RATE_HZ;
     identity->gyr_delay_us = LSM9DS0_GYR_DELAY_US;
-    identity->gyr_lsb_nrad_s = 1221730;  // 70 mdps
-    identity->acc_lsb_nm_s2 = 7178468;   // 0.732 mg
-    identity->mag_lsb_pt = 8000;         // 0.08 mgauss
+    identity->gyr_lsb_nrad_s = SENSOR_NANO_RAD(0.07);
+    identity->acc_lsb_nm_s2 = SENSOR_NANO_G(0.000732);
+    identity->mag_lsb_pt = 8000;  // 0.08 mgauss
     const uint8_t boot = BOOT;
     result = write_registers(bus, config->gyr_address, REG_CTRL5_G, &boot, 1);
     if (result == SENSOR_OK) {

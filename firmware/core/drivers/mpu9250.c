@@ -20,9 +20,9 @@ const IN_FLASH struct sensor_identity mpu9250_known = {
     .kind = SENSOR_MPU9250,
     .rate_hz = MPU9250_RATE_HZ,
     .gyr_delay_us = MPU9250_GYR_DELAY_US,
-    .gyr_lsb_nrad_s = 1065264,  // 2000 deg/s / 32768
-    .acc_lsb_nm_s2 = 4788403,   // 16 * 9.80665 m/s2 / 32768
-    .mag_lsb_pt = 150000,       // AK 5: 0.15 uT
+    .gyr_lsb_nrad_s = SENSOR_NANO_RAD(2000) / 32768,
+    .acc_lsb_nm_s2 = SENSOR_NANO_G(16) / 32768,
+    .mag_lsb_pt = 150000,  // AK 5: 0.15 uT
 };
 
 // Three axes; true where one is at the end of its range.
@@ -104,10 +104,10 @@ bool mpu9250_parse(void *state, const uint8_t *bytes, uint32_t time_us,
     out->time_us = time_us;
     out->acc_clipped = take_axes(bytes, &out->acc);
     out->gyr_clipped = take_axes(bytes + GYR_PLACE, &out->gyr);
-    // RM 65: TEMP_OUT / 333.87 + 21 degC; 19629 is 100 / 333.87 * 2^16.
+    // RM 65: TEMP_OUT / 333.87 + 21 degC.
     out->temperature_cdeg =
         (int16_t)(fixed_scale_down(mpu9250_word(bytes + MPU9250_TEMPERATURE_PLACE) *
-                                       INT32_C(19629),
+                                       Q16(100 / 333.87),
                                    16) +
                   2100);
     out->mag = (struct counts){0};

@@ -34,8 +34,9 @@ enum {
 
 // A resting force, in counts at 2 g, and the square of the least and the most that is
 // taken for gravity: 0.75 and 1.25 g, as 2^-16ths.
-#define FORCE_SQUARE_MIN (UINT32_C(12288) * 12288 / 65536)
-#define FORCE_SQUARE_MAX (UINT32_C(20480) * 20480 / 65536)
+#define FORCE_SQUARE(g) ((uint32_t)ROUNDED(SQUARE((g)*16384) / 65536))
+#define FORCE_SQUARE_MIN FORCE_SQUARE(0.75)
+#define FORCE_SQUARE_MAX FORCE_SQUARE(1.25)
 
 // A row is a register of the MPU-9250 with the value to write, or one of these. A place
 // is that of a byte in struct mpu9250.

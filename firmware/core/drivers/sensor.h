@@ -9,6 +9,7 @@
 
 #include "core/drivers/bus.h"
 #include "core/drivers/sample.h"
+#include "core/math/constant.h"
 #include "core/wire/messages.h"
 
 enum sensor_result {
@@ -25,6 +26,11 @@ enum sensor_result {
     SENSOR_MAG_CHANGED = -8,  // the magnetometer went silent, or answers again
     SENSOR_MAG_STUCK = -9,    // it holds its bus, or keeps the sensor from data
 };
+
+// For an identity: deg/s as 1e-9 rad/s, and g as 1e-9 m/s2. The factors: 1e9 pi / 180
+// as 2^-18ths, 1e9 * 9.80665 as halves.
+#define SENSOR_NANO_RAD(degrees) Q_TIMES(degrees, 0, INT64_C(4575275914348), 18)
+#define SENSOR_NANO_G(g) Q_TIMES(g, 0, INT64_C(19613300000), 1)
 
 struct sensor_identity {
     uint8_t kind;             // enum sensor of the protocol

@@ -2,16 +2,21 @@
 // The thesis' filter; see complementary.h.
 #include "core/fusion/complementary.h"
 
+#include "core/math/constant.h"
+
 // Table I in counts of the ranges that the thesis sets, 2 g and 250 deg/s, and of 14
 // bits of the AK8963, 0.6 uT: in counts of 16 bits its noise at rest, of which the 3
 // were chosen, would be larger than they are.
-#define FORCE_WIDE_Q21 INT32_C(251050)    // NP 200
-#define FORCE_NARROW_Q21 INT32_C(188288)  // NPS 150
-#define FIELD_WIDE_Q18 INT32_C(471859)    // NP and NPS 3
-#define RATE_LEAST_Q25 INT32_C(134115)    // NP and NPS 30: 0.229 deg/s
-#define LOW_Q30 INT32_C(26843546)         // NPL 0.025
-#define ALPHA_Q30 INT32_C(966367642)      // 0.9
-#define QUARTER_TURN INT32_C(1073741824)
+#define FORCE_COUNT_M_S2 (2 * 9.80665 / 32768)
+#define FIELD_COUNT_UT 0.6
+#define RATE_COUNT_DPS (1 / 131.0)
+#define FORCE_WIDE_Q21 Q21(200 * FORCE_COUNT_M_S2)     // NP
+#define FORCE_NARROW_Q21 Q21(150 * FORCE_COUNT_M_S2)   // NPS
+#define FIELD_WIDE_Q18 Q18(3 * FIELD_COUNT_UT)         // NP and NPS
+#define RATE_LEAST_Q25 Q_RAD(30 * RATE_COUNT_DPS, 25)  // NP and NPS
+#define LOW_Q30 Q30(0.025)                             // NPL
+#define ALPHA_Q30 Q30(0.9)
+#define QUARTER_TURN ((turn32_t)Q32_UNSIGNED(0.25))
 
 void complementary_init(struct complementary *complementary, uint16_t rate_hz,
                         uint16_t gyr_delay_us) {
@@ -61,9 +66,8 @@ static int32_t rate_of(int32_t rate_q25) {
 // atan(across / sqrt(one^2 + other^2)) in rad q7_25, within a quarter turn.
 static q7_25_t slope(int32_t across, int32_t one, int32_t other) {
     struct vector flat = {.x = one, .y = other, .z = 0};
-    // 2^-32 turns times 2 pi 2^25.
-    return fixed_mul_q32(fixed_atan2(across, vector_normalise(&flat)),
-                         INT32_C(210828714));
+    // 2^-32 turns times 2 pi.
+    return fixed_mul_q32(fixed_atan2(across, vector_normalise(&flat)), Q_RAD(360, 25));
 }
 
 // Equations 7.4 and 7.5, as measured + alpha (predicted - measured). The turn of a

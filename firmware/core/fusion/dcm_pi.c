@@ -2,13 +2,16 @@
 // Baranek's filter; see dcm_pi.h.
 #include "core/fusion/dcm_pi.h"
 
-// 9.80665 m/s2
-#define GRAVITY_Q21 INT32_C(20566036)
+#include "core/math/constant.h"
+
+#define GRAVITY_Q21 Q21(9.80665)  // m/s2
 // Kp 500 and Ki 0.1 a sample. In rad/s such a Kp is unstable at any period above 4 ms.
 // In counts of the paper's L3G4200D as it wakes up, 8.75 mdps at 100 Hz, they make a
 // loop of 13 s with critical damping, which "slowly follows": that is meant.
-#define KP_Q25 INT32_C(2562155)  // 0.0764 rad/s
-#define KI_Q27 INT32_C(204972)   // 0.00153 rad/s a second, over 8 as an interval's q33
+#define COUNT_DPS 0.00875
+#define KP_Q25 Q_RAD(500 * COUNT_DPS, 25)  // 0.0764 rad/s
+// 0.00153 rad/s a second, q2_30 over the 8 by which an interval's q33 exceeds q30.
+#define KI_Q27 Q_RAD(0.1 * COUNT_DPS * 100 / 8, 30)
 #define STEP_MAX_US UINT32_C(7500)  // 74 rad/s turn 0.56 rad in it
 #define INTERVAL_MAX_US UINT32_C(50000)
 

@@ -2,9 +2,11 @@
 // Madgwick's filter; see madgwick.h. Equations are those of his report of 2010.
 #include "core/fusion/madgwick.h"
 
+#include "core/math/constant.h"
+
 // Half of beta, 0.041 rad/s, over the 8 by which an interval's q33 exceeds q30.
-#define HALF_BETA INT32_C(2751463)
-#define SQRT_HALF INT32_C(759250125)
+#define HALF_BETA Q30(0.041 / 2 / 8)
+#define SQRT_HALF INT32_C(759250125)  // as q2_30
 
 void madgwick_init(struct madgwick *madgwick, uint16_t rate_hz, uint16_t gyr_delay_us) {
     (void)rate_hz;

@@ -2,9 +2,11 @@
 // Mahony's filter; see mahony.h.
 #include "core/fusion/mahony.h"
 
-// Kp / 2, for half an error that turns a quarter of its angle: 7.5, over the 8 by which
-// an interval's q33 exceeds q30.
-#define HALF_KP INT32_C(1006632960)
+#include "core/math/constant.h"
+
+// Kp / 2, for half an error that turns a quarter of its angle, over the 8 by which an
+// interval's q33 exceeds q30.
+#define HALF_KP Q30(15.0 / 2 / 8)
 
 void mahony_init(struct mahony *mahony, uint16_t rate_hz, uint16_t gyr_delay_us) {
     (void)rate_hz;

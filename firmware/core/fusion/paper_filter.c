@@ -2,7 +2,9 @@
 // What the filters from papers share; see paper_filter.h.
 #include "core/fusion/paper_filter.h"
 
-#define BIAS_LIMIT_Q25 INT32_C(134217728)  // 4 rad/s
+#include "core/math/constant.h"
+
+#define BIAS_LIMIT_Q25 Q25(4)  // rad/s
 #define STARTING_US UINT32_C(3000000)
 #define FIELD_ABSENT_US UINT32_C(1000000)
 #define INTERVAL_MAX_US UINT32_C(50000)
@@ -110,8 +112,8 @@ bool paper_filter_start(struct paper_filter *base,
 
 int32_t paper_filter_seconds_q33(uint32_t interval_us) {
     const uint32_t us = interval_us > INTERVAL_MAX_US ? INTERVAL_MAX_US : interval_us;
-    // 2^33 / 1e6 = 8589 + 4014042075 / 2^32; below 4.3e8.
-    return (int32_t)(us * 8589 + fixed_umul_q32(us, UINT32_C(4014042075)));
+    // 2^33 / 1e6 = 8589.934592; below 4.3e8.
+    return (int32_t)(us * 8589 + fixed_umul_q32(us, Q32_UNSIGNED(0.934592)));
 }
 
 void paper_filter_rate(const struct paper_filter *base,

@@ -15,15 +15,15 @@ enum {
     RELEASE_WINDOWS = 3,  // of rest after the window before a release
 };
 
-#define TURN_LIMIT_Q15 INT32_C(1144)     // 2 deg/s
-#define HAND_FORCE_Q15 INT32_C(16384)    // 0.5 m/s2
-#define FORCE_LIMIT_Q15 INT32_C(524288)  // 16 m/s2
-#define SPEED_LIMIT_Q15 INT32_C(983040)  // 3 m/s, a window of 0.1 s
-#define WAY_LIMIT_Q15 INT32_C(13107200)  // twice 2 m, in such units
-// Of the square of a window's noise: 0.02 m/s2 about all axes at least, as a sensor at
-// rest has it, and 0.2 m/s2 at most.
-#define NOISE_MIN_Q30 UINT32_C(429497)
-#define NOISE_MAX_Q30 UINT32_C(42949673)
+#define TURN_LIMIT_Q15 Q_RAD(2, 15)          // deg/s
+#define HAND_FORCE_Q15 Q15(0.5)              // m/s2
+#define FORCE_LIMIT_Q15 Q15(16)              // m/s2
+#define SPEED_LIMIT_Q15 STROKE_SPEED_Q15(3)  // m/s
+#define WAY_LIMIT_Q15 STROKE_WAY_Q15(2)      // m
+// Of the square of a window's noise, (m/s2)^2 about all axes: at least as a sensor at
+// rest has it.
+#define NOISE_MIN_Q30 ((uint32_t)Q30(SQUARE(0.02)))
+#define NOISE_MAX_Q30 ((uint32_t)Q30(SQUARE(0.2)))
 
 void stroke_begin(struct stroke *stroke, bool is_calibrated) {
     memset(stroke, 0, sizeof *stroke);

@@ -5,9 +5,9 @@
 // shows of a tilt that grew; what a module's scales and axes do in a turn; the level.
 #include "core/fusion/stroke_way.h"
 
-// 1e6 / 2^15 * (0.1 s)^2 / 2: m/s2 q15, summed twice over windows, to um. A window has
-// as many microseconds as the samples say.
-#define WAY_GAIN_Q30 INT32_C(163840000)
+// m/s2 q15, summed twice over windows, to um. A window has as many microseconds as the
+// samples say.
+#define WAY_GAIN_Q30 Q15(1e6 * SQUARE(STROKE_WINDOW_S) / 2)
 #define WINDOW_US UINT32_C(100000)
 // (g * 0.25 deg/s * 0.1 s)^2, by which a gyroscope's bias tilts in a window, from its
 // variance; at least that of 0.01 deg/s. A quarter by the button: what the filter
@@ -15,7 +15,7 @@
 // enough. Without it a slow stroke may have looked like a rest to the filter.
 #define BIAS_TILT_Q30 INT32_C(10062675)
 #define BY_BUTTON_SHARE 4
-#define BIAS_VARIANCE_MIN INT32_C(3355)
+#define BIAS_VARIANCE_MIN Q21(SQUARE(0.01 * 4))
 // What a hand turns at rest is in the bias that the filter finds there: a fifth of its
 // rate, at most 0.08 deg/s.
 #define SWAY_MAX_Q30 UINT32_C(22649)
@@ -30,14 +30,14 @@
 #define REST_SHARE_Q30 INT32_C(188000000)  // (0.375 + 0.15) / 3
 // Sums of white noise in 1e-5 m: 1e-4 / (3 * 12 * 1e-10 * 2^30), times 2^32.
 #define NOISE_GAIN_Q32 UINT32_C(111113)
-// A tilt that grew: 1e-4 / (144 * 1e-10 * 2^30), times 2^32.
-#define TILT_GAIN_Q32 UINT32_C(27778)
+// A tilt that grew, the same.
+#define TILT_GAIN_Q32 Q32_UNSIGNED(1e-4 / (144 * 1e-10 * 1073741824))
 // Of lengths, um to 1e-5 m: 0.4 deg of level, and the scale of the module.
 #define LEVEL_ERROR_Q30 INT32_C(750000)
-#define SCALE_ERROR_Q30 INT32_C(107374)       // 0.1 %
-#define RAW_SCALE_ERROR_Q30 INT32_C(1073742)  // 1 %
-#define DELTA_FREE_Q30 UINT32_C(26844)        // (0.005 m/s2)^2
-#define FLOOR_SQUARE UINT32_C(900)            // (0.3 mm)^2
+#define SCALE_ERROR_Q30 Q30(0.001 / 10)
+#define RAW_SCALE_ERROR_Q30 Q30(0.01 / 10)
+#define DELTA_FREE_Q30 ((uint32_t)Q30(SQUARE(0.005)))  // (m/s2)^2
+#define FLOOR_SQUARE UINT32_C(900)                     // (0.3 mm)^2
 #define SQUARE_MAX UINT32_C(1000000000)
 
 // Variances of what a tilt that grows adds to the force until the end, (m/s2)^2 q2_30.

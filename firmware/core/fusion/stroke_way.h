@@ -4,11 +4,17 @@
 #define STROKE_WAY_H
 
 #include "core/fusion/stroke.h"
+#include "core/math/constant.h"
 
-// What the velocity may be at an end, and more for each window of a stroke: 0.03 and
-// 0.003 m/s, as sums over windows.
-#define STROKE_STOP_Q15 UINT32_C(9830)
-#define STROKE_STOP_STEP_Q15 UINT32_C(983)
+#define STROKE_WINDOW_S 0.1  // the filter's window
+
+// A velocity in m/s as a sum of force over windows, and a way in m as twice such a sum.
+#define STROKE_SPEED_Q15(speed) Q15((speed) / STROKE_WINDOW_S)
+#define STROKE_WAY_Q15(way) Q15(2 * (way) / SQUARE(STROKE_WINDOW_S))
+
+// What the velocity may be at an end, and more for each window of a stroke.
+#define STROKE_STOP_Q15 ((uint32_t)STROKE_SPEED_Q15(0.03))
+#define STROKE_STOP_STEP_Q15 ((uint32_t)STROKE_SPEED_Q15(0.003))
 
 // |v|^2 as q2_30 of v in q15, whose numbers are held within +-0.5.
 uint32_t stroke_square(const struct vector *v_q15);

@@ -2,8 +2,10 @@
 // Quaternion to angles; see euler.h for frames and bounds.
 #include "core/math/euler.h"
 
-#define QUARTER_TURN INT32_C(1073741824)
-#define LOCK_Q30 INT32_C(7593)  // 1e-5 rad / sqrt(2)
+#include "core/math/constant.h"
+
+#define QUARTER_TURN ((turn32_t)Q32_UNSIGNED(0.25))
+#define LOCK_Q30 Q30(1e-5 / 1.414214)  // 1e-5 rad / sqrt(2)
 
 // |(x, y)|, relatively within 7e-8, for |(x, y)| < 2^31.
 static int32_t length(int32_t x, int32_t y) {

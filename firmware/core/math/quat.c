@@ -29,7 +29,7 @@ void quat_renormalise(struct quat *q) {
     vector_scale(vector, gain, vector);
 }
 
-#define ONE_48TH INT32_C(22369621)  // 1/48 as q2_30
+#define ONE_48TH (Q2_30_ONE / 48)
 
 void quat_from_small_angle(const struct vector *angle_rad_q30, struct quat *out) {
     // cos(a/2) = 1 - a^2/8 + a^4/384, sin(a/2)/a = 1/2 - a^2/48 + ..., and what is

@@ -5,6 +5,7 @@
 #include <stddef.h>
 #include <string.h>
 
+#include "core/math/constant.h"
 #include "core/probe/own_field.h"
 #include "core/probe/probe_filter.h"
 #include "core/probe/probe_params.h"
@@ -272,9 +273,10 @@ void probe_step(struct probe *probe, bool is_button_down, uint32_t now_us) {
 }
 
 bool probe_led(const struct probe *probe, uint32_t now_us) {
-    // Where in two seconds it is, as a fraction of 2^16: 2^16 / 2e6 is 140737488.36 /
-    // 2^32. A step more, so that no whole millisecond falls below itself.
-    const uint16_t phase = (uint16_t)(fixed_umul_q32(now_us, UINT32_C(140737488)) + 1);
+    // Where in two seconds it is, as a fraction of 2^16. A step more, so that no whole
+    // millisecond falls below itself.
+    const uint16_t phase =
+        (uint16_t)(fixed_umul_q32(now_us, Q32_UNSIGNED(65536 / 2e6)) + 1);
     switch (probe_state(probe)) {
     case STATE_STREAMING:
         return true;
