@@ -217,7 +217,9 @@ class Evidence:
         """
         if self.responses is None and self.outcomes:
             return tuple(
-                SensorVerdict(sensor, SelfTestOutcome(result["outcome"]), result["reason"])
+                SensorVerdict(
+                    sensor, SelfTestOutcome(result["outcome"]), result["reason"]
+                )
                 for sensor, result in self.outcomes.items()
             )
         return verdicts_of(self.hello, self.responses)
