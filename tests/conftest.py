@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 import native
+from imud import checkout
 
 pytest_plugins = ["native_mark", "length"]
 
@@ -29,6 +30,8 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if not hasattr(config, "workerinput"):
+        checkout.refresh_core()
     # No process that a test starts needs the sanitizer that this one was started with;
     # those that xdist starts do.
     if hasattr(config, "workerinput") or config.getoption("dist", "no") == "no":
@@ -170,7 +173,9 @@ def micropython_of(target: str) -> Path:
 
 def built_image(board: str) -> Path:
     _, image, command = BOARDS[board]
-    return built(ROOT / image, command)
+    found = built(ROOT / image, command)
+    checkout.refresh_image(found)
+    return found
 
 
 def built(path: Path, command: str) -> Path:

@@ -19,6 +19,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from imud import checkout
+
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = ROOT / "build" / "micropython"
 OWN = ROOT / "firmware" / "micropython"
@@ -97,7 +99,11 @@ def image(main_file: Path) -> Path:
     """The image with that main.py, built where it is out of date."""
     name = "micropython" if main_file.stem == "main" else main_file.stem
     rom = make_rom(BUILD / "rom" / name, main_file)
-    return make("pyboard", name, f"ROM={rom}")
+    made = make("pyboard", name, f"ROM={rom}")
+    sources = checkout.noted(checkout.MICROPYTHON)
+    if sources not in made.read_bytes():
+        checkout.note("arm-none-eabi-objcopy", made, sources)
+    return made
 
 
 def make(board: str, name: str, *settings: str) -> Path:

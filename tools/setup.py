@@ -7,6 +7,7 @@ Needs only the system's Python. Steps that do not depend on each other run in pa
 from __future__ import annotations
 
 import argparse
+import contextlib
 import fcntl
 import hashlib
 import json
@@ -18,7 +19,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NoReturn
@@ -35,6 +36,9 @@ from needs import (
 )
 
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "host"))
+from imud import checkout  # noqa: E402 - by the system's Python, before any package
+
 VENV = ROOT / ".venv"
 BUILD = ROOT / "build"
 LOG = BUILD / "setup.log"
@@ -50,13 +54,16 @@ GROUPS = {
     "bench": ("build", "firmware", "micropython", *TESTS, "bench"),
 }
 ENVIRONMENTS = {"nano": "nano", "f405": "stm32f405"}  # of platformio.ini
+PACKAGE = "package"
 MICROPYTHON = "micropython"  # the board that PlatformIO does not build
 
 
 def main(arguments: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(prog="tools/setup.py", description=__doc__)
     parser.add_argument(
-        "command", choices=GROUPS, help="the command of make to get ready for"
+        "command",
+        choices=(*GROUPS, PACKAGE),
+        help=f"the command of make to get ready for, or {PACKAGE} to build imud alone",
     )
     parser.add_argument(
         "--board", default="both", choices=(*BOARD_NEEDS, "both"), help="which to build"
@@ -64,15 +71,18 @@ def main(arguments: Sequence[str]) -> None:
     args = parser.parse_args(arguments)
     if sys.version_info < LEAST_PYTHON:
         run_under_another_python(arguments)
+    BUILD.mkdir(exist_ok=True)
+    if args.command == PACKAGE:
+        with locked():
+            install_package()
+        return
     boards = tuple(ENVIRONMENTS) if args.board == "both" else (args.board,)
     groups = GROUPS[args.command]
     if MICROPYTHON in groups:
         boards = (*boards, MICROPYTHON)
     elif MICROPYTHON in boards:
         groups = (*groups, MICROPYTHON)
-    BUILD.mkdir(exist_ok=True)
-    with (BUILD / ".setup.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with locked():
         LOG.write_text("")
         needs = system_needs(args.command, boards)
         refuse_what_cannot_be_installed(PYTHON_NEEDS + needs)
@@ -95,6 +105,14 @@ def main(arguments: Sequence[str]) -> None:
             lambda: build_sim(boards),
             lambda: build_micropython(args.command, boards),
         )
+
+
+@contextlib.contextmanager
+def locked() -> Iterator[None]:
+    """Wait until no other process sets anything up."""
+    with (BUILD / ".setup.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def build_images(boards: Sequence[str]) -> None:
@@ -208,16 +226,13 @@ def install_requirements(groups: Sequence[str]) -> None:
 
 
 def install_package() -> None:
-    """Install imud in editable mode; again only if C or its build files changed."""
-    sources = [
-        ROOT / "pyproject.toml",
-        ROOT / "CMakeLists.txt",
-        *sorted((ROOT / "host" / "imud" / "native").glob("*.[ch]")),
-        *sorted((ROOT / "firmware" / "core").rglob("*.[ch]")),
-    ]
-    digest = hashlib.sha256(str(ROOT).encode())
-    for path in sources:
-        digest.update(f"\0{path.relative_to(ROOT)}\0".encode() + path.read_bytes())
+    """Install imud in editable mode; again only if its C or its build files changed, or
+    its modules others: the loader of an editable package has a list of them.
+    """
+    digest = hashlib.sha256(checkout.digest(checkout.CORE).encode())
+    digest.update((ROOT / "pyproject.toml").read_bytes())
+    for path in sorted((ROOT / "host").rglob("*.py")):
+        digest.update(f"\0{path}".encode())
     stamp = VENV / "package.sha256"
     if stamp.exists() and stamp.read_text() == digest.hexdigest():
         return

@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: MIT
 """Gives main.c FIRMWARE_BUILD, the text that the probe's hello carries: the version
 of pyproject.toml, `+`, the git revision, and `-d` where the sources differ from it.
+Only main.c is compiled with it, so that a commit rebuilds one file.
 
-Only main.c is compiled with it, so that a commit rebuilds one file."""
+Gives the .elf a section with the digest of its sources, which takes no flash: who runs
+it can tell whether they have changed since (host/imud/checkout.py)."""
 
 import os
 import re
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,8 @@ TEXT_MAX = 16  # bytes of the field `firmware` in hello
 Import("env")  # type: ignore[name-defined]  # noqa: F821  SCons puts it there
 env: Any = globals()["env"]
 root = Path(env.subst("$PROJECT_DIR"))
+sys.path.insert(0, str(root / "host"))
+from imud import checkout  # noqa: E402 - of the project's folder, found only now
 
 
 def git(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -55,4 +60,14 @@ def with_build_text(middleware_env: Any, node: Any) -> Any:
     )
 
 
+def add_sources(target: Any, source: Any, env: Any) -> int:  # noqa: ARG001, SCons's
+    """Put the digest of the sources into a linked image."""
+    (elf,) = map(str, target)
+    return checkout.note(env.subst("$OBJCOPY"), Path(elf), sources)
+
+
+sources = checkout.noted(checkout.BOARD, root)
+image = "$BUILD_DIR/${PROGNAME}.elf"
 env.AddBuildMiddleware(with_build_text, "*main.c")
+env.AddPostAction(image, add_sources)
+env.Depends(image, env.Value(sources))

@@ -8,6 +8,7 @@ from typing_extensions import Buffer
 
 CONTENT_MAX: Final[int]  # bytes a frame can carry
 HELLO_SEED: Final[int]  # the CRC seed of a hello, the same for all schemas
+SOURCES: Final[str]  # SHA-256 of what it was built of: checkout.py
 
 class FrameStats(TypedDict):
     ok: int

@@ -18,7 +18,8 @@ ImudError
 │   ├── ListenFailed
 │   ├── NotAllowed      keys that don't let their user do that
 │   └── DaemonNotFound
-└── FileError           a capture or a log that can't be read or written
+├── FileError           a capture or a log that can't be read or written
+└── BuildFailed         a checkout's own C or images, which had to be built again
 
 Each message says what was being done, to what, and what to do next, on one line.
 """
@@ -107,3 +108,7 @@ def described(fault: BaseException) -> str:
         trace = trace.tb_next
     words = " ".join(str(fault).split())
     return f"{type(fault).__name__}: {words}{place}"
+
+
+class BuildFailed(ImudError):
+    """A checkout's own C or images had to be built again, and that failed."""

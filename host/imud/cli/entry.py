@@ -14,6 +14,7 @@ import traceback
 from collections.abc import Sequence
 from typing import NoReturn
 
+from imud import checkout
 from imud.cli import (
     body,
     calibrate,
@@ -27,7 +28,7 @@ from imud.cli import (
     sim,
     watch,
 )
-from imud.errors import ImudError, described
+from imud.errors import BuildFailed, ImudError, described
 
 # Exit code of a fault of imud's own: EX_SOFTWARE of sysexits.h.
 FAULT = 70
@@ -109,7 +110,11 @@ def program() -> NoReturn:
     session is closed. It would also wait for ever for a disk that is stuck.
     """
     try:
+        checkout.refresh_core()
         status = main()
+    except BuildFailed as error:
+        sys.stderr.write(f"imud: {error}\n")
+        status = 1
     except Exception as fault:  # noqa: BLE001 - a fault of imud's own, told on one line
         sys.stderr.write(f"imud: a fault of its own: {described(fault)}\n")
         if os.environ.get("IMUD_TRACEBACK"):

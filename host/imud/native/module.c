@@ -259,7 +259,8 @@ static int core_exec(PyObject *module) {
                    add_type(module, "Replay", &replay_spec) != 0 ||
                    add_type(module, "Rising", &rising_spec) != 0 ||
                    PyModule_AddIntConstant(module, "CONTENT_MAX", FRAME_CONTENT_MAX) ||
-                   PyModule_AddIntConstant(module, "HELLO_SEED", FRAME_HELLO_SEED)
+                   PyModule_AddIntConstant(module, "HELLO_SEED", FRAME_HELLO_SEED) ||
+                   PyModule_AddStringConstant(module, "SOURCES", IMUD_SOURCES)
                ? -1
                : 0;
 }

@@ -21,6 +21,7 @@ from pathlib import Path
 from types import FrameType
 from typing import IO, TYPE_CHECKING
 
+from imud import checkout
 from imud.errors import FileError
 from imud.progress import Progress
 
@@ -108,7 +109,8 @@ def default_link(board: VirtualBoard) -> Path:
 def find(given: Path | None, variable: str, built: Path) -> Path:
     """Finds a file: as given, by the environment, or as a build left it.
 
-    `built` is relative to the project's folder. Raises FileError if there is none.
+    `built` is relative to the project's folder; an image there is brought up to date.
+    Raises FileError if there is none.
     """
     named = given or (Path(text) if (text := os.environ.get(variable)) else None)
     if named is not None:
@@ -119,6 +121,7 @@ def find(given: Path | None, variable: str, built: Path) -> Path:
     # A virtual environment lies in the project's folder.
     for folder in (here, *here.parents, Path(sys.prefix).parent):
         if (folder / built).is_file():
+            checkout.refresh_image(folder / built)
             return folder / built
     raise FileError(f"{built} is not built yet; run `make firmware sim`")
 
