@@ -141,7 +141,7 @@ def cycle(paths, uses):
 
 
 # What each room of sim/ may use beside itself. Neither board knows the other, and what
-# they share knows neither. The processor of the F405 does not know its board.
+# they share knows neither. The machine of the F405 does not know its program.
 SIM_ROOMS = {
     "chips": (),
     "run": ("chips",),
