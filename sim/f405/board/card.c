@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The card in the socket of the virtual STM32F405; see f405_board.h.
+// The card in the socket of the virtual STM32F405; see board.h.
 #include <string.h>
 
 #include "board.h"

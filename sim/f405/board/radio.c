@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The radio between the virtual STM32F405 and the host; see f405_board.h.
+// The radio between the virtual STM32F405 and the host; see board.h.
 #include <stdio.h>
 
 #include "board.h"
