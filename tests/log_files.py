@@ -46,7 +46,7 @@ def write(directory: Path, *batches: list[Record], **settings: Any) -> Path:
     assert path is not None
     for batch in batches:
         for record in batch:
-            sink.take(record)
+            sink.write(record)
         sink.flush()
     sink.close()
     return path

@@ -117,7 +117,7 @@ def logging_all(items: Sequence[Item], folder: str) -> Work:
 
     def work() -> None:
         for number, item in enumerate(items):
-            sink.take(item)
+            sink.write(item)
             if number % FLUSH_EVERY == 0:
                 sink.flush()
         sink.close()
@@ -131,8 +131,8 @@ def publishing(items: Sequence[Item]) -> Work:
 
     def work() -> None:
         for item in items:
-            if not sink.take_at_once(item):
-                sink.take(item)
+            if not sink.try_write(item):
+                sink.write(item)
 
     return work
 

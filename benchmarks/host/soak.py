@@ -50,7 +50,7 @@ class Counting:
     def open(self) -> None:
         """Nothing to open."""
 
-    def take(self, record: Item) -> None:
+    def write(self, record: Item) -> None:
         if isinstance(record, Record):
             self.taken[record.probe, record.topic] += 1
 

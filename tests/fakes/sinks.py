@@ -36,7 +36,7 @@ class FakeSink:
     def open(self) -> None:
         self.opened += 1
 
-    def take(self, item: Item) -> None:
+    def write(self, item: Item) -> None:
         self.entered.set()
         assert self.gate.wait(PATIENCE_S)
         self.fault()

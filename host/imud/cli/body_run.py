@@ -192,7 +192,7 @@ class _Log:
     def put(self, state: BodyState, payload: bytes) -> None:
         name = f"{BODIES}/{state.body}"
         now_ns = state.t_ns + state.age_us * 1000
-        self._sink.take(
+        self._sink.write(
             Record(name, BODY_STATE, payload, b"", state.number, state.t_ns, now_ns)
         )
         if time.monotonic() - self._flushed_s > FLUSH_S:

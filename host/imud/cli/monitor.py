@@ -56,7 +56,7 @@ class Shown:
     missed: Missed = field(default_factory=Missed)
     _recent_s: deque[float] = field(default_factory=deque)
 
-    def take(self, message: Published, now_s: float) -> None:
+    def add(self, message: Published, now_s: float) -> None:
         if isinstance(message, Pose):
             self.pose, self.pose_s = message, now_s
             self._recent_s.append(now_s)
@@ -166,9 +166,9 @@ class MonitorScreen:
     probes: dict[str, Shown] = field(default_factory=dict)
     is_connected: bool = True
 
-    def take(self, message: Published, now_s: float) -> None:
+    def add(self, message: Published, now_s: float) -> None:
         shown = self.probes.setdefault(message.probe, Shown(message.probe))
-        shown.take(message, now_s)
+        shown.add(message, now_s)
 
     def lines(self, now_s: float, height: int) -> list[Text]:
         """At most `height` lines."""
@@ -235,7 +235,7 @@ def follow(
     while (now_s := time.monotonic()) < until_s:
         message = subscription.get(until_s - now_s)
         if message is not None:
-            screen.take(message, time.monotonic())
+            screen.add(message, time.monotonic())
     for name, shown in screen.probes.items():
         shown.missed = subscription.missed_of(name)
     screen.is_connected = subscription.is_connected
@@ -258,7 +258,7 @@ def run(
     ):
         screen = MonitorScreen(subscription.endpoint)
         for status in subscription.last_statuses():
-            screen.take(status, time.monotonic())
+            screen.add(status, time.monotonic())
         console = Console(highlight=False)
         if console.is_terminal:
             _show(console, subscription, screen, until_s)

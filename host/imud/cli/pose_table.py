@@ -47,7 +47,7 @@ class Reception:
     _last_number: int | None = None
     _recent_s: deque[float] = field(default_factory=deque)
 
-    def take_pose(self, payload: bytes, now_s: float) -> None:
+    def on_pose(self, payload: bytes, now_s: float) -> None:
         self.pose = json.loads(payload)
         if self.poses == 0:
             self.first_s = now_s
@@ -57,7 +57,7 @@ class Reception:
         if not self.has_frames:
             self._follow(self.pose["number"])
 
-    def take_frame(self, content: bytes) -> None:
+    def on_frame(self, content: bytes) -> None:
         """All messages of a probe share one sequence and arrive in its order."""
         _, number, _ = _HEADER.unpack_from(content)
         self._follow(number)
@@ -171,14 +171,14 @@ class _Listener:
     probes: dict[str, Reception] = field(default_factory=dict)
     is_hinted: bool = False
 
-    def take(self, topic: str, name: str, payload: bytes, now_s: float) -> None:
+    def on_delivery(self, topic: str, name: str, payload: bytes, now_s: float) -> None:
         received = self.probes.setdefault(name, Reception(has_frames=self.has_frames))
         if topic == "pose":
-            received.take_pose(payload, now_s)
+            received.on_pose(payload, now_s)
             if self.as_json:
                 sys.stdout.write(f"{json_line(payload, self.shape)}\n")
         elif topic == "frame":
-            received.take_frame(payload)
+            received.on_frame(payload)
         else:
             received.status = json.loads(payload)
 
@@ -225,7 +225,7 @@ def listen(
         while (now_s := time.monotonic()) < until_s:
             with contextlib.suppress(queue.Empty):
                 wait_s = max(0.0, min(show_s, until_s) - now_s)
-                listener.take(*arrived.get(timeout=wait_s), time.monotonic())
+                listener.on_delivery(*arrived.get(timeout=wait_s), time.monotonic())
             now_s = time.monotonic()
             if now_s >= show_s:
                 show_s = now_s + table.period_s

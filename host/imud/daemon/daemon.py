@@ -157,16 +157,16 @@ class Daemon:
         except ImudError as error:
             logger.warning("reload failed, the running configuration stays: %s", error)
         else:
-            self._take_up(before, config)
+            self._apply(before, config)
         self._notifier.ready()
 
-    def _take_up(self, before: Config, config: Config) -> None:
+    def _apply(self, before: Config, config: Config) -> None:
         self._config = config
         logger.setLevel(config.journal.level.upper())
         self._speaker.configure(config.journal.quiet_s, config.journal.burst)
         names = self._registry.configure(config)
         put = {entry.name: entry.put for entry in self._registry}
-        self._outputs.take_up(config, names, put)
+        self._outputs.apply(config, names, put)
         # Presence last: who sees it may ask for the rest at once.
         self._intake.params.announce(self._intake.timeline.utc(host_ns()))
         self._reports.announce()
@@ -229,7 +229,7 @@ class Daemon:
         self._speaker.say(("fault", words), text, is_warning=True)
 
     def _configure(self, probe_id: str, parameters: Mapping[str, str]) -> None:
-        self._take_up(self._config, configured(self._config, probe_id, parameters))
+        self._apply(self._config, configured(self._config, probe_id, parameters))
 
     def _begin_set_up(self, name: str) -> None:
         before = self._setting_up.get(name)

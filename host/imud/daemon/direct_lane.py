@@ -63,11 +63,11 @@ THREADS = (Holder.THREAD, Holder.THREAD_THEN_CALLER)
 
 @runtime_checkable
 class DirectSink(Sink, Protocol):
-    """A sink for a DirectLane. take_at_once() takes a record without waiting; False: it
-    is left to take() in the lane's thread.
+    """A sink for a DirectLane. try_write() takes a record without waiting; False: it is
+    left to write() in the lane's thread.
     """
 
-    def take_at_once(self, record: Item) -> bool: ...
+    def try_write(self, record: Item) -> bool: ...
 
 
 class DirectLane(Lane):
@@ -77,7 +77,7 @@ class DirectLane(Lane):
 
     def __init__(self, sink: DirectSink, capacity: int = QUEUE_MAX) -> None:
         super().__init__(sink, capacity)
-        self._at_once = sink.take_at_once
+        self._try_write = sink.try_write
         self._detour_s = DETOUR_S
         self._detour_until_s = 0.0
         self._holder = Holder.FREE
@@ -85,7 +85,7 @@ class DirectLane(Lane):
     def put(self, *items: Item) -> None:
         line = self._claim(items)
         if line:
-            self._give_back(line, self._take_at_once(line))
+            self._give_back(line, self._write_at_once(line))
 
     def _claim(self, items: Sequence[Item]) -> Sequence[Item]:
         """Has records wait, and returns the first of all that do; none if they are for
@@ -127,15 +127,15 @@ class DirectLane(Lane):
         """Whether the thread takes all records now."""
         return self._is_closing or time.monotonic() < self._detour_until_s
 
-    def _take_at_once(self, items: Sequence[Item]) -> int:
+    def _write_at_once(self, items: Sequence[Item]) -> int:
         """How many of the items are done with: taken, or the last of them dropped."""
         done = 0
 
-        def take() -> None:
+        def write() -> None:
             nonlocal done
             before_s = time.monotonic()
             for item in items:
-                if not self._at_once(item):
+                if not self._try_write(item):
                     return  # nor those behind it: the order stays
                 done += 1
                 now_s = time.monotonic()
@@ -144,7 +144,7 @@ class DirectLane(Lane):
                     return
                 before_s = now_s
 
-        is_well = self._attempt(take)
+        is_well = self._attempt(write)
         with self._wake:
             for item in islice(items, done):
                 if type(item) is Record:

@@ -88,7 +88,7 @@ class Intake:
     def missing(self) -> list[str]:
         return self.registry.missing()
 
-    def tell_double(self, probe_id: str, holder: ProbePort, port: ProbePort) -> None:
+    def on_double(self, probe_id: str, holder: ProbePort, port: ProbePort) -> None:
         self._lines.twice(self.registry[probe_id], holder, port)
 
     def port_ended(self, session: Session, port: ProbePort) -> None:

@@ -48,7 +48,7 @@ class Sink(Protocol):
     patience_s: float  # at the end, for waiting records and close()
 
     def open(self) -> None: ...
-    def take(self, record: Item) -> None: ...
+    def write(self, record: Item) -> None: ...
     def flush(self) -> None: ...
     def close(self) -> None: ...
 
@@ -238,16 +238,16 @@ class Lane:
             return
         done = 0
 
-        def take() -> None:
+        def write() -> None:
             nonlocal done
             for item in items:
-                self.sink.take(item)
+                self.sink.write(item)
                 done += 1
                 is_due = done % PAUSE_EVERY == 0 and self._pauses
                 if is_due and self.sink.period_s > 0:
                     time.sleep(PAUSE_S)
 
-        is_well = self._attempt(take)
+        is_well = self._attempt(write)
         # Without its flush nothing of this turn is written.
         if is_well and not self._attempt(self.sink.flush):
             done = 0

@@ -68,7 +68,7 @@ class Outputs:
             self._hub.add(wanted.make())
             self._made_of[name] = wanted.settings
 
-    def take_up(
+    def apply(
         self, config: Config, names: Mapping[str, str], put: Mapping[str, int]
     ) -> None:
         """Opens, replaces and closes what a reload changed. `names` are the old and new

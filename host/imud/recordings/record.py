@@ -176,7 +176,7 @@ class Recorder:
             params=self._params.get(probe),
             values=values,
         )
-        self._attempt(probe, lambda: self._sink.take(record))
+        self._attempt(probe, lambda: self._sink.write(record))
 
     def _of(self, probe: str, topic: str) -> Series:
         return self._series.setdefault((probe, topic), Series())

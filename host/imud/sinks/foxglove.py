@@ -57,7 +57,7 @@ class FoxgloveSink:
         )
         logger.info("Foxglove connects to ws://%s:%s", host, self._server.port)
 
-    def take(self, record: Record | Presence) -> None:
+    def write(self, record: Record | Presence) -> None:
         if not isinstance(record, Record):
             return
         for topic in topics_of(record):

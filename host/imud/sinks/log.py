@@ -74,7 +74,7 @@ class LogSink:
         self._began_s = time.monotonic()
         self._log = LogFile(file, self.settings)
 
-    def take(self, record: Record | Presence) -> None:
+    def write(self, record: Record | Presence) -> None:
         if not isinstance(record, Record) or record.probe in self.settings.unlogged:
             return
         if self._log is None and not self._is_paused:

@@ -152,7 +152,7 @@ class OpenIgtLinkSink:
         host, port = self._address[0], self._server.port
         logger.info("OpenIGTLink clients connect to %s:%s", host, port)
 
-    def take(self, record: Record | Presence) -> None:
+    def write(self, record: Record | Presence) -> None:
         translator = self._translator(record.probe)
         if translator is None or self._server is None:
             return

@@ -53,7 +53,7 @@ class PageSink:
             self._page = page
             logger.info("the page is at %s", page.url)
 
-    def take(self, record: Record | Presence) -> None:
+    def write(self, record: Record | Presence) -> None:
         if isinstance(record, Record) and record.payload:
             self._fresh.append(((record.probe, record.topic), record.payload))
 

@@ -310,7 +310,7 @@ class Ros2Sink:
         liveliness = self._session.liveliness()
         self._node_token = liveliness.declare_token(self._node.token)
 
-    def take(self, record: Record | Presence) -> None:
+    def write(self, record: Record | Presence) -> None:
         if self._session is None or self._node is None:
             return
         translator = self._translators.get(record.probe)

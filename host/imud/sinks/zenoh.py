@@ -108,8 +108,8 @@ class ZenohSink:
         session, before._left = before._left, None
         return session
 
-    def take_at_once(self, record: Record | Presence) -> bool:
-        """Publishes a record for which all is declared; False: take() has to. It waits
+    def try_write(self, record: Record | Presence) -> bool:
+        """Publishes a record for which all is declared; False: write() has to. It waits
         for nothing but room in the queues of subscribers.
         """
         session = self._session
@@ -133,7 +133,7 @@ class ZenohSink:
             frame.put(record.content)
         return True
 
-    def take(self, record: Record | Presence) -> None:
+    def write(self, record: Record | Presence) -> None:
         session = self._session
         if session is None:
             if not self._is_guest:

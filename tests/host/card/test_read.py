@@ -80,7 +80,7 @@ def test_a_log_of_a_card_is_the_live_log_of_the_same_messages(tmp_path: Path) ->
         if isinstance(event, Received):
             t_ns = event.stamp.t_device_us * 1000
             stamp = replace(event.stamp, t_ns=t_ns, t_received_ns=t_ns)
-            sink.take(
+            sink.write(
                 record_of(
                     *(event.message, event.content, probe.probe_id, stamp),
                     event.scales,

@@ -85,8 +85,8 @@ def status(
 def screen_of(count: int) -> MonitorScreen:
     screen = MonitorScreen("tcp/127.0.0.1:7447")
     for number in range(count):
-        screen.take(status(f"p{number}"), 10.0)
-        screen.take(pose(f"p{number}"), 10.0)
+        screen.add(status(f"p{number}"), 10.0)
+        screen.add(pose(f"p{number}"), 10.0)
     return screen
 
 
@@ -152,13 +152,13 @@ def test_a_probe_says_where_it_points_and_what_was_lost() -> None:
 
 def test_a_ledger_that_does_not_add_up_says_where() -> None:
     screen = MonitorScreen("e")
-    screen.take(status(adds_up=False), 1.0)
+    screen.add(status(adds_up=False), 1.0)
     assert "differs: log" in screen.lines(1.0, 24)[-2].plain
 
 
 def test_one_that_is_gone_stays_and_its_pose_does_not() -> None:
     screen = screen_of(1)
-    screen.take(status("p0", state="gone"), 20.0)
+    screen.add(status("p0", state="gone"), 20.0)
     text = "\n".join(line.plain for line in screen.lines(20.0, 24))
     assert "gone" in text
     assert "yaw" not in text

@@ -29,7 +29,7 @@ class QuickSink(FakeSink):
         super().__init__()
         self.threads: list[int] = []
 
-    def take_at_once(self, item: Item) -> bool:
+    def try_write(self, item: Item) -> bool:
         if not isinstance(item, Record) or item.topic != "pose":
             return False
         self.fault()

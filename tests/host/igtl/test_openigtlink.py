@@ -199,8 +199,8 @@ def test_two_probes_never_share_a_frame(caplog: pytest.LogCaptureFixture) -> Non
     sink.open()
 
     def send() -> None:
-        sink.take(replace(pose(position_m=(9.0, 9.0, 9.0)), probe="517312c07bcbb16f"))
-        sink.take(replace(pose(), probe="5173000000000000"))
+        sink.write(replace(pose(position_m=(9.0, 9.0, 9.0)), probe="517312c07bcbb16f"))
+        sink.write(replace(pose(), probe="5173000000000000"))
 
     with caplog.at_level(logging.WARNING), connected(address, PATIENCE_S) as client:
         heard = [client.hear_first(send)]

@@ -90,7 +90,7 @@ def test_a_disk_that_is_full_at_the_start_does_not_keep_imud_from_starting(
     sink = LogSink(tmp_path, Settings(floor_bytes=1 << 60))
     sink.open()
     with pytest.raises(FileError, match="logging pauses until there is room"):
-        sink.take(records(1)[0])
+        sink.write(records(1)[0])
     sink.flush()
     sink.close()
     assert list(tmp_path.iterdir()) == []

@@ -33,7 +33,7 @@ def test_a_file_is_as_large_as_told_and_none_is_lost_between(tmp_path: Path) -> 
     sink.open()
     for begin in range(0, len(put), 20):
         for record in put[begin : begin + 20]:
-            sink.take(record)
+            sink.write(record)
         sink.flush()
     sink.close()
     files = sorted(tmp_path.iterdir())

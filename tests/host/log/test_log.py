@@ -74,10 +74,10 @@ def test_what_is_logged_is_read_back_with_who_wrote_it(tmp_path: Path) -> None:
     assert sink.path is not None
     put = list(records(probe, 50))
     for record in put:
-        sink.take(record)
-    sink.take(Presence(probe.name, is_alive=False))
-    sink.take(Record(probe.name, "status", b"{}", b"", 0, 99, 99))
-    sink.take(Record(probe.name, "reply", b"", put[0].content, 0, 99, 99))
+        sink.write(record)
+    sink.write(Presence(probe.name, is_alive=False))
+    sink.write(Record(probe.name, "status", b"{}", b"", 0, 99, 99))
+    sink.write(Record(probe.name, "reply", b"", put[0].content, 0, 99, 99))
     sink.flush()
     sink.close()
     head = next(read_log(sink.path))
@@ -96,7 +96,7 @@ def test_other_peoples_tools_find_json_with_a_schema(tmp_path: Path) -> None:
     sink, probe = LogSink(tmp_path), FakeProbe()
     sink.open()
     for record in records(probe, 3):
-        sink.take(record)
+        sink.write(record)
     sink.close()
     assert sink.path is not None
     with sink.path.open("rb") as file:
@@ -117,7 +117,7 @@ def test_a_log_that_is_cut_anywhere_gives_what_is_whole(tmp_path: Path) -> None:
     assert sink.path is not None
     sizes = []
     for count, record in enumerate(records(probe, 12), 1):
-        sink.take(record)
+        sink.write(record)
         sink.flush()
         sizes.append((sink.path.stat().st_size, count))
     sink.close()
@@ -139,7 +139,7 @@ def test_a_log_with_a_flipped_bit_gives_what_is_good(tmp_path: Path) -> None:
     assert sink.path is not None
     put = list(records(probe, 6))
     for record in put:
-        sink.take(record)
+        sink.write(record)
         sink.flush()
     sink.close()
     whole = sink.path.read_bytes()
@@ -168,7 +168,7 @@ def test_a_file_an_hour_and_each_whole(tmp_path: Path) -> None:
     sink.open()
     put = list(records(probe, 4))
     for record in put:
-        sink.take(record)
+        sink.write(record)
         sink.flush()
     sink.close()
     files = sorted(tmp_path.iterdir())

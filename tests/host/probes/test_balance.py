@@ -114,7 +114,7 @@ class Held:
     def flush(self) -> None: ...
     def close(self) -> None: ...
 
-    def take(self, _: Item) -> None:
+    def write(self, _: Item) -> None:
         self.has_begun.set()
         assert self.may.wait(30)
         if self.is_failing:

@@ -160,7 +160,9 @@ def test_a_log_gives_the_very_same_and_the_time(
         sequence, content = other.sequence, other.content(name)
         t_ns = 1000 + sequence
         payload = b"{}" if name == "pose" else b""
-        sink.take(Record("stylus", name, payload, content, sequence, t_ns, t_ns, hello))
+        sink.write(
+            Record("stylus", name, payload, content, sequence, t_ns, t_ns, hello)
+        )
     sink.close()
     assert sink.path is not None
     from_capture, _ = decoded(capture(tmp_path, data), capsys)
@@ -182,7 +184,7 @@ def test_a_log_that_was_cut_says_so_and_gives_the_rest(
     sink = LogSink(tmp_path)
     sink.open()
     hello = probe.content("hello")
-    sink.take(Record("p", "pose", b"{}", probe.content("pose"), 1, 5, 5, hello))
+    sink.write(Record("p", "pose", b"{}", probe.content("pose"), 1, 5, 5, hello))
     sink.flush()
     assert sink.path is not None
     cut = tmp_path / "cut.mcap"

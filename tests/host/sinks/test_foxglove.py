@@ -124,11 +124,11 @@ def test_a_viewer_that_stands_still_holds_nobody_up() -> None:
         for each in (stopped, live):
             heard = False
             while not heard:  # a subscription takes effect a while after it is sent
-                sink.take(large)
+                sink.write(large)
                 with contextlib.suppress(TimeoutError):
                     heard = each.hear(0.05)[2] == payload
         for _ in range(200):
-            sink.take(large)
+            sink.write(large)
             assert next(live)[2] == payload
         stopped.abort()
     sink.close()
