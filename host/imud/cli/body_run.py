@@ -131,7 +131,7 @@ def _loop(
         with contextlib.suppress(queue.Empty):
             while True:
                 left_s = max(0.0, next_s - time.monotonic())
-                take(body, *arrived.get(timeout=left_s))
+                add_delivery(body, *arrived.get(timeout=left_s))
         # A pause of this machine leaves out states: they would all be late.
         next_s = max(next_s + 1.0 / how.rate_hz, now_s)
         state = body.state(time.time())
@@ -140,7 +140,7 @@ def _loop(
             sink.put(state, payload)
 
 
-def take(body: LiveBody, topic: str, delivery: Delivery) -> None:
+def add_delivery(body: LiveBody, topic: str, delivery: Delivery) -> None:
     """Gives a payload of a probe to the body; others, and bad ones, are left out."""
     history = body.histories.get(delivery.probe)
     if history is None:

@@ -48,24 +48,24 @@ class Distant:
     def feed(self, page: Page, prefix: str = PREFIX) -> None:
         """Hands what the daemon publishes to the page, from here on."""
 
-        def taker(topic: str) -> Callable[[Delivery], None]:
-            def take(delivery: Delivery) -> None:
+        def forwarder(topic: str) -> Callable[[Delivery], None]:
+            def forward(delivery: Delivery) -> None:
                 # A line is one object; JSON of imud's has no line breaks.
                 if b"\n" not in delivery.payload:
                     page.publish([((delivery.probe, topic), delivery.payload)])
 
-            return take
+            return forward
 
-        def take_body(sample: zenoh.Sample) -> None:
+        def forward_body(sample: zenoh.Sample) -> None:
             found = line_of(str(sample.key_expr), sample.payload.to_bytes())
             if found is not None:
                 page.publish([found])
 
         for topic in sorted(TOPICS - {BODY}):
             if self._client.may(topic):
-                self._client.listen(topic, None, taker(topic))
+                self._client.listen(topic, None, forwarder(topic))
         bodies = f"{prefix}/{BODIES}/*/{BODY_STATE}"
-        self._client.session.declare_subscriber(bodies, take_body)
+        self._client.session.declare_subscriber(bodies, forward_body)
         for status in self._client.statuses():
             page.publish([((str(status["probe"]), "status"), _encode(status))])
 

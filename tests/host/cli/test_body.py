@@ -26,7 +26,7 @@ from imud.body.live import LiveBody
 from imud.body.state import BodyState
 from imud.cli.body_print import Printer, line_of
 from imud.cli.body_ros2 import joint_topic, messages
-from imud.cli.body_run import take
+from imud.cli.body_run import add_delivery
 from imud.client import Delivery
 from imud.config.settings import ZenohSettings
 from imud.net import network
@@ -208,19 +208,19 @@ def test_lines_say_what_to_do_what_is_missing_and_the_angles(
 
 def test_what_is_no_pose_of_its_probes_is_left_out() -> None:
     made = LiveBody(chain.read(leg.CHAIN, "leg"))
-    take(made, "pose", Delivery("thigh", b"{", ""))
-    take(made, "pose", Delivery("other", pose_of("other", 1), ""))
+    add_delivery(made, "pose", Delivery("thigh", b"{", ""))
+    add_delivery(made, "pose", Delivery("other", pose_of("other", 1), ""))
     thigh = made.histories["thigh"]
     assert not thigh.poses
-    take(made, "pose", Delivery("thigh", pose_of("thigh", 1), ""))
+    add_delivery(made, "pose", Delivery("thigh", pose_of("thigh", 1), ""))
     assert len(thigh.poses) == 1
     assert thigh.is_dated
     undated = pose_of("thigh", 2, t_bound_us=None, heading_sigma_deg=None)
-    take(made, "pose", Delivery("thigh", undated, ""))
+    add_delivery(made, "pose", Delivery("thigh", undated, ""))
     assert len(thigh.poses) == 1
     assert not thigh.is_dated
     blind = pose_of("thigh", 3, heading_sigma_deg=None)
-    take(made, "pose", Delivery("thigh", blind, ""))
+    add_delivery(made, "pose", Delivery("thigh", blind, ""))
     assert math.isnan(thigh.poses[-1][-1])
 
 

@@ -30,7 +30,7 @@ class Terminal(io.StringIO):
 def received(**pose: Any) -> Reception:
     one = Reception()
     for number in range(101):
-        one.take_pose(json.dumps(POSE | pose).encode(), number * 0.01)
+        one.on_pose(json.dumps(POSE | pose).encode(), number * 0.01)
     return one
 
 
@@ -73,11 +73,11 @@ def test_missing_numbers_are_counted_and_a_restart_is_none() -> None:
     one, probe = Reception(), FakeProbe()
     contents = [probe.content("pose") for _ in range(10)]
     for content in contents[:3] + contents[5:]:
-        one.take_frame(content)
+        one.on_frame(content)
     assert one.missing == 2
     probe.restart()
     for _ in range(3):
-        one.take_frame(probe.content("pose"))
+        one.on_frame(probe.content("pose"))
     assert one.missing == 2
 
 
