@@ -125,9 +125,9 @@ void gyro_calibrator_begin(struct gyro_calibrator *calibrator) {
 
 // In units of 2^10 nano (of rad/s or m/s2) a check is a product of 16 bits each.
 #define UNITS(degrees) ((uint32_t)Q_RAD((degrees) * (1e9 / 1048576), 10))
-#define SPAN_MAX UNITS(3)              // deg/s
-#define BIAS_MAX UNITS(40)             // deg/s
-#define TURN_MAX UNITS(0.5 * 9.80665)  // half a degree of 1 g
+#define SPAN_MAX UNITS(3)                   // deg/s
+#define BIAS_MAX UNITS(40)                  // deg/s
+#define TURN_MAX UNITS(0.5 * GRAVITY_M_S2)  // half a degree of 1 g
 
 NOINLINE static bool exceeds(uint16_t counts, const uint32_t *lsb_nano,
                              uint32_t limit) {

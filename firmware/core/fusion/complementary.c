@@ -7,7 +7,7 @@
 // Table I in counts of the ranges that the thesis sets, 2 g and 250 deg/s, and of 14
 // bits of the AK8963, 0.6 uT: in counts of 16 bits its noise at rest, of which the 3
 // were chosen, would be larger than they are.
-#define FORCE_COUNT_M_S2 (2 * 9.80665 / 32768)
+#define FORCE_COUNT_M_S2 (2 * GRAVITY_M_S2 / 32768)
 #define FIELD_COUNT_UT 0.6
 #define RATE_COUNT_DPS (1 / 131.0)
 #define FORCE_WIDE_Q21 Q21(200 * FORCE_COUNT_M_S2)     // NP

@@ -4,7 +4,7 @@
 
 #include "core/math/constant.h"
 
-#define GRAVITY_Q21 Q21(9.80665)  // m/s2
+#define GRAVITY_Q21 Q21(GRAVITY_M_S2)
 // Kp 500 and Ki 0.1 a sample. In rad/s such a Kp is unstable at any period above 4 ms.
 // In counts of the paper's L3G4200D as it wakes up, 8.75 mdps at 100 Hz, they make a
 // loop of 13 s with critical damping, which "slowly follows": that is meant.

@@ -13,7 +13,7 @@ enum {
     UNSETTLED = FUSE_WINDOWS(FUSE_UNSETTLED_S),
     FIELD_ABSENT = FUSE_WINDOWS(FUSE_FIELD_ABSENT_S),
     // Of two axes, 1e-4 m/s2 each.
-    LEVEL_SIGMA_MAX = ROUNDED(FUSE_LEVEL_SIGMA_G * FUSE_G_M_S2 * 1e4 / 1.414214),
+    LEVEL_SIGMA_MAX = ROUNDED(FUSE_LEVEL_SIGMA_G * GRAVITY_M_S2 * 1e4 / 1.414214),
 };
 
 // The numbers of one part of a step are not on the stack while another runs.
@@ -23,7 +23,7 @@ enum {
 #define LEVEL_UNKNOWN_Q30 Q30(SQUARE(FUSE_LEVEL_SIGMA_G))
 // The squared sigma of two axes in 1e-4 m/s2 as rad2 q2_30.
 #define LEVEL_GAIN_Q32                                                                 \
-    Q32_UNSIGNED(2 * (1e-4 / FUSE_G_M_S2) * (1e-4 / FUSE_G_M_S2) * 1073741824.0)
+    Q32_UNSIGNED(2 * (1e-4 / GRAVITY_M_S2) * (1e-4 / GRAVITY_M_S2) * 1073741824.0)
 // rad2 q2_30 as 1e-4 deg2, whose steps stated variances have.
 #define CDEG2_GAIN_Q32 Q_DEG2(1e4 * 4, 0)
 #define CDEG2(degrees) ((uint32_t)ROUNDED((degrees) * (degrees)*1e4))

@@ -75,7 +75,7 @@ enum {
 // q11_21: a share of that of the field, times 1 and the squared distance of a reading
 // in units; and what leans.
 #define TURNING_NOISE                                                                  \
-    ROUNDED(512.0 / 4 * FUSE_TURNING_SHARE * FUSE_FIELD_NOISE_UT2_S / FUSE_WINDOW_S /     \
+    ROUNDED(512.0 / 4 * FUSE_TURNING_SHARE * FUSE_FIELD_NOISE_UT2_S / FUSE_WINDOW_S /  \
             (SQUARE(FUSE_SURPRISE_UT)))
 #define TURNING_FAR                                                                    \
     ((uint32_t)ROUNDED(FUSE_TURNING_FAR * FUSE_SURPRISE_UT * FUSE_SURPRISE_UT * 4096))

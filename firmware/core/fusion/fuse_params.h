@@ -13,7 +13,6 @@
 // Everything but the integration is done once in a window.
 #define FUSE_WINDOW_S 0.1
 #define FUSE_LOOK_S 0.01  // the interval at which the detection of rest looks
-#define FUSE_G_M_S2 9.80665
 
 // The growth in one window of something that grows by `rate` a second; a time in
 // windows and in looks, to the nearest.

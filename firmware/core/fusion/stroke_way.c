@@ -13,27 +13,27 @@
 // variance; at least that of 0.01 deg/s. A quarter by the button: what the filter
 // allows a bias is for minutes, and from one rest to the next half of its sigma is
 // enough. Without it a slow stroke may have looked like a rest to the filter.
-#define BIAS_TILT_Q30 INT32_C(10065745)
+#define BIAS_TILT_Q30 Q_RAD2(512 * SQUARE(GRAVITY_M_S2 * 0.25 * STROKE_WINDOW_S), 30)
 #define BY_BUTTON_SHARE 4
 #define BIAS_VARIANCE_MIN Q21(SQUARE(0.01 * 4))
 // What a hand turns at rest is in the bias that the filter finds there: a fifth of its
 // rate, at most 0.08 deg/s.
-#define SWAY_MAX_Q30 UINT32_C(22645)
+#define SWAY_MAX_Q30 ((uint32_t)Q30(2.109e-5))
 // Eight times the square of the force that a turn of 1 rad brings, (m/s2)^2 q2_30: of a
 // calibrated module, 0.05 %, 0.05 deg and 1 mg, and of one that is not, 1 %, 0.5 deg
 // and 20 mg. 1 - w of the turn is an eighth of its square.
-#define TURN_LEVEL_Q30 INT32_C(1661079)
-#define TURN_UP_Q30 INT32_C(877999)
-#define RAW_TURN_LEVEL_Q30 INT32_C(475023383)
-#define RAW_TURN_UP_Q30 INT32_C(350039835)
+#define TURN_LEVEL_Q30 Q30(0.001547)
+#define TURN_UP_Q30 Q30(0.0008177)
+#define RAW_TURN_LEVEL_Q30 Q30(0.4424)
+#define RAW_TURN_UP_Q30 Q30(0.326)
 // Of the noise of one axis of a window: that of the difference of two rests.
-#define REST_SHARE_Q30 INT32_C(187904819)  // (0.375 + 0.15) / 3
-// Sums of white noise in 1e-5 m: 1e-4 / (3 * 12 * 1e-10 * 2^30), times 2^32.
-#define NOISE_GAIN_Q32 UINT32_C(111111)
+#define REST_SHARE_Q30 Q30((0.375 + 0.15) / 3)
+// Sums of white noise in 1e-5 m.
+#define NOISE_GAIN_Q32 Q32_UNSIGNED(1e-4 / (3 * 12 * 1e-10 * 1073741824))
 // A tilt that grew, the same.
 #define TILT_GAIN_Q32 Q32_UNSIGNED(1e-4 / (144 * 1e-10 * 1073741824))
 // Of lengths, um to 1e-5 m: 0.4 deg of level, and the scale of the module.
-#define LEVEL_ERROR_Q30 INT32_C(749613)
+#define LEVEL_ERROR_Q30 Q_RAD(0.4 / 10, 30)
 #define SCALE_ERROR_Q30 Q30(0.001 / 10)
 #define RAW_SCALE_ERROR_Q30 Q30(0.01 / 10)
 #define DELTA_FREE_Q30 ((uint32_t)Q30(SQUARE(0.005)))  // (m/s2)^2

@@ -42,6 +42,8 @@
       (INT64_C(1) << ((factor_bits) - (bits)-1))) >>                                   \
      ((factor_bits) - (bits)))
 
+#define GRAVITY_M_S2 9.80665  // standard gravity
+
 #define SQUARE(value) ((value) * (value))
 #define ROUNDED(value) ((int32_t)Q_OF(value, 0))
 #define Q13(value) ((int32_t)Q_OF(value, 13))
