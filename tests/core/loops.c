@@ -167,7 +167,8 @@ void loop_fuse(struct fuse *fuse, int count, const struct measurement *measureme
     for (int i = 0; i < count; ++i) {
         fuse_step(fuse, &measurements[i], interval_us[i]);
         fuse_orientation(fuse, &orientation[i]);
-        quat_multiply(&fuse->level_from_inertial, &fuse->inertial_from_body, &level[i]);
+        quat_multiply(&fuse->state.level_from_inertial, &fuse->state.inertial_from_body,
+                      &level[i]);
         fuse_quality(fuse, &quality[i]);
     }
 }

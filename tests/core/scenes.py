@@ -205,7 +205,7 @@ class Filter:
 
     @property
     def bias_deg_s(self) -> Array:
-        bias = self.c.bias_rad_s_q25
+        bias = self.c.state.bias_rad_s_q25
         return np.array([bias.x, bias.y, bias.z]) / RATE / DEGREE
 
 

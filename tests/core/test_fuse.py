@@ -148,7 +148,7 @@ def test_a_heading_is_less_sure_while_readings_surprise_by_their_length():
     felt = passing_magnet(scene(tumble(10, 200, 4), 200, seed=6), 8, 14, 10)
     probe = centred(200)
     _, _, quality = probe.feel(felt)
-    assert probe.c.field_astray > desk.lib.FUSE_FIELD_STRANGE
+    assert probe.c.state.field_astray > desk.lib.FUSE_FIELD_STRANGE
     sigma = quality["heading_sigma_cdeg"]
     assert sigma[1600] < 300
     # 5 uT across a horizontal field of 22 uT are 13 degrees; without them it states 10.

@@ -51,7 +51,7 @@ def of_the_shop(felt: Scene) -> Scene:
     ],
 )
 def test_the_own_field_is_as_uncertain_as_its_calibration_left_it(sigma, ut):
-    deviation = math.sqrt(told(mag=sigma).c.own_variance / 16)
+    deviation = math.sqrt(told(mag=sigma).c.settings.own_variance / 16)
     assert deviation == pytest.approx(ut, abs=0.05)
 
 
@@ -60,7 +60,7 @@ def test_the_own_field_is_as_uncertain_as_its_calibration_left_it(sigma, ut):
     [(0, 0.0), (100, 0.0826), (4160, 3.437), (4161, 3.438), (NULL, 3.438)],
 )
 def test_the_level_is_as_uncertain_as_two_axes_of_the_accelerometer(sigma, degrees):
-    variance = told(acc=sigma).c.level_variance / desk.ONE
+    variance = told(acc=sigma).c.settings.level_variance / desk.ONE
     assert math.degrees(math.sqrt(variance)) == pytest.approx(degrees, abs=1e-3)
 
 
@@ -69,7 +69,7 @@ def test_the_level_is_as_uncertain_as_two_axes_of_the_accelerometer(sigma, degre
     [(0, 0.03), (50, 0.0583), (999, 0.996), (1000, 1.0), (NULL, 1.0)],
 )
 def test_scales_are_as_uncertain_as_their_calibration_left_them(sigma, percent):
-    pairs = told(gyr=sigma).c.motion_covariance
+    pairs = told(gyr=sigma).c.state.motion_covariance
     for state in (3, 4, 5):
         variance = pairs[lib.kalman_variance(state)] / 2.0**21
         assert 100 * math.sqrt(variance) / 500 == pytest.approx(percent, abs=0.005)
@@ -137,12 +137,12 @@ def correlations(pairs: list[int], states: int) -> desk.Array:
 def test_a_calibration_in_the_midst_has_the_own_field_and_leaves_the_attitude(shop):
     fuse = told()
     before = fuse.feel(shop[:6000])[0][-1]
-    own_ut = np.array(list(fuse.c.field_ut)[3:]) / desk.FIELD
+    own_ut = np.array(list(fuse.c.state.field_ut)[3:]) / desk.FIELD
     assert own_ut == pytest.approx(OWN_UT, abs=2)
-    place = list(fuse.c.field_ut)[:3]
+    place = list(fuse.c.state.field_ut)[:3]
     bias = fuse.bias_deg_s
     assert learned(fuse).tolist() == list(before)
-    assert list(fuse.c.field_ut) == [*place, 0, 0, 0]
+    assert list(fuse.c.state.field_ut) == [*place, 0, 0, 0]
     assert fuse.bias_deg_s.tolist() == bias.tolist()
 
 
@@ -151,7 +151,7 @@ def test_a_calibration_in_the_midst_leaves_the_covariance_usable(shop):
     fuse = told()
     fuse.feel(shop[:6000])
     learned(fuse)
-    whole = correlations(list(fuse.c.motion_covariance), 7)
+    whole = correlations(list(fuse.c.state.motion_covariance), 7)
     assert np.abs(whole - np.diag(np.diag(whole))).max() <= 1
     assert not whole[3:6, [0, 1, 2, 6]].any()
     assert np.linalg.eigvalsh(whole).min() > -1e-3
@@ -168,7 +168,7 @@ def test_a_filter_that_goes_on_with_a_calibration_remains_right(shop):
     assert desk.tilt_deg(found, rest.quat).max() < 3
     assert desk.apart_deg(found, rest.quat).max() < 10
     assert desk.apart_deg(found, rest.quat)[-2000:].max() < 5
-    own_ut = np.array(list(fuse.c.field_ut)[3:]) / desk.FIELD
+    own_ut = np.array(list(fuse.c.state.field_ut)[3:]) / desk.FIELD
     assert np.abs(own_ut).max() < 1.5
     assert (quality["heading_sigma_cdeg"] != NULL).all()
 
@@ -180,6 +180,8 @@ def test_the_covariance_of_an_unknown_field_stays_in_its_range(shop):
         piece = shop[slice(begun, begun + 2000)]
         piece.has_mag &= np.arange(len(piece)) % 1000 < 700
         fuse.feel(piece)
-        variances = [fuse.c.field_covariance[lib.kalman_variance(i)] for i in range(6)]
+        variances = [
+            fuse.c.state.field_covariance[lib.kalman_variance(i)] for i in range(6)
+        ]
         assert min(variances) >= 1
         assert max(variances) <= 460 * UNIT_UT2

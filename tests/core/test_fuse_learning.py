@@ -83,7 +83,7 @@ def test_the_scales_of_the_gyroscope_are_learned_from_motion(scales):
     probe = centred(200)
     probe.set_bias((0, 0, 0))
     probe.feel(felt)
-    found = np.array(list(probe.c.scale)) / ONE
+    found = np.array(list(probe.c.state.scale)) / ONE
     assert found == pytest.approx(1 / np.array(scales) - 1, abs=0.0025)
 
 
@@ -96,7 +96,7 @@ def test_the_scale_about_the_vertical_is_learned_from_the_field():
     probe = centred(200)
     probe.set_bias((0, 0, 0))
     found, _, _ = probe.feel(felt)
-    assert probe.c.scale[2] / ONE == pytest.approx(1 / 1.02 - 1, abs=0.002)
+    assert probe.c.state.scale[2] / ONE == pytest.approx(1 / 1.02 - 1, abs=0.002)
     assert rms(desk.heading_deg(found, felt.quat)[-4000:]) < 2.5
 
 
@@ -109,7 +109,7 @@ def test_without_readings_what_the_gyroscope_tells_of_the_heading_stays_possible
     probe = centred(200)
     probe.set_bias((0, 0, 0))
     probe.feel(felt)
-    pairs = list(probe.c.motion_covariance)
+    pairs = list(probe.c.state.motion_covariance)
     variances = [pairs[desk.lib.kalman_variance(state)] for state in range(7)]
     assert variances[6] == 25 * 2**21  # (20 deg)^2: no more is said of it
     for shared, variance in zip(pairs[21:27], variances[:6], strict=True):
@@ -122,19 +122,19 @@ def test_the_lag_of_the_field_is_learned_from_motion(behind):
     felt.mag = np.roll(felt.mag, behind, axis=0)
     probe = centred(200)
     probe.set_bias((0, 0, 0))
-    assert probe.c.lag_s_q35 / 2**35 == pytest.approx(0.005, abs=1e-6)
+    assert probe.c.state.lag_s_q35 / 2**35 == pytest.approx(0.005, abs=1e-6)
     probe.feel(felt)
-    assert probe.c.lag_s_q35 / 2**35 == pytest.approx(0.005 * behind, abs=0.0015)
+    assert probe.c.state.lag_s_q35 / 2**35 == pytest.approx(0.005 * behind, abs=0.0015)
 
 
 def test_a_lag_is_not_learned_at_rest():
     probe = centred(200)
     probe.feel(scene(at_rest(60), 200, seed=8))
-    assert probe.c.lag_s_q35 / 2**35 == pytest.approx(0.005, abs=0.0005)
+    assert probe.c.state.lag_s_q35 / 2**35 == pytest.approx(0.005, abs=0.0005)
 
 
 def own_field_ut(probe: Filter) -> desk.Array:
-    return np.array(list(probe.c.field_ut)[3:]) / FIELD
+    return np.array(list(probe.c.state.field_ut)[3:]) / FIELD
 
 
 @pytest.mark.parametrize("own_ut", [(2.0, -1.5, 1.0), (0.0, 0.0, 25.0)])

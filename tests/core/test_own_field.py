@@ -104,12 +104,12 @@ def test_with_it_the_heading_is_right_from_the_start():
 @pytest.mark.parametrize("sigma_ut", [0.0, 10.25])
 def test_one_that_is_not_known_is_not_begun_with(sigma_ut):
     probe = begun(known(sigma_ut=sigma_ut))
-    assert list(probe.c.field_ut)[3:] == [0, 0, 0]
+    assert list(probe.c.state.field_ut)[3:] == [0, 0, 0]
 
 
 def test_a_calibration_that_is_better_is_begun_with():
     probe = begun(known(), is_known=True)
-    assert list(probe.c.field_ut)[3:] == [0, 0, 0]
+    assert list(probe.c.state.field_ut)[3:] == [0, 0, 0]
 
 
 @pytest.mark.parametrize("kind", [lib.FILTER_MAHONY, lib.FILTER_MADGWICK])
@@ -131,12 +131,12 @@ class Kept(Bench):
     def feel(self, own_ut: object = OWN_UT) -> None:
         """What the filter has found."""
         fuse = self.c.tracker.attitude.fuse
-        fuse.field_learnt = lib.FUSE_FIELD_LEARN
-        fuse.own_variance = 7056
-        fuse.field_astray = 0
+        fuse.state.field_learnt = lib.FUSE_FIELD_LEARN
+        fuse.settings.own_variance = 7056
+        fuse.state.field_astray = 0
         for axis in range(3):
-            fuse.field_covariance[lib.kalman_variance(3 + axis)] = 2**18
-            fuse.field_ut[3 + axis] = round(own_ut[axis] * FIELD)
+            fuse.state.field_covariance[lib.kalman_variance(3 + axis)] = 2**18
+            fuse.state.field_ut[3 + axis] = round(own_ut[axis] * FIELD)
 
     def seconds(self, count: int) -> None:
         for _ in range(count):
@@ -175,7 +175,9 @@ def test_two_looks_that_agree_keep_it_over_power_off():
     bench.write()
     later = again(bench)
     assert later.own == (list(OWN_UT), 3.5)
-    assert list(later.c.tracker.attitude.fuse.field_ut)[3:] == list(OWN_UT * FIELD)
+    assert list(later.c.tracker.attitude.fuse.state.field_ut)[3:] == list(
+        OWN_UT * FIELD
+    )
 
 
 def test_each_start_makes_it_less_sure_up_to_10_ut():
@@ -206,15 +208,15 @@ def test_what_the_filter_is_not_sure_of_is_not_kept(state):
     bench.feel()
     fuse = bench.c.tracker.attitude.fuse
     if state == "unsure":
-        fuse.field_covariance[lib.kalman_variance(4)] = 2**21 + 1
+        fuse.state.field_covariance[lib.kalman_variance(4)] = 2**21 + 1
     elif state == "disturbed":
-        fuse.field_surprise = 4 * lib.FUSE_FIELD_UNIT + 1
+        fuse.state.field_surprise = 4 * lib.FUSE_FIELD_UNIT + 1
     elif state == "astray":
-        fuse.field_astray = lib.FUSE_FIELD_ASTRAY + 1
+        fuse.state.field_astray = lib.FUSE_FIELD_ASTRAY + 1
     elif state == "learning":
-        fuse.field_learnt = lib.FUSE_FIELD_LEARN - 1
+        fuse.state.field_learnt = lib.FUSE_FIELD_LEARN - 1
     else:
-        fuse.own_variance = 143
+        fuse.settings.own_variance = 143
     bench.seconds(3 * LOOK_S)
     assert bench.own is None
 
@@ -264,7 +266,7 @@ def test_another_calibration_voids_it_and_another_tip_does_not():
     assert bench.own is not None
     change(bench, SMALL + MAG)
     assert bench.own is None
-    assert list(bench.c.tracker.attitude.fuse.field_ut)[3:] == [0, 0, 0]
+    assert list(bench.c.tracker.attitude.fuse.state.field_ut)[3:] == [0, 0, 0]
     bench.write()
     assert again(bench).own is None
 
@@ -277,7 +279,7 @@ def test_a_calibration_that_the_filter_goes_on_with_has_it_within():
     events = [event for event, _, _ in bench.events()]
     assert events.count(lib.EVENT_RESTARTED) == before
     assert bench.own is None
-    assert list(bench.c.tracker.attitude.fuse.field_ut)[3:] == [0, 0, 0]
+    assert list(bench.c.tracker.attitude.fuse.state.field_ut)[3:] == [0, 0, 0]
 
 
 def test_the_hello_of_no_own_field_comes_before_the_filter_begins_without_it():
@@ -296,7 +298,9 @@ def test_a_plain_restart_begins_with_it():
     bench = Kept()
     bench.learn()
     assert bench.command(lib.COMMAND_RESTART)[0] == OK
-    assert list(bench.c.tracker.attitude.fuse.field_ut)[3:] == list(OWN_UT * FIELD)
+    assert list(bench.c.tracker.attitude.fuse.state.field_ut)[3:] == list(
+        OWN_UT * FIELD
+    )
     assert bench.own == (list(OWN_UT), 3.0)
 
 

@@ -270,7 +270,7 @@ def test_another_filter_tells_no_strokes(single: Measured) -> None:
 
 
 def bias_deg_s(tracker: Tracker) -> np.ndarray:
-    bias = tracker.c.attitude.fuse.bias_rad_s_q25
+    bias = tracker.c.attitude.fuse.state.bias_rad_s_q25
     return np.degrees(np.array([bias.x, bias.y, bias.z]) / 2**25)
 
 

@@ -40,9 +40,9 @@ NOINLINE static int32_t seconds_q35(uint16_t us) {
 void fuse_init(struct fuse *fuse, uint16_t rate_hz, uint16_t gyr_delay_us) {
     struct fuse_coefficients *coefficients = &fuse->coefficients;
     memset(fuse, 0, sizeof *fuse);
-    coefficients->frame = (uint8_t)(rate_hz / FUSE_WINDOWS(1));
-    coefficients->stride = coefficients->frame / STAGES;
-    coefficients->share = Q2_30_ONE / coefficients->frame;
+    coefficients->window = (uint8_t)(rate_hz / FUSE_WINDOWS(1));
+    coefficients->stride = coefficients->window / STAGES;
+    coefficients->share = Q2_30_ONE / coefficients->window;
     // A mean rate over the sample period would be half a period old.
     coefficients->lead_s_q35 = fixed_divide(
         (gyr_delay_us - (int32_t)(UINT32_C(500000) / rate_hz)) * FOUR_US_Q35, 4);
@@ -55,31 +55,27 @@ void fuse_set_accuracy(struct fuse *fuse, const struct calibration *calibration)
     fuse_set_own_accuracy(fuse, calibration->mag.sigma);
     fuse_set_scale_accuracy(fuse, calibration->gyr.sigma);
     const uint32_t sigma = calibration->acc.sigma;
-    fuse->level_variance = sigma >= LEVEL_SIGMA_MAX
-                               ? LEVEL_UNKNOWN_Q30
-                               : (q2_30_t)fixed_umul_q32(sigma * sigma, LEVEL_GAIN_Q32);
+    fuse->settings.level_variance =
+        sigma >= LEVEL_SIGMA_MAX
+            ? LEVEL_UNKNOWN_Q30
+            : (q2_30_t)fixed_umul_q32(sigma * sigma, LEVEL_GAIN_Q32);
 }
 
 void fuse_set_mag_lag(struct fuse *fuse, uint16_t lag_us) {
-    fuse->lag_s_q35 = seconds_q35(lag_us);
+    fuse->state.lag_s_q35 = seconds_q35(lag_us);
 }
 
 void fuse_restart(struct fuse *fuse) {
-    const size_t first = offsetof(struct fuse, in_frame);
-    memset(&fuse->in_frame, 0, offsetof(struct fuse, bias_rad_s_q25) - first);
-    quat_set_identity(&fuse->inertial_from_body);
-    quat_set_identity(&fuse->level_from_inertial);
-    quat_set_identity(&fuse->world_from_inertial);
-    fuse->stage = STAGES;
-    fuse->field_age = FIELD_ABSENT;
-    fuse->heading_variance = FUSE_HEADING_VARIANCE_MAX_Q30;
-    fuse->drift_square = DRIFT_SQUARE_START_Q30;
-}
-
-void fuse_turn(struct quat *q, const struct vector *angle_rad_q30) {
-    struct quat turn;
-    quat_from_small_angle(angle_rad_q30, &turn);
-    quat_multiply(q, &turn, q);
+    const size_t first = offsetof(struct fuse_state, in_window);
+    memset(&fuse->state.in_window, 0,
+           offsetof(struct fuse_state, bias_rad_s_q25) - first);
+    quat_set_identity(&fuse->state.inertial_from_body);
+    quat_set_identity(&fuse->state.level_from_inertial);
+    quat_set_identity(&fuse->state.world_from_inertial);
+    fuse->state.stage = STAGES;
+    fuse->state.field_age = FIELD_ABSENT;
+    fuse->state.heading_variance = FUSE_HEADING_VARIANCE_MAX_Q30;
+    fuse->state.drift_square = DRIFT_SQUARE_START_Q30;
 }
 
 NOINLINE static void integrate(struct fuse *fuse, uint16_t interval_us) {
@@ -87,34 +83,35 @@ NOINLINE static void integrate(struct fuse *fuse, uint16_t interval_us) {
         const uint16_t part = interval_us > STEP_MAX_US ? STEP_MAX_US : interval_us;
         interval_us = (uint16_t)(interval_us - part);
         struct vector angle;
-        vector_scale(&fuse->rate_rad_s_q25, seconds_q35(part), &angle);
-        fuse_turn(&fuse->inertial_from_body, &angle);
+        vector_scale(&fuse->state.rate_rad_s_q25, seconds_q35(part), &angle);
+        quat_turn(&fuse->state.inertial_from_body, &angle);
     }
 }
 
-// Adds the force, and the rate about each axis of the body, to the sums over the frame.
+// Adds the force, and the rate about each axis of the body, to the sums over the
+// window.
 NOINLINE static void add_to_means(struct fuse *fuse, const struct vector *force) {
     struct matrix inertial_from_body;
     int32_t coarse[3];  // m/s2 q13
-    matrix_from_quat(&fuse->inertial_from_body, &inertial_from_body);
+    matrix_from_quat(&fuse->state.inertial_from_body, &inertial_from_body);
     for (uint8_t axis = 0; axis < 3; ++axis) {
         const int16_t rate =  // rad/s q9
-            (int16_t)fixed_scale_down(fuse->rate_rad_s_q25.axis[axis], 16);
+            (int16_t)fixed_scale_down(fuse->state.rate_rad_s_q25.axis[axis], 16);
         coarse[axis] = fixed_scale_down(force->axis[axis], 8);
         for (uint8_t row = 0; row < 3; ++row) {
             fixed_add(
                 fixed_byte_floor((int32_t)inertial_from_body.row[row][axis] * rate),
-                &fuse->turn_sum_q15[axis].axis[row]);
+                &fuse->state.turn_sum_q15[axis].axis[row]);
         }
     }
     for (uint8_t row = 0; row < 3; ++row) {
         fixed_add(fixed_dot3_q14(coarse, inertial_from_body.row[row]),
-                  &fuse->force_sum_q13.axis[row]);
+                  &fuse->state.force_sum_q13.axis[row]);
     }
 }
 
 static void run_stage(struct fuse *fuse) {
-    switch (fuse->stage) {
+    switch (fuse->state.stage) {
     case 0:
         fuse_stage_level(fuse);
         break;
@@ -131,7 +128,7 @@ static void run_stage(struct fuse *fuse) {
         break;
     case 4:
         fuse_stage_field(fuse);
-        if (fuse->has_reading && !fuse_is_at_rest(fuse)) {
+        if (fuse->state.has_reading && !fuse_is_at_rest(fuse)) {
             fuse_follow_lag(fuse);
         }
         break;
@@ -139,68 +136,68 @@ static void run_stage(struct fuse *fuse) {
         fuse_stage_turning(fuse);
         break;
     default:
-        fuse_stage_field_axis(fuse, (uint8_t)(fuse->stage - 6));
-        if (fuse->stage == STAGES - 1) {
+        fuse_stage_field_axis(fuse, (uint8_t)(fuse->state.stage - 6));
+        if (fuse->state.stage == STAGES - 1) {
             fuse_stage_world(fuse);
         }
         break;
     }
-    ++fuse->stage;
+    ++fuse->state.stage;
 }
 
 void fuse_take(struct fuse *fuse, const struct measurement *measurement,
                uint32_t interval_us) {
     const struct fuse_coefficients *coefficients = &fuse->coefficients;
-    vector_subtract(&measurement->gyr_rad_s_q25, &fuse->bias_rad_s_q25,
-                    &fuse->rate_rad_s_q25);
+    vector_subtract(&measurement->gyr_rad_s_q25, &fuse->state.bias_rad_s_q25,
+                    &fuse->state.rate_rad_s_q25);
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        int32_t *rate = &fuse->rate_rad_s_q25.axis[axis];
-        fixed_add(fixed_mul_at(rate, &fuse->scale[axis]), rate);
+        int32_t *rate = &fuse->state.rate_rad_s_q25.axis[axis];
+        fixed_add(fixed_mul_at(rate, &fuse->state.scale[axis]), rate);
     }
-    if ((fuse->frames | fuse->in_frame) == 0) {
+    if ((fuse->state.windows | fuse->state.in_window) == 0) {
         fuse_take_first(fuse, &measurement->acc_m_s2_q21);
     } else {
         if (interval_us > FUSE_INTERVAL_MAX_US) {
             interval_us = FUSE_INTERVAL_MAX_US;
-            fuse->clipped = FUSE_CLIPPED_LOST;
+            fuse->state.clipped = FUSE_CLIPPED_LOST;
         }
         integrate(fuse, (uint16_t)interval_us);
     }
-    if (measurement->gyr_clipped && fuse->clipped < UINT8_MAX) {
-        ++fuse->clipped;
+    if (measurement->gyr_clipped && fuse->state.clipped < UINT8_MAX) {
+        ++fuse->state.clipped;
     }
-    if (measurement->acc_clipped || fuse->clipped > 0) {
-        fuse->unsettled = UNSETTLED;
+    if (measurement->acc_clipped || fuse->state.clipped > 0) {
+        fuse->state.unsettled = UNSETTLED;
     }
     add_to_means(fuse, &measurement->acc_m_s2_q21);
     const struct vector *field = &measurement->mag_ut_q18;
-    if (measurement->has_mag && !fuse->has_reading &&
-        (fuse->stage == 1 || fuse->stage == 2) &&
+    if (measurement->has_mag && !fuse->state.has_reading &&
+        (fuse->state.stage == 1 || fuse->state.stage == 2) &&
         vector_exceeds(field, 0)) {  // all zeros: no field at all
         fuse_take_reading(fuse, field);
     }
     // Of two samples in a row, one runs a stage and one looks for rest.
-    ++fuse->in_stride;
-    if (fuse->in_stride == coefficients->stride) {
-        fuse->in_stride = 0;
+    ++fuse->state.in_stride;
+    if (fuse->state.in_stride == coefficients->stride) {
+        fuse->state.in_stride = 0;
     }
-    ++fuse->in_frame;
-    if (fuse->in_frame == coefficients->frame) {
-        fuse->in_frame = 0;
-        fuse->in_stride = 0;
-        fuse->stage = 0;
-        quat_renormalise(&fuse->inertial_from_body);
+    ++fuse->state.in_window;
+    if (fuse->state.in_window == coefficients->window) {
+        fuse->state.in_window = 0;
+        fuse->state.in_stride = 0;
+        fuse->state.stage = 0;
+        quat_renormalise(&fuse->state.inertial_from_body);
     }
-    if ((uint8_t)(fuse->in_stride + 1) == coefficients->stride) {
+    if ((uint8_t)(fuse->state.in_stride + 1) == coefficients->stride) {
         fuse_look_for_rest(fuse, measurement);
     }
 }
 
 void fuse_work(struct fuse *fuse) {
-    if (fuse->frames == 0 && fuse->in_frame == 1) {
+    if (fuse->state.windows == 0 && fuse->state.in_window == 1) {
         fuse_level_first(fuse);
     }
-    if (fuse->in_stride == 0 && fuse->stage < STAGES) {
+    if (fuse->state.in_stride == 0 && fuse->state.stage < STAGES) {
         run_stage(fuse);
     }
 }
@@ -213,11 +210,12 @@ void fuse_step(struct fuse *fuse, const struct measurement *measurement,
 
 void fuse_orientation(const struct fuse *fuse, struct quat *out) {
     struct vector angle;
-    quat_multiply(&fuse->world_from_inertial, &fuse->inertial_from_body, out);
+    quat_multiply(&fuse->state.world_from_inertial, &fuse->state.inertial_from_body,
+                  out);
     // The gyroscope's low-pass still holds back the motion of the last few
     // milliseconds: the last rate makes up for it.
-    vector_scale(&fuse->rate_rad_s_q25, fuse->coefficients.lead_s_q35, &angle);
-    fuse_turn(out, &angle);
+    vector_scale(&fuse->state.rate_rad_s_q25, fuse->coefficients.lead_s_q35, &angle);
+    quat_turn(out, &angle);
     quat_renormalise(out);
 }
 
@@ -228,16 +226,17 @@ NOINLINE static uint32_t in_cdeg(q2_30_t variance) {
 
 void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
     uint16_t flags = 0;
-    if ((uint8_t)(fuse->frames + 1) <= FUSE_LEVEL_SETTLE ||  // FUSE_FRAMES_LOST is 0
-        (fuse->field_learnt > 0 && fuse->field_learnt < FUSE_FIELD_LEARN)) {
+    if ((uint8_t)(fuse->state.windows + 1) <=
+            FUSE_LEVEL_SETTLE ||  // FUSE_WINDOWS_LOST is 0
+        (fuse->state.field_learnt > 0 && fuse->state.field_learnt < FUSE_FIELD_LEARN)) {
         flags |= POSE_STARTING;
     }
     if (fuse_is_at_rest(fuse)) {
         flags |= POSE_AT_REST;
     }
-    if (fuse->field_age >= FIELD_ABSENT) {
+    if (fuse->state.field_age >= FIELD_ABSENT) {
         flags |= POSE_MAG_ABSENT;
-    } else if (fuse->field_surprise > FUSE_FIELD_UNIT) {
+    } else if (fuse->state.field_surprise > FUSE_FIELD_UNIT) {
         flags |= POSE_MAG_DISTURBED;
     }
     if (fuse_is_heading_free(fuse)) {
@@ -249,12 +248,13 @@ void fuse_quality(const struct fuse *fuse, struct attitude_quality *out) {
     if ((flags & POSE_STARTING) != 0) {
         return;
     }
-    out->tilt_sigma_cdeg = fixed_sqrt(
-        CDEG2(FUSE_TILT_FLOOR_DEG) +
-        (uint32_t)fixed_divide(fixed_times(fuse->drift_square, TILT_DRIFT_THIRDS), 3) +
-        in_cdeg(fuse->level_variance));
+    out->tilt_sigma_cdeg =
+        fixed_sqrt(CDEG2(FUSE_TILT_FLOOR_DEG) +
+                   (uint32_t)fixed_divide(
+                       fixed_times(fuse->state.drift_square, TILT_DRIFT_THIRDS), 3) +
+                   in_cdeg(fuse->settings.level_variance));
     if ((flags & POSE_HEADING_FREE) == 0) {
-        out->heading_sigma_cdeg =
-            fixed_sqrt(CDEG2(FUSE_HEADING_FLOOR_DEG) + in_cdeg(fuse->heading_variance));
+        out->heading_sigma_cdeg = fixed_sqrt(CDEG2(FUSE_HEADING_FLOOR_DEG) +
+                                             in_cdeg(fuse->state.heading_variance));
     }
 }

@@ -7,8 +7,8 @@
 // Beside them two small Kalman filters: one learns the gyroscope's bias and three
 // scales from what levelling had to correct and from how the field turns, one the field
 // of the place and the probe's own, which turns with it; and how late field readings
-// are is learned from turns. Samples make frames of 100 ms; all but the integration is
-// done once a frame, in stages that no two samples share.
+// are is learned from turns. Samples make windows of 100 ms; all but the integration is
+// done once a window, in stages that no two samples share.
 #ifndef FUSE_H
 #define FUSE_H
 
@@ -29,9 +29,9 @@ enum {
 
 // Derived from the sample rate, once.
 struct fuse_coefficients {
-    uint8_t frame;       // samples in a frame
+    uint8_t window;      // samples in a window
     uint8_t stride;      // samples between two stages of it
-    q2_30_t share;       // 1 / frame
+    q2_30_t share;       // 1 / window
     int32_t lead_s_q35;  // of the motion before what was integrated
 };
 
@@ -51,25 +51,28 @@ struct fuse_tilt {
     q7_25_t corrected_rad_s;        // what levelling had to correct, as a rate
 };
 
-// The smaller and the busier a member, the further up: the AVR reaches the first 64
-// bytes of a struct in one instruction.
-struct fuse {
-    struct fuse_coefficients coefficients;
-    int32_t lag_s_q35;  // how far field readings are behind the gyroscope
-    uint16_t warming;  // 32nds of a step: by how much a bias that warms up wanders more
+// How good the calibration in force is.
+struct fuse_settings {
     int16_t own_variance;    // 16ths of 1 uT2, of the probe's own field before readings
     q2_30_t level_variance;  // rad2, of the level by the accelerometer's own error
+};
+
+// What changes from sample to sample. The smaller and the busier a member, the further
+// up: the AVR reaches the first 64 bytes of a struct in one instruction.
+struct fuse_state {
+    int32_t lag_s_q35;  // how far field readings are behind the gyroscope
+    uint16_t warming;  // 32nds of a step: by how much a bias that warms up wanders more
     // A restart forgets all from here to bias_rad_s_q25.
-    uint8_t in_frame, stage;  // of the frame that runs
-    uint8_t in_stride;        // samples since one that was for a stage
-    uint8_t frames;           // since the start, at most 254; 255: begin again
-    uint8_t clipped;          // samples of this frame that lost motion
-    uint8_t unsettled;        // frames until levelling tells of bias again
-    uint8_t rest_looks;       // in a row that saw no motion
-    uint8_t settled_looks;    // up to one more than the low-pass takes to settle
-    uint8_t next_axis;        // whose bias or own field is read next
-    uint8_t field_age;        // frames since the last reading, held at 255
-    uint8_t field_learnt;     // readings whose mean is the place's field
+    uint8_t in_window, stage;  // of the window that runs
+    uint8_t in_stride;         // samples since one that was for a stage
+    uint8_t windows;           // since the start, at most 254; 255: begin again
+    uint8_t clipped;           // samples of this window that lost motion
+    uint8_t unsettled;         // windows until levelling tells of bias again
+    uint8_t rest_looks;        // in a row that saw no motion
+    uint8_t settled_looks;     // up to one more than the low-pass takes to settle
+    uint8_t next_axis;         // whose bias or own field is read next
+    uint8_t field_age;         // windows since the last reading, held at 255
+    uint8_t field_learnt;      // readings whose mean is the place's field
     bool has_reading;
     bool is_turned;            // the last one surprised by its direction only
     uint16_t field_surprise;   // squared, mean, 64ths of 1 uT2
@@ -81,10 +84,10 @@ struct fuse {
     // Half of what a heading error of 4 degrees changes across the horizontal field,
     // uT, and the unit vector there.
     q2_14_t turned_by, across[2];
-    uint16_t turned_q17;   // (4 deg)^2: growth of the heading's variance in this frame
+    uint16_t turned_q17;   // (4 deg)^2: growth of the heading's variance in this window
     int16_t drift_q18[2];  // rad/s, what levelling goes on to correct about x and y
     q2_14_t up[FUSE_TURNS];  // by how much each state turns it about the vertical
-    // Sums over the frame in the inertial frame, m/s2 and rad/s; of the rate, one for
+    // Sums over the window in the inertial frame, m/s2 and rad/s; of the rate, one for
     // each axis of the body.
     struct vector force_sum_q13, turn_sum_q15[3];
     struct vector rate_rad_s_q25;     // of the last sample, without bias and scale
@@ -94,8 +97,8 @@ struct fuse {
     struct lowpass force;             // inertial frame
     struct fuse_tilt tilt[2];         // about x and y
     struct lowpass rest_rate, rest_force;
-    // The field reading of this frame, with the rate and the attitude that it was taken
-    // in until its stage, then in the level frame.
+    // The field reading of this window, with the rate and the attitude that it was
+    // taken in until its stage, then in the level frame.
     struct vector reading_ut_q18;
     struct vector reading_rad_s_q25;
     union {
@@ -117,6 +120,12 @@ struct fuse {
             struct vector place_ut_q18, own_ut_q18;
         };
     };
+};
+
+struct fuse {
+    struct fuse_coefficients coefficients;
+    struct fuse_settings settings;
+    struct fuse_state state;
 };
 
 // For 100 to 800 samples a second, of a gyroscope whose rates come `gyr_delay_us` (at
@@ -148,7 +157,7 @@ void fuse_step(struct fuse *fuse, const struct measurement *measurement,
                uint32_t interval_us);
 
 // The same in two: a measurement is on the stack only until it is taken, not while a
-// stage of the frame works.
+// stage of the window works.
 void fuse_take(struct fuse *fuse, const struct measurement *measurement,
                uint32_t interval_us);
 void fuse_work(struct fuse *fuse);

@@ -106,50 +106,54 @@ void fuse_set_own_accuracy(struct fuse *fuse, uint16_t sigma) {
     if (sigma < OWN_SIGMA_MAX) {
         variance = fixed_umul_q32((uint32_t)sigma * sigma, OWN_GAIN_Q32);
     }
-    fuse->own_variance = (int16_t)(variance < OWN_KNOWN ? OWN_KNOWN : variance);
-    memset(&fuse->own_ut_q18, 0, sizeof fuse->own_ut_q18);
+    fuse->settings.own_variance =
+        (int16_t)(variance < OWN_KNOWN ? OWN_KNOWN : variance);
+    memset(&fuse->state.own_ut_q18, 0, sizeof fuse->state.own_ut_q18);
     // The heading was found with the calibration before, and may turn by 2 degrees.
-    fuse->is_turned = true;
+    fuse->state.is_turned = true;
 }
 
 void fuse_init_lag(struct fuse *fuse) {
-    fuse->own_variance = OWN_KNOWN;
-    fuse->lag_s_q35 = LAG_Q35;
-    fuse->lag_variance = LAG_VARIANCE;
+    fuse->settings.own_variance = OWN_KNOWN;
+    fuse->state.lag_s_q35 = LAG_Q35;
+    fuse->state.lag_variance = LAG_VARIANCE;
 }
 
 // The reading is older than the sample: its attitude is that of the sample, turned back
 // by the last rate times the lag.
 void fuse_take_reading(struct fuse *fuse, const struct vector *field_ut_q18) {
     struct vector angle;
-    vector_clamp(&fuse->rate_rad_s_q25, LAG_RATE_Q25, &fuse->reading_rad_s_q25);
-    vector_scale(&fuse->rate_rad_s_q25, -fuse->lag_s_q35, &angle);
+    vector_clamp(&fuse->state.rate_rad_s_q25, LAG_RATE_Q25,
+                 &fuse->state.reading_rad_s_q25);
+    vector_scale(&fuse->state.rate_rad_s_q25, -fuse->state.lag_s_q35, &angle);
     vector_clamp(&angle, LAG_ANGLE_Q30, &angle);
-    fuse->reading_attitude = fuse->inertial_from_body;
-    fuse_turn(&fuse->reading_attitude, &angle);
-    fuse->reading_ut_q18 = *field_ut_q18;
-    fuse->has_reading = true;
+    fuse->state.reading_attitude = fuse->state.inertial_from_body;
+    quat_turn(&fuse->state.reading_attitude, &angle);
+    fuse->state.reading_ut_q18 = *field_ut_q18;
+    fuse->state.has_reading = true;
 }
 
 void fuse_stage_reading(struct fuse *fuse) {
     struct quat attitude;
-    if (!fuse->has_reading) {
+    if (!fuse->state.has_reading) {
         return;
     }
-    quat_multiply(&fuse->level_from_inertial, &fuse->reading_attitude, &attitude);
+    quat_multiply(&fuse->state.level_from_inertial, &fuse->state.reading_attitude,
+                  &attitude);
     quat_renormalise(&attitude);
-    matrix_from_quat(&attitude, &fuse->level_from_body);
-    int32_t *reading = fuse->reading_ut_q18.axis;
-    matrix_turn(&fuse->level_from_body, reading, reading);
-    reading = fuse->reading_rad_s_q25.axis;
-    matrix_turn(&fuse->level_from_body, reading, reading);
+    matrix_from_quat(&attitude, &fuse->state.level_from_body);
+    int32_t *reading = fuse->state.reading_ut_q18.axis;
+    matrix_turn(&fuse->state.level_from_body, reading, reading);
+    reading = fuse->state.reading_rad_s_q25.axis;
+    matrix_turn(&fuse->state.level_from_body, reading, reading);
 }
 
 // An axis of the reading less the expected place + level_from_body * own; below
 // 8192 uT.
 NOINLINE static q14_18_t field_away(const struct fuse *fuse, uint8_t axis) {
-    return fuse->reading_ut_q18.axis[axis] - fuse->field_ut[axis] -
-           fixed_dot3_q14(fuse->field_ut + 3, fuse->level_from_body.row[axis]);
+    return fuse->state.reading_ut_q18.axis[axis] - fuse->state.field_ut[axis] -
+           fixed_dot3_q14(fuse->state.field_ut + 3,
+                          fuse->state.level_from_body.row[axis]);
 }
 
 // The same, held within what one reading may correct.
@@ -160,11 +164,11 @@ static q14_18_t field_step(const struct fuse *fuse, uint8_t axis) {
 // The mean of the first readings is the field of the place. It is as uncertain as the
 // probe's own field, and correlated with it.
 NOINLINE static void learn_place(struct fuse *fuse) {
-    int32_t *const covariance = fuse->field_covariance;
+    int32_t *const covariance = fuse->state.field_covariance;
     fuse_forget_turned(fuse);
-    ++fuse->field_learnt;
-    memset(covariance, 0, sizeof fuse->field_covariance);
-    const int32_t own = fixed_scale_up(fuse->own_variance, OWN_UNIT_BITS);
+    ++fuse->state.field_learnt;
+    memset(covariance, 0, sizeof fuse->state.field_covariance);
+    const int32_t own = fixed_scale_up(fuse->settings.own_variance, OWN_UNIT_BITS);
     kalman_wander(covariance, 3, own, FIXED_HIGH(FIELD_VARIANCE_UNKNOWN_MAX));
     kalman_wander(covariance, 0, own, FIXED_HIGH(FIELD_VARIANCE_UNKNOWN_MAX));
     kalman_wander(covariance, 0,
@@ -172,11 +176,11 @@ NOINLINE static void learn_place(struct fuse *fuse) {
                   FIXED_HIGH(FIELD_VARIANCE_UNKNOWN_MAX));
     int32_t *shared = covariance + FUSE_FIELD_STATES;  // the row of the first own state
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        fixed_add(fixed_divide(field_away(fuse, axis), fuse->field_learnt),
-                  &fuse->field_ut[axis]);
+        fixed_add(fixed_divide(field_away(fuse, axis), fuse->state.field_learnt),
+                  &fuse->state.field_ut[axis]);
         for (uint8_t column = 0; column < 3; ++column) {
-            *shared = (int32_t)fuse->level_from_body.row[column][axis] *
-                      (-2 * fuse->own_variance);
+            *shared = (int32_t)fuse->state.level_from_body.row[column][axis] *
+                      (-2 * fuse->settings.own_variance);
             ++shared;
         }
         shared += axis + 1;
@@ -185,21 +189,21 @@ NOINLINE static void learn_place(struct fuse *fuse) {
 
 // Readings go on to say that the probe's field has changed.
 NOINLINE static bool is_astray(const struct fuse *fuse) {
-    return fuse->field_astray > FUSE_FIELD_ASTRAY && !fuse_is_at_rest(fuse);
+    return fuse->state.field_astray > FUSE_FIELD_ASTRAY && !fuse_is_at_rest(fuse);
 }
 
-// The uncertainty that a frame adds: the field of the place turns with an error of the
+// The uncertainty that a window adds: the field of the place turns with an error of the
 // heading, and both fields wander, the probe's more where readings keep surprising.
 NOINLINE static void predict_field(struct fuse *fuse) {
-    int32_t *covariance = fuse->field_covariance;
-    const int32_t turn_q39 = (!fuse->has_reading ? HEADING_WANDER_ALONE
-                              : fuse->is_turned  ? HEADING_WANDER_TURNED
-                                                 : HEADING_WANDER) +
-                             fuse->turned_q17 * HEADING_TURNED;
-    if (!fuse->has_reading) {
+    int32_t *covariance = fuse->state.field_covariance;
+    const int32_t turn_q39 = (!fuse->state.has_reading ? HEADING_WANDER_ALONE
+                              : fuse->state.is_turned  ? HEADING_WANDER_TURNED
+                                                       : HEADING_WANDER) +
+                             fuse->state.turned_q17 * HEADING_TURNED;
+    if (!fuse->state.has_reading) {
         fixed_add_clamped_high(fixed_scale_down(turn_q39, 9),
                                FIXED_HIGH(FUSE_HEADING_VARIANCE_MAX_Q30),
-                               &fuse->heading_variance);
+                               &fuse->state.heading_variance);
     }
     // The horizontal field, at most 60 uT: half of it, and it times the turn, as
     // 2^32ths.
@@ -207,7 +211,7 @@ NOINLINE static void predict_field(struct fuse *fuse) {
     int32_t turned[2];
     for (uint8_t axis = 0; axis < 2; ++axis) {
         const int32_t place =
-            fixed_clamp_high(fuse->field_ut[axis], FIXED_HIGH(PLACE_TURNED_Q18));
+            fixed_clamp_high(fuse->state.field_ut[axis], FIXED_HIGH(PLACE_TURNED_Q18));
         half[axis] = fixed_half_floor(place);
         turned[axis] = fixed_mul_q30(fixed_scale_up(place, 5), turn_q39);
     }
@@ -216,7 +220,7 @@ NOINLINE static void predict_field(struct fuse *fuse) {
         fixed_subtract(fixed_mul_at(&half[0], &turned[1]), &covariance[1]);
         fixed_add(fixed_mul_at(&half[0], &turned[0]), &covariance[2]);
     }
-    const int16_t limit = fuse->own_variance > OWN_GOOD
+    const int16_t limit = fuse->settings.own_variance > OWN_GOOD
                               ? FIXED_HIGH(FIELD_VARIANCE_UNKNOWN_MAX)
                               : FIXED_HIGH(FIELD_VARIANCE_MAX);
     kalman_wander(covariance, 0, PLACE_WANDER, limit);
@@ -229,8 +233,8 @@ NOINLINE static void predict_field(struct fuse *fuse) {
 void fuse_follow_lag(struct fuse *fuse) {
     struct vector place;
     struct vector slope;  // uT/s as q18_13, at most 346 * 62.4
-    vector_clamp(&fuse->place_ut_q18, LAG_FIELD_Q18, &place);
-    vector_cross(&place, &fuse->reading_rad_s_q25, &slope);
+    vector_clamp(&fuse->state.place_ut_q18, LAG_FIELD_Q18, &place);
+    vector_cross(&place, &fuse->state.reading_rad_s_q25, &slope);
     const int32_t norm = vector_normalise(&slope);
     if (norm == 0) {
         return;
@@ -239,21 +243,21 @@ void fuse_follow_lag(struct fuse *fuse) {
     const q2_14_t row =
         (q2_14_t)fixed_divide(fixed_divide(fixed_clamp(norm, LAG_SLOPE_MAX), 5), 100);
     q2_30_t gain;
-    kalman_read(&fuse->lag_variance, 1, &row, fuse->field_noise, &gain);
+    kalman_read(&fuse->state.lag_variance, 1, &row, fuse->state.field_noise, &gain);
     q14_18_t along = 0;
     for (uint8_t axis = 0; axis < 3; ++axis) {
         fixed_add(fixed_mul_q30(slope.axis[axis], field_step(fuse, axis)), &along);
     }
     const int32_t lag =
-        fuse->lag_s_q35 - fixed_times(fixed_mul_q30(gain, along), LAG_MS_Q17);
-    fuse->lag_s_q35 = fixed_clamp(lag > 0 ? lag : 0, LAG_MAX_Q35);
+        fuse->state.lag_s_q35 - fixed_times(fixed_mul_q30(gain, along), LAG_MS_Q17);
+    fuse->state.lag_s_q35 = fixed_clamp(lag > 0 ? lag : 0, LAG_MAX_Q35);
 }
 
 // The square of the vertical field, seen through a level that leans by an angle whose
 // square is given: uT2; of what levelling goes on to correct in a second, at most 28.
 static q14_18_t leaning(const struct fuse *fuse, q2_30_t square_rad) {
     const int32_t vertical =
-        fixed_clamp_high(fuse->field_ut[2], FIXED_HIGH(PLACE_TURNED_Q18));
+        fixed_clamp_high(fuse->state.field_ut[2], FIXED_HIGH(PLACE_TURNED_Q18));
     return fixed_mul_q30(fixed_square_q30(fixed_scale_up(vertical, 6)), square_rad);
 }
 
@@ -274,17 +278,18 @@ NOINLINE static int32_t turning_noise(const struct fuse *fuse, const q2_14_t row
     const uint32_t distance = square < TURNING_FAR ? square : TURNING_FAR;
     const int32_t own =
         fixed_times((int32_t)(distance + FIELD_UNIT_FINE), TURNING_NOISE) +
-        fixed_times(
-            fixed_clamp(leaning(fuse, fuse->drift_square), TURNING_LEANING_MAX_Q18),
-            TURNING_LEANING);
+        fixed_times(fixed_clamp(leaning(fuse, fuse->state.drift_square),
+                                TURNING_LEANING_MAX_Q18),
+                    TURNING_LEANING);
     // Of the heading's variance, what the field's covariance has already.
     const int32_t spread = fixed_clamp(
-        kalman_share(fuse->field_covariance, FUSE_FIELD_STATES, row, shared),
+        kalman_share(fuse->state.field_covariance, FUSE_FIELD_STATES, row, shared),
         TURNING_NOISE_MAX);
     const int32_t across = fixed_dot3_q14(shared, row);
     const int32_t seen = fixed_mul_q14(
-        fixed_mul_q14(fuse->motion_covariance[FUSE_MOTION_PAIRS - 1], fuse->turned_by),
-        fuse->turned_by);
+        fixed_mul_q14(fuse->state.motion_covariance[FUSE_MOTION_PAIRS - 1],
+                      fuse->state.turned_by),
+        fuse->state.turned_by);
     const int32_t noise = own + spread - (seen < across ? seen : across);
     const int32_t least = fixed_divide(own, 4);
     return fixed_clamp(noise < least ? least : noise, TURNING_NOISE_MAX);
@@ -293,8 +298,8 @@ NOINLINE static int32_t turning_noise(const struct fuse *fuse, const q2_14_t row
 // What of the reading is across the horizontal field, and the noise of it.
 NOINLINE static q14_18_t look_across(const struct fuse *fuse, int32_t *noise) {
     q2_14_t row[FUSE_FIELD_STATES];
-    row[0] = fuse->across[0];
-    row[1] = fuse->across[1];
+    row[0] = fuse->state.across[0];
+    row[1] = fuse->state.across[1];
     row[2] = 0;
     uint32_t square = 0;
     q14_18_t off = 0;
@@ -302,8 +307,8 @@ NOINLINE static q14_18_t look_across(const struct fuse *fuse, int32_t *noise) {
         const q14_18_t away = add_away(fuse, axis, &square);
         fixed_add_product(away, row[axis], &off);
         row[3 + axis] = (q2_14_t)fixed_scale_down(
-            (int32_t)row[0] * fuse->level_from_body.row[0][axis] +
-                (int32_t)row[1] * fuse->level_from_body.row[1][axis],
+            (int32_t)row[0] * fuse->state.level_from_body.row[0][axis] +
+                (int32_t)row[1] * fuse->state.level_from_body.row[1][axis],
             14);
     }
     *noise = turning_noise(fuse, row, square);
@@ -312,14 +317,15 @@ NOINLINE static q14_18_t look_across(const struct fuse *fuse, int32_t *noise) {
 
 void fuse_stage_turning(struct fuse *fuse) {
     int32_t noise;
-    if (!fuse->has_reading || fuse->turned_by == 0) {
+    if (!fuse->state.has_reading || fuse->state.turned_by == 0) {
         return;
     }
     const int32_t off = look_across(fuse, &noise);
     const int32_t far = fixed_square_q30(fixed_scale_up(off, 6));
-    fixed_add(fixed_divide(far - fuse->residual, RESIDUAL_WINDOWS), &fuse->residual);
+    fixed_add(fixed_divide(far - fuse->state.residual, RESIDUAL_WINDOWS),
+              &fuse->state.residual);
     q2_14_t row[KALMAN_STATES] = {0};
-    row[FUSE_TURNS] = fuse->turned_by;
+    row[FUSE_TURNS] = fuse->state.turned_by;
     fuse_read_motion(
         fuse, row, noise,
         fixed_mul_q30(fixed_clamp_high(off, FIXED_HIGH(FIELD_STEP_MAX_Q18)),
@@ -338,7 +344,7 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
     int32_t longer_flat = 0;  // by how much the horizontal field's square is
     for (uint8_t axis = 0; axis < 3; ++axis) {
         const int32_t place =
-            fixed_clamp_high(fuse->field_ut[axis], FIXED_HIGH(FIELD_FAR_Q18));
+            fixed_clamp_high(fuse->state.field_ut[axis], FIXED_HIGH(FIELD_FAR_Q18));
         off = add_away(fuse, axis, &sum.square);
         longer_flat = sum.longer;
         if (axis < 2) {
@@ -348,18 +354,19 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
         fixed_add(fixed_square_q30(place), &sum.length);
     }
     // A field of the same length and steepness means that the heading is wrong.
-    fuse->is_turned =
+    fuse->state.is_turned =
         sum.square > FIELD_UNIT_TURNED &&
         fixed_magnitude(off) < (uint32_t)FIELD_TURNED_Q18 &&
         fixed_magnitude(longer_flat) <
             (uint32_t)fixed_mul_q14(sum.horizontal, FIELD_TURNED_GAIN_Q14);
     const uint16_t coarse =
         (uint16_t)fixed_clamp(fixed_divide((int32_t)sum.square, 64), UINT16_MAX);
-    fuse->field_surprise =
-        (uint16_t)(fuse->field_surprise - fuse->field_surprise / SURPRISE_WINDOWS +
+    fuse->state.field_surprise =
+        (uint16_t)(fuse->state.field_surprise -
+                   fuse->state.field_surprise / SURPRISE_WINDOWS +
                    coarse / SURPRISE_WINDOWS);
     // sqrt(1 + square / unit), times 768
-    q13_19_t *noise = &fuse->field_noise;
+    q13_19_t *noise = &fuse->state.field_noise;
     *noise = FIELD_NOISE / 768 *
              (int32_t)fixed_sqrt(
                  (uint32_t)fixed_scale_up((int32_t)(FIELD_UNIT_FINE + sum.square), 4));
@@ -371,37 +378,39 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
     } else {
         // An error of level or heading turns a reading and leaves its length.
         const bool is_strange =
-            sum.square > FIELD_UNIT_FINE && !fuse->is_turned &&
+            sum.square > FIELD_UNIT_FINE && !fuse->state.is_turned &&
             fixed_magnitude(sum.longer) >
                 (uint32_t)fixed_times(fixed_sqrt((uint32_t)sum.length), ASTRAY_LENGTH);
-        fuse->field_astray =
-            (uint16_t)(fuse->field_astray - fuse->field_astray / ASTRAY_WINDOWS +
+        fuse->state.field_astray =
+            (uint16_t)(fuse->state.field_astray -
+                       fuse->state.field_astray / ASTRAY_WINDOWS +
                        (is_strange ? UINT16_MAX / ASTRAY_WINDOWS : 0));
     }
     fixed_add_clamped_high(
-        fixed_times(fixed_clamp(leaning(fuse, fuse->drift_square), LEANING_MAX_Q18),
-                    LEANING_NOISE),
+        fixed_times(
+            fixed_clamp(leaning(fuse, fuse->state.drift_square), LEANING_MAX_Q18),
+            LEANING_NOISE),
         FIXED_HIGH(FIELD_NOISE_MAX), noise);
 }
 
 void fuse_stage_field(struct fuse *fuse) {
-    if (!fuse->has_reading) {
-        if (fuse->field_age < UINT8_MAX) {
-            ++fuse->field_age;
+    if (!fuse->state.has_reading) {
+        if (fuse->state.field_age < UINT8_MAX) {
+            ++fuse->state.field_age;
         }
         predict_field(fuse);
         return;
     }
-    if (fuse->field_age == UINT8_MAX && fuse_is_heading_free(fuse)) {
-        fuse->field_learnt = 0;  // after so long, learn the place anew
+    if (fuse->state.field_age == UINT8_MAX && fuse_is_heading_free(fuse)) {
+        fuse->state.field_learnt = 0;  // after so long, learn the place anew
     }
-    if (fuse->frames == FUSE_LEVEL_SETTLE && !fuse_is_at_rest(fuse)) {
-        fuse->field_learnt = 0;  // readings in motion had no good level
+    if (fuse->state.windows == FUSE_LEVEL_SETTLE && !fuse_is_at_rest(fuse)) {
+        fuse->state.field_learnt = 0;  // readings in motion had no good level
     }
-    fuse->field_age = 0;
-    if (fuse->field_learnt < FUSE_FIELD_LEARN) {
+    fuse->state.field_age = 0;
+    if (fuse->state.field_learnt < FUSE_FIELD_LEARN) {
         learn_place(fuse);
-        fuse->has_reading = false;
+        fuse->state.has_reading = false;
         return;
     }
     predict_field(fuse);
@@ -410,8 +419,8 @@ void fuse_stage_field(struct fuse *fuse) {
 
 // The probe seems to have no field of its own, and is known to have had none.
 static bool has_no_own(const struct fuse *fuse) {
-    return fuse->own_variance < OWN_CALIBRATED && !fuse_is_at_rest(fuse) &&
-           !is_astray(fuse) && !vector_exceeds(&fuse->own_ut_q18, OWN_NEAR_Q18);
+    return fuse->settings.own_variance < OWN_CALIBRATED && !fuse_is_at_rest(fuse) &&
+           !is_astray(fuse) && !vector_exceeds(&fuse->state.own_ut_q18, OWN_NEAR_Q18);
 }
 
 void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis) {
@@ -420,27 +429,27 @@ void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis) {
     uint8_t state = axis;
     int32_t noise = OWN_DOUBT;
     q14_18_t away;
-    if (!fuse->has_reading) {
+    if (!fuse->state.has_reading) {
         return;
     }
     if (axis < 3) {
-        memcpy(row + 3, fuse->level_from_body.row[axis], 3 * sizeof *row);
-        noise = fuse->field_noise;
+        memcpy(row + 3, fuse->state.level_from_body.row[axis], 3 * sizeof *row);
+        noise = fuse->state.field_noise;
         away = field_step(fuse, axis);
     } else if (has_no_own(fuse)) {
-        state = (uint8_t)(3 + fuse->next_axis);
-        away = -fuse->field_ut[state];
+        state = (uint8_t)(3 + fuse->state.next_axis);
+        away = -fuse->state.field_ut[state];
         fuse_next_axis(fuse);
     } else {
         return;
     }
     row[state] = FUSE_Q2_14_ONE;
-    kalman_read(fuse->field_covariance, FUSE_FIELD_STATES, row, noise, gain);
+    kalman_read(fuse->state.field_covariance, FUSE_FIELD_STATES, row, noise, gain);
     for (state = 0; state < FUSE_FIELD_STATES; ++state) {
         fixed_add_clamped_high(fixed_mul_q30(gain[state], away),
                                state < 3 ? FIXED_HIGH(PLACE_LIMIT_Q18)
                                          : FIXED_HIGH(OWN_LIMIT_Q18),
-                               &fuse->field_ut[state]);
+                               &fuse->state.field_ut[state]);
     }
 }
 
@@ -449,26 +458,28 @@ void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis) {
 // uT.
 NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
                                             const struct vector *north, q14_18_t norm) {
-    const int32_t *covariance = fuse->field_covariance;
+    const int32_t *covariance = fuse->state.field_covariance;
     const int32_t across_y = fixed_mul_at(&covariance[0], &north->y) -
                              fixed_mul_at(&covariance[1], &north->x);
     const int32_t across_x = fixed_mul_at(&covariance[2], &north->x) -
                              fixed_mul_at(&covariance[1], &north->y);
     const int32_t across =
         fixed_mul_at(&across_y, &north->y) + fixed_mul_at(&across_x, &north->x);
-    int32_t total_q19 = fuse->own_variance > OWN_GOOD
+    int32_t total_q19 = fuse->settings.own_variance > OWN_GOOD
                             ? across + UNCALIBRATED_VARIANCE
                             : fixed_mul_q30(across, COVARIANCE_SHARE_Q30);
-    fixed_add(fixed_times(leaning(fuse, fuse->drift_square), HEADING_LEANING_TWICE),
+    fixed_add(
+        fixed_times(leaning(fuse, fuse->state.drift_square), HEADING_LEANING_TWICE),
+        &total_q19);
+    fixed_add(2 * fixed_divide(leaning(fuse, fuse->settings.level_variance),
+                               FUSE_LEVEL_SHARE),
               &total_q19);
-    fixed_add(2 * fixed_divide(leaning(fuse, fuse->level_variance), FUSE_LEVEL_SHARE),
-              &total_q19);
-    if (fuse->residual > RESIDUAL_FREE_Q18) {
-        fixed_add(
-            fixed_times(fuse->residual - RESIDUAL_FREE_Q18, 2 * FUSE_RESIDUAL_SHARE),
-            &total_q19);
+    if (fuse->state.residual > RESIDUAL_FREE_Q18) {
+        fixed_add(fixed_times(fuse->state.residual - RESIDUAL_FREE_Q18,
+                              2 * FUSE_RESIDUAL_SHARE),
+                  &total_q19);
     }
-    if (fuse->field_astray > FUSE_FIELD_STRANGE) {
+    if (fuse->state.field_astray > FUSE_FIELD_STRANGE) {
         fixed_add(STRANGE_VARIANCE, &total_q19);
     }
     // Divided by the field twice; 64ths keep the first quotient in range.
@@ -484,30 +495,33 @@ NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
 }
 
 void fuse_stage_world(struct fuse *fuse) {
-    struct vector north = {.x = fuse->field_ut[0], .y = fuse->field_ut[1], .z = 0};
+    struct vector north = {
+        .x = fuse->state.field_ut[0], .y = fuse->state.field_ut[1], .z = 0};
     struct quat turn;
     const int32_t norm = vector_normalise(&north);
     quat_set_identity(&turn);
-    if (fuse->field_learnt > 0 && norm > 0) {
+    if (fuse->state.field_learnt > 0 && norm > 0) {
         // The angle that brings the horizontal field to north, y.
         quat_about_z(north.y, north.x, &turn);
         if (norm < HORIZONTAL_MIN_Q18) {
             // The field is vertical and tells no heading: learn it anew.
-            fuse->field_learnt = 0;
-            fuse->heading_variance = FUSE_HEADING_VARIANCE_MAX_Q30;
-        } else if (fuse->field_age == 0) {
-            fuse->heading_variance = heading_variance_of(fuse, &north, norm);
+            fuse->state.field_learnt = 0;
+            fuse->state.heading_variance = FUSE_HEADING_VARIANCE_MAX_Q30;
+        } else if (fuse->state.field_age == 0) {
+            fuse->state.heading_variance = heading_variance_of(fuse, &north, norm);
         }
         // An error of the heading, which is behind by it, turns the field against it.
-        fuse->across[0] = (q2_14_t)-fixed_scale_down(north.y, 16);
-        fuse->across[1] = (q2_14_t)fixed_scale_down(north.x, 16);
-        fuse->turned_by = (q2_14_t)-fixed_mul_q30(
+        fuse->state.across[0] = (q2_14_t)-fixed_scale_down(north.y, 16);
+        fuse->state.across[1] = (q2_14_t)fixed_scale_down(north.x, 16);
+        fuse->state.turned_by = (q2_14_t)-fixed_mul_q30(
             fixed_clamp_high(norm, FIXED_HIGH(TURNED_BY_FIELD_Q18)), TURNED_BY_Q30);
     }
-    fuse->has_reading = false;
-    if (fuse->frames == 1 && fuse_is_at_rest(fuse)) {
-        fuse->frames = FUSE_LEVEL_SETTLE;  // what comes next is no better than this
+    fuse->state.has_reading = false;
+    if (fuse->state.windows == 1 && fuse_is_at_rest(fuse)) {
+        fuse->state.windows =
+            FUSE_LEVEL_SETTLE;  // what comes next is no better than this
     }
-    quat_multiply(&turn, &fuse->level_from_inertial, &fuse->world_from_inertial);
-    quat_renormalise(&fuse->world_from_inertial);
+    quat_multiply(&turn, &fuse->state.level_from_inertial,
+                  &fuse->state.world_from_inertial);
+    quat_renormalise(&fuse->state.world_from_inertial);
 }

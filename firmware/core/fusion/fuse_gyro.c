@@ -82,14 +82,15 @@ static const IN_FLASH struct lowpass_gain rest_gain =
 NOINLINE static void set_variances(struct fuse *fuse, uint8_t state, uint8_t end,
                                    int32_t variance) {
     for (; state < end; ++state) {
-        *kalman_forget(fuse->motion_covariance, FUSE_MOTION_STATES, state) = variance;
+        *kalman_forget(fuse->state.motion_covariance, FUSE_MOTION_STATES, state) =
+            variance;
     }
 }
 
 void fuse_init_gyro(struct fuse *fuse) {
     fuse_set_scale_accuracy(fuse, UINT16_MAX);
     set_variances(fuse, 0, SCALE, BIAS_VARIANCE_MAX);
-    fuse->warming = WARMING;
+    fuse->state.warming = WARMING;
 }
 
 void fuse_set_scale_accuracy(struct fuse *fuse, uint16_t sigma) {
@@ -106,13 +107,13 @@ void fuse_forget_turned(struct fuse *fuse) {
 }
 
 void fuse_set_bias(struct fuse *fuse, const struct vector *bias_rad_s_q25) {
-    vector_clamp(bias_rad_s_q25, BIAS_LIMIT_Q25, &fuse->bias_rad_s_q25);
-    fuse->calibrated_rad_s_q25 = fuse->bias_rad_s_q25;
+    vector_clamp(bias_rad_s_q25, BIAS_LIMIT_Q25, &fuse->state.bias_rad_s_q25);
+    fuse->state.calibrated_rad_s_q25 = fuse->state.bias_rad_s_q25;
     set_variances(fuse, 0, SCALE, BIAS_VARIANCE_FOUND);
-    if (fuse->frames > 0) {
+    if (fuse->state.windows > 0) {
         // It has turned the inertial frame, in which forces and fields lie.
-        fuse->frames = FUSE_FRAMES_LOST;
-        fuse->rest_looks = FUSE_REST_LOOKS;
+        fuse->state.windows = FUSE_WINDOWS_LOST;
+        fuse->state.rest_looks = FUSE_REST_LOOKS;
     }
 }
 
@@ -136,51 +137,55 @@ NOINLINE static bool stays_near(struct lowpass *mean, const struct vector *v,
 
 void fuse_look_for_rest(struct fuse *fuse, const struct measurement *measurement) {
     struct vector rate;
-    if (fuse->settled_looks <= REST_SETTLE) {
-        ++fuse->settled_looks;
+    if (fuse->state.settled_looks <= REST_SETTLE) {
+        ++fuse->state.settled_looks;
     }
     vector_clamp(&measurement->gyr_rad_s_q25, REST_RATE_LIMIT_Q25, &rate);
-    const bool is_rate_near =
-        stays_near(&fuse->rest_rate, &rate, fuse->settled_looks, REST_RATE_Q25);
-    const bool is_force_near = stays_near(&fuse->rest_force, &measurement->acc_m_s2_q21,
-                                          fuse->settled_looks, REST_FORCE_Q21);
-    vector_subtract(&fuse->rest_rate.level, &fuse->calibrated_rad_s_q25, &rate);
+    const bool is_rate_near = stays_near(&fuse->state.rest_rate, &rate,
+                                         fuse->state.settled_looks, REST_RATE_Q25);
+    const bool is_force_near =
+        stays_near(&fuse->state.rest_force, &measurement->acc_m_s2_q21,
+                   fuse->state.settled_looks, REST_FORCE_Q21);
+    vector_subtract(&fuse->state.rest_rate.level, &fuse->state.calibrated_rad_s_q25,
+                    &rate);
     if (!is_rate_near || !is_force_near || vector_exceeds(&rate, REST_RATE_Q25)) {
-        fuse->rest_looks = 0;
-    } else if (fuse->rest_looks < FUSE_REST_LOOKS) {
-        ++fuse->rest_looks;
+        fuse->state.rest_looks = 0;
+    } else if (fuse->state.rest_looks < FUSE_REST_LOOKS) {
+        ++fuse->state.rest_looks;
     }
 }
 
 // The rate by which bias and scales that are as estimated turn the level frame about an
 // axis that has this row.
 static q7_25_t effect(const struct fuse *fuse, const q2_14_t row[FUSE_TURNS]) {
-    return fixed_dot3_q14(fuse->bias_rad_s_q25.axis, row) +
-           fixed_mul_q30(fixed_dot3_q14(fuse->scale, row + SCALE), EFFECT_GAIN_Q30);
+    return fixed_dot3_q14(fuse->state.bias_rad_s_q25.axis, row) +
+           fixed_mul_q30(fixed_dot3_q14(fuse->state.scale, row + SCALE),
+                         EFFECT_GAIN_Q30);
 }
 
-// The uncertainty that a frame adds to bias, scales and heading.
+// The uncertainty that a window adds to bias, scales and heading.
 void fuse_stage_predict(struct fuse *fuse) {
     int32_t shared[FUSE_TURNS];
-    int32_t *const covariance = fuse->motion_covariance;
-    kalman_wander(covariance, 0, BIAS_WANDER + fuse->warming / WARMING_STEPS,
+    int32_t *const covariance = fuse->state.motion_covariance;
+    kalman_wander(covariance, 0, BIAS_WANDER + fuse->state.warming / WARMING_STEPS,
                   FIXED_HIGH(BIAS_VARIANCE_MAX));
     kalman_wander(covariance, SCALE, SCALE_WANDER, FIXED_HIGH(SCALE_VARIANCE_MAX));
-    fuse->warming = (uint16_t)(fuse->warming - fuse->warming / WARMING_WINDOWS);
-    kalman_share(covariance, HEADING, fuse->up, shared);
+    fuse->state.warming =
+        (uint16_t)(fuse->state.warming - fuse->state.warming / WARMING_WINDOWS);
+    kalman_share(covariance, HEADING, fuse->state.up, shared);
     int32_t *const heading = covariance + HEADING_PAIRS;
     int32_t sum = 0;
     for (uint8_t state = 0; state < HEADING; ++state) {
         // Before and after the step: twice the half of it.
         const int32_t step = fixed_mul_q30(shared[state], TURNED_GAIN_Q30);
-        fixed_add_product(2 * heading[state] + step, fuse->up[state], &sum);
+        fixed_add_product(2 * heading[state] + step, fuse->state.up[state], &sum);
         fixed_add(step, &heading[state]);
     }
     int32_t growth = fixed_mul_q30(sum, TURNED_GAIN_Q30);
     if (growth < 0) {
         growth = 0;
     }
-    fuse->turned_q17 = (uint16_t)fixed_divide(
+    fuse->state.turned_q17 = (uint16_t)fixed_divide(
         fixed_clamp_high(growth, FIXED_HIGH(TURNED_STEP_MAX)), 16);
     if (growth > TURNED_VARIANCE_MAX - heading[HEADING]) {
         // It is limited, so that its covariances would soon be more than it allows.
@@ -194,10 +199,10 @@ void fuse_stage_predict(struct fuse *fuse) {
 NOINLINE static void turn_rates(struct fuse *fuse, q2_14_t row[3][FUSE_TURNS]) {
     struct matrix level_from_inertial;
     const q2_30_t gain = fixed_mul_q30(fuse->coefficients.share, TURN_GAIN_Q30);
-    matrix_from_quat(&fuse->level_from_inertial, &level_from_inertial);
+    matrix_from_quat(&fuse->state.level_from_inertial, &level_from_inertial);
     for (uint8_t axis = 0; axis < 3; ++axis) {
         struct vector rate;
-        struct vector *sum = &fuse->turn_sum_q15[axis];
+        struct vector *sum = &fuse->state.turn_sum_q15[axis];
         matrix_turn(&level_from_inertial, sum->axis, rate.axis);
         memset(sum, 0, sizeof *sum);
         for (uint8_t i = 0; i < 3; ++i) {
@@ -212,7 +217,8 @@ NOINLINE static void turn_rates(struct fuse *fuse, q2_14_t row[3][FUSE_TURNS]) {
 NOINLINE static void turn_axes(const struct fuse *fuse, q2_14_t row[3][FUSE_TURNS]) {
     struct quat attitude;
     struct matrix level_from_body;
-    quat_multiply(&fuse->level_from_inertial, &fuse->inertial_from_body, &attitude);
+    quat_multiply(&fuse->state.level_from_inertial, &fuse->state.inertial_from_body,
+                  &attitude);
     matrix_from_quat(&attitude, &level_from_body);
     for (uint8_t i = 0; i < 3; ++i) {
         for (uint8_t axis = 0; axis < 3; ++axis) {
@@ -233,25 +239,25 @@ void fuse_stage_regressors(struct fuse *fuse) {
     turn_rates(fuse, row);
     turn_axes(fuse, row);
     for (uint8_t i = 0; i < 2; ++i) {
-        struct fuse_tilt *tilt = &fuse->tilt[i];
-        lowpass_short_step(&tilt->regressor, row[i], fuse->frames);
+        struct fuse_tilt *tilt = &fuse->state.tilt[i];
+        lowpass_short_step(&tilt->regressor, row[i], fuse->state.windows);
         lowpass_axis_step(&tilt->taken_off.level, &tilt->taken_off.band,
-                          &fuse_level_gain, fuse->frames, effect(fuse, row[i]));
+                          &fuse_level_gain, fuse->state.windows, effect(fuse, row[i]));
     }
-    memcpy(fuse->up, row[2], sizeof fuse->up);
-    to_units(fuse->up);
+    memcpy(fuse->state.up, row[2], sizeof fuse->state.up);
+    to_units(fuse->state.up);
 }
 
 void fuse_read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
                       q7_25_t surprise) {
     q2_30_t gain[FUSE_MOTION_STATES];
-    kalman_read(fuse->motion_covariance, FUSE_MOTION_STATES, row, noise, gain);
+    kalman_read(fuse->state.motion_covariance, FUSE_MOTION_STATES, row, noise, gain);
     for (uint8_t axis = 0; axis < 3; ++axis) {
         fixed_add_clamped(fixed_scale_down(fixed_mul_q30(gain[axis], surprise), 2),
-                          BIAS_LIMIT_Q25, &fuse->bias_rad_s_q25.axis[axis]);
+                          BIAS_LIMIT_Q25, &fuse->state.bias_rad_s_q25.axis[axis]);
         const int32_t step = fixed_mul_q30(gain[SCALE + axis], surprise);
         fixed_add_clamped(fixed_mul_q30(step, SCALE_GAIN_Q30) * 2, SCALE_LIMIT_Q30,
-                          &fuse->scale[axis]);
+                          &fuse->state.scale[axis]);
     }
 }
 
@@ -262,12 +268,12 @@ NOINLINE static q2_30_t square_of(int16_t drift_q18) {
 
 void fuse_stage_rest(struct fuse *fuse) {
     q2_14_t row[FUSE_MOTION_STATES] = {0};
-    const uint8_t axis = fuse->next_axis;
+    const uint8_t axis = fuse->state.next_axis;
     if (!fuse_is_at_rest(fuse)) {
         return;
     }
     const int32_t surprise =
-        fuse->rest_rate.level.axis[axis] - fuse->bias_rad_s_q25.axis[axis];
+        fuse->state.rest_rate.level.axis[axis] - fuse->state.bias_rad_s_q25.axis[axis];
     // A slow turn looks like a rest: the farther the rate, the less it tells.
     const int32_t off = fixed_scale_up(fixed_clamp(surprise, REST_DOUBT_Q25), 7);
     row[axis] = FUSE_Q2_14_ONE;
@@ -281,11 +287,11 @@ void fuse_stage_rest(struct fuse *fuse) {
 // estimates took off each correction is taken back, and what those of now would have
 // taken off is not a surprise. The axes take turns.
 void fuse_stage_motion(struct fuse *fuse) {
-    const uint8_t axis = fuse->frames % 2;
-    const struct fuse_tilt *tilt = &fuse->tilt[axis];
-    int16_t *drift = &fuse->drift_q18[axis];
+    const uint8_t axis = fuse->state.windows % 2;
+    const struct fuse_tilt *tilt = &fuse->state.tilt[axis];
+    int16_t *drift = &fuse->state.drift_q18[axis];
     q2_14_t row[FUSE_MOTION_STATES];
-    if (fuse->frames <= FUSE_LEVEL_SETTLE || fuse->unsettled > 0) {
+    if (fuse->state.windows <= FUSE_LEVEL_SETTLE || fuse->state.unsettled > 0) {
         return;
     }
     const int32_t surprise = fixed_clamp(tilt->corrected_rad_s + tilt->taken_off.level -
@@ -296,17 +302,18 @@ void fuse_stage_motion(struct fuse *fuse) {
     if (axis == 1) {
         const int32_t square =
             fixed_half_floor(square_of(drift[-1]) + square_of(*drift));
-        fixed_add(fixed_divide(square - fuse->drift_square, DRIFT_SQUARE_LOOKS),
-                  &fuse->drift_square);
+        fixed_add(fixed_divide(square - fuse->state.drift_square, DRIFT_SQUARE_LOOKS),
+                  &fuse->state.drift_square);
     }
     if (!fuse_is_at_rest(fuse)) {
         memcpy(row, tilt->regressor.level, sizeof tilt->regressor.level);
         to_units(row);
         row[HEADING] = 0;
-        fuse_read_motion(fuse, row,
-                         MOTION_NOISE + fixed_times(fixed_clamp(fuse->drift_square,
-                                                                MOTION_DRIFT_MAX_Q30),
-                                                    MOTION_DRIFT),
-                         surprise);
+        fuse_read_motion(
+            fuse, row,
+            MOTION_NOISE +
+                fixed_times(fixed_clamp(fuse->state.drift_square, MOTION_DRIFT_MAX_Q30),
+                            MOTION_DRIFT),
+            surprise);
     }
 }

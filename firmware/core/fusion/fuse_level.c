@@ -17,19 +17,19 @@ const IN_FLASH struct lowpass_gain fuse_level_gain =
 // Turns the level frame so that the low-passed specific force points up. Leaves the
 // correction about x and y in `tilt`.
 static void follow_gravity(struct fuse *fuse) {
-    struct quat *level = &fuse->level_from_inertial;
+    struct quat *level = &fuse->state.level_from_inertial;
     struct vector up;
-    fuse->tilt[0].corrected_rad_s = 0;
-    fuse->tilt[1].corrected_rad_s = 0;
-    up = fuse->force.level;
-    if (fuse->frames > 0) {  // before the first levelling they are the same
+    fuse->state.tilt[0].corrected_rad_s = 0;
+    fuse->state.tilt[1].corrected_rad_s = 0;
+    up = fuse->state.force.level;
+    if (fuse->state.windows > 0) {  // before the first levelling they are the same
         quat_rotate(level, &up, &up);
     }
     if (vector_normalise(&up) < FORCE_MIN_Q21) {
         return;
     }
-    fuse->tilt[0].corrected_rad_s = fixed_mul_q14(up.y, TILTING_GAIN_Q14);
-    fuse->tilt[1].corrected_rad_s = -fixed_mul_q14(up.x, TILTING_GAIN_Q14);
+    fuse->state.tilt[0].corrected_rad_s = fixed_mul_q14(up.y, TILTING_GAIN_Q14);
+    fuse->state.tilt[1].corrected_rad_s = -fixed_mul_q14(up.x, TILTING_GAIN_Q14);
     // The shortest turn that takes `up` to z is (1 + z, y, -x, 0), normalised; from
     // straight down it is half a turn about x.
     union {
@@ -45,40 +45,42 @@ static void follow_gravity(struct fuse *fuse) {
 }
 
 void fuse_take_first(struct fuse *fuse, const struct vector *force_body) {
-    fuse->force.level = *force_body;
+    fuse->state.force.level = *force_body;
 }
 
 void fuse_level_first(struct fuse *fuse) {
     follow_gravity(fuse);
-    fuse->world_from_inertial = fuse->level_from_inertial;
+    fuse->state.world_from_inertial = fuse->state.level_from_inertial;
 }
 
 // Orientation lost: keep it as the initial guess, and level again.
 static void lose_orientation(struct fuse *fuse) {
-    memset(&fuse->force, 0, sizeof fuse->force);
-    memset(fuse->tilt, 0, sizeof fuse->tilt);
-    fuse->frames = 0;
-    fuse->field_learnt = 0;
-    fuse->heading_variance = FUSE_HEADING_VARIANCE_MAX_Q30;
+    memset(&fuse->state.force, 0, sizeof fuse->state.force);
+    memset(fuse->state.tilt, 0, sizeof fuse->state.tilt);
+    fuse->state.windows = 0;
+    fuse->state.field_learnt = 0;
+    fuse->state.heading_variance = FUSE_HEADING_VARIANCE_MAX_Q30;
 }
 
 void fuse_stage_level(struct fuse *fuse) {
     struct vector force;
-    if (fuse->clipped >= FUSE_CLIPPED_LOST || fuse->frames == FUSE_FRAMES_LOST) {
+    if (fuse->state.clipped >= FUSE_CLIPPED_LOST ||
+        fuse->state.windows == FUSE_WINDOWS_LOST) {
         lose_orientation(fuse);
     }
-    fuse->clipped = 0;
-    if (fuse->unsettled > 0) {
-        --fuse->unsettled;
+    fuse->state.clipped = 0;
+    if (fuse->state.unsettled > 0) {
+        --fuse->state.unsettled;
     }
-    fuse->frames =
-        (uint8_t)(fuse->frames < UINT8_MAX - 1 ? fuse->frames + 1 : UINT8_MAX - 2);
+    fuse->state.windows =
+        (uint8_t)(fuse->state.windows < UINT8_MAX - 1 ? fuse->state.windows + 1
+                                                      : UINT8_MAX - 2);
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        int32_t *const sum = &fuse->force_sum_q13.axis[axis];
+        int32_t *const sum = &fuse->state.force_sum_q13.axis[axis];
         const int32_t mean = fixed_mul_at(sum, &fuse->coefficients.share);
         force.axis[axis] = fixed_clamp(mean, FORCE_LIMIT_Q13) * 256;
         *sum = 0;
     }
-    lowpass_step(&fuse->force, &fuse_level_gain, &force, fuse->frames);
+    lowpass_step(&fuse->state.force, &fuse_level_gain, &force, fuse->state.windows);
     follow_gravity(fuse);
 }

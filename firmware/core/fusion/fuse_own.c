@@ -15,27 +15,29 @@ void fuse_use_own(struct fuse *fuse, const struct own_field *own) {
         return;
     }
     const int16_t variance = (int16_t)(own->sigma * own->sigma);  // 16ths of 1 uT2
-    if (variance >= fuse->own_variance) {
+    if (variance >= fuse->settings.own_variance) {
         return;
     }
-    fuse->own_variance = variance;
+    fuse->settings.own_variance = variance;
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        fuse->field_ut[3 + axis] = own->axis[axis] * INT32_C(65536);
+        fuse->state.field_ut[3 + axis] = own->axis[axis] * INT32_C(65536);
     }
 }
 
 bool fuse_read_own(const struct fuse *fuse, struct own_field *out) {
-    if (fuse->field_learnt < FUSE_FIELD_LEARN ||
-        fuse->field_astray > FUSE_FIELD_ASTRAY || fuse->field_surprise > SURPRISE_MAX ||
-        fuse->own_variance < OWN_SIGMA * OWN_SIGMA) {
+    if (fuse->state.field_learnt < FUSE_FIELD_LEARN ||
+        fuse->state.field_astray > FUSE_FIELD_ASTRAY ||
+        fuse->state.field_surprise > SURPRISE_MAX ||
+        fuse->settings.own_variance < OWN_SIGMA * OWN_SIGMA) {
         return false;
     }
     for (uint8_t axis = 0; axis < 3; ++axis) {
-        if (fuse->field_covariance[kalman_variance((uint8_t)(3 + axis))] > OWN_SURE) {
+        if (fuse->state.field_covariance[kalman_variance((uint8_t)(3 + axis))] >
+            OWN_SURE) {
             return false;
         }
         out->axis[axis] =
-            (int16_t)fixed_byte_floor(fixed_byte_floor(fuse->field_ut[3 + axis]));
+            (int16_t)fixed_byte_floor(fixed_byte_floor(fuse->state.field_ut[3 + axis]));
     }
     out->sigma = OWN_SIGMA;
     return true;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// The stages of a frame of fuse.c, and what its files share. Private to the filter.
+// The stages of a window of fuse.c, and what its files share. Private to the filter.
 //
 //   fuse.c        integration, the order of the stages, orientation and quality
 //   fuse_level.c  the vertical, from the specific force
@@ -18,7 +18,7 @@
 
 enum {
     FUSE_LEVEL_SETTLE = FUSE_WINDOWS(FUSE_LEVEL_TAU_S),
-    FUSE_FRAMES_LOST = UINT8_MAX,  // level and heading are found anew
+    FUSE_WINDOWS_LOST = UINT8_MAX,  // level and heading are found anew
     FUSE_REST_LOOKS = FUSE_LOOKS(FUSE_REST_S),
     FUSE_FIELD_LEARN = FUSE_WINDOWS(FUSE_LEARN_S),  // a reading each
     // Squared distances as 64ths of 1 uT2, shares as 65536ths.
@@ -35,27 +35,25 @@ enum {
 extern const IN_FLASH struct lowpass_gain fuse_level_gain;
 
 static inline bool fuse_is_at_rest(const struct fuse *fuse) {
-    return fuse->rest_looks == FUSE_REST_LOOKS;
+    return fuse->state.rest_looks == FUSE_REST_LOOKS;
 }
 
 static inline bool fuse_is_heading_free(const struct fuse *fuse) {
-    return fuse->heading_variance > FUSE_HEADING_FREE_Q30;
+    return fuse->state.heading_variance > FUSE_HEADING_FREE_Q30;
 }
 
-// Bias at rest and the probe's own field in motion are read by one axis a frame.
+// Bias at rest and the probe's own field in motion are read by one axis a window.
 static inline void fuse_next_axis(struct fuse *fuse) {
-    fuse->next_axis = (uint8_t)(fuse->next_axis == 2 ? 0 : fuse->next_axis + 1);
+    fuse->state.next_axis =
+        (uint8_t)(fuse->state.next_axis == 2 ? 0 : fuse->state.next_axis + 1);
 }
-
-// Turns q by a small angle, |angle| <= 0.55 rad, in the frame on the right of it.
-void fuse_turn(struct quat *q, const struct vector *angle_rad_q30);
 
 // fuse_level.c
 
 // The first sample is levelled at once. Force in the body frame, m/s2 q11_21.
 void fuse_take_first(struct fuse *fuse, const struct vector *force_body);
 void fuse_level_first(struct fuse *fuse);
-// Level from the mean force of the frame.
+// Level from the mean force of the window.
 void fuse_stage_level(struct fuse *fuse);
 
 // fuse_gyro.c
@@ -73,7 +71,7 @@ void fuse_look_for_rest(struct fuse *fuse, const struct measurement *measurement
 void fuse_stage_regressors(struct fuse *fuse);
 // What they add to the uncertainty of the heading.
 void fuse_stage_predict(struct fuse *fuse);
-// At rest the mean rate is the bias, of one body axis a frame.
+// At rest the mean rate is the bias, of one body axis a window.
 void fuse_stage_rest(struct fuse *fuse);
 // What levelling had to correct about x or y tells of bias and scales in motion.
 void fuse_stage_motion(struct fuse *fuse);
@@ -103,7 +101,7 @@ void fuse_follow_lag(struct fuse *fuse);
 // Takes one axis of the reading into the field of the place and of the probe; axis 3:
 // that the probe has none of its own, along one axis of the body, where it seems so.
 void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis);
-// Level and heading as one rotation, which makes poses for the next frame.
+// Level and heading as one rotation, which makes poses for the next window.
 void fuse_stage_world(struct fuse *fuse);
 
 #endif

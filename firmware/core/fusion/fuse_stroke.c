@@ -14,7 +14,7 @@
 #define DRIFT_TURN ROUNDED(4 * 1024 / WINDOW_TURNS)
 
 void fuse_deny_rest(struct fuse *fuse) {
-    fuse->rest_looks = 0;
+    fuse->state.rest_looks = 0;
 }
 
 // A bias of b turns the vertical by b T in the time T: delta is b T x g.
@@ -24,8 +24,9 @@ void fuse_learn_drift(struct fuse *fuse, const struct vector *delta_q15,
     struct matrix level_from_body;
     struct vector delta;
     const uint32_t square = (uint32_t)windows * windows;
-    quat_rotate(&fuse->level_from_inertial, delta_q15, &delta);
-    quat_multiply(&fuse->level_from_inertial, &fuse->inertial_from_body, &attitude);
+    quat_rotate(&fuse->state.level_from_inertial, delta_q15, &delta);
+    quat_multiply(&fuse->state.level_from_inertial, &fuse->state.inertial_from_body,
+                  &attitude);
     matrix_from_quat(&attitude, &level_from_body);
     const uint32_t noise = noise_q30 > DRIFT_NOISE_MAX ? DRIFT_NOISE_MAX : noise_q30;
     const int32_t variance = (int32_t)(noise * DRIFT_NOISE / square) + 1;
@@ -43,16 +44,16 @@ bool stroke_listen(struct stroke_sums *sums, const struct fuse *fuse,
     const struct fuse_coefficients *coefficients = &fuse->coefficients;
     // A step of a mean velocity's 1e-5 m/s is enough.
     for (uint8_t row = 0; row < 3; ++row) {
-        fixed_add(fixed_byte_floor(fuse->force_sum_q13.axis[row]),
+        fixed_add(fixed_byte_floor(fuse->state.force_sum_q13.axis[row]),
                   &sums->force_q5.axis[row]);
     }
-    if (fuse->in_frame != 0) {
+    if (fuse->state.in_window != 0) {
         return false;
     }
     for (uint8_t row = 0; row < 3; ++row) {
         // At most 480 m/s2 and 80 samples, so that each of these is below 2^31.
         const int32_t mean =
-            fixed_mul_q30(fuse->force_sum_q13.axis[row] * 4, coefficients->share);
+            fixed_mul_q30(fuse->state.force_sum_q13.axis[row] * 4, coefficients->share);
         const int32_t sum =
             fixed_mul_q30(sums->force_q5.axis[row] * 16, coefficients->share);
         // Sums include the sample that they end with, of which half is too much.
@@ -61,18 +62,18 @@ bool stroke_listen(struct stroke_sums *sums, const struct fuse *fuse,
         out->force.gained_q15.axis[row] = fixed_mul_q30(twice, coefficients->share) * 2;
         int32_t turn = 0;
         for (uint8_t axis = 0; axis < 3; ++axis) {
-            turn += fuse->turn_sum_q15[axis].axis[row];
+            turn += fuse->state.turn_sum_q15[axis].axis[row];
         }
         out->turn_q15.axis[row] = fixed_mul_q30(turn, coefficients->share);
     }
-    const int32_t *covariance = fuse->motion_covariance;
+    const int32_t *covariance = fuse->state.motion_covariance;
     out->bias_variance =
         (covariance[kalman_variance(0)] + covariance[kalman_variance(1)] +
          covariance[kalman_variance(2)]) /
         3;
     memset(sums, 0, sizeof *sums);
-    out->is_settled = fuse->frames >= FUSE_LEVEL_SETTLE;
-    out->inertial_from_body = &fuse->inertial_from_body;
-    out->world_from_inertial = &fuse->world_from_inertial;
+    out->is_settled = fuse->state.windows >= FUSE_LEVEL_SETTLE;
+    out->inertial_from_body = &fuse->state.inertial_from_body;
+    out->world_from_inertial = &fuse->state.world_from_inertial;
     return true;
 }

@@ -117,8 +117,8 @@ void pose_place_read(const struct pose_tracker *tracker, const struct quat *q,
         }
     }
     if (fuse == NULL || !has_tip(tracker) ||
-        !stroke_position(&tracker->stroke, fuse->in_frame * fuse->coefficients.share,
-                         &v)) {
+        !stroke_position(&tracker->stroke,
+                         fuse->state.in_window * fuse->coefficients.share, &v)) {
         return;
     }
     for (uint8_t axis = 0; axis < 3; ++axis) {

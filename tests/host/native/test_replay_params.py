@@ -45,7 +45,7 @@ IDENTITY = b"".join(
 # The first half of SHA-256 of the poses of SAMPLES, of the papers' filters from a
 # firmware that had no params.
 BEFORE = {
-    lib.FILTER_FUSE: "9aec49f2ae1d2ab539b54d7aed585a5a",
+    lib.FILTER_FUSE: "fd8393e5c3f5202d73861d092047949a",
     lib.FILTER_COMPLEMENTARY: "58e82b104c9c41756759332b9ce31ed9",
     lib.FILTER_MAHONY: "5e1828ad5234bc11ce08f24ecb5a2328",
     lib.FILTER_MADGWICK: "092e807a994b11c5df40ae24cc760b65",
