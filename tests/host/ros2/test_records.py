@@ -159,7 +159,7 @@ def test_a_path_has_the_places_of_the_tip_since_its_origin(
         assert (q.w, q.x, q.y, q.z) == Q
 
 
-TARED = replace(RUNNING, topic="event", said={"type": "event", "event": "tared"})
+TARED = replace(RUNNING, topic="event", values={"type": "event", "event": "tared"})
 LOST = stroke(2, "gap", displacement_m=None, path_m=None)
 
 
