@@ -134,12 +134,15 @@ def test_constants_of_all_rooms_are_compared() -> None:
     assert {"LAG_Q35", "TURNING_NOISE", "KP_Q25", "LEVEL_ERROR_Q30"} <= set(names)
 
 
-LIMITS = {
-    path: sorted(
-        set(re.findall(r"FIXED_HIGH\(([A-Z]\w*(?:\(\d+\))?)", path.read_text("utf-8")))
-    )
-    for path in CORE.rglob("*.c")
-}
+def limits(path: Path) -> list[str]:
+    """The constants of which FIXED_HIGH() takes the upper half; of a choice, both."""
+    inside = r"FIXED_HIGH\(((?:[^()]|\([^()]*\))*)\)"
+    found = re.findall(inside, path.read_text("utf-8"))
+    choices = [text.partition("?")[2] or text for text in found]
+    return sorted({one.strip() for text in choices for one in text.split(":")})
+
+
+LIMITS = {path: limits(path) for path in CORE.rglob("*.c")}
 
 
 @pytest.mark.parametrize(

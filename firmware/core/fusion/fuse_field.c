@@ -220,9 +220,9 @@ NOINLINE static void predict_field(struct fuse *fuse) {
         fixed_subtract(fixed_mul_at(&half[0], &turned[1]), &covariance[1]);
         fixed_add(fixed_mul_at(&half[0], &turned[0]), &covariance[2]);
     }
-    const int16_t limit = fuse->settings.own_variance > OWN_GOOD
-                              ? FIXED_HIGH(FIELD_VARIANCE_UNKNOWN_MAX)
-                              : FIXED_HIGH(FIELD_VARIANCE_MAX);
+    const int16_t limit =
+        FIXED_HIGH(fuse->settings.own_variance > OWN_GOOD ? FIELD_VARIANCE_UNKNOWN_MAX
+                                                          : FIELD_VARIANCE_MAX);
     kalman_wander(covariance, 0, PLACE_WANDER, limit);
     kalman_wander(covariance, 3, is_astray(fuse) ? OWN_WANDER_ASTRAY : OWN_WANDER,
                   limit);
@@ -447,8 +447,7 @@ void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis) {
     kalman_read(fuse->state.field_covariance, FUSE_FIELD_STATES, row, noise, gain);
     for (state = 0; state < FUSE_FIELD_STATES; ++state) {
         fixed_add_clamped_high(fixed_mul_q30(gain[state], away),
-                               state < 3 ? FIXED_HIGH(PLACE_LIMIT_Q18)
-                                         : FIXED_HIGH(OWN_LIMIT_Q18),
+                               FIXED_HIGH(state < 3 ? PLACE_LIMIT_Q18 : OWN_LIMIT_Q18),
                                &fuse->state.field_ut[state]);
     }
 }
