@@ -29,6 +29,8 @@ enum {
 #define CDEG2(degrees) ((uint32_t)ROUNDED((degrees) * (degrees)*1e4))
 // Thirds of that for what levelling goes on to correct, (rad/s)^2 q2_30.
 #define TILT_DRIFT_THIRDS Q_DEG2(3e4 / 1073741824.0 * SQUARE(FUSE_TILT_DRIFT_S), 0)
+#define LAG_RATE_Q25 Q25(FUSE_LAG_RATE_MAX_RAD_S)
+#define LAG_ANGLE_Q30 Q30(FUSE_LAG_ANGLE_MAX_RAD)
 #define FOUR_US_Q35 Q35(4e-6)
 
 // Seconds times 2^35, so that rad/s q7_25 gives rad q2_30, within 4e-7 of them. Needs
@@ -78,13 +80,21 @@ void fuse_restart(struct fuse *fuse) {
     fuse->state.drift_square = DRIFT_SQUARE_START_Q30;
 }
 
+// Turns q by a small angle, |angle| <= 0.55 rad, in the frame of reference on the right
+// of it.
+static void turn_by(struct quat *q, const struct vector *angle_rad_q30) {
+    struct quat turn;
+    quat_from_small_angle(angle_rad_q30, &turn);
+    quat_multiply(q, &turn, q);
+}
+
 NOINLINE static void integrate(struct fuse *fuse, uint16_t interval_us) {
     while (interval_us > 0) {
         const uint16_t part = interval_us > STEP_MAX_US ? STEP_MAX_US : interval_us;
         interval_us = (uint16_t)(interval_us - part);
         struct vector angle;
         vector_scale(&fuse->state.rate_rad_s_q25, seconds_q35(part), &angle);
-        quat_turn(&fuse->state.inertial_from_body, &angle);
+        turn_by(&fuse->state.inertial_from_body, &angle);
     }
 }
 
@@ -108,6 +118,21 @@ NOINLINE static void add_to_means(struct fuse *fuse, const struct vector *force)
         fixed_add(fixed_dot3_q14(coarse, inertial_from_body.row[row]),
                   &fuse->state.force_sum_q13.axis[row]);
     }
+}
+
+// The reading is older than the sample: its attitude is that of the sample, turned back
+// by the last rate times the lag.
+NOINLINE static void take_reading(struct fuse *fuse,
+                                  const struct vector *field_ut_q18) {
+    struct vector angle;
+    vector_clamp(&fuse->state.rate_rad_s_q25, LAG_RATE_Q25,
+                 &fuse->state.reading_rad_s_q25);
+    vector_scale(&fuse->state.rate_rad_s_q25, -fuse->state.lag_s_q35, &angle);
+    vector_clamp(&angle, LAG_ANGLE_Q30, &angle);
+    fuse->state.reading_attitude = fuse->state.inertial_from_body;
+    turn_by(&fuse->state.reading_attitude, &angle);
+    fuse->state.reading_ut_q18 = *field_ut_q18;
+    fuse->state.has_reading = true;
 }
 
 static void run_stage(struct fuse *fuse) {
@@ -174,7 +199,7 @@ void fuse_take(struct fuse *fuse, const struct measurement *measurement,
     if (measurement->has_mag && !fuse->state.has_reading &&
         (fuse->state.stage == 1 || fuse->state.stage == 2) &&
         vector_exceeds(field, 0)) {  // all zeros: no field at all
-        fuse_take_reading(fuse, field);
+        take_reading(fuse, field);
     }
     // Of two samples in a row, one runs a stage and one looks for rest.
     ++fuse->state.in_stride;
@@ -215,7 +240,7 @@ void fuse_orientation(const struct fuse *fuse, struct quat *out) {
     // The gyroscope's low-pass still holds back the motion of the last few
     // milliseconds: the last rate makes up for it.
     vector_scale(&fuse->state.rate_rad_s_q25, fuse->coefficients.lead_s_q35, &angle);
-    quat_turn(out, &angle);
+    turn_by(out, &angle);
     quat_renormalise(out);
 }
 

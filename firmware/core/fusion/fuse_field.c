@@ -24,8 +24,6 @@ enum {
 #define LAG_MAX_Q35 Q35(FUSE_LAG_MAX_S)
 #define LAG_MS_Q17 Q17(0.001)  // a ms q14_18 as seconds times 2^35
 #define LAG_VARIANCE Q19(1e6 * SQUARE(FUSE_LAG_SIGMA_S) / 2)
-#define LAG_RATE_Q25 Q25(FUSE_LAG_RATE_MAX_RAD_S)
-#define LAG_ANGLE_Q30 Q30(FUSE_LAG_ANGLE_MAX_RAD)
 #define LAG_FIELD_Q18 Q18(FUSE_LAG_FIELD_MAX_UT)
 #define LAG_SLOPE_MAX Q13(FUSE_LAG_SLOPE_MAX_UT_S)
 
@@ -117,20 +115,6 @@ void fuse_init_lag(struct fuse *fuse) {
     fuse->settings.own_variance = OWN_KNOWN;
     fuse->state.lag_s_q35 = LAG_Q35;
     fuse->state.lag_variance = LAG_VARIANCE;
-}
-
-// The reading is older than the sample: its attitude is that of the sample, turned back
-// by the last rate times the lag.
-void fuse_take_reading(struct fuse *fuse, const struct vector *field_ut_q18) {
-    struct vector angle;
-    vector_clamp(&fuse->state.rate_rad_s_q25, LAG_RATE_Q25,
-                 &fuse->state.reading_rad_s_q25);
-    vector_scale(&fuse->state.rate_rad_s_q25, -fuse->state.lag_s_q35, &angle);
-    vector_clamp(&angle, LAG_ANGLE_Q30, &angle);
-    fuse->state.reading_attitude = fuse->state.inertial_from_body;
-    quat_turn(&fuse->state.reading_attitude, &angle);
-    fuse->state.reading_ut_q18 = *field_ut_q18;
-    fuse->state.has_reading = true;
 }
 
 void fuse_stage_reading(struct fuse *fuse) {

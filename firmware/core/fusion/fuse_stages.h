@@ -86,9 +86,6 @@ void fuse_read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
 void fuse_init_lag(struct fuse *fuse);
 // How well the probe's own field is known: `sigma` of a calibration, 0.01 uT.
 void fuse_set_own_accuracy(struct fuse *fuse, uint16_t sigma);
-// Keeps a reading of the field, uT q14_18 in the body frame, with the attitude that it
-// was measured in.
-void fuse_take_reading(struct fuse *fuse, const struct vector *field_ut_q18);
 // Turns the reading to the level frame.
 void fuse_stage_reading(struct fuse *fuse);
 // Predicts the field, and weighs the reading. Without a reading, only predicts.

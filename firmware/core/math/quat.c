@@ -42,12 +42,6 @@ void quat_from_small_angle(const struct vector *angle_rad_q30, struct quat *out)
     vector_scale(angle_rad_q30, gain, vector_of(out));
 }
 
-void quat_turn(struct quat *q, const struct vector *angle_rad_q30) {
-    struct quat turn;
-    quat_from_small_angle(angle_rad_q30, &turn);
-    quat_multiply(q, &turn, q);
-}
-
 void quat_from_heading(turn32_t heading, struct quat *out) {
     out->x = 0;
     out->y = 0;

@@ -29,10 +29,6 @@ void quat_renormalise(struct quat *q);
 // half: error below |angle|^5 / 3840 and 2 steps.
 void quat_from_small_angle(const struct vector *angle_rad_q30, struct quat *out);
 
-// Turns q by such an angle, |angle| <= 0.55 rad, in the frame of reference on the right
-// of it.
-void quat_turn(struct quat *q, const struct vector *angle_rad_q30);
-
 // v turned by q, in v's format; `out` may be v. Needs |v| <= 1.07e9 and |q| <= 1.
 void quat_rotate(const struct quat *q, const struct vector *v, struct vector *out);
 
