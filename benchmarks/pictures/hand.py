@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from benchmarks.common.capture import Capture
-from benchmarks.pictures.theme import Theme
+from benchmarks.pictures.theme import LIGHT
 from imud import rotation
 from imud.rotation import FloatArray
 from imud.virtual.motion import Motion
@@ -48,33 +48,33 @@ def spread(records: list[int], tip: FloatArray) -> list[int]:
     return sorted(chosen, key=lambda each: -float(seen(tip[each])[1]))
 
 
-def draw_probe(axes: Axes, tip: FloatArray, quat: FloatArray, theme: Theme) -> None:
+def draw_probe(axes: Axes, tip: FloatArray, quat: FloatArray) -> None:
     """Draw a stick with its board, turned by the quaternion."""
     sensor = tip - rotation.rotate(quat, np.array([PROBE_M, 0.0, 0.0]))
     stick = seen(np.stack([tip, sensor]))
-    axes.plot(*stick.T, color=theme.ink, lw=2.4, solid_capstyle="round", zorder=4)
+    axes.plot(*stick.T, color=LIGHT.ink, lw=2.4, solid_capstyle="round", zorder=4)
     corners = np.column_stack([BOARD_M, np.zeros(len(BOARD_M))])
     board = seen(sensor + rotation.rotate(quat, corners))
-    axes.fill(*board.T, facecolor=theme.ours, edgecolor=theme.ink, lw=0.8, zorder=5)
+    axes.fill(*board.T, facecolor=LIGHT.ours, edgecolor=LIGHT.ink, lw=0.8, zorder=5)
 
 
-def draw_hand(axes: Axes, made: Motion, capture: Capture, theme: Theme) -> None:
+def draw_hand(axes: Axes, made: Motion, capture: Capture) -> None:
     """Draw the table, its strokes, and probes in the poses that the image computed."""
     if made.tip is None:
         return
     side = np.linspace(-0.16, 0.16, 9)
     for at in side:
         for line in ([[at, -0.16, 0], [at, 0.16, 0]], [[-0.16, at, 0], [0.16, at, 0]]):
-            axes.plot(*seen(np.array(line)).T, color=theme.faint, lw=0.6, zorder=1)
+            axes.plot(*seen(np.array(line)).T, color=LIGHT.faint, lw=0.6, zorder=1)
     stretches = strokes(made)
     for stretch in stretches:
         path = seen(made.tip[stretch])
-        axes.plot(*path.T, color=theme.other, lw=2.4, solid_capstyle="round", zorder=2)
+        axes.plot(*path.T, color=LIGHT.other, lw=2.4, solid_capstyle="round", zorder=2)
     middles = [(each.start + each.stop) // 2 for each in stretches]
     for middle in spread(middles, made.tip):
         at = int(np.searchsorted(capture.pose_times_s, middle / made.rate_hz))
         pose = min(at, len(capture.poses) - 1)
-        draw_probe(axes, made.tip[middle], capture.poses[pose], theme)
+        draw_probe(axes, made.tip[middle], capture.poses[pose])
     axes.set_aspect("equal")
     axes.axis("off")
-    axes.set_title("a hand draws; the probes lie as the image says", color=theme.ink)
+    axes.set_title("a hand draws; the probes lie as the image says", color=LIGHT.ink)

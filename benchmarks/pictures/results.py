@@ -18,7 +18,6 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter
@@ -29,7 +28,7 @@ from benchmarks.common.engines import HOST, VQF
 from benchmarks.common.images import RunFailed
 from benchmarks.common.paths import PICTURES, PROJECT, RESULTS
 from benchmarks.pictures.hand import draw_hand
-from benchmarks.pictures.theme import THEMES, Theme
+from benchmarks.pictures.theme import LIGHT, blank, save
 from imud.errors import ImudError
 from imud.rotation import FloatArray
 from imud.virtual import sensors
@@ -68,10 +67,10 @@ ON_CHIP = (
 CYCLES_THERE_ARE = 80_000  # available a sample, at 16 MHz and 200 Hz
 
 
-def undress(axes: Axes, theme: Theme) -> None:
+def undress(axes: Axes) -> None:
     """Leave only a grid and text."""
-    axes.tick_params(colors=theme.ink, which="both", length=0)
-    axes.grid(color=theme.faint, lw=0.6)
+    axes.tick_params(colors=LIGHT.ink, which="both", length=0)
+    axes.grid(color=LIGHT.faint, lw=0.6)
     axes.set_axisbelow(True)
     for spine in axes.spines.values():
         spine.set_visible(False)
@@ -89,7 +88,7 @@ def set_log(axes: Axes, which: str, ticks: Sequence[float]) -> None:
     )
 
 
-def draw_errors(axes: Axes, measured: dict[str, Any], theme: Theme) -> None:
+def draw_errors(axes: Axes, measured: dict[str, Any]) -> None:
     """Draw a line for each recording, from our error to VQF's."""
     trials = measured["trials"]
     rows = np.arange(len(trials))[::-1]
@@ -97,25 +96,25 @@ def draw_errors(axes: Axes, measured: dict[str, Any], theme: Theme) -> None:
         np.array([trial["scores_deg"][name]["total"] for trial in trials])
         for name in (measured_as(trials[0]["scores_deg"], NANO), VQF)
     )
-    axes.hlines(rows, ours, other, color=theme.faint, lw=2.0, zorder=1)
-    axes.scatter(other, rows, s=26, color=theme.other, zorder=2)
-    axes.scatter(ours, rows, s=26, color=theme.ours, zorder=3)
+    axes.hlines(rows, ours, other, color=LIGHT.faint, lw=2.0, zorder=1)
+    axes.scatter(other, rows, s=26, color=LIGHT.other, zorder=2)
+    axes.scatter(ours, rows, s=26, color=LIGHT.ours, zorder=3)
     names = [trial["trial"].replace("_", " ") for trial in trials]
-    axes.set_yticks(rows, names, fontsize=6.5, color=theme.ink)
+    axes.set_yticks(rows, names, fontsize=6.5, color=LIGHT.ink)
     axes.set_xlim(0.0, None)
-    axes.set_xlabel("orientation error, degrees rms", color=theme.ink)
-    axes.tick_params(colors=theme.ink, length=0)
-    axes.grid(axis="x", color=theme.faint, lw=0.6)
+    axes.set_xlabel("orientation error, degrees rms", color=LIGHT.ink)
+    axes.tick_params(colors=LIGHT.ink, length=0)
+    axes.grid(axis="x", color=LIGHT.faint, lw=0.6)
     axes.set_axisbelow(True)
     for spine in axes.spines.values():
         spine.set_visible(False)
     axes.set_title(
-        f"$\\bullet$ ATmega328P, fixed point: {ours.mean():.2f}°",
-        color=theme.ours,
+        f"• ATmega328P, fixed point: {ours.mean():.2f}°",
+        color=LIGHT.ours,
         loc="left",
     )
     axes.set_title(
-        f"$\\bullet$ VQF, doubles: {other.mean():.2f}°", color=theme.other, loc="right"
+        f"• VQF, doubles: {other.mean():.2f}°", color=LIGHT.other, loc="right"
     )
 
 
@@ -144,7 +143,7 @@ def apart(places: Sequence[float], gap: float) -> list[float]:
     return [moved[index] for index in range(len(places))]
 
 
-def draw_time(figure: Figure, theme: Theme, measured: Mapping[str, Any]) -> None:
+def draw_time(figure: Figure, measured: Mapping[str, Any]) -> None:
     """Draw the errors over the time of one recording."""
     trace = measured["trace"]
     scores = next(
@@ -156,7 +155,7 @@ def draw_time(figure: Figure, theme: Theme, measured: Mapping[str, Any]) -> None
     begun, ended = np.flatnonzero(moving)[[0, -1]]
     times = times[begun : ended + 1] - times[begun]
     axes = figure.subplots()
-    undress(axes, theme)
+    undress(axes)
     set_log(axes, "y", (0.3, 1, 3, 10, 30, 100))
     words, levels = [], []
     for name, label, colour in OVER_TIME:
@@ -165,7 +164,7 @@ def draw_time(figure: Figure, theme: Theme, measured: Mapping[str, Any]) -> None
             continue
         errors = trace["errors_deg"][engine]["total"][begun : ended + 1]
         errors = smoothed(errors, times[1] - times[0])
-        ink = getattr(theme, colour)
+        ink = getattr(LIGHT, colour)
         is_ours = name == NANO
         axes.plot(
             times, errors, color=ink, lw=2.2 if is_ours else 1.4, zorder=2 + is_ours
@@ -180,31 +179,31 @@ def draw_time(figure: Figure, theme: Theme, measured: Mapping[str, Any]) -> None
         )
     axes.set_xlim(0.0, times[-1])
     axes.set_ylim(0.2, 180.0)
-    axes.set_xlabel("seconds of movement", color=theme.ink)
+    axes.set_xlabel("seconds of movement", color=LIGHT.ink)
     number, _, title = trace["trial"].partition("_")
     axes.set_title(
         f"orientation error, degrees, on BROAD's trial {number}, "
         + title.replace("_", " "),
-        color=theme.ink,
+        color=LIGHT.ink,
         loc="left",
     )
 
 
 def draw_cycles(
-    figure: Figure, theme: Theme, measured: Mapping[str, Any], costs: Mapping[str, Any]
+    figure: Figure, measured: Mapping[str, Any], costs: Mapping[str, Any]
 ) -> None:
     """Draw each filter: cycles of a sample, mean to worst, against its error."""
     means = measured["means_deg"]["all"]
     axes = figure.subplots()
-    undress(axes, theme)
+    undress(axes)
     set_log(axes, "x", (5_000, 10_000, 20_000, 40_000, 80_000, 160_000, 320_000))
     set_log(axes, "y", (1, 2, 5, 10, 20, 50))
-    axes.axvspan(CYCLES_THERE_ARE, 1e6, color=theme.faint, alpha=0.35, lw=0)
+    axes.axvspan(CYCLES_THERE_ARE, 1e6, color=LIGHT.faint, alpha=0.35, lw=0)
     for key, name, words, colour in ON_CHIP:
         cost, engine = costs["engines"].get(key, {}), measured_as(means, name)
         if "cycles_mean" not in cost or engine not in means:
             continue
-        error, ink = means[engine]["total"], getattr(theme, colour)
+        error, ink = means[engine]["total"], getattr(LIGHT, colour)
         axes.hlines(error, cost["cycles_mean"], cost["cycles_worst"], color=ink, lw=1.6)
         is_float = key.startswith("float")
         axes.scatter(
@@ -229,26 +228,26 @@ def draw_cycles(
     axes.annotate(
         "more than there is at 200 samples a second",
         (CYCLES_THERE_ARE * 1.06, 1.08),
-        color=theme.quiet,
+        color=LIGHT.quiet,
     )
     axes.set_xlabel(
         "cycles a sample on the ATmega328P, mean to worst (circle: in floats)",
-        color=theme.ink,
+        color=LIGHT.ink,
     )
     axes.set_title(
         "orientation error, degrees rms, mean over recordings",
-        color=theme.ink,
+        color=LIGHT.ink,
         loc="left",
     )
 
 
 def draw_probe_and_errors(
-    figure: Figure, theme: Theme, measured: dict[str, Any], made: Any, capture: Any
+    figure: Figure, measured: dict[str, Any], made: Any, capture: Any
 ) -> None:
     """Draw the hand on the left and the recordings on the right."""
     left, right = figure.subplots(1, 2)
-    draw_hand(left, made, capture, theme)
-    draw_errors(right, measured, theme)
+    draw_hand(left, made, capture)
+    draw_errors(right, measured)
 
 
 def load(name: str, how: str) -> dict[str, Any]:
@@ -260,7 +259,7 @@ def load(name: str, how: str) -> dict[str, Any]:
     return found
 
 
-def draw_of(name: str) -> Callable[[Figure, Theme], None]:
+def draw_of(name: str) -> Callable[[Figure], None]:
     """A function that draws the named picture, with its data loaded."""
     measured = load("accuracy.json", "`make bench`")
     if name == "time":
@@ -280,7 +279,7 @@ HEIGHTS = {"probe": 4.2, "time": 3.4, "cycles": 3.8}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Draw each picture for light and dark pages."""
+    """Draw each picture."""
     parser = argparse.ArgumentParser(
         description=__doc__,
         epilog="example: benchmarks/pictures/results.py time cycles",
@@ -295,20 +294,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     unknown = [name for name in args.names if name not in HEIGHTS]
     if unknown:
         parser.error(f"there is no picture {unknown[0]}")
-    # Text stays text, and equal figures give equal files.
-    mpl.rcParams.update({"svg.fonttype": "none", "svg.hashsalt": "imu-probe"})
-    mpl.rcParams.update({"font.family": "sans-serif"})
-    mpl.rcParams.update({"font.size": 9.0, "axes.titlesize": 9.0})
-    PICTURES.mkdir(parents=True, exist_ok=True)
     for name in args.names or HEIGHTS:
         draw = draw_of(name)
-        for theme in THEMES:
-            figure = plt.figure(figsize=(WIDTH, HEIGHTS[name]), layout="constrained")
-            draw(figure, theme)
-            target = PICTURES / f"{name}-{theme.name}.svg"
-            figure.savefig(target, transparent=True, metadata={"Date": None})
-            plt.close(figure)
-            print(target)
+        figure = blank(WIDTH, HEIGHTS[name])
+        draw(figure)
+        save(figure, PICTURES / f"{name}.svg")
     return 0
 
 

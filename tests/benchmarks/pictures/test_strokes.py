@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.pictures.theme import THEMES
-
 WAYS = 0.1 * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, -1.0, 0.0]])
 ERRORS = np.full((3, 3), 0.001)
 
@@ -41,11 +39,10 @@ def test_corners_are_drawn_as_measured_and_closed(picture: ModuleType) -> None:
 
 def test_the_picture_has_each_experiment(picture: ModuleType) -> None:
     names = (*picture.PATHS, picture.STROKES)
-    figure = picture.drawn(THEMES[0], {name: (Path(), Path()) for name in names})
+    figure = picture.drawn({name: (Path(), Path()) for name in names})
     titles = [axes.get_title() for axes in figure.axes]
     assert titles == [*picture.PATHS, "10 cm, supported, 2 s"]
     assert "measured: corners 0.37 cm rms" in str(
         [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     )
     assert len(figure.axes[2].patches) == len(WAYS)
-    picture.plt.close(figure)
