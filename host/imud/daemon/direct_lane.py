@@ -42,7 +42,7 @@ class Holder(Enum):
         FREE ------------------> CALLER ----------------> CALLER_NEXT
         ^ ^ ^    some are left    |  ^  the caller comes   |   |   ^
         | | +---------------------+  +---------------------+   |   |
-        | |          nobody came for GIVE_WAY_S                |   |
+        | |   nobody came for GIVE_WAY_S, or the lane ends     |   |
         | +----------------------------------------------------+   |
         | the thread takes some; they are done                     | they are done
         v               the caller comes                           |
@@ -173,9 +173,11 @@ class DirectLane(Lane):
         """Few records, so that the caller gets those behind them soon; none if the
         caller is about to take them.
         """
-        if self._holder is Holder.CALLER_NEXT and not self._is_for_thread():
+        if self._holder is Holder.CALLER_NEXT:
             self._holder = Holder.FREE
-            self._wake.wait_for(lambda: self._holder is Holder.CALLER_NEXT, GIVE_WAY_S)
+            if not self._is_for_thread():
+                came = Holder.CALLER_NEXT
+                self._wake.wait_for(lambda: self._holder is came, GIVE_WAY_S)
         if self._holder is not Holder.FREE or not self._queue:
             return deque()
         self._holder = Holder.THREAD

@@ -135,6 +135,19 @@ def test_the_thread_does_not_wait_for_a_caller_that_does_not_come(
     assert sink.threads == []
 
 
+def test_at_its_end_nothing_is_left_for_a_caller_that_was_to_be_next(
+    sink: QuickSink, lane: DirectLane
+) -> None:
+    sink.gate.clear()
+    lane.put(record(0, topic="status"))
+    assert sink.entered.wait(PATIENCE_S)
+    lane.put(record(1), record(2))  # they wait: the thread has one in hand
+    lane.end()
+    sink.gate.set()
+    assert lane.close(PATIENCE_S)
+    assert sink.numbers(3) == [0, 1, 2]
+
+
 def test_a_caller_takes_a_part_of_a_long_queue_in_a_turn(
     sink: QuickSink, lane: DirectLane
 ) -> None:
