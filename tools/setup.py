@@ -309,18 +309,18 @@ def step(name: str, *command: str) -> None:
         "PLATFORMIO_DISABLE_UPGRADE_CHECK": "true",
     }
     environment.pop("PLATFORMIO_CORE_DIR", None)  # it would override platformio.ini
-    with tempfile.TemporaryFile("w+", errors="replace") as said:
+    with tempfile.TemporaryFile("w+", errors="replace") as output:
         done = subprocess.run(
             command,
             cwd=ROOT,
             env=environment,
             stdin=subprocess.DEVNULL,
-            stdout=said,
+            stdout=output,
             stderr=subprocess.STDOUT,
             check=False,
         )
-        said.seek(0)
-        text = said.read()
+        output.seek(0)
+        text = output.read()
     with LOG_LOCK, LOG.open("a") as log:  # each step's lines stay together
         log.write(f"$ {shlex.join(command)}\n{text}")
     DISPLAY.end(name, time.monotonic() - start)

@@ -75,7 +75,7 @@ class Disk:
 
 
 @contextlib.contextmanager
-def told(doing: str, hint: str = "") -> Iterator[None]:
+def as_file_error(doing: str, hint: str = "") -> Iterator[None]:
     """Turns an OSError into a FileError: can't `doing`, the reason, `hint`."""
     try:
         yield
@@ -86,7 +86,7 @@ def told(doing: str, hint: str = "") -> Iterator[None]:
 @contextlib.contextmanager
 def opened(path: Path) -> Iterator[Disk]:
     """Opens a card or a file for reading; FileError if it can't."""
-    with told(f"read {path}", _hint(path)):
+    with as_file_error(f"read {path}", _hint(path)):
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         try:
             if stat.S_ISDIR(os.fstat(descriptor).st_mode):
@@ -99,7 +99,7 @@ def opened(path: Path) -> Iterator[Disk]:
 @contextlib.contextmanager
 def created(path: Path, size: int) -> Iterator[Disk]:
     """Makes an image of `size` zero bytes, and removes it again after an error."""
-    with told(f"write {path}"):
+    with as_file_error(f"write {path}"):
         flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
         descriptor = os.open(path, flags, 0o666)
         try:
@@ -115,7 +115,7 @@ def created(path: Path, size: int) -> Iterator[Disk]:
 @contextlib.contextmanager
 def claimed(path: Path) -> Iterator[Disk]:
     """Opens an existing card or image for writing; FileError where that is unsafe."""
-    with told(f"look at {path}", _hint(path)):
+    with as_file_error(f"look at {path}", _hint(path)):
         status = path.stat()
     flags = os.O_RDWR | os.O_CLOEXEC
     if stat.S_ISBLK(status.st_mode):
@@ -124,7 +124,7 @@ def claimed(path: Path) -> Iterator[Disk]:
         flags |= os.O_EXCL  # fails if anything uses any part of the card
     elif not stat.S_ISREG(status.st_mode):
         raise FileError(f"{path} is neither a card nor a file")
-    with told(f"write {path}", _hint(path)):
+    with as_file_error(f"write {path}", _hint(path)):
         try:
             descriptor = os.open(path, flags)
         except OSError as error:

@@ -68,7 +68,7 @@ def read(
                 raise FileError(f"{path} has no recording {number}; it has {there}")
         if started_ns is not None and len(recordings) > 1:
             raise ConfigError("--started is of one recording: say --recording N, too")
-        with disk.told(f"write to {to}", "; name another place with --to DIR"):
+        with disk.as_file_error(f"write to {to}", "; name another place with --to DIR"):
             to.mkdir(parents=True, exist_ok=True)
         progress = bar(recordings)
         writer = _LogWriter(log, to, prefix, started_ns, progress)
@@ -125,7 +125,7 @@ class _LogWriter:
             self._say(f"{name}: {path} is there already")
             return _Outcome()
         part = path.with_name(f"{path.name}.part")
-        with disk.told(f"write {path}", "; name another place with --to DIR"):
+        with disk.as_file_error(f"write {path}", "; name another place with --to DIR"):
             file = part.open("wb")
             log = LogFile(file, Settings(prefix=self._prefix))
             try:

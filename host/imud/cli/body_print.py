@@ -15,7 +15,7 @@ class Printer:
 
     def __init__(self, *, as_json: bool) -> None:
         self._as_json = as_json
-        self._said: str | None = None
+        self._instruction: str | None = None
         self._missing: tuple[str, ...] = ()
         self._remarks: set[str] = set()
         self._printed_s = 0.0
@@ -24,8 +24,8 @@ class Printer:
         if self._as_json:
             self._print(payload.decode())
             return
-        if state.instruction != self._said:
-            self._said = state.instruction
+        if state.instruction != self._instruction:
+            self._instruction = state.instruction
             self._print(
                 f"{state.body}: {state.instruction or 'aligned; go on as you like'}"
             )

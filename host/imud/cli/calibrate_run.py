@@ -92,18 +92,18 @@ def from_file(args: argparse.Namespace) -> int:
 def learned(client: Client, probe: str, args: argparse.Namespace) -> int:
     """Puts in force what the daemon proposes; returns the exit code."""
     reply = client.params(probe)
-    told = next(iter(client.statuses(probe)), {}).get("learn", {})
-    if not told.get("records"):
+    learn = next(iter(client.statuses(probe)), {}).get("learn", {})
+    if not learn.get("records"):
         raise CommandRefused(
-            f"nothing was learned of probe {probe}: it is {told.get('state', 'off')}; "
+            f"nothing was learned of probe {probe}: it is {learn.get('state', 'off')}; "
             "it has to send raw samples while it is turned about"
         )
-    params = Params.decode(bytes.fromhex(told["records"]))
+    params = Params.decode(bytes.fromhex(learn["records"]))
     before = Params.decode(bytes.fromhex(reply["bytes"]))
     for line in params_text.differences(before, params):
         sys.stdout.write(f"{line}\n")
-    sys.stdout.write(f"  tilt           +-{told['tilt_deg']:.2f} degrees\n")
-    sys.stdout.write(f"  heading        +-{told['heading_deg']:.2f} degrees\n")
+    sys.stdout.write(f"  tilt           +-{learn['tilt_deg']:.2f} degrees\n")
+    sys.stdout.write(f"  heading        +-{learn['heading_deg']:.2f} degrees\n")
     if args.dry_run:
         return calibrate_text.not_changed(probe, params)
     client.change_params(probe, params.encode(), reply["probe_id"])

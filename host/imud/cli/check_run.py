@@ -127,8 +127,8 @@ def _touch(source: LiveMessages, evidence: Evidence, screen: CheckScreen) -> Non
     for item in source.items():
         if item is not None:
             source.record(item, evidence)
-        told = {each.event for each in evidence.events[before:]}
-        if "button_pressed" in told:
+        events = {each.event for each in evidence.events[before:]}
+        if "button_pressed" in events:
             evidence.button = True
             break
         left_s = BUTTON_S - (time.monotonic() - begin_s)

@@ -81,13 +81,13 @@ class Distant:
         try:
             if command == "params":
                 records = bytes.fromhex(parameters.get("records", ""))
-                said = self._client.change_params(probe, records)
+                reply = self._client.change_params(probe, records)
             else:
-                said = self._client.command(probe, command, **parameters)
+                reply = self._client.command(probe, command, **parameters)
         except (ImudError, ValueError) as error:
             answer(b"", str(error))
         else:
-            answer(_encode(said), "")
+            answer(_encode(reply), "")
 
 
 def has_page() -> bool:

@@ -26,14 +26,14 @@ _DIGEST = re.compile(r"[0-9a-f]{1,8}")
 
 
 def show(client: Client, probe: str, *, as_json: bool) -> int:
-    said = client.params(probe)
+    reply = client.params(probe)
     if as_json:
-        sys.stdout.write(json.dumps(said, separators=(",", ":")) + "\n")
+        sys.stdout.write(json.dumps(reply, separators=(",", ":")) + "\n")
         return 0
-    params = _decoded(said)
+    params = _decoded(reply)
     title = f"{probe}: params {params.digest:08x}"
-    if probe != said["probe_id"]:
-        title = f"{probe} ({said['probe_id']}): params {params.digest:08x}"
+    if probe != reply["probe_id"]:
+        title = f"{probe} ({reply['probe_id']}): params {params.digest:08x}"
     sys.stdout.write(f"{title}, {len(params.encode())} bytes\n")
     for line in _lines(params, _own_field(client, probe)):
         sys.stdout.write(f"{line}\n")
@@ -48,8 +48,8 @@ def _own_field(client: Client, probe: str) -> dict[str, Any] | None:
     return None
 
 
-def _decoded(said: dict[str, Any]) -> Params:
-    return Params.decode(bytes.fromhex(said["bytes"]))
+def _decoded(reply: dict[str, Any]) -> Params:
+    return Params.decode(bytes.fromhex(reply["bytes"]))
 
 
 def _lines(params: Params, own_field: dict[str, Any] | None) -> Iterator[str]:
@@ -140,11 +140,11 @@ def _tip_lines(params: Params) -> list[str]:
 
 
 def save(client: Client, probe: str, path: Path, *, is_forced: bool) -> int:
-    said = client.params(probe)
-    params = _decoded(said)
+    reply = client.params(probe)
+    params = _decoded(reply)
     if path.exists() and not is_forced:
         raise FileError(f"{path} exists; --force replaces it")
-    file.write(path, params, said["probe_id"])
+    file.write(path, params, reply["probe_id"])
     sys.stdout.write(f"{probe}: params {params.digest:08x} saved to {path}\n")
     return 0
 
@@ -152,14 +152,14 @@ def save(client: Client, probe: str, path: Path, *, is_forced: bool) -> int:
 def load(
     client: Client, probe: str, wanted: ParamsFile, *, is_forced: bool, is_dry: bool
 ) -> int:
-    said = client.params(probe)
-    probe_id = said["probe_id"]
+    reply = client.params(probe)
+    probe_id = reply["probe_id"]
     if wanted.probe_id not in (None, probe_id) and not is_forced:
         raise CommandRefused(
             f"these are the params of probe {wanted.probe_id}, and {probe} is "
             f"{probe_id}; --force loads them all the same"
         )
-    return _change(client, probe, wanted, said, is_forced=is_forced, is_dry=is_dry)
+    return _change(client, probe, wanted, reply, is_forced=is_forced, is_dry=is_dry)
 
 
 def clear(client: Client, probe: str) -> int:
@@ -183,29 +183,29 @@ def of_history(client: Client, probe: str, digest: str) -> ParamsFile:
 
 def undo(client: Client, probe: str, *, is_dry: bool = False) -> int:
     """Brings back what was in force before; without a history of it, no params."""
-    said = client.params(probe)
+    current = client.params(probe)
     kept = [each["digest"] for each in client.params_history(probe)["entries"]]
-    if said["digest"] in kept:
-        kept = kept[kept.index(said["digest"]) + 1 :]
-    earlier = next((each for each in kept if each != said["digest"]), None)
-    if earlier is None and not _decoded(said).records:
+    if current["digest"] in kept:
+        kept = kept[kept.index(current["digest"]) + 1 :]
+    earlier = next((each for each in kept if each != current["digest"]), None)
+    if earlier is None and not _decoded(current).records:
         raise CommandRefused(f"{probe} has no params, and none were in force before")
     wanted = ParamsFile(Params())
     if earlier is not None:
         wanted = of_history(client, probe, earlier)
-    return _change(client, probe, wanted, said, is_dry=is_dry)
+    return _change(client, probe, wanted, current, is_dry=is_dry)
 
 
 def _change(
     client: Client,
     probe: str,
     wanted: ParamsFile,
-    said: dict[str, Any],
+    current: dict[str, Any],
     *,
     is_forced: bool = False,
     is_dry: bool = False,
 ) -> int:
-    before, after = _decoded(said), wanted.params
+    before, after = _decoded(current), wanted.params
     digest = f"{after.digest:08x}"
     if before.encode() == after.encode():
         sys.stdout.write(f"{probe}: params {digest} are in force already\n")
@@ -213,14 +213,16 @@ def _change(
     for line in differences(before, after):
         sys.stdout.write(f"{line}\n")
     if is_dry:
-        sys.stdout.write(f"{probe}: params {digest} would replace {said['digest']}\n")
+        sys.stdout.write(
+            f"{probe}: params {digest} would replace {current['digest']}\n"
+        )
         return 0
     sys.stdout.flush()
     client.change_params(
         probe, after.encode(), wanted.probe_id or "", is_forced=is_forced
     )
     sys.stdout.write(
-        f"{probe}: params {digest} are in force; before: {said['digest']}\n"
+        f"{probe}: params {digest} are in force; before: {current['digest']}\n"
     )
     return 0
 

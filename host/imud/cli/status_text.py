@@ -96,31 +96,31 @@ def concerns(sensors: dict[str, Any], params: dict[str, Any]) -> list[str]:
 def notes_words(status: dict[str, Any]) -> str:
     """Anything unusual about log and board; empty if all is normal."""
     is_paused = status.get("log", {}).get("state") == "paused"
-    said = ("log paused" if is_paused else "", equipment_words(status["equipment"]))
-    return ", ".join(filter(None, said))
+    notes = ("log paused" if is_paused else "", equipment_words(status["equipment"]))
+    return ", ".join(filter(None, notes))
 
 
 def equipment_words(equipment: dict[str, Any] | None) -> str:
     """Clock, battery, radio and card of a board, each if there is anything to say."""
     if equipment is None:
         return ""
-    said = []
+    parts = []
     if equipment["clock"] == "spare":
-        said.append("spare clock")
+        parts.append("spare clock")
     if equipment["battery_v"] is not None:
         flags = " ".join(flag for flag in equipment["power"] if flag != "external")
-        said.append(f"battery {equipment['battery_v']:.2f} V {flags}".rstrip())
+        parts.append(f"battery {equipment['battery_v']:.2f} V {flags}".rstrip())
     radio, card = equipment["radio"], equipment["card"]
     if radio is not None and radio["state"] != "cable":
-        said.append(f"radio {radio['state']}")
+        parts.append(f"radio {radio['state']}")
     if card is not None and card["state"] != "absent":
         used = (
             f" {100 * card['block'] / card['blocks']:.0f} %" if card["blocks"] else ""
         )
-        said.append(f"card {card['state']}{used}")
+        parts.append(f"card {card['state']}{used}")
         if card["unlogged"]:
-            said.append(f"{card['unlogged']} not logged")
-    return ", ".join(said)
+            parts.append(f"{card['unlogged']} not logged")
+    return ", ".join(parts)
 
 
 def sigma_words(sigma_deg: float | None) -> str:

@@ -53,7 +53,7 @@ def listen(
     """
     arrived: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     undeclare = [
-        client.subscribe(kind, probe, lambda _, said: arrived.put(said))
+        client.subscribe(kind, probe, lambda _, payload: arrived.put(payload))
         for kind in (CLOSING if closes else ("stroke",))
     ]
     paths: defaultdict[str, StrokePath] = defaultdict(StrokePath)
@@ -64,16 +64,16 @@ def listen(
         while (left_s := until_s - time.monotonic()) > 0:
             with contextlib.suppress(queue.Empty):
                 payload = arrived.get(timeout=min(left_s, 1.0))
-                said = json.loads(payload)
-                if said["type"] == "pose":
-                    paths[said["probe"]].add_pose(said)
+                record = json.loads(payload)
+                if record["type"] == "pose":
+                    paths[record["probe"]].add_pose(record)
                     continue
-                if said["type"] == "path":
-                    show_closing(said["probe"], said, as_json=as_json)
+                if record["type"] == "path":
+                    show_closing(record["probe"], record, as_json=as_json)
                     continue
-                paths[said["probe"]].add_stroke(said)
-                if said["end"] != "running":
-                    show(payload.decode() if as_json else line_of(said))
+                paths[record["probe"]].add_stroke(record)
+                if record["end"] != "running":
+                    show(payload.decode() if as_json else line_of(record))
     for end in undeclare:
         end()
     if closes:

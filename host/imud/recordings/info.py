@@ -80,7 +80,7 @@ class ProbeInfo:
         span_ns = self.last_ns[topic] - self.first_ns[topic]
         return (self.counts[topic] - 1) / span_ns * 1e9 if span_ns else None
 
-    def told(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         self.session.close()
         counts: Any = self.probe.account.counts()
         total = totals(counts)
@@ -138,7 +138,7 @@ def info_of(path: Path) -> dict[str, Any]:
         "schema": f"{head.fingerprint:#010x}" if head else None,
         "begin_ns": min(begins, default=None),
         "end_ns": max(ends, default=None),
-        "probes": [probes[name].told() for name in sorted(probes)],
+        "probes": [probes[name].as_dict() for name in sorted(probes)],
     }
 
 
@@ -150,11 +150,11 @@ def run(paths: list[Path], *, as_json: bool) -> int:
     problems = []
     for path in paths:
         try:
-            told = info_of(path)
+            info = info_of(path)
         except FileError as error:
             problems.append(str(error))
             continue
-        text = msgspec.json.encode(told).decode() if as_json else _words(told)
+        text = msgspec.json.encode(info).decode() if as_json else _words(info)
         sys.stdout.write(f"{text}\n")
         sys.stdout.flush()
     if problems:
@@ -162,23 +162,23 @@ def run(paths: list[Path], *, as_json: bool) -> int:
     return 0
 
 
-def _words(told: dict[str, Any]) -> str:
-    state = "whole" if told["is_whole"] else ""
-    if told["is_cut"]:
+def _words(info: dict[str, Any]) -> str:
+    state = "whole" if info["is_whole"] else ""
+    if info["is_cut"]:
         state = "cut off"
-    if told["damaged_places"]:
-        state += f"{', ' if state else ''}damaged in {told['damaged_places']} places"
-    if not told["is_whole"]:
+    if info["damaged_places"]:
+        state += f"{', ' if state else ''}damaged in {info['damaged_places']} places"
+    if not info["is_whole"]:
         state += " (imud recover saves what is good)"
-    lines = [f"{told['log']}: {told['bytes'] / 1e6:.1f} MB, {state}"]
-    if told["imud"] is not None:
-        lines[0] += f"; by imud {told['imud']}, schema {told['schema']}"
-    if told["begin_ns"] is not None:
-        seconds = (told["end_ns"] - told["begin_ns"]) / 1e9
+    lines = [f"{info['log']}: {info['bytes'] / 1e6:.1f} MB, {state}"]
+    if info["imud"] is not None:
+        lines[0] += f"; by imud {info['imud']}, schema {info['schema']}"
+    if info["begin_ns"] is not None:
+        seconds = (info["end_ns"] - info["begin_ns"]) / 1e9
         lines.append(
-            f"  {_utc(told['begin_ns'])} to {_utc(told['end_ns'])} UTC, {seconds:.1f} s"
+            f"  {_utc(info['begin_ns'])} to {_utc(info['end_ns'])} UTC, {seconds:.1f} s"
         )
-    for probe in told["probes"]:
+    for probe in info["probes"]:
         who = [f"  probe {probe['probe']}"]
         if probe["probe_id"] not in (None, probe["probe"]):
             who.append(f" ({probe['probe_id']})")

@@ -64,14 +64,14 @@ class Opening:
         message, records = messages.decode(first), self.records
         if self._hello is None or not records or not isinstance(message, Message):
             return []
-        told = [
+        due = [
             ("hello", self._hello.fields),
             *(("params", fields) for fields in messages_of(records)),
         ]
-        begin = message.sequence - len(told)
+        begin = message.sequence - len(due)
         if begin < 0:
             return []
         return [
             messages.encode(name, fields, begin + number, message.time_us)
-            for number, (name, fields) in enumerate(told)
+            for number, (name, fields) in enumerate(due)
         ]

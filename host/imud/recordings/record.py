@@ -233,12 +233,12 @@ def run(
     recorder = Recorder(client, directory, settings, probe)
     sys.stderr.write(f"records to {recorder.path or directory}\n")
     until_s = None if seconds is None else time.monotonic() + seconds
-    told = ""
+    trouble = ""
     while not stop.wait(FLUSH_S):
         recorder.write()
-        if recorder.trouble != told:
-            told = recorder.trouble
-            sys.stderr.write(f"{told or 'records again'}\n")
+        if recorder.trouble != trouble:
+            trouble = recorder.trouble
+            sys.stderr.write(f"{trouble or 'records again'}\n")
         if until_s is not None and time.monotonic() >= until_s:
             break
     recorder.close()

@@ -90,11 +90,11 @@ def run(args: argparse.Namespace) -> int:
         f"in other terminals: imud run --config {folder / DAEMON}, then imud body "
         f"{folder / BODY}"
     )
-    progress.say(told(made))
+    progress.say(timetable(made))
     return _emulate(words, made.motions, progress)
 
 
-def told(made: Leg) -> str:
+def timetable(made: Leg) -> str:
     """When the leg does what, s."""
     parts = [f"{name} from {start:.0f} s" for name, (start, _) in made.stages.items()]
     _, end_s = made.stages["end"]

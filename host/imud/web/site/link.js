@@ -152,12 +152,12 @@ export class Link extends EventTarget {
   }
 
   /**
-   * @param {object} said
+   * @param {object} message
    * @returns {Promise<any>}
    */
-  _request(said) {
+  _request(message) {
     const id = ++this._asked;
-    this._send({ ...said, id });
+    this._send({ ...message, id });
     return new Promise((resolve, reject) => this._waiting.set(id, { resolve, reject }));
   }
 
@@ -171,10 +171,10 @@ export class Link extends EventTarget {
     this._send({ do: "login", ...this._credentials });
   }
 
-  /** @param {object} said */
-  _send(said) {
+  /** @param {object} message */
+  _send(message) {
     if (this._socket?.readyState === WebSocket.OPEN) {
-      this._socket.send(JSON.stringify(said));
+      this._socket.send(JSON.stringify(message));
     }
   }
 

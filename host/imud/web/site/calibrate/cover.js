@@ -43,7 +43,7 @@ export class Cover {
     this.group.add(this._shell, ...this._spots.map(({ spot }) => spot));
     /** @type {Colours | null} */
     this._colours = null;
-    this._said = "";
+    this._shownKey = "";
     /** @type {Vector | null} */
     this._wanted = null;
     /** @type {readonly Vector[]} */
@@ -63,11 +63,11 @@ export class Cover {
    * @param {Vector | null} wanted
    */
   show(ups, wanted) {
-    const said = JSON.stringify([ups, wanted]);
-    if (said === this._said) {
+    const key = JSON.stringify([ups, wanted]);
+    if (key === this._shownKey) {
       return false;
     }
-    this._said = said;
+    this._shownKey = key;
     this._ups = ups;
     this._wanted = wanted;
     this._paint();

@@ -40,7 +40,7 @@ export class ResultCard {
     this._verdict = make("span", { class: "chip" });
     this.apply = make("button", { class: "primary", onclick: apply }, "Apply");
     this.undo = make("button", { onclick: undo }, "Undo");
-    this._said = "";
+    this._shownText = "";
     this.element = make(
       "div",
       { class: "card", hidden: true },
@@ -73,8 +73,8 @@ export class ResultCard {
     say(this._verdict, words || state);
     mark(this._verdict, "class", `chip ${(words ? isGood : isApplied) ? "good" : "warn"}`);
     const text = JSON.stringify([outcome, findings]);
-    if (text !== this._said) {
-      this._said = text;
+    if (text !== this._shownText) {
+      this._shownText = text;
       this._list.replaceChildren(...(outcome === null ? checked(findings) : rows(outcome)));
     }
   }

@@ -74,11 +74,11 @@ export class AimView {
   /**
    * Has the daemon publish the aim at a target, as imud/<probe>/aim; says nothing where
    * that is not allowed.
-   * @param {string} said
+   * @param {string} query
    */
-  _tell(said) {
+  _tell(query) {
     const { selected, mayCommand, link } = this._model;
-    const key = `${selected} ${said}`;
+    const key = `${selected} ${query}`;
     if (key === this._told || !mayCommand || !selected) {
       return;
     }
@@ -87,7 +87,7 @@ export class AimView {
     }
     this._told = key;
     this._toldProbe = selected;
-    const parameters = Object.fromEntries(new URLSearchParams(said));
+    const parameters = Object.fromEntries(new URLSearchParams(query));
     link.ask(selected, "aim", parameters).catch(() => {});
   }
 

@@ -68,9 +68,9 @@ export function concerns(status) {
   const { words = [], flags = [], is_working = true } = status?.sensors ?? {};
   const isBad = !is_working || flags.length > 0;
   /** @type {Words[]} */
-  const said = words.map((/** @type {string} */ each) => [each, isBad ? "bad" : "warn"]);
+  const sentences = words.map((/** @type {string} */ each) => [each, isBad ? "bad" : "warn"]);
   const advice = status?.params?.advice;
-  return advice ? [...said, [advice, "warn"]] : said;
+  return advice ? [...sentences, [advice, "warn"]] : sentences;
 }
 
 /**
