@@ -323,12 +323,12 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--output", type=Path, default=OUTPUT)
     args = parser.parse_args(arguments)
-    said: dict[str, Any] = {}
+    report: dict[str, Any] = {}
     for which in args.sets:
         results = measured(args, which)
         print(f"\nseeds for {which}\n")
         show(results)
-        said[which] = {
+        report[which] = {
             "cases": results.cases,
             "crowd": results.crowd,
             "methods": results.methods,
@@ -336,7 +336,7 @@ def main(arguments: Sequence[str]) -> None:
             "fit_s": results.fit_s,
         }
     args.output.parent.mkdir(parents=True, exist_ok=True)
-    args.output.write_text(json.dumps(said, indent=1))
+    args.output.write_text(json.dumps(report, indent=1))
 
 
 if __name__ == "__main__":

@@ -62,9 +62,9 @@ def measure(task: tuple[Path, int]) -> dict[str, Any]:
     feed = sampled(felt, params=b"")
     row: dict[str, Any] = {"trial": trial.name, "seed": seed}
     row["has_rotation"] = "translation" not in trial.name
-    row |= told(engines.ENGINES[HOST](feed), trial)
+    row |= errors_of(engines.ENGINES[HOST](feed), trial)
     learned, row["applied_s"] = with_learning(feed)
-    row["learned"] = told(learned, trial)
+    row["learned"] = errors_of(learned, trial)
     own = engines.ENGINES[HOST](sampled(trial.motion))
     row["own_total"] = total(own, trial)
     known = guided(module, seed)
@@ -81,9 +81,9 @@ def with_learning(feed: Feed) -> tuple[Estimate, list[float]]:
     """The poses where a daemon has `learn = "apply"`, and when it put in force what.
     Until the probe has it there pass the fit's time and that of the change.
     """
-    said_hello = messages.decode(feed.hello)
-    assert isinstance(said_hello, messages.Message)
-    lsbs = [float(said_hello.fields[key]) for key in LSBS]  # type: ignore[arg-type]
+    hello = messages.decode(feed.hello)
+    assert isinstance(hello, messages.Message)
+    lsbs = [float(hello.fields[key]) for key in LSBS]  # type: ignore[arg-type]
     learner, records = Learner(Scale(*lsbs)), b""
     coming: tuple[float, bytes] | None = None
     replay = Replay(feed.hello, b"")
@@ -178,7 +178,7 @@ def guided(module: Module, seed: int) -> bytes | None:
     return params.replaced("gyr", gyr | {"sigma": None}).encode()
 
 
-def told(estimate: Estimate, trial: Trial) -> dict[str, Any]:
+def errors_of(estimate: Estimate, trial: Trial) -> dict[str, Any]:
     """Heading errors at the instants, degrees, and by phase the shares of true errors
     inside the stated 95 %, and of poses without a heading.
     """

@@ -83,8 +83,8 @@ def run(
             check=False,
         )
         if done.returncode != 0:
-            said = done.stderr.strip().splitlines() or ["it said nothing"]
-            raise RunFailed(f"{path.name}: exit code {done.returncode}: {said[-1]}")
+            lines = done.stderr.strip().splitlines() or ["it said nothing"]
+            raise RunFailed(f"{path.name}: exit code {done.returncode}: {lines[-1]}")
         found = read(record, json.loads(summary.read_text()))
         return replace(found, feed=replace(found.feed, params=params))
 

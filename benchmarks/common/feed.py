@@ -167,7 +167,7 @@ class Feed:
 
     @cached_property
     def samples(self) -> Samples:
-        known: Mapping[str, Any] = said(self.hello).fields
+        known: Mapping[str, Any] = message_of(self.hello).fields
         mag = self.rows["mag"] * known["mag_lsb"]
         mag[self.rows["mag"][:, 0] == NO_READING] = np.nan
         return Samples(
@@ -307,12 +307,12 @@ def hello(chip: Chip = MPU9250) -> bytes:
 
 def with_filter(content: bytes, name: str) -> bytes:
     """The hello of the same probe with another filter."""
-    old = said(content)
+    old = message_of(content)
     fields = dict(old.fields) | {"filter": name}
     return messages.encode("hello", fields, old.sequence, old.time_us)
 
 
-def said(content: bytes) -> Message:
+def message_of(content: bytes) -> Message:
     """Decode content that is known to be good."""
     message = messages.decode(content)
     assert isinstance(message, Message)

@@ -51,11 +51,11 @@ class FedPort:
         except BlockingIOError:
             return
         for content in self._decoder.feed(heard):
-            said = messages.decode(content)
-            if isinstance(said, Message) and said.name == "command":
+            message = messages.decode(content)
+            if isinstance(message, Message) and message.name == "command":
                 fields = _REPLY | {
-                    "replied_command": said.fields["command"],
-                    "replied_token": said.fields["token"],
+                    "replied_command": message.fields["command"],
+                    "replied_token": message.fields["token"],
                 }
                 reply = messages.encode(
                     "reply", fields, self.source.sequence, now_us & 0xFFFFFFFF

@@ -74,7 +74,7 @@ class Source:
         self._hello = messages.encode("hello", hello, 0, 0)[_HEAD.size :]
         self._bodies |= {(False, self._pose), (True, self._hello)}
 
-    def has_said(self, content: bytes) -> bool:
+    def has_sent(self, content: bytes) -> bool:
         """Whether the probe sent exactly this content in some boot."""
         ident, sequence, time_us = _HEAD.unpack_from(content)
         is_hello = sequence % self.hello_every == 0

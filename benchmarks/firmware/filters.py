@@ -107,12 +107,12 @@ def flags() -> list[str]:
 def run(*command: str | Path, given: bytes = b"") -> bytes:
     done = subprocess.run(command, input=given, capture_output=True, check=False)
     if done.returncode != 0:
-        said = done.stderr.decode(errors="replace").strip().splitlines()
-        for line in said:
+        lines = done.stderr.decode(errors="replace").strip().splitlines()
+        for line in lines:
             if "not fit in region" in line or "not within region" in line:
                 raise DoesNotFit(line.rpartition("ld: ")[2])
-        said = [line for line in said if "error" in line.lower()] or said
-        raise FilterFailed(said[0] if said else f"{command[0]} failed")
+        lines = [line for line in lines if "error" in line.lower()] or lines
+        raise FilterFailed(lines[0] if lines else f"{command[0]} failed")
     return done.stdout
 
 
@@ -244,11 +244,11 @@ def measure(image: Path, samples: bytes) -> tuple[dict[str, int], bytes]:
     given.write_bytes(samples)
     run(BENCH, "--image", image, "--samples", given, "--answers", answers,
         "--summary", summary)  # fmt: skip
-    said = json.loads(summary.read_text())
+    figures = json.loads(summary.read_text())
     for work in ("step", "answer"):
-        for figure, value in said.pop(work).items():
-            said[f"{work}_{figure}"] = value
-    return said, answers.read_bytes()
+        for figure, value in figures.pop(work).items():
+            figures[f"{work}_{figure}"] = value
+    return figures, answers.read_bytes()
 
 
 def require_room(image: Path) -> None:
@@ -290,10 +290,10 @@ def cost(filter_: Filter, samples: Samples, folder: Path) -> Cost:
     require_room(image)
     given = records(samples, is_fixed=filter_.is_fixed)
     idle, _ = measure(empty, given)
-    said, answers = measure(image, given)
+    figures, answers = measure(image, given)
     found = quaternions(answers, is_fixed=filter_.is_fixed)
     checked = check(filter_, found, filter_.answers(samples, folder))
-    net = {name: said[name] - idle[name] for name in said}
+    net = {name: figures[name] - idle[name] for name in figures}
     count = len(samples)
     return Cost(
         step_mean=round(net["step_cycles"] / count, 1),

@@ -78,10 +78,10 @@ def sizes() -> dict[str, int]:
         for path in folder.rglob("*.o")
         if "imuprobe" in path.parts or "core" in path.parts
     ]
-    said = subprocess.run(
+    lines = subprocess.run(
         ["arm-none-eabi-size", *objects], capture_output=True, text=True, check=True
     ).stdout.splitlines()[1:]
-    text = sum(sum(map(int, line.split()[:2])) for line in said)
+    text = sum(sum(map(int, line.split()[:2])) for line in lines)
     package = sum(path.stat().st_size for path in BUILD.glob("armv7emsp/probe/*.mpy"))
     return {"package_mpy": package, "module_objects": text}
 

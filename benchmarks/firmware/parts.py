@@ -221,10 +221,10 @@ def _text(tools: str, image: Path) -> tuple[int, int]:
 def _chains(tools: str, image: Path, addresses: Iterable[int]) -> list[list[Place]]:
     """For each address the functions that it is inlined into, innermost first."""
     given = "".join(f"{address:x}\n" for address in addresses)
-    said = _output(f"{tools}addr2line", "-a", "-i", "-f", "-e", image, given=given)
+    output = _output(f"{tools}addr2line", "-a", "-i", "-f", "-e", image, given=given)
     chains: list[list[Place]] = []
     function = ""
-    for line in said.splitlines():
+    for line in output.splitlines():
         if line.startswith("0x"):
             chains.append([])
         elif not function:

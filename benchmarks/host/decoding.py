@@ -72,8 +72,8 @@ def decoding(frames: int, seconds: float) -> dict[str, Any]:
     decode = messages.decode
 
     def to_messages(data: bytes) -> int:
-        said = [decode(content) for content in whole.feed(data)]
-        return sum(isinstance(each, Message) for each in said)
+        decoded = [decode(content) for content in whole.feed(data)]
+        return sum(isinstance(each, Message) for each in decoded)
 
     size, mavlink = mavlink_rate(frames // 20, seconds)
     return {

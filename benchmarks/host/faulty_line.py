@@ -148,7 +148,7 @@ class Line:
         for event in events:
             if not isinstance(event, Received):
                 continue
-            self.wrong += not self.source.has_said(event.content)
+            self.wrong += not self.source.has_sent(event.content)
             self.received[event.message.name] += 1
             self._date(event)
             yield record_of(

@@ -161,12 +161,12 @@ def follow(endpoint: str, to: Connection, heard_path: Path, told_path: Path) -> 
             to.send(len(heard))
     rows = np.zeros((len(heard), 6), dtype=np.int64)
     for row, (t_ns, payload) in enumerate(heard):
-        said = json.loads(payload)
+        pose = json.loads(payload)
         read_ns = -1
-        if said["t_ns"] is not None and said["age_us"] is not None:
-            read_ns = said["t_ns"] + 1000 * said["age_us"]
-        counts = said["seq"], said["number"], said["missing"]
-        rows[row] = _probe(said), *counts, read_ns, t_ns
+        if pose["t_ns"] is not None and pose["age_us"] is not None:
+            read_ns = pose["t_ns"] + 1000 * pose["age_us"]
+        counts = pose["seq"], pose["number"], pose["missing"]
+        rows[row] = _probe(pose), *counts, read_ns, t_ns
     np.save(heard_path, rows)
     statuses = [json.loads(payload) for payload in told.values()]
     last = [(_probe(each), each["quality"]["number"] or 0) for each in statuses]
@@ -174,8 +174,8 @@ def follow(endpoint: str, to: Connection, heard_path: Path, told_path: Path) -> 
     to.send({"bytes": sum(len(payload) for _, payload in heard)})
 
 
-def _probe(said: dict[str, Any]) -> int:
-    return int(said["probe"][-4:], 16)
+def _probe(record: dict[str, Any]) -> int:
+    return int(record["probe"][-4:], 16)
 
 
 class Fleet:

@@ -56,8 +56,8 @@ def follow(endpoint: str, to: Connection, path: Path) -> None:
         to.recv()
     notes = np.zeros((len(heard), 3), dtype=np.int64)
     for row, (t_ns, payload) in enumerate(heard):
-        said = json.loads(payload)
-        notes[row] = int(said["probe"][-2:], 16), said["seq"], t_ns
+        pose = json.loads(payload)
+        notes[row] = int(pose["probe"][-2:], 16), pose["seq"], t_ns
     np.save(path, notes)
     to.send([json.loads(payload) for payload in statuses.values()])
 

@@ -33,15 +33,17 @@ class Relay:
 
     def _read(self) -> None:
         for content in self._decoder.feed(os.read(self._file, 65536)):
-            said = messages.decode(content)
-            if not isinstance(said, Message):
+            message = messages.decode(content)
+            if not isinstance(message, Message):
                 continue
-            if said.name == "hello" and isinstance(said.fields["probe_id"], bytes):
-                self._probe = said.fields["probe_id"].hex()
+            if message.name == "hello" and isinstance(
+                message.fields["probe_id"], bytes
+            ):
+                self._probe = message.fields["probe_id"].hex()
                 key = f"imud/{self._probe}/pose"
                 self._publisher = self._session.declare_publisher(key)
             elif self._publisher is not None:
-                pose = {"probe": self._probe, "seq": said.sequence, **said.fields}
+                pose = {"probe": self._probe, "seq": message.sequence, **message.fields}
                 self._publisher.put(json.dumps(pose).encode())
 
 

@@ -47,7 +47,7 @@ def scored(made: Made, found: session.BodyAnalysis) -> list[tuple[str, float, fl
     body, times_s = chain.read(made.toml, "made"), found.posture.times_s
     true = upright(made, found.posture)
     rows = times_s > made_chain.STILL_S + SETTLED_S
-    said: list[tuple[str, float, float]] = []
+    scores: list[tuple[str, float, float]] = []
     for parent, child in body.joints():
         known = found.known[child.name]
         mounts = found.mounts[parent.name], found.mounts[child.name]
@@ -63,8 +63,8 @@ def scored(made: Made, found: session.BodyAnalysis) -> list[tuple[str, float, fl
         off, sigmas = off[good], sigmas[good]
         is_in = np.abs(off) <= SIGMAS * sigmas
         rms = float(np.degrees(np.sqrt((off**2).mean())))
-        said.append((child.kind, rms, float(is_in.mean())))
-    return said
+        scores.append((child.kind, rms, float(is_in.mean())))
+    return scores
 
 
 def hinge_truth(both: tuple[FloatArray, FloatArray], found: FloatArray) -> FloatArray:
@@ -95,7 +95,7 @@ def upright(made: Made, found: Posture) -> dict[str, FloatArray]:
     return {name: rotation.multiply(each, facing) for name, each in stood.items()}
 
 
-def told(rows: Sequence[tuple[str, float, float]]) -> str:
+def table_of(rows: Sequence[tuple[str, float, float]]) -> str:
     """A line for each kind of joint: mean and worst error, share inside 95 %."""
     lines = []
     for kind in dict.fromkeys(each[0] for each in rows):
@@ -114,7 +114,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seconds", metavar="S", type=float, default=60.0)
     parser.add_argument("--output", metavar="FILE", type=Path, default=OUTPUT)
     args = parser.parse_args(argv)
-    said = {}
+    report = {}
     for name in args.sets:
         for is_loose in (False, True):
             what = f"{name}, {'on foam' if is_loose else 'fixed'}"
@@ -128,11 +128,11 @@ def main(argv: Sequence[str] | None = None) -> int:
                     rows += scored(made, measured(made))
                     progress.advance()
             progress.end()
-            said[what] = rows
+            report[what] = rows
             print(f"{what}: rms of angles in degrees")
-            print(told(rows), flush=True)
+            print(table_of(rows), flush=True)
     args.output.parent.mkdir(parents=True, exist_ok=True)
-    args.output.write_text(json.dumps(said, indent=1))
+    args.output.write_text(json.dumps(report, indent=1))
     return 0
 
 

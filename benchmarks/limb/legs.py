@@ -90,22 +90,22 @@ def score(made: leg.Leg, found: posture.Posture) -> Row:
     first, last = made.stages["walk"]
     rows = (found.times_s >= first) & (found.times_s < last)
     at = np.rint(found.times_s[rows] * RATE_HZ).astype(int)
-    said: Row = {}
+    row: Row = {}
     inside = []
     for joint, child in JOINTS.items():
         off = found.angles[child][rows] - made.angles[child][at]
         off = np.degrees((off + np.pi) % (2.0 * np.pi) - np.pi)
-        said["missing"] = float(np.isnan(off).mean())
+        row["missing"] = float(np.isnan(off).mean())
         rms = np.sqrt(np.nanmean(off**2, axis=0)).tolist()
-        said |= {f"{joint} {plane}": rms[i] for i, plane in enumerate(PLANES)}
+        row |= {f"{joint} {plane}": rms[i] for i, plane in enumerate(PLANES)}
         if child in found.sigmas:
             is_in = np.abs(off) <= SIGMAS * np.degrees(found.sigmas[child][rows])
             share = is_in.mean(axis=0).tolist()
-            said |= {f"{joint} {p} inside": share[i] for i, p in enumerate(PLANES)}
+            row |= {f"{joint} {p} inside": share[i] for i, p in enumerate(PLANES)}
             inside.append(share)
     if inside:
-        said["inside"] = float(np.mean(inside))
-    return said
+        row["inside"] = float(np.mean(inside))
+    return row
 
 
 def strides(made: leg.Leg, foot: Track) -> Row:
@@ -165,7 +165,7 @@ def measure(seed: int, walk_s: float) -> dict[str, Row]:
     return rows
 
 
-def told(rows: Sequence[dict[str, Row]]) -> str:
+def table_of(rows: Sequence[dict[str, Row]]) -> str:
     """A table: the mean over the legs, for each method."""
     keys = [f"{joint} {plane}" for joint in JOINTS for plane in PLANES]
     lines = [" " * 20 + " ".join(f"{key:>16}" for key in keys) + "   inside"]
@@ -189,7 +189,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--legs", metavar="N", type=int, help="only N of each set")
     parser.add_argument("--output", metavar="FILE", type=Path, default=OUTPUT)
     args = parser.parse_args(argv)
-    said = {}
+    report = {}
     for name in args.sets:
         seeds = SETS[name][: args.legs]
         progress = Progress(f"{len(seeds)} legs", len(seeds))
@@ -198,11 +198,11 @@ def main(argv: Sequence[str] | None = None) -> int:
             rows.append(measure(seed, args.walk))
             progress.advance()
         progress.end()
-        said[name] = rows
+        report[name] = rows
         print(f"{name}: {len(seeds)} legs, rms in degrees, {args.walk:g} s of walking")
-        print(told(rows))
+        print(table_of(rows))
     args.output.parent.mkdir(parents=True, exist_ok=True)
-    args.output.write_text(json.dumps(said, indent=1))
+    args.output.write_text(json.dumps(report, indent=1))
     return 0
 
 

@@ -69,11 +69,11 @@ def walking(endpoint: str) -> Iterator[None]:
             while not is_over.wait(PERIOD_S):
                 state = made[number % len(made)]
                 number += 1
-                said = msgspec.structs.replace(
+                published = msgspec.structs.replace(
                     state, number=number, t_ns=time.time_ns() - state.age_us * 1000
                 )
                 key = f"imud/{BODIES}/{state.body}/{BODY_STATE}"
-                client.session.put(key, _encode(said))
+                client.session.put(key, _encode(published))
 
         thread = threading.Thread(target=publish)
         thread.start()

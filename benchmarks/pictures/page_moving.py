@@ -30,10 +30,10 @@ def recorded(page: Page, seconds: float) -> list[Frame]:
     frames: list[Frame] = []
     fresh: list[int] = []
 
-    def take(said: dict[str, Any]) -> None:
-        data = base64.b64decode(said["data"])
-        frames.append((float(said["metadata"]["timestamp"]), data))
-        fresh.append(said["sessionId"])
+    def take(event: dict[str, Any]) -> None:
+        data = base64.b64decode(event["data"])
+        frames.append((float(event["metadata"]["timestamp"]), data))
+        fresh.append(event["sessionId"])
 
     session.on("Page.screencastFrame", take)
     session.send("Page.startScreencast", {"format": "png"})

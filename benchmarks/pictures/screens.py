@@ -54,8 +54,8 @@ def main() -> int:
         screen = _follow()
         _save(screen.lines(time.monotonic(), ROWS), "monitor", "imud monitor", COLUMNS)
         command = [*IMUD, "list", "--ledger", "--connect", ENDPOINT]
-        said = subprocess.run(command, capture_output=True, text=True, check=True)
-        lines = [Text(line) for line in said.stdout.splitlines()]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        lines = [Text(line) for line in done.stdout.splitlines()]
         width = max(len(line) for line in lines)
         _save(lines, "list", "imud list --ledger", width)
     return 0

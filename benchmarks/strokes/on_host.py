@@ -169,13 +169,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     figures += figures_of(rows)
     print(*figures, sep="\n")
     args.output.parent.mkdir(parents=True, exist_ok=True)
-    said = {
+    report = {
         "set": args.set,
         "board": args.board,
         "rows": rows,
         "figures": [asdict(each) for each in figures],
     }
-    args.output.write_text(json.dumps(said, indent=1))
+    args.output.write_text(json.dumps(report, indent=1))
     return 1 if any(each.verdict == "MISSED" for each in figures) else 0
 
 

@@ -135,9 +135,9 @@ def measure(run: Run) -> Found:
             replay.hold(is_held)
             at_s, is_held = next(changes, (np.inf, False))
         replay.step(raw)
-        told = replay.stroke(0, 0)
-        if told is not None:
-            stroke = feed.said(told)
+        content = replay.stroke(0, 0)
+        if content is not None:
+            stroke = feed.message_of(content)
             if stroke.fields["end"] != "running":
                 ends.append(stroke)
                 pose = replay.pose(0, 0)
@@ -149,7 +149,7 @@ def heading_of(pose: bytes, exact: Motion, time_s: float) -> float:
     """By how much the heading is wrong at a time, rad: no error of a stroke."""
     assert exact.quat is not None
     true = exact.quat[min(round(time_s * HAND_RATE_HZ), len(exact) - 1)]
-    quat = np.array(feed.said(pose).fields["q"], float)
+    quat = np.array(feed.message_of(pose).fields["q"], float)
     w, _, _, z = rotation.multiply(quat, rotation.inverse(true))
     return float(2.0 * np.arctan2(z, w))
 
@@ -166,10 +166,12 @@ def found_of(ends: Sequence[Message], turned: FloatArray, true: FloatArray) -> F
         return Found(*np.zeros((3, 0, 3)))
     known = [each.fields["displacement"] is not None for each in ends]
     good = [each for each, is_known in zip(ends, known, strict=True) if is_known]
-    said = np.array([each.fields["displacement"] for each in good]).reshape(-1, 3)
+    displacements = np.array([each.fields["displacement"] for each in good]).reshape(
+        -1, 3
+    )
     sigmas = np.array([each.fields["displacement_sigma"] for each in good])
     return Found(
-        turned_back(said, turned[known]) - true[known],
-        turned_back(said, turned[-1:]) - true[known],
+        turned_back(displacements, turned[known]) - true[known],
+        turned_back(displacements, turned[-1:]) - true[known],
         sigmas.reshape(-1, 2)[:, [0, 0, 1]],
     )

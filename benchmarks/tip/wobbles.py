@@ -299,13 +299,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     figures = list(figures_of(done))
     print(*figures, sep="\n")
     args.output.parent.mkdir(parents=True, exist_ok=True)
-    said = {
+    report = {
         "set": args.set,
         "rows": rows,
         "figures": [asdict(each) for each in figures],
         "runs": {name: [asdict(run) for run in runs] for name, runs in done.items()},
     }
-    args.output.write_text(json.dumps(said, indent=1))
+    args.output.write_text(json.dumps(report, indent=1))
     return 1 if any(each.verdict == "MISSED" for each in figures) else 0
 
 

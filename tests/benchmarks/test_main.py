@@ -23,15 +23,15 @@ def test_an_unknown_what_is_refused_with_one_line_that_lists_the_known_ones() ->
         check=False,
     )
     assert done.returncode != 0
-    said = [line for line in done.stderr.splitlines() if not line.startswith("make")]
-    assert said == [f"bench: no WHAT=nonsense; there are {', '.join(benches.BENCHES)}"]
+    lines = [line for line in done.stderr.splitlines() if not line.startswith("make")]
+    assert lines == [f"bench: no WHAT=nonsense; there are {', '.join(benches.BENCHES)}"]
 
 
 def test_help_names_all_that_can_be_measured() -> None:
-    said = subprocess.run(
+    output = subprocess.run(
         ["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
-    (line,) = (line for line in said.splitlines() if line.startswith("bench "))
+    (line,) = (line for line in output.splitlines() if line.startswith("bench "))
     others = [name for name in benches.BENCHES if name != benches.DEFAULT]
     assert line.split(maxsplit=1)[1] == (
         f"{benches.DEFAULT}, or WHAT={', '.join(others)}"

@@ -127,10 +127,10 @@ def test_the_program_prints_tables_and_writes_json(
     words = ["--groups", "east_pendulum", "--sets", JUDGING, "--boards", "nano"]
     words += ["--engines", "madgwick", "--jobs", "1", "--each"]
     status = groups.main([*words, "--output", str(path)])
-    said = capsys.readouterr().out
-    assert "judging, nano, by group" in said
-    assert "east_pendulum 1" in said
-    assert "madgwick" in said
+    output = capsys.readouterr().out
+    assert "judging, nano, by group" in output
+    assert "east_pendulum 1" in output
+    assert "madgwick" in output
     document = json.loads(path.read_text())
     (figure,) = document["sets"][JUDGING]["nano"]["figures"]
     assert status == (figure["verdict"] == "MISSED")

@@ -128,8 +128,8 @@ def test_a_recording_of_ones_own_is_measured_without_an_image(
     output = tmp_path / "accuracy.json"
     words = [str(recording), "--engines", "host", "madgwick", "--output", str(output)]
     assert recordings.main(words) == 0
-    said = capsys.readouterr().out
-    assert "not judged" in said
+    printed = capsys.readouterr().out
+    assert "not judged" in printed
     found = json.loads(output.read_text())
     assert found["means_deg"]["all"]["host"]["total"] < 3.0
     assert found["bit_equal"] == {"poses": 0, "unequal": 0}
@@ -176,8 +176,8 @@ def test_absent_recordings_are_skipped_with_one_line(
 
 def test_folds_are_tabled_apart(capsys: pytest.CaptureFixture[str]) -> None:
     report.print_tables([result("28_x"), result("34_x", ours=3.0)], ["nano", "vqf"])
-    said = capsys.readouterr().out
-    assert "fold B (1)" in said
-    assert "fold C (1)" in said
-    assert "fold A" not in said
+    output = capsys.readouterr().out
+    assert "fold B (1)" in output
+    assert "fold C (1)" in output
+    assert "fold A" not in output
     assert scoring.FOLDS["fold B"][-1] == "34"

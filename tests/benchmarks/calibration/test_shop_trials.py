@@ -37,7 +37,7 @@ def estimate(wrong_deg: float, sigma_deg: float) -> tuple[Estimate, Trial]:
 
 @pytest.mark.parametrize(("sigma_deg", "share"), [(4.0, 1.0), (2.0, 0.0)])
 def test_errors_are_counted_against_what_is_stated(sigma_deg, share):
-    found = shop_trials.told(*estimate(6.0, sigma_deg))
+    found = shop_trials.errors_of(*estimate(6.0, sigma_deg))
     for phase in ("under 10 s", "to 30 s"):
         assert found[phase]["heading"] == share
         assert found[phase]["tilt"] == 1.0
@@ -54,13 +54,13 @@ def test_poses_that_state_nothing_are_neither_inside_nor_outside():
 
 
 def test_the_figures_judge_rotation_and_each_phase():
-    told = {"at 30 s": 3.0, "at 60 s": 9.0}
+    errors = {"at 30 s": 3.0, "at 60 s": 9.0}
     phase = {"tilt": 1.0, "heading": 0.9, "null": 0.25}
-    told |= dict.fromkeys(shop_trials.PHASES, phase)
-    row = {"has_rotation": True, "learned": told} | told
+    errors |= dict.fromkeys(shop_trials.PHASES, phase)
+    row = {"has_rotation": True, "learned": errors} | errors
     row |= {"own_total": 1.0, "guided_total": 1.1, "warm_total": 1.04}
     row |= {"exact_total": 1.08, "own_turned": 0.8, "guided_turned": 0.84}
-    still = row | {"has_rotation": False, "learned": told | {"at 30 s": 50.0}}
+    still = row | {"has_rotation": False, "learned": errors | {"at 30 s": 50.0}}
     found = {each.name: each for each in shop_trials.figures([row, still])}
     assert found["no procedure, heading at 30 s, median"].verdict == "must"
     assert found["no procedure, heading at 60 s, 95th"].verdict == "MISSED"

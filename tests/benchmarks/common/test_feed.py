@@ -139,14 +139,14 @@ def test_a_magnet_on_the_probe_adds_to_every_reading() -> None:
 def test_rows_and_messages_say_the_same() -> None:
     made = feed.sampled(moved())
     for index in (0, 1):
-        said = messages.decode(made.raws[index])
-        assert isinstance(said, messages.Message)
-        assert said.time_us == made.rows["time_us"][index]
-        assert said.fields["acc"] == tuple(made.rows["acc"][index])
-        assert (said.fields["mag"] is None) == (index == 0)
+        message = messages.decode(made.raws[index])
+        assert isinstance(message, messages.Message)
+        assert message.time_us == made.rows["time_us"][index]
+        assert message.fields["acc"] == tuple(made.rows["acc"][index])
+        assert (message.fields["mag"] is None) == (index == 0)
     assert wire.to_contents(made.rows) == made.raws
-    said = feed.said(feed.with_filter(made.hello, "mahony"))
-    assert said.fields["filter"] == "mahony"
+    message = feed.message_of(feed.with_filter(made.hello, "mahony"))
+    assert message.fields["filter"] == "mahony"
 
 
 def test_contents_of_another_message_are_refused() -> None:
@@ -184,13 +184,13 @@ def test_the_image_reads_what_is_made_up_here_to_one_count(
         apart = np.abs(made_up.rows[name][:count].astype(int) - sent[name])
         assert apart.max() <= 1
         assert (apart == 0).mean() > 0.95
-    said, known = (messages.decode(each.hello) for each in (made_up, read.feed))
-    assert isinstance(said, messages.Message)
+    message, known = (messages.decode(each.hello) for each in (made_up, read.feed))
+    assert isinstance(message, messages.Message)
     assert isinstance(known, messages.Message)
     for name in ("board", "sensor", "who_am_i", "sample_rate", "mag_adjust"):
-        assert said.fields[name] == known.fields[name]
+        assert message.fields[name] == known.fields[name]
     for name in ("acc_lsb", "gyr_lsb", "mag_lsb"):
-        assert said.fields[name] == pytest.approx(known.fields[name], rel=1e-6)
+        assert message.fields[name] == pytest.approx(known.fields[name], rel=1e-6)
     # As often is there something of the field.
     shares = [each.samples.has_mag.mean() for each in (made_up, read.feed)]
     assert shares[0] == pytest.approx(shares[1], abs=0.01)

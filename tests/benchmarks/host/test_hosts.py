@@ -32,7 +32,7 @@ def sent(probe: int, sequence: int, *, overrun: int = 0) -> tuple[int, ...]:
     return (probe, sequence, sequence * 10 * MS, overrun)
 
 
-def heard(probe: int, sequence: int, number: int) -> tuple[int, ...]:
+def row_of(probe: int, sequence: int, number: int) -> tuple[int, ...]:
     """Read 2 ms after it was written, and 3 ms later with the consumer."""
     t_ns = sequence * 10 * MS
     return (probe, sequence, number, 0, t_ns + 2 * MS, t_ns + 5 * MS)
@@ -45,11 +45,11 @@ def test_a_loss_is_explained_by_a_pty_or_by_a_gap_in_numbers(tmp_path: Path) -> 
         + [sent(2, n) for n in range(1, 4)],
         # The first is not heard yet, 4 overran, 6 is missing by number.
         [
-            heard(1, 2, 2),
-            heard(1, 3, 3),
-            heard(1, 5, 4),
-            heard(1, 7, 6),
-            heard(1, 8, 7),
+            row_of(1, 2, 2),
+            row_of(1, 3, 3),
+            row_of(1, 5, 4),
+            row_of(1, 7, 6),
+            row_of(1, 8, 7),
         ],
         {1: 7},
     )
@@ -57,19 +57,19 @@ def test_a_loss_is_explained_by_a_pty_or_by_a_gap_in_numbers(tmp_path: Path) -> 
 
 
 def test_a_loss_without_a_gap_is_not_explained(tmp_path: Path) -> None:
-    received = [heard(1, 1, 1), heard(1, 3, 2)]
+    received = [row_of(1, 1, 1), row_of(1, 3, 2)]
     made = fleet(tmp_path, [sent(1, n) for n in range(1, 5)], received, {})
     assert counted(made) == {"got": 2, "lost": 2, "unexplained": 2, "unheard": 0}
 
 
 def test_a_loss_at_the_end_is_explained_by_the_status(tmp_path: Path) -> None:
-    received = [heard(1, 1, 1), heard(1, 2, 2)]
+    received = [row_of(1, 1, 1), row_of(1, 2, 2)]
     made = fleet(tmp_path, [sent(1, n) for n in range(1, 6)], received, {1: 4})
     assert counted(made) == {"got": 2, "lost": 3, "unexplained": 1, "unheard": 0}
 
 
 def test_delays_are_told_by_hop(tmp_path: Path) -> None:
-    received = [heard(1, n, n) for n in (1, 2, 3)]
+    received = [row_of(1, n, n) for n in (1, 2, 3)]
     made = fleet(tmp_path, [sent(1, n) for n in range(1, 5)], received, {1: 3})
     found = delays(made, 0, 100 * MS)
     assert found["to_daemon_ms"] == {"p50": 2.0, "p99": 2.0}

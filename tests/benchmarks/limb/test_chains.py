@@ -89,14 +89,14 @@ def test_samples_that_no_probe_fused_are_fused_here(monkeypatch: pytest.MonkeyPa
     motion = made().motions["one"]
     logged = []
     for index in range(len(motion)):
-        said = {
+        values = {
             "t_ns": round(1.7e18 + index * 25e6),
             "t_bound_us": 500,
             "gyr_rad_s": motion.gyr[index].tolist(),
             "acc_m_s2": motion.acc[index].tolist(),
             "mag_uT": motion.mag[index].tolist() if index % 2 else None,
         }
-        logged.append(Logged("one", "raw", json.dumps(said).encode(), 0))
+        logged.append(Logged("one", "raw", json.dumps(values).encode(), 0))
     monkeypatch.setattr(body_tracks, "salvage", lambda *_: logged)
     found = body_tracks.of_files(["one.mcap"])["one"]
     other = tracks_of()["one"]

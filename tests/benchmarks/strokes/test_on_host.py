@@ -26,10 +26,10 @@ def test_a_run_is_measured_and_its_errors_are_inside_their_sigma(
     options = ["--set", "tuning", "--runs", "1", "--only", "supported, 1 s"]
     # Of eight strokes too few may be inside: the figures are for hundreds.
     assert on_host.main([*options, "--output", str(output)]) in (0, 1)
-    said = json.loads(output.read_text())
-    assert said["rows"][0]["strokes"] == 8
-    assert said["rows"][0]["p95_cm"] < 0.8
-    assert said["rows"][0]["other"] == 0.0
+    report = json.loads(output.read_text())
+    assert report["rows"][0]["strokes"] == 8
+    assert report["rows"][0]["p95_cm"] < 0.8
+    assert report["rows"][0]["other"] == 0.0
     assert "supported, 1 s: under 1 cm, %" in capsys.readouterr().out
 
 

@@ -68,9 +68,9 @@ def test_each_method_by_positions_is_measured(
 ) -> None:
     monkeypatch.setattr(positions, "RUNS", 3)
     assert positions.main() == 0
-    said = capsys.readouterr().out.splitlines()
-    assert len(said) == 1 + len(positions.ROWS)
-    assert "nan" not in "".join(said)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 1 + len(positions.ROWS)
+    assert "nan" not in "".join(lines)
 
 
 @pytest.mark.nightly
