@@ -30,8 +30,8 @@ FLAGS = (
 ASLEEP = "the firmware sleeps with no interrupt enabled"
 
 
-class Said(NamedTuple):
-    """What a run has said: its lines by name, its bytes, the summary, stderr."""
+class Output(NamedTuple):
+    """What a run gave: its lines by name, its bytes, the summary, stderr."""
 
     lines: dict[str, list[int]]
     data: bytes
@@ -54,7 +54,7 @@ def image(program: str) -> Path:
     return images.program(COMPILER, *FLAGS, *files)
 
 
-def run(program: str, folder: Path, *more: str, code: int = 1) -> Said:
+def run(program: str, folder: Path, *more: str, code: int = 1) -> Output:
     """Run a program. It ends by itself, asleep for good, unless `code` says else.
 
     A run without options is made once: it would give the same again.
@@ -63,12 +63,12 @@ def run(program: str, folder: Path, *more: str, code: int = 1) -> Said:
 
 
 @functools.cache
-def _plain(program: str, code: int) -> Said:
+def _plain(program: str, code: int) -> Output:
     with tempfile.TemporaryDirectory() as folder:
         return _run(program, Path(folder), code=code)
 
 
-def _run(program: str, folder: Path, *more: str, code: int) -> Said:
+def _run(program: str, folder: Path, *more: str, code: int) -> Output:
     record, summary = folder / "bytes", folder / "summary.json"
     command: list[str | Path] = [emulator(), "--image", image(program)]
     command += ["--record", record, "--summary", summary, *more]
@@ -81,7 +81,7 @@ def _run(program: str, folder: Path, *more: str, code: int) -> Said:
     )
     assert done.returncode == code, done.stderr
     data = record.read_bytes()
-    return Said(parse(data), data, json.loads(summary.read_text()), done.stderr)
+    return Output(parse(data), data, json.loads(summary.read_text()), done.stderr)
 
 
 def refused(program: str, *more: str) -> str:
@@ -99,11 +99,11 @@ def refused(program: str, *more: str) -> str:
 
 def ended(program: str, folder: Path, *more: str) -> dict[str, list[int]]:
     """Run a program that ends by itself and has done nothing against the manuals."""
-    said = run(program, folder, *more)
-    assert ASLEEP in said.errors, said.errors
-    assert said.summary["firmware_complaint"] is None
-    assert said.summary["sensor_complaint"] is None
-    return said.lines
+    output = run(program, folder, *more)
+    assert ASLEEP in output.errors, output.errors
+    assert output.summary["firmware_complaint"] is None
+    assert output.summary["sensor_complaint"] is None
+    return output.lines
 
 
 def parse(data: bytes) -> dict[str, list[int]]:

@@ -240,8 +240,8 @@ def test_no_class_name_is_used_twice():
 def global_symbols(path):
     """Names that a C file defines for others, and those that it wants of them."""
     made = images.compiled(flags_of("gcc"), path)
-    said = subprocess.run(["nm", made], capture_output=True, text=True, check=True)
-    found = re.findall(r"([A-Z]) (\w+)$", said.stdout, re.M)
+    done = subprocess.run(["nm", made], capture_output=True, text=True, check=True)
+    found = re.findall(r"([A-Z]) (\w+)$", done.stdout, re.M)
     wanted = {name for kind, name in found if kind == "U"}
     return {name for _, name in found} - wanted, wanted
 

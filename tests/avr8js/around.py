@@ -173,8 +173,8 @@ class Around:
         flags = self.chip.is_ready * DATA_READY
         flags |= (ns < self.release_ns) * BUTTON | self.is_over * END
         count = min(len(self.line), BYTES_AT_ONCE) if kind == b"T" else 0
-        said = bytes(self.line.popleft() for _ in range(count))
-        return REPLY.pack(value, flags, count, self.chip.next_ns) + said
+        output = bytes(self.line.popleft() for _ in range(count))
+        return REPLY.pack(value, flags, count, self.chip.next_ns) + output
 
     def _decode(self) -> None:
         for content in self.decoder.feed(bytes(self._heard)):

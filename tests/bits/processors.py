@@ -119,8 +119,8 @@ def computed(name: str, contents: Sequence[bytes], folder: Path) -> list[bytes]:
             assert process.stderr.readline().startswith("ready")
             poses = exchanged(link, contents, processor.room)
             process.send_signal(signal.SIGTERM)
-            said = process.stderr.read()
-            assert process.wait(PATIENCE_S) == 0, said
+            errors = process.stderr.read()
+            assert process.wait(PATIENCE_S) == 0, errors
         finally:
             process.kill()
     found = json.loads(summary.read_text())
@@ -139,7 +139,7 @@ def exchanged(link: Path, contents: Sequence[bytes], room: int) -> list[bytes]:
     waiting: deque[int] = deque()  # bytes of each frame without an answer
 
     def receive() -> None:
-        answers = heard(wire, PATIENCE_S)
+        answers = answer_to(wire, PATIENCE_S)
         assert answers, f"{len(waiting)} frames are not answered"
         poses.extend(decoder.feed(answers))
         for _ in range(answers.count(0)):
@@ -148,9 +148,11 @@ def exchanged(link: Path, contents: Sequence[bytes], room: int) -> list[bytes]:
     try:
         tty.setraw(wire)
         first = next(content for content in contents if has_sensor(content))
-        answers = (heard(wire, BOOT_S, encode_frame(first)) for _ in range(BOOT_TRIES))
+        answers = (
+            answer_to(wire, BOOT_S, encode_frame(first)) for _ in range(BOOT_TRIES)
+        )
         assert any(answers), "it never answered"
-        while heard(wire, BOOT_S):
+        while answer_to(wire, BOOT_S):
             pass  # answers to what was said twice
         for content in contents:
             frame = encode_frame(content)
@@ -165,9 +167,9 @@ def exchanged(link: Path, contents: Sequence[bytes], room: int) -> list[bytes]:
     return poses
 
 
-def heard(wire: int, seconds: float, said: bytes = b"") -> bytes:
+def answer_to(wire: int, seconds: float, sent: bytes = b"") -> bytes:
     """What comes first, in answer or not."""
-    os.write(wire, said)
+    os.write(wire, sent)
     ready, _, _ = select.select([wire], [], [], seconds)
     return os.read(wire, 4096) if ready else b""
 

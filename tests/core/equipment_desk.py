@@ -119,7 +119,7 @@ class Board:
         """Turn until an event is told, which is new."""
         seen = len(self.bench.of("event"))
         end_us = self.bench.now_us + seconds * SECOND_US
-        while event not in [told[0] for told in self.bench.events()[seen:]]:
+        while event not in [each[0] for each in self.bench.events()[seen:]]:
             assert self.bench.now_us < end_us, "it is not told"
             self.turn()
         return self
@@ -140,8 +140,8 @@ class Board:
 
     def last_us(self, event: int) -> int:
         """When an event was last told."""
-        told = self.bench.of("event")
-        return max(m.time_us for m in told if m.fields["event"] == event)
+        events = self.bench.of("event")
+        return max(m.time_us for m in events if m.fields["event"] == event)
 
     def set_streaming(self, is_streaming: bool) -> Board:
         lib.probe_set_streaming(
@@ -153,9 +153,9 @@ class Board:
     def is_done(self) -> bool:
         return bool(lib.equipment_is_done(self.c))
 
-    def told(self, *events: int) -> list[tuple[int, int, int]]:
+    def events_of(self, *events: int) -> list[tuple[int, int, int]]:
         """Those of the events, in their order."""
-        return [told for told in self.bench.events() if told[0] in events]
+        return [event for event in self.bench.events() if event[0] in events]
 
 
 def recordings(volume: Volume) -> dict[int, list[Message]]:

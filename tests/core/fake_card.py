@@ -131,22 +131,22 @@ class FakeCard:
         quick = self._quiet(out, start_us, start_us + len(out) * byte_us)
         if quick is not None:
             return quick
-        said = bytearray()
+        answer = bytearray()
         at = 0
         while at < len(out):
             now = start_us + at * byte_us
             if self.data is not None:
                 part = out[at : at + BLOCK + 2 - len(self.data)]
                 self.data += part
-                said += b"\xff" * len(part)
+                answer += b"\xff" * len(part)
                 at += len(part)
                 if len(self.data) == BLOCK + 2:
                     self._block_is_in(now + len(part) * byte_us)
                 continue
-            said.append(self._say(now))
+            answer.append(self._say(now))
             self._hear(out[at], now)
             at += 1
-        return bytes(said)
+        return bytes(answer)
 
     def _quiet(self, out: bytes, start_us: float, end_us: float) -> bytes | None:
         """What comes where nothing is said and nothing changes; None where it may."""

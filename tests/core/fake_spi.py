@@ -53,16 +53,16 @@ class Wire:
         )
         card = self.card
         byte_us = 8e6 / (FAST_HZ if self.is_fast else SLOW_HZ)
-        said = card.exchange(sent, self.now_us, byte_us, is_selected=self.is_selected)
+        answer = card.exchange(sent, self.now_us, byte_us, is_selected=self.is_selected)
         self._done_us = self.now_us + length * byte_us
-        self._pending = (into, said) if into != self._ffi.NULL else None
+        self._pending = (into, answer) if into != self._ffi.NULL else None
 
     def _is_done(self, _: Any) -> bool:
         if self.is_stuck or self.now_us < self._done_us:
             return False
         if self._pending is not None:
-            into, said = self._pending
-            self._ffi.memmove(into, said, len(said))
+            into, answer = self._pending
+            self._ffi.memmove(into, answer, len(answer))
             self._pending = None
         return True
 

@@ -217,10 +217,10 @@ class Log:
 
     @property
     def state(self) -> str:
-        return STATES[self.told.card]
+        return STATES[self.status.card]
 
     @property
-    def told(self) -> Any:
+    def status(self) -> Any:
         out = ffi.new("struct message_equipment *")
         lib.logbook_describe(self.book, out)
         return out

@@ -75,8 +75,8 @@ class Model:
 
     @property
     def complaint(self) -> str | None:
-        said = lib.lsm9ds0_chip_complaint(self.c)
-        return ffi.string(said).decode() if said != ffi.NULL else None
+        text = lib.lsm9ds0_chip_complaint(self.c)
+        return ffi.string(text).decode() if text != ffi.NULL else None
 
 
 class Bench(SensorBench):

@@ -129,8 +129,8 @@ class Bench(SensorBench):
 
     @property
     def complaint(self) -> str | None:
-        said = lib.mpu9250_chip_complaint(self.chip)
-        return ffi.string(said).decode() if said != ffi.NULL else None
+        text = lib.mpu9250_chip_complaint(self.chip)
+        return ffi.string(text).decode() if text != ffi.NULL else None
 
     def register(self, reg: int) -> int:
         return int(lib.mpu9250_chip_peek(self.chip, reg))

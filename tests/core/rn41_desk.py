@@ -34,7 +34,7 @@ class Module:
         self.host_sends: list[tuple[int, bytes]] = []
         self.is_linked = False
         self.keeps = lambda _name: True  # settings that it writes to its flash
-        self.noise: Callable[[bytes], bytes] = lambda said: said
+        self.noise: Callable[[bytes], bytes] = lambda answer: answer
         self.writes: list[str] = []
         self.reboots = self.resets = 0
         self.is_in_reset = False

@@ -121,13 +121,13 @@ class Tracker:
         self, samples: desk.Array, held: desk.Array | None = None
     ) -> tuple[desk.Array, desk.Array]:
         """What is told of strokes, and after which samples."""
-        told = np.zeros(len(samples) // WINDOW + 2, TOLD)
-        after = np.zeros(len(told), np.int32)
+        found = np.zeros(len(samples) // WINDOW + 2, TOLD)
+        after = np.zeros(len(found), np.int32)
         held = np.zeros(len(samples), bool) if held is None else held
         count = desk.call(
-            lib.loop_strokes, self.c, len(samples), samples, held, told, after
+            lib.loop_strokes, self.c, len(samples), samples, held, found, after
         )
-        return told[:count], after[:count]
+        return found[:count], after[:count]
 
     def pose(self) -> Any:
         pose = ffi.new("struct message_pose *")
@@ -138,12 +138,12 @@ class Tracker:
         return np.array(list(self.pose().q)) / desk.ONE
 
 
-def ends(told: desk.Array) -> desk.Array:
-    return told[told["end"] != lib.STROKE_END_RUNNING]
+def ends(strokes: desk.Array) -> desk.Array:
+    return strokes[strokes["end"] != lib.STROKE_END_RUNNING]
 
 
-def names(told: desk.Array) -> list[int]:
-    return [int(end) for end in ends(told)["end"]]
+def names(strokes: desk.Array) -> list[int]:
+    return [int(end) for end in ends(strokes)["end"]]
 
 
 def heading_of(tracker: Tracker, scene: Measured) -> float:
@@ -161,7 +161,7 @@ def turned(rows: desk.Array, angle: float) -> desk.Array:
     return np.stack([cosine * x + sine * y, cosine * y - sine * x, z], axis=-1)
 
 
-def errors(tracker: Tracker, scene: Measured, told: desk.Array) -> desk.Array:
+def errors(tracker: Tracker, scene: Measured, strokes: desk.Array) -> desk.Array:
     """Of each stroke, m, without that of the heading."""
-    found = turned(ends(told)["displacement"] * MICRO, heading_of(tracker, scene))
+    found = turned(ends(strokes)["displacement"] * MICRO, heading_of(tracker, scene))
     return found - np.array([stroke.way_m for stroke in scene.strokes])

@@ -224,17 +224,17 @@ def strokes(library: Any, name: str) -> Array:
     tip = own.new("struct pose_tip *", {"offset_um": [1000, 0, 0], "axis": [1, 0, 0]})
     c.pose_set_tip(tracker, tip, True)
     scene = stroke_desk.measured(Plan(seconds=1.0), 1)
-    told = np.zeros(len(scene.samples) // stroke_desk.WINDOW + 2, stroke_desk.TOLD)
-    after, held = np.zeros(len(told), np.int32), scene.held()
+    found = np.zeros(len(scene.samples) // stroke_desk.WINDOW + 2, stroke_desk.TOLD)
+    after, held = np.zeros(len(found), np.int32), scene.held()
     count = c.loop_strokes(
         *(tracker, len(scene.samples)),
         own.cast("struct sample *", own.from_buffer(scene.samples)),
         own.cast("bool *", own.from_buffer(held)),
-        own.cast("struct message_stroke *", own.from_buffer(told)),
+        own.cast("struct message_stroke *", own.from_buffer(found)),
         own.cast("int32_t *", own.from_buffer(after)),
     )
     assert (count > 0) == (name == "fuse")  # which alone finds them
-    return told[:count]
+    return found[:count]
 
 
 # Whatever comes in.

@@ -24,17 +24,17 @@ def recording(volume: Volume) -> Board:
 
 def test_a_crystal_that_does_not_start_is_told_once() -> None:
     board = Board(is_spare=True).run(0.1)
-    assert board.told(lib.EVENT_CLOCK_FAILED) == [
+    assert board.events_of(lib.EVENT_CLOCK_FAILED) == [
         (lib.EVENT_CLOCK_FAILED, lib.CAUSE_CRYSTAL, 0)
     ]
 
 
 def test_a_crystal_that_stops_later_is_told_once_and_as_such() -> None:
     board = Board().run(0.1)
-    assert not board.told(lib.EVENT_CLOCK_FAILED)
+    assert not board.events_of(lib.EVENT_CLOCK_FAILED)
     board.is_spare = True
     board.run(0.1)
-    assert board.told(lib.EVENT_CLOCK_FAILED) == [
+    assert board.events_of(lib.EVENT_CLOCK_FAILED) == [
         (lib.EVENT_CLOCK_FAILED, lib.CAUSE_CRYSTAL, 1)
     ]
 
@@ -47,12 +47,12 @@ def test_the_message_has_what_the_board_says(is_spare: bool, clock: str) -> None
     board.power = lib.POWER_EXTERNAL | lib.POWER_CHARGING
     board.radio, board.resets = lib.RADIO_CONNECTED, 3
     board.run(1.5)
-    told = board.bench.of("equipment")[-1].fields
-    assert told["clock"] == getattr(lib, clock)
-    assert told["battery"] == BATTERY_MV
-    assert told["power"] == lib.POWER_EXTERNAL | lib.POWER_CHARGING
-    assert (told["radio"], told["radio_resets"]) == (lib.RADIO_CONNECTED, 3)
-    assert told["card"] == lib.CARD_READY
+    fields = board.bench.of("equipment")[-1].fields
+    assert fields["clock"] == getattr(lib, clock)
+    assert fields["battery"] == BATTERY_MV
+    assert fields["power"] == lib.POWER_EXTERNAL | lib.POWER_CHARGING
+    assert (fields["radio"], fields["radio_resets"]) == (lib.RADIO_CONNECTED, 3)
+    assert fields["card"] == lib.CARD_READY
 
 
 def test_whoever_connects_hears_who_it_is_then_that_it_is_connected() -> None:
@@ -75,7 +75,7 @@ def test_a_link_that_dropped_says_for_how_long_when_it_is_back(start_us: int) ->
     board.run(0.5)
     board.radio_events = [lib.RN41_LINKED]  # the drop before it has been told
     board.turn()
-    assert board.told(lib.EVENT_RADIO_CONNECTED, lib.EVENT_RADIO_DROPPED) == [
+    assert board.events_of(lib.EVENT_RADIO_CONNECTED, lib.EVENT_RADIO_DROPPED) == [
         (lib.EVENT_RADIO_CONNECTED, lib.CAUSE_NONE, 0),
         (lib.EVENT_RADIO_DROPPED, lib.CAUSE_NONE, 0),
         (lib.EVENT_RADIO_CONNECTED, lib.CAUSE_NONE, 1234),
@@ -102,7 +102,7 @@ def test_a_recording_is_as_long_as_the_stream() -> None:
     assert not board.is_done  # what was put in is still being written
     board.until(lib.EVENT_LOG_ENDED)
     assert board.is_done
-    assert board.told(*LOG_EVENTS) == [
+    assert board.events_of(*LOG_EVENTS) == [
         (lib.EVENT_LOG_STARTED, lib.CAUSE_NONE, 1),
         (lib.EVENT_LOG_ENDED, lib.CAUSE_NONE, 1),
     ]
@@ -128,10 +128,10 @@ def test_the_log_asks_for_the_next_turn_while_it_has_more_to_do() -> None:
 
 def test_without_a_card_nothing_is_kept() -> None:
     board = Board().set_streaming(True).run(2)
-    assert board.told(lib.EVENT_CARD_FAULT) == [
+    assert board.events_of(lib.EVENT_CARD_FAULT) == [
         (lib.EVENT_CARD_FAULT, lib.CAUSE_ABSENT, 0)
     ]
-    assert not board.told(*LOG_EVENTS)
+    assert not board.events_of(*LOG_EVENTS)
     assert board.is_done
 
 
@@ -150,7 +150,7 @@ def test_a_card_that_comes_and_goes_during_a_stream_is_recorded_on() -> None:
     board.card.power_up()
     board.until(lib.EVENT_LOG_STARTED).run(0.3)
     board.set_streaming(False).until(lib.EVENT_LOG_ENDED)
-    assert board.told(*LOG_EVENTS) == [
+    assert board.events_of(*LOG_EVENTS) == [
         (lib.EVENT_LOG_STARTED, lib.CAUSE_NONE, 1),
         (lib.EVENT_LOG_ENDED, lib.CAUSE_ABSENT, 1),
         (lib.EVENT_LOG_STARTED, lib.CAUSE_NONE, 2),
@@ -182,7 +182,7 @@ def test_a_restart_waits_for_the_end_of_the_recording() -> None:
     assert board.is_done
     assert board.bench.c.is_streaming
     board.run(0.5)  # no recording begins
-    assert board.told(*LOG_EVENTS)[-1] == (lib.EVENT_LOG_ENDED, lib.CAUSE_NONE, 1)
+    assert board.events_of(*LOG_EVENTS)[-1] == (lib.EVENT_LOG_ENDED, lib.CAUSE_NONE, 1)
     assert len(recordings(volume)[1]) > 60
 
 
@@ -232,8 +232,8 @@ def test_a_wire_that_is_held_does_not_keep_it_awake() -> None:
     low_us = board.tell_low()
     late_us = board.until_asleep() - low_us
     assert LAST_WORDS_US_MAX <= late_us < LAST_WORDS_US_MAX + 2 * TURN_US
-    said_us = board.last_us(lib.EVENT_GOING_TO_SLEEP) - low_us
-    assert LAST_WORDS_US <= said_us < LAST_WORDS_US + 2 * TURN_US
+    announced_us = board.last_us(lib.EVENT_GOING_TO_SLEEP) - low_us
+    assert LAST_WORDS_US <= announced_us < LAST_WORDS_US + 2 * TURN_US
 
 
 def test_a_card_that_gets_stuck_is_given_up_before_it_sleeps() -> None:
@@ -241,7 +241,7 @@ def test_a_card_that_gets_stuck_is_given_up_before_it_sleeps() -> None:
     board.card.busy_us = lambda _: 100.0 * SECOND
     low_us = board.tell_low()
     slept_us = board.until_asleep()
-    assert board.told(lib.EVENT_LOG_ENDED)
+    assert board.events_of(lib.EVENT_LOG_ENDED)
     assert board.last_us(lib.EVENT_LOG_ENDED) <= slept_us < low_us + LAST_WORDS_US_MAX
 
 
@@ -253,7 +253,7 @@ def test_a_card_that_needs_too_long_does_not_keep_it_awake() -> None:
     late_us = board.until_asleep() - low_us
     assert LAST_WORDS_US_MAX < late_us < LAST_WORDS_US_MAX + 3 * TURN_US
     assert board.last_us(lib.EVENT_GOING_TO_SLEEP) - low_us >= LAST_WORDS_US_MAX
-    assert not board.told(lib.EVENT_LOG_ENDED)
+    assert not board.events_of(lib.EVENT_LOG_ENDED)
 
 
 def test_a_charger_that_comes_in_time_keeps_it_awake_until_the_next_time() -> None:
@@ -269,7 +269,7 @@ def test_a_charger_that_comes_in_time_keeps_it_awake_until_the_next_time() -> No
     low_us = board.tell_low()
     slept_us = board.until_asleep()
     assert LAST_WORDS_US <= slept_us - low_us < LAST_WORDS_US + 3 * TURN_US
-    assert len(board.told(lib.EVENT_GOING_TO_SLEEP)) == 2
+    assert len(board.events_of(lib.EVENT_GOING_TO_SLEEP)) == 2
 
 
 def test_a_stream_after_the_charger_came_ends_its_log_as_any_other() -> None:

@@ -253,5 +253,5 @@ def test_the_avr_multiplies_in_the_cycles_that_the_source_says(
     source = (root / "firmware" / "avr" / "fixed_mul.S").read_text(encoding="utf-8")
     cycles = printed[0].removeprefix("cycles ").split()
     names = ("fixed_mul_q30", "fixed_mul_q32", "fixed_umul_q32")
-    said = ", ".join(f"{name} {n}" for name, n in zip(names, cycles, strict=True))
-    assert said in source.replace("\n; ", " ")
+    text = ", ".join(f"{name} {n}" for name, n in zip(names, cycles, strict=True))
+    assert text in source.replace("\n; ", " ")

@@ -22,7 +22,7 @@ OWN_UT = (25.0, -18.0, 12.0)  # a module's own field
 LEANS_MG = (20.0, -25.0, 15.0)  # and its accelerometer's bias
 
 
-def told(acc: int = NULL, gyr: int = NULL, mag: int = NULL) -> Filter:
+def filter_with(acc: int = NULL, gyr: int = NULL, mag: int = NULL) -> Filter:
     """A filter that was told these sigmas."""
     calibration = desk.ffi.new("struct calibration *", desk.UNKNOWN[0])
     calibration.acc.sigma, calibration.gyr.sigma = acc, gyr
@@ -51,7 +51,7 @@ def of_the_shop(felt: Scene) -> Scene:
     ],
 )
 def test_the_own_field_is_as_uncertain_as_its_calibration_left_it(sigma, ut):
-    deviation = math.sqrt(told(mag=sigma).c.settings.own_variance / 16)
+    deviation = math.sqrt(filter_with(mag=sigma).c.settings.own_variance / 16)
     assert deviation == pytest.approx(ut, abs=0.05)
 
 
@@ -60,7 +60,7 @@ def test_the_own_field_is_as_uncertain_as_its_calibration_left_it(sigma, ut):
     [(0, 0.0), (100, 0.0826), (4160, 3.437), (4161, 3.438), (NULL, 3.438)],
 )
 def test_the_level_is_as_uncertain_as_two_axes_of_the_accelerometer(sigma, degrees):
-    variance = told(acc=sigma).c.settings.level_variance / desk.ONE
+    variance = filter_with(acc=sigma).c.settings.level_variance / desk.ONE
     assert math.degrees(math.sqrt(variance)) == pytest.approx(degrees, abs=1e-3)
 
 
@@ -69,7 +69,7 @@ def test_the_level_is_as_uncertain_as_two_axes_of_the_accelerometer(sigma, degre
     [(0, 0.03), (50, 0.0583), (999, 0.996), (1000, 1.0), (NULL, 1.0)],
 )
 def test_scales_are_as_uncertain_as_their_calibration_left_them(sigma, percent):
-    pairs = told(gyr=sigma).c.state.motion_covariance
+    pairs = filter_with(gyr=sigma).c.state.motion_covariance
     for state in (3, 4, 5):
         variance = pairs[lib.kalman_variance(state)] / 2.0**21
         assert 100 * math.sqrt(variance) / 500 == pytest.approx(percent, abs=0.005)
@@ -82,7 +82,7 @@ def shop() -> Scene:
 
 
 def test_uncalibrated_fixed_point_follows_doubles_and_states_the_same(shop):
-    found, _, quality = told().feel(shop)
+    found, _, quality = filter_with().feel(shop)
     track, stated = twin_stating(shop, is_known=False)
     assert rms(desk.apart_deg(found, track)) < 0.05
     known = quality["heading_sigma_cdeg"] != NULL
@@ -94,7 +94,7 @@ def test_uncalibrated_fixed_point_follows_doubles_and_states_the_same(shop):
 
 
 def test_without_calibration_there_is_no_heading_until_the_probe_has_turned(shop):
-    found, _, quality = told().feel(shop)
+    found, _, quality = filter_with().feel(shop)
     heading = quality["heading_sigma_cdeg"]
     assert (heading[: 4 * 200] == NULL).all()  # it rests
     assert quality["is_heading_free"][3 * 200 : 4 * 200].all()
@@ -107,7 +107,9 @@ def test_without_calibration_there_is_no_heading_until_the_probe_has_turned(shop
 
 def test_a_known_own_field_gives_a_heading_at_rest():
     felt = scene(np.tile(rotation.IDENTITY, (1200, 1)), 200, seed=4)
-    known, unknown = (each.feel(felt)[2][-1] for each in (told(0, 0, 0), told()))
+    known, unknown = (
+        each.feel(felt)[2][-1] for each in (filter_with(0, 0, 0), filter_with())
+    )
     assert known["heading_sigma_cdeg"] < 300
     assert unknown["heading_sigma_cdeg"] == NULL
     assert known["tilt_sigma_cdeg"] < 120
@@ -135,7 +137,7 @@ def correlations(pairs: list[int], states: int) -> desk.Array:
 
 
 def test_a_calibration_in_the_midst_has_the_own_field_and_leaves_the_attitude(shop):
-    fuse = told()
+    fuse = filter_with()
     before = fuse.feel(shop[:6000])[0][-1]
     own_ut = np.array(list(fuse.c.state.field_ut)[3:]) / desk.FIELD
     assert own_ut == pytest.approx(OWN_UT, abs=2)
@@ -148,7 +150,7 @@ def test_a_calibration_in_the_midst_has_the_own_field_and_leaves_the_attitude(sh
 
 def test_a_calibration_in_the_midst_leaves_the_covariance_usable(shop):
     """A scale that is better known than before shares no more than it has."""
-    fuse = told()
+    fuse = filter_with()
     fuse.feel(shop[:6000])
     learned(fuse)
     whole = correlations(list(fuse.c.state.motion_covariance), 7)
@@ -158,7 +160,7 @@ def test_a_calibration_in_the_midst_leaves_the_covariance_usable(shop):
 
 
 def test_a_filter_that_goes_on_with_a_calibration_remains_right(shop):
-    fuse = told()
+    fuse = filter_with()
     fuse.feel(shop[:6000])
     learned(fuse)
     rest = shop[6000:]
@@ -175,7 +177,7 @@ def test_a_filter_that_goes_on_with_a_calibration_remains_right(shop):
 
 def test_the_covariance_of_an_unknown_field_stays_in_its_range(shop):
     """Through turns, rests and gaps of readings."""
-    fuse = told()
+    fuse = filter_with()
     for begun in range(0, len(shop), 2000):
         piece = shop[slice(begun, begun + 2000)]
         piece.has_mag &= np.arange(len(piece)) % 1000 < 700

@@ -36,16 +36,16 @@ def test_the_prepared_file_is_found(is_sdhc, kind, entry, others):
     volume = Volume(kind=kind, entry=entry, others=others)
     log = Log(volume.card(is_sdhc=is_sdhc)).until("ready")
     assert log.changes == [("card_ready", "none", 1)]
-    assert (log.told.card_block, log.told.card_blocks) == (1, volume.blocks)
-    assert log.told.recording == 0
-    assert log.told.card_faults == 0
+    assert (log.status.card_block, log.status.card_blocks) == (1, volume.blocks)
+    assert log.status.recording == 0
+    assert log.status.card_faults == 0
 
 
 @pytest.mark.parametrize("cluster", [1, 8, 128])
 @pytest.mark.parametrize("blocks", [2, 3, 257, 1025])
 def test_the_file_is_of_any_size(cluster, blocks):
     log = Log(Volume(blocks, cluster=cluster).card()).until("ready")
-    assert log.told.card_blocks == blocks
+    assert log.status.card_blocks == blocks
 
 
 def test_what_is_put_in_comes_back():
@@ -62,7 +62,7 @@ def test_what_is_put_in_comes_back():
         ("log_ended", "command", 1),
     ]
     assert log.state == "ready"
-    assert log.told.card_block == len(blocks) + 1
+    assert log.status.card_block == len(blocks) + 1
     assert {block for block, _ in log.card.runs} <= {
         volume.file + number for number in range(1, volume.blocks)
     }
@@ -96,7 +96,7 @@ def test_recordings_are_numbered_on_in_one_run_and_over_restarts():
     for number in (1, 3, 5):
         log = opened(volume).log(50_000).close()
         log.open().log(50_000).close()
-        assert log.told.recording == number + 1
+        assert log.status.recording == number + 1
     found = read(volume)
     assert [*found] == [1, 2, 3, 4, 5, 6]
     for blocks in found.values():
@@ -142,8 +142,8 @@ def test_the_end_is_found_behind_gaps_of_up_to_eight(last, gap):
     for number in range(max(last - gap, 1), last):
         volume.content[volume.file + number] = bytes(BLOCK)
     log = Log(volume.card()).until("ready")
-    assert log.told.card_block == last + 1
-    assert log.told.recording == 7
+    assert log.status.card_block == last + 1
+    assert log.status.recording == 7
 
 
 @settings(max_examples=examples(60))
@@ -172,8 +172,8 @@ def test_the_end_is_found_whatever_is_worn(data):
                 block[:] = sealed(words(volume.card_id ^ 1, number, 1))
         volume.content[volume.file + number] = bytes(block)
     log = Log(card).until("ready")
-    assert log.told.card_block == last + 1
-    assert log.told.recording == (last // 50 + 1 if last else 0)
+    assert log.status.card_block == last + 1
+    assert log.status.recording == (last // 50 + 1 if last else 0)
 
 
 def test_changes_that_nobody_takes_make_room_for_later_ones():

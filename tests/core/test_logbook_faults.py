@@ -119,7 +119,7 @@ def test_a_slow_card_rides_on_the_ring():
     late = [change for change in log.changes if change[1] == "late"]
     assert 1 <= len(late) <= 5
     assert all(change[0] == "card_fault" for change in late)
-    assert 250 <= log.told.card_busy <= 251
+    assert 250 <= log.status.card_busy <= 251
 
 
 def test_a_card_too_slow_for_it_drops_whole_frames():
@@ -143,8 +143,8 @@ def test_a_block_that_takes_on_a_later_try_loses_nothing(answer, tries):
     )
     log.log(SECOND).close()
     assert frames_of(read(volume)[1]) == log.kept
-    assert log.told.card_faults == tries
-    assert len(read(volume)[1]) == log.told.card_block - 1
+    assert log.status.card_faults == tries
+    assert len(read(volume)[1]) == log.status.card_block - 1
     assert [change[0] for change in log.changes] == [
         *("card_ready", "log_started", "log_ended")
     ]
@@ -164,7 +164,7 @@ def test_worn_blocks_are_left_out_and_told(worn):
     assert [change[2] for change in log.changes if change[1] == "worn"] == sorted(worn)
     assert log.dropped == 0
     assert blocks[0][1] == 1
-    assert Log(log.card).until("ready").told.card_block == log.told.card_block
+    assert Log(log.card).until("ready").status.card_block == log.status.card_block
 
 
 def test_what_the_status_tells_after_a_run_is_written_again():
@@ -174,7 +174,7 @@ def test_what_the_status_tells_after_a_run_is_written_again():
     log.card.status.extend([0x04])
     log.log(300_000).close()
     assert frames_of(read(volume)[1]) == log.kept
-    assert log.told.card_faults == 1
+    assert log.status.card_faults == 1
 
 
 def test_too_many_worn_blocks_end_the_recording_until_a_later_look():
@@ -324,7 +324,7 @@ def test_a_full_file_ends_the_recording_with_a_whole_frame():
     again = Log(log.card).until("full")
     assert again.changes == [("card_full", "full", 60)]
     assert not lib.logbook_open(again.book)
-    assert again.told.recording == 1
+    assert again.status.recording == 1
 
 
 def test_a_read_only_card_is_refused():
@@ -343,5 +343,5 @@ def test_a_cut_at_any_exchange_of_the_search_is_harmless(at):
     log = Log(volume.card())
     log.wire.on_exchange = lambda n: log.card.cut() if n == at else None
     log.until("ready", 15 * SECOND)
-    assert log.told.card_block == 30
+    assert log.status.card_block == 30
     assert volume.content == before

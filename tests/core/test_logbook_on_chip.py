@@ -60,11 +60,11 @@ class Chip(FakeCard):
     def exchange(self, out: bytes, start_us: float, byte_us: float, **_: Any) -> bytes:
         self.now_us = start_us
         clock_hz = SLOW_HZ if byte_us > 1 else FAST_HZ
-        said = bytearray()
+        answer = bytearray()
         for i, byte in enumerate(out):
             now_ns = int((start_us + (i + 1) * byte_us) * 1000)
-            said.append(lib.sdcard_chip_exchange(self.chip, now_ns, clock_hz, byte))
-        return bytes(said)
+            answer.append(lib.sdcard_chip_exchange(self.chip, now_ns, clock_hz, byte))
+        return bytes(answer)
 
     def fault(self, kind: str, **more: Any) -> None:
         name = getattr(lib, f"SDCARD_CHIP_{kind.upper()}")
@@ -139,7 +139,7 @@ def test_what_is_put_in_is_on_the_card(bench, kind, seed):
     it.log.until("ready").open().log(2 * SECOND).close()
     assert it.card.complaint is None
     assert it.log.dropped == 0
-    assert it.log.told.card_faults == 0
+    assert it.log.status.card_faults == 0
     assert lib.sdcard_chip_bad_crc(it.card.chip) == 0
     assert frames_of(read(it.finish())[1]) == it.log.kept
 
@@ -213,7 +213,7 @@ def test_a_refused_block_is_written_again(bench, kind):
     it.card.fault(kind, first=9, count=2)
     log = it.log.until("ready").open().log(SECOND).close()
     assert frames_of(read(it.finish())[1]) == log.kept
-    assert log.told.card_faults == 2
+    assert log.status.card_faults == 2
     assert it.card.complaint is None
 
 
@@ -229,10 +229,10 @@ def test_a_worn_place_is_left_behind(bench, wear):
     log = it.log.until("ready").open().log(SECOND).close()
     found = read(it.finish())[1]
     assert frames_of(found) == log.kept
-    told = [change[2] for change in log.changes if change[1] == "worn"]
-    assert told == ([20, 21, 22] if wear == "refuses" else [])
+    worn = [change[2] for change in log.changes if change[1] == "worn"]
+    assert worn == ([20, 21, 22] if wear == "refuses" else [])
     it.card.now_us = log.now_us
-    assert it.restart().until("ready").told.card_block == log.told.card_block
+    assert it.restart().until("ready").status.card_block == log.status.card_block
 
 
 def test_a_dead_card_ends_the_recording(bench):

@@ -30,9 +30,9 @@ def response_of(code: int) -> float:
 
 
 def answers(bench: Bench) -> dict[str, tuple[int, ...]]:
-    said = bench.identity.answers
+    fields = bench.identity.answers
     return {
-        name: tuple(getattr(said, name))
+        name: tuple(getattr(fields, name))
         for name in ("before", "stimulated", "after", "factory", "mag_response")
     }
 
@@ -44,10 +44,10 @@ def set_up(bench: Bench) -> dict[str, tuple[int, ...]]:
 
 
 def test_the_answers_to_the_stimulus_are_kept_for_a_host():
-    said = set_up(Bench())
-    assert said["before"] == said["after"] == AT_REST
-    assert said["factory"] == FACTORY
-    for rest, value, code in zip(AT_REST, said["stimulated"], FACTORY, strict=True):
+    readings = set_up(Bench())
+    assert readings["before"] == readings["after"] == AT_REST
+    assert readings["factory"] == FACTORY
+    for rest, value, code in zip(AT_REST, readings["stimulated"], FACTORY, strict=True):
         assert value - rest == pytest.approx(response_of(code), abs=1)
 
 
@@ -55,8 +55,10 @@ def test_the_answers_to_the_stimulus_are_kept_for_a_host():
 def test_a_weak_response_is_told_as_it_is(kind, weak):
     bench = Bench()
     bench.fault(getattr(lib, f"CHIP_FAULT_{kind}_SELF_TEST"))
-    said = set_up(bench)
-    for axis, (rest, value) in enumerate(zip(AT_REST, said["stimulated"], strict=True)):
+    readings = set_up(bench)
+    for axis, (rest, value) in enumerate(
+        zip(AT_REST, readings["stimulated"], strict=True)
+    ):
         share = 0.1 if axis in weak else 1
         assert value - rest == pytest.approx(share * response_of(FACTORY[axis]), abs=1)
 
@@ -70,15 +72,15 @@ def test_the_magnetometer_answers_in_its_own_axes_as_read():
 
 @pytest.mark.parametrize("field", [(0, 0, -2000), (-32768, 32767, 1), None])
 def test_the_response_of_the_magnetometer_is_not_judged_here(field):
-    said = set_up(scripted(mag_test=field))
-    assert said["mag_response"] == (field or (0, 0, 0))  # None: it never measures
+    readings = set_up(scripted(mag_test=field))
+    assert readings["mag_response"] == (field or (0, 0, 0))  # None: it never measures
 
 
 def test_readings_at_the_ends_of_their_range_are_kept():
     rest = [0, 0, 16384, 32767, -32768, 0]
-    said = set_up(scripted(rest=rest, response=[0, 0, 0, -65535, 65535, 1]))
-    assert said["before"] == said["after"] == tuple(rest)
-    assert said["stimulated"] == (0, 0, 16384, -32768, 32767, 1)
+    readings = set_up(scripted(rest=rest, response=[0, 0, 0, -65535, 65535, 1]))
+    assert readings["before"] == readings["after"] == tuple(rest)
+    assert readings["stimulated"] == (0, 0, 16384, -32768, 32767, 1)
 
 
 def turning(bench: Bench) -> int:
@@ -95,8 +97,8 @@ def turning(bench: Bench) -> int:
 def test_motion_is_seen_in_the_rates_without_the_stimulus():
     bench = Bench()
     assert turning(bench) == lib.SENSOR_OK
-    said = answers(bench)
-    rates = [value / 131 for value in said["before"][3:] + said["after"][3:]]
+    readings = answers(bench)
+    rates = [value / 131 for value in readings["before"][3:] + readings["after"][3:]]
     assert max(map(abs, rates)) > 5
 
 

@@ -209,9 +209,9 @@ def test_a_reset_is_replied_to_before_it_is_wanted_of_the_board():
 
 def test_the_time_has_nothing_but_its_reply_stamped_when_it_was_heard():
     bench = Bench().run(3.0, samples=False)
-    said, now_us = len(bench.messages), bench.time_us
+    count, now_us = len(bench.messages), bench.time_us
     assert bench.command(lib.COMMAND_TIME, 3, 4) == (OK, [3, 4])
-    assert len(bench.messages) == said + 1
+    assert len(bench.messages) == count + 1
     assert bench.messages[-1].time_us == now_us
 
 

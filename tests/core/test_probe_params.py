@@ -61,7 +61,7 @@ def change(bench: Bench, records: bytes, more: int = 0) -> None:
     assert apply(bench, records, more)[0] == OK
 
 
-def told(messages: list) -> dict[int, bytes]:
+def sets_in(messages: list) -> dict[int, bytes]:
     """The sets that were told whole, by their digests."""
     parts: dict[int, dict[int, bytes]] = {}
     lengths = {}
@@ -97,7 +97,7 @@ def test_a_change_is_told_whole_before_its_event_and_in_the_hello_after_it():
     events = [message for message in new if message.name == "event"]
     first = new.index(events[0])
     before = [message for message in new[:first] if message.name == "params"]
-    assert told(before)[digest(FULL)] == FULL
+    assert sets_in(before)[digest(FULL)] == FULL
     assert [tuple(event.fields.values()) for event in events] == [
         (lib.EVENT_PARAMS_CHANGED, lib.CAUSE_COMMAND, signed(digest(FULL))),
         (lib.EVENT_RESTARTED, lib.CAUSE_COMMAND, lib.FILTER_FUSE),
@@ -112,7 +112,7 @@ def test_params_survive_a_boot_and_are_told_again():
     change(bench, FULL)
     after = Bench(bench.memory).find_sensor().run(1)
     assert after.of("hello")[0].fields["params_digest"] == digest(FULL)
-    assert told(after.of("params")) == {digest(FULL): FULL}
+    assert sets_in(after.of("params")) == {digest(FULL): FULL}
     assert after.c.params.calibration.acc.bias[0] == 12345
     assert lib.EVENT_PARAMS_LOST not in [event for event, _, _ in after.events()]
 
@@ -126,7 +126,7 @@ def test_all_parts_come_in_time_to_who_only_listens():
     bench.run(seconds, samples=False)
     heard = bench.messages[start:]
     parts = [message for message in heard if message.name == "params"]
-    assert told(parts)[digest(FULL)] == FULL
+    assert sets_in(parts)[digest(FULL)] == FULL
     assert len(parts) == seconds  # one a hello
 
 
@@ -138,7 +138,7 @@ def test_all_parts_come_on_request():
     assert bench.command(lib.COMMAND_PARAMS_TELL)[0] == OK
     bench.run(0.2, samples=False)
     parts = [m for m in bench.messages[start:] if m.name == "params"]
-    assert told(parts)[digest(FULL)] == FULL
+    assert sets_in(parts)[digest(FULL)] == FULL
 
 
 def test_a_card_begins_with_all_parts():
@@ -149,7 +149,7 @@ def test_a_card_begins_with_all_parts():
     lib.probe_log(bench.c, True, bench.time_us)
     bench.run(0.3, samples=False)
     assert card.messages[0].name == "hello"
-    assert told(card.of("params")) == {digest(FULL): FULL}
+    assert sets_in(card.of("params")) == {digest(FULL): FULL}
 
 
 def test_without_a_change_of_calibration_the_filter_goes_on():
@@ -193,15 +193,17 @@ def changed_by(bench: Bench, more: int) -> tuple[list[tuple], float, int]:
     ]
     last, first = (np.array(part["q"]) for part in (poses[0][-1], poses[1][0]))
     flags = np.bitwise_or.reduce([pose["pose_flags"] for pose in poses[1]])
-    said = [(new[at + 1].name, *new[at].fields.values()) for at in events]
-    return said, float(desk.apart_deg(last, first)), int(flags)
+    reported = [(new[at + 1].name, *new[at].fields.values()) for at in events]
+    return reported, float(desk.apart_deg(last, first)), int(flags)
 
 
 def test_a_filter_goes_on_with_another_calibration_of_the_same_axes():
     bench = turned()
     digest_of = signed(digest(ACC + GYR + MAG))
-    said, turn_deg, flags = changed_by(bench, lib.PARAMS_GOES_ON)
-    assert said == [("hello", lib.EVENT_PARAMS_CHANGED, lib.CAUSE_COMMAND, digest_of)]
+    reported, turn_deg, flags = changed_by(bench, lib.PARAMS_GOES_ON)
+    assert reported == [
+        ("hello", lib.EVENT_PARAMS_CHANGED, lib.CAUSE_COMMAND, digest_of)
+    ]
     assert bench.of("hello")[-1].fields["params_digest"] == digest(ACC + GYR + MAG)
     assert bench.c.params.calibration.acc.bias[0] == 8_000_000
     assert turn_deg < 1
@@ -209,8 +211,8 @@ def test_a_filter_goes_on_with_another_calibration_of_the_same_axes():
 
 
 def test_a_change_without_256_beside_its_length_begins_anew():
-    said, turn_deg, flags = changed_by(turned(), 0)
-    assert [names[:2] for names in said] == [
+    reported, turn_deg, flags = changed_by(turned(), 0)
+    assert [names[:2] for names in reported] == [
         ("event", lib.EVENT_PARAMS_CHANGED),
         ("hello", lib.EVENT_RESTARTED),
     ]

@@ -41,7 +41,7 @@ def test_a_module_that_never_answers_is_a_fault_told_once_and_tried_for_ever():
 @pytest.mark.parametrize("noise", [b"", b"\x00\xff", b"x" * 300, b"D\rE\r\n=\n=0\n"])
 def test_noise_in_place_of_answers_is_a_fault_and_never_a_write(noise):
     module = Module(FACTORY | {"SU": "921K"})
-    module.noise = lambda said: said if said.startswith(b"CMD") else noise
+    module.noise = lambda answer: answer if answer.startswith(b"CMD") else noise
     probe = Probe(module)
     probe.run_to(lib.RN41_FAILED)
     assert probe.rn41.fault == lib.RN41_GARBLED
@@ -50,7 +50,9 @@ def test_noise_in_place_of_answers_is_a_fault_and_never_a_write(noise):
 
 def test_noise_in_front_of_an_answer_is_borne():
     module = Module(FACTORY)
-    module.noise = lambda said: b"\xfe\x80" + said if said[:1] in b"ACR" else said
+    module.noise = lambda answer: (
+        b"\xfe\x80" + answer if answer[:1] in b"ACR" else answer
+    )
     probe = Probe(module)
     assert probe.run_to(lib.RN41_WAITING) < 14
 
@@ -58,7 +60,9 @@ def test_noise_in_front_of_an_answer_is_borne():
 def test_a_list_that_never_ends_is_a_fault():
     module = Module()
     probe = Probe(module)
-    module.noise = lambda said: said + b"=" * 400_000 if b"BTA" in said else said
+    module.noise = lambda answer: (
+        answer + b"=" * 400_000 if b"BTA" in answer else answer
+    )
     probe.run_to(lib.RN41_FAILED)
     assert probe.rn41.fault == lib.RN41_GARBLED
 
@@ -76,7 +80,7 @@ def test_a_setting_that_is_not_kept_is_a_fault_and_is_written_four_times_at_most
 
 def test_a_setting_that_is_not_taken_is_a_fault():
     module = Module(FACTORY)
-    module.noise = lambda said: b"ERR\r\n" if said == b"AOK\r\n" else said
+    module.noise = lambda answer: b"ERR\r\n" if answer == b"AOK\r\n" else answer
     probe = Probe(module)
     probe.run_to(lib.RN41_FAILED)
     assert probe.rn41.fault == lib.RN41_REFUSED
@@ -84,7 +88,7 @@ def test_a_setting_that_is_not_taken_is_a_fault():
 
 def test_without_end_it_is_not_taken_for_data_mode():
     module = Module()
-    module.noise = lambda said: b"" if said == b"END\r\n" else said
+    module.noise = lambda answer: b"" if answer == b"END\r\n" else answer
     probe = Probe(module)
     probe.run_to(lib.RN41_FAILED)
     assert probe.rn41.fault == lib.RN41_SILENT
@@ -93,7 +97,7 @@ def test_without_end_it_is_not_taken_for_data_mode():
 
 def test_a_restart_whose_answer_is_cut_short_counts():
     module = Module(FACTORY)
-    module.noise = lambda said: said.replace(b"Reboot!\r\n", b"Reb")
+    module.noise = lambda answer: answer.replace(b"Reboot!\r\n", b"Reb")
     probe = Probe(module)
     assert probe.run_to(lib.RN41_WAITING) < 14
     assert module.reboots == 1
@@ -145,10 +149,10 @@ def test_damage_at_random_is_borne_until_it_ends(seed):
     probe = Probe(module)
     quiet_us = 100 * SECOND_US
 
-    def noise(said: bytes) -> bytes:
+    def noise(answer: bytes) -> bytes:
         if module.now_us > quiet_us or chance.random() < 0.6:
-            return said
-        damaged = bytearray(said)
+            return answer
+        damaged = bytearray(answer)
         damaged[chance.randrange(len(damaged))] ^= 1 << chance.randrange(8)
         return bytes(damaged[: chance.randrange(len(damaged) + 1)])
 

@@ -257,11 +257,11 @@ def test_noise_on_the_line_never_hangs_it(seed, rate):
 
     class Noisy(FakeCard):
         def exchange(self, out: bytes, *rest: Any, **more: Any) -> bytes:
-            said = bytearray(super().exchange(out, *rest, **more))
-            for i in range(len(said)):
+            answer = bytearray(super().exchange(out, *rest, **more))
+            for i in range(len(answer)):
                 if noise.random() < rate:
-                    said[i] = noise.randrange(256)
-            return bytes(said)
+                    answer[i] = noise.randrange(256)
+            return bytes(answer)
 
     card = Noisy()
     driver = Driver(card)

@@ -70,10 +70,10 @@ def test_after_a_stroke_without_length_no_place_is_known(
     tracker.feel(samples[: start - 100], held[: start - 100])
     lib.pose_set_origin(tracker.c, lib.POSE_ORIGIN_HEADING)
     assert list(tracker.pose().position) != [NULL] * 3
-    told, _ = tracker.feel(samples[start - 100 :], held[start - 100 :])
-    assert names(told) == [end]
-    assert (ends(told)["displacement"] == NULL).all()
-    assert (ends(told)["path"] == NULL).all()
+    strokes, _ = tracker.feel(samples[start - 100 :], held[start - 100 :])
+    assert names(strokes) == [end]
+    assert (ends(strokes)["displacement"] == NULL).all()
+    assert (ends(strokes)["path"] == NULL).all()
     assert list(tracker.pose().position) == [NULL] * 3
 
 
@@ -83,9 +83,9 @@ def test_a_press_that_bounces_begins_one_stroke(single: Measured) -> None:
     held[press + 3 : press + 6] = False
     held[press + 9 : press + 11] = False
     tracker = Tracker(is_by_button=True)
-    told, _ = tracker.feel(single.samples, held)
-    assert names(told) == [lib.STROKE_END_BUTTON]
-    assert np.linalg.norm(desk.errors(tracker, single, told)) < 0.006
+    strokes, _ = tracker.feel(single.samples, held)
+    assert names(strokes) == [lib.STROKE_END_BUTTON]
+    assert np.linalg.norm(desk.errors(tracker, single, strokes)) < 0.006
 
 
 def test_a_lost_magnetometer_keeps_the_place(single: Measured) -> None:
@@ -95,8 +95,8 @@ def test_a_lost_magnetometer_keeps_the_place(single: Measured) -> None:
     first = single.index(single.strokes[0].start_s) - 100
     tracker.feel(samples[:first], single.held()[:first])
     lib.pose_set_origin(tracker.c, lib.POSE_ORIGIN_HEADING)
-    told, _ = tracker.feel(samples[first:], single.held()[first:])
-    way = ends(told)["displacement"][0] * MICRO
+    strokes, _ = tracker.feel(samples[first:], single.held()[first:])
+    way = ends(strokes)["displacement"][0] * MICRO
     place = np.array(list(tracker.pose().position)) * MICRO
     assert np.linalg.norm(place - way) < 1e-4
     assert np.linalg.norm(way) == pytest.approx(0.1, abs=0.006)

@@ -134,14 +134,14 @@ def test_nothing_that_windows_can_be_overflows(is_by_button: bool) -> None:
                 lib.stroke_hold(windows.c, bool(random.random() < 0.5))
             quat = random.standard_normal(4)
             fault = random.choice([0, lib.STROKE_END_CLIPPED], p=[0.99, 0.01])
-            told = windows.feel(
+            strokes = windows.feel(
                 force,
                 np.clip(2 * force + random.normal(0, wild, 3), -960, 960),
                 quat / np.linalg.norm(quat) if random.random() < 0.3 else None,
                 fault=int(fault),
                 bias_variance=int(random.integers(1, 2**23)),
             )
-            if told:
+            if strokes:
                 seen.add(int(windows.c.end))
     assert {lib.STROKE_END_RUNNING, lib.STROKE_END_TOO_FAST} <= seen
     assert lib.STROKE_END_CLIPPED in seen

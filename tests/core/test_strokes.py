@@ -36,10 +36,10 @@ def test_strokes_of_10_cm_in_1_s_are_found_to_6_mm(
     scene: Measured, is_by_button: bool
 ) -> None:
     tracker = Tracker(is_by_button=is_by_button)
-    told, _ = tracker.feel(scene.samples, scene.held() if is_by_button else None)
-    assert names(told) == [BUTTON if is_by_button else REST] * 3
-    assert np.linalg.norm(desk.errors(tracker, scene, told), axis=1).max() < 0.006
-    assert ends(told)["stroke"].tolist() == [1, 2, 3]
+    strokes, _ = tracker.feel(scene.samples, scene.held() if is_by_button else None)
+    assert names(strokes) == [BUTTON if is_by_button else REST] * 3
+    assert np.linalg.norm(desk.errors(tracker, scene, strokes), axis=1).max() < 0.006
+    assert ends(strokes)["stroke"].tolist() == [1, 2, 3]
 
 
 @pytest.mark.sampled(3)
@@ -49,10 +49,10 @@ def test_true_errors_are_inside_the_stated_sigma(support: str) -> None:
     for seed in range(3):
         scene = desk.measured(Plan(strokes=8, support=support), seed)
         tracker = Tracker(is_by_button=True)
-        told, _ = tracker.feel(scene.samples, scene.held())
-        assert names(told) == [BUTTON] * 8
-        sigma = ends(told)["displacement_sigma"][:, [0, 0, 1]] * SIGMA
-        apart.append(desk.errors(tracker, scene, told) / sigma)
+        strokes, _ = tracker.feel(scene.samples, scene.held())
+        assert names(strokes) == [BUTTON] * 8
+        sigma = ends(strokes)["displacement_sigma"][:, [0, 0, 1]] * SIGMA
+        apart.append(desk.errors(tracker, scene, strokes) / sigma)
     share = np.mean(np.abs(apart) < 1.96)
     # 72 numbers, of which 95 % should be: 4 standard deviations below.
     assert share > 0.85
@@ -63,30 +63,34 @@ def test_a_slow_stroke_along_a_ruler_is_not_cut_short() -> None:
     for seed in range(4):
         scene = desk.measured(Plan(seconds=2.0, turn_deg=0.0, strokes=2), seed)
         tracker = Tracker()
-        told, _ = tracker.feel(scene.samples)
-        assert names(told) == [REST, REST]
-        assert np.linalg.norm(desk.errors(tracker, scene, told), axis=1).max() < 0.025
+        strokes, _ = tracker.feel(scene.samples)
+        assert names(strokes) == [REST, REST]
+        assert (
+            np.linalg.norm(desk.errors(tracker, scene, strokes), axis=1).max() < 0.025
+        )
 
 
 def test_a_running_stroke_is_told_every_window_and_its_sigma_grows(
     single: Measured,
 ) -> None:
-    told, after = Tracker(is_by_button=True).feel(single.samples, single.held())
-    assert (told["end"][:-1] == lib.STROKE_END_RUNNING).all()
+    strokes, after = Tracker(is_by_button=True).feel(single.samples, single.held())
+    assert (strokes["end"][:-1] == lib.STROKE_END_RUNNING).all()
     assert (np.diff(after) == desk.WINDOW).all()
-    assert len(told) >= 10
-    running = told["displacement_sigma"][:-1, 0].astype(int)
+    assert len(strokes) >= 10
+    running = strokes["displacement_sigma"][:-1, 0].astype(int)
     assert (np.diff(running) >= 0).all()
-    assert running[-1] > 1.5 * told["displacement_sigma"][-1, 0]  # the end tells much
-    final = np.linalg.norm(told["displacement"][-1])
-    assert abs(np.linalg.norm(told["displacement"][-2]) - final) * MICRO < 0.03
+    assert (
+        running[-1] > 1.5 * strokes["displacement_sigma"][-1, 0]
+    )  # the end tells much
+    final = np.linalg.norm(strokes["displacement"][-1])
+    assert abs(np.linalg.norm(strokes["displacement"][-2]) - final) * MICRO < 0.03
 
 
 def test_a_rest_of_a_minute_is_no_stroke(single: Measured) -> None:
     still = np.tile(single.samples[:1200], 10)
     still["time_us"] = np.arange(len(still)) * 5000
-    told, _ = Tracker().feel(still)
-    assert len(told) == 0
+    strokes, _ = Tracker().feel(still)
+    assert len(strokes) == 0
 
 
 # What ends a stroke without a result.
@@ -95,11 +99,11 @@ def test_a_rest_of_a_minute_is_no_stroke(single: Measured) -> None:
 def test_a_stroke_without_end_is_too_long_and_has_no_length() -> None:
     scene = desk.measured(Plan(seconds=8.0, length_m=1.0, strokes=1), 3)
     tracker = Tracker(is_by_button=True)
-    told, after = tracker.feel(scene.samples, scene.held())
-    assert names(told) == [lib.STROKE_END_TOO_LONG]
-    assert (ends(told)["displacement"] == NULL).all()
-    assert (ends(told)["displacement_sigma"] == 2**16 - 1).all()
-    assert (ends(told)["path"] == NULL).all()
+    strokes, after = tracker.feel(scene.samples, scene.held())
+    assert names(strokes) == [lib.STROKE_END_TOO_LONG]
+    assert (ends(strokes)["displacement"] == NULL).all()
+    assert (ends(strokes)["displacement_sigma"] == 2**16 - 1).all()
+    assert (ends(strokes)["path"] == NULL).all()
     assert after[-1] - after[0] <= 50 * desk.WINDOW
 
 
@@ -108,12 +112,12 @@ def test_a_button_that_is_jammed_for_an_hour_tells_one_stroke(single: Measured) 
     held = np.zeros(len(single.samples), bool)
     held[at(single, -0.1) :] = True
     tracker = Tracker(is_by_button=True)
-    told, _ = tracker.feel(single.samples, held)
+    strokes, _ = tracker.feel(single.samples, held)
     hour = np.tile(single.samples[-400:], 60 * 30)
     hour["time_us"] = np.arange(len(hour)) * 5000
     hour["time_us"] += single.samples["time_us"][-1] + 5000
     more, _ = tracker.feel(hour, np.ones(len(hour), bool))
-    assert names(told) + names(more) == [lib.STROKE_END_TOO_LONG]
+    assert names(strokes) + names(more) == [lib.STROKE_END_TOO_LONG]
 
 
 @pytest.mark.parametrize("by", ["acc_clipped", "gyr_clipped", "has_gap"])
@@ -122,40 +126,40 @@ def test_clipping_and_gaps_end_a_stroke_and_its_path(single: Measured, by: str) 
     samples[by][at(single, 0.5)] = True
     tracker = Tracker(is_by_button=True, tip_um=(0, 0, 0))
     lib.pose_set_origin(tracker.c, lib.POSE_ORIGIN_HEADING)
-    told, _ = tracker.feel(samples, single.held())
+    strokes, _ = tracker.feel(samples, single.held())
     end = lib.STROKE_END_GAP if by == "has_gap" else lib.STROKE_END_CLIPPED
-    assert names(told) == [end]
-    assert (ends(told)["displacement"] == NULL).all()
+    assert names(strokes) == [end]
+    assert (ends(strokes)["displacement"] == NULL).all()
     assert list(tracker.pose().position) == [NULL] * 3
 
 
 def test_a_long_gap_in_time_ends_a_stroke(single: Measured) -> None:
     samples = single.samples.copy()
     samples["time_us"][at(single, 0.5) :] += 400_000
-    told, _ = Tracker(is_by_button=True).feel(samples, single.held())
-    assert names(told) == [lib.STROKE_END_GAP]
+    strokes, _ = Tracker(is_by_button=True).feel(samples, single.held())
+    assert names(strokes) == [lib.STROKE_END_GAP]
 
 
 def test_a_stroke_that_begins_in_motion_has_no_length(single: Measured) -> None:
     held = np.zeros(len(single.samples), bool)
     held[at(single, 0.4) : at(single, 1.2)] = True
-    told, _ = Tracker(is_by_button=True).feel(single.samples, held)
-    assert names(told) == [lib.STROKE_END_MOVING]
+    strokes, _ = Tracker(is_by_button=True).feel(single.samples, held)
+    assert names(strokes) == [lib.STROKE_END_MOVING]
 
 
 def test_a_stroke_that_ends_in_motion_has_no_length(single: Measured) -> None:
     held = np.zeros(len(single.samples), bool)
     held[at(single, -0.1) : at(single, 0.45)] = True
-    told, _ = Tracker(is_by_button=True).feel(single.samples, held)
-    assert names(told) == [lib.STROKE_END_MOVING]
+    strokes, _ = Tracker(is_by_button=True).feel(single.samples, held)
+    assert names(strokes) == [lib.STROKE_END_MOVING]
 
 
 def test_a_thrown_probe_is_too_fast(single: Measured) -> None:
     samples = single.samples.copy()
     begin = at(single, 0.2)
     samples["acc"][begin : begin + 60] += 6000  # 29 m/s2
-    told, _ = Tracker(is_by_button=True).feel(samples, single.held())
-    assert names(told) == [lib.STROKE_END_TOO_FAST]
+    strokes, _ = Tracker(is_by_button=True).feel(samples, single.held())
+    assert names(strokes) == [lib.STROKE_END_TOO_FAST]
 
 
 def test_a_restart_in_the_midst_forgets_the_stroke(single: Measured) -> None:
@@ -163,17 +167,17 @@ def test_a_restart_in_the_midst_forgets_the_stroke(single: Measured) -> None:
     half = at(single, 0.5)
     tracker.feel(single.samples[:half], single.held()[:half])
     assert lib.pose_begin(tracker.c, desk.CALIBRATED, desk.MPU9250, lib.FILTER_FUSE)
-    told, _ = tracker.feel(single.samples[half:], single.held()[half:])
-    assert len(told) == 0
+    strokes, _ = tracker.feel(single.samples[half:], single.held()[half:])
+    assert len(strokes) == 0
 
 
 def test_a_lost_magnetometer_changes_no_length(single: Measured) -> None:
     samples = single.samples.copy()
     whole, _ = Tracker(is_by_button=True).feel(samples, single.held())
     samples["has_mag"][at(single, 0.3) :] = False
-    told, _ = Tracker(is_by_button=True).feel(samples, single.held())
-    assert names(told) == [BUTTON]
-    lengths = [np.linalg.norm(each["displacement"][-1]) for each in (whole, told)]
+    strokes, _ = Tracker(is_by_button=True).feel(samples, single.held())
+    assert names(strokes) == [BUTTON]
+    lengths = [np.linalg.norm(each["displacement"][-1]) for each in (whole, strokes)]
     assert abs(lengths[0] - lengths[1]) * MICRO < 0.001
 
 
@@ -183,23 +187,23 @@ def test_a_lost_magnetometer_changes_no_length(single: Measured) -> None:
 def test_a_click_is_no_stroke(single: Measured) -> None:
     held = np.zeros(len(single.samples), bool)
     held[at(single, -0.5) : at(single, -0.3)] = True
-    told, _ = Tracker(is_by_button=True).feel(single.samples, held)
-    assert len(told) == 0
+    strokes, _ = Tracker(is_by_button=True).feel(single.samples, held)
+    assert len(strokes) == 0
 
 
 def test_a_release_that_bounces_does_not_end_the_stroke(single: Measured) -> None:
     held = single.held()
     held[at(single, 0.5) : at(single, 0.52)] = False
     tracker = Tracker(is_by_button=True)
-    told, _ = tracker.feel(single.samples, held)
-    assert names(told) == [BUTTON]
-    assert np.linalg.norm(desk.errors(tracker, single, told)) < 0.006
+    strokes, _ = tracker.feel(single.samples, held)
+    assert names(strokes) == [BUTTON]
+    assert np.linalg.norm(desk.errors(tracker, single, strokes)) < 0.006
 
 
 def test_without_the_option_the_button_makes_no_stroke(single: Measured) -> None:
-    told, _ = Tracker().feel(single.samples, single.held())
+    strokes, _ = Tracker().feel(single.samples, single.held())
     other, _ = Tracker().feel(single.samples)
-    assert np.array_equal(told, other)
+    assert np.array_equal(strokes, other)
 
 
 # Path, tip and normal.
@@ -219,8 +223,8 @@ def test_a_path_adds_up_and_the_tip_is_at_the_end_of_it() -> None:
     assert list(tracker.pose().position) == [NULL] * 3
     lib.pose_set_origin(tracker.c, lib.POSE_ORIGIN_HEADING)
     assert np.abs(list(tracker.pose().position)).max() < 100  # um
-    told, _ = tracker.feel(scene.samples[first:], held[first:])
-    assert names(told) == [BUTTON] * 3
+    strokes, _ = tracker.feel(scene.samples[first:], held[first:])
+    assert names(strokes) == [BUTTON] * 3
     pose = tracker.pose()
     # From the first corner of the sheet to the last, seen from the origin's heading.
     turn = desk.heading_of(tracker, scene)
@@ -231,7 +235,7 @@ def test_a_path_adds_up_and_the_tip_is_at_the_end_of_it() -> None:
     normal = np.array(list(pose.normal)) / 2**14
     back = -np.array(desk.rotation.rotate(tracker.quat(), np.array([1.0, 0.0, 0.0])))
     assert np.allclose(normal, back, atol=2e-4)
-    sigma = ends(told)["path_sigma"]
+    sigma = ends(strokes)["path_sigma"]
     assert (np.diff(sigma[:, 0].astype(int)) > 0).all()
 
 
@@ -246,15 +250,15 @@ def test_undoing_the_origin_leaves_no_position(single: Measured) -> None:
 
 def test_a_press_sets_the_origin_where_there_is_none(single: Measured) -> None:
     tracker = Tracker(is_by_button=True, tip_um=(0, 0, 0))
-    told, _ = tracker.feel(single.samples, single.held())
-    assert (ends(told)["path"] != NULL).all()
-    assert np.array_equal(ends(told)["path"], ends(told)["displacement"])
+    strokes, _ = tracker.feel(single.samples, single.held())
+    assert (ends(strokes)["path"] != NULL).all()
+    assert np.array_equal(ends(strokes)["path"], ends(strokes)["displacement"])
 
 
 def test_without_a_tip_there_is_no_position_but_a_path(single: Measured) -> None:
     tracker = Tracker(is_by_button=True)
-    told, _ = tracker.feel(single.samples, single.held())
-    assert (ends(told)["path"] != NULL).all()
+    strokes, _ = tracker.feel(single.samples, single.held())
+    assert (ends(strokes)["path"] != NULL).all()
     assert list(tracker.pose().position) == [NULL] * 3
     assert list(tracker.pose().normal) == [-(2**15)] * 3
 
@@ -262,8 +266,8 @@ def test_without_a_tip_there_is_no_position_but_a_path(single: Measured) -> None
 def test_another_filter_tells_no_strokes(single: Measured) -> None:
     tracker = Tracker(is_by_button=True)
     assert lib.pose_begin(tracker.c, desk.CALIBRATED, desk.MPU9250, lib.FILTER_MAHONY)
-    told, _ = tracker.feel(single.samples, single.held())
-    assert len(told) == 0
+    strokes, _ = tracker.feel(single.samples, single.held())
+    assert len(strokes) == 0
 
 
 # What the filter learns from strokes.

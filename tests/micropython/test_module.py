@@ -127,15 +127,15 @@ def test_its_poses_are_those_of_the_native_core(
 
 
 def test_it_takes_commands_in_any_pieces(micropython: Path, tmp_path: Path) -> None:
-    said = []
+    runs = []
     for size in (99, 1, 7):
         tape = Tape()
         for number, name in enumerate(("start", "rate", "fields", "stop")):
             tape.command(100 + number, name, 1, 50, size)
-        said.append(fed(micropython, tape, tmp_path))
-    replies = [reply.fields["result"] for reply in sent(said[0], "reply")]
+        runs.append(fed(micropython, tape, tmp_path))
+    replies = [reply.fields["result"] for reply in sent(runs[0], "reply")]
     assert replies == ["ok"] * 4
-    assert said[1] == said[2] == said[0]
+    assert runs[1] == runs[2] == runs[0]
 
 
 def test_its_settings_survive_and_a_boot_is_counted(

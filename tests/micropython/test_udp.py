@@ -52,8 +52,8 @@ def probe(stock: Path, keys: Path, port: int, kind: str = "plain") -> Iterator[N
     )
     try:
         yield
-        said, _ = process.communicate(timeout=PATIENCE_S)
-        assert (process.returncode, said) == (0, b"")
+        output, _ = process.communicate(timeout=PATIENCE_S)
+        assert (process.returncode, output) == (0, b"")
     finally:
         process.kill()
         process.wait()

@@ -55,14 +55,14 @@ def board(program: Path, f405: Path, used_flash: bytes, tmp_path: Path) -> Board
             command += ["--send", f"{at_ms * 1000}:{letters.encode().hex()}"]
         done = subprocess.run(command, check=False, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
-        told = json.loads(summary.read_text(encoding="ascii"))
-        assert told["firmware_complaint"] is None
+        figures = json.loads(summary.read_text(encoding="ascii"))
+        assert figures["firmware_complaint"] is None
         return Run(
             # A link begins with a zero.
             record.read_text(encoding="ascii", errors="replace")
             .replace("\0", "")
             .splitlines(),
-            told,
+            figures,
         )
 
     return run

@@ -17,19 +17,21 @@ def battery(mv: int) -> tuple[str, str]:
     return "--battery", str(mv)
 
 
-def told(run: Run) -> list[list[int]]:
+def battery_in(run: Run) -> list[list[int]]:
     """Millivolts, flags, how often it has got low."""
     return run.numbers("battery")
 
 
 def test_where_nothing_is_wired_no_battery_is_known_or_low(board: Board) -> None:
     run = board((100, "y"), (20_000, "y"), seconds=20.1)
-    assert told(run) == [[UNKNOWN, 0, 0]] * 2
+    assert battery_in(run) == [[UNKNOWN, 0, 0]] * 2
 
 
 @pytest.mark.parametrize("mv", [2500, 3300, 4200])
 def test_a_battery_is_measured_through_its_divider(board: Board, mv: int) -> None:
-    ((measured, flags, _),) = told(board((500, "y"), seconds=0.6, options=battery(mv)))
+    ((measured, flags, _),) = battery_in(
+        board((500, "y"), seconds=0.6, options=battery(mv))
+    )
     assert abs(measured - mv) < 20
     assert flags == 0
 
@@ -37,7 +39,7 @@ def test_a_battery_is_measured_through_its_divider(board: Board, mv: int) -> Non
 def test_a_low_battery_is_told_once_and_not_before_ten_seconds(board: Board) -> None:
     sent = [(at, "y") for at in (9000, 11_000, 20_000)]
     run = board(*sent, seconds=20.1, options=battery(3200))
-    assert [line[1:] for line in told(run)] == [[0, 0], [LOW, 1], [LOW, 1]]
+    assert [line[1:] for line in battery_in(run)] == [[0, 0], [LOW, 1], [LOW, 1]]
 
 
 def test_the_chargers_pins_are_told(board: Board) -> None:
@@ -48,7 +50,7 @@ def test_the_chargers_pins_are_told(board: Board) -> None:
     ]
     sent = [(at, "y") for at in (500, 3000, 5000, 7000)]
     run = board(*sent, seconds=7.1, options=battery(3700), faults=faults)
-    assert [line[1] for line in told(run)] == [0, SUPPLY | CHARGING, SUPPLY, 0]
+    assert [line[1] for line in battery_in(run)] == [0, SUPPLY | CHARGING, SUPPLY, 0]
 
 
 def test_the_button_ends_sleep_with_a_start_by_software(board: Board) -> None:

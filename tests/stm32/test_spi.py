@@ -32,13 +32,13 @@ class Run:
 
     def __init__(self, lines: list[str], summary: dict[str, Any]) -> None:
         self.summary = summary
-        self.said: dict[str, list[int]] = {}
+        self.numbers: dict[str, list[int]] = {}
         for line in lines:
             word, number = line.split()
-            self.said.setdefault(word, []).append(int(number))
+            self.numbers.setdefault(word, []).append(int(number))
 
     def __getitem__(self, word: str) -> int:
-        return self.said[word][-1]
+        return self.numbers[word][-1]
 
 
 @pytest.fixture
@@ -64,15 +64,15 @@ def run(program: Path, f405: Path, tmp_path: Path) -> Callable[..., Run]:
             command += ["--card", card, *options]
         done = subprocess.run(command, check=False, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
-        told = json.loads(summary.read_text(encoding="ascii"))
-        assert told["firmware_complaint"] is None
+        figures = json.loads(summary.read_text(encoding="ascii"))
+        assert figures["firmware_complaint"] is None
         if volume is not None:
             with card.open("rb") as file:
                 file.seek(volume.file * BLOCK)
                 for number in range(volume.file, volume.file + volume.blocks):
                     volume.content[number] = file.read(BLOCK)
         text = record.read_text(encoding="ascii").replace("\0", "")
-        return Run(text.splitlines(), told)
+        return Run(text.splitlines(), figures)
 
     return run
 
@@ -83,29 +83,29 @@ def test_a_log_is_on_the_card_and_no_step_takes_long(
     run: Callable[..., Run], kind: str
 ) -> None:
     volume = Volume(600)
-    told = run(volume, "--card-kind", kind)
-    assert STATES[told["state"]] == "ready"
-    assert told["faults"] == 0
-    assert told["dropped"] == 0
-    assert LOG_S * RATE_HZ <= told["kept"] <= LOG_S * RATE_HZ + 2
+    result = run(volume, "--card-kind", kind)
+    assert STATES[result["state"]] == "ready"
+    assert result["faults"] == 0
+    assert result["dropped"] == 0
+    assert LOG_S * RATE_HZ <= result["kept"] <= LOG_S * RATE_HZ + 2
     frames = frames_of(read(volume)[1])
-    assert [int(frame[:8]) for frame in frames] == [*range(1, told["kept"] + 1)]
-    assert told["longest"] <= STEP_US_MAX
+    assert [int(frame[:8]) for frame in frames] == [*range(1, result["kept"] + 1)]
+    assert result["longest"] <= STEP_US_MAX
 
 
 @pytest.mark.nightly
 def test_an_empty_socket_costs_nothing_but_looks(run: Callable[..., Run]) -> None:
-    told = run(None)
-    assert STATES[told["state"]] == "absent"
-    assert [CAUSES[cause] for cause in told.said["fault"]] == ["absent"]
-    assert told["longest"] <= STEP_US_MAX
+    result = run(None)
+    assert STATES[result["state"]] == "absent"
+    assert [CAUSES[cause] for cause in result.numbers["fault"]] == ["absent"]
+    assert result["longest"] <= STEP_US_MAX
     # 3000 ticks, and a few exchanges a second.
-    assert told["steps"] < 3100
+    assert result["steps"] < 3100
 
 
 def test_a_garbled_block_is_sent_again(run: Callable[..., Run]) -> None:
     volume = Volume(600)
-    told = run(volume, faults=[{"kind": "card_crc", "card_write": 5}])
-    assert told["faults"] == 1
+    result = run(volume, faults=[{"kind": "card_crc", "card_write": 5}])
+    assert result["faults"] == 1
     frames = frames_of(read(volume)[1])
-    assert [int(frame[:8]) for frame in frames] == [*range(1, told["kept"] + 1)]
+    assert [int(frame[:8]) for frame in frames] == [*range(1, result["kept"] + 1)]

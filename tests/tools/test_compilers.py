@@ -121,8 +121,8 @@ def test_a_failed_build_is_reported_with_its_error(
     left = tmp_path / "7.3.0" / "nano" / "firmware.elf"
     left.parent.mkdir(parents=True)
     left.write_bytes(b"an earlier image")
-    said = SimpleNamespace(stdout="Compiling\nmain.c:3: error: no\nError 1\n")
-    monkeypatch.setattr(subprocess, "run", lambda *_, **__: said)
+    done = SimpleNamespace(stdout="Compiling\nmain.c:3: error: no\nError 1\n")
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: done)
     images, faults = compilers.build("7.3.0", tmp_path, {"nano": True})
     assert (images, faults) == ([], ["nano with avr-gcc 7.3.0: main.c:3: error: no"])
 

@@ -29,7 +29,7 @@ class Radio:
             assert lib.rn41_chip_load(self.chip, settings.encode())
         self.now = 0
         self.baud = FACTORY
-        self.said = b""
+        self.output = b""
         self.heard = b""
         self.rates: set[int] = set()
 
@@ -44,7 +44,7 @@ class Radio:
     def collect(self) -> None:
         byte, baud = ffi.new("uint8_t *"), ffi.new("uint32_t *")
         while lib.rn41_chip_take(self.chip, byte, baud):
-            self.said += bytes([byte[0]])
+            self.output += bytes([byte[0]])
             self.rates.add(baud[0])
         while lib.rn41_chip_host_read(self.chip, byte):
             self.heard += bytes([byte[0]])
@@ -57,17 +57,17 @@ class Radio:
             self.collect()
 
     def ask(self, line: str, seconds: float = 0.2) -> str:
-        self.said = b""
+        self.output = b""
         self.send(line.encode() + b"\r")
         self.wait(seconds)
-        return self.said.decode()
+        return self.output.decode()
 
     def command(self, at: float = UP + 0.1) -> None:
         """Enter command mode."""
         self.until(at)
         self.send(b"$$$")
         self.wait(0.2)
-        assert self.said.endswith(b"CMD\r\n")
+        assert self.output.endswith(b"CMD\r\n")
 
     def host(self, data: bytes) -> None:
         for byte in data:

@@ -32,7 +32,7 @@ def test_a_host_connects_two_seconds_later() -> None:
     radio.until(LINK)
     assert radio.pio2 == 1
     assert radio.counters.links == 1
-    assert radio.said == b""  # status strings are off (UG, SO)
+    assert radio.output == b""  # status strings are off (UG, SO)
 
 
 def test_bytes_while_it_starts_are_lost() -> None:
@@ -50,7 +50,7 @@ def test_data_goes_both_ways() -> None:
     radio.host(sent[::-1])
     radio.wait(0.2)
     assert radio.heard == sent
-    assert radio.said == sent[::-1]
+    assert radio.output == sent[::-1]
     assert radio.rates == {FACTORY}
     counters = radio.counters
     assert (counters.to_host, counters.from_host) == (256, 256)
@@ -64,7 +64,7 @@ def test_without_a_host_data_is_lost_and_counted() -> None:
     radio.host(b"nor this")
     radio.until(LINK + 1)
     assert radio.heard == b""
-    assert radio.said == b""
+    assert radio.output == b""
     assert radio.counters.lost_to_host == 17
     assert radio.counters.lost_from_host == 8
 
@@ -119,11 +119,11 @@ def test_cts_holds_it_after_the_byte_under_way() -> None:
     radio.wait(0.0026)
     radio.cts(True)
     radio.wait(0.1)
-    before = len(radio.said)
+    before = len(radio.output)
     assert before <= 2
     radio.cts(False)
     radio.wait(0.1)
-    assert len(radio.said) == 75
+    assert len(radio.output) == 75
 
 
 def test_a_slow_probe_holds_the_host_up_and_loses_nothing() -> None:
@@ -137,7 +137,7 @@ def test_a_slow_probe_holds_the_host_up_and_loses_nothing() -> None:
     assert total >= 4000  # the buffers of the module itself
     radio.cts(False)
     radio.wait(2)
-    assert len(radio.said) == total
+    assert len(radio.output) == total
     assert radio.counters.lost_from_host == 0
 
 
@@ -147,7 +147,7 @@ def test_another_rate_is_garbage_both_ways() -> None:
     radio.until(UP + 0.1)
     radio.send(b"$$$")
     radio.wait(2)
-    assert radio.said == b""
+    assert radio.output == b""
     radio.until(LINK + 0.1)
     radio.send(b"hello, can you hear me at all?")
     radio.wait(1)
@@ -253,7 +253,7 @@ def test_a_deaf_module_answers_nothing() -> None:
     radio.until(UP + 0.1)
     radio.send(b"$$$")
     radio.until(10)
-    assert radio.said == b""
+    assert radio.output == b""
     assert radio.counters.lost_to_host == 3
     radio.command(11)
 
@@ -282,5 +282,5 @@ def test_time_in_any_steps_is_the_same() -> None:
         radio.host(bytes(500))
         for _ in itertools.repeat(None, round(1.3 / step) + 1):
             radio.wait(step)
-        runs.append((len(radio.said), radio.counters.from_host))
+        runs.append((len(radio.output), radio.counters.from_host))
     assert runs == [(500, 500)] * 3

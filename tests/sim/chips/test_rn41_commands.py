@@ -15,7 +15,7 @@ from sim.chips.rn41_desk import FACTORY, LINK, SECOND, UP, Radio, lib, linked, s
 def test_three_characters_with_silence_open_command_mode() -> None:
     radio = Radio()
     radio.command()
-    assert radio.said == b"CMD\r\n"
+    assert radio.output == b"CMD\r\n"
     assert radio.heard == b""
 
 
@@ -26,10 +26,10 @@ def test_bytes_within_a_second_before_make_them_data() -> None:
     radio.send(b"$$$")
     radio.wait(2)
     assert radio.heard == b"x$$$"
-    assert radio.said == b""
+    assert radio.output == b""
     radio.send(b"$$$")  # after a pause
     radio.wait(2)
-    assert radio.said == b"CMD\r\n"
+    assert radio.output == b"CMD\r\n"
 
 
 @pytest.mark.parametrize("tail", [b"x", b"$"])
@@ -40,7 +40,7 @@ def test_bytes_after_make_them_data(tail: bytes) -> None:
     radio.send(tail)
     radio.wait(2)
     assert radio.heard == b"$$$" + tail
-    assert radio.said == b""
+    assert radio.output == b""
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -71,7 +71,7 @@ def test_the_timer_says_whether_while_connected(
     radio.until(at)
     radio.send(b"$$$")
     radio.wait(2)
-    assert (radio.said == b"CMD\r\n") is opens
+    assert (radio.output == b"CMD\r\n") is opens
     assert (radio.heard == b"$$$") is not opens
 
 
@@ -178,7 +178,7 @@ def test_settings_survive_in_a_file() -> None:
     again.until(UP + 0.1)
     again.send(b"###")
     again.wait(0.2)
-    assert again.said == b"CMD\r\n"
+    assert again.output == b"CMD\r\n"
     assert again.ask("GN") == "imu-probe-1A2C\r\n"
 
 
@@ -217,21 +217,21 @@ def test_end_leads_back_to_data() -> None:
 def test_lines_may_end_with_both() -> None:
     radio = Radio()
     radio.command()
-    radio.said = b""
+    radio.output = b""
     radio.send(b"GU\r\n")
     radio.wait(0.2)
     radio.send(b"GT\r\n")
     radio.wait(0.2)
-    assert radio.said == b"115K\r\n255\r\n"
+    assert radio.output == b"115K\r\n255\r\n"
 
 
 def test_commands_wait_for_the_answer_before() -> None:
     radio = Radio()
     radio.command()
-    radio.said = b""
+    radio.output = b""
     radio.send(b"GU\rGT\rGA\r")
     radio.wait(0.2)
-    assert radio.said == b"115K\r\n255\r\n1\r\n"
+    assert radio.output == b"115K\r\n255\r\n1\r\n"
 
 
 def test_a_host_may_come_while_it_is_configured() -> None:
@@ -245,7 +245,7 @@ def test_a_host_may_come_while_it_is_configured() -> None:
     assert radio.ask("---") == "END\r\n"
     radio.host(b"heard")
     radio.wait(0.1)
-    assert radio.said.endswith(b"END\r\nheard")
+    assert radio.output.endswith(b"END\r\nheard")
     assert radio.counters.lost_from_host == 25
 
 
@@ -277,7 +277,7 @@ def test_status_strings_come_where_they_are_set() -> None:
     radio.fault("DROP", LINK + 1, 1)
     radio.fault("RESET", LINK + 5)
     radio.until(20)
-    lines = radio.said.decode().splitlines()
+    lines = radio.output.decode().splitlines()
     connect = next(line for line in lines if "CONNECT" in line)
     assert connect.startswith("%CONNECT,")
     assert lines == [connect, "%DISCONNECT", connect, "%REBOOT", connect]
@@ -287,10 +287,10 @@ def test_a_long_answer_is_a_line_s_time() -> None:
     radio = Radio()
     radio.command()
     begin = radio.now
-    radio.said = b""
+    radio.output = b""
     radio.send(b"D\r")
-    while not radio.said.endswith(b"NONE SET\r\n"):
+    while not radio.output.endswith(b"NONE SET\r\n"):
         radio.wait(0.0001)
     took = (radio.now - begin) / SECOND
-    bits = 10 * (len(radio.said) + 2)
+    bits = 10 * (len(radio.output) + 2)
     assert took == pytest.approx(bits / FACTORY + 0.005, abs=0.0003)

@@ -62,11 +62,11 @@ def test_tim11_counts_by_an_oscillator_that_is_off(tmp_path: Path) -> None:
 
 def test_a_clock_that_stops_leaves_the_watchdog(tmp_path: Path) -> None:
     faults = bare.faults(tmp_path, {"kind": "crystal", "at_us": 50_000})
-    said = bare.run("stopped", tmp_path, *faults)
-    assert said.lines["cause"] == [0x0E, 0x24]
+    output = bare.run("stopped", tmp_path, *faults)
+    assert output.lines["cause"] == [0x0E, 0x24]
     # The program restarts its clock 2 ms after power-up, when the crystal is ready.
-    assert said.lines["last_us"][0] == pytest.approx(47_800, abs=100)
-    assert said.summary["seconds"] == pytest.approx(0.15, abs=0.001)
+    assert output.lines["last_us"][0] == pytest.approx(47_800, abs=100)
+    assert output.summary["seconds"] == pytest.approx(0.15, abs=0.001)
 
 
 def test_exceptions_nest_by_priority(tmp_path: Path) -> None:
@@ -97,10 +97,10 @@ def test_systick_counts_and_flags(tmp_path: Path) -> None:
 
 
 def test_sleep_takes_time_and_no_cycles(tmp_path: Path) -> None:
-    said = bare.run("sleep", tmp_path)
-    assert said.lines["us"][0] == pytest.approx(250_000, abs=10)
-    assert said.lines["awake"][0] < 250 * 20
-    assert said.summary["idle"] > 0.99
+    output = bare.run("sleep", tmp_path)
+    assert output.lines["us"][0] == pytest.approx(250_000, abs=10)
+    assert output.lines["awake"][0] < 250 * 20
+    assert output.summary["idle"] > 0.99
 
 
 def test_a_masked_interrupt_wakes_and_waits(tmp_path: Path) -> None:
@@ -123,8 +123,8 @@ def test_fpu_registers_survive_handlers_that_use_them(tmp_path: Path) -> None:
 
 
 def test_faults_say_what_and_where(tmp_path: Path) -> None:
-    said = bare.run("fault", tmp_path)
-    lines = said.lines
+    output = bare.run("fault", tmp_path)
+    lines = output.lines
     forced, bus_read, bus_write = 1 << 30, 0x8200, 0x400
     undefined, division = 1 << 16, 1 << 25
     # A bus fault becomes a hard fault while its own handler is disabled.
@@ -137,6 +137,6 @@ def test_faults_say_what_and_where(tmp_path: Path) -> None:
 
 
 def test_a_fault_in_the_handler_of_faults_locks_up(tmp_path: Path) -> None:
-    said = bare.run("fault", tmp_path)
-    assert "locked up" in said.errors
-    assert said.summary["crashed"] is True
+    output = bare.run("fault", tmp_path)
+    assert "locked up" in output.errors
+    assert output.summary["crashed"] is True

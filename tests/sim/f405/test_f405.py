@@ -22,13 +22,13 @@ MEGABYTE = 1 << 20
 
 
 def test_bytes_and_time_are_told(tmp_path: Path) -> None:
-    said = bare.run("stack", tmp_path, "--seconds", "5")
-    assert said.lines == {"done": [0]}
-    assert said.summary["bytes"] == len(said.data) == 14
-    assert said.summary["seconds"] < 0.01
-    assert said.summary["motion_start_us"] == 100_000
-    assert said.summary["resets"] == 0
-    assert said.summary["firmware_complaint"] is None
+    output = bare.run("stack", tmp_path, "--seconds", "5")
+    assert output.lines == {"done": [0]}
+    assert output.summary["bytes"] == len(output.data) == 14
+    assert output.summary["seconds"] < 0.01
+    assert output.summary["motion_start_us"] == 100_000
+    assert output.summary["resets"] == 0
+    assert output.summary["firmware_complaint"] is None
 
 
 def test_the_deepest_stack_and_the_sizes_are_found(tmp_path: Path) -> None:
@@ -47,11 +47,11 @@ def test_runs_are_the_same_byte_for_byte(tmp_path: Path) -> None:
 
 
 def test_an_access_to_what_is_not_modelled_ends_the_run(tmp_path: Path) -> None:
-    said = bare.run("unmodelled", tmp_path)
-    assert said.lines == {"before": [1]}
-    assert said.summary["crashed"] is True
-    assert 0x08000000 < said.summary["crash_pc"] < 0x08001000
-    assert "reads 0x40006404, which is not modelled" in said.errors
+    output = bare.run("unmodelled", tmp_path)
+    assert output.lines == {"before": [1]}
+    assert output.summary["crashed"] is True
+    assert 0x08000000 < output.summary["crash_pc"] < 0x08001000
+    assert "reads 0x40006404, which is not modelled" in output.errors
 
 
 def test_marked_work_is_measured_to_the_cycle(tmp_path: Path) -> None:
@@ -81,14 +81,14 @@ def test_flash_is_kept_and_the_image_put_over_it(tmp_path: Path) -> None:
 def settings_after_cut(folder: Path, write: int, after_us: int, *more: str) -> bytes:
     cut = {"kind": "power_cut", "write": write, "after_us": after_us}
     flash = folder / "flash"
-    said = bare.run(
+    output = bare.run(
         "settings",
         folder,
         *("--eeprom", str(flash), *more, *bare.faults(folder, cut)),
         code=0,
     )
-    assert said.summary["power_cut"] is True
-    assert said.summary["eeprom_writes"] == write
+    assert output.summary["power_cut"] is True
+    assert output.summary["eeprom_writes"] == write
     return flash.read_bytes()[0xC0000:0xE0000]
 
 
@@ -169,7 +169,7 @@ def read(wire: int, length: int) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "expected"),
     [
         ([], "--image is missing"),
         (["--image", "x", "--pty", "a", "--record", "b"], "exclude each other"),
@@ -184,7 +184,7 @@ def read(wire: int, length: int) -> bytes:
     ],
 )
 def test_a_mistake_is_told_in_a_line(
-    tmp_path: Path, arguments: list[str], says: str
+    tmp_path: Path, arguments: list[str], expected: str
 ) -> None:
     image = bare.image("stack")
     path = tmp_path / "faults.json"
@@ -199,7 +199,7 @@ def test_a_mistake_is_told_in_a_line(
     )
     assert done.returncode == 2
     assert done.stderr.startswith("f405: ")
-    assert says in done.stderr.splitlines()[0]
+    assert expected in done.stderr.splitlines()[0]
 
 
 @pytest.mark.parametrize("kind", ["crystal", "glitch"])

@@ -111,30 +111,30 @@ def test_samples_by_interrupt_and_dma_at_each_edge(tmp_path: Path) -> None:
 def test_bytes_come_back_by_dma_when_the_line_falls_idle(tmp_path: Path) -> None:
     more = ("--send", "20000:48656c6c6f0a", "--send", "40000:313233340a")
     more += ("--send", "150000:414243")
-    said = bare.run("usart", tmp_path, *more)
-    assert said.data.startswith(b"Hello\n1234\n")
-    assert said.lines["idles"] == [2]
-    assert said.lines["sent"] == [2]
+    output = bare.run("usart", tmp_path, *more)
+    assert output.data.startswith(b"Hello\n1234\n")
+    assert output.lines["idles"] == [2]
+    assert output.lines["sent"] == [2]
     # Overrun, idle and a byte, the first of three. Reading it clears the flags.
-    assert said.lines["flags"] == [0x38, 0]
-    assert said.lines["byte"] == [0x41]
-    assert said.summary["uart_overruns"] == 2
+    assert output.lines["flags"] == [0x38, 0]
+    assert output.lines["byte"] == [0x41]
+    assert output.summary["uart_overruns"] == 2
 
 
 def test_dma_can_not_reach_the_core_coupled_memory(tmp_path: Path) -> None:
-    said = bare.run("usart", tmp_path)
-    assert said.lines["dma"] == [1 << 3]  # TEIF
-    assert said.lines["enabled"] == [0]
-    assert said.summary["firmware_complaint"] == "DMA where it can't reach"
+    output = bare.run("usart", tmp_path)
+    assert output.lines["dma"] == [1 << 3]  # TEIF
+    assert output.lines["enabled"] == [0]
+    assert output.summary["firmware_complaint"] == "DMA where it can't reach"
 
 
 def test_the_ring_takes_more_than_its_length(tmp_path: Path) -> None:
     text = bytes(range(0x41, 0x41 + 26)) * 2
     more = [f"{20_000 + 2000 * i}:{text.hex()}" for i in range(3)]
     sends = [part for item in more for part in ("--send", item)]
-    said = bare.run("usart", tmp_path, *sends)
-    assert said.data.startswith(text * 3)
-    assert said.summary["uart_overruns"] == 0
+    output = bare.run("usart", tmp_path, *sends)
+    assert output.data.startswith(text * 3)
+    assert output.summary["uart_overruns"] == 0
 
 
 # Pins, timers
@@ -162,9 +162,9 @@ def test_flash_is_erased_and_programmed_in_its_time(tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 def test_flash_without_an_erase_only_loses_ones(tmp_path: Path) -> None:
-    said = bare.run("flash", tmp_path)
-    assert said.lines["anded"] == [0x00DE0000]
-    assert said.summary["firmware_complaint"] == "flash programmed that is not erased"
+    output = bare.run("flash", tmp_path)
+    assert output.lines["anded"] == [0x00DE0000]
+    assert output.summary["firmware_complaint"] == "flash programmed that is not erased"
 
 
 def test_a_store_of_another_width_is_refused(tmp_path: Path) -> None:

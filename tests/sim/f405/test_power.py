@@ -42,8 +42,8 @@ def radio(folder: Path, text: str = RADIO) -> tuple[str, str]:
 
 
 def test_cts_stops_usart2_between_bytes(tmp_path: Path) -> None:
-    said = bare.run("flow", tmp_path)
-    lines = said.lines
+    output = bare.run("flow", tmp_path)
+    lines = output.lines
     assert lines["clear"] == [0]
     assert lines["raised"] == [1]  # CTS has changed
     assert lines["held"] == [0]  # neither TXE nor TC is set
@@ -51,8 +51,8 @@ def test_cts_stops_usart2_between_bytes(tmp_path: Path) -> None:
     assert lines["fallen"] == [1]
     assert lines["us"][0] in (9, 10)  # the byte that had waited, at 1 Mbaud
     assert lines["middle"] == [0]
-    assert b"\n123\n" in said.data
-    assert said.summary["firmware_complaint"] == "USART2 waits for a CTS that floats"
+    assert b"\n123\n" in output.data
+    assert output.summary["firmware_complaint"] == "USART2 waits for a CTS that floats"
 
 
 # Radio
@@ -61,8 +61,8 @@ def test_cts_stops_usart2_between_bytes(tmp_path: Path) -> None:
 def test_the_radio_s_wires(tmp_path: Path) -> None:
     text = bytes(range(200)).hex()
     more = (*radio(tmp_path), "--send", f"4000000:{text}")
-    said = bare.run("radio", tmp_path, *more)
-    lines = said.lines
+    output = bare.run("radio", tmp_path, *more)
+    lines = output.lines
     assert lines["starting"] == lines["during"] == [1]  # pulled up, not driven
     assert lines["up"][0] == pytest.approx(1_000_000, abs=200)
     assert lines["connected"][0] == pytest.approx(3_000_000, abs=200)
@@ -75,9 +75,9 @@ def test_the_radio_s_wires(tmp_path: Path) -> None:
     assert lines["count"] == lines["right"] == [200]
     # 20,000 bytes at 30,000 a second, less those still in the buffer.
     assert lines["us"][0] == pytest.approx((20_000 - 1536) / 0.03, rel=0.03)
-    summary = said.summary
+    summary = output.summary
     assert summary["uart_overruns"] == 0
-    assert summary["radio_to_host"] == len(said.data) == summary["bytes"]
+    assert summary["radio_to_host"] == len(output.data) == summary["bytes"]
     assert summary["radio_from_host"] == 200
     assert summary["radio_lost_to_host"] == summary["radio_lost_from_host"] == 0
     assert summary["radio_commands"] == 2
@@ -92,9 +92,9 @@ def test_the_radio_s_wires(tmp_path: Path) -> None:
 def test_a_wrong_rate_is_garbage_with_framing_errors(tmp_path: Path) -> None:
     path = tmp_path / "radio"
     more = ("--radio", str(path), "--send", "4000000:4040404040")
-    said = bare.run("garbage", tmp_path, *more)
-    assert said.lines["count"] == said.lines["unframed"] == [5]
-    assert said.lines["right"] == [0]
+    output = bare.run("garbage", tmp_path, *more)
+    assert output.lines["count"] == output.lines["unframed"] == [5]
+    assert output.lines["right"] == [0]
     # Nobody has set the radio up, so the file has the factory's settings.
     assert "SU=11\n" in path.read_text()
     assert "ST=255\n" in path.read_text()
@@ -175,18 +175,18 @@ def test_the_charger_pulls_its_pins_low(tmp_path: Path) -> None:
 # STOP
 
 
-def stop(folder: Path, first_us: int = HOUR_US) -> bare.Said:
+def stop(folder: Path, first_us: int = HOUR_US) -> bare.Output:
     second_us = first_us + 1_000_000
     presses = (f"{first_us}:{first_us + 1000}", f"{second_us}:{second_us + 1000}")
     more = [part for press in presses for part in ("--press", press)]
-    said = bare.run("stop", folder, *more)
-    assert said.summary["firmware_complaint"] is None
-    return said
+    output = bare.run("stop", folder, *more)
+    assert output.summary["firmware_complaint"] is None
+    return output
 
 
 def test_stop_mode_ends_with_an_edge_on_the_inner_oscillator(tmp_path: Path) -> None:
-    said = stop(tmp_path)
-    lines = said.lines
+    output = stop(tmp_path)
+    lines = output.lines
     assert lines["edges"] == [1, 1]
     # Neither SysTick nor the timer has counted.
     assert lines["ticks"] == [0]
@@ -194,7 +194,7 @@ def test_stop_mode_ends_with_an_edge_on_the_inner_oscillator(tmp_path: Path) -> 
     assert lines["sws"] == [0]
     assert lines["oscillators"] == [3]  # HSI is on and ready, HSE is off
     # Two sleeps that a press ended, and one that the watchdog ended after 0.1 s.
-    assert said.summary["stopped_us"] == pytest.approx(HOUR_US + 1_100_000, abs=6000)
+    assert output.summary["stopped_us"] == pytest.approx(HOUR_US + 1_100_000, abs=6000)
 
 
 def test_an_hour_asleep_costs_nothing(tmp_path: Path) -> None:
@@ -234,7 +234,7 @@ def test_the_watchdog_goes_on_in_stop_mode(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("more", "says"),
+    ("more", "expected"),
     [
         (["--battery", "3.7"], "--battery takes millivolts"),
         (["--battery", "7000"], "--battery takes millivolts"),
@@ -244,10 +244,10 @@ def test_the_watchdog_goes_on_in_stop_mode(tmp_path: Path) -> None:
         (["--faults", "{folder}/mv"], "mv is above 6600"),
     ],
 )
-def test_a_mistake_is_told(tmp_path: Path, more: list[str], says: str) -> None:
+def test_a_mistake_is_told(tmp_path: Path, more: list[str], expected: str) -> None:
     (tmp_path / "not").write_text("something else\n")
     (tmp_path / "drop").write_text('[{"kind": "radio_drop", "at_us": 1}]')
     (tmp_path / "mv").write_text('[{"kind": "battery", "mv": 6601}]')
     given = [text.format(folder=tmp_path) for text in more]
-    said = bare.refused("stack", *given)
-    assert says in said.splitlines()[0]
+    error = bare.refused("stack", *given)
+    assert expected in error.splitlines()[0]

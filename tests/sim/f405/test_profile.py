@@ -19,10 +19,10 @@ SHARED = 302  # instructions, with its return
 
 def symbols(image: Path) -> dict[str, tuple[int, int]]:
     """The addresses at which each function starts and ends."""
-    said = subprocess.run(
+    output = subprocess.run(
         ["arm-none-eabi-nm", "-S", image], capture_output=True, text=True, check=True
     ).stdout
-    rows = [line.split() for line in said.splitlines()]
+    rows = [line.split() for line in output.splitlines()]
     return {
         row[3]: (int(row[0], 16), int(row[0], 16) + int(row[1], 16))
         for row in rows
@@ -125,5 +125,5 @@ def test_parts_that_cannot_be_are_refused(tmp_path: Path, text: str) -> None:
 
 
 def test_parts_alone_are_a_mistake(tmp_path: Path) -> None:
-    said = bare.refused("profiled", "--parts", str(tmp_path))
-    assert "--parts needs --profile" in said
+    error = bare.refused("profiled", "--parts", str(tmp_path))
+    assert "--parts needs --profile" in error

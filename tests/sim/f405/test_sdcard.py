@@ -35,8 +35,8 @@ def test_a_program_writes_and_reads_back_by_dma(
     tmp_path: Path, more: tuple[str, ...], ocr: int
 ) -> None:
     path = made(tmp_path)
-    said = bare.run("sdcard", tmp_path, "--card", str(path), *more)
-    lines = said.lines
+    output = bare.run("sdcard", tmp_path, "--card", str(path), *more)
+    lines = output.lines
     assert lines["idle"] == [1]
     assert lines["echo"] == [0x1AA]
     assert lines["ocr"] == [ocr]
@@ -46,7 +46,7 @@ def test_a_program_writes_and_reads_back_by_dma(
     content = path.read_bytes()
     assert content[40 * BLOCK : 45 * BLOCK] == b"".join(map(numbered, range(40, 45)))
     assert content.count(0, 0, 40 * BLOCK) == 40 * BLOCK
-    summary = said.summary
+    summary = output.summary
     assert summary["card_blocks"] == 5
     assert summary["card_bad_crc"] == 0
     assert 300 <= summary["card_busy_worst_us"] <= 40_000
@@ -63,9 +63,9 @@ def test_two_runs_with_a_card_are_the_same_and_seeds_differ(tmp_path: Path) -> N
 
 
 def test_without_a_card_there_is_none(tmp_path: Path) -> None:
-    said = bare.run("sdcard", tmp_path)
-    assert said.lines["idle"] == [0xFF]
-    assert not [key for key in said.summary if key.startswith("card")]
+    output = bare.run("sdcard", tmp_path)
+    assert output.lines["idle"] == [0xFF]
+    assert not [key for key in output.summary if key.startswith("card")]
 
 
 @pytest.mark.nightly
@@ -76,9 +76,9 @@ def test_a_cut_amid_a_block_of_the_card(tmp_path: Path) -> None:
     for seed in range(16):
         path.write_bytes(bytes(1 << 20))
         more = (*bare.faults(tmp_path, cut), "--seed", str(seed))
-        said = bare.run("sdcard", tmp_path, "--card", str(path), *more, code=0)
-        assert said.summary["power_cut"] is True
-        assert said.summary["card_blocks"] == 1
+        output = bare.run("sdcard", tmp_path, "--card", str(path), *more, code=0)
+        assert output.summary["power_cut"] is True
+        assert output.summary["card_blocks"] == 1
         content = path.read_bytes()
         block = content[40 * BLOCK : 41 * BLOCK]
         seen.add(kind_of(block, bytes(BLOCK), numbered(40)))
@@ -100,23 +100,23 @@ def test_a_card_s_faults_come_from_the_file(
     tmp_path: Path, fault: dict[str, Any], expected: list[int]
 ) -> None:
     more = bare.faults(tmp_path, fault)
-    said = bare.run("sdcard", tmp_path, "--card", str(made(tmp_path)), *more)
-    assert said.lines["response"][: len(expected)] == expected
+    output = bare.run("sdcard", tmp_path, "--card", str(made(tmp_path)), *more)
+    assert output.lines["response"][: len(expected)] == expected
 
 
 @pytest.mark.parametrize("kind", ["card_pulled", "card_dead"])
 def test_a_card_that_is_not_there_from_the_start(tmp_path: Path, kind: str) -> None:
     more = bare.faults(tmp_path, {"kind": kind})
-    said = bare.run("sdcard", tmp_path, "--card", str(made(tmp_path)), *more)
-    assert said.lines["idle"] == [0xFF]
-    assert said.summary["card_complaint"] is None
+    output = bare.run("sdcard", tmp_path, "--card", str(made(tmp_path)), *more)
+    assert output.lines["idle"] == [0xFF]
+    assert output.summary["card_complaint"] is None
 
 
 def test_a_slow_card_comes_from_the_file(tmp_path: Path) -> None:
     more = bare.faults(tmp_path, {"kind": "card_slow", "ms": 120})
-    said = bare.run("sdcard", tmp_path, "--card", str(made(tmp_path)), *more)
-    assert said.summary["card_busy_worst_us"] == 120_000
-    assert said.lines["busy_us"][0] == pytest.approx(120_000, abs=20)
+    output = bare.run("sdcard", tmp_path, "--card", str(made(tmp_path)), *more)
+    assert output.summary["card_busy_worst_us"] == 120_000
+    assert output.lines["busy_us"][0] == pytest.approx(120_000, abs=20)
 
 
 @pytest.mark.parametrize(
@@ -148,6 +148,6 @@ def test_options_that_make_no_card_are_told(
 
 
 def test_a_rate_beyond_the_card_s_is_a_complaint(tmp_path: Path) -> None:
-    said = bare.run("sdcard_fast", tmp_path, "--card", str(made(tmp_path)))
-    assert "400 kHz" in said.summary["card_complaint"]
-    assert "on the card's bus" in said.errors
+    output = bare.run("sdcard_fast", tmp_path, "--card", str(made(tmp_path)))
+    assert "400 kHz" in output.summary["card_complaint"]
+    assert "on the card's bus" in output.errors

@@ -31,7 +31,7 @@ def image(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "expected"),
     [
         ([], "usage: bench"),
         (["--image"], "usage: bench"),
@@ -41,7 +41,7 @@ def image(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["--image", "/bin/true", *FILES], "is no image of benchmarks/avr"),
     ],
 )
-def test_a_mistake_is_told(image: Path, words: list[str], says: str) -> None:
+def test_a_mistake_is_told(image: Path, words: list[str], expected: str) -> None:
     done = subprocess.run(
         [BENCH, *(word.format(image=image) for word in words)],
         capture_output=True,
@@ -50,4 +50,4 @@ def test_a_mistake_is_told(image: Path, words: list[str], says: str) -> None:
         timeout=20,
     )
     assert done.returncode == 2
-    assert says in done.stderr
+    assert expected in done.stderr

@@ -45,10 +45,10 @@ def run(image: Path, *more: str | Path, code: int = 0) -> str:
 
 def symbols(image: Path) -> dict[str, tuple[int, int]]:
     """The addresses at which each function starts and ends."""
-    said = subprocess.run(
+    output = subprocess.run(
         ["avr-nm", "-S", image], capture_output=True, text=True, check=True
     ).stdout
-    rows = [line.split() for line in said.splitlines()]
+    rows = [line.split() for line in output.splitlines()]
     return {
         row[3]: (int(row[0], 16), int(row[0], 16) + int(row[1], 16))
         for row in rows
@@ -139,8 +139,8 @@ def test_to_be_watched_changes_nothing(image: Path, tmp_path: Path) -> None:
     for name in ("alone", "watched"):
         record, summary = tmp_path / f"{name}.bin", tmp_path / f"{name}.json"
         watch = ("--profile", tmp_path / "out.json") if name == "watched" else ()
-        said = run(image, "--record", record, "--summary", summary, *watch)
-        told[name] = said, record.read_bytes(), summary.read_text()
+        output = run(image, "--record", record, "--summary", summary, *watch)
+        told[name] = output, record.read_bytes(), summary.read_text()
     assert told["alone"] == told["watched"]
     assert len(told["alone"][1]) == 1
 
@@ -151,8 +151,8 @@ def test_parts_that_cannot_be_are_refused(
 ) -> None:
     parts = tmp_path / "parts"
     parts.write_text(text)
-    said = run(image, "--profile", tmp_path / "out", "--parts", parts, code=2)
-    assert "START END PART" in said
+    error = run(image, "--profile", tmp_path / "out", "--parts", parts, code=2)
+    assert "START END PART" in error
 
 
 def test_an_image_without_symbols_is_refused(image: Path, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ def desk() -> Path:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "expected"),
     [
         ([], "--image is missing"),
         (["--image"], "value is missing"),
@@ -37,7 +37,7 @@ def desk() -> Path:
     ],
 )
 def test_a_mistake_is_told_in_a_line(
-    desk: Path, arguments: list[str], says: str
+    desk: Path, arguments: list[str], expected: str
 ) -> None:
     given = [argument.format(desk=desk) for argument in arguments]
     done = subprocess.run(
@@ -45,11 +45,11 @@ def test_a_mistake_is_told_in_a_line(
     )
     assert done.returncode == 2
     assert done.stderr.startswith("nano: ")
-    assert says in done.stderr.splitlines()[0]
+    assert expected in done.stderr.splitlines()[0]
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "expected"),
     [
         ("{}", "list in brackets"),
         ('[{"at_us": 5}]', "has no kind"),
@@ -62,7 +62,7 @@ def test_a_mistake_is_told_in_a_line(
     ],
 )
 def test_a_mistake_in_the_faults_is_named(
-    desk: Path, tmp_path: Path, text: str, says: str
+    desk: Path, tmp_path: Path, text: str, expected: str
 ) -> None:
     path = tmp_path / "faults.json"
     path.write_text(text)
@@ -74,11 +74,11 @@ def test_a_mistake_in_the_faults_is_named(
         timeout=20,
     )
     assert done.returncode == 2
-    assert says in done.stderr
+    assert expected in done.stderr
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "expected"),
     [
         ("", "is no Intel HEX file"),
         ("a bootloader", "is no Intel HEX file"),
@@ -91,7 +91,7 @@ def test_a_mistake_in_the_faults_is_named(
     ],
 )
 def test_what_is_wrong_with_a_bootloader_is_told(
-    desk: Path, tmp_path: Path, text: str, says: str
+    desk: Path, tmp_path: Path, text: str, expected: str
 ) -> None:
     path = tmp_path / "bootloader.hex"
     path.write_text(text)
@@ -104,4 +104,4 @@ def test_what_is_wrong_with_a_bootloader_is_told(
     )
     assert done.returncode == 2
     assert done.stderr == f"nano: {path} {done.stderr.split(' ', 2)[2]}"
-    assert says in done.stderr
+    assert expected in done.stderr
