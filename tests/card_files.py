@@ -159,7 +159,7 @@ def block_of(
 
 
 @dataclass
-class Said:
+class TapedMessage:
     """One message of a recording: its content and the blocks that hold its frame,
     but for the zero at its end, for which any other will do."""
 
@@ -172,7 +172,7 @@ class Taped:
     """A recording as a probe writes it: payloads of blocks and what is in them."""
 
     payloads: list[bytes]
-    said: list[Said]
+    messages: list[TapedMessage]
     is_ended: bool = True
 
 
@@ -181,7 +181,7 @@ def tape(
 ) -> Taped:
     """Frames run on over blocks; after those of `flushed` comes the next block."""
     payloads = [b""]
-    said = []
+    messages = []
     for index, content in enumerate(contents):
         frame = encode_frame(content)
         if len(payloads[-1]) == 496:
@@ -194,10 +194,10 @@ def tape(
             if frame:
                 payloads.append(b"")
         end = len(payloads) - (len(payloads[-1]) == 1)
-        said.append(Said(content, range(first, end)))
+        messages.append(TapedMessage(content, range(first, end)))
         if index in (flushed or set()) and index < len(contents) - 1:
             payloads.append(b"")
-    return Taped(payloads, said, is_ended)
+    return Taped(payloads, messages, is_ended)
 
 
 def contents_of(probe: FakeProbe, count: int = 40) -> list[bytes]:

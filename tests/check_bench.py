@@ -92,7 +92,7 @@ def raws(
     for i, row in enumerate(counts):
         t_us = 1_000_000 + round(i * 1e6 / rate_hz)
         has_mag = mag is not None and i % 2 == 0
-        said: dict[str, Any] = {
+        raw: dict[str, Any] = {
             "type": "raw",
             "t_device_us": t_us,
             "acc_counts": tuple(row[:3]),
@@ -103,9 +103,9 @@ def raws(
             "flags": (),
         }
         if ppm is not None:
-            said["t_ns"] = round(1e18 + t_us * 1000.0 / (1.0 + ppm * 1e-6))
-            said["t_bound_us"], said["age_us"] = bound_us, 3000 + i % 7 * 100
-        found.append(said | own)
+            raw["t_ns"] = round(1e18 + t_us * 1000.0 / (1.0 + ppm * 1e-6))
+            raw["t_bound_us"], raw["age_us"] = bound_us, 3000 + i % 7 * 100
+        found.append(raw | own)
     return found
 
 

@@ -62,9 +62,9 @@ class Guarded:
 
     def _run(self) -> None:
         while not self._stop.wait(0.03):
-            said = self.probe.say("pose", position=(0.1, 0.2, 0.3))
-            said += self.probe.say("raw")
-            self.port.write(said + self.probe.say("event"))
+            frames = self.probe.say("pose", position=(0.1, 0.2, 0.3))
+            frames += self.probe.say("raw")
+            self.port.write(frames + self.probe.say("event"))
 
     def credentials(self, user: str) -> Credentials:
         path = self.keys / "clients" / f"{user}.toml"
@@ -95,7 +95,7 @@ class Guarded:
         self.port.vanish()
 
 
-def heard(
+def received_on(
     session: zenoh.Session, *keys: str, wanted: Collection[str] = ()
 ) -> Counter[str]:
     """What comes on these keys in a while, and until there is all that is wanted."""

@@ -63,8 +63,8 @@ def parsed(data: bytes) -> Heard:
         encoding, length = struct.unpack(">HH", content[:4])
         assert (encoding, length) == (3, len(content) - 4)
         text = content[4:].decode("ascii")
-    said = kind.rstrip(b"\0").decode(), name.rstrip(b"\0").decode()
-    return Heard(*said, seconds + fraction / 2**32, metadata, matrix, text)
+    names = kind.rstrip(b"\0").decode(), name.rstrip(b"\0").decode()
+    return Heard(*names, seconds + fraction / 2**32, metadata, matrix, text)
 
 
 def metadata_of(index: bytes, texts: bytes) -> Iterator[tuple[str, str]]:
@@ -102,14 +102,14 @@ class Client:
         while True:
             while not select.select([self.connection], [], [], 0.05)[0]:
                 send()
-            if is_it(heard := self.hear()):
-                return heard
+            if is_it(message := self.hear()):
+                return message
 
     def hear_named(self, *names: str) -> Heard:
         """The next message that has one of these names."""
-        while (heard := self.hear()).name not in names:
+        while (message := self.hear()).name not in names:
             pass
-        return heard
+        return message
 
     def _take(self, count: int) -> bytes:
         data = b""

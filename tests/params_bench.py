@@ -114,9 +114,9 @@ class Wire:
         self.before(self.frames)
         if self.session is None or self.lose(self.frames, False):
             return
-        said = self.probe.hear(data)
+        reply = self.probe.hear(data)
         if not self.lose(self.frames, True):
-            asyncio.get_running_loop().call_soon(self.hear, said)
+            asyncio.get_running_loop().call_soon(self.hear, reply)
 
     def hear(self, data: bytes) -> None:
         if self.session is None:

@@ -46,7 +46,7 @@ def hear():
         numbers.setdefault(pose.probe, []).append(pose.number)
 threading.Thread(target=hear, daemon=True).start()
 for _ in sys.stdin:
-    said = {
+    counts = {
         probe: {
             "first": heard[0],
             "last": heard[-1],
@@ -57,7 +57,7 @@ for _ in sys.stdin:
         }
         for probe, heard in list(numbers.items())
     }
-    print(json.dumps(said), flush=True)
+    print(json.dumps(counts), flush=True)
 """
 
 
@@ -201,15 +201,15 @@ class Node:
         assert self.process.stdin is not None
         self.process.stdin.write("\n")
         self.process.stdin.flush()
-        said: dict[str, Any] = json.loads(self.line())
-        return said
+        reply: dict[str, Any] = json.loads(self.line())
+        return reply
 
     def finish(self) -> dict[str, Any]:
         """Ends a recorder; what it says then."""
         self.process.send_signal(signal.SIGTERM)
         out, _ = self.process.communicate(timeout=PATIENCE_S)
-        said: dict[str, Any] = json.loads(out)
-        return said
+        reply: dict[str, Any] = json.loads(out)
+        return reply
 
     def __exit__(self, *_: object) -> None:
         if self.process.poll() is None:

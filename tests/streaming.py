@@ -40,8 +40,8 @@ class Process:
         assert self._process.stdout is not None
         self._process.stdin.write("\n")
         self._process.stdin.flush()
-        said: dict[str, Any] = json.loads(self._process.stdout.readline())
-        return said
+        reply: dict[str, Any] = json.loads(self._process.stdout.readline())
+        return reply
 
     def kill(self) -> None:
         self.made.remove(self)
@@ -65,7 +65,7 @@ class Streaming:
             self._port.write(self._probe.say("pose"))
 
     @property
-    def said(self) -> int:
+    def sent(self) -> int:
         return len(self.sent_s)
 
     def __enter__(self) -> Self:

@@ -96,7 +96,7 @@ def followed(memory: Memory | None = None, *, raw_hz: int = 200) -> Life:
     return life.order(lib.COMMAND_RATE, 1, raw_hz).order(lib.COMMAND_START).wake()
 
 
-def heard(contents: Iterable[bytes]) -> tuple[Twin, list[TwinOutcome]]:
+def run_twin(contents: Iterable[bytes]) -> tuple[Twin, list[TwinOutcome]]:
     """What a twin makes of what a session passes on to it."""
     twin = Twin()
     outcomes = [

@@ -87,7 +87,7 @@ class UdpProbe:
         self.socket.send(datagram)
         return datagram
 
-    def heard(self) -> bytes:
+    def receive(self) -> bytes:
         """What the daemon sends next that is not empty."""
         self.socket.settimeout(PATIENCE_S)
         while True:

@@ -61,15 +61,15 @@ class FakeProbe:
 
     def hear(self, data: bytes) -> bytes:
         """The answers to the commands in these bytes."""
-        said = b""
+        sent = b""
         for content in self._decoder.feed(data):
             message = decode(content)
             if isinstance(message, Message) and message.name == "command":
-                said += self._obey(message.fields)
-        return said
+                sent += self._obey(message.fields)
+        return sent
 
     def _obey(self, fields: Mapping[str, Any]) -> bytes:
-        said = b""
+        sent = b""
         token = fields["token"]
         if self._replied is None or self._replied[0] != token:
             # Not recorded: the daemon asks for the time at any moment.
@@ -85,24 +85,24 @@ class FakeProbe:
             if result == "ok" and fields["command"].startswith("params_"):
                 answer = self.params.obey(fields["command"], *fields["arguments"])
                 reply["result"], reply["value"] = answer
-                said = self._tell_params()
+                sent = self._tell_params()
             self._replied = token, reply
             if fields["command"] == "hello":
-                said = self.say("hello")
+                sent = self.say("hello")
             if result == "ok" and fields["command"] in CHANGES:
                 is_same = fields["command"] == "restart" and not fields["arguments"][0]
                 detail = schema.Filter.FUSE if is_same else fields["arguments"][0]
                 what = {"event": CHANGES[fields["command"]], "cause": "command"}
-                said = self.say("event", **what, detail=detail)
-        return said + self.say("reply", **self._replied[1])
+                sent = self.say("event", **what, detail=detail)
+        return sent + self.say("reply", **self._replied[1])
 
     def _tell_params(self) -> bytes:
         """The messages about params that are due."""
-        said = b"".join(self.say("params", **part) for part in self.params.tells)
+        sent = b"".join(self.say("params", **part) for part in self.params.tells)
         self.params.tells.clear()
         if self.params.has_changed:
             self.params.has_changed = False
             what = {"event": "params_changed", "cause": "command"}
             signed = self.params.digest - (self.params.digest >> 31 << 32)
-            said += self.say("event", **what, detail=signed) + self.say("hello")
-        return said
+            sent += self.say("event", **what, detail=signed) + self.say("hello")
+        return sent

@@ -75,10 +75,10 @@ def any_records(seed: int) -> bytes:
 
 
 def parts_of(
-    probe: FakeProbe, records: bytes, said: Callable[..., Any] | None = None
+    probe: FakeProbe, records: bytes, make: Callable[..., Any] | None = None
 ) -> Iterator[Any]:
-    """The messages that tell these records, as frames or as `said` makes them."""
-    say = said or probe.say
+    """The messages that tell these records, as frames or as `make` makes them."""
+    say = make or probe.say
     for at in range(0, len(records), PART):
         fields: dict[str, Any] = {
             "set_digest": digest_of(records),

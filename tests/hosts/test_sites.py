@@ -57,10 +57,10 @@ class Sites:
         router = ROUTERS[site]
         self.routers[site] = self.lab.router(router, self._file(f"{router}.json5"))
 
-    def heard(self, site: str) -> dict[str, int]:
+    def counts_at(self, site: str) -> dict[str, int]:
         """How many poses of each probe a consumer has got."""
-        said = self.consumers[site].ask()
-        return {probe: of["got"] for probe, of in said.items()}
+        counts = self.consumers[site].ask()
+        return {probe: of["got"] for probe, of in counts.items()}
 
     def wait_until_all_hear(self) -> float:
         """Waits until each consumer gets poses of each probe; seconds that it took."""
@@ -68,11 +68,11 @@ class Sites:
 
     def wait_until_heard(self, *desks: Desk) -> float:
         """Of these desks' probes."""
-        before = {site: self.heard(site) for site in self.consumers}
+        before = {site: self.counts_at(site) for site in self.consumers}
 
         def is_heard() -> bool:
             return all(
-                self.heard(site).get(desk.name, 0) > before[site].get(desk.name, 0)
+                self.counts_at(site).get(desk.name, 0) > before[site].get(desk.name, 0)
                 for site in self.consumers
                 for desk in desks
             )
@@ -84,12 +84,12 @@ class Sites:
         missed = 0
         for desk in self.desks:
             desk.stream.stop()
-        sent = {desk.name: desk.stream.said for desk in self.desks}
+        sent = {desk.name: desk.stream.sent for desk in self.desks}
         for consumer in self.consumers.values():
 
             def has_the_last(consumer: Node = consumer) -> bool:
-                said = consumer.ask()
-                return all(said[name]["last"] == sent[name] for name in sent)
+                counts = consumer.ask()
+                return all(counts[name]["last"] == sent[name] for name in sent)
 
             until(has_the_last)
             for name, of in consumer.ask().items():
@@ -100,7 +100,7 @@ class Sites:
         return missed
 
     def _assert_all_is_recorded(self, sent: dict[str, int]) -> None:
-        said = self.recorder.finish()
+        counts = self.recorder.finish()
         (path,) = self.kept.glob("*.mcap")
         numbers: dict[str, list[int]] = {name: [] for name in sent}
         gaps = dict.fromkeys(sent, 0)
@@ -111,7 +111,7 @@ class Sites:
                 numbers[each.probe].append(json.loads(each.data)["number"])
             elif each.topic == "gap":
                 gaps[each.probe] += json.loads(each.data)["network"]
-        for name, of in said.items():
+        for name, of in counts.items():
             heard = numbers[name]
             assert of["unwritten"] == 0
             assert of["last"]["pose"] == heard[-1] == sent[name]
@@ -120,11 +120,11 @@ class Sites:
 
     def assert_a_probe_can_move(self, leaver: Desk, taker: Desk) -> None:
         """Its subscribers hear it go on, on the same key, and know of the move."""
-        before = leaver.stream.said
+        before = leaver.stream.sent
         self._move(leaver, taker)
         self.wait_until_heard(leaver)
         leaver.stream.stop()
-        sent = leaver.stream.said
+        sent = leaver.stream.sent
         for consumer in self.consumers.values():
 
             def has_the_last(consumer: Node = consumer) -> bool:

@@ -116,8 +116,8 @@ def under_params(contents: Sequence[bytes], seed: int) -> list[bytes]:
             detail = digest_of(records) - ((digest_of(records) >> 31) << 32)
             changed += params_messages(records, *at)
             for event, number in (("params_changed", detail), ("restarted", 1)):
-                said = {"event": event, "cause": "command", "detail": number}
-                changed.append(encode("event", said, *at))
+                values = {"event": event, "cause": "command", "detail": number}
+                changed.append(encode("event", values, *at))
             due_us += PARAMS_US
         changed.append(content)
     return changed
@@ -125,7 +125,9 @@ def under_params(contents: Sequence[bytes], seed: int) -> list[bytes]:
 
 def params_messages(records: bytes, sequence: int, time_us: int) -> Iterator[bytes]:
     return parts_of(
-        FakeProbe(), records, lambda name, **said: encode(name, said, sequence, time_us)
+        FakeProbe(),
+        records,
+        lambda name, **values: encode(name, values, sequence, time_us),
     )
 
 

@@ -159,15 +159,15 @@ def checked(
     options = ("--motion", table, *CLICK, *stub.raw_too)
     done = run(stub, SECONDS, *options, faults=faults)
     code = cli.main(["check", "--from", str(done.record), "--json"])
-    said: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return code, said
+    report: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return code, report
 
 
-def troubles(said: dict[str, Any]) -> dict[str, str]:
+def troubles(report: dict[str, Any]) -> dict[str, str]:
     """The rows that are neither good nor left out."""
     return {
         row["name"]: row["verdict"]
-        for row in said["rows"]
+        for row in report["rows"]
         if row["verdict"] not in ("good", "not judged")
     }
 
@@ -176,9 +176,9 @@ def troubles(said: dict[str, Any]) -> dict[str, str]:
 def test_a_healthy_board_is_good(
     stub: Stub, table: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, said = checked(stub, table, capsys)
-    assert (code, troubles(said)) == (0, {})
-    left_out = {row["name"] for row in said["rows"] if row["verdict"] == "not judged"}
+    code, report = checked(stub, table, capsys)
+    assert (code, troubles(report)) == (0, {})
+    left_out = {row["name"] for row in report["rows"] if row["verdict"] == "not judged"}
     assert left_out == {"clock"}  # a capture has no times of a host
 
 
@@ -186,9 +186,9 @@ def test_a_healthy_board_is_good(
 def test_a_dead_magnetometer_is_named(
     stub: Stub, table: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, said = checked(stub, table, capsys, {"kind": "no_ak8963"})
-    assert (code, troubles(said)) == (1, {"magnetometer": "fault"})
-    (row,) = (row for row in said["rows"] if row["name"] == "magnetometer")
+    code, report = checked(stub, table, capsys, {"kind": "no_ak8963"})
+    assert (code, troubles(report)) == (1, {"magnetometer": "fault"})
+    (row,) = (row for row in report["rows"] if row["name"] == "magnetometer")
     assert "MPU-9250 does not answer: no heading" in row["advice"]
 
 
@@ -198,10 +198,10 @@ def test_a_fault_is_named_in_its_own_line(
     stub: Stub, table: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     fault, expected, words = FAULTS[name]
-    code, said = checked(stub, table, capsys, fault)
-    assert troubles(said) == expected
+    code, report = checked(stub, table, capsys, fault)
+    assert troubles(report) == expected
     assert code == (1 if "fault" in expected.values() else 0)
-    rows = {row["name"]: row for row in said["rows"]}
+    rows = {row["name"]: row for row in report["rows"]}
     assert words in rows[next(iter(expected))]["advice"]
 
 
@@ -215,10 +215,10 @@ def test_a_port_is_checked_without_a_daemon(
     code = cli.main([*words, "--report", str(path)])
     told = capsys.readouterr().out
     summary = probe.end()
-    said = json.loads(path.with_suffix(".json").read_text())
+    report = json.loads(path.with_suffix(".json").read_text())
     markdown = path.with_suffix(".md").read_text()
     assert code == 0, told
-    rows = {row["name"]: row for row in said["rows"]}
+    rows = {row["name"]: row for row in report["rows"]}
     # What a busy machine may spoil aside, all that was tried is good.
     of_the_host = {"latency", "messages lost", "clock"}
     others = {row["verdict"] for name, row in rows.items() if name not in of_the_host}
@@ -227,9 +227,9 @@ def test_a_port_is_checked_without_a_daemon(
     assert rows["clock"]["numbers"]["bound_ppm"] < 5000
     assert rows["port"]["measured"] == "a pty: a virtual probe"
     assert summary["seconds"] > 5
-    for text in (markdown, json.dumps(said)):
+    for text in (markdown, json.dumps(report)):
         assert str(stub.folder) not in text
-    assert said["counters"]["state"] == "streaming"
+    assert report["counters"]["state"] == "streaming"
 
 
 @pytest.mark.sampled(2)

@@ -14,7 +14,7 @@ from imud.virtual import modules
 from imud.wire import messages
 from imud.wire.frame import FrameDecoder
 from imud.wire.messages import Message
-from twin_bench import heard
+from twin_bench import run_twin
 
 SEED = 5
 LEARNS_S = 900  # of a hand that turns it and lays it down
@@ -60,6 +60,6 @@ def test_a_probe_that_was_used_begins_with_its_own_field(
     assert found["own_sigma"] == 3.5
     true_ut = modules.named("shop", SEED).mag_bias
     assert np.abs(np.array(found["own_field"]) - true_ut).max() < 6
-    twin, _ = heard(contents)
+    twin, _ = run_twin(contents)
     assert twin.compared > 1000
     assert twin.differed == 0

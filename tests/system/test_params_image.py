@@ -30,7 +30,7 @@ from system.params_orders import (
     words,
 )
 from system.virtual import BOARDS, Run, Stub, assert_nothing_is_lost, run
-from twin_bench import heard
+from twin_bench import run_twin
 
 pytestmark = pytest.mark.sampled(4)
 
@@ -243,7 +243,7 @@ def test_a_bad_change_is_told_why_and_nothing_else_notices(
     assert {"params_changed", "restarted"}.isdisjoint(e for e, _ in done.events)
     assert_nothing_is_lost(done)
     # Each pose is that of its samples and the old params, without a break.
-    twin, outcomes = heard(done.contents)
+    twin, outcomes = run_twin(done.contents)
     assert [type(outcome) for outcome in outcomes] == [TwinStarted]
     assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
     assert twin.compared == len(done.named("pose")) > 50

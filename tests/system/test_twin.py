@@ -17,7 +17,7 @@ from imud.wire.params import digest_of
 from system.live import LiveProbe, hear
 from system.params_orders import upload
 from system.virtual import Stub, run, write_hand
-from twin_bench import heard
+from twin_bench import run_twin
 
 pytestmark = pytest.mark.sampled(2)
 
@@ -63,7 +63,7 @@ def test_a_probe_that_is_calibrated_as_it_runs_has_the_twins_bits(stub: Stub) ->
     options = ["--press", "200000:300000", *stub.raw_too]
     options += upload(records, 6_000_000)
     done = run(stub, SECONDS, "--motion", hand, *options)
-    twin, outcomes = heard(done.contents)
+    twin, outcomes = run_twin(done.contents)
     assert [type(outcome) for outcome in outcomes] == [TwinStarted, TwinStarted]
     assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
     assert twin.compared == len(done.named("pose"))
@@ -78,8 +78,8 @@ def test_a_probe_that_is_calibrated_as_it_runs_has_the_twins_bits(stub: Stub) ->
             live = twin_when(client, "compared", twin.compared)
         daemon.stop()
     assert (live["state"], live["differed"]) == ("following", 0)
-    said = [item for item in decode_file(daemon.log, Tally()) if item["type"] == "raw"]
-    digests = [item["params_digest"] for item in said]
+    raws = [item for item in decode_file(daemon.log, Tally()) if item["type"] == "raw"]
+    digests = [item["params_digest"] for item in raws]
     changed = digests.index(digest_of(records))
     assert set(digests[:changed]) == {0}
     assert set(digests[changed:]) == {digest_of(records)}

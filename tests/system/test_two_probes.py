@@ -49,12 +49,12 @@ class Recorded:
     def quantities(self) -> list[tuple[Any, ...]]:
         """Digest and values of each raw sample, by the firmware's own C."""
         both = list(zip(self.done.messages, self.done.contents, strict=True))
-        hello = [content for said, content in both if said.name == "hello"][-1]
+        hello = [content for message, content in both if message.name == "hello"][-1]
         records, found = b"", []
-        for said, content in both:
-            if said.fields.get("event") == "params_changed":
+        for message, content in both:
+            if message.fields.get("event") == "params_changed":
                 records = self.params
-            elif said.name == "raw":
+            elif message.name == "raw":
                 values = _core.Calibrator(hello, records).apply(content)
                 found.append((digest_of(records), *values))
         return found

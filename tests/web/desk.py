@@ -177,7 +177,7 @@ class Seen:
         self.complaints: list[str] = []
         self.elsewhere: list[str] = []
         self._host = host
-        page.on("console", lambda said: self._hear(said.type, said.text))
+        page.on("console", lambda message: self._hear(message.type, message.text))
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
         page.on("request", self._follow)
         page.set_default_timeout(1000 * PATIENCE_S)
@@ -196,10 +196,10 @@ class Seen:
         The page's policy forbids that it polls.
         """
         end_s = time.monotonic() + PATIENCE_S
-        while not (said := self.page.evaluate(is_so, argument)):
+        while not (result := self.page.evaluate(is_so, argument)):
             assert time.monotonic() < end_s, is_so
             self.page.wait_for_timeout(20)
-        return said
+        return result
 
     def prefer(self, convention: str) -> None:
         """Sets the convention of angles for the views that are opened from here on."""

@@ -71,8 +71,8 @@ class Served:
             yield Live(connection)
 
     def say(self, number: int, topic: str = "pose", probe: str = "stylus") -> None:
-        said = {"type": topic, "probe": probe, "number": number}
-        self.page.publish([((probe, topic), json.dumps(said).encode())])
+        record = {"type": topic, "probe": probe, "number": number}
+        self.page.publish([((probe, topic), json.dumps(record).encode())])
         self.page.flush()
 
     def until_refused(self, reason: str, count: int = 1) -> None:
@@ -94,8 +94,8 @@ class Live:
         self._come: deque[dict[str, Any]] = deque()
         self.head: dict[str, Any] = {}
 
-    def say(self, **said: Any) -> None:
-        self._connection.send(json.dumps(said))
+    def say(self, **fields: Any) -> None:
+        self._connection.send(json.dumps(fields))
 
     def send(self, data: bytes | str) -> None:
         self._connection.send(data)

@@ -96,7 +96,7 @@ def test_a_browser_may_not_ask_too_much_at_once() -> None:
     served = Served()
     served.page.close()
     waiting: list[Any] = []
-    page = Page(("127.0.0.1", 0), lambda *said: waiting.append(said[-1]))
+    page = Page(("127.0.0.1", 0), lambda *asked: waiting.append(asked[-1]))
     page.start()
     served.page, served.host = page, page.url.removeprefix("http://")
     with contextlib.closing(page), served.live() as browser:
@@ -120,9 +120,16 @@ def test_a_viewer_reads_but_does_not_command() -> None:
         browser.say(do="login", user="", secret=WRONG)
         assert browser.next("login")["error"]
         browser.say(do="login", user="", secret=users.token)
-        said = browser.next("page")
-        assert (said["role"], said["commands"]) == ("viewer", False)
-        assert said["reads"] == ["body", "params", "path", "pose", "status", "stroke"]
+        message = browser.next("page")
+        assert (message["role"], message["commands"]) == ("viewer", False)
+        assert message["reads"] == [
+            "body",
+            "params",
+            "path",
+            "pose",
+            "status",
+            "stroke",
+        ]
         assert browser.next("pose")["number"] == 1
         browser.say(do="watch", every=[["stylus", "raw"]])
         browser.say(do="ask", id=1, probe="stylus", command="start")

@@ -110,17 +110,17 @@ def known(served: Served, **about: Any) -> Iterator[Live]:
     """A browser of a server that knows a probe, by that status of it."""
     params = {"type": "params", "probe": PROBE, "digest": "0", "bytes": ""}
     status = {"type": "status", "probe": PROBE, "hello": HELLO} | about
-    for said in (params, status):
-        served.page.publish([((PROBE, said["type"]), json.dumps(said).encode())])
+    for record in (params, status):
+        served.page.publish([((PROBE, record["type"]), json.dumps(record).encode())])
     with served.live() as browser:
         yield browser
 
 
 def calibration(browser: Live, phase: str) -> dict[str, Any]:
     while True:
-        said = browser.next("calibration")
-        if said["phase"] == phase:
-            return said
+        record = browser.next("calibration")
+        if record["phase"] == phase:
+            return record
 
 
 class Sending(threading.Thread):
@@ -158,9 +158,9 @@ def test_a_probe_sends_raw_samples_only_while_it_is_calibrated(
         until(lambda: len(served.asked.all) == 3)
         sending = Sending(served)
         sending.start()
-        while (said := calibration(browser, "running"))["poses"] == 0:
+        while (record := calibration(browser, "running"))["poses"] == 0:
             pass
-        assert said["of"] == 12
+        assert record["of"] == 12
         browser.say(do="calibrate", id=3, probe=PROBE, kind="stop")
         calibration(browser, "none")
         sending.stop()

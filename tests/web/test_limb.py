@@ -50,7 +50,7 @@ def publish_until(shown: Seen, desk: Desk, is_so: str, **fields: Any) -> None:
     raise AssertionError(is_so)
 
 
-def says(text: str) -> str:
+def shows(text: str) -> str:
     part = "document.querySelector('[data-part=says]')"
     return f"({part}?.textContent ?? '').includes({json.dumps(text)})"
 
@@ -58,13 +58,13 @@ def says(text: str) -> str:
 def test_it_guides_through_the_alignment(shown: Seen, desk: Desk) -> None:
     assert shown.page.get_by_text("No limb yet").is_visible()
     for stage in ("standing", "moving"):
-        publish_until(shown, desk, says(SAYS[stage]), stage=stage)
+        publish_until(shown, desk, shows(SAYS[stage]), stage=stage)
         assert (
             shown.page.get_attribute(f'[data-stage="{stage}"]', "aria-current")
             == "step"
         )
     assert shown.page.evaluate(DRAWN)["rods"] == []
-    publish_until(shown, desk, says("Aligned by motion"))
+    publish_until(shown, desk, shows("Aligned by motion"))
 
 
 def test_figure_and_plots_are_what_the_states_say(shown: Seen, desk: Desk) -> None:
@@ -111,7 +111,7 @@ def test_what_is_missing_is_drawn_as_missing_and_never_as_still(
 
 def test_a_phone_shows_it(shown: Seen, desk: Desk) -> None:
     shown.page.set_viewport_size({"width": 360, "height": 640})
-    publish_until(shown, desk, says("Aligned by motion"))
+    publish_until(shown, desk, shows("Aligned by motion"))
     assert shown.page.evaluate("document.documentElement.scrollWidth") <= 360
 
 

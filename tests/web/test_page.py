@@ -40,12 +40,12 @@ def test_picture_and_numbers_are_the_daemons_through_every_turn(
     for angles in TURN:
         state = pose_on(shown, desk, attitude(*angles), tilt_sigma=0.41)
         until(lambda number=state["number"]: number in desk.poses)
-        said = desk.poses[state["number"]]
-        assert state["q"] == said["q"]
-        assert state["body"] == said["q"]
+        pose = desk.poses[state["number"]]
+        assert state["q"] == pose["q"]
+        assert state["body"] == pose["q"]
         for name in CONVENTIONS:
             shown.page.select_option("[aria-label='Convention of angles']", name)
-            want = rotation.angles_deg(said["q"], name)
+            want = rotation.angles_deg(pose["q"], name)
             until(lambda want=want: max(map(abs, differences(shown, want))) <= 0.0051)
         assert shown.text('[data-sigma="pitch"]') == "±0.41°"
 
@@ -107,12 +107,12 @@ def test_signals_are_the_poses_and_can_be_saved(shown: Seen, desk: Desk) -> None
 
     newest_ns = 1e9 * max(float(row["t_s"]) for row in poses)
     until(lambda: desk.poses[max(desk.poses)]["t_ns"] > newest_ns)
-    said = [*desk.poses.values()]
-    times = np.array([pose["t_ns"] for pose in said]) / 1e9
+    published = [*desk.poses.values()]
+    times = np.array([pose["t_ns"] for pose in published]) / 1e9
     for row in poses[-20:]:
         away_s = abs(times - float(row["t_s"]))
         assert min(away_s) < 1e-5
-        yaw = rotation.angles_deg(said[np.argmin(away_s)]["q"], "nautical")[0]
+        yaw = rotation.angles_deg(published[np.argmin(away_s)]["q"], "nautical")[0]
         assert abs(float(row["yaw_deg"]) - yaw) < 1e-4
     rates = [float(row["gyr_x_deg_s"]) for row in rows if row["gyr_x_deg_s"]]
     assert rates
@@ -178,8 +178,8 @@ def test_a_target_is_reached_only_when_error_and_two_sigma_are_inside(
             ".textContent.trim()) - want) < 0.02",
             pitch - 80,
         )
-        said = {"off": "off", "unsure": "unsure"}[state]
-        until(lambda said=said: desk.aims[-1]["state"] == said)
+        wanted = {"off": "off", "unsure": "unsure"}[state]
+        until(lambda wanted=wanted: desk.aims[-1]["state"] == wanted)
         assert desk.aims[-1]["error_deg"] == pytest.approx(pitch - 80, abs=1e-4)
         assert desk.aims[-1]["sigma_deg"] == page.evaluate(SIGMA)
     desk.hand.turn(attitude(40, 80, 10), tilt_sigma=0.1, heading_sigma=None)

@@ -45,13 +45,13 @@ def test_messages_are_due_as_they_came_at_any_speed() -> None:
 
 def test_a_played_log_says_what_was_published(log: Path) -> None:
     served = Served(logs=LogFolder(log.parent))
-    said = [r.payload for r in log_files.records(COUNT) if r.topic == "pose"]
+    published = [r.payload for r in log_files.records(COUNT) if r.topic == "pose"]
     with contextlib.closing(served.page), served.live() as browser, served.live() as o:
         browser.say(do="watch", every=[["left", "pose"]], rate_hz=60)
         browser.say(do="play", id=1, name=log.name, speed=0.1)
         while browser.next("page")["playing"] != log.name:
             pass
-        assert browser.next("pose") == json.loads(said[0])
+        assert browser.next("pose") == json.loads(published[0])
         browser.say(do="play", id=2, name=log.name, speed=100)
         lines: list[dict[str, Any]] = []
         while not any(line.get("over") for line in lines):
@@ -59,8 +59,10 @@ def test_a_played_log_says_what_was_published(log: Path) -> None:
             browser.say(do="seen", n=browser.head["n"])
         # Of a log that is played fast some are left out, and never the last.
         poses = [line for line in lines if line["type"] == "pose"]
-        assert poses[-1] == json.loads(said[-1])
-        assert all(json.dumps(p, separators=(",", ":")).encode() in said for p in poses)
+        assert poses[-1] == json.loads(published[-1])
+        assert all(
+            json.dumps(p, separators=(",", ":")).encode() in published for p in poses
+        )
         numbers = [pose["number"] for pose in poses]
         assert numbers == sorted({*numbers})
         served.say(7)  # live

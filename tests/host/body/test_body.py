@@ -104,9 +104,9 @@ SHANK_PROBE = 'probe = "shank"'
     ],
 )
 def test_a_chain_that_cannot_be_is_told_on_one_line(old: str, new: str, words: str):
-    with pytest.raises(ConfigError, match=words) as told:
+    with pytest.raises(ConfigError, match=words) as caught:
         chain.read(leg.CHAIN.replace(old, new), "leg")
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_a_tree_may_branch_at_marks():

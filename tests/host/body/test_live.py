@@ -31,11 +31,11 @@ def made() -> leg.Leg:
     return leg.made(1, WALKED)
 
 
-Said = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
+Sample = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
 
 
 @cache
-def said() -> dict[str, list[Said]]:
+def samples() -> dict[str, list[Sample]]:
     """Attitude, rate and force of each probe's poses; their headings differ."""
     found = {}
     for turn, (name, motion) in enumerate(made().motions.items()):
@@ -85,7 +85,7 @@ class Desk:
 
     def _say(self, name: str, index: int) -> None:
         history = self.body.histories[name]
-        quat, gyr, acc = said()[self.wearers.get(name, name)][index]
+        quat, gyr, acc = samples()[self.wearers.get(name, name)][index]
         time_s = UTC_S + index * EVERY / RATE_HZ
         turn = heading.about_up(np.array(self.corrected(index * EVERY / RATE_HZ)))
         w, x, y, z = rotation.multiply(turn, np.array(quat)).tolist()

@@ -77,15 +77,15 @@ def test_a_hand_that_obeys_is_done_within_a_minute_with_its_housing() -> None:
 def test_scores_fall_and_the_words_follow() -> None:
     procedure = Procedure(SCALE, wants_housing=False)
     assert procedure.status().instruction == "Lay it still, base down."
-    said, tilts = [], []
+    instructions, tilts = [], []
     for each in twelve():
         if procedure.feed(each):
             status = procedure.status()
-            said.append(status.instruction)
+            instructions.append(status.instruction)
             if status.tilt_deg is not None:
                 tilts.append(status.tilt_deg)
-    assert said[0].startswith("Good (1 of 12). Now lay it ")
-    assert said[-1] == "Done."
+    assert instructions[0].startswith("Good (1 of 12). Now lay it ")
+    assert instructions[-1] == "Done."
     assert tilts[0] > 0.5
     assert tilts[-1] < 0.1
     assert procedure.is_over

@@ -88,11 +88,11 @@ def test_too_few_blocks_say_nothing() -> None:
 
 def test_a_good_wobble_is_done_after_15_s_and_right() -> None:
     guide = Dimpling(SCALE, CALIBRATED)
-    said = {guide.status().instruction}
+    instructions = {guide.status().instruction}
     found = None
     for sample in wobbled(Wobble(), 26.0):
         found = guide.feed(sample)
-        said.add(guide.instruction)
+        instructions.add(guide.instruction)
         if found is not None:
             break
     assert isinstance(found, TipFound)
@@ -105,7 +105,7 @@ def test_a_good_wobble_is_done_after_15_s_and_right() -> None:
     status = guide.status()
     assert (status.phase, status.instruction, status.is_good) == ("done", "Done.", True)
     assert min(status.leans_deg) > 12.0
-    assert len(said) == 3  # stand, wobble, done
+    assert len(instructions) == 3  # stand, wobble, done
     assert guide.feed(sample) is None  # it is over
 
 

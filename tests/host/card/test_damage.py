@@ -110,23 +110,25 @@ def test_all_but_the_damaged_blocks_comes_back_message_by_message(
     logs = logs_in(folder)
     lines = lines_of(capsys)
     for number, (start, each) in enumerate(zip(starts, tapes, strict=False), 1):
-        kept_said = [
-            said
-            for said in each.said
-            if not any(start + block in bad for block in said.blocks)
+        kept_messages = [
+            message
+            for message in each.messages
+            if not any(start + block in bad for block in message.blocks)
         ]
-        if not kept_said:
+        if not kept_messages:
             assert number not in logs
             continue
-        assert frames_of(logs[number]) == [said.content for said in kept_said]
-        first, last = (decode(kept_said[index].content).sequence for index in (0, -1))
+        assert frames_of(logs[number]) == [message.content for message in kept_messages]
+        first, last = (
+            decode(kept_messages[index].content).sequence for index in (0, -1)
+        )
         assert first is not None
         assert last is not None
         (line,) = [each for each in lines if each.startswith(f"recording {number}: ")]
         # Each number up to the last that came is received or lost.
         assert (
-            f"{last + 1} sent = {len(kept_said)} received + 0 skewed + "
-            f"{last + 1 - len(kept_said)} lost" in line
+            f"{last + 1} sent = {len(kept_messages)} received + 0 skewed + "
+            f"{last + 1 - len(kept_messages)} lost" in line
         )
         has_last = starts[number] - 1 not in bad
         assert ("ended cleanly" if has_last else "cut off") in line
@@ -148,9 +150,9 @@ def test_a_place_that_was_cut_and_written_again_belongs_to_who_wrote_it(
     assert frames_of(logs[2]) == second
     gone = range(4, 4 + len(new))
     assert frames_of(logs[1]) == [
-        said.content
-        for said in tape(first).said
-        if not any(block in gone for block in said.blocks)
+        message.content
+        for message in tape(first).messages
+        if not any(block in gone for block in message.blocks)
     ]
 
 
@@ -164,7 +166,9 @@ def test_a_block_that_was_written_twice_counts_once(
     run("list", path)
     assert re.split(r"  +", lines_of(capsys)[2])[4] == "0 of 301"
     run("read", path, "--to", tmp_path)
-    assert frames_of(logs_in(tmp_path)[1]) == [said.content for said in each.said]
+    assert frames_of(logs_in(tmp_path)[1]) == [
+        message.content for message in each.messages
+    ]
     told = lines_of(capsys)[1]
     assert "301 sent = 301 received + 0 skewed + 0 lost" in told
     assert re.search(r", \d+ duplicated, 1 frame torn, ended cleanly", told)
@@ -215,9 +219,9 @@ def test_a_place_that_can_not_be_read_costs_that_block(
     monkeypatch.setattr(Disk, "read_at", read_at)
     run("read", path, "--to", tmp_path)
     assert frames_of(logs_in(tmp_path)[1]) == [
-        said.content
-        for said in each.said
-        if not any(block + 1 in unreadable for block in said.blocks)
+        message.content
+        for message in each.messages
+        if not any(block + 1 in unreadable for block in message.blocks)
     ]
 
 

@@ -141,4 +141,6 @@ def test_a_block_device_is_prepared_and_read(
     each = tape(contents_of(FakeProbe(), 500))
     with_log(loop, laid([each]))
     assert run("read", loop, "--to", tmp_path) == 0
-    assert frames_of(logs_in(tmp_path)[1]) == [said.content for said in each.said]
+    assert frames_of(logs_in(tmp_path)[1]) == [
+        message.content for message in each.messages
+    ]

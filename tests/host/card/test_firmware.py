@@ -81,13 +81,15 @@ def test_the_firmware_logs_on_a_prepared_card_and_all_of_it_comes_back(
     path = tmp_path / "card.img"
     card = inserted(path, size)
     log = Log(card).until("ready", 60 * SECOND)
-    said = []
+    recorded = []
     for _ in range(2):
-        said.append([content for _, content in record(log, FakeProbe(), 2 * SECOND)])
+        recorded.append(
+            [content for _, content in record(log, FakeProbe(), 2 * SECOND)]
+        )
         log.close()
     taken_out(card, path)
     capsys.readouterr()
-    assert read_back(path, tmp_path) == {1: said[0], 2: said[1]}
+    assert read_back(path, tmp_path) == {1: recorded[0], 2: recorded[1]}
     assert capsys.readouterr().out.count("0 lost, ended cleanly: ") == 2
 
 

@@ -120,7 +120,7 @@ def test_several_probes_on_one_card_are_a_log_each(
     logs = logs_in(tmp_path)
     for number, (probe, each) in enumerate(zip(probes, tapes, strict=True), 1):
         assert probe.name in logs[number].name
-        assert frames_of(logs[number]) == [said.content for said in each.said]
+        assert frames_of(logs[number]) == [message.content for message in each.messages]
     capsys.readouterr()
     assert run("list", path) == 0
     rows = [re.split(r"  +", line) for line in lines_of(capsys)[1:]]
@@ -128,9 +128,11 @@ def test_several_probes_on_one_card_are_a_log_each(
         ["recording", "probe", "duration", "samples", "lost", "bad", "end"],
         *(
             [
-                *(str(n), p.name, f"0:00:{len(t.said[1:]) * 0.005:04.1f}"),
-                str(sum(decode(said.content).name == "raw" for said in t.said)),
-                *(f"0 of {len(t.said)}", "0 blocks", "ended cleanly"),
+                *(str(n), p.name, f"0:00:{len(t.messages[1:]) * 0.005:04.1f}"),
+                str(
+                    sum(decode(message.content).name == "raw" for message in t.messages)
+                ),
+                *(f"0 of {len(t.messages)}", "0 blocks", "ended cleanly"),
             ]
             for n, (p, t) in enumerate(zip(probes, tapes, strict=True), 1)
         ),
@@ -161,7 +163,9 @@ def test_what_was_read_before_is_left_alone(
     before.write_bytes(b"mine")
     run("read", bare(tmp_path, laid(tapes, 0x1234)), "--to", tmp_path)
     assert before.read_bytes() == b"mine"
-    assert frames_of(logs_in(tmp_path)[2]) == [said.content for said in tapes[1].said]
+    assert frames_of(logs_in(tmp_path)[2]) == [
+        message.content for message in tapes[1].messages
+    ]
     assert f"recording 1: {before} is there already" in lines_of(capsys)
 
 
@@ -199,7 +203,9 @@ def test_the_reader_in_the_docs_reads_it_too(tmp_path: Path, root: Path) -> None
     subprocess.run([sys.executable, "-c", script], cwd=tmp_path, check=True)
     for number, each in enumerate(tapes, 1):
         data = (tmp_path / f"recording-{number}.bin").read_bytes()
-        assert FrameDecoder().feed(data) == [said.content for said in each.said]
+        assert FrameDecoder().feed(data) == [
+            message.content for message in each.messages
+        ]
 
 
 def test_a_copy_that_was_cut_short_gives_what_it_has(tmp_path: Path) -> None:
@@ -208,7 +214,7 @@ def test_a_copy_that_was_cut_short_gives_what_it_has(tmp_path: Path) -> None:
     os.truncate(path, 20 * 512 + 100)
     run("read", path, "--to", tmp_path)
     assert frames_of(logs_in(tmp_path)[1]) == [
-        said.content for said in each.said if said.blocks.stop <= 19
+        message.content for message in each.messages if message.blocks.stop <= 19
     ]
 
 

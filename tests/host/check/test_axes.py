@@ -134,8 +134,8 @@ def test_a_report_has_all_rows_and_no_names() -> None:
     found = evidence(samples=raws(ppm=3.0))
     found.poses = posed(MOUNTED["right"])
     table = judged(found)
-    said = report.as_object(found, table, datetime.date(2026, 11, 25))
-    texts = json.dumps(said), report.as_markdown(json.loads(json.dumps(said)))
+    document = report.as_object(found, table, datetime.date(2026, 11, 25))
+    texts = json.dumps(document), report.as_markdown(json.loads(json.dumps(document)))
     for text in texts:
         assert all(row.name in text for row in table)
         assert str(HELLO["probe_id"]) not in text

@@ -40,7 +40,7 @@ ENDED_S = 60.0  # only a hang takes longer
 
 def pose_of(probe: str, number: int, **other: object) -> bytes:
     """A pose of a probe at rest, as a daemon publishes it, of this moment."""
-    said = {
+    values = {
         "type": "pose",
         "probe": probe,
         "seq": number,
@@ -57,7 +57,7 @@ def pose_of(probe: str, number: int, **other: object) -> bytes:
         "heading_sigma_deg": 2.0,
         "flags": [],
     }
-    return json.dumps(said | other).encode()
+    return json.dumps(values | other).encode()
 
 
 class Probes:
@@ -154,16 +154,16 @@ def test_probes_of_two_daemons_become_one_body(probes: Probes, tmp_path: Path) -
 
 def shown() -> BodyState:
     """The state that the document shows."""
-    said = re.search(r"```json\n(\{.*?)```", DOCUMENT.read_text(), re.DOTALL)
-    assert said is not None
-    return msgspec.json.decode(said[1], type=BodyState)
+    example = re.search(r"```json\n(\{.*?)```", DOCUMENT.read_text(), re.DOTALL)
+    assert example is not None
+    return msgspec.json.decode(example[1], type=BodyState)
 
 
 def test_a_body_is_joints_and_transforms_for_ros() -> None:
-    (joint, said), (tf, transforms) = messages(shown())
+    (joint, joints), (tf, transforms) = messages(shown())
     assert joint == joint_topic("right-leg")
     assert joint.name == "/imud/body/right_leg/joint_states"
-    assert b"foot_flexion\0" in said
+    assert b"foot_flexion\0" in joints
     assert tf is TF
     assert transforms.count(b"right_leg\0") == 2
     lost = msgspec.structs.replace(

@@ -40,8 +40,8 @@ class Desk:
     def run(self, *words: str) -> tuple[int, str, str]:
         """The exit code, and what it prints to stdout and stderr."""
         code = main(["calibrate", *words, "--connect", self.chain.daemon.endpoint])
-        said = self._capsys.readouterr()
-        return code, said.out, said.err
+        captured = self._capsys.readouterr()
+        return code, captured.out, captured.err
 
     def refused(self, *words: str) -> str:
         """Its one line on stderr; nothing has changed."""
@@ -188,9 +188,9 @@ def test_what_the_daemon_has_learned_is_put_in_force(
     desk = Desk(chain, capsys)  # of its own, for it learns from all samples
     until_s = time.monotonic() + PATIENCE_S
 
-    def is_learned(said: dict[str, Any]) -> bool:
-        assert time.monotonic() < until_s, said["learn"]
-        return bool(said["learn"]["records"])
+    def is_learned(status: dict[str, Any]) -> bool:
+        assert time.monotonic() < until_s, status["learn"]
+        return bool(status["learn"]["records"])
 
     with Stream(desk.chain, used(), asks="start"):
         line = desk.refused("learned")

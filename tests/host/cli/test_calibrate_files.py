@@ -28,8 +28,8 @@ def run(
     capsys: pytest.CaptureFixture[str], path: Path, *words: str
 ) -> tuple[int, str, str]:
     code = main(["calibrate", *words, "--from", str(path)])
-    said = capsys.readouterr()
-    return code, said.out, said.err
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
 
 
 def test_a_capture_is_calibrated_from_without_a_daemon(

@@ -34,10 +34,10 @@ def nobody(monkeypatch: pytest.MonkeyPatch) -> None:
 def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
     """Its one line on stderr."""
     assert main(["check", *words]) == 1
-    said = capsys.readouterr().err
-    assert said.startswith("imud: ")
-    assert said.count("\n") == 1
-    return said
+    error = capsys.readouterr().err
+    assert error.startswith("imud: ")
+    assert error.count("\n") == 1
+    return error
 
 
 def has_serial_ports(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
@@ -52,10 +52,10 @@ def test_a_probe_of_a_daemon_is_checked_and_does_as_before(
     words += ["--no-poses", "--no-button", "--report", str(tmp_path / "board.md")]
     with Stream(chain, lying([BASE_DOWN.up] * 4), asks="start"):
         main(["check", chain.probe.name, *words])
-    said = capsys.readouterr()
-    assert said.err == ""
-    assert "(by imud run)" in said.out
-    assert "samples, no failed transfers" in said.out
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    assert "(by imud run)" in captured.out
+    assert "samples, no failed transfers" in captured.out
     report = (tmp_path / "board.md").read_text()
     assert chain.probe.name not in report
     assert str(chain.port.path) not in report
@@ -79,8 +79,8 @@ def test_the_port_of_a_daemon_is_checked_by_it(
     words = ["--connect", chain.daemon.endpoint, "--seconds", "0.5", "--json"]
     with Stream(chain, ()):
         main(["check", str(chain.port.path), *words])
-    said: dict[str, Any] = json.loads(capsys.readouterr().out)
-    rows = {row["name"]: row for row in said["rows"]}
+    report: dict[str, Any] = json.loads(capsys.readouterr().out)
+    rows = {row["name"]: row for row in report["rows"]}
     assert rows["sensor bus"]["measured"] == "no samples"
 
 

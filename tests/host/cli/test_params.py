@@ -55,10 +55,10 @@ class Desk:
         """What it prints; AssertionError with its line on stderr if it fails."""
         where = ["--connect", self.chain.daemon.endpoint]
         code = main(["params", probe or self.probe, *map(str, words), *where])
-        said = self._capsys.readouterr()
-        assert code == (1 if said.err else 0)
-        assert not said.err, said.err
-        return said.out
+        captured = self._capsys.readouterr()
+        assert code == (1 if captured.err else 0)
+        assert not captured.err, captured.err
+        return captured.out
 
     def fails(self, *words: object, probe: str = "") -> str:
         """Its one line on stderr."""
@@ -102,9 +102,9 @@ def test_params_go_to_the_probe_and_back(desk: Desk, tmp_path: Path) -> None:
     assert "accelerometer  calibrated on a day not known, method positions" in shown
     assert "1-sigma error 0.012 m/s2" in shown
     assert "the button: tell" in shown
-    said = json.loads(desk.run("show", "--json"))
-    assert said["bytes"] == GOOD.encode().hex()
-    assert said["records"]["acc"]["method"] == "positions"
+    printed = json.loads(desk.run("show", "--json"))
+    assert printed["bytes"] == GOOD.encode().hex()
+    assert printed["records"]["acc"]["method"] == "positions"
 
 
 def test_what_was_in_force_comes_back_from_the_history(
@@ -130,12 +130,12 @@ def test_what_the_probe_kept_of_its_own_field_is_shown(desk: Desk) -> None:
     fields = {"own_field": (20.0, -12.5, 6.25), "own_sigma": 2.5}
     probe.hello_fields = probe.hello_fields | fields
     desk.chain.port.write(probe.say("hello"))
-    status = desk.chain.status_when(lambda said: said["params"].get("own_field"))
+    status = desk.chain.status_when(lambda status: status["params"].get("own_field"))
     own = {"field_uT": [20.0, -12.5, 6.25], "sigma_uT": 2.5}
     assert status["params"]["own_field"] == own
-    said = desk.run("show")
-    assert "  own field      20.00 -12.50 6.25 uT, kept by the probe, 1-sigma" in said
-    assert "1-sigma error 2.5 uT; imud restart --forget drops it" in said
+    shown = desk.run("show")
+    assert "  own field      20.00 -12.50 6.25 uT, kept by the probe, 1-sigma" in shown
+    assert "1-sigma error 2.5 uT; imud restart --forget drops it" in shown
 
 
 def test_errors_are_one_line(desk: Desk, tmp_path: Path) -> None:
@@ -166,7 +166,7 @@ def test_a_late_client_and_the_status_know_them(chain: Chain) -> None:
     with answering(chain):
         chain.client.change_params(chain.probe.name, GOOD.encode())
         status = chain.status_when(
-            lambda said: said["params"]["digest"] == f"{GOOD.digest:08x}"
+            lambda status: status["params"]["digest"] == f"{GOOD.digest:08x}"
         )
         assert status["params"] == {
             "digest": f"{GOOD.digest:08x}",
@@ -187,9 +187,9 @@ def test_a_late_client_and_the_status_know_them(chain: Chain) -> None:
             "flags": [],
         }
         with Client(chain.daemon.endpoint) as late:
-            said = late.params(chain.probe.name)
-            assert said["digest"] == f"{GOOD.digest:08x}"
-            assert said["records"]["options"]["button_does"] == "tell"
+            reply = late.params(chain.probe.name)
+            assert reply["digest"] == f"{GOOD.digest:08x}"
+            assert reply["records"]["options"]["button_does"] == "tell"
             with pytest.raises(ProbeUnknown, match="nobody are not known"):
                 late.params("nobody")
             with pytest.raises(CommandRefused, match="there is no command 'params_wr"):
@@ -203,10 +203,10 @@ def test_a_daemon_asks_for_params_that_it_did_not_hear(
 ) -> None:
     chain.probe.params.records = GOOD.encode()
     chain.port.write(chain.probe.say("hello"))
-    status = chain.status_when(lambda said: not said["params"]["is_known"])
+    status = chain.status_when(lambda status: not status["params"]["is_known"])
     assert status["params"]["digest"] == f"{GOOD.digest:08x}"
     with answering(chain):
-        chain.status_when(lambda said: said["params"]["is_known"])
+        chain.status_when(lambda status: status["params"]["is_known"])
     asked = [each["command"] for each in chain.probe.commands]
     assert asked == ["params_tell"]
     (kept,) = (tmp_path / "state/imud/params" / chain.probe.name).iterdir()
@@ -228,9 +228,9 @@ def test_a_probe_with_another_name_has_them_under_it(tmp_path: Path) -> None:
         daemon.expect("reloaded: probes")
         with Client(daemon.endpoint) as client:
             client.wait_for("stylus", seconds=PATIENCE_S)
-            said = client.params("stylus")
-            assert (said["probe"], said["probe_id"]) == ("stylus", probe.name)
-            assert said["bytes"] == GOOD.encode().hex()
+            reply = client.params("stylus")
+            assert (reply["probe"], reply["probe_id"]) == ("stylus", probe.name)
+            assert reply["bytes"] == GOOD.encode().hex()
             (entry,) = client.params_history("stylus")["entries"]
             assert entry["digest"] == f"{GOOD.digest:08x}"
             with pytest.raises(ProbeUnknown):

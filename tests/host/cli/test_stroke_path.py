@@ -33,10 +33,10 @@ WAYS = [
 
 def strokes(ways: list[Any] | None = None) -> list[dict[str, Any]]:
     """Strokes as published, from an origin on."""
-    told, place = [], (0.0, 0.0, 0.0)
+    records, place = [], (0.0, 0.0, 0.0)
     for number, way in enumerate(ways or WAYS, 1):
         place = tuple(a + b for a, b in zip(place, way, strict=True))
-        told.append(
+        records.append(
             {
                 "type": "stroke",
                 "stroke": number,
@@ -49,12 +49,12 @@ def strokes(ways: list[Any] | None = None) -> list[dict[str, Any]]:
                 "t_device_us": 1_000_000 * number,
             }
         )
-    return told
+    return records
 
 
-def path_of(*told: dict[str, Any]) -> StrokePath:
+def path_of(*records: dict[str, Any]) -> StrokePath:
     path = StrokePath()
-    for stroke in told:
+    for stroke in records:
         path.add_stroke(stroke)
     return path
 
@@ -71,21 +71,23 @@ def test_what_a_path_is_off_is_spread_evenly_over_its_strokes() -> None:
 
 
 def test_what_runs_is_no_part_of_a_path() -> None:
-    told = strokes()
-    running = told[1] | {"end": "running", "displacement_m": [9.0, 9.0, 9.0]}
-    assert path_of(told[0], running, *told[1:]).places == path_of(*told).places
+    records = strokes()
+    running = records[1] | {"end": "running", "displacement_m": [9.0, 9.0, 9.0]}
+    assert path_of(records[0], running, *records[1:]).places == path_of(*records).places
 
 
 def test_a_stroke_without_length_ends_a_path() -> None:
-    told = strokes()
-    lost = told[1] | {"end": "clipped", "displacement_m": None, "path_m": None}
-    assert path_of(told[0], lost).places == []
-    assert path_of(told[0], lost, told[0]).places == [told[0]["path_m"]]
+    records = strokes()
+    lost = records[1] | {"end": "clipped", "displacement_m": None, "path_m": None}
+    assert path_of(records[0], lost).places == []
+    assert path_of(records[0], lost, records[0]).places == [records[0]["path_m"]]
 
 
 def test_a_new_origin_begins_a_path_anew() -> None:
-    told = strokes()
-    assert path_of(*told[:3], *told[:2]).places == [each["path_m"] for each in told[:2]]
+    records = strokes()
+    assert path_of(*records[:3], *records[:2]).places == [
+        each["path_m"] for each in records[:2]
+    ]
 
 
 def test_the_first_pose_after_a_stroke_tells_where_the_tip_is() -> None:
@@ -139,17 +141,17 @@ def test_a_double_click_closes_the_path_of_before_it(
 ) -> None:
     closer = PathCloser()
     begin_us = 5_000_000
-    told = [*strokes(), press(begin_us), *between, press(begin_us + apart_us)]
-    said = [closer.on_record(each) for each in told]
-    assert said[:-1] == [None] * (len(told) - 1)
-    assert said[-1] == (path_of(*strokes()).closing() if closes else None)
+    records = [*strokes(), press(begin_us), *between, press(begin_us + apart_us)]
+    closings = [closer.on_record(each) for each in records]
+    assert closings[:-1] == [None] * (len(records) - 1)
+    assert closings[-1] == (path_of(*strokes()).closing() if closes else None)
 
 
 def test_three_presses_are_one_double_click() -> None:
     closer = PathCloser()
-    told = [*strokes(), *(press(5_000_000 + 200_000 * n) for n in range(3))]
-    said = [closer.on_record(each) is not None for each in told]
-    assert said[-3:] == [False, True, False]
+    records = [*strokes(), *(press(5_000_000 + 200_000 * n) for n in range(3))]
+    closes = [closer.on_record(each) is not None for each in records]
+    assert closes[-3:] == [False, True, False]
 
 
 def test_without_a_path_a_double_click_closes_nothing() -> None:
@@ -168,11 +170,11 @@ def test_a_path_is_closed_by_command_and_by_its_button(chain: Chain) -> None:
         with contextlib.suppress(CommandRefused):
             value = client.command(name, "close")["value"]
             break
-    said = [json.loads(heard.get(timeout=PATIENCE_S))]
+    records = [json.loads(heard.get(timeout=PATIENCE_S))]
     for _ in range(2):
         chain.port.write(chain.probe.say("event", event="button_pressed"))
-    said.append(json.loads(heard.get(timeout=PATIENCE_S)))
-    for each, by in zip(said, ("command", "button"), strict=True):
+    records.append(json.loads(heard.get(timeout=PATIENCE_S)))
+    for each, by in zip(records, ("command", "button"), strict=True):
         jsonschema.validate(each, JSON_SCHEMAS["path"])
         assert (each["type"], each["probe"], each["by"]) == ("path", name, by)
         assert each["off_m"] == pytest.approx([0.1, 0.0, 0.0])
@@ -196,20 +198,20 @@ class Heard(deque[bytes]):
 class Network:
     """A client that hears these messages as soon as it subscribes."""
 
-    def __init__(self, told: list[dict[str, Any]]) -> None:
-        self.told = told
+    def __init__(self, records: list[dict[str, Any]]) -> None:
+        self.records = records
 
     def subscribe(
         self, topic: str, _: str | None, callback: Callable[[str, bytes], None]
     ) -> Callable[[], None]:
-        for each in self.told:
+        for each in self.records:
             if each["type"] == topic:
                 callback(each["probe"], json.dumps(each).encode())
         return lambda: None
 
 
-def closed(told: list[dict[str, Any]], *, as_json: bool) -> None:
-    network = cast(Client, Network([{"probe": "stylus"} | each for each in told]))
+def closed(records: list[dict[str, Any]], *, as_json: bool) -> None:
+    network = cast(Client, Network([{"probe": "stylus"} | each for each in records]))
     stroke_lines.listen(network, None, None, as_json=as_json, closes=True)
 
 
@@ -225,13 +227,13 @@ def test_a_path_is_closed_when_ctrl_c_ends_it(
 ) -> None:
     pose = {"type": "pose", "t_device_us": 4_000_000, "position_m": [0.005, 0.0, 0.0]}
     closed([*strokes(), pose], as_json=as_json)
-    said = capsys.readouterr().out.splitlines()
+    lines = capsys.readouterr().out.splitlines()
     if as_json:
-        assert json.loads(said[-1])["off_m"] == [0.005, 0.0, 0.0]
-        assert json.loads(said[-1])["closed_m"][-1] == [0.0, 0.0, 0.0]
-        assert len(said) == len(WAYS) + 1
+        assert json.loads(lines[-1])["off_m"] == [0.005, 0.0, 0.0]
+        assert json.loads(lines[-1])["closed_m"][-1] == [0.0, 0.0, 0.0]
+        assert len(lines) == len(WAYS) + 1
     else:
-        assert "stylus: 4 strokes end 0.50 cm from their origin:" in said
+        assert "stylus: 4 strokes end 0.50 cm from their origin:" in lines
 
 
 @pytest.mark.usefixtures("at_once")
@@ -242,11 +244,11 @@ def test_a_path_that_its_button_closes_is_told_at_once(
     closing = path_of(*strokes()).closing()
     assert closing is not None
     closed([{"type": "path", **closing}], as_json=as_json)
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     if as_json:
-        assert json.loads(said)["off_m"] == closing["off_m"]
+        assert json.loads(output)["off_m"] == closing["off_m"]
     else:
-        assert "stylus: 4 strokes end 0.69 cm from their origin:" in said
+        assert "stylus: 4 strokes end 0.69 cm from their origin:" in output
 
 
 @pytest.mark.usefixtures("at_once")

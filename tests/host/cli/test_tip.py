@@ -48,8 +48,8 @@ class Desk:
         """The exit code, and what it prints to stdout and stderr."""
         own = ["calibrate", "tip", *map(str, words)]
         code = main([*own, "--connect", self.chain.daemon.endpoint])
-        said = self._capsys.readouterr()
-        return code, said.out, said.err
+        captured = self._capsys.readouterr()
+        return code, captured.out, captured.err
 
 
 @pytest.fixture
@@ -171,8 +171,8 @@ def test_a_circle_gives_the_axis_and_with_a_distance_the_tip(
         two = poses(tmp_path / "two.csv", 2)
         assert "takes 3 or 4" in desk.run("--method", "points", "--positions", two)[2]
         bare = poses(tmp_path / "bare.csv", 3, has_attitudes=False)
-        said = desk.run("--method", "points", "--positions", bare)[2]
-        assert "needs the attitude at each place" in said
+        errors = desk.run("--method", "points", "--positions", bare)[2]
+        assert "needs the attitude at each place" in errors
 
 
 def test_a_capture_holds_a_wobble_or_says_what_it_lacks(

@@ -49,7 +49,7 @@ class Line:
         probe: str = "p",
         **changes: Any,
     ) -> None:
-        said = {
+        values = {
             "type": topic,
             "probe": probe,
             "seq": number * 2,
@@ -66,7 +66,7 @@ class Line:
             "cause": "command",
             "detail": 0,
         } | changes
-        self.callbacks[topic](Delivery(probe, json.dumps(said).encode(), source))
+        self.callbacks[topic](Delivery(probe, json.dumps(values).encode(), source))
 
 
 def line_and(

@@ -84,7 +84,7 @@ def check(file: Path, capsys: pytest.CaptureFixture[str]) -> list[str]:
     return lines
 
 
-def said(table: str, key: str, value: str) -> str:
+def toml_of(table: str, key: str, value: str) -> str:
     head = f"[{table}]\n" if table else ""
     return f"# a comment\n{head}{key} = {value}\n"
 
@@ -104,7 +104,7 @@ def test_each_key_takes_what_it_can_and_names_itself_else(
     first = KEYS.index((table, key, info)) % 6
     values = choose(everyday=VALUES[first::6], long=VALUES)
     for value in values:
-        file.write_text(said(table, key, value))
+        file.write_text(toml_of(table, key, value))
         lines = check(file, capsys)
         refused += bool(lines)
         for line in lines:
@@ -140,7 +140,7 @@ def test_a_bound_is_where_it_is_said_to_be(
     step = 1 if isinstance(info, inspect.IntType) else 1e-9
 
     def is_taken(value: float) -> bool:
-        file.write_text(said(table, key, repr(value)))
+        file.write_text(toml_of(table, key, repr(value)))
         return not check(file, capsys)
 
     assert info.ge is not None or info.gt is not None

@@ -45,8 +45,10 @@ def pose(q: tuple[float, ...], at_s: float = 0.0, **fields: Any) -> dict[str, An
 @pytest.mark.parametrize("axis", ["x", "all"])
 def test_the_error_is_one_angle_at_any_attitude(angle: float, axis: Any) -> None:
     for start in (LEVEL, UPRIGHT):
-        said = Aim(Target(start, axis=axis)).measure(pose(turned(start, (0, angle, 0))))
-        assert said["error_deg"] == pytest.approx(angle, abs=1e-6)
+        measured = Aim(Target(start, axis=axis)).measure(
+            pose(turned(start, (0, angle, 0)))
+        )
+        assert measured["error_deg"] == pytest.approx(angle, abs=1e-6)
 
 
 def test_the_sigma_is_that_of_what_turns_the_axis() -> None:
@@ -68,12 +70,16 @@ def test_it_is_reached_only_when_it_was_held_surely() -> None:
     assert aim.measure(pose(near, 0.0))["state"] == "sure"
     assert aim.measure(pose(unsure, 0.9))["state"] == "unsure"
     assert aim.measure(pose(near, 1.0))["held_s"] == 0.0
-    said = aim.measure(pose(near, 1.99))
-    assert not said["is_reached"]
-    assert said["bound_deg"] == pytest.approx(1.9, abs=1e-3)
+    measured = aim.measure(pose(near, 1.99))
+    assert not measured["is_reached"]
+    assert measured["bound_deg"] == pytest.approx(1.9, abs=1e-3)
     assert aim.measure(pose(near, 2.0))["is_reached"]
-    said = aim.measure(pose(turned(LEVEL, (0, 5, 0)), 2.1))
-    assert (said["state"], said["bound_deg"], said["is_reached"]) == ("off", None, True)
+    measured = aim.measure(pose(turned(LEVEL, (0, 5, 0)), 2.1))
+    assert (measured["state"], measured["bound_deg"], measured["is_reached"]) == (
+        "off",
+        None,
+        True,
+    )
 
 
 @pytest.mark.parametrize(
@@ -105,9 +111,13 @@ def test_a_target_is_published_with_each_pose(tmp_path: Any) -> None:
         chain.client.command(name, "aim", q="2,0,0,0", axis="z", target="entry")
         chain.port.write(chain.probe.poses(2))
         for _ in range(2):
-            said = json.loads(heard.get(timeout=30))
-            jsonschema.validate(said, JSON_SCHEMAS["aim"])
-            assert (said["probe"], said["target"], said["axis"]) == (name, "entry", "z")
+            record = json.loads(heard.get(timeout=30))
+            jsonschema.validate(record, JSON_SCHEMAS["aim"])
+            assert (record["probe"], record["target"], record["axis"]) == (
+                name,
+                "entry",
+                "z",
+            )
         chain.client.command(name, "aim", off="1")
         chain.port.write(chain.probe.poses(2))
         assert chain.client.statuses(name)

@@ -87,11 +87,11 @@ def test_a_refusal_says_why(chain: Chain) -> None:
 
 def orders(data: bytes) -> list[Message]:
     """Commands among what the daemon wrote, but for questions for the time."""
-    said = [messages.decode(content) for content in reference.contents(data)]
-    assert all(isinstance(each, Message) for each in said)
+    decoded = [messages.decode(content) for content in reference.contents(data)]
+    assert all(isinstance(each, Message) for each in decoded)
     return [
         each
-        for each in said
+        for each in decoded
         if isinstance(each, Message) and each.fields["command"] != "time"
     ]
 
@@ -104,9 +104,9 @@ def test_a_command_is_repeated_with_its_token_and_carried_out_once(
     def be_deaf_once() -> None:
         while len(heard) < 2:
             data = chain.port.read()
-            said = chain.probe.hear(data)
+            reply = chain.probe.hear(data)
             heard.extend(orders(data))
-        chain.port.write(said)
+        chain.port.write(reply)
 
     server = threading.Thread(target=be_deaf_once)
     server.start()

@@ -74,11 +74,11 @@ def test_no_query_is_a_fault(
 ) -> None:
     daemon, session = commanded
     # With a name that no command knows, so that the probe is not asked: it is silent.
-    said = ";".join(
+    query = ";".join(
         f"{key}={value}" for key, value in (parameters | {"x1": ""}).items()
     )
     try:
-        selector = zenoh.Selector(f"imud/00112233445566aa/cmd/{command}", said)
+        selector = zenoh.Selector(f"imud/00112233445566aa/cmd/{command}", query)
     except (zenoh.ZError, ValueError):
         return  # not a key: the library itself refuses it
     replies = list(session.get(selector, payload=payload, timeout=20.0))

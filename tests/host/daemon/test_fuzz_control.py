@@ -131,8 +131,8 @@ def test_queries_are_answered_or_refused_and_poses_go_on(room: Room) -> None:
         payload = chance.choice([b"", b"\xff\xfe\x00", chance.randbytes(300)])
         if chance.random() < 0.01:
             payload = bytes(1_000_000)
-        said = parameters(chance)
-        selector = f"imud/{probe}/cmd/{command}" + (f"?{said}" if said else "")
+        query = parameters(chance)
+        selector = f"imud/{probe}/cmd/{command}" + (f"?{query}" if query else "")
         replies = room.ask(selector, payload)
         for reply in replies or []:
             if reply.ok is not None:

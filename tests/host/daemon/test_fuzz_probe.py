@@ -182,6 +182,6 @@ def test_text_of_a_hello_that_could_harm_a_terminal_is_no_text() -> None:
     for firmware in HOSTILE:
         hello = with_firmware(probe, firmware, schema.FINGERPRINT)
         (content,) = FrameDecoder().feed(b"\0" + hello)
-        said = decode(content)
+        decoded = decode(content)
         is_plain = firmware.isascii() and firmware.decode("ascii").isprintable()
-        assert isinstance(said, Message) == is_plain
+        assert isinstance(decoded, Message) == is_plain

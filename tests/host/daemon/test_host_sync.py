@@ -46,8 +46,8 @@ def test_the_kernel_is_asked() -> None:
 def test_losing_and_regaining_utc_is_told(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    said = [Sync("here", is_synchronised=True, bound_us=7)]
-    monkeypatch.setattr(host_clock, "sync_of_host", lambda: said[0])
+    current = [Sync("here", is_synchronised=True, bound_us=7)]
+    monkeypatch.setattr(host_clock, "sync_of_host", lambda: current[0])
     hub = Hub()
     lines = ProbeLines(Speaker(10.0, 3))
     caplog.set_level("INFO", "imud")
@@ -55,11 +55,11 @@ def test_losing_and_regaining_utc_is_told(
     assert clock.timeline.whose == ("here", 7)
     clock.look()
     assert not caplog.messages
-    said[0] = Sync("here", is_synchronised=False)
+    current[0] = Sync("here", is_synchronised=False)
     clock.look()
     clock.look()
     assert clock.timeline.whose == ("here", None)
-    said[0] = Sync("here", is_synchronised=True, bound_us=9)
+    current[0] = Sync("here", is_synchronised=True, bound_us=9)
     clock.look()
     told = [message for message in caplog.messages if "UTC" in message]
     assert len(told) == 2

@@ -101,9 +101,9 @@ def test_an_entry_is_found_by_how_its_digest_begins(tmp_path: Path) -> None:
     def ask(**parameters: str) -> dict[str, object]:
         return asyncio.run(history.command(ID, parameters))
 
-    said = ask()
-    assert said["folder"] == str(tmp_path / ID)
-    assert said["entries"] == [
+    reply = ask()
+    assert reply["folder"] == str(tmp_path / ID)
+    assert reply["entries"] == [
         {"time": "19700101T000001Z", "digest": f"{numbered(1).digest:08x}"},
         {"time": "19700101T000000Z", "digest": f"{GOOD.digest:08x}"},
     ]
@@ -130,8 +130,8 @@ def test_of_two_that_begin_alike_neither_is_taken(tmp_path: Path) -> None:
 
 
 def test_a_probe_never_heard_has_none_and_no_folder_is_off(tmp_path: Path) -> None:
-    said = asyncio.run(HistoryFiles(tmp_path).command(ID, {}))
-    assert said["entries"] == []
+    reply = asyncio.run(HistoryFiles(tmp_path).command(ID, {}))
+    assert reply["entries"] == []
     off = HistoryFiles(None)
     kept(off, GOOD)
     with pytest.raises(CommandRefused, match="keeps no history"):

@@ -87,13 +87,13 @@ def test_poses_turn_to_true_north() -> None:
     """A probe that points to magnetic north points by the declination east of it."""
     north = North(7.0)
     ahead = rotation.from_heading_pitch_roll(math.pi / 2, 0.1, 0.2)
-    said = {
+    values = {
         "q": tuple(ahead.tolist()),
         "position_m": (0.0, 2.0, 1.0),
         "normal": None,
         "flags": (),
     }
-    turned = north.turned(said)
+    turned = north.turned(values)
     yaw, pitch, roll = rotation.to_yaw_pitch_roll(np.array(turned["q"]))
     assert math.degrees(yaw) == pytest.approx(90.0 - 7.0)
     assert (pitch, roll) == pytest.approx((0.1, 0.2))
@@ -102,7 +102,7 @@ def test_poses_turn_to_true_north() -> None:
     assert turned["position_m"][2] == 1.0
     assert turned["normal"] is None
     for flag in ("tared", "heading_free"):
-        assert north.turned(said | {"flags": (flag,)})["q"] == said["q"]
+        assert north.turned(values | {"flags": (flag,)})["q"] == values["q"]
 
 
 @pytest.mark.parametrize(

@@ -235,14 +235,14 @@ def test_a_file_with_a_mistake_is_told_and_changes_nothing(tmp_path: Path) -> No
 
 def test_a_reload_turns_metrics_on_and_off(tmp_path: Path) -> None:
     address = free_address()
-    said = f"[metrics]\nlisten = '127.0.0.1:{address[1]}'"
+    table = f"[metrics]\nlisten = '127.0.0.1:{address[1]}'"
     with running(tmp_path, "# more") as (daemon, _, _):
-        reload(daemon, tmp_path, "# more", said)
+        reload(daemon, tmp_path, "# more", table)
         daemon.expect("reloaded: metrics")
         with socket.create_connection(address, 10) as end:
             end.sendall(b"GET /metrics HTTP/1.0\r\n\r\n")
             assert end.recv(12) == b"HTTP/1.1 200"
-        reload(daemon, tmp_path, said, "# more")
+        reload(daemon, tmp_path, table, "# more")
         daemon.expect("reloaded: metrics")
         with pytest.raises(OSError, match="refused"):
             socket.create_connection(address, 10).close()

@@ -48,7 +48,7 @@ def becomes(chain: Chain, sensor: str, *who_am_i: int, **fields: Any) -> None:
     chain.port.write(chain.probe.say("hello"))
 
 
-def says(chain: Chain, *names: str) -> str:
+def output_of(chain: Chain, *names: str) -> str:
     """What a command of imud prints."""
     command = [sys.executable, "-m", "imud", *names]
     done = subprocess.run(
@@ -126,7 +126,7 @@ def test_a_failed_self_test_is_told_once_a_boot_and_flags_poses(chain: Chain) ->
     chain.port.write(chain.probe.say("hello") + chain.probe.say("self_test", **DEAD_Y))
     line = chain.daemon.expect("failed its self-test")
     assert line.split(" ", 1)[1] == f"warning: probe {chain.probe.name}: {DEAD_WORDS}"
-    status = chain.status_when(lambda said: said["sensors"]["flags"])
+    status = chain.status_when(lambda status: status["sensors"]["flags"])
     assert status["sensors"]["words"] == [DEAD_WORDS]
     verdicts = status["sensors"]["self_test"]
     assert {name: of["outcome"] for name, of in verdicts.items()} == {
@@ -137,7 +137,7 @@ def test_a_failed_self_test_is_told_once_a_boot_and_flags_poses(chain: Chain) ->
     chain.port.write(chain.probe.say("pose"))
     flags = json.loads(poses.get(timeout=PATIENCE_S))["flags"]
     assert flags == ["at_rest", "self_test_failed"]
-    assert f"{chain.probe.name}: {DEAD_WORDS}\n" in says(chain, "list")
+    assert f"{chain.probe.name}: {DEAD_WORDS}\n" in output_of(chain, "list")
     again = chain.probe.say("hello") + chain.probe.say("self_test", **DEAD_Y)
     chain.port.write(again + chain.probe.say("event"))
     chain.daemon.expect("stream started")
@@ -151,10 +151,10 @@ def test_a_failed_self_test_is_told_once_a_boot_and_flags_poses(chain: Chain) ->
 def test_the_responses_of_the_boot_before_are_forgotten(chain: Chain) -> None:
     chain.probe.hello_fields = chain.probe.hello_fields | JUDGED
     chain.port.write(chain.probe.say("hello") + chain.probe.say("self_test", **DEAD_Y))
-    chain.status_when(lambda said: said["sensors"]["flags"])
+    chain.status_when(lambda status: status["sensors"]["flags"])
     chain.probe.restart()
     chain.port.write(chain.probe.say("hello"))
-    status = chain.status_when(lambda said: not said["sensors"]["flags"])
+    status = chain.status_when(lambda status: not status["sensors"]["flags"])
     assert status["sensors"]["self_test"]["accelerometer"] == {
         "outcome": "not judged",
         "reason": "its responses were not received",
@@ -178,7 +178,7 @@ def test_a_probe_that_moved_is_told_to_be_not_judged(chain: Chain) -> None:
     chain.port.write(chain.probe.say("hello") + chain.probe.say("self_test", **moved))
     line = chain.daemon.expect("not judged")
     assert line.split(" ", 1)[1] == f"probe {chain.probe.name}: {MOVED_WORDS}"
-    status = chain.status_when(lambda said: said["sensors"]["words"])
+    status = chain.status_when(lambda status: status["sensors"]["words"])
     assert status["sensors"]["words"] == [MOVED_WORDS]
     assert status["sensors"]["flags"] == []
 
@@ -187,39 +187,41 @@ def test_a_module_without_magnetometer_is_named_and_not_to_be_calibrated(
     chain: Chain,
 ) -> None:
     chain.port.write(chain.probe.say("params"))
-    chain.status_when(lambda said: "magnetometer" in said["params"].get("advice", ""))
+    chain.status_when(
+        lambda status: "magnetometer" in status["params"].get("advice", "")
+    )
     becomes(chain, "mpu6500", 0x70, 0)
     line = chain.daemon.expect("no magnetometer in this module")
     assert line.split(" ", 1)[1] == f"warning: probe {chain.probe.name}: {FAKE}"
-    status = chain.status_when(lambda said: said["sensors"]["words"] == [FAKE])
+    status = chain.status_when(lambda status: status["sensors"]["words"] == [FAKE])
     advice = "accelerometer and gyroscope not calibrated: imud calibrate"
     assert status["params"]["advice"] == advice
-    listed = says(chain, "list")
+    listed = output_of(chain, "list")
     assert f"{chain.probe.name}: {FAKE}\n{chain.probe.name}: {advice}\n" in listed
-    assert FAKE in says(chain, "monitor", "--seconds", "1.5")
+    assert FAKE in output_of(chain, "monitor", "--seconds", "1.5")
     refusal = f"imud: probe {chain.probe.name}: {FAKE}\n"
-    assert says(chain, "calibrate", "mag", chain.probe.name) == refusal
+    assert output_of(chain, "calibrate", "mag", chain.probe.name) == refusal
     assert not chain.probe.commands
 
 
 def test_a_sensor_that_does_not_answer_is_named_until_it_does(chain: Chain) -> None:
     probe = chain.probe
     chain.port.write(probe.say("params"))
-    chain.status_when(lambda said: said["params"].get("advice"))
+    chain.status_when(lambda status: status["params"].get("advice"))
     fault = {"event": "bus_fault", "cause": "nack", "detail": 0}
     chain.port.write(probe.say("event", **fault) + probe.say("status", state="fault"))
     line = chain.daemon.expect("bus fault")
     words = f"warning: probe {probe.name}: bus fault: {ABSENT}"
     assert line.split(" ", 1)[1] == words
-    status = chain.status_when(lambda said: said["sensors"]["words"] == [ABSENT])
+    status = chain.status_when(lambda status: status["sensors"]["words"] == [ABSENT])
     assert status["params"]["advice"] == ""
     assert not status["sensors"]["is_working"]
-    assert f"{probe.name}: {ABSENT}\n" in says(chain, "list")
+    assert f"{probe.name}: {ABSENT}\n" in output_of(chain, "list")
     refusal = f"imud: probe {probe.name} can not be calibrated: {ABSENT}\n"
-    assert says(chain, "calibrate", "mag", probe.name) == refusal
+    assert output_of(chain, "calibrate", "mag", probe.name) == refusal
     good = {"event": "bus_recovered", "cause": "none", "detail": 1}
     chain.port.write(probe.say("event", **good) + probe.say("status"))
-    status = chain.status_when(lambda said: said["sensors"]["is_working"])
+    status = chain.status_when(lambda status: status["sensors"]["is_working"])
     assert status["sensors"]["words"] == []
     assert "calibrate" in status["params"]["advice"]
     assert not [line for line in chain.daemon.lines if "its calibration is" in line]
@@ -232,29 +234,29 @@ def test_a_hello_in_the_midst_of_a_set_up_names_nothing_missing(chain: Chain) ->
     becomes(chain, "mpu9250", 0x71, 0)
     chain.port.write(probe.say("status", state="fault"))
     words = "the sensor signals no samples: check INT to D2, then power, SDA, SCL, AD0"
-    chain.status_when(lambda said: words in "".join(said["sensors"]["words"]))
+    chain.status_when(lambda status: words in "".join(status["sensors"]["words"]))
     becomes(chain, "mpu9250", 0x71, 0x48)
     good = {"event": "bus_recovered", "cause": "none", "detail": 1}
     chain.port.write(probe.say("event", **good) + probe.say("status"))
-    chain.status_when(lambda said: said["sensors"]["is_working"])
+    chain.status_when(lambda status: status["sensors"]["is_working"])
     assert not [line for line in chain.daemon.lines if "magnetometer of" in line]
 
 
 def test_one_failed_transfer_is_no_sensor_out_of_work(chain: Chain) -> None:
     fault = {"event": "bus_fault", "cause": "nack", "detail": 1}
     becomes(chain, "mpu6500", 0x70, 0)
-    chain.status_when(lambda said: said["sensors"]["words"] == [FAKE])
+    chain.status_when(lambda status: status["sensors"]["words"] == [FAKE])
     chain.port.write(chain.probe.say("event", **fault))
     chain.daemon.expect("bus fault: no answer at 0x68: check")
-    status = chain.status_when(lambda said: said["sensors"]["words"] == [FAKE])
+    status = chain.status_when(lambda status: status["sensors"]["words"] == [FAKE])
     assert status["sensors"]["is_working"]
     chain.port.write(chain.probe.say("event", **fault | {"detail": 5}))
-    chain.status_when(lambda said: not said["sensors"]["is_working"])
+    chain.status_when(lambda status: not status["sensors"]["is_working"])
 
 
 def test_a_fault_whose_event_was_not_heard_is_told_all_the_same(chain: Chain) -> None:
     chain.port.write(chain.probe.say("status", state="fault"))
-    status = chain.status_when(lambda said: not said["sensors"]["is_working"])
+    status = chain.status_when(lambda status: not status["sensors"]["is_working"])
     words = ["the sensor does not work: restart the probe to see why"]
     assert status["sensors"]["words"] == words
 
@@ -269,11 +271,11 @@ def test_a_capture_shows_the_same_verdict(
     probe = FakeProbe(**JUDGED)
     path = tmp_path / "capture"
     path.write_bytes(probe.say("hello") + probe.say("self_test", **responses))
-    said = list(decode_file(path, Tally()))[-1]
-    assert f"verdicts accelerometer {verdict}; gyroscope passed" in words(said)
-    assert said["type"] == "self_test"
-    assert said["factory"] == messages.SELF_TEST["factory"]
-    assert said["verdicts"] == {
+    record = list(decode_file(path, Tally()))[-1]
+    assert f"verdicts accelerometer {verdict}; gyroscope passed" in words(record)
+    assert record["type"] == "self_test"
+    assert record["factory"] == messages.SELF_TEST["factory"]
+    assert record["verdicts"] == {
         "accelerometer": verdict,
         "gyroscope": "passed",
         "magnetometer": "passed",

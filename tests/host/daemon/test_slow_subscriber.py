@@ -99,16 +99,16 @@ def is_as_fast_beside_one_that_stands_still(
                 during, grown = len(heard), resident_mb(pid) - memory
                 stuck.send(signal.SIGCONT)
                 begin = time.monotonic()
-                said = stream.said
-                until(lambda: stuck.ask()["last"] >= said)
+                sent = stream.sent
+                until(lambda: stuck.ask()["last"] >= sent)
                 record_property("back_s", time.monotonic() - begin)
-            until(lambda: len(heard) == stream.said)
+            until(lambda: len(heard) == stream.sent)
             until(lambda: stuck.ask()["last"] == heard[-1][0])
             counts = zenoh_of(client)
         told = stuck.ask()
         stuck.kill()
         # The other has all of them in their order.
-        assert [number for number, _ in heard] == list(range(1, stream.said + 1))
+        assert [number for number, _ in heard] == list(range(1, stream.sent + 1))
         late_s = [at - stream.sent_s[number - 1] for number, at in heard]
         usual = statistics.quantiles(late_s[:before], n=100)
         meanwhile = statistics.quantiles(late_s[before:during], n=100)

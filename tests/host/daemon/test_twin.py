@@ -85,9 +85,9 @@ def test_the_twin_asks_follows_tells_a_difference_and_a_loss(
     assert (twin["state"], twin["differed"]) == ("differs", 2)
     first = twin["first_difference"]
     assert (first["seq"], first["fields"]) == (struck, ["q"])
-    said, computed = (bytes.fromhex(first[name]) for name in ("probe", "twin"))
-    assert said[14] ^ computed[14] == 1
-    assert said[:14] + said[15:] == computed[:14] + computed[15:]
+    received, computed = (bytes.fromhex(first[name]) for name in ("probe", "twin"))
+    assert received[14] ^ computed[14] == 1
+    assert received[:14] + received[15:] == computed[:14] + computed[15:]
     assert cli.main(["list", "--connect", chain.daemon.endpoint]) == 0
     shown = capsys.readouterr().out.splitlines()
     assert shown[0].endswith("  twin")

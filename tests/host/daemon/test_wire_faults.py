@@ -105,7 +105,7 @@ def bench(directory: Path, settings: str = "") -> Iterator[Bench]:
         made.close()
 
 
-def told(record: Record, lost: object, back_s: float) -> None:
+def report(record: Record, lost: object, back_s: float) -> None:
     record("lost", lost)
     record("back after, s", round(back_s, 3))
     assert back_s < BACK_S
@@ -129,7 +129,7 @@ def test_a_wire_pulled_at_any_byte_costs_that_frame_and_is_back_in_2_s(
             ledger = desk.ledger(received)
             assert ledger["sent"] == desk.probe.sequence
             assert ledger["lost"] == desk.probe.sequence - received
-        told(record_property, "the frame in which it struck", slowest_s)
+        report(record_property, "the frame in which it struck", slowest_s)
 
 
 def test_what_was_sent_while_unplugged_is_missing_in_the_next_pose(
@@ -142,7 +142,7 @@ def test_what_was_sent_while_unplugged_is_missing_in_the_next_pose(
         assert lost
         back_s = desk.come_back(desk.probe.say("hello") + desk.probe.poses(2))
         assert desk.ledger(before + 3)["lost"] == 60
-        told(record_property, "60 of the 60 sent meanwhile", back_s)
+        report(record_property, "60 of the 60 sent meanwhile", back_s)
 
 
 def test_a_reset_in_mid_frame_costs_that_frame_and_is_a_boot_of_its_own(
@@ -165,7 +165,7 @@ def test_a_reset_in_mid_frame_costs_that_frame_and_is_a_boot_of_its_own(
             assert ledger["corrupt"] == resets
             assert totals(ledger).lost == 0
         assert ledger["boots"] == 4
-        told(record_property, "the frame in which it struck", slowest_s)
+        report(record_property, "the frame in which it struck", slowest_s)
 
 
 def test_a_brown_out_is_told_with_its_cause(
@@ -186,7 +186,7 @@ def test_a_brown_out_is_told_with_its_cause(
         desk.daemon.expect(r"restarted on .* boot 8 \(brown out\)")
         ledger = desk.ledger(received + 2)
         assert (ledger["boots"], ledger["corrupt"], ledger["lost"]) == (2, 1, 0)
-        told(record_property, "the frame in which it struck", back_s)
+        report(record_property, "the frame in which it struck", back_s)
 
 
 OWN = """
@@ -226,7 +226,7 @@ def test_a_probes_own_settings_are_applied_whenever_it_appears(
                 desk.replug()
             sent = desk.probe.say("hello") + desk.probe.say("pose")
             slowest_s = max(slowest_s, desk.come_back(sent) + obeyed())
-        told(record_property, 0, slowest_s)
+        report(record_property, 0, slowest_s)
         # The wire is pulled before it has answered: all begins anew, at once.
         desk.replug()
         desk.come_back(desk.probe.say("hello") + desk.probe.say("pose"))
@@ -275,7 +275,7 @@ def test_a_second_start_while_it_streams_is_back_in_2_s(
         streamer.join()
         port.vanish()
     assert not probe.commands
-    told(record_property, "what was sent while none ran", slowest_s)
+    report(record_property, "what was sent while none ran", slowest_s)
 
 
 def resident_kb(pid: int) -> int:
@@ -308,7 +308,7 @@ def test_a_hundred_reconnects_leak_no_descriptor_and_no_memory(
             "descriptors, first and last", (descriptors[0], descriptors[-1])
         )
         record_property("memory, kB more", resident[-1] - resident[10])
-        told(record_property, 0, slowest_s)
+        report(record_property, 0, slowest_s)
 
 
 @pytest.mark.nightly
@@ -326,4 +326,4 @@ def test_a_second_daemon_on_a_port_says_one_line_and_the_first_goes_on(
         desk.port.write(desk.probe.poses(50))
         desk.pose(desk.probe.sequence - 1)
         assert desk.ledger(desk.probe.sequence)["lost"] == 0
-        told(record_property, 0, 0.0)
+        report(record_property, 0, 0.0)

@@ -40,19 +40,19 @@ NOWHERE = {"position_m": None}
 HEADING, FULL = 1, 0
 
 
-def about(topic: str, said: dict[str, Any], params: bytes | None = TIP) -> Record:
-    return Record("tip", topic, b"{}", b"", 1, T_NS, T_NS, params=params, values=said)
+def about(topic: str, values: dict[str, Any], params: bytes | None = TIP) -> Record:
+    return Record("tip", topic, b"{}", b"", 1, T_NS, T_NS, params=params, values=values)
 
 
 def pose(params: bytes | None = TIP, **fields: Any) -> Record:
-    said = {
+    values = {
         "type": "pose",
         "q": (0.5, 0.5, -0.5, 0.5),
         "position_m": (1.0, 2.0, 3.0),
         "tilt_sigma_deg": 0.5,
         "flags": (),
     }
-    return about("pose", said | fields, params)
+    return about("pose", values | fields, params)
 
 
 def tared(kind: int) -> Record:
@@ -67,20 +67,20 @@ def state(name: str) -> Record:
     return replace(about("status", {}), payload=b'{"state":"%s"}' % name.encode())
 
 
-def said_by(translator: IgtlTranslator, *records: Record | Presence) -> list[Heard]:
-    said = []
+def sent_by(translator: IgtlTranslator, *records: Record | Presence) -> list[Heard]:
+    pairs = []
     for each in records:
         translator.learn(each)
-        said += [(name, parsed(data)) for name, data in translator.messages(each)]
-    assert all(name == heard.name for name, heard in said)
-    return [heard for _, heard in said]
+        pairs += [(name, parsed(data)) for name, data in translator.messages(each)]
+    assert all(name == message.name for name, message in pairs)
+    return [message for _, message in pairs]
 
 
 def words_after(*records: Record | Presence) -> str:
     """The status, where nothing is said of a place."""
-    said = said_by(IgtlTranslator("Stylus"), *records)
-    assert {heard.name for heard in said} <= {"StylusStatus", "TipToStylus"}
-    return said[-1].text
+    received = sent_by(IgtlTranslator("Stylus"), *records)
+    assert {message.name for message in received} <= {"StylusStatus", "TipToStylus"}
+    return received[-1].text
 
 
 def test_the_crc_is_that_of_the_standard() -> None:
@@ -102,7 +102,7 @@ def test_tip_and_probe_lead_to_the_position_of_the_pose(
 ) -> None:
     q = tuple(np.array(q) / np.linalg.norm(q))
     records = pose(q=q, position_m=position_m), state("streaming")
-    to_reference, status, tip, again = said = said_by(
+    to_reference, status, tip, again = received = sent_by(
         IgtlTranslator("Stylus"), *records
     )
     assert again.text == OK
@@ -113,8 +113,8 @@ def test_tip_and_probe_lead_to_the_position_of_the_pose(
     whole = to_reference.matrix @ tip.matrix
     assert whole[:3, 3] == pytest.approx(1000 * np.array(position_m), abs=1e-3)
     assert whole[:3, :3] == pytest.approx(rotation.to_matrix(np.array(q)), abs=1e-6)
-    for heard in said:
-        assert heard.seconds == pytest.approx(T_NS / 1e9, abs=1e-6)
+    for message in received:
+        assert message.seconds == pytest.approx(T_NS / 1e9, abs=1e-6)
     assert to_reference.metadata == tip.metadata == {"TransformStatus": "OK"}
 
 
@@ -143,23 +143,23 @@ def test_a_place_that_is_not_known_is_said_in_words_alone(
 
 
 def test_an_origin_of_the_heading_leaves_the_place_known() -> None:
-    said = said_by(IgtlTranslator("Stylus"), tared(HEADING), pose(flags=("tared",)))
-    assert said[0].name == "StylusToReference"
+    received = sent_by(IgtlTranslator("Stylus"), tared(HEADING), pose(flags=("tared",)))
+    assert received[0].name == "StylusToReference"
 
 
 def test_a_place_comes_back_with_the_next_origin() -> None:
     translator = IgtlTranslator("Stylus")
     lost = stroke("gap"), pose(**NOWHERE)
-    said = said_by(translator, pose(), *lost, pose(**NOWHERE), tared(1), pose())
-    texts = [heard.text for heard in said if heard.kind == "STRING"]
+    received = sent_by(translator, pose(), *lost, pose(**NOWHERE), tared(1), pose())
+    texts = [message.text for message in received if message.kind == "STRING"]
     assert texts == [OK, "a stroke has no length (gap): imud tare --heading", OK]
 
 
 def test_the_status_comes_each_second() -> None:
-    said = said_by(
+    received = sent_by(
         IgtlTranslator("Stylus"), pose(), state("streaming"), state("streaming")
     )
-    texts = [heard.text for heard in said if heard.kind == "STRING"]
+    texts = [message.text for message in received if message.kind == "STRING"]
     assert texts == [OK] * 3
 
 
@@ -203,12 +203,12 @@ def test_two_probes_never_share_a_frame(caplog: pytest.LogCaptureFixture) -> Non
         sink.write(replace(pose(), probe="5173000000000000"))
 
     with caplog.at_level(logging.WARNING), connected(address, PATIENCE_S) as client:
-        heard = [client.hear_first(send)]
+        received = [client.hear_first(send)]
         send()
-        heard.append(client.hear_named(heard[0].name))
+        received.append(client.hear_named(received[0].name))
     sink.close()
     places = [
-        each.matrix[0, 3] for each in heard if each.name == "Probe5173ToReference"
+        each.matrix[0, 3] for each in received if each.name == "Probe5173ToReference"
     ]
     assert places
     assert min(places) > 8000
@@ -239,16 +239,16 @@ def test_a_client_that_stands_still_holds_nobody_up_and_hears_what_is_newest() -
             assert live.hear_named("Often").seconds == second
             if second == count // 2:
                 put(server, "Rare", second)
-        heard = [stopped.hear_named("Often", "Rare")]
-        while heard[-1].seconds != count - 1:
-            heard.append(stopped.hear_named("Often", "Rare"))
-        heard.append(stopped.hear_named("Often", "Rare"))
+        received = [stopped.hear_named("Often", "Rare")]
+        while received[-1].seconds != count - 1:
+            received.append(stopped.hear_named("Often", "Rare"))
+        received.append(stopped.hear_named("Often", "Rare"))
     server.close()
-    often = [each.seconds for each in heard if each.name == "Often"]
+    often = [each.seconds for each in received if each.name == "Often"]
     assert often == sorted(often)
     assert often[-1] == count - 1
     assert len(often) < count // 2
-    assert [each.seconds for each in heard if each.name == "Rare"] == [count // 2]
+    assert [each.seconds for each in received if each.name == "Rare"] == [count // 2]
 
 
 def test_clients_come_and_go_and_what_they_send_is_left_at_that() -> None:
@@ -304,21 +304,21 @@ def test_a_daemon_serves_two_clients_that_are_not_of_one_making(tmp_path: Path) 
             other = pyigtl.OpenIGTLinkClient(host, port)
             client.hear_first(
                 lambda: pty.write(probe.say("pose", **there)),
-                lambda heard: "no origin" in heard.text,
+                lambda message: "no origin" in message.text,
             )
             mine = client.hear_first(
                 lambda: pty.write(probe.say("pose", position=here)),
-                lambda heard: heard.name == f"{frame}ToReference",
+                lambda message: message.name == f"{frame}ToReference",
             )
             theirs = None
             while theirs is None:  # it may have come later than the pose
                 pty.write(probe.say("pose", position=here))
                 theirs = other.wait_for_message(mine.name, timeout=0.2)
             tip = other.wait_for_message(f"TipTo{frame}", timeout=PATIENCE_S)
-            said = other.wait_for_message(f"{frame}Status", timeout=PATIENCE_S)
+            status = other.wait_for_message(f"{frame}Status", timeout=PATIENCE_S)
             other.stop()
     assert theirs.matrix == pytest.approx(mine.matrix)
     assert theirs.metadata == mine.metadata == {"TransformStatus": "OK"}
     assert (theirs.matrix @ tip.matrix)[:3, 3] == pytest.approx([100, 200, 300])
-    assert said.string == OK
+    assert status.string == OK
     assert abs(theirs.timestamp - time.time()) < 60

@@ -124,15 +124,15 @@ TOLD = {
 @pytest.mark.parametrize("board", ["nano", "f405", "micropython"])
 def test_each_cause_of_a_fault_has_words_of_its_own(board: str) -> None:
     assert TOLD.keys() == phrases.FAULTS
-    said = [
+    texts = [
         fault_words(event, cause, 0x1B75, board)
         for event, causes in TOLD.items()
         for cause in causes
     ]
-    assert all(said)
-    assert not [words for words in said if "{" in words]
+    assert all(texts)
+    assert not [words for words in texts if "{" in words]
     # A battery that is low has one cure, whatever comes of it.
-    assert len(set(said)) == len(said) - 1
+    assert len(set(texts)) == len(texts) - 1
 
 
 @pytest.mark.sampled(2)
@@ -160,8 +160,8 @@ def test_a_restart_says_where_it_struck(
 
 def test_a_kind_of_line_is_written_once_in_a_while() -> None:
     limiter = Limiter(quiet_s=10.0, burst=2)
-    said = [limiter.allow("a", t) for t in (0.0, 1.0, 2.0, 9.9, 10.0, 10.5, 11.0)]
-    assert said == [
+    allowed = [limiter.allow("a", t) for t in (0.0, 1.0, 2.0, 9.9, 10.0, 10.5, 11.0)]
+    assert allowed == [
         "",
         "",
         None,

@@ -86,7 +86,7 @@ class Scene:
         self.files = Path(f"/proc/self/fd/{held}")
         self.port.wait_open()
         with Client(self.daemon.endpoint) as client:
-            client.subscribe("log", None, lambda _, said: self._take(said))
+            client.subscribe("log", None, lambda _, payload: self._take(payload))
             client.subscribe("pose", None, lambda *_: self._count())
             client.statuses()  # then the router knows both
             self.port.write(self.probe.say("hello"))
@@ -104,16 +104,16 @@ class Scene:
             self.port.write(self.port.answers(self.probe) + self.probe.say("pose"))
             self.poses += 1
 
-    def _take(self, said: bytes) -> None:
-        self.notices.put(json.loads(said))
+    def _take(self, payload: bytes) -> None:
+        self.notices.put(json.loads(payload))
 
     def _count(self) -> None:
         self.heard += 1
 
     def notice(self, state: str) -> dict[str, Any]:
-        said = self.notices.get(timeout=PATIENCE_S)
-        assert said["state"] == state
-        return said
+        notice = self.notices.get(timeout=PATIENCE_S)
+        assert notice["state"] == state
+        return notice
 
     def fill(self, size: int = 1 << 30) -> Path:
         """So many bytes, or until there is no room left."""
@@ -188,8 +188,8 @@ def check(made: Scene, client: Client) -> None:
     found = [f for path in sorted(made.files.glob("*.mcap")) for f in frames(path)]
     assert len(found) == len(set(found))
     assert counted <= len(found) < put
-    said = re.findall(r"log (fails|works)", "\n".join(made.daemon.lines))
-    assert said == ["fails", "works"]
+    states = re.findall(r"log (fails|works)", "\n".join(made.daemon.lines))
+    assert states == ["fails", "works"]
 
 
 @needs_mounts
@@ -203,9 +203,9 @@ def test_a_full_disk_costs_what_comes_while_it_is_full(tmp_path: Path) -> None:
         assert paused["probe"] == made.probe.name
         # The status of that second follows.
         until = time.monotonic() + PATIENCE_S
-        while (said := client.statuses()[0]["log"])["state"] != "paused":
+        while (log := client.statuses()[0]["log"])["state"] != "paused":
             assert time.monotonic() < until
-        assert os.strerror(errno.ENOSPC) in said["reason"]
+        assert os.strerror(errno.ENOSPC) in log["reason"]
         assert made.daemon.process.poll() is None
         ballast.unlink()
         begin = time.monotonic()

@@ -91,8 +91,8 @@ def test_foxglove_finds_poses_that_it_can_draw(tmp_path: Path) -> None:
 
 def test_a_pose_whose_position_is_known_is_drawn_in_the_world() -> None:
     (record,) = records(1)[-1:]
-    said = {**record.values, "position_m": (1.0, 2.0, 3.0)}
-    drawn = json.loads(payload_on(replace(record, values=said), POSE_IN_FRAME))
+    values = {**record.values, "position_m": (1.0, 2.0, 3.0)}
+    drawn = json.loads(payload_on(replace(record, values=values), POSE_IN_FRAME))
     assert drawn["frame_id"] == "world"
     assert drawn["pose"]["position"] == {"x": 1.0, "y": 2.0, "z": 3.0}
 
@@ -141,9 +141,9 @@ def decoded(path: Path) -> Counter[str]:
             assert (spec.encoding, channel.message_encoding) == ("jsonschema", "json")
             body = json.loads(spec.data)
             Draft202012Validator.check_schema(body)
-            said = json.loads(message.data)
-            Draft202012Validator(body).validate(said)
-            assert said.keys() <= body["properties"].keys() or topic == "status"
+            payload = json.loads(message.data)
+            Draft202012Validator(body).validate(payload)
+            assert payload.keys() <= body["properties"].keys() or topic == "status"
     return found
 
 
@@ -174,14 +174,14 @@ def test_what_the_daemon_says_of_itself_is_logged_with_its_schema(
     tmp_path: Path,
 ) -> None:
     head = {"probe": "left", "t_ns": 1}
-    said = [
+    published = [
         {"type": "clock", **head, "step_ns": -5},
         {"type": "log", **head, "state": "paused", "reason": "full", "dropped": 3},
         {"type": "log", **head, "state": "on", "reason": None, "dropped": 9},
     ]
     put = [
         Record("left", str(each["type"]), json.dumps(each).encode(), b"", 0, 1, 1)
-        for each in said
+        for each in published
     ]
     assert decoded(write(tmp_path, put)) == {"clock": 1, "log": 2}
 

@@ -81,15 +81,15 @@ def calibration_of(records: bytes) -> Any:
     return calibration
 
 
-@pytest.mark.parametrize("said", REFUSED)
-def test_records_that_the_firmware_refuses_are_refused_with_the_reason(said):
+@pytest.mark.parametrize("reason", REFUSED)
+def test_records_that_the_firmware_refuses_are_refused_with_the_reason(reason):
     replay = _core.Replay(hello(lib.FILTER_FUSE))
     for take in (
-        lambda: _core.Replay(hello(lib.FILTER_FUSE), REFUSED[said]),
-        lambda: _core.Calibrator(hello(lib.FILTER_FUSE), REFUSED[said]),
-        lambda: replay.params(REFUSED[said]),
+        lambda: _core.Replay(hello(lib.FILTER_FUSE), REFUSED[reason]),
+        lambda: _core.Calibrator(hello(lib.FILTER_FUSE), REFUSED[reason]),
+        lambda: replay.params(REFUSED[reason]),
     ):
-        with pytest.raises(ValueError, match=f"^{said}"):
+        with pytest.raises(ValueError, match=f"^{reason}"):
             take()
 
 

@@ -146,10 +146,10 @@ def test_a_file_that_was_spoilt_is_one_line(
             path.unlink()
     (folder / file).write_text(text, "utf-8")
     assert cli.main(["keys", "add", str(folder), "viewer", "anna"]) == 1
-    said = capsys.readouterr().err
-    assert said.startswith("imud: ")
-    assert said.count("\n") == 1
-    assert "fault of its own" not in said
+    error = capsys.readouterr().err
+    assert error.startswith("imud: ")
+    assert error.count("\n") == 1
+    assert "fault of its own" not in error
 
 
 def test_without_a_folder_the_way_to_one_is_said(tmp_path: Path) -> None:
@@ -211,9 +211,9 @@ def test_a_door_left_open_is_refused(tmp_path: Path, text: str, words: str) -> N
 def test_a_door_that_is_meant_to_be_open_is(tmp_path: Path, text: str) -> None:
     path = tmp_path / "imud.toml"
     path.write_text(f"[zenoh]\n{text}\n", "utf-8")
-    said = tomllib.loads(text)
+    settings = tomllib.loads(text)
     held = load(path).zenoh
-    for name, value in said.items():
+    for name, value in settings.items():
         kept = getattr(held, name)
         assert (list(kept) if isinstance(kept, tuple) else kept) == value
 

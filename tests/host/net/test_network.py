@@ -117,7 +117,7 @@ def test_a_router_may_come_late_be_killed_and_come_back(
                 ledger = status["ledger"]
                 assert ledger["lost"] == 0
                 assert ledger["adds_up"], ledger["differs"]
-                return bool(ledger["received"] == stream.said + 1)  # and a hello
+                return bool(ledger["received"] == stream.sent + 1)  # and a hello
 
             # The serial side has felt nothing of it.
             until(is_all_there)
@@ -126,7 +126,7 @@ def test_a_router_may_come_late_be_killed_and_come_back(
             record_property("dropped", counts["dropped"])
             # Until the router was there for the first time, and while it was gone.
             assert counts["dropped"] > 0
-            assert counts["taken"] + counts["dropped"] + counts["waiting"] > stream.said
+            assert counts["taken"] + counts["dropped"] + counts["waiting"] > stream.sent
         daemon.stop()
         router.kill()
         fails = [line for line in daemon.lines if "zenoh fails" in line]
@@ -160,8 +160,8 @@ def test_a_peer_that_listens_serves_on_while_another_is_gone(
             stream.stop()
             numbers = [pose.number for pose in iter(lambda: near.get(WHILE_S), None)]
             # The daemon learns of a subscriber a while after it has subscribed.
-            assert numbers == list(range(numbers[0], stream.said + 1))
-            assert len(numbers) > stream.said / 2
+            assert numbers == list(range(numbers[0], stream.sent + 1))
+            assert len(numbers) > stream.sent / 2
         daemon.stop()
 
 

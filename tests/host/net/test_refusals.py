@@ -19,7 +19,7 @@ import zenoh
 import zenoh.ext
 
 from fakes import PATIENCE_S, DaemonProcess
-from guarded import PROBE, WHILE_S, Guarded, heard, tls_endpoint
+from guarded import PROBE, WHILE_S, Guarded, received_on, tls_endpoint
 from imud import cli
 from imud.client import Client
 from imud.errors import DaemonNotFound
@@ -106,7 +106,7 @@ def test_with_mutual_tls_password_and_certificate_have_to_be_of_one_user(
     mutual: Guarded,
 ) -> None:
     with mutual.session("viewer") as session:
-        assert heard(session, "imud/*/pose", wanted={f"imud/{PROBE}/pose"})
+        assert received_on(session, "imud/*/pose", wanted={f"imud/{PROBE}/pose"})
     mutual.daemon.expect("network: .* came with the certificate of viewer")
     viewer, operator = mutual.credentials("viewer"), mutual.credentials("operator")
     mixed = msgspec.structs.replace(
@@ -126,7 +126,7 @@ def test_with_mutual_tls_password_and_certificate_have_to_be_of_one_user(
         mutual.daemon.seen()
         session = zenoh.open(network._config(wanted | {"id": session_id}))
         try:
-            assert not heard(session, "imud/*/pose", "imud/*/status")
+            assert not received_on(session, "imud/*/pose", "imud/*/status")
             replies = session.get(f"imud/{PROBE}/cmd/tare", timeout=WHILE_S)
             assert not [reply for reply in replies if reply.ok]
             line = mutual.daemon.expect("asked for what its role does not allow")

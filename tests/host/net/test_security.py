@@ -20,7 +20,7 @@ import zenoh.ext
 
 import imud
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
-from guarded import PROBE, WHILE_S, Guarded, heard
+from guarded import PROBE, WHILE_S, Guarded, received_on
 from imud import cli
 from imud.client import Client
 from imud.errors import NoReply, NotAllowed
@@ -64,11 +64,11 @@ def test_who_subscribes_to_everything_hears_no_more_than_its_own(
     named = [f"imud/*/{topic}" for topic in topics]
     own = {f"imud/{PROBE}/{topic}" for topic in may}
     with guarded.session(user) as session:
-        count = heard(session, *EVERYTHING, *named, wanted=own)
+        count = received_on(session, *EVERYTHING, *named, wanted=own)
     assert count.keys() == own
     guarded.daemon.seen()
     with guarded.session(user) as session:
-        assert not heard(session, *EVERYTHING)
+        assert not received_on(session, *EVERYTHING)
     guarded.expect_denied()
 
 
@@ -77,7 +77,7 @@ def test_a_recorder_hears_what_there_is(guarded: Guarded) -> None:
     there = {f"imud/{PROBE}/{topic}" for topic in topics}
     with guarded.session("recorder") as session:
         keys = (f"imud/*/{topic}" for topic in topics)
-        assert heard(session, *keys, wanted=there).keys() == there
+        assert received_on(session, *keys, wanted=there).keys() == there
 
 
 def test_an_operator_commands(guarded: Guarded) -> None:
@@ -98,8 +98,8 @@ def test_an_operator_commands(guarded: Guarded) -> None:
     assert cli.main(["restart", PROBE, *where]) == 0
     answered.set()
     server.join()
-    said = [c["command"] for c in guarded.probe.commands[before:]]
-    assert said == ["tare", "restart"]
+    commands = [c["command"] for c in guarded.probe.commands[before:]]
+    assert commands == ["tare", "restart"]
 
 
 def keys_of(guarded: Guarded, user: str) -> Path:
@@ -217,9 +217,9 @@ def test_a_command_without_keys_or_with_others_is_one_line(
     wrong.write_text(re.sub('password = ".*"', 'password = "guess"', text), "utf-8")
     for given in ([], ["--keys", str(wrong)]):
         assert cli.main([command, "--connect", guarded.endpoint, *given]) == 1
-        said = capsys.readouterr().err
-        assert said.startswith("imud: no imud at tls/")
-        assert said.count("\n") == 1
+        error = capsys.readouterr().err
+        assert error.startswith("imud: no imud at tls/")
+        assert error.count("\n") == 1
     guarded.daemon.expect("was refused: .*Invalid password")
 
 
@@ -229,8 +229,8 @@ def test_what_a_role_may_not_is_said_on_one_line(
     viewer = keys_of(guarded, "viewer")
     where = ["--connect", guarded.endpoint, "--keys", str(viewer)]
     assert cli.main(["tare", *where]) == 1
-    said = capsys.readouterr().err
-    assert said == (
+    error = capsys.readouterr().err
+    assert error == (
         "imud: viewer may not command, as a viewer; keys that may: "
         "imud keys add DIR operator NAME\n"
     )
@@ -274,8 +274,8 @@ def test_a_log_is_replayed_by_a_daemons_keys_and_by_no_others(
             where = ["--connect", guarded.endpoint, "--keys"]
             where.append(str(keys_of(guarded, user)))
             assert cli.main(["replay", str(log), "--speed", "max", *where]) == code
-            said = capsys.readouterr().err
-            assert said.count("\n") == (1 if code else 0)
+            error = capsys.readouterr().err
+            assert error.count("\n") == (1 if code else 0)
             until = time.monotonic() + (PATIENCE_S if not code else WHILE_S)
             while heard.count(REPLAYED) < 50 and time.monotonic() < until:
                 time.sleep(0.02)
@@ -303,7 +303,7 @@ def test_ros_2_is_read_by_role(guarded: Guarded) -> None:
             assert sum("/MP/" in token for token in tokens) == 7
             assert sum("/NN/" in token for token in tokens) == 1
             keys = (pose, imu, mag, tf, diagnostics, "0/**", "*/**")
-            assert heard(session, *keys, wanted=expected).keys() == expected
+            assert received_on(session, *keys, wanted=expected).keys() == expected
 
 
 @pytest.mark.sampled(3)

@@ -101,7 +101,7 @@ def test_a_probe_with_an_old_calibration_says_so_in_poses_status_and_journal(
     chain.port.write(probe.say("hello"))
     parts = parts_of(old.encode())
     chain.port.write(b"".join(probe.say("params", **part) for part in parts))
-    status = chain.status_when(lambda said: said["params"].get("advice") == words)
+    status = chain.status_when(lambda status: status["params"].get("advice") == words)
     assert status["params"]["flags"] == ["calibration_old"]
     chain.daemon.expect(f"probe {probe.name}: {words}")
     chain.port.write(probe.say("pose"))

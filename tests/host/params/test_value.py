@@ -47,8 +47,8 @@ def test_bytes_are_a_list_of_records_or_an_error(data: bytes) -> None:
 
 @given(RECORDS)
 def test_every_value_can_be_told(params: Params) -> None:
-    said = json.loads(json.dumps(params.described()))
-    assert said.keys() == {*NAMES, "unknown"}
+    described = json.loads(json.dumps(params.described()))
+    assert described.keys() == {*NAMES, "unknown"}
     assert params.options.button_does is not None
     for name in SENSORS:
         wire = params.wire(name)
@@ -202,7 +202,7 @@ def test_a_record_takes_the_place_of_the_one_before() -> None:
     assert other.without("acc").unknown == {200: b"y"}
 
 
-def told(fields: dict[str, object]) -> Message:
+def message_of_part(fields: dict[str, object]) -> Message:
     return Message("params", 0, 0, fields)  # type: ignore[arg-type]
 
 
@@ -211,7 +211,7 @@ def test_parts_make_a_whole_in_any_order(params: Params, chance: object) -> None
     records, heard = params.encode(), ParamsParts()
     fields = list(parts_of(records))
     chance.shuffle(fields)  # type: ignore[attr-defined]
-    found = [heard.add_part(told(each)) for each in [*fields, fields[0]]]
+    found = [heard.add_part(message_of_part(each)) for each in [*fields, fields[0]]]
     *first, last = found[:-1] or [0]
     assert not any(first)
     assert last == (params.digest or None)
@@ -221,9 +221,11 @@ def test_parts_make_a_whole_in_any_order(params: Params, chance: object) -> None
 def test_parts_of_a_damaged_set_are_forgotten() -> None:
     heard = ParamsParts()
     for fields in parts_of(GOOD.encode()):
-        heard.add_part(told(fields | {"part": bytes(28)}))
+        heard.add_part(message_of_part(fields | {"part": bytes(28)}))
     assert heard.get(GOOD.digest) is None
-    assert [heard.add_part(told(each)) for each in parts_of(GOOD.encode())][-1]
+    assert [heard.add_part(message_of_part(each)) for each in parts_of(GOOD.encode())][
+        -1
+    ]
 
 
 def test_few_sets_are_kept_and_the_one_in_use_among_them() -> None:

@@ -324,8 +324,8 @@ def test_what_is_never_opened(tmp_path: Path) -> None:
 def test_dtr_is_toggled_when_told_and_else_left_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_reset: bool
 ) -> None:
-    said: list[bool] = []
-    own = property(lambda _: True, lambda _, is_active: said.append(is_active))
+    toggles: list[bool] = []
+    own = property(lambda _: True, lambda _, is_active: toggles.append(is_active))
     monkeypatch.setattr(serial.Serial, "dtr", own)
     monkeypatch.setattr(link, "RESET_S", 0.001)
     port = Port(tmp_path / "port")
@@ -335,5 +335,5 @@ def test_dtr_is_toggled_when_told_and_else_left_alone(
 
     named = (str(port.path),)
     at_desk(tmp_path, check, find=False, named=named, reset=has_reset)
-    assert said == ([False, True] if has_reset else [])
+    assert toggles == ([False, True] if has_reset else [])
     port.vanish()

@@ -103,7 +103,7 @@ def test_a_command_arrives_signed_and_its_answer_returns(tmp_path: Path) -> None
 def serve(wire: UdpProbe, fake: FakeProbe, until: str) -> None:
     """Answers commands up to one of that name."""
     while not any(command["command"] == until for command in fake.commands):
-        answer = fake.hear(wire.heard())
+        answer = fake.hear(wire.receive())
         if answer:
             wire.send(answer)
 
@@ -112,7 +112,7 @@ def test_who_has_no_key_is_counted_and_never_answered(tmp_path: Path) -> None:
     with listening(tmp_path, FIRST) as (daemon, address):
         wire, fake = joined(tmp_path, address, FIRST)
         daemon.expect("found on")
-        name, said = bytes.fromhex(FIRST), FakeProbe(probe_id=bytes.fromhex(FIRST))
+        name, forger = bytes.fromhex(FIRST), FakeProbe(probe_id=bytes.fromhex(FIRST))
         stranger = UdpProbe(address, name, bytes(32))
         forged = SignedProbe(name, bytes(32), session=bytes(32))
         unknown = SignedProbe(bytes.fromhex(STRANGER), bytes(32), session=bytes(32))
@@ -124,7 +124,7 @@ def test_who_has_no_key_is_counted_and_never_answered(tmp_path: Path) -> None:
             nonlocal sent
             for datagram in [
                 *[forged.hello()] * 10,
-                *[forged.data(said.poses(1)) for _ in range(50)],
+                *[forged.data(forger.poses(1)) for _ in range(50)],
                 *[unknown.hello()] * 10,
                 *[b"", bytes(10), bytes(3000)],
             ]:

@@ -84,27 +84,27 @@ class Run:
             return -(-at // link.batch_ns) * link.batch_ns if link.batch_ns else at
 
         # Came, made, kind, and when the command was written that it answers.
-        said: list[tuple[int, int, int, int | None]] = []
+        stamps: list[tuple[int, int, int, int | None]] = []
         for true in range(begin, end, SECOND // link.pose_hz):
             late = link.pose_ns + rng.randrange(MS)
-            said.append((arrival(true + late), true, 0, None))
+            stamps.append((arrival(true + late), true, 0, None))
         for true in range(begin + SECOND // 3, end, SECOND // 2):  # hello, status
-            said.append((arrival(true), true, 1, None))
-        heapify(said)
+            stamps.append((arrival(true), true, 1, None))
+        heapify(stamps)
         asking = Asking(rng)
         asking.due_s = (begin + SECOND // 10) * 1e-9
         poses: list[Heard] = []
         last_came, moment = 0, Moment(0, None)
-        while said:
+        while stamps:
             due_ns = round(asking.due_s * 1e9)
-            if due_ns < min(said[0][0], end):
+            if due_ns < min(stamps[0][0], end):
                 made = self._heard_at(due_ns + rng.randrange(link.write_ns))
-                heappush(said, (arrival(made), made, 2, due_ns))
+                heappush(stamps, (arrival(made), made, 2, due_ns))
                 asking.unanswered = 0
                 stamp = Stamp(1, 0, 0, 0, moment.bound_ns)
                 asking.put_off(stamp, asking.due_s)
                 continue
-            came, made, kind, written = heappop(said)
+            came, made, kind, written = heappop(stamps)
             host_ns = last_came = max(came, last_came)
             wrapped = self.device_us(made) & 0xFFFFFFFF
             device_us = self.clock.unroll(wrapped, host_ns)

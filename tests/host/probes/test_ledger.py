@@ -16,10 +16,10 @@ from imud.wire.messages import decode
 
 
 def decoded(content: bytes, t_ns: int | None = None) -> DecodedFrame:
-    said = decode(content)
-    assert said.sequence is not None
-    assert said.time_us is not None
-    return DecodedFrame(content, said, said.sequence, said.time_us, t_ns)
+    message = decode(content)
+    assert message.sequence is not None
+    assert message.time_us is not None
+    return DecodedFrame(content, message, message.sequence, message.time_us, t_ns)
 
 
 def note(account: Account, *contents: bytes) -> list[Judged]:

@@ -254,8 +254,8 @@ def test_raw_counts_are_scaled_by_the_latest_hello() -> None:
     session.receive(probe.say("hello"), 1)
     (event,) = of(Received, session.receive(probe.say("raw"), 1))
     assert event.probe.hello["acc_lsb"] == HELLO["acc_lsb"]
-    said = decode(event.probe.hello_content)
-    assert isinstance(said, Message)
+    message = decode(event.probe.hello_content)
+    assert isinstance(message, Message)
     probe.hello_fields["acc_lsb"] = 0.001
     session.receive(probe.say("hello"), 2)
     assert event.probe.hello["acc_lsb"] == 0.001

@@ -118,7 +118,7 @@ SETTINGS = {
 }
 
 
-def said_under(
+def measured_under(
     setting: Setting, seconds: int
 ) -> tuple[list[int], list[Stamp], Timeline]:
     """When each pose was sampled, in the host's time; what was said of it."""
@@ -145,7 +145,7 @@ def said_under(
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("setting", SETTINGS.values(), ids=SETTINGS)
 def test_when_utc_is_set_no_time_falls_and_each_bound_holds(setting: Setting) -> None:
-    sampled, stamps, timeline = said_under(setting, 60)
+    sampled, stamps, timeline = measured_under(setting, 60)
     times = [stamp.t_ns or 0 for stamp in stamps]
     assert times == sorted(times)
     bounds = [stamp.t_bound_ns for stamp in stamps]

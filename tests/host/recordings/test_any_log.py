@@ -54,11 +54,11 @@ def check(path: Path, case: int, capsys: pytest.CaptureFixture[str]) -> int:
     """A command ends well, or with one line; its exit code."""
     words = COMMANDS[case % len(COMMANDS)]
     code = cli.main([word.format(path) for word in words])
-    said = capsys.readouterr()
-    assert code in (0, 1), (words, said.err)
+    captured = capsys.readouterr()
+    assert code in (0, 1), (words, captured.err)
     if code == 1:
-        assert said.err.startswith("imud: "), said.err
-        assert said.err.count("\n") == 1, said.err
+        assert captured.err.startswith("imud: "), captured.err
+        assert captured.err.count("\n") == 1, captured.err
     return code
 
 
@@ -122,7 +122,7 @@ names = st.one_of(
     ),
     texts,
 )
-contents = objects.map(lambda said: repr(said).encode()) | st.binary(max_size=40)
+contents = objects.map(lambda value: repr(value).encode()) | st.binary(max_size=40)
 
 
 @st.composite
@@ -148,14 +148,14 @@ metadata = st.tuples(
 )
 @given(
     case=st.integers(0, len(COMMANDS) - 1),
-    said=st.lists(messages(), max_size=6),
+    written=st.lists(messages(), max_size=6),
     about=st.lists(metadata, max_size=3),
 )
 def test_logs_of_others_end_in_one_line_at_worst(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     case: int,
-    said: list[tuple[str, bytes, int]],
+    written: list[tuple[str, bytes, int]],
     about: list[tuple[str, dict[str, str]]],
 ) -> None:
     """Whole MCAP files, whose channels and messages are none of ours."""
@@ -167,7 +167,7 @@ def test_logs_of_others_end_in_one_line_at_worst(
         writer.start(profile="", library="other")
         for name, words in about:
             writer.add_metadata(name, seal(name, words))
-        for name, data, t_ns in said:
+        for name, data, t_ns in written:
             channel = writer.register_channel(name, FRAME_ENCODING, 0)
             writer.add_message(channel, t_ns, data, t_ns)
         writer.finish()

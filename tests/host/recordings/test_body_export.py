@@ -169,7 +169,7 @@ def test_a_pose_without_a_compass_aligns_nothing(recorded: Path):
         session.of(body, still, 0.0)
 
 
-def said_of(name: str, bound_us: int | None = 500) -> list[Logged]:
+def messages_of(name: str, bound_us: int | None = 500) -> list[Logged]:
     """A log's messages of one probe: poses and raw samples at 50 Hz."""
     motion = made().motions[name]
     assert motion.quat is not None
@@ -195,7 +195,7 @@ def said_of(name: str, bound_us: int | None = 500) -> list[Logged]:
 
 
 def test_logs_of_many_probes_are_joined_by_utc(monkeypatch: pytest.MonkeyPatch):
-    logs = {f"{name}.mcap": said_of(name) for name in leg.SEGMENTS}
+    logs = {f"{name}.mcap": messages_of(name) for name in leg.SEGMENTS}
     monkeypatch.setattr(body_tracks, "salvage", lambda path, _: logs[str(path)])
     found = body_tracks.of_files(list(logs))
     seen = session.of(chain.read(leg.CHAIN, "leg"), found)
@@ -206,7 +206,7 @@ def test_logs_of_many_probes_are_joined_by_utc(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_a_probe_whose_clock_is_not_known_is_told(monkeypatch: pytest.MonkeyPatch):
-    late = said_of("shank", bound_us=None)
+    late = messages_of("shank", bound_us=None)
     monkeypatch.setattr(body_tracks, "salvage", lambda *_: late)
     assert cli.main(["export", "x.mcap", "--body", "none.toml"]) == 1
     with pytest.raises(Exception, match="shank: the clock is not known"):

@@ -34,16 +34,16 @@ ONE, OTHER, THIRD = (calibrated_records(seed) for seed in (1, 2, 3))
 
 def talk(probe: FakeProbe, before: bytes, after: bytes) -> list[bytes]:
     """What a probe says whose params change between its samples."""
-    told = digest_of(after) - ((digest_of(after) >> 31) << 32)
+    signed = digest_of(after) - ((digest_of(after) >> 31) << 32)
     probe.hello_fields = probe.hello_fields | {"params_digest": digest_of(before)}
-    said = [probe.content("hello"), *parts_of(probe, before, probe.content)]
-    said += [probe.content("raw") for _ in range(3)]
-    said += parts_of(probe, after, probe.content)
-    said.append(probe.content("event", event="params_changed", detail=told))
-    said.append(probe.content("event", event="restarted", detail=1))
+    contents = [probe.content("hello"), *parts_of(probe, before, probe.content)]
+    contents += [probe.content("raw") for _ in range(3)]
+    contents += parts_of(probe, after, probe.content)
+    contents.append(probe.content("event", event="params_changed", detail=signed))
+    contents.append(probe.content("event", event="restarted", detail=1))
     probe.hello_fields = probe.hello_fields | {"params_digest": digest_of(after)}
-    said.append(probe.content("hello"))
-    return said + [probe.content("raw") for _ in range(2)]
+    contents.append(probe.content("hello"))
+    return contents + [probe.content("raw") for _ in range(2)]
 
 
 def expected(hello: bytes, *records: bytes) -> list[tuple[Any, ...]]:
@@ -101,8 +101,8 @@ def test_two_probes_in_a_log_have_each_their_own_params(tmp_path: Path) -> None:
     batches = [records_of("left", left), records_of("right", right)]
     mixed = [each for pair in zip(*batches, strict=True) for each in pair]
     path = write(tmp_path, mixed)
-    said = decoded(path)
-    by_name = {n: [i for i in said if i["probe"] == n] for n in ("left", "right")}
+    items = decoded(path)
+    by_name = {n: [i for i in items if i["probe"] == n] for n in ("left", "right")}
     of_left = expected(left[0], *[ONE] * 3, *[OTHER] * 2)
     assert told_by(by_name["left"]) == of_left
     of_right = expected(left[0], *[OTHER] * 3, *[THIRD] * 2)

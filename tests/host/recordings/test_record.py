@@ -43,12 +43,12 @@ class FakeClient:
         self.callbacks[topic] = callback
 
     def pose(self, number: int, missing: int = 0, source: str = "a") -> None:
-        said = {
+        values = {
             **{"type": "pose", "probe": NAME, "seq": number + 7, "number": number},
             **{"missing": missing, "t_device_us": 1, "t_ns": 10**18, "t_bound_us": 2},
             **{"age_us": 3, "q": [1.0, 0.0, 0.0, 0.0], "position_m": None},
         }
-        self.say("pose", json.dumps(said).encode(), source)
+        self.say("pose", json.dumps(values).encode(), source)
 
     def say(self, topic: str, payload: bytes, source: str = "a") -> None:
         self.callbacks[topic](Delivery(NAME, payload, source))

@@ -31,8 +31,8 @@ from imud.recordings import replay
 from log_files import records, write
 
 
-def status(name: str, t_ns: int, **said: object) -> Record:
-    payload = json.dumps({"type": "status", "probe": name, "t_ns": t_ns} | said)
+def status(name: str, t_ns: int, **fields: object) -> Record:
+    payload = json.dumps({"type": "status", "probe": name, "t_ns": t_ns} | fields)
     return Record(name, "status", payload.encode(), b"", 0, t_ns, t_ns)
 
 
@@ -73,8 +73,8 @@ def test_a_replayed_probe_is_alive_answers_with_its_status_and_takes_no_command(
             until = time.monotonic() + PATIENCE_S
             while not client.statuses():
                 assert time.monotonic() < until
-            (said,) = client.statuses()
-            assert (said["probe"], said["state"]) == ("left", "streaming")
+            (shown,) = client.statuses()
+            assert (shown["probe"], shown["state"]) == ("left", "streaming")
             with pytest.raises(CommandRefused, match="the replay of a log"):
                 client.command("left", "start")
             # One who would say the same on the same keys is kept from it.
@@ -84,10 +84,10 @@ def test_a_replayed_probe_is_alive_answers_with_its_status_and_takes_no_command(
             ):
                 replay.to_network(replay.log_set([path]), second, None)
             process.send_signal(signal.SIGINT)
-            said_last, error = process.communicate(timeout=PATIENCE_S)
+            output, error = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 130
-        assert said_last.startswith("stopped after ")
-        assert said_last.count("\n") == 1
+        assert output.startswith("stopped after ")
+        assert output.count("\n") == 1
         assert error == ""
         assert client.alive() == []
         assert client.statuses() == []
@@ -101,8 +101,12 @@ def test_while_none_reads_the_pty_control_c_ends_it_with_one_line(
         assert process.stdout is not None
         assert "probe left is on" in process.stdout.readline()
         process.send_signal(signal.SIGINT)
-        said, error = process.communicate(timeout=PATIENCE_S)
-    assert (process.returncode, said, error) == (130, "stopped after 0 messages\n", "")
+        output, error = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, output, error) == (
+        130,
+        "stopped after 0 messages\n",
+        "",
+    )
     assert not link.is_symlink()
 
 
@@ -196,8 +200,8 @@ def test_where_keys_rule_a_daemon_may_replay_and_nobody_else(
             found: list[bytes] = []
             done = threading.Event()
 
-            def take(_: str, said: bytes) -> None:
-                found.append(said)
+            def take(_: str, payload: bytes) -> None:
+                found.append(payload)
                 if len(found) == 50:
                     done.set()
 

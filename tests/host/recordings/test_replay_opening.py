@@ -33,12 +33,12 @@ RAWS = 20
 HOURS = 3_600_000_000_000
 
 
-def told(records: bytes, before: int = 10) -> list[bytes]:
+def contents_with(records: bytes, before: int = 10) -> list[bytes]:
     """What a probe says that has these params, then samples."""
     probe = FakeProbe(params_digest=digest_of(records))
-    said = [probe.content("pose") for _ in range(before)]
-    said += [probe.content("hello"), *parts_of(probe, records, probe.content)]
-    return said + [probe.content("raw") for _ in range(RAWS)]
+    contents = [probe.content("pose") for _ in range(before)]
+    contents += [probe.content("hello"), *parts_of(probe, records, probe.content)]
+    return contents + [probe.content("raw") for _ in range(RAWS)]
 
 
 def received(contents: list[bytes]) -> list[Received]:
@@ -63,8 +63,8 @@ def later(contents: list[bytes], count: int = RAWS) -> list[Record]:
 
 def params_record(records: bytes, t_ns: int) -> Record:
     """What a daemon publishes when it learns of params."""
-    said = {"type": "params", "probe": "left", "t_ns": t_ns, **payload_of(records)}
-    return Record("left", "params", json.dumps(said).encode(), b"", 0, t_ns, t_ns)
+    values = {"type": "params", "probe": "left", "t_ns": t_ns, **payload_of(records)}
+    return Record("left", "params", json.dumps(values).encode(), b"", 0, t_ns, t_ns)
 
 
 # On a pty.
@@ -93,7 +93,7 @@ def played(path: Path, link: Path) -> bytes:
 def test_a_later_part_of_a_log_is_calibrated_from_its_first_sample(
     tmp_path: Path,
 ) -> None:
-    put = later(told(ONE))
+    put = later(contents_with(ONE))
     data = played(write(tmp_path, put), tmp_path / "probe")
     probe = Probe("left")
     events = Session(lambda _: probe, 0).receive(data, 0)
@@ -140,12 +140,14 @@ def test_the_first_hello_says_which_params_a_log_begins_with(
     opening = opening_of(*metadata)
     assert opening.records == records
     assert bool(opening.payload("left", 1)) == (records is not None)
-    assert bool(opening.contents(told(ONE)[-1])) == bool(records)
+    assert bool(opening.contents(contents_with(ONE)[-1])) == bool(records)
 
 
 def test_a_probe_that_has_just_booted_tells_its_params_itself() -> None:
     opening = opening_of((HELLO, hello_of(ONE)), (PARAMS, ONE))
-    counts = [len(opening.contents(said)) for said in told(ONE, before=8)]
+    counts = [
+        len(opening.contents(content)) for content in contents_with(ONE, before=8)
+    ]
     assert counts[:8] == [0] * 6 + [6] * 2
 
 
@@ -169,7 +171,7 @@ class Held:
 def test_who_subscribes_late_asks_for_the_params_in_force(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_later_part: bool
 ) -> None:
-    put = later(told(ONE))
+    put = later(contents_with(ONE))
     if not is_later_part:
         put.insert(3, params_record(ONE, put[3].t_received_ns))
     late_ns = BEGIN_NS + HOURS
@@ -191,15 +193,15 @@ def test_who_subscribes_late_asks_for_the_params_in_force(
         try:
             assert held.reached.wait(PATIENCE_S)
             client.wait_for("left", seconds=PATIENCE_S)
-            said = client.params("left")
+            reply = client.params("left")
             with pytest.raises(CommandRefused, match="the replay of a log, which"):
                 client.params_history("left")
         finally:
             held.go_on.set()
             playing.join()
         daemon.stop()
-    assert said["probe"] == "left"
-    assert said["digest"] == f"{digest_of(ONE):08x}"
-    assert {key: said[key] for key in payload_of(ONE)} == json.loads(
+    assert reply["probe"] == "left"
+    assert reply["digest"] == f"{digest_of(ONE):08x}"
+    assert {key: reply[key] for key in payload_of(ONE)} == json.loads(
         json.dumps(payload_of(ONE))
     )

@@ -24,10 +24,10 @@ def test_info_tells_probes_times_rates_and_losses(
     del put[50:53]
     path = write(tmp_path, put)
     assert cli.main(["info", str(path), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["is_whole"]
-    assert (told["end_ns"] - told["begin_ns"]) == 100 * PERIOD_NS
-    (probe,) = told["probes"]
+    info = json.loads(capsys.readouterr().out)
+    assert info["is_whole"]
+    assert (info["end_ns"] - info["begin_ns"]) == 100 * PERIOD_NS
+    (probe,) = info["probes"]
     assert (probe["probe"], probe["firmware"]) == ("left", "0.1.0+fake")
     assert (probe["received"], probe["lost"]) == (98, 3)
     assert probe["topics"]["frame"] == {
@@ -50,11 +50,11 @@ def test_csv_holds_each_value_once(
     path = write(tmp_path, put)
     out = tmp_path / "tables"
     assert cli.main(["export", str(path), "--to", "csv", "--out", str(out)]) == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     for topic in ("pose", "raw", "event"):
         file = out / f"{path.stem}-left-{topic}.csv"
         wanted = [record.values for record in put if record.topic == topic]
-        assert f"{file}: {len(wanted)} rows" in said
+        assert f"{file}: {len(wanted)} rows" in output
         rows = list(csv.DictReader(io.StringIO(file.read_text("utf-8"))))
         assert len(rows) == len(wanted)
         for row, record in zip(rows, wanted, strict=True):
@@ -111,12 +111,12 @@ def test_several_logs_and_what_the_daemon_says_of_probes_become_tables(
     words = ["export", str(whole), str(none), str(cut), "--out", str(out)]
     for kind in ("csv", "parquet"):
         assert cli.main([*words, "--to", kind]) == 1
-        said = capsys.readouterr()
-        assert said.err.splitlines() == [
+        captured = capsys.readouterr()
+        assert captured.err.splitlines() == [
             f"{cut} is cut off or damaged: what is good is exported",
             f"imud: can't read {none}: No such file or directory",
         ]
-        assert f"{out / f'cut-left-pose.{kind}'}: 62 rows" in said.out
+        assert f"{out / f'cut-left-pose.{kind}'}: 62 rows" in captured.out
     (row,) = parquet.read_table(out / f"{whole.stem}-left-status.parquet").to_pylist()
     assert (row["t_ns"], row["state"], row["pose_rate_hz"]) == (7, "streaming", 99.5)
     assert (row["ledger_sent"], row["ledger_lost"]) == (12, 1)

@@ -203,7 +203,9 @@ def test_joints_are_byte_for_byte_theirs(frame: str, names: tuple[str, ...]) -> 
     assert others == [ours, ours]
 
 
-def diagnostics(make: Callable[..., Any], frame: str, said: list[Diagnosis]) -> Any:
+def diagnostics(
+    make: Callable[..., Any], frame: str, diagnoses: list[Diagnosis]
+) -> Any:
     return make(
         "DiagnosticArray",
         header(make, frame),
@@ -216,7 +218,7 @@ def diagnostics(make: Callable[..., Any], frame: str, said: list[Diagnosis]) -> 
                 one.hardware_id,
                 [make("KeyValue", *pair) for pair in one.values.items()],
             )
-            for one in said
+            for one in diagnoses
         ],
     )
 
@@ -226,7 +228,7 @@ TEXT = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=9
 
 @given(
     frame=TEXT,
-    said=st.lists(
+    diagnoses=st.lists(
         st.builds(
             Diagnosis,
             st.sampled_from(Level),
@@ -239,10 +241,12 @@ TEXT = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=9
     ),
 )
 def test_diagnostics_are_byte_for_byte_theirs(
-    frame: str, said: list[Diagnosis]
+    frame: str, diagnoses: list[Diagnosis]
 ) -> None:
-    ours = cdr.diagnostic_array(T_NS, frame, said)
-    others = theirs(ros2.DIAGNOSTIC_ARRAY, lambda make: diagnostics(make, frame, said))
+    ours = cdr.diagnostic_array(T_NS, frame, diagnoses)
+    others = theirs(
+        ros2.DIAGNOSTIC_ARRAY, lambda make: diagnostics(make, frame, diagnoses)
+    )
     assert others == [ours, ours]
 
 

@@ -30,17 +30,17 @@ from ros_values import JAZZY
 def refused(directory: Path, text: str) -> str:
     path = directory / "imud.toml"
     path.write_text(text, "utf-8")
-    with pytest.raises(ConfigError) as told:
+    with pytest.raises(ConfigError) as caught:
         reader.load(path)
-    return str(told.value)
+    return str(caught.value)
 
 
 @pytest.mark.parametrize("namespace", ["/imud", "imud/", "a//b", "1st", "a b", "a__b"])
 def test_a_namespace_that_ros_refuses_is_refused(
     tmp_path: Path, namespace: str
 ) -> None:
-    said = refused(tmp_path, f'[ros2]\nenabled = true\nnamespace = "{namespace}"\n')
-    assert f"[ros2] namespace: {namespace!r} can't be part of a topic" in said
+    error = refused(tmp_path, f'[ros2]\nenabled = true\nnamespace = "{namespace}"\n')
+    assert f"[ros2] namespace: {namespace!r} can't be part of a topic" in error
 
 
 def test_two_probes_of_one_name_in_ros_are_refused(tmp_path: Path) -> None:
@@ -48,8 +48,8 @@ def test_two_probes_of_one_name_in_ros_are_refused(tmp_path: Path) -> None:
         f'[probes.001122334455660{n}]\nname = "{name}"\n'
         for n, name in enumerate(("arm-left", "arm_left"))
     )
-    said = refused(tmp_path, f"[ros2]\nenabled = true\n{probes}")
-    assert "'arm_left' and 'arm-left' are both arm_left in ROS" in said
+    error = refused(tmp_path, f"[ros2]\nenabled = true\n{probes}")
+    assert "'arm_left' and 'arm-left' are both arm_left in ROS" in error
 
 
 def test_the_daemons_own_network_is_found_on_this_machine() -> None:
@@ -102,12 +102,12 @@ EXPECTED = {
 }
 
 
-Said = dict[str, list[tuple[Any, other_attachment.Attachment]]]
+Published = dict[str, list[tuple[Any, other_attachment.Attachment]]]
 
 
-def said_on_all_topics(
+def published_on_all_topics(
     session: ZenohSession, probe: FakeProbe, port: Port, until: float
-) -> Said:
+) -> Published:
     """Messages and their attachments, by topic; at least five poses."""
     heard: queue.Queue[tuple[str, bytes, bytes]] = queue.Queue()
 
@@ -117,9 +117,9 @@ def said_on_all_topics(
         heard.put((str(sample.key_expr), payload, attached))
 
     subscriber = session.session.declare_subscriber("5/**", hear)
-    said: Said = {}
-    while len(said) < len(EXPECTED) or len(said[f"{BASE}/pose"]) < 5:
-        assert time.monotonic() < until, {name: len(m) for name, m in said.items()}
+    published: Published = {}
+    while len(published) < len(EXPECTED) or len(published[f"{BASE}/pose"]) < 5:
+        assert time.monotonic() < until, {name: len(m) for name, m in published.items()}
         path = {"path": (0.1, 0.2, 0.3), "path_sigma": (0.001, 0.001)}
         port.write(probe.say("raw") + probe.say("stroke", **path))
         port.write(probe.say("pose", position=(0.1, 0.2, 0.3)))
@@ -131,12 +131,14 @@ def said_on_all_topics(
         kind = next(kind for kind in ros2.TYPES if kind.dds == dds)
         message = JAZZY.deserialize_cdr(payload, kind.name)
         attachment = other_attachment.Attachment.from_bytes(attached)
-        said.setdefault("/" + "/".join(parts), []).append((message, attachment))
+        published.setdefault("/" + "/".join(parts), []).append((message, attachment))
     subscriber.undeclare()
-    return said
+    return published
 
 
-def assert_numbered_by_tokens(session: ZenohSession, said: Said, until: float) -> None:
+def assert_numbered_by_tokens(
+    session: ZenohSession, published: Published, until: float
+) -> None:
     """Each topic has a token, by whose hash its messages are numbered."""
     tokens: set[str] = set()
     while len(tokens) < 1 + len(EXPECTED):
@@ -147,13 +149,15 @@ def assert_numbered_by_tokens(session: ZenohSession, said: Said, until: float) -
     assert sorted(token.split("/")[4] for token in tokens) == list("01234567")
     gids = {ros2.gid_of(token) for token in tokens if "/MP/" in token}
     assert sum("/NN/" in token for token in tokens) == 1
-    for name, messages in said.items():
+    for name, messages in published.items():
         numbers = [attachment.sequence_id for _, attachment in messages]
         assert numbers == list(range(numbers[0], numbers[0] + len(numbers))), name
         (gid,) = {attachment.gid for _, attachment in messages}
         gids.remove(gid)
     assert gids == set()
-    assert len({str(attachment) for _, attachment in said["/tf"]}) == len(said["/tf"])
+    assert len({str(attachment) for _, attachment in published["/tf"]}) == len(
+        published["/tf"]
+    )
 
 
 def test_a_daemon_is_a_node_that_another_implementation_finds_and_reads(
@@ -176,8 +180,8 @@ def test_a_daemon_is_a_node_that_another_implementation_finds_and_reads(
         assert topics == EXPECTED
 
         until = time.monotonic() + PATIENCE_S
-        said = said_on_all_topics(session, probe, port, until)
-        imu, _ = said[f"{BASE}/imu/data"][-1]
+        published = published_on_all_topics(session, probe, port, until)
+        imu, _ = published[f"{BASE}/imu/data"][-1]
         q = imu.orientation
         assert (q.w, q.x, q.y, q.z) == pytest.approx(POSE["q"])
         assert imu.header.frame_id == "probe_00112233445566aa"
@@ -185,10 +189,10 @@ def test_a_daemon_is_a_node_that_another_implementation_finds_and_reads(
         expected = np.diag(np.radians(sigmas) ** 2)
         assert imu.orientation_covariance.reshape(3, 3) == pytest.approx(expected)
         assert imu.linear_acceleration.z == pytest.approx(2048 * HELLO["acc_lsb"])
-        mag, _ = said[f"{BASE}/imu/mag"][-1]
+        mag, _ = published[f"{BASE}/imu/mag"][-1]
         assert mag.magnetic_field.z == pytest.approx(45e-6)
 
-        assert_numbered_by_tokens(session, said, until)
+        assert_numbered_by_tokens(session, published, until)
         port.vanish()
         daemon.stop()
 

@@ -39,7 +39,7 @@ TIP = "/imud/tip/tip"
 
 
 def pose(**fields: Any) -> Record:
-    said = {
+    values = {
         "type": "pose",
         "t_device_us": 1_000_000,
         "q": Q,
@@ -48,22 +48,22 @@ def pose(**fields: Any) -> Record:
         "heading_sigma_deg": 2.0,
         "flags": (),
     } | fields
-    return Record("tip", "pose", b"{}", b"", 1, T_NS, T_NS, values=said)
+    return Record("tip", "pose", b"{}", b"", 1, T_NS, T_NS, values=values)
 
 
 def raw(params: bytes | None = b"", **fields: Any) -> Record:
-    said = {
+    values = {
         "type": "raw",
         "t_device_us": 1_000_000,
         "acc_m_s2": FORCE,
         "gyr_rad_s": RATE,
         "mag_uT": None,
     } | fields
-    return Record("tip", "raw", b"{}", b"", 1, T_NS, T_NS, params=params, values=said)
+    return Record("tip", "raw", b"{}", b"", 1, T_NS, T_NS, params=params, values=values)
 
 
 def status(**fields: Any) -> Record:
-    said = {
+    values = {
         "type": "status",
         "probe": "tip",
         "probe_id": "00112233445566aa",
@@ -73,16 +73,16 @@ def status(**fields: Any) -> Record:
         "ledger": {"received": 10, "lost": 0, "corrupt": 0, "dropped": {"log": 0}},
         "equipment": None,
     } | fields
-    return Record("tip", "status", json.dumps(said).encode(), b"", 0, T_NS, T_NS)
+    return Record("tip", "status", json.dumps(values).encode(), b"", 0, T_NS, T_NS)
 
 
-def said_by(translator: RosTranslator, *records: Record) -> dict[str, list[Any]]:
-    said: dict[str, list[Any]] = {}
+def sent_by(translator: RosTranslator, *records: Record) -> dict[str, list[Any]]:
+    topics: dict[str, list[Any]] = {}
     for record in records:
         for topic, data in translator.translate(record):
             message = JAZZY.deserialize_cdr(data, topic.type.name)
-            said.setdefault(topic.name, []).append(message)
-    return said
+            topics.setdefault(topic.name, []).append(message)
+    return topics
 
 
 @pytest.fixture
@@ -91,9 +91,9 @@ def translator() -> RosTranslator:
 
 
 def test_a_pose_is_said_in_four_ways(translator: RosTranslator) -> None:
-    said = said_by(translator, pose(position_m=(1.0, 2.0, 3.0)))
-    assert set(said) == {"/imud/tip/imu/data", "/tf", "/imud/tip/pose", TIP}
-    (imu,), transforms, (stamped,), (tip,) = said.values()
+    topics = sent_by(translator, pose(position_m=(1.0, 2.0, 3.0)))
+    assert set(topics) == {"/imud/tip/imu/data", "/tf", "/imud/tip/pose", TIP}
+    (imu,), transforms, (stamped,), (tip,) = topics.values()
     (turn,), (shift,) = (each.transforms for each in transforms)
     assert imu.header.frame_id == turn.child_frame_id == "tip"
     assert turn.header.frame_id == shift.child_frame_id == "tip_level"
@@ -112,7 +112,7 @@ def test_a_pose_is_said_in_four_ways(translator: RosTranslator) -> None:
 
 def stroke(number: int, end: str = "button", **fields: Any) -> Record:
     """One of 0.1 m, after others of the same length."""
-    said = {
+    values = {
         "type": "stroke",
         "end": end,
         "displacement_m": (0.1, 0.0, 0.0),
@@ -120,7 +120,7 @@ def stroke(number: int, end: str = "button", **fields: Any) -> Record:
         "path_sigma_m": (0.001,) * 3,
         "t_device_us": 1_000_000 * number,
     } | fields
-    return Record("tip", "stroke", b"{}", b"", 1, T_NS, T_NS, values=said)
+    return Record("tip", "stroke", b"{}", b"", 1, T_NS, T_NS, values=values)
 
 
 def at(number: float, t_us: int = 0) -> Record:
@@ -131,7 +131,7 @@ def at(number: float, t_us: int = 0) -> Record:
 
 
 def paths(translator: RosTranslator, *records: Record) -> list[Any]:
-    return said_by(translator, *records).get("/imud/tip/path", [])
+    return sent_by(translator, *records).get("/imud/tip/path", [])
 
 
 RUNNING = stroke(1, "running")
@@ -177,9 +177,9 @@ def test_no_path_is_told_without_a_place_of_the_tip(translator: RosTranslator) -
 def test_a_pose_without_a_position_says_none_in_the_world(
     translator: RosTranslator,
 ) -> None:
-    said = said_by(translator, pose(position_m=None))
-    assert list(said) == ["/imud/tip/imu/data", "/tf"]
-    (transform,) = said["/tf"][0].transforms
+    topics = sent_by(translator, pose(position_m=None))
+    assert list(topics) == ["/imud/tip/imu/data", "/tf"]
+    (transform,) = topics["/tf"][0].transforms
     assert (transform.header.frame_id, transform.child_frame_id) == ("tip_level", "tip")
 
 
@@ -188,13 +188,13 @@ def test_tilt_is_about_the_level_axes_and_heading_about_the_one_that_points_up(
 ) -> None:
     # On its side, the probe's own x points up: what is said stays the world's.
     on_its_side = (math.sqrt(0.5), 0.0, -math.sqrt(0.5), 0.0)
-    (imu,) = said_by(translator, pose(q=on_its_side))["/imud/tip/imu/data"]
+    (imu,) = sent_by(translator, pose(q=on_its_side))["/imud/tip/imu/data"]
     expected = np.diag(np.radians([0.5, 0.5, 2.0]) ** 2)
     assert np.array_equal(imu.orientation_covariance.reshape(3, 3), expected)
 
 
 def test_a_free_heading_may_be_anything(translator: RosTranslator) -> None:
-    (imu,) = said_by(translator, pose(heading_sigma_deg=None))["/imud/tip/imu/data"]
+    (imu,) = sent_by(translator, pose(heading_sigma_deg=None))["/imud/tip/imu/data"]
     turns = np.linspace(-np.pi, np.pi, 100_001)
     assert pytest.approx(turns.var(), rel=1e-4) == FREE_RAD2
     assert imu.orientation_covariance[8] == FREE_RAD2
@@ -203,16 +203,16 @@ def test_a_free_heading_may_be_anything(translator: RosTranslator) -> None:
 def test_an_orientation_that_still_settles_is_not_said(
     translator: RosTranslator,
 ) -> None:
-    said = said_by(translator, pose(tilt_sigma_deg=None, heading_sigma_deg=None))
-    assert list(said) == ["/imud/tip/imu/data"]
-    (imu,) = said["/imud/tip/imu/data"]
+    topics = sent_by(translator, pose(tilt_sigma_deg=None, heading_sigma_deg=None))
+    assert list(topics) == ["/imud/tip/imu/data"]
+    (imu,) = topics["/imud/tip/imu/data"]
     assert imu.orientation_covariance[0] == -1
 
 
 def test_without_samples_an_imu_says_that_it_has_none(
     translator: RosTranslator,
 ) -> None:
-    (imu,) = said_by(translator, pose())["/imud/tip/imu/data"]
+    (imu,) = sent_by(translator, pose())["/imud/tip/imu/data"]
     assert imu.angular_velocity_covariance[0] == -1
     assert imu.linear_acceleration_covariance[0] == -1
 
@@ -222,8 +222,8 @@ def test_a_pose_is_joined_with_the_sample_before_it(
     translator: RosTranslator, age_us: int
 ) -> None:
     before = pose(t_device_us=999_000)
-    said = said_by(translator, before, raw(), pose(t_device_us=1_000_000 + age_us))
-    imu = said["/imud/tip/imu/data"][-1]
+    topics = sent_by(translator, before, raw(), pose(t_device_us=1_000_000 + age_us))
+    imu = topics["/imud/tip/imu/data"][-1]
     rate, force = imu.angular_velocity, imu.linear_acceleration
     assert (rate.x, rate.y, rate.z) == RATE
     assert (force.x, force.y, force.z) == FORCE
@@ -236,8 +236,8 @@ def test_the_covariance_of_a_sample_is_that_of_its_calibration(
 ) -> None:
     records = calibrated_records(1)
     sample = raw(records, mag_uT=(20.0, -1.0, 45.0))
-    said = said_by(translator, sample, pose())
-    imu, mag = said["/imud/tip/imu/data"][-1], said["/imud/tip/imu/mag"][-1]
+    topics = sent_by(translator, sample, pose())
+    imu, mag = topics["/imud/tip/imu/data"][-1], topics["/imud/tip/imu/mag"][-1]
     force = imu.linear_acceleration_covariance.reshape(3, 3)
     assert force == pytest.approx(np.eye(3) * 0.025**2)
     assert not imu.angular_velocity_covariance.any(), "its zero is not known"
@@ -245,22 +245,22 @@ def test_the_covariance_of_a_sample_is_that_of_its_calibration(
     assert field == pytest.approx(np.eye(3) * 0.8e-6**2)
     # Other params, of which nobody knows how sure they are.
     unsure = b"".join(calibration_record(t, [0] * 3, [0] * 9, 65535) for t in (1, 3))
-    said = said_by(translator, raw(unsure, t_device_us=1_000_001), pose())
-    (imu,) = said["/imud/tip/imu/data"]
+    topics = sent_by(translator, raw(unsure, t_device_us=1_000_001), pose())
+    (imu,) = topics["/imud/tip/imu/data"]
     assert not imu.linear_acceleration_covariance.any()
 
 
 def test_an_old_sample_is_not_joined(translator: RosTranslator) -> None:
-    said = said_by(translator, pose(), raw(), pose(t_device_us=1_020_001))
-    first, last = said["/imud/tip/imu/data"]
+    topics = sent_by(translator, pose(), raw(), pose(t_device_us=1_020_001))
+    first, last = topics["/imud/tip/imu/data"]
     assert first.angular_velocity_covariance[0] == -1
     assert last.angular_velocity_covariance[0] == -1
 
 
 def test_samples_without_poses_go_out_by_themselves(translator: RosTranslator) -> None:
-    said = said_by(translator, raw(), pose(), raw(t_device_us=2_000_000))
-    assert len(said["/imud/tip/imu/data"]) == 2  # the first, and the pose's
-    (imu,) = said_by(translator, raw(t_device_us=2_000_001))["/imud/tip/imu/data"]
+    topics = sent_by(translator, raw(), pose(), raw(t_device_us=2_000_000))
+    assert len(topics["/imud/tip/imu/data"]) == 2  # the first, and the pose's
+    (imu,) = sent_by(translator, raw(t_device_us=2_000_001))["/imud/tip/imu/data"]
     assert imu.orientation_covariance[0] == -1
     assert imu.angular_velocity.x == RATE[0]
 
@@ -268,12 +268,12 @@ def test_samples_without_poses_go_out_by_themselves(translator: RosTranslator) -
 def test_samples_before_the_first_hello_have_no_scale(
     translator: RosTranslator,
 ) -> None:
-    assert said_by(translator, raw(acc_m_s2=None, gyr_rad_s=None)) == {}
+    assert sent_by(translator, raw(acc_m_s2=None, gyr_rad_s=None)) == {}
 
 
 def test_a_magnetic_field_is_in_tesla(translator: RosTranslator) -> None:
-    said = said_by(translator, pose(), raw(mag_uT=(20.0, -1.0, 45.0)))
-    (mag,) = said["/imud/tip/imu/mag"]
+    topics = sent_by(translator, pose(), raw(mag_uT=(20.0, -1.0, 45.0)))
+    (mag,) = topics["/imud/tip/imu/mag"]
     field = mag.magnetic_field
     assert (field.x, field.y, field.z) == pytest.approx((20e-6, -1e-6, 45e-6))
     assert mag.header.frame_id == "tip"
@@ -281,7 +281,7 @@ def test_a_magnetic_field_is_in_tesla(translator: RosTranslator) -> None:
 
 
 def verdict(translator: RosTranslator, **fields: Any) -> tuple[int, str]:
-    (message,) = said_by(translator, status(**fields))["/diagnostics"]
+    (message,) = sent_by(translator, status(**fields))["/diagnostics"]
     (one,) = message.status
     assert (one.name, one.hardware_id) == ("imud: tip", "00112233445566aa")
     return one.level, one.message
@@ -332,7 +332,7 @@ def test_a_loss_is_a_warning_once(translator: RosTranslator) -> None:
 
 
 def test_figures_of_a_probe_are_in_its_diagnostics(translator: RosTranslator) -> None:
-    (message,) = said_by(translator, status(equipment={"battery_v": 3.9}))[
+    (message,) = sent_by(translator, status(equipment={"battery_v": 3.9}))[
         "/diagnostics"
     ]
     values = {pair.key: pair.value for pair in message.status[0].values}
@@ -345,5 +345,5 @@ def test_figures_of_a_probe_are_in_its_diagnostics(translator: RosTranslator) ->
 
 def test_a_status_of_which_little_is_known_is_said(translator: RosTranslator) -> None:
     bare = status(quality=None, ledger=None, state=None)
-    (message,) = said_by(translator, bare)["/diagnostics"]
+    (message,) = sent_by(translator, bare)["/diagnostics"]
     assert message.status[0].level == Level.OK

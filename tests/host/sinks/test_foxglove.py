@@ -60,16 +60,16 @@ class Viewer:
         """Ends the connection without reading what has come."""
         self._connection.socket.shutdown(socket.SHUT_RDWR)
 
-    def _subscribe(self, said: dict[str, Any]) -> None:
-        if said["op"] != "advertise":
+    def _subscribe(self, message: dict[str, Any]) -> None:
+        if message["op"] != "advertise":
             return
         wanted = []
-        for channel in said["channels"]:
+        for channel in message["channels"]:
             self.channels[channel["topic"]] = channel
             self._topics[channel["id"]] = channel["topic"]
             wanted.append({"id": channel["id"], "channelId": channel["id"]})
-        said = {"op": "subscribe", "subscriptions": wanted}
-        self._connection.send(json.dumps(said))
+        message = {"op": "subscribe", "subscriptions": wanted}
+        self._connection.send(json.dumps(message))
 
 
 @contextlib.contextmanager

@@ -213,7 +213,9 @@ def scene() -> Measured:
     return measured(Plan(strokes=2), 7)
 
 
-def said_in(scene: Measured, records: bytes, *, presses: bool = True) -> list[bytes]:
+def contents_in(
+    scene: Measured, records: bytes, *, presses: bool = True
+) -> list[bytes]:
     """What a probe with these params says while it feels a scene."""
     life: Life = followed().load(records)
     held = scene.held() & presses
@@ -228,7 +230,7 @@ def said_in(scene: Measured, records: bytes, *, presses: bool = True) -> list[by
 
 def as_nano(contents: list[bytes]) -> list[bytes]:
     """The same from a Nano: no strokes, and another board in its hellos."""
-    said = [message_of(content) for content in contents]
+    decoded = [message_of(content) for content in contents]
     return [
         encode(
             each.name,
@@ -236,12 +238,12 @@ def as_nano(contents: list[bytes]) -> list[bytes]:
             number,
             each.time_us,
         )
-        for number, each in enumerate(each for each in said if each.name != "stroke")
+        for number, each in enumerate(each for each in decoded if each.name != "stroke")
     ]
 
 
 def test_its_strokes_are_numbered(scene: Measured) -> None:
-    contents = said_in(scene, TIP + STROKE)
+    contents = contents_in(scene, TIP + STROKE)
     numbers = [
         each.number
         for each in fused(contents)
@@ -256,7 +258,7 @@ def test_its_strokes_are_numbered(scene: Measured) -> None:
 def test_a_nano_has_strokes_and_places(
     scene: Measured, records: bytes, presses: bool, end: str
 ) -> None:
-    outcomes = fused(as_nano(said_in(scene, TIP + records, presses=presses)))
+    outcomes = fused(as_nano(contents_in(scene, TIP + records, presses=presses)))
     strokes = [message_of(each).fields for each in added(outcomes, "stroke")]
     ended = [each for each in strokes if each["end"] != "running"]
     assert [each["end"] for each in ended] == [end, end]
@@ -269,7 +271,7 @@ def test_a_nano_has_strokes_and_places(
 
 
 def test_poses_of_a_nano_are_its_own_but_for_the_place(scene: Measured) -> None:
-    contents = as_nano(said_in(scene, TELL))
+    contents = as_nano(contents_in(scene, TELL))
     own = tail([contents[at] for at in named(contents, "pose")])
     # Without a tip a place is nobody's.
     assert tail(added(fused(contents)))[: len(own) // 3] == own[: len(own) // 3]

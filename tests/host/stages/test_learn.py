@@ -83,11 +83,11 @@ def test_free_motion_gives_a_proposal_and_one_command_to_take_it() -> None:
     bench = Bench(params=before)
     assert bench.stage.status()["state"] == "waiting"
     bench.play(used())
-    (said,) = bench.of(Publish)
+    (published,) = bench.of(Publish)
     (told,) = bench.of(LogLine)
     assert bench.of(SendCommands) == []
     assert "imud calibrate learned puts that in force" in told.text
-    assert said.topic == "learn"
+    assert published.topic == "learn"
     status = bench.stage.status()
     assert status["state"] == "proposes"
     assert 0.05 < status["heading_deg"] < 3.0

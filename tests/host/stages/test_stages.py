@@ -91,7 +91,7 @@ class Bench:
         for event in self.session.receive(b"\0" + data, None):
             self.intake.handle(event, self.port)
 
-    def said(self, topic: str) -> list[dict[str, Any]]:
+    def published(self, topic: str) -> list[dict[str, Any]]:
         return [json.loads(r.payload) for r in self.records if r.topic == topic]
 
 
@@ -106,10 +106,10 @@ def test_what_a_stage_answers_is_published_logged_and_sent(
     probe = FakeProbe()
     with caplog.at_level(logging.INFO, "imud"):
         bench.hear(probe.say("hello") + probe.say("pose"))
-        assert bench.said("shake") == []
+        assert bench.published("shake") == []
         for _ in range(2):
             bench.hear(probe.say("pose", pose_flags=("clipped",)))
-    assert bench.said("shake") == [
+    assert bench.published("shake") == [
         {"type": "shake", "probe": probe.name, "count": count} for count in (1, 2)
     ]
     told = [(r.levelname, r.getMessage()) for r in caplog.records]
@@ -140,7 +140,7 @@ def test_a_stage_hears_of_each_appearance_and_stands_in_the_status(
     bench.hear(probe.say("hello"))
     [stage] = bench.stages
     assert stage.appeared == [False, True]
-    status = bench.said("status")[-1]
+    status = bench.published("status")[-1]
     assert status["shakes"] == {"count": 1}
     assert "twin" not in status
     assert bench.intake.registry.closing_line().endswith(", 1 shakes")
@@ -175,7 +175,7 @@ def test_a_message_that_a_stage_adds_is_published_but_not_as_a_frame(
     bench.session = Session(bench.intake.probe)
     probe = FakeProbe()
     bench.hear(probe.say("hello") + probe.say("raw") + probe.say("raw"))
-    raws, poses = bench.said("raw"), bench.said("pose")
+    raws, poses = bench.published("raw"), bench.published("pose")
     assert [pose["number"] for pose in poses] == [1, 2]
     assert [pose["seq"] for pose in poses] == [raw["seq"] for raw in raws]
     assert [pose["t_device_us"] for pose in poses] == [r["t_device_us"] for r in raws]

@@ -23,9 +23,9 @@ from twin_bench import (
     Life,
     changed,
     followed,
-    heard,
     message_of,
     named,
+    run_twin,
     without,
 )
 
@@ -34,12 +34,12 @@ def test_a_lost_sample_ends_it_until_the_next_restart():
     life = followed().live(100)
     gone = named(life.contents, "raw")[50]
     number = message_of(life.contents[gone]).sequence
-    twin, outcomes = heard(without(life.contents, gone))
+    twin, outcomes = run_twin(without(life.contents, gone))
     assert outcomes[1:] == [TwinLost(number, "a message is missing")] or (
         outcomes[1:] == [TwinLost(number + 1, "its sample was not told")]
     )
     assert twin.state is TwinState.LOST
-    twin, outcomes = heard(
+    twin, outcomes = run_twin(
         without(life.order(lib.COMMAND_RESTART).live(20).contents, gone)
     )
     assert [type(outcome) for outcome in outcomes] == [
@@ -53,7 +53,7 @@ def test_a_lost_sample_ends_it_until_the_next_restart():
 def test_a_lost_pose_is_all_that_is_missed():
     life = followed().live(100)
     poses = named(life.contents, "pose")
-    twin, outcomes = heard(without(life.contents, poses[20], poses[30]))
+    twin, outcomes = run_twin(without(life.contents, poses[20], poses[30]))
     assert len(outcomes) == 1
     assert (twin.state, twin.compared) == (TwinState.FOLLOWING, 48)
 
@@ -62,7 +62,7 @@ def test_a_lost_pose_is_all_that_is_missed():
 def test_what_no_pose_depends_on_may_be_lost(name: str) -> None:
     life = followed().live(700)
     gone = named(life.contents, name)[-1]
-    twin, outcomes = heard(without(life.contents, gone))
+    twin, outcomes = run_twin(without(life.contents, gone))
     assert len(outcomes) == 1
     assert (twin.state, twin.compared) == (TwinState.FOLLOWING, 350)
 
@@ -75,7 +75,7 @@ def test_a_lost_pose_takes_its_latched_flags_along(flag: str) -> None:
         for pose in named(life.contents, "pose")
         if {"clipped", "gap"} & set(str(message_of(life.contents[pose])).split("'"))
     )
-    twin, outcomes = heard(without(life.contents, at))
+    twin, outcomes = run_twin(without(life.contents, at))
     assert len(outcomes) == 1
     assert (twin.state, twin.compared) == (TwinState.FOLLOWING, 54)
 
@@ -134,7 +134,7 @@ def test_a_change_that_is_lost_ends_it(command: int, gone: tuple[int, ...]) -> N
     life = followed().live(650)
     at = len(life.contents)
     life.order(command).live(100)
-    twin, outcomes = heard(without(life.contents, *(at + n for n in gone)))
+    twin, outcomes = run_twin(without(life.contents, *(at + n for n in gone)))
     assert outcomes[1:] == [
         TwinLost(message_of(life.contents[at]).sequence, "a message is missing")
     ]
@@ -149,7 +149,7 @@ def test_it_ends_where_not_every_sample_is_told_any_more(
     command: int, arguments: tuple[int, int]
 ) -> None:
     life = followed().live(50).order(command, *arguments)
-    _, outcomes = heard(life.contents)
+    _, outcomes = run_twin(life.contents)
     number = message_of(life.contents[-1]).sequence
     assert outcomes[1:] == [TwinLost(number, "not every sample is told any more")]
 
@@ -158,7 +158,7 @@ def test_a_gap_is_not_believed_where_a_message_is_missing():
     life = followed().live(50)
     gone = named(life.contents, "pose")[-1]
     life.live(10).miss(1)
-    _, outcomes = heard(without(life.contents, gone))
+    _, outcomes = run_twin(without(life.contents, gone))
     assert isinstance(outcomes[-1], TwinLost)
 
 
@@ -167,12 +167,12 @@ def test_what_this_imud_cannot_compute_ends_it() -> None:
     contents = life.live(5).contents
     sensor = named(contents, "hello")[-1]
     other = changed(contents[sensor], sensor="none")
-    twin, outcomes = heard([*contents[:sensor], other, *contents[sensor + 1 : -30]])
+    twin, outcomes = run_twin([*contents[:sensor], other, *contents[sensor + 1 : -30]])
     assert [type(outcome) for outcome in outcomes] == [TwinLost]
     for name, detail in (("tared", 3), ("restarted", 99)):
         at = named(contents, name)[0]
         wrong = changed(contents[at], detail=detail)
-        twin, outcomes = heard([*contents[:at], wrong])
+        twin, outcomes = run_twin([*contents[:at], wrong])
         assert isinstance(outcomes[-1], TwinLost)
         assert "can't compute" in outcomes[-1].reason
         assert twin.state is TwinState.LOST
@@ -225,7 +225,7 @@ def a_known_life(seed: int) -> list[bytes]:
 
 
 def assert_no_difference(contents: list[bytes]) -> int:
-    twin, outcomes = heard(contents)
+    twin, outcomes = run_twin(contents)
     assert not any(isinstance(outcome, TwinDiffers) for outcome in outcomes)
     assert twin.differed == 0
     return twin.compared

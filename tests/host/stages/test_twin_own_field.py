@@ -13,7 +13,7 @@ from fakes.records import calibrated_records
 from imud import _core
 from imud.stages.twin_outcomes import TwinLost, TwinStarted, TwinState
 from imud.wire.params import digest_of
-from twin_bench import Life, changed, followed, heard, message_of, named, without
+from twin_bench import Life, changed, followed, message_of, named, run_twin, without
 
 OWN = (80, -50, 25)  # quarters of 1 uT
 SIGMA = 8
@@ -46,7 +46,7 @@ def reborn() -> Life:
 
 
 def follows(life: Life, begun: int) -> None:
-    twin, outcomes = heard(life.contents)
+    twin, outcomes = run_twin(life.contents)
     assert [type(outcome) for outcome in outcomes] == [TwinStarted] * begun
     assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
     assert twin.compared == len(named(life.contents, "pose"))
@@ -86,7 +86,7 @@ def test_a_restart_after_a_hello_that_was_lost_is_no_difference():
     lost = len(life.contents) - 1
     assert message_of(life.contents[lost]).name == "hello"
     life.order(lib.COMMAND_RESTART).live(900)
-    twin, outcomes = heard(without(life.contents, lost))
+    twin, outcomes = run_twin(without(life.contents, lost))
     assert [type(each) for each in outcomes] == [TwinStarted, TwinStarted, TwinLost]
     assert twin.differed == 0
 
@@ -95,7 +95,7 @@ def test_where_poses_do_not_tell_the_next_hello_does():
     life = keep(followed().live(620), (-80, 50, 90))
     lost = len(life.contents) - 1
     life.order(lib.COMMAND_RESTART).order(lib.COMMAND_HELLO).live(900)
-    twin, outcomes = heard(without(life.contents, lost))
+    twin, outcomes = run_twin(without(life.contents, lost))
     assert [type(each) for each in outcomes] == [TwinStarted, TwinStarted, TwinLost]
     assert isinstance(outcomes[-1], TwinLost)
     assert outcomes[-1].reason == "its own field may have been another"

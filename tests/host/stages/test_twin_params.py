@@ -33,10 +33,10 @@ from twin_bench import (
     Life,
     changed,
     followed,
-    heard,
     message_of,
     named,
     received,
+    run_twin,
     without,
 )
 
@@ -67,7 +67,7 @@ def calibrated(records: bytes = ONE) -> Life:
 
 def test_a_calibrated_probe_and_its_twin_are_equal_in_every_bit():
     life = calibrated().live(900)
-    twin, outcomes = heard(life.contents)
+    twin, outcomes = run_twin(life.contents)
     assert [type(outcome) for outcome in outcomes] == [TwinStarted]
     assert (twin.state, twin.compared, twin.differed) == (TwinState.FOLLOWING, 450, 0)
     # With other params it is another's.
@@ -82,7 +82,7 @@ def test_a_calibrated_probe_and_its_twin_are_equal_in_every_bit():
 @given(seed=st.integers(0, 2**32))
 def test_any_params_that_a_probe_takes_are_followed(seed: int) -> None:
     life = calibrated(any_records(seed)).live(60)
-    twin, outcomes = heard(life.contents)
+    twin, outcomes = run_twin(life.contents)
     assert [type(outcome) for outcome in outcomes] == [TwinStarted]
     assert (twin.state, twin.compared, twin.differed) == (TwinState.FOLLOWING, 30, 0)
 
@@ -91,14 +91,14 @@ def test_it_follows_every_change_of_params():
     life = calibrated().live(600)
     for records in (OTHER, b"", OTHER + record(5, b"\0\0"), ONE):
         life.load(records).live(100)
-    twin, outcomes = heard(life.contents)
+    twin, outcomes = run_twin(life.contents)
     # One of the changes leaves the calibration: the filter goes on.
     assert len(named(life.contents, "params_changed")) == 4
     restarts = named(life.contents, "restarted")
     assert len(restarts) == 4
     life.load(ONE + record(5, b"\x01\0")).live(100)
     assert len(named(life.contents, "restarted")) == 4
-    twin, outcomes = heard(life.contents)
+    twin, outcomes = run_twin(life.contents)
     numbers = [message_of(life.contents[at]).sequence for at in restarts]
     assert [type(outcome) for outcome in outcomes] == [TwinStarted] * 5
     assert [o.sequence for o in outcomes[1:] if isinstance(o, TwinStarted)] == numbers
@@ -115,17 +115,17 @@ def test_it_asks_for_params_that_it_missed_and_then_for_a_restart():
     contents = [
         c for at, c in enumerate(life.contents) if at >= begin and at not in gone
     ]
-    twin, outcomes = heard(contents)
+    twin, outcomes = run_twin(contents)
     assert outcomes == [AskParams()]
     assert twin.state is TwinState.WAITING
     before = len(life.contents)
     life.order(lib.COMMAND_PARAMS_TELL).live(30)
     contents += life.contents[before:]
-    assert heard(contents)[1] == [AskParams(), AskRestart()]
+    assert run_twin(contents)[1] == [AskParams(), AskRestart()]
     before = len(life.contents)
     life.order(lib.COMMAND_RESTART).live(100)
     contents += life.contents[before:]
-    twin, outcomes = heard(contents)
+    twin, outcomes = run_twin(contents)
     assert [type(each) for each in outcomes] == [AskParams, AskRestart, TwinStarted]
     assert (twin.state, twin.compared, twin.differed) == (TwinState.FOLLOWING, 50, 0)
 
@@ -136,12 +136,12 @@ def test_a_restart_with_params_that_it_does_not_know_is_asked_for_again():
     life.load(OTHER).live(20)
     # Of the five parts that are told while they are staged, one that is not told again.
     missed = [at for at in named(life.contents, "params") if at >= begin][2]
-    twin, outcomes = heard(without(life.contents, missed))
+    twin, outcomes = run_twin(without(life.contents, missed))
     asked = [type(each) for each in outcomes]
     assert asked == [TwinStarted, AskParams]
     assert twin.state is TwinState.WAITING
     life.order(lib.COMMAND_PARAMS_TELL).live(20).order(lib.COMMAND_RESTART).live(60)
-    twin, outcomes = heard(without(life.contents, missed))
+    twin, outcomes = run_twin(without(life.contents, missed))
     assert [type(each) for each in outcomes] == [*asked, AskRestart, TwinStarted]
     assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
 
@@ -172,7 +172,7 @@ def test_a_change_of_which_messages_are_lost(
     assert [m.fields.get("event", m.name) for m in change] == [
         *("params_changed", "restarted", "hello")
     ]
-    twin, found = heard(without(life.contents, *(at + n for n in gone)))
+    twin, found = run_twin(without(life.contents, *(at + n for n in gone)))
     assert [type(each) for each in found] == outcomes
     assert twin.differed == 0
 
@@ -182,13 +182,13 @@ def test_it_goes_on_where_the_probe_does(kind: int) -> None:
     life = calibrated().live(20).order(lib.COMMAND_RESTART, kind).live(600)
     for records in (OTHER, b"", ONE):
         life.load(records, goes_on=True).live(300)
-    twin, outcomes = heard(life.contents)
+    twin, outcomes = run_twin(life.contents)
     assert [type(outcome) for outcome in outcomes] == [TwinStarted, TwinStarted]
     assert len(named(life.contents, "params_changed")) == 3
     assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
     assert twin.compared == len(named(life.contents, "pose"))
     life.load(OTHER).live(50)
-    twin, outcomes = heard(life.contents)
+    twin, outcomes = run_twin(life.contents)
     assert [type(outcome) for outcome in outcomes] == [TwinStarted] * 3
     assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
 
@@ -199,7 +199,7 @@ def test_a_loss_where_the_probe_goes_on_ends_it(gone: tuple[int, ...]) -> None:
     life = calibrated().live(620).load(OTHER, goes_on=True).live(300)
     at = named(life.contents, "params_changed")[-1]
     assert message_of(life.contents[at + 1]).name == "hello"
-    twin, found = heard(without(life.contents, *(at + n for n in gone)))
+    twin, found = run_twin(without(life.contents, *(at + n for n in gone)))
     assert [type(each) for each in found] == [TwinStarted, TwinLost]
     assert (twin.state, twin.differed) == (TwinState.LOST, 0)
 
@@ -210,7 +210,7 @@ def test_where_the_probe_goes_on_with_params_that_it_missed_it_waits():
     life.load(OTHER, goes_on=True).live(20)
     # Of the five parts that are told while they are staged, one that is not told again.
     missed = [at for at in named(life.contents, "params") if at >= begin][2]
-    twin, outcomes = heard(without(life.contents, missed))
+    twin, outcomes = run_twin(without(life.contents, missed))
     assert [type(each) for each in outcomes] == [TwinStarted, AskParams]
     assert (twin.state, twin.differed) == (TwinState.WAITING, 0)
 
@@ -223,7 +223,7 @@ def test_a_restart_after_a_change_that_was_lost_is_no_difference():
     life.live(5).order(lib.COMMAND_RESTART).live(150)
     later = [each for each in named(life.contents, "hello") if each > at]
     assert later, "the params are named again"
-    twin, outcomes = heard(without(life.contents, *gone))
+    twin, outcomes = run_twin(without(life.contents, *gone))
     assert [type(each) for each in outcomes] == [
         TwinStarted,
         TwinLost,
@@ -238,7 +238,7 @@ def test_a_difference_of_a_calibrated_probe_is_told():
     at = named(life.contents, "pose")[77]
     wrong = changed(life.contents[at], tilt_sigma=1.0)
     contents = [*life.contents[:at], wrong, *life.contents[at + 1 :]]
-    twin, outcomes = heard(contents)
+    twin, outcomes = run_twin(contents)
     assert isinstance(outcomes[-1], TwinDiffers)
     assert (twin.state, twin.differed) == (TwinState.DIFFERS, 1)
 
@@ -307,7 +307,7 @@ def a_known_life(seed: int) -> list[bytes]:
 
 
 def assert_no_difference(contents: list[bytes]) -> None:
-    twin, outcomes = heard(contents)
+    twin, outcomes = run_twin(contents)
     assert not any(isinstance(outcome, TwinDiffers) for outcome in outcomes)
     assert twin.differed == 0
 

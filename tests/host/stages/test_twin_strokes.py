@@ -7,7 +7,7 @@ from core.stroke_desk import measured
 from imud.stages.twin_outcomes import TwinLost, TwinStarted, TwinState
 from imud.virtual.stroking import Plan
 from stroke_bench import TIP, feel, stroking
-from twin_bench import followed, heard, message_of, named, without
+from twin_bench import followed, message_of, named, run_twin, without
 
 
 def test_a_button_makes_strokes_that_the_twin_computes_again() -> None:
@@ -20,7 +20,7 @@ def test_a_button_makes_strokes_that_the_twin_computes_again() -> None:
     places = [message_of(life.contents[at]) for at in named(life.contents, "pose")]
     assert places[-1].fields["position"] is not None
     assert places[-1].fields["normal"] is not None
-    twin, outcomes = heard(life.contents)
+    twin, outcomes = run_twin(life.contents)
     assert [type(each) for each in outcomes] == [TwinStarted]
     assert (twin.state, twin.differed) == (TwinState.FOLLOWING, 0)
 
@@ -40,7 +40,7 @@ def test_a_stroke_that_differs_is_told() -> None:
     spoilt = bytearray(life.contents[last])
     spoilt[18] ^= 1  # the displacement's first byte
     life.contents[last] = bytes(spoilt)
-    twin, _ = heard(life.contents)
+    twin, _ = run_twin(life.contents)
     assert (twin.state, twin.differed) == (TwinState.DIFFERS, 1)
 
 
@@ -48,7 +48,7 @@ def test_a_lost_press_is_no_difference() -> None:
     life, scene = stroking()
     feel(life, scene.samples, scene.held())
     press = named(life.contents, "button_pressed")[0]
-    twin, outcomes = heard(without(life.contents, press))
+    twin, outcomes = run_twin(without(life.contents, press))
     assert TwinLost in [type(each) for each in outcomes]
     assert twin.differed == 0
 
@@ -59,6 +59,6 @@ def test_rests_make_strokes_where_the_button_does_not() -> None:
     strokes = [message_of(life.contents[at]) for at in named(life.contents, "stroke")]
     ends = [each.fields["end"] for each in strokes if each.fields["end"] != "running"]
     assert ends == ["rest", "rest"]
-    twin, outcomes = heard(life.contents)
+    twin, outcomes = run_twin(life.contents)
     assert [type(each) for each in outcomes] == [TwinStarted]
     assert twin.differed == 0

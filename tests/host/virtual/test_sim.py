@@ -119,8 +119,8 @@ def test_what_is_missing_is_said_in_one_line_with_what_to_do(
     monkeypatch.setattr(sys, "prefix", str(tmp_path / ".venv"))
     monkeypatch.delenv("IMUD_SIM", raising=False)
     assert cli.main(["sim", "nano"]) == 1
-    said = capsys.readouterr().err
-    assert said == "imud: build/sim/nano is not built yet; run `make firmware sim`\n"
+    error = capsys.readouterr().err
+    assert error == "imud: build/sim/nano is not built yet; run `make firmware sim`\n"
 
 
 def test_a_named_file_that_is_not_there_is_an_error(tmp_path: Path) -> None:
@@ -183,18 +183,18 @@ def test_a_bad_recording_is_one_line(
     path.write_text("t_s\n0\n")
     words = ["sim", "nano", *stand_in(ECHO), "--motion", str(path)]
     assert cli.main(words) == 1
-    said = capsys.readouterr().err
-    assert said.startswith(f"imud: {path}:1: no column gyr_x_rad_s,")
-    assert said.count("\n") == 1
+    error = capsys.readouterr().err
+    assert error.startswith(f"imud: {path}:1: no column gyr_x_rad_s,")
+    assert error.count("\n") == 1
 
 
 def test_a_module_that_is_none_is_one_line(
     stand_in: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(["sim", "nano", *stand_in(ECHO), "--module", "best"]) == 1
-    said = capsys.readouterr().err
-    assert "can't read module best" in said
-    assert said.count("\n") == 1
+    error = capsys.readouterr().err
+    assert "can't read module best" in error
+    assert error.count("\n") == 1
 
 
 def test_options_become_the_emulators(stand_in: Any, tmp_path: Path) -> None:

@@ -20,20 +20,20 @@ EMULATOR = """#!{python}
 import sys, time
 sys.path[:0] = {path!r}
 words = sys.argv
-said = dict(zip(words[1::1], words[2::1]))
-if "--record" in said:
+args = dict(zip(words[1::1], words[2::1]))
+if "--record" in args:
     from imud.wire import frame, messages
     from imud.body import fused
     hello = messages.decode(fused.hello((1e-4, 1e-3, 0.1)))
-    fields = dict(hello.fields) | {{"probe_id": int(said["--seed"]).to_bytes(8, "big")}}
+    fields = dict(hello.fields) | {{"probe_id": int(args["--seed"]).to_bytes(8, "big")}}
     content = messages.encode("hello", fields, 0, 0)
-    open(said["--record"], "wb").write(frame.encode_frame(content))
-    open(said["--eeprom"], "wb").write(b"kept")
+    open(args["--record"], "wb").write(frame.encode_frame(content))
+    open(args["--eeprom"], "wb").write(b"kept")
 else:
-    assert open(said["--eeprom"], "rb").read() == b"kept"
+    assert open(args["--eeprom"], "rb").read() == b"kept"
     data = sys.stdin.buffer.read({size})
-    open(said["--pty"] + ".felt", "wb").write(data)
-    print("ready", said["--pty"], file=sys.stderr)
+    open(args["--pty"] + ".felt", "wb").write(data)
+    print("ready", args["--pty"], file=sys.stderr)
 """
 SIZE = STREAM_HEADER.size + 36 * 1000
 

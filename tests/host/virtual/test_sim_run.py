@@ -71,6 +71,6 @@ def test_its_serial_port_appears_speaks_and_goes(
         process.terminate()
         assert "samples" in process.stderr.read()
         assert process.wait() == 0
-    said = messages.decode(contents[0])
-    assert isinstance(said, messages.Message)
+    message = messages.decode(contents[0])
+    assert isinstance(message, messages.Message)
     assert not link.is_symlink()

@@ -30,9 +30,9 @@ def fields_of(content: bytes, name: str) -> list[bytes]:
 
 
 def kind_of(content: bytes) -> str:
-    said = decode(content)
-    assert isinstance(said, Skew), said
-    return said.kind
+    decoded = decode(content)
+    assert isinstance(decoded, Skew), decoded
+    return decoded.kind
 
 
 def approx(value: Any) -> Any:
@@ -41,17 +41,21 @@ def approx(value: Any) -> Any:
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_a_message_comes_back_as_it_was(name: str) -> None:
-    said = decode(encode(name, EXAMPLES[name], 0x89ABCDEF, 0xFEDCBA98))
-    assert isinstance(said, Message)
-    assert (said.name, said.sequence, said.time_us) == (name, 0x89ABCDEF, 0xFEDCBA98)
-    assert list(said.fields) == [
+    decoded = decode(encode(name, EXAMPLES[name], 0x89ABCDEF, 0xFEDCBA98))
+    assert isinstance(decoded, Message)
+    assert (decoded.name, decoded.sequence, decoded.time_us) == (
+        name,
+        0x89ABCDEF,
+        0xFEDCBA98,
+    )
+    assert list(decoded.fields) == [
         f.name for m in schema.MESSAGES if m.name == name for f in m.fields
     ]
     for field, value in EXAMPLES[name].items():
         if value and isinstance(value, tuple) and isinstance(value[0], str):
-            assert said.fields[field] == value
+            assert decoded.fields[field] == value
         else:
-            assert said.fields[field] == approx(value)
+            assert decoded.fields[field] == approx(value)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
@@ -74,19 +78,19 @@ def test_a_quaternion_is_exact_in_doubles(wire: list[int]) -> None:
     norm = sum(number * number for number in wire) ** 0.5 / 2**30
     content = encode("pose", POSE, 0, 0)
     at = HEADER + 1
-    said = decode(content[:at] + struct.pack("<4i", *wire) + content[at + 16 :])
+    decoded = decode(content[:at] + struct.pack("<4i", *wire) + content[at + 16 :])
     if abs(norm - 1) < 1e-3:
-        assert isinstance(said, Message)
-        assert said.fields["q"] == tuple(number / 2**30 for number in wire)
+        assert isinstance(decoded, Message)
+        assert decoded.fields["q"] == tuple(number / 2**30 for number in wire)
     else:
-        assert isinstance(said, Skew)
-        assert said.kind == "impossible_value"
+        assert isinstance(decoded, Skew)
+        assert decoded.kind == "impossible_value"
 
 
 def test_a_decimal_scale_gives_the_decimal() -> None:
-    said = decode(encode("pose", POSE | {"tilt_sigma": 0.07}, 0, 0))
-    assert isinstance(said, Message)
-    assert said.fields["tilt_sigma"] == 0.07
+    decoded = decode(encode("pose", POSE | {"tilt_sigma": 0.07}, 0, 0))
+    assert isinstance(decoded, Message)
+    assert decoded.fields["tilt_sigma"] == 0.07
 
 
 @pytest.mark.parametrize(
@@ -97,9 +101,9 @@ def test_not_available_is_none_in_all_of_a_field_or_in_none(
     name: str, field: str
 ) -> None:
     example = EXAMPLES[name] | {field: None}
-    said = decode(encode(name, example, 0, 0))
-    assert isinstance(said, Message)
-    assert said.fields[field] is None
+    decoded = decode(encode(name, example, 0, 0))
+    assert isinstance(decoded, Message)
+    assert decoded.fields[field] is None
     spec = next(
         f
         for m in schema.MESSAGES
@@ -142,15 +146,19 @@ def test_every_fault_of_every_field_is_named(name: str) -> None:
 
 @pytest.mark.parametrize("length", range(HEADER))
 def test_less_than_a_header_has_no_number(length: int) -> None:
-    said = decode(bytes(length))
-    assert isinstance(said, Skew)
-    assert (said.kind, said.sequence) == ("wrong_length", None)
+    decoded = decode(bytes(length))
+    assert isinstance(decoded, Skew)
+    assert (decoded.kind, decoded.sequence) == ("wrong_length", None)
 
 
 def test_an_id_that_is_no_message_keeps_its_number() -> None:
-    said = decode(b"\x77" + struct.pack("<II", 5, 6))
-    assert isinstance(said, Skew)
-    assert (said.kind, said.sequence, said.time_us) == ("unknown_message", 5, 6)
+    decoded = decode(b"\x77" + struct.pack("<II", 5, 6))
+    assert isinstance(decoded, Skew)
+    assert (decoded.kind, decoded.sequence, decoded.time_us) == (
+        "unknown_message",
+        5,
+        6,
+    )
 
 
 @pytest.mark.parametrize(
@@ -183,21 +191,21 @@ def test_text_that_is_not_text_is_impossible() -> None:
 
 def test_a_hello_of_a_later_schema_is_read_as_far_as_it_is_known() -> None:
     other = FakeProbe(schema_fingerprint=schema.FINGERPRINT ^ 1).content("hello")
-    said = decode(other + b"\xf0\x01\x02")
-    assert isinstance(said, Message)
-    assert said.fields["firmware"] == "0.1.0+fake"
+    decoded = decode(other + b"\xf0\x01\x02")
+    assert isinstance(decoded, Message)
+    assert decoded.fields["firmware"] == "0.1.0+fake"
     board = other.index(bytes([4, 1]), HEADER + 20)
-    said = decode(other[: board + 1] + b"\xee" + other[board + 2 :])
-    assert isinstance(said, Message)
-    assert said.fields["board"] is None
+    decoded = decode(other[: board + 1] + b"\xee" + other[board + 2 :])
+    assert isinstance(decoded, Message)
+    assert decoded.fields["board"] is None
 
 
 def test_a_hello_of_an_older_schema_is_read_if_it_says_who_it_is() -> None:
     other = FakeProbe(schema_fingerprint=schema.FINGERPRINT ^ 1).content("hello")
     parts = fields_of(other, "hello")
-    said = decode(other[:HEADER] + b"".join(parts[:5]))
-    assert isinstance(said, Message)
-    assert list(said.fields)[-1] == "probe_id"
+    decoded = decode(other[:HEADER] + b"".join(parts[:5]))
+    assert isinstance(decoded, Message)
+    assert list(decoded.fields)[-1] == "probe_id"
     assert kind_of(other[:HEADER] + b"".join(parts[:4])) == "missing"
 
 

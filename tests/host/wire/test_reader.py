@@ -23,15 +23,15 @@ PLAIN = [
 
 def in_python(content: bytes, fields: list[FieldCodec]) -> dict[str, object] | None:
     """The same by the slow way; None: a value is impossible."""
-    said: dict[str, object] = {}
+    values: dict[str, object] = {}
     offset = struct.calcsize(schema.HEADER)
     for field in fields:
         try:
-            said[field.name] = field.unpack(content, offset + 1)
+            values[field.name] = field.unpack(content, offset + 1)
         except Impossible:
             return None
         offset += 1 + field.size
-    return said
+    return values
 
 
 @pytest.mark.parametrize("name", PLAIN)
@@ -57,11 +57,11 @@ def test_any_numbers_are_read_as_python_reads_them(name: str) -> None:
             )
             content += bytes([field.tag]) + chance.choice(values)
         expected = in_python(content, fields)
-        said = reader.read(content)
-        if said is not None:
+        result = reader.read(content)
+        if result is not None:
             read += 1
             assert expected is not None
-            sequence, time_us, got = said
+            sequence, time_us, got = result
             assert (sequence, time_us) == struct.unpack(schema.HEADER, head)[1:]
             assert got == expected
             assert [type(value) for value in got.values()] == [
@@ -91,8 +91,8 @@ def test_a_wrong_tag_is_not_read(name: str) -> None:
 @pytest.mark.parametrize("norm", [1.0, 1.0004, 1.0008, 0.9992, 1.002, 0.998])
 def test_a_norm_that_python_accepts_is_accepted(norm: float) -> None:
     fields = EXAMPLES["pose"] | {"q": (norm, 0.0, 0.0, 0.0)}
-    said = messages.decode(messages.encode("pose", fields, 1, 2))
-    assert isinstance(said, Message) == (abs(norm - 1) < 1e-3)
+    decoded = messages.decode(messages.encode("pose", fields, 1, 2))
+    assert isinstance(decoded, Message) == (abs(norm - 1) < 1e-3)
 
 
 def test_it_refuses_fields_that_it_can_not_read() -> None:
