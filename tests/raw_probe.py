@@ -112,8 +112,8 @@ class Stream:
         before = len(probe.commands)
         while not self._stop.wait(PAUSE_S):
             port.write(port.answers(probe))
-            told = {each["command"] for each in probe.commands[before:]}
-            if self._asks not in told:
+            commands = {each["command"] for each in probe.commands[before:]}
+            if self._asks not in commands:
                 continue
             burst = self._samples[self.sent : self.sent + BURST]
             self.sent += len(burst)

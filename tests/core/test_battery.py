@@ -22,7 +22,7 @@ class Battery:
     def __init__(self) -> None:
         self.state = ffi.new("struct battery *")
         lib.battery_init(self.state)
-        self.told: list[int] = []  # the readings, from 1, at which it got low
+        self.low_at: list[int] = []  # the readings, from 1, at which it got low
         self.count = 0
 
     def take(
@@ -42,7 +42,7 @@ class Battery:
             reading = ffi.new("struct battery_reading *", (mv, supply, charge))
             self.count += 1
             if lib.battery_step(self.state, reading):
-                self.told.append(self.count)
+                self.low_at.append(self.count)
         return self
 
     @property
@@ -58,7 +58,7 @@ def test_nothing_is_known_before_a_reading():
 @pytest.mark.parametrize("mv", [0, 1999, 4601, 6600, UNKNOWN])
 def test_what_no_cell_brings_is_not_known_and_never_low(mv):
     battery = Battery().take(mv, 60)
-    assert (battery.state.mv, battery.power, battery.told) == (UNKNOWN, 0, [])
+    assert (battery.state.mv, battery.power, battery.low_at) == (UNKNOWN, 0, [])
 
 
 @pytest.mark.parametrize("mv", [2000, 3299, 3300, 4600])
@@ -76,20 +76,20 @@ def test_a_step_is_smoothed_over_some_seconds():
 
 def test_low_is_told_once_after_ten_seconds():
     battery = Battery().take(3299, 9.9)
-    assert (battery.told, battery.power) == ([], 0)
+    assert (battery.low_at, battery.power) == ([], 0)
     battery.take(3299, 120)
-    assert (battery.told, battery.power) == ([100], LOW)
+    assert (battery.low_at, battery.power) == ([100], LOW)
 
 
 def test_at_the_bound_it_is_not_low():
-    assert Battery().take(3300, 60).told == []
+    assert Battery().take(3300, 60).low_at == []
 
 
 def test_a_dip_under_load_is_not_empty():
     battery = Battery()
     for _ in range(20):
         battery.take(3100, 6).take(3700, 6)
-    assert battery.told == []
+    assert battery.low_at == []
 
 
 def test_low_lasts_between_the_bounds_and_ends_above():
@@ -97,7 +97,7 @@ def test_low_lasts_between_the_bounds_and_ends_above():
     assert battery.take(3500, 60).power == LOW
     assert battery.take(3510, 20).power == 0
     assert battery.take(3250, 60).power == LOW
-    assert len(battery.told) == 2
+    assert len(battery.low_at) == 2
 
 
 def test_external_power_ends_low_and_keeps_it_away():
@@ -107,7 +107,7 @@ def test_external_power_ends_low_and_keeps_it_away():
     assert battery.power == 0
     battery.take(3250, 0.2)
     assert battery.power == LOW
-    assert len(battery.told) == 2
+    assert len(battery.low_at) == 2
 
 
 def test_a_divider_that_comes_off_ends_low():

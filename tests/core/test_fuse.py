@@ -159,10 +159,10 @@ def test_a_passing_magnet_is_told_and_turns_the_heading_by_little():
     quat = at_rest(40)
     felt = passing_magnet(scene(quat, 200, seed=6), 10, 20)
     found, _, quality = centred(200).feel(felt)
-    told = quality["is_mag_disturbed"]
-    assert not told[:2000].any()
-    assert told[2500:3800].all()
-    assert not told[4400:].any()
+    is_disturbed = quality["is_mag_disturbed"]
+    assert not is_disturbed[:2000].any()
+    assert is_disturbed[2500:3800].all()
+    assert not is_disturbed[4400:].any()
     heading = desk.heading_deg(found, felt.quat)
     assert heading[1000:2000].max() < 1
     assert heading[2000:].max() < 3

@@ -140,26 +140,26 @@ def bounce(bench: Bench, is_down: bool, spells_ms: list[int]) -> None:
 @pytest.mark.parametrize("releasing", BOUNCES.values(), ids=BOUNCES)
 def test_a_click_toggles_the_stream_once_however_it_bounces(pressing, releasing):
     bench = Bench().find_sensor().run(3)
-    told = len(bench.events())
+    count = len(bench.events())
     for event in (lib.EVENT_STREAM_STARTED, lib.EVENT_STREAM_STOPPED):
         bounce(bench, True, pressing)
         bounce(bench, False, releasing)
-        assert bench.events()[told:] == [
+        assert bench.events()[count:] == [
             (lib.EVENT_BUTTON_PRESSED, lib.CAUSE_BUTTON, 0),
             (lib.EVENT_BUTTON_RELEASED, lib.CAUSE_BUTTON, 0),
             (event, lib.CAUSE_BUTTON, 0),
         ]
-        told += 3
+        count += 3
     assert bench.state == lib.STATE_IDLE
 
 
 def test_a_button_that_is_only_touched_does_nothing():
     bench = Bench().find_sensor().run(3)
-    told = len(bench.events())
+    count = len(bench.events())
     for _ in range(20):
         bench.hold(True, 49)
         bench.hold(False, 60)
-    assert len(bench.events()) == told
+    assert len(bench.events()) == count
 
 
 def test_button_and_commands_stop_what_the_other_started():

@@ -130,10 +130,10 @@ def test_a_reset_is_told_with_its_address():
 def test_equipment_is_told_every_second_apart_from_hello_and_status():
     bench = Bench(equipment={"clock": lib.CLOCK_SPARE, "card_block": 7})
     bench.find_sensor().run(5.3)
-    told = bench.of("equipment")
-    assert [message.time_us // SECOND_US for message in told] == [0, 1, 2, 3, 4, 5]
-    assert all(250_000 <= message.time_us % SECOND_US < 320_000 for message in told)
-    fields = told[0].fields
+    messages = bench.of("equipment")
+    assert [message.time_us // SECOND_US for message in messages] == [0, 1, 2, 3, 4, 5]
+    assert all(250_000 <= message.time_us % SECOND_US < 320_000 for message in messages)
+    fields = messages[0].fields
     assert (fields["clock"], fields["card_block"]) == (lib.CLOCK_SPARE, 7)
     assert fields["battery"] == 0xFFFF  # its null
 
@@ -218,9 +218,9 @@ def test_a_log_without_room_shows_by_its_numbers_and_its_count():
         after - before - 1 for before, after in pairwise(numbers) if after > before + 1
     ]
     assert hole >= 200
-    told = bench.of("equipment")[-1].fields
-    assert told["messages_unlogged"] == hole
-    assert told["messages_logged"] == card.of("equipment")[-1].sequence - hole
+    fields = bench.of("equipment")[-1].fields
+    assert fields["messages_unlogged"] == hole
+    assert fields["messages_logged"] == card.of("equipment")[-1].sequence - hole
     assert len(bench.of("pose")) == sent + 400  # the wire has not noticed
 
 
@@ -233,9 +233,9 @@ def test_a_host_that_comes_gets_a_hello():
 def test_what_a_board_tells_is_an_event():
     bench, card = logging(0.1)
     lib.probe_tell(bench.c, lib.EVENT_CARD_FAULT, lib.CAUSE_WORN, 4711, bench.time_us)
-    told = (lib.EVENT_CARD_FAULT, lib.CAUSE_WORN, 4711)
-    assert bench.events()[-1] == told
-    assert tuple(card.of("event")[-1].fields.values()) == told
+    event = (lib.EVENT_CARD_FAULT, lib.CAUSE_WORN, 4711)
+    assert bench.events()[-1] == event
+    assert tuple(card.of("event")[-1].fields.values()) == event
 
 
 def test_a_board_can_stop_the_stream_and_says_why():

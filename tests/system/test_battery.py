@@ -25,9 +25,9 @@ def test_a_low_battery_ends_the_log_says_so_and_sleeps_until_the_button(
     )
     assert not done.summary["crashed"]
     assert done.summary["firmware_complaint"] is None
-    told = [event for event in done.events if event[0] not in ("card_ready",)]
-    at = told.index(("battery_low", "battery"))
-    assert told[at + 1 : at + 4] == [
+    events = [event for event in done.events if event[0] not in ("card_ready",)]
+    at = events.index(("battery_low", "battery"))
+    assert events[at + 1 : at + 4] == [
         ("stream_stopped", "battery"),
         ("log_ended", "battery"),
         ("going_to_sleep", "battery"),

@@ -155,11 +155,11 @@ def test_two_chips_do_the_same() -> None:
         chip.run_gyro()
         chip.run_accel()
         chip.run_mag()
-        told = []
+        answers = []
         for i in range(200):
             chip.hold(gyr=(0.01 * i, 0, 0), acc=(0, 0.1 * i, 0), mag=(0, 0, 0.2 * i))
-            told += [chip.sample(GYR), *chip.get(G, ON | 0x27, 7)]
-            told += chip.get(XM, ON | 0x07, 7) + chip.get(XM, ON | 0x27, 7)
-        return told
+            answers += [chip.sample(GYR), *chip.get(G, ON | 0x27, 7)]
+            answers += chip.get(XM, ON | 0x07, 7) + chip.get(XM, ON | 0x27, 7)
+        return answers
 
     assert story() == story()

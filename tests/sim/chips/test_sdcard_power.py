@@ -119,15 +119,15 @@ def test_a_run_s_end_lets_it_finish(card: Card) -> None:
 def test_two_cards_of_a_seed_do_the_same_and_others_do_not(tmp_path: Path) -> None:
     def story(seed: int) -> tuple[bytes, int]:
         card = Card(tmp_path, seed=seed).identify()
-        told = bytearray()
+        answers = bytearray()
         for number in range(20):
             card.r1(25, 0)
             for _ in range(3):
-                told.append(card.put(pattern(number), 0xFC))
+                answers.append(card.put(pattern(number), 0xFC))
                 card.ready()
             card.stop()
-            told += card.read(0)
-        return bytes(told), card.now
+            answers += card.read(0)
+        return bytes(answers), card.now
 
     assert story(1) == story(1)
     assert story(1)[1] != story(2)[1]

@@ -120,7 +120,7 @@ def test_a_slow_card_comes_from_the_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "expected"),
     [
         (("--card-kind", "sdhc"), "--card FILE"),
         (("--card", "card.img", "--card-kind", "mmc"), "sdsc or sdhc"),
@@ -130,7 +130,7 @@ def test_a_slow_card_comes_from_the_file(tmp_path: Path) -> None:
     ],
 )
 def test_options_that_make_no_card_are_told(
-    tmp_path: Path, options: tuple[str, ...], told: str
+    tmp_path: Path, options: tuple[str, ...], expected: str
 ) -> None:
     made(tmp_path)
     (tmp_path / "odd.img").write_bytes(bytes(1000))
@@ -144,7 +144,7 @@ def test_options_that_make_no_card_are_told(
         check=False,
     )
     assert done.returncode == 2
-    assert told in done.stderr
+    assert expected in done.stderr
 
 
 def test_a_rate_beyond_the_card_s_is_a_complaint(tmp_path: Path) -> None:

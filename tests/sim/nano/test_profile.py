@@ -135,14 +135,14 @@ def test_an_interrupt_is_measured_from_its_entry_to_its_return(profile: Any) -> 
 
 
 def test_to_be_watched_changes_nothing(image: Path, tmp_path: Path) -> None:
-    told = {}
+    results = {}
     for name in ("alone", "watched"):
         record, summary = tmp_path / f"{name}.bin", tmp_path / f"{name}.json"
         watch = ("--profile", tmp_path / "out.json") if name == "watched" else ()
         output = run(image, "--record", record, "--summary", summary, *watch)
-        told[name] = output, record.read_bytes(), summary.read_text()
-    assert told["alone"] == told["watched"]
-    assert len(told["alone"][1]) == 1
+        results[name] = output, record.read_bytes(), summary.read_text()
+    assert results["alone"] == results["watched"]
+    assert len(results["alone"][1]) == 1
 
 
 @pytest.mark.parametrize("text", ["0 100\n", "zero 100 part\n", "0 8002 part\n"])
