@@ -105,7 +105,7 @@ FILTER_FUNCTIONS = {
     "integrate": "fuse.integrate",
     "fuse_look_for_rest": "fuse.rest",
     "add_to_means": "fuse.means",
-    "fuse_take_reading": "fuse.reading",
+    "take_reading": "fuse.reading",
 }
 
 # Of the ATmega328P: data sheet, table 12-6, the vectors that the firmware uses. The

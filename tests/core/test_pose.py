@@ -74,7 +74,7 @@ def test_the_lag_that_each_magnetometer_starts_from(kind, lag_s):
     tracker = Tracker()
     identity = desk.identity_of(kind=kind)
     assert lib.pose_begin(tracker.c, desk.EXACT, identity, lib.FILTER_FUSE)
-    lag_q35 = tracker.c.attitude.fuse.lag_s_q35
+    lag_q35 = tracker.c.attitude.fuse.state.lag_s_q35
     assert lag_q35 / 2**35 == pytest.approx(lag_s, abs=1e-6)
 
 
@@ -117,7 +117,7 @@ def test_the_calibration_comes_once_after_its_window_and_removes_the_bias():
     uncalibrated = has(poses, lib.POSE_UNCALIBRATED)
     assert uncalibrated[:done].all()
     assert not uncalibrated[done:].any()
-    found = tracker.c.attitude.fuse.calibrated_rad_s_q25
+    found = tracker.c.attitude.fuse.state.calibrated_rad_s_q25
     found_deg_s = np.array([found.x, found.y, found.z]) / desk.RATE / DEGREE
     assert np.abs(found_deg_s - bias).max() < 0.02
     level = np.tile(rotation.IDENTITY, (len(poses), 1))
