@@ -15,7 +15,7 @@ unexport PLATFORMIO_CORE_DIR
 unexport PYTHONDONTWRITEBYTECODE
 # Tests run in several processes: those that load the firmware's C under the address
 # sanitizer, then the others, of which many wait, so that there are more than cores
-# (docs/decisions/0091-plain-pytest.md). C++ that throws has to be there before the
+# (docs/decisions/0020-plain-pytest.md). C++ that throws has to be there before the
 # sanitizer, and what that complains of would go down with a process's stderr.
 cores := $(shell nproc)
 log := detect_leaks=0:log_path=$(CURDIR)/build/sanitizer
