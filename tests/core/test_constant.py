@@ -157,3 +157,50 @@ def test_a_limit_that_is_loaded_by_its_upper_half_has_no_lower_one(
     found = numbers("gcc", tmp_path, f'#include "{path}"', names)
     uneven = [name for name, n in zip(names, found, strict=True) if n % 65536]
     assert uneven == []
+
+
+# What products of 32 bits need of the filter's numbers: the one to blame, the product
+# at its largest, and how many bits that may have.
+PRODUCTS = [
+    # sqrt(16 * 4096 * (3^2 + 3 * 90^2)): three axes of a surprise of 90 uT.
+    (
+        "FUSE_FIELD_NOISE_UT2_S",
+        "fuse_field.c",
+        "INT64_C(39910) * (FIELD_NOISE / 768)",
+        31,
+    ),
+    (
+        "FUSE_TURNING_SHARE",
+        "fuse_field.c",
+        "INT64_C(1) * (TURNING_FAR + FIELD_UNIT_FINE) * TURNING_NOISE"
+        " + INT64_C(1) * TURNING_LEANING_MAX_Q18 * TURNING_LEANING",
+        31,
+    ),
+    (
+        "FUSE_MOTION_DRIFT_S",
+        "fuse_gyro.c",
+        "MOTION_NOISE + INT64_C(1) * MOTION_DRIFT_MAX_Q30 * MOTION_DRIFT",
+        30,
+    ),
+    (
+        "FUSE_WARMING_DPS2_S",
+        "fuse_gyro.c",
+        "BIAS_VARIANCE(FUSE_PER_WINDOW(FUSE_WARMING_DPS2_S) * WARMING_STEPS)",
+        16,
+    ),
+    (
+        "FUSE_STROKE_NOISE_MAX_M2_S4",
+        "fuse_stroke.c",
+        "INT64_C(1) * DRIFT_NOISE_MAX * DRIFT_NOISE + 1",
+        30,
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "file", "product", "bits"), PRODUCTS)
+def test_a_number_of_the_filter_keeps_its_products_in_range(
+    name: str, file: str, product: str, bits: int, tmp_path: Path
+) -> None:
+    include = f'#include "{CORE / "fusion" / file}"'
+    (found,) = numbers("gcc", tmp_path, include, [product])
+    assert 0 < found < 2**bits, f"{name} in fuse_params.h is too large: {found}"

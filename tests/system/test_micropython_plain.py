@@ -19,6 +19,7 @@ from imud.stages.fusion import FusionStage
 from imud.wire import schema
 from imud.wire.messages import Message, decode
 from sessions import received
+from streaming import until
 from system.live import LiveProbe, hear, take
 from system.virtual import (
     MICROPYTHON,
@@ -107,6 +108,8 @@ def test_a_board_without_the_module_has_poses_at_a_subscriber(
         with Client(daemon.endpoint) as client:
             client.wait_for(seconds=PATIENCE_S)
             poses = take(hear(client, "pose"), 60)
+            # A status is up to a second old.
+            until(lambda: client.statuses()[0]["fusion"]["is_on_host"])
             (status,) = client.statuses()
         probe.end()
         daemon.stop()

@@ -80,7 +80,9 @@
 #define FUSE_LAG_SLOPE_MAX_UT_S 1999.9
 
 // Magnetometer readings.
-#define FUSE_FIELD_NOISE_UT2_S 5.5  // mostly what is uneven in a room; fitted
+// Mostly what is uneven in a room; fitted. At most 7.8: the noise of the farthest
+// reading has 32 bits.
+#define FUSE_FIELD_NOISE_UT2_S 5.5
 #define FUSE_FIELD_NOISE_MAX_UT2 900.0
 #define FUSE_REST_FACTOR 3          // of that at rest, where readings repeat
 #define FUSE_FIELD_DRIFT_S2 810.0   // noise by a level that leans; fitted
