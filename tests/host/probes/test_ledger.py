@@ -26,6 +26,11 @@ def note(account: Account, *contents: bytes) -> list[Judged]:
     return [j for content in contents for j in account.note(decoded(content))]
 
 
+def good_ones(account: Account, content: bytes) -> list[bytes]:
+    judged = note(account, content)
+    return [j.frame.content for j in judged if j.verdict is FrameVerdict.GOOD]
+
+
 def verdicts(account: Account, *contents: bytes) -> list[str]:
     return [judged.verdict.value for judged in note(account, *contents)]
 
@@ -97,7 +102,7 @@ def test_the_identity_holds_over_any_boots_with_or_without_their_hello(
     for fates, is_hello_heard in boots:
         hello = probe.content("hello")
         if is_hello_heard:
-            passed += [j.frame.content for j in note(account, hello)]
+            passed += good_ones(account, hello)
         delayed: list[bytes] = []
         for fate in fates:
             content = probe.content("pose")
@@ -105,9 +110,7 @@ def test_the_identity_holds_over_any_boots_with_or_without_their_hello(
             if fate == "skew":
                 content = skewed(content)
             for copy in copies.get(fate, [content]):
-                judged = note(account, copy)
-                good = [j for j in judged if j.verdict is FrameVerdict.GOOD]
-                passed += [j.frame.content for j in good]
+                passed += good_ones(account, copy)
             if fate == "delay":
                 delayed.append(content)
         note(account, *delayed)
