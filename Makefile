@@ -58,7 +58,7 @@ coverage: ## fails where a line of firmware/core is run by none of its tests
 	@rm -rf build/native
 	@IMU_COVERAGE=1 python -m pytest -q -n $(cores) --dist loadfile -m native \
 	  tests/core tests/protocol
-	@gcovr --fail-under-line 100 --filter firmware/core/ build/native
+	@gcovr --merge-lines --fail-under-line 100 --filter firmware/core/ build/native
 
 fuzz: ## any input at all, with clang's fuzzer (SECONDS=60 for each target)
 	@$(PYTHON) tools/setup.py check
