@@ -14,8 +14,7 @@ STEPS = 2**14  # of a row of 1
 def outputs(inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Levels in 16 bits and in 32, both in steps of 16 bits."""
     short, axis = ffi.new("struct lowpass_short *"), ffi.new("int32_t[2]")
-    # Of 3 s in steps of 0.1 s, as fuse_level.c has them.
-    gain = ffi.new("struct lowpass_gain *", (25313034, 1038540272, 30))
+    gain = ffi.new("struct lowpass_gain *", lib.fuse_level_gain)
     found = []
     for count, value in enumerate(inputs.tolist(), 1):
         lib.lowpass_short_step(short, [value, 0, 0, 0, 0, -value], min(count, 255))

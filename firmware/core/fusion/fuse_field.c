@@ -82,7 +82,7 @@ enum {
 #define TURNING_LEANING ROUNDED(FUSE_TURNING_DRIFT_S2 / 4 * 8)
 #define TURNING_NOISE_MAX INT32_C(1000000000)  // of what kalman_read takes
 // Half of what a heading error of 4 degrees changes, from q14_18 to q2_14.
-#define TURNED_BY_Q30 Q_RAD(4.0 / 2 / 16, 30)
+#define TURNED_BY_Q30 Q_RAD(FUSE_HEADING_UNIT_DEG / 2.0 / 16, 30)
 #define TURNED_BY_FIELD_Q18 Q18(FUSE_TURNING_FIELD_MAX_UT)
 #define TURNED_OFF_Q30 Q_RAD(0.5 * 128, 30)  // half a degree, from q14_18 to q7_25
 
@@ -93,7 +93,7 @@ enum {
     Q_RAD2(FUSE_PER_WINDOW(FUSE_HEADING_WANDER_ALONE_DEG2_S), 39)
 #define HEADING_WANDER_TURNED                                                          \
     Q_RAD2(FUSE_PER_WINDOW(FUSE_HEADING_WANDER_TURNED_DEG2_S), 39)
-#define HEADING_TURNED Q_RAD2(4 * 4, 39 - 17)
+#define HEADING_TURNED Q_RAD2(SQUARE(FUSE_HEADING_UNIT_DEG), 39 - 17)
 #define COVARIANCE_SHARE_Q30 Q30(FUSE_COVARIANCE_SHARE)
 
 // One copy, whose numbers are on the stack only while it runs.

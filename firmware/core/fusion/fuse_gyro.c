@@ -23,14 +23,10 @@ enum {
 #define REST_RATE_LIMIT_Q25 Q25(FUSE_REST_RATE_MAX_RAD_S)
 #define BIAS_LIMIT_Q25 Q25(FUSE_BIAS_MAX_RAD_S)
 
-// States: bias in 4ths of 1 deg/s, scales in 500ths, the heading's error in 4 deg.
-// Variances of them as q11_21.
-#define RATE_UNIT_DPS 500
-#define HEADING_UNIT_DEG 4
-#define BIAS_VARIANCE(square_dps) Q21((square_dps)*16)
-#define SCALE_VARIANCE(square) Q21(1.0 * RATE_UNIT_DPS * RATE_UNIT_DPS * (square))
-#define TURNED_VARIANCE(square_deg)                                                    \
-    Q21((square_deg) / (HEADING_UNIT_DEG * HEADING_UNIT_DEG))
+// Variances of the states as q11_21.
+#define BIAS_VARIANCE(square_dps) Q21(SQUARE(FUSE_BIAS_UNITS) * (square_dps))
+#define SCALE_VARIANCE(square) Q21(SQUARE(1.0 * FUSE_RATE_UNIT_DPS) * (square))
+#define TURNED_VARIANCE(square_deg) Q21((square_deg) / SQUARE(FUSE_HEADING_UNIT_DEG))
 #define BIAS_VARIANCE_MAX BIAS_VARIANCE(SQUARE(FUSE_BIAS_SIGMA_DPS))
 #define BIAS_VARIANCE_FOUND BIAS_VARIANCE(SQUARE(FUSE_BIAS_FOUND_SIGMA_DPS))
 #define SCALE_VARIANCE_MAX SCALE_VARIANCE(SQUARE(FUSE_SCALE_SIGMA))
@@ -40,7 +36,7 @@ enum {
 #define TURNED_STEP_MAX TURNED_VARIANCE(FUSE_TURNED_STEP_MAX_DEG2)
 #define BIAS_WANDER BIAS_VARIANCE(FUSE_PER_WINDOW(FUSE_BIAS_WANDER_DPS2_S))
 #define WARMING                                                                        \
-    ((uint16_t)BIAS_VARIANCE(FUSE_WARMING_DPS2_S * FUSE_WINDOW_S * WARMING_STEPS))
+    ((uint16_t)BIAS_VARIANCE(WARMING_STEPS * FUSE_PER_WINDOW(FUSE_WARMING_DPS2_S)))
 #define SCALE_WANDER SCALE_VARIANCE(FUSE_PER_WINDOW(FUSE_SCALE_WANDER_S))
 // Of what levelling corrects in a look, (deg/s)^2 q11_21; the square of what goes on is
 // (rad/s)^2 q2_30.
@@ -56,13 +52,13 @@ enum {
 #define TURN_LIMIT_Q14 Q14(FUSE_TURN_MAX)
 #define SCALE_LIMIT_Q30 Q30(FUSE_SCALE_MAX)
 // rad/s as q15 to q2_14 in 500 deg/s; the product is halved.
-#define TURN_GAIN_Q30 Q_DEG(1.0 / RATE_UNIT_DPS / 2, 30)
+#define TURN_GAIN_Q30 Q_DEG(1.0 / FUSE_RATE_UNIT_DPS / 2, 30)
 // A scale as q2_30 times 500 deg/s to rad/s q7_25.
-#define EFFECT_GAIN_Q30 Q_RAD(RATE_UNIT_DPS / 32.0, 30)
+#define EFFECT_GAIN_Q30 Q_RAD(FUSE_RATE_UNIT_DPS / 32.0, 30)
 // Scale a rad/s of surprise, from q7_25 to q2_30; half of it.
-#define SCALE_GAIN_Q30 Q_DEG(32.0 / RATE_UNIT_DPS / 2, 30)
+#define SCALE_GAIN_Q30 Q_DEG(32.0 / FUSE_RATE_UNIT_DPS / 2, 30)
 // A window of a rate in 1 deg/s, in 4 deg.
-#define TURNED_GAIN_Q30 Q30(FUSE_WINDOW_S / HEADING_UNIT_DEG)
+#define TURNED_GAIN_Q30 Q30(FUSE_WINDOW_S / FUSE_HEADING_UNIT_DEG)
 
 _Static_assert((int)LOWPASS_SHORTS == (int)FUSE_TURNS, "one for each state that turns");
 

@@ -24,9 +24,15 @@ enum {
     // Squared distances as 64ths of 1 uT2, shares as 65536ths.
     FUSE_FIELD_UNIT = ROUNDED(FUSE_SURPRISE_UT * FUSE_SURPRISE_UT * 64),
     FUSE_FIELD_STRANGE = Q16(FUSE_STRANGE_SHARE),
-    FUSE_FIELD_ASTRAY = Q16(FUSE_ASTRAY_SHARE) - 1,  // is an int of 16 bits
+    FUSE_FIELD_ASTRAY = Q16(FUSE_ASTRAY_SHARE) - 1,  // the AVR's int ends at 32767
     FUSE_Q2_14_ONE = 16384,
 };
+
+// The units of motion_covariance: bias in 4ths of 1 deg/s, scales in 500ths, that is in
+// deg/s at 500 deg/s, the heading's error in 4 deg.
+#define FUSE_BIAS_UNITS 4
+#define FUSE_RATE_UNIT_DPS 500
+#define FUSE_HEADING_UNIT_DEG 4
 
 #define FUSE_HEADING_VARIANCE_MAX_Q30 Q2_30_ONE  // (57 deg)^2
 #define FUSE_HEADING_FREE_Q30 Q_RAD2(SQUARE(FUSE_HEADING_FREE_DEG), 30)

@@ -9,9 +9,10 @@
 #define DRIFT_NOISE_MAX ((uint32_t)Q30(FUSE_STROKE_NOISE_MAX_M2_S4))
 #define WINDOW_TURNS (GRAVITY_M_S2 * FUSE_WINDOW_S)  // m/s2 a rad/s of bias
 // (m/s2)^2 q2_30 of one window as the variance of a bias in 4ths of 1 deg/s, q11_21.
-#define DRIFT_NOISE ((uint32_t)Q_DEG2(16.0 / 512 / (SQUARE(WINDOW_TURNS)), 0))
+#define DRIFT_NOISE                                                                    \
+    ((uint32_t)Q_DEG2(SQUARE(1.0 * FUSE_BIAS_UNITS) / 512 / (SQUARE(WINDOW_TURNS)), 0))
 // m/s2 q15 of one window as a bias, rad/s q7_25, four times.
-#define DRIFT_TURN ROUNDED(4 * 1024 / WINDOW_TURNS)
+#define DRIFT_TURN ROUNDED(FUSE_BIAS_UNITS * 1024 / WINDOW_TURNS)
 
 void fuse_deny_rest(struct fuse *fuse) {
     fuse->state.rest_looks = 0;

@@ -2,11 +2,13 @@
 // Second-order Butterworth low-pass; see lowpass.h.
 #include "core/fusion/lowpass.h"
 
-// Of 3 s in steps of 0.1 s: the gains of lowpass.h as 2^16ths, 1 less the feedback.
+#include "core/fusion/fuse_params.h"
+
+// As the force is low-passed: the gains of lowpass.h as 2^16ths, 1 less the feedback.
 enum {
-    SHORT_INTEGRATOR = Q16(LOWPASS_INTEGRATOR(0.1, 3)),
-    SHORT_LOSS = Q16(1 - LOWPASS_FEEDBACK(0.1, 3)),
-    SHORT_SETTLE = 30,
+    SHORT_INTEGRATOR = Q16(LOWPASS_INTEGRATOR(FUSE_WINDOW_S, FUSE_LEVEL_TAU_S)),
+    SHORT_LOSS = Q16(1 - LOWPASS_FEEDBACK(FUSE_WINDOW_S, FUSE_LEVEL_TAU_S)),
+    SHORT_SETTLE = FUSE_WINDOWS(FUSE_LEVEL_TAU_S),
 };
 
 void lowpass_axis_step(int32_t *level, int32_t *band,

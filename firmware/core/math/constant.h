@@ -57,7 +57,6 @@
 #define Q25(value) ((int32_t)Q_OF(value, 25))
 #define Q30(value) ((int32_t)Q_OF(value, 30))
 #define Q35(value) ((int32_t)Q_OF(value, 35))
-#define Q39(value) ((int32_t)Q_OF(value, 39))
 #define Q32_UNSIGNED(value) ((uint32_t)Q_OF(value, 32))
 
 // Degrees (or deg/s) as radians and the other way round, and the same of squares. The
