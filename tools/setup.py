@@ -302,18 +302,11 @@ def step(name: str, *command: str) -> None:
     """Run a command, print its name and seconds; if it fails, exit with its output."""
     DISPLAY.begin(name)
     start = time.monotonic()
-    environment = {
-        **os.environ,
-        "PATH": f"{VENV / 'bin'}{os.pathsep}{os.environ['PATH']}",
-        "PLATFORMIO_SETTING_ENABLE_TELEMETRY": "no",
-        "PLATFORMIO_DISABLE_UPGRADE_CHECK": "true",
-    }
-    environment.pop("PLATFORMIO_CORE_DIR", None)  # it would override platformio.ini
     with tempfile.TemporaryFile("w+", errors="replace") as output:
         done = subprocess.run(
             command,
             cwd=ROOT,
-            env=environment,
+            env=checkout.environment_of(VENV / "bin"),
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,

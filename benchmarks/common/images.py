@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import configparser
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 from benchmarks.common.boards import NANO
 from benchmarks.common.paths import PROJECT
+from imud import checkout
 from imud.virtual import sim
 
 OFFICIAL = "nano_pio"  # the Nano's image from PlatformIO's own compiler
@@ -56,9 +56,7 @@ def build(environment: str) -> Path:
     done = subprocess.run(
         [sys.executable, "-m", "platformio", "run", "--silent", "-e", environment],
         cwd=PROJECT,
-        env={
-            key: os.environ[key] for key in os.environ if key != "PLATFORMIO_CORE_DIR"
-        },
+        env=checkout.environment_of(Path(sys.executable).parent),
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,

@@ -134,17 +134,22 @@ def _say(what: str) -> None:
     sys.stderr.flush()
 
 
-def _build(command: list[str], by_hand: str) -> None:
+def environment_of(programs: Path) -> dict[str, str]:
+    """The environment of tools that lie in the folder of a virtual environment."""
     environment = {
         **os.environ,
-        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
         "PLATFORMIO_SETTING_ENABLE_TELEMETRY": "no",
         "PLATFORMIO_DISABLE_UPGRADE_CHECK": "true",
     }
     environment.pop("PLATFORMIO_CORE_DIR", None)  # it would override platformio.ini
+    return environment
+
+
+def _build(command: list[str], by_hand: str) -> None:
     done = subprocess.run(
         command,
-        env=environment,
+        env=environment_of(Path(sys.executable).parent),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
