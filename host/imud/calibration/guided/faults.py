@@ -54,7 +54,12 @@ def _stuck(
     sensors = (
         ("accelerometer", acc, ALIVE_M_S2, DEAD_M_S2),
         ("gyroscope", np.ptp(recording.gyr, axis=0), ALIVE_RAD_S, DEAD_RAD_S),
-        ("magnetometer", np.ptp(there, axis=0) if len(there) else None, *MAG_RANGE),
+        (
+            "magnetometer",
+            np.ptp(there, axis=0) if len(there) else None,
+            ALIVE_UT,
+            DEAD_UT,
+        ),
     )
     for name, swing, alive, dead in sensors:
         if swing is None or np.median(swing) < alive:
@@ -67,9 +72,6 @@ def _stuck(
                 BROKEN,
             )
     return None
-
-
-MAG_RANGE = (ALIVE_UT, DEAD_UT)
 
 
 def _swapped(recording: SensorRecording, fit: ModuleFit) -> CalibrationFault | None:
@@ -118,7 +120,7 @@ def _gyro_axes(recording: SensorRecording, fit: ModuleFit) -> str | None:
 
 
 def of_room(fit: ModuleFit, earth: Earth | None) -> CalibrationFault | None:
-    """The same, and a field that is not that of the place."""
+    """A field that is uneven, or not that of the place."""
     mag = fit.mag
     if mag is None:
         return None
