@@ -16,6 +16,7 @@ import pytest
 
 import native
 from imud import checkout
+from imud.virtual.sim import BOARDS
 
 pytest_plugins = ["native_mark", "length"]
 
@@ -93,26 +94,13 @@ def shared_data() -> Path:
     return data
 
 
-# By board: the name of its simulator, its image, and what builds that.
-BOARDS = {
-    "nano": ("nano", ".pio/build/nano/firmware.elf", "make firmware"),
-    "f405": ("f405", ".pio/build/stm32f405/firmware.elf", "make firmware BOARD=f405"),
-    "micropython": (
-        "f405",
-        "build/micropython/pyboard/micropython",
-        "make firmware BOARD=micropython",
-    ),
-}
-
-
 class Boards(dict[str, tuple[Path, Path]]):
     """By name: the simulator of a virtual board, and its image. They are looked for
     when a test asks for them, so that it needs no images of other boards.
     """
 
     def __missing__(self, name: str) -> tuple[Path, Path]:
-        simulator = ROOT / "build" / "sim" / BOARDS[name][0]
-        self[name] = built(simulator, "make sim"), built_image(name)
+        self[name] = built_simulator(name), built_image(name)
         return self[name]
 
 
@@ -131,13 +119,13 @@ def image() -> Path:
 @pytest.fixture(scope="session")
 def nano() -> Path:
     """The virtual Nano."""
-    return built(ROOT / "build" / "sim" / "nano", "make sim")
+    return built_simulator("nano")
 
 
 @pytest.fixture(scope="session")
 def f405() -> Path:
     """The virtual STM32F405."""
-    return built(ROOT / "build" / "sim" / "f405", "make sim")
+    return built_simulator("f405")
 
 
 @pytest.fixture(scope="session")
@@ -171,9 +159,12 @@ def micropython_of(target: str) -> Path:
     return ROOT / "build" / "micropython"
 
 
+def built_simulator(board: str) -> Path:
+    return built(ROOT / BOARDS[board].simulator, "make sim")
+
+
 def built_image(board: str) -> Path:
-    _, image, command = BOARDS[board]
-    found = built(ROOT / image, command)
+    found = built(ROOT / BOARDS[board].image, f"make firmware BOARD={board}")
     checkout.refresh_image(found)
     return found
 
