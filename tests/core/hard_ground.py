@@ -16,6 +16,7 @@ from core import desk
 from core.desk import DEGREE, G, ffi, lib
 from core.scenes import Scene, scene
 from imud import rotation
+from imud.virtual.sensors import Magnet
 
 RATE_HZ = 200
 # Rates are means over the sample period, so 2.5 ms of delay need no lead.
@@ -203,16 +204,10 @@ def shop_module_turned_about_one_axis(seed: int) -> Scene:
 # Motions that the filter should find easy.
 
 
-def dipoles(
-    place_m: desk.Array, irons: list[tuple[desk.Array, desk.Array]]
-) -> desk.Array:
-    """The field of pieces of iron, each a place and a moment in uT m3."""
-    found = np.zeros_like(place_m)
-    for at, moment in irons:
-        away = place_m - at
-        far = desk.norms(away)[:, None]
-        found += 3 * away * (away @ moment)[:, None] / far**5 - moment / far**3
-    return found
+def uneven(place_m: desk.Array, irons: list[Magnet]) -> desk.Array:
+    """The field on the way beside pieces of iron; on its mean it is the Earth's."""
+    found = np.sum([iron.field_ut(place_m) for iron in irons], axis=0)
+    return np.asarray(found + EARTH - found.mean(axis=0))
 
 
 def carried(seed: int) -> Scene:
@@ -225,11 +220,10 @@ def carried(seed: int) -> Scene:
     yaw, pitch, roll = (3 * DEGREE * way * each for each in wander[3:])
     quat = attitudes(yaw + random.uniform(-3, 3), pitch, roll)
     irons = [
-        (np.array([*random.uniform(-1, 1, 2), -1.05]), random.normal(0, 2, 3))
+        Magnet((*random.uniform(-1, 1, 2), -1.05), tuple(random.normal(0, 20, 3)))
         for _ in range(4)
     ]
-    room_ut = dipoles(place_m, irons)
-    room_ut += EARTH - room_ut.mean(axis=0)  # north is that of the mean
+    room_ut = uneven(place_m, irons)
     return feeling(quat, random, field_ut=room_ut, place_m=place_m, scale=0.005)
 
 
@@ -249,11 +243,10 @@ def walking(seed: int) -> Scene:
     up = 0.03 * way * np.cos(4 * np.pi * step_hz * t) + 0.35 * (1 - np.cos(swing))
     place_m = np.stack([x + 0.35 * np.sin(swing), y, up], axis=1)
     irons = [
-        (np.array([*random.uniform(-2, 2, 2), -1.3]), random.normal(0, 6, 3))
+        Magnet((*random.uniform(-2, 2, 2), -1.3), tuple(random.normal(0, 60, 3)))
         for _ in range(6)
     ]
-    room_ut = dipoles(place_m, irons)
-    room_ut += EARTH - room_ut.mean(axis=0)
+    room_ut = uneven(place_m, irons)
     return feeling(quat, random, field_ut=room_ut, place_m=place_m, scale=0.005)
 
 

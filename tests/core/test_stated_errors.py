@@ -12,10 +12,10 @@ import pytest
 
 from core import hard_ground as ground
 from core.hard_ground import poses_of
+from imud.virtual.motions.module import MG
 
 HONEST = 0.9  # the least share of poses inside the stated 95 %, or withheld
 SETTLED_S = 15.0
-MG = 9.80665e-3  # m/s2
 
 
 def fails(reason: str) -> pytest.MarkDecorator:
