@@ -9,8 +9,8 @@
 
 #include "core/math/in_flash.h"
 
-#define SCHEMA_FINGERPRINT 0xf9300c0au
-#define SCHEMA_SEED 0x0c0au  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0xb9cfb4fdu
+#define SCHEMA_SEED 0xb4fdu  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,
@@ -256,6 +256,9 @@ enum {
     POSE_HEADING_FREE = 1u << 6,
     POSE_GAP = 1u << 7,
     POSE_TARED = 1u << 8,
+    POSE_FIELD_IMPOSSIBLE = 1u << 9,
+    POSE_FIELD_UNLIKE = 1u << 10,
+    POSE_FORCE_IMPOSSIBLE = 1u << 11,
 };
 
 enum {

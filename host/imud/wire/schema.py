@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0xF9300C0A
-SEED = 0x0C0A  # of the CRC of all messages but hello
+FINGERPRINT = 0xB9CFB4FD
+SEED = 0xB4FD  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -227,6 +227,9 @@ class PoseFlags(IntFlag):
     HEADING_FREE = 1 << 6
     GAP = 1 << 7
     TARED = 1 << 8
+    FIELD_IMPOSSIBLE = 1 << 9
+    FIELD_UNLIKE = 1 << 10
+    FORCE_IMPOSSIBLE = 1 << 11
 
 
 class PowerFlags(IntFlag):
