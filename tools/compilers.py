@@ -26,7 +26,7 @@ BOARD = "imu_nano"
 
 # Bytes that the default image must leave free with each compiler, to mend faults that
 # show on real boards.
-RESERVE = 1_200
+RESERVE = 800
 DEFAULT_FILTER = "-DATTITUDE_ONLY=fuse"  # of the image that is flashed by default
 
 

@@ -43,6 +43,7 @@ FILES = {
     "stroke_way.c": "strokes",
     "fuse_stroke.c": "strokes",
     "fuse_own.c": "filter",
+    "fuse_doubt.c": CALLER,
     "attitude.c": "filter",
     "paper_filter.c": "filter",
     "complementary.c": "filter",
@@ -94,7 +95,13 @@ FILES = {
 }
 # The main filter in more detail: its files by these functions and by its stages. Their
 # other functions count for their callers.
-FILTER_FILES = {"fuse.c", "fuse_level.c", "fuse_gyro.c", "fuse_field.c"}
+FILTER_FILES = {
+    "fuse.c",
+    "fuse_level.c",
+    "fuse_gyro.c",
+    "fuse_field.c",
+    "fuse_heading.c",
+}
 FILTER_STAGE = "fuse_stage_"
 FILTER_FUNCTIONS = {
     "fuse_step": "fuse.step",
@@ -105,7 +112,6 @@ FILTER_FUNCTIONS = {
     "integrate": "fuse.integrate",
     "fuse_look_for_rest": "fuse.rest",
     "add_to_means": "fuse.means",
-    "take_reading": "fuse.reading",
 }
 
 # Of the ATmega328P: data sheet, table 12-6, the vectors that the firmware uses. The

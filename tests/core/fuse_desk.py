@@ -36,13 +36,17 @@ def twin_stating(
     bias_deg_s: object = (0, 0, 0),
     *,
     is_known: bool = True,
+    known_ut: object = (0.0, 0.0),
 ) -> tuple[desk.Array, desk.Array]:
-    """The same, and what it states of tilt and heading, degrees."""
+    """The same, and what it states of tilt and heading, degrees. `known_ut`: the field
+    of the calibration, to the north and up.
+    """
     rows = felt.measurements()
     out = np.zeros((len(felt), 4))
     stated = np.zeros((len(felt), 2))
     settings = desk.ffi.new("struct fuse_twin_settings *")
     lib.fuse_twin_set_accuracy(settings, is_known)
+    settings.known_ut = list(known_ut)
     desk.call(
         lib.fuse_twin_run,
         settings,

@@ -122,6 +122,7 @@ static void find_regressors(struct twin *t, int window) {
     double up[HEADING];
     twin_multiply(t->level, t->inertial, attitude);
     twin_matrix_of(attitude, t->rows);
+    memset(t->slope, 0, sizeof t->slope);
     for (int j = 0; j < 3; ++j) {
         for (int i = 0; i < 3; ++i) {
             turn[j][i] = t->turn_sum[j][i] / window / DEGREE / 500;
@@ -129,6 +130,7 @@ static void find_regressors(struct twin *t, int window) {
         }
         twin_rotate(t->level, turn[j], turn[j]);
         for (int i = 0; i < 3; ++i) {
+            t->slope[i] += turn[j][i] * 500 * DEGREE;
             turn[j][i] = twin_clamp(turn[j][i], FUSE_TURN_MAX);
         }
         up[BIAS + j] = t->rows[2][j];
@@ -177,6 +179,32 @@ static void read_rest(struct twin *t) {
     t->next_axis = (axis + 1) % 3;
 }
 
+// The mean of the readings so far, in the inertial frame, is the one of this window.
+static void take_mean(struct twin *t) {
+    if (t->field_count == 0) {
+        return;
+    }
+    for (int i = 0; i < 3; ++i) {
+        t->reading[i] = t->field_sum[i] / t->field_count;
+        t->field_sum[i] = 0;
+    }
+    t->field_count = 0;
+    t->has_reading = true;
+}
+
+// To the level frame. The lag has turned it by the mean rate.
+static void turn_reading(struct twin *t) {
+    double back[3], turn[4], v[4];
+    for (int i = 0; i < 3; ++i) {
+        back[i] = twin_clamp(t->slope[i] * -t->lag, FUSE_LAG_ANGLE_MAX_RAD);
+    }
+    twin_turn_by(back, 1, turn);
+    twin_multiply(turn, t->level, turn);
+    twin_rotate(turn, t->reading, t->reading);
+    twin_multiply(turn, t->middle, v);
+    twin_matrix_of(v, t->rows);
+}
+
 static void run_stage(struct twin *t, int stage, int window) {
     const bool is_resting = t->rest == FUSE_LOOKS(FUSE_REST_S);
     double v[4];
@@ -196,12 +224,10 @@ static void run_stage(struct twin *t, int stage, int window) {
         break;
     case 1:
         find_regressors(t, window);
+        take_mean(t);
         break;
     case 2:
-        twin_multiply(t->level, t->attitude, v);
-        twin_matrix_of(v, t->rows);
-        twin_rotate(v, t->reading, t->reading);
-        twin_rotate(v, t->slope, t->slope);
+        turn_reading(t);
         break;
     case 3:
         if (is_resting) {
@@ -258,16 +284,45 @@ static void take_calibration(struct twin *t, const double *bias) {
 
 // The errors of tilt and heading, deg; NAN: not known.
 static void state_errors(const struct twin *t, double *sigma_deg) {
-    const bool is_starting = t->windows < FUSE_WINDOWS(FUSE_LEVEL_TAU_S) ||
-                             t->windows == BEGIN_AGAIN ||
-                             (t->learnt > 0 && t->learnt < FUSE_WINDOWS(FUSE_LEARN_S));
+    const bool is_levelling =
+        t->windows < FUSE_WINDOWS(FUSE_LEVEL_TAU_S) || t->windows == BEGIN_AGAIN;
+    const bool is_learning = t->learnt > 0 && t->learnt < FUSE_WINDOWS(FUSE_LEARN_S);
+    const double force = twin_length(t->force.level);
+    const bool has_no_tilt = is_levelling || t->same_force >= FUSE_REPEATS_FORCE ||
+                             force < FUSE_GRAVITY_MIN_M_S2 ||
+                             force > FUSE_GRAVITY_MAX_M_S2;
     const double tilt =
         sqrt(pow(FUSE_TILT_FLOOR_DEG, 2) + pow(t->settings->level_sigma_deg, 2) +
              pow(FUSE_TILT_DRIFT_S / DEGREE, 2) * t->drift_square);
     const double heading =
         sqrt(pow(FUSE_HEADING_FLOOR_DEG, 2) + t->heading_variance / (DEGREE * DEGREE));
-    sigma_deg[0] = is_starting ? NAN : tilt;
-    sigma_deg[1] = is_starting || heading > FUSE_HEADING_FREE_DEG ? NAN : heading;
+    sigma_deg[0] = has_no_tilt ? NAN : tilt;
+    sigma_deg[1] = has_no_tilt || is_learning || t->doubt != PLAIN ||
+                           heading > FUSE_HEADING_FREE_DEG
+                       ? NAN
+                       : heading;
+}
+
+static bool is_same(const double *a, const double *b) {
+    return memcmp(a, b, 3 * sizeof *a) == 0;
+}
+
+// Adds a field reading in the inertial frame, but of a sensor that gives one for ever.
+static void add_reading(struct twin *t, const double *field) {
+    double v[3];
+    t->same_field =
+        t->last_field && is_same(field, t->last_field) ? t->same_field + 1 : 0;
+    t->last_field = field;
+    if (t->same_field >= FUSE_REPEATS_FIELD) {
+        t->learnt = 0;
+        t->heading_variance = INFINITY;
+        return;
+    }
+    twin_rotate(t->inertial, field, v);
+    for (int i = 0; i < 3; ++i) {
+        t->field_sum[i] += v[i];
+    }
+    ++t->field_count;
 }
 
 void fuse_twin_run(const struct fuse_twin_settings *settings, int count, int rate_hz,
@@ -322,19 +377,14 @@ void fuse_twin_run(const struct fuse_twin_settings *settings, int count, int rat
                 t.turn_sum[j][i] += v[i];
             }
         }
-        if (has_mag[k] && !t.has_reading && (stage == 1 || stage == 2)) {
-            double back[3];
-            for (int i = 0; i < 3; ++i) {
-                back[i] = twin_clamp(t.rate[i] * -t.lag, FUSE_LAG_ANGLE_MAX_RAD);
-            }
-            twin_turn_by(back, 1, turn);
-            twin_multiply(t.inertial, turn, t.attitude);
-            memcpy(t.reading, mag + 3 * k, sizeof t.reading);
-            memcpy(t.slope, t.rate, sizeof t.slope);
-            t.has_reading = true;
+        if (has_mag[k]) {
+            add_reading(&t, mag + 3 * k);
         }
         if ((in_window + 1) % window % stride == stride - 1) {
             ++t.looks;
+            t.same_force = k >= stride && is_same(acc + 3 * k, acc + 3 * (k - stride))
+                               ? t.same_force + 1
+                               : 0;
             twin_lowpass(&t.rest_rate, FUSE_LOOK_S, FUSE_REST_TAU_S, limited, 3,
                          t.looks);
             twin_lowpass(&t.rest_force, FUSE_LOOK_S, FUSE_REST_TAU_S, acc + 3 * k, 3,
@@ -351,6 +401,9 @@ void fuse_twin_run(const struct fuse_twin_settings *settings, int count, int rat
                 is_still ? (t.rest < FUSE_LOOKS(FUSE_REST_S) ? t.rest + 1 : t.rest) : 0;
         }
         ++in_window;
+        if (in_window == window / 2 + stride) {
+            memcpy(t.middle, t.inertial, sizeof t.middle);
+        }
         if (in_window == window) {
             in_window = 0;
             stage = 0;

@@ -10,6 +10,7 @@
 struct fuse_twin_settings {
     double own_sigma_ut;     // of the probe's own field, an axis
     double level_sigma_deg;  // of the level, by the accelerometer's error
+    double known_ut[2];      // field of the calibration, north and up; 0: not known
 };
 
 // Those of the calibration of scenes.py, and where no sensor is calibrated.

@@ -14,8 +14,25 @@ static void surprise_of(const struct twin *t, double *out) {
     }
 }
 
+// What is wrong with a field in the level frame.
+static enum fuse_twin_doubt doubt_of(const struct twin *t, const double *field) {
+    const double norm = twin_length(field);
+    const double *known = t->settings->known_ut;
+    const double apart = fabs(hypot(field[0], field[1]) - known[0]) +
+                         fabs(field[2] - known[1]);
+    if (norm < FUSE_EARTH_MIN_UT || norm > FUSE_EARTH_MAX_UT) {
+        return IMPOSSIBLE;
+    }
+    return apart * FUSE_UNLIKE_PART > fabs(known[0]) + fabs(known[1]) && known[0] != 0
+               ? UNLIKE
+               : PLAIN;
+}
+
 static void learn_place(struct twin *t, bool is_resting) {
-    const double own = pow(t->settings->own_sigma_ut, 2);
+    t->is_own_unknown = t->doubt != PLAIN || t->plain > 0;
+    const double own =
+        pow(t->is_own_unknown ? FUSE_OWN_UNKNOWN_SIGMA_UT : t->settings->own_sigma_ut,
+            2);
     double away[3];
     surprise_of(t, away);
     for (int i = 0; i < STATES; ++i) {
@@ -56,7 +73,7 @@ static void read_lag(struct twin *t, const double *away) {
 
 // No calibration has told the probe's own field.
 static bool is_unknown(const struct twin *t) {
-    return t->settings->own_sigma_ut > FUSE_OWN_GOOD_SIGMA_UT;
+    return t->is_own_unknown || t->settings->own_sigma_ut > FUSE_OWN_GOOD_SIGMA_UT;
 }
 
 // The uncertainty that a window adds to the field: that of the place turns with an
@@ -121,8 +138,8 @@ void twin_stage_turning(struct twin *t) {
             across += i < 3 ? row[i] * t->field[6 * i + j] * (j < 3 ? row[j] : 0) : 0;
         }
     }
-    off = twin_clamp(off, FUSE_RESIDUAL_MAX_UT);
-    t->residual += (off * off - t->residual) / FUSE_WINDOWS(FUSE_RESIDUAL_TAU_S);
+    off = twin_clamp(off, FUSE_ACROSS_MAX_UT);
+    t->across += (off - t->across) / FUSE_WINDOWS(FUSE_ACROSS_TAU_S);
     // Of the heading's variance, what the field's covariance has already.
     const double unit = fmin(norm, FUSE_TURNING_FIELD_MAX_UT) * DEGREE;  // uT a DEGREE
     const double seen = unit * unit * t->motion[(STATES + 1) * HEADING];
@@ -169,6 +186,16 @@ static void weigh_field(struct twin *t, bool is_resting) {
 void twin_stage_field(struct twin *t, bool is_resting) {
     if (t->has_reading && t->windows == FUSE_WINDOWS(FUSE_LEVEL_TAU_S) && !is_resting) {
         t->learnt = 0;
+    }
+    if (t->has_reading && t->learnt == FUSE_WINDOWS(FUSE_LEARN_S)) {
+        const bool is_plain = (t->is_own_unknown || t->doubt != PLAIN) &&
+                              doubt_of(t, t->place) != PLAIN &&
+                              doubt_of(t, t->reading) == PLAIN;
+        t->plain = is_plain ? t->plain + 1 : 0;
+        if (t->plain == FUSE_WINDOWS(FUSE_PLAIN_S)) {
+            t->learnt = 0;
+            memset(t->own, 0, sizeof t->own);
+        }
     }
     if (t->has_reading && t->learnt < FUSE_WINDOWS(FUSE_LEARN_S)) {
         learn_place(t, is_resting);
@@ -220,6 +247,26 @@ void twin_stage_own(struct twin *t, bool is_resting) {
     t->next_axis = (axis + 1) % 3;
 }
 
+// Whether and why there is no heading. Turning may have shown that a probe has no field
+// of its own: then an unlike place is another one.
+static void doubt_place(struct twin *t) {
+    const double least_known = fmax(t->field[21], fmax(t->field[28], t->field[35]));
+    double own = 0;
+    for (int i = 0; i < 3; ++i) {
+        own = fmax(own, fabs(t->own[i]));
+    }
+    t->doubt = doubt_of(t, t->place);
+    if (t->is_own_unknown && least_known <= pow(FUSE_ELSEWHERE_SIGMA_UT, 2) &&
+        own <= FUSE_OWN_NEAR_UT) {
+        t->is_own_unknown = t->doubt != PLAIN;
+        t->doubt = t->doubt == UNLIKE ? PLAIN : t->doubt;
+    }
+    if (t->settings->own_sigma_ut > FUSE_OWN_CALIBRATED_SIGMA_UT &&
+        own > FUSE_OWN_IMPOSSIBLE_UT) {
+        t->doubt = IMPOSSIBLE;
+    }
+}
+
 void twin_find_heading_variance(struct twin *t) {
     const double norm = hypot(t->place[0], t->place[1]);
     if (norm < FUSE_HORIZONTAL_MIN_UT) {
@@ -227,20 +274,26 @@ void twin_find_heading_variance(struct twin *t) {
         t->heading_variance = INFINITY;
         return;
     }
+    doubt_place(t);
     const double x = t->place[0] / norm;
     const double y = t->place[1] / norm;
     const double across =
         y * y * t->field[0] - 2 * x * y * t->field[1] + x * x * t->field[7];
-    const bool is_strange = t->astray > FUSE_STRANGE_SHARE;
+    const double along = t->field[0] + t->field[7] - across;
+    const double share = is_unknown(t) ? 1 : FUSE_COVARIANCE_SHARE;
+    const double least = norm - FUSE_HEADING_WORST * sqrt(fmax(0, share * along));
+    if (least < FUSE_HORIZONTAL_MIN_UT) {
+        t->heading_variance = INFINITY;
+        return;
+    }
     t->heading_variance =
-        ((is_strange ? pow(FUSE_STRANGE_SIGMA_UT, 2) : 0) +
+        (FUSE_HEADING_ACROSS * pow(t->across, 2) + FUSE_HEADING_ASTRAY_UT2 * t->astray +
          (is_unknown(t) ? across + pow(FUSE_UNCALIBRATED_SIGMA_UT, 2)
                         : FUSE_COVARIANCE_SHARE * across) +
          pow(twin_clamp(t->place[2], FUSE_FIELD_MAX_UT) * t->settings->level_sigma_deg *
                  DEGREE,
              2) /
              FUSE_LEVEL_SHARE +
-         pow(FUSE_HEADING_DRIFT_S, 2) * leaning(t) +
-         FUSE_RESIDUAL_SHARE * fmax(0, t->residual - FUSE_RESIDUAL_FREE_UT2)) /
-        (norm * norm);
+         pow(FUSE_HEADING_DRIFT_S, 2) * leaning(t)) /
+        (least * least);
 }

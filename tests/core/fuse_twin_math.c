@@ -60,8 +60,13 @@ double twin_clamp(double value, double limit) {
     return fmax(-limit, fmin(limit, value));
 }
 
+double twin_length(const double *v) {
+    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+}
+
 double twin_distance(const double *a, const double *b) {
-    return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2));
+    const double away[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+    return twin_length(away);
 }
 
 void twin_matrix_of(const double *q, double matrix[3][3]) {

@@ -33,12 +33,20 @@ struct twin {
     double turned;  // deg2: growth of the heading's variance in this window
     double rate[3];
     int windows, age, rest, looks, next_axis;
-    double attitude[4], reading[3], rows[3][3];
+    // The mean of a window's field readings, and the attitude in the middle of it.
+    double field_sum[3], middle[4];
+    int field_count;
+    double reading[3], rows[3][3];
     bool has_reading, is_turned;
     double place[3], own[3], field[36], noise, astray;
     double lag, lag_variance, slope[3];  // s, s2, uT/s: of the reading by the lag
-    double residual, heading_variance;   // uT2, rad2
+    double across, heading_variance;     // uT, rad2
     int learnt;
+    enum fuse_twin_doubt { PLAIN, IMPOSSIBLE, UNLIKE } doubt;  // of the place
+    bool is_own_unknown;
+    int plain;                   // readings in a row without a doubt
+    int same_force, same_field;  // measurements in a row that are equal
+    const double *last_field;
 };
 
 // fuse_twin_math.c
@@ -54,6 +62,7 @@ void twin_rotate(const double *q, const double *v, double *out);
 void twin_turn_by(const double *rate, double seconds, double *out);
 // Held within +-limit.
 double twin_clamp(double value, double limit);
+double twin_length(const double *v);
 double twin_distance(const double *a, const double *b);
 void twin_matrix_of(const double *q, double matrix[3][3]);
 // One scalar reading: changes the covariance, gives the gains. Where one would be above

@@ -27,7 +27,16 @@ SAMPLE = dtype_of("struct sample")
 ORIENTATION = dtype_of("struct quat")
 QUALITY = dtype_of("struct attitude_quality")
 SIGMAS = ("tilt_sigma_cdeg", "heading_sigma_cdeg")
-FLAGS = ("starting", "at_rest", "mag_disturbed", "mag_absent", "heading_free")
+FLAGS = (
+    "starting",
+    "at_rest",
+    "mag_disturbed",
+    "mag_absent",
+    "heading_free",
+    "field_impossible",
+    "field_unlike",
+    "force_impossible",
+)
 
 MAG_HZ = 100
 # What the chips of the house add at rest, root mean square: MPU-9250 data sheet,

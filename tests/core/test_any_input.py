@@ -122,11 +122,19 @@ def test_any_input_gives_a_unit_quaternion_and_nulls_where_nothing_is_known(
         assert (poses["position"] == -(2**31)).all()
         assert (poses["normal"] == -(2**15)).all()
         is_unknown = poses["tilt_sigma"] == NOT_KNOWN
-        assert is_unknown[has(lib.POSE_STARTING)].all()
-        is_free = has(lib.POSE_STARTING) | has(lib.POSE_HEADING_FREE)
+        assert is_unknown[has(lib.POSE_FORCE_IMPOSSIBLE)].all()
+        is_free = (
+            has(lib.POSE_STARTING)
+            | has(lib.POSE_HEADING_FREE)
+            | has(lib.POSE_FIELD_IMPOSSIBLE)
+            | has(lib.POSE_FIELD_UNLIKE)
+            | has(lib.POSE_FORCE_IMPOSSIBLE)
+        )
         assert (poses["heading_sigma"] == NOT_KNOWN)[is_free].all()
         if kind == lib.FILTER_FUSE:
-            assert np.array_equal(is_unknown, has(lib.POSE_STARTING))
+            # A flag gives the reason of each null.
+            is_told = has(lib.POSE_STARTING) | has(lib.POSE_FORCE_IMPOSSIBLE)
+            assert is_told[is_unknown].all()
             assert np.array_equal(poses["heading_sigma"] == NOT_KNOWN, is_free)
         assert not (has(lib.POSE_MAG_ABSENT) & has(lib.POSE_MAG_DISTURBED)).any()
         clipped = samples["acc_clipped"] | samples["gyr_clipped"]

@@ -202,3 +202,23 @@ def test_a_calibration_is_valid_up_to_its_bounds_and_not_beyond(sensor, row):
         assert not is_valid(matrix=((row, side), sign * (rest + 1)))
     assert not is_valid(bias=((row,), INT32_MIN))
     assert not is_valid(matrix=((row, row), -(2**15)))
+
+
+@pytest.mark.parametrize(
+    ("then_c", "now_c", "warmth"),
+    [
+        (25, 25, 0),
+        (25, 26.2, 0),
+        (25, 26.3, 1),
+        (25, -5, 23),
+        (-40, 85, 97),
+        (None, 9, 0),
+    ],
+)
+def test_a_measurement_tells_how_far_the_temperature_has_gone(then_c, now_c, warmth):
+    calibration = ffi.new("struct calibration *", desk.EXACT[0])
+    calibration.temperature = -(2**15) if then_c is None else 100 * then_c
+    samples = samples_of(np.zeros((2, 3)))
+    samples["temperature_cdeg"] = (round(100 * now_c), -(2**15))
+    found = calibrated(calibration, MPU9250, samples)["warmth"]
+    assert found.tolist() == [warmth, 0]

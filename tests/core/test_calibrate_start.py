@@ -159,3 +159,46 @@ def test_counts_at_the_ends_of_their_range_overflow_nothing():
     samples["gyr"] = 0
     samples["acc"][WINDOW // 2 :] = 2**15 - 1
     assert Calibrator().feed(samples) == [PENDING] * (WINDOW - 1) + [MOVED]
+
+
+def in_field(samples: desk.Array, field_ut: desk.Array, every: int = 2) -> desk.Array:
+    """The same with a reading of the magnetometer in every second sample."""
+    samples["has_mag"][1::every] = True
+    samples["mag"] = np.round(field_ut / (MPU9250.mag_lsb_pt * 1e-6))
+    return samples
+
+
+@pytest.mark.parametrize("every", [2, 4])
+@pytest.mark.parametrize("seed", range(8))
+def test_the_noise_of_a_field_is_rest(seed, every):
+    """0.78 uT is the most that an AK8963 was measured to have."""
+    random = np.random.default_rng(seed)
+    field = np.array([18.0, -5.0, -43.0]) + 0.78 * random.standard_normal((WINDOW, 3))
+    assert Calibrator().feed(in_field(resting(seed), field, every)) == ACCEPTED
+
+
+@pytest.mark.parametrize("rate_deg_s", [1.5, -1.5, 25.0])
+def test_a_slow_turn_about_the_vertical_is_refused(rate_deg_s):
+    turned = rate_deg_s * DEGREE * np.arange(WINDOW) / MPU9250.rate_hz
+    field = np.stack(
+        [20 * np.sin(turned), 20 * np.cos(turned), np.full(WINDOW, -43.0)], axis=1
+    )
+    calibrator = Calibrator()
+    samples = in_field(resting(3, (0.0, 0.0, rate_deg_s)), field)
+    assert calibrator.feed(samples) == [PENDING] * (WINDOW - 1) + [MOVED]
+    # The same once more without the field, as from a magnetometer that is absent.
+    samples["has_mag"] = False
+    assert calibrator.feed(samples) == ACCEPTED
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_field_may_change_by_less_than_0_3_ut_between_the_halves(axis, sign):
+    """By 255 256ths of a count of 0.3 uT, summed over 128 readings."""
+    samples = in_field(still(), np.zeros((WINDOW, 3)))
+    second = samples[WINDOW // 2 :]
+    second["mag"][1::2, axis] = sign
+    second["mag"][1:-2:2, axis] += sign  # 255 in all: the last one has one
+    assert Calibrator().feed(samples) == ACCEPTED
+    samples["mag"][-1, axis] += sign
+    assert Calibrator().feed(samples)[-1] == MOVED

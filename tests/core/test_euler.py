@@ -304,7 +304,7 @@ def after_a_turn(origin: int, start: desk.Array, turn: desk.Array) -> desk.Array
     smooth = np.linspace(0, 1, 400)[:, None] * turn
     path = rotation.multiply(rotation.from_rotation_vector(smooth), start)
     quat = np.vstack([at_rest(12, quat=start), path, at_rest(8, quat=path[-1])])
-    samples = scene(quat, 200, noise=0).samples(MPU9250)
+    samples = scene(quat, 200, noise=0.1).samples(MPU9250)
     tracker = ffi.new("struct pose_tracker *")
     assert lib.pose_begin(tracker, desk.EXACT, MPU9250, lib.FILTER_FUSE)
     poses = np.zeros(len(samples), desk.dtype_of("struct message_pose"))

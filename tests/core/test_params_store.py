@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import struct
+
 import pytest
 
 from core.params_desk import (
@@ -72,6 +74,25 @@ def test_values_of_the_records_are_in_force():
     assert params.calibration.gyr.matrix[2][2] == ONE + 160
     assert params.calibration.mag.bias[0] == 1_000_000
     assert (params.button_does, params.reference) == (1, 2)
+
+
+def test_the_temperature_and_the_field_of_a_calibration_are_in_force():
+    """In whole records; a shorter one of older firmware leaves them unknown."""
+    tail = struct.pack("<HHhHB", 250, 30, -1234, 9800, 2)
+    field = struct.pack("<Hhhhh", 4820, 6610, 0, 78, -176)
+    acc = sensor(lib.PARAMS_ACC, more=tail)
+    mag = sensor(lib.PARAMS_MAG, more=tail + field)
+    store = Store()
+    assert store.change(acc + mag) == OK
+    calibration = store.params.calibration
+    assert (calibration.field_north, calibration.field_up) == (78, -176)
+    assert calibration.temperature == -1234
+    short = sensor(lib.PARAMS_ACC, more=tail[:5]) + sensor(
+        lib.PARAMS_MAG, more=tail + field[:-1]
+    )
+    assert store.change(short) == OK
+    assert calibration.field_north == lib.CALIBRATION_NO_FIELD
+    assert calibration.temperature == lib.SAMPLE_NO_TEMPERATURE
 
 
 def test_nothing_is_in_force_before_it_is_applied():

@@ -101,8 +101,12 @@ def test_sigmas_are_null_while_starting_and_known_afterwards():
     starting = has(poses, lib.POSE_STARTING)
     # Until the calibration, then while the field of the place is learned.
     assert starting.tolist() == [True] * 907 + [False] * 293
+    assert ((poses["heading_sigma"] == NOT_KNOWN) == starting).all()
+    # The tilt does not wait for the field of the place.
+    levelled = np.flatnonzero(poses["tilt_sigma"] != NOT_KNOWN)
+    assert levelled.tolist() == list(range(levelled[0], 1200))
+    assert lib.CALIBRATOR_SAMPLES < levelled[0] < 540
     for name in ("tilt_sigma", "heading_sigma"):
-        assert ((poses[name] == NOT_KNOWN) == starting).all()
         assert poses[name][907] < 500  # 5 degrees
 
 

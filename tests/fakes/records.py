@@ -17,8 +17,8 @@ ROW_MAX = 27852  # the most that the magnitudes of its row may sum up to
 BIAS_MAX = 16384 * 16384
 
 # Tag, and the bytes behind bias and matrix: sigma, residual, temperature, day, method;
-# for the magnetometer norm, dip and lag besides.
-KINDS = {1: "<HHhHB", 2: "<HHhHB", 3: "<HHhHBHhh"}
+# for the magnetometer norm, dip, lag, and the field to the north and up besides.
+KINDS = {1: "<HHhHB", 2: "<HHhHB", 3: "<HHhHBHhhhh"}
 SIGMAS = {1: 250, 2: 120, 3: 80}  # 0.025 m/s2, 0.0012, 0.8 uT
 
 
@@ -27,11 +27,17 @@ def record(tag: int, content: bytes) -> bytes:
 
 
 def calibration_record(
-    tag: int, bias: list[int], matrix: list[int], sigma: int | None = None
+    tag: int,
+    bias: list[int],
+    matrix: list[int],
+    sigma: int | None = None,
+    temperature: int = 2345,
+    field: tuple[int, int] = (78, -176),
 ) -> bytes:
     """The record of one sensor; numbers as on the wire."""
     kind = KINDS[tag]
-    rest = [SIGMAS[tag] if sigma is None else sigma, 30, 2345, 9800, 2, 4820, 6610, 0]
+    rest = [SIGMAS[tag] if sigma is None else sigma, 30, temperature, 9800, 2]
+    rest += [4820, 6610, 0, *field]
     return record(
         tag,
         struct.pack("<3i9h", *bias, *matrix)

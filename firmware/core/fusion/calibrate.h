@@ -17,7 +17,15 @@ struct calibration_of_sensor {
     uint16_t sigma;
 };
 
+enum { CALIBRATION_NO_FIELD = INT16_MIN };
+
 struct calibration {
+    // The field that the magnetometer was calibrated in, to the north and up, 0.25 uT,
+    // CALIBRATION_NO_FIELD: not known; the temperature of the accelerometer's
+    // calibration, 0.01 degC or SAMPLE_NO_TEMPERATURE.
+    int16_t field_north;
+    int16_t field_up;
+    int16_t temperature;
     union {
         struct {
             struct calibration_of_sensor acc, gyr, mag;
@@ -41,6 +49,7 @@ struct measurement {
     struct vector mag_ut_q18;     // q14_18, each held within +-2048 uT; where has_mag
     bool has_mag;
     bool acc_clipped, gyr_clipped;  // at the end of its range
+    uint8_t warmth;  // 1.28 K from the temperature of the accelerometer's calibration
 };
 
 // Scales of one count, derived from the sensor's identity.
@@ -73,6 +82,8 @@ struct gyro_calibrator_axis {
     int32_t sum;        // of the rates, counts
     int32_t turn;       // specific force, one half less the other, counts
     int16_t low, high;  // rates, counts
+    int16_t early_mag;  // a reading, counts
+    int16_t field;      // of readings less that one, as above
 };
 
 struct gyro_calibrator {
@@ -86,8 +97,9 @@ void gyro_calibrator_begin(struct gyro_calibrator *calibrator);
 // Takes a sample. With DONE the mean counts are those of all samples, q18_14; MOVED
 // says that the probe is not at rest: a rate spans more than 3 deg/s peak to peak (5
 // times what the MPU-9250's noise gives in a window), or exceeds 40 deg/s (the LSM9DS0
-// has a zero rate of +-25 as it comes, data sheet table 3, "TyOff"), or the vertical
-// turns by more than half a degree between the halves of the window.
+// has a zero rate of +-25 as it comes, data sheet table 3, "TyOff"), or between the
+// halves of the window the vertical turns by more than half a degree, or the mean of an
+// axis of the magnetic field changes by 0.3 uT: that is a slow turn about the vertical.
 enum calibrator_result gyro_calibrator_step(struct gyro_calibrator *calibrator,
                                             const struct sample *sample,
                                             const struct sensor_identity *identity,

@@ -29,10 +29,11 @@ enum {
 
 // Derived from the sample rate, once.
 struct fuse_coefficients {
-    uint8_t window;      // samples in a window
-    uint8_t stride;      // samples between two stages of it
-    q2_30_t share;       // 1 / window
-    int32_t lead_s_q35;  // of the motion before what was integrated
+    uint8_t window;           // samples in a window
+    uint8_t stride;           // samples between two stages of it
+    uint8_t middle;           // of the samples whose readings stage 1 takes
+    q2_30_t share;            // 1 / window
+    int32_t half_lead_s_q35;  // of the motion before what was integrated
 };
 
 // The probe's own field beside its calibration, in steps of 0.25 uT.
@@ -55,6 +56,14 @@ struct fuse_tilt {
 struct fuse_settings {
     int16_t own_variance;    // 16ths of 1 uT2, of the probe's own field before readings
     q2_30_t level_variance;  // rad2, of the level by the accelerometer's own error
+    // The field in which it was calibrated, to the north and up, 0.25 uT; 0: not known.
+    int16_t known_north, known_up;
+};
+
+// Whether a sensor gives the same measurement again and again.
+struct fuse_repeats {
+    uint8_t sum;    // of its axes
+    uint8_t count;  // in a row, held at 255
 };
 
 // What changes from sample to sample. The smaller and the busier a member, the further
@@ -73,6 +82,12 @@ struct fuse_state {
     uint8_t next_axis;         // whose bias or own field is read next
     uint8_t field_age;         // windows since the last reading, held at 255
     uint8_t field_learnt;      // readings whose mean is the place's field
+    uint8_t field_count;       // readings in field_sum
+    uint8_t doubts;            // enum fuse_doubt of force and place
+    uint8_t field_plain;       // readings in a row that are not doubtful where it is
+    bool is_own_unknown;       // the place was, so that the own field may be anything
+    uint8_t warmth;            // 1.28 K from the accelerometer's calibration
+    struct fuse_repeats acc, mag;  // of accelerations, every look at rest
     bool has_reading;
     bool is_turned;            // the last one surprised by its direction only
     uint16_t field_surprise;   // squared, mean, 64ths of 1 uT2
@@ -80,7 +95,7 @@ struct fuse_state {
     q13_19_t field_noise;      // of this reading, uT2
     q2_30_t heading_variance;  // rad2; 1: no field has told the heading yet
     q2_30_t drift_square;      // (rad/s)^2, of what levelling goes on to correct
-    q14_18_t residual;         // uT2: by how much readings go on to surprise
+    q14_18_t across_mean;      // uT, across the field: how readings go on to surprise
     // Half of what a heading error of 4 degrees changes across the horizontal field,
     // uT, and the unit vector there.
     q2_14_t turned_by, across[2];
@@ -90,6 +105,7 @@ struct fuse_state {
     // Sums over the window in the inertial frame, m/s2 and rad/s; of the rate, one for
     // each axis of the body.
     struct vector force_sum_q13, turn_sum_q15[3];
+    struct vector field_sum_q11;      // uT, of its readings
     struct vector rate_rad_s_q25;     // of the last sample, without bias and scale
     struct quat inertial_from_body;   // integrated gyroscope
     struct quat level_from_inertial;  // the correction of its tilt
@@ -97,14 +113,12 @@ struct fuse_state {
     struct lowpass force;             // inertial frame
     struct fuse_tilt tilt[2];         // about x and y
     struct lowpass rest_rate, rest_force;
-    // The field reading of this window, with the rate and the attitude that it was
-    // taken in until its stage, then in the level frame.
+    struct quat middle_attitude;  // inertial from body
+    // The mean of a window's field readings, in the inertial frame until stage 2, then
+    // in the level frame, as the mean rate is.
     struct vector reading_ut_q18;
     struct vector reading_rad_s_q25;
-    union {
-        struct quat reading_attitude;
-        struct matrix level_from_body;
-    };
+    struct matrix level_from_body;
     q13_19_t field_covariance[FUSE_FIELD_PAIRS];  // uT2
     // Bias of the rates that were measured, and the covariance of the bias in 4ths of
     // 1 deg/s, of the scales in 500ths and of the heading's error in 4 deg.

@@ -15,7 +15,7 @@ enum {
     OWN_UNIT_BITS = 15,  // from 16ths of 1 uT2 to q13_19
     SURPRISE_WINDOWS = FUSE_WINDOWS(FUSE_SURPRISE_TAU_S),
     ASTRAY_WINDOWS = FUSE_WINDOWS(FUSE_ASTRAY_TAU_S),
-    RESIDUAL_WINDOWS = FUSE_WINDOWS(FUSE_RESIDUAL_TAU_S),
+    ACROSS_WINDOWS = FUSE_WINDOWS(FUSE_ACROSS_TAU_S),
 };
 #define OWN_GAIN_Q32 Q32_UNSIGNED(0.01 * 0.01 * 16)  // (0.01 uT)^2 in 16ths of 1 uT2
 
@@ -23,6 +23,8 @@ enum {
 #define LAG_Q35 Q35(FUSE_LAG_S)
 #define LAG_MAX_Q35 Q35(FUSE_LAG_MAX_S)
 #define LAG_MS_Q17 Q17(0.001)  // a ms q14_18 as seconds times 2^35
+#define LAG_RATE_Q15 Q15(FUSE_LAG_RATE_MAX_RAD_S)
+#define LAG_ANGLE_Q30 Q30(FUSE_LAG_ANGLE_MAX_RAD)
 #define LAG_VARIANCE Q19(1e6 * SQUARE(FUSE_LAG_SIGMA_S) / 2)
 #define LAG_FIELD_Q18 Q18(FUSE_LAG_FIELD_MAX_UT)
 #define LAG_SLOPE_MAX Q13(FUSE_LAG_SLOPE_MAX_UT_S)
@@ -40,13 +42,10 @@ enum {
 #define OWN_WANDER_ASTRAY Q19(FUSE_PER_WINDOW(FUSE_OWN_WANDER_ASTRAY_UT2_S))
 #define OWN_DOUBT Q19(SQUARE(FUSE_OWN_DOUBT_UT))
 #define PLACE_SPREAD_MAX Q19(FUSE_PLACE_SPREAD_MAX_UT2)
-#define STRANGE_VARIANCE Q19(SQUARE(FUSE_STRANGE_SIGMA_UT))
-#define UNCALIBRATED_VARIANCE Q19(SQUARE(FUSE_UNCALIBRATED_SIGMA_UT))
 
 // Fields as q14_18, uT, and squares of them, uT2.
 #define OWN_NEAR_Q18 Q18(FUSE_OWN_NEAR_UT)
-#define RESIDUAL_LIMIT_Q18 Q18(FUSE_RESIDUAL_MAX_UT)
-#define RESIDUAL_FREE_Q18 Q18(FUSE_RESIDUAL_FREE_UT2)
+#define ACROSS_LIMIT_Q18 Q18(FUSE_ACROSS_MAX_UT)
 #define FIELD_STEP_MAX_Q18 Q18(FUSE_FIELD_STEP_MAX_UT)
 #define FIELD_FAR_Q18 Q18(FUSE_SURPRISE_MAX_UT)
 #define PLACE_LIMIT_Q18 Q18(FUSE_PLACE_MAX_UT)
@@ -54,7 +53,6 @@ enum {
 #define PLACE_TURNED_Q18 Q18(FUSE_FIELD_MAX_UT)
 #define FIELD_TURNED_Q18 Q18(FUSE_SURPRISE_UT)
 #define FIELD_TURNED_GAIN_Q14 Q14(2 * FUSE_SURPRISE_UT * 64 / 262144)  // to 64ths
-#define HORIZONTAL_MIN_Q18 Q18(FUSE_HORIZONTAL_MIN_UT)
 
 // A reading's squared distance has 4096ths of 1 uT2.
 #define FIELD_UNIT_FINE ((uint32_t)ROUNDED(FUSE_SURPRISE_UT * FUSE_SURPRISE_UT * 4096))
@@ -67,7 +65,6 @@ enum {
 // What levelling goes on to correct leans the vertical field: from q14_18 to q13_19.
 #define LEANING_MAX_Q18 Q18(FUSE_FIELD_NOISE_MAX_UT2 / FUSE_FIELD_DRIFT_S2)
 #define LEANING_NOISE ROUNDED(FUSE_FIELD_DRIFT_S2 * 2)
-#define HEADING_LEANING_TWICE ROUNDED(2 * SQUARE(FUSE_HEADING_DRIFT_S))
 
 // What a reading tells of the heading has a noise of its own, as quarters of 1 uT2 in
 // q11_21: a share of that of the field, times 1 and the squared distance of a reading
@@ -81,10 +78,7 @@ enum {
     Q18(FUSE_TURNING_LEANING_MAX_UT2 / FUSE_TURNING_DRIFT_S2)
 #define TURNING_LEANING ROUNDED(FUSE_TURNING_DRIFT_S2 / 4 * 8)
 #define TURNING_NOISE_MAX INT32_C(1000000000)  // of what kalman_read takes
-// Half of what a heading error of 4 degrees changes, from q14_18 to q2_14.
-#define TURNED_BY_Q30 Q_RAD(FUSE_HEADING_UNIT_DEG / 2.0 / 16, 30)
-#define TURNED_BY_FIELD_Q18 Q18(FUSE_TURNING_FIELD_MAX_UT)
-#define TURNED_OFF_Q30 Q_RAD(0.5 * 128, 30)  // half a degree, from q14_18 to q7_25
+#define TURNED_OFF_Q30 Q_RAD(0.5 * 128, 30)    // half a degree, from q14_18 to q7_25
 
 // Heading variance that a window adds, rad2 as 2^-39ths; and that by what the
 // gyroscope's uncertainty turned it, (4 deg)^2 as 2^-17ths.
@@ -94,7 +88,6 @@ enum {
 #define HEADING_WANDER_TURNED                                                          \
     Q_RAD2(FUSE_PER_WINDOW(FUSE_HEADING_WANDER_TURNED_DEG2_S), 39)
 #define HEADING_TURNED Q_RAD2(SQUARE(FUSE_HEADING_UNIT_DEG), 39 - 17)
-#define COVARIANCE_SHARE_Q30 Q30(FUSE_COVARIANCE_SHARE)
 
 // One copy, whose numbers are on the stack only while it runs.
 #define NOINLINE __attribute__((noinline))
@@ -111,25 +104,53 @@ void fuse_set_own_accuracy(struct fuse *fuse, uint16_t sigma) {
     fuse->state.is_turned = true;
 }
 
+bool fuse_is_own_unknown(const struct fuse *fuse) {
+    return fuse->settings.own_variance > OWN_GOOD || fuse->state.is_own_unknown;
+}
+
 void fuse_init_lag(struct fuse *fuse) {
     fuse->settings.own_variance = OWN_KNOWN;
     fuse->state.lag_s_q35 = LAG_Q35;
     fuse->state.lag_variance = LAG_VARIANCE;
 }
 
+void fuse_stage_mean(struct fuse *fuse) {
+    if (fuse->state.field_count == 0) {
+        return;
+    }
+    for (uint8_t axis = 0; axis < 3; ++axis) {
+        int32_t *const sum = &fuse->state.field_sum_q11.axis[axis];
+        int32_t *const rate = &fuse->state.reading_rad_s_q25.axis[axis];
+        fuse->state.reading_ut_q18.axis[axis] =
+            fixed_divide(*sum, fuse->state.field_count) * 128;
+        *sum = 0;
+        *rate = fixed_scale_up(
+            fixed_clamp(fixed_mul_at(rate, &fuse->coefficients.share), LAG_RATE_Q15),
+            10);
+    }
+    fuse->state.field_count = 0;
+    fuse->state.has_reading = true;
+}
+
+// Readings are older than their samples: by the lag, in which the mean rate has turned
+// the probe.
 void fuse_stage_reading(struct fuse *fuse) {
+    struct vector angle;
+    struct quat turn;
     struct quat attitude;
+    struct vector *const reading = &fuse->state.reading_ut_q18;
     if (!fuse->state.has_reading) {
         return;
     }
-    quat_multiply(&fuse->state.level_from_inertial, &fuse->state.reading_attitude,
-                  &attitude);
+    vector_scale(&fuse->state.reading_rad_s_q25, -fuse->state.lag_s_q35, &angle);
+    vector_clamp(&angle, LAG_ANGLE_Q30, &angle);
+    quat_from_small_angle(&angle, &turn);
+    quat_multiply(&turn, &fuse->state.level_from_inertial, &turn);
+    quat_renormalise(&turn);
+    quat_rotate(&turn, reading, reading);
+    quat_multiply(&turn, &fuse->state.middle_attitude, &attitude);
     quat_renormalise(&attitude);
     matrix_from_quat(&attitude, &fuse->state.level_from_body);
-    int32_t *reading = fuse->state.reading_ut_q18.axis;
-    matrix_turn(&fuse->state.level_from_body, reading, reading);
-    reading = fuse->state.reading_rad_s_q25.axis;
-    matrix_turn(&fuse->state.level_from_body, reading, reading);
 }
 
 // An axis of the reading less the expected place + level_from_body * own; below
@@ -152,7 +173,14 @@ NOINLINE static void learn_place(struct fuse *fuse) {
     fuse_forget_turned(fuse);
     ++fuse->state.field_learnt;
     memset(covariance, 0, sizeof fuse->state.field_covariance);
-    const int32_t own = fixed_scale_up(fuse->settings.own_variance, OWN_UNIT_BITS);
+    fuse->state.is_own_unknown =
+        fuse->state.field_plain > 0 ||
+        (fuse->state.doubts & (FUSE_IMPOSSIBLE | FUSE_UNLIKE)) != 0;
+    int16_t variance = fuse->settings.own_variance;
+    if (fuse->state.is_own_unknown) {
+        variance = OWN_UNKNOWN;
+    }
+    const int32_t own = fixed_scale_up(variance, OWN_UNIT_BITS);
     kalman_wander(covariance, 3, own, FIXED_HIGH(FIELD_VARIANCE_UNKNOWN_MAX));
     kalman_wander(covariance, 0, own, FIXED_HIGH(FIELD_VARIANCE_UNKNOWN_MAX));
     kalman_wander(covariance, 0,
@@ -164,7 +192,7 @@ NOINLINE static void learn_place(struct fuse *fuse) {
                   &fuse->state.field_ut[axis]);
         for (uint8_t column = 0; column < 3; ++column) {
             *shared = (int32_t)fuse->state.level_from_body.row[column][axis] *
-                      (-2 * fuse->settings.own_variance);
+                      (-2 * variance);
             ++shared;
         }
         shared += axis + 1;
@@ -204,9 +232,8 @@ NOINLINE static void predict_field(struct fuse *fuse) {
         fixed_subtract(fixed_mul_at(&half[0], &turned[1]), &covariance[1]);
         fixed_add(fixed_mul_at(&half[0], &turned[0]), &covariance[2]);
     }
-    const int16_t limit =
-        FIXED_HIGH(fuse->settings.own_variance > OWN_GOOD ? FIELD_VARIANCE_UNKNOWN_MAX
-                                                          : FIELD_VARIANCE_MAX);
+    const int16_t limit = FIXED_HIGH(
+        fuse_is_own_unknown(fuse) ? FIELD_VARIANCE_UNKNOWN_MAX : FIELD_VARIANCE_MAX);
     kalman_wander(covariance, 0, PLACE_WANDER, limit);
     kalman_wander(covariance, 3, is_astray(fuse) ? OWN_WANDER_ASTRAY : OWN_WANDER,
                   limit);
@@ -239,7 +266,7 @@ void fuse_follow_lag(struct fuse *fuse) {
 
 // The square of the vertical field, seen through a level that leans by an angle whose
 // square is given: uT2; of what levelling goes on to correct in a second, at most 28.
-static q14_18_t leaning(const struct fuse *fuse, q2_30_t square_rad) {
+q14_18_t fuse_leaning(const struct fuse *fuse, q2_30_t square_rad) {
     const int32_t vertical =
         fixed_clamp_high(fuse->state.field_ut[2], FIXED_HIGH(PLACE_TURNED_Q18));
     return fixed_mul_q30(fixed_square_q30(fixed_scale_up(vertical, 6)), square_rad);
@@ -262,7 +289,7 @@ NOINLINE static int32_t turning_noise(const struct fuse *fuse, const q2_14_t row
     const uint32_t distance = square < TURNING_FAR ? square : TURNING_FAR;
     const int32_t own =
         fixed_times((int32_t)(distance + FIELD_UNIT_FINE), TURNING_NOISE) +
-        fixed_times(fixed_clamp(leaning(fuse, fuse->state.drift_square),
+        fixed_times(fixed_clamp(fuse_leaning(fuse, fuse->state.drift_square),
                                 TURNING_LEANING_MAX_Q18),
                     TURNING_LEANING);
     // Of the heading's variance, what the field's covariance has already.
@@ -296,7 +323,7 @@ NOINLINE static q14_18_t look_across(const struct fuse *fuse, int32_t *noise) {
             14);
     }
     *noise = turning_noise(fuse, row, square);
-    return fixed_clamp_high(off, FIXED_HIGH(RESIDUAL_LIMIT_Q18));
+    return fixed_clamp_high(off, FIXED_HIGH(ACROSS_LIMIT_Q18));
 }
 
 void fuse_stage_turning(struct fuse *fuse) {
@@ -305,9 +332,8 @@ void fuse_stage_turning(struct fuse *fuse) {
         return;
     }
     const int32_t off = look_across(fuse, &noise);
-    const int32_t far = fixed_square_q30(fixed_scale_up(off, 6));
-    fixed_add(fixed_divide(far - fuse->state.residual, RESIDUAL_WINDOWS),
-              &fuse->state.residual);
+    fixed_add(fixed_divide(off - fuse->state.across_mean, ACROSS_WINDOWS),
+              &fuse->state.across_mean);
     q2_14_t row[KALMAN_STATES] = {0};
     row[FUSE_TURNS] = fuse->state.turned_by;
     fuse_read_motion(
@@ -372,7 +398,7 @@ NOINLINE static void weigh_field(struct fuse *fuse) {
     }
     fixed_add_clamped_high(
         fixed_times(
-            fixed_clamp(leaning(fuse, fuse->state.drift_square), LEANING_MAX_Q18),
+            fixed_clamp(fuse_leaning(fuse, fuse->state.drift_square), LEANING_MAX_Q18),
             LEANING_NOISE),
         FIXED_HIGH(FIELD_NOISE_MAX), noise);
 }
@@ -392,6 +418,10 @@ void fuse_stage_field(struct fuse *fuse) {
         fuse->state.field_learnt = 0;  // readings in motion had no good level
     }
     fuse->state.field_age = 0;
+    if (fuse->state.field_learnt == FUSE_FIELD_LEARN && fuse_is_plain_again(fuse)) {
+        fuse->state.field_learnt = 0;
+        memset(&fuse->state.own_ut_q18, 0, sizeof fuse->state.own_ut_q18);
+    }
     if (fuse->state.field_learnt < FUSE_FIELD_LEARN) {
         learn_place(fuse);
         fuse->state.has_reading = false;
@@ -434,77 +464,4 @@ void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis) {
                                FIXED_HIGH(state < 3 ? PLACE_LIMIT_Q18 : OWN_LIMIT_Q18),
                                &fuse->state.field_ut[state]);
     }
-}
-
-// The heading's variance, rad2, from that of the field. `north` is the horizontal unit
-// vector of the field in the level frame, `norm` the length of the horizontal field,
-// uT.
-NOINLINE static q2_30_t heading_variance_of(const struct fuse *fuse,
-                                            const struct vector *north, q14_18_t norm) {
-    const int32_t *covariance = fuse->state.field_covariance;
-    const int32_t across_y = fixed_mul_at(&covariance[0], &north->y) -
-                             fixed_mul_at(&covariance[1], &north->x);
-    const int32_t across_x = fixed_mul_at(&covariance[2], &north->x) -
-                             fixed_mul_at(&covariance[1], &north->y);
-    const int32_t across =
-        fixed_mul_at(&across_y, &north->y) + fixed_mul_at(&across_x, &north->x);
-    int32_t total_q19 = fuse->settings.own_variance > OWN_GOOD
-                            ? across + UNCALIBRATED_VARIANCE
-                            : fixed_mul_q30(across, COVARIANCE_SHARE_Q30);
-    fixed_add(
-        fixed_times(leaning(fuse, fuse->state.drift_square), HEADING_LEANING_TWICE),
-        &total_q19);
-    fixed_add(2 * fixed_divide(leaning(fuse, fuse->settings.level_variance),
-                               FUSE_LEVEL_SHARE),
-              &total_q19);
-    if (fuse->state.residual > RESIDUAL_FREE_Q18) {
-        fixed_add(fixed_times(fuse->state.residual - RESIDUAL_FREE_Q18,
-                              2 * FUSE_RESIDUAL_SHARE),
-                  &total_q19);
-    }
-    if (fuse->state.field_astray > FUSE_FIELD_STRANGE) {
-        fixed_add(STRANGE_VARIANCE, &total_q19);
-    }
-    // Divided by the field twice; 64ths keep the first quotient in range.
-    const uint32_t total_q12 =
-        (uint32_t)fixed_divide(total_q19 > 0 ? total_q19 : 0, 128);
-    if (total_q12 >= (uint32_t)norm) {
-        return FUSE_HEADING_VARIANCE_MAX_Q30;
-    }
-    const uint32_t once =
-        (uint32_t)fixed_scale_down(fixed_ratio(total_q12, (uint32_t)norm), 6);
-    return once < (uint32_t)norm ? fixed_ratio(once, (uint32_t)norm)
-                                 : FUSE_HEADING_VARIANCE_MAX_Q30;
-}
-
-void fuse_stage_world(struct fuse *fuse) {
-    struct vector north = {
-        .x = fuse->state.field_ut[0], .y = fuse->state.field_ut[1], .z = 0};
-    struct quat turn;
-    const int32_t norm = vector_normalise(&north);
-    quat_set_identity(&turn);
-    if (fuse->state.field_learnt > 0 && norm > 0) {
-        // The angle that brings the horizontal field to north, y.
-        quat_about_z(north.y, north.x, &turn);
-        if (norm < HORIZONTAL_MIN_Q18) {
-            // The field is vertical and tells no heading: learn it anew.
-            fuse->state.field_learnt = 0;
-            fuse->state.heading_variance = FUSE_HEADING_VARIANCE_MAX_Q30;
-        } else if (fuse->state.field_age == 0) {
-            fuse->state.heading_variance = heading_variance_of(fuse, &north, norm);
-        }
-        // An error of the heading, which is behind by it, turns the field against it.
-        fuse->state.across[0] = (q2_14_t)-fixed_scale_down(north.y, 16);
-        fuse->state.across[1] = (q2_14_t)fixed_scale_down(north.x, 16);
-        fuse->state.turned_by = (q2_14_t)-fixed_mul_q30(
-            fixed_clamp_high(norm, FIXED_HIGH(TURNED_BY_FIELD_Q18)), TURNED_BY_Q30);
-    }
-    fuse->state.has_reading = false;
-    if (fuse->state.windows == 1 && fuse_is_at_rest(fuse)) {
-        fuse->state.windows =
-            FUSE_LEVEL_SETTLE;  // what comes next is no better than this
-    }
-    quat_multiply(&turn, &fuse->state.level_from_inertial,
-                  &fuse->state.world_from_inertial);
-    quat_renormalise(&fuse->state.world_from_inertial);
 }

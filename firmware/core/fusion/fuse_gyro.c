@@ -125,7 +125,7 @@ NOINLINE static bool stays_near(struct lowpass *mean, const struct vector *v,
     }
     for (uint8_t axis = 0; axis < 3; ++axis) {
         // Keeps the precision of the squares.
-        away.axis[axis] = fixed_scale_up(away.axis[axis], 9);
+        away.axis[axis] *= 512;
     }
     const uint32_t bound = (uint32_t)fixed_scale_up(limit, 9);
     return vector_square_q32(&away) < fixed_umul_q32(bound, bound);
@@ -136,6 +136,7 @@ void fuse_look_for_rest(struct fuse *fuse, const struct measurement *measurement
     if (fuse->state.settled_looks <= REST_SETTLE) {
         ++fuse->state.settled_looks;
     }
+    (void)fuse_repeats(&fuse->state.acc, &measurement->acc_m_s2_q21);
     vector_clamp(&measurement->gyr_rad_s_q25, REST_RATE_LIMIT_Q25, &rate);
     const bool is_rate_near = stays_near(&fuse->state.rest_rate, &rate,
                                          fuse->state.settled_looks, REST_RATE_Q25);
@@ -195,13 +196,16 @@ void fuse_stage_predict(struct fuse *fuse) {
 NOINLINE static void turn_rates(struct fuse *fuse, q2_14_t row[3][FUSE_TURNS]) {
     struct matrix level_from_inertial;
     const q2_30_t gain = fixed_mul_q30(fuse->coefficients.share, TURN_GAIN_Q30);
+    struct vector *const mean = &fuse->state.reading_rad_s_q25;
     matrix_from_quat(&fuse->state.level_from_inertial, &level_from_inertial);
+    memset(mean, 0, sizeof *mean);
     for (uint8_t axis = 0; axis < 3; ++axis) {
         struct vector rate;
         struct vector *sum = &fuse->state.turn_sum_q15[axis];
         matrix_turn(&level_from_inertial, sum->axis, rate.axis);
         memset(sum, 0, sizeof *sum);
         for (uint8_t i = 0; i < 3; ++i) {
+            fixed_add(rate.axis[i], &mean->axis[i]);
             row[i][SCALE + axis] =
                 (q2_14_t)fixed_clamp(fixed_mul_q30(rate.axis[i], gain), TURN_LIMIT_Q14);
         }

@@ -8,6 +8,11 @@
 // 477 m/s2 as q13, more than the range's corner: 256 times as much is low-passed.
 #define FORCE_LIMIT_Q13 (LOWPASS_INPUT_MAX / 256)
 #define FORCE_MIN_Q21 Q21(FUSE_FORCE_MIN_M_S2)
+// Upper halves of q11_21: 32nds of 1 m/s2.
+#define GRAVITY_MIN ROUNDED(FUSE_GRAVITY_MIN_M_S2 * 32)
+#define GRAVITY_RANGE ROUNDED((FUSE_GRAVITY_MAX_M_S2 - FUSE_GRAVITY_MIN_M_S2) * 32)
+// Of two axes, 1.28 K from the calibration.
+#define WARMTH_Q30 Q30(2 * SQUARE(FUSE_LEVEL_WARMTH_MG_K * 1.28 / 1000))
 // A correction, rad a window as q2_30, to rad/s q7_25.
 #define TILTING_GAIN_Q14 Q14(1 / FUSE_WINDOW_S / 32)
 
@@ -25,7 +30,13 @@ static void follow_gravity(struct fuse *fuse) {
     if (fuse->state.windows > 0) {  // before the first levelling they are the same
         quat_rotate(level, &up, &up);
     }
-    if (vector_normalise(&up) < FORCE_MIN_Q21) {
+    const int32_t norm = vector_normalise(&up);
+    const bool is_gravity =  // where the difference is negative, it is more
+        fuse->state.acc.count < FUSE_REPEATS_FORCE &&
+        (uint16_t)(fixed_high_half((uint32_t)norm) - GRAVITY_MIN) <= GRAVITY_RANGE;
+    fuse->state.doubts = (uint8_t)(is_gravity ? fuse->state.doubts & ~FUSE_FORCE
+                                              : fuse->state.doubts | FUSE_FORCE);
+    if (norm < FORCE_MIN_Q21) {
         return;
     }
     fuse->state.tilt[0].corrected_rad_s = fixed_mul_q14(up.y, TILTING_GAIN_Q14);
@@ -53,13 +64,17 @@ void fuse_level_first(struct fuse *fuse) {
     fuse->state.world_from_inertial = fuse->state.level_from_inertial;
 }
 
+q2_30_t fuse_level_variance(const struct fuse *fuse) {
+    const uint16_t square = (uint16_t)(fuse->state.warmth * fuse->state.warmth);
+    return fuse->settings.level_variance + fixed_times(WARMTH_Q30, square);
+}
+
 // Orientation lost: keep it as the initial guess, and level again.
 static void lose_orientation(struct fuse *fuse) {
     memset(&fuse->state.force, 0, sizeof fuse->state.force);
     memset(fuse->state.tilt, 0, sizeof fuse->state.tilt);
     fuse->state.windows = 0;
-    fuse->state.field_learnt = 0;
-    fuse->state.heading_variance = FUSE_HEADING_VARIANCE_MAX_Q30;
+    fuse_forget_place(fuse);
 }
 
 void fuse_stage_level(struct fuse *fuse) {

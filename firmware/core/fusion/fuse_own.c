@@ -25,7 +25,7 @@ void fuse_use_own(struct fuse *fuse, const struct own_field *own) {
 }
 
 bool fuse_read_own(const struct fuse *fuse, struct own_field *out) {
-    if (fuse->state.field_learnt < FUSE_FIELD_LEARN ||
+    if (fuse->state.field_learnt < FUSE_FIELD_LEARN || fuse->state.doubts != 0 ||
         fuse->state.field_astray > FUSE_FIELD_ASTRAY ||
         fuse->state.field_surprise > SURPRISE_MAX ||
         fuse->settings.own_variance < OWN_SIGMA * OWN_SIGMA) {

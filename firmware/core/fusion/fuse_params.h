@@ -21,11 +21,16 @@
 #define FUSE_LOOKS(seconds) ROUNDED((seconds) / FUSE_LOOK_S)
 
 // Integration and levelling.
-#define FUSE_LEVEL_TAU_S 3.0     // low-pass of the specific force; VQF, tau_acc
-#define FUSE_FORCE_MIN_M_S2 1.0  // below it, free fall, nothing is levelled
-#define FUSE_LEVEL_SIGMA_G 0.06  // error of the force where nothing is calibrated
-#define FUSE_UNSETTLED_S 10.0    // after lost motion, levelling says nothing of bias
-#define FUSE_CLIPPED_LOST 4      // clipped samples in a window that lose the attitude
+#define FUSE_LEVEL_TAU_S 3.0        // low-pass of the specific force; VQF, tau_acc
+#define FUSE_FORCE_MIN_M_S2 1.0     // below it, free fall, nothing is levelled
+#define FUSE_GRAVITY_MIN_M_S2 4.9   // a mean force outside these two is not gravity:
+#define FUSE_GRAVITY_MAX_M_S2 17.6  // centrifuges of made motions stay within them
+#define FUSE_LEVEL_SIGMA_G 0.06     // error of the force where nothing is calibrated
+#define FUSE_UNSETTLED_S 10.0       // after lost motion, levelling says nothing of bias
+#define FUSE_LEVEL_WARMTH_MG_K                                                         \
+    0.75                     // sigma of an axis, a kelvin from its calibration;
+                             // PS-MPU-9250A-01, table 2, has 1.5 as a limit
+#define FUSE_CLIPPED_LOST 4  // clipped samples in a window that lose the attitude
 #define FUSE_INTERVAL_MAX_US 60000  // integrated between two samples, in nine steps
 
 // Detection of rest.
@@ -88,8 +93,13 @@
 #define FUSE_FIELD_DRIFT_S2 810.0   // noise by a level that leans; fitted
 #define FUSE_FIELD_STEP_MAX_UT 6.0  // correction by one axis of a reading
 #define FUSE_FIELD_ABSENT_S 1.0     // without a reading the field is absent
+#define FUSE_READING_MAX_UT 1000.0  // of an axis of a reading
 #define FUSE_LEARN_S 2.0            // first readings, whose mean is the place's field
 #define FUSE_HORIZONTAL_MIN_UT 1.0  // below it the field tells no heading
+// Equal measurements in a row of a sensor that is dead; the noise of a good one, ten
+// counts of force and four of field, never repeats so often.
+#define FUSE_REPEATS_FORCE 25  // of every look at rest
+#define FUSE_REPEATS_FIELD 25
 
 // The field of the place.
 #define FUSE_PLACE_MAX_UT 3600.0
@@ -100,6 +110,15 @@
 #define FUSE_PLACE_MOVING_SIGMA_UT 3.0    // in addition, if there was no rest
 #define FUSE_PLACE_WANDER_UT2_S 0.024     // growth of the variance
 #define FUSE_PLACE_SPREAD_MAX_UT2 60.0    // limit to what heading errors add to it
+
+// What can't be the field of the Earth, which is 22 to 67 uT (IGRF-13), or isn't that
+// in which the probe was calibrated.
+#define FUSE_EARTH_MIN_UT 18.0
+#define FUSE_EARTH_MAX_UT 75.0
+#define FUSE_UNLIKE_PART 5  // a field is unlike, whose components are off by more
+#define FUSE_PLAIN_S 2.0    // of readings that are plain again: learn the place anew
+#define FUSE_OWN_IMPOSSIBLE_UT 50.0  // of the own field, where no calibration told it
+#define FUSE_ELSEWHERE_SIGMA_UT 2.0  // own field known to it, and small: another place
 
 // The probe's own field: hard iron that a calibration left, or a magnet put on it.
 #define FUSE_OWN_MAX_UT 400.0
@@ -123,8 +142,6 @@
 #define FUSE_ASTRAY_TAU_S 1.6      // averaging of whether a reading is strange
 #define FUSE_ASTRAY_LENGTH_UT 2.0  // strange: its length is off by more than this
 #define FUSE_ASTRAY_SHARE 0.5      // of strange readings: the own field has changed
-#define FUSE_STRANGE_SHARE 0.2     // of strange readings: iron or a magnet is near
-#define FUSE_STRANGE_SIGMA_UT 5.0  // added to the stated heading error then
 
 // A reading across the horizontal field also tells how far the integrated heading is
 // off.
@@ -133,10 +150,8 @@
 #define FUSE_TURNING_DRIFT_S2 8100.0  // noise by a level that leans; fitted
 #define FUSE_TURNING_LEANING_MAX_UT2 506.25
 #define FUSE_TURNING_FIELD_MAX_UT 50.0
-#define FUSE_RESIDUAL_TAU_S 6.4  // averaging of the square of what remains
-#define FUSE_RESIDUAL_MAX_UT 10.0
-#define FUSE_RESIDUAL_FREE_UT2 2.0  // of that average is noise
-#define FUSE_RESIDUAL_SHARE 4       // factor of the rest in the stated heading error
+#define FUSE_ACROSS_TAU_S 3.2  // averaging of what readings are off, with its sign
+#define FUSE_ACROSS_MAX_UT 10.0
 
 // Growth of the heading's variance.
 #define FUSE_HEADING_WANDER_DEG2_S 0.05
@@ -147,7 +162,10 @@
 #define FUSE_TILT_FLOOR_DEG 0.38
 #define FUSE_TILT_DRIFT_S 10.44  // factor of the mean levelling correction
 #define FUSE_HEADING_FLOOR_DEG 0.6
-#define FUSE_HEADING_DRIFT_S 6.0     // factor of that correction, by the vertical field
+#define FUSE_HEADING_DRIFT_S 2.45    // factor of that correction, by the vertical field
+#define FUSE_HEADING_ACROSS 1.6      // factor of the square of what goes on across
+#define FUSE_HEADING_ASTRAY_UT2 4.0  // where all readings are strange
+#define FUSE_HEADING_WORST 1.7       // sigmas by which the field may be shorter
 #define FUSE_COVARIANCE_SHARE 0.275  // of the field's covariance, on a calibrated probe
 #define FUSE_UNCALIBRATED_SIGMA_UT 1.5  // what soft iron adds on another
 #define FUSE_LEVEL_SHARE                                                               \

@@ -4,7 +4,9 @@
 //   fuse.c        integration, the order of the stages, orientation and quality
 //   fuse_level.c  the vertical, from the specific force
 //   fuse_gyro.c   rest, and the gyroscope's bias and scales
-//   fuse_field.c  heading, from the magnetic field
+//   fuse_field.c  the magnetic field of the place and of the probe
+//   fuse_heading.c  heading from it, and the stated error
+//   fuse_doubt.c  what can't be: fields, forces, sensors that are dead
 //   fuse_own.c    the probe's own field from one run to the next
 //
 // Frames of reference: body; inertial, which drifts with the gyroscope; level, with z
@@ -23,7 +25,6 @@ enum {
     FUSE_FIELD_LEARN = FUSE_WINDOWS(FUSE_LEARN_S),  // a reading each
     // Squared distances as 64ths of 1 uT2, shares as 65536ths.
     FUSE_FIELD_UNIT = ROUNDED(FUSE_SURPRISE_UT * FUSE_SURPRISE_UT * 64),
-    FUSE_FIELD_STRANGE = Q16(FUSE_STRANGE_SHARE),
     FUSE_FIELD_ASTRAY = Q16(FUSE_ASTRAY_SHARE) - 1,  // the AVR's int ends at 32767
     FUSE_Q2_14_ONE = 16384,
 };
@@ -36,6 +37,13 @@ enum {
 
 #define FUSE_HEADING_VARIANCE_MAX_Q30 Q2_30_ONE  // (57 deg)^2
 #define FUSE_HEADING_FREE_Q30 Q_RAD2(SQUARE(FUSE_HEADING_FREE_DEG), 30)
+
+// Why errors are withheld: the upper half of a pose's flags.
+enum fuse_doubt {
+    FUSE_IMPOSSIBLE = POSE_FIELD_IMPOSSIBLE / 256,
+    FUSE_UNLIKE = POSE_FIELD_UNLIKE / 256,
+    FUSE_FORCE = POSE_FORCE_IMPOSSIBLE / 256,
+};
 
 // Of the force, a step each window.
 extern const IN_FLASH struct lowpass_gain fuse_level_gain;
@@ -59,6 +67,8 @@ static inline void fuse_next_axis(struct fuse *fuse) {
 // The first sample is levelled at once. Force in the body frame, m/s2 q11_21.
 void fuse_take_first(struct fuse *fuse, const struct vector *force_body);
 void fuse_level_first(struct fuse *fuse);
+// Of the level by the accelerometer's own error, rad2, as far as temperature goes.
+q2_30_t fuse_level_variance(const struct fuse *fuse);
 // Level from the mean force of the window.
 void fuse_stage_level(struct fuse *fuse);
 
@@ -86,13 +96,30 @@ void fuse_stage_motion(struct fuse *fuse);
 void fuse_read_motion(struct fuse *fuse, const q2_14_t row[], int32_t noise,
                       q7_25_t surprise);
 
+// fuse_doubt.c
+
+// The place is learned anew; until then there is no heading.
+void fuse_forget_place(struct fuse *fuse);
+// How often in a row a sensor has given this measurement before.
+uint8_t fuse_repeats(struct fuse_repeats *repeats, const struct vector *v);
+// The field of the calibration.
+void fuse_set_known_field(struct fuse *fuse, const struct calibration *calibration);
+// Whether a place that is doubtful must be learned anew, since readings are plain.
+bool fuse_is_plain_again(struct fuse *fuse);
+// Whether and why the place, whose horizontal field is given, leaves no heading.
+void fuse_doubt_place(struct fuse *fuse, q14_18_t horizontal_ut);
+
 // fuse_field.c
 
 // How late readings of the field are, before turns have told.
 void fuse_init_lag(struct fuse *fuse);
+// Nothing tells how large the probe's own field is.
+bool fuse_is_own_unknown(const struct fuse *fuse);
 // How well the probe's own field is known: `sigma` of a calibration, 0.01 uT.
 void fuse_set_own_accuracy(struct fuse *fuse, uint16_t sigma);
-// Turns the reading to the level frame.
+// The mean of the readings since the last call is the reading of this window.
+void fuse_stage_mean(struct fuse *fuse);
+// Turns it to the level frame.
 void fuse_stage_reading(struct fuse *fuse);
 // Predicts the field, and weighs the reading. Without a reading, only predicts.
 void fuse_stage_field(struct fuse *fuse);
@@ -104,6 +131,12 @@ void fuse_follow_lag(struct fuse *fuse);
 // Takes one axis of the reading into the field of the place and of the probe; axis 3:
 // that the probe has none of its own, along one axis of the body, where it seems so.
 void fuse_stage_field_axis(struct fuse *fuse, uint8_t axis);
+// The square of the vertical field, seen through a level that leans by an angle whose
+// square is given: uT2; of what levelling goes on to correct in a second, at most 28.
+q14_18_t fuse_leaning(const struct fuse *fuse, q2_30_t square_rad);
+
+// fuse_heading.c
+
 // Level and heading as one rotation, which makes poses for the next window.
 void fuse_stage_world(struct fuse *fuse);
 

@@ -8,9 +8,10 @@
 
 // What a pose and a stroke have as flags, but for those of an origin and those that
 // samples latch.
-static inline uint8_t pose_place_flags(const struct pose_tracker *tracker,
-                                       const struct attitude_quality *quality) {
-    return (uint8_t)(quality->flags | (tracker->is_calibrated ? 0 : POSE_UNCALIBRATED));
+static inline uint16_t pose_place_flags(const struct pose_tracker *tracker,
+                                        const struct attitude_quality *quality) {
+    return (uint16_t)(quality->flags |
+                      (tracker->is_calibrated ? 0 : POSE_UNCALIBRATED));
 }
 
 #ifdef POSE_WITHOUT_STROKES

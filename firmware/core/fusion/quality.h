@@ -8,9 +8,9 @@
 struct attitude_quality {
     uint16_t tilt_sigma_cdeg;     // UINT16_MAX: not known
     uint16_t heading_sigma_cdeg;  // UINT16_MAX: heading is free, or not known
-    // What of a pose's flags it states: POSE_STARTING, POSE_AT_REST,
-    // POSE_MAG_DISTURBED, POSE_MAG_ABSENT and POSE_HEADING_FREE.
-    uint8_t flags;
+    // What of a pose's flags it states: all but POSE_UNCALIBRATED, POSE_CLIPPED,
+    // POSE_GAP and POSE_TARED.
+    uint16_t flags;
 };
 
 #endif

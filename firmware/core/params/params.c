@@ -14,10 +14,18 @@ _Static_assert(offsetof(struct calibration_of_sensor, matrix) ==
                    offsetof(struct calibration_of_sensor, sigma) ==
                        offsetof(struct record_acc, sigma),
                "bias, matrix and sigma begin a record");
+_Static_assert(offsetof(struct calibration, field_up) ==
+                   offsetof(struct calibration, field_north) + sizeof(int16_t),
+               "as the record has them");
 _Static_assert(PARAMS_ACC == 1 && PARAMS_GYR == 2 && PARAMS_MAG == 3, "as sensors[]");
 enum {
     VALUES_SIZE = offsetof(struct record_acc, sigma),  // at least
     VALUES_ALL = offsetof(struct record_acc, residual),
+    // In the record, whose parts follow each other without gaps.
+    TEMPERATURE_AT = VALUES_ALL + 2,
+    TEMPERATURE_SIZE = 2,
+    FIELD_AT = VALUES_ALL + 13,
+    FIELD_SIZE = 4,
     TAGS_MAX = 8,  // of the records that are known, and of those that may not be double
     AXIS_MAX = 16400,  // of a unit vector, rounded
 };
@@ -61,6 +69,19 @@ static uint8_t bit_of(uint8_t tag) {
         bit = (uint8_t)(2 * bit);
     }
     return bit;
+}
+
+// In which a sensor was calibrated, of a record with this tag and length.
+static void read_conditions(const IN_FLASH struct memory *memory, uint16_t offset,
+                            const uint8_t head[2], struct calibration *out) {
+    if (head[0] == PARAMS_MAG && head[1] >= FIELD_AT + FIELD_SIZE) {
+        memory_copy(memory, (uint16_t)(offset + FIELD_AT), &out->field_north,
+                    FIELD_SIZE);
+    }
+    if (head[0] == PARAMS_ACC && head[1] >= TEMPERATURE_AT + TEMPERATURE_SIZE) {
+        memory_copy(memory, (uint16_t)(offset + TEMPERATURE_AT), &out->temperature,
+                    TEMPERATURE_SIZE);
+    }
 }
 
 enum params_fault params_read(const IN_FLASH struct memory *memory, uint16_t offset,
@@ -107,6 +128,7 @@ enum params_fault params_read(const IN_FLASH struct memory *memory, uint16_t off
             size = VALUES_ALL;
         }
         memory_copy(memory, offset, to, size);
+        read_conditions(memory, offset, head, &out->calibration);
         if ((sensor != NULL && !calibration_of_sensor_is_valid(sensor)) ||
             out->button_does > BUTTON_DOES_MAX || out->reference > REFERENCE_FULL) {
             return PARAMS_OUT_OF_RANGE;

@@ -19,7 +19,7 @@ enum params_record {
 enum {
     PARAMS_ACC_SIZE = 39,
     PARAMS_GYR_SIZE = 39,
-    PARAMS_MAG_SIZE = 45,
+    PARAMS_MAG_SIZE = 49,
     PARAMS_TIP_SIZE = 23,
     PARAMS_OPTIONS_SIZE = 2,
 };
@@ -40,6 +40,8 @@ enum {
 #define MAG_NORM_NULL UINT16_MAX
 #define MAG_DIP_NULL INT16_MIN
 #define MAG_LAG_NULL INT16_MIN
+#define MAG_NORTH_NULL INT16_MIN
+#define MAG_UP_NULL INT16_MIN
 #define TIP_OFFSET_NULL INT32_MIN
 #define TIP_AXIS_NULL INT16_MIN
 #define TIP_SIGMA_NULL UINT16_MAX
@@ -76,6 +78,8 @@ struct record_mag {
     uint16_t norm;        // 0.01 uT
     int16_t dip;          // 0.01 deg
     int16_t lag;          // 1e-6 s
+    int16_t north;        // 0.25 uT
+    int16_t up;           // 0.25 uT
 };
 
 struct record_tip {

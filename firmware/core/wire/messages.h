@@ -9,8 +9,8 @@
 
 #include "core/math/in_flash.h"
 
-#define SCHEMA_FINGERPRINT 0xb9cfb4fdu
-#define SCHEMA_SEED 0xb4fdu  // CRC of all messages but hello
+#define SCHEMA_FINGERPRINT 0x03b33511u
+#define SCHEMA_SEED 0x3511u  // CRC of all messages but hello
 
 enum {
     PROTOCOL_VERSION = 1,

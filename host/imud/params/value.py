@@ -137,9 +137,12 @@ class Params(msgspec.Struct, frozen=True):
 
     def replaced(self, name: str, values: Mapping[str, object]) -> Params:
         """With a whole record of these values, by key; what is left out is not known.
-        ParamsError if a value can't be.
+        What a magnetometer's field is to the north and up follows from its `norm_uT`
+        and `dip_deg`. ParamsError if a value can't be.
         """
         kind = kind_of(name)
+        if name == "mag":
+            values = {**values, **_components(values)}
         wire = {}
         for unknown in values.keys() - kind.keys.keys():
             raise ParamsError(f"{name} has no {unknown}, only {', '.join(kind.keys)}")
@@ -255,6 +258,15 @@ def payload_of(records: bytes) -> dict[str, Any]:
         "bytes": records.hex(),
         "records": params.described(),
     }
+
+
+def _components(values: Mapping[str, object]) -> dict[str, float | None]:
+    """The field to the north and up, uT, from its norm, uT, and its dip, deg."""
+    norm, dip = values.get("norm_uT"), values.get("dip_deg")
+    if not isinstance(norm, int | float) or not isinstance(dip, int | float):
+        return {"north_uT": None, "up_uT": None}
+    dip = math.radians(dip)
+    return {"north_uT": norm * math.cos(dip), "up_uT": -norm * math.sin(dip)}
 
 
 def _sensor_faults(name: str, wire: Mapping[str, Wire]) -> Iterator[str]:

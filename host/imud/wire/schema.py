@@ -11,8 +11,8 @@ from enum import IntEnum, IntFlag
 from typing import Literal
 
 PROTOCOL_VERSION = 1
-FINGERPRINT = 0xB9CFB4FD
-SEED = 0xB4FD  # of the CRC of all messages but hello
+FINGERPRINT = 0x03B33511
+SEED = 0x3511  # of the CRC of all messages but hello
 HELLO_SEED = 0xFFFF
 HEADER = "<BII"  # id, sequence, time_us
 
@@ -513,6 +513,8 @@ RECORDS = (
             Field("norm", 0, "u16", scale=0.01, unit="uT", null=65535),
             Field("dip", 0, "i16", scale=0.01, unit="deg", null=-32768),
             Field("lag", 0, "i16", scale=1e-6, unit="s", null=-32768),
+            Field("north", 0, "i16", scale=0.25, unit="uT", null=-32768),
+            Field("up", 0, "i16", scale=0.25, unit="uT", null=-32768),
         ),
     ),
     RecordType(

@@ -39,13 +39,14 @@ from replay_bench import (
 EYE = [ONE, 0, 0, 0, ONE, 0, 0, 0, ONE]
 UNKNOWN = 2**16 - 1
 IDENTITY = b"".join(
-    calibration_record(tag, [0, 0, 0], EYE, UNKNOWN) for tag in (1, 2, 3)
+    calibration_record(tag, [0, 0, 0], EYE, UNKNOWN, -(2**15), (-(2**15), 0))
+    for tag in (1, 2, 3)
 )
 
 # The first half of SHA-256 of the poses of SAMPLES, of the papers' filters from a
 # firmware that had no params.
 BEFORE = {
-    lib.FILTER_FUSE: "fd8393e5c3f5202d73861d092047949a",
+    lib.FILTER_FUSE: "7849073f98c0eb6638aaa77e5de54b11",
     lib.FILTER_COMPLEMENTARY: "58e82b104c9c41756759332b9ce31ed9",
     lib.FILTER_MAHONY: "5e1828ad5234bc11ce08f24ecb5a2328",
     lib.FILTER_MADGWICK: "092e807a994b11c5df40ae24cc760b65",
