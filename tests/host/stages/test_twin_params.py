@@ -216,7 +216,7 @@ def test_where_the_probe_goes_on_with_params_that_it_missed_it_waits():
 
 
 def test_a_restart_after_a_change_that_was_lost_is_no_difference():
-    life = calibrated().live(620)
+    life = calibrated().live(600)
     life.load(OTHER)
     at = named(life.contents, "params_changed")[-1]
     gone = range(at, len(life.contents))
