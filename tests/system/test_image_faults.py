@@ -11,7 +11,14 @@ import pytest
 
 from imud.virtual import motion
 from system.test_image import CLICK, each
-from system.virtual import Run, Stub, assert_nothing_is_lost, every_board, run
+from system.virtual import (
+    Run,
+    Stub,
+    assert_nothing_is_lost,
+    every_board,
+    run,
+    write_rest,
+)
 
 pytestmark = pytest.mark.sampled(4)
 
@@ -146,7 +153,9 @@ def test_a_sensor_that_loses_its_power_alone_is_set_up_again(stub: Stub) -> None
 
 @every_board
 def test_without_its_magnetometer_a_probe_has_six_axes_and_says_so(stub: Stub) -> None:
-    done = run(stub, 6, *CLICK, faults=[{"kind": stub.board.no_mag}])
+    rest = write_rest(stub.folder / "rest", 6)
+    fault = {"kind": stub.board.no_mag}
+    done = run(stub, 6, "--motion", rest, *CLICK, faults=[fault])
     pose = done.named("pose")[-1].fields
     assert "mag_absent" in pose["pose_flags"]
     assert "heading_free" in pose["pose_flags"]

@@ -11,7 +11,7 @@ import pytest
 
 from system.test_image import CLICK
 from system.test_image_faults import assert_it_came_back
-from system.virtual import Stub, run
+from system.virtual import Stub, run, write_rest
 
 pytestmark = pytest.mark.sampled(3)
 nano = pytest.mark.parametrize("stub", ["nano"], indirect=True)
@@ -71,7 +71,8 @@ def test_a_magnetometer_that_holds_its_bus_is_clocked_free(
     stub: Stub, clocks: int
 ) -> None:
     fault = {"kind": "mag_hung", "at_us": 2_500_000, "clocks": clocks}
-    done = run(stub, 7, *CLICK, faults=[fault])
+    rest = write_rest(stub.folder / "rest", 7)
+    done = run(stub, 7, "--motion", rest, *CLICK, faults=[fault])
     assert ("sensor_fault", "mag_stuck") in done.events
     assert done.named("hello")[-1].fields["sensor"] == "mpu9250"
     assert "mag_absent" not in done.named("pose")[-1].fields["pose_flags"]

@@ -13,6 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from imud.recordings import decode
@@ -218,6 +219,20 @@ def write_hand(path: Path, seconds: float, seed: int = 3) -> Path:
     hand = sensors.generate(seconds, seed=seed)
     with path.open("wb") as file:
         motion.write_stream(file, [hand], count=len(hand))
+    return path
+
+
+def write_rest(path: Path, seconds: float) -> Path:
+    """At rest, with the noise of a sensor that lives, as the simulator's stream."""
+    noise = np.random.default_rng(3).standard_normal((3, round(1000 * seconds), 3))
+    still = motion.Motion(
+        1000.0,
+        gyr=np.deg2rad(0.1) * noise[0],
+        acc=0.05 * noise[1] + [0.0, 0.0, 9.80665],
+        mag=0.6 * noise[2] + [0.0, 20.0, -40.0],
+    )
+    with path.open("wb") as file:
+        motion.write_stream(file, [still], count=len(still))
     return path
 
 

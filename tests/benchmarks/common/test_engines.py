@@ -43,11 +43,12 @@ def turned() -> motion.Motion:
     count = len(quat)
     up = np.tile([0.0, 0.0, feed.GRAVITY_M_S2], (count, 1))
     field = np.tile([0.0, 20.0, -44.0], (count, 1))
+    noise = np.random.default_rng(1).standard_normal((2, count, 3))
     return motion.Motion(
         rate_hz,
         gyr=np.concatenate([rate, np.zeros((1, 3))]),
-        acc=rotation.rotate(back, up),
-        mag=rotation.rotate(back, field),
+        acc=rotation.rotate(back, up) + 0.02 * noise[0],
+        mag=rotation.rotate(back, field) + 0.3 * noise[1],
         quat=quat,
         movement=np.arange(count) > 18 * rate_hz,
     )

@@ -56,7 +56,7 @@ SUMMARY = {
     "late": 0,
     "samples": 100,
     "flash": 30_720,
-    "ram": 1_300,
+    "ram": 1_352,
     "stack_max": 440,
 }
 
