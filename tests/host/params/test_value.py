@@ -243,3 +243,27 @@ def test_words_bring_all_bytes(params: Params) -> None:
     for at, word in words_of(params.encode()):
         memory[at : at + 4] = word.to_bytes(4, "little", signed=True)
     assert memory.startswith(params.encode())
+
+
+@pytest.mark.parametrize(
+    ("norm_ut", "dip_deg", "north_ut", "up_ut"),
+    [(48.2, 66.1, 19.5, -44.0), (42.0, -30.0, 36.25, 21.0), (None, 66.0, None, None)],
+)
+def test_the_field_to_the_north_and_up_follows_from_norm_and_dip(
+    norm_ut: float | None,
+    dip_deg: float,
+    north_ut: float | None,
+    up_ut: float | None,
+) -> None:
+    """Whatever was said of it, as in a file whose dip somebody has changed."""
+    values = {
+        "bias_counts": [0, 0, 0],
+        "matrix": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        "norm_uT": norm_ut,
+        "dip_deg": dip_deg,
+        "north_uT": 1.0,
+        "up_uT": 2.0,
+    }
+    plain = Params().replaced("mag", values).plain("mag")
+    assert plain is not None
+    assert (plain["north_uT"], plain["up_uT"]) == (north_ut, up_ut)
