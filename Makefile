@@ -83,7 +83,7 @@ firmware: ## the image of a board (BOARD=nano, f405, micropython)
 sim: ## the virtual boards: build/sim/nano, build/sim/f405
 	@$(PYTHON) tools/setup.py demo
 
-bench: ## accuracy, or WHAT=nano, f405, micropython, card, host, hosts, calibration, limb, page, strokes, tip
+bench: ## accuracy, or WHAT=honesty, nano, f405, micropython, card, host, hosts, calibration, limb, page, strokes, tip
 	@$(PYTHON) -m benchmarks --check $(WHAT)
 	@$(PYTHON) tools/setup.py bench
 	@python -m benchmarks $(WHAT)

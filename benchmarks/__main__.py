@@ -18,6 +18,10 @@ BENCHES: dict[str, tuple[str, ...]] = {
         "accuracy/recordings.py --board f405",
         "accuracy/groups.py",
     ),
+    "honesty": (
+        "whether the errors that poses state are true, and inform",
+        "honesty/desk.py",
+    ),
     "nano": (
         "cycles, stack, flash and RAM: the image, its parts, every filter",
         "firmware/cycles.py",

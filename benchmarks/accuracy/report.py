@@ -136,11 +136,12 @@ def print_table(
         max(len(head), *(len(cells[column]) for cells in rows.values()))
         for column, head in enumerate(heads)
     ]
+    longest = max(18, *map(len, rows))
     for name, cells in {"": heads, **rows}.items():
         line = "".join(
             f"  {cell:>{width}}" for cell, width in zip(cells, widths, strict=True)
         )
-        print(f"{name:18}{line}".rstrip())
+        print(f"{name:{longest}}{line}".rstrip())
 
 
 def print_tables(results: Sequence[Result], names: Sequence[str]) -> None:

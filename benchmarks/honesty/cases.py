@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: MIT
+"""Cases of a desk that misleads a probe: what a module feels there, with its truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+
+import numpy as np
+
+from imud import rotation
+from imud.rotation import FloatArray
+from imud.virtual.bodies import RigidBody
+from imud.virtual.curves import Piece, about, joined
+from imud.virtual.modules import calibrated
+from imud.virtual.motion import Motion
+from imud.virtual.motions.groups import exact
+from imud.virtual.motions.module import MG
+from imud.virtual.motions.ride import ORIGIN, RATE_HZ, Ride, X, Z, facing, times
+from imud.virtual.motions.room import Room
+from imud.virtual.sensors import SensorErrors, World, generate
+
+HAND_S = 150.0
+QUIET = SensorErrors(0.08, 0.05 / MG, 0.5, 0.5, 0.0, 0.0)
+# For which the AK8963 measures: it sees the mean of a field of mains.
+READING_S = 0.0072
+RANGE_M_S2 = 400.0  # beyond the range of any sensor
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A line of the table; `made` gets the seed."""
+
+    kind: str
+    name: str
+    made: Callable[[int], Motion]
+    is_known: bool = True  # somebody has calibrated the sensors
+    from_s: float = 15.0  # poses count from here on
+
+    def __str__(self) -> str:
+        return f"{self.name}, {'calibrated' if self.is_known else 'uncalibrated'}"
+
+
+@lru_cache(maxsize=1)
+def hand(seed: int) -> Motion:
+    """A hand that turns the probe, lays it down and draws with it."""
+    return generate(HAND_S, seed, RATE_HZ, World(), QUIET)
+
+
+def direction(*seed: int) -> FloatArray:
+    """Any direction, as likely as any other."""
+    drawn = np.random.default_rng(seed).standard_normal(3)
+    return np.asarray(drawn / np.linalg.norm(drawn))
+
+
+def own_field(seed: int, size_ut: int) -> Motion:
+    """A magnet on the probe from power-on."""
+    felt = hand(seed)
+    return replace(felt, mag=felt.mag + size_ut * direction(1, size_ut, seed))
+
+
+def with_room(felt: Motion, field_ut: FloatArray) -> Motion:
+    """A field of the room, in the world's frame, a row a record."""
+    assert felt.quat is not None
+    own = rotation.rotate(rotation.inverse(felt.quat), field_ut)
+    return replace(felt, mag=felt.mag + own)
+
+
+def steel(seed: int, size_ut: int) -> Motion:
+    """Laid on steel at power-on, taken away after 10 to 12 s."""
+    felt = hand(seed)
+    t = np.arange(len(felt)) / felt.rate_hz
+    share = np.clip((12.0 - t) / 2.0, 0.0, 1.0)
+    return with_room(felt, np.outer(share, size_ut * direction(2, size_ut, seed)))
+
+
+def mains(seed: int, hz: float, size_ut: float) -> Motion:
+    """Near a motor or a power supply from 30 s on."""
+    felt = hand(seed)
+    t = np.arange(len(felt)) / felt.rate_hz
+    phase = np.random.default_rng([3, seed]).uniform(0.0, 2.0 * np.pi)
+    swing = np.sin(2.0 * np.pi * hz * t + phase) * (t > 30.0)
+    size = size_ut * np.sinc(hz * READING_S)
+    return with_room(felt, np.outer(swing, size * direction(3, seed)))
+
+
+def on_desk(
+    seed: int, tilt_deg: float, rate_deg_s: float = 0.0, turned_s: float = 0.0
+) -> Motion:
+    """Turns about the vertical from power-on, then lies still for a minute; leans."""
+    random = np.random.default_rng([4, seed])
+    t = times(turned_s + 60.0)
+    rate = math.radians(rate_deg_s) * random.choice([-1.0, 1.0])
+    turn = joined([Piece(max(turned_s, 0.1), 0.0, rate, rate), Piece(60.0)], t)
+    lean = rotation.from_rotation_vector(math.radians(tilt_deg) * X)
+    body = RigidBody.still(facing(random), len(t)).hinged(ORIGIN, about(Z, turn))
+    ride = Ride(body, rest_s=-1.0).mounted(lean)
+    room = Room(49.0 * np.array([0.0, math.cos(1.15), -math.sin(1.15)]))
+    return calibrated().measures(exact(ride, room), random)
+
+
+def turning(seed: int, rate_deg_s: float) -> Motion:
+    """A ship or a turntable; counted while it lies still afterwards."""
+    return on_desk(seed, 0.0, rate_deg_s, turned_s=30.0)
+
+
+def shifted(felt: Motion, bias_mg: Sequence[float]) -> Motion:
+    """With another offset of the accelerometer."""
+    return replace(felt, acc=felt.acc + MG * np.array(bias_mg))
+
+
+def cold_lying(seed: int, bias_mg: Sequence[float]) -> Motion:
+    return shifted(on_desk(seed, 10.0), bias_mg)
+
+
+def cold_in_hand(seed: int, bias_mg: Sequence[float]) -> Motion:
+    return shifted(hand(seed), bias_mg)
+
+
+def acc_of_zeros(seed: int) -> Motion:
+    felt = on_desk(seed, 60.0)
+    return replace(felt, acc=0.0 * felt.acc)
+
+
+def acc_at_its_end(seed: int) -> Motion:
+    """Two of three axes, drawn by seed."""
+    felt = hand(seed)
+    acc = np.full_like(felt.acc, RANGE_M_S2)
+    acc[:, seed // 2 % 3] = felt.acc[:, seed // 2 % 3]
+    return replace(felt, acc=acc)
+
+
+def mag_stuck(seed: int) -> Motion:
+    felt = hand(seed)
+    return replace(felt, mag=np.tile(felt.mag[10], (len(felt), 1)))
+
+
+def mag_inverted(seed: int) -> Motion:
+    """One of three axes, drawn by seed."""
+    felt = hand(seed)
+    signs = np.where(np.arange(3) == seed // 2 % 3, -1.0, 1.0)
+    return replace(felt, mag=felt.mag * signs)
+
+
+def both(
+    kind: str, name: str, made: Callable[[int], Motion], from_s: float = 15.0
+) -> list[Case]:
+    """The case of sensors that somebody has calibrated, and of others."""
+    return [Case(kind, name, made, known, from_s) for known in (True, False)]
+
+
+def all_cases() -> Iterator[Case]:
+    """The lines in their order."""
+    for size in (20, 40, 80, 150, 400, 2000):
+        made = partial(own_field, size_ut=size)
+        yield from both("own field", f"{size} uT on the probe", made)
+    for size in (20, 45, 70, 120):
+        made = partial(steel, size_ut=size)
+        yield Case("steel", f"room +{size} uT for the first 12 s", made)
+    for hz, size in ((50.0, 20), (49.9, 20), (49.5, 20), (60.0, 20), (50.0, 60)):
+        made = partial(mains, hz=hz, size_ut=size)
+        yield Case("mains", f"{size} uT at {hz:g} Hz from 30 s", made, from_s=60.0)
+    for rate in (0.5, 1.0, 3.0, 6.0, 12.0, 25.0):
+        made = partial(turning, rate_deg_s=rate)
+        yield from both("turning start", f"{rate:g} deg/s for 30 s", made, 50.0)
+    for name, bias_mg in (("30 K", (45, -30, 20)), ("45 K", (50, 30, 100))):
+        made = partial(cold_lying, bias_mg=bias_mg)
+        yield Case("cold", f"{name} from calibration, lies", made)
+        made = partial(cold_in_hand, bias_mg=bias_mg)
+        yield Case("cold", f"{name} from calibration, in hand", made)
+    yield from both("dead", "accelerometer 0 0 0, lies at 60 deg", acc_of_zeros)
+    yield from both("dead", "accelerometer, 2 axes at the end", acc_at_its_end)
+    yield from both("dead", "magnetometer stuck", mag_stuck)
+    yield from both("dead", "magnetometer, 1 axis inverted", mag_inverted)
+
+
+CASES = tuple(all_cases())
+KINDS = tuple(dict.fromkeys(case.kind for case in CASES))
