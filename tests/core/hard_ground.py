@@ -16,7 +16,9 @@ from core import desk
 from core.desk import DEGREE, G, ffi, lib
 from core.scenes import Scene, scene
 from imud import rotation
-from imud.virtual.sensors import Magnet
+from imud.virtual.bodies import RigidBody
+from imud.virtual.motions import misleading, ways
+from imud.virtual.motions.misleading import EARTH_UT
 
 RATE_HZ = 200
 # Rates are means over the sample period, so 2.5 ms of delay need no lead.
@@ -25,9 +27,7 @@ POSE = desk.dtype_of("struct message_pose")
 NOT_KNOWN = 2**16 - 1
 SIGMAS = 1.96  # 95 % of normal errors fall inside
 
-EARTH = np.array([0.0, 20.0, -43.0])  # uT; east, north, up
 RANGE = 16 * G  # of the accelerometer
-READING_S = 0.0072  # for which the AK8963 measures
 
 
 @dataclass(frozen=True, repr=False)
@@ -102,45 +102,8 @@ def poses_of(felt: Scene, *, is_known: bool = True, warmer_k: float = 0) -> Stat
     )
 
 
-# Where it goes.
-
-
 def times(seconds: float) -> desk.Array:
     return np.arange(round(seconds * RATE_HZ)) / RATE_HZ
-
-
-def begun(t: desk.Array, rest_s: float) -> desk.Array:
-    """0 at rest, 1 two seconds later."""
-    u = np.clip((t - rest_s) / 2, 0, 1)
-    return np.asarray(u**2 * (3 - 2 * u))
-
-
-def wandering(t: desk.Array, random: np.random.Generator, hz: float) -> desk.Array:
-    """Slow sines about this frequency, 1 rms."""
-    found = np.zeros_like(t)
-    for share in random.uniform(0.5, 1.5, 4):
-        found += np.sin(2 * np.pi * hz * share * t + random.uniform(0, 2 * np.pi))
-    return np.asarray(found / np.sqrt(2))
-
-
-def attitudes(yaw: desk.Array, pitch: desk.Array, roll: desk.Array) -> desk.Array:
-    """World from body, by turns about z, y and x, rad."""
-    about = [
-        rotation.from_rotation_vector(angle[:, None] * np.eye(3)[axis])
-        for axis, angle in ((2, yaw), (1, pitch), (0, roll))
-    ]
-    return rotation.multiply(rotation.multiply(about[0], about[1]), about[2])
-
-
-def hand(random: np.random.Generator, seconds: float, rest_s: float = 8) -> desk.Array:
-    """A hand that turns a probe by up to 150 deg/s, after a rest."""
-    t = times(seconds)
-    way = begun(t, rest_s)
-    yaw, pitch, roll = (
-        degrees * DEGREE * way * wandering(t, random, hz)
-        for degrees, hz in ((60, 0.25), (35, 0.3), (35, 0.3))
-    )
-    return attitudes(yaw + random.uniform(-3, 3), pitch, roll)
 
 
 def direction(random: np.random.Generator) -> desk.Array:
@@ -148,22 +111,19 @@ def direction(random: np.random.Generator) -> desk.Array:
 
 
 def feeling(
-    quat: desk.Array,
+    body: RigidBody,
     random: np.random.Generator,
     *,
-    field_ut: desk.Array = EARTH,
-    place_m: desk.Array | None = None,
+    field_ut: desk.Array = EARTH_UT,
     scale: float = 0.003,
 ) -> Scene:
     """What is felt on the way; the gyroscope's scales are wrong by up to `scale`."""
+    quat = body.turning.quat
     felt = scene(
         quat, RATE_HZ, seed=int(random.integers(2**31)), field_ut=np.array(field_ut)
     )
     felt.gyr *= 1 + random.uniform(-scale, scale, 3)
-    if place_m is not None:
-        speed = np.gradient(place_m, axis=0) * RATE_HZ
-        force = np.gradient(speed, axis=0) * RATE_HZ
-        felt.acc += rotation.rotate(rotation.inverse(quat), force)
+    felt.acc += rotation.rotate(rotation.inverse(quat), body.place.second)
     return felt
 
 
@@ -173,7 +133,7 @@ def feeling(
 def own_field(size_ut: float, seed: int) -> Scene:
     """A magnet on the probe from power-on; in a hand for 80 s."""
     random = np.random.default_rng([1, seed])
-    felt = feeling(hand(random, 88), random)
+    felt = feeling(ways.in_hand(random, times(88)), random)
     felt.mag += size_ut * direction(random)
     return felt
 
@@ -181,30 +141,25 @@ def own_field(size_ut: float, seed: int) -> Scene:
 def laid_on_steel(size_ut: float, seed: int) -> Scene:
     """A room that has another field for the first 12 s; in a hand from 8 s on."""
     random = np.random.default_rng([2, seed])
-    quat = hand(random, 128)
-    share = np.clip((12 - times(128)) / 2, 0, 1)[:, None]
-    room_ut = EARTH + share * size_ut * direction(random)
-    return feeling(quat, random, field_ut=room_ut)
+    t = times(128)
+    body = ways.in_hand(random, t)
+    steel = misleading.left_behind(size_ut * direction(random))
+    return feeling(body, random, field_ut=EARTH_UT + steel.at(t))
 
 
 def beside_a_motor(hz: float, size_ut: float, seed: int) -> Scene:
     """A field of mains from 20 s on, as means over the time of a reading."""
     random = np.random.default_rng([3, seed])
-    quat, t = hand(random, 88), times(88)
-    swing = np.sin(2 * np.pi * hz * t + 1.0) * np.sinc(hz * READING_S) * (t > 20)
-    room_ut = EARTH + swing[:, None] * size_ut * np.array([0.8, 0.6, 0.0])
-    return feeling(quat, random, field_ut=room_ut)
+    t = times(88)
+    motor = misleading.mains(size_ut * np.array([0.8, 0.6, 0.0]), hz, 1.0, from_s=20)
+    body = ways.in_hand(random, t)
+    return feeling(body, random, field_ut=EARTH_UT + motor.at(t))
 
 
 def shop_module_turned_about_one_axis(seed: int) -> Scene:
     """Turned slowly about the one level axis along which most of its own field lies."""
     random = np.random.default_rng([4, seed])
-    t = times(50)
-    way = begun(t, 20)
-    pitch, yaw = (2 * DEGREE * way * wandering(t, random, 0.2) for _ in range(2))
-    roll = 35 * DEGREE * way * wandering(t, random, 0.1)
-    quat = attitudes(yaw + random.uniform(-3, 3), pitch, roll)
-    felt = feeling(quat, random, scale=0.01)
+    felt = feeling(ways.about_one_axis(random, times(50)), random, scale=0.01)
     felt.mag += [random.choice([-1, 1]) * 40, *random.uniform(-8, 8, 2)]
     return felt
 
@@ -212,50 +167,24 @@ def shop_module_turned_about_one_axis(seed: int) -> Scene:
 # Motions that the filter should find easy.
 
 
-def uneven(place_m: desk.Array, irons: list[Magnet]) -> desk.Array:
-    """The field on the way beside pieces of iron; on its mean it is the Earth's."""
-    found = np.sum([iron.field_ut(place_m) for iron in irons], axis=0)
-    return np.asarray(found + EARTH - found.mean(axis=0))
-
-
 def carried(seed: int) -> Scene:
     """Carried to and fro by 0.25 m in an uneven room, hardly turned; 60 s."""
     random = np.random.default_rng([5, seed])
     t = times(68)
-    way = begun(t, 8)
-    wander = [wandering(t, random, 0.8) for _ in range(6)]
-    place_m = 0.25 * (way * np.array(wander[:3])).T
-    yaw, pitch, roll = (3 * DEGREE * way * each for each in wander[3:])
-    quat = attitudes(yaw + random.uniform(-3, 3), pitch, roll)
-    irons = [
-        Magnet((*random.uniform(-1, 1, 2), -1.05), tuple(random.normal(0, 20, 3)))
-        for _ in range(4)
-    ]
-    room_ut = uneven(place_m, irons)
-    return feeling(quat, random, field_ut=room_ut, place_m=place_m, scale=0.005)
+    body = ways.carried(random, t)
+    room = misleading.uneven(body.place.value, misleading.under_desk(random))
+    felt_ut = room.field_at(body.place.value, t)
+    return feeling(body, random, field_ut=felt_ut, scale=0.005)
 
 
 def walking(seed: int) -> Scene:
     """In a pocket: a leg's swing at 0.9 Hz, through a room that differs by 2 uT."""
     random = np.random.default_rng([6, seed])
-    t, step_hz = times(86), 0.9
-    way = begun(t, 6)
-    swing = random.uniform(15, 30) * DEGREE * way * np.sin(2 * np.pi * step_hz * t)
-    bounce = np.sin(4 * np.pi * step_hz * t)
-    quat = attitudes(
-        120 * DEGREE * way * wandering(t, random, 0.05),
-        swing,
-        70 * DEGREE + 4 * DEGREE * way * bounce,
-    )
-    x, y = (1.2 * way * wandering(t, random, 0.06) for _ in range(2))
-    up = 0.03 * way * np.cos(4 * np.pi * step_hz * t) + 0.35 * (1 - np.cos(swing))
-    place_m = np.stack([x + 0.35 * np.sin(swing), y, up], axis=1)
-    irons = [
-        Magnet((*random.uniform(-2, 2, 2), -1.3), tuple(random.normal(0, 60, 3)))
-        for _ in range(6)
-    ]
-    room_ut = uneven(place_m, irons)
-    return feeling(quat, random, field_ut=room_ut, place_m=place_m, scale=0.005)
+    t = times(86)
+    body = ways.walking(random, t)
+    room = misleading.uneven(body.place.value, misleading.under_floor(random))
+    felt_ut = room.field_at(body.place.value, t)
+    return feeling(body, random, field_ut=felt_ut, scale=0.005)
 
 
 # Power-on, temperature and sensors that have died.
@@ -266,38 +195,27 @@ def turned_slowly(rate_deg_s: float, seed: int) -> Scene:
     20 s, then in a hand for 30 s.
     """
     random = np.random.default_rng([7, seed])
-    t = times(80)
-    way = begun(t, 50)
-    yaw, pitch, roll = (
-        degrees * DEGREE * way * wandering(t, random, 0.3) for degrees in (60, 35, 35)
-    )
-    turn = rate_deg_s * DEGREE * np.minimum(t, 30)
-    return feeling(attitudes(turn + yaw, pitch, roll), random)
+    return feeling(ways.turned_slowly(random, times(80), rate_deg_s), random)
 
 
 def lying(tilt_deg: float, seconds: float = 60) -> Scene:
     """At rest, leaning."""
     random = np.random.default_rng(8)
-    none = np.zeros(round(seconds * RATE_HZ))
-    return feeling(attitudes(none, none, none + tilt_deg * DEGREE), random)
+    lean = rotation.from_rotation_vector(np.array([tilt_deg * DEGREE, 0, 0]))
+    return feeling(RigidBody.still(lean, len(times(seconds))), random)
 
 
 def in_hand(seed: int) -> Scene:
     """Nothing special."""
     random = np.random.default_rng([9, seed])
-    return feeling(hand(random, 88), random)
+    return feeling(ways.in_hand(random, times(88)), random)
 
 
 def laid_down(seed: int) -> Scene:
     """20 s in a hand, then at rest; a gyroscope that warms up by up to 0.1 deg/s."""
     random = np.random.default_rng([10, seed])
     t = times(180)
-    way = begun(t, 8) * (1 - begun(t, 25))
-    yaw, pitch, roll = (
-        degrees * DEGREE * way * wandering(t, random, 0.25) for degrees in (60, 35, 35)
-    )
-    quat = attitudes(yaw + random.uniform(-3, 3), 0.3 + pitch, roll)
-    felt = feeling(quat, random)
+    felt = feeling(ways.laid_down(random, t), random)
     drift = random.uniform(-0.1, 0.1, 3) * DEGREE
     felt.gyr += -np.expm1(-t / 60)[:, None] * drift
     return felt

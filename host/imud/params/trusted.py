@@ -11,15 +11,20 @@ IDENTITY = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 _VALUES = {"bias_counts": [0.0, 0.0, 0.0], "matrix": IDENTITY, "method": "measured"}
 
 
-def known_to(sigma_m_s2: float, sigma_ut: float) -> bytes:
+def known_to(
+    sigma_m_s2: float, sigma_ut: float, gyr: float | None = None, **field: float
+) -> bytes:
     """Records that tell the one-sigma errors of an axis of accelerometer and
-    magnetometer, and none of the gyroscope.
+    magnetometer, and of the gyroscope's scale, a share; without it none.
+
+    `field`: norm_uT and dip_deg of the place where the probe was calibrated.
     """
+    of_gyr = {} if gyr is None else {"sigma": gyr}
     return (
         Params()
         .replaced("acc", _VALUES | {"sigma_m_s2": sigma_m_s2})
-        .replaced("gyr", _VALUES)
-        .replaced("mag", _VALUES | {"sigma_uT": sigma_ut})
+        .replaced("gyr", _VALUES | of_gyr)
+        .replaced("mag", _VALUES | {"sigma_uT": sigma_ut} | field)
         .encode()
     )
 

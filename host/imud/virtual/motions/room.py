@@ -54,6 +54,18 @@ class Attached:
 
 
 @dataclass(frozen=True, slots=True)
+class Added:
+    """A field that is the same in the whole room, and comes and goes."""
+
+    field_ut: FloatArray  # world frame
+    share: Callable[[FloatArray], FloatArray]  # of it, over times in s
+
+    def at(self, t: FloatArray) -> FloatArray:
+        """The field over time, uT, shape (n, 3)."""
+        return np.outer(self.share(t), self.field_ut)
+
+
+@dataclass(frozen=True, slots=True)
 class Room:
     """Where a ride takes place."""
 
@@ -62,6 +74,7 @@ class Room:
     gradient_ut_m: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
     iron: tuple[Magnet, ...] = ()
     passing: tuple[Passing, ...] = ()
+    added: tuple[Added, ...] = ()
     attached: tuple[Attached, ...] = ()
 
     def field_at(self, position: FloatArray, t: FloatArray) -> FloatArray:
@@ -72,6 +85,8 @@ class Room:
             found = found - magnet.field_ut(self.origin_m[None])
         for iron in self.passing:
             found = found + iron.field_ut(position, t)
+        for other in self.added:
+            found = found + other.at(t)
         return found
 
     def felt(self, ride: Ride) -> FloatArray:
@@ -95,12 +110,17 @@ def gradient(random: np.random.Generator, ride: Ride) -> Room:
     room = uniform(random, ride)
     away = np.linalg.norm(ride.body.place.value - room.origin_m, axis=1).max()
     strength = min(random.uniform(3.0, 8.0), 6.0 / max(float(away), 1e-3))
+    return Room(room.field_ut, room.origin_m, slope(random, strength))
+
+
+def slope(random: np.random.Generator, ut_m: float) -> FloatArray:
+    """How a field changes evenly: by so much in the strongest direction, uT/m."""
     # Symmetric without a trace: no currents and no charges.
     matrix = random.standard_normal((3, 3))
     matrix = matrix + matrix.T
     matrix -= np.eye(3) * np.trace(matrix) / 3.0
     strongest = np.abs(np.linalg.eigvalsh(matrix)).max()
-    return Room(room.field_ut, room.origin_m, matrix * strength / strongest)
+    return np.asarray(matrix * ut_m / strongest)
 
 
 def table(random: np.random.Generator, ride: Ride) -> Room:
@@ -115,10 +135,12 @@ def table(random: np.random.Generator, ride: Ride) -> Room:
     moments = moments + random.normal(0.0, 0.4, (4, 3))
     corners = random.uniform(-0.5, 0.5, (4, 3)) * np.array([1.0, 1.0, 0.0])
     pairs = list(zip((below + corners).tolist(), moments, strict=True))
-    units = [Magnet(_triple(at), _triple(moment)) for at, moment in pairs]
+    units = [Magnet(as_triple(at), as_triple(moment)) for at, moment in pairs]
     whole = np.linalg.norm(sum(unit.field_ut(place) for unit in units), axis=1).max()
     size = random.uniform(6.0, 20.0) / float(whole)
-    iron = tuple(Magnet(_triple(at), _triple(size * moment)) for at, moment in pairs)
+    iron = tuple(
+        Magnet(as_triple(at), as_triple(size * moment)) for at, moment in pairs
+    )
     return Room(room.field_ut, room.origin_m, iron=iron)
 
 
@@ -180,6 +202,7 @@ def _across(random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     return side, np.array([-side[1], side[0], 0.0])
 
 
-def _triple(vector: FloatArray) -> tuple[float, float, float]:
+def as_triple(vector: FloatArray) -> tuple[float, float, float]:
+    """A vector as a Magnet takes it."""
     x, y, z = map(float, vector)
     return x, y, z
