@@ -8,22 +8,19 @@ that the virtual boards would read. Seeds for tuning and for judging are kept ap
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
 from benchmarks.accuracy import groups_report, report
 from benchmarks.accuracy.groups_report import Outcome
-from benchmarks.common import engines, scoring
+from benchmarks.common import engines, jobs, scoring
 from benchmarks.common.boards import BOARDS
 from benchmarks.common.engines import HOST, VQF
 from benchmarks.common.feed import sampled
 from benchmarks.common.paths import RESULTS
 from imud.params.trusted import known_to
-from imud.progress import Progress
 from imud.virtual.motion import Motion
 from imud.virtual.motions.groups import GROUPS, SETS, Recipe, recipes
 
@@ -71,16 +68,8 @@ def outcome(
 def measure_all(found: Sequence[Recipe], args: argparse.Namespace) -> list[Outcome]:
     """Measure all recordings, `--jobs` at a time."""
     task = partial(measure, boards=args.boards, names=args.engines)
-    progress = Progress(f"{len(found)} recordings", len(found))
-    outcomes = []
-    # VQF is called from Python for each sample: threads would share one lock.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(args.jobs, len(found)), context) as pool:
-        for each in pool.map(task, found):
-            outcomes += each
-            progress.advance()
-    progress.end()
-    return outcomes
+    done = jobs.each(task, found, args.jobs, "recordings")
+    return [outcome for each in done for outcome in each]
 
 
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:

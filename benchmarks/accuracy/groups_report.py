@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -36,13 +37,28 @@ class Outcome:
     @property
     def is_worse(self) -> bool:
         """Whether our heading or inclination is clearly worse than VQF's."""
-        return any(
-            mine > WORSE_RATIO * other and mine > other + WORSE_DEG
-            for mine, other in (
-                (getattr(self.scores[HOST], kind), getattr(self.scores[VQF], kind))
-                for kind in KINDS
-            )
+        return is_worse(self.scores)
+
+
+def is_worse(scores: Mapping[str, Score]) -> bool:
+    """Whether our heading or inclination is clearly worse than VQF's."""
+    return any(
+        mine > WORSE_RATIO * other and mine > other + WORSE_DEG
+        for mine, other in (
+            (getattr(scores[HOST], kind), getattr(scores[VQF], kind)) for kind in KINDS
         )
+    )
+
+
+class Compared(Protocol):
+    """What a recording shows of our filter beside others."""
+
+    @property
+    def scores(self) -> Mapping[str, Score]: ...
+    @property
+    def coverage(self) -> Coverage: ...
+    @property
+    def is_worse(self) -> bool: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +73,7 @@ class Summary:
     heading_stated: float
 
     @staticmethod
-    def of(outcomes: Sequence[Outcome]) -> Summary:
+    def of(outcomes: Sequence[Compared]) -> Summary:
         scores = report.average([each.scores for each in outcomes])
         coverage = Coverage.mean([each.coverage for each in outcomes])
         return Summary(
@@ -171,9 +187,20 @@ def figures(outcomes: Sequence[Outcome]) -> Iterator[Figure]:
                 (93.0, 98.0),
                 worst,
             )
+    quiet = [each for name, each in groups.items() if name != MAGNET]
+    if quiet:
+        nulls = [each.coverage.heading_null for each in quiet]
+        counts = [each.count for each in quiet]
+        yield withheld("heading withheld, without a magnet, %", nulls, counts)
     if east:
         mine, other = east.scores[HOST].heading, east.scores[VQF].heading
         yield ratio("heading / VQF, east_pendulum", mine, other, 1.05, 1.0)
+
+
+def withheld(name: str, shares: Sequence[float], counts: Sequence[int]) -> Figure:
+    """The share of poses of groups that state no error; their recordings count."""
+    value = 100.0 * float(np.average(shares, weights=counts))
+    return Figure(name, value, (0.0, 1.0), (0.0, 0.5))
 
 
 def write(outcomes: Sequence[Outcome], path: Path) -> None:

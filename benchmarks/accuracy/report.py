@@ -87,6 +87,8 @@ def stated(results: Sequence[Result], ours: str) -> Iterator[Figure]:
         ("heading", mean.heading_sigma_deg, true.heading),
     ):
         yield ratio(f"{kind}, median stated / true rms", sigma, error, 2.0, 1.3)
+    value = 100.0 * mean.heading_null
+    yield Figure("heading withheld, %", value, (0.0, 1.0), (0.0, 0.5))
 
 
 def average(rows: Sequence[Mapping[str, Score]]) -> dict[str, Score]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -78,7 +79,7 @@ def test_the_figures_are_of_the_worst_group() -> None:
         outcome("east_pendulum", heading=16.0, coverage=(0.1, 0.1)),
     ]
     found = {each.name: each for each in groups_report.figures(outcomes)}
-    assert len(found) == 6
+    assert len(found) == 7
     heading = found["heading / VQF, worst group"]
     assert (heading.value, heading.detail) == (1.5, "robot_arm")
     assert heading.verdict == "MISSED"
@@ -90,6 +91,18 @@ def test_the_figures_are_of_the_worst_group() -> None:
     assert (tilt.value, tilt.detail) == (85.0, "vehicle")
     assert found["heading inside 1.96 sigma, %, worst group"].value == 80.0
     assert found["heading / VQF, east_pendulum"].value == 8.0
+
+
+def test_what_is_withheld_is_counted_without_magnets() -> None:
+    magnet = outcome(seed=12)
+    magnet = replace(magnet, coverage=replace(magnet.coverage, heading_null=0.9))
+    plain = outcome()
+    stuck = replace(plain, coverage=replace(plain.coverage, heading_null=0.03))
+    outcomes = [plain, plain, stuck, outcome("vehicle"), magnet]
+    found = {each.name: each for each in groups_report.figures(outcomes)}
+    figure = found["heading withheld, without a magnet, %"]
+    assert figure.value == pytest.approx(0.75)
+    assert figure.verdict == "must"
 
 
 def test_the_east_pendulum_alone_has_one_figure() -> None:
