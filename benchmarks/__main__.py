@@ -20,7 +20,7 @@ BENCHES: dict[str, tuple[str, ...]] = {
     ),
     "honesty": (
         "whether the errors that poses state are true, and inform",
-        "honesty/desk.py",
+        "honesty/whole.py",
     ),
     "nano": (
         "cycles, stack, flash and RAM: the image, its parts, every filter",

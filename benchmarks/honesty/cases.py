@@ -16,16 +16,15 @@ from imud.virtual.bodies import RigidBody
 from imud.virtual.curves import Piece, about, joined
 from imud.virtual.modules import calibrated
 from imud.virtual.motion import Motion
+from imud.virtual.motions import misleading
 from imud.virtual.motions.groups import exact
 from imud.virtual.motions.module import MG
 from imud.virtual.motions.ride import ORIGIN, RATE_HZ, Ride, X, Z, facing, times
-from imud.virtual.motions.room import Room
+from imud.virtual.motions.room import Added, Room
 from imud.virtual.sensors import SensorErrors, World, generate
 
 HAND_S = 150.0
 QUIET = SensorErrors(0.08, 0.05 / MG, 0.5, 0.5, 0.0, 0.0)
-# For which the AK8963 measures: it sees the mean of a field of mains.
-READING_S = 0.0072
 RANGE_M_S2 = 400.0  # beyond the range of any sensor
 
 
@@ -33,7 +32,7 @@ RANGE_M_S2 = 400.0  # beyond the range of any sensor
 class Case:
     """A line of the table; `made` gets the seed."""
 
-    kind: str
+    group: str
     name: str
     made: Callable[[int], Motion]
     is_known: bool = True  # somebody has calibrated the sensors
@@ -51,8 +50,7 @@ def hand(seed: int) -> Motion:
 
 def direction(*seed: int) -> FloatArray:
     """Any direction, as likely as any other."""
-    drawn = np.random.default_rng(seed).standard_normal(3)
-    return np.asarray(drawn / np.linalg.norm(drawn))
+    return misleading.direction(np.random.default_rng(seed))
 
 
 def own_field(seed: int, size_ut: int) -> Motion:
@@ -61,29 +59,25 @@ def own_field(seed: int, size_ut: int) -> Motion:
     return replace(felt, mag=felt.mag + size_ut * direction(1, size_ut, seed))
 
 
-def with_room(felt: Motion, field_ut: FloatArray) -> Motion:
-    """A field of the room, in the world's frame, a row a record."""
+def with_room(felt: Motion, added: Added) -> Motion:
+    """With a field of the room."""
     assert felt.quat is not None
+    field_ut = added.at(np.arange(len(felt)) / felt.rate_hz)
     own = rotation.rotate(rotation.inverse(felt.quat), field_ut)
     return replace(felt, mag=felt.mag + own)
 
 
 def steel(seed: int, size_ut: int) -> Motion:
-    """Laid on steel at power-on, taken away after 10 to 12 s."""
-    felt = hand(seed)
-    t = np.arange(len(felt)) / felt.rate_hz
-    share = np.clip((12.0 - t) / 2.0, 0.0, 1.0)
-    return with_room(felt, np.outer(share, size_ut * direction(2, size_ut, seed)))
+    """Laid on steel at power-on."""
+    field_ut = size_ut * direction(2, size_ut, seed)
+    return with_room(hand(seed), misleading.left_behind(field_ut))
 
 
 def mains(seed: int, hz: float, size_ut: float) -> Motion:
     """Near a motor or a power supply from 30 s on."""
-    felt = hand(seed)
-    t = np.arange(len(felt)) / felt.rate_hz
-    phase = np.random.default_rng([3, seed]).uniform(0.0, 2.0 * np.pi)
-    swing = np.sin(2.0 * np.pi * hz * t + phase) * (t > 30.0)
-    size = size_ut * np.sinc(hz * READING_S)
-    return with_room(felt, np.outer(swing, size * direction(3, seed)))
+    start = np.random.default_rng([3, seed]).uniform(0.0, 2.0 * np.pi)
+    field_ut = size_ut * direction(3, seed)
+    return with_room(hand(seed), misleading.mains(field_ut, hz, start, 30.0))
 
 
 def on_desk(
@@ -145,10 +139,10 @@ def mag_inverted(seed: int) -> Motion:
 
 
 def both(
-    kind: str, name: str, made: Callable[[int], Motion], from_s: float = 15.0
+    group: str, name: str, made: Callable[[int], Motion], from_s: float = 15.0
 ) -> list[Case]:
     """The case of sensors that somebody has calibrated, and of others."""
-    return [Case(kind, name, made, known, from_s) for known in (True, False)]
+    return [Case(group, name, made, known, from_s) for known in (True, False)]
 
 
 def all_cases() -> Iterator[Case]:
@@ -177,4 +171,4 @@ def all_cases() -> Iterator[Case]:
 
 
 CASES = tuple(all_cases())
-KINDS = tuple(dict.fromkeys(case.kind for case in CASES))
+GROUPS = tuple(dict.fromkeys(case.group for case in CASES))

@@ -24,7 +24,7 @@ from benchmarks.common.engines import HOST
 from benchmarks.common.feed import sampled
 from benchmarks.common.figure import SETS, Figure
 from benchmarks.common.paths import RESULTS
-from benchmarks.honesty.cases import CASES, KINDS, Case
+from benchmarks.honesty.cases import CASES, GROUPS, Case
 from benchmarks.honesty.stated import Stated
 from imud.params.trusted import CALIBRATED
 
@@ -104,10 +104,10 @@ def figures(lines: Sequence[Line]) -> Iterator[Figure]:
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(
-        description=__doc__, epilog="example: benchmarks/honesty/desk.py --kinds mains"
+        description=__doc__, epilog="example: benchmarks/honesty/desk.py --groups mains"
     )
     parser.add_argument("--board", choices=BOARDS, default=NANO.name)
-    for name, known in (("kinds", KINDS), ("sets", tuple(SETS))):
+    for name, known in (("groups", GROUPS), ("sets", tuple(SETS))):
         parser.add_argument(
             f"--{name}",
             metavar="NAME",
@@ -130,7 +130,7 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the tables and write the JSON; return 1 if a required figure is missed."""
     args = parse(argv)
-    wanted = [at for at, case in enumerate(CASES) if case.kind in args.kinds]
+    wanted = [at for at, case in enumerate(CASES) if case.group in args.groups]
     seeds = {
         which: [SETS[which] + 2 * number for number in range(1, args.seeds + 1)]
         for which in args.sets

@@ -74,7 +74,7 @@ def test_the_program_prints_its_lines_and_writes_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "desk.json"
-    words = ["--kinds", "cold", "--sets", "judging", "--seeds", "1", "--jobs", "1"]
+    words = ["--groups", "cold", "--sets", "judging", "--seeds", "1", "--jobs", "1"]
     status = desk.main([*words, "--output", str(path)])
     assert "30 K from calibration, lies, calibrated" in capsys.readouterr().out
     found = json.loads(path.read_text())["judging"]

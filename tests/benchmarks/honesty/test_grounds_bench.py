@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: MIT
+"""The benchmark of stated errors on made motions: its figures and its program."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+
+import pytest
+
+from benchmarks.common.scoring import Coverage, Score
+from benchmarks.honesty import desk, grounds, grounds_report, whole
+from benchmarks.honesty.grounds_report import Outcome
+
+
+def outcome(
+    group: str = "hand",
+    seed: int = 1,
+    heading: float = 1.0,
+    sigma: float = 1.8,
+    inside: tuple[float, float] = (0.97, 0.96),
+    first: float = 0.99,
+) -> Outcome:
+    scores = {"host": Score(1.2, heading, 0.5), "vqf": Score(2.5, 2.0, 1.0)}
+    coverage = Coverage(*inside, 0.0, 0.25, 0.4, sigma)
+    first_s = Coverage(1.0, first, 0.0, 0.0, 0.4, sigma)
+    return Outcome(group, seed, "nano", scores, coverage, first_s)
+
+
+def verdicts(outcomes: list[Outcome]) -> dict[str, tuple[float, str, str]]:
+    return {
+        each.name: (each.value, each.verdict, each.detail)
+        for each in grounds_report.figures(outcomes)
+    }
+
+
+def test_the_first_seconds_are_judged_by_the_worst_recording() -> None:
+    found = verdicts(
+        [
+            outcome("shop", 1, first=0.97),
+            outcome("one axis", 3, first=0.89),
+            outcome("slow turn", 5, first=math.nan),  # states nothing
+            outcome("hand", 1, first=0.1),  # calibrated
+        ]
+    )
+    value, verdict, detail = found[
+        "uncalibrated, first 10 s, worst recording: inside, %"
+    ]
+    assert (value, verdict, detail) == (89.0, "MISSED", "one axis 3")
+
+
+def test_stated_over_true_is_of_the_means_and_names_the_worst_group() -> None:
+    found = verdicts(
+        [
+            outcome("hand", sigma=2.0, heading=1.0),
+            outcome("wand", sigma=4.0, heading=1.0),
+            outcome("walking", sigma=9.0, heading=1.0),
+            outcome("carried", sigma=99.0),
+        ]
+    )
+    good = found["heading, median stated / true rms, good modules"]
+    assert good == (3.0, "MISSED", "worst: wand, 4.00")
+    walking = found["heading, median stated / true rms, walking"]
+    assert walking == (9.0, "MISSED", "worst: walking, 9.00")
+
+
+def test_shares_inside_are_of_the_worst_group_that_states_any() -> None:
+    found = verdicts(
+        [
+            outcome("dead mag", inside=(0.99, math.nan)),
+            outcome("steel", inside=(0.95, 0.5)),
+            outcome("steel", seed=3, inside=(0.95, 0.7)),
+            outcome("warm", inside=(0.9, 0.99)),
+        ]
+    )
+    assert found["tilt inside 1.96 sigma, %, worst group"] == (90.0, "must", "warm")
+    value, verdict, detail = found["heading inside 1.96 sigma, %, worst group"]
+    assert value == pytest.approx(60.0)
+    assert (verdict, detail) == ("MISSED", "steel")
+
+
+def test_a_row_ends_with_what_is_withheld() -> None:
+    cells = grounds_report.cells([outcome()])
+    assert cells[0] == "1"
+    assert cells[-1] == "  0.0  25.0"
+    assert len(cells) == len(grounds_report.HEADS)
+    assert len(grounds_report.first_cells([outcome()])) == len(
+        grounds_report.FIRST_HEADS
+    )
+
+
+def test_the_program_prints_tables_and_writes_json(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "grounds.json"
+    words = ["--groups", "one axis", "warm", "--seeds", "1", "--jobs", "1", "--each"]
+    status = grounds.main([*words, "--output", str(path)])
+    output = capsys.readouterr().out
+    assert "judging, nano, uncalibrated, the first 10 s of motion" in output
+    assert "one axis 1" in output
+    document = json.loads(path.read_text())
+    assert set(document["sets"]["tuning"]["groups"]) == {"one axis", "warm"}
+    judged = document["sets"]["judging"]["figures"]
+    assert status == any(each["verdict"] == "MISSED" for each in judged)
+    assert [each["seed"] for each in document["recordings"]] == [0, 0, 1, 1]
+
+
+def test_each_program_runs_though_one_before_it_misses(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert whole.PROGRAMS[:2] == (desk.main, grounds.main)
+    got: list[list[str]] = []
+
+    def program(status: int):  # type: ignore[no-untyped-def]  # of a list of words
+        def run(words: list[str]) -> int:
+            got.append(words)
+            return status
+
+        return run
+
+    monkeypatch.setattr(sys, "argv", ["whole.py", "--quick"])
+    monkeypatch.setattr(whole, "PROGRAMS", (program(1), program(0)))
+    assert whole.main() == 1
+    assert got == [["--quick"], ["--quick"]]
