@@ -20,17 +20,13 @@ from benchmarks.common.boards import BOARDS
 from benchmarks.common.engines import HOST, VQF
 from benchmarks.common.feed import sampled
 from benchmarks.common.paths import RESULTS
-from imud.params.trusted import known_to
+from imud.params.trusted import known_to, place_of
 from imud.virtual.motion import Motion
 from imud.virtual.motions.groups import GROUPS, SETS, Recipe, recipes
 
 # What the params of a module say of its errors: those of SMALL and LARGE in
 # imud.virtual.motions.module, whose limits are root 3 times one sigma.
-KNOWN = {
-    "small": known_to(0.024, 0.4),
-    "large": known_to(0.08, 1.9),
-    "crossed": known_to(0.007, 0.05),
-}
+KNOWN = {"small": (0.024, 0.4), "large": (0.08, 1.9), "crossed": (0.007, 0.05)}
 
 OUTPUT = RESULTS / "groups.json"
 
@@ -39,15 +35,16 @@ def measure(
     recipe: Recipe, boards: Sequence[str], names: Sequence[str]
 ) -> list[Outcome]:
     """Make a recording and run every engine on it, at each board's rate."""
-    motion = recipe.made()
-    return [outcome(recipe, motion, board, names) for board in boards]
+    motion, field_ut = recipe.made_in_field()
+    params = known_to(*KNOWN[recipe.module], **place_of(field_ut))
+    return [outcome(recipe, motion, params, board, names) for board in boards]
 
 
 def outcome(
-    recipe: Recipe, motion: Motion, board: str, names: Sequence[str]
+    recipe: Recipe, motion: Motion, params: bytes, board: str, names: Sequence[str]
 ) -> Outcome:
-    """Run every engine on a motion as a board measures it."""
-    feed = sampled(motion, BOARDS[board].chip, KNOWN[recipe.module])
+    """Run every engine on a motion as a board with these params measures it."""
+    feed = sampled(motion, BOARDS[board].chip, params)
     found = {name: engines.ENGINES[name](feed) for name in names}
     own = found[HOST]
     assert own.tilt_sigma_deg is not None

@@ -11,6 +11,7 @@ from functools import lru_cache, partial
 import numpy as np
 
 from imud import rotation
+from imud.params.trusted import known_to, place_of
 from imud.rotation import FloatArray
 from imud.virtual.bodies import RigidBody
 from imud.virtual.curves import Piece, about, joined
@@ -28,6 +29,10 @@ QUIET = SensorErrors(0.08, 0.05 / MG, 0.5, 0.5, 0.0, 0.0)
 RANGE_M_S2 = 400.0  # beyond the range of any sensor
 
 
+SAMPLES_C = 25.0  # of all simulated samples
+EARTH_UT = World().field_at(np.zeros(3))
+
+
 @dataclass(frozen=True, slots=True)
 class Case:
     """A line of the table; `made` gets the seed."""
@@ -37,6 +42,15 @@ class Case:
     made: Callable[[int], Motion]
     is_known: bool = True  # somebody has calibrated the sensors
     from_s: float = 15.0  # poses count from here on
+    colder_k: float = 0.0  # than its calibration
+
+    @property
+    def params(self) -> bytes:
+        """As a guided calibration leaves them in this field; or none."""
+        if not self.is_known:
+            return b""
+        then_c = SAMPLES_C + self.colder_k
+        return known_to(0.007, 0.05, temperature_c=then_c, **place_of(EARTH_UT))
 
     def __str__(self) -> str:
         return f"{self.name}, {'calibrated' if self.is_known else 'uncalibrated'}"
@@ -91,7 +105,7 @@ def on_desk(
     lean = rotation.from_rotation_vector(math.radians(tilt_deg) * X)
     body = RigidBody.still(facing(random), len(t)).hinged(ORIGIN, about(Z, turn))
     ride = Ride(body, rest_s=-1.0).mounted(lean)
-    room = Room(49.0 * np.array([0.0, math.cos(1.15), -math.sin(1.15)]))
+    room = Room(EARTH_UT)
     return calibrated().measures(exact(ride, room), random)
 
 
@@ -159,11 +173,12 @@ def all_cases() -> Iterator[Case]:
     for rate in (0.5, 1.0, 3.0, 6.0, 12.0, 25.0):
         made = partial(turning, rate_deg_s=rate)
         yield from both("turning start", f"{rate:g} deg/s for 30 s", made, 50.0)
-    for name, bias_mg in (("30 K", (45, -30, 20)), ("45 K", (50, 30, 100))):
+    for away_k, bias_mg in ((30.0, (45, -30, 20)), (45.0, (50, 30, 100))):
+        name = f"{away_k:.0f} K from calibration"
         made = partial(cold_lying, bias_mg=bias_mg)
-        yield Case("cold", f"{name} from calibration, lies", made)
+        yield Case("cold", f"{name}, lies", made, colder_k=away_k)
         made = partial(cold_in_hand, bias_mg=bias_mg)
-        yield Case("cold", f"{name} from calibration, in hand", made)
+        yield Case("cold", f"{name}, in hand", made, colder_k=away_k)
     yield from both("dead", "accelerometer 0 0 0, lies at 60 deg", acc_of_zeros)
     yield from both("dead", "accelerometer, 2 axes at the end", acc_at_its_end)
     yield from both("dead", "magnetometer stuck", mag_stuck)

@@ -26,7 +26,6 @@ from benchmarks.common.figure import SETS, Figure
 from benchmarks.common.paths import RESULTS
 from benchmarks.honesty.cases import CASES, GROUPS, Case
 from benchmarks.honesty.stated import Stated
-from imud.params.trusted import CALIBRATED
 
 SEEDS = 8  # of each set
 MUST, GOAL = 90.0, 95.0
@@ -51,8 +50,7 @@ def measure(run: tuple[int, int], board: str) -> tuple[Stated, Stated]:
     index, seed = run
     case = CASES[index]
     motion = case.made(seed)
-    params = CALIBRATED if case.is_known else b""
-    found = engines.ENGINES[HOST](sampled(motion, BOARDS[board].chip, params))
+    found = engines.ENGINES[HOST](sampled(motion, BOARDS[board].chip, case.params))
     assert found.tilt_sigma_deg is not None
     assert found.heading_sigma_deg is not None
     errors = scoring.errors_at(found.times_s, found.quats, motion)

@@ -138,7 +138,7 @@ def figures(outcomes: Sequence[Outcome]) -> Iterator[Figure]:
         for name, each in groups.items()
     }
     for kind in ("tilt", "heading"):
-        shares = {name: getattr(mean, kind) for name, mean in means.items()}
+        shares = {name: share_of(name, kind, mean) for name, mean in means.items()}
         shares = {name: one for name, one in shares.items() if math.isfinite(one)}
         if shares:
             worst = min(shares, key=lambda name: shares[name])
@@ -149,6 +149,18 @@ def figures(outcomes: Sequence[Outcome]) -> Iterator[Figure]:
                 (93.0, 100.0),
                 worst,
             )
+
+
+# Gross faults, of which hardly any error is stated: what is withheld is right, too.
+GROSS = ("strong", "dead acc", "dead mag")
+
+
+def share_of(group: str, kind: str, mean: Coverage) -> float:
+    """The share of a group's errors that are inside what is stated."""
+    inside, withheld = getattr(mean, kind), getattr(mean, f"{kind}_null")
+    if group not in GROSS:
+        return float(inside)
+    return float(withheld + (1.0 - withheld) * inside)
 
 
 def caution(

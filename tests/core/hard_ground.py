@@ -69,11 +69,11 @@ def _honest(error_deg: desk.Array, sigma_deg: desk.Array) -> float:
     return float(np.mean(np.isnan(sigma_deg) | (error_deg <= SIGMAS * sigma_deg)))
 
 
-# Of sensors that were calibrated in the field of EARTH, which is told in 0.25 uT.
+# Of sensors that were calibrated in the field of EARTH_UT, which is told in 0.25 uT.
 CALIBRATED_C = 25.0
 KNOWN = ffi.new("struct calibration *", desk.EXACT[0])
 KNOWN.temperature = round(100 * CALIBRATED_C)
-KNOWN.field_north, KNOWN.field_up = (4 * EARTH[1:]).round().astype(int).tolist()
+KNOWN.field_north, KNOWN.field_up = (4 * EARTH_UT[1:]).round().astype(int).tolist()
 
 
 def poses_of(felt: Scene, *, is_known: bool = True, warmer_k: float = 0) -> Stated:

@@ -10,9 +10,10 @@ from core import desk
 from core import hard_ground as ground
 from core.desk import ffi, lib
 from core.fuse_desk import twin_stating
-from core.hard_ground import EARTH, KNOWN, poses_of
+from core.hard_ground import EARTH_UT, KNOWN, poses_of, times
 from core.scenes import Filter
 from imud import rotation
+from imud.virtual.motions import ways
 
 ELSEWHERE = np.array([0.0, 41.0, -8.0])  # uT: Bangkok
 
@@ -31,19 +32,20 @@ def share(flags, begin_s, end_s=None):
 
 def moved(field_ut, seed=1, seconds=88.0):
     random = np.random.default_rng([20, seed])
-    return ground.feeling(ground.hand(random, seconds), random, field_ut=field_ut)
+    body = ways.in_hand(random, times(seconds))
+    return ground.feeling(body, random, field_ut=field_ut)
 
 
 @pytest.mark.parametrize(("size", "is_impossible"), [(0.35, 1), (1, 0), (1.7, 1)])
 def test_a_field_that_can_not_be_the_earths_gives_no_heading(size, is_impossible):
-    quality, _ = flags_of(moved(size * EARTH), desk.EXACT)
+    quality, _ = flags_of(moved(size * EARTH_UT), desk.EXACT)
     assert share(quality["is_field_impossible"], 12) == is_impossible
     assert not quality["is_field_unlike"].any()
 
 
 def test_a_field_like_that_of_the_calibration_gives_a_heading():
     for change in (0.9, 1.1):
-        quality, _ = flags_of(moved(change * EARTH))
+        quality, _ = flags_of(moved(change * EARTH_UT))
         assert not quality["is_field_unlike"].any()
         assert not quality["is_field_impossible"].any()
 
@@ -61,7 +63,7 @@ def test_another_country_is_stated_once_turning_has_shown_no_own_field():
 
 
 def test_a_magnet_is_not_taken_for_another_country():
-    felt = moved(EARTH)
+    felt = moved(EARTH_UT)
     felt.mag += [0, 0, 30]
     quality, _ = flags_of(felt)
     assert share(quality["is_field_unlike"], 3, 8) == 1
@@ -79,7 +81,7 @@ def test_a_room_that_becomes_plain_again_is_learned_anew():
 
 
 def test_own_fields_of_the_uncalibrated_have_an_end():
-    felt = moved(EARTH)
+    felt = moved(EARTH_UT)
     felt.mag += [0, 70, 0]
     quality, _ = flags_of(felt, desk.UNKNOWN)
     assert share(quality["is_field_impossible"], 20) > 0.9
@@ -87,7 +89,7 @@ def test_own_fields_of_the_uncalibrated_have_an_end():
 
 def test_forces_that_can_not_be_gravity_give_neither_tilt_nor_heading():
     for size, is_impossible in ((0.3, True), (0.7, False), (1.6, False), (2.2, True)):
-        felt = moved(EARTH)
+        felt = moved(EARTH_UT)
         felt.acc *= size
         quality, _ = flags_of(felt)
         told = quality["is_force_impossible"][ground.RATE_HZ :]
@@ -129,7 +131,7 @@ def test_a_calibration_that_is_worse_than_2_ut_knows_no_field():
 
 
 def test_of_an_own_field_in_doubt_nothing_is_kept():
-    felt = moved(EARTH)
+    felt = moved(EARTH_UT)
     felt.mag += [0, 70, 0]
     _, probe = flags_of(felt, desk.UNKNOWN)
     assert not lib.fuse_read_own(probe.c, ffi.new("struct own_field *"))
@@ -137,10 +139,10 @@ def test_of_an_own_field_in_doubt_nothing_is_kept():
 
 @pytest.mark.parametrize("of", ["earth", "elsewhere", "magnet"])
 def test_doubles_withhold_the_same(of):
-    felt = moved(ELSEWHERE if of == "elsewhere" else EARTH)
+    felt = moved(ELSEWHERE if of == "elsewhere" else EARTH_UT)
     felt.mag += [0, 0, 30 if of == "magnet" else 0]
     quality, _ = flags_of(felt)
-    _, stated = twin_stating(felt, known_ut=EARTH[1:])
+    _, stated = twin_stating(felt, known_ut=EARTH_UT[1:])
     mine = quality["heading_sigma_cdeg"] == ground.NOT_KNOWN
     assert np.mean(mine == np.isnan(stated[:, 1])) > 0.99
     both = ~mine & np.isfinite(stated[:, 1])
@@ -149,7 +151,7 @@ def test_doubles_withhold_the_same(of):
 
 
 def test_a_rotation_of_the_world_changes_no_doubt():
-    felt = moved(EARTH)
+    felt = moved(EARTH_UT)
     turned = felt.mag.copy()
     quality, _ = flags_of(felt)
     felt.mag[:] = rotation.rotate(

@@ -81,6 +81,12 @@ def test_shares_inside_are_of_the_worst_group_that_states_any() -> None:
     assert (verdict, detail) == ("MISSED", "steel")
 
 
+def test_of_gross_faults_what_is_withheld_is_right() -> None:
+    found = verdicts([outcome("strong", inside=(1.0, 0.5))])
+    value, *_ = found["heading inside 1.96 sigma, %, worst group"]
+    assert value == pytest.approx(25.0 + 75.0 * 0.5)
+
+
 def test_a_row_ends_with_what_is_withheld() -> None:
     cells = grounds_report.cells([outcome()])
     assert cells[0] == "1"

@@ -30,6 +30,8 @@ from imud.virtual.motions.room import Room
 # is that of misleading.EARTH_UT.
 PLACE = {"norm_uT": 47.4, "dip_deg": 65.1}
 OF_GOOD = known_to(0.009, 0.2, gyr=0.002, **PLACE)
+AWAY_K = 25.0  # of the samples, which have 25 degC
+OF_WARM = known_to(0.009, 0.2, gyr=0.002, temperature_c=25.0 - AWAY_K, **PLACE)
 OF_LARGE = known_to(0.08, 1.9, **PLACE)
 UNKNOWN = b""  # no calibration
 
@@ -75,9 +77,8 @@ def dead_magnetometer(random: Random, felt: Motion) -> Motion:
 
 
 def far_from_calibration(random: Random, felt: Motion) -> Motion:
-    """10 to 35 K away: an axis of the accelerometer moves by 0.75 mg/K (one sigma)."""
-    away = random.uniform(10.0, 35.0)
-    return replace(felt, acc=felt.acc + random.normal(0.0, 0.75 * MG * away, 3))
+    """Each axis of the accelerometer has moved by 0.75 mg/K (one sigma)."""
+    return replace(felt, acc=felt.acc + random.normal(0.0, 0.75 * MG * AWAY_K, 3))
 
 
 def leaning(random: Random) -> Ride:
@@ -174,8 +175,9 @@ GROUNDS = {
         fault=dead_magnetometer,
     ),
     "warm": Ground(
-        "10 to 35 K from its calibration, laid down five times",
+        "25 K from its calibration, laid down five times",
         handling.laid_about,
+        params=OF_WARM,
         fault=far_from_calibration,
     ),
 }

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from imud.rotation import FloatArray
 from imud.virtual.motion import Motion
 from imud.virtual.motions.limbs import pointing, running, walking
 from imud.virtual.motions.machines import centrifuge, robot_arm, turntable, vehicle
@@ -96,6 +97,12 @@ class Recipe:
 
     def made(self) -> Motion:
         """The recording, always the same."""
+        return self.made_in_field()[0]
+
+    def made_in_field(self) -> tuple[Motion, FloatArray]:
+        """The same with the field of the place, without what bends it: uT, east, north,
+        up.
+        """
         name = zlib.crc32(self.group.encode())
         randoms = map(
             np.random.default_rng, np.random.SeedSequence([name, self.seed]).spawn(4)
@@ -104,7 +111,7 @@ class Recipe:
         ride = GROUPS[self.group].ride(of_ride)
         room = ROOMS[self.room](of_room, ride)
         module = MODULES[self.module](of_module)
-        return module.measures(exact(ride, room), of_noise)
+        return module.measures(exact(ride, room), of_noise), room.field_ut
 
 
 def recipes(which: str) -> Iterator[Recipe]:
