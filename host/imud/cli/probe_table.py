@@ -45,7 +45,7 @@ def show(client: Client, *, as_json: bool, has_ledger: bool = False) -> int:
         cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
         sys.stdout.write("  ".join(cells).rstrip() + "\n")
     for status in statuses:
-        for sentence in concerns(status.get("sensors", {}), status["params"]):
+        for sentence in concerns(status):
             sys.stdout.write(f"{status['probe']}: {sentence}\n")
     if has_ledger:
         for status in statuses:

@@ -85,12 +85,16 @@ def twin_words(status: dict[str, Any]) -> str:
     return f"{twin['state']}{count}"
 
 
-def concerns(sensors: dict[str, Any], params: dict[str, Any]) -> list[str]:
-    """Sentences about what needs somebody, by these keys of a status: the sensors
-    first, then their calibration.
+def concerns(status: dict[str, Any]) -> list[str]:
+    """Sentences about what needs somebody: the sensors first, then their calibration,
+    then why errors are withheld.
     """
-    advice = params.get("advice")
-    return [*sensors.get("words", ()), *([advice] if advice else [])]
+    advice = status["params"].get("advice")
+    return [
+        *status.get("sensors", {}).get("words", ()),
+        *([advice] if advice else []),
+        *status["quality"].get("withheld", {}).get("words", ()),
+    ]
 
 
 def notes_words(status: dict[str, Any]) -> str:

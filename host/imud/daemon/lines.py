@@ -12,6 +12,7 @@ from imud.probes.ledger import FrameVerdict
 from imud.probes.record import plain
 from imud.probes.sensors import SensorFinding
 from imud.probes.session import OtherSchema, ProbeFound, Rejected
+from imud.probes.withheld import withheld_of
 from imud.stages import LogLine, Stage
 from imud.wire.messages import Message
 
@@ -55,6 +56,11 @@ class ProbeLines:
                 f"probe {entry.name}: {advice or 'its calibration is good'}",
             )
         entry.advised = advice
+
+    def withheld(self, entry: ProbeEntry) -> None:
+        """Says why its errors are not known, once a second."""
+        for words in entry.withheld.follow(withheld_of(entry.pose)):
+            self._speaker.say(("withheld", entry.name), f"probe {entry.name}: {words}")
 
     def sensors(self, entry: ProbeEntry, findings: list[SensorFinding]) -> None:
         """Says what is wrong with its sensors, once a boot."""

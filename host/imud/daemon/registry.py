@@ -18,6 +18,7 @@ from imud.probes.north import North
 from imud.probes.record import Stamp
 from imud.probes.sensors import SensorFinding
 from imud.probes.session import OtherSchema, Probe, Session
+from imud.probes.withheld import WithheldWatch
 from imud.stages import Stage
 from imud.stages.factory import stages_of
 
@@ -72,6 +73,7 @@ class ProbeEntry:
         self.is_alive = False
         self.described = ""  # the journal's last words for who it is
         self.advised: str | None = None  # and for what its calibration needs
+        self.withheld = WithheldWatch()  # and for why its errors are not known
         self.reported_boot = 0  # in which boot the findings were reported
         self.reported_findings: list[SensorFinding] = []  # about its sensors
         self.fault: SensorFault | None = None  # of its sensor, the latest

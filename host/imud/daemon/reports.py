@@ -51,6 +51,8 @@ class Reports:
             entry.poses_before = entry.poses
             entry.pose_rate_hz = poses / elapsed_s
             self.publish(entry)
+            if poses > 0:
+                self._lines.withheld(entry)
             self._report_losses(entry)
             yield
 

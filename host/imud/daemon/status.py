@@ -17,6 +17,7 @@ from imud.daemon.sensor_watch import sensors_of
 from imud.probes.balance import SinkCounts, balance
 from imud.probes.record import plain
 from imud.probes.timeline import Timeline
+from imud.probes.withheld import sentences, withheld_of
 from imud.version import version
 
 STATUS_S = 1.0  # between two statuses of a probe
@@ -53,7 +54,7 @@ def status_of(
         "state": _state(entry, now_ns),
         "port": entry.port.name if entry.port is not None else None,
         "pose_rate_hz": round(entry.pose_rate_hz, 1),
-        "quality": {key: entry.pose.get(key) for key in QUALITY},
+        "quality": _quality(entry),
         "ledger": _ledger(entry, delivered),
         "log": delivered.log,
         "link": session.counts() if session is not None else None,
@@ -66,6 +67,15 @@ def status_of(
         "equipment": entry.equipment,
         "hello": {name: plain(value) for name, value in hello.items()},
         "imud": version(),
+    }
+
+
+def _quality(entry: ProbeEntry) -> dict[str, Any]:
+    """How good the last pose is, and why what is not known is not."""
+    withheld = withheld_of(entry.pose)
+    return {
+        **{key: entry.pose.get(key) for key in QUALITY},
+        "withheld": {**withheld, "words": sentences(withheld)},
     }
 
 

@@ -241,10 +241,12 @@ def _verdict(status: Fields, fresh: Mapping[str, int]) -> tuple[Level, str]:
         is_known = state == "fault" and words
         return Level.ERROR, f"{state}: {words[0]}" if is_known else state
     equipment = status.get("equipment") or {}
-    flags = (status.get("quality") or {}).get("flags") or ()
+    quality = status.get("quality") or {}
+    flags = quality.get("flags") or ()
     flaws = [f"{count} {name}" for name, count in fresh.items() if count > 0]
     if state == "streaming":
         flaws += [FLAWS[flag] for flag in flags if flag in FLAWS]
+        flaws += quality.get("withheld", {}).get("words", ())
     if "low" in (equipment.get("power") or ()):
         flaws.append("battery is low")
     if equipment.get("clock") == "spare":

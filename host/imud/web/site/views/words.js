@@ -32,6 +32,9 @@ const FLAGS = {
   tared: ["own origin", ""],
   calibration_old: ["calibrated over a year ago", "warn"],
   self_test_failed: ["self-test failed", "bad"],
+  field_impossible: ["magnet or steel near", "bad"],
+  field_unlike: ["another field than calibrated in", "warn"],
+  force_impossible: ["accelerometer feels no gravity", "bad"],
   calibration_temperature: ["calibrated at another temperature", "warn"],
 };
 
@@ -60,7 +63,8 @@ export function showChips(element, all, kind = "") {
 }
 
 /**
- * Sentences about what needs somebody: the sensors first, then their calibration.
+ * Sentences about what needs somebody: the sensors first, then their calibration, then
+ * why errors are withheld.
  * @param {any} status
  * @returns {Words[]}
  */
@@ -70,7 +74,13 @@ export function concerns(status) {
   /** @type {Words[]} */
   const sentences = words.map((/** @type {string} */ each) => [each, isBad ? "bad" : "warn"]);
   const advice = status?.params?.advice;
-  return advice ? [...sentences, [advice, "warn"]] : sentences;
+  if (advice) {
+    sentences.push([advice, "warn"]);
+  }
+  for (const each of status?.quality?.withheld?.words ?? []) {
+    sentences.push([each, "warn"]);
+  }
+  return sentences;
 }
 
 /**
