@@ -53,8 +53,13 @@ class Source:
     """
 
     def __init__(
-        self, number: int, fast_ppm: float = 0.0, hello_every: int = RATE_HZ
+        self,
+        number: int,
+        fast_ppm: float = 0.0,
+        hello_every: int = RATE_HZ,
+        pose_flags: tuple[str, ...] = (),
     ) -> None:
+        self._pose_flags = pose_flags
         self.hello_every = hello_every  # messages
         self._pace = 1.0 + fast_ppm * 1e-6
         self.id = bytes([0xF0, 0, 0, 0, 0, 0]) + number.to_bytes(2, "big")
@@ -68,7 +73,8 @@ class Source:
 
     def _prepare(self) -> None:
         # Different in each boot, so that messages of two boots never look the same.
-        pose = _POSE | {"position": (0.1, -0.2, self.boot_count / 1000)}
+        position = (0.1, -0.2, self.boot_count / 1000)
+        pose = _POSE | {"position": position, "pose_flags": self._pose_flags}
         self._pose = messages.encode("pose", pose, 0, 0)[_HEAD.size :]
         hello = _HELLO | {"probe_id": self.id, "boot_count": self.boot_count}
         self._hello = messages.encode("hello", hello, 0, 0)[_HEAD.size :]

@@ -29,7 +29,8 @@ from imud.probes.timeline import host_ns
 from imud.sinks.log import LogSink
 from imud.sinks.zenoh import ZenohSink
 from imud.wire import messages
-from imud.wire.frame import FrameDecoder
+from imud.wire.frame import FrameDecoder, encode_frame
+from imud.wire.messages import encode
 
 Work = Callable[[], object]
 PERIOD_NS = 1000 * PERIOD_US  # of the host, too: clocks that run alike
@@ -63,9 +64,15 @@ class AnyPort:
         """It has one rate."""
 
 
-def frames_of(probes: int, turns: int) -> list[list[bytes]]:
-    sources = [Source(number) for number in range(probes)]
-    return [[s.say(turn * PERIOD_US) for s in sources] for turn in range(turns)]
+def frames_of(probes: int, turns: int, *, is_tared: bool) -> list[list[bytes]]:
+    """With an origin, the first message after each hello says that it was set."""
+    flags = ("tared",) if is_tared else ()
+    sources = [Source(number, pose_flags=flags) for number in range(probes)]
+    found = [[s.say(turn * PERIOD_US) for s in sources] for turn in range(turns)]
+    if is_tared:
+        tared = {"event": "tared", "cause": "command", "detail": 0}
+        found[1] = probes * [encode_frame(encode("event", tared, 1, PERIOD_US))]
+    return found
 
 
 def decoding(turns: list[list[bytes]]) -> Work:
@@ -156,9 +163,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--probes", type=int, default=64)
     parser.add_argument("--turns", type=int, default=300, help="messages of each probe")
     parser.add_argument("--runs", type=int, default=12)
+    parser.add_argument(
+        "--tared", action="store_true", help="poses state errors since an origin"
+    )
     options = parser.parse_args(arguments)
     logging.getLogger("imud").setLevel(logging.ERROR)
-    turns = frames_of(options.probes, options.turns)
+    turns = frames_of(options.probes, options.turns, is_tared=options.tared)
     count, runs = options.probes * options.turns, options.runs
     kept = Kept()
     taking(turns, kept)()

@@ -31,6 +31,7 @@ class Handler(Enum):
     PARAMS = auto()
     HISTORY = auto()
     AIM = auto()
+    CAPTURE = auto()
     CLOSE = auto()
     CONFIGURE = auto()
 
@@ -207,11 +208,19 @@ _ROWS = (
             Argument("tolerance_deg", "number", unit="degrees", is_optional=True),
             Argument("hold_s", "number", unit="s", is_optional=True),
             Argument("target", "text", length_max=60, is_optional=True),
+            Argument(
+                "capture", "text", limits="as `capture` named it", is_optional=True
+            ),
             Argument("off", "choice", {"1": 1}, limits="alone", is_optional=True),
         ),
         needs="q=W,X,Y,Z with world_from_body, and may have axis=x, y, z or all, "
-        "tolerance_deg, hold_s and target=NAME; or off=1",
+        "tolerance_deg, hold_s, target=NAME and capture=NAME; or off=1",
         handler=Handler.AIM,
+    ),
+    ProbeCommand(
+        "capture",
+        "keep a probe's current orientation as a target to aim at",
+        handler=Handler.CAPTURE,
     ),
     ProbeCommand("close", "close the path of a probe's strokes", handler=Handler.CLOSE),
     ProbeCommand(

@@ -184,7 +184,16 @@ class _LogWriter:
         name = event.probe.probe_id
         t_ns = max(0, t_ns)
         stamp = replace(event.stamp, t_ns=t_ns, t_received_ns=t_ns)
-        log.add(record_of(event.message, event.content, name, stamp, event.scales))
+        log.add(
+            record_of(
+                event.message,
+                event.content,
+                name,
+                stamp,
+                event.scales,
+                references=event.probe.references,
+            )
+        )
 
     def _say(self, text: str) -> None:
         self._progress.wipe()

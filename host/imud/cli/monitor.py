@@ -23,7 +23,7 @@ from rich.text import Text
 from imud.cli.attitude import HORIZON, TAPE, compass, horizon
 from imud.cli.keyboard import Quit, keys_of, pressed
 from imud.cli.pose_table import PIPE_S, TERMINAL_S
-from imud.cli.status_text import age_words, balance_words, sinks_words
+from imud.cli.status_text import age_words, balance_words, since_words, sinks_words
 from imud.client import (
     Missed,
     Pose,
@@ -133,6 +133,10 @@ def block_of(shown: Shown, now_s: float) -> list[Text]:
         beside[0].append(tape[middle + 1 :], style="cyan")
         beside[1] = Text(f"pitch {pitch:8.2f}° {_sigma(pose.tilt_sigma_deg)}  ")
         beside[1].append(" ".join(pose.flags), style="dim")
+        since = pose.since_origin
+        if since is not None:
+            errors = since.tilt_sigma_deg, since.heading_sigma_deg
+            beside[1].append(f"  {since_words(*errors, since.void)}", style="dim")
         beside[2] = Text(f"roll  {roll:8.2f}° {_sigma(pose.tilt_sigma_deg)}  ")
     if status is not None:
         port = status.port or "on no port"

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, TextIO
 
 from imud import rotation
-from imud.cli.status_text import ledger_words, sigma_words
+from imud.cli.status_text import ledger_words, sigma_words, since_words
 from imud.client import Client
 from imud.errors import ProbeUnknown
 from imud.wire import schema
@@ -104,6 +104,11 @@ def pose_lines(
         f"{sigma_words(pose['heading_sigma_deg']):>7}  "
         f"{received.rate_hz(now_s):5.0f} Hz  {' '.join(pose['flags'])}"
     )
+    # A daemon of another version may not tell it.
+    since = pose.get("since_origin")
+    if since is not None:
+        errors = since["tilt_sigma_deg"], since["heading_sigma_deg"]
+        rest += f"  {since_words(*errors, since['void'])}"
     if shape == "matrix":
         first, *others = (
             f"{axis:<5} {x:7.4f} {y:7.4f} {z:7.4f}"

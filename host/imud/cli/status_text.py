@@ -127,6 +127,25 @@ def equipment_words(equipment: dict[str, Any] | None) -> str:
     return ", ".join(parts)
 
 
+# Why errors since the origin are not known any more.
+VOID_WORDS = {
+    "starting": "the attitude was lost",
+    "gap": "samples are missing",
+    "restarted": "it has restarted",
+    "params_changed": "its params have changed",
+    "unheard": "it was set before the daemon heard it",
+}
+
+
+def since_words(
+    tilt_deg: float | None, heading_deg: float | None, void: str | None
+) -> str:
+    """1-sigma errors since the origin; or why they are not known."""
+    if void is not None:
+        return f"since origin ? ({VOID_WORDS.get(void, void)})"
+    return f"since origin {sigma_words(tilt_deg)} {sigma_words(heading_deg)}"
+
+
 def sigma_words(sigma_deg: float | None) -> str:
     """A 1-sigma error in degrees; a question mark where it is not known."""
     return "?" if sigma_deg is None else f"±{sigma_deg:.2f}"

@@ -3,7 +3,15 @@
 
 from imud.client.client import Client, Delivery
 from imud.client.missed import Missed
-from imud.client.published import Event, Pose, Published, Raw, Status, Topic
+from imud.client.published import (
+    Event,
+    Pose,
+    Published,
+    Raw,
+    SinceOrigin,
+    Status,
+    Topic,
+)
 from imud.client.subscriber import Subscription, subscribe
 from imud.rotation import Angles
 
@@ -16,6 +24,7 @@ __all__ = [
     "Pose",
     "Published",
     "Raw",
+    "SinceOrigin",
     "Status",
     "Subscription",
     "Topic",

@@ -31,6 +31,15 @@ class Numbered(msgspec.Struct, frozen=True, kw_only=True):
     utc_bound_us: int | None = None  # how far that may be off; None: not synchronised
 
 
+class SinceOrigin(msgspec.Struct, frozen=True, kw_only=True):
+    """The 1-sigma errors of a pose since its origin was set: docs/pose.md."""
+
+    heading_sigma_deg: float | None
+    tilt_sigma_deg: float | None
+    age_s: float | None  # None: the daemon did not hear when it was set
+    void: str | None = None  # why nothing is known of them any more
+
+
 class Pose(Numbered, frozen=True, kw_only=True):
     """Orientation and position of a probe in the world, which is east-north-up."""
 
@@ -40,6 +49,7 @@ class Pose(Numbered, frozen=True, kw_only=True):
     tilt_sigma_deg: float | None  # 1-sigma errors
     heading_sigma_deg: float | None
     flags: tuple[str, ...]
+    since_origin: SinceOrigin | None = None  # None: no origin
 
     @property
     def yaw_pitch_roll_deg(self) -> Vector:

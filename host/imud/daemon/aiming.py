@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""The command `aim`: what a probe should be brought to, or nothing any more."""
+"""The commands `aim`, what a probe should be brought to, or nothing any more; and
+`capture`, which keeps its present orientation for that.
+"""
 
 from __future__ import annotations
 
@@ -40,3 +42,16 @@ def aim_at(entry: ProbeEntry, parameters: Mapping[str, str]) -> dict[str, Any] |
     entry.aim = Aim(target)
     found: dict[str, Any] = msgspec.to_builtins(target)
     return found
+
+
+def capture(entry: ProbeEntry, parameters: Mapping[str, str]) -> dict[str, Any]:
+    """Keeps the present orientation of a probe as a reference. Returns it, and the name
+    by which `aim` takes it up; CommandRefused if there is no pose.
+    """
+    if parameters:
+        raise CommandRefused("capture takes no arguments")
+    name = entry.probe.references.capture()
+    if not entry.pose:
+        raise CommandRefused(f"probe {entry.name} has sent no pose; imud start")
+    keys = "q", "t_device_us", "t_ns"
+    return {key: entry.pose[key] for key in keys} | {"capture": name}

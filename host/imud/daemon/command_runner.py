@@ -9,7 +9,7 @@ from typing import Any, assert_never
 import msgspec
 
 from imud.commands import COMMANDS, Handler
-from imud.daemon.aiming import aim_at
+from imud.daemon.aiming import aim_at, capture
 from imud.daemon.commands import Commander
 from imud.daemon.intake import Intake
 from imud.daemon.params_change import ParamsChange
@@ -71,6 +71,8 @@ class CommandRunner:
                 return self._read_history
             case Handler.AIM:
                 return self._aim
+            case Handler.CAPTURE:
+                return self._capture
             case Handler.CLOSE:
                 return self._close_path
             case Handler.CONFIGURE:
@@ -86,6 +88,9 @@ class CommandRunner:
 
     async def _aim(self, probe: str, _: str, parameters: Parameters) -> Any:
         return aim_at(self._commander.entry_of(probe), parameters)
+
+    async def _capture(self, probe: str, _: str, parameters: Parameters) -> Any:
+        return capture(self._commander.entry_of(probe), parameters)
 
     async def _close_path(
         self, probe: str, command: str, parameters: Parameters

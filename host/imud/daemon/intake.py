@@ -161,6 +161,7 @@ class Intake:
             event.scales,
             entry.north,
             entry.host_flags,
+            probe.references,
         )
         self._publisher.put(entry, record)
         if message.name == "pose":

@@ -28,7 +28,8 @@ class RecordPublisher:
         entry.put += 1
         self._hub.put(record)
         if entry.aim is not None and record.topic == "pose" and record.values:
-            values = entry.aim.measure(record.values)
+            captured = entry.probe.references.since_capture(entry.aim.capture)
+            values = entry.aim.measure(record.values, captured)
             self.say(entry, AIM, values, record.t_ns, record.sequence)
         closing = entry.closer.on_record(record.values) if record.values else None
         if closing is not None:

@@ -68,6 +68,7 @@ class StageRunner:
             received.scales,
             entry.north,
             entry.host_flags,
+            entry.probe.references,
         )
         self._publisher.put(entry, msgspec.structs.replace(record, content=b""))
         if message.name == "pose":

@@ -47,6 +47,14 @@ _TIME = _whole(
 )
 _XYZ = {axis: _NUMBER for axis in "xyz"}
 
+# Of a pose since a moment; `void`: why it is not known any more.
+_SINCE = _whole(
+    heading_sigma_deg=_OPTIONAL,
+    tilt_sigma_deg=_OPTIONAL,
+    age_s=_OPTIONAL,
+    void={"type": ["string", "null"]},
+) | {"type": ["object", "null"]}
+
 _PLACES = {"type": "array", "items": _vector(3, is_optional=False)}
 
 JSON_SCHEMAS: dict[str, dict[str, Any]] = {
@@ -58,6 +66,7 @@ JSON_SCHEMAS: dict[str, dict[str, Any]] = {
         tilt_sigma_deg=_OPTIONAL,
         heading_sigma_deg=_OPTIONAL,
         flags=_FLAGS,
+        since_origin=_SINCE,
     ),
     "raw": _object(
         **_HEAD,
@@ -82,6 +91,8 @@ JSON_SCHEMAS: dict[str, dict[str, Any]] = {
         hold_s=_NUMBER,
         error_deg=_NUMBER,
         sigma_deg=_OPTIONAL,
+        since={"enum": ["origin", "capture", None]},
+        void={"type": ["string", "null"]},
         state={"enum": ["off", "unsure", "sure"]},
         difference_deg=_vector(3, is_optional=False),
         held_s=_NUMBER,

@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 
 from imud import rotation
+from imud.probes.references import SinceErrors
 from imud.rotation import FloatArray
 
 Axis = Literal["x", "y", "z", "all"]
@@ -34,6 +35,17 @@ class Target(msgspec.Struct, frozen=True):
     axis: Axis = "x"
     tolerance_deg: float = 2.0
     hold_s: float = 2.0
+    # The reference that was kept when it was captured; empty: it was not captured.
+    capture: str = ""
+
+
+class Sigmas(msgspec.Struct, frozen=True):
+    """One-sigma errors by which a pose is judged, in degrees."""
+
+    tilt: float | None
+    heading: float | None
+    since: Literal["origin", "capture"] | None  # None: absolute ones
+    void: str | None  # why those since the capture or the origin are not
 
 
 class Aim:
@@ -48,10 +60,21 @@ class Aim:
         self._bound_deg = 0.0
         self._is_reached = False
 
-    def measure(self, pose: Mapping[str, Any]) -> dict[str, Any]:
-        """What a published pose means, as plain values."""
+    @property
+    def capture(self) -> str:
+        """The reference of its target; empty: there is none."""
+        return self._target.capture
+
+    def measure(
+        self, pose: Mapping[str, Any], captured: SinceErrors | None = None
+    ) -> dict[str, Any]:
+        """What a published pose means, as plain values. `captured`: its errors since
+        the target was captured; None: it was not, or that is not known any more.
+        """
         target = self._target
-        error, sigma = self._error_deg(np.array(pose["q"])), self._sigma_deg(pose)
+        sigmas = sigmas_of(pose, captured)
+        error = self._error_deg(np.array(pose["q"]))
+        sigma = self._sigma_deg(pose, sigmas)
         is_sure = sigma is not None and error + 2.0 * sigma <= target.tolerance_deg
         state = "off" if error > target.tolerance_deg else "unsure"
         held_s = self._hold(pose["t_device_us"], error, sigma if is_sure else None)
@@ -68,6 +91,8 @@ class Aim:
             "hold_s": target.hold_s,
             "error_deg": error,
             "sigma_deg": sigma,
+            "since": sigmas.since,
+            "void": sigmas.void,
             "state": "sure" if is_sure else state,
             "difference_deg": [
                 _wrapped(is_ - should) for is_, should in zip(mine, wanted, strict=True)
@@ -87,13 +112,16 @@ class Aim:
         across = float(np.linalg.norm(np.cross(is_, should)))
         return math.degrees(math.atan2(across, float(is_ @ should)))
 
-    def _sigma_deg(self, pose: Mapping[str, Any]) -> float | None:
+    def _sigma_deg(self, pose: Mapping[str, Any], sigmas: Sigmas) -> float | None:
         """One sigma of the error, from those of tilt and heading."""
-        tilt, turn = pose["tilt_sigma_deg"], pose["heading_sigma_deg"]
+        tilt, turn = sigmas.tilt, sigmas.heading
         if tilt is None:
             return None
-        # An origin of its own may mix tilt and heading: then all of both counts.
-        is_mixed = self._target.axis == "all" or "tared" in pose["flags"]
+        # An origin of its own may mix the absolute errors of tilt and heading: then all
+        # of both counts.
+        is_mixed = self._target.axis == "all" or (
+            sigmas.since is None and "tared" in pose["flags"]
+        )
         east, north, _ = rotation.rotate(np.array(pose["q"]), self._direction)
         share = 1.0 if is_mixed else math.hypot(east, north)
         if share < UPRIGHT:
@@ -113,6 +141,33 @@ class Aim:
         held_s = (time_us - self._since_us) / 1e6
         self._is_reached = self._is_reached or held_s >= self._target.hold_s
         return held_s
+
+
+def sigmas_of(pose: Mapping[str, Any], captured: SinceErrors | None = None) -> Sigmas:
+    """By what a pose is judged: its errors since the target was captured, else since
+    the origin, else the absolute ones.
+    """
+    origin: SinceErrors | None = pose.get("since_origin")
+    if captured is not None and captured.void is None:
+        return Sigmas(
+            captured.tilt_sigma_deg, captured.heading_sigma_deg, "capture", None
+        )
+    if origin is not None and origin.void is None:
+        turn = origin.heading_sigma_deg
+        return Sigmas(origin.tilt_sigma_deg, turn, "origin", _void(captured))
+    tilt, turn = pose["tilt_sigma_deg"], pose["heading_sigma_deg"]
+    if "tared" in pose["flags"]:
+        # What the origin was wrong by counts, too, and about as much.
+        tilt, turn = _both_ends(tilt), _both_ends(turn)
+    return Sigmas(tilt, turn, None, _void(captured) or _void(origin))
+
+
+def _void(found: SinceErrors | None) -> str | None:
+    return None if found is None else found.void
+
+
+def _both_ends(sigma: float | None) -> float | None:
+    return None if sigma is None else math.sqrt(2.0) * sigma
 
 
 def _wrapped(degrees: float) -> float:

@@ -9,6 +9,7 @@ from imud.probes.boot import DecodedFrame
 from imud.probes.clock import ProbeClock
 from imud.probes.ledger import Account
 from imud.probes.record import Stamp
+from imud.probes.references import References
 from imud.probes.scales import UNKNOWN, Scales
 from imud.probes.self_test import Responses, SensorVerdict, verdicts_of
 from imud.probes.timeline import Timeline
@@ -33,6 +34,7 @@ class Probe:
         self.params_parts = ParamsParts()
         self.params_digest: int | None = None  # of those in force, as it last said
         self.scales = UNKNOWN
+        self.references = References()
         self.responses: Responses | None = None  # to its self-test, of this boot
         self._numbers = Counter[str]()
         self._lost: dict[str, int] = {}
@@ -82,6 +84,7 @@ class Probe:
         """Forgets what is of the boot before."""
         self.clock = ProbeClock(self.clock.rate)
         self.responses = None
+        self.references.begin_boot()
 
     def update(self, message: Message, content: bytes) -> None:
         """Takes up what a good message, in order, says of the probe itself."""
@@ -110,3 +113,4 @@ class Probe:
         hello, params, scales = self.hello_content, self.params, self.scales
         if hello != scales.hello or params != scales.params:
             self.scales = Scales(hello, params)
+            self.references.tell(params)

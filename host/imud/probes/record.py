@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 
 from imud.probes.north import North
+from imud.probes.references import References
 from imud.probes.scales import Scales
 from imud.probes.self_test import Responses, verdicts_of
 from imud.wire.messages import Message, Value, decode
@@ -82,14 +83,15 @@ def record_of(
     scales: Scales,
     north: North | None = None,
     flags: tuple[str, ...] = (),
+    references: References | None = None,
 ) -> Record:
     """The record of a good message; poses refer to true north with `north`, and get
-    these flags beside their own.
+    these flags beside their own. `references` follows the messages of the probe.
     """
     values: dict[str, Any] = {}
     payload = b""
     if message.name in JSON_TOPICS:
-        values = describe(message, content, probe, stamp, scales)
+        values = describe(message, content, probe, stamp, scales, references)
         if north is not None and message.name in ("pose", "stroke"):
             values = north.turned(values)
         if flags and message.name == "pose":
@@ -113,9 +115,16 @@ def record_of(
 
 
 def describe(
-    message: Message, content: bytes, probe: str, stamp: Stamp, scales: Scales
+    message: Message,
+    content: bytes,
+    probe: str,
+    stamp: Stamp,
+    scales: Scales,
+    references: References | None = None,
 ) -> dict[str, Any]:
-    """A message as plain values for JSON, with units in the names."""
+    """A message as plain values for JSON, with units in the names. Poses and events
+    have to come in their order, for `references`.
+    """
     fields = message.fields
     t_ns, received_ns, bound_ns = stamp.t_ns, stamp.t_received_ns, stamp.t_bound_ns
     age_us = None
@@ -141,6 +150,8 @@ def describe(
         head["tilt_sigma_deg"] = fields["tilt_sigma"]
         head["heading_sigma_deg"] = fields["heading_sigma"]
         head["flags"] = fields["pose_flags"]
+        if references is not None:
+            head["since_origin"] = references.on_pose(head)
         return head
     if message.name == "stroke":
         return head | stroke_of(fields)
@@ -158,6 +169,8 @@ def describe(
             "flags": fields["sample_flags"],
         }
     values = {name: plain(value) for name, value in fields.items()}
+    if message.name == "event" and references is not None:
+        references.on_event(values, stamp.t_device_us)
     if message.name == "self_test":
         values["verdicts"] = _verdicts(message, scales)
     return head | values

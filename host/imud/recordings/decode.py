@@ -20,6 +20,7 @@ from imud.errors import FileError
 from imud.log.reader import Logged, LogHead, read_log
 from imud.probes.ledger import totals
 from imud.probes.record import HEAD, describe
+from imud.probes.references import SinceErrors
 from imud.probes.session import (
     Event,
     OtherSchema,
@@ -134,6 +135,7 @@ def _described(
                 name or event.probe.probe_id,
                 event.stamp,
                 event.scales,
+                event.probe.references,
             )
         elif isinstance(event, OtherSchema):
             tally.other = event
@@ -241,6 +243,10 @@ def words(item: dict[str, Any]) -> str:
         text += f"  heading {_sigma(item['heading_sigma_deg'])}"
         if item["position_m"] is not None:
             text += "  at " + _vector(item["position_m"], "m", 4)
+        since: SinceErrors | None = item["since_origin"]
+        if since is not None:
+            text += f"  since the origin: tilt {_sigma(since.tilt_sigma_deg)}"
+            text += f"  heading {_sigma(since.heading_sigma_deg)}"
         return f"{head} {text}  {' '.join(item['flags'])}".rstrip()
     if item["type"] == "raw":
         parts = [

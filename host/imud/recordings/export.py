@@ -47,6 +47,8 @@ _COUNTERS = (
     *("messages_sent", "messages_dropped"),
 )
 
+_SINCE = ("heading_sigma_deg", "tilt_sigma_deg", "age_s", "void")
+
 COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
     "pose": {
         **_HEAD,
@@ -56,6 +58,7 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
         "tilt_sigma_deg": ("tilt_sigma_deg",),
         "heading_sigma_deg": ("heading_sigma_deg",),
         "flags": ("flags",),
+        **_named(*(f"since_origin.{key}" for key in _SINCE)),
     },
     "raw": {
         **_HEAD,
@@ -98,7 +101,7 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
 _WORDS = frozenset(
     {
         *("flags", "event", "cause", "end", "state", "port", "reason"),
-        *("log.state", "twin.state"),
+        *("log.state", "twin.state", "since_origin.void"),
     }
 )
 _INTEGERS = frozenset(

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -18,6 +17,7 @@ from imud.probes.path import StrokePath
 from imud.probes.record import Presence, Record
 from imud.ros2 import cdr, topics
 from imud.ros2.cdr import Diagnosis, Level, PathPoint
+from imud.ros2.covariance import orientation_covariance
 from imud.ros2.publisher import RosPublisher
 from imud.ros2.topics import Node, Topic
 from imud.wire.params import parts_of
@@ -35,9 +35,6 @@ ALONE_US = 1_000_000
 
 # Places of a path, the newest: each takes 90 bytes of every message.
 PATH_MAX = 1000
-
-# Variance of an unknown heading, uniform over a whole turn, rad^2.
-FREE_RAD2 = math.pi**2 / 3
 
 NOTHING = (0.0, 0.0, 0.0)
 UNTURNED = (1.0, 0.0, 0.0, 0.0)
@@ -218,18 +215,6 @@ class RosTranslator:
             str(status.get("probe_id", "")),
             _values(status, ledger, losses),
         )
-
-
-def orientation_covariance(pose: Fields) -> Sequence[float]:
-    """3x3, rad^2, row by row, about the fixed axes of the world as in REP 103: tilt is
-    about the two level axes, heading about the vertical one.
-    """
-    tilt_deg, heading_deg = pose["tilt_sigma_deg"], pose["heading_sigma_deg"]
-    if tilt_deg is None:
-        return cdr.ABSENT
-    tilt = math.radians(tilt_deg) ** 2
-    heading = FREE_RAD2 if heading_deg is None else math.radians(heading_deg) ** 2
-    return (tilt, 0.0, 0.0, 0.0, tilt, 0.0, 0.0, 0.0, heading)
 
 
 def _verdict(status: Fields, fresh: Mapping[str, int]) -> tuple[Level, str]:

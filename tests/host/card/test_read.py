@@ -84,6 +84,7 @@ def test_a_log_of_a_card_is_the_live_log_of_the_same_messages(tmp_path: Path) ->
                 record_of(
                     *(event.message, event.content, probe.probe_id, stamp),
                     event.scales,
+                    references=probe.references,
                 )
             )
     sink.close()

@@ -45,6 +45,19 @@ def test_a_terminal_is_drawn_over_in_place() -> None:
     assert first.count("\n") == 2
 
 
+def test_a_line_ends_with_the_errors_since_the_origin() -> None:
+    since = {"heading_sigma_deg": 0.12, "tilt_sigma_deg": 0.05, "age_s": 60.0}
+    for found, words in (
+        (since | {"void": None}, "tared  since origin ±0.05 ±0.12"),
+        (since | {"void": "gap"}, "tared  since origin ? (samples are missing)"),
+        (None, "tared"),
+    ):
+        out = io.StringIO()
+        told = received(since_origin=found, flags=["tared"])
+        PoseTable(out).draw({"p": told}, 1.0)
+        assert out.getvalue().splitlines()[1].endswith(f"Hz  {words}")
+
+
 def test_a_pipe_gets_plain_lines_under_one_heading() -> None:
     out = io.StringIO()
     table = PoseTable(out)

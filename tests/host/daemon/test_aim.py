@@ -19,6 +19,7 @@ from imud.daemon.registry import ProbeEntry
 from imud.errors import CommandRefused
 from imud.log.schemas import JSON_SCHEMAS
 from imud.probes.aim import Aim, Target
+from imud.probes.references import SinceErrors
 
 UPRIGHT = tuple(map(float, rotation.from_heading_pitch_roll(0.0, -math.pi / 2, 0.0)))
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -58,10 +59,49 @@ def test_the_sigma_is_that_of_what_turns_the_axis() -> None:
     assert sigma(LEVEL, "x") == pytest.approx(0.5)
     assert sigma(UPRIGHT, "x") == pytest.approx(0.3)
     assert sigma(UPRIGHT, "all") == pytest.approx(0.5)
-    assert sigma(UPRIGHT, "x", flags=("tared",)) == pytest.approx(0.5)
+    # An origin that was set at an unknown time is as wrong as the pose.
+    assert sigma(UPRIGHT, "x", flags=("tared",)) == pytest.approx(0.5 * math.sqrt(2.0))
     assert sigma(UPRIGHT, "x", heading_sigma_deg=None) == pytest.approx(0.3)
     assert sigma(LEVEL, "x", heading_sigma_deg=None) is None
     assert sigma(LEVEL, "x", tilt_sigma_deg=None) is None
+
+
+SINCE = SinceErrors(0.12, 0.05, 60.0)
+LOST = SinceErrors(None, None, 60.0, "gap")
+
+
+def test_an_origin_makes_the_errors_since_it_count() -> None:
+    aim = Aim(Target(LEVEL, axis="all"))
+    measured = aim.measure(pose(LEVEL, flags=("tared",), since_origin=SINCE))
+    assert measured["sigma_deg"] == pytest.approx(0.13)
+    assert (measured["since"], measured["void"]) == ("origin", None)
+    # Its errors are about the world's axes: the heading does not turn what is upright.
+    upright = Aim(Target(UPRIGHT)).measure(pose(UPRIGHT, since_origin=SINCE))
+    assert upright["sigma_deg"] == pytest.approx(0.05)
+    unknown = SinceErrors(None, 0.05, 60.0)
+    measured = aim.measure(pose(LEVEL, flags=("tared",), since_origin=unknown))
+    assert (measured["sigma_deg"], measured["state"]) == (None, "unsure")
+
+
+def test_an_origin_that_is_void_leaves_the_absolute_errors_of_both_ends() -> None:
+    aim = Aim(Target(LEVEL, axis="all"))
+    measured = aim.measure(pose(LEVEL, flags=("tared",), since_origin=LOST))
+    assert measured["sigma_deg"] == pytest.approx(0.5 * math.sqrt(2.0))
+    assert (measured["since"], measured["void"]) == (None, "gap")
+
+
+def test_a_capture_counts_before_the_origin_and_says_when_it_is_void() -> None:
+    aim = Aim(Target(LEVEL, axis="all", capture="00"))
+    tared = pose(LEVEL, flags=("tared",), since_origin=SinceErrors(0.4, 0.3, 99.0))
+    measured = aim.measure(tared, SINCE)
+    assert measured["sigma_deg"] == pytest.approx(0.13)
+    assert (measured["since"], measured["void"]) == ("capture", None)
+    measured = aim.measure(tared, LOST)
+    assert measured["sigma_deg"] == pytest.approx(0.5)
+    assert (measured["since"], measured["void"]) == ("origin", "gap")
+    measured = aim.measure(pose(LEVEL), LOST)
+    assert measured["sigma_deg"] == pytest.approx(0.5)
+    assert (measured["since"], measured["void"]) == (None, "gap")
 
 
 def test_it_is_reached_only_when_it_was_held_surely() -> None:
@@ -101,6 +141,79 @@ def test_a_wrong_target_is_refused(given: dict[str, str]) -> None:
     with pytest.raises(CommandRefused, match="aim needs q"):
         aim_at(entry, given)
     assert entry.aim is None
+
+
+def heard_until(heard: Any, is_so: Any, chain: Chain, **fields: Any) -> Any:
+    """The first record of which that is true, while the probe says such poses."""
+    for _ in range(200):
+        chain.port.write(chain.probe.say("pose", **fields))
+        record = json.loads(heard.get(timeout=30))
+        jsonschema.validate(record, JSON_SCHEMAS[record["type"]])
+        if is_so(record):
+            return record
+    raise AssertionError(record)
+
+
+def test_below_two_degrees_is_reached_from_the_origin_and_not_after_a_restart(
+    tmp_path: Any,
+) -> None:
+    """The task of the NECTEC paper: set origin, aim at 0/0/0, below 2 degrees."""
+    level = {"q": LEVEL, "tilt_sigma": 0.4, "heading_sigma": 1.75}
+    tared = level | {"pose_flags": ("tared",)}
+    chain = Chain(tmp_path)
+    try:
+        name = chain.probe.name
+        aims, poses = chain.hear("aim"), chain.hear("pose")
+        chain.client.command(name, "aim", q="1,0,0,0", axis="all", hold_s="0.2")
+        record = heard_until(aims, lambda _: True, chain, **level)
+        assert (record["state"], record["since"]) == ("unsure", None)
+
+        chain.command("tare")
+        record = heard_until(aims, lambda r: r["is_reached"], chain, **tared)
+        assert (record["state"], record["since"]) == ("sure", "origin")
+        assert record["sigma_deg"] < 0.2
+        record = heard_until(poses, lambda r: r["since_origin"], chain, **tared)
+        assert record["since_origin"]["void"] is None
+        assert record["since_origin"]["heading_sigma_deg"] < 0.2
+
+        lost = tared | {"pose_flags": ("tared", "starting")}
+        record = heard_until(aims, lambda r: r["void"] is not None, chain, **lost)
+        assert (record["state"], record["void"]) == ("unsure", "starting")
+        chain.command("tare")
+        heard_until(aims, lambda r: r["since"] == "origin", chain, **tared)
+        chain.command("restart")
+        heard_until(aims, lambda r: r["void"] == "restarted", chain, **tared)
+        heard_until(poses, lambda r: r["since_origin"] is None, chain, **level)
+    finally:
+        chain.close()
+
+
+def test_a_captured_target_is_reached_until_the_probe_restarts(tmp_path: Any) -> None:
+    level = {"q": LEVEL, "tilt_sigma": 0.4, "heading_sigma": 1.75}
+    chain = Chain(tmp_path)
+    try:
+        name = chain.probe.name
+        aims, poses = chain.hear("aim"), chain.hear("pose")
+        with pytest.raises(CommandRefused, match="has sent no pose"):
+            chain.client.command(name, "capture")
+        with pytest.raises(CommandRefused, match="takes no arguments"):
+            chain.client.command(name, "capture", q="1,0,0,0")
+        heard_until(poses, lambda _: True, chain, **level)
+        captured = chain.client.command(name, "capture")["value"]
+        assert captured["q"] == list(LEVEL)
+        q = ",".join(map(str, captured["q"]))
+        chain.client.command(
+            name, "aim", q=q, axis="all", capture=captured["capture"], hold_s="0.2"
+        )
+        record = heard_until(aims, lambda r: r["is_reached"], chain, **level)
+        assert (record["since"], record["void"]) == ("capture", None)
+        chain.probe.restart()
+        chain.port.write(chain.probe.say("hello"))
+        record = heard_until(aims, lambda r: r["void"] is not None, chain, **level)
+        assert (record["state"], record["since"]) == ("unsure", None)
+        assert record["void"] == "restarted"
+    finally:
+        chain.close()
 
 
 def test_a_target_is_published_with_each_pose(tmp_path: Any) -> None:

@@ -76,7 +76,7 @@ def test_a_refusal_says_why(chain: Chain) -> None:
     with pytest.raises(CommandRefused, match="refused start: not ready"):
         chain.command("start")
     with pytest.raises(
-        CommandRefused, match="no command 'dance', only aim, close, configure"
+        CommandRefused, match="no command 'dance', only aim, capture, close, configure"
     ):
         chain.client.command(chain.probe.name, "dance")
     with pytest.raises(CommandRefused, match="arguments can't be"):

@@ -81,6 +81,7 @@ def test_poses_and_frames_reach_a_subscriber_whole_and_in_order(chain: Chain) ->
             "tilt_sigma_deg",
             "heading_sigma_deg",
             "flags",
+            "since_origin",
         ]
         assert pose["t_device_us"] == number * 5000
         if number < first + 499:

@@ -48,13 +48,15 @@ def test_a_pose_is_as_promised_to_the_letter(
     assert lines[0] == (
         '{"type":"pose","probe":"00112233445566aa","seq":0,"number":1,"missing":0,'
         '"t_device_us":0,"t_ns":null,"t_bound_us":null,"age_us":null,"q":[0.5,0.5,-0.5,0.5],"position_m":null,"normal":null,'
-        '"tilt_sigma_deg":0.37,"heading_sigma_deg":1.25,"flags":["at_rest"]}'
+        '"tilt_sigma_deg":0.37,"heading_sigma_deg":1.25,"flags":["at_rest"],'
+        '"since_origin":null}'
     )
     assert lines[1] == (
         '{"type":"pose","probe":"00112233445566aa","seq":1,"number":2,"missing":0,'
         '"t_device_us":5000,"t_ns":null,"t_bound_us":null,"age_us":null,"q":[1.0,0.0,0.0,0.0],"position_m":[0.001,-0.25,1.5],'
         '"normal":[0.0,0.0,1.0],"tilt_sigma_deg":null,"heading_sigma_deg":null,'
-        '"flags":["starting","tared"]}'
+        '"flags":["starting","tared"],"since_origin":{"heading_sigma_deg":null,'
+        '"tilt_sigma_deg":null,"age_s":null,"void":"unheard"}}'
     )
 
 

@@ -18,8 +18,9 @@ from fakes.records import calibrated_records, calibration_record
 from imud.probes.record import Record
 from imud.ros2 import topics as ros2
 from imud.ros2.cdr import Level
+from imud.ros2.covariance import FREE_RAD2
 from imud.ros2.topics import Topic
-from imud.sinks.ros2 import FREE_RAD2, RosTranslator
+from imud.sinks.ros2 import RosTranslator
 from ros_values import FORCE, JAZZY, RATE, T_NS, Q
 
 

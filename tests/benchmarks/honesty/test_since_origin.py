@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: MIT
+"""The benchmark of errors since an origin: what it takes for true, and its shares."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.common.engines import Estimate
+from benchmarks.honesty import since_origin
+from benchmarks.honesty.since_origin import apart, known_params, pairs_of, stated
+from imud import rotation
+from imud.probes.relative_error import quality_of
+from imud.virtual.motion import Motion
+
+
+def turned(*vector_deg: float) -> Any:
+    return rotation.from_rotation_vector(np.deg2rad(vector_deg))
+
+
+def test_what_is_wrong_alike_at_both_ends_is_no_error_since() -> None:
+    same = turned(0.3, -0.2, 2.0)
+    assert apart(same, same) == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert apart(turned(0, 0, 2.5), turned(0, 0, 2.0)) == pytest.approx((0.5, 0.0))
+    assert apart(turned(0, 0.3, 2), turned(0, 0, 2)) == pytest.approx(
+        (0.0, 0.3), abs=1e-3
+    )
+
+
+def test_each_origin_is_compared_with_the_times_after_it() -> None:
+    """A heading that drifts by 0.01 deg/s from a world that is 5 degrees off."""
+    times_s = np.arange(0.0, 45.0, 0.1)
+    drift = np.stack([0 * times_s, 0 * times_s, 5.0 + 0.01 * times_s], axis=1)
+    sigma = np.full(len(times_s), 1.2)
+    found = Estimate(
+        times_s, rotation.from_rotation_vector(np.deg2rad(drift)), sigma / 3, sigma
+    )
+    still = np.zeros((4600, 3))
+    truth = Motion(100.0, still, still, still, np.tile([1.0, 0, 0, 0], (4600, 1)))
+    pairs = [*pairs_of(found, truth, known_params(), step_s=2.0)]
+    assert {pair.after_s for pair in pairs} == {1.0, 10.0}
+    for pair in pairs:
+        assert pair.heading == pytest.approx(0.01 * pair.after_s, rel=0.02)
+        assert pair.heading_sigma is not None
+        assert pair.heading_sigma < 0.1
+
+
+def test_shares_count_only_what_is_stated() -> None:
+    found = stated([0.1, 0.3, 9.0], [0.1, 0.1, None])
+    assert (found.count, found.withheld) == (3, pytest.approx(1 / 3))
+    assert found.inside == 0.5
+    assert found.sigma == pytest.approx(0.1)
+    assert found.true == pytest.approx(np.sqrt(0.05))
+
+
+def test_the_params_tell_what_the_motions_draw() -> None:
+    quality = quality_of(known_params())
+    assert quality.gyr_share == pytest.approx(0.002)
+    assert quality.mag_deg == pytest.approx(np.degrees(0.3 / 20.0), rel=1e-3)
+
+
+@pytest.mark.parametrize("every", [1, 10])
+def test_a_short_run_states_errors_that_hold(
+    every: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "found.json"
+    since_origin.main(
+        f"--seeds 1 --motions aim --jobs 1 --every {every} --output {output}".split()
+    )
+    lines = json.loads(output.read_text("utf-8"))
+    assert [line["after_s"] for line in lines] == [1.0, 10.0, 30.0, 60.0, 120.0]
+    for line in lines:
+        assert line["heading"]["inside"] > 0.9
+        assert line["heading"]["sigma"] < 0.8
+        assert line["heading"]["withheld"] == 0.0
+    assert "aim" in capsys.readouterr().out
