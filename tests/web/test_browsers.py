@@ -123,6 +123,7 @@ def test_a_viewer_reads_but_does_not_command() -> None:
         message = browser.next("page")
         assert (message["role"], message["commands"]) == ("viewer", False)
         assert message["reads"] == [
+            "aim",
             "body",
             "params",
             "path",

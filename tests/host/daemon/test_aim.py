@@ -8,11 +8,13 @@ import math
 from typing import Any
 
 import jsonschema
+import msgspec
 import numpy as np
 import pytest
 
 from chain import Chain
 from imud import rotation
+from imud.client import Pose, SinceOrigin
 from imud.config import reader
 from imud.daemon.aiming import aim_at
 from imud.daemon.registry import ProbeEntry
@@ -20,6 +22,7 @@ from imud.errors import CommandRefused
 from imud.log.schemas import JSON_SCHEMAS
 from imud.probes.aim import Aim, Target
 from imud.probes.references import SinceErrors
+from imud.recordings.export import names_of, row_of
 
 UPRIGHT = tuple(map(float, rotation.from_heading_pitch_roll(0.0, -math.pi / 2, 0.0)))
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -76,7 +79,8 @@ def test_an_origin_makes_the_errors_since_it_count() -> None:
     assert measured["sigma_deg"] == pytest.approx(0.13)
     assert (measured["since"], measured["void"]) == ("origin", None)
     # Its errors are about the world's axes: the heading does not turn what is upright.
-    upright = Aim(Target(UPRIGHT)).measure(pose(UPRIGHT, since_origin=SINCE))
+    tared = pose(UPRIGHT, flags=("tared",), since_origin=SINCE)
+    upright = Aim(Target(UPRIGHT)).measure(tared)
     assert upright["sigma_deg"] == pytest.approx(0.05)
     unknown = SinceErrors(None, 0.05, 60.0)
     measured = aim.measure(pose(LEVEL, flags=("tared",), since_origin=unknown))
@@ -175,6 +179,11 @@ def test_below_two_degrees_is_reached_from_the_origin_and_not_after_a_restart(
         record = heard_until(poses, lambda r: r["since_origin"], chain, **tared)
         assert record["since_origin"]["void"] is None
         assert record["since_origin"]["heading_sigma_deg"] < 0.2
+        typed = msgspec.convert(record, Pose).since_origin
+        assert typed == SinceOrigin(**record["since_origin"])
+        row = dict(zip(names_of("pose"), row_of("pose", record), strict=True))
+        for key, value in record["since_origin"].items():
+            assert row[f"since_origin_{key}"] == value
 
         lost = tared | {"pose_flags": ("tared", "starting")}
         record = heard_until(aims, lambda r: r["void"] is not None, chain, **lost)

@@ -76,13 +76,15 @@ class Told:
         self.event("tared", detail)
         self.flags = () if detail == 2 else ("tared",)
 
-    def swing(self, seconds: float, degrees: float, hz: float = 0.5) -> Any:
-        """About the vertical, to and fro."""
+    def swing(
+        self, seconds: float, degrees: float, hz: float = 0.5, axis: int = 2
+    ) -> Any:
+        """About the vertical or another axis of the world, to and fro."""
         found = None
         for number in range(round(seconds * 1e6 / self.period_us)):
             at_s = number * self.period_us * 1e-6
             angle = degrees * math.sin(2.0 * math.pi * hz * at_s)
-            found = self.pose(turned(0.0, 0.0, angle))
+            found = self.pose(turned(*(angle * np.eye(3)[axis])))
         return found
 
 
@@ -130,6 +132,17 @@ def test_it_grows_with_what_was_turned_and_never_beyond_both_absolute_errors() -
     assert 0.15 < first < second
     far = heading_of(told.swing(120.0, 170.0, hz=1.0))
     assert second < far < 1.2 * math.sqrt(2.0)
+
+
+def test_turns_about_a_level_axis_make_the_heading_less_sure_up_to_a_limit() -> None:
+    told = Told()
+    told.pose()
+    told.tare()
+    first = heading_of(told.swing(2.0, 5.0, axis=0))
+    assert 0.1 < first < 0.3
+    second = heading_of(told.swing(6.0, 5.0, axis=0))
+    assert first < second
+    assert heading_of(told.swing(6.0, 5.0, axis=0)) < 1.1 * second
 
 
 @pytest.mark.parametrize("hz", [10.0, 25.0, 50.0, 100.0, 200.0, 760.0])

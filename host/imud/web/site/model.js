@@ -8,6 +8,14 @@ import { Strokes } from "./strokes.js";
 /** @typedef {import("./rotation.js").Quat} Quat */
 
 /**
+ * @typedef {object} Since errors since a moment, one sigma; null: not known
+ * @property {number | null} heading_sigma_deg
+ * @property {number | null} tilt_sigma_deg
+ * @property {number | null} age_s
+ * @property {string | null} void why nothing is known of them any more
+ */
+
+/**
  * @typedef {object} Pose
  * @property {string} probe
  * @property {number} number
@@ -22,6 +30,18 @@ import { Strokes } from "./strokes.js";
  * @property {number | null} tilt_sigma_deg
  * @property {number | null} heading_sigma_deg
  * @property {string[]} flags
+ * @property {Since | null} [since_origin] null: no origin; missing: of an older log
+ */
+
+/**
+ * @typedef {object} Aim what the daemon says of a pose and the target that it was given
+ * @property {number} number of the pose
+ * @property {string} target its name
+ * @property {readonly number[]} target_q
+ * @property {string} axis
+ * @property {number | null} sigma_deg
+ * @property {"origin" | "capture" | null} [since]
+ * @property {string | null} [void]
  */
 
 /** @typedef {{ state: Line, heardMs: number }} Body a limb: its last state, and when */
@@ -40,6 +60,8 @@ export class Probe {
     this.pose = null;
     this.poseMs = -Infinity;
     this._periodMs = 100;
+    /** @type {Aim | null} */
+    this.aim = null;
     /** @type {Line | null} */
     this.status = null;
     this.statusMs = -Infinity;
@@ -81,6 +103,8 @@ export class Probe {
       }
       this.pose = pose;
       this.poseMs = nowMs;
+    } else if (line.type === "aim") {
+      this.aim = /** @type {Aim} */ (/** @type {unknown} */ (line));
     } else if (line.type === "status") {
       this.status = line;
       this.statusMs = nowMs;

@@ -94,13 +94,15 @@ export class Form {
   /**
    * A target of that orientation, which is entered into the fields.
    * @param {Quat} q
+   * @param {string} capture how the daemon names this moment; empty: it does not
    */
-  captured(q) {
+  captured(q, capture) {
     const { yaw, pitch, roll } = toAngles(q, this._convention);
     this._yaw.value = yaw.toFixed(2);
     this._pitch.value = pitch.toFixed(2);
     this._roll.value = roll.toFixed(2);
-    return this._target(q);
+    const target = this._target(q);
+    return capture ? { ...target, capture } : target;
   }
 
   _entered() {

@@ -4,6 +4,7 @@
 
 import { make, say } from "../dom.js";
 import { angle, fixed, UNKNOWN } from "../format.js";
+import { voidWords } from "../views/words.js";
 
 /** @typedef {import("./target.js").Target} Target */
 /** @typedef {import("./target.js").Verdict} Verdict */
@@ -14,9 +15,28 @@ const WORDS = {
   off: "Move the cross into the circle",
 };
 
+const SINCE = { origin: ", since the origin", capture: ", since it was captured" };
+
+/**
+ * How sure an error is, and relative to what.
+ * @param {Verdict} verdict
+ * @param {boolean} isCaptured the target was captured
+ */
+function doubtWords({ sigma, since, lost }, isCaptured) {
+  const how = since === null ? "" : SINCE[since];
+  const doubt =
+    sigma === null ? "how sure is not known" : `± ${fixed(2 * sigma, 2)}° (two sigma${how})`;
+  if (lost === null) {
+    return doubt;
+  }
+  const what = isCaptured ? "Capture the target" : "Set the origin";
+  return `${doubt}. ${what} anew: ${voidWords(lost)}`;
+}
+
 /** Text that is read at a distance. */
 export class Reading {
   constructor() {
+    this._isCaptured = false;
     this._word = make("p", { class: "word", role: "status", "data-part": "word" });
     this._error = make("span", { class: "value", "data-value": "error" }, UNKNOWN);
     this._sigma = make("p", { class: "muted", "data-part": "sigma" });
@@ -47,6 +67,7 @@ export class Reading {
 
   /** @param {Target | null} target */
   goal(target) {
+    this._isCaptured = Boolean(target?.capture);
     const what = target?.axis === "all" ? "attitude" : `${target?.axis} axis`;
     const within = `${what} within ${target?.tolerance_deg}°, for ${target?.hold_s} s`;
     say(this._goal, target === null ? "" : `${target.name}: ${within}`);
@@ -66,10 +87,10 @@ export class Reading {
    * @param {boolean} isDone
    * @param {string} age empty while the pose is fresh
    */
-  show({ error, sigma, state, differences }, isDone, age) {
+  show(verdict, isDone, age) {
+    const { error, state, differences } = verdict;
     say(this._error, fixed(error, 2, 6));
-    const doubt = sigma === null ? "" : `± ${fixed(2 * sigma, 2)}° (two sigma)`;
-    say(this._sigma, doubt || "how sure is not known");
+    say(this._sigma, doubtWords(verdict, this._isCaptured));
     say(this._word, age ? `This is ${age} old` : isDone ? "Reached" : WORDS[state]);
     say(this._yaw, angle(differences.yaw));
     say(this._pitch, angle(differences.pitch));

@@ -18,6 +18,7 @@ import {
 /** @typedef {import("../rotation.js").Vector} Vector */
 /** @typedef {import("../rotation.js").Convention} Convention */
 /** @typedef {import("../model.js").Pose} Pose */
+/** @typedef {import("../model.js").Aim} Aim */
 /** @typedef {"x" | "y" | "z" | "all"} Axis what has to agree: one axis, or the attitude */
 
 /**
@@ -27,12 +28,22 @@ import {
  * @property {Axis} axis
  * @property {number} tolerance_deg
  * @property {number} hold_s
+ * @property {string} [capture] how the daemon names the moment when it was captured
+ */
+
+/**
+ * @typedef {object} Doubt
+ * @property {number | null} sigma one sigma of the error, degrees; null: not known
+ * @property {"origin" | "capture" | null} since of errors since then; null: absolute ones
+ * @property {string | null} lost why it is not since then, where it should be
  */
 
 /**
  * @typedef {object} Verdict
  * @property {number} error degrees
  * @property {number | null} sigma one sigma of the error, degrees; null: not known
+ * @property {"origin" | "capture" | null} since
+ * @property {string | null} lost
  * @property {"reached" | "unsure" | "off"} state
  * @property {{ yaw: number, pitch: number, roll: number }} differences degrees
  * @property {[number, number]} offset where the axis is, right and up of the target, in
@@ -55,40 +66,94 @@ export function directionOf(axis) {
   return DIRECTIONS[axis === "all" ? "x" : axis];
 }
 
+// The daemon's word on a pose this much older or newer holds for it, too.
+const NEAR_POSES = 40;
+
+/**
+ * How sure the error is. The daemon says it of the target that it was given, which it
+ * relates to the moment when that was captured; of others, the pose itself.
+ * @param {Pose} pose
+ * @param {Target} target
+ * @param {Aim | null} aim
+ * @returns {Doubt}
+ */
+export function doubtOf(pose, target, aim) {
+  if (aim !== null && aim.since !== undefined && isOf(aim, target, pose)) {
+    return { sigma: aim.sigma_deg, since: aim.since, lost: aim.void ?? null };
+  }
+  const since = pose.since_origin ?? null;
+  if (since !== null && since.void === null) {
+    return { sigma: sigmaOf(pose, since, target.axis, 1), since: "origin", lost: null };
+  }
+  // What the origin was wrong by counts, too, and about as much.
+  const ends = pose.flags.includes("tared") ? Math.SQRT2 : 1;
+  return {
+    sigma: sigmaOf(pose, pose, target.axis, ends),
+    since: null,
+    lost: since?.void ?? null,
+  };
+}
+
+/**
+ * @param {Aim} aim
+ * @param {Target} target
+ * @param {Pose} pose
+ */
+function isOf(aim, target, pose) {
+  return (
+    aim.target === nameOf(target) &&
+    aim.axis === target.axis &&
+    Math.abs(aim.number - pose.number) <= NEAR_POSES &&
+    aim.target_q.every((part, index) => Math.abs(part - target.q[index]) < 1e-6)
+  );
+}
+
+/**
+ * Its name as a parameter of a command.
+ * @param {Target} target
+ */
+export function nameOf(target) {
+  return target.name.replaceAll(";", ",");
+}
+
 /**
  * One sigma of the error, from those of tilt and heading, which are independent.
  * @param {Pose} pose
+ * @param {{ tilt_sigma_deg: number | null, heading_sigma_deg: number | null }} sigmas
  * @param {Axis} axis
+ * @param {number} ends by how much larger they are, as both ends are wrong
  */
-export function sigmaOf(pose, axis) {
-  const { tilt_sigma_deg: tilt, heading_sigma_deg: turn } = pose;
-  if (tilt === null) {
+function sigmaOf(pose, sigmas, axis, ends) {
+  const { tilt_sigma_deg: known, heading_sigma_deg: turn } = sigmas;
+  if (known === null) {
     return null;
   }
-  // An origin of its own may mix tilt and heading: then all of both counts.
-  const isMixed = axis === "all" || pose.flags.includes("tared");
+  const tilt = ends * known;
+  // An origin of its own may mix absolute errors: then all of both counts.
+  const isMixed = axis === "all" || ends > 1;
   const [east, north] = rotate(pose.q, directionOf(axis));
   const share = isMixed ? 1 : Math.hypot(east, north);
   if (share < UPRIGHT) {
     return tilt;
   }
-  return turn === null ? null : Math.hypot(tilt, share * turn);
+  return turn === null ? null : Math.hypot(tilt, share * ends * turn);
 }
 
 /**
  * @param {Pose} pose
  * @param {Target} target
  * @param {Convention} convention of the differences
+ * @param {Aim | null} aim
  * @returns {Verdict}
  */
-export function judge(pose, target, convention) {
+export function judge(pose, target, convention, aim) {
   const { axis, q, tolerance_deg: tolerance } = target;
   const direction = directionOf(axis);
   const is = rotate(pose.q, direction);
   const should = rotate(q, direction);
   const error =
     axis === "all" ? angleOf(multiply(pose.q, inverse(q))) : angleBetween(is, should);
-  const sigma = sigmaOf(pose, axis);
+  const { sigma, since, lost } = doubtOf(pose, target, aim);
   const isSure = sigma !== null && error + SIGMAS * sigma <= tolerance;
   const mine = toAngles(pose.q, convention);
   const wanted = toAngles(q, convention);
@@ -97,6 +162,8 @@ export function judge(pose, target, convention) {
   return {
     error,
     sigma,
+    since,
+    lost,
     state: isSure ? "reached" : error <= tolerance ? "unsure" : "off",
     differences: {
       yaw: wrapped(mine.yaw - wanted.yaw),

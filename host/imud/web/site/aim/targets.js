@@ -16,7 +16,7 @@ const TARGETS_MAX = 500;
 export class Targets {
   constructor() {
     /** @type {Target[]} */
-    this.all = readAll(kept("targets", []), "nautical");
+    this.all = readAll(kept("targets", []), "nautical", true);
   }
 
   /** @param {Target} target */
@@ -57,7 +57,7 @@ export class Targets {
    */
   load(text, convention) {
     const isJson = /^\s*[[{]/.test(text);
-    const found = readAll(isJson ? JSON.parse(text) : rowsOf(text), convention);
+    const found = readAll(isJson ? JSON.parse(text) : rowsOf(text), convention, false);
     if (found.length === 0) {
       throw new Error("there is no target in it: name, and q or yaw, pitch, roll");
     }
@@ -85,20 +85,22 @@ function rowsOf(text) {
  * Those of some values that are targets.
  * @param {unknown} values
  * @param {Convention} convention
+ * @param {boolean} isOurs this browser kept them, with how the daemon named captures
  * @returns {Target[]}
  */
-function readAll(values, convention) {
+function readAll(values, convention, isOurs) {
   const list = Array.isArray(values) ? values.slice(0, TARGETS_MAX) : [];
-  return list.flatMap((value, index) => read(value, index, convention) ?? []);
+  return list.flatMap((value, index) => read(value, index, convention, isOurs) ?? []);
 }
 
 /**
  * @param {any} value
  * @param {number} index
  * @param {Convention} convention
+ * @param {boolean} isOurs
  * @returns {Target | null}
  */
-function read(value, index, convention) {
+function read(value, index, convention, isOurs) {
   const q = Array.isArray(value?.q) && value.q.length === 4 ? value.q.map(Number) : null;
   const [yaw, pitch, roll] = ["yaw", "pitch", "roll"].map((name) => Number(value?.[name]));
   const angles = [yaw, pitch, roll].every(Number.isFinite) ? { yaw, pitch, roll } : null;
@@ -114,5 +116,6 @@ function read(value, index, convention) {
     axis: AXES.includes(value.axis) ? value.axis : DEFAULTS.axis,
     tolerance_deg: positive(value.tolerance_deg, DEFAULTS.tolerance_deg),
     hold_s: positive(value.hold_s, DEFAULTS.hold_s),
+    ...(isOurs && value.capture ? { capture: String(value.capture) } : {}),
   };
 }

@@ -13,7 +13,7 @@ import { Protocol } from "../aim/protocol.js";
 import { Reading } from "../aim/reading.js";
 import { chime } from "../aim/sound.js";
 import { Targets } from "../aim/targets.js";
-import { judge } from "../aim/target.js";
+import { judge, nameOf } from "../aim/target.js";
 import { convention } from "./convention.js";
 
 /** @typedef {import("../model.js").Model} Model */
@@ -26,7 +26,7 @@ export class AimView {
   /** @param {Model} model */
   constructor(model) {
     this._model = model;
-    this.every = ["pose"];
+    this.every = ["pose", "aim"];
     this._convention = convention();
     this._targets = new Targets();
     this._hold = new Hold();
@@ -96,13 +96,14 @@ export class AimView {
     if (this._target === null) {
       return "off=1";
     }
-    const { q, name, axis, tolerance_deg: tolerance, hold_s: hold } = this._target;
+    const { q, axis, tolerance_deg: tolerance, hold_s: hold, capture } = this._target;
     return new URLSearchParams({
       q: q.join(","),
-      target: name.replaceAll(";", ","),
+      target: nameOf(this._target),
       axis,
       tolerance_deg: String(tolerance),
       hold_s: String(hold),
+      ...(capture ? { capture } : {}),
     }).toString();
   }
 
@@ -124,7 +125,7 @@ export class AimView {
       mark(this.element, "data-state", "off");
       return;
     }
-    const verdict = judge(pose, target, this._convention);
+    const verdict = judge(pose, target, this._convention, probe?.aim ?? null);
     if (isStale) {
       this._hold.interrupt();
       verdict.state = "off";
@@ -153,14 +154,26 @@ export class AimView {
     }
   }
 
-  /** Takes the orientation of this moment as the target. */
-  _capture() {
-    const pose = this._model.probe?.pose;
-    if (pose) {
-      this._add(this._form.captured(pose.q));
-    } else {
+  /** Takes the orientation of this moment as the target; the daemon keeps the moment. */
+  async _capture() {
+    const { probe, selected, mayCommand, link } = this._model;
+    if (!probe?.pose) {
       tell("There is no pose to capture", true);
+      return;
     }
+    let { q } = probe.pose;
+    let capture = "";
+    if (mayCommand) {
+      try {
+        const { value } = await link.ask(selected, "capture");
+        ({ q } = value);
+        capture = value.capture ?? "";
+      } catch (error) {
+        tell(error instanceof Error ? error.message : String(error), true);
+        return;
+      }
+    }
+    this._add(this._form.captured(q, capture));
   }
 
   /** @param {Target} target */

@@ -3,10 +3,10 @@
 // The numbers of one probe: each with its unit and its error.
 
 import { make, mark, say } from "../dom.js";
-import { angle, fixed, micros, sigma, UNKNOWN, whole } from "../format.js";
+import { angle, fixed, micros, sigma, span, UNKNOWN, whole } from "../format.js";
 import { heading, toAngles } from "../rotation.js";
 import { convention, conventionChoice } from "./convention.js";
-import { both } from "./words.js";
+import { both, voidWords } from "./words.js";
 
 /** @typedef {import("../model.js").Pose} Pose */
 /** @typedef {import("../model.js").Probe} Probe */
@@ -40,6 +40,17 @@ class Quantity {
   }
 }
 
+/**
+ * Relative to what the errors above are.
+ * @param {import("../model.js").Since} since
+ */
+function sinceWords(since) {
+  if (since.void !== null) {
+    return `Errors since the origin are not known: ${voidWords(since.void)}. Set it anew.`;
+  }
+  return `Errors since the origin, ${span(since.age_s ?? 0)} ago`;
+}
+
 /** A card with the numbers. */
 export class Numbers {
   constructor() {
@@ -47,6 +58,7 @@ export class Numbers {
     this._yaw = new Quantity("Yaw", "°");
     this._pitch = new Quantity("Pitch", "°");
     this._roll = new Quantity("Roll", "°");
+    this._since = make("p", { class: "muted", "data-part": "since", hidden: true });
     this._heading = new Quantity("Heading", "°");
     this._tip = new Quantity("Tip", "mm");
     this._stroke = new Quantity("Stroke", "mm");
@@ -70,6 +82,7 @@ export class Numbers {
         { class: "quantities large" },
         ...rows(this._yaw, this._pitch, this._roll),
       ),
+      this._since,
       make(
         "dl",
         { class: "quantities" },
@@ -100,15 +113,19 @@ export class Numbers {
   /** @param {Pose} pose */
   _pose(pose) {
     const { yaw, pitch, roll } = toAngles(pose.q, this._convention);
-    const tilt = sigma(pose.tilt_sigma_deg);
-    const turn = sigma(pose.heading_sigma_deg);
+    const since = pose.since_origin ?? null;
+    const errors = since !== null && since.void === null ? since : pose;
+    const tilt = sigma(errors.tilt_sigma_deg);
+    const turn = sigma(errors.heading_sigma_deg);
+    this._since.hidden = since === null;
+    say(this._since, since === null ? "" : sinceWords(since));
     // NECTEC's paper calls the rotation about the vertical roll.
     const isTurned = this._convention === "nectec";
     this._yaw.show(angle(yaw), isTurned ? tilt : turn);
     this._pitch.show(angle(pitch), tilt);
     this._roll.show(angle(roll), isTurned ? turn : tilt);
     const toNorth = heading(pose.q);
-    this._heading.show(fixed(toNorth, 1, 5), toNorth === null ? "upright" : turn);
+    this._heading.show(fixed(toNorth, 1, 5), toNorth === null ? "upright" : sigma(pose.heading_sigma_deg));
     const mm = pose.position_m?.map((metres) => fixed(metres * 1000, 1, 7));
     this._tip.show(mm?.join(" ") ?? null);
     mark(this.element, "data-number", String(pose.number));

@@ -5,7 +5,7 @@
 import { make, mark, say } from "../dom.js";
 import { fixed, micros, sigma, span, UNKNOWN, whole } from "../format.js";
 import { LogList } from "./logs.js";
-import { both, concerns, showChips, STATES } from "./words.js";
+import { both, concerns, showChips, STATES, voidWords } from "./words.js";
 
 /** @typedef {import("../model.js").Model} Model */
 /** @typedef {import("../model.js").Probe} Probe */
@@ -86,6 +86,10 @@ class Row {
     const turn = pose?.heading_sigma_deg;
     this._fact("tilt", pose ? sigma(tilt) : UNKNOWN);
     this._fact("heading", pose ? sigma(turn) : UNKNOWN);
+    const since = pose?.since_origin ?? null;
+    const errors = [since?.tilt_sigma_deg, since?.heading_sigma_deg].map(sigma).join(" ");
+    const lost = since?.void ?? null;
+    this._fact("since the origin", since === null ? "no origin" : lost ? voidWords(lost) : errors);
   }
 
   /** @param {import("../link.js").Line} status */

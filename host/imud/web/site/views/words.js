@@ -47,6 +47,25 @@ export function flagWords(flag) {
   return FLAGS[flag] ?? [flag.replaceAll("_", " "), ""];
 }
 
+/** @type {Record<string, string>} */
+const VOIDS = {
+  starting: "the attitude was lost",
+  gap: "samples are missing",
+  pause: "poses were missing",
+  restarted: "it has restarted",
+  params_changed: "its calibration has changed",
+  origin_changed: "the origin has changed",
+  unheard: "it was set before the daemon heard it",
+};
+
+/**
+ * Why errors since a moment are not known any more.
+ * @param {string} reason
+ */
+export function voidWords(reason) {
+  return VOIDS[reason] ?? reason.replaceAll("_", " ");
+}
+
 /**
  * Shows words as chips, where they have changed.
  * @param {HTMLElement} element
