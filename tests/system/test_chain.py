@@ -129,7 +129,7 @@ def test_a_live_probe_reaches_a_subscriber_with_nothing_lost(stub: Stub) -> None
     assert set(got[0]) == {
         *("type", "probe", "seq", "number", "missing", "t_device_us", "t_ns"),
         *("t_bound_us", "age_us", "q", "position_m", "normal", "tilt_sigma_deg"),
-        *("heading_sigma_deg", "flags", "utc_host", "utc_bound_us"),
+        *("heading_sigma_deg", "flags", "since_origin", "utc_host", "utc_bound_us"),
     }
 
 
