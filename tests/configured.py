@@ -4,10 +4,14 @@
 from __future__ import annotations
 
 import contextlib
+import json
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from fakes import DaemonProcess, FakeProbe, Port
+import zenoh
+
+from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
 
 
 @contextlib.contextmanager
@@ -25,3 +29,18 @@ def running(
             yield daemon, probe, port
         finally:
             port.vanish()
+
+
+@contextlib.contextmanager
+def bare_session(daemon: DaemonProcess) -> Iterator[zenoh.Session]:
+    """A Zenoh client without ours around it, once the probe's commands answer it."""
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([daemon.endpoint]))
+    with zenoh.open(config) as session:
+        # Until the client has been told who answers, its queries have no reply at all.
+        end = time.monotonic() + PATIENCE_S
+        while not list(session.get("imud/*/cmd/unknown")):
+            assert time.monotonic() < end, "no probe answers"
+            time.sleep(0.05)
+        yield session

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Iterator
 
 import pytest
@@ -12,7 +11,7 @@ import zenoh
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from configured import running
+from configured import bare_session, running
 from fakes import DaemonProcess
 from imud.daemon.commands import arguments_of
 from imud.errors import CommandRefused
@@ -26,10 +25,7 @@ def commanded(
 ) -> Iterator[tuple[DaemonProcess, zenoh.Session]]:
     folder = tmp_path_factory.mktemp("fuzz")
     with running(folder, "[journal]\nburst = 100") as (daemon, _, _):
-        config = zenoh.Config()
-        config.insert_json5("mode", '"client"')
-        config.insert_json5("connect/endpoints", json.dumps([daemon.endpoint]))
-        with zenoh.open(config) as session:
+        with bare_session(daemon) as session:
             yield daemon, session
         daemon.stop()
         assert not [line for line in daemon.lines if "internal error" in line]

@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from configured import bare_session
 from fakes import (
     PATIENCE_S,
     SOON_S,
@@ -64,10 +65,8 @@ class Room:
         self._streamer = threading.Thread(target=self._stream, daemon=True)
         self._streamer.start()
         self.heard.get(timeout=PATIENCE_S)  # the daemon knows of the subscriber
-        config = zenoh.Config()
-        config.insert_json5("mode", '"client"')
-        config.insert_json5("connect/endpoints", json.dumps([self.daemon.endpoint]))
-        self.session = zenoh.open(config)
+        self._bare = bare_session(self.daemon)
+        self.session = self._bare.__enter__()
 
     def _stream(self) -> None:
         while not self._ended.is_set():
@@ -91,7 +90,7 @@ class Room:
 
     def close(self) -> None:
         self.stop_stream()
-        self.session.close()
+        self._bare.__exit__(None, None, None)
         self.client.close()
         self.daemon.__exit__(None, None, None)
         self.port.vanish()
