@@ -233,12 +233,15 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--board", choices=BOARDS, default=NANO.name)
     parser.add_argument("--seeds", metavar="N", type=int, default=SEEDS)
+    parser.add_argument("--quick", action="store_true", help="3 seeds")
     parser.add_argument(
         "--every", metavar="N", type=int, default=1, help="of so many poses take one"
     )
     parser.add_argument("--jobs", metavar="N", type=int, default=2, help="at a time")
     parser.add_argument("--output", metavar="FILE", type=Path, default=OUTPUT)
-    return parser.parse_args(argv)
+    args = parser.parse_args(argv)
+    args.seeds = 3 if args.quick else args.seeds
+    return args
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import sys
 
-from benchmarks.honesty import desk, grounds
+from benchmarks.honesty import desk, grounds, since_origin
 
-PROGRAMS = (desk.main, grounds.main)
+PROGRAMS = (desk.main, grounds.main, since_origin.main)
 
 
 def main() -> int:
