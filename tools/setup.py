@@ -123,7 +123,7 @@ def build_images(boards: Sequence[str]) -> None:
 
 
 def build_micropython(command: str, boards: Sequence[str]) -> None:
-    if MICROPYTHON in boards and command in ("demo", "test"):
+    if MICROPYTHON in boards and command in ("demo", "test", "bench"):
         step(MICROPYTHON, venv("python"), "tools/micropython_build.py", "pyboard")
 
 
