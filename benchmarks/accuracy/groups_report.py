@@ -173,7 +173,7 @@ def figures(outcomes: Sequence[Outcome]) -> Iterator[Figure]:
         worst = max(groups, key=lambda name: groups[name].worse)
         value = 100.0 * float(np.mean([each.is_worse for each in outcomes]))
         yield Figure(
-            "recordings worse than VQF, %", value, (0.0, 5.0), (0.0, 1.0), worst
+            "recordings worse than VQF, %", value, (0.0, 4.0), (0.0, 1.0), worst
         )
         for kind in ("tilt", "heading"):
             shares = {

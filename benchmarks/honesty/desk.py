@@ -15,15 +15,14 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from pathlib import Path
 
 from benchmarks.accuracy import report
 from benchmarks.common import engines, jobs, scoring
-from benchmarks.common.boards import BOARDS, NANO
+from benchmarks.common.boards import BOARDS
 from benchmarks.common.engines import HOST
 from benchmarks.common.feed import sampled
 from benchmarks.common.figure import SETS, Figure
-from benchmarks.common.paths import RESULTS
+from benchmarks.honesty.arguments import output_of, parser_of
 from benchmarks.honesty.cases import CASES, GROUPS, Case
 from benchmarks.honesty.stated import Stated
 
@@ -101,27 +100,10 @@ def figures(lines: Sequence[Line]) -> Iterator[Figure]:
 
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     """The command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, epilog="example: benchmarks/honesty/desk.py --groups mains"
-    )
-    parser.add_argument("--board", choices=BOARDS, default=NANO.name)
-    for name, known in (("groups", GROUPS), ("sets", tuple(SETS))):
-        parser.add_argument(
-            f"--{name}",
-            metavar="NAME",
-            nargs="+",
-            choices=known,
-            default=list(known),
-            help=f"of {', '.join(known)} (default: all)",
-        )
-    parser.add_argument("--seeds", type=int, default=SEEDS, help="of each set")
-    parser.add_argument("--quick", action="store_true", help="2 seeds of each set")
-    parser.add_argument("--jobs", metavar="N", type=int, default=2, help="at a time")
-    parser.add_argument("--output", metavar="FILE", type=Path)
+    example = "example: benchmarks/honesty/desk.py --groups mains"
+    parser = parser_of(__doc__, example, GROUPS, seeds=SEEDS, few=2)
     args = parser.parse_args(argv)
-    args.seeds = 2 if args.quick else args.seeds
-    name = "" if args.board == NANO.name else f"-{args.board}"
-    args.output = args.output or RESULTS / f"honesty-desk{name}.json"
+    args.output = output_of(args, "desk")
     return args
 
 

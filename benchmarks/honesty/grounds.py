@@ -12,19 +12,18 @@ import argparse
 import sys
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks.accuracy import report
 from benchmarks.common import engines, jobs, scoring
-from benchmarks.common.boards import BOARDS, NANO
+from benchmarks.common.boards import BOARDS
 from benchmarks.common.engines import HOST, VQF
 from benchmarks.common.feed import sampled
 from benchmarks.common.figure import SETS
-from benchmarks.common.paths import RESULTS
 from benchmarks.common.scoring import Coverage
 from benchmarks.honesty import grounds_report
+from benchmarks.honesty.arguments import output_of, parser_of
 from benchmarks.honesty.grounds_report import Outcome
 from imud.virtual.motion import Motion
 from imud.virtual.motions.grounds import GROUNDS, made
@@ -73,31 +72,13 @@ def first_of(own: engines.Estimate, motion: Motion) -> Coverage:
 
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:
     """The command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__,
-        epilog="example: benchmarks/honesty/grounds.py --groups hand walking --each",
-    )
-    parser.add_argument("--board", choices=BOARDS, default=NANO.name)
-    for name, known in (("groups", tuple(GROUNDS)), ("sets", tuple(SETS))):
-        parser.add_argument(
-            f"--{name}",
-            metavar="NAME",
-            nargs="+",
-            choices=known,
-            default=list(known),
-            help=f"of {', '.join(known)} (default: all)",
-        )
-    parser.add_argument("--seeds", type=int, default=SEEDS, help="of each set")
-    parser.add_argument("--quick", action="store_true", help="3 seeds of each set")
+    example = "example: benchmarks/honesty/grounds.py --groups hand walking --each"
+    parser = parser_of(__doc__, example, tuple(GROUNDS), seeds=SEEDS, few=3)
     parser.add_argument(
         "--each", action="store_true", help="print a line for each recording, too"
     )
-    parser.add_argument("--jobs", metavar="N", type=int, default=2, help="at a time")
-    parser.add_argument("--output", metavar="FILE", type=Path)
     args = parser.parse_args(argv)
-    args.seeds = 3 if args.quick else args.seeds
-    name = "" if args.board == NANO.name else f"-{args.board}"
-    args.output = args.output or RESULTS / f"honesty-grounds{name}.json"
+    args.output = output_of(args, "grounds")
     return args
 
 
