@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: MIT
+"""Each term of the errors since a moment, by the numbers of docs/pose.md, and what of
+two attitudes goes into them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from imud import rotation
+from imud.probes.references import References
+from imud.probes.relative_error import (
+    Quality,
+    Turned,
+    capped,
+    heading_variance,
+    tilt_variance,
+)
+
+QUALITY = Quality(0.01, 0.0, 4.0, 0.5, 0.1)
+NOTHING: dict[str, Any] = {
+    **{"age_s": 0.0, "on_s": 1e6, "about_up": 0.0, "about_any": 0.0},
+    **{"net_up": 0.0, "half_sine": 0.0, "quality": QUALITY, "unsure": 0.0},
+}
+FLOOR = 0.0004
+
+
+@pytest.mark.parametrize(
+    ("change", "adds"),
+    [
+        ({"age_s": 100.0}, 0.006),
+        # A half and two thirds of the way to what it is when warm.
+        (
+            {"age_s": 30.0 * math.log(1.5), "on_s": 30.0 * math.log(3.0)},
+            6e-5 * 30.0 * math.log(1.5) + 0.3 / 36.0,
+        ),
+        ({"about_up": 10.0}, 0.035),
+        ({"about_any": 45.0}, 0.036),
+        ({"about_any": 600.0}, 0.048),
+        ({"net_up": 50.0}, 1.0),
+        # After 20 s times the logarithm of 4 three quarters are there.
+        (
+            {"age_s": 20.0 * math.log(4.0), "half_sine": 0.5},
+            6e-5 * 20.0 * math.log(4.0) + 2.0 * 1.5**2,
+        ),
+        ({"about_any": 45.0, "unsure": 4.0}, 0.036 + 0.1),
+        ({"about_any": 180.0, "unsure": 4.0}, 0.048 + 0.2),
+        (
+            {
+                "age_s": 5.0 * math.log(2.0),
+                "quality": Quality(0.01, 0.2, 4.0, 0.5, 0.1),
+            },
+            6e-5 * 5.0 * math.log(2.0) + 0.02,
+        ),
+    ],
+)
+def test_each_term_of_the_headings_error(change: dict[str, Any], adds: float) -> None:
+    assert heading_variance(**NOTHING) == pytest.approx(FLOOR)
+    found = heading_variance(**NOTHING | change)
+    assert found == pytest.approx(FLOOR + adds, rel=1e-9)
+
+
+def test_each_term_of_the_tilts_error() -> None:
+    known = 0.38**2 + 0.1
+    assert tilt_variance(0.0, 0.0, 0.0, QUALITY) == pytest.approx(FLOOR)
+    assert tilt_variance(known + 1.0, 0.0, 0.0, QUALITY) == pytest.approx(FLOOR + 0.17)
+    assert tilt_variance(0.0, known + 2.0, 0.0, QUALITY) == pytest.approx(FLOOR + 0.34)
+    assert tilt_variance(0.0, 0.0, 0.5, QUALITY) == pytest.approx(FLOOR + 5.0)
+
+
+def test_no_error_exceeds_that_of_two_which_have_nothing_in_common() -> None:
+    assert capped(4.0, 4.0) == pytest.approx(math.sqrt(2.0))
+    assert capped(1e12, 4.0) == pytest.approx(2.0)
+    assert capped(1e-6, 4.0) == pytest.approx(1e-3)
+
+
+def pose_of(q: tuple[float, ...], time_s: float) -> dict[str, Any]:
+    known = {"heading_sigma_deg": 90.0, "tilt_sigma_deg": 40.0, "flags": ()}
+    return {"q": q, "t_device_us": round(time_s * 1e6)} | known
+
+
+def about(axis: tuple[float, ...], degrees: float) -> tuple[float, ...]:
+    unit = np.array(axis) / np.linalg.norm(axis)
+    return tuple(map(float, rotation.from_rotation_vector(np.deg2rad(degrees) * unit)))
+
+
+@pytest.mark.parametrize("degrees", [30.0, 100.0, 179.0])
+def test_the_angle_between_both_attitudes_counts_whatever_they_are(
+    degrees: float,
+) -> None:
+    start = about((0.3, -0.5, 0.8), 77.0)
+    turn = about((0.9, 0.2, -0.4), degrees)
+    end = tuple(map(float, rotation.multiply(np.array(turn), np.array(start))))
+    references = References()
+    references.quality = QUALITY
+    references.on_pose(pose_of(start, 100.0))
+    name = references.capture()
+    assert name is not None
+    references.on_pose(pose_of(end, 100.1))
+    found = references.since_capture(name)
+    assert found is not None
+    half_sine = 2.0 * math.sin(math.radians(degrees / 2.0))
+    variance = tilt_variance(1600.0, 1600.0, half_sine, QUALITY)
+    assert found.tilt_sigma_deg == pytest.approx(capped(variance, 3200.0), abs=6e-4)
+
+
+def test_what_was_turned_before_a_moment_does_not_count() -> None:
+    references = References()
+    references.quality = QUALITY
+    time_s = 100.0
+    references.on_pose(pose_of(about((0, 0, 1), 0.0), time_s))
+    early = references.capture()  # from here on it is followed
+    late = None
+    for step in range(121):
+        time_s += 0.1
+        angle = 1.0 * (step if step <= 60 else 120 - step)
+        references.on_pose(pose_of(about((0, 0, 1), angle), time_s))
+        if step == 60:
+            late = references.capture()
+    assert early is not None
+    assert late is not None
+    out_and_back = references.since_capture(early)
+    back = references.since_capture(late)
+    assert out_and_back is not None
+    assert back is not None
+    both = {"on_s": time_s, "half_sine": 0.0, "quality": QUALITY, "unsure": 0.0}
+    expected = heading_variance(
+        age_s=12.1, about_up=120.0, about_any=120.0, net_up=0.0, **both
+    )
+    assert out_and_back.heading_sigma_deg == pytest.approx(
+        capped(expected, 16200.0), abs=2e-3
+    )
+    both["half_sine"] = 2.0 * math.sin(math.radians(30.0))
+    expected = heading_variance(
+        age_s=6.0, about_up=60.0, about_any=60.0, net_up=60.0, **both
+    )
+    assert back.heading_sigma_deg == pytest.approx(capped(expected, 16200.0), abs=2e-3)
+
+
+def test_a_pause_may_hide_turns_in_either_direction() -> None:
+    """What was not heard adds to the net turn, too."""
+    turning = Turned()
+    turning.add(about((0, 0, 1), 0.0), about((0, 0, 1), 10.0), 1_000_000)
+    assert turning.net_up == pytest.approx(10.0)
+    assert turning.unheard == turning.about_up == turning.about_any == 180.0
+    references = References()
+    references.quality = QUALITY
+    references.on_pose(pose_of(about((0, 0, 1), 0.0), 100.0))
+    name = references.capture()
+    assert name is not None
+    references.on_pose(pose_of(about((0, 0, 1), 10.0), 101.0))
+    found = references.since_capture(name)
+    expected = heading_variance(
+        age_s=1.0,
+        on_s=101.0,
+        about_up=180.0,
+        about_any=180.0,
+        net_up=190.0,
+        half_sine=2.0 * math.sin(math.radians(5.0)),
+        quality=QUALITY,
+        unsure=0.0,
+    )
+    assert found is not None
+    assert found.heading_sigma_deg == pytest.approx(capped(expected, 16200.0), abs=2e-3)
