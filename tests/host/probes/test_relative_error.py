@@ -15,6 +15,7 @@ from imud import rotation
 from imud.probes.references import References
 from imud.probes.relative_error import (
     Quality,
+    Quat,
     Turned,
     capped,
     heading_variance,
@@ -78,14 +79,15 @@ def test_no_error_exceeds_that_of_two_which_have_nothing_in_common() -> None:
     assert capped(1e-6, 4.0) == pytest.approx(1e-3)
 
 
-def pose_of(q: tuple[float, ...], time_s: float) -> dict[str, Any]:
+def pose_of(q: Quat, time_s: float) -> dict[str, Any]:
     known = {"heading_sigma_deg": 90.0, "tilt_sigma_deg": 40.0, "flags": ()}
     return {"q": q, "t_device_us": round(time_s * 1e6)} | known
 
 
-def about(axis: tuple[float, ...], degrees: float) -> tuple[float, ...]:
+def about(axis: tuple[float, ...], degrees: float) -> Quat:
     unit = np.array(axis) / np.linalg.norm(axis)
-    return tuple(map(float, rotation.from_rotation_vector(np.deg2rad(degrees) * unit)))
+    w, x, y, z = rotation.from_rotation_vector(np.deg2rad(degrees) * unit).tolist()
+    return w, x, y, z
 
 
 @pytest.mark.parametrize("degrees", [30.0, 100.0, 179.0])
@@ -94,13 +96,13 @@ def test_the_angle_between_both_attitudes_counts_whatever_they_are(
 ) -> None:
     start = about((0.3, -0.5, 0.8), 77.0)
     turn = about((0.9, 0.2, -0.4), degrees)
-    end = tuple(map(float, rotation.multiply(np.array(turn), np.array(start))))
+    w, x, y, z = rotation.multiply(np.array(turn), np.array(start)).tolist()
     references = References()
     references.quality = QUALITY
     references.on_pose(pose_of(start, 100.0))
     name = references.capture()
     assert name is not None
-    references.on_pose(pose_of(end, 100.1))
+    references.on_pose(pose_of((w, x, y, z), 100.1))
     found = references.since_capture(name)
     assert found is not None
     half_sine = 2.0 * math.sin(math.radians(degrees / 2.0))
@@ -127,7 +129,12 @@ def test_what_was_turned_before_a_moment_does_not_count() -> None:
     back = references.since_capture(late)
     assert out_and_back is not None
     assert back is not None
-    both = {"on_s": time_s, "half_sine": 0.0, "quality": QUALITY, "unsure": 0.0}
+    both: dict[str, Any] = {
+        "on_s": time_s,
+        "half_sine": 0.0,
+        "quality": QUALITY,
+        "unsure": 0.0,
+    }
     expected = heading_variance(
         age_s=12.1, about_up=120.0, about_any=120.0, net_up=0.0, **both
     )
@@ -166,3 +173,38 @@ def test_a_pause_may_hide_turns_in_either_direction() -> None:
     )
     assert found is not None
     assert found.heading_sigma_deg == pytest.approx(capped(expected, 16200.0), abs=2e-3)
+
+
+@pytest.mark.parametrize("restarts", [False, True])
+def test_the_least_sigma_so_far_is_the_best_that_was_known(*, restarts: bool) -> None:
+    """A filter that begins anew knows nothing of it."""
+    references = References()
+    references.quality = QUALITY
+
+    def poses(sigma: float, first_s: float, degrees: float) -> None:
+        for step in range(11):
+            angle = degrees * step / 10.0
+            pose = pose_of(about((0, 0, 1), angle), first_s + 0.1 * step)
+            references.on_pose(pose | {"heading_sigma_deg": sigma})
+
+    poses(1.0, 100.0, 0.0)
+    if restarts:
+        references.on_event({"event": "restarted", "detail": 0}, 101_000_000)
+    poses(3.0, 102.0, 0.0)
+    name = references.capture()
+    assert name is not None
+    poses(4.0, 103.1, 150.0)
+    found = references.since_capture(name)
+    assert found is not None
+    least = 3.0 if restarts else 1.0
+    expected = heading_variance(
+        age_s=1.1,
+        on_s=104.1,
+        about_up=150.0,
+        about_any=150.0,
+        net_up=150.0,
+        half_sine=2.0 * math.sin(math.radians(75.0)),
+        quality=QUALITY,
+        unsure=9.0 + 16.0 - 2.0 * least * least,
+    )
+    assert found.heading_sigma_deg == pytest.approx(capped(expected, 25.0), abs=2e-3)
