@@ -5,13 +5,12 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from pathlib import Path
 
 import pytest
 
 from benchmarks.common.scoring import Coverage, Score
-from benchmarks.honesty import desk, grounds, grounds_report, whole
+from benchmarks.honesty import grounds, grounds_report
 from benchmarks.honesty.grounds_report import Outcome
 
 
@@ -111,22 +110,3 @@ def test_the_program_prints_tables_and_writes_json(
     judged = document["sets"]["judging"]["figures"]
     assert status == any(each["verdict"] == "MISSED" for each in judged)
     assert [each["seed"] for each in document["recordings"]] == [0, 0, 1, 1]
-
-
-def test_each_program_runs_though_one_before_it_misses(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    assert whole.PROGRAMS[:2] == (desk.main, grounds.main)
-    got: list[list[str]] = []
-
-    def program(status: int):  # type: ignore[no-untyped-def]  # of a list of words
-        def run(words: list[str]) -> int:
-            got.append(words)
-            return status
-
-        return run
-
-    monkeypatch.setattr(sys, "argv", ["whole.py", "--quick"])
-    monkeypatch.setattr(whole, "PROGRAMS", (program(1), program(0)))
-    assert whole.main() == 1
-    assert got == [["--quick"], ["--quick"]]
