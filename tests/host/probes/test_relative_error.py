@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from imud import rotation
+from imud.params.trusted import known_to
+from imud.params.value import Params
 from imud.probes.references import References
 from imud.probes.relative_error import (
     Quality,
@@ -19,6 +21,7 @@ from imud.probes.relative_error import (
     Turned,
     capped,
     heading_variance,
+    quality_of,
     tilt_variance,
 )
 
@@ -208,3 +211,37 @@ def test_the_least_sigma_so_far_is_the_best_that_was_known(*, restarts: bool) ->
         unsure=9.0 + 16.0 - 2.0 * least * least,
     )
     assert found.heading_sigma_deg == pytest.approx(capped(expected, 25.0), abs=2e-3)
+
+
+@pytest.mark.parametrize("axis", [(0.9, 0.2, -0.4), (-0.3, 0.7, 0.6), (0.5, -0.8, 0.1)])
+def test_a_turn_is_split_by_its_axis_in_the_world(axis: tuple[float, ...]) -> None:
+    start = about((0.3, -0.5, 0.8), 77.0)
+    turn = about(axis, 25.0)
+    w, x, y, z = rotation.multiply(np.array(turn), np.array(start)).tolist()
+    turning = Turned()
+    turning.add(start, (w, x, y, z), 50_000)
+    up = 25.0 * axis[2] / math.hypot(*axis)
+    assert turning.about_any == pytest.approx(25.0)
+    assert turning.net_up == pytest.approx(up)
+    assert turning.about_up == pytest.approx(abs(up))
+
+
+def test_params_tell_how_good_the_sensors_are() -> None:
+    known = Params.decode(known_to(0.0981, 0.5)).replaced(
+        "mag",
+        {
+            **{"bias_counts": [0.0] * 3, "matrix": np.eye(3).tolist()},
+            **{"method": "measured", "sigma_uT": 0.5, "norm_uT": 50.0, "dip_deg": 60.0},
+        },
+    )
+    found = quality_of(known.encode())
+    acc_rad = 0.0981 / 9.80665
+    assert found.acc_deg == pytest.approx(math.degrees(acc_rad), rel=1e-2)
+    assert found.level2_deg2 == pytest.approx(
+        2.0 * math.degrees(acc_rad) ** 2, rel=2e-2
+    )
+    assert found.mag_deg == pytest.approx(math.degrees(0.5 / 25.0), rel=1e-2)
+    unknown = quality_of(None)
+    assert unknown.acc_deg == pytest.approx(math.degrees(0.06))
+    assert unknown.level2_deg2 == pytest.approx(math.degrees(0.06) ** 2)
+    assert unknown.mag_deg == pytest.approx(math.degrees(21.0 / 15.0))
