@@ -32,6 +32,7 @@ from imud.probes.session import (
     Session,
 )
 from imud.probes.timeline import Timeline, host_ns
+from imud.stages import COMPUTED
 from imud.stages.factory import stages_of
 
 
@@ -153,6 +154,9 @@ class Intake:
         entry.last_heard_ns = stamp.t_received_ns or self._clock.now_ns()
         entry.stamp = stamp
         entry.received += 1
+        is_replaced = self.stages.replaces(entry, message.name)
+        if message.name in COMPUTED:
+            stamp = entry.numbered(message.name, stamp, is_published=not is_replaced)
         record = record_of(
             message,
             event.content,
@@ -162,9 +166,10 @@ class Intake:
             entry.north,
             entry.host_flags,
             probe.references,
+            is_frame_only=is_replaced,
         )
         self._publisher.put(entry, record)
-        if message.name == "pose":
+        if message.name == "pose" and not is_replaced:
             entry.poses += 1
             entry.pose = record.values
         elif message.name == "raw":

@@ -68,6 +68,10 @@ class ProbeEntry:
         self.name = config.name_of(probe_id)
         self.is_logged = config.settings_of(probe_id).log
         self.stages = stages
+        # By kind of message: the last number heard, and by how much what was published
+        # is ahead of it, where a stage computes what the probe sends, too.
+        self._heard: dict[str, int] = {}
+        self._ahead: dict[str, int] = {}
         self.port: ProbePort | None = None
         self.other: OtherSchema | None = None  # why its messages can't be read
         self.is_alive = False
@@ -99,6 +103,23 @@ class ProbeEntry:
         self.earth: Earth | None = None  # the field of its place
         self.north: North | None = None  # turns its poses to true north
         self._locate(config.place)
+
+    def numbered(self, name: str, stamp: Stamp, *, is_published: bool) -> Stamp:
+        """A message's stamp with the number under which it is published: these have no
+        gaps, whoever computes what.
+        """
+        self._heard[name] = stamp.number
+        ahead = self._ahead.get(name, 0)
+        if not is_published:
+            self._ahead[name] = ahead - 1
+        if not ahead:
+            return stamp
+        return msgspec.structs.replace(stamp, number=stamp.number + ahead)
+
+    def next_number(self, name: str) -> int:
+        """Of a message of that kind that a stage has computed."""
+        self._ahead[name] = self._ahead.get(name, 0) + 1
+        return self._heard.get(name, 0) + self._ahead[name]
 
     def configure(self, config: Config) -> None:
         self.name = config.name_of(self.probe.probe_id)

@@ -35,6 +35,12 @@ class StageRunner:
         for stage in entry.stages:
             stage.on_probe_found(found)
 
+    def replaces(self, entry: ProbeEntry, name: str) -> bool:
+        """Whether a stage computes messages of that kind in the place of the probe's
+        own now.
+        """
+        return any(name in stage.replaced for stage in entry.stages)
+
     def on_message(self, entry: ProbeEntry, received: Received) -> None:
         for stage in entry.stages:
             for result in stage.on_message(received):
@@ -59,7 +65,8 @@ class StageRunner:
         message = decode(added.content)
         if not isinstance(message, Message):
             raise TypeError(f"a stage injected {message}")
-        stamp = msgspec.structs.replace(received.stamp, number=added.number, missing=0)
+        number = entry.next_number(message.name)
+        stamp = msgspec.structs.replace(received.stamp, number=number, missing=0)
         record = record_of(
             message,
             added.content,

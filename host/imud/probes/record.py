@@ -84,13 +84,16 @@ def record_of(
     north: North | None = None,
     flags: tuple[str, ...] = (),
     references: References | None = None,
+    *,
+    is_frame_only: bool = False,
 ) -> Record:
     """The record of a good message; poses refer to true north with `north`, and get
     these flags beside their own. `references` follows the messages of the probe.
+    `is_frame_only`: it is not published as an object, nor followed.
     """
     values: dict[str, Any] = {}
     payload = b""
-    if message.name in JSON_TOPICS:
+    if message.name in JSON_TOPICS and not is_frame_only:
         values = describe(message, content, probe, stamp, scales, references)
         if north is not None and message.name in ("pose", "stroke"):
             values = north.turned(values)

@@ -18,6 +18,9 @@ import msgspec
 from imud.config.settings import Config
 from imud.probes.session import ProbeFound, Received
 
+# Kinds of messages that a stage may compute in the place of the probe.
+COMPUTED = frozenset({"pose", "stroke"})
+
 
 class SendCommands(msgspec.Struct, frozen=True):
     """Commands that the probe should get, in this order, until one fails."""
@@ -43,11 +46,10 @@ class LogLine(msgspec.Struct, frozen=True):
 
 class InjectMessage(msgspec.Struct, frozen=True):
     """A message that the probe did not send, computed from the one at hand: published
-    with that one's times and number, and not sent on as a frame.
+    with that one's times, and not sent on as a frame.
     """
 
     content: bytes  # as its frame would hold it
-    number: int  # counts those of its kind, from 1 on
 
 
 StageResult = SendCommands | Publish | LogLine | InjectMessage
@@ -57,9 +59,12 @@ class Stage(Protocol):
     """One kind of work on messages. Its calls come from one thread and must not block.
 
     `name` is the key under which `status` stands in the status of the probe.
+    `replaced` are the kinds of messages that it computes now: those that the probe
+    sends itself are not published beside them, but for their frames.
     """
 
     name: str
+    replaced: frozenset[str]
 
     def configure(self, config: Config) -> None:
         """Takes up a configuration that was reloaded."""

@@ -4,7 +4,8 @@ computed with the same C as a probe runs. Where the configuration has `fuse_on_h
 it.
 
 A probe that sends poses itself, or not every sample, is asked once for all its raw
-samples instead. A sample after a loss gets the flag `gap`, as the probe would set it.
+samples instead. Poses that it sends nevertheless are published as frames alone. A
+sample after a loss gets the flag `gap`, as the probe would set it.
 
 A Nano has no room for strokes: it gets those of another board here. What its button
 does is its own affair but for `tell`, by which it does nothing else: then strokes last
@@ -24,7 +25,7 @@ from imud.config.settings import Config
 from imud.params.learned import goes_on
 from imud.params.value import Params
 from imud.probes.session import ProbeFound, Received
-from imud.stages import InjectMessage, LogLine, SendCommands, StageResult
+from imud.stages import COMPUTED, InjectMessage, LogLine, SendCommands, StageResult
 from imud.stages.floats import is_in_floats
 from imud.wire import schema
 from imud.wire.messages import Message, place_of
@@ -53,7 +54,7 @@ class FusionStage:
 
     def __init__(self, config: Config) -> None:
         self.configure(config)
-        self._poses = self._strokes = 0
+        self._poses = 0
         self._forget()
 
     def _forget(self) -> None:
@@ -61,6 +62,8 @@ class FusionStage:
         self._content = b""  # the same, with a filter and strokes
         self._is_nano = False
         self._replay: _core.Replay | None = None
+        self.replaced: frozenset[str] = frozenset()
+        self._own_us: int | None = None  # of its own last pose that was published
         self._records: bytes | None = None  # of the params that it works with
         self._phase = 0  # of the poses among the samples
         self._has_asked = False
@@ -84,6 +87,8 @@ class FusionStage:
         if message.name == "hello" and message.fields["sample_rate"]:
             yield from self._on_hello(message, received.content)
         elif message.name == "pose":
+            if not self.replaced:
+                self._own_us = message.time_us
             yield from self._ask()
         elif message.name == "event":
             self._on_event(message)
@@ -128,6 +133,7 @@ class FusionStage:
             records = with_strokes(records)
         if self._replay is None:
             self._replay = _core.Replay(self._content, records)
+            self.replaced = COMPUTED
             yield LogLine("began", "its poses are computed here, from its raw samples")
         elif records != self._records and self._replay.params(records):
             if goes_on(self._records, records):
@@ -144,12 +150,11 @@ class FusionStage:
         message = received.message
         stroke = self._replay.stroke(message.sequence, message.time_us)
         if stroke is not None:
-            self._strokes += 1
-            yield InjectMessage(stroke, self._strokes)
-        if self._is_due(hello):
+            yield InjectMessage(stroke)
+        if self._is_due(hello) and message.time_us != self._own_us:
             self._poses += 1
             pose = self._replay.pose(message.sequence, message.time_us)
-            yield InjectMessage(pose, self._poses)
+            yield InjectMessage(pose)
 
     def _is_due(self, hello: Message) -> bool:
         """True `pose_rate` times a second, evenly, as core/probe/probe.c has it."""

@@ -33,6 +33,7 @@ class LearnStage:
     """Learns the sensors of one probe, or not where the configuration says so."""
 
     name = "learn"
+    replaced: frozenset[str] = frozenset()
 
     def __init__(self, config: Config, executor: Executor | None = None) -> None:
         self._mode = config.calibration.learn

@@ -27,6 +27,7 @@ class TwinStage:
     """The twin of one probe, or none where the configuration has it off."""
 
     name = "twin"
+    replaced: frozenset[str] = frozenset()
 
     def __init__(self, config: Config) -> None:
         self._twin = Twin() if config.twin else None

@@ -185,12 +185,6 @@ def test_the_rate_of_poses_is_the_probes() -> None:
     outcomes = fused(life.contents)
     times = [message_of(content).time_us for content in added(outcomes)]
     assert {b - a for a, b in itertools.pairwise(times)} == {40_000}
-    numbers = [
-        each.number
-        for each in outcomes
-        if isinstance(each, InjectMessage) and message_of(each.content).name == "pose"
-    ]
-    assert numbers == list(range(1, len(times) + 1))
 
 
 def test_it_is_off_by_default() -> None:
@@ -240,16 +234,6 @@ def as_nano(contents: list[bytes]) -> list[bytes]:
         )
         for number, each in enumerate(each for each in decoded if each.name != "stroke")
     ]
-
-
-def test_its_strokes_are_numbered(scene: Measured) -> None:
-    contents = contents_in(scene, TIP + STROKE)
-    numbers = [
-        each.number
-        for each in fused(contents)
-        if isinstance(each, InjectMessage) and message_of(each.content).name == "stroke"
-    ]
-    assert numbers == list(range(1, len(named(contents, "stroke")) + 1))
 
 
 @pytest.mark.parametrize(

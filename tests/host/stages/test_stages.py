@@ -13,7 +13,7 @@ import pytest
 
 from fakes import FakeProbe
 from fakes.messages import EXAMPLES
-from imud.config.settings import Config
+from imud.config.settings import Config, ProbeSettings
 from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake
 from imud.journal.speaker import Speaker
@@ -27,13 +27,17 @@ from imud.stages import (
     Stage,
     StageResult,
 )
+from imud.stages.fusion import FusionStage
 from imud.wire.messages import encode
+from sessions import received
+from twin_bench import followed
 
 
 class Shakes:
     """Counts poses that clipped; publishes so, logs the first and then has it tared."""
 
     name = "shakes"
+    replaced: frozenset[str] = frozenset()
 
     def __init__(self, config: Config) -> None:
         self.config = config
@@ -165,7 +169,7 @@ class Doubles(Shakes):
             self.count += 1
             message = received.message
             pose = encode("pose", EXAMPLES["pose"], message.sequence, message.time_us)
-            yield InjectMessage(pose, self.count)
+            yield InjectMessage(pose)
 
 
 def test_a_message_that_a_stage_adds_is_published_but_not_as_a_frame(
@@ -183,3 +187,54 @@ def test_a_message_that_a_stage_adds_is_published_but_not_as_a_frame(
     entry = bench.intake.registry.named(probe.name)
     assert entry is not None
     assert (entry.poses, entry.pose["number"], entry.received) == (2, 2, 3)
+
+
+def test_what_a_stage_computes_stands_in_the_place_of_what_the_probe_sends(
+    bench: Bench,
+) -> None:
+    """One pose a moment: those that it sends itself go on as frames alone. The numbers
+    of what is published have no gaps.
+    """
+    stage = Doubles(Config())
+    bench.intake = Intake(Config(), bench.hub, Speaker(), lambda _: [stage])
+    bench.session = Session(bench.intake.probe)
+    probe = FakeProbe()
+    bench.hear(probe.say("hello") + probe.say("pose"))
+    stage.replaced = frozenset({"pose"})
+    for _ in range(3):
+        bench.hear(probe.say("raw") + probe.say("pose"))
+    stage.replaced = frozenset()
+    bench.hear(probe.say("pose"))
+    records = [record for record in bench.records if record.topic == "pose"]
+    said = [json.loads(record.payload) for record in records if record.payload]
+    assert [each["number"] for each in said] == [1, 2, 3, 4, 5]
+    computed = [record for record in records if not record.content]
+    frames = [record for record in records if not record.payload]
+    assert (len(computed), len(frames), len(records)) == (3, 3, 8)
+    assert all(record.content for record in frames)
+    entry = bench.intake.registry.named(probe.name)
+    assert entry is not None
+    assert (entry.poses, entry.received) == (5, 9)
+    assert entry.put == len(bench.records)  # the ledger counts them all
+
+
+def test_a_probe_that_goes_on_sending_poses_is_not_heard_twice(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One whose command to send no poses was lost, and is fused on the host."""
+    life = followed(raw_hz=200).live(300)
+    bench = Bench(monkeypatch)
+    probe_id = received(life.contents)[0].probe_id
+    config = Config(probes={probe_id: ProbeSettings(fuse_on_host=True)})
+    bench.intake = Intake(config, bench.hub, Speaker(), lambda c: [FusionStage(c)])
+    session = Session(bench.intake.probe)
+    for content in life.contents:
+        for event in session.receive_content(content, None):
+            bench.intake.handle(event, bench.port)
+    poses = [
+        json.loads(r.payload) for r in bench.records if r.topic == "pose" and r.payload
+    ]
+    moments = [pose["t_device_us"] for pose in poses]
+    assert len(moments) > 100
+    assert len({*moments}) == len(moments)
+    assert [pose["number"] for pose in poses] == [*range(1, len(poses) + 1)]
