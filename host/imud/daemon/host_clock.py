@@ -38,7 +38,7 @@ class HostClock:
             self._lines.synchronised(is_so=bool(self.sync.is_synchronised))
 
     def now_ns(self) -> int:
-        """UTC, which never runs backwards."""
+        """UTC, which never runs backwards within a timeline."""
         return self.timeline.utc(host_ns())
 
     def follow(self) -> None:
@@ -46,11 +46,14 @@ class HostClock:
         dated.
         """
         before_ns, utc_ns = host_ns(), time.time_ns()
+        before = self.timeline.number
         step_ns = self.timeline.follow(before_ns, utc_ns, host_ns())
         if step_ns == 0:
             return
-        self._lines.clock_set(step_ns)
+        is_anew = self.timeline.number != before
+        self._lines.clock_set(step_ns, is_anew=is_anew)
         t_ns = self.now_ns()
         for entry in self._registry:
-            values = {"t_ns": t_ns, "step_ns": step_ns}
+            number = self.timeline.number
+            values = {"t_ns": t_ns, "step_ns": step_ns, "timeline": number}
             self._publisher.say(entry, CLOCK, values, t_ns)

@@ -139,11 +139,14 @@ class ProbeLines:
             is_warning=True,
         )
 
-    def clock_set(self, step_ns: int) -> None:
+    def clock_set(self, step_ns: int, *, is_anew: bool) -> None:
+        """`is_anew`: by so far back that a new timeline begins."""
+        follow = ", time stamps follow slowly" if step_ns < 0 else ""
+        if is_anew:
+            follow = ": time stamps jump back with it, and a new log begins"
         self._speaker.say(
             "host clock",
-            f"this machine's clock was set by {step_ns / 1e9:+.3f} s"
-            + (", time stamps follow slowly" if step_ns < 0 else ""),
+            f"this machine's clock was set by {step_ns / 1e9:+.3f} s{follow}",
             is_warning=True,
         )
 

@@ -141,6 +141,7 @@ def _clock(entry: ProbeEntry, timeline: Timeline, now_ns: int) -> dict[str, Any]
         "restarts": clock.restarts,
         "host_steps": timeline.steps,
         "host_last_step_ns": timeline.last_step_ns,
+        "host_timeline": timeline.number,
         "host_ahead_ns": timeline.ahead(now_ns, timeline.utc(now_ns)),
         "data_skew": dict(sorted(skewed.items())),
     }

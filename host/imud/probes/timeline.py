@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """The host's time and UTC. No I/O but `host_ns`; time is an argument.
 
-Stamps are in UTC that never runs backwards, whatever is done to the host's clock.
+Stamps are in UTC that never runs backwards, but where the host's clock is set back by
+far: there a new timeline begins.
 docs/clock.md has the arithmetic.
 """
 
@@ -30,17 +31,19 @@ READING_NS = 10_000
 SLEW_MAX = 1e-3
 STEP_NS = 1_000_000
 
+# A step backwards by more than this is not made up, which takes ten times as long.
+BACK_MAX_NS = 2_000_000_000
+
 
 class Timeline:
     """Turns the host's time into UTC, both in ns. Slews and steps forwards are followed
-    at once, steps backwards slowly: UTC as given here never falls.
+    at once, steps backwards slowly: UTC as given here never falls, unless a step
+    backwards by more than BACK_MAX_NS begins a new timeline.
     """
 
     def __init__(self, offset_ns: int = 0) -> None:
         self._offset_ns = offset_ns
-        self._rising = Rising()
-        self.utc = self._rising.at  # of a host's time
-        self._rising.turn(0, offset_ns, 0.0)
+        self._begin(0)
         self._followed_ns: int | None = None
         # The last correction: before this time the offset may have been another one.
         self._turned_ns: int | None = None
@@ -49,6 +52,12 @@ class Timeline:
         self.whose: tuple[str, int | None] | None = None
         self.steps = 0
         self.last_step_ns = 0
+        self.number = 1  # of this timeline
+
+    def _begin(self, host_ns: int) -> None:
+        self._rising = Rising()
+        self.utc = self._rising.at  # of a host's time
+        self._rising.turn(host_ns, host_ns + self._offset_ns, 0.0)
 
     def follow(self, before_ns: int, utc_ns: int, after_ns: int) -> int:
         """Takes UTC as read between two readings of the host's time. Returns by how
@@ -64,7 +73,11 @@ class Timeline:
             return 0
         self._offset_ns += off_ns
         self._turned_ns, self._turn_ns = after_ns, abs(off_ns)
-        self._rising.turn(after_ns, after_ns + self._offset_ns, 0.0)
+        if off_ns < -BACK_MAX_NS:
+            self._begin(after_ns)
+            self.number += 1
+        else:
+            self._rising.turn(after_ns, after_ns + self._offset_ns, 0.0)
         if abs(off_ns) <= STEP_NS + SLEW_MAX * since_ns:
             return 0
         self.steps += 1

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import time
@@ -54,6 +55,7 @@ class LogSink:
         self._began_s = 0.0
         self._has_flushed = False
         self._is_paused = False
+        self._timeline = 1  # of the times in the file
         self.path: Path | None = None
 
     def open(self) -> None:
@@ -77,6 +79,8 @@ class LogSink:
     def write(self, record: Record | Presence) -> None:
         if not isinstance(record, Record) or record.probe in self.settings.unlogged:
             return
+        if record.topic == "clock":
+            self._follow(record)
         if self._log is None and not self._is_paused:
             self.open()
         if self._log is None:
@@ -86,6 +90,13 @@ class LogSink:
                 "logging pauses until there is room"
             )
         self._log.add(record)
+
+    def _follow(self, clock: Record) -> None:
+        """A file has one timeline: in another one times may be earlier than in it."""
+        timeline = json.loads(clock.payload)["timeline"]
+        if timeline != self._timeline:
+            self._timeline = timeline
+            self._end()
 
     def flush(self) -> None:
         log = self._log

@@ -45,6 +45,19 @@ def test_a_file_is_as_large_as_told_and_none_is_lost_between(tmp_path: Path) -> 
     assert all(path.stat().st_size < 40_000 for path in files)
 
 
+def test_a_new_timeline_begins_a_file_and_a_step_forwards_none(tmp_path: Path) -> None:
+    put = records(4)
+
+    def clock(timeline: int) -> Record:
+        text = json.dumps({"t_ns": 1, "step_ns": 2, "timeline": timeline})
+        return Record("left", "clock", text.encode(), b"", 0, BEGIN_NS, BEGIN_NS)
+
+    write(tmp_path, [put[0], clock(1), put[1], clock(2), put[2], clock(2), put[3]])
+    found = [[*frames(path)] for path in sorted(tmp_path.iterdir())]
+    contents = [record.content for record in put]
+    assert found == [contents[:2], contents[2:]]
+
+
 def test_the_index_in_memory_is_bounded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -175,7 +188,7 @@ def test_what_the_daemon_says_of_itself_is_logged_with_its_schema(
 ) -> None:
     head = {"probe": "left", "t_ns": 1}
     published = [
-        {"type": "clock", **head, "step_ns": -5},
+        {"type": "clock", **head, "step_ns": -5, "timeline": 1},
         {"type": "log", **head, "state": "paused", "reason": "full", "dropped": 3},
         {"type": "log", **head, "state": "on", "reason": None, "dropped": 9},
     ]

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""UTC that never falls, whatever is done to the host's clock."""
+"""UTC that never falls within a timeline, whatever is done to the host's clock."""
 
 from __future__ import annotations
 
+import itertools
 import json
 import queue
 import re
@@ -23,7 +24,7 @@ from imud._core import Rising
 from imud.client import Client
 from imud.probes.record import Stamp
 from imud.probes.session import Probe, Received, Session
-from imud.probes.timeline import READING_NS, Timeline
+from imud.probes.timeline import BACK_MAX_NS, READING_NS, Timeline
 
 SECOND = 1_000_000_000
 MS = 1_000_000
@@ -81,6 +82,18 @@ def test_utc_makes_up_a_step_backwards_without_running_back() -> None:
     assert ahead(timeline, 7 * SECOND) == pytest.approx(SECOND // 2, abs=2)
     assert timeline.utc(13 * SECOND) == 1012 * SECOND
     assert ahead(timeline, 13 * SECOND) == 0
+
+
+def test_utc_that_was_set_back_by_far_begins_a_timeline_at_once() -> None:
+    timeline = Timeline(1_000_000 * SECOND)
+    timeline.utc(2 * SECOND)
+    day = 86_400 * SECOND
+    at = 2 * SECOND
+    assert timeline.follow(at, 1_000_002 * SECOND - day, at) == -day
+    for later in (0, 1, SECOND, day):
+        assert timeline.utc(at + later) == 1_000_002 * SECOND - day + later
+        assert ahead(timeline, at + later) == 0
+    assert (timeline.number, timeline.steps) == (2, 1)
 
 
 def test_a_reading_that_took_long_is_left_out() -> None:
@@ -147,7 +160,9 @@ def measured_under(
 def test_when_utc_is_set_no_time_falls_and_each_bound_holds(setting: Setting) -> None:
     sampled, stamps, timeline = measured_under(setting, 60)
     times = [stamp.t_ns or 0 for stamp in stamps]
-    assert times == sorted(times)
+    falls = [a for a, b in itertools.pairwise(times) if b < a]
+    assert timeline.number == 1 + len(falls)
+    assert len(falls) == (1 if setting.step_ns < -BACK_MAX_NS else 0)
     bounds = [stamp.t_bound_ns for stamp in stamps]
     for at_ns, t_ns, bound_ns in zip(sampled, times, bounds, strict=True):
         if bound_ns is not None:
@@ -161,7 +176,7 @@ def test_when_utc_is_set_no_time_falls_and_each_bound_holds(setting: Setting) ->
     assert timeline.last_step_ns == pytest.approx(setting.step_ns, abs=READING_NS)
     if setting.slew_ppm:
         assert wide == []
-    elif setting.step_ns > 0:
+    elif setting.step_ns > 0 or falls:
         # Those alone that were taken before it was known.
         assert max(wide) - min(wide) < 30 * MS
     else:
