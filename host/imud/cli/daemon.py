@@ -5,14 +5,21 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imud.cli.arguments import add_command
 from imud.defaults import ENDPOINT, PAGE
+from imud.errors import ConfigError, ImudError
 
 if TYPE_CHECKING:
     from imud.cli.arguments import Commands
+
+
+# Exit code of `imud run` for settings that can't be: EX_CONFIG of sysexits.h. A service
+# manager does not start it again.
+MISCONFIGURED = 78
 
 
 def add(commands: Commands) -> None:
@@ -103,8 +110,14 @@ def _add_install_service(commands: Commands) -> None:
         "sudo imud install-service",
         "Writes a systemd unit, a udev rule and /etc/imud.toml.",
     )
-    install.add_argument(
+    what = install.add_mutually_exclusive_group()
+    what.add_argument(
         "--print", action="store_true", help="only show what would be written"
+    )
+    what.add_argument(
+        "--remove",
+        action="store_true",
+        help="remove what it wrote; settings, logs and params stay",
     )
     install.add_argument(
         "--user",
@@ -126,21 +139,31 @@ def _add_install_service(commands: Commands) -> None:
 def _run(args: argparse.Namespace) -> int:
     from imud.config import reader
     from imud.daemon import daemon
+    from imud.daemon.systemd import Notifier
 
-    return daemon.run(
-        lambda: reader.load(
-            args.config,
-            ports=args.ports,
-            listen=args.listen,
-            keys=args.keys,
-            log_dir=args.log,
-            is_logging=not args.no_log,
-            is_twin=args.twin,
-            page=args.page,
-            is_page=not args.no_page,
-            level=args.log_level,
-        )
+    load = partial(
+        reader.load,
+        args.config,
+        ports=args.ports,
+        listen=args.listen,
+        keys=args.keys,
+        log_dir=args.log,
+        is_logging=not args.no_log,
+        is_twin=args.twin,
+        page=args.page,
+        is_page=not args.no_page,
+        level=args.log_level,
     )
+    try:
+        return daemon.run(load)
+    except ImudError as error:
+        is_final = isinstance(error, ConfigError)
+        mend = "; mend that, then: systemctl restart imud" if is_final else ""
+        Notifier().status(f"{error}{mend}")
+        if not is_final:
+            raise
+        sys.stderr.write(f"imud: {error}\n")
+        return MISCONFIGURED
 
 
 def _config(args: argparse.Namespace) -> int:
@@ -161,4 +184,6 @@ def _config(args: argparse.Namespace) -> int:
 def _install_service(args: argparse.Namespace) -> int:
     from imud.daemon import install
 
+    if args.remove:
+        return install.remove(args.prefix)
     return install.run(args.prefix, args.user, is_shown=args.print)

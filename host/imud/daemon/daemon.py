@@ -7,6 +7,7 @@ import asyncio
 import contextlib
 import gc
 import logging
+import math
 import signal
 import sys
 from collections.abc import Callable, Coroutine, Mapping
@@ -27,7 +28,7 @@ from imud.daemon.selector import GatheringSelector
 from imud.daemon.status import STATUS_S
 from imud.daemon.systemd import Notifier
 from imud.endpoint import host_and_port
-from imud.errors import ImudError, described
+from imud.errors import ImudError, ListenFailed, described
 from imud.journal.speaker import Speaker
 from imud.ports.finder import Finder
 from imud.probes.timeline import host_ns
@@ -41,6 +42,9 @@ logger = logging.getLogger("imud")
 # How long a sink's thread may keep the interpreter while the loop waits for it: with
 # many ports, reads come more often than in Python's default of 5 ms.
 SWITCH_S = 0.0005
+
+# A port of the metrics that was taken is tried again this often.
+AGAIN_S = 5.0
 
 # New objects before Python looks for garbage: records that wait for a sink are none.
 GARBAGE_MIN = 50_000
@@ -77,6 +81,7 @@ class Daemon:
         self._setting_up: dict[str, asyncio.Task[None]] = {}
         self._notifier = Notifier()
         self._metrics: MetricsServer | None = None
+        self._metrics_again_s = math.inf  # when a taken address is tried again
         self._finder = Finder(config.ports, self._intake, self._speaker)
 
     async def run(self) -> None:
@@ -141,12 +146,22 @@ class Daemon:
         address = host_and_port(self._config.metrics.listen)
         if self._metrics is not None:
             self._metrics.close()
+        is_told, self._metrics_again_s = self._metrics_again_s < math.inf, math.inf
         self._metrics = None
         self._reports.on_status = lambda _: None
-        if address is not None:
-            self._metrics = MetricsServer(address)
-            self._metrics.start()
-            self._reports.on_status = self._metrics.update
+        if address is None:
+            return
+        server = MetricsServer(address)
+        try:
+            server.start()
+        except ListenFailed as error:
+            # Poses do not depend on it.
+            self._metrics_again_s = self._loop.time() + AGAIN_S
+            if not is_told:
+                logger.warning("%s", error)
+            return
+        self._metrics = server
+        self._reports.on_status = server.update
 
     def _reload(self) -> None:
         """SIGHUP: applies changed settings; a file with a mistake changes nothing."""
@@ -173,10 +188,8 @@ class Daemon:
         self._finder.configure(config.ports)
         self._history.configure(config.params.folder)
         if config.metrics != before.metrics:
-            try:
-                self._serve_metrics()
-            except ImudError as error:
-                logger.warning("%s", error)
+            self._metrics_again_s = math.inf
+            self._serve_metrics()
         for entry in self._registry:
             probe_id = entry.probe.probe_id
             is_other = config.settings_of(probe_id) != before.settings_of(probe_id)
@@ -206,6 +219,8 @@ class Daemon:
                 self._begin_commands(entry.name, order)
             self._notifier.alive()
             self._notifier.status(self._state())
+            if loop.time() >= self._metrics_again_s:
+                self._serve_metrics()
             if self._metrics is not None:
                 self._metrics.update_sinks(self._hub.failures())
 

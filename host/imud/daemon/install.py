@@ -29,7 +29,8 @@ UNIT = """\
 # The pose of imu-probes as a network service.
 [Unit]
 Description=imud, the daemon of imu-probes
-After=network.target
+# Time stamps are UTC: where something sets it at the start, after that.
+After=network.target time-sync.target
 # A probe may be plugged in at any time; so may what imud needs come back.
 StartLimitIntervalSec=0
 
@@ -39,6 +40,8 @@ ExecStart={program} run --config /etc/imud.toml
 ExecReload=/bin/sh -c "kill -HUP $MAINPID"
 Restart=on-failure
 RestartSec=2
+# Words or settings that can't be: `systemctl status imud` says what to mend.
+RestartPreventExitStatus=2 78
 # The loop says each second that it lives.
 WatchdogSec=10
 TimeoutStopSec=5
@@ -64,7 +67,7 @@ DeviceAllow=char-pts rw
 # Nothing of the machine but its own folder can be written.
 ProtectSystem=strict
 ProtectHome={home}
-PrivateTmp=yes
+PrivateTmp={private_tmp}
 NoNewPrivileges=yes
 CapabilityBoundingSet=
 AmbientCapabilities=
@@ -115,6 +118,9 @@ ENV{ID_PATH_TAG}=="?*", SYMLINK+="imu-probe-$env{ID_PATH_TAG}"
 ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{latency_timer}="1"
 """
 
+HOMES = ("/home", "/root", "/run/user")
+TEMPORARY = ("/tmp", "/var/tmp")  # noqa: S108 - nothing is written there
+
 USERS = """\
 # Who imud runs as.
 u {user} - "imud, the daemon of imu-probes" /var/lib/imud
@@ -129,18 +135,50 @@ to have it run, now and from each start of the machine on:
 """
 
 
+REMOVED = """\
+to end it now, and to remove its user and its data (logs, params):
+  systemctl disable --now imud; systemctl daemon-reload; udevadm control --reload
+  userdel imud; rm -r /var/lib/imud
+"""
+
+SETTINGS = "etc/imud.toml"
+
+
 def files(user: str, program: Path) -> dict[str, str]:
     """What is written, by its place."""
     rules = [RULE.format(vendor=v, product=p, name=name) for v, p, name in CHIPS]
-    home = "read-only" if _is_in_home(program) else "yes"
-    unit = UNIT.format(program=_quoted(program), user=user, home=home)
+    home = "read-only" if _is_below(program, HOMES) else "yes"
+    private_tmp = "no" if _is_below(program, TEMPORARY) else "yes"
+    unit = UNIT.format(
+        program=_quoted(program), user=user, home=home, private_tmp=private_tmp
+    )
     return {
         "etc/systemd/system/imud.service": unit,
         # After 60-serial.rules, which find ID_SERIAL_SHORT and ID_PATH_TAG.
         "etc/udev/rules.d/70-imu-probe.rules": RULE_HEAD + "".join(rules) + RULE_TAIL,
         "etc/sysusers.d/imud.conf": USERS.format(user=user),
-        "etc/imud.toml": as_toml(Config(params=ParamsSettings("params"))),
+        SETTINGS: as_toml(Config(params=ParamsSettings("params"))),
     }
+
+
+def remove(prefix: Path) -> int:
+    """Takes away what run() wrote, but for settings and data."""
+    for place in files("imud", _program()):
+        path = prefix / place
+        if not path.exists():
+            continue
+        if place == SETTINGS:
+            sys.stdout.write(f"{path}: yours, stays; rm {path} if you want it gone\n")
+            continue
+        try:
+            path.unlink()
+        except OSError as error:
+            raise FileError(
+                f"can't remove {path}: {error.strerror}; run it with sudo"
+            ) from error
+        sys.stdout.write(f"{path}: removed\n")
+    sys.stdout.write(REMOVED)
+    return 0
 
 
 def run(prefix: Path, user: str, *, is_shown: bool) -> int:
@@ -154,12 +192,17 @@ def run(prefix: Path, user: str, *, is_shown: bool) -> int:
     for place, text in written.items():
         path = prefix / place
         # Settings are the user's own, once there are any.
-        if place == "etc/imud.toml" and path.exists():
+        if place == SETTINGS and path.exists():
             sys.stdout.write(f"{path}: is there and stays as it is\n")
             continue
         _write(path, text)
         sys.stdout.write(f"{path}: written\n")
     sys.stdout.write(NEXT)
+    if _is_below(_program(), TEMPORARY):
+        sys.stderr.write(
+            f"imud: {_program()} is gone after the next start of the machine: install "
+            "imud elsewhere, and run this again there\n"
+        )
     return 0
 
 
@@ -184,10 +227,9 @@ def _program() -> Path:
     return beside if beside.exists() else Path(sys.argv[0]).absolute()
 
 
-def _is_in_home(program: Path) -> bool:
-    homes = (Path("/home"), Path("/root"), Path("/run/user"))
-    real = Path(os.path.realpath(program))
-    return any(path.is_relative_to(home) for path in (program, real) for home in homes)
+def _is_below(program: Path, folders: tuple[str, ...]) -> bool:
+    paths = (program, Path(os.path.realpath(program)))
+    return any(path.is_relative_to(folder) for path in paths for folder in folders)
 
 
 def _quoted(program: Path) -> str:

@@ -15,6 +15,7 @@ from imud.daemon.lane import Sink
 from imud.daemon.log_state import LOG
 from imud.daemon.reports import NETWORK
 from imud.endpoint import host_and_port
+from imud.errors import ListenFailed
 from imud.log.file import Settings
 from imud.net.network import own_credentials
 from imud.net.refusals import tell_refusals
@@ -30,6 +31,7 @@ from imud.web.users import KeyUsers, Users
 
 # Names of sinks.
 ROS2, PAGE, FOXGLOVE, OPENIGTLINK = "ros2", "web", "foxglove", "openigtlink"
+BESIDE = (PAGE, FOXGLOVE, OPENIGTLINK)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +65,16 @@ class Outputs:
         return self._log.path if self._log is not None else None
 
     def open(self, config: Config) -> None:
-        """Opens all sinks; an ImudError if one can't be opened."""
+        """Opens all sinks; an ImudError if one can't be opened. What others use beside
+        poses is opened later then, if its address is taken.
+        """
         for name, wanted in self._wanted(config).items():
-            self._hub.add(wanted.make())
+            try:
+                self._hub.add(wanted.make())
+            except ListenFailed:
+                if name not in BESIDE:
+                    raise
+                self._hub.set(name, wanted.make())
             self._made_of[name] = wanted.settings
 
     def apply(
@@ -87,14 +96,11 @@ class Outputs:
             self._log = None
 
     def _wanted(self, config: Config) -> dict[str, Wanted]:
-        """By name, in the order in which they are opened."""
+        """By name, in the order in which they are opened: the log last, so that none is
+        begun by a daemon that can't start.
+        """
         network, log, ros2 = config.zenoh, config.log, config.ros2
         wanted = {NETWORK: Wanted(network, lambda: self._zenoh(network))}
-        if log.enabled:
-            settings = _log_settings(config)
-            # A log stores the whole configuration, but only these settings change it.
-            of_log = (log, network.prefix, settings.unlogged)
-            wanted[LOG] = Wanted(of_log, lambda: self._logger(log.dir, settings))
         if ros2.enabled:
             own = own_network(network.mode, network.listen, network.connect)
             wanted[ROS2] = Wanted(
@@ -125,6 +131,11 @@ class Outputs:
             wanted[OPENIGTLINK] = Wanted(
                 config.openigtlink, lambda: OpenIgtLinkSink(heard)
             )
+        if log.enabled:
+            settings = _log_settings(config)
+            # A log stores the whole configuration, but only these settings change it.
+            of_log = (log, network.prefix, settings.unlogged)
+            wanted[LOG] = Wanted(of_log, lambda: self._logger(log.dir, settings))
         return wanted
 
     def _page(

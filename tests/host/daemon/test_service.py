@@ -20,6 +20,7 @@ import pytest
 from configured import running
 from fakes import SOON_S, DaemonProcess
 from imud.cli import main
+from imud.daemon import install
 from imud.daemon.systemd import Notifier
 from imud.log.reader import Logged, read_log
 from imud.wire.messages import decode
@@ -123,14 +124,96 @@ def test_nothing_is_told_where_nobody_listens(tmp_path: Path) -> None:
     Notifier({"NOTIFY_SOCKET": str(tmp_path / "none")}).ready()
 
 
-def test_a_mistake_in_the_beginning_is_one_line_and_exit_code_1(tmp_path: Path) -> None:
+def test_settings_that_cannot_be_end_it_for_good_and_its_status_says_why(
+    tmp_path: Path, manager: Manager
+) -> None:
+    """A service manager would start it again, for ever."""
     (tmp_path / "imud.toml").write_text("twin = 1")
     with DaemonProcess(
         "--config", tmp_path / "imud.toml", directory=tmp_path
     ) as daemon:
         (line,) = daemon.rest()
-        assert daemon.process.wait(30) == 1
+        assert daemon.process.wait(30) == 78
     assert line.startswith("imud: ")
+    status = manager.expect("STATUS=")
+    assert status.startswith(f"STATUS={line.removeprefix('imud: ')}; mend that")
+    assert "systemctl restart imud" in status
+    main(["install-service", "--prefix", str(tmp_path)])
+    unit = (tmp_path / "etc/systemd/system/imud.service").read_text()
+    assert re.search(r"^RestartPreventExitStatus=.*\b78$", unit, re.MULTILINE)
+
+
+def test_a_taken_port_of_poses_ends_it_without_a_log(
+    tmp_path: Path, manager: Manager
+) -> None:
+    """Somebody may give it back: a service manager starts it again."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        with DaemonProcess(directory=tmp_path, endpoint=endpoint) as daemon:
+            daemon.rest()
+            assert daemon.process.wait(30) == 1
+    assert not [*tmp_path.rglob("*.mcap")]
+    assert endpoint in manager.expect("STATUS=")
+
+
+@pytest.mark.parametrize("service", ["metrics", "foxglove", "openigtlink"])
+def test_a_taken_port_of_another_service_is_told_and_taken_once_it_is_free(
+    service: str, tmp_path: Path
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        host, port = taken.getsockname()
+        on = "" if service == "metrics" else "enabled = true\n"
+        text = f"[{service}]\n{on}listen = '{host}:{port}'\n"
+        # Taken by the time that the daemon starts: it goes on with its poses.
+        with running(tmp_path, text) as (daemon, _, _):
+            (line,) = [each for each in daemon.lines if str(port) in each]
+            assert "warning" in line
+            taken.close()
+            until = time.monotonic() + 30.0
+            while True:
+                try:
+                    socket.create_connection((host, port), 1.0).close()
+                    break
+                except ConnectionRefusedError:
+                    assert time.monotonic() < until
+                    time.sleep(0.1)
+            assert daemon.stop() < SOON_S
+    assert sum("can't serve" in each for each in daemon.lines) == 1
+
+
+def test_what_was_installed_is_removed_but_for_settings(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["install-service", "--prefix", str(tmp_path)]) == 0
+    assert main(["install-service", "--remove", "--prefix", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "systemctl disable --now imud" in out
+    left = [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert left == [tmp_path / "etc/imud.toml"]
+    assert main(["install-service", "--remove", "--prefix", str(tmp_path)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("program", "private", "is_warned"),
+    [
+        ("/opt/imud/bin/imud", "yes", False),
+        (f"{install.TEMPORARY[0]}/imud/bin/imud", "no", True),
+    ],
+)
+def test_a_service_sees_its_own_program(
+    program: str,
+    private: str,
+    is_warned: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """It would not, in a folder for temporary files, if it had one of its own."""
+    monkeypatch.setattr(install, "_program", lambda: Path(program))
+    assert main(["install-service", "--prefix", str(tmp_path)]) == 0
+    unit = (tmp_path / "etc/systemd/system/imud.service").read_text()
+    assert f"PrivateTmp={private}\n" in unit
+    assert ("install imud elsewhere" in capsys.readouterr().err) == is_warned
 
 
 def test_what_is_installed_is_whole_and_says_what_starts_it(
