@@ -114,13 +114,14 @@ def test_the_angle_between_both_attitudes_counts_whatever_they_are(
 
 
 def test_what_was_turned_before_a_moment_does_not_count() -> None:
+    """Out by 60 degrees and half of it back, by a probe that is still warming."""
     references = References()
     references.quality = QUALITY
-    time_s = 100.0
+    time_s = 5.0
     references.on_pose(pose_of(about((0, 0, 1), 0.0), time_s))
     early = references.capture()  # from here on it is followed
     late = None
-    for step in range(121):
+    for step in range(91):
         time_s += 0.1
         angle = 1.0 * (step if step <= 60 else 120 - step)
         references.on_pose(pose_of(about((0, 0, 1), angle), time_s))
@@ -128,27 +129,37 @@ def test_what_was_turned_before_a_moment_does_not_count() -> None:
             late = references.capture()
     assert early is not None
     assert late is not None
-    out_and_back = references.since_capture(early)
-    back = references.since_capture(late)
-    assert out_and_back is not None
-    assert back is not None
-    both: dict[str, Any] = {
-        "on_s": time_s,
-        "half_sine": 0.0,
-        "quality": QUALITY,
-        "unsure": 0.0,
-    }
-    expected = heading_variance(
-        age_s=12.1, about_up=120.0, about_any=120.0, net_up=0.0, **both
-    )
-    assert out_and_back.heading_sigma_deg == pytest.approx(
-        capped(expected, 16200.0), abs=2e-3
-    )
-    both["half_sine"] = 2.0 * math.sin(math.radians(30.0))
-    expected = heading_variance(
-        age_s=6.0, about_up=60.0, about_any=60.0, net_up=60.0, **both
-    )
-    assert back.heading_sigma_deg == pytest.approx(capped(expected, 16200.0), abs=2e-3)
+    half_sine = 2.0 * math.sin(math.radians(15.0))
+    for name, age_s, turned, net in ((early, 9.1, 90.0, 30.0), (late, 3.0, 30.0, 30.0)):
+        found = references.since_capture(name)
+        expected = heading_variance(
+            age_s=age_s,
+            on_s=time_s,
+            about_up=turned,
+            about_any=turned,
+            net_up=net,
+            half_sine=half_sine,
+            quality=QUALITY,
+            unsure=0.0,
+        )
+        assert found is not None
+        assert found.age_s == pytest.approx(age_s)
+        sigma = capped(expected, 16200.0)
+        assert found.heading_sigma_deg == pytest.approx(sigma, abs=1e-3)
+
+
+def test_the_origin_is_the_attitude_that_it_was_set_at() -> None:
+    """Poses are relative to it: at the event the probe was not turned."""
+    references = References()
+    references.quality = QUALITY
+    references.on_event({"event": "tared", "detail": 0}, 100_000_000)
+    pose = pose_of(about((0.6, 0.0, 0.8), 40.0), 100.1) | {"flags": ("tared",)}
+    found = references.on_pose(pose)
+    assert found is not None
+    half_sine = 2.0 * math.sin(math.radians(20.0))
+    variance = tilt_variance(1600.0, 1600.0, half_sine, QUALITY)
+    assert found.tilt_sigma_deg == pytest.approx(capped(variance, 3200.0), abs=6e-4)
+    assert found.age_s == pytest.approx(0.1)
 
 
 def test_a_pause_may_hide_turns_in_either_direction() -> None:
@@ -163,6 +174,11 @@ def test_a_pause_may_hide_turns_in_either_direction() -> None:
     name = references.capture()
     assert name is not None
     references.on_pose(pose_of(about((0, 0, 1), 10.0), 101.0))
+    again = references.capture()
+    assert again is not None
+    after = references.since_capture(again)
+    assert after is not None
+    assert after.heading_sigma_deg == pytest.approx(0.02, abs=1e-3)
     found = references.since_capture(name)
     expected = heading_variance(
         age_s=1.0,
