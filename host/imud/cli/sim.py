@@ -4,6 +4,9 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import sys
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -154,7 +157,11 @@ def _add_motion(parser: argparse.ArgumentParser) -> None:
         "--motion",
         metavar="FILE",
         type=Path,
-        help="move it as in this recording, .npz or .csv",
+        help="move it as in this recording: a log or another file with raw samples, "
+        "whose params it gets, too; .npz, .csv (docs/motion-files.md); -: stdin",
+    )
+    parser.add_argument(
+        "--probe", metavar="PROBE", help="of a log of several probes, take this one"
     )
     parser.add_argument(
         "--save-motion",
@@ -263,4 +270,36 @@ def _run(args: argparse.Namespace) -> int:
         args.parser.error("--record needs --seconds N: the hand never stops")
     if getattr(args, "parts", None) and not args.profile:
         args.parser.error("--parts needs --profile")
-    return run(args)
+    if args.probe and not args.motion:
+        args.parser.error("--probe names one of --motion LOG")
+    with contextlib.ExitStack() as stack:
+        if args.motion:
+            _take_motion(args, stack)
+        return run(args)
+
+
+def _take_motion(args: argparse.Namespace, stack: contextlib.ExitStack) -> None:
+    """Reads the recording, and has the virtual board remember the params of a log."""
+    from imud.recordings import motions
+    from imud.recordings.source import local
+    from imud.virtual.memory import memory_with
+    from imud.virtual.sim import find
+
+    file = args.motion
+    found = motions.load(stack.enter_context(local(file)), args.probe)
+    args.motion = found.motion
+    if not found.probe:
+        return
+    params = ""
+    if found.records and not args.eeprom:
+        board: VirtualBoard = args.board
+        if found.board == board.name:
+            image = find(args.image, board.image_variable, board.image)
+            simulator = find(args.simulator, board.simulator_variable, board.simulator)
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            args.eeprom = folder / "memory.bin"
+            memory_with(image, simulator, found.records, args.eeprom, args.seed)
+            params = "; its params are in force"
+        else:
+            params = f"; its params are those of a {found.board} and left out"
+    sys.stderr.write(f"{motions.words_of(file, found)}{params}\n")

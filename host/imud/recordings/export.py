@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 import msgspec
 
+from imud.columns import parts_of
 from imud.errors import FileError
 from imud.log.reader import Damage, Logged, salvage, size_of
 from imud.progress import Progress
@@ -31,10 +32,6 @@ _HEAD = {
 }
 
 
-def _parts(key: str, parts: str = "xyz") -> tuple[str, ...]:
-    return tuple(f"{key}_{part}" for part in parts)
-
-
 def _named(*keys: str) -> dict[str, tuple[str, ...]]:
     """Columns that are keys of the JSON; a dot reaches into an object."""
     return {key: (key.replace(".", "_"),) for key in keys}
@@ -52,9 +49,9 @@ _SINCE = ("heading_sigma_deg", "tilt_sigma_deg", "age_s", "void")
 COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
     "pose": {
         **_HEAD,
-        "q": _parts("q", "wxyz"),
-        "position_m": _parts("position_m"),
-        "normal": _parts("normal"),
+        "q": parts_of("q", "wxyz"),
+        "position_m": parts_of("position_m"),
+        "normal": parts_of("normal"),
         "tilt_sigma_deg": ("tilt_sigma_deg",),
         "heading_sigma_deg": ("heading_sigma_deg",),
         "flags": ("flags",),
@@ -62,24 +59,24 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "raw": {
         **_HEAD,
-        "acc_m_s2": _parts("acc_m_s2"),
-        "gyr_rad_s": _parts("gyr_rad_s"),
-        "mag_uT": _parts("mag_uT"),
+        "acc_m_s2": parts_of("acc_m_s2"),
+        "gyr_rad_s": parts_of("gyr_rad_s"),
+        "mag_uT": parts_of("mag_uT"),
         "params_digest": ("params_digest",),
         "temperature_c": ("temperature_c",),
-        "acc_counts": _parts("acc_counts"),
-        "gyr_counts": _parts("gyr_counts"),
-        "mag_counts": _parts("mag_counts"),
+        "acc_counts": parts_of("acc_counts"),
+        "gyr_counts": parts_of("gyr_counts"),
+        "mag_counts": parts_of("mag_counts"),
         "flags": ("flags",),
     },
     "event": {**_HEAD, "event": ("event",), "cause": ("cause",), "detail": ("detail",)},
     "stroke": {
         **_HEAD,
         **{key: (key,) for key in ("stroke", "end", "windows")},
-        "displacement_m": _parts("displacement_m"),
-        "displacement_sigma_m": _parts("displacement_sigma_m"),
-        "path_m": _parts("path_m"),
-        "path_sigma_m": _parts("path_sigma_m"),
+        "displacement_m": parts_of("displacement_m"),
+        "displacement_sigma_m": parts_of("displacement_sigma_m"),
+        "path_m": parts_of("path_m"),
+        "path_sigma_m": parts_of("path_sigma_m"),
         "flags": ("flags",),
     },
     "status": _named(

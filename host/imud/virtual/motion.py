@@ -21,6 +21,7 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
+from imud.columns import parts_of
 from imud.errors import FileError
 from imud.rotation import FloatArray
 
@@ -33,11 +34,17 @@ STREAM_MAGIC = b"IMUMOT1\0"
 STREAM_HEADER = struct.Struct("<8sdQQ")
 STREAM_RECORDED = 1
 
+# As `imud export` names them.
 CSV_COLUMNS = {
-    "gyr": ("gyr_x_rad_s", "gyr_y_rad_s", "gyr_z_rad_s"),
-    "acc": ("acc_x_m_s2", "acc_y_m_s2", "acc_z_m_s2"),
-    "mag": ("mag_x_uT", "mag_y_uT", "mag_z_uT"),
+    "gyr": parts_of("gyr_rad_s"),
+    "acc": parts_of("acc_m_s2"),
+    "mag": parts_of("mag_uT"),
 }
+# Columns of the time, of which one is needed, and their seconds.
+CSV_TIMES = {"t_s": 1.0, "t_device_us": 1e-6}
+
+# Records that are missing for no longer than this are drawn between their neighbours.
+FILL_S = 0.1
 
 
 class MotionError(FileError):
@@ -179,22 +186,29 @@ def load_npz(path: Path) -> Motion:
 
 
 def load_csv(path: Path) -> Motion:
-    """Reads a `.csv` whose first line names the columns, units and all."""
+    """Reads a `.csv` whose first line names the columns, units and all: also a table of
+    raw samples that `imud export` wrote. An empty field of the magnetometer repeats the
+    last one: it measures less often.
+    """
     with path.open(encoding="utf-8-sig", newline="") as file:
         rows = csv.reader(file)
         header = [name.strip() for name in next(rows, [])]
-        wanted = ["t_s", *(name for names in CSV_COLUMNS.values() for name in names)]
+        time = next((name for name in CSV_TIMES if name in header), "t_s")
+        wanted = [time, *(name for names in CSV_COLUMNS.values() for name in names)]
         missing = [name for name in wanted if name not in header]
         if missing:
             raise MotionError(f"{path}:1: no column {', '.join(missing)}")
         places = [header.index(name) for name in wanted]
-        values: list[list[float]] = []
+        table: list[list[float]] = []
         lines: list[int] = []
+        mag = ["0"] * 3
         for row in rows:
             if not row:
                 continue
             try:
-                values.append([float(row[place]) for place in places])
+                cells = [row[place] for place in places]
+                mag = cells[-3:] = cells[-3:] if any(cells[-3:]) else mag
+                table.append([float(cell) for cell in cells])
             except IndexError:
                 raise MotionError(
                     f"{path}:{rows.line_num}: {len(row)} columns, not {len(header)}"
@@ -202,35 +216,54 @@ def load_csv(path: Path) -> Motion:
             except ValueError as error:
                 raise MotionError(f"{path}:{rows.line_num}: {error}") from None
             lines.append(rows.line_num)
-    if len(values) < 2:
-        raise MotionError(f"{path}: {len(values)} records; at least 2 are needed")
-    table = np.array(values)
-    rate_hz = _constant_rate(path, table[:, 0], lines)
-    return Motion(rate_hz, gyr=table[:, 1:4], acc=table[:, 4:7], mag=table[:, 7:10])
+    if len(table) < 2:
+        raise MotionError(f"{path}: {len(table)} records; at least 2 are needed")
+    values = np.array(table)
+    try:
+        rate_hz, even, _ = evened(values[:, 0] * CSV_TIMES[time], values[:, 1:])
+    except UnevenTimes as error:
+        raise MotionError(f"{path}:{lines[error.row]}: {error}") from error
+    return Motion(rate_hz, gyr=even[:, :3], acc=even[:, 3:6], mag=even[:, 6:])
 
 
-def _constant_rate(path: Path, t_s: FloatArray, lines: list[int]) -> float:
+class UnevenTimes(ValueError):
+    """Times from which no constant rate follows; `row` is the first that is off."""
+
+    def __init__(self, row: int, text: str) -> None:
+        super().__init__(text)
+        self.row = row
+
+
+def evened(t_s: FloatArray, table: FloatArray) -> tuple[float, FloatArray, int]:
+    """Rate in Hz, and a row for each moment of it: of `table`, shape (n, m), with times
+    t_s, and between its neighbours where one is missing. Also how many are. UnevenTimes
+    if more than FILL_S are, or the rate is not constant.
+    """
     steps = np.diff(t_s)
     usual = float(np.median(steps))
     if not usual > 0.0:
-        raise MotionError(f"{path}:{lines[1]}: t_s does not increase")
-    # Half a step: a missing or doubled row is further off. Rounding t_s to milliseconds
-    # is not, up to 500 Hz.
-    bad = np.flatnonzero(~(np.abs(steps - usual) <= 0.5 * usual + 1e-9))
+        raise UnevenTimes(1, "times do not increase")
+    # Rounding to milliseconds moves a record by less, up to 500 Hz.
+    counts = np.rint(steps / usual)
+    bad = np.flatnonzero((counts < 1) | (steps > max(FILL_S, 1.5 * usual)))
     if bad.size:
-        raise MotionError(
-            f"{path}:{lines[bad[0] + 1]}: {steps[bad[0]]:g} s after the record before, "
-            f"where {usual:g} s are usual; a motion has a constant rate"
+        raise UnevenTimes(
+            int(bad[0]) + 1,
+            f"{steps[bad[0]]:g} s after the record before, where {usual:g} s are "
+            f"usual: records may be missing for {FILL_S:g} s, and none twice",
         )
-    rate_hz = (len(t_s) - 1) / float(t_s[-1] - t_s[0])
-    drift = np.abs(t_s - t_s[0] - np.arange(len(t_s)) / rate_hz) * rate_hz
+    places = np.concatenate([[0.0], np.cumsum(counts)])
+    rate_hz = float(places[-1] / (t_s[-1] - t_s[0]))
+    drift = np.abs(t_s - t_s[0] - places / rate_hz) * rate_hz
     worst = int(np.argmax(drift))
     if drift[worst] > 1.0:
-        raise MotionError(
-            f"{path}:{lines[worst]}: {drift[worst]:.1f} records off a constant rate of "
-            f"{rate_hz:g} Hz"
+        raise UnevenTimes(
+            worst,
+            f"{drift[worst]:.1f} records off a constant rate of {rate_hz:g} Hz",
         )
-    return rate_hz
+    every = np.arange(int(places[-1]) + 1)
+    even = np.column_stack([np.interp(every, places, each) for each in table.T])
+    return rate_hz, even, len(every) - len(t_s)
 
 
 def write_stream(file: IO[bytes], motions: Iterable[Motion], count: int = 0) -> None:

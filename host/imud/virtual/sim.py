@@ -224,15 +224,17 @@ def run(args: argparse.Namespace) -> int:
 def motion_of(
     args: argparse.Namespace,
 ) -> tuple[float, Iterable[Motion], float | None]:
-    """The motion: its rate in Hz, its pieces, and how many seconds are wanted."""
-    from imud.virtual import motion, sensors
+    """The motion: its rate in Hz, its pieces, and how many seconds are wanted.
+    `args.motion` is a Motion that moves it, or None: a hand does.
+    """
+    from imud.virtual import sensors
 
     if args.module is not None or args.hand is not None:
         return _with_module(args)
     if args.motion is None and args.save_motion is None:
         return sensors.HAND_RATE_HZ, sensors.stream(args.seed), args.seconds
     if args.motion is not None:
-        recording = motion.load(args.motion)
+        recording: Motion = args.motion
     else:
         recording = sensors.generate(args.seconds, args.seed)
         try:
@@ -252,7 +254,7 @@ def _with_module(
     """The motion as a chosen module measures it, with that module's errors."""
     import numpy as np
 
-    from imud.virtual import modules, motion, sensors
+    from imud.virtual import modules, sensors
     from imud.virtual.hands import pieces_of
 
     module = modules.named(args.module or modules.CALIBRATED, args.seed)
@@ -265,7 +267,7 @@ def _with_module(
         exact = sensors.stream(args.seed, rate_hz, errors=sensors.NO_ERRORS)
         feel = module.sensor(rate_hz, random).feel
         return rate_hz, map(feel, exact), args.seconds
-    recording = motion.load(args.motion)
+    recording: Motion = args.motion
     if recording.is_recorded:
         # Its own noise is in it.
         module = replace(module, noise=sensors.NO_ERRORS)

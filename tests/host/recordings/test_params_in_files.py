@@ -119,7 +119,7 @@ def test_two_probes_in_a_log_have_each_their_own_params(tmp_path: Path) -> None:
     with table.open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [int(row["params_digest"]) for row in rows] == [row[0] for row in of_left]
-    assert [float(row["acc_m_s2_y"]) for row in rows] == [row[1][1] for row in of_left]
+    assert [float(row["acc_y_m_s2"]) for row in rows] == [row[1][1] for row in of_left]
 
 
 def test_a_log_that_begins_later_knows_the_params_all_the_same(tmp_path: Path) -> None:

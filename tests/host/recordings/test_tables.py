@@ -62,7 +62,7 @@ def test_csv_holds_each_value_once(
             assert int(row["seq"]) == record["seq"]
             if topic == "pose":
                 assert [float(row[f"q_{n}"]) for n in "wxyz"] == list(record["q"])
-                assert (row["position_m_x"], row["flags"]) == ("", "at_rest")
+                assert (row["position_x_m"], row["flags"]) == ("", "at_rest")
     assert cli.main(["export", str(path), "--to", "csv", "--out", str(out)]) == 1
     assert "is there already" in capsys.readouterr().err
 

@@ -69,6 +69,7 @@ def test_a_recording_gets_the_errors_but_no_noise_of_a_module(tmp_path: Path) ->
     recording.save(path)
     words = ["sim", "nano", "--motion", path, "--module", "shop", "--seed", SEED]
     args = cli.build_parser().parse_args(list(map(str, words)))
+    args.motion = motion.load(args.motion)
     _, pieces, seconds = sim.motion_of(args)
     (felt,) = pieces
     module = modules.named("shop", SEED)
