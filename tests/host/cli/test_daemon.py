@@ -12,6 +12,7 @@ import pytest
 from chain import Chain
 from fakes import PATIENCE_S, free_endpoint
 from imud import cli
+from imud.cli.daemon import MISCONFIGURED
 from imud.client import Client
 from imud.errors import DaemonNotFound
 
@@ -160,6 +161,6 @@ def test_no_port_to_look_at_is_one_line(
 ) -> None:
     file = tmp_path / "imud.toml"
     file.write_text("[ports]\nfind = false\n")
-    assert cli.main(["run", "--config", str(file)]) == 1
+    assert cli.main(["run", "--config", str(file)]) == MISCONFIGURED
     (line,) = capsys.readouterr().err.splitlines()
     assert "is off and no port is named; name one: imud run /dev/ttyUSB0" in line
