@@ -62,9 +62,12 @@ class LogFile:
 
     def add(self, record: Record) -> None:
         """Adds a record; it is in the file after flush()."""
-        if record.hello and self._hellos.get(record.probe) != record.hello:
+        hello = self._hellos.get(record.probe, b"")
+        if record.hello is not hello:
             self._hellos[record.probe] = record.hello
-            self._add_metadata("hello", _identity(record.probe, record.hello))
+            # A probe says who it is each second: only what changes is news.
+            if record.hello[messages.FIELDS_OF] != hello[messages.FIELDS_OF]:
+                self._add_metadata("hello", _identity(record.probe, record.hello))
         if record.params and self._params.get(record.probe) != record.params:
             self._params[record.probe] = record.params
             self._add_metadata("params", _params(record.probe, record.params))

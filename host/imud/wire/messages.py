@@ -32,6 +32,8 @@ SkewKind = Literal[
 HELLO_NEEDS = frozenset({"schema_fingerprint", "firmware", "probe_id"})
 
 _HEADER = struct.Struct(schema.HEADER)
+# What is of a content but its id, sequence number and time.
+FIELDS_OF = slice(_HEADER.size, None)
 
 
 class Message(msgspec.Struct, frozen=True):

@@ -16,6 +16,7 @@ from msgspec.structs import replace
 
 import imud.sinks.log
 from fakes import DaemonProcess, FakeProbe, Port, status_of
+from fakes.messages import HELLO
 from imud.client import Client
 from imud.log.channels import POSE_IN_FRAME, payload_on
 from imud.log.file import Settings
@@ -24,6 +25,7 @@ from imud.log.schemas import FOXGLOVE_SCHEMA
 from imud.probes.record import Record
 from imud.sinks.log import LogSink
 from imud.wire import schema
+from imud.wire.messages import encode
 from log_files import BEGIN_NS, frames, records, write
 
 
@@ -43,6 +45,20 @@ def test_a_file_is_as_large_as_told_and_none_is_lost_between(tmp_path: Path) -> 
     for path in files:
         list(read_log(path))  # each has its end
     assert all(path.stat().st_size < 40_000 for path in files)
+
+
+def test_a_hello_that_says_nothing_new_is_written_once(tmp_path: Path) -> None:
+    """A probe says it each second, with another number and another time."""
+    put = records(2)
+    again = encode("hello", HELLO, 700, 9_000_000)
+    other = encode("hello", HELLO | {"params_digest": 7}, 900, 12_000_000)
+    hellos = [put[0].hello, again, other, again]
+    said = [replace(put[1], hello=hello) for hello in hellos for _ in range(50)]
+    path = write(tmp_path, said)
+    with path.open("rb") as file:
+        found = [each.name for each in make_reader(file).iter_metadata()]
+    assert found.count("hello") == 3
+    assert len(frames(path)) == len(said)
 
 
 def test_a_new_timeline_begins_a_file_and_a_step_forwards_none(tmp_path: Path) -> None:
