@@ -16,8 +16,9 @@ import pytest
 
 from fakes import FakeProbe
 from imud import cli
-from imud.log.reader import Logged, read_log
+from imud.log.reader import Logged
 from imud.wire.frame import encode_frame
+from log_files import read_log
 
 MIB = 1 << 20
 SMALL = 34 * MIB

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from fakes import FakeProbe
+from imud.errors import FileError
 from imud.log.file import Settings
-from imud.log.reader import Logged, salvage
+from imud.log.reader import Damage, Logged, LogHead, salvage
 from imud.probes.record import Record, Stamp, record_of
 from imud.probes.scales import Scales
 from imud.sinks.log import LogSink
@@ -55,3 +57,11 @@ def write(directory: Path, *batches: list[Record], **settings: Any) -> Path:
 def frames(path: Path) -> list[bytes]:
     items = [each for each in salvage(path) if isinstance(each, Logged)]
     return [each.data for each in items if each.topic == "frame"]
+
+
+def read_log(path: Path) -> Iterator[LogHead | Logged]:
+    """All messages of a log that has to be whole."""
+    for item in salvage(path):
+        if isinstance(item, Damage):
+            raise FileError(f"{path} ends without an end, or is damaged at {item.at}")
+        yield item

@@ -14,8 +14,9 @@ from pathlib import Path
 import pytest
 
 from fakes import Port
-from imud.log.reader import Logged, read_log
+from imud.log.reader import Logged
 from length import choose
+from log_files import read_log
 from sites import Desk, Lab, Node, configuration
 from streaming import Streaming, until
 

@@ -7,7 +7,8 @@ from __future__ import annotations
 import pytest
 
 from imud.cli import main
-from imud.log.reader import Logged, read_log
+from imud.log.reader import Logged
+from log_files import read_log
 from system.card_log import (
     CLICK,
     RATE_HZ,

@@ -63,7 +63,7 @@ class LogFile:
     def add(self, record: Record) -> None:
         """Adds a record; it is in the file after flush()."""
         hello = self._hellos.get(record.probe, b"")
-        if record.hello is not hello:
+        if record.hello and record.hello is not hello:
             self._hellos[record.probe] = record.hello
             # A probe says who it is each second: only what changes is news.
             if record.hello[messages.FIELDS_OF] != hello[messages.FIELDS_OF]:

@@ -8,6 +8,7 @@ damage is skipped or ends the reading.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import io
 import itertools
 import struct
@@ -88,6 +89,16 @@ class Damage:
     at: int
     size: int
     is_tail: bool  # nothing good follows
+
+
+def is_being_written(path: Path) -> bool:
+    """Whether a process writes this log now: it holds a lock meanwhile."""
+    with contextlib.suppress(OSError), path.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,21 +282,6 @@ def _parsed(record: Metadata) -> LogHead | Logged | None:
     except (KeyError, ValueError):
         pass
     return None
-
-
-def read_log(path: Path) -> Iterator[LogHead | Logged]:
-    """All messages of a log, in order. Raises FileError where the log is cut off or
-    damaged; everything before is good.
-    """
-    reader = Reader()
-    with opened(path) as file, legible(path):
-        for part in parts_of(file, path.stat().st_size):
-            if isinstance(part, Damage):
-                raise FileError(
-                    f"{path} ends without an end, after {reader.count} messages: imud "
-                    "was killed or the file is damaged; imud recover saves what is good"
-                )
-            yield from reader.read(part)
 
 
 def salvage(

@@ -35,8 +35,9 @@ from imud import _core
 
 MAGIC = b"\x89MCAP0\r\n"
 
-# A chunk ends at this size, also between two flushes.
-CHUNK_MAX = 1 << 20
+# A chunk ends at this size, also between two flushes: damage costs the chunk that it
+# hits.
+CHUNK_MAX = 1 << 16
 
 # The part of a footer that its CRC covers.
 _FOOTER_HEAD = Struct("<BQQQ")

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import msgspec
 from msgspec.structs import replace
@@ -17,7 +17,7 @@ from imud.card import disk
 from imud.card.listing import plural
 from imud.card.probe_log import MAGIC, find_log
 from imud.errors import FileError
-from imud.log.reader import Logged, LogHead, read_log
+from imud.log.reader import Damage, Logged, LogHead, salvage
 from imud.probes.ledger import totals
 from imud.probes.record import HEAD, describe
 from imud.probes.references import SinceErrors
@@ -29,6 +29,7 @@ from imud.probes.session import (
     Session,
 )
 from imud.probes.speaker import introduction, speaker_of
+from imud.recordings.damage import DamageCount
 from imud.wire import messages, schema
 from imud.wire.messages import Message, Value
 
@@ -45,21 +46,21 @@ class Tally:
         self.other: OtherSchema | None = None
         self.probes: dict[str, Probe] = {}
         self.links: list[dict[str, Any]] = []
-        self.problem = ""
+        self.damage = DamageCount()  # of a log
 
     def probe(self, probe_id: str) -> Probe:
         return self.probes.setdefault(probe_id, Probe(probe_id))
 
     def lines(self) -> Iterator[str]:
-        if self.messages == 0:
-            yield "no message in it"
         for name, probe in self.probes.items():
             counts: Any = probe.account.counts()
             total = totals(counts)
+            of_disk = self.damage.lost[name]
+            damaged = f" + {of_disk} damaged" if of_disk else ""
             yield (
                 f"{name}: {total.sent} sent = {total.received} received + "
                 f"{total.skewed.total()} skewed{_kinds(total.skewed)} + "
-                f"{total.lost} lost; {total.duplicated} duplicated, "
+                f"{total.lost - of_disk} lost{damaged}; {total.duplicated} duplicated, "
                 f"{counts['strays']} stray, {plural(counts['boots'], 'boot')}"
             )
         for link in self.links:
@@ -69,14 +70,8 @@ class Tally:
                 f"{link['corrupt']} corrupt{_kinds(link['corrupt_kinds'])}"
                 + (", the first cut off" if link["partial"] else "")
             )
-        if self.other is not None:
-            yield (
-                f"probe {self.other.probe_id} speaks schema "
-                f"{self.other.fingerprint:#010x} (firmware {self.other.firmware}), "
-                f"this imud speaks {schema.FINGERPRINT:#010x}: use the imud of its time"
-            )
-        if self.problem:
-            yield self.problem
+        if self.damage.is_cut and not self.damage.places:
+            yield "the log has no end: imud was killed, or still writes it"
 
 
 def decode_file(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
@@ -148,25 +143,24 @@ def _decode_log(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
     """
     sessions: dict[str, Session] = {}
     times: dict[bytes, Logged] = {}  # of frames that come later
-    try:
-        for record in read_log(path):
-            if isinstance(record, LogHead):
-                _check_schema(path, record)
-                continue
-            if record.probe not in sessions:
-                probe = tally.probe(record.probe)
-                sessions[record.probe] = Session(partial(_same, probe), None, probe)
-            session = sessions[record.probe]
-            if session.probe is not None and record.topic in _INTRODUCE:
-                _INTRODUCE[record.topic](session.probe, record.data)
-            elif record.topic == "frame":
-                times[record.data] = record
+    for record in salvage(path):
+        if isinstance(record, LogHead):
+            _check_schema(path, record)
+            continue
+        if isinstance(record, Damage):
+            tally.damage.add(record)
+            continue
+        probe = tally.probe(record.probe)
+        if record.probe not in sessions:
+            sessions[record.probe] = Session(partial(_same, probe), None, probe)
+        session = sessions[record.probe]
+        if record.topic in _INTRODUCE:
+            _INTRODUCE[record.topic](probe, record.data)
+        elif record.topic == "frame":
+            times[record.data] = record
+            with tally.damage.heard(record.probe, probe.account):
                 events = session.receive_content(record.data, record.t_ns)
-                yield from _described(_dated(events, times), tally, record.probe)
-    except FileError as error:
-        if not sessions:
-            raise
-        tally.problem = str(error)
+            yield from _described(_dated(events, times), tally, record.probe)
     for name, session in sessions.items():
         yield from _described(_dated(session.close(), times), tally, name)
 
@@ -217,20 +211,36 @@ def _check_schema(path: Path, head: LogHead) -> None:
 
 
 def run(path: Path, *, as_json: bool) -> int:
-    """Prints messages to stdout and counts to stderr; returns the exit status."""
+    """Prints messages to stdout and counts to stderr; returns 0. FileError if the file
+    has none, or is damaged, after all others.
+    """
     tally = Tally()
     encoder = msgspec.json.Encoder()
     for item in decode_file(path, tally):
         line = encoder.encode(item).decode() if as_json else words(item)
         sys.stdout.write(f"{line}\n")
     sys.stdout.flush()
-    _report(tally, sys.stderr)
+    if tally.other is not None:
+        raise FileError(f"{path}: {_other(tally.other)}")
+    words_ = tally.damage.words()
+    if not tally.messages and not words_:
+        raise FileError(
+            f"{path} holds no message of a probe; name a log, a capture of a UART or a "
+            "card's PROBE.LOG"
+        )
+    for line in tally.lines():
+        sys.stderr.write(f"{line}\n")
+    if words_:
+        raise FileError(f"{path} is {words_}")
     return 0
 
 
-def _report(tally: Tally, out: TextIO) -> None:
-    for line in tally.lines():
-        out.write(f"{line}\n")
+def _other(found: OtherSchema) -> str:
+    return (
+        f"probe {found.probe_id} speaks schema {found.fingerprint:#010x} (firmware "
+        f"{found.firmware}), this imud speaks {schema.FINGERPRINT:#010x}: use the imud "
+        "of its time"
+    )
 
 
 def words(item: dict[str, Any]) -> str:

@@ -16,6 +16,7 @@ from imud.columns import parts_of
 from imud.errors import FileError
 from imud.log.reader import Damage, Logged, salvage, size_of
 from imud.progress import Progress
+from imud.recordings.damage import DamageCount
 
 # The columns of each topic, in order: a key of the JSON, or the parts of its value.
 _HEAD = {
@@ -249,7 +250,7 @@ def _kind(to: str) -> Callable[[Path, str], Table]:
 def run(paths: Sequence[Path], to: str, out: Path | None) -> int:
     """Writes the tables of each log; returns 0.
 
-    Raises FileError for logs that can't be exported, after all others are done.
+    Raises FileError for logs that can't be exported or are damaged, after all are done.
     """
     make = _kind(to)
     problems = []
@@ -269,13 +270,13 @@ def _export(
     """Writes STEM-PROBE-TOPIC.csv or .parquet, and prints what each holds."""
     directory = out or path.parent
     tables: dict[Path, Table] = {}
-    damages: list[Damage] = []
+    damage = DamageCount()
     strange = 0
     is_done = False
     try:
         directory.mkdir(parents=True, exist_ok=True)
         try:
-            for item in _items(path, damages):
+            for item in _items(path, damage):
                 fields = _fields_of(item)
                 if fields is None:
                     strange += 1
@@ -304,8 +305,8 @@ def _export(
         sys.stdout.write(f"{path} holds nothing for a table\n")
     if strange:
         sys.stderr.write(f"{path}: {strange} messages are no objects of imud's\n")
-    if damages:
-        sys.stderr.write(f"{path} is cut off or damaged: what is good is exported\n")
+    if words := damage.words():
+        raise FileError(f"{path} is {words}")
 
 
 def _fields_of(item: Logged) -> Mapping[str, Any] | None:
@@ -318,12 +319,12 @@ def _printable(name: str) -> str:
     return "".join(each if each.isprintable() else "_" for each in name)
 
 
-def _items(path: Path, damages: list[Damage]) -> Iterator[Logged]:
+def _items(path: Path, damage: DamageCount) -> Iterator[Logged]:
     bar = Progress("exporting", size_of(path))
     try:
         for item in salvage(path, bar.update):
             if isinstance(item, Damage):
-                damages.append(item)
+                damage.add(item)
             elif isinstance(item, Logged) and item.topic in COLUMNS:
                 yield item
     finally:

@@ -17,6 +17,7 @@ from imud.log.reader import (
     Damage,
     Logged,
     LogHead,
+    is_being_written,
     salvage,
     size_of,
 )
@@ -24,6 +25,7 @@ from imud.probes.ledger import totals
 from imud.probes.record import plain
 from imud.probes.session import Probe, Session
 from imud.progress import Progress
+from imud.recordings.damage import DamageCount
 from imud.wire import messages, schema
 from imud.wire.messages import Message
 from imud.wire.params import calibrated_by, digest_of
@@ -43,7 +45,7 @@ class ProbeInfo:
         self.digests: list[int] = []
         self.records: dict[int, bytes] = {0: b""}  # by digest
 
-    def add(self, item: Logged, *, is_ours: bool) -> None:
+    def add(self, item: Logged, damage: DamageCount, *, is_ours: bool) -> None:
         if item.topic in METADATA_OF_PROBES.values():
             self._add_metadata(item, is_ours=is_ours)
             return
@@ -52,7 +54,8 @@ class ProbeInfo:
         self.first_ns[topic] = min(item.t_ns, self.first_ns.get(topic, item.t_ns))
         self.last_ns[topic] = max(item.t_ns, self.last_ns.get(topic, item.t_ns))
         if topic == "frame" and is_ours:
-            self.session.receive_content(item.data, item.t_ns)
+            with damage.heard(self.name, self.probe.account):
+                self.session.receive_content(item.data, item.t_ns)
 
     def _add_metadata(self, item: Logged, *, is_ours: bool) -> None:
         if item.topic == "params_records":
@@ -80,7 +83,7 @@ class ProbeInfo:
         span_ns = self.last_ns[topic] - self.first_ns[topic]
         return (self.counts[topic] - 1) / span_ns * 1e9 if span_ns else None
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self, damaged: int) -> dict[str, Any]:
         self.session.close()
         counts: Any = self.probe.account.counts()
         total = totals(counts)
@@ -97,7 +100,8 @@ class ProbeInfo:
             },
             "sent": total.sent,
             "received": total.received,
-            "lost": total.lost,
+            "lost": total.lost - damaged,
+            "damaged": damaged,
             "duplicated": total.duplicated,
             "boots": counts["boots"],
         }
@@ -107,22 +111,19 @@ def info_of(path: Path) -> dict[str, Any]:
     """What is known of one log, as an object for JSON."""
     head: LogHead | None = None
     probes: dict[str, ProbeInfo] = {}
-    lost = holes = 0
-    is_cut = False
+    damage = DamageCount()
     bar = Progress("reading", size := size_of(path))
     try:
         for item in salvage(path, bar.update):
             if isinstance(item, LogHead):
                 head = item
             elif isinstance(item, Damage):
-                lost += item.size
-                holes += not item.is_tail
-                is_cut = is_cut or item.is_tail
+                damage.add(item)
             else:
                 if item.probe not in probes:
                     probes[item.probe] = ProbeInfo(item.probe)
                 is_ours = head is None or head.fingerprint == schema.FINGERPRINT
-                probes[item.probe].add(item, is_ours=is_ours)
+                probes[item.probe].add(item, damage, is_ours=is_ours)
     finally:
         bar.end()
     begins = [t for each in probes.values() for t in each.first_ns.values()]
@@ -130,22 +131,24 @@ def info_of(path: Path) -> dict[str, Any]:
     return {
         "log": str(path),
         "bytes": size,
-        "is_whole": not (is_cut or holes),
-        "is_cut": is_cut,
-        "damaged_places": holes,
-        "bytes_lost": lost,
+        "is_whole": not (damage.is_cut or damage.places),
+        "is_cut": damage.is_cut,
+        "is_being_written": damage.is_cut and is_being_written(path),
+        "damaged_places": damage.places,
+        "damage": damage.words(),
+        "bytes_lost": damage.bytes,
         "imud": head.version if head else None,
         "schema": f"{head.fingerprint:#010x}" if head else None,
         "begin_ns": min(begins, default=None),
         "end_ns": max(ends, default=None),
-        "probes": [probes[name].as_dict() for name in sorted(probes)],
+        "probes": [probes[n].as_dict(damage.lost[n]) for n in sorted(probes)],
     }
 
 
 def run(paths: list[Path], *, as_json: bool) -> int:
     """Prints what each log holds; returns 0.
 
-    Raises FileError for logs that can't be read, after all others are done.
+    Raises FileError for logs that can't be read or are damaged, after all are done.
     """
     problems = []
     for path in paths:
@@ -154,6 +157,8 @@ def run(paths: list[Path], *, as_json: bool) -> int:
         except FileError as error:
             problems.append(str(error))
             continue
+        if info["damage"]:
+            problems.append(f"{path} is {info['damage']}")
         text = msgspec.json.encode(info).decode() if as_json else _words(info)
         sys.stdout.write(f"{text}\n")
         sys.stdout.flush()
@@ -164,11 +169,13 @@ def run(paths: list[Path], *, as_json: bool) -> int:
 
 def _words(info: dict[str, Any]) -> str:
     state = "whole" if info["is_whole"] else ""
-    if info["is_cut"]:
+    if info["is_being_written"]:
+        state = "being written"
+    elif info["is_cut"]:
         state = "cut off"
     if info["damaged_places"]:
         state += f"{', ' if state else ''}damaged in {info['damaged_places']} places"
-    if not info["is_whole"]:
+    if not (info["is_whole"] or info["is_being_written"]):
         state += " (imud recover saves what is good)"
     lines = [f"{info['log']}: {info['bytes'] / 1e6:.1f} MB, {state}"]
     if info["imud"] is not None:
@@ -194,11 +201,20 @@ def _words(info: dict[str, Any]) -> str:
             lines.append(f"    {topic:<14} {found['messages']:>10}{at}")
         lines.append(
             f"    {probe['sent']} sent = {probe['received']} received + "
-            f"{probe['sent'] - probe['received'] - probe['lost']} skewed + "
-            f"{probe['lost']} lost; {probe['duplicated']} duplicated, "
+            f"{_skewed(probe)} skewed + {probe['lost']} lost{_damaged(probe)}; "
+            f"{probe['duplicated']} duplicated, "
             f"{probe['boots']} {'boot' if probe['boots'] == 1 else 'boots'}"
         )
     return "\n".join(lines)
+
+
+def _skewed(probe: dict[str, Any]) -> int:
+    others = ("received", "lost", "damaged")
+    return int(probe["sent"]) - sum(int(probe[name]) for name in others)
+
+
+def _damaged(probe: dict[str, Any]) -> str:
+    return f" + {probe['damaged']} damaged" if probe["damaged"] else ""
 
 
 def _params(each: dict[str, Any]) -> str:

@@ -108,6 +108,7 @@ def _copy(path: Path, size: int, part: Path) -> tuple[_Copy, list[Damage]]:
                     continue
                 for record in each.records:
                     copy.add(record)
+                writer.flush()  # damage of the copy is to cost no more
                 bar.update(each.end)
         finally:
             bar.end()

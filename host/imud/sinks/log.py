@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import json
 import logging
 import os
@@ -176,6 +178,11 @@ class LogSink:
             suffix = "" if number == 1 else f"_{number:03}"
             path = self._directory / f"imud-{stamp}{suffix}.mcap"
             try:
-                return path, path.open("xb")
+                file = path.open("xb")
             except FileExistsError:
                 number += 1
+                continue
+            # Tells others that it is being written; not every file system can.
+            with contextlib.suppress(OSError):
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return path, file

@@ -13,9 +13,10 @@ from core.fake_card import FakeCard
 from core.log_desk import LOST_US_MAX, SECOND, Log
 from fakes import FakeProbe
 from imud import cli
-from imud.log.reader import Logged, read_log
+from imud.log.reader import Logged
 from imud.wire.frame import encode_frame
 from length import choose
+from log_files import read_log
 
 pytestmark = pytest.mark.sampled(3)
 

@@ -33,12 +33,13 @@ from card_files import (
 )
 from fakes import FakeProbe
 from imud import cli
-from imud.log.reader import Logged, read_log
+from imud.log.reader import Logged
 from imud.probes.record import record_of
 from imud.probes.session import Probe, Received, Session
 from imud.sinks.log import LogSink
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import decode
+from log_files import read_log
 
 
 def test_what_a_probe_wrote_comes_back_message_by_message(

@@ -18,7 +18,8 @@ import pytest
 from configured import running
 from fakes import PATIENCE_S, DaemonProcess, free_address
 from imud.client import Client
-from imud.log.reader import Logged, read_log
+from imud.log.reader import Logged
+from log_files import read_log
 
 
 def reload(daemon: DaemonProcess, folder: Path, old: str, new: str) -> None:

@@ -21,10 +21,11 @@ from chain import Chain
 from fakes import EQUIPMENT, PATIENCE_S, SOON_S, status_of
 from imud import _core, cli
 from imud.errors import ProbeUnknown
-from imud.log.reader import Logged, read_log
+from imud.log.reader import Logged
 from imud.probes import record
 from imud.sinks import log
 from imud.wire import schema
+from log_files import read_log
 
 KINDS = ("pose", "raw", "event", "status", "frame")
 

@@ -22,8 +22,9 @@ from fakes import SOON_S, DaemonProcess
 from imud.cli import main
 from imud.daemon import install
 from imud.daemon.systemd import Notifier
-from imud.log.reader import Logged, read_log
+from imud.log.reader import Logged
 from imud.wire.messages import decode
+from log_files import read_log
 
 
 class Manager:

@@ -20,10 +20,9 @@ from imud.daemon import lane as lane_module
 from imud.daemon.lane import Lane
 from imud.errors import FileError
 from imud.log.file import Settings
-from imud.log.reader import read_log
 from imud.probes.record import Record
 from imud.sinks.log import LogSink
-from log_files import frames, records
+from log_files import frames, read_log, records
 
 
 @contextmanager

@@ -22,8 +22,7 @@ import pytest
 
 from fakes import PATIENCE_S, DaemonProcess, FakeProbe, Port
 from imud.client import Client
-from imud.log.reader import read_log
-from log_files import frames
+from log_files import frames, read_log
 
 # A plain user becomes root of a namespace of users, which a chroot forbids to root.
 IS_ROOT = os.geteuid() == 0

@@ -20,13 +20,13 @@ from fakes.messages import HELLO
 from imud.client import Client
 from imud.log.channels import POSE_IN_FRAME, payload_on
 from imud.log.file import Settings
-from imud.log.reader import FRAME_ENCODING, Logged, read_log
+from imud.log.reader import FRAME_ENCODING, Logged
 from imud.log.schemas import FOXGLOVE_SCHEMA
 from imud.probes.record import Record
 from imud.sinks.log import LogSink
 from imud.wire import schema
 from imud.wire.messages import encode
-from log_files import BEGIN_NS, frames, records, write
+from log_files import BEGIN_NS, frames, read_log, records, write
 
 
 def test_a_file_is_as_large_as_told_and_none_is_lost_between(tmp_path: Path) -> None:

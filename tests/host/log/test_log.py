@@ -22,11 +22,12 @@ from fakes import FakeProbe
 from imud import cli
 from imud.errors import FileError
 from imud.log.file import Settings
-from imud.log.reader import Logged, LogHead, read_log
+from imud.log.reader import Logged, LogHead
 from imud.log.schemas import JSON_SCHEMAS
 from imud.probes.record import Presence, Record
 from imud.sinks.log import LogSink
 from imud.wire import schema
+from log_files import read_log
 
 # Puts records through the hub as the daemon does, 200 a second, and says the time of
 # each as soon as it has put it.

@@ -8,18 +8,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.reader import make_reader
 
 from fakes import FakeProbe
 from imud import cli, rotation
 from imud.probes.record import Record
 from imud.sinks.log import LogSink
 from imud.wire import schema
+from log_files import records, write
 
 
 def decoded(
-    path: Path, capsys: pytest.CaptureFixture[str]
+    path: Path, capsys: pytest.CaptureFixture[str], code: int = 0
 ) -> tuple[list[dict[str, Any]], str]:
-    assert cli.main(["decode", str(path), "--json"]) == 0
+    assert cli.main(["decode", str(path), "--json"]) == code
     captured = capsys.readouterr()
     return [json.loads(line) for line in captured.out.splitlines()], captured.err
 
@@ -194,14 +196,79 @@ def test_a_log_that_was_cut_says_so_and_gives_the_rest(
     sink.close()
     items, report = decoded(cut, capsys)
     assert len(items) == 1
-    assert "ends without an end" in report
+    assert "the log has no end: imud was killed, or still writes it" in report
+
+
+def test_damaged_places_cost_what_they_hit_and_are_no_loss_of_the_wire(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every reader of logs goes on behind them, says so, and ends with 1."""
+    put = records(300)
+    path = write(tmp_path, *(put[at : at + 20] for at in range(0, 300, 20)))
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    data = bytearray(path.read_bytes())
+    for number in (4, 9):
+        data[summary.chunk_indexes[number].chunk_start_offset + 100] ^= 0x10
+    path.write_bytes(data)
+    assert cli.main(["decode", str(path), "--json"]) == 1
+    captured = capsys.readouterr()
+    kept = len(captured.out.splitlines())
+    assert 300 - 40 <= kept < 300
+    *counts, last = captured.err.splitlines()
+    assert last == (
+        f"imud: {path} is damaged in 2 places; what is good was read, imud recover "
+        "saves it"
+    )
+    damaged = 300 - kept
+    words = f"300 sent = {kept} received + 0 skewed + 0 lost + {damaged} damaged"
+    assert any(words in line for line in counts)
+    assert cli.main(["info", str(path)]) == 1
+    captured = capsys.readouterr()
+    assert words in captured.out
+    assert "damaged in 2 places" in captured.err
+    out = ["--out", str(tmp_path / "tables")]
+    assert cli.main(["export", str(path), *out]) == 1
+    assert "damaged in 2 places" in capsys.readouterr().err
+
+
+def test_one_flip_in_what_recover_wrote_costs_no_more_than_in_the_log(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    put = records(400)
+    path = write(tmp_path, *(put[at : at + 20] for at in range(0, 400, 20)))
+    path.write_bytes(path.read_bytes()[:-30])
+    assert cli.main(["recover", str(path)]) == 0
+    (saved,) = tmp_path.glob("*-recovered.mcap")
+    data = bytearray(saved.read_bytes())
+    data[len(data) // 3] ^= 1
+    saved.write_bytes(data)
+    capsys.readouterr()
+    assert cli.main(["decode", str(saved), "--json"]) == 1
+    assert len(capsys.readouterr().out.splitlines()) >= 380
+
+
+def test_a_log_that_is_being_written_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sink = LogSink(tmp_path)
+    sink.open()
+    for record in records(5):
+        sink.write(record)
+    sink.flush()
+    assert cli.main(["info", str(sink.path)]) == 0
+    assert "MB, being written; by imud" in capsys.readouterr().out
+    sink.close()
+    assert cli.main(["info", str(sink.path)]) == 0
+    assert "MB, whole; by imud" in capsys.readouterr().out
 
 
 def test_a_capture_of_another_schema_is_explained(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     probe = FakeProbe(schema_fingerprint=schema.FINGERPRINT ^ 1)
-    items, report = decoded(capture(tmp_path, probe.say("hello")), capsys)
+    items, report = decoded(capture(tmp_path, probe.say("hello")), capsys, code=1)
     assert items == []
     assert (
         f"speaks schema {schema.FINGERPRINT ^ 1:#010x} (firmware 0.1.0+fake)" in report

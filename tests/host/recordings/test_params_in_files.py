@@ -19,7 +19,7 @@ from card_files import run as run_card
 from fakes import FakeProbe
 from fakes.records import calibrated_records, parts_of
 from imud import _core, cli
-from imud.log.reader import Logged, read_log
+from imud.log.reader import Logged
 from imud.probes.record import Record, record_of
 from imud.probes.session import Probe, Received, Session
 from imud.recordings.decode import Tally, decode_file
@@ -27,7 +27,7 @@ from imud.recordings.info import info_of
 from imud.wire.frame import encode_frame
 from imud.wire.params import digest_of
 from imud.wire.params import parts_of as values_of
-from log_files import BEGIN_NS, PERIOD_NS, write
+from log_files import BEGIN_NS, PERIOD_NS, read_log, write
 
 ONE, OTHER, THIRD = (calibrated_records(seed) for seed in (1, 2, 3))
 

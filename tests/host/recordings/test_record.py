@@ -17,11 +17,12 @@ from chain import Chain
 from fakes import PATIENCE_S, FakeProbe
 from imud.client import Delivery
 from imud.log.file import Settings
-from imud.log.reader import METADATA_OF_PROBES, Logged, read_log
+from imud.log.reader import METADATA_OF_PROBES, Logged
 from imud.net.access import READS
 from imud.recordings import info
 from imud.recordings.record import TOPICS, Recorder
 from imud.wire.messages import encode
+from log_files import read_log
 from streaming import Streaming, until
 
 NAME = "stylus"

@@ -9,9 +9,9 @@ import pytest
 from mcap.reader import make_reader
 
 from imud import cli
-from imud.log.reader import Damage, LogHead, read_log, salvage
+from imud.log.reader import Damage, LogHead, salvage
 from length import choose
-from log_files import frames, records, write
+from log_files import frames, read_log, records, write
 
 
 def test_a_cut_log_is_recovered_beside_it(

@@ -113,7 +113,6 @@ def test_several_logs_and_what_the_daemon_says_of_probes_become_tables(
         assert cli.main([*words, "--to", kind]) == 1
         captured = capsys.readouterr()
         assert captured.err.splitlines() == [
-            f"{cut} is cut off or damaged: what is good is exported",
             f"imud: can't read {none}: No such file or directory",
         ]
         assert f"{out / f'cut-left-pose.{kind}'}: 62 rows" in captured.out

@@ -22,10 +22,10 @@ from websockets.typing import Subprotocol
 from configured import running
 from fakes import PATIENCE_S, free_address
 from imud.errors import ConfigError, ListenFailed
-from imud.log.reader import Logged, read_log
+from imud.log.reader import Logged
 from imud.log.schemas import schema_of
 from imud.sinks.foxglove import FoxgloveSink
-from log_files import records
+from log_files import read_log, records
 
 # Operation 1: the id of a subscription, the time in ns, the message.
 _MESSAGE = struct.Struct("<BIQ")

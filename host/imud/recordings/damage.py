@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: MIT
+"""What a disk has damaged of a log, apart from what was lost on the wire."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from imud.log.reader import Damage
+from imud.probes.ledger import Account
+
+
+class DamageCount:
+    """Follows the damage of one log, and the gaps in the numbers of its probes that are
+    of it: the first of each probe behind a damaged place.
+    """
+
+    def __init__(self) -> None:
+        self.places = 0
+        self.bytes = 0
+        self.is_cut = False  # it ends without an end
+        self.lost = Counter[str]()  # messages, by probe
+        self._due: dict[str, int] = {}  # damaged places that a probe's gap was told of
+
+    def add(self, damage: Damage) -> None:
+        self.bytes += damage.size
+        self.places += not damage.is_tail
+        self.is_cut = self.is_cut or damage.is_tail
+
+    @contextmanager
+    def heard(self, probe: str, account: Account) -> Iterator[None]:
+        """While a message of that probe is received."""
+        if self._due.get(probe, 0) == self.places:
+            yield
+            return
+        self._due[probe] = self.places
+        before = account.lost
+        yield
+        self.lost[probe] += max(0, account.lost - before)
+
+    def words(self) -> str:
+        """Where it is damaged; empty: nowhere. A log that ends without an end has
+        nothing else wrong: imud was killed, or still writes it.
+        """
+        if not self.places:
+            return ""
+        places = "1 place" if self.places == 1 else f"{self.places} places"
+        cut = " and cut off" if self.is_cut else ""
+        return f"damaged in {places}{cut}; what is good was read, imud recover saves it"
