@@ -13,6 +13,7 @@ from imud.config.settings import (
     RATES,
     Config,
     FoxgloveSettings,
+    LogSettings,
     MetricsSettings,
     OpenIgtLinkSettings,
     PlaceSettings,
@@ -51,6 +52,7 @@ def contradictions(config: Config) -> Iterator[Mistake]:
     if config.openigtlink.enabled:
         yield from _of_openigtlink(config.openigtlink, config.zenoh.keys)
         yield from _of_frames(config)
+    yield from _of_log(config.log)
     yield from _of_metrics(config.metrics)
     yield from _of_place(config.place)
     yield from _of_probes(config.probes)
@@ -124,6 +126,15 @@ def _of_openigtlink(section: OpenIgtLinkSettings, keys: str) -> Iterator[Mistake
             ("openigtlink", "enabled"),
             "OpenIGTLink has no users, and zenoh.keys admits users alone; turn it off, "
             "or let anybody read: open_to_all = true",
+        )
+
+
+def _of_log(section: LogSettings) -> Iterator[Mistake]:
+    if 0 < section.keep_mb < section.rotate_mb:
+        yield Mistake(
+            ("log", "keep_mb"),
+            f"{section.keep_mb} is less than one file may have (rotate_mb = "
+            f"{section.rotate_mb}); make that smaller, too",
         )
 
 

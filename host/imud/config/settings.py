@@ -128,6 +128,18 @@ class LogSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             ge=0, description="pause logging while less than this is free on the disk"
         ),
     ] = 500
+    keep_mb: Annotated[
+        int,
+        Meta(
+            ge=0,
+            description="remove the oldest finished files of the daemon while all of "
+            "them in that folder take more than this; 0: keep all",
+        ),
+    ] = 0
+    keep_days: Annotated[
+        float,
+        Meta(ge=0, description="and those that ended so many days ago; 0: keep all"),
+    ] = 0.0
     foxglove: Annotated[
         bool, Meta(description="log poses also as foxglove.PoseInFrame, for Foxglove")
     ] = True

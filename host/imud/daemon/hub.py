@@ -67,6 +67,9 @@ class Hub:
         lanes = [lane for lane in self._lanes if lane.sink.name == name]
         return lanes[0].trouble if lanes else None
 
+    def sink(self, name: str) -> Sink | None:
+        return next((e.sink for e in self._lanes if e.sink.name == name), None)
+
     def failures(self) -> dict[str, int]:
         return {lane.sink.name: lane.failures for lane in self._lanes}
 

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from imud.config.reader import as_toml
-from imud.config.settings import Config, ParamsSettings
+from imud.config.settings import Config, LogSettings, ParamsSettings
 from imud.errors import ConfigError, FileError
 
 # What useradd(8) takes.
@@ -142,6 +142,8 @@ to end it now, and to remove its user and its data (logs, params):
 """
 
 SETTINGS = "etc/imud.toml"
+# Of logs: two weeks of one probe, and room on a card of 32 GB.
+SERVICE_KEEP_MB = 16_000
 
 
 def files(user: str, program: Path) -> dict[str, str]:
@@ -157,7 +159,12 @@ def files(user: str, program: Path) -> dict[str, str]:
         # After 60-serial.rules, which find ID_SERIAL_SHORT and ID_PATH_TAG.
         "etc/udev/rules.d/70-imu-probe.rules": RULE_HEAD + "".join(rules) + RULE_TAIL,
         "etc/sysusers.d/imud.conf": USERS.format(user=user),
-        SETTINGS: as_toml(Config(params=ParamsSettings("params"))),
+        SETTINGS: as_toml(
+            Config(
+                params=ParamsSettings("params"),
+                log=LogSettings(keep_mb=SERVICE_KEEP_MB),
+            )
+        ),
     }
 
 

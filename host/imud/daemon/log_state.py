@@ -13,10 +13,14 @@ LOG = "log"  # name of the sink, and topic of the records
 
 
 class LogState(msgspec.Struct, frozen=True):
-    """Whether there is a log: on, paused or off; and why it pauses."""
+    """Whether there is a log: on, paused or off; and why it pauses. `files` and
+    `bytes`: of all logs that are kept, None: nothing says how many are to be.
+    """
 
     state: str
     reason: str | None = None
+    files: int | None = None
+    bytes: int | None = None
 
 
 class LogWatch:
@@ -38,11 +42,13 @@ class LogWatch:
         """Once a second, at `t_ns` UTC. The journal has the reason from the lane."""
         reason = self._hub.trouble(LOG)
         state = "off" if reason is None else "paused" if reason else "on"
-        before, self._state = self._state, LogState(state, reason or None)
+        kept = getattr(self._hub.sink(LOG), "kept", None)
+        size = (None, None) if kept is None else (kept.files, kept.bytes)
+        before, self._state = self._state, LogState(state, reason or None, *size)
         if state == before.state:
             return
         for entry in self._registry:
             if entry.is_logged:
-                values = {"t_ns": t_ns, **msgspec.structs.asdict(self._state)}
+                values = {"t_ns": t_ns, "state": state, "reason": self._state.reason}
                 values["dropped"] = self._hub.dropped(entry.name).get(LOG, 0)
                 self._publisher.say(entry, LOG, values, t_ns)

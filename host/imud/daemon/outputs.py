@@ -17,6 +17,7 @@ from imud.daemon.reports import NETWORK
 from imud.endpoint import host_and_port
 from imud.errors import ListenFailed
 from imud.log.file import Settings
+from imud.log.retention import Retention
 from imud.net.network import own_credentials
 from imud.net.refusals import tell_refusals
 from imud.sinks.foxglove import FoxgloveSink
@@ -180,6 +181,7 @@ def _log_settings(config: Config) -> Settings:
         rotate_bytes=log.rotate_mb * 10**6,
         rotate_s=log.rotate_minutes * 60,
         floor_bytes=log.floor_mb * 10**6,
+        retention=Retention(log.keep_days, log.keep_mb * 10**6),
         unlogged=frozenset(
             config.name_of(probe_id)
             for probe_id, probe in config.probes.items()

@@ -15,6 +15,7 @@ from io import BufferedWriter
 from imud.defaults import PREFIX
 from imud.log.channels import payload_on, topics_of
 from imud.log.reader import FRAME_ENCODING, seal
+from imud.log.retention import KEEP_ALL, Retention
 from imud.log.schemas import schema_of
 from imud.log.writer import LogWriter
 from imud.probes.record import Record, plain
@@ -34,6 +35,7 @@ class Settings:
     rotate_bytes: int = 1 << 30  # a new file after so many
     rotate_s: float = 3600.0  # and after so many seconds
     floor_bytes: int = 0  # logging pauses while the disk has less free
+    retention: Retention = KEEP_ALL  # which old files are removed
     unlogged: frozenset[str] = frozenset()  # names of probes not to log
     has_foxglove: bool = True
     configuration: str = ""  # the daemon's settings as JSON

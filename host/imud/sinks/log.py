@@ -7,6 +7,7 @@ import contextlib
 import fcntl
 import json
 import logging
+import math
 import os
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -15,6 +16,7 @@ from pathlib import Path
 
 from imud.errors import FileError
 from imud.log.file import LogFile, Settings
+from imud.log.retention import KeptLogs
 from imud.probes.record import Presence, Record
 
 # Data goes to the kernel this often. The promise is 0.25 s; the rest is for a busy
@@ -29,6 +31,9 @@ PATIENCE_S = 5.0
 # channel and flush: an hour of four probes with four channels. Each takes 86 bytes,
 # measured.
 INDEX_MAX = 600_000
+
+# Old logs are looked for this often, and when a file begins.
+SWEEP_S = 10.0
 
 # Logging resumes when the free space is this many times the floor: no new file for each
 # few blocks that become free.
@@ -53,6 +58,9 @@ class LogSink:
         self.settings = settings or Settings()
         self._syncer: ThreadPoolExecutor | None = None
         self._syncing: Future[None] | None = None
+        self._sweeping: Future[KeptLogs] | None = None
+        self._swept_s = -math.inf
+        self.kept: KeptLogs | None = None  # of the last look at the folder
         self._log: LogFile | None = None
         self._began_s = 0.0
         self._has_flushed = False
@@ -77,6 +85,7 @@ class LogSink:
         self._syncer = self._syncer or ThreadPoolExecutor(1, "imud-sync")
         self._began_s = time.monotonic()
         self._log = LogFile(file, self.settings)
+        self._swept_s = -math.inf
 
     def write(self, record: Record | Presence) -> None:
         if not isinstance(record, Record) or record.probe in self.settings.unlogged:
@@ -116,6 +125,7 @@ class LogSink:
                 self._syncing = self._syncer.submit(os.fdatasync, log.fileno())
         except OSError as error:
             raise FileError(f"can't write {self.path}: {error.strerror}") from error
+        self._sweep()
         self._is_paused = self._is_full(os.fstatvfs(log.fileno()))
         if (
             self._is_paused
@@ -124,6 +134,31 @@ class LogSink:
             or time.monotonic() - self._began_s >= self.settings.rotate_s
         ):
             self._end()
+
+    def _sweep(self) -> None:
+        """Looks for logs to remove, now and then, and tells of what was removed."""
+        retention = self.settings.retention
+        if not retention or self._syncer is None:
+            return
+        if self._sweeping is not None and self._sweeping.done():
+            sweeping, self._sweeping = self._sweeping, None
+            with contextlib.suppress(OSError):
+                self.kept = sweeping.result()
+                self._tell_removed(self.kept)
+        if self._sweeping is None and time.monotonic() - self._swept_s >= SWEEP_S:
+            self._swept_s = time.monotonic()
+            # To remove a large file takes seconds on a slow disk.
+            self._sweeping = self._syncer.submit(retention.sweep, self._directory)
+
+    def _tell_removed(self, kept: KeptLogs) -> None:
+        if not kept.removed:
+            return
+        files = "1 old file" if kept.removed == 1 else f"{kept.removed} old files"
+        logger.info(
+            "log: %s removed, %.0f MB; %d files are kept, %.0f MB "
+            "(log.keep_mb, log.keep_days)",
+            *(files, kept.removed_bytes / 1e6, kept.files, kept.bytes / 1e6),
+        )
 
     def close(self) -> None:
         try:
