@@ -7,6 +7,7 @@ import contextlib
 import fcntl
 import os
 import select
+import struct
 import termios
 import time
 import tty
@@ -17,20 +18,22 @@ from imud.errors import FileError
 # How often it checks whether a reader has opened the pty.
 LOOK_S = 0.02
 
-# A reader flushes its input after it has opened the port. imud then clears HUPCL, which
-# shows that it is done; other readers get this much time.
-SETTLE_S = 0.3
+# A reader flushes its input after it has opened the port, and what was written before
+# would be gone. imud then clears HUPCL, which shows that it is done, on a busy machine
+# after a second; other readers get this much time.
+SETTLE_S = 3.0
 
 # How long a reader has at the end to take what is left in the pty, which is lost when
-# the pty closes.
-DRAIN_S = 5.0
+# the pty closes: counted from when it last took something.
+DRAIN_S = 10.0
 
 # The wait where that can't be seen, because the reader has opened the pty exclusively.
-LINGER_S = 0.5
+LINGER_S = 2.0
 
 # Checks in a row that must find nothing left: the kernel moves bytes in two steps.
 EMPTY_LOOKS = 3
 
+_INT = struct.Struct("i")
 _CFLAG = 2  # index of the control flags in what tcgetattr returns
 
 
@@ -89,20 +92,28 @@ class PtyPort:
                 with contextlib.suppress(BlockingIOError):
                     data = data[os.write(self._master, data) :]
 
-    def drain(self) -> None:
-        """Waits until the reader has taken everything, at most DRAIN_S."""
+    def drain(self) -> int:
+        """Waits until the reader has taken everything. How many bytes it has left, if
+        it takes none for DRAIN_S.
+        """
         try:
             slave = os.open(self._tty, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
         except OSError:
             time.sleep(LINGER_S)
-            return
+            return 0
         try:
+            looks, before = 0, -1
             until_s = time.monotonic() + DRAIN_S
-            looks = 0
             while looks < EMPTY_LOOKS and time.monotonic() < until_s:
-                waiting = fcntl.ioctl(slave, termios.FIONREAD, bytes(4))
-                looks = looks + 1 if waiting == bytes(4) else 0
+                (waiting,) = _INT.unpack(
+                    fcntl.ioctl(slave, termios.FIONREAD, bytes(_INT.size))
+                )
+                if waiting != before:
+                    until_s = time.monotonic() + DRAIN_S
+                before = waiting
+                looks = looks + 1 if waiting == 0 else 0
                 time.sleep(LOOK_S)
+            return max(before, 0)
         finally:
             os.close(slave)
 

@@ -207,7 +207,7 @@ def to_ports(what: LogSet, link: Path | None, speed: float | None) -> int:
             for name in what.probes:
                 ports[name] = PtyPort(link)
                 port = ports[name].name
-                _say(f"probe {name} is on {port}; read it with imud run {port}")
+                _say(f"probe {name} is on {port}; it waits for imud run {port}")
             for each in ports.values():
                 each.wait_open()
             for item in player.items():
@@ -222,8 +222,9 @@ def to_ports(what: LogSet, link: Path | None, speed: float | None) -> int:
                         ports[item.probe].write(encode_frame(content))
                 ports[item.probe].write(encode_frame(item.data))
                 player.count += 1
-            for each in ports.values():
-                each.drain()
+            left = sum(each.drain() for each in ports.values())
+            if left:
+                sys.stderr.write(f"the reader has left the last {left} bytes\n")
     except PortGone:
         pass
     finally:

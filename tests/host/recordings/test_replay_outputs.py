@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import os
+import termios
 import threading
+import time
 from pathlib import Path
 
 import msgspec
@@ -17,6 +19,7 @@ from imud.probes.session import Probe as HeardProbe
 from imud.probes.session import Received, Session
 from imud.recordings import replay
 from imud.wire import schema
+from imud.wire.frame import FrameDecoder
 from log_files import frames, records, write
 
 
@@ -64,6 +67,33 @@ def test_a_log_replayed_on_a_pty_gives_the_frames_that_were_logged(
     assert session.corrupt.total() == 0
     assert not link.exists()
     assert "probe left is on" in capsys.readouterr().out
+
+
+def test_a_reader_that_flushes_late_and_reads_slowly_gets_all(tmp_path: Path) -> None:
+    """As imud does on a busy machine: what it flushes is not to be in it yet."""
+    put = records(200)
+    path = write(tmp_path, put)
+    link = tmp_path / "probe"
+    words = ["replay", str(path), "--speed", "max", "--link", str(link)]
+    playing = threading.Thread(target=cli.main, args=(words,))
+    playing.start()
+    while not link.is_symlink():
+        assert playing.is_alive()
+    port = os.open(link, os.O_RDWR | os.O_NOCTTY)
+    try:
+        time.sleep(1.0)
+        termios.tcflush(port, termios.TCIFLUSH)
+        attributes = termios.tcgetattr(port)
+        attributes[2] &= ~termios.HUPCL
+        termios.tcsetattr(port, termios.TCSANOW, attributes)
+        found = b""
+        while found.count(0) < len(put):
+            found += os.read(port, 500)
+            time.sleep(0.005)
+    finally:
+        os.close(port)
+    playing.join()
+    assert len(FrameDecoder().feed(found)) == len(put)
 
 
 def test_a_log_replayed_into_a_daemon_is_heard_as_a_probe(tmp_path: Path) -> None:
