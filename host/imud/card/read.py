@@ -12,15 +12,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from msgspec.structs import replace
-
 from imud.card import disk
 from imud.card.listing import bar, duration, end, plural, summary
 from imud.card.probe_log import CardLog, CardRecording, find_log
 from imud.errors import ConfigError, FileError
 from imud.log.file import LogFile, Settings
+from imud.log.undated import record_by_device
 from imud.probes.ledger import totals
-from imud.probes.record import record_of
 from imud.probes.session import (
     OtherSchema,
     Probe,
@@ -178,22 +176,10 @@ class _LogWriter:
             found.first_sequence = event.message.sequence
         found.messages[event.message.name] += 1
         found.last_us = max(found.last_us, t_device_us)
-        t_ns = t_device_us * 1000
+        started_ns = 0
         if self._started_ns is not None:
-            t_ns += self._started_ns - found.first_us * 1000
-        name = event.probe.probe_id
-        t_ns = max(0, t_ns)
-        stamp = replace(event.stamp, t_ns=t_ns, t_received_ns=t_ns)
-        log.add(
-            record_of(
-                event.message,
-                event.content,
-                name,
-                stamp,
-                event.scales,
-                references=event.probe.references,
-            )
-        )
+            started_ns = self._started_ns - found.first_us * 1000
+        log.add(record_by_device(event, started_ns))
 
     def _say(self, text: str) -> None:
         self._progress.wipe()

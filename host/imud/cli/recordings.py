@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +21,9 @@ from imud.errors import ConfigError
 
 if TYPE_CHECKING:
     from imud.cli.arguments import Commands
+
+
+A_LOG = "an MCAP file, or a capture of a UART; -: what comes on stdin"
 
 
 def add(commands: Commands) -> None:
@@ -65,7 +69,9 @@ def _add_decode(commands: Commands) -> None:
         "print the messages in a log, a UART capture or a card's PROBE.LOG",
         "imud decode logs/imud-20260102T030405Z.mcap --json",
     )
-    decode.add_argument("file", metavar="FILE", type=Path, help="what to print")
+    decode.add_argument(
+        "file", metavar="FILE", type=Path, help="what to print; -: what comes on stdin"
+    )
     decode.add_argument(
         "--json", action="store_true", help="print one JSON object a line"
     )
@@ -79,7 +85,7 @@ def _add_info(commands: Commands) -> None:
         "summarise logs: contents, losses, and whether each one is intact",
         "imud info logs/*.mcap",
     )
-    info.add_argument("logs", metavar="LOG", nargs="+", type=Path, help="an MCAP file")
+    info.add_argument("logs", metavar="LOG", nargs="+", type=Path, help=A_LOG)
     info.add_argument(
         "--json", action="store_true", help="print one JSON object per log"
     )
@@ -118,7 +124,7 @@ def _add_replay(commands: Commands) -> None:
         metavar="LOG",
         nargs="+",
         type=Path,
-        help="an MCAP file; of several, the one that began first is played first",
+        help=f"{A_LOG}; of several, the one that began first is played first",
     )
     replay.add_argument(
         "--probe", metavar="PROBE", help="play only this probe (default: all)"
@@ -169,7 +175,7 @@ def _add_export(commands: Commands) -> None:
         metavar="LOG",
         nargs="+",
         type=Path,
-        help="an MCAP file; with --body also PROBE=FILE, a motion (.npz, .csv)",
+        help=f"{A_LOG}; with --body MCAP files, or PROBE=FILE, a motion (.npz, .csv)",
     )
     export.add_argument(
         "--to",
@@ -241,14 +247,17 @@ def _recover(args: argparse.Namespace) -> int:
 
 def _replay(args: argparse.Namespace) -> int:
     from imud.recordings import replay
+    from imud.recordings.source import log_of
 
     if args.link is not None and args.keys is not None:
         raise ConfigError("--link is a port, which needs no --keys; leave one out")
-    what = replay.log_set(args.logs, args.probe)
-    if args.connect is None and args.keys is None:
-        return replay.to_ports(what, args.link, args.speed)
-    with replay.connected(what, args.connect, args.keys) as client:
-        return replay.to_network(what, client, args.speed)
+    with contextlib.ExitStack() as stack:
+        logs = [stack.enter_context(log_of(path)) for path in args.logs]
+        what = replay.log_set(logs, args.probe)
+        if args.connect is None and args.keys is None:
+            return replay.to_ports(what, args.link, args.speed)
+        with replay.connected(what, args.connect, args.keys) as client:
+            return replay.to_network(what, client, args.speed)
 
 
 def _export(args: argparse.Namespace) -> int:

@@ -15,9 +15,11 @@ from msgspec.structs import replace
 from imud import rotation
 from imud.card import disk
 from imud.card.listing import plural
-from imud.card.probe_log import MAGIC, find_log
+from imud.card.probe_log import MAGIC as CARD_MAGIC
+from imud.card.probe_log import find_log
 from imud.errors import FileError
 from imud.log.reader import Damage, Logged, LogHead, salvage
+from imud.log.writer import MAGIC
 from imud.probes.ledger import totals
 from imud.probes.record import HEAD, describe
 from imud.probes.references import SinceErrors
@@ -30,12 +32,9 @@ from imud.probes.session import (
 )
 from imud.probes.speaker import introduction, speaker_of
 from imud.recordings.damage import DamageCount
+from imud.recordings.source import chunks_of, local
 from imud.wire import messages, schema
 from imud.wire.messages import Message, Value
-
-MCAP_MAGIC = b"\x89MCAP0\r\n"
-
-_CHUNK = 65536
 
 
 class Tally:
@@ -84,20 +83,14 @@ def decode_file(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
             magic = file.read(8)
     except OSError as error:
         raise FileError(f"can't read {path}: {error.strerror}") from error
-    known = {MCAP_MAGIC: _decode_log, MAGIC: _decode_card}
+    known = {MAGIC: _decode_log, CARD_MAGIC: _decode_card}
     yield from known.get(magic, _decode_capture)(path, tally)
 
 
-def _chunks(path: Path) -> Iterator[bytes]:
-    with path.open("rb") as file:
-        while data := file.read(_CHUNK):
-            yield data
-
-
 def _decode_capture(path: Path, tally: Tally) -> Iterator[dict[str, Any]]:
-    probe = speaker_of(introduction(_chunks(path)), tally.probe)
+    probe = speaker_of(introduction(chunks_of(path)), tally.probe)
     session = Session(tally.probe, presumed=probe)
-    for data in _chunks(path):
+    for data in chunks_of(path):
         yield from _described(session.receive(data, None), tally)
     yield from _described(session.close(), tally)
     tally.links.append(session.counts())
@@ -216,9 +209,10 @@ def run(path: Path, *, as_json: bool) -> int:
     """
     tally = Tally()
     encoder = msgspec.json.Encoder()
-    for item in decode_file(path, tally):
-        line = encoder.encode(item).decode() if as_json else words(item)
-        sys.stdout.write(f"{line}\n")
+    with local(path) as file:
+        for item in decode_file(file, tally):
+            line = encoder.encode(item).decode() if as_json else words(item)
+            sys.stdout.write(f"{line}\n")
     sys.stdout.flush()
     if tally.other is not None:
         raise FileError(f"{path}: {_other(tally.other)}")

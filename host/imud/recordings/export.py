@@ -17,6 +17,7 @@ from imud.errors import FileError
 from imud.log.reader import Damage, Logged, salvage, size_of
 from imud.progress import Progress
 from imud.recordings.damage import DamageCount
+from imud.recordings.source import log_of
 
 # The columns of each topic, in order: a key of the JSON, or the parts of its value.
 _HEAD = {
@@ -256,7 +257,8 @@ def run(paths: Sequence[Path], to: str, out: Path | None) -> int:
     problems = []
     for path in paths:
         try:
-            _export(path, to, make, out)
+            with log_of(path) as log:
+                _export(log, to, make, out or path.parent)
         except FileError as error:
             problems.append(str(error))
     if problems:
@@ -265,10 +267,9 @@ def run(paths: Sequence[Path], to: str, out: Path | None) -> int:
 
 
 def _export(
-    path: Path, to: str, make: Callable[[Path, str], Table], out: Path | None
+    path: Path, to: str, make: Callable[[Path, str], Table], directory: Path
 ) -> None:
     """Writes STEM-PROBE-TOPIC.csv or .parquet, and prints what each holds."""
-    directory = out or path.parent
     tables: dict[Path, Table] = {}
     damage = DamageCount()
     strange = 0

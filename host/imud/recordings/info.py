@@ -26,9 +26,13 @@ from imud.probes.record import plain
 from imud.probes.session import Probe, Session
 from imud.progress import Progress
 from imud.recordings.damage import DamageCount
+from imud.recordings.source import log_of
 from imud.wire import messages, schema
 from imud.wire.messages import Message
 from imud.wire.params import calibrated_by, digest_of
+
+# What no host has dated has the probe's own time, from 1970 on: it lasts 50 days.
+DATED_NS = 365 * 86_400 * 10**9
 
 
 class ProbeInfo:
@@ -153,7 +157,8 @@ def run(paths: list[Path], *, as_json: bool) -> int:
     problems = []
     for path in paths:
         try:
-            info = info_of(path)
+            with log_of(path) as log:
+                info = info_of(log) | {"log": str(path)}
         except FileError as error:
             problems.append(str(error))
             continue
@@ -182,9 +187,7 @@ def _words(info: dict[str, Any]) -> str:
         lines[0] += f"; by imud {info['imud']}, schema {info['schema']}"
     if info["begin_ns"] is not None:
         seconds = (info["end_ns"] - info["begin_ns"]) / 1e9
-        lines.append(
-            f"  {_utc(info['begin_ns'])} to {_utc(info['end_ns'])} UTC, {seconds:.1f} s"
-        )
+        lines.append(f"  {_span(info['begin_ns'], info['end_ns'])}, {seconds:.1f} s")
     for probe in info["probes"]:
         who = [f"  probe {probe['probe']}"]
         if probe["probe_id"] not in (None, probe["probe"]):
@@ -215,6 +218,12 @@ def _skewed(probe: dict[str, Any]) -> int:
 
 def _damaged(probe: dict[str, Any]) -> str:
     return f" + {probe['damaged']} damaged" if probe["damaged"] else ""
+
+
+def _span(begin_ns: int, end_ns: int) -> str:
+    if begin_ns < DATED_NS:
+        return f"{begin_ns / 1e9:.1f} to {end_ns / 1e9:.1f} s of the probe's own time"
+    return f"{_utc(begin_ns)} to {_utc(end_ns)} UTC"
 
 
 def _params(each: dict[str, Any]) -> str:

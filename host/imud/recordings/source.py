@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Files that commands read: one on this disk, or stdin."""
+"""Files that commands read: one on this disk, or stdin; and logs of captures."""
 
 from __future__ import annotations
 
@@ -9,6 +9,16 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+
+from imud.card.probe_log import MAGIC as CARD_MAGIC
+from imud.errors import FileError
+from imud.log.reader import legible
+from imud.log.undated import write_capture
+from imud.log.writer import MAGIC
+from imud.probes.session import Probe
+from imud.probes.speaker import introduction, speaker_of
+
+_CHUNK = 65536
 
 STDIN = Path("-")
 
@@ -26,3 +36,33 @@ def local(path: Path) -> Iterator[Path]:
         with copy.open("wb") as file:
             shutil.copyfileobj(sys.stdin.buffer, file)
         yield copy
+
+
+@contextlib.contextmanager
+def log_of(path: Path) -> Iterator[Path]:
+    """The log at `path`, or one that is made of the capture there, or of what comes on
+    stdin; its name has the stem of `path`. FileError if it is neither.
+    """
+    with local(path) as file, tempfile.TemporaryDirectory(prefix="imud-") as folder:
+        with legible(path), file.open("rb") as opened:
+            magic = opened.read(len(MAGIC))
+        if magic == MAGIC:
+            yield file
+            return
+        if magic == CARD_MAGIC:
+            raise FileError(
+                f"{path} is a card's; imud card read {path} makes logs of it"
+            )
+        log = Path(folder) / f"{file.stem}.mcap"
+        probe = speaker_of(introduction(chunks_of(file)), Probe)
+        if not write_capture(chunks_of(file), probe, log):
+            raise FileError(
+                f"{path} is no log, and no capture with messages of a probe"
+            )
+        yield log
+
+
+def chunks_of(path: Path) -> Iterator[bytes]:
+    with path.open("rb") as file:
+        while data := file.read(_CHUNK):
+            yield data
