@@ -245,7 +245,8 @@ def _chosen(
     path: Path, pieces: Mapping[str, Any], tally: Any, probe: str | None
 ) -> str:
     if not pieces:
-        why = f"; {tally.problem}" if tally.problem else ""
+        words = tally.damage.words()
+        why = f" and is {words}" if words else ""
         raise FileError(
             f"{path} holds no raw samples{why}; log them with streams = "
             '["pose", "raw"] of the probe'

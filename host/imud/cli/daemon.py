@@ -96,8 +96,15 @@ def _add_config(commands: Commands) -> None:
         "print all settings with their defaults and meanings, or check a file",
         "imud config > imud.toml, and then: imud config --check imud.toml",
     )
-    settings.add_argument(
+    what = settings.add_mutually_exclusive_group()
+    what.add_argument(
         "--check", metavar="FILE", type=Path, help="print each mistake in this file"
+    )
+    what.add_argument(
+        "--changed",
+        metavar="FILE",
+        type=Path,
+        help="print only what this file sets otherwise than by default",
     )
     settings.set_defaults(run=_config)
 
@@ -170,6 +177,9 @@ def _config(args: argparse.Namespace) -> int:
     from imud.config import reader
     from imud.config.settings import Config
 
+    if args.changed is not None:
+        sys.stdout.write(reader.changed_in(args.changed))
+        return 0
     if args.check is None:
         sys.stdout.write(reader.as_toml(Config()))
         return 0

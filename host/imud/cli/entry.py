@@ -12,7 +12,7 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import ClassVar, NoReturn
 
 from imud import checkout
 from imud.cli import (
@@ -20,6 +20,7 @@ from imud.cli import (
     calibrate,
     card,
     check,
+    completion,
     daemon,
     keys,
     params,
@@ -28,26 +29,29 @@ from imud.cli import (
     sim,
     watch,
 )
+from imud.cli.parser import GroupedParser, Parser, plain
 from imud.errors import BuildFailed, ImudError, described
 
 # Exit code of a fault of imud's own: EX_SOFTWARE of sysexits.h.
 FAULT = 70
 
-# In the order of the list of commands.
-GROUPS = (
+ROOMS = (
     *(daemon, check, sim, watch, body, probe, calibrate, params, recordings, card),
-    keys,
+    *(keys, completion),
 )
 
 
-def _plain(text: str) -> str:
-    """Replaces control characters: a message may repeat what was typed or read."""
-    return "".join(c if c.isprintable() else "?" for c in text)
+class _Parser(GroupedParser):
+    """That of `imud` itself."""
 
-
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        super().error(_plain(message))
+    groups: ClassVar = {
+        "the daemon": ("run", "config", "install-service", "keys"),
+        "watch": ("list", "monitor", "view", "listen", "strokes", "body"),
+        "command": ("start", "stop", "tare", "restart"),
+        "calibrate": ("calibrate", "params"),
+        "logs": ("record", "info", "decode", "export", "replay", "recover", "card"),
+        "set up and try": ("check", "sim", "completion"),
+    }
 
 
 class _Version(argparse.Action):
@@ -61,7 +65,7 @@ def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands. The arguments that it returns have `run`: the
     function that runs the command and returns its exit code.
     """
-    parser: argparse.ArgumentParser = _Parser(
+    parser = _Parser(
         prog="imud",
         description="Makes the pose of imu-probes a network service.",
         epilog="example: imud run /dev/ttyUSB0, and in another terminal: imud listen",
@@ -69,9 +73,11 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--version", action=_Version, nargs=0, help="print the version of imud and exit"
     )
-    commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for group in GROUPS:
-        group.add(commands)
+    parser.commands = parser.add_subparsers(
+        metavar="COMMAND", required=True, parser_class=Parser
+    )
+    for room in ROOMS:
+        room.add(parser.commands)
     return parser
 
 
@@ -84,7 +90,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         status: int = args.run(args)
         sys.stdout.flush()
     except ImudError as error:
-        sys.stderr.write(f"imud: {_plain(str(error))}\n")
+        sys.stderr.write(f"imud: {plain(str(error))}\n")
         return 1
     except BrokenPipeError:
         # The reader of a pipe has ended, as `head` does: end without complaint.
@@ -95,7 +101,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         # A name that no file can have, or a folder without permission.
         text = f"can't use {error.filename}: {error.strerror}"
-        sys.stderr.write(f"imud: {_plain(text)}\n")
+        sys.stderr.write(f"imud: {plain(text)}\n")
         return 1
     except KeyboardInterrupt:
         return 130  # 128 + SIGINT, as shells say it

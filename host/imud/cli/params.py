@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What turns a probe's readings into poses: `imud params PROBE show`, `save`, `load`,
+"""What turns a probe's readings into poses: `imud params show PROBE`, `save`, `load`,
 `clear` and `history`.
 """
 
@@ -20,11 +20,10 @@ def add(commands: Commands) -> None:
         commands,
         "params",
         "show, save or change what turns a probe's readings into poses",
-        "imud params stylus show",
+        "imud params show stylus",
         "The params of a probe are its calibration, its tip and its options; "
         "docs/params.md explains them.",
     )
-    params.add_argument("probe", metavar="PROBE", help="name or id of the probe")
     actions = params.add_subparsers(metavar="COMMAND", required=True)
     _add_show(actions)
     _add_save(actions)
@@ -38,8 +37,9 @@ def _add_show(actions: Commands) -> None:
         actions,
         "show",
         "print the params that are in force",
-        "imud params stylus show --json",
+        "imud params show stylus --json",
     )
+    _add_probe(show)
     show.add_argument(
         "--json", action="store_true", help="print one JSON object, as published"
     )
@@ -52,8 +52,9 @@ def _add_save(actions: Commands) -> None:
         actions,
         "save",
         "write the params to a file that people can read",
-        "imud params stylus save stylus.toml",
+        "imud params save stylus stylus.toml",
     )
+    _add_probe(save)
     save.add_argument("file", metavar="FILE", type=Path, help="TOML file to write")
     save.add_argument(
         "--force", action="store_true", help="replace the file if it exists"
@@ -67,9 +68,10 @@ def _add_load(actions: Commands) -> None:
         actions,
         "load",
         "put the params of a file in force, all of them or none",
-        "imud params stylus load stylus.toml --dry-run",
+        "imud params load stylus stylus.toml --dry-run",
         "Prints what changes. The filter begins anew if a calibration changes.",
     )
+    _add_probe(load)
     load.add_argument(
         "file",
         metavar="FILE",
@@ -92,9 +94,10 @@ def _add_clear(actions: Commands) -> None:
         actions,
         "clear",
         "remove all params: readings are used as the sensor gives them",
-        "imud params stylus clear",
+        "imud params clear stylus",
         "The history keeps those that were in force.",
     )
+    _add_probe(clear)
     add_network(clear)
     clear.set_defaults(run=_clear)
 
@@ -104,11 +107,16 @@ def _add_history(actions: Commands) -> None:
         actions,
         "history",
         "list the params that came into force, the newest first",
-        "imud params stylus history",
+        "imud params history stylus",
         "The daemon keeps them; [params] history in its settings says where.",
     )
+    _add_probe(history)
     add_network(history)
     history.set_defaults(run=_history)
+
+
+def _add_probe(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("probe", metavar="PROBE", help="name or id of the probe")
 
 
 def _show(args: argparse.Namespace) -> int:

@@ -15,6 +15,7 @@ from imud.config.settings import Config, JournalSettings
 from imud.config.toml import (
     Mistake,
     called,
+    changed,
     cut,
     line_of,
     mistakes,
@@ -100,6 +101,11 @@ def check(path: Path) -> list[str]:
 def as_toml(config: Config) -> str:
     """A configuration file with every setting and a comment on each."""
     return written(config, ABOUT)
+
+
+def changed_in(path: Path) -> str:
+    """What that file sets otherwise than by default, as TOML; ConfigError."""
+    return changed(load(path), Config())
 
 
 def _parsed(path: Path) -> tuple[str, dict[str, Any], list[Mistake]]:

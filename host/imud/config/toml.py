@@ -216,6 +216,35 @@ def written(value: Struct, about: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+def changed(value: Struct, default: Struct) -> str:
+    """The keys of `value` that are not as in `default`, as TOML; empty: none."""
+    lines = [*_changed(value, default)]
+    for field in msgspec.structs.fields(type(value)):
+        section = _section(field.type)
+        if section is None:
+            continue
+        held, usual = getattr(value, field.name), getattr(default, field.name)
+        parts = (
+            {
+                f"{field.name}.{name}": (each, section.kind())
+                for name, each in held.items()
+            }
+            if section.is_many
+            else {field.name: (held, usual)}
+        )
+        for name, (own, other) in parts.items():
+            if keys := [*_changed(own, other)]:
+                lines += ["", f"[{name}]", *keys]
+    return "\n".join(lines).lstrip("\n") + ("\n" if lines else "")
+
+
+def _changed(value: Struct, default: Struct) -> Iterator[str]:
+    for field in msgspec.structs.fields(type(value)):
+        held = getattr(value, field.name)
+        if _section(field.type) is None and held != getattr(default, field.name):
+            yield f"{field.name} = {_toml(held)}"
+
+
 def _keys(value: Struct, *, is_set: bool) -> Iterator[str]:
     for field in msgspec.structs.fields(type(value)):
         if _section(field.type) is not None:

@@ -123,7 +123,7 @@ def parse(text: str) -> ParamsFile:
     params = Params(tuple(_in_order(table, list(_records(table)))))
     if not params.records and digest is None:
         # An empty file, or one that was cut off, must not clear a probe.
-        raise ParamsError("it holds no params; imud params PROBE clear removes all")
+        raise ParamsError("it holds no params; imud params clear PROBE removes all")
     if digest is not None and digest != f"{params.digest:08x}":
         raise ParamsError(
             f"the digest does not fit: the values give {params.digest:08x}; if you "

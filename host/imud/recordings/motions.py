@@ -115,7 +115,8 @@ def _chosen(path: Path, probe: str | None, found: dict[str, _Samples]) -> str:
     names = ", ".join(sorted(found))
     if not found:
         raise FileError(
-            f"{path} holds no raw samples; set raw_rate of [probes.ID], and record anew"
+            f"{path} holds no raw samples; log them with streams = "
+            '["pose", "raw"] and raw_rate of the probe'
         )
     if probe is None and len(found) > 1:
         raise ConfigError(f"{path} has several probes: --probe one of {names}")

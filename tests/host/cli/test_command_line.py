@@ -47,7 +47,7 @@ def test_an_example_is_a_command_that_there_is() -> None:
     for words, parser in COMMANDS.items():
         example = (parser.epilog or "").removeprefix("example: ").removeprefix("sudo ")
         # The probe is named before what to do with its params.
-        command = example.replace(",", "").replace("params stylus", "params").split()
+        command = example.replace(",", "").split()
         assert tuple(command[: len(words)]) == words or words == ("imud",), words
 
 

@@ -140,7 +140,6 @@ def test_every_command_has_help_with_an_example(
 @pytest.mark.parametrize(
     "command",
     [
-        [],
         ["fly"],
         ["listen", "--seconds", "0"],
         ["run", "--log", "a", "--no-log"],

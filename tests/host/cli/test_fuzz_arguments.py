@@ -103,8 +103,8 @@ READERS = [
     ["start", "--keys", "FILE"],
     ["monitor", "--keys", "FILE", "--seconds", "1"],
     ["run", "--keys", "FILE", "--listen", "tls/127.0.0.1:0", "--no-log", "/dev/none"],
-    ["params", "p", "load", "FILE"],
-    ["params", "p", "show", "--keys", "FILE"],
+    ["params", "load", "p", "FILE"],
+    ["params", "show", "p", "--keys", "FILE"],
     ["keys", "add", "FILE", "viewer", "anna"],
     ["keys", "remove", "FILE", "anna"],
 ]
@@ -217,8 +217,8 @@ def test_what_no_command_knows_is_exit_code_2(
 
 
 CLIENTS = (["list"], ["listen"], ["start"], ["stop", "p"], ["tare"], ["restart"])
-CLIENTS += tuple(["params", "p", what] for what in ("show", "clear", "history"))
-CLIENTS += (["params", "p", "save", "f"], ["params", "p", "load", "0bad"])
+CLIENTS += tuple(["params", what, "p"] for what in ("show", "clear", "history"))
+CLIENTS += (["params", "save", "p", "f"], ["params", "load", "p", "0bad"])
 ENDPOINTS = (
     "",
     "x",

@@ -54,7 +54,8 @@ class Desk:
     def run(self, *words: object, probe: str = "") -> str:
         """What it prints; AssertionError with its line on stderr if it fails."""
         where = ["--connect", self.chain.daemon.endpoint]
-        code = main(["params", probe or self.probe, *map(str, words), *where])
+        command, *rest = map(str, words)
+        code = main(["params", command, probe or self.probe, *rest, *where])
         captured = self._capsys.readouterr()
         assert code == (1 if captured.err else 0)
         assert not captured.err, captured.err

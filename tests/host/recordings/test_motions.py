@@ -88,7 +88,7 @@ def test_what_has_no_samples_says_what_to_do(tmp_path: Path) -> None:
     probe = FakeProbe()
     poses = tmp_path / "poses.bin"
     poses.write_bytes(b"\0" + probe.say("hello") + probe.poses(5))
-    with pytest.raises(FileError, match=r"holds no raw samples; set raw_rate"):
+    with pytest.raises(FileError, match=r"holds no raw samples; log them with"):
         motions.load(poses)
     few = capture(tmp_path / "few.bin", FakeProbe(**LSB), without=range(10, 100))
     with pytest.raises(MotionError, match="10 raw samples in a row are too few"):

@@ -187,7 +187,7 @@ export class Controls {
         "p",
         {},
         "All calibration of this probe is removed, its tip as well. The daemon keeps the " +
-          "set: imud params PROBE history brings it back.",
+          "set: imud params history PROBE brings it back.",
       ),
       make(
         "div",

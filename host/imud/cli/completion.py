@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: MIT
+"""`imud completion`: what a shell completes."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING
+
+from imud.cli.arguments import add_command
+
+if TYPE_CHECKING:
+    from imud.cli.arguments import Commands
+
+SHELLS = ("bash", "zsh", "tcsh")
+
+
+def add(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "completion",
+        "print what makes a shell complete imud's commands and options",
+        "imud completion bash > ~/.local/share/bash-completion/completions/imud",
+    )
+    parser.add_argument(
+        "shell", metavar="SHELL", choices=SHELLS, help=", ".join(SHELLS)
+    )
+    parser.set_defaults(run=_run)
+
+
+def _run(args: argparse.Namespace) -> int:
+    import shtab
+
+    from imud.cli.entry import build_parser
+
+    sys.stdout.write(shtab.complete(build_parser(), shell=args.shell) + "\n")
+    return 0
