@@ -17,6 +17,7 @@ from imud.check.evidence import Evidence, Samples
 from imud.check.readings import NOISE_FAULT, rest_of
 from imud.check.rows import Row, RowVerdict, graded, skipped, worst
 from imud.journal.faults import fault_words
+from imud.probes.chip import chip_of
 from imud.probes.self_test import AXES
 from imud.probes.sensors import LSM9DS0, NINE_AXES, missing_magnetometer
 
@@ -87,7 +88,7 @@ def _magnetometer(evidence: Evidence, samples: Samples) -> Row:
 
 
 def _noise(evidence: Evidence, noise_ut: np.ndarray) -> Row:
-    limit = limits.chip_of(evidence.hello["sensor"]).mag_noise_ut
+    limit = chip_of(evidence.hello["sensor"]).mag_noise_ut
     normal = f"up to {limit:g} uT rms"
     if not np.isfinite(noise_ut).all():
         return skipped("magnetometer noise", normal, "too few readings at rest")

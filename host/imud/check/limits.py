@@ -1,14 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""What is normal, by the kind of chip, with the sources.
-
-PS: InvenSense PS-MPU-9250A-01, revision 1.0, tables 1 and 2. DS: ST DocID024763,
-revision 2, table 3. Both state no noise of the magnetometer, and DS none at all: there
-the limits are several times what public recordings of such boards have at rest.
-"""
+"""What is normal of any board, with the sources; of the chips: `probes/chip.py`."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 # Processor clocks against the host's, ppm. A Nano has a ceramic resonator (Murata
 # CSTCE16M0V53, 0.5 % at 25 degC); beyond a percent and a half the UART fails.
@@ -38,47 +31,3 @@ SUPPLY_MV = {"nano": (4_300, 5_500, 3_780), "f405": (3_000, 3_600, 2_400)}
 # subtracted; a magnet beside it does worse.
 EARTH_UT = (20.0, 70.0)
 OWN_UT = 45.0
-
-
-@dataclass(frozen=True, slots=True)
-class Chip:
-    """Limits of the kind of sensor that a probe has."""
-
-    name: str
-    source: str
-    rate_share: float  # of the sample rate, both ways
-    gyr_noise_dps: float  # rms in the bandwidth that the firmware sets
-    acc_noise_mg: float
-    mag_noise_ut: float
-    gyr_offset_dps: float
-    acc_offset_mg: tuple[float, float, float]
-    acc_scale: float
-
-
-MPU9250 = Chip(
-    name="MPU-9250",
-    source="PS-MPU-9250A-01",
-    rate_share=0.02,  # PS 4.15: the gyroscope's oscillator 1 %; a resonator 0.5 %
-    gyr_noise_dps=0.1,  # at 92 Hz
-    acc_noise_mg=8.0,  # at 94 Hz
-    mag_noise_ut=1.5,
-    gyr_offset_dps=5.0,  # at 25 degC
-    acc_offset_mg=(60.0, 60.0, 80.0),
-    acc_scale=0.03,
-)
-LSM9DS0 = Chip(
-    name="LSM9DS0",
-    source="DocID024763",
-    rate_share=0.1,
-    gyr_noise_dps=0.2,
-    acc_noise_mg=12.0,
-    mag_noise_ut=1.5,
-    gyr_offset_dps=25.0,  # at 2000 deg/s
-    acc_offset_mg=(60.0, 60.0, 60.0),
-    acc_scale=0.04,
-)
-
-
-def chip_of(sensor: str) -> Chip:
-    """By the hello's word."""
-    return LSM9DS0 if sensor == "lsm9ds0" else MPU9250

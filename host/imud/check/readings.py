@@ -14,6 +14,7 @@ from imud.calibration.recording import COUNT_MAX, GRAVITY_M_S2
 from imud.check import limits
 from imud.check.evidence import Evidence, Samples
 from imud.check.rows import Row, RowVerdict, graded, skipped, worst
+from imud.probes.chip import Chip, chip_of
 from imud.probes.self_test import AXES
 from imud.rotation import FloatArray
 
@@ -142,7 +143,7 @@ def rows(evidence: Evidence, samples: Samples) -> Iterator[Row]:
             "it on a table, without a fan or a keyboard on it, and check again",
         )
         return
-    chip = limits.chip_of(evidence.hello["sensor"])
+    chip = chip_of(evidence.hello["sensor"])
     yield _noise("gyroscope noise", rest.gyr_noise_dps, chip.gyr_noise_dps, "deg/s", 3)
     yield _noise("accelerometer noise", rest.acc_noise_mg, chip.acc_noise_mg, "mg", 1)
     yield _gyr_offset(rest, chip)
@@ -174,7 +175,7 @@ def _noise(name: str, noise: FloatArray, limit: float, unit: str, digits: int) -
     return Row(name, measured, normal, verdict, advice, {"rms": _rounded(noise)})
 
 
-def _gyr_offset(rest: RestReadings, chip: limits.Chip) -> Row:
+def _gyr_offset(rest: RestReadings, chip: Chip) -> Row:
     limit = chip.gyr_offset_dps
     verdict = worst(graded(each, limit, 4 * limit) for each in rest.gyr_dps.tolist())
     advice = ""
@@ -189,7 +190,7 @@ def _gyr_offset(rest: RestReadings, chip: limits.Chip) -> Row:
     return Row("gyroscope offset", measured, normal, verdict, advice, numbers)
 
 
-def _acc_offset(rest: RestReadings, chip: limits.Chip) -> Row:
+def _acc_offset(rest: RestReadings, chip: Chip) -> Row:
     """Base down, from the vertical; a table may slope. Otherwise only the length."""
     force = rest.acc_mg
     length = float(np.linalg.norm(force))

@@ -10,6 +10,7 @@ import numpy as np
 from imud.check import limits
 from imud.check.evidence import Evidence, Samples
 from imud.check.rows import Row, RowVerdict, graded, skipped, worst
+from imud.probes.chip import chip_of
 
 # Steps longer than this share of a period have a sample missing in them.
 MISSING = 1.5
@@ -31,7 +32,7 @@ def _rate(evidence: Evidence, samples: Samples) -> Row:
     jitter_us = float(np.std(steps))
     nominal_hz = evidence.hello.get("raw_rate") or evidence.hello["sample_rate"]
     sample_hz = evidence.hello["sample_rate"]
-    share = limits.chip_of(evidence.hello["sensor"]).rate_share
+    share = chip_of(evidence.hello["sensor"]).rate_share
     normal = f"{nominal_hz} Hz ± {100 * share:g} %, jitter up to 2 %"
     verdicts = [graded(rate_hz / nominal_hz - 1.0, share, 5 * share)]
     # Of fewer raw messages than samples the spacing is uneven by a whole sample.

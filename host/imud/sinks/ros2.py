@@ -15,12 +15,12 @@ from imud.net.network import Credentials
 from imud.probes.ledger import totals
 from imud.probes.path import StrokePath
 from imud.probes.record import Presence, Record
+from imud.probes.sample_error import SampleError
 from imud.ros2 import cdr, topics
 from imud.ros2.cdr import Diagnosis, Level, PathPoint
 from imud.ros2.covariance import orientation_covariance
 from imud.ros2.publisher import RosPublisher
 from imud.ros2.topics import Node, Topic
-from imud.wire.params import parts_of
 
 NODE = "imud"
 TF = Topic("/tf", topics.TF_MESSAGE, 100)
@@ -57,25 +57,9 @@ Fields = Mapping[str, Any]
 RosMessage = tuple[Topic, bytes]
 
 
-class Errors:
-    """Covariances of samples, row by row, from the sigmas that the params know.
-
-    The gyroscope's sigma is one of its scale. The error of its zero is not known, so
-    neither is that of the rate.
-    """
-
-    def __init__(self, params: bytes | None = None) -> None:
-        self.params = params
-        known = parts_of(params or b"")
-        self.force = _diagonal(known.get("acc", {}).get("sigma"))
-        self.rate = cdr.UNKNOWN
-        self.field = _diagonal(known.get("mag", {}).get("sigma"), 1e-6)
-
-
-def _diagonal(sigma: object, unit: float = 1.0) -> Sequence[float]:
-    if not isinstance(sigma, float):
-        return cdr.UNKNOWN
-    square = (sigma * unit) ** 2
+def _diagonal(square: float | None, unknown: Sequence[float]) -> Sequence[float]:
+    if square is None:
+        return unknown
     return (square, 0.0, 0.0, 0.0, square, 0.0, 0.0, 0.0, square)
 
 
@@ -99,7 +83,7 @@ class RosTranslator:
         self._stops: deque[PathPoint] = deque(maxlen=PATH_MAX)
         self._has_path = False  # one that is not empty was published
         self._sample: Fields | None = None
-        self._errors = Errors()
+        self._errors = SampleError()
         self._pose_us: int | None = None
         self._losses: dict[str, int] = {}
 
@@ -112,8 +96,9 @@ class RosTranslator:
         if record.topic == "pose":
             yield from self._take_pose(record.t_ns, record.values)
         elif record.topic == "raw":
-            if record.params != self._errors.params:
-                self._errors = Errors(record.params)
+            errors = self._errors
+            if (record.hello, record.params) != (errors.hello, errors.params):
+                self._errors = SampleError(record.hello, record.params)
             yield from self._take_raw(record.t_ns, record.values)
         elif record.topic in ("stroke", "event"):
             if self._path.add(record.values):
@@ -168,10 +153,11 @@ class RosTranslator:
                 yield self._imu(t_ns, UNTURNED, cdr.ABSENT, raw)
         if raw["mag_uT"] is not None:
             field_t = [value * 1e-6 for value in raw["mag_uT"]]
-            yield (
-                self.mag,
-                cdr.magnetic_field(t_ns, self.frame, field_t, self._errors.field),
-            )
+            ut2 = self._errors.field_ut2
+            # What this message calls unknown is all zeros.
+            of_field = _diagonal(None if ut2 is None else ut2 * 1e-12, cdr.UNKNOWN)
+            data = cdr.magnetic_field(t_ns, self.frame, field_t, of_field)
+            yield self.mag, data
 
     def _joined(self, t_us: int) -> Fields | None:
         sample = self._sample
@@ -188,8 +174,12 @@ class RosTranslator:
     ) -> RosMessage:
         rate = NOTHING if sample is None else sample["gyr_rad_s"]
         force = NOTHING if sample is None else sample["acc_m_s2"]
-        of_rate = cdr.ABSENT if sample is None else self._errors.rate
-        of_force = cdr.ABSENT if sample is None else self._errors.force
+        of_rate = of_force = cdr.ABSENT
+        if sample is not None:
+            errors = self._errors
+            # Zeros would say that nothing is wrong with it: readers ignore a -1.
+            of_rate = _diagonal(errors.rate_rad2_s2(sample["gyr_rad_s"]), cdr.ABSENT)
+            of_force = _diagonal(errors.force_m2_s4, cdr.ABSENT)
         data = cdr.imu(
             t_ns, self.frame, orientation, covariance, rate, of_rate, force, of_force
         )

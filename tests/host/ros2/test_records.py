@@ -14,14 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from fakes.records import calibrated_records, calibration_record
 from imud.probes.record import Record
 from imud.ros2 import topics as ros2
 from imud.ros2.cdr import Level
 from imud.ros2.covariance import FREE_RAD2
 from imud.ros2.topics import Topic
 from imud.sinks.ros2 import RosTranslator
-from ros_values import FORCE, JAZZY, RATE, T_NS, Q
+from ros_values import FORCE, RATE, T_NS, Q, pose, raw, sent_by
 
 
 @given(st.text(min_size=1))
@@ -39,30 +38,6 @@ def test_any_name_of_a_probe_becomes_one_of_ros(text: str) -> None:
 TIP = "/imud/tip/tip"
 
 
-def pose(**fields: Any) -> Record:
-    values = {
-        "type": "pose",
-        "t_device_us": 1_000_000,
-        "q": Q,
-        "position_m": None,
-        "tilt_sigma_deg": 0.5,
-        "heading_sigma_deg": 2.0,
-        "flags": (),
-    } | fields
-    return Record("tip", "pose", b"{}", b"", 1, T_NS, T_NS, values=values)
-
-
-def raw(params: bytes | None = b"", **fields: Any) -> Record:
-    values = {
-        "type": "raw",
-        "t_device_us": 1_000_000,
-        "acc_m_s2": FORCE,
-        "gyr_rad_s": RATE,
-        "mag_uT": None,
-    } | fields
-    return Record("tip", "raw", b"{}", b"", 1, T_NS, T_NS, params=params, values=values)
-
-
 def status(**fields: Any) -> Record:
     values = {
         "type": "status",
@@ -75,15 +50,6 @@ def status(**fields: Any) -> Record:
         "equipment": None,
     } | fields
     return Record("tip", "status", json.dumps(values).encode(), b"", 0, T_NS, T_NS)
-
-
-def sent_by(translator: RosTranslator, *records: Record) -> dict[str, list[Any]]:
-    topics: dict[str, list[Any]] = {}
-    for record in records:
-        for topic, data in translator.translate(record):
-            message = JAZZY.deserialize_cdr(data, topic.type.name)
-            topics.setdefault(topic.name, []).append(message)
-    return topics
 
 
 @pytest.fixture
@@ -228,27 +194,6 @@ def test_a_pose_is_joined_with_the_sample_before_it(
     rate, force = imu.angular_velocity, imu.linear_acceleration
     assert (rate.x, rate.y, rate.z) == RATE
     assert (force.x, force.y, force.z) == FORCE
-    assert not imu.angular_velocity_covariance.any()
-    assert not imu.linear_acceleration_covariance.any()
-
-
-def test_the_covariance_of_a_sample_is_that_of_its_calibration(
-    translator: RosTranslator,
-) -> None:
-    records = calibrated_records(1)
-    sample = raw(records, mag_uT=(20.0, -1.0, 45.0))
-    topics = sent_by(translator, sample, pose())
-    imu, mag = topics["/imud/tip/imu/data"][-1], topics["/imud/tip/imu/mag"][-1]
-    force = imu.linear_acceleration_covariance.reshape(3, 3)
-    assert force == pytest.approx(np.eye(3) * 0.025**2)
-    assert not imu.angular_velocity_covariance.any(), "its zero is not known"
-    field = mag.magnetic_field_covariance.reshape(3, 3)
-    assert field == pytest.approx(np.eye(3) * 0.8e-6**2)
-    # Other params, of which nobody knows how sure they are.
-    unsure = b"".join(calibration_record(t, [0] * 3, [0] * 9, 65535) for t in (1, 3))
-    topics = sent_by(translator, raw(unsure, t_device_us=1_000_001), pose())
-    (imu,) = topics["/imud/tip/imu/data"]
-    assert not imu.linear_acceleration_covariance.any()
 
 
 def test_an_old_sample_is_not_joined(translator: RosTranslator) -> None:
@@ -278,7 +223,6 @@ def test_a_magnetic_field_is_in_tesla(translator: RosTranslator) -> None:
     field = mag.magnetic_field
     assert (field.x, field.y, field.z) == pytest.approx((20e-6, -1e-6, 45e-6))
     assert mag.header.frame_id == "tip"
-    assert not mag.magnetic_field_covariance.any()
 
 
 def verdict(translator: RosTranslator, **fields: Any) -> tuple[int, str]:
