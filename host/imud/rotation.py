@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 Row = tuple[float, float, float]
+Quat = tuple[float, float, float, float]
 
 # Names of the conventions of docs/angles.md.
 Convention = Literal["aerospace", "nautical", "nectec"]
@@ -52,6 +53,26 @@ def rotate(quat: FloatArray, vector_body: FloatArray) -> FloatArray:
     axis = quat[..., 1:]
     twist = 2.0 * np.cross(axis, vector_body)
     return np.asarray(vector_body + quat[..., :1] * twist + np.cross(axis, twist))
+
+
+def beside(quat: Quat, last: Quat | None) -> Quat:
+    """The attitude `quat` with the sign that is nearer to `last`; None: as it is."""
+    if last is None or sum(a * b for a, b in zip(quat, last, strict=True)) >= 0.0:
+        return quat
+    w, x, y, z = quat
+    return 0.0 - w, 0.0 - x, 0.0 - y, 0.0 - z  # no -0.0
+
+
+def continuous(quat: FloatArray) -> FloatArray:
+    """The attitudes of (n, 4), each with the sign nearer to the last one that is
+    known. Rows of NaN stay.
+    """
+    made = np.array(quat, dtype=float)
+    known = np.flatnonzero(np.isfinite(made).all(axis=-1))
+    cosines = np.sum(made[known[1:]] * made[known[:-1]], axis=-1)
+    signs = np.cumprod(np.where(cosines < 0.0, -1.0, 1.0))
+    made[known[1:]] *= signs[:, None]
+    return made
 
 
 def from_rotation_vector(angle_rad: FloatArray) -> FloatArray:

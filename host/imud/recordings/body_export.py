@@ -93,7 +93,9 @@ def _angles_sto(directory: Path, limb: Chain, made: BodyAnalysis) -> Path:
 def _quats_sto(directory: Path, limb: Chain, made: BodyAnalysis) -> Path:
     """Attitudes of the segments as OpenSense reads them, columns SEGMENT_imu."""
     quats = [
-        rotation.multiply(body_motion.Y_UP, made.posture.quats[each.name])
+        rotation.continuous(
+            rotation.multiply(body_motion.Y_UP, made.posture.quats[each.name])
+        )
         for each in limb.segments
     ]
     head = [
@@ -127,7 +129,7 @@ def _csv(directory: Path, limb: Chain, made: BodyAnalysis) -> list[Path]:
         names += [f"{child}_{each}_deg" for each in limb[child].joint.angles]
         names += [f"{child}_{each}_sigma_deg" for each in limb[child].joint.angles]
     for name, quat in found.quats.items():
-        columns += [*quat.T]
+        columns += [*rotation.continuous(quat).T]
         names += [f"{name}_q{part}" for part in "wxyz"]
     for name, path in made.paths.items():
         for axis, place in zip("xyz", path.place.T, strict=True):

@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import sys
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -15,23 +16,15 @@ import msgspec
 from imud.columns import parts_of
 from imud.errors import FileError
 from imud.log.reader import Damage, Logged, salvage, size_of
+from imud.probes.signs import Signs
 from imud.progress import Progress
 from imud.recordings.damage import DamageCount
 from imud.recordings.source import log_of
+from imud.rotation import Quat
 
 # The columns of each topic, in order: a key of the JSON, or the parts of its value.
-_HEAD = {
-    key: (key,)
-    for key in (
-        "t_ns",
-        "t_bound_us",
-        "age_us",
-        "t_device_us",
-        "seq",
-        "number",
-        "missing",
-    )
-}
+_TIMES = ("t_ns", "t_bound_us", "age_us", "utc_host", "utc_bound_us", "t_device_us")
+_HEAD = {key: (key,) for key in (*_TIMES, "seq", "number", "missing")}
 
 
 def _named(*keys: str) -> dict[str, tuple[str, ...]]:
@@ -99,13 +92,13 @@ COLUMNS: dict[str, dict[str, tuple[str, ...]]] = {
 
 _WORDS = frozenset(
     {
-        *("flags", "event", "cause", "end", "state", "port", "reason"),
+        *("flags", "event", "cause", "end", "state", "port", "reason", "utc_host"),
         *("log.state", "twin.state", "since_origin.void"),
     }
 )
 _INTEGERS = frozenset(
     {
-        *_HEAD,
+        *(_HEAD.keys() - _WORDS),
         *("acc_counts", "gyr_counts", "mag_counts", "params_digest", "detail"),
         *("stroke", "windows"),
         *("compared", "differed", "step_ns", "dropped"),
@@ -271,6 +264,7 @@ def _export(
 ) -> None:
     """Writes STEM-PROBE-TOPIC.csv or .parquet, and prints what each holds."""
     tables: dict[Path, Table] = {}
+    signs: defaultdict[str, Signs] = defaultdict(Signs)
     damage = DamageCount()
     strange = 0
     is_done = False
@@ -286,6 +280,8 @@ def _export(
                 file = directory / _printable(name)
                 if file not in tables:
                     tables[file] = make(file, item.topic)
+                if item.topic == "pose":
+                    _steady(fields, signs[item.probe])
                 tables[file].add(row_of(item.topic, fields))
             is_done = True
         finally:
@@ -310,7 +306,15 @@ def _export(
         raise FileError(f"{path} is {words}")
 
 
-def _fields_of(item: Logged) -> Mapping[str, Any] | None:
+def _steady(pose: dict[str, Any], signs: Signs) -> None:
+    """Gives its quaternion, if it is one, the sign that continues the last one's."""
+    with contextlib.suppress(KeyError, msgspec.ValidationError):
+        q = msgspec.convert(pose["q"], Quat, strict=True)
+        t_us = msgspec.convert(pose["t_device_us"], float)
+        pose["q"] = [*signs.steady(q, t_us)]
+
+
+def _fields_of(item: Logged) -> dict[str, Any] | None:
     with contextlib.suppress(msgspec.DecodeError, UnicodeDecodeError):
         return msgspec.json.decode(item.data, type=dict[str, Any])
     return None

@@ -16,6 +16,7 @@ from imud.probes.ledger import totals
 from imud.probes.path import StrokePath
 from imud.probes.record import Presence, Record
 from imud.probes.sample_error import SampleError
+from imud.probes.signs import Signs
 from imud.ros2 import cdr, topics
 from imud.ros2.cdr import Diagnosis, Level, PathPoint
 from imud.ros2.covariance import orientation_covariance
@@ -85,6 +86,7 @@ class RosTranslator:
         self._sample: Fields | None = None
         self._errors = SampleError()
         self._pose_us: int | None = None
+        self._signs = Signs()
         self._losses: dict[str, int] = {}
 
     @property
@@ -109,9 +111,9 @@ class RosTranslator:
             yield DIAGNOSTICS, cdr.diagnostic_array(record.t_ns, "", diagnoses)
 
     def _take_pose(self, t_ns: int, pose: Fields) -> Iterator[RosMessage]:
-        orientation: Sequence[float] = pose["q"]
         covariance = orientation_covariance(pose)
         self._pose_us = pose["t_device_us"]
+        orientation = self._signs.steady(pose["q"], self._pose_us)
         yield self._imu(t_ns, orientation, covariance, self._joined(self._pose_us))
         # These messages can't express that the orientation or position is unknown.
         if covariance is cdr.ABSENT:

@@ -77,6 +77,20 @@ def test_a_pose_is_said_in_four_ways(translator: RosTranslator) -> None:
         assert (p.x, p.y, p.z) == (1.0, 2.0, 3.0)
 
 
+def test_an_orientation_keeps_its_side_until_the_probe_restarts(
+    translator: RosTranslator,
+) -> None:
+    other = tuple(-part for part in Q)
+    told = [(Q, 5), (other, 10), (Q, 15), (other, 0)]
+    records = [pose(q=q, t_device_us=t, position_m=(0.0,) * 3) for q, t in told]
+    topics = sent_by(translator, *records)
+    w = [[imu.orientation.w for imu in topics["/imud/tip/imu/data"]]]
+    w += [[each.pose.orientation.w for each in topics["/imud/tip/pose"]]]
+    turns = [each.transforms[0] for each in topics["/tf"]]
+    w += [[t.transform.rotation.w for t in turns if t.child_frame_id == "tip"]]
+    assert w == [[Q[0], Q[0], Q[0], -Q[0]]] * 3
+
+
 def stroke(number: int, end: str = "button", **fields: Any) -> Record:
     """One of 0.1 m, after others of the same length."""
     values = {
