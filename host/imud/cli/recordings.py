@@ -165,7 +165,7 @@ def _add_export(commands: Commands) -> None:
     export = add_command(
         commands,
         "export",
-        "write logs as CSV or Parquet tables",
+        "write logs as CSV or Parquet tables, or as a bag of ROS 2",
         "imud export logs/imud-20260102T030405Z.mcap --to csv --out tables",
         "One file for each log, probe and kind: pose, raw, event, status (its "
         "numbers), twin, clock, log. With --body: the joint angles of several probes.",
@@ -179,10 +179,10 @@ def _add_export(commands: Commands) -> None:
     )
     export.add_argument(
         "--to",
-        choices=("csv", "parquet", "sto", "bvh", "c3d"),
+        choices=("csv", "parquet", "rosbag2", "sto", "bvh", "c3d"),
         default="csv",
-        help="file format; with --body also OpenSim's (sto), BVH and C3D (default: "
-        "%(default)s)",
+        help="file format; rosbag2: a bag of ROS 2 for each log; with --body also "
+        "OpenSim's (sto), BVH and C3D (default: %(default)s)",
     )
     export.add_argument(
         "--body",
@@ -264,7 +264,7 @@ def _export(args: argparse.Namespace) -> int:
     if args.body is not None:
         from imud.recordings import body_export
 
-        if args.to == "parquet":
+        if args.to in ("parquet", "rosbag2"):
             raise ConfigError("a body is written as csv, sto, bvh or c3d; take one")
         facing = None if args.facing is None else math.radians(90.0 - args.facing)
         names = [str(each) for each in args.logs]
@@ -273,6 +273,10 @@ def _export(args: argparse.Namespace) -> int:
         raise ConfigError(
             "--to sto, bvh, c3d and --facing are for bodies; name one by --body"
         )
+    if args.to == "rosbag2":
+        from imud.recordings import rosbag
+
+        return rosbag.run(args.logs, args.out)
     from imud.recordings import export
 
     return export.run(args.logs, args.to, args.out)

@@ -7,7 +7,7 @@ import contextlib
 import csv
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -15,11 +15,10 @@ import msgspec
 
 from imud.columns import parts_of
 from imud.errors import FileError
-from imud.log.reader import Damage, Logged, salvage, size_of
+from imud.log.reader import Logged
 from imud.probes.signs import Signs
-from imud.progress import Progress
 from imud.recordings.damage import DamageCount
-from imud.recordings.source import log_of
+from imud.recordings.each_log import each_of, items_of, tell_flaws
 from imud.rotation import Quat
 
 # The columns of each topic, in order: a key of the JSON, or the parts of its value.
@@ -247,16 +246,7 @@ def run(paths: Sequence[Path], to: str, out: Path | None) -> int:
     Raises FileError for logs that can't be exported or are damaged, after all are done.
     """
     make = _kind(to)
-    problems = []
-    for path in paths:
-        try:
-            with log_of(path) as log:
-                _export(log, to, make, out or path.parent)
-        except FileError as error:
-            problems.append(str(error))
-    if problems:
-        raise FileError("; ".join(problems))
-    return 0
+    return each_of(paths, lambda log, by: _export(log, to, make, out or by))
 
 
 def _export(
@@ -271,7 +261,7 @@ def _export(
     try:
         directory.mkdir(parents=True, exist_ok=True)
         try:
-            for item in _items(path, damage):
+            for item in items_of(path, COLUMNS, damage):
                 fields = _fields_of(item)
                 if fields is None:
                     strange += 1
@@ -300,10 +290,7 @@ def _export(
         sys.stdout.write(f"{file}: {table.rows} rows\n")
     if not tables:
         sys.stdout.write(f"{path} holds nothing for a table\n")
-    if strange:
-        sys.stderr.write(f"{path}: {strange} messages are no objects of imud's\n")
-    if words := damage.words():
-        raise FileError(f"{path} is {words}")
+    tell_flaws(path, strange, damage)
 
 
 def _steady(pose: dict[str, Any], signs: Signs) -> None:
@@ -322,15 +309,3 @@ def _fields_of(item: Logged) -> dict[str, Any] | None:
 
 def _printable(name: str) -> str:
     return "".join(each if each.isprintable() else "_" for each in name)
-
-
-def _items(path: Path, damage: DamageCount) -> Iterator[Logged]:
-    bar = Progress("exporting", size_of(path))
-    try:
-        for item in salvage(path, bar.update):
-            if isinstance(item, Damage):
-                damage.add(item)
-            elif isinstance(item, Logged) and item.topic in COLUMNS:
-                yield item
-    finally:
-        bar.end()

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: MIT
+"""What exports share: one log after the other, what each holds, and what it lacks."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Container, Iterator, Sequence
+from pathlib import Path
+
+from imud.errors import FileError
+from imud.log.reader import Damage, Logged, salvage, size_of
+from imud.progress import Progress
+from imud.recordings.damage import DamageCount
+from imud.recordings.source import log_of
+
+
+def each_of(paths: Sequence[Path], export: Callable[[Path, Path], None]) -> int:
+    """Exports all logs and captures, each with the folder that it is in, and then
+    raises one FileError of those that failed or are damaged.
+    """
+    problems = []
+    for path in paths:
+        try:
+            with log_of(path) as log:
+                export(log, path.parent)
+        except FileError as error:
+            problems.append(str(error))
+    if problems:
+        raise FileError("; ".join(problems))
+    return 0
+
+
+def items_of(
+    path: Path, topics: Container[str], damage: DamageCount
+) -> Iterator[Logged]:
+    """What a log has on these topics; adds to `damage`. Shows the progress."""
+    bar = Progress("exporting", size_of(path))
+    try:
+        for item in salvage(path, bar.update):
+            if isinstance(item, Damage):
+                damage.add(item)
+            elif isinstance(item, Logged) and item.topic in topics:
+                yield item
+    finally:
+        bar.end()
+
+
+def tell_flaws(path: Path, strange: int, damage: DamageCount) -> None:
+    """At the end of an export. FileError if the log is damaged."""
+    if strange:
+        sys.stderr.write(f"{path}: {strange} messages are no objects of imud's\n")
+    if words := damage.words():
+        raise FileError(f"{path} is {words}")
