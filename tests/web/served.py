@@ -8,7 +8,7 @@ import http.client
 import json
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import Any
 
 import pytest
@@ -38,7 +38,10 @@ class Served:
     """A page, what it was asked, and what it told the journal."""
 
     def __init__(
-        self, users: Users | None = None, logs: LogFolder | None = None
+        self,
+        users: Users | None = None,
+        logs: LogFolder | None = None,
+        origins: Collection[str] = (),
     ) -> None:
         self.asked = Asked()
         self.notices: list[str] = []
@@ -47,6 +50,7 @@ class Served:
             self.asked,
             users=users,
             logs=logs,
+            origins=origins,
             on_notice=lambda _, text, __: self.notices.append(text),
         )
         self.page.start()

@@ -33,6 +33,7 @@ from imud.ros2 import topics
 # One part of a key. Zenoh gives the excluded characters a meaning.
 _NAME = re.compile(r"[^/*$#?\s]+")
 _PREFIX = re.compile(rf"{_NAME.pattern}(/{_NAME.pattern})*")
+_ORIGIN = re.compile(r"null|https?://(\[[0-9a-f:.]+\]|[\w.-]+)(:[0-9]{1,5})?")
 _PROBE_ID = re.compile(r"[0-9a-f]{16}")
 
 
@@ -98,6 +99,12 @@ def _of_page(section: WebSettings) -> Iterator[Mistake]:
             f"{cut(address[0])} is beyond this machine; listen on 127.0.0.1, and use "
             "imud view --connect elsewhere",
         )
+    for origin in section.origins:
+        if not _ORIGIN.fullmatch(origin):
+            yield Mistake(
+                ("web", "origins"),
+                f"{_quoted(origin)} is no origin, as https://example.org",
+            )
 
 
 def _of_foxglove(section: FoxgloveSettings, keys: str) -> Iterator[Mistake]:

@@ -227,6 +227,7 @@ class WebSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     listen: Annotated[
         str, Meta(description="its address, HOST:PORT of this machine alone")
     ] = PAGE
+    origins: Annotated[tuple[str, ...], Meta(description="sites that may stream")] = ()
 
 
 class FoxgloveSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

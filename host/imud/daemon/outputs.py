@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -119,7 +119,7 @@ class Outputs:
             logs = LogFolder(Path(log.dir)) if log.enabled else None
             wanted[PAGE] = Wanted(
                 (config.web, network.keys, log.enabled, log.dir),
-                lambda: self._page(address, network.keys, logs),
+                lambda: self._page(address, config.web.origins, network.keys, logs),
             )
         served = host_and_port(config.foxglove.listen)
         if config.foxglove.enabled and served is not None:
@@ -140,7 +140,11 @@ class Outputs:
         return wanted
 
     def _page(
-        self, address: tuple[str, int], keys: str, logs: LogFolder | None
+        self,
+        address: tuple[str, int],
+        origins: Collection[str],
+        keys: str,
+        logs: LogFolder | None,
     ) -> PageSink:
         users: Users | None = KeyUsers(Path(keys)) if keys else None
         self._page_sink = PageSink(
@@ -149,6 +153,7 @@ class Outputs:
                 self._on_command,
                 users=users,
                 logs=logs,
+                origins=origins,
                 on_notice=self._on_notice,
             )
         )

@@ -39,7 +39,11 @@ _encode = msgspec.json.Encoder().encode
 class Browser:
     """Belongs to the server's loop, which makes all calls."""
 
-    def __init__(self) -> None:
+    def __init__(self, window: int | None = WINDOW) -> None:
+        """`window`: messages that it may be behind with. None: it is a program, which
+        need not report what it has seen; how fast it reads is what holds it back.
+        """
+        self._window = window
         self._reads: frozenset[str] = frozenset()
         self._every: frozenset[Key] = frozenset()
         self._probe = ""  # that is looked at; empty: all are
@@ -77,6 +81,7 @@ class Browser:
         """The browser has drawn the message of that number."""
         if self._seen < number <= self._sent:
             self._seen = number
+            self._window = WINDOW
             self._wake.set()
 
     def play(self, *, is_playing: bool) -> None:
@@ -121,7 +126,7 @@ class Browser:
             while True:
                 await self._wake.wait()
                 self._wake.clear()
-                if self._sent - self._seen >= WINDOW or not self._has_news():
+                if self._is_behind() or not self._has_news():
                     continue
                 early_s = self._sent_s + self._period_s - loop.time()
                 # A timer costs as much as a message: a little early is on time.
@@ -131,6 +136,9 @@ class Browser:
                 await send(self._compose())
         finally:
             beating.cancel()
+
+    def _is_behind(self) -> bool:
+        return self._window is not None and self._sent - self._seen >= self._window
 
     async def _beat(self) -> None:
         """Has a head sent where nothing else was."""

@@ -2,12 +2,14 @@
 """Which requests the server answers, and how. Every refusal has a name and is counted.
 
 A page of another site can make a browser on this machine connect here. It can't choose
-the headers Host and Origin, so both must name this machine.
+the headers Host and Origin, so both must name this machine. A program has no Origin: it
+gets the stream, and so do pages of this machine, or of sites that the user has named.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Container
 from http import HTTPStatus
 from urllib.parse import urlsplit
 
@@ -18,7 +20,8 @@ from imud.endpoint import is_loopback
 from imud.version import version
 from imud.web.files import File
 
-SOCKET = "/live"  # path of the WebSocket
+SOCKET = "/live"  # path of the page's WebSocket
+STREAM = "/stream"  # of the one for programs
 
 _HOST = re.compile(r"(\[[0-9a-f:]+\]|[\w.-]+)(:\d{1,5})?", re.IGNORECASE | re.ASCII)
 
@@ -45,11 +48,22 @@ _HEADERS = {
 }
 
 
-def refusal(request: Request) -> tuple[str, HTTPStatus] | None:
-    """Why a request is refused: a name for it and the status; None: it is not."""
+def refusal(
+    request: Request, origins: Container[str] = ()
+) -> tuple[str, HTTPStatus] | None:
+    """Why a request is refused: a name for it and the status; None: it is not.
+    `origins`: the sites whose pages get the stream.
+    """
     host = _single(request.headers, "Host")
     if host is None or not _is_ours(host):
         return "host", HTTPStatus.MISDIRECTED_REQUEST
+    if path_of(request) == STREAM:
+        strange = [
+            origin
+            for origin in request.headers.get_all("Origin")
+            if origin not in origins and not _is_local_page(origin)
+        ]
+        return ("origin", HTTPStatus.FORBIDDEN) if strange else None
     origin = _single(request.headers, "Origin")
     is_socket = path_of(request) == SOCKET
     if (origin is not None or is_socket) and origin != f"http://{host}":
@@ -103,6 +117,12 @@ def _single(headers: Headers, name: str) -> str | None:
 def _all(headers: Headers, name: str) -> str:
     """All values of a header, which may be repeated."""
     return ", ".join(headers.get_all(name))
+
+
+def _is_local_page(origin: str) -> bool:
+    """Whether a server on this machine served the page that connects."""
+    scheme, _, host = origin.partition("://")
+    return scheme in ("http", "https") and _is_ours(host)
 
 
 def _is_ours(host: str) -> bool:

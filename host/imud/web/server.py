@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""Serves the page over HTTP and its live data over a WebSocket, in a thread of its own.
+"""Serves the page over HTTP and its live data over a WebSocket, in a thread of its own;
+programs get the same on a WebSocket for them.
 
 Browsers get what Feed gathers; their commands go to `on_ask`.
 """
@@ -9,7 +10,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
-from collections.abc import AsyncIterator, Iterable, Mapping
+from collections.abc import AsyncIterator, Collection, Iterable, Mapping
+from functools import partial
 from http import HTTPStatus
 from typing import Any, cast
 
@@ -31,11 +33,23 @@ from imud.web.logs import LogFolder
 from imud.web.playing import Players
 from imud.web.users import Everybody, Users
 from imud.web.visit import Host, OnAsk, Visit
+from imud.wire import schema
 
 MESSAGE_MAX = 16 * 1024  # bytes from a browser: a command with its parameters
 HANDSHAKE_S = 5.0
 CLOSE_S = 0.5
 PATIENCE_S = 2.0  # to wait for the thread to start, and to end
+
+# The version changes with what would break a program: docs/stream.md.
+STREAM_VERSION = 1
+STREAM_HEAD = msgspec.json.encode(
+    {
+        "type": "stream",
+        "version": STREAM_VERSION,
+        "imud": version(),
+        "schema": f"{schema.FINGERPRINT:#010x}",
+    }
+)
 
 
 class Page:
@@ -49,9 +63,12 @@ class Page:
         users: Users | None = None,
         about: Mapping[str, Any] | None = None,
         logs: LogFolder | None = None,
+        origins: Collection[str] = (),
         on_notice: OnNotice = lambda *_: None,
     ) -> None:
+        """`origins`: sites whose pages may open the stream, as https://example.org."""
         self._address = address
+        self._origins = frozenset(origins)
         self._feed = Feed()
         self._gate = Gate(on_notice)
         page = {"type": "page", "imud": version(), **(about or {})}
@@ -161,10 +178,10 @@ class Page:
         """The answer to a request; None lets the WebSocket's handshake go on."""
         if isinstance(connection, Connection):
             connection.is_answered = True
-        if (found := doors.refusal(request)) is not None:
+        if (found := doors.refusal(request, self._origins)) is not None:
             return self._refused(connection, *found)
         path = doors.path_of(request)
-        if path == doors.SOCKET:
+        if path in (doors.SOCKET, doors.STREAM):
             if len(self._browsers) < gate.BROWSERS_MAX:
                 return None
             busy = HTTPStatus.SERVICE_UNAVAILABLE
@@ -181,12 +198,18 @@ class Page:
         return doors.answer(status, gate.REASONS[reason])
 
     async def _talk(self, connection: ServerConnection) -> None:
-        """Serves one browser until it leaves."""
-        visit = Visit(self._host, connection)
-        browser = visit.browser
+        """Serves one browser, or program, until it leaves."""
+        request = connection.request
+        if request is not None and doors.path_of(request) == doors.STREAM:
+            with contextlib.suppress(ConnectionClosed):
+                await connection.send(STREAM_HEAD, text=True)
+            browser, send = Browser(window=None), partial(connection.send, text=True)
+        else:
+            browser, send = Browser(), partial(connection.send, text=False)
+        visit = Visit(self._host, connection, browser)
         self._browsers.add(browser)
         self._feed.is_watched = True
-        writing = asyncio.create_task(browser.write(connection.send))
+        writing = asyncio.create_task(browser.write(send))
         try:
             async for message in connection:
                 await visit.hear(message)

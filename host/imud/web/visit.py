@@ -60,7 +60,9 @@ class Host(msgspec.Struct, frozen=True):
 class Visit:
     """Belongs to the server's loop."""
 
-    def __init__(self, host: Host, connection: ServerConnection) -> None:
+    def __init__(
+        self, host: Host, connection: ServerConnection, browser: Browser
+    ) -> None:
         self._host = host
         self._connection = connection
         self._loop = asyncio.get_running_loop()
@@ -68,7 +70,7 @@ class Visit:
         self._failed_logins = 0
         self._asking = 0
         self._playing: Playing | None = None
-        self.browser = Browser()
+        self.browser = browser
         self.admit(host.users.at_first())
 
     def admit(self, grant: Grant) -> None:

@@ -114,6 +114,10 @@ def test_a_port_may_have_a_rate_of_its_own(
         ("[zenoh]\nprefix = 'a/*'", ":2: [zenoh] prefix: 'a/*' can't be part"),
         ("[zenoh]\nlisten = []", "[zenoh] listen: is empty"),
         ("[metrics]\nlisten = '9735'", "is not HOST:PORT"),
+        (
+            "[web]\norigins = ['https://a.example:8443', 'null', 'a.example/x']",
+            ':2: [web] origins: "a.example/x" is no origin, as https://example.org',
+        ),
         ("[metrics]\nlisten = '0.0.0.0:9735'", "0.0.0.0 is beyond this machine"),
         ("[foxglove]\nenabled = true\nlisten = '8765'", "is not HOST:PORT"),
         (
