@@ -42,7 +42,7 @@ test: ## all tests, those of the C under sanitizers
 	@export IMU_SAMPLE=1; status=0; $(both)
 
 test-long: ## hours, cuts and examples of which the tests take a part each time, in full
-	@$(PYTHON) tools/setup.py test
+	@$(PYTHON) tools/setup.py test-long
 	@export IMU_LONG=1; status=0; \
 	  $(call both, and (long or sampled or nightly or hypothesis),-o timeout=1800)
 

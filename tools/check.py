@@ -76,6 +76,8 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
     # Here and not only in `make test`: that does not install them.
     bootloaders = "tests/system/test_bootloaders.py"
     yield "bootloaders", (python, "-m", "pytest", "-q", bootloaders)
+    languages = "tests/host/client/test_languages.py"
+    yield "examples", (python, "-m", "pytest", "-q", languages)
     yield "types", ("mypy",)
     yield (
         "layout of C",

@@ -86,7 +86,7 @@ BOARD_NEEDS = {
 NEWLIB = Need("libnewlib-arm-none-eabi", compiles("#include <string.h>", *ARM))
 # Shows the page to tests, which leave that out where it is not: Ubuntu has no package.
 CHROMIUM = Need("chromium", has("chromium"))
-BROWSING = ("test", "bench")  # commands that use it
+BROWSING = ("test", "test-long", "bench")  # commands that use it
 BOARD_NEEDS["micropython"] = (*BOARD_NEEDS["f405"], NEWLIB)
 TEST_NEEDS = (
     NEWLIB,
@@ -97,6 +97,8 @@ TEST_NEEDS = (
     # For systemd-analyze; not installed where another init system is in use.
     Need("systemd", lambda: has("systemd-analyze")() or Path("/sbin/init").exists()),
 )
+# Runs the examples for Octave and MATLAB, and takes 300 MB.
+OCTAVE = Need("octave", has("octave-cli"))
 BOOTLOADERS = Path("/usr/share/arduino/hardware/arduino/avr/bootloaders")
 FUZZED = "int LLVMFuzzerTestOneInput(void); int LLVMFuzzerTestOneInput() { return 0; }"
 CHECK_NEEDS = (
@@ -108,6 +110,7 @@ CHECK_NEEDS = (
     # For the tools that check the page, and for avr8js.
     Need("nodejs", has("node")),
     Need("npm", has("npm")),
+    OCTAVE,
     # Bootloaders, for tests that are left out where they are not: tests/bootloaders.py.
     Need("arduino-core-avr", BOOTLOADERS.is_dir),
 )
@@ -115,7 +118,8 @@ CHECK_NEEDS = (
 
 def system_needs(command: str, boards: Sequence[str]) -> tuple[Need, ...]:
     needs = BUILD_NEEDS + tuple(need for name in boards for need in BOARD_NEEDS[name])
-    needs += TEST_NEEDS if command in ("test", "coverage") else ()
+    needs += TEST_NEEDS if command in ("test", "test-long", "coverage") else ()
+    needs += (OCTAVE,) if command == "test-long" else ()
     needs += CHECK_NEEDS if command == "check" else ()
     return needs
 

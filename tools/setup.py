@@ -49,6 +49,7 @@ TESTS = ("test", "peers", "pictures")  # the benchmarks are tested, too
 GROUPS = {
     "demo": ("build", "firmware"),
     "test": ("build", "firmware", "micropython", *TESTS),
+    "test-long": ("build", "firmware", "micropython", *TESTS),
     "check": ("build", "firmware", "micropython", *TESTS, "check"),
     "coverage": ("build", "firmware", *TESTS, "coverage"),
     "bench": ("build", "firmware", "micropython", *TESTS, "bench"),
@@ -123,7 +124,8 @@ def build_images(boards: Sequence[str]) -> None:
 
 
 def build_micropython(command: str, boards: Sequence[str]) -> None:
-    if MICROPYTHON in boards and command in ("demo", "test", "bench"):
+    building = ("demo", "test", "test-long", "bench")
+    if MICROPYTHON in boards and command in building:
         step(MICROPYTHON, venv("python"), "tools/micropython_build.py", "pyboard")
 
 
