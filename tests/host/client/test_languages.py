@@ -135,7 +135,7 @@ def test_octave_reads_the_tables_of_a_log(tmp_path: Path) -> None:
         tmp_path,
         f"p = read_table ('{file}'); printf ('%d %d ', numel (p.q_w), p.seq(end));"
         "printf ('%.6f ', p.q_w(1), p.q_x(1), p.q_y(1), p.q_z(1));"
-        "printf ('%s %d %d', p.flags{end}, isnan (p.position_m_x(1)),"
+        "printf ('%s %d %d', p.flags{end}, isnan (p.position_x_m(1)),"
         " numel (p.since_origin_void));",
     )
     q = " ".join(f"{part:.6f}" for part in POSE["q"])
