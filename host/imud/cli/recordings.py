@@ -217,6 +217,7 @@ def _record(args: argparse.Namespace) -> int:
     from imud.recordings import record
 
     with client_of(args) as client:
+        client.check_known(args.probe)
         return record.run(
             client,
             args.log,

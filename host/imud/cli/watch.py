@@ -148,6 +148,7 @@ def _listen(args: argparse.Namespace) -> int:
     from imud.cli import pose_table
 
     with client_of(args) as client:
+        client.check_known(args.probe)
         return pose_table.listen(
             client, args.probe, args.seconds, as_json=args.json, shape=args.angles
         )
@@ -157,6 +158,7 @@ def _strokes(args: argparse.Namespace) -> int:
     from imud.cli import stroke_lines
 
     with client_of(args) as client:
+        client.check_known(args.probe)
         return stroke_lines.listen(
             client, args.probe, args.seconds, as_json=args.json, closes=args.close
         )

@@ -214,6 +214,16 @@ class Client:
             )
         return alive[0]
 
+    def check_known(self, probe: str | None) -> None:
+        """Whether that probe, if one is named, is there or was: ProbeUnknown if there
+        are others alone. Without any, it may still come.
+        """
+        if probe is None:
+            return
+        known = {*self.alive(), *(str(each["probe"]) for each in self.statuses())}
+        if known and probe not in known:
+            raise ProbeUnknown(f"no probe {probe} is there; {_choice(sorted(known))}")
+
     def command(self, probe: str, name: str, **arguments: str) -> dict[str, Any]:
         """Sends a command to a probe and returns the daemon's answer.
 
@@ -227,6 +237,7 @@ class Client:
         self.check_may(access.CMD + name)
         answer = self._query(f"{probe}/{access.CMD}{name}", arguments, timeout_s)
         if answer is None:
+            self.check_known(probe)
             raise NoReply(
                 f"no reply to {name} for probe {probe}: it is gone (see imud list), or "
                 "your keys no longer allow commands"
@@ -238,6 +249,7 @@ class Client:
         self.check_may("params")
         answer = self._query(f"{probe}/params", {}, QUERY_TIMEOUT_S)
         if answer is None:
+            self.check_known(probe)
             raise ProbeUnknown(
                 f"the params of probe {probe} are not known; imud list shows the probes"
             )
@@ -251,6 +263,7 @@ class Client:
         asked = {"digest": digest} if digest is not None else {"history": "1"}
         answer = self._query(f"{probe}/params", asked, QUERY_TIMEOUT_S)
         if answer is None:
+            self.check_known(probe)
             raise ProbeUnknown(f"no probe {probe} was heard; imud list shows them")
         value: dict[str, Any] = answer["value"]
         return value
