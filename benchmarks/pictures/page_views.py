@@ -53,6 +53,8 @@ def take(browser: Browser, url: str, scheme: str, *, is_phone: bool) -> None:
         for view in VIEWS:
             probe = "module" if view == "calibrate" else "stylus"
             if view == "aim":
+                page.evaluate("location.hash = '#/probe/stylus'")
+                page.wait_for_function("globalThis.imud.model.probe?.pose")
                 page.evaluate(AIM)
             if view == "calibrate":
                 page.evaluate(CALIBRATE)
