@@ -41,8 +41,8 @@ DELAY_SHARE = 0.05
 # Commands to try next, shown after a successful run.
 NEXT = (
     ("make demo BOARD=both", "both boards at once"),
-    (".venv/bin/imud sim nano --stream", "a virtual probe to keep"),
-    (".venv/bin/imud run /tmp/imud-nano", "the daemon, in another terminal"),
+    (".venv/bin/imud sim nano --stream --link /tmp/probe", "a virtual probe to keep"),
+    (".venv/bin/imud run /tmp/probe", "the daemon, in another terminal"),
     (".venv/bin/imud view", "the page, or imud monitor for the terminal, in a third"),
     ("make firmware", "the image to flash"),
 )

@@ -65,7 +65,7 @@ def add(commands: Commands) -> None:
         commands,
         "sim",
         "run a virtual probe: the real firmware image in an emulator",
-        "imud sim nano --stream, and then: imud run /tmp/imud-nano",
+        f"imud sim nano --stream, and then: imud run {default_link(BOARDS['nano'])}",
     ).add_subparsers(metavar="BOARD", required=True)
     for board in BOARDS.values():
         parser = add_command(

@@ -10,7 +10,6 @@ describes the formats: .npz, .csv, and the simulator's binary stream.
 from __future__ import annotations
 
 import csv
-import math
 import struct
 import zipfile
 from collections.abc import Iterable
@@ -42,6 +41,10 @@ CSV_COLUMNS = {
 }
 # Columns of the time, of which one is needed, and their seconds.
 CSV_TIMES = {"t_s": 1.0, "t_device_us": 1e-6}
+
+# No sensor is asked more often, nor measures more in these units.
+RATE_MAX_HZ = 100_000.0
+VALUE_MAX = 1e6
 
 # Records that are missing for no longer than this are drawn between their neighbours.
 FILL_S = 0.1
@@ -145,9 +148,16 @@ def load(path: Path) -> Motion:
     if len(motion) < 2:
         raise MotionError(f"{path}: {len(motion)} records; at least 2 are needed")
     for name in CSV_COLUMNS:
-        bad = np.flatnonzero(~np.isfinite(getattr(motion, name)).all(axis=1))
+        values = getattr(motion, name)
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
         if bad.size:
             raise MotionError(f"{path}: record {bad[0]}: {name} is not a finite number")
+        bad = np.flatnonzero((np.abs(values) > VALUE_MAX).any(axis=1))
+        if bad.size:
+            raise MotionError(
+                f"{path}: record {bad[0]}: {name} is beyond what any sensor measures "
+                f"({VALUE_MAX:g}); is it in rad/s, m/s2, uT?"
+            )
     return motion
 
 
@@ -164,11 +174,18 @@ def load_npz(path: Path) -> Motion:
     missing = [key for key in required if key not in stored]
     if missing:
         raise MotionError(f"{path}: no {', '.join(missing)} in it")
+    numbers = {key: stored[key] for key in NPZ_KEYS.values() if key in stored}
+    for key, values in (numbers | {"sampling_rate": stored["sampling_rate"]}).items():
+        if values.dtype.kind not in "fiub":
+            raise MotionError(f"{path}: {key} holds {values.dtype.name}, not numbers")
     if stored["sampling_rate"].size != 1:
         raise MotionError(f"{path}: sampling_rate is not one number")
     rate_hz = float(stored["sampling_rate"].reshape(-1)[0])
-    if not (math.isfinite(rate_hz) and rate_hz > 0.0):
-        raise MotionError(f"{path}: sampling_rate is {rate_hz:g} Hz")
+    if not 0.0 < rate_hz <= RATE_MAX_HZ:
+        raise MotionError(
+            f"{path}: sampling_rate is {rate_hz:g} Hz; it may have up to "
+            f"{RATE_MAX_HZ:g}"
+        )
     count = len(np.atleast_1d(stored["gyr"]))
     arrays: dict[str, Any] = {}
     for name, key in NPZ_KEYS.items():

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import fcntl
 import os
 import signal
 import subprocess
@@ -106,6 +107,30 @@ def default_link(board: VirtualBoard) -> Path:
     return Path(folder) / f"imud-{board.name}"
 
 
+@contextlib.contextmanager
+def held(link: Path) -> Iterator[None]:
+    """Keeps the path of a serial port for this virtual probe; FileError if another one
+    has it. That one would lose its port, and both would have one id.
+    """
+    path = link.with_name(f"{link.name}.lock")
+    try:
+        file = path.open("w")
+    except OSError as error:
+        raise FileError(f"can't make {link}: {error.strerror}") from error
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise FileError(
+                f"{link} is the port of another virtual probe; add --link {link}-2 "
+                "--seed 2 for one more, with an id of its own"
+            ) from None
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
+
+
 def find(given: Path | None, variable: str, built: Path) -> Path:
     """Finds a file: as given, by the environment, or as a build left it.
 
@@ -191,9 +216,12 @@ def run(args: argparse.Namespace) -> int:
     link = args.link or default_link(args.board)
     words = command_line(args, link)
     rate_hz, pieces, seconds = motion_of(args)
-    with subprocess.Popen(
-        words, stdin=subprocess.PIPE, stderr=subprocess.PIPE
-    ) as emulator:
+    with (
+        contextlib.nullcontext() if args.record else held(link),
+        subprocess.Popen(
+            words, stdin=subprocess.PIPE, stderr=subprocess.PIPE
+        ) as emulator,
+    ):
 
         def end(_number: int, _frame: FrameType | None) -> None:
             # The emulator finishes its step and prints its summary.

@@ -67,6 +67,29 @@ def test_a_bad_npz_is_refused_with_its_reason(
         motion.load(path)
 
 
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"sampling_rate": "fast"}, "sampling_rate holds str.*, not numbers"),
+        ({"sampling_rate": 1e300}, "sampling_rate is 1e\\+300 Hz; it may have up to"),
+        ({"sampling_rate": 100j}, "sampling_rate holds complex128, not numbers"),
+        ({"gyr": np.ones((4, 3)) * 1j}, "gyr holds complex128, not numbers"),
+        ({"mag": np.array([["a"] * 3] * 4)}, "mag holds str.*, not numbers"),
+        ({"acc": np.full((4, 3), 1e300)}, "record 0: acc is beyond what any sensor"),
+        ({"opt_quat": np.ones((4, 4)) * 1j}, "opt_quat holds complex128, not numbers"),
+    ],
+)
+def test_what_is_no_number_of_a_sensor_is_refused(
+    tmp_path: Path, change: dict[str, object], complaint: str
+) -> None:
+    ones = np.ones((4, 3))
+    arrays: dict[str, object] = {"gyr": ones, "acc": ones, "mag": ones}
+    path = tmp_path / "bad.npz"
+    np.savez(path, **(arrays | {"sampling_rate": 100.0} | change))
+    with pytest.raises(MotionError, match=complaint):
+        motion.load(path)
+
+
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 and no more", b"\x93NUMPY"])
 def test_what_is_no_npz_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "bad.npz"

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from imud.virtual import motion, sensors, sim
 from imud.wire import messages
 from imud.wire.frame import FrameDecoder
 
+ROOT = Path(__file__).resolve().parents[3]
 PYTHON = sys.executable
 
 # Stands in for the emulator: says what it was told, and how much motion came.
@@ -291,3 +293,31 @@ def test_a_signal_ends_it_with_the_summary(
     running.send_signal(number)
     assert running.stderr.read() == "summary in words\n"
     assert running.wait() == 0
+
+
+def test_a_second_virtual_probe_does_not_take_the_port_of_the_first(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    link = tmp_path / "probe"
+    with sim.held(link):
+        assert cli.main(["sim", "nano", "--link", str(link), "--seconds", "1"]) == 1
+        assert capsys.readouterr().err == (
+            f"imud: {link} is the port of another virtual probe; add --link {link}-2 "
+            "--seed 2 for one more, with an id of its own\n"
+        )
+        with sim.held(tmp_path / "other"):
+            pass
+    with sim.held(link):  # it is free again
+        pass
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_the_readme_and_the_demo_name_the_port_that_there_is() -> None:
+    """Wherever the system keeps sockets of users, and whatever the default then is."""
+    for file in ("README.md", "tools/demo.py"):
+        text = (ROOT / file).read_text("utf-8")
+        made = re.search(r"imud sim nano --stream --link (\S+?)[`\"]", text)
+        read = re.search(r"imud run (/\S+?)[`\"]", text[made.end() :] if made else "")
+        assert made is not None, file
+        assert read is not None, file
+        assert made[1] == read[1]
