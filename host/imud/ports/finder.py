@@ -24,6 +24,7 @@ from imud.config.settings import PortSettings, port_and_baud
 from imud.errors import PortLost, PortNotFound
 from imud.journal.speaker import Speaker
 from imud.ports.baud import Memory
+from imud.ports.holders import holders_of
 from imud.ports.listener import Listener
 from imud.ports.port import Port
 from imud.ports.udp import UdpPorts
@@ -99,6 +100,7 @@ class Finder:
         self._ports: dict[str, Port] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._pauses: dict[str, Pause] = {}
+        self._held: set[str] = set()  # ports of which was told that others have them
         self._changed = asyncio.Event()
         self._dev_ns = 0
 
@@ -166,15 +168,36 @@ class Finder:
         found = {p.device: p for p in listed if is_candidate(p, self._settings.ignore)}
         for name in self._pauses.keys() - found.keys():
             del self._pauses[name]  # unplugged: the next device there may be another
+        self._held &= found.keys()
         for name, port in found.items():
             pause = self._pauses.get(name)
             if pause is not None and now_s < pause.until_s:
                 continue
             if not any(same_port(name, other) for other in self._tasks):
+                if await self._is_held(name):
+                    continue
                 also = (port.hwid,) if port.vid is not None else ()
                 rates = self._settings.rates
                 made = self._port(name, rates, also=also, is_named=False)
                 self._serve(name, made)
+
+    async def _is_held(self, name: str) -> bool:
+        """Whether another program has that port open: then it is left alone, and tried
+        again after a while. Told once.
+        """
+        holders = await asyncio.to_thread(holders_of, name)
+        if not holders:
+            self._held.discard(name)
+            return False
+        now_s = asyncio.get_running_loop().time()
+        self._pauses[name] = Pause(now_s + PAUSE_S, PAUSE_S)
+        if name not in self._held:
+            self._held.add(name)
+            logger.info(
+                "%s: %s has it open; it is left alone until that is over",
+                *(name, ", ".join(map(str, holders))),
+            )
+        return True
 
     def _port(
         self,

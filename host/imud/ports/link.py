@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import fcntl
 import os
 import termios
 from collections.abc import Callable
@@ -193,7 +194,17 @@ def _open(name: str, baud: int) -> serial.Serial:
         port.close()
         raise PortLost(f"{name} vanished; it is opened when it is back") from error
     _ask_for_low_latency(port)
+    _keep_others_out(name, port)
     return port
+
+
+def _keep_others_out(name: str, port: serial.Serial) -> None:
+    """Whoever does not ask for the lock (flock) that pyserial has set gets an error
+    instead of some of our bytes. Of a port, until it is closed; a pty would keep it.
+    """
+    if not os.path.realpath(name).startswith("/dev/pts/"):
+        with contextlib.suppress(OSError):
+            fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
 
 
 def _ask_for_low_latency(port: serial.Serial) -> None:

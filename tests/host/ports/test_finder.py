@@ -8,7 +8,10 @@ import fcntl
 import itertools
 import logging
 import os
+import re
 import select
+import subprocess
+import sys
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
@@ -213,6 +216,46 @@ def test_a_port_that_is_none_of_ours_is_given_back_at_once_and_tried_again_later
     lines = [r.getMessage() for r in caplog.records if "no probe heard" in r.msg]
     assert len(lines) == 1
     assert "at 500000 or 921600 baud; the port is closed for other programs" in lines[0]
+
+
+def test_a_port_that_another_program_has_open_is_left_alone(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It loses no byte, is told of once, and the port is searched once it is free."""
+    caplog.set_level(logging.INFO, "imud")
+    monkeypatch.setattr(finder, "PAUSE_S", 0.05)
+    monkeypatch.setattr(finder, "LIST_S", 0.02)
+    reader = "import sys\nwith open(sys.argv[1], 'rb', buffering=0) as port:\n"
+    reader += "    print('open', flush=True)\n"
+    reader += "    while b'!' not in (data := port.read(4096)): print(len(data))\n"
+    reader += "    print(len(data))\n"
+
+    async def check(desk: Desk) -> None:
+        pty = Port(tmp_path / "ttyUSB0")
+        with subprocess.Popen(
+            [sys.executable, "-c", reader, str(pty.path)],
+            stdout=subprocess.PIPE,
+            text=True,
+        ) as other:
+            assert other.stdout is not None
+            assert other.stdout.readline() == "open\n"
+            desk.devices.append(Device(str(pty.path)))
+            sent = 0
+            for _ in range(50):
+                pty.write(b"x" * 100)
+                sent += 100
+                await asyncio.sleep(0.02)
+                assert not list(desk.finder)
+            pty.write(b"!")
+            got = sum(map(int, other.stdout.read().split()))
+        assert got == sent + 1
+        await desk.open_port(pty)
+        desk.unplug(pty)
+
+    at_desk(tmp_path, check)
+    lines = [each.getMessage() for each in caplog.records if "open;" in each.msg]
+    assert len(lines) == 1
+    assert re.search(r"ttyUSB0: python\S* \(process \d+\) has it open; it is", lines[0])
 
 
 def test_a_port_that_was_found_is_given_back_when_its_probe_falls_silent(
