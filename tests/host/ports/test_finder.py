@@ -8,113 +8,19 @@ import fcntl
 import itertools
 import logging
 import os
-import re
 import select
-import subprocess
-import sys
 import time
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 import serial
 
 from fakes import PATIENCE_S, FakeProbe, Port
-from imud.config.settings import Config, PortSettings
-from imud.daemon.hub import Hub
-from imud.daemon.intake import Intake
+from imud.config.settings import PortSettings
 from imud.errors import PortLost
-from imud.journal.speaker import Speaker
 from imud.ports import baud, finder, link, port
-from imud.ports.finder import Finder, is_candidate
-
-
-@dataclass
-class Device:
-    """What pyserial lists of a port."""
-
-    device: str
-    hwid: str = "USB VID:PID=1A86:7523 LOCATION=1-1.2"
-    vid: int | None = 0x1A86
-
-
-class Desk:
-    """A finder in a loop, the ports that are plugged in, what it finds."""
-
-    def __init__(self, directory: Path, **settings: Any) -> None:
-        self.directory = directory
-        self.devices: list[Device] = []
-        chosen = PortSettings(**settings)
-        self.intake = Intake(Config(ports=chosen), Hub(), Speaker())
-        self.found: list[str] = []
-        self.intake.on_found = self.found.append
-        self.finder = Finder(
-            chosen, self.intake, Speaker(), listed=lambda: list(self.devices)
-        )
-
-    def plug(self, name: str, baud: int | None = None, **about: Any) -> Port:
-        port = Port(self.directory / name, baud)
-        self.devices.append(Device(str(port.path), **about))
-        return port
-
-    def unplug(self, port: Port) -> None:
-        port.vanish()
-        self.devices = [d for d in self.devices if d.device != str(port.path)]
-
-    async def until(self, is_so: Callable[[], object], what: str = "it") -> float:
-        """The seconds until that is true."""
-        begin = time.monotonic()
-        while not is_so():
-            assert time.monotonic() < begin + PATIENCE_S, f"{what} did not come"
-            await asyncio.sleep(0.005)
-        return time.monotonic() - begin
-
-    def port_of(self, probe: FakeProbe) -> str | None:
-        entry = self.intake.registry.named(probe.name)
-        return entry.port.name if entry and entry.port else None
-
-    async def open_port(self, port: Port) -> None:
-        def is_open() -> bool:
-            return any(
-                p.name == str(port.path) and p.session is not None for p in self.finder
-            )
-
-        await self.until(is_open, f"{port.path} open")
-
-    async def say_until_found(
-        self, port: Port, probe: FakeProbe, *, every_s: float = 0.1
-    ) -> float:
-        """Hellos, as on a wire: whatever is heard of them."""
-        begin = time.monotonic()
-        while self.port_of(probe) != str(port.path):
-            assert time.monotonic() < begin + PATIENCE_S, f"no probe on {port.path}"
-            port.write(probe.say("hello") + probe.say("status"))
-            await asyncio.sleep(every_s)
-        return time.monotonic() - begin
-
-
-def at_desk(
-    directory: Path, check: Callable[[Desk], Awaitable[None]], **settings: Any
-) -> None:
-    async def run() -> None:
-        desk = Desk(directory, **settings)
-        finding = asyncio.create_task(desk.finder.run())
-        try:
-            checking = asyncio.ensure_future(check(desk))
-            done, _ = await asyncio.wait(
-                [checking, finding], return_when=asyncio.FIRST_COMPLETED
-            )
-            for task in done:
-                task.result()
-            assert checking.done()
-        finally:
-            finding.cancel()
-            await asyncio.gather(finding, return_exceptions=True)
-        assert not list(desk.finder)
-
-    asyncio.run(run())
+from imud.ports.finder import is_candidate
+from ports_desk import Desk, Device, at_desk
 
 
 @pytest.mark.parametrize("baud", [500_000, 921_600, 115_200])
@@ -216,46 +122,6 @@ def test_a_port_that_is_none_of_ours_is_given_back_at_once_and_tried_again_later
     lines = [r.getMessage() for r in caplog.records if "no probe heard" in r.msg]
     assert len(lines) == 1
     assert "at 500000 or 921600 baud; the port is closed for other programs" in lines[0]
-
-
-def test_a_port_that_another_program_has_open_is_left_alone(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It loses no byte, is told of once, and the port is searched once it is free."""
-    caplog.set_level(logging.INFO, "imud")
-    monkeypatch.setattr(finder, "PAUSE_S", 0.05)
-    monkeypatch.setattr(finder, "LIST_S", 0.02)
-    reader = "import sys\nwith open(sys.argv[1], 'rb', buffering=0) as port:\n"
-    reader += "    print('open', flush=True)\n"
-    reader += "    while b'!' not in (data := port.read(4096)): print(len(data))\n"
-    reader += "    print(len(data))\n"
-
-    async def check(desk: Desk) -> None:
-        pty = Port(tmp_path / "ttyUSB0")
-        with subprocess.Popen(
-            [sys.executable, "-c", reader, str(pty.path)],
-            stdout=subprocess.PIPE,
-            text=True,
-        ) as other:
-            assert other.stdout is not None
-            assert other.stdout.readline() == "open\n"
-            desk.devices.append(Device(str(pty.path)))
-            sent = 0
-            for _ in range(50):
-                pty.write(b"x" * 100)
-                sent += 100
-                await asyncio.sleep(0.02)
-                assert not list(desk.finder)
-            pty.write(b"!")
-            got = sum(map(int, other.stdout.read().split()))
-        assert got == sent + 1
-        await desk.open_port(pty)
-        desk.unplug(pty)
-
-    at_desk(tmp_path, check)
-    lines = [each.getMessage() for each in caplog.records if "open;" in each.msg]
-    assert len(lines) == 1
-    assert re.search(r"ttyUSB0: python\S* \(process \d+\) has it open; it is", lines[0])
 
 
 def test_a_port_that_was_found_is_given_back_when_its_probe_falls_silent(
