@@ -11,7 +11,7 @@ import reference
 from chain import Chain
 from fakes import PATIENCE_S
 from imud.daemon.commands import arguments_of
-from imud.errors import CommandRefused, NoReply
+from imud.errors import CommandRefused, ProbeUnknown
 from imud.wire import messages
 from imud.wire.messages import Message
 
@@ -81,7 +81,7 @@ def test_a_refusal_says_why(chain: Chain) -> None:
         chain.client.command(chain.probe.name, "dance")
     with pytest.raises(CommandRefused, match="arguments can't be"):
         chain.client.command(chain.probe.name, "rate", stream="pose", hz="99999999999")
-    with pytest.raises(NoReply, match="no reply to start for probe stylus"):
+    with pytest.raises(ProbeUnknown, match="no probe stylus is there; name one"):
         chain.client.command("stylus", "start")
 
 

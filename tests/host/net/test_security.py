@@ -175,7 +175,7 @@ def test_params_are_read_as_the_status_and_changed_as_commands_are(
     guarded.daemon.seen()
     where = ["--connect", guarded.endpoint, "--keys", str(keys_of(guarded, "viewer"))]
     for words in (["show"], ["history"]):
-        assert cli.main(["params", PROBE, *words, *where]) == 0
+        assert cli.main(["params", *words, PROBE, *where]) == 0
     assert not [line for line in guarded.daemon.seen() if "does not allow" in line]
     before = len(guarded.probe.commands)
     with Client(guarded.endpoint, keys=keys_of(guarded, "viewer")) as viewer:
