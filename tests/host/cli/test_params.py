@@ -191,7 +191,7 @@ def test_a_late_client_and_the_status_know_them(chain: Chain) -> None:
             reply = late.params(chain.probe.name)
             assert reply["digest"] == f"{GOOD.digest:08x}"
             assert reply["records"]["options"]["button_does"] == "tell"
-            with pytest.raises(ProbeUnknown, match="no probe nobody is there; name one"):
+            with pytest.raises(ProbeUnknown, match="no probe nobody is there"):
                 late.params("nobody")
             with pytest.raises(CommandRefused, match="there is no command 'params_wr"):
                 late.command(chain.probe.name, "params_write")
