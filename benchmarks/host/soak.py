@@ -3,7 +3,8 @@
 the frame with what was truly sent and truly arrived.
 
 Frames go through decoder, ledger, clock, hub and two sinks: a counter, and the log,
-whose complete files are read back and deleted.
+whose complete files are read back and deleted. With --keep-mb the log itself removes
+them, as told, and how large its folder is stands beside the memory.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from benchmarks.host.faulty_line import CHUNK, Line
 from imud.daemon.hub import Hub
 from imud.daemon.lane import QUEUE_MAX, Item, Lane
 from imud.log.file import Settings
+from imud.log.retention import Retention
 from imud.probes.record import Record
 from imud.progress import Progress
 from imud.sinks.log import LogSink
@@ -97,11 +99,19 @@ def wait_for(lanes: Sequence[Lane]) -> None:
         time.sleep(0.002)
 
 
-def soak(hours: float, probes: int, seed: int, folder: Path) -> dict[str, Any]:
+def log_taken(hub: Hub, probe: str) -> int:
+    """Records of a probe that the log has taken."""
+    return sum(hub.taken(probe, "log").values())
+
+
+def soak(
+    hours: float, probes: int, seed: int, folder: Path, keep_mb: int = 0
+) -> dict[str, Any]:
     """Run so many hours of probes; `ok` in the result: whether everything adds up."""
     lines = [Line(number, seed) for number in range(probes)]
     counting = Counting()
-    log = LogSink(folder, Settings(rotate_bytes=LOG_BYTES))
+    retention = Retention(bytes=keep_mb * 10**6)
+    log = LogSink(folder, Settings(rotate_bytes=LOG_BYTES, retention=retention))
     hub, pruned = Hub(), Pruned(folder)
     lanes = [hub.add(counting), hub.add(log)]
     turns = max(1, round(hours * 3600 * RATE_HZ / CHUNK))
@@ -115,20 +125,28 @@ def soak(hours: float, probes: int, seed: int, folder: Path) -> dict[str, Any]:
                 for record in line.turn(now_us):
                     hub.put(record)
             wait_for(lanes)
-            if turn % 500 == 499:
+            if turn % 500 == 499 and not keep_mb:
                 pruned.prune()
             if (turn + 1) * RSS_POINTS // turns > len(points):
-                points.append({"hours": now_us / 3.6e9, "rss_mib": rss_mib()})
+                size = sum(path.stat().st_size for path in folder.iterdir())
+                at = {"hours": now_us / 3.6e9, "rss_mib": rss_mib()}
+                points.append(at | {"folder_mb": size / 1e6})
             progress.update(turn + 1)
     finally:
         progress.end()
         hub.close()
-    pruned.prune(is_end=True)
+    if not keep_mb:
+        pruned.prune(is_end=True)
     results = [line.end() for line in lines]
     passed_on = sum(result["passed_on"] for result in results)
     adds_up = {
         "counted": counting.taken.total() == passed_on,
-        "logged": pruned.frames == passed_on,
+        "logged": passed_on
+        == (
+            sum(log_taken(hub, line.source.name) for line in lines)
+            if keep_mb
+            else pruned.frames
+        ),
         "dropped": not any(
             sum(hub.dropped(line.source.name).values()) for line in lines
         ),
@@ -170,6 +188,8 @@ def tell(result: dict[str, Any]) -> None:
     )
     rss = ", ".join(f"{point['rss_mib']:.0f}" for point in result["memory"])
     print(f"resident MiB along the way: {rss}")
+    folder = ", ".join(f"{point['folder_mb']:.0f}" for point in result["memory"])
+    print(f"MB in the folder of the log: {folder}")
     print(f"{result['frames_a_second']:,.0f} frames/s, {result['seconds']:.0f} s")
     for each in result["probes"]:
         for name, is_so in each["adds_up"].items():
@@ -186,10 +206,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--hours", type=float, default=12.0)
     parser.add_argument("--probes", type=int, default=4)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--keep-mb", type=int, default=0, help="of the log; 0: all")
     parser.add_argument("--json", type=Path, default=OUTPUT)
     options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
-        result = soak(options.hours, options.probes, options.seed, Path(folder))
+        where = Path(folder)
+        hours, probes = options.hours, options.probes
+        result = soak(hours, probes, options.seed, where, options.keep_mb)
     tell(result)
     options.json.parent.mkdir(parents=True, exist_ok=True)
     options.json.write_text(json.dumps(result, indent=1) + "\n")
