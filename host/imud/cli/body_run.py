@@ -22,12 +22,13 @@ from imud.body.state import BodyState
 from imud.cli.body_print import Printer
 from imud.cli.body_ros2 import Ros2Body
 from imud.client import Client, Delivery, Pose, Raw
-from imud.errors import ConfigError, FileError
+from imud.errors import ConfigError
 from imud.log.file import Settings
 from imud.net import network
 from imud.net.access import BODIES, BODY_STATE
 from imud.probes.record import Record
 from imud.sinks.log import FLUSH_S, LogSink
+from imud.text_file import read_text
 
 WAITING_MAX = 20_000  # messages, of many probes in seconds
 
@@ -74,11 +75,7 @@ def run(
 
     ConfigError for the body's file, DaemonNotFound, FileError.
     """
-    try:
-        text = file.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(f"can't read {file}: {error}") from error
-    body = LiveBody(chain.read(text, str(file)), how.facing_rad, how.delay_s)
+    body = LiveBody(chain.read(read_text(file), str(file)), how.facing_rad, how.delay_s)
     if where.keys is not None and network.read_credentials(where.keys).role != "daemon":
         raise ConfigError(
             f"{where.keys}: only a daemon may publish a body; imud keys add DIR daemon "

@@ -165,7 +165,11 @@ def read(path: Path) -> tuple[FloatArray, FloatArray | None]:
             rows = list(csv.DictReader(file))
     except OSError as error:
         raise FileError(f"can't read {path}: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
+    except UnicodeDecodeError as error:
+        raise FileError(
+            f"{path} is no text: byte {error.start} is not UTF-8"
+        ) from error
+    except csv.Error as error:
         raise FileError(f"{path}: it is no CSV: {error}") from error
     if not rows or not set(PLACE) <= rows[0].keys():
         raise FileError(f"{path}: needs a first line {','.join(PLACE)}, and positions")

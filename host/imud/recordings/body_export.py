@@ -21,6 +21,7 @@ from imud.body.session import RATE_HZ, BodyAnalysis
 from imud.errors import FileError
 from imud.recordings import body_motion, body_tracks
 from imud.rotation import FloatArray
+from imud.text_file import read_text
 
 
 def run(
@@ -34,11 +35,7 @@ def run(
 
     Raises ConfigError for the body's file, FileError for everything else.
     """
-    try:
-        text = body.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(f"can't read {body}: {error}") from error
-    limb = chain.read(text, str(body))
+    limb = chain.read(read_text(body), str(body))
     try:
         made = session.of(limb, body_tracks.of_files(names), facing_rad)
     except AlignmentRefused as refused:

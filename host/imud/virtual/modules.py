@@ -15,6 +15,7 @@ import numpy as np
 
 from imud.errors import FileError
 from imud.rotation import FloatArray
+from imud.text_file import read_text
 from imud.virtual.motion import GRAVITY_M_S2
 from imud.virtual.motions.module import MG, Module
 from imud.virtual.sensors import SensorErrors
@@ -111,13 +112,12 @@ KEYS: dict[str, dict[str, tuple[str, float, tuple[int, ...]]]] = {
 
 def of_file(path: Path) -> Module:
     """The module of a TOML file with tables acc, gyr and mag: docs/calibration.md."""
-    try:
-        tables = tomllib.loads(path.read_text("utf-8"))
-    except OSError as error:
+    if not path.exists():
         raise FileError(
-            f"can't read module {path}: {error.strerror}; there are {SHOP}, "
-            f"{CALIBRATED}, or a file"
-        ) from error
+            f"there is no module {path}; there are {SHOP}, {CALIBRATED}, or a file"
+        )
+    try:
+        tables = tomllib.loads(read_text(path))
     except ValueError as error:
         raise FileError(f"{path}: it is not TOML: {error}") from error
     found: dict[str, Any] = {}

@@ -79,6 +79,9 @@ def run(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, 
         lines = lines[-1:]
     if code:
         assert len(lines) == 1, (arguments, lines)
+        # In words, not in those of a library.
+        assert "Errno" not in lines[0], lines
+        assert "codec" not in lines[0], lines
         assert lines[0].startswith("imud"), (arguments, lines)
         assert lines[0].isprintable(), (arguments, lines)
         return code, lines[0]
