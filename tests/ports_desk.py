@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""A finder of ports in a loop, and ptys that are plugged in."""
+"""A finder of ports in a loop, and ptys that are plugged in. Unless the settings say
+otherwise it tries all of them.
+"""
 
 from __future__ import annotations
 
@@ -25,6 +27,10 @@ class Device:
     device: str
     hwid: str = "USB VID:PID=1A86:7523 LOCATION=1-1.2"
     vid: int | None = 0x1A86
+    pid: int | None = 0x7523
+    product: str | None = "USB Serial"
+    serial_number: str | None = None
+    location: str | None = "1-1.2"
 
 
 class Desk:
@@ -33,7 +39,8 @@ class Desk:
     def __init__(self, directory: Path, **settings: Any) -> None:
         self.directory = directory
         self.devices: list[Device] = []
-        chosen = PortSettings(**settings)
+        kept = {"find": "all", "memory": str(directory / "ports.json")}
+        chosen = PortSettings(**(kept | settings))
         self.intake = Intake(Config(ports=chosen), Hub(), Speaker())
         self.found: list[str] = []
         self.intake.on_found = self.found.append

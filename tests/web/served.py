@@ -18,6 +18,7 @@ from websockets.sync.client import ClientConnection, connect
 from imud.web.logs import LogFolder
 from imud.web.server import Page
 from imud.web.users import Users
+from imud.web.visit import PortDesk
 
 PATIENCE_S = 30.0
 WRONG = "wrong"
@@ -42,6 +43,7 @@ class Served:
         users: Users | None = None,
         logs: LogFolder | None = None,
         origins: Collection[str] = (),
+        ports: PortDesk | None = None,
     ) -> None:
         self.asked = Asked()
         self.notices: list[str] = []
@@ -50,6 +52,7 @@ class Served:
             self.asked,
             users=users,
             logs=logs,
+            ports=ports,
             origins=origins,
             on_notice=lambda _, text, __: self.notices.append(text),
         )

@@ -66,7 +66,7 @@ def as_markdown(report: dict[str, Any]) -> str:
         "",
         f"{report['summary']}.",
         "",
-        f"{hello['board']}, firmware {hello['firmware']}, sensor {hello['sensor']}; "
+        f"{_who(hello)}; "
         f"imud {report['imud']}, Python {report['python']}, {report['system']}; "
         f"{report['day']}.",
         "",
@@ -89,6 +89,18 @@ def as_markdown(report: dict[str, Any]) -> str:
     for name in ("hello", "events", "counters", "equipment", "self_test"):
         lines.append(f"{name}: {report[name]}")
     return "\n".join([*lines, "```", ""])
+
+
+def _who(hello: dict[str, Any]) -> str:
+    """The board, as far as it has said what it is."""
+    if hello["board"] is None:
+        return "no hello was received"
+    words = (
+        hello["board"],
+        f"firmware {hello['firmware'] or 'unknown'}",
+        f"sensor {hello['sensor'] or 'unknown'}",
+    )
+    return ", ".join(words)
 
 
 def _cell(text: str) -> str:

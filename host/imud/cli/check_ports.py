@@ -21,24 +21,12 @@ from serial.tools import list_ports
 from imud.check.evidence import Wire
 from imud.client import Client
 from imud.errors import DaemonNotFound, LinkError, PortNotFound, ProbeUnknown
-from imud.ports.finder import is_candidate
+from imud.ports.adapters import kind_of
+from imud.ports.standing import is_candidate
 
 START_S = 10.0  # until the daemon listens
 PROBE_S = 12.0  # a board that restarts, and a round of all baud rates
 WARNED_S = 4.0  # a warning may be about the bootloader's silence
-
-# USB adapters by vendor and product.
-ADAPTERS = {
-    (0x0403, 0x6001): "FT232R",
-    (0x0403, 0x6015): "FT231X",
-    (0x1A86, 0x7523): "CH340",
-    (0x1A86, 0x5523): "CH341",
-    (0x1A86, 0x55D4): "CH9102",
-    (0x10C4, 0xEA60): "CP210x",
-    (0x067B, 0x2303): "PL2303",
-    (0x2341, 0x0043): "ATmega16U2",
-    (0x0483, 0x5740): "STM32's own USB",
-}
 
 
 def only_port() -> str:
@@ -68,9 +56,9 @@ def wire_of(port: str | None) -> Wire | None:
     known = next((each for each in list_ports.comports() if each.device == real), None)
     if known is None or known.vid is None:
         return Wire("a serial port that is not USB")
-    chip = ADAPTERS.get((known.vid, known.pid), "unknown chip")
-    words = f"USB, {chip} ({known.vid:04x}:{known.pid:04x})"
-    return Wire(words, latency_timer_ms=_latency_timer(Path(real).name))
+    return Wire(
+        f"USB, {kind_of(known)}", latency_timer_ms=_latency_timer(Path(real).name)
+    )
 
 
 def _latency_timer(name: str) -> int | None:

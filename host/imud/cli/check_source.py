@@ -29,7 +29,7 @@ from imud.errors import (
     NoReply,
     ProbeUnknown,
 )
-from imud.ports.finder import same_port
+from imud.ports.standing import same_port
 from imud.probes.ledger import totals
 from imud.wire import messages
 from imud.wire.messages import Message

@@ -24,6 +24,7 @@ from imud.cli import (
     daemon,
     keys,
     params,
+    ports,
     probe,
     recordings,
     sim,
@@ -37,7 +38,7 @@ FAULT = 70
 
 ROOMS = (
     *(daemon, check, sim, watch, body, probe, calibrate, params, recordings, card),
-    *(keys, completion),
+    *(keys, ports, completion),
 )
 
 
@@ -50,7 +51,7 @@ class _Parser(GroupedParser):
         "command": ("start", "stop", "tare", "restart"),
         "calibrate": ("calibrate", "params"),
         "logs": ("record", "info", "decode", "export", "replay", "recover", "card"),
-        "set up and try": ("check", "sim", "completion"),
+        "set up and try": ("ports", "check", "sim", "completion"),
     }
 
 

@@ -76,8 +76,8 @@ def _row(status: dict[str, Any], alive: set[str]) -> tuple[str, ...]:
     return (
         name,
         str(status["state"]) if name in alive or status["port"] else "gone",
-        str(hello.get("board", "?")),
-        str(hello.get("firmware", "?")),
+        str(hello.get("board") or "?"),
+        str(hello.get("firmware") or "?"),
         f"{status['pose_rate_hz']:.0f} Hz",
         time_words(quality.get("age_us"), quality.get("t_bound_us")),
         f"{total.lost} of {total.sent}",

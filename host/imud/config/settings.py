@@ -38,8 +38,20 @@ class PortSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Serial ports. A probe keeps its identity on whichever port it is."""
 
     find: Annotated[
-        bool, Meta(description="look for probes on all USB and Bluetooth ports")
+        bool | Literal["all"],
+        Meta(
+            description="open USB and Bluetooth ports with a probe heard before or "
+            'that were adopted (imud ports adopt); "all": try all of them, which may '
+            "disturb other devices"
+        ),
     ] = True
+    memory: Annotated[
+        str,
+        Meta(
+            description="file that keeps which ports are ours; empty: in "
+            "/var/lib/imud for a service, else ~/.local/state/imud"
+        ),
+    ] = ""
     named: Annotated[
         tuple[str, ...],
         Meta(description="ports with a probe, ptys too: PORT or PORT@BAUD"),

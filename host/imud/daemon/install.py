@@ -13,18 +13,10 @@ from imud.config.kept import LogSettings, ParamsSettings
 from imud.config.reader import as_toml
 from imud.config.settings import Config
 from imud.errors import ConfigError, FileError
+from imud.ports import udev
 
 # What useradd(8) takes.
 _USER = re.compile(r"[a-z_][a-z0-9_-]{0,30}")
-
-# USB serial chips of Nanos and of the cables that F405 boards are tried with.
-CHIPS = (
-    ("1a86", "7523", "CH340"),
-    ("1a86", "55d4", "CH9102"),
-    ("0403", "6001", "FT232R"),
-    ("0403", "6015", "FT231X"),
-    ("10c4", "ea60", "CP2102"),
-)
 
 UNIT = """\
 # The pose of imu-probes as a network service.
@@ -97,28 +89,6 @@ SystemCallErrorNumber=EPERM
 WantedBy=multi-user.target
 """
 
-RULE_HEAD = """\
-# Serial chips of imu-probes: /dev/imu-probe-* whichever port they are on, left alone by
-# ModemManager, which would write to them, and without the FTDI's 16 ms of waiting.
-"""
-RULE = """\
-
-# {name}
-SUBSYSTEM=="usb", ENV{{DEVTYPE}}=="usb_device", ATTR{{idVendor}}=="{vendor}", \
-ATTR{{idProduct}}=="{product}", ENV{{ID_MM_DEVICE_IGNORE}}="1"
-SUBSYSTEM=="tty", ATTRS{{idVendor}}=="{vendor}", ATTRS{{idProduct}}=="{product}", \
-ENV{{ID_MM_PORT_IGNORE}}="1", ENV{{IMU_PROBE}}="1", GROUP="dialout", MODE="0660"
-"""
-# A CH340 has no serial number: its link then says where it is plugged in.
-RULE_TAIL = """\
-
-SUBSYSTEM=="tty", ENV{IMU_PROBE}=="1", ENV{ID_SERIAL_SHORT}=="?*", \
-SYMLINK+="imu-probe-$env{ID_SERIAL_SHORT}"
-SUBSYSTEM=="tty", ENV{IMU_PROBE}=="1", ENV{ID_SERIAL_SHORT}!="?*", \
-ENV{ID_PATH_TAG}=="?*", SYMLINK+="imu-probe-$env{ID_PATH_TAG}"
-ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{latency_timer}="1"
-"""
-
 HOMES = ("/home", "/root", "/run/user")
 TEMPORARY = ("/tmp", "/var/tmp")  # noqa: S108 - nothing is written there
 
@@ -133,6 +103,8 @@ to have it run, now and from each start of the machine on:
   systemd-sysusers && systemctl daemon-reload
   udevadm control --reload && udevadm trigger --subsystem-match=tty
   systemctl enable --now imud
+then, of the port that a probe is on:
+  imud ports; imud ports adopt /dev/ttyUSB0
 """
 
 
@@ -149,7 +121,6 @@ SERVICE_KEEP_MB = 16_000
 
 def files(user: str, program: Path) -> dict[str, str]:
     """What is written, by its place."""
-    rules = [RULE.format(vendor=v, product=p, name=name) for v, p, name in CHIPS]
     home = "read-only" if _is_below(program, HOMES) else "yes"
     private_tmp = "no" if _is_below(program, TEMPORARY) else "yes"
     unit = UNIT.format(
@@ -157,8 +128,7 @@ def files(user: str, program: Path) -> dict[str, str]:
     )
     return {
         "etc/systemd/system/imud.service": unit,
-        # After 60-serial.rules, which find ID_SERIAL_SHORT and ID_PATH_TAG.
-        "etc/udev/rules.d/70-imu-probe.rules": RULE_HEAD + "".join(rules) + RULE_TAIL,
+        udev.PLACE: udev.rules(),
         "etc/sysusers.d/imud.conf": USERS.format(user=user),
         SETTINGS: as_toml(
             Config(
@@ -171,7 +141,7 @@ def files(user: str, program: Path) -> dict[str, str]:
 
 def remove(prefix: Path) -> int:
     """Takes away what run() wrote, but for settings and data."""
-    for place in files("imud", _program()):
+    for place in (*files("imud", _program()), udev.ADOPTED_PLACE):
         path = prefix / place
         if not path.exists():
             continue
@@ -203,7 +173,7 @@ def run(prefix: Path, user: str, *, is_shown: bool) -> int:
         if place == SETTINGS and path.exists():
             sys.stdout.write(f"{path}: is there and stays as it is\n")
             continue
-        _write(path, text)
+        write(path, text)
         sys.stdout.write(f"{path}: written\n")
     sys.stdout.write(NEXT)
     if _is_below(_program(), TEMPORARY):
@@ -214,7 +184,7 @@ def run(prefix: Path, user: str, *, is_shown: bool) -> int:
     return 0
 
 
-def _write(path: Path, text: str) -> None:
+def write(path: Path, text: str) -> None:
     """All of it or nothing."""
     beside = path.with_name(f".{path.name}.part")
     try:

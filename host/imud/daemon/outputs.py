@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from imud.log.file import Settings
 from imud.log.retention import Retention
 from imud.net.network import own_credentials
 from imud.net.refusals import tell_refusals
+from imud.ports.local import LocalPorts
 from imud.sinks.foxglove import FoxgloveSink
 from imud.sinks.log import LogSink
 from imud.sinks.openigtlink import OpenIgtLinkSink
@@ -118,8 +119,8 @@ class Outputs:
         if config.web.enabled and address is not None:
             logs = LogFolder(Path(log.dir)) if log.enabled else None
             wanted[PAGE] = Wanted(
-                (config.web, network.keys, log.enabled, log.dir),
-                lambda: self._page(address, config.web.origins, network.keys, logs),
+                (config.web, network.keys, log.enabled, log.dir, config.ports),
+                lambda: self._page(address, config, logs),
             )
         served = host_and_port(config.foxglove.listen)
         if config.foxglove.enabled and served is not None:
@@ -142,10 +143,10 @@ class Outputs:
     def _page(
         self,
         address: tuple[str, int],
-        origins: Collection[str],
-        keys: str,
+        config: Config,
         logs: LogFolder | None,
     ) -> PageSink:
+        keys, origins = config.zenoh.keys, config.web.origins
         users: Users | None = KeyUsers(Path(keys)) if keys else None
         self._page_sink = PageSink(
             lambda: Page(
@@ -153,6 +154,7 @@ class Outputs:
                 self._on_command,
                 users=users,
                 logs=logs,
+                ports=LocalPorts(config.ports),
                 origins=origins,
                 on_notice=self._on_notice,
             )

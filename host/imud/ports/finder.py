@@ -2,31 +2,39 @@
 """Serves the ports that are named and those of datagrams, and finds other ports with a
 probe on them.
 
-A port that was found is opened and listened to. Without a probe on it, it is closed at
-once for other programs, and tried again after pauses that grow.
+Opening a port resets many boards and takes bytes from other programs: of the ports that
+nobody named, it opens those that are ours, and all only if the settings say so. One
+without a probe is closed at once, and tried again after pauses that grow.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import fnmatch
 import logging
-import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Protocol
 
 from serial.tools import list_ports
 
 from imud.config.settings import PortSettings, port_and_baud
-from imud.errors import PortLost, PortNotFound
+from imud.errors import FileError, PortLost, PortNotFound
 from imud.journal.speaker import Speaker
+from imud.ports.adapters import Listed, kind_of
+from imud.ports.adopted import AdoptedPorts, file_of
 from imud.ports.baud import Memory
 from imud.ports.holders import holders_of
 from imud.ports.listener import Listener
 from imud.ports.port import Port
+from imud.ports.standing import (
+    OPENED,
+    Standing,
+    is_candidate,
+    same_port,
+    standing_of,
+)
 from imud.ports.udp import UdpPorts
 
 # The ports are listed this often, which takes 0.9 ms, and whenever /dev changes.
@@ -44,40 +52,12 @@ REFUSED_S = 0.2
 logger = logging.getLogger("imud")
 
 
-class Listed(Protocol):
-    """What is known about a port that is not open: of pyserial's ListPortInfo."""
-
-    device: str
-    hwid: str
-    vid: int | None
-
-
 @dataclass(slots=True)
 class Pause:
     """When a port that exists is tried again."""
 
     until_s: float
     next_s: float
-
-
-def is_candidate(port: Listed, ignore: Iterable[str]) -> bool:
-    """Whether a port may be searched: USB and Bluetooth, unless a pattern of `ignore`
-    has it. A built-in port may control other equipment.
-    """
-    is_bluetooth = Path(port.device).name.startswith("rfcomm")
-    if port.vid is None and not is_bluetooth:
-        return False
-    names = (port.device, port.hwid)
-    return not any(
-        fnmatch.fnmatchcase(name, pattern) or same_port(port.device, pattern)
-        for pattern in ignore
-        for name in names
-    )
-
-
-def same_port(a: str, b: str) -> bool:
-    """Whether two paths are the same port; /dev/serial/by-id/... has links."""
-    return os.path.realpath(a) == os.path.realpath(b)
 
 
 class Finder:
@@ -100,7 +80,9 @@ class Finder:
         self._ports: dict[str, Port] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._pauses: dict[str, Pause] = {}
-        self._held: set[str] = set()  # ports of which was told that others have them
+        self._told: set[str] = set()  # ports of which was told why they stay closed
+        self._adopted = AdoptedPorts(file_of(settings.memory))
+        self._heard: dict[str, str] = {}  # ports to be adopted, and whose hello it was
         self._changed = asyncio.Event()
         self._dev_ns = 0
 
@@ -109,6 +91,8 @@ class Finder:
 
     def configure(self, settings: PortSettings) -> None:
         """Applies new settings. Ports that are no longer named are closed."""
+        if settings.memory != self._settings.memory:
+            self._adopted = AdoptedPorts(file_of(settings.memory))
         self._settings = settings
         self._changed.set()
 
@@ -125,7 +109,7 @@ class Finder:
                 while True:
                     self._serve_named()
                     self._udp.serve(self._settings)
-                    if self._settings.find:
+                    if self._settings.find or self._heard:
                         await self._serve_found()
                     await self._wait()
         except ExceptionGroup as faults:
@@ -165,21 +149,70 @@ class Finder:
         now_s = asyncio.get_running_loop().time()
         # In a thread: a slow driver may take long to describe its port.
         listed = await asyncio.to_thread(lambda: list(self._listed()))
+        self._adopt_heard(listed)
+        if not self._settings.find:
+            return
         found = {p.device: p for p in listed if is_candidate(p, self._settings.ignore)}
         for name in self._pauses.keys() - found.keys():
             del self._pauses[name]  # unplugged: the next device there may be another
-        self._held &= found.keys()
+        self._told &= found.keys()
+        if self._read_adopted():
+            self._close_released(found)
         for name, port in found.items():
             pause = self._pauses.get(name)
             if pause is not None and now_s < pause.until_s:
                 continue
-            if not any(same_port(name, other) for other in self._tasks):
-                if await self._is_held(name):
-                    continue
-                also = (port.hwid,) if port.vid is not None else ()
-                rates = self._settings.rates
-                made = self._port(name, rates, also=also, is_named=False)
-                self._serve(name, made)
+            if any(same_port(name, other) for other in self._tasks):
+                continue
+            if not self._may_open(port) or await self._is_held(name):
+                continue
+            self._told.discard(name)
+            also = (port.hwid,) if port.vid is not None else ()
+            rates = self._settings.rates
+            self._serve(name, self._port(name, rates, also=also, is_named=False))
+
+    def _may_open(self, port: Listed) -> bool:
+        """Whether a port may be opened. Told once, if a person may change that."""
+        standing = standing_of(port, self._settings, self._adopted)
+        if standing is Standing.UNKNOWN and port.device not in self._told:
+            self._told.add(port.device)
+            logger.info(
+                "%s: %s, which may be anybody's: not opened; if a probe is on it: "
+                "imud ports adopt %s",
+                *(port.device, kind_of(port), port.device),
+            )
+        return standing in OPENED
+
+    def _read_adopted(self) -> bool:
+        """Whether the ports that are ours have changed."""
+        try:
+            return self._adopted.refresh()
+        except FileError as error:
+            self._speaker.say("adopted", str(error), is_warning=True)
+            return False
+
+    def _close_released(self, found: Mapping[str, Listed]) -> None:
+        for name, port in self._ports.items():
+            if not port.is_named and name in found and not self._may_open(found[name]):
+                self._tasks[name].cancel()
+
+    def _hear(self, name: str, probe_id: str) -> None:
+        """A probe is on that port, so that it is ours from now on."""
+        self._heard[name] = probe_id
+        self._changed.set()
+
+    def _adopt_heard(self, listed: Iterable[Listed]) -> None:
+        """Remembers the ports on which a probe was heard."""
+        heard, self._heard = self._heard, {}
+        for name, probe_id in heard.items():
+            port = next((p for p in listed if same_port(p.device, name)), None)
+            if port is None or not is_candidate(port, ()):
+                continue  # a pty, or a port of the machine, which is opened if named
+            try:
+                self._adopted.adopt(port, f"probe {probe_id}")
+            except FileError as error:
+                text = f"{name} is ours until this ends: {error}"
+                self._speaker.say("adopted", text, is_warning=True)
 
     async def _is_held(self, name: str) -> bool:
         """Whether another program has that port open: then it is left alone, and tried
@@ -187,12 +220,11 @@ class Finder:
         """
         holders = await asyncio.to_thread(holders_of, name)
         if not holders:
-            self._held.discard(name)
             return False
         now_s = asyncio.get_running_loop().time()
         self._pauses[name] = Pause(now_s + PAUSE_S, PAUSE_S)
-        if name not in self._held:
-            self._held.add(name)
+        if name not in self._told:
+            self._told.add(name)
             logger.info(
                 "%s: %s has it open; it is left alone until that is over",
                 *(name, ", ".join(map(str, holders))),
@@ -216,6 +248,7 @@ class Finder:
             also=also,
             is_named=is_named,
             has_reset=self._settings.reset,
+            on_known=partial(self._hear, name),
         )
 
     def _serve(self, name: str, port: Port) -> None:

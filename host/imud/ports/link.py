@@ -9,7 +9,9 @@ import errno
 import fcntl
 import os
 import termios
+import threading
 from collections.abc import Callable
+from pathlib import Path
 
 import serial
 
@@ -107,7 +109,7 @@ class Link:
         self._write_some()
 
     async def _serve(self) -> None:
-        port = self._serial = _open(self.port, self._baud)
+        port = self._serial = await _opened(self.port, self._baud)
         self._pending = b""
         if self._has_reset:
             await _reset(port)
@@ -176,6 +178,37 @@ class Link:
         with contextlib.suppress(termios.error):
             termios.tcflush(port.fileno(), termios.TCOFLUSH)
         port.close()
+
+
+async def _opened(name: str, baud: int) -> serial.Serial:
+    """Opens a port. That of Bluetooth connects first, which takes up to half a minute
+    where nobody answers: in a thread, that is left alone once nobody waits for it.
+    """
+    if not Path(name).name.startswith("rfcomm"):
+        return _open(name, baud)
+    loop = asyncio.get_running_loop()
+    done: asyncio.Future[serial.Serial] = loop.create_future()
+
+    def settle(port: serial.Serial | None, error: Exception | None) -> None:
+        if done.cancelled():
+            if port is not None:
+                port.close()
+        elif port is not None:
+            done.set_result(port)
+        elif error is not None:
+            done.set_exception(error)
+
+    def work() -> None:
+        port, error = None, None
+        try:
+            port = _open(name, baud)
+        except Exception as fault:  # noqa: BLE001 - raised in the loop
+            error = fault
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            loop.call_soon_threadsafe(settle, port, error)
+
+    threading.Thread(target=work, name=f"open {name}", daemon=True).start()
+    return await done
 
 
 def _open(name: str, baud: int) -> serial.Serial:

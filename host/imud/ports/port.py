@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from imud.errors import LinkError, PortLost, PortNotFound
 from imud.journal.phrases import port_problem
@@ -51,11 +51,14 @@ class Port:
         also: Sequence[str] = (),
         is_named: bool = True,
         has_reset: bool = False,
+        on_known: Callable[[str], None] = lambda _: None,
     ) -> None:
+        """`on_known`: called with the id of the probe that was heard."""
         self.name = name
         self.is_named = is_named
         self._keys = (*also, name)
         self._rates = rates
+        self._on_known = on_known
         self._probes = probes
         self._speaker = speaker
         self._memory = memory
@@ -265,6 +268,7 @@ class Port:
         self._is_noise_told = False
         self.had_probe = True
         self._memory.learn(self._keys, probe_id, self.baud)
+        self._on_known(probe_id)
 
     def _tell_problem(self, event: OnlyNoise | Silent, rates: Sequence[int]) -> None:
         text = port_problem(self.name, event, rates)

@@ -81,6 +81,20 @@ class Read(_Message, frozen=True):
     offset: Annotated[int, Meta(ge=0)]
 
 
+class Ports(_Message, frozen=True):
+    """Asks for the serial ports of the daemon's machine."""
+
+    id: int
+
+
+class Adopt(_Message, frozen=True):
+    """Makes a port the daemon's own, or leaves it to others."""
+
+    id: int
+    port: Annotated[str, Meta(max_length=200)]
+    ours: bool
+
+
 class Play(_Message, frozen=True):
     """Plays a log so many times as fast as it was, from its beginning; of the one that
     is played, another speed. 0: stands still.
@@ -103,6 +117,17 @@ class GoLive(_Message, frozen=True, tag="live"):
 
 
 BrowserMessage = (
-    Login | Watch | Seen | Ask | Calibrate | Logs | Read | Play | Seek | GoLive
+    Login
+    | Watch
+    | Seen
+    | Ask
+    | Calibrate
+    | Logs
+    | Read
+    | Ports
+    | Adopt
+    | Play
+    | Seek
+    | GoLive
 )
 decode = msgspec.json.Decoder(BrowserMessage).decode

@@ -32,7 +32,7 @@ from imud.web.guide import GuideError, Guides
 from imud.web.logs import LogFolder
 from imud.web.playing import Players
 from imud.web.users import Everybody, Users
-from imud.web.visit import Host, OnAsk, Visit
+from imud.web.visit import Host, OnAsk, PortDesk, Visit
 from imud.wire import schema
 
 MESSAGE_MAX = 16 * 1024  # bytes from a browser: a command with its parameters
@@ -63,6 +63,7 @@ class Page:
         users: Users | None = None,
         about: Mapping[str, Any] | None = None,
         logs: LogFolder | None = None,
+        ports: PortDesk | None = None,
         origins: Collection[str] = (),
         on_notice: OnNotice = lambda *_: None,
     ) -> None:
@@ -76,7 +77,7 @@ class Page:
         self._guides = Guides(self._feed, self._ask, self._tell)
         self._host = Host(
             *(self._gate, self._feed, users, on_ask, page),
-            *(self._guides, Players(), logs),
+            *(self._guides, Players(), logs, ports),
         )
         self._on_ask = on_ask
         self._files = Files()

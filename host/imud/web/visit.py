@@ -5,24 +5,27 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 from websockets.asyncio.server import ServerConnection
 from websockets.frames import CloseCode
 
+from imud.errors import ImudError
 from imud.web.browser import Browser
 from imud.web.feed import CALIBRATION, Feed
 from imud.web.gate import Gate
 from imud.web.guide import GuideError, Guides
 from imud.web.logs import LogFolder
 from imud.web.messages import (
+    Adopt,
     Ask,
     Calibrate,
     GoLive,
     Login,
     Logs,
     Play,
+    Ports,
     Read,
     Seek,
     Seen,
@@ -39,9 +42,18 @@ OnAsk = Callable[[str, str, dict[str, str], Answer], None]
 
 TOO_MUCH = "too many commands at once"
 NO_LOGS = "there are no logs for your role"
+NO_PORTS = "there are no ports for your role"
 ASKS_MAX = 8  # commands of one browser that are not yet answered
 LOGINS_MAX = 3
 LOGIN_PAUSE_S = 0.5  # after a wrong password
+
+
+class PortDesk(Protocol):
+    """The ports of the daemon's machine; each call may raise an ImudError."""
+
+    def rows(self) -> Any: ...
+    def adopt(self, name: str) -> bool: ...
+    def release(self, name: str) -> bool: ...
 
 
 class Host(msgspec.Struct, frozen=True):
@@ -55,6 +67,7 @@ class Host(msgspec.Struct, frozen=True):
     guides: Guides
     players: Players
     logs: LogFolder | None = None  # None: there are none here
+    ports: PortDesk | None = None  # None: they are another machine's
 
 
 class Visit:
@@ -84,6 +97,7 @@ class Visit:
                 "reads": sorted(grant.reads),
                 "commands": bool(grant.commands),
                 "logs": self._has_logs(),
+                "ports": self._has_ports(),
                 "playing": self._playing.name if self._playing else None,
             }
         )
@@ -109,6 +123,8 @@ class Visit:
             self._seek(request)
         elif isinstance(request, GoLive):
             await self._go_live()
+        elif isinstance(request, Ports | Adopt):
+            await self._tell_ports(request)
         else:
             await self._tell_logs(request)
 
@@ -174,6 +190,26 @@ class Visit:
                 value = await asyncio.to_thread(logs.read, request.name, request.offset)
         except OSError as error:
             self._say_answer(request.id, b"", error.strerror or "it can't be read")
+        else:
+            self._say_answer(request.id, msgspec.json.encode(value), "")
+
+    def _has_ports(self) -> bool:
+        return self._host.ports is not None and bool(self._grant.commands)
+
+    async def _tell_ports(self, request: Ports | Adopt) -> None:
+        ports = self._host.ports
+        if ports is None or not self._has_ports():
+            self._host.gate.refuse("role", self._connection)
+            self._say_answer(request.id, b"", NO_PORTS)
+            return
+        try:
+            if isinstance(request, Ports):
+                value: Any = await asyncio.to_thread(ports.rows)
+            else:
+                change = ports.adopt if request.ours else ports.release
+                value = await asyncio.to_thread(change, request.port)
+        except ImudError as error:
+            self._say_answer(request.id, b"", str(error))
         else:
             self._say_answer(request.id, msgspec.json.encode(value), "")
 

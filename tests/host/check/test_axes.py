@@ -142,3 +142,13 @@ def test_a_report_has_all_rows_and_no_names() -> None:
         for name in (platform.node(), getpass.getuser(), "/dev/", "/home"):
             assert name not in text
     assert json.loads(texts[0])["self_test"]["factory"] == [93, 95, 96, 112, 112, 113]
+
+
+def test_a_report_on_a_port_without_a_probe_says_so_instead_of_none() -> None:
+    found = evidence(samples=raws(ppm=3.0))
+    table = judged(found)
+    found.hello = {}
+    document = report.as_object(found, table, datetime.date(2026, 11, 25))
+    text = report.as_markdown(document)
+    assert "\nno hello was received; imud " in text
+    assert "firmware None" not in text

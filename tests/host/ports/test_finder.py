@@ -19,7 +19,7 @@ from fakes import PATIENCE_S, FakeProbe, Port
 from imud.config.settings import PortSettings
 from imud.errors import PortLost
 from imud.ports import baud, finder, link, port
-from imud.ports.finder import is_candidate
+from imud.ports.standing import is_candidate
 from ports_desk import Desk, Device, at_desk
 
 

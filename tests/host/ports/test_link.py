@@ -9,14 +9,17 @@ import errno
 import fcntl
 import os
 import termios
+import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
+import serial
 from serial import serialposix
 
 from fakes import PATIENCE_S, Port
 from imud.errors import LinkError, PortLost
+from imud.ports import link
 from imud.ports.link import PENDING_MAX, Link
 
 
@@ -184,3 +187,48 @@ def test_a_system_without_low_latency_opens_ports_all_the_same(
         assert opened.link.is_open
 
     with_link(tmp_path, check)
+
+
+def test_a_bluetooth_port_that_connects_for_long_holds_nothing_else_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Opening one waits for its other end."""
+    port = Port(tmp_path / "rfcomm0")
+    answered, opened = threading.Event(), threading.Event()
+    plain = link._open
+
+    def slow(name: str, baud: int) -> serial.Serial:
+        answered.wait(PATIENCE_S)
+        found = plain(name, baud)
+        opened.set()
+        return found
+
+    monkeypatch.setattr(link, "_open", slow)
+
+    async def run() -> None:
+        is_open = asyncio.Event()
+        first, second = (
+            Link(
+                str(port.path),
+                500_000,
+                on_open=is_open.set,
+                on_data=lambda *_: None,
+                on_fault=lambda _: None,
+            )
+            for _ in range(2)
+        )
+        # Nobody waits any more: what is opened then is closed at once.
+        left = asyncio.create_task(first.run())
+        await asyncio.sleep(0.05)
+        left.cancel()
+        await asyncio.gather(left, return_exceptions=True)
+        answered.set()
+        await asyncio.to_thread(opened.wait, PATIENCE_S)
+        await asyncio.sleep(0.05)
+        serving = asyncio.create_task(second.run())
+        await asyncio.wait_for(is_open.wait(), PATIENCE_S)
+        serving.cancel()
+        await asyncio.gather(serving, return_exceptions=True)
+
+    asyncio.run(run())
+    port.vanish()

@@ -119,6 +119,20 @@ export class Link extends EventTarget {
     return this._request({ do: "logs" });
   }
 
+  /** @returns {Promise<{ port: string, kind: string, standing: string, is_opened: boolean, why: string, held_by: string[] }[]>} */
+  ports() {
+    return this._request({ do: "ports" });
+  }
+
+  /**
+   * Makes a serial port the daemon's own, or leaves it to others.
+   * @param {string} port
+   * @param {boolean} ours
+   */
+  adopt(port, ours) {
+    return this._request({ do: "adopt", port, ours });
+  }
+
   /**
    * Plays a log in the place of what is live, so many times as fast; 0: stands still.
    * @param {string} name

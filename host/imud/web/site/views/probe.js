@@ -47,7 +47,9 @@ export class ProbeView {
     this._empty = make(
       "p",
       { class: "empty" },
-      "No probe yet. Plug one in, or start a virtual one: imud sim nano --stream",
+      "No probe yet. Plug one in and adopt its port under ",
+      make("a", { href: "#/probes" }, "Probes"),
+      ", or start a virtual one: imud sim nano --stream",
     );
     this._legend = make("p", { class: "over bottom-right legend" }, LEGEND);
     this._numbers = new Numbers();

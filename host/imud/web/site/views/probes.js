@@ -5,6 +5,7 @@
 import { make, mark, say } from "../dom.js";
 import { fixed, micros, sigma, span, UNKNOWN, whole } from "../format.js";
 import { LogList } from "./logs.js";
+import { PortList } from "./ports.js";
 import { both, concerns, showChips, STATES, voidWords } from "./words.js";
 
 /** @typedef {import("../model.js").Model} Model */
@@ -161,9 +162,14 @@ export class ProbesView {
     this._rows = new Map();
     this._cards = make("div", { class: "cards" });
     this._logs = new LogList(model);
+    this._ports = new PortList(model);
     this._foot = make("p", { class: "muted small foot" });
     this._empty = make("p", { class: "empty" }, "No probe yet.");
-    this.element = make("section", { class: "probes view" }, this._empty, this._cards, this._logs.element, this._foot);
+    this.element = make(
+      "section",
+      { class: "probes view" },
+      ...[this._empty, this._cards, this._ports.element, this._logs.element, this._foot],
+    );
   }
 
   close() {}
@@ -176,6 +182,7 @@ export class ProbesView {
     this._drawnMs = nowMs;
     const { names, page, link } = this._model;
     this._logs.draw(nowMs);
+    this._ports.draw(nowMs);
     this._empty.hidden = names.length > 0;
     for (const [name, row] of this._rows) {
       if (!names.includes(name)) {

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: MIT
+"""Serial ports of this machine: `imud ports`, `imud ports adopt` and `release`."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imud.cli.arguments import add_command
+
+if TYPE_CHECKING:
+    from imud.cli.arguments import Commands
+    from imud.ports.adopted import AdoptedPorts
+    from imud.ports.local import LocalPorts
+
+# Of the service, for who runs this as root.
+SERVICE_SETTINGS = Path("/etc/imud.toml")
+
+ROOT = Path("/")
+
+NONE = """\
+no serial port; docs/no-port.md says why one may be missing: a cable without data \
+wires, brltty, a group
+"""
+
+RELOAD = """\
+to have ModemManager know it, and /dev/imu-probe its links:
+  udevadm control --reload && udevadm trigger --subsystem-match=tty
+"""
+
+
+def add(commands: Commands) -> None:
+    ports = add_command(
+        commands,
+        "ports",
+        "show the serial ports, who has them, and which ones imud opens",
+        "imud ports, and then: imud ports adopt /dev/ttyUSB0",
+        "imud opens no port that may be another program's, until a person adopts it or "
+        "names it: imud run PORT.",
+    )
+    _add_config(ports)
+    ports.add_argument(
+        "--json",
+        action="store_true",
+        help="print one JSON object a port: port, kind, standing, is_opened, why, "
+        "held_by",
+    )
+    ports.set_defaults(run=_list)
+    actions = ports.add_subparsers(metavar="[adopt|release]")
+    for name, text, run in (
+        ("adopt", "let imud open this port from now on: a probe is on it", _adopt),
+        ("release", "leave this port to others from now on", _release),
+    ):
+        action = add_command(actions, name, text, f"imud ports {name} /dev/ttyUSB0")
+        action.add_argument("port", metavar="PORT", help="such as /dev/ttyUSB0")
+        _add_config(action, default=argparse.SUPPRESS)  # or what stands before
+        action.set_defaults(run=run)
+
+
+def _add_config(parser: argparse.ArgumentParser, default: str | None = None) -> None:
+    parser.add_argument(
+        "--config",
+        default=default,
+        metavar="FILE",
+        type=Path,
+        help=f"settings of the daemon (default: none; for root {SERVICE_SETTINGS}, if "
+        "it is there)",
+    )
+
+
+def _ports(args: argparse.Namespace) -> LocalPorts:
+    from imud.config import reader
+    from imud.ports.local import LocalPorts
+
+    path = args.config
+    if path is None and os.geteuid() == 0 and SERVICE_SETTINGS.exists():
+        path = SERVICE_SETTINGS
+    return LocalPorts(reader.load(path).ports)
+
+
+def _list(args: argparse.Namespace) -> int:
+    import msgspec
+
+    found = _ports(args).rows()
+    if args.json:
+        for row in found:
+            sys.stdout.write(msgspec.json.encode(row).decode() + "\n")
+        return 0
+    if not found:
+        sys.stdout.write(NONE)
+    for row in found:
+        sys.stdout.write(f"{row.port}  {row.kind}\n    {row.why}\n")
+        for holder in row.held_by:
+            sys.stdout.write(f"    open in {holder}\n")
+    return 0
+
+
+def _adopt(args: argparse.Namespace) -> int:
+    ports = _ports(args)
+    is_new = ports.adopt(args.port)
+    what = "is ours from now on" if is_new else "was ours already"
+    sys.stdout.write(f"{args.port} {what}: {ports.adopted.path}\n")
+    _tell_service(ports.adopted)
+    return 0
+
+
+def _release(args: argparse.Namespace) -> int:
+    ports = _ports(args)
+    is_known = ports.release(args.port)
+    what = "is left to others from now on" if is_known else "was not ours"
+    sys.stdout.write(f"{args.port} {what}: {ports.adopted.path}\n")
+    _tell_service(ports.adopted)
+    return 0
+
+
+def _tell_service(adopted: AdoptedPorts) -> None:
+    """A service has a file of its own, which only root may write, and udev rules."""
+    from imud.daemon.install import write
+    from imud.ports import udev
+    from imud.ports.adopted import SERVICE_FOLDER
+
+    if not SERVICE_FOLDER.exists():
+        return
+    if adopted.path.parent != SERVICE_FOLDER:
+        sys.stdout.write(
+            "that holds for a daemon that you run; the service has its own: sudo imud "
+            "ports\n"
+        )
+    elif (ROOT / udev.PLACE).exists():
+        write(ROOT / udev.ADOPTED_PLACE, udev.adopted_rules(adopted.known))
+        sys.stdout.write(RELOAD)
