@@ -4,26 +4,45 @@
 from __future__ import annotations
 
 import asyncio
-import fcntl
-import itertools
+import hashlib
 import logging
 import os
-import select
+import subprocess
+import sys
 import time
 from pathlib import Path
 
 import pytest
 
-from fakes import FakeProbe
+from fakes import FakeProbe, Port
 from imud.config.settings import PortSettings
 from imud.errors import FileError
-from imud.ports import finder
+from imud.ports import finder, link
 from imud.ports.adapters import ADAPTERS, adapter_of, kind_of, table
 from imud.ports.adopted import AdoptedPorts, is_unique
 from imud.ports.standing import Standing, rows, standing_of
 from ports_desk import Desk, Device, at_desk
 
 ROOT = Path(__file__).resolve().parents[3]
+
+SECONDS = float(os.environ.get("IMU_NEIGHBOUR_SECONDS", "1.5"))
+
+# Reads lines from a port as a serial monitor does, and says what it got.
+OTHER = """
+import hashlib, os, sys, tty
+port = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+tty.setraw(port)
+print("open", flush=True)
+data, count, digest = b"", 0, hashlib.sha256()
+while True:
+    *lines, data = (data + os.read(port, 65536)).split(b"\\n")
+    for line in lines:
+        if line == b"end":
+            print(count, digest.hexdigest(), flush=True)
+            sys.exit()
+        count += 1
+        digest.update(line + b"\\n")
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -96,34 +115,43 @@ def test_a_board_with_our_name_is_opened_at_once(tmp_path: Path) -> None:
     at_desk(tmp_path, check, find=True)
 
 
-def test_another_program_on_a_port_that_may_be_anybodys_gets_every_byte(
-    tmp_path: Path,
+@pytest.mark.parametrize("find", [True, "all"])
+def test_another_program_on_a_port_gets_every_byte_and_its_board_is_not_reset(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, find: bool | str
 ) -> None:
-    """Nor is the port opened, by which a board would be reset."""
-    opened = []
+    """It asks for no lock. Opening the port would reset a board."""
+    opened: list[str] = []
+    plain = link._open
+    monkeypatch.setattr(
+        link, "_open", lambda name, baud: opened.append(name) or plain(name, baud)
+    )
+    monkeypatch.setattr(finder, "PAUSE_S", 0.05)
 
     async def check(desk: Desk) -> None:
-        port = desk.plug("ttyUSB0")
-        other = os.open(port.path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        sent = got = b""
-        until_s = time.monotonic() + 2.0
-        for number in itertools.count():
-            if time.monotonic() > until_s:
-                break
-            line = b"%d\n" % number
-            sent += line
-            port.write(line)
-            opened.extend(desk.finder)
-            await asyncio.sleep(0.002)
-            if select.select([other], [], [], 0)[0]:
-                got += os.read(other, 65536)
-        assert got == sent
-        assert fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB) is None
-        os.close(other)
+        port = Port(tmp_path / "ttyUSB0")
+        program = [sys.executable, "-c", OTHER, str(port.path)]
+        with subprocess.Popen(
+            program, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        ) as other:
+            assert other.stdin is not None
+            assert other.stdout is not None
+            assert other.stdout.readline() == b"open\n"
+            desk.devices.append(Device(str(port.path)))
+            sent, number = hashlib.sha256(), 0
+            until_s = time.monotonic() + SECONDS
+            while time.monotonic() < until_s:
+                line = b"%d\n" % number
+                sent.update(line)
+                port.write(line)
+                number += 1
+                await asyncio.sleep(0.002)
+            port.write(b"end\n")
+            told = await asyncio.to_thread(other.stdout.readline)
+        assert told.decode().split() == [str(number), sent.hexdigest()]
         desk.unplug(port)
 
-    at_desk(tmp_path, check, find=True)
-    assert not opened
+    at_desk(tmp_path, check, find=find)
+    assert opened == []
 
 
 def test_a_damaged_memory_is_said_and_named_ports_go_on(
