@@ -33,7 +33,7 @@ from imud.body.state import (
     Vector,
 )
 from imud.body.tracks import GAP_S, Track
-from imud.rotation import FloatArray
+from imud.rotation import FloatArray, Quat
 
 DELAY_S = 0.15
 ALIGN_S = 180.0  # of poses that an alignment looks back on
@@ -83,6 +83,7 @@ class LiveBody:
         self._known: Mapping[str, JointModel] = {}
         self._steps: dict[str, HeadingFilter] = {}
         self._feet = {s.name: Foot() for s in chain.segments if s.is_contact}
+        self._sides: dict[str, Quat] = {}  # the last attitudes, for their signs
         self._number = 0
 
     def state(self, now_s: float) -> BodyState:
@@ -267,6 +268,10 @@ class LiveBody:
             quat = shown.quats[name][0] if shown is not None else np.full(4, np.nan)
             is_there = bool(np.isfinite(quat).all())
             w, x, y, z = (round(each, 5) for each in quat.tolist())
+            if is_there:
+                w, x, y, z = self._sides[name] = rotation.beside(
+                    (w, x, y, z), self._sides.get(name)
+                )
             marks = {
                 mark: place
                 for mark in segment.marks

@@ -134,6 +134,20 @@ def test_angles_are_those_of_the_leg_within_what_is_stated():
     assert (np.abs(off) < 1.96 * np.array(sigmas)).mean() > 0.85
 
 
+def test_the_four_numbers_of_a_segment_never_jump_to_the_other_sign():
+    """The attitude is the same, but who draws or differentiates them sees a jump."""
+    last: dict[str, tuple[float, ...]] = {}
+    begin_s = made().stages["walk"][0] + 2.0
+    desk = Desk(body(), corrected=lambda time_s: math.tau * (time_s > begin_s))
+    for _, state in desk.states(begin_s + 2.0):
+        for segment in state.segments:
+            if segment.q is not None:
+                if segment.name in last:
+                    assert np.dot(segment.q, last[segment.name]) > 0
+                last[segment.name] = segment.q
+    assert len(last) == 3
+
+
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("has_raw", [True, False])
 def test_a_heading_that_is_corrected_is_no_motion(has_raw: bool):
