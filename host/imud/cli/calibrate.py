@@ -21,7 +21,6 @@ PARTS = {
     "verify": "check the calibration that is in force, in ten seconds",
     "learned": "put in force what the daemon has learned from free motion",
     "undo": "bring back the params of before",
-    "history": "list the params that came into force",
 }
 METHODS = {
     "guided": "ours",
@@ -110,6 +109,8 @@ def _add_tip(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
+    if args.what == "history":
+        args.parser.error("the history is that of the params: imud params history")
     if args.what not in PARTS:
         if args.probe is not None:
             args.parser.error(f"WHAT is {', '.join(PARTS)}, not {args.what}")
@@ -118,7 +119,7 @@ def _run(args: argparse.Namespace) -> int:
     _check_method(args)
     if args.force and args.source is None:
         args.parser.error("--force is for --from FILE")
-    if args.source is not None and what in ("learned", "undo", "history"):
+    if args.source is not None and what in ("learned", "undo"):
         args.parser.error(f"{what} takes no --from")
     from imud.cli import calibrate_run, calibrate_tip
 
@@ -128,10 +129,6 @@ def _run(args: argparse.Namespace) -> int:
         return calibrate_run.from_file(args)
     with client_of(args) as client:
         probe = client.only_probe(args.probe)
-        if what == "history":
-            from imud.cli import params_text
-
-            return params_text.history(client, probe)
         if what == "learned":
             return calibrate_run.learned(client, probe, args)
         if what == "undo":
