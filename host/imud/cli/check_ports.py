@@ -20,9 +20,11 @@ from serial.tools import list_ports
 
 from imud.check.evidence import Wire
 from imud.client import Client
+from imud.config.settings import PortSettings
 from imud.errors import DaemonNotFound, LinkError, PortNotFound, ProbeUnknown
 from imud.ports.adapters import kind_of
-from imud.ports.standing import is_candidate
+from imud.ports.local import LocalPorts
+from imud.ports.standing import Standing
 
 START_S = 10.0  # until the daemon listens
 PROBE_S = 12.0  # a board that restarts, and a round of all baud rates
@@ -30,16 +32,24 @@ WARNED_S = 4.0  # a warning may be about the bootloader's silence
 
 
 def only_port() -> str:
-    """The one port that may have a probe. ProbeUnknown if there is none, or several."""
-    found = sorted(
-        port.device for port in list_ports.comports() if is_candidate(port, ())
-    )
-    if len(found) == 1:
-        return str(found[0])
+    """The one port that may have a probe. ProbeUnknown if there is none, or several,
+    or if it may be another program's.
+    """
+    rows = LocalPorts(PortSettings()).rows()
+    ours = [row.port for row in rows if row.is_opened]
+    if len(ours) == 1:
+        return ours[0]
+    others = [row.port for row in rows if row.standing == Standing.UNKNOWN.value]
+    found = ours or others
     if not found:
         raise ProbeUnknown(
             "no imud run, and no USB serial port: plug the board in, or name its port, "
             "as imud check /dev/ttyUSB0"
+        )
+    if len(found) == 1:
+        raise ProbeUnknown(
+            f"no imud run, and {found[0]} may be another program's; if it is the "
+            f"board's: imud check {found[0]}"
         )
     raise ProbeUnknown(
         f"no imud run, and {len(found)} serial ports; name one: {', '.join(found)}"

@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -15,6 +14,8 @@ from chain import Chain
 from fakes import FakeProbe, free_endpoint
 from imud.calibration.poses import BASE_DOWN
 from imud.cli import check_ports, check_run, check_source, main
+from imud.ports import local
+from ports_desk import Device
 from raw_probe import Stream, capture, lying
 
 
@@ -41,8 +42,8 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
 
 
 def has_serial_ports(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
-    found = [SimpleNamespace(device=name, hwid="", vid=0x1A86) for name in names]
-    monkeypatch.setattr(check_ports.list_ports, "comports", lambda: found)
+    found = [Device(name, location=name) for name in names]
+    monkeypatch.setattr(local.list_ports, "comports", lambda: found)
 
 
 def test_a_probe_of_a_daemon_is_checked_and_does_as_before(
@@ -109,14 +110,17 @@ def test_a_name_without_a_daemon_asks_for_the_port(
     [
         ((), "no USB serial port: plug the board in"),
         (("/dev/ttyUSB3", "/dev/ttyACM1"), "name one: /dev/ttyACM1, /dev/ttyUSB3"),
+        (("/dev/ttyUSB3",), "may be another program's; if it is the board's: imud "),
     ],
 )
-def test_without_a_name_there_must_be_one_port(
+def test_without_a_name_there_must_be_one_port_that_is_ours(
+    tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
     ports: tuple[str, ...],
     words: str,
 ) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     has_serial_ports(monkeypatch, *ports)
     assert words in refused(capsys, "--connect", check_source.ENDPOINT)
 
