@@ -10,7 +10,8 @@ from typing import Any
 from fakes import FakeProbe
 from imud.errors import FileError
 from imud.log.file import Settings
-from imud.log.reader import Damage, Logged, LogHead, salvage
+from imud.log.parts import Damage
+from imud.log.reader import Logged, LogHead, salvage
 from imud.probes.record import Record, Stamp, record_of
 from imud.probes.scales import Scales
 from imud.sinks.log import LogSink

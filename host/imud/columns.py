@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""The names of columns in tables: of what imud exports, and of the motions it reads."""
+"""Tables: the names of columns, of what imud exports and of the motions it reads; and
+texts in their cells.
+"""
 
 from __future__ import annotations
 
@@ -12,3 +14,15 @@ def parts_of(key: str, axes: str = "xyz") -> tuple[str, ...]:
     unit = next((unit for unit in UNITS if key.endswith(unit)), "")
     name = key.removesuffix(unit)
     return tuple(f"{name}_{axis}{unit}" for axis in axes)
+
+
+# A cell that begins so is a formula to a spreadsheet, which runs it.
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+def inert(text: str) -> str:
+    """The text of a cell, which may be a stranger's: no formula, no control character.
+    A spreadsheet shows what follows an apostrophe as it is.
+    """
+    mark = "'" if text.startswith(_FORMULA) else ""
+    return mark + "".join(c if c.isprintable() else "?" for c in text)

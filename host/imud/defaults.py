@@ -11,3 +11,6 @@ OPENIGTLINK = "127.0.0.1:18944"  # the port that 3D Slicer and PLUS use
 # Params that came into force; under XDG_STATE_HOME where that is set.
 STATE = "~/.local/state"
 HISTORY = f"{STATE}/imud/params"
+
+# More probes come from a device, or a log, that makes up ids: 64 at 200 Hz fill a core.
+PROBES_MAX = 256

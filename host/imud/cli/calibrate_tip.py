@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import io
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -29,6 +30,7 @@ from imud.cli.calibrate_source import CalibratedProbe
 from imud.errors import FileError
 from imud.params.value import Params
 from imud.rotation import FloatArray
+from imud.text_file import read_text
 
 ERROR_MM = {"tape": 2.0}  # one sigma of an axis; of positions 1 mm
 PLACE = ("x_m", "y_m", "z_m")
@@ -161,14 +163,7 @@ def read(path: Path) -> tuple[FloatArray, FloatArray | None]:
     of a CSV file with the columns x_m,y_m,z_m and qw,qx,qy,qz. FileError if it is none.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-    except OSError as error:
-        raise FileError(f"can't read {path}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise FileError(
-            f"{path} is no text: byte {error.start} is not UTF-8"
-        ) from error
+        rows = list(csv.DictReader(io.StringIO(read_text(path), newline="")))
     except csv.Error as error:
         raise FileError(f"{path}: it is no CSV: {error}") from error
     if not rows or not set(PLACE) <= rows[0].keys():

@@ -104,6 +104,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         text = f"can't use {error.filename}: {error.strerror}"
         sys.stderr.write(f"imud: {plain(text)}\n")
         return 1
+    except MemoryError:
+        sys.stderr.write("imud: the memory of this machine is full; close something\n")
+        return 1
     except KeyboardInterrupt:
         return 130  # 128 + SIGINT, as shells say it
     return status

@@ -23,6 +23,7 @@ from imud.config.toml import (
     written,
 )
 from imud.errors import ConfigError
+from imud.text_file import read_text
 
 ABOUT = """\
 Settings of imud, each with its purpose. A setting that is left out has the default
@@ -109,15 +110,9 @@ def changed_in(path: Path) -> str:
 
 
 def _parsed(path: Path) -> tuple[str, dict[str, Any], list[Mistake]]:
+    text = read_text(path, ConfigError)
     try:
-        text = path.read_text("utf-8")
         table = parse(text)
-    except OSError as error:
-        raise ConfigError(f"can't read {path}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(
-            f"{path} is not TOML: byte {error.start} is not UTF-8"
-        ) from error
     except tomllib.TOMLDecodeError as error:
         # The parser's message may quote the file, line breaks included.
         words = "".join(c if c.isprintable() else "?" for c in str(error))

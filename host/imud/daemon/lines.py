@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import logging
 
-from imud.daemon.registry import PROBES_MAX, ProbeEntry, ProbePort
+from imud.daemon.registry import ProbeEntry, ProbePort
+from imud.defaults import PROBES_MAX
 from imud.journal.phrases import FAULTS, event_words, port_problem, who
 from imud.journal.speaker import Speaker
 from imud.probes.ledger import FrameVerdict

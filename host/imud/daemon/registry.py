@@ -12,6 +12,7 @@ import msgspec
 
 from imud.calibration.earth import Earth, earth_at
 from imud.config.settings import Config, PlaceSettings
+from imud.defaults import PROBES_MAX
 from imud.probes.aim import Aim
 from imud.probes.double_click import PathCloser
 from imud.probes.north import North
@@ -21,9 +22,6 @@ from imud.probes.session import OtherSchema, Probe, Session
 from imud.probes.withheld import WithheldWatch
 from imud.stages import Stage
 from imud.stages.factory import stages_of
-
-# More than these come from a device that makes up ids: 64 at 200 Hz fill a core.
-PROBES_MAX = 256
 
 # Up to so many probes have a part of their own in the daemon's last line.
 LISTED_MAX = 4

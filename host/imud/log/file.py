@@ -14,7 +14,8 @@ from io import BufferedWriter
 
 from imud.defaults import PREFIX
 from imud.log.channels import payload_on, topics_of
-from imud.log.reader import FRAME_ENCODING, seal
+from imud.log.parts import seal
+from imud.log.reader import FRAME_ENCODING
 from imud.log.retention import KEEP_ALL, Retention
 from imud.log.schemas import schema_of
 from imud.log.writer import LogWriter

@@ -11,17 +11,12 @@ from typing import NamedTuple
 
 from mcap.opcode import Opcode
 
-from imud.log.reader import (
-    Damage,
-    Logged,
-    LogHead,
-    Reader,
-    channels_of,
-    legible,
-    opened,
-    parts_of,
-    records_of,
-)
+from imud.errors import FileError
+from imud.log.parts import Damage, channels_of, parts_of, records_of
+from imud.log.reader import Logged, LogHead, Reader, legible, opened
+
+# Some 20 GB of ours.
+SPANS_MAX = 200_000
 
 _TIMES = struct.Struct("<QQ")  # of the first and last message, at a chunk's begin
 
@@ -43,6 +38,8 @@ class SeekableLog:
         with opened(path) as file, legible(path):
             self._size = path.stat().st_size
             for at, kind, body in records_of(file, self._size):
+                if len(self.spans) > SPANS_MAX:
+                    raise FileError(f"{path} has more parts than a log of imud")
                 if kind == Opcode.CHUNK:
                     file.seek(body)
                     times = file.read(_TIMES.size)

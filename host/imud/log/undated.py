@@ -6,6 +6,7 @@ Their times are the probe's own, from 1970 on.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 
 from msgspec.structs import replace
@@ -13,6 +14,7 @@ from msgspec.structs import replace
 from imud.log.file import LogFile, Settings
 from imud.probes.record import Record, record_of
 from imud.probes.session import Event, Probe, Received, Session
+from imud.probes.speaker import probe_of
 
 
 def record_by_device(event: Received, started_ns: int = 0) -> Record:
@@ -33,7 +35,7 @@ def write_capture(chunks: Iterable[bytes], probe: Probe, path: Path) -> int:
     How many messages that were.
     """
     probes = {probe.probe_id: probe}
-    session = Session(lambda name: probes.setdefault(name, Probe(name)), presumed=probe)
+    session = Session(partial(probe_of, probes), presumed=probe)
     with path.open("wb") as file:
         log = LogFile(file, Settings())
         count = sum(_add(session.receive(data, None), log) for data in chunks)

@@ -22,6 +22,7 @@ from imud.defaults import ENDPOINT
 from imud.errors import ConfigError, DaemonNotFound, ListenFailed
 from imud.net import access
 from imud.roles import Role
+from imud.text_file import read_text
 
 # Files in a folder made by `imud keys`.
 CA, SERVER, SERVER_KEY = "ca.pem", "server.pem", "server.key"
@@ -70,10 +71,8 @@ class Credentials(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def read_credentials(path: Path) -> Credentials:
     """Reads clients/NAME.toml of a folder of `imud keys`; ConfigError if it can't."""
     try:
-        return msgspec.toml.decode(path.read_bytes(), type=Credentials)
-    except OSError as error:
-        raise ConfigError(f"can't read {path}: {error.strerror}") from error
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        return msgspec.toml.decode(read_text(path, ConfigError), type=Credentials)
+    except (msgspec.DecodeError, RecursionError) as error:
         raise ConfigError(
             f"{path} is not a file of `imud keys`: clients/NAME.toml in its folder"
         ) from error

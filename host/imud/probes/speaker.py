@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from imud.defaults import PROBES_MAX
 from imud.probes.session import Probe
 from imud.wire import messages, schema
 from imud.wire.frame import FrameDecoder
@@ -16,6 +17,10 @@ from imud.wire.params import ParamsParts
 
 # Id of the probe in a capture without a hello.
 NOBODY = "unknown"
+
+
+# Who stands for all probes beyond PROBES_MAX.
+OTHERS = "others"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +61,15 @@ def speaker_of(known: Introduction | None, name: Callable[[str], Probe]) -> Prob
             probe.add_params(records)
         probe.update(known.hello, known.content)
     return probe
+
+
+def probe_of(probes: dict[str, Probe], probe_id: str) -> Probe:
+    """The probe of a file with that id, added to `probes`; beyond PROBES_MAX one that
+    stands for all: so many ids are made up.
+    """
+    if probe_id not in probes and len(probes) >= PROBES_MAX:
+        probe_id = OTHERS
+    return probes.setdefault(probe_id, Probe(probe_id))
 
 
 def _is_ours(decoded: Message) -> bool:

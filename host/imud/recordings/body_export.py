@@ -18,6 +18,7 @@ from imud.body import chain, session
 from imud.body.chain import Chain
 from imud.body.hinge import AlignmentRefused
 from imud.body.session import RATE_HZ, BodyAnalysis
+from imud.columns import inert
 from imud.errors import FileError
 from imud.recordings import body_motion, body_tracks
 from imud.rotation import FloatArray
@@ -135,7 +136,7 @@ def _csv(directory: Path, limb: Chain, made: BodyAnalysis) -> list[Path]:
     file = directory / f"{limb.name}-body.csv"
     with file.open("x", encoding="utf-8", newline="") as out:
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(names)
+        writer.writerow(map(inert, names))
         for row in np.column_stack(columns).tolist():
             cells = ("" if value != value else f"{value:.6f}" for value in row)
             writer.writerow(cells)

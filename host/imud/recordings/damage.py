@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from imud.log.reader import Damage
+from imud.log.parts import Damage
 from imud.probes.ledger import Account
 
 

@@ -18,7 +18,8 @@ from imud.card.listing import plural
 from imud.card.probe_log import MAGIC as CARD_MAGIC
 from imud.card.probe_log import find_log
 from imud.errors import FileError
-from imud.log.reader import Damage, Logged, LogHead, salvage
+from imud.log.parts import Damage
+from imud.log.reader import Logged, LogHead, salvage
 from imud.log.writer import MAGIC
 from imud.probes.ledger import totals
 from imud.probes.record import HEAD, describe
@@ -30,7 +31,7 @@ from imud.probes.session import (
     Received,
     Session,
 )
-from imud.probes.speaker import introduction, speaker_of
+from imud.probes.speaker import introduction, probe_of, speaker_of
 from imud.recordings.damage import DamageCount
 from imud.recordings.source import chunks_of, local
 from imud.wire import messages, schema
@@ -48,7 +49,7 @@ class Tally:
         self.damage = DamageCount()  # of a log
 
     def probe(self, probe_id: str) -> Probe:
-        return self.probes.setdefault(probe_id, Probe(probe_id))
+        return probe_of(self.probes, probe_id)
 
     def lines(self) -> Iterator[str]:
         for name, probe in self.probes.items():

@@ -8,7 +8,8 @@ from collections.abc import Callable, Container, Iterator, Sequence
 from pathlib import Path
 
 from imud.errors import FileError
-from imud.log.reader import Damage, Logged, salvage, size_of
+from imud.log.parts import Damage
+from imud.log.reader import Logged, salvage, size_of
 from imud.progress import Progress
 from imud.recordings.damage import DamageCount
 from imud.recordings.source import log_of

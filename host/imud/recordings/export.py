@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import msgspec
 
-from imud.columns import parts_of
+from imud.columns import inert, parts_of
 from imud.errors import FileError
 from imud.log.reader import Logged
 from imud.probes.signs import Signs
@@ -217,8 +217,8 @@ def row_of(topic: str, fields: Mapping[str, Any]) -> list[Cell]:
 def _cell(key: str, value: Any) -> Cell:
     if key in _WORDS:
         if isinstance(value, list):
-            return " ".join(map(str, value))
-        return value if isinstance(value, str) else None
+            return inert(" ".join(map(str, value)))
+        return inert(value) if isinstance(value, str) else None
     if isinstance(value, bool):
         return None
     if isinstance(value, int):

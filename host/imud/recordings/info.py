@@ -12,9 +12,9 @@ from typing import Any
 import msgspec
 
 from imud.errors import FileError
+from imud.log.parts import Damage
 from imud.log.reader import (
     METADATA_OF_PROBES,
-    Damage,
     Logged,
     LogHead,
     is_being_written,

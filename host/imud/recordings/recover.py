@@ -12,7 +12,8 @@ from pathlib import Path
 from mcap.records import Channel, Message, Metadata, Schema
 
 from imud.errors import FileError
-from imud.log.reader import Damage, channels_of, opened, parts_of, seal, size_of
+from imud.log.parts import Damage, channels_of, parts_of, seal
+from imud.log.reader import opened, size_of
 from imud.log.writer import LogWriter
 from imud.progress import Progress
 from imud.version import version

@@ -16,16 +16,8 @@ from mcap.records import Channel
 from imud import _core
 from imud.client import Client
 from imud.errors import ConfigError, FileError, ProbeUnknown
-from imud.log.reader import (
-    METADATA_OF_PROBES,
-    Damage,
-    Logged,
-    LogHead,
-    channels_of,
-    salvage,
-    size_of,
-    split,
-)
+from imud.log.parts import Damage, channels_of
+from imud.log.reader import METADATA_OF_PROBES, Logged, LogHead, salvage, size_of, split
 from imud.net import network
 from imud.progress import Progress
 from imud.recordings.opening import Opening

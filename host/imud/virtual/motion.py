@@ -12,7 +12,9 @@ from __future__ import annotations
 import csv
 import struct
 import zipfile
-from collections.abc import Iterable
+import zlib
+from array import array
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import IO, Any
@@ -23,6 +25,7 @@ import numpy.typing as npt
 from imud.columns import parts_of
 from imud.errors import FileError
 from imud.rotation import FloatArray
+from imud.virtual.npz import arrays_of
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -45,6 +48,9 @@ CSV_TIMES = {"t_s": 1.0, "t_device_us": 1e-6}
 # No sensor is asked more often, nor measures more in these units.
 RATE_MAX_HZ = 100_000.0
 VALUE_MAX = 1e6
+
+# Characters of a line of a table: some hundred columns.
+LINE_MAX = 10_000
 
 # Records that are missing for no longer than this are drawn between their neighbours.
 FILL_S = 0.1
@@ -130,6 +136,7 @@ NPZ_KEYS = {
     "is_rest": "is_rest",
     "is_stroke": "is_stroke",
 }
+NPZ_OTHERS = ("sampling_rate", "is_recorded")
 NPZ_WIDTHS = {"quat": 4, "movement": 0, "is_rest": 0, "is_stroke": 0}  # 3 otherwise
 
 
@@ -164,11 +171,8 @@ def load(path: Path) -> Motion:
 def load_npz(path: Path) -> Motion:
     """Reads a `.npz` with the keys of BROAD; only sensors and rate are required."""
     try:
-        with path.open("rb") as file, zipfile.ZipFile(file):
-            file.seek(0)
-            archive = np.load(file, allow_pickle=False)
-            stored = {key: archive[key] for key in archive.files}
-    except (ValueError, EOFError, zipfile.BadZipFile) as error:
+        stored = arrays_of(path, (*NPZ_KEYS.values(), *NPZ_OTHERS))
+    except (ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise MotionError(f"{path}: not a .npz of plain arrays: {error}") from error
     required = ("gyr", "acc", "mag", "sampling_rate")
     missing = [key for key in required if key not in stored]
@@ -208,7 +212,7 @@ def load_csv(path: Path) -> Motion:
     last one: it measures less often.
     """
     with path.open(encoding="utf-8-sig", newline="") as file:
-        rows = csv.reader(file)
+        rows = csv.reader(_short(path, file))
         header = [name.strip() for name in next(rows, [])]
         time = next((name for name in CSV_TIMES if name in header), "t_s")
         wanted = [time, *(name for names in CSV_COLUMNS.values() for name in names)]
@@ -216,8 +220,7 @@ def load_csv(path: Path) -> Motion:
         if missing:
             raise MotionError(f"{path}:1: no column {', '.join(missing)}")
         places = [header.index(name) for name in wanted]
-        table: list[list[float]] = []
-        lines: list[int] = []
+        table, lines = array("d"), array("L")
         mag = ["0"] * 3
         for row in rows:
             if not row:
@@ -225,7 +228,7 @@ def load_csv(path: Path) -> Motion:
             try:
                 cells = [row[place] for place in places]
                 mag = cells[-3:] = cells[-3:] if any(cells[-3:]) else mag
-                table.append([float(cell) for cell in cells])
+                table.extend([float(cell) for cell in cells])
             except IndexError:
                 raise MotionError(
                     f"{path}:{rows.line_num}: {len(row)} columns, not {len(header)}"
@@ -233,14 +236,24 @@ def load_csv(path: Path) -> Motion:
             except ValueError as error:
                 raise MotionError(f"{path}:{rows.line_num}: {error}") from None
             lines.append(rows.line_num)
-    if len(table) < 2:
-        raise MotionError(f"{path}: {len(table)} records; at least 2 are needed")
-    values = np.array(table)
+    if len(lines) < 2:
+        raise MotionError(f"{path}: {len(lines)} records; at least 2 are needed")
+    values = np.frombuffer(table).reshape(len(lines), -1)
     try:
         rate_hz, even, _ = evened(values[:, 0] * CSV_TIMES[time], values[:, 1:])
     except UnevenTimes as error:
         raise MotionError(f"{path}:{lines[error.row]}: {error}") from error
     return Motion(rate_hz, gyr=even[:, :3], acc=even[:, 3:6], mag=even[:, 6:])
+
+
+def _short(path: Path, file: Iterable[str]) -> Iterator[str]:
+    """The lines of a file. MotionError for one that no table has: each would become a
+    list of its cells.
+    """
+    for number, line in enumerate(file, start=1):
+        if len(line) > LINE_MAX:
+            raise MotionError(f"{path}:{number}: longer than {LINE_MAX} characters")
+        yield line
 
 
 class UnevenTimes(ValueError):

@@ -29,7 +29,7 @@ from fakes import (
 )
 from imud._core import CONTENT_MAX
 from imud.client import Client
-from imud.daemon.registry import PROBES_MAX
+from imud.defaults import PROBES_MAX
 from imud.wire import schema
 from imud.wire.frame import FrameDecoder, encode_frame
 from imud.wire.messages import Message, decode

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 
 from imud import cli
-from imud.log.reader import FRAME_ENCODING, seal
+from imud.log.parts import seal
+from imud.log.reader import FRAME_ENCODING
 from imud.recordings import replay
 from length import choose, examples
 from log_files import records, write

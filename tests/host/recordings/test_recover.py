@@ -9,7 +9,8 @@ import pytest
 from mcap.reader import make_reader
 
 from imud import cli
-from imud.log.reader import Damage, LogHead, salvage
+from imud.log.parts import Damage
+from imud.log.reader import LogHead, salvage
 from length import choose
 from log_files import frames, read_log, records, write
 

@@ -109,14 +109,22 @@ const COLUMNS = /** @type {const} */ ([
 ]);
 
 /**
+ * A name that begins so would be a formula, which a spreadsheet runs.
+ * @param {string | number | null | undefined} value
+ */
+const inert = (value) =>
+  typeof value === "string" && /^[=+\-@\t\r]/.test(value) ? `'${value}` : String(value);
+
+/**
  * The protocol as CSV, by RFC 4180; a quaternion is four numbers in one cell.
  * @param {readonly Reached[]} entries
  */
 export function csvOf(entries) {
+
   const lines = entries.map((entry) =>
     COLUMNS.map((name) => {
       const value = entry[name];
-      const text = Array.isArray(value) ? value.join(" ") : String(value);
+      const text = Array.isArray(value) ? value.join(" ") : inert(value);
       return /[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
     }).join(","),
   );

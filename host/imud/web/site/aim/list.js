@@ -12,6 +12,8 @@ import { allowSound } from "./sound.js";
 /** @typedef {import("./targets.js").Targets} Targets */
 /** @typedef {import("../rotation.js").Convention} Convention */
 
+const FILE_MAX = 1e6; // bytes: thousands of targets
+
 /** A card with the list. */
 export class List {
   /**
@@ -105,6 +107,9 @@ export class List {
       return;
     }
     try {
+      if (file.size > FILE_MAX) {
+        throw new Error("it is too long for a list of targets");
+      }
       const count = this._targets.load(await file.text(), this._convention);
       this.show(this._chosen);
       tell(`${count} ${count === 1 ? "target" : "targets"} loaded`);

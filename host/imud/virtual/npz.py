@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: MIT
+"""Arrays of a `.npz` file, which may be a stranger's: some kilobytes of it can stand
+for gigabytes of zeros, and an array's head for any shape.
+"""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+# Bytes of all arrays, beside four times the file's.
+SIZE_MAX = 32 << 20
+
+
+def arrays_of(path: Path, keys: Iterable[str]) -> dict[str, np.ndarray[Any, Any]]:
+    """Those arrays that are in the file. ValueError, EOFError or BadZipFile: it is no
+    such file, or one that takes too much memory.
+    """
+    left = SIZE_MAX + 4 * path.stat().st_size
+    found = {}
+    with zipfile.ZipFile(path) as archive:
+        names = set(archive.namelist())
+        for key in keys:
+            if (name := f"{key}.npy") not in names:
+                continue
+            with archive.open(name) as file:
+                left -= _size(file)
+            if left < 0:
+                raise ValueError(f"{key} takes too much memory")
+            with archive.open(name) as file:
+                found[key] = np.lib.format.read_array(file, allow_pickle=False)
+    return found
+
+
+def _size(file: IO[bytes]) -> int:
+    """Bytes of the array, as its head says."""
+    version = np.lib.format.read_magic(file)
+    read = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }.get(version)
+    if read is None:
+        raise ValueError(f"arrays of version {version}")
+    shape, _, dtype = read(file)
+    return math.prod(shape) * dtype.itemsize
