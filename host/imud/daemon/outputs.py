@@ -168,13 +168,19 @@ class Outputs:
     def _zenoh(self, network: ZenohSettings) -> ZenohSink:
         if network.keys and not self._reports_refusals:
             self._reports_refusals = True
-            tell_refusals(lambda kind, text: self._on_notice(kind, text, True))
+            tell_refusals(self._tell_refusal)
         # Where only probes are renamed, subscribers keep their connection.
         before = self._network if self._made_of.get(NETWORK) == network else None
         self._network = ZenohSink(
             *(network, self._on_command, self._on_notice, before, self._hear_body)
         )
         return self._network
+
+    def _tell_refusal(self, kind: str, text: str) -> None:
+        """Called in a thread of its own."""
+        network = self._network
+        text = network.name_of(text) if network is not None else text
+        self._on_notice(kind, text, True)
 
     def _logger(self, directory: str, settings: Settings) -> LogSink:
         self._log = LogSink(Path(directory), settings)

@@ -14,6 +14,7 @@ from imud.config.settings import ZenohSettings
 from imud.errors import NetworkError
 from imud.net import network, refusals
 from imud.net.access import BODIES, BODY_STATE
+from imud.net.doorman import Doorman
 from imud.net.presence import is_probe_gone, is_probe_here, is_probe_there
 from imud.net.publishers import Publisher, declare_publisher
 from imud.probes.record import Presence, Record
@@ -69,6 +70,7 @@ class ZenohSink:
         self._on_body = on_body
         self._bodies: zenoh.Subscriber[None] | None = None
         self._session: zenoh.Session | None = None
+        self._doorman: Doorman | None = None
         self._is_guest = network.is_guest(settings)
         self._where = ", ".join(settings.connect)
         self._is_joined: bool | None = None  # with `connect`; None: not tried yet
@@ -88,8 +90,21 @@ class ZenohSink:
         if not self._is_guest:
             self._open()
 
+    @property
+    def refused(self) -> int:
+        """Connections that the guard of its TLS port has refused."""
+        return self._doorman.refused if self._doorman is not None else 0
+
+    def name_of(self, text: str) -> str:
+        """The text with the true addresses of who is connected through the guard."""
+        return self._doorman.name_of(text) if self._doorman is not None else text
+
     def _open(self) -> zenoh.Session:
-        session = self._inherited() or network.open_daemon(self._settings, self._id)
+        session = self._inherited()
+        if session is None:
+            session, self._doorman = network.open_guarded(
+                self._settings, self._id, self._tell_refused
+            )
         self._session, self._before = session, None
         self._links = session.info.declare_link_events_listener(self._tell_link)
         self._bodies = session.declare_subscriber(
@@ -106,6 +121,8 @@ class ZenohSink:
         """The session that the sink before has left, or this one itself."""
         before = self._before or self
         session, before._left = before._left, None
+        if before is not self:
+            self._doorman, before._doorman = before._doorman, None
         return session
 
     def try_write(self, record: Record | Presence) -> bool:
@@ -191,6 +208,9 @@ class ZenohSink:
         self._links = self._bodies = None
         if session is not None:
             session.close()
+        if self._doorman is not None and self._left is None:
+            self._doorman.close()
+            self._doorman = None
 
     def _undeclare(self) -> None:
         """Leaves nothing of its own in a session that another sink takes over."""
@@ -277,9 +297,14 @@ class ZenohSink:
         what = "came" if event.kind == zenoh.SampleKind.PUT else "left"
         link = event.link
         name = link.auth_identifier
-        refusals.know(str(link.zid), f"{link.dst} ({name})" if name else link.dst)
+        where = self.name_of(str(link.dst))
+        refusals.know(str(link.zid), f"{where} ({name})" if name else where)
         by = f" with the certificate of {name}" if name else ""
-        self._on_notice(("link", what), f"network: {link.dst} {what}{by}", False)
+        self._on_notice(("link", what), f"network: {where} {what}{by}", False)
+
+    def _tell_refused(self, name: str, why: str) -> None:
+        text = f"network: {name} was refused: TLS: {why}"
+        self._on_notice("refused", text, True)
 
     def _set_alive(self, session: zenoh.Session, probe: str, *, is_alive: bool) -> None:
         self._known.add(probe)

@@ -87,7 +87,7 @@ def test_who_speaks_no_tls_is_refused_and_on_record(guarded: Guarded) -> None:
     plain = guarded.endpoint.replace("tls/", "tcp/")
     with pytest.raises(DaemonNotFound, match="who you are with --keys FILE"):
         Client(plain)
-    guarded.daemon.expect("warning: network: somebody was refused: TLS: ")
+    guarded.daemon.expect(r"127\.0\.0\.1:\d+ was refused: TLS: it does not speak TLS")
 
 
 def test_a_daemon_of_another_authority_is_not_trusted(

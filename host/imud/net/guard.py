@@ -1,0 +1,367 @@
+# SPDX-License-Identifier: MIT
+"""A guard in front of Zenoh's TLS port: who does not speak TLS, or does not go on,
+never reaches it. Runs as a process of its own, which doorman.py starts.
+
+Zenoh waits 10 s for a handshake and pauses 100 ms after each that failed, so that 1,600
+idle connections keep everybody out for minutes
+(github.com/eclipse-zenoh/zenoh/issues/2685). Here a connection has to say a whole hello
+of TLS first, then end its handshake; addresses that fail again and again wait longer
+and longer; and few of them may be unfinished at a time. Nothing is decrypted.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import socket
+import sys
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from ipaddress import ip_address, ip_network
+from typing import cast
+
+from imud.files_limit import raise_files_limit
+
+# Connections of all addresses; of those, unfinished ones: of all, of one address.
+LINKS_MAX = 512
+UNFINISHED_MAX = 64  # Zenoh takes 100
+UNFINISHED_OF_ONE = 16
+
+# Until the hello is whole, and then until the handshake is over.
+HELLO_S = 3.0
+HANDSHAKE_S = 8.0
+
+# A session is open once Zenoh has answered so often: TLS, its first message, its
+# second, which has the password. Or at this age: Zenoh closes others after 10 s.
+ANSWERS = 3
+OLD_S = 12.0
+
+# A refusal by TLS, as for an unknown certificate, is one alert: 24 bytes.
+ALERT_MAX = 64
+
+# Lines a second about refusals; the next one tells how many were left out.
+LINES_MAX = 20
+
+# After so many failures in a row an address waits, each time twice as long; less, if
+# somebody there once ended a handshake.
+FAILURES = 5
+WAIT_S, WAIT_MAX_S, WAIT_KNOWN_S = 0.5, 30.0, 1.0
+ADDRESSES_MAX = 4096
+
+# Records of TLS (RFC 8446, 5.1): a handshake, and what is sent after its end.
+HANDSHAKE, DATA = 22, 23
+RECORD_HEAD = 5
+RECORD_MAX = 16384
+
+# Lines to the parent: what, and whom it is about.
+CAME, REFUSED = "came", "refused"
+
+
+@dataclass(slots=True)
+class Address:
+    """What is known of who comes from an address, or from a /64 of IPv6."""
+
+    unfinished: int = 0
+    failures: int = 0  # in a row
+    until_s: float = 0.0  # refused until then
+    is_known: bool = False  # somebody there has ended a handshake
+
+    def fail(self, now_s: float) -> None:
+        self.failures += 1
+        if self.failures >= FAILURES:
+            wait_s = WAIT_S * 2 ** min(self.failures - FAILURES, 10)
+            most_s = WAIT_KNOWN_S if self.is_known else WAIT_MAX_S
+            self.until_s = now_s + min(wait_s, most_s)
+
+    def succeed(self) -> None:
+        self.is_known, self.failures, self.until_s = True, 0, 0.0
+
+
+@dataclass(slots=True)
+class Records:
+    """Follows the heads of TLS records in a stream; keeps none of it."""
+
+    skip: int = 0  # bytes of the record that is passing
+    head: bytes = b""
+    seen: set[int] = field(default_factory=set)
+    whole: int = 0  # records
+
+    def feed(self, data: bytes) -> bool:
+        """False: it is no TLS."""
+        at = 0
+        while at < len(data):
+            if self.skip:
+                taken = min(self.skip, len(data) - at)
+                self.skip -= taken
+                at += taken
+                self.whole += not self.skip
+                continue
+            taken = RECORD_HEAD - len(self.head)
+            self.head += data[at : at + taken]
+            at += taken
+            if self.head[0] not in (20, 21, HANDSHAKE, DATA):
+                return False
+            if len(self.head) == RECORD_HEAD:
+                self.seen.add(self.head[0])
+                self.skip = int.from_bytes(self.head[3:], "big")
+                if not 0 < self.skip <= RECORD_MAX + 2048:
+                    return False
+                self.head = b""
+        return True
+
+
+class Guard:
+    """All connections of the process."""
+
+    def __init__(self, inner: tuple[str, int], tell: int) -> None:
+        self.inner = inner
+        self._tell = tell
+        self._addresses: OrderedDict[str, Address] = OrderedDict()
+        self.links: set[Outer] = set()
+        self.unfinished = 0
+        self._second = self._lines = self._untold = 0
+
+    def address(self, host: str) -> Address:
+        name = _name(host)
+        found = self._addresses.get(name)
+        if found is None:
+            while len(self._addresses) >= ADDRESSES_MAX:
+                self._addresses.popitem(last=False)
+            found = self._addresses[name] = Address()
+        self._addresses.move_to_end(name)
+        return found
+
+    def refusal(self, address: Address, now_s: float) -> str:
+        """Why another connection is refused; empty: it is not."""
+        if now_s < address.until_s:
+            return "too many failures"
+        if address.unfinished >= UNFINISHED_OF_ONE:
+            return "too many at once"
+        if self.unfinished >= UNFINISHED_MAX or len(self.links) >= LINKS_MAX:
+            return "the daemon is full"
+        return ""
+
+    def refuse(self, now_s: float, peer: str, why: str) -> None:
+        """Tells of a refusal, and how many there were since the last that was told."""
+        self._untold += 1
+        if int(now_s) != self._second:
+            self._second, self._lines = int(now_s), 0
+        if self._lines < LINES_MAX:
+            self._lines += 1
+            self.say(REFUSED, str(self._untold), peer, why)
+            self._untold = 0
+
+    def say(self, what: str, *words: str) -> None:
+        """To the parent; nobody waits for it."""
+        with contextlib.suppress(OSError):
+            os.write(self._tell, f"{what} {' '.join(words)}\n".encode())
+
+
+class Outer(asyncio.Protocol):
+    """A connection from outside."""
+
+    def __init__(self, guard: Guard) -> None:
+        self._guard = guard
+        self._loop = asyncio.get_running_loop()
+        self._records = Records()
+        self._hello = b""
+        self._inner: Inner | None = None
+        self._is_counted = self._is_finished = self._has_data = False
+        self._answers = self._answered = 0  # of Zenoh to that; and bytes
+        self._is_asking = False
+        self._opening: asyncio.Task[None] | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self.is_over = False
+        self.peer = ""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self.transport = cast(asyncio.Transport, transport)
+        peer = transport.get_extra_info("peername") or ("?", 0)
+        host, port = str(peer[0]), peer[1]
+        self.peer = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        self._address = self._guard.address(host)
+        why = self._guard.refusal(self._address, self._loop.time())
+        if why:
+            self._refuse(why)
+            return
+        self._is_counted = True
+        self._guard.links.add(self)
+        self._guard.unfinished += 1
+        self._address.unfinished += 1
+        self._arm(HELLO_S, partial(self._fail, "no hello of TLS in time"))
+
+    def data_received(self, data: bytes) -> None:
+        if self.is_over:
+            return
+        if not self._is_finished:
+            if not self._records.feed(data):
+                self._fail("it does not speak TLS")
+                return
+            self._is_asking = DATA in self._records.seen
+            if self._is_asking and not self._has_data:
+                self._has_data = True
+                self._arm(OLD_S, self._finish)
+        if self._inner is not None:
+            self._inner.transport.write(data)
+            return
+        self._hello += data
+        if len(self._hello) > 4 * RECORD_MAX:
+            self._fail("its hello is too long")
+        elif self._records.whole and self._opening is None:
+            self._opening = self._loop.create_task(self._open())
+
+    async def _open(self) -> None:
+        """Connects to Zenoh, which is to know who it is."""
+        inner = socket.socket()
+        try:
+            inner.setblocking(False)
+            inner.bind(("127.0.0.1", 0))
+            own = f"127.0.0.1:{inner.getsockname()[1]}"
+            self._guard.say(CAME, own, self.peer)
+            await self._loop.sock_connect(inner, self._guard.inner)
+            if self.is_over:
+                inner.close()
+                return
+            _, self._inner = await self._loop.create_connection(
+                lambda: Inner(self), sock=inner
+            )
+        except OSError as error:
+            inner.close()
+            self._fail(error.strerror or "the daemon does not listen")
+            return
+        if self.is_over:
+            self._inner.transport.abort()
+            return
+        self._inner.transport.write(self._hello)
+        self._hello = b""
+        if not self._has_data:
+            self._arm(HANDSHAKE_S, partial(self._fail, "no handshake in time"))
+
+    def _arm(self, seconds: float, then: Callable[[], None]) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = self._loop.call_later(seconds, then)
+
+    def _finish(self) -> None:
+        self._is_finished = True
+        self._address.succeed()
+        self._leave_unfinished()
+
+    def _leave_unfinished(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        self._guard.unfinished -= 1
+        self._address.unfinished -= 1
+
+    def _refuse(self, why: str) -> None:
+        self.is_over = True
+        self._guard.refuse(self._loop.time(), self.peer, why)
+        self.transport.abort()
+
+    def answer(self, data: bytes) -> None:
+        """What Zenoh sends."""
+        self.transport.write(data)
+        if self._is_finished or not self._has_data:
+            return
+        self._answered += len(data)
+        self._answers += self._is_asking
+        self._is_asking = False
+        if self._answers >= ANSWERS:
+            self._finish()
+
+    def end(self) -> None:
+        """Zenoh has closed it, and tells by itself if it did not like a password."""
+        if not (self.is_over or self._is_finished or self._answered > ALERT_MAX):
+            self._address.fail(self._loop.time())
+            self._guard.refuse(self._loop.time(), self.peer, "its handshake failed")
+            self.is_over = True
+        self.transport.close()
+
+    def _fail(self, why: str) -> None:
+        if not self.is_over:
+            self._address.fail(self._loop.time())
+            self._refuse(why)
+
+    def pause_writing(self) -> None:
+        if self._inner is not None:
+            self._inner.transport.pause_reading()
+
+    def resume_writing(self) -> None:
+        if self._inner is not None:
+            with contextlib.suppress(RuntimeError):
+                self._inner.transport.resume_reading()
+
+    def connection_lost(self, _: Exception | None) -> None:
+        if self._is_counted:
+            self._guard.links.discard(self)
+            if not self._is_finished:
+                self._leave_unfinished()
+                if not (self.is_over or self._has_data):
+                    self._fail("it left in the handshake")
+        self.is_over = True
+        if self._inner is not None:
+            self._inner.transport.close()
+
+
+class Inner(asyncio.Protocol):
+    """Its connection to Zenoh."""
+
+    def __init__(self, outer: Outer) -> None:
+        self._outer = outer
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self.transport = cast(asyncio.Transport, transport)
+
+    def data_received(self, data: bytes) -> None:
+        self._outer.answer(data)
+
+    def pause_writing(self) -> None:
+        self._outer.transport.pause_reading()
+
+    def resume_writing(self) -> None:
+        with contextlib.suppress(RuntimeError):
+            self._outer.transport.resume_reading()
+
+    def connection_lost(self, _: Exception | None) -> None:
+        self._outer.end()
+
+
+def _name(host: str) -> str:
+    """An address of IPv4, or the network of one of IPv6, of which each has a /64."""
+    try:
+        address = ip_address(host.partition("%")[0])
+    except ValueError:
+        return host
+    if address.version == 6 and (mapped := address.ipv4_mapped) is None:
+        return str(ip_network((address, 64), strict=False))
+    return str(address if address.version == 4 else mapped)
+
+
+async def _serve(inner: int, listening: list[socket.socket]) -> None:
+    """Until stdin ends: the parent is gone."""
+    loop = asyncio.get_running_loop()
+    guard = Guard(("127.0.0.1", inner), sys.stdout.fileno())
+    servers = [
+        await loop.create_server(lambda: Outer(guard), sock=each) for each in listening
+    ]
+    ended = asyncio.Event()
+    loop.add_reader(sys.stdin.fileno(), ended.set)
+    loop.set_exception_handler(lambda *_: None)  # out of files: asyncio tries again
+    guard.say("ready")
+    await ended.wait()
+    for server in servers:
+        server.close()
+
+
+def main(arguments: list[str]) -> None:
+    """`arguments`: Zenoh's own port, and the descriptors of the sockets to guard."""
+    raise_files_limit()
+    inner, *descriptors = map(int, arguments)
+    asyncio.run(_serve(inner, [socket.socket(fileno=each) for each in descriptors]))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
