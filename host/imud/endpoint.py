@@ -27,6 +27,13 @@ def is_local(endpoint: str) -> bool:
     return is_loopback(parts["host"].removeprefix("[").removesuffix("]"))
 
 
+def host_of(authority: str) -> str:
+    """The host of a Host header: of localhost:9735, [::1]:9735 or 127.0.0.1."""
+    if authority.startswith("["):
+        return authority[1:].partition("]")[0]
+    return authority.partition(":")[0].lower()
+
+
 def is_loopback(host: str) -> bool:
     """Whether that name or address is this machine's own."""
     try:

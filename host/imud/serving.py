@@ -5,14 +5,21 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import os
 import socket
 import threading
+import time
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
 from typing import Any
 
-from imud.errors import ListenFailed
+from imud.errors import ListenFailed, described
+
+# A fault in a loop is told so often at most.
+TELL_S = 60.0
+
+logger = logging.getLogger("imud")
 
 # Serves what connects to a socket that listens, until it is left.
 Serve = Callable[[socket.socket], AbstractAsyncContextManager[object]]
@@ -36,6 +43,40 @@ def listen(
             f"can't serve {what} on {host}:{port}: {reason}; name another address "
             f"with {setting}"
         ) from error
+
+
+class Faults:
+    """Counts what goes wrong in the loops of servers, and tells of it now and then: an
+    attacker, or a machine out of files, would fill the journal.
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._told = 0
+        self._again_s = 0.0
+        self._lock = threading.Lock()
+
+    def handle(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Of a loop that is no daemon's: its exception handler."""
+        del loop
+        fault = context.get("exception")
+        self.tell(fault if isinstance(fault, Exception) else context["message"])
+
+    def tell(self, fault: Exception | str) -> None:
+        with self._lock:
+            self.count += 1
+            if time.monotonic() < self._again_s:
+                return
+            self._again_s = time.monotonic() + TELL_S
+            more = self.count - self._told - 1
+            self._told = self.count
+        words = described(fault) if isinstance(fault, Exception) else fault
+        also = f" (and {more} before)" if more else ""
+        name = threading.current_thread().name
+        logger.warning("%s: internal error: %s%s", name, words, also)
+
+
+faults = Faults()
 
 
 class ServerThread:
@@ -81,6 +122,7 @@ class ServerThread:
 
     async def _until_stopped(self) -> None:
         self._loop = asyncio.get_running_loop()
+        self._loop.set_exception_handler(faults.handle)
         if self._socket is not None:
             async with self._serve(self._socket):
                 self._is_up.set()

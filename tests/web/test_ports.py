@@ -49,7 +49,7 @@ def test_a_port_is_adopted_and_released_from_the_page(browser: Browser) -> None:
         page.goto(f"{served.page.url}/#/probe")
         page.get_by_role("link", name="Probes").last.click()
         card = page.locator("[data-part=ports]")
-        assert "screen (process 7)" in card.inner_text()
+        card.get_by_text("screen (process 7)").wait_for()
         assert "/dev/ttyS0" not in card.inner_text()
         button = card.locator('[data-port="/dev/ttyUSB0"]')
         assert button.inner_text() == "Adopt"

@@ -6,15 +6,18 @@ from __future__ import annotations
 
 import contextlib
 import http.client
+import logging
 import socket
+from typing import Any
 
 import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 import length
+from imud import serving
 from imud.errors import ListenFailed
-from imud.web import gate
+from imud.web import gate, server, visit
 from imud.web.server import MESSAGE_MAX, Page
 from web.served import PATIENCE_S, Served, until
 
@@ -102,6 +105,8 @@ def test_a_connection_without_origin_is_refused(served: Served) -> None:
         '{"do":"ask","id":1,"probe":"a","command":"rate","parameters":{"a":"1;b=2"}}',
         '{"do":"ask","id":1,"probe":"a","command":"start","more":1}',
         '{"do":"seen","n":"1"}',
+        '{"do":' * 2000,
+        '{"do":"read","id":1,"name":"a.mcap","offset":9223372036854775808}',
     ],
 )
 def test_a_message_that_is_none_of_the_pages_ends_the_connection(
@@ -114,6 +119,30 @@ def test_a_message_that_is_none_of_the_pages_ends_the_connection(
         served.say(1)
         assert other.next("pose")["number"] == 1
     assert served.asked.all == []
+
+
+def test_a_fault_of_ours_is_one_line_and_a_count_and_ends_one_browser(
+    served: Served, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.WARNING, "imud")
+    monkeypatch.setattr(server, "faults", serving.Faults())
+
+    def fail(_: Any, __: Any) -> None:
+        raise ArithmeticError("made up")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(visit.Visit, "hear", fail)
+        for count in (1, 2):
+            with served.live() as browser:
+                browser.say(do="logs", id=1)
+                served.until_refused("fault", count)
+                browser.until_closed()
+    with served.live() as other:
+        served.say(1)
+        assert other.next("pose")["number"] == 1
+    lines = [r.getMessage() for r in caplog.records]
+    assert [line for line in lines if "ArithmeticError: made up" in line] == lines[:1]
+    assert server.faults.count == 2
 
 
 def test_an_oversized_message_ends_the_connection(served: Served) -> None:

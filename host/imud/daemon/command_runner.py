@@ -15,7 +15,7 @@ from imud.daemon.intake import Intake
 from imud.daemon.params_change import ParamsChange
 from imud.daemon.params_history import HistoryFiles
 from imud.errors import ImudError
-from imud.sinks.zenoh import Answer
+from imud.net.queries import Answer
 
 Parameters = Mapping[str, str]
 

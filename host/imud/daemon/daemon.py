@@ -21,7 +21,7 @@ from imud.daemon.commands import Commander
 from imud.daemon.configure import configured
 from imud.daemon.hub import Hub
 from imud.daemon.intake import Intake
-from imud.daemon.metrics import MetricsServer
+from imud.daemon.metrics import DaemonCounts, MetricsServer
 from imud.daemon.outputs import Outputs
 from imud.daemon.params_history import HistoryFiles
 from imud.daemon.selector import GatheringSelector
@@ -29,10 +29,12 @@ from imud.daemon.status import STATUS_S
 from imud.daemon.systemd import Notifier
 from imud.endpoint import host_and_port
 from imud.errors import ImudError, ListenFailed, described
+from imud.files_limit import raise_files_limit
 from imud.journal.speaker import Speaker
+from imud.net.queries import Answer
 from imud.ports.finder import Finder
 from imud.probes.timeline import host_ns
-from imud.sinks.zenoh import Answer
+from imud.serving import faults
 from imud.stages import SendCommands
 from imud.version import version
 
@@ -115,15 +117,15 @@ class Daemon:
             for task in (*serving, stopping, *self._tasks):
                 task.cancel()
             results = await asyncio.gather(*serving, return_exceptions=True)
-            faults = [r for r in results if isinstance(r, Exception)]
+            ended = [r for r in results if isinstance(r, Exception)]
         finally:
             if self._metrics is not None:
                 self._metrics.close()
             self._hub.close()
             self._history.close()
         logger.info("%s", self._closing_line())
-        if faults:
-            raise faults[0]
+        if ended:
+            raise ended[0]
 
     def _on_notice(self, kind: object, text: str, is_warning: bool) -> None:
         """Called in a thread of Zenoh, which may outlive the loop."""
@@ -149,6 +151,7 @@ class Daemon:
         is_told, self._metrics_again_s = self._metrics_again_s < math.inf, math.inf
         self._metrics = None
         self._reports.on_status = lambda _: None
+        self._reports.on_forgotten = lambda _: None
         if address is None:
             return
         server = MetricsServer(address)
@@ -162,6 +165,7 @@ class Daemon:
             return
         self._metrics = server
         self._reports.on_status = server.update
+        self._reports.on_forgotten = server.forget
 
     def _reload(self) -> None:
         """SIGHUP: applies changed settings; a file with a mistake changes nothing."""
@@ -222,7 +226,12 @@ class Daemon:
             if loop.time() >= self._metrics_again_s:
                 self._serve_metrics()
             if self._metrics is not None:
-                self._metrics.update_sinks(self._hub.failures())
+                refused = self._hub.refused()
+                if self._metrics.refused:
+                    refused["metrics"] = dict(self._metrics.refused)
+                self._metrics.update_counts(
+                    DaemonCounts(self._hub.failures(), refused, faults.count)
+                )
 
     def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         task = asyncio.get_running_loop().create_task(work)
@@ -234,10 +243,12 @@ class Daemon:
         self._tasks.discard(task)
         fault = None if task.cancelled() else task.exception()
         if fault is not None:
+            faults.count += 1
             logger.error("internal error: %s", described(fault))
 
     def _log_fault(self, _: object, context: dict[str, Any]) -> None:
         """An exception in a callback: one line, not the traceback of the loop."""
+        faults.count += 1
         fault = context.get("exception")
         words = described(fault) if isinstance(fault, Exception) else context["message"]
         text = f"internal error: {words}"
@@ -307,6 +318,7 @@ class Daemon:
 def run(load: Callable[[], Config]) -> int:
     """Runs until SIGTERM or SIGINT; `load` says what to do, again at each SIGHUP."""
     config = load()
+    raise_files_limit()
     sys.setswitchinterval(SWITCH_S)
     handler = journal.handler()
     logger.addHandler(handler)

@@ -73,6 +73,11 @@ class Hub:
     def failures(self) -> dict[str, int]:
         return {lane.sink.name: lane.failures for lane in self._lanes}
 
+    def refused(self) -> dict[str, Mapping[str, int]]:
+        """Clients and messages that sinks have refused, by sink and reason."""
+        found = ((e.sink.name, getattr(e.sink, "refused", {})) for e in self._lanes)
+        return {name: dict(reasons) for name, reasons in found if reasons}
+
     def put(self, item: Item) -> None:
         self._fresh.append(item)
         self._size += 1

@@ -38,6 +38,8 @@ RestartPreventExitStatus=2 78
 # The loop says each second that it lives.
 WatchdogSec=10
 TimeoutStopSec=5
+# Each connection is a file; 1,024 are few for a port that strangers reach.
+LimitNOFILE=65536
 
 User={user}
 Group={user}

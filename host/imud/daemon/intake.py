@@ -73,7 +73,10 @@ class Intake:
 
     def probe(self, probe_id: str) -> Probe:
         """The one of that id, whichever port it speaks on."""
-        return self.registry.add(probe_id).probe
+        entry = self.registry.add(probe_id)
+        if entry.heard_ns < 0:
+            entry.heard_ns = self._read_ns  # what has just come is from it
+        return entry.probe
 
     def holder(self, probe_id: str, port: ProbePort, since_ns: int) -> ProbePort | None:
         """The other port on which that probe was heard since then (host's time)."""
@@ -82,6 +85,10 @@ class Intake:
     def has_room(self, probe_id: str) -> bool:
         """Whether that probe may be taken up; told where it may not."""
         has_room = self.registry.has_room(probe_id)
+        if not has_room and (gone := self.registry.forget(self._read_ns)) is not None:
+            self._publisher.forget(gone)
+            self.reports.on_forgotten(gone.probe.probe_id)
+            has_room = True
         if not has_room:
             self._lines.no_room(probe_id)
         return has_room

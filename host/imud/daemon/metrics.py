@@ -11,11 +11,14 @@ import os
 import re
 import resource
 import socket
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import AsyncIterator, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
+from imud.endpoint import host_of, is_loopback
 from imud.serving import ServerThread, listen
 from imud.version import version
 
@@ -48,9 +51,17 @@ _NO_NAME = re.compile(r"[^a-zA-Z0-9_]")
 Labels = tuple[tuple[str, str], ...]
 
 
-def text_of(
-    statuses: Mapping[str, Mapping[str, Any]], failures: Mapping[str, int]
-) -> str:
+class DaemonCounts(msgspec.Struct, frozen=True):
+    """What is counted beside probes: failures by sink, refused clients and messages by
+    server and reason, and faults of imud's own.
+    """
+
+    failures: Mapping[str, int] = {}
+    refused: Mapping[str, Mapping[str, int]] = {}
+    faults: int = 0
+
+
+def text_of(statuses: Mapping[str, Mapping[str, Any]], counts: DaemonCounts) -> str:
     """The whole text, one family after the other, as the format requires."""
     families: dict[str, list[tuple[Labels, float]]] = defaultdict(list)
     for name, status in sorted(statuses.items()):
@@ -62,8 +73,13 @@ def text_of(
         boards = tuple((key, str(hello.get(key, ""))) for key in ("board", "firmware"))
         families["imud_probe_info"].append(((*probe, *about, *boards), 1))
     families["imud_info"].append(((("version", version()),), 1))
-    for sink, count in sorted(failures.items()):
+    for sink, count in sorted(counts.failures.items()):
         families["imud_sink_failures"].append(((("sink", sink),), count))
+    for server, reasons in sorted(counts.refused.items()):
+        for reason, count in sorted(reasons.items()):
+            labels = ("server", server), ("reason", reason)
+            families["imud_refused"].append((labels, count))
+    families["imud_faults"].append(((), counts.faults))
     for name, value in _process():
         families[name].append(((), value))
     return "".join(_family(name, samples) for name, samples in families.items())
@@ -103,7 +119,12 @@ def _escaped(text: str) -> str:
     return text.replace("\\", r"\\").replace('"', r"\"").replace("\n", r"\n")
 
 
-_COUNTERS = frozenset({"imud_sink_failures", "process_cpu_seconds_total"})
+_COUNTERS = frozenset(
+    {
+        *("imud_sink_failures", "imud_refused", "imud_faults"),
+        "process_cpu_seconds_total",
+    }
+)
 
 
 def _process() -> Iterator[tuple[str, float]]:
@@ -125,8 +146,9 @@ class MetricsServer:
     def __init__(self, address: tuple[str, int]) -> None:
         self._address = address
         self._statuses: dict[str, Mapping[str, Any]] = {}  # by id: names may change
-        self._failures: Mapping[str, int] = {}
+        self._counts = DaemonCounts()
         self._clients = 0
+        self.refused = Counter[str]()  # by reason
         self._thread = ServerThread("imud-metrics", self._serve)
 
     @property
@@ -143,8 +165,11 @@ class MetricsServer:
     def update(self, status: Mapping[str, Any]) -> None:
         self._statuses = {**self._statuses, str(status["probe_id"]): status}
 
-    def update_sinks(self, failures: Mapping[str, int]) -> None:
-        self._failures = failures
+    def forget(self, probe_id: str) -> None:
+        self._statuses = {k: v for k, v in self._statuses.items() if k != probe_id}
+
+    def update_counts(self, counts: DaemonCounts) -> None:
+        self._counts = counts
 
     def close(self) -> None:
         self._thread.close()
@@ -161,7 +186,9 @@ class MetricsServer:
     ) -> None:
         self._clients += 1
         try:
-            if self._clients <= CLIENTS_MAX:
+            if self._clients > CLIENTS_MAX:
+                self.refused["clients"] += 1
+            else:
                 async with asyncio.timeout(REQUEST_S):
                     head = await reader.readuntil(b"\r\n\r\n")
                     writer.write(self._answer(head))
@@ -178,14 +205,32 @@ class MetricsServer:
         parts = head.partition(b"\r\n")[0].split(b" ")
         if len(parts) != 3 or not parts[2].startswith(b"HTTP/"):
             return _reply("400 Bad Request")
+        if not self._is_for_us(head):
+            self.refused["host"] += 1
+            return _reply("421 Misdirected Request", b"It is not asked for by name.\n")
         method, target, _ = parts
         if method not in (b"GET", b"HEAD"):
             return _reply("405 Method Not Allowed", more="Allow: GET, HEAD\r\n")
         if target.partition(b"?")[0] != b"/metrics":
             return _reply("404 Not Found", b"It is at /metrics.\n")
         by_name = {str(each["probe"]): each for each in self._statuses.values()}
-        body = text_of(by_name, self._failures).encode()
+        body = text_of(by_name, self._counts).encode()
         return _reply("200 OK", body, kind=CONTENT_TYPE, is_sent=method == b"GET")
+
+    def _is_for_us(self, head: bytes) -> bool:
+        """A web site can have its visitor's browser ask this machine by a name of its
+        own. On loopback only names of loopback are taken; elsewhere who reaches the
+        address may read.
+        """
+        if not is_loopback(self._address[0]):
+            return True
+        lines = head.decode("latin-1").split("\r\n")[1:]
+        hosts = [
+            text.strip()
+            for name, _, text in (line.partition(":") for line in lines)
+            if name.lower() == "host"
+        ]
+        return all(is_loopback(host_of(host)) for host in hosts)
 
 
 def _reply(

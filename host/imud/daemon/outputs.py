@@ -19,6 +19,7 @@ from imud.errors import ListenFailed
 from imud.log.file import Settings
 from imud.log.retention import Retention
 from imud.net.network import own_credentials
+from imud.net.queries import OnCommand
 from imud.net.refusals import tell_refusals
 from imud.ports.local import LocalPorts
 from imud.sinks.foxglove import FoxgloveSink
@@ -26,7 +27,7 @@ from imud.sinks.log import LogSink
 from imud.sinks.openigtlink import OpenIgtLinkSink
 from imud.sinks.page import PageSink
 from imud.sinks.ros2 import Ros2Sink, own_network
-from imud.sinks.zenoh import OnCommand, OnNotice, ZenohSink
+from imud.sinks.zenoh import OnNotice, ZenohSink
 from imud.web.logs import LogFolder
 from imud.web.server import Page
 from imud.web.users import KeyUsers, Users

@@ -63,6 +63,10 @@ class RecordPublisher:
             entry.is_alive = is_alive
             self.announce(entry)
 
+    def forget(self, entry: ProbeEntry) -> None:
+        """Says that nothing more is known of a probe."""
+        self._hub.put(Presence(entry.name, is_alive=False, is_forgotten=True))
+
     def announce(self, entry: ProbeEntry) -> None:
         """Says whether the probe is there."""
         self._hub.put(Presence(entry.name, entry.is_alive))

@@ -23,6 +23,10 @@ from imud.probes.withheld import WithheldWatch
 from imud.stages import Stage
 from imud.stages.factory import stages_of
 
+# A probe that is gone for so long makes room for another when there are PROBES_MAX.
+FORGET_NS = 60_000_000_000
+FEW_MESSAGES = 100
+
 # Up to so many probes have a part of their own in the daemon's last line.
 LISTED_MAX = 4
 
@@ -192,6 +196,23 @@ class Registry:
     def has_room(self, probe_id: str) -> bool:
         """Whether that probe is known or may be added."""
         return probe_id in self._by_id or len(self._by_id) < PROBES_MAX
+
+    def forget(self, now_ns: int) -> ProbeEntry | None:
+        """Drops the probe that is gone longest and returns it; None: none is gone for
+        FORGET_NS (host's time). Those that said little go first: ids that are made up
+        fill no registry for good.
+        """
+        gone = [
+            entry
+            for entry in self
+            if entry.port is None and now_ns - entry.heard_ns > FORGET_NS
+        ]
+        if not gone:
+            return None
+        oldest = min(gone, key=lambda e: (e.received > FEW_MESSAGES, e.heard_ns))
+        del self._by_id[oldest.probe.probe_id]
+        del self._by_name[oldest.name]
+        return oldest
 
     def on_port(self, port: ProbePort) -> list[ProbeEntry]:
         return [entry for entry in self if entry.port is port]

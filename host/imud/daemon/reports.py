@@ -37,6 +37,7 @@ class Reports:
         self._lines = lines
         self._clock = clock
         self._log = log
+        self.on_forgotten: Callable[[str], None] = lambda _: None  # gets its id
         self.on_status: Callable[[Mapping[str, Any]], None] = lambda _: None
 
     def tick(self, elapsed_s: float) -> Iterator[None]:

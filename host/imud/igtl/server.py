@@ -9,17 +9,21 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import socket
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable
 from typing import cast
 
 from imud.serving import ServerThread, listen
 
 CLIENTS_MAX = 16
+TELL_EVERY = 1000  # refused clients
 
 # Of each client: with the system's own buffers, a client that is too slow would lag
 # behind by minutes. Half a second of a probe's messages at 200 Hz.
 BUFFER_BYTES = 16 * 1024
+
+logger = logging.getLogger("imud")
 
 Named = tuple[str, bytes]  # a message by its device name
 
@@ -30,6 +34,7 @@ class Server:
     def __init__(self, address: tuple[str, int]) -> None:
         self._address = address
         self._clients: set[_Client] = set()
+        self.refused = 0  # clients beyond CLIENTS_MAX
         self._thread = ServerThread("imud-igtl", self._serve)
 
     @property
@@ -56,6 +61,14 @@ class Server:
     def close(self) -> None:
         self._thread.close()
 
+    def _refuse(self) -> None:
+        self.refused += 1
+        if self.refused == 1 or self.refused % TELL_EVERY == 0:
+            logger.warning(
+                "OpenIGTLink: a client was refused: there are %d (%d so far)",
+                *(CLIENTS_MAX, self.refused),
+            )
+
     def _deliver(self, messages: Iterable[Named]) -> None:
         for client in self._clients:
             client.put(messages)
@@ -64,7 +77,7 @@ class Server:
     async def _serve(self, listening: socket.socket) -> AsyncIterator[None]:
         loop = asyncio.get_running_loop()
         server = await loop.create_server(
-            lambda: _Client(self._clients), sock=listening
+            lambda: _Client(self._clients, self._refuse), sock=listening
         )
         yield
         server.close()
@@ -75,8 +88,9 @@ class Server:
 class _Client(asyncio.Protocol):
     """One connection; all of it runs in the server's thread."""
 
-    def __init__(self, clients: set[_Client]) -> None:
+    def __init__(self, clients: set[_Client], refuse: Callable[[], None]) -> None:
         self._clients = clients
+        self._refuse = refuse
         self._transport: asyncio.Transport | None = None
         self._is_full = False
         self._waiting: dict[str, bytes] = {}
@@ -85,6 +99,7 @@ class _Client(asyncio.Protocol):
         self._transport = cast(asyncio.Transport, transport)
         if len(self._clients) >= CLIENTS_MAX:
             self._transport.abort()
+            self._refuse()
             return
         own: socket.socket = transport.get_extra_info("socket")
         own.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)

@@ -18,12 +18,11 @@ import socket
 import sys
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import partial
-from ipaddress import ip_address, ip_network
 from typing import cast
 
 from imud.files_limit import raise_files_limit
+from imud.net.strangers import DATA, RECORD_MAX, Address, Records, name_of
 
 # Connections of all addresses; of those, unfinished ones: of all, of one address.
 LINKS_MAX = 512
@@ -45,72 +44,10 @@ ALERT_MAX = 64
 # Lines a second about refusals; the next one tells how many were left out.
 LINES_MAX = 20
 
-# After so many failures in a row an address waits, each time twice as long; less, if
-# somebody there once ended a handshake.
-FAILURES = 5
-WAIT_S, WAIT_MAX_S, WAIT_KNOWN_S = 0.5, 30.0, 1.0
 ADDRESSES_MAX = 4096
-
-# Records of TLS (RFC 8446, 5.1): a handshake, and what is sent after its end.
-HANDSHAKE, DATA = 22, 23
-RECORD_HEAD = 5
-RECORD_MAX = 16384
 
 # Lines to the parent: what, and whom it is about.
 CAME, REFUSED = "came", "refused"
-
-
-@dataclass(slots=True)
-class Address:
-    """What is known of who comes from an address, or from a /64 of IPv6."""
-
-    unfinished: int = 0
-    failures: int = 0  # in a row
-    until_s: float = 0.0  # refused until then
-    is_known: bool = False  # somebody there has ended a handshake
-
-    def fail(self, now_s: float) -> None:
-        self.failures += 1
-        if self.failures >= FAILURES:
-            wait_s = WAIT_S * 2 ** min(self.failures - FAILURES, 10)
-            most_s = WAIT_KNOWN_S if self.is_known else WAIT_MAX_S
-            self.until_s = now_s + min(wait_s, most_s)
-
-    def succeed(self) -> None:
-        self.is_known, self.failures, self.until_s = True, 0, 0.0
-
-
-@dataclass(slots=True)
-class Records:
-    """Follows the heads of TLS records in a stream; keeps none of it."""
-
-    skip: int = 0  # bytes of the record that is passing
-    head: bytes = b""
-    seen: set[int] = field(default_factory=set)
-    whole: int = 0  # records
-
-    def feed(self, data: bytes) -> bool:
-        """False: it is no TLS."""
-        at = 0
-        while at < len(data):
-            if self.skip:
-                taken = min(self.skip, len(data) - at)
-                self.skip -= taken
-                at += taken
-                self.whole += not self.skip
-                continue
-            taken = RECORD_HEAD - len(self.head)
-            self.head += data[at : at + taken]
-            at += taken
-            if self.head[0] not in (20, 21, HANDSHAKE, DATA):
-                return False
-            if len(self.head) == RECORD_HEAD:
-                self.seen.add(self.head[0])
-                self.skip = int.from_bytes(self.head[3:], "big")
-                if not 0 < self.skip <= RECORD_MAX + 2048:
-                    return False
-                self.head = b""
-        return True
 
 
 class Guard:
@@ -125,7 +62,7 @@ class Guard:
         self._second = self._lines = self._untold = 0
 
     def address(self, host: str) -> Address:
-        name = _name(host)
+        name = name_of(host)
         found = self._addresses.get(name)
         if found is None:
             while len(self._addresses) >= ADDRESSES_MAX:
@@ -327,17 +264,6 @@ class Inner(asyncio.Protocol):
 
     def connection_lost(self, _: Exception | None) -> None:
         self._outer.end()
-
-
-def _name(host: str) -> str:
-    """An address of IPv4, or the network of one of IPv6, of which each has a /64."""
-    try:
-        address = ip_address(host.partition("%")[0])
-    except ValueError:
-        return host
-    if address.version == 6 and (mapped := address.ipv4_mapped) is None:
-        return str(ip_network((address, 64), strict=False))
-    return str(address if address.version == 4 else mapped)
 
 
 async def _serve(inner: int, listening: list[socket.socket]) -> None:

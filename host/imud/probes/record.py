@@ -69,10 +69,11 @@ class Record(msgspec.Struct, frozen=True):
 
 
 class Presence(msgspec.Struct, frozen=True):
-    """A probe appeared or left."""
+    """A probe appeared or left; or is forgotten, since it has been gone for long."""
 
     probe: str
     is_alive: bool
+    is_forgotten: bool = False
 
 
 def record_of(

@@ -160,6 +160,10 @@ class OpenIgtLinkSink:
         if self._server.is_heard:
             self._server.send(translator.messages(record))
 
+    @property
+    def refused(self) -> Mapping[str, int]:
+        return {"clients": self._server.refused} if self._server is not None else {}
+
     def flush(self) -> None:
         """Nothing to do: the server sends by itself."""
 

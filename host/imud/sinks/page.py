@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from imud.errors import ListenFailed
 from imud.probes.record import Presence, Record
@@ -52,6 +52,11 @@ class PageSink:
         else:
             self._page = page
             logger.info("the page is at %s", page.url)
+
+    @property
+    def refused(self) -> Mapping[str, int]:
+        """Requests and messages, by reason."""
+        return self._page.refused if self._page is not None else {}
 
     def write(self, record: Record | Presence) -> None:
         if isinstance(record, Record) and record.payload:

@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import zenoh
 from zenoh.handlers import Callback
 
-from imud.commands import HISTORY
 from imud.config.settings import ZenohSettings
 from imud.errors import NetworkError
 from imud.net import network, refusals
@@ -17,6 +16,7 @@ from imud.net.access import BODIES, BODY_STATE
 from imud.net.doorman import Doorman
 from imud.net.presence import is_probe_gone, is_probe_here, is_probe_there
 from imud.net.publishers import Publisher, declare_publisher
+from imud.net.queries import OnCommand, Queries
 from imud.probes.record import Presence, Record
 
 # Time to close: what a slow subscriber has not taken by then is dropped.
@@ -24,10 +24,6 @@ PATIENCE_S = 0.8
 
 # Topics of which late subscribers can query the last payload.
 KEPT = ("status", "params")
-
-# Answers a command: payload and no error, or an error.
-Answer = Callable[[bytes, str], None]
-OnCommand = Callable[[str, str, dict[str, str], Answer], None]
 
 # Gets lines for the journal: the kind, the text, whether it is a warning.
 OnNotice = Callable[[object, str, bool], None]
@@ -65,7 +61,6 @@ class ZenohSink:
         self._id: str = before._id if before is not None else network.new_id()
         self._settings = settings
         self._prefix = settings.prefix
-        self._on_command = on_command
         self._on_notice = on_notice
         self._on_body = on_body
         self._bodies: zenoh.Subscriber[None] | None = None
@@ -82,6 +77,7 @@ class ZenohSink:
             set()
         )  # probes whose liveliness is declared or withdrawn
         self._last: dict[tuple[str, str], bytes] = {}  # by probe and topic
+        self._queries = Queries(settings.prefix, self._last, on_command)
         self._elsewhere: set[str] = set()  # probes that went to another daemon
 
     def open(self) -> None:
@@ -91,9 +87,9 @@ class ZenohSink:
             self._open()
 
     @property
-    def refused(self) -> int:
+    def refused(self) -> Mapping[str, int]:
         """Connections that the guard of its TLS port has refused."""
-        return self._doorman.refused if self._doorman is not None else 0
+        return {"tls": self._doorman.refused} if self._doorman is not None else {}
 
     def name_of(self, text: str) -> str:
         """The text with the true addresses of who is connected through the guard."""
@@ -160,6 +156,9 @@ class ZenohSink:
             # It would reconnect by itself, and announce the probes of this moment then.
             self.close()
             raise NetworkError(f"the Zenoh router at {self._where} is gone")
+        if isinstance(record, Presence) and record.is_forgotten:
+            self._forget(session, record.probe)
+            return
         if record.probe in self._elsewhere:
             if not is_probe_here(record):
                 self._leave(record.probe)
@@ -204,7 +203,8 @@ class ZenohSink:
         self._known.clear()
         self._elsewhere.clear()
         # A status comes again within a second, params only when they change.
-        self._last = {k: v for k, v in self._last.items() if k[1] != "status"}
+        for key in [each for each in self._last if each[1] == "status"]:
+            del self._last[key]
         self._links = self._bodies = None
         if session is not None:
             session.close()
@@ -236,13 +236,13 @@ class ZenohSink:
         command = self._key(probe, "cmd/*")
         self._declared[probe] = [
             session.declare_queryable(
-                status, _direct(lambda q: self._tell(probe, "status", q))
+                status, _direct(lambda q: self._queries.tell(probe, "status", q))
             ),
             session.declare_queryable(
-                params, _direct(lambda q: self._tell_params(probe, q))
+                params, _direct(lambda q: self._queries.tell_params(probe, q))
             ),
             session.declare_queryable(
-                command, _direct(lambda q: self._take_query(probe, q))
+                command, _direct(lambda q: self._queries.take(probe, q))
             ),
             # No other program should publish there.
             session.declare_subscriber(
@@ -256,7 +256,18 @@ class ZenohSink:
         """Withdraws from the keys of a probe that another daemon serves."""
         for each in self._declared.pop(probe, []):
             each.undeclare()
-        self._last = {k: v for k, v in self._last.items() if k[0] != probe}
+        for key in [each for each in self._last if each[0] == probe]:
+            del self._last[key]
+
+    def _forget(self, session: zenoh.Session, probe: str) -> None:
+        """Leaves nothing of a probe that is gone for good."""
+        self._set_alive(session, probe, is_alive=False)
+        self._leave(probe)
+        for key in [each for each in self._publishers if each[0] == probe]:
+            publisher: Any = self._publishers.pop(key)
+            publisher.undeclare()
+        self._known.discard(probe)
+        self._elsewhere.discard(probe)
 
     def _tell_other(self, sample: zenoh.Sample) -> None:
         if self._session is None:
@@ -315,51 +326,7 @@ class ZenohSink:
             key = self._key(probe, "alive")
             self._tokens[probe] = session.liveliness().declare_token(key)
 
-    def _tell(self, probe: str, topic: str, query: zenoh.Query) -> None:
-        with query:
-            payload = self._last.get((probe, topic))
-            if payload is not None:
-                query.reply(
-                    self._key(probe, topic),
-                    payload,
-                    encoding=zenoh.Encoding.APPLICATION_JSON,
-                )
-
-    def _tell_params(self, probe: str, query: zenoh.Query) -> None:
-        """The last payload; with parameters, something of the history."""
-        if str(query.parameters):
-            self._pass_on(probe, HISTORY, "params", query)
-        else:
-            self._tell(probe, "params", query)
-
-    def _take_query(self, probe: str, query: zenoh.Query) -> None:
-        name = str(query.key_expr).rpartition("/")[2]
-        self._pass_on(probe, name, f"cmd/{name}", query)
-
-    def _pass_on(self, probe: str, name: str, last: str, query: zenoh.Query) -> None:
-        """Has a command carried out; the answer is on the key that ends in `last`."""
-        parameters = dict(_pairs(str(query.parameters)))
-
-        def answer(payload: bytes, error: str) -> None:
-            with query:
-                if error:
-                    query.reply_err(error, encoding=zenoh.Encoding.TEXT_PLAIN)
-                else:
-                    query.reply(
-                        self._key(probe, last),
-                        payload,
-                        encoding=zenoh.Encoding.APPLICATION_JSON,
-                    )
-
-        self._on_command(probe, name, parameters, answer)
-
 
 def _direct(tell: Callable[[Any], None]) -> Callable[[Any], None]:
     """Called by Zenoh's own threads: it waits for nothing, so it needs none itself."""
     return Callback(tell, indirect=False)
-
-
-def _pairs(parameters: str) -> list[tuple[str, Any]]:
-    """Splits `a=1;b=2`, the parameters of a Zenoh selector."""
-    parts = [part.partition("=") for part in parameters.split(";") if part]
-    return [(name, value) for name, _, value in parts]

@@ -27,6 +27,7 @@ REASONS = {
     "unreadable": "what it sent is no HTTP request of a browser",
     "oversized": "its message was too long",
     "malformed": "its message was not one of the page's",
+    "fault": "its message led to an internal error",
     "login": "wrong user or password",
     "role": "its role does not allow commands",
     "busy": "it sent too many commands at once",

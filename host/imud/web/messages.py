@@ -78,7 +78,7 @@ class Read(_Message, frozen=True):
 
     id: int
     name: Name
-    offset: Annotated[int, Meta(ge=0)]
+    offset: Annotated[int, Meta(ge=0, le=1 << 50)]
 
 
 class Ports(_Message, frozen=True):
@@ -130,4 +130,13 @@ BrowserMessage = (
     | Seek
     | GoLive
 )
-decode = msgspec.json.Decoder(BrowserMessage).decode
+_decode = msgspec.json.Decoder(BrowserMessage).decode
+
+
+def decode(message: str | bytes) -> BrowserMessage:
+    """Of one message; MsgspecError if it is none of these."""
+    try:
+        found: BrowserMessage = _decode(message)
+    except RecursionError:
+        raise msgspec.DecodeError("it nests too deep") from None
+    return found

@@ -21,7 +21,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 
-from imud.serving import ServerThread, listen
+from imud.serving import ServerThread, faults, listen
 from imud.version import version
 from imud.web import doors, gate
 from imud.web.browser import Browser
@@ -223,6 +223,10 @@ class Page:
         except msgspec.MsgspecError:
             self._gate.refuse("malformed", connection)
             await connection.close(CloseCode.POLICY_VIOLATION)
+        except Exception as fault:  # noqa: BLE001 - of ours: this browser's alone
+            self._gate.refuse("fault", connection)
+            faults.tell(fault)
+            await connection.close(CloseCode.INTERNAL_ERROR)
         finally:
             writing.cancel()
             await asyncio.wait([writing])

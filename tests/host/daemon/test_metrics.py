@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from prometheus_client.parser import text_string_to_metric_families
 
-from imud.daemon.metrics import HEAD_MAX, MetricsServer, text_of
+from imud.daemon.metrics import HEAD_MAX, DaemonCounts, MetricsServer, text_of
 from imud.errors import ListenFailed
 from length import examples
 
@@ -51,7 +51,10 @@ def values(text: str) -> dict[tuple[str, tuple[str, ...]], float]:
 
 
 def test_every_number_is_there_and_is_read_by_another_implementation() -> None:
-    text = text_of({STATUS["probe"]: STATUS}, {"log": 2})
+    text = text_of(
+        {STATUS["probe"]: STATUS},
+        DaemonCounts({"log": 2}, {"web": {"host": 3}}, 4),
+    )
     found = values(text)
     for name, labels, value in (
         ("imud_pose_rate_hz", (), 99.8),
@@ -82,7 +85,9 @@ def test_every_number_is_there_and_is_read_by_another_implementation() -> None:
 def test_counts_are_counters_and_states_are_gauges() -> None:
     types = {
         family.name: family.type
-        for family in text_string_to_metric_families(text_of({"a": STATUS}, {}))
+        for family in text_string_to_metric_families(
+            text_of({"a": STATUS}, DaemonCounts())
+        )
     }
     assert types["imud_ledger_received"] == "counter"
     assert types["imud_ledger_published"] == "counter"
@@ -140,10 +145,31 @@ def assert_serves(metrics: MetricsServer) -> None:
 def test_a_request_has_its_answer(
     served: MetricsServer, request_line: bytes, status: bytes
 ) -> None:
-    answer = ask(served, request_line + b"\r\nHost: x\r\n\r\n")
+    answer = ask(served, request_line + b"\r\nHost: localhost\r\n\r\n")
     head, _, body = answer.partition(b"\r\n\r\n")
     assert head.split()[1] == status
     assert (b"imud_" in body) == (request_line.startswith(b"GET") and status == b"200")
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        (b"Host: 127.0.0.1:9735", b"200"),
+        (b"host: [::1]:9735", b"200"),
+        (b"Host: LOCALHOST:1", b"200"),
+        (b"Host: evil.example", b"421"),
+        (b"Host: evil.example:9735", b"421"),
+        (b"Host: localhost\r\nHost: evil.example", b"421"),
+    ],
+)
+def test_a_name_of_a_web_site_is_not_answered(
+    served: MetricsServer, host: bytes, status: bytes
+) -> None:
+    """A page could have its visitor's browser read what the daemon knows."""
+    before = served.refused["host"]
+    answer = ask(served, b"GET /metrics HTTP/1.1\r\n" + host + b"\r\n\r\n")
+    assert answer.split()[1] == status
+    assert served.refused["host"] - before == (status == b"421")
 
 
 @given(st.binary(max_size=300))

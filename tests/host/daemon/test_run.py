@@ -220,19 +220,19 @@ def test_it_stops_within_a_second_and_finishes_its_log(
 # returns only in it.
 LATE = """
 import runpy, sys, time
-from imud.sinks.zenoh import ZenohSink
+from imud.net.queries import Queries
 
 class Slow:
     def __del__(self):
         time.sleep(20)
 
-def tell_late(sink, probe, topic, query):
+def tell_late(queries, probe, topic, query):
     sys.stderr.write("asked\\n")
     while not sys.is_finalizing():
         time.sleep(0.01)
 
 sys.slow = Slow()
-ZenohSink._tell = tell_late
+Queries.tell = tell_late
 runpy.run_module("imud", run_name="__main__")
 """
 

@@ -264,7 +264,7 @@ def test_clients_come_and_go_and_what_they_send_is_left_at_that() -> None:
     server.close()
 
 
-def test_there_may_be_only_so_many_clients() -> None:
+def test_there_may_be_only_so_many_clients(caplog: pytest.LogCaptureFixture) -> None:
     address = free_address()
     server = Server(address)
     server.start()
@@ -278,7 +278,9 @@ def test_there_may_be_only_so_many_clients() -> None:
         late = stack.enter_context(connected(address, PATIENCE_S))
         with pytest.raises((EOFError, ConnectionError)):
             late.hear()
+        until(lambda: server.refused == 1)
     server.close()
+    assert "a client was refused: there are 16" in caplog.text
 
 
 def test_a_port_that_is_taken_is_said_on_one_line() -> None:

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: MIT
+"""Answers what others ask the daemon over Zenoh: the latest status and params of a
+probe, and commands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import zenoh
+
+from imud.commands import HISTORY
+
+# Answers a command: payload and no error, or an error.
+Answer = Callable[[bytes, str], None]
+OnCommand = Callable[[str, str, dict[str, str], Answer], None]
+
+
+class Queries:
+    """Its calls come from threads of Zenoh. `last` has payloads by probe and topic."""
+
+    def __init__(
+        self,
+        prefix: str,
+        last: Mapping[tuple[str, str], bytes],
+        on_command: OnCommand,
+    ) -> None:
+        self._prefix = prefix
+        self._last = last
+        self._on_command = on_command
+
+    def _key(self, probe: str, last: str) -> str:
+        return f"{self._prefix}/{probe}/{last}"
+
+    def tell(self, probe: str, topic: str, query: zenoh.Query) -> None:
+        with query:
+            payload = self._last.get((probe, topic))
+            if payload is not None:
+                query.reply(
+                    self._key(probe, topic),
+                    payload,
+                    encoding=zenoh.Encoding.APPLICATION_JSON,
+                )
+
+    def tell_params(self, probe: str, query: zenoh.Query) -> None:
+        """The last payload; with parameters, something of the history."""
+        if str(query.parameters):
+            self._pass_on(probe, HISTORY, "params", query)
+        else:
+            self.tell(probe, "params", query)
+
+    def take(self, probe: str, query: zenoh.Query) -> None:
+        name = str(query.key_expr).rpartition("/")[2]
+        self._pass_on(probe, name, f"cmd/{name}", query)
+
+    def _pass_on(self, probe: str, name: str, last: str, query: zenoh.Query) -> None:
+        """Has a command carried out; the answer is on the key that ends in `last`."""
+        parameters = dict(_pairs(str(query.parameters)))
+
+        def answer(payload: bytes, error: str) -> None:
+            with query:
+                if error:
+                    query.reply_err(error, encoding=zenoh.Encoding.TEXT_PLAIN)
+                else:
+                    query.reply(
+                        self._key(probe, last),
+                        payload,
+                        encoding=zenoh.Encoding.APPLICATION_JSON,
+                    )
+
+        self._on_command(probe, name, parameters, answer)
+
+
+def _pairs(parameters: str) -> list[tuple[str, Any]]:
+    """Splits `a=1;b=2`, the parameters of a Zenoh selector."""
+    parts = [part.partition("=") for part in parameters.split(";") if part]
+    return [(name, value) for name, _, value in parts]
