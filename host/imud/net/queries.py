@@ -46,15 +46,15 @@ class Queries:
     def tell_params(self, probe: str, query: zenoh.Query) -> None:
         """The last payload; with parameters, something of the history."""
         if str(query.parameters):
-            self._pass_on(probe, HISTORY, "params", query)
+            self.pass_on(probe, HISTORY, "params", query)
         else:
             self.tell(probe, "params", query)
 
     def take(self, probe: str, query: zenoh.Query) -> None:
         name = str(query.key_expr).rpartition("/")[2]
-        self._pass_on(probe, name, f"cmd/{name}", query)
+        self.pass_on(probe, name, f"cmd/{name}", query)
 
-    def _pass_on(self, probe: str, name: str, last: str, query: zenoh.Query) -> None:
+    def pass_on(self, probe: str, name: str, last: str, query: zenoh.Query) -> None:
         """Has a command carried out; the answer is on the key that ends in `last`."""
         parameters = dict(_pairs(str(query.parameters)))
 

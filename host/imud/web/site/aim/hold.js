@@ -110,7 +110,7 @@ const COLUMNS = /** @type {const} */ ([
 
 /**
  * A name that begins so would be a formula, which a spreadsheet runs.
- * @param {string | number | null | undefined} value
+ * @param {unknown} value
  */
 const inert = (value) =>
   typeof value === "string" && /^[=+\-@\t\r]/.test(value) ? `'${value}` : String(value);
