@@ -71,6 +71,11 @@ def checks() -> Iterator[tuple[str, tuple[str, ...]]]:
             f"clang-tidy, {name}",
             ("clang-tidy", "--quiet", *files, "--", "-std=gnu11", *INCLUDES),
         )
+    yield "proof", (python, "tools/prove.py", "--if-there")
+    yield (
+        "proofs that fail",
+        (python, "-m", "pytest", "-q", "tests/tools/test_prove.py"),
+    )
     rules = ("tests/test_house.py", "tests/test_limits.py")
     yield "rules of the house", (python, "-m", "pytest", "-q", *rules)
     # Here and not only in `make test`: that does not install them.

@@ -28,6 +28,7 @@ from needs import (
     BOARD_NEEDS,
     BROWSING,
     CHROMIUM,
+    FRAMA_C,
     PYTHON_NEEDS,
     Need,
     missing,
@@ -181,20 +182,21 @@ def install_system_packages(needs: Sequence[Need]) -> None:
 def install_all_packages(needs: Sequence[Need], command: str) -> None:
     install_system_packages(needs)
     if command in BROWSING:
-        install_browser()
+        install_where_possible(CHROMIUM, "the page is not tested in a browser")
+    if command == "check":
+        install_where_possible(FRAMA_C, "nothing is proved")
 
 
-def install_browser() -> None:
-    """Install Chromium where that is possible; say so where it is not."""
-    if not missing((CHROMIUM,)):
+def install_where_possible(need: Need, without: str) -> None:
+    """Say what goes without it where it can't be installed."""
+    if not missing((need,)):
         return
     try:
-        refuse_what_cannot_be_installed((CHROMIUM,))
-        install_system_packages((CHROMIUM,))
+        refuse_what_cannot_be_installed((need,))
+        install_system_packages((need,))
     except SystemExit:
         sys.stdout.write(
-            "chromium is not there and could not be installed: the page is not tested "
-            "in a browser\n"
+            f"{need.package} is not there and could not be installed: {without}\n"
         )
 
 

@@ -18,7 +18,7 @@ uint16_t frame_crc(uint16_t seed, const uint8_t *bytes, uint8_t length) {
         high = (uint8_t)(low ^ (uint8_t)(top << 4) ^ (uint8_t)(by_5 >> 8));
         low = (uint8_t)((uint8_t)by_5 ^ top);
     }
-    return (uint16_t)((uint16_t)(high << 8) | low);
+    return (uint16_t)((uint16_t)high << 8 | low);
 }
 
 uint8_t frame_encode(uint16_t seed, uint8_t *bytes, uint8_t length) {
