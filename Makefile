@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
 # Each command installs what it needs first; `make` alone lists them.
-.PHONY: help demo test test-long fresh bits coverage fuzz check compilers format \
+.PHONY: help demo test test-long fresh bits coverage fuzz check compilers mutate format \
 	firmware sim bench pictures setup clean
 .DEFAULT_GOAL := help
 
@@ -67,6 +67,11 @@ fuzz: ## any input at all, with clang's fuzzer (SECONDS=60 for each target)
 check: ## formatting, lints, types, the rules of the house; all three compilers
 	@$(PYTHON) tools/setup.py check
 	@python tools/check.py
+
+mutate: ## which small changes of a room no test notices (ROOM=math SEED=1 COUNT=20)
+	@$(PYTHON) tools/setup.py test
+	@python tools/mutate.py $(or $(ROOM),math) --seed $(or $(SEED),1) \
+	  --count $(or $(COUNT),20)
 
 compilers: ## the Nano's images with avr-gcc 5.4, 7.3 and 14.2: bytes, and the reserve
 	@$(PYTHON) tools/setup.py demo --board nano

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: MIT
+"""A machine without files, or without room, left: poses go on, the log says what it
+lacks, and goes on once it is there.
+"""
+
+from __future__ import annotations
+
+import resource
+import time
+from pathlib import Path
+
+import pytest
+
+from configured import running
+from fakes import SOON_S
+from imud.client import Client
+
+CONFIG = "[log]\nrotate_mb = 1\nfloor_mb = 1\n"
+
+
+def open_files(pid: int) -> int:
+    return len([*Path(f"/proc/{pid}/fd").iterdir()])
+
+
+@pytest.mark.parametrize("limit", ["RLIMIT_NOFILE", "RLIMIT_FSIZE"])
+def test_the_log_stops_says_why_and_goes_on_when_there_is_room_again(
+    tmp_path: Path, limit: str
+) -> None:
+    which = getattr(resource, limit)
+    with running(tmp_path, CONFIG) as (daemon, probe, port):
+        pid = daemon.process.pid
+        before = resource.prlimit(pid, which)
+        with Client(daemon.endpoint) as client:
+            heard: list[bytes] = []
+            client.subscribe("pose", None, lambda _, payload: heard.append(payload))
+            time.sleep(0.3)
+            # No more files than are open, or none longer than some kilobytes.
+            least = 3 if limit == "RLIMIT_NOFILE" else 20_000
+            resource.prlimit(pid, which, (least, before[1]))
+            until_s = time.monotonic() + 30.0
+            while not any("log fails" in line for line in daemon.seen()):
+                port.write(probe.poses(100))
+                time.sleep(0.05)
+                assert time.monotonic() < until_s
+            count = len(heard)
+            port.write(probe.poses(20))
+            until_s = time.monotonic() + 10.0
+            while len(heard) < count + 20:
+                assert time.monotonic() < until_s, "poses stopped, too"
+                time.sleep(0.02)
+            resource.prlimit(pid, which, before)
+            until_s = time.monotonic() + 30.0
+            while not any("log works again" in line for line in daemon.seen()):
+                port.write(probe.poses(20))
+                time.sleep(0.05)
+                assert time.monotonic() < until_s
+        failing = [line for line in daemon.lines if "log fails" in line]
+        assert len(failing) == 1, failing
+        assert daemon.stop() < SOON_S
+        assert not any("internal error" in line for line in daemon.lines)

@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: MIT
+"""Changes the source a little, again and again, and says which changes no test
+notices: each is a fact that no test states, or a change of nothing, which belongs into
+tests/equivalents.toml with the reason. Works in copies below build/.
+
+A room is a folder of firmware/core (math, fusion, params, probe, storage, wire,
+drivers) or of host/imud (log, net, ports, ...). Tests of the firmware are chosen by
+what they run of a file, counted once.
+
+example: make mutate ROOM=math SEED=7 COUNT=20
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+
+import mutations
+from mutations import Mutation
+
+ROOT = Path(__file__).resolve().parent.parent
+WORK = ROOT / "build" / "mutants"
+COUNTED = WORK / "counted.json"
+EQUIVALENTS = Path("tests/equivalents.toml")
+
+CORE, HOST = Path("firmware/core"), Path("host/imud")
+CORE_TESTS = ("tests/core", "tests/protocol")
+# Of rooms of the host whose tests are not in tests/host/ROOM alone.
+HOST_TESTS = {
+    "log": ("tests/host/log", "tests/host/recordings"),
+    "web": ("tests/web/test_server.py", "tests/web/test_browsers.py"),
+    "ports": ("tests/host/ports", "tests/host/cli/test_ports.py"),
+    "params": ("tests/host/params", "tests/host/cli/test_params.py"),
+}
+
+# A change may make a loop endless.
+PATIENCE_S = 240.0
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    mutation: Mutation
+    what: str  # noticed, unnoticed, equivalent, or that it does not compile
+    seconds: float
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        prog="tools/mutate.py",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("room", help="folder of firmware/core or host/imud")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--count", type=int, default=20, help="changes (default: 20)")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--file", help="only in files whose name has this")
+    options = parser.parse_args()
+    found = list(_sites(options.room, options.file))
+    if not found:
+        sys.exit(f"there is no room {options.room} with anything to change")
+    count = min(options.count, len(found))
+    chosen = random.Random(options.seed).sample(found, count)  # noqa: S311
+    WORK.mkdir(parents=True, exist_ok=True)
+    is_core = chosen[0].path.is_relative_to(CORE)
+    counted = _counted() if is_core else {}
+    trees: SimpleQueue[Path] = SimpleQueue()
+    for number in range(options.workers):
+        trees.put(_tree(number))
+    known = _equivalents()
+
+    def judge(mutation: Mutation) -> Verdict:
+        tree = trees.get()
+        try:
+            return _judge(tree, mutation, counted, known)
+        finally:
+            trees.put(tree)
+
+    verdicts = []
+    with ThreadPoolExecutor(options.workers) as pool:
+        for verdict in pool.map(judge, chosen):
+            verdicts.append(verdict)
+            change = verdict.mutation
+            sys.stderr.write(
+                f"{len(verdicts):3} of {len(chosen)}  {verdict.what:14} "
+                f"{verdict.seconds:5.1f} s  {change.path}:{change.line}\n"
+            )
+    sys.exit(_tell(options.room, verdicts))
+
+
+def _tell(room: str, verdicts: Sequence[Verdict]) -> int:
+    """The score, and each change that no test notices; the exit code."""
+    by = {what: sum(v.what == what for v in verdicts) for what in _WORDS}
+    missed = [v.mutation for v in verdicts if v.what == "unnoticed"]
+    for change in missed:
+        sys.stdout.write(
+            f"{change.path}:{change.line}\n  - {change.before}\n  + {change.after}\n"
+        )
+    tried = by["noticed"] + by["unnoticed"]
+    sys.stdout.write(
+        f"{room}: {by['noticed']} of {tried} noticed; "
+        f"{by['equivalent']} change nothing, {by['not compiled']} do not compile\n"
+    )
+    return 1 if missed else 0
+
+
+_WORDS = ("noticed", "unnoticed", "equivalent", "not compiled")
+
+
+def _sites(room: str, name: str | None) -> Iterator[Mutation]:
+    for base, kind in ((CORE, "*.c"), (HOST, "*.py")):
+        for path in sorted((ROOT / base / room).rglob(kind)):
+            if name is None or name in path.name:
+                yield from mutations.of(path, path.relative_to(ROOT))
+
+
+def _judge(
+    tree: Path,
+    change: Mutation,
+    counted: dict[str, dict[str, list[int]]],
+    known: set[tuple[str, str, str]],
+) -> Verdict:
+    begin = time.monotonic()
+    if (str(change.path), change.before, change.after) in known:
+        return Verdict(change, "equivalent", 0.0)
+    target = tree / change.path
+    source = target.read_text("utf-8")
+    target.write_text(change.apply(source), "utf-8")
+    try:
+        what = "unnoticed"
+        for tests in _tests_of(change, counted):
+            code, text = _run(tree, tests)
+            if "NativeBuildError" in text or "SyntaxError" in text:
+                what = "not compiled"
+                break
+            if code != 0:
+                what = "noticed"
+                break
+    finally:
+        target.write_text(source, "utf-8")
+    return Verdict(change, what, time.monotonic() - begin)
+
+
+def _tests_of(
+    change: Mutation, counted: dict[str, dict[str, list[int]]]
+) -> Iterator[Sequence[str]]:
+    """Test files, those that run the changed line first, a few at a time."""
+    if not change.path.is_relative_to(CORE):
+        room = change.path.parts[2]
+        yield HOST_TESTS.get(room, (f"tests/host/{room}",))
+        return
+    lines = {test: files.get(str(change.path), []) for test, files in counted.items()}
+    direct = [t for t, found in lines.items() if change.line in found]
+    # The shortest lists first: tests of that part alone.
+    direct.sort(key=lambda test: sum(map(len, counted[test].values())))
+    others = [t for t, found in lines.items() if found and t not in direct]
+    for group in (direct[:3], direct[3:], others):
+        if group:
+            yield group
+
+
+def _run(tree: Path, tests: Sequence[str], **environment: str) -> tuple[int, str]:
+    """Exit code and output of the tests; what takes too long has noticed something."""
+    words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:xdist", *tests]
+    process = subprocess.Popen(
+        [*words, "-p", "no:cacheprovider"],
+        cwd=tree,
+        env=os.environ
+        | {"PYTHONPATH": str(tree / "host"), "PYTHONDONTWRITEBYTECODE": "1"}
+        | environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        text, _ = process.communicate(timeout=PATIENCE_S)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        return -1, ""
+    return process.returncode, text
+
+
+def _tree(number: int) -> Path:
+    """A copy of what git knows, as it is now, and of what is built in its folders."""
+    tree = WORK / f"tree{number}"
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split("\0")
+    built = [str(p.relative_to(ROOT)) for p in (ROOT / HOST).glob("*.so")]
+    for name in (*filter(None, listed), *built):
+        source, target = ROOT / name, tree / name
+        if not source.is_file():
+            continue
+        if target.is_file() and target.read_bytes() == source.read_bytes():
+            continue
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(source, target)
+    return tree
+
+
+def _counted() -> dict[str, dict[str, list[int]]]:
+    """For each test file, the lines of the firmware's files that it runs. Counted once
+    for each content of those tests and files; takes some minutes.
+    """
+    tests = sorted(
+        str(path.relative_to(ROOT))
+        for folder in CORE_TESTS
+        for path in (ROOT / folder).glob("test_*.py")
+    )
+    known = json.loads(COUNTED.read_text()) if COUNTED.exists() else {}
+    tree = _tree(0)
+    for number, test in enumerate(tests):
+        stamp = (ROOT / test).stat().st_mtime_ns
+        if known.get(test, {}).get("stamp") == stamp:
+            continue
+        sys.stderr.write(f"\rcounting {number + 1} of {len(tests)}  {test:60}")
+        known[test] = {"stamp": stamp, "files": _lines_of(tree, test)}
+        COUNTED.write_text(json.dumps(known))
+    sys.stderr.write("\r")
+    return {test: known[test]["files"] for test in tests}
+
+
+def _lines_of(tree: Path, test: str) -> dict[str, list[int]]:
+    cache = tree / "build" / "native"
+    for path in cache.glob("*.gcda"):
+        path.unlink()
+    _run(tree, [test], IMU_COVERAGE="1", IMU_SAMPLE="1")
+    out = subprocess.run(
+        ["gcov", "--json-format", "--stdout", *map(str, cache.glob("*.gcda"))],
+        cwd=tree,
+        capture_output=True,
+        text=True,
+        check=False,
+    ).stdout
+    found: dict[str, set[int]] = {}
+    for line in out.splitlines():
+        for file in json.loads(line)["files"] if line.startswith("{") else ():
+            path = Path(file["file"])
+            if path.is_absolute() and path.is_relative_to(tree / CORE):
+                name = str(path.relative_to(tree))
+                ran = {each["line_number"] for each in file["lines"] if each["count"]}
+                found.setdefault(name, set()).update(ran)
+    return {name: sorted(lines) for name, lines in found.items() if lines}
+
+
+def _equivalents() -> set[tuple[str, str, str]]:
+    """Changes that change nothing, with the reason in the file."""
+    path = ROOT / EQUIVALENTS
+    if not path.exists():
+        return set()
+    table = tomllib.loads(path.read_text("utf-8"))
+    return {
+        (each["file"], each["before"], each["after"]) for each in table["equivalent"]
+    }
+
+
+if __name__ == "__main__":
+    main()
