@@ -318,3 +318,17 @@ def test_a_worn_cell_fails_the_change_and_the_old_params_hold():
         assert FAILED in results
         assert store.image == old
         assert again(store.memory).image == old
+
+
+def test_a_failure_is_told_once_and_then_a_change_is_taken_up_again():
+    store = again(stored(SMALL))
+    spare = BASE + (store.bank ^ 1) * BANK
+    store.memory.worn = {spare + 8}
+    store.memory.bytes[spare + 8] = 0xEE
+    assert store.write(0, FULL[:4]) == lib.RESULT_OK
+    store.settle()
+    assert store.write(0, FULL[:4]) == FAILED
+    store.memory.worn = set()
+    store.stage(FULL)
+    assert store.apply(len(FULL), digest(FULL))[0] == lib.RESULT_OK
+    assert store.records == FULL
