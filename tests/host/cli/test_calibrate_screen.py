@@ -88,6 +88,9 @@ def test_keys_end_or_give_up(
             with pytest.raises(Quit):
                 screen.is_ended()
         text.close()
+    # It ends with the terminal. Else it would read from whoever gets that number next.
+    drained.join(30)
+    assert not drained.is_alive()
     os.close(master)
 
 
