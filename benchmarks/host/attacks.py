@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: MIT
+"""What strangers cost the others: a daemon with keys, four probes at 200 Hz and a
+subscriber over TLS, first alone, then beside all attacks of ATTACKS at once.
+
+example: python -m benchmarks.host.attacks --minutes 60
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import multiprocessing
+import random
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.common.load import (
+    PATIENCE_S,
+    answer_of,
+    feed,
+    free_endpoint,
+    rss_mib,
+    wait_for_line,
+)
+from benchmarks.common.paths import RESULTS
+from benchmarks.host.live import latency
+from imud.client import Client
+from imud.net import keys
+
+OUTPUT = RESULTS / "attacks.json"
+PROBES = 4
+IDLE = 100  # connections of an attack that are held at a time
+HOLD_S = 5.0
+# A stranger may cost no pose, and may no more than double the 99th percentile.
+P99_RATIO_MAX = 2.0
+
+Address = tuple[str, int]
+
+
+def hold(address: Address, first: bytes) -> None:
+    """Connections that say little and wait."""
+    with contextlib.ExitStack() as stack:
+        for _ in range(IDLE):
+            with contextlib.suppress(OSError):
+                each = stack.enter_context(socket.create_connection(address, 2.0))
+                each.sendall(first)
+        time.sleep(HOLD_S)
+
+
+def flood(address: Address, request: bytes) -> None:
+    """Requests, one after the other, whose answers are not waited for."""
+    until_s = time.monotonic() + HOLD_S
+    while time.monotonic() < until_s:
+        with (
+            contextlib.suppress(OSError),
+            socket.create_connection(address, 2.0) as each,
+        ):
+            each.sendall(request)
+        time.sleep(0.005)
+
+
+def noise(address: Address, _: bytes) -> None:
+    """Bytes of chance."""
+    chance = random.Random(1)  # noqa: S311
+    flood(address, chance.randbytes(2000))
+
+
+_GET = b"GET /%s HTTP/1.1\r\nHost: evil.example\r\n\r\n"
+# Where: 0 the TLS port, 1 the page, 2 the metrics; how, and with which bytes.
+ATTACKS: tuple[tuple[int, Callable[[Address, bytes], None], bytes], ...] = (
+    (0, hold, b""),
+    (0, hold, b"\x16\x03\x01\x02\x00" + bytes(100)),
+    (0, flood, b"\x16\x03\x01\x00\x05\x01\x00\x00\x01\x00"),
+    (0, noise, b""),
+    (1, hold, b"GET / HTTP/1.1\r\n"),
+    (1, flood, _GET % b""),
+    (1, noise, b""),
+    (2, flood, _GET % b"metrics"),
+    (2, hold, b"GET"),
+)
+
+
+def attack(addresses: Sequence[Address], seconds: float) -> None:
+    """All of them, again and again, each in a thread."""
+    until_s = time.monotonic() + seconds
+
+    def again(where: int, how: Callable[[Address, bytes], None], data: bytes) -> None:
+        while time.monotonic() < until_s:
+            how(addresses[where], data)
+
+    threads = [threading.Thread(target=again, args=each) for each in ATTACKS]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+
+
+def follow(endpoint: str, mine: str, to: Connection, path: Path) -> None:
+    """A subscriber with keys, who notes when each pose came."""
+    heard: list[tuple[int, bytes]] = []
+    with Client(endpoint, keys=mine) as client:
+        client.subscribe(
+            "pose", None, lambda _, data: heard.append((time.monotonic_ns(), data))
+        )
+        to.send("ready")
+        to.recv()
+    notes = np.zeros((len(heard), 3), dtype=np.int64)
+    for row, (t_ns, payload) in enumerate(heard):
+        pose = json.loads(payload)
+        notes[row] = int(pose["probe"][-2:], 16), pose["seq"], t_ns
+    np.save(path, notes)
+    to.send("saved")
+
+
+def run(seconds: float, folder: Path, *, is_attacked: bool) -> dict[str, Any]:
+    spawn = multiprocessing.get_context("spawn")
+    to_feeder, feeder_end = spawn.Pipe()
+    to_follower, follower_end = spawn.Pipe()
+    ports = [int(free_endpoint().rpartition(":")[2]) for _ in range(3)]
+    addresses = [("127.0.0.1", port) for port in ports]
+    endpoint = f"tls/127.0.0.1:{ports[0]}"
+    keys.initialise(folder / "keys", ["127.0.0.1"], ports[0])
+    sent, heard = folder / "sent.npy", folder / "heard.npy"
+    feeder = spawn.Process(target=feed, args=(PROBES, seconds, feeder_end, sent))
+    feeder.start()
+    names = answer_of(to_feeder, PATIENCE_S)
+    named = ", ".join(f"'{name}'" for name in names)
+    (folder / "imud.toml").write_text(
+        f"[ports]\nfind = false\nnamed = [{named}]\n"
+        f"[zenoh]\nlisten = ['{endpoint}']\nkeys = '{folder / 'keys'}'\n"
+        f"[web]\nlisten = '127.0.0.1:{ports[1]}'\n"
+        f"[metrics]\nlisten = '127.0.0.1:{ports[2]}'\n"
+        f"[log]\ndir = '{folder / 'logs'}'\n"
+    )
+    words = [sys.executable, "-m", "imud", "run", "--config", str(folder / "imud.toml")]
+    with (folder / "daemon.txt").open("w") as lines:
+        daemon = subprocess.Popen(words, stderr=lines, cwd=folder)
+    viewer = str(folder / "keys" / "clients" / "viewer.toml")
+    follower = spawn.Process(
+        target=follow, args=(endpoint, viewer, follower_end, heard)
+    )
+    attacker = spawn.Process(target=attack, args=(addresses, seconds))
+    try:
+        wait_for_line(folder / "daemon.txt", "listens on")
+        follower.start()
+        answer_of(to_follower, PATIENCE_S)
+        if is_attacked:
+            attacker.start()
+        to_feeder.send("go")
+        watched = []
+        until_s = time.monotonic() + seconds
+        while time.monotonic() < until_s:
+            files = len([*Path(f"/proc/{daemon.pid}/fd").iterdir()])
+            watched.append((rss_mib(daemon.pid), files))
+            time.sleep(1.0)
+        answer_of(to_feeder, PATIENCE_S)
+        time.sleep(2.0)
+        to_follower.send("stop")
+        answer_of(to_follower, PATIENCE_S)
+        to_feeder.send("stop")
+        if is_attacked:
+            attacker.join()
+    finally:
+        daemon.terminate()
+        daemon.wait()
+        for process in (feeder, follower, attacker):
+            if process.is_alive():
+                process.kill()
+    told = latency(np.load(sent), np.load(heard))
+    return {
+        "is_attacked": is_attacked,
+        "seconds": seconds,
+        **told,
+        "lost": told["poses_sent"] - told["poses_heard"],
+        "rss_mib": [watched[0][0], max(each[0] for each in watched)],
+        "files": [watched[0][1], max(each[1] for each in watched)],
+        "lines": len((folder / "daemon.txt").read_text().splitlines()),
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=5.0, help="of attacks")
+    options = parser.parse_args(arguments)
+    found = []
+    for is_attacked in (False, True):
+        with tempfile.TemporaryDirectory() as folder:
+            seconds = 60.0 * (options.minutes if is_attacked else 1.0)
+            found.append(run(seconds, Path(folder), is_attacked=is_attacked))
+        each = found[-1]
+        sys.stdout.write(
+            f"{'attacked' if is_attacked else 'alone':9} {each['seconds']:6.0f} s: "
+            f"{each['poses_sent']} poses, {each['lost']} lost; "
+            f"median {each['median_us']:.0f} us, p99 {each['p99_us']:.0f} us; "
+            f"{each['rss_mib'][0]:.0f} to {each['rss_mib'][1]:.0f} MiB, "
+            f"{each['files'][0]} to {each['files'][1]} files, "
+            f"{each['lines']} lines\n"
+        )
+        sys.stdout.flush()
+    OUTPUT.parent.mkdir(parents=True, exist_ok=True)
+    OUTPUT.write_text(json.dumps(found, indent=1))
+    ratio = found[1]["p99_us"] / found[0]["p99_us"]
+    is_good = found[1]["lost"] == 0 and ratio <= P99_RATIO_MAX
+    sys.stdout.write(f"p99 {ratio:.2f} of alone: {'met' if is_good else 'NOT met'}\n")
+    return 0 if is_good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
