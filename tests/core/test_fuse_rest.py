@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: MIT
-"""What the filter takes for rest: rates and forces near their means, in each axis and in
-all of them together.
+"""What the filter takes for rest: rates and forces near their means, in each axis and
+in all of them together.
 """
 
 from __future__ import annotations
