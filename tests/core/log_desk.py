@@ -51,13 +51,14 @@ class Volume:
         entry: int = 0,
         others: int = 0,
         card_id: int = 0x1234ABCD,
+        fat_blocks: int | None = None,
     ) -> None:
         self.blocks, self.cluster, self.card_id = blocks, cluster, card_id
         self.start, self.reserved = 64, 4
         roots = others // (16 * cluster) + 1
         file_clusters = -(-blocks // cluster)
         self.clusters = roots + file_clusters + 3
-        self.fat_blocks = (self.clusters + 2) // 128 + 1
+        self.fat_blocks = fat_blocks or (self.clusters + 2) // 128 + 1
         self.size = self.reserved + 2 * self.fat_blocks + self.clusters * cluster
         self.data = self.start + self.reserved + 2 * self.fat_blocks
         # The root's clusters lie behind the file but for the first.

@@ -63,6 +63,20 @@ def test_a_volume_that_makes_no_sense_is_refused(at, value):
 
 
 @pytest.mark.parametrize(
+    ("blocks", "fat_blocks", "is_enough"),
+    # 256 entries fill two blocks, 257 need a third.
+    [(500, 2, True), (500, 1, False), (502, 3, True), (502, 2, False)],
+)
+def test_a_fat_has_an_entry_for_each_cluster_and_two(blocks, fat_blocks, is_enough):
+    volume = Volume(blocks, fat_blocks=fat_blocks)
+    assert volume.clusters + 2 == (256 if blocks == 500 else 257)
+    if is_enough:
+        Log(volume.card()).until("ready")
+    else:
+        unprepared(volume)
+
+
+@pytest.mark.parametrize(
     ("at", "value"),
     [
         *((0, ord("Q")), (0, 0xE5), (0, 0), (11, 0x10), (11, 0x08), (11, 0x0F)),
