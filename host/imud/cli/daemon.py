@@ -41,7 +41,7 @@ def _add_run(commands: Commands) -> None:
         metavar="PORT[@BAUD]",
         nargs="*",
         help="serial port of a probe; its baud rate is detected unless given "
-        "(default: search all USB and Bluetooth ports for probes)",
+        "(default: the ports that are ours, as imud ports tells)",
     )
     run.add_argument(
         "--config",
