@@ -136,13 +136,8 @@ def run(seconds: float, folder: Path, *, is_attacked: bool) -> dict[str, Any]:
     feeder.start()
     names = answer_of(to_feeder, PATIENCE_S)
     named = ", ".join(f"'{name}'" for name in names)
-    (folder / "imud.toml").write_text(
-        f"[ports]\nfind = false\nnamed = [{named}]\n"
-        f"[zenoh]\nlisten = ['{endpoint}']\nkeys = '{folder / 'keys'}'\n"
-        f"[web]\nlisten = '127.0.0.1:{ports[1]}'\n"
-        f"[metrics]\nlisten = '127.0.0.1:{ports[2]}'\n"
-        f"[log]\ndir = '{folder / 'logs'}'\n"
-    )
+    settings = f"[ports]\nfind = false\nnamed = [{named}]\n"
+    (folder / "imud.toml").write_text(settings + _guarded(folder, endpoint, ports))
     words = [sys.executable, "-m", "imud", "run", "--config", str(folder / "imud.toml")]
     with (folder / "daemon.txt").open("w") as lines:
         daemon = subprocess.Popen(words, stderr=lines, cwd=folder)
@@ -187,6 +182,16 @@ def run(seconds: float, folder: Path, *, is_attacked: bool) -> dict[str, Any]:
         "files": [watched[0][1], max(each[1] for each in watched)],
         "lines": len((folder / "daemon.txt").read_text().splitlines()),
     }
+
+
+def _guarded(folder: Path, endpoint: str, ports: Sequence[int]) -> str:
+    """Settings of a daemon with keys, a page and metrics."""
+    return (
+        f"[zenoh]\nlisten = ['{endpoint}']\nkeys = '{folder / 'keys'}'\n"
+        f"[web]\nlisten = '127.0.0.1:{ports[1]}'\n"
+        f"[metrics]\nlisten = '127.0.0.1:{ports[2]}'\n"
+        f"[log]\ndir = '{folder / 'logs'}'\n"
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

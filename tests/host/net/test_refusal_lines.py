@@ -27,7 +27,7 @@ def told(*lines: str) -> list[tuple[str, str]]:
 
 
 def test_who_is_refused_is_named_with_the_reason() -> None:
-    refused = f"{STAMP}DEBUG {ACCEPT}Invalid password. at /root/accept.rs:10"
+    refused = f"{STAMP}DEBUG {ACCEPT}Invalid password. at /build/accept.rs:10"
     assert told(CAME, refused) == [
         ("refused", "network: 192.0.2.7:50122 was refused: Invalid password")
     ]
