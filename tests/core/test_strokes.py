@@ -93,6 +93,18 @@ def test_a_rest_of_a_minute_is_no_stroke(single: Measured) -> None:
     assert len(strokes) == 0
 
 
+def test_how_much_a_rest_sways_is_a_mean_that_forgets(single: Measured) -> None:
+    """A sum would grow with each window, and with it what a stroke states."""
+    still = np.tile(single.samples[:1200], 10)
+    still["time_us"] = np.arange(len(still)) * 5000
+    tracker = Tracker()
+    tracker.feel(still[:3600])
+    early = tracker.c.stroke.sway_q30
+    assert early > 100
+    tracker.feel(still[3600:])
+    assert 0.3 * early < tracker.c.stroke.sway_q30 < 3.0 * early
+
+
 # What ends a stroke without a result.
 
 
