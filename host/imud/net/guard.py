@@ -92,7 +92,7 @@ class Guard:
             self._untold = 0
 
     def say(self, what: str, *words: str) -> None:
-        """To the parent; nobody waits for it."""
+        """To the parent. A line for which its pipe has no room is left out."""
         with contextlib.suppress(OSError):
             os.write(self._tell, f"{what} {' '.join(words)}\n".encode())
 
@@ -274,6 +274,7 @@ async def _serve(inner: int, listening: list[socket.socket]) -> None:
         await loop.create_server(lambda: Outer(guard), sock=each) for each in listening
     ]
     ended = asyncio.Event()
+    os.set_blocking(sys.stdout.fileno(), False)
     loop.add_reader(sys.stdin.fileno(), ended.set)
     loop.set_exception_handler(lambda *_: None)  # out of files: asyncio tries again
     guard.say("ready")
