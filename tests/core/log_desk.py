@@ -52,9 +52,10 @@ class Volume:
         others: int = 0,
         card_id: int = 0x1234ABCD,
         fat_blocks: int | None = None,
+        reserved: int = 4,
     ) -> None:
         self.blocks, self.cluster, self.card_id = blocks, cluster, card_id
-        self.start, self.reserved = 64, 4
+        self.start, self.reserved = 64, reserved
         roots = others // (16 * cluster) + 1
         file_clusters = -(-blocks // cluster)
         self.clusters = roots + file_clusters + 3

@@ -196,3 +196,15 @@ def test_time_may_wrap_amid_a_recording():
     wire.now_us = 2.0**32 - 700_000
     log = Log(wire.card, wire=wire).until("ready").open().log(2 * SECOND).close()
     assert frames_of(read(volume)[1]) == log.kept
+
+
+def test_of_changes_that_nobody_takes_the_latest_are_kept_in_their_order():
+    book = ffi.new("struct logbook *")
+    most = lib.LOGBOOK_CHANGES
+    for number in range(most + 2):
+        lib.logbook_tell(book, lib.EVENT_CARD_FAULT, lib.CAUSE_WORN, number)
+    change = ffi.new("struct logbook_change *")
+    taken = []
+    while lib.logbook_take_change(book, change):
+        taken.append(change.detail)
+    assert taken == [*range(2, most + 2)]

@@ -62,6 +62,10 @@ def test_a_volume_that_makes_no_sense_is_refused(at, value):
     unprepared(volume)
 
 
+def test_one_reserved_block_is_enough_for_the_volume_itself():
+    Log(Volume(reserved=1).card()).until("ready")
+
+
 @pytest.mark.parametrize(
     ("blocks", "fat_blocks", "is_enough"),
     # 256 entries fill two blocks, 257 need a third.
