@@ -49,9 +49,9 @@ def test_the_tip_is_drawn_where_it_is_with_its_strokes_and_their_errors(
     draw_two(shown, desk)
     scale = 1.32 / 0.05  # the ring's radius is the least length that fits
     page.get_by_text("the ring's radius is 5 cm").wait_for()
+    until(lambda: len(page.evaluate(PATH)["sizes"]) == 3)
     drawn = page.evaluate(PATH)
     assert drawn["tip"] == pytest.approx([0.03 * scale, 0.0, 0.04 * scale], abs=1e-5)
-    assert len(drawn["sizes"]) == 3
     assert drawn["sizes"][2] == pytest.approx(
         [2 * 0.004 * scale, 2 * 0.004 * scale, 2 * 0.002 * scale], rel=1e-3
     )
