@@ -126,7 +126,7 @@ def test_a_viewer_that_stands_still_holds_nobody_up() -> None:
                     heard = each.hear(0.05)[2] == payload
         for _ in range(200):
             sink.write(large)
-            assert next(live)[2] == payload
+            assert live.hear(PATIENCE_S)[2] == payload
         stopped.abort()
     sink.close()
 
