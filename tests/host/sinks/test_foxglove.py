@@ -70,7 +70,9 @@ class Viewer:
 @contextlib.contextmanager
 def viewer(host: str, port: int) -> Iterator[Viewer]:
     protocol = Subprotocol("foxglove.sdk.v1")
-    with connect(f"ws://{host}:{port}", subprotocols=[protocol]) as connection:
+    where = f"ws://{host}:{port}"
+    # The other end may leave a closing unanswered.
+    with connect(where, subprotocols=[protocol], close_timeout=1.0) as connection:
         yield Viewer(connection)
 
 
