@@ -87,11 +87,24 @@ static bool is_sda_held(struct i2c_slave *slave) {
     return is_held;
 }
 
+// Whether it can't be in force any more.
+static bool is_past(const struct i2c_slave *slave, const struct i2c_slave_fault *each) {
+    const struct chip_fault *fault = &each->fault;
+    const bool is_of_a_time = fault->transactions == 0 && fault->for_ns > 0;
+    return each->is_over || (is_of_a_time && fault->kind != CHIP_FAULT_STUCK_SDA &&
+                             slave->now_ns >= fault->from_ns + fault->for_ns);
+}
+
 bool i2c_slave_add_fault(struct i2c_slave *slave, const struct chip_fault *fault) {
-    if (slave->fault_count == I2C_SLAVE_FAULTS_MAX) {
+    unsigned at = 0;
+    while (at < slave->fault_count && !is_past(slave, &slave->faults[at])) {
+        at++;
+    }
+    if (at == I2C_SLAVE_FAULTS_MAX) {
         return false;
     }
-    slave->faults[slave->fault_count++] =
+    slave->fault_count += at == slave->fault_count;
+    slave->faults[at] =
         (struct i2c_slave_fault){.fault = *fault, .held_from_ns = NEVER};
     return true;
 }

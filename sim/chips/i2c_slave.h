@@ -60,7 +60,7 @@ struct i2c_slave {
 // Nobody is addressed any more: the chip was reset, by itself or by loss of power.
 void i2c_slave_release(struct i2c_slave *slave);
 
-// False where I2C_SLAVE_FAULTS_MAX faults are there already.
+// Takes the place of one that is past. False where I2C_SLAVE_FAULTS_MAX are not.
 bool i2c_slave_add_fault(struct i2c_slave *slave, const struct chip_fault *fault);
 void i2c_slave_clear_faults(struct i2c_slave *slave);
 // A fault of that kind that is in force on a die (0: whichever it is of); null: none.

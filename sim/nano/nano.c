@@ -119,8 +119,8 @@ static void suffer(void *self, const struct fault *fault) {
                                                        : MACHINE_EXTERNAL);
 }
 
-static void add_chip_fault(void *self, const struct chip_fault *fault) {
-    (void)i2c_slave_add_fault(mpu9250_chip_wire(((struct nano *)self)->chip), fault);
+static bool add_chip_fault(void *self, const struct chip_fault *fault) {
+    return i2c_slave_add_fault(mpu9250_chip_wire(((struct nano *)self)->chip), fault);
 }
 
 static void cut_memory(void *self) {

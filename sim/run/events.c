@@ -3,10 +3,30 @@
 #include "events.h"
 #include "options.h"
 
-static void add_event(struct run *run, struct run_event event) {
-    if (run->event_count < RUN_EVENTS_MAX) {
-        run->events[run->event_count++] = event;
+static void misuse(struct run *run, const char *what) {
+    const char *faults = run->options.faults;
+    (void)run_complain(run, faults == NULL ? "the command line" : faults, what);
+    run->is_misused = true;
+    run->is_over = true;
+}
+
+static void add_chip_fault(struct run *run, const struct chip_fault *fault) {
+    if (!run->board->add_chip_fault(run->self, fault)) {
+        misuse(run, "has more faults of the sensor at one time than it can have");
     }
+}
+
+// Of two at the same tick, the one that was added first comes first.
+static void add_event(struct run *run, struct run_event event) {
+    if (run->event_count == RUN_EVENTS_MAX) {
+        misuse(run, "asks for more events than a run can have");
+        return;
+    }
+    unsigned at = run->event_count++;
+    for (; at > 0 && run->events[at - 1].tick <= event.tick; at--) {
+        run->events[at] = run->events[at - 1];
+    }
+    run->events[at] = event;
 }
 
 static void cut_after(struct run *run, const struct fault *fault) {
@@ -65,7 +85,7 @@ void run_schedule_at_power_up(struct run *run) {
             continue;
         }
         if (fault->target == FAULT_CHIP) {
-            run->board->add_chip_fault(run->self, &fault->chip);
+            add_chip_fault(run, &fault->chip);
         } else if (fault->target == FAULT_CARD) {
             run->board->add_card_fault(run->self, &fault->card);
         } else {
@@ -80,12 +100,9 @@ static void schedule_fault(struct run *run, const struct fault *fault) {
         return;
     }
     switch (fault->target) {
-    case FAULT_CHIP: {
-        struct chip_fault chip_fault = fault->chip;
-        chip_fault.from_ns = run->board->nanoseconds(tick);
-        run->board->add_chip_fault(run->self, &chip_fault);
+    case FAULT_CHIP:
+        add_event(run, (struct run_event){tick, EVENT_CHIP_FAULT, fault});
         break;
-    }
     case FAULT_CARD: {
         struct card_fault card_fault = fault->card;
         card_fault.from_ns = run->board->nanoseconds(tick);
@@ -137,37 +154,38 @@ void run_schedule(struct run *run) {
 }
 
 uint64_t run_next_event(const struct run *run) {
-    uint64_t next = RUN_NEVER;
-    for (unsigned i = 0; i < run->event_count; i++) {
-        next = run->events[i].tick < next ? run->events[i].tick : next;
+    return run->event_count == 0 ? RUN_NEVER : run->events[run->event_count - 1].tick;
+}
+
+static void do_event(struct run *run, struct run_event event) {
+    const struct run_board *board = run->board;
+    switch (event.kind) {
+    case EVENT_PRESS:
+        board->press(run->self, true);
+        break;
+    case EVENT_RELEASE:
+        board->press(run->self, false);
+        break;
+    case EVENT_CHIP_FAULT: {
+        struct chip_fault fault = event.fault->chip;
+        fault.from_ns = board->nanoseconds(event.tick);
+        add_chip_fault(run, &fault);
+        break;
     }
-    return next;
+    case EVENT_FAULT:
+        board->suffer(run->self, event.fault);
+        break;
+    case EVENT_POWER_CUT:
+        board->cut_memory(run->self);
+        run->is_power_cut = true;
+        run->is_over = true;
+        break;
+    }
 }
 
 void run_do_events(struct run *run) {
-    const struct run_board *board = run->board;
-    const uint64_t now = board->now(run->self);
-    for (unsigned i = 0; i < run->event_count;) {
-        if (run->events[i].tick > now) {
-            i++;
-            continue;
-        }
-        switch (run->events[i].kind) {
-        case EVENT_PRESS:
-            board->press(run->self, true);
-            break;
-        case EVENT_RELEASE:
-            board->press(run->self, false);
-            break;
-        case EVENT_FAULT:
-            board->suffer(run->self, run->events[i].fault);
-            break;
-        case EVENT_POWER_CUT:
-            board->cut_memory(run->self);
-            run->is_power_cut = true;
-            run->is_over = true;
-            break;
-        }
-        run->events[i] = run->events[--run->event_count];
+    const uint64_t now = run->board->now(run->self);
+    while (run_next_event(run) <= now) {
+        do_event(run, run->events[--run->event_count]);
     }
 }

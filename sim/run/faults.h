@@ -117,8 +117,9 @@ struct fault {
 };
 
 enum {
-    FAULTS_MAX = 32,
-    FAULT_MV_MAX = 6600,  // halved by the divider: what the pin stands
+    FAULTS_MAX = 4096,
+    FAULTS_RARE_MAX = 32,  // of the card and of the radio, each
+    FAULT_MV_MAX = 6600,   // halved by the divider: what the pin stands
 };
 
 struct faults {

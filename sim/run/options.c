@@ -127,14 +127,14 @@ static const char *set_option(struct run *run, const char *name, const char *val
         return at < RUN_LIST_MAX && parse_span(value, &options->presses[at].from_us,
                                                &options->presses[at].to_us)
                    ? NULL
-                   : "takes START_US:END_US, 64 times at most, not";
+                   : "takes START_US:END_US, 4096 times at most, not";
     }
     if (strcmp(name, "--send") == 0) {
         const unsigned at = options->send_count++;
         return at < RUN_LIST_MAX && parse_send(value, &options->sends[at].at_us,
                                                &options->sends[at].hex)
                    ? NULL
-                   : "takes TIME_US:HEXBYTES, 64 times at most, not";
+                   : "takes TIME_US:HEXBYTES, 4096 times at most, not";
     }
     return "is no option; it came with";
 }

@@ -357,6 +357,7 @@ int run_main(struct run *run, const struct run_board *board, void *self,
     int code = set_up(run);
     if (code == 0) {
         code = finish(run, run_all(run));
+        code = run->is_misused ? 2 : code;
         motion_close(&run->motion);
     } else if (run->cable != NULL) {
         cable_close(run->cable);

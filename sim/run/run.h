@@ -15,9 +15,9 @@
 #include "profile.h"
 
 enum {
-    RUN_EVENTS_MAX = 512,
+    RUN_EVENTS_MAX = 16384,
     RUN_WAITING_MAX = 8,
-    RUN_LIST_MAX = 64,  // of --press, and of --send
+    RUN_LIST_MAX = 4096,  // of --press, and of --send
     RUN_MORE_MAX = 16,
 };
 #define RUN_NEVER UINT64_MAX
@@ -95,7 +95,8 @@ struct run_board {
     void (*press)(void *self, bool is_down);
     // Applies FAULT_RESET, FAULT_BROWN_OUT or another that struct fault_kinds allows.
     void (*suffer)(void *self, const struct fault *fault);
-    void (*add_chip_fault)(void *self, const struct chip_fault *fault);
+    // False where the sensor has as many faults at this time as it can.
+    bool (*add_chip_fault)(void *self, const struct chip_fault *fault);
     void (*add_card_fault)(void *self, const struct card_fault *fault);  // may be null
     // The memory that survives power: leaves it as a power cut would now; its bytes.
     void (*cut_memory)(void *self);
@@ -111,7 +112,13 @@ struct run_board {
     struct profile_time (*profile_now)(const void *self);
 };
 
-enum run_event_kind { EVENT_PRESS, EVENT_RELEASE, EVENT_FAULT, EVENT_POWER_CUT };
+enum run_event_kind {
+    EVENT_PRESS,
+    EVENT_RELEASE,
+    EVENT_CHIP_FAULT,
+    EVENT_FAULT,
+    EVENT_POWER_CUT
+};
 
 struct run_event {
     uint64_t tick;
@@ -148,7 +155,7 @@ struct run {
     struct profile *profile;  // null: none is asked for
     FILE *record;
     struct faults faults;
-    struct run_event events[RUN_EVENTS_MAX];
+    struct run_event events[RUN_EVENTS_MAX];  // the next one last
     unsigned event_count;
     int64_t power_ns;  // the host's time when power came; 0: not paced
     int64_t pace_ns;   // wall clock at which power would have come without delays
@@ -159,6 +166,7 @@ struct run {
     bool is_scheduled;
     bool is_power_cut;
     bool is_over;
+    bool is_misused;  // it ended because it can't do what its options say
 
     uint64_t bytes, frames, chunk;
     uint64_t data_ready;  // edges of the pin

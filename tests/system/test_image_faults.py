@@ -12,6 +12,8 @@ import pytest
 from imud.virtual import motion
 from system.test_image import CLICK, each
 from system.virtual import (
+    F405,
+    NANO,
     Run,
     Stub,
     assert_nothing_is_lost,
@@ -189,3 +191,30 @@ def test_start_up_calibration_refuses_motion(stub: Stub) -> None:
     assert ("calibration_refused", "motion") in done.events
     assert ("calibration_done", "none") not in done.events
     assert "uncalibrated" in done.named("pose")[-1].fields["pose_flags"]
+
+
+@pytest.mark.parametrize("stub", [NANO.name], indirect=True)
+def test_a_hundred_faults_one_after_the_other_are_all_told(stub: Stub) -> None:
+    # The chip holds 32 at a time; each of these meets one sample of 5 ms or two.
+    faults = [
+        {"kind": "nack", "at_us": 2_000_000 + 50_000 * number, "for_us": 6000}
+        for number in range(100)
+    ]
+    done = run(stub, 8, *CLICK, *stub.raw_too, faults=faults)
+    told = done.events.count(("bus_fault", "nack"))
+    assert 100 <= told <= 200
+    assert told == done.last_status["bus_faults"] == samples_missing(stub, done)
+    assert_it_came_back(done)
+
+
+@every_board
+def test_more_faults_at_a_time_than_a_chip_holds_are_refused(stub: Stub) -> None:
+    faults = [{"kind": "frozen", "at_us": 1_000_000}] * 33
+    run(stub, 2, faults=faults, code=2)
+    faults = [{"kind": "power_cut", "at_us": 1}] * 4097
+    with pytest.raises(AssertionError, match="more than 4096 faults"):
+        run(stub, 2, faults=faults)
+    if stub.board is F405:
+        faults = [{"kind": "radio_drop", "at_us": 1}] * 33
+        with pytest.raises(AssertionError, match="more than 32 faults of the radio"):
+            run(stub, 2, faults=faults)

@@ -9,7 +9,7 @@ const char *const f405_card_faults[F405_CARD_FAULTS] = {
     [SDCARD_CHIP_CRC] = "card_crc",       [SDCARD_CHIP_ERROR] = "card_error",
     [SDCARD_CHIP_WORN] = "card_worn",     [SDCARD_CHIP_DEAD] = "card_dead",
 };
-_Static_assert((int)FAULTS_MAX <= (int)SDCARD_CHIP_FAULTS_MAX,
+_Static_assert((int)FAULTS_RARE_MAX <= (int)SDCARD_CHIP_FAULTS_MAX,
                "the card takes them all");
 
 int f405_card_insert(struct f405_board *board) {

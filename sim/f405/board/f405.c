@@ -183,9 +183,9 @@ static void suffer(void *self, const struct fault *fault) {
     }
 }
 
-static void add_chip_fault(void *self, const struct chip_fault *fault) {
+static bool add_chip_fault(void *self, const struct chip_fault *fault) {
     struct f405_board *const board = self;
-    (void)i2c_slave_add_fault(lsm9ds0_chip_wire(board->sensor), fault);
+    return i2c_slave_add_fault(lsm9ds0_chip_wire(board->sensor), fault);
 }
 
 static void cut_memory(void *self) {
