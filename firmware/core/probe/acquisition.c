@@ -13,6 +13,9 @@ enum {
     CHECK_WITHIN_US = 1000,
 };
 
+// One and a half periods of a sensor, times its rate in Hz.
+#define GAP_PERIODS_US UINT32_C(1500000)
+
 // How a step ended: as enum reading_result has it, or enum sensor_result.
 enum outcome {
     OUTCOME_OK = READING_OK,
@@ -73,6 +76,7 @@ static enum outcome set_up(struct acquisition *acquisition, uint32_t now_us) {
         probe_sensor_ready(acquisition->probe, sensor->identity, now_us);
         acquisition->phase = ACQUISITION_SAMPLING;
         acquisition->since_us = now_us;
+        acquisition->sample_us = (uint16_t)now_us;
         return OUTCOME_NOTHING;
     }
     return (enum outcome)result;
@@ -94,6 +98,14 @@ take_sample(struct acquisition *acquisition, struct sample *sample, uint32_t now
     }
     if (reading.missed > 0) {
         probe_overrun(acquisition->probe, reading.missed, now_us);
+        sample->has_gap = true;
+    }
+    // A sensor may also leave one out. In 16 bits: after 50 ms of silence it is set up
+    // again.
+    const uint16_t time_us = (uint16_t)reading.time_us;
+    const uint16_t interval_us = (uint16_t)(time_us - acquisition->sample_us);
+    acquisition->sample_us = time_us;
+    if ((uint32_t)interval_us * sensor->identity->rate_hz > GAP_PERIODS_US) {
         sample->has_gap = true;
     }
     acquisition->has_gap = false;

@@ -47,10 +47,11 @@ struct acquisition {
     const IN_FLASH struct acquisition_port *port;
     struct probe *probe;
     enum acquisition_phase phase;
-    uint32_t since_us;  // start of the wait, or the last burst
-    uint8_t failed;     // bursts in a row
-    bool has_gap;       // samples were lost before the next one
-    uint8_t unchecked;  // samples since the sensor was last looked after
+    uint32_t since_us;   // start of the wait, or the last burst
+    uint16_t sample_us;  // of the last sample, or the end of set-up; low 16 bits
+    uint8_t failed;      // bursts in a row
+    bool has_gap;        // samples were lost before the next one
+    uint8_t unchecked;   // samples since the sensor was last looked after
 };
 
 // Starts set-up of the sensor. Both must stay valid.
