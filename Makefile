@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 # Each command installs what it needs first; `make` alone lists them.
-.PHONY: help demo test test-long fresh bits coverage fuzz check compilers mutate format \
-	firmware sim bench pictures setup clean
+.PHONY: help demo test test-long hours fresh bits coverage fuzz check compilers mutate \
+	format firmware sim bench pictures setup clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= python3
@@ -45,6 +45,11 @@ test-long: ## hours, cuts and examples of which the tests take a part each time,
 	@$(PYTHON) tools/setup.py test-long
 	@export IMU_LONG=1; status=0; \
 	  $(call both, and (long or sampled or nightly or hypothesis),-o timeout=1800)
+
+hours: ## twelve hours of both boards, with faults from a seed (HOURS=12 SEED=1 MINUTES=)
+	@$(PYTHON) tools/setup.py demo
+	@cd tests && python -m hours --hours $(or $(HOURS),12) --seed $(or $(SEED),1) \
+	  $(if $(MINUTES),--minutes $(MINUTES))
 
 fresh: ## demo and tests of a fresh clone in bare Debian 12 and 13 (SUITE=trixie)
 	@$(PYTHON) tools/fresh.py $(SUITE:%=--suite %)

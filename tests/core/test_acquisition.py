@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import pytest
 
-from core.acquisition_desk import BAD, MILLISECOND, SILENCE_US, Board
+from core.acquisition_desk import BAD, SILENCE_US, Board
 from core.desk import lib
 
 

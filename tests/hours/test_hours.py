@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: MIT
+"""Hours of the images themselves in their emulators: here a minute, twelve hours at
+night (`make hours`).
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hours.plan import plan_of
+from hours.worker import ROOT
+from system.virtual import BOARDS, F405, NANO, Board
+
+SECONDS = 60
+EVERY_S = 4
+
+
+def make_hours(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    options = ["--folder", folder, "--hours", SECONDS / 3600, "--every", EVERY_S]
+    return subprocess.run(
+        [sys.executable, "-m", "hours", *map(str, options), *words],
+        cwd=ROOT / "tests",
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def state_of(folder: Path, board: Board) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / board.name / "state.json").read_text())
+    return found
+
+
+@pytest.mark.usefixtures("boards")
+def test_both_boards_stop_and_go_on_and_come_to_a_good_end(tmp_path: Path) -> None:
+    done = make_hours(tmp_path, "--minutes", "0.02")
+    assert done.returncode == 75, done.stderr
+    assert "stopped there; the same command goes on" in done.stdout
+    halfway = [state_of(tmp_path, board) for board in (NANO, F405)]
+    assert not all(state["end"] for state in halfway)
+    done = make_hours(tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "goes on at 0.0" in done.stderr
+    for before, board in zip(halfway, (NANO, F405), strict=True):
+        state = state_of(tmp_path, board)
+        assert state["pid"] == before["pid"]  # not begun anew
+        assert state["problems"] == []
+        assert [part["hours"] for part in state["parts"]][-1] == 0.017
+        assert state["parts"][-1]["compared"] > 1000
+        assert state["parts"][-1]["faults_told"] > 0
+        assert state["faults"] >= 2
+
+
+@pytest.mark.parametrize("board", BOARDS.values(), ids=BOARDS)
+def test_a_seed_gives_the_same_plan_and_another_seed_another(board: Board) -> None:
+    first, again, other = (plan_of(board, seed, 43200) for seed in (1, 1, 2))
+    assert (first.options, first.faults) == (again.options, again.faults)
+    assert first.faults != other.faults
+    # Each kind comes up in twelve hours, and none that restarts the board.
+    kinds = {fault["kind"] for fault in first.faults}
+    assert len(kinds) == (8 if board is NANO else 9)
+    assert not kinds & {"reset", "brown_out", "power_cut", "crystal"}
+    # As many as the emulators take of each.
+    assert first.options.count("--send") < 4096
+
+
+def test_a_board_that_does_not_exist_is_refused(tmp_path: Path) -> None:
+    done = make_hours(tmp_path, "pico")
+    assert done.returncode == 2
+    assert "there is no board pico; there are nano, f405" in done.stderr
+
+
+def test_a_worker_that_ends_at_once_is_told(tmp_path: Path) -> None:
+    (tmp_path / "nano" / "uart").mkdir(parents=True)  # no pipe can be made there
+    done = make_hours(tmp_path, "nano")
+    assert done.returncode == 1
+    assert f"see {tmp_path}/nano/worker.txt" in done.stderr
