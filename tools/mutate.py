@@ -4,8 +4,9 @@ notices: each is a fact that no test states, or a change of nothing, which belon
 tests/equivalents.toml with the reason. Works in copies below build/.
 
 A room is a folder of firmware/core (math, fusion, params, probe, storage, wire,
-drivers) or of host/imud (log, net, ports, ...). Tests of the firmware are chosen by
-what they run of a file, counted once.
+drivers) or of host/imud (log, net, ports, ...); core/params and host/params are two of
+one name. Tests of the firmware are chosen by what they run of a file, counted once.
+Generated files are left out: a test compares them with what generates them.
 
 example: make mutate ROOM=math SEED=7 COUNT=20
 """
@@ -121,10 +122,15 @@ _WORDS = ("noticed", "unnoticed", "equivalent", "not compiled")
 
 
 def _sites(room: str, name: str | None) -> Iterator[Mutation]:
-    for base, kind in ((CORE, "*.c"), (HOST, "*.py")):
-        for path in sorted((ROOT / base / room).rglob(kind)):
-            if name is None or name in path.name:
+    for side, base, kind in (("core", CORE, "*.c"), ("host", HOST, "*.py")):
+        folder = ROOT / base / room.removeprefix(f"{side}/")
+        for path in sorted(folder.rglob(kind)):
+            if (name is None or name in path.name) and not _is_generated(path):
                 yield from mutations.of(path, path.relative_to(ROOT))
+
+
+def _is_generated(path: Path) -> bool:
+    return "Generated from schema.toml" in path.read_text("utf-8")[:400]
 
 
 def _judge(
@@ -234,10 +240,10 @@ def _counted() -> dict[str, dict[str, list[int]]]:
         stamp = (ROOT / test).stat().st_mtime_ns
         if known.get(test, {}).get("stamp") == stamp:
             continue
-        sys.stderr.write(f"\rcounting {number + 1} of {len(tests)}  {test:60}")
+        if sys.stderr.isatty():
+            sys.stderr.write(f"\rcounting {number + 1} of {len(tests)}  {test:60}")
         known[test] = {"stamp": stamp, "files": _lines_of(tree, test)}
         COUNTED.write_text(json.dumps(known))
-    sys.stderr.write("\r")
     return {test: known[test]["files"] for test in tests}
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from core import desk
 from core.desk import lib
-from core.fuse_desk import rms, twin_stating
-from core.scenes import Filter, Scene, scene, tumble
+from core.fuse_desk import centred, rms, twin_stating
+from core.scenes import Filter, Scene, at_rest, scene, tumble
 from imud import rotation
 
 NULL = 2**16 - 1
@@ -187,3 +187,16 @@ def test_the_covariance_of_an_unknown_field_stays_in_its_range(shop):
         ]
         assert min(variances) >= 1
         assert max(variances) <= 460 * UNIT_UT2
+
+
+def test_an_error_of_the_heading_makes_the_place_unsure_across_its_field():
+    """Not along it: a field at 45 degrees of the level frame is the same in both."""
+    fuse = centred(200)
+    turned = rotation.from_rotation_vector(np.array([0, 0, np.pi / 4]))
+    quat = rotation.multiply(np.tile(turned, (4000, 1)), at_rest(20))
+    fuse.feel(scene(quat, 200))
+    place = list(fuse.c.state.field_ut)[:2]
+    assert place == pytest.approx([14.1 * desk.FIELD] * 2, rel=0.02)
+    xx, xy, yy = list(fuse.c.state.field_covariance)[:3]
+    along, across = (xx + yy) / 2 + xy, (xx + yy) / 2 - xy
+    assert across - along > 0.05 * UNIT_UT2

@@ -160,3 +160,17 @@ def test_an_absurd_bias_is_held_within_3_4_rad_a_second():
     probe.set_bias((-1700, 1700, 100))
     limit = 3.4 / DEGREE
     assert probe.bias_deg_s == pytest.approx([-limit, limit, 100])
+
+
+def test_a_drift_of_the_level_tells_of_no_bias_about_the_vertical():
+    probe = centred(200)
+    probe.feel(scene(at_rest(1), 200))  # level, and not yet known to rest
+    before, sure = probe.bias_deg_s, list(probe.c.state.motion_covariance)
+    drift = desk.ffi.new("struct vector *", {"x": 2000, "y": 1000, "z": 0})
+    desk.lib.fuse_learn_drift(probe.c, drift, 1000, 40)
+    changed = np.abs(probe.bias_deg_s - before)
+    assert changed[:2].max() > 0.05
+    assert changed[2] < 0.001
+    vertical = desk.lib.kalman_variance(2)
+    after = probe.c.state.motion_covariance[vertical]
+    assert after == pytest.approx(sure[vertical], rel=1e-3)

@@ -7,9 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from core.fake_card import BLOCK
+from core.fake_card import ACCEPTED, BAD_CRC, BLOCK
 from core.fake_spi import Wire
 from core.log_desk import (
+    FRAME,
+    RATE_HZ,
     RING,
     SECOND,
     Log,
@@ -208,3 +210,41 @@ def test_of_changes_that_nobody_takes_the_latest_are_kept_in_their_order():
     while lib.logbook_take_change(book, change):
         taken.append(change.detail)
     assert taken == [*range(2, most + 2)]
+
+
+# At the higher rate the last block is not the first of its run.
+@pytest.mark.parametrize("rate_hz", [RATE_HZ, 3000])
+def test_a_full_file_ends_the_recording_with_a_whole_frame(rate_hz):
+    volume = Volume(60)
+    log = opened(volume).log(SECOND, rate_hz)
+    assert log.state == "full"
+    assert log.changes[-2:] == [("log_ended", "full", 1), ("card_full", "full", 60)]
+    blocks = read(volume)[1]
+    assert len(blocks) == 59
+    assert blocks[-1][1] == 2
+    found = frames_of(blocks)
+    assert found == log.kept[: len(found)]
+    # Frames go on from one block to the next, but for the last block.
+    ends = [content.rstrip(b"\0").split(b"\0")[-1] for _, _, content in blocks]
+    assert len(ends[-1]) == FRAME - 1
+    assert {len(end) for end in ends[:-1]} != {FRAME - 1}
+    assert not log.keep(made_frame(1))
+    log.run(3 * SECOND)
+    assert log.state == "full"
+    again = Log(log.card).until("full")
+    assert again.changes == [("card_full", "full", 60)]
+    assert not lib.logbook_open(again.book)
+    assert again.status.recording == 1
+
+
+def test_a_recording_has_three_restarts_of_the_card_before_its_first_block():
+    volume = Volume()
+    log = opened(volume)
+    # The first try is that of a run of blocks; then there are three for each restart.
+    log.card.refuse = lambda block, tried: (
+        BAD_CRC if block - volume.file == 1 and tried <= 10 else ACCEPTED
+    )
+    log.log(SECOND).close()
+    faults = [change for change in log.changes if change[0] == "card_fault"]
+    assert [cause for _, cause, _ in faults] == ["rejected"] * 3
+    assert frames_of(read(volume)[1]) == log.kept

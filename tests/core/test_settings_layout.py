@@ -171,6 +171,7 @@ def test_settings_of_the_first_firmware_are_taken_over_and_left_in_place(sequenc
         assert bytes(probe.settings.probe_id) == ID
         assert probe.settings.boot_count == 42
         assert (probe.settings.pose_rate_hz, probe.settings.raw_rate_hz) == (50, 150)
+        assert probe.settings.streams == lib.STREAM_POSE | lib.STREAM_RAW
         assert probe.save() == lib.MEMORY_OK
         # Downgraded, the first firmware finds what it left, and its id.
         assert bytes(memory.bytes[: len(slots)]) == slots

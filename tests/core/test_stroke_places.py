@@ -100,3 +100,51 @@ def test_a_lost_magnetometer_keeps_the_place(single: Measured) -> None:
     place = np.array(list(tracker.pose().position)) * MICRO
     assert np.linalg.norm(place - way) < 1e-4
     assert np.linalg.norm(way) == pytest.approx(0.1, abs=0.006)
+
+
+def placed(single: Measured, **tip: tuple[int, int, int]) -> tuple[Tracker, int]:
+    """A probe just before a stroke by the button, and the origin where it is."""
+    tracker = Tracker(is_by_button=True, **tip)
+    start = single.index(single.strokes[0].start_s) - 100
+    tracker.feel(single.samples[:start], single.held()[:start])
+    lib.pose_set_origin(tracker.c, lib.POSE_ORIGIN_HEADING)
+    return tracker, start
+
+
+def test_a_tip_that_is_set_again_keeps_the_place_and_another_does_not(
+    single: Measured,
+) -> None:
+    tracker, _ = placed(single, tip_um=(1000, 0, 100_000))
+    here = list(tracker.pose().position)
+    assert here != [NULL] * 3
+    tip = desk.ffi.new("struct pose_tip *", tracker.c.tip)
+    lib.pose_set_tip(tracker.c, tip, True)
+    assert list(tracker.pose().position) == here
+    tip.axis[2] = 1
+    lib.pose_set_tip(tracker.c, tip, True)
+    assert list(tracker.pose().position) == [NULL] * 3
+
+
+def test_a_path_without_a_tip_is_that_of_the_sensor(single: Measured) -> None:
+    tracker, start = placed(single)
+    strokes, _ = tracker.feel(single.samples[start:], single.held()[start:])
+    (stroke,) = ends(strokes)
+    assert stroke["path"].tolist() == stroke["displacement"].tolist()
+
+
+def test_a_moving_tip_has_another_place_in_each_pose(single: Measured) -> None:
+    """Between two windows of 20 samples it goes on as fast as in the last one."""
+    tracker, start = placed(single, tip_um=(0, 0, 0))
+    middle = (single.index(single.strokes[0].end_s) + start + 100) // 2
+    places = []
+    for at in range(start, middle + desk.WINDOW):
+        tracker.feel(single.samples[at : at + 1], single.held()[at : at + 1])
+        places.append(list(tracker.pose().position))
+    steps = np.diff(np.array(places[-desk.WINDOW :]) * MICRO, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    assert np.count_nonzero(lengths > 1e-4) >= desk.WINDOW - 2
+
+
+def test_a_filter_begins_without_a_fault() -> None:
+    # Tracker() fills its memory with something else first.
+    assert Tracker().c.fault == lib.STROKE_END_RUNNING
