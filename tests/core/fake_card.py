@@ -75,6 +75,7 @@ class FakeCard:
         self.refuse: Callable[[int, int], int] = lambda *_: ACCEPTED  # block, try
         self.unreadable: set[int] = set()
         self.garbled_reads = 0  # to come
+        self.garbled_byte = 0  # of them, the last two being the checksum
         self.garbled_commands = 0  # as the card hears them
         self.status: deque[int] = deque()  # second bytes of R2 to come
         self.deaf_to: set[int] = set()  # commands without an answer
@@ -284,7 +285,9 @@ class FakeCard:
         checked = data + crc16(data).to_bytes(2, "big")
         if self.garbled_reads > 0:
             self.garbled_reads -= 1
-            checked = bytes([checked[0] ^ 1]) + checked[1:]
+            garbled = bytearray(checked)
+            garbled[self.garbled_byte] ^= 1
+            checked = bytes(garbled)
         self._answer(0)
         # The answer at once, the token later.
         self.answers.extend([0xFF] * self.random.randrange(1, 4))

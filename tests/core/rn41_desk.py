@@ -202,6 +202,9 @@ class Probe:
         self.port = ffi.new("struct rn41_port *", port)
         self._keep = port
         self.rn41 = ffi.new("struct rn41 *")
+        ffi.memmove(
+            self.rn41, b"\xa5" * ffi.sizeof(self.rn41[0]), ffi.sizeof(self.rn41[0])
+        )
         self.text = ffi.new("char[]", name.encode())
         lib.rn41_begin(self.rn41, self.port, self.text, start_us & 0xFFFFFFFF)
         self.note()

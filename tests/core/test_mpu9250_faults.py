@@ -72,6 +72,16 @@ def test_a_chip_that_never_gets_ready_is_stuck_in_bounded_time(from_ms, told):
     assert bench.identity.kind == lib.SENSOR_MPU9250
 
 
+# The end of set-up waits for a sample from 690 ms on.
+@pytest.mark.parametrize("from_ms", [400, 685])
+def test_a_chip_that_is_late_with_its_samples_is_waited_for(from_ms):
+    bench = Bench()
+    bench.fault(
+        lib.CHIP_FAULT_NO_DATA_READY, from_ns=from_ms * 1_000_000, for_ns=40_000_000
+    )
+    assert bench.set_up() == lib.SENSOR_OK
+
+
 def test_an_mpu_6500_that_never_gets_ready_is_stuck_too():
     bench = Bench(who_am_i=0x70, has_ak8963=False)
     bench.fault(lib.CHIP_FAULT_NO_DATA_READY, from_ns=630_000_000)

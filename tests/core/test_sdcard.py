@@ -67,9 +67,11 @@ def test_a_read_waits_for_its_token_wherever_it_falls(after_us, pause):
         assert driver.content == data_of(i)
 
 
-def test_a_garbled_read_is_tried_again_and_counted():
+@pytest.mark.parametrize("byte", [0, 512, 513])
+def test_a_garbled_read_is_tried_again_and_counted(byte):
     driver = ready()
     driver.card.content[3] = data_of(3)
+    driver.card.garbled_byte = byte
     driver.card.garbled_reads = 2
     assert driver.read(3) == OK
     assert driver.content == data_of(3)

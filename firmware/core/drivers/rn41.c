@@ -116,9 +116,7 @@ static void ask(struct rn41 *rn41, enum phase phase, const char *text,
 
 void rn41_begin(struct rn41 *rn41, const struct rn41_port *port, const char *name,
                 uint32_t now_us) {
-    rn41->port = port;
-    rn41->state = RN41_LOOKING;
-    rn41->rewrites = REWRITES;
+    *rn41 = (struct rn41){.port = port, .state = RN41_LOOKING, .rewrites = REWRITES};
     for (uint8_t i = 0; i < RN41_NAME_SIZE - 1 && name[i] != '\0'; i++) {
         rn41->name[i] = name[i];
     }
