@@ -61,6 +61,10 @@ class DeviceError(ImudError):
     """A probe that doesn't do what it was asked."""
 
 
+class FlashError(DeviceError):
+    """A board that does not take its firmware."""
+
+
 class ProbeUnknown(DeviceError):
     """No such probe, or more than one to choose from."""
 

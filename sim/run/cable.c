@@ -99,6 +99,7 @@ static void follow_listeners(struct cable *cable) {
             memcpy(&event, got.bytes + at, sizeof event);
             at += (ssize_t)(sizeof event + event.len);
             if (event.mask & IN_OPEN) {
+                cable->was_opened = cable->was_opened || cable->listeners == 0;
                 cable->listeners++;
             } else if ((event.mask & IN_CLOSE) && cable->listeners > 0) {
                 cable->listeners--;
@@ -108,6 +109,13 @@ static void follow_listeners(struct cable *cable) {
             }
         }
     }
+}
+
+bool cable_was_opened(struct cable *cable) {
+    follow_listeners(cable);
+    const bool was_opened = cable->was_opened;
+    cable->was_opened = false;
+    return was_opened;
 }
 
 static void hand_over(struct cable *cable) {

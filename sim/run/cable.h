@@ -16,6 +16,7 @@ struct cable {
     int keeper;  // keeps the line's settings while nobody has it open; -1: none
     int watch;   // says who opens and closes it; -1: can't be known
     int listeners;
+    bool was_opened;  // by the first listener, since cable_was_opened()
     char link[4096];
     char name[128];
     uint8_t held[CABLE_HELD];
@@ -27,6 +28,8 @@ struct cable {
 // Null, or what is wrong.
 const char *cable_open(struct cable *cable, const char *link);
 void cable_close(struct cable *cable);
+// Whether somebody has opened it whom nobody was before, since the last call.
+bool cable_was_opened(struct cable *cable);
 // Sends a byte. Where the reader is slow it waits if told so (false: a signal came),
 // else it drops and counts the byte.
 bool cable_put(struct cable *cable, uint8_t byte, bool waits);

@@ -148,6 +148,10 @@ int run_parse_options(struct run *run, char **rest) {
             options->is_fast = true;
             continue;
         }
+        if (strcmp(name, "--reset-on-open") == 0) {
+            options->resets_on_open = true;
+            continue;
+        }
         if (strcmp(name, "--version") == 0) {
             (void)printf("%s %s\n", board->name, board->version);
             return 1;
@@ -180,6 +184,9 @@ int run_parse_options(struct run *run, char **rest) {
     }
     if (options->now != NULL && (options->pty == NULL || options->is_fast)) {
         return 1 + run_usage(run, "--now needs --pty and real time", NULL);
+    }
+    if (options->resets_on_open && options->pty == NULL) {
+        return 1 + run_usage(run, "--reset-on-open needs --pty", NULL);
     }
     const char *problem = board->check == NULL ? NULL : board->check(run->self);
     if (problem == NULL && options->parts != NULL && options->profile == NULL) {

@@ -168,6 +168,10 @@ void run_on_byte(void *context, uint8_t byte) {
 }
 
 static void exchange(struct run *run, bool is_paced) {
+    if (run->options.resets_on_open && cable_was_opened(run->cable)) {
+        static const struct fault reset = {.target = FAULT_RESET};
+        run->board->suffer(run->self, &reset);
+    }
     if (!is_held(run)) {
         cable_flush(run->cable);
     }

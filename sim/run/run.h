@@ -30,7 +30,7 @@ enum {
     " [--seed N]\n"                                                                    \
     "            [--clock-ppm N] [--clock-drift PPM_S] [--batch-ms N]"                 \
     " [--burst-ms N]\n"                                                                \
-    "            [--now FILE]\n"                                                       \
+    "            [--now FILE] [--reset-on-open]\n"                                     \
     "            [--faults FILE] [--press START_US:END_US]... [--send US:HEX]...\n"
 
 // What a board reports at the end of a run.
@@ -131,6 +131,7 @@ struct run_options {
     const char *profile, *parts;
     const char *now;  // the run's time is kept here; see run_main()
     bool is_fast;
+    bool resets_on_open;        // the cable's opening resets the board, as an Arduino's
     double seconds;             // 0: no limit
     double clock_ppm, drift;    // how fast its clock is; growth of that, ppm a second
     double batch_ms, burst_ms;  // how its bytes are held back; see is_held()

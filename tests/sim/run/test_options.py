@@ -25,6 +25,7 @@ def desk() -> Path:
         (["--image", "x", "--now", "a"], "--now needs --pty and real time"),
         (["--image", "x", "--now", "a", "--pty", "b", "--fast"], "--now needs --pty"),
         (["--image", "{desk}", "--now", "/", "--pty", "b"], "/ can't be written"),
+        (["--image", "x", "--reset-on-open"], "--reset-on-open needs --pty"),
         (["--image", "/nowhere"], "is no image"),
         (["--image", "/bin/true"], "is no image"),
         (["--image", "{desk}", "--press", "5:5"], "START_US:END_US"),

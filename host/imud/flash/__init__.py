@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Writes firmware into boards, by the bootloader that each of them has."""
