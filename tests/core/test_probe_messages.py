@@ -153,6 +153,10 @@ def test_a_status_counts_what_has_happened():
     fields = bench.of("status")[1].fields
     assert (fields["cycles_mean"], fields["cycles_worst"]) == (0, 0)
     assert fields["messages_sent"] == bench.messages.index(bench.of("status")[1]) + 1
+    lib.probe_worked(bench.c, 30_000)
+    bench.run(1)
+    fields = bench.of("status")[2].fields
+    assert (fields["cycles_mean"], fields["cycles_worst"]) == (30_000, 30_000)
 
 
 # Sequence numbers.
