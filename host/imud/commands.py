@@ -21,6 +21,7 @@ Type = Literal["choice", "list", "integer", "number", "numbers", "text", "hex"]
 STREAMS = {"pose": 0, "raw": 1}
 FILTERS = {each.name.lower(): each.value for each in schema.Filter if each}
 HISTORY = "params_history"
+LENT_MAX_S = 300  # a program that lends a port and dies keeps it no longer
 PARAMETERS_MAX = 8  # of one command from the page; no row has more arguments
 
 
@@ -34,6 +35,7 @@ class Handler(Enum):
     CAPTURE = auto()
     CLOSE = auto()
     CONFIGURE = auto()
+    LEND = auto()
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,6 +235,20 @@ _ROWS = (
         ),
         needs="rename=NAME or log=on or off",
         handler=Handler.CONFIGURE,
+    ),
+    ProbeCommand(
+        "lend",
+        "close a probe's port for another program of this machine, for so long",
+        (
+            Argument(
+                "seconds",
+                "integer",
+                unit="s",
+                limits=f"0, which ends it, to {LENT_MAX_S}",
+            ),
+        ),
+        needs=f"seconds=0 to {LENT_MAX_S}",
+        handler=Handler.LEND,
     ),
 )
 

@@ -70,7 +70,8 @@ def test_each_row_has_a_handler_that_the_daemon_binds() -> None:
     history = HistoryFiles(None)
     try:
         runner = CommandRunner(
-            Commander(intake.registry), intake, history, lambda *_: None
+            *(Commander(intake.registry), intake, history),
+            *(lambda *_: None, lambda *_: None),
         )
         bound = {handler: runner.bound(handler) for handler in Handler}
     finally:

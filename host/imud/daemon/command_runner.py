@@ -8,13 +8,13 @@ from typing import Any, assert_never
 
 import msgspec
 
-from imud.commands import COMMANDS, Handler
+from imud.commands import COMMANDS, LENT_MAX_S, Handler
 from imud.daemon.aiming import aim_at, capture
 from imud.daemon.commands import Commander
 from imud.daemon.intake import Intake
 from imud.daemon.params_change import ParamsChange
 from imud.daemon.params_history import HistoryFiles
-from imud.errors import ImudError
+from imud.errors import CommandRefused, ImudError
 from imud.net.queries import Answer
 
 Parameters = Mapping[str, str]
@@ -25,7 +25,9 @@ Carry = Callable[[str, str, Parameters], Awaitable[Any]]
 
 
 class CommandRunner:
-    """`configure` changes the settings of the probe of an id."""
+    """`configure` changes the settings of the probe of an id; `lend` closes the port of
+    that name for a number of seconds.
+    """
 
     def __init__(
         self,
@@ -33,12 +35,15 @@ class CommandRunner:
         intake: Intake,
         history: HistoryFiles,
         configure: Callable[[str, Parameters], None],
+        lend: Callable[[str, float], None],
     ) -> None:
         self._commander = commander
         self._intake = intake
         self._params = ParamsChange(commander)
         self._history = history
         self._configure_probe = configure
+        self._lend_port = lend
+        self._lent: dict[str, str] = {}  # by probe's id: its port
         self._encoder = msgspec.json.Encoder()
 
     async def run(self, probe: str, command: str, parameters: Parameters) -> Any:
@@ -77,6 +82,8 @@ class CommandRunner:
                 return self._close_path
             case Handler.CONFIGURE:
                 return self._configure
+            case Handler.LEND:
+                return self._lend
         assert_never(handler)
 
     async def _change_params(self, probe: str, _: str, parameters: Parameters) -> Any:
@@ -102,3 +109,18 @@ class CommandRunner:
     async def _configure(self, probe: str, _: str, parameters: Parameters) -> None:
         probe_id = self._commander.entry_of(probe).probe.probe_id
         self._configure_probe(probe_id, parameters)
+
+    async def _lend(self, probe: str, command: str, parameters: Parameters) -> str:
+        """The name of the port."""
+        text = parameters.get("seconds", "")
+        is_number = text.isascii() and text.isdigit() and len(text) <= 3
+        if not is_number or int(text) > LENT_MAX_S or len(parameters) > 1:
+            raise CommandRefused(COMMANDS[command].usage)
+        entry = self._commander.entry_of(probe)
+        probe_id = entry.probe.probe_id
+        port = self._lent.get(probe_id) if entry.port is None else entry.port.name
+        if port is None or port.startswith("udp"):
+            raise CommandRefused(f"{entry.name} is on no serial port")
+        self._lent[probe_id] = port
+        self._lend_port(port, float(text))
+        return port

@@ -74,7 +74,8 @@ class Daemon:
         self._commander = Commander(self._registry)
         self._history = HistoryFiles(config.params.folder)
         self._runner = CommandRunner(
-            self._commander, self._intake, self._history, self._configure
+            *(self._commander, self._intake, self._history, self._configure),
+            lambda port, seconds: self._finder.lend(port, seconds),
         )
         self._intake.params.keep = self._history.keep
         self._intake.on_reply = self._commander.handle_reply

@@ -83,6 +83,7 @@ class Finder:
         self._told: set[str] = set()  # ports of which was told why they stay closed
         self._adopted = AdoptedPorts(file_of(settings.memory))
         self._heard: dict[str, str] = {}  # ports to be adopted, and whose hello it was
+        self._lent: dict[str, float] = {}  # ports, and the loop's time of their return
         self._changed = asyncio.Event()
         self._dev_ns = 0
 
@@ -95,6 +96,24 @@ class Finder:
             self._adopted = AdoptedPorts(file_of(settings.memory))
         self._settings = settings
         self._changed.set()
+
+    def lend(self, name: str, seconds: float) -> None:
+        """Closes a port for another program; after that time, or with 0 seconds, it is
+        opened again.
+        """
+        self._lent[name] = asyncio.get_running_loop().time() + seconds
+        if seconds > 0 and name in self._tasks:
+            self._tasks[name].cancel()
+            logger.info("%s: lent for %.0f s", name, seconds)
+        self._pauses.pop(name, None)
+        self._changed.set()
+
+    def _is_lent(self, name: str) -> bool:
+        now_s = asyncio.get_running_loop().time()
+        self._lent = {
+            port: end_s for port, end_s in self._lent.items() if end_s > now_s
+        }
+        return any(same_port(name, port) for port in self._lent)
 
     def check(self, t_ns: int) -> None:
         """Called once a second with the host's time."""
@@ -141,7 +160,7 @@ class Finder:
             if port.is_named and name not in named:
                 self._tasks[name].cancel()
         for name, baud in named.items():
-            if name not in self._tasks:
+            if name not in self._tasks and not self._is_lent(name):
                 rates = (baud,) if baud else settings.rates
                 self._serve(name, self._port(name, rates, is_named=True))
 
@@ -162,7 +181,9 @@ class Finder:
             pause = self._pauses.get(name)
             if pause is not None and now_s < pause.until_s:
                 continue
-            if any(same_port(name, other) for other in self._tasks):
+            if self._is_lent(name) or any(
+                same_port(name, other) for other in self._tasks
+            ):
                 continue
             if not self._may_open(port) or await self._is_held(name):
                 continue

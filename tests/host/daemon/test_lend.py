@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: MIT
+"""A probe's port, lent to another program and taken back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import serial
+
+from chain import Chain
+from imud.commands import LENT_MAX_S
+from imud.errors import CommandRefused
+from streaming import until
+
+
+def is_free(chain: Chain) -> bool:
+    """Whether another program may open the port for itself alone."""
+    try:
+        serial.Serial(str(chain.port.path), exclusive=True).close()
+    except serial.SerialException:
+        return False
+    return True
+
+
+def test_a_port_is_lent_and_comes_back_when_it_is_returned(tmp_path: Path) -> None:
+    chain = Chain(tmp_path)
+    try:
+        name = chain.probe.name
+        assert not is_free(chain)
+        reply = chain.client.command(name, "lend", seconds="60")
+        assert reply["value"] == str(chain.port.path)
+        until(lambda: is_free(chain))
+        # Nothing else breaks, and the probe is known by its name.
+        assert chain.client.statuses(name)[0]["state"] == "gone"
+        assert chain.client.command(name, "lend", seconds="0")["ok"]
+        until(lambda: not is_free(chain))
+        chain.port.write(b"\0" + chain.probe.say("hello"))
+        until(lambda: chain.client.statuses(name)[0]["state"] != "gone")
+    finally:
+        chain.close()
+
+
+def test_a_port_that_nobody_returns_comes_back_by_itself(tmp_path: Path) -> None:
+    chain = Chain(tmp_path)
+    try:
+        chain.client.command(chain.probe.name, "lend", seconds="1")
+        until(lambda: is_free(chain))
+        until(lambda: not is_free(chain))
+    finally:
+        chain.close()
+
+
+@pytest.mark.parametrize("seconds", ["", "-1", "2.5", str(LENT_MAX_S + 1), "\uff19"])
+def test_only_a_number_of_seconds_is_taken(tmp_path: Path, seconds: str) -> None:
+    chain = Chain(tmp_path)
+    try:
+        with pytest.raises(CommandRefused, match="lend needs seconds=0 to 300"):
+            chain.client.command(chain.probe.name, "lend", seconds=seconds)
+        assert not is_free(chain)
+    finally:
+        chain.close()
