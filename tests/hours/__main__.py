@@ -3,8 +3,9 @@
 the machine goes: faults, commands and the button from a seed, each pose against the
 twin's, and a line for each hour.
 
-Ctrl-C, or the end of --minutes, stops the boards where they are. The same command goes
-on from there, as long as the machine has not been started again meanwhile.
+Ctrl-C, or the end of --minutes, stops the boards where they are. The next call goes on
+from there, as long as the machine has not been started again meanwhile; --fresh gives
+up what is under way.
 
 example: make hours HOURS=12 SEED=7
 """
@@ -61,6 +62,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="S",
         help=f"mean time between two faults or commands (default: {EVERY_S:g})",
     )
+    parser.add_argument(
+        "--fresh", action="store_true", help="give up a run that is under way"
+    )
     parser.add_argument("--folder", type=Path, default=FOLDER, help=argparse.SUPPRESS)
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
@@ -78,24 +82,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _begin(name: str, options: argparse.Namespace) -> Path:
-    """Goes on with the board's run, if it is this one and alive; else begins it."""
+    """Goes on with the board's run that is under way, or begins one."""
     folder: Path = options.folder / name
     folder.mkdir(parents=True, exist_ok=True)
     state = _state(folder)
-    is_this = (state.get("seed"), state.get("seconds")) == (
-        options.seed,
-        options.hours * 3600,
-    )
     if state and not state["end"]:
-        if is_this and _is_alive(state):
-            os.killpg(state["pid"], signal.SIGCONT)
-            sys.stderr.write(f"{name}: goes on at {state['device_s'] / 3600:.2f} h\n")
-            return folder
-        if _is_alive(state):
+        at = f"at {state['device_s'] / 3600:.2f} of {state['seconds'] / 3600:g} h"
+        if not _is_alive(state):
+            sys.stderr.write(f"{name}: the run {at} is gone; one begins anew\n")
+        elif options.fresh:
             os.killpg(state["pid"], signal.SIGKILL)
-            sys.stderr.write(f"{name}: another run was under way, and is given up\n")
+            sys.stderr.write(f"{name}: the run {at} is given up\n")
         else:
-            sys.stderr.write(f"{name}: the run is gone, and begins anew\n")
+            os.killpg(state["pid"], signal.SIGCONT)
+            sys.stderr.write(f"{name}: goes on {at}, seed {state['seed']}\n")
+            return folder
     (folder / "state.json").unlink(missing_ok=True)
     words = ["--worker", name, "--folder", options.folder, "--seed", options.seed]
     words += ["--hours", options.hours, "--every", options.every]
@@ -174,7 +175,7 @@ def _tell(states: Sequence[dict[str, Any]]) -> int:
             is_there = _is_alive(state)
             folder = FOLDER / name
             sys.stdout.write(
-                "stopped there; the same command goes on\n"
+                "stopped there; the next call goes on\n"
                 if is_there
                 else f"it ended too early: see {folder}/worker.txt and emulator.txt\n"
             )

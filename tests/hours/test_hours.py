@@ -6,6 +6,8 @@ night (`make hours`).
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +16,7 @@ from typing import Any
 import pytest
 
 from hours.plan import plan_of
-from hours.worker import ROOT
+from hours.worker import ROOT, started
 from system.virtual import BOARDS, F405, NANO, Board
 
 SECONDS = 60
@@ -41,12 +43,13 @@ def state_of(folder: Path, board: Board) -> dict[str, Any]:
 def test_both_boards_stop_and_go_on_and_come_to_a_good_end(tmp_path: Path) -> None:
     done = make_hours(tmp_path, "--minutes", "0.02")
     assert done.returncode == 75, done.stderr
-    assert "stopped there; the same command goes on" in done.stdout
+    assert "stopped there; the next call goes on" in done.stdout
     halfway = [state_of(tmp_path, board) for board in (NANO, F405)]
     assert not all(state["end"] for state in halfway)
-    done = make_hours(tmp_path)
+    # Another seed does not give up what is under way.
+    done = make_hours(tmp_path, "--seed", "2")
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "goes on at 0.0" in done.stderr
+    assert done.stderr.count("of 0.0166667 h, seed 1\n") == 2
     for before, board in zip(halfway, (NANO, F405), strict=True):
         state = state_of(tmp_path, board)
         assert state["pid"] == before["pid"]  # not begun anew
@@ -74,6 +77,19 @@ def test_a_board_that_does_not_exist_is_refused(tmp_path: Path) -> None:
     done = make_hours(tmp_path, "pico")
     assert done.returncode == 2
     assert "there is no board pico; there are nano, f405" in done.stderr
+
+
+@pytest.mark.usefixtures("boards")
+def test_a_run_under_way_is_given_up_only_if_that_is_asked_for(tmp_path: Path) -> None:
+    make_hours(tmp_path, "nano", "--minutes", "0.02")
+    before = state_of(tmp_path, NANO)
+    done = make_hours(tmp_path, "nano", "--minutes", "0.02", "--seed", "2", "--fresh")
+    assert "nano: the run at 0.0" in done.stderr
+    assert "is given up" in done.stderr
+    after = state_of(tmp_path, NANO)
+    assert (before["seed"], after["seed"]) == (1, 2)
+    assert started(before["pid"]) != before["started"]
+    os.killpg(after["pid"], signal.SIGKILL)
 
 
 def test_a_worker_that_ends_at_once_is_told(tmp_path: Path) -> None:
