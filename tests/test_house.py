@@ -8,6 +8,7 @@ import ast
 import functools
 import re
 import subprocess
+import tempfile
 from collections import defaultdict
 from pathlib import Path
 
@@ -345,7 +346,8 @@ def test_no_file_holds_an_open_end_or_a_place_of_its_own():
     words = ("TO" + "DO", "FIX" + "ME", "XX" + "X", "HA" + "CK")
     forbidden = [rf"\b{word}\b" for word in words]
     forbidden += [r"/home/\w", r"/ro" + r"ot/\w"]
-    if len(ROOT.parts) > 2:
+    # A clone in the folder of temporary files is in nobody's place.
+    if len(ROOT.parts) > 2 and ROOT.parent != Path(tempfile.gettempdir()):
         forbidden.append(re.escape(f"{ROOT.parent}/"))
     pattern = re.compile("|".join(forbidden))
     kinds = (*SOURCES, "*.md", "*.toml", "*.ini", "*.json", "Makefile")
