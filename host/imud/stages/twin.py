@@ -105,6 +105,7 @@ class Twin:
             return None
         self._boot.phase = BootPhase.UNKNOWN
         self._boot.raw_rate = None
+        self._boot.is_heard = False
         self._params.is_named = False
         run, is_begin = self._run, message.fields.get("event") == "restarted"
         if run is None or is_begin:
@@ -179,7 +180,7 @@ class Twin:
         if message.fields["result"] != "ok" or not isinstance(value, tuple):
             return None
         if command in ("rate", "fields"):
-            self._boot.unready()  # samples may be fused before the first raw message
+            self._boot.change_streams()
         if command == "rate" and value[0] == RAW_STREAM:
             self._boot.raw_rate = value[1]
             is_off = not self._boot.is_full
@@ -192,6 +193,7 @@ class Twin:
     def _on_raw(self, message: Message, content: bytes) -> TwinOutcome | None:
         boot = self._boot
         last, boot.raw_us = boot.raw_us, message.time_us
+        boot.is_heard = True
         if not boot.hello:
             return None
         if boot.phase is BootPhase.READY:
@@ -225,7 +227,7 @@ class Twin:
         flags = message.fields["sample_flags"]
         has_gap = isinstance(flags, tuple) and "gap" in flags
         is_whole = run.losses is Losses.WHOLE
-        is_sure = run.steps > 0 and self._boot.is_full and is_whole
+        is_sure = (run.steps > 0 or run.is_heard) and self._boot.is_full and is_whole
         if not (is_next or (has_gap and is_sure)):
             return self._lose(message.sequence, "a sample before it was not told")
         run.step(content)
@@ -318,7 +320,8 @@ class Twin:
             return self._lose(sequence, f"{_UNABLE}: {error}")
         self._boot.unready()
         is_guess = params.known is ParamsKnown.GUESSED
-        self._run = TwinRun(replay, number, hello, is_guess)
+        is_heard = self._boot.is_heard and self._boot.is_full
+        self._run = TwinRun(replay, number, hello, is_guess, is_heard)
         return TwinStarted(sequence)
 
     def _lose(self, sequence: int, reason: str) -> TwinLost:

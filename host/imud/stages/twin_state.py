@@ -78,6 +78,7 @@ class TwinBoot:
     sample_rate: int = 0
     raw_rate: Value = None
     raw_us: int | None = None  # time of the last raw message
+    is_heard: bool = False  # raw messages have come since the streams changed
 
     def knows(self, hello: Message, content: bytes, sample_rate: int) -> None:
         """Takes up a hello that knows a sensor, which comes when the filter begins."""
@@ -91,8 +92,14 @@ class TwinBoot:
 
     def streams(self, *, is_on: bool) -> None:
         """A stream began or ended. Without one there are samples that are not sent."""
+        self.is_heard = False
         if self.phase in (BootPhase.FRESH, BootPhase.STREAMING):
             self.phase = BootPhase.STREAMING if is_on else BootPhase.FRESH
+
+    def change_streams(self) -> None:
+        """Other messages are sent from now on, or the same."""
+        self.is_heard = False
+        self.unready()  # samples may be fused before the first raw message
 
     def unready(self) -> None:
         """The next raw message need not be the filter's first sample."""
@@ -128,6 +135,7 @@ class TwinRun:
     number: int | None  # of the filter, where an event named it
     hello: bytes  # that it began with
     is_guess: bool  # its params, or its own field, may be others
+    is_heard: bool  # each sample since then was told, as the one before it
     steps: int = 0
     losses: Losses = Losses.WHOLE
     missing: int = 0  # the number that is, in ONE_MISSING

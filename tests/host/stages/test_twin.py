@@ -19,6 +19,8 @@ from imud.stages.twin_outcomes import (
 )
 from twin_bench import (
     BOTH,
+    PERIOD_US,
+    POSE,
     Life,
     changed,
     followed,
@@ -66,6 +68,27 @@ def test_it_begins_anew_with_each_restart():
     restarts = named(life.contents, "restarted")
     assert [o.sequence for o in outcomes[1:] if isinstance(o, TwinStarted)] == restarts
     assert (twin.state, twin.compared, twin.differed) == (TwinState.FOLLOWING, 375, 0)
+
+
+def test_it_follows_from_a_restart_while_the_sensor_is_set_up_again():
+    life = followed().live(600)
+    life.fail()
+    life.order(lib.COMMAND_RESTART)
+    life.now_us += 60 * PERIOD_US
+    life.find_sensor()
+    life.live(1, has_gap=True).live(100)
+    twin, outcomes = run_twin(life.contents)
+    assert [type(outcome) for outcome in outcomes] == [TwinStarted, TwinStarted]
+    assert twin.compared == len(named(life.contents, "pose"))
+    assert twin.differed == 0
+
+
+def test_it_does_not_follow_from_a_restart_whose_samples_are_not_told():
+    life = followed().live(600).order(lib.COMMAND_FIELDS, POSE).live(50)
+    life.order(lib.COMMAND_RESTART).live(1).order(lib.COMMAND_FIELDS, BOTH)
+    twin, _ = run_twin(life.miss(3).live(100).contents)
+    assert twin.state is not TwinState.FOLLOWING
+    assert twin.differed == 0
 
 
 @pytest.mark.parametrize("name", ["complementary", "mahony", "madgwick", "dcm_pi"])
