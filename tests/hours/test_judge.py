@@ -87,7 +87,7 @@ def a_changed_pose(contents: list[bytes]) -> list[bytes]:
     ("spoilt", "problem"),
     [
         (a_changed_pose, "the twin: TwinDiffers"),
-        (lambda contents: without(contents, 700), "lost messages: 1"),
+        (lambda contents: without(contents, 700), "of those dropped: 1, expected 0"),
         (lambda contents: [*contents, contents[-1]], "duplicated messages: 1"),
     ],
 )
@@ -139,3 +139,15 @@ def test_a_twin_that_waits_for_longer_than_a_restart_takes_is_a_problem() -> Non
     judge = judged(contents_of(life.live(400)))
     (problem,) = judge.problems
     assert "the twin is waiting, not following" in problem
+
+
+def test_a_message_that_the_probe_counts_as_dropped_may_be_missing() -> None:
+    contents = contents_of(followed().live(1000))
+    statuses = named(contents, "status")
+    for dropped, words in ((1, "a message is missing"), (2, "1, expected 2")):
+        for at in statuses:
+            contents[at] = changed(contents[at], messages_dropped=dropped)
+        judge = judged(without(contents, 700))
+        # The twin can't know what it was.
+        assert len(judge.problems) == (1 if dropped == 1 else 4)
+        assert any(words in text for text in judge.problems)
