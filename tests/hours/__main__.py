@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from hours.plan import EVERY_S
-from hours.worker import ROOT, Hours, started
+from hours.worker import LAST, ROOT, Hours, started
 from imud.progress import Progress
 from system.virtual import BOARDS
 
@@ -78,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Hours(names[0], folder, options.seed, options.hours * 3600).run(options.every)
         return 0
     states = _watch([_begin(name, options) for name in names], options.minutes)
-    return _tell(states)
+    return _tell(options.folder, states)
 
 
 def _begin(name: str, options: argparse.Namespace) -> Path:
@@ -97,7 +97,8 @@ def _begin(name: str, options: argparse.Namespace) -> Path:
             os.killpg(state["pid"], signal.SIGCONT)
             sys.stderr.write(f"{name}: goes on {at}, seed {state['seed']}\n")
             return folder
-    (folder / "state.json").unlink(missing_ok=True)
+    for name_before in ("state.json", LAST):
+        (folder / name_before).unlink(missing_ok=True)
     words = ["--worker", name, "--folder", options.folder, "--seed", options.seed]
     words += ["--hours", options.hours, "--every", options.every]
     with (folder / "worker.txt").open("w") as said:
@@ -152,11 +153,12 @@ def _is_running(state: dict[str, Any]) -> bool:
     return not state["end"] and _is_alive(state)
 
 
-def _tell(states: Sequence[dict[str, Any]]) -> int:
+def _tell(base: Path, states: Sequence[dict[str, Any]]) -> int:
     """A table for each board; 0 where all is well, 1 where something is wrong."""
     code = 0
     for state in states:
         name, hours = state["board"], state["device_s"] / 3600
+        folder = base / name
         out = [
             f"{name}, seed {state['seed']}: {hours:.2f} of "
             f"{state['seconds'] / 3600:g} h, {state.get('faults', 0)} faults, "
@@ -168,18 +170,19 @@ def _tell(states: Sequence[dict[str, Any]]) -> int:
         if state["end"]:
             out.append(", ".join(f"{k} {v}" for k, v in state["end"].items()))
         out += state["problems"]
-        sys.stdout.write("\n".join(out) + "\n")
         if state["problems"]:
             code = 1
+            if (last := folder / LAST).exists():
+                out.append(f"what came until the first of them: imud decode {last}")
         elif not state["end"]:
             is_there = _is_alive(state)
-            folder = FOLDER / name
-            sys.stdout.write(
-                "stopped there; the next call goes on\n"
+            out.append(
+                "stopped there; the next call goes on"
                 if is_there
-                else f"it ended too early: see {folder}/worker.txt and emulator.txt\n"
+                else f"it ended too early: see {folder}/worker.txt and emulator.txt"
             )
             code = code or (UNDONE if is_there else 1)
+        sys.stdout.write("\n".join(out) + "\n")
     return code
 
 

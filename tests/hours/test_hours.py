@@ -16,8 +16,10 @@ from typing import Any
 import pytest
 
 from hours.plan import plan_of
-from hours.worker import ROOT, started
+from hours.worker import LAST, ROOT, Hours, started
+from imud.wire.frame import encode_frame
 from system.virtual import BOARDS, F405, NANO, Board
+from twin_bench import followed
 
 SECONDS = 60
 EVERY_S = 4
@@ -71,6 +73,17 @@ def test_a_seed_gives_the_same_plan_and_another_seed_another(board: Board) -> No
     assert not kinds & {"reset", "brown_out", "power_cut", "crystal"}
     # As many as the emulators take of each.
     assert first.options.count("--send") < 4096
+
+
+def test_what_came_until_a_problem_is_kept(tmp_path: Path) -> None:
+    hours = Hours(NANO.name, tmp_path, 1, 60.0)
+    frames = [encode_frame(content) for content in followed().live(600).contents]
+    hours.take(b"\0" + b"".join(frames[:400]))
+    assert not (tmp_path / LAST).exists()
+    bad = encode_frame(b"\xee" * 20)  # no such message
+    hours.take(bad)
+    hours.take(b"".join(frames[400:]))
+    assert (tmp_path / LAST).read_bytes() == b"\0" + b"".join([*frames[:400], bad])
 
 
 def test_a_board_that_does_not_exist_is_refused(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import os
 import subprocess
 import threading
 import time
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
@@ -28,6 +29,9 @@ ROOT = Path(__file__).resolve().parents[2]
 PART_S = 3600.0  # of device time
 TELL_S = 1.0  # between two states
 BLOCK = 1 << 16
+# The latest blocks, which are kept where something is wrong; a pipe gives up to 64 kB.
+KEPT = 64
+LAST = "last.bin"  # `imud decode` reads it
 
 
 class Hours:
@@ -38,6 +42,7 @@ class Hours:
         self.part_s = min(PART_S, seconds / 4)
         self._judge = Judge()
         self._told_s = 0.0
+        self._last: deque[bytes] = deque(maxlen=KEPT)
         self.state: dict[str, Any] = {
             "board": name,
             "seed": seed,
@@ -69,7 +74,7 @@ class Hours:
             feeder.start()
             with pipe.open("rb", buffering=0) as uart:
                 while data := uart.read(BLOCK):
-                    self._take(data)
+                    self.take(data)
             code = emulator.wait()
             feeder.join()
         pipe.unlink()
@@ -88,9 +93,13 @@ class Hours:
         words += ["--seconds", self.seconds, *plan.options]
         return [str(word) for word in words]
 
-    def _take(self, data: bytes) -> None:
+    def take(self, data: bytes) -> None:
         judge, state = self._judge, self.state
+        was_good = judge.problem_count == 0
+        self._last.append(data)
         judge.take(data)
+        if was_good and judge.problem_count > 0:
+            (self.folder / LAST).write_bytes(b"".join(self._last))
         state["device_s"] = judge.device_us * 1e-6
         if state["device_s"] >= (len(state["parts"]) + 1) * self.part_s:
             self._part()
