@@ -49,7 +49,7 @@ test-long: ## hours, cuts and examples of which the tests take a part each time,
 hours: ## twelve hours of both boards, with faults from a seed (HOURS=12 SEED=1 MINUTES=)
 	@$(PYTHON) tools/setup.py demo
 	@cd tests && python -m hours --hours $(or $(HOURS),12) --seed $(or $(SEED),1) \
-	  $(if $(MINUTES),--minutes $(MINUTES))
+	  $(if $(MINUTES),--minutes $(MINUTES)) $(if $(FRESH),--fresh)
 
 fresh: ## demo and tests of a fresh clone in bare Debian 12 and 13 (SUITE=trixie)
 	@$(PYTHON) tools/fresh.py $(SUITE:%=--suite %)

@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
+import sanitizer
+
 HEADER = """
 #include <stdint.h>
 int32_t planted_add(int32_t a, int32_t b);
@@ -51,17 +54,7 @@ def run(folder: Path, call: str, *, asan: bool) -> subprocess.CompletedProcess[s
     env = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ}
     env["PYTHONPATH"] = str(Path(__file__).parent)
     if asan:
-        library = subprocess.run(
-            ["gcc", "-print-file-name=libasan.so"],
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout.strip()
-        env |= {
-            "IMU_ASAN": "1",
-            "LD_PRELOAD": library,
-            "ASAN_OPTIONS": "detect_leaks=0",  # the interpreter's own
-        }
+        env |= sanitizer.environment()
     return subprocess.run(
         [sys.executable, "-c", CALLER, str(folder), call],
         env=env,

@@ -30,6 +30,7 @@ from pathlib import Path
 from queue import SimpleQueue
 
 import mutations
+import sanitizer
 from mutations import Mutation
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -160,7 +161,7 @@ def _try(tree: Path, change: Mutation, counted: dict[str, dict[str, list[int]]])
     runs = [(tests, plain) for tests in groups]
     if not is_host and groups:
         # What reaches beyond an array shows in `make test`, under this sanitizer.
-        runs.append((groups[0], _under_asan()))
+        runs.append((groups[0], sanitizer.environment()))
     for tests, environment in runs:
         code, text = _run(tree, tests, **environment)
         if "NativeBuildError" in text or "SyntaxError" in text:
@@ -168,21 +169,6 @@ def _try(tree: Path, change: Mutation, counted: dict[str, dict[str, list[int]]])
         if code != 0:
             return "noticed"
     return "unnoticed"
-
-
-def _under_asan() -> dict[str, str]:
-    """As the Makefile has it."""
-    library = subprocess.run(
-        ["gcc", "-print-file-name=libasan.so"],
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout.strip()
-    return {
-        "IMU_ASAN": "1",
-        "ASAN_OPTIONS": "detect_leaks=0",
-        "LD_PRELOAD": f"{library} libstdc++.so.6",
-    }
 
 
 def _tests_of(

@@ -21,7 +21,7 @@ Type = Literal["choice", "list", "integer", "number", "numbers", "text", "hex"]
 STREAMS = {"pose": 0, "raw": 1}
 FILTERS = {each.name.lower(): each.value for each in schema.Filter if each}
 HISTORY = "params_history"
-LENT_MAX_S = 300  # a program that lends a port and dies keeps it no longer
+LENT_MAX_S = 300  # a program that borrows a port and dies keeps it no longer
 PARAMETERS_MAX = 8  # of one command from the page; no row has more arguments
 
 

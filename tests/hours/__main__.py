@@ -4,8 +4,8 @@ the machine goes: faults, commands and the button from a seed, each pose against
 twin's, and a line for each hour.
 
 Ctrl-C, or the end of --minutes, stops the boards where they are. The next call goes on
-from there, as long as the machine has not been started again meanwhile; --fresh gives
-up what is under way.
+from there, as long as the machine has not been started again meanwhile; --fresh, or
+make hours FRESH=1, gives up what is under way.
 
 example: make hours HOURS=12 SEED=7
 """
@@ -47,7 +47,7 @@ COLUMNS = (
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
-        prog="make hours",
+        prog="python -m hours",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -40,7 +40,7 @@ class Judge:
     def __init__(self) -> None:
         self.problems: list[str] = []
         self.problem_count = 0
-        self.poses = self.raws = self.starts = 0
+        self.poses = self.raws = 0
         self.twin = Twin()
         self.events: Counter[str] = Counter()
         self.refused: Counter[str] = Counter()  # replies other than ok
@@ -95,7 +95,10 @@ class Judge:
             ("skewed messages", total.skewed.total(), 0),
             ("duplicated messages", total.duplicated, 0),
             ("received and dropped, of those sent", received, total.sent),
-            ("good frames, of those that left the UART", link["frames"], None),
+            (
+                *("good frames, of those that left the UART", link["frames"]),
+                summary["frames"],
+            ),
             ("corrupt frames", link["corrupt"], 0),
             ("boots", self._probe.account.boots, 1),
             ("resets", summary["resets"], 0),
@@ -103,8 +106,6 @@ class Judge:
             ("complaint of the firmware", summary["firmware_complaint"], None),
             ("complaint of the sensor", summary["sensor_complaint"], None),
         ):
-            if name.startswith("good frames"):
-                expected = summary["frames"]
             if found != expected:
                 self._problem(f"{name}: {found}, expected {expected}")
         return {
@@ -182,7 +183,6 @@ class Judge:
         name = str(message.fields["event"])
         self.events[name] += 1
         if name == "stream_started":
-            self.starts += 1
             self._raw_us = self._followed_us = self.device_us
         elif name == "stream_stopped":
             self._raw_us = None

@@ -10,7 +10,7 @@ import msgspec
 
 from imud.commands import COMMANDS, LENT_MAX_S, Handler
 from imud.daemon.aiming import aim_at, capture
-from imud.daemon.commands import Commander
+from imud.daemon.commands import Commander, arguments_of
 from imud.daemon.intake import Intake
 from imud.daemon.params_change import ParamsChange
 from imud.daemon.params_history import HistoryFiles
@@ -112,9 +112,8 @@ class CommandRunner:
 
     async def _lend(self, probe: str, command: str, parameters: Parameters) -> str:
         """The name of the port."""
-        text = parameters.get("seconds", "")
-        is_number = text.isascii() and text.isdigit() and len(text) <= 3
-        if not is_number or int(text) > LENT_MAX_S or len(parameters) > 1:
+        seconds, _ = arguments_of(command, parameters)
+        if not 0 <= seconds <= LENT_MAX_S:
             raise CommandRefused(COMMANDS[command].usage)
         entry = self._commander.entry_of(probe)
         probe_id = entry.probe.probe_id
@@ -122,5 +121,5 @@ class CommandRunner:
         if port is None or port.startswith("udp"):
             raise CommandRefused(f"{entry.name} is on no serial port")
         self._lent[probe_id] = port
-        self._lend_port(port, float(text))
+        self._lend_port(port, seconds)
         return port
