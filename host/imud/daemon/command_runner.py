@@ -35,7 +35,7 @@ class CommandRunner:
         intake: Intake,
         history: HistoryFiles,
         configure: Callable[[str, Parameters], None],
-        lend: Callable[[str, float], None],
+        lend: Callable[[str, float], Awaitable[None]],
     ) -> None:
         self._commander = commander
         self._intake = intake
@@ -115,11 +115,11 @@ class CommandRunner:
         seconds, _ = arguments_of(command, parameters)
         if not 0 <= seconds <= LENT_MAX_S:
             raise CommandRefused(COMMANDS[command].usage)
-        entry = self._commander.entry_of(probe)
+        entry = self._commander.heard(probe)
         probe_id = entry.probe.probe_id
         port = self._lent.get(probe_id) if entry.port is None else entry.port.name
         if port is None or port.startswith("udp"):
             raise CommandRefused(f"{entry.name} is on no serial port")
         self._lent[probe_id] = port
-        self._lend_port(port, seconds)
+        await self._lend_port(port, seconds)
         return port

@@ -175,14 +175,19 @@ class Commander:
 
     def entry_of(self, name: str) -> ProbeEntry:
         """The probe of that name; DeviceError if it can't be sent a command."""
-        entry = self._registry.named(name)
-        if entry is None:
-            raise ProbeUnknown(f"no probe {name} was heard; imud list shows them")
+        entry = self.heard(name)
         if entry.other is not None:
             raise VersionMismatch(
                 f"probe {name} speaks another schema (firmware "
-                f"{entry.other.firmware}); update it or imud"
+                f"{entry.other.firmware}); update it with imud flash, or update imud"
             )
+        return entry
+
+    def heard(self, name: str) -> ProbeEntry:
+        """The probe of that name, whatever it speaks; ProbeUnknown if there is none."""
+        entry = self._registry.named(name)
+        if entry is None:
+            raise ProbeUnknown(f"no probe {name} was heard; imud list shows them")
         return entry
 
     async def ask(

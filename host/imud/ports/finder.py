@@ -97,13 +97,15 @@ class Finder:
         self._settings = settings
         self._changed.set()
 
-    def lend(self, name: str, seconds: float) -> None:
-        """Closes a port for another program; after that time, or with 0 seconds, it is
-        opened again.
+    async def lend(self, name: str, seconds: float) -> None:
+        """Closes a port for another program, before it returns; after that time, or
+        with 0 seconds, it is opened again.
         """
         self._lent[name] = asyncio.get_running_loop().time() + seconds
-        if seconds > 0 and name in self._tasks:
-            self._tasks[name].cancel()
+        serving = self._tasks.get(name)
+        if seconds > 0 and serving is not None:
+            serving.cancel()
+            await asyncio.wait([serving])
             logger.info("%s: lent for %.0f s", name, seconds)
         self._pauses.pop(name, None)
         self._changed.set()
