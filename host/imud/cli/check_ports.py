@@ -31,9 +31,9 @@ PROBE_S = 12.0  # a board that restarts, and a round of all baud rates
 WARNED_S = 4.0  # a warning may be about the bootloader's silence
 
 
-def only_port() -> str:
+def only_port(command: str) -> str:
     """The one port that may have a probe. ProbeUnknown if there is none, or several,
-    or if it may be another program's.
+    or if it may be another program's; `command` is what to say then, as "imud check".
     """
     rows = LocalPorts(PortSettings()).rows()
     ours = [row.port for row in rows if row.is_opened]
@@ -44,12 +44,12 @@ def only_port() -> str:
     if not found:
         raise ProbeUnknown(
             "no imud run, and no USB serial port: plug the board in, or name its port, "
-            "as imud check /dev/ttyUSB0"
+            f"as {command} /dev/ttyUSB0"
         )
     if len(found) == 1:
         raise ProbeUnknown(
             f"no imud run, and {found[0]} may be another program's; if it is the "
-            f"board's: imud check {found[0]}"
+            f"board's: {command} {found[0]}"
         )
     raise ProbeUnknown(
         f"no imud run, and {len(found)} serial ports; name one: {', '.join(found)}"
@@ -100,9 +100,12 @@ class OwnDaemon:
         for number in self._signals:
             self._signals[number] = signal.signal(number, signal.default_int_handler)
         words = ["run", self.port, "--no-log", "--no-page", "--log-level", "warning"]
+        words.append(
+            "--until-eof"
+        )  # it must not outlive this process, if that is killed
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "imud", *words, "--listen", self.endpoint],
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
@@ -127,8 +130,9 @@ class OwnDaemon:
         self._reader.join()
         for number, handler in self._signals.items():
             signal.signal(number, handler)
-        if self._process.stderr is not None:
-            self._process.stderr.close()
+        for pipe in (self._process.stdin, self._process.stderr):
+            if pipe is not None:
+                pipe.close()
 
     def _read(self) -> None:
         for line in self._process.stderr or ():

@@ -18,18 +18,15 @@ import msgspec
 
 from imud.calibration.earth import Earth
 from imud.check.evidence import Evidence
-from imud.cli import check_ports
+from imud.cli import check_ports, reached
 from imud.client import Client
 from imud.client.client import Delivery
-from imud.defaults import ENDPOINT
 from imud.errors import (
-    DaemonNotFound,
     FileError,
     ImudError,
     NoReply,
     ProbeUnknown,
 )
-from imud.ports.standing import same_port
 from imud.probes.ledger import totals
 from imud.wire import messages
 from imud.wire.messages import Message
@@ -153,74 +150,10 @@ def opened(args: argparse.Namespace) -> Iterator[LiveMessages]:
     ImudError with what to do if there is none.
     """
     with contextlib.ExitStack() as stack:
-        client, status, title = _reached(args, stack)
-        source = LiveMessages(client, status, title)
+        found = reached.probe(args, args.probe, "imud check", stack)
+        source = LiveMessages(found.client, found.status, found.title)
         stack.callback(source.close)
         yield source
-
-
-def _reached(
-    args: argparse.Namespace, stack: contextlib.ExitStack
-) -> tuple[Client, dict[str, Any], str]:
-    is_port = args.probe is not None and "/" in args.probe
-    try:
-        client = stack.enter_context(Client(args.connect, args.prefix, args.keys))
-    except DaemonNotFound:
-        if args.keys is not None or args.connect != ENDPOINT:
-            raise
-        if args.probe is not None and not is_port:
-            raise DaemonNotFound(
-                f"no imud run to ask for probe {args.probe}; name its port instead, as "
-                "imud check /dev/ttyUSB0"
-            ) from None
-    else:
-        if not is_port:
-            status = _status(client, args.probe)
-            return client, status, f"{status['probe']} (by imud run)"
-        for status in client.statuses():
-            if _is_on(status, args.probe):
-                return client, status, f"{status['probe']} (by imud run)"
-    port = args.probe if is_port else check_ports.only_port()
-    daemon = stack.enter_context(check_ports.OwnDaemon(port))
-    client = stack.enter_context(daemon.client())
-    return client, _status(client, None, daemon), port
-
-
-def _is_on(status: Mapping[str, Any], port: str) -> bool:
-    return status["port"] is not None and same_port(status["port"], port)
-
-
-def _status(
-    client: Client,
-    probe: str | None,
-    daemon: check_ports.OwnDaemon | None = None,
-) -> dict[str, Any]:
-    """The status of the probe that is meant, once there is one."""
-    wait_s = FIRST_S if daemon is None else check_ports.PROBE_S
-    until_s = time.monotonic() + wait_s
-    while True:
-        found = [each for each in client.statuses() if each["state"] != "gone"]
-        named = [each for each in found if probe in (None, each["probe"])]
-        if len(named) == 1:
-            return named[0]
-        names = ", ".join(str(each["probe"]) for each in found)
-        if len(named) > 1:
-            raise ProbeUnknown(f"there are {len(named)} probes; name one: {names}")
-        if daemon is not None:
-            daemon.check()
-        if time.monotonic() > until_s:
-            break
-        time.sleep(TICK_S)
-    if daemon is not None:
-        raise ProbeUnknown(
-            f"no probe on {daemon.port}: is it flashed (docs/nano.md, docs/f405.md), "
-            "and is this its port?"
-        )
-    if probe is not None and names:
-        raise ProbeUnknown(f"no probe {probe} is there; name one: {names}")
-    raise ProbeUnknown(
-        "imud run has no probe; plug one in, or name its port: imud check /dev/ttyUSB0"
-    )
 
 
 def of_file(path: Path, probe: str | None) -> tuple[str, Evidence]:

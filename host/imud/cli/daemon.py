@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 import argparse
+import os
+import signal
 import sys
+import threading
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +32,30 @@ def add(commands: Commands) -> None:
 
 
 def _add_run(commands: Commands) -> None:
+    run = _run_command(commands)
+    run.add_argument(
+        "--twin",
+        action="store_true",
+        help="compute each pose again from the raw samples and report the first one "
+        "that differs; this restarts a probe's calibration at rest and its origin "
+        "whenever it begins to stream",
+    )
+    run.add_argument(
+        "--log-level",
+        choices=["debug", "info", "warning", "error"],
+        help="write messages of this level and above to stderr (default: info)",
+    )
+    run.add_argument(
+        "--until-eof",
+        action="store_true",
+        help="end when standard input is closed: with the program that started it, "
+        "however that ends",
+    )
+    run.set_defaults(run=_run)
+
+
+def _run_command(commands: Commands) -> argparse.ArgumentParser:
+    """With its ports, and where its data go."""
     run = add_command(
         commands,
         "run",
@@ -74,19 +101,7 @@ def _add_run(commands: Commands) -> None:
         f"(default: {PAGE})",
     )
     page.add_argument("--no-page", action="store_true", help="serve no page")
-    run.add_argument(
-        "--twin",
-        action="store_true",
-        help="compute each pose again from the raw samples and report the first one "
-        "that differs; this restarts a probe's calibration at rest and its origin "
-        "whenever it begins to stream",
-    )
-    run.add_argument(
-        "--log-level",
-        choices=["debug", "info", "warning", "error"],
-        help="write messages of this level and above to stderr (default: info)",
-    )
-    run.set_defaults(run=_run)
+    return run
 
 
 def _add_config(commands: Commands) -> None:
@@ -143,6 +158,13 @@ def _add_install_service(commands: Commands) -> None:
     install.set_defaults(run=_install_service)
 
 
+def _end_at_eof() -> None:
+    """In a thread of its own."""
+    while sys.stdin.buffer.read(1):
+        pass
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
 def _run(args: argparse.Namespace) -> int:
     from imud.config import reader
     from imud.daemon import daemon
@@ -161,6 +183,8 @@ def _run(args: argparse.Namespace) -> int:
         is_page=not args.no_page,
         level=args.log_level,
     )
+    if args.until_eof:
+        threading.Thread(target=_end_at_eof, daemon=True).start()
     try:
         return daemon.run(load)
     except ImudError as error:

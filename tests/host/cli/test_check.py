@@ -13,7 +13,7 @@ import pytest
 from chain import Chain
 from fakes import FakeProbe, free_endpoint
 from imud.calibration.poses import BASE_DOWN
-from imud.cli import check_ports, check_run, check_source, main
+from imud.cli import check_ports, check_run, check_source, main, reached
 from imud.ports import local
 from ports_desk import Device
 from raw_probe import Stream, capture, lying
@@ -29,7 +29,7 @@ def chain(bench: Chain, monkeypatch: pytest.MonkeyPatch) -> Chain:
 @pytest.fixture
 def nobody(monkeypatch: pytest.MonkeyPatch) -> None:
     """No daemon is at the default endpoint."""
-    monkeypatch.setattr(check_source, "ENDPOINT", free_endpoint())
+    monkeypatch.setattr(reached, "ENDPOINT", free_endpoint())
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
@@ -99,7 +99,7 @@ def test_a_probe_that_is_not_there_is_one_line_with_those_that_are(
 def test_a_name_without_a_daemon_asks_for_the_port(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    endpoint = check_source.ENDPOINT
+    endpoint = reached.ENDPOINT
     line = refused(capsys, "stylus", "--connect", endpoint)
     assert "name its port instead, as imud check /dev/ttyUSB0" in line
 
@@ -122,14 +122,14 @@ def test_without_a_name_there_must_be_one_port_that_is_ours(
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     has_serial_ports(monkeypatch, *ports)
-    assert words in refused(capsys, "--connect", check_source.ENDPOINT)
+    assert words in refused(capsys, "--connect", reached.ENDPOINT)
 
 
 @pytest.mark.usefixtures("nobody")
 def test_a_port_that_is_not_there_or_none_at_all_is_one_line(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    where = ("--connect", check_source.ENDPOINT)
+    where = ("--connect", reached.ENDPOINT)
     line = refused(capsys, str(tmp_path / "ttyUSB0"), *where)
     assert "is not there; plug the board in" in line
     monkeypatch.setattr(check_ports, "WARNED_S", 0.0)
@@ -145,11 +145,11 @@ def test_a_port_without_a_probe_is_one_line(
     monkeypatch.setattr(check_ports, "PROBE_S", 1.0)
     ours, theirs = os.openpty()
     try:
-        line = refused(capsys, os.ttyname(theirs), "--connect", check_source.ENDPOINT)
+        line = refused(capsys, os.ttyname(theirs), "--connect", reached.ENDPOINT)
     finally:
         os.close(ours)
         os.close(theirs)
-    assert "is it flashed (docs/nano.md, docs/f405.md)" in line
+    assert "is it flashed (docs/flash.md)" in line
 
 
 def test_a_file_is_checked_and_one_without_a_probe_refused(

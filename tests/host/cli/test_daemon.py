@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -163,3 +165,21 @@ def test_no_port_to_look_at_is_one_line(
     assert cli.main(["run", "--config", str(file)]) == MISCONFIGURED
     (line,) = capsys.readouterr().err.splitlines()
     assert "is off and no port is named; name one: imud run /dev/ttyUSB0" in line
+
+
+def test_a_daemon_ends_with_the_program_that_started_it(tmp_path: Path) -> None:
+    words = ["run", "--no-log", "--no-page", "--until-eof", "--listen", free_endpoint()]
+    daemon = subprocess.Popen(
+        [sys.executable, "-P", "-m", "imud", *words],
+        stdin=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        cwd=tmp_path,
+        text=True,
+    )
+    assert daemon.stdin is not None
+    assert daemon.stderr is not None
+    assert "listens on" in daemon.stderr.readline()
+    assert daemon.poll() is None
+    daemon.stdin.close()  # as the kernel does for a program that was killed
+    assert daemon.wait(PATIENCE_S) == 0
+    daemon.stderr.close()
