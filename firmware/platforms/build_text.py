@@ -3,9 +3,13 @@
 of pyproject.toml, `+`, the git revision, and `-d` where the sources differ from it.
 Only main.c is compiled with it, so that a commit rebuilds one file.
 
+Writes manifest.json beside the .hex, by which `imud flash` knows what that file is.
+
 Gives the .elf a section with the digest of its sources, which takes no flash: who runs
 it can tell whether they have changed since (host/imud/checkout.py)."""
 
+import hashlib
+import json
 import os
 import re
 import subprocess
@@ -13,6 +17,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+BOARDS = {"imu_nano": "nano", "imu_f405": "f405"}
 TEXT_MAX = 16  # bytes of the field `firmware` in hello
 
 Import("env")  # type: ignore[name-defined]  # noqa: F821  SCons puts it there
@@ -66,8 +71,34 @@ def add_sources(target: Any, source: Any, env: Any) -> int:  # noqa: ARG001, SCo
     return checkout.note(env.subst("$OBJCOPY"), Path(elf), sources)
 
 
+def write_manifest(target: Any, source: Any, env: Any) -> None:  # noqa: ARG001, SCons's
+    """Say beside a .hex what it is: the fields of host/imud/flash/firmware.py."""
+    path = Path(str(target[0]))
+    raw = path.read_bytes()
+    schema = (root / "host/imud/wire/schema.py").read_text(encoding="utf-8")
+    fingerprint = re.search(r"^FINGERPRINT = 0x(\w+)", schema, re.MULTILINE)
+    records = raw.decode("ascii").splitlines()
+    row = {
+        "file": path.name,
+        "board": BOARDS[env["BOARD"]],
+        "filter": dict(filter(is_pair, env["CPPDEFINES"])).get("ATTITUDE_ONLY", "all"),
+        "version": build_text(),
+        "schema": fingerprint[1].lower() if fingerprint else "",
+        "sha256": hashlib.sha256(raw).hexdigest(),
+        # Intel HEX: the length of each record of data.
+        "bytes": sum(int(line[1:3], 16) for line in records if line[7:9] == "00"),
+    }
+    manifest = json.dumps({"images": [row]}, indent=2)
+    path.with_name("manifest.json").write_text(manifest + "\n", encoding="utf-8")
+
+
+def is_pair(define: Any) -> bool:
+    return isinstance(define, tuple | list) and len(define) == 2
+
+
 sources = checkout.noted(checkout.BOARD, root)
 image = "$BUILD_DIR/${PROGNAME}.elf"
 env.AddBuildMiddleware(with_build_text, "*main.c")
 env.AddPostAction(image, add_sources)
 env.Depends(image, env.Value(sources))
+env.AddPostAction("$BUILD_DIR/${PROGNAME}.hex", write_manifest)

@@ -22,6 +22,7 @@ from imud.cli import (
     check,
     completion,
     daemon,
+    flash,
     keys,
     params,
     ports,
@@ -38,7 +39,7 @@ FAULT = 70
 
 ROOMS = (
     *(daemon, check, sim, watch, body, probe, calibrate, params, recordings, card),
-    *(keys, ports, completion),
+    *(keys, ports, flash, completion),
 )
 
 
@@ -51,7 +52,7 @@ class _Parser(GroupedParser):
         "command": ("start", "stop", "tare", "restart"),
         "calibrate": ("calibrate", "params"),
         "logs": ("record", "info", "decode", "export", "replay", "recover", "card"),
-        "set up and try": ("ports", "check", "sim", "completion"),
+        "set up and try": ("ports", "flash", "check", "sim", "completion"),
     }
 
 

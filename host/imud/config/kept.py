@@ -13,6 +13,11 @@ from msgspec import Meta
 from imud.defaults import HISTORY, STATE
 
 
+def state_home() -> str:
+    """Where programs of this user keep their state; may begin with ~."""
+    return os.environ.get("XDG_STATE_HOME", "") or STATE
+
+
 class LogSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The log on disk, MCAP."""
 
@@ -61,9 +66,8 @@ class ParamsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def folder(self) -> Path | None:
         """The folder on this machine; None: there is no history."""
-        state = os.environ.get("XDG_STATE_HOME", "")
         text = self.history
-        if state and text.startswith(f"{STATE}/"):
-            text = state + text.removeprefix(STATE)
+        if text.startswith(f"{STATE}/"):
+            text = state_home() + text.removeprefix(STATE)
         path = os.path.expanduser(text)  # noqa: PTH111 - leaves a ~ of nobody
         return Path(path) if path and not path.startswith("~") else None

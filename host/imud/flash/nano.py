@@ -2,8 +2,8 @@
 """Writes an image into an Arduino Nano by the bootloader that it was sold with.
 
 A cut leaves no half image that runs. The first page, where the processor begins, is
-written first so that it leads back into the bootloader, and with its own bytes only
-when all the others were read back and are right.
+written first as an endless loop, and with its own bytes only when all the others were
+read back and are right. The next reset by DTR starts the bootloader.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import contextlib
 from collections.abc import Callable, Iterator, Mapping
 
 from imud.errors import FlashError
+from imud.flash import serial_port
+from imud.flash.errors import HalfWritten, WrongChip
 from imud.flash.stk500 import BootWire, NoBootloader, Stk500
 
 ATMEGA328P = bytes((0x1E, 0x95, 0x0F))  # and ATmega328PB: 1e 95 16
@@ -29,10 +31,13 @@ FITTING = (ATMEGA328P, bytes((0x1E, 0x95, 0x16)))
 PAGE = 128  # bytes (ATmega328P, table 27-9)
 BLANK = 0xFF
 BAUDS = (115_200, 57_600)  # of Optiboot, and of ATmegaBOOT on older Nanos
+ROUNDS = 2  # of both: a busy machine may miss the second in which one listens
 # Where each of them begins, and the first version that is Optiboot's.
 OPTIBOOT_AT, ATMEGABOOT_AT = 0x7E00, 0x7800
 OPTIBOOT_FROM = 4
-_JMP = 0x940C  # AVR instruction set manual, JMP: then the address in words
+# AVR instruction set manual, RJMP: to itself. Not a jump into the bootloader: without a
+# reset, Optiboot starts the firmware, each time with less room on the stack.
+LOOP = b"\xff\xcf"
 
 # Opens the port at a rate and resets the board by it.
 Reset = Callable[[int], contextlib.AbstractContextManager[BootWire]]
@@ -40,14 +45,10 @@ Reset = Callable[[int], contextlib.AbstractContextManager[BootWire]]
 OnProgress = Callable[[int, int], None]
 
 
-class WrongChip(FlashError):
-    """It is not the chip that the image is for."""
-
-
 @contextlib.contextmanager
 def reached(reset: Reset) -> Iterator[tuple[Stk500, int]]:
     """The bootloader, at the first rate where one answers, and where it begins."""
-    for baud in BAUDS:
+    for baud in ROUNDS * BAUDS:
         with reset(baud) as wire:
             bootloader = Stk500(wire)
             try:
@@ -62,6 +63,17 @@ def reached(reset: Reset) -> Iterator[tuple[Stk500, int]]:
         f"no bootloader answers at {' or '.join(map(str, BAUDS))} baud; is it an "
         "Arduino Nano, and has it one?"
     )
+
+
+def flash(port: str, image: Mapping[int, int], on_progress: OnProgress) -> int:
+    """Writes an image to the Nano on a port, has it started, and returns how many pages
+    there were. FlashError with what to do if that did not end well.
+    """
+    with reached(lambda baud: serial_port.reset(port, baud)) as (bootloader, begins_at):
+        check_chip(bootloader)
+        pages = write(bootloader, begins_at, image, on_progress)
+        bootloader.leave()
+    return pages
 
 
 def check_chip(bootloader: Stk500) -> str:
@@ -82,7 +94,9 @@ def write(
     """Writes the bytes of `image`, by their addresses, and reads them back; returns how
     many pages there were. FlashError with what to do if that did not end well.
     """
-    last = max(image)
+    last = max(image, default=-1)
+    if last < 0:
+        raise FlashError("the image has no bytes")
     if last >= begins_at:
         raise FlashError(
             f"the image has {last + 1} bytes, and the bootloader begins at {begins_at}"
@@ -101,7 +115,7 @@ def write(
         on_progress(done, steps)
 
     try:
-        guard = _jump(begins_at).ljust(PAGE, bytes((BLANK,)))
+        guard = LOOP.ljust(PAGE, bytes((BLANK,)))
         for chosen in ({0: guard}, others, {0: first}):
             for at, page in chosen.items():
                 bootloader.write(at, page)
@@ -109,18 +123,11 @@ def write(
             for at, page in chosen.items():
                 _compare(at, page, bootloader.read(at, PAGE))
                 step()
-    except FlashError as error:
-        raise FlashError(
-            f"{error}: the board has no firmware that runs now; run imud flash again"
-        ) from error
+    except (FlashError, OSError) as error:
+        raise HalfWritten(str(error)) from error
     return len(pages)
 
 
 def _compare(at: int, page: bytes, found: bytes) -> None:
     if found != page:
         raise FlashError(f"the page at {at:#06x} was not kept")
-
-
-def _jump(address: int) -> bytes:
-    words = address // 2
-    return _JMP.to_bytes(2, "little") + words.to_bytes(2, "little")

@@ -20,8 +20,9 @@ PROGRAM_PAGE, READ_PAGE, READ_SIGNATURE = 0x64, 0x74, 0x75
 FLASH = 0x46  # "F": the kind of memory
 MAJOR, MINOR = 0x81, 0x82  # parameters: the version
 
-# An answer takes its bytes' time, and the 4.5 ms of a page (ATmega328P, table 28-19).
-ANSWER_S = 0.3
+# An answer takes its bytes' time, and the 4.5 ms of a page (ATmega328P, table 28-19); a
+# busy machine may look for it later.
+ANSWER_S = 1.0
 # After a reset Optiboot blinks for 0.4 s, in which the UART keeps two bytes: a command.
 # Of a second one it would hear a half, and start the firmware. It listens for a second
 # from the reset on, ATmegaBOOT for 1.3.

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: MIT
+"""New firmware for a board: `imud flash`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imud.cli.arguments import add_command, add_network
+from imud.commands import FILTERS
+
+if TYPE_CHECKING:
+    from imud.cli.arguments import Commands
+
+BOARDS = ("nano", "f405")
+
+
+def add(commands: Commands) -> None:
+    flash = add_command(
+        commands,
+        "flash",
+        "write firmware into a board, and keep its params",
+        "imud flash /dev/ttyUSB0",
+        "It borrows the port from imud run if that has it, writes through the board's "
+        "bootloader, reads everything back and waits for the probe: docs/flash.md.",
+    )
+    flash.add_argument(
+        "port",
+        metavar="PORT",
+        nargs="?",
+        help="port of the board, or name of the probe; may be left out if there is "
+        "only one",
+    )
+    flash.add_argument(
+        "--board",
+        choices=BOARDS,
+        help="for a board without our firmware (default: what the probe says it is)",
+    )
+    flash.add_argument(
+        "--image",
+        metavar="FILE",
+        type=Path,
+        help="Intel HEX file (default: the one of imu-probe-firmware, or of this "
+        "checkout)",
+    )
+    flash.add_argument(
+        "--filter",
+        choices=FILTERS,
+        help="of a Nano, which has room for one (default: the one it has, or fuse)",
+    )
+    flash.add_argument(
+        "--by",
+        choices=("dfu", "serial"),
+        help="of an F405: by dfu-util over its own USB port, or by a cable at its "
+        "bootloader's pins (default: dfu if dfu-util is installed)",
+    )
+    flash.add_argument(
+        "--dry-run", action="store_true", help="say what would be written, and stop"
+    )
+    flash.add_argument(
+        "--force",
+        action="store_true",
+        help="also an image that is older, the same, or speaks another protocol",
+    )
+    add_network(flash)
+    flash.set_defaults(run=_flash)
+
+
+def _flash(args: argparse.Namespace) -> int:
+    from imud.cli import flash_run
+
+    return flash_run.run(args)

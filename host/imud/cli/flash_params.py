@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: MIT
+"""The params of a probe that is flashed: kept in a file until they are known to be in
+force again, also by a later run than the one that was cut.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from imud.client import Client
+from imud.config.kept import state_home
+from imud.errors import FlashError, ImudError
+from imud.params import file
+from imud.params.value import Params
+
+PARAMS_S = 10.0  # a probe sends a part of its params after each hello
+TICK_S = 0.2
+
+
+def keep(client: Client, status: dict[str, Any], *, is_forced: bool) -> None:
+    """Saves the params in force to the probe's file. Those of other firmware can't be
+    read. FlashError if ours can't either, unless that `is_forced`.
+    """
+    name = str(status["probe"])
+    if status["state"] == "gone":
+        return
+    if status["state"] == "other schema":
+        _say("its params can't be read by this imud: flashing leaves them alone")
+        return
+    try:
+        before = _of(client, name)
+    except FlashError as error:
+        if is_forced:
+            return
+        raise FlashError(f"{error}; --force flashes it without having them") from error
+    path = _path(status)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    file.write(path, before, str(status["probe_id"]))
+    _say(f"{_named(before)}, saved to {path}")
+
+
+def restore(client: Client, status: dict[str, Any]) -> None:
+    """Compares the params in force with those of the probe's file, if there is one, and
+    loads these if they differ. FlashError with where they are if that does not work.
+    """
+    name = str(status["probe"])
+    now, path = _of(client, name), _path(status)
+    if not path.exists():
+        _say(f"in force: {_named(now)}")
+        return
+    before = file.read(path).params
+    if now.digest != before.digest:
+        _say(f"in force: {_named(now)}; those from before are loaded")
+        try:
+            client.change_params(name, before.encode())
+        except ImudError as error:
+            raise FlashError(
+                f"the params are not back ({error}): imud params load {name} {path}"
+            ) from error
+    _say(f"in force, as before: {_named(before)}")
+    path.unlink(missing_ok=True)
+
+
+def _path(status: dict[str, Any]) -> Path:
+    folder = Path(state_home()).expanduser() / "imud" / "flash"
+    return folder / f"{status['probe_id']}.toml"
+
+
+def _of(client: Client, name: str) -> Params:
+    """The params in force, once the probe has told them all; FlashError if it does not,
+    or if they can't be read.
+    """
+    until_s = time.monotonic() + PARAMS_S
+    while True:
+        try:
+            return Params.decode(bytes.fromhex(client.params(name)["bytes"]))
+        except ImudError as error:
+            if time.monotonic() > until_s:
+                text = f"{name} does not tell its params ({error})"
+                raise FlashError(text) from error
+        time.sleep(TICK_S)
+
+
+def _named(params: Params) -> str:
+    return f"params {params.digest:08x}" if params.records else "no params"
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()

@@ -1,0 +1,292 @@
+# SPDX-License-Identifier: MIT
+"""`imud flash` at work: what the board has, what it gets, writing, and what became of
+its params.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from imud.cli import flash_params, reached
+from imud.cli.check_ports import only_port
+from imud.cli.reached import NoProbeHere, Reached
+from imud.client import Client
+from imud.commands import LENT_MAX_S
+from imud.errors import CommandRefused, FlashError, LinkError, ProbeUnknown
+from imud.flash import f405, firmware, nano
+from imud.flash.errors import HalfWritten
+from imud.flash.firmware import ALL_FILTERS, BOARDS, Image
+from imud.flash.nano import OnProgress
+from imud.ports.holders import holders_of
+from imud.progress import Progress
+from imud.wire.schema import FINGERPRINT
+
+COMMAND = "imud flash"
+USB = "USB"
+TRIES = 3  # at a board whose bootloader still answers
+BACK_S = 120.0  # a person rewires an F405; a board starts, a round of baud rates
+TICK_S = 0.2
+
+# Writes an image to the board on a port, tells how far it is, and returns what it did.
+Write = Callable[[str, Image, OnProgress], str]
+
+
+def run(args: argparse.Namespace) -> int:
+    """Flashes one board; returns the exit code."""
+    with contextlib.ExitStack() as stack:
+        found = _found(args, stack)
+        if found is None:
+            return _flash_unknown(args)
+        return _flash_probe(args, found)
+
+
+def _found(args: argparse.Namespace, stack: contextlib.ExitStack) -> Reached | None:
+    """The probe that is meant; None if the board has no firmware of ours that runs."""
+    if args.port is None and args.board is not None and args.by == "dfu":
+        return None  # a board on USB alone, which is no port
+    is_known = args.board is not None
+    try:
+        return reached.probe(args, args.port, COMMAND, stack, also_gone=is_known)
+    except (NoProbeHere, LinkError) as error:
+        stack.close()  # its daemon has the port open
+        if args.board is None:
+            raise ProbeUnknown(
+                f"{error}; if the board has no firmware of ours, say what it is: "
+                f"{COMMAND} {args.port or 'PORT'} --board nano"
+            ) from error
+        return None
+
+
+def _flash_unknown(args: argparse.Namespace) -> int:
+    """A board that says nothing: what it is was told."""
+    write = _writer(args, args.board)
+    port = USB if write is _by_dfu else args.port or only_port(COMMAND)
+    image = _chosen(args, args.board, {})
+    _say(f"{port}: {BOARDS[args.board]}, as you say; no firmware of ours answers")
+    _say_image(image)
+    if args.dry_run:
+        _say("nothing was written")
+        return 0
+    _write(write, args.board, port, image)
+    if write is not _by_nano:
+        _say("see imud list once it is wired as it is used")
+        return 0
+    with contextlib.ExitStack() as stack:
+        found = reached.probe(args, port, COMMAND, stack)
+        hello = found.status["hello"]
+        _say(f"{found.status['probe']} runs {hello['firmware']}")
+        flash_params.restore(found.client, found.status)
+    return 0
+
+
+def _flash_probe(args: argparse.Namespace, found: Reached) -> int:
+    client, status = found.client, found.status
+    name, hello = str(status["probe"]), dict(status["hello"])
+    kind = args.board or str(hello["board"])
+    if args.board not in (None, hello["board"]):
+        raise FlashError(
+            f"{name} is {BOARDS.get(hello['board'], hello['board'])}, not "
+            f"{args.board}; leave --board out"
+        )
+    write = _writer(args, kind)
+    image = _chosen(args, kind, hello)
+    _say(f"{found.title}: {BOARDS[kind]}, firmware {hello['firmware']}")
+    _say_image(image)
+    _check_step(hello, image, is_forced=args.force)
+    if args.dry_run:
+        _say("nothing was written")
+        return 0
+    flash_params.keep(client, status, is_forced=args.force)
+    with _lent(client, name) as port:
+        _write(write, kind, port, image)
+    if write is not _by_nano:
+        _say("wire it as it is used (docs/f405.md), take BOOT0 off, and press RST")
+    now = _back(client, name, image)
+    _say(f"firmware {hello['firmware']} -> {now['hello']['firmware']}")
+    had, has = hello.get("filter"), now["hello"]["filter"]
+    if had not in (None, has):
+        _say(f"filter {had} -> {has}")
+    flash_params.restore(client, now)
+    return 0
+
+
+def _chosen(args: argparse.Namespace, kind: str, hello: dict[str, Any]) -> Image:
+    """The image for a board; FlashError if there is none, or if it is another's."""
+    if args.image is not None:
+        path = args.image
+        if args.filter is not None:
+            raise FlashError("--filter chooses an image: leave it or --image out")
+    else:
+        if kind == "f405" and args.filter is not None:
+            raise FlashError(
+                "an F405 has all filters; choose one with imud restart --filter "
+                f"{args.filter}"
+            )
+        path = firmware.ready_made(kind, args.filter or hello.get("filter") or "fuse")
+    image = firmware.read(path)
+    if image.board != kind:
+        raise FlashError(
+            f"{path} is for {BOARDS[str(image.board)]}, and the board is "
+            f"{BOARDS.get(kind, kind)}"
+        )
+    if image.about is None and args.board is None:
+        raise FlashError(
+            f"{path} has no {firmware.MANIFEST} beside it, so that nothing tells whose "
+            f"firmware it is; if you built it for this board: --board {kind}"
+        )
+    return image
+
+
+def _say_image(image: Image) -> None:
+    about = image.about
+    what = f"image of {len(image.code):,} bytes, SHA-256 {image.sha256[:16]}..."
+    if about is not None:
+        with_filter = "" if about.filter == ALL_FILTERS else f", filter {about.filter}"
+        what = f"{about.version}{with_filter}, {what}"
+    _say(f"to write: {what}: {image.path}")
+    if (is_signed := firmware.is_signed(image.path.parent)) is not None and is_signed:
+        _say("its manifest is signed by the release's key")
+
+
+def _check_step(hello: dict[str, Any], image: Image, *, is_forced: bool) -> None:
+    """FlashError if this image is no step ahead for the board."""
+    about = image.about
+    if about is None or is_forced:
+        return
+    if about.schema != f"{FINGERPRINT:08x}":
+        raise FlashError(
+            f"the image speaks schema {about.schema}, and this imud {FINGERPRINT:08x}: "
+            "install the imud of its version, or use --force"
+        )
+    has = str(hello.get("firmware", ""))
+    is_same_filter = about.filter in (ALL_FILTERS, hello.get("filter"))
+    if about.version == has and is_same_filter and not has.endswith("-d"):
+        raise FlashError(f"the board has {has} already; --force writes it again")
+    if _release(about.version) < _release(has):
+        raise FlashError(
+            f"the image is {about.version}, older than the board's {has}; --force "
+            "writes it all the same"
+        )
+
+
+def _release(version: str) -> tuple[int, ...]:
+    """0.2.0+1234567 as (0, 2, 0); what is no version is older than all."""
+    with contextlib.suppress(ValueError):
+        return tuple(int(each) for each in version.partition("+")[0].split("."))
+    return ()
+
+
+@contextlib.contextmanager
+def _lent(client: Client, name: str) -> Iterator[str]:
+    """The port of a probe, which its daemon has closed meanwhile."""
+    port = str(client.command(name, "lend", seconds=str(LENT_MAX_S))["value"])
+    try:
+        if not Path(port).exists():
+            raise FlashError(
+                f"{name} is on {port} of another machine; run imud flash there"
+            )
+        yield port
+    finally:
+        with contextlib.suppress(CommandRefused):
+            client.command(name, "lend", seconds="0")
+
+
+def _write(write: Write, kind: str, port: str, image: Image) -> None:
+    """Writes and reads back, again if it was not kept. FlashError with what to do."""
+    began_s = time.monotonic()
+    again = f"{COMMAND} {port} --board {kind}"
+    for tries_left in reversed(range(TRIES)):
+        bar = Progress("writing", 1.0)
+
+        def on_progress(done: int, of: int, bar: Progress = bar) -> None:
+            bar.update(done / of)
+
+        try:
+            what = write(port, image, on_progress)
+        except HalfWritten as error:
+            bar.end()
+            if tries_left > 0 and Path(port).exists():
+                _say(f"{error}: once more")
+                continue
+            raise FlashError(
+                f"{error}: the board has no firmware that runs, and its bootloader "
+                f"waits; plug it in and run: {again}"
+            ) from error
+        except FlashError as error:
+            holders = ", ".join(map(str, holders_of(port)))
+            hint = f" ({holders} has it open)" if holders else ""
+            raise FlashError(f"{error}{hint}; nothing was written") from error
+        except KeyboardInterrupt:
+            bar.end()
+            _say(f"stopped: the board may have no firmware that runs; run: {again}")
+            raise
+        finally:
+            bar.end()
+        _say(f"{what} and read back in {time.monotonic() - began_s:.0f} s")
+        return
+
+
+def _back(client: Client, name: str, image: Image) -> dict[str, Any]:
+    """The status of the probe, once it runs what was written."""
+    until_s = time.monotonic() + BACK_S
+    wanted = None if image.about is None else image.about.version
+    while time.monotonic() < until_s:
+        for status in client.statuses(name):
+            hello = status["hello"]
+            is_there = status["state"] not in ("gone", "silent")
+            if is_there and wanted in (None, hello.get("firmware")):
+                return status
+        time.sleep(TICK_S)
+    raise FlashError(
+        f"{name} was written and read back, but does not answer after {BACK_S:g} s; "
+        "unplug it, plug it in, and see imud list"
+    )
+
+
+def _writer(args: argparse.Namespace, kind: str) -> Write:
+    """How a board of that kind is written."""
+    if kind == "nano" and args.by is None:
+        return _by_nano
+    if kind == "f405":
+        is_dfu = args.by == "dfu" or (args.by is None and shutil.which("dfu-util"))
+        return _by_dfu if is_dfu else _by_rom
+    if kind == "nano":
+        raise FlashError("--by is for an F405; a Nano has one bootloader: leave it out")
+    raise FlashError(
+        f"this is {BOARDS.get(kind, kind)}, which is not flashed by imud: "
+        "docs/micropython.md says how"
+    )
+
+
+def _by_nano(port: str, image: Image, on_progress: OnProgress) -> str:
+    return f"{nano.flash(port, image.code, on_progress)} pages written"
+
+
+def _by_rom(port: str, image: Image, on_progress: OnProgress) -> str:
+    _say(
+        f"{port}: put the cable on Y9 and Y10, connect DFU to 3V3, press RST; waiting "
+        f"{f405.SYNC_S:g} s for the bootloader"
+    )
+    return f"{f405.flash(port, image.binary(), on_progress):,} bytes written"
+
+
+def _by_dfu(_: str, image: Image, on_progress: OnProgress) -> str:
+    _say(
+        "connect the USB cable, and DFU to 3V3, and press RST; waiting "
+        f"{f405.SYNC_S:g} s for the bootloader"
+    )
+    written = f405.write_by_dfu_util(image.binary())
+    on_progress(1, 1)
+    return f"{written:,} bytes written"
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()

@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: MIT
+"""Firmware images and what a manifest says of each: for which board it is, its filter,
+its version, its schema, its size and its SHA-256.
+
+A manifest lies beside its images: that of a release names all of them, that of a build
+the one that was built. Its signature is that of the release's key (docs/flash.md).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+import intelhex
+import msgspec
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
+from imud import checkout
+from imud.errors import FlashError
+
+MANIFEST = "manifest.json"
+SIGNATURE = "manifest.json.sig"  # Ed25519, in hexadecimal digits
+KEYS = Path(__file__).with_name("release_keys.txt")
+PACKAGE = "imu_probe_firmware"
+ALL_FILTERS = "all"
+
+SIZE_MAX = 4_000_000  # bytes of a file: 1 MB of flash as text
+BOARDS = {
+    "nano": "an Arduino Nano",
+    "f405": "an STM32F405",
+    "micropython": "a board with MicroPython",
+}
+
+# Where the image of an ATmega328P and of an STM32F405 begins, and the bytes that it may
+# have: the last 256 KB of the latter are its settings (firmware/stm32/stm32f405.ld).
+NANO_MAX = 0x7E00
+F405_AT, F405_MAX = 0x0800_0000, 768 * 1024
+_F405_RAM = (range(0x2000_0000, 0x2002_0001), range(0x1000_0000, 0x1001_0001))
+
+
+class Firmware(msgspec.Struct, frozen=True, kw_only=True):
+    """A row of a manifest."""
+
+    file: str
+    board: str
+    filter: str  # or ALL_FILTERS
+    version: str  # as in a probe's hello
+    schema: str  # its fingerprint, eight hexadecimal digits
+    sha256: str  # of the file
+    bytes: int  # of flash
+
+
+class Manifest(msgspec.Struct, frozen=True, kw_only=True):
+    images: tuple[Firmware, ...]
+
+
+class Image:
+    """An image that was read: its bytes by their addresses, and what is known of it.
+    `about` is None of a file that no manifest names.
+    """
+
+    def __init__(
+        self, path: Path, code: dict[int, int], sha256: str, about: Firmware | None
+    ) -> None:
+        self.path = path
+        self.code = code
+        self.sha256 = sha256
+        self.about = about
+
+    @property
+    def board(self) -> str | None:
+        """The board that it fits, by its bytes; None if it fits none of them."""
+        low, high = min(self.code), max(self.code)
+        if low == 0 and high < NANO_MAX:
+            word = self._number(0, 2)  # AVR instruction set manual: RJMP or JMP
+            if word >> 12 == 0xC or word & 0xFE0E == 0x940C:
+                return "nano"
+        elif low == F405_AT and high < F405_AT + F405_MAX:
+            # PM0214, "Vector table": the stack's first address, then the start, odd.
+            stack, start = self._number(low, 4), self._number(low + 4, 4)
+            is_code = low < start <= high and start % 2 == 1
+            if is_code and any(stack in each for each in _F405_RAM):
+                return "f405"
+        return None
+
+    def binary(self) -> bytes:
+        """From the first byte to the last; what lies between and is not there is 0xFF,
+        as erased flash is.
+        """
+        low, high = min(self.code), max(self.code)
+        return bytes(self.code.get(at, 0xFF) for at in range(low, high + 1))
+
+    def _number(self, at: int, size: int) -> int:
+        found = bytes(self.code.get(at + i, 0xFF) for i in range(size))
+        return int.from_bytes(found, "little")
+
+
+def read(path: Path) -> Image:
+    """An image of a file in Intel HEX, checked against the manifest beside it, if there
+    is one. FlashError with what is wrong.
+    """
+    about = next(
+        (each for each in _listed(path.parent) if each.file == path.name), None
+    )
+    try:
+        if path.stat().st_size > SIZE_MAX:
+            raise FlashError(f"{path} is too long for an image")
+        raw = path.read_bytes()
+    except OSError as error:
+        raise FlashError(f"can't read {path}: {error.strerror}") from error
+    sha256 = hashlib.sha256(raw).hexdigest()
+    if about is not None and sha256 != about.sha256:
+        raise FlashError(
+            f"{path} is not the file of {path.with_name(MANIFEST)}: its SHA-256 "
+            "differs; get both again"
+        )
+    code = _decoded(path, raw)
+    image = Image(path, code, sha256, about)
+    if image.board is None:
+        raise FlashError(
+            f"{path} is no image of an imu-probe: it fits no board of ours"
+        )
+    if about is not None and image.board != about.board:
+        raise FlashError(f"{path} fits {BOARDS[image.board]}, not {about.board}")
+    return image
+
+
+def _decoded(path: Path, raw: bytes) -> dict[int, int]:
+    hint = "give the .hex file of the build"
+    if raw[:1] != b":":
+        raise FlashError(f"{path} is no Intel HEX file; {hint}")
+    try:
+        text = io.StringIO(raw.decode("ascii"))
+        found = intelhex.IntelHex(text)
+    except (intelhex.IntelHexError, UnicodeDecodeError) as error:
+        raise FlashError(
+            f"{path} is a damaged Intel HEX file ({error}); {hint}"
+        ) from error
+    code: dict[int, int] = found.todict()
+    code.pop("start_addr", None)  # type: ignore[call-overload]
+    if not code:
+        raise FlashError(f"{path} holds no bytes; {hint}")
+    return code
+
+
+def ready_made(board: str, wanted: str) -> Path:
+    """The file of the image for a board with a filter: of the package with firmware, or
+    of this checkout. FlashError with how to get one.
+    """
+    if checkout.is_checkout():
+        return _built(board, wanted)
+    folder = package_folder()
+    if folder is None:
+        raise FlashError(
+            "no firmware is installed: pip install imu-probe-firmware, or name a file: "
+            "--image FILE"
+        )
+    fitting = [each for each in _listed(folder) if each.board == board]
+    for each in fitting:
+        if each.filter in (wanted, ALL_FILTERS):
+            return folder / each.file
+    filters = ", ".join(each.filter for each in fitting)
+    if not fitting:
+        raise FlashError(f"{PACKAGE} has no image for {BOARDS.get(board, board)}")
+    raise FlashError(f"there is no image with the filter {wanted}, only {filters}")
+
+
+def package_folder() -> Path | None:
+    """Where the package with firmware lies; None if it is not installed."""
+    spec = importlib.util.find_spec(PACKAGE)
+    places = spec.submodule_search_locations if spec is not None else None
+    return Path(places[0]) if places else None
+
+
+def _built(board: str, wanted: str) -> Path:
+    environment = "stm32f405" if board == "f405" else "nano"
+    if board == "nano" and wanted != "fuse":
+        environment += f"_{wanted}"
+    path = checkout.ROOT / ".pio" / "build" / environment / "firmware.hex"
+    if not path.exists():
+        raise FlashError(f"{path} is not built: pio run -e {environment}")
+    checkout.refresh_image(path.with_suffix(".elf"))
+    return path
+
+
+def _listed(folder: Path) -> tuple[Firmware, ...]:
+    """What the manifest in a folder names; nothing without one."""
+    path = folder / MANIFEST
+    try:
+        raw = path.read_bytes()
+    except FileNotFoundError:
+        return ()
+    except OSError as error:
+        raise FlashError(f"can't read {path}: {error.strerror}") from error
+    try:
+        return msgspec.json.decode(raw, type=Manifest).images
+    except msgspec.DecodeError as error:
+        raise FlashError(f"{path} is no manifest of firmware: {error}") from error
+
+
+def is_signed(folder: Path, keys: Path | None = None) -> bool | None:
+    """Whether the manifest in a folder is signed by a key that is known. None if it has
+    no signature, or if this imud knows no key; FlashError if the signature is wrong.
+    """
+    known = [*_keys(KEYS if keys is None else keys)]
+    path = folder / SIGNATURE
+    if not known or not path.exists():
+        return None
+    try:
+        signature = bytes.fromhex(path.read_text("ascii"))
+    except ValueError as error:
+        raise FlashError(f"{path} is no signature") from error
+    manifest = (folder / MANIFEST).read_bytes()
+    for key in known:
+        try:
+            key.verify(signature, manifest)
+        except InvalidSignature:
+            continue
+        return True
+    raise FlashError(
+        f"{folder / MANIFEST} is not signed by the release's key: somebody changed it; "
+        "get the firmware again"
+    )
+
+
+def _keys(path: Path) -> Iterator[Ed25519PublicKey]:
+    """Public keys, one on a line in hexadecimal digits; # begins a comment."""
+    for line in path.read_text("ascii").splitlines():
+        digits = line.partition("#")[0].strip()
+        if digits:
+            try:
+                yield Ed25519PublicKey.from_public_bytes(bytes.fromhex(digits))
+            except ValueError as error:
+                raise FlashError(f"{path} holds a line that is no key") from error

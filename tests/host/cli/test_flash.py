@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: MIT
+"""`imud flash` for an F405, whose ROM and whose dfu-util are models; and what is wrong
+before a board is touched. The Nano's is tests/system/test_flash.py.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from intelhex import IntelHex
+
+from fakes import free_endpoint
+from host.flash.stm32_rom import BASE, Stm32Rom
+from host.flash.test_f405 import FOUND, dfu_util
+from imud import cli
+from imud.cli import check_ports, reached
+from imud.flash import f405
+
+CODE = bytes.fromhex("00200010 41010008") + bytes(range(256)) * 40
+
+
+@pytest.fixture(autouse=True)
+def nobody(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """No daemon is at the default endpoint."""
+    endpoint = free_endpoint()
+    monkeypatch.setattr(reached, "ENDPOINT", endpoint)
+    monkeypatch.setattr("imud.cli.arguments.ENDPOINT", endpoint)
+    monkeypatch.setattr(check_ports, "PROBE_S", 0.5)
+    monkeypatch.setattr(f405, "SYNC_S", 3.0)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+
+
+@pytest.fixture
+def image(tmp_path: Path) -> Path:
+    path = tmp_path / "f405.hex"
+    found = IntelHex()
+    found.puts(BASE, CODE)
+    found.write_hex_file(str(path))
+    row = {
+        "file": path.name,
+        "board": "f405",
+        "filter": "all",
+        "version": "9.9.9+1234567",
+        "schema": "03b33511",
+        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "bytes": len(CODE),
+    }
+    path.with_name("manifest.json").write_text(json.dumps({"images": [row]}))
+    return path
+
+
+@pytest.fixture
+def rom() -> Iterator[Stm32Rom]:
+    found = Stm32Rom()
+    yield found
+    found.close()
+
+
+def test_a_new_f405_is_written_by_its_rom(
+    rom: Stm32Rom, image: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["flash", rom.port, "--board", "f405", "--by", "serial"]
+    assert cli.main([*words, "--image", str(image), "--dry-run"]) == 0
+    assert "nothing was written" in capsys.readouterr().out
+    assert rom.erased == []
+    assert cli.main([*words, "--image", str(image)]) == 0
+    said = capsys.readouterr().out
+    assert "put the cable on Y9 and Y10, connect DFU to 3V3, press RST" in said
+    assert f"{len(CODE):,} bytes written and read back" in said
+    assert rom.flash.startswith(CODE)
+    assert rom.started_at == BASE
+
+
+def test_a_new_f405_is_written_by_dfu_util(
+    image: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    dfu_util(tmp_path, FOUND, 0, "File downloaded successfully")
+    words = ["flash", "--board", "f405", "--by", "dfu", "--image", str(image)]
+    assert cli.main(words) == 0
+    assert "connect the USB cable, and DFU to 3V3" in capsys.readouterr().out
+    assert (tmp_path / "written").read_bytes() == CODE
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--board", "nano"], "is for an STM32F405, and the board is an Arduino Nano"),
+        (["--board", "nano", "--by", "dfu"], "--by is for an F405"),
+        (["--board", "f405", "--filter", "fuse"], "leave it or --image out"),
+        ([], "if the board has no firmware of ours, say what it is: imud flash"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line(
+    words: list[str],
+    says: str,
+    rom: Stm32Rom,
+    image: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert cli.main(["flash", rom.port, "--image", str(image), *words]) == 1
+    line = capsys.readouterr().err
+    assert says in line
+    assert line.count("\n") == 1
+    assert rom.erased == []
+
+
+def test_a_rom_that_does_not_answer_leaves_the_board_as_it_was(
+    image: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ours, theirs = os.openpty()
+    words = ["flash", os.ttyname(theirs), "--board", "f405", "--by", "serial"]
+    try:
+        assert cli.main([*words, "--image", str(image)]) == 1
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    line = capsys.readouterr().err
+    assert "no bootloader of an STM32 answered" in line
+    assert line.endswith("nothing was written\n")

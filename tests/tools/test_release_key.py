@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: MIT
+"""The key of a release, from the ceremony to `imud flash`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from imud import checkout
+from imud.errors import FlashError
+from imud.flash import firmware
+
+sys.path.insert(0, str(checkout.ROOT / "tools"))
+import release_key
+
+
+def test_what_it_signs_is_known_by_what_it_prints(tmp_path: Path) -> None:
+    key, manifest = tmp_path / "key.pem", tmp_path / "manifest.json"
+    manifest.write_text('{"images": []}')
+    keys = tmp_path / "release_keys.txt"
+    keys.write_text(release_key.make(key, b"only a test") + "\n")
+    signature = release_key.sign_file(key, manifest, b"only a test")
+    assert signature.name == firmware.SIGNATURE
+    assert firmware.is_signed(tmp_path, keys) is True
+    manifest.write_text('{"images": [] }')
+    with pytest.raises(FlashError, match="not signed by the release's key"):
+        firmware.is_signed(tmp_path, keys)
+
+
+def test_a_key_is_kept_from_others_and_never_replaced(tmp_path: Path) -> None:
+    key = tmp_path / "key.pem"
+    release_key.make(key, b"only a test")
+    assert key.stat().st_mode & 0o077 == 0
+    assert b"ENCRYPTED" in key.read_bytes()
+    with pytest.raises(SystemExit, match="a key is never replaced"):
+        release_key.make(key, b"another")
+    with pytest.raises(SystemExit, match="wrong passphrase, or no key"):
+        release_key.sign_file(key, key, b"another")
