@@ -35,7 +35,7 @@ help: ## this list
 
 demo: ## virtual probes, daemon, subscriber (BOARD=nano, f405, both, micropython)
 	@$(PYTHON) tools/setup.py demo --board $(BOARD)
-	@python tools/demo.py --board $(BOARD) $(if $(SECONDS),--seconds $(SECONDS))
+	@imud demo --board $(BOARD) $(if $(SECONDS),--seconds $(SECONDS))
 
 test: ## all tests, those of the C under sanitizers
 	@$(PYTHON) tools/setup.py test

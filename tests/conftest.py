@@ -16,7 +16,7 @@ import pytest
 
 import native
 from imud import checkout
-from imud.virtual.sim import BOARDS
+from imud.virtual.boards import BOARDS
 
 pytest_plugins = ["native_mark", "length"]
 

@@ -40,11 +40,11 @@ from imud.calibration.stops import find_stops
 from imud.cli.calibrate_source import of_file
 from imud.progress import Progress
 from imud.rotation import FloatArray
+from imud.virtual.boards import BOARDS
 from imud.virtual.calibrating import RECORDS_HZ, SCALE, Manners, Sampler, pieces
 from imud.virtual.modules import named, shop
 from imud.virtual.motions.module import Module
 from imud.virtual.sensors import World
-from imud.virtual.sim import BOARDS
 
 OUTPUT = RESULTS / "calibration.json"
 

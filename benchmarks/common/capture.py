@@ -18,7 +18,7 @@ from benchmarks.common.feed import Feed
 from benchmarks.common.images import RunFailed, flashed
 from imud.probes.session import OtherSchema, Probe, Received, Session
 from imud.rotation import FloatArray
-from imud.virtual import motion, sim
+from imud.virtual import boards, motion, sim
 from imud.virtual.memory import memory_with
 
 
@@ -54,7 +54,7 @@ def run(
     The image is asked for these rates; by default it sends every sample, and poses at
     its initial rate. `params`: records in force from its start. Raises RunFailed.
     """
-    board = sim.BOARDS[board_name]
+    board = boards.BOARDS[board_name]
     if sample_rate_hz is not None:
         board = replace(board, sample_rate_hz=sample_rate_hz)
     simulator, image = flashed(board_name, image)

@@ -11,7 +11,7 @@ from pathlib import Path
 from benchmarks.common.boards import NANO
 from benchmarks.common.paths import PROJECT
 from imud import checkout
-from imud.virtual import sim
+from imud.virtual import boards
 
 OFFICIAL = "nano_pio"  # the Nano's image from PlatformIO's own compiler
 
@@ -22,9 +22,8 @@ class RunFailed(Exception):
 
 def flashed(board: str, given: Path | None = None) -> tuple[Path, Path]:
     """The virtual board of this name, and its image or the given one."""
-    known = sim.BOARDS[board]
-    simulator = sim.find(None, known.simulator_variable, known.simulator)
-    return simulator, sim.find(given, known.image_variable, known.image)
+    known = boards.BOARDS[board]
+    return known.find_simulator(), known.find_image(given)
 
 
 def simulated(board: str) -> list[str]:

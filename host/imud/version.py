@@ -7,4 +7,4 @@ from importlib import metadata
 
 @cache
 def version() -> str:
-    return metadata.version("imud")
+    return metadata.version("imu-probe")

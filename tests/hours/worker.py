@@ -21,7 +21,7 @@ from typing import IO, Any
 from hours.judge import Judge
 from hours.plan import EVERY_S, plan_of
 from imud.virtual import motion, sensors
-from imud.virtual.sim import BOARDS as EMULATED
+from imud.virtual.boards import BOARDS as EMULATED
 from system.virtual import BOARDS
 
 ROOT = Path(__file__).resolve().parents[2]

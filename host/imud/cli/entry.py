@@ -22,6 +22,7 @@ from imud.cli import (
     check,
     completion,
     daemon,
+    demo,
     flash,
     keys,
     params,
@@ -38,7 +39,19 @@ from imud.errors import BuildFailed, ImudError, described
 FAULT = 70
 
 ROOMS = (
-    *(daemon, check, sim, watch, body, probe, calibrate, params, recordings, card),
+    *(
+        daemon,
+        demo,
+        check,
+        sim,
+        watch,
+        body,
+        probe,
+        calibrate,
+        params,
+        recordings,
+        card,
+    ),
     *(keys, ports, flash, completion),
 )
 
@@ -52,7 +65,7 @@ class _Parser(GroupedParser):
         "command": ("start", "stop", "tare", "restart"),
         "calibrate": ("calibrate", "params"),
         "logs": ("record", "info", "decode", "export", "replay", "recover", "card"),
-        "set up and try": ("ports", "flash", "check", "sim", "completion"),
+        "set up and try": ("demo", "ports", "flash", "check", "sim", "completion"),
     }
 
 

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imud.cli.arguments import above_zero, add_command, whole
-from imud.virtual.sim import BOARDS, WIRE, VirtualBoard, default_link, run
+from imud.virtual.boards import BOARDS, VirtualBoard
+from imud.virtual.sim import WIRE, default_link, run
 
 if TYPE_CHECKING:
     from imud.cli.arguments import Commands
@@ -283,7 +284,6 @@ def _take_motion(args: argparse.Namespace, stack: contextlib.ExitStack) -> None:
     from imud.recordings import motions
     from imud.recordings.source import local
     from imud.virtual.memory import memory_with
-    from imud.virtual.sim import find
 
     file = args.motion
     found = motions.load(stack.enter_context(local(file)), args.probe)
@@ -294,8 +294,8 @@ def _take_motion(args: argparse.Namespace, stack: contextlib.ExitStack) -> None:
     if found.records and not args.eeprom:
         board: VirtualBoard = args.board
         if found.board == board.name:
-            image = find(args.image, board.image_variable, board.image)
-            simulator = find(args.simulator, board.simulator_variable, board.simulator)
+            image = board.find_image(args.image)
+            simulator = board.find_simulator(args.simulator)
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             args.eeprom = folder / "memory.bin"
             memory_with(image, simulator, found.records, args.eeprom, args.seed)

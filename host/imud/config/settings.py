@@ -187,7 +187,7 @@ class FoxgloveSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A live server for Foxglove, on this machine."""
 
     enabled: Annotated[
-        bool, Meta(description="serve it; needs pip install 'imud[foxglove]'")
+        bool, Meta(description="serve it; needs pip install 'imu-probe[foxglove]'")
     ] = False
     listen: Annotated[
         str, Meta(description="its address, HOST:PORT of this machine alone")

@@ -9,7 +9,6 @@ the one that was built. Its signature is that of the release's key (docs/flash.m
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import io
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,13 +18,12 @@ import msgspec
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
-from imud import checkout
+from imud import checkout, packaged
 from imud.errors import FlashError
 
 MANIFEST = "manifest.json"
 SIGNATURE = "manifest.json.sig"  # Ed25519, in hexadecimal digits
 KEYS = Path(__file__).with_name("release_keys.txt")
-PACKAGE = "imu_probe_firmware"
 ALL_FILTERS = "all"
 
 SIZE_MAX = 4_000_000  # bytes of a file: 1 MB of flash as text
@@ -153,7 +151,7 @@ def ready_made(board: str, wanted: str) -> Path:
     """
     if checkout.is_checkout():
         return _built(board, wanted)
-    folder = package_folder()
+    folder = packaged.folder_of(packaged.FIRMWARE)
     if folder is None:
         raise FlashError(
             "no firmware is installed: pip install imu-probe-firmware, or name a file: "
@@ -165,15 +163,10 @@ def ready_made(board: str, wanted: str) -> Path:
             return folder / each.file
     filters = ", ".join(each.filter for each in fitting)
     if not fitting:
-        raise FlashError(f"{PACKAGE} has no image for {BOARDS.get(board, board)}")
+        raise FlashError(
+            f"imu-probe-firmware has no image for {BOARDS.get(board, board)}"
+        )
     raise FlashError(f"there is no image with the filter {wanted}, only {filters}")
-
-
-def package_folder() -> Path | None:
-    """Where the package with firmware lies; None if it is not installed."""
-    spec = importlib.util.find_spec(PACKAGE)
-    places = spec.submodule_search_locations if spec is not None else None
-    return Path(places[0]) if places else None
 
 
 def _built(board: str, wanted: str) -> Path:

@@ -235,7 +235,7 @@ def _kind(to: str) -> Callable[[Path, str], Table]:
     except ImportError as error:
         raise FileError(
             "Parquet is written by pyarrow, which is not there; pip install "
-            "'imud[parquet]', or take --to csv"
+            "'imu-probe[parquet]', or take --to csv"
         ) from error
     return ParquetTable
 

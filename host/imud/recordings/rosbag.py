@@ -126,7 +126,7 @@ def run(paths: Sequence[Path], out: Path | None) -> int:
     except ImportError as error:
         raise FileError(
             "bags are written by rosbags, which is not there; pip install "
-            "'imud[rosbag2]'"
+            "'imu-probe[rosbag2]'"
         ) from error
     return each_of(paths, lambda log, by: _export(log, out or by))
 

@@ -46,7 +46,7 @@ class FoxgloveSink:
             import foxglove
         except ImportError as error:
             raise ConfigError(
-                "[foxglove] needs a library: pip install 'imud[foxglove]'"
+                "[foxglove] needs a library: pip install 'imu-probe[foxglove]'"
             ) from error
         host, port = self._address
         # Why one can't listen: the library does not say.

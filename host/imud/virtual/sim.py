@@ -13,80 +13,21 @@ import fcntl
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import IO, TYPE_CHECKING
 
-from imud import checkout
 from imud.errors import FileError
 from imud.progress import Progress
+from imud.virtual.boards import VirtualBoard
 
 if TYPE_CHECKING:
     from imud.virtual.motion import Motion
 
-
-@dataclass(frozen=True, slots=True)
-class VirtualBoard:
-    """A virtual board, and where the builds leave its image and its emulator."""
-
-    name: str
-    title: str
-    what: str
-    sample_rate_hz: int  # of its sensor; it can send as many messages a second
-    memory: str  # the kind that keeps its settings without power
-    image: Path  # relative to the project's folder
-    simulator: Path
-    image_variable: str  # of the environment, with another path
-    simulator_variable: str
-    files: tuple[str, ...]  # options of its emulator that take a file
-    has_battery: bool
-
-
-NANO = VirtualBoard(
-    name="nano",
-    title="Nano",
-    what="an Arduino Nano with an MPU-9250",
-    sample_rate_hz=200,
-    memory="EEPROM",
-    image=Path(".pio/build/nano/firmware.elf"),
-    simulator=Path("build/sim/nano"),
-    image_variable="IMUD_IMAGE",
-    simulator_variable="IMUD_SIM",
-    files=("faults", "eeprom", "summary", "profile", "parts"),
-    has_battery=False,
-)
-F405 = VirtualBoard(
-    name="f405",
-    title="F405",
-    what="an STM32F405 (pyboard) with an LSM9DS0",
-    sample_rate_hz=380,
-    memory="flash",
-    image=Path(".pio/build/stm32f405/firmware.elf"),
-    simulator=Path("build/sim/f405"),
-    image_variable="IMUD_IMAGE_F405",
-    simulator_variable="IMUD_SIM_F405",
-    files=("faults", "eeprom", "summary", "profile", "parts", "card", "radio"),
-    has_battery=True,
-)
-MICROPYTHON = VirtualBoard(
-    name="micropython",
-    title="MicroPython board",
-    what="an STM32F405 (pyboard) with an LSM9DS0, running MicroPython",
-    sample_rate_hz=380,
-    memory="flash",
-    image=Path("build/micropython/pyboard/micropython"),
-    simulator=Path("build/sim/f405"),
-    image_variable="IMUD_IMAGE_MICROPYTHON",
-    simulator_variable="IMUD_SIM_F405",
-    files=("faults", "eeprom", "summary", "profile", "parts"),
-    has_battery=True,
-)
-BOARDS = {board.name: board for board in (NANO, F405, MICROPYTHON)}
 
 # Device times of the button press and the commands of --stream, --raw and --rate. The
 # button is down for several times the firmware's debounce of 50 ms, which runs slower
@@ -131,26 +72,6 @@ def held(link: Path) -> Iterator[None]:
             path.unlink(missing_ok=True)
 
 
-def find(given: Path | None, variable: str, built: Path) -> Path:
-    """Finds a file: as given, by the environment, or as a build left it.
-
-    `built` is relative to the project's folder; an image there is brought up to date.
-    Raises FileError if there is none.
-    """
-    named = given or (Path(text) if (text := os.environ.get(variable)) else None)
-    if named is not None:
-        if named.is_file():
-            return named
-        raise FileError(f"{named} is not there; run `make firmware sim`")
-    here = Path.cwd()
-    # A virtual environment lies in the project's folder.
-    for folder in (here, *here.parents, Path(sys.prefix).parent):
-        if (folder / built).is_file():
-            checkout.refresh_image(folder / built)
-            return folder / built
-    raise FileError(f"{built} is not built yet; run `make firmware sim`")
-
-
 def commands_us(
     board: VirtualBoard, *, wants_raw: bool, rate_hz: int | None
 ) -> Iterator[tuple[int, bytes]]:
@@ -176,8 +97,8 @@ def commands_us(
 def command_line(args: argparse.Namespace, link: Path) -> list[str]:
     """The emulator's command line; it reads the motion from its standard input."""
     board: VirtualBoard = args.board
-    simulator = find(args.simulator, board.simulator_variable, board.simulator)
-    image = find(args.image, board.image_variable, board.image)
+    simulator = board.find_simulator(args.simulator)
+    image = board.find_image(args.image)
     words: list[str | Path] = [simulator, "--image", image]
     words += ["--motion", "-", "--seed", str(args.seed)]
     words += ["--record", args.record] if args.record else ["--pty", link]

@@ -24,7 +24,8 @@ from imud.errors import FileError
 from imud.params.trusted import CALIBRATED
 from imud.progress import Progress
 from imud.virtual import memory, sim
-from imud.virtual.sim import FEED_RECORDS, VirtualBoard
+from imud.virtual.boards import VirtualBoard
+from imud.virtual.sim import FEED_RECORDS
 
 if TYPE_CHECKING:
     from imud.virtual.leg import Leg
@@ -56,8 +57,8 @@ def run(args: argparse.Namespace) -> int:
 
     board: VirtualBoard = args.board
     folder: Path = args.dir
-    image = sim.find(args.image, board.image_variable, board.image)
-    simulator = sim.find(args.simulator, board.simulator_variable, board.simulator)
+    image = board.find_image(args.image)
+    simulator = board.find_simulator(args.simulator)
     progress = Progress("the leg and its probes", 4)
     try:
         folder.mkdir(parents=True, exist_ok=True)

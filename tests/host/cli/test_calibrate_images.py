@@ -13,14 +13,14 @@ from imud.calibration.guided import whole
 from imud.calibration.guided.housing import found as housing_found
 from imud.calibration.recording import Gatherer
 from imud.cli.calibrate_source import of_file
-from imud.virtual import modules, sim
+from imud.virtual import boards, modules
 from length import choose
 
 SEED = 3
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("board", choose(everyday=["nano"], long=list(sim.BOARDS)))
+@pytest.mark.parametrize("board", choose(everyday=["nano"], long=list(boards.BOARDS)))
 def test_a_shop_module_is_calibrated_from_what_its_image_sends(
     boards: dict[str, tuple[Path, Path]], board: str, tmp_path: Path
 ) -> None:

@@ -180,6 +180,6 @@ def test_without_ezc3d_it_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setitem(sys.modules, "ezc3d", None)
-    with pytest.raises(FileError, match=r"pip install 'imud\[c3d\]'"):
+    with pytest.raises(FileError, match=r"pip install 'imu-probe\[c3d\]'"):
         WRITERS["c3d"](tmp_path, BODY, made())
     assert not list(tmp_path.iterdir())

@@ -16,9 +16,9 @@ from imud.errors import ConfigError, FileError
 from imud.params.trusted import known_to
 from imud.recordings import motions
 from imud.virtual import motion
+from imud.virtual.boards import NANO
 from imud.virtual.memory import memory_with
 from imud.virtual.motion import MotionError
-from imud.virtual.sim import NANO
 from log_files import records, write
 
 ROOT = Path(__file__).resolve().parents[3]

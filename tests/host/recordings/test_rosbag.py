@@ -152,5 +152,5 @@ def test_without_rosbags_a_bag_is_one_line(
     assert cli.main(["export", str(path), *ROS2]) == 1
     assert capsys.readouterr().err == (
         "imud: bags are written by rosbags, which is not there; pip install "
-        "'imud[rosbag2]'\n"
+        "'imu-probe[rosbag2]'\n"
     )

@@ -136,4 +136,4 @@ def test_without_pyarrow_parquet_is_one_line(
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     path = write(tmp_path, records(3))
     assert cli.main(["export", str(path), "--to", "parquet"]) == 1
-    assert "pip install 'imud[parquet]'" in capsys.readouterr().err
+    assert "pip install 'imu-probe[parquet]'" in capsys.readouterr().err

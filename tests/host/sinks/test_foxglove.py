@@ -146,5 +146,5 @@ def test_without_the_library_it_is_said_what_to_install(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
-    with pytest.raises(ConfigError, match=r"pip install 'imud\[foxglove\]'"):
+    with pytest.raises(ConfigError, match=r"pip install 'imu-probe\[foxglove\]'"):
         FoxgloveSink(("127.0.0.1", 0), "imud").open()

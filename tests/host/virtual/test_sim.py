@@ -19,7 +19,7 @@ import pytest
 
 from imud import cli
 from imud.errors import FileError
-from imud.virtual import motion, sensors, sim
+from imud.virtual import boards, motion, sensors, sim
 from imud.wire import messages
 from imud.wire.frame import FrameDecoder
 
@@ -75,27 +75,27 @@ def recording(tmp_path: Path) -> Path:
 def test_a_build_is_found_from_any_folder_below(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    built = tmp_path / sim.NANO.simulator
+    built = tmp_path / boards.NANO.simulator
     built.parent.mkdir(parents=True)
     built.write_bytes(b"")
     below = tmp_path / "a" / "b"
     below.mkdir(parents=True)
     monkeypatch.chdir(below)
     monkeypatch.delenv("IMUD_SIM", raising=False)
-    assert sim.find(None, "IMUD_SIM", sim.NANO.simulator) == built
+    assert boards.NANO.find_simulator() == built
 
 
 def test_a_build_is_found_beside_the_virtual_environment(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    built = tmp_path / "project" / sim.NANO.image
+    built = tmp_path / "project" / boards.NANO.image
     built.parent.mkdir(parents=True)
     built.write_bytes(b"")
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
     monkeypatch.delenv("IMUD_IMAGE", raising=False)
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "project" / ".venv"))
-    assert sim.find(None, "IMUD_IMAGE", sim.NANO.image) == built
+    assert boards.NANO.find_image() == built
 
 
 def test_an_option_goes_before_the_environment_and_that_before_the_build(
@@ -106,10 +106,34 @@ def test_an_option_goes_before_the_environment_and_that_before_the_build(
         path.write_bytes(b"")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("IMUD_SIM", str(named))
-    assert sim.find(given, "IMUD_SIM", Path("built")) == given
-    assert sim.find(None, "IMUD_SIM", Path("built")) == named
+    package = ("imu_probe_none", "nano")
+    assert boards.find(given, "IMUD_SIM", Path("built"), *package) == given
+    assert boards.find(None, "IMUD_SIM", Path("built"), *package) == named
     monkeypatch.setenv("IMUD_SIM", "")
-    assert sim.find(None, "IMUD_SIM", Path("built")) == built
+    assert boards.find(None, "IMUD_SIM", Path("built"), *package) == built
+
+
+def test_without_a_checkout_the_packages_have_both(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / ".venv"))
+    monkeypatch.setattr(boards.checkout, "is_checkout", lambda: False)
+    for variable in ("IMUD_SIM", "IMUD_IMAGE"):
+        monkeypatch.delenv(variable, raising=False)
+    with pytest.raises(FileError, match=r"pip install 'imu-probe\[sim\]'"):
+        boards.NANO.find_simulator()
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for package, name in (("sim", "nano"), ("firmware", "nano-fuse.elf")):
+        folder = tmp_path / f"imu_probe_{package}"
+        folder.mkdir()
+        (folder / "__init__.py").touch()
+        (folder / name).touch()
+    assert boards.NANO.find_simulator() == tmp_path / "imu_probe_sim" / "nano"
+    image = tmp_path / "imu_probe_firmware" / "nano-fuse.elf"
+    assert boards.NANO.find_image() == image
+    with pytest.raises(FileError, match="make firmware sim"):
+        boards.MICROPYTHON.find_image()
 
 
 def test_what_is_missing_is_said_in_one_line_with_what_to_do(
@@ -127,7 +151,7 @@ def test_what_is_missing_is_said_in_one_line_with_what_to_do(
 
 def test_a_named_file_that_is_not_there_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"none is not there; run `make firmware sim`"):
-        sim.find(tmp_path / "none", "IMUD_SIM", sim.NANO.simulator)
+        boards.NANO.find_simulator(tmp_path / "none")
 
 
 # Arguments.
@@ -161,7 +185,7 @@ NOT_THERE = [
 
 
 @pytest.mark.parametrize(
-    ("board", "words"), [*itertools.product(sim.BOARDS, NO_SENSE), *NOT_THERE]
+    ("board", "words"), [*itertools.product(boards.BOARDS, NO_SENSE), *NOT_THERE]
 )
 def test_arguments_that_make_no_sense_are_usage_errors(
     board: str, words: list[str]
@@ -173,7 +197,7 @@ def test_arguments_that_make_no_sense_are_usage_errors(
 
 def test_each_board_has_a_port_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", "/run/user/1000")
-    links = [str(sim.default_link(board)) for board in sim.BOARDS.values()]
+    links = [str(sim.default_link(board)) for board in boards.BOARDS.values()]
     names = ("nano", "f405", "micropython")
     assert links == [f"/run/user/1000/imud-{name}" for name in names]
 
@@ -314,7 +338,7 @@ def test_a_second_virtual_probe_does_not_take_the_port_of_the_first(
 
 def test_the_readme_and_the_demo_name_the_port_that_there_is() -> None:
     """Wherever the system keeps sockets of users, and whatever the default then is."""
-    for file in ("README.md", "tools/demo.py"):
+    for file in ("README.md", "host/imud/cli/demo_run.py"):
         text = (ROOT / file).read_text("utf-8")
         made = re.search(r"imud sim nano --stream --link (\S+?)[`\"]", text)
         read = re.search(r"imud run (/\S+?)[`\"]", text[made.end() :] if made else "")

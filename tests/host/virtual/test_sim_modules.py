@@ -11,10 +11,10 @@ import pytest
 
 from imud import cli
 from imud.recordings import decode
-from imud.virtual import modules, motion, sensors, sim
+from imud.virtual import boards, modules, motion, sensors, sim
 
 SEED = 3
-each_board = pytest.mark.parametrize("board", sim.BOARDS)
+each_board = pytest.mark.parametrize("board", boards.BOARDS)
 
 
 def recorded(

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""The whole chain on one machine: virtual probes run the images that are flashed, the
+"""`imud demo` at work: virtual probes run the images that are flashed, the
 daemon reads their serial ports, and a subscriber shows poses as they come over Zenoh.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import signal
@@ -20,16 +19,14 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
+from imud import checkout
 from imud.client import Client
+from imud.config.kept import state_home
 from imud.defaults import PAGE, PORT
 from imud.errors import ImudError
 from imud.probes.ledger import totals
 
-ROOT = Path(__file__).resolve().parent.parent
-ROOM = ROOT / "build" / "demo"
-IMUD = (sys.executable, "-m", "imud")
-BOARDS = {"nano": ["nano"], "f405": ["f405"], "both": ["nano", "f405"]}
-BOARDS["micropython"] = ["micropython"]
+IMUD = (sys.executable, "-P", "-m", "imud")
 
 # The pose rate of a probe at its defaults.
 RATE_HZ = 100.0
@@ -40,11 +37,11 @@ DELAY_SHARE = 0.05
 
 # Commands to try next, shown after a successful run.
 NEXT = (
-    ("make demo BOARD=both", "both boards at once"),
-    (".venv/bin/imud sim nano --stream --link /tmp/probe", "a virtual probe to keep"),
-    (".venv/bin/imud run /tmp/probe", "the daemon, in another terminal"),
-    (".venv/bin/imud view", "the page, or imud monitor for the terminal, in a third"),
-    ("make firmware", "the image to flash"),
+    ("imud demo --board both", "both boards at once"),
+    ("imud sim nano --stream --link /tmp/probe", "a virtual probe to keep"),
+    ("imud run /tmp/probe", "the daemon, in another terminal"),
+    ("imud view", "the page, or imud monitor for the terminal, in a third"),
+    ("imud flash --board nano", "the same firmware into a real board"),
 )
 
 START_S = 15.0  # limit for the serial port and the daemon to come up
@@ -52,11 +49,11 @@ FIRST_POSE_S = 20.0  # the probe calibrates its gyroscope first
 STOP_S = 5.0
 
 
-class DemoError(Exception):
+class DemoError(ImudError):
     """The chain does not run; the message says why and what to do."""
 
 
-class Tally:
+class PoseTally:
     """Counts one probe's poses as they arrive, and by their device times those that are
     missing.
     """
@@ -96,26 +93,11 @@ class Tally:
         return arriving_s / self.seconds - 1.0 if self.seconds > 0 else 0.0
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(prog="tools/demo.py", description=__doc__)
-    parser.add_argument("--board", default="nano", choices=BOARDS)
-    parser.add_argument(
-        "--seconds", type=float, help="stop after so many seconds of poses"
-    )
-    parser.add_argument(
-        "--port",
-        type=int,
-        help=f"of Zenoh, on loopback (default: {PORT}, or any free one if it is taken)",
-    )
-    args = parser.parse_args()
-    signal.signal(signal.SIGTERM, interrupted)
-    try:
-        return run(BOARDS[args.board], args.seconds, args.port)
-    except (DemoError, ImudError) as error:
-        sys.stderr.write(f"demo: {error}\n")
-        return 1
-    except KeyboardInterrupt:
-        return 130  # 128 + SIGINT, as in shells; stopped before the first pose
+def room() -> Path:
+    """Where the serial ports, the output of each process and the log are."""
+    if checkout.is_checkout():
+        return checkout.ROOT / "build" / "demo"
+    return Path(state_home()).expanduser() / "imud" / "demo"
 
 
 def interrupted(_number: int, _frame: FrameType | None) -> NoReturn:
@@ -123,7 +105,9 @@ def interrupted(_number: int, _frame: FrameType | None) -> NoReturn:
 
 
 def run(boards: Sequence[str], seconds: float | None, wanted: int | None) -> int:
-    ROOM.mkdir(parents=True, exist_ok=True)
+    """Runs it until its time is up or Ctrl-C; returns the exit code."""
+    signal.signal(signal.SIGTERM, interrupted)
+    room().mkdir(parents=True, exist_ok=True)
     port = free_port(PORT, wanted)
     page = f"127.0.0.1:{free_port(int(PAGE.rpartition(':')[2]))}"
     endpoint = f"tcp/127.0.0.1:{port}"
@@ -136,12 +120,12 @@ def run(boards: Sequence[str], seconds: float | None, wanted: int | None) -> int
         daemon = stack.enter_context(
             child(
                 *("imud run", "daemon", "run", *map(str, map(serial_of, boards))),
-                *("--log", str(ROOM), "--listen", endpoint, "--page", page),
+                *("--log", str(room()), "--listen", endpoint, "--page", page),
             )
         )
         wait_for(lambda: answers(port), START_S, daemon, f"nothing at {endpoint}")
         client = stack.enter_context(Client(endpoint))
-        tallies: defaultdict[str, Tally] = defaultdict(Tally)
+        tallies: defaultdict[str, PoseTally] = defaultdict(PoseTally)
 
         def take(probe: str, payload: bytes) -> None:
             tallies[probe].take(payload)
@@ -149,7 +133,7 @@ def run(boards: Sequence[str], seconds: float | None, wanted: int | None) -> int
         stack.callback(client.subscribe("pose", None, take))
         for board in boards:
             sys.stdout.write(
-                f"virtual {board} -> {serial_of(board).relative_to(ROOT)} -> imud -> "
+                f"virtual {board} -> {os.path.relpath(serial_of(board))} -> imud -> "
                 f"Zenoh {endpoint} -> imud listen\n"
             )
         sys.stdout.write(f"the page is at http://{page}: open it in a browser\n")
@@ -164,8 +148,8 @@ def run(boards: Sequence[str], seconds: float | None, wanted: int | None) -> int
         statuses = client.statuses()
         children = (*probes.values(), daemon)
         ended = [process.name for process in children if not process.is_alive()]
-        logs = sorted(p for p in ROOM.glob("*.mcap") if p.stat().st_mtime >= begun_s)
-    faults = [f"{name} ended by itself; see {ROOM}" for name in ended]
+        logs = sorted(p for p in room().glob("*.mcap") if p.stat().st_mtime >= begun_s)
+    faults = [f"{name} ended by itself; see {room()}" for name in ended]
     faults += [] if listened == 0 else [f"imud listen ended with {listened}"]
     heard = {str(status["hello"]["board"]): status for status in statuses}
     if sorted(heard) != sorted(boards) or len(statuses) != len(boards):
@@ -178,7 +162,7 @@ def run(boards: Sequence[str], seconds: float | None, wanted: int | None) -> int
 
 
 def serial_of(board: str) -> Path:
-    return ROOM / board
+    return room() / board
 
 
 @contextmanager
@@ -244,12 +228,12 @@ class Child:
 
 @contextmanager
 def child(name: str, log_name: str, *arguments: str) -> Iterator[Child]:
-    log = ROOM / f"{log_name}.log"
+    log = room() / f"{log_name}.log"
     with log.open("wb") as file:
         # In its own session: Ctrl-C reaches the demo alone, which ends all in order.
         process = subprocess.Popen(
             [*IMUD, *arguments],
-            cwd=ROOT,
+            cwd=room(),
             stdin=subprocess.DEVNULL,
             stdout=file,
             stderr=subprocess.STDOUT,
@@ -277,9 +261,7 @@ def wait_for(
 def listen(endpoint: str, seconds: float | None) -> int:
     """Show what a subscriber sees, until its time is up or Ctrl-C."""
     limit = () if seconds is None else ("--seconds", str(seconds))
-    listener = subprocess.Popen(
-        [*IMUD, "listen", "--connect", endpoint, *limit], cwd=ROOT
-    )
+    listener = subprocess.Popen([*IMUD, "listen", "--connect", endpoint, *limit])
     try:
         return listener.wait()
     except KeyboardInterrupt:
@@ -294,7 +276,7 @@ def listen(endpoint: str, seconds: float | None) -> int:
         listener.wait()
 
 
-def judge(tally: Tally, status: dict[str, Any]) -> list[str]:
+def judge(tally: PoseTally, status: dict[str, Any]) -> list[str]:
     """List what is wrong with one probe's poses and ledger."""
     faults = []
     if abs(tally.rate_hz - RATE_HZ) > RATE_TOLERANCE_HZ:
@@ -314,7 +296,7 @@ def judge(tally: Tally, status: dict[str, Any]) -> list[str]:
 
 
 def report(
-    tallies: Mapping[str, Tally], logs: Sequence[Path], faults: Sequence[str]
+    tallies: Mapping[str, PoseTally], logs: Sequence[Path], faults: Sequence[str]
 ) -> int:
     is_plain = not sys.stdout.isatty() or "NO_COLOR" in os.environ
     red, green, end = ("", "", "") if is_plain else ("\x1b[31m", "\x1b[32m", "\x1b[0m")
@@ -333,16 +315,14 @@ def report(
     if faults:
         return 1
     further = [
-        (f".venv/bin/imud decode {os.path.relpath(log)}", "each message in words")
+        (f"imud decode {os.path.relpath(log)}", "each message in words")
         for log in logs[:1]
     ]
     further += NEXT
+    imud = os.path.relpath(sys.argv[0]) if checkout.is_checkout() else "imud"
+    further = [(f"{imud}{each.removeprefix('imud')}", does) for each, does in further]
     width = max(len(command) for command, _ in further)
     sys.stdout.write("\ntry next\n")
     for command, does in further:
         sys.stdout.write(f"  {command:<{width}}  {does}\n")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: MIT
+"""The virtual boards, and where their images and emulators are found."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from imud import checkout, packaged
+from imud.errors import FileError
+
+
+@dataclass(frozen=True, slots=True)
+class VirtualBoard:
+    """A virtual board, and where the builds leave its image and its emulator."""
+
+    name: str
+    title: str
+    what: str
+    sample_rate_hz: int  # of its sensor; it can send as many messages a second
+    memory: str  # the kind that keeps its settings without power
+    image: Path  # relative to the project's folder
+    simulator: Path
+    packaged: str  # the image in imu-probe-firmware; empty: it is not there
+    image_variable: str  # of the environment, with another path
+    simulator_variable: str
+    files: tuple[str, ...]  # options of its emulator that take a file
+    has_battery: bool
+
+    def find_image(self, given: Path | None = None) -> Path:
+        """The image to run; FileError if there is none."""
+        package = (packaged.FIRMWARE, self.packaged)
+        return find(given, self.image_variable, self.image, *package)
+
+    def find_simulator(self, given: Path | None = None) -> Path:
+        """The emulator; FileError if there is none."""
+        package = (packaged.SIM, self.simulator.name)
+        return find(given, self.simulator_variable, self.simulator, *package)
+
+
+NANO = VirtualBoard(
+    name="nano",
+    title="Nano",
+    what="an Arduino Nano with an MPU-9250",
+    sample_rate_hz=200,
+    memory="EEPROM",
+    image=Path(".pio/build/nano/firmware.elf"),
+    simulator=Path("build/sim/nano"),
+    packaged="nano-fuse.elf",
+    image_variable="IMUD_IMAGE",
+    simulator_variable="IMUD_SIM",
+    files=("faults", "eeprom", "summary", "profile", "parts"),
+    has_battery=False,
+)
+F405 = VirtualBoard(
+    name="f405",
+    title="F405",
+    what="an STM32F405 (pyboard) with an LSM9DS0",
+    sample_rate_hz=380,
+    memory="flash",
+    image=Path(".pio/build/stm32f405/firmware.elf"),
+    simulator=Path("build/sim/f405"),
+    packaged="f405.elf",
+    image_variable="IMUD_IMAGE_F405",
+    simulator_variable="IMUD_SIM_F405",
+    files=("faults", "eeprom", "summary", "profile", "parts", "card", "radio"),
+    has_battery=True,
+)
+MICROPYTHON = VirtualBoard(
+    name="micropython",
+    title="MicroPython board",
+    what="an STM32F405 (pyboard) with an LSM9DS0, running MicroPython",
+    sample_rate_hz=380,
+    memory="flash",
+    image=Path("build/micropython/pyboard/micropython"),
+    simulator=Path("build/sim/f405"),
+    packaged="",
+    image_variable="IMUD_IMAGE_MICROPYTHON",
+    simulator_variable="IMUD_SIM_F405",
+    files=("faults", "eeprom", "summary", "profile", "parts"),
+    has_battery=True,
+)
+BOARDS = {board.name: board for board in (NANO, F405, MICROPYTHON)}
+
+
+def find(
+    given: Path | None, variable: str, built: Path, package: str, name: str
+) -> Path:
+    """Finds a file: as given, by the environment, as a build left it, or of that name
+    in a package.
+
+    `built` is relative to the project's folder; an image there is brought up to date.
+    Raises FileError if there is none.
+    """
+    named = given or (Path(text) if (text := os.environ.get(variable)) else None)
+    if named is not None:
+        if named.is_file():
+            return named
+        raise FileError(f"{named} is not there; run `make firmware sim`")
+    here = Path.cwd()
+    # A virtual environment lies in the project's folder.
+    for folder in (here, *here.parents, Path(sys.prefix).parent):
+        if (folder / built).is_file():
+            checkout.refresh_image(folder / built)
+            return folder / built
+    installed = packaged.folder_of(package)
+    if installed is not None and (installed / name).is_file():
+        return installed / name
+    if checkout.is_checkout() or not name:
+        raise FileError(f"{built} is not built yet; run `make firmware sim`")
+    raise FileError(
+        f"{built.name} is not installed; pip install 'imu-probe[sim]', or give its path"
+    )
