@@ -44,6 +44,8 @@ def build_text() -> str:
     if version is None:
         raise SystemExit('pyproject.toml has no line: version = "..."')
     text = version[1]
+    if (told := root / "revision.txt").exists():  # a release's sources, without git
+        return f"{text}+{told.read_text('ascii').strip()}"[:TEXT_MAX]
     try:
         revision = git("rev-parse", "--short=7", "HEAD")
         changes = git("diff", "--quiet", "HEAD", "--", "firmware", "platformio.ini")

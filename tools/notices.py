@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: MIT
+"""What others wrote that is inside each package or image, and on which terms: the text
+of NOTICES.txt, from the licences where they lie.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+DOC = Path("/usr/share/doc")  # of Debian's packages
+
+
+class Part(NamedTuple):
+    """Something of others, whose terms are in a file: absolute, or of the sources."""
+
+    name: str
+    where: str
+    terms: Path
+
+
+Parts = Sequence[Part]
+
+VENDOR = Path("host/imud/web/vendor")
+IMUD: Parts = (
+    Part("three.js", "the page", VENDOR / "three" / "LICENSE"),
+    Part("uPlot", "the page", VENDOR / "uplot" / "LICENSE"),
+)
+# Parts of their libraries are linked into the images.
+FIRMWARE: Parts = (
+    Part("avr-libc", "images of the Nano", DOC / "avr-libc" / "copyright"),
+    Part("libgcc", "images of the Nano", DOC / "gcc-avr" / "copyright"),
+    Part("libgcc", "images of the F405", DOC / "gcc-arm-none-eabi" / "copyright"),
+)
+SIM: Parts = (
+    Part("simavr", "nano", DOC / "libsimavr-dev" / "copyright"),
+    Part("unicorn", "f405", DOC / "libunicorn-dev" / "copyright"),
+    Part("libelf", "both", DOC / "libelf-dev" / "copyright"),
+    Part("zlib", "both, by libelf", DOC / "zlib1g" / "copyright"),
+)
+
+
+def text(parts: Parts, source: Path) -> str:
+    """The notices; FileNotFoundError if the terms of a part are not there."""
+    head = "What others wrote that is inside, and on which terms:\n\n"
+    head += "".join(f"  {part.name} ({part.where})\n" for part in parts)
+    pieces = [
+        f"{'=' * 78}\n{part.name} ({part.where})\n{'=' * 78}\n\n{_terms(part, source)}"
+        for part in parts
+    ]
+    return "\n\n".join([head.rstrip(), *pieces]) + "\n"
+
+
+def _terms(part: Part, source: Path) -> str:
+    path = part.terms if part.terms.is_absolute() else source / part.terms
+    return path.read_text("utf-8").strip()

@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: MIT
+"""Builds what a release consists of into build/release/dist, from the last commit:
+packages for pip, the firmware, a Debian package, lists of what is inside, checksums.
+
+Built twice, in whatever folder and on whatever day, it gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import notices
+
+ROOT = Path(__file__).resolve().parent.parent
+PLACE = ROOT / "build" / "release"
+REVISION = "revision.txt"  # read by firmware/platforms/build_text.py where no git is
+
+# Environments of platformio.ini, and what their files are called in a release.
+IMAGES = {
+    "nano": "nano-fuse",
+    "nano_complementary": "nano-complementary",
+    "nano_mahony": "nano-mahony",
+    "nano_madgwick": "nano-madgwick",
+    "nano_dcm_pi": "nano-dcm_pi",
+    "stm32f405": "f405",
+}
+STRIP = {"nano": "avr-strip", "f405": "arm-none-eabi-strip"}
+EMULATORS = ("nano", "f405")
+# Debian's sources of what is inside the emulators.
+SOURCES = ("simavr", "unicorn-engine", "elfutils")
+
+
+class ReleaseError(Exception):
+    """It can't be built; the message says why and what to do."""
+
+
+class Release:
+    """One build, in a folder of its own."""
+
+    def __init__(self, place: Path) -> None:
+        self.place = place
+        self.source = place / "source"
+        self.dist = place / "dist"
+        self.version = _version(ROOT)
+        moment = _output("git", "-C", str(ROOT), "log", "-1", "--format=%ct")
+        self.environment = {
+            **os.environ,
+            "SOURCE_DATE_EPOCH": moment,
+            "TZ": "UTC",
+            "LC_ALL": "C.UTF-8",
+            "PYTHONHASHSEED": "0",
+            "PLATFORMIO_SETTING_ENABLE_TELEMETRY": "no",
+            "PLATFORMIO_DISABLE_UPGRADE_CHECK": "true",
+        }
+
+    def run(self, what: str, *words: object, cwd: Path | None = None) -> None:
+        """One step, whose output is shown if it fails."""
+        began_s = time.monotonic()
+        done = subprocess.run(
+            [*map(str, words)],
+            cwd=cwd or self.source,
+            env=self.environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            check=False,
+        )
+        if done.returncode != 0:
+            sys.stderr.write(done.stdout)
+            raise ReleaseError(f"{what} failed: {' '.join(map(str, words))}")
+        sys.stdout.write(f"{what:<34} {time.monotonic() - began_s:5.1f} s\n")
+        sys.stdout.flush()
+
+    def take_source(self) -> None:
+        """The last commit without git, and which one it is."""
+        shutil.rmtree(self.place, ignore_errors=True)
+        self.source.mkdir(parents=True)
+        self.dist.mkdir()
+        archive = subprocess.run(
+            ["git", "-C", str(ROOT), "archive", "HEAD"], check=True, capture_output=True
+        )
+        subprocess.run(
+            ["tar", "x", "-C", str(self.source)], input=archive.stdout, check=True
+        )
+        revision = _output("git", "-C", str(ROOT), "rev-parse", "--short=7", "HEAD")
+        (self.source / REVISION).write_text(f"{revision}\n")
+
+    def build_firmware(self) -> None:
+        words = [word for name in IMAGES for word in ("--environment", name)]
+        self.run("firmware", "pio", "run", "--silent", *words)
+        package = self.source / "packages" / "firmware"
+        folder = package / "imu_probe_firmware"
+        rows = []
+        for environment, name in IMAGES.items():
+            built = self.source / ".pio" / "build" / environment
+            (row,) = json.loads((built / "manifest.json").read_text())["images"]
+            rows.append(row | {"file": f"{name}.hex"})
+            shutil.copy(built / "firmware.hex", folder / f"{name}.hex")
+            if (built / "firmware.bin").exists():
+                shutil.copy(built / "firmware.bin", folder / f"{name}.bin")
+            elf = folder / f"{name}.elf"
+            self.run(
+                f"{name}.elf",
+                *(STRIP[row["board"]], "--strip-debug", "-o", elf),
+                built / "firmware.elf",
+            )
+        text = json.dumps({"images": rows}, indent=2)
+        (folder / "manifest.json").write_text(text + "\n")
+        self._name(package, "imu_probe_firmware", notices.FIRMWARE)
+        self._wheel(package, self.dist)
+
+    def build_sim(self, *, with_sources: bool) -> None:
+        build = self.place / "sim"
+        jobs = f"--jobs={os.cpu_count() or 1}"
+        self.run("emulators", "make", "--silent", jobs, "-C", "sim", f"BUILD={build}")
+        package = self.source / "packages" / "sim"
+        for name in EMULATORS:
+            program = package / "imu_probe_sim" / name
+            self.run(f"emulator {name}", "strip", "-o", program, build / name)
+        self._name(package, "imu_probe_sim", notices.SIM)
+        if with_sources:
+            shutil.copytree(self.source / "sim", package / "sources" / "imu-probe")
+            self._fetch_sources(package / "sources")
+            self.run("sim, sources", *_build("--sdist"), self.dist, cwd=package)
+            shutil.rmtree(package / "sources")
+        self._wheel(package, self.place / "raw")
+        self._repair("imu_probe_sim")
+
+    def _fetch_sources(self, folder: Path) -> None:
+        """As Debian has them: what was linked is of its packages."""
+        if shutil.which("apt-get") is None:
+            raise ReleaseError("the emulators' sources come from Debian: no apt-get")
+        lists = self.place / "apt"
+        (lists / "lists" / "partial").mkdir(parents=True)
+        suite = re.search(
+            r"VERSION_CODENAME=(\w+)", Path("/etc/os-release").read_text()
+        )
+        keyring = "/usr/share/keyrings/debian-archive-keyring.gpg"
+        line = f"deb-src [signed-by={keyring}] http://deb.debian.org/debian"
+        (lists / "sources.list").write_text(
+            f"{line} {suite[1] if suite else ''} main\n"
+        )
+        own = (
+            *("-o", f"Dir::Etc::SourceList={lists / 'sources.list'}"),
+            *("-o", "Dir::Etc::SourceParts=/dev/null"),
+            *("-o", f"Dir::State::Lists={lists / 'lists'}"),
+            *("-o", "APT::Sandbox::User=root"),
+        )
+        self.run("list of Debian's sources", "apt-get", *own, "update")
+        words = ("source", "--download-only", *SOURCES)
+        self.run("sources of the emulators", "apt-get", *own, *words, cwd=folder)
+
+    def build_imud(self) -> None:
+        self.run("imu-probe, source", *_build("--sdist"), self.dist)
+        (sdist,) = self.dist.glob("imu_probe-*.tar.gz")
+        raw = self.place / "raw"
+        # Of the source distribution: what is built from it is what is built here.
+        with tarfile.open(sdist) as archive:
+            archive.extractall(self.place / "unpacked", filter="data")
+        (unpacked,) = (self.place / "unpacked").iterdir()
+        self.run("imu-probe, wheel", *_build("--wheel"), raw, cwd=unpacked)
+        self._repair("imu_probe-")
+
+    def _name(self, package: Path, module: str, parts: notices.Parts) -> None:
+        """The version and the notices of a package beside the main one."""
+        path = package / module / "__init__.py"
+        text = path.read_text().replace('"0"', f'"{self.version}"')
+        path.write_text(text)
+        shutil.copy(self.source / "LICENSE", package / "LICENSE")
+        self._notice(package, parts)
+
+    def _notice(self, package: Path, parts: notices.Parts) -> None:
+        (package / "NOTICES.txt").write_text(notices.text(parts, self.source), "utf-8")
+
+    def _wheel(self, package: Path, folder: Path) -> None:
+        self.run(f"{package.name}, wheel", *_build("--wheel"), folder, cwd=package)
+
+    def _repair(self, name: str) -> None:
+        """Puts the libraries into the wheel that not every Linux has."""
+        (wheel,) = (self.place / "raw").glob(f"{name}*.whl")
+        words = ("auditwheel", "repair", "--wheel-dir", self.dist, wheel)
+        self.run(f"{wheel.name.partition('-')[0]}, repaired", *words)
+
+    def list_contents(self) -> None:
+        """Which packages of others are installed with ours (CycloneDX), and sums."""
+        room = self.place / "room"
+        self.run("room for the list", sys.executable, "-m", "venv", room)
+        wheels = [*self.dist.glob("*.whl")]
+        self.run("packages of others", room / "bin" / "pip", "install", "-q", *wheels)
+        listed = self.place / "sbom.json"
+        self.run(
+            "list of what is inside",
+            *("cyclonedx-py", "environment", "--output-reproducible", "--of", "JSON"),
+            *("-o", listed, room / "bin" / "python"),
+        )
+        shutil.copy(listed, self.dist / f"imu-probe-{self.version}.cdx.json")
+        sums = [f"{_sha256(path)}  {path.name}\n" for path in sorted(self._files())]
+        (self.dist / "SHA256SUMS").write_text("".join(sums))
+
+    def _files(self) -> Iterator[Path]:
+        return (path for path in self.dist.iterdir() if path.name != "SHA256SUMS")
+
+    def report(self) -> None:
+        for path in sorted(self._files()):
+            sys.stdout.write(f"{path.stat().st_size / 1e6:8.2f} MB  {path.name}\n")
+        sys.stdout.write(f"in {self.dist}\n")
+
+
+def _build(kind: str) -> tuple[str, ...]:
+    """The words of a build with the tools that are installed, up to its folder."""
+    return (sys.executable, "-m", "build", "--no-isolation", kind, "--outdir")
+
+
+def _version(root: Path) -> str:
+    text = (root / "pyproject.toml").read_text("utf-8")
+    found = re.search(r'^version = "([^"]+)"', text, re.MULTILINE)
+    if found is None:
+        raise ReleaseError("pyproject.toml has no version")
+    return found[1]
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _output(*words: str) -> str:
+    return subprocess.run(
+        words, check=True, capture_output=True, text=True
+    ).stdout.strip()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, epilog="example: python tools/release.py"
+    )
+    parser.add_argument(
+        "--place", type=Path, default=PLACE, help="folder (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--without-sources",
+        action="store_true",
+        help="leave out the sources of the emulators, which come from Debian's servers",
+    )
+    args = parser.parse_args()
+    release = Release(args.place.resolve())
+    try:
+        release.take_source()
+        release.build_firmware()
+        release.build_sim(with_sources=not args.without_sources)
+        release.build_imud()
+        release.list_contents()
+    except ReleaseError as error:
+        sys.stderr.write(f"release: {error}\n")
+        return 1
+    release.report()
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
