@@ -76,6 +76,7 @@ class Room(NamedTuple):
 
     folder: Path
     is_bare: bool
+    home: str = PROJECT  # where the commands run, below the folder
 
     def run(self, *command: str, quiet: bool = False) -> tuple[int, str]:
         """Return the exit code of a command, and what it printed if `quiet`."""
@@ -87,14 +88,14 @@ class Room(NamedTuple):
             environment |= {"HOME": "/root", "PATH": "/usr/sbin:/usr/bin:/sbin:/bin"}
             words = ["unshare", "--mount", "--propagation", "private", "sh", "-c"]
             words += [ENTER, "-", str(self.folder), *shared_with(self.folder)]
-            words += ["--", PROJECT, *command]
+            words += ["--", self.home, *command]
         else:
             environment["HOME"] = os.environ.get("HOME", str(self.folder))
             words = list(command)
         sys.stdout.flush()
         done = subprocess.run(
             words,
-            cwd=self.folder if self.is_bare else self.folder / PROJECT,
+            cwd=self.folder if self.is_bare else self.folder / self.home,
             env=environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE if quiet else None,
@@ -198,29 +199,34 @@ def prepare(root: Path) -> None:
 
 
 def shared_with(root: Path) -> list[str]:
-    """Top folders of this machine that its pip settings refer to, and certificates."""
+    """Folders of this machine that its pip settings refer to, and certificates."""
     told = [os.environ.get("PIP_FIND_LINKS", "")]
     for path in (Path("/etc/pip.conf"), Path.home() / ".config" / "pip" / "pip.conf"):
         told += [path.read_text()] if path.is_file() else []
-    named = re.findall(r"(?:file://|[\s=])/(\w+)/", " ".join(["", *told]))
-    tops = sorted({top for top in named if Path("/", top).is_dir()})
+    # Two levels: commands may write into the first, such as /opt.
+    named = re.findall(r"(?:file://|[\s=])/(\w+/[\w.-]+)", " ".join(["", *told]))
+    folders = sorted({name for name in named if Path("/", name).is_dir()})
     # Only where the bare system has nothing of its own.
-    free = [f"/{top}" for top in tops if not any((root / top).glob("*"))]
+    free = [f"/{name}" for name in folders if not any((root / name).glob("*"))]
     return [CERTIFICATES, *free]
 
 
-def bare_system(suite: str) -> Path:
-    """Return the archive of a bare Debian; make it if it is absent or old."""
+def bare_system(
+    suite: str, packages: Sequence[str] = PACKAGES, kind: str = "bare"
+) -> Path:
+    """Return the archive of a bare Debian with those packages; make it if it is absent
+    or old. `kind` names it.
+    """
     if os.geteuid() != 0:
         raise NoRootError("it takes root: try sudo make fresh")
     attempt("unshare", "--mount", "true")
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    archive = cache / "imu-probe" / f"bare-{suite}.tar"
+    archive = cache / "imu-probe" / f"{kind}-{suite}.tar"
     archive.parent.mkdir(parents=True, exist_ok=True)
     with archive.with_suffix(".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not is_young(archive):
-            make_bare_system(suite, archive)
+            make_bare_system(suite, packages, archive)
     return archive
 
 
@@ -230,7 +236,7 @@ def is_young(archive: Path) -> bool:
     return time.time() - archive.stat().st_mtime < KEPT_DAYS * 86400
 
 
-def make_bare_system(suite: str, archive: Path) -> None:
+def make_bare_system(suite: str, packages: Sequence[str], archive: Path) -> None:
     sys.stdout.write(f"a bare {suite} is made, to be kept as {archive}\n")
     sys.stdout.flush()
     if shutil.which("mmdebstrap") is None:
@@ -239,7 +245,7 @@ def make_bare_system(suite: str, archive: Path) -> None:
     part = archive.with_suffix(".part.tar")
     attempt(
         *("mmdebstrap", "--quiet", "--variant=minbase"),
-        *(f"--include={','.join(PACKAGES)}", suite, str(part)),
+        *(f"--include={','.join(packages)}", suite, str(part)),
     )
     part.rename(archive)
 

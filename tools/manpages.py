@@ -35,13 +35,17 @@ def page_of(name: str, parser: argparse.ArgumentParser) -> str:
     return str(Manpage(parser, _data=data))
 
 
+def write(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, parser in parsers(build_parser()):
+        (folder / f"{name}.1").write_text(page_of(name, parser), "utf-8")
+
+
 def main(arguments: list[str]) -> int:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("folder", nargs="?", type=Path, default=ROOT / "build" / "man")
     folder = options.parse_args(arguments).folder
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, parser in parsers(build_parser()):
-        (folder / f"{name}.1").write_text(page_of(name, parser), "utf-8")
+    write(folder)
     print(folder)
     return 0
 

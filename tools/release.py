@@ -36,6 +36,8 @@ IMAGES = {
     "stm32f405": "f405",
 }
 STRIP = {"nano": "avr-strip", "f405": "arm-none-eabi-strip"}
+SUMS = "SHA256SUMS"
+OURS = ("imu-probe", "imu-probe-firmware", "imu-probe-sim")
 EMULATORS = ("nano", "f405")
 # Debian's sources of what is inside the emulators.
 SOURCES = ("simavr", "unicorn-engine", "elfutils")
@@ -52,11 +54,10 @@ class Release:
         self.place = place
         self.source = place / "source"
         self.dist = place / "dist"
-        self.version = _version(ROOT)
-        moment = _output("git", "-C", str(ROOT), "log", "-1", "--format=%ct")
+        self.version = version_of(ROOT)
         self.environment = {
             **os.environ,
-            "SOURCE_DATE_EPOCH": moment,
+            "SOURCE_DATE_EPOCH": moment(),
             "TZ": "UTC",
             "LC_ALL": "C.UTF-8",
             "PYTHONHASHSEED": "0",
@@ -125,7 +126,9 @@ class Release:
     def build_sim(self, *, with_sources: bool) -> None:
         build = self.place / "sim"
         jobs = f"--jobs={os.cpu_count() or 1}"
-        self.run("emulators", "make", "--silent", jobs, "-C", "sim", f"BUILD={build}")
+        # Without debug information, which has folders in it.
+        words = ("-C", "sim", f"BUILD={build}", "CFLAGS=-O2 -flto=auto")
+        self.run("emulators", "make", "--silent", jobs, *words)
         package = self.source / "packages" / "sim"
         for name in EMULATORS:
             program = package / "imu_probe_sim" / name
@@ -198,8 +201,9 @@ class Release:
         """Which packages of others are installed with ours (CycloneDX), and sums."""
         room = self.place / "room"
         self.run("room for the list", sys.executable, "-m", "venv", room)
-        wheels = [*self.dist.glob("*.whl")]
-        self.run("packages of others", room / "bin" / "pip", "install", "-q", *wheels)
+        ours = [f"{name}=={self.version}" for name in OURS]
+        words = ("install", "-q", "--find-links", self.dist, *ours)
+        self.run("packages of others", room / "bin" / "pip", *words)
         listed = self.place / "sbom.json"
         self.run(
             "list of what is inside",
@@ -208,10 +212,10 @@ class Release:
         )
         shutil.copy(listed, self.dist / f"imu-probe-{self.version}.cdx.json")
         sums = [f"{_sha256(path)}  {path.name}\n" for path in sorted(self._files())]
-        (self.dist / "SHA256SUMS").write_text("".join(sums))
+        (self.dist / SUMS).write_text("".join(sums))
 
     def _files(self) -> Iterator[Path]:
-        return (path for path in self.dist.iterdir() if path.name != "SHA256SUMS")
+        return (path for path in self.dist.iterdir() if path.name != SUMS)
 
     def report(self) -> None:
         for path in sorted(self._files()):
@@ -224,7 +228,12 @@ def _build(kind: str) -> tuple[str, ...]:
     return (sys.executable, "-m", "build", "--no-isolation", kind, "--outdir")
 
 
-def _version(root: Path) -> str:
+def moment() -> str:
+    """When the last commit was made, in seconds since 1970."""
+    return _output("git", "-C", str(ROOT), "log", "-1", "--format=%ct")
+
+
+def version_of(root: Path) -> str:
     text = (root / "pyproject.toml").read_text("utf-8")
     found = re.search(r'^version = "([^"]+)"', text, re.MULTILINE)
     if found is None:
@@ -254,19 +263,46 @@ def main() -> int:
         action="store_true",
         help="leave out the sources of the emulators, which come from Debian's servers",
     )
+    parser.add_argument(
+        "--twice",
+        action="store_true",
+        help="build it once more in another folder, and compare",
+    )
     args = parser.parse_args()
-    release = Release(args.place.resolve())
     try:
-        release.take_source()
-        release.build_firmware()
-        release.build_sim(with_sources=not args.without_sources)
-        release.build_imud()
-        release.list_contents()
+        release = build(args.place.resolve(), with_sources=not args.without_sources)
+        release.report()
+        if args.twice:
+            other = build(args.place.resolve() / "again", with_sources=False)
+            compare(release, other)
     except ReleaseError as error:
         sys.stderr.write(f"release: {error}\n")
         return 1
-    release.report()
     return 0
+
+
+def build(place: Path, *, with_sources: bool) -> Release:
+    release = Release(place)
+    release.take_source()
+    release.build_firmware()
+    release.build_sim(with_sources=with_sources)
+    release.build_imud()
+    release.list_contents()
+    return release
+
+
+def compare(one: Release, other: Release) -> None:
+    """ReleaseError if a file that both have differs."""
+    known = {path.name: path for path in one.dist.iterdir()}
+    both = [path for path in other.dist.iterdir() if path.name in known]
+    differing = [
+        path.name
+        for path in both
+        if path.name != SUMS and _sha256(path) != _sha256(known[path.name])
+    ]
+    if differing:
+        raise ReleaseError(f"two builds differ in {', '.join(sorted(differing))}")
+    sys.stdout.write(f"the same {len(both)} files twice\n")
 
 
 if __name__ == "__main__":

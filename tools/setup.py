@@ -54,6 +54,7 @@ GROUPS = {
     "check": ("build", "firmware", "micropython", *TESTS, "check"),
     "coverage": ("build", "firmware", *TESTS, "coverage"),
     "bench": ("build", "firmware", "micropython", *TESTS, "bench"),
+    "release": ("build", "firmware", "test", "release"),
 }
 ENVIRONMENTS = {"nano": "nano", "f405": "stm32f405"}  # of platformio.ini
 PACKAGE = "package"

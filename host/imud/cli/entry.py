@@ -73,7 +73,8 @@ class _Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         from imud.version import version
 
-        parser.exit(message=f"imud {version()}\n")
+        sys.stdout.write(f"imud {version()}\n")
+        parser.exit()
 
 
 def build_parser() -> argparse.ArgumentParser:
