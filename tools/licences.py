@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: MIT
+"""Whether a package of ours that is MIT needs one whose licence would make it another:
+the GPL. The emulators are the one package that may.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Iterator
+from importlib import metadata
+
+MIT = "imu-probe"
+FREE = ("sim",)  # an extra with programs of its own, which are not linked
+GPL = re.compile(r"\bA?GPL|GNU (Affero )?General Public", re.IGNORECASE)
+LESSER = re.compile(r"\bLGPL|Lesser General Public", re.IGNORECASE)
+_NAME = re.compile(r"[A-Za-z0-9._-]+")
+_EXTRA = re.compile(r"""extra\s*==\s*['"]([^'"]+)['"]""")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("package", nargs="?", default=MIT)
+    found = [*bound(parser.parse_args().package)]
+    for name, words in found:
+        sys.stdout.write(f"{name}: {words}\n")
+    if found:
+        sys.stdout.write(f"{MIT} is MIT and must not need these\n")
+    return 1 if found else 0
+
+
+def bound(package: str) -> Iterator[tuple[str, str]]:
+    """Packages under the GPL that it needs, or what these need, and their licences.
+    What is not installed here is not looked at.
+    """
+    seen: set[str] = set()
+    waiting = [package]
+    while waiting:
+        name = waiting.pop()
+        key = re.sub(r"[-_.]+", "-", name).lower()
+        if key in seen:
+            continue
+        seen.add(key)
+        try:
+            about = metadata.metadata(name)
+        except metadata.PackageNotFoundError:
+            continue  # of another system, or an extra that is not installed
+        words = licence(about)
+        if GPL.search(LESSER.sub("", words)):
+            yield name, words
+        waiting += needs(name)
+
+
+def licence(about: metadata.PackageMetadata) -> str:
+    """What a package says of its licence, on one line: in its metadata there are three
+    places. Long ones are texts, whose first lines say it.
+    """
+    told = [about.get("License-Expression") or ""]
+    told += [
+        each
+        for each in about.get_all("Classifier") or []
+        if each.startswith("License ::")
+    ]
+    if not any(told):
+        told.append((about.get("License") or "")[:200])
+    return "; ".join(" ".join(each.split()) for each in told if each)
+
+
+def needs(package: str) -> Iterator[str]:
+    """Names of what a package requires, with all extras but those that are free."""
+    for line in metadata.requires(package) or []:
+        extra = _EXTRA.search(line)
+        name = _NAME.match(line)
+        if name is not None and (extra is None or extra[1] not in FREE):
+            yield name[0]
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
