@@ -56,14 +56,14 @@ def licence(about: metadata.PackageMetadata) -> str:
     """What a package says of its licence, on one line: in its metadata there are three
     places. Long ones are texts, whose first lines say it.
     """
-    told = [about.get("License-Expression") or ""]
+    told = [*(about.get_all("License-Expression") or [])]
     told += [
         each
         for each in about.get_all("Classifier") or []
         if each.startswith("License ::")
     ]
     if not any(told):
-        told.append((about.get("License") or "")[:200])
+        told += [each[:200] for each in about.get_all("License") or []]
     return "; ".join(" ".join(each.split()) for each in told if each)
 
 

@@ -50,8 +50,9 @@ class ReleaseError(Exception):
 class Release:
     """One build, in a folder of its own."""
 
-    def __init__(self, place: Path) -> None:
+    def __init__(self, place: Path, signature: Path | None = None) -> None:
         self.place = place
+        self._signature = signature
         self.source = place / "source"
         self.dist = place / "dist"
         self.version = version_of(ROOT)
@@ -120,6 +121,8 @@ class Release:
             )
         text = json.dumps({"images": rows}, indent=2)
         (folder / "manifest.json").write_text(text + "\n")
+        if self._signature is not None:
+            shutil.copy(self._signature, folder / "manifest.json.sig")
         self._name(package, "imu_probe_firmware", notices.FIRMWARE)
         self._wheel(package, self.dist)
 
@@ -264,13 +267,23 @@ def main() -> int:
         help="leave out the sources of the emulators, which come from Debian's servers",
     )
     parser.add_argument(
+        "--signature",
+        metavar="FILE",
+        type=Path,
+        help="of the firmware's manifest, as tools/release_key.py makes it",
+    )
+    parser.add_argument(
         "--twice",
         action="store_true",
         help="build it once more in another folder, and compare",
     )
     args = parser.parse_args()
     try:
-        release = build(args.place.resolve(), with_sources=not args.without_sources)
+        release = build(
+            args.place.resolve(),
+            with_sources=not args.without_sources,
+            signature=args.signature and args.signature.resolve(),
+        )
         release.report()
         if args.twice:
             other = build(args.place.resolve() / "again", with_sources=False)
@@ -281,8 +294,8 @@ def main() -> int:
     return 0
 
 
-def build(place: Path, *, with_sources: bool) -> Release:
-    release = Release(place)
+def build(place: Path, *, with_sources: bool, signature: Path | None = None) -> Release:
+    release = Release(place, signature)
     release.take_source()
     release.build_firmware()
     release.build_sim(with_sources=with_sources)
